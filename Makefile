@@ -1,0 +1,75 @@
+# Everything runs from a fresh clone: the first target that needs it sets up .venv, which needs
+# Python 3.11 or newer and either uv or Python's own venv and pip. Works with make 3.81 (macOS).
+
+SHELL := /bin/sh
+# The virtual environment is up to date if this file is newer than pyproject.toml.
+READY := .venv/.installed
+# A python of your own choice: make test PYTHON=/path/to/python3.12
+PYTHON ?=
+
+.DEFAULT_GOAL := help
+.PHONY: help demo test lint types slow evidence bench docs clean
+
+help: ## list the targets
+	@sed -n 's/^\([a-z]*\):[^#]*## \(.*\)/  make \1	\2/p' Makefile
+
+demo: $(READY) ## certify the paper's example; writes the folder paper-fixed-certificate
+	.venv/bin/dobc certify paper-fixed
+
+test: $(READY) ## the fast tests, a few minutes
+	.venv/bin/python -m pytest -n 2 --benchmark-disable
+
+lint: $(READY) ## style of the code
+	.venv/bin/ruff check .
+
+types: $(READY) ## types of the code
+	.venv/bin/mypy
+
+slow: $(READY) ## the slow tests, one at a time because some of them measure time
+	.venv/bin/python -m pytest -m "slow and not evidence"
+
+evidence: $(READY) ## the full counts, many minutes; prints one table
+	.venv/bin/python tests/evidence/run.py
+
+bench: $(READY) ## the table of speed and memory
+	.venv/bin/python tests/benchmarks/run.py
+
+docs: ## the handbook (comes later)
+	@echo "The handbook comes later. Until then: README.md and docs/*.md"
+
+clean: ## remove what the other targets leave behind, but not .venv
+	rm -rf build dist *.egg-info .pytest_cache .mypy_cache .ruff_cache .hypothesis .benchmarks
+	rm -rf .coverage .coverage.* htmlcov paper-fixed-certificate
+	find dobc_design tests notebooks -name __pycache__ -type d -prune -exec rm -rf {} +
+
+# One shell, so that a failing line leaves no stamp. A .venv that cannot run (half made, too old)
+# is made anew; one that runs is kept and brought up to date.
+$(READY): pyproject.toml
+	@set -e; \
+	new_enough='import sys; sys.exit(sys.version_info < (3, 11))'; \
+	python=; bare=; \
+	for candidate in $(PYTHON) python3.13 python3.12 python3.11 python3; do \
+	  "$$candidate" -c "$$new_enough" >/dev/null 2>&1 || continue; \
+	  bare=$${bare:-$$candidate}; \
+	  if "$$candidate" -c 'import ensurepip, venv' >/dev/null 2>&1; then python=$$candidate; break; fi; \
+	done; \
+	echo "Setting up .venv; the first time takes a few minutes."; \
+	if command -v uv >/dev/null 2>&1; then \
+	  .venv/bin/python -c "$$new_enough" >/dev/null 2>&1 \
+	    || { rm -rf .venv; uv venv --python "$${python:-$${bare:-3.11}}" .venv; }; \
+	  uv pip install --python .venv/bin/python --editable '.[dev]'; \
+	else \
+	  if ! .venv/bin/python -c "import pip; $$new_enough" >/dev/null 2>&1; then \
+	    if test -z "$$bare"; then \
+	      echo "dobc_design needs Python 3.11 or newer, and python3.13, python3.12, python3.11 and python3 are" \
+	        "missing or older. Install one, or name it: make PYTHON=/path/to/python" >&2; exit 1; \
+	    fi; \
+	    if test -z "$$python"; then \
+	      echo "dobc_design needs python3-venv or uv: $$bare cannot make virtual environments (it has no" \
+	        "ensurepip). On Debian or Ubuntu: sudo apt install python3-venv" >&2; exit 1; \
+	    fi; \
+	    "$$python" -m venv --clear .venv; \
+	  fi; \
+	  .venv/bin/python -m pip install --quiet --disable-pip-version-check --editable '.[dev]'; \
+	fi; \
+	touch $(READY)

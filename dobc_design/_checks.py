@@ -1,0 +1,63 @@
+"""Shape checks shared by the nouns: each failure names the matrix, the shape it must have and why.
+
+They look at lengths only, so nested sequences and arrays alike may be given; entries are not read.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sized
+from typing import Protocol
+
+from dobc_design.errors import ShapeError
+
+
+class Rows(Protocol):
+    """Anything that has a length and yields rows that have one: nested tuples, 2-D arrays."""
+
+    def __len__(self) -> int: ...
+    def __getitem__(self, index: int, /) -> Sized: ...
+
+
+def require_shape(
+    matrix: Rows, shape: tuple[int | None, int | None], *, name: str, because: str = ""
+) -> tuple[int, int]:
+    """Return the (rows, columns) of a matrix that has the wanted shape; None leaves a side free.
+
+    Raises: ShapeError naming ``name`` as its key, with ``because`` as the reason.
+    """
+    widths = [len(matrix[i]) for i in range(len(matrix))]
+    for number, width in enumerate(widths, start=1):
+        if width != widths[0]:
+            raise ShapeError(
+                f"{name} must have rows of one length; got {widths[0]} in row 1 and {width} in row {number}.",
+                key=name,
+            )
+    got = (len(widths), widths[0] if widths else 0)
+    # Nested sequences cannot say how many columns no rows have, so those agree with any number.
+    wrong_columns = shape[1] is not None and got[0] > 0 and got[1] != shape[1]
+    if (shape[0] is not None and got[0] != shape[0]) or wrong_columns:
+        reason = f", {because}" if because else ""
+        raise ShapeError(f"{name} must have {_wanted(shape)}{reason}; got shape {got}.", key=name)
+    return got
+
+
+def require_square(matrix: Rows, *, name: str, because: str = "") -> int:
+    """Return the number of rows of a square matrix; raise ShapeError if it is not square."""
+    rows, columns = require_shape(matrix, (None, None), name=name)
+    if rows != columns:
+        reason = f", {because}" if because else ""
+        raise ShapeError(f"{name} must be square{reason}; got shape ({rows}, {columns}).", key=name)
+    return rows
+
+
+def _wanted(shape: tuple[int | None, int | None]) -> str:
+    rows, columns = shape
+    if rows is None:
+        return _count(columns, "column")
+    if columns is None:
+        return _count(rows, "row")
+    return f"shape ({rows}, {columns})"
+
+
+def _count(number: int | None, word: str) -> str:
+    return f"{number} {word}" if number == 1 else f"{number} {word}s"

@@ -1,0 +1,76 @@
+"""Showing exact things to people: HTML escapes, LaTeX of rationals and matrices, MathML.
+
+Only formatting: nothing is computed here beyond rounding for display.
+"""
+
+from __future__ import annotations
+
+import decimal
+import html
+import math
+from collections.abc import Sequence
+from fractions import Fraction
+
+MAX_SHOWN = 12
+
+
+def escape_html(text: object) -> str:
+    """Escape user text for HTML, attributes included."""
+    return html.escape(str(text), quote=True)
+
+
+def significant(value: float | Fraction | None, digits: int = 4) -> str:
+    """Format a number with ``digits`` significant digits; None gives an en dash."""
+    if value is None:
+        return "–"
+    return f"{float(value):.{digits}g}"
+
+
+def significant_towards_zero(value: float | Fraction | None, digits: int = 4) -> str:
+    """Format a number with ``digits`` significant digits, never larger in size than it is; None gives an en dash.
+
+    Certified margins and rates stay claims that hold when they are shown.
+    """
+    if value is None:
+        return "–"
+    if isinstance(value, float) and not math.isfinite(value):
+        return str(value)
+    context = decimal.Context(prec=digits, rounding=decimal.ROUND_DOWN)
+    if isinstance(value, float):
+        value = Fraction(repr(value))
+    shown = context.divide(decimal.Decimal(value.numerator), decimal.Decimal(value.denominator))
+    return f"{float(shown):.{digits}g}"
+
+
+def latex_number(value: Fraction, *, longest: int = 12) -> str:
+    """LaTeX of a rational: 16/5 as a fraction, long ones as a decimal marked approximate."""
+    if value.denominator == 1 and len(str(value.numerator)) <= longest:
+        return str(value.numerator)
+    if len(str(value.numerator)) + len(str(value.denominator)) <= longest:
+        sign = "-" if value < 0 else ""
+        return rf"{sign}\frac{{{abs(value.numerator)}}}{{{value.denominator}}}"
+    return latex_decimal(float(value))
+
+
+def latex_decimal(value: float, *, digits: int = 4) -> str:
+    """LaTeX of a rounded decimal, powers of ten written out."""
+    text = f"{value:.{digits}g}"
+    if "e" in text:
+        mantissa, exponent = text.split("e")
+        return rf"{mantissa}\cdot 10^{{{int(exponent)}}}"
+    return text
+
+
+def latex_matrix(matrix: Sequence[Sequence[Fraction]]) -> str | None:
+    """LaTeX of a rational matrix, or None above 12 x 12."""
+    if len(matrix) > MAX_SHOWN or (matrix and len(matrix[0]) > MAX_SHOWN):
+        return None
+    rows = r" \\ ".join(" & ".join(latex_number(entry) for entry in row) for row in matrix)
+    return rf"\begin{{pmatrix}} {rows} \end{{pmatrix}}"
+
+
+def mathml(latex: str, *, display: bool = False) -> str:
+    """MathML of a LaTeX formula."""
+    from latex2mathml.converter import convert  # costs 40 ms; only reports need it
+
+    return str(convert(latex, display="block" if display else "inline"))

@@ -1,0 +1,86 @@
+"""The certificate of one problem: the problem, and what is claimed about it.
+
+It carries no time stamp, so that the same input and versions give the same bytes.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+from dobc_design._render import escape_html
+from dobc_design.certificate.claims import Claims
+from dobc_design.certificate.files import make_folder, write_atomically
+from dobc_design.certificate.text import certificate_bytes
+from dobc_design.spec.canonical import canonical_bytes
+from dobc_design.spec.problem import Problem
+from dobc_design.verdict import Verdict
+from dobc_design.verify.check import Check
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Certificate:
+    """A problem and the claims about it; shows itself as text, and as a table in Jupyter.
+
+    ``verdict``, ``reason``, ``rate`` (1/s), ``covered_by`` and ``checks`` are the same facts as in
+    ``certify --json``; ``claims`` holds everything that certificate.json holds.
+    """
+
+    problem: Problem
+    claims: Claims
+
+    @property
+    def verdict(self) -> Verdict:
+        """The overall verdict."""
+        return self.claims.verdict
+
+    @property
+    def reason(self) -> str:
+        """The overall verdict in a sentence."""
+        return self.claims.reason
+
+    @property
+    def rate(self) -> float | None:
+        """Certified decay rate in 1/s, or None."""
+        return self.claims.rate
+
+    @property
+    def covered_by(self) -> str | None:
+        """The id of the check that proves the verdict, or None."""
+        return self.claims.covered_by
+
+    @property
+    def checks(self) -> tuple[Check, ...]:
+        """Every condition that was examined."""
+        return self.claims.checks
+
+    def check(self, id: str, mode: str | None = None) -> Check:
+        """The check of that id (and mode).  Raises KeyError if there is none."""
+        for each in self.checks:
+            if each.id == id and (mode is None or each.mode == mode):
+                return each
+        raise KeyError(f"no check {id!r}; there are {', '.join(dict.fromkeys(c.id for c in self.checks))}")
+
+    def save(self, folder: str | Path) -> tuple[Path, Path]:
+        """Write certificate.json and problem.json into ``folder`` (made if absent), each atomically."""
+        target = make_folder(Path(folder))
+        certificate, problem = target / "certificate.json", target / "problem.json"
+        write_atomically(problem, canonical_bytes(self.problem))
+        write_atomically(certificate, certificate_bytes(self.claims))
+        return certificate, problem
+
+    def __str__(self) -> str:
+        rows = [f"{self.problem.name}: {self.verdict.value.upper()}. {self.reason}"]
+        rows += [f"  {check.title:<24} {check.verdict.value:<10} {check.reason}" for check in self.checks]
+        return "\n".join(rows)
+
+    def _repr_html_(self) -> str:
+        rows = "".join(
+            f"<tr><td><code>{escape_html(check.title)}</code></td><td>{check.verdict.value}</td>"
+            f"<td style='text-align:left'>{escape_html(check.reason)}</td></tr>"
+            for check in self.checks[:200]
+        )
+        return (
+            f"<p><b>{escape_html(self.problem.name)}: {self.verdict.value}.</b> {escape_html(self.reason)}</p>"
+            f"<table><thead><tr><th>check</th><th>verdict</th><th>reason</th></tr></thead><tbody>{rows}</tbody></table>"
+        )

@@ -1,0 +1,113 @@
+"""certificate.json: its bytes, and reading it back."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from typing import Any
+
+from dobc_design.certificate.claims import Claims
+from dobc_design.errors import CertificateError, SpecError
+from dobc_design.exact.matrix import Matrix
+from dobc_design.exact.number import parse_number
+from dobc_design.spec.canonical import matrix_text
+from dobc_design.verdict import Verdict
+from dobc_design.verify.check import check_from_json
+
+FORMAT = "dobc-certificate"
+VERSION = 1
+MAX_BYTES = 256 * 1024 * 1024
+
+
+def certificate_document(claims: Claims) -> dict[str, Any]:
+    """The JSON document of certificate.json."""
+    return {
+        "format": FORMAT,
+        "version": VERSION,
+        "program": {"name": "dobc_design", "version": claims.version},
+        "problem": claims.problem_name,
+        "problem_sha256": claims.problem_sha256,
+        "verdict": claims.verdict.value,
+        "reason": claims.reason,
+        "rate": claims.rate,
+        "covered_by": claims.covered_by,
+        "observer": {
+            "W": _matrix(claims.W), "source": claims.gain_source,
+            "P": _matrix(claims.P), "Q": _matrix(claims.Q),
+        },
+        "notes": list(claims.notes),
+        "checks": [check.to_json(with_evidence=True) for check in claims.checks],
+    }  # fmt: skip
+
+
+def certificate_bytes(claims: Claims) -> bytes:
+    """The UTF-8 bytes of certificate.json."""
+    text = json.dumps(certificate_document(claims), ensure_ascii=False, indent=1, allow_nan=False)
+    return text.encode("utf-8") + b"\n"
+
+
+def read_claims(data: bytes) -> Claims:
+    """Read certificate.json.  Raises CertificateError for anything that is not one."""
+    if len(data) > MAX_BYTES:
+        raise CertificateError(f"the certificate is too large ({len(data)} bytes).", cure="It is not one of ours.")
+    try:
+        document = json.loads(data.decode("utf-8"), parse_constant=_no_constant)
+        if not isinstance(document, dict) or document.get("format") != FORMAT:
+            raise ValueError(f'it must hold an object with "format": "{FORMAT}"')
+        if document["version"] != VERSION:
+            raise ValueError(f"version {document['version']!r} is not known here (this program knows {VERSION})")
+        return _claims(document)
+    except SpecError as error:
+        raise CertificateError(f"the certificate cannot be read: {error}", cure="Make it again.") from None
+    except (ValueError, KeyError, TypeError, AttributeError, RecursionError, OverflowError) as error:
+        raise CertificateError(
+            f"the certificate cannot be read: {type(error).__name__}: {str(error)[:200]}.",
+            cure="Make it again with `dobc certify`.",
+        ) from None
+
+
+def _claims(document: Mapping[str, Any]) -> Claims:
+    observer = document["observer"]
+    rate = document["rate"]
+    if rate is not None and (isinstance(rate, bool) or not isinstance(rate, (int, float))):
+        raise TypeError(f"rate must be a number or null, got {rate!r}")
+    return Claims(
+        problem_name=str(document["problem"]),
+        problem_sha256=str(document["problem_sha256"]),
+        verdict=Verdict(document["verdict"]),
+        reason=str(document["reason"]),
+        rate=None if rate is None else float(rate),
+        covered_by=document["covered_by"],
+        checks=tuple(check_from_json(item) for item in document["checks"]),
+        W=_read_matrix(observer["W"], "observer.W"),
+        gain_source=observer["source"],
+        P=_read_matrix(observer["P"], "observer.P"),
+        Q=_read_matrix(observer["Q"], "observer.Q"),
+        notes=tuple(str(note) for note in document["notes"]),
+        version=str(document["program"]["version"]),
+    )
+
+
+def _matrix(matrix: Matrix | None) -> list[list[str]] | None:
+    return None if matrix is None else matrix_text(matrix)
+
+
+def _read_matrix(value: Any, key: str) -> Matrix | None:
+    if value is None:
+        return None
+    if not isinstance(value, list) or not value or not all(isinstance(row, list) and row for row in value):
+        raise TypeError(f"{key} must be a list of rows")
+    if len({len(row) for row in value}) != 1:
+        raise TypeError(f"{key} must have rows of equal length")
+    # A designed P may have more digits than a typed number, so only rationals as text are read here.
+    return tuple(tuple(_rational(entry, key) for entry in row) for row in value)
+
+
+def _rational(value: Any, key: str) -> Any:
+    if not isinstance(value, str):
+        raise TypeError(f"{key} must hold rationals as text")
+    return parse_number(value, key=key)
+
+
+def _no_constant(name: str) -> float:
+    raise ValueError(f"{name} is not a number")

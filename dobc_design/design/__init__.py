@@ -1,0 +1,1 @@
+"""Proposals: observer gains, pairs (P, Q), eigenvalue estimates.  Floating point; nothing here proves."""

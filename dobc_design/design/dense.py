@@ -1,0 +1,80 @@
+"""The block LMI of Theorems 1 and 2 as the paper writes it, in cvxpy: all modes, one P and one Q.
+
+Size n (m + q) per mode.  It is here for teaching and as the oracle the reduced form is tested against.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+from scipy import sparse
+
+from dobc_design.design.program import Program, Solution, assemble
+from dobc_design.exact.symmetric import SparseSymmetric
+from dobc_design.theorems.pencil import Pencil
+
+
+def build_dense(program: Program) -> tuple[Any, dict[str, Any]]:
+    """The cvxpy problem of a Program and its variables by name (P, Q and, for "margin", t).
+
+    P is declared symmetric, because X >> 0 looks at the symmetric part of X only.
+    """
+    import cvxpy as cp
+
+    first = program.pencils[0]
+    variables: dict[str, Any] = {
+        unknown.name: cp.Variable((unknown.rows, unknown.columns), symmetric=unknown.symmetric, name=unknown.name)
+        for unknown in first.unknowns
+    }
+    P, Q = variables["P"], variables.get("Q")
+    q = first.unknowns[0].rows
+    constraints = []
+    if program.objective == "margin":
+        t = variables["t"] = cp.Variable(name="t")
+        constraints += [_affine(cp, each, variables) << t * np.eye(each.size) for each in program.pencils]
+        constraints += [P >> np.eye(q) * float(1 + program.floor), P << np.eye(q) * float(program.ratio)]
+        if Q is not None:
+            constraints.append(cp.norm(Q, "fro") <= float(program.radius))
+        objective = cp.Minimize(t)
+    else:
+        constraints += [_affine(cp, each, variables) << 0 for each in program.pencils]
+        constraints.append(P >> np.eye(q) * float(program.floor))
+        objective = cp.Minimize(cp.trace(P) + (cp.sum_squares(Q) if Q is not None else 0))
+    return cp.Problem(objective, constraints), variables
+
+
+def solve_dense(program: Program, *, solver: str = "CLARABEL") -> Solution:
+    """Solve the block LMI through cvxpy.  A solver's failure is a Solution without values."""
+    import cvxpy as cp
+
+    problem, variables = build_dense(program)
+    try:
+        problem.solve(solver=solver)
+    except (cp.error.SolverError, ValueError, ArithmeticError) as error:
+        return Solution(status=f"failed: {type(error).__name__}", solver=solver, objective=math.nan)
+    names = [unknown.name for unknown in program.pencils[0].unknowns]
+    if any(variables[name].value is None for name in names):
+        return Solution(status=str(problem.status), solver=solver, objective=math.nan)
+    numbers = [
+        float(variables[name].value[i, j])
+        for unknown, name in zip(program.pencils[0].unknowns, names, strict=True)
+        for _, i, j in unknown.places()
+    ]
+    return Solution(
+        status=str(problem.status), solver=solver, objective=float(problem.value),
+        values=assemble(program.pencils[0], numbers),
+    )  # fmt: skip
+
+
+def _affine(cp: Any, pencil: Pencil, variables: dict[str, Any]) -> Any:
+    total = cp.Constant(_csr(pencil.constant))
+    for (name, i, j), coefficient in pencil.coefficients.items():
+        total = total + variables[name][i, j] * _csr(coefficient)
+    return total
+
+
+def _csr(matrix: SparseSymmetric) -> Any:
+    rows, columns, values = matrix.triplets()
+    return sparse.csr_array((values, (rows, columns)), shape=(matrix.size, matrix.size))

@@ -1,0 +1,84 @@
+"""Pairs (P, Q) for a given gain W: proposals in order of how well they read, ending with one that must work.
+
+The Decision theorem (theory, section 2) says when a pair exists.  Its proof is the last rung of the
+ladder: an exact Lyapunov equation, scaled up until the border term is small enough.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from fractions import Fraction
+
+import numpy as np
+
+from dobc_design.design.direct import solve_directly
+from dobc_design.design.program import Program
+from dobc_design.design.rounding import round_matrix
+from dobc_design.exact.matrix import Matrix, Vector, inverse, multiply, scale, subtract, to_float, transpose
+from dobc_design.spec.exosystem import Exosystem
+from dobc_design.theorems.conditions import reduced, with_gain
+
+DIGITS = (3, 4, 6, 9, 14)
+SLACK = (0.9, 0.5, 0.1)
+
+
+def propose_pairs(exosystem: Exosystem, W: Matrix, *, bound: float, decay: float) -> Iterator[tuple[Matrix, Matrix]]:
+    """Rational (P, P W) to be tried in turn.
+
+    ``bound`` is about max lambda_max(Lambda) < 0, ``decay`` about the decay rate of A - WC > 0 (1/s).
+    """
+    if bound < 0 < decay and np.isfinite(bound) and np.isfinite(decay):
+        for part in SLACK:
+            rate = Fraction(part * min(-bound / 2, decay)).limit_denominator(10**6)
+            pencil = with_gain(reduced(_tightened(bound, rate), exosystem, rate=rate), W)
+            floor = _floor(exosystem, bound, decay)
+            answer = solve_directly(Program(pencils=(pencil,), floor=floor))
+            if answer.found:
+                for digits in DIGITS:
+                    P = round_matrix(answer.values["P"], digits)
+                    yield P, multiply(P, W)
+    exact = lyapunov(subtract(exosystem.A, multiply(W, exosystem.C)))
+    if exact is not None:
+        yield from _scaled_until_small(exact, W, exosystem, bound=bound)
+
+
+def lyapunov(error: Matrix) -> Matrix | None:
+    """The exact P with error' P + P error = -I, or None if there is no unique one.  Shape (q, q)."""
+    q = len(error)
+    places = [(i, j) for i in range(q) for j in range(i, q)]
+    index = {place: k for k, place in enumerate(places)}
+    rows: list[Vector] = []
+    for i, j in places:
+        row = [Fraction(0)] * len(places)
+        for r in range(q):  # (E'P + PE)_ij = sum_r E_ri P_rj + P_ir E_rj
+            row[index[min(r, j), max(r, j)]] += error[r][i]
+            row[index[min(i, r), max(i, r)]] += error[r][j]
+        rows.append(tuple(row))
+    try:
+        solution = multiply(inverse(tuple(rows)), tuple((Fraction(-1 if i == j else 0),) for i, j in places))
+    except (ArithmeticError, ValueError):
+        return None
+    return tuple(tuple(solution[index[min(i, j), max(i, j)]][0] for j in range(q)) for i in range(q))
+
+
+def _scaled_until_small(P: Matrix, W: Matrix, exosystem: Exosystem, *, bound: float) -> Iterator[tuple[Matrix, Matrix]]:
+    """a (P, P W) with S = C C' / a well below |bound|: Omega0 = -a I, so every a large enough will do."""
+    C = to_float(multiply(exosystem.C, transpose(exosystem.C)))
+    size = float(np.linalg.eigvalsh(C)[-1])
+    wanted = 2 * size / -bound if bound < 0 else 1.0
+    start = max(0, int(np.ceil(np.log10(max(wanted, 1e-300)))))
+    for exponent in (start, start + 2, start + 6, start + 15):
+        larger = scale(Fraction(10) ** exponent, P)
+        yield larger, multiply(larger, W)
+
+
+def _floor(exosystem: Exosystem, bound: float, decay: float) -> Fraction:
+    """A lower bound for P that keeps it away from singular where C sees nothing."""
+    size = float(np.linalg.norm(to_float(exosystem.C))) ** 2 / (-bound * max(decay, -bound))
+    return Fraction(size * 1e-3 if size > 0 else 1e-3).limit_denominator(10**12) or Fraction(1, 10**12)
+
+
+def _tightened(bound: float, rate: Fraction) -> Fraction:
+    """The bound with a little slack, so that rounding P cannot cross it."""
+    total = bound + 2 * float(rate)
+    return Fraction(bound - 0.05 * total) if total < 0 else Fraction(bound)

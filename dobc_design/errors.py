@@ -1,0 +1,88 @@
+"""The exceptions of the toolbox: what went wrong, at which key, and what cures it.
+
+The caller's mistake raises a SpecError (also a ValueError); a broken machine raises a SolverError
+or CertificateError (also a RuntimeError). The mathematics' answer is never an exception: that is a
+``Verdict``.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import ClassVar
+
+
+class DobcError(Exception):
+    """Base of every error of the toolbox.
+
+    Attributes: ``message`` says where, what must be, why and what it was; ``key`` is the key as the
+    user typed it, or None; ``cure`` is the remedy, or None; ``kind`` is the word used in JSON.
+    """
+
+    kind: ClassVar[str] = "error"
+
+    def __init__(self, message: str, *, key: str | None = None, cure: str | None = None) -> None:
+        super().__init__(message)
+        self.message = message
+        self.key = key
+        self.cure = cure
+
+    def __str__(self) -> str:
+        """Return the message, then the cure, on one line unless the message has several."""
+        if not self.cure:
+            return self.message
+        joint = " " if self.message.endswith((".", "?", "!")) else "; "
+        return self.message + joint + self.cure
+
+
+class SpecError(DobcError, ValueError):
+    """The problem as given cannot be used: the caller's mistake."""
+
+    kind: ClassVar[str] = "spec"
+
+    def __init__(self, message: str, *, key: str | None = None, cure: str | None = None) -> None:
+        super().__init__(message, key=key, cure=cure)
+        self._parts: tuple[SpecError, ...] = ()
+
+    @property
+    def errors(self) -> tuple[SpecError, ...]:
+        """The single errors this one consists of; (self,) unless made by ``several``."""
+        return self._parts or (self,)
+
+    @classmethod
+    def several(cls, errors: Sequence[SpecError]) -> SpecError:
+        """Join errors into one that shows each on its own line.
+
+        A single error comes back as it is, nested ones are flattened. Raises ValueError on none.
+        """
+        parts = tuple(part for error in errors for part in error.errors)
+        if not parts:
+            raise ValueError("SpecError.several needs at least one error; got none")
+        if len(parts) == 1:
+            return parts[0]
+        joined = SpecError("\n".join(str(part) for part in parts))
+        joined._parts = parts
+        return joined
+
+
+class ShapeError(SpecError):
+    """A matrix or vector has the wrong shape, or is not symmetric where it must be."""
+
+    kind: ClassVar[str] = "shape"
+
+
+class ExpressionError(SpecError):
+    """A coupling expression cannot be read, or does not mean what a coupling must mean."""
+
+    kind: ClassVar[str] = "expression"
+
+
+class SolverError(DobcError, RuntimeError):
+    """A numerical solver broke down; this says nothing about the problem."""
+
+    kind: ClassVar[str] = "solver"
+
+
+class CertificateError(DobcError, RuntimeError):
+    """A certificate cannot be made, read or trusted."""
+
+    kind: ClassVar[str] = "certificate"

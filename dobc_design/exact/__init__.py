@@ -1,0 +1,100 @@
+"""Exact arithmetic: rational numbers and matrices, definiteness, Routh, observability, intervals.
+
+Everything that decides a claim ends here, over the rationals; no solver and no tolerance.
+The modules ``interval`` (``interval.exp``, ...) and ``matrix`` (``matrix.matrix`` reads one) keep
+their names: a function of the same name is not exported here.
+"""
+
+from dobc_design.exact import interval
+from dobc_design.exact.definite import (
+    Definiteness,
+    decide_positive_definite,
+    decide_positive_semidefinite,
+    definiteness,
+)
+from dobc_design.exact.interval import Interval, UndefinedError
+from dobc_design.exact.matrix import (
+    Matrix,
+    Vector,
+    add,
+    from_float,
+    identity,
+    inverse,
+    is_symmetric,
+    kronecker,
+    multiply,
+    nullspace,
+    rank,
+    row_echelon,
+    scale,
+    shape,
+    subtract,
+    to_float,
+    transpose,
+    zeros,
+)
+from dobc_design.exact.number import float_above, float_below, number_text, parse_number
+from dobc_design.exact.observability import (
+    Detectability,
+    Observability,
+    decide_detectable,
+    decide_observable,
+    observability_matrix,
+    observable_reduction,
+)
+from dobc_design.exact.polynomial import (
+    RouthTable,
+    characteristic_polynomial,
+    count_right_half_plane,
+    decide_hurwitz,
+    polynomial_text,
+    right_half_plane_roots_at_least,
+    routh,
+)
+from dobc_design.exact.symmetric import SparseSymmetric
+
+__all__ = [
+    "Definiteness",
+    "Detectability",
+    "Interval",
+    "Matrix",
+    "Observability",
+    "RouthTable",
+    "SparseSymmetric",
+    "UndefinedError",
+    "Vector",
+    "add",
+    "characteristic_polynomial",
+    "count_right_half_plane",
+    "decide_detectable",
+    "decide_hurwitz",
+    "decide_observable",
+    "decide_positive_definite",
+    "decide_positive_semidefinite",
+    "definiteness",
+    "float_above",
+    "float_below",
+    "from_float",
+    "identity",
+    "interval",
+    "inverse",
+    "is_symmetric",
+    "kronecker",
+    "multiply",
+    "nullspace",
+    "number_text",
+    "observability_matrix",
+    "observable_reduction",
+    "parse_number",
+    "polynomial_text",
+    "rank",
+    "right_half_plane_roots_at_least",
+    "routh",
+    "row_echelon",
+    "scale",
+    "shape",
+    "subtract",
+    "to_float",
+    "transpose",
+    "zeros",
+]

@@ -1,0 +1,347 @@
+"""Interval arithmetic with rational end points, every result rounded outwards.
+
+Theory, section 3: enclosures of h' and of the secant gain must contain every true value. Short
+rationals stay exact; long ones are rounded outwards to 128 bits, and the functions take bounds of
+their values at end points and critical points. Nothing here is ever too narrow; it may be too wide.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from fractions import Fraction
+from types import MappingProxyType
+from typing import Final
+
+from dobc_design.errors import SpecError
+from dobc_design.exact._elementary import bounds, pi_bounds
+from dobc_design.exact._rounding import BITS, MAX_EXPONENT, height, round_down, round_up, sqrt_bounds
+from dobc_design.exact.number import float_above, float_below, number_text
+
+# End points of this many bits stay as they are. Points have more: 1e-400 is a number of 1329 bits,
+# and a point that becomes an interval can no longer prove that something vanishes.
+_KEPT: Final = 256
+_KEPT_POINT: Final = 1536
+# exp and its kin leave the range of 2^+-65536 here.
+_MAX_EXP: Final = 45_000
+# Beyond this the argument of a periodic function says nothing about its value.
+_MAX_ANGLE: Final = 1 << 2048
+
+
+class UndefinedError(ArithmeticError):
+    """An operation is not defined on a whole interval, or its values are too large to enclose."""
+
+
+@dataclass(frozen=True, slots=True)
+class Interval:
+    """The closed interval from lo to hi; integers are taken as Fractions.
+
+    Operators take Interval, Fraction and int; ``**`` takes an int.
+    Raises: SpecError if lo > hi or an end is not an int or Fraction.
+    """
+
+    lo: Fraction
+    hi: Fraction
+
+    def __post_init__(self) -> None:
+        if type(self.lo) is not Fraction or type(self.hi) is not Fraction:
+            object.__setattr__(self, "lo", _rational(self.lo))
+            object.__setattr__(self, "hi", _rational(self.hi))
+        if self.lo > self.hi:
+            raise SpecError(f"interval must have lo <= hi; got {self}.")
+
+    @classmethod
+    def point(cls, value: Fraction | int) -> Interval:
+        """Return the interval that holds this number only."""
+        return cls(Fraction(value), Fraction(value))
+
+    @property
+    def is_point(self) -> bool:
+        """Whether the interval holds one number only."""
+        return self.lo == self.hi
+
+    @property
+    def width(self) -> Fraction:
+        """Hi - lo."""
+        return self.hi - self.lo
+
+    @property
+    def midpoint(self) -> Fraction:
+        """(lo + hi) / 2."""
+        return (self.lo + self.hi) / 2
+
+    @property
+    def magnitude(self) -> Fraction:
+        """The largest absolute value in the interval."""
+        return max(-self.lo, self.hi)
+
+    def contains(self, value: Fraction | int | Interval) -> bool:
+        """Return whether a number, or every number of an interval, lies in this one."""
+        other = _interval(value)
+        return self.lo <= other.lo and other.hi <= self.hi
+
+    def hull(self, other: Interval) -> Interval:
+        """Return the smallest interval that contains both."""
+        return Interval(min(self.lo, other.lo), max(self.hi, other.hi))
+
+    def halves(self) -> tuple[Interval, Interval]:
+        """Return the lower and the upper half; they share the midpoint."""
+        return Interval(self.lo, self.midpoint), Interval(self.midpoint, self.hi)
+
+    def rounded(self, bits: int = BITS) -> Interval:
+        """Return an interval around this one with end points of at most ``bits`` bits."""
+        return _enclose(self.lo, self.hi, "rounding", self, kept=0, bits=bits)
+
+    def floats(self) -> tuple[float, float]:
+        """Return (largest float <= lo, smallest float >= hi)."""
+        return float_below(self.lo), float_above(self.hi)
+
+    def __str__(self) -> str:
+        return f"[{_brief(self.lo)}, {_brief(self.hi)}]"
+
+    def __neg__(self) -> Interval:
+        return Interval(-self.hi, -self.lo)
+
+    def __pos__(self) -> Interval:
+        return self
+
+    def __abs__(self) -> Interval:
+        return absolute(self)
+
+    def __add__(self, other: Interval | Fraction | int) -> Interval:
+        y = _interval(other)
+        return _enclose(self.lo + y.lo, self.hi + y.hi, "+", self, y)
+
+    def __sub__(self, other: Interval | Fraction | int) -> Interval:
+        y = _interval(other)
+        return _enclose(self.lo - y.hi, self.hi - y.lo, "-", self, y)
+
+    def __mul__(self, other: Interval | Fraction | int) -> Interval:
+        y = _interval(other)
+        products = (self.lo * y.lo, self.lo * y.hi, self.hi * y.lo, self.hi * y.hi)
+        return _enclose(min(products), max(products), "*", self, y)
+
+    def __truediv__(self, other: Interval | Fraction | int) -> Interval:
+        """Return the quotient. Raises: UndefinedError if the divisor contains 0."""
+        y = _interval(other)
+        if y.lo <= 0 <= y.hi:
+            raise UndefinedError(f"division by {y}, which contains 0, is not defined.")
+        quotients = (self.lo / y.lo, self.lo / y.hi, self.hi / y.lo, self.hi / y.hi)
+        return _enclose(min(quotients), max(quotients), "/", self, y)
+
+    def __pow__(self, exponent: int) -> Interval:
+        """Return the integer power; 0 ** 0 is 1.
+
+        Raises: UndefinedError for a negative exponent if the interval contains 0.
+        """
+        if exponent < 0:
+            return Interval.point(1) / self**-exponent
+        low, high = _power(abs(self.lo), exponent), _power(abs(self.hi), exponent)
+        if exponent % 2:
+            low = -low if self.lo < 0 else low
+            high = -high if self.hi < 0 else high
+            return Interval(low.lo, high.hi)
+        if self.lo <= 0 <= self.hi and exponent:
+            return Interval(Fraction(0), max(low.hi, high.hi))
+        return low.hull(high)
+
+    __radd__ = __add__
+    __rmul__ = __mul__
+
+    def __rsub__(self, other: Fraction | int) -> Interval:
+        return _interval(other) - self
+
+    def __rtruediv__(self, other: Fraction | int) -> Interval:
+        return _interval(other) / self
+
+
+def pi() -> Interval:
+    """Return an interval around pi, about 2^-126 wide."""
+    return _enclose(*pi_bounds(BITS + 8), "pi", kept=0)
+
+
+def exp(x: Interval) -> Interval:
+    """Enclose exp. Raises: UndefinedError beyond exp(45000), where the result would be too long."""
+    return _growing("exp", x)
+
+
+def log(x: Interval) -> Interval:
+    """Enclose the natural logarithm. Raises: UndefinedError unless x > 0."""
+    if x.lo <= 0:
+        raise UndefinedError(f"log is not defined on the whole of {x}.")
+    return _increasing("log", x)
+
+
+def sin(x: Interval) -> Interval:
+    """Enclose sin."""
+    return _wave("sin", x, shift=Fraction(1, 2))
+
+
+def cos(x: Interval) -> Interval:
+    """Enclose cos."""
+    return _wave("cos", x, shift=Fraction(0))
+
+
+def tan(x: Interval) -> Interval:
+    """Enclose tan. Raises: UndefinedError if x contains a pole, or may contain one."""
+    poles = _multiples_of_pi(x, shift=Fraction(1, 2))
+    if poles is None or poles[0] <= poles[1]:
+        raise UndefinedError(f"tan is not defined on the whole of {x}.")
+    return _increasing("tan", x)
+
+
+def tanh(x: Interval) -> Interval:
+    """Enclose tanh."""
+    return _increasing("tanh", x)
+
+
+def atan(x: Interval) -> Interval:
+    """Enclose the inverse of tan on (-pi/2, pi/2)."""
+    return _increasing("atan", x)
+
+
+def sinh(x: Interval) -> Interval:
+    """Enclose sinh. Raises: UndefinedError where |x| exceeds 45000."""
+    return _growing("sinh", x)
+
+
+def cosh(x: Interval) -> Interval:
+    """Enclose cosh. Raises: UndefinedError where |x| exceeds 45000."""
+    return _growing("cosh", absolute(x))
+
+
+def sqrt(x: Interval) -> Interval:
+    """Enclose the square root, exact for squares of rationals. Raises: UndefinedError unless x >= 0."""
+    if x.lo < 0:
+        raise UndefinedError(f"sqrt is not defined on the whole of {x}.")
+    return _enclose(sqrt_bounds(x.lo)[0], sqrt_bounds(x.hi)[1], "sqrt", x)
+
+
+def absolute(x: Interval) -> Interval:
+    """Enclose |x|; exact."""
+    if x.lo >= 0:
+        return x
+    return -x if x.hi <= 0 else Interval(Fraction(0), x.magnitude)
+
+
+def minimum(x: Interval, y: Interval) -> Interval:
+    """Enclose min(x, y); exact."""
+    return Interval(min(x.lo, y.lo), min(x.hi, y.hi))
+
+
+def maximum(x: Interval, y: Interval) -> Interval:
+    """Enclose max(x, y); exact."""
+    return Interval(max(x.lo, y.lo), max(x.hi, y.hi))
+
+
+def clip(x: Interval, low: Interval, high: Interval) -> Interval:
+    """Enclose min(max(x, low), high); exact."""
+    return minimum(maximum(x, low), high)
+
+
+# The functions by the names they have in a coupling expression.
+FUNCTIONS: Final[Mapping[str, Callable[..., Interval]]] = MappingProxyType(
+    {
+        "exp": exp,
+        "log": log,
+        "sin": sin,
+        "cos": cos,
+        "tan": tan,
+        "tanh": tanh,
+        "atan": atan,
+        "sinh": sinh,
+        "cosh": cosh,
+        "sqrt": sqrt,
+        "abs": absolute,
+        "min": minimum,
+        "max": maximum,
+        "clip": clip,
+    }
+)
+
+
+def _rational(value: object) -> Fraction:
+    if isinstance(value, bool) or not isinstance(value, (int, Fraction)):
+        raise SpecError(f"interval ends must be int or Fraction; got {type(value).__name__}.")
+    return Fraction(value)
+
+
+def _interval(value: Interval | Fraction | int) -> Interval:
+    return value if isinstance(value, Interval) else Interval(_rational(value), _rational(value))
+
+
+def _enclose(
+    lo: Fraction, hi: Fraction, operation: str, *operands: Interval, kept: int | None = None, bits: int = BITS
+) -> Interval:
+    """Return the interval, end points of more than ``kept`` bits rounded outwards."""
+    if kept is None:
+        kept = _KEPT_POINT if lo == hi else _KEPT
+    try:
+        return Interval(
+            lo if height(lo) <= kept else round_down(lo, bits),
+            hi if height(hi) <= kept else round_up(hi, bits),
+        )
+    except OverflowError as cause:
+        shown = " and ".join(str(operand) for operand in operands)
+        raise UndefinedError(f"{operation} of {shown} exceeds the bound 2^{MAX_EXPONENT}.") from cause
+
+
+def _power(base: Fraction, exponent: int) -> Interval:
+    """Return an enclosure of a power of base >= 0, exponent >= 0, by squaring."""
+    result, square = Interval.point(1), Interval.point(base)
+    while exponent:
+        if exponent & 1:
+            result = result * square
+        exponent >>= 1
+        if exponent:
+            square = square * square
+    return result
+
+
+def _increasing(name: str, x: Interval) -> Interval:
+    lower = bounds(name, x.lo)
+    upper = lower if x.is_point else bounds(name, x.hi)
+    return _enclose(lower[0], upper[1], name, x)
+
+
+def _growing(name: str, x: Interval) -> Interval:
+    """Enclose an increasing function of exponential growth; far to the left exp is above 0."""
+    if x.hi > _MAX_EXP or (x.lo < -_MAX_EXP and name != "exp"):
+        raise UndefinedError(f"{name} of {x} is too large to enclose: |x| may be at most {_MAX_EXP}.")
+    if x.lo >= -_MAX_EXP:
+        return _increasing(name, x)
+    return Interval(Fraction(0), _increasing(name, Interval.point(max(x.hi, Fraction(-_MAX_EXP)))).hi)
+
+
+def _wave(name: str, x: Interval, *, shift: Fraction) -> Interval:
+    """Enclose sin or cos: 1 at (k + shift) pi for even k, -1 for odd k, monotone in between."""
+    turns = _multiples_of_pi(x, shift=shift)
+    if turns is None or turns[1] > turns[0]:
+        return Interval(Fraction(-1), Fraction(1))
+    first = bounds(name, x.lo)
+    second = first if x.is_point else bounds(name, x.hi)
+    lo, hi = min(first[0], second[0]), max(first[1], second[1])
+    if turns[0] == turns[1]:
+        lo, hi = (lo, Fraction(1)) if turns[0] % 2 == 0 else (Fraction(-1), hi)
+    return _enclose(lo, hi, name, x)
+
+
+def _multiples_of_pi(x: Interval, *, shift: Fraction) -> tuple[int, int] | None:
+    """Return first and last k for which (k + shift) pi may lie in x (first > last: none does).
+
+    None for arguments so large that nothing can be said.
+    """
+    if x.magnitude > _MAX_ANGLE:
+        return None
+    low, high = pi_bounds(BITS + int(x.magnitude).bit_length())
+    first = x.lo / (high if x.lo >= 0 else low) - shift
+    last = x.hi / (low if x.hi >= 0 else high) - shift
+    return math.ceil(first), math.floor(last)
+
+
+def _brief(value: Fraction) -> str:
+    if height(value) <= 64:
+        return number_text(value)
+    nearest = float_below(value)
+    return f"about {nearest:.6g}" if math.isfinite(nearest) else "beyond the floats"

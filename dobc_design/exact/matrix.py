@@ -1,0 +1,209 @@
+"""Rational matrices as tuples of row tuples, and the linear algebra on them, without rounding.
+
+A matrix without rows is (); it stands for 0 x anything. Long sums go through python-flint, short
+ones stay with Fraction: the result is the same number either way.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from fractions import Fraction
+from typing import Any, Final, TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dobc_design._checks import require_shape, require_square
+from dobc_design.errors import ShapeError, SpecError
+from dobc_design.exact._flint import from_fmpq_mat, to_fmpq_mat
+from dobc_design.exact.number import parse_number
+
+Matrix: TypeAlias = tuple[tuple[Fraction, ...], ...]
+Vector: TypeAlias = tuple[Fraction, ...]
+
+# Above this many scalar products the conversion to flint and back has paid for itself.
+_FLINT_WORK: Final = 1000
+
+
+def matrix(rows: Sequence[Sequence[object]] | NDArray[Any], *, name: str = "matrix") -> Matrix:
+    """Return nested rows of numbers as an exact matrix; entries are read by ``parse_number``.
+
+    Raises: ShapeError if the rows differ in length or are no rows; SpecError for a bad entry, with
+    the key ``name[i][j]``, counted from 0.
+    """
+    if not _is_list(rows):
+        raise ShapeError(f"{name} must be a list of rows; got {type(rows).__name__}.", key=name)
+    for row in rows:
+        if not _is_list(row):
+            raise ShapeError(f"{name} must have lists as rows; got {str(row)[:40]!r} as one.", key=name)
+    require_shape(rows, (None, None), name=name)
+    return tuple(
+        tuple(
+            entry if type(entry) is Fraction else parse_number(entry, key=f"{name}[{i}][{j}]")
+            for j, entry in enumerate(row)
+        )
+        for i, row in enumerate(rows)
+    )
+
+
+def shape(M: Matrix) -> tuple[int, int]:
+    """Return (rows, columns); a matrix without rows is (0, 0)."""
+    return (len(M), len(M[0]) if M else 0)
+
+
+def identity(size: int) -> Matrix:
+    """Return the identity, (size, size)."""
+    return tuple(tuple(Fraction(int(i == j)) for j in range(size)) for i in range(size))
+
+
+def zeros(rows: int, columns: int) -> Matrix:
+    """Return the zero matrix, (rows, columns)."""
+    return tuple((Fraction(0),) * columns for _ in range(rows))
+
+
+def transpose(M: Matrix) -> Matrix:
+    """Return M'; that of a matrix without rows is one without rows."""
+    return tuple(zip(*M, strict=True))
+
+
+def add(M: Matrix, N: Matrix) -> Matrix:
+    """Return M + N, both (a, b). Raises: ShapeError if the shapes differ."""
+    _require_same(M, N)
+    return tuple(tuple(x + y for x, y in zip(p, q, strict=True)) for p, q in zip(M, N, strict=True))
+
+
+def subtract(M: Matrix, N: Matrix) -> Matrix:
+    """Return M - N, both (a, b). Raises: ShapeError if the shapes differ."""
+    _require_same(M, N)
+    return tuple(tuple(x - y for x, y in zip(p, q, strict=True)) for p, q in zip(M, N, strict=True))
+
+
+def scale(factor: Fraction | int, M: Matrix) -> Matrix:
+    """Return factor * M."""
+    return tuple(tuple(factor * x for x in row) for row in M)
+
+
+def multiply(M: Matrix, N: Matrix) -> Matrix:
+    """Return M N for M (a, b) and N (b, c). Raises: ShapeError if they do not fit."""
+    (a, b), (rows, c) = shape(M), shape(N)
+    if b != rows:
+        raise ShapeError(f"the right factor must have {b} rows, one per column of the left; got {rows}.")
+    if a * b * c > _FLINT_WORK:
+        return from_fmpq_mat(to_fmpq_mat(M) * to_fmpq_mat(N))
+    columns = transpose(N)
+    return tuple(tuple(sum((x * y for x, y in zip(p, q, strict=True)), Fraction(0)) for q in columns) for p in M)
+
+
+def kronecker(M: Matrix, N: Matrix) -> Matrix:
+    """Return the Kronecker product: M (a, b), N (c, d) give (a c, b d)."""
+    return tuple(tuple(x * y for x in p for y in q) for p in M for q in N)
+
+
+def inverse(M: Matrix) -> Matrix:
+    """Return the inverse of a square matrix (k, k).
+
+    Raises: ShapeError if it is not square, SpecError if it is singular.
+    """
+    size = require_square(M, name="matrix to invert")
+    augmented = tuple(row + unit for row, unit in zip(M, identity(size), strict=True))
+    reduced, pivots = row_echelon(augmented)
+    if pivots != tuple(range(size)):
+        raise SpecError(f"the {size}x{size} matrix must be invertible; it is singular.")
+    return tuple(row[size:] for row in reduced)
+
+
+def row_echelon(M: Matrix) -> tuple[Matrix, tuple[int, ...]]:
+    """Return the nonzero rows of the reduced row echelon form, and the pivot column of each."""
+    rows, columns = shape(M)
+    if rows * rows * columns > _FLINT_WORK:
+        reduced, rank_found = to_fmpq_mat(M).rref()
+        kept = from_fmpq_mat(reduced)[:rank_found]
+        return kept, tuple(next(j for j, x in enumerate(row) if x) for row in kept)
+    work = [list(row) for row in M]
+    pivots: list[int] = []
+    for column in range(columns):
+        done = len(pivots)
+        chosen = next((i for i in range(done, rows) if work[i][column]), None)
+        if chosen is None:
+            continue
+        work[done], work[chosen] = work[chosen], work[done]
+        pivot = work[done][column]
+        work[done] = [x / pivot for x in work[done]]
+        for i in range(rows):
+            factor = work[i][column]
+            if i != done and factor:
+                work[i] = [x - factor * y for x, y in zip(work[i], work[done], strict=True)]
+        pivots.append(column)
+    return tuple(tuple(row) for row in work[: len(pivots)]), tuple(pivots)
+
+
+def rank(M: Matrix) -> int:
+    """Return the rank."""
+    return len(row_echelon(M)[1])
+
+
+def nullspace(M: Matrix) -> tuple[Vector, ...]:
+    """Return a basis of {v : M v = 0}, M (a, b): column vectors of length b, none if it is {0}.
+
+    Each vector is 1 at its own free column and 0 at the free columns of the others.
+    """
+    reduced, pivots = row_echelon(M)
+    columns = shape(M)[1]
+    basis = []
+    for free in (j for j in range(columns) if j not in pivots):
+        vector = [Fraction(int(j == free)) for j in range(columns)]
+        for row, pivot in zip(reduced, pivots, strict=True):
+            vector[pivot] = -row[free]
+        basis.append(tuple(vector))
+    return tuple(basis)
+
+
+def is_symmetric(M: Matrix) -> bool:
+    """Return whether M is square and equals its transpose exactly."""
+    rows, columns = shape(M)
+    return rows == columns and all(M[i][j] == M[j][i] for i in range(rows) for j in range(i))
+
+
+def to_float(M: Matrix) -> NDArray[np.float64]:
+    """Return the nearest floats, (a, b). Raises: SpecError if an entry is beyond their range."""
+    try:
+        return np.array([[float(x) for x in row] for row in M], dtype=np.float64).reshape(shape(M))
+    except OverflowError as cause:
+        raise SpecError("matrix entries must be below 1.8e308 to become floats.") from cause
+
+
+def from_float(array: NDArray[Any], digits: int | None) -> Matrix:
+    """Return a 2-D array as rationals, each entry rounded to ``digits`` significant decimals.
+
+    ``digits`` None keeps the exact binary value. Equal floats give equal rationals, so symmetry
+    stays. Raises: ShapeError unless 2-D, SpecError for nan, inf, booleans and complex numbers.
+    """
+    array = np.asarray(array)
+    if array.ndim != 2:
+        raise ShapeError(f"array must have 2 dimensions; got {array.ndim}.")
+    if array.dtype.kind not in "iuf":
+        raise SpecError(f"array must hold integers or floats; got dtype {array.dtype}.")
+    if not np.isfinite(array).all():
+        i, j = np.argwhere(~np.isfinite(array))[0]
+        raise SpecError(f"array entry [{i}][{j}] must be finite; got {array[i, j]}.")
+    return tuple(tuple(_from_scalar(entry, digits) for entry in row) for row in array)
+
+
+def _from_scalar(entry: Any, digits: int | None) -> Fraction:
+    if digits is not None:
+        return Fraction(f"{float(entry):.{digits - 1}e}")
+    if isinstance(entry, np.integer):
+        return Fraction(int(entry))
+    # as_integer_ratio also for longdouble, which float() would round.
+    return Fraction(*entry.as_integer_ratio())
+
+
+def _is_list(value: object) -> bool:
+    if isinstance(value, np.ndarray):
+        return value.ndim > 0
+    return isinstance(value, Sequence) and not isinstance(value, (str, bytes))
+
+
+def _require_same(M: Matrix, N: Matrix) -> None:
+    if shape(M) != shape(N):
+        raise ShapeError(f"both matrices must have one shape; got {shape(M)} and {shape(N)}.")

@@ -1,0 +1,152 @@
+"""Rational numbers in and out: what a number in a problem means, and its directed rounding to a float.
+
+A number is read as the decimal text the user sees: 3.2 is 16/5, not the nearest binary fraction.
+Text is checked before it is converted, so hostile text (1e99999999) costs nothing. Whatever is
+accepted here can be written by ``number_text`` and read back unchanged.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from decimal import Decimal
+from fractions import Fraction
+from typing import Final
+
+import numpy as np
+
+from dobc_design.errors import SpecError
+
+MAX_CHARACTERS: Final = 200
+MAX_EXPONENT: Final = 400
+_DECIMAL: Final = re.compile(r"([+-]?)([0-9]+)(?:\.([0-9]+))?(?:[eE]([+-]?[0-9]+))?")
+_QUOTIENT: Final = re.compile(r"([+-]?[0-9]+)/([+-]?[0-9]+)")
+# Longest numerator or denominator that MAX_CHARACTERS with MAX_EXPONENT can spell, in bits.
+_MAX_BITS: Final = 2000
+# Python refuses to print integers of more digits than this (sys.set_int_max_str_digits).
+_PLAIN_BITS: Final = 10_000
+_EXAMPLES: Final = 'a number such as 3.2, 1e-3 or "9/16"'
+
+
+def parse_number(value: object, *, key: str) -> Fraction:
+    """Return the exact rational that a number in a problem means.
+
+    Accepts int, Fraction, Decimal, float, NumPy integers and floats (a float means its shortest
+    decimal text), and text: an optional sign, digits, an optional fraction part and exponent, or
+    a quotient "p/q" of integers; ASCII, at most 200 characters, exponent at most 400 either way.
+    Raises: SpecError with ``key`` for anything else, booleans, nan and inf included.
+    """
+    if isinstance(value, (bool, np.bool_)):
+        raise _refusal(key, value, f"must be {_EXAMPLES}, not a boolean")
+    if isinstance(value, (int, Fraction)):
+        return _of_rational(Fraction(value), value, key)
+    if isinstance(value, np.integer):
+        return Fraction(int(value))
+    if isinstance(value, float):
+        # float.__repr__ also for subclasses, whose own repr may be anything.
+        return _of_text(float.__repr__(value), value, key)
+    if isinstance(value, np.floating):
+        return _of_text(np.format_float_scientific(value, trim="-"), value, key)
+    if isinstance(value, (str, Decimal)):
+        return _of_text(str(value), value, key)
+    raise _refusal(key, value, f"must be {_EXAMPLES}")
+
+
+def number_text(value: Fraction) -> str:
+    """Return "16/5", or "3" for an integer.
+
+    Where the quotient would be too long for ``parse_number`` and the number is a decimal, the
+    decimal is returned ("1e-300"); reading the text always gives the number back.
+    """
+    if max(value.numerator.bit_length(), value.denominator.bit_length()) > _PLAIN_BITS:
+        return _long_text(value)
+    quotient = str(value)
+    if len(quotient) <= MAX_CHARACTERS:
+        return quotient
+    decimal = _decimal_text(value)
+    return quotient if decimal is None else decimal
+
+
+def float_below(value: Fraction) -> float:
+    """Return the largest float <= value: the largest finite one, or -inf, on overflow."""
+    nearest = _nearest(value)
+    if math.isinf(nearest):
+        return nearest if nearest < 0 else math.nextafter(math.inf, 0.0)
+    return math.nextafter(nearest, -math.inf) if Fraction(nearest) > value else nearest + 0.0
+
+
+def float_above(value: Fraction) -> float:
+    """Return the smallest float >= value: the most negative finite one, or inf, on overflow."""
+    return 0.0 - float_below(-value)
+
+
+def _nearest(value: Fraction) -> float:
+    try:
+        return value.numerator / value.denominator
+    except OverflowError:
+        return math.inf if value > 0 else -math.inf
+
+
+def _of_rational(number: Fraction, value: object, key: str) -> Fraction:
+    bits = max(number.numerator.bit_length(), number.denominator.bit_length())
+    if bits > _MAX_BITS or len(number_text(number)) > MAX_CHARACTERS:
+        shown = f"a number of {bits} bits" if bits > _MAX_BITS else None
+        raise _refusal(key, value, f"must be writable in {MAX_CHARACTERS} characters", shown)
+    return number
+
+
+def _of_text(text: str, value: object, key: str) -> Fraction:
+    if len(text) > MAX_CHARACTERS:
+        raise _refusal(key, value, f"must have at most {MAX_CHARACTERS} characters")
+    quotient = _QUOTIENT.fullmatch(text)
+    if quotient:
+        if int(quotient[2]) == 0:
+            raise _refusal(key, value, "must have a denominator other than 0")
+        return Fraction(int(quotient[1]), int(quotient[2]))
+    decimal = _DECIMAL.fullmatch(text)
+    if not decimal:
+        raise _refusal(key, value, f"must be {_EXAMPLES}")
+    sign, whole, part, exponent = decimal[1], decimal[2], decimal[3] or "", int(decimal[4] or "0")
+    if abs(exponent) > MAX_EXPONENT:
+        raise _refusal(key, value, f"must have an exponent from -{MAX_EXPONENT} to {MAX_EXPONENT}")
+    return Fraction(int(sign + whole + part)) * Fraction(10) ** (exponent - len(part))
+
+
+def _refusal(key: str, value: object, must: str, shown: str | None = None) -> SpecError:
+    if shown is None:
+        try:
+            shown = repr(value)
+        except ValueError:  # an integer with more digits than Python prints
+            shown = type(value).__name__
+    shown = shown if len(shown) <= 60 else shown[:57] + "..."
+    return SpecError(f"{key} {must}; got {shown}.", key=key)
+
+
+def _decimal_text(value: Fraction) -> str | None:
+    """Return the value with an exponent that parse_number takes, or None if it is no decimal."""
+    twos = (value.denominator & -value.denominator).bit_length() - 1
+    rest, fives = value.denominator >> twos, 0
+    while rest % 5 == 0:
+        rest //= 5
+        fives += 1
+    if rest != 1 or max(twos, fives) > MAX_CHARACTERS + MAX_EXPONENT:  # no text gives that many places
+        return None
+    exponent = -max(twos, fives)
+    digits = str(abs(value.numerator) * 10**-exponent // value.denominator)
+    exponent += len(digits) - len(digits.rstrip("0"))
+    digits = digits.rstrip("0")
+    if exponent > MAX_EXPONENT:
+        digits, exponent = digits + "0" * (exponent - MAX_EXPONENT), MAX_EXPONENT
+    if exponent < -MAX_EXPONENT:
+        places = -MAX_EXPONENT - exponent
+        digits = digits.zfill(places + 1)
+        digits, exponent = f"{digits[:-places]}.{digits[-places:]}", -MAX_EXPONENT
+    return f"{'-' if value < 0 else ''}{digits}e{exponent}"
+
+
+def _long_text(value: Fraction) -> str:
+    """Return the quotient where Python itself refuses to print so many digits."""
+    from flint import fmpz
+
+    numerator = fmpz(value.numerator).str()
+    return numerator if value.denominator == 1 else f"{numerator}/{fmpz(value.denominator).str()}"

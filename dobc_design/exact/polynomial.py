@@ -1,0 +1,207 @@
+"""Characteristic polynomials, the Routh test and exact root counts, over the rationals.
+
+Theory, section 3: A is Hurwitz iff Routh's first column, started with a positive number, stays
+positive; a zero in it means not Hurwitz. Polynomials are coefficient tuples, highest power first.
+No root is ever computed.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from fractions import Fraction
+from itertools import pairwise
+from typing import Final
+
+from dobc_design._checks import require_square
+from dobc_design.errors import SpecError
+from dobc_design.exact._flint import from_fmpq, to_fmpq_mat
+from dobc_design.exact.matrix import Matrix, identity, multiply
+from dobc_design.exact.number import number_text
+from dobc_design.verdict import Verdict
+
+Coefficients = tuple[Fraction, ...]
+
+_FLINT_SIZE: Final = 9
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class RouthTable:
+    """Routh's test of one polynomial.
+
+    ``first_column`` is for the polynomial made monic, and ends with the first entry <= 0.
+    ``verdict`` is PROVED iff every root has a negative real part, else REFUTED; ``failing_row`` is
+    the index of that last entry, counted from 0 (row 0 is the leading coefficient), or None.
+    """
+
+    first_column: Coefficients
+    verdict: Verdict
+    failing_row: int | None
+
+
+def characteristic_polynomial(A: Matrix) -> Coefficients:
+    """Return det(s I - A) for A (q, q): q + 1 coefficients, the first is 1.
+
+    Raises: ShapeError if A is not square.
+    """
+    size = require_square(A, name="A")
+    return _by_flint(A) if size >= _FLINT_SIZE else _by_traces(A)
+
+
+def routh(coefficients: Sequence[Fraction | int]) -> RouthTable:
+    """Decide exactly whether all roots of a polynomial lie in the open left half plane.
+
+    Leading zeros are dropped; a nonzero constant has no roots, and is PROVED.
+    Raises: SpecError for the zero polynomial. Source: Routh 1877; theory, section 3.
+    """
+    monic = _monic(coefficients)
+    upper, lower = list(monic[0::2]), list(monic[1::2])
+    column = [upper[0]]
+    while lower and lower[0] > 0:
+        column.append(lower[0])
+        factor = upper[0] / lower[0]
+        below = [*lower[1:], *([Fraction(0)] * (len(upper) - len(lower)))]
+        upper, lower = lower, [x - factor * y for x, y in zip(upper[1:], below, strict=True)]
+    if lower:
+        column.append(lower[0])
+        return RouthTable(first_column=tuple(column), verdict=Verdict.REFUTED, failing_row=len(column) - 1)
+    return RouthTable(first_column=tuple(column), verdict=Verdict.PROVED, failing_row=None)
+
+
+def decide_hurwitz(A: Matrix) -> RouthTable:
+    """Decide exactly whether every eigenvalue of A (q, q), in 1/s, has a negative real part.
+
+    The empty matrix is Hurwitz. Raises: ShapeError if A is not square.
+    """
+    return routh(characteristic_polynomial(A))
+
+
+def count_right_half_plane(coefficients: Sequence[Fraction | int]) -> int:
+    """Return the exact number of roots with positive real part, each as often as it occurs.
+
+    On the imaginary axis p(iw) = U(w) + i V(w). A Sturm chain of U and V gives the Cauchy index of
+    their quotient, which is the surplus of left over right roots; it ends in their greatest common
+    divisor, whose roots lie on the axis or come in pairs +-s, and Sturm counts those on the axis.
+    Raises: SpecError for the zero polynomial. Source: Gantmacher, Theory of Matrices II, ch. XV.
+    """
+    monic = _monic(coefficients)
+    degree = len(monic) - 1
+    # i^k runs through 1, i, -1, -i: split by parity of the power k, with signs alternating.
+    real = [x * (0, 1, 0, -1)[(degree - n + 1) % 4] for n, x in enumerate(monic)]
+    imaginary = [x * (0, 1, 0, -1)[(degree - n) % 4] for n, x in enumerate(monic)]
+    high, low = (real, imaginary) if degree % 2 == 0 else (imaginary, real)
+    chain = _sturm_chain(_integers(high), _integers(low))
+    index = _changes_at_minus_infinity(chain) - _changes_at_plus_infinity(chain)
+    # The argument of p(iw) grows by pi (left - right) and falls by pi at each step up of V/U.
+    surplus = -index if degree % 2 == 0 else index
+    symmetric = chain[-1]
+    paired = len(symmetric) - 1
+    return (degree - paired - surplus) // 2 + (paired - _real_roots(symmetric)) // 2
+
+
+def right_half_plane_roots_at_least(coefficients: Sequence[Fraction | int]) -> int:
+    """Return a proven lower bound of the roots with positive real part; it is their exact number.
+
+    One or more proves that x' = A x is unstable. Raises: SpecError for the zero polynomial.
+    """
+    return count_right_half_plane(coefficients)
+
+
+def polynomial_text(coefficients: Sequence[Fraction | int], variable: str = "s") -> str:
+    """Return a polynomial as text, "s^2 - 1/2 s + 4"; "0" for the zero polynomial."""
+    text = ""
+    for position, value in enumerate(Fraction(x) for x in coefficients):
+        if not value:
+            continue
+        power = len(coefficients) - 1 - position
+        name = "" if power == 0 else variable if power == 1 else f"{variable}^{power}"
+        size = "" if abs(value) == 1 and name else number_text(abs(value))
+        sign = ("-" if value < 0 else "") if not text else (" - " if value < 0 else " + ")
+        text += sign + " ".join(part for part in (size, name) if part)
+    return text or "0"
+
+
+def _by_flint(A: Matrix) -> Coefficients:
+    lowest_first = to_fmpq_mat(A).charpoly().coeffs()
+    return tuple(from_fmpq(x) for x in reversed(lowest_first))
+
+
+def _by_traces(A: Matrix) -> Coefficients:
+    """Faddeev and LeVerrier: M_k = A M_(k-1) + c_(k-1) I, c_k = -trace(A M_k) / k."""
+    size = len(A)
+    coefficients = [Fraction(1)]
+    product = identity(size)
+    for k in range(1, size + 1):
+        image = multiply(A, product)
+        value = -sum((image[i][i] for i in range(size)), Fraction(0)) / k
+        coefficients.append(value)
+        product = tuple(tuple(x + value if i == j else x for j, x in enumerate(row)) for i, row in enumerate(image))
+    return tuple(coefficients)
+
+
+def _monic(coefficients: Sequence[Fraction | int]) -> Coefficients:
+    values = [Fraction(x) for x in coefficients]
+    start = next((n for n, x in enumerate(values) if x), None)
+    if start is None:
+        raise SpecError("the polynomial must have a coefficient that is not 0.")
+    return tuple(x / values[start] for x in values[start:])
+
+
+def _integers(polynomial: Sequence[Fraction]) -> list[int]:
+    """Return a positive multiple with coprime integer coefficients, leading zeros dropped."""
+    common = math.lcm(*(x.denominator for x in polynomial))
+    return _primitive([int(x * common) for x in polynomial])
+
+
+def _primitive(polynomial: list[int]) -> list[int]:
+    """Drop leading zeros and divide by the positive content; [] is the zero polynomial."""
+    start = next((n for n, x in enumerate(polynomial) if x), len(polynomial))
+    content = math.gcd(*polynomial) or 1
+    return [x // content for x in polynomial[start:]]
+
+
+def _remainder(dividend: list[int], divisor: list[int]) -> list[int]:
+    """Return a positive multiple of the remainder of the division."""
+    rest, lead = dividend, divisor[0]
+    while len(rest) >= len(divisor):
+        factor = rest[0] if lead > 0 else -rest[0]
+        padded = divisor + [0] * (len(rest) - len(divisor))
+        rest = _primitive([abs(lead) * x - factor * y for x, y in zip(rest, padded, strict=True)])
+    return rest
+
+
+def _sturm_chain(first: list[int], second: list[int]) -> list[list[int]]:
+    """Return the chain of negated remainders; its last member is the greatest common divisor."""
+    chain = [first]
+    while second:
+        chain.append(second)
+        second = [-x for x in _remainder(chain[-2], chain[-1])]
+    return chain
+
+
+def _changes(signs: list[bool]) -> int:
+    return sum(x != y for x, y in pairwise(signs))
+
+
+def _changes_at_plus_infinity(chain: list[list[int]]) -> int:
+    return _changes([polynomial[0] > 0 for polynomial in chain])
+
+
+def _changes_at_minus_infinity(chain: list[list[int]]) -> int:
+    return _changes([(polynomial[0] > 0) == (len(polynomial) % 2 == 1) for polynomial in chain])
+
+
+def _real_roots(polynomial: list[int]) -> int:
+    """Return the number of real roots, each as often as it occurs.
+
+    gcd(p, p') has every root of p once less, so the distinct ones are counted again and again.
+    """
+    total = 0
+    while len(polynomial) > 1:
+        degree = len(polynomial) - 1
+        derivative = _primitive([x * (degree - n) for n, x in enumerate(polynomial[:-1])])
+        chain = _sturm_chain(polynomial, derivative)
+        total += _changes_at_minus_infinity(chain) - _changes_at_plus_infinity(chain)
+        polynomial = chain[-1]
+    return total

@@ -1,0 +1,127 @@
+"""The network as a picture: arrows point the way information flows, pinned agents are squares.
+
+Everything is a few compound paths in data coordinates, so that a large network stays a small file.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Iterable, Sequence
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.patches import PathPatch
+from matplotlib.path import Path
+
+from dobc_design.report.figures import short
+from dobc_design.report.layout import Positions
+from dobc_design.report.svg import BLUE, INK, MUTED, PAPER, VERMILLION
+
+LEGEND = "An arrow from j to i: i listens to j, so information runs along the arrow."
+MOST_LABELLED = 60
+MOST_AGENTS = 300
+MOST_ARCS = 1500
+_INSIDE = 3  # letters that fit into a node
+
+
+def draw_network(
+    *, labels: Sequence[str], arcs: Iterable[tuple[int, int]], places: Positions,
+    pinned: Collection[int] = (), unreached: Collection[int] = (), ax: Axes | None = None,
+) -> Axes:  # fmt: skip
+    """Draw one mode.
+
+    ``arcs`` are (listener, speaker); the arrow starts at the speaker.  Pinned agents are filled blue squares, others
+    circles, those that no pin reaches orange dashed circles.  Shapes: places (n, 2), within [-1, 1].
+    """
+    ax = Figure(layout="constrained").add_subplot() if ax is None else ax
+    radius = _radius(places)
+    known = list(arcs)
+    _draw_arcs(ax, known, places, radius)
+    groups = (
+        [i for i in range(len(labels)) if i not in pinned and i not in unreached],
+        [i for i in range(len(labels)) if i in unreached and i not in pinned],
+        sorted(pinned),
+    )
+    round_shape, square = Path.unit_circle(), Path.unit_rectangle()
+    square = Path((square.vertices - 0.5) * 1.8, square.codes)
+    _draw_nodes(ax, round_shape, places[groups[0]], radius, face=PAPER, edge=INK)
+    _draw_nodes(ax, round_shape, places[groups[1]], radius, face=PAPER, edge=VERMILLION, dashed=True)
+    _draw_nodes(ax, square, places[groups[2]], radius, face=BLUE, edge=BLUE)
+    if len(labels) <= MOST_LABELLED:
+        _draw_labels(ax, labels, places, radius, set(pinned))
+    ax.set_aspect("equal")
+    ax.set_axis_off()
+    low, high = places.min(axis=0) - 3 * radius, places.max(axis=0) + 3 * radius
+    ax.set_xlim(float(low[0]), float(high[0]))
+    ax.set_ylim(float(low[1]), float(high[1]))
+    return ax
+
+
+def too_large(n: int, arcs: int) -> bool:
+    """Whether a drawing would be a grey ball."""
+    return n > MOST_AGENTS or arcs > MOST_ARCS
+
+
+def _radius(places: Positions) -> float:
+    if len(places) == 1:
+        return 0.14
+    apart = np.hypot(*(places[:, None, :] - places[None, :, :]).transpose(2, 0, 1))
+    nearest = float(apart[~np.eye(len(places), dtype=bool)].min())
+    return float(np.clip(0.3 * nearest, 0.012, 0.12))
+
+
+def _draw_arcs(ax: Axes, arcs: Sequence[tuple[int, int]], places: Positions, radius: float) -> None:
+    known = set(arcs)
+    shafts: list[Path] = []
+    heads: list[Path] = []
+    size = max(0.75 * radius, 0.03)
+    for listener, speaker in arcs:
+        start, end = places[speaker], places[listener]
+        length = float(np.hypot(*(end - start)))
+        if length <= 2.3 * radius:
+            continue
+        forward = (end - start) / length
+        side = np.array([-forward[1], forward[0]])
+        tip = end - forward * radius * 1.22
+        back = tip - forward * size
+        both = (speaker, listener) in known
+        if not both or listener < speaker:
+            tail = start + forward * (radius * 1.22 + size * 0.9 if both else radius * 1.1)
+            shafts.append(Path(np.array([tail, back + forward * size * 0.1])))
+        heads.append(Path(np.array([tip, back + side * size * 0.45, back - side * size * 0.45, tip]), closed=True))
+    if shafts:
+        shaft = Path.make_compound_path(*shafts)
+        ax.add_patch(PathPatch(shaft, facecolor="none", edgecolor=MUTED, linewidth=0.9))
+    if heads:
+        ax.add_patch(PathPatch(Path.make_compound_path(*heads), facecolor=INK, edgecolor="none"))
+
+
+def _draw_nodes(
+    ax: Axes, shape: Path, centres: Positions, radius: float, *, face: str, edge: str, dashed: bool = False
+) -> None:
+    if not len(centres):
+        return
+    vertices = np.asarray(shape.vertices) * radius
+    copies = [Path(vertices + centre, shape.codes) for centre in centres]
+    ax.add_patch(
+        PathPatch(
+            Path.make_compound_path(*copies), facecolor=face, edgecolor=edge, linewidth=1.6 if dashed else 1.1,
+            linestyle=(0, (2, 1.2)) if dashed else "solid", zorder=2,
+        )  # fmt: skip
+    )
+
+
+def _draw_labels(ax: Axes, labels: Sequence[str], places: Positions, radius: float, pinned: set[int]) -> None:
+    inside = all(len(label) <= _INSIDE for label in labels) and radius > 0.05
+    size = float(np.clip(78 * radius, 5.5, 9.0)) if inside else 8.0 if len(labels) <= 30 else 6.0
+    for agent, (x, y) in enumerate(places):
+        if inside:
+            ax.text(
+                x, y, labels[agent], ha="center", va="center_baseline", fontsize=size, zorder=3, parse_math=False,
+                color=PAPER if agent in pinned else INK,
+            )  # fmt: skip
+        else:
+            ax.text(
+                x, y - 1.25 * radius, short(labels[agent], 14), ha="center", va="top", fontsize=size, zorder=3,
+                parse_math=False, color=INK,
+            )  # fmt: skip

@@ -1,0 +1,223 @@
+"""Plots of eigenvalues and of simulations: functions that take data and axes, and return the axes.
+
+They compute nothing but what a drawing needs: thinning of long data, limits, ticks.  Names given by users are never
+read as mathematics by Matplotlib.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.ticker import FuncFormatter, MaxNLocator
+from numpy.typing import ArrayLike, NDArray
+
+from dobc_design.report.svg import BLUE, INK, MARKERS, MUTED, SERIES, VERMILLION
+
+MOST_POINTS = 400  # of one series
+MOST_AGENTS = 30  # lines in one plot
+SHOWN_NAME = 18  # letters
+SMALLEST = 1e-14  # below it an error on a logarithmic axis is rounding
+_RAISED = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
+
+
+def plot_spectrum(
+    spectra: Mapping[str, ArrayLike], *, symbol: str = "λ", ax: Axes | None = None
+) -> Axes:
+    """Eigenvalues in the complex plane, one marker per name; the half-plane that must stay empty is shaded.
+
+    ``spectra``: name -> complex eigenvalues, in 1/s.
+    """
+    ax = _axes(ax)
+    everything = np.concatenate([np.atleast_1d(np.asarray(each, dtype=complex)) for each in spectra.values()])
+    reach = max(float(np.abs(everything.real).max(initial=0.0)), 1e-3)
+    left, right = min(float(everything.real.min(initial=0.0)), 0.0), max(float(everything.real.max(initial=0.0)), 0.0)
+    ax.set_xlim(left - 0.12 * reach, right + 0.2 * reach)
+    ax.axvspan(0, right + 10 * reach, color=VERMILLION, alpha=0.13, linewidth=0)
+    ax.axvline(0, color=VERMILLION, linewidth=1.0)
+    for place, (name, values) in enumerate(spectra.items()):
+        points = _thinned_points(np.atleast_1d(np.asarray(values, dtype=complex)))
+        ax.plot(
+            points.real, points.imag, linestyle="none", marker=MARKERS[place % len(MARKERS)],
+            color=SERIES[place % len(SERIES)], markerfacecolor="none", markeredgewidth=1.3, label=short(name),
+        )  # fmt: skip
+    if float(np.abs(everything.imag).max(initial=0.0)) < 1e-9:
+        ax.set_ylim(-1, 1)
+    else:
+        ax.margins(y=0.15)
+    ax.set_xlabel(f"Re {symbol} in 1/s")
+    ax.set_ylabel(f"Im {symbol} in 1/s")
+    _legend(ax, len(spectra))
+    return ax
+
+
+def plot_lambda(
+    spectra: Mapping[str, ArrayLike], *, bounds: Mapping[str, float] | None = None, ax: Axes | None = None
+) -> Axes:
+    """Eigenvalues of Lambda(J), one row per mode, against 0 and against the ``bounds`` of given matrices P.
+
+    ``spectra``: mode -> real eigenvalues, in 1/s.  ``bounds``: name -> number that the largest must stay below.
+    """
+    ax = _axes(ax)
+    names = list(spectra)
+    everything = np.concatenate([np.asarray(each, dtype=float).ravel() for each in spectra.values()])
+    marks = [0.0, *(bounds or {}).values()]
+    low, high = min(everything.min(initial=0.0), *marks), max(everything.max(initial=0.0), *marks)
+    reach = max(high - low, 1e-3)
+    ax.set_xlim(low - 0.06 * reach, high + 0.14 * reach)
+    ax.axvspan(0, high + 10 * reach, color=VERMILLION, alpha=0.13, linewidth=0)
+    ax.axvline(0, color=VERMILLION, linewidth=1.0)
+    for row, name in enumerate(names):
+        values = _thinned(np.sort(np.asarray(spectra[name], dtype=float).ravel()), MOST_POINTS)
+        ax.plot(values, np.full(len(values), row), linestyle="none", marker="|", markersize=9, color=BLUE)
+        ax.plot(values[-1:], [row], linestyle="none", marker="D", markersize=4.5, color=BLUE)
+    for bound in (bounds or {}).values():
+        ax.axvline(bound, color=INK, linewidth=1.1, linestyle=(0, (4, 2)))
+    ax.set_yticks(range(len(names)), [short(name) for name in names], parse_math=False)
+    ax.set_ylim(len(names) - 0.4, -0.6)
+    ax.grid(visible=False, axis="y")
+    ax.set_xlabel("eigenvalues of Λ(J) in 1/s")
+    return ax
+
+
+def plot_states(
+    times: ArrayLike, states: ArrayLike, *, goals: ArrayLike, pinned: Sequence[int] = (), symbol: str = "x",
+    ax: Axes | None = None,
+) -> Axes:  # fmt: skip
+    """States of all agents over time, pinned agents in blue, and where they should go (dashed).
+
+    Shapes: times (T,) in s, states (T, n), goals (n,).  At most 30 agents are drawn.
+    """
+    ax = _axes(ax)
+    t, x, goal = np.asarray(times, float), np.asarray(states, float), np.asarray(goals, float)
+    rows = thinned_rows(len(t))
+    held = set(pinned)
+    chosen = shown_agents(x.shape[1], held)
+    for is_pinned in (False, True):
+        group = [agent for agent in chosen if (agent in held) is is_pinned]
+        for rank, agent in enumerate(group):
+            ax.plot(
+                t[rows], x[rows, agent], color=BLUE if is_pinned else MUTED,
+                linewidth=1.7 if is_pinned else 0.9,
+                label=("pinned" if is_pinned else "not pinned") if rank == 0 else None,
+            )  # fmt: skip
+    for rank, value in enumerate(sorted({float(goal[agent]) for agent in chosen})[:12]):
+        ax.axhline(value, color=VERMILLION, linewidth=1.1, linestyle=(0, (4, 2)), label="goal" if rank == 0 else None)
+    ax.set_xlabel("time t in s")
+    ax.set_ylabel(f"{symbol}, in its own unit")
+    _legend(ax, 3)
+    return ax
+
+
+def plot_disturbance(
+    times: ArrayLike, disturbance: ArrayLike, estimate: ArrayLike, *, title: str = "", ax: Axes | None = None
+) -> Axes:
+    """One component of one agent's disturbance (dotted, as in the paper's Fig. 3) and its estimate.
+
+    Shapes: (T,) each; times in s, the others in units of x per s.
+    """
+    ax = _axes(ax)
+    t = np.asarray(times, float)
+    rows = thinned_rows(len(t))
+    ax.plot(t[rows], np.asarray(estimate, float)[rows], color=BLUE, label="estimate")
+    ax.plot(
+        t[rows], np.asarray(disturbance, float)[rows], color=VERMILLION, linestyle=(0, (1, 1.4)), linewidth=1.6,
+        label="disturbance",
+    )  # fmt: skip
+    ax.set_title(title, parse_math=False)
+    ax.set_ylabel("d in units of x per s")
+    ax.yaxis.set_major_locator(MaxNLocator(5))
+    return ax
+
+
+def plot_error(times: ArrayLike, error: ArrayLike, *, rate: float | None = None, ax: Axes | None = None) -> Axes:
+    """|e|_inf over time on a logarithmic axis; ``rate`` (1/s) adds a line that falls like exp(-rate t)."""
+    ax = _axes(ax)
+    t, size = np.asarray(times, float), np.asarray(error, float)
+    rows = thinned_rows(len(t))
+    shown = np.where(size[rows] > SMALLEST, size[rows], np.nan)
+    ax.set_yscale("log")
+    ax.plot(t[rows], shown, color=BLUE, label="simulated")
+    if rate is not None and len(t) and size[0] > SMALLEST:
+        guide = size[0] * np.exp(np.clip(-rate * (t[rows] - t[0]), -700, 0))
+        visible = guide > max(float(np.nanmin(shown)) * 0.5, SMALLEST)
+        ax.plot(
+            t[rows][visible], guide[visible], color=INK, linestyle=(0, (4, 2)), linewidth=1.0,
+            label="slope of the certified rate",
+        )  # fmt: skip
+    ax.yaxis.set_major_formatter(FuncFormatter(power_of_ten))
+    ax.minorticks_off()
+    ax.set_xlabel("time t in s")
+    ax.set_ylabel("|e|∞, in the unit of x")
+    _legend(ax, 2)
+    return ax
+
+
+def plot_mode(times: ArrayLike, mode: ArrayLike, *, names: Sequence[str], ax: Axes | None = None) -> Axes:
+    """Which mode is active, over time.  ``mode`` (T,) holds places in ``names``."""
+    ax = _axes(ax)
+    ax.step(np.asarray(times, float), np.asarray(mode, int), where="post", color=INK, linewidth=0.9)
+    ax.set_yticks(range(len(names)), [short(name, 8) for name in names], parse_math=False)
+    ax.set_ylim(-0.5, len(names) - 0.5)
+    ax.set_ylabel("mode")
+    ax.set_xlabel("time t in s")
+    return ax
+
+
+def power_of_ten(value: float, _: object = None) -> str:
+    """Write 0.001 as 10⁻³ and 1 as 1."""
+    if value <= 0:
+        return ""
+    exponent = round(float(np.log10(value)))
+    return {0: "1", 1: "10", -1: "0.1"}.get(exponent, "10" + str(exponent).translate(_RAISED))
+
+
+def short(name: object, longest: int = SHOWN_NAME) -> str:
+    """Cut a name for a drawing."""
+    text = str(name)
+    return text if len(text) <= longest else text[: longest - 1] + "…"
+
+
+def shown_agents(n: int, first: set[int], most: int = MOST_AGENTS) -> list[int]:
+    """The agents that are drawn: those in ``first`` (at most half), then others, evenly taken."""
+    if n <= most:
+        return list(range(n))
+    kept = sorted(first)[: most // 2]
+    others = [agent for agent in range(n) if agent not in first]
+    room = most - len(kept)
+    return sorted([*kept, *(others[i] for i in np.linspace(0, len(others) - 1, min(room, len(others))).astype(int))])
+
+
+def thinned_rows(count: int, most: int = MOST_POINTS) -> NDArray[np.intp]:
+    """Indices of at most ``most`` of ``count`` samples, first and last included."""
+    return np.unique(np.linspace(0, count - 1, min(count, most)).round().astype(np.intp))
+
+
+def _thinned(values: NDArray[np.float64], most: int) -> NDArray[np.float64]:
+    return values[thinned_rows(len(values), most)] if len(values) else values
+
+
+def _thinned_points(values: NDArray[np.complex128]) -> NDArray[np.complex128]:
+    """At most 400 points, the rightmost and leftmost among them."""
+    ordered = values[np.argsort(values.real, kind="stable")]
+    return ordered[thinned_rows(len(ordered))] if len(ordered) else ordered
+
+
+def _axes(ax: Axes | None) -> Axes:
+    if ax is None:
+        return Figure(layout="constrained").add_subplot()
+    return ax
+
+
+def _legend(ax: Axes, entries: int) -> None:
+    handles, labels = ax.get_legend_handles_labels()
+    if len(handles) < 2:
+        return
+    legend = ax.legend(
+        handles, labels, loc="lower left", bbox_to_anchor=(0, 1.0), ncols=min(max(entries, 1), 3),
+        borderaxespad=0.2, handlelength=1.6, columnspacing=1.2,
+    )  # fmt: skip
+    for text in legend.get_texts():
+        text.set_parse_math(False)

@@ -1,0 +1,150 @@
+"""The sentences of the report: what a verdict says, what it does not, and the names of checks."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from fractions import Fraction
+
+from dobc_design._render import significant_towards_zero
+from dobc_design.certificate.certificate import Certificate
+from dobc_design.verdict import Verdict
+from dobc_design.verify.check import Check, Domain
+
+SYMBOLS = {Verdict.PROVED: "✓", Verdict.REFUTED: "✗", Verdict.UNDECIDED: "?"}
+
+MEANINGS = {
+    Verdict.PROVED: "Shown by exact arithmetic on rational numbers. No solver and no rounding is trusted: what a solver"
+    " proposed was rounded to rationals and then decided. Anybody can repeat the decision.",
+    Verdict.REFUTED: "Shown by exact arithmetic to be false, with a witness that can be checked by hand: a vector,"
+    " a set of agents, a polynomial. A refuted condition is not yet a failure of consensus: a theorem whose"
+    " condition is false says nothing. Only the overall verdict “refuted” says that consensus fails.",
+    Verdict.UNDECIDED: "Neither proved nor refuted here: the condition does not apply, or nothing was found that"
+    " decides it. It never means that consensus fails.",
+}
+
+# id -> (name, what it decides)
+CHECKS = {
+    "observability": ("Observability of (A, C)", "whether every state of the disturbance generator shows in d = C ξ;"
+                      " then the estimate can be made as fast as wanted"),
+    "detectability": ("Detectability of (A, C)", "whether what C does not see dies out by itself; an observer gain W"
+                      " that works exists exactly then"),
+    "hurwitz": ("A − WC is Hurwitz", "whether the estimation error (17) decays with this W, by Routh’s table"),
+    "reachability": ("Every agent hears a pin", "whether information from a pinned agent reaches everybody; agents"
+                     " that it does not reach are held by nothing"),
+    "lemma1": ("Lemma 1: Λ(J) < 0", "whether V = Σ eᵢ′eᵢ decreases when there is no disturbance (10)"),
+    "theorem1": ("Theorem 1: Ψ < 0", "whether some P and Q satisfy (18), so that V = Σ eᵢ′eᵢ + Σ εᵢ′Pεᵢ decreases"
+                 " with the observer in the loop"),
+    "theorem2": ("Theorem 2: Ψ < 0 in every mode", "whether one P and one Q satisfy (18) in all modes, so that they"
+                 " may switch in any way"),
+    "theorem1-printed": ("Theorem 1 with the P given", "whether the P and W of the problem file satisfy (18) as they"
+                         " stand"),
+    "theorem2-printed": ("Theorem 2 with the P given", "whether the P and W of the problem file satisfy (18) in every"
+                         " mode as they stand"),
+    "lure": ("Lur’e certificate", "whether a quadratic V decreases for all slopes the coupling has in a region"),
+    "max-separable": ("Max-separable certificate", "whether boxes around the target shrink: the largest weighted"
+                      " error decreases"),
+    "delay": ("Delays", "whether the proof survives delayed messages"),
+    "sampling": ("Sampling", "whether the proof survives couplings that are held between samples"),
+}  # fmt: skip
+
+MODEL = (
+    "It is about the model as given: single integrators, one (A, C) for all agents, messages without delay, noise"
+    " or quantisation. Whether the model fits the plant is not decided here."
+)
+
+
+def check_name(check: Check) -> str:
+    """The name of a check for people."""
+    return CHECKS.get(check.id, (check.id, ""))[0]
+
+
+def domain_words(domain: Domain) -> str:
+    """Where a check holds, in a few words."""
+    if isinstance(domain, Mapping):
+        radius, disturbance = domain.get("radius"), domain.get("disturbance")
+        size = "|e|∞" if domain.get("kind") == "box" else "|e|₂"
+        text = f"starts with {size} ≤ {_number(radius)}"
+        return text if disturbance is None else f"{text} and every |εᵢ| ≤ {_number(disturbance)}"
+    return {"global": "everywhere", "consensus": "near the target"}.get(domain, domain)
+
+
+def covering_domain(certificate: Certificate) -> Domain | None:
+    """The domain of the proof that carries the verdict."""
+    for check in certificate.checks:
+        if check.id == certificate.covered_by and check.verdict is Verdict.PROVED:
+            return check.domain
+    return None
+
+
+def what_it_means(certificate: Certificate) -> tuple[list[str], list[str]]:
+    """What the overall verdict says, and what it does not."""
+    if certificate.verdict is Verdict.PROVED:
+        return _proved(certificate)
+    if certificate.verdict is Verdict.REFUTED:
+        return _refuted()
+    return _undecided(certificate)
+
+
+def _proved(certificate: Certificate) -> tuple[list[str], list[str]]:
+    switching = len(certificate.problem.network.modes) > 1
+    domain = covering_domain(certificate)
+    yes = [_from_where(domain)]
+    if certificate.problem.exosystem is not None:
+        yes.append("The disturbance estimates converge too, whatever the (unknown) start of the disturbances in that set.")
+    if switching:
+        yes.append("The modes may switch at any times and in any order, arbitrarily fast: one V decreases in all of them.")
+    if certificate.rate:
+        yes.append(
+            f"The errors decay at least like exp(−{significant_towards_zero(certificate.rate)} t), t in seconds."
+            " The real decay may be faster."
+        )
+    no = []
+    if domain == "consensus":
+        no.append(
+            "It is local, a statement at the consensus. It names no radius: nothing is said about starts at a"
+            " given distance, not even when simulations from there look well."
+        )
+    elif isinstance(domain, Mapping):
+        no.append("It says nothing about starts outside that set. They may converge or not.")
+    no.append(MODEL)
+    return yes, no
+
+
+def _from_where(domain: Domain | None) -> str:
+    if domain == "global":
+        return "Every agent goes to its goal from every start, however far: the proof is global."
+    if isinstance(domain, Mapping):
+        return f"Every agent goes to its goal from all {domain_words(domain)}."
+    return "There is a neighbourhood of the target from which every agent goes to its goal, and none leaves it for good."
+
+
+def _refuted() -> tuple[list[str], list[str]]:
+    yes = [
+        "Consensus on the target fails for this network, these pins and this observer, and the checks below say why.",
+        "The reason is exact. More accuracy, another solver or more time cannot change it.",
+    ]
+    no = [
+        "It does not say that the task is impossible: another pin, arc, gain or observer may cure it."
+        " Where a cure is known, the check names it.",
+        "It does not say that every start fails; some may still converge.",
+        MODEL,
+    ]
+    return yes, no
+
+
+def _undecided(certificate: Certificate) -> tuple[list[str], list[str]]:
+    proved = sum(check.verdict is Verdict.PROVED for check in certificate.checks)
+    yes = [
+        "What was asked is neither proved nor refuted.",
+        f"{proved} of {len(certificate.checks)} checks are proved, and these hold by themselves.",
+    ]
+    no = [
+        "It does not say that consensus fails. A sufficient condition that is not met says nothing.",
+        "It does not say that consensus holds, even if a simulation below shows it.",
+        MODEL,
+    ]
+    return yes, no
+
+
+def _number(value: object) -> str:
+    return significant_towards_zero(value) if isinstance(value, (int, float, Fraction)) else "?"

@@ -1,0 +1,58 @@
+"""The generator of one agent's disturbance (eq. 12).
+
+Every agent has its own state xi_i but the same (A, C).  Nothing is decided here; whether the pair is
+detectable is the business of ``verify.observer``.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from dobc_design._checks import require_square
+from dobc_design.errors import ShapeError
+from dobc_design.exact.matrix import Matrix
+from dobc_design.spec.reading import read_matrix
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Exosystem:
+    """Generator of one agent's disturbance: xi' = A xi, d = C xi (eq. 12).
+
+    Shapes: A (q, q) in 1/s, C (m, q).  Accepts nested sequences or arrays of exact numbers.
+    Raises: ShapeError or SpecError naming exosystem.A or exosystem.C.
+    """
+
+    A: Matrix
+    C: Matrix
+
+    def __init__(self, *, A: Sequence[Sequence[Any]], C: Sequence[Sequence[Any]]) -> None:
+        dynamics, output = read_matrix(A, key="exosystem.A"), read_matrix(C, key="exosystem.C")
+        require_square(dynamics, name="exosystem.A")
+        q = len(dynamics)
+        if len(output[0]) != q:
+            raise ShapeError(
+                f"exosystem.C must have {q} columns, one per exosystem state (A is {q}x{q});"
+                f" got shape ({len(output)}, {len(output[0])}).",
+                key="exosystem.C", cure="Each row of C picks one component of the disturbance.",
+            )  # fmt: skip
+        object.__setattr__(self, "A", dynamics)
+        object.__setattr__(self, "C", output)
+
+    @property
+    def order(self) -> int:
+        """q, the number of exosystem states."""
+        return len(self.A)
+
+    @property
+    def outputs(self) -> int:
+        """m, the number of disturbance components."""
+        return len(self.C)
+
+    @classmethod
+    def from_control(cls, system: Any) -> Exosystem:
+        """Take A and C from a control.StateSpace; floats are read as their shortest decimal text."""
+        return cls(A=np.asarray(system.A).tolist(), C=np.asarray(system.C).tolist())

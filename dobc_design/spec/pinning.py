@@ -1,0 +1,104 @@
+"""Pinned agents and their gains k_i (eq. 4 and 19).
+
+A gain is a number k >= 0 or an m x m matrix with k + k' >= 0.  Absent agents have k = 0.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from fractions import Fraction
+from types import MappingProxyType
+from typing import Any
+
+from dobc_design.errors import SpecError
+from dobc_design.exact.definite import decide_positive_semidefinite
+from dobc_design.exact.matrix import Matrix, add, transpose
+from dobc_design.exact.number import parse_number
+from dobc_design.exact.symmetric import SparseSymmetric
+from dobc_design.spec.reading import is_list, is_scalar_matrix, read_matrix, scalar_matrix
+from dobc_design.verdict import Verdict
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Pinning:
+    """Gains by agent index (from 0), each an m x m matrix; zero gains are left out."""
+
+    gains: Mapping[int, Matrix]
+
+    def __post_init__(self) -> None:
+        kept = {i: k for i, k in sorted(self.gains.items()) if any(any(row) for row in k)}
+        object.__setattr__(self, "gains", MappingProxyType(kept))
+
+    def __hash__(self) -> int:
+        return hash(tuple(self.gains.items()))
+
+    @property
+    def agents(self) -> tuple[int, ...]:
+        """Indices of the agents with a gain that is not zero."""
+        return tuple(self.gains)
+
+    @property
+    def is_scalar(self) -> bool:
+        """Whether every gain is a multiple of the identity."""
+        return all(is_scalar_matrix(k) for k in self.gains.values())
+
+
+def read_pinning(gains: Any, *, labels: Sequence[str], dimension: int) -> Pinning:
+    """Read label -> gain, or one number for all agents, into a Pinning.
+
+    Raises: SpecError, with every wrong gain by its key pinning.gains.LABEL.
+    """
+    if gains is None:
+        return Pinning(gains={})
+    if not isinstance(gains, Mapping):
+        gain = _read_gain(gains, key="pinning.gains", dimension=dimension)
+        return Pinning(gains=dict.fromkeys(range(len(labels)), gain))
+    index = {label: i for i, label in enumerate(labels)}
+    known: dict[Any, Matrix] = {}
+    result: dict[int, Matrix] = {}
+    errors: list[SpecError] = []
+    for label, value in gains.items():
+        key = f"pinning.gains.{label}"
+        try:
+            place = index.get(str(label))
+            if place is None or isinstance(label, bool):
+                raise SpecError(
+                    f"{key}: there is no agent {str(label)[:60]!r} in network.agents.", key=key,
+                    cure="Use the label of an agent.",
+                )  # fmt: skip
+            if place in result:
+                raise SpecError(f"{key} stands there twice (labels are text).", key=key, cure="Keep one.")
+            token = value if isinstance(value, (str, int, Fraction)) and not isinstance(value, bool) else None
+            if token is None or token not in known:
+                gain = _read_gain(value, key=key, dimension=dimension)
+                if token is not None:
+                    known[token] = gain
+            result[place] = known[token] if token is not None else gain
+        except SpecError as error:
+            errors.append(error)
+    if errors:
+        raise SpecError.several(errors)
+    return Pinning(gains=result)
+
+
+def _read_gain(value: Any, *, key: str, dimension: int) -> Matrix:
+    if not is_list(value):
+        number = parse_number(value, key=key)
+        if number < 0:
+            raise SpecError(
+                f"{key} must be >= 0, because u_i = -k_i (x_i - xbar) has to pull towards the target; got {number}.",
+                key=key, cure="Use a positive gain, or leave the agent out.",
+            )  # fmt: skip
+        return scalar_matrix(number, dimension)
+    gain = read_matrix(
+        value, key=key, shape=(dimension, dimension), because="one row and column per state component"
+    )
+    symmetric = SparseSymmetric.from_dense(add(gain, transpose(gain)))
+    if decide_positive_semidefinite(symmetric).verdict is not Verdict.PROVED:
+        raise SpecError(
+            f"{key}: a matrix gain k must satisfy k + k' >= 0, so that it never pushes away from the target;"
+            " this one does not.",
+            key=key, cure="Make its symmetric part positive semidefinite.",
+        )  # fmt: skip
+    return gain

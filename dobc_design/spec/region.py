@@ -1,0 +1,95 @@
+"""What a certificate has to cover: the starts of the states and of the observer error."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from fractions import Fraction
+from typing import Any
+
+from dobc_design.errors import ShapeError, SpecError
+from dobc_design.exact.number import parse_number
+from dobc_design.spec.reading import is_list, shown
+
+Pair = tuple[Fraction, Fraction]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Region:
+    """Starts asked for: lo_c <= x_ic(0) <= hi_c for every agent i, and |xi_i(0) - xihat_i(0)| <= disturbance.
+
+    ``initial_states`` holds m pairs; ``initial_disturbance`` is Euclidean, None without an exosystem.
+    """
+
+    initial_states: tuple[Pair, ...]
+    initial_disturbance: Fraction | None
+
+
+def read_region(
+    initial_states: Any, initial_disturbance: Any, *, dimension: int, with_exosystem: bool
+) -> Region:
+    """Read one pair for all components, or m pairs.  Raises SpecError naming the key."""
+    key = "region.initial_states"
+    errors: list[SpecError] = []
+    pairs: tuple[Pair, ...] = ()
+    disturbance = None
+    try:
+        pairs = _read_pairs(initial_states, key=key, dimension=dimension)
+    except SpecError as error:
+        errors.append(error)
+    try:
+        disturbance = _read_disturbance(initial_disturbance, with_exosystem=with_exosystem)
+    except SpecError as error:
+        errors.append(error)
+    if errors:
+        raise SpecError.several(errors)
+    return Region(initial_states=pairs, initial_disturbance=disturbance)
+
+
+def _read_pairs(value: Any, *, key: str, dimension: int) -> tuple[Pair, ...]:
+    if not is_list(value) or len(value) == 0:
+        raise ShapeError(
+            f"{key} must be a pair [lo, hi] or {dimension} such pair(s); got {shown(value)}.", key=key,
+            cure="For example [0, 5].",
+        )  # fmt: skip
+    nested = [is_list(entry) for entry in value]
+    rows = list(value) if all(nested) else [value] * dimension
+    if len(rows) != dimension or (any(nested) and not all(nested)):
+        raise ShapeError(
+            f"{key} must have {dimension} pair(s), one per state component; got {len(value)}.", key=key,
+            cure="Give one pair for all components, or one for each.",
+        )  # fmt: skip
+    pairs = []
+    for position, row in enumerate(rows):
+        place = f"{key}[{position}]" if all(nested) else key
+        if len(row) != 2:
+            raise ShapeError(
+                f"{place} must be a pair [lo, hi]; got {shown(row)}.", key=place, cure="For example [0, 5]."
+            )
+        lo, hi = (parse_number(entry, key=f"{place}[{i}]") for i, entry in enumerate(row))
+        if lo > hi:
+            raise SpecError(
+                f"{place} must be a pair [lo, hi] with lo <= hi; got [{lo}, {hi}].", key=place,
+                cure="Exchange the two numbers.",
+            )  # fmt: skip
+        pairs.append((lo, hi))
+    return tuple(pairs)
+
+
+def _read_disturbance(value: Any, *, with_exosystem: bool) -> Fraction | None:
+    key = "region.initial_disturbance"
+    if value is None:
+        if with_exosystem:
+            raise SpecError(
+                f"{key} is required when there is an [exosystem]: an e-ball alone is not invariant,"
+                " because a large estimation error pushes the states out of it.",
+                key=key, cure="Give the largest |xi_i(0) - xihat_i(0)|, for example 0.5; 0 if it is known.",
+            )  # fmt: skip
+        return None
+    number = parse_number(value, key=key)
+    if number < 0:
+        raise SpecError(f"{key} must be >= 0, it is a length; got {number}.", key=key, cure="Drop the sign.")
+    if not with_exosystem:
+        raise SpecError(
+            f"{key} has no meaning without an [exosystem].", key=key, cure="Remove it, or give the exosystem."
+        )
+    return number

@@ -1,0 +1,93 @@
+"""A problem in words: who listens to whom, who is pinned, who is not reached."""
+
+from __future__ import annotations
+
+from collections import defaultdict
+from collections.abc import Sequence
+from typing import Any
+
+from dobc_design.exact.number import number_text
+from dobc_design.spec.network import Arcs
+from dobc_design.spec.problem import Problem
+from dobc_design.spec.reading import is_scalar_matrix
+from dobc_design.spec.reaching import unreached
+
+LISTED = 30
+
+
+def describe(problem: Problem) -> str:
+    """Several lines that an engineer can compare with the drawing on the wall."""
+    labels = problem.network.labels
+    lines = [
+        f"{problem.name}: {_count(problem.n, 'agent')}, {_count(problem.m, 'state component')} each, "
+        + (f"disturbance of order {problem.q}." if problem.q else "no disturbance."),
+        f"Target: {_vector(problem.target)}. Coupling: h = {_coupling(problem)}.",
+    ]
+    for mode, arcs in problem.network.modes.items():
+        lines.append(f'Mode "{mode}": {_count(len(arcs), "arc")}.')
+        lines += [f"  {text}" for text in _listening(labels, arcs)]
+        missing = [labels[i] for i in unreached(problem, [arcs])]
+        if missing:
+            lines.append(f"  NOT REACHED from a pinned agent: {_some(missing)}.")
+        else:
+            lines.append("  Every agent is reached from a pinned agent.")
+    pins = [f"{labels[i]} (k = {_gain(k)})" for i, k in problem.pinning.gains.items()]
+    lines.append(f"Pinned: {_some(pins)}." if pins else "Pinned: nobody.")
+    if problem.offsets:
+        lines.append(f"Formation offsets: {_some([f'{labels[i]}: {_vector(o)}' for i, o in problem.offsets.items()])}.")
+    if problem.exosystem is not None:
+        given = "given" if problem.observer.W is not None else "to be designed"
+        lines.append(f"Observer gain W: {given}." + (" P: given, will be tested." if problem.observer.P else ""))
+    if problem.region is not None:
+        pairs = ", ".join(f"[{number_text(lo)}, {number_text(hi)}]" for lo, hi in problem.region.initial_states)
+        lines.append(f"Region asked for: initial states in {pairs}.")
+    return "\n".join(lines)
+
+
+def facts(problem: Problem) -> dict[str, Any]:
+    """The same for a program: JSON types only."""
+    labels = problem.network.labels
+    return {
+        "name": problem.name,
+        "agents": problem.n,
+        "dimension": problem.m,
+        "exosystem_order": problem.q,
+        "modes": {
+            mode: {"arcs": len(arcs), "unreached": [labels[i] for i in unreached(problem, [arcs])]}
+            for mode, arcs in problem.network.modes.items()
+        },
+        "pinned": [labels[i] for i in problem.pinning.agents],
+    }
+
+
+def _listening(labels: Sequence[str], arcs: Arcs) -> list[str]:
+    heard: dict[int, list[str]] = defaultdict(list)
+    for listener, speaker, weight in arcs:
+        heard[listener].append(labels[speaker] + ("" if weight == 1 else f" (weight {number_text(weight)})"))
+        if len(heard) > LISTED:
+            break
+    rows = [f"{labels[i]} listens to {', '.join(names[:LISTED])}" for i, names in list(heard.items())[:LISTED]]
+    return [*rows, "..."] if len(heard) > LISTED else rows
+
+
+def _coupling(problem: Problem) -> str:
+    text = "; ".join(problem.coupling.texts)
+    extra = len(problem.exceptions)
+    return text + (f" ({_count(extra, 'arc')} with another)" if extra else "")
+
+
+def _gain(matrix: Any) -> str:
+    return number_text(matrix[0][0]) if is_scalar_matrix(matrix) else "matrix"
+
+
+def _vector(values: Sequence[Any]) -> str:
+    texts = [number_text(value) for value in values]
+    return texts[0] if len(texts) == 1 else f"({', '.join(texts)})"
+
+
+def _count(number: int, word: str) -> str:
+    return f"{number} {word}{'' if number == 1 else 's'}"
+
+
+def _some(names: Sequence[str]) -> str:
+    return ", ".join(names[:LISTED]) + (f" and {len(names) - LISTED} more" if len(names) > LISTED else "")

@@ -1,0 +1,213 @@
+"""Lemma 1 and Theorems 1 and 2 of the paper, stated once, for any enclosed Jacobians.
+
+    Lambda(J) = J + J' - (K + K')                                            (10), twice F
+    Omega0    = P A + A' P - C'Q' - Q C
+    Psi(J)    = [[Lambda(J), I (x) C], [(I (x) C)', I (x) Omega0]] < 0       (18), (28)
+
+With a rate beta > 0, 2 beta diag(I, I (x) P) is added, and V' <= -2 beta V follows.  Unknowns are P
+(symmetric, q x q) and Q (q x m); W = P^-1 Q.  Lemma 1 is Lambda < 0 and has no unknowns.
+"""
+
+from __future__ import annotations
+
+from fractions import Fraction
+
+from dobc_design.exact.interval import Interval
+from dobc_design.exact.matrix import Matrix
+from dobc_design.exact.symmetric import SparseSymmetric
+from dobc_design.spec.exosystem import Exosystem
+from dobc_design.spec.pinning import Pinning
+from dobc_design.theorems.jacobians import Jacobians, ModeJacobian
+from dobc_design.theorems.pencil import Pencil, Place, Unknown
+
+ZERO = Fraction(0)
+Entries = dict[tuple[int, int], Fraction]
+
+
+def lemma1(jacobian: ModeJacobian, pinning: Pinning, *, size: int, dimension: int) -> Pencil:
+    """Lambda(J) = J + J' - (K + K') < 0: Lemma 1, eq. (10) without its factor 1/2.
+
+    Size: n m.  No unknowns.
+    """
+    entries: Entries = {}
+    row_radius = [ZERO] * (size * dimension)
+    for (listener, speaker, _), kind in zip(jacobian.arcs, jacobian.kind.tolist(), strict=True):
+        gain = jacobian.gains[kind]
+        for c in range(dimension):
+            for d in range(dimension):
+                _add_arc(entries, row_radius, gain[c][d], listener * dimension, speaker * dimension, c, d)
+    for agent, gain in pinning.gains.items():
+        for c in range(dimension):
+            for d in range(c, dimension):
+                _add(entries, agent * dimension + c, agent * dimension + d, -(gain[c][d] + gain[d][c]))
+    kept = {where: value for where, value in entries.items() if value}
+    return Pencil(
+        name=f"lemma1 ({jacobian.name})",
+        constant=SparseSymmetric(size * dimension, kept),
+        radius=max(row_radius, default=ZERO),
+        unknowns=(),
+        coefficients={},
+    )
+
+
+def theorem1(lambda_: Pencil, exosystem: Exosystem, *, agents: int, rate: Fraction = ZERO) -> Pencil:
+    """Psi of eq. (18), from Lambda (a Pencil of ``lemma1``) and the exosystem.
+
+    Size: n m + n q.  Unknowns P and Q.  ``rate`` (1/s) adds 2 rate diag(I, I (x) P).
+    """
+    q, m = exosystem.order, exosystem.outputs
+    offset = agents * m
+    entries: Entries = {(i, j): value for (i, j), value in lambda_.constant.entries.items()}
+    for i in range(offset if rate else 0):
+        _add(entries, i, i, 2 * rate)
+    for agent in range(agents):
+        for c in range(m):
+            for k in range(q):
+                if exosystem.C[c][k]:
+                    entries[agent * m + c, offset + agent * q + k] = exosystem.C[c][k]
+    unknowns = (
+        Unknown(name="P", rows=q, columns=q, symmetric=True),
+        Unknown(name="Q", rows=q, columns=m, symmetric=False),
+    )
+    blocks = {place: omega_coefficient(exosystem, place, rate=rate) for u in unknowns for place in u.places()}
+    size = offset + agents * q
+    return Pencil(
+        name=lambda_.name.replace("lemma1", "theorem1"),
+        constant=SparseSymmetric(size, {where: value for where, value in entries.items() if value}),
+        radius=lambda_.radius,
+        unknowns=unknowns,
+        coefficients={
+            place: SparseSymmetric(
+                size,
+                {
+                    (offset + agent * q + i, offset + agent * q + j): value
+                    for agent in range(agents)
+                    for (i, j), value in block.items()
+                },
+            )
+            for place, block in blocks.items()
+        },
+    )
+
+
+def theorem2(jacobians: Jacobians, pinning: Pinning, exosystem: Exosystem, *, rate: Fraction = ZERO) -> tuple[Pencil, ...]:
+    """Theorem 2, eq. (28): one Psi per mode, with the same unknowns P and Q.  One mode: Theorem 1."""
+    return tuple(
+        theorem1(
+            lemma1(mode, pinning, size=jacobians.size, dimension=jacobians.dimension),
+            exosystem,
+            agents=jacobians.size,
+            rate=rate,
+        )
+        for mode in jacobians.modes
+    )
+
+
+def reduced(bound: Fraction, exosystem: Exosystem, *, rate: Fraction = ZERO) -> Pencil:
+    """The same statement for one agent with Lambda = bound I: what Psi < 0 comes down to (theory, Reduction).
+
+    With bound = max lambda_max(Lambda) over the modes it is equivalent to Theorem 2 when m = 1 or
+    Lambda = Lambda_n (x) I_m, and sufficient in general.  Size: m + q.
+    """
+    m = exosystem.outputs
+    diagonal = SparseSymmetric(m, {(i, i): bound for i in range(m) if bound})
+    one = Pencil(name="reduced", constant=diagonal, radius=ZERO, unknowns=(), coefficients={})
+    return theorem1(one, exosystem, agents=1, rate=rate)
+
+
+def omega_coefficient(exosystem: Exosystem, place: Place, *, rate: Fraction = ZERO) -> Entries:
+    """What one entry of P or Q contributes to Omega0 + 2 rate P (upper triangle, q x q)."""
+    name, k, l = place  # noqa: E741  k, l as in matrix entries
+    A, C, q = exosystem.A, exosystem.C, exosystem.order
+    full: dict[tuple[int, int], Fraction] = {}
+
+    def put(i: int, j: int, value: Fraction) -> None:
+        if value:
+            full[i, j] = full.get((i, j), ZERO) + value
+
+    if name == "P":
+        for r, s in {(k, l), (l, k)}:
+            for j in range(q):
+                put(r, j, A[s][j])  # (E A)_rj
+                put(j, r, A[s][j])  # (A' E')_jr
+            put(r, s, 2 * rate)
+    else:
+        for j in range(q):
+            put(k, j, -C[l][j])  # (Q C)_kj
+            put(j, k, -C[l][j])
+    return {(i, j): value for (i, j), value in full.items() if i <= j and value}
+
+
+def omega(P: Matrix, Q: Matrix, exosystem: Exosystem, *, rate: Fraction = ZERO) -> SparseSymmetric:
+    """Omega0 + 2 rate P at rational P, Q: the block every agent has."""
+    q, m = exosystem.order, exosystem.outputs
+    entries: Entries = {}
+    places: list[tuple[Place, Fraction]] = [(("P", i, j), P[i][j]) for i in range(q) for j in range(i, q)]
+    places += [(("Q", i, j), Q[i][j]) for i in range(q) for j in range(m)]
+    for place, x in places:
+        if x:
+            for where, value in omega_coefficient(exosystem, place, rate=rate).items():
+                entries[where] = entries.get(where, ZERO) + x * value
+    return SparseSymmetric(q, {where: value for where, value in entries.items() if value})
+
+
+def _add(entries: Entries, i: int, j: int, value: Fraction) -> None:
+    if value:
+        where = (i, j) if i <= j else (j, i)
+        entries[where] = entries.get(where, ZERO) + value
+
+
+def _add_arc(
+    entries: Entries, radius: list[Fraction], gain: Interval, listener: int, speaker: int, c: int, d: int
+) -> None:
+    """Add J + J' of one entry of one arc: +g at (i c, j d), -g at (i c, i d)."""
+    middle = gain.lo if gain.lo == gain.hi else (gain.lo + gain.hi) / 2
+    row, off, own = listener + c, speaker + d, listener + d
+    _add(entries, row, off, middle)
+    _add(entries, row, own, -2 * middle if row == own else -middle)
+    spread = (gain.hi - gain.lo) / 2
+    if spread:  # row sums of |deviation| bound the norm of a symmetric matrix
+        for place, amount in ((row, spread), (off, spread), (row, spread), (own, spread)):
+            radius[place] += amount
+
+
+
+def with_gain(pencil: Pencil, W: Matrix) -> Pencil:
+    """The pencil with Q = P W put in: P is the only unknown left.  Shape: W (q, m)."""
+    P, Q = pencil.unknowns
+    coefficients: dict[Place, SparseSymmetric] = {}
+    for place in P.places():
+        _, k, l = place  # noqa: E741
+        total = pencil.coefficients[place]
+        for row, other in {(k, l), (l, k)}:  # P_row,other stands in row `row` of P W
+            for j in range(Q.columns):
+                if W[other][j]:
+                    total = total + pencil.coefficients["Q", row, j].scaled(W[other][j])
+        coefficients[place] = total
+    return Pencil(
+        name=pencil.name, constant=pencil.constant, radius=pencil.radius, unknowns=(P,), coefficients=coefficients
+    )
+
+
+def positive(unknown: Unknown, *, floor: Fraction = ZERO) -> Pencil:
+    """floor I - X < 0 for a symmetric unknown X, as a pencil."""
+    n = unknown.rows
+    return Pencil(
+        name=f"{unknown.name} > {floor}",
+        constant=SparseSymmetric(n, {(i, i): floor for i in range(n) if floor}),
+        radius=ZERO,
+        unknowns=(unknown,),
+        coefficients={place: SparseSymmetric(n, {(place[1], place[2]): Fraction(-1)}) for place in unknown.places()},
+    )
+
+
+def below(unknown: Unknown, *, ceiling: Fraction) -> Pencil:
+    """X - ceiling I < 0 for a symmetric unknown X, as a pencil."""
+    n = unknown.rows
+    return Pencil(
+        name=f"{unknown.name} < {ceiling}",
+        constant=SparseSymmetric(n, {(i, i): -ceiling for i in range(n)}),
+        radius=ZERO,
+        unknowns=(unknown,),
+        coefficients={place: SparseSymmetric(n, {(place[1], place[2]): Fraction(1)}) for place in unknown.places()},
+    )

@@ -1,0 +1,69 @@
+"""One affine matrix inequality with exact coefficients: F(x) = F0 + sum_k x_k F_k < 0.
+
+Both sides read it: the solver turns it into floats, the verifier puts rational numbers in.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from fractions import Fraction
+
+from dobc_design.errors import ShapeError
+from dobc_design.exact.matrix import Matrix
+from dobc_design.exact.symmetric import SparseSymmetric
+
+Place = tuple[str, int, int]  # unknown, row, column
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Unknown:
+    """A matrix to be found."""
+
+    name: str
+    rows: int
+    columns: int
+    symmetric: bool
+
+    def places(self) -> Iterator[Place]:
+        """Its independent entries; of a symmetric one the upper triangle."""
+        for i in range(self.rows):
+            for j in range(i if self.symmetric else 0, self.columns):
+                yield self.name, i, j
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Pencil:
+    """F(x) = constant + sum over places of x[place] coefficients[place], to be negative definite.
+
+    ``radius`` bounds the spectral norm of what the constant may deviate by (irrational slopes); 0 if exact.
+    """
+
+    name: str
+    constant: SparseSymmetric
+    radius: Fraction
+    unknowns: tuple[Unknown, ...]
+    coefficients: Mapping[Place, SparseSymmetric]
+
+    @property
+    def size(self) -> int:
+        """Number of rows."""
+        return self.constant.size
+
+    def at(self, values: Mapping[str, Matrix]) -> SparseSymmetric:
+        """F at rational values of the unknowns.  Raises ShapeError if one is missing or has a wrong shape."""
+        entries = dict(self.constant.entries)
+        for unknown in self.unknowns:
+            value = values.get(unknown.name)
+            if value is None or (len(value), len(value[0])) != (unknown.rows, unknown.columns):
+                raise ShapeError(
+                    f"{self.name}: {unknown.name} must have shape ({unknown.rows}, {unknown.columns})"
+                    f" ; got {'nothing' if value is None else (len(value), len(value[0]))}.",
+                    key=unknown.name,
+                )
+            for place in unknown.places():
+                x = value[place[1]][place[2]]
+                if x:
+                    for where, coefficient in self.coefficients[place].entries.items():
+                        entries[where] = entries.get(where, Fraction(0)) + x * coefficient
+        return SparseSymmetric(self.size, {where: value for where, value in entries.items() if value})

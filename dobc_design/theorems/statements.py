@@ -1,0 +1,67 @@
+"""Everything the theorems say about one problem: its Jacobians, Lambda of every mode, Psi of every mode."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from fractions import Fraction
+
+from dobc_design.errors import SpecError
+from dobc_design.exact.interval import UndefinedError
+from dobc_design.spec.problem import Problem
+from dobc_design.theorems.conditions import lemma1, theorem1
+from dobc_design.theorems.jacobians import Jacobians, jacobians_at_consensus
+from dobc_design.theorems.pencil import Pencil
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Statements:
+    """The conditions of one problem on one domain.
+
+    ``lambdas``: mode -> Lambda(J), a Pencil without unknowns.  ``inapplicable``: why Lemma 1 and the
+    theorems say nothing here (couplings that are not C1), or None; then ``lambdas`` is empty.
+    """
+
+    problem: Problem
+    domain: str
+    jacobians: Jacobians | None
+    lambdas: Mapping[str, Pencil]
+    inapplicable: str | None
+
+    def psi(self, *, rate: Fraction = Fraction(0)) -> tuple[Pencil, ...]:
+        """Psi of every mode, in the order of the modes.  Raises SpecError without an exosystem."""
+        exosystem = self.problem.exosystem
+        if exosystem is None:
+            raise SpecError(
+                "Psi of (18) needs an [exosystem].", key="exosystem", cure="Without one, Lemma 1 is the condition."
+            )
+        return tuple(theorem1(each, exosystem, agents=self.problem.n, rate=rate) for each in self.lambdas.values())
+
+
+def state_theorems(problem: Problem) -> Statements:
+    """State Lemma 1, Theorem 1 and Theorem 2 for ``problem`` at the consensus."""
+    reason = _inapplicable(problem)
+    if reason is None:
+        try:
+            jacobians = jacobians_at_consensus(problem)
+        except UndefinedError as error:
+            reason = f"does not apply: the coupling has no bounded derivative at the consensus ({error})."
+    if reason is not None:
+        return Statements(problem=problem, domain="consensus", jacobians=None, lambdas={}, inapplicable=reason)
+    lambdas = {
+        mode.name: lemma1(mode, problem.pinning, size=problem.n, dimension=problem.m) for mode in jacobians.modes
+    }
+    return Statements(
+        problem=problem, domain=jacobians.domain, jacobians=jacobians, lambdas=lambdas, inapplicable=None
+    )
+
+
+def _inapplicable(problem: Problem) -> str | None:
+    for coupling in problem.couplings:
+        if coupling.nonsmooth:
+            names = ", ".join(coupling.nonsmooth)
+            return (
+                f'does not apply: h = "{coupling.texts[0]}" uses {names} and is not continuously differentiable,'
+                " which Lemma 1 and both theorems require; use a smooth coupling, such as tanh for clip."
+            )
+    return None

@@ -1,0 +1,303 @@
+"""Lemma 1 and Theorems 1 and 2, decided exactly.
+
+A pair (P, Q) is a proposal; whether Psi < 0 holds for it is decided through the Reduction (theory,
+section 2): given Omega0 < 0 and S = C (-Omega0)^-1 C', Psi(J) < 0 iff Lambda(J) + I (x) S < 0.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from fractions import Fraction
+from typing import Any
+
+from dobc_design.exact.definite import decide_positive_definite
+from dobc_design.exact.matrix import Matrix, Vector, inverse, multiply, scale, transpose
+from dobc_design.exact.number import number_text
+from dobc_design.exact.symmetric import SparseSymmetric
+from dobc_design.spec.canonical import matrix_text
+from dobc_design.spec.exosystem import Exosystem
+from dobc_design.spec.reading import is_scalar_matrix
+from dobc_design.theorems.conditions import omega
+from dobc_design.theorems.statements import Statements
+from dobc_design.verdict import Verdict
+from dobc_design.verify.check import Check, Witness
+from dobc_design.verify.linearisation import unstable_roots
+from dobc_design.verify.negative import Enclosed, find_witness, is_negative, refuted_margin
+from dobc_design.spec.reaching import unreached
+from dobc_design.verify.network import name_agents
+from dobc_design.verify.numbers import claimed, largest_proved, shorten
+
+ZERO = Fraction(0)
+Candidates = Sequence[Sequence[float]]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Pair:
+    """A proposed pair (P, Q) with W = P^-1 Q.  Shapes: P (q, q) symmetric, Q (q, m)."""
+
+    P: Matrix
+    Q: Matrix
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Proposal:
+    """Numbers from floating point, to be proved: a margin, a rate (1/s), vectors worth trying as witnesses."""
+
+    margin: float = 0.0
+    rate: float = 0.0
+    vectors: Candidates = ()
+
+
+def enclosed_lambda(statements: Statements, mode: str) -> Enclosed:
+    """Lambda(J) of one mode, with what it may deviate by."""
+    pencil = statements.lambdas[mode]
+    return Enclosed(middle=pencil.constant, radius=pencil.radius)
+
+
+def lemma1_check(statements: Statements, mode: str, proposal: Proposal) -> Check:
+    """Decide Lambda(J) < 0 for one mode.  PROVED: V = e'e decreases, V' <= -2 rate V near the target."""
+    if statements.inapplicable is not None:
+        return _not_applicable("lemma1", statements, mode=mode)
+    matrix = enclosed_lambda(statements, mode)
+    margin = largest_proved(proposal.margin, lambda shift: is_negative(matrix, shift=shift))
+    if margin is not None:
+        return Check(
+            id="lemma1", mode=mode, verdict=Verdict.PROVED, domain=statements.domain, margin=margin,
+            rate=shorten(margin / 2) or None,
+            reason=f"Lambda(J) < 0, lambda_max <= {-margin:.6g}: V = e'e decreases{_where(statements)}.",
+        )  # fmt: skip
+    problem = statements.problem
+    alone = unreached(problem, [problem.network.modes[mode]])
+    vector = find_witness(matrix, [*_indicators(alone, problem.n, problem.m), *proposal.vectors])
+    if vector is None:
+        return Check(
+            id="lemma1", mode=mode, verdict=Verdict.UNDECIDED, domain=statements.domain,
+            reason="lambda_max(Lambda) is closer to 0 than the irrational slopes of h are known; change a gain a little.",
+        )  # fmt: skip
+    roots = unstable_roots(statements, mode)
+    return Check(
+        id="lemma1", mode=mode, verdict=Verdict.REFUTED, domain=statements.domain,
+        margin=refuted_margin(matrix, vector),
+        reason=_refutation(statements, vector, alone=alone, roots=roots),
+        exact={"value": number_text(matrix.middle.quadratic_form(vector)), "unstable_roots": str(roots)},
+        witness=_vector_witness(statements, vector),
+    )  # fmt: skip
+
+
+def theorem_check(
+    id: str, statements: Statements, exosystem: Exosystem, pair: Pair | None, proposal: Proposal, *,
+    lemmas: Sequence[Check], obstacle: Check | None, printed: bool = False,
+) -> Check:  # fmt: skip
+    """Decide Theorem 1 or 2 for the pair, or refute it for every pair.
+
+    ``lemmas`` are the decided Lemma 1 checks of all modes; ``obstacle`` is a refuted detectability or
+    Hurwitz check, which alone rules out every pair.  ``printed``: the pair is the user's own.
+    """
+    if statements.inapplicable is not None:
+        return _not_applicable(id, statements)
+    if not printed:
+        general = _refuted_for_every_pair(id, statements, lemmas, obstacle)
+        if general is not None:
+            return general
+    if pair is None:
+        return Check(
+            id=id, verdict=Verdict.UNDECIDED, domain=statements.domain,
+            reason="no pair (P, Q) was found, though none of the known obstacles stands in the way; give W and P.",
+        )  # fmt: skip
+    return _decide_pair(id, statements, exosystem, pair, proposal, printed=printed)
+
+
+def schur_block(pair: Pair, exosystem: Exosystem, *, rate: Fraction = ZERO) -> Matrix | None:
+    """S = C (-Omega0 - 2 rate P)^-1 C', m x m; None unless that block is proved negative definite."""
+    block = omega(pair.P, pair.Q, exosystem, rate=rate).negated()
+    if decide_positive_definite(block).verdict is not Verdict.PROVED:
+        return None
+    C = exosystem.C
+    return multiply(multiply(C, inverse(block.to_dense())), transpose(C))
+
+
+def psi_is_negative(
+    statements: Statements, exosystem: Exosystem, pair: Pair, *, margin: Fraction = ZERO, rate: Fraction = ZERO
+) -> bool:
+    """Whether P > 0 and Psi(J) + 2 rate diag(I, I (x) P) + margin diag(I, 0) < 0 is proved for every mode."""
+    if decide_positive_definite(SparseSymmetric.from_dense(pair.P)).verdict is not Verdict.PROVED:
+        return False
+    S = schur_block(pair, exosystem, rate=rate)
+    return S is not None and all(
+        is_negative(enclosed_lambda(statements, mode).plus_blocks(S), shift=margin + 2 * rate)
+        for mode in statements.lambdas
+    )
+
+
+def _decide_pair(
+    id: str, statements: Statements, exosystem: Exosystem, pair: Pair, proposal: Proposal, *, printed: bool
+) -> Check:
+    for kind, matrix in (
+        ("P", SparseSymmetric.from_dense(pair.P)),
+        ("Omega0", omega(pair.P, pair.Q, exosystem).negated()),
+    ):
+        decision = decide_positive_definite(matrix)
+        if decision.verdict is not Verdict.PROVED and decision.witness is not None:
+            return _refuted_block(id, statements, kind, decision.witness)
+    S = schur_block(pair, exosystem)
+    if S is None:  # unreachable: Omega0 < 0 was just proved
+        return _not_found(id, statements)
+    modes = {mode: enclosed_lambda(statements, mode).plus_blocks(S) for mode in statements.lambdas}
+    exact = _exact_values(pair, S)
+    margin = largest_proved(
+        proposal.margin, lambda shift: all(is_negative(each, shift=shift) for each in modes.values())
+    )
+    if margin is None:
+        return _refuted_pair(id, statements, exosystem, pair, modes, proposal, exact=exact, printed=printed)
+    rate = largest_proved(proposal.rate, lambda b: psi_is_negative(statements, exosystem, pair, rate=b))
+    name = "the P given" if printed else "a rational P"
+    common = "" if len(modes) == 1 else f" with one P for all {len(modes)} modes"
+    return Check(
+        id=id, verdict=Verdict.PROVED, domain=statements.domain, margin=margin, rate=rate or None, exact=exact,
+        reason=f"Psi < 0 holds exactly for {name}{common}: V = e'e + sum eps_i' P eps_i decreases{_where(statements)}"
+        + (f", V' <= -2 ({rate:.4g}) V." if rate else "."),
+    )  # fmt: skip
+
+
+def _refuted_pair(
+    id: str, statements: Statements, exosystem: Exosystem, pair: Pair, modes: Mapping[str, Enclosed],
+    proposal: Proposal, *, exact: dict[str, Any], printed: bool,
+) -> Check:  # fmt: skip
+    for mode, matrix in modes.items():
+        vector = find_witness(matrix, proposal.vectors)
+        if vector is None:
+            continue
+        bound = f" It needs lambda_max(Lambda) < {exact['bound']}." if "bound" in exact else ""
+        fix = " Another P may do: see the check for a new P." if printed else ""
+        where = f" in mode {mode}" if len(modes) > 1 else ""
+        return Check(
+            id=id, verdict=Verdict.REFUTED, domain=statements.domain, margin=refuted_margin(matrix, vector),
+            reason=f"Psi is not negative definite for this P{where}: v' Psi v >= 0 for the vector shown.{bound}{fix}",
+            exact={**exact, "mode": mode},
+            witness=Witness(
+                kind="vector",
+                values=tuple(number_text(x) for x in _psi_vector(vector, pair, exosystem)),
+            ),
+        )  # fmt: skip
+    return _not_found(id, statements)
+
+
+def _psi_vector(vector: Vector, pair: Pair, exosystem: Exosystem) -> Vector:
+    """Extend v to [v; w], w_i = (-Omega0)^-1 C' v_i, where Psi takes the value v'(Lambda + I (x) S) v."""
+    m = exosystem.outputs
+    gain = multiply(inverse(omega(pair.P, pair.Q, exosystem).negated().to_dense()), transpose(exosystem.C))
+    tail: list[Fraction] = []
+    for place in range(0, len(vector), m):
+        own = vector[place : place + m]
+        tail.extend(sum((row[c] * own[c] for c in range(m)), ZERO) for row in gain)
+    return (*vector, *tail)
+
+
+def _refuted_block(id: str, statements: Statements, kind: str, witness: Vector) -> Check:
+    what = {
+        "P": "P is not positive definite: v'Pv <= 0 for the vector shown, so V is no Lyapunov function.",
+        "Omega0": "PA + A'P - QC - C'Q' is not negative definite: the estimation error alone can make V grow.",
+    }[kind]
+    return Check(
+        id=id, verdict=Verdict.REFUTED, domain=statements.domain, reason=f"{what} Another P may do.",
+        exact={"block": kind}, witness=Witness(kind="vector", values=tuple(number_text(x) for x in witness)),
+    )  # fmt: skip
+
+
+def _refuted_for_every_pair(
+    id: str, statements: Statements, lemmas: Sequence[Check], obstacle: Check | None
+) -> Check | None:
+    for lemma in lemmas:
+        if lemma.verdict is Verdict.REFUTED:
+            return Check(
+                id=id, verdict=Verdict.REFUTED, domain=statements.domain, margin=lemma.margin,
+                reason=f"no P and Q satisfy Psi < 0, because Lambda(J) is not negative definite in mode {lemma.mode}: "
+                + lemma.reason,
+                exact={"block": "Lambda", "mode": lemma.mode}, witness=lemma.witness,
+            )  # fmt: skip
+    if obstacle is not None:
+        return Check(
+            id=id, verdict=Verdict.REFUTED, domain=statements.domain,
+            reason=f"no P and Q satisfy Psi < 0: {obstacle.reason}", exact={"block": obstacle.id},
+            witness=obstacle.witness, fix=obstacle.fix,
+        )  # fmt: skip
+    if any(lemma.verdict is Verdict.UNDECIDED for lemma in lemmas):
+        return Check(
+            id=id, verdict=Verdict.UNDECIDED, domain=statements.domain,
+            reason="Lambda(J) < 0 could not be decided: " + next(c.reason for c in lemmas if c.verdict is Verdict.UNDECIDED),
+        )  # fmt: skip
+    return None
+
+
+def _exact_values(pair: Pair, S: Matrix) -> dict[str, Any]:
+    values: dict[str, Any] = {"P": matrix_text(pair.P), "Q": matrix_text(pair.Q), "S": matrix_text(S)}
+    if is_scalar_matrix(S):
+        values["bound"] = number_text(-S[0][0])
+    return values
+
+
+def scaled(pair: Pair, factor: Fraction) -> Pair:
+    """The pair (a P, a Q): the same W, another scale."""
+    return Pair(P=scale(factor, pair.P), Q=scale(factor, pair.Q))
+
+
+def claimed_rate_holds(statements: Statements, exosystem: Exosystem, pair: Pair, rate: float) -> bool:
+    """Whether V' <= -2 rate V is proved for the rate as it is written."""
+    return psi_is_negative(statements, exosystem, pair, rate=claimed(rate))
+
+
+def _indicators(agents: Sequence[int], n: int, m: int) -> list[list[float]]:
+    if not agents:
+        return []
+    chosen = set(agents)
+    return [[1.0 if place // m in chosen else 0.0 for place in range(n * m)]]
+
+
+def _refutation(statements: Statements, vector: Vector, *, alone: Sequence[int], roots: int) -> str:
+    problem = statements.problem
+    if alone:
+        labels = tuple(problem.network.labels[i] for i in alone)
+        text = f"{name_agents(labels)} hear{'s' if len(labels) == 1 else ''} no pinned agent, so nothing holds"
+        text += f" {'it' if len(labels) == 1 else 'them'}: v' Lambda v = 0 for the vector that moves"
+        text += f" {'it' if len(labels) == 1 else 'them all alike'}."
+    else:
+        text = f"V = e'e does not decrease in a direction carried by {name_agents(heavy_agents(statements, vector))}"
+        text += "; larger gains, more pins or fewer one-way arcs there help."
+    if roots:
+        text += f" The linearisation has {roots} eigenvalue(s) with positive real part: the target is unstable."
+    return text
+
+
+def heavy_agents(statements: Statements, vector: Sequence[Fraction]) -> tuple[str, ...]:
+    """Labels of the agents that carry a direction: entries of at least half the largest."""
+    problem = statements.problem
+    sizes = [
+        max(abs(x) for x in vector[agent * problem.m : (agent + 1) * problem.m]) for agent in range(problem.n)
+    ]
+    return tuple(problem.network.labels[i] for i, size in enumerate(sizes) if 2 * size >= max(sizes))
+
+
+def _vector_witness(statements: Statements, vector: Vector) -> Witness:
+    problem = statements.problem
+    carried = tuple(
+        problem.network.labels[i] for i in range(problem.n) if any(vector[i * problem.m : (i + 1) * problem.m])
+    )
+    return Witness(kind="vector", labels=carried, values=tuple(number_text(x) for x in vector))
+
+
+def _where(statements: Statements) -> str:
+    return " everywhere (the couplings are linear)" if statements.domain == "global" else " near the target"
+
+
+def _not_applicable(id: str, statements: Statements, *, mode: str | None = None) -> Check:
+    return Check(
+        id=id, mode=mode, verdict=Verdict.UNDECIDED, domain=statements.domain, reason=statements.inapplicable or ""
+    )
+
+
+def _not_found(id: str, statements: Statements) -> Check:
+    return Check(
+        id=id, verdict=Verdict.UNDECIDED, domain=statements.domain,
+        reason="Psi < 0 is closer to failing than the irrational slopes of h are known; change a gain a little.",
+    )  # fmt: skip

@@ -1,0 +1,48 @@
+"""Instability of the linearisation at the consensus, proved: roots of det(s I - (J - K)) counted exactly."""
+
+from __future__ import annotations
+
+from fractions import Fraction
+
+from dobc_design.exact.matrix import Matrix
+from dobc_design.exact.polynomial import characteristic_polynomial, right_half_plane_roots_at_least
+from dobc_design.theorems.statements import Statements
+
+LARGEST = 120  # rows; the characteristic polynomial grows with the cube and its numbers with it
+
+
+def unstable_roots(statements: Statements, mode: str) -> int:
+    """A proved lower bound of the eigenvalues of J - K with positive real part, with multiplicity.
+
+    0 also means "not examined": irrational slopes, or more than 120 rows.  With diagonal slopes >= 0 and
+    scalar gains J - K has none (its rows are weakly dominated by a diagonal <= 0).
+    """
+    jacobians = statements.jacobians
+    if jacobians is None or jacobians.size * jacobians.dimension > LARGEST:
+        return 0
+    each = next(item for item in jacobians.modes if item.name == mode)
+    if not each.is_point or (each.is_nonnegative_diagonal and statements.problem.pinning.is_scalar):
+        return 0
+    return right_half_plane_roots_at_least(characteristic_polynomial(linearisation(statements, mode)))
+
+
+def linearisation(statements: Statements, mode: str) -> Matrix:
+    """J - K of one mode, (n m) x (n m), for rational slopes (the middle of an interval otherwise)."""
+    jacobians = statements.jacobians
+    if jacobians is None:
+        return ()
+    each = next(item for item in jacobians.modes if item.name == mode)
+    m = jacobians.dimension
+    rows = [[Fraction(0)] * (jacobians.size * m) for _ in range(jacobians.size * m)]
+    for (listener, speaker, _), kind in zip(each.arcs, each.kind.tolist(), strict=True):
+        for c in range(m):
+            for d in range(m):
+                entry = each.gains[kind][c][d]
+                slope = (entry.lo + entry.hi) / 2
+                rows[listener * m + c][speaker * m + d] += slope
+                rows[listener * m + c][listener * m + d] -= slope
+    for agent, gain in statements.problem.pinning.gains.items():
+        for c in range(m):
+            for d in range(m):
+                rows[agent * m + c][agent * m + d] -= gain[c][d]
+    return tuple(tuple(row) for row in rows)

@@ -1,0 +1,168 @@
+"""The overall verdict, from the decided checks, by the rules of the contract.
+
+Proved iff a consensus proof covers what is asked.  Refuted iff consensus itself is proved to fail there:
+agents out of reach of every pin in all modes together, an estimation error that reaches the agents and
+does not decay, or an unstable linearisation.  A theorem that does not apply never refutes.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from fractions import Fraction
+
+from dobc_design.exact.matrix import Matrix
+from dobc_design.spec.problem import Problem
+from dobc_design.verdict import Verdict
+from dobc_design.verify.check import CONSENSUS_IDS, Check
+from dobc_design.spec.reaching import unreached_in_union
+from dobc_design.verify.network import name_agents
+from dobc_design.verify.numbers import claimed
+from dobc_design.verify.observer import observable_part_is_hurwitz
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Overall:
+    """The verdict in one word and one sentence, the certified rate (1/s) and the check that carries it."""
+
+    verdict: Verdict
+    reason: str
+    rate: float | None = None
+    covered_by: str | None = None
+
+
+def decide_overall(problem: Problem, checks: Sequence[Check], W: Matrix | None) -> Overall:
+    """Combine decided checks.  Only facts of ``checks`` and exact facts of ``problem`` enter."""
+    covering = [check for check in checks if covers(problem, check, checks)]
+    if covering:
+        best = max(covering, key=lambda check: check.rate or 0.0)
+        return Overall(
+            verdict=Verdict.PROVED, rate=best.rate, covered_by=best.id, reason=_proved_reason(problem, best)
+        )
+    refuted = _refuted_reason(problem, checks, W)
+    if refuted is not None:
+        return Overall(verdict=Verdict.REFUTED, reason=refuted)
+    return Overall(verdict=Verdict.UNDECIDED, reason=_undecided_reason(problem, checks))
+
+
+def covers(problem: Problem, check: Check, checks: Sequence[Check]) -> bool:
+    """Whether this check proves what the problem asks."""
+    if check.verdict is not Verdict.PROVED or check.id not in CONSENSUS_IDS:
+        return False
+    if check.id == "lemma1":
+        if problem.exosystem is not None:
+            return False
+        lemmas = [other for other in checks if other.id == "lemma1"]
+        if {other.mode for other in lemmas} != set(problem.network.modes):
+            return False
+        # One V = e'e serves every mode, so all have to hold; the slowest speaks for them.
+        if not all(other.verdict is Verdict.PROVED for other in lemmas):
+            return False
+        if check is not min(lemmas, key=lambda other: other.rate or 0.0):
+            return False
+    if problem.region is None or check.domain == "global":
+        return True
+    return isinstance(check.domain, Mapping) and _region_inside(problem, check.domain)
+
+
+def _region_inside(problem: Problem, domain: Mapping[str, object]) -> bool:
+    radius, disturbance = domain.get("radius"), domain.get("disturbance")
+    region = problem.region
+    if region is None or not isinstance(radius, (int, float)):
+        return False
+    reach = asked_radius(problem)
+    if domain.get("kind") == "box":
+        inside = claimed(radius) >= max(reach)
+    else:
+        inside = claimed(radius) ** 2 >= problem.n * sum((r * r for r in reach), Fraction(0))
+    if region.initial_disturbance is None:
+        return inside
+    return inside and isinstance(disturbance, (int, float)) and claimed(disturbance) >= region.initial_disturbance
+
+
+def asked_radius(problem: Problem) -> tuple[Fraction, ...]:
+    """R_c, per component: the largest |e_ic(0)| that the region allows."""
+    pairs = problem.region.initial_states if problem.region is not None else ()
+    goals = {problem.goal_of(agent) for agent in range(problem.n)} if problem.offsets else {problem.target}
+    return tuple(
+        max(max(abs(lo - goal[c]), abs(hi - goal[c])) for goal in goals) for c, (lo, hi) in enumerate(pairs)
+    )
+
+
+def _refuted_reason(problem: Problem, checks: Sequence[Check], W: Matrix | None) -> str | None:
+    apart = unreached_in_union(problem)
+    if apart and _start_apart_exists(problem, apart):
+        labels = tuple(problem.network.labels[i] for i in apart)
+        pins = "no agent is pinned" if not problem.pinning.agents else "no pinned agent reaches"
+        who = name_agents(labels) if problem.pinning.agents else f"nobody holds {name_agents(labels)}"
+        return (
+            f"Consensus fails: {pins}{' ' + who if problem.pinning.agents else ', so ' + who}, in any mode. Moved away"
+            " from the target together, they stay there. Pin one of them."
+        )
+    region = problem.region
+    noisy = region is None or (region.initial_disturbance or 0) > 0
+    if problem.exosystem is not None and W is not None and noisy and not observable_part_is_hurwitz(problem.exosystem, W):
+        return (
+            "Consensus fails: with this W the estimation error does not decay, and it reaches the agents."
+            " Choose another W, or leave W out to have one designed."
+        )
+    if region is None or _target_is_interior(problem):
+        for check in checks:
+            if check.id == "lemma1" and check.exact is not None and check.exact.get("unstable_roots", "0") != "0":
+                return (
+                    f"Consensus fails: in mode {check.mode} the linearisation at the target is unstable"
+                    f" ({check.exact['unstable_roots']} eigenvalue(s) with positive real part)."
+                )
+    return None
+
+
+def _start_apart_exists(problem: Problem, apart: Sequence[int]) -> bool:
+    """Whether the region allows e_S = c with one c != 0 for all agents apart (it always does without a region)."""
+    if problem.region is None:
+        return True
+    goals = {problem.goal_of(agent) for agent in apart}
+    ranges = [
+        (max(lo - goal[c] for goal in goals), min(hi - goal[c] for goal in goals))
+        for c, (lo, hi) in enumerate(problem.region.initial_states)
+    ]
+    return all(lo <= hi for lo, hi in ranges) and any((lo, hi) != (0, 0) for lo, hi in ranges)
+
+
+def _target_is_interior(problem: Problem) -> bool:
+    pairs = problem.region.initial_states if problem.region is not None else ()
+    goals = {problem.goal_of(agent) for agent in range(problem.n)} if problem.offsets else {problem.target}
+    return all(lo < goal[c] < hi for goal in goals for c, (lo, hi) in enumerate(pairs))
+
+
+def _proved_reason(problem: Problem, check: Check) -> str:
+    switching = " under arbitrary switching of the modes" if len(problem.network.modes) > 1 else ""
+    pace = f", at a rate of at least {check.rate:.4g} 1/s" if check.rate else ""
+    if check.domain == "global":
+        return f"All agents reach the target from every start{switching}{pace}."
+    if check.domain == "consensus":
+        return (
+            f"All agents reach the target from every start close enough to it{switching}{pace}."
+            " The proof is local: it names no radius."
+        )
+    return f"All agents reach the target from every start asked for{switching}{pace}."
+
+
+def _undecided_reason(problem: Problem, checks: Sequence[Check]) -> str:
+    unmet = [check for check in checks if check.id == "reachability" and check.verdict is Verdict.REFUTED]
+    if unmet and len(problem.network.modes) > 1:
+        return (
+            f"Undecided: in mode {unmet[0].mode} {unmet[0].reason[0].lower()}{unmet[0].reason[1:]}"
+            " Consensus may still hold for signals that leave that mode often enough."
+        )
+    local = [c for c in checks if c.id in CONSENSUS_IDS and c.verdict is Verdict.PROVED and c.domain == "consensus"]
+    complete = [c for c in local if c.id != "lemma1"] if problem.exosystem is not None else local
+    if complete and problem.region is not None:
+        return (
+            "Undecided: consensus is proved near the target only, and the region asked for is larger."
+            " Without [region] the verdict is about the consensus alone."
+        )
+    for id in ("detectability", "hurwitz", "theorem2", "theorem1", "lemma1"):
+        for check in checks:
+            if check.id == id and check.verdict is not Verdict.PROVED:
+                return f"Undecided: {check.reason}"
+    return "Undecided: no condition that applies covers what is asked."

@@ -1,0 +1,301 @@
+"""Definiteness: decided without a mistake where floating point makes them."""
+
+import time
+from fractions import Fraction
+
+import numpy as np
+import pytest
+import sympy
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from dobc_design import exact
+from dobc_design.errors import CertificateError, ShapeError, SpecError
+from dobc_design.exact import (
+    SparseSymmetric,
+    add,
+    decide_positive_definite,
+    decide_positive_semidefinite,
+    definiteness,
+    from_float,
+    identity,
+    multiply,
+    scale,
+    subtract,
+    to_float,
+    transpose,
+)
+from dobc_design.exact import definite as module
+from dobc_design.exact.matrix import matrix
+from dobc_design.verdict import Verdict
+
+PROVED, REFUTED = Verdict.PROVED, Verdict.REFUTED
+
+
+def value_of(M, v):
+    """v' M v, by dense rational products."""
+    return multiply((tuple(v),), multiply(M, tuple((x,) for x in v)))[0][0]
+
+
+def assert_refutes(M, decision, *, strict):
+    """The witness is integer, not 0, and gives the value that is claimed."""
+    assert decision.verdict is REFUTED
+    assert any(decision.witness)
+    assert all(x.denominator == 1 for x in decision.witness)
+    assert decision.value == value_of(M, decision.witness)
+    assert decision.value <= 0 if strict else decision.value < 0
+
+
+def hadamard(size):
+    """Sylvester's H, with H H' = size I."""
+    H = np.array([[1]])
+    while len(H) < size:
+        H = np.block([[H, H], [H, -H]])
+    return from_float(H, None)
+
+
+def with_eigenvalues(eigenvalues):
+    """H diag(eigenvalues) H / n, exact."""
+    H = hadamard(len(eigenvalues))
+    scaled = tuple(tuple(x * e for x, e in zip(row, eigenvalues, strict=True)) for row in H)
+    return scale(Fraction(1, len(H)), multiply(scaled, transpose(H)))
+
+
+def edge_cases():
+    """240 matrices with one eigenvalue 0 or +-2^-28 .. 2^-47, the others in [1, 3/2]."""
+    rng = np.random.default_rng(7)
+    for size in (4, 16):
+        for power in range(28, 48):
+            for smallest in (Fraction(0), Fraction(1, 2**power), Fraction(-1, 2**power)):
+                for _ in range(2):
+                    others = [1 + Fraction(int(k), 8) for k in rng.integers(0, 5, size - 1)]
+                    yield smallest, with_eigenvalues([smallest, *others])
+
+
+EDGES = list(edge_cases())
+
+
+def test_no_mistake_at_the_edge():
+    """Theory, section 3: exact methods made no mistake on 240 such matrices."""
+    for smallest, M in EDGES:
+        strict, weak = decide_positive_definite(M), decide_positive_semidefinite(M)
+        assert (strict.verdict is PROVED) == (smallest > 0)
+        assert (weak.verdict is PROVED) == (smallest >= 0)
+        if smallest <= 0:
+            assert_refutes(M, strict, strict=True)
+        if smallest < 0:
+            assert_refutes(M, weak, strict=False)
+
+
+def test_float_cholesky_accepts_some_of_them_that_are_not_positive_definite():
+    """Theory, section 3: np.linalg.cholesky does err, on matrices that are exact in floats."""
+    wrong = 0
+    for smallest, M in EDGES:
+        array = to_float(M)
+        assert from_float(array, None) == M
+        assert (definiteness(array) is PROVED) == (smallest > 0)
+        if smallest <= 0:
+            try:
+                np.linalg.cholesky(array)
+            except np.linalg.LinAlgError:
+                continue
+            wrong += 1
+    assert wrong > 0
+
+
+SYMMETRIC = st.lists(st.integers(-3, 6), min_size=10, max_size=10).map(
+    lambda v: tuple(
+        tuple(Fraction(v[max(i, j) * (max(i, j) + 1) // 2 + min(i, j)]) for j in range(4)) for i in range(4)
+    )
+)
+
+
+@settings(max_examples=150, deadline=None)
+@given(SYMMETRIC)
+def test_small_matrices_agree_with_sylvesters_criterion(M):
+    """Oracle: SymPy's leading minors, and all principal minors for the weak form."""
+    S = sympy.Matrix([[int(x) for x in row] for row in M])
+    strict, weak = decide_positive_definite(M), decide_positive_semidefinite(M)
+    assert (strict.verdict is PROVED) == all(S[:k, :k].det() > 0 for k in range(1, 5))
+    subsets = [[i for i in range(4) if bits >> i & 1] for bits in range(1, 16)]
+    assert (weak.verdict is PROVED) == all(S.extract(p, p).det() >= 0 for p in subsets)
+    if strict.verdict is REFUTED:
+        assert_refutes(M, strict, strict=True)
+    if weak.verdict is REFUTED:
+        assert_refutes(M, weak, strict=False)
+
+
+GRAMS = st.lists(st.lists(st.integers(-2, 2), min_size=3, max_size=3).map(tuple), min_size=5, max_size=5).map(
+    lambda rows: tuple(tuple(Fraction(x) for x in row) for row in rows)
+)
+
+
+@settings(max_examples=80, deadline=None)
+@given(GRAMS)
+def test_a_gram_matrix_of_low_rank_is_semidefinite_and_never_definite(G):
+    """G G' with G (5, 3): closed form; a shift down by any amount refutes."""
+    M = multiply(G, transpose(G))
+    assert decide_positive_semidefinite(M).verdict is PROVED
+    assert_refutes(M, decide_positive_definite(M), strict=True)
+    lower = subtract(M, scale(Fraction(1, 10**30), identity(5)))
+    assert_refutes(lower, decide_positive_semidefinite(lower), strict=False)
+    upper = add(M, scale(Fraction(1, 10**30), identity(5)))
+    assert decide_positive_definite(upper).verdict is PROVED
+
+
+@pytest.mark.parametrize("size", [5, 12, 13, 20])
+def test_both_arithmetics_give_the_same_answer(size, monkeypatch):
+    """Fraction and python-flint; the switch is at 13."""
+    G = np.random.default_rng(size).integers(-5, 6, (size, size))
+    for shift in (0, -3, -200):
+        M = from_float(G @ G.T + shift * np.eye(size, dtype=int), None)
+        found = [decide_positive_definite(M), decide_positive_semidefinite(M)]
+        monkeypatch.setattr(module, "_FLINT_SIZE", 1000 if size >= 13 else 0)
+        other = [decide_positive_definite(M), decide_positive_semidefinite(M)]
+        monkeypatch.undo()
+        for one, two in zip(found, other, strict=True):
+            assert (one.verdict, one.witness, one.value) == (two.verdict, two.witness, two.value)
+            assert one.method != two.method
+            assert ("flint" in one.method) == (size >= 13)
+
+
+def test_a_zero_pivot_with_a_full_row_has_a_strictly_negative_witness():
+    """Semidefinite: a zero on the diagonal asks for a zero row."""
+    M = matrix([[0, 1], [1, 5]])
+    assert_refutes(M, decide_positive_semidefinite(M), strict=False)
+    assert decide_positive_semidefinite(matrix([[0, 0], [0, 5]])).verdict is PROVED
+    hidden = matrix([[1, 1, 0], [1, 1, 1], [0, 1, 9]])
+    assert_refutes(hidden, decide_positive_semidefinite(hidden), strict=False)
+
+
+def test_the_directed_ten_cycle_without_pins_is_refuted_by_all_ones():
+    """Theory, section 9: none pinned, lambda_max = 0, witness v = 1."""
+    cycle = SparseSymmetric(
+        10,
+        {(i, i): Fraction(4) for i in range(10)}
+        | {(i, i + 1): Fraction(-2) for i in range(9)}
+        | {(0, 9): Fraction(-2)},
+    )
+    decision = decide_positive_definite(cycle)
+    assert decision.witness == (Fraction(1),) * 10
+    assert decision.value == 0
+    assert decide_positive_definite(cycle + SparseSymmetric(10, {(0, 0): Fraction(1, 10**9)})).verdict is PROVED
+
+
+def test_the_ten_cycle_with_one_pin_has_its_printed_eigenvalue():
+    """Theory, section 9: one pin k = 3 gives lambda_max(Lambda) = -0.153544."""
+    cycle = SparseSymmetric(
+        10,
+        {(i, i): Fraction(4) for i in range(10)}
+        | {(i, i + 1): Fraction(-2) for i in range(9)}
+        | {(0, 9): Fraction(-2)},
+    ) + SparseSymmetric(10, {(0, 0): Fraction(6)})
+    assert decide_positive_definite(cycle.shifted(Fraction("-0.153543"))).verdict is PROVED
+    assert decide_positive_definite(cycle.shifted(Fraction("-0.153545"))).verdict is REFUTED
+
+
+def test_the_papers_p_is_definite_and_its_determinant_is_five_48ths():
+    """Theory, section 9: det P = 5/48; making the last entry smaller by (5/48)/(1/2) makes it singular."""
+    P = matrix([["1/2", "-1/4"], ["-1/4", "1/3"]])
+    assert P[0][0] * P[1][1] - P[0][1] * P[1][0] == Fraction(5, 48)
+    assert decide_positive_definite(P).verdict is PROVED
+    edge = matrix([["1/2", "-1/4"], ["-1/4", Fraction(1, 3) - Fraction(5, 24)]])
+    decision = decide_positive_definite(edge)
+    assert (decision.verdict, decision.witness, decision.value) == (
+        REFUTED,
+        (Fraction(1), Fraction(2)),
+        Fraction(0),
+    )
+    assert decide_positive_semidefinite(edge).verdict is PROVED
+
+
+def test_sixty_dense_and_three_hundred_in_a_cycle_take_about_a_second():
+    """Needed by the certificates; a wide allowance for slow machines."""
+    G = np.random.default_rng(3).standard_normal((60, 60))
+    dense = from_float((G @ G.T + (G @ G.T).T) / 2, None)
+    cycle = SparseSymmetric(
+        300,
+        {(i, i): Fraction(2) + Fraction(1, 97) for i in range(300)}
+        | {(i, i + 1): Fraction(-1) for i in range(299)}
+        | {(0, 299): Fraction(-1)},
+    )
+    start = time.process_time()
+    assert decide_positive_definite(dense).verdict is PROVED
+    assert decide_positive_definite(cycle).verdict is PROVED
+    assert_refutes(cycle.shifted(-1).to_dense(), decide_positive_definite(cycle.shifted(-1)), strict=True)
+    assert time.process_time() - start < 6
+
+
+def test_a_readable_witness_is_preferred():
+    """Strictly negative forms leave room for rounding: no entry beyond 4 bits is needed here."""
+    n = 40
+    entries = {(i, i): Fraction(19, 10) for i in range(n)} | {(i, i + 1): Fraction(-1) for i in range(n - 1)}
+    decision = decide_positive_definite(SparseSymmetric(n, entries))
+    assert decision.value < 0
+    assert max(abs(x) for x in decision.witness) <= 16
+
+
+@pytest.mark.parametrize(
+    "given_matrix",
+    [
+        [[2, 1], [1, 2]],
+        ((Fraction(2), Fraction(1)), (Fraction(1), Fraction(2))),
+        [["2", "1/2"], ["0.5", 2.0]],
+        np.array([[2, 1], [1, 2]]),
+        np.array([[2.0, 0.1], [0.1, 2.0]], dtype=np.float32),
+        np.array([["2", Fraction(1)], [1, 2]], dtype=object),
+        list(np.array([[2.0, 0.1], [0.1, 2.0]])),
+        SparseSymmetric(2, {(0, 0): Fraction(2), (0, 1): Fraction(1), (1, 1): Fraction(2)}),
+        [],
+        (),
+        np.zeros((0, 0)),
+        SparseSymmetric(0, {}),
+        [[5e-324]],
+    ],
+)
+def test_definiteness_takes_every_kind_of_matrix(given_matrix):
+    """Contract: dd.exact.definiteness(matrix); the empty matrix is positive definite."""
+    assert exact.definiteness(given_matrix) is PROVED
+
+
+def test_a_numpy_float_is_its_binary_value_and_a_listed_one_its_decimal_text():
+    """0.1 + 0.2 > 0.3 in binary: [[0.1 + 0.2, ...]] tells the two readings apart."""
+    entries = [[0.1, 0.3], [0.3, 0.9]]
+    assert definiteness(entries) is REFUTED  # 1/10 * 9/10 = (3/10)^2: singular
+    assert definiteness(np.array(entries)) is PROVED  # binary 0.1 * 0.9 > 0.3^2
+    assert Fraction(0.1) * Fraction(0.9) > Fraction(0.3) ** 2
+
+
+@pytest.mark.parametrize(
+    "bad",
+    [
+        [[1, 2]], [[]], [[1], [2]], [[1, 2], [2]], [[1, 2], [3, 1]],
+        np.array([[1.0, 1.0], [1.0 + 2**-52, 2.0]]),
+        np.zeros((2, 3)), np.zeros((0, 3)), np.zeros(4), np.zeros((2, 2, 2)), np.array(1.0), 5, None, "12",
+        ["12", "21"], {(0, 0): 1}, [1, 2],
+    ],
+)  # fmt: skip
+def test_what_is_not_square_and_symmetric_is_refused(bad):
+    """np.linalg.cholesky accepts non-symmetric input; this must not."""
+    with pytest.raises(ShapeError, match="must"):
+        definiteness(bad)
+
+
+@pytest.mark.parametrize(
+    "bad",
+    [
+        [[float("nan")]], [[float("inf")]], np.array([[np.nan]]), np.array([[1.0, np.inf], [np.inf, 1.0]]),
+        np.array([[1j]]), np.array([[True]]), [[True]], [["x"]], [[None]],
+    ],
+)  # fmt: skip
+def test_what_is_no_number_is_refused(bad):
+    """np.linalg.cholesky accepts inf and nan; this must not."""
+    with pytest.raises(SpecError, match="must"):
+        definiteness(bad)
+
+
+def test_a_witness_that_does_not_refute_is_never_returned():
+    """The form is multiplied out again; a mistake in the elimination surfaces as an error."""
+    M = SparseSymmetric(2, {(0, 0): Fraction(1), (1, 1): Fraction(1)})
+    with pytest.raises(CertificateError, match="nothing is claimed"):
+        module._checked_witness(M, {0: Fraction(1)}, strict=True)

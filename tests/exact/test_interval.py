@@ -1,0 +1,370 @@
+"""Intervals: every true value is inside; mpmath at 120 digits is the oracle."""
+
+import itertools
+import threading
+import time
+from fractions import Fraction
+
+import mpmath
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from dobc_design.errors import SpecError
+from dobc_design.exact import Interval, UndefinedError, interval
+
+ORACLE = mpmath.mp.clone()
+ORACLE.dps = 120
+# The oracle itself is off by less than this part of the value (or of 1).
+SLACK = Fraction(1, 10**100)
+
+# An argument is a rational of moderate size, a very small or a large one.
+POINTS = (
+    st.fractions(min_value=-9, max_value=9, max_denominator=50)
+    | st.integers(-40, 40).map(Fraction)
+    | st.integers(-300, 300).map(lambda k: Fraction(k) / 10**30)
+    | st.integers(-300, 300).map(lambda k: Fraction(k) * 7)
+)
+INTERVALS = st.tuples(POINTS, POINTS).map(lambda p: Interval(min(p), max(p)))
+SHARES = st.fractions(min_value=0, max_value=1, max_denominator=20)
+
+
+def true_value(name, x):
+    """The value at a rational, as a rational within SLACK."""
+    value = getattr(ORACLE, name)(ORACLE.mpf(x.numerator) / x.denominator)
+    sign, mantissa, exponent, _ = value._mpf_
+    return (-1) ** sign * Fraction(int(mantissa)) * Fraction(2) ** exponent
+
+
+def assert_contains(enclosure, value):
+    slack = SLACK * max(1, abs(value))
+    assert enclosure.lo - slack <= value <= enclosure.hi + slack
+
+
+def enclosed(name, x):
+    """The enclosure, or None where it is refused."""
+    try:
+        return interval.FUNCTIONS[name](x)
+    except UndefinedError:
+        return None
+
+
+@settings(max_examples=400, deadline=None)
+@given(
+    st.sampled_from(["exp", "log", "sin", "cos", "tan", "tanh", "atan", "sinh", "cosh", "sqrt"]),
+    INTERVALS,
+    SHARES,
+)
+def test_function_values_inside_an_interval_are_enclosed(name, x, share):
+    """Theory, section 3: enclosures round outwards."""
+    inside = x.lo + share * x.width
+    enclosure = enclosed(name, x)
+    if enclosure is not None:
+        assert_contains(enclosure, true_value(name, inside))
+    elif name not in ("log", "sqrt", "tan"):
+        pytest.fail(f"{name} must be defined on {x}")
+
+
+@settings(max_examples=300, deadline=None)
+@given(st.sampled_from(["exp", "log", "sin", "cos", "tan", "tanh", "atan", "sinh", "cosh", "sqrt"]), POINTS)
+def test_enclosures_at_points_are_narrow(name, x):
+    """About 2^-120 of the value, or of 1."""
+    enclosure = enclosed(name, Interval.point(x))
+    if enclosure is not None:
+        assert enclosure.width <= Fraction(1, 2**110) * max(1, enclosure.magnitude)
+
+
+def test_ranges_are_as_narrow_as_the_function():
+    """Closed forms: monotone ones take their end points, cos and sin their extremes."""
+    x = Interval(Fraction(-2), Fraction(2))
+    for name in ("exp", "tanh", "atan", "sinh"):
+        found = interval.FUNCTIONS[name](x)
+        for end, value in ((found.lo, true_value(name, x.lo)), (found.hi, true_value(name, x.hi))):
+            assert abs(end - value) < Fraction(1, 2**115)
+    assert interval.cosh(x).lo == 1
+    assert interval.cos(x).hi == 1
+    assert interval.cos(Interval(Fraction(3), Fraction(4))).lo == -1
+    assert interval.sin(Interval(Fraction(1), Fraction(2))).hi == 1
+    assert interval.sin(Interval(Fraction(4), Fraction(5))).lo == -1
+    assert interval.sin(Interval(Fraction(0), Fraction(5))) == Interval(-1, 1)
+    assert interval.sin(x) == Interval(-1, 1)
+    assert interval.sin(Interval(Fraction(0), Fraction(3, 2))).lo == 0
+    assert interval.sin(Interval(Fraction(0), Fraction(3, 2))).hi < 1
+
+
+@pytest.mark.parametrize("name", ["sin", "cos"])
+def test_extremes_are_found_wherever_they_lie(name):
+    """A grid over many turns: +-1 is attained iff the critical point is inside (mpmath's is the oracle)."""
+    for k in range(-9, 10):
+        shift = Fraction(1, 2) if name == "sin" else Fraction(0)
+        critical = (k + shift) * true_value("acos", Fraction(-1))
+        gap = Fraction(1, 10**15)
+        around = interval.FUNCTIONS[name](Interval(critical - gap, critical + gap))
+        left = interval.FUNCTIONS[name](Interval(critical - 1, critical - gap))
+        assert (around.hi == 1) if k % 2 == 0 else (around.lo == -1)
+        assert left.magnitude < 1
+
+
+@pytest.mark.parametrize(
+    ("name", "x", "value"),
+    [
+        ("exp", 0, 1),
+        ("log", 1, 0),
+        ("sin", 0, 0),
+        ("tan", 0, 0),
+        ("atan", 0, 0),
+        ("sinh", 0, 0),
+        ("tanh", 0, 0),
+        ("cos", 0, 1),
+        ("cosh", 0, 1),
+        ("sqrt", 0, 0),
+        ("sqrt", Fraction(16, 25), Fraction(4, 5)),
+        ("sqrt", Fraction(1, 10**400), Fraction(1, 10**200)),
+        ("abs", Fraction(-16, 5), Fraction(16, 5)),
+    ],
+)
+def test_rational_values_are_exact(name, x, value):
+    """So that h(0) = 0 can be proved: exp(0) - 1 is 0, not an interval around it."""
+    assert interval.FUNCTIONS[name](Interval.point(x)) == Interval.point(value)
+
+
+def test_the_papers_coupling_vanishes_exactly_and_has_slope_two():
+    """h(y) = exp(y) - 1 + y at y = 0."""
+    y = Interval.point(0)
+    assert interval.exp(y) - 1 + y == Interval.point(0)
+    assert interval.exp(y) + 1 == Interval.point(2)
+
+
+@pytest.mark.parametrize(
+    ("name", "x"),
+    [
+        ("log", (0, 1)),
+        ("log", (-1, 1)),
+        ("sqrt", (-1, 1)),
+        ("sqrt", (Fraction(-1, 10**99), 0)),
+        ("tan", (1, 2)),
+        ("tan", (-100, 100)),
+        ("tan", (Fraction("1.5707963267948966192313216916397514420985"), 2)),
+        ("tan", (10**700, 10**700)),
+    ],
+)
+def test_functions_refuse_where_they_are_not_defined(name, x):
+    """The error names function and interval."""
+    with pytest.raises(UndefinedError, match=rf"^{name} is not defined on the whole of \["):
+        interval.FUNCTIONS[name](Interval(*map(Fraction, x)))
+
+
+def test_tan_is_defined_right_up_to_its_poles():
+    """The twin of the refusals: 10^-30 beside the pole."""
+    half_pi = interval.pi().hi / 2
+    beside = Interval(half_pi + Fraction(1, 10**30), Fraction(2))
+    assert interval.tan(beside).lo < -(10**29)
+    with pytest.raises(UndefinedError, match="tan"):
+        interval.tan(Interval(half_pi - Fraction(1, 10**30), Fraction(2)))
+
+
+def test_pi_is_enclosed_narrowly():
+    """Against mpmath."""
+    assert interval.pi().lo < true_value("acos", Fraction(-1)) < interval.pi().hi
+    assert interval.pi().width < Fraction(1, 2**120)
+
+
+@settings(max_examples=200, deadline=None)
+@given(INTERVALS, INTERVALS, SHARES, SHARES)
+def test_arithmetic_encloses_every_pair_and_is_tight(x, y, s, t):
+    """Exact rational arithmetic on points inside, and on the four corners."""
+    a, b = x.lo + s * x.width, y.lo + t * y.width
+    corners = list(itertools.product((x.lo, x.hi), (y.lo, y.hi)))
+    cases = [
+        (x + y, a + b, [p + q for p, q in corners]),
+        (x - y, a - b, [p - q for p, q in corners]),
+        (x * y, a * b, [p * q for p, q in corners]),
+    ]
+    if not y.contains(0):
+        cases.append((x / y, a / b, [p / q for p, q in corners]))
+    for enclosure, value, values in cases:
+        assert enclosure.contains(value)
+        assert enclosure == Interval(min(values), max(values))
+    assert interval.minimum(x, y).contains(min(a, b))
+    assert interval.maximum(x, y).contains(max(a, b))
+    assert abs(x).contains(abs(a))
+    assert interval.clip(x, Interval(-1, -1), Interval(1, 1)).contains(min(max(a, Fraction(-1)), Fraction(1)))
+    assert x.hull(y).contains(a)
+    assert x.hull(y).contains(b)
+
+
+@settings(max_examples=200, deadline=None)
+@given(INTERVALS, SHARES, st.integers(-7, 7))
+def test_powers_enclose_and_even_ones_know_their_minimum(x, share, exponent):
+    """Trap: an interval straddling 0 (arb ** int gives NaN there)."""
+    inside = x.lo + share * x.width
+    if exponent < 0 and x.contains(0):
+        with pytest.raises(UndefinedError, match="contains 0, is not defined"):
+            _ = x**exponent
+    else:
+        power = x**exponent
+        assert power.contains(inside**exponent)
+        if exponent > 0:
+            ends = [x.lo**exponent, x.hi**exponent]
+            least = 0 if exponent % 2 == 0 and x.contains(0) else min(ends)
+            assert power.contains(Interval(least, max(ends)))
+            if not power.is_point:
+                assert power.width <= (max(ends) - least) + Fraction(1, 2**100) * max(map(abs, ends))
+
+
+def test_zero_to_the_zero_is_one():
+    """As in Python, so that polynomials have their constant term."""
+    assert Interval(-1, 1) ** 0 == Interval.point(0) ** 0 == Interval.point(1)
+
+
+def test_numbers_mix_with_intervals_on_both_sides():
+    """int and Fraction; floats would hide a rounding."""
+    x = Interval(1, 2)
+    assert 1 + x == x + 1 == Interval(2, 3)
+    assert 1 - x == Interval(-1, 0)
+    assert Fraction(1, 2) * x == Interval(Fraction(1, 2), 1)
+    assert 1 / x == Interval(Fraction(1, 2), 1)
+    assert +x == x
+    with pytest.raises(SpecError, match="must be int or Fraction; got float"):
+        x + 0.5
+
+
+@pytest.mark.parametrize("ends", [(2, 1), (0.5, 1), (0, float("nan")), (True, 2), ("0", 1)])
+def test_what_is_no_interval_is_refused(ends):
+    """Ends in order, exact."""
+    with pytest.raises(SpecError, match="interval"):
+        Interval(*ends)
+
+
+def test_an_interval_tells_its_measures():
+    """Width, midpoint, magnitude, halves, floats."""
+    x = Interval(-1, Fraction(1, 3))
+    assert (x.width, x.midpoint, x.magnitude, x.is_point) == (Fraction(4, 3), Fraction(-1, 3), 1, False)
+    assert x.halves() == (Interval(-1, Fraction(-1, 3)), Interval(Fraction(-1, 3), Fraction(1, 3)))
+    assert x.contains(Interval(0, 0))
+    assert not x.contains(Interval(0, 1))
+    low, high = x.floats()
+    assert low == -1
+    assert Fraction(high) > Fraction(1, 3)
+    assert str(x) == "[-1, 1/3]"
+    assert str(Interval(Fraction(10) ** 400, Fraction(10) ** 400 * 2)).startswith("[about 1.79769e+308, ")
+
+
+def test_end_points_stay_short_under_repeated_squaring():
+    """Without rounding, 60 squarings of 9/10 would have 2^60 digits."""
+    x = Interval(Fraction(9, 10), Fraction(11, 10))
+    start = time.process_time()
+    for _ in range(14):
+        x = x * x
+    assert max(x.lo.numerator.bit_length(), x.hi.numerator.bit_length()) < 70_000
+    for _ in range(60):
+        x = (x - x.lo) / (x.hi - x.lo + 1)
+        x = x * x + Fraction(1, 3)
+    assert time.process_time() - start < 2
+    tiny = Interval.point(Fraction(1, 3))
+    for _ in range(40):
+        tiny = tiny**64
+    assert tiny.lo == 0
+    assert 0 < tiny.hi < Fraction(1, 2**65_000)
+    minus = Interval.point(Fraction(-1, 3))
+    for _ in range(41):
+        minus = minus**63
+    assert minus.hi == 0
+    assert 0 > minus.lo > -Fraction(1, 2**65_000)
+
+
+def test_values_beyond_the_largest_bound_are_refused():
+    """No infinite end points: an enclosure is finite or an error."""
+    x = Interval.point(3)
+    with pytest.raises(UndefinedError, match=r"\* of \[.*exceeds the bound 2\^65536"):
+        for _ in range(40):
+            x = x**64
+
+
+@pytest.mark.parametrize("name", ["exp", "sinh", "cosh"])
+@pytest.mark.parametrize("size", [10**6, 10**300])
+def test_huge_arguments_are_refused_at_once(name, size):
+    """exp(1e6) must not hang."""
+    start = time.process_time()
+    with pytest.raises(UndefinedError, match=rf"^{name} of \[.*too large to enclose"):
+        interval.FUNCTIONS[name](Interval(0, size))
+    assert interval.exp(Interval(-size, -size)).lo == 0
+    assert 0 < interval.exp(Interval(-size, -size)).hi < Fraction(1, 2**60_000)
+    assert interval.exp(Interval(-size, 0)).hi == 1
+    assert time.process_time() - start < 1
+
+
+def test_the_largest_arguments_of_exp_are_enclosed():
+    """The twin, just inside."""
+    assert interval.exp(Interval(-45_000, -45_000)).lo > 0
+    assert interval.exp(Interval(45_000, 45_000)).lo > Fraction(2) ** 64_000
+
+
+@pytest.mark.parametrize("name", ["sin", "cos", "tanh", "atan", "log", "sqrt"])
+@pytest.mark.parametrize("power", [400, -400, 5000])
+def test_arguments_of_any_size_are_enclosed_at_once(name, power):
+    """Periodic functions of a huge argument: all or nothing is known, never something wrong."""
+    x = Fraction(10) ** power
+    start = time.process_time()
+    found = interval.FUNCTIONS[name](Interval.point(x))
+    assert time.process_time() - start < 1
+    if abs(power) == 400:
+        with ORACLE.workdps(1200):
+            assert_contains(found, true_value(name, x))
+
+
+def test_a_long_point_stays_a_point():
+    """1e-400 has 1329 bits: as a coefficient it must still cancel exactly."""
+    small = Interval.point(Fraction(1, 10**400))
+    assert small * 3 - small - 2 * small == Interval.point(0)
+
+
+def test_rounding_is_outward_to_the_bits_asked():
+    """For consumers that want short rationals."""
+    x = Interval(Fraction(1, 3), Fraction(2, 3)).rounded(8)
+    assert x.lo == Fraction(85, 256)
+    assert x.hi == Fraction(171, 256)
+    assert Interval(Fraction(-2, 3), Fraction(-1, 3)).rounded(8) == -x
+    assert Interval(Fraction(1000, 3), 1000).rounded(4) == Interval(320, 1024)
+
+
+@pytest.mark.parametrize(
+    ("text", "low", "high"),
+    [
+        ("exp", "1.432332", "4.194528"),
+        ("cubic", "1", "5"),
+        ("tanh", "0.482014", "1"),
+        ("clip", "1/2", "1"),
+    ],
+)
+def test_secant_gains_at_the_ends_have_their_known_values(text, low, high):
+    """Theory, section 9: enclosures of g on [-2, 2]; here at the points where they are attained."""
+    gains = {
+        "exp": lambda y: (interval.exp(y) - 1 + y) / y,
+        "cubic": lambda y: (y + y**3) / y,
+        "tanh": lambda y: interval.tanh(y) / y,
+        "clip": lambda y: interval.clip(y, Interval.point(-1), Interval.point(1)) / y,
+    }
+    tiny = Fraction(1, 10**7)
+    found = [gains[text](Interval.point(y)) for y in (Fraction(-2), Fraction(2), tiny)]
+    assert abs(min(x.lo for x in found) - Fraction(low)) < Fraction(1, 10**6)
+    assert abs(max(x.hi for x in found) - Fraction(high)) < Fraction(1, 10**6)
+
+
+def test_threads_do_not_disturb_each_other():
+    """flint keeps one precision for all threads; results must not depend on who else computes."""
+    arguments = [Fraction(k, 7) for k in range(-30, 30)]
+    expected = [interval.sin(Interval.point(x)) for x in arguments]
+    wrong = []
+
+    def work():
+        for _ in range(5):
+            if [interval.sin(Interval.point(x)) for x in arguments] != expected:
+                wrong.append(1)
+
+    threads = [threading.Thread(target=work) for _ in range(4)]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    assert not wrong

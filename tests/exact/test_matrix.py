@@ -1,0 +1,172 @@
+"""Rational matrices against SymPy, NumPy and closed forms."""
+
+from fractions import Fraction
+
+import numpy as np
+import pytest
+import sympy
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from dobc_design.errors import ShapeError, SpecError
+from dobc_design.exact import (
+    add,
+    from_float,
+    identity,
+    inverse,
+    is_symmetric,
+    kronecker,
+    multiply,
+    nullspace,
+    rank,
+    row_echelon,
+    scale,
+    shape,
+    subtract,
+    to_float,
+    transpose,
+    zeros,
+)
+from dobc_design.exact.matrix import matrix
+
+ENTRIES = st.sampled_from([Fraction(0), Fraction(1), Fraction(-1), Fraction(2), Fraction(1, 2), Fraction(-5, 3)])
+
+
+def matrices(rows, columns):
+    row = st.lists(ENTRIES, min_size=columns, max_size=columns).map(tuple)
+    return st.lists(row, min_size=rows, max_size=rows).map(tuple)
+
+
+def to_sympy(M):
+    return sympy.Matrix([[sympy.Rational(x.numerator, x.denominator) for x in row] for row in M])
+
+
+def test_rows_of_numbers_become_fractions():
+    """Contract: text, floats and integers are exact."""
+    assert matrix([["16/5", 3.2], [1, Fraction(1, 2)]]) == (
+        (Fraction(16, 5), Fraction(16, 5)),
+        (Fraction(1), Fraction(1, 2)),
+    )
+    assert matrix([]) == ()
+    assert matrix(np.array([[0.1, 2.0]])) == ((Fraction(1, 10), Fraction(2)),)
+
+
+@pytest.mark.parametrize("bad", [[1, 2], ["12", "34"], "12", 5, None, {1: 2}, [{1: 2}], np.array(1.0), [b"1"]])
+def test_what_is_no_list_of_rows_is_refused(bad):
+    """A text is a sequence too, but no row."""
+    with pytest.raises(ShapeError, match=r"^A must"):
+        matrix(bad, name="A")
+
+
+def test_a_bad_entry_is_named_by_its_place():
+    """Errors name the key."""
+    with pytest.raises(SpecError, match=r"exosystem\.A\[1\]\[0\] must be a number"):
+        matrix([[1, 2], ["x", 4]], name="exosystem.A")
+    with pytest.raises(ShapeError, match="rows of one length"):
+        matrix([[1, 2], [3]])
+
+
+@settings(max_examples=60, deadline=None)
+@given(matrices(3, 4), matrices(4, 2), matrices(3, 4))
+def test_products_and_sums_agree_with_sympy(M, N, other):
+    """Independent oracle."""
+    assert to_sympy(multiply(M, N)) == to_sympy(M) * to_sympy(N)
+    assert to_sympy(add(M, other)) == to_sympy(M) + to_sympy(other)
+    assert subtract(add(M, other), other) == M
+    assert to_sympy(kronecker(M, N)) == sympy.kronecker_product(to_sympy(M), to_sympy(N))
+    assert transpose(transpose(M)) == M
+    assert scale(Fraction(1, 3), M) == scale(Fraction(1, 3), multiply(identity(3), M))
+
+
+@settings(max_examples=60, deadline=None)
+@given(matrices(4, 4))
+def test_inverse_times_matrix_is_the_identity_unless_singular(M):
+    """SymPy's determinant tells which."""
+    if to_sympy(M).det() == 0:
+        with pytest.raises(SpecError, match="must be invertible; it is singular"):
+            inverse(M)
+    else:
+        assert multiply(inverse(M), M) == identity(4)
+
+
+@settings(max_examples=60, deadline=None)
+@given(matrices(3, 5) | matrices(5, 3))
+def test_nullspace_is_annihilated_and_has_the_missing_dimension(M):
+    """Rank and nullity against SymPy."""
+    basis = nullspace(M)
+    assert rank(M) == to_sympy(M).rank()
+    assert len(basis) == shape(M)[1] - rank(M)
+    for vector in basis:
+        assert multiply(M, tuple((x,) for x in vector)) == zeros(len(M), 1)
+    if basis:
+        assert rank(basis) == len(basis)
+
+
+def test_long_and_short_sums_give_the_same_numbers():
+    """Above a size the work goes to python-flint; NumPy's integers are the oracle."""
+    rng = np.random.default_rng(1)
+    G, H = rng.integers(-9, 10, (14, 12)), rng.integers(-9, 10, (12, 13))
+    assert multiply(from_float(G, None), from_float(H, None)) == from_float(G @ H, None)
+    low = from_float(G[:, :5] @ H[:5], None)
+    assert rank(low) == 5
+    reduced, pivots = row_echelon(low)
+    assert pivots == tuple(to_sympy(low).rref()[1])
+    assert to_sympy(reduced) == to_sympy(low).rref()[0][:5, :]
+    square = from_float(G[:12], None)
+    assert multiply(inverse(square), square) == identity(12)
+
+
+def test_the_hilbert_matrix_inverts_to_its_known_integers():
+    """Closed form: the last entry of the inverse of the 5x5 Hilbert matrix is 44100."""
+    hilbert = tuple(tuple(Fraction(1, i + j + 1) for j in range(5)) for i in range(5))
+    assert inverse(hilbert)[4][4] == 44100
+
+
+def test_shapes_that_do_not_fit_are_refused():
+    """Every error path."""
+    with pytest.raises(ShapeError, match="must have 2 rows"):
+        multiply(identity(2), identity(3))
+    with pytest.raises(ShapeError, match="one shape"):
+        add(identity(2), identity(3))
+    with pytest.raises(ShapeError, match="one shape"):
+        subtract(identity(2), zeros(2, 3))
+    with pytest.raises(ShapeError, match="must be square"):
+        inverse(zeros(2, 3))
+
+
+def test_symmetry_is_exact():
+    """A difference of one part in 10^400 counts."""
+    assert is_symmetric(identity(3))
+    assert not is_symmetric(((Fraction(1), Fraction(1)), (Fraction(1) + Fraction(1, 10**400), Fraction(1))))
+    assert not is_symmetric(zeros(2, 3))
+
+
+def test_floats_are_rounded_to_decimals_or_kept_exactly():
+    """digits: significant decimals; None: the binary value."""
+    array = np.array([[0.1, 1234.5678], [1e-20, -2.0]])
+    assert from_float(array, 3) == ((Fraction(1, 10), Fraction(1230)), (Fraction(1, 10**20), Fraction(-2)))
+    assert from_float(array, None)[0][0] == Fraction(3602879701896397, 2**55)
+    assert to_float(from_float(array, None)).tolist() == array.tolist()
+    assert from_float(np.array([[np.longdouble(1) + np.finfo(np.longdouble).eps]]), None)[0][0] > 1
+
+
+@pytest.mark.parametrize(
+    ("bad", "text"),
+    [
+        (np.array([[np.nan]]), "must be finite"),
+        (np.array([[1.0, np.inf]]), r"entry \[0\]\[1\] must be finite"),
+        (np.array([[True]]), "integers or floats"),
+        (np.array([[1j]]), "integers or floats"),
+        (np.array([1.0]), "2 dimensions"),
+    ],
+)
+def test_arrays_that_are_no_real_matrices_are_refused(bad, text):
+    """np.linalg takes them in silence; this must not."""
+    with pytest.raises(SpecError, match=text):
+        from_float(bad, None)
+
+
+def test_entries_beyond_the_floats_are_refused():
+    """1e400 has no nearest finite float."""
+    with pytest.raises(SpecError, match=r"below 1\.8e308"):
+        to_float(((Fraction(10) ** 400,),))

@@ -1,0 +1,79 @@
+"""Importing the package, and asking the command line for help, must not load the heavy packages.
+
+`import control` and `import cvxpy` alone cost about a second each; a first look should not.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import statistics
+import subprocess
+import sys
+
+import pytest
+
+HEAVY = ("cvxpy", "control", "casadi", "matplotlib", "sympy")
+
+HELP = """
+import sys
+from dobc_design.cli import main
+sys.argv = ["dobc", "--help"]
+try:
+    main()
+except SystemExit as stop:
+    if stop.code not in (0, None):
+        raise
+"""
+
+REPORT = f"""
+import json, sys
+sys.stderr.write(json.dumps([name for name in {HEAVY!r} if name in sys.modules]))
+"""
+
+
+def run(script: str) -> subprocess.CompletedProcess[str]:
+    """Run a script in a fresh interpreter."""
+    command = [sys.executable, "-c", script]
+    done = subprocess.run(command, capture_output=True, check=False, text=True, timeout=120)
+    assert done.returncode == 0, done.stderr
+    return done
+
+
+def heavy_packages_after(script: str) -> list[str]:
+    return json.loads(run(script + REPORT).stderr)
+
+
+def test_importing_the_package_loads_no_heavy_package():
+    assert heavy_packages_after("import dobc_design") == []
+
+
+def test_asking_for_help_loads_no_heavy_package():
+    assert heavy_packages_after(HELP) == []
+
+
+def test_help_names_the_program_and_its_commands():
+    text = run(HELP).stdout
+    assert "dobc" in text
+    assert "certify" in text
+
+
+def test_a_heavy_package_would_be_noticed():
+    assert heavy_packages_after("import sympy") == ["sympy"]
+
+
+def cpu_seconds(script: str) -> float:
+    """CPU time, user and system, of a fresh interpreter that runs the script."""
+    before = os.times()
+    run(script)
+    after = os.times()
+    return after.children_user + after.children_system - before.children_user - before.children_system
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(os.name == "nt", reason="Windows does not report the CPU time of child processes")
+def test_help_takes_at_most_twice_as_long_as_importing_numpy():
+    """Medians of 15, taken in turns so that a busy machine slows down both."""
+    pairs = [(cpu_seconds(HELP), cpu_seconds("import numpy")) for _ in range(15)]
+    help_time, numpy_time = (statistics.median(times) for times in zip(*pairs, strict=True))
+    assert help_time <= 2 * numpy_time

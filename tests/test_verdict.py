@@ -1,0 +1,37 @@
+"""The three-valued answer."""
+
+import pytest
+
+from dobc_design.verdict import Verdict
+
+PROVED, REFUTED, UNDECIDED = Verdict.PROVED, Verdict.REFUTED, Verdict.UNDECIDED
+
+
+@pytest.mark.parametrize("verdict", list(Verdict))
+def test_a_verdict_has_no_truth_value(verdict):
+    """Style page: three outcomes; "undecided" must not pass for yes or no."""
+    with pytest.raises(TypeError, match="three values"):
+        bool(verdict)
+    with pytest.raises(TypeError, match=r"is Verdict\.PROVED"):
+        _ = not verdict
+
+
+def test_the_values_are_the_words_of_the_contract():
+    """Contract: verdict is proved, refuted or undecided."""
+    assert [verdict.value for verdict in Verdict] == ["proved", "refuted", "undecided"]
+    assert str(PROVED) == "proved"
+
+
+@pytest.mark.parametrize(
+    ("verdicts", "together"),
+    [
+        ([], PROVED),
+        ([PROVED, PROVED], PROVED),
+        ([PROVED, UNDECIDED], UNDECIDED),
+        ([UNDECIDED, REFUTED, PROVED], REFUTED),
+        ([REFUTED], REFUTED),
+    ],
+)
+def test_one_refuted_refutes_all_and_one_undecided_spoils_a_proof(verdicts, together):
+    """Conjunction of Kleene's three-valued logic; of nothing it is true."""
+    assert Verdict.all_of(iter(verdicts)) is together

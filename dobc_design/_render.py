@@ -19,6 +19,16 @@ def escape_html(text: object) -> str:
     return html.escape(str(text), quote=True)
 
 
+class Fragment(str):
+    """HTML, SVG or MathML made by this package, with user text escaped already: templates insert it as it is."""
+
+    __slots__ = ()
+
+    def __html__(self) -> str:
+        """Tell template engines that nothing is to be escaped."""
+        return str(self)
+
+
 def significant(value: float | Fraction | None, digits: int = 4) -> str:
     """Format a number with ``digits`` significant digits; None gives an en dash."""
     if value is None:

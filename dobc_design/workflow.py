@@ -89,8 +89,8 @@ def certify(problem: Problem | str | PathLike[str], *, progress: Progress | None
     return Certificate(
         problem=problem,
         claims=Claims(
-            problem_name=problem.name, problem_sha256=problem_sha256(problem), verdict=overall.verdict, reason=overall.reason,
-            rate=overall.rate, covered_by=overall.covered_by, checks=tuple(checks), W=W,
+            problem_name=problem.name, problem_sha256=problem_sha256(problem), verdict=overall.verdict,
+            reason=overall.reason, rate=overall.rate, covered_by=overall.covered_by, checks=tuple(checks), W=W,
             gain_source=None if W is None else ("given" if design is None else "designed"),
             P=None if pair is None else pair.P, Q=None if pair is None else pair.Q,
             notes=tuple(_notes(problem, design)), version=__version__,
@@ -178,9 +178,10 @@ def write_report(
         lambdas = {mode: pencil.constant.to_dense() for mode, pencil in state_theorems(problem).lambdas.items()}
     say("writing the report")
     page = target / "report.html"
-    handed = {"analysis": analysis, "trajectory": trajectory, "lambdas": lambdas}
-    write_atomically(page, html_report(certificate, **handed).encode("utf-8"))
-    write_atomically(target / "report.md", markdown_report(certificate, **handed).encode("utf-8"))
+    html = html_report(certificate, analysis=analysis, trajectory=trajectory, lambdas=lambdas)
+    text = markdown_report(certificate, analysis=analysis, trajectory=trajectory, lambdas=lambdas)
+    write_atomically(page, html.encode("utf-8"))
+    write_atomically(target / "report.md", text.encode("utf-8"))
     return page
 
 

@@ -1,4 +1,8 @@
-"""Every claim of a certificate decided again, from the trusted problem and the certificate's matrices."""
+"""Every claim of a certificate decided again, from the trusted problem and the certificate's matrices.
+
+Not checked, because no verdict depends on them: the sentences (``reason``), the notes, the program's version,
+and the advice (``fix``) of a Lemma 1 or theorem check.  Everything else has to be true.
+"""
 
 from __future__ import annotations
 
@@ -53,6 +57,8 @@ def recheck(certificate: Claims | bytes, problem: Problem) -> Recheck:
     failures: list[str] = []
     if claims.problem_sha256 != problem_sha256(problem):
         failures.append("problem: the certificate is about another problem (its hash differs)")
+    elif claims.problem_name != problem.name:
+        failures.append("problem: its name is not what it says")
     failures += _matrix_failures(claims, problem)
     confirmed: list[Check] = []
     if not failures:
@@ -82,7 +88,7 @@ def _reason(check: Check, trusted: Trusted) -> str | None:
 
 
 def _matrix_failures(claims: Claims, problem: Problem) -> list[str]:
-    """W must be the problem's own where it has one, P symmetric, and Q = P W."""
+    """W must be the problem's own where it has one, P symmetric and part of a proof, and Q = P W."""
     q, m = problem.q, problem.m
     shapes = {"W": (claims.W, (q, m)), "P": (claims.P, (q, q)), "Q": (claims.Q, (q, m))}
     failures = [
@@ -93,13 +99,17 @@ def _matrix_failures(claims: Claims, problem: Problem) -> list[str]:
     if failures:
         return failures
     own = problem.observer.W
-    if own is not None and claims.W != own:
+    if own is not None and own != claims.W:
         failures.append("W: not the gain of the problem")
-    if (claims.gain_source == "given") != (own is not None) or (claims.W is None) != (claims.gain_source is None):
+    source = None if claims.W is None else ("designed" if own is None else "given")
+    if claims.gain_source != source:
         failures.append("W: its source is not what it says")
+    proved = any(check.id in ("theorem1", "theorem2") and check.verdict is Verdict.PROVED for check in claims.checks)
     if (claims.P is None) != (claims.Q is None):
         failures.append("P, Q: one of them is missing")
     elif claims.P is not None and claims.Q is not None:
+        if not proved:
+            failures.append("P, Q: they belong to no proof")
         if not is_symmetric(claims.P):
             failures.append("P: not symmetric")
         elif claims.W is None or multiply(claims.P, claims.W) != claims.Q:
@@ -118,7 +128,9 @@ def _overall_failures(claims: Claims, problem: Problem, confirmed: Sequence[Chec
     overall = decide_overall(problem, confirmed, claims.W)
     failures = []
     if overall.verdict is not claims.verdict:
-        failures.append(f"verdict: {claims.verdict.value} does not follow from the confirmed checks ({overall.verdict.value} does)")
+        failures.append(
+            f"verdict: {claims.verdict.value} does not follow from the confirmed checks ({overall.verdict.value} does)"
+        )
     if (overall.rate, overall.covered_by) != (claims.rate, claims.covered_by):
         failures.append("rate, covered_by: not what the confirmed checks give")
     return failures

@@ -1,22 +1,29 @@
-"""certificate.json: its bytes, and reading it back."""
+"""certificate.json: its bytes, and reading it back.
+
+A field that is not known, is missing or stands there twice is refused: what nobody checks must not look
+like a part of the proof.
+"""
 
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping
 from typing import Any
 
 from dobc_design.certificate.claims import Claims
 from dobc_design.errors import CertificateError, SpecError
 from dobc_design.exact.matrix import Matrix
-from dobc_design.exact.number import parse_number
 from dobc_design.spec.canonical import matrix_text
 from dobc_design.verdict import Verdict
-from dobc_design.verify.check import check_from_json
+from dobc_design.verify.check import check_from_json, number_or_none, require_keys
+from dobc_design.verify.numbers import read_rational
 
 FORMAT = "dobc-certificate"
 VERSION = 1
 MAX_BYTES = 256 * 1024 * 1024
+KEYS = (
+    "format", "version", "program", "problem", "problem_sha256", "verdict", "reason", "rate", "covered_by",
+    "observer", "notes", "checks",
+)  # fmt: skip
 
 
 def certificate_document(claims: Claims) -> dict[str, Any]:
@@ -36,7 +43,7 @@ def certificate_document(claims: Claims) -> dict[str, Any]:
             "P": _matrix(claims.P), "Q": _matrix(claims.Q),
         },
         "notes": list(claims.notes),
-        "checks": [check.to_json(with_evidence=True) for check in claims.checks],
+        "checks": [check.to_json() for check in claims.checks],
     }  # fmt: skip
 
 
@@ -51,7 +58,9 @@ def read_claims(data: bytes) -> Claims:
     if len(data) > MAX_BYTES:
         raise CertificateError(f"the certificate is too large ({len(data)} bytes).", cure="It is not one of ours.")
     try:
-        document = json.loads(data.decode("utf-8"), parse_constant=_no_constant)
+        document = json.loads(
+            data.decode("utf-8"), parse_constant=_no_constant, object_pairs_hook=_no_duplicates
+        )
         if not isinstance(document, dict) or document.get("format") != FORMAT:
             raise ValueError(f'it must hold an object with "format": "{FORMAT}"')
         if document["version"] != VERSION:
@@ -66,26 +75,37 @@ def read_claims(data: bytes) -> Claims:
         ) from None
 
 
-def _claims(document: Mapping[str, Any]) -> Claims:
-    observer = document["observer"]
-    rate = document["rate"]
-    if rate is not None and (isinstance(rate, bool) or not isinstance(rate, (int, float))):
-        raise TypeError(f"rate must be a number or null, got {rate!r}")
+def _claims(document: dict[str, Any]) -> Claims:
+    require_keys(document, "the certificate", needed=KEYS)
+    program, observer, checks = document["program"], document["observer"], document["checks"]
+    require_keys(program, "program", needed=("name", "version"))
+    require_keys(observer, "observer", needed=("W", "source", "P", "Q"))
+    if not isinstance(checks, list):
+        raise TypeError("checks must be a list")
+    notes = document["notes"]
+    if not isinstance(notes, list):
+        raise TypeError("notes must be a list of texts")
     return Claims(
-        problem_name=str(document["problem"]),
-        problem_sha256=str(document["problem_sha256"]),
+        problem_name=_text(document["problem"], "problem"),
+        problem_sha256=_text(document["problem_sha256"], "problem_sha256"),
         verdict=Verdict(document["verdict"]),
-        reason=str(document["reason"]),
-        rate=None if rate is None else float(rate),
-        covered_by=document["covered_by"],
-        checks=tuple(check_from_json(item) for item in document["checks"]),
+        reason=_text(document["reason"], "reason"),
+        rate=number_or_none(document["rate"]),
+        covered_by=None if document["covered_by"] is None else _text(document["covered_by"], "covered_by"),
+        checks=tuple(check_from_json(item) for item in checks),
         W=_read_matrix(observer["W"], "observer.W"),
-        gain_source=observer["source"],
+        gain_source=None if observer["source"] is None else _text(observer["source"], "observer.source"),
         P=_read_matrix(observer["P"], "observer.P"),
         Q=_read_matrix(observer["Q"], "observer.Q"),
-        notes=tuple(str(note) for note in document["notes"]),
-        version=str(document["program"]["version"]),
+        notes=tuple(_text(note, "notes") for note in notes),
+        version=_text(program["version"], "program.version"),
     )
+
+
+def _text(value: Any, key: str) -> str:
+    if not isinstance(value, str):
+        raise TypeError(f"{key} must be text")
+    return value
 
 
 def _matrix(matrix: Matrix | None) -> list[list[str]] | None:
@@ -99,15 +119,15 @@ def _read_matrix(value: Any, key: str) -> Matrix | None:
         raise TypeError(f"{key} must be a list of rows")
     if len({len(row) for row in value}) != 1:
         raise TypeError(f"{key} must have rows of equal length")
-    # A designed P may have more digits than a typed number, so only rationals as text are read here.
-    return tuple(tuple(_rational(entry, key) for entry in row) for row in value)
-
-
-def _rational(value: Any, key: str) -> Any:
-    if not isinstance(value, str):
-        raise TypeError(f"{key} must hold rationals as text")
-    return parse_number(value, key=key)
+    return tuple(tuple(read_rational(entry, key=key) for entry in row) for row in value)
 
 
 def _no_constant(name: str) -> float:
     raise ValueError(f"{name} is not a number")
+
+
+def _no_duplicates(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+    result = dict(pairs)
+    if len(result) != len(pairs):
+        raise ValueError("a field stands there twice")
+    return result

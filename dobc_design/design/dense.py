@@ -6,12 +6,13 @@ Size n (m + q) per mode.  It is here for teaching and as the oracle the reduced 
 from __future__ import annotations
 
 import math
+import warnings
 from typing import Any
 
 import numpy as np
 from scipy import sparse
 
-from dobc_design.design.program import Program, Solution, assemble
+from dobc_design.design.program import Program, Solution, assemble, is_solver_failure, without_values
 from dobc_design.exact.symmetric import SparseSymmetric
 from dobc_design.theorems.pencil import Pencil
 
@@ -46,21 +47,24 @@ def build_dense(program: Program) -> tuple[Any, dict[str, Any]]:
 
 
 def solve_dense(program: Program, *, solver: str = "CLARABEL") -> Solution:
-    """Solve the block LMI through cvxpy.  A solver's failure is a Solution without values."""
-    import cvxpy as cp
+    """Solve the block LMI through cvxpy.  A solver's failure is a Solution without values.
 
-    problem, variables = build_dense(program)
+    ``solver`` is one of cvxpy's names, "CLARABEL" or "SCS".
+    """
     try:
-        problem.solve(solver=solver)
-    except (cp.error.SolverError, ValueError, ArithmeticError) as error:
-        return Solution(status=f"failed: {type(error).__name__}", solver=solver, objective=math.nan)
-    names = [unknown.name for unknown in program.pencils[0].unknowns]
-    if any(variables[name].value is None for name in names):
-        return Solution(status=str(problem.status), solver=solver, objective=math.nan)
+        problem, variables = build_dense(program)
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # that an answer is inaccurate stands in the status
+            problem.solve(solver=solver)
+    except BaseException as error:  # a panic in Rust is no Exception
+        if not is_solver_failure(error):
+            raise
+        return without_values(f"failed: {type(error).__name__}", solver=solver)
+    unknowns = program.pencils[0].unknowns
+    if any(variables[unknown.name].value is None for unknown in unknowns) or not math.isfinite(problem.value):
+        return without_values(str(problem.status), solver=solver)
     numbers = [
-        float(variables[name].value[i, j])
-        for unknown, name in zip(program.pencils[0].unknowns, names, strict=True)
-        for _, i, j in unknown.places()
+        float(variables[unknown.name].value[i, j]) for unknown in unknowns for _, i, j in unknown.places()
     ]
     return Solution(
         status=str(problem.status), solver=solver, objective=float(problem.value),

@@ -3,79 +3,94 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 from scipy import sparse
 
-from dobc_design.design.program import Array, Program, Solution, assemble
+from dobc_design.design.program import Array, Program, Solution, assemble, is_solver_failure, without_values
 from dobc_design.exact.symmetric import SparseSymmetric
 from dobc_design.theorems.conditions import below, positive
 from dobc_design.theorems.pencil import Pencil, Place
 
 ROOT2 = math.sqrt(2.0)
+SOLVER = "Clarabel"
 
 
 def solve_directly(program: Program, *, time_limit: float = 60.0) -> Solution:
-    """Solve a Program by Clarabel.  A crash of the solver is a Solution without values, never an exception."""
+    """Solve a Program by Clarabel.  A crash of the solver is a Solution without values, never an exception.
+
+    ``time_limit`` in s.  The status is the solver's own word ("Solved", "PrimalInfeasible", ...).
+    """
     import clarabel
 
+    try:
+        answer = _run(program, clarabel, time_limit=time_limit)
+    except BaseException as error:  # Clarabel panics with pyo3's PanicException, which is no Exception
+        if not is_solver_failure(error):
+            raise
+        return without_values(f"failed: {type(error).__name__}", solver=SOLVER)
+    status = str(answer.status)
+    numbers = np.asarray(answer.x, dtype=float)
+    # The x of an infeasible or unbounded problem is the ray that shows it, not a point.
+    if "Infeasible" in status or not (np.all(np.isfinite(numbers)) and math.isfinite(answer.obj_val)):
+        return without_values(status, solver=SOLVER)
+    return Solution(
+        status=status, solver=SOLVER, objective=float(answer.obj_val),
+        values=assemble(program.pencils[0], numbers.tolist()),
+    )  # fmt: skip
+
+
+def _run(program: Program, clarabel: Any, *, time_limit: float) -> Any:
     columns, blocks, cones = _constraints(program, clarabel)
-    places = _places(program)
-    margin = program.objective == "margin"
-    size = len(places) + (1 if margin else 0)
-    quadratic = np.zeros(size)
-    linear = np.zeros(size)
-    if margin:
-        linear[-1] = 1.0
-    else:
-        for k, (name, i, j) in enumerate(places):
-            if name == "P" and i == j:
-                linear[k] = 1.0
-            elif name == "Q":
-                quadratic[k] = 2.0
-    rows = np.vstack(columns) if columns else np.zeros((0, size))
+    quadratic, linear = _objective(program)
     settings = clarabel.DefaultSettings()
     settings.verbose = False
     settings.time_limit = time_limit
-    try:
-        solver = clarabel.DefaultSolver(
-            sparse.csc_matrix(np.diag(quadratic)), linear, sparse.csc_matrix(rows), np.concatenate(blocks), cones, settings
-        )
-        answer = solver.solve()
-    except Exception as error:  # the solver is foreign code and may panic in ways of its own
-        return Solution(status=f"failed: {type(error).__name__}", solver="Clarabel", objective=math.nan)
-    numbers = np.asarray(answer.x, dtype=float)
-    if not np.all(np.isfinite(numbers)) or "Infeasible" in str(answer.status):
-        return Solution(status=str(answer.status), solver="Clarabel", objective=math.nan)
-    return Solution(
-        status=str(answer.status), solver="Clarabel", objective=float(answer.obj_val),
-        values=assemble(program.pencils[0], numbers.tolist()),
-    )  # fmt: skip
+    rows, right = _csc(np.vstack(columns)), np.concatenate(blocks)
+    return clarabel.DefaultSolver(_csc_diagonal(quadratic), linear, rows, right, cones, settings).solve()
+
+
+def _objective(program: Program) -> tuple[Array, Array]:
+    """The diagonal of the quadratic term and the linear term: tr P + |Q|^2, or t."""
+    places = _places(program)
+    margin = program.objective == "margin"
+    quadratic, linear = np.zeros(len(places) + margin), np.zeros(len(places) + margin)
+    if margin:
+        linear[-1] = 1.0
+        return quadratic, linear
+    for k, (name, i, j) in enumerate(places):
+        if name == "P" and i == j:
+            linear[k] = 1.0
+        elif name == "Q":
+            quadratic[k] = 2.0
+    return quadratic, linear
 
 
 def _places(program: Program) -> list[Place]:
     return [place for unknown in program.pencils[0].unknowns for place in unknown.places()]
 
 
-def _constraints(program: Program, clarabel: object) -> tuple[list[Array], list[Array], list[object]]:
+def _constraints(program: Program, clarabel: Any) -> tuple[list[Array], list[Array], list[Any]]:
     """Rows [A | t], right-hand sides and cones of every constraint, s = b - A x in the cone."""
     places = _places(program)
     margin = program.objective == "margin"
     P = program.pencils[0].unknowns[0]
     columns: list[Array] = []
     blocks: list[Array] = []
-    cones: list[object] = []
+    cones: list[Any] = []
 
     def add(pencil: Pencil, *, with_t: bool) -> None:
-        matrix = np.zeros((pencil.size * (pencil.size + 1) // 2, len(places) + (1 if margin else 0)))
+        matrix = np.zeros((pencil.size * (pencil.size + 1) // 2, len(places) + margin))
         for k, place in enumerate(places):
             if place in pencil.coefficients:
                 matrix[:, k] = _svec(pencil.coefficients[place])
         if with_t:
-            matrix[:, -1] = -_svec(SparseSymmetric(pencil.size, {}).shifted(1))
+            matrix[_diagonal(pencil.size), -1] = -1.0
         columns.append(matrix)
         blocks.append(-_svec(pencil.constant))
-        cones.append(clarabel.PSDTriangleConeT(pencil.size))  # type: ignore[attr-defined]
+        cones.append(clarabel.PSDTriangleConeT(pencil.size))
 
     for pencil in program.pencils:
         add(pencil, with_t=margin)
@@ -84,14 +99,19 @@ def _constraints(program: Program, clarabel: object) -> tuple[list[Array], list[
         add(below(P, ceiling=program.ratio), with_t=False)
         gains = [k for k, place in enumerate(places) if place[0] == "Q"]
         if gains:
-            cone = np.zeros((len(gains) + 1, len(places) + 1))
-            cone[np.arange(1, len(gains) + 1), gains] = -1.0
-            columns.append(cone)
+            columns.append(_ball(gains, width=len(places) + 1))
             blocks.append(np.array([float(program.radius)] + [0.0] * len(gains)))
-            cones.append(clarabel.SecondOrderConeT(len(gains) + 1))  # type: ignore[attr-defined]
+            cones.append(clarabel.SecondOrderConeT(len(gains) + 1))
     else:
         add(positive(P, floor=program.floor), with_t=False)
     return columns, blocks, cones
+
+
+def _ball(variables: Sequence[int], *, width: int) -> Array:
+    """Rows of the cone |x[variables]| <= radius."""
+    cone = np.zeros((len(variables) + 1, width))
+    cone[np.arange(1, len(variables) + 1), variables] = -1.0
+    return cone
 
 
 def _svec(matrix: SparseSymmetric) -> Array:
@@ -101,3 +121,22 @@ def _svec(matrix: SparseSymmetric) -> Array:
         result[j * (j + 1) // 2 + i] = float(value) * (1.0 if i == j else ROOT2)
     return result
 
+
+def _diagonal(size: int) -> Any:
+    """Where ``_svec`` puts the diagonal."""
+    j = np.arange(size)
+    return j * (j + 3) // 2
+
+
+def _csc(rows: Array) -> Any:
+    """The nonzero entries of a dense matrix; a good deal faster than SciPy's own conversion of small ones."""
+    columns, places = np.nonzero(rows.T)
+    starts = np.zeros(rows.shape[1] + 1, dtype=np.int64)
+    np.cumsum(np.bincount(columns, minlength=rows.shape[1]), out=starts[1:])
+    return sparse.csc_matrix((rows[places, columns], places, starts), shape=rows.shape)
+
+
+def _csc_diagonal(diagonal: Array) -> Any:
+    kept = np.flatnonzero(diagonal)
+    starts = np.searchsorted(kept, np.arange(len(diagonal) + 1))
+    return sparse.csc_matrix((diagonal[kept], kept, starts), shape=(len(diagonal), len(diagonal)))

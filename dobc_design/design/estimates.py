@@ -1,51 +1,95 @@
-"""Floating-point estimates that the exact side then proves or not: eigenvalues, directions, rates."""
+"""Floating-point estimates that the exact side then proves or not: eigenvalues, directions, rates.
+
+An estimate that cannot be had is nan (or an infinity on the weak side), never an exception: what it would
+have proposed is then decided without it.
+"""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from scipy import linalg, sparse
 
+from dobc_design.design.jacobian import float_lambda
 from dobc_design.design.program import Array
+from dobc_design.errors import SpecError
 from dobc_design.exact.matrix import Matrix, to_float
-from dobc_design.exact.symmetric import SparseSymmetric
 from dobc_design.spec.exosystem import Exosystem
 from dobc_design.theorems.statements import Statements
 
 DENSE = 400  # rows up to which a dense symmetric eigensolver is the faster one
+LARGEST_DENSE = 2000  # rows up to which it may step in where the iterative one fails
+# Lanczos vectors and tolerance, tried in turn.
+LANCZOS = ((20, 1e-9), (80, 1e-7))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Top:
-    """Largest eigenvalue of a symmetric matrix, about, and its direction."""
+    """Largest eigenvalue of a symmetric matrix, about, and its direction; nan and zeros if it cannot be had."""
 
     value: float
     vector: Array
 
 
-def largest_eigenvalue(matrix: SparseSymmetric) -> Top:
-    """Estimate the largest eigenvalue and its vector."""
-    rows, columns, values = matrix.triplets()
-    table = sparse.csr_array((values, (rows, columns)), shape=(matrix.size, matrix.size))
-    if matrix.size <= DENSE:
-        eigenvalues, vectors = np.linalg.eigh(table.toarray())
-        return Top(value=float(eigenvalues[-1]), vector=vectors[:, -1])
-    start = np.ones(matrix.size)  # a fixed start keeps the answer reproducible
-    eigenvalues, vectors = sparse.linalg.eigsh(table, k=1, which="LA", v0=start, tol=1e-9, maxiter=20 * matrix.size)
-    return Top(value=float(eigenvalues[0]), vector=vectors[:, 0])
+def largest_eigenvalue(table: Any) -> Top:
+    """Estimate the largest eigenvalue of a symmetric SciPy array (n, n), and its vector."""
+    size = table.shape[0]
+    largest = float(np.max(np.abs(table.data), initial=0.0))
+    if largest == 0:
+        return Top(value=0.0, vector=np.ones(size))
+    if not math.isfinite(largest):
+        return Top(value=math.nan, vector=np.zeros(size))
+    unit = math.ldexp(1.0, math.frexp(largest)[1] - 1)  # entries of size 1: no square over- or underflows
+    found = None
+    if size > DENSE:
+        found = _lanczos(sparse.csr_array(table / unit))
+    if found is None and size <= max(DENSE, LARGEST_DENSE):
+        found = _dense(table.toarray() / unit)
+    if found is None:
+        return Top(value=math.nan, vector=np.zeros(size))
+    return Top(value=found.value * unit, vector=found.vector)
+
+
+def _dense(matrix: Array) -> Top | None:
+    last = len(matrix) - 1
+    try:
+        values, vectors = linalg.eigh(matrix, subset_by_index=(last, last))
+    except (linalg.LinAlgError, ValueError):
+        return None
+    return Top(value=float(values[0]), vector=vectors[:, 0])
+
+
+def _lanczos(matrix: Any) -> Top | None:
+    # The start is fixed, so that answers can be reproduced, and irregular: one that has a symmetry of
+    # the network never sees a direction without it.
+    start = 1.0 + 0.1 * np.random.default_rng(0).standard_normal(matrix.shape[0])
+    for vectors, tolerance in LANCZOS:
+        try:
+            values, columns = sparse.linalg.eigsh(
+                matrix, k=1, which="LA", v0=start, tol=tolerance, ncv=vectors, maxiter=20 * matrix.shape[0]
+            )
+        except (sparse.linalg.ArpackError, ValueError):  # no convergence among them
+            continue
+        return Top(value=float(values[0]), vector=columns[:, 0])
+    return None
 
 
 def lambda_tops(statements: Statements) -> dict[str, Top]:
-    """lambda_max(Lambda) and its direction, for every mode."""
-    return {mode: largest_eigenvalue(pencil.constant) for mode, pencil in statements.lambdas.items()}
+    """lambda_max(Lambda) and its direction, for every mode to which the theorems apply."""
+    return {mode: largest_eigenvalue(float_lambda(statements.problem, mode)) for mode in statements.lambdas}
 
 
 def decay_rate(exosystem: Exosystem, W: Matrix) -> float:
-    """-max Re of the spectrum of A - WC (1/s); negative when the error grows."""
-    error = to_float(exosystem.A) - to_float(W) @ to_float(exosystem.C)
-    return float(-np.max(np.linalg.eigvals(error).real))
+    """-max Re of the spectrum of A - WC (1/s), about; negative when the error grows, nan if it cannot be had."""
+    try:
+        error = to_float(exosystem.A) - to_float(W) @ to_float(exosystem.C)
+        return float(-np.max(np.linalg.eigvals(error).real))
+    except (SpecError, np.linalg.LinAlgError):
+        return math.nan
 
 
 def pair_margin(tops: Mapping[str, Top], P: Array, Q: Array, exosystem: Exosystem) -> float:
@@ -56,6 +100,8 @@ def pair_margin(tops: Mapping[str, Top], P: Array, Q: Array, exosystem: Exosyste
 def pair_rate(tops: Mapping[str, Top], P: Array, Q: Array, exosystem: Exosystem) -> float:
     """The largest beta with Psi + 2 beta diag(I, I (x) P) < 0, about; 0 if there is none."""
     bound = max(top.value for top in tops.values())
+    if not math.isfinite(bound):
+        return 0.0
     low, high = 0.0, max(0.0, -bound / 2)
     for _ in range(60):
         middle = (low + high) / 2
@@ -67,14 +113,14 @@ def pair_rate(tops: Mapping[str, Top], P: Array, Q: Array, exosystem: Exosystem)
 
 
 def _lambda_max_of_s(P: Array, Q: Array, exosystem: Exosystem, *, rate: float) -> float:
-    A, C = to_float(exosystem.A), to_float(exosystem.C)
-    block = -(P @ A + A.T @ P - Q @ C - C.T @ Q.T) - 2 * rate * P
     try:
+        A, C = to_float(exosystem.A), to_float(exosystem.C)
+        block = -(P @ A + A.T @ P - Q @ C - C.T @ Q.T) - 2 * rate * P
         factor = linalg.cho_factor((block + block.T) / 2)
+        S = C @ linalg.cho_solve(factor, C.T)
+        return float(np.linalg.eigvalsh((S + S.T) / 2)[-1])
     except (linalg.LinAlgError, ValueError):
-        return float("inf")
-    S = C @ linalg.cho_solve(factor, C.T)
-    return float(np.linalg.eigvalsh((S + S.T) / 2)[-1])
+        return math.inf
 
 
 def directions(tops: Mapping[str, Top]) -> list[Sequence[float]]:

@@ -10,11 +10,12 @@ from dataclasses import dataclass
 from fractions import Fraction
 
 import numpy as np
-from scipy import linalg, signal
+from scipy import linalg
 
 from dobc_design.design.direct import solve_directly
-from dobc_design.design.program import Array, Program
+from dobc_design.design.program import Array, Program, Solution
 from dobc_design.design.rounding import round_matrix
+from dobc_design.design.scaling import Scaled, decimal_exponent, natural_units, scaled_exosystem
 from dobc_design.exact.matrix import Matrix, add, identity, multiply, scale, subtract, to_float
 from dobc_design.exact.observability import decide_detectable
 from dobc_design.exact.polynomial import decide_hurwitz
@@ -23,6 +24,7 @@ from dobc_design.theorems.conditions import reduced
 from dobc_design.verdict import Verdict
 
 DIGITS = (3, 4, 6, 9, 15)
+SLACK = (Fraction(21, 20), Fraction(1001, 1000))  # how much more than the rate is asked of a proposal
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -46,60 +48,82 @@ def design_gain(exosystem: Exosystem, *, rate: Fraction | None = None) -> GainDe
     """
     if decide_detectable(exosystem.A, exosystem.C).verdict is not Verdict.PROVED:
         return GainDesign(W=None, rate=None, note="no W exists: (A, C) is not detectable.")
-    kalman = _kalman(exosystem)
-    wanted, prefix = rate, ""
+    prefix, asked = "", "as asked"
     if rate is not None and not _reachable(exosystem, rate):
-        prefix = f"the rate asked, {float(rate):.4g} 1/s, cannot be reached: a part of the exosystem that C does not see decays more slowly. "
-        wanted = None
-    if wanted is None:
+        prefix = (
+            f"the rate asked, {_short(rate)} 1/s, cannot be reached: a part of the exosystem that C does not see"
+            " decays no faster. "
+        )
+    kalman = None if rate is not None and not prefix else _kalman(exosystem)
+    wanted = rate
+    if wanted is None or prefix:
         wanted = _default_rate(exosystem, kalman)
+        asked = "half that of the Kalman gain with unit weights" if wanted else "the least that can be asked"
     status = ""
     for W, how, status in _candidates(exosystem, wanted, kalman):
         if _decays(exosystem, W, wanted):
-            asked = "as asked" if rate is not None and not prefix else "half that of the Kalman gain with unit weights"
-            note = f"{prefix}W was designed ({how}) for the decay rate {float(wanted):.4g} 1/s, {asked}."
+            note = f"{prefix}W was designed ({how}) for the decay rate {_short(wanted)} 1/s, {asked}."
             return GainDesign(W=W, rate=wanted, note=note, status=status)
     return GainDesign(
         W=None, rate=wanted, status=status,
-        note=f"{prefix}no W was found for the decay rate {float(wanted):.4g} 1/s; ask for a lower observer.rate.",
+        note=f"{prefix}no W was found for the decay rate {_short(wanted)} 1/s; ask for a lower observer.rate.",
     )  # fmt: skip
 
 
 def _candidates(exosystem: Exosystem, rate: Fraction, kalman: Array | None) -> Iterator[tuple[Matrix, str, str]]:
-    for slack in (Fraction(21, 20), Fraction(1001, 1000)):
-        pencil = reduced(Fraction(-1), exosystem, rate=rate * slack)
-        answer = solve_directly(Program(pencils=(pencil,), floor=Fraction(1)))
-        if answer.found:
-            try:
-                gain = np.linalg.solve(answer.values["P"], answer.values["Q"])
-            except np.linalg.LinAlgError:
-                continue
-            for digits in DIGITS:
-                yield round_matrix(gain, digits), "small SDP", answer.status
-    if kalman is not None:
-        for digits in DIGITS:
-            yield round_matrix(kalman, digits), "Kalman gain", ""
-    for gain in _placed(exosystem, float(rate)):
-        for digits in DIGITS:
-            yield round_matrix(gain, digits), "pole placement", ""
+    """Proposals W for a rate, each in several roundings: gain matrix, how it came about, the solver's status."""
+    time, output = natural_units(exosystem, rate=rate)
+    # Large C alone would ask for a far faster observer than the rate does, hence max(1, output).
+    units = scaled_exosystem(exosystem, time=time, output=output)
+    for each in (*_in_own_time(exosystem, max(Fraction(1), output)), units):
+        speed = rate / each.time
+        for slack in SLACK:
+            # The bound makes room for the rate: what stays of Lambda + 2 rate I is -I, whatever the rate.
+            pencil = reduced(-1 - 2 * speed * slack, each.exosystem, rate=speed * slack)
+            answer = solve_directly(Program(pencils=(pencil,), floor=Fraction(1)))
+            for W in _roundings(_gain_of(answer)):
+                yield scale(each.gain, W), "small SDP", answer.status
+    for W in _roundings(kalman):
+        yield W, "Kalman gain", ""
+    for slack in SLACK:
+        for W in _roundings(_kalman(units.exosystem, shift=float(rate / units.time * slack))):
+            yield scale(units.gain, W), "Kalman gain of A + rate I", ""
 
 
-def _kalman(exosystem: Exosystem) -> Array | None:
-    A, C = to_float(exosystem.A), to_float(exosystem.C)
+def _in_own_time(exosystem: Exosystem, output: Fraction) -> Iterator[Scaled]:
     try:
-        covariance = linalg.solve_continuous_are(A.T, C.T, np.eye(len(A)), np.eye(len(C)))
+        yield scaled_exosystem(exosystem, time=Fraction(1), output=output)
+    except OverflowError:  # A is beyond the floats
+        return
+
+
+def _gain_of(answer: Solution) -> Array | None:
+    """P^-1 Q, or None."""
+    if not answer.found:
+        return None
+    try:
+        gain = np.asarray(np.linalg.solve(answer.values["P"], answer.values["Q"]), dtype=np.float64)
+    except np.linalg.LinAlgError:
+        return None
+    return gain if np.all(np.isfinite(gain)) else None
+
+
+def _roundings(gain: Array | None) -> Iterator[Matrix]:
+    if gain is not None:
+        for digits in DIGITS:
+            yield round_matrix(gain, digits)
+
+
+def _kalman(exosystem: Exosystem, *, shift: float = 0.0) -> Array | None:
+    """The Kalman gain of (A + shift I, C) with unit weights; A - WC then decays faster than ``shift``."""
+    try:
+        A, C = to_float(exosystem.A) + shift * np.eye(exosystem.order), to_float(exosystem.C)
+        with np.errstate(all="ignore"):
+            covariance = linalg.solve_continuous_are(A.T, C.T, np.eye(len(A)), np.eye(len(C)))
+            gain = np.asarray(covariance @ C.T, dtype=np.float64)
     except (linalg.LinAlgError, ValueError):
         return None
-    return np.asarray(covariance @ C.T, dtype=float)
-
-
-def _placed(exosystem: Exosystem, rate: float) -> Iterator[Array]:
-    A, C = to_float(exosystem.A), to_float(exosystem.C)
-    try:
-        answer = signal.place_poles(A.T, C.T, [-rate * (1.2 + 0.2 * k) for k in range(len(A))])
-    except (ValueError, linalg.LinAlgError):
-        return
-    yield np.asarray(answer.gain_matrix, dtype=float).T
+    return gain if np.all(np.isfinite(gain)) else None
 
 
 def _default_rate(exosystem: Exosystem, kalman: Array | None) -> Fraction:
@@ -108,7 +132,15 @@ def _default_rate(exosystem: Exosystem, kalman: Array | None) -> Fraction:
         return Fraction(0)
     error = to_float(exosystem.A) - kalman @ to_float(exosystem.C)
     decay = float(-np.max(np.linalg.eigvals(error).real))
-    return Fraction(f"{decay / 2:.3g}") if decay > 0 and np.isfinite(decay) else Fraction(0)
+    return Fraction(f"{decay / 2:.3g}") if 0 < decay < np.inf else Fraction(0)
+
+
+def _short(rate: Fraction) -> str:
+    """A rate for a sentence; beyond the floats as a power of ten."""
+    if not rate:
+        return "0"
+    exponent = decimal_exponent(rate)
+    return f"{float(rate):.4g}" if abs(exponent) < 300 else f"about 1e{exponent}"
 
 
 def _reachable(exosystem: Exosystem, rate: Fraction) -> bool:

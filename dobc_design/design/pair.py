@@ -6,20 +6,21 @@ ladder: an exact Lyapunov equation, scaled up until the border term is small eno
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 from fractions import Fraction
-
-import numpy as np
 
 from dobc_design.design.direct import solve_directly
 from dobc_design.design.program import Program
 from dobc_design.design.rounding import round_matrix
-from dobc_design.exact.matrix import Matrix, Vector, inverse, multiply, scale, subtract, to_float, transpose
+from dobc_design.design.scaling import decimal_exponent
+from dobc_design.exact.matrix import Matrix, Vector, inverse, multiply, scale, subtract
 from dobc_design.spec.exosystem import Exosystem
 from dobc_design.theorems.conditions import reduced, with_gain
 
 DIGITS = (3, 4, 6, 9, 14)
 SLACK = (0.9, 0.5, 0.1)
+LADDER = (0, 2, 6, 15, 40, 400)  # powers of ten, the last ones for a bound that is not known
 
 
 def propose_pairs(exosystem: Exosystem, W: Matrix, *, bound: float, decay: float) -> Iterator[tuple[Matrix, Matrix]]:
@@ -27,11 +28,11 @@ def propose_pairs(exosystem: Exosystem, W: Matrix, *, bound: float, decay: float
 
     ``bound`` is about max lambda_max(Lambda) < 0, ``decay`` about the decay rate of A - WC > 0 (1/s).
     """
-    if bound < 0 < decay and np.isfinite(bound) and np.isfinite(decay):
+    if bound < 0 < decay and math.isfinite(bound) and math.isfinite(decay):
+        floor = _floor(exosystem, bound, decay)
         for part in SLACK:
             rate = Fraction(part * min(-bound / 2, decay)).limit_denominator(10**6)
             pencil = with_gain(reduced(_tightened(bound, rate), exosystem, rate=rate), W)
-            floor = _floor(exosystem, bound, decay)
             answer = solve_directly(Program(pencils=(pencil,), floor=floor))
             if answer.found:
                 for digits in DIGITS:
@@ -63,19 +64,19 @@ def lyapunov(error: Matrix) -> Matrix | None:
 
 def _scaled_until_small(P: Matrix, W: Matrix, exosystem: Exosystem, *, bound: float) -> Iterator[tuple[Matrix, Matrix]]:
     """a (P, P W) with S = C C' / a well below |bound|: Omega0 = -a I, so every a large enough will do."""
-    C = to_float(multiply(exosystem.C, transpose(exosystem.C)))
-    size = float(np.linalg.eigvalsh(C)[-1])
-    wanted = 2 * size / -bound if bound < 0 else 1.0
-    start = max(0, int(np.ceil(np.log10(max(wanted, 1e-300)))))
-    for exponent in (start, start + 2, start + 6, start + 15):
-        larger = scale(Fraction(10) ** exponent, P)
+    size = sum((x * x for row in exosystem.C for x in row), Fraction(0))  # at least lambda_max(C C')
+    wanted = 2 * size / Fraction(-bound) if bound < 0 and math.isfinite(bound) else size
+    start = max(0, decimal_exponent(wanted) + 2) if wanted else 0
+    for step in LADDER:
+        larger = scale(Fraction(10) ** (start + step), P)
         yield larger, multiply(larger, W)
 
 
 def _floor(exosystem: Exosystem, bound: float, decay: float) -> Fraction:
     """A lower bound for P that keeps it away from singular where C sees nothing."""
-    size = float(np.linalg.norm(to_float(exosystem.C))) ** 2 / (-bound * max(decay, -bound))
-    return Fraction(size * 1e-3 if size > 0 else 1e-3).limit_denominator(10**12) or Fraction(1, 10**12)
+    size = sum((x * x for row in exosystem.C for x in row), Fraction(0))
+    natural = size / (Fraction(-bound) * Fraction(max(decay, -bound))) / 1000
+    return natural.limit_denominator(10**12) or Fraction(1, 10**12)
 
 
 def _tightened(bound: float, rate: Fraction) -> Fraction:

@@ -8,6 +8,7 @@ The second is the normalisation of theory, section 2: t < 0 proposes a pair; t >
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from fractions import Fraction
@@ -50,6 +51,22 @@ class Solution:
     def found(self) -> bool:
         """Whether there is a finite point to look at, whatever the status says."""
         return bool(self.values) and all(bool(np.all(np.isfinite(v))) for v in self.values.values())
+
+
+def without_values(status: str, *, solver: str) -> Solution:
+    """What is returned where a solver has nothing to show."""
+    return Solution(status=status, solver=solver, objective=math.nan)
+
+
+def is_solver_failure(error: BaseException) -> bool:
+    """Whether an exception out of a solver means that it gave up, not that the program is to stop.
+
+    A panic inside a solver written in Rust arrives as pyo3_runtime.PanicException, a BaseException that
+    cannot be imported, hence the comparison by name.  MemoryError, KeyboardInterrupt and SystemExit go on.
+    """
+    if type(error).__name__ == "PanicException":
+        return True
+    return isinstance(error, Exception) and not isinstance(error, MemoryError)
 
 
 def assemble(pencil: Pencil, numbers: Sequence[float]) -> dict[str, Array]:

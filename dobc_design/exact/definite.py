@@ -1,6 +1,7 @@
 """Definiteness of symmetric rational matrices, decided: elimination over the rationals, no rounding.
 
-Theory, section 3: M > 0 iff every pivot of an LDL' elimination is positive. The first pivot that is
+Theory, section 3: M > 0 iff every pivot of an LDL' elimination is positive. For larger matrices
+with off-diagonal entries <= 0 a vector v > 0 with M v > 0 is tried first. The first pivot that is
 not gives a vector v with v'Mv = that pivot; it is multiplied out again before anything is refuted.
 """
 
@@ -19,6 +20,7 @@ from dobc_design.errors import CertificateError, ShapeError
 from dobc_design.exact._flint import to_fmpq
 from dobc_design.exact.matrix import Matrix, Vector, from_float, matrix
 from dobc_design.exact.symmetric import SparseSymmetric
+from dobc_design.exact.zmatrix import positive_vector
 from dobc_design.verdict import Verdict
 
 # Fraction, or flint's fmpq for larger matrices; both mix with int.
@@ -26,6 +28,8 @@ Scalar: TypeAlias = Any
 
 # From this size on the conversion to flint's rationals has paid for itself.
 _FLINT_SIZE: Final = 13
+# From this size on a vector is looked for first, because elimination fills sparse matrices in.
+_VECTOR_SIZE: Final = 48
 # Roundings tried, in bits per entry, to make a strictly negative witness readable.
 _WITNESS_BITS: Final = (4, 8, 16, 32, 64)
 
@@ -101,6 +105,8 @@ def _sparse(M: Matrix | SparseSymmetric) -> SparseSymmetric:
 
 def _decide(M: SparseSymmetric, *, strict: bool) -> Definiteness:
     long = M.size >= _FLINT_SIZE
+    if strict and M.size >= _VECTOR_SIZE and positive_vector(M) is not None:
+        return Definiteness(verdict=Verdict.PROVED, method="Z-matrix: integers v > 0 with M v > 0")
     method = "LDL' over the rationals" + (" (python-flint)" if long else "")
     rows: list[dict[int, Scalar]] = [{} for _ in range(M.size)]
     for (i, j), value in M.entries.items():

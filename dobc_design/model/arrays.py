@@ -161,7 +161,7 @@ def consensus_jacobian(problem: Problem, mode: str) -> sp.csr_array | None:
     total = sp.csr_array((problem.n * problem.m,) * 2)
     for group in arc_groups(problem, mode):
         slopes = group.coupling.jacobian_at_zero()
-        if any(entry.width > WIDEST_SLOPE * max(1, entry.magnitude) for row in slopes for entry in row):
+        if any(entry.width > WIDEST_SLOPE * (1 + entry.magnitude) for row in slopes for entry in row):
             return None
         slope = to_float(tuple(tuple(entry.midpoint for entry in row) for row in slopes))
         network = gathering_matrix(group, problem.n) @ difference_matrix(group, problem.n)

@@ -21,6 +21,7 @@ LEGEND = "An arrow from j to i: i listens to j, so information runs along the ar
 MOST_LABELLED = 60
 MOST_AGENTS = 300
 MOST_ARCS = 1500
+_SIDES = ((0, -1), (0, 1), (1, 0), (-1, 0))
 _INSIDE = 3  # letters that fit into a node
 
 
@@ -42,19 +43,41 @@ def draw_network(
         [i for i in range(len(labels)) if i in unreached and i not in pinned],
         sorted(pinned),
     )
-    round_shape, square = Path.unit_circle(), Path.unit_rectangle()
-    square = Path((square.vertices - 0.5) * 1.8, square.codes)
+    round_shape = Path.unit_circle()
+    square = Path(np.array([(-0.9, -0.9), (0.9, -0.9), (0.9, 0.9), (-0.9, 0.9), (-0.9, -0.9)]), closed=True)
     _draw_nodes(ax, round_shape, places[groups[0]], radius, face=PAPER, edge=INK)
     _draw_nodes(ax, round_shape, places[groups[1]], radius, face=PAPER, edge=VERMILLION, dashed=True)
     _draw_nodes(ax, square, places[groups[2]], radius, face=BLUE, edge=BLUE)
     if len(labels) <= MOST_LABELLED:
-        _draw_labels(ax, labels, places, radius, set(pinned))
+        _draw_labels(ax, labels, places, radius, set(pinned), known)
     ax.set_aspect("equal")
     ax.set_axis_off()
     low, high = places.min(axis=0) - 3 * radius, places.max(axis=0) + 3 * radius
     ax.set_xlim(float(low[0]), float(high[0]))
     ax.set_ylim(float(low[1]), float(high[1]))
     return ax
+
+
+def drawn_labels(labels: Sequence[str]) -> tuple[list[str], str]:
+    """Labels as they are drawn, and the beginning that was left out because all but a few letters are alike."""
+    alike = _common_beginning(labels).rstrip("0123456789")
+    rest = [label[len(alike) :] for label in labels]
+    if alike and all(1 <= len(each) <= _INSIDE for each in rest):
+        return rest, alike
+    return [short(label, 14) for label in labels], ""
+
+
+def _common_beginning(labels: Sequence[str]) -> str:
+    """The beginning that all labels share: that of the first and the last of them in order."""
+    first, last = min(labels), max(labels)
+    same = next((i for i, (a, b) in enumerate(zip(first, last, strict=False)) if a != b), len(first))
+    return first[:same] if first != last else ""
+
+
+def proportions(places: Positions) -> float:
+    """Height over width that suits the places."""
+    width, height = np.ptp(places, axis=0) + 6 * _radius(places)
+    return float(np.clip(height / width, 0.3, 1.1))
 
 
 def too_large(n: int, arcs: int) -> bool:
@@ -107,21 +130,41 @@ def _draw_nodes(
         PathPatch(
             Path.make_compound_path(*copies), facecolor=face, edgecolor=edge, linewidth=1.6 if dashed else 1.1,
             linestyle=(0, (2, 1.2)) if dashed else "solid", zorder=2,
-        )  # fmt: skip
+        )
     )
 
 
-def _draw_labels(ax: Axes, labels: Sequence[str], places: Positions, radius: float, pinned: set[int]) -> None:
-    inside = all(len(label) <= _INSIDE for label in labels) and radius > 0.05
-    size = float(np.clip(78 * radius, 5.5, 9.0)) if inside else 8.0 if len(labels) <= 30 else 6.0
+def _draw_labels(
+    ax: Axes, labels: Sequence[str], places: Positions, radius: float, pinned: set[int], arcs: Sequence[tuple[int, int]]
+) -> None:
+    """Short labels inside the nodes, where there is room; the others on the side with the fewest arrows."""
+    drawn, _ = drawn_labels(labels)
+    sides = _free_sides(places, arcs)
     for agent, (x, y) in enumerate(places):
-        if inside:
+        right, up = sides[agent]
+        if len(drawn[agent]) <= _INSIDE and radius > 0.05:
             ax.text(
-                x, y, labels[agent], ha="center", va="center_baseline", fontsize=size, zorder=3, parse_math=False,
-                color=PAPER if agent in pinned else INK,
+                x, y, drawn[agent], ha="center", va="center_baseline", zorder=3, parse_math=False,
+                fontsize=float(np.clip(78 * radius, 5.5, 9.0)), color=PAPER if agent in pinned else INK,
             )  # fmt: skip
         else:
             ax.text(
-                x, y - 1.25 * radius, short(labels[agent], 14), ha="center", va="top", fontsize=size, zorder=3,
-                parse_math=False, color=INK,
+                x + 1.35 * radius * right, y + 1.35 * radius * up, drawn[agent],
+                ha=("right", "center", "left")[right + 1], va=("top", "center", "bottom")[up + 1],
+                zorder=3, parse_math=False, fontsize=8.0 if len(drawn) <= 30 else 6.0, color=INK,
+                bbox={"facecolor": PAPER, "edgecolor": "none", "alpha": 0.85, "pad": 0.6},
             )  # fmt: skip
+
+
+def _free_sides(places: Positions, arcs: Sequence[tuple[int, int]]) -> list[tuple[int, int]]:
+    """For every agent the side, below first, that is farthest from the directions of its arrows."""
+    directions: list[list[Positions]] = [[] for _ in places]
+    for one, other in arcs:
+        step = (places[other] - places[one]) / max(float(np.hypot(*(places[other] - places[one]))), 1e-9)
+        directions[one].append(step)
+        directions[other].append(-step)
+    chosen = []
+    for own in directions:
+        nearest = [max((float(step @ side) for step in own), default=-1.0) for side in np.array(_SIDES)]
+        chosen.append(_SIDES[int(np.argmin(np.round(nearest, 3)))])
+    return chosen

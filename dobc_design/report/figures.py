@@ -6,6 +6,7 @@ read as mathematics by Matplotlib.
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Mapping, Sequence
 
 import numpy as np
@@ -20,6 +21,7 @@ MOST_POINTS = 400  # of one series
 MOST_AGENTS = 30  # lines in one plot
 SHOWN_NAME = 18  # letters
 SMALLEST = 1e-14  # below it an error on a logarithmic axis is rounding
+DASHES = {"dashed": (0, (4, 2)), "dotted": (0, (1, 1.4))}  # of bounds, in their order
 _RAISED = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 
 
@@ -45,6 +47,7 @@ def plot_spectrum(
         )  # fmt: skip
     if float(np.abs(everything.imag).max(initial=0.0)) < 1e-9:
         ax.set_ylim(-1, 1)
+        ax.set_yticks([0])
     else:
         ax.margins(y=0.15)
     ax.set_xlabel(f"Re {symbol} in 1/s")
@@ -73,8 +76,8 @@ def plot_lambda(
         values = _thinned(np.sort(np.asarray(spectra[name], dtype=float).ravel()), MOST_POINTS)
         ax.plot(values, np.full(len(values), row), linestyle="none", marker="|", markersize=9, color=BLUE)
         ax.plot(values[-1:], [row], linestyle="none", marker="D", markersize=4.5, color=BLUE)
-    for bound in (bounds or {}).values():
-        ax.axvline(bound, color=INK, linewidth=1.1, linestyle=(0, (4, 2)))
+    for bound, dashes in zip((bounds or {}).values(), itertools.cycle(DASHES.values()), strict=False):
+        ax.axvline(bound, color=INK, linewidth=1.1, linestyle=dashes)
     ax.set_yticks(range(len(names)), [short(name) for name in names], parse_math=False)
     ax.set_ylim(len(names) - 0.4, -0.6)
     ax.grid(visible=False, axis="y")
@@ -112,9 +115,10 @@ def plot_states(
 
 
 def plot_disturbance(
-    times: ArrayLike, disturbance: ArrayLike, estimate: ArrayLike, *, title: str = "", ax: Axes | None = None
-) -> Axes:
-    """One component of one agent's disturbance (dotted, as in the paper's Fig. 3) and its estimate.
+    times: ArrayLike, disturbance: ArrayLike, estimate: ArrayLike, *, title: str = "", legend: bool = True,
+    ax: Axes | None = None,
+) -> Axes:  # fmt: skip
+    """Draw one component of one agent's disturbance (dotted, as in the paper's Fig. 3) and its estimate.
 
     Shapes: (T,) each; times in s, the others in units of x per s.
     """
@@ -127,8 +131,11 @@ def plot_disturbance(
         label="disturbance",
     )  # fmt: skip
     ax.set_title(title, parse_math=False)
+    ax.set_xlabel("time t in s")
     ax.set_ylabel("d in units of x per s")
-    ax.yaxis.set_major_locator(MaxNLocator(5))
+    ax.yaxis.set_major_locator(MaxNLocator(4))
+    if legend:
+        _legend(ax, 2, right=True)
     return ax
 
 
@@ -152,17 +159,6 @@ def plot_error(times: ArrayLike, error: ArrayLike, *, rate: float | None = None,
     ax.set_xlabel("time t in s")
     ax.set_ylabel("|e|∞, in the unit of x")
     _legend(ax, 2)
-    return ax
-
-
-def plot_mode(times: ArrayLike, mode: ArrayLike, *, names: Sequence[str], ax: Axes | None = None) -> Axes:
-    """Which mode is active, over time.  ``mode`` (T,) holds places in ``names``."""
-    ax = _axes(ax)
-    ax.step(np.asarray(times, float), np.asarray(mode, int), where="post", color=INK, linewidth=0.9)
-    ax.set_yticks(range(len(names)), [short(name, 8) for name in names], parse_math=False)
-    ax.set_ylim(-0.5, len(names) - 0.5)
-    ax.set_ylabel("mode")
-    ax.set_xlabel("time t in s")
     return ax
 
 
@@ -211,12 +207,13 @@ def _axes(ax: Axes | None) -> Axes:
     return ax
 
 
-def _legend(ax: Axes, entries: int) -> None:
+def _legend(ax: Axes, entries: int, *, right: bool = False) -> None:
     handles, labels = ax.get_legend_handles_labels()
     if len(handles) < 2:
         return
     legend = ax.legend(
-        handles, labels, loc="lower left", bbox_to_anchor=(0, 1.0), ncols=min(max(entries, 1), 3),
+        handles, labels, loc="lower right" if right else "lower left",
+        bbox_to_anchor=(1.0 if right else 0.0, 1.0), ncols=min(max(entries, 1), 3),
         borderaxespad=0.2, handlelength=1.6, columnspacing=1.2,
     )  # fmt: skip
     for text in legend.get_texts():

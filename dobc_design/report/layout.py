@@ -6,7 +6,8 @@ Positions say nothing; only who is joined to whom does.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
+from typing import Any
 
 import networkx as nx
 import numpy as np
@@ -54,11 +55,11 @@ def _circle(order: Iterable[int]) -> Positions:
     return places
 
 
-def _walk(graph: nx.Graph) -> list[int]:
+def _walk(graph: Any) -> list[int]:
     return [0, *(end for _, end in nx.dfs_edges(graph, 0))]
 
 
-def _packed(graph: nx.Graph, components: Sequence[Sequence[int]], n: int) -> Positions:
+def _packed(graph: Any, components: Sequence[Sequence[int]], n: int) -> Positions:
     """Every component by itself, side by side in rows, larger ones first."""
     places = np.zeros((n, 2))
     columns = math.ceil(math.sqrt(len(components)))
@@ -73,7 +74,7 @@ def _packed(graph: nx.Graph, components: Sequence[Sequence[int]], n: int) -> Pos
     return _fitted(places)
 
 
-def _scaled(layout: dict[int, Sequence[float]], agents: Iterable[int]) -> Positions:
+def _scaled(layout: Mapping[int, Any], agents: Iterable[int]) -> Positions:
     return _fitted(np.array([layout[agent] for agent in agents], dtype=np.float64))
 
 

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping
 from fractions import Fraction
 
-from dobc_design._render import significant_towards_zero
+from dobc_design._render import significant, significant_towards_zero
 from dobc_design.certificate.certificate import Certificate
 from dobc_design.verdict import Verdict
 from dobc_design.verify.check import Check, Domain
@@ -24,9 +25,9 @@ MEANINGS = {
 
 # id -> (name, what it decides)
 CHECKS = {
-    "observability": ("Observability of (A, C)", "whether every state of the disturbance generator shows in d = C ξ;"
+    "observability": ("Observability of (A, C)", "whether every state of the disturbance generator shows in d = C ξ;"
                       " then the estimate can be made as fast as wanted"),
-    "detectability": ("Detectability of (A, C)", "whether what C does not see dies out by itself; an observer gain W"
+    "detectability": ("Detectability of (A, C)", "whether what C does not see dies out by itself; an observer gain W"
                       " that works exists exactly then"),
     "hurwitz": ("A − WC is Hurwitz", "whether the estimation error (17) decays with this W, by Routh’s table"),
     "reachability": ("Every agent hears a pin", "whether information from a pinned agent reaches everybody; agents"
@@ -47,8 +48,11 @@ CHECKS = {
     "sampling": ("Sampling", "whether the proof survives couplings that are held between samples"),
 }  # fmt: skip
 
+_POWER = re.compile(r"e([+-]\d+)")
+_RAISED = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
+
 MODEL = (
-    "It is about the model as given: single integrators, one (A, C) for all agents, messages without delay, noise"
+    "It is about the model as given: single integrators, one (A, C) for all agents, messages without delay, noise"
     " or quantisation. Whether the model fits the plant is not decided here."
 )
 
@@ -76,6 +80,21 @@ def covering_domain(certificate: Certificate) -> Domain | None:
     return None
 
 
+def typeset(text: str) -> str:
+    """Write a number given as text with a real minus and a power of ten: -1.5e-08 as −1.5·10⁻⁸."""
+    return _POWER.sub(lambda match: "·10" + str(int(match.group(1))).translate(_RAISED), text).replace("-", "−")
+
+
+def number(value: float | None) -> str:
+    """A rounded number as people write it."""
+    return typeset(significant(None if value is None else value + 0.0))  # no -0
+
+
+def capitalize_first(text: str) -> str:
+    """Make the first letter a capital and leave the others alone."""
+    return text[:1].upper() + text[1:]
+
+
 def what_it_means(certificate: Certificate) -> tuple[list[str], list[str]]:
     """What the overall verdict says, and what it does not."""
     if certificate.verdict is Verdict.PROVED:
@@ -90,12 +109,12 @@ def _proved(certificate: Certificate) -> tuple[list[str], list[str]]:
     domain = covering_domain(certificate)
     yes = [_from_where(domain)]
     if certificate.problem.exosystem is not None:
-        yes.append("The disturbance estimates converge too, whatever the (unknown) start of the disturbances in that set.")
+        yes.append("The estimates converge to the true disturbances, wherever observer and disturbance start.")
     if switching:
-        yes.append("The modes may switch at any times and in any order, arbitrarily fast: one V decreases in all of them.")
+        yes.append("The modes may switch at any times and in any order, arbitrarily fast: one V serves them all.")
     if certificate.rate:
         yes.append(
-            f"The errors decay at least like exp(−{significant_towards_zero(certificate.rate)} t), t in seconds."
+            f"The errors decay at least like exp(−{_number(certificate.rate)} t), t in seconds."
             " The real decay may be faster."
         )
     no = []
@@ -115,7 +134,7 @@ def _from_where(domain: Domain | None) -> str:
         return "Every agent goes to its goal from every start, however far: the proof is global."
     if isinstance(domain, Mapping):
         return f"Every agent goes to its goal from all {domain_words(domain)}."
-    return "There is a neighbourhood of the target from which every agent goes to its goal, and none leaves it for good."
+    return "There is a neighbourhood of the target from which every agent goes to its goal."
 
 
 def _refuted() -> tuple[list[str], list[str]]:
@@ -147,4 +166,4 @@ def _undecided(certificate: Certificate) -> tuple[list[str], list[str]]:
 
 
 def _number(value: object) -> str:
-    return significant_towards_zero(value) if isinstance(value, (int, float, Fraction)) else "?"
+    return typeset(significant_towards_zero(value)) if isinstance(value, (int, float, Fraction)) else "?"

@@ -9,6 +9,7 @@ from __future__ import annotations
 import csv
 import io
 from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
 from fractions import Fraction
 from pathlib import Path
 from typing import Any
@@ -16,8 +17,8 @@ from xml.etree import ElementTree
 
 from dobc_design.errors import SpecError
 from dobc_design.exact.number import parse_number
-from dobc_design.spec.network import Arcs, arcs_from_pairs
-from dobc_design.spec.reading import shown
+from dobc_design.spec.arcs import Arcs, arcs_from_pairs
+from dobc_design.spec.reading import named, shown, shown_number
 
 MAX_BYTES = 1_000_000_000
 READERS = (".csv", ".graphml", ".edges", ".edgelist", ".txt")
@@ -32,32 +33,43 @@ def read_arcs_file(name: str, *, folder: Path | None, index: Mapping[str, int], 
     Raises: SpecError with the line.
     """
     path = _resolve(name, folder=folder, key=key)
+    source = _Source(name=named(name), key=key, unit="edge" if path.suffix.lower() == ".graphml" else "line")
     try:
         text = path.read_bytes().decode("utf-8-sig")
     except UnicodeDecodeError as error:
-        raise SpecError(
-            f"{key}: {name!r} must be UTF-8 text; byte {error.start} is not.", key=key, cure="Save it as UTF-8."
-        ) from None
+        raise source.error(f"must be UTF-8 text; byte {error.start} is not", "Save it as UTF-8.") from None
     except OSError as error:
-        raise SpecError(
-            f"{key}: {name!r} cannot be read: {error.strerror or error}.", key=key, cure="Check the path."
-        ) from None
+        raise source.error(f"cannot be read: {error.strerror or error}", "Check the path.") from None
     suffix = path.suffix.lower()
     if suffix == ".graphml":
-        rows = list(_graphml(text, name=name, key=key))
+        rows = list(_graphml(text, source))
     elif suffix == ".csv":
-        rows = list(_csv(text, name=name, key=key, index=index))
+        rows = list(_csv(text, source, index=index))
     else:
         rows = list(_edge_list(text))
     if not rows:
-        raise SpecError(f"{key}: {name!r} is empty: it holds no arcs.", key=key, cure="Add arcs, one per line.")
-    return _arcs(rows, name=name, key=key, index=index, arrow=arrow)
+        raise source.error("is empty: it holds no arcs", "Add arcs, one per line.")
+    return _arcs(rows, source, index=index, arrow=arrow)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Source:
+    """Where arcs come from, for messages."""
+
+    name: str
+    key: str
+    unit: str  # what is counted: lines, or edges
+
+    def error(self, what: str, cure: str, *, row: int | None = None) -> SpecError:
+        """An error about the file, or about one row of it."""
+        place = f'"{self.name}"' if row is None else f'"{self.name}" {self.unit} {row}'
+        return SpecError(f"{self.key}: {place} {what}.", key=self.key, cure=cure)
 
 
 def _resolve(name: str, *, folder: Path | None, key: str) -> Path:
     if folder is None:
         raise SpecError(
-            f"{key}: {name!r} cannot be found, the problem has no folder.", key=key, cure="List the arcs instead."
+            f"{key}: {shown(name)} cannot be found, the problem has no folder.", key=key, cure="List the arcs instead."
         )
     root = folder.resolve()
     try:
@@ -74,36 +86,40 @@ def _resolve(name: str, *, folder: Path | None, key: str) -> Path:
         )  # fmt: skip
     if kind != "file":
         found = "is a folder" if kind == "folder" else "does not exist"
-        raise SpecError(f"{key}: {shown(name)} {found}, not a file.", key=key, cure="Name an existing file.")
+        raise SpecError(
+            f"{key} must name a file in the problem file's folder; {shown(name)} {found}.", key=key,
+            cure="Name an existing file.",
+        )  # fmt: skip
     if size > MAX_BYTES:
         raise SpecError(
-            f"{key}: {name!r} is too large ({size} bytes, at most {MAX_BYTES}).", key=key, cure="Split it."
-        )
+            f"{key}: {shown(name)} is too large: {size} bytes, at most {MAX_BYTES} are read.", key=key,
+            cure="Leave out what is not needed.",
+        )  # fmt: skip
     if path.suffix.lower() not in READERS:
         raise SpecError(
-            f"{key}: {name!r} must end in one of {', '.join(READERS)}.", key=key, cure="Rename or convert it."
+            f"{key}: {shown(name)} must end in one of {', '.join(READERS)}.", key=key, cure="Rename or convert it."
         )
     return path
 
 
-Row = tuple[int, list[Any]]  # line number, [a, b] or [a, b, weight]
+Row = tuple[int, list[str]]  # number of the line or edge, [a, b] or [a, b, weight]
 
 
-def _csv(text: str, *, name: str, key: str, index: Mapping[str, int]) -> Iterator[Row]:
+def _csv(text: str, source: _Source, *, index: Mapping[str, int]) -> Iterator[Row]:
     reader = csv.reader(io.StringIO(text, newline=""), strict=True)
+    first = True
     try:
-        for number, row in enumerate(reader, start=1):
+        for row in reader:
             cells = [cell.strip() for cell in row]
             if not any(cells):
                 continue
-            header = ["from", "to", "weight"][: len(cells)]
-            if number == 1 and [cell.lower() for cell in cells] == header and cells[0] not in index:
-                continue
-            yield reader.line_num, cells
+            names = [cell.lower() for cell in cells] in (["from", "to"], ["from", "to", "weight"])
+            header = first and names and not (cells[0] in index and cells[1] in index)
+            first = False
+            if not header:
+                yield reader.line_num, cells
     except csv.Error as error:
-        raise SpecError(
-            f"{key}: {name!r} line {reader.line_num} is not valid CSV ({error}).", key=key, cure="Check the quotes."
-        ) from None
+        raise source.error(f"is not valid CSV ({error})", "Check the quotes.", row=reader.line_num) from None
 
 
 def _edge_list(text: str) -> Iterator[Row]:
@@ -113,70 +129,80 @@ def _edge_list(text: str) -> Iterator[Row]:
             yield number, cells
 
 
-def _graphml(text: str, *, name: str, key: str) -> Iterator[Row]:
+def _graphml(text: str, source: _Source) -> Iterator[Row]:
     if "<!DOCTYPE" in text or "<!ENTITY" in text:
-        raise SpecError(
-            f"{key}: {name!r} must not hold a DOCTYPE or entities.", key=key, cure="Save plain GraphML."
-        )
+        raise source.error("must not hold a DOCTYPE or entities", "Save plain GraphML.")
     try:
         root = ElementTree.fromstring(text)  # expat expands nothing: entities are refused above
     except (ElementTree.ParseError, RecursionError) as error:
-        raise SpecError(f"{key}: {name!r} is not valid GraphML ({error}).", key=key, cure="Export it again.") from None
-    weights = {
-        node.get("id")
-        for node in root.iter()
-        if _tag(node) == "key" and node.get("for") in ("edge", "all") and node.get("attr.name") == "weight"
-    }
-    for graph in (node for node in root.iter() if _tag(node) == "graph"):
-        default = graph.get("edgedefault") != "undirected"
-        for position, edge in enumerate(node for node in graph if _tag(node) == "edge"):
-            directed = default if edge.get("directed") is None else edge.get("directed") == "true"
-            weight = [d.text or "" for d in edge if _tag(d) == "data" and d.get("key") in weights]
+        raise source.error(f"is not valid GraphML ({error})", "Export it again.") from None
+    graphs = [node for node in root.iter() if _tag(node) == "graph"]
+    if len(graphs) > 1:
+        raise source.error(f"must hold one graph; it holds {len(graphs)}", "Save each mode in a file of its own.")
+    weights = _weight_keys(root)
+    default = [text for text in weights.values() if text is not None][:1]
+    for graph in graphs:
+        undirected = graph.get("edgedefault") == "undirected"
+        edges = (node for node in graph if _tag(node) == "edge")
+        for number, edge in enumerate(edges, start=1):
+            both = {"true": False, "false": True}.get(edge.get("directed", ""), undirected)
+            own = [node.text or "" for node in edge if _tag(node) == "data" and node.get("key") in weights]
             a, b = edge.get("source", ""), edge.get("target", "")
-            yield position + 1, [a, b, *weight[:1]]
-            if not directed:
-                yield position + 1, [b, a, *weight[:1]]
+            yield number, [a, b, *(own or default)[:1]]
+            if both:
+                yield number, [b, a, *(own or default)[:1]]
+
+
+def _weight_keys(root: ElementTree.Element) -> dict[str | None, str | None]:
+    """The ids under which edges carry a weight, with its default."""
+    keys = (node for node in root.iter() if _tag(node) == "key" and node.get("attr.name") == "weight")
+    return {
+        node.get("id"): next((part.text or "" for part in node if _tag(part) == "default"), None)
+        for node in keys
+        if node.get("for") in ("edge", "all")
+    }
 
 
 def _tag(node: ElementTree.Element) -> str:
-    return node.tag.rsplit("}", 1)[-1] if isinstance(node.tag, str) else ""
+    return str(node.tag).rsplit("}", 1)[-1]
 
 
-def _weight(text: str, *, place: str, key: str) -> Fraction:
+def _weight(text: str, source: _Source, *, row: int) -> Fraction:
     try:
-        weight = parse_number(text, key=place)
+        weight = parse_number(text, key="weight")
     except SpecError as error:
-        raise SpecError(error.message, key=key, cure=error.cure) from None
+        raise source.error(error.message.rstrip("."), "Correct that weight.", row=row) from None
     if weight <= 0:
-        raise SpecError(
-            f"{place}: a weight must be > 0, because it multiplies h; got {text[:60]}.", key=key,
-            cure="Leave the arc out, or put the sign into h.",
+        raise source.error(
+            f"weight must be > 0, because it multiplies h; got {shown_number(weight)}",
+            "Leave the arc out, or put the sign into h.", row=row,
         )  # fmt: skip
     return weight
 
 
-def _arcs(rows: list[Row], *, name: str, key: str, index: Mapping[str, int], arrow: str) -> Arcs:
+def _arcs(rows: list[Row], source: _Source, *, index: Mapping[str, int], arrow: str) -> Arcs:
     known: dict[str, Any] = {}
     seen: set[tuple[str, str]] = set()
-    for line, cells in rows:
-        place = f"{key} ({name}, line {line})"
+    for row, cells in rows:
         if len(cells) not in (2, 3):
-            raise SpecError(
-                f"{place}: an arc has 2 or 3 columns, from,to[,weight]; got {len(cells)}.", key=key,
-                cure="Correct that line.",
-            )  # fmt: skip
+            wanted = "must have 2 or 3 columns, from,to[,weight]"
+            raise source.error(f"{wanted}; got {len(cells)}", "Separate them by commas in CSV, else by blanks.", row=row)
         for label in cells[:2]:
             if label not in index:
-                raise SpecError(
-                    f"{place}: there is no agent {label[:60]!r} in network.agents.", key=key,
-                    cure="Correct the label, or add the agent.",
+                raise source.error(
+                    f"names {shown(label)}; there is no such agent in network.agents",
+                    "Correct the label, or add the agent.", row=row,
                 )  # fmt: skip
         pair = (cells[0], cells[1])
-        if pair in seen or cells[0] == cells[1]:
-            what = "this arc stands there twice" if pair in seen else f"agent {cells[0][:60]} must not listen to itself"
-            raise SpecError(f"{place}: {what}.", key=key, cure="Remove that line.")
+        if pair in seen:
+            raise source.error("repeats an arc; it is a duplicate", f"Remove that {source.unit}.", row=row)
+        if cells[0] == cells[1]:
+            raise source.error(
+                f"is a self-arc; agent {named(cells[0])} must not listen to itself", f"Remove that {source.unit}.",
+                row=row,
+            )  # fmt: skip
         seen.add(pair)
         if len(cells) == 3 and cells[2] not in known:
-            known[cells[2]] = _weight(cells[2], place=place, key=key)
+            known[cells[2]] = _weight(cells[2], source, row=row)
     pairs = [[*cells[:2], known[cells[2]]] if len(cells) == 3 else cells for _, cells in rows]
-    return arcs_from_pairs(pairs, index=index, arrow=arrow, key=key)
+    return arcs_from_pairs(pairs, index=index, arrow=arrow, key=source.key)

@@ -17,15 +17,23 @@ import numpy as np
 from dobc_design.errors import SpecError
 from dobc_design.exact.matrix import Matrix
 from dobc_design.exact.number import number_text, parse_number
+from dobc_design.spec.arcs import Arcs, directed
 from dobc_design.spec.coupling import Coupling
 from dobc_design.spec.exosystem import Exosystem
-from dobc_design.spec.network import Arcs, Network
+from dobc_design.spec.labels import labels_of
+from dobc_design.spec.network import Network
 from dobc_design.spec.observer import Observer
 from dobc_design.spec.problem import Problem
+from dobc_design.spec.reading import shown
 from dobc_design.spec.settings import Switching
 
 FORMAT = "dobc-problem"
 VERSION = 1
+_CURE = "Write it again with `dobc check FILE --canonical OUT`."
+_KEYS = (
+    "format", "version", "name", "notes", "labels", "dimension", "target", "modes", "coupling", "gains", "exosystem",
+    "observer", "offsets", "region", "switching", "simulation",
+)  # fmt: skip
 
 
 def canonical_bytes(problem: Problem) -> bytes:
@@ -106,13 +114,11 @@ def _coupling(coupling: Coupling) -> str | list[str]:
 def problem_from_canonical(data: bytes) -> Problem:
     """Read problem.json back.  Raises SpecError for anything that is not one."""
     document = _load(data)
-    try:
-        return _problem(document)
-    except (KeyError, TypeError, AttributeError, IndexError) as error:
-        raise SpecError(
-            f"problem.json: something is missing or of the wrong kind ({type(error).__name__}: {error}).",
-            key="problem.json", cure="Write it again with `dobc check FILE --canonical OUT`.",
-        ) from None  # fmt: skip
+    reader = _Reader(document)
+    problem = reader.problem()
+    if problem.m != document["dimension"] or isinstance(document["dimension"], bool):
+        raise _wrong("dimension", f"the number of state components, {problem.m}", document["dimension"])
+    return problem
 
 
 def _load(data: bytes) -> dict[str, Any]:
@@ -121,18 +127,16 @@ def _load(data: bytes) -> dict[str, Any]:
     except SpecError:
         raise
     except (UnicodeDecodeError, ValueError, RecursionError) as error:
-        raise SpecError(
-            f"problem.json is not valid JSON ({str(error)[:80]}).", key="problem.json",
-            cure="Write it again with `dobc check FILE --canonical OUT`.",
-        ) from None  # fmt: skip
+        reason = str(error) if isinstance(error, json.JSONDecodeError) else type(error).__name__
+        raise SpecError(f"problem.json is not valid JSON ({reason}).", key="problem.json", cure=_CURE) from None
     if not isinstance(document, dict) or document.get("format") != FORMAT:
         raise SpecError(
-            f'problem.json must hold an object with "format": "{FORMAT}".', key="format",
-            cure="Write it again with `dobc check FILE --canonical OUT`.",
-        )  # fmt: skip
-    if document.get("version") != VERSION:
+            f'problem.json must hold an object with "format": "{FORMAT}".', key="format", cure=_CURE
+        )
+    version = document.get("version")
+    if version != VERSION or isinstance(version, bool):
         raise SpecError(
-            f"problem.json has version {document.get('version')!r}; this program knows {VERSION}.", key="version",
+            f"problem.json has version {shown(version)}; this program knows {VERSION}.", key="version",
             cure="Update dobc_design, or write the file again.",
         )  # fmt: skip
     return document
@@ -141,45 +145,120 @@ def _load(data: bytes) -> dict[str, Any]:
 def _no_duplicates(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
     result = dict(pairs)
     if len(result) != len(pairs):
-        raise SpecError("problem.json holds a key twice.", key="problem.json", cure="Write it again.")
+        raise SpecError("problem.json holds a key twice.", key="problem.json", cure=_CURE)
     return result
 
 
-def _problem(document: Mapping[str, Any]) -> Problem:
-    labels = tuple(document["labels"])
-    modes = {mode["name"]: _arcs(mode["arcs"], key=f"network.modes.{mode['name']}") for mode in document["modes"]}
-    exosystem, observer = document["exosystem"], document["observer"]
-    switching = document["switching"]
-    return Problem(
-        name=document["name"],
-        notes=document["notes"],
-        network=Network(labels=labels, modes=modes),
-        coupling=document["coupling"]["h"],
-        exceptions={(item["arc"][0], item["arc"][1]): item["h"] for item in document["coupling"]["exceptions"]},
-        target=document["target"],
-        gains={labels[i]: gain for i, gain in document["gains"]},
-        exosystem=None if exosystem is None else Exosystem(A=exosystem["A"], C=exosystem["C"]),
-        observer=None if exosystem is None else Observer(W=observer["W"], P=observer["P"], rate=observer["rate"]),
-        offsets={labels[i]: offset for i, offset in document["offsets"]},
-        region=document["region"],
-        switching=None if switching is None else Switching(signal=switching["signal"], dwell=switching["dwell"]),
-        simulation=document["simulation"],
-    )
+class _Reader:
+    """Reads the document strictly: every key, no other, and no value of another kind."""
+
+    def __init__(self, document: Mapping[str, Any]) -> None:
+        self.document = _object(document, _KEYS, key="problem.json")
+        self.labels = [_text(label, key="labels") for label in _list(document["labels"], key="labels")]
+
+    def problem(self) -> Problem:
+        document = self.document
+        exosystem = _optional(document["exosystem"], ("A", "C"), key="exosystem")
+        observer = _object(document["observer"], ("W", "P", "rate"), key="observer")
+        switching = _optional(document["switching"], ("signal", "dwell"), key="switching")
+        coupling = _object(document["coupling"], ("h", "exceptions"), key="coupling")
+        return Problem(
+            name=_text(document["name"], key="name"),
+            notes=_list(document["notes"], key="notes"),
+            network=Network(labels=labels_of(self.labels), modes=self.modes()),
+            coupling=coupling["h"],
+            exceptions=self.exceptions(coupling["exceptions"]),
+            target=_list(document["target"], key="target"),
+            gains=self.by_label("gains"),
+            exosystem=None if exosystem is None else Exosystem(A=exosystem["A"], C=exosystem["C"]),
+            observer=None if all(value is None for value in observer.values()) else Observer(**observer),
+            offsets=self.by_label("offsets"),
+            region=_optional(document["region"], ("initial_states", "initial_disturbance"), key="region"),
+            switching=None if switching is None else Switching(signal=switching["signal"], dwell=switching["dwell"]),
+            simulation=_object(document["simulation"], ("t_final", "seed", "xi0"), key="simulation"),
+        )
+
+    def modes(self) -> dict[str, Arcs]:
+        """Arcs by mode."""
+        result: dict[str, Arcs] = {}
+        for position, item in enumerate(_list(self.document["modes"], key="modes")):
+            mode = _object(item, ("name", "arcs"), key=f"modes[{position}]")
+            name = _text(mode["name"], key=f"modes[{position}].name")
+            if name in result:
+                raise _wrong(f"modes[{position}].name", "different from the others", name)
+            result[name] = _arcs(_list(mode["arcs"], key=f"modes[{position}].arcs"), key=f"modes[{position}].arcs")
+        return result
+
+    def exceptions(self, items: Any) -> dict[tuple[int, int], Any]:
+        """Coupling texts by arc."""
+        result: dict[tuple[int, int], Any] = {}
+        for position, item in enumerate(_list(items, key="coupling.exceptions")):
+            key = f"coupling.exceptions[{position}]"
+            table = _object(item, ("arc", "h"), key=key)
+            ends = [self.index(end, key=f"{key}.arc") for end in _list(table["arc"], key=f"{key}.arc", length=2)]
+            if (ends[0], ends[1]) in result:
+                raise _wrong(f"{key}.arc", "an arc without an exception so far", ends)
+            result[ends[0], ends[1]] = table["h"]
+        return result
+
+    def by_label(self, name: str) -> dict[str, Any]:
+        """A list of [index, value] as a mapping of label to value."""
+        result: dict[str, Any] = {}
+        for position, pair in enumerate(_list(self.document[name], key=name)):
+            place, value = _list(pair, key=f"{name}[{position}]", length=2)
+            label = self.labels[self.index(place, key=f"{name}[{position}][0]")]
+            if label in result:
+                raise _wrong(f"{name}[{position}][0]", "an agent that is not listed already", place)
+            result[label] = value
+        return result
+
+    def index(self, value: Any, *, key: str) -> int:
+        """The index of an agent."""
+        if type(value) is not int or not 0 <= value < len(self.labels):
+            raise _wrong(key, "the index of an agent", value)
+        return value
 
 
-def _arcs(rows: Sequence[Sequence[Any]], *, key: str) -> Arcs:
+def _object(value: Any, keys: Sequence[str], *, key: str) -> dict[str, Any]:
+    if not isinstance(value, dict) or set(value) != set(keys):
+        raise _wrong(key, f"an object with the keys {', '.join(keys)}", value)
+    return value
+
+
+def _optional(value: Any, keys: Sequence[str], *, key: str) -> dict[str, Any] | None:
+    return None if value is None else _object(value, keys, key=key)
+
+
+def _list(value: Any, *, key: str, length: int | None = None) -> list[Any]:
+    if not isinstance(value, list) or (length is not None and len(value) != length):
+        raise _wrong(key, "a list" if length is None else f"a list of {length}", value)
+    return value
+
+
+def _text(value: Any, *, key: str) -> str:
+    if not isinstance(value, str):
+        raise _wrong(key, "text", value)
+    return value
+
+
+def _wrong(key: str, wanted: str, value: object) -> SpecError:
+    return SpecError(f"problem.json: {key} must be {wanted}; got {shown(value)}.", key=key, cure=_CURE)
+
+
+def _arcs(rows: list[Any], *, key: str) -> Arcs:
     known: dict[str, Fraction] = {}
     listeners, speakers, weights = [], [], []
-    for position, (i, j, weight) in enumerate(rows):
-        if isinstance(i, bool) or isinstance(j, bool) or not isinstance(i, int) or not isinstance(j, int):
-            raise SpecError(f"{key}[{position}]: indices must be whole numbers.", key=key, cure="Write it again.")
+    for position, row in enumerate(rows):
+        if not isinstance(row, list) or len(row) != 3 or type(row[0]) is not int or type(row[1]) is not int:
+            raise _wrong(f"{key}[{position}]", "[listener, speaker, weight] with indices", row)
+        weight = _text(row[2], key=f"{key}[{position}][2]")
         if weight not in known:
             known[weight] = parse_number(weight, key=f"{key}[{position}][2]")
-        listeners.append(i)
-        speakers.append(j)
+        listeners.append(row[0])
+        speakers.append(row[1])
         weights.append(known[weight])
     try:
         pair = np.array(listeners, dtype=np.int64), np.array(speakers, dtype=np.int64)
     except OverflowError:
-        raise SpecError(f"{key}: an index is too large.", key=key, cure="Write it again.") from None
-    return Arcs(*pair, tuple(weights))
+        raise _wrong(key, "arcs between the agents", "an index that is too large") from None
+    return directed(*pair, tuple(weights), arrow="listens_to")

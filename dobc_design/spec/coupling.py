@@ -29,7 +29,7 @@ from dobc_design.spec.expression import (
     variables_used,
 )
 from dobc_design.spec.notation import names_in_words
-from dobc_design.spec.reading import is_list, shown
+from dobc_design.spec.reading import NumberText, counted, is_list, shown
 from dobc_design.spec.tokens import excerpt
 from dobc_design.spec.tree import NONSMOOTH, Add, Constant, Node, Subtract
 
@@ -133,18 +133,18 @@ def make_coupling(h: str | Sequence[str], *, dimension: int, key: str = "couplin
 
     Raises: ExpressionError or ShapeError naming ``key`` (or ``key[i]``); several errors come as one.
     """
-    if isinstance(h, str):
+    if isinstance(h, str) and not isinstance(h, NumberText):
         _refuse_numbered_names(h, dimension=dimension, key=key)
         components: tuple[Expression, ...] = (parse_expression(h, key=key),)
         return Coupling(components=components, by_component=True, dimension=dimension, key=key)
     if not is_list(h):
         raise ExpressionError(
-            f"{key} must be an expression in y, or a list of {dimension}; got {shown(h)}.", key=key,
+            f"{key} must be an expression in y, in quotes, or a list of them; got {shown(h)}.", key=key,
             cure='Write for example "tanh(y)".',
         )  # fmt: skip
     if len(h) != dimension:
         raise ShapeError(
-            f"{key} must have {dimension} expression(s), one per state component; got {len(h)}.", key=key,
+            f"{key} must have {counted(dimension, 'expression')}, one per state component; got {len(h)}.", key=key,
             cure="Or give one expression in y, which is applied to each component.",
         )  # fmt: skip
     return Coupling(
@@ -206,6 +206,10 @@ def _not_zero(expression: Expression, value: Interval, *, key: str) -> Expressio
     exact = number_text(value.lo)
     if not value.is_point or len(exact) > _LONGEST_NUMBER:
         return ExpressionError(f"{quoted} must vanish at y = 0 but is about {value.floats()[0]:.3g}.", key=key)
+    if not variables_used(expression.node):
+        return ExpressionError(
+            f"{quoted} must vanish at y = 0 but is the constant {exact}.", key=key, cure='Write for example "tanh(y)".'
+        )
     better = to_text(_lowered(expression.node, value.lo), dimension=expression.dimension)
     cure = f'did you mean "{better}"?' if len(better) <= _LONGEST_SUGGESTION else None
     return ExpressionError(f"{quoted} must vanish at y = 0 but equals {exact}", key=key, cure=cure)

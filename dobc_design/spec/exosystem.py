@@ -13,9 +13,9 @@ from typing import Any
 import numpy as np
 
 from dobc_design._checks import require_square
-from dobc_design.errors import ShapeError
+from dobc_design.errors import ShapeError, SpecError
 from dobc_design.exact.matrix import Matrix
-from dobc_design.spec.reading import read_matrix
+from dobc_design.spec.reading import counted, read_matrix, shown
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -35,7 +35,7 @@ class Exosystem:
         q = len(dynamics)
         if len(output[0]) != q:
             raise ShapeError(
-                f"exosystem.C must have {q} columns, one per exosystem state (A is {q}x{q});"
+                f"exosystem.C must have {counted(q, 'column')}, one per exosystem state (A is {q}x{q});"
                 f" got shape ({len(output)}, {len(output[0])}).",
                 key="exosystem.C", cure="Each row of C picks one component of the disturbance.",
             )  # fmt: skip
@@ -54,5 +54,18 @@ class Exosystem:
 
     @classmethod
     def from_control(cls, system: Any) -> Exosystem:
-        """Take A and C from a control.StateSpace; floats are read as their shortest decimal text."""
+        """Take A and C from a control.StateSpace; floats are read as their shortest decimal text.
+
+        Raises: SpecError for a system in discrete time or without A and C.
+        """
+        if not hasattr(system, "A") or not hasattr(system, "C"):
+            raise SpecError(
+                f"exosystem must be a state-space system with A and C; got {type(system).__name__}.", key="exosystem",
+                cure="For a transfer function: control.ss(system).",
+            )  # fmt: skip
+        if getattr(system, "dt", None):
+            raise SpecError(
+                f"exosystem must be in continuous time, xi' = A xi; got one with the time step {shown(system.dt)}.",
+                key="exosystem", cure="Give the continuous-time system.",
+            )  # fmt: skip
         return cls(A=np.asarray(system.A).tolist(), C=np.asarray(system.C).tolist())

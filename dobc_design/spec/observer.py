@@ -7,10 +7,11 @@ from dataclasses import dataclass
 from fractions import Fraction
 from typing import Any
 
+from dobc_design._checks import require_square
 from dobc_design.errors import ShapeError, SpecError
-from dobc_design.exact.matrix import Matrix, is_symmetric
+from dobc_design.exact.matrix import Matrix
 from dobc_design.exact.number import parse_number
-from dobc_design.spec.reading import read_matrix
+from dobc_design.spec.reading import read_matrix, rows_of, shown_number
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -41,19 +42,28 @@ class Observer:
                 "observer.P must stand beside observer.W, because P is tested for that W; got P alone.",
                 key="observer.P", cure="Give W too, or leave P out: a P is then found for you.",
             )  # fmt: skip
-        if lyapunov is not None and (len(lyapunov) != len(lyapunov[0]) or not is_symmetric(lyapunov)):
-            raise ShapeError(
-                "observer.P must be a symmetric square matrix, because x'Px is its only use; got one that is not.",
-                key="observer.P", cure="Replace it by (P + P')/2.",
-            )  # fmt: skip
+        if lyapunov is not None:
+            _check_symmetric(lyapunov)
         if speed is not None and speed <= 0:
             raise SpecError(
-                f"observer.rate must be > 0 (1/s), the decay asked of the estimate; got {speed}.",
+                f"observer.rate must be > 0 (1/s), the decay asked of the estimate; got {shown_number(speed)}.",
                 key="observer.rate", cure="Leave it out for the default.",
             )  # fmt: skip
         object.__setattr__(self, "W", gain)
         object.__setattr__(self, "P", lyapunov)
         object.__setattr__(self, "rate", speed)
+
+
+def _check_symmetric(P: Matrix) -> None:
+    require_square(P, name="observer.P", because="one row and column per exosystem state")
+    for i, row in enumerate(P):
+        for j in range(i):
+            if row[j] != P[j][i]:
+                raise ShapeError(
+                    f"observer.P must be symmetric, because x'Px is its only use;"
+                    f" got {shown_number(P[j][i])} at [{j}][{i}] and {shown_number(row[j])} at [{i}][{j}].",
+                    key="observer.P", cure="Replace it by (P + P')/2.",
+                )  # fmt: skip
 
 
 def check_observer(observer: Observer, *, q: int, m: int) -> None:
@@ -65,7 +75,5 @@ def check_observer(observer: Observer, *, q: int, m: int) -> None:
         if matrix is not None and (len(matrix), len(matrix[0])) != shape:
             raise ShapeError(
                 f"observer.{name} must have shape {shape}, {because}; got shape ({len(matrix)}, {len(matrix[0])}).",
-                key=f"observer.{name}", cure=f"Give {shape[0]} row(s) of {shape[1]} number(s).",
+                key=f"observer.{name}", cure=f"Give {rows_of(shape)}.",
             )  # fmt: skip
-
-

@@ -16,7 +16,16 @@ from dobc_design.exact.definite import decide_positive_semidefinite
 from dobc_design.exact.matrix import Matrix, add, transpose
 from dobc_design.exact.number import parse_number
 from dobc_design.exact.symmetric import SparseSymmetric
-from dobc_design.spec.reading import is_list, is_scalar_matrix, read_matrix, scalar_matrix
+from dobc_design.spec.reading import (
+    MOST_ERRORS,
+    is_list,
+    is_scalar_matrix,
+    named,
+    read_matrix,
+    scalar_matrix,
+    shown,
+    shown_number,
+)
 from dobc_design.verdict import Verdict
 
 
@@ -51,6 +60,11 @@ def read_pinning(gains: Any, *, labels: Sequence[str], dimension: int) -> Pinnin
     """
     if gains is None:
         return Pinning(gains={})
+    if is_list(gains):
+        raise SpecError(
+            f"pinning.gains must be a table of label = gain, or one number for all agents; got {shown(gains)}.",
+            key="pinning.gains", cure="For example gains = { 1 = 5.0, 6 = 2 }.",
+        )  # fmt: skip
     if not isinstance(gains, Mapping):
         gain = _read_gain(gains, key="pinning.gains", dimension=dimension)
         return Pinning(gains=dict.fromkeys(range(len(labels)), gain))
@@ -59,12 +73,12 @@ def read_pinning(gains: Any, *, labels: Sequence[str], dimension: int) -> Pinnin
     result: dict[int, Matrix] = {}
     errors: list[SpecError] = []
     for label, value in gains.items():
-        key = f"pinning.gains.{label}"
+        key = f"pinning.gains.{named(str(label))}"
         try:
             place = index.get(str(label))
             if place is None or isinstance(label, bool):
                 raise SpecError(
-                    f"{key}: there is no agent {str(label)[:60]!r} in network.agents.", key=key,
+                    f"{key}: there is no agent {shown(str(label))} in network.agents.", key=key,
                     cure="Use the label of an agent.",
                 )  # fmt: skip
             if place in result:
@@ -77,6 +91,8 @@ def read_pinning(gains: Any, *, labels: Sequence[str], dimension: int) -> Pinnin
             result[place] = known[token] if token is not None else gain
         except SpecError as error:
             errors.append(error)
+            if len(errors) >= MOST_ERRORS:
+                break
     if errors:
         raise SpecError.several(errors)
     return Pinning(gains=result)
@@ -87,7 +103,7 @@ def _read_gain(value: Any, *, key: str, dimension: int) -> Matrix:
         number = parse_number(value, key=key)
         if number < 0:
             raise SpecError(
-                f"{key} must be >= 0, because u_i = -k_i (x_i - xbar) has to pull towards the target; got {number}.",
+                f"{key} must be >= 0, because u_i = -k_i (x_i - xbar) has to pull towards the target; got {shown_number(number)}.",
                 key=key, cure="Use a positive gain, or leave the agent out.",
             )  # fmt: skip
         return scalar_matrix(number, dimension)

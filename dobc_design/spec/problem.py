@@ -5,9 +5,8 @@ A Problem is frozen, exact and cannot exist invalid.  It holds no solver's answe
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from fractions import Fraction
 from types import MappingProxyType
 from typing import Any, TypeVar
 
@@ -18,12 +17,13 @@ from dobc_design.spec.exosystem import Exosystem
 from dobc_design.spec.network import Network
 from dobc_design.spec.observer import Observer, check_observer
 from dobc_design.spec.pinning import Pinning, read_pinning
-from dobc_design.spec.reading import NumberText, is_list, read_vector, shown
+from dobc_design.spec.reading import MOST_ERRORS, is_list, is_text, named, read_vector, shown
 from dobc_design.spec.region import Region, read_region
 from dobc_design.spec.settings import Simulation, Switching, read_simulation
 
 T = TypeVar("T")
 Arc = tuple[int, int]
+LARGEST_DIMENSION = 100  # every gain is an m x m matrix
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -78,6 +78,7 @@ class Problem:
     ) -> None:
         errors: list[SpecError] = []
         keep = _Keeper(self, errors)
+        _check_kinds(network=network, exosystem=exosystem, observer=observer, switching=switching)
         m = dimension_of(exosystem, target, coupling)
         n, q = network.size, 0 if exosystem is None else exosystem.order
         keep("name", lambda: _read_name(name))
@@ -85,10 +86,10 @@ class Problem:
         keep("exosystem", lambda: exosystem)
         keep("target", lambda: read_vector(target, key="target", length=m, because="one per state component"))
         keep("coupling", lambda: _read_coupling(coupling, dimension=m, key="coupling.h"))
-        keep("exceptions", lambda: _read_exceptions(exceptions or {}, network=network, dimension=m))
+        keep("exceptions", lambda: _read_exceptions(exceptions, network=network, dimension=m))
         keep("pinning", lambda: _read_pinning(gains, network=network, dimension=m))
         keep("observer", lambda: _read_observer(observer, exosystem=exosystem))
-        keep("offsets", lambda: _read_offsets(offsets or {}, network=network, dimension=m))
+        keep("offsets", lambda: _read_offsets(offsets, network=network, dimension=m))
         keep("region", lambda: _read_region(region, dimension=m, exosystem=exosystem))
         keep("switching", lambda: switching)
         keep("simulation", lambda: _read_simulation(simulation, n=n, q=q))
@@ -150,16 +151,42 @@ class _Keeper:
 def dimension_of(exosystem: Exosystem | None, target: Any, coupling: Any) -> int:
     """m: the rows of C, else the length of target, else of h, else 1 (the contract's order)."""
     if exosystem is not None:
-        return exosystem.outputs
-    if is_list(target):
-        return max(1, len(target))
-    if isinstance(coupling, Coupling):
-        return coupling.dimension
-    return len(coupling) if is_list(coupling) and len(coupling) else 1
+        key, m = "exosystem.C", exosystem.outputs
+    elif is_list(target):
+        key, m = "target", len(target)
+    elif isinstance(coupling, Coupling):
+        key, m = "coupling.h", coupling.dimension
+    else:
+        key, m = "coupling.h", len(coupling) if is_list(coupling) else 1
+    if m > LARGEST_DIMENSION:
+        raise ShapeError(
+            f"{key}: an agent may have at most {LARGEST_DIMENSION} state components; got {m}.", key=key,
+            cure="Components that do not act on each other can be problems of their own.",
+        )  # fmt: skip
+    return max(1, m)
+
+
+def _check_kinds(*, network: object, exosystem: object, observer: object, switching: object) -> None:
+    for key, value, kind, cure in (
+        ("network", network, Network, "Make one with Network.from_arcs, from_networkx or from_sparse."),
+        ("exosystem", exosystem, Exosystem, "Make one with Exosystem(A=..., C=...) or Exosystem.from_control(system)."),
+        ("observer", observer, Observer, "Make one with Observer(W=..., P=...) or Observer(rate=...)."),
+        ("switching", switching, Switching, "Make one with Switching(signal=..., dwell=...)."),
+    ):
+        if not isinstance(value, kind) and (value is not None or kind is Network):
+            name = kind.__name__
+            raise SpecError(
+                f"{key} must be {'an' if name[0] in 'EO' else 'a'} {name}; got {shown(value)}.", key=key, cure=cure
+            )
+
+
+def is_name(name: object) -> bool:
+    """Tell whether ``name`` can name a problem."""
+    return isinstance(name, str) and is_text(name) and len(name) <= 100 and name.isprintable() and bool(name.strip())
 
 
 def _read_name(name: object) -> str:
-    if not isinstance(name, str) or isinstance(name, NumberText) or not 1 <= len(name) <= 100 or not name.isprintable() or not name.strip():
+    if not isinstance(name, str) or not is_name(name):
         raise SpecError(
             f"name must be text of 1 to 100 printable characters; got {shown(name)}.", key="name",
             cure='For example name = "my-network".',
@@ -170,9 +197,9 @@ def _read_name(name: object) -> str:
 def _read_notes(notes: Any) -> tuple[str, ...]:
     texts = tuple(notes) if is_list(notes) else (notes,)
     for position, text in enumerate(texts):
-        if not isinstance(text, str) or isinstance(text, NumberText) or len(text) > 1000:
+        if not is_text(text) or len(text) > 1000 or not text.replace("\n", "").isprintable():
             raise SpecError(
-                f"notes[{position}] must be text of at most 1000 characters; got {shown(text)}.",
+                f"notes[{position}] must be text of at most 1000 printable characters; got {shown(text)}.",
                 key=f"notes[{position}]", cure="Write a list of sentences.",
             )  # fmt: skip
     return texts
@@ -189,30 +216,50 @@ def _read_coupling(value: Any, *, dimension: int, key: str) -> Coupling:
     return make_coupling(value, dimension=dimension, key=key)
 
 
-def _read_exceptions(value: Mapping[Arc, Any], *, network: Network, dimension: int) -> Mapping[Arc, Coupling]:
-    n = network.size
-    exist = {
-        code
-        for arcs in (network.modes.values() if value else ())
-        for code in (arcs.listeners * n + arcs.speakers).tolist()
-    }
+def _read_exceptions(value: Any, *, network: Network, dimension: int) -> Mapping[Arc, Coupling]:
+    if not value:
+        return MappingProxyType({})
+    codes, n = network.arc_codes(), network.size
     result: dict[Arc, Coupling] = {}
     errors: list[SpecError] = []
-    for position, ((listener, speaker), h) in enumerate(value.items()):
+    for position, (arc, h) in enumerate(_items(value, key="coupling.exceptions")):
         key = f"coupling.exceptions[{position}]"
         try:
-            if listener * n + speaker not in exist:
-                names = [network.labels[i] if 0 <= i < n else str(i) for i in (listener, speaker)]
+            if not _is_arc(arc, n) or arc[0] * n + arc[1] not in codes:
                 raise SpecError(
-                    f"{key}: no mode has the arc in which {names[0]} listens to {names[1]}.", key=key,
-                    cure="Correct the arc, or remove the exception.",
+                    f"{key}: no mode has the arc with the indices (listener, speaker) = {shown(arc)}.", key=key,
+                    cure="Correct the arc, or remove the exception; indices count from 0.",
                 )  # fmt: skip
-            result[listener, speaker] = _read_coupling(h, dimension=dimension, key=f"{key}.h")
+            result[int(arc[0]), int(arc[1])] = _read_coupling(h, dimension=dimension, key=f"{key}.h")
         except SpecError as error:
             errors.extend(error.errors)
+            if len(errors) >= MOST_ERRORS:
+                break
     if errors:
         raise SpecError.several(errors)
     return MappingProxyType(result)
+
+
+def _is_arc(value: Any, n: int) -> bool:
+    return is_list(value) and len(value) == 2 and all(type(i) is int and 0 <= i < n for i in value)
+
+
+def _items(value: Any, *, key: str) -> Iterable[tuple[Any, Any]]:
+    if not isinstance(value, Mapping):
+        raise SpecError(f"{key} must be a table; got {shown(value)}.", key=key, cure="Give a mapping, as a dict.")
+    return value.items()
+
+
+def _read_table(value: Any, keys: Sequence[str], *, key: str) -> Mapping[str, Any]:
+    """A mapping that has no other keys than these."""
+    for name, _ in _items(value, key=key):
+        if name not in keys:
+            raise SpecError(
+                f"{key}.{named(str(name))} is an unknown key.", key=f"{key}.{named(str(name))}",
+                cure=f"Known keys: {', '.join(keys)}.",
+            )  # fmt: skip
+    table: Mapping[str, Any] = value
+    return table
 
 
 def _read_pinning(gains: Any, *, network: Network, dimension: int) -> Pinning:
@@ -231,23 +278,28 @@ def _read_observer(observer: Observer | None, *, exosystem: Exosystem | None) ->
     return observer
 
 
-def _read_offsets(value: Mapping[Any, Any], *, network: Network, dimension: int) -> Mapping[int, Vector]:
-    index = network.index if value else {}
+def _read_offsets(value: Any, *, network: Network, dimension: int) -> Mapping[int, Vector]:
+    if value is None:
+        return MappingProxyType({})
+    index = network.index
     result: dict[int, Vector] = {}
     errors: list[SpecError] = []
-    for label, offset in value.items():
-        key = f"formation.offsets.{label}"
+    for label, offset in _items(value, key="formation.offsets"):
+        key = f"formation.offsets.{named(str(label))}"
         try:
-            if isinstance(label, bool) or str(label) not in index:
+            place = None if isinstance(label, bool) else index.get(str(label))
+            if place is None:
                 raise SpecError(
-                    f"{key}: there is no agent {str(label)[:60]!r} in network.agents.", key=key,
+                    f"{key}: there is no agent {shown(str(label))} in network.agents.", key=key,
                     cure="Use the label of an agent.",
                 )  # fmt: skip
-            result[index[str(label)]] = read_vector(
-                offset, key=key, length=dimension, because="one per state component"
-            )
+            if place in result:
+                raise SpecError(f"{key} stands there twice (labels are text).", key=key, cure="Keep one.")
+            result[place] = read_vector(offset, key=key, length=dimension, because="one per state component")
         except SpecError as error:
             errors.extend(error.errors)
+            if len(errors) >= MOST_ERRORS:
+                break
     if errors:
         raise SpecError.several(errors)
     return MappingProxyType({i: offset for i, offset in sorted(result.items()) if any(offset)})
@@ -258,9 +310,10 @@ def _read_region(value: Any, *, dimension: int, exosystem: Exosystem | None) -> 
         return None
     if isinstance(value, Region):
         value = {"initial_states": value.initial_states, "initial_disturbance": value.initial_disturbance}
+    table = _read_table(value, ("initial_states", "initial_disturbance"), key="region")
     return read_region(
-        value.get("initial_states"),
-        value.get("initial_disturbance"),
+        table.get("initial_states"),
+        table.get("initial_disturbance"),
         dimension=dimension,
         with_exosystem=exosystem is not None,
     )
@@ -269,5 +322,5 @@ def _read_region(value: Any, *, dimension: int, exosystem: Exosystem | None) -> 
 def _read_simulation(value: Any, *, n: int, q: int) -> Simulation:
     if isinstance(value, Simulation):
         return read_simulation(value.t_final, value.seed, value.xi0, n=n, q=q)
-    table = value or {}
+    table = {} if value is None else _read_table(value, ("t_final", "seed", "xi0"), key="simulation")
     return read_simulation(table.get("t_final"), table.get("seed"), table.get("xi0"), n=n, q=q)

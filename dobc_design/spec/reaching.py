@@ -9,7 +9,7 @@ from collections.abc import Iterable
 
 import numpy as np
 
-from dobc_design.spec.network import Arcs
+from dobc_design.spec.arcs import Arcs
 from dobc_design.spec.problem import Problem
 
 

@@ -6,6 +6,7 @@ an error names the same key.
 
 from __future__ import annotations
 
+import reprlib
 from collections.abc import Sequence
 from fractions import Fraction
 from typing import Any
@@ -14,7 +15,14 @@ import numpy as np
 
 from dobc_design.errors import ShapeError
 from dobc_design.exact.matrix import Matrix, Vector
-from dobc_design.exact.number import parse_number
+from dobc_design.exact.number import number_text, parse_number
+from dobc_design.spec.tokens import visible
+
+LONGEST_SHOWN = 60
+MOST_ERRORS = 20  # of one kind in one file; more would hide the first
+
+_SHORT = reprlib.Repr()
+_SHORT.maxstring = _SHORT.maxother = _SHORT.maxlong = LONGEST_SHOWN
 
 
 class NumberText(str):
@@ -34,6 +42,11 @@ def is_list(value: object) -> bool:
     return isinstance(value, (list, tuple)) or (isinstance(value, np.ndarray) and value.ndim > 0)
 
 
+def is_text(value: object) -> bool:
+    """Tell whether ``value`` was given as text, and not as a number of a file."""
+    return isinstance(value, str) and not isinstance(value, NumberText)
+
+
 def read_matrix(value: Any, *, key: str, shape: tuple[int, int] | None = None, because: str = "") -> Matrix:
     """Read a matrix given by rows, exactly.
 
@@ -44,19 +57,24 @@ def read_matrix(value: Any, *, key: str, shape: tuple[int, int] | None = None, b
     if not is_list(rows) or not rows or not all(is_list(row) for row in rows):
         raise ShapeError(
             f"{key} must be a matrix, given as a list of rows; got {shown(value)}.", key=key,
-            cure="Write [[1, 0], [0, 1]].",
+            cure="For example [[1, 0], [0, 1]]; a column is [[1], [2]].",
         )  # fmt: skip
     width = len(rows[0])
+    if width == 0:
+        raise ShapeError(
+            f"{key}[0] must hold at least one number; got an empty row.", key=f"{key}[0]",
+            cure="For example [[1, 0], [0, 1]]; a column is [[1], [2]].",
+        )  # fmt: skip
     for position, row in enumerate(rows):
-        if len(row) != width or width == 0:
+        if len(row) != width:
             raise ShapeError(
-                f"{key}[{position}] must have as many numbers as the first row ({width}, at least 1); got {len(row)}.",
+                f"{key}[{position}] must have {counted(width, 'number')}, as many as the first row; got {len(row)}.",
                 key=f"{key}[{position}]", cure="Make all rows equally long.",
             )  # fmt: skip
     if shape is not None and (len(rows), width) != shape:
         raise ShapeError(
             f"{key} must have shape {shape}{f', {because}' if because else ''}; got shape ({len(rows)}, {width}).",
-            key=key, cure=f"Give {shape[0]} row(s) of {shape[1]} number(s).",
+            key=key, cure=f"Give {rows_of(shape)}.",
         )  # fmt: skip
     return tuple(
         tuple(parse_number(entry, key=f"{key}[{i}][{j}]") for j, entry in enumerate(row))
@@ -70,16 +88,40 @@ def read_vector(value: Any, *, key: str, length: int, because: str) -> Vector:
         return (parse_number(value, key=key),) * length
     if len(value) != length:
         raise ShapeError(
-            f"{key} must have {length} number(s), {because}; got {len(value)}.", key=key,
-            cure=f"Give {length}, or one number for all components.",
+            f"{key} must have {counted(length, 'number')}, {because}; got {len(value)}.", key=key,
+            cure=f"Give a list of {counted(length, 'number')}.",
         )  # fmt: skip
     return tuple(parse_number(entry, key=f"{key}[{i}]") for i, entry in enumerate(value))
 
 
 def shown(value: object) -> str:
-    """Show what was given, cut to a length that fits in a sentence."""
-    text = repr(value)
-    return text if len(text) <= 60 else text[:57] + "..."
+    """Show what was given, cut to a length that fits in a sentence; nothing in it can move a cursor."""
+    try:
+        text = _SHORT.repr(value)
+    except ValueError:  # a whole number with more digits than Python prints
+        text = "a number of thousands of digits"
+    return text if len(text) <= LONGEST_SHOWN else text[: LONGEST_SHOWN - 3] + "..."
+
+
+def named(text: str) -> str:
+    """Show a label, a name or a key without quotes: cut, and unprintable characters as escapes."""
+    cut = visible(text[: LONGEST_SHOWN + 1])
+    return cut if len(cut) <= LONGEST_SHOWN else cut[: LONGEST_SHOWN - 3] + "..."
+
+
+def shown_number(value: Fraction) -> str:
+    """Show an exact number, cut to a length that fits in a sentence."""
+    return named(number_text(value))
+
+
+def counted(number: int, word: str) -> str:
+    """Write "1 arc", "2 arcs"."""
+    return f"{number} {word}{'' if number == 1 else 's'}"
+
+
+def rows_of(shape: tuple[int, int]) -> str:
+    """Write "2 rows of 1 number"."""
+    return f"{counted(shape[0], 'row')} of {counted(shape[1], 'number')}"
 
 
 def scalar_matrix(value: Fraction, size: int) -> Matrix:

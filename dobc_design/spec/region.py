@@ -8,9 +8,10 @@ from typing import Any
 
 from dobc_design.errors import ShapeError, SpecError
 from dobc_design.exact.number import parse_number
-from dobc_design.spec.reading import is_list, shown
+from dobc_design.spec.reading import counted, is_list, shown, shown_number
 
 Pair = tuple[Fraction, Fraction]
+_WANTED = "a pair [lo, hi]"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -24,9 +25,7 @@ class Region:
     initial_disturbance: Fraction | None
 
 
-def read_region(
-    initial_states: Any, initial_disturbance: Any, *, dimension: int, with_exosystem: bool
-) -> Region:
+def read_region(initial_states: Any, initial_disturbance: Any, *, dimension: int, with_exosystem: bool) -> Region:
     """Read one pair for all components, or m pairs.  Raises SpecError naming the key."""
     key = "region.initial_states"
     errors: list[SpecError] = []
@@ -48,15 +47,17 @@ def read_region(
 def _read_pairs(value: Any, *, key: str, dimension: int) -> tuple[Pair, ...]:
     if not is_list(value) or len(value) == 0:
         raise ShapeError(
-            f"{key} must be a pair [lo, hi] or {dimension} such pair(s); got {shown(value)}.", key=key,
-            cure="For example [0, 5].",
+            f"{key} must be {_WANTED if dimension == 1 else f'{_WANTED}, or {dimension} such pairs'};"
+            f" got {shown(value)}.",
+            key=key, cure="For example [0, 5].",
         )  # fmt: skip
     nested = [is_list(entry) for entry in value]
     rows = list(value) if all(nested) else [value] * dimension
     if len(rows) != dimension or (any(nested) and not all(nested)):
         raise ShapeError(
-            f"{key} must have {dimension} pair(s), one per state component; got {len(value)}.", key=key,
-            cure="Give one pair for all components, or one for each.",
+            f"{key} must be {_WANTED} for all state components, or a list of {counted(dimension, 'pair')}, one for"
+            f" each; got {shown(value)}.",
+            key=key, cure="For example [0, 5].",
         )  # fmt: skip
     pairs = []
     for position, row in enumerate(rows):
@@ -68,8 +69,8 @@ def _read_pairs(value: Any, *, key: str, dimension: int) -> tuple[Pair, ...]:
         lo, hi = (parse_number(entry, key=f"{place}[{i}]") for i, entry in enumerate(row))
         if lo > hi:
             raise SpecError(
-                f"{place} must be a pair [lo, hi] with lo <= hi; got [{lo}, {hi}].", key=place,
-                cure="Exchange the two numbers.",
+                f"{place} must be a pair [lo, hi] with lo <= hi; got [{shown_number(lo)}, {shown_number(hi)}].",
+                key=place, cure="Exchange the two numbers.",
             )  # fmt: skip
         pairs.append((lo, hi))
     return tuple(pairs)
@@ -87,7 +88,9 @@ def _read_disturbance(value: Any, *, with_exosystem: bool) -> Fraction | None:
         return None
     number = parse_number(value, key=key)
     if number < 0:
-        raise SpecError(f"{key} must be >= 0, it is a length; got {number}.", key=key, cure="Drop the sign.")
+        raise SpecError(
+            f"{key} must be >= 0, because it is a length; got {shown_number(number)}.", key=key, cure="Give 0 or more."
+        )
     if not with_exosystem:
         raise SpecError(
             f"{key} has no meaning without an [exosystem].", key=key, cure="Remove it, or give the exosystem."

@@ -10,6 +10,10 @@ from typing import Annotated, Any
 
 from pydantic import BaseModel, ConfigDict, Field, PlainValidator, WithJsonSchema
 
+from dobc_design.spec.arcs import ARROWS
+from dobc_design.spec.labels import LONGEST_LABEL, MOST_AGENTS
+from dobc_design.spec.settings import SIGNALS
+
 SCHEMA_VERSION = 1
 
 _NUMBER = {
@@ -17,58 +21,66 @@ _NUMBER = {
     "anyOf": [{"type": "number"}, {"type": "string", "pattern": r"^[+-]?[0-9.eE+/-]+$", "maxLength": 200}],
 }
 _MATRIX = {"type": "array", "items": {"type": "array", "items": _NUMBER, "minItems": 1}, "minItems": 1}
-_LABEL = {"anyOf": [{"type": "string"}, {"type": "integer"}]}
+_NUMBERS = {"type": "array", "items": _NUMBER, "minItems": 1}
+_INTERVAL = {"type": "array", "items": _NUMBER, "minItems": 2, "maxItems": 2}
+_LABEL = {"anyOf": [{"type": "string", "minLength": 1, "maxLength": LONGEST_LABEL}, {"type": "integer"}]}
+_LABELS = {"type": "array", "items": _LABEL, "minItems": 1}
+_COUNT = {"type": "integer", "minimum": 1, "maximum": MOST_AGENTS}
+_PAIR = {"type": "array", "items": _LABEL, "minItems": 2, "maxItems": 2}
 _ARC = {
     "type": "array", "minItems": 2, "maxItems": 3,
     "description": "[a, b] or [a, b, weight]; network.arrow says who listens.",
-    "items": {"anyOf": [{"type": "string"}, {"type": "number"}]},
+    "prefixItems": [_LABEL, _LABEL, _NUMBER],
 }  # fmt: skip
+_FILE = {
+    "type": "object", "properties": {"file": {"type": "string"}}, "required": ["file"], "additionalProperties": False,
+}  # fmt: skip
+_MODES = {
+    "type": "object", "minProperties": 1,
+    "additionalProperties": {"anyOf": [{"type": "array", "items": _ARC}, _FILE]},
+}  # fmt: skip
+_NOTE = {"type": "string", "maxLength": 1000}
 _COUPLING = {
     "description": "In y, applied by component; or a list of m expressions in y1..ym.",
     "anyOf": [{"type": "string"}, {"type": "array", "items": {"type": "string"}, "minItems": 1}],
 }
 
 
-def _any(schema: dict[str, Any]) -> Any:
-    """Accept any value here and describe it by ``schema``; the nouns read it and name the key."""
-    return Annotated[Any, PlainValidator(lambda value: value), WithJsonSchema(schema)]
+def _table_of(*values: dict[str, Any]) -> dict[str, Any]:
+    return {"type": "object", "additionalProperties": {"anyOf": list(values)}}
+
+
+def _as_given(value: Any) -> Any:
+    """Any value will do here: the nouns read it and name the key."""
+    return value
 
 
 def _table(value: Any) -> Any:
     if not isinstance(value, dict):
-        raise ValueError(f"must be a table; got {str(value)[:60]}")
+        raise ValueError("must be a table")
     return value
 
 
-Number = _any(_NUMBER)
-NumberMatrix = _any(_MATRIX)
-CouplingText = _any(_COUPLING)
-Agents = _any({"anyOf": [{"type": "integer", "minimum": 1}, {"type": "array", "items": _LABEL, "minItems": 1}]})
-NumberOrList = _any({"anyOf": [_NUMBER, {"type": "array", "items": _NUMBER, "minItems": 1}]})
-Modes = Annotated[
-    Any,
-    PlainValidator(_table),
-    WithJsonSchema(
-        {
-            "type": "object", "minProperties": 1,
-            "additionalProperties": {
-                "anyOf": [
-                    {"type": "array", "items": _ARC},
-                    {"type": "object", "properties": {"file": {"type": "string"}}, "required": ["file"],
-                     "additionalProperties": False},
-                ]
-            },
-        }  # fmt: skip
-    ),
-]
-Gains = _any({"anyOf": [_NUMBER, {"type": "object", "additionalProperties": {"anyOf": [_NUMBER, _MATRIX]}}]})
-Offsets = Annotated[
-    Any,
-    PlainValidator(_table),
-    WithJsonSchema(
-        {"type": "object", "additionalProperties": {"anyOf": [_NUMBER, {"type": "array", "items": _NUMBER}]}}
-    ),
-]
+_GIVEN = PlainValidator(_as_given)
+_TABLE = PlainValidator(_table)
+
+Number = Annotated[Any, _GIVEN, WithJsonSchema(_NUMBER)]
+NumberMatrix = Annotated[Any, _GIVEN, WithJsonSchema(_MATRIX)]
+NumberOrList = Annotated[Any, _GIVEN, WithJsonSchema({"anyOf": [_NUMBER, _NUMBERS]})]
+CouplingText = Annotated[Any, _GIVEN, WithJsonSchema(_COUPLING)]
+ArcList = Annotated[Any, _GIVEN, WithJsonSchema({"type": "array", "items": _PAIR, "minItems": 1})]
+Texts = Annotated[Any, _GIVEN, WithJsonSchema({"anyOf": [_NOTE, {"type": "array", "items": _NOTE}]})]
+Name = Annotated[Any, _GIVEN, WithJsonSchema({"type": "string", "minLength": 1, "maxLength": 100})]
+Version = Annotated[Any, _GIVEN, WithJsonSchema({"type": "integer", "const": SCHEMA_VERSION})]
+Seed = Annotated[Any, _GIVEN, WithJsonSchema({"type": "integer", "minimum": 0, "maximum": 2**63 - 1})]
+Arrow = Annotated[Any, _GIVEN, WithJsonSchema({"enum": list(ARROWS)})]
+Signal = Annotated[Any, _GIVEN, WithJsonSchema({"enum": list(SIGNALS)})]
+Agents = Annotated[Any, _GIVEN, WithJsonSchema({"anyOf": [_COUNT, _LABELS]})]
+Pairs = Annotated[Any, _GIVEN, WithJsonSchema({"anyOf": [_INTERVAL, {"type": "array", "items": _INTERVAL}]})]
+Rows = Annotated[Any, _GIVEN, WithJsonSchema({"anyOf": [_NUMBERS, {"type": "array", "items": _NUMBERS}]})]
+Modes = Annotated[Any, _TABLE, WithJsonSchema(_MODES)]
+Gains = Annotated[Any, _GIVEN, WithJsonSchema({"anyOf": [_NUMBER, _table_of(_NUMBER, _MATRIX)]})]
+Offsets = Annotated[Any, _TABLE, WithJsonSchema(_table_of(_NUMBER, _NUMBERS))]
 
 
 class _Table(BaseModel):
@@ -79,20 +91,14 @@ class NetworkTable(_Table):
     """[network]: who is there and who listens to whom."""
 
     agents: Agents = Field(description="A count (labels 1..n) or a list of labels.")
-    arrow: Annotated[
-        Any,
-        PlainValidator(lambda value: value),
-        WithJsonSchema({"enum": ["listens_to", "sends_to"], "description": "What [a, b] means."}),
-    ]
+    arrow: Arrow = Field(description="What [a, b] means: a hears b, or a is heard by b. There is no default.")
     modes: Modes = Field(description="At least one; several mean switching.")
 
 
 class ExceptionTable(_Table):
     """[[coupling.exceptions]]: another h on some arcs, in every mode that has them."""
 
-    arcs: Annotated[
-        Any, PlainValidator(lambda value: value), WithJsonSchema({"type": "array", "items": _ARC, "minItems": 1})
-    ]
+    arcs: ArcList
     h: CouplingText
 
 
@@ -133,20 +139,14 @@ class FormationTable(_Table):
 class RegionTable(_Table):
     """[region]: what the certificate has to cover."""
 
-    initial_states: _any(  # type: ignore[valid-type]
-        {"type": "array", "description": "[lo, hi] for every component, or m such pairs."}
-    )
+    initial_states: Pairs = Field(description="[lo, hi] for every component, or m such pairs.")
     initial_disturbance: Number = None
 
 
 class SwitchingTable(_Table):
     """[switching]: the signal that drives the modes."""
 
-    signal: Annotated[
-        Any,
-        PlainValidator(lambda value: value),
-        WithJsonSchema({"enum": ["random", "periodic", "markov", "schedule", "mobile"]}),
-    ]
+    signal: Signal
     dwell: Number = Field(default=None, description="s")
 
 
@@ -154,20 +154,16 @@ class SimulationTable(_Table):
     """[simulation]: settings of simulations; they never enter a proof."""
 
     t_final: Number = Field(default=None, description="s")
-    seed: Annotated[Any, PlainValidator(lambda v: v), WithJsonSchema({"type": "integer", "minimum": 0})] = None
-    xi0: _any({"type": "array"}) = None  # type: ignore[valid-type]
+    seed: Seed = None
+    xi0: Rows = Field(default=None, description="q numbers for all agents, or n rows.")
 
 
 class ProblemFile(_Table):
     """A dobc_design problem file."""
 
-    schema_: Annotated[
-        Any, PlainValidator(lambda v: v), WithJsonSchema({"type": "integer", "const": SCHEMA_VERSION})
-    ] = Field(default=SCHEMA_VERSION, alias="schema")
-    name: Annotated[Any, PlainValidator(lambda v: v), WithJsonSchema({"type": "string", "maxLength": 100})] = None
-    notes: Annotated[
-        Any, PlainValidator(lambda v: v), WithJsonSchema({"type": "array", "items": {"type": "string"}})
-    ] = Field(default=(), description="What is assumed or stands in; shown wherever a result is shown.")
+    schema_: Version = Field(default=SCHEMA_VERSION, alias="schema")
+    name: Name = None
+    notes: Texts = Field(default=(), description="What is assumed or stands in; shown wherever a result is shown.")
     target: NumberOrList = Field(default=0, description="xbar: a number, or m numbers.")
     network: NetworkTable
     coupling: CouplingTable

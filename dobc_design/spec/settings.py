@@ -9,7 +9,7 @@ from typing import Any
 from dobc_design.errors import ShapeError, SpecError
 from dobc_design.exact.matrix import Vector
 from dobc_design.exact.number import parse_number
-from dobc_design.spec.reading import is_list, read_vector, shown
+from dobc_design.spec.reading import counted, is_list, read_vector, shown, shown_number
 
 SIGNALS = ("random", "periodic", "markov", "schedule", "mobile")
 
@@ -52,7 +52,7 @@ def read_simulation(t_final: Any, seed: Any, xi0: Any, *, n: int, q: int) -> Sim
         seed = 0
     if isinstance(seed, bool) or not isinstance(seed, int) or not 0 <= seed < 2**63:
         raise SpecError(
-            f"simulation.seed must be a whole number >= 0; got {shown(seed)}.", key="simulation.seed",
+            f"simulation.seed must be a whole number from 0 to 2^63 - 1; got {shown(seed)}.", key="simulation.seed",
             cure="For example seed = 0.",
         )  # fmt: skip
     return Simulation(t_final=time, seed=seed, xi0=None if xi0 is None else _read_xi0(xi0, n=n, q=q))
@@ -65,7 +65,8 @@ def _read_xi0(value: Any, *, n: int, q: int) -> tuple[Vector, ...]:
     if is_list(value) and len(value) > 0 and all(is_list(row) for row in value):
         if len(value) not in (1, n):
             raise ShapeError(
-                f"{key} must have {n} rows, one per agent, or be one list of {q} numbers; got {len(value)} rows.",
+                f"{key} must have {counted(n, 'row')}, one per agent, or be one list of {counted(q, 'number')};"
+                f" got {counted(len(value), 'row')}.",
                 key=key, cure="Give one row for all agents, or one each.",
             )  # fmt: skip
         return tuple(
@@ -74,7 +75,8 @@ def _read_xi0(value: Any, *, n: int, q: int) -> tuple[Vector, ...]:
         )
     if not is_list(value):
         raise ShapeError(
-            f"{key} must be a list of {q} numbers; got {shown(value)}.", key=key, cure="Write [1, 0]."
+            f"{key} must be a list of {counted(q, 'number')}; got {shown(value)}.", key=key,
+            cure=f"Write {[1] + [0] * (q - 1)}." if q <= 6 else "Write [1, 0, ...].",
         )
     return (read_vector(value, key=key, length=q, because="one per exosystem state"),)
 
@@ -82,5 +84,7 @@ def _read_xi0(value: Any, *, n: int, q: int) -> tuple[Vector, ...]:
 def _positive(value: Any, *, key: str, unit: str) -> Fraction:
     number = parse_number(value, key=key)
     if number <= 0:
-        raise SpecError(f"{key} must be > 0 ({unit}); got {number}.", key=key, cure="Give a positive time.")
+        raise SpecError(
+            f"{key} must be > 0 ({unit}); got {shown_number(number)}.", key=key, cure="Give a positive time."
+        )
     return number

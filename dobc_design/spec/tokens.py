@@ -107,7 +107,8 @@ def _stranger(text: str, place: int) -> Fault:
     character = text[place]
     replacement, why = _LOOKALIKES.get(character, (None, _ALLOWED))
     repair = None if replacement is None else Repair(place, place + 1, replacement)
-    return Fault(place, f'"{visible(character)}"', why, repair=repair)
+    found = "a quotation mark" if character == '"' else f'"{visible(character)}"'
+    return Fault(place, found, why, repair=repair)
 
 
 def quote(token: Token) -> str:

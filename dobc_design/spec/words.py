@@ -7,10 +7,10 @@ from collections.abc import Sequence
 from typing import Any
 
 from dobc_design.exact.number import number_text
-from dobc_design.spec.network import Arcs
+from dobc_design.spec.arcs import Arcs
 from dobc_design.spec.problem import Problem
-from dobc_design.spec.reading import is_scalar_matrix
 from dobc_design.spec.reaching import unreached
+from dobc_design.spec.reading import counted, is_scalar_matrix
 
 LISTED = 30
 
@@ -19,12 +19,12 @@ def describe(problem: Problem) -> str:
     """Several lines that an engineer can compare with the drawing on the wall."""
     labels = problem.network.labels
     lines = [
-        f"{problem.name}: {_count(problem.n, 'agent')}, {_count(problem.m, 'state component')} each, "
+        f"{problem.name}: {counted(problem.n, 'agent')}, {counted(problem.m, 'state component')} each, "
         + (f"disturbance of order {problem.q}." if problem.q else "no disturbance."),
         f"Target: {_vector(problem.target)}. Coupling: h = {_coupling(problem)}.",
     ]
     for mode, arcs in problem.network.modes.items():
-        lines.append(f'Mode "{mode}": {_count(len(arcs), "arc")}.')
+        lines.append(f'Mode "{mode}": {counted(len(arcs), "arc")}.')
         lines += [f"  {text}" for text in _listening(labels, arcs)]
         missing = [labels[i] for i in unreached(problem, [arcs])]
         if missing:
@@ -73,7 +73,7 @@ def _listening(labels: Sequence[str], arcs: Arcs) -> list[str]:
 def _coupling(problem: Problem) -> str:
     text = "; ".join(problem.coupling.texts)
     extra = len(problem.exceptions)
-    return text + (f" ({_count(extra, 'arc')} with another)" if extra else "")
+    return text + (f" ({counted(extra, 'arc')} with another)" if extra else "")
 
 
 def _gain(matrix: Any) -> str:
@@ -83,10 +83,6 @@ def _gain(matrix: Any) -> str:
 def _vector(values: Sequence[Any]) -> str:
     texts = [number_text(value) for value in values]
     return texts[0] if len(texts) == 1 else f"({', '.join(texts)})"
-
-
-def _count(number: int, word: str) -> str:
-    return f"{number} {word}{'' if number == 1 else 's'}"
 
 
 def _some(names: Sequence[str]) -> str:

@@ -18,7 +18,7 @@ from dobc_design.exact.symmetric import SparseSymmetric
 from dobc_design.spec.exosystem import Exosystem
 from dobc_design.spec.pinning import Pinning
 from dobc_design.theorems.jacobians import Jacobians, ModeJacobian
-from dobc_design.theorems.pencil import Pencil, Place, Unknown
+from dobc_design.theorems.pencil import Deviation, Pencil, Place, Unknown
 
 ZERO = Fraction(0)
 Entries = dict[tuple[int, int], Fraction]
@@ -30,23 +30,23 @@ def lemma1(jacobian: ModeJacobian, pinning: Pinning, *, size: int, dimension: in
     Size: n m.  No unknowns.
     """
     entries: Entries = {}
-    row_radius = [ZERO] * (size * dimension)
+    deviations: list[Deviation] = []
     for (listener, speaker, _), kind in zip(jacobian.arcs, jacobian.kind.tolist(), strict=True):
         gain = jacobian.gains[kind]
         for c in range(dimension):
             for d in range(dimension):
-                _add_arc(entries, row_radius, gain[c][d], listener * dimension, speaker * dimension, c, d)
+                row, off, own = listener * dimension + c, speaker * dimension + d, listener * dimension + d
+                _add_slope(entries, deviations, gain[c][d], row=row, off=off, own=own)
     for agent, gain in pinning.gains.items():
         for c in range(dimension):
             for d in range(c, dimension):
                 _add(entries, agent * dimension + c, agent * dimension + d, -(gain[c][d] + gain[d][c]))
-    kept = {where: value for where, value in entries.items() if value}
     return Pencil(
         name=f"lemma1 ({jacobian.name})",
-        constant=SparseSymmetric(size * dimension, kept),
-        radius=max(row_radius, default=ZERO),
+        constant=SparseSymmetric(size * dimension, entries),
         unknowns=(),
         coefficients={},
+        deviations=tuple(deviations),
     )
 
 
@@ -57,7 +57,7 @@ def theorem1(lambda_: Pencil, exosystem: Exosystem, *, agents: int, rate: Fracti
     """
     q, m = exosystem.order, exosystem.outputs
     offset = agents * m
-    entries: Entries = {(i, j): value for (i, j), value in lambda_.constant.entries.items()}
+    entries: Entries = dict(lambda_.constant.entries)
     for i in range(offset if rate else 0):
         _add(entries, i, i, 2 * rate)
     for agent in range(agents):
@@ -73,8 +73,7 @@ def theorem1(lambda_: Pencil, exosystem: Exosystem, *, agents: int, rate: Fracti
     size = offset + agents * q
     return Pencil(
         name=lambda_.name.replace("lemma1", "theorem1"),
-        constant=SparseSymmetric(size, {where: value for where, value in entries.items() if value}),
-        radius=lambda_.radius,
+        constant=SparseSymmetric(size, entries),
         unknowns=unknowns,
         coefficients={
             place: SparseSymmetric(
@@ -87,10 +86,13 @@ def theorem1(lambda_: Pencil, exosystem: Exosystem, *, agents: int, rate: Fracti
             )
             for place, block in blocks.items()
         },
+        deviations=lambda_.deviations,
     )
 
 
-def theorem2(jacobians: Jacobians, pinning: Pinning, exosystem: Exosystem, *, rate: Fraction = ZERO) -> tuple[Pencil, ...]:
+def theorem2(
+    jacobians: Jacobians, pinning: Pinning, exosystem: Exosystem, *, rate: Fraction = ZERO
+) -> tuple[Pencil, ...]:
     """Theorem 2, eq. (28): one Psi per mode, with the same unknowns P and Q.  One mode: Theorem 1."""
     return tuple(
         theorem1(
@@ -110,8 +112,8 @@ def reduced(bound: Fraction, exosystem: Exosystem, *, rate: Fraction = ZERO) -> 
     Lambda = Lambda_n (x) I_m, and sufficient in general.  Size: m + q.
     """
     m = exosystem.outputs
-    diagonal = SparseSymmetric(m, {(i, i): bound for i in range(m) if bound})
-    one = Pencil(name="reduced", constant=diagonal, radius=ZERO, unknowns=(), coefficients={})
+    diagonal = SparseSymmetric(m, {(i, i): bound for i in range(m)})
+    one = Pencil(name="reduced", constant=diagonal, unknowns=(), coefficients={})
     return theorem1(one, exosystem, agents=1, rate=rate)
 
 
@@ -148,7 +150,7 @@ def omega(P: Matrix, Q: Matrix, exosystem: Exosystem, *, rate: Fraction = ZERO) 
         if x:
             for where, value in omega_coefficient(exosystem, place, rate=rate).items():
                 entries[where] = entries.get(where, ZERO) + x * value
-    return SparseSymmetric(q, {where: value for where, value in entries.items() if value})
+    return SparseSymmetric(q, entries)
 
 
 def _add(entries: Entries, i: int, j: int, value: Fraction) -> None:
@@ -157,19 +159,15 @@ def _add(entries: Entries, i: int, j: int, value: Fraction) -> None:
         entries[where] = entries.get(where, ZERO) + value
 
 
-def _add_arc(
-    entries: Entries, radius: list[Fraction], gain: Interval, listener: int, speaker: int, c: int, d: int
+def _add_slope(
+    entries: Entries, deviations: list[Deviation], slope: Interval, *, row: int, off: int, own: int
 ) -> None:
-    """Add J + J' of one entry of one arc: +g at (i c, j d), -g at (i c, i d)."""
-    middle = gain.lo if gain.lo == gain.hi else (gain.lo + gain.hi) / 2
-    row, off, own = listener + c, speaker + d, listener + d
+    """Add J + J' of one entry of one arc: the slope at (row, off), minus the slope at (row, own)."""
+    middle = slope.midpoint
     _add(entries, row, off, middle)
     _add(entries, row, own, -2 * middle if row == own else -middle)
-    spread = (gain.hi - gain.lo) / 2
-    if spread:  # row sums of |deviation| bound the norm of a symmetric matrix
-        for place, amount in ((row, spread), (off, spread), (row, spread), (own, spread)):
-            radius[place] += amount
-
+    if not slope.is_point:
+        deviations.append(Deviation(row, off, own, slope.width / 2))
 
 
 def with_gain(pencil: Pencil, W: Matrix) -> Pencil:
@@ -185,8 +183,9 @@ def with_gain(pencil: Pencil, W: Matrix) -> Pencil:
                     total = total + pencil.coefficients["Q", row, j].scaled(W[other][j])
         coefficients[place] = total
     return Pencil(
-        name=pencil.name, constant=pencil.constant, radius=pencil.radius, unknowns=(P,), coefficients=coefficients
-    )
+        name=pencil.name, constant=pencil.constant, unknowns=(P,), coefficients=coefficients,
+        deviations=pencil.deviations,
+    )  # fmt: skip
 
 
 def positive(unknown: Unknown, *, floor: Fraction = ZERO) -> Pencil:
@@ -194,8 +193,7 @@ def positive(unknown: Unknown, *, floor: Fraction = ZERO) -> Pencil:
     n = unknown.rows
     return Pencil(
         name=f"{unknown.name} > {floor}",
-        constant=SparseSymmetric(n, {(i, i): floor for i in range(n) if floor}),
-        radius=ZERO,
+        constant=SparseSymmetric(n, {(i, i): floor for i in range(n)}),
         unknowns=(unknown,),
         coefficients={place: SparseSymmetric(n, {(place[1], place[2]): Fraction(-1)}) for place in unknown.places()},
     )
@@ -207,7 +205,6 @@ def below(unknown: Unknown, *, ceiling: Fraction) -> Pencil:
     return Pencil(
         name=f"{unknown.name} < {ceiling}",
         constant=SparseSymmetric(n, {(i, i): -ceiling for i in range(n)}),
-        radius=ZERO,
         unknowns=(unknown,),
         coefficients={place: SparseSymmetric(n, {(place[1], place[2]): Fraction(1)}) for place in unknown.places()},
     )

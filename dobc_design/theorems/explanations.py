@@ -61,8 +61,8 @@ EXPLANATIONS: dict[str, Explanation] = {
     ),
     "theorem1": Explanation(
         title="Theorem 1: pinning and disturbance observer, fixed topology",
-        statement=r"\Psi = \begin{pmatrix} \Lambda & I \otimes C \\ (I \otimes C)^T & I \otimes \Omega_0 \end{pmatrix} < 0,"
-        r"\quad \Omega_0 = PA + A^TP - C^TQ^T - QC,\quad P > 0",
+        statement=r"\Psi = \begin{pmatrix} \Lambda & I \otimes C \\ (I \otimes C)^T & I \otimes \Omega_0 \end{pmatrix}"
+        r" < 0,\quad \Omega_0 = PA + A^TP - C^TQ^T - QC,\quad P > 0",
         meaning="V = e'e + sum eps_i' P eps_i decreases, with W = P^-1 Q.",
         proved="Consensus despite the disturbance, from close by (linear couplings: from everywhere).",
         refuted="No P and Q satisfy it: either Lambda is not negative definite, or no gain (or not this W) makes the"

@@ -32,18 +32,31 @@ class Unknown:
                 yield self.name, i, j
 
 
+@dataclass(frozen=True, slots=True)
+class Deviation:
+    """What one irrational slope adds to v'Fv: 2 t v[row] (v[speaker] - v[listener]), |t| <= size.
+
+    It is J + J' of one entry of one arc: t at (row, speaker), -t at (row, listener), and the transpose.
+    """
+
+    row: int
+    speaker: int
+    listener: int
+    size: Fraction
+
+
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Pencil:
     """F(x) = constant + sum over places of x[place] coefficients[place], to be negative definite.
 
-    ``radius`` bounds the spectral norm of what the constant may deviate by (irrational slopes); 0 if exact.
+    ``deviations``: what the constant may differ by where slopes are irrational; none if it is exact.
     """
 
     name: str
     constant: SparseSymmetric
-    radius: Fraction
     unknowns: tuple[Unknown, ...]
     coefficients: Mapping[Place, SparseSymmetric]
+    deviations: tuple[Deviation, ...] = ()
 
     @property
     def size(self) -> int:
@@ -57,8 +70,8 @@ class Pencil:
             value = values.get(unknown.name)
             if value is None or (len(value), len(value[0])) != (unknown.rows, unknown.columns):
                 raise ShapeError(
-                    f"{self.name}: {unknown.name} must have shape ({unknown.rows}, {unknown.columns})"
-                    f" ; got {'nothing' if value is None else (len(value), len(value[0]))}.",
+                    f"{self.name}: {unknown.name} must have shape ({unknown.rows}, {unknown.columns});"
+                    f" got {'nothing' if value is None else (len(value), len(value[0]))}.",
                     key=unknown.name,
                 )
             for place in unknown.places():
@@ -66,4 +79,4 @@ class Pencil:
                 if x:
                     for where, coefficient in self.coefficients[place].entries.items():
                         entries[where] = entries.get(where, Fraction(0)) + x * coefficient
-        return SparseSymmetric(self.size, {where: value for where, value in entries.items() if value})
+        return SparseSymmetric(self.size, entries)

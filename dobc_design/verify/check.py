@@ -1,12 +1,13 @@
 """One checked condition: its verdict, where it holds, with which margin, and why.
 
-A Check is what a certificate consists of.  ``evidence`` is what somebody else needs to confirm it.
+A Check is what a certificate consists of; what confirms it is the problem, the gain W and the pair (P, Q).
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass, field
+import math
+from collections.abc import Collection, Mapping
+from dataclasses import dataclass
 from typing import Any
 
 from dobc_design.verdict import Verdict
@@ -18,6 +19,10 @@ CHECK_IDS = (
 
 #: The checks whose proof is a proof of consensus.
 CONSENSUS_IDS = ("lemma1", "theorem1", "theorem2", "theorem1-printed", "theorem2-printed", "lure", "max-separable")
+
+#: Fields of a check in JSON: those that are always there, and the others.
+NEEDED = ("id", "verdict", "domain", "margin", "rate", "reason")
+OPTIONAL = ("mode", "exact", "witness", "fix")
 
 Domain = str | Mapping[str, Any]  # "global", "consensus", or {"kind", "radius", "disturbance"}
 
@@ -75,15 +80,14 @@ class Check:
     exact: Mapping[str, Any] | None = None
     witness: Witness | None = None
     fix: Fix | None = None
-    evidence: Mapping[str, Any] = field(default_factory=dict)
 
     @property
     def title(self) -> str:
         """The id, with the mode where there is one."""
         return self.id if self.mode is None else f"{self.id} ({self.mode})"
 
-    def to_json(self, *, with_evidence: bool = False) -> dict[str, Any]:
-        """JSON object of the contract; ``with_evidence`` adds what certificate.json holds beyond it."""
+    def to_json(self) -> dict[str, Any]:
+        """JSON object of the contract."""
         result: dict[str, Any] = {"id": self.id}
         if self.mode is not None:
             result["mode"] = self.mode
@@ -100,50 +104,83 @@ class Check:
             result["witness"] = self.witness.to_json()
         if self.fix is not None:
             result["fix"] = self.fix.to_json()
-        if with_evidence:
-            result["evidence"] = dict(self.evidence)
         return result
 
 
-def check_from_json(data: Mapping[str, Any]) -> Check:
-    """Read a check back.  Raises KeyError, TypeError or ValueError on anything else."""
-    witness, fix = data.get("witness"), data.get("fix")
+def check_from_json(data: Any) -> Check:
+    """Read a check back.
+
+    Raises: KeyError, TypeError or ValueError on anything else; a field that is not known here is refused,
+    because nobody would have checked it.
+    """
+    require_keys(data, "a check", needed=NEEDED, allowed=OPTIONAL)
     if data["id"] not in CHECK_IDS:
         raise ValueError(f"unknown check id {data['id']!r}")
+    domain = data["domain"]
     return Check(
         id=data["id"],
         mode=_text_or_none(data.get("mode")),
         verdict=Verdict(data["verdict"]),
-        domain=data["domain"],
-        margin=_number_or_none(data["margin"]),
-        rate=_number_or_none(data["rate"]),
-        reason=str(data["reason"]),
-        exact=data.get("exact"),
-        witness=None
-        if witness is None
-        else Witness(kind=witness["kind"], labels=_texts(witness.get("labels")), values=_texts(witness.get("values"))),
-        fix=None if fix is None else Fix(kind=fix["kind"], set=fix["set"], text=fix["text"]),
-        evidence=dict(data.get("evidence") or {}),
+        domain=domain if isinstance(domain, str) else _object(domain, "domain"),
+        margin=number_or_none(data["margin"]),
+        rate=number_or_none(data["rate"]),
+        reason=_text(data["reason"]),
+        exact=_object(data["exact"], "exact") if "exact" in data else None,
+        witness=_witness(data["witness"]) if "witness" in data else None,
+        fix=_fix(data["fix"]) if "fix" in data else None,
     )
 
 
-def _number_or_none(value: object) -> float | None:
+def require_keys(data: Any, name: str, *, needed: Collection[str], allowed: Collection[str] = ()) -> None:
+    """Raise TypeError, KeyError or ValueError unless ``data`` is an object with these keys and no others."""
+    _object(data, name)
+    missing = [key for key in needed if key not in data]
+    if missing:
+        raise KeyError(f"{name} lacks {', '.join(missing)}")
+    unknown = [key for key in data if key not in needed and key not in allowed]
+    if unknown:
+        raise ValueError(f"{name} has unknown fields: {', '.join(unknown)[:100]}")
+
+
+def number_or_none(value: Any) -> float | None:
+    """Read a finite number or null.  Raises TypeError or ValueError."""
     if value is None:
         return None
     if isinstance(value, bool) or not isinstance(value, (int, float)):
         raise TypeError(f"expected a number or null, got {value!r}")
+    if not math.isfinite(value):
+        raise ValueError(f"expected a finite number, got {value!r}")
     return float(value)
 
 
-def _text_or_none(value: object) -> str | None:
-    if value is not None and not isinstance(value, str):
-        raise TypeError(f"expected text or null, got {value!r}")
+def _witness(data: Any) -> Witness:
+    require_keys(data, "witness", needed=("kind",), allowed=("labels", "values"))
+    labels = _texts(data["labels"]) if "labels" in data else None
+    return Witness(kind=_text(data["kind"]), labels=labels, values=_texts(data["values"]) if "values" in data else None)
+
+
+def _fix(data: Any) -> Fix:
+    require_keys(data, "fix", needed=("kind", "set", "text"))
+    return Fix(kind=_text(data["kind"]), set=_object(data["set"], "fix.set"), text=_text(data["text"]))
+
+
+def _object(data: Any, name: str) -> dict[str, Any]:
+    if not isinstance(data, dict):
+        raise TypeError(f"{name} must be an object, got {str(data)[:60]!r}")
+    return data
+
+
+def _text(value: Any) -> str:
+    if not isinstance(value, str):
+        raise TypeError(f"expected text, got {value!r}")
     return value
 
 
-def _texts(value: Any) -> tuple[str, ...] | None:
-    if value is None:
-        return None
-    if not isinstance(value, (list, tuple)) or not all(isinstance(item, str) for item in value):
+def _text_or_none(value: Any) -> str | None:
+    return None if value is None else _text(value)
+
+
+def _texts(value: Any) -> tuple[str, ...]:
+    if not isinstance(value, list):
         raise TypeError("expected a list of texts")
-    return tuple(value)
+    return tuple(_text(item) for item in value)

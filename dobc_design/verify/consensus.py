@@ -12,11 +12,12 @@ from fractions import Fraction
 from typing import Any
 
 from dobc_design.exact.definite import decide_positive_definite
-from dobc_design.exact.matrix import Matrix, Vector, inverse, multiply, scale, transpose
+from dobc_design.exact.matrix import Matrix, Vector, inverse, multiply, transpose
 from dobc_design.exact.number import number_text
 from dobc_design.exact.symmetric import SparseSymmetric
 from dobc_design.spec.canonical import matrix_text
 from dobc_design.spec.exosystem import Exosystem
+from dobc_design.spec.reaching import unreached
 from dobc_design.spec.reading import is_scalar_matrix
 from dobc_design.theorems.conditions import omega
 from dobc_design.theorems.statements import Statements
@@ -24,7 +25,6 @@ from dobc_design.verdict import Verdict
 from dobc_design.verify.check import Check, Witness
 from dobc_design.verify.linearisation import unstable_roots
 from dobc_design.verify.negative import Enclosed, find_witness, is_negative, refuted_margin
-from dobc_design.spec.reaching import unreached
 from dobc_design.verify.network import name_agents
 from dobc_design.verify.numbers import claimed, largest_proved, shorten
 
@@ -52,7 +52,7 @@ class Proposal:
 def enclosed_lambda(statements: Statements, mode: str) -> Enclosed:
     """Lambda(J) of one mode, with what it may deviate by."""
     pencil = statements.lambdas[mode]
-    return Enclosed(middle=pencil.constant, radius=pencil.radius)
+    return Enclosed(middle=pencil.constant, deviations=pencil.deviations)
 
 
 def lemma1_check(statements: Statements, mode: str, proposal: Proposal) -> Check:
@@ -64,8 +64,9 @@ def lemma1_check(statements: Statements, mode: str, proposal: Proposal) -> Check
     if margin is not None:
         return Check(
             id="lemma1", mode=mode, verdict=Verdict.PROVED, domain=statements.domain, margin=margin,
-            rate=shorten(margin / 2) or None,
-            reason=f"Lambda(J) < 0, lambda_max <= {-margin:.6g}: V = e'e decreases{_where(statements)}.",
+            rate=shorten(claimed(margin) / 2) or None,
+            reason=f"Lambda(J) < 0, lambda_max <= {0.0 - shorten(margin, digits=6):.6g}: V = e'e"
+            f" decreases{_where(statements)}.",
         )  # fmt: skip
     problem = statements.problem
     alone = unreached(problem, [problem.network.modes[mode]])
@@ -73,16 +74,23 @@ def lemma1_check(statements: Statements, mode: str, proposal: Proposal) -> Check
     if vector is None:
         return Check(
             id="lemma1", mode=mode, verdict=Verdict.UNDECIDED, domain=statements.domain,
-            reason="lambda_max(Lambda) is closer to 0 than the irrational slopes of h are known; change a gain a little.",
+            reason="lambda_max(Lambda) is closer to 0 than the irrational slopes of h are known; change a gain a"
+            " little.",
         )  # fmt: skip
-    roots = unstable_roots(statements, mode)
+    exact = lambda_facts(statements, mode, vector)
     return Check(
         id="lemma1", mode=mode, verdict=Verdict.REFUTED, domain=statements.domain,
         margin=refuted_margin(matrix, vector),
-        reason=_refutation(statements, vector, alone=alone, roots=roots),
-        exact={"value": number_text(matrix.middle.quadratic_form(vector)), "unstable_roots": str(roots)},
-        witness=_vector_witness(statements, vector),
+        reason=_refutation(statements, vector, alone=alone, roots=int(exact["unstable_roots"])),
+        exact=exact, witness=lambda_witness(statements, vector),
     )  # fmt: skip
+
+
+def lambda_facts(statements: Statements, mode: str, vector: Vector) -> dict[str, str]:
+    """What a refuted Lemma 1 says exactly: the unstable roots, and v' Lambda v where no irrational slope enters it."""
+    value = enclosed_lambda(statements, mode).value(vector)
+    known = {"value": number_text(value.lo)} if value.is_point else {}
+    return known | {"unstable_roots": str(unstable_roots(statements, mode))}
 
 
 def theorem_check(
@@ -144,7 +152,7 @@ def _decide_pair(
     if S is None:  # unreachable: Omega0 < 0 was just proved
         return _not_found(id, statements)
     modes = {mode: enclosed_lambda(statements, mode).plus_blocks(S) for mode in statements.lambdas}
-    exact = _exact_values(pair, S)
+    exact = pair_facts(pair, S)
     margin = largest_proved(
         proposal.margin, lambda shift: all(is_negative(each, shift=shift) for each in modes.values())
     )
@@ -156,7 +164,7 @@ def _decide_pair(
     return Check(
         id=id, verdict=Verdict.PROVED, domain=statements.domain, margin=margin, rate=rate or None, exact=exact,
         reason=f"Psi < 0 holds exactly for {name}{common}: V = e'e + sum eps_i' P eps_i decreases{_where(statements)}"
-        + (f", V' <= -2 ({rate:.4g}) V." if rate else "."),
+        + (f", V' <= -2 ({shorten(rate, digits=4):.4g}) V." if rate else "."),
     )  # fmt: skip
 
 
@@ -175,10 +183,7 @@ def _refuted_pair(
             id=id, verdict=Verdict.REFUTED, domain=statements.domain, margin=refuted_margin(matrix, vector),
             reason=f"Psi is not negative definite for this P{where}: v' Psi v >= 0 for the vector shown.{bound}{fix}",
             exact={**exact, "mode": mode},
-            witness=Witness(
-                kind="vector",
-                values=tuple(number_text(x) for x in _psi_vector(vector, pair, exosystem)),
-            ),
+            witness=vector_witness(_psi_vector(vector, pair, exosystem)),
         )  # fmt: skip
     return _not_found(id, statements)
 
@@ -201,8 +206,13 @@ def _refuted_block(id: str, statements: Statements, kind: str, witness: Vector) 
     }[kind]
     return Check(
         id=id, verdict=Verdict.REFUTED, domain=statements.domain, reason=f"{what} Another P may do.",
-        exact={"block": kind}, witness=Witness(kind="vector", values=tuple(number_text(x) for x in witness)),
+        exact={"block": kind}, witness=vector_witness(witness),
     )  # fmt: skip
+
+
+def vector_witness(vector: Vector) -> Witness:
+    """A direction in which a matrix is not definite."""
+    return Witness(kind="vector", values=tuple(number_text(x) for x in vector))
 
 
 def _refuted_for_every_pair(
@@ -222,29 +232,21 @@ def _refuted_for_every_pair(
             reason=f"no P and Q satisfy Psi < 0: {obstacle.reason}", exact={"block": obstacle.id},
             witness=obstacle.witness, fix=obstacle.fix,
         )  # fmt: skip
-    if any(lemma.verdict is Verdict.UNDECIDED for lemma in lemmas):
+    undecided = next((lemma for lemma in lemmas if lemma.verdict is Verdict.UNDECIDED), None)
+    if undecided is not None:
         return Check(
             id=id, verdict=Verdict.UNDECIDED, domain=statements.domain,
-            reason="Lambda(J) < 0 could not be decided: " + next(c.reason for c in lemmas if c.verdict is Verdict.UNDECIDED),
+            reason=f"Lambda(J) < 0 could not be decided: {undecided.reason}",
         )  # fmt: skip
     return None
 
 
-def _exact_values(pair: Pair, S: Matrix) -> dict[str, Any]:
+def pair_facts(pair: Pair, S: Matrix) -> dict[str, Any]:
+    """What a decided pair says exactly: P, Q, S and, where S = s I, the bound -s for lambda_max(Lambda)."""
     values: dict[str, Any] = {"P": matrix_text(pair.P), "Q": matrix_text(pair.Q), "S": matrix_text(S)}
     if is_scalar_matrix(S):
         values["bound"] = number_text(-S[0][0])
     return values
-
-
-def scaled(pair: Pair, factor: Fraction) -> Pair:
-    """The pair (a P, a Q): the same W, another scale."""
-    return Pair(P=scale(factor, pair.P), Q=scale(factor, pair.Q))
-
-
-def claimed_rate_holds(statements: Statements, exosystem: Exosystem, pair: Pair, rate: float) -> bool:
-    """Whether V' <= -2 rate V is proved for the rate as it is written."""
-    return psi_is_negative(statements, exosystem, pair, rate=claimed(rate))
 
 
 def _indicators(agents: Sequence[int], n: int, m: int) -> list[list[float]]:
@@ -278,7 +280,8 @@ def heavy_agents(statements: Statements, vector: Sequence[Fraction]) -> tuple[st
     return tuple(problem.network.labels[i] for i, size in enumerate(sizes) if 2 * size >= max(sizes))
 
 
-def _vector_witness(statements: Statements, vector: Vector) -> Witness:
+def lambda_witness(statements: Statements, vector: Vector) -> Witness:
+    """A direction of the network, with the labels of the agents that move in it."""
     problem = statements.problem
     carried = tuple(
         problem.network.labels[i] for i in range(problem.n) if any(vector[i * problem.m : (i + 1) * problem.m])

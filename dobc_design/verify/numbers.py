@@ -1,26 +1,41 @@
-"""Numbers that a certificate claims: floats on the safe side, read back as the decimal text they show."""
+"""Numbers that a certificate claims: floats on the safe side, read back as the decimal text they show.
+
+Rationals of a certificate may be longer than a number that somebody types: they come out of arithmetic.
+"""
 
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Callable
 from fractions import Fraction
 
+from dobc_design.exact.number import float_below, parse_number
+
 SHRINK = (1e-9, 1e-6, 1e-3, 0.1, 0.5)
+LONGEST = 100_000  # characters of a rational in a certificate
+_CHUNK = 4000  # Python refuses to read more than 4300 digits at once
+_LONG = re.compile(r"(-?)([0-9]+)(?:/([0-9]+))?")
 
 
 def claimed(value: float) -> Fraction:
-    """The exact number a claimed float stands for: its shortest decimal text."""
+    """The exact number a claimed float stands for: its shortest decimal text.  Raises ValueError for nan and inf."""
     return Fraction(repr(float(value)))
 
 
-def shorten(value: float, *, digits: int = 9) -> float:
-    """Round a positive float down to ``digits`` significant decimal digits."""
-    if not math.isfinite(value) or value <= 0:
+def shorten(value: float | Fraction, *, digits: int = 9) -> float:
+    """Round a positive number down to about ``digits`` decimal digits: ``claimed`` of it is at most ``value``.
+
+    0.0 for anything that is not positive and finite, or too small for a float.
+    """
+    if isinstance(value, float) and not math.isfinite(value):
         return 0.0
-    exponent = math.floor(math.log10(value)) - digits + 1
-    unit = Fraction(10) ** exponent
-    return float(f"{int(Fraction(value) / unit)}e{exponent}")
+    below = float_below(Fraction(value))
+    if below <= 0:
+        return 0.0
+    exponent = math.floor(math.log10(below)) - digits + 1
+    shorter = float(f"{int(Fraction(below) / Fraction(10) ** exponent)}e{exponent}")
+    return shorter if claimed(shorter) <= value else 0.0  # floats below 1e-307 have few digits
 
 
 def largest_proved(estimate: float, holds: Callable[[Fraction], bool]) -> float | None:
@@ -34,3 +49,27 @@ def largest_proved(estimate: float, holds: Callable[[Fraction], bool]) -> float 
             if candidate > 0 and holds(claimed(candidate)):
                 return candidate
     return 0.0 if holds(Fraction(0)) else None
+
+
+def read_rational(text: object, *, key: str = "certificate") -> Fraction:
+    """Read a rational of a certificate, "-9/8" or "3": text of at most 100000 characters.
+
+    Raises: SpecError or ValueError for anything else, JSON numbers included.
+    """
+    if not isinstance(text, str) or len(text) > LONGEST:
+        raise ValueError(f"{key} must be a rational as text of at most {LONGEST} characters")
+    long = _LONG.fullmatch(text) if len(text) > 200 else None
+    if long is None:
+        return parse_number(text, key=key)
+    bottom = _integer(long[3] or "1")
+    if not bottom:
+        raise ValueError(f"{key} must have a denominator other than 0")
+    return Fraction(_integer(long[2]), bottom) * (-1 if long[1] else 1)
+
+
+def _integer(digits: str) -> int:
+    value = 0
+    for start in range(0, len(digits), _CHUNK):
+        part = digits[start : start + _CHUNK]
+        value = value * 10 ** len(part) + int(part)
+    return value

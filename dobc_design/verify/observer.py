@@ -12,7 +12,7 @@ from dobc_design.spec.canonical import matrix_text
 from dobc_design.spec.exosystem import Exosystem
 from dobc_design.verdict import Verdict
 from dobc_design.verify.check import Check, Fix, Witness
-from dobc_design.verify.numbers import largest_proved
+from dobc_design.verify.numbers import largest_proved, shorten
 
 
 def observability_check(exosystem: Exosystem) -> Check:
@@ -61,10 +61,12 @@ def hurwitz_check(exosystem: Exosystem, W: Matrix | None, *, estimate: float = 0
     ``estimate`` (1/s) is a proposed rate from floating point; the exact test decides.
     """
     if W is None:
+        exists = decide_detectable(exosystem.A, exosystem.C).verdict is Verdict.PROVED
         return Check(
             id="hurwitz", verdict=Verdict.UNDECIDED, domain="global",
-            reason="there is no observer gain W to test: none was given, and none exists for this exosystem.",
-            fix=_reduction(exosystem),
+            reason="there is no observer gain W to test: none was given, and none "
+            + ("was found; give one as observer.W." if exists else "exists for this exosystem."),
+            fix=None if exists else _reduction(exosystem),
         )  # fmt: skip
     error = subtract(exosystem.A, multiply(W, exosystem.C))
     table = decide_hurwitz(error)
@@ -80,7 +82,7 @@ def hurwitz_check(exosystem: Exosystem, W: Matrix | None, *, estimate: float = 0
     return Check(
         id="hurwitz", verdict=Verdict.PROVED, domain="global", rate=rate or None,
         reason=f"A - WC is Hurwitz ({source} W): the estimation error decays"
-        + (f" at least like exp(-{rate:.4g} t)." if rate else "."),
+        + (f" at least like exp(-{shorten(rate, digits=4):.4g} t)." if rate else "."),
         exact={"routh": [number_text(x) for x in table.first_column]},
     )  # fmt: skip
 

@@ -13,11 +13,11 @@ from fractions import Fraction
 
 from dobc_design.exact.matrix import Matrix
 from dobc_design.spec.problem import Problem
+from dobc_design.spec.reaching import unreached_in_union
 from dobc_design.verdict import Verdict
 from dobc_design.verify.check import CONSENSUS_IDS, Check
-from dobc_design.spec.reaching import unreached_in_union
 from dobc_design.verify.network import name_agents
-from dobc_design.verify.numbers import claimed
+from dobc_design.verify.numbers import claimed, shorten
 from dobc_design.verify.observer import observable_part_is_hurwitz
 
 
@@ -32,7 +32,11 @@ class Overall:
 
 
 def decide_overall(problem: Problem, checks: Sequence[Check], W: Matrix | None) -> Overall:
-    """Combine decided checks.  Only facts of ``checks`` and exact facts of ``problem`` enter."""
+    """Combine decided checks; ``W`` is the gain they are about.
+
+    Of the checks only verdicts, domains, rates and proved instabilities enter, never a text; the rest is
+    exact facts of ``problem``.  A designed W that fails says nothing against the problem.
+    """
     covering = [check for check in checks if covers(problem, check, checks)]
     if covering:
         best = max(covering, key=lambda check: check.rate or 0.0)
@@ -73,8 +77,10 @@ def _region_inside(problem: Problem, domain: Mapping[str, object]) -> bool:
     reach = asked_radius(problem)
     if domain.get("kind") == "box":
         inside = claimed(radius) >= max(reach)
+    elif domain.get("kind") == "ball":
+        inside = radius >= 0 and claimed(radius) ** 2 >= problem.n * sum((r * r for r in reach), Fraction(0))
     else:
-        inside = claimed(radius) ** 2 >= problem.n * sum((r * r for r in reach), Fraction(0))
+        return False
     if region.initial_disturbance is None:
         return inside
     return inside and isinstance(disturbance, (int, float)) and claimed(disturbance) >= region.initial_disturbance
@@ -100,20 +106,30 @@ def _refuted_reason(problem: Problem, checks: Sequence[Check], W: Matrix | None)
             " from the target together, they stay there. Pin one of them."
         )
     region = problem.region
+    exosystem = problem.exosystem
     noisy = region is None or (region.initial_disturbance or 0) > 0
-    if problem.exosystem is not None and W is not None and noisy and not observable_part_is_hurwitz(problem.exosystem, W):
+    own = W is not None and W == problem.observer.W
+    if exosystem is not None and W is not None and own and noisy and not observable_part_is_hurwitz(exosystem, W):
         return (
             "Consensus fails: with this W the estimation error does not decay, and it reaches the agents."
             " Choose another W, or leave W out to have one designed."
         )
     if region is None or _target_is_interior(problem):
         for check in checks:
-            if check.id == "lemma1" and check.exact is not None and check.exact.get("unstable_roots", "0") != "0":
+            roots = unstable_roots_shown(check)
+            if roots:
                 return (
                     f"Consensus fails: in mode {check.mode} the linearisation at the target is unstable"
-                    f" ({check.exact['unstable_roots']} eigenvalue(s) with positive real part)."
+                    f" ({roots} eigenvalue(s) with positive real part)."
                 )
     return None
+
+
+def unstable_roots_shown(check: Check) -> int:
+    """How many eigenvalues with positive real part a refuted Lemma 1 proves; 0 for every other check."""
+    if check.id != "lemma1" or check.verdict is not Verdict.REFUTED or check.exact is None:
+        return 0
+    return int(check.exact.get("unstable_roots", "0"))
 
 
 def _start_apart_exists(problem: Problem, apart: Sequence[int]) -> bool:
@@ -125,7 +141,7 @@ def _start_apart_exists(problem: Problem, apart: Sequence[int]) -> bool:
         (max(lo - goal[c] for goal in goals), min(hi - goal[c] for goal in goals))
         for c, (lo, hi) in enumerate(problem.region.initial_states)
     ]
-    return all(lo <= hi for lo, hi in ranges) and any((lo, hi) != (0, 0) for lo, hi in ranges)
+    return all(lo <= hi for lo, hi in ranges) and any(lo or hi for lo, hi in ranges)
 
 
 def _target_is_interior(problem: Problem) -> bool:
@@ -136,7 +152,7 @@ def _target_is_interior(problem: Problem) -> bool:
 
 def _proved_reason(problem: Problem, check: Check) -> str:
     switching = " under arbitrary switching of the modes" if len(problem.network.modes) > 1 else ""
-    pace = f", at a rate of at least {check.rate:.4g} 1/s" if check.rate else ""
+    pace = f", at a rate of at least {shorten(check.rate, digits=4):.4g} 1/s" if check.rate else ""
     if check.domain == "global":
         return f"All agents reach the target from every start{switching}{pace}."
     if check.domain == "consensus":
@@ -151,7 +167,7 @@ def _undecided_reason(problem: Problem, checks: Sequence[Check]) -> str:
     unmet = [check for check in checks if check.id == "reachability" and check.verdict is Verdict.REFUTED]
     if unmet and len(problem.network.modes) > 1:
         return (
-            f"Undecided: in mode {unmet[0].mode} {unmet[0].reason[0].lower()}{unmet[0].reason[1:]}"
+            f"Undecided: in mode {unmet[0].mode} {unmet[0].reason}"
             " Consensus may still hold for signals that leave that mode often enough."
         )
     local = [c for c in checks if c.id in CONSENSUS_IDS and c.verdict is Verdict.PROVED and c.domain == "consensus"]

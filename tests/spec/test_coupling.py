@@ -150,9 +150,9 @@ def test_a_long_expression_is_refused_without_a_suggestion():
     [
         ("y1", ExpressionError, "coupling.h", r'"y1" in column 1; a single .* list of 2 .* y1 to y2'),
         ("y + y2", ExpressionError, "coupling.h", 'found "y2" in column 5'),
-        (["y1"], ShapeError, "coupling.h", r"must have 2 expression\(s\), one per state component; got 1"),
+        (["y1"], ShapeError, "coupling.h", r"must have 2 expressions, one per state component; got 1"),
         ([], ShapeError, "coupling.h", "got 0"),
-        (3, ExpressionError, "coupling.h", "must be an expression in y, or a list of 2; got 3"),
+        (3, ExpressionError, "coupling.h", "must be an expression in y, in quotes, or a list of them; got 3"),
         (None, ExpressionError, "coupling.h", "got None"),
         (["y1", 2], ExpressionError, "coupling.h[1]", r"must be an expression in text; got int"),
         (["y1", "y1 + 1"], ExpressionError, "coupling.h[1]", r'^coupling\.h\[1\] "y1 \+ 1" must vanish'),

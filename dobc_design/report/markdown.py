@@ -1,0 +1,190 @@
+"""The report as Markdown: the same content in text and tables, formulas in LaTeX, no pictures."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable, Mapping, Sequence
+from typing import TYPE_CHECKING, Any
+
+from dobc_design._render import latex_number
+from dobc_design.certificate.certificate import Certificate
+from dobc_design.exact.matrix import Matrix
+from dobc_design.report import formulas
+from dobc_design.report.check_views import CheckRow
+from dobc_design.report.figures import thinned_rows
+from dobc_design.report.view import common_view
+from dobc_design.report.words import capitalize_first, number
+
+if TYPE_CHECKING:
+    from dobc_design.analysis.analysis import Analysis
+    from dobc_design.simulate.trajectory import Trajectory
+
+_SPECIAL = re.compile(r"[\\`*_\[\]|<>~$&#]")
+_OPENING = re.compile(r"^(\d*)([-+=.)])(?=\s|$)")  # would begin a list or underline a heading
+MOST_EIGENVALUES = 8
+MOST_SAMPLES = 9
+
+
+def markdown_report(
+    certificate: Certificate, *, analysis: Analysis | None, trajectory: Trajectory | None,
+    lambdas: Mapping[str, Matrix] | None = None,
+) -> str:  # fmt: skip
+    """Return the report as Markdown; arguments as in ``html_report``."""
+    view = common_view(certificate, analysis=analysis, trajectory=trajectory, lambdas=lambdas)
+    parts = [
+        *_head(view), *_problem(view), *_network(view), *_checks(view), *_condition(view),
+        *_eigenvalues(view, analysis), *_simulation(view, trajectory), *_end(view),
+    ]  # fmt: skip
+    return "\n".join(parts).rstrip() + "\n"
+
+
+def escape(text: object) -> str:
+    """Escape user text so that Markdown and HTML show it as it is, on one line."""
+    line = " ".join(str(text).split())
+    return _OPENING.sub(r"\1\\\2", _SPECIAL.sub(r"\\\g<0>", line))
+
+
+def _head(view: Mapping[str, Any]) -> Iterable[str]:
+    yield f"# {escape(view['problem'].name)}\n"
+    yield f"**{view['symbol']} {view['verdict'].upper()}.** {escape(view['claims'].reason)}\n"
+    yield from _table(["", ""], [[escape(name), escape(value)] for name, value in view["facts"]])
+    yield "## What this says, and what it does not\n"
+    yield "It says:\n"
+    yield from _list(view["says"])
+    yield "It does not say:\n"
+    yield from _list(view["says_not"])
+    yield "## What was given, assumed and designed\n"
+    yield from _list(view["notes"] or ["Nothing was assumed or designed beyond the problem file."])
+
+
+def _problem(view: Mapping[str, Any]) -> Iterable[str]:
+    problem = view["problem"]
+    yield "## The problem\n"
+    yield escape(" ".join(filter(None, [view["size"], view["pins"], view["region"], view["switching"]]))) + "\n"
+    for name, latex, equation in view["loop"]:
+        yield f"{capitalize_first(name)} {equation}:\n\n{_formula(latex)}"
+    yield f"Coupling and target:\n\n{_formula(formulas.coupling_latex(problem.coupling))}"
+    yield _formula(formulas.target_latex(problem))
+    if view["exceptions"]:
+        yield "Arcs with a coupling of their own:\n"
+        yield from _list(view["exceptions"])
+
+
+def _network(view: Mapping[str, Any]) -> Iterable[str]:
+    yield "## Who listens to whom\n"
+    yield from _list(f"{name}: {sentence}" for name, sentence in view["modes"])
+    if view["agents"]:
+        names = [f"listens to in {escape(name)}" for name in view["mode_names"]]
+        rows = [[escape(x) for x in (row.label, row.gain, row.goal, *row.hears)] for row in view["agents"]]
+        yield from _table(["agent", "k in 1/s", "goal", *names], rows)
+    if view["graphs"]:
+        heads = ["mode", "arcs", "strong components", "balanced", "not reached", "λmax(Λ) in 1/s", "decay in 1/s"]
+        yield from _table(heads, [[escape(value) for value in row.values()] for row in view["graphs"]])
+
+
+def _checks(view: Mapping[str, Any]) -> Iterable[str]:
+    yield "## What was checked\n"
+    yield "“Proved” and “refuted” rest on exact arithmetic alone."
+    yield "Margins and rates are in 1/s and cut towards zero: they hold as printed.\n"
+    heads = ["verdict", "condition", "id", "where", "margin", "rate", "reason"]
+    yield from _table(heads, [_check_cells(row) for row in view["checks"]])
+    if view["checks_hidden"]:
+        yield view["checks_hidden"] + "\n"
+    yield "What the conditions decide:\n"
+    yield from _list(f"{name} ({id}): {what}." for id, name, what in view["check_glossary"])
+
+
+def _check_cells(row: CheckRow) -> list[str]:
+    name = row.name if row.mode is None else f"{row.name}, mode {row.mode}"
+    reason = [escape(row.reason), *(f"{escape(key)}: {escape(value)}." for key, value in row.exact)]
+    if row.witness is not None:
+        reason.append(f"{escape(row.witness[0])}: {escape(row.witness[1])}.")
+    if row.fix is not None:
+        reason.append(f"**Cure:** {escape(row.fix)}")
+        reason += [escape(line) + ";" for line in row.fix_lines]
+    cells = [f"{row.symbol} {row.verdict}", escape(name), escape(row.id), escape(row.domain), row.margin, row.rate]
+    return [*cells, "<br>".join(reason)]
+
+
+def _condition(view: Mapping[str, Any]) -> Iterable[str]:
+    yield "## The condition and its matrices\n"
+    if view["problem"].exosystem is None:
+        yield _formula(formulas.LAMBDA + " < 0")
+    else:
+        for latex in (formulas.PSI, formulas.LAMBDA, formulas.OMEGA, formulas.REDUCED, formulas.BY_EXISTENCE):
+            yield _formula(latex)
+    for item in view["matrices"]:
+        yield f"{capitalize_first(item.what)}:\n"
+        yield _formula(f"{item.name} = {item.latex}") if item.latex else f"{item.size}, see certificate.json.\n"
+    for name, bound in view["bounds"].items():
+        yield f"For {name}:\n\n" + _formula(rf"\lambda_{{\max}}(\Lambda) < {latex_number(bound)}")
+    for item in view["lambdas"]:
+        yield f"At the target, mode {escape(item.what)}:\n\n" + _formula(f"{item.name} = {item.latex}")
+
+
+def _eigenvalues(view: Mapping[str, Any], analysis: Analysis | None) -> Iterable[str]:
+    if analysis is None:
+        return
+    yield "## Eigenvalues\n"
+    yield "Computed in floating point, for orientation. No verdict rests on them.\n"
+    if view["observability"]:
+        yield escape(view["observability"]) + "\n"
+    rows = []
+    if analysis.spectrum is not None:
+        rows.append(["A − WC", _values(analysis.spectrum.eigenvalues)])
+    for mode in analysis.modes:
+        if mode.lambda_eigenvalues is not None:
+            rows.append([f"Λ(J), mode {escape(mode.mode)}", _values(mode.lambda_eigenvalues[::-1])])
+        if mode.loop_eigenvalues is not None:
+            rows.append([f"J − K, mode {escape(mode.mode)}", _values(mode.loop_eigenvalues)])
+    yield from _table(["matrix", "eigenvalues in 1/s, the rightmost first"], rows[:40])
+
+
+def _values(values: Sequence[complex]) -> str:
+    shown = [
+        number(v.real) + (f" {'−' if v.imag < 0 else '+'} {number(abs(v.imag))}i" if v.imag else "")
+        for v in map(complex, values[:MOST_EIGENVALUES])
+    ]
+    hidden = len(values) - len(shown)
+    return ", ".join(shown) + (f" and {hidden} more" if hidden else "")
+
+
+def _simulation(view: Mapping[str, Any], trajectory: Trajectory | None) -> Iterable[str]:
+    if trajectory is None or not view["simulation"]:
+        return
+    yield "## A simulation\n"
+    yield f"An illustration, not a proof. {escape(view['simulation'])}\n"
+    error = trajectory.error()
+    rows = thinned_rows(len(trajectory.times), MOST_SAMPLES)
+    yield from _table(
+        ["time in s", "largest error"], [[number(float(trajectory.times[i])), number(float(error[i]))] for i in rows]
+    )
+
+
+def _end(view: Mapping[str, Any]) -> Iterable[str]:
+    claims = view["claims"]
+    yield "## Check it yourself\n"
+    yield f"```\n{view['command']}\n```\n"
+    yield "This decides every claim again in exact arithmetic, against the problem file, which it trusts.\n"
+    yield from _list([
+        f"problem: {claims.problem_name}", f"SHA-256 of problem.json: {claims.problem_sha256}",
+        f"made by dobc_design {claims.version}; formats {view['formats']}",
+    ])  # fmt: skip
+    yield "## Glossary\n"
+    yield from _list(f"{word}: {meaning}" for word, _, meaning in view["verdict_words"])
+
+
+def _list(items: Iterable[str]) -> Iterable[str]:
+    yield from (f"- {escape(item)}" for item in items)
+    yield ""
+
+
+def _table(heads: Sequence[str], rows: Iterable[Sequence[str]]) -> Iterable[str]:
+    yield f"| {' | '.join(heads)} |"
+    yield f"|{' --- |' * len(heads)}"
+    yield from (f"| {' | '.join(row)} |" for row in rows)
+    yield ""
+
+
+def _formula(latex: str) -> str:
+    return f"$$\n{latex}\n$$\n"

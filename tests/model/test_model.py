@@ -1,0 +1,273 @@
+"""The CasADi model: equations (1), (9), (11), (12), (13), (19), (22)."""
+
+from __future__ import annotations
+
+import time
+
+import numpy as np
+import pytest
+import sympy
+
+from dobc_design.errors import ShapeError, SpecError
+from dobc_design.model.arrays import consensus_jacobian, goals, pinning_matrix
+from dobc_design.model.model import build_model
+from dobc_design.model.sympy_algebra import to_sympy
+from dobc_design.spec.exosystem import Exosystem
+from dobc_design.spec.load import load_problem
+from dobc_design.spec.network import Network
+from dobc_design.spec.observer import Observer
+from dobc_design.spec.problem import Problem
+
+SCALAR = [
+    "exp(y) - 1 + y", "log(1 + y**2) + y", "sin(y)", "cos(2*y) - 1", "tan(y/4)", "3*tanh(y)", "atan(y)", "sinh(y)/2",
+    "cosh(y) - 1", "sqrt(1 + y**2) - 1", "y + abs(y)/2", "min(y, 2*y)", "max(y, y/3)", "clip(y, -1, 1)",
+    "y**3 + y/(1 + y**2)", "-pi*y**5/9", "y*(2 + y)**-2",
+]  # fmt: skip
+VECTOR = [
+    ["y1 + y1*y2", "sin(y2) - exp(y1) + 1"],
+    ["0", "y1**2 + 3*y2"],
+    ["tanh(y1)*cosh(y2)", "y2/(1 + y1**2)", "max(y3, y1 - y2)"],
+]
+
+
+def random_problem(coupling, seed: int, *, q: int = 2, n: int = 5, **settings) -> Problem:
+    """A random weighted digraph with an exosystem, matrix gains, offsets and one exception."""
+    rng = np.random.default_rng(seed)
+    m = len(coupling) if isinstance(coupling, list) else settings.pop("m", 1)
+    arcs = [[i, j, int(rng.integers(1, 4))] for i in range(n) for j in range(n) if i != j and rng.random() < 0.5]
+    arcs = arcs or [[0, 1, 2]]
+    special = ["2*y1 + y1**2"] + [f"y{c + 1}" for c in range(1, m)] if m > 1 else "2*y + y**2"
+
+    def entries(rows: int, columns: int) -> list[list[float]]:
+        return rng.integers(-9, 10, size=(rows, columns)).tolist()
+
+    return Problem(
+        network=Network.from_arcs(arcs, arrow="listens_to", agents=[*range(n)]),
+        coupling=coupling,
+        exceptions={(arcs[0][0], arcs[0][1]): special},
+        target=entries(1, m)[0],
+        gains={0: 3, 1: [[2 if c == d else c - d for d in range(m)] for c in range(m)]},
+        exosystem=Exosystem(A=entries(q, q), C=entries(m, q)) if q else None,
+        observer=Observer(W=entries(q, m)) if q else None,
+        offsets={2: entries(1, m)[0]},
+        **settings,
+    )
+
+
+def coupling_sum(problem: Problem, mode: str, e: np.ndarray) -> np.ndarray:
+    """h(e) of (9), arc by arc, with the couplings' own NumPy functions."""
+    total = np.zeros((problem.n, problem.m))
+    agents = e.reshape(problem.n, problem.m)
+    for i, j, weight in problem.network.modes[mode]:
+        total[i] += float(weight) * problem.coupling_of(i, j).value(agents[j] - agents[i])
+    return total.ravel()
+
+
+def column(value) -> np.ndarray:
+    return np.asarray(value).ravel()
+
+
+COUPLINGS = [*SCALAR, *VECTOR]
+IDS = [text if isinstance(text, str) else "; ".join(text) for text in COUPLINGS]
+
+
+@pytest.mark.parametrize(("seed", "coupling"), [*enumerate(COUPLINGS)], ids=IDS)
+def test_h_is_the_sum_over_the_arcs_of_the_listener(seed: int, coupling):
+    problem = random_problem(coupling, seed)
+    e = np.random.default_rng(seed).uniform(-0.9, 0.9, problem.n * problem.m)
+    np.testing.assert_allclose(column(build_model(problem).h(e)), coupling_sum(problem, "G", e), rtol=1e-12, atol=1e-12)
+
+
+@pytest.mark.parametrize(("seed", "coupling"), [*enumerate(COUPLINGS)], ids=IDS)
+def test_the_jacobian_agrees_with_finite_differences(seed: int, coupling):
+    """(11)."""
+    problem = random_problem(coupling, seed)
+    size, step = problem.n * problem.m, 1e-6
+    e = np.random.default_rng(seed + 100).uniform(-0.9, 0.9, size)
+    differences = [
+        (coupling_sum(problem, "G", e + step * unit) - coupling_sum(problem, "G", e - step * unit)) / (2 * step)
+        for unit in np.eye(size)
+    ]
+    exact = np.asarray(build_model(problem).jacobian(e).full())
+    np.testing.assert_allclose(exact, np.column_stack(differences), rtol=1e-6, atol=1e-6)
+
+
+@pytest.mark.parametrize(("seed", "coupling"), [*enumerate(COUPLINGS)], ids=IDS)
+def test_the_jacobian_agrees_with_sympy(seed: int, coupling):
+    """(11), differentiated by SymPy on two agents that hear each other."""
+    m = len(coupling) if isinstance(coupling, list) else 1
+    network = Network.from_arcs([[1, 2, 2], [2, 1]], arrow="listens_to")
+    problem = Problem(network=network, coupling=coupling, target=[0] * m)
+    symbols = sympy.symbols(f"e:{2 * m}", real=True)
+    rows = []
+    for i, j, weight in ((0, 1, 2), (1, 0, 1)):
+        for expression in problem.coupling.components:
+            value, variables = to_sympy(expression)
+            arc = {y: symbols[m * j + c] - symbols[m * i + c] for c, y in enumerate(variables)}
+            rows.append(weight * value.subs(arc, simultaneous=True))
+    point = np.random.default_rng(seed).uniform(-0.5, 0.5, 2 * m)
+    jacobian = sympy.Matrix(rows).jacobian(symbols)
+    expected = sympy.lambdify(symbols, jacobian, modules="sympy")(*point)
+    exact = np.asarray(build_model(problem).jacobian(point).full())
+    np.testing.assert_allclose(exact, np.array(expected.evalf(), dtype=float), rtol=1e-10, atol=1e-12)
+
+
+def test_information_runs_from_the_speaker_to_the_listener():
+    """The paper's arc (1, 2): agent 1 feels x_2 - x_1 and agent 2 feels nothing."""
+    network = Network.from_arcs([[1, 2]], arrow="listens_to")
+    model = build_model(Problem(network=network, coupling="y"))
+    assert column(model.h([1.0, 4.0])).tolist() == [3.0, 0.0]
+    assert model.jacobian([1.0, 4.0]).full().tolist() == [[-1.0, 1.0], [0.0, 0.0]]
+
+
+def test_the_jacobian_at_zero_is_that_of_the_exact_slopes():
+    for seed, coupling in enumerate(["exp(y) - 1 + y", VECTOR[0]]):
+        problem = random_problem(coupling, seed)
+        exact = build_model(problem).jacobian(np.zeros(problem.n * problem.m)).full()
+        np.testing.assert_allclose(exact, consensus_jacobian(problem, "G").toarray(), atol=1e-14)
+
+
+def test_the_jacobian_is_sparse():
+    problem = load_problem("paper-fixed")
+    assert build_model(problem).jacobian.sparsity_out(0).nnz() == 20
+
+
+def test_a_large_linear_jacobian_is_the_coefficient_matrix():
+    problem = random_problem("2*y", 3, n=8)
+    jacobian = build_model(Problem(network=problem.network, coupling="2*y")).jacobian(np.ones(8)).full()
+    assert np.array_equal(jacobian.sum(axis=1), np.zeros(8))
+    assert jacobian[0, 1] == 2 * sum(w for i, j, w in problem.network.modes["G"] if (i, j) == (0, 1))
+
+
+@pytest.mark.parametrize("coupling", ["exp(y) - 1 + y", *VECTOR])
+@pytest.mark.parametrize("q", [0, 1, 3])
+def test_the_loop_agrees_with_the_equations_written_out_with_kronecker_products(coupling, q: int):
+    """(1), (12), (13), (19) with I_n (x) ., as the paper writes them."""
+    problem = random_problem(coupling, q, q=q)
+    n, m = problem.n, problem.m
+    rng = np.random.default_rng(q)
+    model = build_model(problem)
+    A = np.array(problem.exosystem.A, dtype=float) if q else np.zeros((0, 0))
+    C = np.array(problem.exosystem.C, dtype=float) if q else np.zeros((m, 0))
+    W = np.array(problem.observer.W, dtype=float) if q else np.zeros((0, m))
+    each = np.eye(n)
+    goal = goals(problem).ravel()
+    x, xi, z = goal + rng.uniform(-0.9, 0.9, n * m), rng.normal(size=n * q), rng.normal(size=n * q)
+    xihat = z + np.kron(each, W) @ x
+    dhat = np.kron(each, C) @ xihat
+    u = -pinning_matrix(problem).toarray() @ (x - goal) - dhat
+    h = coupling_sum(problem, "G", x - goal)
+    z_dot = np.kron(each, A - W @ C) @ xihat - np.kron(each, W) @ (h + u)
+
+    close = {"rtol": 1e-10, "atol": 1e-10}
+    np.testing.assert_allclose(column(model.controller(x, dhat)), u, **close)
+    for got, wanted in zip(model.observer(z, x, u), (z_dot, xihat, dhat), strict=True):
+        np.testing.assert_allclose(column(got), wanted, **close)
+    x_dot, xi_dot, z_dot_closed = model.closed_loop(x, xi, z)
+    np.testing.assert_allclose(column(x_dot), h + u + np.kron(each, C) @ xi, **close)
+    np.testing.assert_allclose(column(xi_dot), np.kron(each, A) @ xi, **close)
+    np.testing.assert_allclose(column(z_dot_closed), z_dot, **close)
+
+    # (22) is the closed loop in the coordinates e = x - goal and eps = xi - xihat.
+    e_dot, eps_dot = model.error_dynamics(x - goal, xi - xihat)
+    np.testing.assert_allclose(column(e_dot), column(x_dot), **close)
+    moved = column(xi_dot) - column(z_dot_closed) - np.kron(each, W) @ column(x_dot)
+    np.testing.assert_allclose(column(eps_dot), moved, rtol=1e-9, atol=1e-9)
+
+
+def test_the_goal_with_a_known_disturbance_is_at_rest():
+    """e = 0, eps = 0 is an equilibrium of (22), with formation offsets too."""
+    problem = load_problem("uav-swarm")
+    W = np.tile(np.eye(3), (2, 1))
+    model = build_model(problem, gain=W)
+    goal, xi = goals(problem).ravel(), np.random.default_rng(0).normal(size=problem.n * problem.q)
+    z = xi - (goals(problem) @ W.T).ravel()
+    np.testing.assert_allclose(column(model.closed_loop(goal, xi, z)[0]), 0, atol=1e-9)
+    assert not np.any(column(model.error_dynamics(np.zeros(27), np.zeros(54))[0]))
+
+
+def test_one_coupling_for_all_components_acts_on_each():
+    problem = random_problem("exp(y) - 1 + y", 5, m=3)
+    e = np.random.default_rng(5).uniform(-1, 1, 15)
+    np.testing.assert_allclose(column(build_model(problem).h(e)), coupling_sum(problem, "G", e), rtol=1e-12)
+
+
+def test_without_an_exosystem_the_estimate_is_empty_and_the_control_is_pinning():
+    """(2) and (4)."""
+    network = Network.from_arcs([[1, 2]], arrow="listens_to")
+    model = build_model(Problem(network=network, coupling="y", gains={"2": 3}, target=1))
+    x_dot, xi_dot, z_dot = model.closed_loop([0.0, 5.0], [], [])
+    assert column(x_dot).tolist() == [5.0, -12.0]
+    assert xi_dot.shape == z_dot.shape == (0, 1)
+    assert column(model.observer([], [0.0, 5.0], [0.0, 0.0])[2]).tolist() == [0.0, 0.0]
+
+
+def test_each_mode_has_its_own_arcs():
+    problem = load_problem("paper-switching")
+    e = np.arange(10.0) / 10
+    for mode in problem.network.modes:
+        np.testing.assert_allclose(column(build_model(problem, mode).h(e)), coupling_sum(problem, mode, e))
+    assert build_model(problem).mode == "Ga"
+
+
+def test_a_mode_without_arcs_still_has_pins():
+    problem = Problem(network=Network.from_arcs({"a": []}, arrow="listens_to", agents=2), coupling="y", gains=2)
+    model = build_model(problem)
+    assert column(model.h([1.0, 2.0])).tolist() == [0, 0]
+    assert column(model.error_dynamics([1.0, 2.0], [])[0]).tolist() == [-2, -4]
+
+
+def test_the_gain_can_be_handed_over():
+    problem = load_problem("paper-fixed")
+    assert build_model(problem).W.tolist() == [[3.2], [2.4]]
+    assert build_model(problem, gain=[[1], ["1/2"]]).W.tolist() == [[1.0], [0.5]]
+
+
+def test_an_exosystem_without_a_gain_is_refused_with_a_cure():
+    with pytest.raises(SpecError, match=r"observer\.W must be known to build the observer"):
+        build_model(load_problem("uav-swarm"))
+
+
+def test_a_gain_of_the_wrong_shape_is_refused():
+    with pytest.raises(ShapeError, match=r"gain must have shape \(2, 1\)"):
+        build_model(load_problem("paper-fixed"), gain=[[1, 2]])
+
+
+def test_inputs_and_outputs_have_names():
+    model = build_model(load_problem("paper-fixed"))
+    names = [(f.name_in(), f.name_out()) for f in model.functions]
+    assert names == [
+        (["e"], ["h"]), (["e"], ["dh_de"]), (["z", "x", "u"], ["z_dot", "xihat", "dhat"]), (["x", "dhat"], ["u"]),
+        (["x", "xi", "z"], ["x_dot", "xi_dot", "z_dot"]), (["e", "eps"], ["e_dot", "eps_dot"]),
+    ]  # fmt: skip
+
+
+def test_a_model_shows_its_functions_and_shapes():
+    model = build_model(load_problem("paper-fixed"))
+    assert 'paper-fixed, mode "Ga": n = 10, m = 1, q = 2' in str(model)
+    assert "e (10) -> dh_de (10, 10)" in str(model)
+    assert "x (10), xi (20), z (20)" in model._repr_html_()
+
+
+def test_html_escapes_the_users_names():
+    network = Network.from_arcs({"<b>": [[1, 2]]}, arrow="listens_to")
+    html = build_model(Problem(network=network, coupling="y", name="<script>"))._repr_html_()
+    assert "<script>" not in html
+    assert "<b>&lt;script&gt;, mode &quot;&lt;b&gt;&quot;" in html
+
+
+def test_a_thousand_agents_are_built_in_a_few_seconds():
+    rng = np.random.default_rng(0)
+    arcs = {(int(i), int(j)) for i, j in rng.integers(0, 1000, size=(6000, 2)) if i != j}
+    problem = Problem(
+        network=Network.from_arcs(sorted(arcs), arrow="listens_to", agents=[*range(1000)]), coupling="exp(y) - 1 + y",
+        gains=1, exosystem=Exosystem(A=[[0, 2], [-2, 0]], C=[[1, 0]]), observer=Observer(W=[[3], [2]]),
+    )  # fmt: skip
+    start = time.process_time()
+    model = build_model(problem)
+    assert time.process_time() - start < 10
+    e = rng.uniform(-1, 1, 1000)
+    listeners, speakers = np.array(sorted(arcs)).T
+    y = e[speakers] - e[listeners]
+    wanted = np.bincount(listeners, np.expm1(y) + y, 1000)
+    np.testing.assert_allclose(column(model.h(e)), wanted, rtol=1e-10, atol=1e-12)

@@ -1,0 +1,169 @@
+"""Certificates, diagnostics and runs made by hand, so that nothing but the report is under test."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable
+from fractions import Fraction
+from typing import Any
+
+import numpy as np
+import pytest
+
+from dobc_design.analysis.analysis import Analysis, ModeSpectrum
+from dobc_design.analysis.graph import GraphFacts
+from dobc_design.analysis.observability import ModeMargin, ObservabilityResult
+from dobc_design.analysis.spectrum import SpectrumResult
+from dobc_design.certificate.certificate import Certificate
+from dobc_design.certificate.claims import Claims
+from dobc_design.exact.matrix import matrix
+from dobc_design.simulate.trajectory import Trajectory
+from dobc_design.spec.exosystem import Exosystem
+from dobc_design.spec.network import Network
+from dobc_design.spec.observer import Observer
+from dobc_design.spec.problem import Problem
+from dobc_design.verdict import Verdict
+from dobc_design.verify.check import Check, Fix, Witness
+
+
+def ring_problem(n: int = 10, **changes: Any) -> Problem:
+    """The paper's Example 1 on a directed ring."""
+    settings: dict[str, Any] = {
+        "name": "ring",
+        "network": Network.from_arcs(
+            {"Ga": [(i + 1, (i + 1) % n + 1) for i in range(n)]}, arrow="listens_to", agents=n
+        ),
+        "coupling": "exp(y) - 1 + y",
+        "target": 1,
+        "gains": {1: 5, n // 2 + 1: 5},
+        "exosystem": Exosystem(A=[[0, 2], [-2, 0]], C=[[1, 0]]),
+        "observer": Observer(W=[["16/5"], ["12/5"]], P=[["1/2", "-1/4"], ["-1/4", "1/3"]]),
+    }
+    return Problem(**settings | changes)
+
+
+def ring_checks(problem: Problem) -> tuple[Check, ...]:
+    """One check of every kind of content: numbers, exact values, witnesses, cures, all three verdicts."""
+    mode = next(iter(problem.network.modes))
+    return (
+        Check(id="observability", verdict=Verdict.PROVED, domain="global", reason="(A, C) is observable."),
+        Check(
+            id="hurwitz", verdict=Verdict.PROVED, domain="global", rate=1.59999, reason="A - WC is Hurwitz.",
+            exact={"routh": ["1", "16/5", "44/5"]},
+        ),
+        Check(
+            id="reachability", mode=mode, verdict=Verdict.REFUTED, domain="global", reason="somebody is alone.",
+            witness=Witness(kind="agents", labels=problem.network.labels[1:3]),
+            fix=Fix(kind="pin", set={"pinning.gains.2": 1, "observer.W": None}, text="Pin one of them."),
+        ),
+        Check(
+            id="lemma1", mode=mode, verdict=Verdict.PROVED, domain="consensus", margin=0.58229999, rate=0.29,
+            reason="Lambda(J) < 0.",
+        ),
+        Check(
+            id="theorem1-printed", verdict=Verdict.REFUTED, domain="consensus", margin=-0.53678,
+            reason="Psi is not negative definite for this P.", exact={"bound": "-9/8", "S": [["9/8"]]},
+            witness=Witness(kind="vector", values=tuple(str(i) for i in range(30))),
+        ),
+        Check(
+            id="theorem1", verdict=Verdict.PROVED, domain="consensus", margin=0.5319, rate=0.2618,
+            reason="Psi < 0 holds exactly for a rational P.", exact={"bound": "-1/20", "S": [["1/20"]]},
+        ),
+        Check(
+            id="max-separable", verdict=Verdict.UNDECIDED, reason="does not apply: nobody asked.",
+            domain={"kind": "box", "radius": 4.0, "disturbance": 0.5},
+        ),
+    )  # fmt: skip
+
+
+def make_certificate(problem: Problem | None = None, **changes: Any) -> Certificate:
+    problem = ring_problem() if problem is None else problem
+    claims = Claims(
+        problem_name=problem.name, problem_sha256="ab" * 32, verdict=Verdict.PROVED,
+        reason="All agents reach the target.", rate=0.26189, covered_by="theorem1", checks=ring_checks(problem),
+        W=matrix([["16/5"], ["12/5"]]), gain_source="given", P=matrix([[3, "-1/4"], ["-1/4", 2]]),
+        Q=matrix([[9], [4]]), notes=("The observer gain W was given.",), version="9.9.9",
+    )  # fmt: skip
+    return Certificate(problem=problem, claims=dataclasses.replace(claims, **changes))
+
+
+def make_analysis(problem: Problem) -> Analysis:
+    """Made-up eigenvalues of the right shapes."""
+    n, labels = problem.n * problem.m, problem.network.labels
+    return Analysis(
+        name=problem.name,
+        observability=ObservabilityResult(
+            order=2, rank=2, singular_values=(2.0, 1.0),
+            modes=(ModeMargin(eigenvalue=2j, margin=0.7), ModeMargin(eigenvalue=-2j, margin=0.7)),
+        ),
+        spectrum=SpectrumResult(eigenvalues=(-1.6 + 2.5j, -1.6 - 2.5j), rate=1.6),
+        graphs=tuple(
+            GraphFacts(
+                mode=name, arcs=len(arcs), unreached=labels[1:3], components=(labels,), sources=(labels,),
+                balanced=True, heard=(1,) * problem.n, hearing=(1,) * problem.n,
+            )
+            for name, arcs in problem.network.modes.items()
+        ),
+        modes=tuple(
+            ModeSpectrum(
+                mode=name, lambda_eigenvalues=tuple(np.linspace(-8, -0.5, n).tolist()),
+                loop_eigenvalues=tuple(complex(-0.5 - i / n, (-1) ** i) for i in range(n)),
+            )
+            for name in problem.network.modes
+        ),
+    )  # fmt: skip
+
+
+def make_trajectory(problem: Problem, *, diverged: bool = False) -> Trajectory:
+    """Errors that decay like exp(-t), estimates that converge."""
+    n, m, q = problem.n, problem.m, problem.q
+    times = np.linspace(0, 10, 401)
+    goal = np.ones((n, m))
+    shape = np.linspace(-1, 4, n * m).reshape(n, m)
+    x = goal + np.exp(-times)[:, None, None] * shape
+    d = np.broadcast_to(np.cos(2 * times)[:, None, None], x.shape).copy()
+    dhat = d * (1 - np.exp(-times))[:, None, None]
+    xi = np.zeros((len(times), n, q))
+    return Trajectory(
+        name=problem.name, mode=next(iter(problem.network.modes)), labels=problem.network.labels, t_final=10.0, seed=3,
+        times=times, x=x, xi=xi, xihat=xi.copy(), d=d, dhat=dhat, u=np.zeros_like(x), goal=goal, diverged=diverged,
+    )  # fmt: skip
+
+
+@pytest.fixture
+def certificate() -> Certificate:
+    return make_certificate()
+
+
+@pytest.fixture
+def problem_with() -> Callable[..., Problem]:
+    return ring_problem
+
+
+@pytest.fixture
+def certificate_of() -> Callable[..., Certificate]:
+    return make_certificate
+
+
+@pytest.fixture
+def analysis_of() -> Callable[[Problem], Analysis]:
+    return make_analysis
+
+
+@pytest.fixture
+def trajectory_of() -> Callable[..., Trajectory]:
+    return make_trajectory
+
+
+@pytest.fixture
+def everything(certificate: Certificate) -> dict[str, Any]:
+    """The arguments of a full report on the ring."""
+    problem = certificate.problem
+    n = problem.n
+    rows = [[-2 if i == j else 1 if abs(i - j) in (1, n - 1) else Fraction(1, 3) for j in range(n)] for i in range(n)]
+    return {
+        "certificate": certificate,
+        "analysis": make_analysis(problem),
+        "trajectory": make_trajectory(problem),
+        "lambdas": {"Ga": matrix(rows)},
+    }

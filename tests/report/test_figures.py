@@ -1,0 +1,120 @@
+"""Figures: what is drawn where, and that names are never read as mathematics."""
+
+from __future__ import annotations
+
+from xml.etree import ElementTree
+
+import numpy as np
+import pytest
+
+from dobc_design.report import figures
+from dobc_design.report.drawing import draw_network, drawn_labels
+from dobc_design.report.layout import common_offsets, positions
+from dobc_design.report.svg import svg_text
+
+
+def ring(n: int) -> list[tuple[int, int]]:
+    return [(i, (i + 1) % n) for i in range(n)]
+
+
+def test_a_ring_stands_on_a_circle_in_any_order():
+    order = np.random.default_rng(0).permutation(9)
+    pairs = [(int(order[i]), int(order[j])) for i, j in ring(9)]
+    places = positions(pairs, 9)
+    assert np.allclose(np.hypot(*places.T), 1)
+    steps = [np.hypot(*(places[i] - places[j])) for i, j in pairs]
+    assert np.allclose(steps, steps[0])
+
+
+def test_circulants_are_recognised():
+    assert common_offsets([(i, (i + s) % 7) for i in range(7) for s in (1, 3)], 7) == (1, 3)
+    assert common_offsets([*ring(7), (0, 3)], 7) is None
+    assert common_offsets([], 3) is None
+
+
+@pytest.mark.parametrize(("pairs", "n"), [([], 1), ([], 5), ([(0, 1)], 2), ([(0, 1), (2, 3), (3, 4)], 6), (ring(3), 3)])
+def test_positions_are_finite_and_apart(pairs: list[tuple[int, int]], n: int):
+    places = positions(pairs, n)
+    assert places.shape == (n, 2)
+    assert np.isfinite(places).all()
+    assert np.abs(places).max(initial=0) <= 1 + 1e-9
+    assert len(np.unique(places.round(6), axis=0)) == n
+
+
+def test_positions_are_reproducible_for_large_networks():
+    pairs = [(i, j) for i, j in np.random.default_rng(1).integers(0, 200, (400, 2)).tolist() if i != j]
+    assert np.array_equal(positions(pairs, 200), positions(pairs, 200))
+
+
+def test_the_arrow_points_at_the_listener():
+    """Agent 0 listens to agent 1, so information runs from 1 to 0: the head is near 0."""
+    places = np.array([[-1.0, 0.0], [1.0, 0.0]])
+    ax = draw_network(labels=["a", "b"], arcs=[(0, 1)], places=places)
+    heads = next(patch for patch in ax.patches if patch.get_edgecolor()[3] == 0)
+    assert heads.get_path().vertices[:, 0].max() < -0.5
+
+
+def test_pinned_and_unreached_agents_look_different():
+    ax = draw_network(labels=["a", "b", "c"], arcs=[(0, 1)], places=positions(ring(3), 3), pinned=[0], unreached={2})
+    fills = {patch.get_facecolor()[:3] for patch in ax.patches}
+    dashes = [patch.get_linestyle() for patch in ax.patches]
+    assert len(fills) >= 2
+    assert any(style not in ("solid", "-") for style in dashes)
+
+
+def test_labels_lose_what_they_share():
+    assert drawn_labels(["uav-1", "uav-2", "uav-12"]) == (["1", "2", "12"], "uav-")
+    assert drawn_labels(["11", "12"]) == (["11", "12"], "")
+    assert drawn_labels(["gateway", "s1"]) == (["gateway", "s1"], "")
+    assert drawn_labels(["only"]) == (["only"], "")
+    assert drawn_labels(["s", "s1"]) == (["s", "s1"], "")
+
+
+def test_functions_draw_on_the_axes_they_are_given_and_return_them():
+    figure_axes = figures.plot_spectrum({"G": np.array([-1 + 2j, -1 - 2j])})
+    assert figures.plot_lambda({"G": [-3.0, -1.0]}, bounds={"P": -1.125}, ax=figure_axes) is figure_axes
+
+
+def test_axes_name_their_units():
+    t = np.linspace(0, 1, 5)
+    assert "1/s" in figures.plot_spectrum({"G": [-1 + 0j]}).get_xlabel()
+    assert "1/s" in figures.plot_lambda({"G": [-1.0]}).get_xlabel()
+    assert "in s" in figures.plot_error(t, np.exp(-t), rate=1.0).get_xlabel()
+    assert "in s" in figures.plot_states(t, np.ones((5, 2)), goals=[1, 1]).get_xlabel()
+    assert "per s" in figures.plot_disturbance(t, t, t).get_ylabel()
+
+
+def test_an_error_of_zero_and_one_that_grows_can_be_drawn():
+    t = np.linspace(0, 1, 5)
+    assert figures.plot_error(t, np.zeros(5), rate=1.0).get_yscale() == "log"
+    assert figures.plot_error(t, np.exp(300 * t), rate=1.0).get_yscale() == "log"
+
+
+def test_long_series_are_thinned_and_keep_their_ends():
+    rows = figures.thinned_rows(100_000)
+    assert (len(rows), rows[0], rows[-1]) == (figures.MOST_POINTS, 0, 99_999)
+    assert figures.thinned_rows(3).tolist() == [0, 1, 2]
+    shown = figures.shown_agents(1000, {500, 700})
+    assert len(shown) == figures.MOST_AGENTS
+    assert {500, 700} <= set(shown)
+
+
+def test_an_svg_is_xml_with_own_identifiers_variables_and_its_alternative():
+    text = svg_text(lambda f: f.add_subplot().plot([1, 2], color="#0072b2"), name="one", alt='a "b" <c>')
+    root = ElementTree.fromstring(text)
+    assert root.get("aria-label") == 'a "b" <c>'
+    assert "var(--figure-blue, #0072b2)" in text
+    assert all(each.get("id", "one-").startswith("one-") for each in root.iter())
+    assert "<style" not in text
+
+
+def test_names_are_not_read_as_mathematics():
+    text = svg_text(
+        lambda f: figures.plot_lambda({"$\\frac{$": [-1.0], "<b>": [-2.0]}, ax=f.add_subplot()), name="x", alt="x"
+    )
+    assert "$\\frac{$" in text
+    assert "&lt;b&gt;" in text
+
+
+def test_powers_of_ten_are_written_out():
+    assert [figures.power_of_ten(10.0**k) for k in (-3, -1, 0, 1, 12)] == ["10⁻³", "0.1", "1", "10", "10¹²"]

@@ -1,0 +1,277 @@
+"""The page: complete, well-formed, without network, harmless with hostile names, bounded in size."""
+
+from __future__ import annotations
+
+import dataclasses
+import itertools
+import re
+from collections import Counter
+from html.parser import HTMLParser
+from typing import Any
+
+import pytest
+
+from dobc_design.report.html import html_report
+from dobc_design.spec.network import Network
+from dobc_design.verdict import Verdict
+from dobc_design.verify.check import Check, Fix, Witness
+
+VOID = {"meta", "br", "link", "img", "hr", "input", "col", "wbr", "mspace"}
+HOSTILE = "<script>alert('\"&$x_1$')</script>"
+
+
+class Page(HTMLParser):
+    """Balance of tags, attributes, headings and texts of a page."""
+
+    def __init__(self, text: str) -> None:
+        super().__init__(convert_charrefs=True)
+        self.open: list[str] = []
+        self.elements: list[tuple[str, dict[str, str | None]]] = []
+        self.wrong: list[str] = []
+        self.texts: list[str] = []
+        self.feed(text)
+        self.close()
+        self.wrong += [f"never closed: {tag}" for tag in self.open]
+
+    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        self.elements.append((tag, dict(attrs)))
+        if tag not in VOID:
+            self.open.append(tag)
+
+    def handle_startendtag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        self.elements.append((tag, dict(attrs)))
+
+    def handle_endtag(self, tag: str) -> None:
+        if not self.open or self.open.pop() != tag:
+            self.wrong.append(f"</{tag}> at {self.getpos()}")
+
+    def handle_data(self, data: str) -> None:
+        self.texts.append(data)
+
+    @property
+    def text(self) -> str:
+        return " ".join(" ".join(self.texts).split())
+
+    def having(self, tag: str) -> list[dict[str, str | None]]:
+        return [attributes for name, attributes in self.elements if name == tag]
+
+
+@pytest.fixture
+def page(everything: dict[str, Any]) -> Page:
+    return Page(html_report(**everything))
+
+
+def test_the_page_is_well_formed(page: Page):
+    assert page.wrong == []
+    assert page.having("html") == [{"lang": "en"}]
+    assert len(page.having("title")) == len(page.having("h1")) == len(page.having("main")) == 1
+
+
+def test_nothing_comes_from_the_network_and_nothing_runs(everything: dict[str, Any]):
+    text = html_report(**everything)
+    without_names = text.replace('xmlns="http://www.w3.org/2000/svg"', "").replace(
+        'xmlns="http://www.w3.org/1998/Math/MathML"', ""
+    )
+    assert not re.search(r"https?:|(?<!\*)//|@import|url\((?!#)|<script|javascript:|\son\w+=", without_names, re.I)
+    names = {name for name, _ in Page(text).elements}
+    assert not names & {"script", "link", "img", "iframe", "object", "embed", "form", "base"}
+
+
+def test_identifiers_are_unique_and_every_link_has_a_goal(page: Page):
+    ids = Counter(a["id"] for _, a in page.elements if "id" in a)
+    assert [name for name, count in ids.items() if count > 1] == []
+    goals = {a["href"] for name, a in page.elements if name in ("a", "use")}
+    goals |= {"#" + g for _, a in page.elements for v in a.values() for g in re.findall(r"url\(#([^)]+)\)", v or "")}
+    assert {goal[1:] for goal in goals if goal} <= set(ids)
+
+
+def test_headings_are_in_order(page: Page):
+    levels = [int(name[1]) for name, _ in page.elements if re.fullmatch(r"h[1-6]", name)]
+    assert levels[0] == 1
+    assert all(after <= before + 1 for before, after in itertools.pairwise(levels))
+
+
+def test_every_picture_has_a_text_alternative(page: Page):
+    pictures = page.having("svg")
+    assert len(pictures) == 7  # network, three spectra, states, estimates, error
+    assert all(picture["role"] == "img" and len(picture["aria-label"] or "") > 20 for picture in pictures)
+    assert len({picture["aria-label"] for picture in pictures}) == len(pictures)
+
+
+def test_formulas_are_mathml(page: Page):
+    assert len(page.having("math")) > 15
+    assert any(a.get("class") == "matrix" for a in page.having("mtable"))
+    assert "\\begin" not in page.text
+
+
+def test_every_check_appears_with_its_reason_witness_and_cure(page: Page, everything: dict[str, Any]):
+    for check in everything["certificate"].checks:
+        assert check.id in page.text
+        assert check.reason[1:] in page.text
+    for words in ("Pin one of them.", "pinning.gains.2 = 1", "# remove observer.W", "30 entries", "-9/8"):
+        assert words in page.text
+
+
+def test_numbers_are_cut_towards_the_weaker_claim(page: Page):
+    """0.58229999 must not become 0.5823: the margin shown has to be proved too."""
+    assert "0.5822" in page.text
+    assert "−0.5367" in page.text
+    assert "1.599" in page.text
+    assert "0.2618 1/s" in page.text
+    assert "0.5823" not in page.text
+
+
+@pytest.mark.parametrize(
+    ("verdict", "symbol", "words"),
+    [
+        (Verdict.PROVED, "✓", "It is local"),
+        (Verdict.REFUTED, "✗", "does not say that the task is impossible"),
+        (Verdict.UNDECIDED, "?", "does not say that consensus fails"),
+    ],
+)
+def test_the_verdict_is_a_word_a_symbol_and_a_sentence(certificate_of, verdict: Verdict, symbol: str, words: str):
+    covered = "theorem1" if verdict is Verdict.PROVED else None
+    certificate = certificate_of(verdict=verdict, reason="Here is why.", covered_by=covered)
+    page = Page(html_report(certificate, analysis=None, trajectory=None))
+    assert page.wrong == []
+    assert f"{symbol} {verdict.value.capitalize()} Here is why." in page.text
+    assert words in page.text
+
+
+def test_a_regional_proof_names_its_set(certificate_of):
+    certificate = certificate_of()
+    regional = dataclasses.replace(certificate.checks[-1], verdict=Verdict.PROVED)
+    certificate = certificate_of(checks=(regional,), covered_by="max-separable")
+    text = Page(html_report(certificate, analysis=None, trajectory=None)).text
+    assert "from all starts with |e|∞ ≤ 4 and every |εᵢ| ≤ 0.5" in text
+
+
+def hostile_problem(problem_with) -> Any:
+    labels = [HOSTILE, "b</text><image href='x'/>", "$\\frac{a}{$", "$$", "__proto__"]
+    arcs = {
+        "<img src=x onerror=alert(1)>": [(labels[0], labels[1]), (labels[1], labels[2])],
+        "]]>--><svg onload=x>": [(labels[3], labels[4])],
+    }
+    network = Network.from_arcs(arcs, arrow="listens_to", agents=labels)
+    return problem_with(name="</title><script>x</script>", network=network, gains={labels[0]: 1})
+
+
+def test_hostile_names_stay_text(problem_with, certificate_of, analysis_of, trajectory_of):
+    problem = hostile_problem(problem_with)
+    check = Check(
+        id="lemma1", mode="<b>m</b>", verdict=Verdict.REFUTED, domain="<i>d</i>", reason=HOSTILE,
+        exact={"bound": HOSTILE, "value": HOSTILE, "<u>": "<u>"},
+        witness=Witness(kind=HOSTILE, labels=(HOSTILE,), values=(HOSTILE,)),
+        fix=Fix(kind="x", set={HOSTILE: HOSTILE}, text=HOSTILE),
+    )  # fmt: skip
+    certificate = certificate_of(
+        problem, checks=(check,), notes=(HOSTILE,), reason=HOSTILE, problem_sha256=HOSTILE, version=HOSTILE,
+        gain_source=HOSTILE,
+    )  # fmt: skip
+    text = html_report(certificate, analysis=analysis_of(problem), trajectory=trajectory_of(problem), lambdas={})
+    page = Page(text)
+    assert page.wrong == []
+    names = {name for name, _ in page.elements}
+    assert not names & {"script", "img", "image", "i", "b", "u"}
+    assert not any(key.startswith("on") for _, attributes in page.elements for key in attributes)
+    assert HOSTILE in page.text
+    assert any("$\\frac{a}{$" in each for each in page.texts)  # not read as mathematics in a figure
+
+
+@pytest.mark.parametrize("exact", [{"bound": "1/0"}, {"bound": 3, "S": "9"}, {"bound": "x" * 9, "S": [["1", "z"], []]}])
+def test_exact_values_that_are_no_numbers_are_left_out(certificate_of, exact: dict[str, Any]):
+    """A certificate read from a file may hold anything there."""
+    check = Check(id="theorem1", verdict=Verdict.PROVED, domain="consensus", reason="r", exact=exact)
+    page = Page(html_report(certificate_of(checks=(check,)), analysis=None, trajectory=None))
+    assert page.wrong == []
+    assert "For the P found" not in page.text
+
+
+def test_the_same_arguments_give_the_same_bytes(everything: dict[str, Any]):
+    assert html_report(**everything) == html_report(**everything)
+
+
+def test_the_style_of_the_process_is_left_alone_and_does_not_matter(everything: dict[str, Any]):
+    import matplotlib
+
+    plain = html_report(**everything)
+    with matplotlib.rc_context({"font.size": 30, "axes.facecolor": "red", "svg.fonttype": "path"}):
+        assert html_report(**everything) == plain
+        assert matplotlib.rcParams["font.size"] == 30
+
+
+def test_without_diagnostics_run_and_disturbance_the_page_still_stands(problem_with, certificate_of):
+    """Lemma 1 only: no exosystem, no observer, no matrices."""
+    problem = problem_with(exosystem=None, observer=None)
+    certificate = certificate_of(problem, W=None, P=None, Q=None, gain_source=None, notes=(), rate=None)
+    page = Page(html_report(certificate, analysis=None, trajectory=None))
+    assert page.wrong == []
+    assert "Lemma 1 asks" in page.text
+    assert "Simulation" not in page.text
+    assert "Nothing was assumed" in page.text
+
+
+def test_vector_agents_with_formation_and_exceptions(problem_with, certificate_of, analysis_of, trajectory_of):
+    problem = problem_with(
+        target=[0, 1], coupling=["y1 + y2**3", "tanh(y2)"], exosystem=None, observer=None,
+        exceptions={(0, 1): "2*y"}, offsets={2: [1, "1/3"]}, gains={1: [[1, 2], [-2, 1]], 2: 3},
+        region={"initial_states": [[0, 5], [-1, 1]]},
+    )  # fmt: skip
+    certificate = certificate_of(problem, W=None, P=None, Q=None)
+    page = Page(html_report(certificate, analysis=analysis_of(problem), trajectory=trajectory_of(problem)))
+    assert page.wrong == []
+    for words in ("[1, 2; -2, 1]", "(1, 4/3)", "1 listening to 2: h = 2*y", "[0, 5] × [-1, 1]", "component 2 of 2"):
+        assert words in page.text
+
+
+def test_a_large_problem_gives_a_page_of_bounded_size(problem_with, certificate_of, analysis_of, trajectory_of):
+    """n = 2000, eight modes, 3000 checks with full vectors."""
+    n = 2000
+    ring = [(i + 1, (i + 1) % n + 1) for i in range(n)]
+    network = Network.from_arcs({f"mode-{k}": ring for k in range(8)}, arrow="sends_to", agents=n)
+    problem = problem_with(n, network=network, gains=dict.fromkeys(range(1, n, 3), 1))
+    values = tuple(f"{10**40 + i}/{10**39 + 7}" for i in range(n))
+    checks = tuple(
+        Check(
+            id="lemma1", mode=f"mode-{k}", verdict=list(Verdict)[k % 3], domain="consensus", reason="long " * 2000,
+            witness=Witness(kind="vector", labels=network.labels, values=values), exact={"value": values[0]},
+        )
+        for k in range(3000)
+    )  # fmt: skip
+    certificate = certificate_of(problem, checks=checks)
+    text = html_report(certificate, analysis=analysis_of(problem), trajectory=trajectory_of(problem))
+    assert len(text.encode()) < 1_500_000
+    page = Page(text)
+    assert page.wrong == []
+    assert "3000 checks were made; 2850 of them" in page.text
+    assert "too large to be drawn" in page.text
+
+
+def _contrast(one: str, other: str) -> float:
+    """WCAG 2 contrast of two colours #rrggbb."""
+
+    def luminance(colour: str) -> float:
+        parts = [int(colour[i : i + 2], 16) / 255 for i in (1, 3, 5)]
+        linear = [p / 12.92 if p <= 0.04045 else ((p + 0.055) / 1.055) ** 2.4 for p in parts]
+        return 0.2126 * linear[0] + 0.7152 * linear[1] + 0.0722 * linear[2]
+
+    low, high = sorted((luminance(one), luminance(other)))
+    return (high + 0.05) / (low + 0.05)
+
+
+def test_colours_have_the_contrast_that_wcag_aa_asks_for(everything: dict[str, Any]):
+    """4.5 for text, 3 for the lines of figures, in the light and in the dark."""
+    blocks = re.findall(r":root \{(.*?)\}", html_report(**everything), re.DOTALL)
+    assert len(blocks) == 2
+    for block in blocks:
+        colour = dict(re.findall(r"--([\w-]+): (#[0-9a-f]{6})", block))
+        for text in ("ink", "muted", "accent"):
+            assert _contrast(colour[text], colour["paper"]) >= 4.5, text
+            assert _contrast(colour[text], colour["card"]) >= 4.5, text
+        for verdict in ("proved", "refuted", "undecided"):
+            paper = colour[f"{verdict}-paper"]
+            assert min(_contrast(colour[verdict], paper), _contrast(colour["muted"], paper)) >= 4.5, verdict
+            assert _contrast(colour["paper"], colour[verdict]) >= 4.5, verdict
+        for line in ("blue", "vermillion", "green", "purple", "muted"):
+            assert _contrast(colour[f"figure-{line}"], colour["paper"]) >= 2.9, line
+        assert _contrast(colour["figure-paper"], colour["figure-blue"]) >= 4.5  # labels of pinned agents

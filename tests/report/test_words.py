@@ -1,0 +1,77 @@
+"""Numbers and sentences of the report."""
+
+from __future__ import annotations
+
+from fractions import Fraction
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from dobc_design._render import Fragment, significant_towards_zero
+from dobc_design.report.network_words import agent_rows, mode_sentences, names_in_words, pin_sentence
+from dobc_design.report.words import CHECKS, domain_words, number, typeset
+from dobc_design.spec.network import Network
+from dobc_design.verify.check import CHECK_IDS
+
+
+@given(st.floats(min_value=1e-300, max_value=1e300))
+def test_a_number_cut_towards_zero_is_never_larger_and_loses_less_than_a_thousandth(value: float):
+    shown = Fraction(significant_towards_zero(value))
+    assert Fraction(repr(value)) * Fraction(999, 1000) <= shown <= Fraction(repr(value))
+    assert significant_towards_zero(-value) == "-" + significant_towards_zero(value)
+
+
+@pytest.mark.parametrize(
+    ("value", "text"),
+    [(0.58229999, "0.5822"), (None, "–"), (0.0, "0"), (Fraction(2, 3), "0.6666"), (1.99999e-9, "1.999e-09"), (5, "5")],
+)
+def test_cut_numbers(value: float | Fraction | None, text: str):
+    assert significant_towards_zero(value) == text
+
+
+def test_numbers_are_written_as_people_write_them():
+    assert typeset("-1.5e-08") == "−1.5·10⁻⁸"
+    assert number(-0.0) == "0"
+    assert number(None) == "–"
+    assert number(1234567.0) == "1.235·10⁶"
+
+
+def test_a_fragment_is_a_string_that_templates_leave_alone():
+    assert Fragment("<b>").__html__() == "<b>"
+
+
+def test_every_check_has_a_name_and_a_meaning():
+    assert set(CHECKS) == set(CHECK_IDS)
+
+
+def test_domains_in_words():
+    assert domain_words("global") == "everywhere"
+    assert domain_words("consensus") == "near the target"
+    assert domain_words({"kind": "ball", "radius": 1.5}) == "starts with |e|₂ ≤ 1.5"
+    assert domain_words({"kind": "box", "radius": "x", "disturbance": 0}) == "starts with |e|∞ ≤ ? and every |εᵢ| ≤ 0"
+
+
+def test_a_ring_is_said_in_words(problem_with):
+    problem = problem_with()
+    assert mode_sentences(problem) == [
+        ("Ga", "10 arcs; every agent i listens to i + 1, counted around a circle of 10.")
+    ]
+    assert pin_sentence(problem) == "2 of 10 agents are pinned: 1 and 6."
+    first = agent_rows(problem)[0]
+    assert (first.label, first.gain, first.goal, first.hears) == ("1", "5", "1", ("2",))
+
+
+def test_weights_and_undirected_arcs_are_said_in_words(problem_with):
+    network = Network.from_arcs([(1, 2, "1/3"), (2, 1), (3, 1), (1, 3)], arrow="sends_to", agents=4)
+    problem = problem_with(network=network, gains=None)
+    assert mode_sentences(problem)[0][1].startswith("4 arcs, with weights; whoever listens is also listened to")
+    assert agent_rows(problem)[1].hears == ("1 (1/3×)",)
+    assert agent_rows(problem)[3].hears == ("–",)
+    assert pin_sentence(problem) == "No agent is pinned."
+
+
+def test_long_lists_are_cut():
+    assert names_in_words([str(i) for i in range(20)], 3) == "0, 1, 2 and 17 more"
+    assert names_in_words([]) == "nobody"
+    assert names_in_words(["a", "b"]) == "a and b"

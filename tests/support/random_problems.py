@@ -1,0 +1,187 @@
+"""Random problems of every kind the specification allows, the same ones for the same seed.
+
+``random_problem(seed)``: m 1 to 3, q 0 to 4, 1 to 4 modes, weights, exceptions, formations, matrix gains
+(skew and singular ones too), W absent, good or bad, P given, undetectable pairs, nobody pinned, isolated
+agents, one agent, couplings with irrational slopes, with kinks, with negative slopes, regions.
+``random_linear_problem(seed)``: exactly linear couplings only.  No solver of the package is used.
+"""
+
+from __future__ import annotations
+
+from fractions import Fraction
+from random import Random
+from typing import Any
+
+import numpy as np
+from scipy import linalg
+
+from dobc_design.spec.exosystem import Exosystem
+from dobc_design.spec.network import Network
+from dobc_design.spec.observer import Observer
+from dobc_design.spec.problem import Problem
+
+LINEAR = ("y", "2*y", "y/3", "5*y/2", "-y/8", "y*exp(1)", "pi*y/2")
+CURVED = ("tanh(y)", "exp(y) - 1 + y", "y + y**3", "sin(y)", "atan(y)/2", "sinh(y)", "y**3", "y - y**2")
+IRRATIONAL = ("sin(pi*y)", "exp(1)*(exp(y) - 1)", "tanh(sqrt(2)*y)", "log(1 + y*pi)")
+KINKED = ("abs(y)", "clip(y, -1, 1)", "max(y, 2*y)")
+PLANE_LINEAR = (["y1 + y2/2", "y2 - y1/2"], ["y1", "y1 + y2"], ["2*y1 + y2", "y1 + y2"], ["y1*exp(1)", "y2 + y1/3"])
+PLANE_CURVED = (["sin(y1) + y2**2", "3*y2"], ["y1 - y2/4", "tanh(y2) + sin(pi*y1)/5"])
+SPACE_LINEAR = (["y1 + y2/3", "y2 - y1/3", "y3"], ["2*y1", "y2 + y3/2", "y3 - y2/2"])
+WEIGHTS = ("1/2", 2, "1/3", 3.2, 5, "7/5")
+
+
+def random_problem(seed: int) -> Problem:
+    """A problem of a random kind."""
+    return _problem(Random(seed), linear=False)
+
+
+def random_linear_problem(seed: int) -> Problem:
+    """A problem with linear couplings, where a proof at the consensus is global."""
+    return _problem(Random(seed), linear=True)
+
+
+def _problem(r: Random, *, linear: bool) -> Problem:
+    m = r.choice((1, 1, 1, 2, 2, 3))
+    n = r.choice((1, 2, 2, 3, 3, 4, 5, 6))
+    labels = [f"a{i}" for i in range(n)] if r.random() < 0.3 else [str(i + 1) for i in range(n)]
+    modes = {f"G{k}": _arcs(r, labels) for k in range(r.choice((1, 1, 1, 2, 3, 4)))}
+    couplings = _couplings(m, linear=linear)
+    exosystem = _exosystem(r, m) if r.random() < 0.75 else None
+    every = sorted({tuple(arc[:2]) for arcs in modes.values() for arc in arcs})
+    special = r.sample(every, min(len(every), r.choice((0, 0, 1, 2)))) if every else []
+    place = {label: i for i, label in enumerate(labels)}
+    region: dict[str, Any] | None = None
+    if r.random() < 0.3:
+        region = {"initial_states": r.choice(([0, 5], [-1, 1], ["1/2", 2], [1, 1]))}
+        if exosystem is not None:
+            region["initial_disturbance"] = r.choice((0, 0.5, 3))
+    return Problem(
+        name=f"random-{r.randrange(10**9)}",
+        network=Network.from_arcs(modes, arrow="listens_to", agents=labels),
+        coupling=r.choice(couplings),
+        exceptions={(place[a], place[b]): r.choice(couplings) for a, b in special},
+        target=[r.choice((0, 1, "1/2", -2)) for _ in range(m)],
+        gains=_gains(r, labels, m),
+        exosystem=exosystem,
+        observer=None if exosystem is None else _observer(r, exosystem),
+        offsets={label: [r.choice((0, 1, -1.5))] * m for label in labels if r.random() < 0.2},
+        region=region,
+    )
+
+
+def _couplings(m: int, *, linear: bool) -> list[Any]:
+    own: list[Any] = [*LINEAR[:4], *LINEAR]
+    vector: list[Any] = {1: [], 2: list(PLANE_LINEAR), 3: list(SPACE_LINEAR)}[m]
+    if linear:
+        return own + vector
+    curved: list[Any] = [*CURVED, *CURVED, *IRRATIONAL, *KINKED[: 1 if m > 1 else 3]]
+    return own + curved + vector * 3 + (list(PLANE_CURVED) if m == 2 else [])
+
+
+def _arcs(r: Random, labels: list[str]) -> list[list[Any]]:
+    n = len(labels)
+    kind = r.choice(("random", "cycle", "path", "undirected", "empty" if n < 4 else "dense"))
+    if kind == "cycle":
+        pairs = [(i, (i + 1) % n) for i in range(n)] if n > 1 else []
+    elif kind == "path":
+        pairs = [(i + 1, i) for i in range(n - 1)]
+    elif kind == "empty":
+        pairs = []
+    else:
+        density = {"random": 0.4, "undirected": 0.4, "dense": 0.8}[kind]
+        pairs = [(i, j) for i in range(n) for j in range(n) if i != j and r.random() < density]
+        if kind == "undirected":
+            pairs = sorted({pair for i, j in pairs for pair in ((i, j), (j, i))})
+    weighted = r.random() < 0.4
+    return [[labels[i], labels[j], r.choice(WEIGHTS)] if weighted else [labels[i], labels[j]] for i, j in pairs]
+
+
+def _gains(r: Random, labels: list[str], m: int) -> Any:
+    kind = r.choice(("none", "one", "some", "all", "all", "number"))
+    if kind == "none":
+        return None
+    if kind == "number":
+        return r.choice((1, "9/16", 3, 10))
+    chosen = labels if kind == "all" else r.sample(labels, 1 if kind == "one" else max(1, len(labels) // 2))
+    return {label: _gain(r, m) for label in chosen}
+
+
+def _gain(r: Random, m: int) -> Any:
+    k = Fraction(r.choice((1, 2, 5, 10)), r.choice((1, 1, 2, 3)))
+    kind = r.choice(("number", "number", "turned", "skew", "singular", "full")) if m > 1 else "number"
+    if kind == "number":
+        return k
+    if kind == "singular":
+        return [[k if i == j == 0 else 0 for j in range(m)] for i in range(m)]
+    s = Fraction(r.randint(-3, 3))
+    turn = [[s * ((j > i) - (j < i)) for j in range(m)] for i in range(m)]
+    if kind == "full":  # a Gram matrix and a skew one: k + k' >= 0, not symmetric
+        rows = [[r.randint(-2, 2) for _ in range(m)] for _ in range(m)]
+        return [[turn[i][j] + sum(rows[i][c] * rows[j][c] for c in range(m)) for j in range(m)] for i in range(m)]
+    own = k if kind == "turned" else 0
+    return [[turn[i][j] + (own if i == j else 0) for j in range(m)] for i in range(m)]
+
+
+def _exosystem(r: Random, m: int) -> Exosystem:
+    q = r.choice((1, 2, 2, 3, 4))
+    w = r.choice((1, 2, "1/2"))
+    A: list[list[Any]] = [[0] * q for _ in range(q)]
+    kind = r.choice(("harmonic", "constant", "ramp", "random", "decaying", "hidden"))
+    if kind == "harmonic":
+        for i in range(0, q - 1, 2):
+            A[i][i + 1], A[i + 1][i] = w, f"-{w}"
+    elif kind == "ramp":
+        for i in range(q - 1):
+            A[i][i + 1] = 1
+    elif kind in ("random", "decaying", "hidden"):
+        A = [[Fraction(r.randint(-4, 4), r.choice((1, 2))) for _ in range(q)] for _ in range(q)]
+        if kind == "decaying":
+            A = [[x - (9 if i == j else 0) for j, x in enumerate(row)] for i, row in enumerate(A)]
+    C = [[r.choice((0, 1, 1, -1, "1/2")) for _ in range(q)] for _ in range(m)]
+    if kind == "hidden":  # the last state drives nothing that C sees: unobservable, stable or not
+        for i in range(q - 1):
+            A[i][q - 1] = 0
+        A[q - 1][q - 1] = r.choice((-1, -3, 0, 1))
+        for row in C:
+            row[q - 1] = 0
+    return Exosystem(A=A, C=C)
+
+
+def _observer(r: Random, exosystem: Exosystem) -> Observer:
+    kind = r.choice(("none", "none", "good", "good", "bad", "rate"))
+    if kind == "none":
+        return Observer()
+    if kind == "rate":
+        return Observer(rate=r.choice(("1/10", 1, 2)))
+    W = kalman_gain(exosystem) if kind == "good" else None
+    if W is None:
+        W = [[r.randint(-3, 3) for _ in range(exosystem.outputs)] for _ in range(exosystem.order)]
+    return Observer(W=W, P=_lyapunov_guess(r, exosystem, W) if r.random() < 0.6 else None)
+
+
+def kalman_gain(exosystem: Exosystem) -> list[list[Fraction]] | None:
+    """W of the steady Kalman filter with unit weights, to three decimals; None where SciPy finds none."""
+    A = np.array([[float(x) for x in row] for row in exosystem.A])
+    C = np.array([[float(x) for x in row] for row in exosystem.C])
+    try:
+        covariance = linalg.solve_continuous_are(A.T, C.T, np.eye(len(A)), np.eye(len(C)))
+    except (linalg.LinAlgError, ValueError):
+        return None
+    return [[Fraction(round(1000 * x), 1000) for x in row] for row in (covariance @ C.T).tolist()]
+
+
+def _lyapunov_guess(r: Random, exosystem: Exosystem, W: list[list[Any]]) -> list[list[Fraction]]:
+    """A P near a solution of the Lyapunov equation, at a random scale; sometimes any symmetric matrix."""
+    q = exosystem.order
+    A = np.array([[float(x) for x in row] for row in exosystem.A])
+    error = A - np.array([[float(x) for x in row] for row in W]) @ np.array(
+        [[float(x) for x in row] for row in exosystem.C]
+    )
+    P = np.eye(q)
+    if r.random() < 0.8:
+        try:
+            P = linalg.solve_continuous_lyapunov(error.T, -np.eye(q))
+        except linalg.LinAlgError:
+            P = np.diag([1.0, -1.0, 2.0, 1.0][:q])
+    P = np.clip((P + P.T) / 2, -1e6, 1e6) * r.choice((0.1, 1, 3, 30))
+    return [[Fraction(round(1000 * x), 1000) for x in row] for row in P.tolist()]

@@ -6,12 +6,8 @@
 from __future__ import annotations
 
 import json
-import os
-import statistics
 import subprocess
 import sys
-
-import pytest
 
 HEAVY = ("cvxpy", "control", "casadi", "matplotlib", "sympy")
 
@@ -60,20 +56,3 @@ def test_help_names_the_program_and_its_commands():
 
 def test_a_heavy_package_would_be_noticed():
     assert heavy_packages_after("import sympy") == ["sympy"]
-
-
-def cpu_seconds(script: str) -> float:
-    """CPU time, user and system, of a fresh interpreter that runs the script."""
-    before = os.times()
-    run(script)
-    after = os.times()
-    return after.children_user + after.children_system - before.children_user - before.children_system
-
-
-@pytest.mark.slow
-@pytest.mark.skipif(os.name == "nt", reason="Windows does not report the CPU time of child processes")
-def test_help_takes_at_most_twice_as_long_as_importing_numpy():
-    """Medians of 15, taken in turns so that a busy machine slows down both."""
-    pairs = [(cpu_seconds(HELP), cpu_seconds("import numpy")) for _ in range(15)]
-    help_time, numpy_time = (statistics.median(times) for times in zip(*pairs, strict=True))
-    assert help_time <= 2 * numpy_time

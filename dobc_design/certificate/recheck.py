@@ -88,7 +88,7 @@ def _reason(check: Check, trusted: Trusted) -> str | None:
 
 
 def _matrix_failures(claims: Claims, problem: Problem) -> list[str]:
-    """W must be the problem's own where it has one, P symmetric and part of a proof, and Q = P W."""
+    """W must be the problem's own where it has one, P symmetric, and Q = P W."""
     q, m = problem.q, problem.m
     shapes = {"W": (claims.W, (q, m)), "P": (claims.P, (q, q)), "Q": (claims.Q, (q, m))}
     failures = [
@@ -104,12 +104,9 @@ def _matrix_failures(claims: Claims, problem: Problem) -> list[str]:
     source = None if claims.W is None else ("designed" if own is None else "given")
     if claims.gain_source != source:
         failures.append("W: its source is not what it says")
-    proved = any(check.id in ("theorem1", "theorem2") and check.verdict is Verdict.PROVED for check in claims.checks)
     if (claims.P is None) != (claims.Q is None):
         failures.append("P, Q: one of them is missing")
     elif claims.P is not None and claims.Q is not None:
-        if not proved:
-            failures.append("P, Q: they belong to no proof")
         if not is_symmetric(claims.P):
             failures.append("P: not symmetric")
         elif claims.W is None or multiply(claims.P, claims.W) != claims.Q:
@@ -125,8 +122,11 @@ def _overall_failures(claims: Claims, problem: Problem, confirmed: Sequence[Chec
     missing = [f"{id} ({mode})" if mode else id for id, mode in expected if (id, mode) not in found]
     if missing:
         return [f"verdict: the certificate lacks {', '.join(missing)}"]
-    overall = decide_overall(problem, confirmed, claims.W)
     failures = []
+    proofs = [check for check in claims.checks if check.id in ("theorem1", "theorem2")]
+    if claims.P is not None and not any(check.verdict is Verdict.PROVED for check in proofs):
+        failures.append("P, Q: they belong to no proof")
+    overall = decide_overall(problem, confirmed, claims.W)
     if overall.verdict is not claims.verdict:
         failures.append(
             f"verdict: {claims.verdict.value} does not follow from the confirmed checks ({overall.verdict.value} does)"

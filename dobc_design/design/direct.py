@@ -129,14 +129,18 @@ def _diagonal(size: int) -> Any:
 
 
 def _csc(rows: Array) -> Any:
-    """The nonzero entries of a dense matrix; a good deal faster than SciPy's own conversion of small ones."""
+    """The nonzero entries of a dense matrix, column by column."""
     columns, places = np.nonzero(rows.T)
-    starts = np.zeros(rows.shape[1] + 1, dtype=np.int64)
-    np.cumsum(np.bincount(columns, minlength=rows.shape[1]), out=starts[1:])
-    return sparse.csc_matrix((rows[places, columns], places, starts), shape=rows.shape)
+    counts = np.bincount(columns, minlength=rows.shape[1])
+    return _compressed(rows[places, columns], places, np.concatenate([[0], np.cumsum(counts)]), rows.shape)
 
 
 def _csc_diagonal(diagonal: Array) -> Any:
     kept = np.flatnonzero(diagonal)
     starts = np.searchsorted(kept, np.arange(len(diagonal) + 1))
-    return sparse.csc_matrix((diagonal[kept], kept, starts), shape=(len(diagonal), len(diagonal)))
+    return _compressed(diagonal[kept], kept, starts, (len(diagonal), len(diagonal)))
+
+
+def _compressed(data: Array, places: Any, starts: Any, shape: tuple[int, ...]) -> Any:
+    """A csc_matrix from its parts, with 32-bit indices, which SciPy does not look through one by one."""
+    return sparse.csc_matrix((data, places.astype(np.int32), starts.astype(np.int32)), shape=shape)

@@ -69,11 +69,10 @@ def _middles(rows: Sequence[Sequence[Interval]]) -> list[list[float]]:
 
 def _weights(weights: Sequence[Fraction]) -> Array:
     """The weights as floats; arcs with the same weight mostly share one object, which is converted once."""
+    if weights and weights.count(weights[0]) == len(weights):
+        return np.full(len(weights), nearest(weights[0]))
     places = list(map(id, weights))
-    known = dict(zip(places, weights, strict=True))
-    floats = {place: nearest(weight) for place, weight in known.items()}
-    if len(floats) == 1:
-        return np.full(len(places), next(iter(floats.values())))
+    floats = {place: nearest(weight) for place, weight in dict(zip(places, weights, strict=True)).items()}
     return np.fromiter(map(floats.__getitem__, places), dtype=np.float64, count=len(places))
 
 

@@ -1,7 +1,8 @@
 """Theorems 1 and 2 in their reduced form: one eigenvalue per mode and one small SDP (theory, Reduction).
 
-This is what ``workflow.certify`` proposes from.  The block LMI of ``dense`` has the same answer when m = 1
-or Lambda = Lambda_n (x) I_m, and takes a thousand times as long; otherwise this one is the stricter.
+``workflow.certify`` proposes from the same two pieces, with W put in (``pair``).  The block LMI of ``dense`` has
+the same optimum when m = 1 or Lambda = Lambda_n (x) I_m, and takes up to a thousand times as long; otherwise
+this one is the stricter.
 """
 
 from __future__ import annotations

@@ -60,17 +60,21 @@ def _walk(graph: Any) -> list[int]:
 
 
 def _packed(graph: Any, components: Sequence[Sequence[int]], n: int) -> Positions:
-    """Every component by itself, side by side in rows, larger ones first."""
+    """Every component by itself, larger ones first and drawn larger, side by side in rows."""
     places = np.zeros((n, 2))
-    columns = math.ceil(math.sqrt(len(components)))
-    for rank, part in enumerate(sorted(components, key=lambda part: (-len(part), part))):
+    ordered = sorted(components, key=lambda part: (-len(part), part))
+    sizes = [max(math.sqrt(len(part) / len(ordered[0])), 0.15) for part in ordered]
+    widest = 2.5 * max(1.0, math.sqrt(sum(size**2 for size in sizes)))
+    x = y = height = 0.0
+    for part, size in zip(ordered, sizes, strict=True):
+        if x > 0 and x + 2 * size > widest:
+            x, y, height = 0.0, y - height - 0.4, 0.0
+        own = np.zeros((1, 2))
         if len(part) > 1:
             start = nx.circular_layout(graph.subgraph(part))
             own = _scaled(nx.kamada_kawai_layout(graph.subgraph(part), pos=start), part)
-        else:
-            own = np.zeros((1, 2))
-        centre = np.array([2.6 * (rank % columns), -2.6 * (rank // columns)])
-        places[list(part)] = own + centre
+        places[list(part)] = own * size + np.array([x + size, y - size])
+        x, height = x + 2 * size + 0.4, max(height, 2 * size)
     return _fitted(places)
 
 

@@ -185,8 +185,10 @@ def _arcs(rows: list[Row], source: _Source, *, index: Mapping[str, int], arrow: 
     seen: set[tuple[str, str]] = set()
     for row, cells in rows:
         if len(cells) not in (2, 3):
-            wanted = "must have 2 or 3 columns, from,to[,weight]"
-            raise source.error(f"{wanted}; got {len(cells)}", "Separate them by commas in CSV, else by blanks.", row=row)
+            raise source.error(
+                f"must have 2 or 3 columns, from,to[,weight]; got {len(cells)}",
+                "Separate them by commas in CSV, else by blanks.", row=row,
+            )  # fmt: skip
         for label in cells[:2]:
             if label not in index:
                 raise source.error(

@@ -61,8 +61,8 @@ def _check_version(document: Mapping[str, Any]) -> None:
         )  # fmt: skip
     if version > SCHEMA_VERSION:
         raise SpecError(
-            f"schema {shown(version)} is newer than this program knows ({SCHEMA_VERSION}).", key="schema",
-            cure="Update dobc_design.",
+            f"schema must be at most {SCHEMA_VERSION}, the newest this program knows; got {shown(version)}.",
+            key="schema", cure="Update dobc_design.",
         )  # fmt: skip
 
 

@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+import os
+from difflib import get_close_matches
 from os import PathLike
 from pathlib import Path
 
+from dobc_design.errors import SpecError
 from dobc_design.spec.builtin import builtin_names, builtin_text
 from dobc_design.spec.file import read_problem_file, read_problem_text
 from dobc_design.spec.problem import Problem
+from dobc_design.spec.reading import shown
 
 
 def load_problem(source: str | PathLike[str]) -> Problem:
@@ -18,6 +22,13 @@ def load_problem(source: str | PathLike[str]) -> Problem:
     Example: ``load_problem("paper-fixed")``.
     """
     path = Path(source)
-    if isinstance(source, str) and source in builtin_names() and not path.is_file():
-        return read_problem_text(builtin_text(source).encode("utf-8"), folder=None, default_name=source)
+    if isinstance(source, str) and not os.path.isfile(source):  # unlike Path, it takes any text
+        if source in builtin_names():
+            return read_problem_text(builtin_text(source).encode("utf-8"), folder=None, default_name=source)
+        near = get_close_matches(source[:100], builtin_names(), n=1)
+        if near and not os.path.exists(source):
+            raise SpecError(
+                f"there is no file {shown(source)} and no built-in problem of that name.", key=path.name,
+                cure=f"did you mean {near[0]}?",
+            )  # fmt: skip
     return read_problem_file(path)

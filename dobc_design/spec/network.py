@@ -71,6 +71,9 @@ class Network:
     def __hash__(self) -> int:
         return hash((self.labels, tuple(self.modes.items())))
 
+    def __reduce__(self) -> tuple[Any, ...]:
+        return _remake, (self.labels, dict(self.modes))  # the read-only mapping itself cannot be pickled
+
     @property
     def size(self) -> int:
         """The number of agents, n."""
@@ -151,7 +154,7 @@ class Network:
         twice are added, stored zeros are no arcs.  ``labels`` defaults to 1..n.
         Shape: (n, n).  Raises: SpecError if it is not square, or labels do not fit.
         """
-        matrices = _modes(matrix, isinstance(matrix, Mapping))
+        matrices = _modes(matrix, isinstance(matrix, Mapping) and not hasattr(matrix, "tocoo"))
         names = None if labels is None else labels_of(labels)
         size = 0 if names is None else len(names)
         modes = {}
@@ -171,6 +174,10 @@ class Network:
             weights = list(table.data[keep]) if table.data.dtype == np.float32 else table.data[keep].tolist()
             modes[name] = directed(first, second, parse_weights(weights, key=key), arrow=arrow)
         return cls(labels=labels_of(size) if names is None else names, modes=modes)
+
+
+def _remake(labels: tuple[str, ...], modes: dict[str, Arcs]) -> Network:
+    return Network(labels=labels, modes=modes)
 
 
 def _modes(value: Any, several: bool) -> dict[str, Any]:

@@ -42,6 +42,9 @@ class Pinning:
     def __hash__(self) -> int:
         return hash(tuple(self.gains.items()))
 
+    def __reduce__(self) -> tuple[Any, ...]:
+        return _remake, (dict(self.gains),)  # the read-only mapping itself cannot be pickled
+
     @property
     def agents(self) -> tuple[int, ...]:
         """Indices of the agents with a gain that is not zero."""
@@ -51,6 +54,10 @@ class Pinning:
     def is_scalar(self) -> bool:
         """Whether every gain is a multiple of the identity."""
         return all(is_scalar_matrix(k) for k in self.gains.values())
+
+
+def _remake(gains: dict[int, Matrix]) -> Pinning:
+    return Pinning(gains=gains)
 
 
 def read_pinning(gains: Any, *, labels: Sequence[str], dimension: int) -> Pinning:
@@ -103,7 +110,8 @@ def _read_gain(value: Any, *, key: str, dimension: int) -> Matrix:
         number = parse_number(value, key=key)
         if number < 0:
             raise SpecError(
-                f"{key} must be >= 0, because u_i = -k_i (x_i - xbar) has to pull towards the target; got {shown_number(number)}.",
+                f"{key} must be >= 0, because u_i = -k_i (x_i - xbar) has to pull towards the target;"
+                f" got {shown_number(number)}.",
                 key=key, cure="Use a positive gain, or leave the agent out.",
             )  # fmt: skip
         return scalar_matrix(number, dimension)

@@ -100,6 +100,17 @@ class Problem:
     def __hash__(self) -> int:
         return hash((self.name, self.network, self.coupling, self.target, self.pinning))
 
+    def __reduce__(self) -> tuple[Any, ...]:
+        # Made anew, since the read-only mappings cannot be pickled.
+        given = {
+            name: getattr(self, name)
+            for name in ("name", "network", "coupling", "target", "region", "switching", "simulation", "notes")
+        }
+        given |= {"gains": self.pinning, "exceptions": dict(self.exceptions), "exosystem": self.exosystem}
+        given["observer"] = None if self.exosystem is None else self.observer
+        given["offsets"] = {self.network.labels[i]: offset for i, offset in self.offsets.items()}
+        return _remake, (given,)
+
     @property
     def n(self) -> int:
         """Number of agents."""
@@ -133,6 +144,10 @@ class Problem:
         """xbar + offset_i, where agent i is to go."""
         offset = self.offsets.get(agent)
         return self.target if offset is None else tuple(x + o for x, o in zip(self.target, offset, strict=True))
+
+
+def _remake(given: dict[str, Any]) -> Problem:
+    return Problem(**given)
 
 
 class _Keeper:

@@ -8,10 +8,9 @@ from typing import Any
 
 from dobc_design.errors import ShapeError, SpecError
 from dobc_design.exact.number import parse_number
-from dobc_design.spec.reading import counted, is_list, shown, shown_number
+from dobc_design.spec.reading import is_list, shown, shown_number
 
 Pair = tuple[Fraction, Fraction]
-_WANTED = "a pair [lo, hi]"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -45,23 +44,16 @@ def read_region(initial_states: Any, initial_disturbance: Any, *, dimension: int
 
 
 def _read_pairs(value: Any, *, key: str, dimension: int) -> tuple[Pair, ...]:
-    if not is_list(value) or len(value) == 0:
+    nested = is_list(value) and all(is_list(entry) for entry in value)
+    rows = list(value) if nested else [value] * dimension
+    if not is_list(value) or len(rows) != dimension or (not nested and any(is_list(entry) for entry in value)):
+        several = "" if dimension == 1 else f" for all state components, or {dimension} such pairs"
         raise ShapeError(
-            f"{key} must be {_WANTED if dimension == 1 else f'{_WANTED}, or {dimension} such pairs'};"
-            f" got {shown(value)}.",
-            key=key, cure="For example [0, 5].",
-        )  # fmt: skip
-    nested = [is_list(entry) for entry in value]
-    rows = list(value) if all(nested) else [value] * dimension
-    if len(rows) != dimension or (any(nested) and not all(nested)):
-        raise ShapeError(
-            f"{key} must be {_WANTED} for all state components, or a list of {counted(dimension, 'pair')}, one for"
-            f" each; got {shown(value)}.",
-            key=key, cure="For example [0, 5].",
-        )  # fmt: skip
+            f"{key} must be a pair [lo, hi]{several}; got {shown(value)}.", key=key, cure="For example [0, 5]."
+        )
     pairs = []
     for position, row in enumerate(rows):
-        place = f"{key}[{position}]" if all(nested) else key
+        place = f"{key}[{position}]" if nested else key
         if len(row) != 2:
             raise ShapeError(
                 f"{place} must be a pair [lo, hi]; got {shown(row)}.", key=place, cure="For example [0, 5]."

@@ -40,7 +40,10 @@ def describe(problem: Problem) -> str:
         lines.append(f"Observer gain W: {given}." + (" P: given, will be tested." if problem.observer.P else ""))
     if problem.region is not None:
         pairs = ", ".join(f"[{number_text(lo)}, {number_text(hi)}]" for lo, hi in problem.region.initial_states)
-        lines.append(f"Region asked for: initial states in {pairs}.")
+        error = problem.region.initial_disturbance
+        noise = "" if error is None else f", estimation error at most {number_text(error)}"
+        lines.append(f"Region asked for: initial states in {pairs}{noise}.")
+    lines += [f"Note: {note}" for note in problem.notes]
     return "\n".join(lines)
 
 
@@ -57,6 +60,7 @@ def facts(problem: Problem) -> dict[str, Any]:
             for mode, arcs in problem.network.modes.items()
         },
         "pinned": [labels[i] for i in problem.pinning.agents],
+        "notes": list(problem.notes),
     }
 
 

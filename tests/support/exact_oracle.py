@@ -24,6 +24,7 @@ from dobc_design.spec.problem import Problem
 
 Rows = list[list[Fraction]]
 SLACK = Fraction(1, 10**60)
+FIELDS = {"id", "mode", "verdict", "domain", "margin", "rate", "reason", "exact", "witness", "fix"}
 PLAIN = ("observability", "detectability", "hurwitz", "reachability")
 
 
@@ -59,7 +60,7 @@ def kron(M: Rows, N: Rows) -> Rows:
 
 
 def block(rows: Sequence[Sequence[Rows]]) -> Rows:
-    return [sum((part[i] for part in row), []) for row in rows for i in range(len(row[0]))]
+    return [[x for part in row for x in part[i]] for row in rows for i in range(len(row[0]))]
 
 
 def positive_definite(M: Rows) -> bool:
@@ -139,7 +140,12 @@ class Oracle:
         for i, gain in d["gains"]:
             for c, row in enumerate(numbers(gain)):
                 self.K[i * self.m + c][i * self.m : (i + 1) * self.m] = row
-        self.exact = self.smooth and all(slope(key(h), self.m)[2] for h in set(map(key, self.h.values())))
+        self.counted: dict[str, int] = {}
+        self.exact = all(map(self.exact_in, self.modes))
+
+    def exact_in(self, mode: str) -> bool:
+        """Whether every slope of the mode is rational."""
+        return self.smooth and all(slope(key(self.h[i, j]), self.m)[2] for i, j, _ in self.modes[mode])
 
     @property
     def domain(self) -> str:
@@ -156,14 +162,15 @@ class Oracle:
             total = plus(total, kron(place, gain))
         return total
 
-    def Lambda(self, mode: str) -> Rows:
+    def lambda_(self, mode: str) -> Rows:
         return plus(self.loop(mode), turned(self.loop(mode)))
 
     def psi(self, mode: str, P: Rows, Q: Rows, *, margin: Fraction, rate: Fraction) -> Rows:
         """The matrix (18), with 2 rate diag(I, I (x) P) and margin diag(I, 0) added."""
         assert self.A is not None and self.C is not None
-        omega = plus(dot(P, self.A), turned(dot(P, self.A)), times(-1, dot(Q, self.C)), times(-1, turned(dot(Q, self.C))))
-        corner = plus(self.Lambda(mode), times(margin + 2 * rate, eye(self.n * self.m)))
+        half = plus(dot(P, self.A), times(-1, dot(Q, self.C)))
+        omega = plus(half, turned(half))
+        corner = plus(self.lambda_(mode), times(margin + 2 * rate, eye(self.n * self.m)))
         border = kron(eye(self.n), self.C)
         return block([[corner, border], [turned(border), kron(eye(self.n), plus(omega, times(2 * rate, P)))]])
 
@@ -200,18 +207,23 @@ class Oracle:
         return right_half_plane(rest) == 0 and not on_axis(rest)
 
     def unstable_roots(self, mode: str) -> int:
-        return right_half_plane(sp.Matrix(self.loop(mode)).charpoly(sp.Symbol("s")))
+        if mode not in self.counted and self.lemma(mode):
+            self.counted[mode] = 0  # e'e decreases
+        if mode not in self.counted:
+            self.counted[mode] = right_half_plane(sp.Matrix(self.loop(mode)).charpoly(sp.Symbol("s")))
+        return self.counted[mode]
 
     def lemma(self, mode: str) -> bool:
-        return negative_definite(plus(self.Lambda(mode), times(self.slack(), eye(self.n * self.m))))
+        return negative_definite(plus(self.lambda_(mode), times(self.slack(), eye(self.n * self.m))))
 
     def verdicts(self, W: Rows | None) -> set[str]:
         """What may be said overall: "undecided" always, "proved" or "refuted" where the rules give it."""
         found = {"undecided"}
         region = self.document["region"]
-        if self.smooth and all(self.lemma(mode) for mode in self.modes) and (region is None or self.linear):
-            if self.A is None or (hurwitz(self.error(W)) if W is not None else False):
-                found.add("proved")
+        held = self.smooth and all(self.lemma(mode) for mode in self.modes)
+        heard = self.A is None or (W is not None and hurwitz(self.error(W)))
+        if held and heard and (region is None or self.linear):
+            found.add("proved")
         if self._fails(region):
             found.add("refuted")
         assert found != {"undecided", "proved", "refuted"}
@@ -234,7 +246,7 @@ class Oracle:
         if self.A is not None and self.W is not None and not quiet and not self.seen_error_decays(self.W):
             return True
         inside = all(lo < goal[c] < hi for c, (lo, hi) in enumerate(pairs) for goal in goals.values())
-        return inside and self.exact and any(self.unstable_roots(mode) for mode in self.modes)
+        return inside and any(self.exact_in(mode) and self.unstable_roots(mode) for mode in self.modes)
 
     # certificates
 
@@ -251,7 +263,7 @@ class Oracle:
             false.append("W")
         if observer["source"] != (None if W is None else "given" if self.W is not None else "designed"):
             false.append("source of W")
-        if (P is None) != (Q is None) or (P is not None and (P != turned(P) or Q != dot(P, W or []))):
+        if (P is None) != (Q is None) or (P is not None and (turned(P) != P or dot(P, W or []) != Q)):
             false.append("P, Q")
         for check in document["checks"]:
             title = f"{check['id']} {check.get('mode')}"
@@ -272,9 +284,8 @@ class Oracle:
         return [] if document["rate"] in ((None,) if None in rates else (min(rates),)) else ["rate"]
 
     def _false_in(self, check: dict[str, Any], W: Rows | None, P: Rows | None, Q: Rows | None) -> list[str]:
-        unknown = set(check) - {"id", "mode", "verdict", "domain", "margin", "rate", "reason", "exact", "witness", "fix"}
-        if unknown:
-            return [f"unknown {unknown}"]
+        if not set(check) <= FIELDS:
+            return ["unknown fields"]
         id, verdict = check["id"], check["verdict"]
         if (check.get("mode") is not None) != (id in ("reachability", "lemma1")):
             return ["mode"]
@@ -323,7 +334,7 @@ class Oracle:
             return ["margin, rate or witness of a proof"]
         if check["id"] == "lemma1":
             shift = times(max(margin, 2 * rate) + self.slack(), eye(self.n * self.m))
-            true = check.get("exact") is None and negative_definite(plus(self.Lambda(check["mode"]), shift))
+            true = check.get("exact") is None and negative_definite(plus(self.lambda_(check["mode"]), shift))
             return [] if true else ["Lambda < 0"]
         if P is None or Q is None or not positive_definite(P):
             return ["P"]
@@ -337,8 +348,9 @@ class Oracle:
         assert self.C is not None
         S = self._schur(P, Q)
         true = numbers(exact["P"]) == P and numbers(exact["Q"]) == Q and numbers(exact["S"]) == S
-        scalar = S == times(S[0][0], eye(self.m))
-        return [] if true and scalar == ("bound" in exact) and (not scalar or number(exact["bound"]) == -S[0][0]) else ["exact"]
+        scalar = times(S[0][0], eye(self.m)) == S
+        bound = number(exact["bound"]) if "bound" in exact else None
+        return [] if true and bound == (-S[0][0] if scalar else None) else ["exact"]
 
     def _schur(self, P: Rows, Q: Rows) -> Rows:
         omega = self._omega(P, Q)
@@ -355,8 +367,11 @@ class Oracle:
             return ["number"]
         part = exact.get("block")
         if part in ("detectability", "hurwitz"):
-            true = not self.detectable() if part == "detectability" else self.W is not None and not hurwitz(self.error(self.W))
-            return [] if true and not id.endswith("printed") and check["margin"] is None and len(exact) == 1 else ["obstacle"]
+            true = self.W is not None and not hurwitz(self.error(self.W))
+            if part == "detectability":
+                true = not self.detectable()
+            alone = not id.endswith("printed") and check["margin"] is None and len(exact) == 1
+            return [] if true and alone else ["obstacle"]
         v = [number(text) for text in check["witness"]["values"]]
         if check["witness"]["kind"] != "vector" or not any(v):
             return ["witness"]
@@ -365,12 +380,13 @@ class Oracle:
             labels = [self.labels[i] for i in range(self.n) if any(v[i * self.m : (i + 1) * self.m])]
             if check["witness"].get("labels") != labels:
                 return ["labels"]
-            value = form(self.Lambda(mode), v)
+            value = form(self.lambda_(mode), v)
             if value < -self.slack() or not self._reaches(check, value, v):
                 return ["v' Lambda v"]
             if id == "lemma1":
-                roots = self.unstable_roots(mode) if self.exact else 0
-                if number(exact["unstable_roots"]) != roots or ("value" in exact and abs(number(exact["value"]) - value) > self.slack()):
+                roots = self.unstable_roots(mode) if self.exact_in(mode) else 0
+                off = abs(number(exact.get("value", str(value))) - value)
+                if number(exact["unstable_roots"]) != roots or off > self.slack():
                     return ["exact"]
             return [] if set(exact) <= {"value", "unstable_roots", "block", "mode"} else ["exact"]
         if not id.endswith("printed") or P is None or Q is None or check["witness"].get("labels") is not None:
@@ -380,7 +396,7 @@ class Oracle:
             return [] if form(matrix, v) >= 0 and check["margin"] is None and len(exact) == 1 else [part]
         psi = self.psi(exact["mode"], P, Q, margin=Fraction(0), rate=Fraction(0))
         head = v[: self.n * self.m]
-        reduced = plus(self.Lambda(exact["mode"]), kron(eye(self.n), self._schur(P, Q)))
+        reduced = plus(self.lambda_(exact["mode"]), kron(eye(self.n), self._schur(P, Q)))
         if form(psi, v) < -self.slack() or not self._reaches(check, form(reduced, head), head):
             return ["v' Psi v"]
         return self._false_exact(exact, P, Q)
@@ -411,8 +427,8 @@ def slope(h: tuple[str, ...], m: int) -> tuple[Rows, bool, bool]:
     else:
         texts = [sp.sympify(text, locals=names, rational=True) for text in h]
     partials = [[sp.diff(text, symbol) for symbol in y] for text in texts]
-    values = [[sp.simplify(entry.subs(dict.fromkeys(y, 0))) for entry in row] for row in partials]
-    linear = all(not sp.simplify(entry - value).free_symbols for p, q in zip(partials, values, strict=True) for entry, value in zip(p, q, strict=True))
+    values = [[entry.subs(dict.fromkeys(y, 0)) for entry in row] for row in partials]
+    linear = not any(sp.expand(entry).free_symbols for row in partials for entry in row)
     rational = all(value.is_Rational for row in values for value in row)
     return [[number_of(value) for value in row] for row in values], linear, rational
 
@@ -439,7 +455,8 @@ def fractions(M: sp.Matrix) -> Rows:
 
 def right_half_plane(polynomial: sp.Poly) -> int:
     """Roots with positive real part, counted on irreducible factors: their roots are simple, hence accurate."""
-    return sum(times_ * sum(1 for root in roots if root.real > mpmath.mpf(10) ** -25) for roots, times_ in _roots(polynomial))
+    axis = mpmath.mpf(10) ** -25
+    return sum(multiplicity * sum(root.real > axis for root in roots) for roots, multiplicity in _roots(polynomial))
 
 
 def on_axis(polynomial: sp.Poly) -> bool:

@@ -12,6 +12,7 @@ WORDS = (
     "theorem2-printed", "hurwitz", "observability", "detectability", "reachability", "lure", "max-separable",
     "vector", "agents", "Lambda", "P", "Omega0", "given", "designed", "G0", "G1", "NaN", "Infinity", "", "0", "1", "-1",
 )  # fmt: skip
+FIELDS = ("evidence", "extra", "margin", "rate", "exact", "witness", "mode", "labels", "bound")
 NUMBERS: tuple[Any, ...] = (0, -0.0, 1, -1, 1e-9, 1e9, 5e-324, 1.7e308, True, None, "0.5", [], {})
 
 
@@ -74,7 +75,7 @@ def _insert(holder: Any, name: Any, value: Any, r: Random) -> None:
     if isinstance(holder, list):
         holder.insert(r.randrange(len(holder) + 1), value)
     else:
-        holder[r.choice(("evidence", "extra", "margin", "rate", "exact", "witness", "mode", "labels", "bound"))] = value
+        holder[r.choice(FIELDS)] = value
 
 
 def _borrowed(name: Any, other: dict[str, Any], r: Random) -> Any:
@@ -108,4 +109,5 @@ def _changed_text(value: str, r: Random) -> Any:
     except (ValueError, ZeroDivisionError):
         return r.choice(WORDS)
     near = (-number, number + 1, number * Fraction(1001, 1000), number + Fraction(1, 10**30), number / 2, Fraction(0))
-    return r.choice((*map(str, near), value + "0", "+" + value, "1/0", " " + value, float(min(number, 10**300)), *WORDS))
+    spelt = (value + "0", "+" + value, " " + value, "1/0", float(min(number, 10**300)))
+    return r.choice((*map(str, near), *spelt, *WORDS))

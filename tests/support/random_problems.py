@@ -8,6 +8,7 @@ agents, one agent, couplings with irrational slopes, with kinks, with negative s
 
 from __future__ import annotations
 
+import warnings
 from fractions import Fraction
 from random import Random
 from typing import Any
@@ -180,8 +181,46 @@ def _lyapunov_guess(r: Random, exosystem: Exosystem, W: list[list[Any]]) -> list
     P = np.eye(q)
     if r.random() < 0.8:
         try:
-            P = linalg.solve_continuous_lyapunov(error.T, -np.eye(q))
+            with warnings.catch_warnings(action="ignore"):  # nearly singular equations are welcome here
+                P = linalg.solve_continuous_lyapunov(error.T, -np.eye(q))
         except linalg.LinAlgError:
             P = np.diag([1.0, -1.0, 2.0, 1.0][:q])
     P = np.clip((P + P.T) / 2, -1e6, 1e6) * r.choice((0.1, 1, 3, 30))
     return [[Fraction(round(1000 * x), 1000) for x in row] for row in P.tolist()]
+
+
+def badly_scaled_problem(seed: int) -> Problem:
+    """Held networks with tiny or huge gains, and exosystems that numerical methods dislike (q up to 8)."""
+    r = Random(seed)
+    m, q = r.choice((1, 1, 2)), r.choice((1, 2, 3, 4, 5, 6, 8))
+    kind = r.choice(("scaled", "defective", "hidden", "rotations", "integrators", "random"))
+    A = [[Fraction(0)] * q for _ in range(q)]
+    if kind == "scaled":
+        A = [[r.randint(-9, 9) * Fraction(10) ** r.randint(-6, 6) for _ in range(q)] for _ in range(q)]
+    elif kind in ("defective", "integrators"):
+        for i in range(q):
+            A[i][i] = Fraction(r.choice((0, 1, -1))) if kind == "defective" and not i else A[0][0]
+            if i + 1 < q:
+                A[i][i + 1] = Fraction(10) ** (r.randint(-1, 1) if kind == "defective" else 0)
+    elif kind == "rotations":
+        for i in range(0, q - 1, 2):
+            A[i][i + 1] = r.randint(1, 9) * Fraction(10) ** r.randint(-3, 3)
+            A[i + 1][i] = -A[i][i + 1]
+    else:
+        A = [[Fraction(r.randint(-4, 4)) for _ in range(q)] for _ in range(q)]
+    scale = Fraction(10) ** (r.randint(-4, 4) if kind == "scaled" else 0)
+    C = [[r.randint(-3, 3) * scale for _ in range(q)] for _ in range(m)]
+    if kind == "hidden":  # unobservable and stable, perhaps barely
+        for row in (*A[:-1], *C):
+            row[q - 1] = Fraction(0)
+        A[q - 1][q - 1] = -(Fraction(10) ** r.randint(-9, 3))
+    n = r.choice((1, 2, 3))
+    k = r.choice((1, 3, Fraction(1, 10**9), Fraction(1, 10**6), 10**6))
+    return Problem(
+        name=f"badly-scaled-{seed}",
+        network=Network.from_arcs([[i + 1, i] for i in range(1, n)], arrow="listens_to", agents=n),
+        coupling=r.choice(("y", "tanh(y)", "2*y")) if k >= 1 else "y/1000000000000",
+        gains=k,
+        target=[0] * m,
+        exosystem=Exosystem(A=A, C=C),
+    )

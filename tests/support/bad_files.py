@@ -13,6 +13,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
+from pathlib import Path
 
 Content = str | bytes | Callable[[], str | bytes]
 
@@ -683,3 +684,21 @@ VALID_BUT_NASTY: list[BadFile] = [
     BadFile("arcs-file-exact-weights", mode('{ file = "arcs.csv" }'),
             files={"arcs.csv": b"1,2,9/16\n2,3,1e-3\n3,4,0.1\n4,1,2\n"}),
 ]  # fmt: skip
+
+
+def write_case(case: BadFile, folder: Path) -> Path:
+    """Write a case and the files beside it.  Raises OSError where links cannot be made (Windows)."""
+    for name, content in case.files.items():
+        path = folder / name
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_bytes(content)
+    for name, goal in case.links.items():
+        (folder / name).symlink_to(goal)
+    path = folder / "problem.toml"
+    path.write_bytes(case.data())
+    return path
+
+
+def listing(folder: Path) -> list[str]:
+    """Everything that lies in a folder and below."""
+    return sorted(str(path.relative_to(folder)) for path in folder.rglob("*"))

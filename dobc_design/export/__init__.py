@@ -1,0 +1,1 @@
+"""What a certificate or a problem becomes outside this package: today a proof that Coq checks."""

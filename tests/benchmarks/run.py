@@ -1,0 +1,173 @@
+"""`make bench`: the speed table.  Ratios measured in one run, CPU time, medians; BLAS has one thread.
+
+A bar that is missed says BELOW (or ABOVE, where it is a ceiling).  Timings are never asserted in tests.
+"""
+
+from __future__ import annotations
+
+import os
+import resource
+import statistics
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from fractions import Fraction
+from functools import partial
+from random import Random
+from typing import Any
+
+for _threads in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "RAYON_NUM_THREADS"):
+    os.environ[_threads] = "1"
+
+from dobc_design.design.dense import solve_dense  # noqa: E402 - NumPy must see the settings above
+from dobc_design.design.direct import solve_directly  # noqa: E402
+from dobc_design.design.program import Program, Solution  # noqa: E402
+from dobc_design.design.reduced import solve_reduced  # noqa: E402
+from dobc_design.spec.exosystem import Exosystem  # noqa: E402
+from dobc_design.spec.network import Network  # noqa: E402
+from dobc_design.spec.problem import Problem  # noqa: E402
+from dobc_design.theorems.conditions import reduced  # noqa: E402
+from dobc_design.theorems.statements import state_theorems  # noqa: E402
+from dobc_design.workflow import certify  # noqa: E402
+
+EXOSYSTEM = Exosystem(A=[[0, 2], [-2, 0]], C=[[1, 0]])
+SIZES = (50, 100, 200, 400, 800)
+PATIENCE = 60.0  # s of CPU time after which a growth series stops
+Arcs = list[tuple[int, int]]
+HELP = "import sys; from dobc_design.cli import main; sys.argv = ['dobc', '--help']; main()"
+
+
+@dataclass(frozen=True, kw_only=True)
+class Bar:
+    """A ratio and what is asked of it; ``ceiling``: at most, else at least."""
+
+    what: str
+    bar: float
+    ratio: float
+    ceiling: bool = False
+    note: str = ""
+
+    def __str__(self) -> str:
+        sign, good = ("<=", self.ratio <= self.bar) if self.ceiling else (">=", self.ratio >= self.bar)
+        outcome = "ok" if good else "ABOVE" if self.ceiling else "BELOW"
+        digits = 2 if self.ratio < 10 else 0
+        return f"{self.what:<72} {sign} {self.bar:>5.0f}x  {self.ratio:>8.{digits}f}x  {outcome:<5}  {self.note}"
+
+
+def main() -> None:
+    print("CPU time, medians, one BLAS thread; both sides of a ratio from the same run.\n")
+    print(f"{'what':<72} {'bar':>9}  {'measured':>9}")
+    for bar in bars():
+        print(bar, flush=True)
+    print("\nGrowth of certify, problem object to verdict (no bar):")
+    print(f"{'network':<34} {'n':>5} {'arcs':>6} {'seconds':>9} {'us/arc':>8}  verdict")
+    for name, network in (("directed cycle, 10 % pinned", cycle), ("random, degree 4, 10 % pinned", random_balanced)):
+        for line in growth(name, network):
+            print(line, flush=True)
+
+
+def bars() -> Iterator[Bar]:
+    lmi = "Theorem 1, reduced vs block LMI in cvxpy"
+    yield against_dense(f"{lmi}, tr P + |Q|^2, n = 100 sparse", problem(100, random_balanced(100)), "size", bar=200)
+    yield against_dense(f"{lmi}, tr P + |Q|^2, n = 50 dense", problem(50, complete(50)), "size", bar=1000)
+    yield against_dense(f"{lmi}, min t, n = 100 cycle", problem(100, cycle(100)), "margin", bar=10)
+    yield tiny("tiny observer SDP: Clarabel directly vs rebuilt in cvxpy")
+    yield help_bar("dobc --help vs python -c 'import numpy'")
+
+
+def against_dense(what: str, given: Problem, objective: str, *, bar: float) -> Bar:
+    """Both from the problem object to the solver's answer."""
+
+    def dense() -> Solution:
+        return solve_dense(Program(pencils=state_theorems(given).psi(), objective=objective))
+
+    def small() -> Solution:
+        return solve_reduced(given, objective=objective)
+
+    ours, theirs = small(), dense()
+    slow, fast = median_of(dense, repeats=5), median_of(small, repeats=25, inner=10)
+    difference = abs(ours.objective - theirs.objective) / abs(theirs.objective)
+    agree = "" if difference <= 1e-5 else "THE ANSWERS DIFFER: "
+    note = f"{slow:.3g} s / {1e3 * fast:.3g} ms; {agree}optima {difference:.0e} apart"
+    return Bar(what=what, bar=bar, ratio=slow / fast, note=note)
+
+
+def tiny(what: str) -> Bar:
+    program = Program(pencils=(reduced(Fraction(-1), EXOSYSTEM),))
+    slow = median_of(partial(solve_dense, program), repeats=15, inner=3)
+    fast = median_of(partial(solve_directly, program), repeats=15, inner=100)
+    return Bar(what=what, bar=30, ratio=slow / fast, note=f"{1e3 * slow:.3g} ms / {1e3 * fast:.3g} ms")
+
+
+def help_bar(what: str) -> Bar:
+    """Medians of 15, taken in turns so that a busy machine slows down both."""
+    times = [(of_child(HELP), of_child("import numpy")) for _ in range(16)][1:]  # the first pair warms the disk cache
+    ours, theirs = (statistics.median(column) for column in zip(*times, strict=True))
+    return Bar(what=what, bar=2, ratio=ours / theirs, ceiling=True, note=f"{ours:.3g} s / {theirs:.3g} s")
+
+
+def growth(name: str, network: Callable[[int], Arcs]) -> Iterator[str]:
+    for n in SIZES:
+        arcs = network(n)
+        given = problem(n, arcs)
+        start = time.process_time()
+        verdict = certify(given).verdict.value
+        seconds = time.process_time() - start
+        yield f"{name:<34} {n:>5} {len(arcs):>6} {seconds:>9.3f} {1e6 * seconds / len(arcs):>8.0f}  {verdict}"
+        if seconds > PATIENCE:
+            yield f"{name:<34} larger ones left out: the last took longer than {PATIENCE:.0f} s"
+            return
+
+
+def median_of(function: Callable[[], Any], *, repeats: int, inner: int = 1) -> float:
+    """Median CPU time of one call, s; ``inner`` calls make one sample."""
+    function()
+    samples = []
+    for _ in range(repeats):
+        start = time.process_time()
+        for _ in range(inner):
+            function()
+        samples.append((time.process_time() - start) / inner)
+    return statistics.median(samples)
+
+
+def of_child(script: str) -> float:
+    """CPU time, user and system, of a fresh interpreter that runs the script, s."""
+    before = resource.getrusage(resource.RUSAGE_CHILDREN)
+    subprocess.run([sys.executable, "-c", script], check=True, capture_output=True)
+    after = resource.getrusage(resource.RUSAGE_CHILDREN)
+    return after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
+
+
+def problem(n: int, arcs: Arcs) -> Problem:
+    """The paper's coupling and exosystem; every tenth agent pinned."""
+    return Problem(
+        network=Network.from_arcs([(i + 1, j + 1) for i, j in arcs], arrow="listens_to", agents=n),
+        coupling="exp(y) - 1 + y",
+        gains=dict.fromkeys(range(1, n + 1, 10), 5),
+        exosystem=EXOSYSTEM,
+    )
+
+
+def cycle(n: int) -> Arcs:
+    return [(i, (i + 1) % n) for i in range(n)]
+
+
+def complete(n: int) -> Arcs:
+    return [(i, j) for i in range(n) for j in range(n) if i != j]
+
+
+def random_balanced(n: int, *, degree: int = 4) -> Arcs:
+    """Cycles through all agents in random orders: as many arcs in as out, hence Lambda < 0 with few pins."""
+    r = Random(n)
+    found: set[tuple[int, int]] = set()
+    for _ in range(degree):
+        order = r.sample(range(n), n)
+        found |= {(order[k - 1], order[k]) for k in range(n)}
+    return sorted(found)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,45 @@
+"""The certificate as an object: the same facts as the JSON, saved as two files, shown safely."""
+
+from __future__ import annotations
+
+import pytest
+
+from dobc_design.certificate.text import read_claims
+from dobc_design.spec.canonical import problem_from_canonical
+from dobc_design.spec.network import Network
+from dobc_design.spec.problem import Problem
+from dobc_design.verdict import Verdict
+from dobc_design.workflow import certify, verify
+
+
+def test_saved_files_are_enough_to_check_it_again(tmp_path):
+    certificate = certify("paper-switching")
+    claims_file, problem_file = certificate.save(tmp_path / "out")
+    problem = problem_from_canonical(problem_file.read_bytes())
+    assert problem == certificate.problem
+    assert read_claims(claims_file.read_bytes()) == certificate.claims
+    assert verify(claims_file.read_bytes(), problem).holds
+    assert sorted(path.name for path in (tmp_path / "out").iterdir()) == ["certificate.json", "problem.json"]
+
+
+def test_checks_are_found_by_id_and_mode():
+    certificate = certify("paper-switching")
+    assert certificate.check("lemma1", "Gb").mode == "Gb"
+    assert certificate.check("theorem2").verdict is Verdict.PROVED
+    with pytest.raises(KeyError, match="no check 'theorem1'"):
+        certificate.check("theorem1")
+
+
+def test_text_of_the_user_is_escaped_in_html():
+    network = Network.from_arcs({"<b>x</b>": [["<i>", "&"]]}, arrow="listens_to")
+    page = certify(Problem(name="<script>", network=network, coupling="y"))._repr_html_()
+    assert "<script>" not in page
+    assert "<i>" not in page
+    assert "<b>x" not in page
+    assert "&lt;script&gt;" in page
+
+
+def test_the_text_names_every_check():
+    certificate = certify("paper-fixed")
+    assert str(certificate).startswith("paper-fixed: PROVED.")
+    assert all(check.title in str(certificate) for check in certificate.checks)

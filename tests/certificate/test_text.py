@@ -1,0 +1,171 @@
+"""certificate.json: the same claims there and back, and one kind of error for everything that is none."""
+
+from __future__ import annotations
+
+import json
+
+import pytest
+from campaigns import a_problem
+
+from dobc_design.certificate.text import certificate_bytes, read_claims
+from dobc_design.design.pair import lyapunov
+from dobc_design.errors import CertificateError
+from dobc_design.exact.matrix import multiply, scale
+from dobc_design.spec.exosystem import Exosystem
+from dobc_design.spec.network import Network
+from dobc_design.spec.observer import Observer
+from dobc_design.spec.problem import Problem
+from dobc_design.workflow import certify, verify
+
+
+@pytest.fixture(scope="module")
+def document():
+    return json.loads(certificate_bytes(certify("paper-fixed").claims))
+
+
+def as_bytes(document):
+    return json.dumps(document).encode()
+
+
+def test_claims_come_back_as_they_were_written():
+    for seed in range(60):
+        claims = certify(a_problem(seed)).claims
+        data = certificate_bytes(claims)
+        assert read_claims(data) == claims
+        assert certificate_bytes(read_claims(data)) == data
+
+
+def test_the_same_problem_gives_the_same_bytes():
+    """No time stamps; same input and versions give the same claims."""
+    for seed in range(10):
+        first, second = (certificate_bytes(certify(a_problem(seed)).claims) for _ in range(2))
+        assert first == second
+
+
+def test_the_document_has_the_fields_of_the_contract(document):
+    assert document["format"] == "dobc-certificate"
+    needed = {"id", "verdict", "domain", "margin", "rate", "reason"}
+    for check in document["checks"]:
+        assert needed <= set(check) <= needed | {"mode", "exact", "witness", "fix"}
+
+
+def test_numbers_longer_than_anybody_types_are_read_back(monkeypatch):
+    """The last pair that is tried comes from an exact Lyapunov equation: hundreds of digits."""
+    A = [[f"{(i * 7 + j * 3) % 11 - 50 * (i == j)}/{10**9 + 7 * i + j}" for j in range(4)] for i in range(4)]
+    problem = Problem(
+        network=Network.from_arcs([], arrow="listens_to", agents=1), coupling="y", gains="1/1000000007",
+        exosystem=Exosystem(A=A, C=[["1/3", "3/7", "-5/11", "1/13"]]), observer=Observer(W=[[0]] * 4),
+    )  # fmt: skip
+
+    def exact_only(exosystem, W, *, bound, decay):
+        P = scale(10**40, lyapunov(exosystem.A))
+        yield P, multiply(P, W)
+
+    monkeypatch.setattr("dobc_design.workflow.propose_pairs", exact_only)
+    certificate = certify(problem)
+    data = certificate_bytes(certificate.claims)
+    assert max(len(entry) for row in json.loads(data)["observer"]["P"] for entry in row) > 200
+    assert read_claims(data) == certificate.claims
+    assert verify(data, problem).holds
+
+
+def changed(document, *path, value):
+    copy = json.loads(json.dumps(document))
+    holder = copy
+    for name in path[:-1]:
+        holder = holder[name]
+    holder[path[-1]] = value
+    return copy
+
+
+@pytest.mark.parametrize(
+    ("path", "value"),
+    [
+        (("extra",), 1),
+        (("checks", 0, "evidence"), {}),
+        (("checks", 0, "witness"), {"kind": "vector", "note": "x"}),
+        (("observer", "K"), None),
+        (("program", "path"), "x"),
+        (("version",), 2),
+        (("version",), "1"),
+        (("format",), "other"),
+        (("verdict",), "perhaps"),
+        (("verdict",), None),
+        (("rate",), "0.5"),
+        (("rate",), True),
+        (("rate",), 10**400),
+        (("covered_by",), 3),
+        (("reason",), None),
+        (("notes",), "text"),
+        (("notes",), [1]),
+        (("checks",), {}),
+        (("checks", 0), []),
+        (("checks", 0, "id"), "theorem9"),
+        (("checks", 0, "id"), ["lemma1"]),
+        (("checks", 0, "verdict"), "Proved"),
+        (("checks", 0, "margin"), False),
+        (("checks", 0, "domain"), None),
+        (("checks", 0, "domain"), ["global"]),
+        (("checks", 0, "exact"), None),
+        (("checks", 0, "exact"), "abc"),
+        (("checks", 0, "mode"), 7),
+        (("checks", 0, "fix"), {"kind": "x"}),
+        (("checks", 0, "witness"), {"kind": "vector", "values": "12"}),
+        (("checks", 0, "witness"), {"kind": "vector", "values": [1]}),
+        (("observer", "W"), [["1"], ["2", "3"]]),
+        (("observer", "W"), [[1.5], [2]]),
+        (("observer", "W"), [["nan"], ["1"]]),
+        (("observer", "W"), [["1/0"], ["1"]]),
+        (("observer", "W"), []),
+        (("observer", "W"), "W"),
+        (("observer",), None),
+    ],
+)
+def test_other_documents_are_refused(document, path, value):
+    """Unknown, missing, doubled and mistyped fields: never a guess, never another exception."""
+    with pytest.raises(CertificateError, match="cannot be read"):
+        read_claims(as_bytes(changed(document, *path, value=value)))
+
+
+def test_missing_fields_are_refused(document):
+    for name in document:
+        with pytest.raises(CertificateError, match="cannot be read"):
+            read_claims(as_bytes({key: value for key, value in document.items() if key != name}))
+    for name in ("id", "verdict", "domain", "margin", "rate", "reason"):
+        check = {key: value for key, value in document["checks"][0].items() if key != name}
+        with pytest.raises(CertificateError, match="cannot be read"):
+            read_claims(as_bytes(changed(document, "checks", 0, value=check)))
+
+
+@pytest.mark.parametrize(
+    "data",
+    [
+        b"", b"[]", b"null", b"1", b"{", b"\xff\xfe", b"[" * 100_000, b'{"format": "dobc-certificate"}',
+        b'{"format": "dobc-certificate", "format": "dobc-certificate", "version": 1}', b"9" * 5000,
+    ],
+)  # fmt: skip
+def test_other_bytes_are_refused(data):
+    with pytest.raises(CertificateError, match="cannot be read"):
+        read_claims(data)
+
+
+@pytest.mark.parametrize("text", ["NaN", "Infinity", "-Infinity", "1e999", "-1e999"])
+def test_numbers_that_are_not_finite_are_refused(document, text):
+    data = as_bytes(document).replace(b'"rate": null', b'"rate": ' + text.encode(), 1)
+    assert data != as_bytes(document)
+    with pytest.raises(CertificateError, match="cannot be read"):
+        read_claims(data)
+
+
+def test_a_doubled_field_is_refused(document):
+    """Two readers may take different ones of the two."""
+    data = as_bytes(document).replace(b'"verdict": "proved"', b'"verdict": "refuted", "verdict": "proved"', 1)
+    assert json.loads(data)["verdict"] == "proved"
+    with pytest.raises(CertificateError, match="twice"):
+        read_claims(data)
+
+
+def test_a_huge_file_is_refused_before_it_is_parsed(monkeypatch):
+    monkeypatch.setattr("dobc_design.certificate.text.MAX_BYTES", 10)
+    with pytest.raises(CertificateError, match="too large"):
+        read_claims(b"x" * 11)

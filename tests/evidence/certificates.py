@@ -1,0 +1,48 @@
+"""The campaigns of tests/support over many random problems, as rows of the table.
+
+Certificates are checked by ``verify`` and by an oracle that shares no code with theorems, verify or exact.
+"""
+
+from __future__ import annotations
+
+from campaigns import (
+    Tally,
+    decision_campaign,
+    mutant_campaign,
+    outside_campaign,
+    recheck_campaign,
+    reduction_campaign,
+)
+from evidence.row import Row
+
+MUTANTS = 20  # of each certificate
+
+
+def recheck(count: int, seed: int) -> Row:
+    tally = recheck_campaign(range(seed, seed + count))
+    return _row("certify: verify accepts, an independent exact oracle confirms every claim", count, tally)
+
+
+def mutants(count: int, seed: int) -> Row:
+    tally = mutant_campaign(range(seed, seed + count // MUTANTS), each=MUTANTS)
+    return _row("changed certificates: refused, or still true for the oracle", count // MUTANTS * MUTANTS, tally)
+
+
+def whole_psi(count: int, seed: int) -> Row:
+    tally = reduction_campaign(range(seed, seed + count))
+    return _row("Psi < 0: the Reduction = the oracle's own (18), pairs at the boundary", count, tally)
+
+
+def decision(count: int, seed: int) -> Row:
+    tally = decision_campaign(range(seed, seed + count))
+    return _row("Decision: badly scaled, Lambda < 0: theorem proved iff (A, C) is detectable", count, tally)
+
+
+def outside(count: int, seed: int) -> Row:
+    tally = outside_campaign(range(seed, seed + count))
+    return _row("linear problems: verdicts and rates against eigenvalues and matrix exponentials", count, tally)
+
+
+def _row(what: str, count: int, tally: Tally) -> Row:
+    counts = ", ".join(f"{number} {name}" for name, number in sorted(tally.counts.items()))
+    return Row(what=what, count=count, failures=tuple(tally.wrong), notes=(counts,))

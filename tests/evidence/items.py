@@ -1,0 +1,34 @@
+"""What `make evidence` counts, and how much of it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from evidence import bad_files, certificates, detectability, hadamard, jacobians, reduction
+from evidence.row import Row
+
+
+@dataclass(frozen=True, kw_only=True)
+class Item:
+    """``run(count, seed)`` gives a Row; the same seed gives the same cases."""
+
+    name: str
+    run: Callable[[int, int], Row]
+    count: int
+    seed: int
+
+
+ITEMS = (
+    Item(name="reduction", run=reduction.verdicts, count=200, seed=1000),
+    Item(name="objectives", run=reduction.objectives, count=200, seed=2000),
+    Item(name="detectability", run=detectability.run, count=1000, seed=3000),
+    Item(name="jacobians", run=jacobians.run, count=200, seed=4000),
+    Item(name="bad-files", run=bad_files.run, count=10_000, seed=5000),
+    Item(name="recheck", run=certificates.recheck, count=500, seed=6000),
+    Item(name="mutants", run=certificates.mutants, count=10_000, seed=6000),
+    Item(name="whole-psi", run=certificates.whole_psi, count=100, seed=6000),
+    Item(name="decision", run=certificates.decision, count=200, seed=6000),
+    Item(name="outside", run=certificates.outside, count=300, seed=6000),
+    Item(name="hadamard", run=hadamard.run, count=240, seed=7000),
+)

@@ -1,0 +1,141 @@
+"""dh/de by CasADi against finite differences, SymPy and the theorems' own J(0), with every allowed function.
+
+Each problem has 2 to 4 agents, m = 1 or 2, weights and an arc with a coupling of its own; e is random, a
+little away from where the couplings have kinks.
+"""
+
+from __future__ import annotations
+
+from functools import cache
+from random import Random
+from typing import Any
+
+import numpy as np
+import sympy
+from evidence.row import Row
+
+from dobc_design.model.model import build_model
+from dobc_design.spec.network import Network
+from dobc_design.spec.problem import Problem
+from dobc_design.spec.tree import FUNCTIONS
+from dobc_design.theorems.jacobians import jacobians_at_consensus
+
+# Smooth at 0 and defined on |y| <= 3, so that J(0) exists; with kinks elsewhere where a function has them.
+SCALAR = (
+    "exp(y) - 1", "log(1 + y/9)", "sin(y) + y", "1 - cos(y) + y/2", "tan(y/4)", "tanh(3*y)", "atan(y)/2", "sinh(y)",
+    "cosh(y) - 1 + 2*y", "sqrt(4 + y) - 2", "y*abs(y) + y", "abs(y - 1) - 1 + 3*y", "min(y, 1/2)", "max(-3/4, y)",
+    "clip(2*y, -1, 1)", "y**3 - y/3", "y/(2 + y**2)", "(1 + y**2)**(1/2) - 1", "(1 + y/8)**-2 - 1", "sin(pi*y)",
+)  # fmt: skip
+PLANE = (
+    ("sin(y1) + y2**2", "3*y2 - y1*y2"), ("exp(y1 - y2) - 1", "tanh(y1) + y2"),
+    ("y1*cos(y2)", "log(1 + y2/9) + abs(y1 - 1) - 1"), ("max(y1, y2/2 - 1)", "sqrt(4 + y1) - 2 + clip(y2, -1, 1)"),
+    ("atan(y1*y2) + y1", "sinh(y2)/2 + min(y1, 1)"),
+)  # fmt: skip
+CLEARANCE = 1e-3  # from a kink, so that the finite differences stay on one side
+STEP = 1e-6
+
+
+def run(count: int, seed: int) -> Row:
+    failures: list[str] = []
+    worst = {"SymPy": 0.0, "finite differences": 0.0, "J(0)": 0.0}
+    used: set[str] = set()
+    for k in range(seed, seed + count):
+        problem = _problem(k)
+        used |= {name for name in FUNCTIONS for c in problem.couplings for text in c.texts if f"{name}(" in text}
+        model = build_model(problem)
+        e = _point(problem, Random(k))
+        found = np.array(model.jacobian(e).full())
+        zero = np.array(model.jacobian(np.zeros_like(e)).full())
+        others = {
+            "SymPy": (found, _symbolic(problem, e)),
+            "finite differences": (found, _differences(model.h, e)),
+            "J(0)": (zero, _stated(problem)),
+        }
+        for name, (own, other) in others.items():
+            error = float(np.max(np.abs(own - other) / (1 + np.abs(other))))
+            worst[name] = max(worst[name], error)
+            if not error <= (2e-7 if name == "finite differences" else 1e-11):
+                failures.append(f"seed {k}: {name} differs by {error:.1e}")
+    missing = set(FUNCTIONS) - used
+    if missing and count >= 100:
+        failures.append(f"never used: {sorted(missing)}")
+    sizes = ", ".join(f"{name} {error:.1e}" for name, error in worst.items())
+    return Row(
+        what="dh/de: CasADi = SymPy = finite differences; at 0 = the pencil's J(0)", count=count,
+        failures=tuple(failures), notes=(f"{len(used)} of {len(FUNCTIONS)} functions; worst: {sizes}",),
+    )  # fmt: skip
+
+
+def _problem(seed: int) -> Problem:
+    r = Random(seed)
+    n, m = r.randint(2, 4), r.choice((1, 1, 2))
+    pairs = [(i, j) for i in range(1, n + 1) for j in range(1, n + 1) if i != j and r.random() < 0.7] or [(1, 2)]
+    arcs = [[i, j, r.choice((1, "1/2", 3.2))] for i, j in pairs]
+    kinds: list[Any] = [*SCALAR, *(list(each) for each in PLANE * (4 if m == 2 else 0))]
+    return Problem(
+        network=Network.from_arcs(arcs, arrow="listens_to", agents=n),
+        # Every function comes round in turn; the rest is left to chance.
+        coupling=SCALAR[seed % len(SCALAR)] if m == 1 else r.choice(kinds),
+        exceptions={(arcs[0][0] - 1, arcs[0][1] - 1): r.choice(kinds)},
+        target=[0] * m,
+    )
+
+
+def _point(problem: Problem, r: Random) -> np.ndarray:
+    """A random e at which no arc lies near a kink (they are at multiples of 1/4 apart from those of vectors)."""
+    while True:
+        e = np.array([r.uniform(-1.4, 1.4) for _ in range(problem.n * problem.m)])
+        steps = [np.abs(_symbolic(problem, e + shift) - _symbolic(problem, e)) for shift in _nudges(len(e), r)]
+        if max(float(np.max(step)) for step in steps) < 0.1:
+            return e
+
+
+def _nudges(size: int, r: Random) -> list[np.ndarray]:
+    """Shifts small enough to change slopes by less than 0.1 unless there is a kink in between."""
+    return [CLEARANCE * np.array([r.choice((-1, 1)) for _ in range(size)]) for _ in range(8)]
+
+
+def _symbolic(problem: Problem, e: np.ndarray) -> np.ndarray:
+    """J from SymPy's partial derivatives, arc by arc."""
+    m = problem.m
+    J = np.zeros((problem.n * m, problem.n * m))
+    for i, j, weight in next(iter(problem.network.modes.values())):
+        y = e[j * m : (j + 1) * m] - e[i * m : (i + 1) * m]
+        partials = _partials(problem.coupling_of(i, j).texts, m)
+        block = float(weight) * np.array([[float(f(*y)) for f in row] for row in partials])
+        J[i * m : (i + 1) * m, j * m : (j + 1) * m] += block
+        J[i * m : (i + 1) * m, i * m : (i + 1) * m] -= block
+    return J
+
+
+@cache
+def _partials(texts: tuple[str, ...], m: int) -> list[list[Any]]:
+    y = sympy.symbols(f"y1:{m + 1}", real=True)
+    names = {f"y{c + 1}": y[c] for c in range(m)} | {
+        "abs": sympy.Abs, "min": sympy.Min, "max": sympy.Max, "clip": lambda x, lo, hi: sympy.Max(lo, sympy.Min(hi, x)),
+    }  # fmt: skip
+    by_component = len(texts) == 1
+    h = [sympy.sympify(texts[0 if by_component else c], locals={**names, "y": y[c]}, rational=True) for c in range(m)]
+    return [[sympy.lambdify(y, sympy.diff(each, v), "numpy") for v in y] for each in h]
+
+
+def _differences(h: Any, e: np.ndarray) -> np.ndarray:
+    """Central differences of h itself."""
+    columns = []
+    for k in range(len(e)):
+        step = np.zeros_like(e)
+        step[k] = STEP
+        columns.append((np.array(h(e + step).full()).ravel() - np.array(h(e - step).full()).ravel()) / (2 * STEP))
+    return np.array(columns).T
+
+
+def _stated(problem: Problem) -> np.ndarray:
+    """J(0) as the theorems state it, the middle of each enclosure."""
+    m = problem.m
+    mode = jacobians_at_consensus(problem).modes[0]
+    J = np.zeros((problem.n * m, problem.n * m))
+    for (i, j, _), kind in zip(mode.arcs, mode.kind.tolist(), strict=True):
+        block = np.array([[float((entry.lo + entry.hi) / 2) for entry in row] for row in mode.gains[kind]])
+        J[i * m : (i + 1) * m, j * m : (j + 1) * m] += block
+        J[i * m : (i + 1) * m, i * m : (i + 1) * m] -= block
+    return J

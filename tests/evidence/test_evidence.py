@@ -1,0 +1,27 @@
+"""A seeded tenth of what `make evidence` counts, item by item."""
+
+from __future__ import annotations
+
+import sys
+import warnings
+from pathlib import Path
+
+import pytest
+
+sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
+
+from evidence.items import ITEMS, Item
+
+BAD_FILES_TENTH = 25  # that item asks for all there are
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("item", ITEMS, ids=lambda item: item.name)
+def test_a_tenth_of_the_evidence_holds(item: Item):
+    count = BAD_FILES_TENTH if item.name == "bad-files" else item.count // 10
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # SciPy's, about the matrices that are bad on purpose
+        row = item.run(count, item.seed)
+    assert not row.failures, "\n".join(row.failures[:20])
+    # Not every problem has an optimum, but half of them do for each of the two objectives.
+    assert row.count >= min(count, row.least)

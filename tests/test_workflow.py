@@ -1,0 +1,83 @@
+"""The stages together: verdicts against the truth seen from outside, and what the verbs accept."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from campaigns import outside_campaign
+
+from dobc_design.errors import SolverError
+from dobc_design.spec.builtin import builtin_names
+from dobc_design.spec.exosystem import Exosystem
+from dobc_design.spec.load import load_problem
+from dobc_design.spec.network import Network
+from dobc_design.spec.problem import Problem
+from dobc_design.verdict import Verdict
+from dobc_design.workflow import certify, observer_gain, verify
+
+
+def test_linear_verdicts_agree_with_eigenvalues_and_exponentials():
+    """Proved: all eigenvalues of (22) in the left half plane, V decays at least at the claimed rate whatever the
+    switching; refuted: some mode has an eigenvalue that does not decay."""
+    tally = outside_campaign(range(80))
+    assert tally.wrong == []
+    assert min(tally.counts[verdict.value] for verdict in Verdict) >= 15
+
+
+@pytest.mark.evidence
+def test_1000_linear_verdicts_agree_with_eigenvalues_and_exponentials():
+    assert outside_campaign(range(1000, 2000)).wrong == []
+
+
+@pytest.mark.parametrize("name", builtin_names())
+def test_built_in_problems_are_certified_and_confirmed(name):
+    problem = load_problem(name)
+    certificate = certify(name)
+    assert certificate.problem == problem
+    assert verify(certificate, name).holds
+
+
+def test_progress_names_the_stages():
+    stages = []
+    certify("paper-fixed", progress=stages.append)
+    assert len(stages) >= 3
+    assert all(isinstance(stage, str) for stage in stages)
+
+
+def test_a_missing_gain_is_designed_and_is_the_one_that_everything_is_about():
+    problem = Problem(
+        network=Network.from_arcs([[1, 2], [2, 1]], arrow="listens_to"), coupling="y", gains=1,
+        exosystem=Exosystem(A=[[0, 2], [-2, 0]], C=[[1, 0]]),
+    )  # fmt: skip
+    certificate = certify(problem)
+    assert certificate.claims.gain_source == "designed"
+    assert observer_gain(problem) == certificate.claims.W
+    assert certificate.verdict is Verdict.PROVED
+
+
+def test_a_solver_that_breaks_down_is_no_verdict(monkeypatch):
+    """The machine's failure raises, with the cause chained; it never becomes "refuted"."""
+
+    def broken(*args, **kwargs):
+        raise np.linalg.LinAlgError("no convergence")
+
+    monkeypatch.setattr("dobc_design.workflow.lambda_tops", broken)
+    with pytest.raises(SolverError, match="broke down") as caught:
+        certify("paper-fixed")
+    assert isinstance(caught.value.__cause__, np.linalg.LinAlgError)
+
+
+def test_wrong_estimates_change_numbers_and_never_verdicts(monkeypatch):
+    """Everything from floating point is a proposal: nonsense in, the same verdicts out."""
+    from dobc_design.design.estimates import Top
+
+    true = [(check.id, check.mode, check.verdict) for check in certify("paper-switching").checks]
+
+    def nonsense(statements):
+        size = next(iter(statements.lambdas.values())).size
+        return {mode: Top(value=-7.0, vector=np.full(size, np.nan)) for mode in statements.lambdas}
+
+    monkeypatch.setattr("dobc_design.workflow.lambda_tops", nonsense)
+    certificate = certify("paper-switching")
+    assert [(c.id, c.mode, c.verdict) for c in certificate.checks] == true
+    assert verify(certificate, "paper-switching").holds

@@ -29,6 +29,7 @@ FLOORS = {
     "analysis": 4, "design": 4, "verify": 4, "simulate": 4,
     "certificate": 5,
     "report": 6,
+    "export": 6,
     "workflow": 7,
     "cli": 9,
     "__init__": 10,

@@ -33,7 +33,11 @@ def significant(value: float | Fraction | None, digits: int = 4) -> str:
     """Format a number with ``digits`` significant digits; None gives an en dash."""
     if value is None:
         return "–"
-    return f"{float(value):.{digits}g}"
+    if isinstance(value, Fraction):  # a float may be too small for it: 1e400 is a legal number
+        context = decimal.Context(prec=digits)
+        exact = context.divide(decimal.Decimal(value.numerator), decimal.Decimal(value.denominator))
+        return f"{exact.normalize():.{digits}g}" if abs(exact.adjusted()) > 300 else f"{float(exact):.{digits}g}"
+    return f"{value:.{digits}g}"
 
 
 def significant_towards_zero(value: float | Fraction | None, digits: int = 4) -> str:
@@ -54,17 +58,19 @@ def significant_towards_zero(value: float | Fraction | None, digits: int = 4) ->
 
 def latex_number(value: Fraction, *, longest: int = 12) -> str:
     """LaTeX of a rational: 16/5 as a fraction, long ones as a decimal marked approximate."""
+    if max(value.numerator.bit_length(), value.denominator.bit_length()) > 4 * longest:
+        return latex_decimal(value)
     if value.denominator == 1 and len(str(value.numerator)) <= longest:
         return str(value.numerator)
     if len(str(value.numerator)) + len(str(value.denominator)) <= longest:
         sign = "-" if value < 0 else ""
         return rf"{sign}\frac{{{abs(value.numerator)}}}{{{value.denominator}}}"
-    return latex_decimal(float(value))
+    return latex_decimal(value)
 
 
-def latex_decimal(value: float, *, digits: int = 4) -> str:
+def latex_decimal(value: float | Fraction, *, digits: int = 4) -> str:
     """LaTeX of a rounded decimal, powers of ten written out."""
-    text = f"{value:.{digits}g}"
+    text = significant(value, digits)
     if "e" in text:
         mantissa, exponent = text.split("e")
         return rf"{mantissa}\cdot 10^{{{int(exponent)}}}"

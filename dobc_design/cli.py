@@ -211,7 +211,7 @@ def explain(
     if as_json:
         _print_json({"id": id, **asdict(text)})
         return
-    _say(f"{text.title}\n\n  {text.statement}\n\n{text.meaning}")
+    _say(f"{text.title}\n\n  {text.plain}\n\n{text.meaning}")
     _say(f"Proved:  {text.proved}\nRefuted: {text.refuted}\nSource:  {text.source}")
 
 

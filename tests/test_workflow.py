@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 from campaigns import outside_campaign
 
-from dobc_design.errors import SolverError
 from dobc_design.spec.builtin import builtin_names
 from dobc_design.spec.exosystem import Exosystem
 from dobc_design.spec.load import load_problem
@@ -22,11 +21,6 @@ def test_linear_verdicts_agree_with_eigenvalues_and_exponentials():
     tally = outside_campaign(range(80))
     assert tally.wrong == []
     assert min(tally.counts[verdict.value] for verdict in Verdict) >= 15
-
-
-@pytest.mark.evidence
-def test_1000_linear_verdicts_agree_with_eigenvalues_and_exponentials():
-    assert outside_campaign(range(1000, 2000)).wrong == []
 
 
 @pytest.mark.parametrize("name", builtin_names())
@@ -55,16 +49,17 @@ def test_a_missing_gain_is_designed_and_is_the_one_that_everything_is_about():
     assert certificate.verdict is Verdict.PROVED
 
 
-def test_a_solver_that_breaks_down_is_no_verdict(monkeypatch):
-    """The machine's failure raises, with the cause chained; it never becomes "refuted"."""
+def test_an_eigenvalue_solver_that_breaks_down_changes_no_verdict(monkeypatch):
+    """The exact side does without estimates: shorter claims, the same verdicts, and they are confirmed."""
+    before = [(check.id, check.mode, check.verdict) for check in certify("paper-fixed").checks]
 
     def broken(*args, **kwargs):
         raise np.linalg.LinAlgError("no convergence")
 
     monkeypatch.setattr("dobc_design.workflow.lambda_tops", broken)
-    with pytest.raises(SolverError, match="broke down") as caught:
-        certify("paper-fixed")
-    assert isinstance(caught.value.__cause__, np.linalg.LinAlgError)
+    certificate = certify("paper-fixed")
+    assert [(check.id, check.mode, check.verdict) for check in certificate.checks] == before
+    assert verify(certificate, "paper-fixed").holds
 
 
 def test_wrong_estimates_change_numbers_and_never_verdicts(monkeypatch):

@@ -12,6 +12,7 @@ from fractions import Fraction
 import numpy as np
 from scipy import linalg
 
+from dobc_design.design.ackermann import placed_gains
 from dobc_design.design.direct import solve_directly
 from dobc_design.design.program import Array, Program, Solution
 from dobc_design.design.rounding import round_matrix
@@ -88,6 +89,8 @@ def _candidates(exosystem: Exosystem, rate: Fraction, kalman: Array | None) -> I
     for slack in SLACK:
         for W in _roundings(_kalman(units.exosystem, shift=float(rate / units.time * slack))):
             yield scale(units.gain, W), "Kalman gain of A + rate I", ""
+    for W in placed_gains(exosystem, rate=rate):
+        yield W, "exact pole placement", ""
 
 
 def _in_own_time(exosystem: Exosystem, output: Fraction) -> Iterator[Scaled]:

@@ -346,8 +346,49 @@ Proof.
   intros k M l H x N. pose proof (check_positive k _ l H x N) as G. rewrite form_negated in G. lra.
 Qed.
 
-Lemma negative_equal : forall k M N, same k M N = true -> negative_definite k M -> negative_definite k N.
-Proof. intros k M N E H x X. rewrite <- (form_equal k M N x (same_spec k M N E)). exact (H x X). Qed.
+(* A matrix computed once and looked up from then on, and a sum that stays in lowest terms. *)
+Definition table (k : nat) (M : nat -> nat -> Q) : list (list Q) :=
+  map (fun i => map (fun j => Qred (M i j)) (seq 0 k)) (seq 0 k).
+
+Fixpoint short_sum (k : nat) (f : nat -> Q) : Q :=
+  match k with
+  | O => 0
+  | S i => let a := f i in if Qeq_bool a 0 then short_sum i f else Qred (short_sum i f + a)
+  end.
+
+(* Whether S is F' V + V F. *)
+Definition check_derivative (k : nat) (F V S : nat -> nat -> Q) : bool :=
+  let f := matrix (table k F) in
+  let v := matrix (table k V) in
+  same k S (fun i j => short_sum k (fun h => f h i * v h j + v i h * f h j)).
+
+Lemma nth_table : forall (T : Type) (g : nat -> T) (d : T) k i, (i < k)%nat -> nth i (map g (seq 0 k)) d = g i.
+Proof.
+  intros T g d k i H. rewrite (nth_indep _ d (g 0%nat)) by (rewrite map_length, seq_length; exact H).
+  rewrite map_nth, seq_nth by exact H. reflexivity.
+Qed.
+
+Lemma table_spec : forall k M i j, (i < k)%nat -> (j < k)%nat -> matrix (table k M) i j == M i j.
+Proof.
+  intros k M i j Hi Hj. unfold matrix, table. rewrite nth_table by exact Hi. rewrite nth_table by exact Hj.
+  apply Qred_correct.
+Qed.
+
+Lemma short_sum_spec : forall k f, short_sum k f == sum k f.
+Proof.
+  induction k as [|k IH]; intros f; [reflexivity|]. cbn [short_sum sum]. cbv zeta.
+  destruct (Qeq_bool (f k) 0) eqn:E.
+  - apply Qeq_bool_iff in E. rewrite IH, E. ring.
+  - rewrite Qred_correct, IH. reflexivity.
+Qed.
+
+Lemma derivative_spec : forall k F V S, check_derivative k F V S = true ->
+  forall i j, (i < k)%nat -> (j < k)%nat -> S i j == sum k (fun h => F h i * V h j + V i h * F h j).
+Proof.
+  intros k F V S H i j Hi Hj. unfold check_derivative in H. cbv zeta in H.
+  rewrite (same_spec k _ _ H i j Hi Hj), short_sum_spec. apply sum_equal. intros h Hh.
+  rewrite !table_spec by assumption. reflexivity.
+Qed.
 
 (* For vectors given as lists. *)
 Lemma negative_lists : forall k M, negative_definite k M ->
@@ -478,8 +519,11 @@ Proof.
   intros k M l H x N. pose proof (check_positive_R k _ l H x N) as G. rewrite form_R_negated in G. lra.
 Qed.
 
-Lemma negative_R_equal : forall k M N, same k M N = true -> negative_definite_R k M -> negative_definite_R k N.
-Proof. intros k M N E H x X. rewrite <- (form_R_equal k M N x (same_spec k M N E)). exact (H x X). Qed.
+Lemma derivative_negative_R : forall k F V S, check_derivative k F V S = true -> negative_definite_R k S ->
+  negative_definite_R k (fun i j => sum k (fun h => F h i * V h j + V i h * F h j)%Q).
+Proof.
+  intros k F V S E H x X. rewrite <- (form_R_equal k S _ x (derivative_spec k F V S E)). exact (H x X).
+Qed.
 
 Close Scope R_scope.
 """

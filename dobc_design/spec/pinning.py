@@ -36,6 +36,8 @@ class Pinning:
     gains: Mapping[int, Matrix]
 
     def __post_init__(self) -> None:
+        for gain in {id(k): k for k in self.gains.values()}.values():  # agents often share one matrix
+            _check_gain(gain, key="pinning.gains")
         kept = {i: k for i, k in sorted(self.gains.items()) if any(any(row) for row in k)}
         object.__setattr__(self, "gains", MappingProxyType(kept))
 
@@ -118,6 +120,11 @@ def _read_gain(value: Any, *, key: str, dimension: int) -> Matrix:
     gain = read_matrix(
         value, key=key, shape=(dimension, dimension), because="one row and column per state component"
     )
+    _check_gain(gain, key=key)
+    return gain
+
+
+def _check_gain(gain: Matrix, *, key: str) -> None:
     symmetric = SparseSymmetric.from_dense(add(gain, transpose(gain)))
     if decide_positive_semidefinite(symmetric).verdict is not Verdict.PROVED:
         raise SpecError(
@@ -125,4 +132,3 @@ def _read_gain(value: Any, *, key: str, dimension: int) -> Matrix:
             " this one does not.",
             key=key, cure="Make its symmetric part positive semidefinite.",
         )  # fmt: skip
-    return gain

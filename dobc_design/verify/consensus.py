@@ -65,8 +65,8 @@ def lemma1_check(statements: Statements, mode: str, proposal: Proposal) -> Check
         return Check(
             id="lemma1", mode=mode, verdict=Verdict.PROVED, domain=statements.domain, margin=margin,
             rate=shorten(claimed(margin) / 2) or None,
-            reason=f"Lambda(J) < 0, lambda_max <= {0.0 - shorten(margin, digits=6):.6g}: V = e'e"
-            f" decreases{_where(statements)}.",
+            reason="Lambda(J) < 0" + (f", lambda_max <= {-shorten(margin, digits=6):.6g}" if margin else "")
+            + f": V = e'e decreases{_where(statements)}.",
         )  # fmt: skip
     problem = statements.problem
     alone = unreached(problem, [problem.network.modes[mode]])

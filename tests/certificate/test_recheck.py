@@ -7,7 +7,6 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-import pytest
 from campaigns import a_problem, mutant_campaign, recheck_campaign
 
 from dobc_design.certificate.certificate import Certificate
@@ -30,16 +29,6 @@ def test_accepted_mutants_are_true():
     assert tally.wrong == []
     assert tally.counts["refused"] + tally.counts["unreadable"] > 200
     assert tally.counts["accepted"] >= 5  # so that the oracle has something to read
-
-
-@pytest.mark.evidence
-def test_500_random_certificates_are_confirmed_and_true():
-    assert recheck_campaign(range(1000, 1500)).wrong == []
-
-
-@pytest.mark.evidence
-def test_6000_mutants_are_refused_or_true():
-    assert mutant_campaign(range(2000, 2100), each=60).wrong == []
 
 
 def test_a_certificate_is_about_one_problem_only():

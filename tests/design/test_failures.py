@@ -152,9 +152,17 @@ def test_a_gain_is_found_without_a_solver(monkeypatch, harmonic):
     assert faster.rate == 20
 
 
-def test_no_gain_at_all_is_said_in_words(monkeypatch, harmonic):
+def test_without_any_solver_the_poles_are_placed_exactly(monkeypatch, harmonic):
     monkeypatch.setattr(gain, "solve_directly", lambda program: without_values("failed", solver="none"))
     monkeypatch.setattr(gain, "_kalman", lambda exosystem, shift=0.0: None)
+    found = gain.design_gain(harmonic, rate=Fraction(3))
+    assert found.W is not None
+    assert found.rate == 3
+    assert "exact pole placement" in found.note
+
+
+def test_no_gain_at_all_is_said_in_words(monkeypatch, harmonic):
+    monkeypatch.setattr(gain, "_candidates", lambda exosystem, rate, kalman: iter(()))
     found = gain.design_gain(harmonic, rate=Fraction(3))
     assert found.W is None
     assert "no W was found for the decay rate 3 1/s" in found.note

@@ -85,7 +85,7 @@ def check(
     from dobc_design.spec.words import describe, facts
 
     if canonical is not None:
-        _check_target(canonical, force=force)
+        _check_target(canonical, force=force, key="--canonical")
     problem = load_problem(file)
     if canonical is not None:
         _write_canonical(canonical, canonical_bytes(problem))
@@ -97,12 +97,12 @@ def check(
     _say(describe(problem))
 
 
-def _check_target(path: Path, *, force: bool) -> None:
-    _refuse_option(path, key="--canonical")
+def _check_target(path: Path, *, force: bool, key: str) -> None:
+    _refuse_option(path, key=key)
     if path.is_dir():
-        raise SpecError(f"{str(path)!r} is a folder.", key="--canonical", cure="Name a file in it.")
+        raise SpecError(f"{str(path)!r} is a folder.", key=key, cure="Name a file in it.")
     if path.exists() and not force:
-        raise SpecError(f"{str(path)!r} exists already.", key="--canonical", cure="Add --force to replace it.")
+        raise SpecError(f"{str(path)!r} exists already.", key=key, cure="Add --force to replace it.")
 
 
 def _refuse_option(path: Path, *, key: str) -> None:
@@ -171,13 +171,7 @@ def verify(
     from dobc_design.spec.load import load_problem
     from dobc_design.workflow import verify as run
 
-    path = certificate / "certificate.json" if certificate.is_dir() else certificate
-    try:
-        data = path.read_bytes()
-    except OSError as error:
-        raise SpecError(
-            f"{str(path)!r} cannot be read: {error.strerror or error}.", key="certificate", cure="Check the path."
-        ) from error
+    data = _read_certificate(certificate)
     trusted = load_problem(problem)
     try:
         found = run(data, trusted)
@@ -194,6 +188,47 @@ def verify(
     else:
         _say(str(found))
     raise typer.Exit(0 if found.holds else 1)
+
+
+@app.command()
+def export(
+    certificate: Annotated[Path, typer.Argument(help="certificate.json, or the folder it lies in.")],
+    rocq: Annotated[Path, typer.Option(help="Write the proved theorem as a Rocq (Coq) file here.")],
+    problem: Annotated[str | None, typer.Option(help="The problem; default problem.json beside it.")] = None,
+    rate: Annotated[bool, typer.Option("--rate", help="Also state the certified rate.")] = False,
+    force: Annotated[bool, typer.Option("--force", help="Overwrite the file.")] = False,
+    as_json: Json = False,
+) -> None:
+    """Write a certificate as a file for the proof assistant Rocq (Coq 8.16): coqc then checks it."""
+    from dobc_design.certificate.certificate import Certificate
+    from dobc_design.certificate.files import write_atomically
+    from dobc_design.certificate.text import read_claims
+    from dobc_design.export.rocq import rocq_proof
+    from dobc_design.spec.load import load_problem
+
+    _check_target(rocq, force=force, key="--rocq")
+    folder = certificate if certificate.is_dir() else certificate.parent
+    try:
+        claims = read_claims(_read_certificate(certificate))
+    except CertificateError as error:
+        raise typer.Exit(_fail_with(error, MISTAKE, as_json=as_json)) from error
+    trusted = load_problem(str(folder / "problem.json") if problem is None else problem)
+    text = rocq_proof(Certificate(problem=trusted, claims=claims), rate=rate)
+    write_atomically(rocq, text.encode("ascii"))
+    if as_json:
+        _print_json({"rocq": str(rocq)})
+    else:
+        _say(f"wrote {rocq}\ncheck it with: {shlex.join(['coqc', str(rocq)])}")
+
+
+def _read_certificate(certificate: Path) -> bytes:
+    path = certificate / "certificate.json" if certificate.is_dir() else certificate
+    try:
+        return path.read_bytes()
+    except OSError as error:
+        raise SpecError(
+            f"{str(path)!r} cannot be read: {error.strerror or error}.", key="certificate", cure="Check the path."
+        ) from error
 
 
 @app.command()

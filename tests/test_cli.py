@@ -718,3 +718,27 @@ def test_a_full_standard_output_is_the_machines_failure(tmp_path):
     assert ran.returncode == 4
     assert "error: No space left on device." in ran.stderr
     assert "Traceback" not in ran.stderr
+
+
+# ------------------------------------------------------------------------------------------ export
+
+
+def test_export_writes_the_theorem_for_rocq_and_refuses_to_overwrite_it(dobc):
+    """Contract: `export --rocq FILE` takes a certificate."""
+    dobc("certify", "paper-fixed", "--no-report", "--out", "out")
+    ran = dobc("export", "out", "--rocq", "theorem.v")
+    assert ran.code == 0
+    assert "coqc theorem.v" in ran.out
+    assert "theorem1" in Path("theorem.v").read_text("ascii")
+    again = dobc("export", "out", "--rocq", "theorem.v", "--json")
+    assert again.code == 2
+    assert again.json["error"]["key"] == "--rocq"
+    assert dobc("export", "out/certificate.json", "--rocq", "theorem.v", "--force", "--json").json == {"rocq": "theorem.v"}
+
+
+def test_export_of_another_problem_or_of_nothing_is_refused(dobc):
+    dobc("certify", "paper-fixed", "--no-report", "--out", "out")
+    assert dobc("export", "out", "--rocq", "theorem.v", "--problem", "clock-sync").code == 2
+    assert dobc("export", "none", "--rocq", "theorem.v").code == 2
+    assert dobc("export", "out").code == 2
+    assert not Path("theorem.v").exists()

@@ -362,10 +362,12 @@ Definition check_derivative (k : nat) (F V S : nat -> nat -> Q) : bool :=
   let v := matrix (table k V) in
   same k S (fun i j => short_sum k (fun h => f h i * v h j + v i h * f h j)).
 
-Lemma nth_table : forall (T : Type) (g : nat -> T) (d : T) k i, (i < k)%nat -> nth i (map g (seq 0 k)) d = g i.
+Lemma nth_table : forall (T : Type) (g : nat -> T) (d : T) k start i,
+  (i < k)%nat -> nth i (map g (seq start k)) d = g (start + i)%nat.
 Proof.
-  intros T g d k i H. rewrite (nth_indep _ d (g 0%nat)) by (rewrite map_length, seq_length; exact H).
-  rewrite map_nth, seq_nth by exact H. reflexivity.
+  intros T g d. induction k as [|k IH]; intros start i H; [lia|]. destruct i as [|i]; simpl.
+  - f_equal. lia.
+  - rewrite IH by lia. f_equal. lia.
 Qed.
 
 Lemma table_spec : forall k M i j, (i < k)%nat -> (j < k)%nat -> matrix (table k M) i j == M i j.

@@ -1,0 +1,388 @@
+"""The Coq file: its numbers are the problem's, its LDL' is Psi, and Coq accepts it and nothing near it."""
+
+from __future__ import annotations
+
+import re
+import shutil
+import subprocess
+from dataclasses import replace
+from fractions import Fraction
+from functools import cache
+
+import pytest
+from campaigns import a_problem
+
+from dobc_design.errors import SpecError
+from dobc_design.exact.matrix import scale
+from dobc_design.export.rocq import rocq_proof
+from dobc_design.spec.canonical import problem_sha256
+from dobc_design.spec.exosystem import Exosystem
+from dobc_design.spec.network import Network
+from dobc_design.spec.problem import Problem
+from dobc_design.theorems.statements import state_theorems
+from dobc_design.verdict import Verdict
+from dobc_design.workflow import certify
+
+BUILTINS = ("paper-fixed", "paper-switching", "clock-sync", "microgrid-ieee14", "uav-swarm")
+COQC = shutil.which("coqc")
+needs_coq = pytest.mark.skipif(COQC is None, reason="coqc is not installed (Debian package coq)")
+EXOSYSTEM = Exosystem(A=((0, 1), (-1, 0)), C=((1, 0),))
+NUMBER = r"\(?(-?\d+)(?: # (\d+))?\)?"
+
+
+@cache
+def certificate_of(name):
+    return certify(name)
+
+
+def cycle(n=3, *, gains=2, **more):
+    arcs = [[i, i % n + 1] for i in range(1, n + 1)]
+    return Problem(network=Network.from_arcs(arcs, arrow="listens_to", agents=n), gains=gains, **more)
+
+
+def two_modes_of_matrix_gains():
+    """No exosystem, m = 2, a coupling between components, weights, a gain that is not symmetric."""
+    return Problem(
+        network=Network.from_arcs(
+            {"one": [[1, 2], [2, 3, "1/3"], [3, 1]], "two": [[2, 1], [3, 2, "7/5"]]}, arrow="listens_to", agents=3
+        ),
+        coupling=["y1 + y2/2", "y2 - y1/2"], target=[0, 0], gains={1: [[9, 1], [-2, 7]], 2: 8, 3: 6},
+        exceptions={(1, 2): ["2*y1", "3*y2"]},
+    )  # fmt: skip
+
+
+def bare(text):
+    """The text without its comments."""
+    out, depth, place = [], 0, 0
+    while place < len(text):
+        two = text[place : place + 2]
+        if two == "(*":
+            depth, place = depth + 1, place + 2
+        elif two == "*)":
+            depth, place = depth - 1, place + 2
+            assert depth >= 0
+        else:
+            out += [text[place]] if depth == 0 else []
+            place += 1
+    assert depth == 0
+    return "".join(out)
+
+
+def rational(match):
+    return Fraction(int(match[1]), int(match[2] or 1))
+
+
+def factors_in(text, name):
+    """[(weight, pivot, {place: factor})] of a list of squares in the file."""
+    body = text.split(f"Definition {name} : list square :=", 1)[1].split("].\n", 1)[0]
+    result = []
+    for part in re.sub(r"\s+", " ", body).split("Square ")[1:]:
+        head = re.match(NUMBER + r" (\d+)", part)
+        terms = {int(t[1]): Fraction(int(t[2]), int(t[3] or 1)) for t in re.finditer(r"Term (\d+) " + NUMBER, part)}
+        result.append((rational(head), int(head[3]), terms))
+    return result
+
+
+def multiplied_out(factors, size):
+    rows = [[Fraction(0)] * size for _ in range(size)]
+    for weight, pivot, terms in factors:
+        column = {pivot: Fraction(1)} | terms
+        for i, x in column.items():
+            for j, y in column.items():
+                rows[i][j] += weight * x * y
+    return rows
+
+
+def matrices(certificate, rate=Fraction(0)):
+    """-(Psi + 2 rate V) of every mode from the theorems, dense."""
+    statements, claims = state_theorems(certificate.problem), certificate.claims
+    if certificate.problem.exosystem is None:
+        found = [pencil.constant.shifted(2 * rate) for pencil in statements.lambdas.values()]
+    else:
+        found = [pencil.at({"P": claims.P, "Q": claims.Q}) for pencil in statements.psi(rate=rate)]
+    return [[list(row) for row in matrix.negated().to_dense()] for matrix in found]
+
+
+def assert_ldl(text, name, expected):
+    factors = factors_in(text, name)
+    pivots = [pivot for _, pivot, _ in factors]
+    assert sorted(pivots) == list(range(len(expected)))
+    assert all(weight > 0 for weight, _, _ in factors)
+    assert all(set(terms) <= set(pivots[k + 1 :]) for k, (_, _, terms) in enumerate(factors))
+    assert multiplied_out(factors, len(expected)) == expected
+
+
+@pytest.mark.parametrize("name", BUILTINS)
+def test_l_d_l_transposed_is_minus_psi_of_every_mode(name):
+    """(18), (28): the file's own numbers, multiplied out here."""
+    certificate = certificate_of(name)
+    text = rocq_proof(certificate)
+    for place, expected in enumerate(matrices(certificate), start=1):
+        assert_ldl(text, f"Psi_squares_{place}", expected)
+    assert_ldl(text, "P_squares", [list(row) for row in certificate.claims.P])
+
+
+@pytest.mark.parametrize("name", ["paper-fixed", "clock-sync"])
+def test_with_a_rate_the_shifted_matrix_is_factored_too(name):
+    certificate = certificate_of(name)
+    text = rocq_proof(certificate, rate=True)
+    claimed = Fraction(repr(certificate.check("theorem1").rate))
+    assert_ldl(text, "Psi_rate_squares_1", matrices(certificate, claimed)[0])
+    assert f"Definition rate : Q := ({claimed.numerator} # {claimed.denominator})." in text
+    assert "Theorem rate_holds" in text
+
+
+def test_without_a_disturbance_it_is_lemma_1_in_every_mode():
+    certificate = certify(two_modes_of_matrix_gains())
+    text = rocq_proof(certificate, rate=True)
+    rate = min(Fraction(repr(check.rate)) for check in certificate.checks if check.id == "lemma1")
+    for place in (1, 2):
+        assert_ldl(text, f"Psi_squares_{place}", matrices(certificate)[place - 1])
+        assert_ldl(text, f"Psi_rate_squares_{place}", matrices(certificate, rate)[place - 1])
+    assert "Theorem lemma1_R" in text
+    assert "Omega0" not in bare(text)
+    assert "[[(1 # 3); (1 # 6)]; [(-1 # 6); (1 # 3)]]" not in text  # that arc has a coupling of its own
+    assert "matrix [[(2 # 3); 0]; [0; 1]]" in text
+    assert "matrix [[9; 1]; [(-2); 7]]" in text
+
+
+def test_the_problem_stands_in_the_file_number_by_number():
+    """Example 1: n, m, q, arcs, pins, h'(0) = 2, A, C, W, P and Q."""
+    text = rocq_proof(certificate_of("paper-fixed"))
+    code = re.sub(r"\s+", " ", bare(text))
+    for line in (
+        "Definition n : nat := 10.", "Definition m : nat := 1.", "Definition q : nat := 2.",
+        "Definition slope_1 := matrix [[2]].", "Definition A := matrix [[0; 2]; [(-2); 0]].",
+        "Definition C := matrix [[1; 0]].", "Definition W := matrix [[(16 # 5)]; [(12 # 5)]].",
+        "[Pin 0 gain_1; Pin 5 gain_1]", "Definition gain_1 := matrix [[5]].",
+        "Theorem theorem1 : forall arcs, In arcs modes -> negative_definite size (Psi arcs).",
+        "Theorem theorem1_R : forall arcs, In arcs modes -> negative_definite_R size (Psi arcs).",
+    ):  # fmt: skip
+        assert line in code
+    arcs = [tuple(map(int, arc)) for arc in re.findall(r"Arc (\d+) (\d+) slope_1", code)]
+    assert arcs == [(i, (i + 1) % 10) for i in range(10)]
+    P = certificate_of("paper-fixed").claims.P
+    entries = [f"({x.numerator} # {x.denominator})" for row in P for x in row]
+    assert "Definition P := matrix [[{}; {}]; [{}; {}]].".format(*entries) in code
+    assert "Axiom" not in code and "Admitted" not in code and "Parameter" not in code
+
+
+def test_every_mode_is_in_the_list_of_modes():
+    code = bare(rocq_proof(certificate_of("paper-switching")))
+    assert "Definition modes : list (list arc) := [arcs_1; arcs_2; arcs_3; arcs_4]." in code
+    assert code.count("check_negative _ _ _ Psi_checked_") == 4
+    assert len(re.findall(r"Arc \d+ \d+", code)) == 10 + 20 + 20 + 30
+
+
+def test_the_same_certificate_gives_the_same_text():
+    assert rocq_proof(certify("paper-fixed")) == rocq_proof(certificate_of("paper-fixed"))
+
+
+def nasty(text):
+    return cycle(
+        exosystem=EXOSYSTEM, coupling="(y)*(y)/1000+y", name=text, notes=[text, "*" + text + "("],
+    )  # fmt: skip
+
+
+@pytest.mark.parametrize("text", ['*) Axiom bad : False. (* "', "(*", "*)", "(*)", "**))((**", "λ → é", "x)"])
+def test_names_and_notes_cannot_leave_their_comments(text):
+    code = bare(rocq_proof(certify(nasty(text))))
+    assert code == bare(rocq_proof(certify(nasty("harmless"))))
+    assert code.isascii()
+
+
+def test_an_irrational_slope_is_refused():
+    certificate = certify(cycle(exosystem=EXOSYSTEM, coupling="sin(pi*y)"))
+    assert certificate.verdict is Verdict.PROVED
+    with pytest.raises(SpecError, match=r'coupling "sin\(pi\*y\)": its slope .* must be a rational number'):
+        rocq_proof(certificate)
+
+
+def test_an_irrational_coupling_that_no_arc_uses_does_no_harm():
+    exceptions = {(i, (i + 1) % 3): "y" for i in range(3)}
+    assert rocq_proof(certify(cycle(exosystem=EXOSYSTEM, coupling="sin(pi*y)", exceptions=exceptions)))
+
+
+@pytest.mark.parametrize(
+    ("problem", "what"),
+    [
+        (cycle(exosystem=EXOSYSTEM, coupling="y", gains=None), "theorem1 is refuted"),
+        (cycle(coupling="y", gains=None), r"lemma1 \(G\) is refuted"),
+        (cycle(exosystem=EXOSYSTEM, coupling="clip(y, -1, 1)"), "theorem1 is undecided"),
+    ],
+)
+def test_only_what_is_proved_is_exported(problem, what):
+    with pytest.raises(SpecError, match=f"only a proved theorem can be exported; {what}"):
+        rocq_proof(certify(problem))
+
+
+def test_lemma_1_alone_is_not_exported_where_there_is_a_disturbance():
+    """An undetectable pair: Lemma 1 is proved, Theorem 1 is not."""
+    certificate = certify(cycle(exosystem=Exosystem(A=((0,),), C=((0,),)), coupling="y"))
+    assert certificate.check("lemma1").verdict is Verdict.PROVED
+    with pytest.raises(SpecError, match="theorem1 is refuted"):
+        rocq_proof(certificate)
+
+
+def test_a_certificate_of_another_problem_is_refused():
+    other = replace(certificate_of("paper-fixed"), problem=certificate_of("clock-sync").problem)
+    with pytest.raises(SpecError, match="about another problem"):
+        rocq_proof(other)
+
+
+@pytest.mark.parametrize(
+    ("change", "what"),
+    [
+        (lambda P, Q: {"P": scale(Fraction(1, 20), P), "Q": scale(Fraction(1, 20), Q)}, "-Psi of mode Ga"),
+        (lambda P, Q: {"P": scale(-1, P), "Q": scale(-1, Q)}, "P must be"),
+        (lambda P, Q: {"Q": scale(2, Q)}, "Q = P W"),
+        (lambda P, Q: {"W": None}, "must hold W, P and Q"),
+    ],
+)
+def test_matrices_that_prove_nothing_are_refused(change, what):
+    certificate = certificate_of("paper-fixed")
+    claims = replace(certificate.claims, **change(certificate.claims.P, certificate.claims.Q))
+    with pytest.raises(SpecError, match=what):
+        rocq_proof(replace(certificate, claims=claims))
+
+
+def test_problems_that_would_keep_coq_busy_for_hours_are_refused():
+    with pytest.raises(SpecError, match=r"at most 150 rows.*it has 153"):
+        rocq_proof(certify(cycle(51, exosystem=EXOSYSTEM, coupling="y")))
+
+
+def test_fractions_that_would_keep_coq_busy_for_hours_are_refused(monkeypatch):
+    monkeypatch.setattr("dobc_design.export.rocq_claim.LARGEST_WORK", 10**6)
+    assert rocq_proof(certify(cycle(exosystem=EXOSYSTEM, coupling="y")))
+    with pytest.raises(SpecError, match="too long for Coq"):
+        rocq_proof(certificate_of("paper-fixed"))
+
+
+def test_a_theorem_that_does_not_apply_is_refused_even_if_the_certificate_claims_it():
+    certificate = certify(cycle(exosystem=EXOSYSTEM, coupling="clip(y, -1, 1)"))
+    checks = tuple(replace(check, verdict=Verdict.PROVED) for check in certificate.checks)
+    with pytest.raises(SpecError, match=r"cannot be exported: does not apply: .* uses clip"):
+        rocq_proof(replace(certificate, claims=replace(certificate.claims, checks=checks)))
+
+
+def test_a_rate_that_is_not_claimed_is_refused():
+    certificate = certificate_of("paper-fixed")
+    checks = tuple(replace(check, rate=None) for check in certificate.checks)
+    with pytest.raises(SpecError, match="claims no decay rate for theorem1"):
+        rocq_proof(replace(certificate, claims=replace(certificate.claims, checks=checks)), rate=True)
+
+
+def run_coq(text, folder):
+    (folder / "proof.v").write_text(text, encoding="ascii")
+    return subprocess.run(
+        [COQC, "-q", "proof.v"], cwd=folder, capture_output=True, text=True, timeout=600, check=False
+    )  # fmt: skip
+
+
+@pytest.mark.slow
+@needs_coq
+@pytest.mark.parametrize("name", BUILTINS)
+def test_coq_accepts_the_builtin_problems(name, tmp_path):
+    """Over the rationals without any axiom."""
+    outcome = run_coq(rocq_proof(certificate_of(name)), tmp_path)
+    assert outcome.returncode == 0, outcome.stderr[-2000:]
+    assert outcome.stdout.startswith("Closed under the global context\n")
+    axioms = re.findall(r"^(\S+)\s*:?$", outcome.stdout.split("Axioms:\n")[1], flags=re.MULTILINE)
+    assert all(re.match(r"(ClassicalDedekindReals|FunctionalExtensionality)\.", each) for each in axioms)
+
+
+@pytest.mark.slow
+@needs_coq
+@pytest.mark.parametrize(
+    ("problem", "rate"),
+    [("paper-fixed", True), (two_modes_of_matrix_gains(), True), (nasty('*) Axiom bad : False. (* " λ'), False)],
+    ids=["rate", "lemma1", "nasty"],
+)
+def test_coq_accepts_rates_lemma_1_and_any_name(problem, rate, tmp_path):
+    outcome = run_coq(rocq_proof(certify(problem), rate=rate), tmp_path)
+    assert outcome.returncode == 0, outcome.stderr[-2000:]
+
+
+@pytest.mark.slow
+@needs_coq
+def test_coq_accepts_whatever_random_problem_is_exported(tmp_path):
+    """m to 3, q to 4, several modes, exceptions, matrix gains."""
+    count = 0
+    for seed in range(200):
+        try:
+            text = rocq_proof(certify(a_problem(seed)))
+        except SpecError:
+            continue
+        outcome = run_coq(text, tmp_path)
+        assert outcome.returncode == 0, f"seed {seed}: {outcome.stderr[-2000:]}"
+        count += 1
+        if count == 12:
+            return
+    raise AssertionError(f"only {count} problems were exported")
+
+
+def changed(text, old, new):
+    assert text.count(old) == 1, old
+    return text.replace(old, new)
+
+
+def bump(match):
+    return f"{match[1]}{int(match[2]) + 1}{match[3]}"
+
+
+MUTANTS = {
+    "an entry of P": (r"(Definition P := matrix \[\[\()(\d+)( #)", bump),
+    "an entry of Q": (r"(Definition Qm := matrix \[\[\()(\d+)( #)", bump),
+    "an entry of W": (r"(Definition W := matrix \[\[\()(16)( #)", bump),
+    "an entry of A": (r"(Definition A := matrix \[\[0; )(2)(\])", bump),
+    "an entry of C": (r"(Definition C := matrix \[\[)(1)(;)", bump),
+    "an entry of D": (r"(Psi_squares_1 : list square :=\s+\[Square \()(\d+)( #)", bump),
+    "an entry of D, made negative": (r"(Psi_squares_1 : list square :=\s+\[Square \()(\d+)( #)", r"\1-\2\3"),
+    "an entry of L": (r"(Psi_squares_1 : list square :=\s+\[Square [^[]*\[Term \d+ \(-)(\d+)( #)", bump),
+    "a place in L": (r"(Psi_squares_1 : list square :=\s+\[Square [^[]*\[Term )(\d+)( )", bump),
+    "an entry of the L of P": (r"(P_squares : list square :=\s+\[Square [^[]*\[Term \d+ \(-)(\d+)( #)", bump),
+    "who is heard": (r"(Arc 3 )(4)( slope_1)", bump),
+    "who hears": (r"(Arc )(3)( 4 slope_1)", bump),
+    "the slope": (r"(Definition slope_1 := matrix \[\[)(2)(\])", bump),
+    "who is pinned": (r"(Pin )(5)( gain_1)", bump),
+    "a pinning gain": (r"(Definition gain_1 := matrix \[\[)(5)(\])", bump),
+    "the rate": (r"(Definition rate : Q := \()(\d+)( #)", bump),
+    "the last column is missing": (r"(;\s+Square \(\d+ # \d+\) \d+ \[\])(\]\.\s+Lemma Psi_checked_1)()", r"\2"),
+}
+
+
+@pytest.mark.slow
+@needs_coq
+@pytest.mark.parametrize("what", MUTANTS)
+def test_coq_rejects_the_file_when_one_number_is_another(what, tmp_path):
+    text = rocq_proof(certificate_of("paper-fixed"), rate=what == "the rate")
+    pattern, new = MUTANTS[what]
+    wrong, count = re.subn(pattern, new, text)
+    assert count == 1
+    outcome = run_coq(wrong, tmp_path)
+    assert outcome.returncode != 0
+    # Refused where the kernel computes, not because the file cannot be read.
+    line = int(re.search(r"line (\d+)", outcome.stderr)[1])
+    assert "vm_cast_no_check" in wrong.splitlines()[line - 1]
+
+
+@pytest.mark.slow
+@needs_coq
+def test_coq_rejects_an_indefinite_matrix_with_its_own_l_d_l(tmp_path):
+    """No pins: -Psi = L D L' holds with a D that is not positive; that proves nothing."""
+    text = rocq_proof(certify(cycle(2, gains=3, coupling="y")))
+    assert factors_in(text, "Psi_squares_1") == [
+        (Fraction(8), 0, {1: Fraction(-1, 4)}), (Fraction(15, 2), 1, {}),
+    ]  # fmt: skip
+    lines = changed(text, "Definition gain_1 := matrix [[3]].", "Definition gain_1 := matrix [[0]].")
+    lines = changed(lines, "Square 8 0", "Square 2 0")
+    lines = changed(lines, "Term 1 (-1 # 4)", "Term 1 (-1)")
+    lines = changed(lines, "Square (15 # 2) 1", "Square 0 1")
+    outcome = run_coq(lines, tmp_path)
+    assert outcome.returncode != 0
+    assert "vm_cast_no_check" in lines.splitlines()[int(re.search(r"line (\d+)", outcome.stderr)[1]) - 1]
+
+
+def test_the_hash_of_the_problem_stands_in_the_head():
+    certificate = certificate_of("paper-fixed")
+    assert problem_sha256(certificate.problem) in rocq_proof(certificate)

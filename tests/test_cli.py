@@ -733,7 +733,8 @@ def test_export_writes_the_theorem_for_rocq_and_refuses_to_overwrite_it(dobc):
     again = dobc("export", "out", "--rocq", "theorem.v", "--json")
     assert again.code == 2
     assert again.json["error"]["key"] == "--rocq"
-    assert dobc("export", "out/certificate.json", "--rocq", "theorem.v", "--force", "--json").json == {"rocq": "theorem.v"}
+    forced = dobc("export", "out/certificate.json", "--rocq", "theorem.v", "--force", "--json")
+    assert forced.json == {"rocq": "theorem.v"}
 
 
 def test_export_of_another_problem_or_of_nothing_is_refused(dobc):

@@ -12,6 +12,11 @@ from collections.abc import Sequence
 from fractions import Fraction
 
 MAX_SHOWN = 12
+# Written outside \text{}: inside, converters to MathML take a backslash literally and end at the first brace.
+_SPECIAL = {
+    "\\": r"\backslash", "{": r"\{", "}": r"\}", "$": r"\$", "&": r"\&", "#": r"\#", "%": r"\%", "_": r"\_",
+    "^": r"\wedge", "~": r"\sim", "<": "<", ">": ">",
+}  # fmt: skip
 
 
 def escape_html(text: object) -> str:
@@ -75,6 +80,12 @@ def latex_decimal(value: float | Fraction, *, digits: int = 4) -> str:
         mantissa, exponent = text.split("e")
         return rf"{mantissa}\cdot 10^{{{int(exponent)}}}"
     return text
+
+
+def latex_text(text: str) -> str:
+    r"""The user's text inside \text{}; characters that LaTeX would act on stand beside it, escaped."""
+    inside = "".join(rf"}}{_SPECIAL[each]} \text{{" if each in _SPECIAL else each for each in text)
+    return rf"\text{{{inside}}}".replace(r"\text{}", "").strip()
 
 
 def latex_matrix(matrix: Sequence[Sequence[Fraction]]) -> str | None:

@@ -225,9 +225,9 @@ class _Run:
         source = "given" if self.problem.observer.W is not None else "designed"
         estimate = 0.0 if W is None else decay_rate(exosystem, W)
         return [
-            observability_check(exosystem),
-            detectability_check(exosystem),
-            hurwitz_check(exosystem, W, estimate=estimate, source=source),
+            observability_check(exosystem, self.problem),
+            detectability_check(exosystem, self.problem),
+            hurwitz_check(exosystem, W, estimate=estimate, source=source, problem=self.problem),
         ]
 
     def theorem_checks(
@@ -293,12 +293,14 @@ def _notes(problem: Problem, design: GainDesign | None) -> Iterator[str]:
         yield f"No W was given. {design.note[0].upper()}{design.note[1:]}"
     if not problem.pinning.agents:
         yield "No agent is pinned."
-    if problem.region is None:
+    if problem.observer.W is not None and problem.observer.rate is not None:
+        yield "observer.rate is not used, because W was given."
+    if problem.region is None and not problem.is_linear:
         yield "No region was asked for: the verdict is about the consensus itself, from close enough starts."
     if len(problem.network.modes) > 1:
         yield "The modes may switch in any way, so one V has to serve them all."
     if problem.is_linear:
-        yield "Every coupling is exactly linear, so that the proof holds from every start."
+        yield "Every coupling is exactly linear: what holds near the target holds everywhere."
     if problem.exceptions:
         yield f"{len(problem.exceptions)} arc(s) have a coupling of their own."
     if problem.offsets:

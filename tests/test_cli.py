@@ -743,3 +743,28 @@ def test_export_of_another_problem_or_of_nothing_is_refused(dobc):
     assert dobc("export", "none", "--rocq", "theorem.v").code == 2
     assert dobc("export", "out").code == 2
     assert not Path("theorem.v").exists()
+
+
+def test_a_pipe_is_refused_and_not_waited_for(dobc):
+    os.mkfifo("p.toml")
+    ran = dobc("check", "p.toml")
+    assert ran.code == 2
+    assert "pipe" in ran.err
+
+
+def test_the_cure_of_an_undetectable_pair_projects_what_belongs_to_the_old_states(dobc):
+    """Theory, section 2: W, xi0 and the bound on eps are projected too."""
+    document = tomllib.loads(builtin_text("paper-fixed"))
+    document["exosystem"] = {"A": [[0, 2, 0], [-2, 0, 0], [0, 0, 0]], "C": [[1, 0, 0]]}
+    document["observer"] = {"W": [["16/5"], ["12/5"], [0]]}
+    document["simulation"]["xi0"] = [1, 2, 3]
+    ran = dobc("certify", write(tomlkit.dumps(document)), "--no-report", "--json")
+    assert ran.code == 3
+    fix = checks(ran)["detectability"]["fix"]["set"]
+    assert checks(ran)["hurwitz"]["fix"]["set"] == fix
+    for key, value in fix.items():
+        table, name = key.split(".")
+        document[table][name] = value
+    again = dobc("certify", write(tomlkit.dumps(document)), "--no-report", "--json")
+    assert again.code == 0
+    assert len(document["simulation"]["xi0"]) == 2

@@ -8,7 +8,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from pathlib import Path
 
-from dobc_design._render import escape_html
+from dobc_design._render import escape_html, latex_text
 from dobc_design.certificate.claims import Claims
 from dobc_design.certificate.files import make_folder, write_atomically
 from dobc_design.certificate.text import certificate_bytes
@@ -73,6 +73,12 @@ class Certificate:
         rows = [f"{self.problem.name}: {self.verdict.value.upper()}. {self.reason}"]
         rows += [f"  {check.title:<24} {check.verdict.value:<10} {check.reason}" for check in self.checks]
         return "\n".join(rows)
+
+    def _repr_latex_(self) -> str:
+        return rf"${latex_text(self.problem.name)}\text{{: {self.verdict.value}}}$"
+
+    def _repr_mimebundle_(self, include: object = None, exclude: object = None) -> dict[str, str]:
+        return {"text/plain": str(self), "text/html": self._repr_html_(), "text/latex": self._repr_latex_()}
 
     def _repr_html_(self) -> str:
         rows = "".join(

@@ -59,6 +59,8 @@ def recheck(certificate: Claims | bytes, problem: Problem) -> Recheck:
         failures.append("problem: the certificate is about another problem (its hash differs)")
     elif claims.problem_name != problem.name:
         failures.append("problem: its name is not what it says")
+    if claims.notes[: len(problem.notes)] != problem.notes:
+        failures.append("notes: those of the problem are missing or changed")
     failures += _matrix_failures(claims, problem)
     confirmed: list[Check] = []
     if not failures:

@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-from dobc_design._render import latex_matrix, latex_number
+from dobc_design._render import latex_matrix, latex_number, latex_text
 from dobc_design.exact.matrix import Matrix
 from dobc_design.model.arrays import Gain, chosen_gain
 from dobc_design.spec.coupling import Coupling
@@ -16,12 +16,6 @@ from dobc_design.spec.problem import Problem
 
 MAX_ARCS = 6
 MAX_EXCEPTIONS = 6
-
-# Written outside \text{}: inside, converters to MathML take a backslash literally and end at the first brace.
-_SPECIAL = {
-    "\\": r"\backslash", "{": r"\{", "}": r"\}", "$": r"\$", "&": r"\&", "#": r"\#", "%": r"\%", "_": r"\_",
-    "^": r"\wedge", "~": r"\sim", "<": "<", ">": ">",
-}  # fmt: skip
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -72,12 +66,6 @@ def latex(problem: Problem, *, gain: Gain | None = None) -> Equations:
         errors=tuple(errors),
         data=_data(problem, W),
     )
-
-
-def latex_text(text: str) -> str:
-    r"""The user's text inside \text{}; characters that LaTeX would act on stand beside it, escaped."""
-    inside = "".join(rf"}}{_SPECIAL[each]} \text{{" if each in _SPECIAL else each for each in text)
-    return rf"\text{{{inside}}}".replace(r"\text{}", "").strip()
 
 
 def _observer(felt: str) -> tuple[str, ...]:

@@ -18,15 +18,15 @@ _RATIONAL = re.compile(r"-?[0-9]+(/0*[1-9][0-9]*)?")
 _MATRIX = re.compile(r"<mo>&#x00028;</mo><mtable>(.*?)</mtable><mo>&#x00029;</mo>", re.DOTALL)
 
 LOOP = (
-    ("each agent", r"\dot x_i = \sum_{j \in N_i} w_{ij}\, h(x_j - x_i) + u_i", "(1)"),
+    ("each agent", r"\dot x_i = \sum_{j \in N_i} w_{ij}\, h_{ij}(x_j - x_i) + u_i", "(1)"),
     ("control", r"u_i = -k_i (x_i - \bar{x})", "(4)"),
 )
 LOOP_DISTURBED = (
-    ("each agent", r"\dot x_i = \sum_{j \in N_i} w_{ij}\, h(x_j - x_i) + u_i + d_i", "(1)"),
+    ("each agent", r"\dot x_i = \sum_{j \in N_i} w_{ij}\, h_{ij}(x_j - x_i) + u_i + d_i", "(1)"),
     ("its disturbance", r"\dot \xi_i = A \xi_i, \quad d_i = C \xi_i", "(12)"),
     (
         "its observer",
-        r"\dot z_i = (A - WC)(z_i + W x_i) - W \left( \sum_{j \in N_i} w_{ij}\, h(x_j - x_i) + u_i \right)",
+        r"\dot z_i = (A - WC)(z_i + W x_i) - W \left( \sum_{j \in N_i} w_{ij}\, h_{ij}(x_j - x_i) + u_i \right)",
         "(13)",
     ),
     ("the estimate", r"\hat{\xi}_i = z_i + W x_i, \quad \hat{d}_i = C \hat{\xi}_i", "(13)"),
@@ -35,7 +35,7 @@ LOOP_DISTURBED = (
 PSI = (
     r"\Psi = \begin{pmatrix} \Lambda(J) & I_n \otimes C \\ (I_n \otimes C)' & I_n \otimes \Omega_0 \end{pmatrix} < 0"
 )
-LAMBDA = r"\Lambda(J) = J + J' - (K + K') \otimes I_m"
+LAMBDA = r"\Lambda(J) = J + J' - (K + K'), \quad K = \operatorname{blockdiag}(k_1 I_m, \dots, k_n I_m)"
 OMEGA = r"\Omega_0 = P A + A' P - C' Q' - Q C"
 REDUCED = (
     r"\Psi < 0 \;\iff\; \Omega_0 < 0 \text{ and } \Lambda(J) + I_n \otimes S < 0, \qquad S = C (-\Omega_0)^{-1} C'"
@@ -137,8 +137,8 @@ def lambda_matrices(lambdas: Mapping[str, Matrix] | None, *, most: int = 6) -> l
 def coupling_latex(coupling: Coupling) -> str:
     """LaTeX of h: one function of y, or a column of functions of y_1 to y_m."""
     if coupling.by_component:
-        return f"h(y) = {coupling.latex[0]}"
-    return r"h(y) = \begin{pmatrix} " + r" \\ ".join(coupling.latex) + r" \end{pmatrix}"
+        return f"h_{{ij}}(y) = {coupling.latex[0]}"
+    return r"h_{ij}(y) = \begin{pmatrix} " + r" \\ ".join(coupling.latex) + r" \end{pmatrix}"
 
 
 def target_latex(problem: Problem) -> str:

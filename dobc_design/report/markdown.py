@@ -65,6 +65,7 @@ def _problem(view: Mapping[str, Any]) -> Iterable[str]:
         yield f"{capitalize_first(name)} {equation}:\n\n{_formula(latex)}"
     yield f"Coupling and target:\n\n{_formula(formulas.coupling_latex(problem.coupling))}"
     yield _formula(formulas.target_latex(problem))
+    yield escape(f"Here {view['letters']}") + "\n"
     if view["exceptions"]:
         yield "Arcs with a coupling of their own:\n"
         yield from _list(view["exceptions"])

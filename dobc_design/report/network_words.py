@@ -106,7 +106,10 @@ def switching_sentence(problem: Problem) -> str | None:
         return None
     dwell = problem.switching.dwell
     pace = "" if dwell is None else f", with a dwell time of {number_text(dwell)} s"
-    return f"In simulations the modes switch by a {problem.switching.signal} signal{pace}; proofs allow any signal."
+    return (
+        f"A {problem.switching.signal} switching signal is asked for in simulations{pace}; the run shown here stays in"
+        " one mode, and the proofs allow any signal."
+    )
 
 
 def unreached_agents(certificate: Certificate, mode: str) -> set[int]:
@@ -145,7 +148,9 @@ def _mode_sentence(arcs: Arcs, problem: Problem) -> str:
         return f"{count}; every agent i listens to {whom}, counted around a circle of {problem.n}."
     back = set(pairs)
     if all((j, i) in back for i, j in pairs):
-        return f"{count}; whoever listens is also listened to (undirected)."
+        weights = dict(zip(pairs, arcs.weights, strict=True))
+        alike = all(weights[i, j] == weights[j, i] for i, j in pairs) and not problem.exceptions
+        return f"{count}; whoever listens is also listened to{' (undirected)' if alike else ''}."
     return f"{count}."
 
 

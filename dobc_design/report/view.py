@@ -23,6 +23,7 @@ from dobc_design.report.words import (
     what_it_means,
 )
 from dobc_design.spec import canonical
+from dobc_design.spec.problem import Problem
 from dobc_design.verdict import Verdict
 
 if TYPE_CHECKING:
@@ -58,6 +59,7 @@ def common_view(
         "exceptions": nw.exception_sentences(problem),
         "region": nw.region_sentence(problem),
         "switching": nw.switching_sentence(problem),
+        "letters": _letters(problem),
         "loop": formulas.LOOP if problem.exosystem is None else formulas.LOOP_DISTURBED,
         "checks": rows,
         "checks_hidden": hidden,
@@ -140,4 +142,15 @@ def _simulation(trajectory: Trajectory | None) -> str | None:
     text += f" the largest error {'falls' if last < first else 'grows'} from {number(first)} to {number(last)}."
     if trajectory.diverged:
         text += f" The run diverged and could not be carried to {number(trajectory.t_final)} s."
+    return text
+
+
+def _letters(problem: Problem) -> str:
+    """What the letters of the equations mean, for text without formulas."""
+    text = (
+        "N_i are the agents that i listens to, w_ij weights (1 unless said), k_i the gain of a pin (a number or a"
+        " matrix), 0 without one."
+    )
+    if problem.offsets:
+        text += " Agents keep their formation: x_i is measured from the offset of agent i."
     return text

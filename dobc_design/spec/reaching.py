@@ -37,3 +37,50 @@ def unreached(problem: Problem, arcs: Iterable[Arcs]) -> tuple[int, ...]:
 def unreached_in_union(problem: Problem) -> tuple[int, ...]:
     """Agents that no pinned agent reaches even when the arcs of all modes are put together."""
     return unreached(problem, problem.network.modes.values())
+
+
+def closed_groups(problem: Problem, arcs: Iterable[Arcs]) -> tuple[tuple[int, ...], ...]:
+    """The smallest sets of agents that listen to nobody outside themselves, all given modes together.
+
+    They are the strongly connected components without an arc to another one (Tarjan's algorithm, without
+    recursion); every set that listens to nobody outside contains one.
+    """
+    hears: list[list[int]] = [[] for _ in range(problem.n)]
+    for each in arcs:
+        for listener, speaker in zip(each.listeners.tolist(), each.speakers.tolist(), strict=True):
+            hears[listener].append(speaker)
+    number, low = [-1] * problem.n, [0] * problem.n
+    group = [-1] * problem.n
+    found: list[list[int]] = []
+    path: list[int] = []
+    count = 0
+    for root in range(problem.n):
+        work = [(root, 0)] if number[root] < 0 else []
+        while work:
+            agent, place = work.pop()
+            if place == 0:
+                number[agent] = low[agent] = count
+                count += 1
+                path.append(agent)
+            for position in range(place, len(hears[agent])):
+                other = hears[agent][position]
+                if number[other] < 0:
+                    work += [(agent, position + 1), (other, 0)]
+                    break
+                if group[other] < 0:
+                    low[agent] = min(low[agent], number[other])
+            else:
+                if work:
+                    parent = work[-1][0]
+                    low[parent] = min(low[parent], low[agent])
+                if low[agent] == number[agent]:
+                    members: list[int] = []
+                    while not members or members[-1] != agent:
+                        members.append(path.pop())
+                        group[members[-1]] = len(found)
+                    found.append(members)
+    return tuple(
+        tuple(sorted(members))
+        for place, members in enumerate(found)
+        if all(group[other] == place for agent in members for other in hears[agent])
+    )

@@ -40,6 +40,8 @@ def read_bytes(path: Path, *, limit: int = MAX_BYTES) -> bytes:
             raise SpecError(
                 f"{shown(str(path))} is a folder, not a problem file.", key=path.name, cure="Name the file in it."
             )
+        if path.is_fifo():
+            raise SpecError(f"{name} is a pipe, not a file.", key=path.name, cure="Write it to a file first.")
         with path.open("rb") as stream:  # devices tell no size, so read up to the limit instead of asking
             data = stream.read(limit + 1)
     except FileNotFoundError:
@@ -47,6 +49,8 @@ def read_bytes(path: Path, *, limit: int = MAX_BYTES) -> bytes:
             f"there is no file {name} and no built-in problem of that name.", key=path.name,
             cure="`dobc problems` lists the built-in ones.",
         ) from None  # fmt: skip
+    except SpecError:
+        raise
     except (OSError, ValueError) as error:  # ValueError: a NUL in the name
         reason = getattr(error, "strerror", None) or error
         raise SpecError(f"{name} cannot be read: {reason}.", key=path.name, cure="Check the path.") from None

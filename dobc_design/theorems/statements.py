@@ -61,7 +61,8 @@ def _inapplicable(problem: Problem) -> str | None:
         if coupling.nonsmooth:
             names = ", ".join(coupling.nonsmooth)
             return (
-                f'does not apply: h = "{coupling.texts[0]}" uses {names} and is not continuously differentiable,'
-                " which Lemma 1 and both theorems require; use a smooth coupling, such as tanh for clip."
+                f'does not apply: h = "{coupling.texts[0]}" uses {names}; Lemma 1 and both theorems are for'
+                " continuously differentiable couplings, and that is not shown here; use a smooth one, such as tanh for"
+                " clip."
             )
     return None

@@ -111,8 +111,10 @@ def _plain_check(check: Check, trusted: Trusted) -> Check:
         return reachability_check(trusted.problem, str(check.mode))
     exosystem = _exosystem(trusted)
     if check.id == "observability":
-        return observability_check(exosystem)
-    return detectability_check(exosystem) if check.id == "detectability" else hurwitz_check(exosystem, trusted.W)
+        return observability_check(exosystem, trusted.problem)
+    if check.id == "detectability":
+        return detectability_check(exosystem, trusted.problem)
+    return hurwitz_check(exosystem, trusted.W, problem=trusted.problem)
 
 
 def _confirm_proved(check: Check, trusted: Trusted) -> str | None:
@@ -203,7 +205,10 @@ def _margin_follows(check: Check, matrix: Enclosed, vector: Sequence[Fraction]) 
 
 def _confirm_obstacle(check: Check, block: str, trusted: Trusted) -> str | None:
     exosystem = _exosystem(trusted)
-    own = detectability_check(exosystem) if block == "detectability" else hurwitz_check(exosystem, trusted.W)
+    if block == "detectability":
+        own = detectability_check(exosystem, trusted.problem)
+    else:
+        own = hurwitz_check(exosystem, trusted.W, problem=trusted.problem)
     if own.verdict is not Verdict.REFUTED:
         return f"{block} is {own.verdict.value}"
     if block == "hurwitz" and trusted.problem.observer.W is None:

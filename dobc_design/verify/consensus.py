@@ -229,7 +229,7 @@ def _refuted_for_every_pair(
     if obstacle is not None:
         return Check(
             id=id, verdict=Verdict.REFUTED, domain=statements.domain,
-            reason=f"no P and Q satisfy Psi < 0: {obstacle.reason}", exact={"block": obstacle.id},
+            reason=f"{_who_fails(obstacle)}: {obstacle.reason}", exact={"block": obstacle.id},
             witness=obstacle.witness, fix=obstacle.fix,
         )  # fmt: skip
     undecided = next((lemma for lemma in lemmas if lemma.verdict is Verdict.UNDECIDED), None)
@@ -304,3 +304,9 @@ def _not_found(id: str, statements: Statements) -> Check:
         id=id, verdict=Verdict.UNDECIDED, domain=statements.domain,
         reason="Psi < 0 is closer to failing than the irrational slopes of h are known; change a gain a little.",
     )  # fmt: skip
+
+
+def _who_fails(obstacle: Check) -> str:
+    if obstacle.id == "hurwitz":
+        return "no P with Q = P W satisfies Psi < 0 for this W"
+    return "no P and Q satisfy Psi < 0"

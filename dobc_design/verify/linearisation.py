@@ -8,13 +8,13 @@ from dobc_design.exact.matrix import Matrix
 from dobc_design.exact.polynomial import characteristic_polynomial, right_half_plane_roots_at_least
 from dobc_design.theorems.statements import Statements
 
-LARGEST = 120  # rows; the characteristic polynomial grows with the cube and its numbers with it
+LARGEST = 60  # rows; counting roots takes seconds there, minutes at twice the size
 
 
 def unstable_roots(statements: Statements, mode: str) -> int:
     """A proved lower bound of the eigenvalues of J - K with positive real part, with multiplicity.
 
-    0 also means "not examined": irrational slopes, or more than 120 rows.  With diagonal slopes >= 0 and
+    0 also means "not examined": irrational slopes, or more than 60 rows.  With diagonal slopes >= 0 and
     scalar gains J - K has none (its rows are weakly dominated by a diagonal <= 0).
     """
     jacobians = statements.jacobians

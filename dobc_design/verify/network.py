@@ -8,8 +8,10 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+from dobc_design.exact.matrix import Vector, identity, nullspace
+from dobc_design.spec.arcs import Arcs
 from dobc_design.spec.problem import Problem
-from dobc_design.spec.reaching import unreached
+from dobc_design.spec.reaching import closed_groups, unreached
 from dobc_design.verdict import Verdict
 from dobc_design.verify.check import Check, Witness
 
@@ -29,9 +31,35 @@ def reachability_check(problem: Problem, mode: str) -> Check:
     return Check(
         id="reachability", mode=mode, verdict=Verdict.REFUTED, domain="global",
         reason=f"{name_agents(labels)} {'hears' if len(labels) == 1 else 'hear'} no pinned agent: {pins}."
-        f" Pin one of them, or let {'it' if len(labels) == 1 else 'one of them'} listen to a reached agent.",
+        f" {cure_in_words(problem, [problem.network.modes[mode]])}",
         witness=Witness(kind="agents", labels=labels),
     )  # fmt: skip
+
+
+def unheld_group(problem: Problem) -> tuple[tuple[int, ...], tuple[Vector, ...]] | None:
+    """A set S of agents that listens to nobody outside it in any mode, and directions c != 0 with k_i c = 0 on S.
+
+    Then e_S = c, eps = 0 is an equilibrium whatever the others do.  None if every such set is held.
+    With scalar gains this is a set without a pin, and every direction is free.
+    """
+    for group in closed_groups(problem, problem.network.modes.values()):
+        gains = [problem.pinning.gains[i] for i in group if i in problem.pinning.gains]
+        free = nullspace(tuple(row for gain in gains for row in gain)) if gains else identity(problem.m)
+        if free:
+            return group, free
+    return None
+
+
+def cure_in_words(problem: Problem, arcs: Sequence[Arcs]) -> str:
+    """Which agents have to be pinned so that everybody is reached: one of each closed group without a pin."""
+    pinned = set(problem.pinning.agents)
+    groups = [group for group in closed_groups(problem, arcs) if not pinned & set(group)]
+    named = [
+        " or ".join(problem.network.labels[i] for i in group[:3]) + (" or another of theirs" if len(group) > 3 else "")
+        for group in groups[:SHOWN]
+    ]
+    more = f", and one of each of {len(groups) - SHOWN} more groups" if len(groups) > SHOWN else ""
+    return f"Pin agent {', and agent '.join(named)}{more}."
 
 
 def name_agents(labels: Sequence[str]) -> str:

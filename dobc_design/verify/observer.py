@@ -3,20 +3,26 @@
 from __future__ import annotations
 
 from fractions import Fraction
+from math import ceil, isqrt
+from typing import Any
 
-from dobc_design.exact.matrix import Matrix, add, identity, multiply, scale, subtract
+from dobc_design.exact.matrix import Matrix, add, identity, multiply, scale, subtract, transpose
 from dobc_design.exact.number import number_text
 from dobc_design.exact.observability import decide_detectable, decide_observable, observable_reduction
 from dobc_design.exact.polynomial import decide_hurwitz
 from dobc_design.spec.canonical import matrix_text
 from dobc_design.spec.exosystem import Exosystem
+from dobc_design.spec.problem import Problem
 from dobc_design.verdict import Verdict
 from dobc_design.verify.check import Check, Fix, Witness
 from dobc_design.verify.numbers import largest_proved, shorten
 
 
-def observability_check(exosystem: Exosystem) -> Check:
-    """Decide whether (A, C) is observable.  A gain of any speed exists iff it is."""
+def observability_check(exosystem: Exosystem, problem: Problem | None = None) -> Check:
+    """Decide whether (A, C) is observable.  A gain of any speed exists iff it is.
+
+    ``problem``, here and below, lets the cure project what it says of the exosystem's states.
+    """
     found = decide_observable(exosystem.A, exosystem.C)
     q = exosystem.order
     if found.verdict is Verdict.PROVED:
@@ -31,11 +37,11 @@ def observability_check(exosystem: Exosystem) -> Check:
         reason=f"(A, C) is not observable: rank {found.rank} of {q}; the states shown never reach the disturbance.",
         exact={"rank": str(found.rank)},
         witness=Witness(kind="vector", values=tuple(number_text(x) for x in direction)),
-        fix=_reduction(exosystem),
+        fix=_reduction(exosystem, problem),
     )  # fmt: skip
 
 
-def detectability_check(exosystem: Exosystem) -> Check:
+def detectability_check(exosystem: Exosystem, problem: Problem | None = None) -> Check:
     """Decide whether (A, C) is detectable: what C never sees has to die out by itself."""
     found = decide_detectable(exosystem.A, exosystem.C)
     polynomial = found.unobservable_text
@@ -51,11 +57,14 @@ def detectability_check(exosystem: Exosystem) -> Check:
         " not decay, so no gain W can estimate it. It does not act on the agents either: leave it out.",
         exact={"unobservable_polynomial": polynomial},
         witness=Witness(kind="polynomial", values=(polynomial,)),
-        fix=_reduction(exosystem),
+        fix=_reduction(exosystem, problem),
     )  # fmt: skip
 
 
-def hurwitz_check(exosystem: Exosystem, W: Matrix | None, *, estimate: float = 0.0, source: str = "given") -> Check:
+def hurwitz_check(
+    exosystem: Exosystem, W: Matrix | None, *, estimate: float = 0.0, source: str = "given",
+    problem: Problem | None = None,
+) -> Check:  # fmt: skip
     """Decide whether A - WC is Hurwitz (Routh over the rationals) and certify a decay rate.
 
     ``estimate`` (1/s) is a proposed rate from floating point; the exact test decides.
@@ -66,17 +75,22 @@ def hurwitz_check(exosystem: Exosystem, W: Matrix | None, *, estimate: float = 0
             id="hurwitz", verdict=Verdict.UNDECIDED, domain="global",
             reason="there is no observer gain W to test: none was given, and none "
             + ("was found; give one as observer.W." if exists else "exists for this exosystem."),
-            fix=None if exists else _reduction(exosystem),
+            fix=None if exists else _reduction(exosystem, problem),
         )  # fmt: skip
     error = subtract(exosystem.A, multiply(W, exosystem.C))
     table = decide_hurwitz(error)
     if table.verdict is not Verdict.PROVED:
+        exists = decide_detectable(exosystem.A, exosystem.C).verdict is Verdict.PROVED
+        advice = "Choose another W, or leave W out to have one designed." if exists else "No W does: see detectability."
+        given_p = problem is not None and problem.observer.P is not None
+        removal = {"observer.W": None} | ({"observer.P": None} if given_p else {})
         return Check(
             id="hurwitz", verdict=Verdict.REFUTED, domain="global",
-            reason=f"A - WC is not Hurwitz: row {table.failing_row} of Routh's table is not positive, so the"
-            " estimation error does not decay. Choose another W, or leave W out to have one designed.",
+            reason=f"A - WC is not Hurwitz: entry {len(table.first_column)} of the first column of Routh's table is"
+            f" not positive, so the estimation error does not decay. {advice}",
             witness=Witness(kind="routh_row", values=tuple(number_text(x) for x in table.first_column)),
-            fix=Fix(kind="gain", set={"observer.W": None}, text="Remove observer.W: a gain is then designed."),
+            fix=Fix(kind="gain", set=removal, text="Remove observer.W (and P, if given): a gain is then designed.")
+            if exists else _reduction(exosystem, problem),
         )  # fmt: skip
     rate = largest_proved(estimate, lambda a: hurwitz_with_rate(error, a))
     return Check(
@@ -100,15 +114,40 @@ def observable_part_is_hurwitz(exosystem: Exosystem, W: Matrix) -> bool:
     return decide_hurwitz(subtract(A_o, multiply(multiply(T, W), C_o))).verdict is Verdict.PROVED
 
 
-def _reduction(exosystem: Exosystem) -> Fix:
-    A_o, C_o, _ = observable_reduction(exosystem.A, exosystem.C)
+def _reduction(exosystem: Exosystem, problem: Problem | None) -> Fix:
+    """The observable part in place of the exosystem; what the problem says of the old states is projected along."""
+    A_o, C_o, T = observable_reduction(exosystem.A, exosystem.C)
+    observer = None if problem is None else problem.observer
+    xi0 = None if problem is None else problem.simulation.xi0
+    change: dict[str, Any] = {}
     if not A_o:
+        change["exosystem"] = None
+        if observer is not None and (observer.W or observer.P or observer.rate):
+            change["observer"] = None
+        if xi0 is not None:
+            change["simulation.xi0"] = None
         return Fix(
-            kind="exosystem", set={"exosystem": None},
-            text="Remove [exosystem]: C sees nothing of it, so there is no disturbance.",
-        )  # fmt: skip
+            kind="exosystem", set=change, text="Remove [exosystem]: C sees nothing of it, so there is no disturbance."
+        )
+    change |= {"exosystem.A": matrix_text(A_o), "exosystem.C": matrix_text(C_o)}
+    if observer is not None and observer.W is not None:
+        change["observer.W"] = matrix_text(multiply(T, observer.W))
+    if observer is not None and observer.P is not None:
+        change["observer.P"] = None
+    if xi0 is not None:
+        rows = matrix_text(tuple(tuple(row) for row in multiply(xi0, transpose(T))))
+        change["simulation.xi0"] = rows[0] if len(rows) == 1 else rows
+    if problem is not None and problem.region is not None and problem.region.initial_disturbance:
+        change["region.initial_disturbance"] = number_text(problem.region.initial_disturbance * _norm_above(T))
+    removed = " Keys set to null are to be removed." if None in change.values() else ""
     return Fix(
-        kind="exosystem", set={"exosystem.A": matrix_text(A_o), "exosystem.C": matrix_text(C_o)},
+        kind="exosystem", set=change,
         text=f"Use the observable part of the exosystem (order {len(A_o)} instead of {exosystem.order}):"
-        " it generates the same disturbances.",
+        f" it generates the same disturbances.{removed}",
     )  # fmt: skip
+
+
+def _norm_above(T: Matrix) -> Fraction:
+    """A rational number of six decimals that |T| does not exceed: the root of the sum of squares, rounded up."""
+    squares = sum((x * x for row in T for x in row), Fraction(0))
+    return Fraction(isqrt(ceil(squares * 10**12)) + 1, 10**6)

@@ -11,12 +11,13 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
 
-from dobc_design.exact.matrix import Matrix
+from dobc_design.exact.matrix import Matrix, Vector, identity
+from dobc_design.exact.number import number_text
 from dobc_design.spec.problem import Problem
-from dobc_design.spec.reaching import unreached_in_union
+from dobc_design.spec.reaching import closed_groups, unreached_in_union
 from dobc_design.verdict import Verdict
 from dobc_design.verify.check import CONSENSUS_IDS, Check
-from dobc_design.verify.network import name_agents
+from dobc_design.verify.network import cure_in_words, name_agents, unheld_group
 from dobc_design.verify.numbers import claimed, shorten
 from dobc_design.verify.observer import observable_part_is_hurwitz
 
@@ -96,15 +97,9 @@ def asked_radius(problem: Problem) -> tuple[Fraction, ...]:
 
 
 def _refuted_reason(problem: Problem, checks: Sequence[Check], W: Matrix | None) -> str | None:
-    apart = unreached_in_union(problem)
-    if apart and _start_apart_exists(problem, apart):
-        labels = tuple(problem.network.labels[i] for i in apart)
-        pins = "no agent is pinned" if not problem.pinning.agents else "no pinned agent reaches"
-        who = name_agents(labels) if problem.pinning.agents else f"nobody holds {name_agents(labels)}"
-        return (
-            f"Consensus fails: {pins}{' ' + who if problem.pinning.agents else ', so ' + who}, in any mode. Moved away"
-            " from the target together, they stay there. Pin one of them."
-        )
+    apart = _apart_reason(problem)
+    if apart is not None:
+        return apart
     region = problem.region
     exosystem = problem.exosystem
     noisy = region is None or (region.initial_disturbance or 0) > 0
@@ -125,6 +120,34 @@ def _refuted_reason(problem: Problem, checks: Sequence[Check], W: Matrix | None)
     return None
 
 
+def _apart_reason(problem: Problem) -> str | None:
+    """Agents that stay away from the target when they are moved away together, if the region lets them start so."""
+    unheld = unheld_group(problem)
+    if unheld is None:
+        return None
+    labels = problem.network.labels
+    apart = unreached_in_union(problem)
+    for group in closed_groups(problem, problem.network.modes.values()) if apart else ():
+        if set(group) <= set(apart) and _start_apart_exists(problem, group, identity(problem.m)):
+            who = name_agents(tuple(labels[i] for i in apart))
+            pins = f"no pinned agent reaches {who}"
+            if not problem.pinning.agents:
+                pins = f"no agent is pinned, so nobody holds {who}"
+            return (
+                f"Consensus fails: {pins}, in any mode. Moved away from the target together, they stay there."
+                f" {cure_in_words(problem, list(problem.network.modes.values()))}"
+            )
+    group, free = unheld
+    if _start_apart_exists(problem, group, free):
+        direction = ", ".join(number_text(x) for x in free[0])
+        return (
+            f"Consensus fails: the gains of {name_agents(tuple(labels[i] for i in group))} leave the direction"
+            f" ({direction}) free, and they listen to nobody else. Moved along it together, they stay there."
+            " Give one of them a gain k with k c != 0 for that direction c."
+        )
+    return None
+
+
 def unstable_roots_shown(check: Check) -> int:
     """How many eigenvalues with positive real part a refuted Lemma 1 proves; 0 for every other check."""
     if check.id != "lemma1" or check.verdict is not Verdict.REFUTED or check.exact is None:
@@ -132,16 +155,29 @@ def unstable_roots_shown(check: Check) -> int:
     return int(check.exact.get("unstable_roots", "0"))
 
 
-def _start_apart_exists(problem: Problem, apart: Sequence[int]) -> bool:
-    """Whether the region allows e_S = c with one c != 0 for all agents apart (it always does without a region)."""
+def _start_apart_exists(problem: Problem, group: Sequence[int], free: Sequence[Vector]) -> bool:
+    """Whether the region allows e_S = t c with one t != 0 and one c of ``free`` (it always does without a region)."""
     if problem.region is None:
         return True
-    goals = {problem.goal_of(agent) for agent in apart}
+    goals = {problem.goal_of(agent) for agent in group}
     ranges = [
         (max(lo - goal[c] for goal in goals), min(hi - goal[c] for goal in goals))
         for c, (lo, hi) in enumerate(problem.region.initial_states)
     ]
-    return all(lo <= hi for lo, hi in ranges) and any(lo or hi for lo, hi in ranges)
+    if len(free) == problem.m:  # every direction: any point of the box but 0
+        return all(lo <= hi for lo, hi in ranges) and any(lo or hi for lo, hi in ranges)
+    return any(_line_meets(c, ranges) for c in free)
+
+
+def _line_meets(c: Vector, ranges: Sequence[tuple[Fraction, Fraction]]) -> bool:
+    """Whether t c lies in the box for some t != 0."""
+    if any(not x and not lo <= 0 <= hi for x, (lo, hi) in zip(c, ranges, strict=True)):
+        return False
+    ends = [sorted((lo / x, hi / x)) for x, (lo, hi) in zip(c, ranges, strict=True) if x and lo <= hi]
+    if len(ends) < sum(1 for x in c if x):
+        return False
+    low, high = max(end[0] for end in ends), min(end[1] for end in ends)
+    return low <= high and (low, high) != (Fraction(0), Fraction(0))
 
 
 def _target_is_interior(problem: Problem) -> bool:

@@ -43,3 +43,12 @@ def test_the_text_names_every_check():
     certificate = certify("paper-fixed")
     assert str(certificate).startswith("paper-fixed: PROVED.")
     assert all(check.title in str(certificate) for check in certificate.checks)
+
+
+def test_a_certificate_shows_itself_in_a_notebook_as_html_latex_and_text():
+    """Contract: _repr_html_, _repr_latex_, _repr_mimebundle_."""
+    certificate = certify("paper-fixed")
+    bundle = certificate._repr_mimebundle_()
+    assert set(bundle) == {"text/plain", "text/html", "text/latex"}
+    assert "proved" in certificate._repr_latex_()
+    assert "<table>" in certificate._repr_html_()

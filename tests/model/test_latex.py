@@ -6,8 +6,8 @@ from xml.etree import ElementTree
 
 import pytest
 
-from dobc_design._render import mathml
-from dobc_design.model.latex import latex, latex_text
+from dobc_design._render import latex_text, mathml
+from dobc_design.model.latex import latex
 from dobc_design.spec.builtin import builtin_names
 from dobc_design.spec.load import load_problem
 from dobc_design.spec.network import Network

@@ -136,7 +136,14 @@ def test_sentences_and_advice_are_not_checked_and_change_nothing(paper):
     """The documented limit: texts are free."""
     problem, certificate = paper
     claims = bent(certificate, "theorem1", reason="")
-    assert recheck(replace(claims, reason="", notes=("anything",), version="?"), problem).holds
+    free = (*problem.notes, "anything")
+    assert recheck(replace(claims, reason="", notes=free, version="?"), problem).holds
+
+
+def test_the_notes_of_the_problem_have_to_stand_in_its_certificate(paper):
+    """What stands in must be labelled wherever a result is shown."""
+    problem, certificate = paper
+    assert not recheck(replace(bent(certificate, "theorem1"), notes=("anything",)), problem).holds
 
 
 def refuted_pair():

@@ -239,10 +239,18 @@ def test_instability_is_believed_of_a_refuted_lemma_only(kind):
     assert decide_overall(asked, checks, None).verdict is UNDECIDED
 
 
-def test_singular_and_skew_gains_do_not_hold_an_agent_and_do_not_refute_either():
-    """k c = 0 for some c: reached, but not held; Lemma 1 fails, and the contract leaves it undecided."""
-    for gain in ([[1, 0], [0, 0]], [[0, 1], [-1, 0]]):
-        assert verdict(gains={1: gain}, target=[0, 0]) is UNDECIDED
+def test_a_gain_that_leaves_a_direction_free_refutes_and_a_skew_one_does_not():
+    """k c = 0 for one c on a set that hears nobody else: e_S = c is an equilibrium (theory, section 2)."""
+    for gain in ([[1, 0], [0, 0]], [[1, -1], [-1, 1]]):
+        assert verdict(gains={1: gain}, target=[0, 0]) is REFUTED
+    assert verdict(gains={1: [[1, 0], [0, 0]], 2: [[0, 0], [0, 1]]}, target=[0, 0]) is not REFUTED
+    assert verdict(gains={1: [[0, 1], [-1, 0]]}, target=[0, 0]) is UNDECIDED
+
+
+def test_a_free_direction_refutes_a_region_only_if_it_can_be_started_along():
+    free = {1: [[1, 0], [0, 0]]}
+    assert verdict(gains=free, target=[0, 0], region={"initial_states": [[-1, 1], [-1, 1]]}) is REFUTED
+    assert verdict(gains=free, target=[0, 0], region={"initial_states": [[-1, 1], [0, 0]]}) is not REFUTED
     assert verdict(gains={1: [[1, 1], [-1, 1]], 2: 1}, target=[0, 0]) is PROVED
 
 

@@ -183,6 +183,13 @@ class Oracle:
             reached |= {i for mode in modes for i, j, _ in self.modes[mode] if j in reached}
         return [i for i in range(self.n) if i not in reached]
 
+    def listened_to_from(self, agent: int) -> set[int]:
+        """The agent, whom it listens to in any mode, whom those listen to, and so on: closed by construction."""
+        found = {agent}
+        for _ in range(self.n):
+            found |= {j for arcs in self.modes.values() for i, j, _ in arcs if i in found}
+        return found
+
     def error(self, W: Rows) -> Rows:
         assert self.A is not None and self.C is not None
         return plus(self.A, times(-1, dot(W, self.C)))
@@ -233,14 +240,15 @@ class Oracle:
         goals = {i: numbers([self.document["target"]])[0] for i in range(self.n)}
         for i, offset in self.document["offsets"]:
             goals[i] = [x + y for x, y in zip(goals[i], numbers([offset])[0], strict=True)]
-        alone = self.unreached(list(self.modes))
         pairs = [] if region is None else numbers(region["initial_states"])
-        if alone:
+        for agent in range(self.n):
+            alone = self.listened_to_from(agent)
+            gains = [self.K[i * self.m + c][i * self.m : (i + 1) * self.m] for i in alone for c in range(self.m)]
             common = [
                 (max(lo - goals[i][c] for i in alone), min(hi - goals[i][c] for i in alone))
                 for c, (lo, hi) in enumerate(pairs)
             ]
-            if region is None or (all(lo <= hi for lo, hi in common) and any(x for pair in common for x in pair)):
+            if moves_within(sp.Matrix(gains).nullspace(), common, whole=region is None):
                 return True
         quiet = region is not None and not Fraction(region["initial_disturbance"] or 0)
         if self.A is not None and self.W is not None and not quiet and not self.seen_error_decays(self.W):
@@ -406,6 +414,24 @@ class Oracle:
             return True
         square = sum((x * x for x in v), Fraction(0))
         return -Fraction(repr(check["margin"])) * square <= value + self.slack() * square
+
+
+def moves_within(free: list[sp.Matrix], box: list[tuple[Fraction, Fraction]], *, whole: bool) -> bool:
+    """Whether some c != 0 spanned by ``free`` lies in the box; of two or more free directions each is tried, or all."""
+    if whole or not free:
+        return bool(free)
+    if len(free) == len(box):
+        return all(lo <= hi for lo, hi in box) and any(x for pair in box for x in pair)
+    t = sp.Symbol("t", real=True)
+    for c in free:
+        range_ = sp.S.Reals
+        for x, (lo, hi) in zip(c, box, strict=True):
+            low, high = sp.Rational(lo.numerator, lo.denominator), sp.Rational(hi.numerator, hi.denominator)
+            range_ = range_.intersect(sp.And(low <= t * x, t * x <= high).as_set() if x else
+                                      sp.S.Reals if low <= 0 <= high else sp.S.EmptySet)  # fmt: skip
+        if range_ not in (sp.S.EmptySet, sp.FiniteSet(0)):
+            return True
+    return False
 
 
 def key(h: Any) -> tuple[str, ...]:

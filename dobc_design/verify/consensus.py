@@ -25,7 +25,7 @@ from dobc_design.verdict import Verdict
 from dobc_design.verify.check import Check, Witness
 from dobc_design.verify.linearisation import unstable_roots
 from dobc_design.verify.negative import Enclosed, find_witness, is_negative, refuted_margin
-from dobc_design.verify.network import name_agents, unheld_group
+from dobc_design.verify.network import name_agents, unheld_groups
 from dobc_design.verify.numbers import claimed, largest_proved, shorten
 
 ZERO = Fraction(0)
@@ -265,7 +265,7 @@ def _refutation(statements: Statements, vector: Vector, *, alone: Sequence[int],
         text += f" {'it' if len(labels) == 1 else 'them all alike'}."
     else:
         text = f"V = e'e does not decrease in a direction carried by {name_agents(heavy_agents(statements, vector))}"
-        if unheld_group(problem) is None:
+        if next(unheld_groups(problem), None) is None:
             text += "; larger gains, more pins or fewer one-way arcs there help."
         else:
             text += ": the gains leave a direction free that no arc holds either."

@@ -6,7 +6,7 @@ c, so consensus fails; and the indicator of S is a vector v with v' Lambda v = 0
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 
 from dobc_design.exact.matrix import Vector, identity, nullspace
 from dobc_design.spec.arcs import Arcs
@@ -36,18 +36,17 @@ def reachability_check(problem: Problem, mode: str) -> Check:
     )  # fmt: skip
 
 
-def unheld_group(problem: Problem) -> tuple[tuple[int, ...], tuple[Vector, ...]] | None:
-    """A set S of agents that listens to nobody outside it in any mode, and directions c != 0 with k_i c = 0 on S.
+def unheld_groups(problem: Problem) -> Iterator[tuple[tuple[int, ...], tuple[Vector, ...]]]:
+    """Smallest sets S of agents that listen to nobody outside in any mode, with directions c != 0, k_i c = 0 on S.
 
-    Then e_S = c, eps = 0 is an equilibrium whatever the others do.  None if every such set is held.
-    With scalar gains this is a set without a pin, and every direction is free.
+    Then e_S = c, eps = 0 is an equilibrium whatever the others do.  With scalar gains such a set is one
+    without a pin, and every direction is free.
     """
     for group in closed_groups(problem, problem.network.modes.values()):
         gains = [problem.pinning.gains[i] for i in group if i in problem.pinning.gains]
         free = nullspace(tuple(row for gain in gains for row in gain)) if gains else identity(problem.m)
         if free:
-            return group, free
-    return None
+            yield group, free
 
 
 def cure_in_words(problem: Problem, arcs: Sequence[Arcs]) -> str:

@@ -11,13 +11,13 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
 
-from dobc_design.exact.matrix import Matrix, Vector, identity
+from dobc_design.exact.matrix import Matrix, Vector
 from dobc_design.exact.number import number_text
 from dobc_design.spec.problem import Problem
-from dobc_design.spec.reaching import closed_groups, unreached_in_union
+from dobc_design.spec.reaching import unreached_in_union
 from dobc_design.verdict import Verdict
 from dobc_design.verify.check import CONSENSUS_IDS, Check
-from dobc_design.verify.network import cure_in_words, name_agents, unheld_group
+from dobc_design.verify.network import cure_in_words, name_agents, unheld_groups
 from dobc_design.verify.numbers import claimed, shorten
 from dobc_design.verify.observer import observable_part_is_hurwitz
 
@@ -122,13 +122,12 @@ def _refuted_reason(problem: Problem, checks: Sequence[Check], W: Matrix | None)
 
 def _apart_reason(problem: Problem) -> str | None:
     """Agents that stay away from the target when they are moved away together, if the region lets them start so."""
-    unheld = unheld_group(problem)
-    if unheld is None:
-        return None
     labels = problem.network.labels
     apart = unreached_in_union(problem)
-    for group in closed_groups(problem, problem.network.modes.values()) if apart else ():
-        if set(group) <= set(apart) and _start_apart_exists(problem, group, identity(problem.m)):
+    for group, free in unheld_groups(problem):
+        if not _start_apart_exists(problem, group, free):
+            continue
+        if set(group) <= set(apart):
             who = name_agents(tuple(labels[i] for i in apart))
             pins = f"no pinned agent reaches {who}"
             if not problem.pinning.agents:
@@ -137,8 +136,6 @@ def _apart_reason(problem: Problem) -> str | None:
                 f"Consensus fails: {pins}, in any mode. Moved away from the target together, they stay there."
                 f" {cure_in_words(problem, list(problem.network.modes.values()))}"
             )
-    group, free = unheld
-    if _start_apart_exists(problem, group, free):
         direction = ", ".join(number_text(x) for x in free[0])
         return (
             f"Consensus fails: the gains of {name_agents(tuple(labels[i] for i in group))} leave the direction"

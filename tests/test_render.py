@@ -6,7 +6,7 @@ from fractions import Fraction
 
 import pytest
 
-from dobc_design._render import latex_matrix, latex_number, significant, significant_towards_zero
+from dobc_design._render import latex_matrix, latex_number, latex_text, mathml, significant, significant_towards_zero
 
 
 @pytest.mark.parametrize(
@@ -39,3 +39,10 @@ def test_a_certified_number_is_never_shown_larger_than_it_is():
 def test_a_matrix_larger_than_twelve_is_not_shown():
     assert latex_matrix(((Fraction(1),) * 13,)) is None
     assert latex_matrix(((Fraction(1), Fraction(1, 2)),)) == r"\begin{pmatrix} 1 & \frac{1}{2} \end{pmatrix}"
+
+
+def test_user_text_is_escaped_for_latex():
+    assert latex_text("uav-1") == r"\text{uav-1}"
+    assert latex_text("a_b}") == r"\text{a}\_ \text{b}\}"
+    assert latex_text("\\input") == r"\backslash \text{input}"
+    assert "<b>" not in mathml(latex_text("<b>"))

@@ -11,7 +11,10 @@ Importing this package loads no solver: names are resolved when they are first u
 from __future__ import annotations
 
 from importlib import import_module
-from typing import TYPE_CHECKING, Any
+
+TYPE_CHECKING = False  # typing takes longer to import than this package
+if TYPE_CHECKING:
+    from typing import Any
 
 __version__ = "0.1.0"
 
@@ -19,30 +22,48 @@ _HOMES = {
     "Analysis": "analysis.analysis",
     "Certificate": "certificate.certificate",
     "Check": "verify.check",
+    "Cone": "spec.spectral_regions",
     "Coupling": "spec.coupling",
+    "Disk": "spec.spectral_regions",
+    "Ensemble": "simulate.ensemble",
     "Exosystem": "spec.exosystem",
+    "Fixed": "simulate.signals",
+    "HalfPlane": "spec.spectral_regions",
+    "Markov": "simulate.signals",
+    "Mobile": "simulate.mobile",
     "Model": "model.model",
     "Network": "spec.network",
+    "NoiseLimit": "spec.observer_request",
     "Observer": "spec.observer",
+    "ObserverDesign": "verify.observer_design",
+    "Periodic": "simulate.signals",
     "Pinning": "spec.pinning",
     "Problem": "spec.problem",
+    "RandomDwell": "simulate.signals",
     "Region": "spec.region",
+    "Schedule": "simulate.signals",
     "Trajectory": "simulate.trajectory",
     "Verdict": "verdict",
+    "Waypoints": "simulate.mobile",
     "analyse": "workflow",
     "build_model": "workflow",
     "certify": "workflow",
+    "design_observer": "workflow",
     "exact": "exact",
+    "exosystems": "spec.exosystems",
     "load_problem": "spec.load",
+    "load_trajectory": "simulate.storage",
     "simulate": "workflow",
     "verify": "workflow",
     "write_report": "workflow",
 }
 
 __all__ = [
-    "Analysis", "Certificate", "Check", "Coupling", "Exosystem", "Model", "Network", "Observer", "Pinning", "Problem",
-    "Region", "Trajectory", "Verdict", "__version__", "analyse", "build_model", "certify", "exact", "load_problem",
-    "simulate", "verify", "write_report",
+    "Analysis", "Certificate", "Check", "Cone", "Coupling", "Disk", "Ensemble", "Exosystem", "Fixed", "HalfPlane",
+    "Markov", "Mobile", "Model", "Network", "NoiseLimit", "Observer", "ObserverDesign", "Periodic", "Pinning",
+    "Problem", "RandomDwell", "Region", "Schedule", "Trajectory", "Verdict", "Waypoints", "__version__", "analyse",
+    "build_model", "certify", "design_observer", "exact", "exosystems", "load_problem", "load_trajectory", "simulate",
+    "verify", "write_report",
 ]  # fmt: skip
 
 # Two rooms carry the names of public functions.  Loading them here, once, and dropping the names keeps
@@ -56,18 +77,26 @@ if TYPE_CHECKING:
     from dobc_design.analysis.analysis import Analysis
     from dobc_design.certificate.certificate import Certificate
     from dobc_design.model.model import Model
+    from dobc_design.simulate.ensemble import Ensemble
+    from dobc_design.simulate.mobile import Mobile, Waypoints
+    from dobc_design.simulate.signals import Fixed, Markov, Periodic, RandomDwell, Schedule
+    from dobc_design.simulate.storage import load_trajectory
     from dobc_design.simulate.trajectory import Trajectory
+    from dobc_design.spec import exosystems
     from dobc_design.spec.coupling import Coupling
     from dobc_design.spec.exosystem import Exosystem
     from dobc_design.spec.load import load_problem
     from dobc_design.spec.network import Network
     from dobc_design.spec.observer import Observer
+    from dobc_design.spec.observer_request import NoiseLimit
     from dobc_design.spec.pinning import Pinning
     from dobc_design.spec.problem import Problem
     from dobc_design.spec.region import Region
+    from dobc_design.spec.spectral_regions import Cone, Disk, HalfPlane
     from dobc_design.verdict import Verdict
     from dobc_design.verify.check import Check
-    from dobc_design.workflow import analyse, build_model, certify, simulate, verify, write_report
+    from dobc_design.verify.observer_design import ObserverDesign
+    from dobc_design.workflow import analyse, build_model, certify, design_observer, simulate, verify, write_report
 
 
 def __getattr__(name: str) -> Any:
@@ -75,7 +104,7 @@ def __getattr__(name: str) -> Any:
     if home is None:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
     module = import_module(f"{__name__}.{home}")
-    value = module if home == name else getattr(module, name)
+    value = module if home.rpartition(".")[2] == name else getattr(module, name)
     globals()[name] = value
     return value
 

@@ -6,17 +6,20 @@ Exit codes: 0 proved or done, 1 refuted, 3 undecided, 2 the caller's mistake, 4 
 
 from __future__ import annotations
 
+import errno
 import io
 import json
 import os
 import shlex
 import sys
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, NoReturn
 
 import typer
 
+from dobc_design._signals import SENTENCE, answer_begins
 from dobc_design.errors import CertificateError, DobcError, SpecError
 
 if TYPE_CHECKING:
@@ -32,6 +35,7 @@ app = typer.Typer(
 
 EXIT = {"proved": 0, "refuted": 1, "undecided": 3}
 MISTAKE, MACHINE, INTERRUPTED = 2, 4, 130
+_NO_ROOM = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO, errno.EBADF, errno.EPIPE)
 COLOURS = {"proved": "bold green", "refuted": "bold red", "undecided": "bold yellow"}
 WIDE = 120  # columns from which reasons stand beside the verdicts
 PIPED = 160  # columns of output that no terminal limits
@@ -88,13 +92,36 @@ def check(
         _check_target(canonical, force=force, key="--canonical")
     problem = load_problem(file)
     if canonical is not None:
-        _write_canonical(canonical, canonical_bytes(problem))
+        _write_file(canonical, canonical_bytes(problem), key="--canonical")
     if as_json:
         written = None if canonical is None else str(canonical)
         sha256 = problem_sha256(problem)
         _print_json({"valid": True, **facts(problem), "problem_sha256": sha256, "canonical": written})
         return
     _say(describe(problem))
+
+
+def _cured_file(certificate: Certificate, source: str, target: Path) -> bytes:
+    """The bytes of the cured problem.  Raises SpecError when there is nothing to cure, or no cure."""
+    from dobc_design.spec.load import source_text
+    from dobc_design.spec.toml_writing import changed_file
+    from dobc_design.verify.check import main_fix
+
+    fix = main_fix(certificate.checks)
+    if target.suffix.lower() != ".toml":
+        raise SpecError(
+            f"--apply-fix must name a .toml file; got {str(target)!r}.",
+            key="--apply-fix",
+            cure=f"For example {target.with_suffix('.toml').name}.",
+        )
+    if fix is None:
+        if certificate.verdict.value == "proved":
+            message, cure = "there is nothing to cure: everything asked for is proved.", "Leave --apply-fix out."
+        else:
+            message, cure = "no cure is known for this problem.", "The reasons of the checks say what fails."
+        raise SpecError(message, key="--apply-fix", cure=cure)
+    text = changed_file(certificate.problem, fix.set, text=source_text(source), folder=target.resolve().parent)
+    return text.encode("utf-8")
 
 
 def _check_target(path: Path, *, force: bool, key: str) -> None:
@@ -111,13 +138,13 @@ def _refuse_option(path: Path, *, key: str) -> None:
         raise SpecError(f"{key} needs a value before {str(path)!r}.", key=key, cure=f"A path of that name is ./{path}.")
 
 
-def _write_canonical(path: Path, data: bytes) -> None:
+def _write_file(path: Path, data: bytes, *, key: str) -> None:
     from dobc_design.certificate.files import write_atomically
 
     try:
         write_atomically(path, data)
     except CertificateError as error:
-        raise CertificateError(error.message, key="--canonical", cure="Choose another place.") from error
+        raise CertificateError(error.message, key=key, cure="Choose another place.") from error
 
 
 @app.command()
@@ -127,36 +154,52 @@ def certify(
     everything: Annotated[bool, typer.Option("--all", help="Run every condition, also when one suffices.")] = False,
     theorem: Annotated[str | None, typer.Option(help="Show and judge only this condition, e.g. lemma1.")] = None,
     report: Annotated[bool, typer.Option("--report/--no-report", help="Write report.html and report.md.")] = True,
+    apply_fix: Annotated[
+        Path | None, typer.Option("--apply-fix", help="Write the cured problem here, a new .toml file.")
+    ] = None,
+    force: Annotated[bool, typer.Option("--force", help="Overwrite the file of --apply-fix.")] = False,
     as_json: Json = False,
 ) -> None:
     """Decide every condition exactly; write certificate.json, problem.json and the report."""
     from dobc_design.spec.load import load_problem
     from dobc_design.verify.check import CHECK_IDS
+    from dobc_design.workflow import PAGE, render_report
     from dobc_design.workflow import certify as run
-    from dobc_design.workflow import write_report
 
     if theorem is not None and theorem not in CHECK_IDS:
         raise SpecError(f"{theorem!r} is not known.", key="--theorem", cure=f"One of {', '.join(CHECK_IDS)}.")
     if out is not None:
         _refuse_option(out, key="--out")
+    if apply_fix is not None:
+        _check_target(apply_fix, force=force, key="--apply-fix")
     problem = load_problem(file)
     folder = out if out is not None else Path(f"{_folder_name(problem.name)}-certificate")
-    if folder.exists() and not folder.is_dir():
+    if os.path.lexists(folder) and not folder.is_dir():  # a link to nowhere counts
         raise SpecError(f"{str(folder)!r} is not a folder.", key="--out", cure="Choose another with --out.")
     with _Progress() as progress:
         certificate = run(problem, progress=progress)
-        written = certificate.save(folder)
-        page = None
-        if report:
-            page = write_report(certificate, folder, progress=progress)
+        cured = None if apply_fix is None else _cured_file(certificate, file, apply_fix)
+        try:
+            pages = render_report(certificate, progress=progress) if report else {}
+        except Exception:
+            certificate.save(folder)  # the proof outlives its picture
+            raise
+        written = certificate.save(folder, beside=pages)
+    page = folder / PAGE if pages else None
+    if apply_fix is not None and cured is not None:
+        _write_file(apply_fix, cured, key="--apply-fix")
     if as_json:
         document = _certificate_json(certificate, written[0], page)
+        if apply_fix is not None:
+            document["applied"] = str(apply_fix)
         _print_json(document if theorem is None else document | _one_condition(certificate, theorem))
     else:
-        console = _console()
-        _show_certificate(console, certificate, theorem)
+        with _answering():
+            _show_certificate(_console(), certificate, theorem, file=None if apply_fix else file)
         _say(f"\ncertificate  {written[0]}\nproblem      {written[1]}" + (f"\nreport       {page}" if page else ""))
         _say(f"re-check     {shlex.join(['dobc', 'verify', str(written[0]), '--problem', file])}")
+        if apply_fix is not None:
+            _say(f"cured        {apply_fix}\ncertify it   {shlex.join(['dobc', 'certify', str(apply_fix)])}")
     verdict = certificate.verdict.value if theorem is None else _one_condition(certificate, theorem)["verdict"]
     raise typer.Exit(EXIT[verdict])
 
@@ -183,11 +226,40 @@ def verify(
             {
                 "holds": found.holds, "verdict": found.verdict.value,
                 "confirmed": list(found.confirmed), "failures": list(found.failures),
+                "lone_checker": found.lone_checker,
             }
         )  # fmt: skip
     else:
         _say(str(found))
     raise typer.Exit(0 if found.holds else 1)
+
+
+@app.command()
+def simulate(
+    file: File,
+    runs: Annotated[int | None, typer.Option(help="How many runs, with the seeds S, S + 1, ...")] = None,
+    seed: Annotated[int | None, typer.Option(help="Seed of starts and switches; default the problem's.")] = None,
+    t_final: Annotated[float | None, typer.Option("--t-final", help="Horizon in s; default the problem's.")] = None,
+    mode: Annotated[str | None, typer.Option(help="Stay in this mode, whatever [switching] says.")] = None,
+    start: Annotated[str | None, typer.Option(help="Start from a CSV or .npz file.")] = None,
+    out: Annotated[Path | None, typer.Option(help="Folder for the arrays (.npz) and summary.json.")] = None,
+    force: Annotated[bool, typer.Option("--force", help="Overwrite files in --out.")] = False,
+    as_json: Json = False,
+) -> None:
+    """Simulate runs of the closed loop; a run that diverges is an answer and leaves with 0, too."""
+    from dobc_design.cli_simulate import run_simulation
+
+    if out is not None:
+        _refuse_option(out, key="--out")
+    with _Progress() as progress:
+        answer = run_simulation(
+            file, runs=runs, seed=seed, t_final=t_final, mode=mode, start=start, out=out, force=force,
+            progress=progress,
+        )  # fmt: skip
+    if as_json:
+        _print_json(answer.document)
+    else:
+        _say(answer.text)
 
 
 @app.command()
@@ -222,13 +294,14 @@ def export(
 
 
 def _read_certificate(certificate: Path) -> bytes:
+    from dobc_design.certificate.text import MAX_BYTES
+    from dobc_design.spec.toml_text import read_bytes
+
     path = certificate / "certificate.json" if certificate.is_dir() else certificate
     try:
-        return path.read_bytes()
-    except OSError as error:
-        raise SpecError(
-            f"{str(path)!r} cannot be read: {error.strerror or error}.", key="certificate", cure="Check the path."
-        ) from error
+        return read_bytes(path, limit=MAX_BYTES, what="certificate")
+    except SpecError as error:
+        raise SpecError(error.message, key="certificate", cure=error.cure) from error
 
 
 @app.command()
@@ -278,16 +351,36 @@ def main(arguments: Sequence[str] | None = None) -> NoReturn:
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper):
             stream.reconfigure(encoding="utf-8", errors="backslashreplace")
-    as_json = "--json" in given
     try:
-        code = _guarded(lambda: app(args=given, prog_name="dobc", standalone_mode=False), as_json=as_json)
-        if sys.stdout is not None:
-            sys.stdout.flush()
-    except OSError as error:  # nobody reads standard output, or there is no room for it
+        if sys.stdout is None:
+            raise _NoOutput("it is closed")
+        code = _guarded(lambda: app(args=given, prog_name="dobc", standalone_mode=False), as_json="--json" in given)
+        sys.stdout.flush()
+    except (_NoOutput, OSError) as error:  # nobody reads standard output, or there is no room for it
         _abandon_output()
-        _complain(f"error: standard output cannot be written: {error.strerror or error}.")
+        _complain(
+            f"error: standard output cannot be written: {getattr(error, 'strerror', None) or error}.\n"
+            "       Send it to a file that has room, or to /dev/null; the exit code alone is no answer now."
+        )
         code = MACHINE
     sys.exit(code)
+
+
+class _NoOutput(Exception):
+    """Standard output cannot be written; the text says why."""
+
+
+@contextmanager
+def _answering() -> Iterator[None]:
+    """Wrap what writes to standard output."""
+    answer_begins()
+    try:
+        yield
+        sys.stdout.flush()
+    except OSError as error:
+        raise _NoOutput(error.strerror or str(error)) from error
+    except SystemExit as error:  # rich's way of saying that nobody reads it
+        raise _NoOutput("nobody reads it") from error
 
 
 def _guarded(run: Callable[[], Any], *, as_json: bool) -> int:
@@ -296,7 +389,6 @@ def _guarded(run: Callable[[], Any], *, as_json: bool) -> int:
     def fail(kind: str, message: str, cure: str | None, code: int) -> int:
         return _fail(kind, None, message, cure, code, as_json=as_json)
 
-    interrupted = "Interrupted; no file was left half written."
     try:
         code = run()
     except TyperException as error:  # a wrong option or a missing argument
@@ -308,14 +400,19 @@ def _guarded(run: Callable[[], Any], *, as_json: bool) -> int:
     except DobcError as error:
         return _fail_with(error, MACHINE, as_json=as_json)
     except KeyboardInterrupt:
-        return fail("interrupted", interrupted, None, INTERRUPTED)
-    except SystemExit as error:  # typer's way of saying that nobody reads standard output
-        raise BrokenPipeError("nobody reads it") from error
+        return fail("interrupted", SENTENCE, None, INTERRUPTED)
+    except SystemExit as error:  # help, too, goes to standard output
+        raise _NoOutput("nobody reads it") from error
+    except _NoOutput:
+        raise
     except MemoryError:
         return fail("memory", "The machine ran out of memory.", "Try a smaller problem.", MACHINE)
     except OSError as error:
-        name = "" if error.filename is None else f" ({error.filename})"
-        return fail("io", f"{error.strerror or error}{name}.", "Check disk, paths and permissions.", MACHINE)
+        if error.filename is None and error.errno in _NO_ROOM:  # typer's own output; our files are named
+            raise _NoOutput(error.strerror) from error
+        place = None if error.filename is None else str(error.filename)
+        message = f"{error.strerror or error}{'' if place is None else f' ({place})'}."
+        return _fail("io", place, message, "Check disk, paths and permissions.", MACHINE, as_json=as_json)
     except Exception as error:  # noqa: BLE001 - the last line of defence: no traceback reaches a user
         if os.environ.get("DOBC_TRACEBACK"):
             import traceback
@@ -324,7 +421,7 @@ def _guarded(run: Callable[[], Any], *, as_json: bool) -> int:
         text = f"Internal error ({type(error).__name__}: {str(error)[:200]})."
         return fail("internal", text, "Set DOBC_TRACEBACK=1 to see where, and report it.", MACHINE)
     if code == INTERRUPTED:  # typer turns the interrupt into this
-        return fail("interrupted", interrupted, None, INTERRUPTED)
+        return fail("interrupted", SENTENCE, None, INTERRUPTED)
     return code if isinstance(code, int) else 0
 
 
@@ -366,7 +463,10 @@ def _complain(text: str) -> None:
     """Write to standard error; control characters become escapes."""
     from dobc_design.spec.tokens import visible
 
-    typer.echo("\n".join(visible(line) for line in text.split("\n")), err=True)
+    try:
+        typer.echo("\n".join(visible(line) for line in text.split("\n")), err=True)
+    except (OSError, ValueError):  # full or closed: the exit code still says it
+        return
 
 
 def _one_condition(certificate: Certificate, theorem: str) -> dict[str, Any]:
@@ -425,8 +525,13 @@ def _console() -> Console:
     return Console(width=None if limited else PIPED, highlight=False)
 
 
-def _show_certificate(console: Console, certificate: Certificate, theorem: str | None) -> None:
-    """The verdict, the checks with their reasons, and what would help.  Text of the user is shown as it is."""
+def _show_certificate(
+    console: Console, certificate: Certificate, theorem: str | None, *, file: str | None = None
+) -> None:
+    """The verdict, the checks with their reasons, and what would cure it.  Text of the user is shown as it is.
+
+    ``file``: what the problem was read from, for the command that writes the cured one.
+    """
     import textwrap
 
     from rich.text import Text
@@ -448,10 +553,36 @@ def _show_certificate(console: Console, certificate: Certificate, theorem: str |
             console.print(Text(each.title, style="bold"))
             lines = textwrap.wrap(each.reason, console.width, initial_indent="  ", subsequent_indent="  ")
             console.print(Text("\n".join(lines)))
-    fixes = dict.fromkeys(_fix(each) for each in checks if each.fix is not None)
-    remarks = [f"What would help: {fix}" for fix in fixes] + [f"Note: {note}" for note in certificate.claims.notes]
-    if remarks:
-        console.print(Text("\n" + "\n".join(remarks)), soft_wrap=console.width == PIPED)
+    _show_cures(console, checks, file=file, name=certificate.problem.name)
+    for place, note in enumerate(certificate.claims.notes):
+        console.print(Text(f"{'' if place else chr(10)}Note: {note}"), soft_wrap=console.width == PIPED)
+
+
+def _show_cures(console: Console, checks: Sequence[Check], *, file: str | None, name: str) -> None:
+    """What would cure what failed: in words, as lines of the problem file, and the command that writes them."""
+    import textwrap
+
+    from rich.text import Text
+
+    from dobc_design.spec.typed import change_lines
+    from dobc_design.verify.check import main_cure, other_cures
+
+    main = main_cure(checks)
+    for each in [*([] if main is None else [main]), *other_cures(checks)]:
+        if each.fix is None:
+            continue
+        whole = each.id in ("theorem1", "theorem2", "lemma1")
+        head = "What would cure it:" if whole else f"What would cure {each.id}:"
+        if each.verdict.value != "refuted" or each.id == "observability":
+            head = f"What would help {each.id}:"
+        lines = [f"{head} {each.fix.text}"]
+        if console.width != PIPED:
+            lines = textwrap.wrap(lines[0], console.width, subsequent_indent="  ")
+        console.print()
+        console.print(Text("\n".join(lines + [f"    {line}" for line in change_lines(each.fix.set)])), soft_wrap=True)
+        if each is main and file is not None:
+            command = shlex.join(["dobc", "certify", file, "--apply-fix", f"{_folder_name(name)}-cured.toml"])
+            console.print(Text(f"  To write the cured problem to a new file:\n    {command}"), soft_wrap=True)
 
 
 def _table(checks: Sequence[Check], *, reasons: bool) -> Any:
@@ -477,14 +608,6 @@ def _table(checks: Sequence[Check], *, reasons: bool) -> Any:
     return table
 
 
-def _fix(check: Check) -> str:
-    """The remedy in a sentence, then the lines for the problem file."""
-    if check.fix is None:
-        return ""
-    keys = ((key, value) for key, value in check.fix.set.items() if value is not None)
-    return check.fix.text + "".join(f"\n    {key} = {json.dumps(value, ensure_ascii=False)}" for key, value in keys)
-
-
 class _Progress:
     """Names the current stage on standard error when it is a terminal; silent otherwise."""
 
@@ -492,7 +615,7 @@ class _Progress:
         self.status: Any = None
 
     def __enter__(self) -> Callable[[str], None]:
-        if sys.stderr.isatty():
+        if sys.stderr is not None and sys.stderr.isatty():
             from rich.console import Console
 
             self.status = Console(stderr=True).status("starting")
@@ -516,11 +639,12 @@ def _folder_name(name: str) -> str:
 
 
 def _print_json(document: Any) -> None:
-    typer.echo(json.dumps(document, ensure_ascii=False, indent=2, allow_nan=False))
+    _say(json.dumps(document, ensure_ascii=False, indent=2, allow_nan=False))
 
 
 def _say(text: str) -> None:
-    typer.echo(text)
+    with _answering():
+        typer.echo(text)
 
 
 if __name__ == "__main__":

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import json
 import os
+import re
 import subprocess
 import sys
 import tomllib
@@ -223,12 +224,10 @@ def test_one_theorem_alone_can_be_judged(dobc, theorem, code, verdict):
 
 
 def test_a_report_is_written_unless_it_is_not_wanted(dobc, monkeypatch):
-    def write_report(certificate, folder, *, progress=None):
-        page = Path(folder) / "report.html"
-        page.write_text("<p>report</p>", encoding="utf-8")
-        return page
+    def render_report(certificate, *, progress=None):
+        return {"report.html": b"<p>report</p>"}
 
-    monkeypatch.setattr("dobc_design.workflow.write_report", write_report)
+    monkeypatch.setattr("dobc_design.workflow.render_report", render_report)
     ran = dobc("certify", "paper-fixed", "--json")
     assert Path(ran.json["report"]).read_text(encoding="utf-8") == "<p>report</p>"
     assert "report       " in dobc("certify", "paper-fixed").out
@@ -639,8 +638,8 @@ def test_what_would_help_and_what_is_assumed_are_shown(dobc):
     document = tomllib.loads(UNDETECTABLE)
     del document["observer"], document["region"], document["simulation"]
     out = dobc("certify", write(tomlkit.dumps(document)), "--no-report").out
-    assert "What would help: Use the observable part of the exosystem" in out
-    assert '    exosystem.C = [["1", "0"]]\n' in out
+    assert "What would cure it: Use the observable part of the exosystem" in out
+    assert "    C = [[1, 0]]\n" in out
     assert "Note: Stand-in: agents 1 and 6 are pinned" in dobc("certify", "paper-fixed", "--no-report").out
 
 
@@ -667,7 +666,7 @@ def test_the_line_to_check_again_can_be_pasted_into_a_shell(dobc):
 
 def start(*arguments: str, **options: Any) -> subprocess.CompletedProcess[str]:
     return subprocess.run(
-        [sys.executable, "-m", "dobc_design.cli", *arguments],
+        [sys.executable, "-m", "dobc_design", *arguments],
         capture_output="stdout" not in options, text=True, encoding="utf-8", timeout=120, check=False, **options,
     )
 
@@ -716,7 +715,7 @@ def test_a_full_standard_output_is_the_machines_failure(tmp_path):
     with Path("/dev/full").open("w", encoding="utf-8") as full:
         ran = start("problems", cwd=tmp_path, stdout=full, stderr=subprocess.PIPE)
     assert ran.returncode == 4
-    assert "error: No space left on device." in ran.stderr
+    assert "error: standard output cannot be written: No space left on device." in ran.stderr
     assert "Traceback" not in ran.stderr
 
 
@@ -768,3 +767,65 @@ def test_the_cure_of_an_undetectable_pair_projects_what_belongs_to_the_old_state
     again = dobc("certify", write(tomlkit.dumps(document)), "--no-report", "--json")
     assert again.code == 0
     assert len(document["simulation"]["xi0"]) == 2
+
+
+def test_a_cure_is_told_at_the_end_and_written_to_a_new_file(dobc):
+    wrong = "# kept\n" + CHAIN.replace("{ 3 = 5 }", "{ 1 = 5 }")
+    source = write(wrong)
+    ran = dobc("certify", source, "--no-report")
+    assert ran.code == 1
+    cure = ran.out[ran.out.index("What would cure it:") :]
+    assert cure.startswith("What would cure it: Pin agent 3 as well, with k = ")
+    assert "    [pinning]\n    gains = { 1 = 5, 3 = " in cure
+    assert "--apply-fix" in cure
+    ran = dobc("certify", source, "--no-report", "--apply-fix", "cured.toml")
+    assert ran.code == 1
+    assert ran.out.endswith("cured        cured.toml\ncertify it   dobc certify cured.toml\n")
+    text = Path("cured.toml").read_text(encoding="utf-8")
+    assert text.startswith("# kept\n")
+    assert dobc("certify", "cured.toml", "--no-report").code == 0
+
+
+def test_json_holds_the_fix_and_the_name_of_the_cured_file(dobc):
+    ran = dobc("certify", write(CHAIN.replace("{ 3 = 5 }", "{ 1 = 5 }")), "--no-report", "--json")
+    fix = checks(ran)["theorem1" if "theorem1" in checks(ran) else "lemma1"]["fix"]
+    assert fix["kind"] == "pinning"
+    assert list(fix["set"]) == ["pinning.gains"]
+    assert "applied" not in ran.json
+    again = dobc("certify", "problem.toml", "--no-report", "--json", "--apply-fix", "cured.toml")
+    assert again.json["applied"] == "cured.toml"
+    assert again.json["checks"] == ran.json["checks"]
+
+
+@pytest.mark.parametrize(
+    ("file", "target", "words"),
+    [
+        ("paper-fixed-cured", "new.toml", "nothing to cure"),
+        ("wrong", "new.json", "must name a .toml file"),
+        ("wrong", "there.toml", "exists already"),
+        ("wrong", "folder", "is a folder"),
+        ("kinks", "new.toml", "no cure is known"),
+    ],
+)
+def test_a_cure_that_cannot_be_written_is_one_clear_error_and_nothing_is_written(dobc, file, target, words):
+    proved = CHAIN if file == "paper-fixed-cured" else CHAIN.replace("{ 3 = 5 }", "{ 1 = 5 }")
+    if file == "kinks":
+        proved = re.sub(r"h = .*", 'h = "clip(y, -1, 1)"', proved)
+    source = write(proved)
+    Path("there.toml").write_text("old", encoding="utf-8")
+    Path("folder").mkdir()
+    before = listing(Path())
+    ran = dobc("certify", source, "--no-report", "--json", "--apply-fix", target)
+    assert (ran.code, ran.json["error"]["key"]) == (2, "--apply-fix")
+    assert words in ran.json["error"]["message"]
+    assert listing(Path()) == before
+    assert Path("there.toml").read_text(encoding="utf-8") == "old"
+
+
+def test_force_replaces_the_cured_file_and_a_json_problem_becomes_a_toml_one(dobc):
+    source = write(CHAIN.replace("{ 3 = 5 }", "{ 1 = 5 }"))
+    dobc("certify", source, "--no-report", "--out", "out")
+    Path("cured.toml").write_text("old", encoding="utf-8")
+    ran = dobc("certify", "out/problem.json", "--no-report", "--apply-fix", "cured.toml", "--force")
+    assert ran.code == 1
+    assert dobc("certify", "cured.toml", "--no-report").code == 0

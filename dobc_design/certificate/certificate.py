@@ -5,12 +5,13 @@ It carries no time stamp, so that the same input and versions give the same byte
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
 from dobc_design._render import escape_html, latex_text
 from dobc_design.certificate.claims import Claims
-from dobc_design.certificate.files import make_folder, write_atomically
+from dobc_design.certificate.files import make_folder, write_together
 from dobc_design.certificate.text import certificate_bytes
 from dobc_design.spec.canonical import canonical_bytes
 from dobc_design.spec.problem import Problem
@@ -61,12 +62,16 @@ class Certificate:
                 return each
         raise KeyError(f"no check {id!r}; there are {', '.join(dict.fromkeys(c.id for c in self.checks))}")
 
-    def save(self, folder: str | Path) -> tuple[Path, Path]:
-        """Write certificate.json and problem.json into ``folder`` (made if absent), each atomically."""
+    def save(self, folder: str | Path, *, beside: Mapping[str, bytes] | None = None) -> tuple[Path, Path]:
+        """Write certificate.json and problem.json into ``folder`` (made if absent), replacing older ones.
+
+        ``beside``: more files of the same run by name, such as its report; all are replaced together.
+        Returns: the two paths.  Raises: CertificateError when the machine refuses; nothing has changed then.
+        """
         target = make_folder(Path(folder))
         certificate, problem = target / "certificate.json", target / "problem.json"
-        write_atomically(problem, canonical_bytes(self.problem))
-        write_atomically(certificate, certificate_bytes(self.claims))
+        files = {problem: canonical_bytes(self.problem), certificate: certificate_bytes(self.claims)}
+        write_together(files | {target / name: data for name, data in (beside or {}).items()})
         return certificate, problem
 
     def __str__(self) -> str:

@@ -1,46 +1,136 @@
-"""Writing files so that a reader sees the old one or the new one, never a part."""
+"""Writing files so that a reader sees the old one or the new one, never a part.
+
+Every file is written under another name beside its place, flushed to disk and renamed; then the folder is
+flushed.  A kill or a power cut at any moment leaves each file old or new.  Of several files written together
+some may then be old and some new, if it falls between two renames; a certificate names the hash of its problem,
+so that such a pair is found out.  Ctrl-C and SIGTERM wait until all are renamed.
+"""
 
 from __future__ import annotations
 
+import errno
 import os
-import tempfile
+import secrets
+import time
+from collections.abc import Mapping
 from pathlib import Path
 
+from dobc_design._signals import Postponed
 from dobc_design.errors import CertificateError
+
+STALE = 3600.0  # seconds after which a temporary file belongs to nobody; no write takes so long
+_LONGEST_NAME = 40  # characters of the file's own name in that of its temporary file; systems allow 255 bytes
+_SUFFIX = ".dobc-tmp"
+_CURES = {
+    errno.ENOSPC: "Free some space there, or choose another folder with --out.",
+    errno.EDQUOT: "Free some space there, or choose another folder with --out.",
+    errno.EFBIG: "Raise the limit on the size of files, or choose another folder with --out.",
+    errno.EISDIR: "Move that folder away, or choose another with --out.",
+}
 
 
 def write_atomically(path: Path, data: bytes) -> None:
-    """Replace ``path`` by ``data``: temporary file beside it, flushed to disk, renamed.
+    """Replace ``path`` by ``data``.  Raises CertificateError when the machine refuses."""
+    write_together({path: data})
 
-    Raises: CertificateError when the machine refuses (full disk, read-only folder).
+
+def write_together(files: Mapping[Path, bytes]) -> None:
+    """Replace several files, in this order, once all of them are on the disk.
+
+    Raises: CertificateError when the machine refuses (full disk, read-only folder); all files are then as before.
     """
-    temporary = None
+    path = Path()
     try:
-        descriptor, temporary = tempfile.mkstemp(prefix=f".{path.name}.", dir=path.parent)
+        with Postponed(), _Staged() as staged:
+            for path, data in files.items():
+                if path.is_dir():
+                    raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR))
+                _remove_stale(path)
+                staged.write(path, data)
+            for path in files:
+                staged.rename(path)
+            for folder in dict.fromkeys(path.parent for path in files):
+                _flush_folder(folder)
+    except (OSError, ValueError) as error:  # ValueError: a NUL in the name
+        reason, number = getattr(error, "strerror", None) or error, getattr(error, "errno", None)
+        raise CertificateError(
+            f"{path.name} cannot be written: {reason}.", key=str(path),
+            cure=_CURES.get(number or 0, "Choose another folder with --out."),
+        ) from error  # fmt: skip
+
+
+class _Staged:
+    """Complete files under other names beside their places; what is not renamed is removed at the end."""
+
+    def __init__(self) -> None:
+        self.names: dict[Path, str] = {}
+
+    def __enter__(self) -> _Staged:
+        return self
+
+    def write(self, path: Path, data: bytes) -> None:
+        """Write the file that is to take the place of ``path``, down to the disk."""
+        self.names[path] = name = str(path.parent / f"{_prefix(path)}{secrets.token_hex(8)}{_SUFFIX}")
+        # Not tempfile: its files are for the owner's eyes only, and these get the permissions of any new file.
+        descriptor = os.open(name, os.O_WRONLY | os.O_CREAT | os.O_EXCL | getattr(os, "O_BINARY", 0), 0o666)
         with os.fdopen(descriptor, "wb") as stream:
             stream.write(data)
             stream.flush()
             os.fsync(stream.fileno())
-        os.chmod(temporary, 0o644)
-        os.replace(temporary, path)
-        temporary = None
-    except OSError as error:
-        raise CertificateError(
-            f"{path.name} cannot be written: {error.strerror or error}.", key=str(path),
-            cure="Choose another folder with --out.",
-        ) from error  # fmt: skip
-    finally:
-        if temporary is not None and os.path.exists(temporary):
-            os.unlink(temporary)
+
+    def rename(self, path: Path) -> None:
+        """Put the file in its place."""
+        os.replace(self.names[path], path)
+
+    def __exit__(self, *error: object) -> None:
+        for name in self.names.values():
+            _remove(name)
 
 
 def make_folder(path: Path) -> Path:
     """Make a folder if it is not there.  Raises CertificateError when that cannot be done."""
     try:
         path.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
+    except (OSError, ValueError) as error:
         raise CertificateError(
-            f"the folder {str(path)!r} cannot be made: {error.strerror or error}.", key=str(path),
+            f"the folder {str(path)!r} cannot be made: {getattr(error, 'strerror', None) or error}.", key=str(path),
             cure="Choose another with --out.",
         ) from error  # fmt: skip
     return path
+
+
+def _prefix(path: Path) -> str:
+    return f".{path.name[:_LONGEST_NAME]}."
+
+
+def _flush_folder(folder: Path) -> None:
+    """Make the renames last through a power cut, where the system lets folders be opened."""
+    try:
+        descriptor = os.open(folder, os.O_RDONLY)
+    except OSError:  # Windows, or a folder that may be written and not read
+        return
+    try:
+        os.fsync(descriptor)
+    except OSError:  # a file system without it; the files themselves are complete
+        return
+    finally:
+        os.close(descriptor)
+
+
+def _remove_stale(path: Path) -> None:
+    """Remove what writers of this file left behind that were killed long ago."""
+    try:
+        with os.scandir(path.parent) as entries:
+            for entry in entries:
+                ours = entry.name.startswith(_prefix(path)) and entry.name.endswith(_SUFFIX)
+                if ours and time.time() - entry.stat(follow_symlinks=False).st_mtime > STALE:
+                    _remove(entry.path)
+    except OSError:  # a folder that cannot be listed, or another process was faster: not worth a failure
+        return
+
+
+def _remove(name: str) -> None:
+    try:
+        os.unlink(name)
+    except OSError:  # renamed already, never made, or the disk is gone
+        return

@@ -1,26 +1,35 @@
 """Every claim of a certificate decided again, from the trusted problem and the certificate's matrices.
 
-Not checked, because no verdict depends on them: the sentences (``reason``), the notes, the program's version,
-and the advice (``fix``) of a Lemma 1 or theorem check.  Everything else has to be true.
+Two programs written apart do so: ``recheck`` with the package's own exact arithmetic, and ``checker.py``, which shares
+no line with it.  A certificate holds if both accept it; that they disagree is itself a failure.
+
+Not checked, because no verdict depends on them: the sentences (``reason``), the notes beyond those of the problem, the
+program's version, and the advice (``fix``).  Everything else has to be true.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
+from dobc_design.certificate import checker
 from dobc_design.certificate.claims import Claims
-from dobc_design.certificate.text import read_claims
+from dobc_design.certificate.text import certificate_bytes, read_claims
 from dobc_design.errors import DobcError
 from dobc_design.exact.matrix import is_symmetric, multiply
-from dobc_design.spec.canonical import problem_sha256
+from dobc_design.spec.canonical import canonical_bytes, problem_sha256
 from dobc_design.spec.problem import Problem
 from dobc_design.theorems.statements import state_theorems
 from dobc_design.verdict import Verdict
 from dobc_design.verify.check import Check
 from dobc_design.verify.confirm import Trusted, confirm, expected_checks
 from dobc_design.verify.consensus import Pair
+from dobc_design.verify.numbers import MATRIX_BITS, is_short
 from dobc_design.verify.overall import decide_overall
+
+#: Arcs of all modes together, and matrix rows, up to which ``verify`` waits for the lone checker, plain Python.
+LONE_ARCS, LONE_ROWS = 50_000, 20_000
+HOW = "python -I -S checker.py certificate.json problem.json"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -28,12 +37,13 @@ class Recheck:
     """The outcome of checking a certificate.
 
     ``holds``: every claim holds and the claimed verdict follows.  ``confirmed`` and ``failures`` list
-    the checks by title, the failures with what is wrong.
+    the checks by title, the failures with what is wrong.  ``lone_checker`` says what checker.py found.
     """
 
     verdict: Verdict
     confirmed: tuple[str, ...]
     failures: tuple[str, ...]
+    lone_checker: str = "it was not asked"
 
     @property
     def holds(self) -> bool:
@@ -45,7 +55,35 @@ class Recheck:
         rows = [f"{head}; verdict {self.verdict.value}."]
         rows += [f"  confirmed: {title}" for title in self.confirmed]
         rows += [f"  NOT confirmed: {text}" for text in self.failures]
+        rows += [f"  lone checker: {self.lone_checker}"]
         return "\n".join(rows)
+
+
+def verify_twice(certificate: Claims | bytes, problem: Problem) -> Recheck:
+    """Confirm the claims with ``recheck`` and with the lone checker; both have to accept.
+
+    Raises: CertificateError if the bytes are no certificate.
+    """
+    own = recheck(certificate, problem)
+    arcs = sum(len(mode) for mode in problem.network.modes.values())
+    if arcs > LONE_ARCS or problem.n * problem.m > LONE_ROWS:
+        return replace(own, lone_checker=f"left to you, because it takes long with {arcs} arcs: {HOW}")
+    data = certificate if isinstance(certificate, bytes) else certificate_bytes(certificate)
+    document = canonical_bytes(problem)
+    if max(len(data), len(document)) > checker.MAX_BYTES:
+        return replace(own, lone_checker=f"it reads files of at most {checker.MAX_BYTES} bytes, these are larger")
+    try:
+        refusals = [text for holds, text in checker.examine(data, document) if not holds]
+    except checker.Refused as error:
+        refusals = [f"it cannot read the files: {error}"]
+    said = f"it refuses: {refusals[0]}" if refusals else "it accepts every claim"
+    if own.holds is not bool(refusals):
+        return replace(own, lone_checker=said)
+    view = f"the package accepts, the lone checker refuses ({refusals[0]})" if refusals else (
+        "the package refuses, the lone checker accepts"
+    )  # fmt: skip
+    disagreement = f"two programs that decide the same claims disagree: {view}. One of them is wrong; please report it."
+    return replace(own, failures=(*own.failures, disagreement), lone_checker=said)
 
 
 def recheck(certificate: Claims | bytes, problem: Problem) -> Recheck:
@@ -100,6 +138,9 @@ def _matrix_failures(claims: Claims, problem: Problem) -> list[str]:
     ]
     if failures:
         return failures
+    for name, matrix in (("P", claims.P), ("W", claims.W if problem.observer.W is None else None)):
+        if matrix is not None and not is_short(matrix):
+            return [f"{name}: its entries need a common denominator of more than {MATRIX_BITS} bits"]
     own = problem.observer.W
     if own is not None and own != claims.W:
         failures.append("W: not the gain of the problem")

@@ -13,6 +13,7 @@ from dobc_design.certificate.claims import Claims
 from dobc_design.errors import CertificateError, SpecError
 from dobc_design.exact.matrix import Matrix
 from dobc_design.spec.canonical import matrix_text
+from dobc_design.spec.tokens import visible
 from dobc_design.verdict import Verdict
 from dobc_design.verify.check import check_from_json, number_or_none, require_keys
 from dobc_design.verify.numbers import read_rational
@@ -63,14 +64,15 @@ def read_claims(data: bytes) -> Claims:
         )
         if not isinstance(document, dict) or document.get("format") != FORMAT:
             raise ValueError(f'it must hold an object with "format": "{FORMAT}"')
-        if document["version"] != VERSION:
+        if type(document["version"]) is not int or document["version"] != VERSION:  # true and 1.0 equal 1
             raise ValueError(f"version {document['version']!r} is not known here (this program knows {VERSION})")
         return _claims(document)
     except SpecError as error:
-        raise CertificateError(f"the certificate cannot be read: {error}", cure="Make it again.") from None
+        said = visible(str(error)[:300])
+        raise CertificateError(f"the certificate cannot be read: {said}", cure="Make it again.") from None
     except (ValueError, KeyError, TypeError, AttributeError, RecursionError, OverflowError) as error:
         raise CertificateError(
-            f"the certificate cannot be read: {type(error).__name__}: {str(error)[:200]}.",
+            f"the certificate cannot be read: {type(error).__name__}: {visible(str(error)[:200])}.",
             cure="Make it again with `dobc certify`.",
         ) from None
 

@@ -12,9 +12,11 @@ from typing import Any
 import numpy as np
 from scipy import sparse
 
-from dobc_design.design.program import Program, Solution, assemble, is_solver_failure, without_values
+from dobc_design.design.program import FAILED, Program, Solution, assemble, is_solver_failure, without_values
 from dobc_design.exact.symmetric import SparseSymmetric
 from dobc_design.theorems.pencil import Pencil
+
+TIME_LIMITS = {"CLARABEL": "time_limit", "SCS": "time_limit_secs"}  # the option by solver, in s
 
 
 def build_dense(program: Program) -> tuple[Any, dict[str, Any]]:
@@ -46,30 +48,32 @@ def build_dense(program: Program) -> tuple[Any, dict[str, Any]]:
     return cp.Problem(objective, constraints), variables
 
 
-def solve_dense(program: Program, *, solver: str = "CLARABEL") -> Solution:
+def solve_dense(program: Program, *, solver: str = "CLARABEL", time_limit: float = 60.0) -> Solution:
     """Solve the block LMI through cvxpy.  A solver's failure is a Solution without values.
 
-    ``solver`` is one of cvxpy's names, "CLARABEL" or "SCS".
+    ``solver`` is one of cvxpy's names, "CLARABEL" or "SCS"; ``time_limit`` in s, for these two.
     """
     try:
         problem, variables = build_dense(program)
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # that an answer is inaccurate stands in the status
-            problem.solve(solver=solver)
+            problem.solve(solver=solver, **{TIME_LIMITS[solver]: time_limit} if solver in TIME_LIMITS else {})
+        return _read(program, problem, variables, solver=solver)
     except BaseException as error:  # a panic in Rust is no Exception
         if not is_solver_failure(error):
             raise
-        return without_values(f"failed: {type(error).__name__}", solver=solver)
+        return without_values(f"{FAILED}{type(error).__name__}", solver=solver)
+
+
+def _read(program: Program, problem: Any, variables: dict[str, Any], *, solver: str) -> Solution:
+    """What the solver answered.  Raises what comes of it if that is no point at all."""
     unknowns = program.pencils[0].unknowns
-    if any(variables[unknown.name].value is None for unknown in unknowns) or not math.isfinite(problem.value):
+    missing = problem.value is None or any(variables[unknown.name].value is None for unknown in unknowns)
+    if missing or not math.isfinite(problem.value):
         return without_values(str(problem.status), solver=solver)
-    numbers = [
-        float(variables[unknown.name].value[i, j]) for unknown in unknowns for _, i, j in unknown.places()
-    ]
-    return Solution(
-        status=str(problem.status), solver=solver, objective=float(problem.value),
-        values=assemble(program.pencils[0], numbers),
-    )  # fmt: skip
+    numbers = [float(variables[unknown.name].value[i, j]) for unknown in unknowns for _, i, j in unknown.places()]
+    values = assemble(program.pencils[0], numbers)
+    return Solution(status=str(problem.status), solver=solver, objective=float(problem.value), values=values)
 
 
 def _affine(cp: Any, pencil: Pencil, variables: dict[str, Any]) -> Any:

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from scipy import sparse
 
-from dobc_design.design.program import Array, Program, Solution, assemble, is_solver_failure, without_values
+from dobc_design.design.program import FAILED, Array, Program, Solution, assemble, is_solver_failure, without_values
 from dobc_design.exact.symmetric import SparseSymmetric
 from dobc_design.theorems.conditions import below, positive
 from dobc_design.theorems.pencil import Pencil, Place
@@ -26,20 +26,23 @@ def solve_directly(program: Program, *, time_limit: float = 60.0) -> Solution:
     import clarabel
 
     try:
-        answer = _run(program, clarabel, time_limit=time_limit)
+        return _read(program, _run(program, clarabel, time_limit=time_limit))
     except BaseException as error:  # Clarabel panics with pyo3's PanicException, which is no Exception
         if not is_solver_failure(error):
             raise
-        return without_values(f"failed: {type(error).__name__}", solver=SOLVER)
+        return without_values(f"{FAILED}{type(error).__name__}", solver=SOLVER)
+
+
+def _read(program: Program, answer: Any) -> Solution:
+    """What the solver answered.  Raises what comes of it if that is no point at all."""
     status = str(answer.status)
-    numbers = np.asarray(answer.x, dtype=float)
+    numbers = np.asarray(answer.x, dtype=float).ravel()
+    objective = float(answer.obj_val)
     # The x of an infeasible or unbounded problem is the ray that shows it, not a point.
-    if "Infeasible" in status or not (np.all(np.isfinite(numbers)) and math.isfinite(answer.obj_val)):
+    if "Infeasible" in status or not (np.all(np.isfinite(numbers)) and math.isfinite(objective)):
         return without_values(status, solver=SOLVER)
-    return Solution(
-        status=status, solver=SOLVER, objective=float(answer.obj_val),
-        values=assemble(program.pencils[0], numbers.tolist()),
-    )  # fmt: skip
+    values = assemble(program.pencils[0], numbers.tolist())
+    return Solution(status=status, solver=SOLVER, objective=objective, values=values)
 
 
 def _run(program: Program, clarabel: Any, *, time_limit: float) -> Any:

@@ -15,8 +15,7 @@ import numpy as np
 from scipy import linalg, sparse
 
 from dobc_design.design.jacobian import float_lambda
-from dobc_design.design.program import Array
-from dobc_design.errors import SpecError
+from dobc_design.design.program import GIVEN_UP, Array
 from dobc_design.exact.matrix import Matrix, to_float
 from dobc_design.spec.exosystem import Exosystem
 from dobc_design.theorems.statements import Statements
@@ -58,9 +57,9 @@ def _dense(matrix: Array) -> Top | None:
     last = len(matrix) - 1
     try:
         values, vectors = linalg.eigh(matrix, subset_by_index=(last, last))
-    except (linalg.LinAlgError, ValueError):
+        return Top(value=float(values[0]), vector=vectors[:, 0])
+    except GIVEN_UP:
         return None
-    return Top(value=float(values[0]), vector=vectors[:, 0])
 
 
 def _lanczos(matrix: Any) -> Top | None:
@@ -72,9 +71,9 @@ def _lanczos(matrix: Any) -> Top | None:
             values, columns = sparse.linalg.eigsh(
                 matrix, k=1, which="LA", v0=start, tol=tolerance, ncv=vectors, maxiter=20 * matrix.shape[0]
             )
-        except (sparse.linalg.ArpackError, ValueError):  # no convergence among them
+            return Top(value=float(values[0]), vector=columns[:, 0])
+        except GIVEN_UP:  # no convergence among them
             continue
-        return Top(value=float(values[0]), vector=columns[:, 0])
     return None
 
 
@@ -88,7 +87,7 @@ def decay_rate(exosystem: Exosystem, W: Matrix) -> float:
     try:
         error = to_float(exosystem.A) - to_float(W) @ to_float(exosystem.C)
         return float(-np.max(np.linalg.eigvals(error).real))
-    except (SpecError, np.linalg.LinAlgError):
+    except GIVEN_UP:
         return math.nan
 
 
@@ -119,7 +118,7 @@ def _lambda_max_of_s(P: Array, Q: Array, exosystem: Exosystem, *, rate: float) -
         factor = linalg.cho_factor((block + block.T) / 2)
         S = C @ linalg.cho_solve(factor, C.T)
         return float(np.linalg.eigvalsh((S + S.T) / 2)[-1])
-    except (linalg.LinAlgError, ValueError):
+    except GIVEN_UP:
         return math.inf
 
 

@@ -13,8 +13,8 @@ import numpy as np
 from scipy import linalg
 
 from dobc_design.design.ackermann import placed_gains
-from dobc_design.design.direct import solve_directly
-from dobc_design.design.program import Array, Program, Solution
+from dobc_design.design.ladder import SECOND, TIME_LIMIT, climb
+from dobc_design.design.program import GIVEN_UP, Array, Program, Solution
 from dobc_design.design.rounding import round_matrix
 from dobc_design.design.scaling import Scaled, decimal_exponent, natural_units, scaled_exosystem
 from dobc_design.exact.matrix import Matrix, add, identity, multiply, scale, subtract, to_float
@@ -42,9 +42,10 @@ class GainDesign:
     status: str = ""
 
 
-def design_gain(exosystem: Exosystem, *, rate: Fraction | None = None) -> GainDesign:
+def design_gain(exosystem: Exosystem, *, rate: Fraction | None = None, time_limit: float = TIME_LIMIT) -> GainDesign:
     """Design W so that A - WC decays at least at ``rate`` (1/s).
 
+    ``time_limit`` in s, for one call of a solver; the ladder ends with a gain that needs no solver.
     Shapes: A (q, q), C (m, q), W (q, m).  Source: Theorem 1 with the rate added; W = P^-1 Q.
     """
     if decide_detectable(exosystem.A, exosystem.C).verdict is not Verdict.PROVED:
@@ -61,29 +62,33 @@ def design_gain(exosystem: Exosystem, *, rate: Fraction | None = None) -> GainDe
         wanted = _default_rate(exosystem, kalman)
         asked = "half that of the Kalman gain with unit weights" if wanted else "the least that can be asked"
     status = ""
-    for W, how, status in _candidates(exosystem, wanted, kalman):
+    for W, how, status in _candidates(exosystem, wanted, kalman, time_limit=time_limit):
         if _decays(exosystem, W, wanted):
             note = f"{prefix}W was designed ({how}) for the decay rate {_short(wanted)} 1/s, {asked}."
             return GainDesign(W=W, rate=wanted, note=note, status=status)
+    cure = "ask for a lower observer.rate, or give one as observer.W." if wanted else "give one as observer.W."
     return GainDesign(
         W=None, rate=wanted, status=status,
-        note=f"{prefix}no W was found for the decay rate {_short(wanted)} 1/s; ask for a lower observer.rate.",
+        note=f"{prefix}no W was found for the decay rate {_short(wanted)} 1/s, neither by the small SDP (Clarabel, then"
+        f" {SECOND}) nor as a Kalman gain nor by exact pole placement; {cure}",
     )  # fmt: skip
 
 
-def _candidates(exosystem: Exosystem, rate: Fraction, kalman: Array | None) -> Iterator[tuple[Matrix, str, str]]:
+def _candidates(
+    exosystem: Exosystem, rate: Fraction, kalman: Array | None, *, time_limit: float
+) -> Iterator[tuple[Matrix, str, str]]:
     """Proposals W for a rate, each in several roundings: gain matrix, how it came about, the solver's status."""
     time, output = natural_units(exosystem, rate=rate)
     # Large C alone would ask for a far faster observer than the rate does, hence max(1, output).
     units = scaled_exosystem(exosystem, time=time, output=output)
-    for each in (*_in_own_time(exosystem, max(Fraction(1), output)), units):
-        speed = rate / each.time
-        for slack in SLACK:
-            # The bound makes room for the rate: what stays of Lambda + 2 rate I is -I, whatever the rate.
-            pencil = reduced(-1 - 2 * speed * slack, each.exosystem, rate=speed * slack)
-            answer = solve_directly(Program(pencils=(pencil,), floor=Fraction(1)))
-            for W in _roundings(_gain_of(answer)):
-                yield scale(each.gain, W), "small SDP", answer.status
+    programs = (
+        (_program(each, rate / each.time * slack), each.gain)
+        for each in (*_in_own_time(exosystem, max(Fraction(1), output)), units)
+        for slack in SLACK
+    )
+    for answer, unit, how in climb(programs, time_limit=time_limit):
+        for W in _roundings(_gain_of(answer)):
+            yield scale(unit, W), f"small SDP {how}".rstrip(), answer.status
     for W in _roundings(kalman):
         yield W, "Kalman gain", ""
     for slack in SLACK:
@@ -91,6 +96,11 @@ def _candidates(exosystem: Exosystem, rate: Fraction, kalman: Array | None) -> I
             yield scale(units.gain, W), "Kalman gain of A + rate I", ""
     for W in placed_gains(exosystem, rate=rate):
         yield W, "exact pole placement", ""
+
+
+def _program(units: Scaled, rate: Fraction) -> Program:
+    # The bound makes room for the rate: what stays of Lambda + 2 rate I is -I, whatever the rate.
+    return Program(pencils=(reduced(-1 - 2 * rate, units.exosystem, rate=rate),), floor=Fraction(1))
 
 
 def _in_own_time(exosystem: Exosystem, output: Fraction) -> Iterator[Scaled]:
@@ -106,7 +116,7 @@ def _gain_of(answer: Solution) -> Array | None:
         return None
     try:
         gain = np.asarray(np.linalg.solve(answer.values["P"], answer.values["Q"]), dtype=np.float64)
-    except np.linalg.LinAlgError:
+    except GIVEN_UP:
         return None
     return gain if np.all(np.isfinite(gain)) else None
 
@@ -124,7 +134,7 @@ def _kalman(exosystem: Exosystem, *, shift: float = 0.0) -> Array | None:
         with np.errstate(all="ignore"):
             covariance = linalg.solve_continuous_are(A.T, C.T, np.eye(len(A)), np.eye(len(C)))
             gain = np.asarray(covariance @ C.T, dtype=np.float64)
-    except (linalg.LinAlgError, ValueError):
+    except GIVEN_UP:
         return None
     return gain if np.all(np.isfinite(gain)) else None
 
@@ -133,8 +143,10 @@ def _default_rate(exosystem: Exosystem, kalman: Array | None) -> Fraction:
     """Half the Kalman gain's decay rate, to three digits; 0 if that fails (any W that decays will do)."""
     if kalman is None:
         return Fraction(0)
-    error = to_float(exosystem.A) - kalman @ to_float(exosystem.C)
-    decay = float(-np.max(np.linalg.eigvals(error).real))
+    try:
+        decay = float(-np.max(np.linalg.eigvals(to_float(exosystem.A) - kalman @ to_float(exosystem.C)).real))
+    except GIVEN_UP:
+        return Fraction(0)
     return Fraction(f"{decay / 2:.3g}") if 0 < decay < np.inf else Fraction(0)
 
 

@@ -19,18 +19,20 @@ from dobc_design.exact.interval import Interval
 from dobc_design.spec.problem import Problem
 
 
-def float_lambda(problem: Problem, mode: str) -> Any:
+def float_lambda(problem: Problem, mode: str, *, pins: bool = True) -> Any:
     """Lambda = J + J' - (K + K') of one mode as a SciPy array in coordinate form, entries not yet summed.
 
-    Shapes: (n m, n m).  Entries beyond the floats are infinite.
+    Shapes: (n m, n m).  Entries beyond the floats are infinite.  ``pins`` False leaves K out.
     Raises: exact.interval.UndefinedError if a coupling has no derivative at 0.
     """
     n, m = problem.n, problem.m
     gains, listeners, speakers = _arc_gains(problem, mode)
-    agents, pins = _pin_gains(problem)
-    rows = np.concatenate([listeners, listeners, agents])
-    columns = np.concatenate([speakers, listeners, agents])
-    blocks = np.concatenate([gains, -gains, -pins])
+    rows, columns = np.concatenate([listeners, listeners]), np.concatenate([speakers, listeners])
+    blocks = np.concatenate([gains, -gains])
+    if pins:
+        agents, held = _pin_gains(problem)
+        rows, columns = np.concatenate([rows, agents]), np.concatenate([columns, agents])
+        blocks = np.concatenate([blocks, -held])
     if m == 1:
         i, j, values = rows, columns, blocks.ravel()
     else:

@@ -10,7 +10,7 @@ import math
 from collections.abc import Iterator
 from fractions import Fraction
 
-from dobc_design.design.direct import solve_directly
+from dobc_design.design.ladder import TIME_LIMIT, climb
 from dobc_design.design.program import Program
 from dobc_design.design.rounding import round_matrix
 from dobc_design.design.scaling import decimal_exponent
@@ -23,24 +23,34 @@ SLACK = (0.9, 0.5, 0.1)
 LADDER = (0, 2, 6, 15, 40, 400)  # powers of ten, the last ones for a bound that is not known
 
 
-def propose_pairs(exosystem: Exosystem, W: Matrix, *, bound: float, decay: float) -> Iterator[tuple[Matrix, Matrix]]:
-    """Rational (P, P W) to be tried in turn.
+def propose_pairs(
+    exosystem: Exosystem, W: Matrix, *, bound: float, decay: float, time_limit: float = TIME_LIMIT
+) -> Iterator[tuple[Matrix, Matrix, str]]:
+    """Rational (P, P W) to be tried in turn, each with a sentence on how it came about ("" for the usual way).
 
     ``bound`` is about max lambda_max(Lambda) < 0, ``decay`` about the decay rate of A - WC > 0 (1/s).
+    ``time_limit`` in s, for one call of a solver; the last pairs need no solver.
     """
+    why = "there was no estimate to start a solver from"
     if bound < 0 < decay and math.isfinite(bound) and math.isfinite(decay):
-        floor = _floor(exosystem, bound, decay)
-        for part in SLACK:
-            rate = Fraction(part * min(-bound / 2, decay)).limit_denominator(10**6)
-            pencil = with_gain(reduced(_tightened(bound, rate), exosystem, rate=rate), W)
-            answer = solve_directly(Program(pencils=(pencil,), floor=floor))
+        for answer, _, how in climb(_programs(exosystem, W, bound=bound, decay=decay), time_limit=time_limit):
+            why = f"no proposal of a solver could be proved (the last said: {answer.status})"
             if answer.found:
                 for digits in DIGITS:
                     P = round_matrix(answer.values["P"], digits)
-                    yield P, multiply(P, W)
+                    yield P, multiply(P, W), f"P was found {how}." if how else ""
     exact = lyapunov(subtract(exosystem.A, multiply(W, exosystem.C)))
     if exact is not None:
-        yield from _scaled_until_small(exact, W, exosystem, bound=bound)
+        for P, Q in _scaled_until_small(exact, W, exosystem, bound=bound):
+            yield P, Q, f"P solves a Lyapunov equation exactly, because {why}."
+
+
+def _programs(exosystem: Exosystem, W: Matrix, *, bound: float, decay: float) -> Iterator[tuple[Program, None]]:
+    floor = _floor(exosystem, bound, decay)
+    for part in SLACK:
+        rate = Fraction(part * min(-bound / 2, decay)).limit_denominator(10**6)
+        pencil = with_gain(reduced(_tightened(bound, rate), exosystem, rate=rate), W)
+        yield Program(pencils=(pencil,), floor=floor), None
 
 
 def lyapunov(error: Matrix) -> Matrix | None:

@@ -20,6 +20,12 @@ from dobc_design.theorems.pencil import Pencil
 
 Array = NDArray[np.float64]
 
+# What a numerical library that gives up raises, or what comes of an answer of a wrong shape; LinAlgError,
+# ArpackError and our SpecError are among them.
+GIVEN_UP = (ArithmeticError, RuntimeError, ValueError, LookupError)
+FAILED = "failed: "  # how the status of a solver begins that raised, or answered with something that is no point
+OUT_OF_TIME = ("MaxTime", "user_limit")  # Clarabel's and cvxpy's words
+
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Program:
@@ -52,6 +58,11 @@ class Solution:
         """Whether there is a finite point to look at, whatever the status says."""
         return bool(self.values) and all(bool(np.all(np.isfinite(v))) for v in self.values.values())
 
+    @property
+    def broken(self) -> bool:
+        """Whether the solver itself broke down or ran out of time: asking it again would be no better."""
+        return self.status.startswith(FAILED) or self.status in OUT_OF_TIME
+
 
 def without_values(status: str, *, solver: str) -> Solution:
     """What is returned where a solver has nothing to show."""
@@ -70,7 +81,10 @@ def is_solver_failure(error: BaseException) -> bool:
 
 
 def assemble(pencil: Pencil, numbers: Sequence[float]) -> dict[str, Array]:
-    """Turn the vector of independent entries into one array per unknown."""
+    """Turn the vector of independent entries into one array per unknown.  Raises ValueError if there are too few."""
+    wanted = sum(1 for unknown in pencil.unknowns for _ in unknown.places())
+    if len(numbers) < wanted:
+        raise ValueError(f"a solver answered with {len(numbers)} numbers, not {wanted}")
     result: dict[str, Array] = {}
     position = 0
     for unknown in pencil.unknowns:

@@ -6,12 +6,14 @@ their names: a function of the same name is not exported here.
 """
 
 from dobc_design.exact import interval
+from dobc_design.exact.decision import Definiteness
 from dobc_design.exact.definite import (
-    Definiteness,
     decide_positive_definite,
     decide_positive_semidefinite,
+    decide_quickly,
     definiteness,
 )
+from dobc_design.exact.integers import IntegerSymmetric
 from dobc_design.exact.interval import Interval, UndefinedError
 from dobc_design.exact.matrix import (
     Matrix,
@@ -56,6 +58,7 @@ from dobc_design.exact.symmetric import SparseSymmetric
 __all__ = [
     "Definiteness",
     "Detectability",
+    "IntegerSymmetric",
     "Interval",
     "Matrix",
     "Observability",
@@ -71,6 +74,7 @@ __all__ = [
     "decide_observable",
     "decide_positive_definite",
     "decide_positive_semidefinite",
+    "decide_quickly",
     "definiteness",
     "float_above",
     "float_below",

@@ -1,78 +1,110 @@
-"""Definiteness of symmetric rational matrices, decided: elimination over the rationals, no rounding.
+"""Definiteness of symmetric rational matrices: decided exactly at every size, by the path that fits.
 
-Theory, section 3: M > 0 iff every pivot of an LDL' elimination is positive. For larger matrices
-with off-diagonal entries <= 0 a vector v > 0 with M v > 0 is tried first. The first pivot that is
-not gives a vector v with v'Mv = that pivot; it is multiplied out again before anything is refuted.
+| rows | structure | paths, in this order |
+|---|---|---|
+| 0 to 12 | any | LDL' over the rationals (Fraction) |
+| 13 and more | any | an entry of the diagonal that is not positive |
+| 13 and more | Z-matrix, or sparse | integers v > 0 with M v > 0; directions from the same search |
+| 13 to 99 | any | shifted Cholesky in doubles (Rump) |
+| 13 to 2000 | any | integer factor with an exact rest; eigenvectors; lifted small eigenvalues |
+| 13 and more | any | LDL' over the rationals (python-flint) |
+
+A path answers or passes on; the last one always answers, so nothing stays undecided. "Proved" comes from
+exact or outward-rounded arithmetic, "refuted" only from a vector that is multiplied out exactly (``decision``).
+``_PATHS`` is this table and ``_decide`` walks it, for both questions. The answer's ``method`` names path and size.
 """
 
 from __future__ import annotations
 
-import heapq
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
-from fractions import Fraction
-from typing import Any, Final, TypeAlias
+from functools import cached_property
+from typing import Any, Final
 
 import numpy as np
+from numpy.typing import NDArray
 
 from dobc_design.errors import CertificateError, ShapeError
-from dobc_design.exact._flint import to_fmpq
-from dobc_design.exact.matrix import Matrix, Vector, from_float, matrix
+from dobc_design.exact.cholesky import Scaled, low_directions, margin, proves_by_integers, scaled, shifted_cholesky
+from dobc_design.exact.decision import Definiteness, Symmetric, first_refuting, proved, refuted, roundings, undecided
+from dobc_design.exact.deflation import decide_lifted
+from dobc_design.exact.elimination import FLINT_SIZE, bad_direction
+from dobc_design.exact.integers import IntegerSymmetric, in_integers
+from dobc_design.exact.matrix import Matrix, from_float, matrix
 from dobc_design.exact.symmetric import SparseSymmetric
-from dobc_design.exact.zmatrix import positive_vector
+from dobc_design.exact.zmatrix import is_z_matrix, search
 from dobc_design.verdict import Verdict
 
-# Fraction, or flint's fmpq for larger matrices; both mix with int.
-Scalar: TypeAlias = Any
+__all__ = [  # the answer's type can be had here too
+    "Definiteness",
+    "decide_positive_definite",
+    "decide_positive_semidefinite",
+    "decide_quickly",
+    "definiteness",
+]
 
-# From this size on the conversion to flint's rationals has paid for itself.
-_FLINT_SIZE: Final = 13
-# From this size on a vector is looked for first, because elimination fills sparse matrices in.
-_VECTOR_SIZE: Final = 48
-# Roundings tried, in bits per entry, to make a strictly negative witness readable.
-_WITNESS_BITS: Final = (4, 8, 16, 32, 64)
+# The borders, as ratios of CPU times measured in one run, one BLAS thread; dense: Gram matrices of random integers
+# and doubles; ring: with half as many random chords as rows.
+# - 12 rows: Fractions take 10 to 20 times as long as the shifted Cholesky when dense, twice as long on a ring, and 2 ms
+#   at most. They stay for small matrices because nothing is easier to trust.
+# - LDL' with flint against the shift, dense: 14 to 60 times at 32 rows, 50 to 300 times at 64. Against the vector on
+#   a ring: 4 times at 32 rows, 25 times at 100, 100 times at 200, over 1000 times at 400.
+# - The integer rest against the shift, dense: 1.0 to 1.3 times from 20 to 400 rows, as reading the entries costs most;
+#   3 times at 1000 rows that come as arrays. From 100 rows on it goes alone all the same: it needs no bound of LAPACK's
+#   rounding, and at 1000 rows it shows smaller eigenvalues.
+# - The vector against the integer rest where one entry in eight is there: 1/10 (1000 rows) to 1/3 (200 rows) of the
+#   time when it succeeds, 1/3 to 4/3 when it fails.
+_RUMP_SIZE: Final = 99
+_DENSE_SIZE: Final = 2000
+# Sparse: at most one entry of the upper triangle in so many.
+_SPARSE: Final = 8
+# Eigenvectors tried as witnesses, lowest first.
+_EIGENVECTORS: Final = 2
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Definiteness:
-    """A decision with its proof method; when refuted, a witness v and the value v'Mv.
-
-    The witness has integer entries. The value is <= 0 against "positive definite" and < 0 against
-    "positive semidefinite".
-    """
-
-    verdict: Verdict
-    method: str
-    witness: Vector | None = None
-    value: Fraction | None = None
-
-
-def decide_positive_definite(M: Matrix | SparseSymmetric) -> Definiteness:
+def decide_positive_definite(M: Matrix | Symmetric) -> Definiteness:
     """Decide M > 0 for a symmetric M (n, n); the empty matrix is positive definite.
 
     Returns: PROVED, or REFUTED with an integer witness v != 0, v'Mv <= 0; never UNDECIDED.
     Raises: ShapeError if M is not square and exactly symmetric.
-    Source: theory, section 3 (sparse LDL', minimum-degree pivots on the diagonal).
+    Source: theory, sections 3 and 8; the table above.
     """
-    return _decide(_sparse(M), strict=True)
+    return _decide(_Case(given=_symmetric(M), strict=True))
 
 
-def decide_positive_semidefinite(M: Matrix | SparseSymmetric) -> Definiteness:
+def decide_positive_semidefinite(M: Matrix | Symmetric) -> Definiteness:
     """Decide M >= 0 for a symmetric M (n, n); the empty matrix is positive semidefinite.
 
     Returns: PROVED, or REFUTED with an integer witness v, v'Mv < 0; never UNDECIDED.
     Raises: ShapeError if M is not square and exactly symmetric.
-    Source: as above; a zero pivot is allowed if the rest of its row is zero.
+    Source: as above. What proves M > 0 proves this; singular M are left to the vector, the lift and LDL'.
     """
-    return _decide(_sparse(M), strict=False)
+    return _decide(_Case(given=_symmetric(M), strict=False))
+
+
+def decide_quickly(M: Matrix | Symmetric) -> Definiteness:
+    """Decide M > 0 by one Cholesky factorisation or one eigenvector, or leave it UNDECIDED near the edge.
+
+    PROVED by Rump's shift; REFUTED by v'Mv <= 0, multiplied out exactly. O(n^3) in doubles, O(n^2) memory.
+    Raises: ShapeError if M is not square and exactly symmetric.
+    """
+    case = _Case(given=_symmetric(M), strict=True)
+    if case.size == 0:
+        return proved(case.named("no rows"))
+    return (
+        _by_diagonal(case)
+        or _by_shift(case)
+        or _by_eigenvector(case)
+        or undecided(case.named("shifted Cholesky in doubles"))
+    )
 
 
 def definiteness(matrix: object) -> Verdict:
     """Decide exactly whether a symmetric matrix is positive definite.
 
-    Accepts a SparseSymmetric, or nested sequences of int, Fraction, float (its decimal text: 0.1
-    is 1/10) and text ("9/16"), or a two-dimensional NumPy array (numeric data: each float is its
+    Accepts a SparseSymmetric or IntegerSymmetric, or nested sequences of int, Fraction, float (its decimal
+    text: 0.1 is 1/10) and text ("9/16"), or a two-dimensional NumPy array (numeric data: each float is its
     exact binary value, 0.1 is 3602879701896397/2^55). The empty matrix is positive definite.
     Returns: PROVED iff matrix > 0, REFUTED iff not; never UNDECIDED.
     Raises: ShapeError if not square or not exactly symmetric; SpecError for nan, inf and what is
@@ -81,13 +113,143 @@ def definiteness(matrix: object) -> Verdict:
     return decide_positive_definite(_read(matrix)).verdict
 
 
-def _read(given: object) -> Matrix | SparseSymmetric:
-    if isinstance(given, SparseSymmetric):
+@dataclass(frozen=True, kw_only=True, eq=False)
+class _Case:
+    """One question, and what several paths need of the matrix, computed once."""
+
+    given: Symmetric
+    strict: bool
+
+    @property
+    def size(self) -> int:
+        return self.given.size
+
+    @cached_property
+    def matrix(self) -> Symmetric:
+        """The same matrix, in arrays of integers where these are not long: they multiply out faster."""
+        if isinstance(self.given, IntegerSymmetric) or self.size < FLINT_SIZE:
+            return self.given
+        return in_integers(self.given) or self.given
+
+    @cached_property
+    def entries(self) -> int:
+        return len(self.matrix.values) if isinstance(self.matrix, IntegerSymmetric) else len(self.matrix.entries)
+
+    @cached_property
+    def scaled(self) -> Scaled | list[int] | None:
+        return scaled(self.matrix)
+
+    @cached_property
+    def spectrum(self) -> tuple[NDArray[np.float64], NDArray[np.float64]] | None:
+        """Eigenvalues, rising, and eigenvectors of the scaled matrix in doubles: guesses."""
+        if not isinstance(self.scaled, Scaled):
+            return None
+        try:
+            values, vectors = np.linalg.eigh(self.scaled.floats)
+        except np.linalg.LinAlgError:  # it did not converge; the next path needs no guess
+            return None
+        return values, vectors
+
+    def named(self, method: str) -> str:
+        """Say by which path, and of what size and structure M is."""
+        return f"{method}; {self.size} rows, {self.entries} entries on and above the diagonal"
+
+
+def _decide(case: _Case) -> Definiteness:
+    for row in _PATHS:
+        if row.least <= case.size <= row.most and row.suits(case) and (decision := row.path(case)) is not None:
+            return decision
+    raise CertificateError("no path decided the matrix, although the last one always does; nothing is claimed.")
+
+
+def _by_fractions(case: _Case) -> Definiteness | None:
+    return _eliminated(case, case.named("LDL' over the rationals"), flint=False)
+
+
+def _by_flint(case: _Case) -> Definiteness | None:
+    return _eliminated(case, case.named("LDL' over the rationals (python-flint)"), flint=True)
+
+
+def _eliminated(case: _Case, method: str, *, flint: bool) -> Definiteness:
+    M = case.given.to_sparse() if isinstance(case.given, IntegerSymmetric) else case.given
+    direction = bad_direction(M, strict=case.strict, flint=flint)
+    return proved(method) if direction is None else refuted(case.matrix, direction, strict=case.strict, method=method)
+
+
+def _by_diagonal(case: _Case) -> Definiteness | None:
+    diagonal = case.matrix.diagonal()
+    bad = next((i for i, x in enumerate(diagonal) if x < 0 or (case.strict and x == 0)), None)
+    return None if bad is None else _first(case, ([int(i == bad) for i in range(case.size)],), "entry of the diagonal")
+
+
+def _by_vector(case: _Case) -> Definiteness | None:
+    found = search(case.matrix, strict=case.strict)
+    if found.vector is None:
+        return _first(case, found.directions, found.kind)
+    sign = ">" if case.strict else ">="
+    beside = "Z-matrix" if is_z_matrix(case.matrix) else "M with negative sizes beside the diagonal"
+    return proved(case.named(f"{beside}: integers v > 0 with M v {sign} 0"), vector=found.vector)
+
+
+def _by_shift(case: _Case) -> Definiteness | None:
+    if not isinstance(case.scaled, Scaled) or not shifted_cholesky(case.scaled):
+        return None
+    return proved(case.named("shifted Cholesky in doubles (Rump)"))
+
+
+def _by_integers(case: _Case) -> Definiteness | None:
+    if not isinstance(case.scaled, Scaled) or not proves_by_integers(case.scaled):
+        return None
+    return proved(case.named("Cholesky factor in integers, its exact rest dominated by the diagonal"))
+
+
+def _by_eigenvector(case: _Case) -> Definiteness | None:
+    """Refute by a pair of rows with a large entry, or by the lowest eigenvectors."""
+    if case.scaled is None:
+        return None
+    if not isinstance(case.scaled, Scaled):
+        return _first(case, (case.scaled,), "an entry too large beside the diagonal")
+    if case.spectrum is None:
+        return None
+    values, vectors = case.spectrum
+    low = vectors[:, : min(_EIGENVECTORS, int(np.count_nonzero(values < margin(case.scaled))))]
+    return _first(case, low_directions(case.scaled, low), "eigenvector, rounded and multiplied out")
+
+
+def _by_lift(case: _Case) -> Definiteness | None:
+    if not isinstance(case.scaled, Scaled) or case.spectrum is None:
+        return None
+    values, vectors = case.spectrum
+    direction = decide_lifted(case.matrix, case.scaled, values, vectors, strict=case.strict)
+    method = case.named("small eigenvalues lifted, exact linear solve (python-flint)")
+    if direction is None:
+        return None
+    return refuted(case.matrix, direction, strict=case.strict, method=method) if direction else proved(method)
+
+
+def _first(case: _Case, directions: Iterable[list[int]], method: str) -> Definiteness | None:
+    candidates = (each for d in directions for each in (*roundings(d), d))
+    return first_refuting(case.matrix, candidates, strict=case.strict, method=case.named(method))
+
+
+def _is_any(case: _Case) -> bool:
+    return True
+
+
+def _is_sparse(case: _Case) -> bool:
+    """A Z-matrix, or few entries, or too many rows for dense work in any case."""
+    few = _SPARSE * case.entries <= case.size * case.size // 2
+    return few or case.size > _DENSE_SIZE or is_z_matrix(case.matrix)
+
+
+def _read(given: object) -> Matrix | Symmetric:
+    if isinstance(given, SparseSymmetric | IntegerSymmetric):
         return given
     if isinstance(given, np.ndarray) and given.dtype != object:
         if given.ndim != 2 or given.shape[0] != given.shape[1]:
             raise ShapeError(f"matrix must be square; got shape {given.shape}.", key="matrix")
-        return from_float(given, None)
+        large = len(given) >= FLINT_SIZE and given.dtype in (np.float32, np.float64)
+        return IntegerSymmetric.from_floats(given) if large else from_float(given, None)
     if not isinstance(given, (Sequence, np.ndarray)):
         raise ShapeError(f"matrix must be a list of rows; got {type(given).__name__}.", key="matrix")
     rows: list[Any] = [
@@ -99,125 +261,27 @@ def _read(given: object) -> Matrix | SparseSymmetric:
     return matrix(rows)
 
 
-def _sparse(M: Matrix | SparseSymmetric) -> SparseSymmetric:
-    return M if isinstance(M, SparseSymmetric) else SparseSymmetric.from_dense(M)
+def _symmetric(M: Matrix | Symmetric) -> Symmetric:
+    return M if isinstance(M, SparseSymmetric | IntegerSymmetric) else SparseSymmetric.from_dense(M)
 
 
-def _decide(M: SparseSymmetric, *, strict: bool) -> Definiteness:
-    long = M.size >= _FLINT_SIZE
-    if strict and M.size >= _VECTOR_SIZE and positive_vector(M) is not None:
-        return Definiteness(verdict=Verdict.PROVED, method="Z-matrix: integers v > 0 with M v > 0")
-    method = "LDL' over the rationals" + (" (python-flint)" if long else "")
-    rows: list[dict[int, Scalar]] = [{} for _ in range(M.size)]
-    for (i, j), value in M.entries.items():
-        rows[i][j] = rows[j][i] = to_fmpq(value) if long else value
-    found = _eliminate(rows, strict=strict)
-    if found is None:
-        return Definiteness(verdict=Verdict.PROVED, method=method)
-    direction = {i: Fraction(int(x.numerator), int(x.denominator)) for i, x in found.items()}
-    witness, value = _checked_witness(M, direction, strict=strict)
-    return Definiteness(verdict=Verdict.REFUTED, method=method, witness=witness, value=value)
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Row:
+    """One row of the table: for ``least`` to ``most`` rows of the structure ``suits``, try ``path``."""
+
+    least: int
+    most: float
+    suits: Callable[[_Case], bool]
+    path: Callable[[_Case], Definiteness | None]
 
 
-def _eliminate(rows: list[dict[int, Scalar]], *, strict: bool) -> dict[int, Scalar] | None:
-    """Eliminate in minimum-degree order; return None if every pivot passes, else a witness.
-
-    ``rows`` hold both triangles without zeros, and are consumed. After each step the rows still
-    open hold the Schur complement, so a bad diagonal entry there refutes as a bad pivot does.
-    """
-    for i in range(len(rows)):
-        if (bad := _bad_diagonal(rows, i, strict=strict)) is not None:
-            return bad
-    steps: list[tuple[int, dict[int, Scalar]]] = []
-    queue = [(len(row), i) for i, row in enumerate(rows)]
-    heapq.heapify(queue)
-    closed = [False] * len(rows)
-    while queue:
-        degree, k = heapq.heappop(queue)
-        # Stale entries stay in the queue; the current degree of every open row is there as well.
-        if closed[k] or degree != len(rows[k]):
-            continue
-        closed[k] = True
-        row = rows[k]
-        if not row:  # a zero row of a semidefinite matrix
-            continue
-        pivot = row.pop(k)
-        factors = {j: x / pivot for j, x in row.items()}
-        steps.append((k, factors))
-        _subtract_outer(rows, k, factors)
-        for i in row:
-            if (bad := _bad_diagonal(rows, i, strict=strict)) is not None:
-                return _back_substitute(bad, steps)
-            heapq.heappush(queue, (len(rows[i]), i))
-    return None
-
-
-def _subtract_outer(rows: list[dict[int, Scalar]], k: int, factors: dict[int, Scalar]) -> None:
-    """Subtract row_k' row_k / pivot from the open rows; drop column k and what cancels."""
-    neighbours = list(rows[k].items())
-    for position, (i, x) in enumerate(neighbours):
-        target = rows[i]
-        del target[k]
-        for j, _ in neighbours[position:]:
-            product = x * factors[j]
-            value = target[j] - product if j in target else -product
-            if value:
-                target[j] = rows[j][i] = value
-            else:
-                del target[j]
-                rows[j].pop(i, None)
-
-
-def _bad_diagonal(rows: list[dict[int, Scalar]], i: int, *, strict: bool) -> dict[int, Scalar] | None:
-    """Return a direction in which the open part is not positive because of entry (i, i), or None."""
-    row = rows[i]
-    diagonal = row.get(i, 0)
-    if diagonal > 0:
-        return None
-    if strict or diagonal < 0:
-        return {i: 1}
-    if not row:
-        return None
-    # 0 on the diagonal, b beside it, c on the other diagonal: e_j + t e_i has value 2 t b + c = -1.
-    j, b = next(iter(row.items()))
-    c = rows[j].get(j, 0)
-    return {j: 1, i: -(c + 1) / (2 * b)}
-
-
-def _back_substitute(bad: dict[int, Scalar], steps: list[tuple[int, dict[int, Scalar]]]) -> dict[int, Scalar]:
-    """Extend a direction of the Schur complement to the whole matrix, with the same value."""
-    vector = dict(bad)
-    for k, factors in reversed(steps):
-        entry = -sum(x * vector[j] for j, x in factors.items() if j in vector)
-        if entry:
-            vector[k] = entry
-    return vector
-
-
-def _checked_witness(M: SparseSymmetric, direction: dict[int, Fraction], *, strict: bool) -> tuple[Vector, Fraction]:
-    """Return an integer multiple or rounding of the direction that refutes, and its value v'Mv.
-
-    Raises: CertificateError if it does not refute, which would be a mistake in the elimination.
-    """
-    common = math.lcm(*(x.denominator for x in direction.values()))
-    exact = [int(direction.get(i, Fraction(0)) * common) for i in range(M.size)]
-    largest = max(abs(x) for x in exact)
-    roundings = (
-        [(2 * x * 2**bits + largest) // (2 * largest) for x in exact]
-        for bits in _WITNESS_BITS
-        if largest.bit_length() > bits
-    )
-    for candidate in (*roundings, exact):
-        witness = _primitive(candidate)
-        value = M.quadratic_form(witness)
-        if value < 0 or (strict and value == 0 and any(witness)):
-            return witness, value
-    raise CertificateError("the elimination gave a witness that does not refute; nothing is claimed.")
-
-
-def _primitive(vector: list[int]) -> Vector:
-    """Divide by the common factor and make the first entry that is not 0 positive."""
-    factor = math.gcd(*vector) or 1
-    if next((x for x in vector if x), 1) < 0:
-        factor = -factor
-    return tuple(Fraction(x // factor) for x in vector)
+_PATHS: Final = (
+    _Row(least=0, most=FLINT_SIZE - 1, suits=_is_any, path=_by_fractions),
+    _Row(least=FLINT_SIZE, most=math.inf, suits=_is_any, path=_by_diagonal),
+    _Row(least=FLINT_SIZE, most=math.inf, suits=_is_sparse, path=_by_vector),
+    _Row(least=FLINT_SIZE, most=_RUMP_SIZE, suits=_is_any, path=_by_shift),
+    _Row(least=FLINT_SIZE, most=_DENSE_SIZE, suits=_is_any, path=_by_integers),
+    _Row(least=FLINT_SIZE, most=_DENSE_SIZE, suits=_is_any, path=_by_eigenvector),
+    _Row(least=FLINT_SIZE, most=_DENSE_SIZE, suits=_is_any, path=_by_lift),
+    _Row(least=FLINT_SIZE, most=math.inf, suits=_is_any, path=_by_flint),
+)

@@ -63,6 +63,10 @@ class SparseSymmetric:
             rows[i][j] = rows[j][i] = value
         return tuple(tuple(row) for row in rows)
 
+    def diagonal(self) -> list[Fraction]:
+        """Return the n entries of the diagonal."""
+        return [self.entries.get((i, i), Fraction(0)) for i in range(self.size)]
+
     def negated(self) -> SparseSymmetric:
         """Return -M."""
         return self.scaled(-1)
@@ -93,13 +97,13 @@ class SparseSymmetric:
         # Integers over one denominator: sums of long fractions would reduce at every step.
         common = math.lcm(1, *(x.denominator for x in vector))
         v = [x.numerator * (common // x.denominator) for x in vector]
-        scale = math.lcm(1, *(x.denominator for x in self.entries.values()))
-        total = sum(
-            (1 if i == j else 2) * (value.numerator * (scale // value.denominator)) * v[i] * v[j]
-            for (i, j), value in self.entries.items()
-            if v[i] and v[j]
-        )
-        return Fraction(total, scale * common * common)
+        # One integer sum per denominator: a common one may be as long as the matrix has entries.
+        sums: dict[int, int] = {}
+        for (i, j), value in self.entries.items():
+            if v[i] and v[j]:
+                product = (1 if i == j else 2) * value.numerator * v[i] * v[j]
+                sums[value.denominator] = sums.get(value.denominator, 0) + product
+        return _pairwise_sum([Fraction(x, y) for y, x in sums.items()]) / (common * common)
 
     def triplets(self) -> tuple[NDArray[np.intp], NDArray[np.intp], NDArray[np.float64]]:
         """Return rows, columns and nearest floats of the full matrix, both triangles."""
@@ -112,3 +116,10 @@ class SparseSymmetric:
         rows = np.array([place[0] for place in places], dtype=np.intp)
         columns = np.array([place[1] for place in places], dtype=np.intp)
         return rows, columns, np.array([place[2] for place in places], dtype=np.float64)
+
+
+def _pairwise_sum(terms: list[Fraction]) -> Fraction:
+    """Add up by halves, so that long denominators arise in the last sums only."""
+    while len(terms) > 1:
+        terms = [sum(terms[k : k + 2], Fraction(0)) for k in range(0, len(terms), 2)]
+    return terms[0] if terms else Fraction(0)

@@ -1,78 +1,203 @@
-"""Positive definiteness of sparse Z-matrices by a vector: v > 0 with M v > 0, checked in integers.
+"""Sparse matrices decided by a vector: v > 0 with M v > 0 for Z-matrices, a direction p with p'Mp <= 0 against.
 
-A symmetric matrix whose off-diagonal entries are <= 0 is positive definite iff such a v exists
-(theory, section 3; it is then a nonsingular M-matrix). Finding v is floating point and may fail;
-checking it is exact and linear in the entries, where an elimination would fill in.
+A symmetric matrix whose entries beside the diagonal are <= 0 (Z-matrix) is positive definite iff such a v exists
+(theory, sections 3 and 8), and semidefinite if M v >= 0. For other signs the same is asked of the matrix with
+-|m_ij| beside its diagonal: enough, not necessary. Finding v is floating point (conjugate gradients,
+Jacobi scaling) and may fail; checking it is exact. Time per step and memory are linear in the entries.
 """
 
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from fractions import Fraction
 from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
 
+from dobc_design.exact.integers import (
+    DENOMINATOR_BITS,
+    IntegerSymmetric,
+    Places,
+    Rows,
+    both_triangles,
+    in_integers,
+    signs_of_product,
+)
 from dobc_design.exact.symmetric import SparseSymmetric
 
-# Bits kept of the largest entry of v: more than a double has, so that rounding loses nothing.
-_BITS: Final = 60
+Floats = NDArray[np.float64]
+
+# Bits of the largest entry of v, tried in turn: short vectors make short certificates, and the last loses nothing.
+_VECTOR_BITS: Final = (16, 31, 61)
+# Bits kept of a direction; whoever multiplies it out rounds it further.
+_DIRECTION_BITS: Final = 60
+# Conjugate gradients stop here: a ring held at one node needs half as many steps as it has nodes.
+_MOST_STEPS: Final = 100_000
+# Curvature of a direction, relative to the scaled matrix, that doubles cannot tell from 0.
+_FLAT: Final = 1e-15
 
 
-def positive_vector(M: SparseSymmetric) -> tuple[int, ...] | None:
-    """Return integers v > 0 with M v > 0, proved; None if M is no Z-matrix or none was found."""
-    if any(i != j and value > 0 for (i, j), value in M.entries.items()):
-        return None
-    if any(M.entries.get((i, i), 0) <= 0 for i in range(M.size)):
-        return None
-    solution = _solve(M)
-    if solution is None:
-        return None
-    largest = float(np.max(solution))
-    shift = _BITS - math.frexp(largest)[1]
-    vector = tuple(int(math.ldexp(x, shift)) for x in solution.tolist())
-    return vector if is_positive_vector(M, vector) else None
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Found:
+    """A vector that proves M definite, or directions, as integers, that may refute it: not multiplied out.
+
+    ``kind`` says in words what the directions are.
+    """
+
+    vector: tuple[int, ...] | None = None
+    directions: tuple[list[int], ...] = ()
+    kind: str = "search direction of conjugate gradients"
 
 
-def is_positive_vector(M: SparseSymmetric, vector: tuple[int, ...]) -> bool:
-    """Tell whether v > 0 and M v > 0 hold, in integers. Proves M > 0 for a Z-matrix M only."""
+def proves(M: SparseSymmetric | IntegerSymmetric, vector: Sequence[int], *, strict: bool = True) -> bool:
+    """Tell whether integers v > 0 prove M > 0 (strict), or M >= 0: m_ii v_i > sum over j of |m_ij| v_j, or >=.
+
+    Exact; for a Z-matrix this is M v > 0, or M v >= 0.
+    """
     if len(vector) != M.size or any(x <= 0 for x in vector):
         return False
-    common = math.lcm(1, *{value.denominator for value in M.entries.values()})
-    rows = [0] * M.size
-    for (i, j), value in M.entries.items():
-        entry = value.numerator * (common // value.denominator)
-        rows[i] += entry * vector[j]
-        if i != j:
-            rows[j] += entry * vector[i]
-    return all(row > 0 for row in rows)
+    whole = _weakened(M)
+    rows = both_triangles(whole)
+    if rows is None:
+        return M.size == 0
+    signs = signs_of_product(_comparison(rows), _as_array(vector))
+    return bool((signs > 0).all()) if strict else bool((signs >= 0).all())
 
 
-def _solve(M: SparseSymmetric) -> NDArray[np.float64] | None:
-    """Solve M v = diag(M) by conjugate gradients with Jacobi scaling; None on breakdown or v <= 0."""
-    rows, columns, values = M.triplets()
-    diagonal = np.zeros(M.size)
-    on = rows == columns
-    diagonal[rows[on]] = values[on]
-    if not (np.all(np.isfinite(values)) and np.all(diagonal > 0)):
-        return None
-    root = 1 / np.sqrt(diagonal)
-    scaled = values * root[rows] * root[columns]
-    b = np.sqrt(diagonal)
-    x = np.zeros(M.size)
-    residual, direction = b.copy(), b.copy()
+def is_z_matrix(M: SparseSymmetric | IntegerSymmetric) -> bool:
+    """Tell whether every entry beside the diagonal is <= 0."""
+    if isinstance(M, IntegerSymmetric):
+        return bool((M.values[M.rows != M.columns] < 0).all())
+    return all(i == j or value < 0 for (i, j), value in M.entries.items())
+
+
+def search(M: SparseSymmetric | IntegerSymmetric, *, strict: bool) -> Found:
+    """Look for a vector that proves M > 0 (strict) or M >= 0, checked exactly, or directions that may refute."""
+    whole = _weakened(M)
+    rows = both_triangles(whole)
+    if rows is None:
+        return Found()
+    diagonal = rows.values[rows.rows == rows.columns]
+    if len(diagonal) < M.size or not (diagonal > 0).all():
+        return Found()  # elimination finds the bad entry at its first glance
+    compared = _comparison(rows)
+    ones = np.ones(M.size, dtype=np.int64)
+    signs = signs_of_product(compared, ones)
+    if (signs > 0).all() or (not strict and (signs >= 0).all()):
+        return Found(vector=(1,) * M.size)
+    z_matrix = is_z_matrix(M)
+    if z_matrix and (group := _unheld(rows, signs, strict=strict)) is not None:
+        return Found(directions=(group,), kind="a group of rows whose sums are all <= 0")
+    x, p = _conjugate_gradients(compared)
+    if x is not None and (x > 0).all():
+        for bits in _VECTOR_BITS:
+            v = _rounded(x, bits)
+            signs = signs_of_product(compared, v)
+            if (v > 0).all() and ((signs > 0).all() or (not strict and (signs >= 0).all())):
+                return Found(vector=tuple(v.tolist()))
+    if not z_matrix:
+        x, p = _conjugate_gradients(rows)
+    return Found(directions=tuple(_directions(x, p, z_matrix=z_matrix)))
+
+
+def _weakened(M: SparseSymmetric | IntegerSymmetric) -> IntegerSymmetric:
+    """Return M in integers, exactly or with every entry rounded to where domination is harder."""
+    if isinstance(M, IntegerSymmetric):
+        return M
+    if (exact := in_integers(M)) is not None:
+        return exact
+    # The diagonal keeps as many bits as a common denominator may have.
+    smallest = min((x for (i, j), x in M.entries.items() if i == j and x > 0), default=Fraction(1))
+    lift = max(0, smallest.denominator.bit_length() - smallest.numerator.bit_length())
+    return IntegerSymmetric.weakened(M, bits=DENOMINATOR_BITS + lift)
+
+
+def _comparison(rows: Rows) -> Rows:
+    return replace(rows, values=np.where(rows.rows == rows.columns, rows.values, -np.abs(rows.values)))
+
+
+def _unheld(rows: Rows, signs: Places, *, strict: bool) -> list[int] | None:
+    """Return the indicator of the smallest connected group whose row sums are all <= 0, if there is one.
+
+    The sum of all entries in the group is then <= 0; if not strict, one row sum has to be < 0.
+    """
+    labels = _components(rows)
+    sizes = np.bincount(labels, minlength=len(labels))
+    unheld = sizes > 0
+    unheld[labels[signs > 0]] = False
+    if not strict:
+        negative = np.zeros_like(unheld)
+        negative[labels[signs < 0]] = True
+        unheld &= negative
+    groups = np.flatnonzero(unheld)
+    return [int(x) for x in labels == groups[np.argmin(sizes[groups])]] if len(groups) else None
+
+
+def _components(rows: Rows) -> Places:
+    """Return for every row the least index in its connected component: labels hook onto less ones and jump."""
+    labels = np.arange(len(rows.starts))
+    while True:
+        least = np.minimum.reduceat(labels[rows.columns], rows.starts)
+        lower = labels.copy()
+        np.minimum.at(lower, labels, least)
+        lower = np.minimum(lower, least)
+        while not np.array_equal(jumped := lower[lower], lower):
+            lower = jumped
+        if np.array_equal(lower, labels):
+            return labels
+        labels = lower
+
+
+def _directions(x: Floats | None, p: Floats | None, *, z_matrix: bool) -> list[list[int]]:
+    """Return what may refute: p, the negative part of x, and x; of Z-matrices |p| and |x|, which are never worse."""
+    found = [] if p is None else [np.abs(p) if z_matrix else p]
+    if x is not None:
+        found += [np.maximum(-x, 0), np.abs(x)] if z_matrix else [x]
+    return [_rounded(each, _DIRECTION_BITS).tolist() for each in found if each.any()]
+
+
+def _rounded(x: Floats, bits: int) -> Places:
+    return np.rint(np.ldexp(x, bits - math.frexp(float(np.abs(x).max()))[1])).astype(np.int64)
+
+
+def _as_array(vector: Sequence[int]) -> NDArray[np.int64] | NDArray[np.object_]:
+    short = max(vector, default=0) < 1 << 62
+    return np.array(vector, dtype=np.int64 if short else object)
+
+
+def _conjugate_gradients(M: Rows) -> tuple[Floats | None, Floats | None]:
+    """Solve M x = diag(M) until every row is met by half; return x or None, and a direction p if p'Mp is about <= 0.
+
+    M x = diag(M) is only a wish: any x > 0 with M x > 0 will do. Guesses only.
+    """
+    longest = max(int(M.values.max()).bit_length(), int(M.values.min()).bit_length())
+    values = (M.values >> max(0, longest - 1000)).astype(np.float64)
+    root = np.sqrt(values[M.rows == M.columns])
+    if not (root > 0).all():
+        return None, None
+    with np.errstate(over="ignore", invalid="ignore"):
+        x, p = _iterate(M, values, root)
+    return x / root if np.isfinite(x).all() else None, p / root if p is not None and np.isfinite(p).all() else None
+
+
+def _iterate(M: Rows, values: Floats, root: Floats) -> tuple[Floats, Floats | None]:
+    """Run conjugate gradients on the matrix with unit diagonal; ``root`` is the root of M's diagonal."""
+    scaled = values / root[M.rows] / root[M.columns]
+    x = np.zeros(len(root))
+    residual, direction = root.copy(), root.copy()
     square = float(residual @ residual)
-    for _ in range(2 * M.size + 50):
-        product = np.bincount(rows, weights=scaled * direction[columns], minlength=M.size)
+    for _ in range(min(2 * len(root) + 50, _MOST_STEPS)):
+        product = np.add.reduceat(scaled * direction[M.columns], M.starts)
         curvature = float(direction @ product)
-        if not curvature > 0:
-            return None
+        if not curvature > _FLAT * float(direction @ direction):
+            return x, direction
         x += square / curvature * direction
         residual -= square / curvature * product
+        if (np.abs(residual) <= 0.5 * root).all():
+            return x, None
         previous, square = square, float(residual @ residual)
-        # M v = diag(M) is only a wish: any v with M v > 0 will do, and half of each row is enough.
-        if np.all(np.abs(residual) <= 0.5 * b):
-            v = x * root
-            return v if bool(np.all(v > 0)) else None
         direction = residual + square / previous * direction
-    return None
+    return x, direction

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -10,13 +9,15 @@ from typing import Any
 from dobc_design._render import significant_towards_zero
 from dobc_design.report.network_words import names_in_words
 from dobc_design.report.words import SYMBOLS, capitalize_first, check_name, domain_words
+from dobc_design.spec.typed import change_lines
 from dobc_design.verdict import Verdict
-from dobc_design.verify.check import Check, Fix, Witness
+from dobc_design.verify.check import Check, Fix, Witness, main_cure, other_cures
 
 MOST_ROWS = 150
 MOST_ENTRIES = 24  # of a vector
 LONGEST_NUMBER = 24
 LONGEST_TEXT = 1200
+POINTER = "named above."  # where the cure of a check is part of the main one
 _ORDER = {Verdict.REFUTED: 0, Verdict.UNDECIDED: 1, Verdict.PROVED: 2}
 
 
@@ -39,10 +40,32 @@ class CheckRow:
     fix_lines: tuple[str, ...]
 
 
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Cure:
+    """The cure that everything else waits for: in words, and as lines of the problem file."""
+
+    head: str
+    text: str
+    lines: tuple[str, ...]
+
+
+def cure_view(checks: Sequence[Check]) -> Cure | None:
+    """The main cure, or None."""
+    check = main_cure(checks)
+    if check is None or check.fix is None:
+        return None
+    head = "What would cure it" if check.id in ("theorem1", "theorem2", "lemma1") else f"What would cure {check.id}"
+    if check.verdict is not Verdict.REFUTED:
+        head = f"What would help {check.id}"
+    return Cure(head=head, text=_cut(check.fix.text), lines=_fix_lines(check.fix))
+
+
 def check_rows(checks: Sequence[Check], *, most: int = MOST_ROWS) -> tuple[list[CheckRow], str | None]:
     """Rows of the checks; of very many, those not proved first, and a sentence about the others."""
+    elsewhere = {id(each) for each in other_cures(checks)}
+    rows = [check_row(check, pointed=id(check) not in elsewhere) for check in checks]
     if len(checks) <= most:
-        return [check_row(check) for check in checks], None
+        return rows, None
     chosen = sorted(range(len(checks)), key=lambda i: (_ORDER[checks[i].verdict], i))[:most]
     hidden = [check for i, check in enumerate(checks) if i not in set(chosen)]
     counts = [
@@ -51,11 +74,11 @@ def check_rows(checks: Sequence[Check], *, most: int = MOST_ROWS) -> tuple[list[
         if any(check.verdict is verdict for check in hidden)
     ]
     note = f"{len(checks)} checks were made; {len(hidden)} of them ({', '.join(counts)}) are in certificate.json only."
-    return [check_row(checks[i]) for i in sorted(chosen)], note
+    return [rows[i] for i in sorted(chosen)], note
 
 
-def check_row(check: Check) -> CheckRow:
-    """One check as a row."""
+def check_row(check: Check, *, pointed: bool = False) -> CheckRow:
+    """One check as a row; ``pointed``: its cure stands above the table or in another row."""
     return CheckRow(
         id=check.id,
         name=check_name(check),
@@ -68,8 +91,8 @@ def check_row(check: Check) -> CheckRow:
         reason=_sentence(check.reason),
         exact=tuple(_exact(check.exact or {})),
         witness=None if check.witness is None else _witness(check.witness, check.id),
-        fix=None if check.fix is None else _cut(check.fix.text),
-        fix_lines=() if check.fix is None else _fix_lines(check.fix),
+        fix=None if check.fix is None else POINTER if pointed else _cut(check.fix.text),
+        fix_lines=() if check.fix is None or pointed else _fix_lines(check.fix),
     )
 
 
@@ -106,10 +129,7 @@ def _witness(witness: Witness, id: str) -> tuple[str, str]:
 
 
 def _fix_lines(fix: Fix) -> tuple[str, ...]:
-    return tuple(
-        f"# remove {key}" if value is None else f"{key} = {_cut(json.dumps(value, ensure_ascii=False))}"
-        for key, value in list(fix.set.items())[:20]
-    )
+    return tuple(_cut(" ".join(line.split())) for line in change_lines(fix.set)[:20])
 
 
 def _entries(values: Sequence[Any]) -> str:

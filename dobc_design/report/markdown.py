@@ -48,6 +48,7 @@ def _head(view: Mapping[str, Any]) -> Iterable[str]:
     yield f"# {escape(view['problem'].name)}\n"
     yield f"**{view['symbol']} {view['verdict'].upper()}.** {escape(view['claims'].reason)}\n"
     yield from _table(["", ""], [[escape(name), escape(value)] for name, value in view["facts"]])
+    yield from _cure(view)
     yield "## What this says, and what it does not\n"
     yield "It says:\n"
     yield from _list(view["says"])
@@ -55,6 +56,18 @@ def _head(view: Mapping[str, Any]) -> Iterable[str]:
     yield from _list(view["says_not"])
     yield "## What was given, assumed and designed\n"
     yield from _list(view["notes"] or ["Nothing was assumed or designed beyond the problem file."])
+
+
+def _cure(view: Mapping[str, Any]) -> Iterable[str]:
+    cure = view["cure"]
+    if cure is None:
+        return
+    yield f"## {escape(cure.head)}\n"
+    yield escape(cure.text) + "\n"
+    if cure.lines:
+        yield "In the problem file:\n"
+        yield "\n".join(f"    {line}" for line in cure.lines) + "\n"
+    yield f"Proved with the very conditions that failed. To write the cured problem: `{view['cure_command']}`\n"
 
 
 def _problem(view: Mapping[str, Any]) -> Iterable[str]:

@@ -11,7 +11,7 @@ from dobc_design.certificate.certificate import Certificate
 from dobc_design.exact.matrix import Matrix
 from dobc_design.report import formulas
 from dobc_design.report import network_words as nw
-from dobc_design.report.check_views import check_rows
+from dobc_design.report.check_views import check_rows, cure_view
 from dobc_design.report.words import (
     CHECKS,
     MEANINGS,
@@ -31,6 +31,7 @@ if TYPE_CHECKING:
     from dobc_design.simulate.trajectory import Trajectory
 
 COMMAND = "dobc verify certificate.json --problem problem.json"
+CURE_COMMAND = "dobc certify problem.json --apply-fix cured.toml"
 MOST_NOTES = 60
 
 
@@ -61,6 +62,8 @@ def common_view(
         "switching": nw.switching_sentence(problem),
         "letters": _letters(problem),
         "loop": formulas.LOOP if problem.exosystem is None else formulas.LOOP_DISTURBED,
+        "cure": cure_view(certificate.checks),
+        "cure_command": CURE_COMMAND,
         "checks": rows,
         "checks_hidden": hidden,
         "check_glossary": _check_glossary(certificate),
@@ -72,8 +75,7 @@ def common_view(
         "simulation": _simulation(trajectory),
         "verdict_words": [(verdict.value, SYMBOLS[verdict], MEANINGS[verdict]) for verdict in Verdict],
         "command": COMMAND,
-        "formats": f"{certificate_text.FORMAT} {certificate_text.VERSION},"
-        f" {canonical.FORMAT} {canonical.VERSION}",
+        "formats": f"{certificate_text.FORMAT} {certificate_text.VERSION}, {canonical.FORMAT} {canonical.VERSION}",
     }
 
 

@@ -144,7 +144,7 @@ def _refuted() -> tuple[list[str], list[str]]:
     ]
     no = [
         "It does not say that the task is impossible: another pin, arc, gain or observer may cure it."
-        " Where a cure is known, the check names it.",
+        " Where a cure is known, it is named here.",
         "It does not say that every start fails; some may still converge.",
         MODEL,
     ]

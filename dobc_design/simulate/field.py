@@ -1,12 +1,13 @@
-"""The right-hand side of the full loop (1), (12), (13), (19) in NumPy, one vector operation per coupling.
+"""The right-hand sides of the closed loop in NumPy: the full loop as printed, and its errors alone.
 
-The state is one flat vector [x; xi; z], each stacked agent by agent.  This is the same loop as
-``model.model``'s ``closed_loop``, written a second time on purpose: tests hold the two together.
+``Field`` is the loop (1), (12), (13), (19) with the flat state [x; xi; z], each stacked agent by agent.  It is the same
+loop as ``model.model``'s ``closed_loop``, written a second time on purpose: tests hold the two together.
+``Network`` gives e' of (22) when the observer's error is known in closed form: only e is left to be integrated.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -14,35 +15,24 @@ import scipy.sparse as sp
 from numpy.typing import NDArray
 
 from dobc_design.model.arrays import (
-    Array,
+    ArcGroup,
     Gain,
-    arc_groups,
-    difference_matrix,
     exosystem_arrays,
-    gathering_matrix,
     goals,
     pinning_matrix,
     required_gain,
 )
+from dobc_design.simulate.graph import Graph, graph_of, groups_of_mode, hears
 from dobc_design.spec.problem import Problem
 
-
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class _Arcs:
-    """Arcs of one coupling: h, whom they compare, and how they add up at the listeners."""
-
-    h: Callable[[Array], Array]
-    listeners: NDArray[np.int64]
-    speakers: NDArray[np.int64]
-    gather: sp.csr_array
+Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Field:
-    """The closed loop of one mode as a function of time and state.
+class Loop:
+    """What does not depend on the mode, as floats.
 
     Shapes: A (q, q), C (m, q), W (q, m), K (n m, n m) sparse, goal (n, m); q = 0 without an exosystem.
-    ``pattern`` marks which derivative may depend on which state.
     """
 
     n: int
@@ -53,18 +43,11 @@ class Field:
     W: Array
     K: sp.csr_array
     goal: Array
-    arcs: tuple[_Arcs, ...]
-    pattern: sp.csr_array
 
-    def __call__(self, time: float, state: Array) -> Array:
-        """Return the derivative of the state; not finite where a coupling overflows or is undefined."""
-        x, xi, z = self.split(state)
-        e = x - self.goal
-        xihat = z + x @ self.W.T
-        u = self.control(e, xihat)
-        felt = self.couplings(e) + u
-        z_dot = xihat @ (self.A - self.W @ self.C).T - felt @ self.W.T
-        return np.concatenate([(felt + xi @ self.C.T).ravel(), (xi @ self.A.T).ravel(), z_dot.ravel()])
+    @property
+    def width(self) -> int:
+        """Number of states of the full loop."""
+        return self.n * (self.m + 2 * self.q)
 
     def split(self, state: Array) -> tuple[Array, Array, Array]:
         """Cut states (..., n (m + 2 q)) into x (..., n, m), xi and z (..., n, q)."""
@@ -76,57 +59,106 @@ class Field:
             state[..., states + inner :].reshape(*lead, self.n, self.q),
         )
 
-    def couplings(self, e: Array) -> Array:
-        """h(e) of (9): e (n, m) gives (n, m)."""
-        total = np.zeros_like(e)
-        for group in self.arcs:
-            total += group.gather @ group.h(e[group.speakers] - e[group.listeners])
-        return total
-
-    def control(self, e: Array, xihat: Array) -> Array:
-        """u of (19) for e (..., n, m) and xihat (..., n, q)."""
+    def control(self, e: Array, dhat: Array) -> Array:
+        """u of (19) for e and dhat, both (..., n, m)."""
         flat = e.reshape(-1, self.n * self.m)
-        return np.asarray(-(self.K @ flat.T).T.reshape(e.shape) - xihat @ self.C.T)
+        return np.asarray(-(self.K @ flat.T).T.reshape(e.shape) - dhat)
 
 
-def make_field(problem: Problem, mode: str, gain: Gain | None) -> Field:
-    """Build the right-hand side of one mode.
+def make_loop(problem: Problem, gain: Gain | None) -> Loop:
+    """Read the problem's numbers as floats.
 
     Raises: SpecError if there is an exosystem and no W, or for a gain that does not fit.
     """
-    groups = arc_groups(problem, mode)
     A, C = exosystem_arrays(problem)
-    return Field(
-        n=problem.n, m=problem.m, q=problem.q, A=A, C=C, W=required_gain(problem, gain),
-        K=pinning_matrix(problem), goal=goals(problem),
-        arcs=tuple(
-            _Arcs(
-                h=group.coupling.numpy_function(), listeners=group.listeners, speakers=group.speakers,
-                gather=gathering_matrix(group, problem.n),
-            )
-            for group in groups
-        ),
-        pattern=_pattern(problem, mode),
+    return Loop(
+        n=problem.n, m=problem.m, q=problem.q, A=A, C=C, W=required_gain(problem, gain), K=pinning_matrix(problem),
+        goal=goals(problem),
     )  # fmt: skip
 
 
-def _pattern(problem: Problem, mode: str) -> sp.csr_array:
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Field:
+    """The full closed loop of one graph as a function of time and state."""
+
+    loop: Loop
+    graph: Graph
+    groups: Sequence[ArcGroup]
+
+    def __call__(self, time: float, state: Array) -> Array:
+        """Return the derivative of the state; not finite where a coupling overflows or is undefined."""
+        loop = self.loop
+        x, xi, z = loop.split(state)
+        e = x - loop.goal
+        xihat = z + x @ loop.W.T
+        u = loop.control(e, xihat @ loop.C.T)
+        felt = self.graph(e.ravel()).reshape(e.shape) + u
+        z_dot = xihat @ (loop.A - loop.W @ loop.C).T - felt @ loop.W.T
+        return np.concatenate([(felt + xi @ loop.C.T).ravel(), (xi @ loop.A.T).ravel(), z_dot.ravel()])
+
+    def split(self, state: Array) -> tuple[Array, Array, Array]:
+        """x, xi and z of a state: see ``Loop.split``."""
+        return self.loop.split(state)
+
+    @property
+    def pattern(self) -> sp.csr_array:
+        """Which derivative may depend on which state."""
+        return _full_pattern(self.loop, self.groups)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Network:
+    """h(e) - K e of one graph: e' of (22) without the observer's error.
+
+    Shapes: e (n m,), or (n m, R) for R runs.
+    """
+
+    loop: Loop
+    graph: Graph
+    groups: Sequence[ArcGroup]
+
+    def __call__(self, e: Array) -> Array:
+        """Return h(e) - K e; not finite where a coupling overflows or is undefined."""
+        result = self.graph(e)
+        result -= self.loop.K @ e
+        return result
+
+    @property
+    def pattern(self) -> sp.csr_array:
+        """Which derivative may depend on which error."""
+        return _block(hears(self.groups, self.loop.n), self.loop.m, self.loop.m)
+
+
+def make_field(problem: Problem, mode: str, gain: Gain | None) -> Field:
+    """Build the right-hand side of the full loop in one mode."""
+    return field_of(make_loop(problem, gain), groups_of_mode(problem, mode))
+
+
+def field_of(loop: Loop, groups: Sequence[ArcGroup]) -> Field:
+    """The full loop on arcs that are grouped by coupling."""
+    graph = graph_of(groups, n=loop.n, m=loop.m)
+    return Field(loop=loop, graph=graph, groups=groups)
+
+
+def network_of(loop: Loop, groups: Sequence[ArcGroup], *, runs: int = 1) -> Network:
+    """h(e) - K e on arcs that are grouped by coupling."""
+    graph = graph_of(groups, n=loop.n, m=loop.m, runs=runs)
+    return Network(loop=loop, graph=graph, groups=groups)
+
+
+def _full_pattern(loop: Loop, groups: Sequence[ArcGroup]) -> sp.csr_array:
     """Who may influence whom: agents by neighbourhood, and all states of one agent among themselves."""
-    n, m, q = problem.n, problem.m, problem.q
-    hears = sp.eye_array(n, format="csr")
-    for group in arc_groups(problem, mode):
-        hears = hears + abs(gathering_matrix(group, n)) @ abs(difference_matrix(group, n))
-    neighbours = sp.csr_array(hears != 0).astype(np.float64)
-    own = sp.eye_array(n, format="csr")
-
-    def block(graph: sp.csr_array, rows: int, columns: int) -> sp.csr_array:
-        return sp.kron(graph, np.ones((rows, columns)), format="csr")
-
+    m, q = loop.m, loop.q
+    neighbours, own = hears(groups, loop.n), sp.eye_array(loop.n, format="csr")
     return sp.block_array(
         [
-            [block(neighbours, m, m), block(own, m, q), block(own, m, q)],
-            [None, block(own, q, q), None],
-            [block(neighbours, q, m), None, block(own, q, q)],
+            [_block(neighbours, m, m), _block(own, m, q), _block(own, m, q)],
+            [None, _block(own, q, q), None],
+            [_block(neighbours, q, m), None, _block(own, q, q)],
         ],
         format="csr",
     )
+
+
+def _block(graph: sp.csr_array, rows: int, columns: int) -> sp.csr_array:
+    return sp.kron(graph, np.ones((rows, columns)), format="csr")

@@ -5,24 +5,48 @@ Numbers of one run in floating point: they illustrate and never decide.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from os import PathLike
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from dobc_design._render import escape_html
+from dobc_design.simulate import measures
+from dobc_design.simulate.switches import Switches, one_mode
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 Array = NDArray[np.float64]
+IndexArray = NDArray[np.int64]
+SHOWN_MODES = 4  # names in a summary
 
-RESOLVED = 1e-6  # part of the largest error below which a decay is not read off: integration error
+
+class Sample(NamedTuple):
+    """One instant of a run: time in s, name of the mode; x, d, dhat, u (n, m); xi, xihat (n, q)."""
+
+    time: float
+    mode: str
+    x: Array
+    xi: Array
+    xihat: Array
+    d: Array
+    dhat: Array
+    u: Array
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False, repr=False)
 class Trajectory:
-    """Samples of a run in one mode; arrays cannot be written to.
+    """Samples of a run; arrays cannot be written to.  Iterating gives one ``Sample`` after the other.
 
-    Shapes: times (T,) in s; x, d, dhat, u (T, n, m); xi, xihat (T, n, q); goal (n, m).  ``diverged`` says that the
-    run could not be carried to its end, ``t_final``: the samples are those before.
+    Shapes: times (T,) in s; x, d, dhat, u (T, n, m); xi, xihat (T, n, q); goal (n, m); mode_index (T,), the active mode
+    as a place in ``switches.names``.  ``mode`` names the mode, or the modes and the signal; ``switches`` holds the
+    exact instants.  ``diverged`` says that the run could not be carried to its end, ``t_final``: the samples are
+    those before, and ``reason`` says why.  ``method`` names the integrator, ``notes`` say what was chosen.
     """
 
     name: str
@@ -39,10 +63,33 @@ class Trajectory:
     u: Array
     goal: Array
     diverged: bool
+    reason: str = ""
+    method: str = ""
+    evaluations: int = 0
+    notes: tuple[str, ...] = ()
+    signal: str = ""  # as JSON
+    switches: Switches = field(default_factory=lambda: one_mode(""))  # default: ``mode`` throughout
+    mode_index: IndexArray = field(init=False)
 
     def __post_init__(self) -> None:
-        for array in (self.times, self.x, self.xi, self.xihat, self.d, self.dhat, self.u, self.goal):
+        if self.switches.names == ("",):
+            object.__setattr__(self, "switches", one_mode(self.mode))
+        object.__setattr__(self, "mode_index", self.switches.at(self.times))
+        for array in (
+            self.times, self.x, self.xi, self.xihat, self.d, self.dhat, self.u, self.goal, self.mode_index,
+        ):  # fmt: skip
             array.setflags(write=False)
+
+    def __len__(self) -> int:
+        return len(self.times)
+
+    def __iter__(self) -> Iterator[Sample]:
+        names = self.switches.names
+        for k, time in enumerate(self.times.tolist()):
+            yield Sample(
+                time, names[self.mode_index[k]], self.x[k], self.xi[k], self.xihat[k], self.d[k], self.dhat[k],
+                self.u[k],
+            )  # fmt: skip
 
     def error(self) -> Array:
         """|e|_inf, the largest distance of any component from its goal, at every sample: (T,)."""
@@ -57,26 +104,42 @@ class Trajectory:
         """|e|_inf at the last sample."""
         return float(self.error()[-1])
 
-    def settling_time(self, tolerance: float) -> float | None:
-        """Time in s of the first sample from which on |e|_inf <= tolerance; None if it is not so at the end."""
-        outside = np.flatnonzero(~(self.error() <= tolerance))
-        if self.diverged or (len(outside) and outside[-1] == len(self.times) - 1):
-            return None
-        return float(self.times[outside[-1] + 1 if len(outside) else 0])
+    def settling_time(self, tolerance: float | None = None) -> float | None:
+        """Time in s of the first sample from which on |e|_inf <= tolerance; None if it is not so at the end.
 
-    @property
+        ``tolerance`` defaults to one percent of the error at the start.
+        """
+        return measures.settling_time(self.times, self.error(), tolerance, diverged=self.diverged)
+
     def decay_rate(self) -> float | None:
         """Slope of -ln |e|_inf over time in 1/s, fitted by least squares; negative for growth.
 
         Fitted to the samples in which the error is at least a millionth of its largest value; None if
         these are fewer than three.
         """
-        error = self.error()
-        chosen = error > RESOLVED * error.max()
-        if np.count_nonzero(chosen) < 3:
-            return None
-        times = self.times[chosen] - self.times[chosen].mean()
-        return -float(times @ np.log(error[chosen]) / (times @ times))
+        return measures.decay_rate(self.times, self.error())
+
+    def summary(self) -> dict[str, Any]:
+        """The numbers of ``dobc simulate --json``, without its files."""
+        return measures.summary(self.times, self.error()[None], np.array([self.diverged]))
+
+    def to_pandas(self) -> pd.DataFrame:
+        """A table with one row per sample and columns (quantity, agent, component).  Needs pandas.
+
+        Raises: SpecError if pandas is not installed.
+        """
+        from dobc_design.simulate.tables import to_frame
+
+        return to_frame(self)
+
+    def save(self, path: str | PathLike[str], *, force: bool = False) -> Path:
+        """Write all of it to ``path``: .npz, or .parquet (needs pyarrow).  ``load_trajectory`` reads both.
+
+        Raises: SpecError for another ending, or for a file that is there already, unless ``force``.
+        """
+        from dobc_design.simulate.storage import save_trajectory
+
+        return save_trajectory(self, Path(path), force=force)
 
     def __str__(self) -> str:
         return f"{self.name}: {self._summary}"

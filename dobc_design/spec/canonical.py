@@ -116,7 +116,7 @@ def problem_from_canonical(data: bytes) -> Problem:
     document = _load(data)
     reader = _Reader(document)
     problem = reader.problem()
-    if problem.m != document["dimension"] or isinstance(document["dimension"], bool):
+    if problem.m != document["dimension"] or type(document["dimension"]) is not int:
         raise _wrong("dimension", f"the number of state components, {problem.m}", document["dimension"])
     return problem
 
@@ -134,7 +134,7 @@ def _load(data: bytes) -> dict[str, Any]:
             f'problem.json must hold an object with "format": "{FORMAT}".', key="format", cure=_CURE
         )
     version = document.get("version")
-    if version != VERSION or isinstance(version, bool):
+    if version != VERSION or type(version) is not int:  # true and 1.0 equal 1
         raise SpecError(
             f"problem.json has version {shown(version)}; this program knows {VERSION}.", key="version",
             cure="Update dobc_design, or write the file again.",

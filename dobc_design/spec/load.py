@@ -12,6 +12,7 @@ from dobc_design.spec.builtin import builtin_names, builtin_text
 from dobc_design.spec.file import read_problem_file, read_problem_text
 from dobc_design.spec.problem import Problem
 from dobc_design.spec.reading import shown
+from dobc_design.spec.toml_text import read_bytes
 
 
 def load_problem(source: str | PathLike[str]) -> Problem:
@@ -32,3 +33,14 @@ def load_problem(source: str | PathLike[str]) -> Problem:
                 cure=f"did you mean {near[0]}?",
             )  # fmt: skip
     return read_problem_file(path)
+
+
+def source_text(source: str | PathLike[str]) -> str | None:
+    """The TOML that ``load_problem`` reads for this source; None for a problem.json.
+
+    Raises: SpecError if there is no such file.
+    """
+    path = Path(source)
+    if isinstance(source, str) and not os.path.isfile(source) and source in builtin_names():
+        return builtin_text(source)
+    return None if path.suffix.lower() == ".json" else read_bytes(path).decode("utf-8-sig")

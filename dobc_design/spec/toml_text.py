@@ -6,7 +6,9 @@ nesting is counted before the TOML parser, which is recursive and quadratic in i
 
 from __future__ import annotations
 
+import os
 import re
+import stat
 import tomllib
 from collections.abc import Mapping
 from pathlib import Path
@@ -17,6 +19,8 @@ from dobc_design.spec.reading import NumberText, shown
 
 MAX_BYTES = 16 * 1024 * 1024
 MAX_NESTING = 50
+PIECE = 16 * 1024 * 1024
+PROBLEM = "problem file"
 
 # Strings and comments; possessive, so that no byte is looked at twice. A string that is not closed reaches
 # to the end (of the line): the parser stops there anyway.
@@ -32,31 +36,52 @@ _DOTTED_KEY = re.compile(rb"[A-Za-z0-9_\-' \t.]++")
 _BRACKET = re.compile(rb"[\[\]{}]")
 
 
-def read_bytes(path: Path, *, limit: int = MAX_BYTES) -> bytes:
-    """Read a file of at most ``limit`` bytes.  Raises SpecError that names the file."""
+def read_bytes(path: Path, *, limit: int = MAX_BYTES, what: str = PROBLEM) -> bytes:
+    """Read a regular file of at most ``limit`` bytes; ``what`` it ought to be is for messages.
+
+    Raises: SpecError that names the file.  Pipes and devices are refused: they may never end, or never begin.
+    """
     name = shown(path.name)
     try:
-        if path.is_dir():
-            raise SpecError(
-                f"{shown(str(path))} is a folder, not a problem file.", key=path.name, cure="Name the file in it."
-            )
-        if path.is_fifo():
-            raise SpecError(f"{name} is a pipe, not a file.", key=path.name, cure="Write it to a file first.")
-        with path.open("rb") as stream:  # devices tell no size, so read up to the limit instead of asking
-            data = stream.read(limit + 1)
+        # Not blocking, so that a pipe nobody writes to is opened and then refused.
+        descriptor = os.open(path, os.O_RDONLY | getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_BINARY", 0))
+        try:
+            kind = _kind(os.fstat(descriptor).st_mode)
+            data = b"" if kind else _read_at_most(limit + 1, descriptor)
+        finally:
+            os.close(descriptor)
     except FileNotFoundError:
-        raise SpecError(
-            f"there is no file {name} and no built-in problem of that name.", key=path.name,
-            cure="`dobc problems` lists the built-in ones.",
-        ) from None  # fmt: skip
-    except SpecError:
-        raise
+        known = " and no built-in problem of that name" if what == PROBLEM else ""
+        cure = "`dobc problems` lists the built-in ones." if known else "Check the path."
+        raise SpecError(f"there is no file {name}{known}.", key=path.name, cure=cure) from None
     except (OSError, ValueError) as error:  # ValueError: a NUL in the name
-        reason = getattr(error, "strerror", None) or error
-        raise SpecError(f"{name} cannot be read: {reason}.", key=path.name, cure="Check the path.") from None
+        kind = "folder" if os.path.isdir(path) else ""  # Windows does not open folders
+        if not kind:
+            reason = getattr(error, "strerror", None) or error
+            raise SpecError(f"{name} cannot be read: {reason}.", key=path.name, cure="Check the path.") from None
+    if kind:
+        cure = "Name the file in it." if kind == "folder" else "Write it to a file first."
+        raise SpecError(f"{shown(str(path))} is a {kind}, not a {what}.", key=path.name, cure=cure)
     if len(data) > limit:
-        raise _too_large(limit)
+        raise _too_large(limit, what)
     return data
+
+
+def _read_at_most(count: int, descriptor: int) -> bytes:
+    """Up to ``count`` bytes.  In pieces, so that memory is taken for what is there, not for what may be."""
+    with os.fdopen(descriptor, "rb", closefd=False) as stream:
+        pieces = []
+        while count > 0 and (piece := stream.read(min(count, PIECE))):
+            pieces.append(piece)
+            count -= len(piece)
+    return b"".join(pieces)
+
+
+def _kind(mode: int) -> str:
+    """What is no regular file, in a word; "" for a file."""
+    if stat.S_ISREG(mode):
+        return ""
+    return "folder" if stat.S_ISDIR(mode) else "pipe" if stat.S_ISFIFO(mode) else "device"
 
 
 def parse_toml(data: bytes) -> dict[str, Any]:
@@ -116,10 +141,11 @@ def _check_depth(document: Mapping[str, Any]) -> None:
     raise _too_deep()
 
 
-def _too_large(limit: int) -> SpecError:
+def _too_large(limit: int, what: str = PROBLEM) -> SpecError:
+    arcs = 'Keep long lists of arcs in a CSV file: Ga = { file = "arcs.csv" }.'
     return SpecError(
-        f"the problem file is too large: at most {limit} bytes are read.",
-        cure='Keep long lists of arcs in a CSV file: Ga = { file = "arcs.csv" }.',
+        f"the {what} is too large: at most {limit} bytes are read.",
+        cure=arcs if what == PROBLEM else "It is not one of ours.",
     )
 
 

@@ -6,7 +6,7 @@ A Check is what a certificate consists of; what confirms it is the problem, the 
 from __future__ import annotations
 
 import math
-from collections.abc import Collection, Mapping
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -107,6 +107,33 @@ class Check:
         return result
 
 
+def main_cure(checks: Sequence[Check]) -> Check | None:
+    """The failed check whose fix cures most: the condition everything rests on, else a printed P, else the model."""
+    for id in ("theorem2", "theorem1", "lemma1", "theorem2-printed", "theorem1-printed", "detectability", "hurwitz"):
+        for check in checks:
+            if check.id == id and check.fix is not None:
+                return check
+    return None
+
+
+def main_fix(checks: Sequence[Check]) -> Fix | None:
+    """The fix of ``main_cure``, None where nothing is to be cured or no cure is known."""
+    check = main_cure(checks)
+    return None if check is None else check.fix
+
+
+def other_cures(checks: Sequence[Check]) -> list[Check]:
+    """Checks with a fix that sets other keys than the main one and than those before, which supersede it."""
+    main = main_cure(checks)
+    seen = [] if main is None or main.fix is None else [set(main.fix.set)]
+    result = []
+    for check in checks:
+        if check.fix is not None and not any(set(check.fix.set) <= other for other in seen):
+            seen.append(set(check.fix.set))
+            result.append(check)
+    return result
+
+
 def check_from_json(data: Any) -> Check:
     """Read a check back.
 
@@ -119,7 +146,7 @@ def check_from_json(data: Any) -> Check:
     domain = data["domain"]
     return Check(
         id=data["id"],
-        mode=_text_or_none(data.get("mode")),
+        mode=_text(data["mode"]) if "mode" in data else None,
         verdict=Verdict(data["verdict"]),
         domain=domain if isinstance(domain, str) else _object(domain, "domain"),
         margin=number_or_none(data["margin"]),
@@ -174,10 +201,6 @@ def _text(value: Any) -> str:
     if not isinstance(value, str):
         raise TypeError(f"expected text, got {value!r}")
     return value
-
-
-def _text_or_none(value: Any) -> str | None:
-    return None if value is None else _text(value)
 
 
 def _texts(value: Any) -> tuple[str, ...]:

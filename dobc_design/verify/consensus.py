@@ -25,8 +25,8 @@ from dobc_design.verdict import Verdict
 from dobc_design.verify.check import Check, Witness
 from dobc_design.verify.linearisation import unstable_roots
 from dobc_design.verify.negative import Enclosed, find_witness, is_negative, refuted_margin
-from dobc_design.verify.network import name_agents, unheld_groups
 from dobc_design.verify.numbers import claimed, largest_proved, shorten
+from dobc_design.verify.witness import carriers, group_directions, refutation
 
 ZERO = Fraction(0)
 Candidates = Sequence[Sequence[float]]
@@ -70,7 +70,7 @@ def lemma1_check(statements: Statements, mode: str, proposal: Proposal) -> Check
         )  # fmt: skip
     problem = statements.problem
     alone = unreached(problem, [problem.network.modes[mode]])
-    vector = find_witness(matrix, [*_indicators(alone, problem.n, problem.m), *proposal.vectors])
+    vector = find_witness(matrix, [*group_directions(problem, problem.network.modes[mode]), *proposal.vectors])
     if vector is None:
         return Check(
             id="lemma1", mode=mode, verdict=Verdict.UNDECIDED, domain=statements.domain,
@@ -81,7 +81,7 @@ def lemma1_check(statements: Statements, mode: str, proposal: Proposal) -> Check
     return Check(
         id="lemma1", mode=mode, verdict=Verdict.REFUTED, domain=statements.domain,
         margin=refuted_margin(matrix, vector),
-        reason=_refutation(statements, vector, alone=alone, roots=int(exact["unstable_roots"])),
+        reason=refutation(problem, vector, alone=alone, roots=int(exact["unstable_roots"])),
         exact=exact, witness=lambda_witness(statements, vector),
     )  # fmt: skip
 
@@ -157,7 +157,7 @@ def _decide_pair(
         proposal.margin, lambda shift: all(is_negative(each, shift=shift) for each in modes.values())
     )
     if margin is None:
-        return _refuted_pair(id, statements, exosystem, pair, modes, proposal, exact=exact, printed=printed)
+        return _refuted_pair(id, statements, modes, proposal, exact=exact, printed=printed)
     rate = largest_proved(proposal.rate, lambda b: psi_is_negative(statements, exosystem, pair, rate=b))
     name = "the P given" if printed else "a rational P"
     common = "" if len(modes) == 1 else f" with one P for all {len(modes)} modes"
@@ -169,8 +169,8 @@ def _decide_pair(
 
 
 def _refuted_pair(
-    id: str, statements: Statements, exosystem: Exosystem, pair: Pair, modes: Mapping[str, Enclosed],
-    proposal: Proposal, *, exact: dict[str, Any], printed: bool,
+    id: str, statements: Statements, modes: Mapping[str, Enclosed], proposal: Proposal, *, exact: dict[str, Any],
+    printed: bool,
 ) -> Check:  # fmt: skip
     for mode, matrix in modes.items():
         vector = find_witness(matrix, proposal.vectors)
@@ -181,22 +181,11 @@ def _refuted_pair(
         where = f" in mode {mode}" if len(modes) > 1 else ""
         return Check(
             id=id, verdict=Verdict.REFUTED, domain=statements.domain, margin=refuted_margin(matrix, vector),
-            reason=f"Psi is not negative definite for this P{where}: v' Psi v >= 0 for the vector shown.{bound}{fix}",
-            exact={**exact, "mode": mode},
-            witness=vector_witness(_psi_vector(vector, pair, exosystem)),
+            reason=f"Psi is not negative definite for this P{where}: v'(Lambda + I (x) S)v >= 0 for the vector shown."
+            f"{bound}{fix}",
+            exact={**exact, "mode": mode}, witness=lambda_witness(statements, vector),
         )  # fmt: skip
     return _not_found(id, statements)
-
-
-def _psi_vector(vector: Vector, pair: Pair, exosystem: Exosystem) -> Vector:
-    """Extend v to [v; w], w_i = (-Omega0)^-1 C' v_i, where Psi takes the value v'(Lambda + I (x) S) v."""
-    m = exosystem.outputs
-    gain = multiply(inverse(omega(pair.P, pair.Q, exosystem).negated().to_dense()), transpose(exosystem.C))
-    tail: list[Fraction] = []
-    for place in range(0, len(vector), m):
-        own = vector[place : place + m]
-        tail.extend(sum((row[c] * own[c] for c in range(m)), ZERO) for row in gain)
-    return (*vector, *tail)
 
 
 def _refuted_block(id: str, statements: Statements, kind: str, witness: Vector) -> Check:
@@ -249,46 +238,9 @@ def pair_facts(pair: Pair, S: Matrix) -> dict[str, Any]:
     return values
 
 
-def _indicators(agents: Sequence[int], n: int, m: int) -> list[list[float]]:
-    if not agents:
-        return []
-    chosen = set(agents)
-    return [[1.0 if place // m in chosen else 0.0 for place in range(n * m)]]
-
-
-def _refutation(statements: Statements, vector: Vector, *, alone: Sequence[int], roots: int) -> str:
-    problem = statements.problem
-    if alone:
-        labels = tuple(problem.network.labels[i] for i in alone)
-        text = f"{name_agents(labels)} hear{'s' if len(labels) == 1 else ''} no pinned agent, so nothing holds"
-        text += f" {'it' if len(labels) == 1 else 'them'}: v' Lambda v = 0 for the vector that moves"
-        text += f" {'it' if len(labels) == 1 else 'them all alike'}."
-    else:
-        text = f"V = e'e does not decrease in a direction carried by {name_agents(heavy_agents(statements, vector))}"
-        if next(unheld_groups(problem), None) is None:
-            text += "; larger gains, more pins or fewer one-way arcs there help."
-        else:
-            text += ": the gains leave a direction free that no arc holds either."
-    if roots:
-        text += f" The linearisation has {roots} eigenvalue(s) with positive real part: the target is unstable."
-    return text
-
-
-def heavy_agents(statements: Statements, vector: Sequence[Fraction]) -> tuple[str, ...]:
-    """Labels of the agents that carry a direction: entries of at least half the largest."""
-    problem = statements.problem
-    sizes = [
-        max(abs(x) for x in vector[agent * problem.m : (agent + 1) * problem.m]) for agent in range(problem.n)
-    ]
-    return tuple(problem.network.labels[i] for i, size in enumerate(sizes) if 2 * size >= max(sizes))
-
-
 def lambda_witness(statements: Statements, vector: Vector) -> Witness:
     """A direction of the network, with the labels of the agents that move in it."""
-    problem = statements.problem
-    carried = tuple(
-        problem.network.labels[i] for i in range(problem.n) if any(vector[i * problem.m : (i + 1) * problem.m])
-    )
+    carried = carriers(statements.problem, vector)
     return Witness(kind="vector", labels=carried, values=tuple(number_text(x) for x in vector))
 
 

@@ -18,6 +18,9 @@ from dobc_design.verdict import Verdict
 from dobc_design.verify.numbers import shorten
 
 ZERO = Fraction(0)
+TOPS = (1, 2, 3, 5, 9, 20, 99, 9999)  # the largest entry of a rounded direction
+LONG, SHORT = 1024, 256  # bits of entries that are rounded first, and of what they are rounded to
+LARGEST_SUPPORT = 300  # rows up to which a candidate's rows are eliminated
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -39,9 +42,7 @@ class Enclosed:
     def value(self, vector: Sequence[Fraction]) -> Interval:
         """Enclose v'Mv: a point where no irrational slope takes part."""
         v, middle = vector, self.middle.quadratic_form(vector)
-        spread = sum(
-            (2 * d.size * abs(v[d.row] * (v[d.speaker] - v[d.listener])) for d in self.deviations), ZERO
-        )
+        spread = sum((2 * d.size * abs(v[d.row] * (v[d.speaker] - v[d.listener])) for d in self.deviations), ZERO)
         return Interval(middle - spread, middle + spread)
 
     def plus_blocks(self, block: Matrix) -> Enclosed:
@@ -59,7 +60,29 @@ class Enclosed:
 def is_negative(matrix: Enclosed, *, shift: Fraction = ZERO) -> bool:
     """Whether matrix + shift I < 0 is proved for everything enclosed."""
     upper = matrix.middle.shifted(matrix.radius + shift).negated()
+    short = _shorter(upper)
+    if short is not None and decide_positive_definite(short).verdict is Verdict.PROVED:
+        return True
     return decide_positive_definite(upper).verdict is Verdict.PROVED
+
+
+def _shorter(matrix: SparseSymmetric) -> SparseSymmetric | None:
+    """A matrix below it (in the sense of <=) with short entries, where the entries are long; None where they are not.
+
+    Elimination multiplies digits: with numbers of thousands of digits, which a certificate may hold, it takes minutes.
+    Rounding every entry to a multiple of u changes the matrix by at most u/2 times its longest row.
+    """
+    sizes = [max(x.numerator.bit_length(), x.denominator.bit_length()) for x in matrix.entries.values()]
+    if max(sizes, default=0) <= LONG:
+        return None
+    lengths: dict[int, int] = {}
+    for i, j in matrix.entries:
+        for row in {i, j}:
+            lengths[row] = lengths.get(row, 0) + 1
+    largest = max(abs(x) for x in matrix.entries.values())
+    unit = Fraction(2) ** (largest.numerator.bit_length() - largest.denominator.bit_length() - SHORT)
+    rounded = {place: round(x / unit) * unit for place, x in matrix.entries.items()}
+    return SparseSymmetric(matrix.size, rounded).shifted(-unit / 2 * max(lengths.values()))
 
 
 def refutes(matrix: Enclosed, vector: Sequence[Fraction]) -> bool:
@@ -77,25 +100,59 @@ def refuted_margin(matrix: Enclosed, vector: Sequence[Fraction]) -> float:
     return 0.0 - shorten(lowest_quotient(matrix, vector))
 
 
-def find_witness(matrix: Enclosed, candidates: Iterable[Sequence[float]]) -> Vector | None:
+def find_witness(
+    matrix: Enclosed, candidates: Iterable[Sequence[float]], *, rows: Sequence[int] | None = None
+) -> Vector | None:
     """A rational v != 0 with v'Mv >= 0 proved, or None if M < 0 (or the deviations hide the answer).
 
-    ``candidates`` (indicators of agents, approximate eigenvectors) are rounded to small integers and
-    tried first, because they read better; then the elimination's own witness.
+    ``candidates`` (indicators of agents, approximate eigenvectors) are tried in order of how few entries they have:
+    rounded to small integers, because they read better, then by elimination of the rows they live on.  Last comes the
+    elimination of ``rows``, all of them if that is None; candidates that leave ``rows`` are skipped.
     """
-    for candidate in candidates:
+    inside = None if rows is None else set(rows)
+    ordered = sorted(((_support(each), each) for each in candidates), key=lambda pair: len(pair[0]))
+    for support, candidate in ordered:
+        if not support or len(candidate) != matrix.middle.size or (inside is not None and not inside >= set(support)):
+            continue
         for vector in _roundings(candidate):
             if refutes(matrix, vector):
                 return vector
-    # v'(middle)v >= radius v'v, so v refutes whatever the deviations are.
-    return decide_positive_definite(matrix.middle.shifted(-matrix.radius).negated()).witness
+        if len(support) < matrix.middle.size and len(support) <= LARGEST_SUPPORT:
+            found = _eliminated(matrix, support)
+            if found is not None:
+                return found
+    return _eliminated(matrix, range(matrix.middle.size) if rows is None else rows)
+
+
+def _support(candidate: Sequence[float]) -> list[int]:
+    return [row for row, x in enumerate(candidate) if x]
+
+
+def _eliminated(matrix: Enclosed, rows: Sequence[int]) -> Vector | None:
+    """The elimination's own witness on these rows, zero elsewhere.
+
+    v'(middle)v >= radius v'v, so v refutes whatever the deviations are.
+    """
+    shifted = matrix.middle.shifted(-matrix.radius).negated()
+    if len(rows) == matrix.middle.size:
+        return decide_positive_definite(shifted).witness
+    place = {row: k for k, row in enumerate(rows)}
+    entries = {
+        (min(place[i], place[j]), max(place[i], place[j])): value
+        for (i, j), value in shifted.entries.items()
+        if i in place and j in place
+    }
+    found = decide_positive_definite(SparseSymmetric(len(place), entries)).witness
+    if found is None:
+        return None
+    return tuple(found[place[row]] if row in place else ZERO for row in range(matrix.middle.size))
 
 
 def _roundings(candidate: Sequence[float]) -> Iterable[Vector]:
     largest = max((abs(x) for x in candidate), default=0.0)
     if not 0 < largest < float("inf"):
         return
-    for top in (9, 99, 9999):
+    for top in TOPS:
         vector = tuple(Fraction(round(x / largest * top)) for x in candidate)
         if any(vector):
             yield vector

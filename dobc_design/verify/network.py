@@ -6,7 +6,7 @@ c, so consensus fails; and the indicator of S is a vector v with v' Lambda v = 0
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 
 from dobc_design.exact.matrix import Vector, identity, nullspace
 from dobc_design.spec.arcs import Arcs
@@ -36,13 +36,15 @@ def reachability_check(problem: Problem, mode: str) -> Check:
     )  # fmt: skip
 
 
-def unheld_groups(problem: Problem) -> Iterator[tuple[tuple[int, ...], tuple[Vector, ...]]]:
-    """Smallest sets S of agents that listen to nobody outside in any mode, with directions c != 0, k_i c = 0 on S.
+def unheld_groups(
+    problem: Problem, arcs: Iterable[Arcs] | None = None
+) -> Iterator[tuple[tuple[int, ...], tuple[Vector, ...]]]:
+    """Smallest sets S of agents that listen to nobody outside, with directions c != 0, k_i c = 0 on S.
 
-    Then e_S = c, eps = 0 is an equilibrium whatever the others do.  With scalar gains such a set is one
-    without a pin, and every direction is free.
+    ``arcs``: the modes to put together, all of them by default.  Then e_S = c, eps = 0 is an equilibrium whatever
+    the others do.  With scalar gains such a set is one without a pin, and every direction is free.
     """
-    for group in closed_groups(problem, problem.network.modes.values()):
+    for group in closed_groups(problem, problem.network.modes.values() if arcs is None else arcs):
         gains = [problem.pinning.gains[i] for i in group if i in problem.pinning.gains]
         free = nullspace(tuple(row for gain in gains for row in gain)) if gains else identity(problem.m)
         if free:

@@ -7,13 +7,15 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from fractions import Fraction
 
-from dobc_design.exact.number import float_below, parse_number
+from dobc_design.exact.matrix import Matrix
+from dobc_design.exact.number import float_below, number_text, parse_number
 
 SHRINK = (1e-9, 1e-6, 1e-3, 0.1, 0.5)
-LONGEST = 100_000  # characters of a rational in a certificate
+LONGEST = 10_000  # characters of a rational in a certificate
+VECTOR_BITS, MATRIX_BITS = 65_536, 16_384  # of the common denominator of a vector; of P, and of a designed W
 _CHUNK = 4000  # Python refuses to read more than 4300 digits at once
 _LONG = re.compile(r"(-?)([0-9]+)(?:/([0-9]+))?")
 
@@ -52,7 +54,7 @@ def largest_proved(estimate: float, holds: Callable[[Fraction], bool]) -> float 
 
 
 def read_rational(text: object, *, key: str = "certificate") -> Fraction:
-    """Read a rational of a certificate, "-9/8" or "3": text of at most 100000 characters.
+    """Read a rational of a certificate, "-9/8" or "3": text of at most 10000 characters.
 
     Raises: SpecError or ValueError for anything else, JSON numbers included.
     """
@@ -65,6 +67,27 @@ def read_rational(text: object, *, key: str = "certificate") -> Fraction:
     if not bottom:
         raise ValueError(f"{key} must have a denominator other than 0")
     return Fraction(_integer(long[2]), bottom) * (-1 if long[1] else 1)
+
+
+def is_writable(P: Matrix, *others: Matrix) -> bool:
+    """Whether a certificate can hold P and what follows from it: no entry too long, nor the common denominator of P."""
+    texts = (number_text(x) for matrix in (P, *others) for row in matrix for x in row)
+    return all(len(text) <= LONGEST for text in texts) and is_short(P)
+
+
+def is_short(matrix: Matrix) -> bool:
+    """Whether the entries of a matrix have a common denominator that a certificate may hold."""
+    return has_short_denominator((x for row in matrix for x in row), MATRIX_BITS)
+
+
+def has_short_denominator(values: Iterable[Fraction], limit: int) -> bool:
+    """Whether the common denominator has at most ``limit`` bits; stops as soon as it has more."""
+    common = 1
+    for value in values:
+        common = math.lcm(common, value.denominator)
+        if common.bit_length() > limit:
+            return False
+    return True
 
 
 def _integer(digits: str) -> int:

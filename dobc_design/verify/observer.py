@@ -10,9 +10,9 @@ from dobc_design.exact.matrix import Matrix, add, identity, multiply, scale, sub
 from dobc_design.exact.number import number_text
 from dobc_design.exact.observability import decide_detectable, decide_observable, observable_reduction
 from dobc_design.exact.polynomial import decide_hurwitz
-from dobc_design.spec.canonical import matrix_text
 from dobc_design.spec.exosystem import Exosystem
 from dobc_design.spec.problem import Problem
+from dobc_design.spec.typed import typed_matrix, typed_number
 from dobc_design.verdict import Verdict
 from dobc_design.verify.check import Check, Fix, Witness
 from dobc_design.verify.numbers import largest_proved, shorten
@@ -126,24 +126,27 @@ def _reduction(exosystem: Exosystem, problem: Problem | None) -> Fix:
             change["observer"] = None
         if xi0 is not None:
             change["simulation.xi0"] = None
+        if problem is not None and problem.region is not None and problem.region.initial_disturbance is not None:
+            change["region.initial_disturbance"] = None
+        if problem is not None and problem.m > 1:  # C no longer says how many components there are
+            change["target"] = [typed_number(x) for x in problem.target]
         return Fix(
             kind="exosystem", set=change, text="Remove [exosystem]: C sees nothing of it, so there is no disturbance."
         )
-    change |= {"exosystem.A": matrix_text(A_o), "exosystem.C": matrix_text(C_o)}
+    change |= {"exosystem.A": typed_matrix(A_o), "exosystem.C": typed_matrix(C_o)}
     if observer is not None and observer.W is not None:
-        change["observer.W"] = matrix_text(multiply(T, observer.W))
+        change["observer.W"] = typed_matrix(multiply(T, observer.W))
     if observer is not None and observer.P is not None:
         change["observer.P"] = None
     if xi0 is not None:
-        rows = matrix_text(tuple(tuple(row) for row in multiply(xi0, transpose(T))))
+        rows = typed_matrix(tuple(tuple(row) for row in multiply(xi0, transpose(T))))
         change["simulation.xi0"] = rows[0] if len(rows) == 1 else rows
     if problem is not None and problem.region is not None and problem.region.initial_disturbance:
-        change["region.initial_disturbance"] = number_text(problem.region.initial_disturbance * _norm_above(T))
-    removed = " Keys set to null are to be removed." if None in change.values() else ""
+        change["region.initial_disturbance"] = typed_number(problem.region.initial_disturbance * _norm_above(T))
     return Fix(
         kind="exosystem", set=change,
         text=f"Use the observable part of the exosystem (order {len(A_o)} instead of {exosystem.order}):"
-        f" it generates the same disturbances.{removed}",
+        " it generates the same disturbances.",
     )  # fmt: skip
 
 

@@ -21,15 +21,23 @@ from typing import Any
 for _threads in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "RAYON_NUM_THREADS"):
     os.environ[_threads] = "1"
 
+from simulation import simulation_bars, simulation_growth, whole_run  # noqa: E402 - NumPy must see the settings above
+
 from dobc_design.design.dense import solve_dense  # noqa: E402 - NumPy must see the settings above
 from dobc_design.design.direct import solve_directly  # noqa: E402
 from dobc_design.design.program import Program, Solution  # noqa: E402
 from dobc_design.design.reduced import solve_reduced  # noqa: E402
+from dobc_design.exact.cholesky import Scaled, proves_by_integers, scaled  # noqa: E402
+from dobc_design.exact.definite import decide_quickly  # noqa: E402
+from dobc_design.exact.elimination import bad_direction  # noqa: E402
+from dobc_design.exact.symmetric import SparseSymmetric  # noqa: E402
+from dobc_design.exact.zmatrix import search  # noqa: E402
 from dobc_design.spec.exosystem import Exosystem  # noqa: E402
 from dobc_design.spec.network import Network  # noqa: E402
 from dobc_design.spec.problem import Problem  # noqa: E402
 from dobc_design.theorems.conditions import reduced  # noqa: E402
 from dobc_design.theorems.statements import state_theorems  # noqa: E402
+from dobc_design.verdict import Verdict  # noqa: E402
 from dobc_design.workflow import certify  # noqa: E402
 
 EXOSYSTEM = Exosystem(A=[[0, 2], [-2, 0]], C=[[1, 0]])
@@ -66,6 +74,11 @@ def main() -> None:
     for name, network in (("directed cycle, 10 % pinned", cycle), ("random, degree 4, 10 % pinned", random_balanced)):
         for line in growth(name, network):
             print(line, flush=True)
+    print(f"\n{whole_run()}")
+    print("\nGrowth of one simulated run, problem object to trajectory (no bar):")
+    print(f"{'n':>9} {'arcs':>9} {'evaluations':>12} {'seconds':>9} {'ns/(agent evaluation)':>22}")
+    for line in simulation_growth():
+        print(line, flush=True)
 
 
 def bars() -> Iterator[Bar]:
@@ -74,7 +87,13 @@ def bars() -> Iterator[Bar]:
     yield against_dense(f"{lmi}, tr P + |Q|^2, n = 50 dense", problem(50, complete(50)), "size", bar=1000)
     yield against_dense(f"{lmi}, min t, n = 100 cycle", problem(100, cycle(100)), "margin", bar=10)
     yield tiny("tiny observer SDP: Clarabel directly vs rebuilt in cvxpy")
+    paths = "definiteness, exact LDL' vs"
+    yield against_elimination(f"{paths} shifted Cholesky (Rump), n = 100 dense", gram(100), by_shift, bar=50)
+    yield against_elimination(f"{paths} factor with integer rest, n = 200 dense", gram(200), by_integer_rest, bar=100)
+    yield against_elimination(f"{paths} vector v > 0, n = 1000 ring, 200 chords", ring(1000), by_vector, bar=100)
     yield help_bar("dobc --help vs python -c 'import numpy'")
+    for row in simulation_bars():
+        yield Bar(**row)
 
 
 def against_dense(what: str, given: Problem, objective: str, *, bar: float) -> Bar:
@@ -99,6 +118,53 @@ def tiny(what: str) -> Bar:
     slow = median_of(partial(solve_dense, program), repeats=15, inner=3)
     fast = median_of(partial(solve_directly, program), repeats=15, inner=100)
     return Bar(what=what, bar=30, ratio=slow / fast, note=f"{1e3 * slow:.3g} ms / {1e3 * fast:.3g} ms")
+
+
+def against_elimination(what: str, M: SparseSymmetric, path: Callable[[SparseSymmetric], bool], *, bar: float) -> Bar:
+    """Both from the sparse rational matrix to "positive definite"; the elimination is timed once."""
+    fast = median_of(partial(path, M), repeats=9)
+    start = time.process_time()
+    proved = bad_direction(M, strict=True) is None
+    slow = time.process_time() - start
+    agree = "" if proved and path(M) else "THE ANSWERS DIFFER: "
+    return Bar(what=what, bar=bar, ratio=slow / fast, note=f"{agree}{slow:.3g} s / {1e3 * fast:.3g} ms")
+
+
+def by_shift(M: SparseSymmetric) -> bool:
+    return decide_quickly(M).verdict is Verdict.PROVED
+
+
+def by_integer_rest(M: SparseSymmetric) -> bool:
+    S = scaled(M)
+    return isinstance(S, Scaled) and proves_by_integers(S)
+
+
+def by_vector(M: SparseSymmetric) -> bool:
+    return search(M, strict=True).vector is not None
+
+
+def gram(n: int) -> SparseSymmetric:
+    """G G' + I for small integers in G: dense, and the elimination's numbers begin short."""
+    r = Random(n)
+    G = [[r.randint(-3, 3) for _ in range(n)] for _ in range(n)]
+    return SparseSymmetric(n, {
+        (i, j): Fraction(sum(x * y for x, y in zip(G[i], G[j], strict=True)) + (i == j))
+        for i in range(n) for j in range(i, n)
+    })  # fmt: skip
+
+
+def ring(n: int, *, chord: int = 5) -> SparseSymmetric:
+    """The Laplacian of a ring with a chord from every fifth agent, one agent in ten pinned."""
+    r = Random(n)
+    arcs = [(i, (i + 1) % n) for i in range(n)] + [(i, r.randrange(n)) for i in range(0, n, chord)]
+    entries = {(i, i): Fraction(5 if i % 10 == 0 else 0) for i in range(n)}
+    for i, j in arcs:
+        if i != j:
+            place = (min(i, j), max(i, j))
+            entries[place] = entries.get(place, Fraction(0)) - 2
+            entries[i, i] += 2
+            entries[j, j] += 2
+    return SparseSymmetric(n, entries)
 
 
 def help_bar(what: str) -> Bar:

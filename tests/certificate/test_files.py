@@ -12,7 +12,7 @@ from dobc_design.errors import CertificateError
 
 
 @pytest.mark.parametrize("old", [b"old", None])
-@pytest.mark.parametrize("step", ["fsync", "replace", "chmod"])
+@pytest.mark.parametrize("step", ["fsync", "replace", "open", "fdopen"])
 @pytest.mark.parametrize("failure", [OSError(28, "No space left on device"), KeyboardInterrupt(), MemoryError()])
 def test_an_interrupted_write_leaves_the_old_file_and_no_other(tmp_path, monkeypatch, old, step, failure):
     target = tmp_path / "certificate.json"

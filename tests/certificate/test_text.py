@@ -59,9 +59,9 @@ def test_numbers_longer_than_anybody_types_are_read_back(monkeypatch):
 
     def exact_only(exosystem, W, *, bound, decay):
         P = scale(10**40, lyapunov(exosystem.A))
-        yield P, multiply(P, W)
+        yield P, multiply(P, W), ""
 
-    monkeypatch.setattr("dobc_design.workflow.propose_pairs", exact_only)
+    monkeypatch.setattr("dobc_design.deciding.propose_pairs", exact_only)
     certificate = certify(problem)
     data = certificate_bytes(certificate.claims)
     assert max(len(entry) for row in json.loads(data)["observer"]["P"] for entry in row) > 200
@@ -88,6 +88,8 @@ def changed(document, *path, value):
         (("program", "path"), "x"),
         (("version",), 2),
         (("version",), "1"),
+        (("version",), 1.0),
+        (("version",), True),
         (("format",), "other"),
         (("verdict",), "perhaps"),
         (("verdict",), None),

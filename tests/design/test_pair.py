@@ -67,7 +67,7 @@ def test_the_paper_example_gets_a_p_that_can_be_read():
 def test_every_proposal_has_q_equal_to_p_w(harmonic):
     pairs = list(propose_pairs(harmonic, PAPER_GAIN, bound=-0.5, decay=1.6))
     assert len(pairs) > 15
-    for P, Q in pairs:
+    for P, Q, _ in pairs:
         assert is_symmetric(P)
         assert multiply(P, PAPER_GAIN) == Q
 

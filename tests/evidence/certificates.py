@@ -25,7 +25,9 @@ def recheck(count: int, seed: int) -> Row:
 
 def mutants(count: int, seed: int) -> Row:
     tally = mutant_campaign(range(seed, seed + count // MUTANTS), each=MUTANTS)
-    return _row("changed certificates: refused, or still true for the oracle", count // MUTANTS * MUTANTS, tally)
+    return _row(
+        "changed certificates: refused, or true for the oracle; both checkers agree", count // MUTANTS * MUTANTS, tally
+    )
 
 
 def whole_psi(count: int, seed: int) -> Row:

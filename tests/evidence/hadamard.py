@@ -1,19 +1,19 @@
-"""Symmetric matrices whose definiteness is known and hard to see: H diag(lambda) H / n, H a Hadamard matrix.
+"""Symmetric matrices whose definiteness is known and hard to see, put to every path of ``exact.definite``.
 
-H H = n I, so lambda are the eigenvalues, and the matrix is positive definite iff all are positive.  All but
-one are 1, 2 or 4; that one is 0 or +-2^-28 to +-2^-47.  Only matrices whose entries are exact as floats are
-used, so that NumPy is asked the same question.
+See ``edge_matrices``: one eigenvalue is 0 or +-2^-28 to +-2^-47, and the entries are exact as floats, so that NumPy
+is asked the same question.
 """
 
 from __future__ import annotations
 
-from fractions import Fraction
+from collections import Counter
 from random import Random
 
 import numpy as np
+from definiteness_paths import EXACT, PATHS, numpy_cholesky
+from edge_matrices import POWERS, edge_matrices
 from evidence.row import Row
 
-from dobc_design.exact.definite import definiteness
 from dobc_design.verdict import Verdict
 
 SIZES = (4, 16, 64)
@@ -21,58 +21,31 @@ SIZES = (4, 16, 64)
 
 def run(count: int, seed: int) -> Row:
     failures: list[str] = []
-    accepted = {"cholesky": 0, "eigvalsh > 0": 0}
-    rejected = {"cholesky": 0, "eigvalsh > 0": 0, "eigvalsh > 1e-10": 0}
-    positive = 0
-    for k in range(count):
-        floats, small = edge_matrix(SIZES[k % 3], Random(seed + k))
+    decided: Counter[str] = Counter()
+    asked: Counter[str] = Counter()
+    wrong: Counter[str] = Counter()
+    repeats = -(-count // (3 * len(POWERS) * len(SIZES)))
+    matrices = list(edge_matrices(SIZES, seed=seed, repeats=repeats))
+    chosen = Random(seed).sample(matrices, min(count, len(matrices)))
+    for number, (small, floats) in enumerate(chosen):
         truth = small > 0
-        positive += truth
-        if (definiteness(floats) is Verdict.PROVED) is not truth:
-            failures.append(f"seed {seed + k}: eigenvalue {float(small):.3g}")
+        for name, path in PATHS.items():
+            verdict = path(floats)
+            if verdict is None:
+                continue
+            asked[name] += 1
+            decided[name] += verdict is not Verdict.UNDECIDED
+            lie = Verdict.REFUTED if truth else Verdict.PROVED
+            if verdict is lie or (verdict is Verdict.UNDECIDED and name in EXACT):
+                failures.append(f"seed {seed}, number {number}: {float(small):.3g}, {name}: {verdict.value}")
         lowest = float(np.linalg.eigvalsh(floats)[0])
-        opinions = {"cholesky": _cholesky(floats), "eigvalsh > 0": lowest > 0, "eigvalsh > 1e-10": lowest > 1e-10}
-        for name, opinion in opinions.items():
-            if opinion and not truth:
-                accepted[name] = accepted.get(name, 0) + 1
-            elif truth and not opinion:
-                rejected[name] += 1
-    wrong = ", ".join(f"{name}: {accepted.get(name, 0)} accepted, {rejected[name]} rejected" for name in rejected)
+        opinions = {"cholesky": numpy_cholesky(floats), "eigvalsh > 0": lowest > 0, "eigvalsh > 1e-10": lowest > 1e-10}
+        wrong.update(f"{name} {'rejects' if truth else 'accepts'}" for name, each in opinions.items() if each != truth)
     return Row(
-        what="exact.definiteness on Hadamard edge matrices, n = 4, 16, 64", count=count, failures=tuple(failures),
-        notes=(f"{positive} are positive definite; NumPy is wrong on: {wrong}",),
+        what="definiteness of Hadamard edge matrices, n = 4, 16, 64, by every path", count=len(chosen),
+        failures=tuple(failures), least=min(count, 240),
+        notes=(
+            "decided: " + ", ".join(f"{name} {decided[name]} of {asked[name]}" for name in PATHS),
+            "NumPy is wrong: " + ", ".join(f"{name} {times}" for name, times in sorted(wrong.items())),
+        ),
     )  # fmt: skip
-
-
-def edge_matrix(size: int, r: Random) -> tuple[np.ndarray, Fraction]:
-    """The matrix as floats, exactly, and its small eigenvalue."""
-    while True:
-        small = r.choice((0, 1, -1)) * Fraction(1, 2 ** r.randint(28, 47))
-        eigenvalues = [Fraction(r.choice((1, 1, 2, 4))) for _ in range(size)]
-        eigenvalues[r.randrange(size)] = small
-        scale = 2**60
-        H = _hadamard(size)
-        integers = H @ np.diag([int(x * scale) for x in eigenvalues]).astype(object) @ H
-        floats = np.array([[float(Fraction(x, scale * size)) for x in row] for row in integers])
-        exact = all(
-            Fraction(y) == Fraction(x, scale * size)
-            for p, q in zip(integers, floats.tolist(), strict=True)
-            for x, y in zip(p, q, strict=True)
-        )
-        if exact:
-            return floats, small
-
-
-def _hadamard(size: int) -> np.ndarray:
-    H = np.array([[1]], dtype=object)
-    while len(H) < size:
-        H = np.block([[H, H], [H, -H]]).astype(object)
-    return H
-
-
-def _cholesky(matrix: np.ndarray) -> bool:
-    try:
-        np.linalg.cholesky(matrix)
-    except np.linalg.LinAlgError:
-        return False
-    return True

@@ -5,8 +5,20 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from evidence import bad_files, certificates, detectability, hadamard, jacobians, reduction
+from evidence import (
+    bad_files,
+    certificates,
+    cures,
+    detectability,
+    enclosures,
+    hadamard,
+    jacobians,
+    reduction,
+    robustness,
+)
 from evidence.row import Row
+
+FUZZ = "fuzz"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -30,5 +42,12 @@ ITEMS = (
     Item(name="whole-psi", run=certificates.whole_psi, count=100, seed=6000),
     Item(name="decision", run=certificates.decision, count=200, seed=6000),
     Item(name="outside", run=certificates.outside, count=300, seed=6000),
+    Item(name="kills", run=robustness.kills, count=200, seed=8000),
+    Item(name="writers", run=robustness.writers, count=200, seed=8000),
+    Item(name="interrupts", run=robustness.interrupts, count=30, seed=8000),
+    Item(name=FUZZ, run=robustness.fuzz, count=60, seed=8000),  # the count is seconds of CPU time
+    Item(name="cures", run=cures.cures, count=500, seed=8000),
+    Item(name="decided", run=cures.decided, count=500, seed=9000),
+    Item(name="enclosures", run=enclosures.run, count=1_000_000, seed=8100),  # the count is points
     Item(name="hadamard", run=hadamard.run, count=240, seed=7000),
 )

@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
+import tracemalloc
 from fractions import Fraction
 
 import numpy as np
 import pytest
 
-from dobc_design.exact.definite import decide_positive_definite
+from dobc_design.exact import zmatrix as module
+from dobc_design.exact.decision import first_refuting, roundings
+from dobc_design.exact.definite import decide_positive_definite, decide_positive_semidefinite
+from dobc_design.exact.integers import IntegerSymmetric
 from dobc_design.exact.symmetric import SparseSymmetric
-from dobc_design.exact.zmatrix import is_positive_vector, positive_vector
+from dobc_design.exact.zmatrix import is_z_matrix, proves, search
 from dobc_design.verdict import Verdict
 
 
@@ -25,18 +29,20 @@ def grounded_ring(size: int, ground: Fraction) -> SparseSymmetric:
 def test_a_ring_held_at_one_node_has_a_positive_vector(size: int):
     """Theory, section 3: exists iff M > 0."""
     M = grounded_ring(size, Fraction(1))
-    vector = positive_vector(M)
+    vector = search(M, strict=True).vector
     assert vector is not None
     dense = np.array([[float(x) for x in row] for row in M.to_dense()])
     assert np.all(dense @ np.array([float(x) for x in vector]) > 0)
-    assert decide_positive_definite(M).verdict is Verdict.PROVED
+    decision = decide_positive_definite(M)
+    assert decision.verdict is Verdict.PROVED
+    assert decision.vector == (vector if size >= 13 else None)
 
 
 @pytest.mark.parametrize("ground", [Fraction(0), Fraction(-1, 10**9)])
 def test_a_ring_held_by_nothing_has_none_and_is_refuted(ground: Fraction):
     """The constant vector has v'Mv = ground <= 0."""
     M = grounded_ring(60, ground)
-    assert positive_vector(M) is None
+    assert search(M, strict=True).vector is None
     decision = decide_positive_definite(M)
     assert decision.verdict is Verdict.REFUTED
     assert decision.witness is not None and M.quadratic_form(decision.witness) <= 0
@@ -47,24 +53,31 @@ def test_a_barely_held_ring_is_proved_one_way_or_the_other():
     assert decide_positive_definite(grounded_ring(60, Fraction(1, 10**9))).verdict is Verdict.PROVED
 
 
-def test_a_positive_off_diagonal_entry_rules_the_method_out():
-    """v = (1, 1) has M v > 0 for [[1, 2], [2, 1]], which is indefinite: the sign pattern is what makes it a proof."""
+def test_a_positive_entry_beside_the_diagonal_counts_against_the_vector():
+    """v = (1, 1) has M v > 0 for [[1, 2], [2, 1]], which is indefinite: |m_ij| is what has to be dominated."""
     M = SparseSymmetric(2, {(0, 0): Fraction(1), (0, 1): Fraction(2), (1, 1): Fraction(1)})
-    assert is_positive_vector(M, (1, 1))
-    assert positive_vector(M) is None
+    assert not proves(M, (1, 1))
+    assert search(M, strict=True).vector is None
+    inside = SparseSymmetric(2, {(0, 0): Fraction(3), (0, 1): Fraction(2), (1, 1): Fraction(3)})
+    assert proves(inside, (1, 1)) and not is_z_matrix(inside)
+    assert search(inside, strict=True).vector == (1, 1)
 
 
 def test_a_vector_that_is_not_positive_or_has_the_wrong_length_proves_nothing():
     M = grounded_ring(3, Fraction(1))
-    assert not is_positive_vector(M, (1, 1, 0))
-    assert not is_positive_vector(M, (1, 1))
+    assert not proves(M, (1, 1, 0))
+    assert not proves(M, (1, 1))
+    assert not proves(M, (1, 1, 1)) and proves(M, (1, 1, 1), strict=False)
+    indefinite = SparseSymmetric(2, {(0, 0): Fraction(1), (0, 1): Fraction(-5), (1, 1): Fraction(1)})
+    assert not proves(indefinite, (-1, -1))  # M v = (4, 4)
+    assert not proves(SparseSymmetric(1, {}), (1,)) and proves(SparseSymmetric(0, {}), ())
 
 
 def test_fractions_in_the_entries_are_exact():
     """1/3 - 1/3 is zero: M v must be > 0, not >= 0."""
     M = SparseSymmetric(2, {(0, 0): Fraction(1, 3), (0, 1): Fraction(-1, 3), (1, 1): Fraction(1, 3)})
-    assert not is_positive_vector(M, (1, 1))
-    assert positive_vector(M) is None
+    assert not proves(M, (1, 1))
+    assert search(M, strict=True).vector is None
 
 
 @pytest.mark.parametrize("seed", range(5))
@@ -80,3 +93,131 @@ def test_random_sparse_z_matrices_agree_with_eigenvalues(seed: int):
     smallest = float(np.linalg.eigvalsh(np.array([[float(x) for x in row] for row in M.to_dense()]))[0])
     assert abs(smallest) > 1e-6
     assert (decide_positive_definite(M).verdict is Verdict.PROVED) == (smallest > 0)
+
+
+def arrays(M: SparseSymmetric) -> IntegerSymmetric:
+    return IntegerSymmetric.from_sparse(M)
+
+
+def refuting(M: SparseSymmetric | IntegerSymmetric, *, strict: bool) -> bool:
+    """Whether what the search returns refutes, once it is multiplied out."""
+    found = search(M, strict=strict)
+    tried = [each for d in found.directions for each in (*roundings(d), d)]
+    return found.vector is None and first_refuting(M, tried, strict=strict, method="") is not None
+
+
+def test_a_laplacian_is_semidefinite_by_the_vector_of_ones():
+    """L 1 = 0; with one entry less on the diagonal v = 1 refutes."""
+    M = grounded_ring(50, Fraction(0))
+    assert search(M, strict=False).vector == (1,) * 50
+    assert refuting(M, strict=True)
+    assert refuting(grounded_ring(50, Fraction(-1, 100)), strict=False)
+    decision = decide_positive_semidefinite(M)
+    assert decision.vector == (1,) * 50 and "M v >= 0" in decision.method
+
+
+def test_the_group_that_nobody_holds_is_the_witness():
+    """Two rings, the second one free: the witness is its indicator and nothing else."""
+    first, second = grounded_ring(30, Fraction(1)), grounded_ring(20, Fraction(0))
+    entries = dict(first.entries) | {(i + 30, j + 30): x for (i, j), x in second.entries.items()}
+    decision = decide_positive_definite(SparseSymmetric(50, entries))
+    assert decision.verdict is Verdict.REFUTED
+    assert decision.witness == (0,) * 30 + (1,) * 20
+    assert decision.value == 0
+    assert "group of rows" in decision.method
+    held = SparseSymmetric(50, entries | {(40, 40): Fraction(2) + Fraction(1, 50)})
+    assert decide_positive_definite(held).verdict is Verdict.PROVED
+
+
+def test_a_group_that_only_fails_to_be_definite_is_no_witness_against_semidefinite():
+    """A free ring of 20 (sum 0) beside one of 30 with a negative sum: the larger one is the witness."""
+    first, second = grounded_ring(30, Fraction(-1)), grounded_ring(20, Fraction(0))
+    entries = dict(first.entries) | {(i + 30, j + 30): x for (i, j), x in second.entries.items()}
+    decision = decide_positive_semidefinite(SparseSymmetric(50, entries))
+    assert decision.witness == (1,) * 30 + (0,) * 20
+    assert decision.value == -1
+    assert "group of rows" in decision.method
+
+
+def test_a_vector_that_rounds_to_zero_somewhere_proves_nothing(monkeypatch: pytest.MonkeyPatch):
+    """The search is made to return 10^-40 on an indefinite part: M v >= 0 would hold with v = 0 there."""
+    beside = {(0, 1): Fraction(-2), (2, 3): Fraction(-5)}
+    diagonal = {(0, 0): Fraction(1), (1, 1): Fraction(6), (2, 2): Fraction(1), (3, 3): Fraction(1)}
+    M = SparseSymmetric(4, beside | diagonal | {(3, 3): Fraction(9)})
+    monkeypatch.setattr(module, "_conjugate_gradients", lambda rows: (np.array([5.0, 2.0, 1e-40, 1e-40]), None))
+    assert search(M, strict=False).vector is None
+
+
+def test_a_witness_for_a_local_cause_is_sparse():
+    """300 rows held well, but one row's diagonal is halved twice: the rounded direction is 0 far from there."""
+    n = 300
+    entries = {(i, i): Fraction(5) for i in range(n)} | {(i, i + 1): Fraction(-1) for i in range(n - 1)}
+    entries[150, 150] = Fraction(1, 5)
+    M = SparseSymmetric(n, entries)
+    decision = decide_positive_definite(M)
+    assert decision.verdict is Verdict.REFUTED
+    assert M.quadratic_form(decision.witness) == decision.value <= 0
+    assert sum(x != 0 for x in decision.witness) <= 9
+
+
+def test_long_denominators_everywhere_are_rounded_to_the_safe_side():
+    """Every entry has its own prime: the common denominator would have 10 000 bits."""
+    primes = [p for p in range(2, 9000) if all(p % q for q in range(2, int(p**0.5) + 1))]
+    n = 500
+    entries = {(i, i + 1): Fraction(-primes[i], primes[i + 500]) for i in range(n - 1)}
+    for excess, truth in ((Fraction(1, 10**6), True), (Fraction(-1, 10**6), False)):
+        diagonal = {(i, i): -entries.get((i - 1, i), 0) - entries.get((i, i + 1), 0) + excess for i in range(n)}
+        M = SparseSymmetric(n, entries | diagonal)
+        found = search(M, strict=True)
+        assert (found.vector is not None) == truth
+        assert found.vector is None or proves(M, found.vector)
+        assert truth or refuting(M, strict=True)
+
+
+@pytest.mark.parametrize("lift", [1, 2**70, 2**1100])
+def test_integers_of_any_length_are_taken(lift: int):
+    """Beyond 64 bits and beyond what a double holds."""
+    M = arrays(grounded_ring(40, Fraction(1)))
+    lifted = IntegerSymmetric(size=40, rows=M.rows, columns=M.columns, values=M.values.astype(object) * lift)
+    found = search(lifted, strict=True)
+    assert found.vector is not None and proves(lifted, found.vector)
+    assert not proves(lifted, (1,) * 40)
+
+
+def test_the_search_leaves_bad_diagonals_and_zero_rows_to_others():
+    assert search(SparseSymmetric(3, {(0, 0): Fraction(1)}), strict=True).vector is None
+    M = SparseSymmetric(2, {(0, 0): Fraction(1), (0, 1): Fraction(-1)})
+    assert search(M, strict=True).vector is None
+
+
+def test_other_signs_are_refuted_by_their_own_direction():
+    """A ring with +1 beside the diagonal: the direction alternates, and |p| would not refute."""
+    n = 60
+    entries = {(i, i): Fraction(19, 10) for i in range(n)} | {(i, i + 1): Fraction(1) for i in range(n - 1)}
+    M = SparseSymmetric(n, entries | {(0, n - 1): Fraction(1)})
+    assert not is_z_matrix(M) and not is_z_matrix(arrays(M)) and is_z_matrix(arrays(grounded_ring(9, Fraction(1))))
+    assert decide_positive_definite(M).verdict is Verdict.REFUTED
+    assert decide_positive_definite(M.shifted(Fraction(2, 10))).verdict is Verdict.PROVED
+
+
+def peak_of(size: int, ground: Fraction, *, strict: bool) -> int:
+    """Peak of what one decision allocates, NumPy's arrays included, in bytes."""
+    M = grounded_ring(size, ground)
+    extra = {(i, i): Fraction(1, 2) for i in range(0, size, 10)} if ground > 0 else {}
+    M = M + SparseSymmetric(size, extra)
+    decide = decide_positive_definite if strict else decide_positive_semidefinite
+    tracemalloc.start()
+    try:
+        expected = ground > 0 or not strict
+        assert (decide(M).verdict is Verdict.PROVED) == expected
+        return tracemalloc.get_traced_memory()[1]
+    finally:
+        tracemalloc.stop()
+
+
+@pytest.mark.parametrize(("ground", "strict"), [(Fraction(1), True), (Fraction(0), True), (Fraction(0), False)])
+def test_memory_is_linear_in_the_arcs(ground: Fraction, strict: bool):
+    """A ring of 20 000 rows, proved, refuted, and semidefinite: four times the rows, four times the memory."""
+    small, large = (peak_of(size, ground, strict=strict) for size in (5_000, 20_000))
+    assert large < 4.6 * small
+    assert large < 1500 * 20_000  # bytes per arc; a dense matrix of doubles would take 3.2 GB

@@ -108,7 +108,7 @@ def test_every_check_appears_with_its_reason_witness_and_cure(page: Page, everyt
     for check in everything["certificate"].checks:
         assert check.id in page.text
         assert check.reason[1:] in page.text
-    for words in ("Pin one of them.", "pinning.gains.2 = 1", "# remove observer.W", "30 entries", "-9/8"):
+    for words in ("Pin one of them.", "[pinning] gains.2 = 1", "# remove observer.W", "30 entries", "-9/8"):
         assert words in page.text
 
 
@@ -275,3 +275,29 @@ def test_colours_have_the_contrast_that_wcag_aa_asks_for(everything: dict[str, A
         for line in ("blue", "vermillion", "green", "purple", "muted"):
             assert _contrast(colour[f"figure-{line}"], colour["paper"]) >= 2.9, line
         assert _contrast(colour["figure-paper"], colour["figure-blue"]) >= 4.5  # labels of pinned agents
+
+
+@pytest.fixture
+def cured(certificate_of, certificate):
+    """Lemma 1 and the theorem refuted for one cause, with one cure; another cure for reachability."""
+    fix = Fix(kind="pinning", set={"pinning.gains": {"1": 5, "3": 0.261}, "observer.P": None}, text="Pin agent 3 too.")
+    checks = [
+        dataclasses.replace(check, verdict=Verdict.REFUTED, fix=fix) if check.id in ("lemma1", "theorem1") else check
+        for check in certificate.checks
+    ]
+    return certificate_of(checks=tuple(checks), verdict=Verdict.REFUTED, rate=None, covered_by=None)
+
+
+def test_the_main_cure_stands_once_above_the_table_with_its_lines_and_the_command(cured):
+    page = Page(html_report(cured, analysis=None, trajectory=None))
+    assert page.wrong == []
+    assert page.text.count("Pin agent 3 too.") == 1
+    assert page.text.index("What would cure it") < page.text.index("What was checked")
+    for words in ("gains = { 1 = 5, 3 = 0.261 }", "# remove observer.P", "dobc certify problem.json --apply-fix"):
+        assert words in page.text
+    assert page.text.count("named above.") == 2
+    assert "Pin one of them." in page.text  # the cure of another check stays with it
+
+
+def test_without_a_cure_there_is_no_section_for_it(certificate):
+    assert 'id="cure"' not in html_report(certificate, analysis=None, trajectory=None)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import re
 from typing import Any
 
@@ -9,6 +10,7 @@ import pytest
 
 from dobc_design.report.markdown import escape, markdown_report
 from dobc_design.spec.network import Network
+from dobc_design.verify.check import Fix
 
 
 def test_every_check_stands_in_the_table(everything: dict[str, Any]):
@@ -52,3 +54,15 @@ def test_escape(text: str, escaped: str):
 
 def test_the_same_arguments_give_the_same_text(everything: dict[str, Any]):
     assert markdown_report(**everything) == markdown_report(**everything)
+
+
+def test_the_main_cure_stands_above_the_table_and_cannot_break_out_of_its_place(certificate_of, certificate):
+    fix = Fix(kind="x", set={"pinning.gains": {"a\nb": 1}, "<b>\n# x": None}, text="Pin <b>agent</b> 3.")
+    checks = tuple(dataclasses.replace(check, fix=fix) for check in certificate.checks)
+    text = markdown_report(certificate_of(checks=checks), analysis=None, trajectory=None)
+    section = text[text.index("## What would") : text.index("## What this says")]
+    assert "Pin \\<b\\>agent\\</b\\> 3." in section
+    lines = section.splitlines()
+    assert '    gains = { "a\\nb" = 1 }' in lines
+    assert "    # remove <b> # x" in lines
+    assert not any(line.startswith("# ") for line in lines)

@@ -6,8 +6,9 @@ import casadi as ca
 import numpy as np
 import pytest
 
+from dobc_design.model.arrays import arc_groups
 from dobc_design.model.model import build_model
-from dobc_design.simulate.field import make_field
+from dobc_design.simulate.field import make_field, make_loop, network_of
 from dobc_design.spec.exosystem import Exosystem
 from dobc_design.spec.load import load_problem
 from dobc_design.spec.network import Network
@@ -73,3 +74,16 @@ def test_an_overflow_gives_no_warning_where_it_is_expected():
     field = make_field(without_disturbance(), "G", None)
     with np.errstate(all="ignore"):
         assert not np.isfinite(field(0.0, np.array([0, 0, 1e4, 0, 0, 0.0]))).all()
+
+
+def test_errors_alone_obey_the_same_loop():
+    """(22): the derivative of x - goal in the full loop is h(e) - K e + C eps."""
+    problem = mixed()
+    field, loop = make_field(problem, "G", None), make_loop(problem, None)
+    network = network_of(loop, arc_groups(problem, "G"))
+    state = np.random.default_rng(1).normal(size=loop.width)
+    x, xi, z = field.split(state)
+    eps = xi - (z + x @ loop.W.T)
+    wanted = field.split(field(0.0, state))[0]
+    found = network((x - loop.goal).ravel()).reshape(4, 2) + eps @ loop.C.T
+    np.testing.assert_allclose(found, wanted, rtol=1e-12, atol=1e-11)

@@ -127,7 +127,7 @@ def test_the_agents_of_the_examples_reach_the_target(mode: str):
 def test_with_one_pin_the_simulated_decay_is_about_a_quarter():
     """Theory, known answers: about 0.24 on the cycle with one pin k = 5."""
     trajectory = simulate(ring(gains={"1": 5}, target=1), t_final=40)
-    assert trajectory.decay_rate == pytest.approx(0.24, abs=0.05)
+    assert trajectory.decay_rate() == pytest.approx(0.24, abs=0.05)
 
 
 def test_starts_without_a_region_are_drawn_within_one_of_the_goal():

@@ -47,17 +47,37 @@ def test_an_error_that_is_not_a_number_is_not_small():
 
 def test_the_decay_rate_is_the_slope_of_the_logarithm():
     times = np.linspace(0, 3, 20)
-    assert made(5 * np.exp(-0.7 * times), times=times).decay_rate == pytest.approx(0.7)
-    assert made(5 * np.exp(0.7 * times), times=times).decay_rate == pytest.approx(-0.7)
+    assert made(5 * np.exp(-0.7 * times), times=times).decay_rate() == pytest.approx(0.7)
+    assert made(5 * np.exp(0.7 * times), times=times).decay_rate() == pytest.approx(-0.7)
 
 
 def test_the_decay_rate_leaves_out_what_is_integration_error():
     times = np.linspace(0, 40, 200)
-    assert made(np.maximum(np.exp(-times), 1e-9), times=times).decay_rate == pytest.approx(1)
+    assert made(np.maximum(np.exp(-times), 1e-9), times=times).decay_rate() == pytest.approx(1)
 
 
 def test_an_error_of_zero_has_no_decay_rate():
-    assert made([0, 0, 0, 0]).decay_rate is None
+    assert made([0, 0, 0, 0]).decay_rate() is None
+
+
+def test_without_a_tolerance_settled_means_one_percent_of_the_start():
+    assert made([4, 0.05, 0.039, 0.03]).settling_time() == 2
+    assert made([4, 0.05]).settling_time() is None
+
+
+def test_a_trajectory_sums_itself_up_as_an_ensemble_of_one():
+    found = made([4, 2, 1]).summary()
+    assert found["runs"] == 1
+    assert found["final_error"] == {"median": 1, "max": 1}
+    assert found["decay_rate"]["median"] == pytest.approx(np.log(2))
+    assert found["settling_time"] == {"median": None, "max": None}
+
+
+def test_a_trajectory_is_a_row_of_samples():
+    samples = list(made([4, 2, 1]))
+    assert [sample.time for sample in samples] == [0, 1, 2]
+    assert {sample.mode for sample in samples} == {"G"}
+    assert samples[1].x.tolist() == [[3], [2]]
 
 
 def test_samples_cannot_be_written_to():

@@ -19,10 +19,13 @@ from mutants import claim, mutate
 from random_problems import badly_scaled_problem, random_linear_problem, random_problem
 from scipy import linalg
 
+from dobc_design.certificate import checker
+from dobc_design.certificate.recheck import recheck
 from dobc_design.certificate.text import certificate_bytes
 from dobc_design.errors import CertificateError
 from dobc_design.exact.matrix import multiply
 from dobc_design.exact.observability import decide_detectable
+from dobc_design.spec.canonical import canonical_bytes
 from dobc_design.spec.problem import Problem
 from dobc_design.theorems.statements import state_theorems
 from dobc_design.verdict import Verdict
@@ -60,8 +63,17 @@ def recheck_campaign(seeds: Iterable[int]) -> Tally:
     return tally
 
 
+def lone_checker(data: bytes, problem: Problem) -> tuple[bool, str]:
+    """Whether the lone checker accepts, and why not."""
+    try:
+        refusals = [text for holds, text in checker.examine(data, canonical_bytes(problem)) if not holds]
+    except checker.Refused as error:
+        refusals = [f"unreadable: {error}"]
+    return not refusals, "; ".join(refusals)
+
+
 def mutant_campaign(seeds: Iterable[int], *, each: int) -> Tally:
-    """Changed certificates: refused, or unreadable, or everything in them is still true."""
+    """Changed certificates: refused, or unreadable, or everything in them is still true; two checkers always agree."""
     tally, other = Tally(), json.loads(certificate_bytes(certify("paper-fixed").claims))
     for seed in seeds:
         problem = a_problem(seed)
@@ -69,11 +81,16 @@ def mutant_campaign(seeds: Iterable[int], *, each: int) -> Tally:
         for k in range(each):
             number = seed * 100_000 + k
             changed = claim(document, number) if k % 3 == 0 else mutate(document, number, other=other)
+            data = json.dumps(changed).encode()
+            alone, said = lone_checker(data, problem)
             try:
-                accepted = verify(json.dumps(changed).encode(), problem).holds
+                accepted = recheck(data, problem).holds
             except CertificateError:
                 tally.counts["unreadable"] += 1
+                tally.wrong += [f"{seed}, {k}: unreadable, but the lone checker accepts"] if alone else []
                 continue
+            if alone is not accepted:
+                tally.wrong.append(f"{seed}, {k}: the package says {accepted}, the lone checker {alone}: {said}")
             tally.counts["same" if changed == document else "accepted" if accepted else "refused"] += 1
             if accepted and changed != document:
                 tally.wrong += [f"{seed}, {k}: accepted, not true: {what}" for what in oracle.false_claims(changed)]
@@ -160,7 +177,7 @@ def outside_campaign(seeds: Iterable[int]) -> Tally:
         problem = random_linear_problem(seed)
         certificate, oracle = certify(problem), Oracle(problem)
         W = None if certificate.claims.W is None else [list(row) for row in certificate.claims.W]
-        loops = {mode: _closed_loop(oracle, mode, W) for mode in oracle.modes}
+        loops = {mode: closed_loop(oracle, mode, W) for mode in oracle.modes}
         tops = {mode: float(np.max(np.linalg.eigvals(loop).real)) for mode, loop in loops.items()}
         verdict = certificate.verdict
         tally.counts[verdict.value] += 1
@@ -178,7 +195,7 @@ def _size(loops: dict[str, np.ndarray]) -> float:
     return max(float(np.linalg.norm(loop)) for loop in loops.values())
 
 
-def _closed_loop(oracle: Oracle, mode: str, W: list[list[Fraction]] | None) -> np.ndarray:
+def closed_loop(oracle: Oracle, mode: str, W: list[list[Fraction]] | None) -> np.ndarray:
     """(22): [[J - K, I (x) C], [0, I (x) (A - WC)]]; without an exosystem J - K."""
     network = np.array(oracle.loop(mode), dtype=float)
     if oracle.C is None or W is None:

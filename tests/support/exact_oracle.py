@@ -129,9 +129,7 @@ class Oracle:
         self.P: Rows | None = None if d["observer"]["P"] is None else numbers(d["observer"]["P"])
         default = d["coupling"]["h"]
         special = {tuple(item["arc"]): item["h"] for item in d["coupling"]["exceptions"]}
-        self.h = {
-            (i, j): special.get((i, j), default) for arcs in self.modes.values() for i, j, _ in arcs
-        }
+        self.h = {(i, j): special.get((i, j), default) for arcs in self.modes.values() for i, j, _ in arcs}
         texts = [default, *special.values()]
         self.smooth = not any(word in str(h) for h in texts for word in ("abs", "min", "max", "clip"))
         self.linear = self.smooth and all(slope(key(h), self.m)[1] for h in texts)
@@ -323,7 +321,7 @@ class Oracle:
             true, said = not alone, exact is None and check.get("witness") == witness
         elif id == "observability":
             rank = len(self.A or []) - self.hidden().rows
-            true, said = rank == len(self.A or []), exact == {"rank": str(rank)}
+            true, said = rank == len(self.A or []), set(exact) == {"rank"} and number(exact["rank"]) == rank
         elif id == "detectability":
             polynomial = sp.Poly(self.hidden().charpoly(s).as_expr(), s) if self.hidden().rows else sp.Poly(1, s)
             true, said = self.detectable(), sp.Poly(read(exact["unobservable_polynomial"]), s) == polynomial
@@ -392,20 +390,27 @@ class Oracle:
             if value < -self.slack() or not self._reaches(check, value, v):
                 return ["v' Lambda v"]
             if id == "lemma1":
-                roots = self.unstable_roots(mode) if self.exact_in(mode) else 0
-                off = abs(number(exact.get("value", str(value))) - value)
-                if number(exact["unstable_roots"]) != roots or off > self.slack():
+                roots, claimed = (
+                    self.unstable_roots(mode) if self.exact_in(mode) else 0,
+                    number(exact["unstable_roots"]),
+                )
+                if claimed.denominator != 1 or not 0 <= claimed <= roots:
+                    return ["unstable_roots"]
+                if number(exact.get("value", str(value))) > value + self.slack():
                     return ["exact"]
             return [] if set(exact) <= {"value", "unstable_roots", "block", "mode"} else ["exact"]
-        if not id.endswith("printed") or P is None or Q is None or check["witness"].get("labels") is not None:
+        if not id.endswith("printed") or P is None or Q is None:
             return ["one pair refutes nothing"]
         if part in ("P", "Omega0"):
             matrix = times(-1, P) if part == "P" else self._omega(P, Q)
-            return [] if form(matrix, v) >= 0 and check["margin"] is None and len(exact) == 1 else [part]
-        psi = self.psi(exact["mode"], P, Q, margin=Fraction(0), rate=Fraction(0))
-        head = v[: self.n * self.m]
-        reduced = plus(self.lambda_(exact["mode"]), kron(eye(self.n), self._schur(P, Q)))
-        if form(psi, v) < -self.slack() or not self._reaches(check, form(reduced, head), head):
+            alone = check["margin"] is None and len(exact) == 1 and check["witness"].get("labels") is None
+            return [] if form(matrix, v) >= 0 and alone else [part]
+        # With eps_i = (-Omega)^-1 C' e_i the whole Psi takes the value that the Reduction gives.
+        tails = sp.Matrix(self._omega(P, Q)).inv() * -sp.Matrix(self.C).T
+        parts = [sp.Matrix(v[i * self.m : (i + 1) * self.m]) for i in range(self.n)]
+        whole = [*v, *(x for part in parts for x in fractions((tails * part).T)[0])]
+        value = form(self.psi(exact["mode"], P, Q, margin=Fraction(0), rate=Fraction(0)), whole)
+        if value < -self.slack() or not self._reaches(check, value, v):
             return ["v' Psi v"]
         return self._false_exact(exact, P, Q)
 
@@ -468,7 +473,8 @@ def number_of(value: sp.Expr) -> Fraction:
 
 def number(text: Any) -> Fraction:
     assert isinstance(text, str)
-    return Fraction(text)
+    top, _, bottom = text.partition("/")
+    return Fraction(top) / Fraction(bottom or "1")
 
 
 def numbers(rows: Any) -> Rows:

@@ -179,15 +179,15 @@ def test_another_vector_that_refutes_is_as_good():
 
 
 def test_a_margin_of_a_refutation_must_follow_from_its_vector():
-    """h = -y: lambda_max = 4 - 2 k = 3 along (1, -1)."""
+    """h = -y: lambda_max = 4 - 2 k = 3 along (1, -1); agent 1 alone shows 2 - 2 k = 1."""
     problem = Problem(network=PAIR, coupling="-y", gains={1: "1/2", 2: "1/2"})
     certificate = certify(problem)
     check = certificate.check("lemma1")
-    assert check.margin == -3.0
-    assert failures(bent(certificate, "lemma1", margin=-2.5), problem) == ""
-    assert "the margin" in failures(bent(certificate, "lemma1", margin=-3.001), problem)
+    assert (check.margin, check.witness.labels) == (-1.0, ("1",))
+    assert failures(bent(certificate, "lemma1", margin=-0.5), problem) == ""
+    assert "the margin" in failures(bent(certificate, "lemma1", margin=-1.001), problem)
     assert "exact" in failures(bent(certificate, "lemma1", exact={**check.exact, "unstable_roots": "2"}), problem)
-    assert "exact" in failures(bent(certificate, "lemma1", exact={**check.exact, "value": "1"}), problem)
+    assert "exact" in failures(bent(certificate, "lemma1", exact={**check.exact, "value": "2"}), problem)
 
 
 def test_one_failing_pair_refutes_the_printed_check_only(paper):

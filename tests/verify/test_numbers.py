@@ -55,7 +55,7 @@ def test_rationals_read_back_as_they_were_written(value):
     assert read_rational(number_text(value)) == value
 
 
-@pytest.mark.parametrize("digits", [150, 201, 4299, 4301, 9000, 40000])
+@pytest.mark.parametrize("digits", [150, 201, 4299, 4301, 6000])
 def test_long_rationals_are_read_in_pieces(digits):
     """Python refuses more than 4300 digits at once."""
     value = Fraction(-(10**digits) - 7, 3**digits)

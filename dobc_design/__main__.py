@@ -1,0 +1,43 @@
+"""Where ``dobc`` and ``python -m dobc_design`` begin: first the signal handler, then everything else.
+
+Importing the command line takes a good tenth of a second, in which an interrupt would show a traceback.
+"""
+
+from __future__ import annotations
+
+import os
+
+try:
+    import sys
+
+    from dobc_design._signals import end_at_once
+
+    end_at_once(as_json="--json" in sys.argv)
+except KeyboardInterrupt:  # in the millisecond before the handler stands
+    os.write(2, b"Interrupted.\n")
+    os._exit(130)
+
+TYPE_CHECKING = False
+if TYPE_CHECKING:
+    from typing import NoReturn
+
+
+def main() -> NoReturn:
+    """Run the command line; see ``cli.main``."""
+    _open_standard_streams()
+    from dobc_design.cli import main as run
+
+    run()
+
+
+def _open_standard_streams() -> None:
+    """Let no file of ours get the number of a standard stream that the caller has closed."""
+    for number in (0, 1, 2):
+        try:
+            os.fstat(number)
+        except OSError:
+            os.open(os.devnull, os.O_RDWR)  # takes the lowest number that is free
+
+
+if __name__ == "__main__":
+    main()

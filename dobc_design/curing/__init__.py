@@ -1,0 +1,1 @@
+"""Cures: proposed by design, decided by verify, before anyone sees them."""

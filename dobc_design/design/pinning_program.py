@@ -1,0 +1,88 @@
+"""The conic program behind shared gains: minimise c'k subject to S + 2 sum k_i E_i >= 0 for every block, k >= 0.
+
+E_i is the identity on the rows of agent i.  Handed to Clarabel directly; its answer is a proposal.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from scipy import sparse
+
+from dobc_design.design.program import Array, is_solver_failure
+
+ROOT2 = math.sqrt(2.0)
+SMALL = 1e-8  # gains below this part of the largest are noise of the solver
+
+
+def solve_for_gains(
+    tables: Sequence[Any], allowed: Any, costs: Array, *, width: int, scale: float, time_limit: float = 20.0
+) -> Array | None:
+    """The gains (n,) of least cost, about; None if the solver gives none.
+
+    ``tables``: symmetric SciPy arrays (n width, n width); ``scale`` their largest entry; ``allowed`` agent indices.
+    """
+    import clarabel
+
+    if not len(allowed) or not scale > 0:
+        return None
+    try:
+        answer = _run(tables, allowed, costs, clarabel, width=width, scale=scale, time_limit=time_limit)
+    except BaseException as error:  # Clarabel panics with pyo3's PanicException, which is no Exception
+        if not is_solver_failure(error):
+            raise
+        return None
+    numbers = np.asarray(answer.x, dtype=np.float64)
+    if "Infeasible" in str(answer.status) or not np.all(np.isfinite(numbers)):
+        return None
+    gains = np.zeros(len(costs))
+    gains[allowed] = np.maximum(numbers, 0.0) * scale
+    gains[gains < SMALL * np.max(gains, initial=0.0)] = 0.0
+    return gains
+
+
+def _run(
+    tables: Sequence[Any], allowed: Any, costs: Array, clarabel: Any, *, width: int, scale: float, time_limit: float
+) -> Any:
+    count = len(allowed)
+    rows: list[Any] = []
+    right: list[Array] = []
+    cones: list[Any] = []
+    for table in tables:
+        size = table.shape[0]
+        rows.append(_columns(allowed, size, width))
+        right.append(_svec(table / scale))
+        cones.append(clarabel.PSDTriangleConeT(size))
+    rows.append(sparse.csc_array(-sparse.eye_array(count)))
+    right.append(np.zeros(count))
+    cones.append(clarabel.NonnegativeConeT(count))
+    settings = clarabel.DefaultSettings()
+    settings.verbose = False
+    settings.time_limit = time_limit
+    settings.tol_gap_abs = settings.tol_gap_rel = settings.tol_feas = 1e-10
+    nothing = sparse.csc_matrix((count, count))
+    matrix = sparse.csc_matrix(sparse.vstack(rows))
+    return clarabel.DefaultSolver(nothing, costs[allowed], matrix, np.concatenate(right), cones, settings).solve()
+
+
+def _columns(allowed: Any, size: int, width: int) -> Any:
+    """-2 svec(E_i), one column per allowed agent."""
+    j = (allowed[:, None] * width + np.arange(width)).ravel()
+    places = j * (j + 3) // 2  # of the diagonal, see _svec
+    columns = np.repeat(np.arange(len(allowed)), width)
+    shape = (size * (size + 1) // 2, len(allowed))
+    return sparse.csc_array((np.full(len(places), -2.0), (places, columns)), shape=shape)
+
+
+def _svec(table: Any) -> Array:
+    """Upper triangle, column by column, off-diagonal entries times sqrt 2 (Clarabel's order)."""
+    each = table.tocoo()
+    size = each.shape[0]
+    result = np.zeros(size * (size + 1) // 2)
+    upper = each.row <= each.col
+    i, j, values = each.row[upper].astype(np.int64), each.col[upper].astype(np.int64), each.data[upper]
+    np.add.at(result, j * (j + 1) // 2 + i, np.where(i == j, values, ROOT2 * values))
+    return result

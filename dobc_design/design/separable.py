@@ -1,0 +1,190 @@
+"""Proposals for the max-separable certificate: v for one radius, common to all modes (theory, section 5).
+
+The rows bound each v_i from below by the others: whoever is listened to may only raise a row.  So for a given alpha the
+solutions with v >= 1 have a least one, and Newton's method finds it (one sparse solve per step, for any size).  The
+largest alpha follows by bisection.  This needs no monotone coupling.  Nothing here is a proof.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from fractions import Fraction
+from typing import Any
+
+import numpy as np
+from scipy import sparse
+
+from dobc_design.design.program import Array
+from dobc_design.design.separable_field import Field, field_of
+from dobc_design.design.separable_observer import propose_error_bound, radius_needed
+from dobc_design.exact.matrix import Matrix, Vector
+from dobc_design.spec.problem import Problem
+from dobc_design.theorems.ordering import find_ordering
+from dobc_design.theorems.separable import ErrorBound
+
+DIGITS = (3, 4, 5, 6, 8, 11)
+BITS = (12, 20, 30)  # of large networks, whose arithmetic is binary
+LARGE = 400
+LARGEST_V = 1e6
+STEPS = 60
+BISECTIONS = 40
+# (agents, relative accuracy of alpha that is still worth the time)
+CLOSE = ((300, 1e-5), (2000, 1e-3), (math.inf, 1e-2))
+ROUNDS = 2  # of choosing kappa for the rate that v has
+ABOVE = 1.005  # how much faster than N the observer's part is to be
+SLOWEST = 1e-6  # rates below this part of the largest gain are not looked for
+# A factorisation is cheap for few agents, and where the network is little more than lines and rings.
+FEW_AGENTS, FEW_ENTRIES = 2000, 4
+# Newton's residual as a part of the terms, and how far a step may fall where it has to rise, by rounding.
+TIGHT, LOOSE = (1e-12, 1e-9), (1e-6, 1e-2)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class SeparableProposal:
+    """v (n,), min v = 1, and the rate (1/s) that floating point sees for s in (0, rho]."""
+
+    v: Array
+    rate: float
+    rho: float
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class SeparablePlan:
+    """A proposal with the radius rho it is for and the observer's part (None without an exosystem)."""
+
+    proposal: SeparableProposal
+    rho: Fraction
+    error: ErrorBound | None
+
+
+def propose_separable(problem: Problem, *, rho: float, modes: Sequence[str] | None = None) -> SeparableProposal | None:
+    """Find v with min v = 1 and the largest rate, about, for all s in (0, rho]; None if no positive rate is found.
+
+    The box |e|_inf <= rho is then inside {N <= rho}.
+    """
+    if not find_ordering(problem, modes=modes).exists:
+        return None
+    field = field_of(problem, rho=rho, modes=modes)
+    best = _least_v(field, alpha=0.0, start=np.ones(problem.n))
+    high = float(np.max(field.gains, initial=0.0))
+    if best is None or high <= 0:
+        return None
+    whole = _least_v(field, alpha=high, start=best)
+    if whole is not None:
+        return SeparableProposal(v=whole, rate=high, rho=rho)
+    low, close = 0.0, next(part for size, part in CLOSE if problem.n <= size)
+    # The rate may be many powers of ten below the gains: halve first, then divide evenly.
+    for _ in range(BISECTIONS):
+        middle = (low + high) / 2 if low else high / 8
+        found = _least_v(field, alpha=middle, start=best)
+        if found is None:
+            high = middle
+        else:
+            low, best = middle, found
+        if (low and high - low <= close * low) or high <= SLOWEST * float(np.max(field.gains)):
+            break
+    return SeparableProposal(v=best, rate=low, rho=rho) if low else None
+
+
+def design_separable(
+    problem: Problem,
+    *,
+    radius: Fraction,
+    disturbance: Fraction = Fraction(0),
+    W: Matrix | None = None,
+    modes: Sequence[str] | None = None,
+) -> SeparablePlan | None:
+    """Plan a certificate for every start with |e|_inf <= radius and |eps_i| <= disturbance; None if none is found.
+
+    With an exosystem the observer's part is chosen for the gain W (q, m), so that V = N + kappa E is
+    about as fast as N.
+    """
+    if problem.exosystem is None:
+        proposal = propose_separable(problem, rho=float(radius), modes=modes)
+        return None if proposal is None else SeparablePlan(proposal=proposal, rho=radius, error=None)
+    if W is None:
+        return None
+    plan: SeparablePlan | None = None
+    for _ in range(ROUNDS):
+        rate = 0.0 if plan is None else plan.proposal.rate * ABOVE
+        error = propose_error_bound(problem.exosystem, W, rate=rate)
+        if error is None:  # the observer is slower than the network: what there is will do
+            break
+        rho = radius_needed(radius, error, disturbance)
+        proposal = propose_separable(problem, rho=float(rho), modes=modes)
+        if proposal is None:
+            break
+        plan = SeparablePlan(proposal=proposal, rho=rho, error=error)
+    return plan
+
+
+def rounded_vectors(proposal: SeparableProposal) -> Iterator[Vector]:
+    """v as rationals, few digits first; binary fractions for large networks, which floats hold exactly."""
+    units = [2**bits for bits in BITS] if len(proposal.v) > LARGE else [10**digits for digits in DIGITS]
+    for unit in units:
+        yield tuple(Fraction(round(float(x) * unit), unit) for x in proposal.v)
+
+
+def _least_v(field: Field, *, alpha: float, start: Array) -> Array | None:
+    """The least v >= 1 whose rows hold with rate alpha, about; None if Newton's method finds none.
+
+    ``start`` lies below it: the solution for a smaller alpha does.
+    """
+    v = start.copy()
+    close, drop = TIGHT if field.size <= FEW_AGENTS else LOOSE
+    for _ in range(STEPS):
+        residual, jacobian, scale = field.rows(v, alpha=alpha)
+        if np.all(residual <= close * scale):
+            return v
+        active = (residual > 0) | (v > 1.0)
+        step = _solve(jacobian, residual, active)
+        if step is None:
+            return None
+        proposed = np.maximum(1.0, v + step)
+        raised = residual > 0
+        # A solution lies above: where a row fails, v has to rise; a step down there means there is none.
+        if np.any(proposed[raised] < v[raised] * (1 - drop)) or not np.all(np.isfinite(proposed)):
+            return None
+        proposed = np.minimum(proposed, 2 * v)
+        if np.max(proposed) > LARGEST_V:
+            return None
+        if np.allclose(proposed, v, rtol=1e-15, atol=0.0):
+            return v if np.all(residual <= 1e3 * close * scale) else None
+        v = proposed
+    return None
+
+
+def _solve(jacobian: Any, residual: Array, active: Any) -> Array | None:
+    """One Newton step on the active agents; None if their matrix is singular."""
+    places = np.flatnonzero(active)
+    block = sparse.csr_array(jacobian[places][:, places])
+    right = -residual[places]
+    with np.errstate(all="ignore"):
+        if len(places) > FEW_AGENTS and block.nnz > FEW_ENTRIES * len(places):
+            solution = _iterated(block, right)
+        else:
+            solution = _factorised(block, right)
+    if solution is None:
+        return None
+    step = np.zeros(len(residual))
+    step[places] = solution
+    return step
+
+
+def _factorised(block: Any, right: Array) -> Array | None:
+    try:
+        return np.asarray(sparse.linalg.splu(sparse.csc_array(block)).solve(right))
+    except RuntimeError:  # exactly singular
+        return None
+
+
+def _iterated(block: Any, right: Array) -> Array | None:
+    """Solve by BiCGSTAB with Jacobi scaling: factors of scale-free networks would fill in."""
+    diagonal = block.diagonal()
+    if np.any(diagonal >= 0):
+        return None
+    scaled = sparse.csr_array(sparse.diags_array(1 / diagonal) @ block)
+    solution, status = sparse.linalg.bicgstab(scaled, right / diagonal, rtol=1e-4, maxiter=200)
+    return np.asarray(solution) if status == 0 and np.all(np.isfinite(solution)) else None

@@ -1,0 +1,180 @@
+"""The rows of the max-separable certificate in floating point, for all agents at once.
+
+The largest row over modes, faces and a grid of s, with its derivatives in v.  Theory, section 5; an estimate only.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from scipy import sparse
+
+from dobc_design.design.program import Array
+from dobc_design.spec.problem import Problem
+from dobc_design.theorems.separable import holding_gains
+
+SAMPLES = 4001  # points of a coupling's table
+WORK = 1_000_000  # evaluations of h per pass that are worth a finer grid of s
+FINEST, COARSEST = 33, 5
+NEAREST = 1e-5  # the smallest s, as a part of rho
+STEP = 1e-6  # of central differences
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Shape:
+    """One coupling: h, and where it has maxima and minima on the sampled range."""
+
+    h: Callable[[Array], Array]
+    tops: tuple[Array, Array]  # places, values
+    bottoms: tuple[Array, Array]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Group:
+    """The arcs of one mode with one coupling."""
+
+    listeners: Any
+    speakers: Any
+    weights: Array
+    shape: Shape
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Field:
+    """All rows: ``modes`` holds the groups of every mode, ``grid`` the values of s."""
+
+    size: int
+    gains: Array
+    modes: tuple[tuple[Group, ...], ...]
+    grid: Array
+
+    def rows(self, v: Array, *, alpha: float) -> tuple[Array, Any, Array]:
+        """The largest row of every agent, its Jacobian in v (n, n), and the size of its terms."""
+        worst = np.full(self.size, -np.inf)
+        scale = (np.abs(self.gains) + alpha) * v
+        chosen = np.zeros((self.size, 3), dtype=np.int64)
+        choices = [(m, f, k) for m in range(len(self.modes)) for f in (1, -1) for k in range(len(self.grid))]
+        for mode, face, k in choices:
+            row = self._sum(mode, face, float(self.grid[k]), v)
+            better = row > worst
+            worst[better] = row[better]
+            chosen[better] = (mode, face, k)
+            scale = np.maximum(scale, np.abs(row))
+        residual = worst - (self.gains - alpha) * v
+        return residual, self._jacobian(chosen, v, alpha), scale
+
+    def _sum(self, mode: int, face: int, s: float, v: Array) -> Array:
+        total = np.zeros(self.size)
+        for group in self.modes[mode]:
+            value, _ = _sup(group.shape, face, s, v[group.listeners], v[group.speakers])
+            total += np.bincount(group.listeners, weights=group.weights * value, minlength=self.size)
+        return total
+
+    def _jacobian(self, chosen: Any, v: Array, alpha: float) -> Any:
+        parts_i, parts_j, parts_x = [np.arange(self.size)], [np.arange(self.size)], [alpha - self.gains]
+        for mode, face, k in np.unique(chosen, axis=0).tolist():
+            mine = np.all(chosen == (mode, face, k), axis=1)
+            for group in self.modes[mode]:
+                here = mine[group.listeners]
+                i, j, w = group.listeners[here], group.speakers[here], group.weights[here]
+                own, other = _derivatives(group.shape, face, float(self.grid[k]), v[i], v[j])
+                parts_i += [i, i]
+                parts_j += [i, j]
+                parts_x += [w * own, w * other]
+        entries = (np.concatenate(parts_x), (np.concatenate(parts_i), np.concatenate(parts_j)))
+        return sparse.csr_array(sparse.coo_array(entries, shape=(self.size, self.size)))
+
+
+def field_of(problem: Problem, *, rho: float, modes: Sequence[str] | None = None, spread: float = 4.0) -> Field:
+    """Prepare the rows for s in (0, rho]; turning points of h are looked for on |y| <= 2 spread rho."""
+    couplings = problem.couplings
+    shapes = [shape_of(_scalar(coupling), radius=2 * spread * rho) for coupling in couplings]
+    place = {coupling: number for number, coupling in enumerate(couplings)}
+    names = list(problem.network.modes if modes is None else modes)
+    grouped = []
+    total = 1
+    for name in names:
+        arcs = problem.network.modes[name]
+        total += len(arcs)
+        kinds = np.zeros(len(arcs), dtype=np.int64)
+        if problem.exceptions:
+            codes = arcs.listeners * problem.n + arcs.speakers
+            for (i, j), coupling in problem.exceptions.items():
+                kinds[codes == i * problem.n + j] = place[coupling]
+        weights = np.array([float(w) for w in arcs.weights])
+        grouped.append(
+            tuple(
+                Group(arcs.listeners[kinds == kind], arcs.speakers[kinds == kind], weights[kinds == kind], shapes[kind])
+                for kind in np.unique(kinds).tolist()
+            )
+        )
+    count = int(np.clip(WORK // total, COARSEST, FINEST))
+    return Field(
+        size=problem.n,
+        gains=np.array([float(k) for k in holding_gains(problem)]),
+        modes=tuple(grouped),
+        grid=rho * np.concatenate([[NEAREST], np.linspace(0, 1, count)[1:]]),
+    )
+
+
+def shape_of(h: Callable[[Array], Array], *, radius: float) -> Shape:
+    """Sample h on [-radius, radius] for its turning points."""
+    y = np.linspace(-radius, radius, SAMPLES)
+    values = h(y)
+    values = np.where(np.isfinite(values), values, 0.0)
+    up = np.diff(values) > 0
+    down = np.diff(values) < 0
+    return Shape(
+        h=h,
+        tops=_refined(h, y, np.flatnonzero(up[:-1] & down[1:]) + 1, +1.0),
+        bottoms=_refined(h, y, np.flatnonzero(down[:-1] & up[1:]) + 1, -1.0),
+    )
+
+
+def _refined(h: Callable[[Array], Array], y: Array, places: Any, sign: float) -> tuple[Array, Array]:
+    """Places and values of local extremes near the samples, by a finer sample around each."""
+    found = []
+    for place in places.tolist():
+        near = np.linspace(y[place - 1], y[place + 1], 2001)
+        values = sign * h(near)
+        best = int(np.argmax(values))
+        found.append((near[best], sign * values[best]))
+    pairs = np.array(found, dtype=float).reshape(-1, 2)
+    return pairs[:, 0], pairs[:, 1]
+
+
+def _sup(shape: Shape, face: int, s: float, own: Array, other: Array) -> tuple[Array, Any]:
+    """phi = sup { h(s t)/s : -(own + other) <= t <= other - own }; where: 0 right end, 1 left end, 2 inside."""
+    high, low = s * (other - own), -s * (other + own)
+    best = face * shape.h(face * high) / s
+    where = np.zeros(len(best), dtype=np.int64)
+    places, values = shape.tops if face > 0 else shape.bottoms
+    if not len(places):
+        return best, where
+    left = face * shape.h(face * low) / s
+    where[left > best] = 1
+    best = np.maximum(best, left)
+    for place, top in zip((face * places).tolist(), (face * values).tolist(), strict=True):
+        better = (low < place) & (place < high) & (top / s > best)
+        best = np.where(better, top / s, best)
+        where[better] = 2
+    return best, where
+
+
+def _derivatives(shape: Shape, face: int, s: float, own: Array, other: Array) -> tuple[Array, Array]:
+    """The derivatives of phi in own and other."""
+    where = _sup(shape, face, s, own, other)[1]
+    at = face * s * np.where(where == 1, -(own + other), other - own)
+    step = STEP * (1.0 + np.abs(at))
+    slope = (shape.h(at + step) - shape.h(at - step)) / (2 * step)
+    slope = np.where(where == 2, 0.0, np.where(where == 1, -slope, slope))
+    return np.where(where == 1, slope, -slope), slope
+
+
+def _scalar(coupling: Any) -> Callable[[Array], Array]:
+    from dobc_design.spec.expression import numpy_function
+
+    return numpy_function(coupling.components[0])

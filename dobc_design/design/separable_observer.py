@@ -1,0 +1,136 @@
+"""Proposals for the observer's part of the max-separable certificate: P, beta and kappa (theory, section 5).
+
+A box R with |eps_i| <= s needs rho = R/min v + kappa s sqrt(lambda_max(P)).  For each beta a small semidefinite program
+gives the P with the least lambda_max; beta is then searched for the least kappa sqrt(lambda_max).  Nothing here is a
+proof.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from fractions import Fraction
+from typing import Any
+
+import numpy as np
+from scipy import sparse
+
+from dobc_design.design.program import Array, is_solver_failure
+from dobc_design.design.rounding import round_matrix
+from dobc_design.exact.matrix import Matrix, to_float
+from dobc_design.exact.number import float_above
+from dobc_design.spec.exosystem import Exosystem
+from dobc_design.theorems.separable import ErrorBound
+
+GRID = 24
+REFINEMENTS = 3
+# What is given away so that rounding cannot cross a constraint that is active.
+SLACK = 1e-5
+DIGITS = 8
+UNIT = 10**6  # beta and kappa have six decimals
+FLOOR = 1e-6
+ROOT2 = math.sqrt(2.0)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class _Bound:
+    beta: float
+    P: Array
+    size: float
+
+
+def propose_error_bound(
+    exosystem: Exosystem, W: Matrix, *, rate: float = 0.0, slack: float = SLACK
+) -> ErrorBound | None:
+    """Find P, beta and kappa = 1/(beta - rate) for min v = 1, with kappa sqrt(lambda_max(P)) about least.
+
+    ``rate`` (1/s) is what V = N + kappa E is to decay with; below the decay rate of A - WC.
+    Returns None where no such bound is found (A - WC is not Hurwitz, or slower than ``rate``).
+    """
+    error = to_float(exosystem.A) - to_float(W) @ to_float(exosystem.C)
+    C = to_float(exosystem.C)
+    fastest = float(-np.max(np.linalg.eigvals(error).real))
+    if not math.isfinite(fastest) or fastest <= rate:
+        return None
+    low, high, best = rate, fastest, None
+    for _ in range(REFINEMENTS):
+        betas = np.linspace(low, high, GRID + 2)[1:-1].tolist()
+        found = [bound for beta in betas if (bound := _least_bound(error, C, beta)) is not None]
+        if best is not None:
+            found.append(best)
+        if not found:
+            return None
+        best = min(found, key=lambda bound: math.sqrt(bound.size) / (bound.beta - rate))
+        width = (high - low) / (GRID + 1)
+        low, high = max(rate, best.beta - width), min(fastest, best.beta + width)
+    return _rounded(best, rate=rate, slack=slack) if best is not None else None
+
+
+def radius_needed(radius: Fraction, error: ErrorBound | None, disturbance: Fraction, *, digits: int = 4) -> Fraction:
+    """The rho that covers the box ``radius`` and |eps_i| <= ``disturbance`` with min v = 1; ``digits`` decimals, up."""
+    if error is None:
+        return radius
+    root = math.nextafter(math.sqrt(float_above(error.size)), math.inf)
+    unit = Fraction(10) ** digits
+    total = radius + error.kappa * disturbance * Fraction(root)
+    return Fraction(math.ceil(total * unit)) / unit
+
+
+def _rounded(bound: _Bound, *, rate: float, slack: float) -> ErrorBound | None:
+    """Rational numbers a little inside the constraints: P larger, beta smaller, kappa and size larger."""
+    P = round_matrix(bound.P * (1 + slack), DIGITS)
+    beta = Fraction(math.floor(bound.beta * (1 - slack) * UNIT), UNIT)
+    if beta <= rate:
+        return None
+    kappa = Fraction(math.ceil((1 + slack) / (float(beta) - rate) * UNIT), UNIT)
+    top = float(np.linalg.eigvalsh(to_float(P))[-1])
+    return ErrorBound(P=P, beta=beta, kappa=kappa, size=Fraction(math.ceil(top * (1 + 1e-9) * 10**9), 10**9))
+
+
+def _least_bound(error: Array, C: Array, beta: float) -> _Bound | None:
+    """Minimise t subject to P <= t I, c'c <= P, error' P + P error <= -2 beta P, by Clarabel."""
+    import clarabel
+
+    q = len(error)
+    unit = float(np.max(np.abs(C), initial=0.0)) or 1.0
+    C = C / unit
+    basis = [_unit(q, i, j) for j in range(q) for i in range(j + 1)]
+    blocks = [
+        # (coefficient of each entry of P, coefficient of t, constant), each to be >= 0
+        ([-M for M in basis], np.eye(q), np.zeros((q, q))),
+        (basis, np.zeros((q, q)), -FLOOR * np.eye(q)),
+        ([-(error.T @ M + M @ error) - 2 * beta * M for M in basis], np.zeros((q, q)), np.zeros((q, q))),
+        *((basis, np.zeros((q, q)), -np.outer(c, c)) for c in C),
+    ]
+    columns = np.vstack([np.column_stack([*(-_svec(M) for M in entries), -_svec(t)]) for entries, t, _ in blocks])
+    right = np.concatenate([_svec(constant) for _, _, constant in blocks])
+    cost = np.zeros(len(basis) + 1)
+    cost[-1] = 1.0
+    settings = clarabel.DefaultSettings()
+    settings.verbose = False
+    cones = [clarabel.PSDTriangleConeT(q) for _ in blocks]
+    quadratic = sparse.csc_matrix((len(cost), len(cost)))
+    try:
+        answer = clarabel.DefaultSolver(quadratic, cost, sparse.csc_matrix(columns), right, cones, settings).solve()
+    except BaseException as failure:  # Clarabel panics with pyo3's PanicException, which is no Exception
+        if not is_solver_failure(failure):
+            raise
+        return None
+    numbers = np.asarray(answer.x, dtype=float)
+    if "Infeasible" in str(answer.status) or not np.all(np.isfinite(numbers)):
+        return None
+    P = unit**2 * sum(x * M for x, M in zip(numbers.tolist(), basis, strict=False))
+    size = float(np.linalg.eigvalsh(P)[-1])
+    return _Bound(beta=beta, P=P, size=size) if size > 0 else None
+
+
+def _unit(q: int, i: int, j: int) -> Array:
+    M = np.zeros((q, q))
+    M[i, j] = M[j, i] = 1.0
+    return M
+
+
+def _svec(M: Array) -> Array:
+    """Upper triangle, column by column, off-diagonal entries times sqrt 2 (Clarabel's order)."""
+    values: list[Any] = [M[i, j] * (1.0 if i == j else ROOT2) for j in range(len(M)) for i in range(j + 1)]
+    return np.array(values)

@@ -1,0 +1,117 @@
+"""Many simulated runs of one problem: their errors over time, and what they say together.
+
+An ensemble illustrates; however many runs converge, nothing is proved.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Sequence
+from dataclasses import dataclass
+from os import PathLike
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dobc_design._render import escape_html
+from dobc_design.simulate import measures
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False, repr=False)
+class Ensemble:
+    """Runs that differ by their seeds: starts and switches.  Arrays cannot be written to.
+
+    Shapes: seeds (R,); times (T,) in s; error and estimation_error (R, T), |e|_inf and |d - dhat|_inf, nan from where
+    a run that diverged had ended; diverged (R,); ended (R,) in s; switches (R,), how often a run switched;
+    states (R, T, n, m) or None where nobody asked for them; goal (n, m).  ``reasons`` says by run why it ended early.
+    ``simulate(problem, seed=seeds[r], ...)`` gives run r again, in full.
+    """
+
+    name: str
+    mode: str
+    labels: tuple[str, ...]
+    t_final: float
+    seeds: NDArray[np.int64]
+    times: Array
+    error: Array
+    estimation_error: Array
+    diverged: NDArray[np.bool_]
+    ended: Array
+    switches: NDArray[np.int64]
+    reasons: dict[int, str]
+    goal: Array
+    states: Array | None
+    method: str
+    notes: tuple[str, ...]
+    signal: str
+
+    def __post_init__(self) -> None:
+        for array in (self.seeds, self.times, self.error, self.estimation_error, self.diverged, self.ended):
+            array.setflags(write=False)
+
+    def __len__(self) -> int:
+        return len(self.seeds)
+
+    @property
+    def final_error(self) -> Array:
+        """|e|_inf at the end of every run, (R,)."""
+        return measures.final_errors(self.error)
+
+    def quantiles(self, levels: Sequence[float] = (0.05, 0.5, 0.95)) -> Array:
+        """Quantiles of |e|_inf over the runs at every sample: (levels, T); a run that diverged counts as infinite."""
+        return np.stack([measures.quantile(self.error, level) for level in levels])
+
+    def summary(self) -> dict[str, Any]:
+        """The numbers of ``dobc simulate --json``, without its files."""
+        return measures.summary(self.times, self.error, self.diverged)
+
+    def intervals(self, confidence: float = 0.95) -> dict[str, tuple[float, float] | None]:
+        """Confidence intervals for a random run: median final error, probability of divergence.
+
+        Free of assumptions on distributions (order statistics; Clopper and Pearson).  None: too few runs.
+        """
+        final = np.where(self.diverged, np.inf, self.final_error)
+        return {
+            "median_final_error": measures.quantile_interval(final, 0.5, confidence),
+            "probability_of_divergence": measures.proportion_interval(int(self.diverged.sum()), len(self), confidence),
+        }
+
+    def save(self, path: str | PathLike[str], *, force: bool = False) -> Path:
+        """Write the arrays to ``path``, an .npz file for ``numpy.load``.  Raises: SpecError."""
+        from dobc_design.simulate.storage import write_whole
+
+        arrays: dict[str, Any] = {
+            name: getattr(self, name)
+            for name in (
+                "seeds", "times", "error", "estimation_error", "diverged", "ended", "switches", "goal", "states",
+            )
+            if getattr(self, name) is not None
+        }  # fmt: skip
+        words = ("name", "mode", "labels", "t_final", "notes", "signal", "method")
+        facts = {name: getattr(self, name) for name in words} | {"format": "dobc-ensemble", "version": 1}
+        about = np.array(json.dumps(facts, ensure_ascii=False))
+        place = Path(path)
+        write_whole(place, lambda file: np.savez(file, about=about, allow_pickle=False, **arrays), force=force)
+        return place
+
+    def __str__(self) -> str:
+        return f"{self.name}: {self._summary}"
+
+    def __repr__(self) -> str:
+        return f"<Ensemble of {self.name}: {self._summary}>"
+
+    def _repr_html_(self) -> str:
+        return f"<p><b>{escape_html(self.name)}</b>: {escape_html(self._summary)}</p>"
+
+    @property
+    def _summary(self) -> str:
+        bad = int(self.diverged.sum())
+        final = np.sort(self.final_error)
+        return (
+            f'{len(self)} runs of {self.t_final:.4g} s, mode "{self.mode}",'
+            f" {'none' if bad == 0 else bad} diverged, final |e|_inf {final[0]:.3g} to {final[-1]:.3g}"
+        )

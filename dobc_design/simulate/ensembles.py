@@ -1,0 +1,211 @@
+"""Running many simulations of one problem: side by side in chunks that bound the memory.
+
+Run r has the seed ``seed + r``, so it does not depend on how many runs there are nor on the chunks.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from functools import cache
+
+import numpy as np
+
+from dobc_design.errors import SpecError
+from dobc_design.model.arrays import Gain
+from dobc_design.simulate._arguments import whole
+from dobc_design.simulate.closed_form import ClosedForm
+from dobc_design.simulate.ensemble import Ensemble
+from dobc_design.simulate.field import Network, network_of
+from dobc_design.simulate.integrate import FARTHEST
+from dobc_design.simulate.mobile import Mobile
+from dobc_design.simulate.signal_files import Signal, signal_to_json
+from dobc_design.simulate.simulate import (
+    TOLERANCE,
+    Progress,
+    Setting,
+    closed_form_of,
+    describe,
+    groups_for,
+    is_stiff,
+    make_setting,
+    run_once,
+    switches_for,
+)
+from dobc_design.simulate.stacked import COLLAPSED, ESCAPED, HANDED_BACK, Ends, Stack, integrate_stack
+from dobc_design.simulate.starts import Given
+from dobc_design.simulate.switches import Array, IndexArray, Switches
+from dobc_design.spec.problem import Problem
+
+Networks = Callable[[int], Network]
+
+COLUMN_NUMBERS = 1 << 15  # states n m of the runs of one chunk; some 60 arrays of this size are in use
+MOST_STORED = 1 << 28  # numbers of an ensemble that keeps its states: 2 GiB
+
+
+def simulate_many(
+    problem: Problem, *, runs: int, mode: str | None = None, signal: Signal | None = None, start: Given | None = None,
+    t_final: float | None = None, seed: int | None = None, gain: Gain | None = None,
+    samples: int | Sequence[float] | None = None, observer: str = "closed-form", tolerance: float = TOLERANCE,
+    states: bool = False, progress: Progress | None = None,
+) -> Ensemble:  # fmt: skip
+    """Simulate ``runs`` runs with the seeds seed, seed + 1, ...: each with its own start and its own switches.
+
+    Arguments as in ``simulate``.  ``states`` keeps x at every sample, not the errors alone.
+    Returns: an Ensemble.  Raises: SpecError for a wrong argument.
+    """
+    whole(runs, "runs", least=1)
+    setting = make_setting(
+        problem, mode=mode, signal=signal, start=start, t_final=t_final, seed=seed, gain=gain, samples=samples,
+        observer=observer, tolerance=tolerance,
+    )  # fmt: skip
+    if states and runs * len(setting.times) * problem.n * problem.m > MOST_STORED:
+        raise SpecError(
+            f"states of {runs} runs at {len(setting.times)} samples would take more than {MOST_STORED >> 27} GiB.",
+            key="states", cure="Ask for fewer samples or runs, or keep the errors only.",
+        )  # fmt: skip
+    with np.errstate(all="ignore"):
+        return _Collector(setting, runs, states=states, progress=progress).run()
+
+
+class _Collector:
+    def __init__(self, setting: Setting, runs: int, *, states: bool, progress: Progress | None) -> None:
+        self.setting, self.runs, self.report = setting, runs, progress or (lambda part: None)
+        shape = (runs, len(setting.times))
+        self.error, self.estimation = np.full(shape, np.nan), np.full(shape, np.nan)
+        loop = setting.loop
+        self.states = np.full((*shape, loop.n, loop.m), np.nan) if states else None
+        self.ended, self.count = np.full(runs, setting.horizon), np.zeros(runs, dtype=np.int64)
+        self.reasons: dict[int, str] = {}
+        self.notes = list(setting.notes)
+        self.method = "DOP853, side by side"
+
+    def run(self) -> Ensemble:
+        """All runs, side by side where that is possible."""
+        setting = self.setting
+        self.report(0.0)
+        closed = None if setting.observer == "full-loop" else closed_form_of(setting)
+        reason = self.reason_for_single_runs(closed)
+        if reason:
+            self.notes.append(f"The runs were made one by one, because {reason}.")
+            self.method = ""
+            for run in range(self.runs):
+                self.single(run)
+                self.report((run + 1) / self.runs)
+        else:
+            self.chunks(closed)
+        return self.result()
+
+    def reason_for_single_runs(self, closed: ClosedForm | None) -> str:
+        """Why the runs cannot be stacked; "" if they can."""
+        setting = self.setting
+        if isinstance(setting.signal, Mobile) and setting.signal.motion is None:
+            return "every run has graphs of its own"
+        if setting.observer == "full-loop":
+            return "the full loop was asked for"
+        if setting.loop.q and closed is None:
+            return "the observer is too fast for its closed form"
+        return "the loop is stiff" if is_stiff(setting, closed=True) else ""
+
+    def chunks(self, closed: ClosedForm | None) -> None:
+        """Side by side, a bounded number of runs at a time."""
+        loop = self.setting.loop
+        size = max(1, min(self.runs, COLUMN_NUMBERS // (loop.n * loop.m)))
+        shared: Switches | None = None
+        if isinstance(self.setting.signal, Mobile):  # a given motion: the same for all runs
+            shared = switches_for(self.setting, self.setting.seed)
+        groups = groups_for(self.setting, shared or switches_for(self.setting, self.setting.seed))
+
+        @cache
+        def networks(mode: int) -> Network:
+            return network_of(loop, groups(mode), runs=size)
+
+        for first in range(0, self.runs, size):
+            chosen = range(first, min(self.runs, first + size))
+            switches = [shared or switches_for(self.setting, self.setting.seed + run) for run in chosen]
+            stack = self.stack(chosen, switches, closed, networks)
+            ends = integrate_stack(
+                stack, self.setting.times, tolerance=self.setting.tolerance, visit=self.visitor(chosen)
+            )
+            self.estimate(chosen, stack)
+            self.note_ends(chosen, ends)
+            self.report((chosen[-1] + 1) / self.runs)
+
+    def stack(self, chosen: range, switches: list[Switches], closed: ClosedForm | None, networks: Networks) -> Stack:
+        """The starts and switches of some runs as columns."""
+        loop = self.setting.loop
+        starts = [self.setting.starts.draw(self.setting.seed + run) for run in chosen]
+        longest = max(map(len, switches))
+        times, modes = np.full((len(chosen), longest), np.inf), np.zeros((len(chosen), longest), dtype=np.int64)
+        for row, each in enumerate(switches):
+            times[row, : len(each)], modes[row, : len(each)] = each.times, each.modes
+            self.count[chosen[row]] = len(each) - 1
+        e = np.stack([(start.x - loop.goal).ravel() for start in starts], axis=1)
+        eps = np.stack([start.xi - start.xihat for start in starts], axis=2)
+        return Stack(
+            loop=loop, networks=networks, closed=closed, e=e, eps=eps, switch_times=times, switch_modes=modes,
+        )  # fmt: skip
+
+    def visitor(self, chosen: range) -> Callable[[IndexArray, IndexArray, Array], None]:
+        """What puts samples into their places."""
+        loop = self.setting.loop
+
+        def visit(sample: IndexArray, run: IndexArray, e: Array) -> None:
+            self.error[chosen.start + run, sample] = np.abs(e).max(axis=0)
+            if self.states is not None:
+                self.states[chosen.start + run, sample] = e.T.reshape(-1, loop.n, loop.m) + loop.goal
+
+        return visit
+
+    def estimate(self, chosen: range, stack: Stack) -> None:
+        """|d - dhat|_inf in closed form."""
+        rows = slice(chosen.start, chosen.stop)
+        self.estimation[rows] = 0.0
+        if stack.closed is None:
+            return
+        weights = stack.closed.many(self.setting.times)
+        for place in range(len(self.setting.times)):
+            gaps = np.tensordot(weights[:, :, place], stack.eps, axes=(1, 1))
+            self.estimation[rows, place] = np.abs(gaps).max(axis=(0, 1))
+
+    def note_ends(self, chosen: range, ends: Ends) -> None:
+        """Reasons for early ends; runs that came back are made one by one."""
+        for row in np.flatnonzero(ends.states >= ESCAPED):
+            run, time = chosen[row], float(ends.times[row])
+            if ends.states[row] == HANDED_BACK:
+                self.single(run)
+                continue
+            self.ended[run] = time
+            words = f"|e|_inf exceeded {FARTHEST:.0e} times its start at"
+            if ends.states[row] == COLLAPSED:
+                words = "the step size collapsed or the state overflowed just after"
+            self.reasons[run] = f"{words} t = {time:.6g} s"
+            late = self.setting.times > time
+            self.error[run, late] = self.estimation[run, late] = np.nan
+
+    def single(self, run: int) -> None:
+        """One run by itself."""
+        done = run_once(self.setting, self.setting.seed + run)
+        count = int(np.searchsorted(self.setting.times, done.times[-1], side="right"))
+        self.error[run], self.estimation[run] = np.nan, np.nan
+        self.error[run, :count] = done.error()[:count]
+        self.estimation[run, :count] = done.estimation_error()[:count]
+        if self.states is not None:
+            self.states[run, :count] = done.x[:count]
+        self.ended[run], self.count[run] = done.times[-1], len(done.switches) - 1
+        if done.diverged:
+            self.reasons[run] = done.reason
+        names = [name for name in (self.method, done.method) if name]
+        self.method = "; ".join(dict.fromkeys("; ".join(names).split("; ")))
+
+    def result(self) -> Ensemble:
+        """Everything as one noun."""
+        setting, problem = self.setting, self.setting.problem
+        diverged = np.zeros(self.runs, dtype=bool)
+        diverged[list(self.reasons)] = True
+        return Ensemble(
+            name=problem.name, mode=describe(setting.signal, problem), labels=problem.network.labels,
+            t_final=setting.horizon, seeds=setting.seed + np.arange(self.runs), times=setting.times, error=self.error,
+            estimation_error=self.estimation, diverged=diverged, ended=self.ended, switches=self.count,
+            reasons=dict(sorted(self.reasons.items())), goal=setting.loop.goal, states=self.states,
+            method=self.method, notes=tuple(self.notes), signal=signal_to_json(setting.signal),
+        )  # fmt: skip

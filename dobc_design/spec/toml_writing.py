@@ -1,0 +1,176 @@
+"""Writing problem files: keys changed in the text of one, comments kept, or a whole file from a Problem.
+
+Whoever writes a changed text reads it back and compares: layouts that a change would spoil are then
+written whole.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from fractions import Fraction
+from pathlib import Path
+from typing import Any
+
+import tomlkit
+from tomlkit.exceptions import TOMLKitError
+
+from dobc_design.errors import SpecError
+from dobc_design.spec.canonical import canonical_bytes, canonical_document
+from dobc_design.spec.changes import changed_problem
+from dobc_design.spec.file import read_problem_text
+from dobc_design.spec.problem import Problem
+from dobc_design.spec.toml_text import parse_toml
+from dobc_design.spec.typed import INLINE, gain_table, typed_matrix, typed_number
+
+REMARK = "set by dobc certify --apply-fix"  # in place of a comment on the value that stood there
+
+
+def changed_text(text: str, changes: Mapping[str, Any]) -> str | None:
+    """The text of a problem file with these keys set (None removes one); comments and order stay.
+
+    Returns: None if the text is laid out in a way that cannot be changed key by key.
+    Raises: SpecError if the text is no TOML.
+    """
+    parse_toml(text.encode("utf-8"))  # bounds size and nesting before tomlkit sees it
+    try:
+        document = tomlkit.parse(text)
+        for path, value in changes.items():
+            _set(document, path.split("."), value)
+        return tomlkit.dumps(document)
+    except (TOMLKitError, TypeError, ValueError, KeyError, IndexError, AttributeError, RecursionError):
+        return None
+
+
+def _set(document: Any, path: list[str], value: Any) -> None:
+    table = document
+    for name in path[:-1]:
+        if name not in table:
+            if value is None:
+                return
+            table[name] = tomlkit.table()
+        table = table[name]
+    name = path[-1]
+    if value is None:
+        if name in table:
+            table.remove(name)
+            if len(path) > 1 and not len(table):
+                document.remove(path[0])
+        return
+    item = _item(value)
+    if name in table and isinstance(table[name], Mapping) is not isinstance(item, Mapping):
+        table.remove(name)
+    if isinstance(item, Mapping) and name in table and type(table[name]) is not type(item):
+        table.remove(name)
+    if isinstance(item, tomlkit.items.Table):
+        item.add(tomlkit.nl())
+    table[name] = item
+    table[name].comment(REMARK)
+
+
+def _item(value: Any) -> Any:
+    if isinstance(value, Mapping):
+        table: Any = tomlkit.inline_table() if len(value) <= INLINE else tomlkit.table()
+        for key, each in value.items():
+            table[str(key)] = _item(each)
+        return table
+    return tomlkit.item(value)
+
+
+def changed_file(problem: Problem, changes: Mapping[str, Any], *, text: str | None, folder: Path) -> str:
+    """The text of a file in ``folder`` that holds the problem with these changes.
+
+    ``text``: the TOML the problem came from, or None; its comments and its order stay where that is possible.
+    Raises: SpecError if the changes do not fit the problem, or it cannot be written as a problem file.
+    """
+    wanted = changed_problem(problem, changes)
+    own = None if text is None else changed_text(text, changes)
+    if own is not None and _gives(own, wanted, folder=folder):
+        return own
+    whole = problem_text(wanted)
+    if not _gives(whole, wanted, folder=folder):
+        raise SpecError(
+            "the changed problem cannot be written as a problem file: it is too large, or a number in it too long.",
+            key="problem", cure="Make the change by hand.",
+        )  # fmt: skip
+    return whole
+
+
+def _gives(text: str, wanted: Problem, *, folder: Path) -> bool:
+    """Whether reading the text gives this problem."""
+    try:
+        found = read_problem_text(text.encode("utf-8"), folder=folder, default_name=wanted.name)
+    except SpecError:
+        return False
+    return canonical_bytes(found) == canonical_bytes(wanted)
+
+
+def problem_text(problem: Problem) -> str:
+    """A whole problem file.  Reading it gives an equal Problem."""
+    canonical = canonical_document(problem)
+    labels: list[str] = canonical["labels"]
+    document = tomlkit.document()
+    document["schema"] = 1
+    document["name"] = problem.name
+    if problem.notes:
+        document["notes"] = list(problem.notes)
+    document["target"] = [typed_number(x) for x in problem.target]
+    counted = labels == [str(i + 1) for i in range(len(labels))]
+    arcs = {
+        mode: [[labels[i], labels[j]] if w == 1 else [labels[i], labels[j], typed_number(w)] for i, j, w in each]
+        for mode, each in problem.network.modes.items()
+    }
+    document["network"] = _table({"agents": len(labels) if counted else labels, "arrow": "listens_to", "modes": arcs})
+    coupling: Any = tomlkit.table()
+    coupling["h"] = canonical["coupling"]["h"]
+    if problem.exceptions:
+        special = tomlkit.aot()
+        for each in canonical["coupling"]["exceptions"]:
+            special.append(_table({"arcs": [[labels[i] for i in each["arc"]]], "h": each["h"]}))
+        coupling["exceptions"] = special
+    document["coupling"] = coupling
+    for name, content in _settings(problem, labels).items():
+        document[name] = _table(content)
+    return tomlkit.dumps(document)
+
+
+def _settings(problem: Problem, labels: list[str]) -> dict[str, dict[str, Any]]:
+    """The tables after [coupling], those that say something, with the keys that say something."""
+    observer, region, switching, simulation = problem.observer, problem.region, problem.switching, problem.simulation
+    tables: dict[str, dict[str, Any]] = {
+        "pinning": {"gains": gain_table(problem.pinning.gains, labels) or None},
+        "exosystem": {} if problem.exosystem is None else {
+            "A": _rows(problem.exosystem.A), "C": _rows(problem.exosystem.C),
+        },
+        "observer": {"W": _rows(observer.W), "P": _rows(observer.P), "rate": _number(observer.rate)},
+        "formation": {
+            "offsets": {labels[i]: [typed_number(x) for x in offset] for i, offset in problem.offsets.items()} or None
+        },
+        "region": {} if region is None else {
+            "initial_states": _rows(region.initial_states),
+            "initial_disturbance": _number(region.initial_disturbance),
+        },
+        "switching": {} if switching is None else {"signal": switching.signal, "dwell": _number(switching.dwell)},
+        "simulation": {
+            "t_final": _number(simulation.t_final), "seed": simulation.seed, "xi0": _rows(simulation.xi0),
+        },
+    }  # fmt: skip
+    kept = {name: {key: x for key, x in table.items() if x is not None} for name, table in tables.items()}
+    return {name: table for name, table in kept.items() if table}
+
+
+def _number(value: Fraction | None) -> int | float | str | None:
+    return None if value is None else typed_number(value)
+
+
+def _rows(matrix: Sequence[Sequence[Fraction]] | None) -> list[list[Any]] | None:
+    return None if matrix is None else typed_matrix(matrix)
+
+
+def _table(content: Mapping[str, Any]) -> Any:
+    table: Any = tomlkit.table()
+    for key, value in content.items():
+        if isinstance(value, Mapping) and key == "modes":
+            table[key] = _table(value)
+        else:
+            table[key] = _item(value)
+    return table

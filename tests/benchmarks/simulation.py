@@ -1,0 +1,169 @@
+"""Rows of `make bench` on simulation.  Ratios of CPU times from one run; the peak memory of a fresh process."""
+
+from __future__ import annotations
+
+import statistics
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator
+from typing import Any
+
+import numpy as np
+import scipy.sparse as sp
+from scipy.integrate import solve_ivp
+
+from dobc_design.model.arrays import arc_groups
+from dobc_design.simulate.ensembles import simulate_many
+from dobc_design.simulate.field import make_loop, network_of
+from dobc_design.simulate.signals import RandomDwell
+from dobc_design.simulate.simulate import simulate
+from dobc_design.spec.exosystem import Exosystem
+from dobc_design.spec.load import load_problem
+from dobc_design.spec.network import Network
+from dobc_design.spec.observer import Observer
+from dobc_design.spec.problem import Problem
+
+DEGREE = 6
+RUNS, ALONE = 1000, 25  # runs side by side; runs one by one that are timed and scaled up
+GROWTH = (1000, 10_000, 100_000, 1_000_000)
+MEMORY = """
+import resource, sys
+sys.path.insert(0, {folder!r})
+from simulation import large
+from dobc_design.simulate.ensembles import simulate_many
+from dobc_design.simulate.signals import Periodic
+many = simulate_many(large(1000, modes=2), runs=1000, signal=Periodic(dwell=0.25), t_final=1.0)
+assert len(many) == 1000 and not many.diverged.any()
+peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+print(peak * (1 if sys.platform == "darwin" else 1024))
+"""
+
+
+def large(n: int, *, modes: int = 1) -> Problem:
+    """The paper's coupling, exosystem and W on random digraphs of degree 6; every tenth agent pinned."""
+    rng = np.random.default_rng(n)
+
+    def graph() -> Any:
+        listeners = np.repeat(np.arange(n), DEGREE)
+        speakers = (listeners + rng.integers(1, n, size=DEGREE * n)) % n
+        return sp.coo_array((np.ones(DEGREE * n), (listeners, speakers)), shape=(n, n))
+
+    return Problem(
+        network=Network.from_sparse({f"G{k}": graph() for k in range(modes)}, arrow="listens_to"),
+        coupling="exp(y) - 1 + y", gains=dict.fromkeys(range(1, n + 1, 10), 5),
+        exosystem=Exosystem(A=[[0, 2], [-2, 0]], C=[[1, 0]]), observer=Observer(W=[["16/5"], ["12/5"]]),
+    )  # fmt: skip
+
+
+def simulation_bars() -> Iterator[dict[str, Any]]:
+    """The arguments of the bars."""
+    yield stacked()
+    yield right_hand_side()
+    yield memory()
+
+
+def stacked() -> dict[str, Any]:
+    """Both with the same samples and the same tolerance; errors of all runs are compared."""
+    problem, signal = load_problem("paper-switching"), RandomDwell(dwell=0.5)
+    together, many = cpu(lambda: simulate_many(problem, runs=RUNS, signal=signal, t_final=10.0), repeats=5)
+    single, runs = cpu(
+        lambda: [simulate(problem, seed=k, signal=signal, t_final=10.0) for k in range(ALONE)], repeats=3
+    )
+    apart = max(float(np.abs(run.error() - many.error[k]).max()) for k, run in enumerate(runs))
+    alone = single * RUNS / ALONE
+    return {
+        "what": "1000 runs of n = 10 with 20 draws of the mode, stacked vs one by one", "bar": 30,
+        "ratio": alone / together, "note": f"{alone:.3g} s / {together:.3g} s; errors {apart:.0e} apart",
+    }  # fmt: skip
+
+
+def right_hand_side() -> dict[str, Any]:
+    """h(e) - K e + C eps against copying what it reads once: states, arc arrays, weights."""
+    problem = large(100_000)
+    loop, groups = make_loop(problem, None), arc_groups(problem, "G0")
+    network, eps = network_of(loop, groups), np.zeros((problem.n, problem.q))
+    e = np.random.default_rng(0).normal(size=problem.n)
+    arrays = [e, eps, *(a for group in groups for a in (group.listeners, group.speakers, group.weights))]
+    weights = np.array([[1.0, 0.5]])
+
+    def derivative() -> Any:
+        result = network(e)
+        result.reshape(problem.n, 1)[...] += eps @ weights.T
+        return result
+
+    places = [np.zeros_like(a) for a in arrays]  # in use already, so that no page has to be fetched
+
+    def copy() -> None:
+        for place, array in zip(places, arrays, strict=True):
+            np.copyto(place, array)
+
+    pairs = [(cpu(derivative, repeats=1)[0], cpu(copy, repeats=1)[0]) for _ in range(102)][2:]  # in turns
+    ours, copying = (statistics.median(column) for column in zip(*pairs, strict=True))
+    return {
+        "what": "right-hand side at n = 1e5, degree 6, vs copying states, arcs, weights", "bar": 3, "ceiling": True,
+        "ratio": ours / copying, "note": f"{1e3 * ours:.3g} ms / {1e3 * copying:.3g} ms",
+    }  # fmt: skip
+
+
+def memory() -> dict[str, Any]:
+    """Peak resident memory in GiB stands in for the ratio."""
+    from pathlib import Path
+
+    script = MEMORY.format(folder=str(Path(__file__).parent))
+    done = subprocess.run([sys.executable, "-c", script], check=True, capture_output=True, text=True)
+    peak = int(done.stdout) / 2**30
+    return {
+        "what": "peak memory of 1000 runs at n = 1000, two modes, in GiB", "bar": 2, "ratio": peak, "ceiling": True,
+        "note": "GiB, not a ratio",
+    }  # fmt: skip
+
+
+def whole_run() -> str:
+    """A run at n = 1e5 against the plain way, both by DOP853 with one tolerance."""
+    problem = large(100_000)
+    arcs = problem.network.modes["G0"]
+    weights = np.array([float(w) for w in arcs.weights])
+    K = make_loop(problem, None).K.diagonal()
+    start = simulate(problem, t_final=1e-9, samples=2)
+    e0, eps0 = start.x[0].ravel(), start.xi[0]
+    F, C = np.array([[-3.2, 2], [-4.4, 0]]), np.array([[1.0, 0]])
+    sigma, omega = -1.6, 0.4 * np.sqrt(39)
+    shifted = (F - sigma * np.eye(2)) / omega
+
+    def plain(t: float, e: Any) -> Any:
+        y = e[arcs.speakers] - e[arcs.listeners]
+        total = -K * e
+        np.add.at(total, arcs.listeners, weights * (np.exp(y) - 1 + y))
+        power = np.exp(sigma * t) * (np.cos(omega * t) * np.eye(2) + np.sin(omega * t) * shifted)
+        return total + eps0 @ (C @ power).ravel()
+
+    slow, solution = cpu(
+        lambda: solve_ivp(plain, (0, 1), e0, method="DOP853", rtol=1e-9, atol=1e-11, t_eval=[0.0, 1.0]), repeats=1
+    )
+    fast, run = cpu(lambda: simulate(problem, t_final=1.0, samples=2), repeats=1)
+    apart = float(np.abs(run.x[-1].ravel() - solution.y[:, -1]).max())
+    return (
+        f"whole run, n = 1e5, T = 1, degree 6: solve_ivp with np.add.at {slow:.3g} s, simulate {fast:.3g} s"
+        f" ({slow / fast:.2g}x); ends {apart:.0e} apart"
+    )
+
+
+def simulation_growth() -> Iterator[str]:
+    """Time of one run, problem object to trajectory; a straight line in log-log means a constant last column."""
+    for n in GROWTH:
+        problem = large(n)
+        seconds, run = cpu(lambda problem=problem: simulate(problem, t_final=0.2, samples=3), repeats=1)
+        each = 1e9 * seconds / (n * run.evaluations)
+        yield f"{n:>9} {DEGREE * n:>9} {run.evaluations:>12} {seconds:>9.3f} {each:>22.0f}"
+
+
+def cpu(function: Callable[[], Any], *, repeats: int) -> tuple[float, Any]:
+    """Median CPU time of a call in s, and what the last one returned."""
+    samples = []
+    result = None
+    for _ in range(repeats + (repeats > 1)):
+        begin = time.process_time()
+        result = function()
+        samples.append(time.process_time() - begin)
+    return statistics.median(samples[1:] or samples), result

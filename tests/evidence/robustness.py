@@ -1,0 +1,78 @@
+"""Kills, interrupts and broken input, counted: what ``tests/robustness`` shows, with the full counts."""
+
+from __future__ import annotations
+
+import signal
+import tempfile
+import time
+from collections.abc import Iterator
+from pathlib import Path
+
+from evidence.row import Row
+from fuzzing import TARGETS, Target, as_text, defect, mutants
+from kills import Outcome, interrupt_certify, kill_certify, kill_writers
+
+
+def kills(count: int, seed: int) -> Row:
+    """kill -9 of certify, with its report; half of them aim at its writing."""
+    with tempfile.TemporaryDirectory() as folder:
+        outcome = kill_certify(count, seed, Path(folder), report=True)
+    return _row("kill -9 of `dobc certify`: each file whole, old or new, and verify accepts it", count, outcome)
+
+
+def writers(count: int, seed: int) -> Row:
+    """kill -9 of a loop that only writes."""
+    with tempfile.TemporaryDirectory() as folder:
+        outcome = kill_writers(count, seed, Path(folder))
+    return _row("kill -9 of a loop that replaces three files: each whole", count, outcome)
+
+
+def interrupts(count: int, seed: int) -> Row:
+    """SIGINT, and a third as many SIGTERM, from the first line of the program on."""
+    total = Outcome()
+    for number, times in ((signal.SIGINT, count), (signal.SIGTERM, max(1, count // 3))):
+        with tempfile.TemporaryDirectory() as folder:
+            outcome = interrupt_certify(times, seed, Path(folder), number=number, report=True)
+        total.counts += outcome.counts
+        total.wrong += outcome.wrong
+    times = total.counts["interrupted"]
+    return _row("Ctrl-C and SIGTERM of `dobc certify`: 130 or 143, no traceback, a whole set of files", times, total)
+
+
+def _row(what: str, count: int, outcome: Outcome) -> Row:
+    counts = ", ".join(f"{number} {name}" for name, number in sorted(outcome.counts.items()))
+    return Row(what=what, count=count, failures=tuple(outcome.wrong), notes=(counts,))
+
+
+def fuzz(seconds: int, seed: int) -> Row:
+    """Mutants for every reader in turn, for so many seconds of CPU time; the seed fixes their order."""
+    streams = {target.name: mutants(target, seed) for target in TARGETS}
+    counts = dict.fromkeys(streams, 0)
+    accepted = dict.fromkeys(streams, 0)
+    failures: list[str] = []
+    started = time.process_time()
+    while time.process_time() - started < seconds:
+        for target in TARGETS:
+            _slice(target, streams[target.name], min(1.0, seconds / len(TARGETS)), counts, accepted, failures)
+    spent = time.process_time() - started
+    notes = [f"{name}: {counts[name]} inputs, {accepted[name]} of them read" for name in counts]
+    return Row(
+        what="broken input for every reader: no crash, no hang over 2 s, no traceback",
+        count=sum(counts.values()), failures=tuple(failures), notes=(f"{spent:.0f} s of CPU time", *notes), least=1000,
+    )  # fmt: skip
+
+
+def _slice(
+    target: Target, stream: Iterator[bytes], seconds: float, counts: dict[str, int], accepted: dict[str, int],
+    failures: list[str],
+) -> None:  # fmt: skip
+    taken: list[bool] = []
+    counting = Target(name=target.name, run=lambda data: taken.append(target.run(data)), seeds=target.seeds)
+    end = time.process_time() + seconds
+    while time.process_time() < end:
+        data = next(stream)
+        wrong = defect(counting, data)
+        counts[target.name] += 1
+        if wrong:
+            failures.append(f"{target.name}: {wrong}: {as_text(data)}")
+    accepted[target.name] += sum(taken)

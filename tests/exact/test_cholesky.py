@@ -1,0 +1,196 @@
+"""Float factors: the shift and the integer rest prove only what is true."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from fractions import Fraction
+
+import numpy as np
+import pytest
+
+from dobc_design.exact import IntegerSymmetric, SparseSymmetric, decide_quickly, from_float
+from dobc_design.exact.cholesky import (
+    HIGH_BITS,
+    IntegerFactor,
+    Scaled,
+    integer_factors,
+    leaves_dominated_rest,
+    low_directions,
+    margin,
+    proves_by_integers,
+    scaled,
+    shifted_cholesky,
+)
+from dobc_design.verdict import Verdict
+
+
+def spectral(eigenvalues: list[float], *, seed: int = 0) -> IntegerSymmetric:
+    """Q diag(eigenvalues) Q', rounded: eigenvalues right to about 1e-15."""
+    Q, _ = np.linalg.qr(np.random.default_rng(seed).standard_normal((len(eigenvalues),) * 2))
+    A = (Q * np.array(eigenvalues)) @ Q.T
+    return IntegerSymmetric.from_floats((A + A.T) / 2)
+
+
+def ladder(n: int, lowest: float) -> list[float]:
+    return [lowest, *np.linspace(1, 2, n - 1)]
+
+
+def form(M: IntegerSymmetric) -> Scaled:
+    S = scaled(M)
+    assert isinstance(S, Scaled)
+    return S
+
+
+@pytest.mark.parametrize("n", [1, 2, 14, 100, 300])
+def test_a_matrix_well_inside_is_proved_by_both(n: int):
+    """Smallest eigenvalue 1e-6; the twin at -1e-6 is proved by neither."""
+    inside, outside = (form(spectral(ladder(n, lowest))) if n > 1 else None for lowest in (1e-6, -1e-6))
+    if inside is None or outside is None:
+        inside = form(IntegerSymmetric.from_floats(np.array([[1e-6]])))
+        assert shifted_cholesky(inside) and proves_by_integers(inside)
+        return
+    assert shifted_cholesky(inside) and proves_by_integers(inside)
+    assert not shifted_cholesky(outside) and not proves_by_integers(outside)
+
+
+@pytest.mark.parametrize("n", [20, 150])
+def test_neither_proves_what_the_rounding_hides(n: int):
+    """1e-17 is positive, or not, below what doubles resolve: both pass on."""
+    for lowest in (1e-17, -1e-17, 0.0):
+        S = form(spectral(ladder(n, lowest)))
+        assert not shifted_cholesky(S) and not proves_by_integers(S)
+
+
+def test_the_scaled_form_holds_the_matrix_to_its_last_bit():
+    """whole <= 2^bits D M D < whole + 1, entry by entry, for rationals of every size."""
+    r = np.random.default_rng(5)
+    n = 6
+    size = [Fraction(10) ** int(k) for k in r.integers(-200, 200, n)]
+    M = SparseSymmetric(n, {
+        (i, j): size[i] * size[j] * Fraction(int(r.integers(1, 99)) if i == j else int(r.integers(-9, 9)), 101)
+        for i in range(n) for j in range(i, n)
+    })  # fmt: skip
+    S = scaled(M)
+    assert isinstance(S, Scaled)
+    bits = 2 * (HIGH_BITS + S.low_bits)
+    for i in range(n):
+        for j in range(n):
+            whole = (int(S.high[i, j]) << 2 * S.low_bits) + (int(S.middle[i, j]) << S.low_bits) + int(S.low[i, j])
+            entry = M.to_dense()[i][j] / Fraction(2) ** int(S.exponents[i] + S.exponents[j])
+            assert 0 <= entry * 2**bits - whole < 1
+            assert abs(Fraction(S.floats[i, j]) - entry) <= Fraction(abs(S.floats[i, j])) / 2**53 + Fraction(1, 2**bits)
+        assert Fraction(1, 8) <= Fraction(S.floats[i, i]) < 1
+
+
+def test_an_entry_too_large_beside_the_diagonal_refutes_at_once():
+    """[[1, 5], [5, 1]] and with the other sign, also scaled by 2^100 in one row."""
+    for entry in (5, -5):
+        for lift in (1, 2**100):
+            M = SparseSymmetric(2, {(0, 0): Fraction(1), (0, 1): Fraction(entry * lift), (1, 1): Fraction(lift) ** 2})
+            direction = scaled(M)
+            assert isinstance(direction, list)
+            assert M.quadratic_form(direction) < 0
+    assert scaled(SparseSymmetric(2, {(0, 1): Fraction(1), (1, 1): Fraction(1)})) is None
+
+
+def rest_is_dominated(R: list[list[Fraction]], low: int = 0) -> bool:
+    """What the check says of M = L L' + R; L has one column of 3/4 and ``low`` on its diagonal, in its last bits."""
+    n = len(R)
+    low_bits = form(IntegerSymmetric.from_floats(np.eye(n))).low_bits
+    high = np.zeros((n, n))
+    high[:, 0] = 3 * 2.0 ** (HIGH_BITS - 2)
+    factor = IntegerFactor(high=high, low=low * np.eye(n))
+    unit = Fraction(1, 2 ** (HIGH_BITS + low_bits))
+    L = [[Fraction(3, 4) * (j == 0) + low * unit * (i == j) for j in range(n)] for i in range(n)]
+    M = {(i, j): sum(x * y for x, y in zip(L[i], L[j], strict=True)) + R[i][j] for i in range(n) for j in range(i, n)}
+    S = scaled(SparseSymmetric(n, M))
+    assert isinstance(S, Scaled)
+    assert not S.exponents.any()
+    return leaves_dominated_rest(S, factor)
+
+
+@pytest.mark.parametrize(
+    ("diagonal", "beside", "dominated"),
+    [(5, 2, True), (5, -2, True), (4, 2, False), (4, -2, False), (3, 2, False), (1, 2, False), (-5, 2, False)],
+)
+@pytest.mark.parametrize("low", [0, 2**25, -(2**25)])
+def test_the_rest_has_to_be_dominated_row_by_row(diagonal: int, beside: int, dominated: bool, low: int):
+    """M = L L' + R is built in fractions, L almost of rank one, so that R decides; 3 rows, R from 2^-30 to 2^-60."""
+    for power in (30, 45, 60):
+        unit = Fraction(1, 2**power)
+        assert (
+            rest_is_dominated([[unit * (diagonal if i == j else beside) for j in range(3)] for i in range(3)], low)
+            == dominated
+        )
+
+
+def test_the_last_bits_of_the_factor_count():
+    """L L' of the last bits alone is 2^-52 here; a rest of -2^-53 is negative all the same."""
+    unit = Fraction(1, 2**53)
+    assert not rest_is_dominated([[-unit * (i == j) for j in range(3)] for i in range(3)], 2**25)
+    assert rest_is_dominated([[unit * (i == j) for j in range(3)] for i in range(3)], 2**25)
+
+
+def test_a_factor_that_is_too_large_or_no_integers_is_not_believed():
+    """Then products in doubles are not exact: 2^27 squared is beyond 2^53; halves are no integers."""
+    S = form(spectral(ladder(4, 0.5)))
+    factor = next(iter(integer_factors(S)))
+    assert leaves_dominated_rest(S, factor)
+    assert not leaves_dominated_rest(S, replace(factor, high=factor.high * 8))
+    assert not leaves_dominated_rest(S, replace(factor, low=factor.low + 0.5))
+    assert not leaves_dominated_rest(S, replace(factor, high=factor.high - np.diag([2.0**24] * 4)))
+    # The same L, but with last parts so long that their products round.
+    moved = np.tril(np.full((4, 4), 4.0))
+    assert not leaves_dominated_rest(
+        S, IntegerFactor(high=factor.high - moved, low=factor.low + moved * 2.0**S.low_bits)
+    )
+
+
+def test_a_factorisation_that_breaks_down_proves_nothing(monkeypatch):
+    """LAPACK lets nan pass; LinAlgError is the ordinary way."""
+    S = form(spectral(ladder(4, 0.5)))
+    monkeypatch.setattr(np.linalg, "cholesky", lambda A: np.full_like(A, np.nan))
+    assert not shifted_cholesky(S) and not proves_by_integers(S)
+
+
+def test_the_shift_is_at_least_rumps(monkeypatch):
+    """c >= g/(1-g) tr A + 2u max a_ii + radius, g = (n + 3) u, in exact fractions of what is subtracted."""
+    S = form(spectral(ladder(30, 0.5)))
+    seen = []
+    monkeypatch.setattr(np.linalg, "cholesky", lambda A: seen.append(A.copy()) or np.eye(len(A)))
+    assert shifted_cholesky(S)
+    u, n = Fraction(1, 2**53), 30
+    diagonal = [Fraction(x) for x in S.floats.diagonal().tolist()]
+    g = (n + 3) * u
+    radius = u * max(sum(Fraction(abs(x)) for x in row) for row in S.floats.tolist())
+    bound = g / (1 - g) * sum(diagonal) + 2 * u * max(diagonal) + radius
+    shifts = [x - Fraction(y) for x, y in zip(diagonal, seen[0].diagonal().tolist(), strict=True)]
+    assert min(shifts) + u >= bound  # fl(a_ii - c) rounds once more, which 2u max a_ii covers
+    assert max(shifts) < 4 * bound + u
+
+
+def test_the_quick_answer_has_three_values():
+    """Inside, outside, and next to the edge, with a witness for the second."""
+    assert decide_quickly(spectral(ladder(40, 1e-6))).verdict is Verdict.PROVED
+    M = spectral(ladder(40, -1e-6))
+    refuted = decide_quickly(M)
+    assert refuted.verdict is Verdict.REFUTED
+    assert M.quadratic_form(refuted.witness) == refuted.value < 0
+    edge = decide_quickly(spectral(ladder(40, 1e-15)))
+    assert edge.verdict is Verdict.UNDECIDED
+    assert edge.method.startswith("shifted Cholesky")
+    assert decide_quickly(from_float(np.diag([1.0, 0.0]), None)).verdict is Verdict.REFUTED
+    assert decide_quickly(from_float(np.array([[1.0, 5.0], [5.0, 1.0]]), None)).verdict is Verdict.REFUTED
+    assert decide_quickly(()).verdict is Verdict.PROVED
+
+
+def test_directions_undo_the_scaling():
+    """For M = D^-1 N D^-1 the eigenvector of D M D, times D, gives the same form but for a factor."""
+    M = SparseSymmetric(2, {(0, 0): Fraction(1), (0, 1): Fraction(-(2**50)), (1, 1): Fraction(2**100)})
+    S = scaled(M)
+    assert isinstance(S, Scaled)
+    values, vectors = np.linalg.eigh(S.floats)
+    (v,) = low_directions(S, vectors[:, :1])
+    assert values[0] < margin(S)
+    assert M.quadratic_form(v) == 0
+    assert v[0] == v[1] << 50

@@ -1,0 +1,96 @@
+"""Broken input at random for every reader, and the inputs that once did harm.
+
+``fuzzing`` has the targets and the mutants; `make evidence` runs them for a minute of CPU time, and
+`tests/evidence/run.py --fuzz-minutes 10` for ten.
+"""
+
+from __future__ import annotations
+
+from itertools import islice
+
+import pytest
+from fuzzing import TARGETS, Target, as_text, defect, mutants
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+CASES = 150
+
+
+@pytest.mark.parametrize("target", TARGETS, ids=lambda target: target.name)
+def test_mutants_of_valid_files_are_read_or_refused(target: Target):
+    for data in islice(mutants(target, 1), CASES):
+        assert (defect(target, data), as_text(data)) == ("", as_text(data))
+
+
+@pytest.mark.parametrize("target", TARGETS, ids=lambda target: target.name)
+def test_the_seeds_themselves_are_read(target: Target):
+    """Else the mutants would be mutants of nothing."""
+    assert sum(target.run(data) for data in target.seeds()) >= len(target.seeds()) // 3
+
+
+@pytest.mark.parametrize("target", TARGETS, ids=lambda target: target.name)
+def test_a_defect_would_be_seen(target: Target):
+    """The same harness with a reader that crashes, one that hangs and one that is right."""
+
+    def crash(data: bytes) -> bool:
+        raise KeyError("x")
+
+    def hang(data: bytes) -> bool:
+        while True:
+            pass
+
+    data = target.seeds()[0]
+    assert defect(Target(name="x", run=crash, seeds=target.seeds), data).startswith("KeyError")
+    assert defect(target, data) == ""
+    if target is TARGETS[0]:  # once is enough, it takes its two seconds
+        assert defect(Target(name="x", run=hang, seeds=target.seeds), data).startswith("more than")
+
+
+@settings(max_examples=200)
+@given(st.data())
+def test_any_bytes_are_read_or_refused(data):
+    target = data.draw(st.sampled_from(TARGETS))
+    raw = data.draw(st.binary(max_size=200) | st.text(max_size=200).map(lambda text: text.encode("utf-8")))
+    assert defect(target, raw) == ""
+
+
+GRAMMAR = st.recursive(
+    st.sampled_from(["y", "pi", "0", "1", "1/3", "1e-400", "1e400", "0.1", "64", "y1"]),
+    lambda inner: st.one_of(
+        st.tuples(inner, st.sampled_from(["+", "-", "*", "/", " - "]), inner).map("".join),
+        st.tuples(st.sampled_from(["exp", "log", "sin", "cos", "tan", "tanh", "atan", "sinh", "cosh", "sqrt", "abs"]),
+                  inner).map(lambda pair: f"{pair[0]}({pair[1]})"),
+        st.tuples(st.sampled_from(["min", "max"]), inner, inner).map(lambda part: f"{part[0]}({part[1]}, {part[2]})"),
+        inner.map(lambda text: f"clip({text}, -1, 1/2)"),
+        st.tuples(inner, st.integers(-64, 64)).map(lambda pair: f"({pair[0]})**{pair[1]}"),
+        inner.map(lambda text: f"-({text})"),
+    ),
+    max_leaves=12,
+)  # fmt: skip
+
+
+@settings(max_examples=150)
+@given(GRAMMAR)
+def test_every_expression_of_the_grammar_is_evaluated_and_enclosed_or_refused(text):
+    """Values lie in their enclosures, and the canonical text is the same function."""
+    (target,) = (each for each in TARGETS if each.name == "expression")
+    assert defect(target, text.encode()) == ""
+
+
+# What was found: in a seed of which target to replace what by what.
+FOUND = [
+    # The message about an unknown field quoted it, and with it what turns the writing direction round.
+    ("certificate.json", b'"exact"', b'"exa\xe2\x80\xaect"'),
+    ("certificate.json", b'"exact"', b'"\\u001b[2J"'),
+    # An exponent beyond those of decimal.Decimal is no ValueError.
+    ("checker, problem", b'"dimension":1', b'"dimension":1e9999999999999999999'),
+    ("checker, certificate", b'"version": 1', b'"version": 1e9999999999999999999'),
+]
+
+
+@pytest.mark.parametrize(("name", "old", "new"), FOUND)
+def test_what_once_did_harm_does_none(name, old, new):
+    (target,) = (each for each in TARGETS if each.name == name)
+    data = target.seeds()[0]
+    assert old in data
+    assert defect(target, data.replace(old, new, 1)) == ""

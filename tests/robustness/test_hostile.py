@@ -1,0 +1,233 @@
+"""Input made to do harm: every reader refuses it in its one way, in less than two seconds of CPU time.
+
+The files themselves (pipes, devices, folders) are the business of ``test_machine``.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from typing import Any
+
+import pytest
+from bad_files import VALID
+from fuzzing import LIMIT, time_limit
+
+import dobc_design as dd
+from dobc_design.certificate.recheck import recheck
+from dobc_design.certificate.text import certificate_bytes, read_claims
+from dobc_design.errors import CertificateError, SpecError
+from dobc_design.exact.matrix import multiply
+from dobc_design.spec.canonical import canonical_bytes, problem_from_canonical
+from dobc_design.spec.file import read_problem_text
+from dobc_design.spec.load import load_problem
+
+MB = 1_000_000
+SOME = 300_000  # characters of most: enough to see whether the time is linear in them
+TREES = {
+    "deep lists": "[" * 100_000,
+    "deep lists, closed": "[" * 100_000 + "]" * 100_000,
+    "deep objects": '{"a":' * 100_000,
+    "as deep as can just be read": "[" * 900 + "]" * 900,
+    "a long number": "9" * SOME,
+    "a long decimal": "0." + "9" * SOME,
+    "an exponent": "1e999999999",
+    "a small exponent": "1e-999999999",
+    "a long exponent": "1e" + "9" * SOME,
+    "not a number": "NaN",
+    "infinity": "-Infinity",
+    "a long text": '"' + "a" * SOME + '"',
+    "a lone surrogate": '"\\ud800"',
+    "an escaped NUL": '"\\u0000"',
+    "a long list": "[" + "0," * SOME + "0]",
+    "many keys": "{" + ",".join(f'"k{k}":0' for k in range(30_000)) + "}",
+    "one key many times": "{" + '"a":0,' * 30_000 + '"a":0}',
+}
+BYTES = {
+    "nothing": b"",
+    "blanks": b" " * (3 * MB),
+    "zeros": bytes(3 * MB),
+    "bytes that are no text": b"\xff\xfe" * MB,
+    "a surrogate in UTF-8": b'{"format": "\xed\xa0\x80"}',
+    "an overlong slash": b'{"format": "\xc0\xaf"}',
+    "UTF-16": '{"format": 1}'.encode("utf-16"),
+    "compressed": b"\x1f\x8b\x08\x00" + bytes(1000),
+    "a list": b"[]",
+    "a word": b"null",
+    "two documents": b"{}{}",
+}
+
+
+def take(read: Callable[[bytes], Any], data: bytes, error: type[Exception]) -> Any:
+    """What the reader makes of it: a value, or None where it refuses; never long, never another exception."""
+    with time_limit(LIMIT):
+        try:
+            return read(data)
+        except error as refusal:
+            assert all(line.isprintable() for line in str(refusal).split("\n"))
+            assert len(str(refusal)) < 20_000
+            return None
+
+
+READERS = {
+    "certificate.json": (read_claims, CertificateError),
+    "problem.json": (problem_from_canonical, SpecError),
+    "problem.toml": (lambda data: read_problem_text(data, folder=None), SpecError),
+}
+
+
+@pytest.fixture(scope="module")
+def problem() -> dd.Problem:
+    return load_problem("paper-fixed")
+
+
+@pytest.fixture(scope="module")
+def valid(problem) -> dict[str, dict[str, Any]]:
+    return {
+        "certificate.json": json.loads(certificate_bytes(dd.certify(problem).claims)),
+        "problem.json": json.loads(canonical_bytes(problem)),
+    }
+
+
+@pytest.mark.parametrize("reader", READERS)
+@pytest.mark.parametrize("name", BYTES)
+def test_bytes_that_are_no_file_of_ours_are_refused(reader, name):
+    assert take(READERS[reader][0], BYTES[name], READERS[reader][1]) is None
+
+
+@pytest.mark.parametrize("reader", READERS)
+@pytest.mark.parametrize("name", TREES)
+def test_a_hostile_document_is_refused(reader, name):
+    text = f"x = {TREES[name]}" if reader == "problem.toml" else TREES[name]
+    assert take(READERS[reader][0], text.encode(), READERS[reader][1]) is None
+
+
+@pytest.mark.parametrize("text", ["9" * (10 * MB), "1/" + "9" * (10 * MB), "0." + "9" * (10 * MB)])
+def test_a_rational_of_ten_megabytes_is_refused(valid, text):
+    for reader, place in (("certificate.json", ("observer", "P", 0)), ("problem.json", ("exosystem", "A", 0))):
+        document = json.loads(json.dumps(valid[reader]))
+        holder: Any = document
+        for key in place:
+            holder = holder[key]
+        holder[0] = text
+        assert take(READERS[reader][0], json.dumps(document).encode(), READERS[reader][1]) is None
+
+
+PLACES = {
+    "certificate.json": [
+        ("version",), ("rate",), ("reason",), ("notes",), ("checks",), ("checks", 0, "margin"), ("checks", 0, "exact"),
+        ("checks", 0, "domain"), ("observer", "P"), ("observer", "P", 0), ("observer", "P", 0, 0), ("problem_sha256",),
+    ],
+    "problem.json": [
+        ("version",), ("name",), ("labels",), ("labels", 0), ("dimension",), ("modes", 0, "arcs"),
+        ("modes", 0, "arcs", 0), ("modes", 0, "arcs", 0, 0), ("modes", 0, "arcs", 0, 2), ("coupling", "h"),
+        ("gains", 0, 1), ("exosystem", "A", 0, 0), ("simulation", "seed"),
+    ],
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", TREES)
+@pytest.mark.parametrize("reader", PLACES)
+def test_a_hostile_part_of_a_good_document_is_refused_or_changes_no_proof(reader, name, valid, problem):
+    """Some parts are text that nobody judges, and may be anything."""
+    for place in PLACES[reader]:
+        document = json.loads(json.dumps(valid[reader]))
+        holder: Any = document
+        for key in place[:-1]:
+            holder = holder[key]
+        holder[place[-1]] = "@@"
+        found = take(READERS[reader][0], json.dumps(document).replace('"@@"', TREES[name]).encode(), READERS[reader][1])
+        if found is not None and reader == "certificate.json":
+            with time_limit(LIMIT):
+                assert recheck(found, problem).holds is (place in (("reason",),))
+
+
+@pytest.mark.parametrize("reader", PLACES)
+def test_line_ends_and_a_byte_order_mark_are_taken_or_refused_as_a_whole(reader, valid):
+    text = json.dumps(valid[reader], indent=1)
+    read, error = READERS[reader]
+    assert take(read, text.replace("\n", "\r\n").encode(), error) is not None
+    assert take(read, text.encode("utf-8-sig"), error) is None
+    assert take(read, text.encode() + b"\0", error) is None
+
+
+TOML = {
+    "a hundred thousand keys": "\n".join(f"k{k} = 0" for k in range(100_000)),
+    "a hundred thousand tables": "\n".join(f"[t{k}]" for k in range(100_000)),
+    "thousands of modes": VALID.replace("Gb =", "\n".join(f"M{k} = []" for k in range(20_000)) + "\nGb ="),
+    "a table of tables": "[[a]]\n" * 100_000,
+    "a dotted key": "a." * 100_000 + "a = 1",
+    "deep inline tables": "a = " + "{a = " * 100_000,
+    "quotes that never close": 'a = """' + '\\"' * MB,
+    "hundreds of thousands of strings": "a = [" + '"",' * 500_000 + "]",
+    "a long label": VALID.replace("agents = 4", f'agents = ["{"a" * MB}"]'),
+    "many agents": VALID.replace("agents = 4", "agents = 999999999999"),
+    "a long expression": VALID.replace('"2*y"', '"' + "y+" * MB + 'y"'),
+    "a deep expression": VALID.replace('"2*y"', '"' + "(" * 1000 + "y" + ")" * 1000 + '"'),
+    "towers of powers": VALID.replace('"2*y"', '"' + "(" * 40 + "y" + "**64)" * 40 + '"'),
+    "towers of exponentials": VALID.replace('"2*y"', '"' + "exp(" * 40 + "y" + ")" * 40 + ' - 1"'),
+    "a constant tower": VALID.replace('"2*y"', '"y*' + "(" * 40 + "9" + "**64)" * 40 + '"'),
+    "a long comment": "#" + "\x01" * MB,
+    "signs": VALID.replace('"2*y"', '"' + "-" * 1900 + 'y"'),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", TOML)
+def test_hostile_toml_is_refused_or_read_in_time(name):
+    found = take(READERS["problem.toml"][0], TOML[name].encode(), SpecError)
+    assert found is None or name in ("thousands of modes", "towers of powers", "signs")
+
+
+@pytest.mark.parametrize("digits", [200, 1000, 4000])
+@pytest.mark.parametrize("name", ["paper-fixed", "paper-switching"])
+def test_a_pair_of_long_numbers_is_decided_in_time(name, digits):
+    """P + tiny terms with huge, coprime denominators: elimination in exact arithmetic would take minutes."""
+    from fractions import Fraction
+
+    problem = load_problem(name)
+    claims = dd.certify(problem).claims
+    assert claims.P is not None
+    assert claims.W is not None
+    tail = Fraction(1, 10**digits + 7)
+    P = tuple(tuple(x + tail * (i + j + 1) for j, x in enumerate(row)) for i, row in enumerate(claims.P))
+    document = json.loads(certificate_bytes(claims))
+    document["observer"] |= {"P": as_text(P), "Q": as_text(multiply(P, claims.W))}
+    with time_limit(LIMIT):
+        found = recheck(read_claims(json.dumps(document).encode()), problem)
+    assert not found.holds  # the exact values beside it are those of the old pair
+
+
+def as_text(matrix: Any) -> list[list[str]]:
+    """Rationals of any length as text."""
+    from flint import fmpz
+
+    return [[f"{fmpz(x.numerator).str()}/{fmpz(x.denominator).str()}" for x in row] for row in matrix]
+
+
+@pytest.mark.parametrize("digits", [1000, 4000])
+def test_a_vector_of_long_numbers_is_decided_in_time(digits):
+    from flint import fmpz
+
+    problem = read_problem_text(VALID.replace('gains = { 1 = 5.0, 3 = "9/16" }', "gains = {}").encode(), folder=None)
+    document = json.loads(certificate_bytes(dd.certify(problem).claims))
+    vectors = [check for check in document["checks"] if check.get("witness", {}).get("kind") == "vector"]
+    assert vectors
+    for check in vectors:
+        count = len(check["witness"]["values"])
+        check["witness"]["values"] = [
+            f"{fmpz(10**digits + k).str()}/{fmpz(10**digits + 2 * k + 1).str()}" for k in range(count)
+        ]
+    with time_limit(LIMIT):
+        assert not recheck(read_claims(json.dumps(document).encode()), problem).holds
+
+
+def test_a_deep_fix_is_no_way_to_crash_the_checker(valid, problem):
+    text = json.dumps(valid["certificate.json"])
+    document = json.loads(text)
+    document["checks"][1]["fix"] = {"kind": "x", "set": {"a": "@@"}, "text": "x"}
+    for depth in (100, 500, 900, 960):
+        data = json.dumps(document).replace('"@@"', "[" * depth + "]" * depth).encode()
+        found = take(read_claims, data, CertificateError)
+        if found is not None:
+            with time_limit(LIMIT):
+                recheck(found, problem)

@@ -1,0 +1,159 @@
+"""Killed, interrupted, terminated: at every moment each file is the old one or the new one, and whole."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+
+import pytest
+from kills import LOOP, Runs, environment, interrupt_certify, kill_certify, kill_writers, leftovers
+
+import dobc_design as dd
+from dobc_design.certificate.files import STALE, write_atomically, write_together
+from dobc_design.errors import CertificateError
+
+pytestmark = pytest.mark.skipif(os.name == "nt", reason="signals of Unix")
+
+
+def test_kills_of_a_process_that_only_writes_leave_whole_files(tmp_path):
+    outcome = kill_writers(20, 1, tmp_path)
+    assert not outcome.wrong
+    assert outcome.counts["kills in the middle of a write"] > 0, "the test must hit what it is about"
+
+
+@pytest.mark.slow
+def test_kills_of_certify_leave_whole_files_that_verify_accepts(tmp_path):
+    outcome = kill_certify(6, 2, tmp_path, report=False)
+    assert not outcome.wrong
+    assert outcome.counts["old"] > 0
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_an_interrupted_certify_says_so_and_leaves_a_whole_set(tmp_path, number):
+    """130 for Ctrl-C, 143 for SIGTERM; no traceback, also in the first moments, while everything is imported."""
+    outcome = interrupt_certify(4, 3, tmp_path, number=number)
+    assert not outcome.wrong
+    assert outcome.counts["interrupted"] == 4
+
+
+@pytest.mark.slow
+def test_thirty_interrupts_and_twenty_kills_of_certify_with_its_report(tmp_path):
+    for outcome in (
+        interrupt_certify(30, 4, tmp_path / "a", report=True), kill_certify(20, 5, tmp_path / "b", report=True)
+    ):  # fmt: skip
+        assert not outcome.wrong
+
+
+def test_a_signal_during_a_write_waits_for_its_end(tmp_path):
+    """Every signal falls into the loop of writes, and yet the set is never mixed and nothing is left over."""
+    for k in range(10):
+        with subprocess.Popen(
+            [sys.executable, "-c", f"from dobc_design import __main__\n{LOOP}", str(tmp_path), "1000"],
+            stdout=subprocess.PIPE, stderr=subprocess.PIPE,
+        ) as process:  # fmt: skip
+            process.stdout.readline()
+            time.sleep(0.01 + 0.003 * k)
+            process.send_signal(signal.SIGINT)
+            _, said = process.communicate(timeout=20)
+        assert (process.returncode, said) == (130, b"Interrupted; no file was left half written.\n")
+        numbers = {(tmp_path / name).read_bytes()[64:].split()[1] for name in ("problem.json", "report.html")}
+        assert len(numbers) == 1
+        assert leftovers(tmp_path) == []
+
+
+@pytest.mark.slow
+def test_ctrl_c_of_a_group_reaches_everybody_and_nobody_hangs(tmp_path):
+    """A terminal sends it to the whole group; the process has threads of linear algebra by then."""
+    runs = Runs(tmp_path, report=False)
+    out = tmp_path / "out"
+    process = runs.start(1, out, "--json")
+    process.stderr.read(1)
+    time.sleep(runs.seconds / 3)
+    os.killpg(process.pid, signal.SIGINT)
+    printed, said = process.communicate(timeout=20)
+    if process.returncode == 130:
+        assert said == b""
+        assert json.loads(printed)["error"]["kind"] == "interrupted"
+    assert process.returncode in (130, 1)  # 1: refuted, it was faster
+
+
+def test_an_ignored_interrupt_stays_ignored(tmp_path):
+    """A shell starts background jobs with Ctrl-C ignored, nohup does so with SIGHUP."""
+    command = [sys.executable, "-m", "dobc_design", "certify", "paper-fixed", "--no-report", "--out", str(tmp_path)]
+    with subprocess.Popen(
+        ["sh", "-c", 'trap "" INT HUP; exec "$@"', "sh", *command], stdout=subprocess.PIPE, env=environment()
+    ) as process:
+        for _ in range(20):
+            time.sleep(0.02)
+            process.send_signal(signal.SIGINT)
+            process.send_signal(signal.SIGHUP)
+        process.communicate(timeout=60)
+    assert process.returncode == 0
+    assert dd.verify((tmp_path / "certificate.json").read_bytes(), "paper-fixed").holds
+
+
+@pytest.mark.slow
+def test_a_pair_of_files_of_two_runs_is_found_out_and_cured_by_running_again(tmp_path):
+    """What a kill between two renames leaves: the problem of one run beside the certificate of another."""
+    runs = Runs(tmp_path, report=False)
+    out = tmp_path / "out"
+    runs.fill(0, out)
+    (out / "problem.json").write_bytes(runs.whole[1]["problem.json"])
+
+    def dobc(*arguments: object) -> subprocess.CompletedProcess[str]:
+        return subprocess.run(
+            [sys.executable, "-m", "dobc_design", *map(str, arguments)], text=True, capture_output=True, check=False
+        )
+
+    ran = dobc("verify", out, "--problem", out / "problem.json")
+    assert ran.returncode == 1
+    assert "the certificate is about another problem (its hash differs)" in ran.stdout
+    assert dobc("verify", out, "--problem", runs.problems[0]).returncode == 0
+    ran = dobc("export", out, "--rocq", tmp_path / "new.v")
+    assert ran.returncode == 2
+    assert "hash" in ran.stderr or "another problem" in ran.stderr
+    assert not (tmp_path / "new.v").exists()
+    assert dobc("certify", runs.problems[1], "--no-report", "--out", out).returncode == 1
+    assert runs.which(out) == [1, 1]
+
+
+def test_what_killed_writers_left_is_removed_by_a_later_one(tmp_path):
+    """After an hour, when no writer can be at work on it any more; other files are never touched."""
+    names = [".certificate.json.0123.dobc-tmp", ".certificate.json.4567.dobc-tmp", ".other.json.0123.dobc-tmp",
+             ".certificate.json.mine", "certificate.json.dobc-tmp"]  # fmt: skip
+    for name in names:
+        (tmp_path / name).write_bytes(b"x")
+        if name != ".certificate.json.4567.dobc-tmp":
+            os.utime(tmp_path / name, (time.time() - STALE - 60,) * 2)
+    write_atomically(tmp_path / "certificate.json", b"new")
+    assert sorted(path.name for path in tmp_path.iterdir()) == sorted([*names[1:], "certificate.json"])
+
+
+def test_all_files_are_as_before_when_one_cannot_be_written(tmp_path):
+    old = {name: name.encode() for name in ("a", "b")}
+    for name, data in old.items():
+        (tmp_path / name).write_bytes(data)
+    (tmp_path / "c").mkdir()
+    with pytest.raises(CertificateError, match="c cannot be written: Is a directory"):
+        write_together({tmp_path / name: b"new" for name in ("a", "b", "c")})
+    assert {name: (tmp_path / name).read_bytes() for name in old} == old
+    assert leftovers(tmp_path) == []
+
+
+def test_a_new_file_has_the_permissions_of_any_new_file(tmp_path):
+    mask = os.umask(0o027)
+    try:
+        write_atomically(tmp_path / "x", b"")
+    finally:
+        os.umask(mask)
+    assert (tmp_path / "x").stat().st_mode & 0o777 == 0o640
+
+
+def test_a_long_name_is_written_like_any_other(tmp_path):
+    name = "é" * 120 + ".json"
+    write_atomically(tmp_path / name, b"x")
+    assert [path.name for path in tmp_path.iterdir()] == [name]

@@ -1,0 +1,345 @@
+"""A machine that refuses: full disks, folders that may not be written, files of a wrong kind, closed streams.
+
+Every case starts a real process.  It has to leave with the exit code of the contract (2: what was handed in is
+wrong, 4: the machine failed), name the key and the cure, show no traceback, and leave every old file as it was.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import os
+import resource
+import shutil
+import socket
+import subprocess
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+from bad_files import listing
+
+import dobc_design as dd
+
+# About a hundred processes, one second each.
+pytestmark = [
+    pytest.mark.slow, pytest.mark.skipif(os.name == "nt", reason="limits, pipes and permissions of Unix")
+]  # fmt: skip
+
+DOBC = [sys.executable, "-m", "dobc_design"]
+# Root may write everywhere, whatever the permissions say; without these two capabilities it may not.
+AS_ANYBODY = ["setpriv", "--bounding-set", "-dac_override,-dac_read_search"]
+
+
+def dobc(*arguments: object, before: list[str] = [], **options: Any) -> subprocess.CompletedProcess[str]:  # noqa: B006
+    streams = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE} | options
+    ran = subprocess.run(
+        [*before, *DOBC, *map(str, arguments)], text=True, encoding="utf-8", timeout=60, check=False, **streams
+    )
+    for text in (ran.stdout, ran.stderr):
+        assert "Traceback" not in (text or "")
+        assert "Exception ignored" not in (text or "")
+    return ran
+
+
+def refusal(ran: subprocess.CompletedProcess[str], code: int) -> dict[str, Any]:
+    """The one JSON document on standard output, which is an error with a key and a cure."""
+    assert (ran.returncode, ran.stderr) == (code, "")
+    error = json.loads(ran.stdout)["error"]
+    assert error["key"]
+    assert error["cure"]
+    return error
+
+
+@pytest.fixture(scope="module")
+def made(tmp_path_factory) -> Path:
+    """A folder with the files of a run."""
+    folder = tmp_path_factory.mktemp("made")
+    dd.certify("paper-fixed").save(folder)
+    return folder
+
+
+@pytest.fixture
+def folder(made, tmp_path) -> Path:
+    """A folder of its own with older files: those of a run that said something else."""
+    target = tmp_path / "out"
+    shutil.copytree(made, target)
+    (target / "certificate.json").write_text("old certificate", encoding="utf-8")
+    return target
+
+
+def contents(folder: Path) -> dict[str, bytes]:
+    return {path.name: path.read_bytes() for path in folder.iterdir() if path.is_file()}
+
+
+def unprivileged() -> list[str]:
+    if os.geteuid() != 0:
+        return []
+    if shutil.which("setpriv") is None or subprocess.run([*AS_ANYBODY, "true"], check=False).returncode:
+        pytest.skip("root may write everywhere, and setpriv is not there or may not take that away")
+    return AS_ANYBODY
+
+
+# ------------------------------------------------------------------------------------------ writing
+
+
+@pytest.mark.parametrize("size", [0, 1, 1000])
+def test_no_room_for_a_file_leaves_the_old_ones(folder, size):
+    """A limit on the size of files does to a process what a full disk does; the write fails after ``size`` bytes."""
+    before = contents(folder)
+    ran = dobc(
+        "certify", "paper-fixed", "--no-report", "--json", "--out", folder,
+        preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_FSIZE, (size, size)),
+    )  # fmt: skip
+    error = refusal(ran, 4)
+    assert ".json cannot be written: File too large" in error["message"]
+    assert "--out" in error["cure"]
+    assert contents(folder) == before
+
+
+def test_a_full_disk_leaves_the_old_files(folder, tmp_path):
+    disk = tmp_path / "disk"
+    disk.mkdir()
+    if os.geteuid() != 0 or subprocess.run(
+        ["mount", "-t", "tmpfs", "-o", "size=16k", "tmpfs", str(disk)], check=False, capture_output=True
+    ).returncode:  # fmt: skip
+        pytest.skip("a small disk cannot be made here")
+    try:
+        for path in folder.iterdir():
+            (disk / path.name).write_bytes(path.read_bytes()[:1000])
+        with contextlib.suppress(OSError), (disk / "others").open("wb", buffering=0) as stream:
+            while stream.write(b"x" * 512):
+                pass
+        before = contents(disk)
+        error = refusal(dobc("certify", "paper-fixed", "--no-report", "--json", "--out", disk), 4)
+        assert "No space left on device" in error["message"]
+        assert "Free some space" in error["cure"]
+        assert contents(disk) == before
+    finally:
+        subprocess.run(["umount", str(disk)], check=True)
+
+
+def test_a_folder_that_may_not_be_written_is_left_alone(folder):
+    before = contents(folder)
+    folder.chmod(0o555)
+    try:
+        ran = dobc("certify", "paper-fixed", "--no-report", "--json", "--out", folder, before=unprivileged())
+        error = refusal(ran, 4)
+        assert "cannot be written: Permission denied" in error["message"]
+        assert contents(folder) == before
+        ran = dobc("certify", "paper-fixed", "--no-report", "--json", "--out", folder / "new", before=unprivileged())
+        assert "cannot be made: Permission denied" in refusal(ran, 4)["message"]
+    finally:
+        folder.chmod(0o755)
+
+
+def test_a_folder_in_place_of_a_file_stops_the_writing_before_it_begins(folder):
+    (folder / "certificate.json").unlink()
+    (folder / "certificate.json").mkdir()
+    (folder / "problem.json").write_text("old", encoding="utf-8")
+    error = refusal(dobc("certify", "paper-fixed", "--no-report", "--json", "--out", folder), 4)
+    assert "certificate.json cannot be written: Is a directory" in error["message"]
+    assert "Move that folder away" in error["cure"]
+    assert contents(folder) == {"problem.json": b"old"}
+
+
+@pytest.mark.parametrize("kind", ["file", "link to nowhere", "link to itself", "pipe"])
+def test_what_is_no_folder_in_place_of_the_folder_is_a_mistake_told_at_once(tmp_path, kind):
+    place = tmp_path / "out"
+    if kind == "file":
+        place.write_text("mine", encoding="utf-8")
+    elif kind == "pipe":
+        os.mkfifo(place)
+    else:
+        place.symlink_to(place if kind == "link to itself" else tmp_path / "nowhere")
+    error = refusal(dobc("certify", "paper-fixed", "--no-report", "--json", "--out", place), 2)
+    assert error["key"] == "--out"
+    assert "is not a folder" in error["message"]
+    assert listing(tmp_path) == ["out"]
+
+
+def test_a_link_in_place_of_a_file_is_replaced_and_its_target_left_alone(folder, tmp_path):
+    mine = tmp_path / "mine.json"
+    mine.write_text("mine", encoding="utf-8")
+    for name, target in (("certificate.json", mine), ("problem.json", tmp_path / "nowhere")):
+        (folder / name).unlink()
+        (folder / name).symlink_to(target)
+    assert dobc("certify", "paper-fixed", "--no-report", "--out", folder).returncode == 0
+    assert mine.read_text(encoding="utf-8") == "mine"
+    assert not (folder / "certificate.json").is_symlink()
+    assert dd.verify((folder / "certificate.json").read_bytes(), folder / "problem.json").holds
+
+
+@pytest.mark.parametrize(
+    ("command", "key"),
+    [(("check", "paper-fixed", "--canonical"), "--canonical"), (("export", "made", "--rocq"), None)],
+)
+def test_other_files_are_written_whole_or_not_at_all(made, tmp_path, command, key):
+    arguments = [made if word == "made" else word for word in command]
+    before = listing(tmp_path)
+    ran = dobc(
+        *arguments, tmp_path / "new", "--json",
+        preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_FSIZE, (100, 100)),
+    )  # fmt: skip
+    error = refusal(ran, 4)
+    assert key in (None, error["key"])
+    assert "File too large" in error["message"]
+    assert listing(tmp_path) == before
+
+
+# ------------------------------------------------------------------------------------------ reading
+
+
+def nothing(path: Path) -> None:
+    """No file at all."""
+
+
+def directory(path: Path) -> None:
+    path.mkdir()
+
+
+def pipe(path: Path) -> None:
+    os.mkfifo(path)
+
+
+def link_to_nowhere(path: Path) -> None:
+    path.symlink_to(path.with_name("nowhere"))
+
+
+def link_to_itself(path: Path) -> None:
+    path.symlink_to(path)
+
+
+def endless(path: Path) -> None:
+    path.symlink_to("/dev/zero")
+
+
+def terminal(path: Path) -> None:
+    path.symlink_to("/dev/tty")
+
+
+def bound_socket(path: Path) -> None:
+    here = Path.cwd()
+    os.chdir(path.parent)  # the path of a socket must be short
+    try:
+        socket.socket(socket.AF_UNIX).bind(path.name)
+    finally:
+        os.chdir(here)
+
+
+def empty(path: Path) -> None:
+    path.touch()
+
+
+def noise(path: Path) -> None:
+    path.write_bytes(bytes(range(256)) * 100)
+
+
+def compressed(path: Path) -> None:
+    """A gzip bomb: it is not UTF-8, and nobody unpacks it."""
+    import gzip
+
+    path.write_bytes(gzip.compress(b"0" * 50_000_000))
+
+
+KINDS = [nothing, directory, pipe, link_to_nowhere, link_to_itself, endless, terminal, bound_socket, empty, noise,
+         compressed]  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    ("make", "suffix"),
+    [
+        pytest.param(make, suffix, id=f"{make.__name__}.{suffix}", marks=[pytest.mark.slow] * (k % 2 != place))
+        for k, make in enumerate(KINDS)
+        for place, suffix in enumerate(("toml", "json"))
+    ],
+)
+def test_what_is_no_problem_file_is_refused_at_once(tmp_path, make: Callable[[Path], None], suffix):
+    path = tmp_path / f"problem.{suffix}"
+    make(path)
+    before = listing(tmp_path)
+    error = json.loads(dobc("certify", path, "--json", stdin=subprocess.DEVNULL).stdout)["error"]
+    assert error["kind"] == "spec"
+    assert error["cure"]
+    assert listing(tmp_path) == before
+
+
+@pytest.mark.parametrize("make", KINDS, ids=lambda make: make.__name__)
+def test_what_is_no_certificate_is_refused_at_once(tmp_path, made, make: Callable[[Path], None]):
+    path = tmp_path / "certificate.json"
+    make(path)
+    ran = dobc("verify", path, "--problem", made / "problem.json", "--json")
+    assert ran.returncode == 2
+    error = json.loads(ran.stdout)["error"]
+    assert error["cure"]
+    assert dobc("export", path, "--rocq", tmp_path / "new.v", "--problem", "paper-fixed").returncode == 2
+    assert not (tmp_path / "new.v").exists()
+
+
+def test_files_that_may_not_be_read_are_mistakes(folder, tmp_path):
+    for name in ("certificate.json", "problem.json"):
+        (folder / name).chmod(0)
+    before = unprivileged()
+    error = refusal(dobc("check", folder / "problem.json", "--json", before=before), 2)
+    assert "cannot be read: Permission denied" in error["message"]
+    error = refusal(dobc("verify", folder, "--problem", "paper-fixed", "--json", before=before), 2)
+    assert "cannot be read: Permission denied" in error["message"]
+
+
+# ------------------------------------------------------------------------------------------ streams
+
+COMMANDS = [
+    ("problems",), ("check", "paper-fixed"), ("check", "paper-fixed", "--json"), ("schema",), ("explain", "theorem1"),
+    ("--help",), ("--version",), ("certify", "paper-fixed", "--no-report"),
+    ("certify", "paper-fixed", "--no-report", "--json"), ("verify", "made", "--problem", "paper-fixed"),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    ("command", "kind"),
+    [
+        pytest.param(command, kind, id=f"{kind}: {' '.join(command)}", marks=[pytest.mark.slow] * (k % 3 != place))
+        for k, command in enumerate(COMMANDS)
+        for place, kind in enumerate(("full", "closed", "nobody reads"))
+    ],
+)
+def test_an_answer_that_cannot_be_written_is_the_machines_failure(tmp_path, made, command, kind):
+    """Exit 1 and 3 are answers, so they must not come from a pipe that broke."""
+    arguments = [made if word == "made" else word for word in command]
+    if kind == "full":
+        if not Path("/dev/full").exists():
+            pytest.skip("there is no full device")
+        with Path("/dev/full").open("w", encoding="utf-8") as full:
+            ran = dobc(*arguments, cwd=tmp_path, stdout=full)
+    elif kind == "closed":
+        ran = dobc(*arguments, cwd=tmp_path, stdout=None, before=["sh", "-c", 'exec "$@" >&-', "sh"])
+    else:
+        reading, writing = os.pipe()
+        os.close(reading)
+        ran = dobc(*arguments, cwd=tmp_path, stdout=writing)
+        os.close(writing)
+    assert ran.returncode == 4
+    assert "error: standard output cannot be written" in ran.stderr
+    for path in tmp_path.glob("*/certificate.json"):
+        assert dd.verify(path.read_bytes(), "paper-fixed").holds
+
+
+def test_a_reader_that_takes_one_line_sees_no_traceback(tmp_path):
+    ran = subprocess.run(
+        ["sh", "-c", '"$@" | head -1', "sh", *DOBC, "schema"], cwd=tmp_path, text=True, capture_output=True, check=False
+    )
+    assert ran.stdout == "{\n"
+    assert "Traceback" not in ran.stderr
+
+
+@pytest.mark.parametrize("redirection", ["2>&-", "2>/dev/full", "<&- 2>&-"])
+@pytest.mark.parametrize(
+    ("command", "code"), [(("certify", "paper-fixed", "--no-report"), 0), (("check", "nowhere"), 2), (("--wrong",), 2)]
+)
+def test_nobody_listening_on_standard_error_changes_no_exit_code(tmp_path, redirection, command, code):
+    ran = dobc(*command, cwd=tmp_path, before=["sh", "-c", f'exec "$@" {redirection}', "sh"])
+    assert ran.returncode == code
+    for path in tmp_path.glob("*/certificate.json"):
+        assert dd.verify(path.read_bytes(), "paper-fixed").holds

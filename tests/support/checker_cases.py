@@ -1,0 +1,519 @@
+"""Certificates and problems for the lone checker: good ones, and bad ones that are wrong in one place each.
+
+Every bad one is as consistent as a forger could make it: but for that one place nothing in it is wrong, so that it is
+accepted by a checker that leaves the check of this place out.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Iterator
+from dataclasses import dataclass
+from fractions import Fraction
+from functools import cache
+from typing import Any
+
+from dobc_design.certificate.text import certificate_bytes
+from dobc_design.spec.canonical import canonical_bytes
+from dobc_design.spec.exosystem import Exosystem
+from dobc_design.spec.load import load_problem
+from dobc_design.spec.network import Network
+from dobc_design.spec.observer import Observer
+from dobc_design.spec.problem import Problem
+from dobc_design.workflow import certify
+
+Document = dict[str, Any]
+HOLDS, FAILS, UNREADABLE = 0, 1, 2
+GONE = object()
+EACH_OTHER = [[1, 2], [2, 1]]
+NOTHING: Document = {"verdict": "undecided", "margin": None, "rate": None, "exact": GONE, "witness": GONE}
+OPEN: Document = {"verdict": "undecided", "rate": None, "covered_by": None}
+
+
+@dataclass(frozen=True)
+class Case:
+    """What is handed to the checker, and the exit code it has to give."""
+
+    name: str
+    certificate: bytes
+    problem: bytes
+    code: int
+
+
+def network(arcs: Any = EACH_OTHER, agents: Any = None) -> Network:
+    return Network.from_arcs(arcs, arrow="listens_to", agents=agents)
+
+
+def scalar(a: Any, c: Any = 1) -> Exosystem:
+    return Exosystem(A=[[a]], C=[[c]])
+
+
+@cache
+def problems() -> dict[str, Problem]:
+    """One problem for every rule of the format page."""
+    pair, line, chain = network(), network([[2, 1]]), [[i + 1, i] for i in range(1, 25)]
+    return {
+        "paper": load_problem("paper-fixed"),
+        "plain": Problem(network=pair, coupling="2*y", gains={1: 3}, notes=["a note"]),
+        "curved": Problem(network=pair, coupling="exp(y) - 1 + y", gains={1: 3, 2: 3}),
+        "designed": Problem(network=pair, coupling="y", gains=1, exosystem=scalar(0)),
+        "given": Problem(network=pair, coupling="y", gains=1, exosystem=scalar(0), observer=Observer(W=[[2]])),
+        "good P": Problem(
+            network=pair, coupling="y", gains=1, exosystem=scalar(0), observer=Observer(W=[[2]], P=[[1]])
+        ),
+        "small P": Problem(
+            network=pair, coupling="y", gains=1, exosystem=scalar(0), observer=Observer(W=[[2]], P=[["1/100"]])
+        ),
+        "negative P": Problem(
+            network=pair, coupling="y", gains=1, exosystem=scalar(0), observer=Observer(W=[[2]], P=[[-1]])
+        ),
+        "wrong P": Problem(
+            network=pair, coupling="y", gains=1, exosystem=Exosystem(A=[[0, 2], [-2, 0]], C=[[1, 0]]),
+            observer=Observer(W=[["16/5"], ["12/5"]], P=[[1, 0], [0, 100]]),
+        ),
+        "bad W": Problem(network=pair, coupling="y", gains=1, exosystem=scalar(0), observer=Observer(W=[[-1]])),
+        "hidden": Problem(network=pair, coupling="y", gains=1, exosystem=scalar(0, 0), observer=Observer(W=[[1]])),
+        "faint": Problem(
+            network=pair, coupling="y", gains=1, exosystem=Exosystem(A=[[0, 1, 0], [0, 0, 0], [0, 0, 1]], C=[[0, 1, 0]])
+        ),
+        "calm bad W": Problem(
+            network=pair, coupling="tanh(y)", gains=1, exosystem=scalar(0), observer=Observer(W=[[-1]]),
+            region={"initial_states": [-1, 1], "initial_disturbance": 0},
+        ),
+        "loose": Problem(network=pair, coupling="2*y", gains=None),
+        "far": Problem(network=network([[2, 1], [3, 2]]), coupling="y", gains={2: 1}),
+        "far, two components": Problem(
+            network=line, coupling="y", gains={1: [[1, 0], [0, 0]]}, target=[0, 0],
+            region={"initial_states": [[-1, 1], [-1, 1]]},
+        ),
+        "slanted": Problem(
+            network=line, coupling="y", gains={1: [[1, -1], [-1, 1]]}, target=[0, 0],
+            region={"initial_states": [[1, 2], [-2, -1]]},
+        ),
+        "beside": Problem(
+            network=line, coupling="y", gains={1: [[1, 0], [0, 0]]}, target=[0, 0],
+            region={"initial_states": [[1, 2], [-1, 1]]},
+        ),
+        "only 0": Problem(
+            network=line, coupling="y", gains={1: [[1, 0], [0, 0]]}, target=[0, 0],
+            region={"initial_states": [[-1, 1], [0, 0]]},
+        ),
+        "empty box": Problem(
+            network=pair, coupling="y", gains=None, offsets={2: 5}, region={"initial_states": [-1, 1]}
+        ),
+        "point box": Problem(network=pair, coupling="y", gains=None, region={"initial_states": [0, 0]}),
+        "unstable": Problem(network=pair, coupling="-y", gains={1: "1/2", 2: "1/2"}),
+        "unstable, elsewhere": Problem(
+            network=pair, coupling="-y", gains={1: "1/2", 2: "1/2"}, region={"initial_states": [0, 1]}
+        ),
+        "unstable, irrational": Problem(network=pair, coupling="-exp(1)*y", gains={1: "1/2", 2: "1/2"}),
+        "unstable, large": Problem(network=network([], agents=61), coupling="y", gains={1: 1}),
+        "not normal": Problem(network=network([[2, 1], [3, 2]]), coupling="5*y", gains={1: "1/2"}),
+        "kinked": Problem(network=pair, coupling="abs(y)", gains=1),
+        "regional": Problem(network=pair, coupling="tanh(y)", gains=1, region={"initial_states": [-1, 1]}),
+        "two modes": Problem(network=network({"A": EACH_OTHER, "B": [[2, 1]]}), coupling="y", gains={1: 4}),
+        "ring": Problem(
+            network=network([[i + 1, (i + k) % 25 + 1] for i in range(25) for k in (1, 24)]), coupling="y", gains={1: 1}
+        ),
+        "large": Problem(network=network(chain), coupling="sqrt(2)*y", gains=dict.fromkeys(range(1, 26), 5)),
+        "long": Problem(network=network(chain), coupling="y", gains=dict.fromkeys(range(1, 26), 1)),
+    }  # fmt: skip
+
+
+@cache
+def _originals() -> dict[str, tuple[bytes, bytes]]:
+    return {
+        name: (certificate_bytes(certify(problem).claims), canonical_bytes(problem))
+        for name, problem in problems().items()
+    }
+
+
+@cache
+def cases() -> list[Case]:
+    """All of them, the good ones first; those that take long come last."""
+    good = [Case(name, data, problem, HOLDS) for name, (data, problem) in _originals().items()]
+    return [*good, *_bent_claims(), *_bent_frames(), *_bent_problems(), *_other_bytes()]
+
+
+def document(name: str) -> Document:
+    return dict(json.loads(_originals()[name][0]))
+
+
+def check(document: Document, id: str) -> Document:
+    """The first check of that id."""
+    return next(each for each in document["checks"] if each["id"] == id)
+
+
+def bend(holder: Document, changes: Document) -> None:
+    for key, value in changes.items():
+        if value is GONE:
+            holder.pop(key, None)
+        else:
+            holder[key] = value
+
+
+def bent(name: str, *changes: tuple[str, Document], code: int = FAILS, what: str = "") -> Case:
+    """The certificate of a problem with changes: of a check by its id, of "observer", or of the whole ("")."""
+    copied = document(name)
+    for place, values in changes:
+        bend(copied if place == "" else copied["observer"] if place == "observer" else check(copied, place), values)
+    title = what or " and ".join(f"{place}: {', '.join(values)}" for place, values in changes)
+    return Case(f"{name}: {title}", json.dumps(copied).encode(), _originals()[name][1], code)
+
+
+def _vector(labels: list[str], values: list[str], kind: str = "vector") -> Document:
+    return {"witness": {"kind": kind, "labels": labels, "values": values}}
+
+
+def _bent_claims() -> Iterator[Case]:
+    proof: Document = {"verdict": "proved", "margin": 0, "rate": None, "exact": GONE, "witness": GONE}
+    # Facts.
+    yield bent("paper", ("observability", {"exact": {"rank": "1"}}))
+    yield bent("paper", ("observability", {"margin": 0}))
+    yield bent("paper", ("observability", {"rate": 1}))
+    yield bent("paper", ("observability", {"domain": "consensus"}))
+    yield bent("paper", ("observability", {"witness": {"kind": "vector", "values": ["1", "0"]}}))
+    yield bent("paper", ("hurwitz", {"rate": 1.7}))
+    yield bent("paper", ("hurwitz", {"rate": -1}))
+    yield bent("paper", ("hurwitz", {"rate": 0}))
+    yield bent("paper", ("hurwitz", {"exact": {"routh": ["1", "16/5"]}}))
+    yield bent("paper", ("hurwitz", {"exact": GONE}))
+    yield bent("paper", ("detectability", {"exact": {"unobservable_polynomial": "1.0"}}))
+    yield bent("paper", ("reachability", {"verdict": "refuted", "witness": {"kind": "agents", "labels": []}}))
+    yield bent("hidden", ("observability", {"verdict": "proved"}))
+    yield bent("hidden", ("observability", {"witness": {"kind": "vector", "values": ["0"]}}))
+    yield bent("hidden", ("detectability", {"witness": GONE}))
+    yield bent("bad W", ("hurwitz", {"rate": 1}))
+    yield bent("far", ("reachability", {"verdict": "perhaps"}))
+    yield bent("far", ("reachability", {"witness": {"kind": "agents", "labels": []}}))
+    yield bent("designed", ("hurwitz", NOTHING | {"rate": 1}))
+    yield bent("designed", ("hurwitz", NOTHING | {"margin": 1}))
+    yield bent("designed", ("hurwitz", NOTHING | {"exact": {}}))
+    yield bent(
+        "designed", ("theorem1", NOTHING), ("", OPEN), ("observer", dict.fromkeys(("W", "source", "P", "Q"))),
+        what="hurwitz without W",
+    )  # fmt: skip
+    # Proofs.
+    yield bent("plain", ("lemma1", {"exact": {}}))
+    yield bent("plain", ("lemma1", _vector(["1"], ["1", "0"])))
+    yield bent("plain", ("lemma1", {"margin": None}))
+    yield bent("plain", ("lemma1", {"rate": 0}), ("", {"rate": 0}))
+    yield bent("plain", ("lemma1", {"rate": -1}), ("", {"rate": -1}))
+    yield bent("plain", ("lemma1", {"rate": 5}), ("", {"rate": 5}))
+    yield bent("plain", ("lemma1", {"margin": 50}))
+    yield bent("plain", ("lemma1", {"domain": "consensus"}))
+    yield bent("curved", ("lemma1", {"domain": "global"}))
+    yield bent("large", ("lemma1", {"margin": 10.1}))
+    yield bent("large", ("lemma1", {"margin": 100}))
+    yield bent("kinked", ("lemma1", proof), ("", {"verdict": "proved", "covered_by": "lemma1"}))
+    yield bent(
+        "loose", ("lemma1", proof | {"margin": -1}), ("", {"verdict": "proved", "covered_by": "lemma1"}), what="margin"
+    )
+    yield bent("paper", ("theorem1", {"margin": 0.6}))
+    yield bent("paper", ("theorem1", {"rate": 0.3}), ("", {"rate": 0.3}))
+    for key in ("P", "Q", "S", "bound", "block"):
+        exact = check(document("paper"), "theorem1")["exact"]
+        yield bent("paper", ("theorem1", {"exact": exact | {key: "1"}}), what=f"another {key}")
+        less = {name: value for name, value in exact.items() if name != key}
+        yield (
+            bent("paper", ("theorem1", {"exact": less}), what=f"no {key}")
+            if key != "block"
+            else bent("paper", ("theorem1", {"exact": GONE}))
+        )
+    own = check(document("good P"), "theorem1-printed")["exact"]
+    yield bent("good P", ("theorem1-printed", {"exact": own | {"P": "1"}}), what="P is text")
+    yield bent("paper", ("theorem1", {"exact": exact | {"P": [*exact["P"], ["0", "0"]]}}), what="P has three rows")
+    yield bent("paper", ("observer", {"Q": [["0"], ["0"]]}))
+    yield bent("paper", ("observer", {"Q": None}))
+    yield bent("paper", ("theorem1", NOTHING), ("", OPEN), what="a pair without a proof")
+    yield bent("designed", ("hurwitz", NOTHING), ("observer", {"W": None, "source": None}), what="a pair without W")
+    yield bent("given", ("observer", {"source": "designed"}))
+    yield bent("designed", ("observer", {"source": "given"}))
+    yield from _forged_pairs()
+    # Refutations.
+    yield bent("loose", ("lemma1", {"rate": 1}))
+    yield bent("loose", ("lemma1", {"margin": 0.5}))
+    yield bent("loose", ("lemma1", {"witness": GONE}))
+    yield bent("loose", ("lemma1", {"exact": GONE}))
+    yield bent("loose", ("lemma1", {"exact": {"unstable_roots": "1"}}))
+    yield bent("loose", ("lemma1", {"exact": {"unstable_roots": "0", "value": "1/1000"}}))
+    yield bent("loose", ("lemma1", {"exact": {"unstable_roots": "-1"}}))
+    yield bent("loose", ("lemma1", {"exact": {"unstable_roots": "1/2"}}))
+    yield bent("loose", ("lemma1", _vector(["1", "2"], ["1", "-1"])))
+    yield bent("loose", ("lemma1", _vector([], ["0", "0"])))
+    yield bent("loose", ("lemma1", _vector(["1"], ["1", "1"])))
+    yield bent("loose", ("lemma1", _vector(["1", "2"], ["1", "1"], kind="agents")))
+    yield bent("loose", ("lemma1", _vector(["1", "2"], ["1", "1", "0"])))
+    yield bent("loose", ("lemma1", _vector(["1", "2"], ["1", "1"]) | {"margin": -1}))
+    yield bent("unstable", ("lemma1", {"margin": -9, "exact": {"unstable_roots": "1"}}))
+    yield bent("unstable, irrational", ("lemma1", {"exact": {"unstable_roots": "1"}}), ("", {"verdict": "refuted"}))
+    yield bent("not normal", ("lemma1", {"exact": {"unstable_roots": "1"}}), ("", {"verdict": "refuted"}))
+    yield bent("not normal", ("", {"verdict": "refuted"}))
+    yield bent("not normal", ("lemma1", {"exact": {"unstable_roots": "1/2"}}), ("", {"verdict": "refuted"}))
+    long_w = f"1/{_decimal(10**5000 + 7)}"
+    yield bent(
+        "designed", ("hurwitz", NOTHING), ("theorem1", NOTHING), ("", OPEN),
+        ("observer", {"P": None, "Q": None, "W": [[long_w]]}), code=UNREADABLE, what="W with a long denominator",
+    )  # fmt: skip
+    yield _too_large_to_count()
+    yield _long_denominators()
+    yield from _bent_refutations_of_theorems()
+
+
+def _bent_refutations_of_theorems() -> Iterator[Case]:
+    theorem = check(document("bad W"), "theorem1")
+    assert theorem["exact"] == {"block": "hurwitz"}
+    yield bent("bad W", ("theorem1", {"exact": {"block": "hurwitz", "mode": "G"}}))
+    yield bent("bad W", ("theorem1", {"margin": -1}))
+    yield bent("bad W", ("theorem1", {"exact": {"block": "closed"}}))
+    yield bent("bad W", ("theorem1", {"exact": {"block": "observable"}}))
+    yield bent("bad W", ("theorem1", {"witness": GONE}))
+    yield bent("bad W", ("theorem1", {"exact": GONE}))
+    detectable = {"kind": "polynomial", "values": ["1"]}
+    none: Document = {"P": None, "Q": None}
+    refuted: Document = {"verdict": "refuted", "margin": None, "rate": None}
+    yield bent(
+        "given", ("theorem1", refuted | {"exact": {"block": "detectability"}, "witness": detectable}),
+        ("observer", none), ("", OPEN), what="detectable",
+    )  # fmt: skip
+    row = {"kind": "routh_row", "values": ["1", "-1"]}
+    bad: Document = {"verdict": "refuted", "rate": None, "exact": GONE, "witness": row}
+    yield bent(
+        "designed", ("hurwitz", bad), ("theorem1", refuted | {"exact": {"block": "hurwitz"}, "witness": row}),
+        ("observer", none | {"W": [["-1"]]}), ("", OPEN), what="a designed W refutes",
+    )  # fmt: skip
+    lambda_: Document = refuted | _vector(["1", "2"], ["1", "1"])
+    yield bent(
+        "given", ("theorem1", lambda_ | {"exact": {"block": "Lambda", "mode": "G"}}), ("observer", none), ("", OPEN),
+        what="Lambda",
+    )  # fmt: skip
+    yield bent(
+        "given", ("theorem1", lambda_ | {"exact": {"block": "Lambda", "mode": "Gx"}}), ("observer", none), ("", OPEN),
+        what="Lambda of no mode",
+    )  # fmt: skip
+    printed = check(document("small P"), "theorem1-printed")
+    assert printed["verdict"] == "refuted"
+    labels, values = printed["witness"]["labels"], printed["witness"]["values"]
+    yield bent("small P", ("theorem1-printed", _vector(labels, values, kind="agents")))
+    yield bent("small P", ("theorem1-printed", {"exact": printed["exact"] | {"mode": "Gx"}}))
+    yield bent("small P", ("theorem1-printed", {"exact": printed["exact"] | {"mode": ["G"]}}))
+    yield bent("small P", ("theorem1-printed", {"exact": printed["exact"] | {"S": [["26"]]}}))
+    yield bent("small P", ("theorem1-printed", {"margin": -90}))
+    yield bent(
+        "good P",
+        ("theorem1-printed", refuted | {"exact": printed["exact"]} | printed),
+        ("", {"covered_by": "theorem1"}),
+    )
+    for name, block in (("negative P", "P"), ("wrong P", "Omega0")):
+        own = check(document(name), "theorem1-printed")
+        assert own["exact"] == {"block": block}
+        values = own["witness"]["values"]
+        yield bent(name, ("theorem1-printed", {"margin": -1}))
+        yield bent(name, ("theorem1-printed", {"witness": {"kind": "agents", "values": values}}))
+        yield bent(name, ("theorem1-printed", {"witness": {"kind": "vector", "values": ["0"] * len(values)}}))
+        yield bent(name, ("theorem1-printed", {"exact": {"block": "Q"}}))
+    yield bent("wrong P", ("theorem1-printed", {"witness": {"kind": "vector", "values": ["1", "0"]}}))
+    yield bent(
+        "good P",
+        ("theorem1-printed", refuted | {"exact": {"block": "P"}, "witness": {"kind": "vector", "values": ["1"]}}),
+        what="P > 0 is refuted",
+    )  # fmt: skip
+
+
+def _forged_pairs() -> Iterator[Case]:
+    """q = 1, A - W C = 1: for P = -1 Omega = -2 < 0, and for P = 1 S = -1/2; both make Lambda + S < 0."""
+    proof: Document = {"verdict": "proved", "margin": 0, "rate": None, "witness": GONE}
+    for P, S in (("-1", "1/2"), ("1", "-1/2")):
+        exact = {"P": [[P]], "Q": [[str(-int(P))]], "S": [[S]], "bound": str(-Fraction(S))}
+        yield bent(
+            "bad W", ("theorem1", proof | {"exact": exact}), ("observer", {"P": [[P]], "Q": exact["Q"]}),
+            ("", {"verdict": "proved", "covered_by": "theorem1"}), what=f"P = {P}",
+        )  # fmt: skip
+    yield bent(
+        "bad W", ("hurwitz", {"witness": GONE} | check(document("given"), "hurwitz")),
+        ("theorem1", {"witness": GONE} | check(document("given"), "theorem1")),
+        ("observer", document("given")["observer"]), ("", {key: document("given")[key] for key in OPEN}),
+        what="a better W",
+    )  # fmt: skip
+    yield _asymmetric_pair()
+
+
+def _asymmetric_pair() -> Case:
+    """P is not symmetric, and everything else is as it would follow from it."""
+    problem, claims = problems()["paper"], certify(problems()["paper"]).claims
+    assert claims.P is not None and problem.exosystem is not None and problem.observer.W is not None
+    A, C, W = problem.exosystem.A, problem.exosystem.C, problem.observer.W
+    P = [list(row) for row in claims.P]
+    P[0][1] += Fraction(1, 1000)
+    F = [[A[i][j] - W[i][0] * C[0][j] for j in range(2)] for i in range(2)]
+    half = [[sum((P[i][k] * F[k][j] for k in range(2)), Fraction(0)) for j in range(2)] for i in range(2)]
+    (a, b), (_, d) = [[-half[i][j] - half[j][i] for j in range(2)] for i in range(2)]
+    S = d / (a * d - b * b)  # C = (1, 0)
+    rows = [[str(x) for x in row] for row in P]
+    Q = [[str(P[i][0] * W[0][0] + P[i][1] * W[1][0])] for i in range(2)]
+    exact = {"P": rows, "Q": Q, "S": [[str(S)]], "bound": str(-S)}
+    return bent(
+        "paper", ("theorem1", {"exact": exact, "margin": 0.1, "rate": None}), ("observer", {"P": rows, "Q": Q}),
+        ("", {"rate": None}), what="P is not symmetric",
+    )  # fmt: skip
+
+
+def _too_large_to_count() -> Case:
+    """61 agents without arcs and one pin: J - K has no unstable root; with k = -1 it has one, which nobody counts."""
+    name = "unstable, large"
+    problem = json.loads(_originals()[name][1])
+    problem["gains"] = [[0, [["-1"]]]]
+    copied = document(name)
+    exact = {"unstable_roots": "1", "value": "2"}
+    witness = {"kind": "vector", "labels": ["1"], "values": ["1"] + ["0"] * 60}
+    bend(check(copied, "lemma1"), {"exact": exact, "witness": witness, "margin": None})
+    return about(problem, copied, name="61 rows", code=FAILS)
+
+
+def _long_denominators() -> Case:
+    """A true witness whose entries have denominators of 33 000 bits each."""
+    near = [f"1/{_decimal(10**9980 + k)}" for k in (1, 3, 7)]
+    copied = document("far")
+    lemma = check(copied, "lemma1")
+    bend(lemma, {"margin": None, "exact": {"unstable_roots": "0"}})
+    problem = json.loads(_originals()["far"][1])
+    problem["gains"] = []
+    bend(lemma, _vector(problem["labels"], near))
+    problem["modes"][0]["arcs"] = []
+    bend(copied, {"verdict": "refuted", "rate": None, "covered_by": None})
+    alone = {"verdict": "refuted", "witness": {"kind": "agents", "labels": problem["labels"]}}
+    bend(check(copied, "reachability"), alone)
+    return about(problem, copied, name="long denominators", code=FAILS)
+
+
+def _decimal(number: int) -> str:
+    """Python prints at most 4300 digits at once."""
+    high, low = divmod(number, 10**4000)
+    return f"{_decimal(high)}{low:04000}" if high else str(low)
+
+
+def about(problem: Document, certificate: Document, *, name: str, code: int) -> Case:
+    """A certificate that is about this problem file."""
+    data = json.dumps(problem, sort_keys=True).encode()
+    certificate = certificate | {"problem_sha256": hashlib.sha256(data).hexdigest()}
+    return Case(name, json.dumps(certificate).encode(), data, code)
+
+
+def _bent_frames() -> Iterator[Case]:
+    yield bent("plain", ("", {"problem": "another"}))
+    yield bent("plain", ("", {"problem_sha256": "0" * 64}))
+    yield bent("plain", ("", {"notes": []}))
+    yield bent("plain", ("", {"verdict": "refuted", "rate": None, "covered_by": None}))
+    yield bent("plain", ("", OPEN))
+    yield bent("plain", ("", {"rate": 0.001}))
+    yield bent("plain", ("", {"covered_by": "theorem1"}))
+    yield bent("plain", ("observer", {"W": [], "source": "designed"}))
+    yield bent("good P", ("", {"covered_by": "lemma1"}))
+    yield bent(
+        "regional",
+        ("", {"verdict": "proved", "covered_by": "lemma1", "rate": check(document("regional"), "lemma1")["rate"]}),
+    )
+    yield bent("calm bad W", ("", {"verdict": "refuted"}))
+    yield bent("unstable, elsewhere", ("", {"verdict": "refuted"}))
+    for name in ("beside", "only 0", "empty box", "point box"):
+        yield bent(name, ("", {"verdict": "refuted", "rate": None, "covered_by": None}))
+    lure = {"id": "lure", "domain": "global", "reason": "", **{k: v for k, v in NOTHING.items() if v is not GONE}}
+    copied = document("paper")
+    for name, checks in (
+        ("no checks", []),
+        ("one is missing", copied["checks"][1:]),
+        ("one stands there twice", [copied["checks"][1], *copied["checks"][1:]]),
+        ("another one in its place", [lure | {"domain": "consensus"}, *copied["checks"][1:]]),
+        ("one more", [lure, *copied["checks"]]),
+    ):
+        yield bent("paper", ("", {"checks": checks}), what=name)
+    two = document("two modes")
+    lemmas = [each for each in two["checks"] if each["id"] == "lemma1"]
+    assert len(lemmas) == 2
+    swapped = [each | {"mode": "B"} if each["id"] == "lemma1" else each for each in two["checks"]]
+    yield bent("two modes", ("", {"checks": swapped}), what="one mode twice")
+    yield bent("two modes", ("", {"rate": max(each["rate"] for each in lemmas)}), what="the larger rate")
+    # What cannot be read.
+    yield bent("plain", ("", {"extra": 1}), code=UNREADABLE)
+    yield bent("plain", ("", {"reason": GONE}), code=UNREADABLE)
+    yield bent("plain", ("", {"reason": 5}), code=UNREADABLE)
+    yield bent("loose", ("", {"notes": "text"}), code=UNREADABLE)
+    yield bent("plain", ("", {"observer": []}), code=UNREADABLE)
+    yield bent("plain", ("", {"rate": "0.5"}), code=UNREADABLE)
+    yield bent("plain", ("", {"rate": True}), code=UNREADABLE)
+    yield bent("plain", ("", {"format": "dobc-problem"}), code=UNREADABLE)
+    for version in (True, 1.0, 2, "1"):
+        yield bent("plain", ("", {"version": version}), code=UNREADABLE, what=f"version {version}")
+    yield bent("plain", ("lemma1", {"mode": None}), code=UNREADABLE)
+    yield bent("plain", ("lemma1", {"exact": "text"}), code=UNREADABLE)
+    yield bent("plain", ("lemma1", {"fix": {"kind": "x"}}), code=UNREADABLE)
+    for number in (1, "0x1", "1/0", "nan", "Infinity", "1e401", "1." + "0" * 10_000, " 2", "1_0", "\u0662"):
+        yield bent("given", ("observer", {"W": [[number]]}), code=UNREADABLE, what=f"W = {str(number)[:10]}")
+    yield bent("given", ("observer", {"W": [["2", "0"]]}), code=UNREADABLE)
+
+
+def _bent_problems() -> Iterator[Case]:
+    for h in (
+        "y + 1", "y/(1 - 1)", "foo(y)", "max(y)", "sin(y, y)", "y # + 1", "z", "y**99", "y**65", "y**y", "y**-1",
+        "((9**64)**64)**64*y", "exp(16385)*y", "log(0)*y", "log(-1)*y", "sqrt(-1)*y", "sin(1e300)*y", "sqrt(y)",
+        "cos(y)", "y if y else y", "y or y", "+y", "y.real", "()", "", "y)", "(" * 300 + "y" + ")" * 300, "1.*y",
+        "1e401*y", "...", "exp(y=y)", "max(*y)", "y" * 2001, "exp(y + 1) - exp(1)", "tan(pi/2)*y", "1/pi(y)", "exp",
+        "E", "y // 1",
+    ):  # fmt: skip
+        yield _with("plain", ("coupling", "h"), h, what=f"h = {h[:20]}")
+    yield _with("plain", ("coupling", "h"), ["y1", "y2"])
+    yield _with("plain", ("labels",), ["1", "1"])
+    yield _with("plain", ("labels",), [])
+    yield _with("plain", ("modes",), [])
+    arcs = json.loads(_originals()["plain"][1])["modes"]
+    yield _with("plain", ("modes",), arcs * 2, what="a mode twice")
+    for agent in (True, 1.0, -1, 2, "1"):
+        yield _with("plain", ("gains",), [[agent, [["3"]]]], what=f"gain of {agent}")
+    yield _with("good P", ("observer", "W"), None)
+    yield _with("plain", ("dimension",), 0)
+    yield _with("plain", ("dimension",), "1")
+    wide = json.loads(_originals()["plain"][1]) | {"dimension": 101, "target": ["0"] * 101, "gains": []}
+    yield about(wide, document("plain"), name="101 components", code=UNREADABLE)
+    yield _with("plain", ("extra",), 1)
+    yield _with("plain", ("version",), True)
+    # An agent that is pushed away: -Lambda < 0.
+    pushed = json.loads(_originals()["plain"][1]) | {"gains": [[0, [["-1"]]], [1, [["-1"]]]], "notes": []}
+    pushed["modes"][0]["arcs"] = []
+    claims = document("plain")
+    bend(check(claims, "lemma1"), {"margin": 0, "rate": None})
+    bend(claims, {"rate": None})
+    yield about(pushed, claims, name="pushed away", code=FAILS)
+    # One agent of a large network is pushed away: the vector that is found fails in a row, or is none.
+    for name, gain in (("long", "-1"), ("long", "-20"), ("ring", "-1/5"), ("ring", "-1/2")):
+        line = json.loads(_originals()[name][1])
+        line["gains"] = [[i, k] for i, k in line["gains"] if i != 12] + [[12, [[gain]]]]
+        claims = document(name)
+        bend(check(claims, "lemma1"), {"margin": 0, "rate": None})
+        bend(claims, {"rate": None})
+        yield about(line, claims, name=f"{name}: agent 13 has k = {gain}", code=FAILS)
+
+
+def _with(name: str, path: tuple[str, ...], value: Any, *, what: str = "") -> Case:
+    """The certificate beside a problem file that cannot be read."""
+    problem = json.loads(_originals()[name][1])
+    holder = problem
+    for key in path[:-1]:
+        holder = holder[key]
+    holder[path[-1]] = value
+    return about(problem, document(name), name=f"{name}: {what or path[-1]}", code=UNREADABLE)
+
+
+def _other_bytes() -> Iterator[Case]:
+    data, problem = _originals()["plain"]
+    for name, other in (
+        ("nothing", b""), ("a list", b"[]"), ("cut", data[:-3]), ("not UTF-8", b"\xff" + data),
+        ("UTF-16", data.decode().encode("utf-16")),
+        ("NaN", data.replace(b'"rate": ', b'"rate": NaN, "x": ', 1)), ("deep", b"[" * 100_000),
+        ("a key twice", data.replace(b'"verdict"', b'"verdict": "refuted", "verdict"', 1)),
+        ("a huge integer", data.replace(b'"version": 1', b'"version": ' + b"1" * 5000, 1)),
+        ("a huge exponent", data.replace(b'"margin": ', b'"margin": 1e999999999, "x": ', 1)),
+    ):  # fmt: skip
+        yield Case(name, other, problem, UNREADABLE)
+        yield Case(f"problem: {name}", data, other, UNREADABLE)
+    yield Case("too large", data + b" " * 2**24, problem, UNREADABLE)

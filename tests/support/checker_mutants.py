@@ -1,0 +1,86 @@
+"""The lone checker with one of its checks taken away: every condition in turn is forced to the accepting value.
+
+A check is the condition of ``need``, each part of it that ``and`` joins, the condition of an ``if`` that returns
+False, and each part of a returned conjunction.
+"""
+
+from __future__ import annotations
+
+import ast
+import sys
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from types import ModuleType
+
+from dobc_design.certificate import checker
+
+SOURCE = Path(checker.__file__).read_text("utf-8")
+
+
+@dataclass(frozen=True)
+class Removal:
+    """``line`` and ``text`` of the condition; ``place`` is its number in ``_conditions``."""
+
+    place: int
+    line: int
+    text: str
+
+    def __str__(self) -> str:
+        return f"line {self.line}: {self.text}"
+
+
+def removals() -> list[Removal]:
+    """Every check of the checker."""
+    return [
+        Removal(place, node.lineno, ast.unparse(node)) for place, (node, _) in enumerate(_conditions(ast.parse(SOURCE)))
+    ]
+
+
+def without(removal: Removal) -> ModuleType:
+    """The checker as a module of its own, with that check taken away."""
+    tree = ast.parse(SOURCE)
+    _, replace = list(_conditions(tree))[removal.place]
+    replace()
+    name = f"checker_without_{removal.place}"
+    module = ModuleType(name)
+    sys.modules[name] = module  # dataclasses look it up
+    exec(compile(ast.fix_missing_locations(tree), name, "exec"), module.__dict__)  # noqa: S102 - our own source
+    del sys.modules[name]
+    return module
+
+
+def _conditions(tree: ast.Module) -> Iterator[tuple[ast.expr, object]]:
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Call) and isinstance(node.func, ast.Name) and node.func.id == "need":
+            yield node.args[0], _setter(node.args, 0, True)
+            yield from _parts(node.args[0])
+        elif isinstance(node, ast.If) and _returns_false(node.body):
+            yield node.test, _setter(node, "test", False)
+        elif isinstance(node, ast.Return) and isinstance(node.value, ast.BoolOp):
+            yield from _parts(node.value)
+
+
+def _parts(condition: ast.expr) -> Iterator[tuple[ast.expr, object]]:
+    if isinstance(condition, ast.BoolOp) and isinstance(condition.op, ast.And):
+        for k, part in enumerate(condition.values):
+            yield part, _setter(condition.values, k, True)
+            yield from _parts(part)
+    elif isinstance(condition, ast.BoolOp):
+        for part in condition.values:
+            yield from _parts(part)
+
+
+def _returns_false(body: list[ast.stmt]) -> bool:
+    only = body[0] if len(body) == 1 else None
+    return isinstance(only, ast.Return) and isinstance(only.value, ast.Constant) and only.value.value is False
+
+
+def _setter(holder: object, place: object, value: bool) -> object:
+    def replace() -> None:
+        if isinstance(holder, list):
+            holder[place] = ast.Constant(value)
+        else:
+            setattr(holder, str(place), ast.Constant(value))
+
+    return replace

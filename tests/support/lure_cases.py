@@ -1,0 +1,76 @@
+"""Problems of the regional certificates, and their derivatives written out in NumPy, independent of the package."""
+
+from __future__ import annotations
+
+from fractions import Fraction
+from random import Random
+from typing import Any
+
+import numpy as np
+
+from dobc_design.exact.symmetric import SparseSymmetric
+from dobc_design.spec.exosystem import Exosystem
+from dobc_design.spec.network import Network
+from dobc_design.spec.problem import Problem
+from dobc_design.theorems.lure import Lure
+from dobc_design.verdict import Verdict
+from dobc_design.verify.lure import verify_lure
+
+PAPER = "exp(y) - 1 + y"
+HARMONIC = Exosystem(A=[[0, 2], [-2, 0]], C=[[1, 0]])
+PAPER_GAIN = ((Fraction(16, 5),), (Fraction(12, 5),))
+
+
+def cycle(n: int, gains: Any, *, coupling: str = PAPER, exosystem: Exosystem | None = None) -> Problem:
+    """Agent i listens to agent i + 1."""
+    arcs = [[i, i % n + 1] for i in range(1, n + 1)]
+    return Problem(
+        network=Network.from_arcs(arcs, arrow="listens_to", agents=n), coupling=coupling, gains=gains,
+        exosystem=exosystem,
+    )  # fmt: skip
+
+
+def random_problem(seed: int, *, m: int = 1, coupling: Any = "tanh(y)", modes: int = 1, pin: float = 0.7) -> Problem:
+    """A few agents, random arcs with weights, random pins."""
+    r = Random(f"lure {seed} {m} {modes}")
+    n = r.randint(2, 4)
+    arcs = {
+        f"G{k}": [
+            [i, j, r.choice((1, "1/2", 2))]
+            for i in range(1, n + 1)
+            for j in range(1, n + 1)
+            if i != j and r.random() < 0.6
+        ]
+        for k in range(modes)
+    }
+    gains = {i: r.choice((1, 2, "9/2")) for i in range(1, n + 1) if r.random() < pin}
+    return Problem(
+        network=Network.from_arcs(arcs, arrow="listens_to", agents=n), coupling=coupling, gains=gains, target=[0] * m
+    )
+
+
+def identity(size: int) -> SparseSymmetric:
+    return SparseSymmetric(size, {(i, i): Fraction(1) for i in range(size)})
+
+
+def is_proved(problem: Problem, lure: Lure) -> bool:
+    return verify_lure(problem, lure).verdict is Verdict.PROVED
+
+
+def pins(problem: Problem) -> np.ndarray:
+    """K (n m, n m)."""
+    m = problem.m
+    K = np.zeros((problem.n * m,) * 2)
+    for i, gain in problem.pinning.gains.items():
+        K[i * m : i * m + m, i * m : i * m + m] = np.array(gain, dtype=float)
+    return K
+
+
+def field(problem: Problem, mode: str, e: np.ndarray) -> np.ndarray:
+    """h(e) - K e, arc by arc; e (..., n m)."""
+    x = e.reshape(*e.shape[:-1], problem.n, problem.m)
+    total = np.zeros_like(x)
+    for listener, speaker, weight in problem.network.modes[mode]:
+        h = problem.coupling_of(listener, speaker)
+        total[..., listener, :] += float(weight) * h.value(x[..., speaker, :] - x[..., listener, :])
+    return total.reshape(e.shape) - e @ pins(problem).T

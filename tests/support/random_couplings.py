@@ -1,0 +1,81 @@
+"""Random coupling functions of y as text, every function of the grammar and compositions, and their true values.
+
+The oracle is SymPy for the derivative and mpmath at 200 bits for the values; nothing of the package takes part.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from fractions import Fraction
+from functools import cache
+from random import Random
+from typing import Any
+
+import mpmath
+import sympy
+from sympy.printing.pycode import MpmathPrinter
+
+BITS = 200
+# "#" is an argument that stays within about +-2.
+OUTER = (
+    "exp(#)", "log(3 + #)", "sin(3*#)", "cos(2*#)", "tan(#/2)", "tanh(2*#)", "atan(#)", "sinh(#)", "cosh(#)",
+    "sqrt(3 + #)", "abs(#)", "min(#, 1/2)", "max(#, -1/3)", "clip(#, -1/2, 3/4)", "(#)**2", "(#)**3", "(4 + #)**-2",
+    "1/(3 - #)", "pi*(#)", "(#)*exp(-(#))", "min(#, 2*(#), 1)", "(1 + (#)**2)**(1/2)",
+)  # fmt: skip
+INNER = (
+    "y", "y", "y/2", "sin(y)", "tanh(2*y)", "clip(y, -1, 1)", "y/(1 + y**2)", "cos(y) - 1", "atan(2*y)", "abs(y) - 1",
+)  # fmt: skip
+JOINTS = ("{} + {}", "{} - {}", "({})*({})", "{} + y/3 - {}")
+
+
+def coupling_text(seed: int) -> str:
+    """h with h(0) = 0: one function of the grammar in turn, alone, composed or joined with another."""
+    r = Random(seed)
+    first = OUTER[seed % len(OUTER)].replace("#", f"({r.choice(INNER)})")
+    if r.random() < 0.5:
+        first = r.choice(JOINTS).format(first, r.choice(OUTER).replace("#", f"({r.choice(INNER)})"))
+    # No name of the grammar contains a y, so this is f(y) - f(0).
+    return f"{first} - ({first.replace('y', '0')})"
+
+
+class _Printer(MpmathPrinter):
+    """Integers as mpmath numbers: max(-1, min(1, y)) may be the integer 1, and 5**-2 would be a float."""
+
+    def _print_Integer(self, number: Any) -> str:  # noqa: N802 - SymPy's name
+        return f"{self._module_format('mpmath.mpf')}({int(number)})"
+
+
+@cache
+def truth(text: str) -> tuple[Callable[[Any], Any], Callable[[Any], Any]]:
+    """h and h' as functions of mpmath numbers; to be called at BITS bits."""
+    y = sympy.symbols("y", real=True)
+    names = {
+        "y": y, "abs": sympy.Abs, "min": sympy.Min, "max": sympy.Max,
+        "clip": lambda x, lo, hi: sympy.Max(lo, sympy.Min(hi, x)),
+    }  # fmt: skip
+    h = sympy.sympify(text, locals=names, rational=True)
+    printer = _Printer({"fully_qualified_modules": False, "inline": True, "allow_unknown_functions": True})
+    return tuple(sympy.lambdify(y, each, "mpmath", printer=printer) for each in (h, sympy.diff(h, y)))
+
+
+def true_values(text: str, y: Fraction) -> tuple[Fraction, Fraction, Fraction]:
+    """h, h' and h(y)/y at a rational y != 0, within about 1e-50."""
+    h, slope = truth(text)
+    with mpmath.workprec(BITS):
+        at = mpmath.mpf(y.numerator) / y.denominator
+        value = mpmath.mpf(h(at))
+        return exact(value), exact(mpmath.mpf(slope(at))), exact(value / at)
+
+
+def exact(value: Any) -> Fraction:
+    """The rational number that an mpmath number is."""
+    sign, mantissa, exponent, _ = value._mpf_
+    return (-1) ** sign * Fraction(int(mantissa)) * Fraction(2) ** exponent
+
+
+def near_kink(text: str, y: Fraction) -> bool:
+    """Whether the slope of a coupling with kinks changes abruptly within 1e-9 of y."""
+    if not any(name in text for name in ("abs", "min", "max", "clip")):
+        return False
+    gap = Fraction(1, 10**9)
+    return abs(true_values(text, y + gap)[1] - true_values(text, y - gap)[1]) > Fraction(1, 10**4)

@@ -28,6 +28,8 @@ from dobc_design.theorems.conditions import omega
 from dobc_design.theorems.sectors import Enclose, enclose_ranges
 
 FIRST: Final = (1.0, 0.1, 1e-2, 1e-4, 1e-6)  # radii at which the first centre is looked for
+# Where many unknowns make that expensive, a Lyapunov equation is tried at these first.
+RADII: Final = tuple(10.0 ** (-k / 2) for k in range(12))
 GROWTH: Final = 0.9  # part of the room that is used at every step
 SETTLED: Final = 3e-4
 MOST_CENTRES: Final = 60
@@ -112,6 +114,25 @@ class Search:
         Y, x = program.split(centre(program, guess))
         return Point(radius=radius, Y=Y, t=x[: loop.multipliers], kappa=None if loop.S is None else float(x[-1]))
 
+    def _lyapunov(self, radius: float) -> Point | None:
+        """A point inside from the Lyapunov equation of the middle gains (one mode), with one t for all arcs."""
+        loop = self.loop(radius)
+        if loop is None or len(loop.modes) > 1:
+            return None
+        A = loop.modes[0].A + loop.rate * np.eye(loop.size)
+        if not float(np.max(np.linalg.eigvals(A).real)) < 0:
+            return None
+        Y = linalg.solve_continuous_lyapunov(A, -np.eye(loop.size))
+        Y = Y / (2 * float(np.linalg.norm(Y, 2)))
+        widest = math.sqrt(float(np.max(widths(Y, loop), initial=1e-12)))
+        kappa = None if loop.S is None else 1e-3 / float(np.linalg.norm(loop.S, 2))
+        for part in (1.0, 0.3, 0.1):
+            t = np.full(loop.multipliers, part * widest)
+            point = Point(radius=radius, Y=Y, t=t, kappa=None if kappa is None else kappa * widest)
+            if self.inside(point, radius):
+                return point
+        return None
+
     def _phase_one(self, loop: FloatLoop) -> Array | None:
         """Minimise theta in F + theta I > 0 until it is negative."""
         program, scalars = centring(loop, self.basis, shift=True)
@@ -180,7 +201,12 @@ class Search:
 
     def path(self, largest: float) -> list[Point]:
         """Centres at growing radii, up to the largest one that could be reached; empty if there is none."""
-        found = next((point for r in FIRST if (point := self.centred(min(r, largest), None)) is not None), None)
+        known = (self._lyapunov(min(radius, largest)) for radius in RADII) if self.basis.size > SMALL else iter(())
+        start = next((point for point in known if point is not None), None)
+        if start is not None:
+            found = self.centred(start.radius, start)
+        else:
+            found = next((point for r in FIRST if (point := self.centred(min(r, largest), None)) is not None), None)
         path: list[Point] = []
         while found is not None and found.radius is not None:
             path.append(found)

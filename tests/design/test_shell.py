@@ -42,7 +42,7 @@ def ball(problem: Problem, shell: Shell) -> float:
         for n, gains, radius in (
             (2, 3, 6.0), (3, 3, 6.0), (4, 3, 6.0), (2, {1: 3}, 3.75), (3, {1: 3}, 3.63), (4, {1: 3}, 3.63)
         )
-    ],  # fmt: skip
+    ],
 )
 def test_small_cycles_are_certified_as_far_as_v_decreases(n, gains, radius):
     """V = e'e on the directed cycle: the truth from 200000 directions is not passed, and nearly reached."""

@@ -35,9 +35,9 @@ def test_the_reduction_agrees_with_the_whole_matrix_on_200_problems():
 
 def test_what_lemma_1_and_detectability_allow_is_proved():
     """Decision theorem, with q up to 8, entries from 1e-6 to 1e6, gains of 1e-9: nothing is left undecided."""
-    tally = decision_campaign(range(40))
+    tally = decision_campaign(range(20))
     assert tally.wrong == []
-    assert tally.counts["proved: proved"] > 30
+    assert tally.counts["proved: proved"] > 14
 
 
 def path(n, gains, h="y", **more):

@@ -113,7 +113,7 @@ def test_a_face_that_only_the_lower_row_sees():
     assert (mirrored.verdict, mirrored.face) == (Verdict.REFUTED, "lower")
 
 
-@pytest.mark.parametrize("h", ["sin(y) + y**2/200", "sin(y) - y**2/200"])
+@pytest.mark.parametrize("h", ["sin(y) + y**2/200", pytest.param("sin(y) - y**2/200", marks=pytest.mark.slow)])
 def test_a_maximum_inside_one_interval_counts_where_another_arc_is_worst(h: str):
     """Agent 3 hears 1 (v = 1) and 2 (v = 1/5): at s = 3.75 the first has its maximum inside, at -3 pi/2."""
     network = Network.from_arcs([[3, 1], [3, 2]], arrow="listens_to", agents=3)

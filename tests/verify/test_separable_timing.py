@@ -78,7 +78,7 @@ def test_negative_delays_are_refused():
         largest_delay_rate(pair("y"), claim, delay=F(-1))
 
 
-@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize("seed", [0, *(pytest.param(seed, marks=pytest.mark.slow) for seed in range(1, 4))])
 def test_delayed_simulations_obey_the_rate(seed: int):
     """Random constant delays per arc up to tau; explicit Euler in steps far below every time constant."""
     problem = random_problem(seed, couplings=("tanh(y)", "atan(2*y)", "y", "y + sin(y)/2"), modes=1, n=4, held=True)
@@ -99,7 +99,7 @@ def test_delayed_simulations_obey_the_rate(seed: int):
         assert np.max(np.abs(history[-1]) / v) <= 1.002 * np.exp(-rate * dt * (step + 1))
 
 
-@pytest.mark.parametrize("seed", range(8))
+@pytest.mark.parametrize("seed", [0, 1, *(pytest.param(seed, marks=pytest.mark.slow) for seed in range(2, 8))])
 def test_sampled_simulations_obey_the_period(seed: int):
     """The held step is an exact map; from the boundary of every box it shrinks by the factor, monotone or not."""
     problem = random_problem(seed, couplings=MONOTONE + TURNING, modes=2, n=4, held=True)

@@ -25,8 +25,8 @@ lint: $(READY) ## style of the code
 types: $(READY) ## types of the code
 	.venv/bin/mypy
 
-slow: $(READY) ## the slow tests, one at a time because some of them measure time
-	.venv/bin/python -m pytest -m "slow and not evidence"
+slow: $(READY) ## the slow tests, several minutes
+	.venv/bin/python -m pytest -n 2 --benchmark-disable -m "slow and not evidence"
 
 evidence: $(READY) ## the full counts, many minutes; prints one table
 	.venv/bin/python tests/evidence/run.py

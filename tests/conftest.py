@@ -1,8 +1,9 @@
-"""How many examples Hypothesis draws, and that CI draws the same ones every time."""
+"""How many examples Hypothesis draws, that CI draws the same ones every time, and signals for child processes."""
 
 from __future__ import annotations
 
 import os
+import signal
 
 from hypothesis import settings
 
@@ -10,3 +11,9 @@ from hypothesis import settings
 settings.register_profile("fast", max_examples=50, deadline=None)
 settings.register_profile("ci", parent=settings.get_profile("fast"), derandomize=True, print_blob=True)
 settings.load_profile("ci" if os.environ.get("CI") else "fast")
+
+# A shell starts background jobs with Ctrl-C ignored, nohup does so with SIGHUP, and children inherit that.  What a
+# handler catches they do not inherit: programs under test hear signals again, and the tests still ignore them.
+for _number in (signal.SIGINT, getattr(signal, "SIGHUP", signal.SIGINT)):
+    if signal.getsignal(_number) == signal.SIG_IGN:
+        signal.signal(_number, lambda number, frame: None)

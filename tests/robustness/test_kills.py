@@ -58,7 +58,10 @@ def test_a_signal_during_a_write_waits_for_its_end(tmp_path):
             process.stdout.readline()
             time.sleep(0.01 + 0.003 * k)
             process.send_signal(signal.SIGINT)
-            _, said = process.communicate(timeout=20)
+            try:
+                _, said = process.communicate(timeout=20)
+            finally:
+                process.kill()  # else a signal that gets lost would leave a writer that never ends
         assert (process.returncode, said) == (130, b"Interrupted; no file was left half written.\n")
         numbers = {(tmp_path / name).read_bytes()[64:].split()[1] for name in ("problem.json", "report.html")}
         assert len(numbers) == 1

@@ -73,6 +73,7 @@ def test_two_agents_are_certified_to_just_below_their_other_equilibrium():
     assert verify_shell(problem, beyond).verdict is Verdict.UNDECIDED
 
 
+@pytest.mark.slow
 def test_a_coupling_that_is_not_monotone_is_certified_beyond_its_turning_point():
     """sin, one pin: the Lur'e sector ends where the gain does, boxes do not."""
     problem = cycle(3, {1: 2}, coupling="sin(y)")
@@ -82,6 +83,7 @@ def test_a_coupling_that_is_not_monotone_is_certified_beyond_its_turning_point()
     assert ball(problem, shell) > 1.05 * covered_radius(problem, lure)
 
 
+@pytest.mark.slow
 def test_every_mode_is_looked_at():
     arcs = {"A": [[1, 2], [2, 3], [3, 1]], "B": [[1, 3], [3, 2], [2, 1]]}
     network = Network.from_arcs(arcs, arrow="listens_to", agents=3)
@@ -149,7 +151,7 @@ def test_with_the_observer_and_a_rate_no_start_leaves():
     assert np.max(V / (float(shell.outer) * np.exp(-0.2 * times))) <= 1 + 1e-6
 
 
-@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize("seed", [*(pytest.param(k, marks=pytest.mark.slow) for k in (0, 1)), 2])
 def test_random_small_networks_are_certified_and_checked(seed):
     problem = random_problem(seed, coupling="y + y**3/5")
     lure = design_lure(problem, holds=lambda each: is_proved(problem, each), objective="ball")

@@ -59,7 +59,7 @@ def matrices(draw: st.DrawFn) -> SparseSymmetric:
     })  # fmt: skip
 
 
-@settings(max_examples=150, deadline=None)
+@settings(max_examples=80, deadline=None)
 @given(matrices())
 def test_no_path_contradicts_the_characteristic_polynomial(M: SparseSymmetric):
     """Paths that decide agree with the oracle; those that may pass on do not contradict it."""

@@ -28,7 +28,10 @@ def test_there_are_enough_of_them():
     assert {small for small, _ in EDGES} == {s * Fraction(1, 2**p) for p in POWERS for s in (-1, 0, 1)}
 
 
-@pytest.mark.parametrize("name", PATHS)
+SLOW = ("LDL' in flint", "lift")  # what the choice rests on as well
+
+
+@pytest.mark.parametrize("name", [pytest.param(name, marks=pytest.mark.slow if name in SLOW else ()) for name in PATHS])
 def test_no_path_is_wrong_at_the_edge(name: str):
     """H diag(lambda) H / n has the eigenvalues lambda: the truth is known in closed form."""
     verdicts = [(truth(small), PATHS[name](matrix)) for small, matrix in EDGES]
@@ -66,7 +69,7 @@ def test_numpy_cholesky_is_wrong_on_some_of_them():
     assert wrong[False] > 0
 
 
-@pytest.mark.parametrize("size", [4, 16, 64])
+@pytest.mark.parametrize("size", [4, 16, pytest.param(64, marks=pytest.mark.slow)])
 def test_z_matrices_at_the_edge(size: int):
     """The small eigenvalue belongs to v = 1: M v = small v decides by its sign, both ways."""
     for power in POWERS:

@@ -49,7 +49,7 @@ def enclosed(name, x):
         return None
 
 
-@settings(max_examples=400, deadline=None)
+@settings(max_examples=80, deadline=None)
 @given(
     st.sampled_from(["exp", "log", "sin", "cos", "tan", "tanh", "atan", "sinh", "cosh", "sqrt"]),
     INTERVALS,
@@ -65,7 +65,7 @@ def test_function_values_inside_an_interval_are_enclosed(name, x, share):
         pytest.fail(f"{name} must be defined on {x}")
 
 
-@settings(max_examples=300, deadline=None)
+@settings(max_examples=120, deadline=None)
 @given(st.sampled_from(["exp", "log", "sin", "cos", "tan", "tanh", "atan", "sinh", "cosh", "sqrt"]), POINTS)
 def test_enclosures_at_points_are_narrow(name, x):
     """About 2^-120 of the value, or of 1."""
@@ -169,7 +169,7 @@ def test_pi_is_enclosed_narrowly():
     assert interval.pi().width < Fraction(1, 2**120)
 
 
-@settings(max_examples=200, deadline=None)
+@settings(max_examples=100, deadline=None)
 @given(INTERVALS, INTERVALS, SHARES, SHARES)
 def test_arithmetic_encloses_every_pair_and_is_tight(x, y, s, t):
     """Exact rational arithmetic on points inside, and on the four corners."""
@@ -193,7 +193,7 @@ def test_arithmetic_encloses_every_pair_and_is_tight(x, y, s, t):
     assert x.hull(y).contains(b)
 
 
-@settings(max_examples=200, deadline=None)
+@settings(max_examples=100, deadline=None)
 @given(INTERVALS, SHARES, st.integers(-7, 7))
 def test_powers_enclose_and_even_ones_know_their_minimum(x, share, exponent):
     """Trap: an interval straddling 0 (arb ** int gives NaN there)."""

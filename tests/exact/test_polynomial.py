@@ -69,7 +69,7 @@ FACTORS = st.lists(
 ).map(from_factors)
 
 
-@settings(max_examples=300, deadline=None)
+@settings(max_examples=120, deadline=None)
 @given(FACTORS, st.sampled_from([1, -1, Fraction(2, 7), -5]))
 def test_roots_to_the_right_are_counted_exactly(built, factor):
     """Closed form: products of factors with known roots, on the axis, repeated and symmetric ones too."""
@@ -79,7 +79,7 @@ def test_roots_to_the_right_are_counted_exactly(built, factor):
     assert right_half_plane_roots_at_least((0, *scaled)) == right
 
 
-@settings(max_examples=300, deadline=None)
+@settings(max_examples=120, deadline=None)
 @given(FACTORS)
 def test_routh_agrees_with_the_known_roots(built):
     """Hurwitz iff no root to the right of p(s), nor of p(s - d) for a d below every gap to the axis."""

@@ -151,7 +151,7 @@ def _grow(inner):
 rational_texts = st.recursive(st.one_of(st.just("y"), _small), _grow, max_leaves=12)
 
 
-@settings(max_examples=400, deadline=None)
+@settings(max_examples=80, deadline=None)
 @given(text=rational_texts, y=st.fractions(-3, 3, max_denominator=20))
 def test_values_agree_with_pythons_evaluation_in_exact_arithmetic(text, y):
     exact = re.sub(r"(\d+)", r"Fraction(\1)", text)
@@ -199,7 +199,7 @@ def _parse_or_none(text, dimension=3):
         return None
 
 
-@settings(max_examples=400, deadline=None)
+@settings(max_examples=80, deadline=None)
 @given(text=texts)
 def test_canonical_text_parses_back_to_the_same_tree(text):
     """Contract: problem.json holds expressions as text."""
@@ -213,7 +213,7 @@ def test_canonical_text_parses_back_to_the_same_tree(text):
     assert str(again) == str(expression)
 
 
-@settings(max_examples=200, deadline=None)
+@settings(max_examples=100, deadline=None)
 @given(text=texts)
 def test_compact_text_parses_back_to_the_same_tree_and_is_not_longer(text):
     expression = _parse_or_none(text)
@@ -224,7 +224,7 @@ def test_compact_text_parses_back_to_the_same_tree_and_is_not_longer(text):
     assert len(compact) <= len(str(expression))
 
 
-@settings(max_examples=150, deadline=None)
+@settings(max_examples=80, deadline=None)
 @given(text=texts)
 def test_every_expression_has_latex_that_becomes_mathml(text):
     expression = _parse_or_none(text)
@@ -451,7 +451,7 @@ _words = st.sampled_from(
 )  # fmt: skip
 
 
-@settings(max_examples=500, deadline=1000)
+@settings(max_examples=150, deadline=1000)
 @given(text=st.one_of(st.text(max_size=300), st.lists(_words, max_size=60).map("".join)))
 def test_any_text_is_read_or_refused_with_an_expression_error(text):
     """Contract: one clear error, no traceback, whatever the file holds."""

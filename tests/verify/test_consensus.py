@@ -33,6 +33,7 @@ def test_the_reduction_agrees_with_the_whole_matrix_on_200_problems():
     assert reduction_campaign(range(100, 300)).wrong == []
 
 
+@pytest.mark.slow
 def test_what_lemma_1_and_detectability_allow_is_proved():
     """Decision theorem, with q up to 8, entries from 1e-6 to 1e6, gains of 1e-9: nothing is left undecided."""
     tally = decision_campaign(range(20))
@@ -73,6 +74,7 @@ def test_lemma_1_margins_are_true_and_nearly_the_largest_possible():
     assert count > 30
 
 
+@pytest.mark.slow
 def test_theorem_margins_and_rates_are_true_and_fail_a_little_higher():
     """Psi < 0 with margin and rate as written (oracle: the whole matrix); 1.001 times the true value fails."""
     count = 0

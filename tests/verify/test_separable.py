@@ -64,7 +64,7 @@ def test_one_pin_has_the_rates_of_the_theory(rho: int, v, rate: float):
     assert verdict(problem, perturbed, alpha, rho) is Verdict.REFUTED
 
 
-@pytest.mark.parametrize("seed", range(12))
+@pytest.mark.parametrize("seed", [*range(4), *(pytest.param(k, marks=pytest.mark.slow) for k in range(4, 12))])
 def test_a_claim_is_never_above_what_samples_of_the_field_allow(seed: int):
     """Random problems, monotone couplings or not: no sampled row is positive at a proved rate, some is at 1 % more."""
     problem = random_problem(seed, couplings=MONOTONE + TURNING, modes=1 + seed % 2)
@@ -113,7 +113,8 @@ def test_a_face_that_only_the_lower_row_sees():
     assert (mirrored.verdict, mirrored.face) == (Verdict.REFUTED, "lower")
 
 
-@pytest.mark.parametrize("h", ["sin(y) + y**2/200", pytest.param("sin(y) - y**2/200", marks=pytest.mark.slow)])
+@pytest.mark.slow
+@pytest.mark.parametrize("h", ["sin(y) + y**2/200", "sin(y) - y**2/200"])
 def test_a_maximum_inside_one_interval_counts_where_another_arc_is_worst(h: str):
     """Agent 3 hears 1 (v = 1) and 2 (v = 1/5): at s = 3.75 the first has its maximum inside, at -3 pi/2."""
     network = Network.from_arcs([[3, 1], [3, 2]], arrow="listens_to", agents=3)
@@ -231,7 +232,7 @@ def test_v_has_one_entry_per_agent():
         verify_separable(pair("y"), Separable(v=fractions(1, 1, 1), alpha=F(1), rho=F(1)))
 
 
-@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize("seed", [0, *(pytest.param(k, marks=pytest.mark.slow) for k in (1, 2))])
 @pytest.mark.parametrize("dyadic", [True, False])
 def test_the_fast_rows_prove_nothing_that_the_exact_ones_do_not(seed: int, dyadic: bool):
     """Row by row, at a rate just below and just above what the worst row allows."""

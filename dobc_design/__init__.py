@@ -27,6 +27,8 @@ _HOMES = {
     "Disk": "spec.spectral_regions",
     "Ensemble": "simulate.ensemble",
     "Exosystem": "spec.exosystem",
+    "Failure": "simulate.stress",
+    "Falsification": "falsifying.suspect",
     "Fixed": "simulate.signals",
     "HalfPlane": "spec.spectral_regions",
     "Markov": "simulate.signals",
@@ -38,32 +40,43 @@ _HOMES = {
     "ObserverDesign": "verify.observer_design",
     "Periodic": "simulate.signals",
     "Pinning": "spec.pinning",
+    "PinningDesign": "verify.pinning_design",
     "Problem": "spec.problem",
     "RandomDwell": "simulate.signals",
     "Region": "spec.region",
     "Schedule": "simulate.signals",
+    "Settling": "verify.settling",
+    "Stress": "simulate.stress",
+    "Suspect": "falsifying.suspect",
     "Trajectory": "simulate.trajectory",
     "Verdict": "verdict",
     "Waypoints": "simulate.mobile",
     "analyse": "workflow",
     "build_model": "workflow",
     "certify": "workflow",
+    "certify_settling": "workflow",
     "design_observer": "workflow",
+    "design_pinning": "workflow",
     "exact": "exact",
     "exosystems": "spec.exosystems",
+    "falsify": "workflow",
     "load_problem": "spec.load",
     "load_trajectory": "simulate.storage",
+    "plot_regions": "workflow",
     "simulate": "workflow",
+    "to_control": "workflow",
     "verify": "workflow",
+    "what_breaks_first": "workflow",
     "write_report": "workflow",
 }
 
 __all__ = [
-    "Analysis", "Certificate", "Check", "Cone", "Coupling", "Disk", "Ensemble", "Exosystem", "Fixed", "HalfPlane",
-    "Markov", "Mobile", "Model", "Network", "NoiseLimit", "Observer", "ObserverDesign", "Periodic", "Pinning",
-    "Problem", "RandomDwell", "Region", "Schedule", "Trajectory", "Verdict", "Waypoints", "__version__", "analyse",
-    "build_model", "certify", "design_observer", "exact", "exosystems", "load_problem", "load_trajectory", "simulate",
-    "verify", "write_report",
+    "Analysis", "Certificate", "Check", "Cone", "Coupling", "Disk", "Ensemble", "Exosystem", "Failure", "Falsification",
+    "Fixed", "HalfPlane", "Markov", "Mobile", "Model", "Network", "NoiseLimit", "Observer", "ObserverDesign",
+    "Periodic", "Pinning", "PinningDesign", "Problem", "RandomDwell", "Region", "Schedule", "Settling", "Stress", "Suspect",
+    "Trajectory", "Verdict", "Waypoints", "__version__", "analyse", "build_model", "certify", "certify_settling",
+    "design_observer", "design_pinning", "exact", "exosystems", "falsify", "load_problem", "load_trajectory", "plot_regions", "simulate",
+    "to_control", "verify", "what_breaks_first", "write_report",
 ]  # fmt: skip
 
 # Two rooms carry the names of public functions.  Loading them here, once, and dropping the names keeps
@@ -76,11 +89,13 @@ if TYPE_CHECKING:
     from dobc_design import exact
     from dobc_design.analysis.analysis import Analysis
     from dobc_design.certificate.certificate import Certificate
+    from dobc_design.falsifying.suspect import Falsification, Suspect
     from dobc_design.model.model import Model
     from dobc_design.simulate.ensemble import Ensemble
     from dobc_design.simulate.mobile import Mobile, Waypoints
     from dobc_design.simulate.signals import Fixed, Markov, Periodic, RandomDwell, Schedule
     from dobc_design.simulate.storage import load_trajectory
+    from dobc_design.simulate.stress import Failure, Stress
     from dobc_design.simulate.trajectory import Trajectory
     from dobc_design.spec import exosystems
     from dobc_design.spec.coupling import Coupling
@@ -96,7 +111,23 @@ if TYPE_CHECKING:
     from dobc_design.verdict import Verdict
     from dobc_design.verify.check import Check
     from dobc_design.verify.observer_design import ObserverDesign
-    from dobc_design.workflow import analyse, build_model, certify, design_observer, simulate, verify, write_report
+    from dobc_design.verify.pinning_design import PinningDesign
+    from dobc_design.verify.settling import Settling
+    from dobc_design.workflow import (
+        analyse,
+        build_model,
+        certify,
+        certify_settling,
+        design_observer,
+        design_pinning,
+        falsify,
+        plot_regions,
+        simulate,
+        to_control,
+        verify,
+        what_breaks_first,
+        write_report,
+    )
 
 
 def __getattr__(name: str) -> Any:

@@ -177,7 +177,7 @@ def certify(
     if os.path.lexists(folder) and not folder.is_dir():  # a link to nowhere counts
         raise SpecError(f"{str(folder)!r} is not a folder.", key="--out", cure="Choose another with --out.")
     with _Progress() as progress:
-        certificate = run(problem, progress=progress)
+        certificate = run(problem, everything=everything, progress=progress)
         cured = None if apply_fix is None else _cured_file(certificate, file, apply_fix)
         try:
             pages = render_report(certificate, progress=progress) if report else {}
@@ -200,6 +200,8 @@ def certify(
         _say(f"re-check     {shlex.join(['dobc', 'verify', str(written[0]), '--problem', file])}")
         if apply_fix is not None:
             _say(f"cured        {apply_fix}\ncertify it   {shlex.join(['dobc', 'certify', str(apply_fix)])}")
+            if problem.notes:
+                _say("look at      its notes: they are kept as they were and may speak of what has changed")
     verdict = certificate.verdict.value if theorem is None else _one_condition(certificate, theorem)["verdict"]
     raise typer.Exit(EXIT[verdict])
 
@@ -235,6 +237,36 @@ def verify(
 
 
 @app.command()
+def region(
+    file: File,
+    out: Annotated[Path | None, typer.Option(help="Folder for the files; default ./NAME-certificate.")] = None,
+    everything: Annotated[bool, typer.Option("--all", help="Try every method, also when one covers.")] = False,
+    as_json: Json = False,
+) -> None:
+    """Say from which starts consensus is proved: numbers and a picture, without a report."""
+    from dobc_design.cli_region import run_region, shown
+    from dobc_design.spec.load import load_problem
+
+    if out is not None:
+        _refuse_option(out, key="--out")
+    problem = load_problem(file)
+    folder = out if out is not None else Path(f"{_folder_name(problem.name)}-certificate")
+    if os.path.lexists(folder) and not folder.is_dir():  # a link to nowhere counts
+        raise SpecError(f"{str(folder)!r} is not a folder.", key="--out", cure="Choose another with --out.")
+    with _Progress() as progress:
+        found = run_region(problem, folder, everything=everything, progress=progress)
+    if as_json:
+        _print_json(found.document)
+    else:
+        console = _console()
+        with _answering():
+            for part in shown(found, console, colours=COLOURS):
+                console.print(part, soft_wrap=console.width == PIPED)
+        _say("\n" + "\n".join(f"wrote {path}" for path in found.document["files"]))
+    raise typer.Exit(EXIT[found.certificate.verdict.value])
+
+
+@app.command()
 def simulate(
     file: File,
     runs: Annotated[int | None, typer.Option(help="How many runs, with the seeds S, S + 1, ...")] = None,
@@ -242,18 +274,29 @@ def simulate(
     t_final: Annotated[float | None, typer.Option("--t-final", help="Horizon in s; default the problem's.")] = None,
     mode: Annotated[str | None, typer.Option(help="Stay in this mode, whatever [switching] says.")] = None,
     start: Annotated[str | None, typer.Option(help="Start from a CSV or .npz file.")] = None,
-    out: Annotated[Path | None, typer.Option(help="Folder for the arrays (.npz) and summary.json.")] = None,
+    noise: Annotated[float, typer.Option(help="Stress: standard deviation of measured states.")] = 0.0,
+    disturbance: Annotated[float, typer.Option(help="Stress: amplitude of a sine that no exosystem knows.")] = 0.0,
+    saturation: Annotated[float | None, typer.Option(help="Stress: bound on every component of u.")] = None,
+    period: Annotated[float | None, typer.Option(help="Stress: sample and hold, every so many s.")] = None,
+    loss: Annotated[float, typer.Option(help="Stress: probability that a packet is lost.")] = 0.0,
+    fail: Annotated[
+        list[str] | None, typer.Option(help="Stress: LABEL@TIME or LABEL@TIME:freeze; may be repeated.")
+    ] = None,
+    out: Annotated[Path | None, typer.Option(help="Folder for arrays (.npz), figures and summary.json.")] = None,
     force: Annotated[bool, typer.Option("--force", help="Overwrite files in --out.")] = False,
     as_json: Json = False,
 ) -> None:
     """Simulate runs of the closed loop; a run that diverges is an answer and leaves with 0, too."""
-    from dobc_design.cli_simulate import run_simulation
+    from dobc_design.cli_simulate import read_stress, run_simulation
 
     if out is not None:
         _refuse_option(out, key="--out")
+    stress = read_stress(
+        noise=noise, disturbance=disturbance, saturation=saturation, period=period, loss=loss, fail=fail or []
+    )
     with _Progress() as progress:
         answer = run_simulation(
-            file, runs=runs, seed=seed, t_final=t_final, mode=mode, start=start, out=out, force=force,
+            file, runs=runs, seed=seed, t_final=t_final, mode=mode, start=start, stress=stress, out=out, force=force,
             progress=progress,
         )  # fmt: skip
     if as_json:
@@ -264,14 +307,37 @@ def simulate(
 
 @app.command()
 def export(
-    certificate: Annotated[Path, typer.Argument(help="certificate.json, or the folder it lies in.")],
-    rocq: Annotated[Path, typer.Option(help="Write the proved theorem as a Rocq (Coq) file here.")],
-    problem: Annotated[str | None, typer.Option(help="The problem; default problem.json beside it.")] = None,
+    file: Annotated[str, typer.Argument(help="For --rocq a certificate.json or its folder, else a problem.")],
+    rocq: Annotated[Path | None, typer.Option(help="Write the proved theorem as a Rocq (Coq) file here.")] = None,
+    python_control: Annotated[
+        Path | None, typer.Option("--python-control", help="Write the loop as a Python file for python-control.")
+    ] = None,
+    problem: Annotated[str | None, typer.Option(help="With --rocq: default problem.json beside it.")] = None,
     rate: Annotated[bool, typer.Option("--rate", help="Also state the certified rate.")] = False,
     force: Annotated[bool, typer.Option("--force", help="Overwrite the file.")] = False,
     as_json: Json = False,
 ) -> None:
-    """Write a certificate as a file for the proof assistant Rocq (Coq 8.16): coqc then checks it."""
+    """Write a certificate for the proof assistant Rocq (Coq 8.16), or a problem's loop for python-control."""
+    if (rocq is None) == (python_control is None):
+        raise SpecError("exactly one target must be named.", key="export", cure="--rocq FILE or --python-control FILE.")
+    if python_control is not None:
+        _export_python(file, python_control, force=force, as_json=as_json)
+    elif rocq is not None:
+        _export_rocq(Path(file), rocq, problem, rate=rate, force=force, as_json=as_json)
+
+
+def _export_python(file: str, target: Path, *, force: bool, as_json: bool) -> None:
+    from dobc_design.workflow import python_script
+
+    _check_target(target, force=force, key="--python-control")
+    _write_file(target, python_script(file).encode("utf-8"), key="--python-control")
+    if as_json:
+        _print_json({"python_control": str(target)})
+    else:
+        _say(f"wrote {target}")
+
+
+def _export_rocq(certificate: Path, rocq: Path, problem: str | None, *, rate: bool, force: bool, as_json: bool) -> None:
     from dobc_design.certificate.certificate import Certificate
     from dobc_design.certificate.files import write_atomically
     from dobc_design.certificate.text import read_claims

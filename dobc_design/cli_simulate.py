@@ -6,7 +6,7 @@ An ensemble of one run is a trajectory.  A run that diverges is an answer, not a
 from __future__ import annotations
 
 import json
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -18,9 +18,13 @@ from dobc_design.workflow import simulate
 
 if TYPE_CHECKING:
     from dobc_design.simulate.ensemble import Ensemble
+    from dobc_design.simulate.stress import Stress
     from dobc_design.simulate.trajectory import Trajectory
+    from dobc_design.spec.problem import Problem
 
 SUMMARY = "summary.json"
+FIGURE, NETWORK = "simulation.svg", "network.html"
+MOST_MOVING = 200  # agents whose motion is drawn
 SHOWN = 5  # reasons for early ends that are printed
 
 
@@ -34,7 +38,7 @@ class Answer:
 
 def run_simulation(
     file: str, *, runs: int | None, seed: int | None, t_final: float | None, mode: str | None, start: str | None,
-    out: Path | None, force: bool, progress: Callable[[str], None],
+    stress: Stress | None, out: Path | None, force: bool, progress: Callable[[str], None],
 ) -> Answer:  # fmt: skip
     """Simulate a problem file, write the results into ``out`` if that is given.
 
@@ -43,9 +47,11 @@ def run_simulation(
     problem = load_problem(file)
     single = runs is None or runs == 1
     name = "trajectory.npz" if single else "ensemble.npz"
+    moving = single and problem.m > 1 and problem.n <= MOST_MOVING
+    names = (name, SUMMARY, FIGURE, *([NETWORK] if moving else []))
     if out is not None:
-        check_folder(out, (name, SUMMARY), force=force)
-    given: dict[str, Any] = {"mode": mode, "t_final": t_final, "seed": seed, "start": start}
+        check_folder(out, names, force=force)
+    given: dict[str, Any] = {"mode": mode, "t_final": t_final, "seed": seed, "start": start, "stress": stress}
     progress("simulating")
     result = simulate(
         problem, runs=None if single else runs, progress=lambda part: progress(f"simulating, {part:.0%}"), **given
@@ -55,8 +61,11 @@ def run_simulation(
     if out is not None:
         progress("writing")
         make_folder(out)
-        files = [str(out / name), str(out / SUMMARY)]
+        files = [str(out / each) for each in names]
         result.save(out / name, force=force)
+        write_atomically(out / FIGURE, result.plot().file("svg"))
+        if moving:
+            _write_network(result, problem, out / NETWORK)
     document |= {"problem": problem.name, "mode": result.mode, "reasons": _reasons(result), "notes": list(result.notes)}
     if not single:
         document["intervals"] = _intervals(result)
@@ -64,6 +73,30 @@ def run_simulation(
     if out is not None:
         write_atomically(out / SUMMARY, (json.dumps(document, indent=2, ensure_ascii=False) + "\n").encode("utf-8"))
     return Answer(document=document, text=_words(result, document))
+
+
+def read_stress(
+    *, noise: float, disturbance: float, saturation: float | None, period: float | None, loss: float,
+    fail: Sequence[str],
+) -> Stress | None:  # fmt: skip
+    """The stress that the options ask for; None for none.  Raises: SpecError, which names the option."""
+    from dobc_design.simulate.stress import Failure, Stress
+
+    failures = []
+    for text in fail:
+        agent, found, when = text.rpartition("@")
+        time, _, kind = when.partition(":")
+        try:
+            failures.append(Failure(agent=agent, time=float(time if found else "none"), kind=kind or "vanish"))
+        except ValueError:  # also a SpecError of Failure
+            raise SpecError(
+                f"--fail must be LABEL@TIME or LABEL@TIME:freeze; got {text[:40]!r}.", key="--fail",
+                cure="For example 3@2.5.",
+            ) from None  # fmt: skip
+    stress = Stress(
+        noise=noise, disturbance=disturbance, saturation=saturation, period=period, loss=loss, failures=tuple(failures)
+    )
+    return None if stress.is_calm else stress
 
 
 def check_folder(out: Path, names: tuple[str, ...], *, force: bool) -> None:
@@ -76,6 +109,17 @@ def check_folder(out: Path, names: tuple[str, ...], *, force: bool) -> None:
             f"{str(out / there[0])!r} exists already.", key="--out",
             cure="Add --force to replace it, or choose another folder.",
         )  # fmt: skip
+
+
+def _write_network(result: Any, problem: Problem, place: Path) -> None:
+    """The agents in motion, with the arcs of the problem's modes, as a page."""
+    from dobc_design.plotting.animation import animation_page
+
+    arcs = {
+        mode: list(zip(each.listeners.tolist(), each.speakers.tolist(), strict=True))
+        for mode, each in problem.network.modes.items()
+    }
+    write_atomically(place, animation_page(result, arcs=arcs).encode("utf-8"))
 
 
 def _reasons(result: Trajectory | Ensemble) -> list[dict[str, Any]]:

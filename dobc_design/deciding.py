@@ -14,6 +14,7 @@ from dobc_design.design.estimates import Top, decay_rate, directions, lambda_top
 from dobc_design.design.gain import GainDesign, design_gain
 from dobc_design.design.pair import propose_pairs
 from dobc_design.design.supports import witness_directions
+from dobc_design.errors import DobcError
 from dobc_design.exact.matrix import Matrix, multiply, to_float
 from dobc_design.spec.exosystem import Exosystem
 from dobc_design.spec.problem import Problem
@@ -151,7 +152,10 @@ class _Run:
         """Margin, rate and directions to try for a pair."""
         if not self.tops:
             return Proposal()
-        P, Q = to_float(pair.P), to_float(pair.Q)
+        try:
+            P, Q = to_float(pair.P), to_float(pair.Q)
+        except DobcError:  # entries too large for floats: the exact side does without
+            return Proposal()
         return Proposal(
             margin=pair_margin(self.tops, P, Q, exosystem),
             rate=pair_rate(self.tops, P, Q, exosystem),

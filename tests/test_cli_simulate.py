@@ -10,6 +10,7 @@ import pytest
 
 from dobc_design.cli import main
 from dobc_design.simulate.storage import load_trajectory
+from dobc_design.simulate.stress import Failure, Stress, stress_from_json
 from dobc_design.workflow import simulate
 
 DIVERGING = """\
@@ -68,12 +69,14 @@ def test_runs_give_medians_and_maxima_over_the_seeds(dobc):
 def test_one_run_is_written_as_a_trajectory_that_can_be_read(dobc):
     code, out, _ = dobc("paper-switching", "--t-final", 3, "--out", "here")
     assert code == 0
-    assert sorted(path.name for path in Path("here").iterdir()) == ["summary.json", "trajectory.npz"]
+    names = ["trajectory.npz", "summary.json", "simulation.svg"]
+    assert sorted(path.name for path in Path("here").iterdir()) == sorted(names)
     summary = json.loads(Path("here/summary.json").read_text("utf-8"))
     stored = load_trajectory("here/trajectory.npz")
     assert stored.final_error == summary["final_error"]["median"]
     assert np.array_equal(stored.x, simulate("paper-switching", t_final=3).x)
-    assert [Path(file) for file in summary["files"]] == [Path("here/trajectory.npz"), Path("here/summary.json")]
+    assert [Path(file) for file in summary["files"]] == [Path("here") / name for name in names]
+    assert Path("here/simulation.svg").read_text("utf-8").count("time t in s") == 1
     assert "wrote here" in out
 
 
@@ -137,3 +140,41 @@ def test_a_start_and_a_mode_can_be_given(dobc):
 def test_what_was_chosen_is_said(dobc):
     _, out, _ = dobc("uav-swarm", "--t-final", 1)
     assert "Note: No W was given: it was designed." in out
+
+
+def test_stress_options_reach_the_run_and_are_said(dobc):
+    options = ("--noise", 0.01, "--saturation", 4, "--period", 0.05, "--loss", 0.1, "--disturbance", 0.1)
+    code, out, _ = dobc(
+        "paper-fixed", "--t-final", 2, *options, "--fail", "3@1", "--fail", "4@1.5:freeze", "--out", "here"
+    )
+    assert code == 0
+    assert "agent 4 fails at 1.5 s (freeze)" in out
+    stored = load_trajectory("here/trajectory.npz")
+    failures = (Failure(agent="3", time=1.0), Failure(agent="4", time=1.5, kind="freeze"))
+    stress = Stress(noise=0.01, saturation=4, period=0.05, loss=0.1, disturbance=0.1, failures=failures)
+    assert stress_from_json(stored.stress) == stress
+    assert np.array_equal(stored.x, simulate("paper-fixed", t_final=2, stress=stress).x)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "key"),
+    [
+        (("--fail", "3"), "--fail"), (("--fail", "3@soon"), "--fail"), (("--fail", "3@1:melt"), "--fail"),
+        (("--fail", "99@1"), "failures"), (("--loss", "2"), "loss"), (("--period", "-1"), "period"),
+        (("--noise", "nan"), "noise"), (("--saturation", "0"), "saturation"),
+    ],
+)  # fmt: skip
+def test_a_wrong_stress_is_named_by_its_key(dobc, arguments, key: str):
+    code, out, _ = dobc("paper-fixed", *arguments, "--json")
+    assert code == 2
+    assert json.loads(out)["error"]["key"] == key
+
+
+def test_agents_that_move_in_space_are_written_as_a_page(dobc):
+    code, _, _ = dobc("uav-swarm", "--t-final", 2, "--out", "here")
+    page = Path("here/network.html").read_text("utf-8")
+    assert code == 0
+    assert "uav-9" in page
+    assert dobc("uav-swarm", "--runs", 2, "--t-final", 1, "--out", "many")[0] == 0
+    assert not Path("many/network.html").exists()
+    assert "5 to 95 %" in Path("many/simulation.svg").read_text("utf-8")

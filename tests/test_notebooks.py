@@ -44,3 +44,7 @@ def test_a_notebook_runs_from_a_clean_kernel(path: Path):
     done = subprocess.run(command, capture_output=True, check=False, text=True, timeout=300, env=environment, cwd=ROOT)
     assert done.returncode == 0, done.stdout[-3000:] + done.stderr[-1000:]
     assert "1 passed" in done.stdout
+
+
+def test_there_is_a_notebook_for_simulation():
+    assert "03_simulation.ipynb" in {path.name for path in NOTEBOOKS}

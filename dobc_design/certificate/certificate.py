@@ -12,6 +12,8 @@ from pathlib import Path
 from dobc_design._render import escape_html, latex_text
 from dobc_design.certificate.claims import Claims
 from dobc_design.certificate.files import make_folder, write_together
+from dobc_design.certificate.gathering import certified_regions
+from dobc_design.certificate.regions import Regions
 from dobc_design.certificate.text import certificate_bytes
 from dobc_design.spec.canonical import canonical_bytes
 from dobc_design.spec.problem import Problem
@@ -54,6 +56,11 @@ class Certificate:
     def checks(self) -> tuple[Check, ...]:
         """Every condition that was examined."""
         return self.claims.checks
+
+    @property
+    def regions(self) -> Regions:
+        """From which starts consensus is proved, method by method, beside the region asked for."""
+        return certified_regions(self.problem, self.claims)
 
     def check(self, id: str, mode: str | None = None) -> Check:
         """The check of that id (and mode).  Raises KeyError if there is none."""

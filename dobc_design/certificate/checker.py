@@ -4,7 +4,8 @@
 
 Standard library only, nothing of the package: written from docs/certificate-format.md alone, to be read in an evening
 by somebody who does not trust the rest. The problem is trusted, the certificate is not. Every decision is made in
-rational arithmetic; floating point only proposes a vector, which is then checked.
+rational arithmetic; floating point only proposes a vector, which is then checked. Claims about regions are decided by
+region_checker.py, which has to lie beside this file; a certificate without such claims does not need it.
 Exit code 0: every claim holds. 1: one does not, or could not be confirmed. 2: a file cannot be read.
 """
 
@@ -21,8 +22,10 @@ from collections.abc import Callable, Collection, Iterable, Iterator
 from dataclasses import dataclass
 from fractions import Fraction
 from functools import lru_cache, partial
+from importlib.util import module_from_spec, spec_from_file_location
 from itertools import pairwise, zip_longest
 from operator import add, mul, sub, truediv
+from pathlib import Path
 from types import SimpleNamespace
 from typing import Any, NamedTuple, cast
 
@@ -38,10 +41,8 @@ VECTOR_BITS, MATRIX_BITS = 2**16, 2**14  # of the common denominator of a vector
 Matrix = list[list[Fraction]]
 Rows = list[dict[int, Fraction]]  # a sparse matrix
 ZERO = Fraction(0)
-
 class Refused(Exception):
     """A file that is not what the format page describes, or a claim that is not shown."""
-
 def need(condition: bool, message: str) -> None:
     if not condition:
         raise Refused(message)
@@ -77,7 +78,6 @@ class Number:
         low = ZERO if n > 0 == n % 2 and self.lo <= 0 <= self.hi else min(ends)
         factor = point(n) * Number(self.lo, self.hi) ** (n - 1) if n and self.slopes else point(0)
         return number(low, max(ends), degree, (factor, self))
-
 def bits(x: Fraction) -> int:
     """About the binary logarithm of |x|: 2^(bits - 1) < |x| < 2^(bits + 1)."""
     return x.numerator.bit_length() - x.denominator.bit_length()
@@ -90,7 +90,6 @@ def number(lo: Fraction, hi: Fraction, degree: float = 0, *parts: tuple[Number, 
     slopes = [[Number(factor.lo, factor.hi) * slope for slope in x.slopes] for factor, x in parts if x.slopes]
     total = tuple(sum(column[1:], column[0]) for column in zip(*slopes, strict=True))
     return Number(lo, hi, total, degree, any(x.varies for _, x in parts))
-
 def point(x: Fraction | int) -> Number:
     return Number(Fraction(x), Fraction(x))
 def absolute(x: Number) -> Number:
@@ -105,7 +104,6 @@ def series(term: Number, step: Number, factor: Callable[[int], Fraction]) -> Num
         term = term * step * point(factor(n))
         total = total + term
     return total + Number(-absolute(term).hi, absolute(term).hi)
-
 def by_decimal(name: str, x: Number) -> Number:
     """exp, ln or sqrt, which the decimal module rounds correctly: one unit further out is outside."""
     root = Fraction(math.isqrt(max(0, x.lo.numerator)), math.isqrt(x.lo.denominator))
@@ -118,29 +116,24 @@ def by_decimal(name: str, x: Number) -> Number:
     low = down.next_minus(getattr(down, name)(down.divide(x.lo.numerator, x.lo.denominator)))
     high = up.next_plus(getattr(up, name)(up.divide(x.hi.numerator, x.hi.denominator)))
     return number(Fraction(low), Fraction(high))
-
 def atan(x: Number) -> Number:
     """The inverse tangent: atan x = 2 atan(x / (1 + sqrt(1 + x^2))), twice, makes |x| < 1/2."""
     for _ in range(2):
         x = x / (ONE + by_decimal("sqrt", ONE + x * x))
     return FOUR * series(x, -x * x, lambda n: Fraction(2 * n - 1, 2 * n + 1))
-
 ONE, MINUS, TWO, FOUR = point(1), point(-1), point(2), point(4)
 PI, exp = FOUR * atan(ONE), partial(by_decimal, "exp")
-
 def wave(x: Number, first: int) -> Number:
     """Sine (first 1) or cosine (first 0): within half the width of x of the value at its middle."""
     middle, spread = (x.lo + x.hi) / 2, (x.hi - x.lo) / 2
     z = point(middle) - point(2 * round(middle / (2 * PI.lo))) * PI
     value = series(z if first else ONE, -z * z, lambda n: Fraction(1, (2 * n + first) * (2 * n + first - 1)))
     return value + Number(-spread, spread)
-
 def growing(at: Callable[[Number], Number], x: Number) -> Number:
     """A nondecreasing function on x, from its values at points."""
     return Number(at(point(x.lo)).lo, at(point(x.hi)).hi)
 def hyperbolic(x: Number, sign: Number) -> Number:
     return growing(lambda z: (exp(z) + sign * exp(-z)) / TWO, x)
-
 # Every function: its derivative from the argument x and the value f (None: it has kinks), how many arguments it takes.
 FUNCTIONS: dict[str, tuple[Callable[..., Number], Callable[[Number, Number], Number] | None, int, float]] = {
     "exp": (exp, lambda x, f: f, 1, 1),
@@ -162,7 +155,6 @@ FUNCTIONS: dict[str, tuple[Callable[..., Number], Callable[[Number, Number], Num
 # --- Expressions: Python reads the text (it runs nothing), and whatever is not in the grammar is refused --------------
 UNSIGNED = r"[0-9]+(?:\.[0-9]+)?(?:[eE][+-]?0*(?:[0-3]?[0-9]{1,2}|400))?"  # exponents up to 400
 OPERATIONS: dict[type, Callable[[Any, Any], Number]] = {ast.Add: add, ast.Sub: sub, ast.Mult: mul, ast.Div: truediv}
-
 class Expression:
     """An expression at 0: its ``value`` with the slopes along ``names``, and whether a kink meets a variable."""
     def __init__(self, source: str, names: list[str]) -> None:
@@ -209,13 +201,11 @@ class Expression:
         value, self.kinked = function(*values), self.kinked or (varies and derivative is None)
         slope = derivative(values[0], value) if derivative and varies and not self.kinked else point(0)
         return number(value.lo, value.hi, degree, *((slope, x) for x in arguments))
-
 class Coupling(NamedTuple):
     """h at 0: linear and kinked as it is written, and its nonzero slopes dh_c/dy_d (none if it is kinked)."""
     linear: bool
     kinked: bool
     slopes: dict[tuple[int, int], Number]
-
 @lru_cache(maxsize=1000)
 def read_coupling(h: tuple[str, ...], m: int) -> Coupling:
     """A single expression for every component, or m expressions."""
@@ -251,13 +241,11 @@ def echelon(X: Matrix) -> tuple[Matrix, list[int]]:
             rest, rows = ([plus([row], -row[column], [lead])[0] for row in block] for block in (rest, rows))
             rows, pivots = [*rows, lead], [*pivots, column]
     return rows, pivots
-
 def nullspace(X: Matrix, size: int) -> tuple[Matrix, list[int]]:
     """A basis of {v: X v = 0} in R^size, one vector per free column, and the free columns."""
     rows, pivots = echelon(X)
     free, row = [column for column in range(size) if column not in pivots], dict(zip(pivots, rows, strict=True))
     return [[-row[k][column] if k in row else Fraction(k == column) for k in range(size)] for column in free], free
-
 def characteristic(X: Matrix) -> list[Fraction]:
     """Coefficients of det(s I - X), highest power first (Faddeev and LeVerrier, in integers)."""
     scale, size = math.lcm(*(entry.denominator for row in X for entry in row)), len(X)
@@ -270,7 +258,6 @@ def characteristic(X: Matrix) -> list[Fraction]:
         B = [[x + c * (i == j) for j, x in enumerate(row)] for i, row in enumerate(B)]
         coefficients.append(Fraction(c, scale**k))
     return coefficients
-
 def routh(polynomial: list[Fraction]) -> list[Fraction]:
     """Routh's first column, up to its first zero."""
     upper, lower = polynomial[0::2], polynomial[1::2]
@@ -280,7 +267,6 @@ def routh(polynomial: list[Fraction]) -> list[Fraction]:
         factor = upper[0] / lower[0] if lower[0] else ZERO
         upper, lower = lower, [a - factor * b for a, b in zip_longest(upper[1:], lower[1:], fillvalue=ZERO)]
     return column
-
 def stable(X: Matrix) -> bool:
     """True iff every eigenvalue of X has a negative real part."""
     return min(routh(characteristic(X))) > 0
@@ -297,11 +283,11 @@ def unstable(X: Matrix, count: int) -> bool:
         if column[-1] and (changes >= count or delta == 0):
             return changes >= count
     return False
-
 def polynomial_text(polynomial: list[Fraction]) -> str:
     """A polynomial in s as the format writes it."""
     text = ""
     for power, c in zip(range(len(polynomial) - 1, -1, -1), polynomial, strict=True):
+        need(max(abs(c.numerator), c.denominator) < 10**4000, "a polynomial has coefficients of more than 4000 digits")
         symbol = "" if power == 0 else "s" if power == 1 else f"s^{power}"
         size = "" if abs(c) == 1 and symbol else f"{abs(c)} "
         text += f" {'-' if c < 0 else '+'} {size}{symbol}".rstrip() if c else ""
@@ -321,7 +307,6 @@ def positive(M: Rows) -> bool:
     if signs and len(M) > 20 and by_vector(M):
         return True
     return any(by_factor(M, bits) for bits in (60, 250, 1000, 4000) if bits * len(M) < 80_000)  # else it takes minutes
-
 def by_vector(M: Rows) -> bool:
     """True if a v > 0 with M v > 0 is found: then M, whose other entries are <= 0, is positive definite.
     Conjugate gradients on M v = 1 propose v in floating point; the check is exact."""
@@ -340,7 +325,6 @@ def by_vector(M: Rows) -> bool:
     top = max(map(abs, v)) or 1.0
     whole = [round(entry / top * 2**64) if top < math.inf else 0 for entry in v]
     return min(whole) > 0 and all(sum(x * whole[j] for j, x in row.items()) > 0 for row in M)
-
 def by_factor(M: Rows, bits: int) -> bool:
     """True if Cholesky in integers runs to its end for M - shift; the entries of M are at most 1. In units of 2^-bits
     for L and 4^-bits for M, every entry of M - shift - L L' beside the diagonal is a remainder of a division by
@@ -365,7 +349,6 @@ def rational(text: Any) -> Fraction:
     need(good is not None, "a number is not written as it should")
     top, _, bottom = text.partition("/")
     return Fraction(decimal.Decimal(top)) / Fraction(decimal.Decimal(bottom or "1"))
-
 def once(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
     need(len(dict(pairs)) == len(pairs), "a key stands there twice")
     return dict(pairs)
@@ -379,7 +362,6 @@ def document(data: bytes, kind: str) -> dict[str, Any]:
     need(type(value) is dict and value.get("format") == kind, f"the file is no {kind}")
     need(type(value.get("version")) is int and value["version"] == 1, "the version is not 1")
     return dict(value)
-
 def read(value: Any, shape: Any) -> Any:
     """The value with Fractions for rationals and attributes for keys. A shape is a dict of keys ("key?" may be absent:
     None), a list with the shape of all items, a tuple with the shape of each, or a function that reads the value."""
@@ -395,7 +377,6 @@ def read(value: Any, shape: Any) -> Any:
         need(len(value) == len(shapes), f"there are {len(value)} things where {len(shapes)} were expected")
         return [read(item, part) for item, part in zip(value, shapes, strict=True)]
     return shape(value)
-
 def anything(value: Any) -> Any:
     return value
 def of(*types: type) -> Callable[[Any], Any]:
@@ -404,14 +385,11 @@ def of(*types: type) -> Callable[[Any], Any]:
         need(type(value) in types, f"there is something else than {' or '.join(kind.__name__ for kind in types)}")
         return value
     return shape
-
 def maybe(part: Any) -> Callable[[Any], Any]:
     """The shape of what may be null."""
     return lambda value: None if value is None else read(value, part)
-
 text, an_object = of(str), of(dict)
 json_number = maybe(lambda value: rational(str(of(int, decimal.Decimal)(value))))
-
 def direction(size: int) -> Callable[[Any], list[Fraction]]:
     """The shape of a vector other than 0."""
     def shape(value: Any) -> list[Fraction]:
@@ -420,14 +398,12 @@ def direction(size: int) -> Callable[[Any], list[Fraction]]:
         need(any(v), "a vector is 0")
         return v
     return shape
-
 def short(numbers: Iterable[Fraction], limit: int) -> None:
     """Refuse numbers whose common denominator is too long to go on with."""
     common = 1
     for x in numbers:
         common = math.lcm(common, x.denominator)
         need(common.bit_length() <= limit, f"numbers have a common denominator of more than {limit} bits")
-
 def matrix(rows: int, columns: int) -> tuple[tuple[Any, ...], ...]:
     """The shape of a matrix."""
     return ((rational,) * columns,) * rows
@@ -535,7 +511,6 @@ class Problem:
             if across and (low < high or low == high != 0):
                 return True
         return False
-
 def reach(starts: Collection[int], edges: list[list[int]]) -> set[int]:
     """What can be reached from the starts, these included."""
     found, stack = set(starts), list(starts)
@@ -547,11 +522,13 @@ def reach(starts: Collection[int], edges: list[list[int]]) -> set[int]:
 
 # --- The claims -------------------------------------------------------------------------------------------------------
 FACTS = ("observability", "detectability", "hurwitz", "reachability")
+REGIONAL = ("max-separable", "delay", "sampling", "lure", "equilibrium")
+STARTS = {"kind": text, "radius": json_number, "disturbance": json_number}
 CHECK = {
-    "id": text, "verdict": text, "domain": text, "margin": json_number, "rate": json_number, "reason": text,
+    "id": text, "verdict": text, "margin": json_number, "rate": json_number, "reason": text,
+    "domain": lambda value: value if type(value) is str else read(value, STARTS),
     "mode?": text, "exact?": an_object, "witness?": an_object, "fix?": {"kind": text, "set": an_object, "text": text},
 }
-
 def same(value: Any, expected: Any) -> bool:
     """True if a part of the certificate says what it has to: rationals as numbers, the rest as it is."""
     if isinstance(expected, dict):
@@ -574,6 +551,7 @@ class Examination:
         for X in ([] if p.W else self.W, self.P):
             short((x for row in X or [] for x in row), MATRIX_BITS)
         self.checks, self.theorem = self.claims.checks, "theorem1" if len(p.modes) == 1 else "theorem2"
+        self.regions: Any = sibling().Regions(self) if any(check.id in REGIONAL for check in self.checks) else None
     def belonging(self) -> None:
         claims, notes = self.claims, self.problem.file.notes
         need(claims.problem == self.problem.file.name, "the problem has another name")
@@ -585,9 +563,10 @@ class Examination:
             wanted += [(id, None) for id in (*FACTS[:3], self.theorem)]
             wanted += [(self.theorem + "-printed", None)] if self.problem.P is not None else []
         found = [(check.id, check.mode) for check in self.checks]
-        need(set(found) <= set(wanted), "there is a check that the problem does not ask for")
+        more = {(id, None) for id in REGIONAL}
+        need(set(found) <= more.union(wanted), "there is a check that the problem does not ask for")
         need(len(set(found)) == len(found), "a check stands there twice")
-        need(len(found) == len(wanted), "a check is missing")
+        need(set(wanted) <= set(found), "a check is missing")
     def observer(self) -> None:
         p = self.problem
         source = None if self.W is None else "designed" if p.W is None else "given"
@@ -601,10 +580,13 @@ class Examination:
             need(self.W is not None and product(self.P, self.W) == self.Q, "Q is not P W")
     def confirm(self, check: Any) -> None:
         p, proved = self.problem, check.verdict == "proved"
+        if check.id in REGIONAL and check.verdict != "undecided":
+            self.regions.confirm(check)
+            return
         need(check.domain == ("global" if check.id in FACTS else p.domain), "the domain is wrong")
         if check.verdict == "undecided":
-            nothing = (check.margin, check.rate, check.exact, check.witness) == (None,) * 4
-            need(nothing, "it is undecided and claims something")
+            claimed = (check.margin, check.rate, check.exact, check.witness)
+            need(claimed == (None,) * 4, "it is undecided and claims something")
             return
         need(proved or check.verdict == "refuted", "the verdict is none of proved, refuted and undecided")
         if check.id in FACTS:
@@ -650,8 +632,7 @@ class Examination:
         need(check.rate is None or (check.rate > 0 and stable(self.closed(check.rate))), "the rate is not shown")
         column = routh(characteristic(self.closed()))
         end = next((k for k, entry in enumerate(column) if entry <= 0), 0)
-        good = end == 0  # the first entry is 1
-        return good, {"routh": column} if good else None, {"kind": "routh_row", "values": column[: end + 1]}
+        return end == 0, None if end else {"routh": column}, {"kind": "routh_row", "values": column[: end + 1]}
     def reachability(self, check: Any) -> tuple[bool, Any, Any]:
         reached = reach(self.problem.gains, self.problem.edges([check.mode], False))
         rest = [label for i, label in enumerate(self.problem.labels) if i not in reached]
@@ -735,28 +716,46 @@ class Examination:
         self.vector(check, str(mode), values["S"])
     # --- the overall verdict, once all checks are confirmed
     def overall(self) -> None:
-        p, ids = self.problem, (self.theorem, self.theorem + "-printed") if self.problem.q else ("lemma1",)
-        proofs = [check for check in self.checks if check.id in ids and check.verdict == "proved"]
-        if (p.region is None or p.domain == "global") and len(proofs) >= (1 if p.q else len(p.modes)):
-            best = (max if p.q else min)(proofs, key=lambda check: check.rate or ZERO)
-            expected = ("proved", best.rate, best.id)
-        else:
-            expected = ("refuted" if self.refuted() else "undecided", None, None)
-        need(self.claims.verdict == expected[0], f"the verdict that follows is {expected[0]}")
-        need(self.claims.rate == expected[1], "the rate is another one")
-        need(self.claims.covered_by == expected[2], "it is covered by another check")
+        proofs = [check for check in self.checks if check.verdict == "proved" and self.covers(check)]
+        lemmas = [check for check in proofs if check.id == "lemma1"]
+        slowest = min(lemmas, key=rate, default=None) if len(lemmas) == len(self.problem.modes) else None
+        best = max((check for check in proofs if check.id != "lemma1" or check is slowest), key=rate, default=None)
+        verdict = "proved" if best else "refuted" if self.refuted() else "undecided"
+        need(self.claims.verdict == verdict, f"the verdict that follows is {verdict}")
+        need(self.claims.rate == (best and best.rate), "the rate is another one")
+        need(self.claims.covered_by == (best and best.id), "it is covered by another check")
+    def covers(self, check: Any) -> bool:
+        """True if what is proved holds from all starts that are asked for (lemma1: in its mode)."""
+        p = self.problem
+        if check.id in ((self.theorem, self.theorem + "-printed") if p.q else ("lemma1",)):
+            return p.region is None or p.domain == "global"
+        return check.id in REGIONAL and bool(self.regions.covers(check))
     def refuted(self) -> bool:
-        """True if a closed group, the problem's own W or an unstable mode shows that consensus fails."""
+        """True if a closed group, an equilibrium, the problem's own W or an unstable mode shows that it fails."""
         p, (T, columns) = self.problem, self.observable()
-        if p.escapes():
-            return True
+        found = [check for check in self.checks if check.verdict == "refuted"]
         disturbed = p.W is not None and (p.region is None or (p.region.initial_disturbance or 0) > 0)
-        if disturbed and not stable([[row[k] for k in columns] for row in product(T, self.closed())]):
+        if p.escapes() or (p.region and any(check.id == "equilibrium" for check in found)) or (
+                disturbed and not stable([[row[k] for k in columns] for row in product(T, self.closed())])):
             return True
-        lemmas = [check.exact for check in self.checks if check.id == "lemma1" and check.verdict == "refuted"]
+        lemmas = [check.exact for check in found if check.id == "lemma1"]
         sides = [] if p.region is None else p.region.initial_states
         inside = all(lo < goal[c] < hi for goal in p.goals for c, (lo, hi) in enumerate(sides))
         return inside and any(rational(exact["unstable_roots"]) > 0 for exact in lemmas)
+
+def rate(check: Any) -> Fraction:
+    return check.rate or ZERO
+def sibling() -> Any:
+    """region_checker.py, by its path: the folder of a lone file is not searched for modules."""
+    name, own = (f"{__package__ or 'lone'}.{part}" for part in ("region_checker", "checker"))
+    if name not in sys.modules:
+        sys.modules.setdefault(own, sys.modules[__name__])
+        path = Path(__file__).with_name("region_checker.py")
+        need(path.is_file(), "the certificate holds regional claims: checker.py needs region_checker.py beside it")
+        spec: Any = spec_from_file_location(name, path)
+        module = sys.modules[name] = module_from_spec(spec)
+        spec.loader.exec_module(module)
+    return sys.modules[name]
 
 # --- Running ----------------------------------------------------------------------------------------------------------
 def examine(certificate: bytes, problem: bytes) -> list[tuple[bool, str]]:
@@ -783,6 +782,7 @@ def main(arguments: list[str]) -> int:
     lines, code = ["usage: python -I -S checker.py certificate.json problem.json"], 2
     try:
         if len(arguments) == 2:
+            need(all(Path(name).is_file() or not Path(name).exists() for name in arguments), "it is no regular file")
             with open(arguments[0], "rb") as certificate, open(arguments[1], "rb") as problem:
                 findings = examine(certificate.read(MAX_BYTES + 1), problem.read(MAX_BYTES + 1))
             lines, code = [("holds  " if holds else "FAILS  ") + what for holds, what in findings], 0

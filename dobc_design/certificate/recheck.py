@@ -117,7 +117,10 @@ def recheck(certificate: Claims | bytes, problem: Problem) -> Recheck:
 
 def _trusted(claims: Claims, problem: Problem) -> Trusted:
     pair = None if claims.P is None or claims.Q is None else Pair(P=claims.P, Q=claims.Q)
-    return Trusted(problem=problem, statements=state_theorems(problem), W=claims.W, pair=pair)
+    separable = next((check for check in claims.checks if check.id == "max-separable"), None)
+    return Trusted(
+        problem=problem, statements=state_theorems(problem), W=claims.W, pair=pair, separable=separable
+    )  # fmt: skip
 
 
 def _reason(check: Check, trusted: Trusted) -> str | None:

@@ -7,6 +7,8 @@ like a part of the proof.
 from __future__ import annotations
 
 import json
+import math
+from decimal import Decimal
 from typing import Any
 
 from dobc_design.certificate.claims import Claims
@@ -60,7 +62,10 @@ def read_claims(data: bytes) -> Claims:
         raise CertificateError(f"the certificate is too large ({len(data)} bytes).", cure="It is not one of ours.")
     try:
         document = json.loads(
-            data.decode("utf-8"), parse_constant=_no_constant, object_pairs_hook=_no_duplicates
+            data.decode("utf-8"),
+            parse_float=_claimed_float,
+            parse_constant=_no_constant,
+            object_pairs_hook=_no_duplicates,
         )
         if not isinstance(document, dict) or document.get("format") != FORMAT:
             raise ValueError(f'it must hold an object with "format": "{FORMAT}"')
@@ -70,7 +75,7 @@ def read_claims(data: bytes) -> Claims:
     except SpecError as error:
         said = visible(str(error)[:300])
         raise CertificateError(f"the certificate cannot be read: {said}", cure="Make it again.") from None
-    except (ValueError, KeyError, TypeError, AttributeError, RecursionError, OverflowError) as error:
+    except (ValueError, KeyError, TypeError, AttributeError, RecursionError, ArithmeticError) as error:
         raise CertificateError(
             f"the certificate cannot be read: {type(error).__name__}: {visible(str(error)[:200])}.",
             cure="Make it again with `dobc certify`.",
@@ -122,6 +127,17 @@ def _read_matrix(value: Any, key: str) -> Matrix | None:
     if len({len(row) for row in value}) != 1:
         raise TypeError(f"{key} must have rows of equal length")
     return tuple(tuple(read_rational(entry, key=key) for entry in row) for row in value)
+
+
+def _claimed_float(text: str) -> float:
+    """The float whose shortest decimal text is what is written, or the next one further from 0.
+
+    A rate, a margin or a radius further from 0 claims more: what is confirmed then is never less than what is written.
+    """
+    value, written = float(text), Decimal(text)
+    if math.isfinite(value) and Decimal(repr(value)).copy_abs() < written.copy_abs():  # abs() would round
+        return math.nextafter(value, math.copysign(math.inf, written))
+    return value
 
 
 def _no_constant(name: str) -> float:

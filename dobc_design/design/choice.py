@@ -18,6 +18,7 @@ from dobc_design.spec.reaching import closed_groups
 
 CANDIDATES = 200  # agents that are tried one by one, if a try is cheap
 FEWEST = 10  # if it is not
+LARGE = 500  # agents from which every single try takes a noticeable time
 WORK = 10_000_000  # tries times squared size
 GREEDY_WORK = 500_000  # looks times squared size of a greedy step
 LOOKED_AT = 12  # agents of the slowest direction among which a greedy step chooses, if a look is cheap
@@ -56,7 +57,7 @@ def best_single(
     totals: dict[int, float] = {}
     candidates = _candidates(blocks, problem)
     for place, agent in enumerate(candidates):
-        if progress is not None and place % 10 == 0:
+        if progress is not None and place % (1 if problem.n > LARGE else 10) == 0:
             progress(f"looking for the best agent to pin ({place} of {len(candidates)} tried)")
         total = _total(blocks, (*pins, agent))
         if total is not None:

@@ -114,8 +114,10 @@ def pair_rate(tops: Mapping[str, Top], P: Array, Q: Array, exosystem: Exosystem)
 def _lambda_max_of_s(P: Array, Q: Array, exosystem: Exosystem, *, rate: float) -> float:
     try:
         A, C = to_float(exosystem.A), to_float(exosystem.C)
-        block = -(P @ A + A.T @ P - Q @ C - C.T @ Q.T) - 2 * rate * P
-        factor = linalg.cho_factor((block + block.T) / 2)
+        with np.errstate(over="ignore", invalid="ignore"):  # the factorisation below refuses what is not finite
+            block = -(P @ A + A.T @ P - Q @ C - C.T @ Q.T) - 2 * rate * P
+            block = (block + block.T) / 2
+        factor = linalg.cho_factor(block)
         S = C @ linalg.cho_solve(factor, C.T)
         return float(np.linalg.eigvalsh((S + S.T) / 2)[-1])
     except GIVEN_UP:

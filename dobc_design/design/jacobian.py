@@ -51,11 +51,18 @@ def _arc_gains(problem: Problem, mode: str) -> tuple[Array, Any, Any]:
     slopes = np.array([_middles(coupling.jacobian_at_zero()) for coupling in couplings])
     weights = _weights(arcs.weights)[:, None, None]
     if not problem.exceptions:
-        return weights * slopes[0], arcs.listeners, arcs.speakers
+        return _weighted(weights, slopes[0]), arcs.listeners, arcs.speakers
     place = {coupling: number for number, coupling in enumerate(couplings)}
     special = {i * problem.n + j: place[coupling] for (i, j), coupling in problem.exceptions.items()}
     kinds = [special.get(code, 0) for code in (arcs.listeners * problem.n + arcs.speakers).tolist()]
-    return weights * slopes[np.array(kinds, dtype=np.int64)], arcs.listeners, arcs.speakers
+    return _weighted(weights, slopes[np.array(kinds, dtype=np.int64)]), arcs.listeners, arcs.speakers
+
+
+def _weighted(weights: Array, slopes: Array) -> Array:
+    """The products; inf beyond the floats, which no estimate survives and the exact side does not need."""
+    with np.errstate(over="ignore", invalid="ignore"):
+        gains: Array = weights * slopes
+    return gains
 
 
 def _pin_gains(problem: Problem) -> tuple[Any, Array]:

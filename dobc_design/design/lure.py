@@ -16,10 +16,11 @@ import numpy as np
 from scipy import linalg
 
 from dobc_design.design.barrier import make_basis
-from dobc_design.design.lure_program import FloatLoop, make_templates
+from dobc_design.design.lure_program import FloatLoop, float_loop, make_templates
 from dobc_design.design.lure_search import Point, Search, border, round_down, scaled_pair, widths
 from dobc_design.design.program import Array
 from dobc_design.design.rounding import round_matrix
+from dobc_design.design.sampled_gains import sample_gains
 from dobc_design.errors import SpecError
 from dobc_design.exact.interval import UndefinedError
 from dobc_design.exact.matrix import Matrix, Vector, multiply, scale, to_float
@@ -38,6 +39,7 @@ DIGITS: Final = (5, 7, 9, 12)
 RETREATS: Final = (0.0, 1e-4, 1e-3, 1e-2, 5e-2)
 BALLS: Final = 4  # points tried, the largest ball first
 HALVINGS: Final = 14
+NEAR: Final = 1e-6  # |e_j - e_i| at which couplings are as good as linear
 ZERO: Final = Fraction(0)
 _SHORTFALL: Final = 1e-8  # of the level, for the rounding of its estimate
 
@@ -123,6 +125,21 @@ def raise_rate(problem: Problem, lure: Lure, *, holds: Holds) -> Lure:
             if holds(faster):
                 return faster
     return lure
+
+
+def linear_rate(problem: Problem, W: Matrix | None) -> float:
+    """What no certificate can exceed: the decay rate near the consensus, the slowest mode's or the observer's (1/s).
+
+    About, in floats; 0 where that does not decay, or where a coupling is not defined.
+    """
+    gains = sample_gains(problem.couplings, NEAR)
+    if gains is None:
+        return 0.0
+    loop = float_loop(make_templates(problem), gains, radius=None, S=None, rate=0.0)
+    blocks = [mode.A for mode in loop.modes]
+    if problem.exosystem is not None and W is not None:
+        blocks.append(to_float(problem.exosystem.A) - to_float(W) @ to_float(problem.exosystem.C))
+    return max(0.0, -max(float(np.max(np.linalg.eigvals(A).real)) for A in blocks))
 
 
 def rate_estimate(problem: Problem, lure: Lure) -> float:

@@ -20,7 +20,7 @@ from dobc_design.design.jacobian import nearest
 from dobc_design.design.program import Array
 from dobc_design.design.sampled_gains import Gains
 from dobc_design.spec.coupling import Coupling
-from dobc_design.spec.expression import polynomial_degree, variables_used
+from dobc_design.spec.expression import variables_used
 from dobc_design.spec.problem import Problem
 
 # Half-width of a range that is a point at this radius, relative to the gain, so that the unknowns stay the same.
@@ -147,14 +147,18 @@ def float_loop(templates: Templates, gains: Gains, *, radius: float | None, S: A
 
 
 def _entries(coupling: Coupling) -> list[tuple[int, int, bool]]:
-    """Row and column of every gain that may not be 0, and whether it may have a range."""
-    if coupling.by_component:
-        return [(c, c, not coupling.is_linear) for c in range(coupling.dimension)]
-    found = []
-    for c, component in enumerate(coupling.components):
-        degree = polynomial_degree(component.node)
-        found += [(c, d, degree is None or degree > 1) for d in variables_used(component.node)]
-    return found
+    """Row and column of every gain that may not be 0, and whether it may have a range.
+
+    So may every gain of a coupling that is not linear, and an irrational one, which is known by an enclosure only.
+    """
+    m = range(coupling.dimension)
+    places = [(c, c) for c in m] if coupling.by_component else [
+        (c, d) for c, component in enumerate(coupling.components) for d in variables_used(component.node)
+    ]  # fmt: skip
+    if not coupling.is_linear:
+        return [(c, d, True) for c, d in places]
+    slopes = coupling.jacobian_at_zero()
+    return [(c, d, not slopes[c][d].is_point) for c, d in places]
 
 
 def decrease_blocks(loop: FloatLoop, *, kappa: int | None, shift: int | None = None) -> list[Block]:

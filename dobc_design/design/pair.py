@@ -20,6 +20,7 @@ from dobc_design.theorems.conditions import reduced, with_gain
 
 DIGITS = (3, 4, 6, 9, 14)
 SLACK = (0.9, 0.5, 0.1)
+MOST_WORK = 300_000
 LADDER = (0, 2, 6, 15, 40, 400)  # powers of ten, the last ones for a bound that is not known
 
 
@@ -39,7 +40,8 @@ def propose_pairs(
                 for digits in DIGITS:
                     P = round_matrix(answer.values["P"], digits)
                     yield P, multiply(P, W), f"P was found {how}." if how else ""
-    exact = lyapunov(subtract(exosystem.A, multiply(W, exosystem.C)))
+    error = subtract(exosystem.A, multiply(W, exosystem.C))
+    exact = lyapunov(error) if _is_solvable(error) else None
     if exact is not None:
         for P, Q in _scaled_until_small(exact, W, exosystem, bound=bound):
             yield P, Q, f"P solves a Lyapunov equation exactly, because {why}."
@@ -70,6 +72,15 @@ def lyapunov(error: Matrix) -> Matrix | None:
     except (ArithmeticError, ValueError):
         return None
     return tuple(tuple(solution[index[min(i, j), max(i, j)]][0] for j in range(q)) for i in range(q))
+
+
+def _is_solvable(error: Matrix) -> bool:
+    """Whether the exact equation takes seconds, not hours: unknowns times bits of the common denominator.
+
+    Beyond that the solution has more digits than a certificate can hold in any case.
+    """
+    common = math.lcm(*(x.denominator for row in error for x in row))
+    return len(error) * (len(error) + 1) // 2 * common.bit_length() <= MOST_WORK
 
 
 def _scaled_until_small(P: Matrix, W: Matrix, exosystem: Exosystem, *, bound: float) -> Iterator[tuple[Matrix, Matrix]]:

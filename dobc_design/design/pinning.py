@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 from scipy import sparse
-from scipy.sparse.linalg import splu
+from scipy.sparse.linalg import cg, splu
 
 from dobc_design.design.estimates import largest_eigenvalue
 from dobc_design.design.jacobian import float_lambda
@@ -25,6 +25,11 @@ DENSE = 50  # rows up to which a dense solve is the faster one, and
 FULL = 0.3  # the part of the entries from which it is in any size
 PROGRAM_ROWS = 80  # rows of one block up to which the conic program is solved
 PROGRAM_SIZE = 40_000  # squared rows of all blocks together
+# For splu: an order that suits a symmetric pattern, and no exchange of rows.  A random graph of degree 8 with 2000
+# agents takes a quarter of the time (0.09 s in place of 0.34 s), with 40 % of the entries in the factor.
+SYMMETRIC: Any = {"permc_spec": "MMD_AT_PLUS_A", "diag_pivot_thresh": 0.0, "options": {"SymmetricMode": True}}
+LARGE = 3000  # rows from which conjugate gradients go first, with
+ITERATIONS = 300  # steps at most
 SINGULAR = 1e-11  # relative to the entries: smaller eigenvalues are not told from 0 here
 STEPS = 60  # of a bisection
 
@@ -35,6 +40,7 @@ class Blocks:
 
     ``tables``: symmetric SciPy arrays (n width, n width).  With couplings by component every component is a block
     of its own and ``width`` is 1.  ``z``: all entries off the diagonal are <= 0.  ``scale``: the largest entry.
+    ``sources``: of every table its mode and component (0 if ``width`` is m); equal tables are kept once.
     """
 
     agents: int
@@ -42,6 +48,19 @@ class Blocks:
     tables: tuple[Any, ...]
     scale: float
     z: bool
+    sources: tuple[tuple[str, int], ...] = ()
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Optimum:
+    """Gains k (n,) of least cost for one Z-matrix, and the v (n,) >= 0 that shows it: v v'/2 is the multiplier.
+
+    v_i^2 <= c_i where k_i = 0 though a gain is allowed, v_i^2 = c_i where it is between its limits, v_i^2 >= c_i where
+    it is at its cap.
+    """
+
+    gains: Array
+    v: Array
 
 
 def network_blocks(problem: Problem, *, pins: bool = False) -> Blocks | None:
@@ -51,6 +70,7 @@ def network_blocks(problem: Problem, *, pins: bool = False) -> Blocks | None:
     """
     n, m = problem.n, problem.m
     tables: dict[bytes, Any] = {}
+    sources: dict[bytes, tuple[str, int]] = {}
     found = [sparse.coo_array(-float_lambda(problem, mode, pins=pins)) for mode in problem.network.modes]
     for table in found:
         table.sum_duplicates()
@@ -58,15 +78,19 @@ def network_blocks(problem: Problem, *, pins: bool = False) -> Blocks | None:
         return None
     apart = all(np.all((table.row % m == table.col % m) | (table.data == 0)) for table in found)
     width = 1 if apart else m
-    for table in found:
-        for part in _components(table, m) if apart else [table]:
+    for mode, table in zip(problem.network.modes, found, strict=True):
+        for component, part in enumerate(_components(table, m) if apart else [table]):
             each = part.tocsr()
             each.sum_duplicates()
             each.eliminate_zeros()
-            tables[each.indptr.tobytes() + each.indices.tobytes() + each.data.tobytes()] = each
+            key = each.indptr.tobytes() + each.indices.tobytes() + each.data.tobytes()
+            tables.setdefault(key, each)
+            sources.setdefault(key, (mode, component))
     scale = max((float(np.max(np.abs(t.data), initial=0.0)) for t in tables.values()), default=0.0)
     z = width == 1 and all(_is_z(table) for table in tables.values())
-    return Blocks(agents=n, width=width, tables=tuple(tables.values()), scale=scale, z=z)
+    return Blocks(
+        agents=n, width=width, tables=tuple(tables.values()), scale=scale, z=z, sources=tuple(sources.values())
+    )
 
 
 def for_rate(blocks: Blocks, rate: float) -> Blocks:
@@ -139,10 +163,36 @@ def valid_gains(blocks: Blocks, chosen: Array, weights: Array) -> Array | None:
 
 
 def closed_form(table: Any, chosen: Array, weights: Array) -> Array | None:
-    """The optimal gains for one symmetric Z-matrix S (n, n); None unless S is positive on the other agents.
+    """The optimal gains for one symmetric Z-matrix S (n, n); None unless S is positive on the other agents."""
+    found = optimum(table, chosen, weights)
+    return None if found is None else found.gains
 
-    v_i = sqrt(c_i) on the chosen agents, (S v)_i = 0 on the others, k_i = -(S v)_i / (2 v_i); an agent whose gain
-    would be negative is set free, and v solved again.  Source: theory, section 7.
+
+def optimum(table: Any, chosen: Array, weights: Array, caps: Array | None = None) -> Optimum | None:
+    """The optimal gains for one symmetric Z-matrix S (n, n), at most ``caps`` (n,); None if none can do.
+
+    An agent whose gain would exceed its cap is held at it, which only raises v and the gains of the others.
+    Source: theory, section 7; with caps the multiplier of a cap is v_i^2 - c_i.
+    """
+    if caps is None:
+        return _uncapped(table, chosen, weights)
+    full = np.zeros(len(weights), dtype=bool)
+    for _ in range(int(np.sum(chosen)) + 1):
+        held = table + sparse.diags_array(2 * np.where(full, caps, 0.0)) if np.any(full) else table
+        found = _uncapped(sparse.csr_array(held), chosen & ~full, weights)
+        if found is None:
+            return None
+        over = found.gains > caps * (1 + 1e-12)
+        if not np.any(over):
+            return Optimum(gains=np.where(full, caps, found.gains), v=found.v)
+        full |= over
+    return None
+
+
+def _uncapped(table: Any, chosen: Array, weights: Array) -> Optimum | None:
+    """v_i = sqrt(c_i) on the chosen agents, (S v)_i = 0 on the others, k_i = -(S v)_i / (2 v_i).
+
+    An agent whose gain would be negative is set free, and v solved again.
     """
     active = np.array(chosen, dtype=bool)
     v = np.where(active, np.sqrt(weights), 0.0)
@@ -160,17 +210,19 @@ def closed_form(table: Any, chosen: Array, weights: Array) -> Array | None:
         gains = np.where(active, -flow / (2 * np.where(active, v, 1.0)), 0.0)
         negative = active & (gains < -1e-13 * size)
         if not np.any(negative):
-            return np.maximum(gains, 0.0)
+            return Optimum(gains=np.maximum(gains, 0.0), v=v)
         active &= ~negative
     return None
 
 
 def _solve(matrix: Any, right: Array, *, size: float) -> Array | None:
     """Solve M x = right for a Z-matrix M; None unless M is positive definite (M w = 1 has a solution w > 0)."""
+    if len(right) > LARGE and (quick := _iterated(matrix, right)) is not None:
+        return quick
     both = np.column_stack([right, np.ones(len(right))])
     dense = len(right) <= DENSE or matrix.nnz > FULL * len(right) ** 2
     try:
-        answer = np.linalg.solve(matrix.toarray(), both) if dense else splu(matrix.tocsc()).solve(both)
+        answer = np.linalg.solve(matrix.toarray(), both) if dense else splu(matrix.tocsc(), **SYMMETRIC).solve(both)
     except (np.linalg.LinAlgError, RuntimeError, ValueError):  # singular
         return None
     w = answer[:, 1]
@@ -178,6 +230,22 @@ def _solve(matrix: Any, right: Array, *, size: float) -> Array | None:
         return None
     x: Array = answer[:, 0]
     return x
+
+
+def _iterated(matrix: Any, right: Array) -> Array | None:
+    """The same by conjugate gradients where they are quick: random graphs fill up a factor, a long path does not."""
+    diagonal = matrix.diagonal()
+    if not np.all(diagonal > 0):
+        return None
+    scaling = sparse.diags_array(1 / diagonal)
+    answers = []
+    for side, tolerance in ((np.ones(len(right)), 1e-3), (right, 1e-14)):
+        x, status = cg(matrix, side, rtol=tolerance, maxiter=ITERATIONS, M=scaling)
+        if status != 0 or not np.all(np.isfinite(x)):
+            return None
+        answers.append(x)
+    w, x = answers
+    return x if np.all(w > 0) and np.all(matrix @ w > 0) else None
 
 
 def looseness(blocks: Blocks, allowed: Collection[int]) -> float:

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -18,6 +19,14 @@ ROOT2 = math.sqrt(2.0)
 SMALL = 1e-8  # gains below this part of the largest are noise of the solver
 
 
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class ProgramOptimum:
+    """Gains (n,) of least cost, about, and the multiplier Z >= 0 of every block."""
+
+    gains: Array
+    multipliers: tuple[Array, ...]
+
+
 def solve_for_gains(
     tables: Sequence[Any], allowed: Any, costs: Array, *, width: int, scale: float, time_limit: float = 20.0
 ) -> Array | None:
@@ -25,47 +34,78 @@ def solve_for_gains(
 
     ``tables``: symmetric SciPy arrays (n width, n width); ``scale`` their largest entry; ``allowed`` agent indices.
     """
+    found = solve_program(tables, allowed, costs, width=width, scale=scale, time_limit=time_limit)
+    return None if found is None else found.gains
+
+
+def solve_program(
+    tables: Sequence[Any], allowed: Any, costs: Array, *, width: int, scale: float, caps: Array | None = None,
+    time_limit: float = 20.0,
+) -> ProgramOptimum | None:  # fmt: skip
+    """The same with its multipliers, and with k <= ``caps`` (n,), where inf is no cap."""
     import clarabel
 
     if not len(allowed) or not scale > 0:
         return None
+    limits = np.full(len(costs), np.inf) if caps is None else caps
+    program = _Program(tables=tables, allowed=allowed, costs=costs, caps=limits, width=width, scale=scale)
     try:
-        answer = _run(tables, allowed, costs, clarabel, width=width, scale=scale, time_limit=time_limit)
+        answer = _run(program, clarabel, time_limit=time_limit)
     except BaseException as error:  # Clarabel panics with pyo3's PanicException, which is no Exception
         if not is_solver_failure(error):
             raise
         return None
-    numbers = np.asarray(answer.x, dtype=np.float64)
+    numbers, dual = np.asarray(answer.x, dtype=np.float64), np.asarray(answer.z, dtype=np.float64)
     if "Infeasible" in str(answer.status) or not np.all(np.isfinite(numbers)):
         return None
     gains = np.zeros(len(costs))
     gains[allowed] = np.maximum(numbers, 0.0) * scale
     gains[gains < SMALL * np.max(gains, initial=0.0)] = 0.0
-    return gains
+    multipliers, start = [], 0
+    for table in tables:
+        length = table.shape[0] * (table.shape[0] + 1) // 2
+        multipliers.append(_smat(dual[start : start + length], table.shape[0]))
+        start += length
+    return ProgramOptimum(gains=gains, multipliers=tuple(multipliers))
 
 
-def _run(
-    tables: Sequence[Any], allowed: Any, costs: Array, clarabel: Any, *, width: int, scale: float, time_limit: float
-) -> Any:
-    count = len(allowed)
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class _Program:
+    tables: Sequence[Any]
+    allowed: Any
+    costs: Array
+    caps: Array
+    width: int
+    scale: float
+
+
+def _run(program: _Program, clarabel: Any, *, time_limit: float) -> Any:
+    count, scale = len(program.allowed), program.scale
     rows: list[Any] = []
     right: list[Array] = []
     cones: list[Any] = []
-    for table in tables:
+    for table in program.tables:
         size = table.shape[0]
-        rows.append(_columns(allowed, size, width))
+        rows.append(_columns(program.allowed, size, program.width))
         right.append(_svec(table / scale))
         cones.append(clarabel.PSDTriangleConeT(size))
     rows.append(sparse.csc_array(-sparse.eye_array(count)))
     right.append(np.zeros(count))
     cones.append(clarabel.NonnegativeConeT(count))
+    own = program.caps[program.allowed]
+    capped = np.flatnonzero(np.isfinite(own))
+    if len(capped):
+        rows.append(sparse.csc_array(sparse.eye_array(count).tocsr()[capped]))
+        right.append(own[capped] / scale)
+        cones.append(clarabel.NonnegativeConeT(len(capped)))
     settings = clarabel.DefaultSettings()
     settings.verbose = False
     settings.time_limit = time_limit
     settings.tol_gap_abs = settings.tol_gap_rel = settings.tol_feas = 1e-10
     nothing = sparse.csc_matrix((count, count))
     matrix = sparse.csc_matrix(sparse.vstack(rows))
-    return clarabel.DefaultSolver(nothing, costs[allowed], matrix, np.concatenate(right), cones, settings).solve()
+    linear = program.costs[program.allowed]
+    return clarabel.DefaultSolver(nothing, linear, matrix, np.concatenate(right), cones, settings).solve()
 
 
 def _columns(allowed: Any, size: int, width: int) -> Any:
@@ -86,3 +126,12 @@ def _svec(table: Any) -> Array:
     i, j, values = each.row[upper].astype(np.int64), each.col[upper].astype(np.int64), each.data[upper]
     np.add.at(result, j * (j + 1) // 2 + i, np.where(i == j, values, ROOT2 * values))
     return result
+
+
+def _smat(vector: Array, size: int) -> Array:
+    """The symmetric matrix whose upper triangle, as ``_svec`` writes it, is the vector."""
+    result = np.zeros((size, size))
+    columns = np.repeat(np.arange(size), np.arange(1, size + 1))
+    rows = np.concatenate([np.arange(j + 1) for j in range(size)])
+    result[rows, columns] = np.where(rows == columns, vector, vector / ROOT2)
+    return result + np.triu(result, 1).T

@@ -20,7 +20,7 @@ Gains = tuple[Array, Array]  # lowest and highest, (couplings, m, m)
 
 POINTS: Final = 401
 SCATTERED: Final = 600  # points in a box of several dimensions, besides its corners
-WIDER: Final = 1e-5  # about what enclosures are rounded by
+WIDER: Final = 2e-5  # about what enclosures are widened and rounded by
 _STEP: Final = 1e-6
 
 

@@ -7,15 +7,17 @@ largest alpha follows by bisection.  This needs no monotone coupling.  Nothing h
 
 from __future__ import annotations
 
+import logging
 import math
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from fractions import Fraction
 from typing import Any
 
 import numpy as np
 from scipy import sparse
 
+from dobc_design.design.estimates import decay_rate
 from dobc_design.design.program import Array
 from dobc_design.design.separable_field import Field, field_of
 from dobc_design.design.separable_observer import propose_error_bound, radius_needed
@@ -24,16 +26,22 @@ from dobc_design.spec.problem import Problem
 from dobc_design.theorems.ordering import find_ordering
 from dobc_design.theorems.separable import ErrorBound
 
+logger = logging.getLogger("dobc_design")
 DIGITS = (3, 4, 5, 6, 8, 11)
 BITS = (12, 20, 30)  # of large networks, whose arithmetic is binary
 LARGE = 400
 LARGEST_V = 1e6
+LARGEST_RADIUS = 1e150
 STEPS = 60
 BISECTIONS = 40
 # (agents, relative accuracy of alpha that is still worth the time)
 CLOSE = ((300, 1e-5), (2000, 1e-3), (math.inf, 1e-2))
-ROUNDS = 2  # of choosing kappa for the rate that v has
+# kappa is chosen for the rate that v has, or where the observer is slower for one that suits both.
+ROUNDS = 6
 ABOVE = 1.005  # how much faster than N the observer's part is to be
+SHARE = 0.05  # of the observer's decay rate: the first guess for many agents
+ENOUGH = 0.5  # of that rate, where N loses some because kappa needs room
+COARSE, CLOSE_ENOUGH = 8, 0.01  # points of s, and accuracy of a rate, where many v are looked for
 SLOWEST = 1e-6  # rates below this part of the largest gain are not looked for
 # A factorisation is cheap for few agents, and where the network is little more than lines and rings.
 FEW_AGENTS, FEW_ENTRIES = 2000, 4
@@ -64,9 +72,18 @@ def propose_separable(problem: Problem, *, rho: float, modes: Sequence[str] | No
 
     The box |e|_inf <= rho is then inside {N <= rho}.
     """
-    if not find_ordering(problem, modes=modes).exists:
+    if not find_ordering(problem, modes=modes).exists or not 0 < rho <= LARGEST_RADIUS:
         return None
-    field = field_of(problem, rho=rho, modes=modes)
+    with np.errstate(all="ignore"):  # far out couplings overflow or end; what is not finite is no proposal
+        return _propose(problem, rho, modes)
+
+
+def _propose(problem: Problem, rho: float, modes: Sequence[str] | None) -> SeparableProposal | None:
+    try:
+        field = field_of(problem, rho=rho, modes=modes)
+    except ArithmeticError as error:
+        logger.info("no proposal for rho = %g: %s", rho, error)
+        return None
     best = _least_v(field, alpha=0.0, start=np.ones(problem.n))
     high = float(np.max(field.gains, initial=0.0))
     if best is None or high <= 0:
@@ -88,6 +105,27 @@ def propose_separable(problem: Problem, *, rho: float, modes: Sequence[str] | No
     return SeparableProposal(v=best, rate=low, rho=rho) if low else None
 
 
+def propose_vectors(problem: Problem, *, rho: float, parts: Sequence[float]) -> Iterator[Array]:
+    """Find the least v with min v = 1 for parts (<= 1) of about the largest rate: smaller parts are flatter.
+
+    Quicker and coarser than ``propose_separable``; nothing if no positive rate is found.
+    """
+    field = field_of(problem, rho=rho)
+    field = replace(field, grid=field.grid[:: max(1, len(field.grid) // COARSE)])
+    best = _least_v(field, alpha=0.0, start=np.ones(problem.n))
+    low, high = 0.0, float(np.max(field.gains, initial=0.0))
+    if best is None or high <= 0:
+        return
+    while high > SLOWEST * float(np.max(field.gains)) and not (low and high - low <= CLOSE_ENOUGH * low):
+        middle = (low + high) / 2 if low else high / 8
+        found = _least_v(field, alpha=middle, start=best)
+        low, high, best = (low, middle, best) if found is None else (middle, high, found)
+    for part in parts if low else ():
+        v = best if part == 1.0 else _least_v(field, alpha=part * low, start=np.ones(problem.n))
+        if v is not None:
+            yield v
+
+
 def design_separable(
     problem: Problem,
     *,
@@ -106,18 +144,34 @@ def design_separable(
         return None if proposal is None else SeparablePlan(proposal=proposal, rho=radius, error=None)
     if W is None:
         return None
-    plan: SeparablePlan | None = None
-    for _ in range(ROUNDS):
-        rate = 0.0 if plan is None else plan.proposal.rate * ABOVE
-        error = propose_error_bound(problem.exosystem, W, rate=rate)
-        if error is None:  # the observer is slower than the network: what there is will do
+    # One v for many agents takes long, so that the first one is for a kappa that is seldom too small.
+    first = 0.0 if problem.n <= FEW_AGENTS else SHARE * decay_rate(problem.exosystem, W)
+    best = _planned(problem, W, first, radius, disturbance, modes)
+    if best is None or best.proposal.rate <= first:
+        return best
+    gained, low, high = first, 0.0, 2 * best.proposal.rate * ABOVE
+    for _ in range(ROUNDS if problem.n <= FEW_AGENTS else 1):
+        rate = (low + high) / 2
+        plan = _planned(problem, W, rate, radius, disturbance, modes)
+        reached = 0.0 if plan is None else min(rate, plan.proposal.rate)
+        if plan is not None and reached > gained:
+            best, gained = plan, reached
+        if reached > rate * ENOUGH and not low:
             break
-        rho = radius_needed(radius, error, disturbance)
-        proposal = propose_separable(problem, rho=float(rho), modes=modes)
-        if proposal is None:
-            break
-        plan = SeparablePlan(proposal=proposal, rho=rho, error=error)
-    return plan
+        low, high = (rate, high) if reached == rate else (low, rate)
+    return best
+
+
+def _planned(
+    problem: Problem, W: Matrix, rate: float, radius: Fraction, disturbance: Fraction, modes: Sequence[str] | None
+) -> SeparablePlan | None:
+    """A plan whose observer part decays with ``rate``; None if the observer is slower, or leaves no room for a v."""
+    error = None if problem.exosystem is None else propose_error_bound(problem.exosystem, W, rate=rate)
+    if error is None:
+        return None
+    rho = radius_needed(radius, error, disturbance)
+    proposal = propose_separable(problem, rho=float(rho), modes=modes)
+    return None if proposal is None else SeparablePlan(proposal=proposal, rho=rho, error=error)
 
 
 def rounded_vectors(proposal: SeparableProposal) -> Iterator[Vector]:

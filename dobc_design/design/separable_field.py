@@ -17,6 +17,7 @@ from dobc_design.spec.problem import Problem
 from dobc_design.theorems.separable import holding_gains
 
 SAMPLES = 4001  # points of a coupling's table
+MOST_TURNS = 200  # of a coupling in it: sine as far as 300
 WORK = 1_000_000  # evaluations of h per pass that are worth a finer grid of s
 FINEST, COARSEST = 33, 5
 NEAREST = 1e-5  # the smallest s, as a part of rho
@@ -65,6 +66,16 @@ class Field:
             scale = np.maximum(scale, np.abs(row))
         residual = worst - (self.gains - alpha) * v
         return residual, self._jacobian(chosen, v, alpha), scale
+
+    def rates(self, v: Array) -> Array:
+        """The rate that v has at each s of the grid, (grid,): the least over agents, modes and faces."""
+        found = np.full(len(self.grid), np.inf)
+        for k, s in enumerate(self.grid.tolist()):
+            for mode in range(len(self.modes)):
+                for face in (1, -1):
+                    rate = self.gains - self._sum(mode, face, s, v) / v
+                    found[k] = min(found[k], float(np.min(rate)))
+        return found
 
     def _sum(self, mode: int, face: int, s: float, v: Array) -> Array:
         total = np.zeros(self.size)
@@ -121,17 +132,16 @@ def field_of(problem: Problem, *, rho: float, modes: Sequence[str] | None = None
 
 
 def shape_of(h: Callable[[Array], Array], *, radius: float) -> Shape:
-    """Sample h on [-radius, radius] for its turning points."""
+    """Sample h on [-radius, radius] for its turning points.  Raises: ArithmeticError if they are too many."""
     y = np.linspace(-radius, radius, SAMPLES)
     values = h(y)
     values = np.where(np.isfinite(values), values, 0.0)
     up = np.diff(values) > 0
     down = np.diff(values) < 0
-    return Shape(
-        h=h,
-        tops=_refined(h, y, np.flatnonzero(up[:-1] & down[1:]) + 1, +1.0),
-        bottoms=_refined(h, y, np.flatnonzero(down[:-1] & up[1:]) + 1, -1.0),
-    )
+    tops, bottoms = np.flatnonzero(up[:-1] & down[1:]) + 1, np.flatnonzero(down[:-1] & up[1:]) + 1
+    if len(tops) + len(bottoms) > MOST_TURNS:
+        raise ArithmeticError(f"the coupling has more than {MOST_TURNS} turning points within {radius:g}")
+    return Shape(h=h, tops=_refined(h, y, tops, +1.0), bottoms=_refined(h, y, bottoms, -1.0))
 
 
 def _refined(h: Callable[[Array], Array], y: Array, places: Any, sign: float) -> tuple[Array, Array]:

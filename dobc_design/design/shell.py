@@ -7,6 +7,7 @@ handed to ``verify``, which looks at every box again.
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 from fractions import Fraction
 from typing import Final
 
@@ -35,6 +36,7 @@ HALVINGS: Final = 12
 WIDTHS: Final = (0.3, 0.1, 0.03, 0.01)  # of the cones of directions around the worst, in turn
 KEPT, TRIALS = 20, 25
 BUDGET: Final = 100_000  # boxes that may be open at once
+MOST_BOXES: Final = 2_000_000
 MOST_DEPTH: Final = 90
 SHORT_OF: Final = (0.998, 0.993, 0.985, 0.95, 0.8)  # of the radius at which V' >= 0 was seen, in turn
 STRETCHED: Final = 8  # how many times the largest start a coordinate may become
@@ -42,12 +44,14 @@ SLACK: Final = 1e-7  # of the terms, for whoever looks at the boxes again
 
 
 def grow_shell(
-    problem: Problem, lure: Lure, *, S: Matrix | None = None, largest: Fraction = Fraction(20), budget: int = BUDGET
-) -> Shell | None:
+    problem: Problem, lure: Lure, *, S: Matrix | None = None, largest: Fraction = Fraction(20), budget: int = BUDGET,
+    most: int = MOST_BOXES, least: Fraction = Fraction(0),
+) -> Shell | None:  # fmt: skip
     """The shell around a proved certificate; None if no box proof reaches beyond its level.
 
     ``S`` (m, m): the observer's border at the certificate's rate, exact; None without a pair.  ``largest``: no start
-    with |e| beyond it is looked at.  The rate is the certificate's.
+    with |e| beyond it is looked at.  ``budget`` and ``most``: boxes that may be open at once, and that may be left in
+    the end.  ``least``: no smaller ``outer`` is worth the time.  The rate is the certificate's.
     Raises: SpecError for more than 6 rows n m or couplings of vectors.
     """
     if lure.level is None:
@@ -58,10 +62,11 @@ def grow_shell(
     widest = math.sqrt(float(np.max(np.diag(np.linalg.inv(P_e)))))
     for part in SHORT_OF:
         outer = top * part**2
-        if outer <= level * (1 + 1e-6) or widest * math.sqrt(outer) > STRETCHED * float(largest):
+        if outer <= max(level, float(least)) * (1 + 1e-6) or widest * math.sqrt(outer) > STRETCHED * float(largest):
             continue
         half = _dyadic_above(widest * math.sqrt(outer) * (1 + 1e-9))
-        found = _cut(forms, P_e, first_box(len(P_e), half), level, outer, budget=budget, last=part == SHORT_OF[-1])
+        limits = _Limits(open=budget, left=most, last=part == SHORT_OF[-1])
+        found = _cut(forms, P_e, first_box(len(P_e), half), level, outer, limits)
         exact = Fraction(0) if found is None else round_down(found[1] * (1 - 1e-9), 9)
         if found is not None and exact > lure.level:
             return Shell(lure=lure, outer=exact, half=half, tree=found[0], rate=lure.rate)
@@ -120,21 +125,31 @@ def _derivative(form: Form, e: Array) -> Array:
     return np.where(np.isfinite(total), total, np.inf)
 
 
+@dataclass(frozen=True, slots=True)
+class _Limits:
+    """How many boxes may be open at once and left in the end; whether there is no further try."""
+
+    open: int
+    left: int
+    last: bool
+
+
 def _cut(
-    forms: list[Form], P_e: Array, boxes: Boxes, level: float, outer: float, *, budget: int, last: bool
+    forms: list[Form], P_e: Array, boxes: Boxes, level: float, outer: float, limits: _Limits
 ) -> tuple[str, float] | None:
     """Halve boxes until V' < 0 is shown in all of the shell; (tree, outer).
 
-    None if that takes too many boxes, unless it is the ``last`` try: then ``outer`` is lowered to what is shown.
+    None if that takes too many boxes.  In the last try ``outer`` is lowered to what is shown with the open ones.
     """
     tree: list[str] = []
+    left = 0
     for depth in range(MOST_DEPTH):
         if not len(boxes):
             return "".join(tree), outer
         least, most = energy_bounds(P_e, boxes)
         opened = (most > level) & (least < outer)
-        if depth == MOST_DEPTH - 1 or int(np.count_nonzero(opened)) > budget:
-            if not last:
+        if depth == MOST_DEPTH - 1 or int(np.count_nonzero(opened)) > limits.open:
+            if not limits.last:
                 return None
             outer = float(np.min(least[opened]))  # what is still open is left outside
             tree.append(LEAF * len(boxes))
@@ -148,6 +163,9 @@ def _cut(
             along[places[bad]] = np.argmax(spread[bad], axis=1)
             open_still |= bad
         opened[places] = open_still
+        left += len(boxes) - int(np.count_nonzero(opened))
+        if left > limits.left:
+            return None
         tree.append(
             "".join(str(k) if split else LEAF for k, split in zip(along.tolist(), opened.tolist(), strict=True))
         )

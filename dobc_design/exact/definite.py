@@ -9,7 +9,7 @@
 | 13 to 2000 | any | integer factor with an exact rest; eigenvectors; lifted small eigenvalues |
 | 13 and more | any | LDL' over the rationals (python-flint) |
 
-A path answers or passes on; the last one always answers, so nothing stays undecided. "Proved" comes from
+A path answers or passes on; the last one always answers, unless the caller bounds its work. "Proved" comes from
 exact or outward-rounded arithmetic, "refuted" only from a vector that is multiplied out exactly (``decision``).
 ``_PATHS`` is this table and ``_decide`` walks it, for both questions. The answer's ``method`` names path and size.
 """
@@ -29,7 +29,7 @@ from dobc_design.errors import CertificateError, ShapeError
 from dobc_design.exact.cholesky import Scaled, low_directions, margin, proves_by_integers, scaled, shifted_cholesky
 from dobc_design.exact.decision import Definiteness, Symmetric, first_refuting, proved, refuted, roundings, undecided
 from dobc_design.exact.deflation import decide_lifted
-from dobc_design.exact.elimination import FLINT_SIZE, bad_direction
+from dobc_design.exact.elimination import FLINT_SIZE, UnfinishedError, bad_direction
 from dobc_design.exact.integers import IntegerSymmetric, in_integers
 from dobc_design.exact.matrix import Matrix, from_float, matrix
 from dobc_design.exact.symmetric import SparseSymmetric
@@ -63,14 +63,15 @@ _SPARSE: Final = 8
 _EIGENVECTORS: Final = 2
 
 
-def decide_positive_definite(M: Matrix | Symmetric) -> Definiteness:
+def decide_positive_definite(M: Matrix | Symmetric, *, most_work: int | None = None) -> Definiteness:
     """Decide M > 0 for a symmetric M (n, n); the empty matrix is positive definite.
 
-    Returns: PROVED, or REFUTED with an integer witness v != 0, v'Mv <= 0; never UNDECIDED.
+    ``most_work`` bounds the last path above 2000 rows, where no other is without a bound (``elimination``).
+    Returns: PROVED, or REFUTED with an integer witness v != 0, v'Mv <= 0; UNDECIDED only beyond ``most_work``.
     Raises: ShapeError if M is not square and exactly symmetric.
     Source: theory, sections 3 and 8; the table above.
     """
-    return _decide(_Case(given=_symmetric(M), strict=True))
+    return _decide(_Case(given=_symmetric(M), strict=True, most_work=most_work))
 
 
 def decide_positive_semidefinite(M: Matrix | Symmetric) -> Definiteness:
@@ -119,6 +120,7 @@ class _Case:
 
     given: Symmetric
     strict: bool
+    most_work: int | None = None
 
     @property
     def size(self) -> int:
@@ -167,12 +169,17 @@ def _by_fractions(case: _Case) -> Definiteness | None:
 
 
 def _by_flint(case: _Case) -> Definiteness | None:
-    return _eliminated(case, case.named("LDL' over the rationals (python-flint)"), flint=True)
+    method = case.named("LDL' over the rationals (python-flint)")
+    try:
+        return _eliminated(case, method, flint=True)
+    except UnfinishedError as error:
+        return undecided(f"{method}; {error}, because it was taking too much work")
 
 
 def _eliminated(case: _Case, method: str, *, flint: bool) -> Definiteness:
     M = case.given.to_sparse() if isinstance(case.given, IntegerSymmetric) else case.given
-    direction = bad_direction(M, strict=case.strict, flint=flint)
+    most_work = case.most_work if case.size > _DENSE_SIZE else None
+    direction = bad_direction(M, strict=case.strict, flint=flint, most_work=most_work)
     return proved(method) if direction is None else refuted(case.matrix, direction, strict=case.strict, method=method)
 
 

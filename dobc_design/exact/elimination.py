@@ -21,22 +21,30 @@ Scalar: TypeAlias = Any
 FLINT_SIZE: Final = 13
 
 
-def bad_direction(M: SparseSymmetric, *, strict: bool, flint: bool | None = None) -> dict[int, Fraction] | None:
+class UnfinishedError(Exception):
+    """The elimination takes more work than was allowed; nothing is known."""
+
+
+def bad_direction(
+    M: SparseSymmetric, *, strict: bool, flint: bool | None = None, most_work: int | None = None
+) -> dict[int, Fraction] | None:
     """Return None if M > 0 (strict) or M >= 0, else a direction v, by its entries, that shows the contrary.
 
-    v'Mv <= 0 if strict, else < 0. ``flint`` chooses the arithmetic; by default the size does.
+    v'Mv <= 0 if strict, else < 0. ``flint`` chooses the arithmetic; by default the size does. ``most_work``: products
+    of numbers of 64 bits, about, None for any number; counted, not timed, so that every machine answers the same.
+    Raises: UnfinishedError beyond ``most_work``.
     """
     long = M.size >= FLINT_SIZE if flint is None else flint
     rows: list[dict[int, Scalar]] = [{} for _ in range(M.size)]
     for (i, j), value in M.entries.items():
         rows[i][j] = rows[j][i] = to_fmpq(value) if long else value
-    found = _eliminate(rows, strict=strict)
+    found = _eliminate(rows, strict=strict, most_work=most_work)
     if found is None:
         return None
     return {i: Fraction(int(x.numerator), int(x.denominator)) for i, x in found.items()}
 
 
-def _eliminate(rows: list[dict[int, Scalar]], *, strict: bool) -> dict[int, Scalar] | None:
+def _eliminate(rows: list[dict[int, Scalar]], *, strict: bool, most_work: int | None) -> dict[int, Scalar] | None:
     """Eliminate in minimum-degree order; return None if every pivot passes, else a witness.
 
     ``rows`` hold both triangles without zeros, and are consumed. After each step the rows still
@@ -49,6 +57,7 @@ def _eliminate(rows: list[dict[int, Scalar]], *, strict: bool) -> dict[int, Scal
     queue = [(len(row), i) for i, row in enumerate(rows)]
     heapq.heapify(queue)
     closed = [False] * len(rows)
+    work = 0
     while queue:
         degree, k = heapq.heappop(queue)
         # Stale entries stay in the queue; the current degree of every open row is there as well.
@@ -59,6 +68,10 @@ def _eliminate(rows: list[dict[int, Scalar]], *, strict: bool) -> dict[int, Scal
         if not row:  # a zero row of a semidefinite matrix
             continue
         pivot = row.pop(k)
+        if most_work is not None:
+            work += len(row) * (len(row) + 1) // 2 * (1 + int(pivot.denominator).bit_length() // 64)
+            if work > most_work:
+                raise UnfinishedError(f"elimination stopped at pivot {len(steps) + 1} of {len(rows)}")
         factors = {j: x / pivot for j, x in row.items()}
         steps.append((k, factors))
         _subtract_outer(rows, k, factors)

@@ -59,12 +59,22 @@ def number_text(value: Fraction) -> str:
     decimal is returned ("1e-300"); reading the text always gives the number back.
     """
     if max(value.numerator.bit_length(), value.denominator.bit_length()) > _PLAIN_BITS:
-        return _long_text(value)
-    quotient = str(value)
+        return quotient_text(value)
+    quotient = quotient_text(value)
     if len(quotient) <= MAX_CHARACTERS:
         return quotient
     decimal = _decimal_text(value)
     return quotient if decimal is None else decimal
+
+
+def quotient_text(value: Fraction) -> str:
+    """Return "16/5", or "3" for an integer, however long that is: for texts that are compared as they are."""
+    if max(value.numerator.bit_length(), value.denominator.bit_length()) <= _PLAIN_BITS:
+        return str(value)
+    from flint import fmpz
+
+    numerator = fmpz(value.numerator).str()  # Python itself refuses to print so many digits
+    return numerator if value.denominator == 1 else f"{numerator}/{fmpz(value.denominator).str()}"
 
 
 def float_below(value: Fraction) -> float:
@@ -142,11 +152,3 @@ def _decimal_text(value: Fraction) -> str | None:
         digits = digits.zfill(places + 1)
         digits, exponent = f"{digits[:-places]}.{digits[-places:]}", -MAX_EXPONENT
     return f"{'-' if value < 0 else ''}{digits}e{exponent}"
-
-
-def _long_text(value: Fraction) -> str:
-    """Return the quotient where Python itself refuses to print so many digits."""
-    from flint import fmpz
-
-    numerator = fmpz(value.numerator).str()
-    return numerator if value.denominator == 1 else f"{numerator}/{fmpz(value.denominator).str()}"

@@ -18,7 +18,7 @@ from dobc_design._checks import require_square
 from dobc_design.errors import SpecError
 from dobc_design.exact._flint import from_fmpq, to_fmpq_mat
 from dobc_design.exact.matrix import Matrix, identity, multiply
-from dobc_design.exact.number import number_text
+from dobc_design.exact.number import quotient_text
 from dobc_design.verdict import Verdict
 
 Coefficients = tuple[Fraction, ...]
@@ -116,7 +116,7 @@ def polynomial_text(coefficients: Sequence[Fraction | int], variable: str = "s")
             continue
         power = len(coefficients) - 1 - position
         name = "" if power == 0 else variable if power == 1 else f"{variable}^{power}"
-        size = "" if abs(value) == 1 and name else number_text(abs(value))
+        size = "" if abs(value) == 1 and name else quotient_text(abs(value))
         sign = ("-" if value < 0 else "") if not text else (" - " if value < 0 else " + ")
         text += sign + " ".join(part for part in (size, name) if part)
     return text or "0"

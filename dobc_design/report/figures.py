@@ -11,28 +11,36 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter, MaxNLocator
 from numpy.typing import ArrayLike, NDArray
 
-from dobc_design.report.svg import BLUE, INK, MARKERS, MUTED, SERIES, VERMILLION
+from dobc_design.plotting.axes import (
+    MOST_AGENTS,
+    MOST_POINTS,
+    SMALLEST,
+    axes_or_new,
+    legend_above,
+    power_of_ten,
+    short,
+    shown_agents,
+    thinned_rows,
+)
+from dobc_design.plotting.look import BLUE, INK, MARKERS, MUTED, SERIES, VERMILLION
 
-MOST_POINTS = 400  # of one series
-MOST_AGENTS = 30  # lines in one plot
-SHOWN_NAME = 18  # letters
-SMALLEST = 1e-14  # below it an error on a logarithmic axis is rounding
+__all__ = [
+    "MOST_AGENTS", "axes_or_new", "plot_disturbance", "plot_error", "plot_lambda", "plot_spectrum", "plot_states",
+    "power_of_ten", "short", "shown_agents", "thinned_rows",
+]  # fmt: skip
+
 DASHES = {"dashed": (0, (4, 2)), "dotted": (0, (1, 1.4))}  # of bounds, in their order
-_RAISED = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 
 
-def plot_spectrum(
-    spectra: Mapping[str, ArrayLike], *, symbol: str = "λ", ax: Axes | None = None
-) -> Axes:
+def plot_spectrum(spectra: Mapping[str, ArrayLike], *, symbol: str = "λ", ax: Axes | None = None) -> Axes:
     """Eigenvalues in the complex plane, one marker per name; the half-plane that must stay empty is shaded.
 
     ``spectra``: name -> complex eigenvalues, in 1/s.
     """
-    ax = _axes(ax)
+    ax = axes_or_new(ax)
     everything = np.concatenate([np.atleast_1d(np.asarray(each, dtype=complex)) for each in spectra.values()])
     reach = max(float(np.abs(everything.real).max(initial=0.0)), 1e-3)
     left, right = min(float(everything.real.min(initial=0.0)), 0.0), max(float(everything.real.max(initial=0.0)), 0.0)
@@ -52,7 +60,7 @@ def plot_spectrum(
         ax.margins(y=0.15)
     ax.set_xlabel(f"Re {symbol} in 1/s")
     ax.set_ylabel(f"Im {symbol} in 1/s")
-    _legend(ax, len(spectra))
+    legend_above(ax, len(spectra))
     return ax
 
 
@@ -63,7 +71,7 @@ def plot_lambda(
 
     ``spectra``: mode -> real eigenvalues, in 1/s.  ``bounds``: name -> number that the largest must stay below.
     """
-    ax = _axes(ax)
+    ax = axes_or_new(ax)
     names = list(spectra)
     everything = np.concatenate([np.asarray(each, dtype=float).ravel() for each in spectra.values()])
     marks = [0.0, *(bounds or {}).values()]
@@ -93,7 +101,7 @@ def plot_states(
 
     Shapes: times (T,) in s, states (T, n), goals (n,).  At most 30 agents are drawn.
     """
-    ax = _axes(ax)
+    ax = axes_or_new(ax)
     t, x, goal = np.asarray(times, float), np.asarray(states, float), np.asarray(goals, float)
     rows = thinned_rows(len(t))
     held = set(pinned)
@@ -110,7 +118,7 @@ def plot_states(
         ax.axhline(value, color=VERMILLION, linewidth=1.1, linestyle=(0, (4, 2)), label="goal" if rank == 0 else None)
     ax.set_xlabel("time t in s")
     ax.set_ylabel(f"{symbol}, in its own unit")
-    _legend(ax, 3)
+    legend_above(ax, 3)
     return ax
 
 
@@ -122,7 +130,7 @@ def plot_disturbance(
 
     Shapes: (T,) each; times in s, the others in units of x per s.
     """
-    ax = _axes(ax)
+    ax = axes_or_new(ax)
     t = np.asarray(times, float)
     rows = thinned_rows(len(t))
     ax.plot(t[rows], np.asarray(estimate, float)[rows], color=BLUE, label="estimate")
@@ -135,13 +143,13 @@ def plot_disturbance(
     ax.set_ylabel("d in units of x per s")
     ax.yaxis.set_major_locator(MaxNLocator(4))
     if legend:
-        _legend(ax, 2, right=True)
+        legend_above(ax, 2, right=True)
     return ax
 
 
 def plot_error(times: ArrayLike, error: ArrayLike, *, rate: float | None = None, ax: Axes | None = None) -> Axes:
     """|e|_inf over time on a logarithmic axis; ``rate`` (1/s) adds a line that falls like exp(-rate t)."""
-    ax = _axes(ax)
+    ax = axes_or_new(ax)
     t, size = np.asarray(times, float), np.asarray(error, float)
     rows = thinned_rows(len(t))
     shown = np.where(size[rows] > SMALLEST, size[rows], np.nan)
@@ -158,37 +166,8 @@ def plot_error(times: ArrayLike, error: ArrayLike, *, rate: float | None = None,
     ax.minorticks_off()
     ax.set_xlabel("time t in s")
     ax.set_ylabel("|e|∞, in the unit of x")
-    _legend(ax, 2)
+    legend_above(ax, 2)
     return ax
-
-
-def power_of_ten(value: float, _: object = None) -> str:
-    """Write 0.001 as 10⁻³ and 1 as 1."""
-    if value <= 0:
-        return ""
-    exponent = round(float(np.log10(value)))
-    return {0: "1", 1: "10", -1: "0.1"}.get(exponent, "10" + str(exponent).translate(_RAISED))
-
-
-def short(name: object, longest: int = SHOWN_NAME) -> str:
-    """Cut a name for a drawing."""
-    text = str(name)
-    return text if len(text) <= longest else text[: longest - 1] + "…"
-
-
-def shown_agents(n: int, first: set[int], most: int = MOST_AGENTS) -> list[int]:
-    """The agents that are drawn: those in ``first`` (at most half), then others, evenly taken."""
-    if n <= most:
-        return list(range(n))
-    kept = sorted(first)[: most // 2]
-    others = [agent for agent in range(n) if agent not in first]
-    room = most - len(kept)
-    return sorted([*kept, *(others[i] for i in np.linspace(0, len(others) - 1, min(room, len(others))).astype(int))])
-
-
-def thinned_rows(count: int, most: int = MOST_POINTS) -> NDArray[np.intp]:
-    """Indices of at most ``most`` of ``count`` samples, first and last included."""
-    return np.unique(np.linspace(0, count - 1, min(count, most)).round().astype(np.intp))
 
 
 def _thinned(values: NDArray[np.float64], most: int) -> NDArray[np.float64]:
@@ -199,22 +178,3 @@ def _thinned_points(values: NDArray[np.complex128]) -> NDArray[np.complex128]:
     """At most 400 points, the rightmost and leftmost among them."""
     ordered = values[np.argsort(values.real, kind="stable")]
     return ordered[thinned_rows(len(ordered))] if len(ordered) else ordered
-
-
-def _axes(ax: Axes | None) -> Axes:
-    if ax is None:
-        return Figure(layout="constrained").add_subplot()
-    return ax
-
-
-def _legend(ax: Axes, entries: int, *, right: bool = False) -> None:
-    handles, labels = ax.get_legend_handles_labels()
-    if len(handles) < 2:
-        return
-    legend = ax.legend(
-        handles, labels, loc="lower right" if right else "lower left",
-        bbox_to_anchor=(1.0 if right else 0.0, 1.0), ncols=min(max(entries, 1), 3),
-        borderaxespad=0.2, handlelength=1.6, columnspacing=1.2,
-    )  # fmt: skip
-    for text in legend.get_texts():
-        text.set_parse_math(False)

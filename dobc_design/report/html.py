@@ -10,7 +10,7 @@ from jinja2 import Environment, PackageLoader, StrictUndefined
 from dobc_design._render import latex_number
 from dobc_design.certificate.certificate import Certificate
 from dobc_design.exact.matrix import Matrix
-from dobc_design.report import formulas, pictures
+from dobc_design.report import formulas, pictures, region_pictures
 from dobc_design.report.formulas import math
 from dobc_design.report.view import common_view
 from dobc_design.report.words import capitalize_first, typeset
@@ -39,6 +39,7 @@ def html_report(
         "math": math,
         "network_pictures": network,
         "network_legend": legend,
+        "region_pictures": region_pictures.region_pictures(certificate.regions),
         "eigenvalue_pictures": pictures.eigenvalue_pictures(certificate, analysis),
         "simulation_pictures": pictures.simulation_pictures(certificate, trajectory),
         "formulas": formulas,

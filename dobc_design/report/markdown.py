@@ -12,6 +12,7 @@ from dobc_design.exact.matrix import Matrix
 from dobc_design.report import formulas
 from dobc_design.report.check_views import CheckRow
 from dobc_design.report.figures import thinned_rows
+from dobc_design.report.region_words import RegionRow
 from dobc_design.report.view import common_view
 from dobc_design.report.words import capitalize_first, number
 
@@ -32,7 +33,7 @@ def markdown_report(
     """Return the report as Markdown; arguments as in ``html_report``."""
     view = common_view(certificate, analysis=analysis, trajectory=trajectory, lambdas=lambdas)
     parts = [
-        *_head(view), *_problem(view), *_network(view), *_checks(view), *_condition(view),
+        *_head(view), *_problem(view), *_network(view), *_regions(view), *_checks(view), *_condition(view),
         *_eigenvalues(view, analysis), *_simulation(view, trajectory), *_end(view),
     ]  # fmt: skip
     return "\n".join(parts).rstrip() + "\n"
@@ -94,6 +95,26 @@ def _network(view: Mapping[str, Any]) -> Iterable[str]:
     if view["graphs"]:
         heads = ["mode", "arcs", "strong components", "balanced", "not reached", "λmax(Λ) in 1/s", "decay in 1/s"]
         yield from _table(heads, [[escape(value) for value in row.values()] for row in view["graphs"]])
+
+
+def _regions(view: Mapping[str, Any]) -> Iterable[str]:
+    regions = view["regions"]
+    if regions is None:
+        return
+    yield "## From which starts it is proved\n"
+    yield escape(f"{regions['asked']} {regions['norms']}") + "\n"
+    heads = ["method", "verdict", "certified", "|e|∞ ≤", "|e|₂ ≤", "rate in 1/s", regions["time_head"], "covers it"]
+    heads = [*heads[:5], *(["|εᵢ| ≤"] if regions["disturbed"] else []), *heads[5:], "why not further"]
+    yield from _table([escape(head) for head in heads], [_region_cells(row, regions) for row in regions["rows"]])
+    for sentence in filter(None, (regions["agents"], regions["rest"])):
+        yield escape(sentence) + "\n"
+    yield from _list(regions["timing"])
+
+
+def _region_cells(row: RegionRow, regions: Mapping[str, Any]) -> list[str]:
+    errors = [row.disturbance] if regions["disturbed"] else []
+    cells = [row.name, f"{row.symbol} {row.verdict}", row.kind, row.box, row.ball, *errors, row.rate, row.time]
+    return [escape(cell) for cell in (*cells, row.covers, row.limit)]
 
 
 def _checks(view: Mapping[str, Any]) -> Iterable[str]:

@@ -9,51 +9,45 @@ from __future__ import annotations
 
 import io
 import re
-import threading
 from collections.abc import Callable
 from xml.etree import ElementTree
 
-from matplotlib import style
 from matplotlib.figure import Figure
 
-INK, MUTED, GRID, PAPER = "#1b1e24", "#5b6470", "#d8dce2", "#fefefe"
-BLUE, VERMILLION, GREEN, PURPLE = "#0072b2", "#d55e00", "#009e73", "#cc79a7"
-SERIES = (BLUE, VERMILLION, GREEN, PURPLE, INK, MUTED)
-MARKERS = ("o", "s", "^", "D", "v", "P")
+from dobc_design.plotting.look import (
+    BLUE,
+    GREEN,
+    GRID,
+    INK,
+    MARKERS,
+    MUTED,
+    PAPER,
+    PURPLE,
+    SERIES,
+    VERMILLION,
+    styled,
+)
+
+__all__ = ["BLUE", "INK", "MARKERS", "MUTED", "PAPER", "SERIES", "VERMILLION", "svg_text"]
 
 VARIABLES = {
     INK: "ink", MUTED: "muted", GRID: "grid", PAPER: "paper",
     BLUE: "blue", VERMILLION: "vermillion", GREEN: "green", PURPLE: "purple",
 }  # fmt: skip
 
-STYLE = {
-    "svg.fonttype": "none", "svg.hashsalt": "dobc_design", "svg.image_inline": True,
-    "font.size": 9.0, "font.family": "sans-serif", "font.sans-serif": ["DejaVu Sans"], "text.usetex": False,
-    "text.color": INK, "axes.labelcolor": INK, "axes.edgecolor": MUTED, "axes.titlesize": 9.5,
-    "axes.titlelocation": "left", "axes.linewidth": 0.7, "axes.spines.top": False, "axes.spines.right": False,
-    "axes.grid": True, "axes.axisbelow": True, "grid.color": GRID, "grid.linewidth": 0.6,
-    "xtick.color": MUTED, "ytick.color": MUTED, "xtick.labelcolor": INK, "ytick.labelcolor": INK,
-    "xtick.labelsize": 8.5, "ytick.labelsize": 8.5, "legend.fontsize": 8.5, "legend.frameon": False,
-    "lines.linewidth": 1.3, "lines.markersize": 5.0, "axes.formatter.use_mathtext": False,
-    "axes.unicode_minus": True, "path.simplify": True,
-}  # fmt: skip
-
-_LOCK = threading.Lock()  # Matplotlib's parameters belong to the process; they are put back after each figure
 _FONT = re.compile(r"font-family:[^;]*")
 _LONG_DECIMAL = re.compile(r"-?\d+\.\d{3,}")
 _REFERENCE = re.compile(r"url\(#([^)]+)\)")
 _COLOUR = re.compile(r"#[0-9a-f]{6}\b")
 
 
-def svg_text(
-    draw: Callable[[Figure], object], *, name: str, alt: str, width: float = 4.6, height: float = 2.9
-) -> str:
+def svg_text(draw: Callable[[Figure], object], *, name: str, alt: str, width: float = 4.6, height: float = 2.9) -> str:
     """Draw on a new Figure (inches) and return one <svg> element.
 
     ``name`` begins its identifiers, so that several drawings can share a page; ``alt`` is its text alternative.
     """
     buffer = io.StringIO()
-    with _LOCK, style.context(["default", STYLE]):
+    with styled():
         figure = Figure(figsize=(width, height), layout="constrained")
         draw(figure)
         nothing = {"Date": None, "Creator": None, "Format": None, "Type": None}

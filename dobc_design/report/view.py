@@ -12,6 +12,7 @@ from dobc_design.exact.matrix import Matrix
 from dobc_design.report import formulas
 from dobc_design.report import network_words as nw
 from dobc_design.report.check_views import check_rows, cure_view
+from dobc_design.report.region_words import region_view
 from dobc_design.report.words import (
     CHECKS,
     MEANINGS,
@@ -59,6 +60,7 @@ def common_view(
         "agents": nw.agent_rows(problem),
         "exceptions": nw.exception_sentences(problem),
         "region": nw.region_sentence(problem),
+        "regions": region_view(problem, certificate.regions),
         "switching": nw.switching_sentence(problem),
         "letters": _letters(problem),
         "loop": formulas.LOOP if problem.exosystem is None else formulas.LOOP_DISTURBED,

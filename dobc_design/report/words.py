@@ -42,10 +42,16 @@ CHECKS = {
     "theorem2-printed": ("Theorem 2 with the P given", "whether the P and W of the problem file satisfy (18) in every"
                          " mode as they stand"),
     "lure": ("Lur’e certificate", "whether a quadratic V decreases for all slopes the coupling has in a region"),
+    "exhaustive": ("Exhaustive proof", "whether a quadratic V decreases in every box of a grid between a Lur’e ball and"
+                   " a larger set; for small networks"),
     "max-separable": ("Max-separable certificate", "whether boxes around the target shrink: the largest weighted"
                       " error decreases"),
     "delay": ("Delays", "whether the proof survives delayed messages"),
     "sampling": ("Sampling", "whether the proof survives couplings that are held between samples"),
+    "settling": ("Settling time", "whether |e| stays within a tolerance from a given time on, by certificates that take"
+                 " over from each other"),
+    "equilibrium": ("Another equilibrium", "whether the region asked for holds a start at which the agents rest away"
+                    " from the target"),
 }  # fmt: skip
 
 _POWER = re.compile(r"e([+-]\d+)")
@@ -54,6 +60,15 @@ _RAISED = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 MODEL = (
     "It is about the model as given: single integrators, one (A, C) for all agents, messages without delay, noise"
     " or quantisation. Whether the model fits the plant is not decided here."
+)
+
+
+#: Checks that carry a proof over to late messages and to sampled ones.
+TIMED = ("delay", "sampling")
+MODEL_TIMED = (
+    "It is about the model as given: single integrators, one (A, C) for all agents, messages without noise or"
+    " quantisation; late messages and sampling as far as their checks say. Whether the model fits the plant is not"
+    " decided here."
 )
 
 
@@ -125,7 +140,8 @@ def _proved(certificate: Certificate) -> tuple[list[str], list[str]]:
         )
     elif isinstance(domain, Mapping):
         no.append("It says nothing about starts outside that set. They may converge or not.")
-    no.append(MODEL)
+    timed = [check.id for check in certificate.checks if check.id in TIMED and check.verdict is Verdict.PROVED]
+    no.append(MODEL_TIMED if len(timed) == len(TIMED) else MODEL)
     return yes, no
 
 

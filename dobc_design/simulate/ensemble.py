@@ -10,13 +10,17 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from os import PathLike
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from dobc_design._render import escape_html
 from dobc_design.simulate import measures
+
+if TYPE_CHECKING:
+    from dobc_design.plotting.runs import Envelope
+    from dobc_design.plotting.sheet import Sheet
 
 Array = NDArray[np.float64]
 
@@ -68,6 +72,12 @@ class Ensemble:
     def summary(self) -> dict[str, Any]:
         """The numbers of ``dobc simulate --json``, without its files."""
         return measures.summary(self.times, self.error, self.diverged)
+
+    def plot(self, *, envelope: Envelope | None = None) -> Sheet:
+        """Quantile bands of the errors over all runs.  ``envelope``: as in ``Trajectory.plot``."""
+        from dobc_design.plotting.runs import ensemble_sheet
+
+        return ensemble_sheet(self, envelope=envelope)
 
     def intervals(self, confidence: float = 0.95) -> dict[str, tuple[float, float] | None]:
         """Confidence intervals for a random run: median final error, probability of divergence.

@@ -18,8 +18,7 @@ from dobc_design.simulate.ensemble import Ensemble
 from dobc_design.simulate.field import Network, network_of
 from dobc_design.simulate.integrate import FARTHEST
 from dobc_design.simulate.mobile import Mobile
-from dobc_design.simulate.signal_files import Signal, signal_to_json
-from dobc_design.simulate.simulate import (
+from dobc_design.simulate.setting import (
     TOLERANCE,
     Progress,
     Setting,
@@ -28,11 +27,13 @@ from dobc_design.simulate.simulate import (
     groups_for,
     is_stiff,
     make_setting,
-    run_once,
     switches_for,
 )
+from dobc_design.simulate.signal_files import Signal, signal_to_json
+from dobc_design.simulate.simulate import run_once
 from dobc_design.simulate.stacked import COLLAPSED, ESCAPED, HANDED_BACK, Ends, Stack, integrate_stack
 from dobc_design.simulate.starts import Given
+from dobc_design.simulate.stress import Stress
 from dobc_design.simulate.switches import Array, IndexArray, Switches
 from dobc_design.spec.problem import Problem
 
@@ -46,7 +47,7 @@ def simulate_many(
     problem: Problem, *, runs: int, mode: str | None = None, signal: Signal | None = None, start: Given | None = None,
     t_final: float | None = None, seed: int | None = None, gain: Gain | None = None,
     samples: int | Sequence[float] | None = None, observer: str = "closed-form", tolerance: float = TOLERANCE,
-    states: bool = False, progress: Progress | None = None,
+    states: bool = False, stress: Stress | None = None, progress: Progress | None = None,
 ) -> Ensemble:  # fmt: skip
     """Simulate ``runs`` runs with the seeds seed, seed + 1, ...: each with its own start and its own switches.
 
@@ -56,7 +57,7 @@ def simulate_many(
     whole(runs, "runs", least=1)
     setting = make_setting(
         problem, mode=mode, signal=signal, start=start, t_final=t_final, seed=seed, gain=gain, samples=samples,
-        observer=observer, tolerance=tolerance,
+        observer=observer, tolerance=tolerance, stress=stress,
     )  # fmt: skip
     if states and runs * len(setting.times) * problem.n * problem.m > MOST_STORED:
         raise SpecError(
@@ -98,6 +99,8 @@ class _Collector:
     def reason_for_single_runs(self, closed: ClosedForm | None) -> str:
         """Why the runs cannot be stacked; "" if they can."""
         setting = self.setting
+        if setting.stress is not None:
+            return "every run is under a stress of its own"
         if isinstance(setting.signal, Mobile) and setting.signal.motion is None:
             return "every run has graphs of its own"
         if setting.observer == "full-loop":

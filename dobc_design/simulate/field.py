@@ -103,7 +103,7 @@ class Field:
     @property
     def pattern(self) -> sp.csr_array:
         """Which derivative may depend on which state."""
-        return _full_pattern(self.loop, self.groups)
+        return full_pattern(self.loop, self.groups)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -146,7 +146,7 @@ def network_of(loop: Loop, groups: Sequence[ArcGroup], *, runs: int = 1) -> Netw
     return Network(loop=loop, graph=graph, groups=groups)
 
 
-def _full_pattern(loop: Loop, groups: Sequence[ArcGroup]) -> sp.csr_array:
+def full_pattern(loop: Loop, groups: Sequence[ArcGroup]) -> sp.csr_array:
     """Who may influence whom: agents by neighbourhood, and all states of one agent among themselves."""
     m, q = loop.m, loop.q
     neighbours, own = hears(groups, loop.n), sp.eye_array(loop.n, format="csr")

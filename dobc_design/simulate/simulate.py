@@ -6,43 +6,46 @@ reference, and is taken where the closed form is out of reach.  Loops whose obse
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
-from functools import cache, partial
+from collections.abc import Sequence
+from functools import cache
 from typing import Any
 
 import numpy as np
 
-from dobc_design.errors import SpecError
-from dobc_design.model.arrays import ArcGroup, Gain
-from dobc_design.simulate._arguments import finite_array, positive, seconds, whole
-from dobc_design.simulate.closed_form import ClosedForm, evolve, make_closed_form
-from dobc_design.simulate.field import Loop, make_loop
-from dobc_design.simulate.graph import groups_of_mode
+from dobc_design.model.arrays import Gain
+from dobc_design.simulate.agents import Agents, Outcome
+from dobc_design.simulate.air import Links
+from dobc_design.simulate.closed_form import evolve
 from dobc_design.simulate.integrate import Run, integrate
-from dobc_design.simulate.mobile import Mobile, groups_of, motion_switches
+from dobc_design.simulate.mobile import Mobile, Record, groups_of, near
 from dobc_design.simulate.plans import Errors, Full, Moving, Scheduled
+from dobc_design.simulate.sampled import LinksAt, run_sampled
+from dobc_design.simulate.setting import (
+    TOLERANCE,
+    Progress,
+    Setting,
+    closed_form_of,
+    describe,
+    error_matrix,
+    groups_for,
+    is_stiff,
+    make_setting,
+    switches_for,
+)
 from dobc_design.simulate.signal_files import Signal, signal_to_json
-from dobc_design.simulate.signals import Fixed, mode_index, scheduled_switches
-from dobc_design.simulate.starts import Given, Start, make_starts
-from dobc_design.simulate.stiffness import STIFF, fastest_decay, observer_decay
+from dobc_design.simulate.starts import Given, Start
+from dobc_design.simulate.stress import Stress, stress_to_json
+from dobc_design.simulate.stressed import Stressed, run_continuously
 from dobc_design.simulate.switches import Array, Switches
 from dobc_design.simulate.trajectory import Trajectory
 from dobc_design.spec.problem import Problem
-
-Progress = Callable[[float], None]
-
-TOLERANCE = 1e-9  # relative, of the integrator; the absolute one is a hundredth of it
-SAMPLES = 401
-MOST_NUMBERS = 1 << 26  # in a trajectory whose samples nobody asked for: half a GiB
-OBSERVERS = ("closed-form", "full-loop", "off")
 
 
 def simulate(
     problem: Problem, *, mode: str | None = None, signal: Signal | None = None, start: Given | None = None,
     t_final: float | None = None, seed: int | None = None, gain: Gain | None = None,
     samples: int | Sequence[float] | None = None, observer: str = "closed-form", tolerance: float = TOLERANCE,
-    progress: Progress | None = None,
+    stress: Stress | None = None, progress: Progress | None = None,
 ) -> Trajectory:  # fmt: skip
     """Integrate the closed loop in one mode (the first, or ``mode``), or under a switching ``signal``.
 
@@ -51,6 +54,8 @@ def simulate(
     problem.observer.W.  ``samples`` is their number, or the times themselves from 0 on, in s.
     ``observer``: "closed-form" integrates e with eps = exp((A - W C) t) eps(0), "full-loop" all of (1), (12), (13),
     (19) as printed, "off" leaves the disturbance uncompensated (dhat = 0).  ``tolerance`` is relative.
+    ``stress``: what the theorems leave out, from noise to failing agents; always the full loop.  d then holds all of
+    the disturbance and u the input that is applied.
     ``progress`` is called with the part of the horizon that is done, from 0 to 1.
     Returns: a Trajectory.  A run that diverges raises nothing: it is flagged with a reason and keeps the samples
     before, the last of which is where it had to stop.
@@ -58,54 +63,9 @@ def simulate(
     """
     setting = make_setting(
         problem, mode=mode, signal=signal, start=start, t_final=t_final, seed=seed, gain=gain, samples=samples,
-        observer=observer, tolerance=tolerance,
+        observer=observer, tolerance=tolerance, stress=stress,
     )  # fmt: skip
     return run_once(setting, setting.seed, progress=progress)
-
-
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Setting:
-    """The checked arguments of a simulation, and what all its runs share."""
-
-    problem: Problem
-    loop: Loop
-    groups: Callable[[str], Sequence[ArcGroup]]
-    signal: Signal
-    starts: Any
-    horizon: float
-    seed: int
-    times: Array
-    observer: str
-    tolerance: float
-    notes: tuple[str, ...]
-
-
-def make_setting(
-    problem: Problem, *, mode: str | None, signal: Signal | None, start: Given | None, t_final: float | None,
-    seed: int | None, gain: Gain | None, samples: int | Sequence[float] | None, observer: str, tolerance: float,
-) -> Setting:  # fmt: skip
-    """Check the arguments of ``simulate``.  Raises: SpecError."""
-    if mode is not None:
-        if signal is not None:
-            raise SpecError("mode and signal exclude each other.", key="signal", cure="Leave one of them out.")
-        mode_index(mode, tuple(problem.network.modes))
-    if observer not in OBSERVERS:
-        raise SpecError(
-            f"observer must be one of {', '.join(OBSERVERS)}; got {str(observer)[:40]}.", key="observer",
-            cure='"closed-form" is the fast one.',
-        )  # fmt: skip
-    horizon = seconds(_horizon(problem) if t_final is None else t_final, "t_final", example="20")
-    if observer == "off" and gain is None:
-        gain = [[0] * problem.m for _ in range(problem.q)] if problem.q else None
-    loop = make_loop(problem, gain)
-    times, notes = _times(samples, horizon, loop.n * (4 * loop.m + 2 * loop.q))
-    return Setting(
-        problem=problem, loop=loop, groups=cache(partial(groups_of_mode, problem)),
-        signal=Fixed(mode=mode) if signal is None else signal,
-        starts=make_starts(problem, loop, start), horizon=horizon,
-        seed=problem.simulation.seed if seed is None else whole(seed, "seed", least=0), times=times,
-        observer=observer, tolerance=positive(tolerance, "tolerance", example="1e-9"), notes=notes,
-    )  # fmt: skip
 
 
 def run_once(setting: Setting, seed: int, *, progress: Progress | None = None) -> Trajectory:
@@ -113,6 +73,8 @@ def run_once(setting: Setting, seed: int, *, progress: Progress | None = None) -
     # Trial steps overflow far from the target; the integrator rejects them, and nobody needs a warning.
     with np.errstate(all="ignore"):
         start = setting.starts.draw(seed)
+        if setting.stress is not None:
+            return _under_stress(setting, setting.stress, seed, start, progress)
         system, flat, closed = system_of(setting, start)
         plan, switches = _plan(setting, system, seed)
         run = integrate(
@@ -122,19 +84,6 @@ def run_once(setting: Setting, seed: int, *, progress: Progress | None = None) -
         if isinstance(plan, Moving):
             switches = plan.record.switches()
         return _trajectory(setting, seed, start, run, switches, full=isinstance(system, Full))
-
-
-def error_matrix(setting: Setting) -> Array:
-    """The F of eps' = F eps: A - W C; A alone where the observer is off."""
-    loop = setting.loop
-    return loop.A if setting.observer == "off" else loop.A - loop.W @ loop.C
-
-
-def closed_form_of(setting: Setting) -> ClosedForm | None:
-    """C exp(F t) up to the horizon; None if there is no disturbance, or if it is out of reach."""
-    if setting.loop.q == 0:
-        return None
-    return make_closed_form(error_matrix(setting), setting.loop.C, setting.horizon)
 
 
 def system_of(setting: Setting, start: Start) -> tuple[Errors | Full, Array, bool]:
@@ -147,48 +96,64 @@ def system_of(setting: Setting, start: Start) -> tuple[Errors | Full, Array, boo
     return Errors(loop, closed, start.xi - start.xihat), (start.x - loop.goal).ravel(), True
 
 
-def is_stiff(setting: Setting, *, closed: bool) -> bool:
-    """Whether an explicit method would need too many steps, estimated at the consensus."""
-    names = tuple(setting.problem.network.modes)
-    if isinstance(setting.signal, Fixed):
-        names = (setting.signal.mode or names[0],)
-    elif isinstance(setting.signal, Mobile):
-        names = ()
-    decays = [fastest_decay(setting.loop, setting.groups(name)) for name in names]
-    fastest = max(decays, default=fastest_decay(setting.loop, ()))
-    if not closed:
-        fastest = max(fastest, observer_decay(setting.loop))
-    return setting.horizon * fastest > STIFF
-
-
-def switches_for(setting: Setting, seed: int) -> Switches:
-    """The switches of one run.  A mobile signal must have a given motion."""
-    signal = setting.signal
-    if isinstance(signal, Mobile):
-        if signal.motion is None:
-            raise SpecError("the switches follow from the states.", key="signal", cure="Give a motion.")
-        return motion_switches(signal, signal.motion, setting.loop.n, setting.horizon)[0]
-    return scheduled_switches(signal, tuple(setting.problem.network.modes), setting.horizon, seed)
-
-
-def groups_for(setting: Setting, switches: Switches) -> Callable[[int], Sequence[ArcGroup]]:
-    """The arcs of a mode by its index: the problem's own, or those of a mobile graph."""
-    problem = setting.problem
-
-    def groups(mode: int) -> Sequence[ArcGroup]:
-        if switches.graphs:
-            listeners, speakers = switches.graphs[mode]
-            return groups_of(problem, listeners * problem.n + speakers)
-        return setting.groups(switches.names[mode])
-
-    return groups
-
-
 def _plan(setting: Setting, system: Errors | Full, seed: int) -> tuple[Scheduled | Moving, Switches | None]:
     if isinstance(setting.signal, Mobile) and setting.signal.motion is None:
         return Moving(system, setting.signal, setting.problem, setting.horizon), None
     switches = switches_for(setting, seed)
     return Scheduled(system, switches, groups_for(setting, switches), setting.horizon), switches
+
+
+def _under_stress(setting: Setting, stress: Stress, seed: int, start: Start, progress: Progress | None) -> Trajectory:
+    """One run of the full loop under a stress."""
+    loop = setting.loop
+    agents = Agents(loop, stress, stress.failing(setting.problem), seed=seed, heeds=setting.observer != "off")
+    if stress.period is not None:
+        links_at, record = _sampled_links(setting, seed)
+        done = run_sampled(loop, agents, start, setting.times, links_at, progress=progress)
+        switches: Switches | None = record.switches() if isinstance(record, Record) else record
+    else:
+        system = Stressed(loop, agents)
+        plan, scheduled = _plan(setting, system, seed)
+        done = run_continuously(
+            plan, system, start, setting.times, tolerance=setting.tolerance, implicit=is_stiff(setting, closed=False),
+            progress=progress,
+        )  # fmt: skip
+        switches = plan.record.switches() if isinstance(plan, Moving) else scheduled
+    return _stressed_trajectory(setting, agents, seed, done, switches)
+
+
+def _sampled_links(setting: Setting, seed: int) -> tuple[LinksAt, Record | Switches]:
+    """The arcs at a sample: those of the active mode, or those that follow from the positions there."""
+    loop, problem, signal = setting.loop, setting.problem, setting.signal
+    if isinstance(signal, Mobile) and signal.motion is None:
+        record = Record(loop.n)
+
+        def nearby(time: float, x: Array) -> Links:
+            graph = near(signal, x, record.codes[record.modes[-1]] if record.modes else None)
+            if not record.modes or not np.array_equal(graph, record.codes[record.modes[-1]]):
+                record.add(time, graph)
+            return Links(groups_of(problem, graph), loop.n, loop.m)
+
+        return nearby, record
+    switches = switches_for(setting, seed)
+    groups = groups_for(setting, switches)
+    made = cache(lambda mode: Links(groups(mode), loop.n, loop.m))
+    return lambda time, x: made(int(switches.at(np.array([time]))[0])), switches
+
+
+def _stressed_trajectory(
+    setting: Setting, agents: Agents, seed: int, done: Outcome, switches: Switches | None
+) -> Trajectory:
+    problem, loop, stress = setting.problem, setting.loop, agents.stress
+    d = done.xi @ loop.C.T + (agents.extra(done.times) if stress.disturbance else 0.0)
+    return Trajectory(
+        name=problem.name, mode=describe(setting.signal, problem), labels=problem.network.labels,
+        t_final=setting.horizon, seed=seed, times=done.times, x=done.x, xi=done.xi, xihat=done.xihat, d=d,
+        dhat=done.dhat, u=done.u, goal=loop.goal.copy(), diverged=bool(done.reason), reason=done.reason,
+        method=done.method, evaluations=done.evaluations, notes=(*setting.notes, *done.notes, f"Stress: {stress}."),
+        signal=signal_to_json(setting.signal), stress=stress_to_json(stress),
+        switches=_kept(switches, done.times, bool(done.reason)),
+    )  # fmt: skip
 
 
 def _trajectory(
@@ -215,50 +180,17 @@ def _trajectory(
         labels=setting.problem.network.labels, t_final=setting.horizon, seed=seed, times=run.times, x=x, xi=xi,
         xihat=xihat, d=xi @ loop.C.T, dhat=dhat, u=loop.control(x - loop.goal, dhat), goal=loop.goal.copy(),
         diverged=bool(run.reason), reason=run.reason, method=run.method, evaluations=run.evaluations,
-        notes=tuple(notes), signal=signal_to_json(setting.signal), switches=_kept(switches, run),
+        notes=tuple(notes), signal=signal_to_json(setting.signal),
+        switches=_kept(switches, run.times, bool(run.reason)),
     )  # fmt: skip
 
 
-def _kept(switches: Switches | None, run: Run) -> Any:
+def _kept(switches: Any, times: Array, ended: bool) -> Any:
     """The switches up to where the run ended."""
-    if switches is None or not run.reason:
+    if switches is None or not ended:
         return switches
-    count = int(np.searchsorted(switches.times, run.times[-1], side="right"))
+    count = int(np.searchsorted(switches.times, times[-1], side="right"))
     return Switches(
         times=switches.times[:count].copy(), modes=switches.modes[:count].copy(), names=switches.names,
         graphs=switches.graphs,
     )  # fmt: skip
-
-
-def describe(signal: Signal, problem: Problem) -> str:
-    """The mode of a fixed signal by name; else the modes and the signal in words."""
-    names = tuple(problem.network.modes)
-    if isinstance(signal, Fixed):
-        return signal.mode or names[0]
-    if isinstance(signal, Mobile):
-        return str(signal)
-    shown = ", ".join(names[:4]) + (", ..." if len(names) > 4 else "")
-    return f"{shown} ({signal})"
-
-
-def _horizon(problem: Problem) -> Any:
-    try:
-        return problem.simulation.horizon
-    except OverflowError:
-        return problem.simulation.t_final
-
-
-def _times(samples: int | Sequence[float] | None, horizon: float, width: int) -> tuple[Array, tuple[str, ...]]:
-    if samples is None:
-        count = int(min(SAMPLES, max(2, MOST_NUMBERS // max(1, width))))
-        note = () if count == SAMPLES else (f"{count} samples only, because every one holds {width} numbers.",)
-        return np.linspace(0.0, horizon, count), note
-    if np.ndim(samples) == 0:
-        return np.linspace(0.0, horizon, whole(samples, "samples", least=2)), ()
-    times = finite_array(samples, "samples", shape=np.shape(samples), because="one list of times")
-    if times.ndim != 1 or len(times) < 2 or times[0] != 0 or times[-1] != horizon or (np.diff(times) <= 0).any():
-        raise SpecError(
-            f"samples must be a number, or times that increase from 0 to t_final, {horizon:g} s.", key="samples",
-            cure="For example 401.",
-        )  # fmt: skip
-    return times, ()

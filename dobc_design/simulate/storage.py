@@ -24,7 +24,7 @@ from dobc_design.spec.reading import shown
 
 FORMAT, VERSION = "dobc-trajectory", 1
 SAMPLED = ("x", "xi", "xihat", "d", "dhat", "u")  # (T, n, width)
-PLAIN = ("name", "mode", "t_final", "seed", "diverged", "reason", "method", "evaluations", "signal")
+PLAIN = ("name", "mode", "t_final", "seed", "diverged", "reason", "method", "evaluations", "signal", "stress")
 
 
 def save_trajectory(trajectory: Trajectory, path: Path, *, force: bool) -> Path:
@@ -123,7 +123,9 @@ def _made(facts: Any, arrays: Mapping[str, NDArray[Any]], times: NDArray[Any]) -
         times=np.array(arrays["switch_times"]), modes=np.array(arrays["switch_modes"]), names=tuple(facts["modes"]),
         graphs=graphs,
     )  # fmt: skip
-    given: dict[str, Any] = {name: facts[name] for name in PLAIN} | {name: arrays[name] for name in SAMPLED}
+    given: dict[str, Any] = {name: facts[name] for name in PLAIN if name in facts} | {
+        name: arrays[name] for name in SAMPLED
+    }
     return Trajectory(
         labels=tuple(facts["labels"]), notes=tuple(facts["notes"]), times=times, goal=np.array(arrays["goal"]),
         switches=switches, **given,

@@ -5,7 +5,7 @@ Numbers of one run in floating point: they illustrate and never decide.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from os import PathLike
 from pathlib import Path
@@ -20,6 +20,9 @@ from dobc_design.simulate.switches import Switches, one_mode
 
 if TYPE_CHECKING:
     import pandas as pd
+
+    from dobc_design.plotting.runs import Envelope
+    from dobc_design.plotting.sheet import Sheet
 
 Array = NDArray[np.float64]
 IndexArray = NDArray[np.int64]
@@ -68,6 +71,7 @@ class Trajectory:
     evaluations: int = 0
     notes: tuple[str, ...] = ()
     signal: str = ""  # as JSON
+    stress: str = ""  # as JSON; "" where there was none
     switches: Switches = field(default_factory=lambda: one_mode(""))  # default: ``mode`` throughout
     mode_index: IndexArray = field(init=False)
 
@@ -122,6 +126,28 @@ class Trajectory:
     def summary(self) -> dict[str, Any]:
         """The numbers of ``dobc simulate --json``, without its files."""
         return measures.summary(self.times, self.error()[None], np.array([self.diverged]))
+
+    def plot(self, *, envelope: Envelope | None = None, pinned: Sequence[int] = ()) -> Sheet:
+        """States, disturbance and estimate, errors on a logarithmic axis, and the active mode, as one figure.
+
+        ``envelope``: certified bounds on |e|_inf as points (t, bound), (k, 2), or as a function of times, such as
+        ``certify_settling(problem).envelope``.  ``pinned``: indices to be drawn in blue.
+        """
+        from dobc_design.plotting.runs import trajectory_sheet
+
+        return trajectory_sheet(self, envelope=envelope, pinned=pinned)
+
+    def animate(
+        self, path: str | PathLike[str], *, arcs: Mapping[str, Sequence[tuple[int, int]]] | None = None,
+        force: bool = False,
+    ) -> Path:  # fmt: skip
+        """Write the moving network to ``path``: .html, which needs no network, or .gif (needs Pillow).
+
+        ``arcs``: (listener, speaker) by mode, for graphs that are not the trajectory's own.  Raises: SpecError.
+        """
+        from dobc_design.plotting.animation import write_animation
+
+        return write_animation(self, Path(path), arcs=arcs, force=force)
 
     def to_pandas(self) -> pd.DataFrame:
         """A table with one row per sample and columns (quantity, agent, component).  Needs pandas.

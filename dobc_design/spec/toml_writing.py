@@ -25,9 +25,10 @@ from dobc_design.spec.typed import INLINE, gain_table, typed_matrix, typed_numbe
 REMARK = "set by dobc certify --apply-fix"  # in place of a comment on the value that stood there
 
 
-def changed_text(text: str, changes: Mapping[str, Any]) -> str | None:
+def changed_text(text: str, changes: Mapping[str, Any], *, whole: bool = False) -> str | None:
     """The text of a problem file with these keys set (None removes one); comments and order stay.
 
+    In a table with lines of its own ([pinning.gains]) only the lines change whose values do; ``whole``: all of them.
     Returns: None if the text is laid out in a way that cannot be changed key by key.
     Raises: SpecError if the text is no TOML.
     """
@@ -35,13 +36,13 @@ def changed_text(text: str, changes: Mapping[str, Any]) -> str | None:
     try:
         document = tomlkit.parse(text)
         for path, value in changes.items():
-            _set(document, path.split("."), value)
+            _set(document, path.split("."), value, whole=whole)
         return tomlkit.dumps(document)
     except (TOMLKitError, TypeError, ValueError, KeyError, IndexError, AttributeError, RecursionError):
         return None
 
 
-def _set(document: Any, path: list[str], value: Any) -> None:
+def _set(document: Any, path: list[str], value: Any, *, whole: bool) -> None:
     table = document
     for name in path[:-1]:
         if name not in table:
@@ -56,6 +57,9 @@ def _set(document: Any, path: list[str], value: Any) -> None:
             if len(path) > 1 and not len(table):
                 document.remove(path[0])
         return
+    if not whole and isinstance(value, Mapping) and isinstance(table.get(name), tomlkit.items.Table):
+        _change_lines(table[name], value)
+        return
     item = _item(value)
     if name in table and isinstance(table[name], Mapping) is not isinstance(item, Mapping):
         table.remove(name)
@@ -65,6 +69,16 @@ def _set(document: Any, path: list[str], value: Any) -> None:
         item.add(tomlkit.nl())
     table[name] = item
     table[name].comment(REMARK)
+
+
+def _change_lines(table: Any, wanted: Mapping[str, Any]) -> None:
+    """Change the lines of a table that say something else than wanted, and leave the others with their comments."""
+    for key in [str(key) for key in table if str(key) not in wanted]:
+        table.remove(key)
+    for key, value in wanted.items():
+        if key not in table or table[key].unwrap() != value:
+            table[key] = _item(value)
+            table[key].comment(REMARK)
 
 
 def _item(value: Any) -> Any:
@@ -83,9 +97,10 @@ def changed_file(problem: Problem, changes: Mapping[str, Any], *, text: str | No
     Raises: SpecError if the changes do not fit the problem, or it cannot be written as a problem file.
     """
     wanted = changed_problem(problem, changes)
-    own = None if text is None else changed_text(text, changes)
-    if own is not None and _gives(own, wanted, folder=folder):
-        return own
+    for replacing in (False, True) if text is not None else ():
+        own = changed_text(text or "", changes, whole=replacing)
+        if own is not None and _gives(own, wanted, folder=folder):
+            return own
     whole = problem_text(wanted)
     if not _gives(whole, wanted, folder=folder):
         raise SpecError(

@@ -104,4 +104,85 @@ EXPLANATIONS: dict[str, Explanation] = {
         refuted="That pair fails in some mode. A scaled P may work.",
         source="Paper, Example 2.",
     ),
+    "max-separable": Explanation(
+        title="Max-separable certificate: every start in a box",
+        statement=r"\max_{|e_j| \le s v_j,\ e_i = s v_i} e_i' \le -\alpha s v_i"
+        r"\quad \text{for all } s \in (0, \rho],\ i,\ \sigma",
+        plain="on the face e_i = s v_i of the box |e_j| <= s v_j: e_i' <= -alpha s v_i, for all s in (0, rho], every"
+        " agent"
+        " and mode, and the same on the opposite face",
+        meaning="One v > 0, a rate alpha and a radius rho such that the field points inwards on every face of every"
+        " smaller"
+        " box. Then N = max |e_i|/v_i decays while N <= rho, and with the observer V = N + kappa E,"
+        " E = max sqrt(eps_i' P eps_i), kappa > 1/(beta min v).",
+        proved="Every start with |e| <= R and |eps_i| <= s reaches the target under arbitrary switching, R and s as the"
+        " domain says; V decays at the rate, and no such start leaves {V <= rho}.",
+        refuted="No v does it: each of the agents named has a mode in which it is not pinned and hears nobody outside"
+        " their"
+        " group. Consensus may still hold for signals that leave those modes.",
+        source="Beyond the paper; theory, section 5. The paper claims as much from a condition at one point.",
+    ),
+    "delay": Explanation(
+        title="Delays that the max-separable certificate allows",
+        statement=r"\text{the rows with } v_j \to \theta v_j,\ \theta \ge e^{\lambda T},\ \alpha = \lambda",
+        plain="the rows of max-separable hold with theta v_j for those who are heard, theta >= exp(lambda T), and"
+        " rate lambda",
+        meaning="Agent i uses x_j(t - tau), its own state as it is now; every arc has a delay of its own, which may"
+        " vary and is"
+        " at most T (Razumikhin, Halanay).",
+        proved="For all such delays N decays at the rate lambda, with an observer at every smaller rate. Any bounded"
+        " delay"
+        " leaves some positive rate.",
+        refuted="Never: a delay for which these rows fail may do no harm.",
+        source="Beyond the paper; theory, section 5.",
+    ),
+    "sampling": Explanation(
+        title="Sampling period that the max-separable certificate allows",
+        statement=r"T\,\bigl(\textstyle\sum_j w_{ij} L_{ij} + k_i\bigr) \le 1 \quad \text{for every agent}",
+        plain="T (sum_j w L_ij + k_i) <= 1 for every agent, L_ij a bound of the mean slope of h in the box",
+        meaning="Couplings and control are computed from samples and held for T. No step is then so long that it"
+        " overshoots a"
+        " face of the box.",
+        proved="From one sample to the next N falls at least by the factor f < 1, 1 - T alpha <= f, up to what the"
+        " observer"
+        " error adds.",
+        refuted="Never: longer periods may work too.",
+        source="Beyond the paper; theory, section 5.",
+    ),
+    "lure": Explanation(
+        title="Quadratic certificate for a region: Theorems 1 and 2 with bounded gains",
+        statement=r"P_e A_0 + A_0^T P_e + 2\beta P_e + P_e\bigl(I \otimes S + \tfrac12 B T^{-1} B^T\bigr) P_e"
+        r" + 2\, C_E^T T D^2 C_E < 0",
+        plain="P_e A0 + A0' P_e + 2 beta P_e + P_e (I (x) S + B T^-1 B'/2) P_e + 2 C_E' T D^2 C_E < 0",
+        meaning="Each arc has a gain h(y)/y between two bounds as long as |y| stays within a radius. V = e' P_e e +"
+        " sum eps_i' P"
+        " eps_i decreases for all such gains (circle criterion, multipliers T), and its level set keeps |y| within"
+        " the radius.",
+        proved="Every start with |e| <= R (Euclidean, all of e) and |eps_i| <= s reaches the target under arbitrary"
+        " switching.",
+        refuted="Not used: that one certificate fails says nothing about the others.",
+        source="Beyond the paper, as its Theorems 1 and 2 hold in a region; theory, sections 1 and 4.",
+    ),
+    "exhaustive": Explanation(
+        title="Boxes around a quadratic certificate, for small networks",
+        statement=r"\dot V < 0 \text{ on } \{c_0 \le e^T P_e e \le c_1\}, \text{ box by box}",
+        plain="V' < 0 wherever c0 <= e' P_e e <= c1, box by box",
+        meaning="A quadratic certificate proves {V <= c0}. Farther out the set {V <= c1} is cut into boxes, and on each"
+        " of them V' is bounded from above with enclosures of the couplings, whatever their shape.",
+        proved="Every start with |e| <= R (Euclidean, all of e) and |eps_i| <= s reaches the target under arbitrary"
+        " switching.",
+        refuted="Not used: that one V fails says nothing about the others.",
+        source="Beyond the paper, as its Theorems 1 and 2 hold in a region; theory, sections 1 and 4.",
+    ),
+    "equilibrium": Explanation(
+        title="A second equilibrium inside the region",
+        statement=r"h(e) - (K \otimes I)\, e = 0,\quad e \ne 0",
+        plain="h(e) - (K (x) I) e = 0 for some e other than 0",
+        meaning="Where couplings saturate or turn, agents can balance away from the target. A box is shown in which"
+        " exactly one"
+        " such point lies (Krawczyk's interval test).",
+        proved="Never: that none is found does not mean that there is none.",
+        refuted="Consensus fails in the region asked for: agents that start there, with exact estimates, stay there.",
+        source="Theory, section 5; the contract's cause (d).",
+    ),
 }

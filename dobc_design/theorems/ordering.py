@@ -69,7 +69,8 @@ def find_ordering(problem: Problem, *, modes: Sequence[str] | None = None) -> Or
 def is_stuck(problem: Problem, agents: Sequence[int], *, modes: Sequence[str] | None = None) -> bool:
     """Whether every one of these agents has a mode in which it is not pinned and hears nobody outside them."""
     group = set(agents)
-    open_agents = {agent for agent in group if holding_gains(problem)[agent] <= 0}
+    gains = holding_gains(problem)
+    open_agents = {agent for agent in group if gains[agent] <= 0}
     free: set[int] = set()
     for name in problem.network.modes if modes is None else modes:
         outside = {i for i, j, _ in problem.network.modes[name] if j not in group}

@@ -18,7 +18,7 @@ from dobc_design.errors import SpecError
 from dobc_design.exact.interval import Interval
 from dobc_design.spec.algebra import GradientAlgebra
 from dobc_design.spec.coupling import Coupling
-from dobc_design.spec.expression import evaluate
+from dobc_design.spec.expression import evaluate, polynomial_degree, variables_used
 from dobc_design.spec.problem import Problem
 from dobc_design.theorems.enclosures import Curve, secant_range
 
@@ -148,6 +148,40 @@ def build_sectors(
             channels.extend(_channels(entries, listener * m, speaker * m, weight, reach))
         modes[name] = tuple(channels)
     return Sectors(problem=problem, modes=modes)
+
+
+def relied_differences(
+    problem: Problem, *, radius: Fraction | None, radii: Mapping[Arc, Fraction] | None = None
+) -> dict[tuple[int, int], Fraction]:
+    """The differences |e[a] - e[b]| that ranges rely on, a < b -> the least radius of theirs.
+
+    Those of every arc whose coupling is not linear, also where its gain is one number as far as the radius goes: a
+    kink may lie beyond.  An arc without a radius is left out.
+    """
+    m, own = problem.m, radii or {}
+    used = {coupling: _curved_variables(coupling) for coupling in problem.couplings}
+    found: dict[tuple[int, int], Fraction] = {}
+    for arcs in problem.network.modes.values():
+        for listener, speaker, _ in arcs:
+            reach = own.get((listener, speaker), radius)
+            if reach is None:
+                continue
+            for d in used[problem.coupling_of(listener, speaker)]:
+                place = (min(listener, speaker) * m + d, max(listener, speaker) * m + d)
+                found[place] = min(found.get(place, reach), reach)
+    return found
+
+
+def _curved_variables(coupling: Coupling) -> tuple[int, ...]:
+    """The components of y on which h depends otherwise than linearly, or together with such."""
+    if coupling.by_component:
+        return () if coupling.is_linear else tuple(range(coupling.dimension))
+    found = set[int]()
+    for component in coupling.components:
+        degree = polynomial_degree(component.node)
+        if degree is None or degree > 1:
+            found.update(variables_used(component.node))
+    return tuple(sorted(found))
 
 
 def _channels(entries: Entries, own: int, other: int, weight: Fraction, radius: Fraction | None) -> list[Channel]:

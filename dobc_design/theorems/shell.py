@@ -31,6 +31,9 @@ Indices = NDArray[np.intp]
 
 #: Rows n m up to which boxes are counted out; their number grows like a power of n m.
 LARGEST: Final = 6
+#: Numbers outside of this range are refused, so that no product of theirs is subnormal or infinite.
+SMALLEST: Final = Fraction(1, 10**100)
+LARGEST_NUMBER: Final = Fraction(10**100)
 LEAF: Final = "."
 UNIT_ROUNDOFF: Final = 2.0**-53
 UNDERFLOW: Final = 1e-290  # more than products too small for a double can add up to
@@ -143,7 +146,7 @@ def build_forms(problem: Problem, lure: Lure, *, S: Matrix | None, rate: Fractio
     forms = {}
     for name, arcs in problem.network.modes.items():
         table = [
-            (i * m + c, j * m + c, i * m + c, float(weight), place[problem.coupling_of(i, j)])
+            (i * m + c, j * m + c, i * m + c, _floats(((weight,),))[0, 0], place[problem.coupling_of(i, j)])
             for i, j, weight in arcs
             for c in range(m)
         ]
@@ -226,9 +229,9 @@ def energy_bounds(P_e: Array, boxes: Boxes) -> tuple[Array, Array]:
 
 
 def first_box(size: int, half: Fraction) -> Boxes:
-    """|e_k| <= half.  Raises: SpecError if half is no short float."""
-    if Fraction(float(half)) != half or half.numerator.bit_length() > 20:
-        raise SpecError("half must be a dyadic number of at most 20 bits.", key="half")
+    """|e_k| <= half.  Raises: SpecError if half is no short float of a moderate size."""
+    if not SMALLEST < half < LARGEST_NUMBER or Fraction(float(half)) != half or _length(half) > 20:
+        raise SpecError("half must be a dyadic number of at most 20 bits, between 1e-100 and 1e100.", key="half")
     return Boxes(centres=np.zeros((1, size)), halves=np.full((1, size), float(half)))
 
 
@@ -248,4 +251,12 @@ def _quadratic(problem: Problem, lure: Lure, *, S: Matrix | None, rate: Fraction
 
 
 def _floats(M: Matrix) -> Array:
+    """Nearest floats.  Raises: SpecError for a number so large or small that products of such would lose accuracy."""
+    if not all(SMALLEST < abs(x) < LARGEST_NUMBER for row in M for x in row if x):
+        raise SpecError("boxes are counted out in floating point: numbers have to lie between 1e-100 and 1e100.")
     return np.array([[float(x) for x in row] for row in M], dtype=np.float64)
+
+
+def _length(x: Fraction) -> int:
+    """Bits of the odd part of a dyadic number."""
+    return (x.numerator // (x.numerator & -x.numerator)).bit_length()

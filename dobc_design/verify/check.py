@@ -14,11 +14,14 @@ from dobc_design.verdict import Verdict
 
 CHECK_IDS = (
     "observability", "detectability", "hurwitz", "reachability", "lemma1", "theorem1", "theorem2",
-    "theorem1-printed", "theorem2-printed", "lure", "max-separable", "delay", "sampling",
+    "theorem1-printed", "theorem2-printed", "lure", "max-separable", "delay", "sampling", "equilibrium", "exhaustive",
+    "settling",
 )  # fmt: skip
 
 #: The checks whose proof is a proof of consensus.
-CONSENSUS_IDS = ("lemma1", "theorem1", "theorem2", "theorem1-printed", "theorem2-printed", "lure", "max-separable")
+CONSENSUS_IDS = (
+    "lemma1", "theorem1", "theorem2", "theorem1-printed", "theorem2-printed", "lure", "max-separable", "exhaustive",
+)  # fmt: skip
 
 #: Fields of a check in JSON: those that are always there, and the others.
 NEEDED = ("id", "verdict", "domain", "margin", "rate", "reason")
@@ -170,14 +173,18 @@ def require_keys(data: Any, name: str, *, needed: Collection[str], allowed: Coll
 
 
 def number_or_none(value: Any) -> float | None:
-    """Read a finite number or null.  Raises TypeError or ValueError."""
+    """Read a finite number or null; of an integer that is no float the next one further from 0, which claims more.
+
+    Raises: TypeError, ValueError or OverflowError.
+    """
     if value is None:
         return None
     if isinstance(value, bool) or not isinstance(value, (int, float)):
         raise TypeError(f"expected a number or null, got {value!r}")
     if not math.isfinite(value):
         raise ValueError(f"expected a finite number, got {value!r}")
-    return float(value)
+    nearest = float(value)
+    return math.nextafter(nearest, math.copysign(math.inf, value)) if abs(nearest) < abs(value) else nearest
 
 
 def _witness(data: Any) -> Witness:

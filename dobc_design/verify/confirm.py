@@ -22,6 +22,7 @@ from dobc_design.theorems.conditions import omega
 from dobc_design.theorems.statements import Statements
 from dobc_design.verdict import Verdict
 from dobc_design.verify.check import Check, Witness
+from dobc_design.verify.confirm_regions import QUADRATIC, REGIONAL, Beside, confirm_region
 from dobc_design.verify.consensus import (
     Pair,
     enclosed_lambda,
@@ -46,16 +47,20 @@ PLAIN = ("observability", "detectability", "reachability", "hurwitz")
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Trusted:
-    """What claims are confirmed against: the problem, its conditions, and the matrices the claims use."""
+    """What claims are confirmed against: the problem, its conditions, and the matrices the claims use.
+
+    ``separable``: the max-separable check of the same certificate, on which those of delays and sampling rest.
+    """
 
     problem: Problem
     statements: Statements
     W: Matrix | None
     pair: Pair | None
+    separable: Check | None = None
 
 
 def expected_checks(problem: Problem) -> tuple[tuple[str, str | None], ...]:
-    """The (id, mode) of the checks that every complete certificate of this problem holds."""
+    """The (id, mode) of the checks that every complete certificate of this problem holds; it may hold regional ones."""
     modes = tuple(problem.network.modes)
     theorem = "theorem1" if len(modes) == 1 else "theorem2"
     result: list[tuple[str, str | None]] = []
@@ -73,6 +78,13 @@ def expected_checks(problem: Problem) -> tuple[tuple[str, str | None], ...]:
 def confirm(check: Check, trusted: Trusted) -> str | None:
     """None if everything the check claims is confirmed, else what is not."""
     statements = trusted.statements
+    if check.id in (*REGIONAL, *QUADRATIC):
+        return confirm_region(
+            check,
+            Beside(
+                problem=trusted.problem, W=trusted.W, domain=statements.domain, separable=trusted.separable
+            ),
+        )  # fmt: skip
     if (check.id, check.mode) not in expected_checks(trusted.problem):
         return f"{check.title} does not belong to this problem"
     domain = "global" if check.id in PLAIN else statements.domain

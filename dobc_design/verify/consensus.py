@@ -24,7 +24,7 @@ from dobc_design.theorems.statements import Statements
 from dobc_design.verdict import Verdict
 from dobc_design.verify.check import Check, Witness
 from dobc_design.verify.linearisation import unstable_roots
-from dobc_design.verify.negative import Enclosed, find_witness, is_negative, refuted_margin
+from dobc_design.verify.negative import Enclosed, find_witness, is_negative, refuted_margin, why_undecided
 from dobc_design.verify.numbers import claimed, largest_proved, shorten
 from dobc_design.verify.witness import carriers, group_directions, refutation
 
@@ -73,10 +73,12 @@ def lemma1_check(statements: Statements, mode: str, proposal: Proposal) -> Check
     vector = find_witness(matrix, [*group_directions(problem, problem.network.modes[mode]), *proposal.vectors])
     if vector is None:
         return Check(
-            id="lemma1", mode=mode, verdict=Verdict.UNDECIDED, domain=statements.domain,
-            reason="lambda_max(Lambda) is closer to 0 than the irrational slopes of h are known; change a gain a"
-            " little.",
-        )  # fmt: skip
+            id="lemma1",
+            mode=mode,
+            verdict=Verdict.UNDECIDED,
+            domain=statements.domain,
+            reason=f"lambda_max(Lambda) {why_undecided(matrix)}",
+        )
     exact = lambda_facts(statements, mode, vector)
     return Check(
         id="lemma1", mode=mode, verdict=Verdict.REFUTED, domain=statements.domain,
@@ -255,9 +257,11 @@ def _not_applicable(id: str, statements: Statements, *, mode: str | None = None)
 
 
 def _not_found(id: str, statements: Statements) -> Check:
+    matrices = [enclosed_lambda(statements, mode) for mode in statements.lambdas]
+    widest = max(matrices, key=lambda each: len(each.deviations))
     return Check(
         id=id, verdict=Verdict.UNDECIDED, domain=statements.domain,
-        reason="Psi < 0 is closer to failing than the irrational slopes of h are known; change a gain a little.",
+        reason=f"lambda_max of Lambda + I (x) S {why_undecided(widest)}",
     )  # fmt: skip
 
 

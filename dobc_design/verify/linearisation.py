@@ -7,15 +7,18 @@ from fractions import Fraction
 from dobc_design.exact.matrix import Matrix
 from dobc_design.exact.polynomial import characteristic_polynomial, right_half_plane_roots_at_least
 from dobc_design.theorems.statements import Statements
+from dobc_design.verify.numbers import has_short_denominator
 
 LARGEST = 60  # rows; counting roots takes seconds there, minutes at twice the size
+MOST_WORK = 2_000_000  # rows^2 times the bits of the common denominator: as long as 60 rows with about 550 bits
 
 
 def unstable_roots(statements: Statements, mode: str) -> int:
     """A proved lower bound of the eigenvalues of J - K with positive real part, with multiplicity.
 
-    0 also means "not examined": irrational slopes, or more than 60 rows.  With diagonal slopes >= 0 and
-    scalar gains J - K has none (its rows are weakly dominated by a diagonal <= 0).
+    0 also means "not examined": irrational slopes, more than 60 rows, or entries with so long a common denominator that
+    counting would take minutes.  With diagonal slopes >= 0 and scalar gains J - K has none (its rows are weakly
+    dominated by a diagonal <= 0).
     """
     jacobians = statements.jacobians
     if jacobians is None or jacobians.size * jacobians.dimension > LARGEST:
@@ -23,7 +26,10 @@ def unstable_roots(statements: Statements, mode: str) -> int:
     each = next(item for item in jacobians.modes if item.name == mode)
     if not each.is_point or (each.is_nonnegative_diagonal and statements.problem.pinning.is_scalar):
         return 0
-    return right_half_plane_roots_at_least(characteristic_polynomial(linearisation(statements, mode)))
+    matrix = linearisation(statements, mode)
+    if not has_short_denominator((x for row in matrix for x in row), MOST_WORK // len(matrix) ** 2):
+        return 0
+    return right_half_plane_roots_at_least(characteristic_polynomial(matrix))
 
 
 def linearisation(statements: Statements, mode: str) -> Matrix:

@@ -22,7 +22,7 @@ from dobc_design.exact.number import float_below
 from dobc_design.exact.symmetric import SparseSymmetric
 from dobc_design.spec.problem import Problem
 from dobc_design.theorems.lure import Lure, interval_matrix, lure_matrix, vertex_matrices
-from dobc_design.theorems.sectors import Enclose, Sectors, build_sectors, gains_on
+from dobc_design.theorems.sectors import Enclose, Sectors, build_sectors, gains_on, relied_differences
 from dobc_design.verdict import Verdict
 from dobc_design.verify.consensus import Pair, schur_block
 from dobc_design.verify.numbers import claimed, shorten
@@ -73,17 +73,9 @@ def region_holds(lure: Lure, sectors: Sectors) -> bool:
 
     P_e > 0 has to be known.  Without a level no channel may have a radius.
     """
-    reach: dict[tuple[int, int], Fraction] = {}
-    for channels in sectors.modes.values():
-        for channel in channels:
-            if channel.radius is None or not channel.spread:
-                continue
-            if lure.level is None:
-                return False
-            place = (min(channel.plus, channel.minus), max(channel.plus, channel.minus))
-            reach[place] = min(reach.get(place, channel.radius), channel.radius)
+    reach = relied_differences(sectors.problem, radius=lure.radius, radii=lure.radii)
     if lure.level is None or not reach:
-        return True
+        return not reach
     level, widths = lure.level, differences(lure.P_e, reach)
     return all(level * width <= reach[place] ** 2 for place, width in zip(reach, widths, strict=True))
 

@@ -20,6 +20,7 @@ from dobc_design.verify.numbers import shorten
 ZERO = Fraction(0)
 TOPS = (1, 2, 3, 5, 9, 20, 99, 9999)  # the largest entry of a rounded direction
 LONG, SHORT = 1024, 256  # bits of entries that are rounded first, and of what they are rounded to
+MOST_WORK = 20_000_000  # products in an elimination of more than 2000 rows, some tens of seconds
 LARGEST_SUPPORT = 300  # rows up to which a candidate's rows are eliminated
 
 
@@ -61,9 +62,9 @@ def is_negative(matrix: Enclosed, *, shift: Fraction = ZERO) -> bool:
     """Whether matrix + shift I < 0 is proved for everything enclosed."""
     upper = matrix.middle.shifted(matrix.radius + shift).negated()
     short = _shorter(upper)
-    if short is not None and decide_positive_definite(short).verdict is Verdict.PROVED:
+    if short is not None and decide_positive_definite(short, most_work=MOST_WORK).verdict is Verdict.PROVED:
         return True
-    return decide_positive_definite(upper).verdict is Verdict.PROVED
+    return decide_positive_definite(upper, most_work=MOST_WORK).verdict is Verdict.PROVED
 
 
 def _shorter(matrix: SparseSymmetric) -> SparseSymmetric | None:
@@ -85,6 +86,16 @@ def _shorter(matrix: SparseSymmetric) -> SparseSymmetric | None:
     return SparseSymmetric(matrix.size, rounded).shifted(-unit / 2 * max(lengths.values()))
 
 
+def why_undecided(matrix: Enclosed) -> str:
+    """What to say where neither M < 0 nor a witness against it was found."""
+    if matrix.deviations:
+        return "is closer to 0 than the irrational slopes of h are known; change a gain a little."
+    return (
+        f"was not told from 0: with {matrix.middle.size} rows the exact elimination would take too long. Change a gain"
+        " a little, or use couplings that act by component with slopes >= 0, which need no elimination."
+    )
+
+
 def refutes(matrix: Enclosed, vector: Sequence[Fraction]) -> bool:
     """Whether v has as many entries as the matrix rows, is not 0, and v'Mv >= 0 for everything enclosed."""
     return len(vector) == matrix.middle.size and any(vector) and matrix.value(vector).lo >= 0
@@ -103,7 +114,7 @@ def refuted_margin(matrix: Enclosed, vector: Sequence[Fraction]) -> float:
 def find_witness(
     matrix: Enclosed, candidates: Iterable[Sequence[float]], *, rows: Sequence[int] | None = None
 ) -> Vector | None:
-    """A rational v != 0 with v'Mv >= 0 proved, or None if M < 0 (or the deviations hide the answer).
+    """A rational v != 0 with v'Mv >= 0 proved, or None if M < 0 (or the deviations hide the answer, or M is too large).
 
     ``candidates`` (indicators of agents, approximate eigenvectors) are tried in order of how few entries they have:
     rounded to small integers, because they read better, then by elimination of the rows they live on.  Last comes the
@@ -135,14 +146,14 @@ def _eliminated(matrix: Enclosed, rows: Sequence[int]) -> Vector | None:
     """
     shifted = matrix.middle.shifted(-matrix.radius).negated()
     if len(rows) == matrix.middle.size:
-        return decide_positive_definite(shifted).witness
+        return decide_positive_definite(shifted, most_work=MOST_WORK).witness
     place = {row: k for k, row in enumerate(rows)}
     entries = {
         (min(place[i], place[j]), max(place[i], place[j])): value
         for (i, j), value in shifted.entries.items()
         if i in place and j in place
     }
-    found = decide_positive_definite(SparseSymmetric(len(place), entries)).witness
+    found = decide_positive_definite(SparseSymmetric(len(place), entries), most_work=MOST_WORK).witness
     if found is None:
         return None
     return tuple(found[place[row]] if row in place else ZERO for row in range(matrix.middle.size))

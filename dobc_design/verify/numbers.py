@@ -11,13 +11,14 @@ from collections.abc import Callable, Iterable
 from fractions import Fraction
 
 from dobc_design.exact.matrix import Matrix
-from dobc_design.exact.number import float_below, number_text, parse_number
+from dobc_design.exact.number import MAX_CHARACTERS, MAX_EXPONENT, float_below, number_text, parse_number
 
 SHRINK = (1e-9, 1e-6, 1e-3, 0.1, 0.5)
 LONGEST = 10_000  # characters of a rational in a certificate
 VECTOR_BITS, MATRIX_BITS = 65_536, 16_384  # of the common denominator of a vector; of P, and of a designed W
 _CHUNK = 4000  # Python refuses to read more than 4300 digits at once
-_LONG = re.compile(r"(-?)([0-9]+)(?:/([0-9]+))?")
+_QUOTIENT = re.compile(r"([+-]?)([0-9]+)/([+-]?)([0-9]+)")
+_DECIMAL = re.compile(r"([+-]?)([0-9]+)(?:\.([0-9]+))?(?:[eE]([+-]?)0*([0-9]{1,3}))?")
 
 
 def claimed(value: float) -> Fraction:
@@ -54,19 +55,30 @@ def largest_proved(estimate: float, holds: Callable[[Fraction], bool]) -> float 
 
 
 def read_rational(text: object, *, key: str = "certificate") -> Fraction:
-    """Read a rational of a certificate, "-9/8" or "3": text of at most 10000 characters.
+    """Read a rational of a certificate, "-9/8", "3" or "1e-300": text of at most 10000 characters.
 
     Raises: SpecError or ValueError for anything else, JSON numbers included.
     """
     if not isinstance(text, str) or len(text) > LONGEST:
         raise ValueError(f"{key} must be a rational as text of at most {LONGEST} characters")
-    long = _LONG.fullmatch(text) if len(text) > 200 else None
-    if long is None:
-        return parse_number(text, key=key)
-    bottom = _integer(long[3] or "1")
-    if not bottom:
-        raise ValueError(f"{key} must have a denominator other than 0")
-    return Fraction(_integer(long[2]), bottom) * (-1 if long[1] else 1)
+    return parse_number(text, key=key) if len(text) <= MAX_CHARACTERS else _long_rational(text, key)
+
+
+def _long_rational(text: str, key: str) -> Fraction:
+    """The same grammar for text that no problem file may hold."""
+    quotient = _QUOTIENT.fullmatch(text)
+    if quotient is not None:
+        bottom = _integer(quotient[4])
+        if not bottom:
+            raise ValueError(f"{key} must have a denominator other than 0")
+        return Fraction(_integer(quotient[2]), bottom) * (-1 if (quotient[1] == "-") != (quotient[3] == "-") else 1)
+    decimal = _DECIMAL.fullmatch(text)
+    exponent = 0 if decimal is None else int((decimal[4] or "") + (decimal[5] or "0"))
+    if decimal is None or abs(exponent) > MAX_EXPONENT:
+        raise ValueError(f"{key} must be a rational such as 9/16 or 1e-300, its exponent from -400 to 400")
+    places = decimal[3] or ""
+    value = Fraction(_integer(decimal[2] + places)) * Fraction(10) ** (exponent - len(places))
+    return -value if decimal[1] == "-" else value
 
 
 def is_writable(P: Matrix, *others: Matrix) -> bool:

@@ -21,6 +21,10 @@ from dobc_design.verify.network import cure_in_words, name_agents, unheld_groups
 from dobc_design.verify.numbers import claimed, shorten
 from dobc_design.verify.observer import observable_part_is_hurwitz
 
+MOST = Fraction(10) ** 300  # what a sentence can show of a number
+#: Proofs for a region of starts; cheapest first.
+REGION_IDS = ("max-separable", "lure", "exhaustive")
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Overall:
@@ -41,9 +45,7 @@ def decide_overall(problem: Problem, checks: Sequence[Check], W: Matrix | None) 
     covering = [check for check in checks if covers(problem, check, checks)]
     if covering:
         best = max(covering, key=lambda check: check.rate or 0.0)
-        return Overall(
-            verdict=Verdict.PROVED, rate=best.rate, covered_by=best.id, reason=_proved_reason(problem, best)
-        )
+        return Overall(verdict=Verdict.PROVED, rate=best.rate, covered_by=best.id, reason=_proved_reason(problem, best))
     refuted = _refuted_reason(problem, checks, W)
     if refuted is not None:
         return Overall(verdict=Verdict.REFUTED, reason=refuted)
@@ -65,7 +67,9 @@ def covers(problem: Problem, check: Check, checks: Sequence[Check]) -> bool:
             return False
         if check is not min(lemmas, key=lambda other: other.rate or 0.0):
             return False
-    if problem.region is None or check.domain == "global":
+    if problem.region is None:
+        return check.id not in REGION_IDS  # they are about starts, and the question is about the consensus itself
+    if check.domain == "global":
         return True
     return isinstance(check.domain, Mapping) and _region_inside(problem, check.domain)
 
@@ -91,9 +95,7 @@ def asked_radius(problem: Problem) -> tuple[Fraction, ...]:
     """R_c, per component: the largest |e_ic(0)| that the region allows."""
     pairs = problem.region.initial_states if problem.region is not None else ()
     goals = {problem.goal_of(agent) for agent in range(problem.n)} if problem.offsets else {problem.target}
-    return tuple(
-        max(max(abs(lo - goal[c]), abs(hi - goal[c])) for goal in goals) for c, (lo, hi) in enumerate(pairs)
-    )
+    return tuple(max(max(abs(lo - goal[c]), abs(hi - goal[c])) for goal in goals) for c, (lo, hi) in enumerate(pairs))
 
 
 def _refuted_reason(problem: Problem, checks: Sequence[Check], W: Matrix | None) -> str | None:
@@ -117,7 +119,9 @@ def _refuted_reason(problem: Problem, checks: Sequence[Check], W: Matrix | None)
                     f"Consensus fails: in mode {check.mode} the linearisation at the target is unstable"
                     f" ({roots} eigenvalue(s) with positive real part)."
                 )
-    return None
+    # Without a region the question is about every neighbourhood of the target, and this one is some way off.
+    resting = [check for check in checks if check.id == "equilibrium" and check.verdict is Verdict.REFUTED]
+    return resting[0].reason if resting and region is not None else None
 
 
 def _apart_reason(problem: Problem) -> str | None:
@@ -196,6 +200,38 @@ def _proved_reason(problem: Problem, check: Check) -> str:
     return f"All agents reach the target from every start asked for{switching}{pace}."
 
 
+def _reached(problem: Problem, checks: Sequence[Check]) -> str | None:
+    """How far the regional proofs reach, and what would help; None if none was tried or applies."""
+    tried = [check for check in checks if check.id in REGION_IDS and not check.reason.startswith("does not apply")]
+    proved = [check for check in tried if check.verdict is Verdict.PROVED]
+    if not tried:
+        return None
+    if tried[0].verdict is Verdict.REFUTED and not proved:
+        signals = " Consensus may still hold for some signals." if len(problem.network.modes) > 1 else ""
+        return f"Undecided: {tried[0].reason}{signals} More pinned agents would help."
+    advice = (
+        "What would help: a smaller [region], larger gains or more pinned agents. Without [region] the verdict is about"
+        " the consensus alone."
+    )
+    if not proved:
+        return f"Undecided: no proof reaches the region asked for: {tried[0].reason} {advice}"
+    reach = ", ".join(_domain_in_words(check) for check in proved)
+    asked = f"|e_i| <= {float(min(max(asked_radius(problem)), MOST)):.6g}"
+    if problem.region is not None and problem.region.initial_disturbance:
+        asked += f" and |eps_i| <= {float(min(problem.region.initial_disturbance, MOST)):.6g}"
+    return f"Undecided: consensus is proved from {reach}; the region asks for {asked}. {advice}"
+
+
+def _domain_in_words(check: Check) -> str:
+    if not isinstance(check.domain, Mapping):
+        return f"every start ({check.id})"
+    error = "|e_i|" if check.domain.get("kind") == "box" else "|e|"
+    bounds = [f"{error} <= {check.domain.get('radius')}"]
+    if check.domain.get("disturbance"):
+        bounds.append(f"|eps_i| <= {check.domain.get('disturbance')}")
+    return f"{' and '.join(bounds)} ({check.id})"
+
+
 def _undecided_reason(problem: Problem, checks: Sequence[Check]) -> str:
     unmet = [check for check in checks if check.id == "reachability" and check.verdict is Verdict.REFUTED]
     if unmet and len(problem.network.modes) > 1:
@@ -203,6 +239,10 @@ def _undecided_reason(problem: Problem, checks: Sequence[Check]) -> str:
             f"Undecided: in mode {unmet[0].mode} {unmet[0].reason}"
             " Consensus may still hold for signals that leave that mode often enough."
         )
+    if problem.region is not None:
+        reached = _reached(problem, checks)
+        if reached is not None:
+            return reached
     local = [c for c in checks if c.id in CONSENSUS_IDS and c.verdict is Verdict.PROVED and c.domain == "consensus"]
     complete = [c for c in local if c.id != "lemma1"] if problem.exosystem is not None else local
     if complete and problem.region is not None:

@@ -22,6 +22,7 @@ from dobc_design.verify.separable_table import Array, GainTable, down, up
 _MOST_PIECES: Final = 600
 _NARROWEST: Final = 2.0**-30
 _UNIT: Final = 2.0**-52
+_FLOAT_BITS: Final = 53  # integers up to that long are floats, and so are they over a power of two as long
 # Where an estimate of the rate looks, as parts of rho.
 _SAMPLES: Final = (0.0, 0.125, 0.25, 0.5, 0.75, 1.0)
 
@@ -177,7 +178,17 @@ def _floats(values: Sequence[Fraction]) -> tuple[Array, Array]:
     for value in values:
         pair = known.get(id(value))
         if pair is None:
-            pair = known[id(value)] = (float_below(value), float_above(value))
+            exact = _float_or_none(value)
+            pair = (float_below(value), float_above(value)) if exact is None else (exact, exact)
+            known[id(value)] = pair
         pairs.append(pair)
     both = np.array(pairs, dtype=np.float64).reshape(-1, 2)
     return both[:, 0].copy(), both[:, 1].copy()
+
+
+def _float_or_none(value: Fraction) -> float | None:
+    """The same number as a float where that is seen at once: few bits over a power of two, as v has them."""
+    top, bottom = value.numerator, value.denominator
+    if bottom & (bottom - 1) or bottom.bit_length() > _FLOAT_BITS or top.bit_length() > _FLOAT_BITS:
+        return None
+    return top / bottom

@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from fractions import Fraction
+from functools import lru_cache
 from typing import Any, Final
 
 import numpy as np
@@ -16,11 +17,13 @@ from numpy.typing import NDArray
 
 from dobc_design.exact.interval import Interval
 from dobc_design.exact.number import float_above, float_below
+from dobc_design.spec.expression import Expression
 from dobc_design.theorems.enclosures import Curve, secant
 
 Array = NDArray[np.float64]
 
 CELLS: Final = 512
+_KEPT: Final = 16  # tables
 # Cells overlap by this part of their width, far more than a float position can be wrong.
 _OVERLAP: Final = Fraction(1, 2**20)
 # A result of one operation is within 2^-53 of itself of the truth (2^-1074 near 0).
@@ -84,21 +87,30 @@ class GainTable:
 def gain_table(curve: Curve, radius: Fraction, *, cells: int = CELLS) -> GainTable:
     """Enclose g on [-radius, radius]; the table reaches a little further, so that its nodes are floats.
 
+    A few tables are kept, since one claim asks for the same several times; their arrays cannot be written to.
     Raises: exact.interval.UndefinedError where g cannot be enclosed.
     """
+    return _table(curve.expression, radius, cells)
+
+
+@lru_cache(maxsize=_KEPT)
+def _table(expression: Expression, radius: Fraction, cells: int) -> GainTable:
+    curve = Curve(expression)
     unit = Fraction(2) ** (math.frexp(float_above(radius))[1] - 5 if radius > 0 else -20)
     reach = unit * (radius // unit + 1)
     width = 2 * reach / cells
     cell = [_cell(curve, -reach + k * width, width, limit=radius) for k in range(cells)]
     low, high, least, most, falls, rises = (np.array(column) for column in zip(*cell, strict=True))
     bounded = np.isfinite(falls) & np.isfinite(rises)
+    ranges = (
+        _running(least, np.minimum), _running(most, np.maximum),
+        _running(falls, np.minimum), _running(rises, np.maximum),
+    )  # fmt: skip
+    falls, rises = np.where(bounded, falls, 0.0), np.where(bounded, rises, 0.0)
+    for array in (low, high, falls, rises, *ranges):
+        array.setflags(write=False)
     return GainTable(
-        radius=float(reach), width=float(width), low=low, high=high,
-        falls=np.where(bounded, falls, 0.0), rises=np.where(bounded, rises, 0.0),
-        ranges=(
-            _running(least, np.minimum), _running(most, np.maximum),
-            _running(falls, np.minimum), _running(rises, np.maximum),
-        ),
+        radius=float(reach), width=float(width), low=low, high=high, falls=falls, rises=rises, ranges=ranges
     )  # fmt: skip
 
 

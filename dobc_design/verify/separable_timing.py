@@ -29,6 +29,7 @@ from dobc_design.verify.separable import SeparableAnswer, coupling_profiles, rou
 
 _BISECTIONS = 20
 _SLICES = 8
+_SHORTER = 60  # times that a delay is halved
 _CLOSE = Fraction(1, 1000)
 
 
@@ -91,6 +92,22 @@ def largest_delay_rate(
     return DelayBound(delay=delay, rate=low) if low else None
 
 
+def longest_delay(
+    problem: Problem, claim: Separable, *, rate: Fraction, modes: Sequence[str] | None = None
+) -> DelayBound | None:
+    """A long delay (s, one digit) for which ``claim`` is proved to keep ``rate`` (1/s); within a factor of two or so.
+
+    None if there is none, as for rates above those of the claim.
+    """
+    delay = rounded_down(1 / rate, digits=1)
+    for _ in range(_SHORTER):
+        bound = DelayBound(delay=delay, rate=rate)
+        if verify_delay(problem, claim, bound, modes=modes).verdict is Verdict.PROVED:
+            return bound
+        delay = rounded_down(delay / 2, digits=1)
+    return None
+
+
 def largest_period(problem: Problem, claim: Separable, *, modes: Sequence[str] | None = None) -> SamplingBound | None:
     """The largest sampling period, about, that is certified by ``claim`` (proved before) for the given modes.
 
@@ -98,8 +115,43 @@ def largest_period(problem: Problem, claim: Separable, *, modes: Sequence[str] |
     None where the certificate does not apply, or the slopes are not bounded.
     Raises: ShapeError unless v has one entry per agent.
     """
-    if not acts_by_component(problem) or (claim.rho is None and not problem.is_linear):
+    stiffest = _stiffest(problem, claim, modes)
+    if isinstance(stiffest, str):
         return None
+    period = rounded_down(1 / stiffest) if stiffest > 0 else Fraction(0)
+    if period <= 0:
+        return None
+    return SamplingBound(period=period, factor=1 - period * claim.alpha)
+
+
+def verify_sampling(
+    problem: Problem, claim: Separable, bound: SamplingBound, *, modes: Sequence[str] | None = None
+) -> SeparableAnswer:
+    """Decide whether ``claim`` (proved before) gives ``bound``: no face overshot, and 1 - T alpha <= factor < 1.
+
+    Raises: SpecError for a period <= 0; ShapeError unless v has one entry per agent.
+    """
+    if bound.period <= 0:
+        raise SpecError("a sampling period must be > 0.", key="period")
+    if bound.factor >= 1 or bound.factor < 1 - bound.period * claim.alpha:
+        return SeparableAnswer(verdict=Verdict.REFUTED, reason="the factor must be < 1 and at least 1 - T alpha.")
+    stiffest = _stiffest(problem, claim, modes)
+    if isinstance(stiffest, str):
+        return SeparableAnswer(verdict=Verdict.UNDECIDED, reason=stiffest)
+    if bound.period * stiffest > 1:
+        return SeparableAnswer(
+            verdict=Verdict.UNDECIDED, reason="one step may overshoot a face of the box: try a shorter period."
+        )
+    return SeparableAnswer(
+        verdict=Verdict.PROVED,
+        reason="no step of this length overshoots a face of the box, so that N falls from sample to sample.",
+    )
+
+
+def _stiffest(problem: Problem, claim: Separable, modes: Sequence[str] | None) -> Fraction | str:
+    """The largest sum_j w L_ij + k_cc over agents and faces, or why there is none."""
+    if not acts_by_component(problem) or (claim.rho is None and not problem.is_linear):
+        return "does not apply: the rows of the max-separable certificate say nothing for this coupling."
     stiffest = Fraction(0)
     names = tuple(problem.network.modes if modes is None else modes)
     try:
@@ -108,12 +160,9 @@ def largest_period(problem: Problem, claim: Separable, *, modes: Sequence[str] |
             for face in FACES:
                 total = row.gain + sum((term.weight * steepest(term, row.own, face) for term in row.terms), Fraction(0))
                 stiffest = max(stiffest, total)
-    except UndefinedError:
-        return None
-    period = rounded_down(1 / stiffest) if stiffest > 0 else Fraction(0)
-    if period <= 0:
-        return None
-    return SamplingBound(period=period, factor=1 - period * claim.alpha)
+    except UndefinedError as error:
+        return f"the slopes of the coupling are not bounded there: {error}"
+    return stiffest
 
 
 def sampled_factor(claim: Separable, bound: SamplingBound) -> Fraction:

@@ -19,6 +19,7 @@ from dobc_design.verify.lure import LureDecision, verify_lure
 
 CHUNK: Final = 20_000  # boxes looked at together
 MOST_BOXES: Final = 4_000_000
+MOST_HALVINGS: Final = 30  # of one component: then all ends of boxes are exact in float64
 
 
 def verify_shell(problem: Problem, shell: Shell, *, enclose: Enclose = gains_on) -> LureDecision:
@@ -42,7 +43,7 @@ def verify_shell(problem: Problem, shell: Shell, *, enclose: Enclose = gains_on)
     for start in range(0, len(leaves), CHUNK):
         boxes = Boxes(centres=leaves.centres[start : start + CHUNK], halves=leaves.halves[start : start + CHUNK])
         least, most = energy_bounds(P_e, boxes)
-        rest = boxes.chosen((most > inside) & (least < outside))
+        rest = boxes.chosen(~((most <= inside) | (least >= outside)))  # a bound that is no number leaves the box in
         for mode, form in forms.items():
             if len(rest) and not np.all(upper_bounds(form, rest)[0] < 0):
                 return LureDecision(
@@ -74,7 +75,8 @@ def _leaves(shell: Shell, size: int) -> Boxes | None:
     codes = np.frombuffer(shell.tree.encode("ascii", errors="replace"), dtype=np.uint8)
     if len(codes) > MOST_BOXES:
         return None
-    level, start = first_box(size, shell.half), 0
+    half, start = shell.half, 0
+    level = first_box(size, half)
     kept: list[Boxes] = []
     while len(level):
         part = codes[start : start + len(level)]
@@ -85,6 +87,8 @@ def _leaves(shell: Shell, size: int) -> Boxes | None:
         start += len(level)
         kept.append(level.chosen(stays))
         level = level.chosen(~stays).split(along[~stays])
+        if len(level) and float(np.min(level.halves)) < float(half) * 2.0**-MOST_HALVINGS:
+            return None
     if start != len(codes):
         return None
     return Boxes(

@@ -150,12 +150,29 @@ def whole_run() -> str:
 
 
 def simulation_growth() -> Iterator[str]:
-    """Time of one run, problem object to trajectory; a straight line in log-log means a constant last column."""
+    """Time of one run, problem object to trajectory, as a table and as a log-log plot with its slope."""
+    points = []
     for n in GROWTH:
         problem = large(n)
         seconds, run = cpu(lambda problem=problem: simulate(problem, t_final=0.2, samples=3), repeats=1)
         each = 1e9 * seconds / (n * run.evaluations)
+        points.append((n, seconds / run.evaluations))
         yield f"{n:>9} {DEGREE * n:>9} {run.evaluations:>12} {seconds:>9.3f} {each:>22.0f}"
+    yield from log_log(points)
+
+
+def log_log(points: list[tuple[int, float]], *, width: int = 60) -> Iterator[str]:
+    """Seconds per evaluation against n, both axes logarithmic: twelve columns a decade, two rows a decade of n."""
+    n, seconds = (np.log10(np.array(column, dtype=float)) for column in zip(*points, strict=True))
+    slopes = np.diff(seconds) / np.diff(n)
+    slope = float(np.polyfit(n[1:], seconds[1:], 1)[0])  # the first is small enough to show what every call costs
+    yield f"log-log plot of the time of an evaluation; o: measured, .: a slope of 1 through the last; slope {slope:.2f}"
+    yield f"slopes from one n to the next: {', '.join(f'{each:.2f}' for each in slopes)}"
+    for here, value in zip(n, seconds, strict=True):
+        line = [" "] * (width + 1)
+        for mark, where in ((".", seconds[-1] + here - n[-1]), ("o", value)):
+            line[min(width, max(0, round(width + 12 * (where - seconds[-1]))))] = mark
+        yield f"{10**here:>9.0f} |{''.join(line)} {10**value:.2e} s"
 
 
 def cpu(function: Callable[[], Any], *, repeats: int) -> tuple[float, Any]:

@@ -6,6 +6,7 @@ Its cases are in tests/support/checker_cases.py; tests/certificate/test_checker_
 from __future__ import annotations
 
 import json
+import os
 import shutil
 import subprocess
 import sys
@@ -14,7 +15,7 @@ from pathlib import Path
 
 import mpmath
 import pytest
-from checker_cases import FAILS, HOLDS, NOTHING, OPEN, UNREADABLE, Case, bend, cases, check, document
+from checker_cases import FAILS, HOLDS, NOTHING, OPEN, UNREADABLE, Case, bend, cases, check, document, problems
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -30,7 +31,7 @@ from dobc_design.spec.observer import Observer
 from dobc_design.spec.problem import Problem
 from dobc_design.workflow import certify, verify
 
-FILE = Path(checker.__file__)
+FILES = [Path(checker.__file__).with_name(name) for name in ("checker.py", "region_checker.py")]
 PAPER_W, PAPER_P = [["16/5"], ["12/5"]], [["1/2", "-1/4"], ["-1/4", "1/3"]]
 
 
@@ -42,8 +43,9 @@ def outcome(case: Case) -> int:
 
 
 def alone(tmp_path: Path, certificate: bytes, problem: bytes) -> subprocess.CompletedProcess[str]:
-    """Run a copy of the file in an empty folder, without site packages and without the package."""
-    shutil.copy(FILE, tmp_path / "checker.py")
+    """Run a copy of the two files in an empty folder, without site packages and without the package."""
+    for file in FILES:
+        shutil.copy(file, tmp_path / file.name)
     (tmp_path / "certificate.json").write_bytes(certificate)
     (tmp_path / "problem.json").write_bytes(problem)
     command = [sys.executable, "-I", "-S", "checker.py", "certificate.json", "problem.json"]
@@ -79,9 +81,17 @@ def test_the_lone_file_says_why_it_refuses_and_never_shows_a_traceback(tmp_path,
 
 
 def test_a_missing_file_or_argument_is_unreadable(tmp_path, capsys):
-    assert checker.main([str(tmp_path / "no.json"), str(tmp_path)]) == 2
+    assert checker.main([str(tmp_path / "no.json")] * 2) == 2
     assert checker.main([]) == 2
     assert "unreadable: [Errno 2]" in capsys.readouterr().out
+
+
+def test_what_is_no_regular_file_is_refused_at_once(tmp_path, capsys):
+    """A pipe would make it wait for ever."""
+    os.mkfifo(tmp_path / "pipe")
+    assert checker.main([str(tmp_path / "pipe"), str(tmp_path / "pipe")]) == 2
+    assert checker.main([str(tmp_path), str(tmp_path)]) == 2
+    assert capsys.readouterr().out.count("it is no regular file") == 2
 
 
 def test_the_output_cannot_steer_a_terminal(capsys, tmp_path):
@@ -99,7 +109,7 @@ def test_the_output_cannot_steer_a_terminal(capsys, tmp_path):
 @pytest.mark.parametrize("keep", ["verdict", "nothing"])
 def test_a_certificate_stripped_of_its_claims_proves_nothing(keep):
     """All checks undecided: "proved" does not follow; without the verdict it claims nothing, and is no proof."""
-    stripped, problem = document("paper"), canonical_bytes(load_problem("paper-fixed"))
+    stripped, problem = document("paper"), canonical_bytes(problems()["paper"])
     for each in stripped["checks"]:
         bend(each, NOTHING)
     stripped["observer"] |= {"P": None, "Q": None}

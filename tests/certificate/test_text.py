@@ -7,14 +7,18 @@ import json
 import pytest
 from campaigns import a_problem
 
-from dobc_design.certificate.text import certificate_bytes, read_claims
+from dobc_design.certificate import checker
+from dobc_design.certificate.recheck import recheck
+from dobc_design.certificate.text import certificate_bytes, certificate_document, read_claims
 from dobc_design.design.pair import lyapunov
 from dobc_design.errors import CertificateError
 from dobc_design.exact.matrix import multiply, scale
+from dobc_design.spec.canonical import canonical_bytes
 from dobc_design.spec.exosystem import Exosystem
 from dobc_design.spec.network import Network
 from dobc_design.spec.observer import Observer
 from dobc_design.spec.problem import Problem
+from dobc_design.verify.check import number_or_none
 from dobc_design.workflow import certify, verify
 
 
@@ -171,3 +175,44 @@ def test_a_huge_file_is_refused_before_it_is_parsed(monkeypatch):
     monkeypatch.setattr("dobc_design.certificate.text.MAX_BYTES", 10)
     with pytest.raises(CertificateError, match="too large"):
         read_claims(b"x" * 11)
+
+
+def with_margin(text: str) -> tuple[bytes, Problem]:
+    """One agent with the gain k = 1/10 + 1e-30, and a certificate with this margin; what is true is less than 2 k."""
+    problem = Problem(network=Network.from_arcs([], arrow="listens_to", agents=1), coupling="y",
+                      gains={1: "100000000000000000000000000001e-30"})  # fmt: skip
+    document = certificate_document(certify(problem).claims)
+    lemma = next(check for check in document["checks"] if check["id"] == "lemma1")
+    lemma["margin"] = "the margin"
+    return json.dumps(document).replace('"the margin"', text).encode(), problem
+
+
+@pytest.mark.parametrize(
+    ("text", "true"),
+    [
+        ("0.2", True),
+        ("0.2000000000000000000000000000000", True),
+        ("20000000000000000000000000000000000000000000000000e-50", True),
+        ("0.200000000000000000000000000002", False),
+        ("0.2000000000000000000000000000021", False),
+        ("1", False),
+    ],
+)
+def test_a_number_with_more_digits_than_a_float_is_not_read_as_a_smaller_claim(text, true):
+    """2 k = 0.200000000000000000000000000002 and the margin has to stay below; the nearest float says 0.2."""
+    data, problem = with_margin(text)
+    assert (recheck(data, problem).failures == ()) is true
+    assert all(holds for holds, _ in checker.examine(data, canonical_bytes(problem))) is true
+
+
+@pytest.mark.parametrize("text", ["1e-99999999999999999999999", "1e99999999999999999999", "-1e999999999", "1e400"])
+def test_numbers_that_no_float_comes_near_are_refused_at_once(text):
+    data, problem = with_margin(text)
+    with pytest.raises(CertificateError, match="cannot be read"):
+        recheck(data, problem)
+
+
+def test_whole_numbers_beyond_the_floats_are_rounded_to_the_larger_claim():
+    assert number_or_none(2**53 + 1) > 2**53 + 1
+    assert number_or_none(-(2**53) - 1) < -(2**53) - 1
+    assert number_or_none(2**53) == 2**53

@@ -26,6 +26,8 @@ from dobc_design.exact.matrix import multiply, to_float
 from dobc_design.spec.network import Network
 from dobc_design.spec.problem import Problem
 from dobc_design.theorems.statements import state_theorems
+from dobc_design.verdict import Verdict
+from dobc_design.workflow import certify
 
 PAPER_GAIN = ((Fraction(16, 5),), (Fraction(12, 5),))
 PAPER_P = ((Fraction(1, 2), Fraction(-1, 4)), (Fraction(-1, 4), Fraction(1, 3)))
@@ -64,7 +66,7 @@ def test_a_network_without_arcs_or_pins_has_lambda_zero():
     assert np.any(top.vector)
 
 
-@pytest.mark.parametrize("n", [DENSE, *(pytest.param(n, marks=pytest.mark.slow) for n in (DENSE - 1, DENSE + 1, DENSE + 50))])
+@pytest.mark.parametrize("n", [DENSE, *(pytest.param(DENSE + more, marks=pytest.mark.slow) for more in (-1, 1, 50))])
 def test_both_sides_of_the_switch_agree_with_numpy(n):
     table = float_lambda(ring(n), "G")
     top = largest_eigenvalue(table)
@@ -75,6 +77,7 @@ def test_both_sides_of_the_switch_agree_with_numpy(n):
 
 def test_the_largest_eigenvalue_of_the_paper_cycle():
     """Theory, known answers: one pin k = 3 gives -0.153544, all pinned k gives -2 k."""
+
     def cycle(gains) -> Problem:
         arcs = [[i, i % 10 + 1] for i in range(1, 11)]
         return Problem(
@@ -201,3 +204,14 @@ def test_weights_that_differ_and_weights_that_agree_are_read_alike():
     for problem in (plain, weighted):
         exact = dense(state_theorems(problem).lambdas["G"].constant)
         assert np.allclose(float_lambda(problem, "G").toarray(), exact, rtol=1e-15)
+
+
+@pytest.mark.parametrize("special", [{}, {(1, 0): "2*y"}])
+def test_weights_beyond_the_floats_give_no_warning_and_no_estimate(special):
+    """A warning in this package is an error in these tests; certify must go on without an estimate."""
+    problem = Problem(
+        network=Network.from_arcs([[1, 2, "1e300"], [2, 1]], arrow="listens_to", agents=2),
+        coupling="100000000000000000000*y", exceptions=special, gains=1,
+    )  # fmt: skip
+    assert not np.all(np.isfinite(float_lambda(problem, "G").toarray()))
+    assert certify(problem).check("lemma1", "G").verdict is Verdict.REFUTED  # 4 (a + 1)(b + 1) < (a + b)^2

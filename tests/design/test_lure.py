@@ -11,7 +11,7 @@ import pytest
 from lure_cases import HARMONIC, PAPER_GAIN, cycle, field, identity, is_proved, pins, random_problem
 from scipy.integrate import solve_ivp
 
-from dobc_design.design.lure import LARGEST_FULL, bound_lure, design_lure, raise_rate, rate_estimate
+from dobc_design.design.lure import LARGEST_FULL, bound_lure, design_lure, linear_rate, raise_rate, rate_estimate
 from dobc_design.errors import SpecError
 from dobc_design.exact.matrix import to_float
 from dobc_design.spec.network import Network
@@ -291,3 +291,30 @@ def test_sixty_agents_are_certified(shape):
     lure = found(problem, shape=shape)
     assert lure.radius > Fraction("4.04")
     assert not is_proved(problem, enlarged(problem, lure, "1.02"))
+
+
+@pytest.mark.parametrize("text", ["pi*y", "exp(1)*y"])
+def test_linear_couplings_with_irrational_slopes_have_multipliers(text):
+    """Their gain is known by an enclosure only; the certificate still holds everywhere."""
+    problem = cycle(3, 3, coupling=text)
+    lure = found(problem)
+    assert lure.level is None
+    assert all(tau > 0 for tau in lure.multipliers["G"])
+    assert is_proved(cycle(3, 3, coupling="3*y"), found(cycle(3, 3, coupling="3*y")))
+
+
+def test_a_list_with_an_irrational_linear_part_is_certified():
+    network = cycle(3, 3).network
+    problem = Problem(network=network, coupling=["pi*y1 + y2", "tanh(y2)"], gains=3, target=[0, 0])
+    assert is_proved(problem, found(problem, objective="ball", largest=Fraction(5)))
+
+
+@pytest.mark.parametrize(("coupling", "slope"), [("2*y", 2.0), ("exp(y) - 1 + y", 2.0), ("sin(y)", 1.0)])
+def test_the_linear_rate_is_that_of_the_slowest_eigenvalue(coupling, slope):
+    """J - K of the directed 4-cycle with one pin, by NumPy."""
+    J = slope * (np.roll(np.eye(4), 1, axis=1) - np.eye(4)) - np.diag([3.0, 0, 0, 0])
+    truth = -float(np.max(np.linalg.eigvals(J).real))
+    assert linear_rate(cycle(4, {1: 3}, coupling=coupling), None) == pytest.approx(truth, rel=1e-4)
+    with_observer = cycle(4, 9, coupling=coupling, exosystem=HARMONIC)
+    assert linear_rate(with_observer, PAPER_GAIN) == pytest.approx(1.6, rel=1e-6)
+    assert linear_rate(cycle(4, {1: 3}, coupling="-y"), None) == 0.0

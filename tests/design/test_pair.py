@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from fractions import Fraction
 from random import Random
 
@@ -10,6 +11,7 @@ import pytest
 from scipy import linalg
 
 import dobc_design as dd
+from dobc_design.design import pair as pair_module
 from dobc_design.design.gain import design_gain
 from dobc_design.design.pair import lyapunov, propose_pairs
 from dobc_design.exact.definite import decide_positive_definite
@@ -116,3 +118,14 @@ def test_eight_exosystem_states_are_proved(cycle):
     exosystem = Exosystem(A=A, C=[[1, 0] * 4])
     assert design_gain(exosystem).W is not None
     assert dd.certify(cycle(3, exosystem=exosystem)).check("theorem1").verdict is Verdict.PROVED
+
+
+@pytest.mark.parametrize(("digits", "exact"), [(20, True), (80, False)])
+def test_no_exact_equation_is_solved_that_would_take_hours(digits, exact, monkeypatch):
+    """36 unknowns, times the bits of a common denominator of 64 numbers: about 150 000 and 610 000."""
+    asked = []
+    monkeypatch.setattr(pair_module, "lyapunov", asked.append)
+    A = [[Fraction(-20 * (i == j)) + Fraction(1, 10**digits + 7 * i + j) for j in range(8)] for i in range(8)]
+    pairs = list(propose_pairs(Exosystem(A=A, C=[[1] * 8]), ((Fraction(0),),) * 8, bound=math.nan, decay=1.0))
+    assert pairs == []
+    assert bool(asked) is exact

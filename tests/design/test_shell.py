@@ -40,7 +40,12 @@ def ball(problem: Problem, shell: Shell) -> float:
     [
         pytest.param(n, gains, radius, marks=[] if (n, gains) == (2, {1: 3}) else pytest.mark.slow)
         for n, gains, radius in (
-            (2, 3, 6.0), (3, 3, 6.0), (4, 3, 6.0), (2, {1: 3}, 3.75), (3, {1: 3}, 3.63), (4, {1: 3}, 3.63)
+            (2, 3, 6.0),
+            (3, 3, 6.0),
+            (4, 3, 6.0),
+            (2, {1: 3}, 3.75),
+            (3, {1: 3}, 3.63),
+            (4, {1: 3}, 3.63),
         )
     ],
 )
@@ -159,3 +164,15 @@ def test_random_small_networks_are_certified_and_checked(seed):
     if shell is not None:
         assert verify_shell(problem, shell).verdict is Verdict.PROVED
         assert shell.outer > lure.level
+
+
+def test_no_more_boxes_are_left_than_allowed_and_smaller_sets_are_not_looked_for():
+    problem = cycle(2, 3)
+    lure = inner(problem)
+    shell = grow_shell(problem, lure)
+    count = shell.tree.count(".")
+    fewer = grow_shell(problem, lure, most=count - 1)
+    assert fewer is None or (fewer.tree.count(".") < count and fewer.outer < shell.outer)
+    assert grow_shell(problem, lure, most=3) is None
+    assert grow_shell(problem, lure, least=2 * shell.outer) is None
+    assert grow_shell(problem, lure, least=shell.outer / 2) == shell

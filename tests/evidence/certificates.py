@@ -14,8 +14,10 @@ from campaigns import (
     reduction_campaign,
 )
 from evidence.row import Row
+from region_campaigns import region_mutant_campaign, region_recheck_campaign
 
 MUTANTS = 20  # of each certificate
+REGION_MUTANTS = 100
 
 
 def recheck(count: int, seed: int) -> Row:
@@ -28,6 +30,17 @@ def mutants(count: int, seed: int) -> Row:
     return _row(
         "changed certificates: refused, or true for the oracle; both checkers agree", count // MUTANTS * MUTANTS, tally
     )
+
+
+def region_recheck(count: int, seed: int) -> Row:
+    tally = region_recheck_campaign(range(seed, seed + count))
+    return _row("certify with a region: both checkers accept, an independent oracle finds nothing false", count, tally)
+
+
+def region_mutants(count: int, seed: int) -> Row:
+    tally = region_mutant_campaign(range(seed, seed + count // REGION_MUTANTS), each=REGION_MUTANTS)
+    changed = sum(tally.counts.values()) - tally.counts["nothing to change"]
+    return _row("changed regional claims: refused, or true for the oracle; both checkers agree", changed, tally)
 
 
 def whole_psi(count: int, seed: int) -> Row:

@@ -11,10 +11,14 @@ from evidence import (
     cures,
     detectability,
     enclosures,
+    falsified,
     hadamard,
     jacobians,
+    known_regions,
     reduction,
     robustness,
+    settled_runs,
+    simulations,
 )
 from evidence.row import Row
 
@@ -39,6 +43,9 @@ ITEMS = (
     Item(name="bad-files", run=bad_files.run, count=10_000, seed=5000),
     Item(name="recheck", run=certificates.recheck, count=500, seed=6000),
     Item(name="mutants", run=certificates.mutants, count=10_000, seed=6000),
+    Item(name="region-recheck", run=certificates.region_recheck, count=100, seed=0),
+    Item(name="region-mutants", run=certificates.region_mutants, count=5000, seed=0),
+    Item(name="known-regions", run=known_regions.run, count=100, seed=0),
     Item(name="whole-psi", run=certificates.whole_psi, count=100, seed=6000),
     Item(name="decision", run=certificates.decision, count=200, seed=6000),
     Item(name="outside", run=certificates.outside, count=300, seed=6000),
@@ -49,5 +56,10 @@ ITEMS = (
     Item(name="cures", run=cures.cures, count=500, seed=8000),
     Item(name="decided", run=cures.decided, count=500, seed=9000),
     Item(name="enclosures", run=enclosures.run, count=1_000_000, seed=8100),  # the count is points
+    Item(name="falsified", run=falsified.run, count=10_000, seed=8600),  # the count is starts
+    Item(name="settled", run=settled_runs.run, count=200, seed=8700),  # the count is starts
     Item(name="hadamard", run=hadamard.run, count=240, seed=7000),
+    Item(name="linear-runs", run=simulations.linear, count=200, seed=9100),
+    Item(name="sampled-runs", run=simulations.sampled, count=300, seed=9200),
+    Item(name="stressed-runs", run=simulations.stressed, count=300, seed=9300),
 )

@@ -238,3 +238,31 @@ def test_the_answer_says_which_path_gave_it_and_for_what_size(M, named):
     """The table in the module docstring, row by row."""
     method = decide_positive_definite(M).method
     assert any(part in method for part in named.split("|"))
+
+
+def signed_ring(size: int) -> SparseSymmetric:
+    """2 on the diagonal and a ring of ones, one of them -1: eigenvalues 2 + 2 cos((2 k + 1) pi / size).
+
+    For even sizes the least one is positive, but without the signs it would be 0: no v > 0 shows it.
+    """
+    entries = {(i, i): Fraction(2) for i in range(size)} | {(i, i + 1): Fraction(1) for i in range(size - 1)}
+    return SparseSymmetric(size, entries | {(0, size - 1): Fraction(-1)})
+
+
+@pytest.mark.parametrize(
+    ("size", "work", "verdict"),
+    [
+        (2002, 100, Verdict.UNDECIDED),
+        (2002, 10_000_000, Verdict.PROVED),
+        (2002, None, Verdict.PROVED),
+        (2001, 10_000_000, Verdict.REFUTED),
+    ],
+)
+def test_a_large_sparse_matrix_is_left_undecided_only_by_a_bound_of_its_work(size, work, verdict):
+    found = decide_positive_definite(signed_ring(size), most_work=work)
+    assert found.verdict is verdict
+    assert ("stopped at pivot" in found.method) is (verdict is Verdict.UNDECIDED)
+
+
+def test_up_to_2000_rows_no_bound_leaves_anything_undecided():
+    assert decide_positive_definite(signed_ring(100), most_work=1).verdict is Verdict.PROVED

@@ -22,6 +22,7 @@ from dobc_design.spec.exosystem import Exosystem
 from dobc_design.spec.network import Network
 from dobc_design.spec.observer import Observer
 from dobc_design.spec.problem import Problem
+from dobc_design.spec.region import Region
 from dobc_design.verdict import Verdict
 from dobc_design.verify.check import Check, Fix, Witness
 
@@ -167,3 +168,33 @@ def everything(certificate: Certificate) -> dict[str, Any]:
         "trajectory": make_trajectory(problem),
         "lambdas": {"Ga": matrix(rows)},
     }
+
+
+@pytest.fixture
+def asked_for(problem_with, certificate_of) -> dict[str, Any]:
+    """A report on the ring with a region, whose certificates are made by hand."""
+    problem = problem_with(region=Region(initial_states=[[0, 5]], initial_disturbance="1/2"))
+    box = {"kind": "box", "radius": 4.0, "disturbance": 0.5}
+    separable = Check(
+        id="max-separable", verdict=Verdict.PROVED, domain=box, rate=0.2, reason="from every start V decays.",
+        exact={
+            "v": ["1", *["3/2"] * 9], "alpha": "1/5", "rho": "9/2", "P": [["1", "0"], ["0", "1"]], "beta": "3/2",
+            "kappa": "7/10", "size": "1",
+        },
+    )  # fmt: skip
+    ball = Check(
+        id="lure", verdict=Verdict.PROVED, domain={"kind": "ball", "radius": 1.079, "disturbance": 0.5}, rate=0.0001234,
+        reason="from every start in a ball V decays. Beyond, and this takes several lines, no quadratic V is found.",
+        exact={"method": "vertices", "P_e": [[i, i, str(1 + i)] for i in range(10)], "level": "2"},
+    )  # fmt: skip
+    delay = Check(
+        id="delay",
+        verdict=Verdict.PROVED,
+        domain=box,
+        rate=0.1,
+        reason="late.",
+        exact={"delay": "1/50", "rate": "1/10"},
+    )
+    checks = (separable, ball, delay)
+    certificate = certificate_of(problem, checks=checks, covered_by="max-separable", rate=0.2)
+    return {"certificate": certificate, "analysis": None, "trajectory": None}

@@ -73,7 +73,7 @@ def wide_page(problem_with, certificate_of, analysis_of, trajectory_of) -> str:
     return html_report(certificate, analysis=analysis_of(problem), trajectory=trajectory_of(problem))
 
 
-@pytest.mark.parametrize("width", [320, 390, 1200])
+@pytest.mark.parametrize("width", [320, 390, 760, 1200])
 def test_everything_has_a_size_and_nothing_scrolls_sideways(
     everything: dict[str, Any], wide_page: str, tmp_path: Path, width: int
 ):
@@ -86,3 +86,12 @@ def test_everything_has_a_size_and_nothing_scrolls_sideways(
         assert sizes["scroll"] <= sizes["client"], f"{sizes['scroll']} px wide on a screen of {sizes['client']}"
         console = [line for line in log.splitlines() if "CONSOLE" in line]
         assert console == []
+
+
+@pytest.mark.parametrize("width", [320, 760])
+def test_a_region_with_its_pictures_and_table_fits(asked_for: dict[str, Any], tmp_path: Path, width: int):
+    sizes, log = measure(html_report(**asked_for), tmp_path, width=width)
+    assert len(sizes["svg"]) == 3  # network, methods, agents
+    assert all(w > 150 and h > 60 for w, h in sizes["svg"])
+    assert sizes["scroll"] <= sizes["client"]
+    assert "CONSOLE" not in log

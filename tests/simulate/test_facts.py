@@ -176,7 +176,7 @@ def test_wrong_arguments_are_refused(arguments, message: str):
 
 
 def test_large_networks_get_fewer_samples_unless_asked():
-    from dobc_design.simulate import simulate as module
+    from dobc_design.simulate import setting as module
 
     times, notes = module._times(None, 1.0, 1 << 24)
     assert len(times) == 4

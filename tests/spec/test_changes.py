@@ -13,7 +13,7 @@ from dobc_design.spec.canonical import canonical_bytes
 from dobc_design.spec.changes import changed_problem
 from dobc_design.spec.file import read_problem_text
 from dobc_design.spec.load import load_problem, source_text
-from dobc_design.spec.toml_writing import changed_file, changed_text, problem_text
+from dobc_design.spec.toml_writing import REMARK, changed_file, changed_text, problem_text
 
 TEXT = builtin_text("paper-fixed")
 CHANGES = [
@@ -22,7 +22,7 @@ CHANGES = [
     {"pinning.gains": {str(i): 0.5 for i in range(1, 11)} | {"1": 3}},
     {"observer.W": [[1], [2]], "observer.P": None},
     {"observer.W": None, "observer.P": None},
-    {"exosystem": None, "observer": None, "simulation.xi0": None},
+    {"exosystem": None, "observer": None, "simulation.xi0": None, "region.initial_disturbance": None},
     {"exosystem.A": [[0]], "exosystem.C": [[1]], "observer": None, "simulation.xi0": [3], "observer.rate": 1},
 ]
 
@@ -62,6 +62,22 @@ def test_other_ways_to_write_the_gains_are_changed_too(gains, changes):
     problem = load_problem("paper-fixed")
     found = changed_file(problem, changes, text=text, folder=Path())
     assert canonical_bytes(read(found)) == canonical_bytes(changed_problem(problem, changes))
+
+
+def test_lines_of_a_table_that_say_the_same_stay_with_their_comments():
+    lines = [
+        "[pinning.gains]",
+        "1 = 5.0  # the leader",
+        "# two that listen to it",
+        '6 = "5"  # the other half',
+        "3 = 1",
+    ]
+    text = TEXT.replace("[pinning]\ngains = { 1 = 5, 6 = 5 }              # stand-in, see above", "\n".join(lines))
+    problem = read(text, name="paper-fixed")
+    found = changed_file(problem, {"pinning.gains": {"1": 5, "6": 7, "9": 0.25}}, text=text, folder=Path()).splitlines()
+    for line in (*lines[:3], f"6 = 7 # {REMARK}", f"9 = 0.25 # {REMARK}"):
+        assert line in found
+    assert lines[4] not in found
 
 
 @pytest.mark.parametrize("key", ["network.modes", "pinning", "name", "pinning.gains.1", ""])

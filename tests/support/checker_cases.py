@@ -14,10 +14,11 @@ from fractions import Fraction
 from functools import cache
 from typing import Any
 
+from regions import without_region
+
 from dobc_design.certificate.text import certificate_bytes
 from dobc_design.spec.canonical import canonical_bytes
 from dobc_design.spec.exosystem import Exosystem
-from dobc_design.spec.load import load_problem
 from dobc_design.spec.network import Network
 from dobc_design.spec.observer import Observer
 from dobc_design.spec.problem import Problem
@@ -54,7 +55,7 @@ def problems() -> dict[str, Problem]:
     """One problem for every rule of the format page."""
     pair, line, chain = network(), network([[2, 1]]), [[i + 1, i] for i in range(1, 25)]
     return {
-        "paper": load_problem("paper-fixed"),
+        "paper": without_region("paper-fixed"),
         "plain": Problem(network=pair, coupling="2*y", gains={1: 3}, notes=["a note"]),
         "curved": Problem(network=pair, coupling="exp(y) - 1 + y", gains={1: 3, 2: 3}),
         "designed": Problem(network=pair, coupling="y", gains=1, exosystem=scalar(0)),
@@ -477,6 +478,10 @@ def _bent_problems() -> Iterator[Case]:
     yield about(wide, document("plain"), name="101 components", code=UNREADABLE)
     yield _with("plain", ("extra",), 1)
     yield _with("plain", ("version",), True)
+    # A polynomial with a coefficient of 5000 digits, more than Python writes.
+    long = json.loads(_originals()["hidden"][1])
+    long["exosystem"]["A"] = [["-" + "9" * 5000]]
+    yield about(long, document("hidden"), name="hidden: a long polynomial", code=FAILS)
     # An agent that is pushed away: -Lambda < 0.
     pushed = json.loads(_originals()["plain"][1]) | {"gains": [[0, [["-1"]]], [1, [["-1"]]]], "notes": []}
     pushed["modes"][0]["arcs"] = []

@@ -1,4 +1,4 @@
-"""The lone checker with one of its checks taken away: every condition in turn is forced to the accepting value.
+"""The lone checker, both files, with one of its checks taken away: every condition is forced to the accepting value.
 
 A check is the condition of ``need``, each part of it that ``and`` joins, the condition of an ``if`` that returns
 False, and each part of a returned conjunction.
@@ -15,39 +15,44 @@ from types import ModuleType
 
 from dobc_design.certificate import checker
 
-SOURCE = Path(checker.__file__).read_text("utf-8")
+FOLDER = Path(checker.__file__).parent
+FILES = ("checker", "region_checker")
+SOURCES = {file: (FOLDER / f"{file}.py").read_text("utf-8") for file in FILES}
 
 
 @dataclass(frozen=True)
 class Removal:
-    """``line`` and ``text`` of the condition; ``place`` is its number in ``_conditions``."""
+    """``line`` and ``text`` of the condition in ``file``; ``place`` is its number in ``_conditions``."""
 
+    file: str
     place: int
     line: int
     text: str
 
     def __str__(self) -> str:
-        return f"line {self.line}: {self.text}"
+        return f"{self.file}.py, line {self.line}: {self.text}"
 
 
-def removals() -> list[Removal]:
-    """Every check of the checker."""
-    return [
-        Removal(place, node.lineno, ast.unparse(node)) for place, (node, _) in enumerate(_conditions(ast.parse(SOURCE)))
-    ]
+def removals(file: str) -> list[Removal]:
+    """Every check of one of the two files."""
+    conditions = enumerate(_conditions(ast.parse(SOURCES[file])))
+    return [Removal(file, place, node.lineno, ast.unparse(node)) for place, (node, _) in conditions]
 
 
 def without(removal: Removal) -> ModuleType:
-    """The checker as a module of its own, with that check taken away."""
-    tree = ast.parse(SOURCE)
-    _, replace = list(_conditions(tree))[removal.place]
+    """The checker as a module of its own, beside its own region_checker, with that check taken away."""
+    trees = {file: ast.parse(SOURCES[file]) for file in FILES}
+    _, replace = list(_conditions(trees[removal.file]))[removal.place]
     replace()
-    name = f"checker_without_{removal.place}"
-    module = ModuleType(name)
-    sys.modules[name] = module  # dataclasses look it up
-    exec(compile(ast.fix_missing_locations(tree), name, "exec"), module.__dict__)  # noqa: S102 - our own source
-    del sys.modules[name]
-    return module
+    package = f"{removal.file}_without_{removal.place}"
+    modules = {}
+    for file in FILES:  # the second imports from the first
+        name = f"{package}.{file}"
+        modules[file] = sys.modules[name] = ModuleType(name)  # where dataclasses and the loader look them up
+        modules[file].__dict__.update(__package__=package, __file__=str(FOLDER / f"{file}.py"))
+        code = compile(ast.fix_missing_locations(trees[file]), name, "exec")
+        exec(code, modules[file].__dict__)  # noqa: S102 - our own source
+    return modules["checker"]
 
 
 def _conditions(tree: ast.Module) -> Iterator[tuple[ast.expr, object]]:

@@ -18,6 +18,7 @@ from typing import Any
 
 import mpmath
 import sympy as sp
+from region_oracle import COVERING, IDS, Regions
 
 from dobc_design.spec.canonical import canonical_bytes
 from dobc_design.spec.problem import Problem
@@ -273,11 +274,25 @@ class Oracle:
             false.append("P, Q")
         for check in document["checks"]:
             title = f"{check['id']} {check.get('mode')}"
-            false += [f"{title}: {what}" for what in self._false_in(check, W, P, Q)]
+            if check["id"] in IDS:
+                regions = Regions(self.document, observer["W"])
+                false += [f"{title}: {what}" for what in regions.false(check, document, self.domain)]
+            else:
+                false += [f"{title}: {what}" for what in self._false_in(check, W, P, Q)]
         return false + self._false_overall(document, W)
 
     def _false_overall(self, document: dict[str, Any], W: Rows | None) -> list[str]:
         verdict, checks = document["verdict"], document["checks"]
+        regions = Regions(self.document, document["observer"]["W"])
+        covering = [c for c in checks if c["id"] in IDS and c["verdict"] == "proved" and regions.covers(c)]
+        carrying = [c for c in covering if c["id"] == document["covered_by"] and c["id"] in COVERING]
+        if verdict == "proved" and carrying:
+            return [] if document["rate"] == carrying[0]["rate"] else ["rate"]
+        beside = self.document["region"] is not None and any(
+            c["id"] == "equilibrium" and c["verdict"] == "refuted" for c in checks
+        )
+        if verdict == "refuted" and beside:
+            return [] if document["rate"] is None and document["covered_by"] is None else ["a rate without proof"]
         if verdict not in self.verdicts(W):
             return [f"verdict {verdict}"]
         if verdict != "proved":

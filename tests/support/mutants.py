@@ -10,6 +10,7 @@ from typing import Any
 WORDS = (
     "proved", "refuted", "undecided", "global", "consensus", "lemma1", "theorem1", "theorem2", "theorem1-printed",
     "theorem2-printed", "hurwitz", "observability", "detectability", "reachability", "lure", "max-separable",
+    "exhaustive", "ball", "interval", "vertices",
     "vector", "agents", "Lambda", "P", "Omega0", "given", "designed", "G0", "G1", "NaN", "Infinity", "", "0", "1", "-1",
 )  # fmt: skip
 FIELDS = ("evidence", "extra", "margin", "rate", "exact", "witness", "mode", "labels", "bound")

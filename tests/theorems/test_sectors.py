@@ -13,7 +13,7 @@ from dobc_design.exact.interval import Interval, UndefinedError
 from dobc_design.spec.coupling import make_coupling
 from dobc_design.spec.network import Network
 from dobc_design.spec.problem import Problem
-from dobc_design.theorems.sectors import GainRange, build_sectors, enclose_ranges, gains_on
+from dobc_design.theorems.sectors import GainRange, build_sectors, enclose_ranges, gains_on, relied_differences
 
 TWO = Fraction(2)
 
@@ -132,3 +132,20 @@ def test_ranges_have_to_fit_the_problem():
     wide = GainRange(coupling=0, radius=TWO, entries=((Interval.point(1),) * 2,) * 2)
     with pytest.raises(SpecError, match=r"needs a range of shape \(1, 1\)"):
         build_sectors(problem, (wide,), radius=TWO)
+
+
+def test_ranges_rely_on_the_differences_of_arcs_that_are_not_linear_each_at_its_least_radius():
+    """Both directions of an arc count once; an exception that is linear needs no radius."""
+    network = Network.from_arcs([[1, 2], [2, 1], [2, 3]], arrow="listens_to", agents=3)
+    problem = Problem(network=network, coupling=PAPER, exceptions={(1, 2): "2*y"}, gains=1)
+    assert relied_differences(problem, radius=TWO) == {(0, 1): TWO}
+    assert relied_differences(problem, radius=TWO, radii={(1, 0): Fraction(1)}) == {(0, 1): 1}
+    assert relied_differences(problem, radius=None) == {}
+
+
+def test_a_component_that_enters_linearly_alone_needs_no_radius():
+    network = Network.from_arcs([[1, 2]], arrow="listens_to", agents=2)
+    curved = Problem(network=network, coupling=["y1 + y1**3", "y2"], gains=1, target=[0, 0])
+    assert relied_differences(curved, radius=TWO) == {(0, 2): TWO}
+    mixed = Problem(network=network, coupling=["y1 + y1*y2**2", "y2"], gains=1, target=[0, 0])
+    assert relied_differences(mixed, radius=TWO) == {(0, 2): TWO, (1, 3): TWO}

@@ -86,6 +86,27 @@ def test_the_region_is_refuted_as_soon_as_the_level_is_too_large():
     assert verify_lure(problem, replace(above, level=None)).step == "region"
 
 
+@pytest.mark.parametrize(
+    "h",
+    [
+        "y - 10*max(y - 1, 0) + 10*max(-y - 1, 0)",  # gain 1 as far as |y| <= 1, negative beyond
+        "10*max(-y - 1, 0) - 10*max(y - 1, 0)",  # gain 0 there: no channel at all
+    ],
+)
+def test_a_kink_beyond_the_radius_limits_the_level_although_the_gain_is_one_number(h):
+    """Two agents, k = 1: from e = (100, -100) the first one runs away at first."""
+    problem = Problem(
+        network=Network.from_arcs([[1, 2], [2, 1]], arrow="listens_to", agents=2), coupling=h, gains=1
+    )  # fmt: skip
+    held = with_tau(problem, Fraction(1), Fraction(0))
+    if not held.ranges[0].entries[0][0].lo:
+        held = certificate(problem, Fraction(1), multipliers={"G": ()})
+    assert is_proved(problem, held)
+    above = replace(held, level=held.level + Fraction(1, 10**9))
+    assert (verify_lure(problem, above).verdict, verify_lure(problem, above).step) == (Verdict.REFUTED, "region")
+    assert problem.couplings[0].value(np.array([-200.0]))[0] - 100 > 0
+
+
 def test_the_region_of_a_full_p_is_decided_with_its_inverse():
     """P_e = [[2, 1], [1, 2]], two agents: c'P_e^-1 c = 2 exactly."""
     problem = Problem(

@@ -9,6 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from dobc_design.certificate.checker import rational
 from dobc_design.errors import SpecError
 from dobc_design.exact.number import number_text
 from dobc_design.verify.numbers import LONGEST, claimed, largest_proved, read_rational, shorten
@@ -62,8 +63,31 @@ def test_long_rationals_are_read_in_pieces(digits):
     assert read_rational(number_text(value)) == value
 
 
+@pytest.mark.parametrize(
+    ("text", "value"),
+    [
+        ("9" * 300 + "e5", (10**300 - 1) * 10**5),
+        ("-" + "9" * 300 + "e-0400", Fraction(1 - 10**300, 10**400)),
+        ("+0." + "0" * 300 + "5E+1", Fraction(5, 10**300)),
+        ("-" + "6" * 300 + "/-" + "3" * 300, 2),
+        ("-0." + "0" * 300 + "e7", 0),
+    ],
+)
+def test_long_decimals_follow_the_grammar_of_short_ones(text, value):
+    """docs/certificate-format.md: any rational of a certificate may have 10 000 characters."""
+    assert read_rational(text) == value
+    assert rational(text) == value
+
+
+@given(st.integers(-(10**320), 10**320), st.integers(-300, 300))
+def test_values_beyond_the_floats_read_back_as_they_were_written(digits, exponent):
+    value = Fraction(digits) * Fraction(10) ** exponent
+    assert read_rational(number_text(value)) == rational(number_text(value)) == value
+
+
 @pytest.mark.parametrize("text", ["1/0", "9" * 300 + "/0", "nan", "inf", "1_000", " 1", "0x10", "", "1/2/3", "--1",
-                                  "9" * 300 + "e5", "١٢", "1" * (LONGEST + 1)])  # fmt: skip
+                                  "9" * 300 + "e401", "9" * 300 + "e-401", "9" * 300 + ".e5", "٣" * 300, "9_" * 150,
+                                  "9" * 300 + "\n", "١٢", "1" * (LONGEST + 1)])  # fmt: skip
 def test_other_texts_are_refused(text):
     with pytest.raises((SpecError, ValueError), match="must"):
         read_rational(text)

@@ -1,0 +1,1 @@
+"""The checks of the region asked for, cheapest first."""

@@ -1,0 +1,110 @@
+"""The closed loop as python-control objects: a NonlinearIOSystem, and observer and exosystem as StateSpace.
+
+Paper: (1), (12), (13), (19).  The right-hand side is that of ``simulate.field``, the full loop, so that
+``control.input_output_response`` reproduces a simulated trajectory.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import control
+import numpy as np
+from numpy.typing import NDArray
+
+from dobc_design.model.arrays import Gain, chosen_mode
+from dobc_design.simulate.field import Field, Loop, make_field
+from dobc_design.simulate.signals import Fixed, Scheduled, scheduled_switches
+from dobc_design.simulate.trajectory import Trajectory
+from dobc_design.spec.problem import Problem
+
+Array = NDArray[np.float64]
+
+
+class ConsensusLoop(control.NonlinearIOSystem):  # type: ignore[misc]  # control is not typed
+    """The closed loop of all agents.
+
+    States: x, xi, z, each agent by agent, n m + 2 n q of them.  Inputs: a disturbance that acts besides d, n m, in
+    units of x per s; 0 gives the loop as printed.  Outputs: x, dhat and u, n m each.
+    ``exosystem`` (12) has no input but a zero one; ``observer`` (13) of one agent has the inputs x_i and
+    v_i = couplings + u_i and the output dhat_i; both are None without an exosystem.
+    """
+
+    def __init__(self, loop: Loop, update: Callable[..., Array], output: Callable[..., Array], name: str) -> None:
+        n, m, q = loop.n, loop.m, loop.q
+        states = [*_names("x", n, m), *_names("xi", n, q), *_names("z", n, q)]
+        outputs = [*_names("x", n, m), *_names("dhat", n, m), *_names("u", n, m)]
+        super().__init__(
+            update, output, states=states, inputs=_names("w", n, m), outputs=outputs, name=name, dt=0
+        )  # fmt: skip
+        self.loop = loop
+        self.exosystem = None if q == 0 else exosystem_of(loop)
+        self.observer = None if q == 0 else observer_of(loop)
+
+    def start_of(self, trajectory: Trajectory) -> Array:
+        """The state at which a trajectory begins: x, xi and z = xihat - W x at its first sample."""
+        z = trajectory.xihat[0] - trajectory.x[0] @ self.loop.W.T
+        return np.concatenate([trajectory.x[0].ravel(), trajectory.xi[0].ravel(), z.ravel()])
+
+
+def to_control(
+    problem: Problem, *, mode: str | None = None, signal: Scheduled | None = None, horizon: float = 0.0, seed: int = 0,
+    gain: Gain | None = None,
+) -> ConsensusLoop:  # fmt: skip
+    """Build the loop in one mode (the first, or ``mode``), or under a switching ``signal`` up to ``horizon`` s.
+
+    ``seed`` draws the switches as ``simulate`` does; python-control's integrators do not stop at them, so a switched
+    response is less accurate than a trajectory.  ``gain`` (q, m) takes the place of problem.observer.W.
+    Raises: SpecError for an unknown mode, or if there is an exosystem and no W.
+    """
+    names = tuple(problem.network.modes)
+    fixed = signal is None or isinstance(signal, Fixed)
+    if fixed:
+        wanted = signal.mode if isinstance(signal, Fixed) and mode is None else mode
+        first = make_field(problem, chosen_mode(problem, wanted), gain)
+        return _system(problem, first.loop, lambda time: first)
+    fields = [make_field(problem, name, gain) for name in names]
+    switches = scheduled_switches(signal or Fixed(), names, horizon, seed)
+    return _system(problem, fields[0].loop, lambda time: fields[int(switches.at(np.array([time]))[0])])
+
+
+def _system(problem: Problem, loop: Loop, field_at: Callable[[float], Field]) -> ConsensusLoop:
+    size = loop.n * loop.m
+
+    def update(time: float, state: Array, w: Array, params: Any) -> Array:
+        with np.errstate(all="ignore"):  # trial steps far from the target overflow
+            derivative = field_at(max(0.0, float(time)))(time, state)
+        derivative[:size] += w
+        return derivative
+
+    def output(time: float, state: Array, w: Array, params: Any) -> Array:
+        x, _, z = loop.split(state)
+        dhat = (z + x @ loop.W.T) @ loop.C.T
+        return np.concatenate([x.ravel(), dhat.ravel(), loop.control(x - loop.goal, dhat).ravel()])
+
+    return ConsensusLoop(loop, update, output, "".join(c if c.isalnum() else "_" for c in problem.name))
+
+
+def exosystem_of(loop: Loop) -> Any:
+    """(12) of one agent as control.StateSpace: output d_i; the input is a dummy that does nothing."""
+    return control.ss(loop.A, np.zeros((loop.q, 1)), loop.C, np.zeros((loop.m, 1)), name="exosystem",
+                      states=[f"xi[{k + 1}]" for k in range(loop.q)], inputs=["none"],
+                      outputs=[f"d[{c + 1}]" for c in range(loop.m)])  # fmt: skip
+
+
+def observer_of(loop: Loop) -> Any:
+    """(13) of one agent as control.StateSpace: inputs x_i and v_i = couplings + u_i, output dhat_i."""
+    F, m = loop.A - loop.W @ loop.C, loop.m
+    B = np.hstack([F @ loop.W, -loop.W])
+    D = np.hstack([loop.C @ loop.W, np.zeros((m, m))])
+    inputs = [f"{name}[{c + 1}]" for name in ("x", "v") for c in range(m)]
+    return control.ss(F, B, loop.C, D, name="observer", states=[f"z[{k + 1}]" for k in range(loop.q)], inputs=inputs,
+                      outputs=[f"dhat[{c + 1}]" for c in range(m)])  # fmt: skip
+
+
+def _names(letter: str, n: int, width: int) -> list[str]:
+    """Signals agent by agent, counted from 1: x[3], or x[3,2] with several components."""
+    if width == 1:
+        return [f"{letter}[{i + 1}]" for i in range(n)]
+    return [f"{letter}[{i + 1},{c + 1}]" for i in range(n) for c in range(width)]

@@ -1,0 +1,1 @@
+"""Figures of runs: arrays in, Matplotlib figures or HTML out.  Nothing is computed here but what a drawing needs."""

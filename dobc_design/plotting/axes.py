@@ -1,0 +1,64 @@
+"""What several plots share: thinning, names, ticks, legends.  Names of users are never read as mathematics."""
+
+from __future__ import annotations
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from numpy.typing import NDArray
+
+MOST_POINTS = 400  # of one series
+MOST_AGENTS = 30  # lines in one plot
+SHOWN_NAME = 18  # letters
+SMALLEST = 1e-14  # below it an error on a logarithmic axis is rounding
+_RAISED = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
+
+
+def power_of_ten(value: float, _: object = None) -> str:
+    """Write 0.001 as 10⁻³ and 1 as 1."""
+    if value <= 0:
+        return ""
+    exponent = round(float(np.log10(value)))
+    return {0: "1", 1: "10", -1: "0.1"}.get(exponent, "10" + str(exponent).translate(_RAISED))
+
+
+def short(name: object, longest: int = SHOWN_NAME) -> str:
+    """Cut a name for a drawing."""
+    text = str(name)
+    return text if len(text) <= longest else text[: longest - 1] + "…"
+
+
+def shown_agents(n: int, first: set[int], most: int = MOST_AGENTS) -> list[int]:
+    """The agents that are drawn: those in ``first`` (at most half), then others, evenly taken."""
+    if n <= most:
+        return list(range(n))
+    kept = sorted(first)[: most // 2]
+    others = [agent for agent in range(n) if agent not in first]
+    room = most - len(kept)
+    return sorted([*kept, *(others[i] for i in np.linspace(0, len(others) - 1, min(room, len(others))).astype(int))])
+
+
+def thinned_rows(count: int, most: int = MOST_POINTS) -> NDArray[np.intp]:
+    """Indices of at most ``most`` of ``count`` samples, first and last included."""
+    return np.unique(np.linspace(0, count - 1, min(count, most)).round().astype(np.intp))
+
+
+def axes_or_new(ax: Axes | None) -> Axes:
+    """These axes, or those of a new figure."""
+    if ax is None:
+        return Figure(layout="constrained").add_subplot()
+    return ax
+
+
+def legend_above(ax: Axes, entries: int, *, right: bool = False, widest: int = 3) -> None:
+    """A legend above the axes, where there are two entries at least, in up to ``widest`` columns."""
+    handles, labels = ax.get_legend_handles_labels()
+    if len(handles) < 2:
+        return
+    legend = ax.legend(
+        handles, labels, loc="lower right" if right else "lower left",
+        bbox_to_anchor=(1.0 if right else 0.0, 1.0), ncols=min(max(entries, 1), widest),
+        borderaxespad=0.2, handlelength=1.6, columnspacing=1.2,
+    )  # fmt: skip
+    for text in legend.get_texts():
+        text.set_parse_math(False)

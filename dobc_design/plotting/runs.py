@@ -1,0 +1,251 @@
+"""Figures of one run and of many: states, disturbance and estimate, errors, the active mode.
+
+Runs come as anything that has a Trajectory's or an Ensemble's arrays.  A certified envelope is handed over as points
+(t, bound on |e|_inf); nothing is certified here.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import Any, Protocol
+
+import numpy as np
+from matplotlib import colormaps
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.ticker import FuncFormatter
+from numpy.typing import ArrayLike, NDArray
+
+from dobc_design.errors import ShapeError
+from dobc_design.plotting.axes import SMALLEST, legend_above, power_of_ten, short, shown_agents, thinned_rows
+from dobc_design.plotting.look import BLUE, GREEN, INK, MUTED, PURPLE, SERIES, VERMILLION
+from dobc_design.plotting.sheet import Sheet
+
+Array = NDArray[np.float64]
+Envelope = ArrayLike | Callable[[Array], Array]
+MOST_COMPONENTS = 3
+MOST_ESTIMATES = 3
+MOST_BOUNDS = 200  # points at which a certified bound is asked for
+MOST_NAMED_MODES = 6
+WIDTH, PANEL, BAND = 7.0, 1.75, 0.32  # inches
+LEVELS = (0.05, 0.25, 0.5, 0.75, 0.95)
+_SUBSCRIPTS = str.maketrans("0123456789", "₀₁₂₃₄₅₆₇₈₉")
+
+
+class Run(Protocol):
+    """What a figure of one run needs of it; see ``simulate.trajectory.Trajectory``."""
+
+    @property
+    def times(self) -> Array: ...
+    @property
+    def x(self) -> Array: ...
+    @property
+    def d(self) -> Array: ...
+    @property
+    def dhat(self) -> Array: ...
+    @property
+    def xi(self) -> Array: ...
+    @property
+    def goal(self) -> Array: ...
+    @property
+    def labels(self) -> tuple[str, ...]: ...
+    @property
+    def switches(self) -> Any: ...
+
+
+class Runs(Protocol):
+    """What a figure of many runs needs of them; see ``simulate.ensemble.Ensemble``."""
+
+    @property
+    def times(self) -> Array: ...
+    @property
+    def error(self) -> Array: ...
+    @property
+    def estimation_error(self) -> Array: ...
+    def __len__(self) -> int: ...
+
+
+def trajectory_sheet(run: Run, *, envelope: Envelope | None = None, pinned: Sequence[int] = ()) -> Sheet:
+    """States by component, disturbance and estimate, errors on a logarithmic axis, and which mode was active.
+
+    ``envelope``: points (t, bound), (k, 2), or the bound as a function of times, drawn into the errors.
+    ``pinned``: indices of agents to be drawn in blue.
+    """
+    points = checked_envelope(envelope, run.times)
+    components = min(run.x.shape[2], MOST_COMPONENTS)
+    has_estimate = bool(run.d.size and (run.d.any() or run.dhat.any()))
+    has_band = len(run.switches) > 1
+    heights = [BAND] * has_band + [PANEL] * (components + has_estimate + 1)
+
+    def draw(figure: Figure) -> None:
+        rows = list(np.atleast_1d(figure.subplots(len(heights), 1, sharex=True, height_ratios=heights)))
+        if has_band:
+            plot_modes(rows.pop(0), run.switches, float(run.times[-1]))
+        for c in range(components):
+            plot_agents(rows.pop(0), run, component=c, pinned=pinned)
+        if has_estimate:
+            plot_estimates(rows.pop(0), run)
+        last = rows.pop(0)
+        plot_errors(
+            last, run.times, {"|e|∞": _largest(run.x - run.goal)} |
+            ({"|d − d̂|∞, per s": _largest(run.d - run.dhat)} if has_estimate else {}), envelope=points,
+        )  # fmt: skip
+        _time_axis(last, run.times)
+
+    return Sheet(draw, width=WIDTH, height=sum(heights) + 0.5 + 0.25 * len(heights))
+
+
+def ensemble_sheet(runs: Runs, *, envelope: Envelope | None = None) -> Sheet:
+    """Quantile bands of |e|_inf and of |d - dhat|_inf over all runs; a run that diverged counts as infinite.
+
+    ``envelope``: points (t, bound), (k, 2), or the bound as a function of times, drawn into |e|_inf.
+    """
+    points = checked_envelope(envelope, runs.times)
+    has_estimate = bool(np.nan_to_num(runs.estimation_error).any())
+
+    def draw(figure: Figure) -> None:
+        rows = np.atleast_1d(figure.subplots(1 + has_estimate, 1, sharex=True))
+        plot_quantiles(rows[0], runs.times, runs.error, colour=BLUE, what="|e|∞, in the unit of x")
+        if points is not None:
+            _draw_envelope(rows[0], points)
+        rows[0].set_title(f"{len(runs)} runs")
+        legend_above(rows[0], 4, right=True, widest=4)
+        if has_estimate:
+            plot_quantiles(
+                rows[1], runs.times, runs.estimation_error, colour=PURPLE, what="|d − d̂|∞, unit of x per s"
+            )  # fmt: skip
+        _time_axis(rows[-1], runs.times)
+
+    return Sheet(draw, width=WIDTH, height=0.7 + 2.3 * (1 + has_estimate))
+
+
+def plot_agents(ax: Axes, run: Run, *, component: int, pinned: Sequence[int] = ()) -> Axes:
+    """One component of the states of at most 30 agents, and their goals (dashed)."""
+    rows, held = thinned_rows(len(run.times)), set(pinned)
+    chosen = shown_agents(run.x.shape[1], held)
+    shades = colormaps["cividis"](np.linspace(0.05, 0.8, len(chosen)))
+    for rank, agent in enumerate(chosen):
+        colour = shades[rank] if len(chosen) > len(SERIES) else SERIES[rank]
+        ax.plot(
+            run.times[rows], run.x[rows, agent, component], color=BLUE if agent in held else colour,
+            linewidth=1.7 if agent in held else 1.0, label=f"agent {short(run.labels[agent])}",
+        )  # fmt: skip
+    goals = sorted({float(run.goal[agent, component]) for agent in chosen})
+    for rank, goal in enumerate(goals[:12]):
+        ax.axhline(
+            goal, color=VERMILLION, linewidth=1.1, linestyle=(0, (4, 2)), label="goal" if rank == 0 else None
+        )  # fmt: skip
+    symbol = "xᵢ" if run.x.shape[2] == 1 else f"xᵢ,{component + 1}".translate(_SUBSCRIPTS)
+    ax.set_ylabel(f"{symbol}\nin its own unit")
+    if len(chosen) <= len(SERIES) and component == 0:
+        legend_above(ax, 7, right=True, widest=7)
+    return ax
+
+
+def plot_estimates(ax: Axes, run: Run) -> Axes:
+    """The first component of the disturbance (dotted) and its estimate (solid) of at most three agents."""
+    rows = thinned_rows(len(run.times))
+    for rank, agent in enumerate(shown_agents(run.d.shape[1], set(), MOST_ESTIMATES)):
+        ax.plot(
+            run.times[rows], run.dhat[rows, agent, 0], color=SERIES[rank], linewidth=3.2 - rank,
+            label=f"d̂, agent {short(run.labels[agent])}",
+        )  # fmt: skip
+        ax.plot(run.times[rows], run.d[rows, agent, 0], color=INK, linestyle=(0, (1, 1.4)), linewidth=1.3,
+                label="d" if rank == 0 else None)  # fmt: skip
+    ax.set_ylabel("d and estimate d̂\nin units of x per s")
+    legend_above(ax, 4, right=True, widest=4)
+    return ax
+
+
+def plot_errors(ax: Axes, times: Array, errors: dict[str, Array], *, envelope: Array | None = None) -> Axes:
+    """Errors on a logarithmic axis, each (T,) with its name, and the certified envelope."""
+    rows = thinned_rows(len(times))
+    ax.set_yscale("log")
+    for (name, values), colour in zip(errors.items(), (BLUE, PURPLE, GREEN), strict=False):
+        ax.plot(times[rows], np.where(values[rows] > SMALLEST, values[rows], np.nan), color=colour, label=name)
+    if envelope is not None:
+        _draw_envelope(ax, envelope)
+    _decades(ax)
+    ax.set_ylabel("errors\nin the unit of x")
+    legend_above(ax, 3, right=True)
+    return ax
+
+
+def plot_quantiles(ax: Axes, times: Array, errors: Array, *, colour: str, what: str) -> Axes:
+    """Bands of 5 to 95 and of 25 to 75 percent, and the median; errors (R, T) with nan counted as infinite."""
+    rows = thinned_rows(len(times))
+    ordered = np.sort(np.where(np.isnan(errors[:, rows]), np.inf, errors[:, rows]), axis=0)
+    places = [max(0, int(np.ceil(level * len(ordered))) - 1) for level in LEVELS]
+    bands = np.clip(ordered[places], SMALLEST, None)
+    finite = bands[np.isfinite(bands)]
+    top = 10 * float(finite.max()) if len(finite) else 1.0
+    shown = np.where(np.isfinite(bands), bands, top)
+    ax.set_yscale("log")
+    ax.fill_between(times[rows], shown[0], shown[4], color=colour, alpha=0.18, linewidth=0, label="5 to 95 %")
+    ax.fill_between(times[rows], shown[1], shown[3], color=colour, alpha=0.34, linewidth=0, label="25 to 75 %")
+    ax.plot(times[rows], np.where(np.isfinite(bands[2]), bands[2], np.nan), color=colour, label="median")
+    _decades(ax)
+    ax.set_ylabel(what)
+    return ax
+
+
+def plot_modes(ax: Axes, switches: Any, end: float) -> Axes:
+    """A band that shows which mode is active when: names for few modes, shades for many."""
+    times, modes = np.asarray(switches.times), np.asarray(switches.modes)
+    ends = np.minimum(np.append(times[1:], end), end)
+    used = sorted(set(modes.tolist()))
+    named = len(used) <= MOST_NAMED_MODES
+    shades = [*SERIES[:4], INK, MUTED] if named else list(colormaps["cividis"](np.linspace(0, 1, len(used))))
+    for place, mode in enumerate(used):
+        here = modes == mode
+        spans = list(zip(times[here].tolist(), (ends - times)[here].tolist(), strict=True))
+        ax.broken_barh(spans, (0, 1), facecolors=shades[place], alpha=0.75 if named else 1.0, linewidth=0,
+                       label=short(switches.names[mode]) if named else None)  # fmt: skip
+    ax.set_yticks([])
+    ax.set_ylim(0, 1)
+    ax.grid(visible=False)
+    ax.set_ylabel("mode", rotation=0, ha="right", va="center")
+    if named:
+        legend_above(ax, len(used), right=True, widest=MOST_NAMED_MODES)
+    else:
+        ax.set_title(f"{len(used)} graphs, {len(times) - 1} switches")
+    return ax
+
+
+def checked_envelope(envelope: Envelope | None, times: Array) -> Array | None:
+    """Points (t, bound) as an array (k, 2); a function is asked at the samples.  Raises: ShapeError."""
+    if envelope is None:
+        return None
+    if callable(envelope):
+        chosen = times[thinned_rows(len(times), MOST_BOUNDS)]
+        envelope = np.stack([chosen, np.asarray(envelope(chosen), dtype=np.float64)], axis=1)
+    points = np.asarray(envelope, dtype=np.float64)
+    if points.ndim != 2 or points.shape[1] != 2 or len(points) < 2:
+        raise ShapeError(
+            f"envelope must be points (t, bound), shape (k, 2) with k >= 2; got {points.shape}.", key="envelope",
+            cure="For example [[0, 4.0], [10, 0.5]].",
+        )  # fmt: skip
+    return points
+
+
+def _draw_envelope(ax: Axes, points: Array) -> None:
+    ax.plot(
+        points[:, 0], points[:, 1], color=INK, linestyle=(0, (4, 2)), linewidth=1.2, label="certified bound on |e|∞"
+    )
+
+
+def _decades(ax: Axes) -> None:
+    low, high = ax.get_ylim()
+    if high / max(low, 1e-300) >= 10:
+        ax.yaxis.set_major_formatter(FuncFormatter(power_of_ten))
+        ax.minorticks_off()
+
+
+def _time_axis(ax: Axes, times: Array) -> None:
+    ax.set_xlabel("time t in s")
+    if times[-1] > 0:
+        ax.set_xlim(0, float(times[-1]))
+
+
+def _largest(values: Array) -> Array:
+    return np.asarray(np.abs(values).max(axis=(1, 2)))

@@ -1,0 +1,237 @@
+"""Certified regions side by side: every number follows from the claims and is rounded towards the weaker one.
+
+The claims are made by hand, so that the expected numbers are those of a pencil and a sheet of paper.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+import math
+from fractions import Fraction
+from typing import Any
+
+import pytest
+
+from dobc_design.certificate.certificate import Certificate
+from dobc_design.certificate.claims import Claims
+from dobc_design.certificate.regions import RegionClaim, Regions
+from dobc_design.errors import CertificateError
+from dobc_design.spec.exosystem import Exosystem
+from dobc_design.spec.network import Network
+from dobc_design.spec.observer import Observer
+from dobc_design.spec.problem import Problem
+from dobc_design.spec.region import Region
+from dobc_design.verdict import Verdict
+from dobc_design.verify.check import Check, Witness
+from dobc_design.verify.numbers import claimed
+
+
+def chain(n: int = 2, **changes: Any) -> Problem:
+    """Agents in a row behind the pinned first one, about the target 1."""
+    settings: dict[str, Any] = {
+        "name": "chain",
+        "network": Network.from_arcs({"G": [(i + 1, i) for i in range(1, n)]}, arrow="listens_to", agents=n),
+        "coupling": "sin(y)",
+        "target": 1,
+        "gains": {1: 2},
+    }
+    return Problem(**settings | changes)
+
+
+def asking(interval: list[Any]) -> Region:
+    return Region(initial_states=[interval], initial_disturbance=None)
+
+
+def regions(problem: Problem, *checks: Check, verdict: Verdict = Verdict.UNDECIDED) -> Regions:
+    claims = Claims(
+        problem_name=problem.name, problem_sha256="0" * 64, verdict=verdict, reason="Here is why.", rate=None,
+        covered_by=None, checks=checks, W=None, gain_source=None, P=None, Q=None, notes=(), version="0",
+    )  # fmt: skip
+    return Certificate(problem=problem, claims=claims).regions
+
+
+def only(found: Regions) -> RegionClaim:
+    (claim,) = found.claims
+    return claim
+
+
+def max_separable(*, radius: float = 1.0, disturbance: float = 0.0, rate: float = 0.5, **exact: Any) -> Check:
+    return Check(
+        id="max-separable", verdict=Verdict.PROVED, rate=rate,
+        domain={"kind": "box", "radius": radius, "disturbance": disturbance},
+        reason="from every start V decays. The box stops there.",
+        exact={"v": ["1", "2"], "alpha": "1/2", "rho": "1", **exact},
+    )  # fmt: skip
+
+
+def lure(*, radius: float, P_e: list[list[Any]], level: str = "1", rate: float = 1.0) -> Check:
+    return Check(
+        id="lure", verdict=Verdict.PROVED, rate=rate, domain={"kind": "ball", "radius": radius, "disturbance": 0.0},
+        reason="from every start in a ball V decays.",
+        exact={
+            "method": "lure", "P_e": P_e, "level": level, "radius": "1", "ranges": [], "multipliers": {}, "rate": "1",
+        },
+    )  # fmt: skip
+
+
+def test_a_ball_holds_a_box_that_is_smaller_by_the_root_of_its_dimension():
+    """The corner (b, ..., b) of the box has the norm b sqrt(n m)."""
+    unit = [[i, i, "1"] for i in range(4)]
+    claim = only(regions(chain(4), lure(radius=2.0, P_e=unit)))
+    assert (claim.kind, claim.box, claim.ball, claim.variant) == ("ball", 1.0, 2.0, "P_e = c I")
+
+
+def test_the_box_in_a_ball_is_rounded_down_by_less_than_one_digit():
+    claim = only(regions(chain(2), lure(radius=1.0, P_e=[[0, 0, "1"], [1, 1, "1"]])))
+    assert claim.box is not None
+    assert 2 * claimed(claim.box) ** 2 <= 1 < 2 * (claimed(claim.box) + Fraction(1, 10**6)) ** 2
+
+
+def test_a_box_holds_the_ball_of_the_same_radius():
+    claim = only(regions(chain(), max_separable(radius=0.75)))
+    assert (claim.kind, claim.box, claim.ball) == ("box", 0.75, 0.75)
+
+
+def test_what_is_asked_is_rounded_up():
+    """x in [0, 5] about 1 is |e| <= 4; ten agents need a ball of sqrt(160) = 12.649110640673..."""
+    found = regions(chain(10, region=asking([0, 5])))
+    assert found.asked is not None
+    assert (found.asked.box, found.asked.interval) == (4.0, (0.0, 5.0))
+    assert claimed(found.asked.ball) ** 2 >= 160 > (claimed(found.asked.ball) - Fraction(2, 10**7)) ** 2
+
+
+def test_every_agent_has_its_share_of_the_box_after_what_the_observer_takes():
+    """rho = 3, kappa s sqrt(size) = 1 * 1/2 * 2 = 1, so |e_i| <= 2 v_i."""
+    problem = chain(exosystem=Exosystem(A=[[0]], C=[[1]]), observer=Observer(W=[[4]]))
+    check = max_separable(radius=1.5, disturbance=0.5, rho="3", P=[["4"]], beta="3", kappa="1", size="4")
+    agents = regions(problem, check).agents
+    assert [(agent.label, agent.bound, agent.pinned, agent.goal) for agent in agents] == [
+        ("1", 2.0, True, 1.0), ("2", 4.0, False, 1.0),
+    ]  # fmt: skip
+
+
+def test_the_time_of_a_box_is_the_least_that_the_rate_proves():
+    """|e_2| starts at 1 = v_2 / 2 at most, V at 1; 0.01 / 2 is reached after ln(200) / 0.5 = 10.5966 s."""
+    claim = only(regions(chain(), max_separable()))
+    assert claim.time is not None
+    assert 2 * math.exp(-0.5 * claim.time) <= 0.01
+    assert 2 * math.exp(-0.5 * (claim.time - 0.02)) > 0.01
+
+
+def test_the_time_of_a_ball_takes_the_softest_direction_of_its_weights():
+    """e'P_e e <= 4 with P_e = diag(4, 1) allows |e_2| = 2; the tolerance is 1 % of the radius 1."""
+    claim = only(regions(chain(), lure(radius=1.0, P_e=[[0, 0, "4"], [1, 1, "1"]], level="4", rate=0.5)))
+    assert claim.time is not None
+    assert 2 * math.exp(-0.5 * claim.time) <= 0.01
+    assert 2 * math.exp(-0.5 * (claim.time - 0.02)) > 0.01
+    assert claim.variant == "P_e diagonal"
+
+
+def test_the_time_of_an_exhaustive_proof_starts_at_its_outer_level():
+    """e'e <= 4, though the inner level is 1: |e| <= 2 exp(-t), which is 0.01 after ln(200) s."""
+    inner = lure(radius=1.0, P_e=[[0, 0, "1"], [1, 1, "1"]])
+    outer = dataclasses.replace(inner, id="exhaustive", exact={**(inner.exact or {}), "outer": "4"})
+    claim = only(regions(chain(), outer))
+    assert claim.time is not None
+    assert 2 * math.exp(-claim.time) <= 0.01 < 2 * math.exp(-(claim.time - 0.01))
+
+
+def test_times_of_all_methods_are_about_one_tolerance():
+    box, ball = max_separable(), lure(radius=0.5, P_e=[[0, 0, "1"], [1, 1, "1"]])
+    assert regions(chain(), box, ball).tolerance == 0.005
+    asked = chain(region=asking([0, 2]))
+    assert regions(asked, box, ball).tolerance == 0.01
+
+
+@pytest.mark.parametrize(("low", "covers"), [("0", True), ("-0.001", False)])
+def test_a_box_covers_what_fits_into_it_and_nothing_more(low: str, covers: bool):
+    problem = chain(region=asking([low, 1]))
+    claim = only(regions(problem, max_separable()))
+    assert claim.covers is covers
+    assert (claim.limit == "") is covers
+
+
+def test_the_reason_for_a_limit_names_a_coupling_that_falls():
+    """sin falls beyond pi/2; in a box of 1 with v = (1, 2), rho = 1, two agents may differ by 3."""
+    problem = chain(region=asking([-4, 4]))
+    limit = only(regions(problem, max_separable())).limit
+    assert limit.startswith("The box stops there. Two agents in this box may differ by 3,")
+    assert "sin(y) does not rise" in limit
+    rising = chain(region=asking([-4, 4]), coupling="tanh(y)")
+    assert only(regions(rising, max_separable())).limit == "The box stops there."
+
+
+def test_a_local_proof_has_no_radius_and_says_so():
+    check = Check(id="lemma1", mode="G", verdict=Verdict.PROVED, domain="consensus", rate=0.1, reason="yes.")
+    claim = only(regions(chain(), check))
+    assert (claim.kind, claim.box, claim.time) == ("near", None, None)
+    assert "names no radius" in claim.limit
+
+
+def test_lemma_1_of_several_modes_is_one_row_of_the_slowest_or_of_the_one_that_fails():
+    modes = {"G": [(2, 1)], "H": [(2, 1)]}
+    problem = chain(network=Network.from_arcs(modes, arrow="listens_to", agents=2))
+    slow = Check(id="lemma1", mode="G", verdict=Verdict.PROVED, domain="consensus", rate=0.1, reason="slow.")
+    fast = Check(id="lemma1", mode="H", verdict=Verdict.PROVED, domain="consensus", rate=0.2, reason="fast.")
+    fails = Check(id="lemma1", mode="H", verdict=Verdict.REFUTED, domain="consensus", reason="it fails.")
+    assert only(regions(problem, slow, fast)).rate == 0.1
+    assert only(regions(problem, slow, fails)).limit == "it fails."
+
+
+def test_with_a_disturbance_lemma_1_and_the_printed_matrix_are_left_to_the_list_of_checks():
+    problem = chain(exosystem=Exosystem(A=[[0]], C=[[1]]), observer=Observer(W=[[4]]))
+    lemma = Check(id="lemma1", mode="G", verdict=Verdict.PROVED, domain="consensus", reason="yes.")
+    printed = Check(id="theorem1-printed", verdict=Verdict.PROVED, domain="consensus", reason="yes.")
+    theorem = Check(id="theorem1", verdict=Verdict.PROVED, domain="consensus", reason="yes.")
+    found = regions(problem, lemma, printed, theorem)
+    assert [claim.id for claim in found.claims] == ["theorem1"]
+    assert not found.tried
+    assert not found.sized
+
+
+def test_a_proof_for_every_start_needs_no_radius():
+    linear = chain(coupling="2*y", region=asking([0, 2]))
+    everywhere = Check(
+        id="max-separable", verdict=Verdict.PROVED, domain="global", rate=0.5, reason="from every start V decays.",
+        exact={"v": ["1", "2"], "alpha": "1/2", "rho": None},
+    )  # fmt: skip
+    claim = only(regions(linear, everywhere))
+    assert (claim.kind, claim.box, claim.covers, claim.limit) == ("everywhere", None, True, "")
+    assert claim.time is not None
+    assert 2 * math.exp(-0.5 * claim.time) <= 0.01
+
+
+@pytest.mark.parametrize(
+    "exact", [{"v": ["1"]}, {"rho": "none"}, {"v": ["1", "0"]}, {"alpha": None}, {"extra": "1"}, {"v": 7}]
+)
+def test_claims_that_cannot_be_read_are_a_certificate_error(exact: dict[str, Any]):
+    """A certificate file may come from anybody, and nobody has verified it yet."""
+    with pytest.raises(CertificateError, match="a regional check of this certificate cannot be read"):
+        regions(chain(), max_separable(**exact))
+
+
+def test_another_equilibrium_is_told_by_its_distance():
+    witness = Witness(kind="start", values=("-33/20", "8/5"))
+    check = Check(id="equilibrium", verdict=Verdict.REFUTED, domain="consensus", reason="it rests.", witness=witness)
+    assert regions(chain(), check).rest == 1.65
+    undecided = Check(id="equilibrium", verdict=Verdict.UNDECIDED, domain="consensus", reason="none found.")
+    assert regions(chain(), undecided).rest is None
+    assert regions(chain()).rest is None
+
+
+def test_the_text_and_the_table_say_the_same_as_the_json():
+    found = regions(chain(region=asking([0, 2])), max_separable(), verdict=Verdict.PROVED)
+    document = json.loads(json.dumps(found.to_json(), allow_nan=False))
+    assert document["asked"] == {"box": 1.0, "ball": 1.41421357, "disturbance": 0.0}
+    assert document["regions"][0]["box"] == 1.0
+    assert document["agents"][1] == {"label": "2", "bound": 2.0, "pinned": False}
+    assert "chain: PROVED. Here is why." in str(found)
+    assert "max-separable" in str(found)
+    page = found._repr_html_()
+    assert "<td>max-separable</td>" in page
+    assert "<td>yes</td>" in page
+
+
+def test_names_of_users_are_escaped_in_the_table():
+    assert "<b>x" not in regions(chain(name="<b>x"))._repr_html_().replace("<p><b>", "")

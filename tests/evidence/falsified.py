@@ -1,0 +1,117 @@
+"""Starts on the boundary of proved sets, at random, at corners, at edges and uphill: none may leave or be slower."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from fractions import Fraction
+from random import Random
+from statistics import median
+
+import lure_cases
+from evidence.row import Row
+from separable_problems import MONOTONE, PAPER, TURNING, random_problem
+
+from dobc_design.design.lure import design_lure, raise_rate
+from dobc_design.design.separable import design_separable, propose_separable, rounded_vectors
+from dobc_design.falsifying.falsify import falsify
+from dobc_design.spec.observer import Observer
+from dobc_design.spec.problem import Problem
+from dobc_design.theorems.lure import Lure
+from dobc_design.theorems.separable import Separable
+from dobc_design.verify.separable import largest_rate
+from dobc_design.verify.separable_observer import first_certificate
+
+PROBLEMS = 24  # at least 20 are wanted
+HORIZON = 15.0  # s
+LEAST = 20
+KINDS = ("monotone", "turning", "observer", "quadratic")
+W = lure_cases.PAPER_GAIN
+
+
+def run(count: int, seed: int) -> Row:
+    """``count`` starts, shared evenly among PROBLEMS problems."""
+    failures: list[str] = []
+    ratios: dict[str, list[float]] = {kind: [] for kind in KINDS}
+    tried = unfinished = 0
+    each = max(10, -(-count // PROBLEMS))
+    for number, (name, problem, certified) in enumerate(_proved(seed)):
+        found = falsify(
+            problem, runs=each, seed=seed + number, certified=certified, t_final=HORIZON,
+            gain=None if problem.exosystem is None else W,
+        )  # fmt: skip
+        tried, unfinished = tried + found.tried, unfinished + found.unfinished
+        failures += [f"{name}: {suspect}" for suspect in found.suspects]
+        if found.observed_rate is None or not found.certified_rate:
+            failures.append(f"{name}: no rate was seen")
+            continue
+        ratios[name.split()[0]].append(found.certified_rate / found.observed_rate)
+        if number + 1 == PROBLEMS:
+            break
+    seen = sum(map(len, ratios.values()))
+    if seen < LEAST:
+        failures.append(f"only {seen} problems had a certificate and a rate")
+    notes = (
+        f"{seen} problems; certified rate / slowest observed rate, median (least to largest) by kind:",
+        *(f"{kind}: {median(own):.3f} ({min(own):.3f} to {max(own):.3f})" for kind, own in ratios.items() if own),
+        f"{unfinished} runs took too many steps",
+    )
+    return Row(
+        what="starts on the boundary of certified sets: none leaves, all decay at least as certified",
+        count=tried - unfinished, failures=tuple(failures), notes=notes, least=count * 99 // 100,
+    )  # fmt: skip
+
+
+def _proved(seed: int) -> Iterator[tuple[str, Problem, Separable | Lure]]:
+    """Random problems with a proved certificate, of four kinds in turn; draws without one are passed over."""
+    turn = 0
+    while True:
+        kind = KINDS[turn % 4]
+        problem, certified = {
+            "monotone": _monotone, "turning": _turning, "observer": _observed, "quadratic": _quadratic,
+        }[kind](seed + turn)  # fmt: skip
+        if certified is not None:
+            yield f"{kind} {seed + turn}", problem, certified
+        turn += 1
+
+
+def _monotone(seed: int) -> tuple[Problem, Separable | None]:
+    problem = random_problem(seed, couplings=MONOTONE, modes=2, held=True)
+    return problem, _box(problem, Random(seed).choice((Fraction(1, 2), Fraction(1), Fraction(2))))
+
+
+def _turning(seed: int) -> tuple[Problem, Separable | None]:
+    problem = random_problem(seed, couplings=TURNING, modes=2, held=True)
+    return problem, _box(problem, Fraction(1, 4))
+
+
+def _observed(seed: int) -> tuple[Problem, Separable | None]:
+    problem = random_problem(
+        seed, couplings=MONOTONE, modes=2, n=4, held=True, exosystem=lure_cases.HARMONIC, observer=Observer(W=W)
+    )
+    plan = design_separable(problem, radius=Fraction(1), disturbance=Fraction(1, 2), W=W)
+    if plan is None:
+        return problem, None
+    vectors = rounded_vectors(plan.proposal)
+    return problem, first_certificate(problem, W, vectors, rho=plan.rho, error=plan.error, wanted=plan.proposal.rate)
+
+
+def _quadratic(seed: int) -> tuple[Problem, Lure | None]:
+    r = Random(f"quadratic {seed}")
+    problem = lure_cases.random_problem(seed, coupling=r.choice(("tanh(y)", "sin(y)", PAPER)), modes=r.choice((1, 2)))
+    lure = design_lure(
+        problem, holds=lambda each: lure_cases.is_proved(problem, each), shape=r.choice(("diagonal", "full")),
+        largest=Fraction(3),
+    )  # fmt: skip
+    if lure is None:
+        return problem, None
+    faster = raise_rate(problem, lure, holds=lambda each: lure_cases.is_proved(problem, each))
+    return problem, faster if faster.rate > 0 else None
+
+
+def _box(problem: Problem, rho: Fraction) -> Separable | None:
+    proposal = propose_separable(problem, rho=float(rho))
+    if proposal is None:
+        return None
+    v = list(rounded_vectors(proposal))[2]
+    alpha = largest_rate(problem, v, rho=rho)
+    return None if alpha is None else Separable(v=v, alpha=alpha, rho=rho)

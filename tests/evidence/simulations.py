@@ -1,0 +1,166 @@
+"""Random loops, simulated: against products of matrix exponentials and powers of matrices, and under random stress."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from evidence.row import Row
+from scipy.linalg import expm
+
+from dobc_design.model.arrays import consensus_jacobian, pinning_matrix
+from dobc_design.simulate.signals import Periodic
+from dobc_design.simulate.simulate import simulate
+from dobc_design.simulate.stress import Failure, Stress
+from dobc_design.spec.exosystem import Exosystem
+from dobc_design.spec.network import Network
+from dobc_design.spec.observer import Observer
+from dobc_design.spec.problem import Problem
+
+CLOSE = 1e-9
+HORIZON = 2.0
+
+
+def loop(rng: np.random.Generator, *, coupling: list[str] | str | None = None) -> Problem:
+    """Two random digraphs on 2 to 7 agents, m = 1 to 3, q = 0 to 3; entries are small dyadic numbers."""
+    n, m, q = (int(rng.integers(low, high)) for low, high in ((2, 8), (1, 4), (0, 4)))
+
+    def dyadic(*shape: int) -> Any:
+        return (rng.integers(-8, 9, size=shape) / 8).tolist()
+
+    def graph() -> list[list[Any]]:
+        pairs = [(i, j) for i in range(1, n + 1) for j in range(1, n + 1) if i != j and rng.random() < 0.5]
+        return [[i, j, int(rng.integers(1, 5)) / 4] for i, j in pairs or [(1, 2)]]
+
+    rows = dyadic(m, m)
+    linear = [" + ".join(f"({a})*y{c + 1}" for c, a in enumerate(row)) for row in rows]
+    h = linear if m > 1 else linear[0].replace("y1", "y")
+    return Problem(
+        network=Network.from_arcs({"a": graph(), "b": graph()}, arrow="listens_to", agents=n),
+        coupling=h if coupling is None else coupling, target=dyadic(m), gains={str(i + 1): 2 for i in range(0, n, 2)},
+        exosystem=Exosystem(A=dyadic(q, q), C=dyadic(m, q)) if q else None,
+        observer=Observer(W=dyadic(q, m)) if q else None,
+    )  # fmt: skip
+
+
+def start_of(problem: Problem, rng: np.random.Generator) -> dict[str, Any]:
+    n, m, q = problem.n, problem.m, problem.q
+    sizes = {"x": m, "xi": q, "xihat": q}
+    return {name: rng.normal(size=(n, size)) for name, size in sizes.items()}
+
+
+def matrices(problem: Problem, mode: str) -> tuple[Any, ...]:
+    """J - K, A, C, W as floats."""
+    J = consensus_jacobian(problem, mode).toarray() - pinning_matrix(problem).toarray()
+    if problem.q == 0:
+        return J, np.zeros((0, 0)), np.zeros((problem.m, 0)), np.zeros((0, problem.m))
+    return J, *(np.array(M, float) for M in (problem.exosystem.A, problem.exosystem.C, problem.observer.W))
+
+
+def errors_of(run: Any) -> Any:
+    parts = [(run.x - run.goal).reshape(len(run.times), -1), (run.xi - run.xihat).reshape(len(run.times), -1)]
+    return np.concatenate(parts, axis=1)
+
+
+def linear(count: int, seed: int) -> Row:
+    """Switched linear loops by both routes against the product of their exponentials."""
+    failures, worst = [], 0.0
+    for number in range(count):
+        rng = np.random.default_rng([seed, number])
+        problem = loop(rng)
+        dwell, start = float(rng.uniform(0.1, 0.9)), start_of(problem, rng)
+        route = ("closed-form", "full-loop")[number % 2]
+        run = simulate(
+            problem, signal=Periodic(dwell=dwell), start=start, t_final=HORIZON, samples=9, observer=route,
+            tolerance=1e-12,
+        )  # fmt: skip
+        n, wanted = problem.n, errors_of(run)[:1]
+        for t in run.times[1:]:
+            state, now = wanted[0], 0.0
+            for stretch in range(int(t / dwell) + 1):
+                J, A, C, W = matrices(problem, "ab"[stretch % 2])
+                end = min(t, (stretch + 1) * dwell)
+                block = np.block([[J, np.kron(np.eye(n), C)],
+                                  [np.zeros((n * len(A), len(J))), np.kron(np.eye(n), A - W @ C)]])  # fmt: skip
+                state, now = expm(block * (end - now)) @ state, end
+            wanted = np.concatenate([wanted, state[None]])
+        gap = float(np.abs(errors_of(run) - wanted).max() / max(1.0, np.abs(wanted).max()))
+        worst = max(worst, gap)
+        if not gap < CLOSE:
+            failures.append(f"seed [{seed}, {number}], {route}: {gap:.1e} apart")
+    return Row(what="switched linear loops, both routes, against matrix exponentials", count=count,
+               failures=tuple(failures), notes=(f"largest difference {worst:.1e}",), least=count)  # fmt: skip
+
+
+def sampled(count: int, seed: int) -> Row:
+    """Sampled linear loops against the powers of their matrices; Ad, Cd and L by Gauss quadrature."""
+    failures, worst = [], 0.0
+    nodes, weights = np.polynomial.legendre.leggauss(16)
+    for number in range(count):
+        rng = np.random.default_rng([seed, number])
+        problem, period = loop(rng), float(rng.choice([1 / 4, 1 / 8, 1 / 16, 1 / 32]))
+        run = simulate(
+            problem, mode="a", start=start_of(problem, rng), t_final=HORIZON, samples=int(HORIZON / period) + 1,
+            stress=Stress(period=period),
+        )  # fmt: skip
+        J, A, C, W = matrices(problem, "a")
+        n, F = problem.n, A - W @ C
+        spots = list(zip(period * (nodes + 1) / 2, weights / 2, strict=True))
+        Cd = C @ sum((w * expm(A * s) for s, w in spots), np.zeros_like(A))
+        L = period * sum((w * expm(F * s) for s, w in spots), np.zeros_like(A)) @ W
+        block = np.block([[np.eye(len(J)) + period * J, period * np.kron(np.eye(n), Cd)],
+                          [np.zeros((n * len(A), len(J))), np.kron(np.eye(n), expm(A * period) - L @ Cd)]])  # fmt: skip
+        found = errors_of(run)
+        wanted = [found[0]]
+        for _ in found[1:]:
+            wanted.append(block @ wanted[-1])
+        gap = float(np.abs(found - wanted).max() / max(1.0, np.abs(wanted).max()))
+        worst = max(worst, gap)
+        if not gap < CLOSE:
+            failures.append(f"seed [{seed}, {number}]: {gap:.1e} apart")
+    return Row(what="sampled linear loops against powers of their matrices", count=count, failures=tuple(failures),
+               notes=(f"largest difference {worst:.1e}",), least=count)  # fmt: skip
+
+
+def stressed(count: int, seed: int) -> Row:
+    """Random stresses in any combination: the same again for the same seed, bounds kept, valid where it ends."""
+    failures, ended = [], 0
+    for number in range(count):
+        rng = np.random.default_rng([seed, number])
+        problem = loop(rng, coupling="exp(y) - 1 + y" if number % 2 else "2*tanh(y/2)")
+        stress = random_stress(rng, problem)
+        given = {"signal": Periodic(dwell=0.3), "start": start_of(problem, rng), "t_final": 1.5, "samples": 16}
+        one, again = (simulate(problem, seed=number, stress=stress, tolerance=1e-7, **given) for _ in range(2))
+        ended += one.diverged
+        wrong = []
+        if not np.array_equal(one.x, again.x):
+            wrong.append("not the same again")
+        if not all(np.isfinite(part).all() for part in (one.x, one.u, one.dhat)):
+            wrong.append("not finite")
+        frozen = [each.agent for each in stress.failures if each.kind == "freeze"]
+        if stress.saturation is not None and not np.abs(one.u).max() <= stress.saturation:
+            wrong.append("u beyond its bound")
+        for each in stress.failures:
+            place, step = int(each.agent) - 1, stress.period or 0.0
+            late = one.u[one.times >= each.time + step, place]
+            if late.size and (np.ptp(late, axis=0).any() if each.agent in frozen else late.any()):
+                wrong.append(f"agent {each.agent} still acts")
+        failures += [f"seed [{seed}, {number}], {stress}: {each}" for each in wrong]
+    return Row(what="random stresses in any combination", count=count, failures=tuple(failures),
+               notes=(f"{ended} of them ended early, with a reason",), least=count)  # fmt: skip
+
+
+def random_stress(rng: np.random.Generator, problem: Problem) -> Stress:
+    """Each option with probability 1/2; at least one."""
+    chosen = rng.random(6) < 0.5
+    chosen[rng.integers(6)] = True
+    failing = rng.permutation(problem.n)[: rng.integers(1, problem.n)] if chosen[5] else []
+    failures = tuple(
+        Failure(agent=str(i + 1), time=float(rng.choice([0.0, 0.25, 0.8])), kind=str(rng.choice(["vanish", "freeze"])))
+        for i in failing
+    )
+    return Stress(
+        noise=0.05 * chosen[0], disturbance=0.5 * chosen[1], frequency=float(rng.choice([0.0, 1.0, 9.0])),
+        saturation=1.5 if chosen[2] else None, period=0.0625 if chosen[3] else None, loss=0.4 * chosen[4],
+        failures=failures,
+    )  # fmt: skip

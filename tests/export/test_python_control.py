@@ -1,0 +1,174 @@
+"""The exported loop, integrated by python-control, is the simulated one."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from pathlib import Path
+
+import control
+import numpy as np
+import pytest
+
+import dobc_design as dd
+from dobc_design.errors import SpecError
+from dobc_design.export.python_control import to_control
+from dobc_design.export.python_script import python_script
+from dobc_design.model.model import build_model
+from dobc_design.simulate.simulate import simulate
+from dobc_design.spec.exosystem import Exosystem
+from dobc_design.spec.load import load_problem
+from dobc_design.spec.network import Network
+from dobc_design.spec.observer import Observer
+from dobc_design.spec.problem import Problem
+
+TIGHT = {"method": "DOP853", "rtol": 1e-10, "atol": 1e-12}
+
+
+def planar() -> Problem:
+    """m = 2, q = 3, a coupling of its own for one arc, formation, matrix gains, two modes, names that need care."""
+    return Problem(
+        network=Network.from_arcs(
+            {'mode "one"': [["a.b", "c"], ["c", "d", 2], ["d", "a.b"]], "two' \\": [["a.b", "d"], ["c", "a.b"]]},
+            arrow="listens_to",
+        ),
+        coupling=["2*tanh(y1) + min(y2, 0) + y2", "y2**3 + clip(y2, -1, 1) - y1/3"], target=[1, -2],
+        gains={"a.b": 3, "d": [[2, 1], [-1, 2]]}, exceptions={(0, 1): ["y1", "2*y2"]},
+        exosystem=Exosystem(A=[[0, 1, 0], [-1, 0, 0], [0, 0, 0]], C=[[1, 0, 1], [0, 1, 0]]),
+        observer=Observer(W=[[2, 0], [0, 2], [1, 0]]), offsets={"c": [1, 0]}, name='trouble""" here\\',
+        simulation={"t_final": 4, "seed": 3, "xi0": [[1, 0, 2], [0, 1, -1], [3, 0, 0]]},
+    )  # fmt: skip
+
+
+def response(system, trajectory, w=0.0):
+    return control.input_output_response(
+        system, trajectory.times, w, system.start_of(trajectory), solve_ivp_kwargs=TIGHT
+    )
+
+
+@pytest.mark.parametrize("name", ["paper-fixed", "planar"])
+def test_python_control_reproduces_the_trajectory(name: str):
+    problem = planar() if name == "planar" else load_problem(name)
+    system = to_control(problem)
+    run = simulate(problem, t_final=3, samples=61)
+    found = response(system, run)
+    size = problem.n * problem.m
+    for part, rows in (("x", slice(0, size)), ("dhat", slice(size, 2 * size)), ("u", slice(2 * size, 3 * size))):
+        np.testing.assert_allclose(found.outputs[rows].T, getattr(run, part).reshape(61, size), atol=1e-6)
+    assert isinstance(system, control.NonlinearIOSystem)
+    assert system.nstates == problem.n * (problem.m + 2 * problem.q)
+
+
+def test_a_switched_loop_follows_the_same_switches():
+    """python-control steps across the switches, hence the tolerance."""
+    problem = load_problem("paper-switching")
+    run = dd.simulate(problem, t_final=3, samples=301)
+    found = response(dd.to_control(problem), run)
+    np.testing.assert_allclose(found.outputs[:10].T, run.x[:, :, 0], atol=1e-4)
+    with pytest.raises(AssertionError):
+        np.testing.assert_allclose(
+            response(dd.to_control(problem, seed=1), run).outputs[:10].T, run.x[:, :, 0], atol=1e-2
+        )
+
+
+def test_the_input_is_a_disturbance_besides_the_modelled_one():
+    """A step w at one agent moves the derivative of its x and nothing else."""
+    system = to_control(load_problem("paper-fixed"))
+    state = np.linspace(0, 1, 50)
+    w = np.zeros(10)
+    w[3] = 0.7
+    difference = system.dynamics(0.0, state, w) - system.dynamics(0.0, state, np.zeros(10))
+    assert difference[3] == pytest.approx(0.7)
+    assert not np.delete(difference, 3).any()
+
+
+def test_observer_and_exosystem_are_state_spaces_of_one_agent():
+    """The observer driven by a trajectory's x and x' - d gives its dhat; poles are those of A and A - W C."""
+    problem = load_problem("paper-fixed")
+    system = to_control(problem)
+    assert isinstance(system.observer, control.StateSpace)
+    np.testing.assert_allclose(np.sort_complex(system.exosystem.poles()), [-2j, 2j], atol=1e-12)
+    poles = np.sort_complex(system.observer.poles())
+    np.testing.assert_allclose(poles, [-1.6 - 0.4j * np.sqrt(39), -1.6 + 0.4j * np.sqrt(39)], atol=1e-12)
+    run = simulate(problem, t_final=0.5, samples=2001)
+    felt = np.stack([build_model(problem).h(x.ravel() - 1).full().ravel() for x in run.x])
+    v = felt[:, 3] + run.u[:, 3, 0]
+    start = run.xihat[0, 3] - np.array([3.2, 2.4]) * run.x[0, 3, 0]
+    found = control.forced_response(system.observer, run.times, np.stack([run.x[:, 3, 0], v]), start)
+    # Inputs are taken as linear between the samples.
+    np.testing.assert_allclose(found.outputs[0], run.dhat[:, 3, 0], atol=1e-4)
+    free = control.initial_response(system.exosystem, run.times, run.xi[0, 3])
+    np.testing.assert_allclose(free.outputs.ravel(), run.d[:, 3, 0], atol=1e-8)
+
+
+def test_without_an_exosystem_there_is_no_observer():
+    problem = Problem(network=Network.from_arcs([[1, 2]], arrow="listens_to"), coupling="y", gains={"2": 1})
+    system = to_control(problem)
+    assert system.observer is None
+    assert system.exosystem is None
+    run = simulate(problem, start=[[3], [1]], t_final=2, samples=21)
+    np.testing.assert_allclose(response(system, run).outputs[:2].T, run.x[:, :, 0], atol=1e-7)
+
+
+def test_the_facade_designs_a_missing_gain_and_refuses_moving_graphs():
+    system = dd.to_control("uav-swarm")
+    assert system.observer.nstates == 6
+    with pytest.raises(SpecError, match="must not depend on the states"):
+        dd.to_control("paper-fixed", signal=dd.Mobile(radius=1.0))
+
+
+@pytest.mark.parametrize("name", ["paper-switching", "planar"])
+def test_the_file_alone_gives_the_same_derivatives_and_outputs(name: str, tmp_path):
+    """Run in a process where this package cannot be imported."""
+    problem = planar() if name == "planar" else load_problem(name)
+    (tmp_path / "loop.py").write_text(python_script(problem), encoding="utf-8")
+    mode = list(problem.network.modes)[1]
+    system = to_control(problem, mode=mode)
+    rng = np.random.default_rng(0)
+    state, w = rng.normal(size=system.nstates), rng.normal(size=system.ninputs)
+    np.savez(tmp_path / "given.npz", state=state, w=w, mode=np.array(mode))
+    script = """
+import sys
+sys.modules["dobc_design"] = None
+import numpy as np
+import loop
+given = np.load("given.npz")
+system = loop.make_system(str(given["mode"]))
+found = [system.dynamics(0, given["state"], given["w"]), system.output(0, given["state"], given["w"])]
+np.savez("found.npz", derivative=found[0], outputs=found[1], start=loop.start(loop.GOALS, None, 1.0),
+         poles=loop.make_observer().poles(), exosystem=loop.make_exosystem().A)
+"""
+    done = subprocess.run([sys.executable, "-c", script], cwd=tmp_path, capture_output=True, check=False, text=True)
+    assert done.returncode == 0, done.stderr
+    found = np.load(tmp_path / "found.npz")
+    np.testing.assert_allclose(found["derivative"], system.dynamics(0.0, state, w), rtol=1e-12, atol=1e-12)
+    np.testing.assert_allclose(found["outputs"], system.output(0.0, state, w), rtol=1e-12, atol=1e-12)
+    np.testing.assert_allclose(np.sort_complex(found["poles"]), np.sort_complex(system.observer.poles()), atol=1e-9)
+    assert found["start"].shape == state.shape
+
+
+def test_a_file_for_too_many_arcs_is_refused():
+    n = 20_001
+    network = Network.from_arcs([[i, i % n + 1] for i in range(1, n + 1)], arrow="listens_to", agents=n)
+    with pytest.raises(SpecError, match="at most 20000 arcs"):
+        python_script(Problem(network=network, coupling="y"))
+
+
+def test_the_command_writes_the_file_and_asks_for_exactly_one_target(tmp_path, monkeypatch, capsys):
+    from dobc_design.cli import main
+
+    monkeypatch.chdir(tmp_path)
+
+    def dobc(*arguments: str) -> int:
+        with pytest.raises(SystemExit) as caught:
+            main(["export", *arguments])
+        return int(str(caught.value.code))
+
+    assert dobc("paper-fixed", "--python-control", "loop.py") == 0
+    text = Path("loop.py").read_text("utf-8")
+    assert text == python_script(load_problem("paper-fixed"))
+    assert dobc("paper-fixed", "--python-control", "loop.py") == 2
+    assert dobc("paper-fixed", "--python-control", "loop.py", "--force") == 0
+    assert dobc("paper-fixed") == 2
+    assert dobc("paper-fixed", "--python-control", "a.py", "--rocq", "b.v") == 2
+    capsys.readouterr()

@@ -1,0 +1,287 @@
+"""Figures of runs: what must be in them, read back from Matplotlib's objects and from the files."""
+
+from __future__ import annotations
+
+import json
+import re
+import shutil
+import subprocess
+import warnings
+
+import numpy as np
+import pytest
+from matplotlib.colors import to_hex
+
+import dobc_design as dd
+from dobc_design.errors import ShapeError, SpecError
+from dobc_design.plotting import look
+from dobc_design.plotting.animation import animation_page
+from dobc_design.plotting.runs import trajectory_sheet
+from dobc_design.simulate.breaking import Breaking, PeriodLimit, Sweep
+
+BROWSER = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
+
+
+@pytest.fixture(scope="module")
+def switched():
+    return dd.simulate("paper-switching", t_final=4, samples=81)
+
+
+@pytest.fixture(scope="module")
+def swarm():
+    problem = dd.Problem(
+        network=dd.Network.from_arcs({"G": []}, arrow="listens_to", agents=9), coupling="y", target=[0, 0],
+        gains={"1": 1}, name="swarm </script><b>&",
+    )  # fmt: skip
+    start = np.random.default_rng(2).uniform(-1, 1, size=(9, 2))
+    return dd.simulate(problem, signal=dd.Mobile(radius=0.9, hysteresis=0.05), start=start, t_final=5, samples=51)
+
+
+def by_label(sheet, beginning: str):
+    return [ax for ax in sheet.figure.axes if ax.get_ylabel().startswith(beginning)]
+
+
+def test_a_trajectory_shows_band_states_estimates_and_errors(switched):
+    axes = switched.plot().figure.axes
+    assert [ax.get_ylabel().split("\n")[0] for ax in axes] == ["mode", "xᵢ", "d and estimate d̂", "errors"]
+    assert axes[-1].get_yscale() == "log"
+    assert axes[-1].get_xlabel() == "time t in s"
+
+
+def test_every_quantity_has_its_unit(switched):
+    axes = switched.plot().figure.axes
+    assert [ax.get_ylabel().split("\n")[1] for ax in axes[1:]] == [
+        "in its own unit", "in units of x per s", "in the unit of x",
+    ]  # fmt: skip
+
+
+def test_the_curves_are_the_samples(switched):
+    sheet = switched.plot()
+    states = by_label(sheet, "xᵢ")[0].get_lines()
+    for agent in range(10):
+        np.testing.assert_array_equal(states[agent].get_ydata(), switched.x[:, agent, 0])
+    error, estimation = by_label(sheet, "errors")[0].get_lines()
+    np.testing.assert_array_equal(error.get_ydata(), switched.error())
+    np.testing.assert_array_equal(estimation.get_ydata(), switched.estimation_error())
+
+
+def test_the_band_spans_every_stretch_in_the_colour_of_its_mode(switched):
+    band = by_label(switched.plot(), "mode")[0]
+    spans = {}
+    for collection in band.collections:
+        colour = to_hex(collection.get_facecolor()[0])
+        for path in collection.get_paths():
+            spans[float(path.vertices[:, 0].min())] = (float(path.vertices[:, 0].max()), colour)
+    assert sorted(spans) == pytest.approx(switched.switches.times.tolist())
+    ends = np.append(switched.switches.times[1:], 4.0)
+    assert [spans[start][0] for start in sorted(spans)] == pytest.approx(ends.tolist())
+    modes = switched.switches.modes.tolist()
+    colours = [spans[start][1] for start in sorted(spans)]
+    assert len(set(colours)) == len(set(modes)) == len(set(zip(modes, colours, strict=True)))
+
+
+def test_the_certified_envelope_is_drawn_where_it_was_given(switched):
+    points = [[0, 5.0], [2, 3.0], [4, 1.0]]
+    errors = by_label(switched.plot(envelope=points), "errors")[0]
+    drawn = [line for line in errors.get_lines() if line.get_label().startswith("certified")]
+    assert len(drawn) == 1
+    assert drawn[0].get_xydata().tolist() == points
+    assert not [x for x in by_label(switched.plot(), "errors")[0].get_lines() if x.get_label().startswith("certified")]
+    again = by_label(switched.plot(envelope=lambda t: 5 - t), "errors")[0].get_lines()[-1]
+    assert again.get_xdata().tolist() == switched.times.tolist()
+    np.testing.assert_array_equal(again.get_ydata(), 5 - switched.times)
+    for wrong in ([1, 2], [[0, 1, 2]], [[0, 1]]):
+        with pytest.raises(ShapeError, match=r"envelope must be points \(t, bound\)"):
+            switched.plot(envelope=wrong)
+
+
+def test_a_run_with_one_mode_and_no_disturbance_has_fewer_panels():
+    problem = dd.Problem(network=dd.Network.from_arcs([[1, 2]], arrow="listens_to"), coupling="y", gains={"2": 1})
+    axes = dd.simulate(problem, t_final=1, samples=5).plot().figure.axes
+    assert [ax.get_ylabel().split("\n")[0] for ax in axes] == ["xᵢ", "errors"]
+
+
+def test_many_graphs_are_shades_and_counted(swarm):
+    band = by_label(swarm.plot(), "mode")[0]
+    assert len(swarm.switches.names) > 6
+    assert (
+        band.get_title("left")
+        == f"{len(set(swarm.switches.modes.tolist()))} graphs, {len(swarm.switches) - 1} switches"
+    )
+    assert len(by_label(swarm.plot(), "xᵢ")) == 2
+
+
+def test_an_ensemble_shows_the_quantiles_of_its_runs():
+    runs = dd.simulate("paper-switching", runs=40, t_final=3, samples=31)
+    sheet = runs.plot(envelope=[[0, 5], [3, 1]])
+    top, below = sheet.figure.axes
+    median = next(line for line in top.get_lines() if line.get_label() == "median")
+    np.testing.assert_array_equal(median.get_ydata(), runs.quantiles([0.5])[0])
+    outer = top.collections[0].get_paths()[0].vertices
+    low, high = runs.quantiles([0.05, 0.95])
+    for place in (0, 15, 30):
+        at = outer[np.isclose(outer[:, 0], runs.times[place]), 1]
+        assert at.min() == pytest.approx(low[place])
+        assert at.max() == pytest.approx(high[place])
+    assert below.get_ylabel() == "|d − d̂|∞, unit of x per s"
+
+
+def test_runs_that_diverge_lift_the_upper_quantiles_and_break_nothing():
+    network = dd.Network.from_arcs([[1, 2]], arrow="listens_to", agents=2)
+    problem = dd.Problem(network=network, coupling="y - y**3", gains={"2": 1}, region={"initial_states": [-2, 2]})
+    runs = dd.simulate(problem, runs=30, t_final=5, samples=31)
+    assert 0 < runs.diverged.sum() < 30
+    outer = runs.plot().figure.axes[0].collections[0].get_paths()[0].vertices
+    assert outer[:, 1].max() > np.nanmax(runs.quantiles([0.5]))
+
+
+def ring(coupling: str, **settings) -> dd.Problem:
+    network = dd.Network.from_arcs([[i + 1, (i + 1) % 10 + 1] for i in range(10)], arrow="listens_to", agents=10)
+    return dd.Problem(network=network, coupling=coupling, **settings)
+
+
+EDGES = {
+    "one sample": ring("exp(y) - 1 + y", gains={"1": 5}, region={"initial_states": [0, 2000]}),
+    "at rest": ring("y", gains={"1": 5}, target=2, region={"initial_states": [2, 2]}),
+    "diverging": ring("-y**3", gains={"1": 1}),
+    "huge": ring("y", gains={"1": 5}, region={"initial_states": ["-1e300", "1e300"]}),
+}
+
+
+@pytest.mark.parametrize("name", EDGES)
+def test_runs_at_the_edge_are_drawn_without_a_warning(name: str):
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        run, many = dd.simulate(EDGES[name], t_final=5), dd.simulate(EDGES[name], t_final=5, runs=4)
+        assert run.plot().file("png").startswith(b"\x89PNG")
+        assert many.plot().file("png").startswith(b"\x89PNG")
+        assert len(page_data(animation_page(run))["times"]) == len(run.times)
+
+
+def test_what_breaks_first_has_one_panel_per_option_with_its_border():
+    sweep = Sweep(
+        option="noise", unit="unit of x", severity=np.array([0.1, 0.2, 0.4]), relative=np.array([0.1, 0.2, 0.4]),
+        late=np.array([0.01, 0.05, np.inf]), survives=0.2, breaks=0.4, relative_break=0.4,
+    )  # fmt: skip
+    period = Sweep(
+        option="period", unit="s", severity=np.array([0.1, 0.2]), relative=np.array([1.0, 2.0]),
+        late=np.array([0.01, 0.5]), survives=0.1, breaks=0.2, relative_break=2.0,
+    )  # fmt: skip
+    found = Breaking(
+        name="a_b$", t_final=1.0, tolerance=0.1, sweeps=(sweep, period),
+        period=PeriodLimit(converges=0.15, fails=0.16, certified=0.05),
+    )  # fmt: skip
+    noise, sampling = found.plot().figure.axes[:2]
+    assert noise.get_xlabel() == "in unit of x"
+    good = next(line for line in noise.get_lines() if line.get_marker() == "o")
+    assert good.get_xdata().tolist() == [0.1, 0.2]
+    bad = next(line for line in noise.get_lines() if line.get_marker() == "X")
+    assert bad.get_xdata().tolist() == [0.4]
+    assert np.isfinite(bad.get_ydata()).all()
+    verticals = {line.get_label(): line.get_xdata()[0] for line in sampling.get_lines() if line.get_label()[0] != "_"}
+    assert verticals == {"longest that works": 0.15, "certified": 0.05}
+
+
+def test_a_figure_shows_itself_and_is_saved_by_its_ending(switched, tmp_path):
+    sheet = switched.plot()
+    assert sheet._repr_png_().startswith(b"\x89PNG")
+    for kind, head in (("png", b"\x89PNG"), ("svg", b"<?xml"), ("pdf", b"%PDF")):
+        assert sheet.save(tmp_path / f"run.{kind}").read_bytes().startswith(head)
+    with pytest.raises(SpecError, match="exists already"):
+        sheet.save(tmp_path / "run.png")
+    with pytest.raises(SpecError, match=r"saved as \.png, \.svg or \.pdf"):
+        sheet.save(tmp_path / "run.bmp")
+
+
+def test_names_of_users_are_never_mathematics():
+    labels = ["$x^2$", "a_b"]
+    problem = dd.Problem(network=dd.Network.from_arcs([labels], arrow="listens_to"), coupling="y", gains={"a_b": 1})
+    text = dd.simulate(problem, t_final=1, samples=3).plot().file("svg").decode("utf-8")
+    assert "agent $x^2$" in text
+
+
+# Brettel, Vienot and Mollon's matrices for linear RGB, as simplified by Vienot (1999): red and green blindness.
+BLIND = {
+    "protanopia": [[0.11238, 0.88762, 0], [0.11238, 0.88762, 0], [0.00401, -0.00401, 1]],
+    "deuteranopia": [[0.29275, 0.70725, 0], [0.29275, 0.70725, 0], [-0.02234, 0.02234, 1]],
+}
+
+
+@pytest.mark.parametrize("kind", ["normal", *BLIND])
+def test_the_series_colours_differ_for_every_eye(kind: str):
+    matrix = np.eye(3) if kind == "normal" else np.array(BLIND[kind])
+    seen = []
+    for colour in look.SERIES[:4]:
+        srgb = np.array([int(colour[k : k + 2], 16) / 255 for k in (1, 3, 5)])
+        seen.append(matrix @ np.where(srgb <= 0.04045, srgb / 12.92, ((srgb + 0.055) / 1.055) ** 2.4))
+    apart = min(np.linalg.norm(a - b) for i, a in enumerate(seen) for b in seen[:i])
+    assert apart > 0.08
+
+
+def test_the_model_of_colour_blindness_takes_some_colours_for_one():
+    """Otherwise the test before could not fail: this red and this green are one colour for red-blind eyes."""
+    red, green = np.array([0.5, 0.1, 0.1]), np.array([0.0, 0.163, 0.1])
+    assert np.linalg.norm(red - green) > 0.5
+    assert np.linalg.norm(np.array(BLIND["protanopia"]) @ (red - green)) < 0.01
+
+
+def page_data(page: str):
+    return json.loads(re.search(r'<script id="data" type="application/json">(.*?)</script>', page, re.DOTALL)[1])
+
+
+def test_the_animation_holds_the_run_and_loads_nothing(swarm):
+    page = animation_page(swarm)
+    data = page_data(page)
+    np.testing.assert_allclose(data["places"], swarm.x, atol=1e-4)
+    assert data["times"] == swarm.times.tolist()
+    assert data["mode"] == swarm.mode_index.tolist()
+    for pairs, graph in zip(data["links"], swarm.switches.graphs, strict=True):
+        assert {tuple(pair) for pair in pairs} == {tuple(sorted(pair)) for pair in graph.T.tolist()}
+    assert data["title"] == "swarm </script><b>&"
+    assert page.count("</script>") == 2
+    assert not re.search(r"https?:|//[a-z]|@import|src=|url\(|fetch|XMLHttp|WebSocket", page)
+    assert "default-src 'none'" in page
+
+
+def test_one_component_moves_along_its_axis_and_arcs_can_be_given(switched):
+    data = page_data(animation_page(switched, arcs={"Ga": [(0, 1), (1, 0), (4, 2)]}))
+    np.testing.assert_allclose(np.array(data["places"])[:, :, 0], switched.x[:, :, 0], atol=1e-4)
+    assert np.array(data["places"])[0, :, 1].tolist() == list(range(1, 11))
+    names = switched.switches.names
+    assert data["links"][names.index("Ga")] == [[0, 1], [2, 4]]
+    assert data["links"][names.index("Gb")] == []
+
+
+def test_a_gif_has_the_frames_and_other_endings_are_refused(swarm, tmp_path):
+    image = pytest.importorskip("PIL.Image")
+    place = swarm.animate(tmp_path / "run.gif")
+    with image.open(place) as picture:
+        assert picture.n_frames == len(swarm.times)
+    assert swarm.animate(tmp_path / "run.html").read_text("utf-8") == animation_page(swarm)
+    with pytest.raises(SpecError, match="exists already"):
+        swarm.animate(tmp_path / "run.html")
+    with pytest.raises(SpecError, match=r"saved as \.html or \.gif"):
+        swarm.animate(tmp_path / "run.mp4")
+
+
+def test_a_network_too_large_to_be_seen_is_refused():
+    n = 600
+    network = dd.Network.from_arcs([[i, i % n + 1] for i in range(1, n + 1)], arrow="listens_to", agents=n)
+    run = dd.simulate(dd.Problem(network=network, coupling="y"), t_final=0.1, samples=2)
+    with pytest.raises(SpecError, match="at most 500 agents"):
+        animation_page(run)
+    assert len(trajectory_sheet(run).figure.axes[0].get_lines()) <= 31
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(BROWSER is None, reason="no browser is installed")
+def test_the_page_runs_in_a_browser_without_errors(swarm, tmp_path):
+    """The script itself writes the time of its frame into the page."""
+    (tmp_path / "run.html").write_text(animation_page(swarm), encoding="utf-8")
+    options = ["--headless", "--no-sandbox", "--disable-gpu", "--disable-dev-shm-usage", "--no-first-run",
+               "--disable-background-networking", "--virtual-time-budget=1500", "--enable-logging=stderr"]  # fmt: skip
+    command = [str(BROWSER), *options, "--dump-dom", (tmp_path / "run.html").as_uri()]
+    done = subprocess.run(command, capture_output=True, check=False, text=True, timeout=120)
+    shown = re.search(r'<output id="now">([^<]*)</output>', done.stdout)
+    assert re.fullmatch(r"t = \d+\.\d\d s, graph \d+", shown[1])
+    assert "CONSOLE" not in done.stderr

@@ -1,0 +1,238 @@
+"""The report's section on regions: what is drawn is what is proved, and nothing is rounded to the better side."""
+
+from __future__ import annotations
+
+import dataclasses
+import re
+from pathlib import Path
+from typing import Any
+from xml.etree import ElementTree
+
+import pytest
+
+from dobc_design.certificate.regions import AgentBound, Asked, RegionClaim, Regions
+from dobc_design.report.html import html_report
+from dobc_design.report.markdown import markdown_report
+from dobc_design.report.region_figures import plot_regions, plot_starts
+from dobc_design.report.region_pictures import region_pictures, region_sheet
+from dobc_design.report.region_words import (
+    asked_sentence,
+    region_rows,
+    rest_sentence,
+    time_head,
+    timing_sentences,
+    upper,
+)
+from dobc_design.spec.network import Network
+from dobc_design.verdict import Verdict
+from dobc_design.verify.check import Check, Witness
+from dobc_design.workflow import plot_regions as plot_regions_of
+
+BOX = {"kind": "box", "radius": 4.0, "disturbance": 0.5}
+
+
+def claim(id: str = "max-separable", **changes: Any) -> RegionClaim:
+    settings: dict[str, Any] = {
+        "id": id, "variant": "", "verdict": Verdict.PROVED, "kind": "box", "box": 4.0, "ball": 4.0,
+        "disturbance": 0.5, "rate": 0.20408, "time": 25.6001, "covers": True,
+    }  # fmt: skip
+    return RegionClaim(**settings | changes)
+
+
+BALL = claim("lure", variant="P_e full", kind="ball", box=0.35987, ball=1.13899, covers=False, limit="no P_e is found.")
+NEAR = claim("theorem1", kind="near", box=None, ball=None, disturbance=None, time=None, covers=False, limit="local.")
+NONE = claim(verdict=Verdict.UNDECIDED, kind="none", box=None, ball=None, disturbance=None, rate=None, time=None)
+EVERYWHERE = claim(kind="everywhere", box=None, ball=None, disturbance=None)
+AGENTS = (
+    AgentBound(label="a", bound=4.0, pinned=True, goal=1.0), AgentBound(label="b", bound=6.65, pinned=False, goal=1.0),
+)  # fmt: skip
+
+
+def make(*claims: RegionClaim, **changes: Any) -> Regions:
+    settings: dict[str, Any] = {
+        "name": "ring", "verdict": Verdict.PROVED, "reason": "Here is why.", "claims": claims, "agents": AGENTS,
+        "asked": Asked(box=4.0, ball=12.6491107, disturbance=0.5, interval=(0.0, 5.0)), "tolerance": 0.04,
+        "delay": None, "sampling": None,
+    }  # fmt: skip
+    return Regions(**settings | changes)
+
+
+def check(id: str, **changes: Any) -> Check:
+    return Check(id=id, **{"verdict": Verdict.PROVED, "domain": BOX, "reason": "it is so.", **changes})
+
+
+def test_sizes_and_rates_are_cut_and_times_and_wishes_are_raised():
+    row = region_rows(make(BALL))[0]
+    assert (row.box, row.ball, row.rate, row.time) == ("0.3598", "1.138", "0.204", "25.61 s")
+    assert "at least 12.65." in asked_sentence(make(BALL))
+
+
+@pytest.mark.parametrize(("value", "shown"), [(25.6001, "25.61"), (25.61, "25.61"), (6925.01, "6926"), (0.5, "0.5")])
+def test_a_time_is_never_shown_shorter_than_it_is(value: float, shown: str):
+    assert upper(value) == shown
+
+
+def test_rows_say_what_covers_and_why_not():
+    covering, ball, near, none, everywhere = region_rows(make(claim(), BALL, NEAR, NONE, EVERYWHERE))
+    assert (covering.covers, covering.limit) == ("yes", "It covers what was asked for; more was not tried.")
+    assert (ball.name, ball.covers, ball.limit) == ("Lur’e, Pₑ full", "no", "No P_e is found.")
+    assert (near.kind, near.box, near.time) == ("near the target, no radius", "–", "–")
+    assert covering.starts == "box |e|∞ ≤ 4, every |εᵢ| ≤ 0.5"
+    assert ball.starts == "ball |e|₂ ≤ 1.138, every |εᵢ| ≤ 0.5; it holds the box |e|∞ ≤ 0.3598"
+    assert (none.verdict, none.kind, none.rate) == ("undecided", "–", "–")
+    assert (everywhere.box, everywhere.ball, everywhere.kind) == ("any", "any", "every start")
+    assert region_rows(make(claim(covers=False), asked=None))[0].covers == "–"
+
+
+def test_where_nothing_is_asked_the_sentence_says_so():
+    assert asked_sentence(make(claim(), asked=None)).endswith("the largest that was found is shown.")
+    assert asked_sentence(make(NONE, asked=None)) == "No region was asked for."
+    assert time_head(make(claim())) == "|e|∞ ≤ 0.04 after"
+    assert time_head(make(NEAR, tolerance=None)) == "settled after"
+
+
+def test_delays_and_sampling_have_a_sentence_each():
+    delay = check("delay", rate=0.101989, exact={"delay": "1/50", "rate": "101989/1000000"})
+    sampling = check("sampling", exact={"period": "21/1000", "factor": "99/100"})
+    late, held = timing_sentences(make(claim(), delay=delay, sampling=sampling))
+    assert "late by any bounded time" in late
+    assert "up to 0.02 s" in late
+    assert "every rate below 0.1019 1/s" in late
+    assert held.startswith("Measured and held every 0.021 s, the proof still holds")
+    assert "at least 1 % a sample, up to what the estimation error adds." in held
+
+
+def test_without_a_disturbance_nothing_is_added_to_the_fall_of_a_sample():
+    calm = check("sampling", domain={**BOX, "disturbance": 0.0}, exact={"period": "1/2", "factor": "1/2"})
+    (held,) = timing_sentences(make(claim(), sampling=calm))
+    assert held.endswith("at least 50 % a sample.")
+
+
+def test_a_very_short_period_is_explained_and_one_of_a_hundredth_is_not():
+    short = check("sampling", exact={"period": "1/1000000", "factor": "999/1000"})
+    enough = check("sampling", exact={"period": "1/100", "factor": "999/1000"})
+    assert "That is short because" in timing_sentences(make(claim(), sampling=short))[0]
+    assert "That is short because" not in timing_sentences(make(claim(), sampling=enough))[0]
+
+
+def test_a_settling_time_in_stages_is_told_in_its_own_words():
+    settling = check("settling", reason="|e(t)|_inf <= 0.04 for all t >= 15.6 s, in 8 stages.")
+    assert timing_sentences(make(claim(), settling=settling)) == [settling.reason]
+
+
+def test_an_undecided_delay_gives_its_reason():
+    delay = check("delay", verdict=Verdict.UNDECIDED, reason="left out, because rows take long.")
+    assert timing_sentences(make(claim(), delay=delay)) == ["Delay: left out, because rows take long."]
+
+
+def test_bars_are_as_long_as_what_is_proved():
+    """Solid bars end at the box, thin lines at the ball, the dashed line stands at what is asked."""
+    ax = plot_regions(make(claim(), BALL, NEAR))
+    assert [bar.get_width() for bar in ax.patches] == [4.0, 0.35987]
+    ends = [tuple(line.get_xdata()) for line in ax.lines]
+    assert (0.35987, 1.13899) in ends
+    assert sum(x == (4.0, 4.0) for x in ends) == 1
+    names = [text.get_text() for text in ax.get_yticklabels()]
+    assert names == ["Max-separable", "Lur’e\nPₑ full", "Theorem 1"]
+    texts = [text.get_text() for text in ax.texts]
+    assert texts == ["4", "0.3598 … 1.138", "near the target, no radius"]
+
+
+def test_every_start_fills_the_axis_and_an_equilibrium_is_a_dotted_line():
+    witness = Witness(kind="start", values=("33/20", "-33/20"))
+    rest = check("equilibrium", verdict=Verdict.REFUTED, domain="consensus", witness=witness)
+    ax = plot_regions(make(EVERYWHERE, equilibrium=rest))
+    assert [bar.get_width() for bar in ax.patches] == [ax.get_xlim()[1]]
+    assert (1.65, 1.65) in [tuple(line.get_xdata()) for line in ax.lines]
+    assert "other equilibrium" in [text.get_text() for text in ax.get_legend().get_texts()]
+    assert "|e|∞ ≈ 1.65" in (rest_sentence(make(EVERYWHERE, equilibrium=rest)) or "")
+    assert rest_sentence(make(EVERYWHERE)) is None
+
+
+def test_agents_have_bars_around_their_goals_and_the_band_is_what_was_asked():
+    ax = plot_starts(make(claim()))
+    spans = [(bar.get_y(), bar.get_y() + bar.get_height()) for bar in ax.patches]
+    assert spans[0] == (-3.0, 5.0)
+    assert spans[1] == pytest.approx((-5.65, 7.65))
+    assert spans[2] == (0.0, 5.0)
+    assert ax.get_ylabel() == "xᵢ(0), in its own unit"
+
+
+def test_with_several_components_bars_show_the_error():
+    agents = (AgentBound(label="a", bound=2.0, pinned=False),)
+    ax = plot_starts(make(claim(), agents=agents, asked=Asked(box=1.5, ball=3.0, disturbance=0.0)))
+    assert [(bar.get_y(), bar.get_height()) for bar in ax.patches] == [(-2.0, 4.0), (-1.5, 3.0)]
+    assert ax.get_ylabel() == "error at the start"
+    assert "pinned" not in [text.get_text() for text in ax.get_legend().get_texts()]
+
+
+def test_of_many_agents_some_are_drawn_and_the_caption_says_how_many():
+    agents = tuple(AgentBound(label=f"agent {i}", bound=1.0 + i, pinned=i == 0, goal=0.0) for i in range(100))
+    picture = region_pictures(make(claim(), agents=agents))[1]
+    assert "24 of 100 agents are drawn." in picture.caption
+    assert "up to 1, for some agents up to 100." in picture.caption
+
+
+def test_pictures_exist_where_there_is_something_to_draw():
+    assert region_pictures(make(NEAR, asked=None, agents=())) == []
+    assert len(region_pictures(make(NONE, agents=()))) == 1
+    methods, starts = region_pictures(make(claim(), BALL))
+    assert 'role="img"' in methods.svg
+    assert "Max-separable: 4 for all agents at once, 4 for one alone." in methods.svg
+    assert "Thin lines: one agent alone" in methods.caption
+    assert "up to 4, for some agents up to 6.65." in starts.caption
+
+
+def test_the_figure_is_a_file_by_itself_and_always_the_same():
+    regions = make(claim(), BALL, name="<a> & $x_1$")
+    picture = region_sheet(regions).file("svg")
+    assert picture == region_sheet(regions).file("svg")
+    assert "<a> & $x_1$" in [element.text for element in ElementTree.fromstring(picture).iter()]
+    assert region_sheet(regions).file("png").startswith(b"\x89PNG")
+
+
+def test_the_page_has_a_section_with_table_pictures_and_sentences(asked_for: dict[str, Any]):
+    page = html_report(**asked_for)
+    section = re.search(r'<section id="region">(.*?)</section>', page, re.DOTALL)
+    assert section is not None
+    assert section.group(1).count("<svg") == 2
+    for words in ("Max-separable", "box", "yes", "late messages and sampling", "late by up to 0.02 s", "R/√10"):
+        assert words.lower() in section.group(1).lower()
+    assert '<a href="#region">' in page
+
+
+def test_a_certificate_is_drawn_by_its_public_function(asked_for: dict[str, Any], tmp_path: Path):
+    sheet = plot_regions_of(asked_for["certificate"])
+    assert len(sheet.figure.axes) == 2
+    assert sheet.save(tmp_path / "region.svg").read_bytes() == sheet.file("svg")
+
+
+def test_the_markdown_text_has_the_same_table(asked_for: dict[str, Any]):
+    text = markdown_report(**asked_for)
+    assert "## From which starts it is proved" in text
+    row = next(line for line in text.splitlines() if line.startswith("| Max-separable |"))
+    cells = [cell.strip() for cell in row.strip("|").split("|")]
+    assert cells[1:7] == ["✓ proved", "box", "4", "4", "0.5", "0.2"]
+    assert "Information may be late by any bounded time" in text
+
+
+def test_a_proof_that_covers_delays_and_sampling_does_not_exclude_them(asked_for: dict[str, Any]):
+    assert "messages without delay" in html_report(**asked_for)
+    certificate = asked_for["certificate"]
+    sampling = check("sampling", exact={"period": "1/50", "factor": "99/100"})
+    claims = dataclasses.replace(certificate.claims, checks=(*certificate.checks, sampling))
+    page = html_report(dataclasses.replace(certificate, claims=claims), analysis=None, trajectory=None)
+    assert "messages without delay" not in page
+    assert "late messages and sampling as far as their checks say" in page
+
+
+def test_without_a_region_there_is_no_section(problem_with, certificate_of):
+    problem = problem_with(
+        network=Network.from_arcs({"G": [(1, 2), (2, 1)]}, arrow="listens_to", agents=2), gains={1: 1}
+    )
+    local = check("theorem1", domain="consensus")
+    certificate = certificate_of(problem, checks=(local,))
+    page = html_report(certificate, analysis=None, trajectory=None)
+    assert 'id="region"' not in page
+    assert "#region" not in page
+    assert "From which starts" not in markdown_report(certificate, analysis=None, trajectory=None)

@@ -1,0 +1,309 @@
+"""The oracle's part for the quadratic checks, lure and exhaustive: the page's conditions and samples of the field.
+
+Matrix inequalities are decided over flint's rationals, gains at the extremes of h(y)/y, and V' is looked at besides at
+random points of the level set: the page itself is tested with it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from fractions import Fraction
+from itertools import product
+from typing import Any
+
+import flint
+import numpy as np
+from region_curves import FINE, curve, diagonal, exact, field_part, fmpq, mp, positive, rational, top
+
+POINTS = 2000
+NEAR = 1e-9
+MOST_CUTS = 30
+
+
+class Quadratic:
+    """One claim (the ``exact`` of a check) about V = e'P_e e + sum eps_i'P eps_i."""
+
+    def __init__(self, regions: Any, e: dict[str, Any]) -> None:
+        self.r, self.e, self.size = regions, e, regions.n * regions.m
+        entries = [[flint.fmpq(0)] * self.size for _ in range(self.size)]
+        for a, b, value in e["P_e"]:
+            entries[a][b] = entries[b][a] = fmpq(exact(value))
+        self.P_e = flint.fmpq_mat(entries)
+        self.rate = exact(e["rate"])
+        self.level, self.radius = (None if e[name] is None else exact(e[name]) for name in ("level", "radius"))
+        self.P = None if regions.A is None else rational(e["P"])
+
+    def false(self, check: dict[str, Any], domain: str) -> list[str]:
+        wrong = self.false_certificate(domain)
+        if wrong:
+            return wrong
+        rate = check["rate"]
+        if rate is not None and not 0 < Fraction(repr(rate)) <= self.rate:
+            return ["rate"]
+        level = self.level
+        if check["id"] == "exhaustive":
+            wrong = self._false_shell()
+            if wrong:
+                return wrong
+            level = exact(self.e["outer"])
+        if check["domain"] == "global":
+            return [] if level is None else ["domain"]
+        if level is None or check["domain"]["kind"] != "ball":
+            return ["domain"]
+        R, s = (Fraction(repr(check["domain"][name])) for name in ("radius", "disturbance"))
+        taken = mp(R) ** 2 * top(self.P_e) + (0 if self.P is None else self.r.n * mp(s) ** 2 * top(self.P))
+        return [] if taken <= mp(level) * (1 + mp(FINE)) else ["the ball"]
+
+    def false_certificate(self, domain: str) -> list[str]:
+        """All of lure but what is said of the domain."""
+        if not positive(self.P_e) or self.rate < 0:
+            return ["P_e or rate"]
+        if (self.level is None) != (self.radius is None) or (self.level is None and domain != "global"):
+            return ["level and radius"]
+        if self.level is not None and (self.level <= 0 or self.radius <= 0):
+            return ["level and radius"]
+        if self.P is not None and not (positive(self.P) and positive(-self._omega())):
+            return ["P"]
+        if not self._gains_hold():
+            return ["gains"]
+        if not all(self._negative(mode) for mode in self.r.modes):
+            return ["inequality"]
+        if self.level is not None:
+            inverse = self.P_e.inv()
+            for z in self.relied():
+                if fmpq(self.level) * (z.transpose() * inverse * z)[0, 0] > fmpq(self.radius**2):
+                    return ["the level set leaves the gains"]
+        return ["V grows"] if self._grows(self.level or Fraction(1), Fraction(0)) else []
+
+    def _omega(self) -> Any:
+        F = self.r.F
+        return F.transpose() * self.P + self.P * F + 2 * fmpq(self.rate) * self.P
+
+    def relied(self) -> list[Any]:
+        """The difference e_jd - e_id of every arc whose coupling is not linear, for the d that it is about."""
+        found = {}
+        for arcs in self.r.modes.values():
+            for i, j, _ in arcs:
+                h, m = self.r.h[i, j], self.r.m
+                if isinstance(h, str):
+                    curved = [] if self.r.linear((i, j), 0) else list(range(m))
+                else:
+                    own = [text for c, text in enumerate(h) if not self.r.linear((i, j), c)]
+                    curved = [d for d in range(m) if any(f"y{d + 1}" in text for text in own)]
+                found |= {(i, j, d): self._unit(j, d) - self._unit(i, d) for d in curved}
+        return list(found.values())
+
+    def _unit(self, i: int, c: int) -> Any:
+        return flint.fmpq_mat([[flint.fmpq(int(k == i * self.r.m + c))] for k in range(self.size)])
+
+    # gains
+
+    def _tables(self) -> dict[int, Any]:
+        return {each["coupling"]: [[tuple(map(exact, pair)) for pair in row] for row in each["gains"]]
+                for each in self.e["ranges"]}  # fmt: skip
+
+    def _number_of(self, h: Any) -> int:
+        others: list[Any] = []
+        for each in self.r.special:
+            if each != self.r.default and each not in others:
+                others.append(each)
+        return 0 if h == self.r.default else 1 + others.index(h)
+
+    def _gains_hold(self) -> bool:
+        tables = self._tables()
+        for arc in self.r.h:
+            h, table = self.r.h[arc], tables[self._number_of(self.r.h[arc])]
+            if any(lo > hi for row in table for lo, hi in row):
+                return False
+            if isinstance(h, str):
+                reach = Fraction(1) if self.radius is None else self.radius
+                if not all(lo <= 0 <= hi for c, row in enumerate(table) for d, (lo, hi) in enumerate(row) if c != d):
+                    return False
+                if not all(curve(h).gains_within(*table[c][c], reach) for c in range(self.r.m)):
+                    return False
+            elif not self._mean_slopes_hold(tuple(h), table):
+                return False
+        return True
+
+    def _mean_slopes_hold(self, h: tuple[str, ...], table: Any) -> bool:
+        """The mean of the Jacobian between 0 and y, by Gauss's rule, at random y, faces and corners of the box."""
+        nodes, weights = np.polynomial.legendre.leggauss(24)
+        r = np.random.default_rng(0)
+        y = np.clip(r.uniform(-1.3, 1.3, size=(len(h), POINTS)), -1, 1) * float(self.radius or 1)
+        mean = sum(w / 2 * field_part(h)[1](y * (x + 1) / 2) for x, w in zip(nodes, weights, strict=True))
+        lo, hi = (np.array([[float(pair[k]) for pair in row] for row in table])[..., None] for k in (0, 1))
+        slack = NEAR * (1 + np.abs(lo) + np.abs(hi))
+        return bool(np.all((mean >= lo - slack) & (mean <= hi + slack)))
+
+    # the inequality of one mode
+
+    def _channels(self, mode: str) -> Iterator[tuple[Any, Any, Any, Any]]:
+        """(b, z, w lo, w hi) in the order arcs, rows, columns."""
+        tables = self._tables()
+        for i, j, w in self.r.modes[mode]:
+            for c, row in enumerate(tables[self._number_of(self.r.h[i, j])]):
+                for d, (lo, hi) in enumerate(row):
+                    if (lo, hi) != (0, 0):
+                        yield self._unit(i, c), self._unit(j, d) - self._unit(i, d), fmpq(w * lo), fmpq(w * hi)
+
+    def _negative(self, mode: str) -> bool:
+        method, channels = self.e["method"], list(self._channels(mode))
+        base = self._base()
+        if method == "vertices":
+            wide = [k for k, (_, _, lo, hi) in enumerate(channels) if lo < hi]
+            return len(wide) <= 12 and all(
+                positive(-self._closed(base, channels, dict(zip(wide, choice, strict=True))))
+                for choice in product((0, 1), repeat=len(wide))
+            )
+        M = self._closed(base, channels, {})
+        if method == "lure":
+            multipliers = [exact(x) for x in self.e["multipliers"][mode]]
+            for (b, z, lo, hi), tau in zip(channels, multipliers, strict=True):
+                if lo < hi:
+                    if tau <= 0:
+                        return False
+                    t, D = fmpq(tau), (hi - lo) / 2
+                    Pb = self.P_e * b
+                    M = M + Pb * Pb.transpose() * (1 / (2 * t)) + z * z.transpose() * (2 * t * D * D)
+            return positive(-M)
+        if method != "interval" or self.e["multipliers"] != {}:
+            return False
+        sums = [flint.fmpq(0)] * self.size
+        for b, z, lo, hi in channels:
+            X = self.P_e * b * z.transpose() + z * (self.P_e * b).transpose()
+            for a, row in enumerate(X.tolist()):
+                sums[a] += (hi - lo) / 2 * sum((abs(x) for x in row), flint.fmpq(0))
+        return positive(-(M + diagonal(sums)))
+
+    def _base(self) -> Any:
+        """-(P_e K + K'P_e) + 2 rate P_e + P_e (I (x) S) P_e."""
+        size, m = self.size, self.r.m
+        K = [[flint.fmpq(0)] * size for _ in range(size)]
+        S = [[flint.fmpq(0)] * size for _ in range(size)]
+        for i, k in self.r.gains.items():
+            for c, row in enumerate(k):
+                K[i * m + c][i * m : (i + 1) * m] = [fmpq(x) for x in row]
+        if self.P is not None:
+            own = (self.r.C * (-self._omega()).inv() * self.r.C.transpose()).tolist()
+            for i in range(self.r.n):
+                for c, row in enumerate(own):
+                    S[i * m + c][i * m : (i + 1) * m] = row
+        K_, S_ = flint.fmpq_mat(K), flint.fmpq_mat(S)
+        return -(self.P_e * K_ + K_.transpose() * self.P_e) + 2 * fmpq(self.rate) * self.P_e + self.P_e * S_ * self.P_e
+
+    def _closed(self, base: Any, channels: Any, choice: dict[int, int]) -> Any:
+        """The base with every channel at its middle gain, or at the chosen end."""
+        for k, (b, z, lo, hi) in enumerate(channels):
+            g = (lo, hi)[choice[k]] if k in choice else (lo + hi) / 2
+            X = self.P_e * b * z.transpose()
+            base = base + (X + X.transpose()) * g
+        return base
+
+    # samples
+
+    def _grows(self, high: Fraction, low: Fraction) -> bool:
+        """Whether V' > -2 rate V at a random point with low <= V <= high; eps takes part in some of them."""
+        rng, r = np.random.default_rng(0), self.r
+        P_e = np.array([[float(fraction(x)) for x in row] for row in self.P_e.tolist()])
+        e = rng.normal(size=(self.size, POINTS))
+        e[:, : POINTS // 2] *= rng.integers(0, 2, size=(self.size, POINTS // 2))  # few agents away from the target
+        eps = np.zeros((r.n, 0, POINTS))
+        value = np.einsum("ap,ab,bp->p", e, P_e, e)
+        if self.P is not None:
+            P, F, C = (np.array([[float(fraction(x)) for x in row] for row in X.tolist()])
+                       for X in (self.P, r.F, r.C))  # fmt: skip
+            eps = rng.normal(size=(r.n, len(P), POINTS)) * rng.choice([0, 0, 1e-3, 1], size=POINTS)
+            value = value + np.einsum("iap,ab,ibp->p", eps, P, eps)
+        ok = value > 0
+        wanted = float(low) + (float(high) - float(low)) * rng.choice([1e-3, 0.1, 0.3, 0.6, 0.9, 1.0], size=POINTS)
+        scale = np.where(ok, np.sqrt(wanted / np.where(ok, value, 1)), 0)
+        e, eps = e * scale, eps * scale
+        for mode in r.modes:
+            d = r.field(mode, e.reshape(r.n, r.m, -1))
+            change = np.zeros(POINTS)
+            if self.P is not None:
+                d = d + np.einsum("ca,iap->icp", C, eps)
+                change = 2 * np.einsum("iap,ab,ibp->p", eps, P @ F, eps)
+            terms = 2 * np.einsum("ap,ab,bp->p", e, P_e, d.reshape(self.size, -1))
+            if np.any(change + terms + 2 * float(self.rate) * wanted * ok > NEAR * (np.abs(change) + np.abs(terms))):
+                return True
+        return False
+
+    def _false_shell(self) -> list[str]:
+        outer, half, n = exact(self.e["outer"]), exact(self.e["half"]), self.size
+        if n > 6 or self.level is None or outer < self.level or half <= 0 or not self.r.by_component:
+            return ["outer, half"]
+        inverse = self.P_e.inv()
+        if any(fmpq(outer) * inverse[k, k] > fmpq(half**2) for k in range(n)):
+            return ["half"]
+        middles = _boxes(self.e["tree"], n)
+        if middles is None:
+            return ["tree"]
+        return ["phi"] if self._shell_grows(middles * float(half), outer) or self._grows(outer, self.level) else []
+
+    def _shell_grows(self, middles: Any, outer: Fraction) -> bool:
+        """phi >= 0 at the middle of a box that lies in the shell: eps at its worst, through S."""
+        base = np.array([[float(fraction(x)) for x in row] for row in self._base().tolist()])
+        P_e = np.array([[float(fraction(x)) for x in row] for row in self.P_e.tolist()])
+        V = np.einsum("ap,ab,bp->p", middles, P_e, middles)
+        e = middles[:, (float(self.level or 0) <= V) & (float(outer) >= V)]
+        rng = np.random.default_rng(1)
+        e = np.concatenate([e, _onto(rng.normal(size=(self.size, POINTS)), P_e, self.level, outer, rng)], axis=1)
+        for mode in self.r.modes:
+            best, step = e, 0.1
+            for _ in range(40):  # around the worst, ever closer
+                worst = best[:, np.argsort(self._phi(mode, best, base, P_e))[-20:]]
+                moved = worst[..., None] * (1 + step * rng.normal(size=(*worst.shape, 10)))
+                best = np.concatenate([worst, _within(moved.reshape(self.size, -1), P_e, self.level, outer)], axis=1)
+                step *= 0.7
+            if not np.max(self._phi(mode, np.concatenate([best, e], axis=1), base, P_e)) < 0:
+                return True
+        return False
+
+    def _phi(self, mode: str, e: Any, base: Any, P_e: Any) -> Any:
+        phi = np.einsum("ap,ab,bp->p", e, base, e)
+        shaped, pull = e.reshape(self.r.n, self.r.m, -1), (P_e @ e).reshape(self.r.n, self.r.m, -1)
+        for i, j, w in self.r.modes[mode]:
+            phi += 2 * float(w) * np.sum(pull[i] * curve(self.r.h[i, j]).fast(shaped[j] - shaped[i]), axis=0)
+        return np.where(np.isfinite(phi), phi, np.inf) / np.einsum("ap,ap->p", e, e)
+
+
+def _onto(e: Any, P_e: Any, low: Any, high: Any, rng: Any) -> Any:
+    """Random directions scaled to random levels of the shell, both its edges among them."""
+    part = np.clip(rng.uniform(-0.2, 1.2, size=e.shape[1]), 0, 1)
+    level = float(low) + (float(high) - float(low)) * part
+    return e * np.sqrt(level / np.einsum("ap,ab,bp->p", e, P_e, e))
+
+
+def _within(e: Any, P_e: Any, low: Any, high: Any) -> Any:
+    """The points moved along their rays into the shell."""
+    V = np.einsum("ap,ab,bp->p", e, P_e, e)
+    return e * np.sqrt(np.clip(V, float(low), float(high)) / V)
+
+
+def _boxes(tree: Any, n: int) -> Any:
+    """The middles of the boxes that a tree leaves, of the box |e_k| <= 1, as columns; None if it is no tree."""
+    boxes, place, left = [(np.zeros(n), np.zeros(n, dtype=int))], 0, []
+    while boxes:
+        if not isinstance(tree, str) or len(tree) < place + len(boxes):
+            return None
+        row, following = tree[place : place + len(boxes)], []
+        place += len(boxes)
+        for (middle, cuts), sign in zip(boxes, row, strict=True):
+            if sign == ".":
+                left.append(middle)
+                continue
+            k = int(sign)
+            if k >= n or cuts[k] == MOST_CUTS:
+                return None
+            for side in (-1, 1):
+                moved, more = middle.copy(), cuts.copy()
+                moved[k] += side * 0.5 ** (cuts[k] + 1)
+                more[k] += 1
+                following.append((moved, more))
+        boxes = following
+    return np.array(left).T if place == len(tree) else None
+
+
+def fraction(x: Any) -> Fraction:
+    return Fraction(int(x.p), int(x.q))

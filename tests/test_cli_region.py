@@ -1,0 +1,140 @@
+"""`dobc region`: numbers and a picture, exit codes as certify, one document with --json, files replaced together."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+
+from dobc_design import cli_region
+from dobc_design.certificate.certificate import Certificate
+from dobc_design.cli import main
+from dobc_design.spec.problem import Problem
+from dobc_design.workflow import certify
+
+SINES = """\
+name = "sines"
+[network]
+agents = 3
+arrow = "listens_to"
+[network.modes]
+G = [[2, 1], [3, 2], [1, 3]]
+[coupling]
+h = "sin(y)"
+[pinning]
+gains = { 1 = 1 }
+"""
+ASKED = SINES + """\
+[region]
+initial_states = [-HALF, HALF]
+"""  # fmt: skip
+
+
+CERTIFICATES: dict[tuple[Problem, bool], Certificate] = {}
+
+
+def certify_once(problem: Problem, *, everything: bool, progress: object) -> Certificate:
+    """The same problem is certified once for all tests: that takes a second or two."""
+    key = (problem, everything)
+    if key not in CERTIFICATES:
+        CERTIFICATES[key] = certify(problem, everything=everything)
+    return CERTIFICATES[key]
+
+
+@pytest.fixture
+def dobc(capsys, tmp_path, monkeypatch):
+    """Run the command line in an empty folder: exit code, standard output, standard error."""
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(cli_region, "certify", certify_once)
+    (tmp_path / "free.toml").write_text(SINES, encoding="utf-8")
+    (tmp_path / "near.toml").write_text(ASKED.replace("HALF", "0.5"), encoding="utf-8")
+    (tmp_path / "far.toml").write_text(ASKED.replace("HALF", "2"), encoding="utf-8")
+    (tmp_path / "loose.toml").write_text(SINES.replace("{ 1 = 1 }", "{}"), encoding="utf-8")
+
+    def run(*arguments: object) -> tuple[int, str, str]:
+        with pytest.raises(SystemExit) as caught:
+            main(["region", *map(str, arguments)])
+        captured = capsys.readouterr()
+        assert "Traceback" not in captured.err
+        return int(str(caught.value.code)), captured.out, captured.err
+
+    return run
+
+
+def test_a_region_that_is_proved_leaves_with_0_and_writes_numbers_and_picture(dobc, tmp_path: Path):
+    code, out, _ = dobc("near.toml")
+    assert code == 0
+    assert "sines: PROVED." in out
+    assert "Max-separable" in out
+    folder = tmp_path / "sines-certificate"
+    assert {path.name for path in folder.iterdir()} == {"region.json", "region.svg", "region.png"}
+    assert (folder / "region.svg").read_text("utf-8").lstrip().startswith("<?xml")
+
+
+def test_a_region_out_of_reach_leaves_with_3_and_says_how_far_the_proof_goes(dobc):
+    """sin pulls back only as far as pi/2 on both sides: the box is near that, never beyond."""
+    code, out, _ = dobc("far.toml", "--json", "--out", "there")
+    document = json.loads(out)
+    assert (code, document["verdict"], document["asked"]["box"]) == (3, "undecided", 2.0)
+    found = next(each for each in document["regions"] if each["id"] == "max-separable")
+    assert 1.5 < found["box"] < 1.5708
+    assert not found["covers"]
+    assert "does not rise throughout" in found["limit"]
+    assert [Path(path).name for path in document["files"]] == ["region.json", "region.svg", "region.png"]
+
+
+def test_the_file_holds_what_json_prints(dobc, tmp_path: Path):
+    _, out, _ = dobc("near.toml", "--json", "--out", "there")
+    document = json.loads(out)
+    document.pop("files")
+    assert json.loads((tmp_path / "there" / "region.json").read_text("utf-8")) == document
+    assert document["tolerance"] == 0.005
+    assert [each["pinned"] for each in document["agents"]] == [True, False, False]
+
+
+def test_where_no_region_is_asked_for_the_largest_box_is_looked_for(dobc):
+    code, out, _ = dobc("free.toml")
+    assert code == 0
+    assert "No region was asked for: the largest that was found is shown." in out
+    assert "Max-separable" in out
+
+
+def test_a_network_without_pins_leaves_with_1(dobc):
+    code, out, _ = dobc("loose.toml")
+    assert code == 1
+    assert "REFUTED" in out
+
+
+def test_a_narrow_terminal_has_its_reasons_below_the_table(dobc, monkeypatch):
+    monkeypatch.setenv("COLUMNS", "80")
+    _, out, _ = dobc("near.toml")
+    assert max(map(len, out.split("wrote")[0].splitlines())) <= 80
+    assert "It covers what was asked for; more was not tried." in out
+
+
+def test_no_number_is_cut_however_narrow_the_terminal(dobc, monkeypatch):
+    monkeypatch.setenv("COLUMNS", "50")
+    _, out, _ = dobc("near.toml")
+    assert "…" not in out
+
+
+def test_another_run_replaces_the_files_of_the_first(dobc, tmp_path: Path):
+    dobc("near.toml", "--out", "there")
+    first = (tmp_path / "there" / "region.json").read_bytes()
+    code, _, _ = dobc("far.toml", "--out", "there")
+    assert code == 3
+    assert (tmp_path / "there" / "region.json").read_bytes() != first
+
+
+def test_mistakes_leave_with_2_and_write_nothing(dobc, tmp_path: Path):
+    (tmp_path / "file").write_text("", encoding="utf-8")
+    for arguments, words in (
+        (["near.toml", "--out", "file"], "'file' is not a folder."),
+        (["near.toml", "--out", "--json"], "--out needs a value"),
+        (["nowhere.toml"], "nowhere.toml"),
+    ):
+        before = set(tmp_path.iterdir())
+        code, out, err = dobc(*arguments)
+        assert (code, before) == (2, set(tmp_path.iterdir()))
+        assert words in out + err

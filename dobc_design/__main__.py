@@ -17,6 +17,10 @@ except KeyboardInterrupt:  # in the millisecond before the handler stands
     os.write(2, b"Interrupted.\n")
     os._exit(130)
 
+# Our dense matrices are small: threads that wait for each other, beside other programs, cost more than they bring.
+# It has to be said before NumPy is imported, and whoever has chosen a number keeps it.
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+
 TYPE_CHECKING = False
 if TYPE_CHECKING:
     from typing import NoReturn

@@ -5,6 +5,9 @@ from __future__ import annotations
 import os
 import signal
 
+# Two processes of tests fill two cores; threads of linear algebra inside each would only wait for one another.
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+
 from hypothesis import settings
 
 # No deadline: a first call may import a large package, which is slow and not a defect.

@@ -71,12 +71,13 @@ _HOMES = {
 }
 
 __all__ = [
-    "Analysis", "Certificate", "Check", "Cone", "Coupling", "Disk", "Ensemble", "Exosystem", "Failure", "Falsification",
-    "Fixed", "HalfPlane", "Markov", "Mobile", "Model", "Network", "NoiseLimit", "Observer", "ObserverDesign",
-    "Periodic", "Pinning", "PinningDesign", "Problem", "RandomDwell", "Region", "Schedule", "Settling", "Stress", "Suspect",
-    "Trajectory", "Verdict", "Waypoints", "__version__", "analyse", "build_model", "certify", "certify_settling",
-    "design_observer", "design_pinning", "exact", "exosystems", "falsify", "load_problem", "load_trajectory", "plot_regions", "simulate",
-    "to_control", "verify", "what_breaks_first", "write_report",
+    "Analysis", "Certificate", "Check", "Cone", "Coupling", "Disk", "Ensemble", "Exosystem", "Failure",
+    "Falsification", "Fixed", "HalfPlane", "Markov", "Mobile", "Model", "Network", "NoiseLimit", "Observer",
+    "ObserverDesign", "Periodic", "Pinning", "PinningDesign", "Problem", "RandomDwell", "Region", "Schedule",
+    "Settling", "Stress", "Suspect", "Trajectory", "Verdict", "Waypoints", "__version__", "analyse", "build_model",
+    "certify", "certify_settling", "design_observer", "design_pinning", "exact", "exosystems", "falsify",
+    "load_problem", "load_trajectory", "plot_regions", "simulate", "to_control", "verify", "what_breaks_first",
+    "write_report",
 ]  # fmt: skip
 
 # Two rooms carry the names of public functions.  Loading them here, once, and dropping the names keeps

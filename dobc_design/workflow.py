@@ -386,24 +386,26 @@ def design_observer(
 
 def design_pinning(
     problem: Problem | str | PathLike[str], *, rate: Any, allowed: Any = None, cost: Any = None, max_gain: Any = None,
-    pins: Any = None, digits: int = 4,
+    pins: Any = None, digits: int = 4, progress: Progress | None = None,
 ) -> PinningDesign:  # fmt: skip
     """Design the cheapest pinning gains for a decay rate at the consensus, and prove what is said of them.
 
     ``rate`` (1/s): Lambda < -2 rate I in every mode, so V = e'e of (22) with eps = 0 decays at it.  ``allowed``: labels
     of agents that may be pinned (default all).  ``cost``: c_i > 0, a number or label -> number, of sum c_i k_i.
     ``max_gain`` (1/s): cap of every gain, likewise.  ``pins``: at most so many agents, or "fewest".  ``digits`` of the
-    gains, which are rounded up.  Gains that the problem has are not looked at.
+    gains, which are rounded up.  ``progress`` is called with what is being done.  Gains that the problem has are not
+    looked at.
     Returns: a PinningDesign: PROVED; REFUTED with the reason; UNDECIDED.  The last two with the nearest request.
     Raises: SpecError for a wrong request, or couplings without a derivative at the consensus.
     Source: theory, section 7.
     """
     from dobc_design.design.pinning_proposals import make_proposer
     from dobc_design.spec.changes import changed_problem
-    from dobc_design.spec.pinning_request import read_request
+    from dobc_design.spec.pinning_request import PinningRequest, read_request
     from dobc_design.verify.negative import Enclosed
     from dobc_design.verify.pinning_bound import Ground
-    from dobc_design.verify.pinning_search import PinningProposals, search_pinning
+    from dobc_design.verify.pinning_choice import PinningProposals
+    from dobc_design.verify.pinning_search import search_pinning
 
     problem = problem if isinstance(problem, Problem) else load_problem(problem)
     request = read_request(
@@ -411,8 +413,7 @@ def design_pinning(
     )
     bare = changed_problem(problem, {"pinning.gains": None})
     statements = state_theorems(bare)
-    caps = [float(request.caps.get(i, float("inf"))) for i in range(problem.n)]
-    proposer = None if statements.inapplicable else make_proposer(bare, [float(c) for c in request.costs], caps)
+    proposer = None if statements.inapplicable else make_proposer(bare, request)
     if proposer is None:
         raise SpecError(
             "coupling must have a derivative at the consensus that floats can hold, because gains are designed for"
@@ -421,11 +422,15 @@ def design_pinning(
         )  # fmt: skip
     lambdas = {mode: Enclosed(middle=each.constant, deviations=each.deviations)
                for mode, each in statements.lambdas.items()}  # fmt: skip
-    proposals = PinningProposals(
-        relax=proposer.relax, greedy=proposer.greedy, replaceable=proposer.replaceable, fastest=proposer.fastest,
-        slow=proposer.slow,
-    )  # fmt: skip
-    return search_pinning(Ground(problem=problem, request=request, lambdas=lambdas), proposals)
+
+    def proposals_for(asked: PinningRequest) -> PinningProposals:
+        own = proposer.asked(asked)
+        return PinningProposals(
+            relax=own.relax, greedy=own.greedy, replaceable=own.replaceable, fastest=own.fastest, slow=own.slow,
+            progress=progress or (lambda stage: None),
+        )  # fmt: skip
+
+    return search_pinning(Ground(problem=problem, request=request, lambdas=lambdas), proposals_for)
 
 
 def write_report(certificate: Certificate, folder: str | PathLike[str], *, progress: Progress | None = None) -> Path:

@@ -5,7 +5,7 @@
 Standard library only, nothing of the package: written from docs/certificate-format.md alone, to be read in an evening
 by somebody who does not trust the rest. The problem is trusted, the certificate is not. Every decision is made in
 rational arithmetic; floating point only proposes a vector, which is then checked. Claims about regions are decided by
-region_checker.py, which has to lie beside this file; a certificate without such claims does not need it.
+region_checker.py and quadratic_checker.py beside this file; a certificate without such claims does not need them.
 Exit code 0: every claim holds. 1: one does not, or could not be confirmed. 2: a file cannot be read.
 """
 
@@ -522,7 +522,8 @@ def reach(starts: Collection[int], edges: list[list[int]]) -> set[int]:
 
 # --- The claims -------------------------------------------------------------------------------------------------------
 FACTS = ("observability", "detectability", "hurwitz", "reachability")
-REGIONAL = ("max-separable", "delay", "sampling", "lure", "equilibrium")
+QUADRATIC = ("lure", "exhaustive", "settling")
+REGIONAL = ("max-separable", "delay", "sampling", "equilibrium", *QUADRATIC)
 STARTS = {"kind": text, "radius": json_number, "disturbance": json_number}
 CHECK = {
     "id": text, "verdict": text, "margin": json_number, "rate": json_number, "reason": text,
@@ -536,7 +537,6 @@ def same(value: Any, expected: Any) -> bool:
     if isinstance(expected, list):
         return type(value) is list and len(value) == len(expected) and all(map(same, value, expected))
     return rational(value) == expected if isinstance(expected, Fraction) else bool(value == expected)
-
 class Examination:
     """One certificate against one problem: every method decides one claim, and raises Refused if it is not shown."""
     def __init__(self, certificate: bytes, problem: bytes) -> None:
@@ -551,7 +551,10 @@ class Examination:
         for X in ([] if p.W else self.W, self.P):
             short((x for row in X or [] for x in row), MATRIX_BITS)
         self.checks, self.theorem = self.claims.checks, "theorem1" if len(p.modes) == 1 else "theorem2"
-        self.regions: Any = sibling().Regions(self) if any(check.id in REGIONAL for check in self.checks) else None
+        self.regions: Any = None
+        for part, ids in (("region", REGIONAL), ("quadratic", QUADRATIC)):  # the second needs the first
+            if any(check.id in ids for check in self.checks):
+                self.regions = sibling(f"{part}_checker").Decisions(self)
     def belonging(self) -> None:
         claims, notes = self.claims, self.problem.file.notes
         need(claims.problem == self.problem.file.name, "the problem has another name")
@@ -563,8 +566,8 @@ class Examination:
             wanted += [(id, None) for id in (*FACTS[:3], self.theorem)]
             wanted += [(self.theorem + "-printed", None)] if self.problem.P is not None else []
         found = [(check.id, check.mode) for check in self.checks]
-        more = {(id, None) for id in REGIONAL}
-        need(set(found) <= more.union(wanted), "there is a check that the problem does not ask for")
+        allowed = {(id, None) for id in REGIONAL}.union(wanted)
+        need(set(found) <= allowed, "there is a check that the problem does not ask for")
         need(len(set(found)) == len(found), "a check stands there twice")
         need(set(wanted) <= set(found), "a check is missing")
     def observer(self) -> None:
@@ -742,16 +745,15 @@ class Examination:
         sides = [] if p.region is None else p.region.initial_states
         inside = all(lo < goal[c] < hi for goal in p.goals for c, (lo, hi) in enumerate(sides))
         return inside and any(rational(exact["unstable_roots"]) > 0 for exact in lemmas)
-
 def rate(check: Any) -> Fraction:
     return check.rate or ZERO
-def sibling() -> Any:
-    """region_checker.py, by its path: the folder of a lone file is not searched for modules."""
-    name, own = (f"{__package__ or 'lone'}.{part}" for part in ("region_checker", "checker"))
+def sibling(part: str) -> Any:
+    """A file beside this one, by its path: the folder of a lone file is not searched for modules."""
+    name, own = (f"{__package__ or 'lone'}.{each}" for each in (part, "checker"))
     if name not in sys.modules:
         sys.modules.setdefault(own, sys.modules[__name__])
-        path = Path(__file__).with_name("region_checker.py")
-        need(path.is_file(), "the certificate holds regional claims: checker.py needs region_checker.py beside it")
+        path = Path(__file__).with_name(f"{part}.py")
+        need(path.is_file(), f"the certificate holds regional claims: checker.py needs {path.name} beside it")
         spec: Any = spec_from_file_location(name, path)
         module = sys.modules[name] = module_from_spec(spec)
         spec.loader.exec_module(module)
@@ -776,7 +778,6 @@ def examine(certificate: bytes, problem: bytes) -> list[tuple[bool, str]]:
         except Refused as error:
             findings.append((False, f"{title}: {error}"))
     return findings
-
 def main(arguments: list[str]) -> int:
     """Run as a program; the result is the exit code."""
     lines, code = ["usage: python -I -S checker.py certificate.json problem.json"], 2
@@ -794,6 +795,5 @@ def main(arguments: list[str]) -> int:
         shown = "".join(c if c.isprintable() else "?" for c in line)  # nothing that could steer a terminal
         sys.stdout.write(shown.encode("ascii", "backslashreplace").decode() + "\n")
     return code
-
 if __name__ == "__main__":
     sys.exit(main(sys.argv[1:]))

@@ -1,7 +1,8 @@
 """Every claim of a certificate decided again, from the trusted problem and the certificate's matrices.
 
-Two programs written apart do so: ``recheck`` with the package's own exact arithmetic, and ``checker.py``, which shares
-no line with it.  A certificate holds if both accept it; that they disagree is itself a failure.
+Two programs written apart do so: ``recheck`` with the package's own exact arithmetic, and ``checker.py`` with the two
+files beside it, which shares no line with it.  A certificate holds if both accept it; that they disagree is itself a
+failure.
 
 Not checked, because no verdict depends on them: the sentences (``reason``), the notes beyond those of the problem, the
 program's version, and the advice (``fix``).  Everything else has to be true.
@@ -29,7 +30,7 @@ from dobc_design.verify.overall import decide_overall
 
 #: Arcs of all modes together, and matrix rows, up to which ``verify`` waits for the lone checker, plain Python.
 LONE_ARCS, LONE_ROWS = 50_000, 20_000
-HOW = "python -I -S checker.py certificate.json problem.json"
+HOW = "python -I -S checker.py certificate.json problem.json, with region_checker.py and quadratic_checker.py beside it"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

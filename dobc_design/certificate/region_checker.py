@@ -1,4 +1,4 @@
-"""The lone checker's part about regions: max-separable, delay, sampling, equilibrium and lure.
+"""The lone checker's part about regions: max-separable, delay, sampling and equilibrium.
 
 It lies beside checker.py, which loads it when a certificate holds such claims. Standard library only, nothing of the
 package but checker.py: written from docs/certificate-format.md, section "Regions", alone.
@@ -13,9 +13,7 @@ import ast
 import base64
 import binascii
 import decimal
-import itertools
 import math
-import re
 import struct
 from bisect import bisect_left, bisect_right
 from collections.abc import Callable, Iterable, Iterator
@@ -29,11 +27,11 @@ from typing import Any, NamedTuple, cast
 # fmt: off
 # isort: off
 from .checker import (
-    MATRIX_BITS, PI, VECTOR_BITS, Expression, Matrix, Number, Refused, an_object, by_decimal, definite, echelon, matrix,
-    maybe, need, of, plus, product, rational, read, read_coupling, same, short, text, transpose,
+    MATRIX_BITS, PI, VECTOR_BITS, Matrix, Number, Refused, by_decimal, definite, echelon, matrix,
+    maybe, need, plus, product, rational, read, read_coupling, same, short, text, transpose,
 )
 
-__all__ = ["Regions"]
+__all__ = ["Decisions"]
 PIECES = 20_000  # into which one row is cut at most
 EQUATIONS, ROWS = 60, 100  # of an equilibrium and of a quadratic certificate at most
 CELLS = 12  # halvings of an interval on which the sign of a slope is sought
@@ -407,13 +405,6 @@ def semidefinite(X: Matrix) -> bool:
     return True
 def identity(size: int, factor: Fraction) -> Matrix:
     return [[factor * (i == j) for j in range(size)] for i in range(size)]
-def largest(X: Matrix) -> Fraction:
-    """An upper bound of the eigenvalues of a positive definite X, by bisection."""
-    lo, hi = ZERO, max(sum(map(abs, row), ZERO) for row in X)
-    for _ in range(40):
-        middle = (lo + hi) / 2
-        lo, hi = (lo, middle) if definite(plus(identity(len(X), middle), -1, X), 1) else (middle, hi)
-    return hi
 def positive_vector(size: int) -> Callable[[Any], tuple[list[int], int]]:
     """The shape of n positive numbers, rationals or doubles in base64; it makes them integers over one integer."""
     def shape(value: Any) -> tuple[list[int], int]:
@@ -433,7 +424,7 @@ def positive_vector(size: int) -> Callable[[Any], tuple[list[int], int]]:
         return [int(x * bottom) for x in v], bottom
     return shape
 
-class Regions:
+class Decisions:
     """The regional claims of one certificate."""
     def __init__(self, case: Any) -> None:
         self.case, self.problem, p = case, case.problem, case.problem
@@ -452,7 +443,7 @@ class Regions:
         p, proved = self.problem, check.verdict == "proved"
         need(check.margin is None, "it has no margin to claim")
         need(p.q == 0 or self.case.W is not None, "there is no observer gain")
-        if check.id in ("max-separable", "delay", "sampling"):
+        if check.id not in ("lure", "equilibrium"):
             need(all(len(h) == 1 for h in (p.file.coupling.h, *self.exceptions.values())), "a coupling is a list")
         if proved:
             need(check.witness is None, "it is proved and carries a witness")
@@ -460,12 +451,12 @@ class Regions:
             need(check.domain == p.domain, "the domain is wrong")
             need(check.rate is None and check.verdict == "refuted", "it is refuted and claims a rate")
             need(check.id in ("max-separable", "equilibrium"), "it cannot be refuted")
-        {"max-separable": self.max_separable if proved else self.stuck, "delay": self.delay, "sampling": self.sampling,
-         "lure": self.lure, "equilibrium": self.equilibrium}[check.id](check)
+        name = "stuck" if check.id == "max-separable" and not proved else check.id.replace("-", "_")
+        getattr(self, name)(check)  # lure, exhaustive and settling: in quadratic_checker.py
     def covers(self, check: Any) -> bool:
         """True if the box or ball of a proved check holds the region that is asked for."""
         p, domain = self.problem, check.domain
-        if p.region is None or check.id not in ("max-separable", "lure"):
+        if p.region is None or check.id not in ("max-separable", "lure", "exhaustive"):
             return False
         if domain == "global":
             return True
@@ -484,21 +475,23 @@ class Regions:
             inside = any(all(p.labels[j] in group for _, _, j in heard[i]) for heard in self.heard.values())
             need(self.least[i] <= 0 and inside, "an agent of the witness is held, or hears somebody outside")
     # --- max-separable
-    def separable(self, check: Any) -> Any:
-        """What a proved max-separable claims."""
+    def separable(self, exact: Any) -> Any:
+        """What a proved max-separable claims; its pace is the rate that follows."""
         p = self.problem
         shape: dict[str, Any] = {"v": positive_vector(p.n), "alpha": rational, "rho": maybe(rational)}
         if p.q:
             shape |= {"P": matrix(p.q, p.q), "beta": rational, "kappa": rational, "size": rational}
-        claim = read(check.exact, shape)
+        claim = read(exact, shape)
         claim.tops, claim.bottom = claim.v
         claim.lowest = Fraction(min(claim.tops), claim.bottom)
+        need(p.q == 0 or claim.kappa > 0, "kappa is not positive")
+        claim.pace = min(claim.alpha, claim.beta - 1 / (claim.kappa * claim.lowest)) if p.q else claim.alpha
         return claim
     def max_separable(self, check: Any) -> None:
-        claim = self.separable(check)
-        need(check.rate is not None and 0 < check.rate <= claim.alpha, "the rate is not between 0 and alpha")
+        claim = self.separable(check.exact)
+        need(check.rate is not None and 0 < check.rate <= claim.pace, "the rate is not between 0 and what follows")
         if self.problem.q:
-            self.composite(check, claim)
+            self.composite(claim)
         if claim.rho is None:
             need(check.domain == "global" == self.problem.domain, "it has no rho and is not global")
         else:
@@ -513,7 +506,7 @@ class Regions:
         need(good, f"the domain is no {kind}")
         need(domain.radius > 0 and domain.disturbance >= 0, f"the {kind} is empty")
         need(self.problem.q > 0 or domain.disturbance == 0, "there is a disturbance, but no exosystem")
-    def composite(self, check: Any, claim: Any) -> None:
+    def composite(self, claim: Any) -> None:
         """The observer's part: |C eps_i| <= E = max sqrt(eps_i'P eps_i), which decays at the rate beta."""
         P, C, q = claim.P, self.problem.C, self.problem.q
         short((x for row in P for x in row), MATRIX_BITS)
@@ -522,8 +515,6 @@ class Regions:
         need(semidefinite(plus(identity(q, ZERO), -1, plus(half, 1, transpose(half)))), "beta is not shown")
         need(all(semidefinite(plus(P, -1, product(transpose([c]), [c]))) for c in C), "c'c <= P is not shown")
         need(semidefinite(plus(identity(q, claim.size), -1, P)), "P <= size I is not shown")
-        need(claim.kappa > 0, "kappa is not positive")
-        need(check.rate <= claim.beta - 1 / (claim.kappa * claim.lowest), "kappa is too small for the rate")
     def formula(self, h: Any, c: int) -> Formula:
         """Component c of a coupling."""
         if (h, c) not in self.formulas:
@@ -568,12 +559,17 @@ class Regions:
         terms = [Term(self.curve(h, mirrored), enclosed(w), quotient(top + own, bottom), quotient(top - own, bottom))
                  for h, w, top in heard]
         return throughout(enclosed(rho)[1], partial(row_settled, terms, quotient(c.numerator, c.denominator * bottom)))
+    def slope(self, h: Any, c: int, d: int) -> Number:
+        return read_coupling(h, self.problem.m).slopes.get((c, d), Number(ZERO, ZERO))
+    def straight(self, h: Any) -> bool:
+        coupling = read_coupling(h, self.problem.m)
+        return coupling.linear and not coupling.kinked
     # --- delay and sampling
     def beside(self, check: Any) -> Any:
         """The proved max-separable with the same domain."""
         found = [each for each in self.case.checks if each.id == "max-separable" and each.verdict == "proved"]
         need(any(each.domain == check.domain for each in found), "no max-separable with this domain is proved")
-        return self.separable(found[0])
+        return self.separable(found[0].exact)
     def delay(self, check: Any) -> None:
         claim = self.beside(check)
         exact = read(check.exact, {"delay": rational, "rate": rational})
@@ -667,133 +663,3 @@ class Regions:
                 parts.append(times(total(each), (-half, half)))
             image = total(parts)
             need(lo < Fraction(image[0]) and Fraction(image[1]) < hi, "the box is not shown to hold an equilibrium")
-    # --- lure
-    def lure(self, check: Any) -> None:
-        """V = e'P_e e + sum eps_i'P eps_i decreases where the gains of all arcs are inside their ranges."""
-        p, m, size = self.problem, self.problem.m, self.problem.n * self.problem.m
-        need(size <= ROWS, f"quadratic certificates are decided up to {ROWS} rows")
-        def place(value: Any) -> int:
-            need(type(value) is int and 0 <= value < size, f"an integer from 0 to {size - 1} was expected")
-            return int(value)
-        exact = read(check.exact, {
-            "method": text, "P_e": [(place, place, rational)], "level": maybe(rational), "radius": maybe(rational),
-            "ranges": [{"coupling": of(int), "gains": (((rational, rational),) * m,) * m}], "multipliers": an_object,
-            "rate": rational} | ({"P": matrix(p.q, p.q)} if p.q else {}))
-        need(check.rate is None or 0 < check.rate <= exact.rate, "the rate is not between 0 and that of the inequality")
-        need(exact.rate >= 0, "the rate is negative")
-        short((x for _, _, x in exact.P_e), MATRIX_BITS)
-        need(all(a <= b and x != 0 for a, b, x in exact.P_e), "P_e does not list its entries that are not 0, a <= b")
-        need(len({(a, b) for a, b, _ in exact.P_e}) == len(exact.P_e), "an entry of P_e stands there twice")
-        P_e = identity(size, ZERO)
-        for a, b, x in exact.P_e:
-            P_e[a][b] = P_e[b][a] = x
-        need(definite(P_e, 1), "P_e > 0 is not shown")
-        S = identity(m, ZERO)
-        if p.q:
-            need(transpose(exact.P) == exact.P and definite(exact.P, 1), "P > 0 is not shown")
-            S = self.case.schur(exact.P, exact.rate)
-        need((exact.level is None) == (exact.radius is None), "level and radius are not both there")
-        ranges = self.ranges(exact)
-        need(set(exact.multipliers) == set(p.modes if exact.method == "lure" else ()), "there are other multipliers")
-        for mode in p.modes:
-            need(all(definite(X, -1) for X in self.forms(exact, mode, P_e, S, ranges)), "V is not shown to decrease")
-        if exact.level is None:
-            need(check.domain == "global" == p.domain, "it has no level and is not global")
-            return
-        for z in self.relied():
-            X = plus(P_e, -exact.level / exact.radius**2, product(transpose([z]), [z]))
-            need(definite(X, 1) or (size <= 20 and semidefinite(X)), "the level set leaves the radius")
-        self.start(check.domain, "ball")
-        s = check.domain.disturbance
-        top = largest(P_e) * check.domain.radius**2 + (p.n * s**2 * largest(exact.P) if s else 0)
-        need(top <= exact.level, "the ball leaves the level set")
-    def ranges(self, exact: Any) -> dict[Any, Any]:
-        """The gains of every coupling that an arc has, shown on |y_c| <= radius."""
-        known = list(dict.fromkeys([self.problem.file.coupling.h, *self.exceptions.values()]))
-        used = {h for heard in self.heard.values() for arcs in heard for h, _, _ in arcs}
-        wanted = [k for k, h in enumerate(known) if h in used]
-        need(sorted(each.coupling for each in exact.ranges) == wanted, "the ranges are not those of the couplings")
-        found = {known[each.coupling]: each.gains for each in exact.ranges}
-        need(all(self.inside(h, gains, exact.radius) for h, gains in found.items()), "the gains are not shown")
-        return found
-    def inside(self, h: Any, gains: Any, radius: Fraction | None) -> bool:
-        m, places = self.problem.m, [(c, d) for c in range(self.problem.m) for d in range(self.problem.m)]
-        if self.straight(h):
-            slopes = ((gains[c][d], self.slope(h, c, d)) for c, d in places)
-            return all(lo <= slope.lo and slope.hi <= hi for (lo, hi), slope in slopes)
-        if radius is None or radius <= 0:
-            return False
-        r = enclosed(radius)[1]
-        if len(h) > 1:
-            return self.within(h, gains, [(-r, r)] * m, CELLS)
-        beside = [gains[c][d] for c, d in places if c != d]
-        return all(lo <= 0 <= hi for lo, hi in beside) and all(self.secant(h, gains[c][c], r) for c in range(m))
-    def slope(self, h: Any, c: int, d: int) -> Number:
-        return read_coupling(h, self.problem.m).slopes.get((c, d), Number(ZERO, ZERO))
-    def straight(self, h: Any) -> bool:
-        coupling = read_coupling(h, self.problem.m)
-        return coupling.linear and not coupling.kinked
-    def secant(self, h: Any, gain: list[Fraction], r: float) -> bool:
-        """lo y <= h(y) <= hi y for 0 < y <= r, and the other way round for -r <= y < 0."""
-        def shown(curve: Curve, side: float, slope: Interval) -> bool:
-            def settled(a: float, b: float) -> bool:
-                bound = follow(curve, (side, side), a, b)
-                at = lambda s: added((bound.at(s),) * 2, times((s, s), slope))[1]  # noqa: E731
-                return below(a, b, at, added(bound.slope, slope))
-            return throughout(r, settled)
-        sides = [(1.0, enclosed(-gain[1])), (-1.0, enclosed(gain[0]))]
-        return all(shown(self.curve(h, face), *side) for face in (False, True) for side in sides)
-    def within(self, h: Any, gains: Any, box: list[Interval], halvings: int) -> bool:
-        """All slopes lie inside the gains on the box, or on both halves of it."""
-        m = len(box)
-        rows = [self.formula(h, c).at(*variables(box))[1] or (NOTHING,) * m for c in range(m)]
-        shown = all(low <= Fraction(x) and Fraction(y) <= high for row, gain in zip(rows, gains, strict=True)
-                    for (x, y), (low, high) in zip(row, gain, strict=True))
-        lo, hi = side = max(box, key=lambda each: each[1] - each[0])
-        k, middle = box.index(side), (lo + hi) / 2
-        halves = [[*box[:k], half, *box[k + 1 :]] for half in ((lo, middle), (middle, hi))]
-        return shown or (halvings > 0 and all(self.within(h, gains, half, halvings - 1) for half in halves))
-    def relied(self) -> Iterator[list[Fraction]]:
-        """z with z'e = e_jd - e_id for every difference that a coupling depends on, if it is not linear."""
-        p, seen = self.problem, set[tuple[int, int]]()
-        arcs = [(i, j, h) for heard in self.heard.values() for i, arcs in enumerate(heard) for h, _, j in arcs]
-        for i, j, h in arcs:
-            for d in range(p.m):
-                names = [f"y{k + 1}" for k in range(p.m)]
-                bent = [each for each in h if len(h) == 1 or Expression(each, names).value.degree > 1]
-                used = not self.straight(h) and (len(h) == 1 or any(re.search(rf"y{d + 1}(?![0-9])", x) for x in bent))
-                if used and (i * p.m + d, j * p.m + d) not in seen:
-                    seen.add((i * p.m + d, j * p.m + d))
-                    yield [Fraction((a == j * p.m + d) - (a == i * p.m + d)) for a in range(p.n * p.m)]
-    def forms(self, exact: Any, mode: str, P_e: Matrix, S: Matrix, ranges: Any) -> Iterator[Matrix]:
-        """The matrices that have to be negative definite in a mode."""
-        p, m, size = self.problem, self.problem.m, len(P_e)
-        A, M, extra = (identity(size, ZERO) for _ in range(3))
-        for i, c, d in ((i, c, d) for i in range(p.n) for c in range(m) for d in range(m)):
-            A[i * m + c][i * m + d] -= p.gains[i][c][d] if i in p.gains else 0
-            M[i * m + c][i * m + d] += S[c][d]
-        channels = []  # row, column of the agent, column of the other one, g0, D
-        for i, j, w, c, d in ((*arc, c, d) for arc in p.modes[mode] for c in range(m) for d in range(m)):
-            lo, hi = ranges[self.exceptions.get((i, j), p.file.coupling.h)][c][d]
-            channels += [(i * m + c, i * m + d, j * m + d, w * (lo + hi) / 2, w * (hi - lo) / 2)] if lo or hi else []
-        taus = read(exact.multipliers.get(mode, []), (rational,) * (len(channels) if exact.method == "lure" else 0))
-        for k, (b, own, other, g0, D) in enumerate(channels):
-            A[b][other], A[b][own] = A[b][other] + g0, A[b][own] - g0
-            if exact.method == "lure":
-                need(taus[k] > 0 if D else taus[k] == 0, "a multiplier is not positive")
-                M[b][b] += 1 / (2 * taus[k]) if D else 0
-                for x, y, sign in ((own, own, 1), (other, other, 1), (own, other, -1), (other, own, -1)):
-                    extra[x][y] += sign * 2 * taus[k] * D**2
-            elif exact.method == "interval" and D:
-                z = {own: -1, other: 1}
-                for x in range(size):
-                    extra[x][x] += D * sum(abs(P_e[x][b] * z.get(y, 0) + z.get(x, 0) * P_e[y][b]) for y in range(size))
-        need(exact.method in ("lure", "interval", "vertices"), "the method is none of lure, interval and vertices")
-        free = [channel for channel in channels if channel[-1] and exact.method == "vertices"]
-        need(len(free) <= 12, "there are too many vertices")
-        for signs in itertools.product((-1, 1), repeat=len(free)):
-            corner = [list(row) for row in A]
-            for sign, (b, own, other, _, D) in zip(signs, free, strict=True):
-                corner[b][other], corner[b][own] = corner[b][other] + sign * D, corner[b][own] - sign * D
-            half = plus(product(P_e, corner), exact.rate, P_e)
-            yield plus(plus(plus(half, 1, transpose(half)), 1, product(product(P_e, M), P_e)), 1, extra)

@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 
 from dobc_design.covering.asked import Asked, Progress, read_region
+from dobc_design.covering.boxes import exhaustive_stage
 from dobc_design.covering.quadratic import quadratic_stage
 from dobc_design.covering.separable import separable_stage
 from dobc_design.exact.matrix import Matrix
@@ -17,9 +18,7 @@ from dobc_design.verify.check import Check
 from dobc_design.verify.overall import covers
 
 #: Cheapest first.
-#: ``boxes.exhaustive_stage`` belongs at the end as soon as the lone checker knows its claims: a certificate holds only
-#: if both programs accept it.
-STAGES: tuple[Callable[[Asked, Progress], list[Check]], ...] = (separable_stage, quadratic_stage)
+STAGES: tuple[Callable[[Asked, Progress], list[Check]], ...] = (separable_stage, quadratic_stage, exhaustive_stage)
 
 
 def region_checks(

@@ -11,6 +11,8 @@ from fractions import Fraction
 
 from dobc_design.covering.asked import Asked, Progress
 from dobc_design.design.separable import SeparablePlan, design_separable, rounded_vectors
+from dobc_design.exact.interval import UndefinedError
+from dobc_design.exact.matrix import Vector
 from dobc_design.theorems.separable import Separable
 from dobc_design.verdict import Verdict
 from dobc_design.verify.check import Check
@@ -23,7 +25,7 @@ from dobc_design.verify.regions import (
     stuck_check,
     undecided_check,
 )
-from dobc_design.verify.separable import rounded_down, verify_separable
+from dobc_design.verify.separable import coupling_profiles, rounded_down, verify_separable
 from dobc_design.verify.separable_observer import covers as box_is_inside
 from dobc_design.verify.separable_observer import first_certificate
 from dobc_design.verify.separable_timing import longest_delay
@@ -41,6 +43,8 @@ WIDER = Fraction(2)
 KEPT = Fraction(1, 2)
 #: Arcs of all modes together up to which delays and sampling are examined: exact rows for each of them take long.
 TIMED_ARCS = 3000
+#: Arcs of all modes together up to which boxes are tried on which a coupling falls: exact rows for each of them, too.
+FALLING_ARCS = 3000
 
 
 def separable_stage(asked: Asked, report: Progress) -> list[Check]:
@@ -122,6 +126,8 @@ def _claim(asked: Asked, radius: float, plan: SeparablePlan | None) -> Separable
     if plan is None:
         return None
     rho = None if asked.domain == "global" else plan.rho
+    if _takes_long(asked, next(rounded_vectors(plan.proposal)), rho):
+        return None
     vectors, wanted = rounded_vectors(plan.proposal), plan.proposal.rate
     claim = first_certificate(asked.problem, asked.W, vectors, rho=rho, error=plan.error, wanted=wanted)
     inside = claim is not None and box_is_inside(claim, radius=claimed(radius), disturbance=claimed(asked.disturbance))
@@ -130,10 +136,26 @@ def _claim(asked: Asked, radius: float, plan: SeparablePlan | None) -> Separable
     return replace(claim, alpha=rounded_down(claim.alpha * (1 - IN_HAND), digits=6))
 
 
+def _takes_long(asked: Asked, v: Vector, rho: Fraction | None) -> bool:
+    """Whether a coupling falls somewhere in the rows of a network too large for rows one by one."""
+    problem = asked.problem
+    if rho is None or _arcs(asked) <= FALLING_ARCS:
+        return False
+    try:
+        profiles = coupling_profiles(problem, v, rho=rho, modes=tuple(problem.network.modes))
+    except UndefinedError:  # the decision says so
+        return False
+    return not all(kind.is_nondecreasing for kind in profiles)
+
+
+def _arcs(asked: Asked) -> int:
+    return sum(len(mode) for mode in asked.problem.network.modes.values())
+
+
 def _timing(asked: Asked, claim: Separable, check: Check, report: Progress) -> list[Check]:
     """Delays and sampling beside a proved max-separable check."""
     problem = asked.problem
-    arcs = sum(len(mode) for mode in problem.network.modes.values())
+    arcs = _arcs(asked)
     if arcs > TIMED_ARCS:
         reason = f"left out, because exact rows for {arcs} arcs take long; it is examined up to {TIMED_ARCS}."
         return [undecided_check(id, asked.domain, reason) for id in ("delay", "sampling")]
@@ -156,9 +178,12 @@ def _remark(asked: Asked, claim: Separable, radius: float) -> str:
         return f" No region is asked for; boxes up to {asked.radius:.6g} were tried."
     wish = f"the region asks for {asked.radius:.6g}" if asked.wanted else "no region is asked for"
     wider = replace(claim, rho=claim.rho * min(claimed(asked.radius) / claimed(radius), WIDER))
-    answer = verify_separable(asked.problem, wider)
-    who = ""
-    if answer.verdict is Verdict.REFUTED and answer.agent is not None:
+    who, answer = "", None
+    if _takes_long(asked, wider.v, wider.rho):
+        who = f" that is quick to decide: a coupling falls there, and exact rows for {_arcs(asked)} arcs take long"
+    else:
+        answer = verify_separable(asked.problem, wider)
+    if answer is not None and answer.verdict is Verdict.REFUTED and answer.agent is not None:
         label = asked.problem.network.labels[answer.agent]
         where = f" in mode {answer.mode}" if len(asked.problem.network.modes) > 1 else ""
         who = f", and with this one agent {label} is no longer held{where}"

@@ -27,11 +27,14 @@ from dobc_design.design.pinning import (
 )
 from dobc_design.design.pinning_program import solve_program
 from dobc_design.design.program import Array
+from dobc_design.spec.pinning_request import PinningRequest
 from dobc_design.spec.problem import Problem
 
 Vectors = list[tuple[str, Array]]  # mode, and a vector over the n m rows
-LOOKED_AT = 40  # agents tried in one greedy step, the heaviest of the slowest direction
-SWAPS = 4_000  # closed forms spent on exchanges
+# Agents tried in one greedy step, the heaviest of the slowest direction, by the size of the network.
+LOOKED_AT = ((60, 40), (200, 8), (float("inf"), 1))
+WORK = 200_000  # closed forms spent on exchanges, and on what to add, times agents
+LARGEST = 5_000  # agents above which nothing is exchanged
 NEARLY_ZERO = 1e-9
 
 
@@ -44,6 +47,12 @@ class PinningProposer:
     costs: Array
     caps: Array
     _kept: dict[float, Blocks] = field(default_factory=dict)
+
+    def asked(self, request: PinningRequest) -> PinningProposer:
+        """The same for the costs and caps of a request."""
+        caps = [float(request.caps.get(i, np.inf)) for i in range(self.blocks.agents)]
+        costs = np.array([float(c) for c in request.costs])
+        return PinningProposer(problem=self.problem, blocks=self.blocks, costs=costs, caps=np.array(caps))
 
     def relax(self, allowed: Collection[int], rate: float) -> tuple[list[float] | None, Vectors]:
         """Gains (n) of least cost on the ``allowed`` agents, about, and their multipliers.
@@ -97,9 +106,11 @@ class PinningProposer:
             if not free - set(chosen) or (pins is not None and len(chosen) >= pins):
                 return None
             heavy = self._heaviest(blocks, chosen, free - set(chosen))
-            chosen.append(max(heavy, key=lambda agent: (fastest_rate(blocks, [*chosen, agent]), -agent)))
+            chosen.append(heavy[0] if len(heavy) == 1 else max(
+                heavy, key=lambda agent: (fastest_rate(blocks, [*chosen, agent]), -agent)
+            ))  # fmt: skip
         while pins is not None and len(chosen) < pins and (left := sorted(free - set(chosen))):
-            costs = {agent: self._cost([*chosen, agent], rate) for agent in left[: SWAPS // max(1, pins)]}
+            costs = {agent: self._cost([*chosen, agent], rate) for agent in self._spread(left, pins)}
             best = min(costs, key=lambda agent: (costs[agent] if costs[agent] is not None else np.inf, agent))
             chosen.append(best)
         return tuple(sorted(self._exchanged(chosen, sorted(free), rate)))
@@ -108,7 +119,7 @@ class PinningProposer:
         """Pairs (pinned, other): with the other in its place the cost is the same to six digits."""
         own = self._cost(chosen, rate)
         found: list[tuple[int, int]] = []
-        if own is None or len(chosen) * len(allowed) > SWAPS:
+        if own is None or len(chosen) * len(allowed) > self._affordable():
             return found
         for agent in chosen:
             for other in sorted(set(allowed) - set(chosen)):
@@ -125,13 +136,21 @@ class PinningProposer:
             for place in range(len(chosen)):
                 for other in allowed:
                     work += 1
-                    if other in chosen or work > SWAPS or len(self.costs) > SWAPS:
+                    if other in chosen or work > self._affordable():
                         continue
                     trial = [*chosen[:place], other, *chosen[place + 1 :]]
                     value = self._cost(trial, rate)
                     if value is not None and value < cost * (1 - 1e-9):
                         chosen, cost, better = trial, value, True
         return chosen
+
+    def _affordable(self) -> int:
+        return WORK // len(self.costs) if len(self.costs) <= LARGEST else 0
+
+    def _spread(self, agents: Sequence[int], steps: int) -> Sequence[int]:
+        """As many of these agents as can be tried in each of so many steps, evenly over the list."""
+        most = max(1, self._affordable() // max(1, steps))
+        return agents[:: -(-len(agents) // most)]
 
     def _cost(self, chosen: Collection[int], rate: float) -> float | None:
         gains = self.relax(chosen, rate)[0] if chosen else None
@@ -154,7 +173,7 @@ class PinningProposer:
         weight = np.zeros(blocks.agents)
         weight[others] = np.max(np.abs(vector.reshape(len(others), blocks.width)), axis=1)
         order = sorted(free, key=lambda agent: (-round(float(weight[agent]), 9), agent))
-        return order[: LOOKED_AT if blocks.agents <= 400 else 4]
+        return order[: next(count for most, count in LOOKED_AT if blocks.agents <= most)]
 
     def _at(self, rate: float) -> Blocks:
         if rate not in self._kept:
@@ -185,7 +204,7 @@ class PinningProposer:
         """What caps add to the diagonal, and the rows that no gain without a cap holds."""
         capped = chosen & np.isfinite(self.caps)
         extra = np.repeat(2 * np.where(capped, self.caps, 0.0), blocks.width)
-        return extra, rows_of(np.flatnonzero(~chosen | capped), blocks.width)
+        return extra, rows_of(np.flatnonzero(np.logical_not(chosen) | capped), blocks.width)
 
     def _lowest(self, blocks: Blocks, chosen: Array, *, factor: float = 1.0) -> list[tuple[float, Array]]:
         extra, rows = self._held(blocks, chosen)
@@ -219,12 +238,13 @@ class PinningProposer:
         return result
 
 
-def make_proposer(problem: Problem, costs: Sequence[float], caps: Sequence[float]) -> PinningProposer | None:
-    """The proposer of one problem; None if its entries are beyond the floats."""
+def make_proposer(problem: Problem, request: PinningRequest) -> PinningProposer | None:
+    """The proposer of one problem and request; None if its entries are beyond the floats."""
     blocks = network_blocks(problem)
     if blocks is None:
         return None
-    return PinningProposer(problem=problem, blocks=blocks, costs=np.array(costs), caps=np.array(caps))
+    nothing = np.zeros(problem.n)
+    return PinningProposer(problem=problem, blocks=blocks, costs=nothing, caps=nothing).asked(request)
 
 
 def _factors(Z: Array, *, z: bool) -> list[Array]:

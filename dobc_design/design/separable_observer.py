@@ -13,7 +13,7 @@ from fractions import Fraction
 from typing import Any
 
 import numpy as np
-from scipy import sparse
+from scipy import linalg, sparse
 
 from dobc_design.design.program import Array, is_solver_failure
 from dobc_design.design.rounding import round_matrix
@@ -29,6 +29,7 @@ SLACK = 1e-5
 DIGITS = 8
 UNIT = 10**6  # beta and kappa have six decimals
 FLOOR = 1e-6
+NEARLY, LARGEST = 1e-5, 1e100
 ROOT2 = math.sqrt(2.0)
 
 
@@ -115,13 +116,47 @@ def _least_bound(error: Array, C: Array, beta: float) -> _Bound | None:
     except BaseException as failure:  # Clarabel panics with pyo3's PanicException, which is no Exception
         if not is_solver_failure(failure):
             raise
+        return _lyapunov_bound(error, unit * C, beta)
+    P = _read_matrix(answer, basis)
+    if P is None or not _nearly_holds(P, error, C, beta):
+        return _lyapunov_bound(error, unit * C, beta)
+    return _Bound(beta=beta, P=unit**2 * P, size=unit**2 * float(np.linalg.eigvalsh(P)[-1]))
+
+
+def _read_matrix(answer: Any, basis: list[Array]) -> Array | None:
+    """P from what a solver returns, which may be anything."""
+    try:
+        numbers = np.ravel(np.asarray(answer.x, dtype=float))
+    except (AttributeError, TypeError, ValueError):
         return None
-    numbers = np.asarray(answer.x, dtype=float)
-    if "Infeasible" in str(answer.status) or not np.all(np.isfinite(numbers)):
+    if len(numbers) <= len(basis) or not np.all(np.isfinite(numbers)):
         return None
-    P = unit**2 * sum(x * M for x, M in zip(numbers.tolist(), basis, strict=False))
-    size = float(np.linalg.eigvalsh(P)[-1])
-    return _Bound(beta=beta, P=P, size=size) if size > 0 else None
+    return np.asarray(sum(x * M for x, M in zip(numbers.tolist(), basis, strict=False)))
+
+
+def _nearly_holds(P: Array, error: Array, C: Array, beta: float) -> bool:
+    """Whether floating point sees the constraints, up to rounding: solvers may say what is not so."""
+    with np.errstate(all="ignore"):
+        size = float(np.max(np.abs(P)))
+        room = NEARLY * size * (1 + float(np.max(np.abs(error))) + beta)
+        sides = [-(error.T @ P + P @ error) - 2 * beta * P, *(P - np.outer(c, c) for c in C)]
+        try:
+            return 0 < size < LARGEST and all(float(np.linalg.eigvalsh(side)[0]) >= -room for side in sides)
+        except np.linalg.LinAlgError:
+            return False
+
+
+def _lyapunov_bound(error: Array, C: Array, beta: float) -> _Bound | None:
+    """Without a solver: P from (error + beta I)'P + P (error + beta I) = -I, as large as c'c <= P asks for."""
+    shifted = error + beta * np.eye(len(error))
+    with np.errstate(all="ignore"):
+        try:
+            X = linalg.solve_continuous_lyapunov(shifted.T, -np.eye(len(error)))
+            P = (X + X.T) / 2 * max((float(c @ np.linalg.solve(X, c)) for c in C), default=0.0)
+            values = np.linalg.eigvalsh(P)
+        except (ValueError, np.linalg.LinAlgError):
+            return None
+    return _Bound(beta=beta, P=P, size=float(values[-1])) if values[0] > 0 and math.isfinite(values[-1]) else None
 
 
 def _unit(q: int, i: int, j: int) -> Array:

@@ -14,6 +14,7 @@ from __future__ import annotations
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
+from typing import Any
 
 from dobc_design.exact.matrix import Vector
 from dobc_design.exact.symmetric import SparseSymmetric
@@ -26,7 +27,7 @@ ZERO = Fraction(0)
 BITS = 40  # of the largest entry of a rounded multiplier
 HINT_BITS = 50  # of the largest entry of a vector that shows definiteness
 LARGEST = 300  # rows that are eliminated in the search for a witness
-Vectors = Sequence[tuple[str, Sequence[float]]]
+Vectors = Sequence[tuple[str, Any]]  # a mode, and numbers (n m) in a list or an array
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -43,7 +44,7 @@ class Bound:
     """A proved lower bound of the cost at a rate, and what shows it: exact, to be multiplied out by anybody.
 
     ``vectors``: mode and v (n m).  ``loads``: sum_r |v_r,i|^2 of every agent.  ``cap_prices``: y_i > 0 by agent.
-    ``rate_price``: the bound grows by at least this per 1/s of the rate, at any larger rate (1 per (1/s) of cost).
+    ``rate_price``: at any other rate b the cost is at least value + rate_price (b - rate), by the same vectors.
     """
 
     value: Fraction
@@ -139,7 +140,9 @@ def obstacle_to(
         matrix = Enclosed(middle=enclosed.middle + added, deviations=enclosed.deviations)
         own = [v for name, v in candidates if name == mode and len(v) == size]
         fitting = [[x if row // m not in free else 0.0 for row, x in enumerate(v)] for v in own]
-        vector = find_witness(matrix, fitting, rows=rows) if len(rows) <= LARGEST else _rounded(matrix, fitting)
+        vector = _rounded(matrix, fitting)
+        if vector is None and len(rows) <= LARGEST:
+            vector = find_witness(matrix, fitting, rows=rows)
         if vector is not None:
             return Obstacle(mode=mode, vector=vector)
     return None

@@ -18,9 +18,28 @@ Relax = Callable[[Collection[int], float], tuple[Sequence[float] | None, Vectors
 WORK = 60_000  # nodes times agents
 LARGEST = 2000  # agents above which only the first node is looked at
 ALIKE = Fraction(1, 10**7)  # bounds this close (relatively) to the best cost close a node
+REPORTED = 20  # nodes between two reports
 MOST_RIVALS = 10_000  # sets whose cost is kept
 SIX_DIGITS = 1e-6  # costs that differ by less (relatively) are alike
 SUPPORT = 1e-7  # gains below this part of the largest pin nobody
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class PinningProposals:
+    """Where proposals come from.
+
+    ``relax(allowed, rate)``: gains and multipliers.  ``greedy(allowed, groups, rate, pins)``: a set of agents.
+    ``replaceable(chosen, allowed, rate)``: pairs that tie.  ``fastest(allowed, factor)``: the largest rate, about,
+    with all caps times ``factor``.  ``slow(rate)``: of every mode the directions that are slower without any gain.
+    ``progress`` is called with what is being done.
+    """
+
+    relax: Relax
+    greedy: Callable[[Sequence[int], Sequence[Sequence[int]], float, int | None], tuple[int, ...] | None]
+    replaceable: Callable[[Sequence[int], Sequence[int], float], Sequence[tuple[int, int]]]
+    fastest: Callable[[Collection[int], float], float]
+    slow: Callable[[float], Vectors]
+    progress: Callable[[str], None]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -51,14 +70,14 @@ class _Node:
 
 
 def choose(
-    ground: Ground, relax: Relax, rate: Fraction, pins: int, groups: Sequence[Sequence[int]],
+    ground: Ground, proposals: PinningProposals, rate: Fraction, pins: int, groups: Sequence[Sequence[int]],
     start: Collection[int] | None = None,
 ) -> Choice:  # fmt: skip
     """The cheapest set of at most ``pins`` allowed agents at this rate, with a proved bound.
 
     ``start``: a set to begin with.  ``groups``: each needs a pin.
     """
-    search = _Search(ground=ground, relax=relax, rate=rate, pins=pins, groups=groups)
+    search = _Search(ground=ground, proposals=proposals, rate=rate, pins=pins, groups=groups)
     if start is not None:
         search.try_set(start)
     root = search.node(frozenset(), frozenset(), Fraction(0))
@@ -72,9 +91,10 @@ class _Search:
     """The open nodes, lowest bound first; what closed nodes proved."""
 
     def __init__(
-        self, *, ground: Ground, relax: Relax, rate: Fraction, pins: int, groups: Sequence[Sequence[int]]
+        self, *, ground: Ground, proposals: PinningProposals, rate: Fraction, pins: int, groups: Sequence[Sequence[int]]
     ) -> None:
-        self.ground, self.relax, self.rate, self.pins, self.groups = ground, relax, rate, pins, groups
+        self.ground, self.rate, self.pins, self.groups = ground, rate, pins, groups
+        self.relax, self.progress = proposals.relax, proposals.progress
         self.allowed = frozenset(ground.request.allowed)
         self.heap: list[tuple[Fraction, int, _Node]] = []
         self.best: tuple[float, tuple[int, ...]] | None = None
@@ -132,6 +152,8 @@ class _Search:
             if self.is_beaten(node):
                 self.close(node)
                 continue
+            if self.count % REPORTED == 0:
+                self.progress(f"comparing sets of agents ({self.count} parts of the choice so far)")
             agent = next(agent for agent in node.support if agent not in node.inside)
             for inside, outside in ((node.inside | {agent}, node.outside), (node.inside, node.outside | {agent})):
                 child = self.node(inside, outside, node.bound)

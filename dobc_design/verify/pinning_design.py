@@ -108,8 +108,8 @@ def prices_in_words(problem: Problem, request: PinningRequest, bound: Bound, age
     if not bound.vectors:
         return []
     words = [
-        f"Rate: any other rate b costs at least {_down(bound.value)} + {_down(bound.rate_price)}"
-        f" (b - {number_text(bound.rate)}) with gains on these agents, where b is larger."
+        f"Rate: a larger rate b costs at least {_down(bound.value)} + {_down(bound.rate_price)}"
+        f" (b - {number_text(bound.rate)}) with gains on these agents."
     ]
     for i in sorted(bound.cap_prices, key=lambda i: (-bound.cap_prices[i], i))[:SHOWN]:
         words.append(f"Cap of agent {labels[i]}: each 1/s more of it saves at most {_up(bound.cap_prices[i])}.")

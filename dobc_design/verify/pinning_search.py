@@ -6,21 +6,22 @@ Proposals come from outside as functions, so that no solver is imported here; no
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Collection, Iterator, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Sequence
+from dataclasses import replace
 from fractions import Fraction
 
 from dobc_design.exact.number import number_text
 from dobc_design.spec.changes import changed_problem
-from dobc_design.spec.pinning_request import FEWEST, PinningRequest
-from dobc_design.spec.reading import shown_number
+from dobc_design.spec.pinning_request import PinningRequest
+from dobc_design.spec.reading import counted, shown_number
 from dobc_design.verdict import Verdict
 from dobc_design.verify.network import name_agents
 from dobc_design.verify.numbers import claimed, shorten
-from dobc_design.verify.pinning_bound import Ground, Vectors, bound_from, bound_holds, cost_of, obstacle_to, reaches
-from dobc_design.verify.pinning_choice import Choice, Relax, choose
-from dobc_design.verify.pinning_design import PinningDesign, prices_in_words
+from dobc_design.verify.pinning_bound import Ground, bound_from, bound_holds, cost_of, obstacle_to, reaches
+from dobc_design.verify.pinning_choice import Choice, PinningProposals, choose
 from dobc_design.verify.pinning_count import pins_needed
+from dobc_design.verify.pinning_design import PinningDesign, prices_in_words
+from dobc_design.verify.pinning_nearest import weaker_requests
 from dobc_design.verify.pinning_structure import Structure, structure_of
 from dobc_design.verify.statement import Statement
 from dobc_design.verify.witness import carriers
@@ -31,29 +32,15 @@ SHOWN = 5  # ties put into words
 LONGEST = 400  # entries of a witness that a statement writes out
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class PinningProposals:
-    """Where proposals come from.
-
-    ``relax(allowed, rate)``: gains and multipliers.  ``greedy(allowed, groups, rate, pins)``: a set of agents.
-    ``replaceable(chosen, allowed, rate)``: pairs that tie.  ``fastest(allowed, factor)``: the largest rate, about,
-    with all caps times ``factor``.  ``slow(rate)``: of every mode the directions that are slower without any gain.
-    """
-
-    relax: Relax
-    greedy: Callable[[Sequence[int], Sequence[Sequence[int]], float, int | None], tuple[int, ...] | None]
-    replaceable: Callable[[Sequence[int], Sequence[int], float], Sequence[tuple[int, int]]]
-    fastest: Callable[[Collection[int], float], float]
-    slow: Callable[[float], Vectors]
-
-
-def search_pinning(ground: Ground, proposals: PinningProposals) -> PinningDesign:
+def search_pinning(ground: Ground, proposals_for: Callable[[PinningRequest], PinningProposals]) -> PinningDesign:
     """Decide a request: PROVED with gains, REFUTED with the reason, or UNDECIDED; with the nearest possible request."""
+    proposals = proposals_for(ground.request)
     found = _attempt(ground, proposals)
     if found.verdict is Verdict.PROVED:
         return found
-    for weaker in _weaker(ground, proposals, found):
-        nearest = _attempt(replace(ground, request=weaker), proposals)
+    kind = found.statements[0].kind if found.statements else None
+    for weaker in weaker_requests(ground, proposals, kind):
+        nearest = _attempt(replace(ground, request=weaker), proposals_for(weaker))
         if nearest.verdict is Verdict.PROVED:
             return replace(found, nearest=nearest)
     return found
@@ -132,19 +119,20 @@ def _chosen(
         if request.pins < needed:
             return None, (_too_few(request.pins, needed),)
         start = proposals.greedy(request.allowed, groups, float(rate), request.pins)
-        choice = choose(ground, proposals.relax, rate, request.pins, groups, start)
+        choice = choose(ground, proposals, rate, request.pins, groups, start)
         return choice, (_choice_statement(request.pins, choice),)
     start = proposals.greedy(request.allowed, groups, float(rate), None)
     enough = len(request.allowed) if start is None else len(start)
     for pins in range(max(1, needed), enough):
-        choice = choose(ground, proposals.relax, rate, pins, groups)
+        proposals.progress(f"looking for {counted(pins, 'agent')} that will do")
+        choice = choose(ground, proposals, rate, pins, groups)
         if choice.agents is not None:
             return choice, (_fewest_statement(len(choice.agents), needed), _choice_statement(pins, choice))
         if not choice.impossible:
             break
         needed = pins + 1
     start = proposals.greedy(request.allowed, groups, float(rate), enough) if start is None else start
-    choice = choose(ground, proposals.relax, rate, enough, groups, start)
+    choice = choose(ground, proposals, rate, enough, groups, start)
     count = 0 if choice.agents is None else len(choice.agents)
     return choice, (_fewest_statement(count, needed), _choice_statement(enough, choice))
 
@@ -160,7 +148,7 @@ def _too_few(pins: int, needed: int) -> Statement:
 def _fewest_statement(pins: int, needed: int) -> Statement:
     if pins <= needed:
         return Statement(kind="pins", verdict=Verdict.PROVED, exact={"least": str(pins)},
-                         text=f"No fewer than {pins} pinned agents reach this rate.")  # fmt: skip
+                         text=f"No fewer than {counted(pins, 'pinned agent')} reach this rate.")  # fmt: skip
     return Statement(
         kind="pins", verdict=Verdict.UNDECIDED, exact={"least": str(needed)},
         text=f"{pins} pinned agents do; whether fewer do was not decided, but at least {needed} are needed.",
@@ -169,15 +157,17 @@ def _fewest_statement(pins: int, needed: int) -> Statement:
 
 def _choice_statement(pins: int, choice: Choice) -> Statement:
     if choice.impossible:
+        none = "none of the allowed agents alone reaches" if pins == 1 else f"no {pins} of the allowed agents reach"
         return Statement(
             kind="pins", verdict=Verdict.REFUTED, exact={"pins": str(pins), "nodes": str(choice.nodes)},
-            text=f"no {pins} of the allowed agents reach this rate: every choice is excluded, {choice.nodes} parts"
-            " of the choice one by one, each by a direction that stays too slow or a group without a pin.",
+            text=f"{none} this rate: every choice is excluded, {choice.nodes} parts of the choice one by one, each by a"
+            " direction that stays too slow or a group without a pin.",
         )  # fmt: skip
     how = "all choices compared" if choice.finished else f"{choice.nodes} parts of the choice looked at"
+    agents = "one agent" if pins == 1 else f"at most {pins} agents"
     return Statement(
         kind="choice", verdict=Verdict.PROVED, exact={"bound": number_text(_short(choice.bound))},
-        text=f"No gains on at most {pins} agents cost less than {shorten(choice.bound, digits=6):.6g} ({how}).",
+        text=f"No gains on {agents} cost less than {shorten(choice.bound, digits=6):.6g} ({how}).",
     )  # fmt: skip
 
 
@@ -186,6 +176,7 @@ def _designed(
     more: tuple[Statement, ...] = (),
 ) -> PinningDesign:  # fmt: skip
     request, labels = ground.request, ground.problem.network.labels
+    proposals.progress("proving the gains and their bound")
     gains = _proved_gains(ground, proposals, agents)
     if gains is None:
         return _without_gains(ground, structure, None)
@@ -277,45 +268,6 @@ def _without_gains(ground: Ground, structure: Structure, obstacle: Statement | N
         verdict=Verdict.REFUTED, request=ground.request, gains={}, structural_minimum=least, reason=obstacle.text,
         statements=(obstacle,),
     )  # fmt: skip
-
-
-def _weaker(ground: Ground, proposals: PinningProposals, found: PinningDesign) -> Iterator[PinningRequest]:
-    """Requests with one thing given up as far as needed, what is binding first."""
-    request = ground.request
-    kind = found.statements[0].kind if found.statements else None
-    if kind == "structure":
-        structure = structure_of(ground.problem, request.allowed)
-        free = set(request.allowed)
-        lacking = {i for group in structure.groups if not free & set(group) for i in group}
-        request = replace(request, allowed=tuple(sorted(free | lacking)))
-        yield request
-        yield replace(request, pins=None if request.pins is None else FEWEST)
-        ground = replace(ground, request=request)
-    if kind == "pins":
-        yield replace(request, pins=FEWEST)
-    if request.caps and (factor := _factor(request, proposals)) is not None:
-        yield replace(request, caps={i: _rounded_up(cap * factor) for i, cap in request.caps.items()})
-    fastest = proposals.fastest(request.allowed, 1.0)
-    for part in (0.99, 0.9) if 0 < fastest < math.inf else ():
-        rate = claimed(shorten(fastest * part, digits=3))
-        if 0 < rate < request.rate:
-            yield replace(request, rate=rate)
-
-
-def _factor(request: PinningRequest, proposals: PinningProposals) -> Fraction | None:
-    """By how much all caps must grow for the rate, about and a little more; None if that is of no use."""
-    low, high, rate = 1.0, 1e6, float(request.rate)
-    if not proposals.fastest(request.allowed, high) > rate:
-        return None
-    while high > low * 1.001:
-        middle = math.sqrt(low * high)
-        low, high = (low, middle) if proposals.fastest(request.allowed, middle) > rate else (middle, high)
-    return Fraction(high * 1.001)
-
-
-def _rounded_up(value: Fraction) -> Fraction:
-    unit = Fraction(10) ** (math.floor(math.log10(value)) - 3)
-    return math.ceil(value / unit) * unit
 
 
 def _short(bound: Fraction) -> Fraction:

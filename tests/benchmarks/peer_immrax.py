@@ -17,10 +17,10 @@ from typing import Any
 
 os.environ["JAX_PLATFORMS"] = "cpu"
 
-import immrax  # noqa: E402 - JAX must see the setting above
-import jax  # noqa: E402
-import jax.numpy as jnp  # noqa: E402
-import numpy as np  # noqa: E402
+import immrax
+import jax
+import jax.numpy as jnp
+import numpy as np
 
 STEPS = 10
 SHRUNK, HORIZON, STEP = 0.01, 40.0, 0.01  # of the box; s; s

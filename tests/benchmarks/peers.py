@@ -1,7 +1,7 @@
 """`make bench`: certified radii of small directed cycles, beside what other tools give for the same networks.
 
 Agent i listens to agent i + 1, no exosystem; all agents or one pinned with gain 3.  The package's radii are proved
-(``certify`` with ``everything``); no box or ball beyond ``LARGEST`` is looked at.  drake and immrax run in their own
+(``certify`` with ``everything``); what reaches ``LARGEST`` is not looked at further.  drake and immrax run in their own
 processes: by the Python that runs this, or where PEERS_PYTHON names another; what is not installed says so.
 dReal is not run: its radii are quoted.
 """
@@ -23,7 +23,6 @@ from dobc_design.workflow import certify
 
 COUPLINGS = ("exp(y) - 1 + y", "y + y**3")
 SIZES = (2, 3, 4, 6, 10)
-EXHAUSTIVE = 4  # agents up to which boxes are counted out
 LARGEST = 10.0
 GAIN = 3
 PATIENCE = 300  # s of wall clock for one case of a peer
@@ -59,7 +58,7 @@ def cycle(n: int, coupling: str, pinned: int) -> Problem:
     arcs = [[i, i % n + 1] for i in range(1, n + 1)]
     return Problem(
         network=Network.from_arcs(arcs, arrow="listens_to", agents=n), coupling=coupling,
-        gains={i: GAIN for i in range(1, pinned + 1)}, name=f"cycle-{n}",
+        gains=dict.fromkeys(range(1, pinned + 1), GAIN), name=f"cycle-{n}",
     )  # fmt: skip
 
 

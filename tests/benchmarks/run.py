@@ -21,24 +21,27 @@ from typing import Any
 for _threads in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "RAYON_NUM_THREADS"):
     os.environ[_threads] = "1"
 
-from simulation import simulation_bars, simulation_growth, whole_run  # noqa: E402 - NumPy must see the settings above
+from large import large_rows, peak_memory
+from peers import peer_table
+from pinning import large_design, pinning_bars
+from simulation import simulation_bars, simulation_growth, whole_run
 
-from dobc_design.design.dense import solve_dense  # noqa: E402 - NumPy must see the settings above
-from dobc_design.design.direct import solve_directly  # noqa: E402
-from dobc_design.design.program import Program, Solution  # noqa: E402
-from dobc_design.design.reduced import solve_reduced  # noqa: E402
-from dobc_design.exact.cholesky import Scaled, proves_by_integers, scaled  # noqa: E402
-from dobc_design.exact.definite import decide_quickly  # noqa: E402
-from dobc_design.exact.elimination import bad_direction  # noqa: E402
-from dobc_design.exact.symmetric import SparseSymmetric  # noqa: E402
-from dobc_design.exact.zmatrix import search  # noqa: E402
-from dobc_design.spec.exosystem import Exosystem  # noqa: E402
-from dobc_design.spec.network import Network  # noqa: E402
-from dobc_design.spec.problem import Problem  # noqa: E402
-from dobc_design.theorems.conditions import reduced  # noqa: E402
-from dobc_design.theorems.statements import state_theorems  # noqa: E402
-from dobc_design.verdict import Verdict  # noqa: E402
-from dobc_design.workflow import certify  # noqa: E402
+from dobc_design.design.dense import solve_dense
+from dobc_design.design.direct import solve_directly
+from dobc_design.design.program import Program, Solution
+from dobc_design.design.reduced import solve_reduced
+from dobc_design.exact.cholesky import Scaled, proves_by_integers, scaled
+from dobc_design.exact.definite import decide_quickly
+from dobc_design.exact.elimination import bad_direction
+from dobc_design.exact.symmetric import SparseSymmetric
+from dobc_design.exact.zmatrix import search
+from dobc_design.spec.exosystem import Exosystem
+from dobc_design.spec.network import Network
+from dobc_design.spec.problem import Problem
+from dobc_design.theorems.conditions import reduced
+from dobc_design.theorems.statements import state_theorems
+from dobc_design.verdict import Verdict
+from dobc_design.workflow import certify
 
 EXOSYSTEM = Exosystem(A=[[0, 2], [-2, 0]], C=[[1, 0]])
 SIZES = (50, 100, 200, 400, 800)
@@ -74,11 +77,19 @@ def main() -> None:
     for name, network in (("directed cycle, 10 % pinned", cycle), ("random, degree 4, 10 % pinned", random_balanced)):
         for line in growth(name, network):
             print(line, flush=True)
+    print(f"\n{large_design()}")
     print(f"\n{whole_run()}")
     print("\nGrowth of one simulated run, problem object to trajectory (no bar):")
     print(f"{'n':>9} {'arcs':>9} {'evaluations':>12} {'seconds':>9} {'ns/(agent evaluation)':>22}")
     for line in simulation_growth():
         print(line, flush=True)
+    print("\nMax-separable certificates of large networks, in products of the n x n matrix (no bar):")
+    for line in large_rows():
+        print(line, flush=True)
+    print("\nCertified radii of small cycles, beside other tools:")
+    for line in peer_table():
+        print(line, flush=True)
+    print(f"\n{peak_memory()}")
 
 
 def bars() -> Iterator[Bar]:
@@ -92,7 +103,7 @@ def bars() -> Iterator[Bar]:
     yield against_elimination(f"{paths} factor with integer rest, n = 200 dense", gram(200), by_integer_rest, bar=100)
     yield against_elimination(f"{paths} vector v > 0, n = 1000 ring, 200 chords", ring(1000), by_vector, bar=100)
     yield help_bar("dobc --help vs python -c 'import numpy'")
-    for row in simulation_bars():
+    for row in (*pinning_bars(), *simulation_bars()):
         yield Bar(**row)
 
 

@@ -31,7 +31,7 @@ from dobc_design.spec.observer import Observer
 from dobc_design.spec.problem import Problem
 from dobc_design.workflow import certify, verify
 
-FILES = [Path(checker.__file__).with_name(name) for name in ("checker.py", "region_checker.py")]
+FILES = [Path(checker.__file__).with_name(name) for name in ("checker.py", "region_checker.py", "quadratic_checker.py")]
 PAPER_W, PAPER_P = [["16/5"], ["12/5"]], [["1/2", "-1/4"], ["-1/4", "1/3"]]
 
 
@@ -43,7 +43,7 @@ def outcome(case: Case) -> int:
 
 
 def alone(tmp_path: Path, certificate: bytes, problem: bytes) -> subprocess.CompletedProcess[str]:
-    """Run a copy of the two files in an empty folder, without site packages and without the package."""
+    """Run a copy of the three files in an empty folder, without site packages and without the package."""
     for file in FILES:
         shutil.copy(file, tmp_path / file.name)
     (tmp_path / "certificate.json").write_bytes(certificate)

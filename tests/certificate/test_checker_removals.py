@@ -5,6 +5,7 @@ from __future__ import annotations
 import pytest
 from checker_cases import FAILS, HOLDS, UNREADABLE, Case, cases
 from checker_mutants import FILES, Removal, removals, without
+from quadratic_cases import quadratic_cases
 from region_cases import region_cases
 
 #: Removals that no case can notice, each with the reason.
@@ -17,7 +18,11 @@ EQUIVALENT = {
     " test is in test_checker.py.",
     "size <= EQUATIONS": "it bounds the work; what is shown beyond it is true.",
     "size <= ROWS": "it bounds the work.",
-    "size <= 20": "it bounds the work.",
+    "len(X) <= 20": "it bounds the work.",
+    "size <= COMPONENTS": "it bounds the work.",
+    "len(tree) <= LETTERS": "it bounds the work; test_quadratic_checker.py has a longer one.",
+    "halvings > 0": "it ends the search: without it a box that is not shown is cut for ever.",
+    "room > 0": "it bounds the work.",
     "len(free) <= 12": "it bounds the work.",
     "abs(x) < WIDEST": "beyond it the sine of one number is off by more than is allowed for, but up to far larger"
     " numbers by less than its rounding to a float; an interval of such numbers holds whole turns.",
@@ -37,7 +42,8 @@ def outcome(examine: object, refused: type[Exception], case: Case) -> int | str:
 def noticed_by(removal: Removal) -> str | None:
     """The first case that comes out differently: accepted, with another exit code, or with a traceback."""
     module = without(removal)
-    for case in [*cases(), *region_cases()] if removal.file == "checker" else region_cases():
+    own = {"checker": cases, "region_checker": region_cases, "quadratic_checker": quadratic_cases}
+    for case in (case for file in (removal.file, *own) for case in own[file]()):
         if outcome(module.examine, module.Refused, case) != case.code:
             return case.name
     return None
@@ -45,7 +51,7 @@ def noticed_by(removal: Removal) -> str | None:
 
 @pytest.mark.slow
 def test_no_check_of_the_checker_can_be_left_out():
-    """Some 120 conditions; without any of them a case is accepted, crashes or gets another exit code."""
+    """Some 130 conditions; without any of them a case is accepted, crashes or gets another exit code."""
     found = [each for each in removals("checker") if each.text not in EQUIVALENT]
     assert [str(each) for each in found if noticed_by(each) is None] == []
 
@@ -57,10 +63,18 @@ def test_no_check_of_the_regions_can_be_left_out():
     assert [str(each) for each in found if noticed_by(each) is None] == []
 
 
+@pytest.mark.slow
+def test_no_check_of_the_quadratic_certificates_can_be_left_out():
+    """Some 90 conditions of quadratic_checker.py, with certificates of balls, boxes and settling times."""
+    found = [each for each in removals("quadratic_checker") if each.text not in EQUIVALENT]
+    assert [str(each) for each in found if noticed_by(each) is None] == []
+
+
 def test_the_checks_are_found():
     texts = {file: [each.text for each in removals(file)] for file in FILES}
     assert len(texts["checker"]) > 100
     assert len(texts["region_checker"]) > 60
+    assert len(texts["quadratic_checker"]) > 60
     assert set(EQUIVALENT) <= {text for found in texts.values() for text in found}
 
 
@@ -69,6 +83,7 @@ def test_the_checks_are_found():
     [
         ("checker", "product(self.P, self.W) == self.Q"), ("checker", "claims.problem_sha256 == self.problem.sha256"),
         ("checker", "not p.kinked"), ("region_checker", "room >= 0"), ("region_checker", "exact.delay >= 0"),
+        ("quadratic_checker", "top <= exact.tolerance"), ("quadratic_checker", "claim.outer >= claim.level"),
     ],
 )  # fmt: skip
 def test_a_removed_check_is_missed(file, text):

@@ -215,3 +215,21 @@ def test_a_large_network_is_certified_and_confirmed_and_v_travels_as_doubles():
 
 def test_only_proofs_of_consensus_cover():
     assert {"delay", "sampling"} & set(CONSENSUS_IDS) == set()
+
+
+def test_many_arcs_with_a_falling_coupling_get_the_box_on_which_it_rises(monkeypatch):
+    """sin on two agents, one pinned: v < (1, 2), so the rows look to pi/2 at most from radii below pi/4 on.
+
+    With rows one by one the whole region is proved.
+    """
+    problem = Problem(
+        network=Network.from_arcs([[1, 2], [2, 1]], arrow="listens_to", agents=2), coupling="sin(y)", gains={1: 1},
+        region=side("1"),
+    )  # fmt: skip
+    whole = stage(problem)["max-separable"]
+    assert whole.verdict is PROVED and whole.domain["radius"] == 1
+    monkeypatch.setattr("dobc_design.covering.separable.FALLING_ARCS", 1)
+    check = stage(problem)["max-separable"]
+    assert check.verdict is PROVED
+    assert 0.2 < check.domain["radius"] <= 0.7854
+    assert "exact rows for 2 arcs take long" in check.reason

@@ -274,7 +274,9 @@ def test_a_pair_that_nobody_finds_leaves_the_theorem_undecided(without_solvers, 
     assert certificate.check("lemma1").verdict is Verdict.PROVED
     assert certificate.check("theorem1").verdict is Verdict.UNDECIDED
     assert "no pair (P, Q) was found" in certificate.check("theorem1").reason
-    assert certificate.verdict is Verdict.UNDECIDED
+    assert (certificate.verdict, certificate.claims.covered_by) == (Verdict.PROVED, "max-separable")
+    local = without_region(problem)
+    assert dd.certify(local).verdict is Verdict.UNDECIDED
     assert dd.verify(certificate, problem).holds
 
 

@@ -15,6 +15,7 @@ from evidence import (
     hadamard,
     jacobians,
     known_regions,
+    pinning,
     reduction,
     robustness,
     settled_runs,
@@ -43,8 +44,8 @@ ITEMS = (
     Item(name="bad-files", run=bad_files.run, count=10_000, seed=5000),
     Item(name="recheck", run=certificates.recheck, count=500, seed=6000),
     Item(name="mutants", run=certificates.mutants, count=10_000, seed=6000),
-    Item(name="region-recheck", run=certificates.region_recheck, count=100, seed=0),
-    Item(name="region-mutants", run=certificates.region_mutants, count=5000, seed=0),
+    Item(name="region-recheck", run=certificates.region_recheck, count=60, seed=0),
+    Item(name="region-mutants", run=certificates.region_mutants, count=2000, seed=3),
     Item(name="known-regions", run=known_regions.run, count=100, seed=0),
     Item(name="whole-psi", run=certificates.whole_psi, count=100, seed=6000),
     Item(name="decision", run=certificates.decision, count=200, seed=6000),
@@ -58,6 +59,9 @@ ITEMS = (
     Item(name="enclosures", run=enclosures.run, count=1_000_000, seed=8100),  # the count is points
     Item(name="falsified", run=falsified.run, count=10_000, seed=8600),  # the count is starts
     Item(name="settled", run=settled_runs.run, count=200, seed=8700),  # the count is starts
+    Item(name="pinning", run=pinning.closed_form, count=200, seed=9400),
+    Item(name="pins", run=pinning.choices, count=100, seed=9500),
+    Item(name="pins-of-fifty", run=pinning.gaps, count=20, seed=9600),
     Item(name="hadamard", run=hadamard.run, count=240, seed=7000),
     Item(name="linear-runs", run=simulations.linear, count=200, seed=9100),
     Item(name="sampled-runs", run=simulations.sampled, count=300, seed=9200),

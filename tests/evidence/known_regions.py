@@ -18,8 +18,8 @@ def run(count: int, seed: int) -> Row:
     for what, ratios in {**two.ratios, **linear.ratios}.items():
         of = "true rate" if what.startswith("rate") else "way to the nearest equilibrium"
         notes.append(
-            f"{what}: {len(ratios)} certified, {median(ratios):.3f} of the {of} in the median"
-            f" ({min(ratios):.3f} to {max(ratios):.3f})"
+            f"{what}: {len(ratios)} certified, {median(ratios):.4f} of the {of} in the median"
+            f" ({min(ratios):.4f} to {max(ratios):.4f})"
         )
     what = "regions: no ball or box holds another equilibrium, no rate is above the slowest eigenvalue's"
     return Row(what=what, count=count, failures=(*two.wrong, *linear.wrong), notes=tuple(notes))

@@ -1,4 +1,4 @@
-"""The lone checker, both files, with one of its checks taken away: every condition is forced to the accepting value.
+"""The lone checker, three files, with one of its checks taken away: every condition is forced to the accepting value.
 
 A check is the condition of ``need``, each part of it that ``and`` joins, the condition of an ``if`` that returns
 False, and each part of a returned conjunction.
@@ -16,7 +16,7 @@ from types import ModuleType
 from dobc_design.certificate import checker
 
 FOLDER = Path(checker.__file__).parent
-FILES = ("checker", "region_checker")
+FILES = ("checker", "region_checker", "quadratic_checker")  # each imports from those before it
 SOURCES = {file: (FOLDER / f"{file}.py").read_text("utf-8") for file in FILES}
 
 
@@ -34,19 +34,19 @@ class Removal:
 
 
 def removals(file: str) -> list[Removal]:
-    """Every check of one of the two files."""
+    """Every check of one of the files."""
     conditions = enumerate(_conditions(ast.parse(SOURCES[file])))
     return [Removal(file, place, node.lineno, ast.unparse(node)) for place, (node, _) in conditions]
 
 
 def without(removal: Removal) -> ModuleType:
-    """The checker as a module of its own, beside its own region_checker, with that check taken away."""
+    """The checker as a module of its own, beside its own other files, with that check taken away."""
     trees = {file: ast.parse(SOURCES[file]) for file in FILES}
     _, replace = list(_conditions(trees[removal.file]))[removal.place]
     replace()
     package = f"{removal.file}_without_{removal.place}"
     modules = {}
-    for file in FILES:  # the second imports from the first
+    for file in FILES:
         name = f"{package}.{file}"
         modules[file] = sys.modules[name] = ModuleType(name)  # where dataclasses and the loader look them up
         modules[file].__dict__.update(__package__=package, __file__=str(FOLDER / f"{file}.py"))

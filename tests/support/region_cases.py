@@ -86,6 +86,9 @@ def _settings() -> dict[str, Document]:
         "two kinds": given(
             network=pair, coupling=cubic, gains=3, exceptions={(1, 0): "2*y"}, region=asked("0.24")
         ),
+        "unused": given(
+            network=pair, coupling=cubic, gains=3, exceptions={(0, 1): "y", (1, 0): "y"}, region=asked(1)
+        ),
         "flat": given(network=pair, coupling="y - 9*max(y - 1, 0) + 9*max(-y - 1, 0)", gains=3, region=asked("1/4")),
         "list": given(
             network=line, coupling=["y1 + y2**3", "y2"], gains=3, target=[0, 0], region=asked([[-1, 1], [-1, 1]])
@@ -94,6 +97,7 @@ def _settings() -> dict[str, Document]:
             network=line, coupling=["y1 + y2", "y2"], gains=3, target=[0, 0], region=asked([[-1, 1], [-1, 1]])
         ),
         "wavy": given(network=pair, coupling="sin(y)", gains=3, region=asked(1)),
+        "wavy, observed": given(network=pair, coupling="sin(y)", gains=3, region=asked(1, "1/10"), **observed),
         "tangent": given(network=pair, coupling="tan(y)", gains=3, region=asked(2)),
         "root": given(network=pair, coupling="sqrt(1 + y) - 1", gains=3, region=asked(1)),
         "log": given(network=pair, coupling="log(1 + y)", gains=3, region=asked(1)),

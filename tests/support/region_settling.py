@@ -6,6 +6,7 @@ The stages themselves are looked at by the rows and by the quadratic part; expon
 from __future__ import annotations
 
 from fractions import Fraction
+from itertools import pairwise
 from typing import Any
 
 import mpmath
@@ -57,7 +58,7 @@ def false_settling(regions: Any, check: dict[str, Any]) -> list[str]:
     stages = [Stage(regions, each) for each in e["stages"]]
     if stages[0].start != 0 or stages[0].stretch != 1 or not _first(regions, stages[0], R, s):
         return ["the first stage"]
-    for k, (before, after) in enumerate(zip(stages, stages[1:], strict=False)):
+    for k, (before, after) in enumerate(pairwise(stages)):
         if not _handed_over(regions, before, after):
             return [f"the hand-over to stage {k + 2}"]
     last, time, tolerance = stages[-1], exact(e["time"]), exact(e["tolerance"])

@@ -1,0 +1,190 @@
+"""Rows of `make bench` on regions of large networks: time in sparse products, and the peak memory of a fresh process.
+
+The unit is one product of the n x n matrix of the arcs (CSR) with a vector, measured in the same run.
+"""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from collections.abc import Iterator
+from dataclasses import dataclass
+from fractions import Fraction
+from random import Random
+from typing import Any
+
+import numpy as np
+import scipy.sparse as sp
+from scipy.spatial import cKDTree
+from simulation import cpu
+
+from dobc_design.design.separable import design_separable, rounded_vectors
+from dobc_design.spec.exosystem import Exosystem
+from dobc_design.spec.network import Network
+from dobc_design.spec.observer import Observer
+from dobc_design.spec.problem import Problem
+from dobc_design.spec.region import Region
+from dobc_design.verify.separable_observer import first_certificate, verify_composite
+
+SIZE = 100_000
+GROWTH = (1000, 10_000, 100_000)
+MILLION = 1_000_000
+DEGREE = 12.0  # of the geometric network, on average; few agents are then alone
+GAIN = 3
+DISTURBANCE = Fraction(1, 2)
+KINDS = ("ring", "small world", "scale free", "geometric")
+HEADER = f"{'network':<12} {'n':>8} {'arcs':>8} {'product':>9} {'propose':>9} {'decide':>9} {'re-check':>9}  rate"
+MEMORY = """
+import resource, sys, tempfile
+sys.path.insert(0, {folder!r})
+from large import large
+from dobc_design.workflow import certify, verify
+problem = large("ring", {n})
+certificate = certify(problem)
+with tempfile.TemporaryDirectory() as folder:
+    certificate.save(folder)
+    with open(f"{{folder}}/certificate.json", "rb") as file:
+        found = verify(file.read(), problem)
+peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * (1 if sys.platform == "darwin" else 1024)
+print(certificate.verdict.value, certificate.claims.covered_by, found.holds, peak)
+"""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Row:
+    """One network: seconds of a product, and of proposing v, of the first proof, and of the same proof again."""
+
+    kind: str
+    n: int
+    arcs: int
+    product: float
+    propose: float
+    decide: float
+    recheck: float
+    rate: float
+
+    def __str__(self) -> str:
+        parts = [f"{round(each / self.product):>9}" for each in (self.propose, self.decide, self.recheck)]
+        head = f"{self.kind:<12} {self.n:>8} {self.arcs:>8} {1e3 * self.product:>6.2f} ms"
+        return f"{head} {' '.join(parts)}  {self.rate:.4g}"
+
+
+def large_rows() -> Iterator[str]:
+    """Max-separable certificates of four networks, then their growth with n for the ring; times in products."""
+    yield HEADER
+    for kind in KINDS:
+        yield str(measured(kind, SIZE))
+    for n in GROWTH:
+        yield str(measured("ring", n))
+
+
+def measured(kind: str, n: int) -> Row:
+    """Raises: RuntimeError where nothing is proved."""
+    problem = large(kind, n)
+    W = problem.observer.W
+    arcs = problem.network.modes["G"]
+    matrix = sp.csr_array((np.ones(len(arcs)), (arcs.listeners, arcs.speakers)), shape=(n, n))
+    vector = np.ones(n)
+    product, _ = cpu(lambda: [matrix @ vector for _ in range(20)], repeats=5)
+    propose, plan = cpu(
+        lambda: design_separable(problem, radius=Fraction(1), disturbance=DISTURBANCE, W=W), repeats=1
+    )  # fmt: skip
+    if plan is None:
+        raise RuntimeError(f"{kind}, n = {n}: no v is found")
+    decide, claim = cpu(
+        lambda: first_certificate(
+            problem, W, rounded_vectors(plan.proposal), rho=plan.rho, error=plan.error, wanted=plan.proposal.rate
+        ),
+        repeats=1,
+    )
+    if claim is None:
+        raise RuntimeError(f"{kind}, n = {n}: nothing is proved")
+    recheck, _ = cpu(lambda: verify_composite(problem, W, claim), repeats=1)
+    return Row(
+        kind=kind, n=n, arcs=len(arcs), product=product / 20, propose=propose, decide=decide, recheck=recheck,
+        rate=float(claim.alpha),
+    )  # fmt: skip
+
+
+def peak_memory(n: int = MILLION) -> str:
+    """The whole way in a fresh process: certify, write, read, check again."""
+    script = MEMORY.format(folder=str(__file__).rsplit("/", 1)[0], n=n)
+    answer = subprocess.run([sys.executable, "-c", script], check=True, capture_output=True, text=True)
+    verdict, covered_by, holds, peak = answer.stdout.split()
+    return (
+        f"ring, n = {n}, certify, write, read and check again: {int(peak) / 2**30:.2f} GiB at most (asked: 2);"
+        f" {verdict} by {covered_by}, re-checked: {holds}"
+    )
+
+
+def large(kind: str, n: int) -> Problem:
+    """The paper's coupling, exosystem and W; one agent in ten pinned, and every start in [0, 2] asked for."""
+    listeners, speakers = GRAPHS[kind](n)
+    graph = sp.csr_array((np.ones(len(listeners)), (listeners, speakers)), shape=(n, n))
+    rng = np.random.default_rng(n)
+    pinned = set(rng.choice(n, n // 10, replace=False).tolist()) | set(_first_agents(graph))
+    return Problem(
+        network=Network.from_sparse({"G": graph}, arrow="listens_to"), coupling="exp(y) - 1 + y", target=1,
+        gains=dict.fromkeys(sorted(i + 1 for i in pinned), GAIN),
+        exosystem=Exosystem(A=[[0, 2], [-2, 0]], C=[[1, 0]]), observer=Observer(W=[["16/5"], ["12/5"]]),
+        region=Region(initial_states=[0, 2], initial_disturbance=DISTURBANCE),
+    )  # fmt: skip
+
+
+def _first_agents(graph: Any) -> list[int]:
+    """One agent of every part of the network, so that each hears a pinned one."""
+    _, part = sp.csgraph.connected_components(graph, directed=False)
+    return [int(agent) for agent in np.unique(part, return_index=True)[1]]
+
+
+def ring(n: int) -> tuple[Any, Any]:
+    agents = np.arange(n)
+    return np.concatenate([agents, agents]), np.concatenate([(agents + 1) % n, (agents - 1) % n])
+
+
+def small_world(n: int) -> tuple[Any, Any]:
+    """Two neighbours on either side; one arc in ten leads somewhere else."""
+    rng = np.random.default_rng(n)
+    first = np.tile(np.arange(n), 2)
+    second = np.concatenate([(np.arange(n) + 1) % n, (np.arange(n) + 2) % n])
+    second = np.where(rng.random(2 * n) < 0.1, rng.integers(0, n, 2 * n), second)
+    return _both_ways(first, second, n)
+
+
+def geometric(n: int) -> tuple[Any, Any]:
+    """Agents in the unit square that hear each other within one distance."""
+    pairs = cKDTree(np.random.default_rng(n).random((n, 2))).query_pairs(
+        np.sqrt(DEGREE / (np.pi * n)), output_type="ndarray"
+    )
+    return _both_ways(pairs[:, 0], pairs[:, 1], n)
+
+
+def scale_free(n: int, *, links: int = 3) -> tuple[Any, Any]:
+    """Every new agent joins ``links`` old ones, those with many neighbours more often."""
+    r = Random(n)
+    ends = list(range(links))
+    first, second = [], []
+    for agent in range(links, n):
+        chosen: set[int] = set()
+        while len(chosen) < links:
+            chosen.add(ends[r.randrange(len(ends))])
+        first += [agent] * links
+        second += sorted(chosen)
+        ends += [agent] * links + sorted(chosen)
+    return _both_ways(np.array(first), np.array(second), n)
+
+
+def _both_ways(first: Any, second: Any, n: int) -> tuple[Any, Any]:
+    low, high = np.minimum(first, second), np.maximum(first, second)
+    codes = np.unique((low * n + high)[low < high])
+    low, high = codes // n, codes % n
+    return np.concatenate([low, high]), np.concatenate([high, low])
+
+
+GRAPHS = {"ring": ring, "small world": small_world, "scale free": scale_free, "geometric": geometric}
+
+
+if __name__ == "__main__":
+    rows = large_rows() if len(sys.argv) == 1 else [HEADER, *(str(measured(kind, int(sys.argv[1]))) for kind in KINDS)]
+    for row in rows:
+        print(row, flush=True)

@@ -1,0 +1,79 @@
+"""Rows of `make bench` on pinning gains: the closed form against the semidefinite program, and a large network."""
+
+from __future__ import annotations
+
+import statistics
+import time
+from collections.abc import Callable, Iterator
+from random import Random
+from typing import Any
+
+import cvxpy as cp
+import numpy as np
+
+import dobc_design as dd
+from dobc_design.design.pinning import for_rate, network_blocks, smallest_gains
+from dobc_design.spec.network import Network
+from dobc_design.spec.problem import Problem
+
+RATE = 0.1
+LARGE = 100_000
+
+
+def digraph(n: int, *, degree: int = 4) -> Problem:
+    """A random digraph; every agent hears about ``degree`` others."""
+    r = Random(n)
+    pairs = {(i, r.randint(1, n)) for i in range(1, n + 1) for _ in range(degree)}
+    arcs = sorted((i, j) for i, j in pairs if i != j)
+    return Problem(network=Network.from_arcs(arcs, arrow="listens_to", agents=n), coupling="exp(y) - 1 + y")
+
+
+def pinning_bars() -> Iterator[dict[str, Any]]:
+    """The arguments of the bar: both from the blocks of a problem to the gains, every other agent allowed."""
+    n = 100
+    blocks = for_rate(network_blocks(digraph(n)), RATE)
+    allowed = list(range(0, n, 2))
+
+    def by_program() -> float:
+        gains = cp.Variable(len(allowed), nonneg=True)
+        place = np.zeros((n, len(allowed)))
+        place[allowed, np.arange(len(allowed))] = 1
+        limit = blocks.tables[0].toarray() + 2 * cp.diag(place @ gains) >> 0
+        program = cp.Problem(cp.Minimize(cp.sum(gains)), [limit])
+        program.solve(solver=cp.CLARABEL)
+        return float(program.value)
+
+    def by_formula() -> float:
+        return float(np.sum(smallest_gains(blocks, allowed)))
+
+    apart = abs(by_program() - by_formula()) / by_formula()
+    slow, fast = _median(by_program, 3), _median(by_formula, 21)
+    yield {
+        "what": "smallest pinning gains, closed form vs SDP (cvxpy, Clarabel), n = 100", "bar": 30,
+        "ratio": slow / fast, "note": f"{slow:.3g} s / {1e3 * fast:.3g} ms; optima {apart:.0e} apart",
+    }  # fmt: skip
+
+
+def large_design() -> str:
+    """One line: gains for 1e5 agents, and the whole design with its exact proofs."""
+    problem = digraph(LARGE)
+    allowed = range(0, LARGE, 2)
+    before = time.process_time()
+    gains = smallest_gains(for_rate(network_blocks(problem), RATE), allowed)
+    middle = time.process_time()
+    design = dd.design_pinning(problem, rate=str(RATE), allowed=[i + 1 for i in allowed])
+    after = time.process_time()
+    return (
+        f"Pinning design, n = {LARGE}, {len(problem.network.modes['G'])} arcs, half of the agents allowed: gains in"
+        f" {middle - before:.2g} s ({int(np.count_nonzero(gains))} pins), with everything proved {after - middle:.3g} s"
+        f" ({design.verdict.value}, gap {design.gap:.1e}); CPU time"
+    )
+
+
+def _median(function: Callable[[], float], repeats: int) -> float:
+    samples = []
+    for _ in range(repeats):
+        start = time.process_time()
+        function()
+        samples.append(time.process_time() - start)
+    return statistics.median(samples)

@@ -5,6 +5,8 @@ from __future__ import annotations
 import os
 import signal
 
+import pytest
+
 # Two processes of tests fill two cores; threads of linear algebra inside each would only wait for one another.
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
@@ -20,3 +22,14 @@ settings.load_profile("ci" if os.environ.get("CI") else "fast")
 for _number in (signal.SIGINT, getattr(signal, "SIGHUP", signal.SIGINT)):
     if signal.getsignal(_number) == signal.SIG_IGN:
         signal.signal(_number, lambda number, frame: None)
+
+# The regions of these built-in problems take seconds to certify and to check.
+_LONG = ("microgrid-ieee14", "uav-swarm", "02_regions", "03_simulation")
+
+
+@pytest.hookimpl(tryfirst=True)
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Mark the tests of problems that take long as slow, wherever all built-in problems are gone through."""
+    for item in items:
+        if any(name in item.name for name in _LONG):
+            item.add_marker(pytest.mark.slow)

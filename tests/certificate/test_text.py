@@ -32,7 +32,7 @@ def as_bytes(document):
 
 
 def test_claims_come_back_as_they_were_written():
-    for seed in range(60):
+    for seed in range(15):
         claims = certify(a_problem(seed)).claims
         data = certificate_bytes(claims)
         assert read_claims(data) == claims
@@ -41,7 +41,7 @@ def test_claims_come_back_as_they_were_written():
 
 def test_the_same_problem_gives_the_same_bytes():
     """No time stamps; same input and versions give the same claims."""
-    for seed in range(10):
+    for seed in range(4):
         first, second = (certificate_bytes(certify(a_problem(seed)).claims) for _ in range(2))
         assert first == second
 

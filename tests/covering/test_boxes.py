@@ -38,6 +38,7 @@ def stage(problem: Problem, *, everything: bool = True) -> list[Check]:
     return exhaustive_stage(read_region(problem, None, domain=domain, everything=everything), lambda _: None)
 
 
+@pytest.mark.slow
 def test_the_region_between_the_multipliers_and_the_largest_set_is_counted_out():
     """Two agents, all k = 3: the multipliers with P_e = I end at 2.89, boxes at 6; sides 4 ask for 5.66."""
     (check,) = stage(ring(2, 3, "4"))

@@ -60,6 +60,7 @@ def test_the_largest_ball_is_that_of_the_theory(gains, ball):
     assert "the region asks for 12.6491: beyond, no quadratic V is found. By method: P_e = I: " in check.reason
 
 
+@pytest.mark.slow
 def test_it_stops_at_the_first_form_that_covers_and_raises_the_rate():
     """All k = 3: P_e = I reaches 2.89, the ball asked for is sqrt(6)/2; near the consensus errors decay at 3 1/s."""
     problem = ring(6, 3, side="1/2")
@@ -150,6 +151,7 @@ def test_gains_of_linear_couplings_stay_exact():
     assert roomy_gains(coupling, Fraction(1)) == gains_on(coupling, Fraction(1))
 
 
+@pytest.mark.slow
 def test_couplings_of_vectors_are_covered_by_it_and_both_programs_accept():
     """Max-separable does not apply to a list; h = (y1 + tanh(y2)/5, y2), every |e_ic| <= 1."""
     problem = ring(3, 3, coupling=["y1 + tanh(y2)/5", "y2"])

@@ -128,6 +128,7 @@ def test_where_the_box_asked_for_is_too_large_the_largest_one_is_proved():
     assert "the region asks for |e_i| <= 4" in whole.reason
 
 
+@pytest.mark.slow
 def test_the_largest_box_leaves_room_for_the_disturbance_and_none_is_found_where_there_is_none():
     problem = cycle(3, h="sin(y)", exosystem=Exosystem(A=[[0]], C=[[1]]), region=side(4, "1/10"))
     W = ((Fraction(2),),)

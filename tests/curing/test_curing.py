@@ -229,13 +229,13 @@ def test_long_searches_say_how_far_they_are():
 
 
 def test_random_refuted_problems_have_true_witnesses_and_cures_that_prove():
-    tally = cure_campaign(range(40))
+    tally = cure_campaign(range(12))
     assert tally.wrong == []
-    assert tally.counts["lemma1 refuted"] >= 20
+    assert tally.counts["lemma1 refuted"] >= 4
 
 
 def test_what_is_known_from_outside_is_decided():
-    tally = decided_campaign(range(60))
+    tally = decided_campaign(range(30))
     assert tally.wrong == []
     assert min(share(tally, "lemma1"), share(tally, "theorem")) >= 0.95
     tally = undirected_campaign(range(40))

@@ -8,6 +8,7 @@ from types import SimpleNamespace
 import clarabel
 import numpy as np
 import pytest
+from regions import without_region
 
 import dobc_design as dd
 from dobc_design.design import estimates, gain, ladder, pair

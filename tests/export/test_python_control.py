@@ -91,7 +91,8 @@ def test_observer_and_exosystem_are_state_spaces_of_one_agent():
     poles = np.sort_complex(system.observer.poles())
     np.testing.assert_allclose(poles, [-1.6 - 0.4j * np.sqrt(39), -1.6 + 0.4j * np.sqrt(39)], atol=1e-12)
     run = simulate(problem, t_final=0.5, samples=2001)
-    felt = np.stack([build_model(problem).h(x.ravel() - 1).full().ravel() for x in run.x])
+    h = build_model(problem).h
+    felt = np.stack([h(x.ravel() - 1).full().ravel() for x in run.x])
     v = felt[:, 3] + run.u[:, 3, 0]
     start = run.xihat[0, 3] - np.array([3.2, 2.4]) * run.x[0, 3, 0]
     found = control.forced_response(system.observer, run.times, np.stack([run.x[:, 3, 0], v]), start)

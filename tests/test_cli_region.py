@@ -93,6 +93,7 @@ def test_the_file_holds_what_json_prints(dobc, tmp_path: Path):
     assert [each["pinned"] for each in document["agents"]] == [True, False, False]
 
 
+@pytest.mark.slow
 def test_where_no_region_is_asked_for_the_largest_box_is_looked_for(dobc):
     code, out, _ = dobc("free.toml")
     assert code == 0

@@ -121,7 +121,12 @@ def test_numbers_at_the_ends_of_the_floats_are_no_crash(harmonic, bound):
         assert found.status
 
 
-@pytest.mark.parametrize("name", OUTCOMES | LIES)
+FEW = ("raises", "nan", "zeros", "huge")
+
+
+@pytest.mark.parametrize(
+    "name", [pytest.param(name, marks=() if name in FEW else pytest.mark.slow) for name in OUTCOMES | LIES]
+)
 def test_certify_proves_without_its_solvers(monkeypatch, name, cycle):
     """The last rung is an exact Lyapunov equation, scaled up: no solver is needed for a proof."""
     monkeypatch.setattr(clarabel, "DefaultSolver", Failing((OUTCOMES | LIES)[name]))

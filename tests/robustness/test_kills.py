@@ -32,7 +32,7 @@ def test_kills_of_certify_leave_whole_files_that_verify_accepts(tmp_path):
     assert outcome.counts["old"] > 0
 
 
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+@pytest.mark.parametrize("number", [signal.SIGINT, pytest.param(signal.SIGTERM, marks=pytest.mark.slow)])
 def test_an_interrupted_certify_says_so_and_leaves_a_whole_set(tmp_path, number):
     """130 for Ctrl-C, 143 for SIGTERM; no traceback, also in the first moments, while everything is imported."""
     outcome = interrupt_certify(4, 3, tmp_path, number=number)

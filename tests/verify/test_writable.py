@@ -128,7 +128,7 @@ def test_a_hidden_part_with_long_coefficients_is_undecided_and_the_certificate_h
     assert verify(certificate, problem).failures == ()
 
 
-@pytest.mark.parametrize(("order", "verdict"), [(6, PROVED), (14, UNDECIDED)])
+@pytest.mark.parametrize(("order", "verdict"), [(6, PROVED), pytest.param(14, UNDECIDED, marks=pytest.mark.slow)])
 def test_a_column_of_routh_that_is_too_long_is_undecided_and_the_certificate_holds(order, verdict):
     problem = companion_problem(order, 95)
     certificate = certify(problem)

@@ -10,7 +10,7 @@ import sys
 import time
 
 import pytest
-from kills import LOOP, Runs, environment, interrupt_certify, kill_certify, kill_writers, leftovers
+from kills import LOOP, Runs, environment, interrupt_certify, kill_writers, leftovers
 
 import dobc_design as dd
 from dobc_design.certificate.files import STALE, write_atomically, write_together
@@ -25,27 +25,12 @@ def test_kills_of_a_process_that_only_writes_leave_whole_files(tmp_path):
     assert outcome.counts["kills in the middle of a write"] > 0, "the test must hit what it is about"
 
 
-@pytest.mark.slow
-def test_kills_of_certify_leave_whole_files_that_verify_accepts(tmp_path):
-    outcome = kill_certify(6, 2, tmp_path, report=False)
-    assert not outcome.wrong
-    assert outcome.counts["old"] > 0
-
-
 @pytest.mark.parametrize("number", [signal.SIGINT, pytest.param(signal.SIGTERM, marks=pytest.mark.slow)])
 def test_an_interrupted_certify_says_so_and_leaves_a_whole_set(tmp_path, number):
     """130 for Ctrl-C, 143 for SIGTERM; no traceback, also in the first moments, while everything is imported."""
     outcome = interrupt_certify(4, 3, tmp_path, number=number)
     assert not outcome.wrong
     assert outcome.counts["interrupted"] == 4
-
-
-@pytest.mark.slow
-def test_thirty_interrupts_and_twenty_kills_of_certify_with_its_report(tmp_path):
-    for outcome in (
-        interrupt_certify(30, 4, tmp_path / "a", report=True), kill_certify(20, 5, tmp_path / "b", report=True)
-    ):  # fmt: skip
-        assert not outcome.wrong
 
 
 def test_a_signal_during_a_write_waits_for_its_end(tmp_path):

@@ -29,11 +29,6 @@ def test_the_reduction_agrees_with_the_whole_matrix():
 
 
 @pytest.mark.slow
-def test_the_reduction_agrees_with_the_whole_matrix_on_200_problems():
-    assert reduction_campaign(range(100, 300)).wrong == []
-
-
-@pytest.mark.slow
 def test_what_lemma_1_and_detectability_allow_is_proved():
     """Decision theorem, with q up to 8, entries from 1e-6 to 1e6, gains of 1e-9: nothing is left undecided."""
     tally = decision_campaign(range(20))
@@ -82,7 +77,7 @@ def test_theorem_margins_and_rates_are_true_and_fail_a_little_higher():
         certificate = certify(problem)
         if problem.exosystem is None or certificate.claims.P is None:
             continue
-        check = certificate.checks[-1]
+        check = next(each for each in certificate.checks if each.id in ("theorem1", "theorem2"))
         P, Q = ([list(row) for row in M] for M in (certificate.claims.P, certificate.claims.Q))
         margin, rate = Fraction(repr(check.margin)), Fraction(repr(check.rate or 0.0))
 

@@ -91,8 +91,8 @@ def max_separable_check(
         domain="global" if claim.rho is None else box(radius, disturbance),
         rate=rate,
         exact=separable_to_json(claim),
-        reason=f"from {starts} V = {measure} decays at least like exp(-{shorten(rate, digits=4):.4g} t): on every"
-        f" face of every smaller box the field points inwards{_in_every_mode(problem)}.{remark}",
+        reason=f"from {starts}: V = {measure} decays at least like exp(-{shorten(rate, digits=4):.4g} t), because"
+        f" on every face of every smaller box the field points inwards{_in_every_mode(problem)}.{remark}",
     )
 
 

@@ -30,6 +30,7 @@ _HOMES = {
     "Failure": "simulate.stress",
     "Falsification": "falsifying.suspect",
     "Fixed": "simulate.signals",
+    "Group": "spec.groups",
     "HalfPlane": "spec.spectral_regions",
     "Markov": "simulate.signals",
     "Mobile": "simulate.mobile",
@@ -72,7 +73,7 @@ _HOMES = {
 
 __all__ = [
     "Analysis", "Certificate", "Check", "Cone", "Coupling", "Disk", "Ensemble", "Exosystem", "Failure",
-    "Falsification", "Fixed", "HalfPlane", "Markov", "Mobile", "Model", "Network", "NoiseLimit", "Observer",
+    "Falsification", "Fixed", "Group", "HalfPlane", "Markov", "Mobile", "Model", "Network", "NoiseLimit", "Observer",
     "ObserverDesign", "Periodic", "Pinning", "PinningDesign", "Problem", "RandomDwell", "Region", "Schedule",
     "Settling", "Stress", "Suspect", "Trajectory", "Verdict", "Waypoints", "__version__", "analyse", "build_model",
     "certify", "certify_settling", "design_observer", "design_pinning", "exact", "exosystems", "falsify",
@@ -101,6 +102,7 @@ if TYPE_CHECKING:
     from dobc_design.spec import exosystems
     from dobc_design.spec.coupling import Coupling
     from dobc_design.spec.exosystem import Exosystem
+    from dobc_design.spec.groups import Group
     from dobc_design.spec.load import load_problem
     from dobc_design.spec.network import Network
     from dobc_design.spec.observer import Observer

@@ -23,11 +23,11 @@ from dobc_design.certificate.files import make_folder, write_together
 from dobc_design.certificate.recheck import Recheck, verify_twice
 from dobc_design.covering.covering import region_checks
 from dobc_design.curing.curing import Findings, with_cures
-from dobc_design.deciding import decide, notes_of
-from dobc_design.design.gain import design_gain
+from dobc_design.deciding import chosen_gains, decide, design_gains, notes_of
 from dobc_design.errors import DobcError, SpecError
 from dobc_design.exact.matrix import Matrix
 from dobc_design.spec.canonical import problem_sha256
+from dobc_design.spec.groups import join
 from dobc_design.spec.load import load_problem
 from dobc_design.spec.problem import Problem
 from dobc_design.theorems.statements import state_theorems
@@ -89,7 +89,7 @@ def certify(
         problem, found.checks, findings, progress=report,
         decide=lambda cured: decide(cured, lambda stage: None).checks,
     )  # fmt: skip
-    W, pair, design = found.W, found.pair, found.design
+    W, pair = found.W, found.pair
     checks = (
         *checks,
         *region_checks(
@@ -103,9 +103,9 @@ def certify(
         claims=Claims(
             problem_name=problem.name, problem_sha256=problem_sha256(problem), verdict=overall.verdict,
             reason=overall.reason, rate=overall.rate, covered_by=overall.covered_by, checks=checks, W=W,
-            gain_source=None if W is None else ("given" if design is None else "designed"),
+            gain_source=None if W is None else ("designed" if any(found.designs) else "given"),
             P=None if pair is None else pair.P, Q=None if pair is None else pair.Q,
-            notes=tuple(notes_of(problem, design, found.how)), version=__version__,
+            notes=tuple(notes_of(problem, found.designs, found.how)), version=__version__,
         ),
     )  # fmt: skip
 
@@ -114,7 +114,7 @@ def other_equilibria(
     problem: Problem, W: Matrix | None, checks: Sequence[Check], *, report: Progress
 ) -> Iterator[Check]:  # fmt: skip
     """The check that refutes a region with a second equilibrium, where nothing is proved or refuted so far."""
-    if problem.region is None or problem.is_linear or (problem.exosystem is not None and W is None):
+    if problem.region is None or problem.is_linear or problem.is_grouped or (problem.groups and W is None):
         return
     if decide_overall(problem, checks, W).verdict is Verdict.UNDECIDED:
         from dobc_design.falsifying.equilibria import equilibrium_check
@@ -197,7 +197,7 @@ def simulate(
     if signal is None and mode is None:
         signal, remark = signal_of(problem)
         remarks += [] if remark is None else [remark]
-    if problem.exosystem is not None and problem.observer.W is None and observer != "off":
+    if problem.groups and problem.joint_observer.W is None and observer != "off":
         remarks.append("No W was given: it was designed.")
     gain = None if observer == "off" else observer_gain(problem)
     if runs is None:
@@ -342,9 +342,7 @@ def certify_settling(
 
 def observer_gain(problem: Problem) -> Matrix | None:
     """The W that ``certify`` uses: the one given, else the designed one; None without either."""
-    if problem.exosystem is None:
-        return None
-    return problem.observer.W or design_gain(problem.exosystem, rate=problem.observer.rate).W
+    return join(chosen_gains(problem, design_gains(problem)))
 
 
 def design_observer(
@@ -458,7 +456,7 @@ def render_report(certificate: Certificate, *, progress: Progress | None = None)
 
         say("computing diagnostics")
         analysis = run_analysis(problem, gain=gain)
-        if problem.exosystem is None or gain is not None:
+        if not problem.groups or gain is not None:
             say("simulating")
             trajectory = run_simulation(problem, gain=gain)
     lambdas = {}

@@ -88,7 +88,7 @@ def _chosen(problem: Problem, checks: Sequence[Check]) -> Iterator[Check]:
         if check.id == "lemma1":
             worst = [each for each in lemmas if each.verdict is not Verdict.PROVED]
             speaker = worst[0] if worst else min(lemmas, key=lambda each: each.rate or 0.0)
-            if problem.exosystem is not None or check is not speaker:
+            if problem.groups or check is not speaker:
                 continue
         yield check
 

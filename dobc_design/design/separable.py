@@ -139,13 +139,14 @@ def design_separable(
     With an exosystem the observer's part is chosen for the gain W (q, m), so that V = N + kappa E is
     about as fast as N.
     """
-    if problem.exosystem is None:
+    exosystem = problem.joint_exosystem
+    if exosystem is None:
         proposal = propose_separable(problem, rho=float(radius), modes=modes)
         return None if proposal is None else SeparablePlan(proposal=proposal, rho=radius, error=None)
     if W is None:
         return None
     # One v for many agents takes long, so that the first one is for a kappa that is seldom too small.
-    first = 0.0 if problem.n <= FEW_AGENTS else SHARE * decay_rate(problem.exosystem, W)
+    first = 0.0 if problem.n <= FEW_AGENTS else SHARE * decay_rate(exosystem, W)
     best = _planned(problem, W, first, radius, disturbance, modes)
     if best is None or best.proposal.rate <= first:
         return best
@@ -166,7 +167,8 @@ def _planned(
     problem: Problem, W: Matrix, rate: float, radius: Fraction, disturbance: Fraction, modes: Sequence[str] | None
 ) -> SeparablePlan | None:
     """A plan whose observer part decays with ``rate``; None if the observer is slower, or leaves no room for a v."""
-    error = None if problem.exosystem is None else propose_error_bound(problem.exosystem, W, rate=rate)
+    exosystem = problem.joint_exosystem
+    error = None if exosystem is None else propose_error_bound(exosystem, W, rate=rate)
     if error is None:
         return None
     rho = radius_needed(radius, error, disturbance)

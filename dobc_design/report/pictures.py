@@ -146,7 +146,7 @@ def simulation_pictures(certificate: Certificate, trajectory: Trajectory | None)
         return []
     components = range(min(certificate.problem.m, MOST_COMPONENTS))
     pictures = [_state_picture(certificate, trajectory, c) for c in components]
-    if certificate.problem.exosystem is not None:
+    if certificate.problem.groups:
         pictures.append(_estimate_picture(trajectory))
     error = trajectory.error()
     pictures.append(

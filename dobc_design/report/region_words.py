@@ -50,7 +50,7 @@ def region_view(problem: Problem, regions: Regions) -> dict[str, Any] | None:
         "asked": asked_sentence(regions),
         "norms": norms_sentence(problem),
         "time_head": time_head(regions),
-        "disturbed": problem.exosystem is not None,
+        "disturbed": bool(problem.groups),
         "timing": timing_sentences(regions),
         "rest": rest_sentence(regions),
         "agents": agents_sentence(regions) if regions.agents else None,

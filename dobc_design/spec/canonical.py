@@ -20,6 +20,7 @@ from dobc_design.exact.number import number_text, parse_number
 from dobc_design.spec.arcs import Arcs, directed
 from dobc_design.spec.coupling import Coupling
 from dobc_design.spec.exosystem import Exosystem
+from dobc_design.spec.groups import Group, group_key, renamed
 from dobc_design.spec.labels import labels_of
 from dobc_design.spec.network import Network
 from dobc_design.spec.observer import Observer
@@ -73,14 +74,7 @@ def canonical_document(problem: Problem) -> dict[str, Any]:
             ],
         },
         "gains": [[i, matrix_text(k)] for i, k in problem.pinning.gains.items()],
-        "exosystem": None
-        if problem.exosystem is None
-        else {"A": matrix_text(problem.exosystem.A), "C": matrix_text(problem.exosystem.C)},
-        "observer": {
-            "W": None if problem.observer.W is None else matrix_text(problem.observer.W),
-            "P": None if problem.observer.P is None else matrix_text(problem.observer.P),
-            "rate": _number(problem.observer.rate),
-        },
+        **_disturbance(problem),
         "offsets": [[i, _vector(offset)] for i, offset in problem.offsets.items()],
         "region": None
         if problem.region is None
@@ -97,6 +91,35 @@ def canonical_document(problem: Problem) -> dict[str, Any]:
             "xi0": None if problem.simulation.xi0 is None else [_vector(row) for row in problem.simulation.xi0],
         },
     }
+
+
+def _disturbance(problem: Problem) -> dict[str, Any]:
+    """The exosystem and the observer: those of all agents, or those of every group."""
+    if problem.is_grouped:
+        index = problem.network.index
+        groups = [
+            {
+                "agents": [index[label] for label in group.agents],
+                "A": matrix_text(group.exosystem.A),
+                "C": matrix_text(group.exosystem.C),
+                "W": _matrix(group.observer.W),
+                "P": _matrix(group.observer.P),
+            }
+            for group in problem.groups
+        ]
+        rate = _number(problem.groups[0].observer.rate)
+        return {"exosystem": {"groups": groups}, "observer": {"W": None, "P": None, "rate": rate}}
+    exosystem, observer = problem.exosystem, problem.observer
+    return {
+        "exosystem": None
+        if exosystem is None
+        else {"A": matrix_text(exosystem.A), "C": matrix_text(exosystem.C)},
+        "observer": {"W": _matrix(observer.W), "P": _matrix(observer.P), "rate": _number(observer.rate)},
+    }
+
+
+def _matrix(matrix: Matrix | None) -> list[list[str]] | None:
+    return None if matrix is None else matrix_text(matrix)
 
 
 def _vector(values: Sequence[Fraction]) -> list[str]:
@@ -158,7 +181,8 @@ class _Reader:
 
     def problem(self) -> Problem:
         document = self.document
-        exosystem = _optional(document["exosystem"], ("A", "C"), key="exosystem")
+        groups = self.groups(document["exosystem"])
+        exosystem = _optional(None if groups else document["exosystem"], ("A", "C"), key="exosystem")
         observer = _object(document["observer"], ("W", "P", "rate"), key="observer")
         switching = _optional(document["switching"], ("signal", "dwell"), key="switching")
         coupling = _object(document["coupling"], ("h", "exceptions"), key="coupling")
@@ -172,11 +196,32 @@ class _Reader:
             gains=self.by_label("gains"),
             exosystem=None if exosystem is None else Exosystem(A=exosystem["A"], C=exosystem["C"]),
             observer=None if all(value is None for value in observer.values()) else Observer(**observer),
+            groups=groups,
             offsets=self.by_label("offsets"),
             region=_optional(document["region"], ("initial_states", "initial_disturbance"), key="region"),
             switching=None if switching is None else Switching(signal=switching["signal"], dwell=switching["dwell"]),
             simulation=_object(document["simulation"], ("t_final", "seed", "xi0"), key="simulation"),
         )
+
+    def groups(self, exosystem: Any) -> list[Group]:
+        """The groups of agents, where there are several."""
+        if not isinstance(exosystem, dict) or "groups" not in exosystem:
+            return []
+        result = []
+        _object(exosystem, ("groups",), key="exosystem")
+        for position, item in enumerate(_list(exosystem["groups"], key="exosystem.groups")):
+            key = group_key(position)
+            group = _object(item, ("agents", "A", "C", "W", "P"), key=key)
+            places = [self.index(place, key=f"{key}.agents") for place in _list(group["agents"], key=f"{key}.agents")]
+            try:
+                system = Exosystem(A=group["A"], C=group["C"])
+                observer = Observer(W=group["W"], P=group["P"])
+                result.append(Group(agents=[self.labels[i] for i in places], exosystem=system, observer=observer))
+            except SpecError as error:
+                raise renamed(error, position) from None
+        if len(result) < 2:
+            raise _wrong("exosystem.groups", "a list of two groups or more", exosystem["groups"])
+        return result
 
     def modes(self) -> dict[str, Arcs]:
         """Arcs by mode."""

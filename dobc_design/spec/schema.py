@@ -11,6 +11,7 @@ from typing import Annotated, Any
 from pydantic import BaseModel, ConfigDict, Field, PlainValidator, WithJsonSchema
 
 from dobc_design.spec.arcs import ARROWS
+from dobc_design.spec.exosystems import KINDS
 from dobc_design.spec.labels import LONGEST_LABEL, MOST_AGENTS
 from dobc_design.spec.settings import SIGNALS
 
@@ -80,6 +81,8 @@ Pairs = Annotated[Any, _GIVEN, WithJsonSchema({"anyOf": [_INTERVAL, {"type": "ar
 Rows = Annotated[Any, _GIVEN, WithJsonSchema({"anyOf": [_NUMBERS, {"type": "array", "items": _NUMBERS}]})]
 Modes = Annotated[Any, _TABLE, WithJsonSchema(_MODES)]
 Gains = Annotated[Any, _GIVEN, WithJsonSchema({"anyOf": [_NUMBER, _table_of(_NUMBER, _MATRIX)]})]
+Kind = Annotated[Any, _GIVEN, WithJsonSchema({"enum": list(KINDS)})]
+Members = Annotated[Any, _GIVEN, WithJsonSchema(_LABELS)]
 Offsets = Annotated[Any, _TABLE, WithJsonSchema(_table_of(_NUMBER, _NUMBERS))]
 
 
@@ -115,11 +118,32 @@ class PinningTable(_Table):
     gains: Gains = Field(default=None, description="Label -> k, or one number for all agents.")
 
 
-class ExosystemTable(_Table):
-    """[exosystem]: xi' = A xi, d = C xi."""
+class GroupTable(_Table):
+    """[[exosystem.groups]]: agents with an exosystem and an observer of their own."""
 
-    A: NumberMatrix
-    C: NumberMatrix
+    model_config = ConfigDict(json_schema_extra={"anyOf": [{"required": ["A", "C"]}, {"required": ["kind"]}]})
+
+    agents: Members = Field(description="Labels; an agent is in one group at most.")
+    A: NumberMatrix = None
+    C: NumberMatrix = None
+    kind: Kind = Field(default=None, description="In place of A and C: a common shape.")
+    frequencies: NumberOrList = Field(default=None, description="rad/s, of the kind harmonics.")
+    W: NumberMatrix = Field(default=None, description="Without it W is designed, for observer.rate.")
+    P: NumberMatrix = Field(default=None, description="Beside W, for every group or none; tested as it is.")
+
+
+class ExosystemTable(_Table):
+    """[exosystem]: xi' = A xi, d = C xi, of the agents that are in no group."""
+
+    model_config = ConfigDict(
+        json_schema_extra={"anyOf": [{"required": ["A", "C"]}, {"required": ["kind"]}, {"required": ["groups"]}]}
+    )
+
+    A: NumberMatrix = None
+    C: NumberMatrix = None
+    kind: Kind = Field(default=None, description="In place of A and C: a common shape.")
+    frequencies: NumberOrList = Field(default=None, description="rad/s, of the kind harmonics.")
+    groups: list[GroupTable] = []
 
 
 class ObserverTable(_Table):
@@ -177,7 +201,7 @@ class ProblemFile(_Table):
 
 
 RESERVED = {
-    "exosystem.groups", "exosystem.kind", "switching.sequence", "switching.period", "switching.generator",
+    "switching.sequence", "switching.period", "switching.generator",
     "switching.schedule", "switching.radius", "switching.neighbours", "switching.hysteresis", "simulation.x0",
     "dynamics", "delays",
 }  # fmt: skip

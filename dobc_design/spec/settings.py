@@ -45,8 +45,11 @@ class Simulation:
         return float(self.t_final)
 
 
-def read_simulation(t_final: Any, seed: Any, xi0: Any, *, n: int, q: int) -> Simulation:
-    """Read the [simulation] table.  Defaults: 20 s, seed 0, xi0 = None (a vector of ones is then used)."""
+def read_simulation(t_final: Any, seed: Any, xi0: Any, *, n: int, orders: tuple[int, ...]) -> Simulation:
+    """Read the [simulation] table.  Defaults: 20 s, seed 0, xi0 = None (a vector of ones is then used).
+
+    ``orders``: that of the exosystem, or n of them where agents have different ones.
+    """
     time = Fraction(20) if t_final is None else _positive(t_final, key="simulation.t_final", unit="s")
     if seed is None:
         seed = 0
@@ -55,11 +58,13 @@ def read_simulation(t_final: Any, seed: Any, xi0: Any, *, n: int, q: int) -> Sim
             f"simulation.seed must be a whole number from 0 to 2^63 - 1; got {shown(seed)}.", key="simulation.seed",
             cure="For example seed = 0.",
         )  # fmt: skip
-    return Simulation(t_final=time, seed=seed, xi0=None if xi0 is None else _read_xi0(xi0, n=n, q=q))
+    return Simulation(t_final=time, seed=seed, xi0=None if xi0 is None else _read_xi0(xi0, n=n, orders=orders))
 
 
-def _read_xi0(value: Any, *, n: int, q: int) -> tuple[Vector, ...]:
-    key = "simulation.xi0"
+def _read_xi0(value: Any, *, n: int, orders: tuple[int, ...]) -> tuple[Vector, ...]:
+    key, q = "simulation.xi0", orders[0]
+    if len(orders) > 1:
+        return _read_rows(value, key=key, orders=orders)
     if q == 0:
         raise SpecError(f"{key} has no meaning without an [exosystem].", key=key, cure="Remove it.")
     if is_list(value) and len(value) > 0 and all(is_list(row) for row in value):
@@ -79,6 +84,21 @@ def _read_xi0(value: Any, *, n: int, q: int) -> tuple[Vector, ...]:
             cure=f"Write {[1] + [0] * (q - 1)}." if q <= 6 else "Write [1, 0, ...].",
         )
     return (read_vector(value, key=key, length=q, because="one per exosystem state"),)
+
+
+def _read_rows(value: Any, *, key: str, orders: tuple[int, ...]) -> tuple[Vector, ...]:
+    """One row per agent, as long as the order of its own exosystem."""
+    if not is_list(value) or len(value) != len(orders) or not all(is_list(row) for row in value):
+        raise ShapeError(
+            f"{key} must have {counted(len(orders), 'row')}, one per agent, because the groups of exosystem.groups"
+            f" differ in order; got {shown(value)}.",
+            key=key, cure="Give every agent a row with one number per state of its own exosystem.",
+        )  # fmt: skip
+    because = "one per state of this agent's exosystem"
+    return tuple(
+        read_vector(row, key=f"{key}[{i}]", length=order, because=because)
+        for i, (row, order) in enumerate(zip(value, orders, strict=True))
+    )
 
 
 def _positive(value: Any, *, key: str, unit: str) -> Fraction:

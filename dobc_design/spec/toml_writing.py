@@ -150,13 +150,10 @@ def problem_text(problem: Problem) -> str:
 
 def _settings(problem: Problem, labels: list[str]) -> dict[str, dict[str, Any]]:
     """The tables after [coupling], those that say something, with the keys that say something."""
-    observer, region, switching, simulation = problem.observer, problem.region, problem.switching, problem.simulation
+    region, switching, simulation = problem.region, problem.switching, problem.simulation
     tables: dict[str, dict[str, Any]] = {
         "pinning": {"gains": gain_table(problem.pinning.gains, labels) or None},
-        "exosystem": {} if problem.exosystem is None else {
-            "A": _rows(problem.exosystem.A), "C": _rows(problem.exosystem.C),
-        },
-        "observer": {"W": _rows(observer.W), "P": _rows(observer.P), "rate": _number(observer.rate)},
+        **_disturbance(problem),
         "formation": {
             "offsets": {labels[i]: [typed_number(x) for x in offset] for i, offset in problem.offsets.items()} or None
         },
@@ -173,6 +170,24 @@ def _settings(problem: Problem, labels: list[str]) -> dict[str, dict[str, Any]]:
     return {name: table for name, table in kept.items() if table}
 
 
+def _disturbance(problem: Problem) -> dict[str, dict[str, Any]]:
+    """[exosystem] and [observer]; with groups every agent is in one of [[exosystem.groups]]."""
+    if problem.is_grouped:
+        groups = [
+            {
+                "agents": list(group.agents), "A": _rows(group.exosystem.A), "C": _rows(group.exosystem.C),
+                "W": _rows(group.observer.W), "P": _rows(group.observer.P),
+            }
+            for group in problem.groups
+        ]  # fmt: skip
+        return {"exosystem": {"groups": groups}, "observer": {"rate": _number(problem.groups[0].observer.rate)}}
+    exosystem, observer = problem.exosystem, problem.observer
+    return {
+        "exosystem": {} if exosystem is None else {"A": _rows(exosystem.A), "C": _rows(exosystem.C)},
+        "observer": {"W": _rows(observer.W), "P": _rows(observer.P), "rate": _number(observer.rate)},
+    }
+
+
 def _number(value: Fraction | None) -> int | float | str | None:
     return None if value is None else typed_number(value)
 
@@ -186,6 +201,10 @@ def _table(content: Mapping[str, Any]) -> Any:
     for key, value in content.items():
         if isinstance(value, Mapping) and key == "modes":
             table[key] = _table(value)
+        elif key == "groups":
+            table[key] = tomlkit.aot()
+            for group in value:
+                table[key].append(_table({name: part for name, part in group.items() if part is not None}))
         else:
             table[key] = _item(value)
     return table

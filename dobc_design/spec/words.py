@@ -8,6 +8,7 @@ from typing import Any
 
 from dobc_design.exact.number import number_text
 from dobc_design.spec.arcs import Arcs
+from dobc_design.spec.groups import Group
 from dobc_design.spec.problem import Problem
 from dobc_design.spec.reaching import unreached
 from dobc_design.spec.reading import counted, is_scalar_matrix
@@ -20,7 +21,7 @@ def describe(problem: Problem) -> str:
     labels = problem.network.labels
     lines = [
         f"{problem.name}: {counted(problem.n, 'agent')}, {counted(problem.m, 'state component')} each, "
-        + (f"disturbance of order {problem.q}." if problem.q else "no disturbance."),
+        + _order(problem),
         f"Target: {_vector(problem.target)}. Coupling: h = {_coupling(problem)}.",
     ]
     for mode, arcs in problem.network.modes.items():
@@ -35,9 +36,7 @@ def describe(problem: Problem) -> str:
     lines.append(f"Pinned: {_some(pins)}." if pins else "Pinned: nobody.")
     if problem.offsets:
         lines.append(f"Formation offsets: {_some([f'{labels[i]}: {_vector(o)}' for i, o in problem.offsets.items()])}.")
-    if problem.exosystem is not None:
-        given = "given" if problem.observer.W is not None else "to be designed"
-        lines.append(f"Observer gain W: {given}." + (" P: given, will be tested." if problem.observer.P else ""))
+    lines += [_observer(problem, group) for group in problem.groups]
     if problem.region is not None:
         pairs = ", ".join(f"[{number_text(lo)}, {number_text(hi)}]" for lo, hi in problem.region.initial_states)
         error = problem.region.initial_disturbance
@@ -45,6 +44,21 @@ def describe(problem: Problem) -> str:
         lines.append(f"Region asked for: initial states in {pairs}{noise}.")
     lines += [f"Note: {note}" for note in problem.notes]
     return "\n".join(lines)
+
+
+def _order(problem: Problem) -> str:
+    if problem.is_grouped:
+        return f"disturbances of {counted(len(problem.groups), 'group')} of agents."
+    return f"disturbance of order {problem.q}." if problem.q else "no disturbance."
+
+
+def _observer(problem: Problem, group: Group) -> str:
+    """Whose disturbance is of which order, and what is given of the observer."""
+    given = "given" if group.observer.W is not None else "to be designed"
+    text = f"Observer gain W: {given}." + (" P: given, will be tested." if group.observer.P else "")
+    if not problem.is_grouped:
+        return text
+    return f"Group of agent {group.name} ({_some(group.agents)}): disturbance of order {group.exosystem.order}. {text}"
 
 
 def facts(problem: Problem) -> dict[str, Any]:
@@ -59,6 +73,7 @@ def facts(problem: Problem) -> dict[str, Any]:
             mode: {"arcs": len(arcs), "unreached": [labels[i] for i in unreached(problem, [arcs])]}
             for mode, arcs in problem.network.modes.items()
         },
+        **({"groups": [list(group.agents) for group in problem.groups]} if problem.is_grouped else {}),
         "pinned": [labels[i] for i in problem.pinning.agents],
         "notes": list(problem.notes),
     }

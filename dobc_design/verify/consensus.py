@@ -17,6 +17,7 @@ from dobc_design.exact.number import number_text
 from dobc_design.exact.symmetric import SparseSymmetric
 from dobc_design.spec.canonical import matrix_text
 from dobc_design.spec.exosystem import Exosystem
+from dobc_design.spec.groups import own_blocks
 from dobc_design.spec.reaching import unreached
 from dobc_design.spec.reading import is_scalar_matrix
 from dobc_design.theorems.conditions import omega
@@ -34,7 +35,10 @@ Candidates = Sequence[Sequence[float]]
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Pair:
-    """A proposed pair (P, Q) with W = P^-1 Q.  Shapes: P (q, q) symmetric, Q (q, m)."""
+    """A proposed pair (P, Q) with W = P^-1 Q.  Shapes: P (q, q) symmetric, Q (q, m).
+
+    Where agents have different exosystems, here and below: block diagonal, for the joint exosystem (``spec.groups``).
+    """
 
     P: Matrix
     Q: Matrix
@@ -53,6 +57,12 @@ def enclosed_lambda(statements: Statements, mode: str) -> Enclosed:
     """Lambda(J) of one mode, with what it may deviate by."""
     pencil = statements.lambdas[mode]
     return Enclosed(middle=pencil.constant, deviations=pencil.deviations)
+
+
+def lambda_with(statements: Statements, mode: str, S: Matrix) -> Enclosed:
+    """Lambda(J) + I (x) S of one mode; where agents have different exosystems every agent has its own block of S."""
+    problem = statements.problem
+    return enclosed_lambda(statements, mode).plus_blocks(own_blocks(S, problem.groups, problem.network.labels))
 
 
 def lemma1_check(statements: Statements, mode: str, proposal: Proposal) -> Check:
@@ -135,7 +145,7 @@ def psi_is_negative(
         return False
     S = schur_block(pair, exosystem, rate=rate)
     return S is not None and all(
-        is_negative(enclosed_lambda(statements, mode).plus_blocks(S), shift=margin + 2 * rate)
+        is_negative(lambda_with(statements, mode, S), shift=margin + 2 * rate)
         for mode in statements.lambdas
     )
 
@@ -153,7 +163,7 @@ def _decide_pair(
     S = schur_block(pair, exosystem)
     if S is None:  # unreachable: Omega0 < 0 was just proved
         return _not_found(id, statements)
-    modes = {mode: enclosed_lambda(statements, mode).plus_blocks(S) for mode in statements.lambdas}
+    modes = {mode: lambda_with(statements, mode, S) for mode in statements.lambdas}
     exact = pair_facts(pair, S)
     margin = largest_proved(
         proposal.margin, lambda shift: all(is_negative(each, shift=shift) for each in modes.values())
@@ -220,7 +230,8 @@ def _refuted_for_every_pair(
     if obstacle is not None:
         return Check(
             id=id, verdict=Verdict.REFUTED, domain=statements.domain,
-            reason=f"{_who_fails(obstacle)}: {obstacle.reason}", exact={"block": obstacle.id},
+            reason=f"{_who_fails(obstacle)}: {obstacle.reason}",
+            exact={"block": obstacle.id} | ({} if obstacle.group is None else {"group": obstacle.group}),
             witness=obstacle.witness, fix=obstacle.fix,
         )  # fmt: skip
     undecided = next((lemma for lemma in lemmas if lemma.verdict is Verdict.UNDECIDED), None)

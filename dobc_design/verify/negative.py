@@ -46,15 +46,16 @@ class Enclosed:
         spread = sum((2 * d.size * abs(v[d.row] * (v[d.speaker] - v[d.listener])) for d in self.deviations), ZERO)
         return Interval(middle - spread, middle + spread)
 
-    def plus_blocks(self, block: Matrix) -> Enclosed:
-        """Add I (x) block."""
-        m = len(block)
-        entries = {
-            (agent + i, agent + j): block[i][j]
-            for agent in range(0, self.middle.size, m)
-            for i in range(m)
-            for j in range(i, m)
-        }
+    def plus_blocks(self, blocks: Sequence[Matrix]) -> Enclosed:
+        """Add the block diagonal matrix of these blocks, one per agent.  Raises: ValueError if they do not fit."""
+        if sum(map(len, blocks)) != self.middle.size:
+            raise ValueError(f"the blocks have {sum(map(len, blocks))} rows, the matrix has {self.middle.size}")
+        entries: dict[tuple[int, int], Fraction] = {}
+        row = 0
+        for block in blocks:
+            m = len(block)
+            entries |= {(row + i, row + j): block[i][j] for i in range(m) for j in range(i, m)}
+            row += m
         return Enclosed(middle=self.middle + SparseSymmetric(self.middle.size, entries), deviations=self.deviations)
 
 

@@ -4,8 +4,8 @@
 
 Standard library only, nothing of the package: written from docs/certificate-format.md alone, to be read in an evening
 by somebody who does not trust the rest. The problem is trusted, the certificate is not. Every decision is made in
-rational arithmetic; floating point only proposes a vector, which is then checked. Claims about regions are decided by
-region_checker.py and quadratic_checker.py beside this file; a certificate without such claims does not need them.
+rational arithmetic; floating point only proposes a vector, which is then checked. Beside it may lie region_checker.py
+and quadratic_checker.py for claims about regions, groups_checker.py for agents that differ; else they are not needed.
 Exit code 0: every claim holds. 1: one does not, or could not be confirmed. 2: a file cannot be read.
 """
 
@@ -377,8 +377,7 @@ def read(value: Any, shape: Any) -> Any:
         need(len(value) == len(shapes), f"there are {len(value)} things where {len(shapes)} were expected")
         return [read(item, part) for item, part in zip(value, shapes, strict=True)]
     return shape(value)
-def anything(value: Any) -> Any:
-    return value
+anything: Any = lambda value: value  # noqa: E731
 def of(*types: type) -> Callable[[Any], Any]:
     """The shape of what has one of these types (and is no boolean)."""
     def shape(value: Any) -> Any:
@@ -526,7 +525,7 @@ QUADRATIC = ("lure", "exhaustive", "settling")
 REGIONAL = ("max-separable", "delay", "sampling", "equilibrium", *QUADRATIC)
 STARTS = {"kind": text, "radius": json_number, "disturbance": json_number}
 CHECK = {
-    "id": text, "verdict": text, "margin": json_number, "rate": json_number, "reason": text,
+    "id": text, "group?": text, "verdict": text, "margin": json_number, "rate": json_number, "reason": text,
     "domain": lambda value: value if type(value) is str else read(value, STARTS),
     "mode?": text, "exact?": an_object, "witness?": an_object, "fix?": {"kind": text, "set": an_object, "text": text},
 }
@@ -539,9 +538,9 @@ def same(value: Any, expected: Any) -> bool:
     return rational(value) == expected if isinstance(expected, Fraction) else bool(value == expected)
 class Examination:
     """One certificate against one problem: every method decides one claim, and raises Refused if it is not shown."""
-    def __init__(self, certificate: bytes, problem: bytes) -> None:
-        self.problem = p = Problem(problem)
-        gain, square = maybe(matrix(p.q, p.m)), maybe(matrix(p.q, p.q))
+    def __init__(self, certificate: bytes, problem: Problem) -> None:
+        self.problem, self.parts, p = problem, [cast(Any, None)], problem
+        gain, square = maybe(matrix(p.q, len(p.C))), maybe(matrix(p.q, p.q))
         self.claims = read(document(certificate, "dobc-certificate"), {
             "format": text, "version": anything, "program": {"name": text, "version": text}, "problem": text,
             "problem_sha256": text, "verdict": text, "rate": json_number, "covered_by": maybe(text), "reason": text,
@@ -561,12 +560,12 @@ class Examination:
         need(claims.problem_sha256 == self.problem.sha256, "the problem file has another hash")
         need(claims.notes[: len(notes)] == notes, "the notes of the problem are not repeated")
     def completeness(self) -> None:
-        wanted: list[Any] = [(id, mode) for mode in self.problem.modes for id in ("reachability", "lemma1")]
+        wanted: list[Any] = [(id, mode, None) for mode in self.problem.modes for id in ("reachability", "lemma1")]
         if self.problem.q:
-            wanted += [(id, None) for id in (*FACTS[:3], self.theorem)]
-            wanted += [(self.theorem + "-printed", None)] if self.problem.P is not None else []
-        found = [(check.id, check.mode) for check in self.checks]
-        allowed = {(id, None) for id in REGIONAL}.union(wanted)
+            wanted += [(id, None, group) for id in FACTS[:3] for group in self.parts] + [(self.theorem, None, None)]
+            wanted += [(self.theorem + "-printed", None, None)] if self.problem.P is not None else []
+        found = [(check.id, check.mode, check.group) for check in self.checks]
+        allowed = {(id, None, None) for id in REGIONAL}.union(wanted)
         need(set(found) <= allowed, "there is a check that the problem does not ask for")
         need(len(set(found)) == len(found), "a check stands there twice")
         need(set(wanted) <= set(found), "a check is missing")
@@ -745,15 +744,14 @@ class Examination:
         sides = [] if p.region is None else p.region.initial_states
         inside = all(lo < goal[c] < hi for goal in p.goals for c, (lo, hi) in enumerate(sides))
         return inside and any(rational(exact["unstable_roots"]) > 0 for exact in lemmas)
-def rate(check: Any) -> Fraction:
-    return check.rate or ZERO
+rate: Any = lambda check: check.rate or ZERO  # noqa: E731
 def sibling(part: str) -> Any:
     """A file beside this one, by its path: the folder of a lone file is not searched for modules."""
     name, own = (f"{__package__ or 'lone'}.{each}" for each in (part, "checker"))
     if name not in sys.modules:
         sys.modules.setdefault(own, sys.modules[__name__])
         path = Path(__file__).with_name(f"{part}.py")
-        need(path.is_file(), f"the certificate holds regional claims: checker.py needs {path.name} beside it")
+        need(path.is_file(), f"checker.py needs {path.name} beside it for these files")
         spec: Any = spec_from_file_location(name, path)
         module = sys.modules[name] = module_from_spec(spec)
         spec.loader.exec_module(module)
@@ -763,7 +761,9 @@ def sibling(part: str) -> Any:
 def examine(certificate: bytes, problem: bytes) -> list[tuple[bool, str]]:
     """Every claim of a certificate: does it hold, what it is, and why it fails. It is confirmed iff all of them hold.
     Raises: Refused if one of the two files is not what the format page describes."""
-    case = Examination(certificate, problem)
+    grouped = "'groups'" in str(document(problem, "dobc-problem").get("exosystem"))
+    reader, kind = sibling("groups_checker").KINDS if grouped else (Problem, Examination)
+    case = kind(certificate, reader(problem))
     stages: list[list[tuple[str, Callable[[], None]]]] = [
         [("it belongs to this problem", case.belonging), ("its list of checks", case.completeness),
          ("its observer gain and pair (P, Q)", case.observer)],

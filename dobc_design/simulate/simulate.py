@@ -91,7 +91,7 @@ def system_of(setting: Setting, start: Start) -> tuple[Errors | Full, Array, boo
     loop = setting.loop
     closed = None if setting.observer == "full-loop" else closed_form_of(setting)
     if setting.observer == "full-loop" or (loop.q and closed is None):
-        z = start.xihat - start.x @ loop.W.T
+        z = start.xihat - loop.correction(start.x)
         return Full(loop), np.concatenate([start.x.ravel(), start.xi.ravel(), z.ravel()]), False
     return Errors(loop, closed, start.xi - start.xihat), (start.x - loop.goal).ravel(), True
 
@@ -162,7 +162,7 @@ def _trajectory(
     loop = setting.loop
     if full:
         x, xi, z = (part.copy() for part in loop.split(run.states))
-        xihat = z + x @ loop.W.T
+        xihat = z + loop.correction(x)
     else:
         x = run.states.reshape(-1, loop.n, loop.m) + loop.goal
         xi = evolve(loop.A, start.xi, run.times)

@@ -149,13 +149,13 @@ class Problem:
 
         Raises: SpecError if there are several, so that whoever knows of one only never takes it for all of them.
         """
-        self._require_one_exosystem()
+        self.require_one_exosystem()
         return self.groups[0].exosystem if self.groups else None
 
     @property
     def observer(self) -> Observer:
         """The observer that all agents have.  Raises: SpecError if there are several groups."""
-        self._require_one_exosystem()
+        self.require_one_exosystem()
         return self.groups[0].observer if self.groups else Observer()
 
     @property
@@ -168,7 +168,8 @@ class Problem:
         """W and P of all groups, block diagonal, where every group has one; of one group its own."""
         return joint_observer(self.groups)
 
-    def _require_one_exosystem(self) -> None:
+    def require_one_exosystem(self) -> None:
+        """Refuse a problem with several groups.  Raises: SpecError."""
         if self.is_grouped:
             raise SpecError(
                 "exosystem.groups: this is not available yet for agents with different exosystems; it knows one"

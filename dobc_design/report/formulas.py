@@ -74,17 +74,18 @@ def shown_matrix(name: str, what: str, matrix: Matrix) -> ShownMatrix:
 def matrices_of(certificate: Certificate) -> list[ShownMatrix]:
     """A, C, W, and P, Q, S where the theorem is proved, S of a printed P beside them."""
     problem, claims = certificate.problem, certificate.claims
-    if problem.exosystem is None:
+    exosystem = problem.joint_exosystem
+    if exosystem is None:
         return []
     source = f" ({claims.gain_source})" if claims.gain_source else ""
     wanted: list[tuple[str, str, Matrix | None]] = [
-        ("A", "generator of the disturbance", problem.exosystem.A),
-        ("C", "what of it acts on an agent", problem.exosystem.C),
+        ("A", "generator of the disturbance", exosystem.A),
+        ("C", "what of it acts on an agent", exosystem.C),
         ("W", f"observer gain{source}", claims.W),
         ("P", "Lyapunov matrix of the estimation error, found and proved", claims.P),
         ("Q", "P W", claims.Q),
         ("S", "what the observer costs: Λ + I ⊗ S has to be negative definite", _block(certificate, printed=False)),
-        (r"P_{\text{given}}", "the P of the problem file, tested as it stands", problem.observer.P),
+        (r"P_{\text{given}}", "the P of the problem file, tested as it stands", problem.joint_observer.P),
         (r"S_{\text{given}}", "its S", _block(certificate, printed=True)),
     ]
     return [shown_matrix(name, what, matrix) for name, what, matrix in wanted if matrix is not None]

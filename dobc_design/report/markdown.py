@@ -80,6 +80,9 @@ def _problem(view: Mapping[str, Any]) -> Iterable[str]:
     yield f"Coupling and target:\n\n{_formula(formulas.coupling_latex(problem.coupling))}"
     yield _formula(formulas.target_latex(problem))
     yield escape(f"Here {view['letters']}") + "\n"
+    if view["groups"]:
+        yield "Each agent has the A, C and W of its group:\n"
+        yield from _list(view["groups"])
     if view["exceptions"]:
         yield "Arcs with a coupling of their own:\n"
         yield from _list(view["exceptions"])
@@ -131,6 +134,7 @@ def _checks(view: Mapping[str, Any]) -> Iterable[str]:
 
 def _check_cells(row: CheckRow) -> list[str]:
     name = row.name if row.mode is None else f"{row.name}, mode {row.mode}"
+    name += "" if row.group is None else f", group of agent {row.group}"
     reason = [escape(row.reason), *(f"{escape(key)}: {escape(value)}." for key, value in row.exact)]
     if row.witness is not None:
         reason.append(f"{escape(row.witness[0])}: {escape(row.witness[1])}.")
@@ -143,11 +147,13 @@ def _check_cells(row: CheckRow) -> list[str]:
 
 def _condition(view: Mapping[str, Any]) -> Iterable[str]:
     yield "## The condition and its matrices\n"
-    if view["problem"].exosystem is None:
+    if not view["problem"].groups:
         yield _formula(formulas.LAMBDA + " < 0")
     else:
         for latex in (formulas.PSI, formulas.LAMBDA, formulas.OMEGA, formulas.REDUCED, formulas.BY_EXISTENCE):
             yield _formula(latex)
+        if view["by_group"]:
+            yield f"{view['by_group']}\n"
     for item in view["matrices"]:
         yield f"{capitalize_first(item.what)}:\n"
         yield _formula(f"{item.name} = {item.latex}") if item.latex else f"{item.size}, see certificate.json.\n"

@@ -9,7 +9,7 @@ from fractions import Fraction
 from dobc_design.errors import SpecError
 from dobc_design.exact.interval import UndefinedError
 from dobc_design.spec.problem import Problem
-from dobc_design.theorems.conditions import lemma1, theorem1
+from dobc_design.theorems.conditions import lemma1, theorem1, theorem1_of_groups
 from dobc_design.theorems.jacobians import Jacobians, jacobians_at_consensus
 from dobc_design.theorems.pencil import Pencil
 
@@ -30,11 +30,15 @@ class Statements:
 
     def psi(self, *, rate: Fraction = Fraction(0)) -> tuple[Pencil, ...]:
         """Psi of every mode, in the order of the modes.  Raises SpecError without an exosystem."""
-        exosystem = self.problem.exosystem
-        if exosystem is None:
+        groups = self.problem.groups
+        if not groups:
             raise SpecError(
                 "Psi of (18) needs an [exosystem].", key="exosystem", cure="Without one, Lemma 1 is the condition."
             )
+        if self.problem.is_grouped:
+            labels = self.problem.network.labels
+            return tuple(theorem1_of_groups(each, groups, labels, rate=rate) for each in self.lambdas.values())
+        exosystem = groups[0].exosystem
         return tuple(theorem1(each, exosystem, agents=self.problem.n, rate=rate) for each in self.lambdas.values())
 
 

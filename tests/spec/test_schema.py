@@ -25,7 +25,8 @@ CONTRACT = {
     "coupling": {"h", "exceptions"},
     "coupling.exceptions": {"arcs", "h"},
     "pinning": {"gains"},
-    "exosystem": {"A", "C"},
+    "exosystem": {"A", "C", "kind", "frequencies", "groups"},
+    "exosystem.groups": {"agents", "A", "C", "kind", "frequencies", "W", "P"},
     "observer": {"W", "P", "rate"},
     "formation": {"offsets"},
     "region": {"initial_states", "initial_disturbance"},
@@ -61,10 +62,18 @@ def test_what_must_be_there_is_required():
         "network": {"agents", "arrow", "modes"},
         "coupling": {"h"},
         "coupling.exceptions": {"arcs", "h"},
-        "exosystem": {"A", "C"},
+        "exosystem.groups": {"agents"},
         "region": {"initial_states"},
         "switching": {"signal"},
     }
+
+
+@pytest.mark.parametrize(
+    ("path", "ways"),
+    [("exosystem", [{"A", "C"}, {"kind"}, {"groups"}]), ("exosystem.groups", [{"A", "C"}, {"kind"}])],
+)
+def test_an_exosystem_is_given_by_matrices_by_a_kind_or_by_groups(path, ways):
+    assert [set(way["required"]) for way in table(json_schema(), path)["anyOf"]] == ways
 
 
 def test_reserved_keys_are_unknown_until_their_time():

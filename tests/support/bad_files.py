@@ -91,6 +91,7 @@ GA, GB = "Ga = [[1, 2], [2, 3], [3, 4], [4, 1, 0.5]]", "Gb = [[1, 2], [2, 1], [3
 H = 'h = "exp(y) - 1 + y"'
 EXCEPTION = '[[coupling.exceptions]]\narcs = [[1, 2], [2, 3]]\nh = "2*y"\n'
 A, C = "A = [[0, 2], [-2, 0]]", "C = [[1, 0]]"
+ONE = "A = [[0]]\nC = [[1]]"
 W, P = 'W = [["16/5"], ["12/5"]]', 'P = [["1/2", "-1/4"], ["-1/4", "1/3"]]'
 GAINS, OFFSETS = 'gains = { 1 = 5.0, 3 = "9/16" }', "offsets = { 2 = 1.5, 4 = -1.5 }"
 STATES, XI0 = "initial_states = [0, 5]", 'xi0 = ["0.420735492", "0.270151153"]'
@@ -132,6 +133,16 @@ def target(value: str) -> str:
 def agents(value: str) -> str:
     """Give ``network.agents`` another value, as typed."""
     return swap("agents = 4", f"agents = {value}")
+
+
+def group(*tables: str) -> str:
+    """Add groups of agents with an exosystem of their own."""
+    return VALID + "".join(f"\n[[exosystem.groups]]\n{lines}\n" for lines in tables)
+
+
+def kind(lines: str) -> str:
+    """Give the exosystem by these lines in place of A and C."""
+    return swap(f"{A}\n{C}\n", f"{lines}\n")
 
 
 def mode(value: str) -> str:
@@ -222,14 +233,45 @@ UNKNOWN_KEYS = [
     BadFile("unknown-list-of-tables", end("[[agents]]\nname = 1"), "agents", ("unknown",)),
     BadFile("unknown-in-mode-file", mode('{ fil = "arcs.csv" }'), "network.modes.Ga", ("file",)),
     BadFile("unknown-key-with-markup", top('"<b>target</b>" = 1'), "<b>target</b>", ("unknown",)),
-    BadFile("reserved-groups", end('[[exosystem.groups]]\nagents = ["1"]'), "exosystem.groups", ("groups",)),
-    BadFile("reserved-kind", below("[exosystem]", 'kind = "constant"'), "exosystem.kind", ("kind",)),
     BadFile("reserved-period", below("[switching]", "period = 1"), "switching.period", ("period",)),
     BadFile("reserved-sequence", below("[switching]", 'sequence = ["Ga"]'), "switching.sequence", ("sequence",)),
     BadFile("reserved-radius", below("[switching]", "radius = 1"), "switching.radius", ("radius",)),
     BadFile("reserved-x0", below("[simulation]", "x0 = [1, 2, 3, 4]"), "simulation.x0", ("x0",)),
     BadFile("reserved-delays", end("[delays]\nlargest = 1"), "delays", ("delays",)),
     BadFile("reserved-dynamics", end("[dynamics]\norder = 2"), "dynamics", ("dynamics",)),
+]
+
+GROUPS_AND_KINDS = [
+    BadFile("group-without-matrices", group('agents = ["1"]'), "exosystem.groups[0].A", ("required",)),
+    BadFile("group-without-agents", group("A = [[0]]\nC = [[1]]"), "exosystem.groups[0].agents", ("required",)),
+    BadFile("group-of-nobody", group(f"agents = []\n{ONE}"), "exosystem.groups[0].agents", ("labels",)),
+    BadFile("group-of-a-number", group(f"agents = 1\n{ONE}"), "exosystem.groups[0].agents", ("labels",)),
+    BadFile("group-of-a-stranger", group(f"agents = [1, 9]\n{ONE}"), "exosystem.groups[0].agents[1]", ("no agent",)),
+    BadFile("group-with-a-twin", group(f"agents = [1, 1]\n{ONE}"), "exosystem.groups[0].agents[1]", ("already",)),
+    BadFile(
+        "two-groups-share-an-agent", group(f"agents = [1]\n{ONE}", f"agents = [2, 1]\n{ONE}"),
+        "exosystem.groups[1].agents[1]", ("exosystem.groups[0] already",),
+    ),
+    BadFile("group-of-everybody-beside-a-rest", group(f"agents = [1, 2, 3, 4]\n{ONE}"), "exosystem.A", ("nobody",)),
+    BadFile("group-with-two-outputs", group("agents = [1]\nA = [[0]]\nC = [[1], [1]]"), "exosystem.groups[0].C", ("row",)),
+    BadFile("group-not-square", group("agents = [1]\nA = [[0, 1]]\nC = [[1]]"), "exosystem.groups[0].A", ("square",)),
+    BadFile("group-bad-number", group("agents = [1]\nA = [[0]]\nC = [[true]]"), "exosystem.groups[0].C[0][0]", ("boolean",)),
+    BadFile("group-with-a-wrong-w", group(f"agents = [1]\n{ONE}\nW = [[1, 2]]"), "exosystem.groups[0].W", ("shape",)),
+    BadFile("group-with-p-alone", group(f"agents = [1]\n{ONE}\nP = [[1]]"), "exosystem.groups[0].P", ("beside",)),
+    BadFile("group-without-the-p-of-others", group(f"agents = [1]\n{ONE}\nW = [[1]]"), "exosystem.groups", ("tested",)),
+    BadFile("group-with-a-rate", group(f"agents = [1]\n{ONE}\nrate = 1"), "exosystem.groups[0].rate", ("unknown",)),
+    BadFile("groups-as-a-table", end("[exosystem.groups]\nagents = [1]"), "exosystem.groups", ("list of tables",)),
+    BadFile("xi0-of-groups-in-one-row", group(f"agents = [1]\n{ONE}\nW = [[1]]\nP = [[1]]"), "simulation.xi0", ("row",)),
+    BadFile("kind-beside-matrices", below("[exosystem]", 'kind = "constant"'), "exosystem.kind", ("ignored",)),
+    BadFile("kind-unknown", kind('kind = "sine"'), "exosystem.kind", ("constant, ramp, harmonics",)),
+    BadFile("kind-of-a-number", kind("kind = 1"), "exosystem.kind", ("one of",)),
+    BadFile("kind-without-frequencies", kind('kind = "harmonics"'), "exosystem.frequencies", ("required",)),
+    BadFile("kind-with-frequencies", kind('kind = "ramp"\nfrequencies = [2]'), "exosystem.frequencies", ("meaning",)),
+    BadFile("frequencies-alone", below("[exosystem]", "frequencies = [2]"), "exosystem.frequencies", ("harmonics",)),
+    BadFile(
+        "kind-with-a-zero-frequency", kind('kind = "harmonics"\nfrequencies = [2, 0]'), "exosystem.frequencies[1]",
+        ("> 0",),
+    ),
 ]
 
 MISSING_OR_OF_A_WRONG_KIND = [
@@ -605,6 +647,7 @@ ARC_FILES = [
 BAD_FILES: list[BadFile] = [
     *TOML_AND_BYTES,
     *UNKNOWN_KEYS,
+    *GROUPS_AND_KINDS,
     *MISSING_OR_OF_A_WRONG_KIND,
     *NETWORK,
     *EXPRESSIONS,

@@ -72,7 +72,6 @@ class Problem(Undisturbed):
         part = read(value, {"agents": [of(int)], "A": matrix(q, q), "C": matrix(m, q), "W": maybe(matrix(q, m)),
                             "P": maybe(matrix(q, q))})
         need(bool(part.agents) and part.agents == sorted(set(part.agents)), "the agents of a group are not in order")
-        need(0 <= part.agents[0] and part.agents[-1] < self.n, "a group has an agent that is not there")
         need(part.P is None or part.W is not None, "a group has a P without a W")
         return part
 class Examination(Single):

@@ -13,7 +13,6 @@ from dobc_design import (
     design_observer,
     falsify,
     simulate,
-    to_control,
     what_breaks_first,
 )
 from dobc_design.errors import SpecError
@@ -149,7 +148,7 @@ def test_what_breaks_first_knows_groups(problem):
     assert what_breaks_first(problem, options=["saturation"], t_final=4).sweeps[0].option == "saturation"
 
 
-@pytest.mark.parametrize("use", [to_control, python_script, design_observer, falsify, certify_settling])
+@pytest.mark.parametrize("use", [python_script, design_observer, falsify, certify_settling])
 def test_what_does_not_know_groups_yet_says_so(problem, use):
     with pytest.raises(SpecError, match=r"exosystem\.groups: this is not available yet") as caught:
         use(problem)

@@ -41,7 +41,7 @@ def parts(X: Matrix, shapes: list[tuple[int, int]]) -> list[Matrix]:
     need(diagonal(blocks) == X, "a matrix is not block diagonal")
     return blocks
 class Problem(Undisturbed):
-    """problem.json: read as if there were no disturbance, and the groups beside it. A, C, W and P are block diagonal."""
+    """problem.json: read as if there were no disturbance, and the groups beside it; A, C, W and P block diagonal."""
     def __init__(self, data: bytes) -> None:
         source = document(data, "dobc-problem")
         plain = dict(source, exosystem=None, observer={"W": None, "P": None, "rate": None})
@@ -93,7 +93,7 @@ class Examination(Single):
             self.views[name] = view = copy(self)
             view.problem, view.W = SimpleNamespace(A=part.A, C=part.C, W=part.W, q=len(part.A)), W
     def confirm(self, check: Any) -> None:
-        need(check.id not in QUADRATIC or check.verdict == "undecided", "quadratic certificates know one exosystem only")
+        need(check.id not in QUADRATIC or check.verdict == "undecided", "quadratic certificates know no groups")
         Single.confirm(self.views[check.group] if check.id in FACTS[:3] else self, check)
     def negative(self, mode: str, shift: Fraction, S: Matrix | None = None) -> bool:
         """Lambda + the blocks of S of the agents + shift I < 0 in that mode."""
@@ -118,7 +118,7 @@ class Examination(Single):
         own = [(v[i * p.m : i * p.m + p.m], blocks[place // p.m]) for i, place in enumerate(p.place)]
         extra = sum((form(part, block, part) for part, block in own), ZERO)
         wanted = max(ZERO, -(check.margin or ZERO) * sum((x * x for x in v), ZERO))
-        low = p.low(mode, v) + extra
+        low = p.low(mode, [*v, ZERO]) + extra
         need(low >= wanted, "the vector does not show it")
         self.named(check, v)
         return low

@@ -26,6 +26,7 @@ from dobc_design.spec.problem import Problem
 Array = NDArray[np.float64]
 Gain = Sequence[Sequence[Any]] | NDArray[Any]
 
+
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Disturbance:
     """Exosystem and observer as floats: A (q, q), C (m, q), F = A - W C (q, q), W (q, m).

@@ -41,7 +41,7 @@ class Model:
     """The equations of one mode; every field below ``W`` is a casadi.Function with named inputs and outputs.
 
     W (q, m) is the observer gain in use; n, m, q count agents, components and exosystem states.  Where agents have
-    different exosystems, W is block diagonal, and q counts the states of all groups, as in ``model.arrays.Disturbance``:
+    different exosystems, W is block diagonal and q counts the states of all groups (``model.arrays.Disturbance``):
     those of other groups than an agent's own have to start at 0, and stay there.
 
     - h: e -> h, the couplings of (9), without the pins.

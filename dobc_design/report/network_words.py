@@ -64,9 +64,9 @@ def pin_sentence(problem: Problem) -> str:
 
 #: What the formulas mean where agents have different exosystems.
 BY_GROUP = (
-    "Agents differ in their exosystem. A, C and W in the equations of an agent are those of its group. I ⊗ C, I ⊗ Ω₀ and"
-    " I ⊗ S stand for matrices with the C, Ω₀ and S of each agent's group along the diagonal. The matrices below hold all"
-    " groups along their diagonal, in this order."
+    "Agents differ in their exosystem. A, C and W in the equations of an agent are those of its group. I ⊗ C, I ⊗ Ω₀"
+    " and I ⊗ S stand for matrices with the C, Ω₀ and S of each agent's group along the diagonal. The matrices below"
+    " hold all groups along their diagonal, in this order."
 )
 
 

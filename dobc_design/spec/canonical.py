@@ -111,9 +111,7 @@ def _disturbance(problem: Problem) -> dict[str, Any]:
         return {"exosystem": {"groups": groups}, "observer": {"W": None, "P": None, "rate": rate}}
     exosystem, observer = problem.exosystem, problem.observer
     return {
-        "exosystem": None
-        if exosystem is None
-        else {"A": matrix_text(exosystem.A), "C": matrix_text(exosystem.C)},
+        "exosystem": None if exosystem is None else {"A": matrix_text(exosystem.A), "C": matrix_text(exosystem.C)},
         "observer": {"W": _matrix(observer.W), "P": _matrix(observer.P), "rate": _number(observer.rate)},
     }
 
@@ -153,9 +151,7 @@ def _load(data: bytes) -> dict[str, Any]:
         reason = str(error) if isinstance(error, json.JSONDecodeError) else type(error).__name__
         raise SpecError(f"problem.json is not valid JSON ({reason}).", key="problem.json", cure=_CURE) from None
     if not isinstance(document, dict) or document.get("format") != FORMAT:
-        raise SpecError(
-            f'problem.json must hold an object with "format": "{FORMAT}".', key="format", cure=_CURE
-        )
+        raise SpecError(f'problem.json must hold an object with "format": "{FORMAT}".', key="format", cure=_CURE)
     version = document.get("version")
     if version != VERSION or type(version) is not int:  # true and 1.0 equal 1
         raise SpecError(

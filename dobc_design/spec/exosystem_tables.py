@@ -58,7 +58,7 @@ def _explicit(table: ExosystemTable | GroupTable, *, number: int | None, errors:
     place = "exosystem" if number is None else group_key(number)
     matrices = [name for name in ("A", "C") if getattr(table, name) is not None]
     if table.kind is None and table.frequencies is not None:
-        errors.append(_wrong(f"{place}.frequencies", "belongs to kind = \"harmonics\"", "Give the kind, or remove it."))
+        errors.append(_wrong(f"{place}.frequencies", 'belongs to kind = "harmonics"', "Give the kind, or remove it."))
     if table.kind is not None and matrices:
         both = f"stands beside {' and '.join(matrices)}, and one of them would be ignored"
         errors.append(_wrong(f"{place}.kind", both, "Give either A and C or the kind."))

@@ -89,9 +89,7 @@ def _build(tables: ProblemFile, *, folder: Path | None, default_name: str) -> Pr
     collect = _Collector()
     network = collect.read(lambda: _network(tables, folder=folder))
     given = collect.read(
-        lambda: read_exosystem(
-            tables, dimension_of=lambda found: dimension_of(found, tables.target, tables.coupling.h)
-        )
+        lambda: read_exosystem(tables, dimension_of=lambda found: dimension_of(found, tables.target, tables.coupling.h))
     )
     observer = collect.read(lambda: _observer(tables))
     switching = collect.read(lambda: _switching(tables))

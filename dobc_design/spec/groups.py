@@ -53,7 +53,7 @@ class Group:
             if not isinstance(value, kind) and (value is not None or kind is Exosystem):
                 raise SpecError(
                     f"{key} of a group must be an {kind.__name__}; got {shown(value)}.", key=key,
-                    cure="Make one with Exosystem(A=..., C=...)." if kind is Exosystem else "Make one with Observer(...).",
+                    cure=f"Make one with {kind.__name__}(...).",
                 )  # fmt: skip
         object.__setattr__(self, "agents", names)
         object.__setattr__(self, "exosystem", exosystem)
@@ -123,9 +123,7 @@ def renamed(error: SpecError, number: int) -> SpecError:
             text = text.replace(name, f"{key}.{name[-1]}")
         return text
 
-    renewed = [
-        kind(changed(each.message), key=changed(each.key or key), cure=each.cure) for each in error.errors
-    ]
+    renewed = [kind(changed(each.message), key=changed(each.key or key), cure=each.cure) for each in error.errors]
     return SpecError.several(renewed)
 
 
@@ -146,17 +144,19 @@ def _owners(groups: Sequence[Group], labels: tuple[str, ...], errors: list[SpecE
             if label not in known:
                 errors.append(
                     SpecError(
-                        f"{key}: there is no agent {shown(label)} in network.agents.", key=key,
+                        f"{key}: there is no agent {shown(label)} in network.agents.",
+                        key=key,
                         cure="Use the label of an agent.",
-                    )  # fmt: skip
+                    )
                 )
             elif label in owner:
                 where = "this group" if owner[label] == number else group_key(owner[label])
                 errors.append(
                     SpecError(
                         f"{key}: agent {shown(label)} is in {where} already, and an agent has one exosystem only.",
-                        key=key, cure="Keep it in one group.",
-                    )  # fmt: skip
+                        key=key,
+                        cure="Keep it in one group.",
+                    )
                 )
             owner.setdefault(label, number)
     return owner
@@ -168,16 +168,18 @@ def _check_group(group: Group, *, key: str, m: int, rate: Fraction | None, error
         errors.append(
             ShapeError(
                 f"{key}.C must have {counted(m, 'row')}, one per state component, as every C has; got {outputs}.",
-                key=f"{key}.C", cure=f"Give {counted(m, 'row')}.",
-            )  # fmt: skip
+                key=f"{key}.C",
+                cure=f"Give {counted(m, 'row')}.",
+            )
         )
         return
     if group.observer.rate not in (None, rate):
         errors.append(
             SpecError(
                 f"{key}: a group has no rate of its own; the rate asked of a designed W is observer.rate, for all.",
-                key=key, cure="Give the rate in [observer], or W in the group.",
-            )  # fmt: skip
+                key=key,
+                cure="Give the rate in [observer], or W in the group.",
+            )
         )
     try:
         check_observer(group.observer, q=group.exosystem.order, m=m)
@@ -186,17 +188,16 @@ def _check_group(group: Group, *, key: str, m: int, rate: Fraction | None, error
         errors.append(renamed(error, number))
 
 
-def _check_rest(
-    rest: Sequence[str], exosystem: Exosystem | None, common: Observer, errors: list[SpecError]
-) -> None:
+def _check_rest(rest: Sequence[str], exosystem: Exosystem | None, common: Observer, errors: list[SpecError]) -> None:
     """Those in no group have [exosystem]'s own A and C; where there is nobody, nothing may be said of them."""
     if rest and exosystem is None:
         errors.append(
             SpecError(
                 f"{name_some(rest)} {'is' if len(rest) == 1 else 'are'} in no group of exosystem.groups, and"
                 " [exosystem] has no A and C for the agents outside the groups.",
-                key="exosystem.A", cure="Give A and C in [exosystem], or add them to a group.",
-            )  # fmt: skip
+                key="exosystem.A",
+                cure="Give A and C in [exosystem], or add them to a group.",
+            )
         )
     elif rest and exosystem is not None:
         check_observer(common, q=exosystem.order, m=exosystem.outputs)
@@ -204,15 +205,17 @@ def _check_rest(
         errors.append(
             SpecError(
                 "exosystem.A and exosystem.C belong to nobody, because every agent is in a group of exosystem.groups.",
-                key="exosystem.A", cure="Remove A and C (or kind) from [exosystem].",
-            )  # fmt: skip
+                key="exosystem.A",
+                cure="Remove A and C (or kind) from [exosystem].",
+            )
         )
     elif common.W is not None or common.P is not None:
         errors.append(
             SpecError(
                 "observer.W and observer.P belong to nobody, because every agent is in a group of exosystem.groups.",
-                key="observer.W", cure="Give W and P in the groups.",
-            )  # fmt: skip
+                key="observer.W",
+                cure="Give W and P in the groups.",
+            )
         )
 
 

@@ -80,7 +80,8 @@ def _read_xi0(value: Any, *, n: int, orders: tuple[int, ...]) -> tuple[Vector, .
         )
     if not is_list(value):
         raise ShapeError(
-            f"{key} must be a list of {counted(q, 'number')}; got {shown(value)}.", key=key,
+            f"{key} must be a list of {counted(q, 'number')}; got {shown(value)}.",
+            key=key,
             cure=f"Write {[1] + [0] * (q - 1)}." if q <= 6 else "Write [1, 0, ...].",
         )
     return (read_vector(value, key=key, length=q, because="one per exosystem state"),)

@@ -181,9 +181,7 @@ def _add(entries: Entries, i: int, j: int, value: Fraction) -> None:
         entries[where] = entries.get(where, ZERO) + value
 
 
-def _add_slope(
-    entries: Entries, deviations: list[Deviation], slope: Interval, *, row: int, off: int, own: int
-) -> None:
+def _add_slope(entries: Entries, deviations: list[Deviation], slope: Interval, *, row: int, off: int, own: int) -> None:
     """Add J + J' of one entry of one arc: the slope at (row, off), minus the slope at (row, own)."""
     middle = slope.midpoint
     _add(entries, row, off, middle)

@@ -145,8 +145,7 @@ def psi_is_negative(
         return False
     S = schur_block(pair, exosystem, rate=rate)
     return S is not None and all(
-        is_negative(lambda_with(statements, mode, S), shift=margin + 2 * rate)
-        for mode in statements.lambdas
+        is_negative(lambda_with(statements, mode, S), shift=margin + 2 * rate) for mode in statements.lambdas
     )
 
 

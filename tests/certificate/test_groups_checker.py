@@ -1,4 +1,4 @@
-"""The lone checker's part about groups of agents: cases with known outcomes, files side by side, changed certificates."""
+"""The lone checker's part about groups of agents: cases of known outcome, files side by side, changed certificates."""
 
 from __future__ import annotations
 
@@ -53,7 +53,9 @@ def test_the_package_says_the_same_of_every_readable_case():
     by_bytes = {canonical_bytes(problem): problem for problem in problems().values()}
     cases = [case for case in groups_cases() if case.problem in by_bytes]
     wrong = [
-        case.name for case in cases if recheck(case.certificate, by_bytes[case.problem]).holds is not (case.code == HOLDS)
+        case.name
+        for case in cases
+        if recheck(case.certificate, by_bytes[case.problem]).holds is not (case.code == HOLDS)
     ]
     assert wrong == []
 

@@ -45,6 +45,8 @@ ITEMS = (
     Item(name="bad-files", run=bad_files.run, count=10_000, seed=5000),
     Item(name="recheck", run=certificates.recheck, count=500, seed=6000),
     Item(name="mutants", run=certificates.mutants, count=10_000, seed=6000),
+    Item(name="groups-recheck", run=certificates.groups_recheck, count=200, seed=6000),
+    Item(name="groups-mutants", run=certificates.groups_mutants, count=4000, seed=6000),
     Item(name="removals", run=removals.run, count=300, seed=0),
     Item(name="region-recheck", run=certificates.region_recheck, count=60, seed=0),
     Item(name="region-mutants", run=certificates.region_mutants, count=2000, seed=3),

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import pickle
-from fractions import Fraction as F
+from fractions import Fraction
 from pathlib import Path
 
 import pytest
@@ -58,7 +58,7 @@ def test_agents_in_no_group_have_the_exosystem_and_the_observer_of_the_tables_ab
     problem = read(TWO)
     assert [group.agents for group in problem.groups] == [("1", "3"), ("2", "4")]
     assert [group.exosystem for group in problem.groups] == [OSCILLATOR, CONSTANT]
-    assert [group.observer.W for group in problem.groups] == [((F(16, 5),), (F(12, 5),)), ((F(2),),)]
+    assert [group.observer.W for group in problem.groups] == [((Fraction(16, 5),), (Fraction(12, 5),)), ((Fraction(2),),)]
     assert problem.is_grouped
     assert problem.q == 3
 
@@ -76,7 +76,7 @@ rate = 2
 """
     problem = read(text)
     assert [group.exosystem.order for group in problem.groups] == [1, 2]
-    assert {group.observer.rate for group in problem.groups} == {F(2)}
+    assert {group.observer.rate for group in problem.groups} == {Fraction(2)}
 
 
 def test_one_group_of_all_agents_is_the_plain_problem():
@@ -110,7 +110,7 @@ def test_pins_of_a_problem_with_groups_can_be_changed_and_its_exosystems_cannot(
     problem = read(TWO)
     changed = changed_problem(problem, {"pinning.gains": {"1": 7}})
     assert changed.groups == problem.groups
-    assert dict(changed.pinning.gains) == {0: ((F(7),),)}
+    assert dict(changed.pinning.gains) == {0: ((Fraction(7),),)}
     text = changed_text(HEAD + TWO, {"pinning.gains": {"1": 7}})
     assert read_problem_text((text or "").encode(), folder=Path()).groups == problem.groups
     with pytest.raises(SpecError, match="cannot be changed by key"):
@@ -179,7 +179,7 @@ def test_a_p_is_given_for_every_group_or_for_none():
 
 
 def test_blocks_come_out_of_the_joint_matrix_they_went_into():
-    one, other = ((F(1), F(2)),), ((F(3),), (F(4),))
+    one, other = ((Fraction(1), Fraction(2)),), ((Fraction(3),), (Fraction(4),))
     whole = block_diagonal([one, other])
     assert whole == ((1, 2, 0), (0, 0, 3), (0, 0, 4))
     assert blocks_of(whole, [(1, 2), (2, 1)]) == (one, other)
@@ -188,5 +188,5 @@ def test_blocks_come_out_of_the_joint_matrix_they_went_into():
 
 def test_every_agent_gets_the_block_of_its_group():
     problem = read(TWO)
-    S = ((F(1), F(0)), (F(0), F(2)))
+    S = ((Fraction(1), Fraction(0)), (Fraction(0), Fraction(2)))
     assert own_blocks(S, problem.groups, problem.network.labels) == [((1,),), ((2,),), ((1,),), ((2,),)]

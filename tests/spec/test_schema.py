@@ -124,8 +124,10 @@ def test_unknown_keys_are_invalid_by_the_schema(case):
 def test_most_mistakes_of_kind_are_invalid_by_the_schema():
     """A schema cannot know labels or shapes; it can know tables, lists, texts, numbers and missing keys."""
     check = validator()
-    wanted = re.compile(r"^no-(network|agents|arrow|modes|coupling|h|A|C|initial-states|signal)$|^(name|schema|notes)-n"
-                        r"|^(agents|arrow|seed|gain)-(boolean|text|list|zero)|^h-(number|table)|^xi0-number|^A-(flat|text)")
+    wanted = re.compile(
+        r"^no-(network|agents|arrow|modes|coupling|h|A|C|initial-states|signal)$|^(name|schema|notes)-n"
+        r"|^(agents|arrow|seed|gain)-(boolean|text|list|zero)|^h-(number|table)|^xi0-number|^A-(flat|text)"
+    )
     tried = 0
     for case in BAD_FILES:
         if wanted.search(case.id):

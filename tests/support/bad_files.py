@@ -208,8 +208,12 @@ TOML_AND_BYTES = [
     BadFile("megabytes-of-quotes", lambda: '\\"""\n' * 800_000, "", ("toml",)),
     BadFile("megabytes-of-escaped-quotes", lambda: 'name = "' + '\\"' * 1_000_000, "", ("toml",)),
     BadFile("megabytes-in-triple-quotes", lambda: 'name = """' + 'a"\n' * 1_000_000, "", ("toml",)),
-    BadFile("megabytes-of-unknown-keys", lambda: VALID + "".join(f"u{i} = 1\n" for i in range(100_000)),
-            "simulation.u0", ("unknown",)),
+    BadFile(
+        "megabytes-of-unknown-keys",
+        lambda: VALID + "".join(f"u{i} = 1\n" for i in range(100_000)),
+        "simulation.u0",
+        ("unknown",),
+    ),
 ]
 
 UNKNOWN_KEYS = [
@@ -218,7 +222,9 @@ UNKNOWN_KEYS = [
     BadFile("unknown-coupling", below("[coupling]", 'exception = "y"'), "coupling.exception", ("exceptions",)),
     BadFile(
         "unknown-exception",
-        exception('arcs = [[1, 2]]\nh = "2*y"\narc = 1'), "coupling.exceptions[0].arc", ("arcs",),
+        exception('arcs = [[1, 2]]\nh = "2*y"\narc = 1'),
+        "coupling.exceptions[0].arc",
+        ("arcs",),
     ),
     BadFile("unknown-pinning", below("[pinning]", "gain = 1"), "pinning.gain", ("gains",)),
     BadFile("unknown-exosystem", below("[exosystem]", "B = [[1]]"), "exosystem.B", ("unknown",)),
@@ -249,19 +255,27 @@ GROUPS_AND_KINDS = [
     BadFile("group-of-a-stranger", group(f"agents = [1, 9]\n{ONE}"), "exosystem.groups[0].agents[1]", ("no agent",)),
     BadFile("group-with-a-twin", group(f"agents = [1, 1]\n{ONE}"), "exosystem.groups[0].agents[1]", ("already",)),
     BadFile(
-        "two-groups-share-an-agent", group(f"agents = [1]\n{ONE}", f"agents = [2, 1]\n{ONE}"),
-        "exosystem.groups[1].agents[1]", ("exosystem.groups[0] already",),
+        "two-groups-share-an-agent",
+        group(f"agents = [1]\n{ONE}", f"agents = [2, 1]\n{ONE}"),
+        "exosystem.groups[1].agents[1]",
+        ("exosystem.groups[0] already",),
     ),
     BadFile("group-of-everybody-beside-a-rest", group(f"agents = [1, 2, 3, 4]\n{ONE}"), "exosystem.A", ("nobody",)),
-    BadFile("group-with-two-outputs", group("agents = [1]\nA = [[0]]\nC = [[1], [1]]"), "exosystem.groups[0].C", ("row",)),
+    BadFile(
+        "group-with-two-outputs", group("agents = [1]\nA = [[0]]\nC = [[1], [1]]"), "exosystem.groups[0].C", ("row",)
+    ),
     BadFile("group-not-square", group("agents = [1]\nA = [[0, 1]]\nC = [[1]]"), "exosystem.groups[0].A", ("square",)),
-    BadFile("group-bad-number", group("agents = [1]\nA = [[0]]\nC = [[true]]"), "exosystem.groups[0].C[0][0]", ("boolean",)),
+    BadFile(
+        "group-bad-number", group("agents = [1]\nA = [[0]]\nC = [[true]]"), "exosystem.groups[0].C[0][0]", ("boolean",)
+    ),
     BadFile("group-with-a-wrong-w", group(f"agents = [1]\n{ONE}\nW = [[1, 2]]"), "exosystem.groups[0].W", ("shape",)),
     BadFile("group-with-p-alone", group(f"agents = [1]\n{ONE}\nP = [[1]]"), "exosystem.groups[0].P", ("beside",)),
     BadFile("group-without-the-p-of-others", group(f"agents = [1]\n{ONE}\nW = [[1]]"), "exosystem.groups", ("tested",)),
     BadFile("group-with-a-rate", group(f"agents = [1]\n{ONE}\nrate = 1"), "exosystem.groups[0].rate", ("unknown",)),
     BadFile("groups-as-a-table", end("[exosystem.groups]\nagents = [1]"), "exosystem.groups", ("list of tables",)),
-    BadFile("xi0-of-groups-in-one-row", group(f"agents = [1]\n{ONE}\nW = [[1]]\nP = [[1]]"), "simulation.xi0", ("row",)),
+    BadFile(
+        "xi0-of-groups-in-one-row", group(f"agents = [1]\n{ONE}\nW = [[1]]\nP = [[1]]"), "simulation.xi0", ("row",)
+    ),
     BadFile("kind-beside-matrices", below("[exosystem]", 'kind = "constant"'), "exosystem.kind", ("ignored",)),
     BadFile("kind-unknown", kind('kind = "sine"'), "exosystem.kind", ("constant, ramp, harmonics",)),
     BadFile("kind-of-a-number", kind("kind = 1"), "exosystem.kind", ("one of",)),
@@ -269,7 +283,9 @@ GROUPS_AND_KINDS = [
     BadFile("kind-with-frequencies", kind('kind = "ramp"\nfrequencies = [2]'), "exosystem.frequencies", ("meaning",)),
     BadFile("frequencies-alone", below("[exosystem]", "frequencies = [2]"), "exosystem.frequencies", ("harmonics",)),
     BadFile(
-        "kind-with-a-zero-frequency", kind('kind = "harmonics"\nfrequencies = [2, 0]'), "exosystem.frequencies[1]",
+        "kind-with-a-zero-frequency",
+        kind('kind = "harmonics"\nfrequencies = [2, 0]'),
+        "exosystem.frequencies[1]",
         ("> 0",),
     ),
 ]
@@ -384,8 +400,8 @@ EXPRESSIONS = [
     expression("function-without-call", "exp", "exp"),
     expression("clip-with-two-arguments", "clip(y, 1)", "clip"),
     expression("attribute", "y.__class__"),
-    expression("import", "__import__(\"os\").system(\"echo\")"),
-    expression("eval", "eval(\"y\")", "eval"),
+    expression("import", '__import__("os").system("echo")'),
+    expression("eval", 'eval("y")', "eval"),
     expression("lambda", "(lambda: y)()"),
     expression("subscript", "y[0]"),
     expression("comprehension", "[y for y in (1,)][0]"),
@@ -431,13 +447,16 @@ EXPRESSIONS = [
     BadFile(
         "exception-h-of-the-second-table",
         swap(EXCEPTION, f'{EXCEPTION}\n[[coupling.exceptions]]\narcs = [[3, 4]]\nh = "foo(y)"\n'),
-        "coupling.exceptions[1].h", ("foo",),
+        "coupling.exceptions[1].h",
+        ("foo",),
     ),
     BadFile("exception-no-such-arc", exception('arcs = [[1, 2], [1, 3]]\nh = "2*y"'), "coupling.exceptions[0].arcs[1]"),
     BadFile("exception-wrong-way-round", exception('arcs = [[3, 1]]\nh = "2*y"'), "coupling.exceptions[0].arcs[0]"),
     BadFile(
         "exception-unknown-agent",
-        exception('arcs = [[1, 2], [2, 11]]\nh = "2*y"'), "coupling.exceptions[0].arcs[1]", ("11",),
+        exception('arcs = [[1, 2], [2, 11]]\nh = "2*y"'),
+        "coupling.exceptions[0].arcs[1]",
+        ("11",),
     ),
     BadFile("exception-arc-twice", exception('arcs = [[1, 2], [1, 2]]\nh = "y"'), "coupling.exceptions[0].arcs[1]"),
     BadFile(
@@ -530,10 +549,18 @@ PINS_AND_FORMATION = [
     BadFile("gain-matrix-too-large", swap(GAINS, "gains = { 1 = [[1, 0], [0, 1]] }"), "pinning.gains.1", ("shape",)),
     BadFile("gain-matrix-entry", swap(GAINS, 'gains = { 1 = [["x"]] }'), "pinning.gains.1[0][0]", ("x",)),
     BadFile("gain-of-unknown-agent", swap(GAINS, "gains = { 1 = 5, 11 = 5 }"), "pinning.gains.11", ("11",)),
-    BadFile("gain-of-a-label-of-a-megabyte", swap(GAINS, "gains = { " + "x" * 1_000_000 + " = 5 }"),
-            f"pinning.gains.{'x' * 57}...", ("agent",)),
-    BadFile("gain-of-label-with-escape-sequence", swap(GAINS, r'gains = { "\u001b[31m" = 5 }'),
-            r"pinning.gains.\x1b[31m", ("agent",)),
+    BadFile(
+        "gain-of-a-label-of-a-megabyte",
+        swap(GAINS, "gains = { " + "x" * 1_000_000 + " = 5 }"),
+        f"pinning.gains.{'x' * 57}...",
+        ("agent",),
+    ),
+    BadFile(
+        "gain-of-label-with-escape-sequence",
+        swap(GAINS, r'gains = { "\u001b[31m" = 5 }'),
+        r"pinning.gains.\x1b[31m",
+        ("agent",),
+    ),
     BadFile("gain-of-label-01", swap(GAINS, "gains = { 01 = 5 }"), "pinning.gains.01", ("01",)),
     BadFile("gains-text", swap(GAINS, 'gains = "all"'), "pinning.gains", ("all",)),
     BadFile("gains-negative-for-all", swap(GAINS, "gains = -2"), "pinning.gains", ("-2",)),
@@ -555,7 +582,9 @@ REGION_AND_SETTINGS = [
     BadFile("region-infinite", swap(STATES, "initial_states = [0, inf]"), "region.initial_states[1]", ("inf",)),
     BadFile(
         "disturbance-negative",
-        swap("disturbance = 0.5", "disturbance = -0.5"), "region.initial_disturbance", ("-1/2",),
+        swap("disturbance = 0.5", "disturbance = -0.5"),
+        "region.initial_disturbance",
+        ("-1/2",),
     ),
     BadFile("disturbance-list", swap("disturbance = 0.5", "disturbance = [0.5, 0]"), "region.initial_disturbance"),
     BadFile("signal-unknown", swap('"random"', '"sometimes"'), "switching.signal", ("random", "sometimes")),

@@ -39,7 +39,9 @@ def problems() -> dict[str, Problem]:
     return {
         "given": _pair(given, _one(2, scalar(-1), SLOW)),
         "mixed": _pair(given, _one(2, RAMP)),
-        "printed": _pair(_one(1, scalar(0), Observer(W=[[2]], P=[[1]])), _one(2, scalar(-1), Observer(W=[[1]], P=[[1]]))),
+        "printed": _pair(
+            _one(1, scalar(0), Observer(W=[[2]], P=[[1]])), _one(2, scalar(-1), Observer(W=[[1]], P=[[1]]))
+        ),
         "small P": _pair(
             _one(1, scalar(0), Observer(W=[[2]], P=[[1]])), _one(2, scalar(-1), Observer(W=[[1]], P=[["1/100"]]))
         ),
@@ -111,7 +113,7 @@ def _bent_claims() -> Iterator[Case]:
     yield bent("given", ("hurwitz", "1", {"rate": 1.99}), what="a rate below 2", code=HOLDS)
     one, other = check(document("given"), "hurwitz", "1"), check(document("given"), "hurwitz", "2")
     yield bent("given", ("hurwitz", "1", {"exact": other["exact"] | {"routh": ["1", "5"]}}), what="W of nobody")
-    assert one["exact"] == {"routh": ["1", "2"]} == other["exact"]
+    assert one["exact"] == other["exact"]
     # Lambda = [[-4, 2], [2, -4]], lambda_max = -2; S = 1/(4 p) and 1/(4 p'): the margin is below 2.
     yield bent("printed", ("theorem1-printed", None, {"margin": 1.75}), what="the margin 2 - 1/4", code=FAILS)
     yield bent("printed", ("theorem1-printed", None, {"margin": 1.7499}), what="just below the margin", code=HOLDS)
@@ -119,13 +121,21 @@ def _bent_claims() -> Iterator[Case]:
     # In "small P" S = diag(1/4, 25): the first agent's block alone would do.
     labels, values = ["1", "2"], ["0", "1"]
     vector = {"kind": "vector", "labels": ["2"], "values": values}
-    yield bent("small P", ("theorem1-printed", None, {"witness": vector, "margin": -20}), what="its own agent", code=HOLDS)
+    yield bent(
+        "small P", ("theorem1-printed", None, {"witness": vector, "margin": -20}), what="its own agent", code=HOLDS
+    )
     yield bent("small P", ("theorem1-printed", None, {"witness": vector, "margin": -22}), what="too much")
-    yield bent("small P", ("theorem1-printed", None, {"witness": vector | {"labels": labels}, "margin": None}), what="labels")
-    yield bent("small P", ("theorem1-printed", None, {"witness": vector | {"kind": "agents"}, "margin": None}), what="kind")
+    yield bent(
+        "small P", ("theorem1-printed", None, {"witness": vector | {"labels": labels}, "margin": None}), what="labels"
+    )
+    yield bent(
+        "small P", ("theorem1-printed", None, {"witness": vector | {"kind": "agents"}, "margin": None}), what="kind"
+    )
     first = {"kind": "vector", "labels": ["1"], "values": ["1", "0"]}
     yield bent("small P", ("theorem1-printed", None, {"witness": first, "margin": None}), what="the other agent")
-    yield bent("negative P", ("theorem1-printed", None, {"witness": {"kind": "vector", "values": ["1", "0"]}}), what="P")
+    yield bent(
+        "negative P", ("theorem1-printed", None, {"witness": {"kind": "vector", "values": ["1", "0"]}}), what="P"
+    )
     # Both exosystems have S = 1/38 at the rate 1/10 with P = 10 I and W = 2, and J - K has the eigenvalues -1, -3.
     lure = claim("lure", "global", 0.1, {
         "method": "vertices", "P_e": [[0, 0, "1"], [1, 1, "1"]], "level": None, "radius": None, "rate": "1/10",
@@ -143,7 +153,9 @@ def _texts(M: sp.Matrix) -> list[list[str]]:
 def _with_matrices(name: str, W: sp.Matrix, P: sp.Matrix, *changes: tuple[str, str, Document], what: str) -> Case:
     """The certificate with these W and P, and everything that follows from them."""
     copied, parts = document(name), json.loads(_originals()[name][1])["exosystem"]["groups"]
-    A, C = (sp.diag(*(sp.Matrix([[sp.Rational(x) for x in row] for row in part[key]]) for part in parts)) for key in "AC")
+    A, C = (
+        sp.diag(*(sp.Matrix([[sp.Rational(x) for x in row] for row in part[key]]) for part in parts)) for key in "AC"
+    )
     F = A - W * C
     S = C * (-(P * F + F.T * P)).inv() * C.T
     copied["observer"] |= {"W": _texts(W), "P": _texts(P), "Q": _texts(P * W)}
@@ -174,7 +186,9 @@ def _bent_matrices() -> Iterator[Case]:
 
 def _bent_obstacles() -> Iterator[Case]:
     yield bent("hidden", ("theorem1", None, {"exact": {"block": "detectability"}}), what="no group named")
-    yield bent("hidden", ("theorem1", None, {"exact": {"block": "detectability", "group": "1"}}), what="the other group")
+    yield bent(
+        "hidden", ("theorem1", None, {"exact": {"block": "detectability", "group": "1"}}), what="the other group"
+    )
     yield bent("hidden", ("theorem1", None, {"exact": {"block": "detectability", "group": "3"}}), what="no such group")
     yield bent("hidden", ("theorem1", None, {"exact": {"block": "hurwitz", "group": "2"}}), what="no W of its own")
     yield bent("bad W", ("theorem1", None, {"exact": {"block": "hurwitz"}}), what="no group named")
@@ -205,7 +219,7 @@ def _bent_problems() -> Iterator[Case]:
     yield changed("given", plain, UNREADABLE, what="no state", g0={"A": [], "C": [[]], "W": []})
     turned = document("three")
     for each in turned["checks"]:
-        each |= {"group": "2"} if each.get("group") == "1" else {}
+        each.update({"group": "2"} if each.get("group") == "1" else {})
     yield changed("three", turned, UNREADABLE, what="agents out of order", g0={"agents": [1, 0]})
     backwards, problem = document("given"), json.loads(_originals()["given"][1])
     problem["exosystem"]["groups"].reverse()
@@ -223,7 +237,7 @@ def _alone() -> Case:
     same = Problem(network=network(), coupling="y", gains=1, exosystem=scalar(0), observer=Observer(W=[[2]]))
     certificate, problem = json.loads(certificate_bytes(certify(same).claims)), json.loads(canonical_bytes(same))
     for each in certificate["checks"]:
-        each |= {"group": "1"} if each["id"] in ("observability", "detectability", "hurwitz") else {}
+        each.update({"group": "1"} if each["id"] in ("observability", "detectability", "hurwitz") else {})
     problem["exosystem"] = {"groups": [problem["exosystem"] | {"agents": [0, 1], "W": [["2"]], "P": None}]}
     problem["observer"] = {"W": None, "P": None, "rate": None}
     return about(problem, certificate, name="groups: one group of all", code=UNREADABLE)

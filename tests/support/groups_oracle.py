@@ -37,7 +37,9 @@ def random_grouped_problem(seed: int) -> Problem:
     own[labels[0]], own[labels[-1]] = 0, 1
     chosen = {g: [label for label in labels if own[label] == g] for g in sorted(set(own.values()))}
     systems = {g: _exosystem(r, base.m) for g in chosen}
-    while friendly and any(decide_observable(each.A, each.C).verdict is not Verdict.PROVED for each in systems.values()):
+    while friendly and any(
+        decide_observable(each.A, each.C).verdict is not Verdict.PROVED for each in systems.values()
+    ):
         systems = {g: _exosystem(r, base.m) for g in chosen}
     observers = {g: _observer(r, systems[g]) for g in chosen}
     if friendly and r.random() < 0.7:
@@ -67,7 +69,7 @@ class GroupsOracle(Oracle):
         given = document["exosystem"]["groups"]
         plain = [_alike(problem, part) for part in given]
         super().__init__(plain[0])
-        self.parts = {document["labels"][min(part["agents"])]: Oracle(each) for part, each in zip(given, plain)}
+        self.parts = {document["labels"][min(part["agents"])]: Oracle(each) for part, each in zip(given, plain, strict=True)}
         self.bytes, self.document = canonical_bytes(problem), document
         self.members = [part["agents"] for part in given]
         self.systems = [(numbers(part["A"]), numbers(part["C"])) for part in given]
@@ -160,9 +162,9 @@ class GroupsOracle(Oracle):
         assert P is not None and Q is not None
         v = [number(text) for text in check["witness"]["values"]]
         m, own = self.m, {i: g for g, agents in enumerate(self.members) for i in agents}
-        pairs = zip(self.systems, self.blocks(P, [len(A) for A, _ in self.systems]), self.blocks(Q, [m] * len(self.systems)))
+        Ps, Qs = self.blocks(P, [len(A) for A, _ in self.systems]), self.blocks(Q, [m] * len(self.systems))
         tails = []
-        for (A, C), one, other in pairs:
+        for (A, C), one, other in zip(self.systems, Ps, Qs, strict=True):
             half = plus(dot(one, A), times(-1, dot(other, C)))
             tails.append(-sp.Matrix(plus(half, turned(half))).inv() * sp.Matrix(C).T)
         whole = list(v)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from fractions import Fraction as F
+from fractions import Fraction
 
 import pytest
 import sympy as sp
@@ -73,7 +73,7 @@ def test_s_of_all_groups_stands_in_the_certificate_side_by_side():
     assert exact["bound"] == "-1/2"
 
 
-def whole_psi(problem: Problem, pair: Pair, *, rate: F) -> sp.Matrix:
+def whole_psi(problem: Problem, pair: Pair, *, rate: Fraction) -> sp.Matrix:
     """(18) by SymPy: one column of blocks per agent, straight from the groups."""
     n, own = problem.n, {label: group for group in problem.groups for label in group.agents}
     starts, row = {}, 0
@@ -94,11 +94,11 @@ def whole_psi(problem: Problem, pair: Pair, *, rate: F) -> sp.Matrix:
     return sp.Matrix(sp.BlockMatrix([[lambda_, border], [border.T, sp.diag(*corners)]]))
 
 
-def rational(x: F) -> sp.Rational:
+def rational(x: Fraction) -> sp.Rational:
     return sp.Rational(x.numerator, x.denominator)
 
 
-@pytest.mark.parametrize("rate", [F(0), F(1, 20)])
+@pytest.mark.parametrize("rate", [Fraction(0), Fraction(1, 20)])
 def test_psi_of_groups_is_decided_as_the_whole_matrix_is(rate):
     """A directed cycle of three with two groups; the pair crosses the boundary as it is scaled up."""
     problem = Problem(
@@ -109,11 +109,11 @@ def test_psi_of_groups_is_decided_as_the_whole_matrix_is(rate):
         ],
     )  # fmt: skip
     P = block_diagonal([PRINTED.P or (), HALF.P or ()])
-    Q = block_diagonal([((F(1),), (F(0),)), ((F(1),),)])
+    Q = block_diagonal([((Fraction(1),), (Fraction(0),)), ((Fraction(1),),)])
     exosystem, statements, outcomes = problem.joint_exosystem, state_theorems(problem), []
     assert exosystem is not None
     for factor in (1, 2, 4, 8, 16, 64):
-        pair = Pair(P=scale(F(factor), P), Q=scale(F(factor), Q))
+        pair = Pair(P=scale(Fraction(factor), P), Q=scale(Fraction(factor), Q))
         outcomes.append((-whole_psi(problem, pair, rate=rate)).is_positive_definite)
         assert psi_is_negative(statements, exosystem, pair, rate=rate) is outcomes[-1]
     assert outcomes == sorted(outcomes)
@@ -122,15 +122,15 @@ def test_psi_of_groups_is_decided_as_the_whole_matrix_is(rate):
 
 def test_psi_of_groups_as_a_pencil_is_the_whole_matrix():
     problem = two(1, 1, swapped=True)
-    (pencil,) = state_theorems(problem).psi(rate=F(1, 3))
-    values = {"P[1]": HALF.P, "Q[1]": ((F(1),),), "P[2]": PRINTED.P, "Q[2]": ((F(1),), (F(0),))}
-    P, Q = block_diagonal([HALF.P or (), PRINTED.P or ()]), block_diagonal([((F(1),),), ((F(1),), (F(0),))])
+    (pencil,) = state_theorems(problem).psi(rate=Fraction(1, 3))
+    values = {"P[1]": HALF.P, "Q[1]": ((Fraction(1),),), "P[2]": PRINTED.P, "Q[2]": ((Fraction(1),), (Fraction(0),))}
+    P, Q = block_diagonal([HALF.P or (), PRINTED.P or ()]), block_diagonal([((Fraction(1),),), ((Fraction(1),), (Fraction(0),))])
     own = sp.Matrix(pencil.size, pencil.size, lambda i, j: 0)
     for (i, j), x in pencil.at({name: value or () for name, value in values.items()}).entries.items():
         own[i, j] = own[j, i] = rational(x)
     lambda_ = GroupsOracle(problem).lambda_("G")
     assert lambda_ == [[-2, 0], [0, -2]]
-    assert own == whole_psi(problem, Pair(P=P, Q=Q), rate=F(1, 3))
+    assert own == whole_psi(problem, Pair(P=P, Q=Q), rate=Fraction(1, 3))
 
 
 def test_each_group_has_checks_of_its_own_and_the_slowest_gives_the_rate():
@@ -196,7 +196,7 @@ def test_one_group_may_bring_its_gain_and_another_have_it_designed():
 
 @pytest.mark.parametrize(
     ("name", "change"),
-    [("W", lambda W: ((W[0][0], F(1, 10**9)), *W[1:])), ("P", lambda P: ((P[0][0], F(1, 10**9)), *P[1:]))],
+    [("W", lambda W: ((W[0][0], Fraction(1, 10**9)), *W[1:])), ("P", lambda P: ((P[0][0], Fraction(1, 10**9)), *P[1:]))],
 )
 def test_a_matrix_with_an_entry_between_two_groups_is_refused(name, change):
     problem = hidden([[0]], [[1]], Observer())
@@ -221,8 +221,8 @@ def test_a_region_is_proved_with_the_observers_of_all_groups():
     assert certificate.covered_by == "max-separable"
     assert verify(certificate, problem).holds
     claim = dict(certificate.check("max-separable").exact or {})
-    least = min(F(x) for x in claim["v"])
-    weaker = replace(certificate.check("max-separable"), exact=claim | {"kappa": str(1 / (F(claim["beta"]) * least))})
+    least = min(Fraction(x) for x in claim["v"])
+    weaker = replace(certificate.check("max-separable"), exact=claim | {"kappa": str(1 / (Fraction(claim["beta"]) * least))})
     checks = tuple(weaker if check.id == weaker.id else check for check in certificate.checks)
     assert not verify(replace(certificate.claims, checks=checks), problem).holds
 

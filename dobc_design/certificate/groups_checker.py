@@ -90,8 +90,9 @@ class Examination(Single):
             parts(self.P, [(q, q) for q in p.orders])
         for name, part, W in zip(p.names, p.parts, gains, strict=True):
             need(W is None or part.W is None or W == part.W, "the observer gain of a group is not that of the problem")
-            self.views[name] = view = copy(self)
+            view: Any = copy(self)
             view.problem, view.W = SimpleNamespace(A=part.A, C=part.C, W=part.W, q=len(part.A)), W
+            self.views[name] = view
     def confirm(self, check: Any) -> None:
         need(check.id not in QUADRATIC or check.verdict == "undecided", "quadratic certificates know no groups")
         Single.confirm(self.views[check.group] if check.id in FACTS[:3] else self, check)

@@ -58,7 +58,8 @@ def test_agents_in_no_group_have_the_exosystem_and_the_observer_of_the_tables_ab
     problem = read(TWO)
     assert [group.agents for group in problem.groups] == [("1", "3"), ("2", "4")]
     assert [group.exosystem for group in problem.groups] == [OSCILLATOR, CONSTANT]
-    assert [group.observer.W for group in problem.groups] == [((Fraction(16, 5),), (Fraction(12, 5),)), ((Fraction(2),),)]
+    gains = [group.observer.W for group in problem.groups]
+    assert gains == [((Fraction(16, 5),), (Fraction(12, 5),)), ((Fraction(2),),)]
     assert problem.is_grouped
     assert problem.q == 3
 

@@ -160,7 +160,7 @@ def _with_matrices(name: str, W: sp.Matrix, P: sp.Matrix, *changes: tuple[str, s
     S = C * (-(P * F + F.T * P)).inv() * C.T
     copied["observer"] |= {"W": _texts(W), "P": _texts(P), "Q": _texts(P * W)}
     exact = {"P": _texts(P), "Q": _texts(P * W), "S": _texts(S)}
-    exact |= {"bound": str(-S[0, 0])} if S == S[0, 0] * sp.eye(S.rows) else {}
+    exact |= {"bound": str(-S[0, 0])} if S[0, 0] * sp.eye(S.rows) == S else {}
     bend(check(copied, "theorem1"), {"exact": exact, "margin": 0, "rate": None})
     bend(copied, {"rate": None})
     for id, group, values in changes:

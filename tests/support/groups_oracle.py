@@ -69,7 +69,8 @@ class GroupsOracle(Oracle):
         given = document["exosystem"]["groups"]
         plain = [_alike(problem, part) for part in given]
         super().__init__(plain[0])
-        self.parts = {document["labels"][min(part["agents"])]: Oracle(each) for part, each in zip(given, plain, strict=True)}
+        names = [document["labels"][min(part["agents"])] for part in given]
+        self.parts = {name: Oracle(each) for name, each in zip(names, plain, strict=True)}
         self.bytes, self.document = canonical_bytes(problem), document
         self.members = [part["agents"] for part in given]
         self.systems = [(numbers(part["A"]), numbers(part["C"])) for part in given]

@@ -24,6 +24,7 @@ PUBLIC = [
     "Failure",
     "Falsification",
     "Fixed",
+    "Group",
     "HalfPlane",
     "Markov",
     "Mobile",

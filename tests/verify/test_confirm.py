@@ -235,7 +235,7 @@ def test_expected_checks_follow_the_contract():
     assert switching.count("lemma1") == 4
     assert {"theorem2", "theorem2-printed"} <= set(switching)
     assert "theorem1" not in switching
-    assert expected_checks(Problem(network=PAIR, coupling="y")) == (("reachability", "G"), ("lemma1", "G"))
+    assert expected_checks(Problem(network=PAIR, coupling="y")) == (("reachability", "G", None), ("lemma1", "G", None))
 
 
 def test_w_p_and_q_have_to_belong_together(paper):

@@ -4,6 +4,8 @@
 SHELL := /bin/sh
 # The virtual environment is up to date if this file is newer than pyproject.toml.
 READY := .venv/.installed
+# So are the packages that only some targets need (see `optional-dependencies` there).
+EXTRAS := .venv/.extras
 # A python of your own choice: make test PYTHON=/path/to/python3.12
 PYTHON ?=
 
@@ -34,12 +36,12 @@ evidence: $(READY) ## the full counts, many minutes; prints one table
 bench: $(READY) ## the table of speed and memory
 	.venv/bin/python tests/benchmarks/run.py
 
-docs: ## the handbook (comes later)
-	@echo "The handbook comes later. Until then: README.md and docs/*.md"
+docs: $(EXTRAS) ## the handbook: docs/_build/html/index.html; the first time runs the notebooks
+	.venv/bin/sphinx-build -W --keep-going --quiet -b html docs docs/_build/html
 
 clean: ## remove what the other targets leave behind, but not .venv
 	rm -rf build dist *.egg-info .pytest_cache .mypy_cache .ruff_cache .hypothesis .benchmarks
-	rm -rf .coverage .coverage.* htmlcov paper-fixed-certificate
+	rm -rf .coverage .coverage.* htmlcov paper-fixed-certificate docs/_build
 	find dobc_design tests notebooks -name __pycache__ -type d -prune -exec rm -rf {} +
 
 # One shell, so that a failing line leaves no stamp. A .venv that cannot run (half made, too old)
@@ -73,3 +75,11 @@ $(READY): pyproject.toml
 	  .venv/bin/python -m pip install --quiet --disable-pip-version-check --editable '.[dev]'; \
 	fi; \
 	touch $(READY)
+
+$(EXTRAS): $(READY)
+	@set -e; \
+	echo "Adding the packages for notebooks, reports and the handbook to .venv; this takes a minute or two."; \
+	wanted='.[dev,notebook,pdf,cluster,store,grid,fmu,docs]'; \
+	if command -v uv >/dev/null 2>&1; then uv pip install --python .venv/bin/python --editable "$$wanted"; \
+	else .venv/bin/python -m pip install --quiet --disable-pip-version-check --editable "$$wanted"; fi; \
+	touch $(EXTRAS)

@@ -13,6 +13,7 @@ import ast
 import base64
 import binascii
 import decimal
+import heapq
 import math
 import struct
 from bisect import bisect_left, bisect_right
@@ -108,7 +109,7 @@ def by_digits(name: str, x: float) -> Interval:
     lo, hi = outward(value, value)
     return (value, value) if (name, x) in (("exp", 0), ("ln", 1)) else (max(lo, 0.0) if name == "exp" else lo, hi)
 def exp(x: float) -> Interval:
-    return by_digits("exp", x)
+    return (0.0, 1e-300) if x < -700 else by_digits("exp", x)  # exp(-700) is just below 1e-304
 def whole(x: float) -> int:
     """x as an integer in units of 2^-BITS, within one unit."""
     need(abs(x) < WIDEST, "a coupling takes the sine or the inverse tangent of something too large")
@@ -292,6 +293,19 @@ class Curve:
         """Values and slopes on y."""
         value, slopes = self.formula.at((negative(y) if self.mirrored else y, (ONE,)))
         return negative(value) if self.mirrored else value, slopes[0] if slopes else NOTHING
+    def steepest(self, lo: float, hi: float) -> float:
+        """An upper bound of h' on [lo, hi]: the piece with the largest one is halved until a point comes close."""
+        pieces = [(-self.at((lo, hi))[1][1], lo, hi)]
+        reached = max(self.at((y, y))[1][1] for y in (lo, hi))
+        for _ in range(500):
+            bound, a, b = pieces[0]
+            middle = (a + b) / 2
+            if not a < middle < b or -bound - reached <= abs(reached) / 4096:
+                break
+            heapq.heapreplace(pieces, (-self.at((a, middle))[1][1], a, middle))
+            heapq.heappush(pieces, (-self.at((middle, b))[1][1], middle, b))
+            reached = max(reached, self.at((middle, middle))[1][1])
+        return -pieces[0][0]
     def top(self, y: float) -> float:
         """An upper bound of h at a point."""
         if y == 0:
@@ -423,6 +437,14 @@ def positive_vector(size: int) -> Callable[[Any], tuple[list[int], int]]:
         bottom = math.lcm(*{x.denominator for x in v})
         return [int(x * bottom) for x in v], bottom
     return shape
+
+def room(problem: Any, lemma: Any) -> Fraction:
+    """The least -(U v)_i / v_i for the vector v beside a proved Lemma 1, where U >= Lambda has its entries beside the
+    diagonal taken by their sizes: every eigenvalue of Lambda is at most minus that."""
+    v, _ = read(lemma.exact, {"v": positive_vector(problem.n * problem.m)}).v
+    need(type(lemma.exact["v"]) is dict, "the vector is no block of doubles")
+    rows = enumerate(problem.bound(lemma.mode))
+    return min(-row[i] - sum((abs(x) * v[j] for j, x in row.items() if j != i), ZERO) / v[i] for i, row in rows)
 
 class Decisions:
     """The regional claims of one certificate."""
@@ -587,19 +609,20 @@ class Decisions:
         pairs = ((claim.tops[i], arc) for heard in self.heard.values() for i, arcs in enumerate(heard) for arc in arcs)
         self.prepare(claim, [(h, own, claim.tops[j]) for own, (h, _, j) in pairs], claim.bottom, True)
         seen: dict[Any, float] = {}
+        def short(i: int, arcs: Any, mirrored: bool, closely: bool) -> bool:
+            parts = [enclosed(self.most[i])]
+            for h, w, j in arcs:
+                key = (h, mirrored, claim.tops[i], claim.tops[j], closely)
+                if key not in seen:
+                    seen[key] = self.steepness(claim, *key)
+                parts.append(times(enclosed(w), (seen[key],) * 2))
+            return exact.period * Fraction(total(parts)[1]) <= 1
         for heard in self.heard.values():
             for i, arcs in enumerate(heard):
-                own = claim.tops[i]
                 for mirrored in (False, True):
-                    parts = [enclosed(self.most[i])]
-                    for h, w, j in arcs:
-                        key = (h, mirrored, own, claim.tops[j])
-                        if key not in seen:
-                            seen[key] = self.steepness(claim, *key)
-                        parts.append(times(enclosed(w), (seen[key],) * 2))
                     late = f"the period is too long for agent {self.problem.labels[i]}"
-                    need(exact.period * Fraction(total(parts)[1]) <= 1, late)
-    def steepness(self, claim: Any, h: Any, mirrored: bool, own: int, other: int) -> float:
+                    need(any(short(i, arcs, mirrored, closely) for closely in (False, True)), late)
+    def steepness(self, claim: Any, h: Any, mirrored: bool, own: int, other: int, closely: bool) -> float:
         """An upper bound of L: eight slices of x, the supremum of h' over each of the growing intervals."""
         if claim.rho is None:
             return enclosed(max(ZERO, self.slope(h, 0, 0).hi))[1]
@@ -610,7 +633,7 @@ class Decisions:
         for k in range(9):
             right = max(0.0, times((rho, rho), quotient(4 * (other - own) + k * own, 4 * bottom))[1])
             for a, b in pairwise([left + (right - left) * part / 4 for part in range(4)] + [right]):
-                slope = max(slope, curve.at((a, max(a, b)))[1][1])
+                slope = max(slope, curve.steepest(a, max(a, b)) if closely else curve.at((a, max(a, b)))[1][1])
             slices += [(slope / 8,) * 2] if k else []
             left = right
         return total(slices)[1]

@@ -24,7 +24,10 @@ from dobc_design.exact.number import float_above, float_below, number_text
 _KEPT: Final = 256
 _KEPT_POINT: Final = 1536
 # exp and its kin leave the range of 2^+-65536 here.
-_MAX_EXP: Final = 45_000
+# exp(575) is below 1e250: enclosures stay within what doubles hold, with room for products, so that readers of a
+# certificate who calculate in doubles can follow. To the left exp only comes closer to 0.
+_MAX_EXP: Final = 575
+_MIN_EXP: Final = -45_000
 # Beyond this the argument of a periodic function says nothing about its value.
 _MAX_ANGLE: Final = 1 << 2048
 
@@ -162,7 +165,7 @@ def pi() -> Interval:
 
 
 def exp(x: Interval) -> Interval:
-    """Enclose exp. Raises: UndefinedError beyond exp(45000), where the result would be too long."""
+    """Enclose exp. Raises: UndefinedError beyond exp(575), about 1e250."""
     return _growing("exp", x)
 
 
@@ -202,12 +205,12 @@ def atan(x: Interval) -> Interval:
 
 
 def sinh(x: Interval) -> Interval:
-    """Enclose sinh. Raises: UndefinedError where |x| exceeds 45000."""
+    """Enclose sinh. Raises: UndefinedError where |x| exceeds 575."""
     return _growing("sinh", x)
 
 
 def cosh(x: Interval) -> Interval:
-    """Enclose cosh. Raises: UndefinedError where |x| exceeds 45000."""
+    """Enclose cosh. Raises: UndefinedError where |x| exceeds 575."""
     return _growing("cosh", absolute(x))
 
 
@@ -309,9 +312,9 @@ def _growing(name: str, x: Interval) -> Interval:
     """Enclose an increasing function of exponential growth; far to the left exp is above 0."""
     if x.hi > _MAX_EXP or (x.lo < -_MAX_EXP and name != "exp"):
         raise UndefinedError(f"{name} of {x} is too large to enclose: |x| may be at most {_MAX_EXP}.")
-    if x.lo >= -_MAX_EXP:
+    if x.lo >= _MIN_EXP:
         return _increasing(name, x)
-    return Interval(Fraction(0), _increasing(name, Interval.point(max(x.hi, Fraction(-_MAX_EXP)))).hi)
+    return Interval(Fraction(0), _increasing(name, Interval.point(max(x.hi, Fraction(_MIN_EXP)))).hi)
 
 
 def _wave(name: str, x: Interval, *, shift: Fraction) -> Interval:

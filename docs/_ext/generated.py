@@ -1,0 +1,90 @@
+"""Pages that the program itself writes: its commands, its conditions, its exit codes; and the notebooks, brought into the handbook.
+
+They are made anew at every build and are not committed.
+"""
+
+from __future__ import annotations
+
+import shutil
+from pathlib import Path
+
+import typer
+from sphinx.application import Sphinx
+
+from dobc_design.cli import app as command_line
+from dobc_design.theorems.explanations import EXPLANATIONS
+
+DOCS = Path(__file__).resolve().parents[1]
+ROOT = DOCS.parent
+
+
+def cell(text: object) -> str:
+    return str(text or "").replace("|", "\\|").replace("\n", " ")
+
+
+def commands() -> str:
+    lines = [
+        "# Command line",
+        "",
+        "Written from the program itself. FILE is the path of a problem file or the name of a built-in problem. `--json` puts one JSON",
+        "document on standard output and nothing else there; progress and messages go to standard error.",
+        "",
+    ]
+    for name, command in sorted(typer.main.get_command(command_line).commands.items()):
+        if command.hidden:
+            continue
+        arguments = [part for part in command.params if part.param_type_name == "argument"]
+        usage = " ".join(["dobc", name, *(argument.name.upper() for argument in arguments), "[OPTIONS]"])
+        lines += [f"## dobc {name}", "", command.help or "", "", f"    {usage}", ""]
+        lines += ["| argument or option | what it is |", "|---|---|"]
+        for part in command.params:
+            if getattr(part, "hidden", False):
+                continue
+            is_argument = part.param_type_name == "argument"
+            shown = part.name.upper() if is_argument else ", ".join(part.opts + part.secondary_opts)
+            lines.append(f"| `{shown}` | {cell(part.help)} |")
+        lines.append("")
+    return "\n".join(lines)
+
+
+def conditions() -> str:
+    lines = [
+        "# Conditions",
+        "",
+        "Every check of a certificate has one of these ids. `dobc explain ID` says the same on the command line.",
+        "",
+    ]
+    for name, text in EXPLANATIONS.items():
+        lines += [f"## {name}", "", f"**{text.title}**", "", "```{math}", text.statement, "```", "", text.meaning, ""]
+        lines += [f"- *Proved:* {text.proved}", f"- *Refuted:* {text.refuted}", f"- *Source:* {text.source}", ""]
+    return "\n".join(lines)
+
+
+def write(path: Path, text: str) -> None:
+    """An unchanged page keeps its time, so that it is not built again."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    if not path.exists() or path.read_text("utf-8") != text:
+        path.write_text(text, "utf-8")
+
+
+def notebooks(target: Path) -> None:
+    target.mkdir(exist_ok=True)
+    found = sorted((ROOT / "notebooks").glob("*.ipynb"))
+    for path in found:
+        copied = target / path.name
+        if not copied.exists() or copied.read_bytes() != path.read_bytes():
+            shutil.copyfile(path, copied)
+    for path in target.glob("*.ipynb"):
+        if path.name not in {notebook.name for notebook in found}:
+            path.unlink()
+
+
+def generate(app: Sphinx) -> None:
+    write(DOCS / "reference" / "command-line.md", commands())
+    write(DOCS / "reference" / "conditions.md", conditions())
+    notebooks(DOCS / "gallery")
+
+
+def setup(app: Sphinx) -> dict[str, bool]:
+    app.connect("builder-inited", generate)
+    return {"parallel_read_safe": True, "parallel_write_safe": True}

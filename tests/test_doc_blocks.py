@@ -1,0 +1,90 @@
+"""Every code block of the README and the handbook runs, in the order of its page, in an empty folder.
+
+Python blocks of a page share one namespace. Of shell blocks the lines that begin with ``dobc`` or ``cd`` are run, and have to leave with
+0, or with the N of a comment ``# exit code N``; other lines (make, pip, ls) are skipped. A TOML block whose first line is ``# NAME.toml``
+is saved under that name; other ones only have to be TOML.
+"""
+
+from __future__ import annotations
+
+import os
+import re
+import shutil
+import subprocess
+import sys
+import tomllib
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).resolve().parents[1]
+BLOCK = re.compile(r"^```(\w+)\n(.*?)^```$", re.MULTILINE | re.DOTALL)
+WRITTEN_BY_PROGRAM = {"docs/reference/command-line.md", "docs/reference/conditions.md"}
+PAGES = [
+    name
+    for path in [ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md"))]
+    if "_build" not in path.parts and (name := path.relative_to(ROOT).as_posix()) not in WRITTEN_BY_PROGRAM
+]
+RUNNABLE = ("python", "sh", "toml")
+
+
+def blocks(page: str) -> list[tuple[str, str]]:
+    return [found for found in BLOCK.findall((ROOT / page).read_text("utf-8")) if found[0] in RUNNABLE]
+
+
+def run_shell(line: str, folder: Path) -> Path:
+    """One line; returns the folder in which the next one runs."""
+    command, _, comment = line.partition("#")
+    words = command.split()
+    if words[:1] == ["cd"]:
+        return (folder / words[1]).resolve()
+    if words[:1] != ["dobc"]:
+        return folder
+    promised = re.search(r"exit code (\d+)", comment)
+    target = None
+    if ">" in words:
+        target = words[words.index(">") + 1]
+        words = words[: words.index(">")]
+    done = subprocess.run(
+        [sys.executable, "-m", "dobc_design", *words[1:]], cwd=folder, capture_output=True, text=True, timeout=300
+    )
+    assert done.returncode == int(promised[1] if promised else 0), f"{line}\n{done.stdout}\n{done.stderr}"
+    if target:
+        (folder / target).write_text(done.stdout, "utf-8")
+    return folder
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("page", [page for page in PAGES if blocks(page)])
+def test_the_code_blocks_of_a_page_run(page: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setitem(os.environ, "MPLBACKEND", "Agg")
+    for name in ("mine.toml", "MINE.toml"):  # "your own problem" of a page that does not write one
+        shutil.copyfile(ROOT / "dobc_design/problems/paper-fixed.toml", tmp_path / name)
+    namespace: dict[str, object] = {}
+    folder = tmp_path
+    for language, text in blocks(page):
+        if language == "python":
+            monkeypatch.chdir(folder)
+            exec(compile(text, page, "exec"), namespace)
+        elif language == "toml":
+            named = re.match(r"# (\S+\.toml)$", text.splitlines()[0])
+            tomllib.loads(text)
+            if named:
+                (folder / named[1]).write_text(text, "utf-8")
+        else:
+            start = folder
+            for line in text.splitlines():
+                start = run_shell(line, start)
+    monkeypatch.chdir(ROOT)
+
+
+def test_the_pages_have_blocks():
+    assert sum(len(blocks(page)) for page in PAGES) > 20
+
+
+def test_a_line_that_fails_is_noticed(tmp_path: Path):
+    with pytest.raises(AssertionError, match="dobc check nobody.toml"):
+        run_shell("dobc check nobody.toml", tmp_path)
+    with pytest.raises(AssertionError, match="exit code 1"):
+        run_shell("dobc check paper-fixed # exit code 1", tmp_path)

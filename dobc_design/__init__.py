@@ -24,12 +24,15 @@ _HOMES = {
     "Check": "verify.check",
     "Cone": "spec.spectral_regions",
     "Coupling": "spec.coupling",
+    "Design": "designing.designed",
+    "Designer": "designer.widget",
     "Disk": "spec.spectral_regions",
     "Ensemble": "simulate.ensemble",
     "Exosystem": "spec.exosystem",
     "Failure": "simulate.stress",
     "Falsification": "falsifying.suspect",
     "Fixed": "simulate.signals",
+    "Group": "spec.groups",
     "HalfPlane": "spec.spectral_regions",
     "Markov": "simulate.signals",
     "Mobile": "simulate.mobile",
@@ -48,6 +51,9 @@ _HOMES = {
     "Settling": "verify.settling",
     "Stress": "simulate.stress",
     "Suspect": "falsifying.suspect",
+    "SweepResult": "sweep.result",
+    "Switching": "spec.switching",
+    "TradeOff": "designing.trade_off",
     "Trajectory": "simulate.trajectory",
     "Verdict": "verdict",
     "Waypoints": "simulate.mobile",
@@ -55,34 +61,52 @@ _HOMES = {
     "build_model": "workflow",
     "certify": "workflow",
     "certify_settling": "workflow",
+    "design": "workflow",
     "design_observer": "workflow",
     "design_pinning": "workflow",
     "exact": "exact",
     "exosystems": "spec.exosystems",
     "falsify": "workflow",
+    "from_pandapower": "interchange",
     "load_problem": "spec.load",
     "load_trajectory": "simulate.storage",
     "plot_regions": "workflow",
+    "problem_from_file": "interchange",
+    "quadratic_limits": "workflow",
+    "search_certificate": "workflow",
     "simulate": "workflow",
+    "sweep": "sweep.running",
+    "to_c": "interchange",
+    "to_casadi": "interchange",
     "to_control": "workflow",
+    "to_fmu": "interchange",
+    "to_latex": "interchange",
+    "to_mat": "interchange",
+    "to_numpy": "interchange",
+    "to_sdpa": "interchange",
+    "to_sympy": "interchange",
+    "trade_off": "workflow",
     "verify": "workflow",
     "what_breaks_first": "workflow",
+    "write_comparison": "workflow",
     "write_report": "workflow",
 }
 
 __all__ = [
-    "Analysis", "Certificate", "Check", "Cone", "Coupling", "Disk", "Ensemble", "Exosystem", "Failure",
-    "Falsification", "Fixed", "HalfPlane", "Markov", "Mobile", "Model", "Network", "NoiseLimit", "Observer",
+    "Analysis", "Certificate", "Check", "Cone", "Coupling", "Design", "Disk", "Ensemble", "Exosystem", "Failure",
+    "Falsification", "Fixed", "Group", "HalfPlane", "Markov", "Mobile", "Model", "Network", "NoiseLimit", "Observer",
     "ObserverDesign", "Periodic", "Pinning", "PinningDesign", "Problem", "RandomDwell", "Region", "Schedule",
-    "Settling", "Stress", "Suspect", "Trajectory", "Verdict", "Waypoints", "__version__", "analyse", "build_model",
-    "certify", "certify_settling", "design_observer", "design_pinning", "exact", "exosystems", "falsify",
-    "load_problem", "load_trajectory", "plot_regions", "simulate", "to_control", "verify", "what_breaks_first",
-    "write_report",
+    "Settling", "Stress", "Suspect", "SweepResult", "Switching", "TradeOff", "Trajectory", "Verdict", "Waypoints",
+    "__version__", "analyse", "build_model", "certify", "certify_settling", "design", "design_observer",
+    "design_pinning", "exact", "exosystems", "falsify", "from_pandapower", "load_problem", "load_trajectory",
+    "plot_regions", "problem_from_file", "quadratic_limits", "search_certificate", "simulate", "sweep", "to_c",
+    "to_casadi", "to_control", "to_fmu", "to_latex", "to_mat", "to_numpy", "to_sdpa", "to_sympy", "trade_off",
+    "verify", "what_breaks_first", "write_comparison", "write_report",
 ]  # fmt: skip
 
-# Two rooms carry the names of public functions.  Loading them here, once, and dropping the names keeps
+# Some rooms carry the names of public functions.  Loading them here, once, and dropping the names keeps
 # a later import of dobc_design.verify.check from putting the room where users expect the function.
-for _room in ("simulate", "verify"):
+for _room in ("design", "simulate", "verify", "sweep"):
     import_module(f"{__name__}.{_room}")
     del globals()[_room]
 
@@ -90,7 +114,21 @@ if TYPE_CHECKING:
     from dobc_design import exact
     from dobc_design.analysis.analysis import Analysis
     from dobc_design.certificate.certificate import Certificate
+    from dobc_design.designing.designed import Design
+    from dobc_design.designing.trade_off import TradeOff
     from dobc_design.falsifying.suspect import Falsification, Suspect
+    from dobc_design.interchange import (
+        from_pandapower,
+        problem_from_file,
+        to_c,
+        to_casadi,
+        to_fmu,
+        to_latex,
+        to_mat,
+        to_numpy,
+        to_sdpa,
+        to_sympy,
+    )
     from dobc_design.model.model import Model
     from dobc_design.simulate.ensemble import Ensemble
     from dobc_design.simulate.mobile import Mobile, Waypoints
@@ -101,6 +139,7 @@ if TYPE_CHECKING:
     from dobc_design.spec import exosystems
     from dobc_design.spec.coupling import Coupling
     from dobc_design.spec.exosystem import Exosystem
+    from dobc_design.spec.groups import Group
     from dobc_design.spec.load import load_problem
     from dobc_design.spec.network import Network
     from dobc_design.spec.observer import Observer
@@ -109,6 +148,9 @@ if TYPE_CHECKING:
     from dobc_design.spec.problem import Problem
     from dobc_design.spec.region import Region
     from dobc_design.spec.spectral_regions import Cone, Disk, HalfPlane
+    from dobc_design.spec.switching import Switching
+    from dobc_design.sweep.result import SweepResult
+    from dobc_design.sweep.running import sweep
     from dobc_design.verdict import Verdict
     from dobc_design.verify.check import Check
     from dobc_design.verify.observer_design import ObserverDesign
@@ -119,14 +161,19 @@ if TYPE_CHECKING:
         build_model,
         certify,
         certify_settling,
+        design,
         design_observer,
         design_pinning,
         falsify,
         plot_regions,
+        quadratic_limits,
+        search_certificate,
         simulate,
         to_control,
+        trade_off,
         verify,
         what_breaks_first,
+        write_comparison,
         write_report,
     )
 
@@ -142,4 +189,4 @@ def __getattr__(name: str) -> Any:
 
 
 def __dir__() -> list[str]:
-    return sorted({*__all__, *(name for name in globals() if name.startswith("__"))})
+    return sorted({*__all__, *_HOMES, *(name for name in globals() if name.startswith("__"))})

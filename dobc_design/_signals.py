@@ -17,16 +17,17 @@ import signal
 
 TYPE_CHECKING = False  # typing takes longer to import than all of this
 if TYPE_CHECKING:
+    from collections.abc import Callable
     from types import FrameType
     from typing import Any
 
 STOPPING = tuple(getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, name))
 SENTENCE = "Interrupted; no file was left half written."
-_DOCUMENT = f"""{{
+_DOCUMENT = """{{
   "error": {{
     "kind": "interrupted",
     "key": null,
-    "message": "{SENTENCE}",
+    "message": "{}",
     "cure": null
   }}
 }}
@@ -36,19 +37,21 @@ _DOCUMENT = f"""{{
 class Ending:
     """A signal handler that says so and leaves, by os.write and os._exit only: the interpreter may be anywhere.
 
-    ``as_json``: the error is a document on standard output, else a line on standard error.
+    ``as_json``: the error is a document on standard output, else a line on standard error.  ``before``: called first.
     """
 
-    def __init__(self, *, as_json: bool) -> None:
-        self.as_json = as_json
+    def __init__(self, *, as_json: bool, sentence: str = SENTENCE, before: Callable[[], object] | None = None) -> None:
+        self.as_json, self.sentence, self.before = as_json, sentence, before
 
     def __call__(self, number: int, frame: FrameType | None) -> None:
         """End the process."""
         try:
-            text = _DOCUMENT if self.as_json else f"{SENTENCE}\n"
+            if self.before is not None:
+                self.before()
+            text = _DOCUMENT.format(_escaped(self.sentence)) if self.as_json else f"{self.sentence}\n"
             if not self.as_json and os.isatty(2):
                 text = f"\x1b[?25h\n{text}"  # a progress line hides the cursor
-            os.write(1 if self.as_json else 2, text.encode("ascii"))
+            os.write(1 if self.as_json else 2, text.encode("utf-8", errors="replace"))
         finally:  # whether or not somebody listens
             os._exit(128 + number)
 
@@ -66,8 +69,23 @@ def end_at_once(*, as_json: bool) -> None:
 def answer_begins() -> None:
     """From now on a signal puts nothing more on standard output, where the answer stands or begins to."""
     for number in STOPPING:
-        if isinstance(signal.getsignal(number), Ending):
-            _set(number, Ending(as_json=False))
+        handler = signal.getsignal(number)
+        if isinstance(handler, Ending):
+            _set(number, Ending(as_json=False, sentence=handler.sentence, before=handler.before))
+
+
+def say_on_ending(sentence: str, *, before: Callable[[], object] | None = None) -> None:
+    """From now on a signal says this instead, after calling ``before``; nothing without ``end_at_once``."""
+    for number in STOPPING:
+        handler = signal.getsignal(number)
+        if isinstance(handler, Ending):
+            _set(number, Ending(as_json=handler.as_json, sentence=sentence, before=before))
+
+
+def _escaped(text: str) -> str:
+    """The text inside a JSON string."""
+    special = {'"': '\\"', "\\": "\\\\", "\n": "\\n"}
+    return "".join(special.get(each, each if each.isprintable() else "?") for each in text)
 
 
 class Postponed:

@@ -9,14 +9,22 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from dobc_design.certificate.files import make_folder, write_together
+from dobc_design.cli_parts import search_parts, settling_parts
+from dobc_design.exact.number import number_text
+from dobc_design.settling.asked import read_tolerance
 from dobc_design.spec.problem import Problem
-from dobc_design.workflow import certify, plot_regions
+from dobc_design.verify.settling_check import stage_timings
+from dobc_design.workflow import certify, plot_regions, quadratic_limits, search_certificate, search_sheet
 
 if TYPE_CHECKING:
     from rich.console import Console, RenderableType
 
     from dobc_design.certificate.certificate import Certificate
     from dobc_design.certificate.regions import Regions
+    from dobc_design.falsifying.suspect import Falsification
+    from dobc_design.theorems.duals import QuadraticDual
+    from dobc_design.verify.settling import Settling
+    from dobc_design.verify.settling_check import StageTiming
 
 DOCUMENT = "region.json"
 WIDE = 110  # columns from which the table has its last column and bars
@@ -30,36 +38,64 @@ class Found:
     certificate: Certificate
     regions: Regions
     document: dict[str, Any]
+    searches: tuple[Falsification, ...] = ()
+    settling: Settling | None = None
+    timings: tuple[StageTiming, ...] = ()
+    limits: tuple[QuadraticDual, ...] = ()
 
 
-def run_region(problem: Problem, folder: Path, *, everything: bool, progress: Callable[[str], None]) -> Found:
-    """Certify ``problem`` and write region.json and the picture (SVG, PNG) into ``folder``, replacing older ones.
+def run_region(
+    problem: Problem, folder: Path, *, everything: bool, progress: Callable[[str], None], settling: str | None = None,
+    search: bool = False,
+) -> Found:  # fmt: skip
+    """Certify ``problem`` and write region.json and the pictures (SVG, PNG) into ``folder``, replacing older ones.
 
-    Where no region is asked for, the largest box is looked for.
+    Where no region is asked for, the largest box is looked for.  ``settling``: a tolerance whose settling time is
+    proved as well.  ``search``: starts that contradict are looked for; a proved equilibrium may refute the region.
     Raises: CertificateError when the machine refuses; nothing has changed then.
     """
-    certificate = certify(problem, everything=everything or problem.region is None, progress=progress)
-    regions = certificate.regions
+    largest = everything or problem.region is None
+    tolerance = None if settling is None else read_tolerance(settling, key="--settling")
+    certificate = certify(problem, everything=largest, settling=tolerance, progress=progress)
+    searches: tuple[Falsification, ...] = ()
+    if search:
+        done = search_certificate(certificate, progress=progress)
+        certificate, searches = done.certificate, done.searches
+    regions, staged = certificate.regions, certificate.settling
+    timings = () if staged is None else stage_timings(problem, staged)
+    limits = quadratic_limits(certificate, progress=progress) if everything else ()
     document: dict[str, Any] = {
         "verdict": certificate.verdict.value, "reason": certificate.reason, "rate": certificate.rate,
         "covered_by": certificate.covered_by, "problem": problem.name,
         "problem_sha256": certificate.claims.problem_sha256, **regions.to_json(),
     }  # fmt: skip
+    if everything:
+        document["limits"] = [
+            {"shape": each.shape, "radius": number_text(each.radius), "ball": number_text(each.ball)} for each in limits
+        ]
+    if search:
+        document["searches"] = [each.to_json() for each in searches]
     progress("drawing")
     files = {DOCUMENT: (json.dumps(document, indent=2, ensure_ascii=False) + "\n").encode("utf-8")}
-    picture = plot_regions(certificate)
-    files |= {f"region.{kind}": picture.file(kind) for kind in ("svg", "png")}
+    pictures = {"region": plot_regions(certificate, limits=limits), "search": search_sheet(searches)}
+    files |= {
+        f"{name}.{kind}": picture.file(kind)
+        for name, picture in pictures.items() if picture is not None for kind in ("svg", "png")
+    }  # fmt: skip
     target = make_folder(folder)
     write_together({target / name: data for name, data in files.items()})
     written = [str(target / name) for name in files]
-    return Found(certificate=certificate, regions=regions, document=document | {"files": written})
+    return Found(
+        certificate=certificate, regions=regions, document=document | {"files": written}, searches=searches,
+        settling=staged, timings=timings, limits=limits,
+    )  # fmt: skip
 
 
 def shown(found: Found, console: Console, *, colours: dict[str, str]) -> Iterator[RenderableType]:
     """What a terminal shows: the verdict, one row per method, delays and sampling."""
     from rich.text import Text
 
-    from dobc_design.report.region_words import asked_sentence, rest_sentence, timing_sentences
+    from dobc_design.report.region_words import asked_sentence, limit_sentences, rest_sentence, timing_sentences
     from dobc_design.report.words import capitalize_first
 
     certificate, regions = found.certificate, found.regions
@@ -78,8 +114,10 @@ def shown(found: Found, console: Console, *, colours: dict[str, str]) -> Iterato
     yield _table(regions, colours=colours, wide=wide)
     if not wide:
         yield from _limits(regions)
-    sentences = [*filter(None, [rest_sentence(regions)]), *timing_sentences(regions)]
+    sentences = [*limit_sentences(found.limits), *filter(None, [rest_sentence(regions)]), *timing_sentences(regions)]
     yield from (Text(f"\n{sentence}") for sentence in sentences)
+    yield from settling_parts(found.settling, found.timings)
+    yield from search_parts(found.searches)
 
 
 def _table(regions: Regions, *, colours: dict[str, str], wide: bool) -> RenderableType:

@@ -11,19 +11,24 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from dobc_design.certificate.certificate import Certificate
 from dobc_design.certificate.files import make_folder, write_atomically
+from dobc_design.certificate.text import read_claims
+from dobc_design.cli_output import read_certificate
 from dobc_design.errors import SpecError
+from dobc_design.simulate.signals import Fixed
 from dobc_design.spec.load import load_problem
-from dobc_design.workflow import simulate
+from dobc_design.workflow import observer_gain, simulate, verify, what_breaks_first
 
 if TYPE_CHECKING:
     from dobc_design.simulate.ensemble import Ensemble
     from dobc_design.simulate.stress import Stress
     from dobc_design.simulate.trajectory import Trajectory
     from dobc_design.spec.problem import Problem
+    from dobc_design.verify.envelopes import CertifiedBound
 
 SUMMARY = "summary.json"
-FIGURE, NETWORK = "simulation.svg", "network.html"
+FIGURE, NETWORK, BREAKING = "simulation.svg", "network.html", "breaking.svg"
 MOST_MOVING = 200  # agents whose motion is drawn
 SHOWN = 5  # reasons for early ends that are printed
 
@@ -39,9 +44,11 @@ class Answer:
 def run_simulation(
     file: str, *, runs: int | None, seed: int | None, t_final: float | None, mode: str | None, start: str | None,
     stress: Stress | None, out: Path | None, force: bool, progress: Callable[[str], None],
+    certificate: Path | None = None,
 ) -> Answer:  # fmt: skip
     """Simulate a problem file, write the results into ``out`` if that is given.
 
+    ``certificate``: what it proves about |e| over time, after it was verified, is drawn into the figure.
     Raises: SpecError for wrong arguments and for files that are there already (unless ``force``).
     """
     problem = load_problem(file)
@@ -52,27 +59,110 @@ def run_simulation(
     if out is not None:
         check_folder(out, names, force=force)
     given: dict[str, Any] = {"mode": mode, "t_final": t_final, "seed": seed, "start": start, "stress": stress}
+    proof = None if certificate is None else _verified(certificate, problem, progress)
     progress("simulating")
     result = simulate(
         problem, runs=None if single else runs, progress=lambda part: progress(f"simulating, {part:.0%}"), **given
     )
     document = result.summary()
+    bound = None if proof is None else proof.envelope(result)
     files: list[str] = []
     if out is not None:
         progress("writing")
         make_folder(out)
         files = [str(out / each) for each in names]
         result.save(out / name, force=force)
-        write_atomically(out / FIGURE, result.plot().file("svg"))
+        write_atomically(out / FIGURE, result.plot(certificate=proof).file("svg"))
         if moving:
             _write_network(result, problem, out / NETWORK)
     document |= {"problem": problem.name, "mode": result.mode, "reasons": _reasons(result), "notes": list(result.notes)}
+    if bound is not None:
+        document |= _certified(result, bound)
     if not single:
         document["intervals"] = _intervals(result)
     document["files"] = files
     if out is not None:
-        write_atomically(out / SUMMARY, (json.dumps(document, indent=2, ensure_ascii=False) + "\n").encode("utf-8"))
+        write_atomically(out / SUMMARY, _json(document))
     return Answer(document=document, text=_words(result, document))
+
+
+def run_breaking(
+    file: str, *, seed: int | None, t_final: float | None, mode: str | None, start: str | None,
+    certificate: Path | None, out: Path | None, force: bool, progress: Callable[[str], None],
+) -> Answer:  # fmt: skip
+    """Find what breaks the loop of a problem file first; one figure and one table.
+
+    ``certificate``: its sampling period, after it was verified, stands beside the longest one that works.
+    Raises: as ``run_simulation``.
+    """
+    problem = load_problem(file)
+    if out is not None:
+        check_folder(out, (BREAKING, SUMMARY), force=force)
+    proof = None if certificate is None else _verified(certificate, problem, progress)
+    progress("what breaks first")
+    found = what_breaks_first(
+        problem, signal=None if mode is None else Fixed(mode=mode), start=start, t_final=t_final, seed=seed,
+        certificate=proof, progress=lambda part: progress(f"what breaks first, {part:.0%}"),
+    )  # fmt: skip
+    calm = found.calm
+    notes = list(calm.notes)
+    if proof is not None and found.period is not None and found.period.certified is None:
+        notes.append("The certificate proves no sampling period.")
+    files = [] if out is None else [str(out / BREAKING), str(out / SUMMARY)]
+    document = calm.summary() | {
+        "problem": problem.name, "mode": calm.mode, "notes": notes, "breaking": found.to_json(), "files": files,
+    }  # fmt: skip
+    if out is not None:
+        progress("writing")
+        make_folder(out)
+        write_atomically(out / BREAKING, found.plot().file("svg"))
+        write_atomically(out / SUMMARY, _json(document))
+    lines = [str(found), *(f"  Note: {note}" for note in notes), *(f"wrote {file}" for file in files)]
+    return Answer(document=document, text="\n".join(lines))
+
+
+def refuse_beside_breaking(*, runs: int | None, stress: Stress | None) -> None:
+    """Refuse options that --what-breaks-first chooses itself.  Raises: SpecError."""
+    if stress is not None or runs not in (None, 1):
+        what = "--runs" if stress is None else "a stress"
+        raise SpecError(
+            f"{what} must be left out beside --what-breaks-first, which makes one run after another under every stress"
+            " by itself.", key="--what-breaks-first", cure="Leave one of the two out.",
+        )  # fmt: skip
+
+
+def _verified(place: Path, problem: Problem, progress: Callable[[str], None]) -> Certificate:
+    """The certificate at ``place``, every claim decided again.  Raises: SpecError unless all of them hold."""
+    progress("verifying the certificate")
+    claims = read_claims(read_certificate(place))
+    if not verify(claims, problem).holds:
+        raise SpecError(
+            "the certificate does not hold for this problem, so nothing of it is shown.", key="--certificate",
+            cure=f"`dobc verify {place}` with --problem says which claim fails.",
+        )  # fmt: skip
+    if claims.W is not None and observer_gain(problem) != claims.W:
+        raise SpecError(
+            "the certificate is about another observer gain W than the one that is designed here.",
+            key="--certificate", cure="Certify the problem anew, or give the W of the certificate in [observer].",
+        )  # fmt: skip
+    return Certificate(problem=problem, claims=claims)
+
+
+def _certified(result: Trajectory | Ensemble, bound: CertifiedBound) -> dict[str, Any]:
+    """What the certificate bounds, for --json; a note where it bounds nothing here."""
+    from dobc_design.plotting.axes import RESOLVED
+
+    if not bound.sources:
+        return {"certified": None, "notes": [*result.notes, f"No certified bound: {bound.reason}."]}
+    first, last = (float(x) for x in bound([0.0, result.t_final]))
+    found: dict[str, Any] = {"certified": {"sources": list(bound.sources), "final_error": last}}
+    if last < RESOLVED * first:
+        found["notes"] = [*result.notes, "The certified bound falls below what the integration resolves."]
+    return found
+
+
+def _json(document: dict[str, Any]) -> bytes:
+    return (json.dumps(document, indent=2, ensure_ascii=False) + "\n").encode("utf-8")
 
 
 def read_stress(
@@ -147,10 +237,15 @@ def _words(result: Trajectory | Ensemble, document: dict[str, Any]) -> str:
     ):  # fmt: skip
         values = document[name]
         if document["runs"] == 1:
-            lines.append(f"  {title:<22} {_number(values['median'])}{unit}")
+            value = values["median"]
+            lines.append(f"  {title:<22} {_number(value)}{'' if value is None else unit}")
         else:
             named = ", ".join(f"{each} {_number(value)}" for each, value in values.items())
             lines.append(f"  {title:<22} {named}{unit}")
+    if document.get("certified"):
+        certified = document["certified"]
+        lines.append(f"  {'certified':<22} final |e|_inf <= {_number(certified['final_error'])}, by"
+                     f" {', '.join(certified['sources'])}")  # fmt: skip
     reasons = document["reasons"]
     lines += [f"  seed {each['seed']}: {each['reason']}." for each in reasons[:SHOWN]]
     if len(reasons) > SHOWN:

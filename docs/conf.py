@@ -5,7 +5,7 @@ from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).parent / "_ext"))
 
-from dobc_design import __version__  # noqa: E402 - the path comes first
+from dobc_design import __version__
 
 project = "dobc_design"
 author = "dobc_design contributors"

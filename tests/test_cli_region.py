@@ -10,8 +10,9 @@ import pytest
 from dobc_design import cli_region
 from dobc_design.certificate.certificate import Certificate
 from dobc_design.cli import main
+from dobc_design.searching import Searched
 from dobc_design.spec.problem import Problem
-from dobc_design.workflow import certify
+from dobc_design.workflow import certify, search_certificate
 
 SINES = """\
 name = "sines"
@@ -31,15 +32,35 @@ initial_states = [-HALF, HALF]
 """  # fmt: skip
 
 
-CERTIFICATES: dict[tuple[Problem, bool], Certificate] = {}
+PAIR = """\
+name = "pair"
+[network]
+agents = 2
+arrow = "listens_to"
+[network.modes]
+G = [[1, 2], [2, 1]]
+[coupling]
+h = "sin(y)"
+[pinning]
+gains = 0.1
+[region]
+initial_states = [-5, 5]
+"""
 
 
-def certify_once(problem: Problem, *, everything: bool, progress: object) -> Certificate:
+CERTIFICATES: dict[tuple[Problem, bool, object], Certificate] = {}
+
+
+def certify_once(problem: Problem, *, everything: bool, settling: object, progress: object) -> Certificate:
     """The same problem is certified once for all tests: that takes a second or two."""
-    key = (problem, everything)
+    key = (problem, everything, settling)
     if key not in CERTIFICATES:
-        CERTIFICATES[key] = certify(problem, everything=everything)
+        CERTIFICATES[key] = certify(problem, everything=everything, settling=settling)
     return CERTIFICATES[key]
+
+
+def search_briefly(certificate: Certificate, *, progress: object) -> Searched:
+    return search_certificate(certificate, runs=20)
 
 
 @pytest.fixture
@@ -47,9 +68,11 @@ def dobc(capsys, tmp_path, monkeypatch):
     """Run the command line in an empty folder: exit code, standard output, standard error."""
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(cli_region, "certify", certify_once)
+    monkeypatch.setattr(cli_region, "search_certificate", search_briefly)
     (tmp_path / "free.toml").write_text(SINES, encoding="utf-8")
     (tmp_path / "near.toml").write_text(ASKED.replace("HALF", "0.5"), encoding="utf-8")
     (tmp_path / "far.toml").write_text(ASKED.replace("HALF", "2"), encoding="utf-8")
+    (tmp_path / "pair.toml").write_text(PAIR, encoding="utf-8")
     (tmp_path / "loose.toml").write_text(SINES.replace("{ 1 = 1 }", "{}"), encoding="utf-8")
 
     def run(*arguments: object) -> tuple[int, str, str]:
@@ -99,6 +122,44 @@ def test_where_no_region_is_asked_for_the_largest_box_is_looked_for(dobc):
     assert code == 0
     assert "No region was asked for: the largest that was found is shown." in out
     assert "Max-separable" in out
+
+
+@pytest.mark.slow
+def test_a_search_shows_the_false_equilibria_and_what_is_only_suspect(dobc, tmp_path: Path):
+    """2 sin y + y/10 = 0 at y = 3.3077: the agents rest at 1.654 and -1.654."""
+    code, out, _ = dobc("pair.toml", "--search")
+    assert code == 1
+    assert "Proved: in mode G the agents may also rest at |e|∞ ≈ 1.654" in out
+    assert "No proof of consensus can reach there" in out
+    assert "A suspect is a simulated run in floating point. It refutes nothing" in out
+    assert (tmp_path / "pair-certificate" / "search.svg").exists()
+    _, out, _ = dobc("pair.toml", "--search", "--json")
+    region, certified = json.loads(out)["searches"]
+    assert region["refutes"] and len(region["proved"]) >= 1
+    assert certified["suspects"] == [] and certified["refutes"] is False
+
+
+def test_without_search_nothing_is_said_about_one(dobc, tmp_path: Path):
+    _, out, _ = dobc("near.toml", "--json")
+    assert "searches" not in json.loads(out)
+    assert not (tmp_path / "sines-certificate" / "search.svg").exists()
+
+
+def test_a_settling_time_is_told_stage_by_stage(dobc):
+    code, out, _ = dobc("near.toml", "--settling", "1/50")
+    assert code == 0
+    assert "it is proved that |e(t)|∞ ≤ 0.02 for all t ≥" in out
+    assert "held for" in out and "late by" in out
+    _, out, _ = dobc("near.toml", "--settling", "1/50", "--json")
+    document = json.loads(out)
+    assert document["tolerance"] == 0.02
+    assert document["settling"]["verdict"] == "proved"
+
+
+def test_a_tolerance_that_is_no_length_leaves_with_2_and_names_the_option(dobc):
+    code, out, err = dobc("near.toml", "--settling", "0")
+    assert code == 2
+    assert "--settling must be > 0" in out + err
 
 
 def test_a_network_without_pins_leaves_with_1(dobc):

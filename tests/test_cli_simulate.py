@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from pathlib import Path
 
 import numpy as np
@@ -178,3 +179,115 @@ def test_agents_that_move_in_space_are_written_as_a_page(dobc):
     assert dobc("uav-swarm", "--runs", 2, "--t-final", 1, "--out", "many")[0] == 0
     assert not Path("many/network.html").exists()
     assert "5 to 95 %" in Path("many/simulation.svg").read_text("utf-8")
+
+
+RING = """\
+name = "ring"
+target = 1
+[network]
+agents = 3
+arrow = "listens_to"
+[network.modes]
+G = [[1, 2], [2, 3], [3, 1]]
+[coupling]
+h = "exp(y) - 1 + y"
+[pinning]
+gains = 3
+[region]
+initial_states = [0, 2]
+"""
+
+
+@pytest.fixture
+def proved(dobc, tmp_path):
+    """ring.toml and its certificate, with everything that is cheap to prove."""
+    from dobc_design.workflow import certify
+
+    Path("ring.toml").write_text(RING, encoding="utf-8")
+    certify("ring.toml").save(tmp_path / "proof")
+    return tmp_path / "proof"
+
+
+def test_a_certificate_is_drawn_into_the_figure_and_bounds_the_end(dobc, proved):
+    code, out, _ = dobc("ring.toml", "--t-final", 2, "--certificate", proved, "--out", "here", "--json")
+    document = json.loads(out)
+    certified = document["certified"]
+    assert code == 0
+    assert certified["sources"] == ["max-separable"]
+    assert document["final_error"]["max"] < certified["final_error"] < 1
+    assert "certified bound on |e|∞" in Path("here/simulation.svg").read_text("utf-8")
+    code, out, _ = dobc("ring.toml", "--runs", 3, "--t-final", 2, "--certificate", proved / "certificate.json")
+    assert f"final |e|_inf <= {certified['final_error']:.4g}, by max-separable" in out
+
+
+def test_a_run_that_no_certificate_is_about_gets_a_note_in_place_of_a_bound(dobc, proved):
+    code, out, _ = dobc("ring.toml", "--t-final", 1, "--noise", 0.1, "--certificate", proved, "--json")
+    document = json.loads(out)
+    assert (code, document["certified"]) == (0, None)
+    assert "No certified bound: no certificate is about a loop under stress." in document["notes"]
+
+
+def test_a_certificate_that_does_not_hold_shows_nothing(dobc, proved):
+    """Its rate, raised by hand; and the certificate of one problem beside another."""
+    place = proved / "certificate.json"
+    text = place.read_text("utf-8")
+    claimed = json.loads(text)
+    check = next(each for each in claimed["checks"] if each["id"] == "max-separable")
+    check["exact"]["alpha"] = "1000"
+    check["rate"] = 1000.0
+    place.write_text(json.dumps(claimed), encoding="utf-8")
+    for problem in ("ring.toml", "other.toml"):
+        code, out, _ = dobc(problem, "--certificate", proved, "--out", "here", "--json")
+        assert code == 2
+        assert json.loads(out)["error"]["key"] == "--certificate"
+        assert not Path("here").exists()
+        Path("other.toml").write_text(RING.replace("gains = 3", "gains = 4"), encoding="utf-8")
+        place.write_text(text, encoding="utf-8")
+
+
+def test_what_breaks_first_is_one_table_one_figure_and_one_document(dobc, proved, monkeypatch):
+    from dobc_design.simulate import breaking as room
+
+    monkeypatch.setattr(room, "OPTIONS", ("noise", "period"))
+    code, out, _ = dobc(
+        "ring.toml", "--what-breaks-first", "--t-final", 6, "--certificate", proved, "--out", "here", "--json"
+    )
+    document = json.loads(out)
+    breaking = document["breaking"]
+    assert code == 0
+    assert set(document) >= {"runs", "diverged", "final_error", "settling_time", "decay_rate", "files"}
+    assert [each["option"] for each in breaking["sweeps"]] == breaking["order"] == ["noise", "period"]
+    assert 0 < breaking["period"]["certified"] < breaking["period"]["converges"] < breaking["period"]["fails"]
+    assert sorted(path.name for path in Path("here").iterdir()) == ["breaking.svg", "summary.json"]
+    assert json.loads(Path("here/summary.json").read_text("utf-8")) == document
+    assert "longest that works" in Path("here/breaking.svg").read_text("utf-8")
+    assert dobc("ring.toml", "--what-breaks-first", "--t-final", 6, "--out", "here")[0] == 2
+
+
+def test_the_table_of_what_breaks_first_puts_the_longest_period_beside_the_certified_one(dobc, proved, monkeypatch):
+    from dobc_design.simulate import breaking
+
+    monkeypatch.setattr(breaking, "OPTIONS", ("period",))
+    code, out, err = dobc("ring.toml", "--what-breaks-first", "--t-final", 6, "--certificate", proved)
+    assert (code, err) == (0, "")
+    assert re.search(r"sampling period: converges at 0\.28\d* s, no longer at 0\.28\d* s; certified up to 0\.13", out)
+
+
+@pytest.mark.parametrize("options", [("--runs", 2), ("--noise", 0.1), ("--fail", "1@2")])
+def test_options_that_what_breaks_first_chooses_itself_are_refused(dobc, options):
+    code, out, _ = dobc("paper-fixed", "--what-breaks-first", *options, "--json")
+    assert code == 2
+    assert json.loads(out)["error"]["key"] == "--what-breaks-first"
+
+
+def test_a_file_may_say_where_its_runs_start_and_who_is_near(dobc):
+    """[switching] with a radius, and simulation.x0."""
+    text = RING.replace("[region]\ninitial_states = [0, 2]\n", "")
+    text += '[switching]\nsignal = "mobile"\nradius = 1.5\n[simulation]\nx0 = [0, 1, 5]\nt_final = 2\n'
+    Path("near.toml").write_text(text, encoding="utf-8")
+    code, out, _ = dobc("near.toml", "--out", "here")
+    stored = load_trajectory("here/trajectory.npz")
+    assert code == 0
+    assert stored.x[0].ravel().tolist() == [0, 1, 5]
+    assert stored.switches.graphs[0].tolist() == [[0, 1], [1, 0]]
+    assert "mobile, within 1.5" in out

@@ -18,12 +18,14 @@ PUBLIC = [
     "Check",
     "Cone",
     "Coupling",
+    "Design",
     "Disk",
     "Ensemble",
     "Exosystem",
     "Failure",
     "Falsification",
     "Fixed",
+    "Group",
     "HalfPlane",
     "Markov",
     "Mobile",
@@ -42,6 +44,9 @@ PUBLIC = [
     "Settling",
     "Stress",
     "Suspect",
+    "SweepResult",
+    "Switching",
+    "TradeOff",
     "Trajectory",
     "Verdict",
     "Waypoints",
@@ -50,22 +55,40 @@ PUBLIC = [
     "build_model",
     "certify",
     "certify_settling",
+    "design",
     "design_observer",
     "design_pinning",
     "exact",
     "exosystems",
     "falsify",
+    "from_pandapower",
     "load_problem",
     "load_trajectory",
     "plot_regions",
+    "problem_from_file",
+    "quadratic_limits",
+    "search_certificate",
     "simulate",
+    "sweep",
+    "to_c",
+    "to_casadi",
     "to_control",
+    "to_fmu",
+    "to_latex",
+    "to_mat",
+    "to_numpy",
+    "to_sdpa",
+    "to_sympy",
+    "trade_off",
     "verify",
     "what_breaks_first",
+    "write_comparison",
     "write_report",
 ]
 
-FUNCTIONS = ["analyse", "build_model", "certify", "load_problem", "simulate", "verify", "write_report"]
+FUNCTIONS = [
+    "analyse", "build_model", "certify", "design", "load_problem", "simulate", "sweep", "verify", "write_report",
+]  # fmt: skip
 
 
 def test_the_public_names_are_these_and_sorted():
@@ -84,7 +107,7 @@ def test_a_function_named_like_a_folder_stays_a_function():
     """Importing dobc_design.verify.check sets dobc_design.verify to the folder unless that is prevented."""
     script = f"""
 import sys
-import dobc_design.simulate, dobc_design.verify.check
+import dobc_design.simulate, dobc_design.verify.check, dobc_design.design.gain
 import dobc_design as dd
 sys.exit(" ".join(name for name in {FUNCTIONS} if not callable(getattr(dd, name))) or None)
 """

@@ -83,7 +83,7 @@ def analyse(problem: Problem, *, gain: Gain | None = None) -> Analysis:
     Raises: SpecError or ShapeError for a gain that does not fit.
     """
     W = chosen_gain(problem, gain)
-    exosystem = problem.exosystem
+    exosystem = problem.joint_exosystem
     modes = tuple(problem.network.modes)
     return Analysis(
         name=problem.name,

@@ -10,15 +10,18 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from dobc_design._render import escape_html, latex_text
+from dobc_design.certificate.bounds import RunLike, certified_bound
 from dobc_design.certificate.claims import Claims
 from dobc_design.certificate.files import make_folder, write_together
-from dobc_design.certificate.gathering import certified_regions
+from dobc_design.certificate.gathering import certified_regions, certified_settling
 from dobc_design.certificate.regions import Regions
 from dobc_design.certificate.text import certificate_bytes
 from dobc_design.spec.canonical import canonical_bytes
 from dobc_design.spec.problem import Problem
 from dobc_design.verdict import Verdict
 from dobc_design.verify.check import Check
+from dobc_design.verify.envelopes import CertifiedBound
+from dobc_design.verify.settling import Settling
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -61,6 +64,22 @@ class Certificate:
     def regions(self) -> Regions:
         """From which starts consensus is proved, method by method, beside the region asked for."""
         return certified_regions(self.problem, self.claims)
+
+    @property
+    def settling(self) -> Settling | None:
+        """The certified settling time with its ``envelope(t)`` of |e|_inf; None where no ``settling`` is proved.
+
+        Raises: CertificateError for a claim that cannot be read, as in a file that somebody else wrote.
+        """
+        return certified_settling(self.problem, self.claims)
+
+    def envelope(self, run: RunLike) -> CertifiedBound:
+        """The proved bound of |e(t)|_inf from the start of a simulated run (or of all runs of an ensemble).
+
+        A function of times in s, the least of what the checks prove; its ``reason`` says why where there is none.
+        ``trajectory.plot(certificate=certificate)`` draws it.  Raises: SpecError for a run of another problem.
+        """
+        return certified_bound(self.problem, self.claims, run)
 
     def check(self, id: str, mode: str | None = None) -> Check:
         """The check of that id (and mode).  Raises KeyError if there is none."""

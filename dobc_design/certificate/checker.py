@@ -4,8 +4,8 @@
 
 Standard library only, nothing of the package: written from docs/certificate-format.md alone, to be read in an evening
 by somebody who does not trust the rest. The problem is trusted, the certificate is not. Every decision is made in
-rational arithmetic; floating point only proposes a vector, which is then checked. Claims about regions are decided by
-region_checker.py and quadratic_checker.py beside this file; a certificate without such claims does not need them.
+rational arithmetic; floating point only proposes a vector, which is then checked. Files beside this one decide what not
+every certificate has: region_checker.py and quadratic_checker.py regions and long vectors, groups_checker.py groups.
 Exit code 0: every claim holds. 1: one does not, or could not be confirmed. 2: a file cannot be read.
 """
 
@@ -377,8 +377,7 @@ def read(value: Any, shape: Any) -> Any:
         need(len(value) == len(shapes), f"there are {len(value)} things where {len(shapes)} were expected")
         return [read(item, part) for item, part in zip(value, shapes, strict=True)]
     return shape(value)
-def anything(value: Any) -> Any:
-    return value
+anything: Any = lambda value: value  # noqa: E731
 def of(*types: type) -> Callable[[Any], Any]:
     """The shape of what has one of these types (and is no boolean)."""
     def shape(value: Any) -> Any:
@@ -386,12 +385,10 @@ def of(*types: type) -> Callable[[Any], Any]:
         return value
     return shape
 def maybe(part: Any) -> Callable[[Any], Any]:
-    """The shape of what may be null."""
     return lambda value: None if value is None else read(value, part)
 text, an_object = of(str), of(dict)
 json_number = maybe(lambda value: rational(str(of(int, decimal.Decimal)(value))))
 def direction(size: int) -> Callable[[Any], list[Fraction]]:
-    """The shape of a vector other than 0."""
     def shape(value: Any) -> list[Fraction]:
         v = list(read(value, (rational,) * size))
         short(v, VECTOR_BITS)
@@ -405,7 +402,6 @@ def short(numbers: Iterable[Fraction], limit: int) -> None:
         common = math.lcm(common, x.denominator)
         need(common.bit_length() <= limit, f"numbers have a common denominator of more than {limit} bits")
 def matrix(rows: int, columns: int) -> tuple[tuple[Any, ...], ...]:
-    """The shape of a matrix."""
     return ((rational,) * columns,) * rows
 
 # --- The problem ------------------------------------------------------------------------------------------------------
@@ -463,13 +459,13 @@ class Problem:
             rows: Rows = [{i: ZERO} for i in range(self.n * self.m + 1)]
             for a, b, c, slope in self.terms(mode):
                 x, r = (slope.lo + slope.hi) / 2, (slope.hi - slope.lo) / 2
-                for i, j, y in ((a, b, x), (b, a, x), (a, c, -x), (c, a, -x), (a, a, 2 * r), (b, b, r), (c, c, r)):
+                wide = ((a, a, 2 * r), (b, b, r), (c, c, r)) if r else ()
+                for i, j, y in ((a, b, x), (b, a, x), (a, c, -x), (c, a, -x), *wide):
                     rows[i][j] = rows[i].get(j, ZERO) + y
             self.bounds[mode] = [{j: x for j, x in row.items() if j < self.n * self.m} for row in rows[:-1]]
         return self.bounds[mode]
     def low(self, mode: str, v: list[Fraction]) -> Fraction:
-        """A lower bound of v'Lambda v, exact where the slopes that take part are."""
-        v = [*v, ZERO]
+        """A lower bound of v'Lambda v, exact where the slopes that take part are; v ends with a 0."""
         weights = ((2 * v[a] * (v[b] - v[c]), slope) for a, b, c, slope in self.terms(mode))
         return sum((weight * (slope.lo if weight > 0 else slope.hi) for weight, slope in weights), ZERO)
     def jacobian(self, mode: str) -> Matrix:
@@ -512,7 +508,6 @@ class Problem:
                 return True
         return False
 def reach(starts: Collection[int], edges: list[list[int]]) -> set[int]:
-    """What can be reached from the starts, these included."""
     found, stack = set(starts), list(starts)
     while stack:
         fresh = set(edges[stack.pop()]) - found
@@ -526,7 +521,7 @@ QUADRATIC = ("lure", "exhaustive", "settling")
 REGIONAL = ("max-separable", "delay", "sampling", "equilibrium", *QUADRATIC)
 STARTS = {"kind": text, "radius": json_number, "disturbance": json_number}
 CHECK = {
-    "id": text, "verdict": text, "margin": json_number, "rate": json_number, "reason": text,
+    "id": text, "group?": text, "verdict": text, "margin": json_number, "rate": json_number, "reason": text,
     "domain": lambda value: value if type(value) is str else read(value, STARTS),
     "mode?": text, "exact?": an_object, "witness?": an_object, "fix?": {"kind": text, "set": an_object, "text": text},
 }
@@ -539,9 +534,9 @@ def same(value: Any, expected: Any) -> bool:
     return rational(value) == expected if isinstance(expected, Fraction) else bool(value == expected)
 class Examination:
     """One certificate against one problem: every method decides one claim, and raises Refused if it is not shown."""
-    def __init__(self, certificate: bytes, problem: bytes) -> None:
-        self.problem = p = Problem(problem)
-        gain, square = maybe(matrix(p.q, p.m)), maybe(matrix(p.q, p.q))
+    def __init__(self, certificate: bytes, problem: Problem) -> None:
+        self.problem, self.parts, p = problem, [cast(Any, None)], problem
+        gain, square = maybe(matrix(p.q, len(p.C))), maybe(matrix(p.q, p.q))
         self.claims = read(document(certificate, "dobc-certificate"), {
             "format": text, "version": anything, "program": {"name": text, "version": text}, "problem": text,
             "problem_sha256": text, "verdict": text, "rate": json_number, "covered_by": maybe(text), "reason": text,
@@ -561,13 +556,12 @@ class Examination:
         need(claims.problem_sha256 == self.problem.sha256, "the problem file has another hash")
         need(claims.notes[: len(notes)] == notes, "the notes of the problem are not repeated")
     def completeness(self) -> None:
-        wanted: list[Any] = [(id, mode) for mode in self.problem.modes for id in ("reachability", "lemma1")]
+        wanted: list[Any] = [(id, mode, None) for mode in self.problem.modes for id in ("reachability", "lemma1")]
         if self.problem.q:
-            wanted += [(id, None) for id in (*FACTS[:3], self.theorem)]
-            wanted += [(self.theorem + "-printed", None)] if self.problem.P is not None else []
-        found = [(check.id, check.mode) for check in self.checks]
-        allowed = {(id, None) for id in REGIONAL}.union(wanted)
-        need(set(found) <= allowed, "there is a check that the problem does not ask for")
+            wanted += [(id, None, group) for id in FACTS[:3] for group in self.parts] + [(self.theorem, None, None)]
+            wanted += [(self.theorem + "-printed", None, None)] if self.problem.P is not None else []
+        found = [(check.id, check.mode, check.group) for check in self.checks]
+        need(set(found) <= {*wanted, *((id, None, None) for id in REGIONAL)}, "there is a check that nobody asked for")
         need(len(set(found)) == len(found), "a check stands there twice")
         need(set(wanted) <= set(found), "a check is missing")
     def observer(self) -> None:
@@ -642,8 +636,13 @@ class Examination:
         return not rest, None, {"kind": "agents", "labels": rest}
     # --- Lemma 1 and the theorems
     def negative(self, mode: str, shift: Fraction, S: Matrix | None = None) -> bool:
-        """Lambda + I (x) S + shift I < 0 in that mode."""
-        rows, m = [{j: -x for j, x in row.items()} for row in self.problem.bound(mode)], self.problem.m
+        """Lambda + I (x) S + shift I < 0 in that mode; if a vector stands beside Lemma 1, it has to show this."""
+        lemma, m = next(each for each in self.checks if (each.id, each.mode) == ("lemma1", mode)), self.problem.m
+        if lemma.verdict == "proved" and lemma.exact is not None:
+            lemma.room = getattr(lemma, "room", None) or sibling("region_checker").room(self.problem, lemma)
+            room = [[(lemma.room - shift) * (i == j) for j in range(m)] for i in range(m)]
+            return definite(plus(room, -1, S) if S else room, 1)
+        rows = [{j: -x for j, x in row.items()} for row in self.problem.bound(mode)]
         for i, row in enumerate(rows):
             row[i] -= shift
             for d, x in enumerate(S[i % m] if S else []):
@@ -665,7 +664,7 @@ class Examination:
         need(witness.kind == "vector", "the witness is no vector")
         support = [label for label, part in zip(p.labels, parts, strict=True) if any(part)]
         need(witness.labels == support, "the labels are not the agents where the vector is not 0")
-        low = p.low(mode, v) + sum((form(part, S, part) for part in parts if S), ZERO)
+        low = p.low(mode, [*v, ZERO]) + sum((form(part, S, part) for part in parts if S), ZERO)
         need(low >= max(ZERO, -(check.margin or ZERO) * sum(map(mul, v, v))), "the vector does not show it")
         return low
     def omega(self, P: Matrix, b: Fraction) -> Matrix:
@@ -687,7 +686,7 @@ class Examination:
         """Lambda < 0 in the mode, or Psi < 0 for the pair in every mode, with the margin and the rate."""
         lemma, P = check.id == "lemma1", self.P if check.id == self.theorem else self.problem.P
         need(lemma or definite(P, 1), "P > 0 is not shown")
-        need(same(check.exact, None if lemma else self.values(P)), "P, Q, S or the bound is another one here")
+        need(lemma or same(check.exact, self.values(P)), "P, Q, S or the bound is another one here")
         modes = [check.mode] if lemma else list(self.problem.modes)
         for b, shift in [(ZERO, check.margin)] + ([(check.rate, 2 * check.rate)] if check.rate is not None else []):
             S = None if lemma else self.schur(P, b)
@@ -745,15 +744,14 @@ class Examination:
         sides = [] if p.region is None else p.region.initial_states
         inside = all(lo < goal[c] < hi for goal in p.goals for c, (lo, hi) in enumerate(sides))
         return inside and any(rational(exact["unstable_roots"]) > 0 for exact in lemmas)
-def rate(check: Any) -> Fraction:
-    return check.rate or ZERO
+rate: Any = lambda check: check.rate or ZERO  # noqa: E731
 def sibling(part: str) -> Any:
     """A file beside this one, by its path: the folder of a lone file is not searched for modules."""
     name, own = (f"{__package__ or 'lone'}.{each}" for each in (part, "checker"))
     if name not in sys.modules:
         sys.modules.setdefault(own, sys.modules[__name__])
         path = Path(__file__).with_name(f"{part}.py")
-        need(path.is_file(), f"the certificate holds regional claims: checker.py needs {path.name} beside it")
+        need(path.is_file(), f"checker.py needs {path.name} beside it for these files")
         spec: Any = spec_from_file_location(name, path)
         module = sys.modules[name] = module_from_spec(spec)
         spec.loader.exec_module(module)
@@ -763,7 +761,9 @@ def sibling(part: str) -> Any:
 def examine(certificate: bytes, problem: bytes) -> list[tuple[bool, str]]:
     """Every claim of a certificate: does it hold, what it is, and why it fails. It is confirmed iff all of them hold.
     Raises: Refused if one of the two files is not what the format page describes."""
-    case = Examination(certificate, problem)
+    grouped = "'groups'" in str(document(problem, "dobc-problem").get("exosystem"))
+    reader, kind = sibling("groups_checker").KINDS if grouped else (Problem, Examination)
+    case = kind(certificate, reader(problem))
     stages: list[list[tuple[str, Callable[[], None]]]] = [
         [("it belongs to this problem", case.belonging), ("its list of checks", case.completeness),
          ("its observer gain and pair (P, Q)", case.observer)],

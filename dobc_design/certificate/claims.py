@@ -15,7 +15,8 @@ class Claims:
 
     ``reason`` is the verdict in one sentence; ``rate`` (1/s) and ``covered_by`` name the best proof.
     ``W`` (q, m) is the observer gain every check is about, ``gain_source`` says "given" or "designed";
-    ``P`` (q, q) and ``Q`` (q, m) belong to Theorem 1 or 2 where it is proved.
+    ``P`` (q, q) and ``Q`` (q, m) belong to Theorem 1 or 2 where it is proved.  Where agents have different exosystems,
+    these are block diagonal, one block per group, and "designed" says that at least one block of W is.
     ``notes`` list what was assumed, designed or stood in.
     """
 

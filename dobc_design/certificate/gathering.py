@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from fractions import Fraction
 from math import ceil, isqrt
@@ -28,6 +29,8 @@ from dobc_design.verify.lure import eigenvalue_bound
 from dobc_design.verify.numbers import claimed, read_rational
 from dobc_design.verify.overall import asked_radius, covers
 from dobc_design.verify.regions import separable_from_json
+from dobc_design.verify.settling import Settling
+from dobc_design.verify.settling_check import settling_of
 
 #: Checks that are about one P of the problem file, or about one mode only, are left to the list of checks.
 _LEFT_OUT: Final = ("theorem1-printed", "theorem2-printed")
@@ -47,8 +50,22 @@ def certified_regions(problem: Problem, claims: Claims) -> Regions:
     The claims are taken as they are; ``dobc verify`` decides them.
     Raises: CertificateError for claims that cannot be read, as in a file that somebody else wrote.
     """
-    try:
+    with reading_claims():
         return _gathered(problem, claims)
+
+
+def certified_settling(problem: Problem, claims: Claims) -> Settling | None:
+    """The settling time that ``claims`` prove, with its envelope; None without one.  Raises: CertificateError."""
+    with reading_claims():
+        found = next((check for check in claims.checks if check.id == "settling"), None)
+        return settling_of(found, problem, claims.W)
+
+
+@contextmanager
+def reading_claims() -> Iterator[None]:
+    """Turn what malformed claims raise into a CertificateError."""
+    try:
+        yield
     except (ArithmeticError, LookupError, TypeError, ValueError) as error:
         raise CertificateError(
             f"a regional check of this certificate cannot be read ({type(error).__name__}: {str(error)[:100]}).",
@@ -58,8 +75,7 @@ def certified_regions(problem: Problem, claims: Claims) -> Regions:
 
 def _gathered(problem: Problem, claims: Claims) -> Regions:
     asked = _asked(problem)
-    size = _smallest_radius(claims.checks) if asked is None else claimed(asked.box)
-    tolerance = None if not size else _down(size * SETTLED)
+    tolerance = _tolerance(claims.checks, asked)
     gatherer = _Gatherer(problem, claims.checks, asked, tolerance)
     chosen = list(_chosen(problem, claims.checks))
     separable = next((check for check in chosen if check.id == "max-separable" and check.exact), None)
@@ -71,6 +87,15 @@ def _gathered(problem: Problem, claims: Claims) -> Regions:
         delay=by_id.get("delay"), sampling=by_id.get("sampling"), settling=by_id.get("settling"),
         equilibrium=by_id.get("equilibrium"),
     )  # fmt: skip
+
+
+def _tolerance(checks: Sequence[Check], asked: Asked | None) -> float | None:
+    """That of a proved settling time, so that all times are about the same; else a part of the radius."""
+    for check in checks:
+        if check.id == "settling" and check.verdict is Verdict.PROVED and check.exact is not None:
+            return _down(read_rational(check.exact["tolerance"]))
+    size = _smallest_radius(checks) if asked is None else claimed(asked.box)
+    return _down(size * SETTLED) if size else None
 
 
 def _smallest_radius(checks: Sequence[Check]) -> Fraction | None:
@@ -88,7 +113,7 @@ def _chosen(problem: Problem, checks: Sequence[Check]) -> Iterator[Check]:
         if check.id == "lemma1":
             worst = [each for each in lemmas if each.verdict is not Verdict.PROVED]
             speaker = worst[0] if worst else min(lemmas, key=lambda each: each.rate or 0.0)
-            if problem.exosystem is not None or check is not speaker:
+            if problem.groups or check is not speaker:
                 continue
         yield check
 

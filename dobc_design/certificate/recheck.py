@@ -19,18 +19,19 @@ from dobc_design.certificate.text import certificate_bytes, read_claims
 from dobc_design.errors import DobcError
 from dobc_design.exact.matrix import is_symmetric, multiply
 from dobc_design.spec.canonical import canonical_bytes, problem_sha256
+from dobc_design.spec.groups import blocks_of
 from dobc_design.spec.problem import Problem
 from dobc_design.theorems.statements import state_theorems
 from dobc_design.verdict import Verdict
 from dobc_design.verify.check import Check
-from dobc_design.verify.confirm import Trusted, confirm, expected_checks
-from dobc_design.verify.consensus import Pair
+from dobc_design.verify.confirm import Trusted, claimed_vectors, confirm, expected_checks
+from dobc_design.verify.consensus import Pair, with_vectors
 from dobc_design.verify.numbers import MATRIX_BITS, is_short
 from dobc_design.verify.overall import decide_overall
 
 #: Arcs of all modes together, and matrix rows, up to which ``verify`` waits for the lone checker, plain Python.
-LONE_ARCS, LONE_ROWS = 50_000, 20_000
-HOW = "python -I -S checker.py certificate.json problem.json, with region_checker.py and quadratic_checker.py beside it"
+LONE_ARCS, LONE_ROWS = 100_000, 50_000
+HOW = "python -I -S checker.py certificate.json problem.json, with its other parts beside it"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -119,9 +120,10 @@ def recheck(certificate: Claims | bytes, problem: Problem) -> Recheck:
 def _trusted(claims: Claims, problem: Problem) -> Trusted:
     pair = None if claims.P is None or claims.Q is None else Pair(P=claims.P, Q=claims.Q)
     separable = next((check for check in claims.checks if check.id == "max-separable"), None)
-    return Trusted(
-        problem=problem, statements=state_theorems(problem), W=claims.W, pair=pair, separable=separable
-    )  # fmt: skip
+    statements = state_theorems(problem)
+    vectors = claimed_vectors(claims.checks, problem)
+    statements = with_vectors(statements, {mode: v for mode, v in vectors.items() if mode in statements.lambdas})
+    return Trusted(problem=problem, statements=statements, W=claims.W, pair=pair, separable=separable)
 
 
 def _reason(check: Check, trusted: Trusted) -> str | None:
@@ -133,8 +135,8 @@ def _reason(check: Check, trusted: Trusted) -> str | None:
 
 def _matrix_failures(claims: Claims, problem: Problem) -> list[str]:
     """W must be the problem's own where it has one, P symmetric, and Q = P W."""
-    q, m = problem.q, problem.m
-    shapes = {"W": (claims.W, (q, m)), "P": (claims.P, (q, q)), "Q": (claims.Q, (q, m))}
+    q, outputs = problem.q, problem.m * max(1, len(problem.groups))
+    shapes = {"W": (claims.W, (q, outputs)), "P": (claims.P, (q, q)), "Q": (claims.Q, (q, outputs))}
     failures = [
         f"{name}: expected shape {shape}"
         for name, (matrix, shape) in shapes.items()
@@ -142,12 +144,14 @@ def _matrix_failures(claims: Claims, problem: Problem) -> list[str]:
     ]
     if failures:
         return failures
-    for name, matrix in (("P", claims.P), ("W", claims.W if problem.observer.W is None else None)):
+    own = problem.joint_observer.W
+    for name, matrix in (("P", claims.P), ("W", claims.W if own is None else None)):
         if matrix is not None and not is_short(matrix):
             return [f"{name}: its entries need a common denominator of more than {MATRIX_BITS} bits"]
-    own = problem.observer.W
     if own is not None and own != claims.W:
         failures.append("W: not the gain of the problem")
+    if problem.is_grouped:
+        failures += _block_failures(claims, problem)
     source = None if claims.W is None else ("designed" if own is None else "given")
     if claims.gain_source != source:
         failures.append("W: its source is not what it says")
@@ -161,12 +165,33 @@ def _matrix_failures(claims: Claims, problem: Problem) -> list[str]:
     return failures
 
 
+def _block_failures(claims: Claims, problem: Problem) -> list[str]:
+    """With several groups W and P must be block diagonal, and the blocks of W the gains that groups have."""
+    orders = [group.exosystem.order for group in problem.groups]
+    failures = []
+    if claims.P is not None and blocks_of(claims.P, [(q, q) for q in orders]) is None:
+        failures.append("P: not block diagonal")
+    if claims.W is None:
+        return failures
+    blocks = blocks_of(claims.W, [(q, problem.m) for q in orders])
+    if blocks is None:
+        return [*failures, "W: not block diagonal"]
+    given = [group.observer.W for group in problem.groups]
+    if any(own is not None and own != block for own, block in zip(given, blocks, strict=True)):
+        failures.append("W: not the gains of the problem")
+    return failures
+
+
 def _overall_failures(claims: Claims, problem: Problem, confirmed: Sequence[Check]) -> list[str]:
-    found = [(check.id, check.mode) for check in claims.checks]
+    found = [(check.id, check.mode, check.group) for check in claims.checks]
     expected = expected_checks(problem)
     if len(set(found)) != len(found):
         return ["verdict: a check stands there twice"]
-    missing = [f"{id} ({mode})" if mode else id for id, mode in expected if (id, mode) not in found]
+    missing = [
+        f"{id} ({mode or f'group of {group}'})" if mode or group else id
+        for id, mode, group in expected
+        if (id, mode, group) not in found
+    ]
     if missing:
         return [f"verdict: the certificate lacks {', '.join(missing)}"]
     failures = []

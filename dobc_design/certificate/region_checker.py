@@ -443,8 +443,10 @@ def room(problem: Any, lemma: Any) -> Fraction:
     diagonal taken by their sizes: every eigenvalue of Lambda is at most minus that."""
     v, _ = read(lemma.exact, {"v": positive_vector(problem.n * problem.m)}).v
     need(type(lemma.exact["v"]) is dict, "the vector is no block of doubles")
-    rows = enumerate(problem.bound(lemma.mode))
-    return min(-row[i] - sum((abs(x) * v[j] for j, x in row.items() if j != i), ZERO) / v[i] for i, row in rows)
+    rows: list[dict[int, Fraction]] = problem.bound(lemma.mode)
+    least: Fraction = min(sum((-abs(x) * v[j] for j, x in row.items() if j != i), -row[i] * v[i]) / v[i]
+                          for i, row in enumerate(rows))
+    return least
 
 class Decisions:
     """The regional claims of one certificate."""
@@ -492,7 +494,8 @@ class Decisions:
         need(check.exact is None, "it is refuted and claims a value")
         need(witness.kind == "agents", "the witness is no set of agents")
         group = set(witness.labels)
-        need(bool(group) and group <= set(p.labels), "the witness names no agents of the problem")
+        known = group <= set(p.labels) and len(group) == len(witness.labels)
+        need(bool(group) and known, "the witness does not name different agents of the problem")
         for i in (i for i, label in enumerate(p.labels) if label in group):
             inside = any(all(p.labels[j] in group for _, _, j in heard[i]) for heard in self.heard.values())
             need(self.least[i] <= 0 and inside, "an agent of the witness is held, or hears somebody outside")
@@ -616,7 +619,7 @@ class Decisions:
                 if key not in seen:
                     seen[key] = self.steepness(claim, *key)
                 parts.append(times(enclosed(w), (seen[key],) * 2))
-            return exact.period * Fraction(total(parts)[1]) <= 1
+            return bool(exact.period * Fraction(total(parts)[1]) <= 1)
         for heard in self.heard.values():
             for i, arcs in enumerate(heard):
                 for mirrored in (False, True):

@@ -8,18 +8,14 @@ from fractions import Fraction
 from math import ceil, isqrt
 
 from dobc_design.exact.matrix import Matrix
-from dobc_design.exact.number import float_above
 from dobc_design.spec.problem import Problem
-from dobc_design.verify.numbers import claimed
+from dobc_design.verify.numbers import decimal_above
 from dobc_design.verify.overall import asked_radius
 
 Progress = Callable[[str], None]
 
 #: The largest box that is tried where no region is asked for, in the unit of the states.
 CAP = Fraction(10)
-#: Numbers above are no radii.
-LARGEST = Fraction(10) ** 300
-_DIGITS = 12
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -65,17 +61,3 @@ def _root_above(square: Fraction) -> Fraction:
     unit = 10**9
     root = isqrt(ceil(square * unit * unit))
     return Fraction(root if root * root >= square * unit * unit else root + 1, unit)
-
-
-def decimal_above(value: Fraction) -> float:
-    """A decimal number >= ``value`` >= 0 of at most twelve digits; the same number if it has no more.
-
-    Larger ones than a float can be are cut: no box is as large.
-    """
-    if value <= 0:
-        return 0.0
-    if value > LARGEST:
-        return float(LARGEST)
-    unit = Fraction(10) ** (_DIGITS - 1 - len(str(int(value))))
-    found = float(ceil(value * unit) / unit)
-    return found if claimed(found) >= value else float_above(claimed(found) * (1 + Fraction(1, 10**14)))

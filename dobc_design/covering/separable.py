@@ -10,7 +10,7 @@ from dataclasses import replace
 from fractions import Fraction
 
 from dobc_design.covering.asked import Asked, Progress
-from dobc_design.design.separable import SeparablePlan, design_separable, rounded_vectors
+from dobc_design.design.separable import SeparablePlan, design_separable, flatter_plans, rounded_vectors
 from dobc_design.exact.interval import UndefinedError
 from dobc_design.exact.matrix import Vector
 from dobc_design.theorems.separable import Separable
@@ -128,12 +128,23 @@ def _claim(asked: Asked, radius: float, plan: SeparablePlan | None) -> Separable
     rho = None if asked.domain == "global" else plan.rho
     if _takes_long(asked, next(rounded_vectors(plan.proposal)), rho):
         return None
+    claim = _covering(asked, radius, plan, rho)
+    if claim is None:
+        # A steep v compares agents so far apart that a coupling may leave every range there.
+        plans = flatter_plans(asked.problem, plan) if rho is not None else ()
+        flatter = (_covering(asked, radius, each, rho) for each in plans)
+        claim = next((each for each in flatter if each is not None), None)
+    return None if claim is None else replace(claim, alpha=rounded_down(claim.alpha * (1 - IN_HAND), digits=6))
+
+
+def _covering(asked: Asked, radius: float, plan: SeparablePlan, rho: Fraction | None) -> Separable | None:
+    """A proved certificate with the v of the plan that covers the box; None if there is none."""
     vectors, wanted = rounded_vectors(plan.proposal), plan.proposal.rate
     claim = first_certificate(asked.problem, asked.W, vectors, rho=rho, error=plan.error, wanted=wanted)
-    inside = claim is not None and box_is_inside(claim, radius=claimed(radius), disturbance=claimed(asked.disturbance))
-    if claim is None or not inside:
+    if claim is None:
         return None
-    return replace(claim, alpha=rounded_down(claim.alpha * (1 - IN_HAND), digits=6))
+    inside = box_is_inside(claim, radius=claimed(radius), disturbance=claimed(asked.disturbance))
+    return claim if inside else None
 
 
 def _takes_long(asked: Asked, v: Vector, rho: Fraction | None) -> bool:

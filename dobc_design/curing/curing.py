@@ -61,7 +61,8 @@ def with_cures(
     if findings.statements.inapplicable is not None:
         return tuple(checks)
     found: dict[str, Fix] = {}
-    for search in (_model_and_network, _printed, _slower):
+    # Cures of W and P name keys that all agents share; those of the network are the same for groups.
+    for search in (_model_and_network,) if problem.is_grouped else (_model_and_network, _printed, _slower):
         try:
             found |= search(problem, checks, findings, decide, progress)
         except (ArithmeticError, RuntimeError, ValueError) as error:
@@ -104,7 +105,7 @@ def _model_and_network(
 
 def _holds(problem: Problem, checks: Sequence[Check]) -> bool:
     """Whether the theorem is proved; without an exosystem, Lemma 1 in every mode."""
-    ids = ("lemma1",) if problem.exosystem is None else ("theorem1", "theorem2")
+    ids = ("theorem1", "theorem2") if problem.groups else ("lemma1",)
     own = [check.verdict for check in checks if check.id in ids]
     return bool(own) and all(verdict is Verdict.PROVED for verdict in own)
 
@@ -125,7 +126,7 @@ def _merged(fixes: Sequence[Fix]) -> Fix | None:
 def _model_parts(problem: Problem) -> list[Fix]:
     """What the exosystem and W need: the observable part in place of an undetectable pair, a W that decays."""
     parts: list[Fix] = []
-    if problem.exosystem is None:
+    if problem.is_grouped or problem.exosystem is None:
         return parts
     reduction = detectability_check(problem.exosystem, problem).fix
     if reduction is not None:

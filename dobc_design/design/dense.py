@@ -13,7 +13,7 @@ import numpy as np
 from scipy import sparse
 
 from dobc_design.design.program import FAILED, Program, Solution, assemble, is_solver_failure, without_values
-from dobc_design.exact.symmetric import SparseSymmetric
+from dobc_design.exact.decision import Symmetric
 from dobc_design.theorems.pencil import Pencil
 
 TIME_LIMITS = {"CLARABEL": "time_limit", "SCS": "time_limit_secs"}  # the option by solver, in s
@@ -83,6 +83,6 @@ def _affine(cp: Any, pencil: Pencil, variables: dict[str, Any]) -> Any:
     return total
 
 
-def _csr(matrix: SparseSymmetric) -> Any:
+def _csr(matrix: Symmetric) -> Any:
     rows, columns, values = matrix.triplets()
     return sparse.csr_array((values, (rows, columns)), shape=(matrix.size, matrix.size))

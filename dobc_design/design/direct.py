@@ -10,7 +10,7 @@ import numpy as np
 from scipy import sparse
 
 from dobc_design.design.program import FAILED, Array, Program, Solution, assemble, is_solver_failure, without_values
-from dobc_design.exact.symmetric import SparseSymmetric
+from dobc_design.exact.decision import Symmetric
 from dobc_design.theorems.conditions import below, positive
 from dobc_design.theorems.pencil import Pencil, Place
 
@@ -117,7 +117,7 @@ def _ball(variables: Sequence[int], *, width: int) -> Array:
     return cone
 
 
-def _svec(matrix: SparseSymmetric) -> Array:
+def _svec(matrix: Symmetric) -> Array:
     """Upper triangle, column by column, off-diagonal entries times sqrt 2 (Clarabel's order)."""
     result = np.zeros(matrix.size * (matrix.size + 1) // 2)
     for (i, j), value in matrix.entries.items():

@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 from scipy import linalg, sparse
 
+from dobc_design.design.dominating import dominating_vector
 from dobc_design.design.jacobian import float_lambda
 from dobc_design.design.program import GIVEN_UP, Array
 from dobc_design.exact.matrix import Matrix, to_float
@@ -24,6 +25,7 @@ DENSE = 400  # rows up to which a dense symmetric eigensolver is the faster one
 LARGEST_DENSE = 2000  # rows up to which it may step in where the iterative one fails
 # Lanczos vectors and tolerance, tried in turn.
 LANCZOS = ((20, 1e-9), (80, 1e-7))
+RESTARTS = 300  # rings hold it up for ever: their eigenvalues crowd at the top
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -32,6 +34,7 @@ class Top:
 
     value: float
     vector: Array
+    shows: Array | None = None  # v > 0 that is to prove it, of large matrices; ``value`` is then that bound
 
 
 def largest_eigenvalue(table: Any) -> Top:
@@ -69,7 +72,7 @@ def _lanczos(matrix: Any) -> Top | None:
     for vectors, tolerance in LANCZOS:
         try:
             values, columns = sparse.linalg.eigsh(
-                matrix, k=1, which="LA", v0=start, tol=tolerance, ncv=vectors, maxiter=20 * matrix.shape[0]
+                matrix, k=1, which="LA", v0=start, tol=tolerance, ncv=vectors, maxiter=RESTARTS
             )
             return Top(value=float(values[0]), vector=columns[:, 0])
         except GIVEN_UP:  # no convergence among them
@@ -79,7 +82,18 @@ def _lanczos(matrix: Any) -> Top | None:
 
 def lambda_tops(statements: Statements) -> dict[str, Top]:
     """lambda_max(Lambda) and its direction, for every mode to which the theorems apply."""
-    return {mode: largest_eigenvalue(float_lambda(statements.problem, mode)) for mode in statements.lambdas}
+    return {mode: _top(float_lambda(statements.problem, mode)) for mode in statements.lambdas}
+
+
+def _top(table: Any) -> Top:
+    """By a vector v > 0 where the matrix is large and one shows that it is negative; else the eigenvalue."""
+    if table.shape[0] > LARGEST_DENSE:
+        found = dominating_vector(table)
+        if found is not None and found.least > 0:
+            return Top(value=-found.least, vector=found.vector, shows=found.vector)
+        if found is not None and found.is_z and np.any(found.vector):
+            return Top(value=math.nan, vector=found.vector)
+    return largest_eigenvalue(table)
 
 
 def decay_rate(exosystem: Exosystem, W: Matrix) -> float:

@@ -25,17 +25,21 @@ from dobc_design.design.pinning import (
     rows_of,
     smallest_gains,
 )
+from dobc_design.design.pinning_greedy import greedy_set
 from dobc_design.design.pinning_program import solve_program
+from dobc_design.design.pinning_shared import FEW_ROWS, solve_shared
 from dobc_design.design.program import Array
 from dobc_design.spec.pinning_request import PinningRequest
 from dobc_design.spec.problem import Problem
 
 Vectors = list[tuple[str, Array]]  # mode, and a vector over the n m rows
 # Agents tried in one greedy step, the heaviest of the slowest direction, by the size of the network.
-LOOKED_AT = ((60, 40), (200, 8), (float("inf"), 1))
+LOOKED_AT = ((60, 40), (float("inf"), 8))
 WORK = 200_000  # closed forms spent on exchanges, and on what to add, times agents
 LARGEST = 5_000  # agents above which nothing is exchanged
+MANY = 200  # agents from which on greedy steps are quick ones
 NEARLY_ZERO = 1e-9
+CLOSE = 1e-6  # of the cost: a bound this close leaves nothing to look for
 
 
 @dataclass(kw_only=True, eq=False)
@@ -102,6 +106,10 @@ class PinningProposer:
         """
         chosen = self._hitting(allowed, groups)
         blocks, free = self._at(rate), set(allowed)
+        if blocks.z and blocks.agents > MANY:
+            with np.errstate(all="ignore"):
+                many = greedy_set(blocks, chosen, free, self.costs, pins)
+            return many if many is None or self._cost(many, rate) is not None else None
         while self._cost(chosen, rate) is None:
             if not free - set(chosen) or (pins is not None and len(chosen) >= pins):
                 return None
@@ -182,13 +190,21 @@ class PinningProposer:
         return self._kept[rate]
 
     def _shared(self, blocks: Blocks, chosen: Array, known: Sequence[Optimum]) -> tuple[list[float] | None, Vectors]:
-        """Several blocks: the conic program while it is small, else the largest gain of each agent over the blocks."""
+        """Several blocks: their dual or a conic program; else the largest gain of each agent over the blocks."""
         found: tuple[Array, Vectors] | None = None
         if known:
             best = max(range(len(known)), key=lambda k: self.costs @ known[k].gains)
             columns = [[each.v] if k == best else [] for k, each in enumerate(known)]
             found = np.max([each.gains for each in known], axis=0), self._named(blocks, columns)
         rows = blocks.agents * blocks.width
+        if known and rows > FEW_ROWS:
+            shared = solve_shared(blocks.tables, chosen, self.costs, self.caps)
+            if shared is not None:
+                cost = float(self.costs @ shared.gains)
+                if found is None or cost < self.costs @ found[0] * 1.000001:
+                    found = shared.gains, self._named(blocks, [[v] for v in shared.vectors])
+                if cost - shared.bound <= CLOSE * cost:
+                    return found[0].tolist(), found[1]
         if rows <= PROGRAM_ROWS and rows * rows * len(blocks.tables) <= PROGRAM_SIZE:
             program = solve_program(blocks.tables, np.flatnonzero(chosen), self.costs, width=blocks.width,
                                     scale=blocks.scale, caps=self.caps)  # fmt: skip

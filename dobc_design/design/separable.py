@@ -45,8 +45,11 @@ COARSE, CLOSE_ENOUGH = 8, 0.01  # points of s, and accuracy of a rate, where man
 SLOWEST = 1e-6  # rates below this part of the largest gain are not looked for
 # A factorisation is cheap for few agents, and where the network is little more than lines and rings.
 FEW_AGENTS, FEW_ENTRIES = 2000, 4
+# Weights above which v is steep, and the parts of the rate that are tried in its place.
+STEEP, FLATTER = 100.0, (0.9, 0.7, 0.4)
 # Newton's residual as a part of the terms, and how far a step may fall where it has to rise, by rounding.
 TIGHT, LOOSE = (1e-12, 1e-9), (1e-6, 1e-2)
+ROUNDING = 1e-15  # of h, absolutely
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -139,13 +142,14 @@ def design_separable(
     With an exosystem the observer's part is chosen for the gain W (q, m), so that V = N + kappa E is
     about as fast as N.
     """
-    if problem.exosystem is None:
+    exosystem = problem.joint_exosystem
+    if exosystem is None:
         proposal = propose_separable(problem, rho=float(radius), modes=modes)
         return None if proposal is None else SeparablePlan(proposal=proposal, rho=radius, error=None)
     if W is None:
         return None
     # One v for many agents takes long, so that the first one is for a kappa that is seldom too small.
-    first = 0.0 if problem.n <= FEW_AGENTS else SHARE * decay_rate(problem.exosystem, W)
+    first = 0.0 if problem.n <= FEW_AGENTS else SHARE * decay_rate(exosystem, W)
     best = _planned(problem, W, first, radius, disturbance, modes)
     if best is None or best.proposal.rate <= first:
         return best
@@ -166,12 +170,26 @@ def _planned(
     problem: Problem, W: Matrix, rate: float, radius: Fraction, disturbance: Fraction, modes: Sequence[str] | None
 ) -> SeparablePlan | None:
     """A plan whose observer part decays with ``rate``; None if the observer is slower, or leaves no room for a v."""
-    error = None if problem.exosystem is None else propose_error_bound(problem.exosystem, W, rate=rate)
+    exosystem = problem.joint_exosystem
+    error = None if exosystem is None else propose_error_bound(exosystem, W, rate=rate)
     if error is None:
         return None
     rho = radius_needed(radius, error, disturbance)
     proposal = propose_separable(problem, rho=float(rho), modes=modes)
     return None if proposal is None else SeparablePlan(proposal=proposal, rho=rho, error=error)
+
+
+def flatter_plans(problem: Problem, plan: SeparablePlan) -> Iterator[SeparablePlan]:
+    """The same plan with flatter v and smaller rates, for a v too steep to be proved; nothing for one that is flat.
+
+    The largest rate may ask for weights of which nothing is left of an enclosure: chains of agents have such.
+    """
+    v = plan.proposal.v
+    if float(v.max()) <= STEEP or len(v) > FEW_AGENTS:
+        return
+    found = propose_vectors(problem, rho=float(plan.rho), parts=FLATTER)
+    for part, each in zip(FLATTER, found, strict=False):
+        yield replace(plan, proposal=replace(plan.proposal, v=each, rate=part * plan.proposal.rate))
 
 
 def rounded_vectors(proposal: SeparableProposal) -> Iterator[Vector]:
@@ -181,22 +199,37 @@ def rounded_vectors(proposal: SeparableProposal) -> Iterator[Vector]:
         yield tuple(Fraction(round(float(x) * unit), unit) for x in proposal.v)
 
 
-def _least_v(field: Field, *, alpha: float, start: Array) -> Array | None:
-    """The least v >= 1 whose rows hold with rate alpha, about; None if Newton's method finds none.
+def least_above(field: Field, *, alpha: float, lower: Array) -> Array | None:
+    """The least v >= ``lower`` (n,) whose rows hold with rate alpha, about; None if none is found.
+
+    Newton's method ends where h(s y)/s loses its digits: at the smallest s of the grid.
+    """
+    close, drop = TIGHT if field.size <= FEW_AGENTS else LOOSE
+    noise = ROUNDING / float(field.grid[0])
+    with np.errstate(all="ignore"):
+        return _least_v(
+            field, alpha=alpha, start=lower, lower=lower, accuracy=(max(close, noise), max(drop, 100 * noise))
+        )
+
+
+def _least_v(
+    field: Field, *, alpha: float, start: Array, lower: Array | float = 1.0, accuracy: tuple[float, float] | None = None
+) -> Array | None:
+    """The least v >= ``lower`` whose rows hold with rate alpha, about; None if Newton's method finds none.
 
     ``start`` lies below it: the solution for a smaller alpha does.
     """
     v = start.copy()
-    close, drop = TIGHT if field.size <= FEW_AGENTS else LOOSE
+    close, drop = accuracy or (TIGHT if field.size <= FEW_AGENTS else LOOSE)
     for _ in range(STEPS):
         residual, jacobian, scale = field.rows(v, alpha=alpha)
         if np.all(residual <= close * scale):
             return v
-        active = (residual > 0) | (v > 1.0)
+        active = (residual > 0) | (v > lower)
         step = _solve(jacobian, residual, active)
         if step is None:
             return None
-        proposed = np.maximum(1.0, v + step)
+        proposed = np.maximum(lower, v + step)
         raised = residual > 0
         # A solution lies above: where a row fails, v has to rise; a step down there means there is none.
         if np.any(proposed[raised] < v[raised] * (1 - drop)) or not np.all(np.isfinite(proposed)):

@@ -77,6 +77,15 @@ class Field:
                     found[k] = min(found[k], float(np.min(rate)))
         return found
 
+    def values(self, mode: int, face: int, v: Array) -> Array:
+        """One face of one mode: the largest sum of every agent at each s of the grid, without its gain, (grid, n)."""
+        return np.array([self._sum(mode, face, s, v) for s in self.grid.tolist()])
+
+    def slopes(self, mode: int, face: int, places: Any, v: Array) -> Any:
+        """The derivatives in v, (n, n), of these sums, each agent at its own place (n,) of the grid."""
+        chosen = np.column_stack([np.full(self.size, mode), np.full(self.size, face), places])
+        return self._jacobian(chosen, v, 0.0) + sparse.diags_array(self.gains)
+
     def _sum(self, mode: int, face: int, s: float, v: Array) -> Array:
         total = np.zeros(self.size)
         for group in self.modes[mode]:

@@ -24,8 +24,10 @@ from dobc_design.theorems.separable import ErrorBound
 
 GRID = 24
 REFINEMENTS = 3
-# What is given away so that rounding cannot cross a constraint that is active.
+# What is given away so that rounding cannot cross a constraint that is active; more where P is badly conditioned.
 SLACK = 1e-5
+SLACKS = (1, 10, 100, 1000)
+INSIDE = 1e-12  # relative to the entries: eigenvalues that are told from 0
 DIGITS = 8
 UNIT = 10**6  # beta and kappa have six decimals
 FLOOR = 1e-6
@@ -64,7 +66,11 @@ def propose_error_bound(
         best = min(found, key=lambda bound: math.sqrt(bound.size) / (bound.beta - rate))
         width = (high - low) / (GRID + 1)
         low, high = max(rate, best.beta - width), min(fastest, best.beta + width)
-    return _rounded(best, rate=rate, slack=slack) if best is not None else None
+    for more in SLACKS if best is not None else ():
+        rounded = None if best is None else _rounded(best, rate=rate, slack=slack * more)
+        if rounded is None or _is_inside(error, C, rounded):
+            return rounded
+    return None
 
 
 def radius_needed(radius: Fraction, error: ErrorBound | None, disturbance: Fraction, *, digits: int = 4) -> Fraction:
@@ -86,6 +92,16 @@ def _rounded(bound: _Bound, *, rate: float, slack: float) -> ErrorBound | None:
     kappa = Fraction(math.ceil((1 + slack) / (float(beta) - rate) * UNIT), UNIT)
     top = float(np.linalg.eigvalsh(to_float(P))[-1])
     return ErrorBound(P=P, beta=beta, kappa=kappa, size=Fraction(math.ceil(top * (1 + 1e-9) * 10**9), 10**9))
+
+
+def _is_inside(error: Array, C: Array, bound: ErrorBound) -> bool:
+    """Whether the rounded numbers satisfy the constraints as far as floats can tell."""
+    P = to_float(bound.P)
+    product = P @ error
+    decay = -(product + product.T + 2 * float(bound.beta) * P)
+    parts = [decay, *(P - np.outer(c, c) for c in C)]
+    sizes = [float(np.max(np.abs(part), initial=0.0)) for part in parts]
+    return all(float(np.linalg.eigvalsh(part)[0]) >= INSIDE * size for part, size in zip(parts, sizes, strict=True))
 
 
 def _least_bound(error: Array, C: Array, beta: float) -> _Bound | None:

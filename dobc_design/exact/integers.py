@@ -8,7 +8,8 @@ no sum of their products leaves 64 bits.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 from fractions import Fraction
 from typing import Any, Final
 
@@ -16,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dobc_design.errors import ShapeError, SpecError
+from dobc_design.exact.matrix import Matrix
 from dobc_design.exact.symmetric import SparseSymmetric
 
 Integers = NDArray[Any]  # int64, or object with Python integers where 64 bits are too few
@@ -27,6 +29,8 @@ _CHUNK: Final = 1 << 16
 DENOMINATOR_BITS: Final = 512
 # A double is an integer below 2^53 times a power of two.
 _MANTISSA: Final = 53
+# Places of matrices with fewer rows are numbered in 64 bits.
+_ROWS: Final = 1 << 31
 # int64 is used for numbers below this, so that the sum of two still fits.
 _LIMIT: Final = 1 << 62
 
@@ -59,7 +63,9 @@ class IntegerSymmetric:
         ):
             raise ShapeError(f"every entry must lie in the upper triangle, 0 <= i <= j < {self.size}.")
         values = _integers(self.values)
-        order = np.lexsort((columns, rows))
+        order = (
+            np.argsort(rows * self.size + columns, kind="stable") if self.size < _ROWS else np.lexsort((columns, rows))
+        )
         rows, columns, values = _added_up(rows[order], columns[order], values[order])
         for name, array in (("rows", rows), ("columns", columns), ("values", values)):
             array.flags.writeable = False
@@ -119,6 +125,59 @@ class IntegerSymmetric:
         places = zip(self.rows.tolist(), self.columns.tolist(), strict=True)
         numbers = (Fraction(x, self.denominator) for x in self.values.tolist())
         return SparseSymmetric(self.size, dict(zip(places, numbers, strict=True)))
+
+    def to_dense(self) -> Matrix:
+        """Return the full matrix (n, n)."""
+        return self.to_sparse().to_dense()
+
+    def triplets(self) -> tuple[NDArray[np.intp], NDArray[np.intp], NDArray[np.float64]]:
+        """Return rows, columns and nearest floats of the full matrix, both triangles."""
+        return self.to_sparse().triplets()
+
+    @property
+    def entries(self) -> Mapping[tuple[int, int], Fraction]:
+        """The entries one by one, made anew at each call: for few."""
+        return self.to_sparse().entries
+
+    def negated(self) -> IntegerSymmetric:
+        """Return -M."""
+        return replace(self, values=-self.values)
+
+    def shifted(self, shift: Fraction | int) -> IntegerSymmetric:
+        """Return M + shift * I."""
+        places = np.arange(self.size)
+        shift = Fraction(shift)
+        ones = np.full(self.size, shift.numerator, dtype=np.int64 if abs(shift.numerator) < _LIMIT else object)
+        return self + IntegerSymmetric(
+            size=self.size, rows=places, columns=places, values=ones, denominator=shift.denominator
+        )
+
+    def __add__(self, other: SparseSymmetric | IntegerSymmetric) -> IntegerSymmetric:
+        """Return the sum.  Raises: ShapeError if the sizes differ."""
+        if not isinstance(other, SparseSymmetric | IntegerSymmetric):
+            return NotImplemented
+        if self.size != other.size:
+            raise ShapeError(f"both matrices must have one size; got {self.size} and {other.size}.")
+        more = other if isinstance(other, IntegerSymmetric) else IntegerSymmetric.from_sparse(other)
+        common = math.lcm(self.denominator, more.denominator)
+        return IntegerSymmetric(
+            size=self.size, rows=np.concatenate((self.rows, more.rows)),
+            columns=np.concatenate((self.columns, more.columns)),
+            values=np.concatenate([_times(x.values, common // x.denominator) for x in (self, more)]),
+            denominator=common,
+        )  # fmt: skip
+
+    __radd__ = __add__
+
+    def restricted(self, rows: Sequence[int]) -> SparseSymmetric:
+        """Return the matrix of these rows and columns, in their order."""
+        place = np.full(self.size, -1, dtype=np.int64)
+        place[list(rows)] = np.arange(len(rows))
+        i, j = place[self.rows], place[self.columns]
+        chosen = (i >= 0) & (j >= 0)
+        low, high = np.minimum(i, j)[chosen].tolist(), np.maximum(i, j)[chosen].tolist()
+        numbers = (Fraction(x, self.denominator) for x in self.values[chosen].tolist())
+        return SparseSymmetric(len(rows), dict(zip(zip(low, high, strict=True), numbers, strict=True)))
 
     def diagonal(self) -> list[Fraction]:
         """Return the n entries of the diagonal."""
@@ -222,6 +281,15 @@ def as_integers(values: Any) -> Integers:
     return numbers.astype(np.int64) if _is_short(numbers) else numbers
 
 
+def _times(values: Integers, factor: int) -> Integers:
+    """The products, in 64 bits where they fit."""
+    if factor == 1:
+        return values
+    if values.dtype != object and len(values) and max(int(values.max()), -int(values.min())) * factor < _LIMIT:
+        return values * factor
+    return as_integers(values.astype(object) * factor)
+
+
 def _is_short(array: Integers) -> bool:
     return len(array) == 0 or (array.max() < _LIMIT and array.min() > -_LIMIT)
 
@@ -242,6 +310,10 @@ def _added_up(rows: Places, columns: Places, values: Integers) -> tuple[Places, 
     if not new.all():
         starts = np.flatnonzero(new)
         rows, columns = rows[starts], columns[starts]
-        values = as_integers(np.add.reduceat(values.astype(object), starts))
+        most = int(np.diff(starts, append=len(new)).max())
+        if values.dtype == object or most * max(int(values.max()), -int(values.min())) >= _LIMIT:
+            values = values.astype(object)
+        values = np.add.reduceat(values, starts)
+        values = as_integers(values) if values.dtype == object else values
     kept = values != 0
     return (rows, columns, values) if kept.all() else (rows[kept], columns[kept], values[kept])

@@ -90,6 +90,18 @@ class SparseSymmetric:
             total[place] = total.get(place, Fraction(0)) + value
         return SparseSymmetric(self.size, total)
 
+    def restricted(self, rows: Sequence[int]) -> SparseSymmetric:
+        """Return the matrix of these rows and columns, in their order."""
+        place = {row: k for k, row in enumerate(rows)}
+        return SparseSymmetric(
+            len(place),
+            {
+                (min(place[i], place[j]), max(place[i], place[j])): value
+                for (i, j), value in self.entries.items()
+                if i in place and j in place
+            },
+        )
+
     def quadratic_form(self, vector: Sequence[Fraction | int]) -> Fraction:
         """Return v' M v for a vector of length n. Raises: ShapeError if the length differs."""
         if len(vector) != self.size:

@@ -58,6 +58,7 @@ def to_control(
     response is less accurate than a trajectory.  ``gain`` (q, m) takes the place of problem.observer.W.
     Raises: SpecError for an unknown mode, or if there is an exosystem and no W.
     """
+    problem.require_one_exosystem()
     names = tuple(problem.network.modes)
     fixed = signal is None or isinstance(signal, Fixed)
     if fixed:

@@ -142,9 +142,11 @@ def _rate(certificate: Certificate, id: str) -> Fraction:
 
 def _factors(statements: Statements, pair: PairClaim | None, rate: Fraction) -> dict[str, Factors]:
     """Mode -> LDL' of -(Psi + 2 rate V)."""
-    if pair is None:
-        matrices = [each.constant.shifted(2 * rate) for each in statements.lambdas.values()]
-    else:
+    constants = [each.constant for each in statements.lambdas.values()]
+    matrices = [each.shifted(2 * rate) for each in constants if isinstance(each, SparseSymmetric)]
+    if len(matrices) < len(constants):
+        raise _too_large("Lambda of so large a network would take Coq hours.")
+    if pair is not None:
         matrices = [each.at({"P": pair.P, "Q": pair.Q}) for each in statements.psi(rate=rate)]
     result = {
         mode: _factored(matrix.negated(), f"-Psi of mode {mode}")

@@ -100,6 +100,7 @@ class Runs:
 
 def make_arena(problem: Problem, gain: Gain | None) -> Arena:
     """Prepare the loop; ``gain`` (q, m) is W.  Raises: SpecError if there is an exosystem and no W."""
+    problem.require_one_exosystem()  # starts are drawn in all exosystem states
     loop, names = make_loop(problem, gain), tuple(problem.network.modes)
     size = max(1, COLUMN_NUMBERS // (loop.n * loop.m))
 

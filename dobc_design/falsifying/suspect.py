@@ -6,11 +6,13 @@ A Suspect is a start with its simulated motion: an illustration, never a refutat
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from dobc_design._render import escape_html
+from dobc_design.exact.number import number_text
 from dobc_design.theorems.equilibria import Equilibrium
 from dobc_design.verify.check import Check
 
@@ -19,6 +21,7 @@ Array = NDArray[np.float64]
 STAYS_AWAY = "does not converge"
 LEAVES = "leaves the certified set"
 RESTS = "equilibrium"
+MOST_WRITTEN = 10  # suspects of a JSON document
 KINDS = (STAYS_AWAY, LEAVES, RESTS)
 
 
@@ -45,6 +48,16 @@ class Suspect:
     def __post_init__(self) -> None:
         for array in (self.start, self.eps, self.times, self.error):
             array.setflags(write=False)
+
+    def to_json(self) -> dict[str, Any]:
+        """JSON object: where it starts and what becomes of it; infinite errors and runs that ended are null."""
+        return {
+            "kind": self.kind, "proved": self.equilibrium is not None, "start": self.start.tolist(),
+            "eps": self.eps.tolist(),
+            "final_error": self.final_error if np.isfinite(self.final_error) else None,
+            "times": self.times.tolist(), "error": [x if np.isfinite(x) else None for x in self.error.tolist()],
+            "labels": list(self.labels), "modes": [[time, name] for time, name in self.modes],
+        }  # fmt: skip
 
     def __str__(self) -> str:
         proved = " (proved)" if self.equilibrium is not None else ""
@@ -81,6 +94,19 @@ class Falsification:
     certified_rate: float | None = None
     observed_rate: float | None = None
     notes: tuple[str, ...] = ()
+
+    def to_json(self) -> dict[str, Any]:
+        """JSON object.  ``proved`` lists boxes that each hold an equilibrium, ends as exact rationals."""
+        return {
+            "target": self.target, "tried": self.tried, "unfinished": self.unfinished, "horizon": self.horizon,
+            "seed": self.seed, "suspects": [each.to_json() for each in self.suspects[:MOST_WRITTEN]],
+            "proved": [
+                {"mode": claim.mode, "box": [[number_text(x.lo), number_text(x.hi)] for x in claim.box]}
+                for claim in self.proved
+            ],
+            "refutes": self.check is not None, "certified_rate": self.certified_rate,
+            "observed_rate": self.observed_rate, "notes": list(self.notes),
+        }  # fmt: skip
 
     def __str__(self) -> str:
         rows = [f"{self.name}: {self._summary}", *(f"  {suspect}" for suspect in self.suspects[:10])]

@@ -19,11 +19,29 @@ from dobc_design._checks import require_shape
 from dobc_design.errors import SpecError
 from dobc_design.exact.matrix import Matrix, matrix, to_float
 from dobc_design.spec.coupling import Coupling
+from dobc_design.spec.groups import group_numbers
 from dobc_design.spec.network import IndexArray
 from dobc_design.spec.problem import Problem
 
 Array = NDArray[np.float64]
 Gain = Sequence[Sequence[Any]] | NDArray[Any]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Disturbance:
+    """Exosystem and observer as floats: A (q, q), C (m, q), F = A - W C (q, q), W (q, m).
+
+    Where agents have different exosystems, every agent has places for the states of all groups, side by side; those of
+    other groups than its own are 0 and stay 0.  Then A and F are block diagonal, C holds those of the groups side by
+    side, W (n, q, m) has the gain of the agent's group in its rows, and ``own`` (n, q) says which places are its own.
+    """
+
+    A: Array
+    C: Array
+    F: Array
+    W: Array
+    own: NDArray[np.bool_] | None = None
+
 
 WIDEST_SLOPE = Fraction(1, 10**6)
 
@@ -55,18 +73,19 @@ def chosen_mode(problem: Problem, mode: str | None) -> str:
 def chosen_gain(problem: Problem, gain: Gain | None) -> Matrix | None:
     """Return the observer gain W (q, m): ``gain`` if given, else the problem's; None if there is neither.
 
+    Where agents have different exosystems, W is block diagonal, (q, m times the number of groups).
     Raises: SpecError for a gain without an exosystem, ShapeError for one of the wrong shape.
     """
     if gain is None:
-        return problem.observer.W
-    if problem.exosystem is None:
+        return problem.joint_observer.W
+    if not problem.groups:
         raise SpecError(
             "gain has no meaning without an [exosystem]: there is no disturbance to estimate.", key="gain",
             cure="Leave it out, or give the problem an exosystem.",
         )  # fmt: skip
     W = matrix(gain, name="gain")
     because = "one row per exosystem state, one column per state component"
-    require_shape(W, (problem.q, problem.m), name="gain", because=because)
+    require_shape(W, (problem.q, problem.m * len(problem.groups)), name="gain", because=because)
     return W
 
 
@@ -78,7 +97,7 @@ def required_gain(problem: Problem, gain: Gain | None) -> Array:
     W = chosen_gain(problem, gain)
     if W is not None:
         return to_float(W)
-    if problem.exosystem is not None:
+    if problem.groups:
         raise SpecError(
             f'observer.W must be known to build the observer (13); problem "{problem.name}" has an exosystem'
             " but no W.",
@@ -87,8 +106,41 @@ def required_gain(problem: Problem, gain: Gain | None) -> Array:
     return np.zeros((0, problem.m))
 
 
+def disturbance_arrays(problem: Problem, gain: Gain | None) -> Disturbance:
+    """Return exosystem and observer for the gain W; q = 0 without an exosystem.
+
+    Raises: SpecError or ShapeError as ``required_gain`` does, and for a W with entries outside of its blocks.
+    """
+    W = required_gain(problem, gain)
+    if not problem.is_grouped:
+        A, C = exosystem_arrays(problem)
+        return Disturbance(A=A, C=C, F=A - W @ C, W=W)
+    n, m, q = problem.n, problem.m, problem.q
+    numbers = np.array(group_numbers(problem.groups, problem.network.labels))
+    A, F, C, gains = np.zeros((q, q)), np.zeros((q, q)), np.zeros((m, q)), np.zeros((n, q, m))
+    own, rest, before = np.zeros((n, q), dtype=bool), W.copy(), 0
+    for g, group in enumerate(problem.groups):
+        rows, columns = slice(before, before + group.exosystem.order), slice(g * m, (g + 1) * m)
+        system, block = group.exosystem, W[rows, columns]
+        A[rows, rows], C[:, rows] = to_float(system.A), to_float(system.C)
+        F[rows, rows] = A[rows, rows] - block @ C[:, rows]
+        gains[numbers == g, rows] = block
+        own[numbers == g, rows] = True
+        rest[rows, columns], before = 0.0, rows.stop
+    if rest.any():
+        raise SpecError(
+            "gain must be block diagonal, with one block per group of agents, because no agent feels the disturbance"
+            " of another group.",
+            key="gain", cure="Set the entries outside of the blocks to 0.",
+        )  # fmt: skip
+    return Disturbance(A=A, C=C, F=F, W=gains, own=own)
+
+
 def exosystem_arrays(problem: Problem) -> tuple[Array, Array]:
-    """Return A (q, q) and C (m, q) of (12), with q = 0 if there is no exosystem."""
+    """Return A (q, q) and C (m, q) of (12), with q = 0 if there is no exosystem.
+
+    Raises: SpecError if agents have different exosystems.
+    """
     if problem.exosystem is None:
         return np.zeros((0, 0)), np.zeros((problem.m, 0))
     return to_float(problem.exosystem.A), to_float(problem.exosystem.C)

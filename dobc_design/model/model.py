@@ -19,11 +19,12 @@ from dobc_design._render import escape_html
 from dobc_design.model.arrays import (
     ArcGroup,
     Array,
+    Disturbance,
     Gain,
     arc_groups,
     chosen_mode,
     difference_matrix,
-    exosystem_arrays,
+    disturbance_arrays,
     gathering_matrix,
     goals,
     pinning_matrix,
@@ -39,7 +40,9 @@ from dobc_design.spec.problem import Problem
 class Model:
     """The equations of one mode; every field below ``W`` is a casadi.Function with named inputs and outputs.
 
-    W (q, m) is the observer gain in use; n, m, q count agents, components and exosystem states.
+    W (q, m) is the observer gain in use; n, m, q count agents, components and exosystem states.  Where agents have
+    different exosystems, W is block diagonal and q counts the states of all groups (``model.arrays.Disturbance``):
+    those of other groups than an agent's own have to start at 0, and stay there.
 
     - h: e -> h, the couplings of (9), without the pins.
     - jacobian: e -> dh_de, exact and sparse (11); at a kink one of the slopes.
@@ -98,8 +101,7 @@ def build_model(problem: Problem, mode: str | None = None, *, gain: Gain | None 
     name = chosen_mode(problem, mode)
     W = required_gain(problem, gain)
     h, jacobian = _couplings(problem, name)
-    A, C = exosystem_arrays(problem)
-    loop = _Loop(problem=problem, h=h, A=A, C=C, W=W)
+    loop = _Loop(problem=problem, h=h, disturbance=disturbance_arrays(problem, gain))
     return Model(
         problem=problem, mode=name, n=problem.n, m=problem.m, q=problem.q, W=W, h=h, jacobian=jacobian,
         observer=loop.observer(), controller=loop.controller(), closed_loop=loop.closed_loop(),
@@ -110,10 +112,12 @@ def build_model(problem: Problem, mode: str | None = None, *, gain: Gain | None 
 class _Loop:
     """Builds the functions that need more than the couplings; matrices have one column per agent."""
 
-    def __init__(self, *, problem: Problem, h: Any, A: Array, C: Array, W: Array) -> None:
+    def __init__(self, *, problem: Problem, h: Any, disturbance: Disturbance) -> None:
         self.n, self.m, self.q = problem.n, problem.m, problem.q
         self.h = h
-        self.A, self.C, self.W = ca.DM(A), ca.DM(C), ca.DM(W)
+        self.A, self.C, self.F = ca.DM(disturbance.A), ca.DM(disturbance.C), ca.DM(disturbance.F)
+        W = disturbance.W
+        self.W = _constant(sp.csr_array(sp.block_diag(list(W)))) if W.ndim == 3 else ca.DM(W)
         self.K = _constant(pinning_matrix(problem))
         self.goal = ca.DM(goals(problem).reshape(-1))
 
@@ -136,18 +140,22 @@ class _Loop:
     def error_dynamics(self) -> Any:
         e, eps = self._symbol("e", self.m), self._symbol("eps", self.q)
         e_dot = self.h(e) - self.K @ e + self._disturbance(eps)
-        eps_dot = self._per_agent(self.A - self.W @ self.C, eps, self.q)
+        eps_dot = self._per_agent(self.F, eps, self.q)
         return _function("error_dynamics", {"e": e, "eps": eps}, [e_dot, eps_dot], ["e_dot", "eps_dot"])
 
     def _observe(self, z: Any, x: Any, u: Any) -> tuple[Any, Any]:
         """z_dot and xihat of (13)."""
         xihat = self._estimate(z, x)
         felt = self.h(x - self.goal) + u
-        correction = self._per_agent(self.W, felt, self.m)
-        return self._per_agent(self.A - self.W @ self.C, xihat, self.q) - correction, xihat
+        return self._per_agent(self.F, xihat, self.q) - self._correction(felt), xihat
 
     def _estimate(self, z: Any, x: Any) -> Any:
-        return z + self._per_agent(self.W, x, self.m)
+        return z + self._correction(x)
+
+    def _correction(self, y: Any) -> Any:
+        """W y of every agent, whose gains are blocks of a large matrix where they differ."""
+        grouped = self.W.size1() != self.q
+        return self.W @ y if grouped else self._per_agent(self.W, y, self.m)
 
     def _disturbance(self, xi: Any) -> Any:
         return self._per_agent(self.C, xi, self.q)

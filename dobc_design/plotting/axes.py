@@ -11,7 +11,13 @@ MOST_POINTS = 400  # of one series
 MOST_AGENTS = 30  # lines in one plot
 SHOWN_NAME = 18  # letters
 SMALLEST = 1e-14  # below it an error on a logarithmic axis is rounding
+RESOLVED = 1e-9  # of its start: where a bound is below, a simulated error is that of the integration, and no comparison
 _RAISED = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
+
+
+def resolved(bound: NDArray[np.float64]) -> NDArray[np.float64]:
+    """A falling bound as far as a simulated error can be held against it; nan beyond."""
+    return np.where(bound >= RESOLVED * bound[0], bound, np.nan)
 
 
 def power_of_ten(value: float, _: object = None) -> str:

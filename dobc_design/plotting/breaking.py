@@ -16,6 +16,11 @@ from dobc_design.plotting.look import BLUE, GREEN, INK, VERMILLION
 from dobc_design.plotting.sheet import Sheet
 
 COLUMNS = 3
+MOST_FINE_TICKS = 200  # end over begin of an axis up to which 1, 2 and 5 of every decade are marked
+AXES = {
+    "unit of x": "in the unit of x", "unit of x per s": "in units of x per s", "agents": "count",
+    "probability": "probability",
+}  # fmt: skip
 LINEAR = ("loss", "failures")  # severities that are counts or probabilities
 TITLES = {
     "noise": "measurement noise", "disturbance": "unmodelled disturbance", "saturation": "bound on |u|",
@@ -76,8 +81,7 @@ def _panel(ax: Axes, sweep: SweepLike, *, tolerance: float, bottom: float, top: 
     if sweep.option == "saturation":
         ax.invert_xaxis()  # severe is to the right, as everywhere
     ax.set_title(TITLES.get(sweep.option, sweep.option))
-    ax.set_xlabel(f"{'never breaks; ' if sweep.breaks is None else ''}in {sweep.unit}".replace("in agents", "count")
-                  .replace("in probability", "probability"))  # fmt: skip
+    ax.set_xlabel(("never breaks; " if sweep.breaks is None else "") + AXES.get(sweep.unit, f"in {sweep.unit}"))
     ax.yaxis.set_major_formatter(FuncFormatter(power_of_ten))
     if sweep.option not in LINEAR:
         ax.xaxis.set_major_locator(LogLocator(subs=(1, 2, 5)))
@@ -93,5 +97,10 @@ def _periods(ax: Axes, period: float | None, certified: float | None) -> None:
         ax.axvline(period, color=BLUE, linewidth=1.0, linestyle=(0, (4, 2)), label="longest that works")
     if certified is not None:
         ax.axvline(certified, color=GREEN, linewidth=1.2, label="certified")
+        low, high = sorted(ax.get_xlim())
+        if high > MOST_FINE_TICKS * low:
+            ax.xaxis.set_major_locator(LogLocator(numticks=5))
+            ax.xaxis.set_major_formatter(FuncFormatter(power_of_ten))
+            ax.minorticks_off()
     if period is not None or certified is not None:
-        ax.legend(loc="lower left", handlelength=1.4)
+        ax.legend(loc="center left", bbox_to_anchor=(0.06, 0.45), handlelength=1.4, frameon=True, edgecolor="none")

@@ -17,7 +17,7 @@ from matplotlib.ticker import FuncFormatter
 from numpy.typing import ArrayLike, NDArray
 
 from dobc_design.errors import ShapeError
-from dobc_design.plotting.axes import SMALLEST, legend_above, power_of_ten, short, shown_agents, thinned_rows
+from dobc_design.plotting.axes import SMALLEST, legend_above, power_of_ten, resolved, short, shown_agents, thinned_rows
 from dobc_design.plotting.look import BLUE, GREEN, INK, MUTED, PURPLE, SERIES, VERMILLION
 from dobc_design.plotting.sheet import Sheet
 
@@ -62,6 +62,8 @@ class Runs(Protocol):
     def error(self) -> Array: ...
     @property
     def estimation_error(self) -> Array: ...
+    @property
+    def diverged(self) -> NDArray[np.bool_]: ...
     def __len__(self) -> int: ...
 
 
@@ -108,7 +110,8 @@ def ensemble_sheet(runs: Runs, *, envelope: Envelope | None = None) -> Sheet:
         plot_quantiles(rows[0], runs.times, runs.error, colour=BLUE, what="|e|∞, in the unit of x")
         if points is not None:
             _draw_envelope(rows[0], points)
-        rows[0].set_title(f"{len(runs)} runs")
+        bad = int(np.count_nonzero(runs.diverged))
+        rows[0].set_title(f"{len(runs)} runs" + (f", {bad} diverged" if bad else ""))
         legend_above(rows[0], 4, right=True, widest=4)
         if has_estimate:
             plot_quantiles(
@@ -133,23 +136,29 @@ def plot_agents(ax: Axes, run: Run, *, component: int, pinned: Sequence[int] = (
     goals = sorted({float(run.goal[agent, component]) for agent in chosen})
     for rank, goal in enumerate(goals[:12]):
         ax.axhline(
-            goal, color=VERMILLION, linewidth=1.1, linestyle=(0, (4, 2)), label="goal" if rank == 0 else None
+            goal, color=VERMILLION, linewidth=1.1, linestyle=(0, (4, 2)), label="goal" if rank == 0 else None,
+            zorder=1.5,
         )  # fmt: skip
     symbol = "xᵢ" if run.x.shape[2] == 1 else f"xᵢ,{component + 1}".translate(_SUBSCRIPTS)
     ax.set_ylabel(f"{symbol}\nin its own unit")
     if len(chosen) <= len(SERIES) and component == 0:
         legend_above(ax, 7, right=True, widest=7)
+    elif component == 0:
+        first, last = (short(run.labels[agent]) for agent in (chosen[0], chosen[-1]))
+        ax.set_title(f"agents {first} (dark) to {last} (light); goals dashed", loc="right", parse_math=False)
     return ax
 
 
 def plot_estimates(ax: Axes, run: Run) -> Axes:
     """The first component of the disturbance (dotted) and its estimate (solid) of at most three agents."""
     rows = thinned_rows(len(run.times))
-    for rank, agent in enumerate(shown_agents(run.d.shape[1], set(), MOST_ESTIMATES)):
+    chosen = shown_agents(run.d.shape[1], set(), MOST_ESTIMATES)
+    for rank, agent in enumerate(chosen):
         ax.plot(
             run.times[rows], run.dhat[rows, agent, 0], color=SERIES[rank], linewidth=3.2 - rank,
             label=f"d̂, agent {short(run.labels[agent])}",
         )  # fmt: skip
+    for rank, agent in enumerate(chosen):  # on top of all estimates
         ax.plot(run.times[rows], run.d[rows, agent, 0], color=INK, linestyle=(0, (1, 1.4)), linewidth=1.3,
                 label="d" if rank == 0 else None)  # fmt: skip
     ax.set_ylabel("d and estimate d̂\nin units of x per s")
@@ -230,8 +239,9 @@ def checked_envelope(envelope: Envelope | None, times: Array) -> Array | None:
 
 def _draw_envelope(ax: Axes, points: Array) -> None:
     ax.plot(
-        points[:, 0], points[:, 1], color=INK, linestyle=(0, (4, 2)), linewidth=1.2, label="certified bound on |e|∞"
-    )
+        points[:, 0], resolved(points[:, 1]), color=INK, linestyle=(0, (4, 2)), linewidth=1.2,
+        label="certified bound on |e|∞",
+    )  # fmt: skip
 
 
 def _decades(ax: Axes) -> None:

@@ -28,6 +28,7 @@ class CheckRow:
     id: str
     name: str
     mode: str | None
+    group: str | None
     verdict: str
     symbol: str
     domain: str
@@ -83,6 +84,7 @@ def check_row(check: Check, *, pointed: bool = False) -> CheckRow:
         id=check.id,
         name=check_name(check),
         mode=check.mode,
+        group=check.group,
         verdict=check.verdict.value,
         symbol=SYMBOLS[check.verdict],
         domain=domain_words(check.domain),

@@ -21,6 +21,7 @@ from dobc_design.plotting.axes import (
     axes_or_new,
     legend_above,
     power_of_ten,
+    resolved,
     short,
     shown_agents,
     thinned_rows,
@@ -147,15 +148,24 @@ def plot_disturbance(
     return ax
 
 
-def plot_error(times: ArrayLike, error: ArrayLike, *, rate: float | None = None, ax: Axes | None = None) -> Axes:
-    """|e|_inf over time on a logarithmic axis; ``rate`` (1/s) adds a line that falls like exp(-rate t)."""
+def plot_error(
+    times: ArrayLike, error: ArrayLike, *, rate: float | None = None, bound: ArrayLike | None = None,
+    ax: Axes | None = None,
+) -> Axes:  # fmt: skip
+    """|e|_inf over time on a logarithmic axis, with a certified ``bound`` of it at the same times.
+
+    Without one ``rate`` (1/s) adds a line that falls like exp(-rate t), a slope and no bound.
+    """
     ax = axes_or_new(ax)
     t, size = np.asarray(times, float), np.asarray(error, float)
     rows = thinned_rows(len(t))
     shown = np.where(size[rows] > SMALLEST, size[rows], np.nan)
     ax.set_yscale("log")
     ax.plot(t[rows], shown, color=BLUE, label="simulated")
-    if rate is not None and len(t) and size[0] > SMALLEST:
+    if bound is not None:
+        ax.plot(t[rows], resolved(np.asarray(bound, float))[rows], color=INK, linestyle=(0, (4, 2)), linewidth=1.2,
+                label="certified bound")  # fmt: skip
+    elif rate is not None and len(t) and size[0] > SMALLEST:
         guide = size[0] * np.exp(np.clip(-rate * (t[rows] - t[0]), -700, 0))
         visible = guide > max(float(np.nanmin(shown)) * 0.5, SMALLEST)
         ax.plot(

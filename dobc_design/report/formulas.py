@@ -45,12 +45,13 @@ BY_EXISTENCE = r"\text{some } P, Q \text{ exist} \;\iff\; \Lambda(J) < 0 \text{ 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ShownMatrix:
-    """A matrix with its name (LaTeX), what it is, and LaTeX of its entries (None when it is too large)."""
+    """A matrix with its name (LaTeX), what it is, its entries and their LaTeX (None when it is too large)."""
 
     name: str
     what: str
     latex: str | None
     size: str
+    entries: Matrix | None
 
     @property
     def math(self) -> Fragment | None:
@@ -68,23 +69,25 @@ def math(latex: str, *, display: bool = False) -> Fragment:
 def shown_matrix(name: str, what: str, matrix: Matrix) -> ShownMatrix:
     """Prepare one matrix."""
     size = f"{len(matrix)} × {len(matrix[0]) if matrix else 0}"
-    return ShownMatrix(name=name, what=what, latex=latex_matrix(matrix), size=size)
+    latex = latex_matrix(matrix)
+    return ShownMatrix(name=name, what=what, latex=latex, size=size, entries=None if latex is None else matrix)
 
 
 def matrices_of(certificate: Certificate) -> list[ShownMatrix]:
     """A, C, W, and P, Q, S where the theorem is proved, S of a printed P beside them."""
     problem, claims = certificate.problem, certificate.claims
-    if problem.exosystem is None:
+    exosystem = problem.joint_exosystem
+    if exosystem is None:
         return []
     source = f" ({claims.gain_source})" if claims.gain_source else ""
     wanted: list[tuple[str, str, Matrix | None]] = [
-        ("A", "generator of the disturbance", problem.exosystem.A),
-        ("C", "what of it acts on an agent", problem.exosystem.C),
+        ("A", "generator of the disturbance", exosystem.A),
+        ("C", "what of it acts on an agent", exosystem.C),
         ("W", f"observer gain{source}", claims.W),
         ("P", "Lyapunov matrix of the estimation error, found and proved", claims.P),
         ("Q", "P W", claims.Q),
         ("S", "what the observer costs: Λ + I ⊗ S has to be negative definite", _block(certificate, printed=False)),
-        (r"P_{\text{given}}", "the P of the problem file, tested as it stands", problem.observer.P),
+        (r"P_{\text{given}}", "the P of the problem file, tested as it stands", problem.joint_observer.P),
         (r"S_{\text{given}}", "its S", _block(certificate, printed=True)),
     ]
     return [shown_matrix(name, what, matrix) for name, what, matrix in wanted if matrix is not None]

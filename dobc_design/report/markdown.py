@@ -18,7 +18,10 @@ from dobc_design.report.words import capitalize_first, number
 
 if TYPE_CHECKING:
     from dobc_design.analysis.analysis import Analysis
+    from dobc_design.falsifying.suspect import Falsification
     from dobc_design.simulate.trajectory import Trajectory
+    from dobc_design.theorems.duals import QuadraticDual
+    from dobc_design.verify.settling_check import StageTiming
 
 _SPECIAL = re.compile(r"[\\`*_\[\]|<>~$&#]")
 _OPENING = re.compile(r"^(\d*)([-+=.)])(?=\s|$)")  # would begin a list or underline a heading
@@ -28,13 +31,18 @@ MOST_SAMPLES = 9
 
 def markdown_report(
     certificate: Certificate, *, analysis: Analysis | None, trajectory: Trajectory | None,
-    lambdas: Mapping[str, Matrix] | None = None,
+    lambdas: Mapping[str, Matrix] | None = None, timings: Sequence[StageTiming] = (),
+    searches: Sequence[Falsification] = (), limits: Sequence[QuadraticDual] = (),
 ) -> str:  # fmt: skip
     """Return the report as Markdown; arguments as in ``html_report``."""
-    view = common_view(certificate, analysis=analysis, trajectory=trajectory, lambdas=lambdas)
+    view = common_view(
+        certificate, analysis=analysis, trajectory=trajectory, lambdas=lambdas, timings=timings, searches=searches,
+        limits=limits,
+    )  # fmt: skip
     parts = [
-        *_head(view), *_problem(view), *_network(view), *_regions(view), *_checks(view), *_condition(view),
-        *_eigenvalues(view, analysis), *_simulation(view, trajectory), *_end(view),
+        *_head(view), *_problem(view), *_network(view), *_regions(view), *_settling(view), *_searches(view),
+        *_checks(view), *_condition(view),
+        *_eigenvalues(view, analysis), *_simulation(view, trajectory), *_traces(view), *_end(view),
     ]  # fmt: skip
     return "\n".join(parts).rstrip() + "\n"
 
@@ -48,7 +56,8 @@ def escape(text: object) -> str:
 def _head(view: Mapping[str, Any]) -> Iterable[str]:
     yield f"# {escape(view['problem'].name)}\n"
     yield f"**{view['symbol']} {view['verdict'].upper()}.** {escape(view['claims'].reason)}\n"
-    yield from _table(["", ""], [[escape(name), escape(value)] for name, value in view["facts"]])
+    facts = [*view["title_block"], *view["facts"]]
+    yield from _table(["", ""], [[escape(name), escape(value)] for name, value in facts])
     yield from _cure(view)
     yield "## What this says, and what it does not\n"
     yield "It says:\n"
@@ -80,6 +89,9 @@ def _problem(view: Mapping[str, Any]) -> Iterable[str]:
     yield f"Coupling and target:\n\n{_formula(formulas.coupling_latex(problem.coupling))}"
     yield _formula(formulas.target_latex(problem))
     yield escape(f"Here {view['letters']}") + "\n"
+    if view["groups"]:
+        yield "Each agent has the A, C and W of its group:\n"
+        yield from _list(view["groups"])
     if view["exceptions"]:
         yield "Arcs with a coupling of their own:\n"
         yield from _list(view["exceptions"])
@@ -104,17 +116,43 @@ def _regions(view: Mapping[str, Any]) -> Iterable[str]:
     yield "## From which starts it is proved\n"
     yield escape(f"{regions['asked']} {regions['norms']}") + "\n"
     heads = ["method", "verdict", "certified", "|e|∞ ≤", "|e|₂ ≤", "rate in 1/s", regions["time_head"], "covers it"]
-    heads = [*heads[:5], *(["|εᵢ| ≤"] if regions["disturbed"] else []), *heads[5:], "why not further"]
+    heads = [*heads[:5], *(["|εᵢ| ≤"] if regions["disturbed"] else []), *heads[5:]]
+    heads += [*(["cannot exceed"] if regions["limits"] else []), "why not further"]
     yield from _table([escape(head) for head in heads], [_region_cells(row, regions) for row in regions["rows"]])
-    for sentence in filter(None, (regions["agents"], regions["rest"])):
+    for sentence in filter(None, (*regions["limits"], regions["agents"], regions["rest"])):
         yield escape(sentence) + "\n"
     yield from _list(regions["timing"])
+
+
+def _settling(view: Mapping[str, Any]) -> Iterable[str]:
+    settling = view["settling"]
+    if settling is None:
+        return
+    yield "## How fast it is proved to settle\n"
+    yield escape(f"{settling['sentence']} {settling['stages']}") + "\n"
+    yield from _table([escape(x) for x in settling["heads"]], [[*map(escape, row.cells)] for row in settling["rows"]])
+    if settling["timing"]:
+        yield escape(settling["timing"]) + "\n"
+
+
+def _searches(view: Mapping[str, Any]) -> Iterable[str]:
+    for search in view["searches"]:
+        yield f"## {escape(search['title'])}\n"
+        yield escape(f"{search['tried']} {search['found']}") + "\n"
+        if search["proved"]:
+            yield from _list(search["proved"])
+        if search["rows"]:
+            rows = [[*map(escape, row.cells)] for row in search["rows"]]
+            yield from _table([escape(head) for head in search["heads"]], rows)
+        for sentence in filter(None, (search["warning"], *search["notes"])):
+            yield escape(sentence) + "\n"
 
 
 def _region_cells(row: RegionRow, regions: Mapping[str, Any]) -> list[str]:
     errors = [row.disturbance] if regions["disturbed"] else []
     cells = [row.name, f"{row.symbol} {row.verdict}", row.kind, row.box, row.ball, *errors, row.rate, row.time]
-    return [escape(cell) for cell in (*cells, row.covers, row.limit)]
+    cannot = [row.cannot] if regions["limits"] else []
+    return [escape(cell) for cell in (*cells, row.covers, *cannot, row.limit)]
 
 
 def _checks(view: Mapping[str, Any]) -> Iterable[str]:
@@ -131,6 +169,7 @@ def _checks(view: Mapping[str, Any]) -> Iterable[str]:
 
 def _check_cells(row: CheckRow) -> list[str]:
     name = row.name if row.mode is None else f"{row.name}, mode {row.mode}"
+    name += "" if row.group is None else f", group of agent {row.group}"
     reason = [escape(row.reason), *(f"{escape(key)}: {escape(value)}." for key, value in row.exact)]
     if row.witness is not None:
         reason.append(f"{escape(row.witness[0])}: {escape(row.witness[1])}.")
@@ -143,11 +182,13 @@ def _check_cells(row: CheckRow) -> list[str]:
 
 def _condition(view: Mapping[str, Any]) -> Iterable[str]:
     yield "## The condition and its matrices\n"
-    if view["problem"].exosystem is None:
+    if not view["problem"].groups:
         yield _formula(formulas.LAMBDA + " < 0")
     else:
         for latex in (formulas.PSI, formulas.LAMBDA, formulas.OMEGA, formulas.REDUCED, formulas.BY_EXISTENCE):
             yield _formula(latex)
+        if view["by_group"]:
+            yield f"{view['by_group']}\n"
     for item in view["matrices"]:
         yield f"{capitalize_first(item.what)}:\n"
         yield _formula(f"{item.name} = {item.latex}") if item.latex else f"{item.size}, see certificate.json.\n"
@@ -196,17 +237,36 @@ def _simulation(view: Mapping[str, Any], trajectory: Trajectory | None) -> Itera
     )
 
 
+def _traces(view: Mapping[str, Any]) -> Iterable[str]:
+    yield "## Traceability\n"
+    yield view["traced"] + "\n"
+    yield from _table(view["trace_heads"], [[*map(escape, row.cells)] for row in view["traces"]])
+
+
 def _end(view: Mapping[str, Any]) -> Iterable[str]:
-    claims = view["claims"]
+    again = view["again"]
     yield "## Check it yourself\n"
-    yield f"```\n{view['command']}\n```\n"
-    yield "This decides every claim again in exact arithmetic, against the problem file, which it trusts.\n"
-    yield from _list([
-        f"problem: {claims.problem_name}", f"SHA-256 of problem.json: {claims.problem_sha256}",
-        f"made by dobc_design {claims.version}; formats {view['formats']}",
-    ])  # fmt: skip
+    yield f"```\n{again['verify']}\n```\n"
+    yield "This decides every claim again in exact arithmetic, against the problem file, which it trusts."
+    yield "With nothing but Python, and none of this package, the lone checker (three files) does the same:\n"
+    yield f"```\n{again['alone']}\n```\n"
+    yield "To make the certificate again, byte for byte with the same version:\n"
+    yield f"```\n{again['certify']}\n```\n"
+    yield view["made_with"] + "\n"
+    yield from _table(["", ""], [[escape(name), escape(value)] for name, value in _identity(view)])
     yield "## Glossary\n"
     yield from _list(f"{word}: {meaning}" for word, _, meaning in view["verdict_words"])
+    yield "## Signatures\n"
+    yield view["signing"] + "\n"
+    yield from _table(
+        ["", *view["signed"]], [[role, *("&nbsp;" * 24 for _ in view["signed"])] for role in view["roles"]]
+    )
+
+
+def _identity(view: Mapping[str, Any]) -> Iterable[tuple[str, str]]:
+    yield "problem", view["claims"].problem_name
+    yield from ((f"SHA-256 of {name}", value) for name, value in view["again"]["fingerprints"])
+    yield from view["again"]["versions"]
 
 
 def _list(items: Iterable[str]) -> Iterable[str]:

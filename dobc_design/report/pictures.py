@@ -146,22 +146,29 @@ def simulation_pictures(certificate: Certificate, trajectory: Trajectory | None)
         return []
     components = range(min(certificate.problem.m, MOST_COMPONENTS))
     pictures = [_state_picture(certificate, trajectory, c) for c in components]
-    if certificate.problem.exosystem is not None:
+    if certificate.problem.groups:
         pictures.append(_estimate_picture(trajectory))
-    error = trajectory.error()
-    pictures.append(
-        _plotted(
-            lambda figure: figures.plot_error(
-                trajectory.times, error, rate=certificate.rate, ax=figure.add_subplot()
-            ),
-            name="error", title="Distance to the goals",
-            caption="The largest |xᵢ − goal| of all agents and components, on a logarithmic axis."
-            + (" Dashed: the slope of the certified rate, for comparison." if certificate.rate else ""),
-            alt=f"Largest error over time: {number(float(error[0]))} at the start,"
-            f" {number(float(error[-1]))} at the end.",
-        )
-    )  # fmt: skip
+    pictures.append(_error_picture(certificate, trajectory))
     return pictures
+
+
+def _error_picture(certificate: Certificate, trajectory: Trajectory) -> Picture:
+    """The error with what is proved about it: a bound where this start is covered, else the slope alone."""
+    error, proved = trajectory.error(), certificate.envelope(trajectory)
+    bound = proved(trajectory.times) if proved.sources else None
+    caption = "The largest |xᵢ − goal| of all agents and components, on a logarithmic axis."
+    if bound is not None:
+        caption += f" Dashed: what {' and '.join(proved.sources)} prove{'s' * (len(proved.sources) == 1)} about it."
+    elif certificate.rate:
+        caption += " Dashed: the slope of the certified rate, for comparison."
+    return _plotted(
+        lambda figure: figures.plot_error(
+            trajectory.times, error, rate=certificate.rate, bound=bound, ax=figure.add_subplot()
+        ),
+        name="error", title="Distance to the goals", caption=caption,
+        alt=f"Largest error over time: {number(float(error[0]))} at the start, {number(float(error[-1]))} at the end"
+        + ("." if bound is None else f"; proved to be at most {number(float(bound[-1]))} there."),
+    )  # fmt: skip
 
 
 def _state_picture(certificate: Certificate, trajectory: Trajectory, c: int) -> Picture:

@@ -11,32 +11,42 @@ from typing import Final
 from matplotlib.axes import Axes
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
+from matplotlib.ticker import FuncFormatter
 
 from dobc_design.certificate.regions import AgentBound, RegionClaim, Regions
-from dobc_design.plotting.axes import axes_or_new, short, shown_agents
-from dobc_design.plotting.look import BLUE, INK, MUTED, PAPER, VERMILLION
+from dobc_design.plotting.axes import axes_or_new, power_of_ten, short, shown_agents
+from dobc_design.plotting.look import BLUE, INK, MUTED, PAPER, PURPLE, VERMILLION
 from dobc_design.report.region_words import lower, method_name
+from dobc_design.verify.settling import Settling
 
 _DASHED: Final = (0, (4, 2))
 _DOTTED: Final = (0, (1, 1.4))
 MOST_AGENTS: Final = 24
+ENVELOPE_SAMPLES: Final = 201
+BELOW: Final = 0.5  # of the least bound, at the foot of its picture
 _LONGEST: Final = 18  # letters of a line of a method's name
+BRACKET: Final = 0.26  # how far below its row the limit of quadratic certificates stands
 _NOTES: Final = {
     "everywhere": "every start", "near": "near the target, no radius", "none": "nothing proved",
 }  # fmt: skip
 
 
-def plot_regions(regions: Regions, *, ax: Axes | None = None) -> Axes:
+def plot_regions(regions: Regions, *, ax: Axes | None = None, limit: float | None = None) -> Axes:
     """One row per method: the |e|_inf that it proves for all agents at once, and for one agent alone.
 
-    The dashed line is what was asked for.  Sizes in the unit of the states.
+    The dashed line is what was asked for.  ``limit``: balls of quadratic certificates stay below, a bracket in their
+    row.  Sizes in the unit of the states.
     """
     ax = axes_or_new(ax)
     claims = regions.claims
     asked = None if regions.asked is None else regions.asked.box
-    reach = _axis_end(claims, asked, regions.rest)
+    quadratic = [] if limit is None else [row for row, claim in enumerate(claims) if claim.id == "lure"]
+    brackets = [(limit, row + BRACKET) for row in quadratic if limit is not None]
+    reach = _axis_end(claims, asked, regions.rest, limit if quadratic else None)
     for row, claim in enumerate(claims):
         _draw_reach(ax, row, claim, reach)
+    for end, height in brackets:
+        ax.plot([end], [height], marker="$]$", markersize=11, color=INK, linestyle="", zorder=5)
     if asked is not None:
         ax.axvline(asked, color=VERMILLION, linewidth=1.3, linestyle=_DASHED, zorder=3)
     if regions.rest is not None:
@@ -48,7 +58,7 @@ def plot_regions(regions: Regions, *, ax: Axes | None = None) -> Axes:
     ax.tick_params(axis="y", length=0)
     ax.grid(visible=False, axis="y")
     ax.set_xlabel("distance from the goals at the start, in the unit of x")
-    _legend_of_methods(ax, regions)
+    _legend_of_methods(ax, regions, limited=bool(quadratic))
     return ax
 
 
@@ -89,7 +99,7 @@ def _sizes(claim: RegionClaim) -> str:
     return f"{lower(claim.box)} … {lower(claim.ball)}"
 
 
-def _legend_of_methods(ax: Axes, regions: Regions) -> None:
+def _legend_of_methods(ax: Axes, regions: Regions, *, limited: bool) -> None:
     handles: list[Patch | Line2D] = []
     if any(claim.box for claim in regions.claims):
         handles.append(Patch(color=BLUE, label="all at once"))
@@ -97,6 +107,8 @@ def _legend_of_methods(ax: Axes, regions: Regions) -> None:
         handles.append(Line2D([], [], color=BLUE, marker="|", markersize=9, label="one alone"))
     if regions.asked is not None:
         handles.append(Line2D([], [], color=VERMILLION, linestyle=_DASHED, label="asked for"))
+    if limited:
+        handles.append(Line2D([], [], color=INK, marker="$]$", linestyle="", markersize=8, label="cannot exceed"))
     if regions.rest is not None:
         handles.append(Line2D([], [], color=INK, linestyle=_DOTTED, label="other equilibrium"))
     _legend(ax, handles, columns=3)  # the names of the methods leave less room
@@ -158,6 +170,43 @@ def _legend_of_starts(ax: Axes, agents: Sequence[AgentBound], *, asked: bool) ->
     if asked:
         handles.append(Line2D([], [], color=VERMILLION, linestyle=_DASHED, label="asked for"))
     _legend(ax, handles)
+
+
+def plot_envelope(settling: Settling, *, ax: Axes | None = None) -> Axes:
+    """The certified bound of |e|_inf over time, on a logarithmic axis; a tick wherever another certificate takes over.
+
+    Solid: no start of the box leaves it.  Dashed: the tolerance.
+    """
+    ax = axes_or_new(ax)
+    times, bounds = settling.curve(samples=ENVELOPE_SAMPLES)
+    ax.set_yscale("log")
+    ax.plot(times, bounds, color=BLUE, linewidth=1.6, zorder=3)
+    ax.fill_between(times, bounds, float(bounds.min()) * BELOW, color=BLUE, alpha=0.10, linewidth=0)
+    for stage in settling.stages[1:]:
+        when = float(stage.start)
+        ax.plot(
+            [when], [settling.envelope(when)], zorder=4, markersize=4.5,
+            marker="s" if stage.is_quadratic else "o", color=PURPLE if stage.is_quadratic else BLUE,
+        )  # fmt: skip
+    ax.axhline(float(settling.tolerance), color=VERMILLION, linewidth=1.2, linestyle=_DASHED, zorder=2)
+    ax.set_ylim(float(bounds.min()) * BELOW, float(bounds.max()) * 1.6)
+    ax.set_xlim(0, float(times[-1]))
+    ax.yaxis.set_major_formatter(FuncFormatter(power_of_ten))
+    ax.minorticks_off()
+    ax.set_xlabel("time t in s")
+    ax.set_ylabel("|e|∞, in the unit of x")
+    _legend(ax, _stage_handles(settling), columns=2)
+    return ax
+
+
+def _stage_handles(settling: Settling) -> list[Patch | Line2D]:
+    kinds = {stage.is_quadratic for stage in settling.stages[1:]}
+    handles: list[Patch | Line2D] = [Line2D([], [], color=BLUE, linewidth=1.6, label="certified bound")]
+    if False in kinds:
+        handles.append(Line2D([], [], color=BLUE, marker="o", linestyle="", label="next max-separable"))
+    if True in kinds:
+        handles.append(Line2D([], [], color=PURPLE, marker="s", linestyle="", label="next quadratic"))
+    return [*handles, Line2D([], [], color=VERMILLION, linestyle=_DASHED, label="tolerance")]
 
 
 def _legend(ax: Axes, handles: list[Patch | Line2D], *, columns: int = 4) -> None:

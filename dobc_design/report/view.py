@@ -2,17 +2,29 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 from dobc_design._render import significant_towards_zero
-from dobc_design.certificate import text as certificate_text
 from dobc_design.certificate.certificate import Certificate
 from dobc_design.exact.matrix import Matrix
 from dobc_design.report import formulas
 from dobc_design.report import network_words as nw
 from dobc_design.report.check_views import check_rows, cure_view
+from dobc_design.report.region_stages import settling_view
 from dobc_design.report.region_words import region_view
+from dobc_design.report.search_words import search_view
+from dobc_design.report.tracing import (
+    MADE_WITH,
+    ROLES,
+    SIGNED,
+    SIGNING,
+    TRACE_HEADS,
+    TRACED,
+    reproduction,
+    title_block,
+    trace_rows,
+)
 from dobc_design.report.words import (
     CHECKS,
     MEANINGS,
@@ -23,27 +35,30 @@ from dobc_design.report.words import (
     typeset,
     what_it_means,
 )
-from dobc_design.spec import canonical
 from dobc_design.spec.problem import Problem
 from dobc_design.verdict import Verdict
 
 if TYPE_CHECKING:
     from dobc_design.analysis.analysis import Analysis
+    from dobc_design.falsifying.suspect import Falsification
     from dobc_design.simulate.trajectory import Trajectory
+    from dobc_design.theorems.duals import QuadraticDual
+    from dobc_design.verify.settling_check import StageTiming
 
-COMMAND = "dobc verify certificate.json --problem problem.json"
 CURE_COMMAND = "dobc certify problem.json --apply-fix cured.toml"
 MOST_NOTES = 60
 
 
 def common_view(
     certificate: Certificate, *, analysis: Analysis | None, trajectory: Trajectory | None,
-    lambdas: Mapping[str, Matrix] | None,
+    lambdas: Mapping[str, Matrix] | None, timings: Sequence[StageTiming] = (), searches: Sequence[Falsification] = (),
+    limits: Sequence[QuadraticDual] = (),
 ) -> dict[str, Any]:  # fmt: skip
     """Names and values that both templates use."""
     problem, claims = certificate.problem, certificate.claims
     yes, no = what_it_means(certificate)
     rows, hidden = check_rows(certificate.checks)
+    again = reproduction(certificate)
     return {
         "problem": problem,
         "claims": claims,
@@ -60,10 +75,14 @@ def common_view(
         "agents": nw.agent_rows(problem),
         "exceptions": nw.exception_sentences(problem),
         "region": nw.region_sentence(problem),
-        "regions": region_view(problem, certificate.regions),
+        "regions": region_view(problem, certificate.regions, limits),
+        "settling": settling_view(certificate.settling, timings),
+        "searches": search_view(searches),
         "switching": nw.switching_sentence(problem),
         "letters": _letters(problem),
-        "loop": formulas.LOOP if problem.exosystem is None else formulas.LOOP_DISTURBED,
+        "loop": formulas.LOOP_DISTURBED if problem.groups else formulas.LOOP,
+        "groups": nw.group_sentences(problem),
+        "by_group": nw.BY_GROUP if problem.is_grouped else "",
         "cure": cure_view(certificate.checks),
         "cure_command": CURE_COMMAND,
         "checks": rows,
@@ -76,8 +95,15 @@ def common_view(
         "observability": _observability(analysis),
         "simulation": _simulation(trajectory),
         "verdict_words": [(verdict.value, SYMBOLS[verdict], MEANINGS[verdict]) for verdict in Verdict],
-        "command": COMMAND,
-        "formats": f"{certificate_text.FORMAT} {certificate_text.VERSION}, {canonical.FORMAT} {canonical.VERSION}",
+        "traces": trace_rows(certificate.checks),
+        "trace_heads": TRACE_HEADS,
+        "again": again,
+        "title_block": title_block(certificate, again),
+        "traced": TRACED,
+        "made_with": MADE_WITH,
+        "signing": SIGNING,
+        "roles": ROLES,
+        "signed": SIGNED,
     }
 
 

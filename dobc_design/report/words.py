@@ -123,7 +123,7 @@ def _proved(certificate: Certificate) -> tuple[list[str], list[str]]:
     switching = len(certificate.problem.network.modes) > 1
     domain = covering_domain(certificate)
     yes = [_from_where(domain)]
-    if certificate.problem.exosystem is not None:
+    if certificate.problem.groups:
         yes.append("The estimates converge to the true disturbances, wherever observer and disturbance start.")
     if switching:
         yes.append("The modes may switch at any times and in any order, arbitrarily fast: one V serves them all.")

@@ -33,18 +33,18 @@ class Links:
     def felt(self, own: Array, heard: Array) -> Array:
         """Sum of h(heard - own) over the arcs of each listener; an arc that holds nan is silent.
 
-        Shapes: own (n, m), heard (arcs, m).  Returns: (n, m).
+        Shapes: own (n, m), heard (arcs, m); or (n, m, R) and (arcs, m, R) for R runs.  Returns: as ``own``.
         """
         difference = heard - own[self.listeners]
         silent: Any = np.isnan(heard).any(axis=1)
-        total = np.zeros((self.n, self.m))
+        total = np.zeros_like(own)
         begin = 0
         for h, by_component, gather in self.parts:
             end = begin + gather.shape[1]
             y = difference[begin:end]
             value = np.array(h(y) if by_component else h(np.ascontiguousarray(y)))
-            value[silent[begin:end]] = 0.0
-            total += gather @ value
+            np.moveaxis(value, 1, -1)[silent[begin:end]] = 0.0
+            total += (gather @ value.reshape(len(value), -1)).reshape(own.shape)
             begin = end
         return total
 

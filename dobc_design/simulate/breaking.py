@@ -81,13 +81,14 @@ class PeriodLimit:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Breaking:
-    """The sweeps of one problem, and the period limit where the period was among them."""
+    """The sweeps of one problem, the period limit where the period was among them, and the run without stress."""
 
     name: str
     t_final: float
     tolerance: float
     sweeps: tuple[Sweep, ...]
     period: PeriodLimit | None
+    calm: Trajectory  # the run without stress
 
     @property
     def order(self) -> tuple[str, ...]:
@@ -107,10 +108,32 @@ class Breaking:
 
     def __str__(self) -> str:
         lines = [f"{self.name}: what breaks first (late error above {self.tolerance:.0%} of the start)"]
+        lines.append(f"  {'stress':<12} {'holds at':>10} {'breaks at':>10}")
         for each in self.sweeps:
-            end = "never in the range tried" if each.breaks is None else f"at {each.breaks:.4g} {each.unit}"
-            lines.append(f"  {each.option:<12} {end}")
-        return "\n".join(lines if self.period is None else [*lines, f"  sampling: {self.period}"])
+            holds, breaks = ("-" if x is None else f"{x:.4g}" for x in (each.survives, each.breaks))
+            lines.append(f"  {each.option:<12} {holds:>10} {breaks:>10}  {each.unit}")
+        order = ", ".join(self.order) or "nothing in the range tried"
+        lines.append(f"  first to break, in units that are natural for each: {order}")
+        return "\n".join(lines if self.period is None else [*lines, f"  sampling period: {self.period}"])
+
+    def to_json(self) -> dict[str, Any]:
+        """JSON types: late errors are null where a run diverged."""
+        limit = self.period
+        return {
+            "tolerance": self.tolerance,
+            "order": list(self.order),
+            "sweeps": [
+                {
+                    "option": each.option, "unit": each.unit, "survives": each.survives, "breaks": each.breaks,
+                    "severity": each.severity.tolist(), "relative": each.relative.tolist(),
+                    "late": [late if np.isfinite(late) else None for late in each.late.tolist()],
+                }
+                for each in self.sweeps
+            ],
+            "period": None if limit is None else {
+                "converges": limit.converges, "fails": limit.fails, "certified": limit.certified,
+            },
+        }  # fmt: skip
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -165,8 +188,9 @@ def what_breaks_first(
             limit = _bisect(trial, each.survives, each.breaks, certified)
     report(1.0)
     return Breaking(
-        name=problem.name, t_final=calm.t_final, tolerance=trial.tolerance, sweeps=tuple(sweeps), period=limit
-    )
+        name=problem.name, t_final=calm.t_final, tolerance=trial.tolerance, sweeps=tuple(sweeps), period=limit,
+        calm=calm,
+    )  # fmt: skip
 
 
 def largest_sampling_period(

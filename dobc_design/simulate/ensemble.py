@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from dobc_design._render import escape_html
 from dobc_design.simulate import measures
+from dobc_design.simulate.trajectory import Bounding, bound_of
 
 if TYPE_CHECKING:
     from dobc_design.plotting.runs import Envelope
@@ -31,7 +32,9 @@ class Ensemble:
 
     Shapes: seeds (R,); times (T,) in s; error and estimation_error (R, T), |e|_inf and |d - dhat|_inf, nan from where
     a run that diverged had ended; diverged (R,); ended (R,) in s; switches (R,), how often a run switched;
-    states (R, T, n, m) or None where nobody asked for them; goal (n, m).  ``reasons`` says by run why it ended early.
+    states (R, T, n, m) or None where nobody asked for them; goal (n, m); lengths (R,), the Euclidean |e| of all agents
+    at the start; disturbances (R,), the largest |xi_i - xihat_i| there.  ``reasons`` says by run why it ended early;
+    ``signal`` and ``stress`` are JSON, ``observer`` as in ``simulate``.
     ``simulate(problem, seed=seeds[r], ...)`` gives run r again, in full.
     """
 
@@ -52,13 +55,25 @@ class Ensemble:
     method: str
     notes: tuple[str, ...]
     signal: str
+    observer: str
+    stress: str
+    lengths: Array
+    disturbances: Array
+    loop_sha256: str = ""  # of the problem and W; "" where they were not recorded
 
     def __post_init__(self) -> None:
-        for array in (self.seeds, self.times, self.error, self.estimation_error, self.diverged, self.ended):
+        for array in (
+            self.seeds, self.times, self.error, self.estimation_error, self.diverged, self.ended, self.lengths,
+            self.disturbances,
+        ):  # fmt: skip
             array.setflags(write=False)
 
     def __len__(self) -> int:
         return len(self.seeds)
+
+    def start_size(self) -> tuple[float, float, float]:
+        """Over all starts the largest |e|_inf, Euclidean |e| of all agents stacked, and |xi_i - xihat_i|."""
+        return float(self.error[:, 0].max()), float(self.lengths.max()), float(self.disturbances.max())
 
     @property
     def final_error(self) -> Array:
@@ -73,11 +88,11 @@ class Ensemble:
         """The numbers of ``dobc simulate --json``, without its files."""
         return measures.summary(self.times, self.error, self.diverged)
 
-    def plot(self, *, envelope: Envelope | None = None) -> Sheet:
-        """Quantile bands of the errors over all runs.  ``envelope``: as in ``Trajectory.plot``."""
+    def plot(self, *, certificate: Bounding | None = None, envelope: Envelope | None = None) -> Sheet:
+        """Quantile bands of the errors over all runs.  ``certificate``, ``envelope``: as in ``Trajectory.plot``."""
         from dobc_design.plotting.runs import ensemble_sheet
 
-        return ensemble_sheet(self, envelope=envelope)
+        return ensemble_sheet(self, envelope=bound_of(self, certificate, envelope))
 
     def intervals(self, confidence: float = 0.95) -> dict[str, tuple[float, float] | None]:
         """Confidence intervals for a random run: median final error, probability of divergence.
@@ -98,10 +113,11 @@ class Ensemble:
             name: getattr(self, name)
             for name in (
                 "seeds", "times", "error", "estimation_error", "diverged", "ended", "switches", "goal", "states",
+                "lengths", "disturbances",
             )
             if getattr(self, name) is not None
         }  # fmt: skip
-        words = ("name", "mode", "labels", "t_final", "notes", "signal", "method")
+        words = ("name", "mode", "labels", "t_final", "notes", "signal", "method", "observer", "stress")
         facts = {name: getattr(self, name) for name in words} | {"format": "dobc-ensemble", "version": 1}
         about = np.array(json.dumps(facts, ensure_ascii=False))
         place = Path(path)

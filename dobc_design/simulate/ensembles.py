@@ -18,6 +18,7 @@ from dobc_design.simulate.ensemble import Ensemble
 from dobc_design.simulate.field import Network, network_of
 from dobc_design.simulate.integrate import FARTHEST
 from dobc_design.simulate.mobile import Mobile
+from dobc_design.simulate.sampled_stack import SampledEnds, SampledRuns, run_sampled_stack
 from dobc_design.simulate.setting import (
     TOLERANCE,
     Progress,
@@ -33,7 +34,7 @@ from dobc_design.simulate.signal_files import Signal, signal_to_json
 from dobc_design.simulate.simulate import run_once
 from dobc_design.simulate.stacked import COLLAPSED, ESCAPED, HANDED_BACK, Ends, Stack, integrate_stack
 from dobc_design.simulate.starts import Given
-from dobc_design.simulate.stress import Stress
+from dobc_design.simulate.stress import Stress, stress_to_json
 from dobc_design.simulate.switches import Array, IndexArray, Switches
 from dobc_design.spec.problem import Problem
 
@@ -76,8 +77,9 @@ class _Collector:
         loop = setting.loop
         self.states = np.full((*shape, loop.n, loop.m), np.nan) if states else None
         self.ended, self.count = np.full(runs, setting.horizon), np.zeros(runs, dtype=np.int64)
+        self.lengths, self.disturbances = np.zeros(runs), np.zeros(runs)
         self.reasons: dict[int, str] = {}
-        self.notes = list(setting.notes)
+        self.notes = [*setting.notes, *([] if setting.stress is None else [f"Stress: {setting.stress}."])]
         self.method = "DOP853, side by side"
 
     def run(self) -> Ensemble:
@@ -85,8 +87,13 @@ class _Collector:
         setting = self.setting
         self.report(0.0)
         closed = None if setting.observer == "full-loop" else closed_form_of(setting)
-        reason = self.reason_for_single_runs(closed)
-        if reason:
+        stress = setting.stress
+        stacked_samples = stress is not None and stress.period is not None and not self.moves_by_state()
+        stacked_samples = stacked_samples and setting.loop.own is None  # one gain for all agents
+        reason = "" if stacked_samples else self.reason_for_single_runs(closed)
+        if stacked_samples:
+            self.sampled_chunks()
+        elif reason:
             self.notes.append(f"The runs were made one by one, because {reason}.")
             self.method = ""
             for run in range(self.runs):
@@ -99,15 +106,78 @@ class _Collector:
     def reason_for_single_runs(self, closed: ClosedForm | None) -> str:
         """Why the runs cannot be stacked; "" if they can."""
         setting = self.setting
-        if setting.stress is not None:
-            return "every run is under a stress of its own"
-        if isinstance(setting.signal, Mobile) and setting.signal.motion is None:
+        if self.moves_by_state():
             return "every run has graphs of its own"
+        if setting.stress is not None and setting.loop.own is not None:
+            return "under a stress agents with different exosystems go one by one"
+        if setting.stress is not None:
+            return "the stress acts in continuous time; sampled runs (with a period) go side by side"
         if setting.observer == "full-loop":
             return "the full loop was asked for"
         if setting.loop.q and closed is None:
             return "the observer is too fast for its closed form"
         return "the loop is stiff" if is_stiff(setting, closed=True) else ""
+
+    def moves_by_state(self) -> bool:
+        """Whether the graphs follow from the states."""
+        return isinstance(self.setting.signal, Mobile) and self.setting.signal.motion is None
+
+    def sampled_chunks(self) -> None:
+        """Sampled runs under a stress side by side, a bounded number at a time."""
+        setting, loop, stress = self.setting, self.setting.loop, self.setting.stress or Stress()
+        shared = switches_for(setting, setting.seed)
+        arcs = sum(graph.shape[1] for graph in shared.graphs) or sum(map(len, setting.problem.network.modes.values()))
+        room = min(COLUMN_NUMBERS // (loop.n * loop.m), 8 * COLUMN_NUMBERS // (max(1, arcs) * loop.m))
+        size, groups = max(1, min(self.runs, room)), groups_for(setting, shared)
+        self.method = f"exact steps of {stress.period:g} s, side by side"
+        for first in range(0, self.runs, size):
+            chosen = range(first, min(self.runs, first + size))
+            seeds = [setting.seed + run for run in chosen]
+            runs = SampledRuns(
+                loop=loop, stress=stress, failing=stress.failing(setting.problem), heeds=setting.observer != "off",
+                groups=groups, starts=[setting.starts.draw(seed) for seed in seeds], seeds=seeds,
+                switches=[shared if shared.graphs else switches_for(setting, seed) for seed in seeds],
+            )  # fmt: skip
+            self.note_starts(chosen, runs)
+            ends = run_sampled_stack(
+                runs, setting.times, visit=self.sampled_visitor(chosen), progress=self.part_of(chosen)
+            )
+            self.note_sampled_ends(chosen, ends, runs)
+
+    def part_of(self, chosen: range) -> Progress:
+        """Report how much of all runs is done when a part of the chosen ones is."""
+        return lambda part: self.report((chosen.start + part * len(chosen)) / self.runs)
+
+    def note_starts(self, chosen: range, runs: SampledRuns) -> None:
+        """How far away the runs begin."""
+        for run, start in zip(chosen, runs.starts, strict=True):
+            self.lengths[run] = np.linalg.norm(start.x - self.setting.loop.goal)
+            self.disturbances[run] = np.linalg.norm(start.xi - start.xihat, axis=1).max(initial=0.0)
+
+    def sampled_visitor(self, chosen: range) -> Callable[[int, Array, Array], None]:
+        """What puts samples into their places."""
+        rows, goal = slice(chosen.start, chosen.stop), self.setting.loop.goal[..., None]
+
+        def visit(sample: int, x: Array, gap: Array) -> None:
+            self.error[rows, sample] = np.abs(x - goal).max(axis=(0, 1))
+            self.estimation[rows, sample] = np.abs(gap).max(axis=(0, 1))
+            if self.states is not None:
+                self.states[rows, sample] = np.moveaxis(x, 2, 0)
+
+        return visit
+
+    def note_sampled_ends(self, chosen: range, ends: SampledEnds, runs: SampledRuns) -> None:
+        """Reasons for early ends, and how often every run switched."""
+        for row, run in enumerate(chosen):
+            count, times = int(ends.counts[row]), runs.switches[row].times
+            self.count[run] = np.searchsorted(times, self.setting.times[count - 1], side="right") - 1
+            if row in ends.reasons:
+                self.reasons[run], self.ended[run] = ends.reasons[row], self.setting.times[count - 1]
+                self.error[run, count:] = self.estimation[run, count:] = np.nan
+                if self.states is not None:
+                    self.states[run, count:] = np.nan
+            else:
+                self.count[run] = len(times) - 1
 
     def chunks(self, closed: ClosedForm | None) -> None:
         """Side by side, a bounded number of runs at a time."""
@@ -144,6 +214,8 @@ class _Collector:
             self.count[chosen[row]] = len(each) - 1
         e = np.stack([(start.x - loop.goal).ravel() for start in starts], axis=1)
         eps = np.stack([start.xi - start.xihat for start in starts], axis=2)
+        self.lengths[chosen.start : chosen.stop] = np.linalg.norm(e, axis=0)
+        self.disturbances[chosen.start : chosen.stop] = np.linalg.norm(eps, axis=1).max(axis=0, initial=0.0)
         return Stack(
             loop=loop, networks=networks, closed=closed, e=e, eps=eps, switch_times=times, switch_modes=modes,
         )  # fmt: skip
@@ -195,6 +267,7 @@ class _Collector:
         if self.states is not None:
             self.states[run, :count] = done.x[:count]
         self.ended[run], self.count[run] = done.times[-1], len(done.switches) - 1
+        _, self.lengths[run], self.disturbances[run] = done.start_size()
         if done.diverged:
             self.reasons[run] = done.reason
         names = [name for name in (self.method, done.method) if name]
@@ -211,4 +284,6 @@ class _Collector:
             estimation_error=self.estimation, diverged=diverged, ended=self.ended, switches=self.count,
             reasons=dict(sorted(self.reasons.items())), goal=setting.loop.goal, states=self.states,
             method=self.method, notes=tuple(self.notes), signal=signal_to_json(setting.signal),
+            observer=setting.observer, stress="" if setting.stress is None else stress_to_json(setting.stress),
+            lengths=self.lengths, disturbances=self.disturbances,
         )  # fmt: skip

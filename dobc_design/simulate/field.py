@@ -17,10 +17,9 @@ from numpy.typing import NDArray
 from dobc_design.model.arrays import (
     ArcGroup,
     Gain,
-    exosystem_arrays,
+    disturbance_arrays,
     goals,
     pinning_matrix,
-    required_gain,
 )
 from dobc_design.simulate.graph import Graph, graph_of, groups_of_mode, hears
 from dobc_design.spec.problem import Problem
@@ -32,7 +31,9 @@ Array = NDArray[np.float64]
 class Loop:
     """What does not depend on the mode, as floats.
 
-    Shapes: A (q, q), C (m, q), W (q, m), K (n m, n m) sparse, goal (n, m); q = 0 without an exosystem.
+    Shapes: A (q, q), C (m, q), F = A - W C (q, q), W (q, m), K (n m, n m) sparse, goal (n, m); q = 0 without an
+    exosystem.  Where agents have different exosystems, A, C, F, W (n, q, m) and ``own`` (n, q) are those of
+    ``model.arrays.Disturbance``: q counts the states of all groups.
     """
 
     n: int
@@ -40,9 +41,11 @@ class Loop:
     q: int
     A: Array
     C: Array
+    F: Array
     W: Array
     K: sp.csr_array
     goal: Array
+    own: NDArray[np.bool_] | None = None
 
     @property
     def width(self) -> int:
@@ -59,10 +62,19 @@ class Loop:
             state[..., states + inner :].reshape(*lead, self.n, self.q),
         )
 
+    def correction(self, y: Array) -> Array:
+        """W y of every agent: (..., n, m) -> (..., n, q)."""
+        return applied(self.W, y)
+
     def control(self, e: Array, dhat: Array) -> Array:
         """u of (19) for e and dhat, both (..., n, m)."""
         flat = e.reshape(-1, self.n * self.m)
         return np.asarray(-(self.K @ flat.T).T.reshape(e.shape) - dhat)
+
+
+def applied(gain: Array, y: Array) -> Array:
+    """A gain (q, m) of all agents, or (n, q, m) one for each, times y (..., n, m): (..., n, q)."""
+    return np.asarray(y @ gain.T if gain.ndim == 2 else np.einsum("iqm,...im->...iq", gain, y))
 
 
 def make_loop(problem: Problem, gain: Gain | None) -> Loop:
@@ -70,10 +82,10 @@ def make_loop(problem: Problem, gain: Gain | None) -> Loop:
 
     Raises: SpecError if there is an exosystem and no W, or for a gain that does not fit.
     """
-    A, C = exosystem_arrays(problem)
+    found = disturbance_arrays(problem, gain)
     return Loop(
-        n=problem.n, m=problem.m, q=problem.q, A=A, C=C, W=required_gain(problem, gain), K=pinning_matrix(problem),
-        goal=goals(problem),
+        n=problem.n, m=problem.m, q=problem.q, A=found.A, C=found.C, F=found.F, W=found.W, own=found.own,
+        K=pinning_matrix(problem), goal=goals(problem),
     )  # fmt: skip
 
 
@@ -90,10 +102,10 @@ class Field:
         loop = self.loop
         x, xi, z = loop.split(state)
         e = x - loop.goal
-        xihat = z + x @ loop.W.T
+        xihat = z + loop.correction(x)
         u = loop.control(e, xihat @ loop.C.T)
         felt = self.graph(e.ravel()).reshape(e.shape) + u
-        z_dot = xihat @ (loop.A - loop.W @ loop.C).T - felt @ loop.W.T
+        z_dot = xihat @ loop.F.T - loop.correction(felt)
         return np.concatenate([(felt + xi @ loop.C.T).ravel(), (xi @ loop.A.T).ravel(), z_dot.ravel()])
 
     def split(self, state: Array) -> tuple[Array, Array, Array]:

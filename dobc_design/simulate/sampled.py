@@ -21,7 +21,7 @@ from scipy.linalg import expm
 from dobc_design.errors import ShapeError, SpecError
 from dobc_design.simulate.agents import Agents, Outcome
 from dobc_design.simulate.air import Links
-from dobc_design.simulate.field import Loop
+from dobc_design.simulate.field import Loop, applied
 from dobc_design.simulate.integrate import FARTHEST
 from dobc_design.simulate.starts import Start
 from dobc_design.simulate.switches import Array
@@ -33,7 +33,7 @@ MOST_SAMPLES = 1_000_000
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Discrete:
-    """The discretised exosystem and observer.  Shapes: Ad (q, q), Cd (m, q), L (q, m)."""
+    """The discretised exosystem and observer.  Shapes: Ad (q, q), Cd (m, q), L (q, m), or (n, q, m)."""
 
     Ad: Array
     Cd: Array
@@ -41,7 +41,7 @@ class Discrete:
 
     @property
     def error(self) -> Array:
-        """Ad - L Cd, (q, q): the observer's error from one sample to the next."""
+        """Ad - L Cd, (q, q), or (n, q, q): the observer's error from one sample to the next."""
         return self.Ad - self.L @ self.Cd
 
 
@@ -50,7 +50,12 @@ def discretised(loop: Loop, period: float, gain: Array | None = None) -> Discret
     q, m = loop.q, loop.m
     mean = integral(loop.A, period)[1] / period
     if gain is None:
-        gain = integral(loop.A - loop.W @ loop.C, period)[1] @ loop.W
+        gain = integral(loop.F, period)[1] @ loop.W
+    elif loop.own is not None:
+        raise SpecError(
+            "sampled_gain is one gain for all agents, and the groups of exosystem.groups have different ones.",
+            key="sampled_gain", cure="Leave it out: the W of every group is discretised.",
+        )  # fmt: skip
     elif gain.shape != (q, m):
         raise ShapeError(
             f"sampled_gain must have shape ({q}, {m}), one row per exosystem state; got {gain.shape}.",
@@ -70,6 +75,18 @@ def integral(A: Array, times: float | Array) -> tuple[Array, Array]:
     return both[..., :q, :q], both[..., :q, q:]
 
 
+def sample_instants(period: float, horizon: float) -> Array:
+    """The multiples of ``period`` up to the horizon, both in s.  Raises: SpecError for too many."""
+    count = horizon / period
+    if count > MOST_SAMPLES:
+        raise SpecError(
+            f"{count:.3g} samples are too many, at most {MOST_SAMPLES} are simulated.", key="period",
+            cure="Choose a longer period or a shorter horizon.",
+        )  # fmt: skip
+    instants = period * np.arange(int(count) + 2)
+    return np.asarray(instants[instants <= horizon], dtype=np.float64)
+
+
 def run_sampled(
     loop: Loop, agents: Agents, start: Start, times: Array, links_at: LinksAt, *, progress: Progress | None = None
 ) -> Outcome:
@@ -86,14 +103,7 @@ class _Stepper:
     ) -> None:
         self.loop, self.agents, self.links_at, self.report = loop, agents, links_at, report
         self.period = float(agents.stress.period or 0.0)
-        count = times[-1] / self.period
-        if count > MOST_SAMPLES:
-            raise SpecError(
-                f"{count:.3g} samples are too many, at most {MOST_SAMPLES} are simulated.", key="period",
-                cure="Choose a longer period or a shorter horizon.",
-            )  # fmt: skip
-        instants = self.period * np.arange(int(count) + 2)
-        self.instants = instants[instants <= times[-1]]
+        self.instants = sample_instants(self.period, float(times[-1]))
         gain = agents.stress.sampled_gain
         self.discrete = discretised(loop, self.period, None if gain is None else np.asarray(gain))
         self.times, self.owner = times, np.searchsorted(self.instants, times, side="right") - 1
@@ -154,7 +164,7 @@ class _Stepper:
         discrete = self.discrete
         mean = (measured - self.before) / self.period - self.held
         innovation = mean - self.xihat @ discrete.Cd.T
-        self.xihat = self.xihat @ discrete.Ad.T + innovation @ discrete.L.T
+        self.xihat = self.xihat @ discrete.Ad.T + applied(discrete.L, innovation)
 
     def step(self, held: Array, measured: Array, until: float) -> str:
         """Go to the next sample; return why that is impossible, or ""."""

@@ -67,7 +67,8 @@ def make_setting(
         )  # fmt: skip
     horizon = seconds(_horizon(problem) if t_final is None else t_final, "t_final", example="20")
     if observer == "off" and gain is None:
-        gain = [[0] * problem.m for _ in range(problem.q)] if problem.q else None
+        width = problem.m * len(problem.groups)
+        gain = [[0] * width for _ in range(problem.q)] if problem.q else None
     loop = make_loop(problem, gain)
     times, notes = _times(samples, horizon, loop.n * (4 * loop.m + 2 * loop.q))
     if stress is not None:
@@ -85,7 +86,7 @@ def make_setting(
 def error_matrix(setting: Setting) -> Array:
     """The F of eps' = F eps: A - W C; A alone where the observer is off."""
     loop = setting.loop
-    return loop.A if setting.observer == "off" else loop.A - loop.W @ loop.C
+    return loop.A if setting.observer == "off" else loop.F
 
 
 def closed_form_of(setting: Setting) -> ClosedForm | None:

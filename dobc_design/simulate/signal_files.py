@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import json
+import math
 from collections.abc import Mapping
 from dataclasses import fields
+from fractions import Fraction
 from typing import Any
 
 from dobc_design.errors import SpecError
@@ -12,6 +14,7 @@ from dobc_design.simulate.mobile import Mobile, Waypoints
 from dobc_design.simulate.signals import Fixed, Markov, Periodic, RandomDwell, Schedule, Scheduled, plain
 from dobc_design.spec.problem import Problem
 from dobc_design.spec.reading import shown
+from dobc_design.spec.switching import Switching
 
 Signal = Scheduled | Mobile
 DWELL = 0.5  # s, where [switching] gives none
@@ -61,31 +64,66 @@ def signal_from_json(text: str) -> Signal:
 def signal_of(problem: Problem) -> tuple[Signal, str | None]:
     """The signal that a problem's [switching] section describes, and a remark where something had to be chosen.
 
-    Raises: SpecError where the section names a signal whose numbers a problem file cannot hold yet.
+    Raises: SpecError for numbers beyond the range of floats.
     """
-    names = tuple(problem.network.modes)
-    if problem.switching is None:
+    names, own = tuple(problem.network.modes), problem.switching
+    if own is None:
         remark = f"No signal was given: {names[0]} is active throughout." if len(names) > 1 else None
         return Fixed(), remark
-    kind, given = problem.switching.signal, problem.switching.dwell
-    if kind in ("schedule", "mobile"):
-        needed = "the instants and modes" if kind == "schedule" else "a radius or a number of neighbours"
-        example = "Schedule(times=..., modes=...)" if kind == "schedule" else "Mobile(radius=...)"
-        raise SpecError(
-            f'switching.signal = "{kind}" needs {needed}, which a problem file cannot hold yet.',
-            key="switching.signal", cure=f"In Python: simulate(problem, signal={example}); on the command line --mode.",
-        )  # fmt: skip
+    if own.signal in ("schedule", "mobile"):
+        unused = None if own.dwell is None else f"switching.dwell is not used by a {own.signal} signal."
+        return (_mobile(own) if own.signal == "mobile" else _schedule(own)), unused
     if len(names) == 1:
         return Fixed(), "There is one mode: nothing switches."
-    dwell = DWELL if given is None else float(given)
-    remark = f"switching.dwell is not given: {DWELL} s." if given is None else None
-    if kind == "random":
+    if own.signal == "periodic" and (own.schedule or own.period):
+        return _rounds(own, names), None
+    if own.generator is not None:
+        rows = [[_float(rate, "switching.generator") for rate in row] for row in own.generator]
+        return Markov(generator=_frozen(rows)), None
+    dwell = DWELL if own.dwell is None else _float(own.dwell, "switching.dwell")
+    remark = f"switching.dwell is not given: {DWELL} s." if own.dwell is None else None
+    if own.signal == "random":
         return RandomDwell(dwell=dwell), remark
-    if kind == "periodic":
-        return Periodic(dwell=dwell), remark
+    if own.signal == "periodic":
+        return Periodic(dwell=dwell, order=own.sequence), remark
     rate = 1 / (dwell * (len(names) - 1))
-    rows = tuple(tuple(-1 / dwell if k == other else rate for other in range(len(names))) for k in range(len(names)))
-    return Markov(generator=rows), "Markov: stays last switching.dwell on average, all other modes are equally likely."
+    table = tuple(tuple(-1 / dwell if k == other else rate for other in range(len(names))) for k in range(len(names)))
+    return Markov(generator=table), "Markov: stays last switching.dwell on average, all other modes are equally likely."
+
+
+def _mobile(own: Switching) -> Mobile:
+    return Mobile(
+        radius=None if own.radius is None else _float(own.radius, "switching.radius"), neighbours=own.neighbours,
+        hysteresis=_float(own.hysteresis or Fraction(0), "switching.hysteresis"),
+    )  # fmt: skip
+
+
+def _schedule(own: Switching) -> Schedule:
+    instants = own.schedule or ()
+    times = tuple(_float(time, f"switching.schedule[{k}][0]") for k, (time, _) in enumerate(instants))
+    return Schedule(times=times, modes=tuple(mode for _, mode in instants))
+
+
+def _rounds(own: Switching, names: tuple[str, ...]) -> Periodic:
+    """One round in a given time: equal stays, or those of a schedule."""
+    whole = own.period or Fraction(0)
+    if own.schedule is None:
+        order = own.sequence or names
+        return Periodic(dwell=_float(whole / len(order), "switching.period"), order=own.sequence)
+    ends = [*(time for time, _ in own.schedule[1:]), whole]
+    stays = [_float(end - time, "switching.schedule") for (time, _), end in zip(own.schedule, ends, strict=True)]
+    return Periodic(dwell=tuple(stays), order=tuple(mode for _, mode in own.schedule))
+
+
+def _float(value: Fraction, key: str) -> float:
+    """Raises: SpecError for a number beyond the range of floats."""
+    try:
+        number = float(value)
+    except OverflowError:
+        number = math.inf
+    if math.isinf(number) or (number == 0 and value):
+        raise SpecError(f"{key} is beyond the range of floats.", key=key, cure="Choose other units.")
+    return number
 
 
 def _frozen(value: Any) -> Any:

@@ -91,7 +91,7 @@ def system_of(setting: Setting, start: Start) -> tuple[Errors | Full, Array, boo
     loop = setting.loop
     closed = None if setting.observer == "full-loop" else closed_form_of(setting)
     if setting.observer == "full-loop" or (loop.q and closed is None):
-        z = start.xihat - start.x @ loop.W.T
+        z = start.xihat - loop.correction(start.x)
         return Full(loop), np.concatenate([start.x.ravel(), start.xi.ravel(), z.ravel()]), False
     return Errors(loop, closed, start.xi - start.xihat), (start.x - loop.goal).ravel(), True
 
@@ -151,7 +151,7 @@ def _stressed_trajectory(
         t_final=setting.horizon, seed=seed, times=done.times, x=done.x, xi=done.xi, xihat=done.xihat, d=d,
         dhat=done.dhat, u=done.u, goal=loop.goal.copy(), diverged=bool(done.reason), reason=done.reason,
         method=done.method, evaluations=done.evaluations, notes=(*setting.notes, *done.notes, f"Stress: {stress}."),
-        signal=signal_to_json(setting.signal), stress=stress_to_json(stress),
+        signal=signal_to_json(setting.signal), observer=setting.observer, stress=stress_to_json(stress),
         switches=_kept(switches, done.times, bool(done.reason)),
     )  # fmt: skip
 
@@ -162,7 +162,7 @@ def _trajectory(
     loop = setting.loop
     if full:
         x, xi, z = (part.copy() for part in loop.split(run.states))
-        xihat = z + x @ loop.W.T
+        xihat = z + loop.correction(x)
     else:
         x = run.states.reshape(-1, loop.n, loop.m) + loop.goal
         xi = evolve(loop.A, start.xi, run.times)
@@ -180,7 +180,7 @@ def _trajectory(
         labels=setting.problem.network.labels, t_final=setting.horizon, seed=seed, times=run.times, x=x, xi=xi,
         xihat=xihat, d=xi @ loop.C.T, dhat=dhat, u=loop.control(x - loop.goal, dhat), goal=loop.goal.copy(),
         diverged=bool(run.reason), reason=run.reason, method=run.method, evaluations=run.evaluations,
-        notes=tuple(notes), signal=signal_to_json(setting.signal),
+        notes=tuple(notes), signal=signal_to_json(setting.signal), observer=setting.observer,
         switches=_kept(switches, run.times, bool(run.reason)),
     )  # fmt: skip
 

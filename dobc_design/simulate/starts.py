@@ -6,7 +6,7 @@ xihat starts at 0 unless it is given.  Drawn starts are the same for the same se
 from __future__ import annotations
 
 import csv
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from os import PathLike
 from pathlib import Path
@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dobc_design.errors import ShapeError, SpecError
-from dobc_design.exact.matrix import to_float
+from dobc_design.exact.matrix import Vector, to_float
 from dobc_design.simulate._arguments import finite_array
 from dobc_design.simulate.field import Loop
 from dobc_design.spec.problem import Problem
@@ -43,6 +43,7 @@ class Starts:
     """Draws starts by seed.  Arrays that are not None are the same for every seed.
 
     x: uniform in [low, high] by component, (n, m).  xi: where it is not given, uniform in the ball of ``radius``.
+    ``own``: which states of the exosystems of all groups are an agent's own, where agents have different ones.
     """
 
     low: Array
@@ -51,6 +52,7 @@ class Starts:
     x: Array | None
     xi: Array | None
     xihat: Array
+    own: NDArray[np.bool_] | None = None
 
     def draw(self, seed: int) -> Start:
         """The start of the run with this seed."""
@@ -61,9 +63,11 @@ class Starts:
                 x = self.low + (self.high - self.low) * rng.random(self.low.shape)
         if xi is None:
             n, q = self.xihat.shape
-            directions = rng.standard_normal((n, q))
+            directions, exponent = rng.standard_normal((n, q)), 1 / max(1, q)
+            if self.own is not None:
+                directions, exponent = directions * self.own, 1 / self.own.sum(axis=1, keepdims=True)
             lengths = np.linalg.norm(directions, axis=1, keepdims=True)
-            xi = self.radius * rng.random((n, 1)) ** (1 / max(1, q)) * directions / np.maximum(lengths, 1e-300)
+            xi = self.radius * rng.random((n, 1)) ** exponent * directions / np.maximum(lengths, 1e-300)
         return Start(x=x, xi=xi, xihat=self.xihat)
 
 
@@ -72,8 +76,8 @@ def make_starts(problem: Problem, loop: Loop, given: Given | None) -> Starts:
 
     ``given``: x as an array (n, m) (or m numbers for all agents); a mapping with some of x, xi, xihat; a path to a CSV
     file with n rows of m numbers (x), or to an .npz file with arrays x, xi, xihat, where a saved trajectory
-    gives its last sample.  What is not given: x from region.initial_states, without a region within 1 of the
-    goal; xi from simulation.xi0, else from the ball region.initial_disturbance, else ones; xihat = 0.
+    gives its last sample.  What is not given: x from simulation.x0, else from region.initial_states, without a region
+    within 1 of the goal; xi from simulation.xi0, else from the ball region.initial_disturbance, else ones; xihat = 0.
     Raises: SpecError or ShapeError for what does not fit or is not finite.
     """
     parts = _parts(given)
@@ -83,6 +87,9 @@ def make_starts(problem: Problem, loop: Loop, given: Given | None) -> Starts:
     xihat = np.zeros((n, q))
     if parts.get("xihat") is not None:
         xihat = _rows(parts["xihat"], "start.xihat", n, q, "exosystem state")
+    _refuse_foreign(loop, {"xi": xi, "xihat": xihat})
+    if x is None and problem.simulation.x0 is not None:
+        x = np.array(np.broadcast_to(to_float(problem.simulation.x0), (n, m)))
     region = problem.region
     if region is None:
         low, high = loop.goal - AWAY, loop.goal + AWAY
@@ -92,12 +99,33 @@ def make_starts(problem: Problem, loop: Loop, given: Given | None) -> Starts:
     xi0 = problem.simulation.xi0
     radius = 0.0
     if xi is None and xi0 is not None:
-        xi = np.array(np.broadcast_to(to_float(xi0), (n, q)))
+        xi = _placed(xi0, loop)
     if xi is None and region is not None and region.initial_disturbance is not None:
         radius = float(region.initial_disturbance)
     elif xi is None:
-        xi = np.ones((n, q))
-    return Starts(low=low, high=high, radius=radius, x=x, xi=xi, xihat=xihat)
+        xi = np.ones((n, q)) if loop.own is None else loop.own.astype(float)
+    return Starts(low=low, high=high, radius=radius, x=x, xi=xi, xihat=xihat, own=loop.own)
+
+
+def _placed(rows: Sequence[Vector], loop: Loop) -> Array:
+    """xi0 of the problem, one row for all agents or one each, where the states of an agent's own exosystem are."""
+    if loop.own is None:
+        return np.array(np.broadcast_to(to_float(tuple(rows)), (loop.n, loop.q)))
+    xi = np.zeros((loop.n, loop.q))
+    for agent in range(loop.n):
+        xi[agent, loop.own[agent]] = to_float((rows[agent if len(rows) > 1 else 0],))[0]
+    return xi
+
+
+def _refuse_foreign(loop: Loop, parts: Mapping[str, Array | None]) -> None:
+    """No agent may start in a state of another group's exosystem, which it does not have."""
+    for name, rows in parts.items():
+        if loop.own is not None and rows is not None and rows[~loop.own].any():
+            agent = int(np.flatnonzero((rows * ~loop.own).any(axis=1))[0])
+            raise SpecError(
+                f"start.{name} must be 0 in the states that belong to other groups; row {agent} is not.",
+                key=f"start.{name}", cure="Each row holds the states of all groups, in the order of problem.groups.",
+            )  # fmt: skip
 
 
 def _parts(given: Given | None) -> Mapping[str, Any]:

@@ -40,7 +40,7 @@ def fastest_decay(loop: Loop, groups: Sequence[ArcGroup]) -> float:
 
 def observer_decay(loop: Loop) -> float:
     """The fastest decay of the observer's error, 1/s."""
-    observer = loop.A - loop.W @ loop.C
+    observer = loop.F
     if not loop.q or not np.isfinite(observer).all():
         return 0.0
     return float(-np.linalg.eigvals(observer).real.min())

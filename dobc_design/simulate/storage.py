@@ -24,7 +24,10 @@ from dobc_design.spec.reading import shown
 
 FORMAT, VERSION = "dobc-trajectory", 1
 SAMPLED = ("x", "xi", "xihat", "d", "dhat", "u")  # (T, n, width)
-PLAIN = ("name", "mode", "t_final", "seed", "diverged", "reason", "method", "evaluations", "signal", "stress")
+PLAIN = (
+    "name", "mode", "t_final", "seed", "diverged", "reason", "method", "evaluations", "signal", "observer", "stress",
+    "loop_sha256",
+)  # fmt: skip
 
 
 def save_trajectory(trajectory: Trajectory, path: Path, *, force: bool) -> Path:

@@ -52,7 +52,7 @@ class Stressed(Full):
             e, xihat = self.known(state)
             u = agents.control(e, xihat @ loop.C.T)
             felt = links.felt(e, agents.heard(links, e)) + u
-            z_dot = xihat @ (loop.A - loop.W @ loop.C).T - felt @ loop.W.T
+            z_dot = xihat @ loop.F.T - loop.correction(felt)
             x_dot = felt + xi @ loop.C.T
             if agents.stress.disturbance:
                 x_dot = x_dot + agents.extra(time)
@@ -64,7 +64,7 @@ class Stressed(Full):
         """What the agents know at a state: measured errors (n, m) and xihat (n, q)."""
         x, _, z = self.loop.split(state)
         measured = x + self.agents.noise
-        return measured - self.loop.goal, z + measured @ self.loop.W.T
+        return measured - self.loop.goal, z + self.loop.correction(measured)
 
 
 class Interrupted:
@@ -102,14 +102,14 @@ def run_continuously(
 ) -> Outcome:  # fmt: skip
     """Integrate ``plan``, whose parts ``system`` made, and put down what happened at ``times``."""
     loop, agents = system.loop, system.agents
-    z = start.xihat - start.x @ loop.W.T
+    z = start.xihat - loop.correction(start.x)
     flat = np.concatenate([start.x.ravel(), start.xi.ravel(), z.ravel()])
     run = integrate(
         Interrupted(plan, system), flat, times, tolerance=tolerance, implicit=implicit, progress=progress
     )  # fmt: skip
     x, xi, z = (part.copy() for part in loop.split(run.states))
     measured = x + agents.noise_at(run.times)
-    xihat = z + measured @ loop.W.T
+    xihat = z + loop.correction(measured)
     dhat = xihat @ loop.C.T if agents.heeds else np.zeros_like(x)
     return Outcome(
         times=run.times, x=x, xi=xi, xihat=xihat if agents.heeds else np.zeros_like(xihat), dhat=dhat,

@@ -9,12 +9,13 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from os import PathLike
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
 from dobc_design._render import escape_html
+from dobc_design.errors import SpecError
 from dobc_design.simulate import measures
 from dobc_design.simulate.switches import Switches, one_mode
 
@@ -71,7 +72,9 @@ class Trajectory:
     evaluations: int = 0
     notes: tuple[str, ...] = ()
     signal: str = ""  # as JSON
+    observer: str = "closed-form"  # or "full-loop", "off"
     stress: str = ""  # as JSON; "" where there was none
+    loop_sha256: str = ""  # of the problem and W; "" where they were not recorded
     switches: Switches = field(default_factory=lambda: one_mode(""))  # default: ``mode`` throughout
     mode_index: IndexArray = field(init=False)
 
@@ -103,6 +106,11 @@ class Trajectory:
         """The largest component of d - dhat at every sample: (T,)."""
         return _largest(self.d - self.dhat)
 
+    def start_size(self) -> tuple[float, float, float]:
+        """Of the start: |e|_inf, the Euclidean |e| of all agents stacked, and the largest |xi_i - xihat_i|."""
+        e, eps = self.x[0] - self.goal, self.xi[0] - self.xihat[0]
+        return float(np.abs(e).max()), float(np.linalg.norm(e)), float(np.linalg.norm(eps, axis=1).max(initial=0.0))
+
     @property
     def final_error(self) -> float:
         """|e|_inf at the last sample."""
@@ -127,15 +135,18 @@ class Trajectory:
         """The numbers of ``dobc simulate --json``, without its files."""
         return measures.summary(self.times, self.error()[None], np.array([self.diverged]))
 
-    def plot(self, *, envelope: Envelope | None = None, pinned: Sequence[int] = ()) -> Sheet:
+    def plot(
+        self, *, certificate: Bounding | None = None, envelope: Envelope | None = None, pinned: Sequence[int] = ()
+    ) -> Sheet:
         """States, disturbance and estimate, errors on a logarithmic axis, and the active mode, as one figure.
 
-        ``envelope``: certified bounds on |e|_inf as points (t, bound), (k, 2), or as a function of times, such as
+        ``certificate``: what it proves about |e|_inf from this start is drawn into the errors.  ``envelope``: other
+        bounds of |e|_inf, as points (t, bound), (k, 2), or as a function of times, such as
         ``certify_settling(problem).envelope``.  ``pinned``: indices to be drawn in blue.
         """
         from dobc_design.plotting.runs import trajectory_sheet
 
-        return trajectory_sheet(self, envelope=envelope, pinned=pinned)
+        return trajectory_sheet(self, envelope=bound_of(self, certificate, envelope), pinned=pinned)
 
     def animate(
         self, path: str | PathLike[str], *, arcs: Mapping[str, Sequence[tuple[int, int]]] | None = None,
@@ -181,6 +192,23 @@ class Trajectory:
         end = f"diverged at about {self.times[-1]:.4g} s of" if self.diverged else "ran to"
         first, last = self.error()[[0, -1]]
         return f'mode "{self.mode}", {end} {self.t_final:.4g} s, |e|_inf from {first:.4g} to {last:.4g}'
+
+
+class Bounding(Protocol):
+    """What bounds runs: a ``certificate.certificate.Certificate``."""
+
+    def envelope(self, run: Any) -> Any:
+        """A function of times, whose ``sources`` are empty where nothing is proved about the run."""
+
+
+def bound_of(run: Any, certificate: Bounding | None, envelope: Envelope | None) -> Envelope | None:
+    """The bound to be drawn with a run: that of the certificate, or the given one.  Raises: SpecError for both."""
+    if certificate is None:
+        return envelope
+    if envelope is not None:
+        raise SpecError("certificate and envelope exclude each other.", key="envelope", cure="Leave one of them out.")
+    found: Any = certificate.envelope(run)
+    return found if found.sources else None
 
 
 def _largest(values: Array) -> Array:

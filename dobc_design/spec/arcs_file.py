@@ -8,6 +8,8 @@ from __future__ import annotations
 
 import csv
 import io
+import re
+from array import array
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from fractions import Fraction
@@ -15,9 +17,11 @@ from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree
 
+import numpy as np
+
 from dobc_design.errors import SpecError
 from dobc_design.exact.number import parse_number
-from dobc_design.spec.arcs import Arcs, arcs_from_pairs
+from dobc_design.spec.arcs import ONE, Arcs, arcs_from_pairs, directed
 from dobc_design.spec.reading import named, shown, shown_number
 
 MAX_BYTES = 1_000_000_000
@@ -32,24 +36,56 @@ def read_arcs_file(name: str, *, folder: Path | None, index: Mapping[str, int], 
     undirected edge gives both arcs.
     Raises: SpecError with the line.
     """
+    source, path, text = _opened(name, folder=folder, key=key)
+    lean = _lean_arcs(_rows(path, text, source, index), source, index=index, arrow=arrow)
+    return lean or _arcs(list(_rows(path, text, source, index)), source, index=index, arrow=arrow)
+
+
+def labels_in_file(name: str, *, folder: Path | None, key: str) -> tuple[str, ...]:
+    """The labels of a file of arcs, in the order they appear; whole numbers in order.  Raises: SpecError."""
+    source, path, text = _opened(name, folder=folder, key=key)
+    labels = tuple(dict.fromkeys(label for _, cells in _rows(path, text, source, {}) for label in cells[:2]))
+    if not labels:
+        raise source.empty()
+    return tuple(sorted(labels, key=int)) if all(re.fullmatch("[0-9]{1,9}", label) for label in labels) else labels
+
+
+def _opened(name: str, *, folder: Path | None, key: str) -> tuple[_Source, Path, str]:
     path = _resolve(name, folder=folder, key=key)
     source = _Source(name=named(name), key=key, unit="edge" if path.suffix.lower() == ".graphml" else "line")
     try:
-        text = path.read_bytes().decode("utf-8-sig")
+        return source, path, path.read_bytes().decode("utf-8-sig")
     except UnicodeDecodeError as error:
         raise source.error(f"must be UTF-8 text; byte {error.start} is not", "Save it as UTF-8.") from None
     except OSError as error:
         raise source.error(f"cannot be read: {error.strerror or error}", "Check the path.") from None
+
+
+def _rows(path: Path, text: str, source: _Source, index: Mapping[str, int]) -> Iterator[Row]:
     suffix = path.suffix.lower()
     if suffix == ".graphml":
-        rows = list(_graphml(text, source))
-    elif suffix == ".csv":
-        rows = list(_csv(text, source, index=index))
-    else:
-        rows = list(_edge_list(text))
-    if not rows:
-        raise source.error("is empty: it holds no arcs", "Add arcs, one per line.")
-    return _arcs(rows, source, index=index, arrow=arrow)
+        return _graphml(text, source)
+    return _csv(text, source, index=index) if suffix == ".csv" else _edge_list(text)
+
+
+def _lean_arcs(rows: Iterator[Row], source: _Source, *, index: Mapping[str, int], arrow: str) -> Arcs | None:
+    """The arcs, none of their rows kept; None where something is wrong: it is then looked for again, with its row."""
+    ends = array("q"), array("q")
+    known: dict[str, Fraction] = {}
+    weights: list[Fraction] = []
+    for row, cells in rows:
+        first, second = (index.get(cells[0]), index.get(cells[1])) if len(cells) in (2, 3) else (None, None)
+        if first is None or second is None:
+            return None
+        if len(cells) == 3 and cells[2] not in known:
+            known[cells[2]] = _weight(cells[2], source, row=row)
+        ends[0].append(first)
+        ends[1].append(second)
+        weights.append(known[cells[2]] if len(cells) == 3 else ONE)
+    a, b = (np.array(each, dtype=np.int64) for each in ends)
+    if not len(a) or (a == b).any() or len(np.unique(a * len(index) + b)) < len(a):
+        return None
+    return directed(a, b, tuple(weights), arrow=arrow)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -59,6 +95,10 @@ class _Source:
     name: str
     key: str
     unit: str  # what is counted: lines, or edges
+
+    def empty(self) -> SpecError:
+        """An error about a file without arcs."""
+        return self.error("is empty: it holds no arcs", "Add arcs, one per line.")
 
     def error(self, what: str, cure: str, *, row: int | None = None) -> SpecError:
         """An error about the file, or about one row of it."""
@@ -181,6 +221,8 @@ def _weight(text: str, source: _Source, *, row: int) -> Fraction:
 
 
 def _arcs(rows: list[Row], source: _Source, *, index: Mapping[str, int], arrow: str) -> Arcs:
+    if not rows:
+        raise source.empty()
     known: dict[str, Any] = {}
     seen: set[tuple[str, str]] = set()
     for row, cells in rows:

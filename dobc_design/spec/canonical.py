@@ -20,12 +20,14 @@ from dobc_design.exact.number import number_text, parse_number
 from dobc_design.spec.arcs import Arcs, directed
 from dobc_design.spec.coupling import Coupling
 from dobc_design.spec.exosystem import Exosystem
+from dobc_design.spec.groups import Group, group_key, renamed
 from dobc_design.spec.labels import labels_of
 from dobc_design.spec.network import Network
 from dobc_design.spec.observer import Observer
 from dobc_design.spec.problem import Problem
 from dobc_design.spec.reading import shown
-from dobc_design.spec.settings import Switching
+from dobc_design.spec.settings import Simulation
+from dobc_design.spec.switching import Switching
 
 FORMAT = "dobc-problem"
 VERSION = 1
@@ -34,6 +36,7 @@ _KEYS = (
     "format", "version", "name", "notes", "labels", "dimension", "target", "modes", "coupling", "gains", "exosystem",
     "observer", "offsets", "region", "switching", "simulation",
 )  # fmt: skip
+_LATER_SWITCHING = ("sequence", "period", "generator", "schedule", "radius", "neighbours", "hysteresis")
 
 
 def canonical_bytes(problem: Problem) -> bytes:
@@ -45,6 +48,12 @@ def canonical_bytes(problem: Problem) -> bytes:
 def problem_sha256(problem: Problem) -> str:
     """SHA-256 of ``canonical_bytes``, as hexadecimal text."""
     return hashlib.sha256(canonical_bytes(problem)).hexdigest()
+
+
+def loop_sha256(problem: Problem, W: Matrix | None) -> str:
+    """The fingerprint of a closed loop: of the problem and of the observer gain W (q, m) that it runs with."""
+    rows = None if W is None else [[str(entry) for entry in row] for row in W]
+    return hashlib.sha256(f"{problem_sha256(problem)} {json.dumps(rows)}".encode()).hexdigest()
 
 
 def matrix_text(matrix: Matrix) -> list[list[str]]:
@@ -73,14 +82,7 @@ def canonical_document(problem: Problem) -> dict[str, Any]:
             ],
         },
         "gains": [[i, matrix_text(k)] for i, k in problem.pinning.gains.items()],
-        "exosystem": None
-        if problem.exosystem is None
-        else {"A": matrix_text(problem.exosystem.A), "C": matrix_text(problem.exosystem.C)},
-        "observer": {
-            "W": None if problem.observer.W is None else matrix_text(problem.observer.W),
-            "P": None if problem.observer.P is None else matrix_text(problem.observer.P),
-            "rate": _number(problem.observer.rate),
-        },
+        **_disturbance(problem),
         "offsets": [[i, _vector(offset)] for i, offset in problem.offsets.items()],
         "region": None
         if problem.region is None
@@ -88,15 +90,60 @@ def canonical_document(problem: Problem) -> dict[str, Any]:
             "initial_states": [_vector(pair) for pair in problem.region.initial_states],
             "initial_disturbance": _number(problem.region.initial_disturbance),
         },
-        "switching": None
-        if problem.switching is None
-        else {"signal": problem.switching.signal, "dwell": _number(problem.switching.dwell)},
-        "simulation": {
-            "t_final": _number(problem.simulation.t_final),
-            "seed": problem.simulation.seed,
-            "xi0": None if problem.simulation.xi0 is None else [_vector(row) for row in problem.simulation.xi0],
-        },
+        "switching": None if problem.switching is None else _switching(problem.switching),
+        "simulation": _simulation(problem.simulation),
     }
+
+
+def _switching(own: Switching) -> dict[str, Any]:
+    """Keys that later versions added stand there only where they were given: others keep their hash."""
+    document: dict[str, Any] = {"signal": own.signal, "dwell": _number(own.dwell)}
+    later = {
+        "sequence": None if own.sequence is None else list(own.sequence),
+        "period": _number(own.period),
+        "generator": None if own.generator is None else matrix_text(own.generator),
+        "schedule": None if own.schedule is None else [[number_text(time), mode] for time, mode in own.schedule],
+        "radius": _number(own.radius),
+        "neighbours": own.neighbours,
+        "hysteresis": _number(own.hysteresis),
+    }
+    return document | {key: value for key, value in later.items() if value is not None}
+
+
+def _simulation(own: Simulation) -> dict[str, Any]:
+    document: dict[str, Any] = {
+        "t_final": _number(own.t_final),
+        "seed": own.seed,
+        "xi0": None if own.xi0 is None else matrix_text(own.xi0),
+    }
+    return document if own.x0 is None else document | {"x0": matrix_text(own.x0)}
+
+
+def _disturbance(problem: Problem) -> dict[str, Any]:
+    """The exosystem and the observer: those of all agents, or those of every group."""
+    if problem.is_grouped:
+        index = problem.network.index
+        groups = [
+            {
+                "agents": [index[label] for label in group.agents],
+                "A": matrix_text(group.exosystem.A),
+                "C": matrix_text(group.exosystem.C),
+                "W": _matrix(group.observer.W),
+                "P": _matrix(group.observer.P),
+            }
+            for group in problem.groups
+        ]
+        rate = _number(problem.groups[0].observer.rate)
+        return {"exosystem": {"groups": groups}, "observer": {"W": None, "P": None, "rate": rate}}
+    exosystem, observer = problem.exosystem, problem.observer
+    return {
+        "exosystem": None if exosystem is None else {"A": matrix_text(exosystem.A), "C": matrix_text(exosystem.C)},
+        "observer": {"W": _matrix(observer.W), "P": _matrix(observer.P), "rate": _number(observer.rate)},
+    }
+
+
+def _matrix(matrix: Matrix | None) -> list[list[str]] | None:
+    return None if matrix is None else matrix_text(matrix)
 
 
 def _vector(values: Sequence[Fraction]) -> list[str]:
@@ -130,9 +177,7 @@ def _load(data: bytes) -> dict[str, Any]:
         reason = str(error) if isinstance(error, json.JSONDecodeError) else type(error).__name__
         raise SpecError(f"problem.json is not valid JSON ({reason}).", key="problem.json", cure=_CURE) from None
     if not isinstance(document, dict) or document.get("format") != FORMAT:
-        raise SpecError(
-            f'problem.json must hold an object with "format": "{FORMAT}".', key="format", cure=_CURE
-        )
+        raise SpecError(f'problem.json must hold an object with "format": "{FORMAT}".', key="format", cure=_CURE)
     version = document.get("version")
     if version != VERSION or type(version) is not int:  # true and 1.0 equal 1
         raise SpecError(
@@ -158,9 +203,12 @@ class _Reader:
 
     def problem(self) -> Problem:
         document = self.document
-        exosystem = _optional(document["exosystem"], ("A", "C"), key="exosystem")
+        groups = self.groups(document["exosystem"])
+        exosystem = _optional(None if groups else document["exosystem"], ("A", "C"), key="exosystem")
         observer = _object(document["observer"], ("W", "P", "rate"), key="observer")
-        switching = _optional(document["switching"], ("signal", "dwell"), key="switching")
+        switching = document["switching"]
+        if switching is not None:
+            switching = _object(switching, ("signal", "dwell"), _LATER_SWITCHING, key="switching")
         coupling = _object(document["coupling"], ("h", "exceptions"), key="coupling")
         return Problem(
             name=_text(document["name"], key="name"),
@@ -172,11 +220,32 @@ class _Reader:
             gains=self.by_label("gains"),
             exosystem=None if exosystem is None else Exosystem(A=exosystem["A"], C=exosystem["C"]),
             observer=None if all(value is None for value in observer.values()) else Observer(**observer),
+            groups=groups,
             offsets=self.by_label("offsets"),
             region=_optional(document["region"], ("initial_states", "initial_disturbance"), key="region"),
-            switching=None if switching is None else Switching(signal=switching["signal"], dwell=switching["dwell"]),
-            simulation=_object(document["simulation"], ("t_final", "seed", "xi0"), key="simulation"),
+            switching=None if switching is None else Switching(**switching),
+            simulation=_object(document["simulation"], ("t_final", "seed", "xi0"), ("x0",), key="simulation"),
         )
+
+    def groups(self, exosystem: Any) -> list[Group]:
+        """The groups of agents, where there are several."""
+        if not isinstance(exosystem, dict) or "groups" not in exosystem:
+            return []
+        result = []
+        _object(exosystem, ("groups",), key="exosystem")
+        for position, item in enumerate(_list(exosystem["groups"], key="exosystem.groups")):
+            key = group_key(position)
+            group = _object(item, ("agents", "A", "C", "W", "P"), key=key)
+            places = [self.index(place, key=f"{key}.agents") for place in _list(group["agents"], key=f"{key}.agents")]
+            try:
+                system = Exosystem(A=group["A"], C=group["C"])
+                observer = Observer(W=group["W"], P=group["P"])
+                result.append(Group(agents=[self.labels[i] for i in places], exosystem=system, observer=observer))
+            except SpecError as error:
+                raise renamed(error, position) from None
+        if len(result) < 2:
+            raise _wrong("exosystem.groups", "a list of two groups or more", exosystem["groups"])
+        return result
 
     def modes(self) -> dict[str, Arcs]:
         """Arcs by mode."""
@@ -219,10 +288,13 @@ class _Reader:
         return value
 
 
-def _object(value: Any, keys: Sequence[str], *, key: str) -> dict[str, Any]:
-    if not isinstance(value, dict) or set(value) != set(keys):
+def _object(value: Any, keys: Sequence[str], later: Sequence[str] = (), *, key: str) -> dict[str, Any]:
+    """An object with all of ``keys``, and some of ``later``, which are not null where they stand."""
+    known = isinstance(value, dict) and set(keys) <= set(value) <= {*keys, *later}
+    if not known or any(value[name] is None for name in later if name in value):
         raise _wrong(key, f"an object with the keys {', '.join(keys)}", value)
-    return value
+    found: dict[str, Any] = value
+    return found
 
 
 def _optional(value: Any, keys: Sequence[str], *, key: str) -> dict[str, Any] | None:

@@ -35,13 +35,22 @@ def changed_problem(problem: Problem, changes: Mapping[str, Any]) -> Problem:
                 f"{shown(key)} is no key that a change may set.", key=key, cure=f"One of {', '.join(CHANGEABLE)}."
             )
     remake, (given,) = problem.__reduce__()  # everything that makes the problem, for a copy
-    exosystem = _exosystem(problem, changes)
-    given |= {"exosystem": exosystem, "observer": None if exosystem is None else _observer(problem.observer, changes)}
+    if not problem.is_grouped:
+        exosystem = _exosystem(problem, changes)
+        given["exosystem"] = exosystem
+        given["observer"] = None if exosystem is None else _observer(problem.observer, changes)
+    elif any(key.startswith(("exosystem", "observer")) for key in changes):
+        raise SpecError(
+            "exosystem and observer cannot be changed by key where agents have different ones.", key="exosystem.groups",
+            cure="Make the problem anew with other groups.",
+        )  # fmt: skip
     given["target"] = changes.get("target", problem.target)
     given["gains"] = changes.get("pinning.gains", problem.pinning)
     if "simulation.xi0" in changes:
         own = problem.simulation
-        given["simulation"] = {"t_final": own.t_final, "seed": own.seed, "xi0": changes["simulation.xi0"]}
+        given["simulation"] = {
+            "t_final": own.t_final, "seed": own.seed, "xi0": changes["simulation.xi0"], "x0": own.x0,
+        }  # fmt: skip
     if "region.initial_disturbance" in changes and problem.region is not None:
         given["region"] = {
             "initial_states": problem.region.initial_states,

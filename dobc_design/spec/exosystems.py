@@ -17,9 +17,30 @@ from dobc_design.exact.number import parse_number
 from dobc_design.spec.exosystem import Exosystem
 from dobc_design.spec.reading import is_list, shown, shown_number
 
-__all__ = ["constant", "harmonics", "periodic", "polynomial", "ramp", "stacked", "total"]
+__all__ = ["KINDS", "constant", "harmonics", "of_kind", "periodic", "polynomial", "ramp", "stacked", "total"]
 
 LARGEST_DEGREE = 20
+KINDS = ("constant", "ramp", "harmonics")  # that a problem file may name
+
+
+def of_kind(kind: Any, *, frequencies: Any = None, components: int = 1) -> Exosystem:
+    """The exosystem that a problem file names by ``kind``, one for each of ``components`` (``stacked``).
+
+    Raises: SpecError for an unknown kind, and for frequencies (rad/s) beside another kind than harmonics.
+    """
+    if kind not in KINDS:
+        raise SpecError(
+            f"exosystem.kind must be one of {', '.join(KINDS)}; got {shown(kind)}.", key="exosystem.kind",
+            cure="For another shape give A and C.",
+        )  # fmt: skip
+    if (frequencies is not None) is not (kind == "harmonics"):
+        wrong = "has no meaning for this kind" if frequencies is not None else "is required for harmonics and missing"
+        raise SpecError(
+            f"exosystem.frequencies {wrong}.", key="exosystem.frequencies",
+            cure="Remove it." if frequencies is not None else "Write frequencies = [2], in rad/s.",
+        )  # fmt: skip
+    shape = harmonics(frequencies) if kind == "harmonics" else constant() if kind == "constant" else ramp()
+    return shape if components == 1 else stacked(*[shape] * components)
 
 
 def constant() -> Exosystem:

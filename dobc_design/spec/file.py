@@ -17,7 +17,7 @@ from dobc_design.spec import arcs_file
 from dobc_design.spec.arcs import Arcs, arcs_from_pairs, check_arrow
 from dobc_design.spec.canonical import problem_from_canonical
 from dobc_design.spec.coupling import Coupling, make_coupling
-from dobc_design.spec.exosystem import Exosystem
+from dobc_design.spec.exosystem_tables import read_exosystem
 from dobc_design.spec.file_errors import explain
 from dobc_design.spec.labels import labels_of
 from dobc_design.spec.network import Network
@@ -25,7 +25,7 @@ from dobc_design.spec.observer import Observer
 from dobc_design.spec.problem import Problem, dimension_of, is_name
 from dobc_design.spec.reading import MOST_ERRORS, is_list, is_text, named, shown
 from dobc_design.spec.schema import SCHEMA_VERSION, ProblemFile
-from dobc_design.spec.settings import Switching
+from dobc_design.spec.switching import Switching
 from dobc_design.spec.toml_text import parse_toml, read_bytes
 
 T = TypeVar("T")
@@ -43,7 +43,11 @@ def read_problem_file(path: Path) -> Problem:
 
 def read_problem_text(data: bytes, *, folder: Path | None, default_name: str = "problem") -> Problem:
     """Read a problem from the bytes of a TOML file; ``folder`` is where ``file = `` may look."""
-    document = parse_toml(data)
+    return read_problem_tables(parse_toml(data), folder=folder, default_name=default_name)
+
+
+def read_problem_tables(document: Mapping[str, Any], *, folder: Path | None, default_name: str) -> Problem:
+    """Read a problem from the tables of a TOML file, as ``parse_toml`` gives them."""
     _check_version(document)
     try:
         tables = ProblemFile.model_validate(document)
@@ -88,11 +92,17 @@ class _Collector:
 def _build(tables: ProblemFile, *, folder: Path | None, default_name: str) -> Problem:
     collect = _Collector()
     network = collect.read(lambda: _network(tables, folder=folder))
-    exosystem = collect.read(lambda: _exosystem(tables))
+    given = collect.read(
+        lambda: read_exosystem(tables, dimension_of=lambda found: dimension_of(found, tables.target, tables.coupling.h))
+    )
     observer = collect.read(lambda: _observer(tables))
     switching = collect.read(lambda: _switching(tables))
-    dimension = collect.read(lambda: dimension_of(exosystem, tables.target, tables.coupling.h))
-    if network is None or dimension is None or (exosystem is None and tables.exosystem is not None):
+    if given is None:
+        raise collect.error()
+    exosystem, groups = given
+    first = exosystem if exosystem is not None or not groups else groups[0].exosystem
+    dimension = collect.read(lambda: dimension_of(first, tables.target, tables.coupling.h))
+    if network is None or dimension is None:
         raise collect.error()
     exceptions = collect.read(lambda: _exceptions(tables, network, dimension=dimension))
     problem = collect.read(
@@ -105,6 +115,7 @@ def _build(tables: ProblemFile, *, folder: Path | None, default_name: str) -> Pr
             gains=None if tables.pinning is None else tables.pinning.gains,
             exosystem=exosystem,
             observer=observer,
+            groups=groups,
             offsets=None if tables.formation is None else tables.formation.offsets,
             region=None if tables.region is None else tables.region.model_dump(),
             switching=switching,
@@ -117,11 +128,6 @@ def _build(tables: ProblemFile, *, folder: Path | None, default_name: str) -> Pr
     return problem
 
 
-def _exosystem(tables: ProblemFile) -> Exosystem | None:
-    table = tables.exosystem
-    return None if table is None else Exosystem(A=table.A, C=table.C)
-
-
 def _observer(tables: ProblemFile) -> Observer | None:
     table = tables.observer
     return None if table is None else Observer(W=table.W, P=table.P, rate=table.rate)
@@ -129,7 +135,7 @@ def _observer(tables: ProblemFile) -> Observer | None:
 
 def _switching(tables: ProblemFile) -> Switching | None:
     table = tables.switching
-    return None if table is None else Switching(signal=table.signal, dwell=table.dwell)
+    return None if table is None else Switching(**table.model_dump())
 
 
 def _network(tables: ProblemFile, *, folder: Path | None) -> Network:

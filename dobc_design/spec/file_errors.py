@@ -30,6 +30,8 @@ _EXAMPLES = {
     "exosystem": "[exosystem] and below it A = [[0, 2], [-2, 0]] and C = [[1, 0]]",
     "exosystem.A": "A = [[0, 2], [-2, 0]]",
     "exosystem.C": "C = [[1, 0]]",
+    "exosystem.groups": "[[exosystem.groups]] and below it agents = [1, 2], A = [[0]] and C = [[1]]",
+    "exosystem.groups.agents": "agents = [1, 2]",
     "formation.offsets": "offsets = { 2 = 1.5, 3 = -1.5 }",
     "region.initial_states": "initial_states = [0, 5]",
     "switching.signal": 'signal = "random"',

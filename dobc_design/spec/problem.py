@@ -14,12 +14,14 @@ from dobc_design.errors import ShapeError, SpecError
 from dobc_design.exact.matrix import Vector
 from dobc_design.spec.coupling import Coupling, make_coupling
 from dobc_design.spec.exosystem import Exosystem
+from dobc_design.spec.groups import Group, group_numbers, joint_exosystem, joint_observer, read_groups
 from dobc_design.spec.network import Network
-from dobc_design.spec.observer import Observer, check_observer
+from dobc_design.spec.observer import Observer
 from dobc_design.spec.pinning import Pinning, read_pinning
 from dobc_design.spec.reading import MOST_ERRORS, is_list, is_text, named, read_vector, shown
 from dobc_design.spec.region import Region, read_region
-from dobc_design.spec.settings import Simulation, Switching, read_simulation
+from dobc_design.spec.settings import Simulation, read_simulation
+from dobc_design.spec.switching import Switching, check_switching
 
 T = TypeVar("T")
 Arc = tuple[int, int]
@@ -38,9 +40,11 @@ class Problem:
         gains: {label: k} with k >= 0 or an m x m matrix; or one number for all agents.
         exosystem: Exosystem or None (no disturbance).
         observer: Observer or None (W is designed).
+        groups: Groups of agents with an exosystem and an observer of their own; ``exosystem`` and ``observer`` are
+            then those of the agents in no group.
         offsets: {label: offset}, the formation: agent i goes to xbar + offset_i.
         region: {"initial_states": ..., "initial_disturbance": ...} or a Region.
-        switching, simulation: settings; ``simulation`` is a mapping with t_final, seed, xi0.
+        switching, simulation: settings; ``simulation`` is a mapping with t_final, seed, xi0, x0.
         notes: sentences on what is assumed or stands in; they are shown wherever a result is shown.
     Raises: SpecError (or ShapeError, ExpressionError) that names every wrong key.
     """
@@ -51,8 +55,7 @@ class Problem:
     exceptions: Mapping[Arc, Coupling]
     target: Vector
     pinning: Pinning
-    exosystem: Exosystem | None
-    observer: Observer
+    groups: tuple[Group, ...]
     offsets: Mapping[int, Vector]
     region: Region | None
     switching: Switching | None
@@ -69,6 +72,7 @@ class Problem:
         gains: Any = None,
         exosystem: Exosystem | None = None,
         observer: Observer | None = None,
+        groups: Sequence[Group] | None = None,
         offsets: Mapping[Any, Any] | None = None,
         region: Region | Mapping[str, Any] | None = None,
         switching: Switching | None = None,
@@ -79,20 +83,26 @@ class Problem:
         errors: list[SpecError] = []
         keep = _Keeper(self, errors)
         _check_kinds(network=network, exosystem=exosystem, observer=observer, switching=switching)
-        m = dimension_of(exosystem, target, coupling)
-        n, q = network.size, 0 if exosystem is None else exosystem.order
+        _check_groups(groups)
+        first = exosystem if exosystem is not None or not groups else groups[0].exosystem
+        m = dimension_of(first, target, coupling)
         keep("name", lambda: _read_name(name))
         keep("network", lambda: network)
-        keep("exosystem", lambda: exosystem)
+        keep(
+            "groups",
+            lambda: read_groups(groups, exosystem=exosystem, observer=observer, labels=network.labels, m=m),
+        )
+        divided: tuple[Group, ...] | None = getattr(self, "groups", None)  # None: there is a mistake in them
         keep("target", lambda: read_vector(target, key="target", length=m, because="one per state component"))
         keep("coupling", lambda: _read_coupling(coupling, dimension=m, key="coupling.h"))
         keep("exceptions", lambda: _read_exceptions(exceptions, network=network, dimension=m))
         keep("pinning", lambda: _read_pinning(gains, network=network, dimension=m))
-        keep("observer", lambda: _read_observer(observer, exosystem=exosystem))
         keep("offsets", lambda: _read_offsets(offsets, network=network, dimension=m))
-        keep("region", lambda: _read_region(region, dimension=m, exosystem=exosystem))
-        keep("switching", lambda: switching)
-        keep("simulation", lambda: _read_simulation(simulation, n=n, q=q))
+        keep("region", lambda: _read_region(region, dimension=m, with_exosystem=first is not None))
+        keep("switching", lambda: _read_switching(switching, network=network))
+        if divided is not None or not groups:  # else nobody knows how long the rows of xi0 have to be
+            orders = _orders(divided, network.labels, exosystem)
+            keep("simulation", lambda: _read_simulation(simulation, n=network.size, orders=orders, m=m))
         keep("notes", lambda: _read_notes(notes))
         if errors:
             raise SpecError.several(errors)
@@ -106,8 +116,11 @@ class Problem:
             name: getattr(self, name)
             for name in ("name", "network", "coupling", "target", "region", "switching", "simulation", "notes")
         }
-        given |= {"gains": self.pinning, "exceptions": dict(self.exceptions), "exosystem": self.exosystem}
-        given["observer"] = None if self.exosystem is None else self.observer
+        given |= {"gains": self.pinning, "exceptions": dict(self.exceptions)}
+        if self.is_grouped:
+            given |= {"groups": self.groups, "observer": Observer(rate=self.groups[0].observer.rate)}
+        else:
+            given |= {"exosystem": self.exosystem, "observer": self.observer if self.groups else None}
         given["offsets"] = {self.network.labels[i]: offset for i, offset in self.offsets.items()}
         return _remake, (given,)
 
@@ -123,8 +136,49 @@ class Problem:
 
     @property
     def q(self) -> int:
-        """Order of the exosystem; 0 without one."""
-        return 0 if self.exosystem is None else self.exosystem.order
+        """Order of the exosystem; 0 without one.  Of several groups: the sum of their orders."""
+        return sum(group.exosystem.order for group in self.groups)
+
+    @property
+    def is_grouped(self) -> bool:
+        """Whether there are several groups of agents, with an exosystem each."""
+        return len(self.groups) > 1
+
+    @property
+    def exosystem(self) -> Exosystem | None:
+        """The exosystem that all agents have; None without a disturbance.
+
+        Raises: SpecError if there are several, so that whoever knows of one only never takes it for all of them.
+        """
+        self.require_one_exosystem()
+        return self.groups[0].exosystem if self.groups else None
+
+    @property
+    def observer(self) -> Observer:
+        """The observer that all agents have.  Raises: SpecError if there are several groups."""
+        self.require_one_exosystem()
+        return self.groups[0].observer if self.groups else Observer()
+
+    @property
+    def joint_exosystem(self) -> Exosystem | None:
+        """The exosystems of all groups side by side (``spec.groups``); of one group its own."""
+        return joint_exosystem(self.groups)
+
+    @property
+    def joint_observer(self) -> Observer:
+        """W and P of all groups, block diagonal, where every group has one; of one group its own."""
+        return joint_observer(self.groups)
+
+    def require_one_exosystem(self) -> None:
+        """Refuse a problem with several groups.  Raises: SpecError."""
+        if self.is_grouped:
+            raise SpecError(
+                "exosystem.groups: this is not available yet for agents with different exosystems; it knows one"
+                " exosystem that all agents share.",
+                key="exosystem.groups",
+                cure="Use certify, verify, simulate or build_model, which know groups; or give every agent the same A"
+                " and C.",
+            )
 
     @property
     def couplings(self) -> tuple[Coupling, ...]:
@@ -195,6 +249,14 @@ def _check_kinds(*, network: object, exosystem: object, observer: object, switch
             )
 
 
+def _check_groups(groups: object) -> None:
+    if groups is not None and not (is_list(groups) and all(isinstance(each, Group) for each in groups)):  # type: ignore[attr-defined]
+        raise SpecError(
+            f"groups must be a list of Groups; got {shown(groups)}.", key="groups",
+            cure="Make one with Group(agents=[...], exosystem=Exosystem(...)).",
+        )  # fmt: skip
+
+
 def is_name(name: object) -> bool:
     """Tell whether ``name`` can name a problem."""
     return isinstance(name, str) and is_text(name) and len(name) <= 100 and name.isprintable() and bool(name.strip())
@@ -252,7 +314,8 @@ def _read_exceptions(value: Any, *, network: Network, dimension: int) -> Mapping
                 break
     if errors:
         raise SpecError.several(errors)
-    return MappingProxyType(result)
+    # Certificates number couplings in the order of the canonical problem, which is that of the arcs.
+    return MappingProxyType(dict(sorted(result.items())))
 
 
 def _is_arc(value: Any, n: int) -> bool:
@@ -279,18 +342,6 @@ def _read_table(value: Any, keys: Sequence[str], *, key: str) -> Mapping[str, An
 
 def _read_pinning(gains: Any, *, network: Network, dimension: int) -> Pinning:
     return gains if isinstance(gains, Pinning) else read_pinning(gains, labels=network.labels, dimension=dimension)
-
-
-def _read_observer(observer: Observer | None, *, exosystem: Exosystem | None) -> Observer:
-    if observer is None:
-        return Observer()
-    if exosystem is None:
-        raise SpecError(
-            "[observer] has no meaning without an [exosystem]: there is no disturbance to estimate.",
-            key="observer", cure="Remove it, or give the exosystem.",
-        )  # fmt: skip
-    check_observer(observer, q=exosystem.order, m=exosystem.outputs)
-    return observer
 
 
 def _read_offsets(value: Any, *, network: Network, dimension: int) -> Mapping[int, Vector]:
@@ -320,7 +371,7 @@ def _read_offsets(value: Any, *, network: Network, dimension: int) -> Mapping[in
     return MappingProxyType({i: offset for i, offset in sorted(result.items()) if any(offset)})
 
 
-def _read_region(value: Any, *, dimension: int, exosystem: Exosystem | None) -> Region | None:
+def _read_region(value: Any, *, dimension: int, with_exosystem: bool) -> Region | None:
     if value is None:
         return None
     if isinstance(value, Region):
@@ -330,12 +381,27 @@ def _read_region(value: Any, *, dimension: int, exosystem: Exosystem | None) -> 
         table.get("initial_states"),
         table.get("initial_disturbance"),
         dimension=dimension,
-        with_exosystem=exosystem is not None,
+        with_exosystem=with_exosystem,
     )
 
 
-def _read_simulation(value: Any, *, n: int, q: int) -> Simulation:
+def _read_switching(switching: Switching | None, *, network: Network) -> Switching | None:
+    if switching is not None:
+        check_switching(switching, tuple(network.modes))
+    return switching
+
+
+def _orders(groups: tuple[Group, ...] | None, labels: Sequence[str], exosystem: Exosystem | None) -> tuple[int, ...]:
+    """The order of every agent's exosystem; one number if it is the same for all."""
+    if groups is None:
+        return (0 if exosystem is None else exosystem.order,)
+    orders = [group.exosystem.order for group in groups] or [0]
+    return tuple(orders[g] for g in group_numbers(groups, labels)) if len(set(orders)) > 1 else (orders[0],)
+
+
+def _read_simulation(value: Any, *, n: int, orders: tuple[int, ...], m: int) -> Simulation:
     if isinstance(value, Simulation):
-        return read_simulation(value.t_final, value.seed, value.xi0, n=n, q=q)
-    table = {} if value is None else _read_table(value, ("t_final", "seed", "xi0"), key="simulation")
-    return read_simulation(table.get("t_final"), table.get("seed"), table.get("xi0"), n=n, q=q)
+        return read_simulation(value.t_final, value.seed, value.xi0, value.x0, n=n, orders=orders, m=m)
+    table = {} if value is None else _read_table(value, ("t_final", "seed", "xi0", "x0"), key="simulation")
+    given = [table.get(key) for key in ("t_final", "seed", "xi0", "x0")]
+    return read_simulation(*given, n=n, orders=orders, m=m)

@@ -11,8 +11,9 @@ from typing import Annotated, Any
 from pydantic import BaseModel, ConfigDict, Field, PlainValidator, WithJsonSchema
 
 from dobc_design.spec.arcs import ARROWS
+from dobc_design.spec.exosystems import KINDS
 from dobc_design.spec.labels import LONGEST_LABEL, MOST_AGENTS
-from dobc_design.spec.settings import SIGNALS
+from dobc_design.spec.switching import SIGNALS
 
 SCHEMA_VERSION = 1
 
@@ -39,6 +40,8 @@ _MODES = {
     "type": "object", "minProperties": 1,
     "additionalProperties": {"anyOf": [{"type": "array", "items": _ARC}, _FILE]},
 }  # fmt: skip
+_MODE_NAMES = {"type": "array", "items": {"type": "string"}, "minItems": 1}
+_INSTANT = {"type": "array", "minItems": 2, "maxItems": 2, "prefixItems": [_NUMBER, {"type": "string"}]}
 _NOTE = {"type": "string", "maxLength": 1000}
 _COUPLING = {
     "description": "In y, applied by component; or a list of m expressions in y1..ym.",
@@ -78,8 +81,13 @@ Signal = Annotated[Any, _GIVEN, WithJsonSchema({"enum": list(SIGNALS)})]
 Agents = Annotated[Any, _GIVEN, WithJsonSchema({"anyOf": [_COUNT, _LABELS]})]
 Pairs = Annotated[Any, _GIVEN, WithJsonSchema({"anyOf": [_INTERVAL, {"type": "array", "items": _INTERVAL}]})]
 Rows = Annotated[Any, _GIVEN, WithJsonSchema({"anyOf": [_NUMBERS, {"type": "array", "items": _NUMBERS}]})]
+ModeNames = Annotated[Any, _GIVEN, WithJsonSchema(_MODE_NAMES)]
+Instants = Annotated[Any, _GIVEN, WithJsonSchema({"type": "array", "items": _INSTANT, "minItems": 1})]
+Count = Annotated[Any, _GIVEN, WithJsonSchema({"type": "integer", "minimum": 1})]
 Modes = Annotated[Any, _TABLE, WithJsonSchema(_MODES)]
 Gains = Annotated[Any, _GIVEN, WithJsonSchema({"anyOf": [_NUMBER, _table_of(_NUMBER, _MATRIX)]})]
+Kind = Annotated[Any, _GIVEN, WithJsonSchema({"enum": list(KINDS)})]
+Members = Annotated[Any, _GIVEN, WithJsonSchema(_LABELS)]
 Offsets = Annotated[Any, _TABLE, WithJsonSchema(_table_of(_NUMBER, _NUMBERS))]
 
 
@@ -115,11 +123,32 @@ class PinningTable(_Table):
     gains: Gains = Field(default=None, description="Label -> k, or one number for all agents.")
 
 
-class ExosystemTable(_Table):
-    """[exosystem]: xi' = A xi, d = C xi."""
+class GroupTable(_Table):
+    """[[exosystem.groups]]: agents with an exosystem and an observer of their own."""
 
-    A: NumberMatrix
-    C: NumberMatrix
+    model_config = ConfigDict(json_schema_extra={"anyOf": [{"required": ["A", "C"]}, {"required": ["kind"]}]})
+
+    agents: Members = Field(description="Labels; an agent is in one group at most.")
+    A: NumberMatrix = None
+    C: NumberMatrix = None
+    kind: Kind = Field(default=None, description="In place of A and C: a common shape.")
+    frequencies: NumberOrList = Field(default=None, description="rad/s, of the kind harmonics.")
+    W: NumberMatrix = Field(default=None, description="Without it W is designed, for observer.rate.")
+    P: NumberMatrix = Field(default=None, description="Beside W, for every group or none; tested as it is.")
+
+
+class ExosystemTable(_Table):
+    """[exosystem]: xi' = A xi, d = C xi, of the agents that are in no group."""
+
+    model_config = ConfigDict(
+        json_schema_extra={"anyOf": [{"required": ["A", "C"]}, {"required": ["kind"]}, {"required": ["groups"]}]}
+    )
+
+    A: NumberMatrix = None
+    C: NumberMatrix = None
+    kind: Kind = Field(default=None, description="In place of A and C: a common shape.")
+    frequencies: NumberOrList = Field(default=None, description="rad/s, of the kind harmonics.")
+    groups: list[GroupTable] = []
 
 
 class ObserverTable(_Table):
@@ -147,7 +176,14 @@ class SwitchingTable(_Table):
     """[switching]: the signal that drives the modes."""
 
     signal: Signal
-    dwell: Number = Field(default=None, description="s")
+    dwell: Number = Field(default=None, description="s; the mean stay where signal is markov.")
+    sequence: ModeNames = Field(default=None, description="periodic: the modes of one round.")
+    period: Number = Field(default=None, description="periodic: s of one round, in place of dwell.")
+    generator: NumberMatrix = Field(default=None, description="markov: rates in 1/s, rows adding up to 0.")
+    schedule: Instants = Field(default=None, description="schedule: [instant in s, mode]; periodic: of one round.")
+    radius: Number = Field(default=None, description="mobile: how far an agent hears, in the unit of x.")
+    neighbours: Count = Field(default=None, description="mobile: how many of the nearest it hears, instead of radius.")
+    hysteresis: Number = Field(default=None, description="mobile: a link made at one distance breaks this much later.")
 
 
 class SimulationTable(_Table):
@@ -156,6 +192,7 @@ class SimulationTable(_Table):
     t_final: Number = Field(default=None, description="s")
     seed: Seed = None
     xi0: Rows = Field(default=None, description="q numbers for all agents, or n rows.")
+    x0: Rows = Field(default=None, description="m numbers for all agents, or n rows; with m = 1 also n numbers.")
 
 
 class ProblemFile(_Table):
@@ -177,8 +214,6 @@ class ProblemFile(_Table):
 
 
 RESERVED = {
-    "exosystem.groups", "exosystem.kind", "switching.sequence", "switching.period", "switching.generator",
-    "switching.schedule", "switching.radius", "switching.neighbours", "switching.hysteresis", "simulation.x0",
     "dynamics", "delays",
 }  # fmt: skip
 

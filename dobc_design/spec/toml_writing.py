@@ -19,16 +19,20 @@ from dobc_design.spec.canonical import canonical_bytes, canonical_document
 from dobc_design.spec.changes import changed_problem
 from dobc_design.spec.file import read_problem_text
 from dobc_design.spec.problem import Problem
+from dobc_design.spec.switching import Switching
 from dobc_design.spec.toml_text import parse_toml
 from dobc_design.spec.typed import INLINE, gain_table, typed_matrix, typed_number
 
 REMARK = "set by dobc certify --apply-fix"  # in place of a comment on the value that stood there
 
 
-def changed_text(text: str, changes: Mapping[str, Any], *, whole: bool = False) -> str | None:
+def changed_text(
+    text: str, changes: Mapping[str, Any], *, whole: bool = False, remark: str = REMARK
+) -> str | None:  # fmt: skip
     """The text of a problem file with these keys set (None removes one); comments and order stay.
 
     In a table with lines of its own ([pinning.gains]) only the lines change whose values do; ``whole``: all of them.
+    ``remark``: the comment on what was set.
     Returns: None if the text is laid out in a way that cannot be changed key by key.
     Raises: SpecError if the text is no TOML.
     """
@@ -36,13 +40,13 @@ def changed_text(text: str, changes: Mapping[str, Any], *, whole: bool = False) 
     try:
         document = tomlkit.parse(text)
         for path, value in changes.items():
-            _set(document, path.split("."), value, whole=whole)
+            _set(document, path.split("."), value, whole=whole, remark=remark)
         return tomlkit.dumps(document)
     except (TOMLKitError, TypeError, ValueError, KeyError, IndexError, AttributeError, RecursionError):
         return None
 
 
-def _set(document: Any, path: list[str], value: Any, *, whole: bool) -> None:
+def _set(document: Any, path: list[str], value: Any, *, whole: bool, remark: str) -> None:
     table = document
     for name in path[:-1]:
         if name not in table:
@@ -58,7 +62,7 @@ def _set(document: Any, path: list[str], value: Any, *, whole: bool) -> None:
                 document.remove(path[0])
         return
     if not whole and isinstance(value, Mapping) and isinstance(table.get(name), tomlkit.items.Table):
-        _change_lines(table[name], value)
+        _change_lines(table[name], value, remark)
         return
     item = _item(value)
     if name in table and isinstance(table[name], Mapping) is not isinstance(item, Mapping):
@@ -68,17 +72,17 @@ def _set(document: Any, path: list[str], value: Any, *, whole: bool) -> None:
     if isinstance(item, tomlkit.items.Table):
         item.add(tomlkit.nl())
     table[name] = item
-    table[name].comment(REMARK)
+    table[name].comment(remark)
 
 
-def _change_lines(table: Any, wanted: Mapping[str, Any]) -> None:
+def _change_lines(table: Any, wanted: Mapping[str, Any], remark: str) -> None:
     """Change the lines of a table that say something else than wanted, and leave the others with their comments."""
     for key in [str(key) for key in table if str(key) not in wanted]:
         table.remove(key)
     for key, value in wanted.items():
         if key not in table or table[key].unwrap() != value:
             table[key] = _item(value)
-            table[key].comment(REMARK)
+            table[key].comment(remark)
 
 
 def _item(value: Any) -> Any:
@@ -90,15 +94,18 @@ def _item(value: Any) -> Any:
     return tomlkit.item(value)
 
 
-def changed_file(problem: Problem, changes: Mapping[str, Any], *, text: str | None, folder: Path) -> str:
+def changed_file(
+    problem: Problem, changes: Mapping[str, Any], *, text: str | None, folder: Path, remark: str = REMARK
+) -> str:  # fmt: skip
     """The text of a file in ``folder`` that holds the problem with these changes.
 
     ``text``: the TOML the problem came from, or None; its comments and its order stay where that is possible.
+    ``remark``: the comment on what was set.
     Raises: SpecError if the changes do not fit the problem, or it cannot be written as a problem file.
     """
     wanted = changed_problem(problem, changes)
     for replacing in (False, True) if text is not None else ():
-        own = changed_text(text or "", changes, whole=replacing)
+        own = changed_text(text or "", changes, whole=replacing, remark=remark)
         if own is not None and _gives(own, wanted, folder=folder):
             return own
     whole = problem_text(wanted)
@@ -150,13 +157,10 @@ def problem_text(problem: Problem) -> str:
 
 def _settings(problem: Problem, labels: list[str]) -> dict[str, dict[str, Any]]:
     """The tables after [coupling], those that say something, with the keys that say something."""
-    observer, region, switching, simulation = problem.observer, problem.region, problem.switching, problem.simulation
+    region, switching, simulation = problem.region, problem.switching, problem.simulation
     tables: dict[str, dict[str, Any]] = {
         "pinning": {"gains": gain_table(problem.pinning.gains, labels) or None},
-        "exosystem": {} if problem.exosystem is None else {
-            "A": _rows(problem.exosystem.A), "C": _rows(problem.exosystem.C),
-        },
-        "observer": {"W": _rows(observer.W), "P": _rows(observer.P), "rate": _number(observer.rate)},
+        **_disturbance(problem),
         "formation": {
             "offsets": {labels[i]: [typed_number(x) for x in offset] for i, offset in problem.offsets.items()} or None
         },
@@ -164,13 +168,42 @@ def _settings(problem: Problem, labels: list[str]) -> dict[str, dict[str, Any]]:
             "initial_states": _rows(region.initial_states),
             "initial_disturbance": _number(region.initial_disturbance),
         },
-        "switching": {} if switching is None else {"signal": switching.signal, "dwell": _number(switching.dwell)},
+        "switching": {} if switching is None else _switching(switching),
         "simulation": {
             "t_final": _number(simulation.t_final), "seed": simulation.seed, "xi0": _rows(simulation.xi0),
+            "x0": _rows(simulation.x0),
         },
     }  # fmt: skip
     kept = {name: {key: x for key, x in table.items() if x is not None} for name, table in tables.items()}
     return {name: table for name, table in kept.items() if table}
+
+
+def _switching(own: Switching) -> dict[str, Any]:
+    return {
+        "signal": own.signal, "dwell": _number(own.dwell),
+        "sequence": None if own.sequence is None else list(own.sequence), "period": _number(own.period),
+        "generator": _rows(own.generator),
+        "schedule": None if own.schedule is None else [[typed_number(time), mode] for time, mode in own.schedule],
+        "radius": _number(own.radius), "neighbours": own.neighbours, "hysteresis": _number(own.hysteresis),
+    }  # fmt: skip
+
+
+def _disturbance(problem: Problem) -> dict[str, dict[str, Any]]:
+    """[exosystem] and [observer]; with groups every agent is in one of [[exosystem.groups]]."""
+    if problem.is_grouped:
+        groups = [
+            {
+                "agents": list(group.agents), "A": _rows(group.exosystem.A), "C": _rows(group.exosystem.C),
+                "W": _rows(group.observer.W), "P": _rows(group.observer.P),
+            }
+            for group in problem.groups
+        ]  # fmt: skip
+        return {"exosystem": {"groups": groups}, "observer": {"rate": _number(problem.groups[0].observer.rate)}}
+    exosystem, observer = problem.exosystem, problem.observer
+    return {
+        "exosystem": {} if exosystem is None else {"A": _rows(exosystem.A), "C": _rows(exosystem.C)},
+        "observer": {"W": _rows(observer.W), "P": _rows(observer.P), "rate": _number(observer.rate)},
+    }
 
 
 def _number(value: Fraction | None) -> int | float | str | None:
@@ -186,6 +219,10 @@ def _table(content: Mapping[str, Any]) -> Any:
     for key, value in content.items():
         if isinstance(value, Mapping) and key == "modes":
             table[key] = _table(value)
+        elif key == "groups":
+            table[key] = tomlkit.aot()
+            for group in value:
+                table[key].append(_table({name: part for name, part in group.items() if part is not None}))
         else:
             table[key] = _item(value)
     return table

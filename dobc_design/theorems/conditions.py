@@ -10,13 +10,16 @@ With a rate beta > 0, 2 beta diag(I, I (x) P) is added, and V' <= -2 beta V foll
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from fractions import Fraction
 
 from dobc_design.exact.interval import Interval
 from dobc_design.exact.matrix import Matrix
 from dobc_design.exact.symmetric import SparseSymmetric
 from dobc_design.spec.exosystem import Exosystem
+from dobc_design.spec.groups import Group, group_numbers
 from dobc_design.spec.pinning import Pinning
+from dobc_design.theorems.arrays import is_large, lemma1_in_arrays
 from dobc_design.theorems.jacobians import Jacobians, ModeJacobian
 from dobc_design.theorems.pencil import Deviation, Pencil, Place, Unknown
 
@@ -27,8 +30,12 @@ Entries = dict[tuple[int, int], Fraction]
 def lemma1(jacobian: ModeJacobian, pinning: Pinning, *, size: int, dimension: int) -> Pencil:
     """Lambda(J) = J + J' - (K + K') < 0: Lemma 1, eq. (10) without its factor 1/2.
 
-    Size: n m.  No unknowns.
+    Size: n m.  No unknowns.  Large ones are stated in arrays (``arrays``).
     """
+    if is_large(jacobian, size=size, dimension=dimension):
+        lean = lemma1_in_arrays(jacobian, pinning, size=size, dimension=dimension)
+        if lean is not None:
+            return lean
     entries: Entries = {}
     deviations: list[Deviation] = []
     for (listener, speaker, _), kind in zip(jacobian.arcs, jacobian.kind.tolist(), strict=True):
@@ -55,37 +62,57 @@ def theorem1(lambda_: Pencil, exosystem: Exosystem, *, agents: int, rate: Fracti
 
     Size: n m + n q.  Unknowns P and Q.  ``rate`` (1/s) adds 2 rate diag(I, I (x) P).
     """
-    q, m = exosystem.order, exosystem.outputs
-    offset = agents * m
+    return _psi(lambda_, [("", exosystem)], [0] * agents, rate=rate)
+
+
+def theorem1_of_groups(
+    lambda_: Pencil, groups: Sequence[Group], labels: Sequence[str], *, rate: Fraction = ZERO
+) -> Pencil:
+    """Psi where agents have different exosystems: every agent has the C and the Omega0 of its group.
+
+    Size: n m + the sum of the agents' orders.  Unknowns: P and Q of every group, by its name: "P[1]", "Q[1]".
+    """
+    systems = [(f"[{group.name}]", group.exosystem) for group in groups]
+    return _psi(lambda_, systems, group_numbers(groups, labels), rate=rate)
+
+
+def _psi(
+    lambda_: Pencil, systems: Sequence[tuple[str, Exosystem]], numbers: Sequence[int], *, rate: Fraction
+) -> Pencil:
+    """Psi from the exosystems, each with what distinguishes its unknowns, and each agent's number among them."""
+    m = systems[0][1].outputs
     entries: Entries = dict(lambda_.constant.entries)
+    size = offset = len(numbers) * m
     for i in range(offset if rate else 0):
         _add(entries, i, i, 2 * rate)
-    for agent in range(agents):
+    starts: list[list[int]] = [[] for _ in systems]  # where the blocks of the agents begin
+    for agent, number in enumerate(numbers):
+        exosystem = systems[number][1]
+        starts[number].append(size)
         for c in range(m):
-            for k in range(q):
+            for k in range(exosystem.order):
                 if exosystem.C[c][k]:
-                    entries[agent * m + c, offset + agent * q + k] = exosystem.C[c][k]
-    unknowns = (
-        Unknown(name="P", rows=q, columns=q, symmetric=True),
-        Unknown(name="Q", rows=q, columns=m, symmetric=False),
-    )
-    blocks = {place: omega_coefficient(exosystem, place, rate=rate) for u in unknowns for place in u.places()}
-    size = offset + agents * q
+                    entries[agent * m + c, size + k] = exosystem.C[c][k]
+        size += exosystem.order
+    unknowns: list[Unknown] = []
+    coefficients: dict[Place, SparseSymmetric] = {}
+    for (mark, exosystem), own in zip(systems, starts, strict=True):
+        q = exosystem.order
+        pair = (
+            Unknown(name=f"P{mark}", rows=q, columns=q, symmetric=True),
+            Unknown(name=f"Q{mark}", rows=q, columns=m, symmetric=False),
+        )
+        unknowns += pair
+        for name, unknown in zip("PQ", pair, strict=True):
+            for place in unknown.places():
+                block = omega_coefficient(exosystem, (name, place[1], place[2]), rate=rate)
+                values = {(start + i, start + j): x for start in own for (i, j), x in block.items()}
+                coefficients[place] = SparseSymmetric(size, values)
     return Pencil(
         name=lambda_.name.replace("lemma1", "theorem1"),
         constant=SparseSymmetric(size, entries),
-        unknowns=unknowns,
-        coefficients={
-            place: SparseSymmetric(
-                size,
-                {
-                    (offset + agent * q + i, offset + agent * q + j): value
-                    for agent in range(agents)
-                    for (i, j), value in block.items()
-                },
-            )
-            for place, block in blocks.items()
-        },
+        unknowns=tuple(unknowns),
+        coefficients=coefficients,
         deviations=lambda_.deviations,
     )
 
@@ -159,9 +186,7 @@ def _add(entries: Entries, i: int, j: int, value: Fraction) -> None:
         entries[where] = entries.get(where, ZERO) + value
 
 
-def _add_slope(
-    entries: Entries, deviations: list[Deviation], slope: Interval, *, row: int, off: int, own: int
-) -> None:
+def _add_slope(entries: Entries, deviations: list[Deviation], slope: Interval, *, row: int, off: int, own: int) -> None:
     """Add J + J' of one entry of one arc: the slope at (row, off), minus the slope at (row, own)."""
     middle = slope.midpoint
     _add(entries, row, off, middle)

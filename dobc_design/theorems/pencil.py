@@ -5,11 +5,12 @@ Both sides read it: the solver turns it into floats, the verifier puts rational 
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
 
 from dobc_design.errors import ShapeError
+from dobc_design.exact.decision import Symmetric
 from dobc_design.exact.matrix import Matrix
 from dobc_design.exact.symmetric import SparseSymmetric
 
@@ -49,14 +50,15 @@ class Deviation:
 class Pencil:
     """F(x) = constant + sum over places of x[place] coefficients[place], to be negative definite.
 
-    ``deviations``: what the constant may differ by where slopes are irrational; none if it is exact.
+    ``deviations``: what the constant may differ by where slopes are irrational; none if it is exact.  Lambda of a large
+    network is an IntegerSymmetric (``arrays``).
     """
 
     name: str
-    constant: SparseSymmetric
+    constant: Symmetric
     unknowns: tuple[Unknown, ...]
     coefficients: Mapping[Place, SparseSymmetric]
-    deviations: tuple[Deviation, ...] = ()
+    deviations: Sequence[Deviation] = ()
 
     @property
     def size(self) -> int:

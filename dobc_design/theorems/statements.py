@@ -3,15 +3,26 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from fractions import Fraction
+
+import numpy as np
+from numpy.typing import NDArray
 
 from dobc_design.errors import SpecError
 from dobc_design.exact.interval import UndefinedError
 from dobc_design.spec.problem import Problem
-from dobc_design.theorems.conditions import lemma1, theorem1
+from dobc_design.theorems.conditions import lemma1, theorem1, theorem1_of_groups
 from dobc_design.theorems.jacobians import Jacobians, jacobians_at_consensus
 from dobc_design.theorems.pencil import Pencil
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Shown:
+    """lambda_max(Lambda) <= bound, proved by the vector v > 0 (n m,) of floats; 1/s."""
+
+    vector: NDArray[np.float64]
+    bound: Fraction
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -19,7 +30,8 @@ class Statements:
     """The conditions of one problem on one domain.
 
     ``lambdas``: mode -> Lambda(J), a Pencil without unknowns.  ``inapplicable``: why Lemma 1 and the
-    theorems say nothing here (couplings that are not C1), or None; then ``lambdas`` is empty.
+    theorems say nothing here (couplings that are not C1), or None; then ``lambdas`` is empty.  ``shown``: for modes of
+    large networks, what a vector has proved about Lambda (``verify.negative``).
     """
 
     problem: Problem
@@ -27,14 +39,19 @@ class Statements:
     jacobians: Jacobians | None
     lambdas: Mapping[str, Pencil]
     inapplicable: str | None
+    shown: Mapping[str, Shown] = field(default_factory=dict)
 
     def psi(self, *, rate: Fraction = Fraction(0)) -> tuple[Pencil, ...]:
         """Psi of every mode, in the order of the modes.  Raises SpecError without an exosystem."""
-        exosystem = self.problem.exosystem
-        if exosystem is None:
+        groups = self.problem.groups
+        if not groups:
             raise SpecError(
                 "Psi of (18) needs an [exosystem].", key="exosystem", cure="Without one, Lemma 1 is the condition."
             )
+        if self.problem.is_grouped:
+            labels = self.problem.network.labels
+            return tuple(theorem1_of_groups(each, groups, labels, rate=rate) for each in self.lambdas.values())
+        exosystem = groups[0].exosystem
         return tuple(theorem1(each, exosystem, agents=self.problem.n, rate=rate) for each in self.lambdas.values())
 
 
@@ -51,9 +68,7 @@ def state_theorems(problem: Problem) -> Statements:
     lambdas = {
         mode.name: lemma1(mode, problem.pinning, size=problem.n, dimension=problem.m) for mode in jacobians.modes
     }
-    return Statements(
-        problem=problem, domain=jacobians.domain, jacobians=jacobians, lambdas=lambdas, inapplicable=None
-    )
+    return Statements(problem=problem, domain=jacobians.domain, jacobians=jacobians, lambdas=lambdas, inapplicable=None)
 
 
 def _inapplicable(problem: Problem) -> str | None:

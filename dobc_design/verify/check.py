@@ -25,7 +25,7 @@ CONSENSUS_IDS = (
 
 #: Fields of a check in JSON: those that are always there, and the others.
 NEEDED = ("id", "verdict", "domain", "margin", "rate", "reason")
-OPTIONAL = ("mode", "exact", "witness", "fix")
+OPTIONAL = ("mode", "group", "exact", "witness", "fix")
 
 Domain = str | Mapping[str, Any]  # "global", "consensus", or {"kind", "radius", "disturbance"}
 
@@ -70,7 +70,8 @@ class Check:
     """One condition, decided.
 
     ``margin`` and ``rate`` (1/s) are rounded towards the weaker claim.  ``exact`` holds exact values as text.
-    ``mode`` is None on checks that speak of all modes together.
+    ``mode`` is None on checks that speak of all modes together.  ``group``, the label of its first agent, stands on
+    checks of one group of agents where these have different exosystems.
     """
 
     id: str
@@ -78,6 +79,7 @@ class Check:
     domain: Domain
     reason: str
     mode: str | None = None
+    group: str | None = None
     margin: float | None = None
     rate: float | None = None
     exact: Mapping[str, Any] | None = None
@@ -86,7 +88,9 @@ class Check:
 
     @property
     def title(self) -> str:
-        """The id, with the mode where there is one."""
+        """The id, with the mode or the group where there is one."""
+        if self.group is not None:
+            return f"{self.id} (group of {self.group})"
         return self.id if self.mode is None else f"{self.id} ({self.mode})"
 
     def to_json(self) -> dict[str, Any]:
@@ -94,6 +98,8 @@ class Check:
         result: dict[str, Any] = {"id": self.id}
         if self.mode is not None:
             result["mode"] = self.mode
+        if self.group is not None:
+            result["group"] = self.group
         result |= {
             "verdict": self.verdict.value,
             "domain": self.domain if isinstance(self.domain, str) else dict(self.domain),
@@ -150,6 +156,7 @@ def check_from_json(data: Any) -> Check:
     return Check(
         id=data["id"],
         mode=_text(data["mode"]) if "mode" in data else None,
+        group=_text(data["group"]) if "group" in data else None,
         verdict=Verdict(data["verdict"]),
         domain=domain if isinstance(domain, str) else _object(domain, "domain"),
         margin=number_or_none(data["margin"]),

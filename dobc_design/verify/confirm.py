@@ -14,9 +14,13 @@ from dataclasses import dataclass
 from fractions import Fraction
 from typing import Any
 
+import numpy as np
+from numpy.typing import NDArray
+
 from dobc_design.exact.matrix import Matrix, Vector, multiply, subtract
 from dobc_design.exact.symmetric import SparseSymmetric
 from dobc_design.spec.exosystem import Exosystem
+from dobc_design.spec.groups import blocks_of
 from dobc_design.spec.problem import Problem
 from dobc_design.theorems.conditions import omega
 from dobc_design.theorems.statements import Statements
@@ -26,6 +30,7 @@ from dobc_design.verify.confirm_regions import QUADRATIC, REGIONAL, Beside, conf
 from dobc_design.verify.consensus import (
     Pair,
     enclosed_lambda,
+    lambda_with,
     lambda_witness,
     pair_facts,
     psi_is_negative,
@@ -35,11 +40,17 @@ from dobc_design.verify.consensus import (
 from dobc_design.verify.linearisation import unstable_roots
 from dobc_design.verify.negative import Enclosed, is_negative, lowest_quotient, refutes
 from dobc_design.verify.network import reachability_check
-from dobc_design.verify.numbers import VECTOR_BITS, claimed, has_short_denominator, read_rational
+from dobc_design.verify.numbers import (
+    VECTOR_BITS,
+    claimed,
+    doubles_from_json,
+    has_short_denominator,
+    read_rational,
+)
 from dobc_design.verify.observer import detectability_check, hurwitz_check, hurwitz_with_rate, observability_check
 
 #: Exact values that are no numbers.
-NAMES = ("block", "mode", "unobservable_polynomial")
+NAMES = ("block", "mode", "group", "unobservable_polynomial")
 
 #: Checks of the network or the exosystem alone; they say the same for every coupling.
 PLAIN = ("observability", "detectability", "reachability", "hurwitz")
@@ -59,33 +70,51 @@ class Trusted:
     separable: Check | None = None
 
 
-def expected_checks(problem: Problem) -> tuple[tuple[str, str | None], ...]:
-    """The (id, mode) of the checks that every complete certificate of this problem holds; it may hold regional ones."""
+def claimed_vectors(checks: Sequence[Check], problem: Problem) -> dict[str, NDArray[np.float64]]:
+    """The vectors that proved checks of Lemma 1 bring, by mode; what is no vector of n m numbers is left out."""
+    found = {}
+    for check in checks:
+        if check.id == "lemma1" and check.verdict is Verdict.PROVED and check.exact is not None:
+            try:
+                vector = doubles_from_json(check.exact["v"]) if set(check.exact) == {"v"} else np.zeros(0)
+            except (TypeError, ValueError):
+                continue
+            if len(vector) == problem.n * problem.m:
+                found[str(check.mode)] = vector
+    return found
+
+
+def expected_checks(problem: Problem) -> tuple[tuple[str, str | None, str | None], ...]:
+    """The (id, mode, group) of the checks that every complete certificate of this problem holds.
+
+    It may hold regional ones besides.
+    """
     modes = tuple(problem.network.modes)
     theorem = "theorem1" if len(modes) == 1 else "theorem2"
-    result: list[tuple[str, str | None]] = []
-    if problem.exosystem is not None:
-        result += [("observability", None), ("detectability", None), ("hurwitz", None)]
+    result: list[tuple[str, str | None, str | None]] = []
+    for group in problem.groups:
+        name = group.name if problem.is_grouped else None
+        result += [(id, None, name) for id in ("observability", "detectability", "hurwitz")]
     for id in ("reachability", "lemma1"):
-        result += [(id, mode) for mode in modes]
-    if problem.exosystem is not None:
-        if problem.observer.P is not None:
-            result.append((f"{theorem}-printed", None))
-        result.append((theorem, None))
+        result += [(id, mode, None) for mode in modes]
+    if problem.groups:
+        if problem.joint_observer.P is not None:
+            result.append((f"{theorem}-printed", None, None))
+        result.append((theorem, None, None))
     return tuple(result)
 
 
 def confirm(check: Check, trusted: Trusted) -> str | None:
     """None if everything the check claims is confirmed, else what is not."""
     statements = trusted.statements
-    if check.id in (*REGIONAL, *QUADRATIC):
+    if check.id in (*REGIONAL, *QUADRATIC) and check.group is None:
         return confirm_region(
             check,
             Beside(
                 problem=trusted.problem, W=trusted.W, domain=statements.domain, separable=trusted.separable
             ),
         )  # fmt: skip
-    if (check.id, check.mode) not in expected_checks(trusted.problem):
+    if (check.id, check.mode, check.group) not in expected_checks(trusted.problem):
         return f"{check.title} does not belong to this problem"
     domain = "global" if check.id in PLAIN else statements.domain
     if check.domain != domain:
@@ -114,8 +143,8 @@ def _confirm_plain(check: Check, trusted: Trusted) -> str | None:
         return "it claims a number that this check does not have"
     if check.rate is None:
         return None
-    exosystem, W = trusted.problem.exosystem, trusted.W
-    if exosystem is None or W is None or check.verdict is not Verdict.PROVED or check.rate <= 0:
+    exosystem, W = _of_group(check.group, trusted)
+    if W is None or check.verdict is not Verdict.PROVED or check.rate <= 0:
         return "it claims a rate without ground"
     error = subtract(exosystem.A, multiply(W, exosystem.C))
     return None if hurwitz_with_rate(error, claimed(check.rate)) else f"the rate {check.rate} is not reached"
@@ -124,12 +153,32 @@ def _confirm_plain(check: Check, trusted: Trusted) -> str | None:
 def _plain_check(check: Check, trusted: Trusted) -> Check:
     if check.id == "reachability":
         return reachability_check(trusted.problem, str(check.mode))
-    exosystem = _exosystem(trusted)
+    exosystem, W = _of_group(check.group, trusted)
     if check.id == "observability":
-        return observability_check(exosystem, trusted.problem)
+        return observability_check(exosystem)
     if check.id == "detectability":
-        return detectability_check(exosystem, trusted.problem)
-    return hurwitz_check(exosystem, trusted.W, problem=trusted.problem)
+        return detectability_check(exosystem)
+    return hurwitz_check(exosystem, W)
+
+
+def _of_group(name: object, trusted: Trusted) -> tuple[Exosystem, Matrix | None]:
+    """The exosystem and the gain of the group with this name; of the only one without a name.
+
+    Raises: ValueError if there is none, or if W is not block diagonal.
+    """
+    groups, W = trusted.problem.groups, trusted.W
+    if not trusted.problem.is_grouped:
+        if name is not None:
+            raise ValueError("there are no groups")
+        return _exosystem(trusted), W
+    place = [group.name for group in groups].index(str(name))
+    system = groups[place].exosystem
+    if W is None:
+        return system, None
+    blocks = blocks_of(W, [(group.exosystem.order, system.outputs) for group in groups])
+    if blocks is None:
+        raise ValueError("W is not block diagonal")
+    return system, blocks[place]
 
 
 def _confirm_proved(check: Check, trusted: Trusted) -> str | None:
@@ -140,8 +189,8 @@ def _confirm_proved(check: Check, trusted: Trusted) -> str | None:
     margin, rate = claimed(check.margin), claimed(check.rate or 0.0)
     statements = trusted.statements
     if check.id == "lemma1":
-        if check.exact is not None:
-            return "exact values are not known here"
+        if check.exact is not None and str(check.mode) not in statements.shown:
+            return "the vector does not show that Lambda < 0"
         proved = is_negative(enclosed_lambda(statements, str(check.mode)), shift=max(margin, 2 * rate))
         return None if proved else "Lambda < 0 is not true with that margin and rate"
     exosystem, pair = _exosystem(trusted), _pair_of(check, trusted)
@@ -189,8 +238,8 @@ def _confirm_lambda(
     check: Check, vector: Vector, mode: str, trusted: Trusted, *, S: Matrix | None = None
 ) -> str | None:
     """The vector shows that Lambda, or Lambda + I (x) S, is not negative definite in that mode."""
-    matrix = enclosed_lambda(trusted.statements, mode)
-    matrix = matrix if S is None else matrix.plus_blocks(S)
+    statements = trusted.statements
+    matrix = enclosed_lambda(statements, mode) if S is None else lambda_with(statements, mode, S)
     if not refutes(matrix, vector):
         return "the vector does not refute Lambda < 0" if S is None else "the vector does not refute Psi < 0"
     if not _same_witness(check.witness, lambda_witness(trusted.statements, vector)):
@@ -229,19 +278,23 @@ def _margin_follows(check: Check, matrix: Enclosed, vector: Sequence[Fraction]) 
 
 
 def _confirm_obstacle(check: Check, block: str, trusted: Trusted) -> str | None:
-    exosystem = _exosystem(trusted)
-    if block == "detectability":
-        own = detectability_check(exosystem, trusted.problem)
-    else:
-        own = hurwitz_check(exosystem, trusted.W, problem=trusted.problem)
+    group = None if check.exact is None else check.exact.get("group")
+    exosystem, W = _of_group(group, trusted)
+    own = detectability_check(exosystem) if block == "detectability" else hurwitz_check(exosystem, W)
     if own.verdict is not Verdict.REFUTED:
         return f"{block} is {own.verdict.value}"
-    if block == "hurwitz" and trusted.problem.observer.W is None:
+    if block == "hurwitz" and not _gain_is_given(group, trusted.problem):
         return "another W can be designed, so no pair is ruled out"
     witnessed = _same_witness(check.witness, own.witness)
-    if check.exact != {"block": block} or not witnessed or check.margin is not None:
+    named = {"block": block} | ({} if group is None else {"group": group})
+    if check.exact != named or not witnessed or check.margin is not None:
         return f"it claims more than that {block} fails"
     return None
+
+
+def _gain_is_given(group: object, problem: Problem) -> bool:
+    """Whether the W of this group is the problem's own."""
+    return any(group in (each.name, None) and each.observer.W is not None for each in problem.groups)
 
 
 def _agrees(claim: object, own: object, *, as_text: bool = False) -> bool:
@@ -264,13 +317,14 @@ def _same_witness(claim: Witness | None, own: Witness | None) -> bool:
 
 
 def _exosystem(trusted: Trusted) -> Exosystem:
-    if trusted.problem.exosystem is None:
+    exosystem = trusted.problem.joint_exosystem
+    if exosystem is None:
         raise ValueError("there is no exosystem")
-    return trusted.problem.exosystem
+    return exosystem
 
 
 def _pair_of(check: Check, trusted: Trusted) -> Pair | None:
-    observer = trusted.problem.observer
+    observer = trusted.problem.joint_observer
     if not check.id.endswith("printed"):
         return trusted.pair
     if observer.P is None or observer.W is None:

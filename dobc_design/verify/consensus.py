@@ -7,9 +7,12 @@ section 2): given Omega0 < 0 and S = C (-Omega0)^-1 C', Psi(J) < 0 iff Lambda(J)
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from fractions import Fraction
 from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
 
 from dobc_design.exact.definite import decide_positive_definite
 from dobc_design.exact.matrix import Matrix, Vector, inverse, multiply, transpose
@@ -17,15 +20,23 @@ from dobc_design.exact.number import number_text
 from dobc_design.exact.symmetric import SparseSymmetric
 from dobc_design.spec.canonical import matrix_text
 from dobc_design.spec.exosystem import Exosystem
+from dobc_design.spec.groups import group_blocks, group_numbers
 from dobc_design.spec.reaching import unreached
 from dobc_design.spec.reading import is_scalar_matrix
 from dobc_design.theorems.conditions import omega
-from dobc_design.theorems.statements import Statements
+from dobc_design.theorems.statements import Shown, Statements
 from dobc_design.verdict import Verdict
 from dobc_design.verify.check import Check, Witness
 from dobc_design.verify.linearisation import unstable_roots
-from dobc_design.verify.negative import Enclosed, find_witness, is_negative, refuted_margin, why_undecided
-from dobc_design.verify.numbers import claimed, largest_proved, shorten
+from dobc_design.verify.negative import (
+    Enclosed,
+    find_witness,
+    is_negative,
+    refuted_margin,
+    shown_bound,
+    why_undecided,
+)
+from dobc_design.verify.numbers import claimed, doubles_to_json, largest_proved, shorten
 from dobc_design.verify.witness import carriers, group_directions, refutation
 
 ZERO = Fraction(0)
@@ -34,7 +45,10 @@ Candidates = Sequence[Sequence[float]]
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Pair:
-    """A proposed pair (P, Q) with W = P^-1 Q.  Shapes: P (q, q) symmetric, Q (q, m)."""
+    """A proposed pair (P, Q) with W = P^-1 Q.  Shapes: P (q, q) symmetric, Q (q, m).
+
+    Where agents have different exosystems, here and below: block diagonal, for the joint exosystem (``spec.groups``).
+    """
 
     P: Matrix
     Q: Matrix
@@ -51,8 +65,35 @@ class Proposal:
 
 def enclosed_lambda(statements: Statements, mode: str) -> Enclosed:
     """Lambda(J) of one mode, with what it may deviate by."""
-    pencil = statements.lambdas[mode]
-    return Enclosed(middle=pencil.constant, deviations=pencil.deviations)
+    pencil, shown = statements.lambdas[mode], statements.shown.get(mode)
+    return Enclosed(middle=pencil.constant, deviations=pencil.deviations, bound=None if shown is None else shown.bound)
+
+
+def with_vectors(statements: Statements, vectors: Mapping[str, NDArray[np.float64]]) -> Statements:
+    """The statements with what these vectors v > 0 (n m,) prove about Lambda of large networks, by mode.
+
+    Vectors that prove no bound below 0 are left out.
+    """
+    shown = {}
+    for mode, vector in vectors.items():
+        bound = shown_bound(enclosed_lambda(statements, mode), vector)
+        if bound is not None and bound < 0:
+            shown[mode] = Shown(vector=vector, bound=bound)
+    return replace(statements, shown=shown)
+
+
+def shown_facts(statements: Statements, mode: str) -> dict[str, Any] | None:
+    """What a proved Lemma 1 of a large network says exactly: the vector that shows it."""
+    shown = statements.shown.get(mode)
+    return None if shown is None else {"v": doubles_to_json(shown.vector)}
+
+
+def lambda_with(statements: Statements, mode: str, S: Matrix) -> Enclosed:
+    """Lambda(J) + I (x) S of one mode; where agents have different exosystems every agent has its own block of S."""
+    problem = statements.problem
+    groups = problem.groups
+    owners = group_numbers(groups, problem.network.labels) if problem.is_grouped else ()
+    return enclosed_lambda(statements, mode).plus_blocks(group_blocks(S, len(groups)), owners)
 
 
 def lemma1_check(statements: Statements, mode: str, proposal: Proposal) -> Check:
@@ -64,7 +105,7 @@ def lemma1_check(statements: Statements, mode: str, proposal: Proposal) -> Check
     if margin is not None:
         return Check(
             id="lemma1", mode=mode, verdict=Verdict.PROVED, domain=statements.domain, margin=margin,
-            rate=shorten(claimed(margin) / 2) or None,
+            rate=shorten(claimed(margin) / 2) or None, exact=shown_facts(statements, mode),
             reason="Lambda(J) < 0" + (f", lambda_max <= {-shorten(margin, digits=6):.6g}" if margin else "")
             + f": V = e'e decreases{_where(statements)}.",
         )  # fmt: skip
@@ -135,8 +176,7 @@ def psi_is_negative(
         return False
     S = schur_block(pair, exosystem, rate=rate)
     return S is not None and all(
-        is_negative(enclosed_lambda(statements, mode).plus_blocks(S), shift=margin + 2 * rate)
-        for mode in statements.lambdas
+        is_negative(lambda_with(statements, mode, S), shift=margin + 2 * rate) for mode in statements.lambdas
     )
 
 
@@ -153,7 +193,7 @@ def _decide_pair(
     S = schur_block(pair, exosystem)
     if S is None:  # unreachable: Omega0 < 0 was just proved
         return _not_found(id, statements)
-    modes = {mode: enclosed_lambda(statements, mode).plus_blocks(S) for mode in statements.lambdas}
+    modes = {mode: lambda_with(statements, mode, S) for mode in statements.lambdas}
     exact = pair_facts(pair, S)
     margin = largest_proved(
         proposal.margin, lambda shift: all(is_negative(each, shift=shift) for each in modes.values())
@@ -220,7 +260,8 @@ def _refuted_for_every_pair(
     if obstacle is not None:
         return Check(
             id=id, verdict=Verdict.REFUTED, domain=statements.domain,
-            reason=f"{_who_fails(obstacle)}: {obstacle.reason}", exact={"block": obstacle.id},
+            reason=f"{_who_fails(obstacle)}: {obstacle.reason}",
+            exact={"block": obstacle.id} | ({} if obstacle.group is None else {"group": obstacle.group}),
             witness=obstacle.witness, fix=obstacle.fix,
         )  # fmt: skip
     undecided = next((lemma for lemma in lemmas if lemma.verdict is Verdict.UNDECIDED), None)

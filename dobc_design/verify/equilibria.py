@@ -126,7 +126,7 @@ def confirm_equilibrium(check: Check, problem: Problem, W: Matrix | None, domain
     """
     if check.verdict is not Verdict.REFUTED or check.domain != domain:
         return f"an equilibrium can only refute, with the domain {domain!r}"
-    if problem.exosystem is not None and W is None:
+    if problem.groups and W is None:
         return "without W there is no loop that could rest"
     if check.margin is not None or check.rate is not None or check.mode is not None:
         return "it claims a number that this check does not have"

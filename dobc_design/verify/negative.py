@@ -5,14 +5,23 @@ The matrix is known up to what its irrational slopes leave open (``theorems.penc
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from fractions import Fraction
 
+import numpy as np
+from numpy.typing import NDArray
+
+from dobc_design.exact.decision import Symmetric
 from dobc_design.exact.definite import decide_positive_definite
+from dobc_design.exact.integers import IntegerSymmetric, in_integers
 from dobc_design.exact.interval import Interval
 from dobc_design.exact.matrix import Matrix, Vector
+from dobc_design.exact.number import float_above
 from dobc_design.exact.symmetric import SparseSymmetric
+from dobc_design.exact.zmatrix import row_bound
+from dobc_design.theorems.arrays import Deviations
 from dobc_design.theorems.pencil import Deviation
 from dobc_design.verdict import Verdict
 from dobc_design.verify.numbers import shorten
@@ -26,14 +35,40 @@ LARGEST_SUPPORT = 300  # rows up to which a candidate's rows are eliminated
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Enclosed:
-    """middle + deviations, each with any t of its own, |t| <= size."""
+    """middle + a block for each agent + deviations, each with any t of its own, |t| <= size.
 
-    middle: SparseSymmetric
-    deviations: tuple[Deviation, ...] = ()
+    ``blocks``: none, one for all agents, or several, and ``owners`` says for each agent which.
+    ``bound``: a number that is proved to be at least the largest eigenvalue of middle + deviations.
+    """
+
+    middle: Symmetric
+    deviations: Sequence[Deviation] = ()
+    blocks: tuple[Matrix, ...] = ()
+    owners: Sequence[int] = ()
+    bound: Fraction | None = None
+
+    @property
+    def total(self) -> Symmetric:
+        """The middle with the blocks."""
+        if not self.blocks:
+            return self.middle
+        m = len(self.blocks[0])
+        owners = self.owners or (0,) * (self.middle.size // m)
+        entries = {
+            (agent * m + i, agent * m + j): self.blocks[owner][i][j]
+            for agent, owner in enumerate(owners)
+            for i in range(m)
+            for j in range(i, m)
+        }
+        return self.middle + SparseSymmetric(self.middle.size, entries)
 
     @property
     def radius(self) -> Fraction:
         """A bound of the spectral norm of all deviations together: their largest row sum of absolute values."""
+        if isinstance(self.deviations, Deviations):
+            largest = _largest_sum(self.deviations, self.middle.size)
+            if math.isfinite(largest):
+                return Fraction(largest)
         sums: dict[int, Fraction] = {}
         for each in self.deviations:
             for row in (each.row, each.row, each.speaker, each.listener):
@@ -42,29 +77,56 @@ class Enclosed:
 
     def value(self, vector: Sequence[Fraction]) -> Interval:
         """Enclose v'Mv: a point where no irrational slope takes part."""
-        v, middle = vector, self.middle.quadratic_form(vector)
+        v, middle = vector, self.total.quadratic_form(vector)
         spread = sum((2 * d.size * abs(v[d.row] * (v[d.speaker] - v[d.listener])) for d in self.deviations), ZERO)
         return Interval(middle - spread, middle + spread)
 
-    def plus_blocks(self, block: Matrix) -> Enclosed:
-        """Add I (x) block."""
-        m = len(block)
-        entries = {
-            (agent + i, agent + j): block[i][j]
-            for agent in range(0, self.middle.size, m)
-            for i in range(m)
-            for j in range(i, m)
-        }
-        return Enclosed(middle=self.middle + SparseSymmetric(self.middle.size, entries), deviations=self.deviations)
+    def plus_blocks(self, blocks: Sequence[Matrix], owners: Sequence[int] = ()) -> Enclosed:
+        """Add a block for each agent: the one of the number in ``owners``, or the only one for all.
+
+        Raises: ValueError if they do not fit.
+        """
+        agents = len(owners) if owners else self.middle.size // len(blocks[0])
+        if agents * len(blocks[0]) != self.middle.size or (len(blocks) > 1 and not owners):
+            raise ValueError(f"{agents} blocks of {len(blocks[0])} rows do not make {self.middle.size} rows")
+        return replace(self, blocks=tuple(blocks), owners=owners)
+
+
+def _largest_sum(deviations: Deviations, size: int) -> float:
+    """The same bound for very many deviations, in floats rounded up; inf where floats do not hold it."""
+    sizes = np.array([float_above(x) for x in deviations.sizes])[deviations.kinds]
+    sums, counts = np.zeros(size), np.zeros(size)
+    for rows in (deviations.rows, deviations.rows, deviations.speakers, deviations.listeners):
+        sums += np.bincount(rows, sizes, size)
+        counts += np.bincount(rows, minlength=size)
+    return float(np.max(sums * (1 + (counts + 8) * 2.0**-52)))
+
+
+def shown_bound(matrix: Enclosed, vector: NDArray[np.float64]) -> Fraction | None:
+    """A number that v > 0 (rows,) proves to be at least the largest eigenvalue of all but the blocks; None if none."""
+    middle = matrix.middle if isinstance(matrix.middle, IntegerSymmetric) else in_integers(matrix.middle)
+    bound = math.inf if middle is None else row_bound(middle, vector)
+    return Fraction(bound) + matrix.radius if math.isfinite(bound) else None
 
 
 def is_negative(matrix: Enclosed, *, shift: Fraction = ZERO) -> bool:
-    """Whether matrix + shift I < 0 is proved for everything enclosed."""
-    upper = matrix.middle.shifted(matrix.radius + shift).negated()
-    short = _shorter(upper)
+    """Whether matrix + shift I < 0 is proved for everything enclosed.
+
+    A matrix with a ``bound`` is decided by it: nothing sharper is looked for.
+    """
+    if matrix.bound is not None:
+        return all(_is_below(block, -matrix.bound - shift) for block in matrix.blocks or (((ZERO,),),))
+    upper = matrix.total.shifted(matrix.radius + shift).negated()
+    short = None if isinstance(upper, IntegerSymmetric) else _shorter(upper)
     if short is not None and decide_positive_definite(short, most_work=MOST_WORK).verdict is Verdict.PROVED:
         return True
     return decide_positive_definite(upper, most_work=MOST_WORK).verdict is Verdict.PROVED
+
+
+def _is_below(block: Matrix, room: Fraction) -> bool:
+    """Whether block < room I."""
+    rest = tuple(tuple((room if i == j else ZERO) - x for j, x in enumerate(row)) for i, row in enumerate(block))
+    return decide_positive_definite(rest).verdict is Verdict.PROVED
 
 
 def _shorter(matrix: SparseSymmetric) -> SparseSymmetric | None:
@@ -144,18 +206,13 @@ def _eliminated(matrix: Enclosed, rows: Sequence[int]) -> Vector | None:
 
     v'(middle)v >= radius v'v, so v refutes whatever the deviations are.
     """
-    shifted = matrix.middle.shifted(-matrix.radius).negated()
+    shifted = matrix.total.shifted(-matrix.radius).negated()
     if len(rows) == matrix.middle.size:
         return decide_positive_definite(shifted, most_work=MOST_WORK).witness
-    place = {row: k for k, row in enumerate(rows)}
-    entries = {
-        (min(place[i], place[j]), max(place[i], place[j])): value
-        for (i, j), value in shifted.entries.items()
-        if i in place and j in place
-    }
-    found = decide_positive_definite(SparseSymmetric(len(place), entries), most_work=MOST_WORK).witness
+    found = decide_positive_definite(shifted.restricted(rows), most_work=MOST_WORK).witness
     if found is None:
         return None
+    place = {row: k for k, row in enumerate(rows)}
     return tuple(found[place[row]] if row in place else ZERO for row in range(matrix.middle.size))
 
 

@@ -27,7 +27,8 @@ def reachability_check(problem: Problem, mode: str) -> Check:
             reason="every agent is reached from a pinned agent.",
         )  # fmt: skip
     labels = tuple(problem.network.labels[i] for i in missing)
-    pins = "there is no pinned agent" if not problem.pinning.agents else "no pinned agent reaches them"
+    whom = "it" if len(labels) == 1 else "them"
+    pins = f"no pinned agent reaches {whom}" if problem.pinning.agents else "there is no pinned agent"
     return Check(
         id="reachability", mode=mode, verdict=Verdict.REFUTED, domain="global",
         reason=f"{name_agents(labels)} {'hears' if len(labels) == 1 else 'hear'} no pinned agent: {pins}."

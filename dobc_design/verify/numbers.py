@@ -7,15 +7,28 @@ from __future__ import annotations
 
 import math
 import re
+from base64 import b64decode, b64encode
 from collections.abc import Callable, Iterable
 from fractions import Fraction
 
+import numpy as np
+from numpy.typing import NDArray
+
 from dobc_design.exact.matrix import Matrix
-from dobc_design.exact.number import MAX_CHARACTERS, MAX_EXPONENT, float_below, number_text, parse_number
+from dobc_design.exact.number import (
+    MAX_CHARACTERS,
+    MAX_EXPONENT,
+    float_above,
+    float_below,
+    number_text,
+    parse_number,
+)
 
 SHRINK = (1e-9, 1e-6, 1e-3, 0.1, 0.5)
 LONGEST = 10_000  # characters of a rational in a certificate
 VECTOR_BITS, MATRIX_BITS = 65_536, 16_384  # of the common denominator of a vector; of P, and of a designed W
+LARGEST = Fraction(10) ** 300  # numbers above are no radii
+_DIGITS = 12  # of a decimal that is rounded up
 _CHUNK = 4000  # Python refuses to read more than 4300 digits at once
 _QUOTIENT = re.compile(r"([+-]?)([0-9]+)/([+-]?)([0-9]+)")
 _DECIMAL = re.compile(r"([+-]?)([0-9]+)(?:\.([0-9]+))?(?:[eE]([+-]?)0*([0-9]{1,3}))?")
@@ -39,6 +52,20 @@ def shorten(value: float | Fraction, *, digits: int = 9) -> float:
     exponent = math.floor(math.log10(below)) - digits + 1
     shorter = float(f"{int(Fraction(below) / Fraction(10) ** exponent)}e{exponent}")
     return shorter if claimed(shorter) <= value else 0.0  # floats below 1e-307 have few digits
+
+
+def decimal_above(value: Fraction) -> float:
+    """A decimal number >= ``value`` >= 0 of at most twelve digits; the same number if it has no more.
+
+    Larger ones than a float can be are cut: no box is as large.
+    """
+    if value <= 0:
+        return 0.0
+    if value > LARGEST:
+        return float(LARGEST)
+    unit = Fraction(10) ** (_DIGITS - 1 - len(str(int(value))))
+    found = float(math.ceil(value * unit) / unit)
+    return found if claimed(found) >= value else float_above(claimed(found) * (1 + Fraction(1, 10**14)))
 
 
 def largest_proved(estimate: float, holds: Callable[[Fraction], bool]) -> float | None:
@@ -100,6 +127,21 @@ def has_short_denominator(values: Iterable[Fraction], limit: int) -> bool:
         if common.bit_length() > limit:
             return False
     return True
+
+
+def doubles_to_json(doubles: NDArray[np.float64]) -> dict[str, str]:
+    """The base64 of little-endian doubles, each of which means exactly what it is."""
+    return {"float64": b64encode(doubles.astype("<f8").tobytes()).decode("ascii")}
+
+
+def doubles_from_json(data: object) -> NDArray[np.float64]:
+    """Read finite doubles back.  Raises: TypeError or ValueError for anything else."""
+    if not isinstance(data, dict) or set(data) != {"float64"} or not isinstance(data["float64"], str):
+        raise TypeError("doubles must be an object with float64, text in base64")
+    doubles = np.frombuffer(b64decode(data["float64"], validate=True), dtype="<f8").astype(np.float64)
+    if not np.all(np.isfinite(doubles)):
+        raise ValueError("every number must be finite")
+    return doubles
 
 
 def _integer(digits: str) -> int:

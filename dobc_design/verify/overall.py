@@ -13,6 +13,7 @@ from fractions import Fraction
 
 from dobc_design.exact.matrix import Matrix, Vector
 from dobc_design.exact.number import number_text
+from dobc_design.spec.groups import Group
 from dobc_design.spec.problem import Problem
 from dobc_design.spec.reaching import unreached_in_union
 from dobc_design.verdict import Verdict
@@ -57,7 +58,7 @@ def covers(problem: Problem, check: Check, checks: Sequence[Check]) -> bool:
     if check.verdict is not Verdict.PROVED or check.id not in CONSENSUS_IDS:
         return False
     if check.id == "lemma1":
-        if problem.exosystem is not None:
+        if problem.groups:
             return False
         lemmas = [other for other in checks if other.id == "lemma1"]
         if {other.mode for other in lemmas} != set(problem.network.modes):
@@ -103,12 +104,12 @@ def _refuted_reason(problem: Problem, checks: Sequence[Check], W: Matrix | None)
     if apart is not None:
         return apart
     region = problem.region
-    exosystem = problem.exosystem
     noisy = region is None or (region.initial_disturbance or 0) > 0
-    own = W is not None and W == problem.observer.W
-    if exosystem is not None and W is not None and own and noisy and not observable_part_is_hurwitz(exosystem, W):
+    failing = _failing_groups(problem, W) if noisy else []
+    if failing:
+        whose = f" of the group of agent {failing[0].name}" if problem.is_grouped else ""
         return (
-            "Consensus fails: with this W the estimation error does not decay, and it reaches the agents."
+            f"Consensus fails: with this W{whose} the estimation error does not decay, and it reaches the agents."
             " Choose another W, or leave W out to have one designed."
         )
     if region is None or _target_is_interior(problem):
@@ -122,6 +123,14 @@ def _refuted_reason(problem: Problem, checks: Sequence[Check], W: Matrix | None)
     # Without a region the question is about every neighbourhood of the target, and this one is some way off.
     resting = [check for check in checks if check.id == "equilibrium" and check.verdict is Verdict.REFUTED]
     return resting[0].reason if resting and region is not None else None
+
+
+def _failing_groups(problem: Problem, W: Matrix | None) -> list[Group]:
+    """Groups whose own W leaves an estimation error that reaches the agents and does not decay."""
+    given = [(group, group.observer.W) for group in problem.groups]
+    if not problem.is_grouped:
+        given = [(group, own) for group, own in given if own == W]
+    return [g for g, own in given if own is not None and not observable_part_is_hurwitz(g.exosystem, own)]
 
 
 def _apart_reason(problem: Problem) -> str | None:
@@ -244,7 +253,7 @@ def _undecided_reason(problem: Problem, checks: Sequence[Check]) -> str:
         if reached is not None:
             return reached
     local = [c for c in checks if c.id in CONSENSUS_IDS and c.verdict is Verdict.PROVED and c.domain == "consensus"]
-    complete = [c for c in local if c.id != "lemma1"] if problem.exosystem is not None else local
+    complete = [c for c in local if c.id != "lemma1"] if problem.groups else local
     if complete and problem.region is not None:
         return (
             "Undecided: consensus is proved near the target only, and the region asked for is larger."

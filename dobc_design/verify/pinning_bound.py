@@ -16,6 +16,7 @@ from dataclasses import dataclass
 from fractions import Fraction
 from typing import Any
 
+from dobc_design.exact.decision import Symmetric
 from dobc_design.exact.matrix import Vector
 from dobc_design.exact.symmetric import SparseSymmetric
 from dobc_design.exact.zmatrix import proves
@@ -169,7 +170,7 @@ def _rounded(matrix: Enclosed, candidates: Iterable[Sequence[float]]) -> Vector 
     return None
 
 
-def _shown(upper: SparseSymmetric, hints: Sequence[Sequence[float]]) -> bool:
+def _shown(upper: Symmetric, hints: Sequence[Sequence[float]]) -> bool:
     if not hints or any(len(each) != upper.size for each in hints):
         return False
     total = [sum(column) for column in zip(*hints, strict=True)]

@@ -15,8 +15,8 @@ from dobc_design.verify.pinning_bound import Ground, Vectors, bound_from, obstac
 from dobc_design.verify.pinning_structure import packing
 
 Relax = Callable[[Collection[int], float], tuple[Sequence[float] | None, Vectors]]
-WORK = 60_000  # nodes times agents
-LARGEST = 2000  # agents above which only the first node is looked at
+WORK = 60_000  # nodes times agents, of few agents
+FEW, MOST_WORK = 300, 18_000_000  # up to so many; then nodes times squared agents, for a node takes a solve
 ALIKE = Fraction(1, 10**7)  # bounds this close (relatively) to the best cost close a node
 REPORTED = 20  # nodes between two reports
 MOST_RIVALS = 10_000  # sets whose cost is kept
@@ -83,8 +83,13 @@ def choose(
     root = search.node(frozenset(), frozenset(), Fraction(0))
     if root is not None:
         search.add(root)
-    search.run(1 if ground.problem.n > LARGEST else max(50, WORK // ground.problem.n))
+    search.run(_nodes(ground.problem.n))
     return search.result()
+
+
+def _nodes(agents: int) -> int:
+    """How many nodes are worth the time."""
+    return max(50, WORK // agents) if agents <= FEW else max(1, MOST_WORK // agents**2)
 
 
 class _Search:

@@ -10,6 +10,8 @@ from typing import Any
 from dobc_design.exact.number import float_above, float_below, number_text, quotient_text
 from dobc_design.spec.pinning_request import PinningRequest
 from dobc_design.spec.problem import Problem
+from dobc_design.theorems.lure import Lure
+from dobc_design.theorems.separable import Separable
 from dobc_design.verdict import Verdict
 from dobc_design.verify.network import name_agents
 from dobc_design.verify.numbers import shorten
@@ -29,7 +31,8 @@ class PinningDesign:
     that show it for gains on the agents named in ``bound_for``.  ``prices``: what each limit costs, in words.
     ``structural_minimum``: so many pins are needed whatever the gains (None if it was not found).  ``ties``: agents
     that are as good.  ``problem``: the problem with these gains.  ``nearest``: the design for the nearest request that
-    was proved possible, where this one was not.
+    was proved possible, where this one was not.  ``method``: "consensus" (Lambda alone), or over a region
+    "max-separable" or "lure", with its ``radius`` and the ``certificate`` that is proved for ``problem``.
     """
 
     verdict: Verdict
@@ -47,6 +50,9 @@ class PinningDesign:
     ties: tuple[str, ...] = ()
     problem: Problem | None = None
     nearest: PinningDesign | None = None
+    method: str = "consensus"
+    radius: Fraction | None = None
+    certificate: Separable | Lure | None = None
 
     @property
     def gap(self) -> float | None:
@@ -71,7 +77,8 @@ class PinningDesign:
             "rate": None if self.rate is None else number_text(self.rate),
             "cost": None if self.cost is None else float_above(self.cost),
             "lower_bound": None if self.lower_bound is None else float_below(self.lower_bound),
-            "structural_minimum": self.structural_minimum,
+            "structural_minimum": self.structural_minimum, "method": self.method,
+            "radius": None if self.radius is None else number_text(self.radius),
             "statements": [statement.to_json() for statement in self.statements],
             "prices": list(self.prices), "ties": list(self.ties),
             "nearest": None if self.nearest is None else self.nearest.to_json(),

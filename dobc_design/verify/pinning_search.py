@@ -49,19 +49,20 @@ def search_pinning(ground: Ground, proposals_for: Callable[[PinningRequest], Pin
 def _attempt(ground: Ground, proposals: PinningProposals) -> PinningDesign:
     request = ground.request
     structure = structure_of(ground.problem, request.allowed)
-    obstacle = _structural(ground, structure) or _too_fast(ground, proposals, structure)
+    obstacle = structural_obstacle(ground, structure) or _too_fast(ground, proposals, structure)
     if obstacle is not None:
-        return _without_gains(ground, structure, obstacle)
+        return without_gains(ground, structure, obstacle)
     if request.pins is None:
         return _designed(ground, proposals, structure, request.allowed, choice=None)
     choice, statements = _chosen(ground, proposals, structure)
     if choice is None or choice.agents is None:
         refuted = next((each for each in statements if each.verdict is Verdict.REFUTED), None)
-        return _without_gains(ground, structure, refuted)
+        return without_gains(ground, structure, refuted)
     return _designed(ground, proposals, structure, choice.agents, choice=choice, more=statements)
 
 
-def _structural(ground: Ground, structure: Structure) -> Statement | None:
+def structural_obstacle(ground: Ground, structure: Structure) -> Statement | None:
+    """A proof by the graph alone that the allowed agents, or so few pins, cannot do."""
     labels, pins = ground.problem.network.labels, ground.request.pins
     if structure.unmet is not None:
         group = name_agents([labels[i] for i in structure.unmet])
@@ -179,7 +180,7 @@ def _designed(
     proposals.progress("proving the gains and their bound")
     gains = _proved_gains(ground, proposals, agents)
     if gains is None:
-        return _without_gains(ground, structure, None)
+        return without_gains(ground, structure, None)
     vectors = proposals.relax(agents, float(request.rate))[1]
     bound = bound_from(ground, vectors, agents, request.rate)
     if not bound_holds(ground, bound, agents):  # unreachable: it was made to fit
@@ -257,7 +258,8 @@ def _ties(ground: Ground, proposals: PinningProposals, chosen: tuple[int, ...], 
     return tuple(single)
 
 
-def _without_gains(ground: Ground, structure: Structure, obstacle: Statement | None) -> PinningDesign:
+def without_gains(ground: Ground, structure: Structure, obstacle: Statement | None) -> PinningDesign:
+    """REFUTED by the obstacle; UNDECIDED without one."""
     least = structure.least if structure.exact else None
     if obstacle is None:
         return PinningDesign(

@@ -33,6 +33,11 @@ _DEVICES: Final = {"lure": "multipliers", "interval": "an interval bound", "vert
 
 def quadratic_obstacle(problem: Problem, W: Matrix | None) -> str | None:
     """Why no quadratic certificate applies to the loop with the gain W (q, m); None if one does."""
+    if problem.is_grouped:
+        return (
+            "does not apply: exosystem.groups. Quadratic certificates of a region know one exosystem for all agents so"
+            " far; max-separable knows groups."
+        )
     if problem.exosystem is not None and W is None:
         return "does not apply: there is no observer gain W, and without one the estimation error is not bounded."
     return None

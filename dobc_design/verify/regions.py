@@ -49,7 +49,7 @@ def obstacle(problem: Problem, W: Matrix | None) -> str | None:
         return (
             "does not apply: the max-separable certificate is for couplings that act on each state component by itself."
         )
-    if problem.exosystem is not None and W is None:
+    if problem.groups and W is None:
         return "does not apply: there is no observer gain W, and without one the estimation error is not bounded."
     return None
 
@@ -82,7 +82,7 @@ def max_separable_check(
     if not rate:
         return undecided_check("max-separable", domain, "the rate of the whole loop is not shown to be positive.")
     starts = "every start" if claim.rho is None else f"every start with |e_i| <= {radius:.6g}"
-    if problem.exosystem is not None and claim.rho is not None:
+    if problem.groups and claim.rho is not None:
         starts += f" and |eps_i| <= {disturbance:.6g}"
     measure = "max_i |e_i|/v_i" + ("" if claim.error is None else f" + {float(claim.error.kappa):.4g} max_i |eps_i|_P")
     return Check(
@@ -175,7 +175,7 @@ def read_domain(domain: object, problem: Problem, *, kind: str) -> tuple[Fractio
     radius, disturbance = number_or_none(domain["radius"]), number_or_none(domain["disturbance"])
     if radius is None or radius <= 0 or disturbance is None or disturbance < 0:
         raise ValueError("the radius must be > 0 and the disturbance >= 0")
-    if disturbance and problem.exosystem is None:
+    if disturbance and not problem.groups:
         raise ValueError("without an exosystem the disturbance must be 0")
     return claimed(radius), claimed(disturbance)
 
@@ -195,10 +195,10 @@ def separable_to_json(claim: Separable) -> dict[str, Any]:
 
 def separable_from_json(exact: object, problem: Problem) -> Separable:
     """Read them back for this problem.  Raises: KeyError, TypeError or ValueError for anything else."""
-    names = () if problem.exosystem is None else _OBSERVER
+    names = _OBSERVER if problem.groups else ()
     values = read_object(exact, ("v", "alpha", "rho", *names))
     error = None
-    if problem.exosystem is not None:
+    if problem.groups:
         P = tuple(tuple(read_rational(entry) for entry in row) for row in values["P"])
         if not is_short(P):
             raise ValueError("P needs too long a common denominator")

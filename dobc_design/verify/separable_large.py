@@ -70,7 +70,7 @@ def arc_rows(problem: Problem, v: Sequence[Fraction], mode: str, *, stretch: Fra
 
 def open_rows(arcs: ArcRows, tables: Sequence[GainTable], *, alpha: Fraction, rho: Fraction) -> list[tuple[int, int]]:
     """The (agent, face) whose row is not proved for all s in (0, rho]; ``tables`` reach to rho max |steps|."""
-    rates = _floats([k - alpha for k in arcs.gains])[0]
+    rates = _floats(arcs.gains, less=alpha)[0]
     limits = np.where(rates >= 0, rates * arcs.own[0], rates * arcs.own[1])
     limits = np.where(rates == 0, 0.0, down(limits))
     with np.errstate(invalid="ignore", over="ignore"):  # cells beyond the table are infinite and prove nothing
@@ -171,19 +171,19 @@ class _Piece:
         return np.where(sizes == 0, 0.0, up(total + up(sizes * (2 * (self.counts + 2) * _UNIT))))
 
 
-def _floats(values: Sequence[Fraction]) -> tuple[Array, Array]:
-    """Floats below and above, equal where the number is a float; equal objects are converted once."""
-    known: dict[int, tuple[float, float]] = {}
-    pairs = []
-    for value in values:
-        pair = known.get(id(value))
-        if pair is None:
-            exact = _float_or_none(value)
-            pair = (float_below(value), float_above(value)) if exact is None else (exact, exact)
-            known[id(value)] = pair
-        pairs.append(pair)
-    both = np.array(pairs, dtype=np.float64).reshape(-1, 2)
-    return both[:, 0].copy(), both[:, 1].copy()
+def _floats(values: Sequence[Fraction], *, less: Fraction | None = None) -> tuple[Array, Array]:
+    """Floats below and above the numbers, or these ``less`` something, equal where the number is a float.
+
+    Equal objects are converted once.
+    """
+    places = np.fromiter(map(id, values), dtype=np.int64, count=len(values))
+    _, first, inverse = np.unique(places, return_index=True, return_inverse=True)
+    low, high = np.empty(len(first)), np.empty(len(first))
+    for k, place in enumerate(first.tolist()):
+        value = values[place] if less is None else values[place] - less
+        exact = _float_or_none(value)
+        low[k], high[k] = (float_below(value), float_above(value)) if exact is None else (exact, exact)
+    return low[inverse], high[inverse]
 
 
 def _float_or_none(value: Fraction) -> float | None:

@@ -2,7 +2,8 @@
 
 Theory, section 5: with (A-WC)'P + P(A-WC) <= -2 beta P and c'c <= P for each row c of C, |C eps_i| <= E := max_i
 sqrt(eps_i' P eps_i) and D+ E <= -beta E.  With kappa > 1/(beta min v) the set {N + kappa E <= rho} is invariant and
-attracted.
+attracted.  Where agents have different exosystems, all this is about the joint one (``spec.groups``): an agent's eps_i
+stays in the coordinates of its own group, and the rows of C are those of all groups.
 """
 
 from __future__ import annotations
@@ -43,13 +44,14 @@ def verify_composite(
     PROVED: V = N + kappa E (V = N without an exosystem) decays at least at ``composite_rate`` from every start with
     V <= rho, for arbitrary switching among the modes.
     """
-    if problem.exosystem is not None:
+    exosystem = problem.joint_exosystem
+    if exosystem is not None:
         if W is None or claim.error is None:
             return SeparableAnswer(
                 verdict=Verdict.UNDECIDED,
                 reason="with an [exosystem] the certificate needs an observer gain W and P, beta and kappa.",
             )
-        obstacle = error_bound_obstacle(problem.exosystem, W, claim.error) or _kappa_obstacle(claim)
+        obstacle = error_bound_obstacle(exosystem, W, claim.error) or _kappa_obstacle(claim)
         if obstacle is not None:
             return SeparableAnswer(verdict=Verdict.REFUTED, reason=obstacle)
     return verify_separable(problem, claim, modes=modes)

@@ -31,7 +31,6 @@ _BISECTIONS = 20
 _SLICES = 8
 _SHORTER = 60  # times that a delay is halved
 _CLOSE = Fraction(1, 1000)
-_ROOM = Fraction(999, 1000)  # left of a period for readers who bound the slopes in their own way
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -119,8 +118,7 @@ def largest_period(problem: Problem, claim: Separable, *, modes: Sequence[str] |
     stiffest = _stiffest(problem, claim, modes)
     if isinstance(stiffest, str):
         return None
-    room = 1 if claim.rho is None else _ROOM  # constant slopes are known exactly
-    period = rounded_down(room / stiffest) if stiffest > 0 else Fraction(0)
+    period = rounded_down(1 / stiffest) if stiffest > 0 else Fraction(0)
     if period <= 0:
         return None
     return SamplingBound(period=period, factor=1 - period * claim.alpha)

@@ -7,6 +7,7 @@ one.
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import dataclass
 from fractions import Fraction
 from typing import Any, Final
 
@@ -32,13 +33,33 @@ from dobc_design.verify.regions import (
     vector_from_json,
     vector_to_json,
 )
-from dobc_design.verify.separable_timing import DelayBound, SamplingBound, largest_delay_rate, largest_period
+from dobc_design.verify.separable import rounded_down
+from dobc_design.verify.separable_timing import (
+    DelayBound,
+    SamplingBound,
+    largest_delay_rate,
+    largest_period,
+    longest_delay,
+)
 from dobc_design.verify.settling import Settling
 from dobc_design.verify.staging import proved_reason, verify_staging
 
 SEPARABLE, QUADRATIC = "max-separable", "quadratic"
 MOST_STAGES: Final = 100
+#: The part of a stage's rate that late messages are to leave.
+KEPT: Final = Fraction(1, 2)
 LURE: Final = ("method", "P_e", "level", "radius", "ranges", "multipliers", "rate")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class StageTiming:
+    """What a stage allows once it has begun: how long values may be held, and how late messages may be.
+
+    ``delay`` leaves half of the stage's rate.  None where nothing is shown, as for every quadratic stage.
+    """
+
+    sampling: SamplingBound | None = None
+    delay: DelayBound | None = None
 
 
 def settling_check(problem: Problem, W: Matrix | None, settling: Settling, *, domain: str) -> Check:
@@ -101,6 +122,37 @@ def staging_from_json(
         stages=tuple(stages), radius=radius, disturbance=disturbance, tolerance=read_rational(values["tolerance"]),
         time=read_rational(values["time"]),
     )  # fmt: skip
+
+
+def settling_of(check: Check | None, problem: Problem, W: Matrix | None) -> Settling | None:
+    """The settling time and the envelope that a proved ``settling`` claims; None without such a check.
+
+    The claim is taken as it is; ``confirm_settling`` decides it.  Raises what a malformed claim raises.
+    """
+    if check is None or check.verdict is not Verdict.PROVED:
+        return None
+    radius, disturbance = read_domain(check.domain, problem, kind="box")
+    staging = staging_from_json(check.exact, problem, W, radius=radius, disturbance=disturbance)
+    return Settling(
+        verdict=check.verdict, reason=check.reason, problem_name=problem.name, radius=radius, disturbance=disturbance,
+        tolerance=staging.tolerance, staging=staging,
+    )  # fmt: skip
+
+
+def stage_timings(problem: Problem, settling: Settling) -> tuple[StageTiming, ...]:
+    """Sampling and delays stage by stage, each proved for a loop that is in the stage's box and stays there."""
+    return tuple(
+        _timing(problem, stage.certificate) if isinstance(stage.certificate, Separable) else StageTiming()
+        for stage in settling.stages
+    )
+
+
+def _timing(problem: Problem, claim: Separable) -> StageTiming:
+    fastest = claim.alpha if claim.error is None else min(claim.alpha, claim.error.beta)
+    return StageTiming(
+        sampling=largest_period(problem, claim),
+        delay=longest_delay(problem, claim, rate=rounded_down(fastest * KEPT, digits=4)),
+    )
 
 
 def sampling_periods(problem: Problem, settling: Settling) -> tuple[SamplingBound | None, ...]:

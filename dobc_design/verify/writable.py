@@ -15,7 +15,7 @@ from dobc_design.verify.check import Check
 from dobc_design.verify.numbers import LONGEST, VECTOR_BITS, has_short_denominator, read_rational
 
 _DIGITS = re.compile(r"[0-9]+")
-NO_NUMBERS = ("float64", "mode", "tree")  # an array of doubles and a cut-up box, which may be long; a name
+NO_NUMBERS = ("float64", "mode", "group", "tree")  # an array of doubles and a cut-up box, which may be long; names
 LONGEST_COEFFICIENT = 4000  # digits of a numerator or denominator in a polynomial: Python prints no more than 4300
 
 
@@ -31,7 +31,7 @@ def writable(check: Check) -> Check:
         if _fits(shorter):
             return shorter
     return Check(
-        id=check.id, mode=check.mode, verdict=Verdict.UNDECIDED, domain=check.domain, fix=check.fix,
+        id=check.id, mode=check.mode, group=check.group, verdict=Verdict.UNDECIDED, domain=check.domain, fix=check.fix,
         reason=f"it is {check.verdict.value} here, but a number in the proof has more digits than a certificate holds"
         f" ({LONGEST} characters). Give the numbers of the problem with fewer digits, or with one common denominator.",
     )  # fmt: skip

@@ -1,8 +1,8 @@
 """The package's docstrings are plain text; here they become reStructuredText.
 
-An entry ``    name: what it is`` below a line that ends with a colon becomes an item of a list; ``Returns:``, ``Raises:`` and
-``Source:`` begin a paragraph; every sign that reStructuredText would read as markup is taken as it stands, except in
-double backticks.
+An entry ``    name: what it is`` below a line that ends with a colon becomes an item of a list; ``Returns:``,
+``Raises:`` and ``Source:`` begin a paragraph; every sign that reStructuredText would read as markup is taken as it
+stands, except in double backticks.
 """
 
 from __future__ import annotations
@@ -18,11 +18,13 @@ _SECTION = re.compile(r"^(Returns|Raises|Source|Units|Parameters[^:]*|Fields[^:]
 
 
 def escaped(text: str) -> str:
+    """Text without markup."""
     parts = _LITERAL.split(text)
     return "".join(part if part.startswith("``") else _MARKUP.sub(r"\\\1", part) for part in parts)
 
 
 def as_restructured(lines: list[str]) -> list[str]:
+    """The lines of one docstring."""
     result: list[str] = []
     code = False
     for line in lines:
@@ -61,9 +63,11 @@ def _in_entry(result: list[str]) -> bool:
 
 
 def convert(app: Sphinx, what: str, name: str, obj: object, options: object, lines: list[str]) -> None:
+    """Change the lines in place, as sphinx wants it."""
     lines[:] = as_restructured(lines)
 
 
 def setup(app: Sphinx) -> dict[str, bool]:
+    """Called by sphinx."""
     app.connect("autodoc-process-docstring", convert)
     return {"parallel_read_safe": True, "parallel_write_safe": True}

@@ -1,4 +1,4 @@
-"""Pages that the program itself writes: its commands, its conditions, its exit codes; and the notebooks, brought into the handbook.
+"""Pages that the program itself writes, its commands and its conditions; and the notebooks, brought into the handbook.
 
 They are made anew at every build and are not committed.
 """
@@ -19,15 +19,18 @@ ROOT = DOCS.parent
 
 
 def cell(text: object) -> str:
+    """The text inside a cell of a table."""
     return str(text or "").replace("|", "\\|").replace("\n", " ")
 
 
 def commands() -> str:
+    """The page of the command line."""
     lines = [
         "# Command line",
         "",
-        "Written from the program itself. FILE is the path of a problem file or the name of a built-in problem. `--json` puts one JSON",
-        "document on standard output and nothing else there; progress and messages go to standard error.",
+        "Written from the program itself. FILE is the path of a problem file or the name of a built-in problem.",
+        "`--json` puts one JSON document on standard output and nothing else there; progress and messages go to",
+        "standard error.",
         "",
     ]
     for name, command in sorted(typer.main.get_command(command_line).commands.items()):
@@ -48,6 +51,7 @@ def commands() -> str:
 
 
 def conditions() -> str:
+    """The page of the conditions."""
     lines = [
         "# Conditions",
         "",
@@ -68,6 +72,7 @@ def write(path: Path, text: str) -> None:
 
 
 def notebooks(target: Path) -> None:
+    """Copy the notebooks, those that changed, and forget those that are gone."""
     target.mkdir(exist_ok=True)
     found = sorted((ROOT / "notebooks").glob("*.ipynb"))
     for path in found:
@@ -80,11 +85,13 @@ def notebooks(target: Path) -> None:
 
 
 def generate(app: Sphinx) -> None:
+    """Write everything."""
     write(DOCS / "reference" / "command-line.md", commands())
     write(DOCS / "reference" / "conditions.md", conditions())
     notebooks(DOCS / "gallery")
 
 
 def setup(app: Sphinx) -> dict[str, bool]:
+    """Called by sphinx."""
     app.connect("builder-inited", generate)
     return {"parallel_read_safe": True, "parallel_write_safe": True}

@@ -10,6 +10,7 @@ import sys
 from collections.abc import Iterator
 from dataclasses import dataclass
 from fractions import Fraction
+from pathlib import Path
 from random import Random
 from typing import Any
 
@@ -18,12 +19,17 @@ import scipy.sparse as sp
 from scipy.spatial import cKDTree
 from simulation import cpu
 
+from dobc_design.design.dominating import dominating_vector, vector_at
+from dobc_design.design.jacobian import float_lambda
 from dobc_design.design.separable import design_separable, rounded_vectors
 from dobc_design.spec.exosystem import Exosystem
 from dobc_design.spec.network import Network
 from dobc_design.spec.observer import Observer
 from dobc_design.spec.problem import Problem
 from dobc_design.spec.region import Region
+from dobc_design.theorems.statements import state_theorems
+from dobc_design.verify.consensus import enclosed_lambda
+from dobc_design.verify.negative import shown_bound
 from dobc_design.verify.separable_observer import first_certificate, verify_composite
 
 SIZE = 100_000
@@ -34,20 +40,32 @@ GAIN = 3
 DISTURBANCE = Fraction(1, 2)
 KINDS = ("ring", "small world", "scale free", "geometric")
 HEADER = f"{'network':<12} {'n':>8} {'arcs':>8} {'product':>9} {'propose':>9} {'decide':>9} {'re-check':>9}  rate"
-MEMORY = """
-import resource, sys, tempfile
+# The whole way in a fresh process each: a problem file with its arcs in a CSV file, certify, write, read, check again.
+WHOLE = """
+import json, resource, subprocess, sys, tempfile, time
+from pathlib import Path
 sys.path.insert(0, {folder!r})
-from large import large
-from dobc_design.workflow import certify, verify
-problem = large("ring", {n})
-certificate = certify(problem)
+from large import write_problem
+
+def step(*arguments):
+    before = resource.getrusage(resource.RUSAGE_CHILDREN)
+    done = subprocess.run([sys.executable, "-m", "dobc_design", *arguments, "--json"], check=True, capture_output=True)
+    after = resource.getrusage(resource.RUSAGE_CHILDREN)
+    return json.loads(done.stdout), after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
+
 with tempfile.TemporaryDirectory() as folder:
-    certificate.save(folder)
-    with open(f"{{folder}}/certificate.json", "rb") as file:
-        found = verify(file.read(), problem)
-peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * (1 if sys.platform == "darwin" else 1024)
-print(certificate.verdict.value, certificate.claims.covered_by, found.holds, peak)
+    subprocess.run([sys.executable, "-c", "import sys; sys.path.insert(0, {folder!r}); from large import write_problem;"
+                    f"write_problem({kind!r}, {n}, {{folder!r}})"], check=True)
+    problem, out = str(Path(folder, "problem.toml")), str(Path(folder, "out"))
+    certified, first = step("certify", problem, "--out", out, "--no-report")
+    checked, second = step("verify", out, "--problem", str(Path(out, "problem.json")))
+peak = resource.getrusage(resource.RUSAGE_CHILDREN).ru_maxrss * (1 if sys.platform == "darwin" else 1024)
+print(certified["verdict"], certified["covered_by"], checked["holds"], first, second, peak)
 """
+LAMBDA_HEADER = (
+    f"{'network':<12} {'n':>8} {'arcs':>8} {'Lambda < 0':>11} {'rate':>6} {'-1 %':>6} {'+1 %':>6} {'re-check':>9}"
+    f" {'certify':>9} {'verify':>8} {'peak':>9}  verdict"
+)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -106,15 +124,62 @@ def measured(kind: str, n: int) -> Row:
     )  # fmt: skip
 
 
-def peak_memory(n: int = MILLION) -> str:
-    """The whole way in a fresh process: certify, write, read, check again."""
-    script = MEMORY.format(folder=str(__file__).rsplit("/", 1)[0], n=n)
-    answer = subprocess.run([sys.executable, "-c", script], check=True, capture_output=True, text=True)
-    verdict, covered_by, holds, peak = answer.stdout.split()
+def lambda_rows() -> Iterator[str]:
+    """Lambda < 0 of large networks in products (at most 250, 500 at 1 %, a re-check in the time of 3), the whole way in
+    seconds of CPU time, its peak memory (at most 2 GiB)."""
+    yield LAMBDA_HEADER
+    for kind in KINDS:
+        yield f"{_lambda_row(kind, SIZE)} {_whole_way(kind, SIZE)}"
+    yield f"{_lambda_row('ring', MILLION)} {_whole_way('ring', MILLION)}"
+
+
+def _lambda_row(kind: str, n: int) -> str:
+    """Products until Lambda < 0 is seen, with a rate, at a shift 1 % below and above the least eigenvalue; then the
+    time of the exact check of the stored vector, in products."""
+    problem = large(kind, n)
+    table = float_lambda(problem, "G").tocsr()
+    found = dominating_vector(table)
+    if found is None or not found.least > 0:
+        raise RuntimeError(f"{kind}, n = {n}: no v is found")
+    matrix, v = enclosed_lambda(state_theorems(problem), "G"), found.vector
+    if not shown_bound(matrix, v) < 0:
+        raise RuntimeError(f"{kind}, n = {n}: nothing is proved")
+    product, _ = cpu(lambda: [table @ v for _ in range(20)], repeats=5)
+    recheck, _ = cpu(lambda: [shown_bound(matrix, v) for _ in range(5)], repeats=5)
+    low, high = found.least, float(v @ -(table @ v)) / float(v @ v)
+    while high - low > 2e-3 * low:  # where 1 % is, which is not counted
+        middle = (low + high) / 2
+        low, high = (middle, high) if vector_at(table, shift=middle).least > 0 else (low, middle)
+    sides = [vector_at(table, shift=shift) for shift in (0.99 * low, 1.01 * high)]
+    if not (sides[0].least > 0 > sides[1].least):
+        raise RuntimeError(f"{kind}, n = {n}: not decided at 1 %")
     return (
-        f"ring, n = {n}, certify, write, read and check again: {int(peak) / 2**30:.2f} GiB at most (asked: 2);"
-        f" {verdict} by {covered_by}, re-checked: {holds}"
+        f"{kind:<12} {n:>8} {table.nnz - n:>8} {found.first:>11} {found.products:>6} {sides[0].products:>6}"
+        f" {sides[1].products:>6} {recheck / 5 / (product / 20):>8.1f}x"
     )
+
+
+def _whole_way(kind: str, n: int) -> str:
+    script = WHOLE.format(folder=str(__file__).rsplit("/", 1)[0], kind=kind, n=n)
+    answer = subprocess.run([sys.executable, "-c", script], check=True, capture_output=True, text=True)
+    verdict, covered_by, holds, first, second, peak = answer.stdout.split()
+    said = f"{verdict} by {covered_by}, re-checked: {holds}"
+    return f"{float(first):>7.1f} s {float(second):>6.1f} s {int(peak) / 2**30:>5.2f} GiB  {said}"
+
+
+def write_problem(kind: str, n: int, folder: str) -> None:
+    """The problem of ``large`` as a file, its arcs beside it."""
+    problem = large(kind, n)
+    arcs = problem.network.modes["G"]
+    pairs = zip(arcs.listeners.tolist(), arcs.speakers.tolist(), strict=True)
+    Path(folder, "arcs.csv").write_text("from,to\n" + "".join(f"{i + 1},{j + 1}\n" for i, j in pairs), "utf-8")
+    pins = "".join(f"{i + 1} = {GAIN}\n" for i in problem.pinning.agents)
+    Path(folder, "problem.toml").write_text(
+        f'name = "large"\ntarget = 1\n[network]\nagents = {n}\narrow = "listens_to"\n[network.modes]\n'
+        'G = { file = "arcs.csv" }\n[coupling]\nh = "exp(y) - 1 + y"\n[exosystem]\nA = [[0, 2], [-2, 0]]\n'
+        'C = [[1, 0]]\n[observer]\nW = [["16/5"], ["12/5"]]\n[region]\ninitial_states = [0, 2]\n'
+        f"initial_disturbance = 0.5\n[pinning.gains]\n{pins}", "utf-8",
+    )  # fmt: skip
 
 
 def large(kind: str, n: int) -> Problem:
@@ -185,6 +250,8 @@ GRAPHS = {"ring": ring, "small world": small_world, "scale free": scale_free, "g
 
 
 if __name__ == "__main__":
-    rows = large_rows() if len(sys.argv) == 1 else [HEADER, *(str(measured(kind, int(sys.argv[1]))) for kind in KINDS)]
-    for row in rows:
+    if len(sys.argv) > 1:  # another size
+        SIZE = MILLION = int(sys.argv[1])
+        GROWTH = (SIZE,)
+    for row in (*lambda_rows(), *large_rows()) if len(sys.argv) < 3 else lambda_rows():
         print(row, flush=True)

@@ -26,7 +26,7 @@ STEPS = 10
 SHRUNK, HORIZON, STEP = 0.01, 40.0, 0.01  # of the box; s; s
 COUPLINGS: dict[str, Callable[[Any], Any]] = {
     "exp(y) - 1 + y": lambda y: jnp.exp(y) - 1 + y,
-    "y + y**3": lambda y: y + y * y * y,
+    "y + y**3": lambda y: y + y**3,
 }
 
 

@@ -21,9 +21,9 @@ from typing import Any
 for _threads in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "RAYON_NUM_THREADS"):
     os.environ[_threads] = "1"
 
-from large import large_rows, peak_memory
+from large import lambda_rows, large_rows
 from peers import peer_table
-from pinning import large_design, pinning_bars
+from pinning import large_design, pinning_bars, shared_design
 from simulation import simulation_bars, simulation_growth, whole_run
 
 from dobc_design.design.dense import solve_dense
@@ -77,7 +77,7 @@ def main() -> None:
     for name, network in (("directed cycle, 10 % pinned", cycle), ("random, degree 4, 10 % pinned", random_balanced)):
         for line in growth(name, network):
             print(line, flush=True)
-    print(f"\n{large_design()}")
+    print(f"\n{large_design()}\n{shared_design()}")
     print(f"\n{whole_run()}")
     print("\nGrowth of one simulated run, problem object to trajectory (no bar):")
     print(f"{'n':>9} {'arcs':>9} {'evaluations':>12} {'seconds':>9} {'ns/(agent evaluation)':>22}")
@@ -89,7 +89,9 @@ def main() -> None:
     print("\nCertified radii of small cycles, beside other tools:")
     for line in peer_table():
         print(line, flush=True)
-    print(f"\n{peak_memory()}")
+    print("\nLarge networks: products of the n x n matrix, the whole way in CPU time, peak memory of its processes:")
+    for line in lambda_rows():
+        print(line, flush=True)
 
 
 def bars() -> Iterator[Bar]:

@@ -18,6 +18,7 @@ from dobc_design.simulate.ensembles import simulate_many
 from dobc_design.simulate.field import make_loop, network_of
 from dobc_design.simulate.signals import RandomDwell
 from dobc_design.simulate.simulate import simulate
+from dobc_design.simulate.stress import Stress
 from dobc_design.spec.exosystem import Exosystem
 from dobc_design.spec.load import load_problem
 from dobc_design.spec.network import Network
@@ -40,13 +41,17 @@ print(peak * (1 if sys.platform == "darwin" else 1024))
 """
 
 
-def large(n: int, *, modes: int = 1) -> Problem:
-    """The paper's coupling, exosystem and W on random digraphs of degree 6; every tenth agent pinned."""
+def large(n: int, *, modes: int = 1, near: bool = False) -> Problem:
+    """The paper's coupling, exosystem and W on digraphs of degree 6; every tenth agent pinned.
+
+    Speakers are drawn from all agents, or with ``near`` they are the next six.
+    """
     rng = np.random.default_rng(n)
 
     def graph() -> Any:
         listeners = np.repeat(np.arange(n), DEGREE)
-        speakers = (listeners + rng.integers(1, n, size=DEGREE * n)) % n
+        away = np.tile(np.arange(1, DEGREE + 1), n) if near else rng.integers(1, n, size=DEGREE * n)
+        speakers = (listeners + away) % n
         return sp.coo_array((np.ones(DEGREE * n), (listeners, speakers)), shape=(n, n))
 
     return Problem(
@@ -59,6 +64,7 @@ def large(n: int, *, modes: int = 1) -> Problem:
 def simulation_bars() -> Iterator[dict[str, Any]]:
     """The arguments of the bars."""
     yield stacked()
+    yield stacked_under_stress()
     yield right_hand_side()
     yield memory()
 
@@ -74,6 +80,21 @@ def stacked() -> dict[str, Any]:
     alone = single * RUNS / ALONE
     return {
         "what": "1000 runs of n = 10 with 20 draws of the mode, stacked vs one by one", "bar": 30,
+        "ratio": alone / together, "note": f"{alone:.3g} s / {together:.3g} s; errors {apart:.0e} apart",
+    }  # fmt: skip
+
+
+def stacked_under_stress() -> dict[str, Any]:
+    """Sampled, noisy, with lost packets: the same random numbers side by side and one by one."""
+    problem, signal = load_problem("paper-switching"), RandomDwell(dwell=0.5)
+    stress = Stress(period=0.05, noise=0.05, loss=0.1)
+    given: dict[str, Any] = {"signal": signal, "t_final": 10.0, "stress": stress}
+    together, many = cpu(lambda: simulate_many(problem, runs=RUNS, **given), repeats=3)
+    single, runs = cpu(lambda: [simulate(problem, seed=k, **given) for k in range(ALONE)], repeats=1)
+    apart = max(float(np.nanmax(np.abs(run.error() - many.error[k, : len(run)]))) for k, run in enumerate(runs))
+    alone = single * RUNS / ALONE
+    return {
+        "what": "1000 sampled runs of n = 10 under noise and loss, stacked vs one by one", "bar": 10,
         "ratio": alone / together, "note": f"{alone:.3g} s / {together:.3g} s; errors {apart:.0e} apart",
     }  # fmt: skip
 
@@ -150,10 +171,20 @@ def whole_run() -> str:
 
 
 def simulation_growth() -> Iterator[str]:
-    """Time of one run, problem object to trajectory, as a table and as a log-log plot with its slope."""
+    """Time of one run, problem object to trajectory, as a table and as a log-log plot with its slope.
+
+    Twice: with speakers anywhere, where a million states no longer fit into the cache next to the processor, and with
+    speakers next to their listeners, where that does not matter.
+    """
+    for near, what in ((False, "speakers drawn from all agents"), (True, "speakers next to their listeners")):
+        yield f"{what}:"
+        yield from _growth(near=near)
+
+
+def _growth(*, near: bool) -> Iterator[str]:
     points = []
     for n in GROWTH:
-        problem = large(n)
+        problem = large(n, near=near)
         seconds, run = cpu(lambda problem=problem: simulate(problem, t_final=0.2, samples=3), repeats=1)
         each = 1e9 * seconds / (n * run.evaluations)
         points.append((n, seconds / run.evaluations))

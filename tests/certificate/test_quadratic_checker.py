@@ -226,7 +226,7 @@ def test_phi_and_its_slopes_hold_random_points():
     arcs, K = [(0, 1, 1), (1, 2, 2), (2, 0, 1), (0, 2, "1/2")], [1, 2, 3]
     network = Network.from_arcs([[i + 1, j + 1, w] for i, j, w in arcs], arrow="listens_to", agents=3)
     problem = Problem(network=network, coupling="sin(y) + y**2/2", gains=dict(enumerate(K, 1)))
-    case = checker.Examination(certificate_bytes(certify(problem).claims), canonical_bytes(problem))
+    case = checker.Examination(certificate_bytes(certify(problem).claims), checker.Problem(canonical_bytes(problem)))
     parts: Any = quadratic_checker.Decisions(case)
     for _ in range(20):
         P, _ = random_form(r, 3)

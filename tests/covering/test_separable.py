@@ -16,6 +16,7 @@ from dobc_design.certificate.recheck import recheck
 from dobc_design.certificate.text import certificate_bytes, certificate_document
 from dobc_design.covering.asked import decimal_above, read_region
 from dobc_design.covering.separable import separable_stage
+from dobc_design.design.separable import design_separable, flatter_plans
 from dobc_design.spec.builtin import builtin_names
 from dobc_design.spec.canonical import canonical_document
 from dobc_design.spec.exosystem import Exosystem
@@ -234,3 +235,21 @@ def test_many_arcs_with_a_falling_coupling_get_the_box_on_which_it_rises(monkeyp
     assert check.verdict is PROVED
     assert 0.2 < check.domain["radius"] <= 0.7854
     assert "exact rows for 2 arcs take long" in check.reason
+
+
+def test_a_chain_whose_fastest_v_is_too_steep_is_proved_with_a_flatter_one():
+    """Five agents in a row, the first pinned: a common v exists for every radius (theory, section 5, existence)."""
+    network = Network.from_arcs([[i + 1, i] for i in range(1, 5)], arrow="listens_to", agents=5)
+    problem = Problem(network=network, coupling="exp(y) - 1 + y", gains={1: 2}, region=side(1))
+    steep = design_separable(problem, radius=Fraction(1))
+    assert steep.proposal.v.max() > 1e5
+    check = stage(problem)["max-separable"]
+    assert check.verdict is PROVED
+    assert check.domain["radius"] == 1.0
+    assert max(Fraction(x) for x in check.exact["v"]) < steep.proposal.v.max() / 10
+    assert check.rate > steep.proposal.rate / 3
+
+
+def test_a_flat_v_is_not_flattened():
+    problem = cycle(4, gains=5)
+    assert list(flatter_plans(problem, design_separable(problem, radius=Fraction(1)))) == []

@@ -9,6 +9,7 @@ import pytest
 from cured import cure_campaign, cured, decided_campaign, share, theorem_holds, undirected_campaign
 from exact_oracle import Oracle, negative_definite
 
+from dobc_design.design import cures
 from dobc_design.spec.changes import changed_problem
 from dobc_design.spec.exosystem import Exosystem
 from dobc_design.spec.load import load_problem
@@ -215,7 +216,7 @@ def test_a_library_that_breaks_down_costs_the_cure_and_not_the_verdict(monkeypat
     def broken(*args, **kwargs):
         raise ValueError("no convergence")
 
-    monkeypatch.setattr("dobc_design.design.cures.network_blocks", broken)
+    monkeypatch.setattr(cures, "network_blocks", broken)
     certificate = certify(cycle(4))
     assert certificate.verdict is Verdict.REFUTED
     assert certificate.check("lemma1").fix is None

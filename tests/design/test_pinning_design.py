@@ -373,11 +373,6 @@ def test_no_feasible_perturbation_is_cheaper():
     assert perturbed(300, seed=1) == 300
 
 
-@pytest.mark.slow
-def test_no_feasible_perturbation_among_ten_thousand_is_cheaper():
-    assert perturbed(10_000, seed=2) == 10_000
-
-
 def test_irrational_slopes_are_enclosed_and_decided():
     problem = problem_of([[1, 2], [2, 1], [3, 2]], coupling="sqrt(2)*y")
     design = dd.design_pinning(problem, rate="1/10", allowed=[1], digits=6)

@@ -141,6 +141,16 @@ def test_no_bound_is_proposed_for_an_observer_that_diverges_or_is_slower():
     assert propose_error_bound(exosystem, ((F(1),),), rate=0.5) is not None
 
 
+@pytest.mark.parametrize("rate", [0.05, 0.0721])
+def test_a_badly_conditioned_p_keeps_enough_room_for_its_rounding(rate):
+    """Three poles next to each other: P has eigenvalues 0.003 and 5.7, and 1e-5 of room is too little."""
+    exosystem = Exosystem(A=[[0, 0, 0], [0, 0, "0.24"], [0, "-0.24", 0]], C=[[1, 1, 0]])
+    W = ((F(53, 5),), (F(-9),), (F(69, 10),))
+    bound = propose_error_bound(exosystem, W, rate=rate)
+    assert bound is not None
+    assert error_bound_obstacle(exosystem, W, bound) is None
+
+
 def example_2() -> tuple[Separable, float]:
     plan = design_separable(SWITCHING, radius=F(4), disturbance=F(1, 2), W=SWITCHING.observer.W)
     claim = first_certificate(

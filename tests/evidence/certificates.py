@@ -14,6 +14,7 @@ from campaigns import (
     reduction_campaign,
 )
 from evidence.row import Row
+from groups_oracle import GroupsOracle, random_grouped_problem
 from region_campaigns import region_mutant_campaign, region_recheck_campaign
 
 MUTANTS = 20  # of each certificate
@@ -41,6 +42,23 @@ def region_mutants(count: int, seed: int) -> Row:
     tally = region_mutant_campaign(range(seed, seed + count // REGION_MUTANTS), each=REGION_MUTANTS)
     changed = sum(tally.counts.values()) - tally.counts["nothing to change"]
     return _row("changed regional claims: refused, or true for the oracle; both checkers agree", changed, tally)
+
+
+def groups_recheck(count: int, seed: int) -> Row:
+    tally = recheck_campaign(range(seed, seed + count), make=random_grouped_problem, know=GroupsOracle)
+    return _row(
+        "groups of agents: both checkers accept, an oracle with the whole Psi finds nothing false", count, tally
+    )
+
+
+def groups_mutants(count: int, seed: int) -> Row:
+    seeds = range(seed, seed + count // MUTANTS)
+    tally = mutant_campaign(seeds, each=MUTANTS, make=random_grouped_problem, know=GroupsOracle)
+    return _row(
+        "groups of agents, changed: refused, or true for the oracle; both checkers agree",
+        count // MUTANTS * MUTANTS,
+        tally,
+    )
 
 
 def whole_psi(count: int, seed: int) -> Row:

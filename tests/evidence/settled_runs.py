@@ -2,11 +2,16 @@
 
 from __future__ import annotations
 
+import json
+from collections.abc import Iterator
+from fractions import Fraction
+
 from evidence.row import Row
 from settled import compare
 
+from dobc_design.certificate.text import certificate_bytes
 from dobc_design.spec.load import load_problem
-from dobc_design.workflow import certify_settling
+from dobc_design.workflow import certify, certify_settling, verify
 
 PROBLEMS = ("paper-fixed", "paper-switching")
 
@@ -25,9 +30,26 @@ def run(count: int, seed: int) -> Row:
         found = compare(problem, settling, runs=max(1, count // len(PROBLEMS)), seed=seed)
         runs += found.runs
         failures += [f"{name}: {text}" for text in found.crossings]
+        failures += [f"{name}: {text}" for text in _wrong_in_the_certificate(name)]
         notes.append(
             f"{name}: certified {settling.time:.1f} s by {len(settling.stages)} stages ({settling.single_time:.1f} s by"
             f" one rate), slowest simulated {found.settled:.1f} s, ratio {settling.time / found.settled:.2f}"
         )
     what = "certified settling times: no simulated run crosses the envelope"
     return Row(what=what, count=runs, failures=tuple(failures), notes=tuple(notes), least=count)
+
+
+def _wrong_in_the_certificate(name: str) -> Iterator[str]:
+    """Both programs accept the check of the certificate, and refuse a hand-over that is claimed a hundredth lower."""
+    certificate = certify(name, settling="1/1000")
+    if not verify(certificate, name).holds:
+        yield "the certificate with the settling time is not accepted"
+    data = json.loads(certificate_bytes(certificate.claims))
+    (check,) = [each for each in data["checks"] if each["id"] == "settling"]
+    for stage in check["exact"]["stages"][1:]:
+        own = stage["level"]
+        stage["level"] = str(Fraction(own) * Fraction(99, 100))
+        twin = verify(json.dumps(data).encode(), name)
+        if twin.holds or "settling" not in str(twin.lone_checker):
+            yield "a level that is too low for what is handed over is accepted"
+        stage["level"] = own

@@ -1,4 +1,4 @@
-"""Random loops, simulated: against products of matrix exponentials and powers of matrices, and under random stress."""
+"""Random loops, simulated: against matrix exponentials and powers of matrices, under stress, below certified bounds."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ from evidence.row import Row
 from scipy.linalg import expm
 
 from dobc_design.model.arrays import consensus_jacobian, pinning_matrix
+from dobc_design.simulate.ensembles import simulate_many
 from dobc_design.simulate.signals import Periodic
 from dobc_design.simulate.simulate import simulate
 from dobc_design.simulate.stress import Failure, Stress
@@ -16,6 +17,7 @@ from dobc_design.spec.exosystem import Exosystem
 from dobc_design.spec.network import Network
 from dobc_design.spec.observer import Observer
 from dobc_design.spec.problem import Problem
+from dobc_design.workflow import certify
 
 CLOSE = 1e-9
 HORIZON = 2.0
@@ -163,4 +165,46 @@ def random_stress(rng: np.random.Generator, problem: Problem) -> Stress:
         noise=0.05 * chosen[0], disturbance=0.5 * chosen[1], frequency=float(rng.choice([0.0, 1.0, 9.0])),
         saturation=1.5 if chosen[2] else None, period=0.0625 if chosen[3] else None, loss=0.4 * chosen[4],
         failures=failures,
+    )  # fmt: skip
+
+
+def bounded(count: int, seed: int) -> Row:
+    """Random problems with a region: no simulated run crosses the bound that its certificate gives."""
+    failures, drawn, closest = [], 0, 0.0
+    for number in range(count):
+        rng = np.random.default_rng([seed, number])
+        problem = regional(rng)
+        certificate = certify(problem)
+        many = simulate_many(
+            problem, runs=50, signal=Periodic(dwell=float(rng.uniform(0.1, 0.9))), t_final=5.0, samples=101,
+            gain=certificate.claims.W,
+        )  # fmt: skip
+        bound = certificate.envelope(many)
+        if not bound.sources:
+            continue
+        drawn += 1
+        large = bound(many.times) > 1e-3 * bound(0.0)
+        closest = max(closest, float(np.nanmax((many.error / bound(many.times))[:, large])))
+        integrated = CLOSE * bound(0.0)  # the error of the integration
+        if many.diverged.any() or not (many.error <= bound(many.times) + integrated).all():
+            failures.append(f"seed [{seed}, {number}]: a run crosses the bound of {', '.join(bound.sources)}")
+    return Row(what="certified bounds of |e(t)| against 50 simulated runs each", count=count, failures=tuple(failures),
+               notes=(f"{drawn} with a bound; a run came to {closest:.0%} of it",), least=count)  # fmt: skip
+
+
+def regional(rng: np.random.Generator) -> Problem:
+    """Two random digraphs on 2 to 6 agents, most of them pinned, with starts to be covered."""
+    n = int(rng.integers(2, 7))
+
+    def graph() -> list[list[int]]:
+        return [[i, j] for i in range(1, n + 1) for j in range(1, n + 1) if i != j and rng.random() < 0.4]
+
+    pins = {str(i + 1): float(rng.choice([1.0, 2.5, 5.0])) for i in range(n) if rng.random() < 0.8} or {"1": 3.0}
+    with_disturbance = rng.random() < 0.6
+    return Problem(
+        network=Network.from_arcs({"a": graph(), "b": graph()}, arrow="listens_to", agents=n), gains=pins,
+        coupling=str(rng.choice(["exp(y) - 1 + y", "tanh(y)", "y", "y + y**3", "2*sin(y)"])),
+        exosystem=Exosystem(A=[[0, 1], [-1, 0]], C=[[1, 0]]) if with_disturbance else None,
+        observer=Observer(W=[[3], [2]]) if with_disturbance else None, target=1,
+        region={"initial_states": [0, 2]} | ({"initial_disturbance": "1/4"} if with_disturbance else {}),
     )  # fmt: skip

@@ -141,3 +141,27 @@ def test_what_does_not_fit_is_refused():
         IntegerSymmetric.from_floats(np.array([[1.0, 2.0], [2.0 + 2**-51, 1.0]]))
     with pytest.raises(SpecError, match="must have finite entries"):
         IntegerSymmetric.from_floats(np.array([[np.inf]]))
+
+
+@given(SPARSE, SPARSE, st.fractions(max_denominator=9))
+def test_sums_and_shifts_are_those_of_the_sparse_form(M, N, shift):
+    """Of both forms in any order; denominators that differ."""
+    whole = IntegerSymmetric.from_sparse(M)
+    assert (whole + N).to_sparse() == (N + whole).to_sparse() == M + N
+    assert (whole + IntegerSymmetric.from_sparse(N)).to_sparse() == M + N
+    assert whole.shifted(shift).to_sparse() == M.shifted(shift)
+    assert whole.negated().to_sparse() == M.negated()
+    assert whole.entries == M.entries
+
+
+@given(SPARSE, st.lists(st.integers(0, 4), unique=True))
+def test_some_rows_and_columns_in_their_order(M, rows):
+    full, part = M.to_dense(), [[M.to_dense()[i][j] for j in rows] for i in rows]
+    assert [list(row) for row in IntegerSymmetric.from_sparse(M).restricted(rows).to_dense()] == part
+    assert [list(row) for row in M.restricted(rows).to_dense()] == part
+    assert len(full) == 5
+
+
+def test_matrices_of_different_sizes_are_not_added():
+    with pytest.raises(ShapeError, match="one size"):
+        arrays(2, [(0, 0, 1)]) + arrays(3, [(0, 0, 1)])

@@ -7,13 +7,15 @@ from fractions import Fraction
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from dobc_design.exact import zmatrix as module
 from dobc_design.exact.decision import first_refuting, roundings
 from dobc_design.exact.definite import decide_positive_definite, decide_positive_semidefinite
 from dobc_design.exact.integers import IntegerSymmetric
 from dobc_design.exact.symmetric import SparseSymmetric
-from dobc_design.exact.zmatrix import is_z_matrix, proves, search
+from dobc_design.exact.zmatrix import is_z_matrix, proves, row_bound, search
 from dobc_design.verdict import Verdict
 
 
@@ -221,3 +223,42 @@ def test_memory_is_linear_in_the_arcs(ground: Fraction, strict: bool):
     small, large = (peak_of(size, ground, strict=strict) for size in (5_000, 20_000))
     assert large < 4.6 * small
     assert large < 1500 * 20_000  # bytes per arc; a dense matrix of doubles would take 3.2 GB
+
+
+FRACTIONS = st.builds(Fraction, st.integers(-(2**70), 2**70), st.sampled_from([1, 3, 10**9, 2**40]))
+POSITIVE = st.floats(2.0**-200, 2.0**200)
+
+
+@given(st.integers(1, 6), st.data())
+def test_the_bound_of_a_vector_is_never_below_the_exact_one_and_close_to_it(n: int, data: st.DataObject):
+    """Rows without entries, signs of both kinds, numbers that floats do not hold."""
+    places = [(i, j) for i in range(n) for j in range(i, n) if data.draw(st.booleans())]
+    M = SparseSymmetric(n, {place: data.draw(FRACTIONS) for place in places})
+    v = [data.draw(POSITIVE) for _ in range(n)]
+    full = M.to_dense()
+    sums = [
+        (full[i][i] * Fraction(v[i]) + sum(abs(full[i][j]) * Fraction(v[j]) for j in range(n) if j != i))
+        / Fraction(v[i])
+        for i in range(n)
+    ]
+    sizes = max(sum(abs(full[i][j]) * Fraction(v[j]) for j in range(n)) / Fraction(v[i]) for i in range(n))
+    bound = row_bound(IntegerSymmetric.from_sparse(M), np.array(v))
+    assert Fraction(bound) >= max(sums)
+    assert Fraction(bound) - max(sums) <= sizes * Fraction(1, 2**45)
+
+
+@pytest.mark.parametrize("vector", [[1.0, 0.0], [1.0, -1.0], [1.0, np.nan], [1.0], [], [1.0, 1e-300], [1.0, np.inf]])
+def test_a_vector_that_is_not_positive_bounds_nothing(vector: list[float]):
+    M = IntegerSymmetric.from_sparse(SparseSymmetric(2, {(0, 0): Fraction(-1), (0, 1): Fraction(1, 2)}))
+    assert row_bound(M, np.array(vector)) == np.inf
+
+
+@pytest.mark.parametrize("entry", [Fraction(10) ** 400, Fraction(1, 10**400)])
+def test_entries_that_floats_do_not_hold_bound_nothing(entry: Fraction):
+    assert row_bound(IntegerSymmetric.from_sparse(SparseSymmetric(1, {(0, 0): entry})), np.ones(1)) == np.inf
+
+
+def test_the_eigenvector_of_a_z_matrix_shows_its_least_eigenvalue():
+    """[[10, -4], [-4, 4]]: 2, with (1, 2)."""
+    M = SparseSymmetric(2, {(0, 0): Fraction(-10), (0, 1): Fraction(4), (1, 1): Fraction(-4)})
+    assert row_bound(IntegerSymmetric.from_sparse(M), np.array([1.0, 2.0])) == pytest.approx(-2, abs=1e-13)

@@ -155,6 +155,14 @@ def test_a_file_for_too_many_arcs_is_refused():
         python_script(Problem(network=network, coupling="y"))
 
 
+def test_a_loop_with_groups_of_agents_is_refused():
+    group = dd.Group(agents=[2], exosystem=Exosystem(A=[[0]], C=[[1]]))
+    network = Network.from_arcs([[1, 2], [2, 1]], arrow="listens_to")
+    problem = Problem(network=network, coupling="y", gains=1, exosystem=Exosystem(A=[[-1]], C=[[1]]), groups=[group])
+    with pytest.raises(SpecError, match=r"exosystem\.groups: this is not available yet"):
+        dd.to_control(problem)
+
+
 def test_the_command_writes_the_file_and_asks_for_exactly_one_target(tmp_path, monkeypatch, capsys):
     from dobc_design.cli import main
 

@@ -158,7 +158,7 @@ def test_runs_at_the_edge_are_drawn_without_a_warning(name: str):
         assert len(page_data(animation_page(run))["times"]) == len(run.times)
 
 
-def test_what_breaks_first_has_one_panel_per_option_with_its_border():
+def test_what_breaks_first_has_one_panel_per_option_with_its_border(switched):
     sweep = Sweep(
         option="noise", unit="unit of x", severity=np.array([0.1, 0.2, 0.4]), relative=np.array([0.1, 0.2, 0.4]),
         late=np.array([0.01, 0.05, np.inf]), survives=0.2, breaks=0.4, relative_break=0.4,
@@ -169,10 +169,10 @@ def test_what_breaks_first_has_one_panel_per_option_with_its_border():
     )  # fmt: skip
     found = Breaking(
         name="a_b$", t_final=1.0, tolerance=0.1, sweeps=(sweep, period),
-        period=PeriodLimit(converges=0.15, fails=0.16, certified=0.05),
+        period=PeriodLimit(converges=0.15, fails=0.16, certified=0.05), calm=switched,
     )  # fmt: skip
     noise, sampling = found.plot().figure.axes[:2]
-    assert noise.get_xlabel() == "in unit of x"
+    assert noise.get_xlabel() == "in the unit of x"
     good = next(line for line in noise.get_lines() if line.get_marker() == "o")
     assert good.get_xdata().tolist() == [0.1, 0.2]
     bad = next(line for line in noise.get_lines() if line.get_marker() == "X")

@@ -115,9 +115,11 @@ def test_a_very_short_period_is_explained_and_one_of_a_hundredth_is_not():
     assert "That is short because" not in timing_sentences(make(claim(), sampling=enough))[0]
 
 
-def test_a_settling_time_in_stages_is_told_in_its_own_words():
+def test_a_proved_settling_time_is_told_stage_by_stage_and_another_one_gives_its_reason():
     settling = check("settling", reason="|e(t)|_inf <= 0.04 for all t >= 15.6 s, in 8 stages.")
-    assert timing_sentences(make(claim(), settling=settling)) == [settling.reason]
+    assert timing_sentences(make(claim(), settling=settling)) == []
+    open_one = check("settling", verdict=Verdict.UNDECIDED, reason="left out.")
+    assert timing_sentences(make(claim(), settling=open_one)) == ["Settling: left out."]
 
 
 def test_an_undecided_delay_gives_its_reason():

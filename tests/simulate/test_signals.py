@@ -14,7 +14,7 @@ from dobc_design.simulate.signals import Fixed, Markov, Periodic, RandomDwell, S
 from dobc_design.spec.load import load_problem
 from dobc_design.spec.network import Network
 from dobc_design.spec.problem import Problem
-from dobc_design.spec.settings import Switching
+from dobc_design.spec.switching import Switching
 
 NAMES = ("a", "b", "c")
 CHAIN = Markov(generator=[[-3, 2, 1], [0.5, -0.5, 0], [1, 1, -2]])
@@ -171,9 +171,49 @@ def test_sections_become_signals_and_what_was_chosen_is_said():
     assert "a is active throughout" in signal_of(switched(None))[1]
 
 
-@pytest.mark.parametrize("signal", ["schedule", "mobile"])
-def test_a_section_whose_numbers_a_file_cannot_hold_is_refused_with_a_way_out(signal: str):
-    with pytest.raises(SpecError, match="cannot hold yet") as caught:
-        signal_of(switched(signal))
-    assert caught.value.key == "switching.signal"
-    assert "In Python" in caught.value.cure
+@pytest.mark.parametrize(
+    ("section", "signal"),
+    [
+        (Switching(signal="periodic", dwell=2, sequence=["c", "a"]), Periodic(dwell=2, order=("c", "a"))),
+        (Switching(signal="periodic", period=3), Periodic(dwell=1)),
+        (Switching(signal="periodic", period=3, sequence=["b", "a"]), Periodic(dwell=1.5, order=("b", "a"))),
+        (
+            Switching(signal="periodic", schedule=[[0, "b"], [0.5, "a"], [2, "b"]], period=3),
+            Periodic(dwell=(0.5, 1.5, 1.0), order=("b", "a", "b")),
+        ),
+        (
+            Switching(signal="markov", generator=[[-1, 1, 0], [0, -2, 2], ["1/4", "1/4", "-1/2"]]),
+            Markov(generator=((-1, 1, 0), (0, -2, 2), (0.25, 0.25, -0.5))),
+        ),
+        (Switching(signal="schedule", schedule=[[0, "c"], ["5/2", "a"]]), Schedule(times=(0, 2.5), modes=("c", "a"))),
+        (Switching(signal="mobile", radius=2.5, hysteresis="1/4"), Mobile(radius=2.5, hysteresis=0.25)),
+        (Switching(signal="mobile", neighbours=1), Mobile(neighbours=1)),
+    ],
+    ids=str,
+)  # fmt: skip
+def test_every_key_of_the_section_reaches_the_signal(section: Switching, signal):
+    network = Network.from_arcs({name: [[1, 2]] for name in "abc"}, arrow="listens_to", agents=2)
+    assert signal_of(Problem(network=network, coupling="y", switching=section)) == (signal, None)
+
+
+def test_a_dwell_time_that_a_signal_does_not_use_is_said():
+    network = Network.from_arcs({name: [[1, 2]] for name in "ab"}, arrow="listens_to", agents=2)
+    section = Switching(signal="mobile", radius=1, dwell=2)
+    remark = signal_of(Problem(network=network, coupling="y", switching=section))[1]
+    assert remark == "switching.dwell is not used by a mobile signal."
+
+
+@pytest.mark.parametrize(
+    ("section", "key"),
+    [
+        (Switching(signal="random", dwell="1e399"), "switching.dwell"),
+        (Switching(signal="schedule", schedule=[[0, "a"], ["1e399", "b"]]), "switching.schedule[1][0]"),
+        (Switching(signal="mobile", radius="1e-399"), "switching.radius"),
+        (Switching(signal="markov", generator=[["-1e399", "1e399"], [0, 0]]), "switching.generator"),
+    ],
+)  # fmt: skip
+def test_numbers_beyond_floats_are_refused_by_their_key(section: Switching, key: str):
+    network = Network.from_arcs({name: [[1, 2]] for name in "ab"}, arrow="listens_to", agents=2)
+    with pytest.raises(SpecError, match="beyond the range of floats") as caught:
+        signal_of(Problem(network=network, coupling="y", switching=section))
+    assert caught.value.key == key

@@ -13,6 +13,7 @@ from dobc_design.simulate.mobile import Mobile
 from dobc_design.simulate.signals import Periodic
 from dobc_design.simulate.simulate import simulate
 from dobc_design.simulate.storage import PLAIN, SAMPLED, load_trajectory
+from dobc_design.simulate.stress import Failure, Stress
 from dobc_design.simulate.trajectory import Trajectory
 from dobc_design.spec.load import load_problem
 from dobc_design.spec.network import Network
@@ -29,7 +30,13 @@ def mobile() -> Trajectory:
     return simulate(problem, signal=Mobile(radius=1, hysteresis=0.1), t_final=40, samples=11)
 
 
-CASES = {"switching": switching, "mobile, diverged, without disturbance": mobile}
+def stressed() -> Trajectory:
+    stress = Stress(noise=0.1, period=0.25, failures=(Failure(agent="3", time=1.0, kind="freeze"),))
+    return simulate(load_problem("paper-switching"), signal=Periodic(dwell=0.3), t_final=2, samples=9, stress=stress)
+
+
+STORE = "needs the extra: pip install dobc_design[store]"
+CASES = {"stressed": stressed, "switching": switching, "mobile, diverged, without disturbance": mobile}
 
 
 def same(one: Trajectory, other: Trajectory) -> None:
@@ -50,13 +57,13 @@ def test_an_npz_file_gives_the_trajectory_back(tmp_path, name: str):
 
 @pytest.mark.parametrize("name", CASES)
 def test_a_parquet_file_gives_the_trajectory_back(tmp_path, name: str):
-    pytest.importorskip("pyarrow")
+    pytest.importorskip("pyarrow", reason=STORE)
     run = CASES[name]()
     same(load_trajectory(run.save(tmp_path / "run.parquet")), run)
 
 
 def test_a_parquet_file_is_a_table_for_others(tmp_path):
-    pytest.importorskip("pyarrow")
+    pytest.importorskip("pyarrow", reason=STORE)
     from pyarrow import parquet
 
     run = switching()
@@ -66,8 +73,42 @@ def test_a_parquet_file_is_a_table_for_others(tmp_path):
     assert table["x"][3].as_py() == run.x[3].ravel().tolist()
 
 
+def other_table(path: Path) -> None:
+    import pyarrow
+    from pyarrow import parquet
+
+    parquet.write_table(pyarrow.table({"time": [0.0, 1.0]}), path)
+
+
+def cut(path: Path) -> None:
+    path.write_bytes(switching().save(path).read_bytes()[:-200])
+
+
+@pytest.mark.parametrize(
+    "make", [other_table, cut, lambda path: path.write_text("words"), lambda path: path.write_bytes(b"")],
+    ids=["another table", "cut", "text", "empty"],
+)  # fmt: skip
+def test_what_is_no_stored_trajectory_is_refused_as_parquet_too(tmp_path, make):
+    pytest.importorskip("pyarrow", reason=STORE)
+    make(tmp_path / "run.parquet")
+    with pytest.raises(SpecError, match="does not hold a trajectory"):
+        load_trajectory(tmp_path / "run.parquet")
+
+
+def test_a_pandas_table_can_be_grouped_by_what_it_names():
+    """Columns (quantity, agent, component): errors of all agents in one line, and the mode beside them."""
+    pytest.importorskip("pandas", reason=STORE)
+    run = mobile()
+    frame = run.to_pandas()
+    assert frame.columns.names == ["quantity", "agent", "component"]
+    assert list(frame["x"].columns) == [(agent, c) for agent in run.labels for c in (1, 2)]
+    assert frame["x"].abs().max(axis=1).tolist() == np.abs(run.x).max(axis=(1, 2)).tolist()
+    assert frame["mode", "", 0].tolist() == [run.switches.names[k] for k in run.mode_index]
+    assert "xi" not in frame.columns.get_level_values("quantity")  # no disturbance, no columns
+
+
 def test_a_pandas_table_has_a_column_for_every_component():
-    pytest.importorskip("pandas")
+    pytest.importorskip("pandas", reason=STORE)
     run = switching()
     frame = run.to_pandas()
     assert frame.index.tolist() == run.times.tolist()

@@ -61,3 +61,14 @@ def test_other_names_are_no_built_in_problems(tmp_path, monkeypatch, name):
     monkeypatch.chdir(tmp_path)
     with pytest.raises(SpecError):
         load_problem(name)
+
+
+def test_the_karate_club_has_the_pairs_and_weights_of_networkx():
+    """Zachary's matrix C as networkx has it, members from 1; both ways."""
+    networkx = pytest.importorskip("networkx")
+    graph = networkx.karate_club_graph()
+    ways = [(a, b, w) for a, b, w in graph.edges(data="weight")]
+    wanted = {(a, b, w) for a, b, w in ways} | {(b, a, w) for a, b, w in ways}
+    network = load_problem("karate-club").network
+    assert {(i, j, int(w)) for i, j, w in network.modes["club"]} == wanted
+    assert network.labels == tuple(str(i + 1) for i in range(34))

@@ -25,7 +25,7 @@ from dobc_design.spec.load import load_problem
 from dobc_design.spec.network import Network
 from dobc_design.spec.observer import Observer
 from dobc_design.spec.problem import Problem
-from dobc_design.spec.settings import Switching
+from dobc_design.spec.switching import Switching
 
 PARTS = {
     "name": "rich",

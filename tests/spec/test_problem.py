@@ -24,7 +24,7 @@ from dobc_design.spec.observer import Observer
 from dobc_design.spec.pinning import Pinning
 from dobc_design.spec.problem import Problem
 from dobc_design.spec.region import Region
-from dobc_design.spec.settings import Switching
+from dobc_design.spec.switching import Switching
 
 CHAIN = Network.from_arcs([("a", "b"), ("b", "c")], arrow="listens_to")
 SINE = Exosystem(A=[[0, 2], [-2, 0]], C=[[1, 0]])
@@ -100,6 +100,13 @@ def test_m_is_the_rows_of_c_else_the_length_of_target_else_of_h_else_1(changes, 
     problem = make(**changes)
     assert problem.m == m
     assert len(problem.target) == m
+
+
+def test_couplings_are_numbered_in_the_order_of_arcs_however_they_were_given():
+    """Certificates refer to them by number, and their readers have the canonical problem only."""
+    problem = make(exceptions={(1, 2): "3*y", (0, 1): "2*y"})
+    assert [coupling.texts for coupling in problem.couplings][1:] == [("2*y",), ("3*y",)]
+    assert problem == make(exceptions={(0, 1): "2*y", (1, 2): "3*y"})
 
 
 def test_exceptions_are_by_indices_and_zero_offsets_are_left_out():

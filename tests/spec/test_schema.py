@@ -14,7 +14,7 @@ from dobc_design.spec.arcs import ARROWS
 from dobc_design.spec.builtin import builtin_names, builtin_text
 from dobc_design.spec.file_errors import known_keys
 from dobc_design.spec.schema import RESERVED, json_schema
-from dobc_design.spec.settings import SIGNALS
+from dobc_design.spec.switching import SIGNALS
 
 CONTRACT = {
     "": {
@@ -25,12 +25,15 @@ CONTRACT = {
     "coupling": {"h", "exceptions"},
     "coupling.exceptions": {"arcs", "h"},
     "pinning": {"gains"},
-    "exosystem": {"A", "C"},
+    "exosystem": {"A", "C", "kind", "frequencies", "groups"},
+    "exosystem.groups": {"agents", "A", "C", "kind", "frequencies", "W", "P"},
     "observer": {"W", "P", "rate"},
     "formation": {"offsets"},
     "region": {"initial_states", "initial_disturbance"},
-    "switching": {"signal", "dwell"},
-    "simulation": {"t_final", "seed", "xi0"},
+    "switching": {
+        "signal", "dwell", "sequence", "period", "generator", "schedule", "radius", "neighbours", "hysteresis",
+    },
+    "simulation": {"t_final", "seed", "xi0", "x0"},
 }  # fmt: skip
 
 
@@ -61,10 +64,18 @@ def test_what_must_be_there_is_required():
         "network": {"agents", "arrow", "modes"},
         "coupling": {"h"},
         "coupling.exceptions": {"arcs", "h"},
-        "exosystem": {"A", "C"},
+        "exosystem.groups": {"agents"},
         "region": {"initial_states"},
         "switching": {"signal"},
     }
+
+
+@pytest.mark.parametrize(
+    ("path", "ways"),
+    [("exosystem", [{"A", "C"}, {"kind"}, {"groups"}]), ("exosystem.groups", [{"A", "C"}, {"kind"}])],
+)
+def test_an_exosystem_is_given_by_matrices_by_a_kind_or_by_groups(path, ways):
+    assert [set(way["required"]) for way in table(json_schema(), path)["anyOf"]] == ways
 
 
 def test_reserved_keys_are_unknown_until_their_time():
@@ -115,8 +126,10 @@ def test_unknown_keys_are_invalid_by_the_schema(case):
 def test_most_mistakes_of_kind_are_invalid_by_the_schema():
     """A schema cannot know labels or shapes; it can know tables, lists, texts, numbers and missing keys."""
     check = validator()
-    wanted = re.compile(r"^no-(network|agents|arrow|modes|coupling|h|A|C|initial-states|signal)$|^(name|schema|notes)-n"
-                        r"|^(agents|arrow|seed|gain)-(boolean|text|list|zero)|^h-(number|table)|^xi0-number|^A-(flat|text)")
+    wanted = re.compile(
+        r"^no-(network|agents|arrow|modes|coupling|h|A|C|initial-states|signal)$|^(name|schema|notes)-n"
+        r"|^(agents|arrow|seed|gain)-(boolean|text|list|zero)|^h-(number|table)|^xi0-number|^A-(flat|text)"
+    )
     tried = 0
     for case in BAD_FILES:
         if wanted.search(case.id):

@@ -77,6 +77,7 @@ def test_facts_are_the_same_for_a_program():
         "exosystem_order": 0,
         "modes": {"G": {"arcs": 2, "unreached": ["d"]}},
         "pinned": ["c"],
+        "switching": None,
         "notes": ["Invented."],
     }
 

@@ -91,6 +91,7 @@ GA, GB = "Ga = [[1, 2], [2, 3], [3, 4], [4, 1, 0.5]]", "Gb = [[1, 2], [2, 1], [3
 H = 'h = "exp(y) - 1 + y"'
 EXCEPTION = '[[coupling.exceptions]]\narcs = [[1, 2], [2, 3]]\nh = "2*y"\n'
 A, C = "A = [[0, 2], [-2, 0]]", "C = [[1, 0]]"
+ONE = "A = [[0]]\nC = [[1]]"
 W, P = 'W = [["16/5"], ["12/5"]]', 'P = [["1/2", "-1/4"], ["-1/4", "1/3"]]'
 GAINS, OFFSETS = 'gains = { 1 = 5.0, 3 = "9/16" }', "offsets = { 2 = 1.5, 4 = -1.5 }"
 STATES, XI0 = "initial_states = [0, 5]", 'xi0 = ["0.420735492", "0.270151153"]'
@@ -124,6 +125,12 @@ def end(lines: str) -> str:
     return f"{VALID}\n{lines}\n"
 
 
+def signal(kind: str, *lines: str) -> str:
+    """Another [switching], with these lines."""
+    table = "\n".join([f'signal = "{kind}"', *lines])
+    return swap('signal = "random"\ndwell = 0.5\n', f"{table}\n")
+
+
 def target(value: str) -> str:
     """Give ``target`` another value, as typed."""
     return swap("target = 1.0", f"target = {value}")
@@ -132,6 +139,16 @@ def target(value: str) -> str:
 def agents(value: str) -> str:
     """Give ``network.agents`` another value, as typed."""
     return swap("agents = 4", f"agents = {value}")
+
+
+def group(*tables: str) -> str:
+    """Add groups of agents with an exosystem of their own."""
+    return VALID + "".join(f"\n[[exosystem.groups]]\n{lines}\n" for lines in tables)
+
+
+def kind(lines: str) -> str:
+    """Give the exosystem by these lines in place of A and C."""
+    return swap(f"{A}\n{C}\n", f"{lines}\n")
 
 
 def mode(value: str) -> str:
@@ -197,8 +214,12 @@ TOML_AND_BYTES = [
     BadFile("megabytes-of-quotes", lambda: '\\"""\n' * 800_000, "", ("toml",)),
     BadFile("megabytes-of-escaped-quotes", lambda: 'name = "' + '\\"' * 1_000_000, "", ("toml",)),
     BadFile("megabytes-in-triple-quotes", lambda: 'name = """' + 'a"\n' * 1_000_000, "", ("toml",)),
-    BadFile("megabytes-of-unknown-keys", lambda: VALID + "".join(f"u{i} = 1\n" for i in range(100_000)),
-            "simulation.u0", ("unknown",)),
+    BadFile(
+        "megabytes-of-unknown-keys",
+        lambda: VALID + "".join(f"u{i} = 1\n" for i in range(100_000)),
+        "simulation.u0",
+        ("unknown",),
+    ),
 ]
 
 UNKNOWN_KEYS = [
@@ -207,7 +228,9 @@ UNKNOWN_KEYS = [
     BadFile("unknown-coupling", below("[coupling]", 'exception = "y"'), "coupling.exception", ("exceptions",)),
     BadFile(
         "unknown-exception",
-        exception('arcs = [[1, 2]]\nh = "2*y"\narc = 1'), "coupling.exceptions[0].arc", ("arcs",),
+        exception('arcs = [[1, 2]]\nh = "2*y"\narc = 1'),
+        "coupling.exceptions[0].arc",
+        ("arcs",),
     ),
     BadFile("unknown-pinning", below("[pinning]", "gain = 1"), "pinning.gain", ("gains",)),
     BadFile("unknown-exosystem", below("[exosystem]", "B = [[1]]"), "exosystem.B", ("unknown",)),
@@ -222,14 +245,51 @@ UNKNOWN_KEYS = [
     BadFile("unknown-list-of-tables", end("[[agents]]\nname = 1"), "agents", ("unknown",)),
     BadFile("unknown-in-mode-file", mode('{ fil = "arcs.csv" }'), "network.modes.Ga", ("file",)),
     BadFile("unknown-key-with-markup", top('"<b>target</b>" = 1'), "<b>target</b>", ("unknown",)),
-    BadFile("reserved-groups", end('[[exosystem.groups]]\nagents = ["1"]'), "exosystem.groups", ("groups",)),
-    BadFile("reserved-kind", below("[exosystem]", 'kind = "constant"'), "exosystem.kind", ("kind",)),
-    BadFile("reserved-period", below("[switching]", "period = 1"), "switching.period", ("period",)),
-    BadFile("reserved-sequence", below("[switching]", 'sequence = ["Ga"]'), "switching.sequence", ("sequence",)),
-    BadFile("reserved-radius", below("[switching]", "radius = 1"), "switching.radius", ("radius",)),
-    BadFile("reserved-x0", below("[simulation]", "x0 = [1, 2, 3, 4]"), "simulation.x0", ("x0",)),
     BadFile("reserved-delays", end("[delays]\nlargest = 1"), "delays", ("delays",)),
     BadFile("reserved-dynamics", end("[dynamics]\norder = 2"), "dynamics", ("dynamics",)),
+]
+
+GROUPS_AND_KINDS = [
+    BadFile("group-without-matrices", group('agents = ["1"]'), "exosystem.groups[0].A", ("required",)),
+    BadFile("group-without-agents", group("A = [[0]]\nC = [[1]]"), "exosystem.groups[0].agents", ("required",)),
+    BadFile("group-of-nobody", group(f"agents = []\n{ONE}"), "exosystem.groups[0].agents", ("labels",)),
+    BadFile("group-of-a-number", group(f"agents = 1\n{ONE}"), "exosystem.groups[0].agents", ("labels",)),
+    BadFile("group-of-a-stranger", group(f"agents = [1, 9]\n{ONE}"), "exosystem.groups[0].agents[1]", ("no agent",)),
+    BadFile("group-with-a-twin", group(f"agents = [1, 1]\n{ONE}"), "exosystem.groups[0].agents[1]", ("already",)),
+    BadFile(
+        "two-groups-share-an-agent",
+        group(f"agents = [1]\n{ONE}", f"agents = [2, 1]\n{ONE}"),
+        "exosystem.groups[1].agents[1]",
+        ("exosystem.groups[0] already",),
+    ),
+    BadFile("group-of-everybody-beside-a-rest", group(f"agents = [1, 2, 3, 4]\n{ONE}"), "exosystem.A", ("nobody",)),
+    BadFile(
+        "group-with-two-outputs", group("agents = [1]\nA = [[0]]\nC = [[1], [1]]"), "exosystem.groups[0].C", ("row",)
+    ),
+    BadFile("group-not-square", group("agents = [1]\nA = [[0, 1]]\nC = [[1]]"), "exosystem.groups[0].A", ("square",)),
+    BadFile(
+        "group-bad-number", group("agents = [1]\nA = [[0]]\nC = [[true]]"), "exosystem.groups[0].C[0][0]", ("boolean",)
+    ),
+    BadFile("group-with-a-wrong-w", group(f"agents = [1]\n{ONE}\nW = [[1, 2]]"), "exosystem.groups[0].W", ("shape",)),
+    BadFile("group-with-p-alone", group(f"agents = [1]\n{ONE}\nP = [[1]]"), "exosystem.groups[0].P", ("beside",)),
+    BadFile("group-without-the-p-of-others", group(f"agents = [1]\n{ONE}\nW = [[1]]"), "exosystem.groups", ("tested",)),
+    BadFile("group-with-a-rate", group(f"agents = [1]\n{ONE}\nrate = 1"), "exosystem.groups[0].rate", ("unknown",)),
+    BadFile("groups-as-a-table", end("[exosystem.groups]\nagents = [1]"), "exosystem.groups", ("list of tables",)),
+    BadFile(
+        "xi0-of-groups-in-one-row", group(f"agents = [1]\n{ONE}\nW = [[1]]\nP = [[1]]"), "simulation.xi0", ("row",)
+    ),
+    BadFile("kind-beside-matrices", below("[exosystem]", 'kind = "constant"'), "exosystem.kind", ("ignored",)),
+    BadFile("kind-unknown", kind('kind = "sine"'), "exosystem.kind", ("constant, ramp, harmonics",)),
+    BadFile("kind-of-a-number", kind("kind = 1"), "exosystem.kind", ("one of",)),
+    BadFile("kind-without-frequencies", kind('kind = "harmonics"'), "exosystem.frequencies", ("required",)),
+    BadFile("kind-with-frequencies", kind('kind = "ramp"\nfrequencies = [2]'), "exosystem.frequencies", ("meaning",)),
+    BadFile("frequencies-alone", below("[exosystem]", "frequencies = [2]"), "exosystem.frequencies", ("harmonics",)),
+    BadFile(
+        "kind-with-a-zero-frequency",
+        kind('kind = "harmonics"\nfrequencies = [2, 0]'),
+        "exosystem.frequencies[1]",
+        ("> 0",),
+    ),
 ]
 
 MISSING_OR_OF_A_WRONG_KIND = [
@@ -342,8 +402,8 @@ EXPRESSIONS = [
     expression("function-without-call", "exp", "exp"),
     expression("clip-with-two-arguments", "clip(y, 1)", "clip"),
     expression("attribute", "y.__class__"),
-    expression("import", "__import__(\"os\").system(\"echo\")"),
-    expression("eval", "eval(\"y\")", "eval"),
+    expression("import", '__import__("os").system("echo")'),
+    expression("eval", 'eval("y")', "eval"),
     expression("lambda", "(lambda: y)()"),
     expression("subscript", "y[0]"),
     expression("comprehension", "[y for y in (1,)][0]"),
@@ -389,13 +449,16 @@ EXPRESSIONS = [
     BadFile(
         "exception-h-of-the-second-table",
         swap(EXCEPTION, f'{EXCEPTION}\n[[coupling.exceptions]]\narcs = [[3, 4]]\nh = "foo(y)"\n'),
-        "coupling.exceptions[1].h", ("foo",),
+        "coupling.exceptions[1].h",
+        ("foo",),
     ),
     BadFile("exception-no-such-arc", exception('arcs = [[1, 2], [1, 3]]\nh = "2*y"'), "coupling.exceptions[0].arcs[1]"),
     BadFile("exception-wrong-way-round", exception('arcs = [[3, 1]]\nh = "2*y"'), "coupling.exceptions[0].arcs[0]"),
     BadFile(
         "exception-unknown-agent",
-        exception('arcs = [[1, 2], [2, 11]]\nh = "2*y"'), "coupling.exceptions[0].arcs[1]", ("11",),
+        exception('arcs = [[1, 2], [2, 11]]\nh = "2*y"'),
+        "coupling.exceptions[0].arcs[1]",
+        ("11",),
     ),
     BadFile("exception-arc-twice", exception('arcs = [[1, 2], [1, 2]]\nh = "y"'), "coupling.exceptions[0].arcs[1]"),
     BadFile(
@@ -488,10 +551,18 @@ PINS_AND_FORMATION = [
     BadFile("gain-matrix-too-large", swap(GAINS, "gains = { 1 = [[1, 0], [0, 1]] }"), "pinning.gains.1", ("shape",)),
     BadFile("gain-matrix-entry", swap(GAINS, 'gains = { 1 = [["x"]] }'), "pinning.gains.1[0][0]", ("x",)),
     BadFile("gain-of-unknown-agent", swap(GAINS, "gains = { 1 = 5, 11 = 5 }"), "pinning.gains.11", ("11",)),
-    BadFile("gain-of-a-label-of-a-megabyte", swap(GAINS, "gains = { " + "x" * 1_000_000 + " = 5 }"),
-            f"pinning.gains.{'x' * 57}...", ("agent",)),
-    BadFile("gain-of-label-with-escape-sequence", swap(GAINS, r'gains = { "\u001b[31m" = 5 }'),
-            r"pinning.gains.\x1b[31m", ("agent",)),
+    BadFile(
+        "gain-of-a-label-of-a-megabyte",
+        swap(GAINS, "gains = { " + "x" * 1_000_000 + " = 5 }"),
+        f"pinning.gains.{'x' * 57}...",
+        ("agent",),
+    ),
+    BadFile(
+        "gain-of-label-with-escape-sequence",
+        swap(GAINS, r'gains = { "\u001b[31m" = 5 }'),
+        r"pinning.gains.\x1b[31m",
+        ("agent",),
+    ),
     BadFile("gain-of-label-01", swap(GAINS, "gains = { 01 = 5 }"), "pinning.gains.01", ("01",)),
     BadFile("gains-text", swap(GAINS, 'gains = "all"'), "pinning.gains", ("all",)),
     BadFile("gains-negative-for-all", swap(GAINS, "gains = -2"), "pinning.gains", ("-2",)),
@@ -513,12 +584,62 @@ REGION_AND_SETTINGS = [
     BadFile("region-infinite", swap(STATES, "initial_states = [0, inf]"), "region.initial_states[1]", ("inf",)),
     BadFile(
         "disturbance-negative",
-        swap("disturbance = 0.5", "disturbance = -0.5"), "region.initial_disturbance", ("-1/2",),
+        swap("disturbance = 0.5", "disturbance = -0.5"),
+        "region.initial_disturbance",
+        ("-1/2",),
     ),
     BadFile("disturbance-list", swap("disturbance = 0.5", "disturbance = [0.5, 0]"), "region.initial_disturbance"),
     BadFile("signal-unknown", swap('"random"', '"sometimes"'), "switching.signal", ("random", "sometimes")),
     BadFile("signal-number", swap('"random"', "5"), "switching.signal", ("random",)),
     BadFile("signal-list", swap('"random"', '["random"]'), "switching.signal"),
+    BadFile("radius-of-random", below("[switching]", "radius = 1"), "switching.radius", ("random", "mobile")),
+    BadFile("mobile-without-radius", signal("mobile"), "switching.radius", ("neighbours",)),
+    BadFile("radius-twice", signal("mobile", "radius = 1", "neighbours = 2"), "switching.neighbours", ("radius",)),
+    BadFile("radius-negative", signal("mobile", "radius = -1"), "switching.radius", ("-1",)),
+    BadFile("neighbours-fraction", signal("mobile", "neighbours = 1.5"), "switching.neighbours", ("1.5",)),
+    BadFile(
+        "hysteresis-negative", signal("mobile", "radius = 1", "hysteresis = -0.1"), "switching.hysteresis", ("-1/10",)
+    ),
+    BadFile("schedule-missing", signal("schedule"), "switching.schedule", ("missing",)),
+    BadFile("schedule-flat", signal("schedule", 'schedule = [0, "Ga"]'), "switching.schedule[0]", ("instant",)),
+    BadFile("schedule-late", signal("schedule", 'schedule = [[1, "Ga"]]'), "switching.schedule[0][0]", ("0",)),
+    BadFile(
+        "schedule-backwards", signal("schedule", 'schedule = [[0, "Ga"], [2, "Gb"], [1, "Ga"]]'),
+        "switching.schedule[2][0]", ("increase",),
+    ),
+    BadFile(
+        "schedule-unknown-mode", signal("schedule", 'schedule = [[0, "Ga"], [1, "Gx"]]'), "switching.schedule[1][1]",
+        ("gx", "ga, gb"),
+    ),
+    BadFile("sequence-unknown", signal("periodic", 'sequence = ["Ga", "Gx"]'), "switching.sequence[1]", ("gx",)),
+    BadFile("sequence-text", signal("periodic", 'sequence = "Ga"'), "switching.sequence", ("list",)),
+    BadFile("sequence-number", signal("periodic", "sequence = [1]"), "switching.sequence[0]", ("name of a mode",)),
+    BadFile("sequence-empty", signal("periodic", "sequence = []"), "switching.sequence", ("list",)),
+    BadFile("period-and-dwell", signal("periodic", "period = 1", "dwell = 1"), "switching.period", ("dwell",)),
+    BadFile("period-zero", signal("periodic", "period = 0"), "switching.period", ("> 0",)),
+    BadFile(
+        "period-too-short", signal("periodic", 'schedule = [[0, "Ga"], [2, "Gb"]]', "period = 2"), "switching.period",
+        ("> 2 s",),
+    ),
+    BadFile(
+        "round-without-end", signal("periodic", 'schedule = [[0, "Ga"], [2, "Gb"]]'), "switching.period", ("missing",),
+    ),
+    BadFile("generator-not-square", signal("markov", "generator = [[0, 0]]"), "switching.generator", ("square",)),
+    BadFile("generator-of-three", signal("markov", f"generator = {[[0] * 3] * 3}"), "switching.generator", ("2 rows",)),
+    BadFile(
+        "generator-sum", signal("markov", "generator = [[-1, 0.9], [1, -1]]"), "switching.generator[0]", ("-1/10",)
+    ),
+    BadFile(
+        "generator-negative", signal("markov", "generator = [[1, -1], [1, -1]]"), "switching.generator[0][1]", (">= 0",)
+    ),
+    BadFile(
+        "generator-and-dwell", signal("markov", "generator = [[-1, 1], [1, -1]]", "dwell = 1"), "switching.dwell",
+        ("generator",),
+    ),
+    BadFile("x0-of-three", below("[simulation]", "x0 = [1, 2, 3]"), "simulation.x0", ("4 numbers", "3")),
+    BadFile("x0-rows", below("[simulation]", "x0 = [[1], [2]]"), "simulation.x0", ("4 rows",)),
+    BadFile("x0-number", below("[simulation]", "x0 = 1"), "simulation.x0", ("list",)),
+    BadFile("x0-text", below("[simulation]", 'x0 = [1, 2, "far", 4]'), "simulation.x0[2]", ("far",)),
     BadFile("dwell-zero", swap("dwell = 0.5", "dwell = 0"), "switching.dwell"),
     BadFile("dwell-negative", swap("dwell = 0.5", "dwell = -1"), "switching.dwell", ("-1",)),
     BadFile("dwell-text", swap("dwell = 0.5", 'dwell = "short"'), "switching.dwell", ("short",)),
@@ -605,6 +726,7 @@ ARC_FILES = [
 BAD_FILES: list[BadFile] = [
     *TOML_AND_BYTES,
     *UNKNOWN_KEYS,
+    *GROUPS_AND_KINDS,
     *MISSING_OR_OF_A_WRONG_KIND,
     *NETWORK,
     *EXPRESSIONS,
@@ -641,6 +763,15 @@ VALID_BUT_NASTY: list[BadFile] = [
     BadFile("mode-without-arcs", swap(GB, "Gb = []")),
     BadFile("name-markup", swap("four-agents", "<script>alert(1)</script>")),
     BadFile("name-latex", swap('"four-agents"', r"'$\frac{'")),
+    BadFile("switching-in-rounds", signal("periodic", 'sequence = ["Gb", "Ga", "Gb"]', "period = 1.5")),
+    BadFile("switching-in-uneven-rounds", signal("periodic", 'schedule = [[0, "Gb"], ["1/3", "Ga"]]', "period = 1")),
+    BadFile("switching-markov", signal("markov", 'generator = [["-1/3", "1/3"], [0, 0]]')),
+    BadFile("switching-schedule", signal("schedule", 'schedule = [[0, "Ga"], [1e-3, "Gb"]]')),
+    BadFile("switching-mobile", signal("mobile", "radius = 2.5", "hysteresis = 0")),
+    BadFile("switching-nearest", signal("mobile", "neighbours = 2", "dwell = 1")),
+    BadFile("x0-for-all", below("[simulation]", "x0 = [2]")),
+    BadFile("x0-each", below("[simulation]", "x0 = [1, 2, 3, 4]")),
+    BadFile("x0-each-a-row", below("[simulation]", "x0 = [[1], [2], [3], [4]]")),
     BadFile("line-ends-of-windows", VALID.replace("\n", "\r\n")),
     BadFile("no-final-line-end", VALID.rstrip("\n")),
     BadFile("byte-order-mark", b"\xef\xbb\xbf" + VALID.encode()),

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import json
 from collections import Counter
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field
 from fractions import Fraction
 from random import Random
@@ -46,15 +46,17 @@ def a_problem(seed: int) -> Problem:
     return random_linear_problem(seed) if seed % 3 == 0 else random_problem(seed)
 
 
-def recheck_campaign(seeds: Iterable[int]) -> Tally:
+def recheck_campaign(
+    seeds: Iterable[int], *, make: Callable[[int], Problem] = a_problem, know: type[Oracle] = Oracle
+) -> Tally:
     """Every certificate is accepted by ``verify``, and every claim in it is true for the oracle."""
     tally = Tally()
     for seed in seeds:
-        problem = a_problem(seed)
+        problem = make(seed)
         certificate = certify(problem)
         data = certificate_bytes(certificate.claims)
         tally.counts[certificate.verdict.value] += 1
-        outcome, oracle = verify(data, problem), Oracle(problem)
+        outcome, oracle = verify(data, problem), know(problem)
         tally.wrong += [f"{seed}: {failure}" for failure in outcome.failures]
         tally.wrong += [f"{seed}: not true: {what}" for what in oracle.false_claims(json.loads(data))]
         W = None if certificate.claims.W is None else [list(row) for row in certificate.claims.W]
@@ -72,12 +74,14 @@ def lone_checker(data: bytes, problem: Problem) -> tuple[bool, str]:
     return not refusals, "; ".join(refusals)
 
 
-def mutant_campaign(seeds: Iterable[int], *, each: int) -> Tally:
+def mutant_campaign(
+    seeds: Iterable[int], *, each: int, make: Callable[[int], Problem] = a_problem, know: type[Oracle] = Oracle
+) -> Tally:
     """Changed certificates: refused, or unreadable, or everything in them is still true; two checkers always agree."""
     tally, other = Tally(), json.loads(certificate_bytes(certify("paper-fixed").claims))
     for seed in seeds:
-        problem = a_problem(seed)
-        document, oracle = json.loads(certificate_bytes(certify(problem).claims)), Oracle(problem)
+        problem = make(seed)
+        document, oracle = json.loads(certificate_bytes(certify(problem).claims)), know(problem)
         for k in range(each):
             number = seed * 100_000 + k
             changed = claim(document, number) if k % 3 == 0 else mutate(document, number, other=other)

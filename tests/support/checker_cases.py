@@ -6,8 +6,10 @@ accepted by a checker that leaves the check of this place out.
 
 from __future__ import annotations
 
+import base64
 import hashlib
 import json
+import struct
 from collections.abc import Iterator
 from dataclasses import dataclass
 from fractions import Fraction
@@ -167,6 +169,10 @@ def _vector(labels: list[str], values: list[str], kind: str = "vector") -> Docum
     return {"witness": {"kind": kind, "labels": labels, "values": values}}
 
 
+def _doubles(*numbers: float) -> Document:
+    return {"float64": base64.b64encode(struct.pack(f"<{len(numbers)}d", *numbers)).decode()}
+
+
 def _bent_claims() -> Iterator[Case]:
     proof: Document = {"verdict": "proved", "margin": 0, "rate": None, "exact": GONE, "witness": GONE}
     # Facts.
@@ -203,6 +209,15 @@ def _bent_claims() -> Iterator[Case]:
     yield bent("plain", ("lemma1", {"rate": -1}), ("", {"rate": -1}))
     yield bent("plain", ("lemma1", {"rate": 5}), ("", {"rate": 5}))
     yield bent("plain", ("lemma1", {"margin": 50}))
+    # The eigenvector of the least eigenvalue of -Lambda = [[10, -4], [-4, 4]] shows all of it; (1, 1) shows nothing.
+    yield bent("plain", ("lemma1", {"exact": {"v": _doubles(1, 2)}}), code=HOLDS, what="lemma1: its vector")
+    yield bent("plain", ("lemma1", {"exact": {"v": _doubles(1, 2)}, "margin": 2.1}), what="lemma1: too much for v")
+    yield bent("plain", ("lemma1", {"exact": {"v": _doubles(1, 1)}}), what="lemma1: another vector")
+    yield bent("plain", ("lemma1", {"exact": {"v": _doubles(-1, -2)}}), what="lemma1: a negative vector")
+    yield bent("plain", ("lemma1", {"exact": {"v": _doubles(1, 2, 3)}}), what="lemma1: a long vector")
+    yield bent("plain", ("lemma1", {"exact": {"v": ["1", "2"]}}), what="lemma1: a vector of texts")
+    yield bent("plain", ("lemma1", {"exact": {"v": _doubles(1, 2), "w": "1"}}), what="lemma1: another value")
+    yield bent("paper", ("lemma1", {"exact": {"v": _doubles(*[1] * 10)}}), what="lemma1: a vector for theorem1 too")
     yield bent("plain", ("lemma1", {"domain": "consensus"}))
     yield bent("curved", ("lemma1", {"domain": "global"}))
     yield bent("large", ("lemma1", {"margin": 10.1}))

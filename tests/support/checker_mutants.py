@@ -1,4 +1,4 @@
-"""The lone checker, three files, with one of its checks taken away: every condition is forced to the accepting value.
+"""The lone checker, four files, with one of its checks taken away: every condition is forced to the accepting value.
 
 A check is the condition of ``need``, each part of it that ``and`` joins, the condition of an ``if`` that returns
 False, and each part of a returned conjunction.
@@ -16,7 +16,7 @@ from types import ModuleType
 from dobc_design.certificate import checker
 
 FOLDER = Path(checker.__file__).parent
-FILES = ("checker", "region_checker", "quadratic_checker")  # each imports from those before it
+FILES = ("checker", "region_checker", "quadratic_checker", "groups_checker")  # each imports from those before it
 SOURCES = {file: (FOLDER / f"{file}.py").read_text("utf-8") for file in FILES}
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from checker_cases import FAILS, HOLDS, UNREADABLE, Case, cases
 from checker_mutants import FILES, Removal, removals, without
+from groups_cases import groups_cases
 from quadratic_cases import quadratic_cases
 from region_cases import region_cases
 
@@ -41,7 +42,10 @@ def outcome(examine: object, refused: type[Exception], case: Case) -> int | str:
 def noticed_by(removal: Removal) -> str | None:
     """The first case that comes out differently: accepted, with another exit code, or with a traceback."""
     module = without(removal)
-    own = {"checker": cases, "region_checker": region_cases, "quadratic_checker": quadratic_cases}
+    own = {
+        "checker": cases, "region_checker": region_cases, "quadratic_checker": quadratic_cases,
+        "groups_checker": groups_cases,
+    }  # fmt: skip
     for case in (case for file in (removal.file, *own) for case in own[file]()):
         if outcome(module.examine, module.Refused, case) != case.code:
             return case.name

@@ -39,7 +39,7 @@ from dobc_design.spec.file import read_problem_text
 from dobc_design.spec.load import load_problem
 from dobc_design.spec.notation import variable_names
 
-LONG = ("microgrid-ieee14", "uav-swarm")
+LONG = ("karate-club", "microgrid-ieee14", "uav-swarm")
 LIMIT = 2.0  # seconds of CPU time for one input
 LARGEST = 200_000  # bytes of a mutant
 

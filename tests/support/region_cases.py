@@ -341,7 +341,7 @@ def _bent_separable() -> Iterator[Case]:
     yield case("loose", FAILS, STUCK | {"rate": 1}, **REFUTED, what="rate")
     yield case("loose", FAILS, changed(STUCK, verdict="perhaps"), **REFUTED, what="perhaps")
     yield case("loose", FAILS, STUCK | {"exact": {}}, **REFUTED, what="exact")
-    for labels in ([], ["1"], ["3"], ["1", "3"]):
+    for labels in ([], ["1"], ["3"], ["1", "3"], ["1", "2", "2"]):
         witness = {"kind": "agents", "labels": labels}
         yield case("loose", FAILS, STUCK | {"witness": witness}, **REFUTED, what=f"witness {labels}")
     yield case("loose", FAILS, STUCK | {"witness": {"kind": "vector", "labels": ["1", "2"]}}, **REFUTED, what="kind")

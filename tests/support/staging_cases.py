@@ -11,7 +11,8 @@ from lure_cases import HARMONIC, PAPER_GAIN, cycle, is_proved
 from dobc_design.design.separable import propose_separable, rounded_vectors
 from dobc_design.design.separable_observer import propose_error_bound
 from dobc_design.design.staging_quadratic import propose_quadratic_stages
-from dobc_design.settling import Asked, Goal
+from dobc_design.settling.asked import Asked
+from dobc_design.settling.settling import Goal
 from dobc_design.spec.problem import Problem
 from dobc_design.theorems.separable import Separable
 from dobc_design.theorems.staging import Staging

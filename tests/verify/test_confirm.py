@@ -231,11 +231,11 @@ def test_every_check_that_a_problem_calls_for_has_to_be_there(paper):
 
 def test_expected_checks_follow_the_contract():
     """Several modes: theorem2; without an exosystem Lemma 1 alone; a P given: the printed check as well."""
-    switching = [id for id, _ in expected_checks(load_problem("paper-switching"))]
+    switching = [id for id, *_ in expected_checks(load_problem("paper-switching"))]
     assert switching.count("lemma1") == 4
     assert {"theorem2", "theorem2-printed"} <= set(switching)
     assert "theorem1" not in switching
-    assert expected_checks(Problem(network=PAIR, coupling="y")) == (("reachability", "G"), ("lemma1", "G"))
+    assert expected_checks(Problem(network=PAIR, coupling="y")) == (("reachability", "G", None), ("lemma1", "G", None))
 
 
 def test_w_p_and_q_have_to_belong_together(paper):

@@ -31,7 +31,7 @@ def verdict(problem: Problem, v, alpha, rho, **more) -> Verdict:
     return verify_separable(problem, Separable(v=v, alpha=F(alpha), rho=rho), **more).verdict
 
 
-@pytest.mark.parametrize("rho", [1, 10, 1000])
+@pytest.mark.parametrize("rho", [1, 10, 250])
 def test_all_pinned_with_five_has_rate_five_for_every_radius(rho: int):
     """Theory, known answers: v = 1, exactly 5 and nothing above."""
     problem = cycle(gains=5)

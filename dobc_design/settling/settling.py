@@ -10,9 +10,10 @@ import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from fractions import Fraction
-from typing import Any, Final
+from itertools import chain
+from typing import Final
 
-from dobc_design.design.separable import SeparablePlan, design_separable, rounded_vectors
+from dobc_design.design.separable import SeparablePlan, design_separable, flatter_plans, rounded_vectors
 from dobc_design.design.staging import (
     SHARE,
     PlannedStage,
@@ -22,18 +23,16 @@ from dobc_design.design.staging import (
     relative_bound,
 )
 from dobc_design.design.staging_quadratic import propose_quadratic_stages
-from dobc_design.errors import SpecError
 from dobc_design.exact.interval import Interval, log, sqrt
 from dobc_design.exact.matrix import Matrix, Vector
-from dobc_design.exact.number import parse_number
 from dobc_design.exact.symmetric import SparseSymmetric
+from dobc_design.settling.asked import Asked
 from dobc_design.spec.problem import Problem
 from dobc_design.theorems.lure import Lure
 from dobc_design.theorems.separable import ErrorBound, Separable, acts_by_component
 from dobc_design.theorems.staging import ONE, ZERO, Stage, Staging
 from dobc_design.verdict import Verdict
 from dobc_design.verify.lure import verify_lure
-from dobc_design.verify.overall import asked_radius
 from dobc_design.verify.separable import largest_rate, rounded_down
 from dobc_design.verify.separable_observer import first_certificate
 from dobc_design.verify.settling import Settling
@@ -59,42 +58,6 @@ SMALLEST: Final = Fraction(1, 10**300)  # of them, unless they are 0
 TIMES: Final = 10**4  # hand-overs and settling times have four decimals
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Asked:
-    """Starts |e|_inf <= radius, |eps_i| <= disturbance, and the tolerance to be kept from some time on."""
-
-    radius: Fraction
-    disturbance: Fraction
-    tolerance: Fraction
-
-
-def asked_of(problem: Problem, *, tolerance: Any, radius: Any = None, disturbance: Any = None) -> Asked:
-    """Read the numbers; what is None comes from the [region].
-
-    Raises: SpecError for a number that is wrong, or missing where there is no region to take it from.
-    """
-    region = problem.region
-    missing = [("radius", radius)] + ([] if problem.exosystem is None else [("disturbance", disturbance)])
-    for key, value in missing:
-        if value is None and region is None:
-            raise SpecError(
-                f"{key} must be given, because the problem has no [region] that says where it starts.", key=key,
-                cure="Give radius, the largest |e(0)|_inf, and with an [exosystem] disturbance, the largest"
-                " |xi_i(0) - xihat_i(0)|; or add a [region].",
-            )  # fmt: skip
-    reach = max(asked_radius(problem)) if radius is None else parse_number(radius, key="radius")
-    error = ZERO if region is None else region.initial_disturbance or ZERO
-    error = error if disturbance is None else parse_number(disturbance, key="disturbance")
-    limit = parse_number(tolerance, key="tolerance")
-    for key, number in (("radius", reach), ("tolerance", limit)):
-        if number <= 0:
-            raise SpecError(f"{key} must be > 0; got {float(number):.6g}.", key=key)
-    if error < 0 or (error and problem.exosystem is None):
-        why = "it is a length" if error < 0 else "without an [exosystem] there is no observer error"
-        raise SpecError(f"disturbance must be {'>= 0' if error < 0 else '0'}, because {why}.", key="disturbance")
-    return Asked(radius=reach, disturbance=error, tolerance=limit)
-
-
 def settle(problem: Problem, W: Matrix | None, asked: Asked, *, progress: Progress) -> Settling:
     """Find and prove a settling time for the starts asked for, with the gain W (q, m); None without an exosystem.
 
@@ -107,7 +70,11 @@ def settle(problem: Problem, W: Matrix | None, asked: Asked, *, progress: Progre
         )  # fmt: skip
     progress("looking for a certificate of the whole box")
     plan = design_separable(problem, radius=asked.radius, disturbance=asked.disturbance, W=W)
-    whole = None if plan is None else _whole(problem, W, plan)
+    whole = None
+    for each in () if plan is None else chain((plan,), flatter_plans(problem, plan)):
+        whole = _whole(problem, W, each)
+        if whole is not None:
+            break
     if plan is None or whole is None:
         return _answer(
             problem, asked, f"no max-separable certificate was found from |e|_inf <= {float(asked.radius):.6g} and"

@@ -1,0 +1,253 @@
+"""The body of ``dobc certify``: certificate, problem and report in a folder, and the answer in words or as JSON."""
+
+from __future__ import annotations
+
+import os
+import shlex
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from dobc_design.cli_output import (
+    COLOURS,
+    EXIT,
+    PIPED,
+    WIDE,
+    Manner,
+    Progress,
+    answering,
+    check_target,
+    folder_name,
+    make_console,
+    print_json,
+    refuse_option,
+    say,
+    write_file,
+)
+from dobc_design.cli_parts import search_parts, settling_parts
+from dobc_design.errors import SpecError
+from dobc_design.settling.asked import read_tolerance
+
+if TYPE_CHECKING:
+    from rich.console import Console
+
+    from dobc_design.certificate.certificate import Certificate
+    from dobc_design.falsifying.suspect import Falsification
+    from dobc_design.verify.check import Check
+
+
+def run_certify(
+    file: str, *, out: Path | None, everything: bool, theorem: str | None, report: bool, apply_fix: Path | None,
+    force: bool, manner: Manner, as_json: bool, settling: str | None = None, search: bool = False,
+) -> int:  # fmt: skip
+    """Certify a problem file, write what is found, and return the exit code.  Raises: SpecError."""
+    from dobc_design.spec.load import load_problem
+    from dobc_design.verify.check import CHECK_IDS
+    from dobc_design.workflow import PAGE, quadratic_limits, render_report, search_certificate
+    from dobc_design.workflow import certify as run
+
+    if theorem is not None and theorem not in CHECK_IDS:
+        raise SpecError(f"{theorem!r} is not known.", key="--theorem", cure=f"One of {', '.join(CHECK_IDS)}.")
+    if out is not None:
+        refuse_option(out, key="--out")
+    if apply_fix is not None:
+        check_target(apply_fix, force=force, key="--apply-fix")
+    tolerance = None if settling is None else read_tolerance(settling, key="--settling")
+    problem = load_problem(file)
+    folder = out if out is not None else Path(f"{folder_name(problem.name)}-certificate")
+    if os.path.lexists(folder) and not folder.is_dir():  # a link to nowhere counts
+        raise SpecError(f"{str(folder)!r} is not a folder.", key="--out", cure="Choose another with --out.")
+    with Progress(manner) as progress:
+        certificate = run(problem, everything=everything, settling=tolerance, progress=progress)
+        searches: tuple[Falsification, ...] = ()
+        if search:
+            done = search_certificate(certificate, progress=progress)
+            certificate, searches = done.certificate, done.searches
+        cured = None if apply_fix is None else _cured_file(certificate, file, apply_fix)
+        limits = quadratic_limits(certificate, progress=progress) if everything and report else ()
+        try:
+            pages = (
+                render_report(certificate, searches=searches, limits=limits, progress=progress) if report else {}
+            )  # fmt: skip
+        except Exception:
+            certificate.save(folder)  # the proof outlives its picture
+            raise
+        written = certificate.save(folder, beside=pages)
+    page = folder / PAGE if pages else None
+    if apply_fix is not None and cured is not None:
+        write_file(apply_fix, cured, key="--apply-fix")
+    if as_json:
+        document = _certificate_json(certificate, written[0], page)
+        if apply_fix is not None:
+            document["applied"] = str(apply_fix)
+        if search:
+            document["searches"] = [each.to_json() for each in searches]
+        print_json(document if theorem is None else document | _one_condition(certificate, theorem))
+    elif manner is not Manner.QUIET:
+        with answering():
+            console = make_console()
+            _show_certificate(console, certificate, theorem, file=None if apply_fix else file)
+            for part in (*settling_parts(certificate.settling if theorem is None else None), *search_parts(searches)):
+                console.print(part, soft_wrap=console.width == PIPED)
+        say(f"\ncertificate  {written[0]}\nproblem      {written[1]}" + (f"\nreport       {page}" if page else ""))
+        say(f"re-check     {shlex.join(['dobc', 'verify', str(written[0]), '--problem', file])}")
+        if apply_fix is not None:
+            say(f"cured        {apply_fix}\ncertify it   {shlex.join(['dobc', 'certify', str(apply_fix)])}")
+            if problem.notes:
+                say("look at      its notes: they are kept as they were and may speak of what has changed")
+    verdict = certificate.verdict.value if theorem is None else _one_condition(certificate, theorem)["verdict"]
+    return EXIT[verdict]
+
+
+def _cured_file(certificate: Certificate, source: str, target: Path) -> bytes:
+    """The bytes of the cured problem.  Raises SpecError when there is nothing to cure, or no cure."""
+    from dobc_design.spec.load import source_text
+    from dobc_design.spec.toml_writing import changed_file
+    from dobc_design.verify.check import main_fix
+
+    fix = main_fix(certificate.checks)
+    if target.suffix.lower() != ".toml":
+        raise SpecError(
+            f"--apply-fix must name a .toml file; got {str(target)!r}.",
+            key="--apply-fix",
+            cure=f"For example {target.with_suffix('.toml').name}.",
+        )
+    if fix is None:
+        if certificate.verdict.value == "proved":
+            message, cure = "there is nothing to cure: everything asked for is proved.", "Leave --apply-fix out."
+        else:
+            message, cure = "no cure is known for this problem.", "The reasons of the checks say what fails."
+        raise SpecError(message, key="--apply-fix", cure=cure)
+    text = changed_file(certificate.problem, fix.set, text=source_text(source), folder=target.resolve().parent)
+    return text.encode("utf-8")
+
+
+def _one_condition(certificate: Certificate, theorem: str) -> dict[str, Any]:
+    """What ``--theorem`` changes in the document: the verdict is that of one condition, in all modes."""
+    chosen = _chosen(certificate, theorem)
+    rates = [each.rate for each in chosen]
+    verdict = _judge(chosen)
+    return {
+        "verdict": verdict,
+        "reason": _reason(certificate, chosen, theorem),
+        "rate": None if verdict != "proved" or None in rates else min(rate for rate in rates if rate is not None),
+        "covered_by": theorem if verdict == "proved" else None,
+        "theorem": theorem,
+        "checks": [each.to_json() for each in chosen],
+    }
+
+
+def _chosen(certificate: Certificate, theorem: str | None) -> tuple[Check, ...]:
+    return tuple(each for each in certificate.checks if theorem in (None, each.id))
+
+
+def _reason(certificate: Certificate, chosen: Sequence[Check], theorem: str) -> str:
+    if chosen:
+        return f"This is about {theorem} alone."
+    others = ", ".join(dict.fromkeys(each.id for each in certificate.checks))
+    return f"does not apply: {theorem} is not among the conditions of this problem ({others})."
+
+
+def _judge(checks: Sequence[Check]) -> str:
+    values = [each.verdict.value for each in checks]
+    if values and all(value == "proved" for value in values):
+        return "proved"
+    return "refuted" if "refuted" in values else "undecided"
+
+
+def _certificate_json(certificate: Certificate, path: Path, page: Path | None) -> dict[str, Any]:
+    return {
+        "verdict": certificate.verdict.value,
+        "reason": certificate.reason,
+        "rate": certificate.rate,
+        "covered_by": certificate.covered_by,
+        "problem": certificate.problem.name,
+        "problem_sha256": certificate.claims.problem_sha256,
+        "checks": [each.to_json() for each in certificate.checks],
+        "notes": list(certificate.claims.notes),
+        "certificate": str(path),
+        "report": None if page is None else str(page),
+    }
+
+
+def _show_certificate(
+    console: Console, certificate: Certificate, theorem: str | None, *, file: str | None = None
+) -> None:
+    """The verdict, the checks with their reasons, and what would cure it.  Text of the user is shown as it is.
+
+    ``file``: what the problem was read from, for the command that writes the cured one.
+    """
+    import textwrap
+
+    from rich.text import Text
+
+    checks = _chosen(certificate, theorem)
+    verdict = certificate.verdict.value if theorem is None else _judge(checks)
+    reason = certificate.reason if theorem is None else _reason(certificate, checks, theorem)
+    head = Text(f"{certificate.problem.name}: ", style="bold")
+    head.append(verdict.upper(), style=COLOURS[verdict])
+    head.append(f". {reason.removeprefix('Undecided: ')}", style="not bold")
+    console.print(head, soft_wrap=console.width == PIPED)
+    beside = console.width >= WIDE
+    if checks:
+        console.print()
+        console.print(_table(checks, reasons=beside))
+    if not beside:
+        for each in checks:
+            console.print()
+            console.print(Text(each.title, style="bold"))
+            lines = textwrap.wrap(each.reason, console.width, initial_indent="  ", subsequent_indent="  ")
+            console.print(Text("\n".join(lines)))
+    _show_cures(console, checks, file=file, name=certificate.problem.name)
+    for place, note in enumerate(certificate.claims.notes):
+        console.print(Text(f"{'' if place else chr(10)}Note: {note}"), soft_wrap=console.width == PIPED)
+
+
+def _show_cures(console: Console, checks: Sequence[Check], *, file: str | None, name: str) -> None:
+    """What would cure what failed: in words, as lines of the problem file, and the command that writes them."""
+    import textwrap
+
+    from rich.text import Text
+
+    from dobc_design.spec.typed import change_lines
+    from dobc_design.verify.check import main_cure, other_cures
+
+    main = main_cure(checks)
+    for each in [*([] if main is None else [main]), *other_cures(checks)]:
+        if each.fix is None:
+            continue
+        whole = each.id in ("theorem1", "theorem2", "lemma1")
+        head = "What would cure it:" if whole else f"What would cure {each.id}:"
+        if each.verdict.value != "refuted" or each.id == "observability":
+            head = f"What would help {each.id}:"
+        lines = [f"{head} {each.fix.text}"]
+        if console.width != PIPED:
+            lines = textwrap.wrap(lines[0], console.width, subsequent_indent="  ")
+        console.print()
+        console.print(Text("\n".join(lines + [f"    {line}" for line in change_lines(each.fix.set)])), soft_wrap=True)
+        if each is main and file is not None:
+            command = shlex.join(["dobc", "certify", file, "--apply-fix", f"{folder_name(name)}-cured.toml"])
+            console.print(Text(f"  To write the cured problem to a new file:\n    {command}"), soft_wrap=True)
+
+
+def _table(checks: Sequence[Check], *, reasons: bool) -> Any:
+    from rich.table import Table
+    from rich.text import Text
+
+    from dobc_design._render import significant_towards_zero
+
+    table = Table(show_edge=False, pad_edge=False, header_style="bold")
+    table.add_column("check", overflow="fold")
+    for name in ("verdict", "margin", "rate 1/s"):
+        table.add_column(name, no_wrap=True)
+    if reasons:
+        table.add_column("reason", overflow="fold")
+    for each in checks:
+        row = [
+            Text(each.title),
+            Text(each.verdict.value, style=COLOURS[each.verdict.value]),
+            Text("" if each.margin is None else significant_towards_zero(each.margin, 6)),
+            Text("" if each.rate is None else significant_towards_zero(each.rate, 4)),
+        ]
+        table.add_row(*row, *([Text(each.reason)] if reasons else []))
+    return table

@@ -1,0 +1,1 @@
+"""A problem designed by hand in Jupyter: agents clicked, gains dragged, the exact verdict when the hand rests."""

@@ -1,0 +1,187 @@
+"""The widget: what it shows follows from the problem it was made of and from what was moved since."""
+
+from __future__ import annotations
+
+import threading
+import time
+from fractions import Fraction
+from os import PathLike
+from pathlib import Path
+from typing import Any
+
+from dobc_design.certificate.certificate import Certificate
+from dobc_design.certificate.files import write_atomically
+from dobc_design.designer.preview import preview, remade
+from dobc_design.errors import DobcError, SpecError
+from dobc_design.exact.number import parse_number
+from dobc_design.report.layout import positions
+from dobc_design.spec.load import load_problem
+from dobc_design.spec.problem import Problem
+from dobc_design.spec.toml_writing import problem_text
+from dobc_design.workflow import certify
+
+try:
+    import anywidget
+    import traitlets
+except ImportError as error:
+    raise ImportError(
+        "Designer needs anywidget, which is not installed. Install it: pip install 'dobc_design[notebook]'"
+    ) from error
+
+FOLDER = Path(__file__).parent
+LARGEST = 200  # agents that a drawing to be clicked holds
+GAIN = 5.0  # 1/s, of an agent that is clicked
+DIGITS = 6  # of what a slider says
+
+
+class Designer(anywidget.AnyWidget):  # type: ignore[misc]
+    """A problem to be changed by hand: click agents to pin them, drag gains, rate and region.
+
+    Numbers in floating point follow the hand; the exact verdict comes when it rests.  ``problem`` is the problem as it
+    stands now, ``certificate`` that of the last exact verdict, or None if something was moved since.  ``save`` writes a
+    problem file.  Nothing else is kept: a new kernel and the same clicks give the same problem.
+
+    Parameters:
+        problem: Problem, path of a problem file, or name of a built-in problem; at most 200 agents, numbers as gains.
+        rate: the decay rate in 1/s that the previewed region has to have.
+        radius: starts within this distance of the target to begin with; default what the problem's region has, else 1.
+    Raises: SpecError for a problem that it cannot show.
+    """
+
+    _esm = FOLDER / "designer.js"
+    _css = FOLDER / "designer.css"
+
+    network = traitlets.Dict().tag(sync=True)
+    gains = traitlets.Dict().tag(sync=True)  # label -> k in 1/s, of pinned agents
+    rate = traitlets.Float(0.05).tag(sync=True)
+    radius = traitlets.Float(1.0).tag(sync=True)
+    version = traitlets.Int(0).tag(sync=True)  # counts what the hand did
+    numbers = traitlets.Dict().tag(sync=True)
+    verdict = traitlets.Dict().tag(sync=True)
+
+    def __init__(
+        self, problem: Problem | str | PathLike[str], *, rate: float = 0.05, radius: float | None = None
+    ) -> None:
+        base = problem if isinstance(problem, Problem) else load_problem(problem)
+        _require_drawable(base)
+        self._base = base
+        self._working = threading.Lock()
+        self.certificate: Certificate | None = None
+        labels = base.network.labels
+        super().__init__(
+            network=_drawn(base),
+            gains={labels[i]: float(k[0][0]) for i, k in base.pinning.gains.items()},
+            rate=float(rate), radius=_radius(base) if radius is None else float(radius),
+        )  # fmt: skip
+        self.observe(self._moved, ["gains", "rate", "radius"])
+        self.on_msg(self._asked)
+        self._look()
+
+    @property
+    def problem(self) -> Problem:
+        """The problem as it stands now.  Raises: SpecError for a gain or a radius that is none."""
+        gains = {label: exact(value) for label, value in self.gains.items()}
+        return remade(self._base, {"gains": gains, "region": _region(self._base, exact(self.radius))})
+
+    def certify(self) -> Certificate:
+        """Decide the problem as it stands, exactly, show the verdict, and return the certificate."""
+        with self._working:
+            version = self.version
+            self.verdict = {"busy": True}
+            certificate = certify(self.problem)
+            if version == self.version:  # else it is out of date already
+                self.certificate = certificate
+                self.verdict = _said(certificate)
+            return certificate
+
+    def save(self, path: str | PathLike[str], *, force: bool = False) -> Path:
+        """Write the problem as a TOML file.  Raises: SpecError if the file is there, unless ``force``."""
+        target = Path(path)
+        if target.exists() and not force:
+            raise SpecError(f"{target} is there already.", key="path", cure="Choose another name, or force=True.")
+        write_atomically(target, problem_text(self.problem).encode())
+        return target
+
+    def _moved(self, _change: Any) -> None:
+        self.certificate = None
+        self.version += 1
+        self.verdict = {}
+        self._look()
+
+    def _look(self) -> None:
+        started = time.perf_counter()
+        try:
+            found = preview(
+                self.problem, radius=self.radius, rate=self.rate, t_final=float(self._base.simulation.t_final)
+            ).to_json()
+        except DobcError as error:
+            found = {"note": str(error), "lambda_max": None, "reach": 0.0, "times": [], "errors": []}
+        self.numbers = found | {"version": self.version, "milliseconds": round(1000 * (time.perf_counter() - started))}
+
+    def _asked(self, _widget: Any, content: Any, _buffers: Any) -> None:
+        kind = content.get("kind") if isinstance(content, dict) else None
+        if kind == "certify" and content.get("version") == self.version:
+            threading.Thread(target=self._certify_quietly, daemon=True).start()
+        elif kind == "save":
+            try:
+                self.send({"kind": "saved", "text": f"Saved as {self.save(str(content.get('path', '')))}."})
+            except (DobcError, OSError) as error:
+                self.send({"kind": "saved", "text": str(error)})
+
+    def _certify_quietly(self) -> None:
+        try:
+            self.certify()
+        except DobcError as error:
+            self.verdict = {"verdict": "error", "text": str(error)}
+
+
+def exact(value: float) -> Fraction:
+    """What a slider says, to six digits: 0.1 is 1/10."""
+    return parse_number(f"{value:.{DIGITS}g}", key="value")
+
+
+def _require_drawable(problem: Problem) -> None:
+    if problem.n > LARGEST:
+        raise SpecError(
+            f"the network has {problem.n} agents; the drawing holds {LARGEST}.", key="network.agents",
+            cure="Use certify and design for it.",
+        )  # fmt: skip
+    for agent, k in problem.pinning.gains.items():
+        if any(k[c][d] != (k[0][0] if c == d else 0) for c in range(problem.m) for d in range(problem.m)):
+            raise SpecError(
+                f"agent {problem.network.labels[agent]} has a matrix as its gain; sliders move numbers only.",
+                key="pinning.gains", cure="Give one number per agent.",
+            )  # fmt: skip
+
+
+def _drawn(problem: Problem) -> dict[str, Any]:
+    pairs = sorted({(i, j) for arcs in problem.network.modes.values() for i, j, _ in arcs})
+    return {
+        "name": problem.name, "labels": list(problem.network.labels), "arcs": [list(pair) for pair in pairs],
+        "places": positions(pairs, problem.n).round(4).tolist(), "gain": GAIN,
+        "modes": list(problem.network.modes),
+    }  # fmt: skip
+
+
+def _radius(problem: Problem) -> float:
+    if problem.region is None:
+        return 1.0
+    pairs = zip(problem.region.initial_states, problem.target, strict=True)
+    return float(max(max(abs(low - goal), abs(high - goal)) for (low, high), goal in pairs))
+
+
+def _region(problem: Problem, radius: Fraction) -> dict[str, Any]:
+    """Starts within ``radius`` of the target, in every component; the bound on the estimation error stays as it was."""
+    disturbance = None if problem.region is None else problem.region.initial_disturbance
+    if problem.exosystem is not None and disturbance is None:
+        disturbance = Fraction(0)
+    states = [[target - radius, target + radius] for target in problem.target]
+    region: dict[str, Any] = {"initial_states": states[0] if problem.m == 1 else states}
+    return region | ({} if disturbance is None else {"initial_disturbance": disturbance})
+
+
+def _said(certificate: Certificate) -> dict[str, Any]:
+    return {
+        "verdict": certificate.verdict.value, "text": certificate.reason,
+        "rate": None if certificate.rate is None else float(certificate.rate),
+    }  # fmt: skip

@@ -1,0 +1,210 @@
+"""What goes into the C code of an agent: the exactly discretised observer, rounded, and every agent's own numbers.
+
+Paper: (13), (19), sampled as in ``simulate.sampled``.  Ad = exp(A T), Cd = C (1/T) int_0^T exp(A s) ds and
+L = int_0^T exp((A - W C) s) ds W are enclosed by Arb and rounded once; the rounded numbers are what is proved about.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from fractions import Fraction
+from typing import Any
+
+from dobc_design.errors import SpecError
+from dobc_design.exact.interval import Interval
+from dobc_design.exact.matrix import Matrix, matrix, multiply, scale, shape, subtract
+from dobc_design.exact.matrix_exponential import discretise
+from dobc_design.exact.number import parse_number
+from dobc_design.export.c_text import PRECISIONS, rounded
+from dobc_design.model.arrays import Gain, chosen_gain
+from dobc_design.spec.problem import Problem
+from dobc_design.spec.reading import named, shown
+from dobc_design.verdict import Verdict
+from dobc_design.verify.sampled_loop import longest_period, sampled_network_statement, sampled_observer_statement
+from dobc_design.verify.statement import Statement
+
+SHORTEST, LONGEST = Fraction(1, 10**6), Fraction(10**6)  # periods, s
+MOST_AGENTS = 200  # in one table; a controller of its own can be written for every agent of a larger network
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Hearing:
+    """One arc of an agent in one mode: place among its neighbours, place among the couplings, weight."""
+
+    neighbour: int
+    coupling: int
+    weight: Fraction
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class AgentNumbers:
+    """One agent: index, label, goal (m), gain (m, m), neighbours by index, and its arcs mode by mode."""
+
+    index: int
+    label: str
+    goal: tuple[Fraction, ...]
+    gain: Matrix
+    neighbours: tuple[int, ...]
+    modes: tuple[tuple[Hearing, ...], ...]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Controller:
+    """A sampled controller with the numbers of its code.
+
+    Shapes: Ad (q, q), Cd (m, q), L (q, m), rounded to ``precision``; () without an exosystem.  ``period`` in s.
+    ``statements``: what is decided about these numbers.
+    """
+
+    problem: Problem
+    period: Fraction
+    precision: str
+    Ad: Matrix
+    Cd: Matrix
+    L: Matrix
+    agents: tuple[AgentNumbers, ...]
+    statements: tuple[Statement, ...]
+
+
+Objection = Callable[[Controller], str]
+
+
+def make_controller(
+    problem: Problem, *, period: Any, precision: str = "double", agents: Sequence[Any] | None = None,
+    gain: Gain | None = None, sampled_gain: Gain | None = None, objection: Objection | None = None,
+) -> Controller:  # fmt: skip
+    """Discretise the observer of ``problem`` and collect the numbers of ``agents`` (labels; default all, at most 200).
+
+    ``period`` in s; ``gain`` (q, m) takes the place of observer.W; ``sampled_gain`` (q, m) that of L.
+    ``objection``: asked about every controller that could be returned; "" accepts it.
+    Raises: SpecError for a wrong argument, and for a period at which the sampled loop is proved to diverge, or the
+    observer's error does not die out, or to which there is an objection; the message says which period works.
+    """
+    if precision not in PRECISIONS:
+        raise SpecError(
+            f"precision must be double or float; got {shown(precision)}.", key="--precision",
+            cure="double is the default.",
+        )  # fmt: skip
+    W = chosen_gain(problem, gain)
+    if problem.exosystem is not None and W is None:
+        raise SpecError("observer.W must be known to write the observer.", key="observer.W", cure="Give or design W.")
+    L = None if sampled_gain is None else matrix(sampled_gain, name="sampled_gain")
+    _check_sampled_gain(problem, L)
+    asked = _read_period(period)
+    numbers = tuple(_numbers(problem, agent) for agent in _chosen(problem, agents))
+
+    def made(value: Fraction) -> Controller:
+        Ad, Cd, correction, statements = _decided(problem, W, L, value, precision)
+        return Controller(
+            problem=problem, period=value, precision=precision, Ad=Ad, Cd=Cd, L=correction, statements=statements,
+            agents=numbers,
+        )  # fmt: skip
+
+    controller = made(asked)
+    failed = _obstacle(controller, objection)
+    if failed:
+        works = longest_period(lambda value: _obstacle(made(value), objection) == "", asked)
+        raise _too_long(asked, failed, works)
+    return controller
+
+
+def _decided(
+    problem: Problem, W: Matrix | None, L: Matrix | None, period: Fraction, precision: str
+) -> tuple[Matrix, Matrix, Matrix, tuple[Statement, ...]]:
+    """The rounded matrices of this period, and what is decided about them and about the network."""
+    network = sampled_network_statement(problem, period)
+    if problem.exosystem is None or W is None:
+        return (), (), (), (network,)
+    A, C = problem.exosystem.A, problem.exosystem.C
+    found = discretise(A, period)
+    if L is None:
+        error = discretise(subtract(A, multiply(W, C)), period)
+        L = multiply(scale(period, _middles(error.mean)), W)
+    Ad, Cd = _middles(found.transition), multiply(C, _middles(found.mean))
+    Ad, Cd, L = (tuple(tuple(rounded(x, precision) for x in row) for row in each) for each in (Ad, Cd, L))
+    return Ad, Cd, L, (sampled_observer_statement(Ad, Cd, L, period=period), network)
+
+
+def _middles(enclosed: Sequence[Sequence[Interval]]) -> Matrix:
+    return tuple(tuple(entry.midpoint for entry in row) for row in enclosed)
+
+
+def _read_period(given: Any) -> Fraction:
+    if given is None:
+        raise SpecError(
+            "a period must be given: the code computes at its multiples and holds in between.", key="--period",
+            cure="For example --period 0.05; one that is too long is refused with one that works.",
+        )  # fmt: skip
+    period = parse_number(given, key="--period")
+    if not SHORTEST <= period <= LONGEST:
+        raise SpecError(
+            f"--period must be a positive number of seconds, 1e-6 to 1e6; got {shown(given)}.", key="--period",
+            cure="For example --period 0.05.",
+        )  # fmt: skip
+    return period
+
+
+def _obstacle(controller: Controller, objection: Objection | None) -> str:
+    """Why a period cannot be used, or ""."""
+    for each in controller.statements:
+        if each.verdict is Verdict.REFUTED or (each.kind == "sampled" and each.verdict is not Verdict.PROVED):
+            return each.text
+    return "" if objection is None else objection(controller)
+
+
+def _too_long(period: Fraction, why: str, works: Fraction | None) -> SpecError:
+    cure = (
+        "No shorter period that was tried works either: look at the gains and at W."
+        if works is None
+        else f"The longest of those tried that works: --period {float(works):.4g}."
+    )
+    return SpecError(f"a period of {float(period):.4g} s is too long: {why}", key="--period", cure=cure)
+
+
+def _check_sampled_gain(problem: Problem, L: Matrix | None) -> None:
+    if L is not None and shape(L) != (problem.q, problem.m):
+        raise SpecError(
+            f"sampled_gain must have shape ({problem.q}, {problem.m}); got {shape(L)}.", key="sampled_gain",
+            cure="design_observer(problem, period=...).W has it.",
+        )  # fmt: skip
+
+
+def _chosen(problem: Problem, agents: Sequence[Any] | None) -> list[int]:
+    index = problem.network.index
+    if agents is None:
+        if problem.n > MOST_AGENTS:
+            raise SpecError(
+                f"the code holds the numbers of at most {MOST_AGENTS} agents; the problem has {problem.n}.",
+                key="--agent", cure="Name the agent whose code you want: --agent LABEL.",
+            )  # fmt: skip
+        return list(range(problem.n))
+    unknown = [str(agent) for agent in agents if str(agent) not in index]
+    if unknown or not agents:
+        first = ", ".join(map(named, problem.network.labels[:6]))
+        raise SpecError(
+            f"there is no agent {shown(unknown[0] if unknown else '')} in the network.", key="--agent",
+            cure=f"Labels are {first}{', ...' if problem.n > 6 else ''}.",
+        )  # fmt: skip
+    return [index[str(agent)] for agent in agents]
+
+
+def _numbers(problem: Problem, agent: int) -> AgentNumbers:
+    places = {coupling: place for place, coupling in enumerate(problem.couplings)}
+    neighbours: dict[int, int] = {}
+    modes = []
+    for arcs in problem.network.modes.values():
+        own = (arcs.listeners == agent).nonzero()[0].tolist()
+        hearings = []
+        for arc in own:
+            speaker = int(arcs.speakers[arc])
+            place = neighbours.setdefault(speaker, len(neighbours))
+            coupling = places[problem.coupling_of(agent, speaker)]
+            hearings.append(Hearing(neighbour=place, coupling=coupling, weight=arcs.weights[arc]))
+        modes.append(tuple(hearings))
+    m = problem.m
+    nothing = tuple((Fraction(0),) * m for _ in range(m))
+    return AgentNumbers(
+        index=agent, label=problem.network.labels[agent], goal=problem.goal_of(agent),
+        gain=problem.pinning.gains.get(agent, nothing), neighbours=tuple(neighbours), modes=tuple(modes),
+    )  # fmt: skip

@@ -1,0 +1,164 @@
+"""C99 as text: literals in either precision, strings, comments, arrays, and couplings from the expression tree.
+
+Text of users appears in strings and comments only, escaped, so that no label can end either.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from fractions import Fraction
+from typing import Any
+
+import numpy as np
+
+from dobc_design.errors import SpecError
+from dobc_design.spec.coupling import Coupling
+from dobc_design.spec.expression import evaluate, variables_used
+
+PRECISIONS = ("double", "float")
+SUM, PRODUCT, UNARY, ATOM = range(4)
+HELPERS = {
+    "abs": "static dobc_real dobc_abs(dobc_real a)\n{\n    return a < 0 ? -a : a;\n}\n",
+    "min": "static dobc_real dobc_min(dobc_real a, dobc_real b)\n{\n    return b < a ? b : a;\n}\n",
+    "max": "static dobc_real dobc_max(dobc_real a, dobc_real b)\n{\n    return b > a ? b : a;\n}\n",
+    "power": (
+        "static dobc_real dobc_power(dobc_real base, int exponent)\n{\n    dobc_real result = 1;\n    int left;\n\n"
+        "    for (left = exponent < 0 ? -exponent : exponent; left > 0; left /= 2) {\n"
+        "        if (left % 2 == 1) {\n            result *= base;\n        }\n        base *= base;\n    }\n"
+        "    return exponent < 0 ? 1 / result : result;\n}\n"
+    ),
+}
+
+
+def rounded(value: Fraction, precision: str) -> Fraction:
+    """The number of this precision that stands for ``value`` in the code, exactly.  Raises: SpecError if too large."""
+    number = Fraction(0)
+    try:
+        near = np.float64(value.numerator / value.denominator)
+        with np.errstate(over="ignore"):
+            number = Fraction(float(near if precision == "double" else np.float32(near)))
+    except OverflowError:
+        raise SpecError(
+            f"every number of the code must fit into a {precision}; one of the problem's does not"
+            f" (about 10^{len(str(abs(value.numerator))) - len(str(value.denominator))}).",
+            key="export", cure="Use other units." if precision == "double" else "Use --precision double.",
+        ) from None  # fmt: skip
+    return number
+
+
+def literal(value: Fraction, precision: str) -> str:
+    """A C literal that reads back as ``rounded(value)``; negative ones stand in parentheses."""
+    number = rounded(value, precision)
+    text = repr(float(number)) if precision == "double" else str(np.float32(float(number)))
+    if "." not in text and "e" not in text:
+        text += ".0"
+    text += "" if precision == "double" else "f"
+    return f"({text})" if text.startswith("-") else text
+
+
+def array(rows: Sequence[Sequence[Fraction]], precision: str) -> str:
+    """A two-dimensional initializer, one row a line."""
+    inside = ",\n".join("    {" + ", ".join(_bare(entry, precision) for entry in row) + "}" for row in rows)
+    return "{\n" + inside + "\n}"
+
+
+def row(values: Sequence[Fraction], precision: str) -> str:
+    """A one-dimensional initializer."""
+    return "{" + ", ".join(_bare(value, precision) for value in values) + "}"
+
+
+def _bare(value: Fraction, precision: str) -> str:
+    return literal(value, precision).strip("()")
+
+
+def string(text: str) -> str:
+    """A C string literal of the UTF-8 bytes of ``text``; octal escapes end by themselves and make no trigraphs."""
+    plain = set(range(32, 127)) - {ord('"'), ord("\\"), ord("?")}
+    return '"' + "".join(chr(byte) if byte in plain else f"\\{byte:03o}" for byte in text.encode("utf-8")) + '"'
+
+
+def comment(text: str) -> str:
+    """``text`` for the inside of a comment: ASCII, on one line, without what could end or extend it."""
+    safe = "".join(each if 32 <= ord(each) < 127 else "?" for each in text.replace("\n", " "))
+    return safe.replace("*/", "* /").replace("/*", "/ *").replace("\\", "/").replace("??", "? ?")
+
+
+@dataclass(frozen=True, slots=True)
+class Piece:
+    """An expression in C and how tightly it binds."""
+
+    text: str
+    level: int
+
+    def inside(self, level: int) -> str:
+        """The text where something that binds at least as tightly is wanted."""
+        return self.text if self.level >= level else f"({self.text})"
+
+
+class CAlgebra:
+    """Algebra (``spec.tree.Algebra``) of C expressions; ``used`` collects helpers, ``library``: <math.h> is needed."""
+
+    def __init__(self, precision: str) -> None:
+        self.precision = precision
+        self.suffix = "" if precision == "double" else "f"
+        self.used: set[str] = set()
+        self.library = False
+
+    def constant(self, value: Fraction) -> Piece:
+        return Piece(literal(value, self.precision), ATOM)
+
+    def pi(self) -> Piece:
+        return Piece("3.14159265358979323846" + self.suffix, ATOM)
+
+    def negate(self, operand: Piece) -> Piece:
+        return Piece(f"-{operand.inside(ATOM)}", UNARY)
+
+    def add(self, left: Piece, right: Piece) -> Piece:
+        return Piece(f"{left.text} + {right.inside(PRODUCT)}", SUM)
+
+    def subtract(self, left: Piece, right: Piece) -> Piece:
+        return Piece(f"{left.text} - {right.inside(PRODUCT)}", SUM)
+
+    def multiply(self, left: Piece, right: Piece) -> Piece:
+        return Piece(f"{left.inside(PRODUCT)} * {right.inside(UNARY)}", PRODUCT)
+
+    def divide(self, left: Piece, right: Piece) -> Piece:
+        return Piece(f"{left.inside(PRODUCT)} / {right.inside(UNARY)}", PRODUCT)
+
+    def power(self, base: Piece, exponent: int) -> Piece:
+        self.used.add("power")
+        return Piece(f"dobc_power({base.text}, {exponent})", ATOM)
+
+    def call(self, name: str, arguments: tuple[Piece, ...]) -> Piece:
+        if name == "clip":
+            value, low, high = arguments
+            return self.call("min", (self.call("max", (value, low)), high))
+        if name in ("min", "max", "abs"):
+            self.used.add(name)
+            first, *others = arguments
+            if not others:
+                return Piece(f"dobc_{name}({first.text})", ATOM)
+            for other in others:
+                first = Piece(f"dobc_{name}({first.text}, {other.text})", ATOM)
+            return first
+        self.library = True
+        return Piece(f"{name}{self.suffix}({arguments[0].text})", ATOM)
+
+
+def coupling_function(coupling: Coupling, number: int, algebra: CAlgebra) -> str:
+    """A C function ``coupling_NUMBER(y, h)`` that writes h(y); both have m components."""
+    lines = [f"/* h(y) = {comment(', '.join(coupling.texts))} */"]
+    m = coupling.dimension
+    if coupling.by_component:
+        expression = coupling.components[0]
+        body = [evaluate(expression.node, [Piece(f"y[{c}]", ATOM)], algebra).text for c in range(m)]
+        silent = not variables_used(expression.node)
+    else:
+        variables: list[Any] = [Piece(f"y[{c}]", ATOM) for c in range(m)]
+        body = [evaluate(each.node, variables, algebra).text for each in coupling.components]
+        silent = not any(variables_used(each.node) for each in coupling.components)
+    lines += [f"static void coupling_{number}(const dobc_real y[DOBC_COMPONENTS], dobc_real h[DOBC_COMPONENTS])", "{"]
+    lines += ["    (void)y;"] if silent else []
+    lines += [f"    h[{c}] = {text};" for c, text in enumerate(body)]
+    return "\n".join([*lines, "}", ""])

@@ -1,0 +1,148 @@
+"""Test vectors: one agent's samples in the simulated loop, for the code on its target to be compared with.
+
+Measured states and received packets go in, u, v and dhat have to come out, within a bound derived for the precision.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from fractions import Fraction
+
+import numpy as np
+
+from dobc_design.errors import SpecError
+from dobc_design.export.c_controller import Controller
+from dobc_design.export.c_text import comment, literal
+from dobc_design.export.rounding_bound import Array, Recorded, felt_with_error, rounding_bound
+from dobc_design.model.arrays import Gain
+from dobc_design.simulate.mobile import Mobile
+from dobc_design.simulate.signal_files import Signal
+from dobc_design.simulate.simulate import simulate
+from dobc_design.simulate.stress import Stress
+from dobc_design.simulate.trajectory import Trajectory
+from dobc_design.spec.problem import Problem
+
+SECONDS = 10.0
+MOST_SAMPLES = 400
+
+
+class Recorder:
+    """Simulates the sampled loop of a controller over 10 s (at most 400 samples), and remembers the last one.
+
+    ``gain`` and ``sampled_gain`` as in ``make_controller``.  A ``signal`` that depends on the states is left out: the
+    first mode then holds.
+    """
+
+    def __init__(
+        self, *, gain: Gain | None = None, sampled_gain: Gain | None = None, signal: Signal | None = None
+    ) -> None:
+        self.gain, self.signal = gain, None if isinstance(signal, Mobile) else signal
+        self.sampled = None if sampled_gain is None else _rows(sampled_gain)
+        self.last: tuple[Fraction, Trajectory] | None = None
+
+    def objection(self, controller: Controller) -> str:
+        """Why this period does not do in a simulation, or ""."""
+        run = self.run(controller)
+        return f"in a simulation {run.reason}." if run.diverged else ""
+
+    def run(self, controller: Controller) -> Trajectory:
+        """The sampled loop at the controller's period."""
+        if self.last is None or self.last[0] != controller.period:
+            period = float(controller.period)
+            count = min(MOST_SAMPLES, int(SECONDS / period)) + 1
+            times = [k * period for k in range(max(2, count))]
+            done = simulate(
+                controller.problem, mode=next(iter(controller.problem.network.modes)) if self.signal is None else None,
+                signal=self.signal, t_final=times[-1], samples=times, gain=self.gain,
+                stress=Stress(period=period, sampled_gain=self.sampled),
+            )  # fmt: skip
+            self.last = controller.period, done
+        return self.last[1]
+
+    def recorded(self, controller: Controller) -> Recorded:
+        """What one agent measures, hears and does: the first of the table that is pinned, else the first.
+
+        Raises: SpecError when the simulated loop diverges.
+        """
+        why = self.objection(controller)
+        if why:
+            raise SpecError(f"there are no test vectors: {why}", key="--period", cure="Take a shorter period.")
+        run = self.run(controller)
+        agent = next((each for each in controller.agents if any(map(any, each.gain))), controller.agents[0])
+        i, others, names = agent.index, list(agent.neighbours), list(controller.problem.network.modes)
+        modes = np.zeros(len(run.times), dtype=np.int64)
+        if run.switches is not None:
+            modes = np.array([names.index(name) for name in run.switches.names])[run.switches.at(run.times)]
+        heard = run.x[:, others] - run.goal[others]
+        bare = Recorded(
+            agent=agent, modes=modes, x=run.x[:, i], heard=heard, xihat=run.xihat[:, i], dhat=run.dhat[:, i],
+            u=run.u[:, i], v=run.u[:, i],
+        )  # fmt: skip
+        e = run.x[:, i] - run.goal[i]
+        return replace(bare, v=felt_with_error(controller, bare, e, np.zeros_like(e), 0.0)[0] + run.u[:, i])
+
+
+def vectors_csv(controller: Controller, recorded: Recorded) -> str:
+    """The samples as CSV: time, mode, x, heard values, u, v, dhat; numbers in full double precision."""
+    problem, agent = controller.problem, recorded.agent
+    m, neighbours = range(1, problem.m + 1), range(len(agent.neighbours))
+    head = ["time", "mode", *(f"x{c}" for c in m), *(f"heard{j}_{c}" for j in neighbours for c in m)]
+    head += [f"{name}{c}" for name in ("u", "v", "dhat") for c in m]
+    lines = [",".join(head)]
+    for k in range(len(recorded.x)):
+        numbers = [
+            recorded.x[k], recorded.heard[k].ravel(), recorded.u[k], recorded.v[k], recorded.dhat[k],
+        ]  # fmt: skip
+        texts = [repr(float(value)) for part in numbers for value in part]
+        lines.append(",".join([repr(k * float(controller.period)), str(int(recorded.modes[k])), *texts]))
+    return "\n".join(lines) + "\n"
+
+
+def vectors_header(controller: Controller, recorded: Recorded) -> str:
+    """vectors.h: the same as constant arrays, with the tolerance that is derived for this precision."""
+    problem, agent = controller.problem, recorded.agent
+    place = next(i for i, each in enumerate(controller.agents) if each.index == agent.index)
+    count, neighbours = len(recorded.x), max(1, len(agent.neighbours))
+    heard = recorded.heard if agent.neighbours else np.zeros((count, 1, problem.m))
+    modes = ", ".join(str(int(mode)) for mode in recorded.modes)
+    tolerance = rounding_bound(controller, recorded)
+    if not np.isfinite(tolerance):
+        raise SpecError(
+            "the rounding errors of the test vectors have no finite bound: a coupling is near a singularity.",
+            key="export", cure="Simulate from other starts ([region]), or use --precision double.",
+        )  # fmt: skip
+    lines = [
+        f"/* Test vectors of agent {comment(agent.label)}: what it measures and hears, and what it has to answer. */",
+        "#ifndef DOBC_VECTORS_H", "#define DOBC_VECTORS_H", "", '#include "dobc_agent.h"', "",
+        f"#define VECTOR_AGENT {place} /* its place in dobc_agents[] */",
+        f"#define VECTOR_SAMPLES {count}", f"#define VECTOR_NEIGHBOURS {len(agent.neighbours)}",
+        f"#define VECTOR_TOLERANCE {tolerance:.3e} /* derived for {controller.precision}: u, v and dhat */", "",
+        f"static const int vector_mode[VECTOR_SAMPLES] = {{{modes}}};", "",
+    ]  # fmt: skip
+    for name, values in (("x", recorded.x), ("u", recorded.u), ("v", recorded.v), ("dhat", recorded.dhat)):
+        body = ",\n".join(f"    {_initial(value, controller)}" for value in values)
+        lines.append(f"static const dobc_real vector_{name}[VECTOR_SAMPLES][DOBC_COMPONENTS] = {{\n{body}\n}};\n")
+    rows = ",\n".join("    {" + ", ".join(_initial(value, controller) for value in each) + "}" for each in heard)
+    lines.append(
+        f"static const dobc_real vector_heard[VECTOR_SAMPLES][{neighbours}][DOBC_COMPONENTS] = {{\n{rows}\n}};\n"
+    )
+    return "\n".join([*lines, "#endif", ""])
+
+
+def _initial(values: Array, controller: Controller) -> str:
+    texts = [_number(float(value), controller.precision) for value in values]
+    return "{" + ", ".join(texts) + "}"
+
+
+def _number(value: float, precision: str) -> str:
+    return literal(Fraction(value), precision).strip("()")
+
+
+def _rows(gain: Gain) -> tuple[tuple[float, ...], ...]:
+    return tuple(tuple(float(entry) for entry in row) for row in gain)
+
+
+def labels_of_neighbours(problem: Problem, recorded: Recorded) -> Sequence[str]:
+    """Whose packets are neighbours 0, 1, ... of the recorded agent."""
+    return [problem.network.labels[index] for index in recorded.agent.neighbours]

@@ -1,0 +1,120 @@
+"""The matrices of a problem, with those of its certificate, by name: exact, in NumPy, in SymPy, in LaTeX.
+
+    A, C, W, P, Q   exosystem, observer gain, Lyapunov matrix, P W       K   pinning gains, (n m, n m)
+    L   Laplacian of the weights, (n, n)      Lambda   J + J' - (K + K') at the consensus, where slopes are rational
+    xbar   the target, (m, 1)
+
+With several modes L and Lambda stand once for each, as L_MODE and Lambda_MODE.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from fractions import Fraction
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dobc_design._render import latex_matrix, latex_text
+from dobc_design.errors import SpecError
+from dobc_design.exact.matrix import Matrix, to_float
+from dobc_design.exact.symmetric import SparseSymmetric
+from dobc_design.spec.arcs import Arcs
+from dobc_design.spec.coupling import Coupling
+from dobc_design.spec.problem import Problem
+from dobc_design.theorems.statements import state_theorems
+
+MOST_ROWS = 500  # of a dense matrix
+_LATEX_NAMES = {"xbar": r"\bar{x}", "Lambda": r"\Lambda"}
+
+
+def exact_matrices(
+    problem: Problem, *, W: Matrix | None = None, P: Matrix | None = None, Q: Matrix | None = None
+) -> dict[str, Matrix]:
+    """All matrices by name, as rationals; W, P and Q are those of the problem or certificate, where there are any.
+
+    Raises: SpecError for more than 500 rows.
+    """
+    n, m = problem.n, problem.m
+    if n * m > MOST_ROWS:
+        raise SpecError(
+            f"dense matrices are written for at most {MOST_ROWS} rows; this problem has {n * m}.", key="problem",
+            cure="model.arrays has them as SciPy sparse matrices.",
+        )  # fmt: skip
+    found: dict[str, Matrix] = {}
+    if problem.exosystem is not None:
+        found |= {"A": problem.exosystem.A, "C": problem.exosystem.C}
+    found |= {name: each for name, each in (("W", W), ("P", P), ("Q", Q)) if each is not None}
+    found["K"] = _pins(problem)
+    found["xbar"] = tuple((x,) for x in problem.target)
+    for mode, arcs in problem.network.modes.items():
+        found[_of_mode("L", mode, problem)] = _laplacian(arcs, n)
+    for mode, pencil in state_theorems(problem).lambdas.items():
+        if isinstance(pencil.constant, SparseSymmetric) and not pencil.deviations:
+            found[_of_mode("Lambda", mode, problem)] = pencil.constant.to_dense()
+    return found
+
+
+def numpy_matrices(found: Mapping[str, Matrix]) -> dict[str, NDArray[np.float64]]:
+    """The same as float64 arrays."""
+    return {name: to_float(each) for name, each in found.items()}
+
+
+def sympy_matrices(found: Mapping[str, Matrix], problem: Problem) -> dict[str, Any]:
+    """The same as SymPy matrices of rationals, and the default coupling "h" as a column in y, or y1 to ym."""
+    import sympy
+
+    from dobc_design.model.sympy_algebra import to_sympy
+
+    def rational(value: Fraction) -> Any:
+        return sympy.Rational(value.numerator, value.denominator)
+
+    result: dict[str, Any] = {
+        name: sympy.Matrix([[rational(x) for x in row] for row in each]) for name, each in found.items()
+    }
+    result["h"] = sympy.Matrix([to_sympy(each)[0] for each in problem.coupling.components])
+    return result
+
+
+def latex_of(found: Mapping[str, Matrix], problem: Problem) -> str:
+    """h and the matrices as displayed LaTeX equations, one after the other; above 12 rows only their size.
+
+    Rationals of more than 12 digits are rounded to four.
+    """
+    lines = [_coupling(problem.coupling)]
+    for name, each in found.items():
+        head, _, mode = name.partition("_")
+        shown = _LATEX_NAMES.get(head, head) + (rf"_{{{latex_text(mode)}}}" if mode else "")
+        entries = latex_matrix(each)
+        size = rf" \in \mathbb{{R}}^{{{len(each)} \times {len(each[0])}}}"
+        lines.append(shown + (size if entries is None else f" = {entries}"))
+    return "\n".join(f"\\[ {line} \\]" for line in lines) + "\n"
+
+
+def _coupling(coupling: Coupling) -> str:
+    if coupling.by_component:
+        return f"h(y) = {coupling.latex[0]}"
+    return r"h(y) = \begin{pmatrix} " + r" \\ ".join(coupling.latex) + r" \end{pmatrix}"
+
+
+def _of_mode(name: str, mode: str, problem: Problem) -> str:
+    return name if len(problem.network.modes) == 1 else f"{name}_{mode}"
+
+
+def _pins(problem: Problem) -> Matrix:
+    m = problem.m
+    rows = [[Fraction(0)] * (problem.n * m) for _ in range(problem.n * m)]
+    for agent, gain in problem.pinning.gains.items():
+        for c in range(m):
+            for d in range(m):
+                rows[agent * m + c][agent * m + d] = gain[c][d]
+    return tuple(map(tuple, rows))
+
+
+def _laplacian(arcs: Arcs, n: int) -> Matrix:
+    rows = [[Fraction(0)] * n for _ in range(n)]
+    for listener, speaker, weight in arcs:
+        rows[listener][speaker] -= weight
+        rows[listener][listener] += weight
+    return tuple(map(tuple, rows))

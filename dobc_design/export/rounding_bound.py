@@ -1,0 +1,196 @@
+"""How far the C code may be from the double-precision loop: running error analysis along recorded samples.
+
+Every operation is taken to be off by one unit roundoff u, every function of <math.h> by four (glibc, newlib and musl
+stay below), and errors are carried on to first order with the recorded values; the sum is doubled.  An error of the
+estimate is carried from sample to sample by Ad, because the recorded states do not answer to it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from fractions import Fraction
+from functools import reduce
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dobc_design.exact.matrix import to_float
+from dobc_design.export.c_controller import AgentNumbers, Controller
+from dobc_design.spec.coupling import Coupling
+from dobc_design.spec.expression import evaluate
+
+Array = NDArray[np.float64]
+ROUNDOFF = {"double": 2.0**-53, "float": 2.0**-24}
+LIBRARY = 4.0  # units of roundoff of a function of <math.h>
+
+
+@dataclass(frozen=True, slots=True)
+class Erring:
+    """Values and bounds on their errors, arrays of one shape."""
+
+    value: Array
+    error: Array
+
+
+class ErringAlgebra:
+    """Algebra (``spec.tree.Algebra``) of values with errors, at the unit roundoff ``u``."""
+
+    def __init__(self, u: float) -> None:
+        self.u = u
+
+    def constant(self, value: Fraction) -> Erring:
+        return self._made(np.asarray(float(value)), np.asarray(0.0))
+
+    def pi(self) -> Erring:
+        return self._made(np.asarray(np.pi), np.asarray(0.0))
+
+    def negate(self, operand: Erring) -> Erring:
+        return Erring(-operand.value, operand.error)
+
+    def add(self, left: Erring, right: Erring) -> Erring:
+        return self._made(left.value + right.value, left.error + right.error)
+
+    def subtract(self, left: Erring, right: Erring) -> Erring:
+        return self.add(left, self.negate(right))
+
+    def multiply(self, left: Erring, right: Erring) -> Erring:
+        carried = np.abs(left.value) * right.error + np.abs(right.value) * left.error + left.error * right.error
+        return self._made(left.value * right.value, carried)
+
+    def divide(self, left: Erring, right: Erring) -> Erring:
+        value, room = left.value / right.value, np.abs(right.value) - right.error
+        carried = np.where(room > 0, (left.error + np.abs(value) * right.error) / np.where(room > 0, room, 1), np.inf)
+        return self._made(value, carried)
+
+    def power(self, base: Erring, exponent: int) -> Erring:
+        count = abs(exponent)
+        largest = (np.abs(base.value) + base.error) ** max(0, count - 1)
+        value = base.value**count
+        positive = self._made(value, count * largest * base.error, times=count)
+        one = self.constant(Fraction(1))
+        return positive if exponent >= 0 else self.divide(one, positive)
+
+    def call(self, name: str, arguments: tuple[Erring, ...]) -> Erring:
+        if name == "clip":
+            value, low, high = arguments
+            return self.call("min", (self.call("max", (value, low)), high))
+        if name in ("min", "max"):
+            choose = np.minimum if name == "min" else np.maximum
+            return reduce(
+                lambda a, b: Erring(choose(a.value, b.value), np.maximum(a.error, b.error)), arguments
+            )  # fmt: skip
+        (inner,) = arguments
+        x, error = inner.value, inner.error
+        value, slope = _FUNCTIONS[name](x, np.abs(x) + error)
+        return self._made(np.asarray(value), np.asarray(slope * error), times=LIBRARY)
+
+    def _made(self, value: Array, carried: Array, *, times: float = 1.0) -> Erring:
+        return Erring(np.asarray(value), np.asarray(carried + times * self.u * np.abs(value)))
+
+
+# Value at x, and a bound on the slope near it; |x| is at most the second argument.
+_FUNCTIONS: dict[str, Callable[[Array, Array], tuple[Any, Any]]] = {
+    "exp": lambda x, far: (np.exp(x), np.exp(x + (far - np.abs(x)))),
+    "log": lambda x, far: (np.log(x), 1 / np.maximum(2 * x - far, 0)),
+    "sin": lambda x, far: (np.sin(x), 1.0),
+    "cos": lambda x, far: (np.cos(x), 1.0),
+    "tan": lambda x, far: (np.tan(x), 2 * (1 + np.tan(x) ** 2)),
+    "tanh": lambda x, far: (np.tanh(x), 1.0),
+    "atan": lambda x, far: (np.arctan(x), 1.0),
+    "sinh": lambda x, far: (np.sinh(x), np.cosh(far)),
+    "cosh": lambda x, far: (np.cosh(x), np.cosh(far)),
+    "sqrt": lambda x, far: (np.sqrt(x), 0.5 / np.sqrt(np.maximum(2 * x - far, 0))),
+    "abs": lambda x, far: (np.abs(x), 1.0),
+}
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Recorded:
+    """One agent's samples in the double-precision loop.
+
+    Shapes: x, u, v, dhat (S, m), heard (S, neighbours, m), xihat (S, q), modes (S,).
+    """
+
+    agent: AgentNumbers
+    modes: NDArray[np.int64]
+    x: Array
+    heard: Array
+    xihat: Array
+    dhat: Array
+    u: Array
+    v: Array
+
+
+def rounding_bound(controller: Controller, recorded: Recorded) -> float:
+    """The largest difference of u, v and dhat between C code of the controller's precision and the recorded samples."""
+    with np.errstate(all="ignore"):
+        parts = [_bound(controller, recorded, ROUNDOFF[name]) for name in (controller.precision, "double")]
+    return 2 * sum(parts)
+
+
+def _bound(controller: Controller, recorded: Recorded, u: float) -> float:
+    agent, m, q = recorded.agent, controller.problem.m, controller.problem.q
+    goal, gain = to_float((agent.goal,))[0], np.abs(to_float(agent.gain))
+    e = recorded.x - goal
+    own = u * (np.abs(recorded.x) + np.abs(goal) + np.abs(e))  # of e: its input, the goal, the difference
+    felt, felt_error = felt_with_error(controller, recorded, e, own, u)
+    pull = own @ gain.T + (m + 2) * u * np.abs(e) @ gain.T
+    if q == 0:
+        return float(np.max(felt_error + pull + 3 * u * (np.abs(felt) + np.abs(e) @ gain.T)))
+    Ad, Cd, L = (np.abs(to_float(each)) for each in (controller.Ad, controller.Cd, controller.L))
+    size = np.abs(recorded.xihat) @ Cd.T
+    dhat = (q + 2) * u * size
+    held = felt_error + pull + dhat + 3 * u * (np.abs(felt) + np.abs(e) @ gain.T + size)
+    period = float(controller.period)
+    steps = np.abs(np.diff(recorded.x, axis=0))
+    mean = (u * (np.abs(recorded.x[1:]) + np.abs(recorded.x[:-1])) + 3 * u * steps) / period + held[:-1]
+    surprise = np.abs(np.diff(recorded.x, axis=0) / period - recorded.v[:-1] - recorded.dhat[:-1])
+    local = mean + u * (steps / period + np.abs(recorded.v[:-1])) + (q + 2) * u * size[:-1]
+    estimate = (q + m + 3) * u * (np.abs(recorded.xihat[:-1]) @ Ad.T + surprise @ L.T) + local @ L.T
+    carried = _powers(to_float(controller.Ad), len(steps)) @ np.max(estimate, axis=0, initial=0.0)
+    return float(np.max(held) + np.max(Cd @ carried))
+
+
+def _powers(Ad: Array, count: int) -> Array:
+    """The sum of |Ad^p| for p < count, (q, q)."""
+    total, power = np.zeros_like(Ad), np.eye(len(Ad))
+    for _ in range(count):
+        total += np.abs(power)
+        power = power @ Ad
+    return total
+
+
+def felt_with_error(controller: Controller, recorded: Recorded, e: Array, own: Array, u: float) -> tuple[Array, Array]:
+    """The couplings at every sample with bounds on their errors, (S, m) each; ``own`` bounds the error of e."""
+    algebra, couplings = ErringAlgebra(u), controller.problem.couplings
+    total, error, size = (np.zeros_like(e) for _ in range(3))
+    for mode, hearings in enumerate(recorded.agent.modes):
+        here = recorded.modes == mode
+        for arc in hearings:
+            heard = recorded.heard[here, arc.neighbour]
+            y = heard - e[here]
+            h = coupling_with_error(
+                couplings[arc.coupling], Erring(y, own[here] + u * (np.abs(heard) + np.abs(y))), algebra
+            )  # fmt: skip
+            weight = float(arc.weight)
+            total[here] += weight * h.value
+            size[here] += np.abs(weight * h.value)
+            error[here] += weight * h.error
+    count = max((len(each) for each in recorded.agent.modes), default=0)
+    return total, error + (count + 2) * u * size
+
+
+def coupling_with_error(coupling: Coupling, y: Erring, algebra: ErringAlgebra) -> Erring:
+    """h(y) with a bound on its error; y (S, m)."""
+    if coupling.by_component:
+        found = [evaluate(coupling.components[0].node, [y], algebra)]
+        return Erring(*(np.broadcast_to(part, y.value.shape) for part in (found[0].value, found[0].error)))
+    columns = [Erring(y.value[:, c], y.error[:, c]) for c in range(coupling.dimension)]
+    parts = [evaluate(each.node, columns, algebra) for each in coupling.components]
+    shape = len(y.value)
+    return Erring(
+        np.stack([np.broadcast_to(part.value, shape) for part in parts], axis=1),
+        np.stack([np.broadcast_to(part.error, shape) for part in parts], axis=1),
+    )

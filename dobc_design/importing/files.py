@@ -1,0 +1,70 @@
+"""A problem from a file of another program, by the suffix of its name."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from dobc_design.errors import SpecError
+from dobc_design.importing.grids import grid_problem
+from dobc_design.importing.matlab import read_mat
+from dobc_design.importing.matpower import read_matpower
+from dobc_design.importing.pandapower_net import is_pandapower, read_pandapower
+from dobc_design.spec.arcs_file import READERS, labels_in_file, read_arcs_file
+from dobc_design.spec.load import load_problem
+from dobc_design.spec.network import Network
+from dobc_design.spec.problem import Problem, is_name
+from dobc_design.spec.reading import shown
+from dobc_design.spec.toml_text import read_bytes
+
+LARGEST = 256 * 1024 * 1024
+SUFFIXES = (".m", ".json", ".mat", *READERS, ".toml")
+ARCS_ONLY = (
+    "Imported from {file}, which holds arcs and nothing else.",
+    'Stand-ins: the coupling h = "y" is linear, nobody is pinned, and there is no disturbance. Fill them in.',
+)
+
+
+def problem_from_file(path: Path, *, arrow: str | None = None) -> Problem:
+    """Make the problem; ``arrow`` is for files of arcs, where it says what a pair means.
+
+    Raises: SpecError for a file that is not there, of an unknown kind, or with something wrong in it.
+    """
+    suffix = path.suffix.lower()
+    if suffix not in SUFFIXES:
+        raise SpecError(
+            f"{shown(path.name)} must end in one of {', '.join(SUFFIXES)}, which say what kind of file it is.",
+            key=path.name, cure="Rename or convert it.",
+        )  # fmt: skip
+    if arrow is not None and suffix not in READERS:
+        raise SpecError(
+            f"arrow is for files of arcs ({', '.join(READERS)}); {shown(path.name)} says itself who listens.",
+            key="--arrow", cure="Leave it out.",
+        )  # fmt: skip
+    name = path.stem if is_name(path.stem) else "problem"
+    if suffix in READERS:
+        return _arcs_problem(path, name=name, arrow=arrow)
+    if suffix == ".toml":
+        return load_problem(path)
+    data = read_bytes(path, limit=LARGEST, what="file")
+    if suffix == ".m":
+        return grid_problem(read_matpower(data.decode("utf-8", errors="replace"), name=path.name), name=name)
+    if suffix == ".mat":
+        return read_mat(data, name=name)
+    if is_pandapower(data):
+        return grid_problem(read_pandapower(data, name=path.name), name=name)
+    return load_problem(path)
+
+
+def _arcs_problem(path: Path, *, name: str, arrow: str | None) -> Problem:
+    if arrow is None:
+        raise SpecError(
+            "arrow must say what a pair a, b of the file means; there is no default, because a wrong guess is never"
+            " noticed.",
+            key="--arrow", cure="listens_to: a hears b.  sends_to: a is heard by b.",
+        )  # fmt: skip
+    folder = path.resolve().parent
+    labels = labels_in_file(path.name, folder=folder, key="arcs")
+    index = {label: place for place, label in enumerate(labels)}
+    arcs = read_arcs_file(path.name, folder=folder, index=index, arrow=arrow, key="arcs")
+    notes = [note.format(file=path.name) for note in ARCS_ONLY]
+    return Problem(name=name, network=Network(labels=labels, modes={"G": arcs}), coupling="y", notes=notes)

@@ -1,0 +1,200 @@
+"""In from other programs, out to other programs and to targets: one function for each, all thin.
+
+In:  problem_from_file (MATPOWER, pandapower, MATLAB, arcs), from_pandapower.
+Out: to_c, to_fmu, to_sdpa, to_mat, to_casadi, to_numpy, to_sympy, to_latex; to_control is in ``workflow``.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from os import PathLike
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from dobc_design.certificate.certificate import Certificate
+from dobc_design.certificate.claims import Claims
+from dobc_design.certificate.files import write_atomically
+from dobc_design.errors import SpecError
+from dobc_design.exact.matrix import Matrix
+from dobc_design.spec.canonical import problem_sha256
+from dobc_design.spec.load import load_problem
+from dobc_design.spec.problem import Problem
+from dobc_design.verdict import Verdict
+
+if TYPE_CHECKING:
+    from dobc_design.export.c_folder import CCode
+    from dobc_design.export.fmu import Fmu
+    from dobc_design.simulate.signal_files import Signal
+
+Source = Problem | str | PathLike[str]
+
+
+def problem_from_file(path: str | PathLike[str], *, arrow: str | None = None) -> Problem:
+    """Make a problem from a file of another program, by its suffix.
+
+    .m MATPOWER case; .json pandapower network (or problem.json); .mat MATLAB; .csv, .graphml, .edges arcs, for which
+    ``arrow`` ("listens_to" or "sends_to") has to say what a pair means; .toml a problem file.
+    Returns: a Problem whose notes say what was assumed.  Raises: SpecError.
+    """
+    from dobc_design.importing.files import problem_from_file as run
+
+    return run(Path(path), arrow=arrow)
+
+
+def from_pandapower(net: Any, *, name: str | None = None, gain: Any = 1) -> Problem:
+    """The consensus problem of a pandapower network: angles coupled by sines, generators pinned with ``gain`` (1/s).
+
+    Returns: a Problem whose notes say what was left out.  Raises: SpecError.
+    """
+    from dobc_design.importing.pandapower_net import from_pandapower as run
+
+    return run(net, name=name, gain=gain)
+
+
+def to_c(
+    problem: Source, *, period: Any, precision: str = "double", agents: Sequence[Any] | None = None,
+    certificate: Certificate | Claims | None = None, sampled_gain: Any = None,
+) -> CCode:  # fmt: skip
+    """C99 of the sampled observer and controller, with a self-test; ``save(folder)`` writes it.
+
+    ``period`` in s; ``precision`` "double" or "float"; ``agents``: labels, default all (at most 200); ``certificate``:
+    its check ``sampling`` is compared with the period; ``sampled_gain`` (q, m) in place of the discretised W, as
+    ``design_observer(period=...)`` gives it.  A missing W is designed first, as ``certify`` does.
+    Raises: SpecError for a certificate of another problem, and for a period at which the sampled loop diverges; it then
+    names one that works.
+    """
+    from dobc_design.export.c_controller import make_controller
+    from dobc_design.export.c_folder import c_code
+    from dobc_design.export.c_vectors import Recorder
+    from dobc_design.export.certified_period import certified_sampling
+
+    problem = _loaded(problem)
+    claims = certificate.claims if isinstance(certificate, Certificate) else certificate
+    if claims is not None and claims.problem_sha256 != problem_sha256(problem):
+        raise SpecError("certificate must be one of this problem; it is about another one.", key="certificate",
+                        cure="Certify this problem.")  # fmt: skip
+    gain = _gain(problem) if claims is None else claims.W
+    recorder = Recorder(gain=gain, sampled_gain=sampled_gain, signal=_signal(problem))
+    controller = make_controller(
+        problem, period=period, precision=precision, agents=agents, gain=gain, sampled_gain=sampled_gain,
+        objection=recorder.objection,
+    )  # fmt: skip
+    certified = None if claims is None else certified_sampling(claims, controller.period)
+    return c_code(controller, recorder.recorded(controller), certified=certified)
+
+
+def to_fmu(problem: Source, *, period: Any, agent: Any = None, sampled_gain: Any = None) -> Fmu:
+    """One agent's sampled controller as an FMU (FMI 3.0, co-simulation); ``save(path)`` writes it.
+
+    ``agent``: its label; default the first pinned one.  Inputs: mode, x, heard[LABEL]; outputs: u, v, dhat and the
+    packet y.  Raises: as ``to_c``; SolverError if the C compiler refuses.
+    """
+    from dobc_design.export.c_controller import make_controller
+    from dobc_design.export.c_vectors import Recorder
+    from dobc_design.export.fmu import make_fmu
+
+    problem = _loaded(problem)
+    label = None if agent is None else str(agent)
+    if agent is None:
+        pinned = problem.pinning.agents
+        label = problem.network.labels[pinned[0] if pinned else 0]
+    gain = _gain(problem)
+    recorder = Recorder(gain=gain, sampled_gain=sampled_gain, signal=_signal(problem))
+    controller = make_controller(
+        problem, period=period, agents=[label], gain=gain, sampled_gain=sampled_gain, objection=recorder.objection
+    )
+    return make_fmu(controller)
+
+
+def to_sdpa(problem: Source) -> str:
+    """The matrix inequality of Lemma 1, Theorem 1 or 2 in SDPA's sparse format, with P, Q and t as unknowns.
+
+    t* < 0 if and only if the theorem holds, for bounds taken from a proved pair.  Raises: SpecError.
+    """
+    from dobc_design.deciding import decide
+    from dobc_design.export.sdpa import sdpa_text
+
+    problem = _loaded(problem)
+    found = decide(problem, lambda stage: None)
+    wanted = ("theorem1", "theorem2") if problem.exosystem is not None else ("lemma1",)
+    verdicts = [check.verdict for check in found.checks if check.id in wanted]
+    pair = None if found.pair is None else (found.pair.P, found.pair.Q)
+    return sdpa_text(problem, pair=pair, verdict=Verdict.all_of(verdicts) if verdicts else None)
+
+
+def to_mat(problem: Source, path: str | PathLike[str]) -> Path:
+    """Write A, C, L, W, P, k, xbar, offsets, h, labels, modes to a MATLAB file; ``problem_from_file`` reads it.
+
+    Numbers become doubles.  Raises: SpecError for couplings of single arcs.
+    """
+    from dobc_design.export.matlab import mat_bytes
+
+    write_atomically(Path(path), mat_bytes(_loaded(problem)))
+    return Path(path)
+
+
+def to_casadi(problem: Source, function: str = "closed_loop", *, mode: str | None = None) -> Any:
+    """One of the problem's casadi.Function objects: h, jacobian, observer, controller, closed_loop, error_dynamics.
+
+    ``mode`` defaults to the first.  A missing W is designed first.  Raises: SpecError.
+    """
+    from dobc_design.model.model import build_model
+
+    problem = _loaded(problem)
+    found = {each.name(): each for each in build_model(problem, mode, gain=_gain(problem)).functions}
+    if function not in found:
+        raise SpecError(f"function must be one of {', '.join(found)}; got {function[:60]!r}.", key="function")
+    return found[function]
+
+
+def to_numpy(source: Source | Certificate) -> dict[str, Any]:
+    """The matrices of a problem, or of a certificate with its W, P and Q, as float64 arrays by name.
+
+    A, C, W, P, Q, K, xbar, L and Lambda; with several modes L_MODE and Lambda_MODE.  Raises: SpecError above 500 rows.
+    """
+    from dobc_design.export.matrices import numpy_matrices
+
+    return numpy_matrices(_matrices(source)[0])
+
+
+def to_sympy(source: Source | Certificate) -> dict[str, Any]:
+    """The same matrices as SymPy matrices of exact rationals, and the coupling "h".  Raises: SpecError."""
+    from dobc_design.export.matrices import sympy_matrices
+
+    return sympy_matrices(*_matrices(source))
+
+
+def to_latex(source: Source | Certificate) -> str:
+    """h and the same matrices as displayed LaTeX equations.  Raises: SpecError."""
+    from dobc_design.export.matrices import latex_of
+
+    return latex_of(*_matrices(source))
+
+
+def _matrices(source: Source | Certificate) -> tuple[dict[str, Matrix], Problem]:
+    from dobc_design.export.matrices import exact_matrices
+
+    if isinstance(source, Certificate):
+        claims = source.claims
+        return exact_matrices(source.problem, W=claims.W, P=claims.P, Q=claims.Q), source.problem
+    problem = _loaded(source)
+    return exact_matrices(problem, W=problem.observer.W, P=problem.observer.P), problem
+
+
+def _loaded(problem: Source) -> Problem:
+    return problem if isinstance(problem, Problem) else load_problem(problem)
+
+
+def _gain(problem: Problem) -> Matrix | None:
+    """The W that ``certify`` uses: the one given, else the designed one."""
+    if problem.exosystem is None:
+        return None
+    from dobc_design.design.gain import design_gain
+
+    return problem.observer.W or design_gain(problem.exosystem, rate=problem.observer.rate).W
+
+
+def _signal(problem: Problem) -> Signal | None:
+    from dobc_design.simulate.signal_files import signal_of
+
+    return signal_of(problem)[0]

@@ -1,0 +1,40 @@
+"""Everything that a report with pictures shows: the common view and all figures, for the page and the PDF."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING, Any
+
+from dobc_design.certificate.certificate import Certificate
+from dobc_design.exact.matrix import Matrix
+from dobc_design.report import pictures, region_pictures
+from dobc_design.report.search_figures import search_pictures
+from dobc_design.report.view import common_view
+
+if TYPE_CHECKING:
+    from dobc_design.analysis.analysis import Analysis
+    from dobc_design.falsifying.suspect import Falsification
+    from dobc_design.simulate.trajectory import Trajectory
+    from dobc_design.theorems.duals import QuadraticDual
+    from dobc_design.verify.settling_check import StageTiming
+
+
+def full_view(
+    certificate: Certificate, *, analysis: Analysis | None, trajectory: Trajectory | None,
+    lambdas: Mapping[str, Matrix] | None, timings: Sequence[StageTiming], searches: Sequence[Falsification],
+    limits: Sequence[QuadraticDual],
+) -> dict[str, Any]:  # fmt: skip
+    """Names and values of ``common_view``, and the figures."""
+    network, legend = pictures.network_pictures(certificate)
+    return common_view(
+        certificate, analysis=analysis, trajectory=trajectory, lambdas=lambdas, timings=timings, searches=searches,
+        limits=limits,
+    ) | {
+        "network_pictures": network,
+        "network_legend": legend,
+        "region_pictures": region_pictures.region_pictures(certificate.regions, limits),
+        "envelope_picture": region_pictures.envelope_picture(certificate.settling),
+        "search_pictures": search_pictures(searches),
+        "eigenvalue_pictures": pictures.eigenvalue_pictures(certificate, analysis),
+        "simulation_pictures": pictures.simulation_pictures(certificate, trajectory),
+    }  # fmt: skip

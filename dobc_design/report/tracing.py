@@ -1,0 +1,133 @@
+"""Where every check comes from and where it is decided: paper or theory, this package, the lone checker."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any, Final
+
+from dobc_design.certificate import text as certificate_text
+from dobc_design.certificate.certificate import Certificate
+from dobc_design.report.formulas import rational
+from dobc_design.report.words import CHECKS
+from dobc_design.spec import canonical
+from dobc_design.theorems.explanations import EXPLANATIONS
+from dobc_design.verdict import Verdict
+from dobc_design.verify.check import Check
+
+_CHECKER, _REGIONS, _QUADRATIC = "checker.py", "region_checker.py", "quadratic_checker.py"
+_OBSERVER, _CONSENSUS, _SEPARABLE = "verify/observer.py", "verify/consensus.py", "verify/regions.py"
+
+# id -> (modules: the one that makes the claim, then those whose decision it is; file of the lone checker)
+DECIDED_IN: Final[dict[str, tuple[tuple[str, ...], str]]] = {
+    "observability": ((_OBSERVER, "exact/observability.py"), _CHECKER),
+    "detectability": ((_OBSERVER, "exact/observability.py"), _CHECKER),
+    "hurwitz": ((_OBSERVER, "exact/polynomial.py"), _CHECKER),
+    "reachability": (("verify/network.py",), _CHECKER),
+    "lemma1": ((_CONSENSUS, "exact/definite.py"), _CHECKER),
+    "theorem1": ((_CONSENSUS, "exact/definite.py"), _CHECKER),
+    "theorem2": ((_CONSENSUS, "exact/definite.py"), _CHECKER),
+    "theorem1-printed": ((_CONSENSUS, "exact/definite.py"), _CHECKER),
+    "theorem2-printed": ((_CONSENSUS, "exact/definite.py"), _CHECKER),
+    "max-separable": ((_SEPARABLE, "verify/separable.py", "verify/separable_observer.py"), _REGIONS),
+    "delay": ((_SEPARABLE, "verify/separable_timing.py"), _REGIONS),
+    "sampling": ((_SEPARABLE, "verify/separable_timing.py"), _REGIONS),
+    "equilibrium": (("verify/equilibria.py",), _REGIONS),
+    "lure": (("verify/quadratic_regions.py", "verify/lure.py"), _QUADRATIC),
+    "exhaustive": (("verify/quadratic_regions.py", "verify/shell.py"), _QUADRATIC),
+    "settling": (("verify/settling_check.py", "verify/staging.py"), _QUADRATIC),
+}
+#: People who sign a printed report.
+ROLES: Final = ("Prepared by", "Checked by", "Approved by")
+SIGNED: Final = ("Name", "Date", "Signature")
+TRACED: Final = (
+    "Every condition that was checked: what it says, where it stands in the paper or in the theory beside it, which"
+    " module of dobc_design decided it here, and which file of the lone checker decides it once more, in plain Python"
+    " that shares nothing with the package."
+)
+MADE_WITH: Final = (
+    "A certificate made with --all is made again with --all too. Its fingerprint is that of the file as dobc_design"
+    " writes it."
+)
+SIGNING: Final = (
+    "Who signs says which problem and which certificate it is about: the fingerprints above. What is proved needs no"
+    " signature; that the model fits the plant does."
+)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class TraceRow:
+    """One condition: what it is in words, where it stands, who decides it; everything is plain text."""
+
+    id: str
+    name: str
+    meaning: str
+    source: str
+    modules: tuple[str, ...]
+    checker: str
+    found: str
+
+    @property
+    def cells(self) -> tuple[str, ...]:
+        """In the order of TRACE_HEADS."""
+        name = f"{self.name} ({self.id})"
+        return (name, self.meaning, self.source, ", ".join(self.modules), self.checker, self.found)
+
+
+TRACE_HEADS: Final = ("check", "condition in words", "where it stands", "decided in", "decided again in", "found here")
+
+
+def trace_rows(checks: Sequence[Check]) -> list[TraceRow]:
+    """One row per condition of the certificate, in its order, without those that this version does not know."""
+    return [_row(id, checks) for id in dict.fromkeys(check.id for check in checks) if id in DECIDED_IN]
+
+
+def _row(id: str, checks: Sequence[Check]) -> TraceRow:
+    modules, checker = DECIDED_IN[id]
+    known = EXPLANATIONS[id]
+    counts = [(each, sum(check.id == id and check.verdict is each for check in checks)) for each in Verdict]
+    found = [each.value if count == 1 else f"{count} × {each.value}" for each, count in counts if count]
+    return TraceRow(
+        id=id, name=CHECKS[id][0], meaning=known.meaning, source=known.source, modules=modules,
+        checker=checker, found=", ".join(found),
+    )  # fmt: skip
+
+
+def reproduction(certificate: Certificate) -> dict[str, Any]:
+    """What somebody needs to make and to check the same certificate again: fingerprints, versions, commands."""
+    claims = certificate.claims
+    data = certificate_text.certificate_bytes(claims)
+    return {
+        "fingerprints": [
+            ("problem.json", claims.problem_sha256),
+            ("certificate.json", hashlib.sha256(data).hexdigest()),
+        ],
+        "versions": [
+            ("program", f"dobc_design {claims.version}"),
+            ("certificate format", f"{certificate_text.FORMAT} {certificate_text.VERSION}"),
+            ("problem format", f"{canonical.FORMAT} {canonical.VERSION}"),
+        ],
+        "certify": _certify_command(certificate.checks),
+        "verify": "dobc verify certificate.json --problem problem.json",
+        "alone": "python -I -S checker.py certificate.json problem.json",
+    }
+
+
+def _certify_command(checks: Sequence[Check]) -> str:
+    """The command that decides the same conditions; a settling time is asked for by its tolerance."""
+    for check in checks:
+        tolerance = rational((check.exact or {}).get("tolerance")) if check.id == "settling" else None
+        if check.verdict is Verdict.PROVED and tolerance is not None:
+            return f"dobc certify problem.json --settling {tolerance} --out again"
+    return "dobc certify problem.json --out again"
+
+
+def title_block(certificate: Certificate, again: dict[str, Any]) -> list[tuple[str, str]]:
+    """What identifies a signed report, on its first page."""
+    prints = [(f"SHA-256 of {name}", value) for name, value in again["fingerprints"]]
+    program, file_format, _ = again["versions"]
+    return [
+        ("Problem", certificate.claims.problem_name), ("Verdict", certificate.verdict.value), *prints,
+        ("Decided by", f"{program[1]}, {file_format[1]}"),
+    ]  # fmt: skip

@@ -1,0 +1,94 @@
+"""Falsification beside a certificate: a search where it was asked, and on the boundary of what is certified.
+
+What is found by simulation is shown and refutes nothing.  A proved equilibrium inside the region asked for does: it
+becomes a check of the certificate, unless a proof or a refutation stands there already.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from typing import Final
+
+from dobc_design.certificate.certificate import Certificate
+from dobc_design.errors import SpecError
+from dobc_design.falsifying.falsify import RUNS, falsify
+from dobc_design.falsifying.suspect import Falsification
+from dobc_design.verdict import Verdict
+from dobc_design.verify.check import Check
+from dobc_design.verify.overall import REGION_IDS, decide_overall
+
+Progress = Callable[[str], None]
+
+#: Starts of the default search: rows n m times starts are at most so many, but there are a few starts at least.
+MOST_ROWS: Final = 200_000
+LEAST_RUNS: Final = 5
+#: Where no region is asked for, starts up to this many times the largest certified box are looked at.
+BEYOND: Final = 2
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Searched:
+    """The certificate after a search, and what the search brought up: asked for first, then the certified set."""
+
+    certificate: Certificate
+    searches: tuple[Falsification, ...]
+
+
+def search_certificate(
+    certificate: Certificate, *, runs: int | None = None, seed: int | None = None, progress: Progress | None = None
+) -> Searched:
+    """Search the starts asked for, and the boundary of the certified set where there is one.
+
+    ``runs`` starts each, by default 500, fewer for large networks; the same ``seed`` (the problem's by default) gives
+    the same answer.  Nothing is searched where an exosystem has no W.  Raises: SpecError for a wrong argument.
+    """
+    problem, W = certificate.problem, certificate.claims.W
+    if runs is None:
+        runs = max(LEAST_RUNS, min(RUNS, MOST_ROWS // (problem.n * problem.m)))
+    if problem.exosystem is not None and W is None:
+        return Searched(certificate=certificate, searches=())
+    check = regional_check(certificate)
+    radius = None if problem.region is not None else _reach(certificate)
+    found = [falsify(problem, runs=runs, seed=seed, radius=radius, gain=W, progress=progress)]
+    if check is not None:
+        found.append(falsify(problem, runs=runs, seed=seed, certified=check, gain=W, progress=progress))
+    return Searched(certificate=_with_check(certificate, found[0].check), searches=tuple(found))
+
+
+def regional_check(certificate: Certificate) -> Check | None:
+    """The proved check of a region that covers what is asked, else the first one; None without one."""
+    proved = [check for check in certificate.checks if check.verdict is Verdict.PROVED and check.id in REGION_IDS]
+    first = proved[0] if proved else None
+    return next((check for check in proved if check.id == certificate.claims.covered_by), first)
+
+
+def needed_check(certificate: Certificate) -> Check:
+    """The same.  Raises: SpecError without one."""
+    found = regional_check(certificate)
+    if found is None:
+        raise SpecError(
+            "certified must hold a proved check of a region; this certificate has none.", key="certified",
+            cure="Ask for a [region], or give certify everything=True.",
+        )  # fmt: skip
+    return found
+
+
+def _reach(certificate: Certificate) -> float | None:
+    """How far is looked without a region: beyond what is proved."""
+    largest = max((claim.box or 0.0 for claim in certificate.regions.claims), default=0.0)
+    return BEYOND * largest or None
+
+
+def _with_check(certificate: Certificate, check: Check | None) -> Certificate:
+    """The certificate with a refuting check, where nothing was decided and the check refutes what is asked."""
+    ids = {each.id for each in certificate.checks}
+    if check is None or certificate.verdict is not Verdict.UNDECIDED or check.id in ids:
+        return certificate
+    checks = (*certificate.checks, check)
+    overall = decide_overall(certificate.problem, checks, certificate.claims.W)
+    claims = replace(
+        certificate.claims, checks=checks, verdict=overall.verdict, reason=overall.reason, rate=overall.rate,
+        covered_by=overall.covered_by,
+    )  # fmt: skip
+    return replace(certificate, claims=claims)

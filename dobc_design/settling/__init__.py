@@ -1,0 +1,1 @@
+"""A certified settling time: proposals joined, for ``verify`` to decide."""

@@ -1,0 +1,252 @@
+"""Certified bounds of |e(t)|_inf beside simulated runs: worked out by hand, never crossed, and only where they hold."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from fractions import Fraction
+
+import numpy as np
+import pytest
+
+import dobc_design as dd
+from dobc_design.certificate.bounds import certified_bound
+from dobc_design.certificate.certificate import Certificate
+from dobc_design.errors import CertificateError, SpecError
+from dobc_design.report.pictures import simulation_pictures
+from dobc_design.spec.exosystem import Exosystem
+from dobc_design.spec.network import Network
+from dobc_design.spec.observer import Observer
+from dobc_design.spec.problem import Problem
+from dobc_design.verdict import Verdict
+from dobc_design.verify.check import Check
+
+
+def ring(*, disturbed: bool = True, n: int = 3, **settings) -> Problem:
+    """Agents in a directed ring, all pinned."""
+    extra = {}
+    if disturbed:
+        extra = {"exosystem": Exosystem(A=[[0]], C=[[1]]), "observer": Observer(W=[[4]])}
+    given = {"coupling": "y", "gains": 3, "target": 1, "name": "ring"} | extra | settings
+    network = Network.from_arcs([[i + 1, (i + 1) % n + 1] for i in range(n)], arrow="listens_to", agents=n)
+    return Problem(network=network, **given)
+
+
+REGION = {"initial_states": [0, 2], "initial_disturbance": "1/2"}
+N = 3
+FAR, NEAR = np.linspace(0, 2, N)[:, None], np.linspace(0.9, 1.1, N)[:, None]
+
+
+@pytest.fixture(scope="module")
+def curved() -> tuple[Problem, Certificate]:
+    """A max-separable proof of the region, and beside it a quadratic claim in numbers of our own, nobody's proof."""
+    problem = ring(n=N, coupling="exp(y) - 1 + y", region=REGION)
+    certificate = dd.certify(problem)
+    assert certificate.covered_by == "max-separable"
+    checks = (*certificate.checks, QUADRATIC)
+    return problem, replace(certificate, claims=replace(certificate.claims, checks=checks))
+
+
+QUADRATIC = Check(
+    id="lure", verdict=Verdict.PROVED, domain={"kind": "ball", "radius": 0.5, "disturbance": 0.25}, rate=0.25,
+    reason="",
+    exact={
+        "method": "interval", "level": "5/2", "radius": "1", "rate": "1/4", "P": [["2"]], "multipliers": {},
+        "P_e": [[0, 0, "2"], [0, 1, "1/2"], [1, 1, "1"], [2, 2, "3"]],
+        "ranges": [{"coupling": 0, "gains": [[["1", "4"]]]}],
+    },
+)  # fmt: skip
+
+
+def only(certificate: Certificate, *ids: str) -> Certificate:
+    checks = tuple(check for check in certificate.checks if check.id in ids)
+    return replace(certificate, claims=replace(certificate.claims, checks=checks))
+
+
+def test_the_max_separable_bound_is_that_of_its_numbers(curved):
+    """|e_i| <= v_i V, V(0) <= R/min v + kappa s sqrt(size), V falls at min(alpha, beta - 1/(kappa min v))."""
+    problem, certificate = curved
+    exact = certificate.check("max-separable").exact
+    v, alpha = [float(Fraction(x)) for x in exact["v"]], float(Fraction(exact["alpha"]))
+    beta, kappa, size = (float(Fraction(exact[name])) for name in ("beta", "kappa", "size"))
+    bound = only(certificate, "max-separable").envelope(dd.simulate(problem, start={"x": FAR}, t_final=2))
+    domain = certificate.check("max-separable").domain
+    first = domain["radius"] / min(v) + kappa * domain["disturbance"] * np.sqrt(size)
+    t = np.array([0.0, 0.5, 3.0])
+    wanted = max(v) * first * np.exp(-min(alpha, beta - 1 / (kappa * min(v))) * t)
+    np.testing.assert_allclose(bound(t), wanted, rtol=1e-9)
+    assert (bound(t) >= wanted * (1 - 1e-15)).all()
+    assert bound.sources == ("max-separable",)
+
+
+@pytest.mark.parametrize(("radius", "squared"), [(0.5, None), (0.9, 2.5)])
+def test_the_quadratic_bound_is_that_of_its_ellipsoid(curved, radius: float, squared):
+    """V(0) <= lambda_max(P_e) R^2 + n lambda_max(P) s^2, and no more than the level; |e_c|^2 <= V (P_e^-1)_cc."""
+    problem, certificate = curved
+    P_e = np.array([[2, 0.5, 0], [0.5, 1, 0], [0, 0, 3]])
+    check = replace(QUADRATIC, domain={"kind": "ball", "radius": radius, "disturbance": 0.25})
+    claims = replace(certificate.claims, checks=(check,))
+    bound = certified_bound(problem, claims, dd.simulate(problem, start={"x": NEAR, "xi": 0 * NEAR}, t_final=2))
+    first = np.linalg.eigvalsh(P_e)[-1] * radius**2 + N * 2 * 0.25**2 if squared is None else squared
+    tallest = 0.0
+    for c in range(N):  # the point of the ellipsoid that is farthest in direction c, by Lagrange
+        direction = np.linalg.solve(P_e, np.eye(N)[c])
+        tallest = max(tallest, direction[c] / np.sqrt(direction @ P_e @ direction))
+    np.testing.assert_allclose(bound([0.0, 2.0]), tallest * np.sqrt(first) * np.exp([0, -0.25 * 2]), rtol=1e-9)
+    assert bound.sources == ("lure",)
+
+
+@pytest.mark.parametrize("disturbed", [True, False])
+def test_linear_couplings_are_bounded_from_every_start(disturbed: bool):
+    """V = e'e + sum eps_i'P eps_i falls at twice the rate; without a region, far away."""
+    problem = ring(disturbed=disturbed)
+    certificate = dd.certify(problem)
+    start = {"x": [[50.0], [-70.0], [1.0]]} | ({"xi": [[3.0], [4.0], [0.0]]} if disturbed else {})
+    run = dd.simulate(problem, start=start, t_final=3)
+    bound = only(certificate, "theorem1" if disturbed else "lemma1").envelope(run)
+    length = 49**2 + 71**2
+    if disturbed:
+        length += 3 * 4**2 * float(Fraction(certificate.check("theorem1").exact["P"][0][0]))
+    assert bound(0.0) == pytest.approx(np.sqrt(length), rel=1e-9)
+    assert (run.error() <= bound(run.times)).all()
+    rate = certificate.check("theorem1" if disturbed else "lemma1").rate
+    assert np.log(bound(0.0) / bound(1.0)) == pytest.approx(rate, rel=1e-9)
+
+
+def test_no_run_crosses_the_bound_and_a_tenth_of_it_is_crossed(curved):
+    problem, certificate = curved
+    many = dd.simulate(problem, runs=40, t_final=4)
+    bound = certificate.envelope(many)
+    assert (many.error <= bound(many.times)).all()
+    assert not (many.error <= 0.1 * bound(many.times)).all()
+
+
+def test_the_least_of_all_proved_bounds_counts(curved):
+    problem, certificate = curved
+    run = dd.simulate(problem, start={"x": NEAR, "xi": 0 * NEAR}, t_final=3)
+    every = certificate.envelope(run)
+    assert {"max-separable", "lure"} <= set(every.sources)
+    parts = [only(certificate, id).envelope(run)(run.times) for id in every.sources]
+    np.testing.assert_array_equal(every(run.times), np.minimum.reduce(parts))
+
+
+@pytest.mark.parametrize(
+    ("given", "reason"),
+    [
+        ({"stress": dd.Stress(noise=0.1)}, "under stress"), ({"observer": "off"}, "here it is off"),
+        ({"signal": dd.Mobile(radius=9)}, "follows from positions"),
+        ({"start": {"x": 9 * FAR}}, "starts outside what is certified"),
+        ({"start": {"x": NEAR, "xi": 9 * FAR}}, "starts outside what is certified"),
+    ],
+)  # fmt: skip
+def test_where_nothing_is_proved_about_a_run_no_bound_is_shown_and_the_reason_is(curved, given, reason: str):
+    problem, certificate = curved
+    for runs in (None, 2):
+        done = dd.simulate(problem, runs=runs, t_final=1, **given)
+        bound = certificate.envelope(done)
+        assert reason in bound.reason
+        assert bound.sources == ()
+        with pytest.raises(SpecError, match="no certified bound"):
+            bound([0.0])
+        lines = [line.get_label() for ax in done.plot(certificate=certificate).figure.axes for line in ax.get_lines()]
+        assert "certified bound on |e|∞" not in lines
+
+
+def test_a_certificate_without_regions_bounds_nothing_and_says_what_to_ask_for():
+    problem = ring(coupling="exp(y) - 1 + y")
+    bound = dd.certify(problem).envelope(dd.simulate(problem, t_final=1))
+    assert "ask for a [region]" in bound.reason
+
+
+def test_a_run_of_another_problem_is_refused(curved):
+    other = ring(n=N, coupling="exp(y) - 1 + y", region=REGION, name="other")
+    with pytest.raises(SpecError, match="it is one of 'other'"):
+        curved[1].envelope(dd.simulate(other, t_final=1))
+
+
+def test_a_claim_that_cannot_be_read_is_no_bound(curved):
+    problem, certificate = curved
+    check = certificate.check("max-separable")
+    broken = replace(check, exact={**check.exact, "v": ["1", "2"]})
+    claims = replace(certificate.claims, checks=(broken,))
+    with pytest.raises(CertificateError, match="cannot be read"):
+        replace(certificate, claims=claims).envelope(dd.simulate(problem, t_final=1))
+
+
+def test_the_figure_shows_the_bound_at_every_sample_of_the_axis(curved):
+    problem, certificate = curved
+    run = dd.simulate(problem, t_final=3)
+    errors = run.plot(certificate=certificate).figure.axes[-1]
+    line = next(each for each in errors.get_lines() if each.get_label() == "certified bound on |e|∞")
+    np.testing.assert_allclose(line.get_ydata(), certificate.envelope(run)(line.get_xdata()), rtol=1e-12)
+    assert line.get_xdata()[[0, -1]].tolist() == [0, 3]
+    with pytest.raises(SpecError, match="exclude each other"):
+        run.plot(certificate=certificate, envelope=[[0, 1], [1, 1]])
+
+
+def test_the_bound_is_drawn_as_far_as_the_integration_can_be_held_against_it():
+    """A loop that decays like exp(-3 t): after 20 s the bound is 1e-26 of its start, and the run integration error."""
+    problem = ring(disturbed=False)
+    run, certificate = dd.simulate(problem, t_final=20), dd.certify(problem)
+    errors = run.plot(certificate=certificate).figure.axes[-1]
+    line = next(each for each in errors.get_lines() if each.get_label() == "certified bound on |e|∞")
+    bound = certificate.envelope(run)(line.get_xdata())
+    assert np.array_equal(np.isnan(line.get_ydata()), bound < 1e-9 * bound[0])
+    assert bound[-1] < 1e-20
+    assert run.final_error > bound[-1]  # which says nothing against the bound
+
+
+def test_a_settling_time_bounds_by_its_stages(curved):
+    problem, certificate = curved
+    run = dd.simulate(problem, t_final=6)
+    settling = dd.certify_settling(problem, tolerance="1/100")
+    bound = replace(certificate.envelope(run), envelopes=(), settling=settling)
+    assert bound.sources == ("settling",)
+    np.testing.assert_array_equal(bound(run.times), settling.envelope(run.times))
+    assert (run.error() <= bound(run.times)).all()
+
+
+@pytest.mark.parametrize("times", [[-1.0], [np.nan], [0.0, np.inf]])
+def test_times_without_a_meaning_are_refused(curved, times):
+    problem, certificate = curved
+    with pytest.raises(SpecError, match="finite and >= 0"):
+        certificate.envelope(dd.simulate(problem, t_final=1))(times)
+
+
+def test_the_report_draws_the_bound_and_says_whose_it_is(curved):
+    """Where the start is not covered, the slope of the rate stands there, as a slope."""
+    problem, certificate = curved
+    picture = simulation_pictures(only(certificate, "max-separable"), dd.simulate(problem, t_final=2))[-1]
+    assert picture.caption.endswith("Dashed: what max-separable proves about it.")
+    assert "certified bound" in picture.svg
+    outside = dd.simulate(problem, start={"x": 3 * FAR}, t_final=2)
+    picture = simulation_pictures(only(certificate, "max-separable"), outside)[-1]
+    assert picture.caption.endswith("the slope of the certified rate, for comparison.")
+    assert "certified bound" not in picture.svg
+
+
+@pytest.mark.parametrize(
+    "changes", [{"gains": {1: 0.1}}, {"coupling": "y"}, {"observer": dd.Observer(W=[[5]])}, {"target": 3}]
+)
+def test_a_run_of_another_problem_of_the_same_name_has_no_bound(curved, changes):
+    """Problems made in Python are often called the same; only the problem and W that were simulated count."""
+    problem, certificate = curved
+    remake, (given,) = problem.__reduce__()
+    other = remake(given | changes)
+    assert other.name == problem.name
+    for runs in (None, 3):
+        with pytest.raises(SpecError, match="another problem of that name, or with another gain W"):
+            certificate.envelope(dd.simulate(other, runs=runs, t_final=0.5))
+    assert certificate.envelope(dd.simulate(problem, t_final=0.5)).sources
+
+
+def test_a_run_that_does_not_say_of_which_problem_it_is_has_no_bound(curved):
+    problem, certificate = curved
+    bound = certificate.envelope(replace(dd.simulate(problem, t_final=0.5), loop_sha256=""))
+    assert not bound.sources
+    assert "does not record of which problem" in bound.reason
+
+
+def test_a_stored_run_keeps_its_problem(curved, tmp_path):
+    problem, certificate = curved
+    path = dd.simulate(problem, t_final=0.5).save(tmp_path / "run.npz")
+    assert certificate.envelope(dd.load_trajectory(path)).sources

@@ -1,0 +1,77 @@
+"""The Designer on a real Jupyter server, driven in Chromium without a screen, by the browser's own protocol."""
+
+from __future__ import annotations
+
+import os
+import re
+import subprocess
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+
+import nbformat
+import pytest
+from chromium import CHROMIUM, Page, browser, until
+
+pytest.importorskip("anywidget", reason="needs the extra `notebook`: pip install 'dobc_design[notebook]'")
+pytest.importorskip("jupyterlab", reason="needs the extra `notebook`: pip install 'dobc_design[notebook]'")
+pytest.importorskip("websocket", reason="needs websocket-client, which comes with the extra `notebook`")
+
+pytestmark = [pytest.mark.slow, pytest.mark.skipif(CHROMIUM is None, reason="needs chromium")]
+
+
+@pytest.fixture
+def server(tmp_path: Path) -> Iterator[str]:
+    """A Jupyter server with one notebook; gives the notebook's address."""
+    kernel = {"kernelspec": {"name": "python3", "display_name": "Python 3", "language": "python"}}
+    notebook = nbformat.v4.new_notebook(metadata=kernel)
+    notebook.cells = [
+        nbformat.v4.new_code_cell('import dobc_design as dd\ndesigner = dd.Designer("paper-fixed")\ndesigner')
+    ]
+    nbformat.write(notebook, tmp_path / "design.ipynb")
+    log = tmp_path / "server.log"
+    environment = os.environ | {f"JUPYTER_{name}_DIR": str(tmp_path / name) for name in ("CONFIG", "DATA", "RUNTIME")}
+    with log.open("w") as out:
+        process = subprocess.Popen(
+            [sys.executable, "-m", "jupyterlab", "--no-browser", "--allow-root", "--port=0", "--ip=127.0.0.1",
+             "--IdentityProvider.token=secret", "--LabApp.expose_app_in_browser=True", f"--notebook-dir={tmp_path}"],
+            stdout=out, stderr=subprocess.STDOUT, env=environment, cwd=tmp_path,
+        )  # fmt: skip
+    try:
+        port = until("the server's port", lambda: re.search(r"http://127\.0\.0\.1:(\d+)/lab", log.read_text()))[1]
+        yield f"http://127.0.0.1:{port}/lab/tree/design.ipynb?token=secret"
+    finally:
+        process.terminate()
+        process.wait(timeout=30)
+
+
+@pytest.fixture
+def page(tmp_path: Path, server: str) -> Iterator[Page]:
+    with browser(tmp_path, server, wanted="design.ipynb") as opened:
+        yield opened
+
+
+def test_a_click_pins_an_agent_and_the_exact_verdict_follows(page: Page, tmp_path: Path):
+    until("JupyterLab", lambda: page.run("!!(window.jupyterapp && window.jupyterapp.shell.currentWidget)"))
+    until("the kernel", lambda: page.run(
+        "(() => { const s = window.jupyterapp.shell.currentWidget?.sessionContext;"
+        " return s?.session?.kernel?.status === 'idle'; })()"))  # fmt: skip
+    page.run("void window.jupyterapp.commands.execute('notebook:run-all-cells')")
+    until("the widget", lambda: page.run("document.querySelectorAll('.dobc-agent').length === 10"))
+    said = "document.querySelector('.dobc-verdict').textContent"
+    first = until("the first verdict", lambda: "PROVED" in (text := page.run(said) or "") and text)
+    rate = page.run("document.querySelector('.dobc-numbers').textContent")
+    pinned = "[...document.querySelectorAll('.dobc-pinned')].map(x => x.dataset.agent).sort().join(' ')"
+    assert page.run(pinned) == "1 6"
+    click = "document.querySelector('.dobc-agent[data-agent=\"{}\"]').dispatchEvent(new MouseEvent('click'))"
+    page.run(click.format(3))
+    until("the pin", lambda: page.run(pinned) == "1 3 6")
+    until("new estimates", lambda: page.run("document.querySelector('.dobc-numbers').textContent") != rate)
+    second = until("a new verdict", lambda: "PROVED" in (text := page.run(said) or "") and text != first and text)
+    for agent in (1, 3, 6):
+        page.run(click.format(agent))
+    until("no pin", lambda: page.run(pinned) == "")
+    last = until("the refusal", lambda: "REFUTED" in (text := page.run(said) or "") and text)
+    assert "no agent is pinned" in last
+    assert float(re.search(r"rate ([0-9.]+) ", second)[1]) > float(re.search(r"rate ([0-9.]+) ", first)[1])
+    page.screenshot(Path(os.environ.get("DOBC_SCREENSHOTS", tmp_path)) / "designer.png")

@@ -1,0 +1,105 @@
+"""The Designer without a browser: what is set is what is certified, previewed and saved."""
+
+from __future__ import annotations
+
+from fractions import Fraction
+
+import numpy as np
+import pytest
+
+pytest.importorskip("anywidget", reason="needs the extra `notebook`: pip install 'dobc_design[notebook]'")
+
+import dobc_design as dd
+from dobc_design.designer.preview import preview
+from dobc_design.errors import SpecError
+from dobc_design.spec.canonical import canonical_bytes
+
+
+@pytest.fixture
+def designer() -> dd.Designer:
+    network = dd.Network.from_arcs([[2, 1], [3, 2]], arrow="listens_to", agents=3)
+    return dd.Designer(dd.Problem(network=network, coupling="tanh(y) + y", target=2, gains={1: 3}, name="line"))
+
+
+def test_it_shows_the_problem_it_was_given(designer):
+    assert designer.gains == {"1": 3.0}
+    assert designer.network["labels"] == ["1", "2", "3"]
+    assert designer.network["arcs"] == [[1, 0], [2, 1]]
+    assert designer.problem.pinning.gains == {0: ((Fraction(3),),)}
+
+
+def test_sliders_set_exact_numbers(designer):
+    designer.gains = {"1": 0.1, "3": 2.5}
+    designer.radius = 1.2
+    gains = designer.problem.pinning.gains
+    assert gains == {0: ((Fraction(1, 10),),), 2: ((Fraction(5, 2),),)}
+    assert designer.problem.region.initial_states == ((Fraction(4, 5), Fraction(16, 5)),)
+
+
+def test_the_exact_verdict_is_that_of_certify_and_goes_with_the_next_move(designer):
+    certificate = designer.certify()
+    assert certificate.verdict is dd.Verdict.PROVED
+    assert designer.verdict["verdict"] == "proved"
+    assert dd.verify(certificate, designer.problem).holds
+    designer.gains = {}
+    assert designer.certificate is None
+    assert designer.verdict == {}
+    assert designer.certify().verdict is dd.Verdict.REFUTED
+    assert "no agent is pinned" in designer.verdict["text"]
+
+
+def test_the_preview_agrees_with_closed_forms(designer):
+    """h'(0) = 2, gain 3 at agent 1: Lambda = [[-6, 2, 0], [2, -4, 2], [0, 2, -4]]; without pins it is not negative."""
+    wanted = np.linalg.eigvalsh(np.array([[-6.0, 2, 0], [2, -4, 2], [0, 2, -4]])).max()
+    assert designer.numbers["lambda_max"] == pytest.approx(wanted, rel=1e-9)
+    assert designer.numbers["reach"] == 1.0
+    designer.gains = {}
+    assert designer.numbers["lambda_max"] >= 0
+    assert designer.numbers["reach"] == 0
+
+
+def test_the_previewed_region_is_about_what_certify_proves():
+    """sin, one pin of two agents that listen to each other: a box below pi is all there is."""
+    network = dd.Network.from_arcs([[2, 1], [1, 2]], arrow="listens_to", agents=2)
+    problem = dd.Problem(network=network, coupling="sin(y)", target=0, gains={1: 1})
+    reach = preview(problem, radius=6.0, rate=0.01, t_final=1.0).reach
+    region = {"initial_states": [-0.9 * reach, 0.9 * reach]}
+    inside = dd.Problem(network=network, coupling="sin(y)", target=0, gains={1: 1}, region=region)
+    assert 0.5 < reach < 3.2
+    assert dd.certify(inside).verdict is dd.Verdict.PROVED
+
+
+def test_a_saved_file_is_the_problem(designer, tmp_path):
+    designer.gains = {"2": 0.7}
+    path = designer.save(tmp_path / "new.toml")
+    assert canonical_bytes(dd.load_problem(path)) == canonical_bytes(designer.problem)
+    with pytest.raises(SpecError, match=r"there already"):
+        designer.save(path)
+
+
+def test_a_message_of_the_page_saves_and_says_what_went_wrong(designer, tmp_path, monkeypatch):
+    said = []
+    monkeypatch.setattr(type(designer), "send", lambda self, content, buffers=None: said.append(content["text"]))
+    for path in (tmp_path / "a.toml", tmp_path / "a.toml", tmp_path / "no" / "folder.toml"):
+        designer._asked(designer, {"kind": "save", "path": str(path)}, [])
+    designer._asked(designer, "noise", [])
+    assert said[0] == f"Saved as {tmp_path / 'a.toml'}."
+    assert "there already" in said[1]
+    assert "folder.toml" in said[2]
+
+
+def test_what_cannot_be_drawn_is_refused():
+    with pytest.raises(SpecError, match=r"201 agents; the drawing holds 200"):
+        dd.Designer(dd.Problem(network=dd.Network.from_arcs([[2, 1]], arrow="listens_to", agents=201), coupling="y"))
+    matrix = dd.Problem(
+        network=dd.Network.from_arcs([[2, 1]], arrow="listens_to", agents=2), coupling="y", target=[0, 0],
+        gains={1: [[1, 0], [0, 2]]},
+    )  # fmt: skip
+    with pytest.raises(SpecError, match=r"agent 1 has a matrix as its gain"):
+        dd.Designer(matrix)
+
+
+def test_a_kink_at_the_target_leaves_the_eigenvalue_out():
+    network = dd.Network.from_arcs([[2, 1]], arrow="listens_to", agents=2)
+    kinked = dd.Problem(network=network, coupling="y + abs(y)/2", target=0, gains={1: 1, 2: 1})
+    assert dd.Designer(kinked).numbers["lambda_max"] is None

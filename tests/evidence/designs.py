@@ -1,0 +1,100 @@
+"""Joint designs: what is proved is proved again, what is refused is impossible for random gains, built-in problems."""
+
+from __future__ import annotations
+
+from fractions import Fraction
+from random import Random
+
+import numpy as np
+from evidence.row import Row
+
+import dobc_design as dd
+from dobc_design.spec.network import Network
+from dobc_design.spec.problem import Problem
+from dobc_design.verdict import Verdict
+
+BUILT_IN = ("paper-fixed", "paper-switching", "clock-sync", "karate-club", "microgrid-ieee14", "uav-swarm")
+MOST_PINS = {"paper-fixed": 2}
+TRIALS = 200
+
+
+def built_in(count: int, seed: int) -> Row:
+    """The built-in problems without their gains and W: designed, certified, decided again by both checkers."""
+    failures, notes = [], []
+    names = BUILT_IN[:count]
+    for name in names:
+        found = dd.design(name)
+        if found.verdict is not Verdict.PROVED or found.problem is None or found.certificate is None:
+            failures.append(f"{name}: {found.verdict.value}, {found.reason}")
+            continue
+        again = dd.verify(dd.certify(found.problem), found.problem)
+        if not again.holds or again.verdict is not Verdict.PROVED or len(found.gains) > MOST_PINS.get(name, 99):
+            failures.append(f"{name}: {again.verdict.value}, pins {', '.join(found.gains)}")
+        notes.append(f"{name}: {len(found.gains)} pins, rate {found.rate or 0:.3g} 1/s")
+    return Row(what="built-in problems designed and proved", count=len(names), failures=tuple(failures),
+               notes=tuple(notes))  # fmt: skip
+
+
+def requests(count: int, seed: int) -> Row:
+    """Random linear networks and requests: proofs hold, and no random gains do what was refused."""
+    failures = []
+    counts = dict.fromkeys(Verdict, 0)
+    for number in range(count):
+        r = Random(seed + number)
+        problem, asked = _case(r)
+        found = dd.design(problem, **asked)
+        counts[found.verdict] += 1
+        if found.verdict is Verdict.PROVED:
+            if found.certificate is None or found.problem is None or not _keeps(found, asked):
+                failures.append(f"{seed + number}: a limit is broken")
+            elif not dd.verify(found.certificate, found.problem).holds:
+                failures.append(f"{seed + number}: the certificate does not hold")
+        elif found.verdict is Verdict.REFUTED and _found_one(r, problem, asked):
+            failures.append(f"{seed + number}: refused, yet possible")
+    notes = (", ".join(f"{n} {verdict.value}" for verdict, n in counts.items()),)
+    return Row(what="random requests for a design", count=count, failures=tuple(failures), notes=notes)
+
+
+def _case(r: Random) -> tuple[Problem, dict]:
+    n = r.randint(2, 5)
+    arcs = [[i, j, round(r.uniform(0.2, 2), 1)] for i in range(1, n + 1) for j in range(1, n + 1)
+            if i != j and r.random() < 0.5] or [[1, 2]]  # fmt: skip
+    network = Network.from_arcs(arcs, arrow="listens_to", agents=n)
+    problem = Problem(network=network, coupling="y", region={"initial_states": [-1, 1]})
+    labels = list(network.labels)
+    asked: dict = {}
+    if r.random() < 0.7:
+        asked["rate"] = round(10 ** r.uniform(-2, 0.5), 3)
+    if r.random() < 0.5:
+        asked["pins"] = r.randint(1, n)
+    if r.random() < 0.5:
+        asked["allowed"] = r.sample(labels, r.randint(1, n))
+    if r.random() < 0.4:
+        asked["max_gain"] = round(r.uniform(0.1, 3), 2)
+    return problem, asked
+
+
+def _keeps(found: dd.Design, asked: dict) -> bool:
+    return (
+        len(found.gains) <= asked.get("pins", 99)
+        and set(found.gains) <= set(asked.get("allowed", found.gains))
+        and max(found.gains.values()) <= Fraction(str(asked.get("max_gain", 10**9)))
+        and (found.rate or 0) >= asked.get("rate", 0)
+    )
+
+
+def _found_one(r: Random, problem: Problem, asked: dict) -> bool:
+    """Random gains within the limits whose linear loop decays at the rate asked (at all, if none was)."""
+    J = np.zeros((problem.n, problem.n))
+    for i, j, weight in problem.network.modes["G"]:
+        J[i, j] += float(weight)
+        J[i, i] -= float(weight)
+    allowed = [problem.network.index[label] for label in asked.get("allowed", problem.network.labels)]
+    for _ in range(TRIALS):
+        K = np.zeros(problem.n)
+        for i in r.sample(allowed, min(len(allowed), asked.get("pins", problem.n))):
+            K[i] = min(10 ** r.uniform(-2, 4), asked.get("max_gain", 1e9)) if r.random() < 0.7 else \
+                asked.get("max_gain", 1e6)  # fmt: skip
+        if -np.max(np.linalg.eigvals(J - np.diag(K)).real) > asked.get("rate", 0) + 1e-9:
+            return True
+    return False

@@ -1,0 +1,278 @@
+"""Optimal designs against random feasible neighbours: none may be better by more than a millionth.
+
+Whether a neighbour is feasible, and what it is worth, is decided over the rationals by code of this page alone:
+elimination, Routh's determinants, Lyapunov's equation.  Floats only choose which neighbours are worth deciding.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from fractions import Fraction
+from random import Random
+from typing import Any
+
+import numpy as np
+from evidence.pinning import _digraph
+from evidence.row import Row
+
+import dobc_design as dd
+from dobc_design.spec import exosystems
+from dobc_design.spec.network import Network
+from dobc_design.spec.problem import Problem
+
+BETTER = Fraction(1, 10**6)
+PROBLEMS = 10  # about; where one has few feasible neighbours, more
+TRIES = 60  # neighbours looked at for one that counts
+RATE = Fraction(1, 5)
+Rows = list[list[Fraction]]
+
+
+def pinning(count: int, seed: int) -> Row:
+    """Gains at the consensus: one mode, one mode with caps, two modes; half of them on some agents only."""
+    return _compare("smallest gains: no feasible neighbour is cheaper by 1e-6", count, seed, _gains_at_the_consensus)
+
+
+def boxes(count: int, seed: int) -> Row:
+    """Gains of max-separable certificates, linear couplings: feasible iff a nonsymmetric Z-matrix is an M-matrix."""
+    return _compare("gains of boxes: no feasible neighbour is cheaper by 1e-6", count, seed, _gains_of_boxes)
+
+
+def observers(count: int, seed: int) -> Row:
+    """The least |W| for a rate, and the Kalman gain's least variance (the H2 norm from noise to the error)."""
+    return _compare("observers: no feasible neighbour has less |W| or variance by 1e-6", count, seed, _observers)
+
+
+# One problem: how far its optimum may be undercut, a draw of a neighbour, and its exact value (None: not feasible).
+Case = tuple[str, Fraction, Callable[[], Any], Callable[[Any], Fraction | None]]
+
+
+def _compare(what: str, count: int, seed: int, cases: Callable[[Random], Iterator[Case]]) -> Row:
+    failures, met, designs = [], 0, 0
+    each = -(-count // PROBLEMS)
+    for number in range(4 * PROBLEMS):
+        if met >= count:
+            break
+        r = Random(seed + number)
+        for name, optimum, draw, value in cases(r):
+            here, designs = 0, designs + 1
+            for _ in range(TRIES * each):
+                if here >= each or met >= count:
+                    break
+                found = value(draw())
+                if found is None:
+                    continue
+                here += 1
+                met += 1
+                if found < optimum * (1 - BETTER):
+                    failures.append(f"{seed + number}, {name}: {float(found):.9g} in place of {float(optimum):.9g}")
+    return Row(what=what, count=met, failures=tuple(failures), least=count,
+               notes=(f"{designs} designs, feasible neighbours only",))  # fmt: skip
+
+
+def _gains_at_the_consensus(r: Random) -> Iterator[Case]:
+    n, kind = r.randint(4, 7), r.choice(("one", "caps", "two"))
+    parts = [_digraph(r, n, density=0.3, cycle=True).network.modes["G"] for _ in range(2 if kind == "two" else 1)]
+    labels = tuple(str(i) for i in range(1, n + 1))
+    problem = Problem(network=Network(labels=labels, modes={f"G{k}": p for k, p in enumerate(parts)}), coupling="y")
+    allowed = labels if r.random() < 0.5 else labels[: r.randint(n - 2, n)]
+    cost = {label: Fraction(r.randint(1, 8), 4) for label in labels}
+    asked: dict[str, Any] = {"rate": RATE / 10, "allowed": allowed, "cost": cost, "digits": 12}
+    design = dd.design_pinning(problem, **asked)
+    cap = None
+    if kind == "caps" and design.cost:
+        cap = max(design.gains.values()) * Fraction(9, 10)
+        capped = dd.design_pinning(problem, **asked, max_gain=cap)
+        design, cap = (capped, cap) if capped.cost is not None else (design, None)
+    if design.cost is None:
+        return
+    tables = [_symmetric(problem, mode, asked["rate"]) for mode in problem.network.modes]
+
+    def value(gains: dict[str, Fraction]) -> Fraction | None:
+        if cap is not None and max(gains.values()) > cap:
+            return None
+        diagonal = [2 * gains.get(label, Fraction(0)) for label in labels]
+        held = [_with_diagonal(table, diagonal) for table in tables]
+        if not all(_pivots_are_positive(table) for table in held):
+            return None
+        return sum((cost[label] * k for label, k in gains.items()), Fraction(0))
+
+    yield kind, design.cost, _neighbours(r, design.gains, allowed), value
+
+
+def _gains_of_boxes(r: Random) -> Iterator[Case]:
+    n = r.randint(4, 7)
+    problem = _digraph(r, n, density=0.3, cycle=True)
+    labels = problem.network.labels
+    allowed = labels[: r.randint(1, n)]
+    design = dd.design_pinning(problem, rate=RATE / 4, allowed=allowed, region=1, digits=9)
+    if design.cost is None:
+        return
+    flow = _rows_of_arcs(problem, "G")
+
+    def value(gains: dict[str, Fraction]) -> Fraction | None:
+        # Rows hold for some v > 0 iff D + K - rate I - A is an M-matrix: all pivots of an elimination are positive.
+        diagonal = [gains.get(label, Fraction(0)) - RATE / 4 for label in labels]
+        return sum(gains.values(), Fraction(0)) if _pivots_are_positive(_with_diagonal(flow, diagonal)) else None
+
+    yield "box", design.cost, _neighbours(r, design.gains, allowed), value
+
+
+def _observers(r: Random) -> Iterator[Case]:
+    w = [r.uniform(0.5, 3) for _ in range(2)]
+    shape = r.choice((exosystems.harmonics(round(w[0], 2)), exosystems.ramp(), exosystems.polynomial(2),
+                      exosystems.harmonics([round(w[0], 2), round(w[0] + w[1], 2)])))  # fmt: skip
+    network = Network.from_arcs([[1, 2], [2, 1]], arrow="listens_to", agents=2)
+    problem = Problem(network=network, coupling="y", gains={1: 1}, exosystem=shape)
+    q, rate = shape.order, Fraction(r.randint(3, 12), 10)
+    if r.random() < 0.5:
+        own = dd.design_observer(problem, rate=rate, digits=12).W
+        inner = dd.design_observer(problem, rate=rate * Fraction(6, 5), digits=12).W
+        if own is None or inner is None:
+            return
+        name, size = "|W|", lambda W: sum((row[0] ** 2 for row in W), Fraction(0))
+
+        def value(W: Rows) -> Fraction | None:
+            shifted = [
+                [x + (rate if i == j else 0) for j, x in enumerate(row)] for i, row in enumerate(_error(shape, W))
+            ]
+            return size(W) if _is_hurwitz(shifted) else None
+
+    else:
+        own = dd.design_observer(problem, method="kalman", digits=12).W
+        inner = own
+        name = "variance"
+
+        def value(W: Rows) -> Fraction | None:
+            F = _error(shape, W)
+            return _variance(F, W) if _is_hurwitz(F) else None
+
+    if own is None or inner is None:
+        return
+    optimum = value([list(row) for row in own]) if name == "variance" else size(own)
+    if optimum is None:
+        return
+
+    def draw() -> Rows:
+        """Towards a gain well inside, and a random step besides that is no longer than that."""
+        part, width = r.random(), 10.0 ** r.uniform(-6, -1)
+        return [[_short(float(x) + part * width * 10 * float(y - x) + width * r.gauss(0, 0.3))]
+                for x, y in zip((row[0] for row in own), (row[0] for row in inner), strict=True)]  # fmt: skip
+
+    # |W|^2 is compared, so a millionth of |W| is about two of it: the stricter test is made.
+    yield f"{name}, q = {q}", optimum, draw, value
+
+
+def _neighbours(r: Random, gains: Any, allowed: Sequence[str]) -> Callable[[], dict[str, Fraction]]:
+    """Gains with some raised and some lowered, by steps of every size."""
+    top = float(max(gains.values()))
+
+    def draw() -> dict[str, Fraction]:
+        width = top * 10.0 ** r.uniform(-7, -0.3)
+        lift = r.random()
+        return {label: _short(max(0.0, float(gains.get(label, 0)) + width * (r.gauss(0, 1) + lift)))
+                for label in allowed}  # fmt: skip
+
+    return draw
+
+
+def _short(x: float) -> Fraction:
+    return Fraction(round(x * 10**9), 10**9)
+
+
+def _rows_of_arcs(problem: Problem, mode: str) -> Rows:
+    """D - A: row i has the weights that i listens with, for h = y."""
+    n = problem.n
+    table = [[Fraction(0)] * n for _ in range(n)]
+    for i, j, weight in problem.network.modes[mode]:
+        table[i][i] += weight
+        table[i][j] -= weight
+    return table
+
+
+def _symmetric(problem: Problem, mode: str, rate: Fraction) -> Rows:
+    """S = -(J + J') - 2 rate I for h = y."""
+    flow = _rows_of_arcs(problem, mode)
+    n = range(problem.n)
+    return [[flow[i][j] + flow[j][i] - (2 * rate if i == j else 0) for j in n] for i in n]
+
+
+def _with_diagonal(table: Rows, extra: Sequence[Fraction]) -> Rows:
+    return [[x + (extra[i] if i == j else 0) for j, x in enumerate(row)] for i, row in enumerate(table)]
+
+
+def _pivots_are_positive(table: Rows) -> bool:
+    """Elimination without exchanges: definite if symmetric, an M-matrix if all other entries are <= 0."""
+    if np.min(np.linalg.eigvals(np.array(table, dtype=float)).real) < -1e-6:
+        return False  # not near: saves the exact elimination, and is not counted
+    work = [row[:] for row in table]
+    for k, row in enumerate(work):
+        if row[k] <= 0:
+            return False
+        for other in work[k + 1 :]:
+            factor = other[k] / row[k]
+            if factor:
+                for j in range(k, len(row)):
+                    other[j] -= factor * row[j]
+    return True
+
+
+def _error(shape: Any, W: Rows) -> Rows:
+    """A - W C for one measurement."""
+    return [[a - W[i][0] * c for a, c in zip(row, shape.C[0], strict=True)] for i, row in enumerate(shape.A)]
+
+
+def _is_hurwitz(F: Rows) -> bool:
+    """All leading minors of Hurwitz's matrix are positive; the polynomial by Faddeev and Le Verrier."""
+    q = len(F)
+    if np.max(np.linalg.eigvals(np.array(F, dtype=float)).real) > 1e-6:
+        return False  # not near, as above
+    unit = [[Fraction(int(i == j)) for j in range(q)] for i in range(q)]
+    M, coefficients = unit, [Fraction(1)]
+    for k in range(1, q + 1):
+        product = [[sum((F[i][x] * M[x][j] for x in range(q)), Fraction(0)) for j in range(q)] for i in range(q)]
+        coefficients.append(-sum((product[i][i] for i in range(q)), Fraction(0)) / k)
+        M = [[product[i][j] + coefficients[-1] * unit[i][j] for j in range(q)] for i in range(q)]
+
+    def entry(index: int) -> Fraction:
+        return coefficients[index] if 0 <= index <= q else Fraction(0)
+
+    table = [[entry(2 * (j + 1) - (i + 1)) for j in range(q)] for i in range(q)]
+    return all(_determinant([row[: k + 1] for row in table[: k + 1]]) > 0 for k in range(q))
+
+
+def _determinant(table: Rows) -> Fraction:
+    if len(table) == 1:
+        return table[0][0]
+    return sum(((-1) ** j * table[0][j] * _determinant([row[:j] + row[j + 1 :] for row in table[1:]])
+                for j in range(len(table)) if table[0][j]), Fraction(0))  # fmt: skip
+
+
+def _variance(F: Rows, W: Rows) -> Fraction:
+    """trace X with F X + X F' + I + W W' = 0: white noise of unit intensity on the state and on the measurement."""
+    q = len(F)
+    places = [(i, j) for i in range(q) for j in range(i, q)]
+    number = {place: k for k, place in enumerate(places)}
+    number |= {(j, i): k for (i, j), k in number.items()}
+    table: Rows = []
+    for i, j in places:
+        row = [Fraction(0)] * (len(places) + 1)
+        for x in range(q):
+            row[number[x, j]] += F[i][x]
+            row[number[i, x]] += F[j][x]
+        row[-1] = -Fraction(int(i == j)) - W[i][0] * W[j][0]
+        table.append(row)
+    X = _solved(table)
+    return sum((X[number[i, i]] for i in range(q)), Fraction(0))
+
+
+def _solved(table: Rows) -> list[Fraction]:
+    """Gauss and Jordan with exchanges; the last column is the right side."""
+    work = [row[:] for row in table]
+    for k in range(len(work)):
+        pivot = next(i for i in range(k, len(work)) if work[i][k])
+        work[k], work[pivot] = work[pivot], work[k]
+        work[k] = [x / work[k][k] for x in work[k]]
+        for i, row in enumerate(work):
+            if i != k and row[k]:
+                work[i] = [x - row[k] * y for x, y in zip(row, work[k], strict=True)]
+    return [row[-1] for row in work]

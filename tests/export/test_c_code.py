@@ -1,0 +1,331 @@
+"""Exported C code: compiled without warnings, it is the sampled loop of the simulation."""
+
+from __future__ import annotations
+
+import re
+from fractions import Fraction
+
+import numpy as np
+import pytest
+from c_harness import CompiledAgents, compile_and_test, needs_gcc, write_all
+from scipy.linalg import expm
+
+import dobc_design as dd
+from dobc_design.errors import SpecError
+from dobc_design.export.c_code import source_text
+from dobc_design.export.c_controller import make_controller
+from dobc_design.export.c_folder import FILES
+from dobc_design.export.rounding_bound import Erring, ErringAlgebra, coupling_with_error
+from dobc_design.simulate.agents import LOSS
+from dobc_design.spec.coupling import make_coupling
+from dobc_design.spec.exosystem import Exosystem
+from dobc_design.spec.load import load_problem
+from dobc_design.spec.network import Network
+from dobc_design.spec.observer import Observer
+from dobc_design.spec.problem import Problem
+from dobc_design.verdict import Verdict
+
+EVERY = "2*tanh(y1) + min(y2, 0, y1) + y2/3 + 0*(exp(y1) + log(y2**2 + 2) + sin(y1)*cos(y1) + atan(y2) + cosh(y1))"
+OTHER = "y2**3 + clip(y2, -1, 1) - y1/3 - abs(0.25*y1) + sqrt(4 + y1**2) - 2 + max(y1, y2)*0 + tan(y1/9) - sinh(0*y1)"
+
+
+def planar() -> Problem:
+    """m = 2, q = 3, every function of the grammar, matrix gains, a formation, two modes, names that need care."""
+    return Problem(
+        network=Network.from_arcs(
+            {'mode "one" */': [["a.b", "c??/"], ["c??/", "d\"\\", 2], ["d\"\\", "a.b"]],
+             "two": [["a.b", "d\"\\"], ["c??/", "a.b"]]},
+            arrow="listens_to",
+        ),
+        coupling=[EVERY, OTHER], target=[1, -2], gains={"a.b": 3, "d\"\\": [[2, 1], [-1, 2]]},
+        exceptions={(0, 1): ["y1", "2*y2"]},
+        exosystem=Exosystem(A=[[0, 1, 0], [-1, 0, 0], [0, 0, 0]], C=[[1, 0, 1], [0, 1, 0]]),
+        observer=Observer(W=[[2, 0], [0, 2], [1, 0]]), offsets={"c??/": [1, 0]}, name='trouble */ """ here ??/ \\',
+        simulation={"t_final": 4, "seed": 3, "xi0": [[1, 0, 2], [0, 1, -1], [3, 0, 0]]},
+    )  # fmt: skip
+
+
+def alone(k: object, *, h: str = "y") -> Problem:
+    """Agent 2 is pinned with k, agent 1 hears it; no disturbance."""
+    return Problem(network=Network.from_arcs([[1, 2]], arrow="listens_to"), coupling=h, gains={"2": k})
+
+
+def seen(theta: float = 1.0, W: float = 2.0) -> Problem:
+    """One agent with k = 1 and a harmonic disturbance."""
+    network = Network.from_arcs([[1, 2]], arrow="listens_to", agents=2)
+    return Problem(
+        network=network, coupling="y/100", gains={"1": "1/100", "2": "1/100"},
+        exosystem=Exosystem(A=[[0, theta], [-theta, 0]], C=[[1, 0]]), observer=Observer(W=[[W], [0]]),
+    )  # fmt: skip
+
+
+def problem_named(name: str) -> Problem:
+    return {"planar": planar, "alone": lambda: alone(3)}[name]() if name in ("planar", "alone") else load_problem(name)
+
+
+def closed_loop(problem: Problem, run, agents: CompiledAgents, *, period: float, **options):
+    """x, u, dhat at the samples of ``run``, with the plant x' = v + C xi, xi' = A xi integrated by expm."""
+    names = list(problem.network.modes)
+    modes = [names.index(run.switches.names[i]) for i in run.switches.at(run.times)] if run.switches else [0] * 10**6
+    A, C = (np.array(each, dtype=float) for each in (problem.exosystem.A, problem.exosystem.C))
+    q = len(A)
+    block = np.zeros((2 * q, 2 * q))
+    block[:q, :q], block[:q, q:] = A, np.eye(q)
+    both = expm(block * period)
+    x, xi, found = run.x[0].copy(), run.xi[0].copy(), []
+    arrivals = options.pop("arrivals", None)
+    for k in range(len(run.times)):
+        arrived = None if arrivals is None else arrivals[k]
+        u, v, dhat = agents(modes[k], x, arrived=arrived, **options)
+        found.append((x, u, dhat))
+        x = x + period * v + xi @ both[:q, q:].T @ C.T
+        xi = xi @ both[:q, :q].T
+    return [np.array(part) for part in zip(*found, strict=True)]
+
+
+def run_of(problem: Problem, *, period: float, seconds: float, **stress):
+    count = round(seconds / period)
+    times = [k * period for k in range(count + 1)]
+    return dd.simulate(problem, t_final=times[-1], samples=times, stress=dd.Stress(period=period, **stress))
+
+
+SLOW = pytest.mark.slow
+
+
+@needs_gcc
+@pytest.mark.parametrize(
+    ("name", "precision"),
+    [
+        ("planar", "float"),
+        *(pytest.param(*each, marks=SLOW) for each in [("planar", "double"), ("alone", "float"), ("alone", "double")]),
+        *(pytest.param("paper-fixed", each, marks=SLOW) for each in ("double", "float")),
+    ],
+)
+def test_the_code_compiles_without_a_warning_and_passes_its_own_vectors(name: str, precision: str, tmp_path):
+    found = dd.to_c(problem_named(name), period="1/50", precision=precision)
+    assert tuple(found.files) == FILES
+    done = compile_and_test(write_all(found.files, tmp_path))
+    assert done.returncode == 0, done.stdout
+    largest = float(re.search(r"difference ([0-9.e+-]+)", done.stdout)[1])
+    assert largest <= found.tolerance
+    assert largest <= (1e-12 if precision == "double" else 1e-4)
+    assert found.tolerance <= (1e-9 if precision == "double" else 1.0)
+
+
+@needs_gcc
+@pytest.mark.parametrize(
+    ("name", "period"),
+    [
+        ("planar", 0.02),
+        pytest.param("paper-fixed", 0.05, marks=SLOW),
+        pytest.param("paper-switching", 0.05, marks=SLOW),
+    ],
+)
+def test_all_agents_in_c_are_the_simulated_loop_to_1e_12_over_10_s(name: str, period: float, tmp_path):
+    """Equations (1), (12), (13), (19), sampled: C agents and an exact plant against ``simulate``."""
+    problem = problem_named(name)
+    run = run_of(problem, period=period, seconds=10)
+    agents = CompiledAgents(dd.to_c(problem, period=str(period)).files, tmp_path, n=problem.n, m=problem.m)
+    x, u, dhat = closed_loop(problem, run, agents, period=period)
+    for found, wanted in ((x, run.x), (u, run.u), (dhat, run.dhat)):
+        assert np.abs(found - wanted).max() <= 1e-12 * max(1.0, np.abs(wanted).max())
+
+
+@SLOW
+@needs_gcc
+def test_limited_actuators_and_lost_packets_are_those_of_the_simulation(tmp_path):
+    """dobc_applied tells the observer the applied input; dobc_receive is not called for a lost packet."""
+    problem, period, limit, loss, seed = load_problem("paper-fixed"), 0.05, 1.5, 0.3, 7
+    times = [k * period for k in range(201)]
+    run = dd.simulate(
+        problem, t_final=times[-1], samples=times, seed=seed,
+        stress=dd.Stress(period=period, saturation=limit, loss=loss),
+    )  # fmt: skip
+    arcs = problem.network.modes["Ga"]
+    rng = np.random.default_rng([seed, LOSS])
+    arrivals = []
+    for _ in times:
+        arrived = np.zeros((10, 10), dtype=bool)
+        arrived[arcs.listeners, arcs.speakers] = rng.random(len(arcs)) >= loss
+        arrivals.append(arrived)
+    agents = CompiledAgents(dd.to_c(problem, period=str(period)).files, tmp_path, n=10, m=1)
+    x, _, dhat = closed_loop(problem, run, agents, period=period, limit=limit, arrivals=arrivals)
+    assert np.abs(run.u).max() == limit
+    assert np.abs(x - run.x).max() <= 1e-12
+    assert np.abs(dhat - run.dhat).max() <= 1e-12
+
+
+@SLOW
+@needs_gcc
+def test_a_number_that_is_off_in_the_fifth_digit_fails_the_self_test(tmp_path):
+    files = dict(dd.to_c("paper-fixed", period="1/50").files)
+    source = files["dobc_agent.c"].decode()
+    number = re.search(r"correction\[DOBC_ORDER\]\[DOBC_COMPONENTS\] = \{\n    \{([0-9.]+)\}", source)[1]
+    files["dobc_agent.c"] = source.replace(number, repr(float(number) * 1.0001)).encode()
+    done = compile_and_test(write_all(files, tmp_path))
+    assert done.returncode == 1
+    assert "FAILED" in done.stdout
+
+
+@SLOW
+@needs_gcc
+def test_a_polynomial_coupling_needs_no_mathematical_library(tmp_path):
+    found = dd.to_c(alone(3, h="y + y**3"), period="1/50")
+    assert b"math.h" not in found.files["dobc_agent.c"]
+    assert compile_and_test(write_all(found.files, tmp_path), library=False).returncode == 0
+    assert b"#include <math.h>" in dd.to_c("paper-fixed", period="1/50", agents=["1"]).files["dobc_agent.c"]
+
+
+def test_the_code_uses_no_heap_and_no_file_but_math_h():
+    for problem in (load_problem("paper-fixed"), planar()):
+        source = source_text(make_controller(problem, period="1/50"))
+        assert not re.search(r"\b(malloc|calloc|realloc|free|alloca)\b", source)
+        assert set(re.findall(r"#include (\S+)", source)) <= {'"dobc_agent.h"', "<math.h>"}
+
+
+def test_the_numbers_are_the_exact_discretisation_rounded():
+    """Against SciPy's exponential; a constant: Ad = 1, Cd = 1, L = 1 - exp(-W T) over 1 s."""
+    problem = load_problem("paper-fixed")
+    made = make_controller(problem, period="1/20")
+    A, C, W = (np.array(each, dtype=float) for each in (problem.exosystem.A, problem.exosystem.C, problem.observer.W))
+    np.testing.assert_allclose(np.array(made.Ad, dtype=float), expm(A / 20), rtol=1e-14)
+    steps = np.linspace(0, 1 / 20, 2001)
+    mean = np.trapezoid([expm((A - W @ C) * s) for s in steps], steps, axis=0) @ W
+    np.testing.assert_allclose(np.array(made.L, dtype=float), mean, rtol=1e-6)
+    constant = Problem(
+        network=Network.from_arcs([[1, 2]], arrow="listens_to"), coupling="y", gains={"2": 1},
+        exosystem=dd.exosystems.constant(), observer=Observer(W=[[3]]),
+    )  # fmt: skip
+    slow = make_controller(constant, period="1/2")
+    assert (slow.Ad, slow.Cd) == (((1,),), ((1,),))
+    assert float(slow.L[0][0]) == pytest.approx(1 - np.exp(-1.5), rel=1e-15)
+
+
+def test_a_network_that_is_sampled_too_seldom_is_refused_with_a_period_that_works():
+    """e' = -4 e, held: |1 - 4 T| < 1 iff T < 1/2."""
+    assert all(each.verdict is Verdict.PROVED for each in make_controller(alone(4), period="0.4999").statements)
+    assert make_controller(alone(4), period="1/2").statements[0].verdict is Verdict.UNDECIDED
+    with pytest.raises(SpecError, match=r"too long.*--period 0\.(4[89]|5)"):
+        make_controller(alone(4), period="0.5001")
+
+
+def test_an_observer_that_cannot_see_the_disturbance_at_this_period_is_refused():
+    """Over 2 pi s the mean of a harmonic with 1 rad/s vanishes: Cd = 0 and the error stays; a bit less works."""
+    with pytest.raises(SpecError, match=r"observer.*\(period 6\.283 s\).*--period"):
+        make_controller(seen(), period="6.283")
+    for period in ("0.5", "1", "1.5"):
+        made = make_controller(seen(), period=period)
+        error = np.array(made.Ad, dtype=float) - np.array(made.L, dtype=float) @ np.array(made.Cd, dtype=float)
+        assert np.abs(np.linalg.eigvals(error)).max() < 1
+        assert made.statements[0].verdict is Verdict.PROVED
+
+
+def test_the_period_that_is_offered_is_close_to_the_true_limit():
+    """paper-fixed: the largest eigenvalue of K - J gives T < 2 / lambda for real ones."""
+    problem = load_problem("paper-fixed")
+    J = np.roll(np.eye(10), 1, axis=1) * 2 - 2 * np.eye(10)
+    K = np.diag([5.0 if i in (0, 5) else 0.0 for i in range(10)])
+    poles = np.linalg.eigvals(J - K)
+    limit = min(-2 * pole.real / abs(pole) ** 2 for pole in poles)
+    with pytest.raises(SpecError) as caught:
+        make_controller(problem, period=1)
+    offered = float(str(caught.value).rsplit(" ", 1)[1].rstrip("."))
+    assert 0.98 * limit <= offered < limit
+    make_controller(problem, period=offered)
+
+
+def test_only_the_agents_that_are_asked_for_are_in_the_table():
+    found = dd.to_c("paper-fixed", period="1/50", agents=["3", 6])
+    assert [agent.label for agent in found.controller.agents] == ["3", "6"]
+    assert b"#define DOBC_AGENTS 2" in found.files["dobc_agent.h"]
+    with pytest.raises(SpecError, match="no agent '33'"):
+        dd.to_c("paper-fixed", period="1/50", agents=["33"])
+
+
+def test_too_many_agents_for_one_table_are_refused_and_one_of_them_is_not():
+    ring = Network.from_arcs([[i, i % 201 + 1] for i in range(1, 202)], arrow="listens_to", agents=201)
+    problem = Problem(network=ring, coupling="y", gains={"1": 1})
+    with pytest.raises(SpecError, match="at most 200 agents"):
+        make_controller(problem, period="1/10")
+    made = make_controller(problem, period="1/10", agents=["7"])
+    assert [agent.neighbours for agent in made.agents] == [(7,)]
+    assert made.statements[0].verdict is Verdict.UNDECIDED
+
+
+@pytest.mark.parametrize(
+    ("options", "match"),
+    [
+        ({"period": None}, "a period must be given"),
+        ({"period": 0}, "positive number of seconds"),
+        ({"period": "soon"}, "--period must be a number"),
+        ({"period": "1/50", "precision": "half"}, "double or float"),
+        ({"period": "1/50", "sampled_gain": [[1]]}, r"shape \(2, 1\)"),
+    ],
+)
+def test_a_wrong_argument_is_named(options, match: str):
+    with pytest.raises(SpecError, match=match):
+        dd.to_c("paper-fixed", **options)
+
+
+def test_numbers_that_a_float_cannot_hold_are_refused():
+    far = Problem(network=Network.from_arcs([[1, 2]], arrow="listens_to"), coupling="y", target="1e39")
+    with pytest.raises(SpecError, match="fit into a float"):
+        dd.to_c(far, period="1e-3", precision="float")
+
+
+def test_a_sampled_gain_takes_the_place_of_the_discretised_one():
+    design = dd.design_observer("paper-fixed", period="1/20", rate=1)
+    found = dd.to_c("paper-fixed", period="1/20", sampled_gain=design.W)
+    rounded = tuple(tuple(Fraction(float(x)) for x in row) for row in design.W)
+    assert rounded == found.controller.L
+    assert found.statements[0].verdict is Verdict.PROVED
+
+
+@pytest.mark.parametrize(
+    "h", [EVERY, "exp(y1) - 1 + y2*y1**5/(2 + y1**2)", "sqrt(4 + y1*y2) - 2", "tan(y1)*(1 + y2)**-3"]
+)
+def test_the_error_bound_of_a_coupling_holds_for_single_precision(h: str):
+    """float32 arithmetic against float64, at 400 random points: below the bound, and not by more than 10^4."""
+    rng = np.random.default_rng(1)
+    y = rng.uniform(-1.4, 1.4, size=(400, 2))
+    y[:, 1] = np.abs(y[:, 1])
+    coupling = make_coupling([h, "y2"], dimension=2)
+    single = y.astype(np.float32)
+    algebra = ErringAlgebra(2.0**-24)
+    bound = coupling_with_error(coupling, Erring(y, np.abs(y) * 2.0**-24), algebra)
+    exact = coupling.value(y)
+    found = single_precision(coupling, single)
+    difference = np.abs(found - exact)
+    assert (difference <= 2 * bound.error).all()
+    assert bound.error[:, 0].max() <= 1e4 * max(difference[:, 0].max(), 1e-9)
+
+
+def single_precision(coupling, y: np.ndarray) -> np.ndarray:
+    from dobc_design.spec.algebra import NumpyAlgebra
+    from dobc_design.spec.expression import evaluate
+
+    class Single(NumpyAlgebra):
+        def constant(self, value):
+            return np.asarray(np.float32(float(value)))
+
+        def pi(self):
+            return np.asarray(np.float32(np.pi))
+
+    parts = [evaluate(each.node, [y[:, 0], y[:, 1]], Single()) for each in coupling.components]
+    return np.stack([np.broadcast_to(part, len(y)) for part in parts], axis=1).astype(float)
+
+
+def test_the_folder_is_not_overwritten_unless_forced(tmp_path):
+    found = dd.to_c("paper-fixed", period="1/50", agents=["1"])
+    assert [path.name for path in found.save(tmp_path / "code")] == list(FILES)
+    with pytest.raises(SpecError, match="exists already"):
+        found.save(tmp_path / "code")
+    found.save(tmp_path / "code", force=True)
+    (tmp_path / "file").write_text("")
+    with pytest.raises(SpecError, match="not a folder"):
+        found.save(tmp_path / "file")
+
+
+@SLOW
+def test_the_same_problem_gives_the_same_bytes():
+    assert dd.to_c("paper-switching", period="1/50").files == dd.to_c("paper-switching", period="1/50").files

@@ -1,0 +1,210 @@
+"""The FMU of one agent, simulated by FMPy, is that agent of the simulated loop."""
+
+from __future__ import annotations
+
+import io
+import re
+import shutil
+import subprocess
+import zipfile
+from pathlib import Path
+from xml.etree import ElementTree
+
+import numpy as np
+import pytest
+
+import dobc_design as dd
+from dobc_design.errors import SolverError, SpecError
+from dobc_design.export import fmu
+from dobc_design.export.fmu_functions import OTHER_KINDS, PLAIN
+from dobc_design.spec.exosystem import Exosystem
+from dobc_design.spec.network import Network
+from dobc_design.spec.observer import Observer
+from dobc_design.spec.problem import Problem
+
+needs_compiler = pytest.mark.skipif(
+    not any(map(shutil.which, fmu.COMPILERS)), reason="no C compiler is installed (Debian: apt install gcc)"
+)
+
+
+def fmpy():
+    return pytest.importorskip("fmpy", reason='FMPy is not installed: pip install "dobc_design[fmu]"')
+
+
+def moving() -> Problem:
+    """m = 2, two modes that alternate, labels that XML has to escape."""
+    return Problem(
+        network=Network.from_arcs(
+            {"one": [["<a>", "b&"], ["b&", 'c"']], "two": [["<a>", 'c"'], ["b&", "<a>"]]}, arrow="listens_to",
+            agents=["<a>", "b&", 'c"'],
+        ),
+        coupling="2*tanh(y)", target=[1, -2], gains={"<a>": 1, 'c"': 2}, offsets={"<a>": [1, 0]},
+        exosystem=Exosystem(A=[[0, 1, 0], [-1, 0, 0], [0, 0, 0]], C=[[1, 0, 1], [0, 1, 0]]),
+        observer=Observer(W=[[2, 0], [0, 2], [1, 0]]), name="<moving> & 'more'",
+    )  # fmt: skip
+
+
+def simulated(problem: Problem, *, agent: str, period: float, seconds: float, path: Path, signal=None):
+    """FMPy's answer and the loop's, at the samples."""
+    count = round(seconds / period)
+    times = [k * period for k in range(count + 1)]
+    run = dd.simulate(
+        problem, t_final=times[-1], samples=times, signal=signal, stress=dd.Stress(period=period)
+    )  # fmt: skip
+    made = dd.to_fmu(problem, period=repr(period), agent=agent)
+    made.save(path)
+    index = problem.network.labels.index(agent)
+    found = fmpy().read_model_description(str(path))
+    inputs = [each.name for each in found.modelVariables if each.causality == "input"]
+    table = np.zeros(count + 1, dtype=[("time", float), *((name, int if name == "mode" else float) for name in inputs)])
+    table["time"] = times
+    if run.switches is not None:
+        table["mode"] = run.switches.at(run.times)
+    for name in inputs:
+        word = re.fullmatch(r"(x|heard\[(.*?)\])(?:\[(\d)\])?", name)
+        if word:
+            c = int(word[3] or 1) - 1
+            who = index if word[1] == "x" else problem.network.labels.index(word[2])
+            goal = 0.0 if word[1] == "x" else run.goal[who, c]
+            table[name] = run.x[:, who, c] - goal
+    outputs = [each.name for each in found.modelVariables if each.causality == "output"]
+    answer = fmpy().simulate_fmu(
+        str(path), start_time=0, stop_time=times[-1], step_size=period, output_interval=period, input=table,
+        output=outputs,
+    )  # fmt: skip
+    return run, answer, index
+
+
+@pytest.mark.slow
+@needs_compiler
+def test_fmpy_simulates_the_agent_equal_to_the_loop_for_10_s(tmp_path):
+    """What FMPy records at the end of a step is what was held during it."""
+    problem = dd.load_problem("paper-fixed")
+    run, answer, index = simulated(problem, agent="6", period=0.05, seconds=10, path=tmp_path / "agent.fmu")
+    assert len(answer) == 201
+    for name in ("u", "dhat"):
+        assert np.abs(answer[name][1:] - getattr(run, name)[:-1, index, 0]).max() <= 1e-6
+    assert np.abs(answer["u"][0] - run.u[0, index, 0]) <= 1e-6
+    assert np.abs(answer["v"] - answer["u"]).max() > 1
+    assert np.abs(np.diff(answer["dhat"])).max() > 1e-3
+
+
+@pytest.mark.slow
+@needs_compiler
+def test_an_agent_with_two_components_follows_the_switches(tmp_path):
+    problem = moving()
+    signal = dd.Periodic(dwell=0.5, order=("one", "two"))
+    run, answer, index = simulated(
+        problem, agent="<a>", period=0.02, seconds=4, path=tmp_path / "agent.fmu", signal=signal
+    )
+    assert len(run.switches) == 8
+    for c in (0, 1):
+        for name in ("u", "dhat"):
+            found, wanted = answer[f"{name}[{c + 1}]"][1:], getattr(run, name)[:-1, index, c]
+            assert np.abs(found - wanted).max() <= 1e-6
+        assert np.abs(answer[f"y[{c + 1}]"][1:-1] - (run.x[:-2, index, c] - run.goal[index, c])).max() <= 1e-6
+
+
+@pytest.mark.slow
+@needs_compiler
+def test_fmpy_finds_nothing_to_complain_of(tmp_path):
+    validation = fmpy().validation if hasattr(fmpy(), "validation") else pytest.importorskip("fmpy.validation")
+    for problem, agent in ((dd.load_problem("paper-switching"), "1"), (moving(), 'c"')):
+        dd.to_fmu(problem, period="1/50", agent=agent).save(tmp_path / "agent.fmu")
+        assert validation.validate_fmu(str(tmp_path / "agent.fmu")) == []
+
+
+@pytest.mark.slow
+@needs_compiler
+def test_the_sources_compile_without_a_warning(tmp_path):
+    made = dd.to_fmu(moving(), period="1/50", agent='c"')
+    with zipfile.ZipFile(io.BytesIO(made.data)) as archive:
+        archive.extractall(tmp_path)
+    strict = ["-std=c99", "-Wall", "-Wextra", "-Werror", "-pedantic", "-Wshadow"]
+    for name in ("dobc_agent.c", "fmi3_agent.c"):
+        command = ["cc", *strict, "-c", name, "-o", "out.o"]
+        done = subprocess.run(command, cwd=tmp_path / "sources", capture_output=True, check=False, text=True)
+        assert done.returncode == 0, done.stderr
+
+
+@pytest.mark.slow
+@needs_compiler
+def test_a_step_of_several_periods_takes_all_samples_in_it_and_a_state_can_be_restored(tmp_path):
+    """Three steps of one period and one of three give the same; after a restore the same step gives the same."""
+    path = dd.to_fmu("paper-fixed", period="1/20", agent="1").save(tmp_path / "agent.fmu")
+    fmi3 = pytest.importorskip("fmpy.fmi3", reason='FMPy is not installed: pip install "dobc_design[fmu]"')
+    description = fmpy().read_model_description(str(path))
+    folder = fmpy().extract(str(path), unzipdir=str(tmp_path / "unzipped"))
+    numbers = {each.name: each.valueReference for each in description.modelVariables}
+
+    def begun():
+        slave = fmi3.FMU3Slave(
+            guid=description.guid, unzipDirectory=folder, modelIdentifier="dobc_agent", instanceName="a"
+        )  # fmt: skip
+        slave.instantiate()
+        slave.enterInitializationMode(startTime=0.0)
+        slave.setFloat64([numbers["x"], numbers["heard[2]"]], [3.0, 1.5])
+        slave.exitInitializationMode()
+        return slave
+
+    def read(slave) -> list[float]:
+        return list(slave.getFloat64([numbers[name] for name in ("u", "v", "dhat")]))
+
+    first, second = begun(), begun()
+    for k in range(3):
+        first.doStep(currentCommunicationPoint=k / 20, communicationStepSize=0.05)
+    second.doStep(currentCommunicationPoint=0.0, communicationStepSize=0.15)
+    assert read(first) == read(second)
+    state = first.getFMUState()
+    first.doStep(currentCommunicationPoint=0.15, communicationStepSize=0.05)
+    after = read(first)
+    assert after != read(second)
+    first.setFMUState(state)
+    assert read(first) == read(second)
+    first.doStep(currentCommunicationPoint=0.15, communicationStepSize=0.05)
+    assert read(first) == after
+    first.freeFMUState(state)
+    for slave in (first, second):
+        slave.terminate()
+        slave.freeInstance()
+
+
+def test_every_function_of_the_standard_is_there():
+    """FMI 3.0 names 84 functions besides the version; those not served answer with an error."""
+    template = (Path(fmu.__file__).parent / "templates" / "fmi3_agent.c").read_text("utf-8")
+    served = set(re.findall(r"FMI3_EXPORT [^(]*?\bfmi3(\w+)\(", template))
+    kinds = [f"{verb}{kind}" for kind in (
+        "Float32", "Float64", "Int8", "UInt8", "Int16", "UInt16", "Int32", "UInt32", "Int64", "UInt64", "Boolean",
+        "String", "Binary", "Clock",
+    ) for verb in ("Get", "Set")]  # fmt: skip
+    stubbed = set(re.findall(r"\bfmi3(\w+)\(fmi3", fmu.stubs()))
+    assert set(kinds) <= served | stubbed
+    assert set(PLAIN) | set(OTHER_KINDS) <= stubbed
+    assert not served & stubbed
+
+
+def test_without_a_compiler_the_fmu_holds_sources_only(monkeypatch):
+    monkeypatch.setattr(fmu.shutil, "which", lambda name: None)
+    made = dd.to_fmu("paper-fixed", period="1/50")
+    assert made.platform is None
+    with zipfile.ZipFile(io.BytesIO(made.data)) as archive:
+        names = archive.namelist()
+        root = ElementTree.fromstring(archive.read("modelDescription.xml"))
+    assert not [name for name in names if name.startswith("binaries")]
+    assert {"sources/dobc_agent.c", "sources/fmi3_agent.c", "sources/buildDescription.xml"} <= set(names)
+    assert root.get("modelName") == "paper-fixed: agent 1"
+    assert root.find("CoSimulation").get("fixedInternalStepSize") == "0.02"
+
+
+def test_a_compiler_that_refuses_is_the_machines_failure(monkeypatch, tmp_path):
+    broken = tmp_path / "cc"
+    broken.write_text("#!/bin/sh\necho 'no room' >&2\nexit 1\n")
+    broken.chmod(0o755)
+    monkeypatch.setattr(fmu.shutil, "which", lambda name: str(broken))
+    with pytest.raises(SolverError, match="refused the FMU's code: no room"):
+        dd.to_fmu("paper-fixed", period="1/50")
+
+
+def test_an_unknown_agent_is_refused():
+    with pytest.raises(SpecError, match="no agent '33'"):
+        dd.to_fmu("paper-fixed", period="1/50", agent="33")

@@ -1,0 +1,173 @@
+"""The LMI as an SDPA file: read back, solved by others, the same verdict."""
+
+from __future__ import annotations
+
+import shutil
+import subprocess
+from fractions import Fraction
+
+import numpy as np
+import pytest
+
+import dobc_design as dd
+from dobc_design.design.dense import solve_dense
+from dobc_design.design.program import Program
+from dobc_design.errors import SpecError
+from dobc_design.export.sdpa import normalisation, sdpa_text
+from dobc_design.spec.exosystem import Exosystem
+from dobc_design.spec.load import load_problem
+from dobc_design.spec.network import Network
+from dobc_design.spec.problem import Problem
+from dobc_design.theorems.statements import state_theorems
+
+needs_csdp = pytest.mark.skipif(
+    shutil.which("csdp") is None, reason="CSDP is not installed (Debian: apt install coinor-csdp)"
+)
+
+
+def pair_problem(*, k: object = 1, A: object = 0, modes: int = 1) -> Problem:
+    """Two agents that hear each other; agent 1 pinned with k; a disturbance xi' = A xi."""
+    arcs = {f"G{i}": [[1, 2], [2, 1, i + 1]] for i in range(modes)}
+    return Problem(
+        network=Network.from_arcs(arcs, arrow="listens_to"), coupling="y", gains={"1": k} if k else {},
+        exosystem=Exosystem(A=[[A]], C=[[1]]),
+    )  # fmt: skip
+
+
+def unseen() -> Problem:
+    """The growing state of the exosystem is not seen: (A, C) is not detectable."""
+    return Problem(
+        network=Network.from_arcs([[1, 2], [2, 1]], arrow="listens_to"), coupling="y", gains={"1": 1},
+        exosystem=Exosystem(A=[[0, 0], [0, 1]], C=[[1, 0]]),
+    )  # fmt: skip
+
+
+class SdpaFile:
+    """c, and for every block the dense F_0, F_1, ..., F_k; written for this test from the format's description."""
+
+    def __init__(self, text: str) -> None:
+        lines = [line for line in text.splitlines() if not line.startswith('"')]
+        count, blocks = int(lines[0]), int(lines[1])
+        sizes = [int(word) for word in lines[2].split()]
+        assert len(sizes) == blocks
+        self.c = np.array([float(word) for word in lines[3].split()])
+        assert len(self.c) == count
+        self.F = [np.zeros((count + 1, size, size)) for size in sizes]
+        for line in lines[4:]:
+            number, block, i, j, value = line.split()
+            F = self.F[int(block) - 1][int(number)]
+            assert int(i) <= int(j), "the upper triangle"
+            assert F[int(i) - 1, int(j) - 1] == 0, "every entry once"
+            F[int(i) - 1, int(j) - 1] = F[int(j) - 1, int(i) - 1] = float(value)
+
+    def solved(self) -> float:
+        import cvxpy as cp
+
+        x = cp.Variable(len(self.c))
+        constraints = [
+            sum(x[k] * F[k + 1] for k in range(len(self.c))) - F[0] >> 0 for F in self.F
+        ]  # fmt: skip
+        problem = cp.Problem(cp.Minimize(self.c @ x), constraints)
+        return float(problem.solve(solver="CLARABEL"))
+
+
+def csdp(text: str, folder) -> float:
+    """CSDP's primal objective, which is SDPA's minimum."""
+    (folder / "lmi.dat-s").write_text(text)
+    done = subprocess.run(
+        ["csdp", "lmi.dat-s", "lmi.sol"], cwd=folder, capture_output=True, check=False, text=True, timeout=120
+    )  # fmt: skip
+    assert done.returncode in (0, 3), done.stdout  # 3: solved with reduced accuracy
+    line = next(line for line in done.stdout.splitlines() if line.startswith("Primal objective value"))
+    return float(line.split()[3])
+
+
+CASES = [
+    ("one mode", pair_problem, "proved"),
+    ("two modes", lambda: pair_problem(modes=2), "proved"),
+    ("growing disturbance", lambda: pair_problem(A="1/2"), "proved"),
+    ("nobody pinned", lambda: pair_problem(k=0), "refuted"),
+    ("undetectable", unseen, "refuted"),
+]
+
+
+@pytest.mark.parametrize(("name", "make", "verdict"), CASES, ids=[case[0] for case in CASES])
+def test_clarabel_finds_a_negative_t_exactly_where_the_theorem_is_proved(name: str, make, verdict: str):
+    """The Decision theorem: a pair exists iff Lambda < 0 and (A, C) is detectable."""
+    problem = make()
+    text = dd.to_sdpa(problem)
+    assert f"decided exactly by dobc_design: {verdict}" in text
+    optimum = SdpaFile(text).solved()
+    assert (optimum < -1e-4) if verdict == "proved" else (optimum > -1e-6)
+
+
+@needs_csdp
+@pytest.mark.parametrize(("name", "make", "verdict"), CASES, ids=[case[0] for case in CASES])
+def test_csdp_gives_the_same_verdict(name: str, make, verdict: str, tmp_path):
+    optimum = csdp(dd.to_sdpa(make()), tmp_path)
+    assert (optimum < -1e-4) if verdict == "proved" else (optimum > -1e-6)
+
+
+@pytest.mark.slow
+@needs_csdp
+@pytest.mark.parametrize("name", ["paper-fixed", "paper-switching", "clock-sync"])
+def test_csdp_proposes_what_is_proved_of_the_built_in_problems(name: str, tmp_path):
+    text = dd.to_sdpa(name)
+    assert "decided exactly by dobc_design: proved" in text
+    assert csdp(text, tmp_path) < -0.1
+    assert csdp(text, tmp_path) == pytest.approx(SdpaFile(text).solved(), abs=1e-5)
+
+
+def test_the_file_states_the_same_program_as_the_dense_lmi():
+    """Same optimum as cvxpy's block LMI (18) with the same bounds on P and Q."""
+    for problem in (pair_problem(), load_problem("paper-fixed")):
+        text = sdpa_text(problem)
+        program = Program(
+            pencils=state_theorems(problem).psi(), objective="margin", ratio=Fraction(100), radius=Fraction(100)
+        )  # fmt: skip
+        assert SdpaFile(text).solved() == pytest.approx(solve_dense(program).objective, abs=1e-5)
+
+
+def test_without_an_exosystem_the_file_is_lemma_1():
+    """min t is lambda_max(Lambda): two agents, one pinned with 1: eigenvalues of [[-4, 2], [2, -2]]."""
+    problem = Problem(
+        network=Network.from_arcs([[1, 2], [2, 1]], arrow="listens_to"), coupling="y", gains={"1": 1}
+    )  # fmt: skip
+    text = dd.to_sdpa(problem)
+    assert "Lemma 1" in text
+    found = SdpaFile(text)
+    assert len(found.c) == 1
+    assert found.solved() == pytest.approx(np.linalg.eigvalsh([[-4, 2], [2, -2]]).max(), abs=1e-6)
+
+
+def test_the_bounds_leave_room_for_a_pair_that_is_small_or_large():
+    """P = 1/1000 has to be scaled up to 1 first; |Q| with it."""
+    small = normalisation((((Fraction(1, 1000),),), ((Fraction(3, 1000),),)))
+    assert small.ratio >= 2
+    assert small.radius >= 6
+    large = normalisation((((Fraction(500),),), ((Fraction(1),),)))
+    assert 1000 <= large.ratio <= 10_000
+    assert normalisation(None).ratio == 100
+
+
+def test_couplings_with_a_kink_have_no_lmi():
+    problem = Problem(
+        network=Network.from_arcs([[1, 2]], arrow="listens_to"), coupling="y + abs(y)/2", gains={"2": 1}
+    )  # fmt: skip
+    with pytest.raises(SpecError, match="no linear matrix inequality"):
+        dd.to_sdpa(problem)
+
+
+def test_a_file_that_no_solver_could_take_is_not_written():
+    n = 4001
+    network = Network.from_arcs([[i, i % n + 1] for i in range(1, n + 1)], arrow="listens_to", agents=n)
+    with pytest.raises(SpecError, match="at most 4000 rows"):
+        sdpa_text(Problem(network=network, coupling="y", gains={"1": 1}))
+
+
+def test_irrational_slopes_are_named_in_the_file():
+    problem = Problem(
+        network=Network.from_arcs([[1, 2], [2, 1]], arrow="listens_to"), coupling="exp(1)*y", gains={"1": 1}
+    )  # fmt: skip
+    assert "irrational" in sdpa_text(problem)
+    assert "irrational" not in sdpa_text(pair_problem())

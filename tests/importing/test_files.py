@@ -1,0 +1,124 @@
+"""Files of arcs, and what decides how a file is read."""
+
+from __future__ import annotations
+
+import json
+import random
+
+import pytest
+
+import dobc_design as dd
+from dobc_design.errors import SpecError
+from dobc_design.spec.canonical import canonical_bytes
+from dobc_design.spec.toml_writing import problem_text
+
+
+def written(tmp_path, name: str, text: str):
+    (tmp_path / name).write_text(text, encoding="utf-8")
+    return tmp_path / name
+
+
+def test_a_csv_file_of_arcs_becomes_a_problem_once_the_arrow_is_said(tmp_path):
+    path = written(tmp_path, "net.csv", "from,to,weight\n10,2,0.5\n2,3,1\n")
+    problem = dd.problem_from_file(path, arrow="listens_to")
+    assert problem.network.labels == ("2", "3", "10")
+    assert sorted(problem.network.modes["G"]) == [(0, 1, 1), (2, 0, 0.5)]
+    turned = dd.problem_from_file(path, arrow="sends_to")
+    assert sorted(turned.network.modes["G"]) == [(0, 2, 0.5), (1, 0, 1)]
+    with pytest.raises(SpecError, match="there is no default"):
+        dd.problem_from_file(path)
+    with pytest.raises(SpecError, match="listens_to"):
+        dd.problem_from_file(path, arrow="hears")
+
+
+def test_graphml_and_edge_lists_keep_the_order_of_their_labels(tmp_path):
+    networkx = pytest.importorskip("networkx")
+    graph = networkx.DiGraph([("b", "a"), ("a", "c")])
+    networkx.write_graphml(graph, tmp_path / "net.graphml")
+    problem = dd.problem_from_file(tmp_path / "net.graphml", arrow="listens_to")
+    assert problem.network.labels == ("b", "a", "c")
+    edges = dd.problem_from_file(written(tmp_path, "net.edges", "b a\na c # last\n"), arrow="listens_to")
+    assert edges.network == problem.network
+
+
+@pytest.mark.parametrize(
+    ("name", "text", "match"),
+    [
+        ("net.xlsx", "", r"must end in one of \.m, \.json, \.mat"),
+        ("net.csv", "", "is empty"),
+        ("net.csv", "1,2,3,4\n", "2 or 3 columns"),
+        ("net.csv", "1,1\n", "self-arc"),
+    ],
+)
+def test_a_wrong_file_is_named(name: str, text: str, match: str, tmp_path):
+    with pytest.raises(SpecError, match=match):
+        dd.problem_from_file(written(tmp_path, name, text), arrow="listens_to")
+
+
+def test_a_file_that_is_not_there_and_an_arrow_that_is_not_needed_are_refused(tmp_path):
+    with pytest.raises(SpecError, match="no file"):
+        dd.problem_from_file(tmp_path / "net.mat")
+    with pytest.raises(SpecError, match="arrow is for files of arcs"):
+        dd.problem_from_file(tmp_path / "case.m", arrow="listens_to")
+
+
+def test_an_imported_problem_can_be_written_as_a_problem_file_and_read_back(tmp_path):
+    problem = dd.problem_from_file(written(tmp_path, "net.csv", "a,b\nb,a,2.5\n"), arrow="listens_to")
+    back = dd.problem_from_file(written(tmp_path, "net.toml", problem_text(problem)))
+    assert canonical_bytes(back) == canonical_bytes(problem)
+
+
+CASE = """mpc.bus = [ 1 3 0; 2 1 0; ];
+mpc.gen = [ 1 0 0 9 -9 1 100 1 ];
+mpc.branch = [ 1 2 0 0.1 0 0 0 0 0.98 0 1; ];
+"""
+
+
+def healthy(kind: str, tmp_path) -> bytes:
+    if kind == "mat":
+        return dd.to_mat("clock-sync", tmp_path / "healthy.mat").read_bytes()
+    if kind == "m":
+        return CASE.encode()
+
+    def frame(columns, rows):
+        return {"_object": json.dumps({"columns": columns, "index": list(range(len(rows))), "data": rows})}
+
+    inside = {
+        "sn_mva": 1.0,
+        "bus": frame(["vn_kv", "in_service"], [[10.0, True], [10.0, True]]),
+        "line": frame(["from_bus", "to_bus", "length_km", "x_ohm_per_km", "parallel", "in_service"],
+                      [[0, 1, 2.0, 5.0, 2, True]]),
+        "ext_grid": frame(["bus", "in_service"], [[0, True]]),
+    }  # fmt: skip
+    return json.dumps({"_module": "pandapower.auxiliary", "_object": inside}).encode()
+
+
+def damaged(data: bytes, rng: random.Random) -> bytes:
+    found = bytearray(data)
+    for _ in range(rng.choice([1, 1, 2, 5, 20])):
+        place, kind = rng.randrange(len(found)), rng.random()
+        if kind < 0.5:
+            found[place] = rng.randrange(256)
+        elif kind < 0.8:
+            del found[place : place + rng.randrange(1, 20)]
+        else:
+            found[place:place] = bytes(rng.choice(b"0123456789.,;[]eE-+") for _ in range(3))
+        found = found or bytearray(b"x")
+    return bytes(found)
+
+
+@pytest.mark.parametrize("kind", ["mat", "m", "json"])
+def test_a_damaged_file_is_read_or_refused_and_never_a_crash(kind: str, tmp_path):
+    """50 mutants of each; a SpecError is the only way out."""
+    data, rng = healthy(kind, tmp_path), random.Random(5)
+    path, refused = tmp_path / f"damaged.{kind}", 0
+    path.write_bytes(data)
+    assert dd.problem_from_file(path).n > 1
+    for _ in range(50):
+        path.write_bytes(damaged(data, rng))
+        try:
+            dd.problem_from_file(path)
+        except SpecError as error:
+            refused += 1
+            assert str(error).strip()
+    assert refused > 25

@@ -1,0 +1,189 @@
+"""Power grids: MATPOWER cases and pandapower networks, against the susceptances of a load flow."""
+
+from __future__ import annotations
+
+import json
+from fractions import Fraction
+
+import numpy as np
+import pytest
+
+import dobc_design as dd
+from dobc_design.errors import SpecError
+from dobc_design.importing.matpower import read_matpower
+from dobc_design.verdict import Verdict
+
+CASE = """
+function mpc = three
+%THREE  a small case; [brackets] = in a comment
+mpc.version = '2';
+mpc.baseMVA = 100;
+mpc.bus = [   % bus_i type Pd ...
+\t10\t3\t0\t0;
+\t20\t1\t50\t10;
+\t30\t2\t0\t0;
+\t40\t4\t0\t0;   % isolated
+];
+mpc.gen = [
+\t10 0 0 Inf -Inf 1 100 1;
+\t20 0 0 9 -9 1 100 0;
+\t30 0 0 9 -9 1 100 1
+];
+mpc.branch = [
+\t10\t20\t.01\t0.05\t0\t0\t0\t0\t0\t0\t1;
+\t20\t10\t0\t0.1\t0\t0\t0\t0\t0.5\t0\t1;
+\t20, 30, 0.0, 4e-1, 0, 0, 0, 0, ...
+\t0, 0, 1;
+\t10\t30\t0\t0.2\t0\t0\t0\t0\t0\t0\t0;
+\t30\t40\t0\t0.2\t0\t0\t0\t0\t0\t0\t1;
+];
+mpc.gencost = [ 2 0 0 3 0.01 40 0 ];
+"""
+
+
+def imported(tmp_path, text: str):
+    (tmp_path / "three.m").write_text(text)
+    return dd.problem_from_file(tmp_path / "three.m")
+
+
+def test_a_matpower_case_becomes_angles_with_exact_susceptances(tmp_path):
+    """Parallel branches add up: 1/0.05 + 1/(0.1 * 0.5) = 40; out of service and isolated ones are left out."""
+    problem = imported(tmp_path, CASE)
+    assert problem.network.labels == ("10", "20", "30")
+    assert sorted(problem.network.modes["grid"]) == [
+        (0, 1, 40), (1, 0, 40), (1, 2, Fraction(5, 2)), (2, 1, Fraction(5, 2)),
+    ]  # fmt: skip
+    assert problem.coupling.texts == ("sin(y)",)
+    assert problem.pinning.agents == (0, 2)
+    assert problem.name == "three"
+    assert "generators at bus 10, 30" in problem.notes[0]
+    assert any("Stand-ins" in note for note in problem.notes)
+    assert dd.certify(problem).verdict is Verdict.PROVED
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "match"),
+    [
+        ("mpc.branch = [", "mpc.lines = [", "must hold the table mpc.branch"),
+        ("4e-1", "1/3+0.1", r"mpc.branch\(3,4\) must be a number"),
+        ("4e-1", "pi", r"mpc.branch\(3,4\)"),
+        ("4e-1", "-0.4", "must have a reactance > 0; got -2/5"),
+        ("4e-1", "0", "must have a reactance > 0; got 0"),
+        ("20, 30", "20, 31", "names bus 31, which is not there"),
+        ("20, 30", "20, 20", "from bus 20 to itself"),
+        ("\t40\t4\t0\t0;", "\t40\t;\n", "at least 2 columns; row 4 has 1"),
+        ("\t10\t3\t0\t0;", "\tone\t3\t0\t0;", "must be a number"),
+        ("\t10\t3\t0\t0;", "\t1.5\t3\t0\t0;", "bus must be a whole number"),
+        ("\t10\t30\t0\t0.2\t0\t0\t0\t0\t0\t0\t0;", "\t10\t30\t0;", "at least 11 columns; row 4 has 3"),
+    ],
+)
+def test_a_wrong_table_is_named(old: str, new: str, match: str, tmp_path):
+    text = CASE.replace(old, new)
+    assert text != CASE
+    with pytest.raises(SpecError, match=match):
+        imported(tmp_path, text)
+
+
+def test_nothing_in_a_case_file_is_executed(tmp_path):
+    hostile = CASE.replace("4e-1", "__import__('os').system('touch " + str(tmp_path / "hacked") + "')")
+    with pytest.raises(SpecError, match=r"mpc.branch\(3,4\) must be a number"):
+        imported(tmp_path, hostile)
+    assert not (tmp_path / "hacked").exists()
+
+
+def test_a_long_file_of_brackets_is_read_in_linear_time():
+    with pytest.raises(SpecError, match=r"mpc\.bus"):
+        read_matpower("mpc.bus = [" * 50_000, name="bomb.m")
+
+
+def pandapower():
+    return pytest.importorskip("pandapower", reason='pandapower is not installed: pip install "dobc_design[grid]"')
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("case", ["case9", "case14", "case39"])
+def test_pandapower_networks_have_the_susceptances_of_their_own_load_flow(case: str, tmp_path):
+    """The matrix of pandapower's direct-current load flow, built by itself."""
+    pp = pandapower()
+    from pandapower import networks
+
+    net = getattr(networks, case)()
+    problem = dd.from_pandapower(net)
+    pp.rundcpp(net)
+    B = net._ppc["internal"]["Bbus"].toarray()
+    found = -dd.to_numpy(problem)["L"]
+    off = ~np.eye(len(found), dtype=bool)
+    order = net._pd2ppc_lookups["bus"][[int(label) for label in problem.network.labels]]
+    wanted = -B[np.ix_(order, order)]
+    np.testing.assert_allclose(found[off], wanted[off], rtol=1e-6, atol=1e-9)
+    pp.to_json(net, str(tmp_path / "net.json"))
+    again = dd.problem_from_file(tmp_path / "net.json")
+    assert again.network == problem.network
+    assert again.pinning == problem.pinning
+
+
+@pytest.mark.slow
+def test_the_ieee_14_bus_network_is_that_of_the_built_in_problem():
+    """Lines and pins of microgrid-ieee14 were typed in by hand; pandapower has taps besides, on three transformers."""
+    pandapower()
+    from pandapower import networks
+
+    found, known = dd.from_pandapower(networks.case14()), dd.load_problem("microgrid-ieee14")
+    assert [i + 1 for i in found.pinning.agents] == [i + 1 for i in known.pinning.agents] == [1, 2, 3, 6, 8]
+    lines = {(i, j): float(w) for i, j, w in known.network.modes["grid"]}
+    same = {(i, j): float(w) for i, j, w in found.network.modes["grid"]}
+    assert set(lines) == set(same)
+    taps = {frozenset(pair) for pair in ((3, 6), (3, 8), (4, 5))}
+    for pair, w in lines.items():
+        if frozenset(pair) not in taps:
+            assert same[pair] == pytest.approx(w, rel=1e-6)
+
+
+def tables(**changes) -> bytes:
+    """A network of two buses as pandapower writes it, by hand."""
+
+    def frame(columns, rows):
+        return {"_module": "pandas.core.frame", "_class": "DataFrame", "_object": json.dumps(
+            {"columns": columns, "index": list(range(len(rows))), "data": rows}
+        )}  # fmt: skip
+
+    inside = {
+        "sn_mva": 1.0,
+        "bus": frame(["vn_kv", "in_service"], [[10.0, True], [10.0, True], [10.0, True]]),
+        "line": frame(
+            ["from_bus", "to_bus", "length_km", "x_ohm_per_km", "parallel", "in_service"],
+            [[0, 1, 2.0, 5.0, 2, True], [1, 2, 1.0, 10.0, 1, True]],
+        ),
+        "ext_grid": frame(["bus", "in_service"], [[0, True]]),
+        **{name: frame(*value) for name, value in changes.items()},
+    }
+    return json.dumps({"_module": "pandapower.auxiliary", "_class": "pandapowerNet", "_object": inside}).encode()
+
+
+def net_of(tmp_path, data: bytes):
+    (tmp_path / "net.json").write_bytes(data)
+    return dd.problem_from_file(tmp_path / "net.json")
+
+
+def test_the_json_of_pandapower_is_read_without_pandapower(tmp_path):
+    """x = 5 Ohm in total on 10 kV and 1 MVA is 0.05 p.u."""
+    problem = net_of(tmp_path, tables())
+    assert {(i, j): w for i, j, w in problem.network.modes["grid"]}[0, 1] == 20
+    assert problem.pinning.agents == (0,)
+
+
+def test_a_closed_bus_coupler_joins_two_buses_and_an_open_line_switch_opens_the_line(tmp_path):
+    switch = ["bus", "element", "et", "closed"]
+    joined = net_of(tmp_path, tables(switch=(switch, [[1, 2, "b", True]])))
+    assert joined.network.labels == ("0", "1")
+    with pytest.raises(SpecError, match="no branch"):
+        net_of(tmp_path, tables(switch=(switch, [[1, 0, "l", False], [1, 1, "l", False]])))
+
+
+def test_three_winding_transformers_and_broken_files_are_refused(tmp_path):
+    with pytest.raises(SpecError, match="three-winding"):
+        net_of(tmp_path, tables(trafo3w=(["in_service"], [[True]])))
+    with pytest.raises(SpecError, match="cannot be read"):
+        net_of(tmp_path, b'{"_module": "pandapower.auxiliary", "_object": {"bus": 3}}')
+    with pytest.raises(SpecError, match="must be a pandapower network"):
+        dd.from_pandapower(object())

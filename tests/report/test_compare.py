@@ -1,0 +1,155 @@
+"""Two certificates side by side: what is the same, what differs, and nothing that a user wrote gets out of its cell."""
+
+from __future__ import annotations
+
+import dataclasses
+import re
+from html.parser import HTMLParser
+
+import pytest
+
+from dobc_design.report.compare import check_pairs, compare_html, compare_markdown, conclusion, region_pairs
+from dobc_design.report.differences import differences
+from dobc_design.spec.network import Network
+from dobc_design.spec.observer import Observer
+from dobc_design.verdict import Verdict
+
+
+def ring(n: int, *, back: bool = False) -> list[tuple[int, int]]:
+    arcs = [(i + 1, (i + 1) % n + 1) for i in range(n)]
+    return arcs + [(j, i) for i, j in arcs] if back else arcs
+
+
+class Reader(HTMLParser):
+    """Identifiers, references to them, and whether every element is closed."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.ids: list[str] = []
+        self.targets: list[str] = []
+        self.open: list[str] = []
+
+    def handle_starttag(self, tag, attributes):
+        found = dict(attributes)
+        if found.get("id"):
+            self.ids.append(found["id"])
+        for value in found.values():
+            self.targets += re.findall(r"url\(#([^)]+)\)", value or "")
+            if (value or "").startswith("#") and tag in ("a", "use"):
+                self.targets.append(value[1:])
+        if tag not in ("meta", "br", "path", "use"):
+            self.open.append(tag)
+
+    def handle_startendtag(self, tag, attributes):
+        self.handle_starttag(tag, attributes)
+        if self.open and self.open[-1] == tag:
+            self.open.pop()
+
+    def handle_endtag(self, tag):
+        if tag not in ("path", "use"):
+            assert self.open.pop() == tag
+
+
+def test_a_problem_differs_from_itself_in_nothing(problem_with):
+    assert differences(problem_with(), problem_with()) == ([], 0)
+
+
+def test_every_kind_of_difference_is_named_by_its_key(problem_with):
+    first = problem_with()
+    second = problem_with(
+        target=2, coupling="tanh(y)", gains={1: 3, 2: "1/3"}, observer=Observer(rate=2),
+        region={"initial_states": [0, 5], "initial_disturbance": "1/2"}, offsets={3: 1},
+        network=Network.from_arcs({"Ga": [*ring(10)[1:], (1, 3)]}, arrow="listens_to", agents=10),
+    )  # fmt: skip
+    found = {each.key: (each.first, each.second) for each in differences(first, second)[0]}
+    assert found == {
+        "network.modes.Ga: 1 listens to 2": ("there", "–"), "network.modes.Ga: 1 listens to 3": ("–", "there"),
+        "target": ("1", "2"), "coupling.h": ("exp(y) - 1 + y", "tanh(y)"), "pinning.gains.1": ("5", "3"),
+        "pinning.gains.2": ("–", "1/3"), "pinning.gains.6": ("5", "–"), "observer.rate": ("–", "2"),
+        "observer.W": ("[16/5, 12/5]", "–"), "observer.P": ("[[1/2, -1/4], [-1/4, 1/3]]", "–"),
+        "formation.offsets.3": ("–", "1"), "region.initial_states": ("–", "[0, 5]"),
+        "region.initial_disturbance": ("–", "1/2"),
+    }  # fmt: skip
+
+
+def test_many_arcs_and_whole_modes_are_counted(problem_with):
+    one = problem_with(network=Network.from_arcs({"G": ring(10), "only": ring(10)}, arrow="listens_to", agents=10))
+    turned = [(j, i) for i, j in ring(10)]
+    other = problem_with(network=Network.from_arcs({"G": turned}, arrow="listens_to", agents=10))
+    found, count = differences(one, other)
+    assert count == 2
+    assert (found[0].key, found[1].key) == ("network.modes.G: arcs that differ", "network.modes.only")
+    assert found[0].first.startswith("10: 1 listens to 2, 2 listens to 3")
+    assert found[0].second.startswith("10: 2 listens to 1")
+    assert (found[1].first, found[1].second) == ("10 arcs", "–")
+
+
+def test_a_weight_is_a_difference(problem_with):
+    arcs = [(*arc, 1) for arc in ring(10)]
+    light = problem_with(network=Network.from_arcs({"Ga": arcs}, arrow="listens_to", agents=10))
+    heavy = problem_with(
+        network=Network.from_arcs({"Ga": [(*arcs[0][:2], "1/2"), *arcs[1:]]}, arrow="listens_to", agents=10)
+    )
+    assert [(each.first, each.second) for each in differences(light, heavy)[0]] == [("there", "weight 1/2")]
+
+
+@pytest.mark.parametrize(
+    ("first", "second", "words"),
+    [
+        ({}, {"rate": 0.5}, "Both are proved. B has the larger certified rate, 0.5 against 0.2618 1/s of A."),
+        ({}, {}, "Both are proved, at the same certified rate."),
+        ({}, {"verdict": Verdict.REFUTED, "rate": None, "covered_by": None}, "A is proved, B is refuted."),
+    ],
+)
+def test_the_conclusion_compares_verdicts_and_rates(certificate_of, first, second, words):
+    assert conclusion(certificate_of(**first), certificate_of(**second)) == words
+
+
+def test_checks_are_paired_by_id_and_mode_and_marked_where_they_differ(certificate_of):
+    one = certificate_of()
+    checks = [dataclasses.replace(check, margin=0.1) if check.id == "lemma1" else check for check in one.checks]
+    other = certificate_of(checks=tuple(check for check in checks if check.id != "hurwitz"))
+    rows = {row.id: row for row in check_pairs(one, other)}
+    assert [row.id for row in check_pairs(one, other)] == [check.id for check in one.checks]
+    assert {id for id, row in rows.items() if row.differs} == {"lemma1", "hurwitz"}
+    assert (rows["lemma1"].cells[0].margin, rows["lemma1"].cells[1].margin) == ("0.5822", "0.1")
+    assert rows["hurwitz"].cells[1].verdict == "–"
+
+
+def test_starts_stand_beside_each_other(asked_for, certificate_of):
+    rows = dict(region_pairs(asked_for["certificate"], certificate_of()))
+    assert rows["Max-separable"][0].startswith("box |e|∞ ≤ 4")
+    quadratic = next(starts for name, starts in rows.items() if name.startswith("Lur"))
+    assert quadratic[0].startswith("ball |e|₂ ≤ 1.079")
+    assert quadratic[1] == "–"
+
+
+def test_the_page_is_well_formed_loads_nothing_and_its_drawings_have_their_own_names(certificate_of, problem_with):
+    other = problem_with(
+        name="other", network=Network.from_arcs({"Ga": ring(10, back=True)}, arrow="listens_to", agents=10)
+    )
+    page = compare_html(certificate_of(), certificate_of(other))
+    reader = Reader()
+    reader.feed(page)
+    assert reader.open == []
+    assert len(set(reader.ids)) == len(reader.ids)
+    assert set(reader.targets) <= set(reader.ids)
+    assert not re.search(r"(?:src|href)=\"(?!#)", page)
+    assert "<script" not in page
+    assert page.count("<svg") == 2
+
+
+def test_text_of_the_user_stays_text(certificate_of, problem_with):
+    bad = problem_with(name="<img src=x> | a", notes=["<b>&</b>"])
+    given = certificate_of(bad, notes=("<b>&</b>",))
+    page, text = compare_html(given, certificate_of()), compare_markdown(given, certificate_of())
+    assert "<img" not in page
+    assert "<b>&" not in page
+    assert "\\<img src=x\\> \\| a" in text
+    widths = {line.count("|") - line.count("\\|") for line in text.splitlines() if line.startswith("|")}
+    assert widths <= {4, 8}
+
+
+def test_the_same_certificates_give_the_same_bytes(certificate_of):
+    assert compare_html(certificate_of(), certificate_of()) == compare_html(certificate_of(), certificate_of())
+    assert "The two problems are the same." in compare_markdown(certificate_of(), certificate_of())

@@ -1,0 +1,193 @@
+"""The PDF: user text stays text, numbers stay exact, nothing leaves the page, the same input gives the same bytes."""
+
+from __future__ import annotations
+
+import json
+import re
+import shutil
+import subprocess
+import sys
+from fractions import Fraction
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from dobc_design.errors import SpecError
+from dobc_design.report import formulas
+from dobc_design.report.pdf_parts import number_parts, picture_parts, soft
+from dobc_design.report.pictures import Picture
+from dobc_design.spec.exosystem import Exosystem
+from dobc_design.spec.network import Network
+
+pytest.importorskip("typst", reason="needs the extra `pdf`: pip install 'dobc_design[pdf]'")
+
+from dobc_design.report.pdf import compile_pdf, document, pdf_report
+
+POPPLER = shutil.which("pdftotext")
+needs_poppler = pytest.mark.skipif(POPPLER is None, reason="needs pdftotext (poppler-utils)")
+HOSTILE = (
+    "#panic(1)", "$ x_1 $", "*bold*", "_slanted_", "back\\slash\\", 'say "quoted"', "it's", "<label>", "@reference",
+    "// no comment", "/* none */", "`code`", "~tilde", "[bracket](link)", "= heading", "ünïcödé ∞ λ ✓", "-- dash",
+)  # fmt: skip
+MARGIN = 14 * 72 / 25.4  # pt; the page has 18 mm
+
+
+def texts(data: bytes, folder: Path, *options: str) -> str:
+    """What pdftotext reads."""
+    path = folder / "report.pdf"
+    path.write_bytes(data)
+    command = [str(POPPLER), *options, str(path), "-"]
+    return subprocess.run(command, capture_output=True, text=True, timeout=60, check=True).stdout
+
+
+def squeezed(text: str) -> str:
+    """Without white space and places to break."""
+    return re.sub(r"[\s\u200b]", "", text)
+
+
+def content(*blocks: dict[str, Any], **changes: Any) -> dict[str, Any]:
+    return {
+        "title": "t", "name": "n", "footer": "f", "verdict": "proved", "word": "Proved", "reason": "r",
+        "identity": [["Problem", "n"]], "facts": [["Agents", "1"]], "blocks": list(blocks),
+    } | changes  # fmt: skip
+
+
+@needs_poppler
+def test_text_of_the_user_is_shown_as_it_is_and_never_read_as_markup(tmp_path: Path):
+    items = list(HOSTILE)
+    page = compile_pdf(
+        content(
+            {"kind": "list", "items": items},
+            {"kind": "code", "lines": items},
+            {"kind": "table", "heads": items[:2], "rows": [[[a], [b]] for a, b in zip(items, items, strict=True)],
+             "widths": [0, 1]},
+            *({"kind": "heading", "level": 1, "text": each} for each in items),
+            name=" ".join(items), reason=" ".join(items), footer=" ".join(items)[:60],
+        )
+    )  # fmt: skip
+    text = squeezed(texts(page, tmp_path))
+    for each in HOSTILE:
+        assert text.count(squeezed(each)) >= 6, each
+
+
+@pytest.mark.parametrize("text", ["時計 🕰 \ufffd", "private \ue000 \U0010fffd", "\u202eright to left", "\ufffe"])
+def test_letters_that_fonts_or_the_standard_do_not_have_do_not_stop_it(text: str):
+    made = compile_pdf(content({"kind": "text", "text": text, "style": "plain"}, name=text, title=text))
+    assert made.startswith(b"%PDF")
+
+
+def test_it_is_tagged_for_assistive_technology():
+    """PDF/UA-1 (ISO 14289): tags, language and a title; Typst refuses a figure or formula without words."""
+    made = compile_pdf(content({"kind": "formula", "name": "psi", "label": "", "number": "(18)"}))
+    assert b"/MarkInfo" in made
+    assert b"pdfuaid:part>1<" in made
+
+
+def test_the_same_content_gives_the_same_bytes_without_a_date():
+    one = content({"kind": "text", "text": "hello", "style": "plain"})
+    assert compile_pdf(one) == compile_pdf(one)
+    assert b"CreationDate" not in compile_pdf(one)
+
+
+@pytest.mark.parametrize(
+    ("value", "negative", "digits", "over", "power"),
+    [
+        (Fraction(16, 5), False, "16", "5", None),
+        (Fraction(-2), True, "2", None, None),
+        (Fraction(0), False, "0", None, None),
+        (Fraction(-1, 10**8), True, "1", "100000000", None),
+        (Fraction(1, 3 * 10**20), False, "3.333", None, "-21"),
+        (Fraction(-(10**30) - 1, 7), True, "1.429", None, "29"),
+    ],
+)
+def test_numbers(value: Fraction, negative: bool, digits: str, over: str | None, power: str | None):
+    assert number_parts(value) == {"negative": negative, "digits": digits, "over": over, "power": power}
+
+
+def test_long_words_may_be_broken_and_lose_no_letter():
+    word = "verify/separable_observer.py" + "x" * 70
+    broken = soft(f"short words stay\n{word}\x00")
+    assert broken.startswith("short words stay ")
+    assert max(map(len, re.split("[\u200b ]", broken))) <= 16
+    assert broken.replace("\u200b", "") == f"short words stay {word}\ufffd"
+
+
+def test_a_figure_keeps_its_colours_and_gets_its_alternative():
+    svg = '<svg viewBox="0 0 330.5 9" aria-label="A &lt;b&gt;"><g style="fill: var(--figure-blue, #0072b2)"/></svg>'
+    parts = picture_parts(Picture(svg=formulas.Fragment(svg), title="t", caption=""))
+    assert "fill: #0072b2" in parts["svg"]
+    assert (parts["alt"], parts["width"]) == ("A <b>", "330.5")
+
+
+def test_every_equation_of_the_loop_has_its_formula():
+    template = (Path(formulas.__file__).parent / "templates" / "report.typ").read_text("utf-8")
+    for name, _, _ in formulas.LOOP:
+        assert f'"{name}": (' in template
+    for name, _, _ in formulas.LOOP_DISTURBED:
+        assert f'"{name}, disturbed": (' in template
+
+
+def test_without_typst_the_message_names_the_extra(certificate, monkeypatch):
+    monkeypatch.setitem(sys.modules, "typst", None)
+    with pytest.raises(SpecError, match=r"dobc_design\[pdf\]"):
+        pdf_report(certificate, analysis=None, trajectory=None)
+
+
+@pytest.fixture
+def wide(problem_with, certificate_of, analysis_of, trajectory_of) -> dict[str, Any]:
+    """Long names, hostile ones, six exosystem states, several modes: what is likely to be too wide."""
+    labels = [f"station-of-a-very-long-name-{each}" for each in HOSTILE[:12]]
+    arcs = [(labels[i], labels[(i + 1) % 12]) for i in range(12)]
+    network = Network.from_arcs({"m" * 60: arcs, "#b": arcs[:-1], "$c": arcs[3:]}, arrow="listens_to", agents=labels)
+    A = [[f"{i + 1}/{j + 7}" for j in range(6)] for i in range(6)]
+    problem = problem_with(
+        name="a-name-without-any-space-" * 4, network=network, gains={labels[0]: 1}, observer=None,
+        exosystem=Exosystem(A=A, C=[[1, 0, 0, 0, 0, "123456/654321"]]),
+    )  # fmt: skip
+    certificate = certificate_of(problem, problem_sha256="f" * 64, notes=("W" * 200, *HOSTILE))
+    return {"certificate": certificate, "analysis": analysis_of(problem), "trajectory": trajectory_of(problem)}
+
+
+@needs_poppler
+@pytest.mark.slow
+@pytest.mark.parametrize("which", ["everything", "wide", "asked_for"])
+def test_pages_are_a4_and_nothing_is_cut_off(which: str, request: pytest.FixtureRequest, tmp_path: Path):
+    arguments = request.getfixturevalue(which)
+    boxes = texts(pdf_report(**arguments), tmp_path, "-bbox")
+    pages = re.findall(r'<page width="([\d.]+)" height="([\d.]+)">', boxes)
+    assert len(pages) >= 3
+    assert {(round(float(w)), round(float(h))) for w, h in pages} == {(595, 842)}
+    words = re.findall(r'<word xMin="(-?[\d.]+)" yMin="(-?[\d.]+)" xMax="([\d.]+)" yMax="([\d.]+)">(.*?)</word>', boxes)
+    assert len(words) > 500
+    outside = [word for *box, word in words if float(box[0]) < MARGIN or float(box[2]) > 595.3 - MARGIN]
+    assert outside == []
+
+
+@needs_poppler
+@pytest.mark.slow
+def test_the_pdf_says_what_the_page_says(everything: dict[str, Any], tmp_path: Path):
+    text = squeezed(texts(pdf_report(**everything), tmp_path))
+    certificate = everything["certificate"]
+    for check in certificate.checks:
+        assert squeezed(check.reason[1:]) in text
+    for words in ("Traceability", "Signatures", "Approved by", "0.2618 1/s", "0.5822", "9.9.9", "dobc verify"):
+        assert squeezed(words) in text
+    assert "0.5823" not in text  # cut towards the weaker claim
+
+
+def test_matrices_reach_the_template_exactly(certificate):
+    from dobc_design.report.full_view import full_view
+
+    view = full_view(
+        certificate, analysis=None, trajectory=None, lambdas=None, timings=(), searches=(), limits=()
+    )  # fmt: skip
+    whole = json.loads(json.dumps(document(view)))
+    matrices = {block["name"]: block["rows"] for block in whole["blocks"] if block["kind"] == "matrix"}
+
+    def value(part: dict[str, Any]) -> Fraction:
+        return Fraction(int(part["digits"]), int(part["over"] or 1)) * (-1 if part["negative"] else 1)
+
+    assert [[value(x) for x in row] for row in matrices["P"]] == [[3, Fraction(-1, 4)], [Fraction(-1, 4), 2]]
+    assert [[value(x) for x in row] for row in matrices["W"]] == [[Fraction(16, 5)], [Fraction(12, 5)]]
+    assert [[value(x) for x in row] for row in matrices["P given"]][1] == [Fraction(-1, 4), Fraction(1, 3)]

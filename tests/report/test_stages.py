@@ -1,0 +1,133 @@
+"""A settling time in the report: stages in rows, the envelope drawn, nothing rounded to the better side."""
+
+from __future__ import annotations
+
+from fractions import Fraction
+from functools import cache
+
+import numpy as np
+import pytest
+from staging_cases import ASKED, chain, problem
+
+from dobc_design.certificate.regions import RegionClaim, Regions
+from dobc_design.report.region_figures import plot_envelope, plot_regions
+from dobc_design.report.region_pictures import envelope_picture
+from dobc_design.report.region_stages import HEADS, settling_view, stage_rows
+from dobc_design.report.region_words import limit_sentences, region_rows
+from dobc_design.theorems.duals import QuadraticDual
+from dobc_design.verdict import Verdict
+from dobc_design.verify.separable_timing import DelayBound, SamplingBound
+from dobc_design.verify.settling import Settling
+from dobc_design.verify.settling_check import StageTiming, stage_timings
+
+F = Fraction
+
+
+@cache
+def settling() -> Settling:
+    """Two max-separable stages and two quadratic ones, R = 2, |eps_i| <= 1/2."""
+    return Settling(
+        verdict=Verdict.PROVED, reason="", problem_name="three", radius=ASKED.radius, disturbance=ASKED.disturbance,
+        tolerance=ASKED.tolerance, staging=chain(),
+    )  # fmt: skip
+
+
+def timing(period: str, delay: str) -> StageTiming:
+    held = SamplingBound(period=F(period), factor=F(1, 2))
+    return StageTiming(sampling=held, delay=DelayBound(delay=F(delay), rate=F(1)))
+
+
+def test_every_stage_is_a_row_and_quadratic_ones_say_nothing_about_sampling():
+    timings = [timing("0.0123456", "1/20"), timing("1/8", "1/5"), StageTiming(), StageTiming()]
+    rows = stage_rows(settling(), timings)
+    assert [row.kind for row in rows] == ["max-separable", "max-separable", "quadratic", "quadratic"]
+    assert [(row.held, row.late) for row in rows] == [
+        ("0.01234 s", "0.05 s"),
+        ("0.125 s", "0.2 s"),
+        ("–", "–"),
+        ("–", "–"),
+    ]
+    assert all(len(row.cells) == len(HEADS) for row in rows)
+
+
+def test_bounds_and_times_are_raised_and_rates_are_cut():
+    for row, stage in zip(stage_rows(settling(), ()), settling().stages, strict=True):
+        assert F(row.start.removesuffix(" s")) >= stage.start
+        assert F(row.bound) >= stage.level * stage.height
+        assert F(row.level) >= stage.level
+        assert F(row.rate) <= F(settling().rows()[int(row.number) - 1][4]) * F(1001, 1000)
+
+
+def test_the_sentence_claims_no_more_than_is_proved():
+    view = settling_view(settling(), ())
+    assert "|e|∞ ≤ 2 and |εᵢ| ≤ 0.5 for every i" in view["sentence"]
+    assert "|e(t)|∞ ≤ 0.001" in view["sentence"]
+    told = float(view["sentence"].partition("t ≥ ")[2].partition(" s")[0])
+    assert settling().time <= told <= settling().time * 1.001
+    assert view["timing"] is None
+    assert settling_view(None, ()) is None
+
+
+def test_what_the_stages_allow_is_told_apart_from_what_the_certificate_holds():
+    view = settling_view(settling(), [timing("1/8", "1/5")] * 2 + [StageTiming()] * 2)
+    assert "the certificate holds them for its whole region only" in view["timing"]
+
+
+def test_the_curve_drawn_is_the_certified_bound():
+    ax = plot_envelope(settling())
+    curve = ax.lines[0]
+    assert curve.get_ydata()[0] >= 2
+    assert curve.get_ydata()[-1] <= 0.001
+    assert np.array_equal(curve.get_ydata(), settling().envelope(curve.get_xdata()))
+    marks = [line.get_xdata()[0] for line in ax.lines[1:4]]
+    assert marks == [float(stage.start) for stage in settling().stages[1:]]
+    assert ax.get_yscale() == "log"
+
+
+def test_the_picture_says_in_words_what_it_shows():
+    picture = envelope_picture(settling())
+    assert "in 4 stage(s)" in str(picture.svg)
+    assert envelope_picture(None) is None
+
+
+@pytest.mark.slow
+def test_sampling_and_delays_are_decided_stage_by_stage_and_grow_as_the_box_shrinks():
+    found = stage_timings(problem(), settling())
+    assert [each.sampling is None for each in found] == [False, False, True, True]
+    assert found[0].sampling.period < found[1].sampling.period
+    assert all(each.delay is not None for each in found[:2])
+
+
+def test_limits_of_quadratic_certificates_are_raised_and_told_apart_from_the_certificate():
+    """|e_j - e_i| <= 1 gives |e| < 0.7071..., shown as 0.7072."""
+    duals = [QuadraticDual(shape=shape, radius=F(1), at={}, gains={}, terms=()) for shape in ("identity", "full")]
+    assert region_rows(quadratic(), duals)[0].cannot == "|e|₂ < 0.7072"
+    assert region_rows(quadratic(), duals[:1])[0].cannot == "–"
+    first, second = limit_sentences(duals)
+    assert "no V with any Pₑ decreases" in first and "|e|₂ = 0.7072" in first
+    assert "does not stand in certificate.json" in second and "not the agents themselves" in second
+    assert limit_sentences(()) == []
+
+
+def test_the_limit_is_drawn_as_a_bracket_in_the_row_of_the_quadratic_certificate():
+    ax = plot_regions(quadratic(), limit=0.7072)
+    assert 0.7072 in [float(line.get_xdata()[0]) for line in ax.lines]
+    assert "cannot exceed" in [text.get_text() for text in ax.get_legend().get_texts()]
+    assert "cannot exceed" not in [text.get_text() for text in plot_regions(quadratic()).get_legend().get_texts()]
+
+
+def quadratic() -> Regions:
+    claim = RegionClaim(
+        id="lure",
+        variant="P_e full",
+        verdict=Verdict.PROVED,
+        kind="ball",
+        box=0.25,
+        ball=0.5,
+        disturbance=0.0,
+        rate=0.1,
+    )
+    return Regions(
+        name="ring", verdict=Verdict.PROVED, reason="Here is why.", claims=(claim,), agents=(), asked=None,
+        tolerance=0.01, delay=None, sampling=None,
+    )  # fmt: skip

@@ -1,0 +1,125 @@
+"""Exported C code compiled and driven from Python: all agents in one library, the plant integrated exactly outside."""
+
+from __future__ import annotations
+
+import ctypes
+import shutil
+import subprocess
+from collections.abc import Mapping
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+STRICT = ("-std=c99", "-O2", "-Wall", "-Wextra", "-Werror", "-pedantic", "-Wshadow", "-Wconversion",
+          "-Wdouble-promotion", "-Wstrict-prototypes", "-Wmissing-prototypes")  # fmt: skip
+needs_gcc = pytest.mark.skipif(shutil.which("gcc") is None, reason="gcc is not installed (Debian: apt install gcc)")
+
+HARNESS = r"""
+#include <string.h>
+#include "dobc_agent.h"
+
+static dobc_agent agents[DOBC_AGENTS];
+
+void start(void);
+void settle(int mode, const double *x, const unsigned char *arrived, double limit, double *u, double *v, double *dhat);
+
+void start(void)
+{
+    int i;
+    for (i = 0; i < DOBC_AGENTS; i++) {
+        dobc_init(&agents[i], &dobc_agents[i]);
+    }
+}
+
+static int find(const char *label)
+{
+    int i;
+    for (i = 0; i < DOBC_AGENTS; i++) {
+        if (strcmp(dobc_agents[i].label, label) == 0) {
+            return i;
+        }
+    }
+    return -1;
+}
+
+/* arrived[i * DOBC_AGENTS + j]: whether i gets the packet of j now; limit: bound on the components of u. */
+void settle(int mode, const double *x, const unsigned char *arrived, double limit, double *u, double *v, double *dhat)
+{
+    dobc_real own[DOBC_AGENTS][DOBC_COMPONENTS], y[DOBC_AGENTS][DOBC_COMPONENTS];
+    dobc_output output;
+    int i, j, c;
+
+    for (i = 0; i < DOBC_AGENTS; i++) {
+        for (c = 0; c < DOBC_COMPONENTS; c++) {
+            own[i][c] = (dobc_real)x[i * DOBC_COMPONENTS + c];
+        }
+        dobc_packet(&agents[i], own[i], y[i]);
+    }
+    for (i = 0; i < DOBC_AGENTS; i++) {
+        dobc_real applied[DOBC_COMPONENTS];
+        dobc_set_mode(&agents[i], mode);
+        for (j = 0; j < dobc_agents[i].neighbour_count; j++) {
+            int speaker = find(dobc_agents[i].neighbours[j]);
+            if (arrived[i * DOBC_AGENTS + speaker]) {
+                dobc_receive(&agents[i], j, y[speaker]);
+            }
+        }
+        dobc_step(&agents[i], own[i], &output);
+        for (c = 0; c < DOBC_COMPONENTS; c++) {
+            applied[c] = output.u[c];
+            if (limit > 0) {
+                applied[c] = applied[c] > (dobc_real)limit ? (dobc_real)limit : applied[c];
+                applied[c] = applied[c] < (dobc_real)-limit ? (dobc_real)-limit : applied[c];
+            }
+            u[i * DOBC_COMPONENTS + c] = (double)applied[c];
+            v[i * DOBC_COMPONENTS + c] = (double)(output.felt[c] + applied[c]);
+            dhat[i * DOBC_COMPONENTS + c] = (double)output.dhat[c];
+        }
+        dobc_applied(&agents[i], applied);
+    }
+}
+"""
+
+
+def write_all(files: Mapping[str, bytes], folder: Path) -> Path:
+    folder.mkdir(parents=True, exist_ok=True)
+    for name, data in files.items():
+        (folder / name).write_bytes(data)
+    return folder
+
+
+def compile_and_test(folder: Path, *, library: bool = True) -> subprocess.CompletedProcess[str]:
+    """Compile the folder of an export under strict warnings and run its self-test."""
+    command = ["gcc", *STRICT, "dobc_agent.c", "main.c", "-o", "selftest", *(["-lm"] if library else [])]
+    done = subprocess.run(command, cwd=folder, capture_output=True, check=False, text=True, timeout=120)
+    assert done.returncode == 0, done.stderr
+    return subprocess.run(["./selftest"], cwd=folder, capture_output=True, check=False, text=True, timeout=60)
+
+
+class CompiledAgents:
+    """All agents of an export behind one call a sample."""
+
+    def __init__(self, files: Mapping[str, bytes], folder: Path, *, n: int, m: int) -> None:
+        write_all(files, folder)
+        (folder / "harness.c").write_text(HARNESS)
+        command = ["gcc", *STRICT, "-shared", "-fPIC", "dobc_agent.c", "harness.c", "-o", "agents.so", "-lm"]
+        done = subprocess.run(command, cwd=folder, capture_output=True, check=False, text=True, timeout=120)
+        assert done.returncode == 0, done.stderr
+        self.library = ctypes.CDLL(str(folder / "agents.so"))
+        self.n, self.m = n, m
+        self.library.start()
+
+    def __call__(
+        self, mode: int, x: np.ndarray, *, arrived: np.ndarray | None = None, limit: float = 0.0
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """u, v and dhat (n, m) for measured states x (n, m)."""
+        flags = np.ones((self.n, self.n), dtype=np.uint8) if arrived is None else arrived.astype(np.uint8)
+        out = [np.zeros((self.n, self.m)) for _ in range(3)]
+        double = ctypes.POINTER(ctypes.c_double)
+        given = np.ascontiguousarray(x, dtype=float)
+        self.library.settle(
+            ctypes.c_int(mode), given.ctypes.data_as(double), flags.ctypes.data_as(ctypes.POINTER(ctypes.c_ubyte)),
+            ctypes.c_double(limit), *(each.ctypes.data_as(double) for each in out),
+        )  # fmt: skip
+        return out[0], out[1], out[2]

@@ -1,0 +1,243 @@
+"""Problems with groups of agents for the lone checker: good certificates, and bad ones wrong in one place each."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator
+from functools import cache
+from typing import Any
+
+import sympy as sp
+from checker_cases import FAILS, HOLDS, NOTHING, OPEN, UNREADABLE, Case, Document, about, bend, network, scalar
+from region_cases import claim
+
+from dobc_design.certificate.text import certificate_bytes
+from dobc_design.spec.canonical import canonical_bytes
+from dobc_design.spec.exosystem import Exosystem
+from dobc_design.spec.groups import Group
+from dobc_design.spec.observer import Observer
+from dobc_design.spec.problem import Problem
+from dobc_design.workflow import certify
+
+RAMP = Exosystem(A=[[0, 1], [0, 0]], C=[[1, 0]])
+SLOW = Observer(W=[[1]])
+
+
+def _pair(first: Group, second: Group, **more: Any) -> Problem:
+    given = {"network": network(), "coupling": "y", "gains": 1} | more
+    return Problem(groups=[first, second], **given)
+
+
+def _one(agent: int, exosystem: Exosystem, observer: Observer | None = None) -> Group:
+    return Group(agents=[agent], exosystem=exosystem, observer=observer)
+
+
+@cache
+def problems() -> dict[str, Problem]:
+    """One for every rule about groups."""
+    given = _one(1, scalar(0), Observer(W=[[2]]))
+    return {
+        "given": _pair(given, _one(2, scalar(-1), SLOW)),
+        "mixed": _pair(given, _one(2, RAMP)),
+        "printed": _pair(
+            _one(1, scalar(0), Observer(W=[[2]], P=[[1]])), _one(2, scalar(-1), Observer(W=[[1]], P=[[1]]))
+        ),
+        "small P": _pair(
+            _one(1, scalar(0), Observer(W=[[2]], P=[[1]])), _one(2, scalar(-1), Observer(W=[[1]], P=[["1/100"]]))
+        ),
+        "negative P": _pair(
+            _one(1, scalar(0), Observer(W=[[2]], P=[[1]])), _one(2, scalar(-1), Observer(W=[[1]], P=[[-1]]))
+        ),
+        "hidden": _pair(given, _one(2, scalar(0, 0))),
+        "bad W": _pair(given, _one(2, scalar(0), Observer(W=[[-1]]))),
+        "bad W, calm": _pair(
+            given, _one(2, scalar(0), Observer(W=[[-1]])), coupling="tanh(y)",
+            region={"initial_states": [-1, 1], "initial_disturbance": 0},
+        ),
+        "bad W beside a designed one": _pair(_one(1, RAMP), _one(2, scalar(0), Observer(W=[[-1]]))),
+        "loose": _pair(given, _one(2, scalar(-1), SLOW), gains=None),
+        "region": _pair(
+            given, _one(2, scalar(-1), SLOW), coupling="tanh(y)", gains=2,
+            region={"initial_states": [-1, 1], "initial_disturbance": "1/10"},
+        ),
+        "plane": _pair(
+            _one(1, Exosystem(A=[[0]], C=[[1], [2]])), _one(2, Exosystem(A=[[0, 0], [0, -1]], C=[[1, 0], [0, 1]])),
+            coupling=["y1 + y2/2", "y2"], gains=2,
+        ),
+        "three": Problem(
+            network=network([[1, 2], [2, 3], [3, 1]]), coupling="y", gains=1,
+            groups=[Group(agents=[1, 2], exosystem=scalar(0), observer=Observer(W=[[2]])), _one(3, scalar(-1), SLOW)],
+        ),
+    }  # fmt: skip
+
+
+@cache
+def _originals() -> dict[str, tuple[bytes, bytes]]:
+    return {
+        name: (certificate_bytes(certify(problem).claims), canonical_bytes(problem))
+        for name, problem in problems().items()
+    }
+
+
+@cache
+def groups_cases() -> list[Case]:
+    """All of them, the good ones first."""
+    good = [Case(f"groups: {name}", data, problem, HOLDS) for name, (data, problem) in _originals().items()]
+    return [*good, *_bent_claims(), *_bent_matrices(), *_bent_obstacles(), *_bent_problems()]
+
+
+def document(name: str) -> Document:
+    return dict(json.loads(_originals()[name][0]))
+
+
+def check(document: Document, id: str, group: str | None = None) -> Document:
+    """The check of that id and group."""
+    return next(each for each in document["checks"] if each["id"] == id and each.get("group") == group)
+
+
+def bent(name: str, *changes: tuple[str, str | None, Document], what: str, code: int = FAILS) -> Case:
+    """A certificate with changes of checks by id and group, or of the whole ("")."""
+    copied = document(name)
+    for id, group, values in changes:
+        bend(check(copied, id, group) if id else copied, values)
+    return Case(f"groups: {name}: {what}", json.dumps(copied).encode(), _originals()[name][1], code)
+
+
+def _bent_claims() -> Iterator[Case]:
+    yield bent("given", ("hurwitz", "2", {"group": "1"}), what="one group twice")
+    yield bent("given", ("hurwitz", "2", {"group": "3"}), what="a group that is not there")
+    yield bent("given", ("lemma1", None, {"group": "1"}), what="a group on Lemma 1")
+    yield bent("given", ("theorem1", None, {"group": "1"}), what="a group on the theorem")
+    yield bent("given", ("hurwitz", "1", {"rate": 2.5}), what="a rate above 2")
+    yield bent("given", ("hurwitz", "1", {"exact": {"routh": ["1", "3"]}}), what="another Routh column")
+    yield bent("given", ("hurwitz", "1", {"rate": 1.99}), what="a rate below 2", code=HOLDS)
+    one, other = check(document("given"), "hurwitz", "1"), check(document("given"), "hurwitz", "2")
+    yield bent("given", ("hurwitz", "1", {"exact": other["exact"] | {"routh": ["1", "5"]}}), what="W of nobody")
+    assert one["exact"] == other["exact"]
+    # Lambda = [[-4, 2], [2, -4]], lambda_max = -2; S = 1/(4 p) and 1/(4 p'): the margin is below 2.
+    yield bent("printed", ("theorem1-printed", None, {"margin": 1.75}), what="the margin 2 - 1/4", code=FAILS)
+    yield bent("printed", ("theorem1-printed", None, {"margin": 1.7499}), what="just below the margin", code=HOLDS)
+    yield bent("region", ("max-separable", None, {"rate": 3}), what="a rate that does not follow")
+    # In "small P" S = diag(1/4, 25): the first agent's block alone would do.
+    labels, values = ["1", "2"], ["0", "1"]
+    vector = {"kind": "vector", "labels": ["2"], "values": values}
+    yield bent(
+        "small P", ("theorem1-printed", None, {"witness": vector, "margin": -20}), what="its own agent", code=HOLDS
+    )
+    yield bent("small P", ("theorem1-printed", None, {"witness": vector, "margin": -22}), what="too much")
+    yield bent(
+        "small P", ("theorem1-printed", None, {"witness": vector | {"labels": labels}, "margin": None}), what="labels"
+    )
+    yield bent(
+        "small P", ("theorem1-printed", None, {"witness": vector | {"kind": "agents"}, "margin": None}), what="kind"
+    )
+    first = {"kind": "vector", "labels": ["1"], "values": ["1", "0"]}
+    yield bent("small P", ("theorem1-printed", None, {"witness": first, "margin": None}), what="the other agent")
+    yield bent(
+        "negative P", ("theorem1-printed", None, {"witness": {"kind": "vector", "values": ["1", "0"]}}), what="P"
+    )
+    # Both exosystems have S = 1/38 at the rate 1/10 with P = 10 I and W = 2, and J - K has the eigenvalues -1, -3.
+    lure = claim("lure", "global", 0.1, {
+        "method": "vertices", "P_e": [[0, 0, "1"], [1, 1, "1"]], "level": None, "radius": None, "rate": "1/10",
+        "ranges": [{"coupling": 0, "gains": [[["1", "1"]]]}], "multipliers": {}, "P": [["10", "0"], ["0", "10"]],
+    })  # fmt: skip
+    copied = document("given")
+    copied["checks"].append(lure)
+    yield Case("groups: a quadratic certificate", json.dumps(copied).encode(), _originals()["given"][1], FAILS)
+
+
+def _texts(M: sp.Matrix) -> list[list[str]]:
+    return [[str(x) for x in M.row(i)] for i in range(M.rows)]
+
+
+def _with_matrices(name: str, W: sp.Matrix, P: sp.Matrix, *changes: tuple[str, str, Document], what: str) -> Case:
+    """The certificate with these W and P, and everything that follows from them."""
+    copied, parts = document(name), json.loads(_originals()[name][1])["exosystem"]["groups"]
+    A, C = (
+        sp.diag(*(sp.Matrix([[sp.Rational(x) for x in row] for row in part[key]]) for part in parts)) for key in "AC"
+    )
+    F = A - W * C
+    S = C * (-(P * F + F.T * P)).inv() * C.T
+    copied["observer"] |= {"W": _texts(W), "P": _texts(P), "Q": _texts(P * W)}
+    exact = {"P": _texts(P), "Q": _texts(P * W), "S": _texts(S)}
+    exact |= {"bound": str(-S[0, 0])} if S[0, 0] * sp.eye(S.rows) == S else {}
+    bend(check(copied, "theorem1"), {"exact": exact, "margin": 0, "rate": None})
+    bend(copied, {"rate": None})
+    for id, group, values in changes:
+        bend(check(copied, id, group), values)
+    return Case(f"groups: {name}: {what}", json.dumps(copied).encode(), _originals()[name][1], FAILS)
+
+
+def _bent_matrices() -> Iterator[Case]:
+    data = document("mixed")
+    W = sp.Matrix([[sp.Rational(x) for x in row] for row in data["observer"]["W"]])
+    P = 20 * sp.Matrix([[sp.Rational(x) for x in row] for row in data["observer"]["P"]])
+    slanted, joined = W.copy(), P.copy()
+    slanted[0, 1] = sp.Rational(1, 1000)
+    joined[0, 1] = joined[1, 0] = sp.Rational(1, 1000)
+    yield _with_matrices("mixed", slanted, P, what="W between two groups")
+    yield _with_matrices("mixed", W, joined, what="P between two groups")
+    faster = W.copy()
+    faster[0, 0] = 3
+    yield _with_matrices(
+        "mixed", faster, P, ("hurwitz", "1", {"exact": {"routh": ["1", "3"]}}), what="another W of a group that has one"
+    )
+
+
+def _bent_obstacles() -> Iterator[Case]:
+    yield bent("hidden", ("theorem1", None, {"exact": {"block": "detectability"}}), what="no group named")
+    yield bent(
+        "hidden", ("theorem1", None, {"exact": {"block": "detectability", "group": "1"}}), what="the other group"
+    )
+    yield bent("hidden", ("theorem1", None, {"exact": {"block": "detectability", "group": "3"}}), what="no such group")
+    yield bent("hidden", ("theorem1", None, {"exact": {"block": "hurwitz", "group": "2"}}), what="no W of its own")
+    yield bent("bad W", ("theorem1", None, {"exact": {"block": "hurwitz"}}), what="no group named")
+    yield bent("bad W", ("theorem1", None, {"exact": {"block": "hurwitz", "group": "1"}}), what="the good gain")
+    named = {"block": "Lambda", "mode": "G", "group": "1"}
+    yield bent("loose", ("theorem1", None, {"exact": named}), what="a group on Lambda")
+    yield bent("bad W", ("", None, OPEN), what="refuted, and it says undecided")
+    yield bent("bad W, calm", ("", None, {"verdict": "refuted"}), what="undecided, and it says refuted")
+    yield bent("bad W beside a designed one", ("", None, OPEN), what="refuted, and it says undecided")
+    yield bent("bad W", ("theorem1", None, NOTHING), what="the theorem left open", code=HOLDS)
+
+
+def _bent_problems() -> Iterator[Case]:
+    def changed(name: str, certificate: Document, code: int, *, what: str, **parts: Any) -> Case:
+        problem = json.loads(_originals()[name][1])
+        for place, values in parts.items():
+            bend(problem[place] if place == "observer" else problem["exosystem"]["groups"][int(place[1:])], values)
+        return about(problem, certificate, name=f"groups: {name}: {what}", code=code)
+
+    plain = document("given")
+    yield changed("given", plain, UNREADABLE, what="a W for nobody", observer={"W": "2"})
+    yield changed("given", plain, UNREADABLE, what="a P for nobody", observer={"P": "2"})
+    yield changed("given", plain, UNREADABLE, what="a P for one group", g0={"P": [["1"]]})
+    yield changed("given", plain, UNREADABLE, what="P without W", g0={"W": None, "P": [["1"]]}, g1={"P": [["1"]]})
+    yield changed("given", plain, UNREADABLE, what="an agent in no group", g0={"agents": []})
+    yield changed("given", plain, UNREADABLE, what="an agent in two groups", g0={"agents": [0, 1]})
+    yield changed("given", plain, UNREADABLE, what="an agent that is not there", g1={"agents": [1, 2]})
+    yield changed("given", plain, UNREADABLE, what="no state", g0={"A": [], "C": [[]], "W": []})
+    turned = document("three")
+    for each in turned["checks"]:
+        each.update({"group": "2"} if each.get("group") == "1" else {})
+    yield changed("three", turned, UNREADABLE, what="agents out of order", g0={"agents": [1, 0]})
+    backwards, problem = document("given"), json.loads(_originals()["given"][1])
+    problem["exosystem"]["groups"].reverse()
+    for holder, names in ((backwards["observer"], "WPQ"), (check(backwards, "theorem1")["exact"], "PQS")):
+        holder |= {name: [row[::-1] for row in holder[name][::-1]] for name in names}
+    yield about(problem, backwards, name="groups: given: groups out of order", code=UNREADABLE)
+    crowded = json.loads(_originals()["given"][1])
+    crowded["exosystem"]["groups"].append({"agents": [], "A": [["0"]], "C": [["1"]], "W": [["1"]], "P": None})
+    yield about(crowded, plain, name="groups: given: a group of nobody", code=UNREADABLE)
+    yield _alone()
+
+
+def _alone() -> Case:
+    """One group of all agents: a certificate of the plain problem with the group's name on its checks."""
+    same = Problem(network=network(), coupling="y", gains=1, exosystem=scalar(0), observer=Observer(W=[[2]]))
+    certificate, problem = json.loads(certificate_bytes(certify(same).claims)), json.loads(canonical_bytes(same))
+    for each in certificate["checks"]:
+        each.update({"group": "1"} if each["id"] in ("observability", "detectability", "hurwitz") else {})
+    problem["exosystem"] = {"groups": [problem["exosystem"] | {"agents": [0, 1], "W": [["2"]], "P": None}]}
+    problem["observer"] = {"W": None, "P": None, "rate": None}
+    return about(problem, certificate, name="groups: one group of all", code=UNREADABLE)

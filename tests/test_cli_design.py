@@ -1,0 +1,134 @@
+"""`dobc design`: a new problem file with the user's comments, exit codes of the contract, nothing written in vain."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+
+from dobc_design.cli import main
+from dobc_design.errors import CertificateError
+
+STAR = """\
+# Three followers and their leader.
+name = "star"
+notes = ["Made up."]
+
+[network]
+agents = ["lead", "a", "b", "c"]
+arrow = "listens_to"
+modes.G = [["a", "lead"], ["b", "lead"], ["c", "lead"]]   # who listens to whom
+
+[coupling]
+h = "y"                                # a spring
+
+[pinning]
+gains = { a = 77 }                     # of no use
+
+[exosystem]
+A = [[0, 0], [0, 0]]                   # the second state is never seen
+C = [[1, 0]]
+
+[observer]
+W = [[1], [0]]                         # typed by hand
+P = [[1, 0], [0, 1]]
+"""
+
+
+@pytest.fixture
+def dobc(capsys, tmp_path, monkeypatch):
+    """Run the command line in an empty folder: exit code, standard output, standard error."""
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "star.toml").write_text(STAR, encoding="utf-8")
+
+    def run(*arguments: object) -> tuple[int, str, str]:
+        with pytest.raises(SystemExit) as caught:
+            main([*map(str, arguments)])
+        captured = capsys.readouterr()
+        assert "Traceback" not in captured.err
+        return int(str(caught.value.code)), captured.out, captured.err
+
+    return run
+
+
+def test_a_design_writes_a_file_that_certify_proves_and_keeps_the_comments(dobc, tmp_path: Path):
+    code, out, _ = dobc("design", "star.toml", "--out", "new.toml")
+    assert code == 0
+    assert "star: PROVED." in out
+    assert "Pinned: agent lead" in out
+    assert "wrote        new.toml" in out
+    text = (tmp_path / "new.toml").read_text("utf-8")
+    assert text.startswith("# Three followers and their leader.")
+    assert "# who listens to whom" in text
+    assert "# a spring" in text
+    assert "77" not in text
+    assert "P = " not in text
+    assert "set by dobc design" in text
+    assert dobc("certify", "new.toml", "--no-report")[0] == 0
+    assert dobc("certify", "star.toml", "--no-report", "--out", "old")[0] != 0
+
+
+def test_json_is_one_document_with_the_keys_of_the_contract(dobc, tmp_path: Path):
+    code, out, _ = dobc("design", "star.toml", "--out", "new.toml", "--json")
+    document = json.loads(out)
+    assert code == 0
+    assert set(document) >= {"verdict", "W", "P", "gains", "rate", "cost", "reason", "problem"}
+    assert (document["verdict"], document["problem"], list(document["gains"])) == ("proved", "new.toml", ["lead"])
+    assert document["rate"] > 0
+
+
+def test_an_impossible_request_leaves_with_1_names_the_limit_and_the_nearest_request(dobc, tmp_path: Path):
+    code, out, _ = dobc("design", "star.toml", "--out", "new.toml", "--keep-exosystem")
+    assert code == 1
+    assert "star: REFUTED. No W exists" in out
+    assert "The limit that fails: --keep-exosystem." in out
+    assert "dobc design star.toml --out new.toml" in out
+    assert not (tmp_path / "new.toml").exists()
+
+
+@pytest.mark.slow
+def test_the_nearest_request_can_be_typed_as_it_is_shown(dobc):
+    code, out, _ = dobc("design", "star.toml", "--out", "new.toml", "--allowed", "a,b", "--allowed", "c", "--json")
+    assert code == 1
+    nearest = json.loads(out)["nearest"]
+    assert nearest["verdict"] == "proved"
+    out = dobc("design", "star.toml", "--out", "new.toml", "--allowed", "a,b,c")[1]
+    command = next(line for line in out.splitlines() if line.startswith("    dobc "))
+    assert dobc(*command.split()[1:])[0] == 0
+
+
+def test_a_file_that_is_there_stays_unless_force_is_given(dobc, tmp_path: Path):
+    (tmp_path / "new.toml").write_text("mine", encoding="utf-8")
+    code, _, err = dobc("design", "star.toml", "--out", "new.toml")
+    assert code == 2
+    assert "exists already" in err
+    assert (tmp_path / "new.toml").read_text("utf-8") == "mine"
+    assert dobc("design", "star.toml", "--out", "new.toml", "--force", "--quiet")[:2] == (0, "")
+
+
+@pytest.mark.parametrize(
+    ("options", "complaint"),
+    [
+        (("--out", "new.json"), "--out must name a .toml file"),
+        (("--out", "new.toml", "--rate", "fast"), "rate"),
+        (("--out", "new.toml", "--pins", "some"), "pins must be an integer"),
+        (("--out", "new.toml", "--allowed", "nobody"), "there is no agent 'nobody'"),
+        (("--out", "new.toml", "--digits", "0"), "digits must be"),
+        (("--out", "--json"), "needs a value"),
+        ((), "--out"),
+    ],
+)
+def test_wrong_options_leave_with_2_and_write_nothing(dobc, tmp_path: Path, options, complaint):
+    code, out, err = dobc("design", "star.toml", *options)
+    assert code == 2
+    assert complaint in (err or out)
+    assert {path.name for path in tmp_path.iterdir()} == {"star.toml"}
+
+
+def test_a_disk_that_refuses_leaves_with_4(dobc, monkeypatch):
+    def refuse(path: Path, data: bytes) -> None:
+        raise CertificateError("no room")
+
+    monkeypatch.setattr("dobc_design.certificate.files.write_atomically", refuse)
+    assert dobc("design", "star.toml", "--out", "new.toml")[0] == 4

@@ -95,6 +95,7 @@ def test_a_region_that_is_proved_leaves_with_0_and_writes_numbers_and_picture(do
     assert (folder / "region.svg").read_text("utf-8").lstrip().startswith("<?xml")
 
 
+@pytest.mark.slow
 def test_a_region_out_of_reach_leaves_with_3_and_says_how_far_the_proof_goes(dobc):
     """sin pulls back only as far as pi/2 on both sides: the box is near that, never beyond."""
     code, out, _ = dobc("far.toml", "--json", "--out", "there")
@@ -145,11 +146,13 @@ def test_without_search_nothing_is_said_about_one(dobc, tmp_path: Path):
     assert not (tmp_path / "sines-certificate" / "search.svg").exists()
 
 
+@pytest.mark.slow
 def test_a_settling_time_is_told_stage_by_stage(dobc):
     code, out, _ = dobc("near.toml", "--settling", "1/50")
     assert code == 0
     assert "it is proved that |e(t)|∞ ≤ 0.02 for all t ≥" in out
-    assert "held for" in out and "late by" in out
+    heads = out.split()  # of the table of stages; a narrow terminal breaks them
+    assert {"held", "late", "stage"} <= set(heads)
     _, out, _ = dobc("near.toml", "--settling", "1/50", "--json")
     document = json.loads(out)
     assert document["tolerance"] == 0.02

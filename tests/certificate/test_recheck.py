@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+import pytest
 from campaigns import a_problem, mutant_campaign, recheck_campaign
 
 from dobc_design.certificate.certificate import Certificate
@@ -16,6 +17,7 @@ from dobc_design.verdict import Verdict
 from dobc_design.workflow import certify, verify
 
 
+@pytest.mark.slow
 def test_every_certificate_of_random_problems_is_confirmed_and_true():
     """20 problems of all kinds: accepted, true for the oracle, and decided wherever the rules decide."""
     tally = recheck_campaign(range(20))

@@ -235,6 +235,7 @@ def test_random_refuted_problems_have_true_witnesses_and_cures_that_prove():
     assert tally.counts["lemma1 refuted"] >= 4
 
 
+@pytest.mark.slow
 def test_what_is_known_from_outside_is_decided():
     tally = decided_campaign(range(30))
     assert tally.wrong == []

@@ -54,6 +54,7 @@ def without(certificate: dd.Certificate, id: str) -> dd.Certificate:
     return replace(certificate, claims=replace(certificate.claims, checks=checks))
 
 
+@pytest.mark.slow
 def test_far_starts_of_two_agents_are_refuted_and_both_programs_agree():
     """sin, k = 1/10, starts in [-5, 5]: y = 3.3077 (theory: the contract's cause (d))."""
     problem, certificate = listening_pair(), refuted()
@@ -130,6 +131,7 @@ def test_with_an_observer_it_is_refuted_all_the_same():
     assert dd.verify(certificate, problem).holds
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("reach", "code", "verdict"), [("5", 1, "refuted"), ("1.65", 0, "proved")])
 def test_the_command_line_says_so(tmp_path, reach: str, code: int, verdict: str):
     file = tmp_path / "pair.toml"

@@ -153,6 +153,7 @@ def test_a_quadratic_certificate_is_never_contradicted_and_a_false_one_is(shape:
     assert dd.falsify(problem, runs=100, certified=faster).suspects[0].kind == LEAVES
 
 
+@pytest.mark.slow
 def test_example_2_with_its_observer_is_never_contradicted():
     """V = N + kappa E from the boundary, eps included, four modes switching at random."""
     problem = dd.load_problem("paper-switching")

@@ -224,6 +224,7 @@ def test_vector_agents_with_formation_and_exceptions(problem_with, certificate_o
         assert words in page.text
 
 
+@pytest.mark.slow
 def test_a_large_problem_gives_a_page_of_bounded_size(problem_with, certificate_of, analysis_of, trajectory_of):
     """n = 2000, eight modes, 3000 checks with full vectors."""
     n = 2000

@@ -131,7 +131,7 @@ def test_certify_proves_without_its_solvers(monkeypatch, name, cycle):
     """The last rung is an exact Lyapunov equation, scaled up: no solver is needed for a proof."""
     monkeypatch.setattr(clarabel, "DefaultSolver", Failing((OUTCOMES | LIES)[name]))
     monkeypatch.setattr(ladder, "solve_dense", lambda program, **options: without_values("failed: x", solver="SCS"))
-    for problem in (dd.load_problem("paper-fixed"), dd.load_problem("paper-switching"), cycle(4)):
+    for problem in (without_region("paper-fixed"), without_region("paper-switching"), cycle(4)):
         certificate = dd.certify(problem)
         assert certificate.verdict is Verdict.PROVED
         assert dd.verify(certificate, problem).holds

@@ -285,9 +285,9 @@ def test_what_holds_does_not_accept_is_not_returned():
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("shape", ["identity", "diagonal", "full"])
-def test_sixty_agents_are_certified(shape):
-    problem = cycle(60, ALL)
+@pytest.mark.parametrize(("agents", "shape"), [(60, "identity"), (60, "diagonal"), (30, "full")])
+def test_many_agents_are_certified(agents, shape):
+    problem = cycle(agents, ALL)
     lure = found(problem, shape=shape)
     assert lure.radius > Fraction("4.04")
     assert not is_proved(problem, enlarged(problem, lure, "1.02"))

@@ -23,9 +23,9 @@ from dobc_design.workflow import certify
 
 def test_the_reduction_agrees_with_the_whole_matrix():
     """Psi < 0 <=> Lambda + I (x) S < 0, given Omega0 < 0 (theory, section 2); feasible, infeasible, near the edge."""
-    tally = reduction_campaign(range(40))
+    tally = reduction_campaign(range(12))
     assert tally.wrong == []
-    assert min(tally.counts["negative"], tally.counts["not negative"]) >= 15
+    assert min(tally.counts["negative"], tally.counts["not negative"]) >= 4
 
 
 @pytest.mark.slow
@@ -43,9 +43,9 @@ def path(n, gains, h="y", **more):
     )  # fmt: skip
 
 
-def proved_problems():
+def proved_problems(seeds):
     """Problems without kinks whose Lemma 1 holds in all modes."""
-    for seed in range(90):
+    for seed in seeds:
         problem = a_problem(seed)
         oracle = Oracle(problem)
         if oracle.smooth and all(oracle.lemma(mode) for mode in oracle.modes):
@@ -55,7 +55,7 @@ def proved_problems():
 def test_lemma_1_margins_are_true_and_nearly_the_largest_possible():
     """Lambda + margin I < 0 at the claimed margin; at 1.001 times the true value not."""
     count = 0
-    for problem, oracle in proved_problems():
+    for problem, oracle in proved_problems(range(30)):
         for check in certify(problem).checks:
             if check.id != "lemma1":
                 continue
@@ -66,14 +66,14 @@ def test_lemma_1_margins_are_true_and_nearly_the_largest_possible():
             assert not negative_definite(plus(Lambda, times(Fraction(true * 1.001), size)))
             assert check.margin == pytest.approx(true, rel=1e-6, abs=1e-12)
             assert check.rate is None or 2 * Fraction(repr(check.rate)) <= Fraction(repr(check.margin))
-    assert count > 30
+    assert count > 10
 
 
 @pytest.mark.slow
 def test_theorem_margins_and_rates_are_true_and_fail_a_little_higher():
     """Psi < 0 with margin and rate as written (oracle: the whole matrix); 1.001 times the true value fails."""
     count = 0
-    for problem, oracle in proved_problems():
+    for problem, oracle in proved_problems(range(60)):
         certificate = certify(problem)
         if problem.exosystem is None or certificate.claims.P is None:
             continue

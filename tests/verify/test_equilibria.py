@@ -151,9 +151,9 @@ def test_couplings_of_vectors_are_decided_too():
 def test_what_floating_point_finds_in_random_problems_is_proved_and_is_a_root(m: int):
     """Weights, exceptions, matrix gains, offsets; SciPy finds the roots and says how far they are from zero."""
     proved = 0
-    for seed in range(30):
+    for seed in range(15):
         problem, r = random_folded(seed, m=m), Random(f"roots {seed}")
-        for _ in range(6):
+        for _ in range(4):
             start = [r.uniform(-6, 6) for _ in range(problem.n * m)]
             root, _, status, _ = fsolve(lambda e, p=problem: field(p, "G", e), start, full_output=True)
             if status != 1 or np.max(np.abs(root)) < 1e-3 or np.max(np.abs(field(problem, "G", root))) > 1e-9:
@@ -166,14 +166,14 @@ def test_what_floating_point_finds_in_random_problems_is_proved_and_is_a_root(m:
             polished, *_ = fsolve(lambda e, p=problem: field(p, "G", e), middle, xtol=1e-12, full_output=True)
             sides = zip(claim.box, polished.tolist(), strict=True)
             assert all(side.lo - F(1, 10**11) <= F(e) <= side.hi + F(1, 10**11) for side, e in sides)
-    assert proved >= 10
+    assert proved >= 5
 
 
 @pytest.mark.parametrize("m", [1, 2])
 def test_boxes_in_which_the_field_does_not_vanish_are_never_proved(m: int):
     """One component of f is farther from 0 in the middle than it can change within the box: no root is there."""
     refused = 0
-    for seed in range(20):
+    for seed in range(10):
         problem, r = random_folded(seed, m=m), Random(f"no roots {seed}")
         for _ in range(5):
             half = F(1, r.choice((10, 100, 10**6)))
@@ -186,7 +186,7 @@ def test_boxes_in_which_the_field_does_not_vanish_are_never_proved(m: int):
             if np.any(np.abs(value) > 1.01 * change + 1e-9):
                 refused += 1
                 assert not is_proved(problem, claim)
-    assert refused > 30
+    assert refused > 15
 
 
 def test_no_equilibrium_is_proved_where_there_is_none():

@@ -10,6 +10,7 @@ from fractions import Fraction
 
 import numpy as np
 import pytest
+from certified import certified
 from exact_oracle import Oracle
 
 from dobc_design.exact.matrix import multiply, scale
@@ -125,7 +126,7 @@ def test_stand_in_modes_have_the_stated_eigenvalues_and_theorem_2_needs_a_scaled
     problem = load_problem("paper-switching")
     tops = [lambda_max(problem, mode) for mode in problem.network.modes]
     assert tops == pytest.approx([-0.582300, -0.924166, -1.055728, -1.055728], abs=1e-6)
-    certificate = certify(problem)
+    certificate = certified("paper-switching")
     assert certificate.check("theorem2-printed").verdict is Verdict.REFUTED
     assert certificate.check("theorem2").verdict is certificate.verdict is Verdict.PROVED
     assert [check.verdict for check in certificate.checks if check.id == "lemma1"] == [Verdict.PROVED] * 4
@@ -133,7 +134,7 @@ def test_stand_in_modes_have_the_stated_eigenvalues_and_theorem_2_needs_a_scaled
 
 def test_error_spectrum_of_the_paper_is_at_minus_eight_fifths():
     """A - WC has the eigenvalues -8/5 +- (2/5) sqrt(39) i: rates below 1.6 only."""
-    rate = certify("paper-fixed").check("hurwitz").rate
+    rate = certified("paper-fixed").check("hurwitz").rate
     assert 1.599 < rate < 1.6
 
 

@@ -54,7 +54,7 @@ def test_the_interval_bound_reaches_the_radius_of_the_theory_and_not_one_per_cen
     assert further.witness is not None
 
 
-@pytest.mark.parametrize("n", [3, 10, 60])
+@pytest.mark.parametrize("n", [3, 10, pytest.param(60, marks=pytest.mark.slow)])
 def test_the_multipliers_reach_four_with_p_equal_to_i_and_fail_one_per_cent_further(n):
     """Theory, section 9: r = 4.0889, ball 2.891; by symmetry one tau for all arcs is the best choice."""
     problem, r = cycle(n, 3), Fraction("4.08")

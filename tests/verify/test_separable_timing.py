@@ -99,7 +99,7 @@ def test_delayed_simulations_obey_the_rate(seed: int):
         assert np.max(np.abs(history[-1]) / v) <= 1.002 * np.exp(-rate * dt * (step + 1))
 
 
-@pytest.mark.parametrize("seed", [0, 1, *(pytest.param(seed, marks=pytest.mark.slow) for seed in range(2, 8))])
+@pytest.mark.parametrize("seed", [0, *(pytest.param(seed, marks=pytest.mark.slow) for seed in range(1, 6))])
 def test_sampled_simulations_obey_the_period(seed: int):
     """The held step is an exact map; from the boundary of every box it shrinks by the factor, monotone or not."""
     problem = random_problem(seed, couplings=MONOTONE + TURNING, modes=2, n=4, held=True)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections import Counter
 from fractions import Fraction
+from functools import cache
 from random import Random
 
 import numpy as np
@@ -15,7 +16,12 @@ from dobc_design.exact import IntegerSymmetric, decide_positive_definite, decide
 from dobc_design.verdict import Verdict
 
 PROVED, REFUTED, UNDECIDED = Verdict.PROVED, Verdict.REFUTED, Verdict.UNDECIDED
-EDGES = [*edge_matrices((4, 16), seed=7, repeats=2), *edge_matrices((64,), seed=8, repeats=1)]
+
+
+@cache
+def edges() -> list[tuple[Fraction, np.ndarray]]:
+    """Smallest eigenvalue and matrix; not made where the tests are only collected."""
+    return [*edge_matrices((4, 16), seed=7, repeats=2), *edge_matrices((64,), seed=8, repeats=1)]
 
 
 def truth(small: Fraction) -> Verdict:
@@ -23,9 +29,9 @@ def truth(small: Fraction) -> Verdict:
 
 
 def test_there_are_enough_of_them():
-    assert len(EDGES) >= 240
-    assert Counter(len(matrix) for _, matrix in EDGES) == {4: 120, 16: 120, 64: 60}
-    assert {small for small, _ in EDGES} == {s * Fraction(1, 2**p) for p in POWERS for s in (-1, 0, 1)}
+    assert len(edges()) >= 240
+    assert Counter(len(matrix) for _, matrix in edges()) == {4: 120, 16: 120, 64: 60}
+    assert {small for small, _ in edges()} == {s * Fraction(1, 2**p) for p in POWERS for s in (-1, 0, 1)}
 
 
 SLOW = ("LDL' in flint", "lift")  # what the choice rests on as well
@@ -34,7 +40,7 @@ SLOW = ("LDL' in flint", "lift")  # what the choice rests on as well
 @pytest.mark.parametrize("name", [pytest.param(name, marks=pytest.mark.slow if name in SLOW else ()) for name in PATHS])
 def test_no_path_is_wrong_at_the_edge(name: str):
     """H diag(lambda) H / n has the eigenvalues lambda: the truth is known in closed form."""
-    verdicts = [(truth(small), PATHS[name](matrix)) for small, matrix in EDGES]
+    verdicts = [(truth(small), PATHS[name](matrix)) for small, matrix in edges()]
     asked = [(known, found) for known, found in verdicts if found is not None]
     assert asked
     assert all(found in (known, UNDECIDED) for known, found in asked)
@@ -47,7 +53,7 @@ def test_no_path_is_wrong_at_the_edge(name: str):
 
 def test_the_semidefinite_twin_is_right_at_the_edge_and_witnesses_refute():
     """A zero eigenvalue is allowed there and only there; witnesses are multiplied out in Python integers."""
-    for small, matrix in EDGES[:240] + EDGES[240::7]:  # of 64 rows, a few of each sign
+    for small, matrix in edges()[:240] + edges()[240::7]:  # of 64 rows, a few of each sign
         M = IntegerSymmetric.from_floats(matrix)
         strict, weak = decide_positive_definite(M), decide_positive_semidefinite(M)
         assert (weak.verdict is PROVED) == (small >= 0)
@@ -65,7 +71,7 @@ def test_the_semidefinite_twin_is_right_at_the_edge_and_witnesses_refute():
 
 def test_numpy_cholesky_is_wrong_on_some_of_them():
     """Without this the tests above would have no teeth."""
-    wrong = Counter((small > 0) for small, matrix in EDGES if numpy_cholesky(matrix) != (small > 0))
+    wrong = Counter((small > 0) for small, matrix in edges() if numpy_cholesky(matrix) != (small > 0))
     assert wrong[False] > 0
 
 

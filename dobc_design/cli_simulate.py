@@ -43,7 +43,7 @@ class Answer:
 
 def run_simulation(
     file: str, *, runs: int | None, seed: int | None, t_final: float | None, mode: str | None, start: str | None,
-    stress: Stress | None, out: Path | None, force: bool, progress: Callable[[str], None],
+    observer: str, stress: Stress | None, out: Path | None, force: bool, progress: Callable[[str], None],
     certificate: Path | None = None,
 ) -> Answer:  # fmt: skip
     """Simulate a problem file, write the results into ``out`` if that is given.
@@ -58,7 +58,9 @@ def run_simulation(
     names = (name, SUMMARY, FIGURE, *([NETWORK] if moving else []))
     if out is not None:
         check_folder(out, names, force=force)
-    given: dict[str, Any] = {"mode": mode, "t_final": t_final, "seed": seed, "start": start, "stress": stress}
+    given: dict[str, Any] = {
+        "mode": mode, "t_final": t_final, "seed": seed, "start": start, "observer": observer, "stress": stress,
+    }  # fmt: skip
     proof = None if certificate is None else _verified(certificate, problem, progress)
     progress("simulating")
     result = simulate(
@@ -121,10 +123,10 @@ def run_breaking(
     return Answer(document=document, text="\n".join(lines))
 
 
-def refuse_beside_breaking(*, runs: int | None, stress: Stress | None) -> None:
+def refuse_beside_breaking(*, runs: int | None, stress: Stress | None, observer: str) -> None:
     """Refuse options that --what-breaks-first chooses itself.  Raises: SpecError."""
-    if stress is not None or runs not in (None, 1):
-        what = "--runs" if stress is None else "a stress"
+    if stress is not None or runs not in (None, 1) or observer != "closed-form":
+        what = "--observer" if observer != "closed-form" else "--runs" if stress is None else "a stress"
         raise SpecError(
             f"{what} must be left out beside --what-breaks-first, which makes one run after another under every stress"
             " by itself.", key="--what-breaks-first", cure="Leave one of the two out.",
@@ -231,20 +233,21 @@ def _intervals(result: Any) -> dict[str, Any]:
 
 def _words(result: Trajectory | Ensemble, document: dict[str, Any]) -> str:
     lines = [str(result)]
-    for name, title, unit in (
-        ("final_error", "final |e|_inf", ""), ("settling_time", "settled to 1 % after", " s"),
-        ("decay_rate", "decay rate", " 1/s"),
+    for name, title, unit, nothing in (
+        ("final_error", "final |e|_inf", "", "unknown"), ("settling_time", "settled to 1 % after", " s", "never"),
+        ("decay_rate", "decay rate", " 1/s", "unknown"),
     ):  # fmt: skip
-        values = document[name]
-        if document["runs"] == 1:
-            value = values["median"]
-            lines.append(f"  {title:<22} {_number(value)}{'' if value is None else unit}")
-        else:
-            named = ", ".join(f"{each} {_number(value)}" for each, value in values.items())
-            lines.append(f"  {title:<22} {named}{unit}")
+        values = document[name] if document["runs"] > 1 else {"": document[name]["median"]}
+        named = [f"{each} {nothing if value is None else f'{value:.4g}{unit}'}" for each, value in values.items()]
+        lines.append(f"  {title:<22} {', '.join(named).strip()}")
+    for name, interval in document.get("intervals", {}).items():
+        words = f"no bound with {document['runs']} runs"
+        if interval is not None:
+            words = f"{interval[0]:.4g} to {interval[1]:.4g}, with 95 % confidence"
+        lines.append(f"  {name.replace('_', ' '):<22} {words}")
     if document.get("certified"):
         certified = document["certified"]
-        lines.append(f"  {'certified':<22} final |e|_inf <= {_number(certified['final_error'])}, by"
+        lines.append(f"  {'certified':<22} final |e|_inf <= {certified['final_error']:.4g}, by"
                      f" {', '.join(certified['sources'])}")  # fmt: skip
     reasons = document["reasons"]
     lines += [f"  seed {each['seed']}: {each['reason']}." for each in reasons[:SHOWN]]
@@ -253,7 +256,3 @@ def _words(result: Trajectory | Ensemble, document: dict[str, Any]) -> str:
     lines += [f"  Note: {note}" for note in document["notes"]]
     lines += [f"wrote {file}" for file in document["files"]]
     return "\n".join(lines)
-
-
-def _number(value: float | None) -> str:
-    return "never" if value is None else f"{value:.4g}"

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import json
 import re
+from functools import partial
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from dobc_design.cli import main
 from dobc_design.simulate.storage import load_trajectory
 from dobc_design.simulate.stress import Failure, Stress, stress_from_json
 from dobc_design.workflow import simulate
@@ -29,18 +29,9 @@ initial_states = [0, 9]
 
 
 @pytest.fixture
-def dobc(capsys, tmp_path, monkeypatch):
+def dobc(command_line):
     """Run the command line in an empty folder: exit code, standard output, standard error."""
-    monkeypatch.chdir(tmp_path)
-
-    def run(*arguments: object) -> tuple[int, str, str]:
-        with pytest.raises(SystemExit) as caught:
-            main(["simulate", *map(str, arguments)])
-        captured = capsys.readouterr()
-        assert "Traceback" not in captured.err
-        return int(str(caught.value.code)), captured.out, captured.err
-
-    return run
+    return partial(command_line, "simulate")
 
 
 def test_the_document_has_the_keys_of_the_contract_and_nothing_is_written(dobc):
@@ -108,6 +99,9 @@ def test_a_run_that_diverges_is_an_answer(dobc):
     code, out, _ = dobc("apart.toml", "--runs", 8)
     assert code == 0
     assert "... and" in out
+    assert "settled to 1 % after   median never, max never\n" in out
+    assert "probability of divergence 0." in out
+    assert "median final error     no bound" in out
 
 
 @pytest.mark.parametrize(
@@ -273,7 +267,19 @@ def test_the_table_of_what_breaks_first_puts_the_longest_period_beside_the_certi
     assert re.search(r"sampling period: converges at 0\.28\d* s, no longer at 0\.28\d* s; certified up to 0\.13", out)
 
 
-@pytest.mark.parametrize("options", [("--runs", 2), ("--noise", 0.1), ("--fail", "1@2")])
+def test_without_its_observer_the_papers_example_keeps_a_residual_and_the_full_loop_is_the_same(dobc):
+    """Example 1: about 0.3 for ever; with the observer it is gone."""
+    code, out, _ = dobc("paper-fixed", "--observer", "off")
+    assert code == 0
+    assert 0.1 < float(re.search(r"final \|e\|_inf +([\d.e-]+)", out)[1]) < 0.35
+    assert "Note: The observer is off: the disturbance is not compensated." in out
+    ends = [json.loads(dobc("paper-fixed", "--t-final", 3, "--observer", each, "--json")[1])["final_error"]["max"]
+            for each in ("closed-form", "full-loop")]  # fmt: skip
+    assert ends[0] == pytest.approx(ends[1], abs=1e-7)
+    assert dobc("paper-fixed", "--observer", "slow")[0] == 2
+
+
+@pytest.mark.parametrize("options", [("--runs", 2), ("--noise", 0.1), ("--fail", "1@2"), ("--observer", "off")])
 def test_options_that_what_breaks_first_chooses_itself_are_refused(dobc, options):
     code, out, _ = dobc("paper-fixed", "--what-breaks-first", *options, "--json")
     assert code == 2

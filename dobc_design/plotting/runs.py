@@ -13,7 +13,7 @@ import numpy as np
 from matplotlib import colormaps
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.ticker import FuncFormatter
+from matplotlib.ticker import FuncFormatter, LogLocator, MaxNLocator, StrMethodFormatter
 from numpy.typing import ArrayLike, NDArray
 
 from dobc_design.errors import ShapeError
@@ -27,6 +27,7 @@ MOST_COMPONENTS = 3
 MOST_ESTIMATES = 3
 MOST_BOUNDS = 200  # points at which a certified bound is asked for
 MOST_NAMED_MODES = 6
+FEW_DECADES = 3
 WIDTH, PANEL, BAND = 7.0, 1.75, 0.32  # inches
 LEVELS = (0.05, 0.25, 0.5, 0.75, 0.95)
 _SUBSCRIPTS = str.maketrans("0123456789", "₀₁₂₃₄₅₆₇₈₉")
@@ -51,6 +52,8 @@ class Run(Protocol):
     def labels(self) -> tuple[str, ...]: ...
     @property
     def switches(self) -> Any: ...
+    @property
+    def diverged(self) -> bool: ...
 
 
 class Runs(Protocol):
@@ -92,6 +95,8 @@ def trajectory_sheet(run: Run, *, envelope: Envelope | None = None, pinned: Sequ
             last, run.times, {"|e|∞": _largest(run.x - run.goal)} |
             ({"|d − d̂|∞, per s": _largest(run.d - run.dhat)} if has_estimate else {}), envelope=points,
         )  # fmt: skip
+        if run.diverged:
+            last.set_title(f"ended early, at t = {run.times[-1]:.4g} s")
         _time_axis(last, run.times)
 
     return Sheet(draw, width=WIDTH, height=sum(heights) + 0.5 + 0.25 * len(heights))
@@ -131,7 +136,7 @@ def plot_agents(ax: Axes, run: Run, *, component: int, pinned: Sequence[int] = (
         colour = shades[rank] if len(chosen) > len(SERIES) else SERIES[rank]
         ax.plot(
             run.times[rows], run.x[rows, agent, component], color=BLUE if agent in held else colour,
-            linewidth=1.7 if agent in held else 1.0, label=f"agent {short(run.labels[agent])}",
+            linewidth=1.7 if agent in held else 1.0, label=f"agent {short(run.labels[agent])}", marker=_marker(rows),
         )  # fmt: skip
     goals = sorted({float(run.goal[agent, component]) for agent in chosen})
     for rank, goal in enumerate(goals[:12]):
@@ -155,7 +160,7 @@ def plot_estimates(ax: Axes, run: Run) -> Axes:
     chosen = shown_agents(run.d.shape[1], set(), MOST_ESTIMATES)
     for rank, agent in enumerate(chosen):
         ax.plot(
-            run.times[rows], run.dhat[rows, agent, 0], color=SERIES[rank], linewidth=3.2 - rank,
+            run.times[rows], run.dhat[rows, agent, 0], color=SERIES[rank], linewidth=3.2 - rank, marker=_marker(rows),
             label=f"d̂, agent {short(run.labels[agent])}",
         )  # fmt: skip
     for rank, agent in enumerate(chosen):  # on top of all estimates
@@ -171,7 +176,8 @@ def plot_errors(ax: Axes, times: Array, errors: dict[str, Array], *, envelope: A
     rows = thinned_rows(len(times))
     ax.set_yscale("log")
     for (name, values), colour in zip(errors.items(), (BLUE, PURPLE, GREEN), strict=False):
-        ax.plot(times[rows], np.where(values[rows] > SMALLEST, values[rows], np.nan), color=colour, label=name)
+        shown = np.where(values[rows] > SMALLEST, values[rows], np.nan)
+        ax.plot(times[rows], shown, color=colour, label=name, marker=_marker(rows))
     if envelope is not None:
         _draw_envelope(ax, envelope)
     _decades(ax)
@@ -245,10 +251,20 @@ def _draw_envelope(ax: Axes, points: Array) -> None:
 
 
 def _decades(ax: Axes) -> None:
+    """Ticks at powers of ten; at 1, 2 and 5 of each where these are few; evenly in less than half a decade."""
     low, high = ax.get_ylim()
-    if high / max(low, 1e-300) >= 10:
+    decades = float(np.log10(high) - np.log10(max(low, 1e-300)))
+    if decades >= FEW_DECADES:
         ax.yaxis.set_major_formatter(FuncFormatter(power_of_ten))
-        ax.minorticks_off()
+    else:
+        ax.yaxis.set_major_locator(MaxNLocator(4) if decades < 0.5 else LogLocator(subs=(1, 2, 5)))
+        ax.yaxis.set_major_formatter(StrMethodFormatter("{x:g}"))
+    ax.minorticks_off()
+
+
+def _marker(rows: NDArray[np.intp]) -> str | None:
+    """A run that ended at its start is a dot: a line through one point is nothing."""
+    return "." if len(rows) == 1 else None
 
 
 def _time_axis(ax: Axes, times: Array) -> None:

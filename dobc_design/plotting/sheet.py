@@ -7,6 +7,7 @@ from collections.abc import Callable
 from os import PathLike
 from pathlib import Path
 
+import numpy as np
 from matplotlib.figure import Figure
 
 from dobc_design.errors import SpecError
@@ -20,7 +21,7 @@ class Sheet:
     """A figure of this package's look.  ``figure`` is Matplotlib's, for changes before it is saved."""
 
     def __init__(self, draw: Callable[[Figure], object], *, width: float, height: float) -> None:
-        with styled():
+        with styled(), np.errstate(all="ignore"):
             self.figure = Figure(figsize=(width, height), layout="constrained")
             draw(self.figure)
 
@@ -31,7 +32,7 @@ class Sheet:
             "png": {"Software": None}, "pdf": {"CreationDate": None},
             "svg": {"Date": None, "Creator": None, "Format": None, "Type": None},
         }  # fmt: skip
-        with styled():
+        with styled(), np.errstate(all="ignore"):  # an axis that ends at 1e300 has ticks beyond the floats
             self.figure.savefig(buffer, format=kind, dpi=DOTS, facecolor="white", metadata=nothing[kind])
         return buffer.getvalue()
 

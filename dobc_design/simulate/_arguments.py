@@ -65,9 +65,9 @@ def finite_array(value: Any, name: str, *, shape: tuple[int, ...], because: str)
     wrong = np.argwhere(~np.isfinite(array))
     if len(wrong):
         place = tuple(int(i) for i in wrong[0])
-        raise SpecError(
-            f"{name} must be finite; entry {list(place)} is {array[place]}.", key=name, cure="Correct that entry."
-        )
+        names = ("row", "column") if len(place) > 1 else ("entry",)
+        where = ", ".join(f"{what} {i + 1}" for what, i in zip(names, place, strict=False))
+        raise SpecError(f"{name} must be finite; {where} is {array[place]}.", key=name, cure="Correct that entry.")
     return array
 
 

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from dobc_design._display import Card, Shown
 from dobc_design.errors import SpecError
 from dobc_design.model.arrays import Gain
 from dobc_design.simulate._arguments import positive
@@ -79,8 +80,8 @@ class PeriodLimit:
         return words + ("" if self.certified is None else f"; certified up to {self.certified:.4g} s")
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Breaking:
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False, repr=False)
+class Breaking(Shown):
     """The sweeps of one problem, the period limit where the period was among them, and the run without stress."""
 
     name: str
@@ -105,6 +106,18 @@ class Breaking:
             self.sweeps, tolerance=self.tolerance, name=self.name, period=None if limit is None else limit.converges,
             certified=None if limit is None else limit.certified,
         )  # fmt: skip
+
+    def _card(self) -> Card:
+        text = f"late errors above {self.tolerance:.0%} of the start; first to break: "
+        return Card(
+            title=self.name, text=text + (", ".join(self.order) or "nothing in the range tried"),
+            heads=("stress", "holds at", "breaks at", "unit"),
+            rows=[(each.option, each.survives, each.breaks, each.unit) for each in self.sweeps],
+            lines=() if self.period is None else (f"Sampling period: {self.period}",),
+        )  # fmt: skip
+
+    def __repr__(self) -> str:
+        return f"<Breaking of {self.name}: {len(self.sweeps)} kinds of stress>"
 
     def __str__(self) -> str:
         lines = [f"{self.name}: what breaks first (late error above {self.tolerance:.0%} of the start)"]
@@ -168,12 +181,12 @@ def what_breaks_first(
     ``certified``: a period that a certificate gives, for comparison.
     Raises: SpecError for an unknown option, or if the loop does not converge without any stress.
     """
-    for option in options:
-        if option not in OPTIONS:
-            raise SpecError(
-                f"options must be among {', '.join(OPTIONS)}; got {str(option)[:40]}.", key="options",
-                cure="Leave it out for all of them.",
-            )  # fmt: skip
+    unknown = [option for option in options if option not in OPTIONS]
+    if unknown or not options:
+        raise SpecError(
+            f"options must be among {', '.join(OPTIONS)}; got {str(unknown[0])[:40] if unknown else 'none'}.",
+            key="options", cure="Leave it out for all of them.",
+        )  # fmt: skip
     trial, calm = _calm(
         problem, tolerance, signal=signal, start=start, t_final=t_final, seed=seed, gain=gain
     )  # fmt: skip

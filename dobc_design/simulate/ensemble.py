@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from dobc_design._render import escape_html
+from dobc_design._display import Card, Shown
 from dobc_design.simulate import measures
 from dobc_design.simulate.trajectory import Bounding, bound_of
 
@@ -27,7 +27,7 @@ Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False, repr=False)
-class Ensemble:
+class Ensemble(Shown):
     """Runs that differ by their seeds: starts and switches.  Arrays cannot be written to.
 
     Shapes: seeds (R,); times (T,) in s; error and estimation_error (R, T), |e|_inf and |d - dhat|_inf, nan from where
@@ -130,8 +130,8 @@ class Ensemble:
     def __repr__(self) -> str:
         return f"<Ensemble of {self.name}: {self._summary}>"
 
-    def _repr_html_(self) -> str:
-        return f"<p><b>{escape_html(self.name)}</b>: {escape_html(self._summary)}</p>"
+    def _card(self) -> Card:
+        return Card(title=self.name, text=self._summary, lines=self.notes)
 
     @property
     def _summary(self) -> str:

@@ -13,12 +13,14 @@ import numpy as np
 from dobc_design.errors import SpecError
 from dobc_design.model.arrays import Gain
 from dobc_design.simulate._arguments import whole
+from dobc_design.simulate.agents_stack import StressedRuns
 from dobc_design.simulate.closed_form import ClosedForm
+from dobc_design.simulate.columns import COLLAPSED, ESCAPED, HANDED_BACK, Ends
 from dobc_design.simulate.ensemble import Ensemble
 from dobc_design.simulate.field import Network, network_of
 from dobc_design.simulate.integrate import FARTHEST
 from dobc_design.simulate.mobile import Mobile
-from dobc_design.simulate.sampled_stack import SampledEnds, SampledRuns, run_sampled_stack
+from dobc_design.simulate.sampled_stack import SampledEnds, run_sampled_stack
 from dobc_design.simulate.setting import (
     TOLERANCE,
     Progress,
@@ -32,9 +34,10 @@ from dobc_design.simulate.setting import (
 )
 from dobc_design.simulate.signal_files import Signal, signal_to_json
 from dobc_design.simulate.simulate import run_once
-from dobc_design.simulate.stacked import COLLAPSED, ESCAPED, HANDED_BACK, Ends, Stack, integrate_stack
+from dobc_design.simulate.stacked import Stack, integrate_stack
 from dobc_design.simulate.starts import Given
 from dobc_design.simulate.stress import Stress, stress_to_json
+from dobc_design.simulate.stressed_stack import Forms, make_forms, run_stressed_stack
 from dobc_design.simulate.switches import Array, IndexArray, Switches
 from dobc_design.spec.problem import Problem
 
@@ -87,34 +90,35 @@ class _Collector:
         setting = self.setting
         self.report(0.0)
         closed = None if setting.observer == "full-loop" else closed_form_of(setting)
+        heeds, forms = setting.observer != "off", None
         stress = setting.stress
-        stacked_samples = stress is not None and stress.period is not None and not self.moves_by_state()
-        stacked_samples = stacked_samples and setting.loop.own is None  # one gain for all agents
-        reason = "" if stacked_samples else self.reason_for_single_runs(closed)
-        if stacked_samples:
-            self.sampled_chunks()
-        elif reason:
+        if stress is not None and stress.period is None:
+            forms = make_forms(setting.loop, stress, setting.horizon, heeds=heeds)
+        reason = self.reason_for_single_runs(closed, forms)
+        if reason:
             self.notes.append(f"The runs were made one by one, because {reason}.")
             self.method = ""
             for run in range(self.runs):
                 self.single(run)
                 self.report((run + 1) / self.runs)
+        elif stress is not None:
+            self.stressed_chunks(stress, forms)
         else:
             self.chunks(closed)
         return self.result()
 
-    def reason_for_single_runs(self, closed: ClosedForm | None) -> str:
+    def reason_for_single_runs(self, closed: ClosedForm | None, forms: Forms | None) -> str:
         """Why the runs cannot be stacked; "" if they can."""
-        setting = self.setting
+        setting, stress = self.setting, self.setting.stress
         if self.moves_by_state():
             return "every run has graphs of its own"
-        if setting.stress is not None and setting.loop.own is not None:
-            return "under a stress agents with different exosystems go one by one"
-        if setting.stress is not None:
-            return "the stress acts in continuous time; sampled runs (with a period) go side by side"
+        if setting.loop.own is not None and stress is not None and stress.period is None and stress.disturbance:
+            return "the agents have different exosystems, and none of them knows the disturbance that was added"
+        if stress is not None and stress.period is not None:
+            return ""
         if setting.observer == "full-loop":
             return "the full loop was asked for"
-        if setting.loop.q and closed is None:
+        if setting.loop.q and (closed if stress is None else forms) is None:
             return "the observer is too fast for its closed form"
         return "the loop is stiff" if is_stiff(setting, closed=True) else ""
 
@@ -122,33 +126,48 @@ class _Collector:
         """Whether the graphs follow from the states."""
         return isinstance(self.setting.signal, Mobile) and self.setting.signal.motion is None
 
-    def sampled_chunks(self) -> None:
-        """Sampled runs under a stress side by side, a bounded number at a time."""
-        setting, loop, stress = self.setting, self.setting.loop, self.setting.stress or Stress()
+    def stressed_chunks(self, stress: Stress, forms: Forms | None) -> None:
+        """Runs under a stress side by side, a bounded number at a time; sampled ones need no ``forms``."""
+        setting, loop = self.setting, self.setting.loop
         shared = switches_for(setting, setting.seed)
         arcs = sum(graph.shape[1] for graph in shared.graphs) or sum(map(len, setting.problem.network.modes.values()))
         room = min(COLUMN_NUMBERS // (loop.n * loop.m), 8 * COLUMN_NUMBERS // (max(1, arcs) * loop.m))
         size, groups = max(1, min(self.runs, room)), groups_for(setting, shared)
-        self.method = f"exact steps of {stress.period:g} s, side by side"
         for first in range(0, self.runs, size):
             chosen = range(first, min(self.runs, first + size))
             seeds = [setting.seed + run for run in chosen]
-            runs = SampledRuns(
+            runs = StressedRuns(
                 loop=loop, stress=stress, failing=stress.failing(setting.problem), heeds=setting.observer != "off",
                 groups=groups, starts=[setting.starts.draw(seed) for seed in seeds], seeds=seeds,
                 switches=[shared if shared.graphs else switches_for(setting, seed) for seed in seeds],
             )  # fmt: skip
             self.note_starts(chosen, runs)
-            ends = run_sampled_stack(
-                runs, setting.times, visit=self.sampled_visitor(chosen), progress=self.part_of(chosen)
-            )
-            self.note_sampled_ends(chosen, ends, runs)
+            if forms is None:
+                self.method = f"exact steps of {stress.period:g} s, side by side"
+                ends = run_sampled_stack(
+                    runs, setting.times, visit=self.sampled_visitor(chosen), progress=self.part_of(chosen)
+                )
+                self.note_sampled_ends(chosen, ends, runs)
+            else:
+                stopped = run_stressed_stack(
+                    runs, forms, setting.times, tolerance=setting.tolerance, visit=self.visitor(chosen),
+                    estimate=self.estimator(chosen), progress=self.part_of(chosen),
+                )  # fmt: skip
+                self.note_ends(chosen, stopped, runs.switches)
+
+    def estimator(self, chosen: range) -> Callable[[int, IndexArray, Array], None]:
+        """What puts the errors of estimates into their places."""
+
+        def estimate(sample: int, run: IndexArray, gap: Array) -> None:
+            self.estimation[chosen.start + run, sample] = gap
+
+        return estimate
 
     def part_of(self, chosen: range) -> Progress:
         """Report how much of all runs is done when a part of the chosen ones is."""
         return lambda part: self.report((chosen.start + part * len(chosen)) / self.runs)
 
-    def note_starts(self, chosen: range, runs: SampledRuns) -> None:
+    def note_starts(self, chosen: range, runs: StressedRuns) -> None:
         """How far away the runs begin."""
         for run, start in zip(chosen, runs.starts, strict=True):
             self.lengths[run] = np.linalg.norm(start.x - self.setting.loop.goal)
@@ -166,7 +185,7 @@ class _Collector:
 
         return visit
 
-    def note_sampled_ends(self, chosen: range, ends: SampledEnds, runs: SampledRuns) -> None:
+    def note_sampled_ends(self, chosen: range, ends: SampledEnds, runs: StressedRuns) -> None:
         """Reasons for early ends, and how often every run switched."""
         for row, run in enumerate(chosen):
             count, times = int(ends.counts[row]), runs.switches[row].times
@@ -200,7 +219,7 @@ class _Collector:
                 stack, self.setting.times, tolerance=self.setting.tolerance, visit=self.visitor(chosen)
             )
             self.estimate(chosen, stack)
-            self.note_ends(chosen, ends)
+            self.note_ends(chosen, ends, switches)
             self.report((chosen[-1] + 1) / self.runs)
 
     def stack(self, chosen: range, switches: list[Switches], closed: ClosedForm | None, networks: Networks) -> Stack:
@@ -211,7 +230,6 @@ class _Collector:
         times, modes = np.full((len(chosen), longest), np.inf), np.zeros((len(chosen), longest), dtype=np.int64)
         for row, each in enumerate(switches):
             times[row, : len(each)], modes[row, : len(each)] = each.times, each.modes
-            self.count[chosen[row]] = len(each) - 1
         e = np.stack([(start.x - loop.goal).ravel() for start in starts], axis=1)
         eps = np.stack([start.xi - start.xihat for start in starts], axis=2)
         self.lengths[chosen.start : chosen.stop] = np.linalg.norm(e, axis=0)
@@ -242,8 +260,11 @@ class _Collector:
             gaps = np.tensordot(weights[:, :, place], stack.eps, axes=(1, 1))
             self.estimation[rows, place] = np.abs(gaps).max(axis=(0, 1))
 
-    def note_ends(self, chosen: range, ends: Ends) -> None:
-        """Reasons for early ends; runs that came back are made one by one."""
+    def note_ends(self, chosen: range, ends: Ends, switches: Sequence[Switches]) -> None:
+        """How often every run switched, and reasons for early ends; runs that came back are made one by one."""
+        self.count[chosen.start : chosen.stop] = [
+            np.searchsorted(each.times, time, side="right") - 1 for each, time in zip(switches, ends.times, strict=True)
+        ]
         for row in np.flatnonzero(ends.states >= ESCAPED):
             run, time = chosen[row], float(ends.times[row])
             if ends.states[row] == HANDED_BACK:

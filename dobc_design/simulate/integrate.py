@@ -21,6 +21,7 @@ Derivative = Callable[[float, Array], Array]
 Progress = Callable[[float], None]
 
 FARTHEST = 1e9  # an error so many times its start (or 1, if that is larger) counts as divergence
+GROWTH = 1.5  # of the error since the last sample: a run that ends early keeps the steps at which it grew so much
 LEAST_IMPLICIT = 1e-8  # the implicit method has order 5: a finer tolerance would cost very many steps
 
 
@@ -111,6 +112,8 @@ class _Worker:
         self.evaluations = 0
         self.notes: list[str] = []
         self.methods = ["Radau" if implicit else "DOP853"]
+        self.rise: list[tuple[float, Array]] = []  # steps since the last sample, each with a larger error
+        self.risen = self.farthest / FARTHEST
 
     def run(self) -> Run:
         self.report(0.0)
@@ -138,10 +141,12 @@ class _Worker:
                     self.samples.take(solver, switch)
                     self.leave(solver, switch, solver.dense_output()(switch) if switch < end else solver.y)
                     return ""
-            if self.plan.error(solver.y) > self.farthest:
+            error = self.plan.error(solver.y)
+            if error > self.farthest:
                 self.leave(solver, solver.t, solver.y)
                 return f"|e|_inf exceeded {FARTHEST:.0e} times its start at t = {self.time:.6g} s"
             self.samples.take(solver, end)
+            self.keep(end, solver.y, error)
             self.time, self.state = end, solver.y
             self.report(self.time / self.horizon)
             if not self.implicit and stiffness.is_stiff(solver, segment.end):
@@ -150,6 +155,14 @@ class _Worker:
                 solver = self.solver(segment)
         self.leave(solver, solver.t, solver.y)
         return ""
+
+    def keep(self, time: float, state: Array, error: float) -> None:
+        """Keep a step at which the error has grown, in case the run ends before the next sample."""
+        if self.rise and self.rise[-1][0] <= self.samples.times[self.samples.done - 1]:
+            self.rise.clear()
+        if error > GROWTH * self.risen:
+            self.rise.append((time, state))
+            self.risen = error
 
     def solver(self, segment: Segment) -> Any:
         """A solver that starts here and stops exactly at the end of the segment."""
@@ -182,8 +195,11 @@ class _Worker:
     def finish(self, reason: str) -> Run:
         count = self.samples.done
         times, states = self.samples.times[:count], self.samples.states[:count]
-        if reason and self.time > times[-1]:
-            times, states = np.append(times, self.time), np.concatenate([states, self.state[None]])
+        if reason:
+            late = [(time, state) for time, state in [*self.rise, (self.time, self.state)] if time > times[-1]]
+            late = [each for k, each in enumerate(late) if k == 0 or each[0] > late[k - 1][0]]
+            times = np.concatenate([times, [time for time, _ in late]])
+            states = np.concatenate([states, *(state[None] for _, state in late)])
         if not reason:
             self.report(1.0)
         return Run(

@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
+from dobc_design._display import Card, Shown
 from dobc_design.errors import ShapeError, SpecError
 from dobc_design.model.arrays import ArcGroup
 from dobc_design.simulate._arguments import not_negative, positive, whole
@@ -30,8 +31,8 @@ CHATTER = 50  # switches of a run within a billionth of the time so far, which c
 MOST_CHANGES = 100_000  # switches of one run
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Waypoints:
+@dataclass(frozen=True, slots=True, kw_only=True, repr=False)
+class Waypoints(Shown):
     """A given motion: straight lines between positions at given instants; before and after them it rests.
 
     Shapes: times (T,) in s, increasing; positions (T, n, k), k coordinates of n agents.
@@ -53,6 +54,14 @@ class Waypoints:
         object.__setattr__(self, "times", times)
         object.__setattr__(self, "positions", tuple(tuple(map(tuple, rows)) for rows in places.tolist()))
 
+    def _card(self) -> Card:
+        agents, coordinates = len(self.positions[0]), len(self.positions[0][0])
+        where = f"{len(self.times)} instants from {self.times[0]:g} to {self.times[-1]:g} s"
+        return Card(title="Waypoints", text=f"of {agents} agents in {coordinates} coordinates, {where}")
+
+    def __repr__(self) -> str:
+        return f"<Waypoints {self._card().text}>"
+
     def at(self, time: float, places: Array) -> Array:
         """Positions (n, k) at a time; ``places`` is ``positions`` as an array, made once by the caller."""
         number = int(np.clip(np.searchsorted(self.times, time, side="right") - 1, 0, max(0, len(self.times) - 2)))
@@ -63,8 +72,8 @@ class Waypoints:
         return np.asarray(places[number] + part * (places[number + 1] - places[number]))
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Mobile:
+@dataclass(frozen=True, slots=True, kw_only=True, repr=False)
+class Mobile(Shown):
     """Who is near enough is heard: all agents within ``radius``, or the ``neighbours`` nearest ones.
 
     ``hysteresis`` >= 0, a distance: a link within the radius is kept up to radius + hysteresis; one of the nearest
@@ -89,6 +98,9 @@ class Mobile:
         if self.neighbours is not None:
             object.__setattr__(self, "neighbours", whole(self.neighbours, "neighbours", least=1))
         object.__setattr__(self, "hysteresis", not_negative(self.hysteresis, "hysteresis"))
+
+    def _card(self) -> Card:
+        return Card(title="Mobile", text=str(self))
 
     def __str__(self) -> str:
         near = f"within {self.radius:g}" if self.radius is not None else f"{self.neighbours} nearest"

@@ -75,13 +75,13 @@ def integral(A: Array, times: float | Array) -> tuple[Array, Array]:
     return both[..., :q, :q], both[..., :q, q:]
 
 
-def sample_instants(period: float, horizon: float) -> Array:
-    """The multiples of ``period`` up to the horizon, both in s.  Raises: SpecError for too many."""
+def sample_instants(period: float, horizon: float, *, name: str = "period") -> Array:
+    """The multiples of ``period``, the argument ``name``, up to the horizon, in s.  Raises: SpecError for too many."""
     count = horizon / period
     if count > MOST_SAMPLES:
         raise SpecError(
-            f"{count:.3g} samples are too many, at most {MOST_SAMPLES} are simulated.", key="period",
-            cure="Choose a longer period or a shorter horizon.",
+            f"{count:.3g} {'samples' if name == 'period' else 'exchanges'} are too many, at most {MOST_SAMPLES} are"
+            " simulated.", key=name, cure=f"Choose a longer {name} or a shorter horizon.",
         )  # fmt: skip
     instants = period * np.arange(int(count) + 2)
     return np.asarray(instants[instants <= horizon], dtype=np.float64)

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from dobc_design.errors import SpecError
-from dobc_design.model.arrays import ArcGroup, Gain
+from dobc_design.model.arrays import ArcGroup, Gain, no_gain
 from dobc_design.simulate._arguments import finite_array, positive, seconds, whole
 from dobc_design.simulate.closed_form import ClosedForm, make_closed_form
 from dobc_design.simulate.field import Loop, make_loop
@@ -30,6 +30,7 @@ TOLERANCE = 1e-9  # relative, of the integrator; the absolute one is a hundredth
 SAMPLES = 401
 MOST_NUMBERS = 1 << 26  # in a trajectory whose samples nobody asked for: half a GiB
 OBSERVERS = ("closed-form", "full-loop", "off")
+OFF = "The observer is off: the disturbance is not compensated."
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -56,6 +57,7 @@ def make_setting(
     stress: Stress | None = None,
 ) -> Setting:  # fmt: skip
     """Check the arguments of ``simulate``.  Raises: SpecError."""
+    _refuse_other_kinds(signal, stress)
     if mode is not None:
         if signal is not None:
             raise SpecError("mode and signal exclude each other.", key="signal", cure="Leave one of them out.")
@@ -67,8 +69,7 @@ def make_setting(
         )  # fmt: skip
     horizon = seconds(_horizon(problem) if t_final is None else t_final, "t_final", example="20")
     if observer == "off" and gain is None:
-        width = problem.m * len(problem.groups)
-        gain = [[0] * width for _ in range(problem.q)] if problem.q else None
+        gain = no_gain(problem)
     loop = make_loop(problem, gain)
     times, notes = _times(samples, horizon, loop.n * (4 * loop.m + 2 * loop.q))
     if stress is not None:
@@ -79,8 +80,22 @@ def make_setting(
         starts=make_starts(problem, loop, start), horizon=horizon,
         seed=problem.simulation.seed if seed is None else whole(seed, "seed", least=0), times=times,
         observer=observer, tolerance=positive(tolerance, "tolerance", example="1e-9"),
-        stress=None if stress is None or stress.is_calm else stress, notes=notes,
+        stress=None if stress is None or stress.is_calm else stress,
+        notes=(*notes, OFF) if observer == "off" and problem.q else notes,
     )  # fmt: skip
+
+
+def _refuse_other_kinds(signal: Any, stress: Any) -> None:
+    """Raises: SpecError for a signal or a stress that is none, such as its name."""
+    if not (signal is None or isinstance(signal, Signal)):
+        raise SpecError(
+            f"signal must be a switching signal; got {str(signal)[:40]}.", key="signal",
+            cure="For example Periodic(dwell=0.5); names belong into [switching] of a problem file.",
+        )  # fmt: skip
+    if not (stress is None or isinstance(stress, Stress)):
+        raise SpecError(
+            f"stress must be a Stress; got {str(stress)[:40]}.", key="stress", cure="For example Stress(noise=0.1)."
+        )
 
 
 def error_matrix(setting: Setting) -> Array:

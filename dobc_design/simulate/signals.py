@@ -13,6 +13,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 
+from dobc_design._display import Shown
 from dobc_design.errors import ShapeError, SpecError
 from dobc_design.simulate._arguments import not_negative, seconds
 from dobc_design.simulate.switches import Array, IndexArray, Switches, merged
@@ -23,8 +24,8 @@ STREAM = 1  # starts are drawn from default_rng(seed), switches from default_rng
 Times = float | Sequence[float]
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Fixed:
+@dataclass(frozen=True, slots=True, kw_only=True, repr=False)
+class Fixed(Shown):
     """One mode for ever: ``mode``, or the problem's first."""
 
     kind: ClassVar[str] = "fixed"
@@ -34,9 +35,15 @@ class Fixed:
         return "fixed" if self.mode is None else f"fixed in {self.mode}"
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Periodic:
-    """The modes one after another, over and over: each for ``dwell`` s, or ``dwell[i]`` s for the i-th of ``order``."""
+@dataclass(frozen=True, slots=True, kw_only=True, repr=False)
+class Periodic(Shown):
+    """The modes one after another, over and over: each for ``dwell`` s, or ``dwell[i]`` s for the i-th of ``order``.
+
+    Example:
+        >>> run = dd.simulate("paper-switching", signal=dd.Periodic(dwell=0.5), t_final=2, samples=9)
+        >>> run.switches.times.tolist()
+        [0.0, 0.5, 1.0, 1.5]
+    """
 
     kind: ClassVar[str] = "periodic"
     dwell: Times
@@ -57,8 +64,8 @@ class Periodic:
         return f"periodic, {times} s each"
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class RandomDwell:
+@dataclass(frozen=True, slots=True, kw_only=True, repr=False)
+class RandomDwell(Shown):
     """A mode drawn anew, each as likely as the other, after every ``dwell`` s.
 
     With ``longest`` > dwell the time until the next draw is uniform between the two.
@@ -84,8 +91,8 @@ class RandomDwell:
         return f"random, drawn anew every {self.dwell:g}{until} s"
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Markov:
+@dataclass(frozen=True, slots=True, kw_only=True, repr=False)
+class Markov(Shown):
     """A Markov chain in continuous time: ``generator[k][l]`` is the rate in 1/s from the k-th mode to the l-th.
 
     Rows add up to 0.  ``order`` names the modes of rows and columns (default: the problem's order), ``start`` the
@@ -122,8 +129,8 @@ class Markov:
         return f"Markov, mean stay {stays}"
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Schedule:
+@dataclass(frozen=True, slots=True, kw_only=True, repr=False)
+class Schedule(Shown):
     """Given instants: mode ``modes[i]`` from ``times[i]`` s on; the first instant is 0."""
 
     kind: ClassVar[str] = "schedule"

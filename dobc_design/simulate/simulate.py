@@ -19,7 +19,7 @@ from dobc_design.simulate.closed_form import evolve
 from dobc_design.simulate.integrate import Run, integrate
 from dobc_design.simulate.mobile import Mobile, Record, groups_of, near
 from dobc_design.simulate.plans import Errors, Full, Moving, Scheduled
-from dobc_design.simulate.sampled import LinksAt, run_sampled
+from dobc_design.simulate.sampled import LinksAt, run_sampled, sample_instants
 from dobc_design.simulate.setting import (
     TOLERANCE,
     Progress,
@@ -112,6 +112,8 @@ def _under_stress(setting: Setting, stress: Stress, seed: int, start: Start, pro
         done = run_sampled(loop, agents, start, setting.times, links_at, progress=progress)
         switches: Switches | None = record.switches() if isinstance(record, Record) else record
     else:
+        if stress.draws is not None:
+            sample_instants(stress.draws, setting.horizon, name="exchange")  # refuses too many
         system = Stressed(loop, agents)
         plan, scheduled = _plan(setting, system, seed)
         done = run_continuously(

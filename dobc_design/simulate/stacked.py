@@ -1,32 +1,21 @@
-"""Many runs as one: DOP853 on columns, each with its own time, step and switches.
+"""Many calm runs side by side: h(e) - K e + C eps, the observer's errors in closed form.
 
-The coefficients are SciPy's, and so are the rules for errors and steps; every run keeps its own step size, so it
-ends where it would have ended alone, to the tolerance, and one that diverges leaves the others in peace.
 The arcs are shared: all runs in one mode go through one call of its graph.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
-from scipy.integrate import DOP853
 
 from dobc_design.simulate.closed_form import ClosedForm
+from dobc_design.simulate.columns import Ends, RightHandSide, Stretch, Visit, farthest_of, integrate_stretch
 from dobc_design.simulate.field import Loop, Network
-from dobc_design.simulate.integrate import FARTHEST
+from dobc_design.simulate.switches import Array, IndexArray
 
-Array = NDArray[np.float64]
-IndexArray = NDArray[np.int64]
-Visit = Callable[[IndexArray, IndexArray, Array], None]
-
-STAGES, EXTENDED = DOP853.n_stages, DOP853.n_stages + 1 + len(DOP853.C_EXTRA)
-EXPONENT = -1 / (DOP853.error_estimator_order + 1)
-LEAST_FACTOR, MOST_FACTOR, SAFETY = 0.2, 10.0, 0.9  # those of SciPy
 MOST_STEPS = 20_000  # of one run, tried ones included; one that needs more is handed back
-RUNNING, DONE, ESCAPED, COLLAPSED, HANDED_BACK = range(5)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -46,11 +35,32 @@ class Stack:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Ends:
-    """How every run ended, (R,), and when it did, in s."""
+class _Calm:
+    """h(e) - K e + C eps: the columns of a stack."""
 
-    states: IndexArray
-    times: Array
+    stack: Stack
+
+    def part(self, mode: int, runs: IndexArray) -> RightHandSide:
+        network = self.stack.networks(mode)
+
+        def derivative(e: Array, force: Array) -> Array:
+            result = network(e)
+            if len(force):
+                result += force
+            return result
+
+        return derivative
+
+    def forces(self, times: Array, runs: IndexArray) -> Array:
+        """C eps."""
+        closed, loop = self.stack.closed, self.stack.loop
+        if closed is None:
+            return np.zeros((len(times), 0, len(runs)))
+        total = outputs(closed.many(times), self.stack.eps.take(runs, axis=2))
+        return total.reshape(len(times), loop.n * loop.m, len(runs))
+
+    def switched(self, runs: IndexArray, modes: IndexArray) -> None:
+        """Nothing is kept from one mode to the next."""
 
 
 def integrate_stack(stack: Stack, times: Array, *, tolerance: float, visit: Visit) -> Ends:
@@ -58,191 +68,19 @@ def integrate_stack(stack: Stack, times: Array, *, tolerance: float, visit: Visi
 
     ``visit(sample, run, e)`` gets the places of samples and runs, both (k,), and the errors e (n m, k).
     """
-    worker = _Worker(stack, times, tolerance=tolerance, visit=visit)
-    with np.errstate(all="ignore"):
-        worker.run()
-    return Ends(states=worker.ended, times=worker.ended_at)
+    runs = np.arange(stack.e.shape[1])
+    visit(np.zeros_like(runs), runs, stack.e)
+    stretch = Stretch(
+        columns=_Calm(stack=stack), begin=0.0, end=float(times[-1]), e=stack.e, farthest=farthest_of(stack.e),
+        switch_times=stack.switch_times, switch_modes=stack.switch_modes, steps=None, most=MOST_STEPS,
+    )  # fmt: skip
+    return integrate_stretch(stretch, times, tolerance=tolerance, visit=visit)
 
 
-class _Worker:
-    """The runs that are still under way, one column each."""
-
-    def __init__(self, stack: Stack, times: Array, *, tolerance: float, visit: Visit) -> None:
-        self.stack, self.samples, self.visit = stack, times, visit
-        self.horizon, self.relative, self.absolute = float(times[-1]), tolerance, tolerance / 100
-        count = stack.e.shape[1]
-        self.ended, self.ended_at = np.full(count, RUNNING), np.full(count, self.horizon)
-        self.switch_times = np.pad(stack.switch_times, ((0, 0), (0, 1)), constant_values=np.inf)
-        self.run_of = np.arange(count)
-        self.y, self.eps = stack.e.copy(), stack.eps
-        self.t, self.place, self.done = np.zeros(count), np.zeros(count, dtype=np.int64), np.ones(count, dtype=np.int64)
-        self.steps, self.rejected = np.zeros(count, dtype=np.int64), np.zeros(count, dtype=bool)
-        self.farthest = FARTHEST * np.maximum(1.0, np.abs(self.y).max(axis=0, initial=0.0))
-        self.mode, self.limit = self.next_switch()
-        self.K = np.empty((EXTENDED, *self.y.shape))
-        self.pulls: list[tuple[int, IndexArray]] = []
-        self.h = np.zeros(count)
-
-    def run(self) -> None:
-        """Step until every run has ended."""
-        self.visit(np.zeros_like(self.run_of), self.run_of, self.y)
-        self.group_modes()
-        self.f = self.derivative(self.y, self.forces(self.t[None])[0])
-        self.h = self.first_steps()
-        wrong = ~np.isfinite(self.f).all(axis=0)
-        if wrong.any():
-            self.retire(np.where(wrong, COLLAPSED, RUNNING))
-        while len(self.run_of):
-            self.step()
-
-    def step(self) -> None:
-        """Try one step of every run, and take over those that are accurate enough."""
-        cut = self.h >= self.limit - self.t
-        ends = np.where(cut, self.limit, self.t + self.h)
-        h = ends - self.t
-        new, f_new, norm = self.stages(h, ends)
-        good = (norm < 1) & np.isfinite(new).all(axis=0) & np.isfinite(f_new).all(axis=0)
-        factor = np.where(norm == 0, MOST_FACTOR, SAFETY * norm**EXPONENT)
-        factor = np.where(np.isfinite(factor), factor, LEAST_FACTOR)
-        grown = np.clip(factor, LEAST_FACTOR, np.where(self.rejected, 1.0, MOST_FACTOR)) * h
-        shrunk = np.clip(factor, LEAST_FACTOR, SAFETY) * h
-        self.record(good, h, ends, new, f_new)
-        self.h = np.where(good, np.where(cut, np.maximum(self.h, grown), grown), shrunk)
-        self.y = np.where(good, new, self.y)
-        self.f = np.where(good, f_new, self.f)
-        self.t = np.where(good, ends, self.t)
-        self.rejected = ~good
-        self.steps += 1
-        self.sort_out(good, switched=good & cut & (ends < self.horizon))
-
-    def stages(self, h: Array, ends: Array) -> tuple[Array, Array, Array]:
-        """The new states, their derivatives, and the norm of the error, 1 being the tolerance."""
-        K, flat = self.K, self.K.reshape(EXTENDED, -1)
-        forces = self.forces(np.concatenate([self.t + DOP853.C[1:, None] * h, ends[None]]))
-        K[0] = self.f
-        for s in range(1, STAGES):
-            y = (DOP853.A[s, :s] @ flat[:s]).reshape(self.y.shape)
-            y *= h
-            y += self.y
-            K[s] = self.derivative(y, forces[s - 1])
-        new = (DOP853.B @ flat[:STAGES]).reshape(self.y.shape) * h + self.y
-        K[STAGES] = self.derivative(new, forces[STAGES - 1])
-        scale = self.absolute + np.maximum(np.abs(self.y), np.abs(new)) * self.relative
-        fifth, third = (
-            np.square((E @ flat[: STAGES + 1]).reshape(self.y.shape) / scale).sum(axis=0)
-            for E in (DOP853.E5, DOP853.E3)
-        )
-        below = np.sqrt((fifth + 0.01 * third) * len(self.y))
-        norm = np.where(below == 0, 0.0, h * fifth / np.where(below == 0, 1.0, below))
-        return new, K[STAGES], norm
-
-    def record(self, good: NDArray[np.bool_], h: Array, ends: Array, new: Array, f_new: Array) -> None:
-        """Visit the samples within the steps that were accepted."""
-        upto = np.searchsorted(self.samples, ends, side="right")
-        chosen = np.flatnonzero(good & (upto > self.done))
-        if not len(chosen):
-            return
-        h, y = h[chosen], self.y[:, chosen]
-        F = self.interpolant(chosen, h, new, f_new)
-        for offset in range(int((upto - self.done)[chosen].max())):
-            there = np.flatnonzero(self.done[chosen] + offset < upto[chosen])
-            sample = self.done[chosen[there]] + offset
-            part = (self.samples[sample] - self.t[chosen[there]]) / h[there]
-            value = np.zeros((len(y), len(there)))
-            for i, row in enumerate(F[::-1]):
-                value += row[:, there]
-                value *= part if i % 2 == 0 else 1 - part
-            value += y[:, there]
-            at_end = self.samples[sample] == ends[chosen[there]]
-            value[:, at_end] = new[:, chosen[there[at_end]]]
-            self.visit(sample, self.run_of[chosen[there]], value)
-        self.done[chosen] = upto[chosen]
-
-    def interpolant(self, chosen: IndexArray, h: Array, new: Array, f_new: Array) -> Array:
-        """SciPy's polynomial of order 7 over the step, for some of the runs: (7, n m, k)."""
-        every = len(chosen) == len(self.run_of)
-        K = self.K if every else self.K.take(chosen, axis=2)
-        flat, old = K.reshape(EXTENDED, -1), self.y[:, chosen]
-        forces = self.forces(self.t[chosen] + DOP853.C_EXTRA[:, None] * h, chosen)
-        for s, row in enumerate(DOP853.A_EXTRA, start=STAGES + 1):
-            y = (row[:s] @ flat[:s]).reshape(old.shape) * h + old
-            K[s] = self.derivative(y, forces[s - STAGES - 1], chosen)
-        difference = new[:, chosen] - old
-        F = np.empty((3 + len(DOP853.D), *old.shape))
-        F[0] = difference
-        F[1] = h * K[0] - difference
-        F[2] = 2 * difference - h * (f_new[:, chosen] + K[0])
-        F[3:] = h * (DOP853.D @ flat).reshape(-1, *old.shape)
-        return F
-
-    def sort_out(self, good: NDArray[np.bool_], *, switched: NDArray[np.bool_]) -> None:
-        """Switch the runs that have come to a switch, and retire those that have ended."""
-        if switched.any():
-            self.place = self.place + switched
-            self.mode, self.limit = self.next_switch()
-            self.group_modes()
-            some = np.flatnonzero(switched)
-            self.f[:, some] = self.derivative(self.y[:, some], self.forces(self.t[None, some], some)[0], some)
-        collapsed = ~good & (self.h < 10 * np.spacing(self.t))
-        collapsed |= switched & ~np.isfinite(self.f).all(axis=0)
-        state = np.where(collapsed, COLLAPSED, RUNNING)
-        state = np.where(np.abs(self.y).max(axis=0) > self.farthest, ESCAPED, state)
-        state = np.where((state == RUNNING) & (self.t >= self.horizon), DONE, state)
-        state = np.where((state == RUNNING) & (self.steps >= MOST_STEPS), HANDED_BACK, state)
-        if (state != RUNNING).any():
-            self.retire(state)
-
-    def retire(self, state: IndexArray) -> None:
-        """Take the runs that are no longer running out of the stack."""
-        out, keep = state != RUNNING, np.flatnonzero(state == RUNNING)
-        self.ended[self.run_of[out]] = state[out]
-        self.ended_at[self.run_of[out]] = self.t[out]
-        self.y, self.f, self.eps = self.y[:, keep], self.f[:, keep], self.eps[..., keep]
-        for name in ("run_of", "t", "h", "place", "done", "steps", "rejected", "farthest", "mode", "limit"):
-            setattr(self, name, getattr(self, name)[keep])
-        self.K = np.empty((EXTENDED, *self.y.shape))
-        self.group_modes()
-
-    def next_switch(self) -> tuple[IndexArray, Array]:
-        """Active mode and end of the present stretch, per run."""
-        rows = self.run_of
-        ends = self.switch_times[rows, self.place + 1]
-        return self.stack.switch_modes[rows, self.place], np.minimum(ends, self.horizon)
-
-    def group_modes(self) -> None:
-        """Which columns are in which mode."""
-        self.pulls = [(int(mode), np.flatnonzero(self.mode == mode)) for mode in np.unique(self.mode)]
-
-    def derivative(self, y: Array, force: Array | float, chosen: IndexArray | None = None) -> Array:
-        """h(e) - K e + C eps of all runs, or of the chosen ones, whose states are y (n m, k)."""
-        pulls: Sequence[tuple[int, IndexArray]] = self.pulls
-        if chosen is not None:
-            mode = self.mode[chosen]
-            pulls = [(int(each), np.flatnonzero(mode == each)) for each in np.unique(mode)]
-        if len(pulls) == 1:
-            result = self.stack.networks(pulls[0][0])(y)
-        else:
-            result = np.empty_like(y)
-            for number, columns in pulls:
-                result[:, columns] = self.stack.networks(number)(y.take(columns, axis=1))
-        result += force
-        return result
-
-    def forces(self, times: Array, chosen: IndexArray | None = None) -> Array:
-        """C eps at times (S, R) of all runs, or of the chosen ones: (S, n m, R)."""
-        closed, loop = self.stack.closed, self.stack.loop
-        if closed is None:
-            return np.zeros((len(times), 1, 1))
-        eps = self.eps if chosen is None else self.eps.take(chosen, axis=2)
-        weights = np.moveaxis(closed.many(times), 2, 0)  # (S, m, q, R)
-        total = np.zeros((len(times), loop.n, loop.m, times.shape[1]))
-        for k in range(loop.q):
-            total += eps[:, k, None, :] * weights[:, None, :, k]
-        return total.reshape(len(times), loop.n * loop.m, times.shape[1])
-
-    def first_steps(self) -> Array:
-        """A hundredth of the time in which the state would change by its own size, as SciPy begins."""
-        scale = self.absolute + np.abs(self.y) * self.relative
-        size, speed = (np.sqrt(np.square(a / scale).mean(axis=0)) for a in (self.y, self.f))
-        h = np.where((size < 1e-5) | (speed < 1e-5), 1e-6, 0.01 * size / np.where(speed == 0, 1.0, speed))
-        return np.minimum(np.where(np.isfinite(h), h, 1e-6), self.horizon)
+def outputs(weights: Array, states: Array) -> Array:
+    """C exp(F t) as weights (p, q, S, R) times states (n, q, R): (S, n, p, R)."""
+    weights = np.moveaxis(weights, 2, 0)
+    total = np.zeros((len(weights), len(states), weights.shape[1], weights.shape[3]))
+    for k in range(states.shape[1]):
+        total += states[:, k, None, :] * weights[:, None, :, k]
+    return total

@@ -44,7 +44,10 @@ def save_trajectory(trajectory: Trajectory, path: Path, *, force: bool) -> Path:
 
 
 def load_trajectory(path: str | PathLike[str]) -> Trajectory:
-    """Read a trajectory that ``Trajectory.save`` wrote.  Raises: SpecError if the file is none."""
+    """Read a trajectory, .npz or .parquet, that ``Trajectory.save`` wrote.
+
+    Returns: the Trajectory.  Raises: SpecError if the file is none.
+    """
     place = Path(path)
     name = shown(place.name)
     reader = _read_parquet if place.suffix.lower() == ".parquet" else _read_npz

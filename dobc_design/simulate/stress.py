@@ -10,8 +10,11 @@ import json
 from dataclasses import asdict, dataclass
 from typing import Any
 
+import numpy as np
+
+from dobc_design._display import Card, Shown
 from dobc_design.errors import SpecError
-from dobc_design.simulate._arguments import not_negative, positive, seconds
+from dobc_design.simulate._arguments import finite_array, not_negative, positive, seconds
 from dobc_design.spec.problem import Problem
 from dobc_design.spec.reading import shown
 
@@ -19,8 +22,8 @@ EXCHANGE = 0.05  # s between two exchanges where neither a period nor an exchang
 KINDS = ("vanish", "freeze")
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Failure:
+@dataclass(frozen=True, slots=True, kw_only=True, repr=False)
+class Failure(Shown):
     """Agent ``agent`` fails at ``time`` s.
 
     "vanish": its input is 0 and nobody hears it any more.  "freeze": its input and what the others hear of it stay as
@@ -44,8 +47,8 @@ class Failure:
         return f"agent {self.agent} fails at {self.time:g} s ({self.kind})"
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Stress:
+@dataclass(frozen=True, slots=True, kw_only=True, repr=False)
+class Stress(Shown):
     """Options that can be combined; what is left out does not happen.
 
     ``noise``: standard deviation of every measured component, in the unit of x, drawn anew at every exchange (every
@@ -95,8 +98,12 @@ class Stress:
                 "sampled_gain needs a period, because it is the gain of a sampled observer.", key="sampled_gain",
                 cure="Give the period it was designed for.",
             )  # fmt: skip
-        rows = tuple(tuple(float(entry) for entry in row) for row in self.sampled_gain)
-        object.__setattr__(self, "sampled_gain", rows)
+        try:
+            shape = np.shape(self.sampled_gain)
+        except ValueError:  # rows of different lengths, which the next line refuses
+            shape = (0, 0)
+        gain = finite_array(self.sampled_gain, "sampled_gain", shape=shape, because="one row per exosystem state")
+        object.__setattr__(self, "sampled_gain", tuple(map(tuple, np.atleast_2d(gain).tolist())))
 
     def _check_failures(self) -> None:
         given: Any = self.failures
@@ -110,6 +117,9 @@ class Stress:
             if agents.count(agent) > 1:
                 raise SpecError(f"agent {shown(agent)} fails twice.", key="failures", cure="Leave one of them out.")
         object.__setattr__(self, "failures", failures)
+
+    def _card(self) -> Card:
+        return Card(title="Stress", text=str(self))
 
     @property
     def is_calm(self) -> bool:

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from dobc_design._render import escape_html
+from dobc_design._display import Card, Shown
 from dobc_design.errors import SpecError
 from dobc_design.simulate import measures
 from dobc_design.simulate.switches import Switches, one_mode
@@ -44,7 +44,7 @@ class Sample(NamedTuple):
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False, repr=False)
-class Trajectory:
+class Trajectory(Shown):
     """Samples of a run; arrays cannot be written to.  Iterating gives one ``Sample`` after the other.
 
     Shapes: times (T,) in s; x, d, dhat, u (T, n, m); xi, xihat (T, n, q); goal (n, m); mode_index (T,), the active mode
@@ -184,8 +184,8 @@ class Trajectory:
     def __repr__(self) -> str:
         return f"<Trajectory of {self.name}: {self._summary}>"
 
-    def _repr_html_(self) -> str:
-        return f"<p><b>{escape_html(self.name)}</b>: {escape_html(self._summary)}</p>"
+    def _card(self) -> Card:
+        return Card(title=self.name, text=self._summary, lines=self.notes)
 
     @property
     def _summary(self) -> str:

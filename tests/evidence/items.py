@@ -79,6 +79,7 @@ ITEMS = (
     Item(name="linear-runs", run=simulations.linear, count=200, seed=9100),
     Item(name="sampled-runs", run=simulations.sampled, count=300, seed=9200),
     Item(name="stressed-runs", run=simulations.stressed, count=300, seed=9300),
-    Item(name="bounded-runs", run=simulations.bounded, count=60, seed=9400),
+    Item(name="stacked-runs", run=simulations.stacked, count=150, seed=9350),
+    Item(name="bounded-runs", run=simulations.bounded, count=60, seed=9400, share=20),
     Item(name="sweep", run=sweeps.run, count=2000, seed=0),
 )

@@ -10,7 +10,7 @@ from scipy.linalg import expm
 
 from dobc_design.model.arrays import consensus_jacobian, pinning_matrix
 from dobc_design.simulate.ensembles import simulate_many
-from dobc_design.simulate.signals import Periodic
+from dobc_design.simulate.signals import Periodic, RandomDwell
 from dobc_design.simulate.simulate import simulate
 from dobc_design.simulate.stress import Failure, Stress
 from dobc_design.spec.exosystem import Exosystem
@@ -18,6 +18,7 @@ from dobc_design.spec.network import Network
 from dobc_design.spec.observer import Observer
 from dobc_design.spec.problem import Problem
 from dobc_design.workflow import certify
+from dobc_design.workflow import simulate as simulate_problem
 
 CLOSE = 1e-9
 HORIZON = 2.0
@@ -152,6 +153,31 @@ def stressed(count: int, seed: int) -> Row:
                notes=(f"{ended} of them ended early, with a reason",), least=count)  # fmt: skip
 
 
+def stacked(count: int, seed: int) -> Row:
+    """Random stresses in any combination, two runs side by side: the same as one by one, where all is integrated."""
+    failures, worst, alone = [], 0.0, 0
+    for number in range(count):
+        rng = np.random.default_rng([seed, number])
+        problem = loop(rng, coupling="exp(y) - 1 + y" if number % 2 else "2*tanh(y/2)")
+        given = {"signal": RandomDwell(dwell=0.11), "start": start_of(problem, rng), "t_final": 1.0, "samples": 14,
+                 "stress": random_stress(rng, problem)}  # fmt: skip
+        many = simulate_many(problem, runs=2, seed=number, states=True, **given)
+        alone += "side by side" not in many.method
+        for row in range(2):
+            run = simulate(problem, seed=number + row, **given)
+            kept = int(np.searchsorted(many.times, run.times[-1], side="right"))
+            gap = max(np.abs(many.states[row, :kept] - run.x[:kept]).max() / (1 + np.abs(run.x).max()),
+                      np.abs(many.estimation_error[row, :kept] - run.estimation_error()[:kept]).max()
+                      / (1 + np.abs(run.d).max()))  # fmt: skip
+            worst = max(worst, float(gap))
+            if not (gap < 1e-5 and many.diverged[row] == run.diverged and many.switches[row] == len(run.switches) - 1):
+                failures.append(f"seed [{seed}, {number}], {given['stress']}: {gap:.1e} apart")
+    if 4 * alone > count:  # else the runs would have been held against themselves
+        failures.append(f"{alone} of {count} ensembles were made one by one")
+    return Row(what="random stresses, side by side against one by one", count=count, failures=tuple(failures),
+               notes=(f"largest difference {worst:.1e}",), least=count)  # fmt: skip
+
+
 def random_stress(rng: np.random.Generator, problem: Problem) -> Stress:
     """Each option with probability 1/2; at least one."""
     chosen = rng.random(6) < 0.5
@@ -175,19 +201,20 @@ def bounded(count: int, seed: int) -> Row:
         rng = np.random.default_rng([seed, number])
         problem = regional(rng)
         certificate = certify(problem)
-        many = simulate_many(
-            problem, runs=50, signal=Periodic(dwell=float(rng.uniform(0.1, 0.9))), t_final=5.0, samples=101,
-            gain=certificate.claims.W,
-        )  # fmt: skip
+        many = simulate_problem(
+            problem, runs=50, signal=Periodic(dwell=float(rng.uniform(0.1, 0.9))), t_final=5.0, samples=101
+        )
         bound = certificate.envelope(many)
         if not bound.sources:
             continue
         drawn += 1
-        large = bound(many.times) > 1e-3 * bound(0.0)
+        large = (bound(many.times) > 1e-3 * bound(0.0)) & (many.times > 0)
         closest = max(closest, float(np.nanmax((many.error / bound(many.times))[:, large])))
         integrated = CLOSE * bound(0.0)  # the error of the integration
         if many.diverged.any() or not (many.error <= bound(many.times) + integrated).all():
             failures.append(f"seed [{seed}, {number}]: a run crosses the bound of {', '.join(bound.sources)}")
+    if 4 * drawn < count:  # else the runs would have been held against nothing
+        failures.append(f"only {drawn} of {count} certificates bound their runs")
     return Row(what="certified bounds of |e(t)| against 50 simulated runs each", count=count, failures=tuple(failures),
                notes=(f"{drawn} with a bound; a run came to {closest:.0%} of it",), least=count)  # fmt: skip
 

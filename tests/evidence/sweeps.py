@@ -10,7 +10,8 @@ from importlib.util import find_spec
 from pathlib import Path
 
 from evidence.row import Row
-from sweeps import CHAIN, children, finish, kill, lines, start, wait_for, without_times, words_of
+from problem_texts import CHAIN
+from sweeps import children, finish, kill, lines, start, wait_for, without_times, words_of
 
 WITH_DASK = 1000  # cases from which on the second part runs on a cluster of Dask
 

@@ -16,7 +16,7 @@ import dobc_design as dd
 from dobc_design.errors import ShapeError, SpecError
 from dobc_design.plotting import look
 from dobc_design.plotting.animation import animation_page
-from dobc_design.plotting.runs import trajectory_sheet
+from dobc_design.plotting.runs import plot_errors, trajectory_sheet
 from dobc_design.simulate.breaking import Breaking, PeriodLimit, Sweep
 
 BROWSER = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
@@ -34,7 +34,7 @@ def swarm():
         gains={"1": 1}, name="swarm </script><b>&",
     )  # fmt: skip
     start = np.random.default_rng(2).uniform(-1, 1, size=(9, 2))
-    return dd.simulate(problem, signal=dd.Mobile(radius=0.9, hysteresis=0.05), start=start, t_final=5, samples=51)
+    return dd.simulate(problem, signal=dd.Mobile(radius=0.9, hysteresis=0.05), start=start, t_final=5, samples=21)
 
 
 def by_label(sheet, beginning: str):
@@ -93,6 +93,34 @@ def test_the_certified_envelope_is_drawn_where_it_was_given(switched):
     for wrong in ([1, 2], [[0, 1, 2]], [[0, 1]]):
         with pytest.raises(ShapeError, match=r"envelope must be points \(t, bound\)"):
             switched.plot(envelope=wrong)
+
+
+@pytest.mark.parametrize(
+    ("low", "high", "wanted"),
+    [(0.13, 4.5, ["0.2", "0.5", "1", "2"]), (1.2, 2.3, ["2"]), (1e-6, 2.0, ["10⁻⁵", "10⁻³", "0.1"])],
+)
+def test_an_axis_of_errors_has_ticks_that_can_be_read_whatever_it_spans(low: float, high: float, wanted: list[str]):
+    from matplotlib.figure import Figure
+
+    ax = Figure().add_subplot()
+    plot_errors(ax, np.array([0.0, 1.0]), {"|e|∞": np.array([high, low])})
+    ax.figure.canvas.draw()
+    bottom, top = ax.get_ylim()
+    inside = [tick.get_text() for tick in ax.get_yticklabels() if bottom <= tick.get_position()[1] <= top]
+    assert set(wanted) <= set(inside)
+    assert 2 <= len(inside) <= 9
+
+
+def test_a_run_that_ended_at_its_start_is_dots_and_says_so():
+    network = dd.Network.from_arcs([[1, 2]], arrow="listens_to")
+    run = dd.simulate(dd.Problem(network=network, coupling="exp(y) - 1 + y"), start=[[0], [1e300]], t_final=1)
+    sheet = run.plot()
+    assert len(run) == 1
+    assert all(line.get_marker() == "." for line in by_label(sheet, "xᵢ")[0].get_lines()[:2])
+    assert by_label(sheet, "errors")[0].get_title("left") == "ended early, at t = 0 s"
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        assert sheet.file("svg").startswith(b"<?xml")
 
 
 def test_a_run_with_one_mode_and_no_disturbance_has_fewer_panels():

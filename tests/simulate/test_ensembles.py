@@ -119,6 +119,15 @@ def test_runs_that_escape_are_named_and_the_others_go_on():
     assert set(many.reasons) == set(np.flatnonzero(many.diverged).tolist())
 
 
+def test_a_run_that_escapes_counts_the_switches_until_then():
+    """Two modes that are the same, every 0.03 s."""
+    network = Network.from_arcs({"a": [[1, 2]], "b": [[1, 2]]}, arrow="listens_to", agents=2)
+    problem = Problem(network=network, coupling="y - y**3", region={"initial_states": [0, 2]})
+    many = simulate_many(problem, runs=12, signal=Periodic(dwell=0.03), t_final=1.0, samples=5)
+    assert 0 < many.diverged.sum() < 12
+    np.testing.assert_array_equal(many.switches, np.ceil(many.ended / 0.03 - 1e-9) - 1)
+
+
 def test_a_start_that_overflows_ends_its_run_at_once_and_no_other():
     problem = ring("exp(y) - 1 + y", gains=1, region={"initial_states": [0, 900]})
     many = simulate_many(problem, runs=12, t_final=0.5, samples=6)
@@ -214,7 +223,7 @@ problem = Problem(
     gains={i: 5 for i in range(1, n, 10)}, exosystem=Exosystem(A=[[0, 2], [-2, 0]], C=[[1, 0]]),
     observer=Observer(W=[["16/5"], ["12/5"]]),
 )
-many = simulate_many(problem, runs=1000, signal=Periodic(dwell=0.25), t_final=1.0)
+many = simulate_many(problem, runs=1000, signal=Periodic(dwell=0.04), t_final=0.1, samples=11)
 try:  # not ru_maxrss: a child keeps that of the process it was started from
     peak = next(int(line.split()[1]) for line in open("/proc/self/status") if line.startswith("VmHWM")) * 1024
 except OSError:

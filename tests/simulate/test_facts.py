@@ -125,6 +125,18 @@ def test_a_run_that_ends_early_says_why_and_when(problem: Problem, reason: str):
     assert run.settling_time() is None
 
 
+def test_a_run_that_blows_up_between_two_samples_keeps_its_rise():
+    """x1' = (x1 - x2)^3 with x2 = 0: x1 = x0 / sqrt(1 - 2 x0^2 t), at every sample that is left."""
+    network = Network.from_arcs([[1, 2]], arrow="listens_to", agents=2)
+    run = simulate(Problem(network=network, coupling="-y**3"), start=[[1], [0]], t_final=10, samples=11)
+    assert run.diverged
+    assert len(run) > 20
+    assert (np.diff(run.times) > 0).all()
+    early = run.times < 0.4999
+    np.testing.assert_allclose(run.x[early, 0, 0], 1 / np.sqrt(1 - 2 * run.times[early]), rtol=1e-4)
+    assert early.sum() > 5
+
+
 def test_switches_after_the_end_of_a_run_are_left_out():
     problem = loop(coupling="-y", exosystem=None, observer=None)
     run = simulate(problem, signal=Periodic(dwell=0.5), t_final=60)
@@ -165,6 +177,8 @@ def test_an_observer_that_is_too_fast_for_the_closed_form_is_integrated_and_said
     ("arguments", "message"),
     [
         ({"mode": "a", "signal": Periodic(dwell=1)}, "exclude each other"), ({"mode": "c"}, "mode must be one of"),
+        ({"signal": "periodic"}, "signal must be a switching signal; got periodic"),
+        ({"stress": "noise"}, "stress must be a Stress; got noise"),
         ({"observer": "slow"}, "observer must be one of"), ({"tolerance": 0}, "tolerance must be"),
         ({"samples": [0, 1]}, "increase from 0 to t_final"), ({"samples": [0, float("nan"), 20]}, "must be finite"),
         ({"t_final": float("inf")}, "within the range of floats"), ({"start": [[float("nan")]] * N}, "must be finite"),

@@ -6,22 +6,16 @@ import casadi as ca
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
+from side_by_side import require_the_same
 
-from dobc_design import (
-    Stress,
-    build_model,
-    design_observer,
-    falsify,
-    simulate,
-    what_breaks_first,
-)
+from dobc_design import Stress, build_model, simulate, to_sdpa, what_breaks_first
 from dobc_design.errors import SpecError
 from dobc_design.spec.exosystem import Exosystem
 from dobc_design.spec.groups import Group
 from dobc_design.spec.network import Network
 from dobc_design.spec.observer import Observer
 from dobc_design.spec.problem import Problem
-from dobc_design.workflow import certify_settling, python_script
+from dobc_design.workflow import python_script
 
 ARCS = [(0, 1), (1, 2), (2, 0)]
 GAINS = (3.0, 0.0, 1.0)
@@ -92,6 +86,16 @@ def test_many_runs_side_by_side_are_the_single_runs(problem):
     assert many.error[:, -1] == pytest.approx(single, rel=1e-4, abs=1e-9)
 
 
+def test_ensembles_under_stress_are_the_runs_one_by_one(problem):
+    """Noise makes the error of every agent's own observer jump; what cannot be stacked says so."""
+    stress = Stress(noise=0.05, saturation=2.0, loss=0.2)
+    require_the_same(problem, stress, runs=2, close=3e-8, tolerance=1e-10, t_final=0.5)
+    sampled = Stress(period=0.05, noise=0.05, disturbance=0.1, loss=0.2)
+    require_the_same(problem, sampled, runs=2, close=1e-12, t_final=0.5)
+    many = simulate(problem, runs=1, stress=Stress(disturbance=0.1), t_final=0.2, samples=3)
+    assert "one by one, because the agents have different exosystems" in " ".join(many.notes)
+
+
 def test_sampled_and_continuous_loops_under_stress_agree_for_short_periods(problem):
     start = [[2.0], [-1.0], [0.5]]
     calm = simulate(problem, start=start, samples=[0.0, 3.0, 6.0])
@@ -148,7 +152,7 @@ def test_what_breaks_first_knows_groups(problem):
     assert what_breaks_first(problem, options=["saturation"], t_final=4).sweeps[0].option == "saturation"
 
 
-@pytest.mark.parametrize("use", [python_script, design_observer, falsify, certify_settling])
+@pytest.mark.parametrize("use", [python_script, to_sdpa])
 def test_what_does_not_know_groups_yet_says_so(problem, use):
     with pytest.raises(SpecError, match=r"exosystem\.groups: this is not available yet") as caught:
         use(problem)

@@ -75,7 +75,7 @@ def test_a_run_goes_on_where_a_saved_one_stopped(tmp_path):
     ("given", "message"),
     [
         ([[1, 2]], r"start\.x must have shape \(3, 2\)"),
-        ([[1, 2], [3, 4], [5, float("nan")]], r"entry \[2, 1\] is nan"),
+        ([[1, 2], [3, 4], [5, float("nan")]], "row 3, column 2 is nan"),
         ({"xi": [[1, 2, 3]] * 2}, r"start\.xi must have shape"), ({"y": 1}, "unknown part 'y'"),
         ({"x": [["a", "b"]] * 3}, "must be an array of numbers"), ([1, float("inf")], "must be finite"),
         ({"xihat": [1, None, 3]}, "must be"), ("missing.csv", "cannot be read"),

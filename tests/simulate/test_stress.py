@@ -335,6 +335,8 @@ def test_a_stress_survives_json_and_says_what_it_is(stress: Stress):
         (lambda: Stress(saturation=0), "saturation must be a number > 0"), (lambda: Stress(period=0), "period must be"),
         (lambda: Stress(period=1, exchange=0.5), "exchange must be left out"),
         (lambda: Stress(sampled_gain=[[1]]), "sampled_gain needs a period"),
+        (lambda: Stress(period=1, sampled_gain=[[1], [2, 3]]), "sampled_gain must be an array of numbers"),
+        (lambda: Stress(period=1, sampled_gain=[[1], [float("nan")]]), "sampled_gain must be finite; row 2, column 1"),
         (lambda: Failure(agent="1", kind="explode"), "failure.kind must be one of"),
         (lambda: Stress(failures=(Failure(agent="1"), Failure(agent="1"))), "fails twice"),
         (lambda: Stress(failures=("1",)), "failures must be a list of Failure"),

@@ -6,13 +6,20 @@ Theory, section 5.  ``design.separable`` proposes in floating point, ``verify`` 
 from __future__ import annotations
 
 import logging
+import math
+from collections.abc import Mapping
 from dataclasses import replace
 from fractions import Fraction
+from itertools import pairwise
 
 from dobc_design.covering.asked import Asked, Progress
-from dobc_design.design.separable import SeparablePlan, design_separable, flatter_plans, rounded_vectors
-from dobc_design.exact.interval import UndefinedError
-from dobc_design.exact.matrix import Vector
+from dobc_design.design.separable import (
+    SeparablePlan,
+    design_separable,
+    flat_separable,
+    flatter_plans,
+    rounded_vectors,
+)
 from dobc_design.theorems.separable import Separable
 from dobc_design.verdict import Verdict
 from dobc_design.verify.check import Check
@@ -25,7 +32,7 @@ from dobc_design.verify.regions import (
     stuck_check,
     undecided_check,
 )
-from dobc_design.verify.separable import coupling_profiles, rounded_down, verify_separable
+from dobc_design.verify.separable import rounded_down, verify_separable
 from dobc_design.verify.separable_observer import covers as box_is_inside
 from dobc_design.verify.separable_observer import first_certificate
 from dobc_design.verify.separable_timing import longest_delay
@@ -41,10 +48,10 @@ HALVINGS = 12
 WIDER = Fraction(2)
 #: The part of the rate that delays are to leave.
 KEPT = Fraction(1, 2)
+#: How many times less steep couplings have to be for a v of its own for sampling; the part of the rate that it keeps.
+WORTH, SLOWER, SAMPLES = 2, 0.1, 50
 #: Arcs of all modes together up to which delays and sampling are examined: exact rows for each of them take long.
 TIMED_ARCS = 3000
-#: Arcs of all modes together up to which boxes are tried on which a coupling falls: exact rows for each of them, too.
-FALLING_ARCS = 3000
 
 
 def separable_stage(asked: Asked, report: Progress) -> list[Check]:
@@ -126,8 +133,6 @@ def _claim(asked: Asked, radius: float, plan: SeparablePlan | None) -> Separable
     if plan is None:
         return None
     rho = None if asked.domain == "global" else plan.rho
-    if _takes_long(asked, next(rounded_vectors(plan.proposal)), rho):
-        return None
     claim = _covering(asked, radius, plan, rho)
     if claim is None:
         # A steep v compares agents so far apart that a coupling may leave every range there.
@@ -145,18 +150,6 @@ def _covering(asked: Asked, radius: float, plan: SeparablePlan, rho: Fraction | 
         return None
     inside = box_is_inside(claim, radius=claimed(radius), disturbance=claimed(asked.disturbance))
     return claim if inside else None
-
-
-def _takes_long(asked: Asked, v: Vector, rho: Fraction | None) -> bool:
-    """Whether a coupling falls somewhere in the rows of a network too large for rows one by one."""
-    problem = asked.problem
-    if rho is None or _arcs(asked) <= FALLING_ARCS:
-        return False
-    try:
-        profiles = coupling_profiles(problem, v, rho=rho, modes=tuple(problem.network.modes))
-    except UndefinedError:  # the decision says so
-        return False
-    return not all(kind.is_nondecreasing for kind in profiles)
 
 
 def _arcs(asked: Asked) -> int:
@@ -178,7 +171,42 @@ def _timing(asked: Asked, claim: Separable, check: Check, report: Progress) -> l
     else:
         bound = replace(bound, rate=rounded_down(bound.rate * (1 - IN_HAND), digits=6))
         delay = delay_check(problem, claim, bound, check, domain=asked.domain)
-    return [delay, sampling_check(problem, claim, check, domain=asked.domain)]
+    own = _flatter_claim(asked, claim, check)
+    return [delay, sampling_check(problem, claim, check, domain=asked.domain, W=asked.W, own=own)]
+
+
+def _flatter_claim(asked: Asked, claim: Separable, check: Check) -> Separable | None:
+    """Another certificate of the same box, slower but with a flatter v, where that allows far longer sampling periods.
+
+    Values may be held for about 2/h'(rho (v_i + v_j)): steep couplings want rho v as small as the box allows.
+    """
+    if claim.rho is None or not isinstance(check.domain, Mapping):
+        return None
+    farthest = 2 * float(claim.rho) * float(max(claim.v))
+    if _steepness(asked, farthest) < WORTH * _steepness(asked, 2 * float(claim.rho) * float(claim.least)):
+        return None
+    radius, disturbance = check.domain["radius"], check.domain["disturbance"]
+    try:
+        plan = flat_separable(
+            asked.problem, radius=claimed(radius), disturbance=claimed(disturbance), W=asked.W,
+            rate=float(claim.alpha) * SLOWER,
+        )  # fmt: skip
+    except (ArithmeticError, RuntimeError, ValueError) as error:
+        logger.warning("no flatter v for sampling: %s", error)
+        return None
+    found = None if plan is None else _covering(replace(asked, disturbance=disturbance), radius, plan, plan.rho)
+    return None if found is None else replace(found, alpha=rounded_down(found.alpha * (1 - IN_HAND), digits=6))
+
+
+def _steepness(asked: Asked, reach: float) -> float:
+    """The largest slope of a coupling on |y| <= reach, about; where h is not a number, infinite."""
+    worst = 0.0
+    for coupling in asked.problem.couplings:
+        h, step = coupling.numpy_function(), reach / SAMPLES
+        values = [h([step * k] * coupling.dimension)[0] for k in range(-SAMPLES, SAMPLES + 1)]
+        slopes = [(after - before) / step for before, after in pairwise(values)]
+        worst = max(worst, *(slope if math.isfinite(slope) else math.inf for slope in slopes))
+    return worst
 
 
 def _remark(asked: Asked, claim: Separable, radius: float) -> str:
@@ -189,12 +217,8 @@ def _remark(asked: Asked, claim: Separable, radius: float) -> str:
         return f" No region is asked for; boxes up to {asked.radius:.6g} were tried."
     wish = f"the region asks for {asked.radius:.6g}" if asked.wanted else "no region is asked for"
     wider = replace(claim, rho=claim.rho * min(claimed(asked.radius) / claimed(radius), WIDER))
-    who, answer = "", None
-    if _takes_long(asked, wider.v, wider.rho):
-        who = f" that is quick to decide: a coupling falls there, and exact rows for {_arcs(asked)} arcs take long"
-    else:
-        answer = verify_separable(asked.problem, wider)
-    if answer is not None and answer.verdict is Verdict.REFUTED and answer.agent is not None:
+    who, answer = "", verify_separable(asked.problem, wider)
+    if answer.verdict is Verdict.REFUTED and answer.agent is not None:
         label = asked.problem.network.labels[answer.agent]
         where = f" in mode {answer.mode}" if len(asked.problem.network.modes) > 1 else ""
         who = f", and with this one agent {label} is no longer held{where}"

@@ -8,19 +8,18 @@ largest alpha follows by bisection.  This needs no monotone coupling.  Nothing h
 from __future__ import annotations
 
 import logging
-import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from fractions import Fraction
-from typing import Any
 
 import numpy as np
-from scipy import sparse
 
 from dobc_design.design.estimates import decay_rate
 from dobc_design.design.program import Array
 from dobc_design.design.separable_field import Field, field_of
+from dobc_design.design.separable_newton import FEW_AGENTS, LOOSE, TIGHT, least_solution, linear_rate
 from dobc_design.design.separable_observer import propose_error_bound, radius_needed
+from dobc_design.exact.doubles import Doubles
 from dobc_design.exact.matrix import Matrix, Vector
 from dobc_design.spec.problem import Problem
 from dobc_design.theorems.ordering import find_ordering
@@ -30,12 +29,11 @@ logger = logging.getLogger("dobc_design")
 DIGITS = (3, 4, 5, 6, 8, 11)
 BITS = (12, 20, 30)  # of large networks, whose arithmetic is binary
 LARGE = 400
-LARGEST_V = 1e6
 LARGEST_RADIUS = 1e150
-STEPS = 60
 BISECTIONS = 40
-# (agents, relative accuracy of alpha that is still worth the time)
-CLOSE = ((300, 1e-5), (2000, 1e-3), (math.inf, 1e-2))
+# (agents, relative accuracy of alpha that is still worth the time); for more agents.
+CLOSE = ((300, 1e-5), (2000, 1e-3))
+CLOSE_LARGE = 0.05
 # kappa is chosen for the rate that v has, or where the observer is slower for one that suits both.
 ROUNDS = 6
 ABOVE = 1.005  # how much faster than N the observer's part is to be
@@ -43,12 +41,8 @@ SHARE = 0.05  # of the observer's decay rate: the first guess for many agents
 ENOUGH = 0.5  # of that rate, where N loses some because kappa needs room
 COARSE, CLOSE_ENOUGH = 8, 0.01  # points of s, and accuracy of a rate, where many v are looked for
 SLOWEST = 1e-6  # rates below this part of the largest gain are not looked for
-# A factorisation is cheap for few agents, and where the network is little more than lines and rings.
-FEW_AGENTS, FEW_ENTRIES = 2000, 4
 # Weights above which v is steep, and the parts of the rate that are tried in its place.
 STEEP, FLATTER = 100.0, (0.9, 0.7, 0.4)
-# Newton's residual as a part of the terms, and how far a step may fall where it has to rise, by rounding.
-TIGHT, LOOSE = (1e-12, 1e-9), (1e-6, 1e-2)
 ROUNDING = 1e-15  # of h, absolutely
 
 
@@ -70,41 +64,59 @@ class SeparablePlan:
     error: ErrorBound | None
 
 
-def propose_separable(problem: Problem, *, rho: float, modes: Sequence[str] | None = None) -> SeparableProposal | None:
+def propose_separable(
+    problem: Problem, *, rho: float, modes: Sequence[str] | None = None, near: float | None = None
+) -> SeparableProposal | None:
     """Find v with min v = 1 and the largest rate, about, for all s in (0, rho]; None if no positive rate is found.
 
-    The box |e|_inf <= rho is then inside {N <= rho}.
+    The box |e|_inf <= rho is then inside {N <= rho}.  ``near``: a rate (1/s) that is expected, with which the search
+    for many agents begins.
     """
     if not find_ordering(problem, modes=modes).exists or not 0 < rho <= LARGEST_RADIUS:
         return None
     with np.errstate(all="ignore"):  # far out couplings overflow or end; what is not finite is no proposal
-        return _propose(problem, rho, modes)
+        return _propose(problem, rho, modes, near)
 
 
-def _propose(problem: Problem, rho: float, modes: Sequence[str] | None) -> SeparableProposal | None:
+def _propose(problem: Problem, rho: float, modes: Sequence[str] | None, near: float | None) -> SeparableProposal | None:
     try:
         field = field_of(problem, rho=rho, modes=modes)
     except ArithmeticError as error:
         logger.info("no proposal for rho = %g: %s", rho, error)
         return None
-    best = _least_v(field, alpha=0.0, start=np.ones(problem.n))
+    best = least_solution(field, alpha=0.0, start=np.ones(problem.n))
     high = float(np.max(field.gains, initial=0.0))
     if best is None or high <= 0:
         return None
-    whole = _least_v(field, alpha=high, start=best)
+    if problem.n > FEW_AGENTS:
+        return _propose_large(field, rho=rho, start=best, near=near)
+    whole = least_solution(field, alpha=high, start=best)
     if whole is not None:
         return SeparableProposal(v=whole, rate=high, rho=rho)
     low, close = 0.0, next(part for size, part in CLOSE if problem.n <= size)
     # The rate may be many powers of ten below the gains: halve first, then divide evenly.
     for _ in range(BISECTIONS):
         middle = (low + high) / 2 if low else high / 8
-        found = _least_v(field, alpha=middle, start=best)
+        found = least_solution(field, alpha=middle, start=best)
         if found is None:
             high = middle
         else:
             low, best = middle, found
         if (low and high - low <= close * low) or high <= SLOWEST * float(np.max(field.gains)):
             break
+    return SeparableProposal(v=best, rate=low, rho=rho) if low else None
+
+
+def _propose_large(field: Field, *, rho: float, start: Array, near: float | None) -> SeparableProposal | None:
+    """The same with few trials, beginning at ``near``, or at half the rate that linear couplings would have."""
+    low, high, best = 0.0, float(np.max(field.gains)), start
+    slowest = SLOWEST * high
+    middle = min(linear_rate(field) / 2 if near is None else near * (1 - CLOSE_LARGE), high)
+    while high > slowest and not (low and high - low <= CLOSE_LARGE * low):
+        found = least_solution(field, alpha=middle, start=best)
+        low, high, best = (low, middle, best) if found is None else (middle, high, found)
+        further = low * (1.5 if near is None else 1 + 2 * CLOSE_LARGE)
+        middle = min((low + high) / 2, further) if low else high / 4
     return SeparableProposal(v=best, rate=low, rho=rho) if low else None
 
 
@@ -115,16 +127,16 @@ def propose_vectors(problem: Problem, *, rho: float, parts: Sequence[float]) -> 
     """
     field = field_of(problem, rho=rho)
     field = replace(field, grid=field.grid[:: max(1, len(field.grid) // COARSE)])
-    best = _least_v(field, alpha=0.0, start=np.ones(problem.n))
+    best = least_solution(field, alpha=0.0, start=np.ones(problem.n))
     low, high = 0.0, float(np.max(field.gains, initial=0.0))
     if best is None or high <= 0:
         return
     while high > SLOWEST * float(np.max(field.gains)) and not (low and high - low <= CLOSE_ENOUGH * low):
         middle = (low + high) / 2 if low else high / 8
-        found = _least_v(field, alpha=middle, start=best)
+        found = least_solution(field, alpha=middle, start=best)
         low, high, best = (low, middle, best) if found is None else (middle, high, found)
     for part in parts if low else ():
-        v = best if part == 1.0 else _least_v(field, alpha=part * low, start=np.ones(problem.n))
+        v = best if part == 1.0 else least_solution(field, alpha=part * low, start=np.ones(problem.n))
         if v is not None:
             yield v
 
@@ -156,7 +168,7 @@ def design_separable(
     gained, low, high = first, 0.0, 2 * best.proposal.rate * ABOVE
     for _ in range(ROUNDS if problem.n <= FEW_AGENTS else 1):
         rate = (low + high) / 2
-        plan = _planned(problem, W, rate, radius, disturbance, modes)
+        plan = _planned(problem, W, rate, radius, disturbance, modes, near=best.proposal.rate)
         reached = 0.0 if plan is None else min(rate, plan.proposal.rate)
         if plan is not None and reached > gained:
             best, gained = plan, reached
@@ -167,7 +179,13 @@ def design_separable(
 
 
 def _planned(
-    problem: Problem, W: Matrix, rate: float, radius: Fraction, disturbance: Fraction, modes: Sequence[str] | None
+    problem: Problem,
+    W: Matrix,
+    rate: float,
+    radius: Fraction,
+    disturbance: Fraction,
+    modes: Sequence[str] | None,
+    near: float | None = None,
 ) -> SeparablePlan | None:
     """A plan whose observer part decays with ``rate``; None if the observer is slower, or leaves no room for a v."""
     exosystem = problem.joint_exosystem
@@ -175,8 +193,28 @@ def _planned(
     if error is None:
         return None
     rho = radius_needed(radius, error, disturbance)
-    proposal = propose_separable(problem, rho=float(rho), modes=modes)
+    proposal = propose_separable(problem, rho=float(rho), modes=modes, near=near)
     return None if proposal is None else SeparablePlan(proposal=proposal, rho=rho, error=error)
+
+
+def flat_separable(
+    problem: Problem, *, radius: Fraction, disturbance: Fraction, W: Matrix | None, rate: float
+) -> SeparablePlan | None:
+    """Plan a certificate like ``design_separable``, whose v is the flattest for about ``rate`` (1/s): the least v >= 1.
+
+    None if there is no v for this rate, or the observer with the gain W (q, m) is slower.
+    """
+    exosystem, error = problem.joint_exosystem, None
+    if exosystem is not None:
+        error = None if W is None else propose_error_bound(exosystem, W, rate=rate)
+        if error is None:
+            return None
+    rho = radius_needed(radius, error, disturbance)
+    with np.errstate(all="ignore"):  # as in propose_separable
+        v = least_solution(field_of(problem, rho=float(rho)), alpha=rate, start=np.ones(problem.n))
+    if v is None:
+        return None
+    return SeparablePlan(proposal=SeparableProposal(v=v, rate=rate, rho=float(rho)), rho=rho, error=error)
 
 
 def flatter_plans(problem: Problem, plan: SeparablePlan) -> Iterator[SeparablePlan]:
@@ -192,86 +230,27 @@ def flatter_plans(problem: Problem, plan: SeparablePlan) -> Iterator[SeparablePl
         yield replace(plan, proposal=replace(plan.proposal, v=each, rate=part * plan.proposal.rate))
 
 
-def rounded_vectors(proposal: SeparableProposal) -> Iterator[Vector]:
+def rounded_vectors(proposal: SeparableProposal) -> Iterator[Vector | Doubles]:
     """v as rationals, few digits first; binary fractions for large networks, which floats hold exactly."""
-    units = [2**bits for bits in BITS] if len(proposal.v) > LARGE else [10**digits for digits in DIGITS]
-    for unit in units:
+    if len(proposal.v) > LARGE:
+        for bits in BITS:
+            yield Doubles(np.ldexp(np.rint(np.ldexp(proposal.v, bits)), -bits))
+        return
+    for digits in DIGITS:
+        unit = 10**digits
         yield tuple(Fraction(round(float(x) * unit), unit) for x in proposal.v)
 
 
-def least_above(field: Field, *, alpha: float, lower: Array) -> Array | None:
+def least_above(field: Field, *, alpha: float, lower: Array, start: Array | None = None) -> Array | None:
     """The least v >= ``lower`` (n,) whose rows hold with rate alpha, about; None if none is found.
 
-    Newton's method ends where h(s y)/s loses its digits: at the smallest s of the grid.
+    ``start`` (n,), where it is given, lies between the two.  Newton's method ends where h(s y)/s loses its digits: at
+    the smallest s of the grid.
     """
     close, drop = TIGHT if field.size <= FEW_AGENTS else LOOSE
     noise = ROUNDING / float(field.grid[0])
+    accuracy = (max(close, noise), max(drop, 100 * noise))
     with np.errstate(all="ignore"):
-        return _least_v(
-            field, alpha=alpha, start=lower, lower=lower, accuracy=(max(close, noise), max(drop, 100 * noise))
-        )
-
-
-def _least_v(
-    field: Field, *, alpha: float, start: Array, lower: Array | float = 1.0, accuracy: tuple[float, float] | None = None
-) -> Array | None:
-    """The least v >= ``lower`` whose rows hold with rate alpha, about; None if Newton's method finds none.
-
-    ``start`` lies below it: the solution for a smaller alpha does.
-    """
-    v = start.copy()
-    close, drop = accuracy or (TIGHT if field.size <= FEW_AGENTS else LOOSE)
-    for _ in range(STEPS):
-        residual, jacobian, scale = field.rows(v, alpha=alpha)
-        if np.all(residual <= close * scale):
-            return v
-        active = (residual > 0) | (v > lower)
-        step = _solve(jacobian, residual, active)
-        if step is None:
-            return None
-        proposed = np.maximum(lower, v + step)
-        raised = residual > 0
-        # A solution lies above: where a row fails, v has to rise; a step down there means there is none.
-        if np.any(proposed[raised] < v[raised] * (1 - drop)) or not np.all(np.isfinite(proposed)):
-            return None
-        proposed = np.minimum(proposed, 2 * v)
-        if np.max(proposed) > LARGEST_V:
-            return None
-        if np.allclose(proposed, v, rtol=1e-15, atol=0.0):
-            return v if np.all(residual <= 1e3 * close * scale) else None
-        v = proposed
-    return None
-
-
-def _solve(jacobian: Any, residual: Array, active: Any) -> Array | None:
-    """One Newton step on the active agents; None if their matrix is singular."""
-    places = np.flatnonzero(active)
-    block = sparse.csr_array(jacobian[places][:, places])
-    right = -residual[places]
-    with np.errstate(all="ignore"):
-        if len(places) > FEW_AGENTS and block.nnz > FEW_ENTRIES * len(places):
-            solution = _iterated(block, right)
-        else:
-            solution = _factorised(block, right)
-    if solution is None:
-        return None
-    step = np.zeros(len(residual))
-    step[places] = solution
-    return step
-
-
-def _factorised(block: Any, right: Array) -> Array | None:
-    try:
-        return np.asarray(sparse.linalg.splu(sparse.csc_array(block)).solve(right))
-    except RuntimeError:  # exactly singular
-        return None
-
-
-def _iterated(block: Any, right: Array) -> Array | None:
-    """Solve by BiCGSTAB with Jacobi scaling: factors of scale-free networks would fill in."""
-    diagonal = block.diagonal()
-    if np.any(diagonal >= 0):
-        return None
-    scaled = sparse.csr_array(sparse.diags_array(1 / diagonal) @ block)
-    solution, status = sparse.linalg.bicgstab(scaled, right / diagonal, rtol=1e-4, maxiter=200)
-    return np.asarray(solution) if status == 0 and np.all(np.isfinite(solution)) else None
+        return least_solution(
+            field, alpha=alpha, start=lower if start is None else start, lower=lower, accuracy=accuracy
+        )  # fmt: skip

@@ -56,16 +56,15 @@ class Field:
         """The largest row of every agent, its Jacobian in v (n, n), and the size of its terms."""
         worst = np.full(self.size, -np.inf)
         scale = (np.abs(self.gains) + alpha) * v
-        chosen = np.zeros((self.size, 3), dtype=np.int64)
+        chosen = np.zeros(self.size, dtype=np.int64)
         choices = [(m, f, k) for m in range(len(self.modes)) for f in (1, -1) for k in range(len(self.grid))]
-        for mode, face, k in choices:
+        for number, (mode, face, k) in enumerate(choices):
             row = self._sum(mode, face, float(self.grid[k]), v)
-            better = row > worst
-            worst[better] = row[better]
-            chosen[better] = (mode, face, k)
+            chosen[row > worst] = number
+            worst = np.fmax(worst, row)  # a row that is no number is left out
             scale = np.maximum(scale, np.abs(row))
         residual = worst - (self.gains - alpha) * v
-        return residual, self._jacobian(chosen, v, alpha), scale
+        return residual, self._jacobian(chosen, choices, v, alpha), scale
 
     def rates(self, v: Array) -> Array:
         """The rate that v has at each s of the grid, (grid,): the least over agents, modes and faces."""
@@ -83,8 +82,8 @@ class Field:
 
     def slopes(self, mode: int, face: int, places: Any, v: Array) -> Any:
         """The derivatives in v, (n, n), of these sums, each agent at its own place (n,) of the grid."""
-        chosen = np.column_stack([np.full(self.size, mode), np.full(self.size, face), places])
-        return self._jacobian(chosen, v, 0.0) + sparse.diags_array(self.gains)
+        choices = [(mode, face, k) for k in range(len(self.grid))]
+        return self._jacobian(np.asarray(places), choices, v, 0.0) + sparse.diags_array(self.gains)
 
     def _sum(self, mode: int, face: int, s: float, v: Array) -> Array:
         total = np.zeros(self.size)
@@ -93,10 +92,12 @@ class Field:
             total += np.bincount(group.listeners, weights=group.weights * value, minlength=self.size)
         return total
 
-    def _jacobian(self, chosen: Any, v: Array, alpha: float) -> Any:
+    def _jacobian(self, chosen: Any, choices: Sequence[tuple[int, int, int]], v: Array, alpha: float) -> Any:
+        """Each agent has the choice (mode, face, place in the grid) of its own number."""
         parts_i, parts_j, parts_x = [np.arange(self.size)], [np.arange(self.size)], [alpha - self.gains]
-        for mode, face, k in np.unique(chosen, axis=0).tolist():
-            mine = np.all(chosen == (mode, face, k), axis=1)
+        for number in np.unique(chosen).tolist():
+            mode, face, k = choices[number]
+            mine = chosen == number
             for group in self.modes[mode]:
                 here = mine[group.listeners]
                 i, j, w = group.listeners[here], group.speakers[here], group.weights[here]

@@ -12,6 +12,7 @@ from dataclasses import dataclass
 from fractions import Fraction
 from typing import Final, TypeAlias
 
+from dobc_design._display import Shown
 from dobc_design.errors import CertificateError
 from dobc_design.exact.integers import IntegerSymmetric
 from dobc_design.exact.matrix import Vector
@@ -24,8 +25,8 @@ Symmetric: TypeAlias = SparseSymmetric | IntegerSymmetric
 _WITNESS_BITS: Final = (1, 2, 4, 8, 16, 32, 64)
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Definiteness:
+@dataclass(frozen=True, slots=True, kw_only=True, repr=False)
+class Definiteness(Shown):
     """A decision with its proof method, a short sentence that names the path by size and structure.
 
     Refuted: an integer ``witness`` v and the ``value`` v'Mv, <= 0 against "positive definite" and < 0

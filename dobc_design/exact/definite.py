@@ -110,6 +110,9 @@ def definiteness(matrix: object) -> Verdict:
     Returns: PROVED iff matrix > 0, REFUTED iff not; never UNDECIDED.
     Raises: ShapeError if not square or not exactly symmetric; SpecError for nan, inf and what is
     no number.
+    Example:
+        >>> dd.exact.definiteness([[2, 1], [1, "1/2"]]).value, dd.exact.definiteness([[2, 1], [1, 0.51]]).value
+        ('refuted', 'proved')
     """
     return decide_positive_definite(_read(matrix)).verdict
 

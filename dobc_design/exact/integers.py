@@ -16,6 +16,7 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
+from dobc_design._display import Card, Shown, plain
 from dobc_design.errors import ShapeError, SpecError
 from dobc_design.exact.matrix import Matrix
 from dobc_design.exact.symmetric import SparseSymmetric
@@ -35,8 +36,8 @@ _ROWS: Final = 1 << 31
 _LIMIT: Final = 1 << 62
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class IntegerSymmetric:
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False, repr=False)
+class IntegerSymmetric(Shown):
     """A symmetric matrix (size, size): values / denominator at the places (rows, columns), rows <= columns.
 
     ``values`` are int64, or an object array of int. The constructor takes the places in any order, adds up
@@ -70,6 +71,13 @@ class IntegerSymmetric:
         for name, array in (("rows", rows), ("columns", columns), ("values", values)):
             array.flags.writeable = False
             object.__setattr__(self, name, array)
+
+    def _card(self) -> Card:
+        text = f"{self.size} × {self.size}, {len(self.values)} entries in the upper triangle"
+        return Card(title="Symmetric matrix of integers", text=f"{text}, over {plain(self.denominator)}")
+
+    def __repr__(self) -> str:
+        return f"<IntegerSymmetric of size {self.size} with {len(self.values)} entries>"
 
     @classmethod
     def from_sparse(cls, M: SparseSymmetric) -> IntegerSymmetric:

@@ -14,6 +14,7 @@ from fractions import Fraction
 from types import MappingProxyType
 from typing import Final
 
+from dobc_design._display import Card, Shown
 from dobc_design.errors import SpecError
 from dobc_design.exact._elementary import bounds, pi_bounds
 from dobc_design.exact._rounding import BITS, MAX_EXPONENT, height, round_down, round_up, sqrt_bounds
@@ -36,8 +37,8 @@ class UndefinedError(ArithmeticError):
     """An operation is not defined on a whole interval, or its values are too large to enclose."""
 
 
-@dataclass(frozen=True, slots=True)
-class Interval:
+@dataclass(frozen=True, slots=True, repr=False)
+class Interval(Shown):
     """The closed interval from lo to hi; integers are taken as Fractions.
 
     Operators take Interval, Fraction and int; ``**`` takes an int.
@@ -99,6 +100,9 @@ class Interval:
     def floats(self) -> tuple[float, float]:
         """Return (largest float <= lo, smallest float >= hi)."""
         return float_below(self.lo), float_above(self.hi)
+
+    def _card(self) -> Card:
+        return Card(title="Interval", text=str(self))
 
     def __str__(self) -> str:
         return f"[{_brief(self.lo)}, {_brief(self.hi)}]"

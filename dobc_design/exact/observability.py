@@ -10,6 +10,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from dobc_design._checks import require_shape, require_square
+from dobc_design._display import Shown
 from dobc_design.exact.matrix import (
     Matrix,
     Vector,
@@ -30,8 +31,8 @@ from dobc_design.exact.polynomial import (
 from dobc_design.verdict import Verdict
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Observability:
+@dataclass(frozen=True, slots=True, kw_only=True, repr=False)
+class Observability(Shown):
     """Rank of the observability matrix of (A, C), A (q, q), and what C never sees.
 
     ``verdict`` is PROVED iff rank = size; ``unobservable`` is a basis of the states xi0 from which
@@ -44,8 +45,8 @@ class Observability:
     unobservable: tuple[Vector, ...]
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Detectability:
+@dataclass(frozen=True, slots=True, kw_only=True, repr=False)
+class Detectability(Shown):
     """Whether what C never sees dies out by itself.
 
     ``unobservable_polynomial`` is the characteristic polynomial of A on the unobservable subspace,

@@ -15,6 +15,7 @@ from itertools import pairwise
 from typing import Final
 
 from dobc_design._checks import require_square
+from dobc_design._display import Shown
 from dobc_design.errors import SpecError
 from dobc_design.exact._flint import from_fmpq, to_fmpq_mat
 from dobc_design.exact.matrix import Matrix, identity, multiply
@@ -26,8 +27,8 @@ Coefficients = tuple[Fraction, ...]
 _FLINT_SIZE: Final = 9
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class RouthTable:
+@dataclass(frozen=True, slots=True, kw_only=True, repr=False)
+class RouthTable(Shown):
     """Routh's test of one polynomial.
 
     ``first_column`` is for the polynomial made monic, and ends with the first entry <= 0.

@@ -11,12 +11,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dobc_design._checks import require_square
+from dobc_design._display import Card, Shown
+from dobc_design._render import MAX_SHOWN
 from dobc_design.errors import ShapeError
 from dobc_design.exact.matrix import Matrix
 
 
-@dataclass(frozen=True, slots=True)
-class SparseSymmetric:
+@dataclass(frozen=True, slots=True, repr=False)
+class SparseSymmetric(Shown):
     """A symmetric matrix (size, size), by the entries (i, j), i <= j, of its upper triangle.
 
     Zero entries are dropped, so equal matrices are equal objects. ``entries`` is for reading only.
@@ -38,6 +40,14 @@ class SparseSymmetric:
             if value
         }
         object.__setattr__(self, "entries", kept)
+
+    def _card(self) -> Card:
+        text = f"{self.size} × {self.size}, {len(self.entries)} entries in the upper triangle"
+        facts = [("M", self.to_dense())] if 0 < self.size <= MAX_SHOWN else []
+        return Card(title="Symmetric matrix", text=text, facts=facts)
+
+    def __repr__(self) -> str:
+        return f"<SparseSymmetric of size {self.size} with {len(self.entries)} entries>"
 
     @classmethod
     def from_dense(cls, M: Matrix, *, name: str = "matrix") -> SparseSymmetric:

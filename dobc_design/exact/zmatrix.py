@@ -71,18 +71,17 @@ def proves(M: SparseSymmetric | IntegerSymmetric, vector: Sequence[int], *, stri
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class FloatRows:
-    """A matrix made ready for ``bound``: its diagonal, and the sizes of what stands beside it, row by row.
+    """A matrix made ready for ``bound``: its diagonal, and the sizes of what stands above it.
 
-    ``own`` (n,) is rounded up; ``slack`` covers every rounding in the sums of the rows ``rows``, which are not empty.
+    ``own`` (n,) is rounded up; ``sizes`` of the entries at (``rows``, ``columns``) so far that every rounding in the
+    sums of both its rows is covered.
     """
 
     own: Floats
     largest: float  # of |own|
     rows: Places
-    starts: Places
     columns: Places
     sizes: Floats
-    slack: Floats
 
     def bound(self, vector: Floats) -> float:
         """Return an upper bound of the largest eigenvalue: the largest (m_ii v_i + sum |m_ij| v_j) / v_i; v > 0 (n,).
@@ -95,15 +94,15 @@ class FloatRows:
         with np.errstate(over="ignore", invalid="ignore"):
             heard = vector[self.columns]
             heard *= self.sizes
-            others = np.add.reduceat(heard, self.starts) if len(heard) else heard
-            others *= self.slack
-            whole = len(others) == len(vector)
-            others /= vector if whole else vector[self.rows]
-            most = float(others.max(initial=0.0))
-            total = others if whole else self.own.copy()
-            total[slice(None) if whole else self.rows] += self.own if whole else others
-            # The last sum is off by half a unit of its terms, which are at most as large as these.
-            largest = float(total.max()) + (self.largest + most) * 2.0**-51
+            total: Floats = np.bincount(self.rows, weights=heard, minlength=len(vector)).astype(np.float64, copy=False)
+            heard = vector[self.rows]
+            heard *= self.sizes
+            total += np.bincount(self.columns, weights=heard, minlength=len(vector))
+            total /= vector
+            total += self.own
+            # The last sum is off by half a unit of its terms: the diagonal, and what is at most this sum without it.
+            most = float(total.max())
+        largest = most + (2 * self.largest + abs(most)) * 2.0**-51
         return largest if math.isfinite(largest) else math.inf
 
 
@@ -115,16 +114,13 @@ def float_rows(M: IntegerSymmetric) -> FloatRows | None:
     on = M.rows == M.columns
     own = np.zeros(M.size)
     own[M.rows[on]] = values[on] + np.abs(values[on]) * 2.0**-50
-    i, j, sizes = M.rows[~on], M.columns[~on], np.abs(values[~on])
-    ends = np.concatenate((i, j))
-    order = np.argsort(ends, kind="stable")
-    rows, starts, counts = np.unique(ends[order], return_index=True, return_counts=True)
+    i, j = M.rows[~on], M.columns[~on]
+    counts = np.bincount(i, minlength=M.size) + np.bincount(j, minlength=M.size)
+    # An entry is off by 3 half units, its product and the sums by one each; this factor and the quotient by one more.
+    slack = 1 + (np.maximum(counts[i], counts[j]) + 8).astype(np.float64) * 2.0**-52
     return FloatRows(
-        own=own, largest=float(np.abs(own).max(initial=0.0)), rows=rows, starts=starts,
-        columns=np.concatenate((j, i))[order], sizes=np.concatenate((sizes, sizes))[order],
-        # An entry is off by 3 half units, its product and the sums by one each; slack and quotient by one more.
-        slack=1 + (counts + 8).astype(np.float64) * 2.0**-52,
-    )  # fmt: skip
+        own=own, largest=float(np.abs(own).max(initial=0.0)), rows=i, columns=j, sizes=np.abs(values[~on]) * slack
+    )
 
 
 def row_bound(M: IntegerSymmetric, vector: Floats) -> float:

@@ -18,9 +18,11 @@ from fractions import Fraction
 from types import MappingProxyType
 from typing import Final, Literal
 
+from dobc_design._display import Card, Shown, plain
 from dobc_design.errors import SpecError
 from dobc_design.exact.interval import Interval
 from dobc_design.exact.matrix import Vector
+from dobc_design.exact.number import float_above
 from dobc_design.spec.problem import Problem
 from dobc_design.theorems.sectors import GainRange, Sectors, build_sectors
 
@@ -43,8 +45,8 @@ class DualTerm:
     vectors: tuple[Vector, ...]
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class QuadraticDual:
+@dataclass(frozen=True, slots=True, kw_only=True, repr=False)
+class QuadraticDual(Shown):
     """A claim: no P_e of ``shape`` certifies a radius |e_j - e_i| <= r with r >= ``radius`` > 0.
 
     ``gains``: place in problem.couplings -> two gains low <= high that h(y)/y attains on |y| <= radius; ``at``: two y
@@ -65,6 +67,15 @@ class QuadraticDual:
             raise SpecError(f"shape must be one of {', '.join(SHAPES)}; got {self.shape!r}.", key="shape")
         if self.radius <= 0:
             raise SpecError("radius must be > 0.", key="radius")
+
+    def _card(self) -> Card:
+        return Card(
+            title="Quadratic limit", text=f"no P of shape {self.shape} reaches",
+            facts=[("|e_j - e_i| of", repr(float_above(self.radius))), ("nor a ball of", repr(float_above(self.ball)))],
+        )  # fmt: skip
+
+    def __repr__(self) -> str:
+        return f"<QuadraticDual: no P of shape {self.shape} reaches |e_j - e_i| <= {plain(self.radius)}>"
 
     @property
     def ball(self) -> Fraction:

@@ -127,6 +127,14 @@ def slope_range(curve: Curve, Y: Interval, *, tolerance: Fraction = TOLERANCE) -
     return _tight(curve, lambda piece: slope_form(curve, piece), Y, tolerance=tolerance, what="h'")
 
 
+def slope_bound(curve: Curve, Y: Interval, *, tolerance: Fraction = TOLERANCE) -> Fraction:
+    """A number that no h'(y), y in Y, exceeds; the upper end of ``slope_range`` in half the time.
+
+    Raises: UndefinedError naming h and the interval where h' is not bounded on Y.
+    """
+    return _tight(curve, lambda piece: slope_form(curve, piece), Y, tolerance=tolerance, what="h'", lower=False).hi
+
+
 def secant_range(curve: Curve, Y: Interval, *, tolerance: Fraction = TOLERANCE) -> Interval:
     """Enclose {g(y) : y in Y}, g(y) = h(y)/y and g(0) = h'(0), at most about ``tolerance`` too wide at each end.
 
@@ -173,10 +181,13 @@ def _meet(known: Interval | None, other: Interval) -> Interval:
     return other if known is None else Interval(max(known.lo, other.lo), min(known.hi, other.hi))
 
 
-def _tight(curve: Curve, form: Form, Y: Interval, *, tolerance: Fraction, what: str) -> Interval:
+def _tight(curve: Curve, form: Form, Y: Interval, *, tolerance: Fraction, what: str, lower: bool = True) -> Interval:
+    """Both ends tight, or without ``lower`` the upper one only."""
     try:
         pieces = _defined(form, Y)
         highest = _supremum(form, pieces, tolerance)
+        if not lower:
+            return Interval.point(highest)
         lowest = -_supremum(lambda piece: -form(piece), [(-values, piece) for values, piece in pieces], tolerance)
     except UndefinedError as error:
         raise UndefinedError(

@@ -140,9 +140,10 @@ EXPLANATIONS: dict[str, Explanation] = {
         title="Sampling period that the max-separable certificate allows",
         statement=r"T\,\bigl(\textstyle\sum_j w_{ij} L_{ij} + k_i\bigr) \le 1 \quad \text{for every agent}",
         plain="T (sum_j w L_ij + k_i) <= 1 for every agent, L_ij a bound of the mean slope of h in the box",
-        meaning="Couplings and control are computed from samples and held for T. No step is then so long that it"
-        " overshoots a"
-        " face of the box.",
+        meaning="Couplings and pinning are computed from samples and held for T. No step is then so long that it"
+        " overshoots a face of the box. The estimate dhat of the disturbance is subtracted all the time: what a held"
+        " one leaves does not die out. The weights v are those of max-separable, or flatter ones, proved for the same"
+        " starts, where these allow far longer periods.",
         proved="From one sample to the next N falls at least by the factor f < 1, 1 - T alpha <= f, up to what the"
         " observer"
         " error adds.",

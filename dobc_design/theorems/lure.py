@@ -23,6 +23,7 @@ from typing import Final, Literal
 from dobc_design.errors import ShapeError, SpecError
 from dobc_design.exact.matrix import Matrix, multiply
 from dobc_design.exact.symmetric import SparseSymmetric
+from dobc_design.spec.groups import agent_blocks
 from dobc_design.theorems.sectors import Arc, Channel, GainRange, Sectors
 
 Method = Literal["lure", "interval", "vertices"]
@@ -78,7 +79,9 @@ def lure_matrix(
     sectors: Sectors, mode: str, P_e: SparseSymmetric, multipliers: Sequence[Fraction], *, rate: Fraction = ZERO,
     S: Matrix | None = None,
 ) -> SparseSymmetric:  # fmt: skip
-    """The left side of the Lur'e inequality of one mode, (n m, n m); S (m, m) is the observer's border or None.
+    """The left side of the Lur'e inequality of one mode, (n m, n m).
+
+    S (m, m) is the observer's border or None; where agents have different exosystems, that of the joint one.
 
     Raises: ShapeError unless there is one multiplier per channel, > 0 where its range is not a point.
     """
@@ -219,14 +222,14 @@ def _rank_two(row: Mapping[int, Fraction], channel: Channel) -> Entries:
 
 
 def _observer_block(sectors: Sectors, S: Matrix | None) -> Entries:
-    """I (x) S."""
+    """I (x) S; where agents have different exosystems, the block of each agent's group."""
     if S is None:
         return {}
-    m = sectors.problem.m
+    problem, m = sectors.problem, sectors.problem.m
     return {
-        (start + i, start + j): S[i][j]
-        for start in range(0, sectors.size, m)
+        (agent * m + i, agent * m + j): block[i][j]
+        for agent, block in enumerate(agent_blocks(S, problem.groups, problem.network.labels))
         for i in range(m)
         for j in range(i, m)
-        if S[i][j]
+        if block[i][j]
     }

@@ -17,6 +17,7 @@ from fractions import Fraction
 import numpy as np
 
 from dobc_design.errors import ShapeError, SpecError
+from dobc_design.exact.doubles import Doubles, least
 from dobc_design.exact.matrix import Matrix, Vector
 from dobc_design.exact.number import float_above
 from dobc_design.spec.problem import Problem
@@ -47,13 +48,13 @@ class Separable:
     Raises: ShapeError or SpecError unless v > 0, alpha > 0 and rho > 0.
     """
 
-    v: Vector
+    v: Vector | Doubles
     alpha: Fraction
     rho: Fraction | None
     error: ErrorBound | None = None
 
     def __post_init__(self) -> None:
-        if not self.v or min(self.v) <= 0:
+        if not len(self.v) or least(self.v) <= 0:
             raise ShapeError("v must have one entry > 0 per agent.", key="v")
         if self.alpha <= 0 or (self.rho is not None and self.rho <= 0):
             raise SpecError("alpha and rho must be > 0.", key="alpha" if self.alpha <= 0 else "rho")
@@ -61,7 +62,7 @@ class Separable:
     @property
     def least(self) -> Fraction:
         """Min v."""
-        return min(self.v)
+        return least(self.v)
 
 
 @dataclass(frozen=True, slots=True)
@@ -117,23 +118,25 @@ def largest_reach(
 ) -> tuple[Fraction, ...]:
     """A bound of v_i + stretch v_j over the arcs of each of problem.couplings; 0 without arcs.
 
+    It leaves room for what floats that are rounded up may add.
     Raises: ShapeError unless v has one entry per agent.
     """
     require_one_per_agent(problem, v)
-    above = np.array([float_above(x) for x in v])
+    above = v.array if isinstance(v, Doubles) else np.array([float_above(x) for x in v])
     factor = float_above(Fraction(stretch))
     place = {coupling: number for number, coupling in enumerate(problem.couplings)}
     found = [0.0] * len(problem.couplings)
     for mode in modes:
         arcs = problem.network.modes[mode]
         kinds = np.zeros(len(arcs), dtype=np.int64)
-        codes = arcs.listeners * problem.n + arcs.speakers
-        for (i, j), coupling in problem.exceptions.items():
-            kinds[codes == i * problem.n + j] = place[coupling]
+        if problem.exceptions:
+            codes = arcs.listeners * problem.n + arcs.speakers
+            for (i, j), coupling in problem.exceptions.items():
+                kinds[codes == i * problem.n + j] = place[coupling]
         sums = above[arcs.listeners] + factor * above[arcs.speakers]
         for kind in range(len(found)):
             found[kind] = max(found[kind], float(np.max(sums[kinds == kind], initial=0.0)))
-    return tuple(Fraction(most) * (1 + Fraction(1, 2**50)) for most in found)
+    return tuple(Fraction(most) * (1 + Fraction(1, 2**45)) for most in found)
 
 
 def require_one_per_agent(problem: Problem, v: Sequence[Fraction]) -> None:

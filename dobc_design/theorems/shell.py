@@ -21,7 +21,8 @@ from numpy.typing import NDArray
 
 from dobc_design.errors import ShapeError, SpecError
 from dobc_design.exact.interval import Interval, UndefinedError
-from dobc_design.exact.matrix import Matrix, add, identity, kronecker, multiply, scale, transpose
+from dobc_design.exact.matrix import Matrix, add, multiply, scale, transpose
+from dobc_design.spec.groups import agent_blocks, block_diagonal
 from dobc_design.spec.problem import Problem
 from dobc_design.theorems.enclosures import Curve, slope_form, value_form
 from dobc_design.theorems.lure import Lure
@@ -247,7 +248,8 @@ def _quadratic(problem: Problem, lure: Lure, *, S: Matrix | None, rate: Fraction
     M = add(scale(-1, add(product, transpose(product))), scale(2 * rate, P_e))
     if S is None:
         return M
-    return add(M, multiply(multiply(P_e, kronecker(identity(problem.n), S)), P_e))
+    borders = block_diagonal(agent_blocks(S, problem.groups, problem.network.labels))
+    return add(M, multiply(multiply(P_e, borders), P_e))
 
 
 def _floats(M: Matrix) -> Array:

@@ -27,8 +27,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 from fractions import Fraction
 
+from dobc_design._display import Card, Shown
 from dobc_design.errors import SpecError
 from dobc_design.exact.matrix import Vector
+from dobc_design.exact.number import float_above
 from dobc_design.theorems.lure import Lure
 from dobc_design.theorems.separable import Separable
 
@@ -36,8 +38,8 @@ ZERO = Fraction(0)
 ONE = Fraction(1)
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Stage:
+@dataclass(frozen=True, slots=True, kw_only=True, repr=False)
+class Stage(Shown):
     """A claim: from ``start`` (s) on W <= level exp(-rate (t - start)), W the size of the certificate.
 
     ``height``: |e|_inf <= height W.  ``noise``: max_i sqrt(eps_i'P eps_i) <= noise at ``start``; 0 without an
@@ -66,6 +68,14 @@ class Stage:
             raise SpecError("factor of a stage must be > 0.", key="factor")
         if self.is_quadratic is (self.diagonal is None and self.factor is None) or (self.diagonal and self.factor):
             raise SpecError("a quadratic stage has either a diagonal or a factor, others have neither.", key="diagonal")
+
+    def _card(self) -> Card:
+        names = ("start", "level", "height", "noise")
+        kind = "quadratic" if self.is_quadratic else "max-separable"
+        return Card(title="Stage", text=kind, facts=[(name, repr(float_above(getattr(self, name)))) for name in names])
+
+    def __repr__(self) -> str:
+        return f"<Stage {self._card().text} from {float(self.start):.6g} s>"
 
     @property
     def is_quadratic(self) -> bool:

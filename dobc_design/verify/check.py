@@ -10,6 +10,8 @@ from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
+from dobc_design._display import Card, Shown, listed
+from dobc_design._render import significant_towards_zero
 from dobc_design.verdict import Verdict
 
 CHECK_IDS = (
@@ -30,8 +32,8 @@ OPTIONAL = ("mode", "group", "exact", "witness", "fix")
 Domain = str | Mapping[str, Any]  # "global", "consensus", or {"kind", "radius", "disturbance"}
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Witness:
+@dataclass(frozen=True, slots=True, kw_only=True, repr=False)
+class Witness(Shown):
     """Why something is refuted.
 
     ``kind``: "vector" (rational v with v'Mv >= 0), "agents", "polynomial" (a factor that does not decay),
@@ -52,8 +54,8 @@ class Witness:
         return result
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Fix:
+@dataclass(frozen=True, slots=True, kw_only=True, repr=False)
+class Fix(Shown):
     """What would cure a refuted or undecided check: keys of the problem file to set, and a sentence."""
 
     kind: str
@@ -65,8 +67,8 @@ class Fix:
         return {"kind": self.kind, "set": dict(self.set), "text": self.text}
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Check:
+@dataclass(frozen=True, slots=True, kw_only=True, repr=False)
+class Check(Shown):
     """One condition, decided.
 
     ``margin`` and ``rate`` (1/s) are rounded towards the weaker claim.  ``exact`` holds exact values as text.
@@ -92,6 +94,18 @@ class Check:
         if self.group is not None:
             return f"{self.id} (group of {self.group})"
         return self.id if self.mode is None else f"{self.id} ({self.mode})"
+
+    def _card(self) -> Card:
+        domain = self.domain if isinstance(self.domain, str) else ", ".join(f"{k} {v}" for k, v in self.domain.items())
+        facts = [("holds for", domain)]
+        numbers = (("margin", self.margin), ("rate in 1/s", self.rate))
+        facts += [(name, significant_towards_zero(value, 6)) for name, value in numbers if value is not None]
+        facts += [(name, str(value)) for name, value in (self.exact or {}).items() if isinstance(value, (str, int))]
+        if self.witness is not None:
+            facts.append((f"witness, {self.witness.kind}", listed(self.witness.labels or self.witness.values or ())))
+        if self.fix is not None:
+            facts.append(("cure", self.fix.text))
+        return Card(title=self.title, verdict=self.verdict.value, text=self.reason, facts=facts)
 
     def to_json(self) -> dict[str, Any]:
         """JSON object of the contract."""

@@ -5,7 +5,7 @@ Nothing of the claim is believed: the rows, the observer's part and the box are 
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Final
 
@@ -18,7 +18,7 @@ from dobc_design.verify.check import Check
 from dobc_design.verify.equilibria import confirm_equilibrium
 from dobc_design.verify.numbers import claimed, read_rational
 from dobc_design.verify.quadratic_regions import confirm_exhaustive, confirm_lure
-from dobc_design.verify.regions import obstacle, read_domain, read_object, separable_from_json
+from dobc_design.verify.regions import OWN, obstacle, read_domain, read_object, separable_from_json
 from dobc_design.verify.separable_observer import composite_rate, covers, verify_composite
 from dobc_design.verify.separable_timing import DelayBound, SamplingBound, verify_delay, verify_sampling
 from dobc_design.verify.settling_check import confirm_settling
@@ -57,22 +57,28 @@ def confirm_region(check: Check, beside: Beside) -> str | None:
 def _max_separable(check: Check, beside: Beside) -> str | None:
     if check.verdict is Verdict.REFUTED:
         return _stuck(check, beside.problem)
-    problem, claim = beside.problem, separable_from_json(check.exact, beside.problem)
+    claim = separable_from_json(check.exact, beside.problem)
     if check.witness is not None:
         return "a proof has no witness"
+    wrong = _not_proved(claim, check, beside)
+    if wrong is not None:
+        return wrong
+    if check.rate is None or check.rate <= 0 or claimed(check.rate) > composite_rate(claim):
+        return f"the rate {check.rate} does not follow"
+    return None
+
+
+def _not_proved(claim: Separable, check: Check, beside: Beside) -> str | None:
+    """None if the claim is proved and holds all starts of the domain of the check, else what is wrong."""
     if claim.rho is None:
         if check.domain != "global" or beside.domain != "global":
             return "without rho the domain must be global, and every coupling linear"
     else:
-        radius, disturbance = read_domain(check.domain, problem, kind="box")
+        radius, disturbance = read_domain(check.domain, beside.problem, kind="box")
         if not covers(claim, radius=radius, disturbance=disturbance):
             return "the box is not inside the invariant set"
-    answer = verify_composite(problem, beside.W, claim)
-    if answer.verdict is not Verdict.PROVED:
-        return answer.reason
-    if check.rate is None or check.rate <= 0 or claimed(check.rate) > composite_rate(claim):
-        return f"the rate {check.rate} does not follow"
-    return None
+    answer = verify_composite(beside.problem, beside.W, claim)
+    return None if answer.verdict is Verdict.PROVED else answer.reason
 
 
 def _stuck(check: Check, problem: Problem) -> str | None:
@@ -103,9 +109,16 @@ def _delay(check: Check, beside: Beside) -> str | None:
 
 
 def _sampling(check: Check, beside: Beside) -> str | None:
-    claim, exact = _claim_beside(check, beside), read_object(check.exact, ("period", "factor"))
+    claim = _claim_beside(check, beside)
+    own = isinstance(check.exact, Mapping) and OWN in check.exact
+    exact = read_object(check.exact, ("period", "factor", *([OWN] if own else [])))
     if check.rate is not None:
         return "it claims a number that this check does not have"
+    if own:
+        claim = separable_from_json(exact[OWN], beside.problem)
+        wrong = _not_proved(claim, check, beside)
+        if wrong is not None:
+            return f"its own certificate: {wrong}"
     bound = SamplingBound(period=read_rational(exact["period"]), factor=read_rational(exact["factor"]))
     answer = verify_sampling(beside.problem, claim, bound)
     return None if answer.verdict is Verdict.PROVED else answer.reason
@@ -118,6 +131,8 @@ def _claim_beside(check: Check, beside: Beside) -> Separable:
         raise ValueError("it can only be proved or undecided, and has no witness")
     if proof is None or proof.verdict is not Verdict.PROVED or proof.domain != check.domain:
         raise ValueError("it needs a proved max-separable check with its domain")
+    if check.domain != "global":
+        read_domain(check.domain, beside.problem, kind="box")  # true equals 1 and is no number
     return separable_from_json(proof.exact, beside.problem)
 
 

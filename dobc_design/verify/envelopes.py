@@ -16,6 +16,7 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from dobc_design._display import Card, Shown, listed
 from dobc_design.errors import SpecError
 from dobc_design.exact.matrix import Matrix
 from dobc_design.exact.number import float_above, float_below
@@ -63,8 +64,8 @@ class Envelope:
     rate: Fraction
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class CertifiedBound:
+@dataclass(frozen=True, slots=True, kw_only=True, repr=False)
+class CertifiedBound(Shown):
     """The least of several proved bounds of |e(t)|_inf, a function of times in s; without any, ``reason`` says why.
 
     ``settling``: staged bounds, where they hold for the same starts.
@@ -73,6 +74,13 @@ class CertifiedBound:
     envelopes: tuple[Envelope, ...] = ()
     settling: Settling | None = None
     reason: str = ""
+
+    def _card(self) -> Card:
+        text = f"of |e(t)|_inf, from {listed(self.sources)}" if self.sources else f"none: {self.reason}"
+        return Card(title="Certified bound", text=text)
+
+    def __repr__(self) -> str:
+        return f"<CertifiedBound {self._card().text}>"
 
     @property
     def sources(self) -> tuple[str, ...]:

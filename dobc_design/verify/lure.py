@@ -141,9 +141,10 @@ def _steps(problem: Problem, lure: Lure, sectors: Sectors, enclose: Enclose) -> 
     pair = None if lure.P is None or lure.Q is None else Pair(P=lure.P, Q=lure.Q)
     S: Matrix | None = None
     if pair is not None:
-        if problem.exosystem is None:
+        exosystem = problem.joint_exosystem
+        if exosystem is None:
             raise ShapeError("P and Q have no meaning without an [exosystem].", key="P")
-        S = schur_block(pair, problem.exosystem, rate=lure.rate)
+        S = schur_block(pair, exosystem, rate=lure.rate)
         own = decide_positive_definite(SparseSymmetric.from_dense(pair.P))
         if S is None or own.verdict is not Verdict.PROVED:
             yield _refuted("observer", "P > 0 and Omega0 + 2 rate P < 0 do not hold for this pair (P, Q).", None)

@@ -6,10 +6,11 @@ A gain is a proposal until every statement of its request is proved for the rati
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from fractions import Fraction
 from typing import Any
 
+from dobc_design._display import Card, Shown, cut
 from dobc_design.exact.definite import decide_positive_definite, decide_positive_semidefinite
 from dobc_design.exact.matrix import Matrix, add, identity, is_symmetric, multiply, scale, subtract, transpose
 from dobc_design.exact.number import number_text
@@ -34,8 +35,8 @@ class Envelope:
     upper: Fraction
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class ObserverDesign:
+@dataclass(frozen=True, slots=True, kw_only=True, repr=False)
+class ObserverDesign(Shown):
     """An observer gain and what is known of it.
 
     ``verdict``: PROVED, ``W`` does everything that was asked; REFUTED, nothing can, and ``reason`` is the proof in
@@ -43,6 +44,8 @@ class ObserverDesign:
     |eps(t)| <= peak exp(-rate t) |eps(0)| of the statement "lyapunov". ``measures``: numbers rounded towards the weaker
     claim, in 1/s where they are rates. ``least_gain``: no W that meets the regions has a smaller |W| (proved).
     ``nearest``: the design for the nearest request that was proved possible, where this one was not.
+    ``groups``: where agents have different exosystems, the design of every group by its name; W, P and Q then are
+    block diagonal, and a measure is that of the worst group.
     """
 
     verdict: Verdict
@@ -56,13 +59,30 @@ class ObserverDesign:
     measures: Mapping[str, float]
     least_gain: float | None = None
     nearest: ObserverDesign | None = None
+    groups: Mapping[str, ObserverDesign] = field(default_factory=dict)
 
     def __str__(self) -> str:
         lines = [f"{self.verdict.value}: {self.reason}"]
+        if self.groups:
+            own = [f"Group of agent {name}: {design}" for name, design in self.groups.items()]
+            return "\n".join([*lines, *own])
         if self.W is not None:
             lines.append(f"W = {matrix_text(self.W)} ({self.source})")
         lines += [f"  {statement}" for statement in self.statements]
         return "\n".join(lines)
+
+    def _card(self) -> Card:
+        matrices = (("W", self.W), ("P", self.P), ("Q", self.Q))
+        facts: list[tuple[str, Any]] = [(name, M) for name, M in matrices if M is not None]
+        facts += [(name.replace("_", " "), repr(value)) for name, value in self.measures.items()]  # bounds: no rounding
+        rows = [(each.verdict, each.text) for each in self.statements]
+        return Card(
+            title="Observer design", verdict=self.verdict.value, text=self.reason, facts=facts,
+            heads=("verdict", "statement"), rows=rows,
+        )  # fmt: skip
+
+    def __repr__(self) -> str:
+        return f"<ObserverDesign {self.verdict.value}: {cut(self.reason)}>"
 
     def to_json(self) -> dict[str, Any]:
         """JSON object; exact numbers as text, infinite ones as null."""
@@ -76,6 +96,7 @@ class ObserverDesign:
             "measures": {name: finite.get(name) for name in self.measures},
             "least_gain": self.least_gain,
             "nearest": None if self.nearest is None else self.nearest.to_json(),
+            **({"groups": {name: each.to_json() for name, each in self.groups.items()}} if self.groups else {}),
         }  # fmt: skip
 
 

@@ -13,6 +13,7 @@ from dobc_design.exact.matrix import Matrix
 from dobc_design.exact.number import float_below
 from dobc_design.exact.observability import decide_detectable
 from dobc_design.spec.exosystem import Exosystem
+from dobc_design.spec.groups import Group, join
 from dobc_design.spec.observer_request import NoiseLimit, ObserverRequest
 from dobc_design.theorems.spectral_conditions import GainRow, gain_rows
 from dobc_design.verdict import Verdict
@@ -49,6 +50,75 @@ def search_observer(exosystem: Exosystem, request: ObserverRequest, proposals: P
         if nearest.verdict is Verdict.PROVED:
             return replace(found, nearest=_tightened(exosystem, request, nearest))
     return found
+
+
+def search_groups(
+    groups: Sequence[Group], request: ObserverRequest, proposals_for: Callable[[Exosystem], Proposals]
+) -> ObserverDesign:
+    """Decide a request that every group of agents has to meet with a W of its own; one group as it is.
+
+    PROVED if every group is, REFUTED if one is.  The nearest request is met by all groups: the loosest limit of each
+    kind that one of them needs.
+    """
+    found = [search_observer(group.exosystem, request, proposals_for(group.exosystem)) for group in groups]
+    if len(groups) == 1:
+        return found[0]
+    names = [group.name for group in groups]
+    verdict = Verdict.all_of([design.verdict for design in found])
+    reason = "W of every group, as it is written with its rounded entries, does everything that was asked."
+    if verdict is not Verdict.PROVED:
+        name, worst = next((n, d) for n, d in zip(names, found, strict=True) if d.verdict is verdict)
+        reason = f"group of agent {name}: {worst.reason}"
+    near = [design if design.verdict is Verdict.PROVED else design.nearest for design in found]
+    known = [design for design in near if design is not None]
+    nearest = None
+    if verdict is not Verdict.PROVED and len(known) == len(near):
+        loosest = _loosest(request, [design.request for design in known])
+        nearest = _side_by_side(names, known, loosest, Verdict.PROVED, "every group meets this request.")
+    return replace(_side_by_side(names, found, request, verdict, reason), nearest=nearest)
+
+
+def _side_by_side(
+    names: Sequence[str], found: Sequence[ObserverDesign], request: ObserverRequest, verdict: Verdict, reason: str
+) -> ObserverDesign:
+    """The designs of all groups as one: block diagonal W, P and Q, and the measures of the worst group."""
+    shared = [key for key in found[0].measures if all(key in design.measures for design in found)]
+    worst = {key: (min if key == "rate" else max)(design.measures[key] for design in found) for key in shared}
+    sources = dict.fromkeys(design.source for design in found if design.source is not None)
+    return ObserverDesign(
+        verdict=verdict, reason=reason, request=request, measures=worst, groups=dict(zip(names, found, strict=True)),
+        W=join([design.W for design in found]), P=join([design.P for design in found]),
+        Q=join([design.Q for design in found]), source=", ".join(sources) or None,
+        statements=tuple(
+            replace(each, text=f"Group of agent {name}: {each.text}")
+            for name, design in zip(names, found, strict=True)
+            for each in design.statements
+            if verdict is Verdict.PROVED or each.verdict is verdict
+        ),
+    )  # fmt: skip
+
+
+def _loosest(asked: ObserverRequest, requests: Sequence[ObserverRequest]) -> ObserverRequest:
+    """The request that holds whenever one of these does: of the same kind, with the loosest limits."""
+
+    def every(values: Sequence[Fraction | None], choose: Callable[[Sequence[Fraction]], Fraction]) -> Fraction | None:
+        known = [value for value in values if value is not None]
+        return choose(known) if len(known) == len(requests) else None
+
+    limits = None
+    if all(len(each.noise) == len(asked.noise) for each in requests):
+        own = zip(*(each.noise for each in requests), strict=True)
+        limits = [_with_bound(each[0], max(limit.bound for limit in each)) for each in own] or None
+    return asked.changed({
+        "rate": every([each.rate for each in requests], min), "noise": limits,
+        "max_gain": every([each.max_gain for each in requests], max),
+        "peak": every([each.peak for each in requests], max),
+    })  # fmt: skip
+
+
+def _with_bound(limit: NoiseLimit, bound: Fraction) -> NoiseLimit:
+    """The same limit with another bound."""
+    return NoiseLimit(channel=limit.channel, norm=limit.norm, bound=bound)
 
 
 def _attempt(exosystem: Exosystem, request: ObserverRequest, proposals: Proposals) -> ObserverDesign:
@@ -133,7 +203,7 @@ def _reached(exosystem: Exosystem, found: ObserverDesign, limit: NoiseLimit) -> 
         value = None if square is None else root_above(square)
     if value is None or claimed(value) < limit.bound:
         return limit
-    return NoiseLimit(channel=limit.channel, norm=limit.norm, bound=claimed(_up(value)))
+    return _with_bound(limit, claimed(_up(value)))
 
 
 def _up(value: float) -> float:

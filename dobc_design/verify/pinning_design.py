@@ -5,8 +5,10 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 from fractions import Fraction
+from itertools import islice
 from typing import Any
 
+from dobc_design._display import Card, Shown, cut, listed, plain
 from dobc_design.exact.number import float_above, float_below, number_text, quotient_text
 from dobc_design.spec.pinning_request import PinningRequest
 from dobc_design.spec.problem import Problem
@@ -19,10 +21,11 @@ from dobc_design.verify.pinning_bound import Bound
 from dobc_design.verify.statement import Statement
 
 SHOWN = 5  # prices of one kind that are put into words
+SHORT = 12  # letters of a rational that is shown as it is
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class PinningDesign:
+@dataclass(frozen=True, slots=True, kw_only=True, repr=False)
+class PinningDesign(Shown):
     """Pinning gains and what is known of them.
 
     ``verdict``: PROVED, ``gains`` (1/s, exact, by label) do what was asked, Lambda < -2 ``rate`` I in every mode;
@@ -68,6 +71,28 @@ class PinningDesign:
         lines += [f"  {statement}" for statement in self.statements]
         lines += [f"  {sentence}" for sentence in (*self.prices, *self.ties)]
         return "\n".join(lines)
+
+    def _card(self) -> Card:
+        facts: list[tuple[str, Any]] = []
+        if self.gains:
+            pairs = [f"{label}: {plain(k)}" for label, k in islice(self.gains.items(), 13)]
+            facts.append(("gains in 1/s", listed(pairs, count=len(self.gains))))
+        named = (("rate in 1/s", self.rate, float_below), ("cost at most", self.cost, float_above),
+                 ("no cheaper than", self.lower_bound, float_below), ("radius", self.radius, float_below))  # fmt: skip
+        facts += [
+            (name, str(value) if len(str(value)) < SHORT else repr(rounded(value)))
+            for name, value, rounded in named if value is not None
+        ]  # fmt: skip
+        if self.structural_minimum is not None:
+            facts.append(("pins needed at least", self.structural_minimum))
+        return Card(
+            title="Pinning design", verdict=self.verdict.value, text=self.reason, facts=facts,
+            heads=("verdict", "statement"), rows=[(each.verdict, each.text) for each in self.statements],
+            lines=(*self.prices, *self.ties),
+        )  # fmt: skip
+
+    def __repr__(self) -> str:
+        return f"<PinningDesign {self.verdict.value}: {cut(self.reason)}>"
 
     def to_json(self) -> dict[str, Any]:
         """JSON object; exact numbers as text, bounds as numbers rounded towards the weaker claim."""

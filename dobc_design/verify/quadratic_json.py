@@ -57,7 +57,7 @@ def lure_from_json(values: Mapping[str, Any], problem: Problem, W: Matrix | None
         raise ValueError("radius and level must both be null, or neither")
     if radius is not None and radius <= 0:
         raise ValueError("radius must be > 0")
-    P = None if problem.exosystem is None else _pair_matrix(values["P"], problem)
+    P = _pair_matrix(values["P"], problem) if problem.groups else None
     return Lure(
         method=_method(values["method"]), P_e=_sparse(values["P_e"], problem.n * problem.m), level=level, radius=radius,
         ranges=_ranges(values["ranges"], problem, radius), multipliers=_multipliers(values, problem),
@@ -88,7 +88,7 @@ def shell_from_json(values: Mapping[str, Any], problem: Problem, W: Matrix | Non
 def names_of(problem: Problem, *, shell: bool = False) -> tuple[str, ...]:
     """The keys of ``exact``, of ``lure`` or with ``shell`` of ``exhaustive``."""
     names = (*_LURE, *_SHELL) if shell else _LURE
-    return names if problem.exosystem is None else (*names, "P")
+    return (*names, "P") if problem.groups else names
 
 
 def _number_or_none(text: object) -> Fraction | None:

@@ -33,12 +33,7 @@ _DEVICES: Final = {"lure": "multipliers", "interval": "an interval bound", "vert
 
 def quadratic_obstacle(problem: Problem, W: Matrix | None) -> str | None:
     """Why no quadratic certificate applies to the loop with the gain W (q, m); None if one does."""
-    if problem.is_grouped:
-        return (
-            "does not apply: exosystem.groups. Quadratic certificates of a region know one exosystem for all agents so"
-            " far; max-separable knows groups."
-        )
-    if problem.exosystem is not None and W is None:
+    if problem.groups and W is None:
         return "does not apply: there is no observer gain W, and without one the estimation error is not bounded."
     return None
 
@@ -176,7 +171,7 @@ def _rate(lure: Lure) -> float | None:
 def _starts(problem: Problem, lure: Lure, radius: float, disturbance: float) -> str:
     if lure.level is None:
         return "every start"
-    errors = f" and |eps_i| <= {disturbance:.6g}" if problem.exosystem is not None else ""
+    errors = f" and |eps_i| <= {disturbance:.6g}" if problem.groups else ""
     return f"every start with |e| <= {radius:.6g}{errors}"
 
 

@@ -17,7 +17,8 @@ from typing import Final
 
 from dobc_design.exact.number import number_text
 from dobc_design.spec.problem import Problem
-from dobc_design.spec.reading import counted, shown_number
+from dobc_design.spec.reading import counted
+from dobc_design.spec.typed import typed_number
 from dobc_design.theorems.jacobians import Jacobians, ModeJacobian
 from dobc_design.verdict import Verdict
 from dobc_design.verify.network import name_agents
@@ -104,7 +105,7 @@ def rate_obstacle(
     return Statement(
         kind="max_gain" if capped else "rate", verdict=Verdict.REFUTED,
         exact={"mode": found.mode, "component": str(found.component + 1), "limit": number_text(found.limit), **values},
-        text=f"no gains let the errors decay at {shown_number(rate)} 1/s{where}: even {how}, {moved} {pace}"
+        text=f"no gains let the errors decay at {typed_number(rate)} 1/s{where}: even {how}, {moved} {pace}"
         " near the target.",
     )  # fmt: skip
 
@@ -125,7 +126,7 @@ def too_few_pins(
     count = comb(len(allowed), pins)
     return Statement(
         kind="pins", verdict=Verdict.REFUTED, exact={"sets": str(count), "limit": number_text(most)},
-        text=f"{counted(pins, 'pinned agent')} cannot give the rate {shown_number(rate)} 1/s, whatever the gains: all"
+        text=f"{counted(pins, 'pinned agent')} cannot give the rate {typed_number(rate)} 1/s, whatever the gains: all"
         f" {counted(count, 'choice')} are excluded one by one, and the best of them reaches"
         f" {_above(most)} 1/s at most near the target.",
     )  # fmt: skip

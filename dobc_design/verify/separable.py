@@ -12,9 +12,9 @@ from dataclasses import dataclass
 from fractions import Fraction
 from typing import Final
 
+from dobc_design.exact.doubles import Doubles
 from dobc_design.exact.interval import UndefinedError
 from dobc_design.exact.matrix import Vector
-from dobc_design.exact.number import float_above
 from dobc_design.spec.problem import Problem
 from dobc_design.theorems.enclosures import Curve
 from dobc_design.theorems.monotone import Profile, profile
@@ -30,14 +30,15 @@ from dobc_design.theorems.separable import (
 )
 from dobc_design.verdict import Verdict
 from dobc_design.verify.numbers import shorten
-from dobc_design.verify.separable_large import ArcRows, arc_rows, estimated_rate, open_rows
+from dobc_design.verify.separable_large import ArcRows, Kinds, arc_rows, estimated_rate, float_kinds, open_rows
 from dobc_design.verify.separable_rows import decide_row, linear_bound, row_rate
-from dobc_design.verify.separable_table import GainTable, gain_table
 
 #: How far below the largest rate ``largest_rate`` may stop, as a part of it.
 TOLERANCE: Final = Fraction(1, 10**5)
-#: From this many arcs on, floats with outward bounds go first; and how many rows they may leave.
+#: From this many arcs on, floats with outward bounds go first (fewer where a coupling falls, whose exact rows take
+#: longer); and how many rows they may leave.
 MANY_ARCS: Final = 1000
+MANY_FALLING: Final = 200
 MOST_LEFT: Final = 200
 # How far below an estimate the proof is tried.
 _PARTS: Final = (1e-8, 1e-6, 1e-5, 1e-4, 3e-4, 1e-3, 1e-2, 0.1, 0.5)
@@ -63,7 +64,7 @@ class _Question:
     """Rows to be decided: the problem, v, rho (None: linear couplings), the modes, the stretch of v_j."""
 
     problem: Problem
-    v: Vector
+    v: Vector | Doubles
     rho: Fraction | None
     modes: tuple[str, ...]
     stretch: Fraction | int
@@ -101,7 +102,7 @@ def verify_separable(
 
 def largest_rate(
     problem: Problem,
-    v: Vector,
+    v: Vector | Doubles,
     *,
     rho: Fraction | None,
     modes: Sequence[str] | None = None,
@@ -143,7 +144,7 @@ def rounded_down(value: Fraction, *, digits: int = 9) -> Fraction:
 
 
 def coupling_profiles(
-    problem: Problem, v: Vector, *, rho: Fraction | None, modes: Sequence[str], stretch: Fraction | int = 1
+    problem: Problem, v: Vector | Doubles, *, rho: Fraction | None, modes: Sequence[str], stretch: Fraction | int = 1
 ) -> tuple[Profile, ...]:
     """Where each coupling rises and falls, as far out as the rows look (at 0 only for linear couplings, rho None).
 
@@ -157,7 +158,7 @@ def coupling_profiles(
 
 
 def _ask(
-    problem: Problem, v: Vector, rho: Fraction | None, modes: Sequence[str] | None, stretch: Fraction | int
+    problem: Problem, v: Vector | Doubles, rho: Fraction | None, modes: Sequence[str] | None, stretch: Fraction | int
 ) -> _Question | str:
     """The question, or why the certificate does not apply."""
     if not acts_by_component(problem):
@@ -177,22 +178,21 @@ def _radius(rho: Fraction | None) -> Fraction:
     return Fraction(1) if rho is None else rho
 
 
-def _large(question: _Question) -> dict[str, tuple[ArcRows, tuple[GainTable, ...]]] | None:
-    """Arrays and tables of every mode where there are many arcs and no coupling falls; else None."""
-    problem = question.problem
-    if sum(len(problem.network.modes[mode]) for mode in question.modes) < MANY_ARCS:
-        return None
-    if not all(kind.is_nondecreasing for kind in question.profiles):
+def _large(question: _Question) -> dict[str, tuple[ArcRows, Kinds]] | None:
+    """Arrays and tables of every mode where there are many arcs; None for few, and for couplings that turn often."""
+    problem, rising = question.problem, all(kind.is_nondecreasing for kind in question.profiles)
+    arcs = sum(len(problem.network.modes[mode]) for mode in question.modes)
+    if arcs < (MANY_ARCS if rising else MANY_FALLING) or (question.rho is None and not rising):
         return None
     arrays = {mode: arc_rows(problem, question.v, mode, stretch=question.stretch) for mode in question.modes}
-    tables = []
-    for number, kind in enumerate(question.profiles):
-        steps = [float(abs(each.steps[each.kinds == number]).max(initial=0.0)) for each in arrays.values()]
-        tables.append(gain_table(kind.curve, _radius(question.rho) * Fraction(float_above(Fraction(max(steps))))))
-    return {mode: (each, tuple(tables)) for mode, each in arrays.items()}
+    try:
+        kinds = float_kinds(question.profiles, list(arrays.values()), rho=_radius(question.rho))
+    except UndefinedError:  # rows one by one may do
+        return None
+    return None if kinds is None else {mode: (each, kinds) for mode, each in arrays.items()}
 
 
-def _large_rate(question: _Question, large: dict[str, tuple[ArcRows, tuple[GainTable, ...]]]) -> Fraction | None:
+def _large_rate(question: _Question, large: dict[str, tuple[ArcRows, Kinds]]) -> Fraction | None:
     rho = _radius(question.rho)
     estimate = min(estimated_rate(*each, rho=rho) for each in large.values())
 

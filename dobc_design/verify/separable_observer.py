@@ -14,6 +14,7 @@ from math import ceil, isqrt
 
 from dobc_design.errors import SpecError
 from dobc_design.exact.definite import decide_positive_definite, decide_positive_semidefinite
+from dobc_design.exact.doubles import Doubles
 from dobc_design.exact.matrix import (
     Matrix,
     Vector,
@@ -60,7 +61,7 @@ def verify_composite(
 def first_certificate(
     problem: Problem,
     W: Matrix | None,
-    vectors: Iterable[Vector],
+    vectors: Iterable[Vector | Doubles],
     *,
     rho: Fraction | None,
     error: ErrorBound | None,

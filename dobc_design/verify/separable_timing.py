@@ -14,6 +14,7 @@ No monotone coupling is needed for either.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from fractions import Fraction
@@ -21,7 +22,7 @@ from fractions import Fraction
 from dobc_design.errors import SpecError
 from dobc_design.exact.interval import Interval, UndefinedError, exp
 from dobc_design.spec.problem import Problem
-from dobc_design.theorems.enclosures import slope_range
+from dobc_design.theorems.enclosures import slope_bound
 from dobc_design.theorems.monotone import Profile
 from dobc_design.theorems.separable import FACES, Separable, Term, acts_by_component, rows
 from dobc_design.verdict import Verdict
@@ -31,6 +32,9 @@ _BISECTIONS = 20
 _SLICES = 8
 _SHORTER = 60  # times that a delay is halved
 _CLOSE = Fraction(1, 1000)
+# Arcs from which on slopes are bounded on intervals that end at multiples of this part of rho, so that many share one.
+_MANY_ARCS = 100
+_GRID = Fraction(1, 64)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -155,7 +159,9 @@ def _stiffest(problem: Problem, claim: Separable, modes: Sequence[str] | None) -
     stiffest = Fraction(0)
     names = tuple(problem.network.modes if modes is None else modes)
     try:
-        steepest = _Steepest(coupling_profiles(problem, claim.v, rho=claim.rho, modes=names), claim.rho)
+        arcs = sum(len(problem.network.modes[name]) for name in names)
+        profiles = coupling_profiles(problem, claim.v, rho=claim.rho, modes=names)
+        steepest = _Steepest(profiles, claim.rho, grid=_GRID if arcs > _MANY_ARCS else None)
         for row, _ in rows(problem, claim.v, modes=names, gains=_largest_gains(problem)):
             for face in FACES:
                 total = row.gain + sum((term.weight * steepest(term, row.own, face) for term in row.terms), Fraction(0))
@@ -184,9 +190,10 @@ class _Steepest:
     nondecreasing, because e_j = s v_j is then the worst.  The mean over x is bounded slice by slice.
     """
 
-    def __init__(self, profiles: Sequence[Profile], rho: Fraction | None) -> None:
+    def __init__(self, profiles: Sequence[Profile], rho: Fraction | None, *, grid: Fraction | None) -> None:
         self.profiles = profiles
         self.rho = Fraction(0) if rho is None else rho  # linear couplings have one slope
+        self.grid = None if grid is None or rho is None else grid * rho
         self.known: dict[tuple[int, Interval], Fraction] = {}
 
     def __call__(self, term: Term, own: Fraction, face: int) -> Fraction:
@@ -197,12 +204,19 @@ class _Steepest:
     def _largest(self, term: Term, end: Fraction, face: int) -> Fraction:
         kind = self.profiles[term.coupling]
         start = min(term.step, Fraction(0)) if kind.is_nondecreasing else -term.reach
-        place = Interval(self.rho * start, self.rho * end) * face
+        place = self._widened(Interval(self.rho * start, self.rho * end) * face, kind.radius)
         key = (term.coupling, place)
         if key not in self.known:
-            steepest = slope_range(kind.curve, place, tolerance=_CLOSE).hi
+            steepest = slope_bound(kind.curve, place, tolerance=_CLOSE)
             self.known[key] = max(steepest, Fraction(0))
         return self.known[key]
+
+    def _widened(self, place: Interval, radius: Fraction) -> Interval:
+        """The next multiples of the grid outwards, where the coupling is known to be defined so far out."""
+        if self.grid is None:
+            return place
+        wider = Interval(math.floor(place.lo / self.grid) * self.grid, math.ceil(place.hi / self.grid) * self.grid)
+        return wider if wider.magnitude <= radius else place
 
 
 def _largest_gains(problem: Problem) -> tuple[Fraction, ...]:

@@ -14,9 +14,10 @@ from typing import overload
 import numpy as np
 from numpy.typing import NDArray
 
-from dobc_design._render import escape_html
+from dobc_design._display import Card, Shown
+from dobc_design._render import significant_away_from_zero, significant_towards_zero
 from dobc_design.errors import SpecError
-from dobc_design.exact.number import float_above, float_below
+from dobc_design.exact.number import float_above
 from dobc_design.theorems.staging import Stage, Staging
 from dobc_design.verdict import Verdict
 from dobc_design.verify.staging import decayed, stage_rate
@@ -25,7 +26,7 @@ Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, repr=False)
-class Settling:
+class Settling(Shown):
     """A settling time: |e(t)|_inf <= tolerance for all t >= time, from |e(0)|_inf <= radius, |eps_i(0)| <= disturbance.
 
     PROVED with a ``staging``, for arbitrary switching among the modes; UNDECIDED without one.  ``single``: what one
@@ -91,8 +92,9 @@ class Settling:
         """The stages as text: number, kind, start (s), bound of |e|_inf there, rate (1/s)."""
         return [
             (
-                str(k + 1), "quadratic" if stage.is_quadratic else "max-separable", f"{float_above(stage.start):.6g}",
-                f"{float_above(stage.level * stage.height):.4g}", f"{float_below(stage_rate(stage.certificate)):.4g}",
+                str(k + 1), "quadratic" if stage.is_quadratic else "max-separable",
+                significant_away_from_zero(stage.start, 6), significant_away_from_zero(stage.level * stage.height),
+                significant_towards_zero(stage_rate(stage.certificate)),
             )
             for k, stage in enumerate(self.stages)
         ]  # fmt: skip
@@ -106,8 +108,8 @@ class Settling:
             lines += [f"{a:>5}  {b:<13}  {c:>9}  {d:>9}  {e:>10}" for a, b, c, d, e in self.rows()]
         return "\n".join(lines)
 
-    def _repr_html_(self) -> str:
-        head = "".join(f"<th>{name}</th>" for name in ("stage", "certificate", "from (s)", "|e| &le;", "rate (1/s)"))
-        body = "".join("<tr>" + "".join(f"<td>{cell}</td>" for cell in row) + "</tr>" for row in self.rows())
-        text = f"<p>Settling of {escape_html(self.problem_name)}: {self.verdict.value}. {escape_html(self.reason)}</p>"
-        return text + (f"<table><tr>{head}</tr>{body}</table>" if body else "")
+    def _card(self) -> Card:
+        return Card(
+            title=f"Settling of {self.problem_name}", verdict=self.verdict.value, text=self.reason,
+            heads=("stage", "certificate", "from (s)", "|e| ≤", "rate (1/s)"), rows=self.rows(),
+        )  # fmt: skip

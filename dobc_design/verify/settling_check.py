@@ -158,7 +158,7 @@ def _timing(problem: Problem, claim: Separable) -> StageTiming:
 def sampling_periods(problem: Problem, settling: Settling) -> tuple[SamplingBound | None, ...]:
     """The largest sampling period, about, that each max-separable stage allows once it has begun; None for others.
 
-    Each says: while N <= rho of that stage, couplings and control held over the period let N fall by the factor.
+    Each says: while N <= rho of that stage, couplings and pinning held over the period let N fall by the factor.
     """
     return tuple(
         largest_period(problem, stage.certificate) if isinstance(stage.certificate, Separable) else None
@@ -202,16 +202,16 @@ def _stage_from_json(row: object, problem: Problem, W: Matrix | None, before: St
     numbers = {name: read_rational(values[name]) for name in ("start", "level", "height", "noise", "stretch")}
     if before is None and numbers["stretch"] != ONE:
         raise ValueError("the first stage has no stage before: its stretch is 1")
-    if problem.exosystem is None and (numbers["noise"] != ZERO or numbers["stretch"] != ONE):
+    if not problem.groups and (numbers["noise"] != ZERO or numbers["stretch"] != ONE):
         raise ValueError("without an exosystem noise is 0 and stretch 1")
     certificate: Separable | Lure
     if quadratic:
-        observer = () if problem.exosystem is None else ("P",)
+        observer = ("P",) if problem.groups else ()
         certificate = lure_from_json(read_object(values["certificate"], (*LURE, *observer)), problem, W)
     else:
         certificate = separable_from_json(values["certificate"], problem)
     return Stage(
         certificate=certificate, **numbers,
-        diagonal=vector_from_json(values["diagonal"], problem.n * problem.m) if "diagonal" in values else None,
+        diagonal=tuple(vector_from_json(values["diagonal"], problem.n * problem.m)) if "diagonal" in values else None,
         factor=read_rational(values["factor"]) if "factor" in values else None,
     )  # fmt: skip

@@ -59,9 +59,10 @@ def verify_shell(problem: Problem, shell: Shell, *, enclose: Enclose = gains_on)
 
 def border_of(problem: Problem, lure: Lure, rate: Fraction) -> Matrix | None:
     """S of the observer's pair at a rate, exactly; None without one."""
-    if lure.P is None or lure.Q is None or problem.exosystem is None:
+    exosystem = problem.joint_exosystem
+    if lure.P is None or lure.Q is None or exosystem is None:
         return None
-    return schur_block(Pair(P=lure.P, Q=lure.Q), problem.exosystem, rate=rate)
+    return schur_block(Pair(P=lure.P, Q=lure.Q), exosystem, rate=rate)
 
 
 def _contained(shell: Shell) -> bool:

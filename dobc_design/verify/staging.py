@@ -187,7 +187,7 @@ def _certificate(problem: Problem, W: Matrix | None, stage: Stage, k: int) -> St
 
 def _observer_obstacle(problem: Problem, W: Matrix | None, stage: Stage) -> str | None:
     """A quadratic certificate is about the W of its own pair; it has to be the given one."""
-    if problem.exosystem is None:
+    if not problem.groups:
         return None if not stage.noise else "without an [exosystem] there is no observer error."
     certificate = stage.certificate
     if isinstance(certificate, Separable):

@@ -6,11 +6,12 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
+from dobc_design._display import Shown
 from dobc_design.verdict import Verdict
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Statement:
+@dataclass(frozen=True, slots=True, kw_only=True, repr=False)
+class Statement(Shown):
     """What was decided, and how.
 
     ``kind``: "detectable", "hurwitz", "rate", "region", "gain", "noise", "lyapunov", "peak", "sampled" or a reason for

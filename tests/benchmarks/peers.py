@@ -1,9 +1,10 @@
 """`make bench`: certified radii of small directed cycles, beside what other tools give for the same networks.
 
 Agent i listens to agent i + 1, no exosystem; all agents or one pinned with gain 3.  The package's radii are proved
-(``certify`` with ``everything``); what reaches ``LARGEST`` is not looked at further.  drake and immrax run in their own
-processes: by the Python that runs this, or where PEERS_PYTHON names another; what is not installed says so.
-dReal is not run: its radii are quoted.
+(``certify`` with ``everything``); what reaches ``LARGEST`` is not looked at further.  A second table has, beside the
+Lur'e ball, one that the same V cannot exceed, because a point with V' >= 0 was found.  drake and immrax run in
+processes of their own: by the Python that runs this, or where PEERS_PYTHON names another; what is not installed says
+so.  dReal is not run: its radii are quoted.  `docs/comparison.md` holds these tables as they are printed.
 """
 
 from __future__ import annotations
@@ -13,12 +14,17 @@ import os
 import subprocess
 import sys
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
+from fractions import Fraction
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+from scipy import optimize
+
 from dobc_design.spec.network import Network
 from dobc_design.spec.problem import Problem
+from dobc_design.verify.check import Check
 from dobc_design.workflow import certify
 
 COUPLINGS = ("exp(y) - 1 + y", "y + y**3")
@@ -29,6 +35,12 @@ PATIENCE = 300  # s of wall clock for one case of a peer
 # dReal 4.21, V = e'e, exp(y) - 1 + y: V' < 0 between a small ball and these |e|; (agents, pinned).
 DREAL = {(2, 2): 6.0, (3, 3): 6.0, (4, 4): 6.0, (2, 1): 3.75, (3, 1): 3.63, (4, 1): 3.63}
 CHECKS = ("max-separable", "lure", "exhaustive")
+RAYS, STEPS, CLIMBS = 4000, 120, 12  # of the search for points with V' >= 0
+HEAD = (
+    "| h | n | pinned | box, max-separable | ball, Lur'e | ball, exhaustive | dReal, V = e'e"
+    " | drake, V = e'e | immrax, mean value | immrax, embedding |"
+)
+CLOSER = "| h | n | pinned | ball, Lur'e | V' >= 0 found from | CPU s of all proofs |"
 HERE = Path(__file__).parent
 
 
@@ -37,21 +49,25 @@ def peer_table() -> Iterator[str]:
     versions = {name: peer_version(name) for name in ("drake", "immrax")}
     yield f"drake {versions['drake']}, immrax {versions['immrax']}; dReal's radii are quoted."
     yield ""
-    yield (
-        "| h | n | pinned | box, max-separable | ball, Lur'e | ball, exhaustive | s | dReal, V = e'e"
-        " | drake, V = e'e | immrax, mean value | immrax, embedding |"
-    )
-    yield "|---|---|---|---|---|---|---|---|---|---|---|"
+    closer = ["", CLOSER, "|---" * (CLOSER.count("|") - 1) + "|"]
+    yield HEAD
+    yield "|---" * (HEAD.count("|") - 1) + "|"
     for coupling in COUPLINGS:
         for n in SIZES:
             for pinned in (n, 1):
                 start = time.process_time()
-                own = [reached(n, coupling, pinned)[name] for name in CHECKS]
+                found = certify(cycle(n, coupling, pinned), everything=True).checks
                 seconds = f"{time.process_time() - start:.1f}"
+                box, ball, boxes = (reached(name, found) for name in CHECKS)
+                quadratic = next((check.exact for check in found if check.id == "lure"), None)
+                rise = None if quadratic is None else nearest_rise(cycle(n, coupling, pinned), quadratic["P_e"])
                 theirs = [*peer("drake", n, coupling, pinned, versions), *peer("immrax", n, coupling, pinned, versions)]
                 quoted = DREAL.get((n, pinned)) if coupling == COUPLINGS[0] else None
-                cells = [coupling, str(n), str(pinned), *map(shown, own), seconds, shown(quoted), *theirs]
+                case = [coupling, str(n), str(pinned)]
+                cells = [*case, shown(box), shown(ball), shown(boxes), shown(quoted), *theirs]
                 yield f"| {' | '.join(cells)} |"
+                closer.append(f"| {' | '.join([*case, shown(ball), shown(rise, up=True), seconds])} |")
+    yield from closer
 
 
 def cycle(n: int, coupling: str, pinned: int) -> Problem:
@@ -62,14 +78,46 @@ def cycle(n: int, coupling: str, pinned: int) -> Problem:
     )  # fmt: skip
 
 
-def reached(n: int, coupling: str, pinned: int) -> dict[str, float | None]:
-    """The proved radius of every method; None where it proves nothing."""
-    everything = certify(cycle(n, coupling, pinned), everything=True).checks
-    found: dict[str, float | None] = dict.fromkeys(CHECKS)
-    for check in everything:
-        if check.id in found and isinstance(check.domain, dict):
-            found[check.id] = float(check.domain["radius"])
-    return found
+def reached(id: str, checks: Sequence[Check]) -> float | None:
+    """The proved radius of a method; None where it proves nothing."""
+    domains = (check.domain for check in checks if check.id == id)
+    return next((float(domain["radius"]) for domain in domains if isinstance(domain, dict)), None)
+
+
+def nearest_rise(problem: Problem, entries: Sequence[Any]) -> float | None:
+    """The least ball found that no level set of V = e'P_e e can hold, because V' >= 0 at a point of it; no proof.
+
+    None where no ball up to LARGEST has such a point: rays in random directions, then descent along V' = 0.
+    """
+    n, (arcs,) = problem.n, problem.network.modes.values()
+    P = np.zeros((n, n))
+    for a, b, value in entries:
+        P[a, b] = P[b, a] = float(Fraction(value))
+    h, top = problem.coupling.numpy_function(), float(np.linalg.eigvalsh(P)[-1])
+
+    def rise(e: Any) -> Any:
+        total = -e * np.array([float(problem.pinning.gains[i][0][0]) if i in problem.pinning.gains else 0.0
+                               for i in range(n)])  # fmt: skip
+        for i, j, w in arcs:
+            total[..., i] += float(w) * h((e[..., j] - e[..., i])[..., None])[..., 0]
+        return np.sum((e @ P) * total, axis=-1)
+
+    rays = np.random.default_rng(0).standard_normal((RAYS, n))
+    rays *= LARGEST * np.sqrt(top / np.einsum("ri,ij,rj->r", rays, P, rays))[:, None]
+    shares = np.geomspace(1e-2, 1, STEPS)
+    with np.errstate(all="ignore"):
+        rising = np.array([rise(share * rays) >= 0 for share in shares])
+    first = np.where(rising.any(axis=0), shares[rising.argmax(axis=0)], np.inf)
+    starts = [first[k] * rays[k] for k in np.argsort(first)[:CLIMBS] if first[k] < np.inf]
+    levels = [start @ P @ start for start in starts]
+    for start in starts:
+        found = optimize.minimize(
+            lambda e: e @ P @ e, start, jac=lambda e: 2 * P @ e, method="SLSQP",
+            constraints={"type": "ineq", "fun": lambda e: rise(e) / (e @ P @ e + 1e-300)},
+        )  # fmt: skip
+        if found.success and rise(found.x) >= -1e-9 * (found.x @ P @ found.x) and found.x @ P @ found.x > 1e-6 * top:
+            levels.append(found.x @ P @ found.x)
+    return float(np.sqrt(min(levels) / top)) if levels else None
 
 
 def peer_version(name: str) -> str:
@@ -98,11 +146,11 @@ def python() -> str:
     return os.environ.get("PEERS_PYTHON", sys.executable)
 
 
-def shown(radius: float | None) -> str:
-    """Three digits, down: a radius is never made larger."""
+def shown(radius: float | None, *, up: bool = False) -> str:
+    """Two decimals, down: a radius is never made larger; ``up`` where smaller would claim more."""
     if radius is None:
         return "-"
-    return f">= {LARGEST:g}" if radius >= LARGEST else f"{int(radius * 100) / 100:.2f}"
+    return f">= {LARGEST:g}" if radius >= LARGEST else f"{int(radius * 100 + up) / 100:.2f}"
 
 
 if __name__ == "__main__":

@@ -21,7 +21,7 @@ from typing import Any
 for _threads in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "RAYON_NUM_THREADS"):
     os.environ[_threads] = "1"
 
-from large import lambda_rows, large_rows
+from large import falling_rows, lambda_rows, large_rows
 from peers import peer_table
 from pinning import large_design, pinning_bars, shared_design
 from simulation import simulation_bars, simulation_growth, whole_run
@@ -85,6 +85,9 @@ def main() -> None:
         print(line, flush=True)
     print("\nMax-separable certificates of large networks, in products of the n x n matrix (no bar):")
     for line in large_rows():
+        print(line, flush=True)
+    print("\nMax-separable certificates where a coupling falls again (no bar):")
+    for line in falling_rows():
         print(line, flush=True)
     print("\nCertified radii of small cycles, beside other tools:")
     for line in peer_table():

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from fractions import Fraction
 from typing import Any
 
@@ -108,6 +109,20 @@ def test_linear_couplings_are_certified_everywhere_with_a_rate():
     assert (check.verdict, check.domain) == (Verdict.PROVED, "global")
     assert check.exact["level"] is None
     assert check.rate > 0
+
+
+def test_a_coupling_that_no_arc_has_still_gives_a_ball_which_both_programs_accept():
+    """e' = -k e: every level will do, and claims about all of space are for couplings that are linear as written."""
+    problem = Problem(
+        network=Network.from_arcs([], arrow="listens_to", agents=1), coupling="tanh(y)", gains=1, target=-3,
+        region=Region(initial_states=((Fraction(-4), Fraction(0)),), initial_disturbance=None),
+    )  # fmt: skip
+    certificate = dd.certify(problem, everything=True)
+    (check,) = [check for check in certificate.checks if check.id == "lure"]
+    assert check.verdict is Verdict.PROVED
+    assert isinstance(check.domain, Mapping)
+    assert check.domain["radius"] >= 3
+    assert dd.verify(certificate, problem).holds
 
 
 def test_nothing_is_found_where_the_linearisation_does_not_decay():

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from fractions import Fraction
+from importlib import import_module
 
 import numpy as np
 import pytest
@@ -10,10 +11,13 @@ from scipy.integrate import solve_ivp
 from separable_problems import MONOTONE, PAPER, TURNING, cycle, float_gains, pair, random_network, random_problem
 
 from dobc_design.design.separable import design_separable, propose_separable, rounded_vectors
+from dobc_design.design.separable_field import field_of
+from dobc_design.design.separable_newton import linear_rate
 from dobc_design.design.separable_observer import propose_error_bound, radius_needed
 from dobc_design.exact.matrix import to_float
 from dobc_design.spec.exosystem import Exosystem
 from dobc_design.spec.load import load_problem
+from dobc_design.spec.network import Network
 from dobc_design.spec.problem import Problem
 from dobc_design.theorems.separable import Separable
 from dobc_design.verdict import Verdict
@@ -245,7 +249,7 @@ def check_decay(problem: Problem, v, alpha: float, rho: float, rng) -> None:
 
 
 def test_simulations_of_example_2_with_its_observer_stay_inside():
-    """V = N + kappa E from 50 starts with |e| = 4, |eps| = 1/2; modes switch every 0.5 s."""
+    """V = N + kappa E from 12 starts with |e| = 4, |eps| = 1/2; modes switch every 0.5 s."""
     W = SWITCHING.observer.W
     claim, _ = example_2()
     v, rho, error, rate = claim.v, claim.rho, claim.error, float(composite_rate(claim))
@@ -260,7 +264,7 @@ def test_simulations_of_example_2_with_its_observer_stay_inside():
         largest = np.sqrt(np.max(np.sum(eps @ P * eps, axis=1)))
         return float(np.max(np.abs(x[:10]) / height) + float(error.kappa) * largest)
 
-    for _ in range(50):
+    for _ in range(12):
         direction = rng.normal(size=(10, 2))
         eps = 0.5 * direction / np.linalg.norm(direction, axis=1)[:, None]
         x = np.concatenate([4 * rng.choice((-1, 1, rng.uniform(-1, 1)), size=10), eps.ravel()])
@@ -280,3 +284,40 @@ def test_simulations_of_example_2_with_its_observer_stay_inside():
 
 def test_the_papers_coupling_is_what_the_known_answers_are_about():
     assert SWITCHING.coupling.texts == (PAPER,)
+
+
+def grid(side: int, *, pins: int, h: str = "y") -> Problem:
+    """A grid of side x side agents that hear their neighbours; every so many agents one is pinned with k = 3."""
+    arcs = [
+        [a * side + b + 1, c * side + d + 1]
+        for a in range(side)
+        for b in range(side)
+        for c, d in ((a + 1, b), (a - 1, b), (a, b + 1), (a, b - 1))
+        if 0 <= c < side and 0 <= d < side
+    ]
+    network = Network.from_arcs(arcs, arrow="listens_to", agents=side * side)
+    return Problem(network=network, coupling=h, gains=dict.fromkeys(range(1, side * side + 1, pins), 3), target=0)
+
+
+def test_the_rate_of_linear_couplings_is_bounded_closely_from_above():
+    """The least eigenvalue of L + K on a grid of 20 x 20, by NumPy."""
+    problem = grid(20, pins=7)
+    arcs = problem.network.modes["G"]
+    M = np.diag(float_gains(problem))
+    np.add.at(M, (arcs.listeners, arcs.speakers), -1.0)
+    np.add.at(M, (arcs.listeners, arcs.listeners), 1.0)
+    truth = float(np.linalg.eigvalsh(M)[0])
+    assert truth * (1 - 1e-3) <= linear_rate(field_of(problem, rho=1.0)) <= 2 * truth
+
+
+@pytest.mark.parametrize("h", [pytest.param(PAPER, marks=pytest.mark.slow), "sin(y)"])
+def test_the_search_for_many_agents_comes_near_the_rate_of_that_for_few(monkeypatch, h: str):
+    """The same network of 81 agents by both; near 5 %."""
+    problem = grid(9, pins=5, h=h)
+    exact = propose_separable(problem, rho=1.2).rate
+    monkeypatch.setattr(import_module("dobc_design.design.separable"), "FEW_AGENTS", 0)
+    monkeypatch.setattr(import_module("dobc_design.design.separable_newton"), "FACTORED_AGENTS", 0)
+    for near in (None, 1.3 * exact, 0.5 * exact):
+        proposal = propose_separable(problem, rho=1.2, near=near)
+        assert 0.9 * exact <= proposal.rate <= exact * 1.001
+        assert np.min(field_of(problem, rho=1.2).rates(proposal.v)) >= 0.99 * proposal.rate

@@ -232,9 +232,7 @@ def test_without_a_pair_and_without_an_obstacle_the_theorem_is_undecided():
     problem = path(1, 1, exosystem=Exosystem(A=[[0]], C=[[1]]))
     statements = state_theorems(problem)
     lemmas = [lemma1_check(statements, "G", Proposal(margin=2.0))]
-    check = theorem_check(
-        "theorem1", statements, problem.exosystem, None, Proposal(), lemmas=lemmas, obstacle=None
-    )
+    check = theorem_check("theorem1", statements, problem.exosystem, None, Proposal(), lemmas=lemmas, obstacle=None)
     assert check.verdict is Verdict.UNDECIDED
     assert check.exact is check.witness is check.margin is None
 

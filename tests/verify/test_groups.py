@@ -9,16 +9,19 @@ import pytest
 import sympy as sp
 from groups_oracle import GroupsOracle
 
-from dobc_design.exact.matrix import scale
+from dobc_design.exact.matrix import multiply, scale
+from dobc_design.exact.symmetric import SparseSymmetric
 from dobc_design.spec.exosystem import Exosystem
 from dobc_design.spec.groups import Group, block_diagonal
 from dobc_design.spec.network import Network
 from dobc_design.spec.observer import Observer
 from dobc_design.spec.problem import Problem
+from dobc_design.theorems.lure import Lure
 from dobc_design.theorems.statements import state_theorems
 from dobc_design.verdict import Verdict
 from dobc_design.verify.confirm import expected_checks
 from dobc_design.verify.consensus import Pair, psi_is_negative
+from dobc_design.verify.lure import verify_lure
 from dobc_design.workflow import certify, verify
 
 OSCILLATOR, CONSTANT = Exosystem(A=[[0, 2], [-2, 0]], C=[[1, 0]]), Exosystem(A=[[0]], C=[[1]])
@@ -227,7 +230,16 @@ def test_a_region_is_proved_with_the_observers_of_all_groups():
     assert not verify(replace(certificate.claims, checks=checks), problem).holds
 
 
-def test_quadratic_certificates_say_that_they_do_not_know_groups():
+def test_a_quadratic_certificate_takes_s_of_every_agents_own_group():
+    """P_e = I and -2 k_i + S of the group < 0, with S = 9/8 and 1/2; twin: the groups change places."""
+    P = block_diagonal([PRINTED.P, HALF.P])
+    for swapped, verdict in ((False, Verdict.PROVED), (True, Verdict.REFUTED)):
+        problem = two("0.5626", "0.2501", swapped=swapped)
+        own = block_diagonal([HALF.P, PRINTED.P]) if swapped else P
+        lure = Lure(P_e=SparseSymmetric(2, {(0, 0): Fraction(1), (1, 1): Fraction(1)}), ranges=(), radius=None,
+                    level=None, multipliers={"G": ()}, rate=Fraction(0), P=own,
+                    Q=multiply(own, problem.joint_observer.W))  # fmt: skip
+        assert verify_lure(problem, lure).verdict is verdict
     certificate = certify(two(1, 1), everything=True)
-    assert certificate.check("lure").reason.startswith("does not apply: exosystem.groups.")
+    assert certificate.check("lure").verdict is Verdict.PROVED
     assert verify(certificate, two(1, 1)).holds

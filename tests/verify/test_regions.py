@@ -318,6 +318,23 @@ def test_a_sampling_period_is_the_inverse_of_the_stiffest_row():
     assert confirmed(replace(check, rate=0.1), problem, beside=proof) is not None
     with pytest.raises(ValueError, match="must be > 0"):
         confirmed(bent(check, period="0"), problem, beside=proof)
+    with pytest.raises(TypeError, match="expected a number"):  # true equals 1
+        confirmed(replace(check, domain=check.domain | {"disturbance": False}), problem, beside=proof)
+
+
+def test_a_sampling_period_is_for_an_estimate_that_is_not_held():
+    """k = 1, T = 1: with eps = 0 and dhat(t) the error is gone after a step; dhat held for d = sin 2t leaves some."""
+    proof = composite(COMPOSITE, radius=0.5, disturbance=0.1)
+    with_estimate = sampling_check(OBSERVED, COMPOSITE, proof, domain="consensus")
+    assert with_estimate.verdict is PROVED
+    assert "dhat is subtracted all the time" in with_estimate.reason
+    claim = Separable(v=V, alpha=F(1, 3), rho=F(2))
+    assert "dhat" not in sampling_check(pair("y"), claim, proved(claim, problem=pair("y")), domain="consensus").reason
+    T, e, held = 1.0, 1.0, []
+    for t in np.arange(30.0):
+        e += T * -e + (np.cos(2 * t) - np.cos(2 * (t + T))) / 2 - T * np.sin(2 * t)
+        held.append(abs(e))
+    assert max(held[-10:]) > 0.5
 
 
 # vectors of many agents
@@ -327,7 +344,7 @@ def test_many_agents_travel_as_doubles_that_mean_exactly_what_they_are():
     v = tuple(F(4096 + k, 4096) for k in range(1001))
     packed = vector_to_json(v)
     assert list(packed) == ["float64"]
-    assert vector_from_json(packed, 1001) == v
+    assert tuple(vector_from_json(packed, 1001)) == v
     assert isinstance(vector_to_json(v[:1000]), list)
     assert isinstance(vector_to_json((F(1, 3), *v)), list)  # 1/3 is no double
     with pytest.raises(ValueError, match="expected 1000 numbers"):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from fractions import Fraction
+from importlib import import_module
 
 import numpy as np
 import pytest
@@ -18,9 +19,10 @@ from dobc_design.theorems.ordering import find_ordering
 from dobc_design.theorems.separable import FACES, Separable, rows
 from dobc_design.verdict import Verdict
 from dobc_design.verify.separable import coupling_profiles, largest_rate, verify_separable
-from dobc_design.verify.separable_large import arc_rows, open_rows
+from dobc_design.verify.separable_large import arc_rows, float_kinds, open_rows
 from dobc_design.verify.separable_rows import decide_row
 from dobc_design.verify.separable_table import gain_table
+from dobc_design.verify.separable_turns import turning
 
 F = Fraction
 ONES = (F(1),) * 10
@@ -243,7 +245,7 @@ def test_the_fast_rows_prove_nothing_that_the_exact_ones_do_not(seed: int, dyadi
     kinds = coupling_profiles(problem, v, rho=rho, modes=["G0"])
     assert all(kind.is_nondecreasing for kind in kinds)
     arrays = arc_rows(problem, v, "G0")
-    tables = [gain_table(kind.curve, F(3, 2), cells=64) for kind in kinds]
+    tables = float_kinds(kinds, [arrays], rho=rho, cells=64)
     exact = {
         (agent, face): [
             decide_row(row, face, kinds, alpha=alpha, rho=rho).verdict is Verdict.PROVED for alpha in (F(1, 10), F(1))
@@ -256,6 +258,59 @@ def test_the_fast_rows_prove_nothing_that_the_exact_ones_do_not(seed: int, dyadi
         left = set(open_rows(arrays, tables, alpha=alpha, rho=rho))
         assert all(exact[place][number] for place in exact if place not in left)
         assert len(left) <= 1.2 * sum(not answer[number] for answer in exact.values()) + 1
+
+
+def held_ring(n: int, *, h: str = "sin(y)") -> tuple[Problem, tuple[F, ...]]:
+    """Every third agent pinned, both neighbours heard, v = 1 there and 5/4 elsewhere."""
+    arcs = [[i + 1, (i + d) % n + 1] for i in range(n) for d in (1, -1)]
+    network = Network.from_arcs(arcs, arrow="listens_to", agents=n)
+    problem = Problem(network=network, coupling=h, gains={i + 1: 5 for i in range(0, n, 3)}, target=0)
+    return problem, tuple(F(1) if i % 3 == 0 else F(5, 4) for i in range(n))
+
+
+FALLING = [("sin(y)", "3/2"), *(pytest.param(h, 1, marks=pytest.mark.slow) for h in ("y*exp((1 - y**2)/2)", "-y/8"))]
+
+
+@pytest.mark.parametrize(("h", "rho"), FALLING)
+def test_rows_in_which_a_coupling_falls_are_decided_alike_by_floats(monkeypatch, h: str, rho):
+    """Far beyond the rising range: the same rate, and the same answer just above it, as by rows one by one."""
+    problem, v = held_ring(9, h=h)
+    exact = largest_rate(problem, v, rho=F(rho))
+    monkeypatch.setattr(import_module("dobc_design.verify.separable"), "MANY_FALLING", 0)
+    floats = largest_rate(problem, v, rho=F(rho))
+    if exact is None:
+        assert floats is None
+        return
+    assert exact * F(998, 1000) <= floats <= exact * (1 + F(1, 10**5))
+    assert verdict(problem, v, floats, rho) is Verdict.PROVED
+    assert verdict(problem, v, exact * F(101, 100), rho) is Verdict.REFUTED
+
+
+SLOW = ("y*exp((1 - y**2)/2)", "y/(1 + y**2)", "-y/8", "sin(y) - y**2/200")
+
+
+@pytest.mark.parametrize("h", ["sin(y)", "y**2", *(pytest.param(h, marks=pytest.mark.slow) for h in SLOW)])
+def test_what_a_turning_coupling_gives_at_most_contains_samples(h: str):
+    """sup h(s t)/s over -reach <= t <= step for s in a piece, both faces; smooth: nothing but the right end counts."""
+    problem = pair(h)
+    curve, (s, t) = Curve(problem.coupling.components[0]), (0.8, 1.0)
+    steps, reaches = np.array([-1.4, -0.5, 0.0, 0.3, 1.0]), np.array([1.5, 2.5, 4.0, 0.9, 5.0])
+    kind = profile(curve, F(5))
+    f = problem.coupling.numpy_function()
+    for face, low in ((1, s), (-1, s), (1, 0.0)):
+        found = turning(kind, gain_table(curve, F(5), cells=128), face)
+        places = np.linspace(low or 1e-9, t, 21)
+        ends = [face * f((face * x * steps)[:, None])[:, 0] / x for x in places]
+        right = (np.min(ends, axis=0) - 1e-6, np.max(ends, axis=0) + 1e-6)
+        most, smooth = found.largest(steps, reaches, right, low, t)
+        largest = np.full(len(steps), -np.inf)
+        for x, end in zip(places, ends, strict=True):
+            y = np.linspace(-x * reaches, x * steps, 801)
+            truth = np.max(face * f((face * y).reshape(-1, 1)).reshape(y.shape), axis=0) / x
+            assert np.all(truth <= most + 1e-6)
+            assert np.all(truth[smooth] <= end[smooth] + 1e-6)
+            largest = np.maximum(largest, truth)
+        assert not low or np.all(most - largest <= 0.2 * (1 + np.abs(largest)))
 
 
 @pytest.mark.parametrize("text", ["exp(y) - 1 + y", "tanh(y)", "y + y**3", "clip(y, -1, 1)", "y + sin(y)/2"])
@@ -277,12 +332,7 @@ def test_the_table_of_gains_contains_the_gain(text: str):
 
 def test_a_large_network_is_decided_by_floats_and_gives_the_rate_of_the_exact_rows():
     """1500 agents in a ring of 2 neighbours: periodic v, so that exact rows are few."""
-    n = 1500
-    arcs = [[i + 1, (i + d) % n + 1] for i in range(n) for d in (1, -1)]
-    network = Network.from_arcs(arcs, arrow="listens_to", agents=n)
-    problem = Problem(network=network, coupling="tanh(y)", gains={i + 1: 5 for i in range(0, n, 3)}, target=0)
-    v = tuple(F(1) if i % 3 == 0 else F(5, 4) for i in range(n))
-    rho = F(2)
+    (problem, v), rho = held_ring(1500, h="tanh(y)"), F(2)
     # Agents 2 and 3 of each three hear one at 1 and one at 5/4: tanh(s/4)/s, weakest at s = 2.
     truth = np.tanh(0.5) / 2 / 1.25
     alpha = largest_rate(problem, v, rho=rho)

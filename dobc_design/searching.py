@@ -10,6 +10,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Final
 
+from dobc_design._display import Card, Shown
 from dobc_design.certificate.certificate import Certificate
 from dobc_design.errors import SpecError
 from dobc_design.falsifying.falsify import RUNS, falsify
@@ -27,12 +28,18 @@ LEAST_RUNS: Final = 5
 BEYOND: Final = 2
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Searched:
+@dataclass(frozen=True, slots=True, kw_only=True, repr=False)
+class Searched(Shown):
     """The certificate after a search, and what the search brought up: asked for first, then the certified set."""
 
     certificate: Certificate
     searches: tuple[Falsification, ...]
+
+    def _card(self) -> Card:
+        return replace(self.certificate._card(), lines=[str(each) for each in self.searches])
+
+    def __repr__(self) -> str:
+        return f"<Searched {self.certificate!r}, {len(self.searches)} searches>"
 
 
 def search_certificate(
@@ -43,10 +50,11 @@ def search_certificate(
     ``runs`` starts each, by default 500, fewer for large networks; the same ``seed`` (the problem's by default) gives
     the same answer.  Nothing is searched where an exosystem has no W.  Raises: SpecError for a wrong argument.
     """
+    certificate = _with_option(certificate)
     problem, W = certificate.problem, certificate.claims.W
     if runs is None:
         runs = max(LEAST_RUNS, min(RUNS, MOST_ROWS // (problem.n * problem.m)))
-    if problem.exosystem is not None and W is None:
+    if problem.groups and W is None:
         return Searched(certificate=certificate, searches=())
     check = regional_check(certificate)
     radius = None if problem.region is not None else _reach(certificate)
@@ -78,6 +86,13 @@ def _reach(certificate: Certificate) -> float | None:
     """How far is looked without a region: beyond what is proved."""
     largest = max((claim.box or 0.0 for claim in certificate.regions.claims), default=0.0)
     return BEYOND * largest or None
+
+
+def _with_option(certificate: Certificate) -> Certificate:
+    """The certificate as `dobc certify --search` makes it."""
+    claims = certificate.claims
+    options = tuple(dict.fromkeys((*claims.options, "--search")))
+    return replace(certificate, claims=replace(claims, options=options))
 
 
 def _with_check(certificate: Certificate, check: Check | None) -> Certificate:

@@ -9,7 +9,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
-from dobc_design._render import escape_html, latex_text
+from dobc_design._display import Card, Shown, cut
+from dobc_design._render import latex_text
 from dobc_design.certificate.bounds import RunLike, certified_bound
 from dobc_design.certificate.claims import Claims
 from dobc_design.certificate.files import make_folder, write_together
@@ -24,8 +25,8 @@ from dobc_design.verify.envelopes import CertifiedBound
 from dobc_design.verify.settling import Settling
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Certificate:
+@dataclass(frozen=True, slots=True, kw_only=True, repr=False)
+class Certificate(Shown):
     """A problem and the claims about it; shows itself as text, and as a table in Jupyter.
 
     ``verdict``, ``reason``, ``rate`` (1/s), ``covered_by`` and ``checks`` are the same facts as in
@@ -82,7 +83,12 @@ class Certificate:
         return certified_bound(self.problem, self.claims, run)
 
     def check(self, id: str, mode: str | None = None) -> Check:
-        """The check of that id (and mode).  Raises KeyError if there is none."""
+        """The check of that id (and mode).  Raises KeyError if there is none.
+
+        Example:
+            >>> dd.certify("clock-sync").check("hurwitz").verdict.value
+            'proved'
+        """
         for each in self.checks:
             if each.id == id and (mode is None or each.mode == mode):
                 return each
@@ -111,13 +117,11 @@ class Certificate:
     def _repr_mimebundle_(self, include: object = None, exclude: object = None) -> dict[str, str]:
         return {"text/plain": str(self), "text/html": self._repr_html_(), "text/latex": self._repr_latex_()}
 
-    def _repr_html_(self) -> str:
-        rows = "".join(
-            f"<tr><td><code>{escape_html(check.title)}</code></td><td>{check.verdict.value}</td>"
-            f"<td style='text-align:left'>{escape_html(check.reason)}</td></tr>"
-            for check in self.checks[:200]
-        )
-        return (
-            f"<p><b>{escape_html(self.problem.name)}: {self.verdict.value}.</b> {escape_html(self.reason)}</p>"
-            f"<table><thead><tr><th>check</th><th>verdict</th><th>reason</th></tr></thead><tbody>{rows}</tbody></table>"
-        )
+    def _card(self) -> Card:
+        return Card(
+            title=self.problem.name, verdict=self.verdict.value, text=self.reason, heads=("check", "verdict", "reason"),
+            rows=[(check.title, check.verdict, check.reason) for check in self.checks],
+        )  # fmt: skip
+
+    def __repr__(self) -> str:
+        return f"<Certificate of {self.problem.name}: {self.verdict.value}. {cut(self.reason)}>"

@@ -536,11 +536,11 @@ class Examination:
     """One certificate against one problem: every method decides one claim, and raises Refused if it is not shown."""
     def __init__(self, certificate: bytes, problem: Problem) -> None:
         self.problem, self.parts, p = problem, [cast(Any, None)], problem
-        gain, square = maybe(matrix(p.q, len(p.C))), maybe(matrix(p.q, p.q))
+        gain, P = maybe(matrix(p.q, len(p.C))), maybe(matrix(p.q, p.q))
         self.claims = read(document(certificate, "dobc-certificate"), {
-            "format": text, "version": anything, "program": {"name": text, "version": text}, "problem": text,
-            "problem_sha256": text, "verdict": text, "rate": json_number, "covered_by": maybe(text), "reason": text,
-            "observer": {"W": gain, "source": maybe(text), "P": square, "Q": gain}, "checks": [CHECK], "notes": [text],
+            "program": {"name": text, "version": text, "options?": [text]}, "covered_by": maybe(text), "problem": text,
+            "observer": {"W": gain, "source": maybe(text), "P": P, "Q": gain}, "version": anything, "rate": json_number,
+            "problem_sha256": text, "format": text, "verdict": text, "reason": text, "checks": [CHECK], "notes": [text],
         })
         self.W, self.P, self.Q = self.claims.observer.W, self.claims.observer.P, self.claims.observer.Q
         for X in ([] if p.W else self.W, self.P):

@@ -17,7 +17,8 @@ class Claims:
     ``W`` (q, m) is the observer gain every check is about, ``gain_source`` says "given" or "designed";
     ``P`` (q, q) and ``Q`` (q, m) belong to Theorem 1 or 2 where it is proved.  Where agents have different exosystems,
     these are block diagonal, one block per group, and "designed" says that at least one block of W is.
-    ``notes`` list what was assumed, designed or stood in.
+    ``notes`` list what was assumed, designed or stood in.  ``options`` are those of `dobc certify` that it was made
+    with, for whoever makes it again; nothing follows from them.
     """
 
     problem_name: str
@@ -33,3 +34,4 @@ class Claims:
     Q: Matrix | None
     notes: tuple[str, ...]
     version: str
+    options: tuple[str, ...] = ()

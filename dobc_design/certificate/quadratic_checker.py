@@ -176,11 +176,11 @@ class Decisions(Regional):
         exact.form, exact.S = P_e, S
         if exact.level is not None:
             need(exact.level > 0 and exact.radius > 0, "the level or the radius is not positive")
-            self.holds(P_e, exact.level, exact.radius)
+            self.contained(P_e, exact.level, exact.radius)
         else:
             need(p.domain == "global", "it has no level, and the couplings are not all linear")
         return exact
-    def holds(self, P_e: Matrix, square: Fraction, radius: Any) -> None:
+    def contained(self, P_e: Matrix, square: Fraction, radius: Any) -> None:
         """{e'P_e e <= square} lies inside the radius (none: there is no limit)."""
         for a, b in self.relied() if radius is not None else ():
             z = [Fraction((k == b) - (k == a)) for k in range(len(P_e))]
@@ -238,13 +238,17 @@ class Decisions(Regional):
                 if used and (i * p.m + d, j * p.m + d) not in seen:
                     seen.add((i * p.m + d, j * p.m + d))
                     yield i * p.m + d, j * p.m + d
+    def border(self, S: Matrix, i: int) -> Matrix:
+        """The block of S of agent i: all of it, but where agents have different exosystems."""
+        start = getattr(self.problem, "place", [0] * self.problem.n)[i]
+        return [row[start : start + self.problem.m] for row in S[start : start + self.problem.m]]
     def forms(self, exact: Any, mode: str, P_e: Matrix, S: Matrix, ranges: Any) -> Iterator[Matrix]:
         """The matrices that have to be negative definite in a mode."""
         p, m, size = self.problem, self.problem.m, len(P_e)
         A, M, extra = (identity(size, ZERO) for _ in range(3))
         for i, c, d in ((i, c, d) for i in range(p.n) for c in range(m) for d in range(m)):
             A[i * m + c][i * m + d] -= p.gains[i][c][d] if i in p.gains else 0
-            M[i * m + c][i * m + d] += S[c][d]
+            M[i * m + c][i * m + d] += self.border(S, i)[c][d]
         channels = []  # row, column of the agent, column of the other one, g0, D
         for i, j, w, c, d in ((*arc, c, d) for arc in p.modes[mode] for c in range(m) for d in range(m)):
             lo, hi = ranges[self.exceptions.get((i, j), p.file.coupling.h)][c][d]
@@ -315,7 +319,7 @@ class Decisions(Regional):
         K, S = identity(len(P_e), ZERO), identity(len(P_e), ZERO)
         for i, c, d in ((i, c, d) for i in range(p.n) for c in range(m) for d in range(m)):
             K[i * m + c][i * m + d] += p.gains[i][c][d] if i in p.gains else 0
-            S[i * m + c][i * m + d] += claim.S[c][d]
+            S[i * m + c][i * m + d] += self.border(claim.S, i)[c][d]
         half = plus(product(P_e, K), -claim.rate, P_e)
         M = plus(product(product(P_e, S), P_e), -1, plus(half, 1, transpose(half)))
         arcs = [(self.curve(h, False), enclosed(w), i * m + c, j * m + c)
@@ -410,7 +414,7 @@ class Decisions(Regional):
             square = c**2 * sum(x * old.v[k // p.m] ** 2 for k, x in enumerate(stage.diagonal))
             need(stage.level**2 >= square + p.n * stage.noise**2, "the level is larger")
         else:
-            self.holds(old.form, c**2, new.radius)
+            self.contained(old.form, c**2, new.radius)
             need(nonnegative(plus([[stage.factor * x for x in row] for row in old.form], -1, new.form)),
                  "P_e' <= factor P_e is not shown")
             need(stage.level**2 >= max(stage.factor, stretch**2 if p.q else ZERO) * c**2, "the level is larger")

@@ -13,6 +13,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
+from dobc_design._display import Card, Shown
 from dobc_design.certificate import checker
 from dobc_design.certificate.claims import Claims
 from dobc_design.certificate.text import certificate_bytes, read_claims
@@ -34,8 +35,8 @@ LONE_ARCS, LONE_ROWS = 100_000, 50_000
 HOW = "python -I -S checker.py certificate.json problem.json, with its other parts beside it"
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Recheck:
+@dataclass(frozen=True, slots=True, kw_only=True, repr=False)
+class Recheck(Shown):
     """The outcome of checking a certificate.
 
     ``holds``: every claim holds and the claimed verdict follows.  ``confirmed`` and ``failures`` list
@@ -51,6 +52,15 @@ class Recheck:
     def holds(self) -> bool:
         """Whether nothing failed."""
         return not self.failures
+
+    def _card(self) -> Card:
+        rows = [(title, "confirmed") for title in self.confirmed]
+        failed = [(text, "NOT confirmed") for text in self.failures]
+        said = "Every claim holds." if self.holds else f"{len(self.failures)} claim(s) do not hold."
+        return Card(
+            title="Recheck", verdict=self.verdict.value, text=said, heads=("claim", "outcome"), rows=[*failed, *rows],
+            lines=(f"Lone checker: {self.lone_checker}",),
+        )  # fmt: skip
 
     def __str__(self) -> str:
         head = "every claim holds" if self.holds else f"{len(self.failures)} claim(s) do not hold"

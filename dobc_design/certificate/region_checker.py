@@ -28,7 +28,7 @@ from typing import Any, NamedTuple, cast
 # fmt: off
 # isort: off
 from .checker import (
-    MATRIX_BITS, PI, VECTOR_BITS, Matrix, Number, Refused, by_decimal, definite, echelon, matrix,
+    MATRIX_BITS, PI, VECTOR_BITS, Matrix, Number, Refused, an_object, by_decimal, definite, echelon, matrix,
     maybe, need, plus, product, rational, read, read_coupling, same, short, text, transpose,
 )
 
@@ -515,13 +515,16 @@ class Decisions:
     def max_separable(self, check: Any) -> None:
         claim = self.separable(check.exact)
         need(check.rate is not None and 0 < check.rate <= claim.pace, "the rate is not between 0 and what follows")
+        self.contains(claim, check.domain)
+    def contains(self, claim: Any, domain: Any) -> None:
+        """The rows, the observer's part, and all starts of the domain."""
         if self.problem.q:
             self.composite(claim)
         if claim.rho is None:
-            need(check.domain == "global" == self.problem.domain, "it has no rho and is not global")
+            need(domain == "global" == self.problem.domain, "it has no rho and is not global")
         else:
-            self.start(check.domain, "box")
-            room, s = claim.rho - check.domain.radius / claim.lowest, check.domain.disturbance
+            self.start(domain, "box")
+            room, s = claim.rho - domain.radius / claim.lowest, domain.disturbance
             need(room >= 0, "the box leaves the region")
             need(s == 0 or (claim.kappa * s) ** 2 * claim.size <= room**2, "the disturbance leaves the region")
         self.rows(claim, claim.alpha, Fraction(1))
@@ -581,9 +584,10 @@ class Decisions:
         return sum(tops, ZERO) <= c
     def row(self, key: Any, c: Fraction, bottom: int, rho: Fraction, mirrored: bool) -> bool:
         own, _, heard = key
-        terms = [Term(self.curve(h, mirrored), enclosed(w), quotient(top + own, bottom), quotient(top - own, bottom))
+        unit = max(Fraction(1), *(x / 2**400 for x in (abs(c) / bottom, *(w for _, w, _ in heard))))  # for huge ones
+        terms = [Term(self.curve(h, mirrored), enclosed(w / unit), *(quotient(top + y, bottom) for y in (own, -own)))
                  for h, w, top in heard]
-        return throughout(enclosed(rho)[1], partial(row_settled, terms, quotient(c.numerator, c.denominator * bottom)))
+        return throughout(enclosed(rho)[1], partial(row_settled, terms, enclosed(c / bottom / unit)))
     def slope(self, h: Any, c: int, d: int) -> Number:
         return read_coupling(h, self.problem.m).slopes.get((c, d), Number(ZERO, ZERO))
     def straight(self, h: Any) -> bool:
@@ -606,40 +610,44 @@ class Decisions:
         self.rows(claim, exact.rate, Fraction(math.ceil(theta * 2**60), 2**60))
     def sampling(self, check: Any) -> None:
         claim = self.beside(check)
-        exact = read(check.exact, {"period": rational, "factor": rational})
+        exact = read(check.exact, {"period": rational, "factor": rational, "certificate?": an_object})
         need(check.rate is None, "it has no rate to claim")
+        if exact.certificate is not None:
+            claim = self.separable(exact.certificate)
+            need(claim.pace > 0, "its own certificate has no rate")
+            self.contains(claim, check.domain)
         need(1 - exact.period * claim.alpha <= exact.factor < 1, "the factor does not follow from the period")
         pairs = ((claim.tops[i], arc) for heard in self.heard.values() for i, arcs in enumerate(heard) for arc in arcs)
         self.prepare(claim, [(h, own, claim.tops[j]) for own, (h, _, j) in pairs], claim.bottom, True)
-        seen: dict[Any, float] = {}
+        seen: dict[Any, Fraction] = {}
         def short(i: int, arcs: Any, mirrored: bool, closely: bool) -> bool:
-            parts = [enclosed(self.most[i])]
+            steepest = self.most[i]  # in rational numbers: periods like 1 are often the largest ones
             for h, w, j in arcs:
                 key = (h, mirrored, claim.tops[i], claim.tops[j], closely)
                 if key not in seen:
                     seen[key] = self.steepness(claim, *key)
-                parts.append(times(enclosed(w), (seen[key],) * 2))
-            return bool(exact.period * Fraction(total(parts)[1]) <= 1)
+                steepest += w * seen[key]
+            return bool(exact.period * steepest <= 1)
         for heard in self.heard.values():
             for i, arcs in enumerate(heard):
                 for mirrored in (False, True):
                     late = f"the period is too long for agent {self.problem.labels[i]}"
                     need(any(short(i, arcs, mirrored, closely) for closely in (False, True)), late)
-    def steepness(self, claim: Any, h: Any, mirrored: bool, own: int, other: int, closely: bool) -> float:
+    def steepness(self, claim: Any, h: Any, mirrored: bool, own: int, other: int, closely: bool) -> Fraction:
         """An upper bound of L: eight slices of x, the supremum of h' over each of the growing intervals."""
         if claim.rho is None:
-            return enclosed(max(ZERO, self.slope(h, 0, 0).hi))[1]
+            return max(ZERO, self.slope(h, 0, 0).hi)
         rho, curve, bottom = enclosed(claim.rho)[1], self.curve(h, mirrored), claim.bottom
         p, q = (times((rho, rho), quotient(y, bottom)) for y in (own + other, other - own))
         rises = all(cell.way == 1 for cell in curve.between(-p[1], p[1]))
-        left, slope, slices = min(q[0], 0.0) if rises else -p[1], 0.0, list[Interval]()
+        left, slope, mean = min(q[0], 0.0) if rises else -p[1], 0.0, ZERO
         for k in range(9):
             right = max(0.0, times((rho, rho), quotient(4 * (other - own) + k * own, 4 * bottom))[1])
             for a, b in pairwise([left + (right - left) * part / 4 for part in range(4)] + [right]):
                 slope = max(slope, curve.steepest(a, max(a, b)) if closely else curve.at((a, max(a, b)))[1][1])
-            slices += [(slope / 8,) * 2] if k else []
+            mean += Fraction(slope) / 8 if k else 0
             left = right
-        return total(slices)[1]
+        return mean
     # --- equilibrium
     def forces(self, mode: str, e: list[list[Fraction]]) -> tuple[list[Interval], list[dict[int, Interval]]]:
         """h(e) - K e and its slopes for all e in a box."""

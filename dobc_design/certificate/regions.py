@@ -11,7 +11,8 @@ from dataclasses import dataclass
 from fractions import Fraction
 from typing import Any
 
-from dobc_design._render import escape_html, significant_towards_zero
+from dobc_design._display import Card, Shown
+from dobc_design._render import significant_towards_zero
 from dobc_design.verdict import Verdict
 from dobc_design.verify.check import Check
 
@@ -72,8 +73,8 @@ class AgentBound:
     goal: float | None = None
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Regions:
+@dataclass(frozen=True, slots=True, kw_only=True, repr=False)
+class Regions(Shown):
     """The certified regions of one problem, in the order in which they were tried.
 
     ``tolerance`` belongs to the times of ``claims`` (same unit as the states); ``agents`` to the max-separable
@@ -141,12 +142,12 @@ class Regions:
             rows.append([title_of(claim), claim.kind, *sizes, significant_towards_zero(claim.rate), yes])
         return rows
 
-    def _repr_html_(self) -> str:
+    def _card(self) -> Card:
         head, *body = self._cells()
-        heads = "".join(f"<th>{escape_html(cell)}</th>" for cell in head)
-        rows = "".join("<tr>" + "".join(f"<td>{escape_html(x)}</td>" for x in row) + "</tr>" for row in body)
-        title = f"<p><b>{escape_html(self.name)}: {self.verdict.value}.</b> {escape_html(self.reason)}</p>"
-        return f"{title}<table><thead><tr>{heads}</tr></thead><tbody>{rows}</tbody></table>"
+        return Card(title=self.name, verdict=self.verdict.value, text=self.reason, heads=head, rows=body)
+
+    def __repr__(self) -> str:
+        return f"<Regions of {self.name}: {self.verdict.value}, {len(self.claims)} methods>"
 
 
 def title_of(claim: RegionClaim) -> str:

@@ -34,7 +34,7 @@ def certificate_document(claims: Claims) -> dict[str, Any]:
     return {
         "format": FORMAT,
         "version": VERSION,
-        "program": {"name": "dobc_design", "version": claims.version},
+        "program": {"name": "dobc_design", "version": claims.version, **_options(claims)},
         "problem": claims.problem_name,
         "problem_sha256": claims.problem_sha256,
         "verdict": claims.verdict.value,
@@ -85,13 +85,13 @@ def read_claims(data: bytes) -> Claims:
 def _claims(document: dict[str, Any]) -> Claims:
     require_keys(document, "the certificate", needed=KEYS)
     program, observer, checks = document["program"], document["observer"], document["checks"]
-    require_keys(program, "program", needed=("name", "version"))
+    require_keys(program, "program", needed=("name", "version"), allowed=("options",))
     require_keys(observer, "observer", needed=("W", "source", "P", "Q"))
     if not isinstance(checks, list):
         raise TypeError("checks must be a list")
-    notes = document["notes"]
-    if not isinstance(notes, list):
-        raise TypeError("notes must be a list of texts")
+    notes, options = document["notes"], program.get("options", [])
+    if not isinstance(notes, list) or not isinstance(options, list):
+        raise TypeError("notes and program.options must be lists of texts")
     return Claims(
         problem_name=_text(document["problem"], "problem"),
         problem_sha256=_text(document["problem_sha256"], "problem_sha256"),
@@ -106,7 +106,12 @@ def _claims(document: dict[str, Any]) -> Claims:
         Q=_read_matrix(observer["Q"], "observer.Q"),
         notes=tuple(_text(note, "notes") for note in notes),
         version=_text(program["version"], "program.version"),
+        options=tuple(_text(option, "program.options") for option in options),
     )
+
+
+def _options(claims: Claims) -> dict[str, list[str]]:
+    return {"options": list(claims.options)} if claims.options else {}
 
 
 def _text(value: Any, key: str) -> str:

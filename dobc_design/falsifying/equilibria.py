@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from dobc_design.falsifying.newton import find_roots
 from dobc_design.falsifying.running import constant_signals, make_arena, run_starts, settling_horizon
 from dobc_design.falsifying.starts import CORNERS, RANDOM, StartSet, asked_box
+from dobc_design.model.arrays import no_gain
 from dobc_design.spec.problem import Problem
 from dobc_design.theorems.equilibria import Equilibrium
 from dobc_design.verify.check import Check
@@ -50,8 +51,7 @@ def equilibrium_check(problem: Problem, *, seed: int = 0) -> Check | None:
 
 def _nearest(problem: Problem, seed: int) -> Equilibrium | None:
     """The nearest proved equilibrium over all modes."""
-    gain = [[0] * problem.m for _ in range(problem.q)] if problem.q else None  # eps = 0: no gain matters
-    arena = make_arena(problem, gain)
+    arena = make_arena(problem, no_gain(problem))  # eps = 0
     box = asked_box(problem, arena.loop, radius=None, disturbance=0.0)
     rng, count, horizon = np.random.default_rng(seed), _count(problem), settling_horizon(problem)
     best: Equilibrium | None = None

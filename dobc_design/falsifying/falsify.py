@@ -95,7 +95,7 @@ def falsify(
         else:
             size = problem.n * problem.m
             words = f"the boundary of the {level.name} set"
-            starts = Boundary(words=words, level=level, rows=size, n=problem.n, q=arena.loop.q)
+            starts = Boundary(words=words, level=level, rows=size, n=problem.n, q=arena.loop.q, own=arena.loop.own)
         search = _Search(arena=arena, starts=starts, level=level, horizon=horizon, gain=gain, seed=seed, say=say)
         return search.run(runs)
 
@@ -178,7 +178,7 @@ class _Search:
         def flow(mode: int) -> Flow:
             fastest = STEEPER * fastest_decay(loop, self.arena.networks(mode).groups)
             if loop.q:
-                fastest = max(fastest, float(np.linalg.norm(loop.A - loop.W @ loop.C, 2)))
+                fastest = max(fastest, float(np.linalg.norm(loop.F, 2)))
             most = max(LEAST_STEPS, min(MOST_STEPS, MOST_WORK // (loop.n * (loop.m + loop.q))))
             horizon = min(ASCENT_PART * self.horizon, most / fastest)
             steps = min(most, max(LEAST_STEPS, math.ceil(horizon * fastest)))

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from dobc_design.model.arrays import pinning_matrix
+from dobc_design.model.arrays import no_gain, pinning_matrix
 from dobc_design.model.model import build_model
 from dobc_design.spec.problem import Problem
 
@@ -28,9 +28,7 @@ class Rest:
     """F(e) = h(e) - K e of one mode and its derivative, from CasADi."""
 
     def __init__(self, problem: Problem, mode: str) -> None:
-        # eps = 0, so that no gain matters.
-        gain = [[0] * problem.m for _ in range(problem.q)] if problem.q else None
-        model = build_model(problem, mode, gain=gain)
+        model = build_model(problem, mode, gain=no_gain(problem))  # eps = 0
         self._h, self._jacobian = model.h, model.jacobian
         self._K = np.asarray(pinning_matrix(problem).toarray())
 

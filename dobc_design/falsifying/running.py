@@ -12,10 +12,11 @@ from numpy.typing import NDArray
 from dobc_design.falsifying.levels import Level
 from dobc_design.model.arrays import Gain, consensus_jacobian, pinning_matrix
 from dobc_design.simulate.closed_form import make_closed_form
+from dobc_design.simulate.columns import COLLAPSED, ESCAPED, HANDED_BACK
 from dobc_design.simulate.ensembles import COLUMN_NUMBERS
 from dobc_design.simulate.field import Loop, Network, make_loop, network_of
 from dobc_design.simulate.graph import groups_of_mode
-from dobc_design.simulate.stacked import COLLAPSED, ESCAPED, HANDED_BACK, Stack, integrate_stack
+from dobc_design.simulate.stacked import Stack, integrate_stack
 from dobc_design.spec.problem import Problem
 
 Array = NDArray[np.float64]
@@ -100,7 +101,6 @@ class Runs:
 
 def make_arena(problem: Problem, gain: Gain | None) -> Arena:
     """Prepare the loop; ``gain`` (q, m) is W.  Raises: SpecError if there is an exosystem and no W."""
-    problem.require_one_exosystem()  # starts are drawn in all exosystem states
     loop, names = make_loop(problem, gain), tuple(problem.network.modes)
     size = max(1, COLUMN_NUMBERS // (loop.n * loop.m))
 
@@ -156,9 +156,8 @@ def run_starts(
     eps decays in closed form; where the observer is too fast for that it counts as 0 from the start.
     """
     loop, count, times = arena.loop, e.shape[1], np.linspace(0.0, horizon, samples)
-    F = loop.A - loop.W @ loop.C
-    closed = make_closed_form(F, loop.C, horizon) if loop.q else None
-    states = make_closed_form(F, np.eye(loop.q), horizon) if loop.q else None
+    closed = make_closed_form(loop.F, loop.C, horizon) if loop.q else None
+    states = make_closed_form(loop.F, np.eye(loop.q), horizon) if loop.q else None
     if closed is None or states is None:
         eps = np.zeros_like(eps)
     error, values = np.full((samples, count), np.nan), np.full((samples, count), np.nan)

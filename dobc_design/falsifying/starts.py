@@ -48,7 +48,10 @@ class StartSet(Protocol):
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Box:
-    """low <= e <= high, both (n m,), and |eps_i| <= radius for n agents with q numbers each."""
+    """low <= e <= high, both (n m,), and |eps_i| <= radius for n agents with q numbers each.
+
+    ``own`` (n, q): which of these are an agent's own, where agents have different exosystems; the others stay 0.
+    """
 
     words: str
     low: Array
@@ -56,18 +59,21 @@ class Box:
     radius: float
     n: int
     q: int
+    own: NDArray[np.bool_] | None = None
 
     @property
     def reach(self) -> Pair:
-        return self.high - self.low, np.full((self.n, self.q), 2 * self.radius)
+        return self.high - self.low, 2 * self.radius * _owned(self)
 
     def draw(self, rng: np.random.Generator, count: int, kind: str) -> Pair:
         part = unit_cube(rng, len(self.low), count, kind)
         e = self.low[:, None] + (self.high - self.low)[:, None] * (part + 1) / 2
-        lengths = rng.random((self.n, 1, count)) ** (1 / max(1, self.q)) if kind == RANDOM else 1.0
-        return e, self.radius * lengths * sphere(rng, self.n, self.q, count)
+        sizes = np.maximum(1.0, _owned(self).sum(axis=1))[:, None, None]
+        lengths = rng.random((self.n, 1, count)) ** (1 / sizes) if kind == RANDOM else 1.0
+        return e, self.radius * lengths * sphere(rng, _owned(self), count)
 
     def project(self, e: Array, eps: Array) -> Pair:
+        eps = eps * _owned(self)[:, :, None]
         lengths = np.linalg.norm(eps, axis=1, keepdims=True)
         factor = np.minimum(1.0, self.radius / np.maximum(lengths, 1e-300))
         return np.clip(e, self.low[:, None], self.high[:, None]), eps * factor
@@ -79,23 +85,24 @@ class Box:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Boundary:
-    """V = 1 for a certified set; a third of the starts has eps = 0."""
+    """V = 1 for a certified set; a third of the starts has eps = 0.  ``own`` as in ``Box``."""
 
     words: str
     level: Level
     rows: int
     n: int
     q: int
+    own: NDArray[np.bool_] | None = None
 
     @property
     def reach(self) -> Pair:
         width = 0.0 if self.level.P is None else 2 / np.sqrt(max(1e-300, float(np.trace(self.level.P)) / self.q))
-        return self.level.lengths, np.full((self.n, self.q), width)
+        return self.level.lengths, width * _owned(self)
 
     def draw(self, rng: np.random.Generator, count: int, kind: str) -> Pair:
         part = rng.standard_normal((self.rows, count)) if kind == RANDOM else unit_cube(rng, self.rows, count, kind)
         e = self.level.directions(part)
-        eps = sphere(rng, self.n, self.q, count) * rng.random((self.n, 1, count))
+        eps = sphere(rng, _owned(self), count) * rng.random((self.n, 1, count))
         none = np.zeros_like(eps)
         sizes, own = self.level.value(e, none), self.level.value(np.zeros_like(e), eps)
         share = rng.random(count) * (rng.random(count) < 2 / 3)
@@ -105,8 +112,7 @@ class Boundary:
         return self.project(e, eps * (share / np.maximum(own, 1e-300)))
 
     def project(self, e: Array, eps: Array) -> Pair:
-        if self.level.P is None:
-            eps = np.zeros_like(eps)
+        eps = np.zeros_like(eps) if self.level.P is None else eps * _owned(self)[:, :, None]
         size = np.maximum(self.level.value(e, eps), 1e-300)
         return e / size, eps / size
 
@@ -130,7 +136,12 @@ def asked_box(problem: Problem, loop: Loop, *, radius: float | None, disturbance
         disturbance = 0.0
         if region is not None and region.initial_disturbance is not None:
             disturbance = float(region.initial_disturbance)
-    return Box(words=words, low=low, high=high, radius=disturbance, n=problem.n, q=loop.q)
+    return Box(words=words, low=low, high=high, radius=disturbance, n=problem.n, q=loop.q, own=loop.own)
+
+
+def _owned(starts: Box | Boundary) -> Array:
+    """1 where a number of eps is the agent's own, (n, q)."""
+    return np.ones((starts.n, starts.q)) if starts.own is None else starts.own.astype(np.float64)
 
 
 def unit_cube(rng: np.random.Generator, rows: int, count: int, kind: str) -> Array:
@@ -154,7 +165,7 @@ def unit_cube(rng: np.random.Generator, rows: int, count: int, kind: str) -> Arr
     return signs
 
 
-def sphere(rng: np.random.Generator, n: int, q: int, count: int) -> Array:
-    """Unit vectors of q numbers, (n, q, count)."""
-    directions = rng.standard_normal((n, q, count))
+def sphere(rng: np.random.Generator, own: Array, count: int) -> Array:
+    """Unit vectors of the numbers that are an agent's own, (n, q, count) for ``own`` (n, q)."""
+    directions = rng.standard_normal((*own.shape, count)) * own[:, :, None]
     return np.asarray(directions / np.maximum(np.linalg.norm(directions, axis=1, keepdims=True), 1e-300))

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from dobc_design._render import escape_html
+from dobc_design._display import Card, Shown
 from dobc_design.exact.number import number_text
 from dobc_design.theorems.equilibria import Equilibrium
 from dobc_design.verify.check import Check
@@ -26,7 +26,7 @@ KINDS = (STAYS_AWAY, LEAVES, RESTS)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False, repr=False)
-class Suspect:
+class Suspect(Shown):
     """One start and what became of it.
 
     Shapes: start (n, m), x at t = 0; eps (n, q), xi - xihat there; times (T,) in s; error (T,), |e|_inf, nan from where
@@ -70,9 +70,12 @@ class Suspect:
     def __repr__(self) -> str:
         return f"<Suspect: {self}>"
 
+    def _card(self) -> Card:
+        return Card(title="Suspect", text=str(self))
+
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False, repr=False)
-class Falsification:
+class Falsification(Shown):
     """The outcome of a search.
 
     ``tried``: starts that were simulated; ``unfinished``: those among them whose runs took too many steps.
@@ -115,9 +118,8 @@ class Falsification:
     def __repr__(self) -> str:
         return f"<Falsification of {self.name}: {self._summary}>"
 
-    def _repr_html_(self) -> str:
-        items = "".join(f"<li>{escape_html(str(suspect))}</li>" for suspect in self.suspects[:10])
-        return f"<p><b>{escape_html(self.name)}</b>: {escape_html(self._summary)}</p><ul>{items}</ul>"
+    def _card(self) -> Card:
+        return Card(title=self.name, text=self._summary, lines=[str(each) for each in self.suspects])
 
     @property
     def _summary(self) -> str:

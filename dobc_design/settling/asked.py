@@ -35,7 +35,7 @@ def asked_of(problem: Problem, *, tolerance: Any, radius: Any = None, disturbanc
     Raises: SpecError for a number that is wrong, or missing where there is no region to take it from.
     """
     region = problem.region
-    missing = [("radius", radius)] + ([] if problem.exosystem is None else [("disturbance", disturbance)])
+    missing = [("radius", radius)] + ([("disturbance", disturbance)] if problem.groups else [])
     for key, value in missing:
         if value is None and region is None:
             raise SpecError(
@@ -50,7 +50,7 @@ def asked_of(problem: Problem, *, tolerance: Any, radius: Any = None, disturbanc
     for key, number in (("radius", reach), ("tolerance", limit)):
         if number <= 0:
             raise SpecError(f"{key} must be > 0; got {float(number):.6g}.", key=key)
-    if error < 0 or (error and problem.exosystem is None):
+    if error < 0 or (error and not problem.groups):
         why = "it is a length" if error < 0 else "without an [exosystem] there is no observer error"
         raise SpecError(f"disturbance must be {'>= 0' if error < 0 else '0'}, because {why}.", key="disturbance")
     return Asked(radius=reach, disturbance=error, tolerance=limit)

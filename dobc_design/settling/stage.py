@@ -33,8 +33,6 @@ def settling_stage(
     ``tolerance`` in the unit of x, None for a hundredth of the radius; ``domain``: that of Lemma 1.
     """
     reason = obstacle(problem, W)
-    if problem.is_grouped:
-        reason = "does not apply: exosystem.groups. Settling times know one exosystem for all agents so far."
     if reason is not None:
         return undecided_check("settling", domain, reason)
     rows = problem.n * problem.m

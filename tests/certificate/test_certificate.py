@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import pytest
+from certified import certified
 
 from dobc_design.certificate.text import read_claims
 from dobc_design.spec.canonical import problem_from_canonical
@@ -13,7 +14,7 @@ from dobc_design.workflow import certify, verify
 
 
 def test_saved_files_are_enough_to_check_it_again(tmp_path):
-    certificate = certify("paper-switching")
+    certificate = certified("paper-switching")
     claims_file, problem_file = certificate.save(tmp_path / "out")
     problem = problem_from_canonical(problem_file.read_bytes())
     assert problem == certificate.problem
@@ -23,7 +24,7 @@ def test_saved_files_are_enough_to_check_it_again(tmp_path):
 
 
 def test_checks_are_found_by_id_and_mode():
-    certificate = certify("paper-switching")
+    certificate = certified("paper-switching")
     assert certificate.check("lemma1", "Gb").mode == "Gb"
     assert certificate.check("theorem2").verdict is Verdict.PROVED
     with pytest.raises(KeyError, match="no check 'theorem1'"):
@@ -40,14 +41,14 @@ def test_text_of_the_user_is_escaped_in_html():
 
 
 def test_the_text_names_every_check():
-    certificate = certify("paper-fixed")
+    certificate = certified("paper-fixed")
     assert str(certificate).startswith("paper-fixed: PROVED.")
     assert all(check.title in str(certificate) for check in certificate.checks)
 
 
 def test_a_certificate_shows_itself_in_a_notebook_as_html_latex_and_text():
     """Contract: _repr_html_, _repr_latex_, _repr_mimebundle_."""
-    certificate = certify("paper-fixed")
+    certificate = certified("paper-fixed")
     bundle = certificate._repr_mimebundle_()
     assert set(bundle) == {"text/plain", "text/html", "text/latex"}
     assert "proved" in certificate._repr_latex_()

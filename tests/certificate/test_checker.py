@@ -15,6 +15,7 @@ from pathlib import Path
 
 import mpmath
 import pytest
+from certified import certified
 from checker_cases import FAILS, HOLDS, NOTHING, OPEN, UNREADABLE, Case, bend, cases, check, document, problems
 from hypothesis import given
 from hypothesis import strategies as st
@@ -55,7 +56,7 @@ def alone(tmp_path: Path, certificate: bytes, problem: bytes) -> subprocess.Comp
 @pytest.mark.parametrize("name", builtin_names())
 def test_the_lone_file_confirms_a_built_in_problem(tmp_path, name):
     problem = load_problem(name)
-    certificate = certify(problem)
+    certificate = certified(name)
     done = alone(tmp_path, certificate_bytes(certificate.claims), canonical_bytes(problem))
     assert (done.returncode, done.stderr) == (0, "")
     lines = done.stdout.splitlines()

@@ -6,6 +6,7 @@ import json
 
 import pytest
 from campaigns import a_problem
+from certified import certified
 
 from dobc_design.certificate import checker
 from dobc_design.certificate.recheck import recheck
@@ -24,7 +25,7 @@ from dobc_design.workflow import certify, verify
 
 @pytest.fixture(scope="module")
 def document():
-    return json.loads(certificate_bytes(certify("paper-fixed").claims))
+    return json.loads(certificate_bytes(certified("paper-fixed").claims))
 
 
 def as_bytes(document):

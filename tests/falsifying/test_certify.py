@@ -10,6 +10,7 @@ from functools import cache
 import pytest
 from equilibrium_cases import half_difference, listening_pair
 from lure_cases import HARMONIC
+from problem_texts import listening_pair_text
 from typer.testing import CliRunner
 
 import dobc_design as dd
@@ -21,21 +22,6 @@ from dobc_design.verdict import Verdict
 from dobc_design.verify.check import Check
 from dobc_design.verify.equilibria import refuting_check
 from dobc_design.verify.overall import decide_overall
-
-PAIR = """
-name = "listening-pair"
-[network]
-agents = 2
-arrow = "listens_to"
-[network.modes]
-G = [[1, 2], [2, 1]]
-[coupling]
-h = "sin(y)"
-[pinning]
-gains = 0.1
-[region]
-initial_states = [-{reach}, {reach}]
-"""
 
 
 @cache
@@ -120,10 +106,18 @@ def test_where_no_gain_of_the_observer_is_known_nothing_is_searched():
     assert certificate.verdict is Verdict.UNDECIDED
 
 
-def test_with_an_observer_it_is_refuted_all_the_same():
+@pytest.mark.parametrize(
+    "disturbance",
+    [
+        {"exosystem": HARMONIC},
+        pytest.param({"groups": [dd.Group(agents=[1], exosystem=HARMONIC),
+                                 dd.Group(agents=[2], exosystem=dd.exosystems.ramp())]}, marks=pytest.mark.slow),
+    ],
+)  # fmt: skip
+def test_with_observers_it_is_refuted_all_the_same(disturbance):
     network = listening_pair().network
     problem = Problem(
-        network=network, coupling="sin(y)", gains="1/10", exosystem=HARMONIC,
+        network=network, coupling="sin(y)", gains="1/10", **disturbance,
         region={"initial_states": [-5, 5], "initial_disturbance": 1},
     )  # fmt: skip
     certificate = dd.certify(problem)
@@ -135,7 +129,7 @@ def test_with_an_observer_it_is_refuted_all_the_same():
 @pytest.mark.parametrize(("reach", "code", "verdict"), [("5", 1, "refuted"), ("1.65", 0, "proved")])
 def test_the_command_line_says_so(tmp_path, reach: str, code: int, verdict: str):
     file = tmp_path / "pair.toml"
-    file.write_text(PAIR.format(reach=reach), encoding="utf-8")
+    file.write_text(listening_pair_text(reach), encoding="utf-8")
     done = CliRunner().invoke(app, ["certify", str(file), "--out", str(tmp_path / "out"), "--json"])
     assert done.exit_code == code
     assert json.loads(done.stdout)["verdict"] == verdict

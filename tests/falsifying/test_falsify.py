@@ -17,17 +17,20 @@ import dobc_design as dd
 from dobc_design.design.lure import design_lure, raise_rate
 from dobc_design.design.separable import design_separable, propose_separable, rounded_vectors
 from dobc_design.errors import SpecError
+from dobc_design.exact.matrix import scale
 from dobc_design.falsifying.ascent import ascend, final_error, final_level
 from dobc_design.falsifying.levels import level_of
 from dobc_design.falsifying.starts import Boundary, asked_box
 from dobc_design.falsifying.suspect import LEAVES, RESTS, STAYS_AWAY
 from dobc_design.model.flow import build_flow
 from dobc_design.simulate.field import make_loop
+from dobc_design.spec.changes import changed_problem, gain_changes
 from dobc_design.spec.problem import Problem
 from dobc_design.theorems.lure import Lure
 from dobc_design.theorems.separable import Separable
 from dobc_design.theorems.shell import Shell
 from dobc_design.verdict import Verdict
+from dobc_design.verify.regions import separable_from_json
 from dobc_design.verify.separable import largest_rate
 from dobc_design.verify.separable_observer import first_certificate
 
@@ -113,6 +116,24 @@ def test_a_certified_set_is_never_contradicted(seed: int):
     assert found.suspects == ()
     assert found.certified_rate == float(claim.alpha)
     assert found.observed_rate >= found.certified_rate * (1 - 1e-6)
+
+
+def test_a_certified_set_of_agents_with_different_exosystems_is_not_contradicted_and_a_false_one_is():
+    """Twin: a hundredth of the certificate's P, so that the observer's error seems to cost next to nothing."""
+    sine = dd.Group(agents=[1, 3], exosystem=dd.exosystems.harmonics(2))
+    constant = dd.Group(agents=[2], exosystem=dd.exosystems.constant())
+    network = dd.Network.from_arcs([[2, 1], [3, 2], [1, 3]], arrow="listens_to", agents=3)
+    problem = dd.Problem(network=network, coupling="tanh(y)", gains=1, groups=[sine, constant],
+                         region={"initial_states": [-1, 1], "initial_disturbance": "1/2"})  # fmt: skip
+    certificate = dd.certify(problem)
+    found = dd.falsify(problem, runs=30, certified=certificate)
+    assert found.suspects == ()
+    assert found.observed_rate >= found.certified_rate * (1 - 1e-6)
+    claim = separable_from_json(certificate.check("max-separable").exact, problem)
+    false = replace(claim, error=replace(claim.error, P=scale(F(1, 100), claim.error.P)))
+    given = changed_problem(problem, gain_changes(problem, certificate.claims.W))
+    twin = dd.falsify(given, runs=30, certified=false)
+    assert LEAVES in {suspect.kind for suspect in twin.suspects}
 
 
 def test_one_pin_on_the_ten_cycle_is_never_contradicted():
@@ -245,7 +266,7 @@ def test_stages_are_told_and_names_and_results_show_themselves():
     found = dd.falsify("paper-fixed", runs=20, t_final=1.0, progress=stages.append)
     assert len(stages) >= 4
     assert found.tried == 20
-    assert found._repr_html_().startswith("<p><b>paper-fixed")
+    assert "<p><b>paper-fixed" in found._repr_html_()
     one = dd.falsify(listening_pair(), runs=20).suspects[0]
     assert "equilibrium (proved)" in repr(one)
     with pytest.raises(ValueError, match="read-only"):

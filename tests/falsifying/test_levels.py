@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from fractions import Fraction
 
 import numpy as np
@@ -15,6 +16,7 @@ from dobc_design.falsifying.levels import level_of
 from dobc_design.falsifying.starts import CORNERS, EDGES, RANDOM, Boundary, asked_box, unit_cube
 from dobc_design.simulate.field import make_loop
 from dobc_design.spec.exosystem import Exosystem
+from dobc_design.spec.groups import Group
 from dobc_design.spec.network import Network
 from dobc_design.spec.observer import Observer
 from dobc_design.spec.problem import Problem
@@ -134,6 +136,26 @@ def test_starts_of_a_box_lie_in_it_and_steps_are_brought_back(kind: str):
     back, back_eps = box.project(5 * e, 5 * eps)
     assert np.all(np.abs(back) <= 2)
     assert np.all(np.linalg.norm(back_eps, axis=1) <= 0.5 + 1e-12)
+
+
+def test_starts_keep_to_the_states_of_the_own_group():
+    """Agents 1 and 3 have places 0 and 1, agent 2 has place 2."""
+    own = np.array([[1, 1, 0], [0, 0, 1], [1, 1, 0]], dtype=bool)
+    sine, constant = Exosystem(A=[[0, 1], [-1, 0]], C=[[1, 0]]), Exosystem(A=[[0]], C=[[1]])
+    groups = [Group(agents=[1, 3], exosystem=sine, observer=Observer(W=[[1], [0]])),
+              Group(agents=[2], exosystem=constant, observer=Observer(W=[[1]]))]  # fmt: skip
+    given = Problem(network=problem().network, coupling="tanh(y)", gains={1: 1}, groups=groups)
+    P = np.diag([F(2), F(1), F(3)]).tolist()
+    claim = replace(SEPARABLE, error=ErrorBound(P=P, beta=F(3), kappa=F(1), size=F(3)))
+    level, loop = level_of(given, claim), make_loop(given, None)
+    box = asked_box(given, loop, radius=2.0, disturbance=0.5)
+    edge = Boundary(words="", level=level, rows=3, n=3, q=3, own=loop.own)
+    for starts in (box, edge):
+        e, eps = starts.draw(np.random.default_rng(2), 30, RANDOM)
+        for kept in (eps, starts.project(2 * e, np.ones_like(eps))[1]):
+            assert np.all(kept[~own] == 0)
+            assert np.any(kept[own] != 0)
+        assert np.all(starts.reach[1][~own] == 0)
 
 
 def test_all_corners_are_taken_where_there_are_few():

@@ -7,33 +7,19 @@ from functools import partial
 from pathlib import Path
 
 import pytest
+from problem_texts import listening_pair_text
 from typer.testing import CliRunner
 
 from dobc_design import workflow
 from dobc_design.cli import app
 from dobc_design.errors import SpecError
 
-PAIR = """
-name = "listening-pair"
-[network]
-agents = 2
-arrow = "listens_to"
-[network.modes]
-G = [[1, 2], [2, 1]]
-[coupling]
-h = "sin(y)"
-[pinning]
-gains = 0.1
-[region]
-initial_states = [-1, 1]
-"""
-
 
 @pytest.fixture
 def file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     monkeypatch.setattr(workflow, "search_certificate", partial(workflow.search_certificate, runs=10))
     path = tmp_path / "pair.toml"
-    path.write_text(PAIR, encoding="utf-8")
+    path.write_text(listening_pair_text(1), encoding="utf-8")
     return path
 
 

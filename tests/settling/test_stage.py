@@ -140,6 +140,27 @@ def test_linear_couplings_settle_from_the_region():
     assert np.log(1249) <= found.time <= 1.5 * np.log(1250)
 
 
+def test_agents_with_different_exosystems_settle_and_both_programs_accept_it():
+    """e_i' = -2 e_i + eps_i, eps_i' = -b_i eps_i: the slower group's error decides; twin: one percent sooner."""
+    groups = [dd.Group(agents=[agent], exosystem=dd.Exosystem(A=[[0]], C=[[1]]), observer=dd.Observer(W=[[b]]))
+              for agent, b in ((1, 4), (2, 1))]  # fmt: skip
+    problem = dd.Problem(
+        network=dd.Network.from_arcs([], arrow="listens_to", agents=2), coupling="y", gains=2, groups=groups,
+        region={"initial_states": [-1, 1], "initial_disturbance": 1},
+    )  # fmt: skip
+    certificate = dd.certify(problem, settling="1/100")
+    found = dd.verify(certificate, problem)
+    assert found.holds and "settling" in found.confirmed
+    # With e(0) = eps(0) = 1 agent 2 has e = exp(-t) exactly: no time before ln 100 is true.
+    assert np.log(100) <= certificate.settling.time <= 3 * np.log(100)
+    own = certificate.check("settling").exact["time"]
+    twin = dd.verify(changed(certificate, time=str(F(own) * F(99, 100))), problem)
+    assert not twin.holds and "settling" in twin.lone_checker
+    stages = [dict(stage) for stage in certificate.check("settling").exact["stages"]]
+    stages[-1]["kind"] = "quadratic"
+    assert not dd.verify(changed(certificate, stages=stages), problem).holds
+
+
 def test_everything_with_a_region_includes_it_at_a_hundredth_of_the_radius():
     network = dd.Network.from_arcs([[2, 1]], arrow="listens_to", agents=2)
     problem = dd.Problem(network=network, coupling="y", gains={1: 5}, region={"initial_states": [-1, 1]})

@@ -604,11 +604,15 @@ REGION_AND_SETTINGS = [
     BadFile("schedule-flat", signal("schedule", 'schedule = [0, "Ga"]'), "switching.schedule[0]", ("instant",)),
     BadFile("schedule-late", signal("schedule", 'schedule = [[1, "Ga"]]'), "switching.schedule[0][0]", ("0",)),
     BadFile(
-        "schedule-backwards", signal("schedule", 'schedule = [[0, "Ga"], [2, "Gb"], [1, "Ga"]]'),
-        "switching.schedule[2][0]", ("increase",),
+        "schedule-backwards",
+        signal("schedule", 'schedule = [[0, "Ga"], [2, "Gb"], [1, "Ga"]]'),
+        "switching.schedule[2][0]",
+        ("increase",),
     ),
     BadFile(
-        "schedule-unknown-mode", signal("schedule", 'schedule = [[0, "Ga"], [1, "Gx"]]'), "switching.schedule[1][1]",
+        "schedule-unknown-mode",
+        signal("schedule", 'schedule = [[0, "Ga"], [1, "Gx"]]'),
+        "switching.schedule[1][1]",
         ("gx", "ga, gb"),
     ),
     BadFile("sequence-unknown", signal("periodic", 'sequence = ["Ga", "Gx"]'), "switching.sequence[1]", ("gx",)),
@@ -618,11 +622,16 @@ REGION_AND_SETTINGS = [
     BadFile("period-and-dwell", signal("periodic", "period = 1", "dwell = 1"), "switching.period", ("dwell",)),
     BadFile("period-zero", signal("periodic", "period = 0"), "switching.period", ("> 0",)),
     BadFile(
-        "period-too-short", signal("periodic", 'schedule = [[0, "Ga"], [2, "Gb"]]', "period = 2"), "switching.period",
+        "period-too-short",
+        signal("periodic", 'schedule = [[0, "Ga"], [2, "Gb"]]', "period = 2"),
+        "switching.period",
         ("> 2 s",),
     ),
     BadFile(
-        "round-without-end", signal("periodic", 'schedule = [[0, "Ga"], [2, "Gb"]]'), "switching.period", ("missing",),
+        "round-without-end",
+        signal("periodic", 'schedule = [[0, "Ga"], [2, "Gb"]]'),
+        "switching.period",
+        ("missing",),
     ),
     BadFile("generator-not-square", signal("markov", "generator = [[0, 0]]"), "switching.generator", ("square",)),
     BadFile("generator-of-three", signal("markov", f"generator = {[[0] * 3] * 3}"), "switching.generator", ("2 rows",)),
@@ -633,7 +642,9 @@ REGION_AND_SETTINGS = [
         "generator-negative", signal("markov", "generator = [[1, -1], [1, -1]]"), "switching.generator[0][1]", (">= 0",)
     ),
     BadFile(
-        "generator-and-dwell", signal("markov", "generator = [[-1, 1], [1, -1]]", "dwell = 1"), "switching.dwell",
+        "generator-and-dwell",
+        signal("markov", "generator = [[-1, 1], [1, -1]]", "dwell = 1"),
+        "switching.dwell",
         ("generator",),
     ),
     BadFile("x0-of-three", below("[simulation]", "x0 = [1, 2, 3]"), "simulation.x0", ("4 numbers", "3")),

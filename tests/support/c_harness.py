@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ctypes
+import os
 import shutil
 import subprocess
 from collections.abc import Mapping
@@ -13,6 +14,7 @@ import pytest
 
 STRICT = ("-std=c99", "-O2", "-Wall", "-Wextra", "-Werror", "-pedantic", "-Wshadow", "-Wconversion",
           "-Wdouble-promotion", "-Wstrict-prototypes", "-Wmissing-prototypes")  # fmt: skip
+SANITIZED = ("-fsanitize=address,undefined", "-fno-sanitize-recover=all")
 needs_gcc = pytest.mark.skipif(shutil.which("gcc") is None, reason="gcc is not installed (Debian: apt install gcc)")
 
 HARNESS = r"""
@@ -90,11 +92,14 @@ def write_all(files: Mapping[str, bytes], folder: Path) -> Path:
 
 
 def compile_and_test(folder: Path, *, library: bool = True) -> subprocess.CompletedProcess[str]:
-    """Compile the folder of an export under strict warnings and run its self-test."""
-    command = ["gcc", *STRICT, "dobc_agent.c", "main.c", "-o", "selftest", *(["-lm"] if library else [])]
+    """Compile the folder of an export under strict warnings and run its self-test, all accesses watched."""
+    command = ["gcc", *STRICT, *SANITIZED, "dobc_agent.c", "main.c", "-o", "selftest", *(["-lm"] if library else [])]
     done = subprocess.run(command, cwd=folder, capture_output=True, check=False, text=True, timeout=120)
     assert done.returncode == 0, done.stderr
-    return subprocess.run(["./selftest"], cwd=folder, capture_output=True, check=False, text=True, timeout=60)
+    return subprocess.run(
+        ["./selftest"], cwd=folder, capture_output=True, check=False, text=True, timeout=60,
+        env=os.environ | {"ASAN_OPTIONS": "detect_leaks=0"},  # looking for leaks needs ptrace, and there is no heap
+    )  # fmt: skip
 
 
 class CompiledAgents:

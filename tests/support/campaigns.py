@@ -14,6 +14,7 @@ from fractions import Fraction
 from random import Random
 
 import numpy as np
+from certified import certified
 from exact_oracle import Oracle, eye, kron, negative_definite, positive_definite, times
 from mutants import claim, mutate
 from random_problems import badly_scaled_problem, random_linear_problem, random_problem
@@ -78,7 +79,7 @@ def mutant_campaign(
     seeds: Iterable[int], *, each: int, make: Callable[[int], Problem] = a_problem, know: type[Oracle] = Oracle
 ) -> Tally:
     """Changed certificates: refused, or unreadable, or everything in them is still true; two checkers always agree."""
-    tally, other = Tally(), json.loads(certificate_bytes(certify("paper-fixed").claims))
+    tally, other = Tally(), json.loads(certificate_bytes(certified("paper-fixed").claims))
     for seed in seeds:
         problem = make(seed)
         document, oracle = json.loads(certificate_bytes(certify(problem).claims)), know(problem)

@@ -136,14 +136,17 @@ def _bent_claims() -> Iterator[Case]:
     yield bent(
         "negative P", ("theorem1-printed", None, {"witness": {"kind": "vector", "values": ["1", "0"]}}), what="P"
     )
-    # Both exosystems have S = 1/38 at the rate 1/10 with P = 10 I and W = 2, and J - K has the eigenvalues -1, -3.
+    # At the rate b = 1/10, S = diag(1/38, 1/(3.8 p)) for P = diag(10, p), and [[-4, 2], [2, -4]] + 2 b I + S < 0
+    # iff (3.8 - 1/38) (3.8 - 1/(3.8 p)) > 4, that is p > 0.09603: each agent has its own S.
     lure = claim("lure", "global", 0.1, {
         "method": "vertices", "P_e": [[0, 0, "1"], [1, 1, "1"]], "level": None, "radius": None, "rate": "1/10",
         "ranges": [{"coupling": 0, "gains": [[["1", "1"]]]}], "multipliers": {}, "P": [["10", "0"], ["0", "10"]],
     })  # fmt: skip
-    copied = document("given")
-    copied["checks"].append(lure)
-    yield Case("groups: a quadratic certificate", json.dumps(copied).encode(), _originals()["given"][1], FAILS)
+    for p, code in (("0.0961", HOLDS), ("0.0959", FAILS)):
+        copied = document("given")
+        copied["checks"].append(lure | {"exact": lure["exact"] | {"P": [["10", "0"], ["0", p]]}})
+        name = f"groups: a quadratic certificate with p = {p}"
+        yield Case(name, json.dumps(copied).encode(), _originals()["given"][1], code)
 
 
 def _texts(M: sp.Matrix) -> list[list[str]]:

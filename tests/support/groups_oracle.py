@@ -78,7 +78,11 @@ class GroupsOracle(Oracle):
         self.W = diagonal([numbers(part["W"]) for part in given]) if all(part["W"] for part in given) else None
         self.P = diagonal([numbers(part["P"]) for part in given]) if all(part["P"] for part in given) else None
         # What regions are asked about: the rows of all C, with the joint A.
-        joint = {"A": _texts(self.A), "C": _texts(self.C)}
+        own, before = {}, 0
+        for g, (agents, (A, _)) in enumerate(zip(self.members, self.systems, strict=True)):
+            own |= dict.fromkeys(agents, (g * self.m, list(range(before, before + len(A)))))
+            before += len(A)
+        joint = {"A": _texts(self.A), "C": _texts(self.C), "own": [own[i] for i in range(self.n)]}
         self.document = document | {"exosystem": joint}
 
     def blocks(self, M: Rows, widths: list[int]) -> list[Rows]:

@@ -67,6 +67,9 @@ def _settings() -> dict[str, Document]:
     cubic = "y + y**3"
     return {
         "pair": given(network=pair, coupling="exp(y) - 1 + y", gains=3, region=asked(1)),
+        "heavy": given(
+            network=network([[1, 2, "1e307"], [2, 1, "1e307"]]), coupling="tanh(y)", gains="1e307", region=asked(1)
+        ),
         "observed": given(network=pair, coupling=cubic, gains=3, region=asked(1, "1/2"), **observed),
         "observed, linear": given(network=pair, coupling="y", gains=3, region=asked(1, "1/2"), **observed),
         "line": given(network=line, coupling="y", gains={1: 1}, region=asked(1)),
@@ -203,6 +206,14 @@ LATE = claim("delay", GLOBAL, 0.25, {"delay": "1.6218", "rate": "1/4"})
 HELD = claim("sampling", GLOBAL, None, {"period": "0.9999", "factor": "0.50005"})
 # kmax = 3, h' = 1 + exp, v = 1: L = 1 + mean of exp(k/4), k = 1..8, = 4.61, so T <= 0.1314; f = 1 - 3 T.
 HELD_PAIR = claim("sampling", box(1), None, {"period": "0.12", "factor": "0.64"})
+# Agent 1: exp(s/2) - 1 + s/2 <= (3 - alpha) s, so alpha <= 1.8512; on its way h' has the mean 1 + (e^2.5 - e^0.5)/2.
+UNEVEN = claim("max-separable", box(1), 1.85, {"v": ["1", "3/2"], "alpha": "1.85", "rho": "1"})
+# The weights of PAIR beside those: as for HELD_PAIR.
+HELD_OWN = changed(HELD_PAIR, certificate=PAIR["exact"])
+# h' = 1 + 3 y^2 on slices up to 3 k/8: L = 11.77, kmax = 3, so T <= 0.0677; kappa beta > 1 even so, 1 + 3/10 <= rho.
+HELD_OBSERVED = claim("sampling", box(1, 0.5), None, {
+    "period": "0.06", "factor": "0.82", "certificate": OBSERVED["exact"] | {"kappa": "3/5"},
+})  # fmt: skip
 # 1 + y^2 on |y| <= 1: gains [1, 2], and a little room.  2 level = radius^2, R^2 <= level.  Inequalities on (1, 1):
 # lure -7.5 + 2 + 2 rate < 0, interval -9 + 2 + 3 + 2 rate < 0; vertices with gains 1 and 2: -9 + sqrt(10) + 2 rate < 0.
 CUBIC = claim("lure", ball(0.7071), 2.7, {
@@ -241,10 +252,16 @@ def _good() -> Iterator[Case]:
     yield case("pair", HOLDS, PAIR, what="true")
     yield case("pair", HOLDS, changed(PAIR, v=doubles(1.0, 1.0)), what="doubles")
     yield case("observed", HOLDS, OBSERVED, what="true")
+    yield case("heavy", HOLDS, PAIR, what="weights beyond what floats multiply")
+    yield case("heavy", FAILS, changed(PAIR, alpha="1.001e307"), what="alpha beyond what floats multiply")
     yield case("line", HOLDS, LINE, what="true")
     yield case("line", HOLDS, LINE_BOX, what="in a box")
     yield case("line", HOLDS, LINE, LATE, HELD, what="late and held")
     yield case("pair", HOLDS, PAIR, HELD_PAIR, what="held")
+    sharp = claim("sampling", box(1), None, {"period": "1", "factor": "1/2"})
+    yield case("line", HOLDS, LINE_BOX, sharp, what="held for exactly 1 / slope")
+    yield case("pair", HOLDS, UNEVEN, HELD_OWN, what="held by weights of its own")
+    yield case("observed", HOLDS, OBSERVED, HELD_OBSERVED, what="held by an observer's part of its own")
     yield case("curved line", HOLDS, CURVED, what="true")
     yield case("sine", HOLDS, SINE, what="true")
     yield case("bent", HOLDS, BENT, what="true")
@@ -366,6 +383,17 @@ def _bent_timing() -> Iterator[Case]:
     yield case("observed", FAILS, slow, delay, what="late faster than the observer")
     yield case("line", FAILS, LINE, changed(HELD, period="1.0001"), what="period")
     yield case("line", FAILS, LINE, changed(HELD, factor="0.50004"), what="factor")
+    yield case("pair", FAILS, UNEVEN, changed(HELD_PAIR, factor="0.8"), what="held too long for these weights")
+    yield case("pair", FAILS, HELD_OWN, what="weights of its own with nothing beside", **_frame_verdict("pair"))
+    for own in (
+        {"alpha": "3.01"}, {"alpha": "0"}, {"rho": "0.9"}, {"rho": None}, {"v": ["1", "0"]}, {"v": ["1"]}, {"rate": 1}
+    ):  # fmt: skip
+        bent = changed(HELD_OWN, certificate=PAIR["exact"] | own)
+        yield case("pair", FAILS, UNEVEN, bent, what=f"weights of its own with {own}")
+    yield case("pair", FAILS, UNEVEN, changed(HELD_OWN, certificate=None), what="no weights of its own")
+    for own in ({"kappa": "1/2"}, {"kappa": "1.01"}, {"beta": "2.01"}, {"P": [["0.99"]]}, {"size": "0.99"}):
+        bent = changed(HELD_OBSERVED, certificate=HELD_OBSERVED["exact"]["certificate"] | own)
+        yield case("observed", FAILS, OBSERVED, bent, what=f"an observer's part of its own with {own}")
     yield case("line", FAILS, LINE, changed(HELD, factor="1"), what="factor 1")
     yield case("line", FAILS, LINE, changed(HELD, rate=1), what="a rate")
     yield case("line", FAILS, LINE, changed(HELD, verdict="refuted"), what="sampling refuted")

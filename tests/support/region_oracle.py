@@ -48,6 +48,9 @@ class Regions:
         self.A = None if exosystem is None else rational(exosystem["A"])
         self.C = None if exosystem is None else rational(exosystem["C"])
         self.F = None if self.A is None or W is None else self.A - rational(W) * self.C
+        # Of each agent: its first row of C and its own states, where agents have different exosystems.
+        order = 0 if self.A is None else self.A.nrows()
+        self.own = (exosystem or {}).get("own", [(0, list(range(order)))] * self.n)
 
     def held(self, i: int) -> Fraction:
         """The least of k_cc - sum over d != c of |k_cd|."""
@@ -100,7 +103,11 @@ class Regions:
             return ["no proof beside it"]
         if id == "max-separable":
             return self._separable(check, domain)
-        return (self._delay if id == "delay" else self._sampling)(check["exact"], check["rate"], proof["exact"])
+        if id == "delay":
+            return self._delay(check["exact"], check["rate"], proof["exact"])
+        own = check["exact"].get("certificate", proof["exact"])
+        rate, wrong = (Fraction(1), []) if own is proof["exact"] else self._holding(own, check["domain"], domain)
+        return wrong or (["rate"] if rate <= 0 else self._sampling(check["exact"], check["rate"], own))
 
     def _domain_is_one(self, domain: Any) -> bool:
         if domain == "global":
@@ -205,18 +212,23 @@ class Regions:
         return min(alpha, beta - 1 / (kappa * min(v)))
 
     def _separable(self, check: dict[str, Any], domain: str) -> list[str]:
-        e, v = check["exact"], self.vector(check["exact"]["v"])
-        if (e["rho"] is None) != (check["domain"] == "global") or (e["rho"] is None and domain != "global"):
-            return ["rho"]
+        rate, wrong = self._holding(check["exact"], check["domain"], domain)
+        return wrong or ([] if 0 < Fraction(repr(check["rate"])) <= rate else ["rate"])
+
+    def _holding(self, e: dict[str, Any], place: Any, domain: str) -> tuple[Fraction, list[str]]:
+        """The rate of V, and why the starts of ``place`` are not all inside; raises where the rows do not hold."""
+        v = self.vector(e["v"])
+        if (e["rho"] is None) != (place == "global") or (e["rho"] is None and domain != "global"):
+            return Fraction(0), ["rho"]
         rate = self.rate_of(e, v)
         if e["rho"] is not None:
-            rho, R, s = exact(e["rho"]), *(Fraction(repr(check["domain"][name])) for name in ("radius", "disturbance"))
+            rho, R, s = exact(e["rho"]), *(Fraction(repr(place[name])) for name in ("radius", "disturbance"))
             left = rho - R / min(v)
-            if check["domain"]["kind"] != "box" or left < 0:
-                return ["the box"]
+            if place["kind"] != "box" or left < 0:
+                return rate, ["the box"]
             if self.A is not None and (exact(e["kappa"]) * s) ** 2 * exact(e["size"]) > left**2:
-                return ["the disturbance"]
-        return [] if 0 < Fraction(repr(check["rate"])) <= rate else ["rate"]
+                return rate, ["the disturbance"]
+        return rate, []
 
     def _delay(self, e: dict[str, Any], rate: Any, proof: dict[str, Any]) -> list[str]:
         v, b, T = self.vector(proof["v"]), exact(e["rate"]), exact(e["delay"])

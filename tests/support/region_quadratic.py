@@ -6,7 +6,7 @@ random points of the level set: the page itself is tested with it.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from fractions import Fraction
 from itertools import product
 from typing import Any
@@ -18,6 +18,11 @@ from region_curves import FINE, curve, diagonal, exact, field_part, fmpq, mp, po
 POINTS = 2000
 NEAR = 1e-9
 MOST_CUTS = 30
+
+
+def part(M: Any, rows: Iterable[int], columns: Iterable[int]) -> Any:
+    """The rows and columns of a matrix."""
+    return flint.fmpq_mat([[M[i, j] for j in columns] for i in rows])
 
 
 class Quadratic:
@@ -184,9 +189,9 @@ class Quadratic:
             for c, row in enumerate(k):
                 K[i * m + c][i * m : (i + 1) * m] = [fmpq(x) for x in row]
         if self.P is not None:
-            own = (self.r.C * (-self._omega()).inv() * self.r.C.transpose()).tolist()
-            for i in range(self.r.n):
-                for c, row in enumerate(own):
+            for i, (first, states) in enumerate(self.r.own):
+                C, N = part(self.r.C, range(first, first + m), states), part(-self._omega(), states, states)
+                for c, row in enumerate((C * N.inv() * C.transpose()).tolist()):
                     S[i * m + c][i * m : (i + 1) * m] = row
         K_, S_ = flint.fmpq_mat(K), flint.fmpq_mat(S)
         return -(self.P_e * K_ + K_.transpose() * self.P_e) + 2 * fmpq(self.rate) * self.P_e + self.P_e * S_ * self.P_e
@@ -212,7 +217,10 @@ class Quadratic:
         if self.P is not None:
             P, F, C = (np.array([[float(fraction(x)) for x in row] for row in X.tolist()])
                        for X in (self.P, r.F, r.C))  # fmt: skip
+            C = C.reshape(-1, r.m, len(P)).sum(axis=0)  # of every group; what is not an agent's own is 0
             eps = rng.normal(size=(r.n, len(P), POINTS)) * rng.choice([0, 0, 1e-3, 1], size=POINTS)
+            for i, (_, states) in enumerate(r.own):
+                eps[i, [k for k in range(len(P)) if k not in states]] = 0
             value = value + np.einsum("iap,ab,ibp->p", eps, P, eps)
         ok = value > 0
         wanted = float(low) + (float(high) - float(low)) * rng.choice([1e-3, 0.1, 0.3, 0.6, 0.9, 1.0], size=POINTS)

@@ -11,18 +11,6 @@ import time
 from pathlib import Path
 from typing import Any
 
-CHAIN = """\
-name = "chain"
-[network]
-agents = 3
-arrow = "listens_to"
-[network.modes]
-G = [[1, 2], [2, 3]]
-[coupling]
-h = "y"
-[pinning]
-gains = { 3 = 5 }
-"""
 LONGEST = 1800.0  # s that anything here may take, on a machine that is busy, before it counts as hanging
 
 

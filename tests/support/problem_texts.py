@@ -1,0 +1,36 @@
+"""Small problem files that several tests change and certify."""
+
+from __future__ import annotations
+
+CHAIN = """\
+name = "chain"
+[network]
+agents = 3
+arrow = "listens_to"
+[network.modes]
+G = [[1, 2], [2, 3]]
+[coupling]
+h = "y"
+[pinning]
+gains = { 3 = 5 }
+"""
+
+_PAIR = """\
+name = "listening-pair"
+[network]
+agents = 2
+arrow = "listens_to"
+[network.modes]
+G = [[1, 2], [2, 1]]
+[coupling]
+h = "sin(y)"
+[pinning]
+gains = 0.1
+[region]
+initial_states = [-REACH, REACH]
+"""
+
+
+def listening_pair_text(reach: int) -> str:
+    """Two agents coupled by sines, k = 1/10, from [-reach, reach]; from 5 a second equilibrium is among the starts."""
+    return _PAIR.replace("REACH", str(reach))

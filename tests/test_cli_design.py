@@ -7,7 +7,6 @@ from pathlib import Path
 
 import pytest
 
-from dobc_design.cli import main
 from dobc_design.errors import CertificateError
 
 STAR = """\
@@ -37,19 +36,10 @@ P = [[1, 0], [0, 1]]
 
 
 @pytest.fixture
-def dobc(capsys, tmp_path, monkeypatch):
+def dobc(command_line, tmp_path):
     """Run the command line in an empty folder: exit code, standard output, standard error."""
-    monkeypatch.chdir(tmp_path)
     (tmp_path / "star.toml").write_text(STAR, encoding="utf-8")
-
-    def run(*arguments: object) -> tuple[int, str, str]:
-        with pytest.raises(SystemExit) as caught:
-            main([*map(str, arguments)])
-        captured = capsys.readouterr()
-        assert "Traceback" not in captured.err
-        return int(str(caught.value.code)), captured.out, captured.err
-
-    return run
+    return command_line
 
 
 def test_a_design_writes_a_file_that_certify_proves_and_keeps_the_comments(dobc, tmp_path: Path):

@@ -42,6 +42,8 @@ HALVINGS: Final = 14
 NEAR: Final = 1e-6  # |e_j - e_i| at which couplings are as good as linear
 ZERO: Final = Fraction(0)
 _SHORTFALL: Final = 1e-8  # of the level, for the rounding of its estimate
+# Where no arc needs the radius every level will do: one that holds balls of a hundred times the radius, about.
+_NOT_NEEDED: Final = 1e4
 
 
 def design_lure(
@@ -137,8 +139,9 @@ def linear_rate(problem: Problem, W: Matrix | None) -> float:
         return 0.0
     loop = float_loop(make_templates(problem), gains, radius=None, S=None, rate=0.0)
     blocks = [mode.A for mode in loop.modes]
-    if problem.exosystem is not None and W is not None:
-        blocks.append(to_float(problem.exosystem.A) - to_float(W) @ to_float(problem.exosystem.C))
+    exosystem = problem.joint_exosystem
+    if exosystem is not None and W is not None:
+        blocks.append(to_float(exosystem.A) - to_float(W) @ to_float(exosystem.C))
     return max(0.0, -max(float(np.max(np.linalg.eigvals(A).real)) for A in blocks))
 
 
@@ -154,11 +157,11 @@ def rate_estimate(problem: Problem, lure: Lure) -> float:
 
     def decreases(beta: float) -> bool:
         observer = np.zeros_like(P_e)
-        if lure.P is not None and lure.Q is not None and problem.exosystem is not None:
-            S = border(problem.exosystem, lure.P, lure.Q, rate=beta)
+        if lure.P is not None and lure.Q is not None:
+            S = border(problem, lure.P, lure.Q, rate=beta)
             if S is None:
                 return False
-            observer = P_e @ np.kron(np.eye(problem.n), S) @ P_e
+            observer = P_e @ S @ P_e
         return all(float(np.linalg.eigvalsh(X + 2 * beta * P_e + observer)[-1]) < 0 for X in fixed)
 
     low, high = 0.0, min(-float(linalg.eigh(X, P_e, eigvals_only=True)[-1]) for X in fixed) / 2
@@ -218,6 +221,8 @@ def _roundings(search: Search, point: Point) -> Iterator[Lure]:
         reach = _reach(to_float(P_e), loop)
         if not reach > 0:
             continue
+        if radius is not None:  # a level and a radius belong together
+            reach = min(reach, _NOT_NEEDED * float(radius) ** 2)
         a = Fraction(1) if search.pair is None or not point.kappa else round_down(unit / point.kappa, digits)
         P = None if search.pair is None else scale(a, search.pair.P)
         yield Lure(

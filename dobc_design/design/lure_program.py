@@ -68,7 +68,7 @@ class FloatMode:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class FloatLoop:
-    """All modes at one radius, the observer's border S (m, m) or None, and the rate beta.
+    """All modes at one radius, the borders S (n m, n m) of the observers or None, and the rate beta.
 
     ``ends`` (pairs, 2) and ``reach`` (pairs,): |e_i - e_j| <= reach, each pair once.
     """
@@ -177,7 +177,7 @@ def decrease_blocks(loop: FloatLoop, *, kappa: int | None, shift: int | None = N
         dense = {}
         if kappa is not None and loop.S is not None:
             dense[kappa] = np.zeros((n + k, n + k))
-            dense[kappa][:n, :n] = -np.kron(np.eye(n // len(loop.S)), loop.S)
+            dense[kappa][:n, :n] = -loop.S
         if shift is not None:
             dense[shift] = np.eye(n + k)
         scalars = np.concatenate([start + arcs, start + arcs])

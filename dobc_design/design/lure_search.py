@@ -22,7 +22,7 @@ from dobc_design.design.sampled_gains import Gains, range_gains, sample_gains
 from dobc_design.errors import SpecError
 from dobc_design.exact.interval import UndefinedError
 from dobc_design.exact.matrix import Matrix, multiply, to_float
-from dobc_design.spec.exosystem import Exosystem
+from dobc_design.spec.groups import group_numbers
 from dobc_design.spec.problem import Problem
 from dobc_design.theorems.conditions import omega
 from dobc_design.theorems.sectors import Enclose, enclose_ranges
@@ -41,7 +41,7 @@ _EDGE: Final = 1e-3
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ScaledPair:
-    """The observer's P before scaling, its border S, and n lambda_max(P) s^2, all for kappa = 1."""
+    """The observer's P before scaling, S of all agents (n m, n m), and n lambda_max(P) s^2, for kappa = 1."""
 
     P: Matrix
     W: Matrix
@@ -255,7 +255,7 @@ class Search:
 
 def scaled_pair(problem: Problem, W: Matrix, *, rate: Fraction, disturbance: Fraction) -> ScaledPair | None:
     """P with Omega(rate) = -(C'C + a little), the smallest whose border S is at most I; None if A - WC is too slow."""
-    exosystem = problem.exosystem
+    exosystem = problem.joint_exosystem
     if exosystem is None:
         raise SpecError("W has no meaning without an [exosystem].", key="W", cure="Leave it out.")
     C = to_float(exosystem.C)
@@ -267,22 +267,29 @@ def scaled_pair(problem: Problem, W: Matrix, *, rate: Fraction, disturbance: Fra
     floats = linalg.solve_continuous_lyapunov(F.T, -right)
     for digits in (9, 15):
         P = round_matrix(floats, digits)
-        S = border(exosystem, P, multiply(P, W), rate=float(rate))
+        S = border(problem, P, multiply(P, W), rate=float(rate))
         if S is not None:
             largest = float(np.linalg.eigvalsh(to_float(P))[-1])
             return ScaledPair(P=P, W=W, S=S, disturbance=problem.n * largest * float(disturbance) ** 2)
     return None
 
 
-def border(exosystem: Exosystem, P: Matrix, Q: Matrix, *, rate: float) -> Array | None:
-    """S = C (-Omega)^-1 C' in floats; None unless Omega < 0."""
+def border(problem: Problem, P: Matrix, Q: Matrix, *, rate: float) -> Array | None:
+    """S = C (-Omega)^-1 C' of every agent along the diagonal (n m, n m), in floats; None unless Omega < 0."""
+    exosystem = problem.joint_exosystem
+    if exosystem is None:
+        return None
     block = -to_float(omega(P, Q, exosystem, rate=Fraction(rate)).to_dense())
     C = to_float(exosystem.C)
     try:
         S = C @ linalg.cho_solve(linalg.cho_factor(block), C.T)
     except (linalg.LinAlgError, ValueError):
         return None
-    return np.asarray((S + S.T) / 2)
+    m, numbers = problem.m, group_numbers(problem.groups, problem.network.labels)
+    whole = np.zeros((problem.n * m, problem.n * m))
+    for agent, g in enumerate(numbers):
+        whole[agent * m : agent * m + m, agent * m : agent * m + m] = S[g * m : g * m + m, g * m : g * m + m]
+    return np.asarray((whole + whole.T) / 2)
 
 
 def _condition(Y: Array) -> float:

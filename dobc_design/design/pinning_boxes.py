@@ -7,7 +7,7 @@ in log v with a trust region.  Floating point: a proposal.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator, Mapping
 from dataclasses import dataclass, replace
 from fractions import Fraction
 from typing import Any
@@ -44,8 +44,8 @@ class BoxProposal:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class _Box:
-    """All rows without gains, and who may have one."""
+class Box:
+    """All rows without gains, and who may have one: ``allowed`` (n,), ``costs`` (n,), ``caps`` (n,) in 1/s."""
 
     field: Field
     allowed: Any
@@ -83,8 +83,9 @@ def propose_for_box(
         return
     try:
         with np.errstate(all="ignore"):
-            box = _box(problem, request, 1.0 if rho is None else float(rho), rate)
-            best = _cheapest(box, near)
+            field = field_of(problem, rho=1.0 if rho is None else float(rho))
+            costs = np.array([float(c) for c in request.costs])
+            best = cheapest(box_of(field, request.allowed, request.caps, rate=rate, costs=costs), near)
             found = [] if best is None else _worth(*best, request.digits)
     except (ArithmeticError, ValueError):  # a coupling that is not defined so far out
         return
@@ -92,17 +93,23 @@ def propose_for_box(
         yield BoxProposal(v=each, gains=tuple(gains.tolist()))
 
 
-def _box(problem: Problem, request: PinningRequest, rho: float, rate: float) -> _Box:
-    allowed = np.zeros(problem.n, dtype=bool)
-    allowed[list(request.allowed)] = True
-    return _Box(
-        field=field_of(problem, rho=rho), allowed=allowed, costs=np.array([float(c) for c in request.costs]),
-        caps=np.array([float(request.caps.get(i, np.inf)) for i in range(problem.n)]), rate=rate,
+def box_of(
+    field: Field, agents: Collection[int], caps: Mapping[int, Fraction], *, rate: float, costs: Array | None = None
+) -> Box:
+    """The rows of ``field`` (whose gains are 0) with gains on these agents; every gain costs 1 without ``costs``."""
+    allowed = np.zeros(field.size, dtype=bool)
+    allowed[list(agents)] = True
+    return Box(
+        field=field, allowed=allowed, costs=np.ones(field.size) if costs is None else costs,
+        caps=np.array([float(caps.get(i, np.inf)) for i in range(field.size)]), rate=rate,
     )  # fmt: skip
 
 
-def _cheapest(box: _Box, near: Array | None) -> tuple[_Box, Array] | None:
-    """The best v found, and the box with those agents allowed that need a gain for it."""
+def cheapest(box: Box, near: Array | None = None) -> tuple[Box, Array] | None:
+    """The best v found, min v = 1, and the box with those agents allowed that need a gain for it; None without one.
+
+    ``near``: v (n,) > 0 to begin with, besides v = 1.
+    """
     starts = [np.ones(box.field.size), *([] if near is None else [np.where(box.allowed, near, np.min(near))])]
     most = next((count for size, count in PROGRAMS if box.field.size <= size), 0)
     coarse = replace(box, field=replace(box.field, grid=box.field.grid[:: max(1, len(box.field.grid) // COARSE)]))
@@ -122,7 +129,7 @@ def _cheapest(box: _Box, near: Array | None) -> tuple[_Box, Array] | None:
     return box, v / np.min(v)
 
 
-def _improved(box: _Box, v: Array, most: int) -> Array:
+def _improved(box: Box, v: Array, most: int) -> Array:
     """Linear programs in log v: steps are taken while they make the gains cheaper."""
     cost, step = box.cost(v), FIRST_STEP
     for _ in range(most):
@@ -146,7 +153,7 @@ def _improved(box: _Box, v: Array, most: int) -> Array:
     return v
 
 
-def _program(box: _Box, v: Array, step: float) -> Array | None:
+def _program(box: Box, v: Array, step: float) -> Array | None:
     """The change of log v, at most ``step``, that makes the gains cheapest to first order; None without an answer."""
     n = len(v)
     agents, slopes, values = _linear_rows(box, v, step)
@@ -166,7 +173,7 @@ def _program(box: _Box, v: Array, step: float) -> Array | None:
     return None if answer.x is None or not np.all(np.isfinite(answer.x)) else np.asarray(answer.x[:n])
 
 
-def _linear_rows(box: _Box, v: Array, step: float) -> tuple[Any, Any, Array]:
+def _linear_rows(box: Box, v: Array, step: float) -> tuple[Any, Any, Array]:
     """The rows divided by v that may matter within the step: their agents, slopes in log v, and values."""
     field, n = box.field, len(v)
     agents, slopes, values, reach = [], [], [], []
@@ -190,7 +197,7 @@ def _linear_rows(box: _Box, v: Array, step: float) -> tuple[Any, Any, Array]:
     return who[active], sparse.vstack(slopes, format="csr")[active], value[active]
 
 
-def _worth(box: _Box, v: Array, digits: int) -> list[tuple[Vector, Array]]:
+def _worth(box: Box, v: Array, digits: int) -> list[tuple[Vector, Array]]:
     """Roundings of v, each with its gains, that cost no more than the digits of the gains do; the last in any case."""
     found = [(each, box.gains(_floats(each))) for each in _rounded(v)]
     most = box.cost(v) * (1 + 10.0 ** (-digits))

@@ -1,9 +1,8 @@
 """Proposals for pins and gains over a region: the smallest gains with which a max-separable v exists (theory, 5).
 
-For pinned agents with given v_i the rows of the others determine their least v, and each gain follows from its own
-row: k_i = alpha + sup_s (sum_j sup h) / (s v_i).  What is left to choose are the v_i of the pinned agents.  Every row
-has a price: one linear solve gives what a faster rate costs and which other agent a gain would help most.
-Floating point only; ``certify`` decides.
+Which rates gains on given agents can reach, by bisection, and the smallest gains for one of them, as
+``design.pinning_boxes`` finds them.  Every row has a price: one linear solve gives what a faster rate costs and which
+other agent a gain would help most.  Floating point only; ``certify`` decides.
 """
 
 from __future__ import annotations
@@ -12,13 +11,14 @@ import math
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from fractions import Fraction
-from typing import Any
 
 import numpy as np
 from scipy import sparse
 
 from dobc_design.design.estimates import decay_rate
+from dobc_design.design.pinning_boxes import box_of, cheapest
 from dobc_design.design.program import Array
+from dobc_design.design.separable import least_above
 from dobc_design.design.separable_field import Field, field_of
 from dobc_design.design.separable_observer import propose_error_bound, radius_needed
 from dobc_design.exact.matrix import Matrix
@@ -27,14 +27,10 @@ from dobc_design.theorems.separable import ErrorBound
 
 HARD = 1e7  # a gain that holds an agent as well as any, in units of the network's own gains
 LARGEST_V = 1e4  # what a v may span: beyond, gains are of no use to anybody
-DENSE = 100  # agents up to which the rows are solved as a full matrix
 CLOSE, ROUGH = 1e-3, 2e-2  # relative accuracy of the fastest rate, and where many sets are compared
-STEPS, BISECTIONS = 60, 14
-TIGHT, DROP = 1e-12, 1e-9
+BISECTIONS = 14
 PARTS = (0.0, 0.02, 0.05, 0.1, 0.15, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9)  # of the observer's decay, for kappa
 COARSE = 8  # points of s where many sets are compared
-FACTORS = (1.5, 1.1, 1.02)  # steps of the search for the v_i of the pinned agents
-SWEEPS = 4
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -65,7 +61,7 @@ class RegionSearch:
 
     def __init__(self, problem: Problem, W: Matrix | None, *, radius: Fraction, disturbance: Fraction) -> None:
         self.problem, self.W, self.radius, self.disturbance = problem, W, radius, disturbance
-        exosystem = problem.exosystem
+        self.exosystem = exosystem = problem.joint_exosystem
         self.decay = math.inf if exosystem is None or W is None else decay_rate(exosystem, W)
         self._bounds: dict[float, ErrorBound | None] = {}
         self._fields: dict[float, Field] = {}
@@ -75,10 +71,10 @@ class RegionSearch:
         if math.isinf(self.decay):
             return self.radius
         part = next((each for each in PARTS if each * self.decay >= rate), None)
-        if part is None or self.problem.exosystem is None or self.W is None:
+        if part is None or self.exosystem is None or self.W is None:
             return None
         if part not in self._bounds:
-            self._bounds[part] = propose_error_bound(self.problem.exosystem, self.W, rate=part * self.decay)
+            self._bounds[part] = propose_error_bound(self.exosystem, self.W, rate=part * self.decay)
         bound = self._bounds[part]
         return None if bound is None else radius_needed(self.radius, bound, self.disturbance)
 
@@ -109,7 +105,8 @@ class RegionSearch:
         gains = np.zeros(self.problem.n)
         for i in pinned:
             gains[i] = float(caps.get(i, Fraction(limit)))
-        return least_above(replace(field, gains=gains), alpha=rate, floor=np.ones(self.problem.n), start=start)
+        v = least_above(replace(field, gains=gains), alpha=rate, lower=np.ones(self.problem.n), start=start)
+        return None if v is None or np.max(v) > LARGEST_V else v
 
     def fastest(self, pinned: Collection[int], caps: Mapping[int, Fraction], *, coarse: bool = False) -> float:
         """The largest rate (1/s), about, with gains on these agents; 0 if none is possible."""
@@ -126,54 +123,18 @@ class RegionSearch:
         return low
 
     def smallest(self, pinned: Sequence[int], caps: Mapping[int, Fraction], rate: float) -> RegionGains | None:
-        """Small gains on these agents for a rate (1/s), about; None if the rate is out of reach."""
-        field, start = self.field(rate), self.holds(pinned, caps, rate)
-        if field is None or start is None:
+        """The smallest gains found on these agents for a rate (1/s), about; None if the rate is out of reach."""
+        field = self.field(rate)
+        with np.errstate(all="ignore"):
+            found = None if field is None else cheapest(box_of(field, pinned, caps, rate=rate))
+        if field is None or found is None:
             return None
-        agents = list(pinned)
-        limits = np.array([float(caps.get(i, Fraction(10) ** 300)) for i in agents])
-        best = self._gains_at(field, agents, limits, start[agents], rate)
-        if best is None:
-            return None
-        for factor in FACTORS if len(agents) > 1 else ():
-            for _ in range(SWEEPS):
-                better = self._improved(field, agents, limits, best, rate, factor)
-                if better is None:
-                    break
-                best = better
-        return self._priced(field, agents, best, rate)
+        box, v = found
+        return self._priced(field, box.gains(v), v, rate)
 
-    def _improved(
-        self, field: Field, agents: list[int], limits: Array, best: tuple[Array, Array], rate: float, factor: float
-    ) -> tuple[Array, Array] | None:
-        improved = None
-        for place in range(len(agents)):
-            for step in (factor, 1 / factor):
-                trial = best[0][agents].copy()
-                trial[place] *= step
-                found = self._gains_at(field, agents, limits, trial / min(1.0, float(np.min(trial))), rate)
-                if found is not None and float(np.sum(found[1])) < float(np.sum(best[1])) * (1 - 1e-6):
-                    best = improved = found
-                    break
-        return improved
-
-    def _gains_at(
-        self, field: Field, agents: list[int], limits: Array, own: Array, rate: float
-    ) -> tuple[Array, Array] | None:
-        """v and the gains for given v_i of the pinned agents; None if a cap is exceeded or there is no v."""
-        floor = np.ones(self.problem.n)
-        floor[agents] = np.maximum(1.0, own)
-        gains = np.zeros(self.problem.n)
-        gains[agents] = HARD * (1.0 + self._size(field))
-        v = least_above(replace(field, gains=gains), alpha=rate, floor=floor)
-        if v is None:
-            return None
-        needed = np.maximum(field.rows(v, alpha=rate)[0][agents] / v[agents], 0.0)
-        return (v, needed) if np.all(needed <= limits * (1 + 1e-9)) and np.all(np.isfinite(needed)) else None
-
-    def _priced(self, field: Field, agents: list[int], best: tuple[Array, Array], rate: float) -> RegionGains:
+    def _priced(self, field: Field, gains: Array, v: Array, rate: float) -> RegionGains:
         """The multipliers: l with J'l = 0 on the free v, l_i v_i = 1 on pinned agents, l_i = 0 on slack rows."""
-        v, gains = best
+        agents = np.flatnonzero(gains)
         residual, jacobian, scale = field.rows(v, alpha=rate)
         prices = np.zeros(self.problem.n)
         prices[agents] = 1 / v[agents]
@@ -187,7 +148,7 @@ class RegionSearch:
             prices[others] = 0.0
         prices = np.maximum(prices * v, 0.0)
         return RegionGains(
-            gains=dict(zip(agents, gains.tolist(), strict=True)), rate=rate, v=v, prices=prices,
+            gains=dict(zip(agents.tolist(), gains[agents].tolist(), strict=True)), rate=rate, v=v, prices=prices,
             rate_price=float(np.sum(prices)),
         )  # fmt: skip
 
@@ -206,46 +167,3 @@ class RegionSearch:
             (float(np.max(np.bincount(arcs.listeners, minlength=1))) for arcs in self.problem.network.modes.values()),
             default=0.0,
         )
-
-
-def least_above(field: Field, *, alpha: float, floor: Array, start: Array | None = None) -> Array | None:
-    """The least v >= ``floor`` whose rows hold with rate alpha, about, by Newton's method; None if none is found.
-
-    ``start`` lies below it.
-    """
-    v = floor.copy() if start is None else np.maximum(floor, start)
-    for _ in range(STEPS):
-        with np.errstate(all="ignore"):
-            residual, jacobian, scale = field.rows(v, alpha=alpha)
-        if not np.all(np.isfinite(residual)):
-            return None
-        if np.all(residual <= TIGHT * scale):
-            return v
-        step = _newton_step(jacobian, residual, np.flatnonzero((residual > 0) | (v > floor)))
-        if step is None:
-            return None
-        proposed = np.maximum(floor, v + step)
-        raised = residual > 0
-        if np.any(proposed[raised] < v[raised] * (1 - DROP)) or not np.all(np.isfinite(proposed)):
-            return None
-        proposed = np.minimum(proposed, 2 * v)
-        if np.max(proposed / floor) > LARGEST_V:
-            return None
-        if np.allclose(proposed, v, rtol=1e-15, atol=0.0):
-            return v if np.all(residual <= 1e3 * TIGHT * scale) else None
-        v = proposed
-    return None
-
-
-def _newton_step(jacobian: Any, residual: Array, places: Any) -> Array | None:
-    """One step on some of the agents; None if their matrix is singular."""
-    step = np.zeros(len(residual))
-    try:
-        if len(residual) <= DENSE:
-            step[places] = np.linalg.solve(jacobian.toarray()[np.ix_(places, places)], -residual[places])
-        else:
-            block = sparse.csc_array(jacobian[places][:, places])
-            step[places] = sparse.linalg.splu(block).solve(-residual[places])
-    except (RuntimeError, np.linalg.LinAlgError):  # exactly singular
-        return None
-    return step

@@ -73,7 +73,7 @@ def propose_quadratic_stages(
     size, arcs = problem.n * problem.m, max(len(each) for each in problem.network.modes.values())
     if size > MOST_ROWS or size + arcs * problem.m > MOST_BLOCK:
         return []
-    fastest = math.inf if problem.exosystem is None else _observer_rate(problem, W)
+    fastest = _observer_rate(problem, W) if problem.groups else math.inf
     found: list[Lure] = []
     for radius in [None] if problem.is_linear else [Fraction(f"{radius:.6g}") for radius in sorted(radii)]:
         lure = _at_radius(problem, W, radius, holds, slowest=slowest, fastest=fastest)
@@ -99,9 +99,10 @@ def _wider(gain: Interval) -> Interval:
 
 def _observer_rate(problem: Problem, W: Matrix | None) -> float:
     """A rate at which the observer's pair can be had, 0 without one."""
-    if problem.exosystem is None or W is None:
+    exosystem = problem.joint_exosystem
+    if exosystem is None or W is None:
         return 0.0
-    F = to_float(problem.exosystem.A) - to_float(W) @ to_float(problem.exosystem.C)
+    F = to_float(exosystem.A) - to_float(W) @ to_float(exosystem.C)
     return max(0.0, -OBSERVER * float(np.max(np.linalg.eigvals(F).real)))
 
 
@@ -222,7 +223,7 @@ def _rounded(
         if not values[0] > 0:
             continue
         P = Q = None
-        if problem.exosystem is not None and W is not None:
+        if problem.groups and W is not None:
             pair = scaled_pair(problem, W, rate=round_down(_observer_rate(problem, W)), disturbance=Fraction(0))
             if pair is None:
                 return

@@ -12,19 +12,18 @@ from typing import Any
 
 from dobc_design.designing.designed import Design, Proof, impossible, undecided
 from dobc_design.designing.ground import Ground, Proposal, Tools
-from dobc_design.designing.proposing import of_consensus, of_region
+from dobc_design.designing.proposing import HALF, of_consensus, of_region
 from dobc_design.designing.refuting import network_obstacle, reduced_exosystem, too_fast
 from dobc_design.exact.matrix import Matrix
-from dobc_design.spec.changes import changed_problem
+from dobc_design.spec.changes import changed_problem, gain_changes
 from dobc_design.spec.design_request import DesignRequest
 from dobc_design.spec.problem import Problem
-from dobc_design.spec.reading import counted, shown_number
-from dobc_design.spec.typed import typed_matrix, typed_number
+from dobc_design.spec.reading import counted
+from dobc_design.spec.typed import typed_number
 from dobc_design.verdict import Verdict
 from dobc_design.verify.numbers import claimed
 from dobc_design.verify.pinning_structure import structure_of
 
-HALF = Fraction(1, 2)
 NEARLY = 0.98  # of the rate that is aimed at: a proof with less is looked for again
 MOST_TRIES = 4  # proposals that are certified
 
@@ -34,18 +33,20 @@ def attempt(problem: Problem, request: DesignRequest, tools: Tools, *, part: Fra
     labels = problem.network.labels
     tools.progress("looking for what is impossible")
     changes, decisions, obstacle = reduced_exosystem(problem, request)
+    if obstacle is not None and obstacle.verdict is not Verdict.REFUTED:
+        return undecided(request, labels, obstacle.text)
     if obstacle is not None:
         return impossible(request, labels, obstacle)
     bare = changed_problem(problem, {"pinning.gains": None, **changes})
-    if bare.exosystem is not None:
-        bare = changed_problem(bare, {"observer.P": None, "observer.W": None})
+    if bare.groups:
+        bare = changed_problem(bare, gain_changes(bare, None))
     structure = structure_of(bare, request.allowed)
     ground = Ground(problem=bare, request=request, tools=tools, changes=changes, decisions=decisions,
                     structure=structure, part=part, observers=[])  # fmt: skip
     obstacle = network_obstacle(ground) or too_fast(ground)
     if obstacle is not None:
         return impossible(request, labels, obstacle)
-    observer = None if bare.exosystem is None else ground.observer(0)
+    observer = ground.observer(0) if bare.groups else None
     if observer is not None and observer.verdict is Verdict.REFUTED:
         return impossible(request, labels, observer.statements[0], observer=observer)
     if observer is not None and observer.W is None:
@@ -68,7 +69,7 @@ def _searched(ground: Ground, proposals: Iterator[Proposal]) -> Design:
         if tries >= MOST_TRIES:
             break
     if best is None:
-        asked = "" if request.rate is None else f" at {shown_number(request.rate)} 1/s"
+        asked = "" if request.rate is None else f" at {typed_number(request.rate)} 1/s"
         what = "the region asked for" if ground.problem.region is not None else "the consensus"
         return undecided(request, labels, f"no gains on the allowed agents were found that a proof of {what} reaches"
                          f"{asked}, and no proof that there are none.")  # fmt: skip
@@ -80,12 +81,10 @@ def _certified(ground: Ground, proposal: Proposal) -> Design:
     labels = problem.network.labels
     gains = {labels[i]: k for i, k in sorted(proposal.gains.items())}
     W: Matrix | None = None if proposal.observer is None else proposal.observer.W
-    changes: dict[str, Any] = dict(ground.changes)
-    changes["pinning.gains"] = {label: typed_number(k) for label, k in gains.items()}
+    wanted: dict[str, Any] = {"pinning.gains": {label: typed_number(k) for label, k in gains.items()}}
     if W is not None:
-        changes |= {"observer.W": typed_matrix(W), "observer.P": None}
-    wanted = {key: value for key, value in changes.items() if key in ("pinning.gains", "observer.W")}
-    designed = changed_problem(problem, wanted)
+        wanted |= gain_changes(problem, W)
+    changes, designed = {**ground.changes, **wanted}, changed_problem(problem, wanted)
     ground.tools.progress("certifying the design")
     proof, whole = ground.tools.certify(designed), ""
     hoped = proposal.aim * NEARLY if request.rate is not None or ground.part > HALF else 0.0
@@ -96,7 +95,7 @@ def _certified(ground: Ground, proposal: Proposal) -> Design:
     verdict = Verdict.PROVED if proof.verdict is Verdict.PROVED and not slow else Verdict.UNDECIDED
     reason = proof.reason
     if proof.verdict is Verdict.PROVED and slow and request.rate is not None:
-        reason = f"the rate proved is {proof.rate or 0:.4g} 1/s, {shown_number(request.rate)} was asked for."
+        reason = f"the rate proved is {proof.rate or 0:.4g} 1/s, {typed_number(request.rate)} was asked for."
     decisions = (*proposal.decisions, _proof_words(proof) + whole)
     return Design(
         verdict=verdict, reason=reason, request=request, labels=labels, W=W, P=proof.claims.P, gains=gains,

@@ -154,7 +154,7 @@ def _steps(points: Sequence[TradePoint]) -> Iterator[str]:
 
 def _noise_curve(terms: Terms) -> TradeOff:
     problem, tools, digits = terms.problem, terms.tools, terms.request.digits
-    if problem.exosystem is None:
+    if not problem.groups:
         raise SpecError("the noise curve needs an exosystem: without one there is no observer.", key="curve",
                         cure='Ask for "gain" or "pins".')  # fmt: skip
     own = None if terms.design is None else terms.design.observer

@@ -5,9 +5,11 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
+from itertools import islice
 from typing import Any, Protocol
 
-from dobc_design._render import escape_html
+from dobc_design._display import MOST_ITEMS, Card, Shown, cut, listed
+from dobc_design._render import significant_towards_zero
 from dobc_design.exact.matrix import Matrix
 from dobc_design.exact.number import float_above, number_text
 from dobc_design.spec.canonical import matrix_text
@@ -38,8 +40,8 @@ class Proof(Protocol):
     def claims(self) -> Any: ...  # P (q, q) or None among them
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Design:
+@dataclass(frozen=True, slots=True, kw_only=True, repr=False)
+class Design(Shown):
     """An observer gain, pinned agents and gains, and what is known of them.
 
     ``verdict``: PROVED, everything that the problem asks is proved for ``problem``, with these rounded numbers, and
@@ -99,23 +101,21 @@ class Design:
             "nearest": None if self.nearest is None else self.nearest.to_json(),
         }  # fmt: skip
 
-    def _repr_html_(self) -> str:
-        rows = [("verdict", self.verdict.value), ("why", self.reason)]
-        if self.W is not None:
-            rows.append(("W", str(matrix_text(self.W)).replace("'", "")))
+    def _card(self) -> Card:
+        facts: list[tuple[str, Any]] = [(name, M) for name, M in (("W", self.W), ("P", self.P)) if M is not None]
         if self.gains:
-            shown = list(self.gains.items())[:20]
-            rows.append(("gains, 1/s", ", ".join(f"{label}: {number_text(k)}" for label, k in shown)
-                         + (", ..." if len(self.gains) > len(shown) else "")))  # fmt: skip
+            pairs = [f"{label}: {number_text(k)}" for label, k in islice(self.gains.items(), MOST_ITEMS + 1)]
+            facts.append(("gains in 1/s", listed(pairs, count=len(self.gains))))
         if self.rate is not None:
-            rows.append(("certified rate, 1/s", f"{self.rate:.6g}"))
-        rows += [("decided", sentence) for sentence in self.decisions] + [("price", text) for text in self.prices]
+            facts.append(("certified rate in 1/s", significant_towards_zero(self.rate, 6)))
+        facts += [("decided", sentence) for sentence in self.decisions]
         if self.nearest is not None:
-            rows.append(("nearest possible", "; ".join(w for _, w in self.nearest.request.limits(self.labels))
-                         or NO_LIMITS))  # fmt: skip
-        body = "".join(f"<tr><th style='text-align:left'>{escape_html(name)}</th><td style='text-align:left'>"
-                       f"{escape_html(text)}</td></tr>" for name, text in rows)  # fmt: skip
-        return f"<table><tbody>{body}</tbody></table>"
+            limits = "; ".join(words for _, words in self.nearest.request.limits(self.labels))
+            facts.append(("nearest possible", limits or NO_LIMITS))
+        return Card(title="Design", verdict=self.verdict.value, text=self.reason, facts=facts, lines=self.prices)
+
+    def __repr__(self) -> str:
+        return f"<Design {self.verdict.value}: {cut(self.reason)}>"
 
 
 def impossible(

@@ -63,7 +63,7 @@ class Ground:
 
     def gains_of_observers(self) -> Iterator[ObserverDesign | None]:
         """All observers that there are; one None where the problem needs none."""
-        if self.problem.exosystem is None:
+        if not self.problem.groups:
             yield None
             return
         for place in range(len(SPEEDS)):

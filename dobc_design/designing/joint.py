@@ -10,9 +10,10 @@ from collections.abc import Iterator
 from dataclasses import replace
 from fractions import Fraction
 
-from dobc_design.designing.attempt import HALF, attempt
+from dobc_design.designing.attempt import attempt
 from dobc_design.designing.designed import Design
 from dobc_design.designing.ground import Tools
+from dobc_design.designing.proposing import HALF
 from dobc_design.spec.design_request import DesignRequest
 from dobc_design.spec.problem import Problem
 from dobc_design.verdict import Verdict

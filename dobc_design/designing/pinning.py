@@ -120,13 +120,13 @@ def _file_region(problem: Problem, request: PinningRequest, method: str) -> Regi
         radius = Fraction(isqrt(ceil(square * DECIMALS**2)) + 1, DECIMALS)
         return RegionAsked(method=BALL, radius=radius, rho=None)
     radius = max(*reach, Fraction(1, DECIMALS))
-    if not disturbance or problem.exosystem is None:
+    exosystem, W = problem.joint_exosystem, problem.joint_observer.W
+    if not disturbance or exosystem is None:
         return RegionAsked(method=BOX, radius=radius, rho=None if problem.is_linear else radius)
-    W = problem.observer.W
     if W is None:
         raise SpecError("observer.W is needed, because the [region] has an initial_disturbance.", key="observer.W",
                         cure="Design W first, with design_observer.")  # fmt: skip
-    error = propose_error_bound(problem.exosystem, W, rate=float(request.rate))
+    error = propose_error_bound(exosystem, W, rate=float(request.rate))
     if error is None:
         raise SpecError(
             f"rate must be below the decay rate of the observer, because V = N + kappa E is to reach it; got"

@@ -12,7 +12,7 @@ from dobc_design.design.region_gains import RegionSearch
 from dobc_design.designing.ground import Ground, Proposal
 from dobc_design.designing.pin_sets import pin_sets
 from dobc_design.designing.words import gains_words, observer_words, pins_words, price_words
-from dobc_design.spec.changes import changed_problem
+from dobc_design.spec.changes import changed_problem, gain_changes
 from dobc_design.spec.design_request import DesignRequest
 from dobc_design.spec.reading import counted
 from dobc_design.theorems.separable import acts_by_component
@@ -26,9 +26,10 @@ PADS = (Fraction(1005, 1000), Fraction(102, 100), Fraction(11, 10), Fraction(3, 
 START = Fraction(1, 10**6)  # of the largest slope: a rate that every network which can do at all can do
 COMFORT = Fraction(3, 4)  # of the fastest rate: beyond, one more pin saves very large gains
 FALLBACKS = (Fraction(1, 2), Fraction(9, 10))  # parts of the fastest rate near the consensus, where rows do not apply
-ENOUGH = 0.6  # of the fastest rate with any observer: slower ones are left out
+HALF = Fraction(1, 2)  # of the fastest rate: what is aimed at where none is asked for
+ENOUGH, NEARLY = 0.6, 0.95  # of the fastest rate with any observer: slower ones are left out; where more is aimed at
 MOST_AGENTS = 200  # up to which the smallest gains of a region are looked for
-SMALL = Fraction(1, 10**6)  # the radius of a region that is one point
+SMALL = Fraction(1, 10**4)  # the radius of a region that is one point
 
 
 def of_region(ground: Ground) -> Iterator[Proposal]:
@@ -49,7 +50,7 @@ def of_region(ground: Ground) -> Iterator[Proposal]:
         return searches[id(observer)]
 
     most = len(request.allowed) if request.pins is None else request.pins
-    first = search_with(None if problem.exosystem is None else ground.observer(0))
+    first = search_with(ground.observer(0) if problem.groups else None)
     for pinned in pin_sets(ground.structure, request.allowed, blocks=network_blocks(problem), search=first,
                            caps=request.caps, most=most):  # fmt: skip
         ground.tools.progress(f"looking for gains on {counted(len(pinned), 'agent')}")
@@ -57,7 +58,8 @@ def of_region(ground: Ground) -> Iterator[Proposal]:
         if request.rate is None:  # from the slowest on that does not hold the network back
             every = list(observers)
             reached = [search_with(each).fastest(pinned, request.caps, coarse=True) for each in every]
-            first_place = next(place for place, rate in enumerate(reached) if rate >= ENOUGH * max(reached))
+            enough = ENOUGH if ground.part <= HALF else NEARLY
+            first_place = next(place for place, rate in enumerate(reached) if rate >= enough * max(reached))
             observers = iter(every[first_place:])
         for observer in observers:
             yield from _over_region(ground, observer, search_with(observer), pinned)
@@ -99,7 +101,7 @@ def _smallest_proved(
     if problem.n > MOST_AGENTS or not gains:
         return None
     if observer is not None and observer.W is not None:
-        problem = changed_problem(problem, {"observer.W": observer.W})
+        problem = changed_problem(problem, gain_changes(problem, observer.W))
     labels = problem.network.labels
     found = ground.tools.pinning(
         problem, rate=claimed(float(f"{rate:.4g}")), region=True, allowed=[labels[i] for i in gains],
@@ -168,7 +170,7 @@ def _decisions(
     fixed = request.pins is not None and len(pinned) >= request.pins
     return (
         *ground.decisions,
-        *([] if observer is None else [observer_words(observer)]),
+        *([] if observer is None else observer_words(observer)),
         pins_words(problem, ground.structure, sorted(gains), fixed=fixed),
         gains_words(problem, gains, digits=request.digits, part=ground.part if request.rate is None else None),
     )  # fmt: skip

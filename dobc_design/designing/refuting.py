@@ -11,6 +11,7 @@ from dobc_design.exact.interval import UndefinedError
 from dobc_design.spec.design_request import DesignRequest
 from dobc_design.spec.problem import Problem
 from dobc_design.spec.reading import counted
+from dobc_design.spec.typed import value_text
 from dobc_design.theorems.jacobians import Jacobians, jacobians_at_consensus
 from dobc_design.verdict import Verdict
 from dobc_design.verify.network import name_agents
@@ -22,7 +23,12 @@ from dobc_design.verify.statement import Statement
 def reduced_exosystem(
     problem: Problem, request: DesignRequest
 ) -> tuple[Mapping[str, Any], tuple[str, ...], Statement | None]:  # fmt: skip
-    """The observable part in place of an undetectable exosystem, or why there is no W at all."""
+    """The observable part in place of an undetectable exosystem, or why there is no W at all.
+
+    That of one group of agents among several is named, and left to the caller.
+    """
+    if problem.is_grouped:
+        return {}, (), next(_undetectable_groups(problem, request), None)
     if problem.exosystem is None:
         return {}, (), None
     check = detectability_check(problem.exosystem, problem)
@@ -35,17 +41,37 @@ def reduced_exosystem(
     return check.fix.set, (f"Exosystem: {check.fix.text}",), None
 
 
+def _undetectable_groups(problem: Problem, request: DesignRequest) -> Iterator[Statement]:
+    for group in problem.groups:
+        check = detectability_check(group.exosystem)
+        if check.verdict is Verdict.PROVED:
+            continue
+        text = f"no W exists for the group of agent {group.name}: {check.reason[0].lower() + check.reason[1:]}"
+        fix = check.fix
+        if not request.reduce or fix is None:
+            yield Statement(kind="detectable", verdict=Verdict.REFUTED, text=text)
+            continue
+        parts = "; ".join(f"{key.rpartition('.')[2]} = {value_text(value)}" for key, value in fix.set.items() if value)
+        rest = f" ({parts})" if parts else ""
+        yield Statement(
+            kind="detectable", verdict=Verdict.UNDECIDED,
+            text=f"{text} Write its observable part in its place{rest}, and design again; that is done by itself only"
+            " where all agents have one exosystem.",
+        )  # fmt: skip
+
+
 def network_obstacle(ground: Ground) -> Statement | None:
     """Groups that nobody outside is heard by, against who may be pinned and how many."""
     labels, request, structure = ground.problem.network.labels, ground.request, ground.structure
-    where = " in one of the modes" if len(ground.problem.network.modes) > 1 else ""
+    several = len(ground.problem.network.modes) > 1  # signals that leave a mode often enough may do with fewer pins
+    where, always = (" in one of the modes", " under arbitrary switching") if several else ("", "")
     if structure.unmet is not None:
         who = name_agents([labels[i] for i in structure.unmet])
         return Statement(
             kind="structure", verdict=Verdict.REFUTED, exact={"group": ", ".join(labels[i] for i in structure.unmet)},
-            text=f"consensus is out of reach with pins on the allowed agents only: {who} listen"
+            text=f"consensus{always} is out of reach with pins on the allowed agents only: {who} listen"
             f"{'s' if len(structure.unmet) == 1 else ''} to nobody else{where}, and no pin may be put there, so moved"
-            " together they stay moved.",
+            f" together they stay moved{' while it lasts' if several else ''}.",
         )  # fmt: skip
     if request.pins is not None and request.pins < structure.least:
         groups = structure.apart if len(structure.apart) > request.pins else structure.groups
@@ -54,8 +80,8 @@ def network_obstacle(ground: Ground) -> Statement | None:
             kind="pins", verdict=Verdict.REFUTED,
             exact={"least": str(structure.least),
                    "groups": " | ".join(", ".join(labels[i] for i in group) for group in groups[:50])},
-            text=f"{counted(request.pins, 'pin')} cannot do, whatever the gains: at least {structure.least} are needed,"
-            f" because each of these groups listens to nobody outside{where} and needs a pin of its own: {named}.",
+            text=f"{counted(request.pins, 'pin')} cannot do{always}, whatever the gains: at least {structure.least} are"
+            f" needed, because each of these groups hears nobody outside{where} and needs a pin of its own: {named}.",
         )  # fmt: skip
     return None
 

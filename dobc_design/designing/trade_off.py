@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
-from dobc_design._render import escape_html
+from dobc_design._display import Card, Shown, listed
 from dobc_design.errors import SpecError
 
 if TYPE_CHECKING:
@@ -25,8 +25,8 @@ class TradePoint:
     proved: bool = False
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class TradeOff:
+@dataclass(frozen=True, slots=True, kw_only=True, repr=False)
+class TradeOff(Shown):
     """A Pareto curve: no design that was found is better in one quantity without being worse in the other.
 
     ``curve``: "gain" (x: rate, y: sum of the gains), "pins" (x: how many agents, y: the rate that gains there approach)
@@ -81,12 +81,15 @@ class TradeOff:
         own = [] if self.chosen is None else [self.chosen]
         yield from sorted([*self.points, *own], key=lambda point: (point.x, point.y))
 
-    def _repr_html_(self) -> str:
-        head = "".join(f"<th>{escape_html(name)}</th>" for name in (self.x_name, self.y_name, "pinned", ""))
-        rows = "".join(
-            f"<tr><td>{point.x:.4g}</td><td>{point.y:.4g}</td><td>{escape_html(', '.join(point.pinned[:12]))}</td>"
-            f"<td>{'chosen' if point is self.chosen else ''}</td></tr>"
+    def _card(self) -> Card:
+        rows = [
+            (f"{point.x:.4g}", f"{point.y:.4g}", listed(point.pinned), "chosen" if point is self.chosen else "")
             for point in self._all()
-        )
-        said = "".join(f"<p>{escape_html(sentence)}</p>" for sentence in self.sensitivity)
-        return f"<table><thead><tr>{head}</tr></thead><tbody>{rows}</tbody></table>{said}"
+        ]
+        return Card(
+            title=self.name, text=f"{self.y_name} against {self.x_name}", rows=rows, lines=self.sensitivity,
+            heads=(self.x_name, self.y_name, "pinned", ""),
+        )  # fmt: skip
+
+    def __repr__(self) -> str:
+        return f"<TradeOff of {self.name}: {self.y_name} against {self.x_name}, {len(self.points)} points>"

@@ -17,15 +17,21 @@ SHOWN = 6  # gains in a sentence
 BUYS = 3  # agents in the sentence on what a further pin buys
 
 
-def observer_words(found: ObserverDesign) -> str:
-    """W, how fast its error decays, how it came about."""
+def observer_words(found: ObserverDesign) -> list[str]:
+    """W, how fast its error decays, how it came about; a sentence for every group of agents."""
+    if not found.groups:
+        return [f"Observer: {_gain_words(found)}"]
+    return [f"Observer of the group of agent {name}: {_gain_words(each)}" for name, each in found.groups.items()]
+
+
+def _gain_words(found: ObserverDesign) -> str:
     rows = value_text([[typed_number(x) for x in row] for row in found.W or ()])
     rate, gain = found.measures.get("rate"), found.measures.get("gain")
     noise = found.measures.get("hinf measurement")
     pace = f"the error of the estimate decays at {rate:.4g} 1/s" if rate else "the error of the estimate decays"
     loud = f", noise on the measured x reaches dhat with a gain of at most {noise:.4g} 1/s" if noise else ""
     size = f" |W| = {gain:.4g}." if gain else ""
-    return f"Observer: W = {rows} ({found.source}): {pace}{loud}.{size}"
+    return f"W = {rows} ({found.source}): {pace}{loud}.{size}"
 
 
 def pins_words(problem: Problem, structure: Structure, pinned: Sequence[int], *, fixed: bool) -> str:

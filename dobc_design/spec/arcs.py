@@ -73,9 +73,7 @@ def parse_weights(values: Sequence[Any], *, key: str) -> tuple[Fraction, ...]:
     return tuple(result)
 
 
-def arcs_from_pairs(
-    pairs: Sequence[Sequence[Any]], *, index: Mapping[str, int], arrow: str, key: str
-) -> Arcs:
+def arcs_from_pairs(pairs: Sequence[Sequence[Any]], *, index: Mapping[str, int], arrow: str, key: str) -> Arcs:
     """Turn [a, b] and [a, b, w] of labels into arcs; every wrong arc is reported, up to twenty."""
     errors: list[SpecError] = []
     first: list[int] = []

@@ -22,17 +22,19 @@ import numpy as np
 from dobc_design.errors import SpecError
 from dobc_design.exact.number import parse_number
 from dobc_design.spec.arcs import ONE, Arcs, arcs_from_pairs, directed
+from dobc_design.spec.labels import WANTED, is_label
 from dobc_design.spec.reading import named, shown, shown_number
 
 MAX_BYTES = 1_000_000_000
+HEADS = (["from", "to"], ["source", "target"])  # of a CSV file; a third column is "weight"
 READERS = (".csv", ".graphml", ".edges", ".edgelist", ".txt")
 
 
 def read_arcs_file(name: str, *, folder: Path | None, index: Mapping[str, int], arrow: str, key: str) -> Arcs:
     """Read the arcs of one mode; ``index`` maps labels to indices.
 
-    CSV: UTF-8, comma, from,to[,weight], header optional.  Edge list (.edges, .edgelist, .txt): the same,
-    separated by blanks, # starts a comment.  GraphML: edges with an optional numeric 'weight'; an
+    CSV: UTF-8, comma, from,to[,weight] or source,target[,weight], header optional.  Edge list (.edges, .edgelist,
+    .txt): the same, separated by blanks, # starts a comment.  GraphML: edges with an optional numeric 'weight'; an
     undirected edge gives both arcs.
     Raises: SpecError with the line.
     """
@@ -42,9 +44,19 @@ def read_arcs_file(name: str, *, folder: Path | None, index: Mapping[str, int], 
 
 
 def labels_in_file(name: str, *, folder: Path | None, key: str) -> tuple[str, ...]:
-    """The labels of a file of arcs, in the order they appear; whole numbers in order.  Raises: SpecError."""
+    """The labels of a file of arcs, in the order they appear; whole numbers in order.  Raises: SpecError.
+
+    GraphML names its nodes, so that those without an arc are agents, too.
+    """
     source, path, text = _opened(name, folder=folder, key=key)
-    labels = tuple(dict.fromkeys(label for _, cells in _rows(path, text, source, {}) for label in cells[:2]))
+    nodes = _nodes(text, source) if path.suffix.lower() == ".graphml" else []
+    ends = dict.fromkeys(nodes)
+    for row, cells in _rows(path, text, source, {}):
+        for label in cells[:2]:
+            if not is_label(label):
+                raise source.error(f"names {shown(label)}; a label must be {WANTED}", "Correct the label.", row=row)
+            ends[label] = None
+    labels = tuple(ends)
     if not labels:
         raise source.empty()
     return tuple(sorted(labels, key=int)) if all(re.fullmatch("[0-9]{1,9}", label) for label in labels) else labels
@@ -153,8 +165,9 @@ def _csv(text: str, source: _Source, *, index: Mapping[str, int]) -> Iterator[Ro
             cells = [cell.strip() for cell in row]
             if not any(cells):
                 continue
-            names = [cell.lower() for cell in cells] in (["from", "to"], ["from", "to", "weight"])
-            header = first and names and not (cells[0] in index and cells[1] in index)
+            names = [cell.lower() for cell in cells]
+            named_columns = names[:2] in HEADS and names[2:] in ([], ["weight"])
+            header = first and named_columns and not (cells[0] in index and cells[1] in index)
             first = False
             if not header:
                 yield reader.line_num, cells
@@ -169,7 +182,13 @@ def _edge_list(text: str) -> Iterator[Row]:
             yield number, cells
 
 
-def _graphml(text: str, source: _Source) -> Iterator[Row]:
+def _nodes(text: str, source: _Source) -> list[str]:
+    _, graphs = _graphs(text, source)
+    return [node.get("id", "") for graph in graphs for node in graph if _tag(node) == "node"]
+
+
+def _graphs(text: str, source: _Source) -> tuple[ElementTree.Element, list[ElementTree.Element]]:
+    """The root of a GraphML file and its one graph, if it has any."""
     if "<!DOCTYPE" in text or "<!ENTITY" in text:
         raise source.error("must not hold a DOCTYPE or entities", "Save plain GraphML.")
     try:
@@ -179,6 +198,11 @@ def _graphml(text: str, source: _Source) -> Iterator[Row]:
     graphs = [node for node in root.iter() if _tag(node) == "graph"]
     if len(graphs) > 1:
         raise source.error(f"must hold one graph; it holds {len(graphs)}", "Save each mode in a file of its own.")
+    return root, graphs
+
+
+def _graphml(text: str, source: _Source) -> Iterator[Row]:
+    root, graphs = _graphs(text, source)
     weights = _weight_keys(root)
     default = [text for text in weights.values() if text is not None][:1]
     for graph in graphs:

@@ -1,6 +1,7 @@
 """A problem with some keys of its file set anew or removed: what a cure proposes, before anyone writes it.
 
 Key paths are those of the problem file ("pinning.gains", "observer.W"); the value None removes the key.
+"exosystem.groups.W" is the gains of all groups of agents at once, by the name of the group; what P they have goes.
 ``spec.toml_writing`` makes the same changes to the text of a file.
 """
 
@@ -11,16 +12,33 @@ from dataclasses import fields
 from typing import Any
 
 from dobc_design.errors import SpecError
+from dobc_design.exact.matrix import Matrix
 from dobc_design.spec.exosystem import Exosystem
+from dobc_design.spec.groups import Group, gains_of
 from dobc_design.spec.observer import Observer
 from dobc_design.spec.problem import Problem
 from dobc_design.spec.reading import shown
+from dobc_design.spec.typed import typed_matrix
 
 #: The key paths that a change may name.
 CHANGEABLE = (
     "target", "pinning.gains", "exosystem", "exosystem.A", "exosystem.C", "observer", "observer.W", "observer.P",
-    "observer.rate", "region.initial_disturbance", "simulation.xi0",
+    "observer.rate", "region.initial_disturbance", "simulation.xi0", "exosystem.groups.W",
 )  # fmt: skip
+GROUP_GAINS = "exosystem.groups.W"
+
+
+def gain_changes(problem: Problem, W: Matrix | None) -> dict[str, Any]:
+    """The changes that make W (q, m) the observer gain, None that one is to be designed; P is removed.
+
+    Where agents have different exosystems, W is block diagonal with one block per group.
+    """
+    if not problem.is_grouped:
+        return {"observer.W": None if W is None else typed_matrix(W), "observer.P": None}
+    if W is None:
+        return {GROUP_GAINS: None}
+    gains = zip(problem.groups, gains_of(problem.groups, W), strict=True)
+    return {GROUP_GAINS: {group.name: typed_matrix(gain) for group, gain in gains}}
 
 
 def changed_problem(problem: Problem, changes: Mapping[str, Any]) -> Problem:
@@ -35,15 +53,14 @@ def changed_problem(problem: Problem, changes: Mapping[str, Any]) -> Problem:
                 f"{shown(key)} is no key that a change may set.", key=key, cure=f"One of {', '.join(CHANGEABLE)}."
             )
     remake, (given,) = problem.__reduce__()  # everything that makes the problem, for a copy
-    if not problem.is_grouped:
+    if problem.is_grouped:
+        _require_no_key_of_all(changes)
+        if GROUP_GAINS in changes:
+            given["groups"] = _regrouped(problem, changes[GROUP_GAINS] or {})
+    else:
         exosystem = _exosystem(problem, changes)
         given["exosystem"] = exosystem
         given["observer"] = None if exosystem is None else _observer(problem.observer, changes)
-    elif any(key.startswith(("exosystem", "observer")) for key in changes):
-        raise SpecError(
-            "exosystem and observer cannot be changed by key where agents have different ones.", key="exosystem.groups",
-            cure="Make the problem anew with other groups.",
-        )  # fmt: skip
     given["target"] = changes.get("target", problem.target)
     given["gains"] = changes.get("pinning.gains", problem.pinning)
     if "simulation.xi0" in changes:
@@ -58,6 +75,25 @@ def changed_problem(problem: Problem, changes: Mapping[str, Any]) -> Problem:
         }
     changed: Problem = remake(given)
     return changed
+
+
+def _require_no_key_of_all(changes: Mapping[str, Any]) -> None:
+    if any(key.startswith(("exosystem", "observer")) and key != GROUP_GAINS for key in changes):
+        raise SpecError(
+            "exosystem and observer cannot be changed by key where agents have different ones.", key="exosystem.groups",
+            cure="Make the problem anew with other groups.",
+        )  # fmt: skip
+
+
+def _regrouped(problem: Problem, gains: Mapping[str, Any]) -> list[Group]:
+    """The groups with these W, by name; a group without one gets its W designed."""
+    return [
+        Group(
+            agents=group.agents, exosystem=group.exosystem,
+            observer=Observer(W=gains.get(group.name), rate=group.observer.rate),
+        )
+        for group in problem.groups
+    ]  # fmt: skip
 
 
 def _exosystem(problem: Problem, changes: Mapping[str, Any]) -> Exosystem | None:

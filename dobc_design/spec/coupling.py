@@ -14,6 +14,7 @@ from fractions import Fraction
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from dobc_design._display import Card, Formula, Shown, cut
 from dobc_design.errors import ExpressionError, ShapeError, SpecError
 from dobc_design.exact.interval import Interval, UndefinedError
 from dobc_design.exact.number import number_text
@@ -39,8 +40,8 @@ _LONGEST_SUGGESTION = 100
 _LONGEST_NUMBER = 40
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Coupling:
+@dataclass(frozen=True, slots=True, kw_only=True, repr=False)
+class Coupling(Shown):
     """A coupling of m-dimensional states, h(0) = 0.
 
     ``components`` is one expression in y, applied to each of the m components (``by_component``), or m
@@ -93,6 +94,16 @@ class Coupling:
         """Which of abs, min, max, clip occur; empty if h is C1 wherever it is defined."""
         found = {name for expression in self.components for name in nonsmooth_functions(expression.node)}
         return tuple(name for name in NONSMOOTH if name in found)
+
+    def _card(self) -> Card:
+        shown = [("coupling", Formula(f"h(y) = {text}")) for text in self.latex]
+        if not self.by_component:
+            shown = [("coupling", Formula(f"h_{{{k + 1}}}(y) = {text}")) for k, text in enumerate(self.latex)]
+        every = f"applied to each of {self.dimension} components" if self.by_component and self.dimension > 1 else ""
+        return Card(title="Coupling", text=every, facts=shown)
+
+    def __repr__(self) -> str:
+        return f"<Coupling {cut('; '.join(self.texts))}>"
 
     def jacobian_at_zero(self) -> tuple[tuple[Interval, ...], ...]:
         """Enclose dh/dy at y = 0; exact (points) where the entries are known to be rational.

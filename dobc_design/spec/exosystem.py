@@ -13,17 +13,21 @@ from typing import Any
 import numpy as np
 
 from dobc_design._checks import require_square
+from dobc_design._display import Shown
 from dobc_design.errors import ShapeError, SpecError
 from dobc_design.exact.matrix import Matrix
 from dobc_design.spec.reading import counted, read_matrix, shown
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Exosystem:
+@dataclass(frozen=True, slots=True, kw_only=True, repr=False)
+class Exosystem(Shown):
     """Generator of one agent's disturbance: xi' = A xi, d = C xi (eq. 12).
 
     Shapes: A (q, q) in 1/s, C (m, q).  Accepts nested sequences or arrays of exact numbers.
     Raises: ShapeError or SpecError naming exosystem.A or exosystem.C.
+    Example:
+        >>> dd.Exosystem(A=[[0, 2], [-2, 0]], C=[[1, 0]]).order
+        2
     """
 
     A: Matrix

@@ -73,6 +73,9 @@ def harmonics(frequencies: Any) -> Exosystem:
 
     One block [[0, w], [-w, 0]] for each; d is the sum of the first states of the blocks.
     Raises: SpecError unless the frequencies are positive and all different (two equal ones could not be told apart).
+    Example:
+        >>> dd.exosystems.harmonics([1, "5/2"]).order
+        4
     """
     given = list(frequencies) if is_list(frequencies) else [frequencies]
     if not given:
@@ -117,6 +120,9 @@ def total(*parts: Exosystem) -> Exosystem:
 
     The sum is observable only if the parts share no eigenvalue that one output cannot tell apart.
     Raises: SpecError without parts or if they have different numbers of components.
+    Example:
+        >>> dd.exosystems.total(dd.exosystems.constant(), dd.exosystems.harmonics(2)).order
+        3
     """
     outputs = _require_parts(parts)
     if len({part.outputs for part in parts}) > 1:

@@ -18,6 +18,7 @@ from dataclasses import dataclass
 from fractions import Fraction
 from typing import Any
 
+from dobc_design._display import Card, Shown, listed
 from dobc_design.errors import ShapeError, SpecError
 from dobc_design.exact.matrix import Matrix
 from dobc_design.spec.exosystem import Exosystem
@@ -27,8 +28,8 @@ from dobc_design.spec.reading import counted, is_list, named, shown
 _SHOWN = 6  # agents in a sentence
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Group:
+@dataclass(frozen=True, slots=True, kw_only=True, repr=False)
+class Group(Shown):
     """Agents, by label, that have this exosystem and this observer.
 
     ``observer`` defaults to one that is to be designed; the rate asked of a designed W is the same for all groups and
@@ -58,6 +59,12 @@ class Group:
         object.__setattr__(self, "agents", names)
         object.__setattr__(self, "exosystem", exosystem)
         object.__setattr__(self, "observer", Observer() if observer is None else observer)
+
+    def _card(self) -> Card:
+        observer = [(name, value) for name, value in self.observer._card().facts]
+        return Card(
+            title="Group", text=f"of agents {listed(self.agents)}", facts=[*self.exosystem._card().facts, *observer]
+        )
 
     @property
     def name(self) -> str:
@@ -286,12 +293,31 @@ def blocks_of(matrix: Matrix, shapes: Sequence[tuple[int, int]]) -> tuple[Matrix
     return tuple(blocks) if block_diagonal(blocks) == tuple(map(tuple, matrix)) else None
 
 
+def gains_of(groups: Sequence[Group], W: Matrix) -> tuple[Matrix, ...]:
+    """The gain of each group, W (q, G m) being block diagonal.  Raises: SpecError for a W that is not."""
+    orders = [group.exosystem.order for group in groups]
+    m = groups[0].exosystem.outputs if groups else 0
+    found = blocks_of(W, [(order, m) for order in orders])
+    if found is None:
+        raise SpecError(
+            "W must be block diagonal, with one block per group of agents, because no agent feels the disturbance of"
+            " another group.", key="gain", cure="Set the entries outside of the blocks to 0.",
+        )  # fmt: skip
+    return found
+
+
 def group_numbers(groups: Sequence[Group], labels: Sequence[str]) -> list[int]:
     """For each agent the number of its group."""
     if len(groups) < 2:
         return [0] * len(labels)
     number = {label: place for place, group in enumerate(groups) for label in group.agents}
     return [number[label] for label in labels]
+
+
+def agent_blocks(S: Matrix, groups: Sequence[Group], labels: Sequence[str]) -> list[Matrix]:
+    """For each agent the block (m, m) of its group: S (G m, G m), or (m, m) for one group or none."""
+    blocks = group_blocks(S, max(1, len(groups)))
+    return [blocks[number] for number in group_numbers(groups, labels)]
 
 
 def group_blocks(S: Matrix, groups: int) -> tuple[Matrix, ...]:

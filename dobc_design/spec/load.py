@@ -19,8 +19,10 @@ def load_problem(source: str | PathLike[str]) -> Problem:
     """Read a problem file (TOML, or a canonical problem.json), or a built-in problem by its name.
 
     A file of that name in the current folder wins over a built-in problem.
-    Raises: SpecError that names every wrong key and its cure.
-    Example: ``load_problem("paper-fixed")``.
+    Returns: a Problem.  Raises: SpecError that names every wrong key and its cure.
+    Example:
+        >>> dd.load_problem("paper-fixed").n
+        10
     """
     path = Path(source)
     if isinstance(source, str) and not os.path.isfile(source):  # unlike Path, it takes any text

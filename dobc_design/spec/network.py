@@ -8,21 +8,23 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from itertools import islice
 from types import MappingProxyType
 from typing import Any
 
 import numpy as np
 
+from dobc_design._display import MOST_ROWS, Card, Shown, cut, listed
 from dobc_design.errors import SpecError
 from dobc_design.spec.arcs import Arcs, IndexArray, arcs_from_pairs, check_arcs, directed, parse_weights
 from dobc_design.spec.labels import WANTED, first_repeated, is_label, label_text, labels_of
-from dobc_design.spec.reading import is_list, named, shown
+from dobc_design.spec.reading import counted, is_list, named, shown
 
 __all__ = ["Arcs", "IndexArray", "Network"]
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Network:
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False, repr=False)
+class Network(Shown):
     """Agents by label, and the arcs of every mode.  One mode: fixed topology; several: switching.
 
     Two networks are equal when labels, modes and arcs are, in the same order.
@@ -74,6 +76,21 @@ class Network:
     def __reduce__(self) -> tuple[Any, ...]:
         return _remake, (self.labels, dict(self.modes))  # the read-only mapping itself cannot be pickled
 
+    def _card(self) -> Card:
+        rows = [
+            (name, len(arcs), cut(_listening(self.labels, arcs), 160))
+            for name, arcs in islice(self.modes.items(), MOST_ROWS)
+        ]
+        return Card(
+            title="Network", text=f"{counted(self.size, 'agent')}: {listed(self.labels)}",
+            heads=("mode", "arcs", "who listens to whom"), rows=rows, hidden=len(self.modes) - len(rows),
+        )  # fmt: skip
+
+    def __repr__(self) -> str:
+        modes = listed([f"{name} with {counted(len(arcs), 'arc')}" for name, arcs in islice(self.modes.items(), 13)],
+                       count=len(self.modes))  # fmt: skip
+        return f"<Network of {counted(self.size, 'agent')}: {modes}>"
+
     @property
     def size(self) -> int:
         """The number of agents, n."""
@@ -102,6 +119,9 @@ class Network:
         means: "listens_to" or "sends_to".  ``agents`` is a count (labels 1..n) or the labels;
         without it the labels are taken from the arcs in the order they appear.
         Raises: SpecError, naming the arc.
+        Example:
+            >>> dd.Network.from_arcs([["tail", "head"]], arrow="listens_to").labels
+            ('tail', 'head')
         """
         given = _modes(arcs, isinstance(arcs, Mapping))
         lists = {name: [tuple(arc) if is_list(arc) else arc for arc in pairs] for name, pairs in given.items()}
@@ -122,6 +142,10 @@ class Network:
         An edge (a, b) means what ``arrow`` says; an undirected edge gives both arcs; the edge
         attribute 'weight' is w.  All modes must have the same nodes, in any order.
         Raises: SpecError for parallel edges, self-loops or different node sets.
+        Example:
+            >>> import networkx
+            >>> dd.Network.from_networkx(networkx.cycle_graph(4), arrow="sends_to").size
+            4
         """
         graphs = _modes(graph, isinstance(graph, Mapping) and not hasattr(graph, "edges"))
         labels: tuple[str, ...] = ()
@@ -133,7 +157,7 @@ class Network:
                     f"{key} must be a networkx graph; got {type(each).__name__}.", key=key,
                     cure="For lists of pairs there is Network.from_arcs, for matrices Network.from_sparse.",
                 )  # fmt: skip
-            nodes = labels_of(list(each.nodes))
+            nodes = _nodes(each)
             labels = labels or nodes
             if set(nodes) != set(labels):
                 raise SpecError(
@@ -153,6 +177,11 @@ class Network:
         Entry (i, j) is the arc [i, j] under ``arrow`` and its value the weight; entries that are stored
         twice are added, stored zeros are no arcs.  ``labels`` defaults to 1..n.
         Shape: (n, n).  Raises: SpecError if it is not square, or labels do not fit.
+        Example:
+            >>> import scipy.sparse
+            >>> network = dd.Network.from_sparse(scipy.sparse.csr_array([[0, 0], [2.5, 0]]), arrow="listens_to")
+            >>> list(network.modes["G"])  # the second agent listens to the first; here agents are counted from 0
+            [(1, 0, Fraction(5, 2))]
         """
         matrices = _modes(matrix, isinstance(matrix, Mapping) and not hasattr(matrix, "tocoo"))
         names = None if labels is None else labels_of(labels)
@@ -174,6 +203,22 @@ class Network:
             weights = list(table.data[keep]) if table.data.dtype == np.float32 else table.data[keep].tolist()
             modes[name] = directed(first, second, parse_weights(weights, key=key), arrow=arrow)
         return cls(labels=labels_of(size) if names is None else names, modes=modes)
+
+
+def _nodes(graph: Any) -> tuple[str, ...]:
+    try:
+        return labels_of(list(graph.nodes))
+    except SpecError as error:  # grids of networkx have tuples
+        raise SpecError(error.message, key=error.key, cure="networkx.relabel_nodes(graph, str) gives text.") from None
+
+
+def _listening(labels: tuple[str, ...], arcs: Arcs) -> str:
+    """What the first few agents hear, from the first arcs."""
+    heard: dict[int, list[str]] = {}
+    for listener, speaker, _ in islice(arcs, 60):
+        heard.setdefault(listener, []).append(labels[speaker])
+    few = [f"{labels[i]} to {', '.join(names)}" for i, names in islice(heard.items(), 4)]
+    return "; ".join(few) + ("; ..." if len(heard) > len(few) else "")
 
 
 def _remake(labels: tuple[str, ...], modes: dict[str, Arcs]) -> Network:

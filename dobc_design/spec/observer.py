@@ -8,14 +8,15 @@ from fractions import Fraction
 from typing import Any
 
 from dobc_design._checks import require_square
+from dobc_design._display import Shown
 from dobc_design.errors import ShapeError, SpecError
 from dobc_design.exact.matrix import Matrix
 from dobc_design.exact.number import parse_number
 from dobc_design.spec.reading import read_matrix, rows_of, shown_number
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Observer:
+@dataclass(frozen=True, slots=True, kw_only=True, repr=False)
+class Observer(Shown):
     """Observer gain W, Lyapunov matrix P, or the decay rate asked of a W that is to be designed.
 
     Shapes: W (q, m), P (q, q), symmetric.  Units: W and rate in 1/s.

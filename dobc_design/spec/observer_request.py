@@ -10,18 +10,20 @@ from dataclasses import dataclass
 from fractions import Fraction
 from typing import Any
 
+from dobc_design._display import Card, Shown
 from dobc_design.errors import SpecError
 from dobc_design.exact.number import parse_number
 from dobc_design.spec.reading import is_list, shown, shown_number
 from dobc_design.spec.spectral_regions import Disk, HalfPlane, SpectralRegion, read_regions
+from dobc_design.spec.typed import typed_number
 
 METHODS = ("lmi", "kalman", "place")
 CHANNELS = ("measurement", "disturbance", "exosystem")
 NORMS = ("h2", "hinf")
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class NoiseLimit:
+@dataclass(frozen=True, slots=True, kw_only=True, repr=False)
+class NoiseLimit(Shown):
     """An upper bound on the norm of one transfer function of the observer, with F = A - W C.
 
     ``channel``: "measurement", noise on the measured x to the estimate dhat, C s (sI - F)^-1 W, in 1/s;
@@ -43,10 +45,13 @@ class NoiseLimit:
             object.__setattr__(self, name, value)
         object.__setattr__(self, "bound", _positive(bound, "noise"))
 
+    def _card(self) -> Card:
+        return Card(title="NoiseLimit", text=str(self))
+
     def __str__(self) -> str:
         name = {"h2": "H2", "hinf": "H-infinity"}[self.norm]
         sign = "<=" if self.norm == "h2" else "<"
-        return f"{name} norm of the {self.channel} channel {sign} {shown_number(self.bound)}"
+        return f"{name} norm of the {self.channel} channel {sign} {typed_number(self.bound)}"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -11,6 +11,7 @@ from fractions import Fraction
 from types import MappingProxyType
 from typing import Any
 
+from dobc_design._display import Card, Shown, plain
 from dobc_design.errors import SpecError
 from dobc_design.exact.definite import decide_positive_semidefinite
 from dobc_design.exact.matrix import Matrix, add, transpose
@@ -18,6 +19,7 @@ from dobc_design.exact.number import parse_number
 from dobc_design.exact.symmetric import SparseSymmetric
 from dobc_design.spec.reading import (
     MOST_ERRORS,
+    counted,
     is_list,
     is_scalar_matrix,
     named,
@@ -29,8 +31,8 @@ from dobc_design.spec.reading import (
 from dobc_design.verdict import Verdict
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Pinning:
+@dataclass(frozen=True, slots=True, kw_only=True, repr=False)
+class Pinning(Shown):
     """Gains by agent index (from 0), each an m x m matrix; zero gains are left out."""
 
     gains: Mapping[int, Matrix]
@@ -40,6 +42,15 @@ class Pinning:
             _check_gain(gain, key="pinning.gains")
         kept = {i: k for i, k in sorted(self.gains.items()) if any(any(row) for row in k)}
         object.__setattr__(self, "gains", MappingProxyType(kept))
+
+    def _card(self) -> Card:
+        return Card(title="Pinning", text=f"of {counted(len(self.gains), 'agent')}, by index", facts=self._gains())
+
+    def __repr__(self) -> str:
+        return f"Pinning(gains={plain({int(i): k for i, k in self._gains()})})"
+
+    def _gains(self) -> list[tuple[str, Any]]:
+        return [(str(i), k[0][0] if is_scalar_matrix(k) else k) for i, k in self.gains.items()]
 
     def __hash__(self) -> int:
         return hash(tuple(self.gains.items()))
@@ -117,9 +128,7 @@ def _read_gain(value: Any, *, key: str, dimension: int) -> Matrix:
                 key=key, cure="Use a positive gain, or leave the agent out.",
             )  # fmt: skip
         return scalar_matrix(number, dimension)
-    gain = read_matrix(
-        value, key=key, shape=(dimension, dimension), because="one row and column per state component"
-    )
+    gain = read_matrix(value, key=key, shape=(dimension, dimension), because="one row and column per state component")
     _check_gain(gain, key=key)
     return gain
 

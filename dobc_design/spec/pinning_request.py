@@ -5,16 +5,17 @@ A noun, exact and checked; ``design`` proposes for it, ``verify`` decides whethe
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
-from typing import Any
+from typing import Any, TypeVar
 
 from dobc_design.errors import SpecError
 from dobc_design.exact.number import parse_number
 from dobc_design.spec.reading import is_list, named, shown, shown_number
 
 FEWEST = "fewest"
+T = TypeVar("T")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -40,22 +41,44 @@ def read_request(
 ) -> PinningRequest:  # fmt: skip
     """Read the arguments of ``design_pinning``; agents by label, numbers exactly.
 
-    Raises: SpecError that names the argument.
+    Raises: SpecError that names every wrong argument.
     """
-    index = {label: i for i, label in enumerate(labels)}
+    index, errors = {label: i for i, label in enumerate(labels)}, list[SpecError]()
+
+    def read(reader: Callable[[], T], default: T) -> T:
+        try:
+            return reader()
+        except SpecError as error:
+            errors.extend(error.errors)
+            return default
+
+    read(lambda: _check_digits(digits), None)
+    read(lambda: _check_pins(pins), None)
+    because = "V is to decrease at that rate, V' <= -2 rate V"
+    speed = read(lambda: _positive(rate, "rate", because), Fraction(0))
+    every = tuple(range(len(labels)))
+    agents = every if allowed is None else read(lambda: _agents(allowed, index), every)
+    none: dict[int, Fraction] = {}
+    caps = none if max_gain is None else read(lambda: _by_agent(max_gain, index, key="max_gain"), none)
+    costs = none if cost is None else read(lambda: _by_agent(cost, index, key="cost"), none)
+    if errors:
+        raise SpecError.several(errors)
+    return PinningRequest(
+        rate=speed, allowed=agents, costs=tuple(costs.get(i, Fraction(1)) for i in every), caps=caps, pins=pins,
+        digits=digits,
+    )  # fmt: skip
+
+
+def _check_digits(digits: Any) -> None:
     if isinstance(digits, bool) or not isinstance(digits, int) or not 1 <= digits <= 15:
         raise SpecError(f"digits must be an integer from 1 to 15; got {shown(digits)}.", key="digits",
                         cure="Four digits are a good choice.")  # fmt: skip
+
+
+def _check_pins(pins: Any) -> None:
     if pins is not None and pins != FEWEST and (isinstance(pins, bool) or not isinstance(pins, int) or pins < 1):
         raise SpecError(f'pins must be an integer >= 1 or "{FEWEST}"; got {shown(pins)}.', key="pins",
                         cure="Leave it out for any number of pinned agents.")  # fmt: skip
-    caps = {} if max_gain is None else _by_agent(max_gain, index, key="max_gain")
-    costs = {} if cost is None else _by_agent(cost, index, key="cost")
-    return PinningRequest(
-        rate=_positive(rate, "rate", "V is to decrease at that rate, V' <= -2 rate V"),
-        allowed=tuple(range(len(labels))) if allowed is None else _agents(allowed, index),
-        costs=tuple(costs.get(i, Fraction(1)) for i in range(len(labels))), caps=caps, pins=pins, digits=digits,
-    )  # fmt: skip
 
 
 def _agents(allowed: Any, index: Mapping[str, int]) -> tuple[int, ...]:

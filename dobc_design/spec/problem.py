@@ -7,9 +7,11 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from itertools import islice
 from types import MappingProxyType
 from typing import Any, TypeVar
 
+from dobc_design._display import MOST_ITEMS, Card, Shown, listed, plain
 from dobc_design.errors import ShapeError, SpecError
 from dobc_design.exact.matrix import Vector
 from dobc_design.spec.coupling import Coupling, make_coupling
@@ -18,7 +20,7 @@ from dobc_design.spec.groups import Group, group_numbers, joint_exosystem, joint
 from dobc_design.spec.network import Network
 from dobc_design.spec.observer import Observer
 from dobc_design.spec.pinning import Pinning, read_pinning
-from dobc_design.spec.reading import MOST_ERRORS, is_list, is_text, named, read_vector, shown
+from dobc_design.spec.reading import MOST_ERRORS, counted, is_list, is_scalar_matrix, is_text, named, read_vector, shown
 from dobc_design.spec.region import Region, read_region
 from dobc_design.spec.settings import Simulation, read_simulation
 from dobc_design.spec.switching import Switching, check_switching
@@ -28,8 +30,8 @@ Arc = tuple[int, int]
 LARGEST_DIMENSION = 100  # every gain is an m x m matrix
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Problem:
+@dataclass(frozen=True, slots=True, kw_only=True, repr=False)
+class Problem(Shown):
     """A disturbance-observer-based consensus problem: equations (1), (12), (13), (19).
 
     Parameters (all by keyword; numbers are exact, a float means its shortest decimal text):
@@ -47,6 +49,11 @@ class Problem:
         switching, simulation: settings; ``simulation`` is a mapping with t_final, seed, xi0, x0.
         notes: sentences on what is assumed or stands in; they are shown wherever a result is shown.
     Raises: SpecError (or ShapeError, ExpressionError) that names every wrong key.
+    Example:
+        >>> network = dd.Network.from_arcs([["tail", "head"]], arrow="listens_to")
+        >>> problem = dd.Problem(network=network, coupling="tanh(y)", gains={"head": "3/2"})
+        >>> problem.n, problem.m, problem.q
+        (2, 1, 0)
     """
 
     name: str
@@ -124,6 +131,28 @@ class Problem:
         given["offsets"] = {self.network.labels[i]: offset for i, offset in self.offsets.items()}
         return _remake, (given,)
 
+    def _card(self) -> Card:
+        labels, modes = self.network.labels, self.network.modes
+        facts: list[tuple[str, Any]] = list(self.coupling._card().facts)
+        if self.exceptions:
+            facts.append(("other couplings", f"on {counted(len(self.exceptions), 'arc')}"))
+        facts.append(("target", self.target[0] if self.m == 1 else (self.target,)))
+        arcs = [f"{name} ({counted(len(each), 'arc')})" for name, each in islice(modes.items(), MOST_ITEMS + 1)]
+        facts.append(("modes", listed(arcs, count=len(modes))))
+        pins = islice(self.pinning.gains.items(), MOST_ITEMS + 1)
+        named_pins = [f"{labels[i]} (k = {plain(k[0][0]) if is_scalar_matrix(k) else 'a matrix'})" for i, k in pins]
+        facts.append(("pinned", listed(named_pins, count=len(self.pinning.gains)) or "nobody"))
+        for group in self.groups[:MOST_ITEMS]:
+            of = f" of group {group.name}" if self.is_grouped else ""
+            facts += [(f"{name}{of}", value) for name, value in group._card().facts]
+        named_facts = (("region", self.region), ("switching", self.switching), ("notes", "  ".join(self.notes)))
+        facts += [(name, value) for name, value in named_facts if value]
+        text = f"{counted(self.n, 'agent')} with {counted(self.m, 'state component')} each"
+        return Card(title=self.name, text=text, facts=facts)
+
+    def __repr__(self) -> str:
+        return f"<Problem {self.name}: {self.network!r}, {counted(len(self.pinning.gains), 'pinned agent')}>"
+
     @property
     def n(self) -> int:
         """Number of agents."""
@@ -176,8 +205,8 @@ class Problem:
                 "exosystem.groups: this is not available yet for agents with different exosystems; it knows one"
                 " exosystem that all agents share.",
                 key="exosystem.groups",
-                cure="Use certify, verify, simulate or build_model, which know groups; or give every agent the same A"
-                " and C.",
+                cure="Use certify, verify, design, simulate, falsify or to_c, which know groups; or give every agent"
+                " the same A and C.",
             )
 
     @property

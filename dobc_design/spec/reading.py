@@ -77,8 +77,7 @@ def read_matrix(value: Any, *, key: str, shape: tuple[int, int] | None = None, b
             key=key, cure=f"Give {rows_of(shape)}.",
         )  # fmt: skip
     return tuple(
-        tuple(parse_number(entry, key=f"{key}[{i}][{j}]") for j, entry in enumerate(row))
-        for i, row in enumerate(rows)
+        tuple(parse_number(entry, key=f"{key}[{i}][{j}]") for j, entry in enumerate(row)) for i, row in enumerate(rows)
     )
 
 
@@ -131,6 +130,4 @@ def scalar_matrix(value: Fraction, size: int) -> Matrix:
 
 def is_scalar_matrix(matrix: Sequence[Sequence[Fraction]]) -> bool:
     """Tell whether a square matrix is a multiple of the identity."""
-    return all(
-        entry == (matrix[0][0] if i == j else 0) for i, row in enumerate(matrix) for j, entry in enumerate(row)
-    )
+    return all(entry == (matrix[0][0] if i == j else 0) for i, row in enumerate(matrix) for j, entry in enumerate(row))

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from fractions import Fraction
 from typing import Any
 
+from dobc_design._display import Card, Shown, listed
 from dobc_design.errors import ShapeError, SpecError
 from dobc_design.exact.number import parse_number
 from dobc_design.spec.reading import is_list, shown, shown_number
@@ -13,8 +14,8 @@ from dobc_design.spec.reading import is_list, shown, shown_number
 Pair = tuple[Fraction, Fraction]
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Region:
+@dataclass(frozen=True, slots=True, kw_only=True, repr=False)
+class Region(Shown):
     """Starts asked for: lo_c <= x_ic(0) <= hi_c for every agent i, and |xi_i(0) - xihat_i(0)| <= disturbance.
 
     ``initial_states`` holds m pairs; ``initial_disturbance`` is Euclidean, None without an exosystem.
@@ -22,6 +23,11 @@ class Region:
 
     initial_states: tuple[Pair, ...]
     initial_disturbance: Fraction | None
+
+    def _card(self) -> Card:
+        pairs = [f"[{shown_number(low)}, {shown_number(high)}]" for low, high in self.initial_states]
+        error = [] if self.initial_disturbance is None else [("|xi_i - xihat_i| at most", self.initial_disturbance)]
+        return Card(title="Region", text="asked for", facts=[("initial states", listed(pairs)), *error])
 
 
 def read_region(initial_states: Any, initial_disturbance: Any, *, dimension: int, with_exosystem: bool) -> Region:

@@ -10,6 +10,7 @@ from dataclasses import dataclass
 from fractions import Fraction
 from typing import Any
 
+from dobc_design._display import Card, Shown
 from dobc_design.errors import SpecError
 from dobc_design.exact.number import parse_number
 from dobc_design.spec.reading import is_list, shown, shown_number
@@ -17,11 +18,15 @@ from dobc_design.spec.reading import is_list, shown, shown_number
 Ends = tuple[Fraction | None, Fraction | None]  # None is infinite
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class HalfPlane:
+@dataclass(frozen=True, slots=True, kw_only=True, repr=False)
+class HalfPlane(Shown):
     """Re s <= left_of, or Re s >= right_of (1/s); exactly one of them is given.
 
     HalfPlane(left_of=-2) asks for decay at the rate 2 or more, HalfPlane(right_of=-50) for none above 50.
+    Example:
+        >>> design = dd.design_observer("paper-fixed", region=[dd.HalfPlane(left_of=-2), dd.Disk(centre=-4, radius=3)])
+        >>> design.verdict.value
+        'proved'
     """
 
     left_of: Fraction | None
@@ -38,6 +43,9 @@ class HalfPlane:
             number = None if value is None else parse_number(value, key=f"region.{name}")
             object.__setattr__(self, name, number)
 
+    def _card(self) -> Card:
+        return Card(title="HalfPlane", text=str(self))
+
     def __str__(self) -> str:
         if self.left_of is not None:
             return f"Re s <= {shown_number(self.left_of)}"
@@ -49,8 +57,8 @@ class HalfPlane:
         return self.right_of, self.left_of
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Disk:
+@dataclass(frozen=True, slots=True, kw_only=True, repr=False)
+class Disk(Shown):
     """|s - centre| <= radius, with a real centre; both in 1/s."""
 
     centre: Fraction
@@ -65,6 +73,9 @@ class Disk:
                 key="region.radius", cure="Give a positive radius (1/s).",
             )  # fmt: skip
 
+    def _card(self) -> Card:
+        return Card(title="Disk", text=str(self))
+
     def __str__(self) -> str:
         return f"|s - ({shown_number(self.centre)})| <= {shown_number(self.radius)}"
 
@@ -74,8 +85,8 @@ class Disk:
         return self.centre - self.radius, self.centre + self.radius
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Cone:
+@dataclass(frozen=True, slots=True, kw_only=True, repr=False)
+class Cone(Shown):
     """Damping ratio at least ``damping``: Re s <= 0 and -Re s >= damping |s|; 0 < damping < 1."""
 
     damping: Fraction
@@ -88,6 +99,9 @@ class Cone:
                 f" got {shown_number(self.damping)}.",
                 key="region.damping", cure="For real eigenvalues only, ask for 0.999.",
             )  # fmt: skip
+
+    def _card(self) -> Card:
+        return Card(title="Cone", text=str(self))
 
     def __str__(self) -> str:
         return f"damping >= {shown_number(self.damping)}"

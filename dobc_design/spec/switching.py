@@ -12,6 +12,7 @@ from fractions import Fraction
 from itertools import pairwise
 from typing import Any
 
+from dobc_design._display import Shown
 from dobc_design.errors import ShapeError, SpecError
 from dobc_design.exact.matrix import Matrix
 from dobc_design.exact.number import parse_number
@@ -32,8 +33,8 @@ _EXAMPLES = {
 }  # fmt: skip
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Switching:
+@dataclass(frozen=True, slots=True, kw_only=True, repr=False)
+class Switching(Shown):
     """Which signal drives the modes; None stands for what was not given.
 
     ``dwell`` in s: the time between two changes of "random" and "periodic", the mean one of "markov".

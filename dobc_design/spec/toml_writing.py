@@ -16,7 +16,7 @@ from tomlkit.exceptions import TOMLKitError
 
 from dobc_design.errors import SpecError
 from dobc_design.spec.canonical import canonical_bytes, canonical_document
-from dobc_design.spec.changes import changed_problem
+from dobc_design.spec.changes import GROUP_GAINS, changed_problem
 from dobc_design.spec.file import read_problem_text
 from dobc_design.spec.problem import Problem
 from dobc_design.spec.switching import Switching
@@ -40,7 +40,10 @@ def changed_text(
     try:
         document = tomlkit.parse(text)
         for path, value in changes.items():
-            _set(document, path.split("."), value, whole=whole, remark=remark)
+            if path == GROUP_GAINS:
+                _set_group_gains(document, value or {}, remark=remark)
+            else:
+                _set(document, path.split("."), value, whole=whole, remark=remark)
         return tomlkit.dumps(document)
     except (TOMLKitError, TypeError, ValueError, KeyError, IndexError, AttributeError, RecursionError):
         return None
@@ -73,6 +76,20 @@ def _set(document: Any, path: list[str], value: Any, *, whole: bool, remark: str
         item.add(tomlkit.nl())
     table[name] = item
     table[name].comment(remark)
+
+
+def _set_group_gains(document: Any, gains: Mapping[str, Any], *, remark: str) -> None:
+    """W of every group where it stands: in its table, or in [observer] for the agents outside of all tables.
+
+    A group is found by its name, the label of one of its agents.
+    """
+    left = dict(gains)
+    for table in document["exosystem"]["groups"]:
+        name = next((name for name in gains if name in {str(agent) for agent in table["agents"]}), None)
+        _set(table, ["W"], None if name is None else left.pop(name), whole=True, remark=remark)
+        _set(table, ["P"], None, whole=True, remark=remark)
+    for name, value in (("W", next(iter(left.values()), None)), ("P", None)):
+        _set(document, ["observer", name], value, whole=True, remark=remark)
 
 
 def _change_lines(table: Any, wanted: Mapping[str, Any], remark: str) -> None:

@@ -4,16 +4,21 @@ from __future__ import annotations
 
 from fractions import Fraction
 from itertools import combinations
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from small_designs import BOX, CONSTANT, HIDDEN, NOISY_BOX, ring, star, two_leaders
 
 import dobc_design as dd
+from dobc_design.designing.refuting import network_obstacle
 from dobc_design.errors import SpecError
 from dobc_design.spec.changes import changed_problem
+from dobc_design.spec.design_request import read_design_request
+from dobc_design.spec.network import Network
 from dobc_design.spec.problem import Problem
 from dobc_design.verdict import Verdict
+from dobc_design.verify.pinning_structure import structure_of
 
 
 def is_proved(found: dd.Design) -> bool:
@@ -148,6 +153,23 @@ def test_too_few_pins_for_a_rate_are_refuted_set_by_set():
     assert found.nearest is not None
     assert is_proved(found.nearest)
     assert len(found.nearest.gains) == 4
+
+
+@pytest.mark.parametrize("pins", [None, 1])
+def test_a_group_that_is_alone_in_one_mode_only_is_refuted_for_arbitrary_switching(pins):
+    """In turn, modes A (3 hears 2) and B (2 hears 1) may converge with a pin on 1; put together they need no other."""
+    for modes, several in (({"A": [[3, 2]], "B": [[2, 1]]}, True), ({"A": [[3, 2], [2, 1]]}, False)):
+        problem = Problem(
+            network=Network.from_arcs(modes, arrow="listens_to", agents=3), coupling="y", gains={1: 1}, target=0
+        )
+        request = read_design_request(
+            problem.network.labels, rate=None, pins=pins, max_gain=None, allowed=None if pins else ["1"], noise=None,
+            digits=3, reduce=True,
+        )  # fmt: skip
+        ground = SimpleNamespace(problem=problem, request=request, structure=structure_of(problem, request.allowed))
+        found = network_obstacle(ground)
+        assert (found is not None) is several
+        assert found is None or "under arbitrary switching" in found.text
 
 
 def test_a_group_without_an_allowed_agent_is_refuted_and_the_nearest_request_allows_it():

@@ -165,9 +165,7 @@ def test_graphml_that_cannot_be_meant_is_refused(tmp_path, text, message):
 def test_all_formats_mean_the_same(tmp_path_factory, arcs, arrow):
     folder = tmp_path_factory.mktemp("arcs")
     lines = [(a, b, str(w)) for a, b, w in arcs]
-    edges = "".join(
-        f'<edge source="{a}" target="{b}"><data key="w">{w}</data></edge>' for a, b, w in lines
-    )
+    edges = "".join(f'<edge source="{a}" target="{b}"><data key="w">{w}</data></edge>' for a, b, w in lines)
     xml = (
         f'{HEAD}<key id="w" for="edge" attr.name="weight" attr.type="string"/>'
         f'<graph edgedefault="directed">{edges}</graph></graphml>'

@@ -3,26 +3,18 @@
 from __future__ import annotations
 
 import json
+from functools import partial
 from pathlib import Path
 
 import pytest
 
-from dobc_design.cli import main
 from dobc_design.export.c_folder import FILES
 
 
 @pytest.fixture
-def dobc(tmp_path, monkeypatch, capsys):
+def dobc(command_line):
     """Run a command in an empty folder; returns the exit code, standard output and standard error."""
-    monkeypatch.chdir(tmp_path)
-
-    def run(*arguments: str) -> tuple[int, str, str]:
-        with pytest.raises(SystemExit) as caught:
-            main(["export", *arguments])
-        out, err = capsys.readouterr()
-        return int(str(caught.value.code)), out, err
-
-    return run
+    return partial(command_line, "export")
 
 
 def test_c_code_is_written_with_what_is_proved_about_it(dobc):

@@ -6,30 +6,22 @@ import json
 import os
 import signal
 import sys
+from functools import partial
 from importlib.util import find_spec
 from pathlib import Path
 
 import pytest
-from sweeps import CHAIN, axes, children, finish, kill, lines, start, wait_for, without_times, words_of
+from problem_texts import CHAIN
+from sweeps import axes, children, finish, kill, lines, start, wait_for, without_times, words_of
 
-from dobc_design.cli import main
 from dobc_design.sweep.running import sweep
 
 
 @pytest.fixture
-def dobc(capsys, tmp_path, monkeypatch):
+def dobc(command_line):
     """Run the command line in a folder with chain.toml: exit code, standard output, standard error."""
-    monkeypatch.chdir(tmp_path)
     Path("chain.toml").write_text(CHAIN, encoding="utf-8")
-
-    def run(*arguments: object) -> tuple[int, str, str]:
-        with pytest.raises(SystemExit) as caught:
-            main(["sweep", *map(str, arguments)])
-        captured = capsys.readouterr()
-        assert "Traceback" not in captured.err
-        return int(str(caught.value.code)), captured.out, captured.err
-
-    return run
+    return partial(command_line, "sweep")
 
 
 def test_the_document_counts_outcomes_and_a_second_run_does_nothing_again(dobc):

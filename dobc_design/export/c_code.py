@@ -21,6 +21,10 @@ HEADER = """\
 #ifndef DOBC_AGENT_H
 #define DOBC_AGENT_H
 
+#ifdef __cplusplus
+extern "C" {{
+#endif
+
 typedef {precision} dobc_real;
 
 #define DOBC_PERIOD {literal} /* s from one sample to the next */
@@ -90,6 +94,10 @@ void dobc_step(dobc_agent *agent, const dobc_real x[DOBC_COMPONENTS], dobc_outpu
 
 /* Tell the observer which input was applied instead of output->u, when an actuator has limits; after dobc_step. */
 void dobc_applied(dobc_agent *agent, const dobc_real u[DOBC_COMPONENTS]);
+
+#ifdef __cplusplus
+}}
+#endif
 
 #endif
 """
@@ -263,11 +271,11 @@ SUM_DHAT = """\
 def header_text(controller: Controller) -> str:
     """dobc_agent.h."""
     problem = controller.problem
-    estimate = "\n    dobc_real estimate[DOBC_ORDER]; /* xihat */" if problem.q else ""
+    estimate = "\n    dobc_real estimate[DOBC_ORDER]; /* xihat */" if controller.q else ""
     return HEADER.format(
         title=comment(problem.name), period=f"{float(controller.period):.10g}", version=__version__,
         precision=controller.precision, literal=literal(controller.period, controller.precision), m=problem.m,
-        q=problem.q, agents=len(controller.agents), modes=len(problem.network.modes),
+        q=controller.q, agents=len(controller.agents), modes=len(problem.network.modes),
         names=comment(", ".join(list(problem.network.modes)[:12])), estimate=estimate,
         neighbours=max(1, *(len(agent.neighbours) for agent in controller.agents)),
     )  # fmt: skip
@@ -281,7 +289,7 @@ def source_text(controller: Controller) -> str:
     parts = [f"/* {comment(problem.name)}: see dobc_agent.h. */\n", '#include "dobc_agent.h"\n']
     if algebra.library:
         parts.append("#include <math.h>\n")
-    if problem.q:
+    if controller.q:
         parts += [
             f"\n/* Ad = exp(A T) */\nstatic const dobc_real transition[DOBC_ORDER][DOBC_ORDER] = "
             f"{array(controller.Ad, precision)};\n",
@@ -294,12 +302,12 @@ def source_text(controller: Controller) -> str:
     parts += [f"{text}\n" for name, text in HELPERS.items() if name in algebra.used]
     parts += [f"{text}\n" for text in couplings]
     parts.append(_dispatch(len(couplings)))
-    parts += [OBSERVE] if problem.q else []
-    start = "    for (c = 0; c < DOBC_ORDER; c++) {\n        agent->estimate[c] = 0;\n    }\n" if problem.q else ""
+    parts += [OBSERVE] if controller.q else []
+    start = "    for (c = 0; c < DOBC_ORDER; c++) {\n        agent->estimate[c] = 0;\n    }\n" if controller.q else ""
     functions = FUNCTIONS.replace("@INIT@", start)
-    functions = functions.replace("@DHAT@", SUM_DHAT if problem.q else "        output->dhat[c] = 0;\n")
-    counters = "int a, c, d, k;" if problem.q else "int a, c, d;"
-    functions = functions.replace("int a, c, d;\n\n@OBSERVE@", f"{counters}\n\n{CALL_OBSERVE if problem.q else ''}")
+    functions = functions.replace("@DHAT@", SUM_DHAT if controller.q else "        output->dhat[c] = 0;\n")
+    counters = "int a, c, d, k;" if controller.q else "int a, c, d;"
+    functions = functions.replace("int a, c, d;\n\n@OBSERVE@", f"{counters}\n\n{CALL_OBSERVE if controller.q else ''}")
     return "".join([*parts, functions])
 
 

@@ -18,6 +18,8 @@ from dobc_design.exact.matrix_exponential import discretise
 from dobc_design.exact.number import parse_number
 from dobc_design.export.c_text import PRECISIONS, rounded
 from dobc_design.model.arrays import Gain, chosen_gain
+from dobc_design.spec.exosystem import Exosystem
+from dobc_design.spec.groups import gains_of, group_numbers
 from dobc_design.spec.problem import Problem
 from dobc_design.spec.reading import named, shown
 from dobc_design.verdict import Verdict
@@ -54,7 +56,8 @@ class Controller:
     """A sampled controller with the numbers of its code.
 
     Shapes: Ad (q, q), Cd (m, q), L (q, m), rounded to ``precision``; () without an exosystem.  ``period`` in s.
-    ``statements``: what is decided about these numbers.
+    ``statements``: what is decided about these numbers.  ``states``: where its exosystem's states stand in a
+    simulation, which holds those of all groups of agents side by side.
     """
 
     problem: Problem
@@ -65,6 +68,12 @@ class Controller:
     L: Matrix
     agents: tuple[AgentNumbers, ...]
     statements: tuple[Statement, ...]
+    states: range
+
+    @property
+    def q(self) -> int:
+        """Order of the exosystem that the code's agents have; 0 without one."""
+        return len(self.states)
 
 
 Objection = Callable[[Controller], str]
@@ -76,6 +85,7 @@ def make_controller(
 ) -> Controller:  # fmt: skip
     """Discretise the observer of ``problem`` and collect the numbers of ``agents`` (labels; default all, at most 200).
 
+    Where agents have different exosystems, ``agents`` have to be of one group.
     ``period`` in s; ``gain`` (q, m) takes the place of observer.W; ``sampled_gain`` (q, m) that of L.
     ``objection``: asked about every controller that could be returned; "" accepts it.
     Raises: SpecError for a wrong argument, and for a period at which the sampled loop is proved to diverge, or the
@@ -87,18 +97,19 @@ def make_controller(
             cure="double is the default.",
         )  # fmt: skip
     W = chosen_gain(problem, gain)
-    if problem.exosystem is not None and W is None:
+    if problem.groups and W is None:
         raise SpecError("observer.W must be known to write the observer.", key="observer.W", cure="Give or design W.")
     L = None if sampled_gain is None else matrix(sampled_gain, name="sampled_gain")
     _check_sampled_gain(problem, L)
-    asked = _read_period(period)
-    numbers = tuple(_numbers(problem, agent) for agent in _chosen(problem, agents))
+    asked, chosen = _read_period(period), _chosen(problem, agents)
+    numbers = tuple(_numbers(problem, agent) for agent in chosen)
+    exosystem, own, states = _observed(problem, W, chosen)
 
     def made(value: Fraction) -> Controller:
-        Ad, Cd, correction, statements = _decided(problem, W, L, value, precision)
+        Ad, Cd, correction, statements = _decided(problem, exosystem, own, L, value, precision)
         return Controller(
             problem=problem, period=value, precision=precision, Ad=Ad, Cd=Cd, L=correction, statements=statements,
-            agents=numbers,
+            agents=numbers, states=states,
         )  # fmt: skip
 
     controller = made(asked)
@@ -109,14 +120,36 @@ def make_controller(
     return controller
 
 
+def _observed(
+    problem: Problem, W: Matrix | None, agents: Sequence[int]
+) -> tuple[Exosystem | None, Matrix | None, range]:
+    """The exosystem and the W of these agents, who have to share them, and the places of its states among all."""
+    if not problem.is_grouped or W is None:
+        return problem.joint_exosystem, W, range(problem.q)
+    numbers = group_numbers(problem.groups, problem.network.labels)
+    found = {numbers[agent] for agent in agents}
+    if len(found) > 1:
+        names = ", ".join(named(group.name) for group in problem.groups[:6])
+        raise SpecError(
+            "the code of one folder is for agents with one exosystem, and these have different ones"
+            " (exosystem.groups).", key="--agent",
+            cure="Name an agent, --agent LABEL, or in Python agents=[...] of one group, and write a folder for each"
+            f" group; the groups begin with agent {names}.",
+        )  # fmt: skip
+    place = found.pop()
+    before = sum(group.exosystem.order for group in problem.groups[:place])
+    exosystem = problem.groups[place].exosystem
+    return exosystem, gains_of(problem.groups, W)[place], range(before, before + exosystem.order)
+
+
 def _decided(
-    problem: Problem, W: Matrix | None, L: Matrix | None, period: Fraction, precision: str
+    problem: Problem, exosystem: Exosystem | None, W: Matrix | None, L: Matrix | None, period: Fraction, precision: str
 ) -> tuple[Matrix, Matrix, Matrix, tuple[Statement, ...]]:
     """The rounded matrices of this period, and what is decided about them and about the network."""
     network = sampled_network_statement(problem, period)
-    if problem.exosystem is None or W is None:
+    if exosystem is None or W is None:
         return (), (), (), (network,)
-    A, C = problem.exosystem.A, problem.exosystem.C
+    A, C = exosystem.A, exosystem.C
     found = discretise(A, period)
     if L is None:
         error = discretise(subtract(A, multiply(W, C)), period)
@@ -163,6 +196,11 @@ def _too_long(period: Fraction, why: str, works: Fraction | None) -> SpecError:
 
 
 def _check_sampled_gain(problem: Problem, L: Matrix | None) -> None:
+    if L is not None and problem.is_grouped:
+        raise SpecError(
+            "sampled_gain is one gain for all agents, and the groups of exosystem.groups have different ones.",
+            key="sampled_gain", cure="Leave it out: the W of every group is discretised.",
+        )  # fmt: skip
     if L is not None and shape(L) != (problem.q, problem.m):
         raise SpecError(
             f"sampled_gain must have shape ({problem.q}, {problem.m}); got {shape(L)}.", key="sampled_gain",

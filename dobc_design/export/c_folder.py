@@ -9,6 +9,7 @@ from os import PathLike
 from pathlib import Path
 
 from dobc_design import __version__
+from dobc_design._display import Card, Shown
 from dobc_design.certificate.files import make_folder, write_together
 from dobc_design.errors import SpecError
 from dobc_design.export.c_code import header_text, source_text
@@ -119,8 +120,8 @@ Written by dobc_design {version}.
 """
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class CCode:
+@dataclass(frozen=True, slots=True, kw_only=True, repr=False)
+class CCode(Shown):
     """C99 of a sampled controller: the files by name, the numbers in them, and what is decided about them.
 
     ``tolerance``: how far u, v and dhat may be from the double-precision loop along the test vectors.
@@ -138,6 +139,15 @@ class CCode:
         make_folder(target)
         write_together({target / name: data for name, data in self.files.items()})
         return [target / name for name in self.files]
+
+    def _card(self) -> Card:
+        return Card(
+            title="C99 code", text=str(self).partition("\n")[0], lines=[str(each) for each in self.statements],
+            heads=("file", "bytes"), rows=[(name, len(data)) for name, data in self.files.items()],
+        )  # fmt: skip
+
+    def __repr__(self) -> str:
+        return f"<CCode: {str(self).partition(chr(10))[0]}>"
 
     def __str__(self) -> str:
         count = len(self.controller.agents)
@@ -195,7 +205,7 @@ def readme(controller: Controller, recorded: Recorded, statements: Sequence[Stat
         intro=textwrap.fill(
             f"Equations (13) and (19), sampled every {float(controller.period):.6g} s. No heap, no global that changes,"
             " and of <math.h> only what the coupling needs. One struct dobc_agent holds all memory of an agent."
-            f"{'' if problem.q else ' Without an exosystem there is no observer.'}", WIDTH,
+            f"{'' if controller.q else ' Without an exosystem there is no observer.'}", WIDTH,
         ),
         who=f"{len(labels)} agent{'s' if len(labels) != 1 else ''} ({names})", samples=len(recorded.x),
         agent=recorded.agent.label, neighbours=", ".join(labels_of_neighbours(problem, recorded)) or "none",

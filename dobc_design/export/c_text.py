@@ -80,8 +80,9 @@ def string(text: str) -> str:
 
 def comment(text: str) -> str:
     """``text`` for the inside of a comment: ASCII, on one line, without what could end or extend it."""
-    safe = "".join(each if 32 <= ord(each) < 127 else "?" for each in text.replace("\n", " "))
-    return safe.replace("*/", "* /").replace("/*", "/ *").replace("\\", "/").replace("??", "? ?")
+    # No backslash and no question mark: they continue lines, and trigraphs spell backslashes.
+    safe = "".join(each if 32 <= ord(each) < 127 and each not in "\\?" else "_" for each in text)
+    return safe.replace("*/", "* /").replace("/*", "/ *")
 
 
 @dataclass(frozen=True, slots=True)

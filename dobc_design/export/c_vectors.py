@@ -76,7 +76,8 @@ class Recorder:
             modes = np.array([names.index(name) for name in run.switches.names])[run.switches.at(run.times)]
         heard = run.x[:, others] - run.goal[others]
         bare = Recorded(
-            agent=agent, modes=modes, x=run.x[:, i], heard=heard, xihat=run.xihat[:, i], dhat=run.dhat[:, i],
+            agent=agent, modes=modes, x=run.x[:, i], heard=heard, xihat=run.xihat[:, i, controller.states],
+            dhat=run.dhat[:, i],
             u=run.u[:, i], v=run.u[:, i],
         )  # fmt: skip
         e = run.x[:, i] - run.goal[i]

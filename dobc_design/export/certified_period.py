@@ -1,7 +1,7 @@
 """What a certificate says about a sampling period: its proved check ``sampling``, as a statement about one period.
 
-The check is about couplings and control that are held, with the observer (13) in continuous time; that the sampled
-observer's own error dies out is decided in ``verify.sampled_loop``.
+The check is about couplings and pinning that are held, with the observer (13) and dhat in continuous time; that the
+sampled observer's own error dies out is decided in ``verify.sampled_loop``.
 """
 
 from __future__ import annotations
@@ -23,8 +23,8 @@ def certified_sampling(claims: Claims, period: Fraction) -> Statement:
             if period <= longest:
                 return _statement(
                     check.verdict,
-                    f"the certificate's check `sampling` covers this period: couplings and control may be held for"
-                    f" {float(longest):.4g} s{where} (the observer there is (13) in continuous time).",
+                    f"the certificate's check `sampling` covers this period: couplings and pinning may be held for"
+                    f" {float(longest):.4g} s{where} (observer and estimate: those of (13), in continuous time).",
                     longest,
                 )
             return _statement(

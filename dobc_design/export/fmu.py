@@ -21,6 +21,7 @@ from pathlib import Path
 from xml.sax.saxutils import quoteattr
 
 from dobc_design import __version__
+from dobc_design._display import Card, Shown
 from dobc_design.certificate.files import write_atomically
 from dobc_design.errors import SolverError, SpecError
 from dobc_design.export.c_code import header_text, source_text
@@ -36,12 +37,19 @@ SYSTEMS = {"Linux": ("linux", ".so"), "Darwin": ("darwin", ".dylib"), "Windows":
 MACHINES = {"AMD64": "x86_64", "arm64": "aarch64"}
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Fmu:
+@dataclass(frozen=True, slots=True, kw_only=True, repr=False)
+class Fmu(Shown):
     """The bytes of an FMU and the platform its library is for, None where there is no compiler: sources only then."""
 
     data: bytes
     platform: str | None
+
+    def _card(self) -> Card:
+        made = "sources only, there is no compiler" if self.platform is None else f"library for {self.platform}"
+        return Card(title="FMU (FMI 3.0)", text=f"{len(self.data)} bytes, {made}")
+
+    def __repr__(self) -> str:
+        return f"<Fmu: {self._card().text}>"
 
     def save(self, path: str | PathLike[str]) -> Path:
         """Write the file, replacing an older one.  Raises: CertificateError when the machine refuses."""

@@ -43,8 +43,9 @@ def exact_matrices(
             cure="model.arrays has them as SciPy sparse matrices.",
         )  # fmt: skip
     found: dict[str, Matrix] = {}
-    if problem.exosystem is not None:
-        found |= {"A": problem.exosystem.A, "C": problem.exosystem.C}
+    exosystem = problem.joint_exosystem  # of several groups: block diagonal, as in certificates
+    if exosystem is not None:
+        found |= {"A": exosystem.A, "C": exosystem.C}
     found |= {name: each for name, each in (("W", W), ("P", P), ("Q", Q)) if each is not None}
     found["K"] = _pins(problem)
     found["xbar"] = tuple((x,) for x in problem.target)

@@ -14,6 +14,8 @@ from dobc_design.certificate.certificate import Certificate
 from dobc_design.exact.matrix import Matrix
 from dobc_design.export import rocq_theory as theory
 from dobc_design.export.rocq_claim import Factors, PairClaim, RocqClaim, read_claim
+from dobc_design.export.rocq_lemmas import CHECKER, OVER_Q
+from dobc_design.export.rocq_reals import OVER_R
 from dobc_design.export.rocq_text import comment, matrix, number, section, square_list, wrapped_list
 from dobc_design.spec.problem import Problem
 from dobc_design.theorems.jacobians import Jacobians, ModeJacobian
@@ -40,7 +42,7 @@ def rocq_proof(certificate: Certificate, *, rate: bool = False) -> str:
         section("2. The problem, and Psi"),
         *_data(claim),
         section("3. From L D L' to definiteness: proved once, for every matrix"),
-        theory.CHECKER, theory.OVER_Q, theory.OVER_R,
+        CHECKER, OVER_Q, OVER_R,
         section("4. The witnesses L and D, multiplied out by the kernel"),
         *_witnesses(claim),
         section(f"5. {TITLES[claim.id]}"),

@@ -131,7 +131,7 @@ def rounding_bound(controller: Controller, recorded: Recorded) -> float:
 
 
 def _bound(controller: Controller, recorded: Recorded, u: float) -> float:
-    agent, m, q = recorded.agent, controller.problem.m, controller.problem.q
+    agent, m, q = recorded.agent, controller.problem.m, controller.q
     goal, gain = to_float((agent.goal,))[0], np.abs(to_float(agent.gain))
     e = recorded.x - goal
     own = u * (np.abs(recorded.x) + np.abs(goal) + np.abs(e))  # of e: its input, the goal, the difference

@@ -49,7 +49,7 @@ def problem_from_file(path: Path, *, arrow: str | None = None) -> Problem:
     if suffix == ".m":
         return grid_problem(read_matpower(data.decode("utf-8", errors="replace"), name=path.name), name=name)
     if suffix == ".mat":
-        return read_mat(data, name=name)
+        return read_mat(data, file=path.name, name=name)
     if is_pandapower(data):
         return grid_problem(read_pandapower(data, name=path.name), name=name)
     return load_problem(path)

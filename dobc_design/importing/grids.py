@@ -59,7 +59,10 @@ def grid_problem(grid: Grid, *, name: str, gain: Any = 1) -> Problem:
         a, b = branch.ends
         for end in branch.ends:
             if end not in known:
-                raise SpecError(f"{branch.place} names bus {named(end)}, which is not there.", key=branch.place)
+                raise SpecError(
+                    f"{branch.place} names bus {named(end)}, which is not there.", key=branch.place,
+                    cure="Add the bus, or take the branch out of service.",
+                )  # fmt: skip
         if a == b:
             raise SpecError(f"{branch.place} leads from bus {named(a)} to itself.", key=branch.place)
         if branch.reactance <= 0:

@@ -29,16 +29,16 @@ SUM_TOLERANCE = 1e-9  # of a row of L, relative to its largest entry
 LINEAR = 'The file has no coupling h: it is taken to be linear, h = "y", as a Laplacian alone says.'
 
 
-def read_mat(data: bytes, *, name: str) -> Problem:
-    """Make the problem of a .mat file; ``name`` of the file is for messages and the default name.
+def read_mat(data: bytes, *, file: str, name: str) -> Problem:
+    """Make the problem of a .mat file; ``file``: its name, for messages; ``name``: the problem's, if it has none.
 
     Raises: SpecError that names the variable.
     """
-    found = {key: value for key, value in read_variables(data, name=name).items() if key in KNOWN}
+    found = {key: value for key, value in read_variables(data, name=file).items() if key in KNOWN}
     L = found.get("L")
     if L is None:
         raise SpecError(
-            f"{name} must hold the variable L, the Laplacian of the graph (row i: -w_ij where i listens to j);"
+            f"{file} must hold the variable L, the Laplacian of the graph (row i: -w_ij where i listens to j);"
             f" it has {', '.join(found) or 'none of the known ones'}.",
             key="L", cure=f"Known variables are {', '.join(KNOWN)}.",
         )  # fmt: skip
@@ -64,7 +64,9 @@ def read_mat(data: bytes, *, name: str) -> Problem:
 
 def _matrix(value: Any, key: str) -> Any:
     if not isinstance(value, np.ndarray) or np.iscomplexobj(value):
-        raise SpecError(f"{key} must be a real matrix; got {_kind(value)}.", key=key, cure="Of numbers.")
+        raise SpecError(
+            f"{key} must be a real matrix; got {_kind(value)}.", key=key, cure="Save a matrix of real numbers."
+        )
     return value
 
 

@@ -147,7 +147,7 @@ def _tap(row: Row) -> float:
 
 def _exact(value: float, key: str) -> Fraction:
     """Twelve digits: the reactance was computed in floats, and 0.05917 should not read 0.059170000000000006."""
-    return parse_number(f"{value:.12g}", key=key)
+    return parse_number(f"{value:.12g}", key=f"the reactance of {key}")
 
 
 def _on(row: Row) -> bool:

@@ -21,11 +21,13 @@ from dobc_design.spec.file import read_problem_tables
 from dobc_design.spec.problem import Problem
 from dobc_design.sweep.axes import Axis
 from dobc_design.sweep.keys import with_changes
+from dobc_design.sweep.limit import TooLong, within
 from dobc_design.sweep.plan import Base, Case
 from dobc_design.sweep.tasks import Task
 from dobc_design.sweep.values import read_value
 
 Outcome = dict[str, Any]  # what the journal holds of a case
+TIME = "time"  # kind of error of a case that was given up
 WATCH = 1.0  # s between looks at whether the parent is still there
 _GONE = 70  # exit code of a worker whose parent is gone; nobody reads it
 
@@ -39,8 +41,13 @@ def build(base: Base, axes: tuple[Axis, ...], case: Case) -> Problem:
     return read_problem_tables(with_changes(base.document, changes), folder=folder, default_name=base.name)
 
 
-def run_case(base: Base, axes: tuple[Axis, ...], task: Task, case: Case) -> Outcome:
-    """Build and do one case; the line of the journal.  Never raises but for interrupts."""
+def run_case(
+    base: Base, axes: tuple[Axis, ...], task: Task, case: Case, limit: float | None = None, alone: bool = False
+) -> Outcome:  # fmt: skip
+    """Build and do one case; the line of the journal.  Never raises but for interrupts.
+
+    ``limit`` in s; ``alone``: the process may be ended with a case that does not keep it.
+    """
     task.prepare()
     started = time.perf_counter()
     line: Outcome = {
@@ -48,10 +55,16 @@ def run_case(base: Base, axes: tuple[Axis, ...], task: Task, case: Case) -> Outc
     }  # fmt: skip
     given = json.dumps([axis.name for axis in axes] + list(case.values), ensure_ascii=False)
     about = hashlib.sha256(given.encode("utf-8")).hexdigest()  # of a case that gives no problem
+    made: list[Problem] = []
+
+    def work() -> dict[str, Any]:
+        made.append(build(base, axes, case))
+        return task.run(made[0])
+
     try:
-        problem = build(base, axes, case)
-        about = problem_sha256(problem)
-        line["result"] = task.run(problem)
+        line["result"] = within(limit, work, alone=alone)
+    except TooLong:
+        line["error"] = _too_long(limit)
     except DobcError as error:
         first = error.errors[0] if isinstance(error, SpecError) else error
         line["error"] = {"kind": first.kind, "key": first.key, "message": first.message, "cure": first.cure}
@@ -59,16 +72,19 @@ def run_case(base: Base, axes: tuple[Axis, ...], task: Task, case: Case) -> Outc
         line["error"] = _error("memory", "The machine ran out of memory.")
     except Exception as error:  # noqa: BLE001 - one case that breaks must not end the others
         line["error"] = _error("internal", f"Internal error ({type(error).__name__}: {str(error)[:200]}).")
+    about = problem_sha256(made[0]) if made else about
     identity = json.dumps([about, task.to_json(), __version__], sort_keys=True)
     line["id"] = hashlib.sha256(identity.encode("utf-8")).hexdigest()
     line["seconds"] = round(time.perf_counter() - started, 6)
     return line
 
 
-def run_in_worker(base: Base, axes: tuple[Axis, ...], task: Task, case: Case, parent: int) -> Outcome:
+def run_in_worker(
+    base: Base, axes: tuple[Axis, ...], task: Task, case: Case, parent: int, limit: float | None
+) -> Outcome:  # fmt: skip
     """``run_case`` in another process, which ends when ``parent``, the process that started it, is gone."""
     _watch(parent)
-    return run_case(base, axes, task, case)
+    return run_case(base, axes, task, case, limit, True)
 
 
 def lost(case: Case, message: str) -> Outcome:
@@ -77,6 +93,22 @@ def lost(case: Case, message: str) -> Outcome:
         "case": case.number, "id": None, "values": list(case.values), "result": None,
         "error": _error("worker", message), "seconds": 0.0,
     }  # fmt: skip
+
+
+def overdue(case: Case, limit: float) -> Outcome:
+    """The line of a case that did not end with its time, but with its worker."""
+    return lost(case, "") | {"error": _too_long(limit), "seconds": limit}
+
+
+def to_be_done_again(line: Outcome, limit: float | None) -> bool:
+    """Whether a case was given up for its time, and would get more of it now."""
+    given_up = line["error"] is not None and line["error"].get("kind") == TIME
+    return given_up and (limit is None or limit > line["seconds"])
+
+
+def _too_long(limit: float | None) -> dict[str, Any]:
+    message = f"The case was given up after {limit:g} s, the time limit."
+    return _error(TIME, message) | {"cure": "The same sweep with a longer time limit, or none, does it again."}
 
 
 def _error(kind: str, message: str) -> dict[str, Any]:

@@ -8,20 +8,24 @@ from __future__ import annotations
 
 import os
 import signal
-from collections.abc import Iterator, Sequence
+import time
+from collections.abc import Iterable, Iterator, Sequence
 from concurrent.futures.process import BrokenProcessPool
 from itertools import islice
 from typing import Any
 
 from dobc_design.errors import SolverError, SpecError
 from dobc_design.sweep.axes import Axis
-from dobc_design.sweep.case import Outcome, lost, run_case, run_in_worker
+from dobc_design.sweep.case import Outcome, lost, overdue, run_case, run_in_worker
+from dobc_design.sweep.limit import ENDED
 from dobc_design.sweep.plan import Base, Case, Plan
 from dobc_design.sweep.tasks import Task
 
+UNDER_WAY = ("pending", "lost")  # statuses of what Dask will still bring
 LOCAL = "local"  # the name of a cluster on this machine
 AHEAD = 2  # cases per worker that a cluster is handed before the first of them is done
 _DIED = "The worker died while it was at this case: out of memory, killed, or a fault in a library."
+_OR_HUNG = "The worker died while it was at this case, or hung in a library for longer than the time limit."
 
 Work = tuple[Base, tuple[Axis, ...], Task]
 
@@ -32,14 +36,16 @@ def run_here(plan: Plan, cases: Sequence[Case]) -> Iterator[Outcome]:
         yield run_case(plan.base, plan.axes, plan.task, case)
 
 
-def run_joblib(plan: Plan, cases: Sequence[Case], *, jobs: int) -> Iterator[Outcome]:
-    """In ``jobs`` processes."""
+def run_joblib(
+    plan: Plan, cases: Sequence[Case], *, jobs: int, limit: float | None = None
+) -> Iterator[Outcome]:  # fmt: skip
+    """In ``jobs`` processes; ``limit`` in s on every case."""
     work: Work = (plan.base, plan.axes, plan.task)
     ahead = {case.number: case for case in cases}
     while ahead:
         begun: dict[int, Case] = {}
         try:
-            for outcome in _joblib_once(work, list(ahead.values()), begun, jobs=jobs):
+            for outcome in _joblib_once(work, list(ahead.values()), begun, jobs=jobs, limit=limit):
                 del ahead[outcome["case"]]
                 yield outcome
         except BrokenProcessPool:
@@ -47,10 +53,12 @@ def run_joblib(plan: Plan, cases: Sequence[Case], *, jobs: int) -> Iterator[Outc
             suspects = [case for number, case in begun.items() if number in ahead]
             for case in suspects:
                 del ahead[case.number]
-                yield _alone(work, case)
+                yield _alone(work, case, limit)
 
 
-def _joblib_once(work: Work, cases: Sequence[Case], begun: dict[int, Case], *, jobs: int) -> Iterator[Outcome]:
+def _joblib_once(
+    work: Work, cases: Sequence[Case], begun: dict[int, Case], *, jobs: int, limit: float | None
+) -> Iterator[Outcome]:  # fmt: skip
     from joblib import Parallel, delayed, parallel_config
 
     parent = os.getpid()
@@ -58,19 +66,26 @@ def _joblib_once(work: Work, cases: Sequence[Case], begun: dict[int, Case], *, j
     def calls() -> Iterator[Any]:
         for case in cases:
             begun[case.number] = case
-            yield delayed(run_in_worker)(*work, case, parent)
+            yield delayed(run_in_worker)(*work, case, parent, limit)
 
     with parallel_config(backend="loky", inner_max_num_threads=1):
-        pool = Parallel(n_jobs=jobs, return_as="generator_unordered", batch_size=1, pre_dispatch=f"{AHEAD}*n_jobs")
+        pool = Parallel(  # with one job joblib would do the work here; two of which one is idle are other processes
+            n_jobs=max(2, jobs), return_as="generator_unordered", batch_size=1,
+            pre_dispatch=1 if jobs == 1 else AHEAD * jobs,
+        )  # fmt: skip
         with _deaf():
             outcomes = pool(calls())  # the workers start here
         yield from outcomes
 
 
-def _alone(work: Work, case: Case) -> Outcome:
+def _alone(work: Work, case: Case, limit: float | None) -> Outcome:
+    began = time.monotonic()
     try:
-        return next(_joblib_once(work, [case], {}, jobs=2))
-    except BrokenProcessPool:
+        return next(_joblib_once(work, [case], {}, jobs=1, limit=limit))
+    except BrokenProcessPool as error:
+        late = limit is not None and time.monotonic() - began > limit
+        if limit is not None and late and f"EXIT({ENDED})" in str(error):  # joblib names the exit codes of its workers
+            return overdue(case, limit)
         return lost(case, _DIED)
 
 
@@ -102,9 +117,12 @@ class _deaf:  # noqa: N801 - used like a function
             os.environ["PYTHONWARNINGS"] = self.warnings
 
 
-def run_dask(plan: Plan, cases: Sequence[Case], *, address: str, jobs: int) -> Iterator[Outcome]:
+def run_dask(
+    plan: Plan, cases: Sequence[Case], *, address: str, jobs: int, limit: float | None = None
+) -> Iterator[Outcome]:  # fmt: skip
     """On the cluster at ``address``, or with "local" on one of ``jobs`` processes that lives as long as this.
 
+    ``limit`` in s on every case; processes of a cluster that is not ours are not ended for it.
     Raises: SpecError without the extra "cluster" or a scheduler at that address; SolverError when it is lost.
     """
     distributed = _distributed()
@@ -114,26 +132,41 @@ def run_dask(plan: Plan, cases: Sequence[Case], *, address: str, jobs: int) -> I
         work: Work = (plan.base, plan.axes, plan.task)
         queue = iter(cases)
         futures: dict[Any, Case] = {}
+        suspects: list[Case] = []
 
-        def submit(count: int) -> list[Any]:
-            new = [(case, client.submit(run_case, *work, case, pure=False)) for case in islice(queue, count)]
-            futures.update((future, case) for case, future in new)
-            return [future for _, future in new]
+        def submit(some: Iterable[Case]) -> list[Any]:
+            new = {client.submit(run_case, *work, case, limit, address == LOCAL, pure=False): case for case in some}
+            futures.update(new)
+            return list(new)
 
-        done = distributed.as_completed(submit(AHEAD * max(1, sum(client.ncores().values()))))
+        done = distributed.as_completed(submit(islice(queue, AHEAD * max(1, sum(client.ncores().values())))))
         for future in done:
+            if future.status in UNDER_WAY:  # its worker died with the result in hand, and others do it again
+                done.add(future)
+                continue
             case = futures.pop(future)
-            yield _outcome(distributed, future, case)
-            for each in submit(1):
+            if _killed(distributed, future):
+                suspects.append(case)  # Dask blames all cases that the worker had, begun or not
+            else:
+                yield _outcome(future)
+            for each in submit(islice(queue, 1)):
                 done.add(each)
+        for case in suspects:  # each with nothing beside it: only the culprit is killed again
+            (future,) = submit([case])
+            while future.status in UNDER_WAY:
+                distributed.wait([future])
+            fatal = _killed(distributed, future)
+            yield lost(case, _DIED if limit is None else _OR_HUNG) if fatal else _outcome(future)
 
 
-def _outcome(distributed: Any, future: Any, case: Case) -> Outcome:
+def _killed(distributed: Any, future: Any) -> bool:
+    return future.status == "error" and isinstance(future.exception(), distributed.KilledWorker)
+
+
+def _outcome(future: Any) -> Outcome:
     if future.status == "finished":
         outcome: Outcome = future.result()
         return outcome
-    if future.status == "error" and isinstance(future.exception(), distributed.KilledWorker):
-        return lost(case, _DIED)
     raise SolverError(
         "the cluster was lost: its scheduler does not answer, or gave up a case.", key="--cluster",
         cure="Finished cases are kept; run the same command again.",
@@ -157,6 +190,7 @@ def _client(distributed: Any, address: str, *, jobs: int) -> Any:
             cluster = distributed.LocalCluster(
                 n_workers=jobs, threads_per_worker=1, processes=True, dashboard_address=None, silence_logs="CRITICAL"
             )
+        cluster.scheduler.allowed_failures = 0  # the suspects are done again here, one by one
         return _Owned(distributed.Client(cluster), cluster)
     try:
         return distributed.Client(address, timeout="10s")

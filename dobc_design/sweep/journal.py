@@ -16,8 +16,8 @@ from typing import IO, Any
 
 from dobc_design.certificate.files import make_folder, write_atomically
 from dobc_design.errors import CertificateError, SpecError
-from dobc_design.sweep.case import Outcome
-from dobc_design.sweep.plan import FORMAT, Plan
+from dobc_design.sweep.case import Outcome, to_be_done_again
+from dobc_design.sweep.plan import Plan
 
 HEAD, LINES = "sweep.json", "results.jsonl"
 FIELDS = ("case", "id", "values", "result", "error", "seconds")
@@ -99,7 +99,10 @@ class Journal:
 
 
 def read_lines(data: bytes, plan: Plan) -> dict[int, Outcome]:
-    """The lines of a journal that belong to cases of the plan, by number; of several for a case the first."""
+    """The lines of a journal that belong to cases of the plan, by number; of several for a case the first.
+
+    A line that says a case was given up for its time yields to a later one.
+    """
     done: dict[int, Outcome] = {}
     for text in data.split(b"\n"):
         try:
@@ -109,8 +112,10 @@ def read_lines(data: bytes, plan: Plan) -> dict[int, Outcome]:
         if not isinstance(line, dict) or set(line) != set(FIELDS):
             continue
         number = line["case"]
-        if type(number) is int and 0 <= number < len(plan) and line["values"] == list(plan.case(number).values):
-            done.setdefault(number, line)
+        if type(number) is not int or not 0 <= number < len(plan) or line["values"] != list(plan.case(number).values):
+            continue
+        if number not in done or to_be_done_again(done[number], None):
+            done[number] = line
     return done
 
 
@@ -127,7 +132,8 @@ def _check_head(head: Path, lines: Path, plan: Plan) -> None:
         found: Any = json.loads(head.read_bytes().decode("utf-8"))
     except (OSError, UnicodeDecodeError, ValueError, RecursionError):
         found = None
-    if isinstance(found, Mapping) and found.get("format") == FORMAT and found.get("sha256") == plan.sha256:
+    wanted = {**plan.document, "sha256": plan.sha256}
+    if isinstance(found, Mapping) and {**found} == wanted:  # all of it, so that a change by hand is not overwritten
         return
     raise SpecError(
         f"{str(head.parent)!r} was made for another sweep{_difference(found, plan)}.", key="--out",

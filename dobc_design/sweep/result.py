@@ -9,7 +9,7 @@ from os import PathLike
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from dobc_design._render import escape_html
+from dobc_design._display import MOST_ROWS, Card, Shown
 from dobc_design.errors import SpecError
 from dobc_design.spec.reading import shown
 from dobc_design.sweep.axes import Axis
@@ -27,7 +27,7 @@ OUTCOMES = ("proved", "refuted", "undecided", "converged", "diverged", "failed")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False, repr=False)
-class SweepResult:
+class SweepResult(Shown):
     """The cases of a sweep in their order.  ``lines`` are those of the journal; ``folder`` is where it is, or None.
 
     ``column("rate")`` gives one column, ``rows`` all of them by name; numbers of a column that has none are None.
@@ -143,16 +143,10 @@ class SweepResult:
     def __repr__(self) -> str:
         return f"<SweepResult of {self.plan.base.name}: {self._summary}>"
 
-    def _repr_html_(self) -> str:
+    def _card(self) -> Card:
         names = [name for name in self.columns if name not in ("id", "seconds", "reason", "error")]
-        heads = "".join(f"<th>{escape_html(name)}</th>" for name in names)
-        body = "".join(
-            "<tr>" + "".join(f"<td>{escape_html(_cell(row[name]))}</td>" for name in names) + "</tr>"
-            for row in self.rows[:SHOWN]
-        )
-        more = f"<p>and {len(self) - SHOWN} more</p>" if len(self) > SHOWN else ""
-        title = f"<p><b>{escape_html(self.plan.base.name)}</b>: {escape_html(self._summary)}</p>"
-        return f"{title}<table><thead><tr>{heads}</tr></thead><tbody>{body}</tbody></table>{more}"
+        rows = [[_cell(row[name]) for name in names] for row in self.rows[:MOST_ROWS]]
+        return Card(title=self.plan.base.name, text=self._summary, heads=names, rows=rows, hidden=len(self) - len(rows))
 
 
 def _texts(axis: Axis, lines: Sequence[Outcome], place: int) -> Sequence[str]:

@@ -14,9 +14,10 @@ from random import Random
 from typing import Any
 
 from dobc_design.errors import SolverError, SpecError
+from dobc_design.exact.number import parse_number
 from dobc_design.spec.problem import Problem
 from dobc_design.spec.reading import shown
-from dobc_design.sweep.case import Outcome, build
+from dobc_design.sweep.case import Outcome, build, to_be_done_again
 from dobc_design.sweep.engines import run_dask, run_here, run_joblib
 from dobc_design.sweep.journal import Journal
 from dobc_design.sweep.plan import Case, Plan, make_plan
@@ -26,13 +27,14 @@ from dobc_design.sweep.tasks import Task
 from dobc_design.sweep.time_left import Clock, State
 
 Progress = Callable[[State], None]
+LONGEST = 366 * 24 * 3600  # s
 
 
 def sweep(
     problem: Problem | str | PathLike[str], over: Mapping[str, Any] | Sequence[str], *, task: str = "certify",
     samples: int | None = None, seed: int = 0, runs: int = 1, everything: bool = False,
-    out: str | PathLike[str] | None = None, jobs: int | None = None, cluster: str | None = None, force: bool = False,
-    progress: Progress | None = None,
+    out: str | PathLike[str] | None = None, jobs: int | None = None, cluster: str | None = None,
+    time_limit: float | str | None = None, force: bool = False, progress: Progress | None = None,
 ) -> SweepResult:  # fmt: skip
     """Certify or simulate a problem with some of its keys varied.
 
@@ -43,22 +45,28 @@ def sweep(
     when it is started again.  A folder of another sweep is refused, unless ``force`` begins anew.
     ``jobs``: processes, by default one per processor; 1 is this process.  A program that is run as a file needs
     ``if __name__ == "__main__":`` around the call for more than one.  ``cluster``: the address of a Dask scheduler, or
-    "local" for a cluster of ``jobs`` processes here.  ``progress`` is called with the state after every case.
+    "local" for a cluster of ``jobs`` processes here.  ``time_limit``: seconds after which a case is given up, recorded
+    as failed, and the rest goes on; with it one job is another process, too.  A later sweep with a longer limit does
+    such cases again.  ``progress`` is called with the state after every case.
     Returns: a SweepResult; a case that fails is in it with its error.
     Raises: SpecError for a wrong argument, and if no case at all gives a problem; CertificateError, SolverError when
     the machine or the cluster fails, what is finished being kept.
+    Example:
+        >>> dd.sweep("clock-sync", {"pinning.gains.gateway": [0, 2]}, jobs=1).column("verdict")
+        ['refuted', 'proved']
     """
     if jobs is not None and (type(jobs) is not int or jobs < 1):
         raise SpecError(f"jobs must be a whole number >= 1; got {shown(jobs)}.", key="jobs", cure="Correct it.")
+    limit = _read_limit(time_limit)
     plan = make_plan(problem, over, task=Task(kind=task, everything=everything, runs=runs), samples=samples, seed=seed)
     _require_one(plan)
     if out is None:
         done: dict[int, Outcome] = {}
-        _run(plan, done, lambda line: done.update({line["case"]: line}), jobs, cluster, progress)
+        _run(plan, done, lambda line: done.update({line["case"]: line}), jobs, cluster, limit, progress)
         return SweepResult(plan=plan, lines=_ordered(done))
     folder = Path(out)
     with Journal(folder, plan, anew=force) as journal:
-        _run(plan, journal.done, journal.append, jobs, cluster, progress)
+        _run(plan, journal.done, journal.append, jobs, cluster, limit, progress)
         result = SweepResult(plan=plan, lines=_ordered(journal.done), folder=folder)
         export_tables(folder, result.rows, result.columns)
     return result
@@ -69,26 +77,30 @@ def _ordered(done: Mapping[int, Outcome]) -> tuple[Outcome, ...]:
 
 
 def _run(
-    plan: Plan, done: Mapping[int, Outcome], keep: Callable[[Outcome], None], jobs: int | None, cluster: str | None,
-    progress: Progress | None,
+    plan: Plan, done: dict[int, Outcome], keep: Callable[[Outcome], None], jobs: int | None, cluster: str | None,
+    limit: float | None, progress: Progress | None,
 ) -> None:  # fmt: skip
     """Do what is not done, and hand every outcome to ``keep``, which adds it to ``done``."""
+    for number in [number for number, line in done.items() if to_be_done_again(line, limit)]:
+        del done[number]
     order = list(range(len(plan)))
     Random(0).shuffle(order)
     cases = [plan.case(number) for number in order if number not in done]
     resumed, failed = len(done), sum(line["error"] is not None for line in done.values())
-    clock, began = Clock(), time.monotonic()
+    clock, began, idle = Clock(), time.monotonic(), 0.0
 
     def report() -> None:
         if progress is not None:
             elapsed = time.monotonic() - began
             progress(State(
                 total=len(plan), done=len(done), resumed=resumed, failed=failed, elapsed=elapsed,
-                left=clock.left(len(plan) - len(done), elapsed=elapsed),
+                left=clock.left(len(plan) - len(done), elapsed=elapsed - idle),
             ))  # fmt: skip
 
     report()
-    for outcome in _outcomes(plan, cases, jobs, cluster):
+    for outcome in _outcomes(plan, cases, jobs, cluster, limit):
+        if clock.count == 0:  # processes start and libraries load once: no part of the pace
+            idle = max(0.0, time.monotonic() - began - outcome["seconds"])
         keep(outcome)
         clock.add(outcome["seconds"])
         failed += outcome["error"] is not None
@@ -100,15 +112,32 @@ def _run(
         )  # fmt: skip
 
 
-def _outcomes(plan: Plan, cases: Sequence[Case], jobs: int | None, cluster: str | None) -> Iterator[Outcome]:
+def _read_limit(given: Any) -> float | None:
+    """The time limit of a case in s.  Raises: SpecError."""
+    if given is None:
+        return None
+    limit = parse_number(given, key="time_limit")
+    if not 0 < limit <= LONGEST:
+        raise SpecError(
+            f"time_limit must be a number of seconds > 0, at most {LONGEST} (a year); got {shown(given)}.",
+            key="time_limit", cure="For example 600; without it a case may take as long as it does.",
+        )  # fmt: skip
+    return float(limit)
+
+
+def _outcomes(
+    plan: Plan, cases: Sequence[Case], jobs: int | None, cluster: str | None, limit: float | None
+) -> Iterator[Outcome]:  # fmt: skip
     from joblib import cpu_count
 
     count = min(jobs or cpu_count(), max(1, len(cases)))
     if not cases:
         return iter(())
     if cluster is not None:
-        return run_dask(plan, cases, address=cluster, jobs=count)
-    return run_here(plan, cases) if count == 1 else run_joblib(plan, cases, jobs=count)
+        return run_dask(plan, cases, address=cluster, jobs=count, limit=limit)
+    if count == 1 and limit is None:
+        return run_here(plan, cases)
+    return run_joblib(plan, cases, jobs=count, limit=limit)
 
 
 def _require_one(plan: Plan) -> None:

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import re
+import shutil
+import subprocess
 from fractions import Fraction
 
 import numpy as np
@@ -40,7 +42,7 @@ def planar() -> Problem:
         coupling=[EVERY, OTHER], target=[1, -2], gains={"a.b": 3, "d\"\\": [[2, 1], [-1, 2]]},
         exceptions={(0, 1): ["y1", "2*y2"]},
         exosystem=Exosystem(A=[[0, 1, 0], [-1, 0, 0], [0, 0, 0]], C=[[1, 0, 1], [0, 1, 0]]),
-        observer=Observer(W=[[2, 0], [0, 2], [1, 0]]), offsets={"c??/": [1, 0]}, name='trouble */ """ here ??/ \\',
+        observer=Observer(W=[[2, 0], [0, 2], [1, 0]]), offsets={"c??/": [1, 0]}, name='trouble */ *\\ """ here ???/ \\',
         simulation={"t_final": 4, "seed": 3, "xi0": [[1, 0, 2], [0, 1, -1], [3, 0, 0]]},
     )  # fmt: skip
 
@@ -117,8 +119,17 @@ def test_the_code_compiles_without_a_warning_and_passes_its_own_vectors(name: st
     ("name", "period"),
     [
         ("planar", 0.02),
-        pytest.param("paper-fixed", 0.05, marks=SLOW),
-        pytest.param("paper-switching", 0.05, marks=SLOW),
+        *(
+            pytest.param(name, period, marks=SLOW)
+            for name, period in (
+                ("paper-fixed", 0.05),
+                ("paper-switching", 0.05),
+                ("clock-sync", 0.1),
+                ("karate-club", 0.1),
+                ("microgrid-ieee14", 0.01),
+                ("uav-swarm", 0.1),
+            )
+        ),
     ],
 )
 def test_all_agents_in_c_are_the_simulated_loop_to_1e_12_over_10_s(name: str, period: float, tmp_path):
@@ -129,6 +140,16 @@ def test_all_agents_in_c_are_the_simulated_loop_to_1e_12_over_10_s(name: str, pe
     x, u, dhat = closed_loop(problem, run, agents, period=period)
     for found, wanted in ((x, run.x), (u, run.u), (dhat, run.dhat)):
         assert np.abs(found - wanted).max() <= 1e-12 * max(1.0, np.abs(wanted).max())
+
+
+@SLOW
+@needs_gcc
+@pytest.mark.skipif(shutil.which("g++") is None, reason="g++ is not installed (Debian: apt install g++)")
+def test_a_program_in_c_plus_plus_calls_the_same_code(tmp_path):
+    folder = write_all(dd.to_c(alone(3), period="1/50").files, tmp_path)
+    for command in ("gcc -std=c99 -c dobc_agent.c", "g++ -Wall -Werror -x c++ main.c -x none dobc_agent.o -o selftest"):
+        subprocess.run(command.split(), cwd=folder, check=True, timeout=120)
+    assert subprocess.run(["./selftest"], cwd=folder, check=False, capture_output=True, timeout=60).returncode == 0
 
 
 @SLOW
@@ -238,6 +259,7 @@ def test_only_the_agents_that_are_asked_for_are_in_the_table():
     found = dd.to_c("paper-fixed", period="1/50", agents=["3", 6])
     assert [agent.label for agent in found.controller.agents] == ["3", "6"]
     assert b"#define DOBC_AGENTS 2" in found.files["dobc_agent.h"]
+    assert [agent.label for agent in dd.to_c("paper-fixed", period="1/50", agents="10").controller.agents] == ["10"]
     with pytest.raises(SpecError, match="no agent '33'"):
         dd.to_c("paper-fixed", period="1/50", agents=["33"])
 
@@ -250,6 +272,46 @@ def test_too_many_agents_for_one_table_are_refused_and_one_of_them_is_not():
     made = make_controller(problem, period="1/10", agents=["7"])
     assert [agent.neighbours for agent in made.agents] == [(7,)]
     assert made.statements[0].verdict is Verdict.UNDECIDED
+
+
+def grouped() -> Problem:
+    """Agents 1 and 3 feel a sine, agent 2 a constant."""
+    harmonic = Exosystem(A=[[0, 2], [-2, 0]], C=[[1, 0]])
+    sine = dd.Group(agents=[1, 3], exosystem=harmonic, observer=Observer(W=[[3], [2]]))
+    constant = dd.Group(agents=[2], exosystem=Exosystem(A=[[0]], C=[[1]]), observer=Observer(W=[[2]]))
+    return Problem(
+        network=Network.from_arcs([[1, 2], [2, 3], [3, 1]], arrow="listens_to"), coupling="tanh(y) + y",
+        gains={1: 3, 2: 1}, groups=[sine, constant], simulation={"xi0": [[1, "1/2"], [2], [-1, 2]]},
+    )  # fmt: skip
+
+
+@pytest.mark.parametrize("label", [1, 2])
+def test_the_code_of_a_group_is_that_of_a_network_with_its_exosystem_alone(label: int):
+    problem = grouped()
+    own = next(group for group in problem.groups if str(label) in group.agents)
+    single = Problem(network=problem.network, coupling="tanh(y) + y", gains={1: 3, 2: 1}, exosystem=own.exosystem,
+                     observer=own.observer)  # fmt: skip
+    made, wanted = (make_controller(each, period="1/50", agents=[label]) for each in (problem, single))
+    assert (made.Ad, made.Cd, made.L) == (wanted.Ad, wanted.Cd, wanted.L)
+    assert source_text(made) == source_text(wanted)
+
+
+@needs_gcc
+@pytest.mark.parametrize("label", [pytest.param(1, marks=SLOW), pytest.param(2, marks=SLOW)])
+def test_the_code_of_every_group_passes_its_vectors_in_the_whole_loop(label: int, tmp_path):
+    found = dd.to_c(grouped(), period="1/50", agents=[label])
+    done = compile_and_test(write_all(found.files, tmp_path))
+    assert done.returncode == 0, done.stdout
+    assert float(re.search(r"difference ([0-9.e+-]+)", done.stdout)[1]) <= 1e-12
+
+
+def test_agents_of_different_groups_do_not_share_a_folder():
+    assert make_controller(grouped(), period="1/50", agents=[1, 3]).q == 2
+    with pytest.raises(SpecError, match="agents with one exosystem") as caught:
+        make_controller(grouped(), period="1/50")
+    assert "begin with agent 1, 2" in str(caught.value)
+    with pytest.raises(SpecError, match="sampled_gain is one gain for all"):
+        dd.to_c(grouped(), period="1/50", agents=[2], sampled_gain=[[1]])
 
 
 @pytest.mark.parametrize(

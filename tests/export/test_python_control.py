@@ -118,7 +118,7 @@ def test_the_facade_designs_a_missing_gain_and_refuses_moving_graphs():
         dd.to_control("paper-fixed", signal=dd.Mobile(radius=1.0))
 
 
-@pytest.mark.parametrize("name", ["paper-switching", "planar"])
+@pytest.mark.parametrize("name", [pytest.param("paper-switching", marks=pytest.mark.slow), "planar"])
 def test_the_file_alone_gives_the_same_derivatives_and_outputs(name: str, tmp_path):
     """Run in a process where this package cannot be imported."""
     problem = planar() if name == "planar" else load_problem(name)

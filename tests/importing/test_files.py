@@ -23,6 +23,8 @@ def test_a_csv_file_of_arcs_becomes_a_problem_once_the_arrow_is_said(tmp_path):
     problem = dd.problem_from_file(path, arrow="listens_to")
     assert problem.network.labels == ("2", "3", "10")
     assert sorted(problem.network.modes["G"]) == [(0, 1, 1), (2, 0, 0.5)]
+    other = written(tmp_path, "other.csv", "Source,Target,Weight\n10,2,0.5\n2,3,1\n")
+    assert dd.problem_from_file(other, arrow="listens_to").network == problem.network
     turned = dd.problem_from_file(path, arrow="sends_to")
     assert sorted(turned.network.modes["G"]) == [(0, 2, 0.5), (1, 0, 1)]
     with pytest.raises(SpecError, match="there is no default"):
@@ -34,9 +36,13 @@ def test_a_csv_file_of_arcs_becomes_a_problem_once_the_arrow_is_said(tmp_path):
 def test_graphml_and_edge_lists_keep_the_order_of_their_labels(tmp_path):
     networkx = pytest.importorskip("networkx")
     graph = networkx.DiGraph([("b", "a"), ("a", "c")])
+    graph.add_node("alone")
     networkx.write_graphml(graph, tmp_path / "net.graphml")
     problem = dd.problem_from_file(tmp_path / "net.graphml", arrow="listens_to")
-    assert problem.network.labels == ("b", "a", "c")
+    assert problem.network.labels == ("b", "a", "c", "alone")
+    graph.remove_node("alone")
+    networkx.write_graphml(graph, tmp_path / "net.graphml")
+    problem = dd.problem_from_file(tmp_path / "net.graphml", arrow="listens_to")
     edges = dd.problem_from_file(written(tmp_path, "net.edges", "b a\na c # last\n"), arrow="listens_to")
     assert edges.network == problem.network
 
@@ -48,6 +54,7 @@ def test_graphml_and_edge_lists_keep_the_order_of_their_labels(tmp_path):
         ("net.csv", "", "is empty"),
         ("net.csv", "1,2,3,4\n", "2 or 3 columns"),
         ("net.csv", "1,1\n", "self-arc"),
+        ("net.csv", "1,2\n1,\n", r"line 2 names \'\'; a label must be text"),
     ],
 )
 def test_a_wrong_file_is_named(name: str, text: str, match: str, tmp_path):

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from sweeps import CHAIN
+from problem_texts import CHAIN
 
 from dobc_design.errors import SpecError
 from dobc_design.sweep.picture import sweep_picture

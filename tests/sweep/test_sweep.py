@@ -5,20 +5,26 @@ from __future__ import annotations
 import json
 import os
 import signal
+import subprocess
+import sys
 from fractions import Fraction
+from importlib.util import find_spec
 from pathlib import Path
 from random import Random
 
 import pytest
-from sweeps import CHAIN, without_times
+from problem_texts import CHAIN
+from sweeps import without_times
 
 import dobc_design as dd
 from dobc_design.errors import SpecError
 from dobc_design.spec.load import load_problem
+from dobc_design.sweep import running
 from dobc_design.sweep.case import run_case
-from dobc_design.sweep.engines import run_joblib
+from dobc_design.sweep.engines import run_dask, run_joblib
 from dobc_design.sweep.journal import Journal
-from dobc_design.sweep.plan import make_plan
+from dobc_design.sweep.limit import TooLong, within
+from dobc_design.sweep.plan import Plan, make_plan
 from dobc_design.sweep.running import sweep
 from dobc_design.sweep.tasks import Task
 from dobc_design.sweep.time_left import Clock, State, duration
@@ -110,6 +116,8 @@ def test_arcs_from_a_file_are_read_once_and_travel_with_the_cases(tmp_path):
         ({"coupling.h": "y"}, {"runs": 3}, "runs is for simulations"),
         ({"coupling.h": "y"}, {"task": "simulate", "everything": True}, "is for certify"),
         ({"coupling.h": "y"}, {"jobs": 0}, "jobs must be a whole number"),
+        ({"coupling.h": "y"}, {"time_limit": 0}, "time_limit must be a number of seconds > 0"),
+        ({"coupling.h": "y"}, {"time_limit": "inf"}, "time_limit must be a number"),
         ({"target": "1:2:2000", "pinning.gains.3": "1:2:2000"}, {}, "these axes give 4000000"),
         ({"coupling.h": "~choice(y)"}, {"samples": 0}, "samples must be a whole number >= 1"),
     ],
@@ -161,13 +169,16 @@ def test_lines_that_are_broken_or_belong_to_no_case_are_done_again(chain, tmp_pa
     assert without_times(list(found.lines)) == without_times(list(result.lines))
 
 
-@pytest.mark.parametrize("change", ["values", "problem", "seed", "task"])
+@pytest.mark.parametrize("change", ["values", "problem", "seed", "task", "samples"])
 def test_a_folder_of_another_sweep_is_refused_and_left_alone_unless_forced(chain, tmp_path, change):
     out = tmp_path / "out"
     over, options = {"coupling.h": "y", "target": "~uniform(0,1)"}, {"samples": 2, "seed": 0, "task": "certify"}
     sweep(chain, over, out=out, jobs=1, **options)
     before = {path.name: path.read_bytes() for path in out.iterdir()}
-    if change == "values":
+    if change == "samples":  # by hand, in the file that says what is swept
+        (out / "sweep.json").write_bytes(before["sweep.json"].replace(b'"samples": 2', b'"samples": 3'))
+        before["sweep.json"] = (out / "sweep.json").read_bytes()
+    elif change == "values":
         over["coupling.h"] = "y,tanh(y)"
     elif change == "problem":
         chain.write_text(CHAIN.replace("3 = 5", "3 = 6"), encoding="utf-8")
@@ -196,10 +207,51 @@ def test_two_at_a_time_in_one_folder_are_refused(chain, tmp_path):
 # ------------------------------------------------------------------------------------------ other processes
 
 
+def endless() -> None:
+    while True:
+        pass
+
+
+def test_work_over_its_time_is_interrupted_and_work_within_it_is_left_alone():
+    with pytest.raises(TooLong):
+        within(0.05, endless, alone=False)
+    assert within(60, lambda: 3, alone=True) == 3
+    assert within(None, lambda: 4, alone=True) == 4
+
+
 @pytest.mark.slow
-@pytest.mark.skipif(os.name == "nt", reason="signals of Unix")
-def test_a_case_that_kills_its_worker_is_recorded_and_the_others_are_done(chain):
-    """The worker of one case is killed; what was in hand with it is done again."""
+def test_a_library_that_does_not_come_back_ends_with_its_process():
+    """A regular expression that backtracks for ages, in C and without letting other threads run."""
+    code = "import re; from dobc_design.sweep.limit import within; "
+    code += "within(0.05, lambda: re.match('(a+)+$', 'a' * 60 + 'b'), alone=True)"
+    done = subprocess.run([sys.executable, "-c", code], check=False, timeout=300)
+    assert done.returncode == 1
+
+
+def test_a_case_over_its_time_is_recorded_and_done_again_only_with_more_time(chain, tmp_path):
+    class Endless(Task):
+        def run(self, problem) -> dict:
+            endless()
+            return {}
+
+    plan = make_plan(chain, ["target=1,2"], task=Task())
+    late = run_case(plan.base, plan.axes, Endless(), plan.case(1), 0.05)
+    assert late["error"]["kind"] == "time"
+    assert "given up after 0.05 s" in late["error"]["message"]
+    out = tmp_path / "out"
+    with Journal(out, plan) as journal:
+        journal.append(run_case(plan.base, plan.axes, plan.task, plan.case(0)))
+        journal.append(late)
+    assert sweep(chain, ["target=1,2"], out=out, time_limit=0.05).outcomes == {"proved": 1, "failed": 1}
+    done: list[int] = []
+    found = sweep(chain, ["target=1,2"], out=out, jobs=1, progress=lambda state: done.append(state.done))
+    assert done == [1, 2]
+    assert found.outcomes == {"proved": 2}
+    assert sweep(chain, ["target=1,2"], out=out, jobs=1).outcomes == {"proved": 2}
+
+
+def deadly(chain: Path) -> Plan:
+    """Five cases, of which the third kills its worker and the fourth never ends."""
 
     class Deadly:  # not importable in the workers, so it is sent to them as it is
         def prepare(self) -> None: ...
@@ -210,14 +262,39 @@ def test_a_case_that_kills_its_worker_is_recorded_and_the_others_are_done(chain)
         def run(self, problem) -> dict:
             if problem.target[0] == 3:
                 os.kill(os.getpid(), signal.SIGKILL)
+            while problem.target[0] == 4:
+                pass
             return {"verdict": "proved"}
 
     plan = make_plan(chain, ["target=1:5:5"], task=Task())
     object.__setattr__(plan, "task", Deadly())
-    found = sorted(run_joblib(plan, [plan.case(k) for k in range(5)], jobs=2), key=lambda line: line["case"])
-    assert [line["case"] for line in found] == list(range(5))
-    failed = {line["case"]: line["error"]["kind"] for line in found if line["error"] is not None}
-    assert failed == {2: "worker"}
+    return plan
+
+
+def failed(found: list[dict]) -> dict[int, str]:
+    return {line["case"]: line["error"]["kind"] for line in found if line["error"] is not None}
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(os.name == "nt", reason="signals of Unix")
+def test_a_case_that_kills_its_worker_is_recorded_and_the_others_are_done(chain):
+    """The worker of one case is killed, another case never ends; what was in hand with them is done again."""
+
+    plan = deadly(chain)
+    found = list(run_joblib(plan, [plan.case(k) for k in range(5)], jobs=2, limit=2))
+    assert sorted(line["case"] for line in found) == list(range(5))
+    assert failed(found) == {2: "worker", 3: "time"}
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(find_spec("distributed") is None, reason="needs Dask: install dobc_design[cluster]")
+@pytest.mark.skipif(os.name == "nt", reason="signals of Unix")
+def test_on_a_cluster_only_the_case_that_kills_its_worker_is_given_up(chain):
+    """Dask blames whatever the worker had before it; the others are done again and are as good as in a serial run."""
+    plan = deadly(chain)
+    found = list(run_dask(plan, [plan.case(k) for k in range(5)], address="local", jobs=1, limit=2))
+    assert sorted(line["case"] for line in found) == list(range(5))
+    assert failed(found) == {2: "worker", 3: "time"}
 
 
 # ------------------------------------------------------------------------------------------ time left
@@ -243,6 +320,23 @@ def test_the_interval_holds_the_truth_about_as_often_as_it_says():
         low, high = clock.left(40, elapsed=clock.mean * 20)
         inside += low <= sum(r.expovariate(1) for _ in range(40)) <= high
     assert 340 <= inside <= 398
+
+
+def test_the_time_left_does_not_repeat_the_start_of_the_processes(chain, monkeypatch):
+    """Ten cases of 1 s each after 100 s of starting: with five behind there are 5 s ahead."""
+    now, seen = [0.0], []
+
+    def outcomes(plan, cases, *_):
+        now[0] += 100
+        for case in cases:
+            now[0] += 1
+            yield {"case": case.number, "values": list(case.values), "result": {}, "error": None, "seconds": 1.0}
+
+    monkeypatch.setattr(running, "_outcomes", outcomes)
+    monkeypatch.setattr(running.time, "monotonic", lambda: now[0])
+    sweep(chain, ["target=1:10:10"], progress=seen.append)
+    assert seen[5].left == (5, 5)
+    assert seen[-1].elapsed == 110
 
 
 @pytest.mark.parametrize(

@@ -50,11 +50,20 @@ def significant_towards_zero(value: float | Fraction | None, digits: int = 4) ->
 
     Certified margins and rates stay claims that hold when they are shown.
     """
+    return _directed(value, digits, decimal.ROUND_DOWN)
+
+
+def significant_away_from_zero(value: float | Fraction | None, digits: int = 4) -> str:
+    """The same, never smaller in size than it is: for upper bounds and times after which something holds."""
+    return _directed(value, digits, decimal.ROUND_UP)
+
+
+def _directed(value: float | Fraction | None, digits: int, rounding: str) -> str:
     if value is None:
         return "–"
     if isinstance(value, float) and not math.isfinite(value):
         return str(value)
-    context = decimal.Context(prec=digits, rounding=decimal.ROUND_DOWN)
+    context = decimal.Context(prec=digits, rounding=rounding)
     if isinstance(value, float):
         value = Fraction(repr(value))
     shown = context.divide(decimal.Decimal(value.numerator), decimal.Decimal(value.denominator))

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -31,7 +31,7 @@ PROBLEM, PDF = "problem.json", "report.pdf"
 
 def run_report(
     given: Sequence[Path], *, problems: Sequence[str], out: Path | None, force: bool, manner: Manner, as_json: bool,
-    pdf: Path | None = None,
+    pdf: Path | None = None, latex: Path | None = None,
 ) -> int:  # fmt: skip
     """Write the pages; return the exit code.  Raises: SpecError, also for a problem that is not the certificate's."""
     if len(given) > 2:
@@ -46,7 +46,9 @@ def run_report(
     if out is not None:
         refuse_option(out, key="--out")
     if pdf is not None:
-        _check_pdf(pdf, count=len(given), force=force)
+        _check_pdf(pdf, force=force)
+    if latex is not None and len(given) != 1:
+        raise SpecError("LaTeX fragments are of one certificate.", key="--latex", cure="Name one certificate.")
     try:
         named: list[str | None] = [*problems] if problems else [None] * len(given)
         certificates = [read(path, problem) for path, problem in zip(given, named, strict=True)]
@@ -57,14 +59,15 @@ def run_report(
     if folder.exists() and not folder.is_dir():
         raise SpecError(f"{str(folder)!r} is not a folder.", key="--out", cure="Choose another with --out.")
     own = len(certificates) == 1 and out is None  # beside its certificate a report is replaced
-    document = pages.pop(PDF, None)
-    there = [name for name in pages if (folder / name).exists()]
-    if there and not (own or force):
-        raise SpecError(f"{str(folder / there[0])!r} exists already.", key="--out", cure="Add --force to replace it.")
-    make_folder(folder)
+    document = next((pages.pop(name) for name in (PDF, "comparison.pdf") if name in pages), None)
+    _check_free(folder, pages, key="--out", force=own or force)
     files = {folder / name: data for name, data in pages.items()}
     if pdf is not None and document is not None:
         files[pdf] = document
+    if latex is not None:
+        files |= _fragments(certificates[0], latex, force=force)
+        make_folder(latex)
+    make_folder(folder)
     write_together(files)
     written = [str(path) for path in files]
     if as_json:
@@ -75,12 +78,25 @@ def run_report(
     return 0
 
 
-def _check_pdf(path: Path, *, count: int, force: bool) -> None:
-    """Refuse a PDF that cannot be made, or would replace a file.  Raises: SpecError."""
-    if count != 1:
-        raise SpecError(
-            "a PDF shows one certificate.", key="--pdf", cure="Print comparison.html from a browser for two."
-        )
+def _fragments(certificate: Certificate, folder: Path, *, force: bool) -> dict[Path, bytes]:
+    from dobc_design.workflow import render_latex
+
+    if folder.exists() and not folder.is_dir():
+        raise SpecError(f"{str(folder)!r} is not a folder.", key="--latex", cure="Choose another with --latex.")
+    pages = render_latex(certificate)
+    _check_free(folder, pages, key="--latex", force=force)
+    return {folder / name: data for name, data in pages.items()}
+
+
+def _check_free(folder: Path, names: Iterable[str], *, key: str, force: bool) -> None:
+    """Refuse a folder that holds one of the files, unless ``force``.  Raises: SpecError."""
+    there = [name for name in names if (folder / name).exists()]
+    if there and not force:
+        raise SpecError(f"{str(folder / there[0])!r} exists already.", key=key, cure="Add --force to replace it.")
+
+
+def _check_pdf(path: Path, *, force: bool) -> None:
+    """Refuse a PDF that would replace a file.  Raises: SpecError."""
     check_target(path, force=force, key="--pdf")
     if path.suffix.lower() != ".pdf":
         raise SpecError(f"{str(path)!r} must end in .pdf.", key="--pdf", cure=f"For example {path.name}.pdf.")
@@ -99,7 +115,7 @@ def _pages(
     first, second = certificates
     names = dict.fromkeys(folder_name(each.problem.name) for each in certificates)
     folder = Path(f"{'-'.join(names)}-comparison") if out is None else out
-    return render_comparison(first, second), folder
+    return render_comparison(first, second, pdf=pdf), folder
 
 
 def _words(certificates: Sequence[Certificate]) -> list[str]:

@@ -8,40 +8,17 @@ import sys
 from pathlib import Path
 
 import pytest
-
-from dobc_design.cli import main
-
-CHAIN = """\
-name = "chain"
-[network]
-agents = 3
-arrow = "listens_to"
-[network.modes]
-G = [[1, 2], [2, 3]]
-[coupling]
-h = "y"
-[pinning]
-gains = { 3 = 5 }
-"""
+from problem_texts import CHAIN
 
 
 @pytest.fixture
-def dobc(capsys, tmp_path, monkeypatch):
+def dobc(command_line):
     """Run the command line in a folder with two certificates, A and B: exit code, standard output and error."""
-    monkeypatch.chdir(tmp_path)
-
-    def run(*arguments: object) -> tuple[int, str, str]:
-        with pytest.raises(SystemExit) as caught:
-            main([*map(str, arguments)])
-        captured = capsys.readouterr()
-        assert "Traceback" not in captured.err
-        return int(str(caught.value.code)), captured.out, captured.err
-
     Path("a.toml").write_text(CHAIN, encoding="utf-8")
     Path("b.toml").write_text(CHAIN.replace("3 = 5", "3 = 0"), encoding="utf-8")
-    assert run("certify", "a.toml", "--no-report", "-q", "--out", "A")[0] == 0
-    assert run("certify", "b.toml", "--no-report", "-q", "--out", "B")[0] == 1
-    return run
+    assert command_line("certify", "a.toml", "--no-report", "-q", "--out", "A")[0] == 0
+    assert command_line("certify", "b.toml", "--no-report", "-q", "--out", "B")[0] == 1
+    return command_line
 
 
 def test_two_certificates_are_compared_and_nothing_is_overwritten(dobc):
@@ -99,7 +76,6 @@ def test_a_pdf_is_refused_before_anything_is_computed(dobc, monkeypatch):
     code, _, err = dobc("report", "A", "--pdf", "there.pdf")
     assert code == 2
     assert "--force" in err
-    assert dobc("report", "A", "B", "--pdf", "new.pdf")[0] == 2
     code, _, err = dobc("report", "A", "--pdf", "new.txt")
     assert code == 2
     assert "new.txt.pdf" in err
@@ -119,6 +95,33 @@ def test_a_pdf_is_written_and_replaced_with_force_only(dobc):
     assert code == 0
     assert json.loads(out)["files"] == ["A/report.html", "A/report.md", "there.pdf"]
     assert Path("there.pdf").read_bytes().startswith(b"%PDF")
+
+
+@pytest.mark.slow
+def test_two_certificates_in_one_pdf(dobc):
+    pytest.importorskip("typst", reason="needs the extra `pdf`: pip install 'dobc_design[pdf]'")
+    code, out, _ = dobc("report", "A", "B", "--pdf", "both.pdf", "--json")
+    assert code == 0
+    assert json.loads(out)["files"][-1] == "both.pdf"
+    assert not Path("chain-comparison/comparison.pdf").exists()
+    assert Path("both.pdf").read_bytes().startswith(b"%PDF")
+
+
+@pytest.mark.slow
+def test_latex_fragments_go_to_a_folder_of_their_own_and_replace_nothing(dobc):
+    code, out, _ = dobc("report", "A", "--out", "page", "--latex", "tex", "--json")
+    names = {path.name for path in Path("tex").iterdir()}
+    assert code == 0
+    assert {"main.tex", "checks.tex", "matrices.tex", "references.bib"} <= names
+    assert {f"tex/{name}" for name in names} <= set(json.loads(out)["files"])
+    code, _, err = dobc("report", "A", "--out", "page2", "--latex", "tex")
+    assert code == 2
+    assert "exists already" in err and "--force" in err
+    assert not Path("page2").exists()
+    code, _, err = dobc("report", "A", "B", "--latex", "tex2")
+    assert code == 2
+    assert "of one certificate" in err
+    assert dobc("report", "A", "--out", "page3", "--latex", "a.toml")[0] == 2
 
 
 @pytest.mark.slow

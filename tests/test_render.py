@@ -6,7 +6,15 @@ from fractions import Fraction
 
 import pytest
 
-from dobc_design._render import latex_matrix, latex_number, latex_text, mathml, significant, significant_towards_zero
+from dobc_design._render import (
+    latex_matrix,
+    latex_number,
+    latex_text,
+    mathml,
+    significant,
+    significant_away_from_zero,
+    significant_towards_zero,
+)
 
 
 @pytest.mark.parametrize(
@@ -29,6 +37,13 @@ def test_rounding_for_display():
     assert significant(Fraction(2, 3)) == "0.6667"
     assert significant(0.5823004) == "0.5823"
     assert significant(None) == "–"
+
+
+def test_an_upper_bound_is_never_shown_smaller_than_it_is():
+    assert significant_away_from_zero(Fraction(2, 3)) == "0.6667"
+    assert significant_away_from_zero(Fraction(1, 3), 2) == "0.34"
+    assert significant_away_from_zero(0.5, 2) == "0.5"
+    assert significant_away_from_zero(None) == "–"
 
 
 def test_a_certified_number_is_never_shown_larger_than_it_is():

@@ -1,7 +1,8 @@
 // The drawing and the sliders. Everything that is a number comes from the kernel; nothing is loaded from anywhere.
 const SVG = "http://www.w3.org/2000/svg";
 const SIZE = 380, MARGIN = 34, REST = 700; // px, px, ms without a move until the exact verdict is asked for
-const MOST_SLIDERS = 40;
+const MOST_SLIDERS = 40, PATIENCE = 15000; // ms without a word from the kernel until the page says so
+const LOST = "The kernel does not answer; after a restart, run this cell again. Moves since the last estimates are not in the problem.";
 
 function made(parent, name, attributes = {}, text = "") {
   const element = name.startsWith("svg:")
@@ -97,16 +98,25 @@ function slider(parent, text, unit, [low, high], get, set) {
 
 function render({ model, el }) {
   el.classList.add("dobc-designer");
-  let waiting = null, rest = null, pending = false;
+  let waiting = null, rest = null, pending = false, lost = null;
+  const expect = () => { // the kernel may be gone: what stands here would wait for ever
+    clearTimeout(lost);
+    lost = setTimeout(() => {
+      pending = false;
+      verdict.className = "dobc-verdict dobc-error";
+      verdict.textContent = LOST;
+    }, PATIENCE);
+  };
   const rested = () => {
     clearTimeout(rest);
-    rest = setTimeout(() => model.send({ kind: "certify", version: model.get("version") }), REST);
+    rest = setTimeout(() => { model.send({ kind: "certify", version: model.get("version") }); expect(); }, REST);
   };
   const flush = () => { // at most one question is under way; what was moved meanwhile goes with the next one
     if (pending || !waiting) return;
     for (const [key, value] of Object.entries(waiting)) model.set(key, value);
     waiting = null;
     pending = true;
+    expect();
     model.save_changes();
   };
   const move = (key, value) => {
@@ -141,8 +151,11 @@ function render({ model, el }) {
   const saving = made(right, "div", { class: "dobc-row" });
   const path = made(saving, "input", { type: "text", value: `${model.get("network").name}-designed.toml`, "aria-label": "Name of the problem file" });
   const save = made(saving, "button", {}, "Save as problem file");
+  const again = made(saving, "label");
+  const replace = made(again, "input", { type: "checkbox" });
+  again.append(" replace");
   const saved = made(right, "div", { class: "dobc-hint", role: "status" });
-  save.addEventListener("click", () => model.send({ kind: "save", path: path.value }));
+  save.addEventListener("click", () => model.send({ kind: "save", path: path.value, replace: replace.checked }));
 
   let rows = {};
   const showGains = () => {
@@ -171,13 +184,14 @@ function render({ model, el }) {
     response(found, radius);
   };
   const showVerdict = () => {
+    clearTimeout(lost);
     const said = model.get("verdict");
     verdict.className = `dobc-verdict dobc-${said.verdict ?? "moving"}`;
     verdict.textContent = said.busy ? "Deciding exactly …"
-      : said.verdict ? `${said.verdict.toUpperCase()}${said.rate ? `, rate ${digits(said.rate)} 1/s` : ""}. ${said.text}`
+      : said.verdict ? `${said.verdict.toUpperCase()}${said.rate ? `, rate ${said.rate} 1/s` : ""}. ${said.text}`
       : "The exact verdict comes when you rest.";
   };
-  const answered = () => { pending = false; showNumbers(); if (waiting) flush(); else rested(); };
+  const answered = () => { pending = false; clearTimeout(lost); showNumbers(); if (waiting) flush(); else rested(); };
   model.on("change:numbers", answered);
   model.on("change:gains", showGains);
   model.on("change:radius change:rate", () => fixed.forEach((refresh) => refresh()));
@@ -188,7 +202,7 @@ function render({ model, el }) {
   showNumbers();
   showVerdict();
   if (!model.get("verdict").verdict) rested();
-  return () => clearTimeout(rest);
+  return () => { clearTimeout(rest); clearTimeout(lost); };
 }
 
 export default { render };

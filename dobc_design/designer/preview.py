@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -20,6 +20,7 @@ from dobc_design.theorems.separable import acts_by_component
 from dobc_design.workflow import simulate
 
 HALVINGS = 7
+SCALES = 8  # sizes of the box, down to the smallest, at which it has to shrink
 SMALLEST = 1 / 64  # of the radius asked for: below that nothing is shown
 POINTS = 120  # of a curve
 
@@ -57,12 +58,21 @@ class Preview:
         }  # fmt: skip
 
 
-def preview(problem: Problem, *, radius: float, rate: float, t_final: float) -> Preview:
-    """Estimate everything.  ``radius`` in the unit of x, ``rate`` in 1/s, ``t_final`` in s."""
-    times, errors, note = _response(problem, radius, t_final)
-    return Preview(
-        lambda_max=_lambda_max(problem), reach=_reach(problem, radius, rate), times=times, errors=errors, note=note
-    )
+def preview(
+    problem: Problem, *, radius: float, rate: float, t_final: float, same_gains: Preview | None = None,
+    same_start: Preview | None = None,
+) -> Preview:  # fmt: skip
+    """Estimate everything.  ``radius`` in the unit of x, ``rate`` in 1/s, ``t_final`` in s.
+
+    ``same_gains``: of this problem with another radius or rate, whose lambda_max is taken over; ``same_start``: with
+    another rate only, whose response is taken over too.
+    """
+    if same_start is not None:
+        times, errors, note = same_start.times, same_start.errors, same_start.note
+    else:
+        times, errors, note = _response(problem, radius, t_final)
+    top = _lambda_max(problem) if same_gains is None else same_gains.lambda_max
+    return Preview(lambda_max=top, reach=_reach(problem, radius, rate), times=times, errors=errors, note=note)
 
 
 def _lambda_max(problem: Problem) -> float | None:
@@ -98,6 +108,7 @@ def _shrinks(problem: Problem, radius: float, rate: float) -> bool:
         field = field_of(problem, rho=radius)
     except (ArithmeticError, DobcError):
         return False
+    field = replace(field, grid=field.grid[:: max(1, len(field.grid) // SCALES)])  # enough for an estimate
     return least_above(field, alpha=rate, lower=np.ones(problem.n)) is not None
 
 
@@ -107,7 +118,8 @@ def _response(
     """The network without disturbances, from a start on the box's boundary that is the same every time."""
     goals = np.array([[float(value) for value in problem.goal_of(agent)] for agent in range(problem.n)])
     start = goals + radius * np.random.default_rng(0).choice((-1.0, -0.5, 0.5, 1.0), size=goals.shape)
-    without = {"exosystem": None, "observer": None, "region": None, "switching": None, "simulation": None}
+    absent = ("exosystem", "observer", "groups", "region", "switching", "simulation")
+    without = dict.fromkeys(absent)
     try:
         run = simulate(
             remade(problem, without),

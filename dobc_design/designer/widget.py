@@ -9,9 +9,10 @@ from os import PathLike
 from pathlib import Path
 from typing import Any
 
+from dobc_design._render import significant_towards_zero
 from dobc_design.certificate.certificate import Certificate
 from dobc_design.certificate.files import write_atomically
-from dobc_design.designer.preview import preview, remade
+from dobc_design.designer.preview import Preview, preview, remade
 from dobc_design.errors import DobcError, SpecError
 from dobc_design.exact.number import parse_number
 from dobc_design.report.layout import positions
@@ -66,6 +67,7 @@ class Designer(anywidget.AnyWidget):  # type: ignore[misc]
         _require_drawable(base)
         self._base = base
         self._working = threading.Lock()
+        self._seen: tuple[dict[str, float], float, Preview] | None = None
         self.certificate: Certificate | None = None
         labels = base.network.labels
         super().__init__(
@@ -110,11 +112,18 @@ class Designer(anywidget.AnyWidget):  # type: ignore[misc]
 
     def _look(self) -> None:
         started = time.perf_counter()
+        gains, radius = dict(self.gains), self.radius
+        before = self._seen  # what a drag leaves as it is need not be computed again
+        same = before is not None and before[0] == gains
         try:
-            found = preview(
-                self.problem, radius=self.radius, rate=self.rate, t_final=float(self._base.simulation.t_final)
-            ).to_json()
+            seen = preview(
+                self.problem, radius=radius, rate=self.rate, t_final=float(self._base.simulation.t_final),
+                same_gains=before[2] if before is not None and same else None,
+                same_start=before[2] if before is not None and same and before[1] == radius else None,
+            )  # fmt: skip
+            self._seen, found = (gains, radius, seen), seen.to_json()
         except DobcError as error:
+            self._seen = None
             found = {"note": str(error), "lambda_max": None, "reach": 0.0, "times": [], "errors": []}
         self.numbers = found | {"version": self.version, "milliseconds": round(1000 * (time.perf_counter() - started))}
 
@@ -123,8 +132,12 @@ class Designer(anywidget.AnyWidget):  # type: ignore[misc]
         if kind == "certify" and content.get("version") == self.version:
             threading.Thread(target=self._certify_quietly, daemon=True).start()
         elif kind == "save":
+            path, replace = str(content.get("path", "")), content.get("replace") is True
             try:
-                self.send({"kind": "saved", "text": f"Saved as {self.save(str(content.get('path', '')))}."})
+                if Path(path).exists() and not replace:
+                    cure = "Choose another name, or tick replace."
+                    raise SpecError(f"{path} is there already.", key="path", cure=cure)
+                self.send({"kind": "saved", "text": f"Saved as {self.save(path, force=replace)}."})
             except (DobcError, OSError) as error:
                 self.send({"kind": "saved", "text": str(error)})
 
@@ -173,7 +186,7 @@ def _radius(problem: Problem) -> float:
 def _region(problem: Problem, radius: Fraction) -> dict[str, Any]:
     """Starts within ``radius`` of the target, in every component; the bound on the estimation error stays as it was."""
     disturbance = None if problem.region is None else problem.region.initial_disturbance
-    if problem.exosystem is not None and disturbance is None:
+    if problem.groups and disturbance is None:
         disturbance = Fraction(0)
     states = [[target - radius, target + radius] for target in problem.target]
     region: dict[str, Any] = {"initial_states": states[0] if problem.m == 1 else states}
@@ -183,5 +196,5 @@ def _region(problem: Problem, radius: Fraction) -> dict[str, Any]:
 def _said(certificate: Certificate) -> dict[str, Any]:
     return {
         "verdict": certificate.verdict.value, "text": certificate.reason,
-        "rate": None if certificate.rate is None else float(certificate.rate),
+        "rate": None if certificate.rate is None else significant_towards_zero(certificate.rate),
     }  # fmt: skip

@@ -67,7 +67,7 @@ def compare_html(first: Certificate, second: Certificate) -> str:
         trim_blocks=True, lstrip_blocks=True,
     )  # fmt: skip
     environment.filters |= {"capitalize_first": capitalize_first, "typeset": typeset}
-    view = comparison_view(first, second) | {"pictures": _pictures(first, second)}
+    view = comparison_view(first, second) | {"pictures": comparison_pictures(first, second)}
     return environment.get_template("compare.html.j2").render(view) + "\n"
 
 
@@ -217,7 +217,7 @@ def _rate(value: float | None) -> str:
     return typeset(significant_towards_zero(value))
 
 
-def _pictures(first: Certificate, second: Certificate) -> list[list[Picture]]:
+def comparison_pictures(first: Certificate, second: Certificate) -> list[list[Picture]]:
     """The networks of A and of B; none where they are the same."""
     if first.problem.network == second.problem.network and first.problem.pinning == second.problem.pinning:
         return []

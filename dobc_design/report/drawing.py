@@ -128,8 +128,12 @@ def _draw_nodes(
     copies = [Path(vertices + centre, shape.codes) for centre in centres]
     ax.add_patch(
         PathPatch(
-            Path.make_compound_path(*copies), facecolor=face, edgecolor=edge, linewidth=1.6 if dashed else 1.1,
-            linestyle=(0, (2, 1.2)) if dashed else "solid", zorder=2,
+            Path.make_compound_path(*copies),
+            facecolor=face,
+            edgecolor=edge,
+            linewidth=1.6 if dashed else 1.1,
+            linestyle=(0, (2, 1.2)) if dashed else "solid",
+            zorder=2,
         )
     )
 

@@ -32,9 +32,7 @@ LOOP_DISTURBED = (
     ("the estimate", r"\hat{\xi}_i = z_i + W x_i, \quad \hat{d}_i = C \hat{\xi}_i", "(13)"),
     ("control", r"u_i = -k_i (x_i - \bar{x}) - \hat{d}_i", "(19)"),
 )
-PSI = (
-    r"\Psi = \begin{pmatrix} \Lambda(J) & I_n \otimes C \\ (I_n \otimes C)' & I_n \otimes \Omega_0 \end{pmatrix} < 0"
-)
+PSI = r"\Psi = \begin{pmatrix} \Lambda(J) & I_n \otimes C \\ (I_n \otimes C)' & I_n \otimes \Omega_0 \end{pmatrix} < 0"
 LAMBDA = r"\Lambda(J) = J + J' - (K + K'), \quad K = \operatorname{blockdiag}(k_1 I_m, \dots, k_n I_m)"
 OMEGA = r"\Omega_0 = P A + A' P - C' Q' - Q C"
 REDUCED = (

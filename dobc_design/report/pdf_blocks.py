@@ -69,7 +69,7 @@ def _meaning(view: View) -> Iterator[Block]:
 
 def _problem(view: View) -> Iterator[Block]:
     problem = view["problem"]
-    disturbed = ", disturbed" if problem.exosystem is not None else ""
+    disturbed = ", disturbed" if problem.groups else ""
     yield heading_block("The problem")
     yield text_block(" ".join(filter(None, [view["size"], view["pins"], view["region"], view["switching"]])))
     for name, _, number in view["loop"]:
@@ -80,6 +80,9 @@ def _problem(view: View) -> Iterator[Block]:
         ["target", nw.vector_text(problem.target)],
     ], [0, 1])  # fmt: skip
     yield text_block(f"Here {view['letters']}")
+    if view["groups"]:
+        yield text_block("Each agent has the A, C and W of its group:")
+        yield list_block(view["groups"])
     if view["exceptions"]:
         yield text_block("Arcs with a coupling of their own:")
         yield list_block(view["exceptions"])
@@ -177,7 +180,7 @@ def _check_row(row: CheckRow) -> list[Any]:
 
 def _condition(view: View) -> Iterator[Block]:
     yield heading_block("The condition and its matrices")
-    if view["problem"].exosystem is None:
+    if not view["problem"].groups:
         yield text_block("Without a disturbance, Lemma 1 asks in every mode for")
         yield formula_block("lemma 1")
     else:
@@ -188,6 +191,8 @@ def _condition(view: View) -> Iterator[Block]:
         yield formula_block("reduced")
         yield text_block("and, when nothing is said about P and Q,")
         yield formula_block("existence")
+        if view["by_group"]:
+            yield text_block(view["by_group"])
     yield from (matrix_block(item, capitalize_first(item.what)) for item in view["matrices"])
     if view["matrices"]:
         yield text_block(
@@ -230,7 +235,7 @@ def _again(view: View) -> Iterator[Block]:
     yield code_block(again["verify"])
     yield text_block(
         "It trusts the problem file and nothing of the certificate. With nothing but Python, and none of this package,"
-        " the lone checker (checker.py, region_checker.py, quadratic_checker.py) does the same:"
+        " the lone checker (checker.py with its three other parts beside it) does the same:"
     )
     yield code_block(again["alone"])
     yield text_block("This makes the certificate again, byte for byte with the same version:")

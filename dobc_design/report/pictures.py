@@ -45,9 +45,7 @@ def network_pictures(certificate: Certificate) -> tuple[list[Picture], str]:
     """One drawing per mode, at most six, and a sentence that explains them or says why there is none."""
     problem = certificate.problem
     modes = list(problem.network.modes.items())[:MOST_MODES]
-    pairs = {
-        name: list(zip(arcs.listeners.tolist(), arcs.speakers.tolist(), strict=True)) for name, arcs in modes
-    }
+    pairs = {name: list(zip(arcs.listeners.tolist(), arcs.speakers.tolist(), strict=True)) for name, arcs in modes}
     total = sum(len(each) for each in pairs.values())
     if too_large(problem.n, total):
         return [], f"A network of {problem.n} agents and {total} arcs is too large to be drawn."

@@ -97,7 +97,7 @@ def timing_sentence(timings: Sequence[StageTiming]) -> str | None:
     if not any(timing.sampling or timing.delay for timing in timings):
         return None
     return (
-        "Held for: couplings and control may be held so long between samples while the error is in that stage’s box."
+        "Held for: couplings and pinning may be held so long between samples while the error is in that stage’s box."
         " Late by: messages may be late by so much, and half of that stage’s rate is left. Both hold for a loop that is"
         " in the box and were decided exactly when this was written; the certificate holds them for its whole region"
         " only. Quadratic stages say nothing about either."

@@ -219,7 +219,7 @@ def _delay(check: Check) -> str:
 
 def _sampling(check: Check) -> str:
     period, factor = _exact(check, "period"), _exact(check, "factor")
-    text = f"Measured and held every {lower(period)} s, the proof still holds"
+    text = f"With couplings and pinning measured and held every {lower(period)} s, the proof still holds"
     if factor < 1:
         text += f": the largest weighted error falls by at least {lower(100 * (1 - factor))} % a sample"
         disturbed = isinstance(check.domain, Mapping) and check.domain.get("disturbance")

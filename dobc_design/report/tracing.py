@@ -38,6 +38,9 @@ DECIDED_IN: Final[dict[str, tuple[tuple[str, ...], str]]] = {
     "exhaustive": (("verify/quadratic_regions.py", "verify/shell.py"), _QUADRATIC),
     "settling": (("verify/settling_check.py", "verify/staging.py"), _QUADRATIC),
 }
+#: Options of `dobc certify` that change a certificate or its report; what a file says beside them is not repeated.
+SWITCHES: Final = ("--all", "--search")
+SETTLING: Final = "--settling "
 #: People who sign a printed report.
 ROLES: Final = ("Prepared by", "Checked by", "Approved by")
 SIGNED: Final = ("Name", "Date", "Signature")
@@ -47,7 +50,7 @@ TRACED: Final = (
     " that shares nothing with the package."
 )
 MADE_WITH: Final = (
-    "A certificate made with --all is made again with --all too. Its fingerprint is that of the file as dobc_design"
+    "The command has the options that the certificate was made with. The fingerprint is that of the file as dobc_design"
     " writes it."
 )
 SIGNING: Final = (
@@ -108,19 +111,24 @@ def reproduction(certificate: Certificate) -> dict[str, Any]:
             ("certificate format", f"{certificate_text.FORMAT} {certificate_text.VERSION}"),
             ("problem format", f"{canonical.FORMAT} {canonical.VERSION}"),
         ],
-        "certify": _certify_command(certificate.checks),
+        "certify": _certify_command(claims.options, certificate.checks),
         "verify": "dobc verify certificate.json --problem problem.json",
         "alone": "python -I -S checker.py certificate.json problem.json",
     }
 
 
-def _certify_command(checks: Sequence[Check]) -> str:
-    """The command that decides the same conditions; a settling time is asked for by its tolerance."""
-    for check in checks:
-        tolerance = rational((check.exact or {}).get("tolerance")) if check.id == "settling" else None
-        if check.verdict is Verdict.PROVED and tolerance is not None:
-            return f"dobc certify problem.json --settling {tolerance} --out again"
-    return "dobc certify problem.json --out again"
+def _certify_command(options: Sequence[str], checks: Sequence[Check]) -> str:
+    """The command that decides the same conditions: options that are known here, and the settling time proved."""
+    asked = [option.removeprefix(SETTLING) for option in options if option.startswith(SETTLING)]
+    proved = [
+        str((check.exact or {}).get("tolerance"))
+        for check in checks if check.id == "settling" and check.verdict is Verdict.PROVED and "--all" not in options
+    ]  # fmt: skip
+    tolerances = [number for number in map(rational, (*asked, *proved)) if number is not None]
+    known = [option for option in SWITCHES if option in options]
+    return " ".join(
+        ["dobc certify problem.json", *known, *(f"{SETTLING}{x}" for x in tolerances[:1]), "--out again"]
+    )  # fmt: skip
 
 
 def title_block(certificate: Certificate, again: dict[str, Any]) -> list[tuple[str, str]]:

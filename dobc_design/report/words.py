@@ -8,6 +8,7 @@ from fractions import Fraction
 
 from dobc_design._render import significant, significant_towards_zero
 from dobc_design.certificate.certificate import Certificate
+from dobc_design.spec.problem import Problem
 from dobc_design.verdict import Verdict
 from dobc_design.verify.check import Check, Domain
 
@@ -57,19 +58,10 @@ CHECKS = {
 _POWER = re.compile(r"e([+-]\d+)")
 _RAISED = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 
-MODEL = (
-    "It is about the model as given: single integrators, one (A, C) for all agents, messages without delay, noise"
-    " or quantisation. Whether the model fits the plant is not decided here."
-)
-
-
 #: Checks that carry a proof over to late messages and to sampled ones.
 TIMED = ("delay", "sampling")
-MODEL_TIMED = (
-    "It is about the model as given: single integrators, one (A, C) for all agents, messages without noise or"
-    " quantisation; late messages and sampling as far as their checks say. Whether the model fits the plant is not"
-    " decided here."
-)
+_IDEAL = "messages without delay, noise or quantisation"
+_TIMED = "messages without noise or quantisation; late messages and sampling as far as their checks say"
 
 
 def check_name(check: Check) -> str:
@@ -115,7 +107,7 @@ def what_it_means(certificate: Certificate) -> tuple[list[str], list[str]]:
     if certificate.verdict is Verdict.PROVED:
         return _proved(certificate)
     if certificate.verdict is Verdict.REFUTED:
-        return _refuted()
+        return _refuted(certificate.problem)
     return _undecided(certificate)
 
 
@@ -141,8 +133,17 @@ def _proved(certificate: Certificate) -> tuple[list[str], list[str]]:
     elif isinstance(domain, Mapping):
         no.append("It says nothing about starts outside that set. They may converge or not.")
     timed = [check.id for check in certificate.checks if check.id in TIMED and check.verdict is Verdict.PROVED]
-    no.append(MODEL_TIMED if len(timed) == len(TIMED) else MODEL)
+    no.append(_about_the_model(certificate.problem, _TIMED if len(timed) == len(TIMED) else _IDEAL))
     return yes, no
+
+
+def _about_the_model(problem: Problem, messages: str = _IDEAL) -> str:
+    disturbances = "one (A, C) for all agents, " if problem.groups else ""
+    disturbances = "one (A, C) for each group of agents, " if problem.is_grouped else disturbances
+    return (
+        f"It is about the model as given: single integrators, {disturbances}{messages}. Whether the model fits the"
+        " plant is not decided here."
+    )
 
 
 def _from_where(domain: Domain | None) -> str:
@@ -153,7 +154,7 @@ def _from_where(domain: Domain | None) -> str:
     return "There is a neighbourhood of the target from which every agent goes to its goal."
 
 
-def _refuted() -> tuple[list[str], list[str]]:
+def _refuted(problem: Problem) -> tuple[list[str], list[str]]:
     yes = [
         "Consensus on the target fails for this network, these pins and this observer, and the checks below say why.",
         "The reason is exact. More accuracy, another solver or more time cannot change it.",
@@ -162,7 +163,7 @@ def _refuted() -> tuple[list[str], list[str]]:
         "It does not say that the task is impossible: another pin, arc, gain or observer may cure it."
         " Where a cure is known, it is named here.",
         "It does not say that every start fails; some may still converge.",
-        MODEL,
+        _about_the_model(problem),
     ]
     return yes, no
 
@@ -176,7 +177,7 @@ def _undecided(certificate: Certificate) -> tuple[list[str], list[str]]:
     no = [
         "It does not say that consensus fails. A sufficient condition that is not met says nothing.",
         "It does not say that consensus holds, even if a simulation below shows it.",
-        MODEL,
+        _about_the_model(certificate.problem),
     ]
     return yes, no
 

@@ -13,6 +13,8 @@ import nbformat
 import pytest
 from chromium import CHROMIUM, Page, browser, until
 
+from dobc_design.spec.load import load_problem
+
 pytest.importorskip("anywidget", reason="needs the extra `notebook`: pip install 'dobc_design[notebook]'")
 pytest.importorskip("jupyterlab", reason="needs the extra `notebook`: pip install 'dobc_design[notebook]'")
 pytest.importorskip("websocket", reason="needs websocket-client, which comes with the extra `notebook`")
@@ -74,4 +76,10 @@ def test_a_click_pins_an_agent_and_the_exact_verdict_follows(page: Page, tmp_pat
     last = until("the refusal", lambda: "REFUTED" in (text := page.run(said) or "") and text)
     assert "no agent is pinned" in last
     assert float(re.search(r"rate ([0-9.]+) ", second)[1]) > float(re.search(r"rate ([0-9.]+) ", first)[1])
+    page.run(click.format(2))
+    until("a pin again", lambda: page.run(pinned) == "2")
+    page.run("document.querySelector('.dobc-row button').click()")
+    until("the file", (tmp_path / "paper-fixed-designed.toml").exists)
+    saved = load_problem(tmp_path / "paper-fixed-designed.toml")
+    assert [saved.network.labels[i] for i in saved.pinning.agents] == ["2"]
     page.screenshot(Path(os.environ.get("DOBC_SCREENSHOTS", tmp_path)) / "designer.png")

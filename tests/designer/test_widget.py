@@ -77,15 +77,44 @@ def test_a_saved_file_is_the_problem(designer, tmp_path):
         designer.save(path)
 
 
+def test_what_a_drag_keeps_is_what_a_new_widget_would_compute(designer):
+    """Estimates depend on the problem and the sliders, not on the order of the moves."""
+    for name, value in (("rate", 0.2), ("radius", 2.5), ("rate", 0.1), ("gains", {"2": 4.0}), ("radius", 1.5)):
+        setattr(designer, name, value)
+        fresh = dd.Designer(designer.problem, rate=designer.rate)
+        seen, wanted = (dict(each.numbers, milliseconds=0, version=0) for each in (designer, fresh))
+        assert seen == wanted
+
+
+def test_agents_with_different_exosystems_are_designed_too():
+    network = dd.Network.from_arcs([[2, 1], [1, 2]], arrow="listens_to", agents=2)
+    groups = [
+        dd.Group(agents=["1"], exosystem=dd.Exosystem(A=[[0]], C=[[1]])),
+        dd.Group(agents=["2"], exosystem=dd.Exosystem(A=[[0, 1], [-1, 0]], C=[[1, 0]])),
+    ]
+    designer = dd.Designer(dd.Problem(network=network, coupling="y", gains={1: 3}, groups=groups))
+    designer.radius = 2.0
+    assert designer.numbers["note"] == ""
+    assert designer.numbers["lambda_max"] < 0
+    assert designer.problem.is_grouped
+
+
+def test_a_rate_is_shown_cut_towards_zero(designer):
+    rate = designer.certify().rate
+    assert Fraction(designer.verdict["rate"]) <= Fraction(repr(rate))
+
+
 def test_a_message_of_the_page_saves_and_says_what_went_wrong(designer, tmp_path, monkeypatch):
     said = []
     monkeypatch.setattr(type(designer), "send", lambda self, content, buffers=None: said.append(content["text"]))
     for path in (tmp_path / "a.toml", tmp_path / "a.toml", tmp_path / "no" / "folder.toml"):
         designer._asked(designer, {"kind": "save", "path": str(path)}, [])
     designer._asked(designer, "noise", [])
+    designer._asked(designer, {"kind": "save", "path": str(tmp_path / "a.toml"), "replace": True}, [])
     assert said[0] == f"Saved as {tmp_path / 'a.toml'}."
     assert "there already" in said[1]
     assert "folder.toml" in said[2]
+    assert said[3] == said[0]
 
 
 def test_what_cannot_be_drawn_is_refused():

@@ -24,6 +24,11 @@ AUDIT = f"""axe.run(document, {{runOnly: {{type: "tag", values: {RULES}}}}}).the
   rules: found.passes.length,
   wrong: found.violations.map(each => each.id + ": " + each.nodes.map(node => node.target.join(" ")).join(", ")),
 }}))"""
+# The empty page that a tab begins with is complete, too.
+LOADED = "document.readyState === 'complete' && document.title !== ''"
+# How far to the right anything reaches, what would have to be scrolled included.
+WIDEST = """Math.max(...[...document.querySelectorAll("body *:not(svg *, .hidden)")].map(each => {
+  const box = each.getBoundingClientRect(); return Math.max(box.right, box.left + each.scrollWidth); }))"""
 needs_chromium = pytest.mark.skipif(CHROMIUM is None, reason="needs chromium, which is not installed here")
 
 needs_axe = pytest.mark.skipif(not AXE, reason="needs axe-core: AXE_SCRIPT=/path/to/axe.min.js")
@@ -46,7 +51,7 @@ def audit(text: str, folder: Path, *, scheme: str) -> dict[str, Any]:
     file.write_text(text, encoding="utf-8")
     with browser(folder, file.as_uri(), wanted="page.html") as page:
         page.ask("Emulation.setEmulatedMedia", features=[{"name": "prefers-color-scheme", "value": scheme}])
-        until("the page", lambda: page.run("document.readyState === 'complete'"))
+        until("the page", lambda: page.run(LOADED))
         page.run(Path(AXE).read_text("utf-8") + "; true")
         found: dict[str, Any] = page.run(AUDIT)
     return found
@@ -83,13 +88,30 @@ def test_the_browser_asks_the_network_for_nothing(pages: dict[str, str], tmp_pat
     file = tmp_path / "page.html"
     file.write_text(pages["full"], encoding="utf-8")
     with browser(tmp_path, file.as_uri(), wanted="page.html") as page:
-        until("the page", lambda: page.run("document.readyState === 'complete'"))
+        until("the page", lambda: page.run(LOADED))
         page.ask("Network.enable")
         page.ask("Page.enable")
         page.ask("Page.reload")
-        until("the page", lambda: page.run("document.readyState === 'complete' && document.fonts.status === 'loaded'"))
+        until("the page", lambda: page.run(f"{LOADED} && document.fonts.status === 'loaded'"))
         sent = [each["params"] for each in page.events if each["method"] == "Network.requestWillBeSent"]
     assert [each["request"]["url"] for each in sent] == [file.as_uri()]
+
+
+@pytest.mark.slow
+@needs_chromium
+def test_printed_on_a4_nothing_is_cut_off(pages: dict[str, str], tmp_path: Path):
+    """210 mm less two margins of 10 mm are 718 CSS pixels; what is wider would not be on the paper."""
+    spoiled = pages["region"].replace("</h1>", "</h1><pre style='white-space: pre'>" + "x" * 300 + "</pre>")
+    assert spoiled != pages["region"]
+    (tmp_path / "page.html").write_text("", encoding="utf-8")
+    with browser(tmp_path, (tmp_path / "page.html").as_uri(), wanted="page.html") as page:
+        page.ask("Emulation.setDeviceMetricsOverride", width=718, height=1046, deviceScaleFactor=1, mobile=False)
+        page.ask("Emulation.setEmulatedMedia", media="print")
+        frame = page.ask("Page.getFrameTree")["frameTree"]["frame"]["id"]
+        for name, text, fits in [*((name, text, True) for name, text in pages.items()), ("spoiled", spoiled, False)]:
+            page.ask("Page.setDocumentContent", frameId=frame, html=text)
+            widest = page.run(WIDEST)
+            assert (widest <= 718) is fits, f"{name} is {widest} px wide"
 
 
 class Parts(HTMLParser):

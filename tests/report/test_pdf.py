@@ -15,10 +15,15 @@ import pytest
 
 from dobc_design.errors import SpecError
 from dobc_design.report import formulas
+from dobc_design.report.full_view import full_view
 from dobc_design.report.pdf_parts import number_parts, picture_parts, soft
 from dobc_design.report.pictures import Picture
 from dobc_design.spec.exosystem import Exosystem
+from dobc_design.spec.groups import Group
 from dobc_design.spec.network import Network
+from dobc_design.spec.observer import Observer
+from dobc_design.spec.problem import Problem
+from dobc_design.workflow import certify
 
 pytest.importorskip("typst", reason="needs the extra `pdf`: pip install 'dobc_design[pdf]'")
 
@@ -177,8 +182,6 @@ def test_the_pdf_says_what_the_page_says(everything: dict[str, Any], tmp_path: P
 
 
 def test_matrices_reach_the_template_exactly(certificate):
-    from dobc_design.report.full_view import full_view
-
     view = full_view(
         certificate, analysis=None, trajectory=None, lambdas=None, timings=(), searches=(), limits=()
     )  # fmt: skip
@@ -191,3 +194,14 @@ def test_matrices_reach_the_template_exactly(certificate):
     assert [[value(x) for x in row] for row in matrices["P"]] == [[3, Fraction(-1, 4)], [Fraction(-1, 4), 2]]
     assert [[value(x) for x in row] for row in matrices["W"]] == [[Fraction(16, 5)], [Fraction(12, 5)]]
     assert [[value(x) for x in row] for row in matrices["P given"]][1] == [Fraction(-1, 4), Fraction(1, 3)]
+
+
+def test_agents_with_different_exosystems_get_the_condition_with_a_disturbance():
+    groups = [Group(agents=[i], exosystem=Exosystem(A=[[-i]], C=[[1]]), observer=Observer(W=[[1]])) for i in (1, 2)]
+    network = Network.from_arcs([[1, 2]], arrow="listens_to")
+    certificate = certify(Problem(network=network, coupling="y", gains=1, groups=groups))
+    view = full_view(
+        certificate, analysis=None, trajectory=None, lambdas=None, timings=(), searches=(), limits=()
+    )  # fmt: skip
+    whole = json.loads(json.dumps(document(view)))
+    assert "psi" in [block.get("name") for block in whole["blocks"]]

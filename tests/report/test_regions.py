@@ -98,7 +98,7 @@ def test_delays_and_sampling_have_a_sentence_each():
     assert "late by any bounded time" in late
     assert "up to 0.02 s" in late
     assert "every rate below 0.1019 1/s" in late
-    assert held.startswith("Measured and held every 0.021 s, the proof still holds")
+    assert held.startswith("With couplings and pinning measured and held every 0.021 s, the proof still holds")
     assert "at least 1 % a sample, up to what the estimation error adds." in held
 
 

@@ -66,6 +66,21 @@ def test_the_command_asks_for_the_settling_time_that_is_proved(certificate_of, e
     assert reproduction(certificate_of(checks=(check,)))["certify"] == command
 
 
+@pytest.mark.parametrize(
+    ("options", "command"),
+    [
+        (("--search", "--all"), "dobc certify problem.json --all --search --out again"),
+        (("--settling 1/20",), "dobc certify problem.json --settling 1/20 --out again"),
+        (("--all; rm", "--settling 1 --force", "--force"), "dobc certify problem.json --settling 1/7 --out again"),
+    ],
+)
+def test_the_command_has_the_options_of_the_certificate_that_are_known(certificate_of, options, command: str):
+    """A file may say anything: only what can be an option is repeated."""
+    proved = Check(id="settling", verdict=Verdict.PROVED, domain="global", reason="r", exact={"tolerance": "1/7"})
+    certificate = certificate_of(checks=() if "--search" in options else (proved,), options=options)
+    assert reproduction(certificate)["certify"] == command
+
+
 def test_both_reports_have_the_table_the_commands_and_lines_to_sign(certificate):
     again = reproduction(certificate)
     for text in (

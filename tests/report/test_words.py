@@ -10,7 +10,9 @@ from hypothesis import strategies as st
 
 from dobc_design._render import Fragment, significant_towards_zero
 from dobc_design.report.network_words import agent_rows, mode_sentences, names_in_words, pin_sentence
-from dobc_design.report.words import CHECKS, domain_words, number, typeset
+from dobc_design.report.words import CHECKS, domain_words, number, typeset, what_it_means
+from dobc_design.spec.exosystem import Exosystem
+from dobc_design.spec.groups import Group
 from dobc_design.spec.network import Network
 from dobc_design.verify.check import CHECK_IDS
 
@@ -50,6 +52,16 @@ def test_domains_in_words():
     assert domain_words("consensus") == "near the target"
     assert domain_words({"kind": "ball", "radius": 1.5}) == "starts with |e|₂ ≤ 1.5"
     assert domain_words({"kind": "box", "radius": "x", "disturbance": 0}) == "starts with |e|∞ ≤ ? and every |εᵢ| ≤ 0"
+
+
+def test_what_is_not_said_names_the_disturbances_that_the_problem_has(problem_with, certificate_of):
+    groups = [Group(agents=[1, 2], exosystem=Exosystem(A=[[0]], C=[[1]]))]
+    for problem, said in (
+        (problem_with(), "one (A, C) for all agents"),
+        (problem_with(groups=groups, observer=None), "one (A, C) for each group of agents"),
+        (problem_with(exosystem=None, observer=None), "single integrators, messages"),
+    ):
+        assert said in what_it_means(certificate_of(problem))[1][-1]
 
 
 def test_a_ring_is_said_in_words(problem_with):

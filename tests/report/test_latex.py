@@ -1,0 +1,179 @@
+r"""LaTeX fragments: user text stays text, every brace and environment closes, numbers are those of the certificate."""
+
+from __future__ import annotations
+
+import re
+import shutil
+import subprocess
+from fractions import Fraction
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from dobc_design.report.full_view import full_view
+from dobc_design.report.latex import MAIN, PACKAGES, latex_fragments, tex
+from dobc_design.report.pdf import document
+from dobc_design.spec.exosystem import Exosystem
+from dobc_design.spec.groups import Group
+from dobc_design.spec.network import Network
+
+PDFLATEX = shutil.which("pdflatex")
+HOSTILE = (
+    r"\input{/etc/passwd}", r"\write18{x}", r"\end{document}",
+    "{", "}", "$", "%", "a_b^c", "#1", "&", r"\\", "~", '"', "^^41",
+    "ünïcödé ∞ λ ✓ ≤ ⁻¹⁸ 時計 🕰", "\u202eright", "a\nb\n\nc", "x" * 200, "-- ``quoted''", "|<>|",
+)  # fmt: skip
+
+
+def tokens(text: str) -> list[str]:
+    """Control sequences and single letters, without comments."""
+    return re.findall(r"\\[A-Za-z]+|\\.|[^\\]", re.sub(r"(?<!\\)%.*", "", text), re.DOTALL)
+
+
+def check_balance(text: str) -> None:
+    """Braces, environments and mathematics close in their order; rows of a table have its number of columns."""
+    open_: list[str] = []
+    for token, after in zip(found := tokens(text), [*found[1:], ""], strict=True):
+        if token in ("{", r"\["):
+            open_.append(token)
+        elif token == "}":
+            assert open_.pop() == "{"
+        elif token == r"\]":
+            assert open_.pop() == r"\["
+        elif token == "$":
+            if open_ and open_[-1] == "$":
+                open_.pop()
+            else:
+                open_.append("$")
+        assert token not in ("#", "&", "^", "_") or open_ or after, token
+    assert open_ == []
+    begun = [name for kind, name in re.findall(r"\\(begin|end)\{(\w+)\}", text)]
+    assert len(begun) % 2 == 0
+    for body, columns in ((part[1], part[0].count("p{")) for part in re.findall(
+        r"\\begin\{longtable\}\{@\{\}(.*?)@\{\}\}\n(.*?)\\end\{longtable\}", text, re.DOTALL
+    )):  # fmt: skip
+        rows = [line for line in body.splitlines() if line.rstrip().endswith((r"\\", r"\endhead"))]
+        assert rows
+        assert all(len(re.findall(r"(?<!\\)&", row)) == columns - 1 for row in rows)
+
+
+def texts(files: dict[str, bytes]) -> dict[str, str]:
+    return {name: data.decode("utf-8") for name, data in files.items()}
+
+
+@pytest.fixture
+def files(everything: dict[str, Any]) -> dict[str, str]:
+    return texts(latex_fragments(everything["certificate"], lambdas=everything["lambdas"]))
+
+
+@pytest.fixture
+def hostile_files(problem_with, certificate_of) -> dict[str, str]:
+    labels = [f"{text[:40]}{i}".replace("\n", " ") for i, text in enumerate(HOSTILE)]
+    arcs = [(labels[i], labels[i - 1]) for i in range(len(labels))]
+    clean = [label if label.isprintable() else f"agent {i}" for i, label in enumerate(labels)]
+    names = dict(zip(labels, clean, strict=True))
+    network = Network.from_arcs({"mode_1 & {2}": [(names[a], names[b]) for a, b in arcs]}, arrow="listens_to")
+    problem = problem_with(name=r"\input{x} 100% & _", network=network, gains={clean[0]: 1})
+    changes = {"reason": " ".join(HOSTILE), "gain_source": "\\input{x} {", "version": "9}%"}
+    return texts(latex_fragments(certificate_of(problem, **changes)))
+
+
+def test_every_brace_environment_and_table_row_closes(files: dict[str, str], hostile_files: dict[str, str]):
+    for found in (files, hostile_files):
+        assert {"verdict.tex", "model.tex", "condition.tex", "matrices.tex", "checks.tex", "main.tex"} <= set(found)
+        for name, text in found.items():
+            if name.endswith(".tex"):
+                check_balance(text)
+
+
+def test_the_balance_is_not_blind():
+    for wrong in ("{", r"\[ x", "$x", r"\begin{a}", "}"):
+        with pytest.raises((AssertionError, IndexError)):
+            check_balance(wrong)
+
+
+def test_no_command_comes_from_what_a_user_wrote(files: dict[str, str], hostile_files: dict[str, str]):
+    own = {word for text in files.values() for word in re.findall(r"\\[A-Za-z]+", text)}
+    escapes = {
+        r"\textbackslash", r"\textasciicircum", r"\textasciitilde", r"\textbar", r"\textquotedbl", r"\allowbreak",
+        r"\dobcunicode", r"\ensuremath", r"\texttt", r"\infty", r"\lambda", r"\checkmark", r"\le",
+    }  # fmt: skip
+    for name, text in hostile_files.items():
+        assert set(re.findall(r"\\[A-Za-z]+", text)) <= own | escapes, name
+        assert re.findall(r"\\input\{[^}]*\}", text) == ([] if name != MAIN else re.findall(r"\\input\{\w+\}", text))
+
+
+@pytest.mark.parametrize(
+    ("text", "shown"),
+    [
+        ("50 % of $x_1$", r"50 \% of \$x\_1\$"),
+        (r"\end{document}", r"\textbackslash{}end\{document\}"),
+        ("λ ≤ −1·10⁻⁸", r"\ensuremath{\lambda} \ensuremath{\le} "
+                        r"\ensuremath{-}1\ensuremath{\cdot}10\ensuremath{^{-}}\ensuremath{^{8}}"),
+        ("é\u202e\n\tb", r"é\texttt{U+202E} b"),
+        ("時", r"\dobcunicode{6642}{時}"),
+        ("ξ\u0302ᵢ e\u0302", r"\ensuremath{\hat{\xi}}\ensuremath{_{i}} \ensuremath{\hat{e}}"),
+        ("verify/observer.py", r"verify/\allowbreak{}observer.\allowbreak{}py"),
+        ("", ""),
+    ],
+)  # fmt: skip
+def test_text_is_escaped_letter_by_letter(text: str, shown: str):
+    assert tex(text) == shown
+
+
+def test_matrices_are_those_of_the_certificate(certificate, files: dict[str, str]):
+    entries = re.search(r"\{W = \\begin\{pmatrix\} (.*?) \\end\{pmatrix\}", files["matrices.tex"])[1]
+    numbers = [Fraction(re.sub(r"\\frac\{(\d+)\}\{(\d+)\}", r"\1/\2", row)) for row in entries.split(r" \\ ")]
+    assert numbers == [row[0] for row in certificate.claims.W] == [Fraction(16, 5), Fraction(12, 5)]
+    assert r"\setcounter{MaxMatrixCols}{12}" in files["matrices.tex"]
+    assert r"\tag{18}" in files["condition.tex"]
+    assert r"\lambda_{\max}(\Lambda) < -\frac{9}{8}" in files["condition.tex"]
+
+
+def test_groups_of_agents_are_told_in_latex_and_in_the_pdf(problem_with, certificate_of):
+    groups = [Group(agents=[1, 2], exosystem=Exosystem(A=[[0]], C=[[1]]))]
+    certificate = certificate_of(problem_with(groups=groups, observer=None), checks=())
+    nothing = {"analysis": None, "trajectory": None, "lambdas": None, "timings": (), "searches": (), "limits": ()}
+    blocks = document(full_view(certificate, **nothing))
+    for text in (texts(latex_fragments(certificate))["model.tex"], str(blocks)):
+        assert "Each agent has the A, C and W of its group:" in text
+        assert "group of agent 3" in text
+
+
+def test_numbers_of_checks_are_cut_towards_zero(files: dict[str, str]):
+    assert "0.5822" in files["checks.tex"]
+    assert "0.5823" not in files["checks.tex"]
+
+
+def test_the_bibliography_guesses_nothing_about_the_paper(files: dict[str, str], hostile_files: dict[str, str]):
+    entries = re.split(r"\n(?=@)", files["references.bib"])
+    paper = next(each for each in entries if each.startswith("@misc{consensus-dobc"))
+    assert "author" not in re.findall(r"^  (\w+) *=", paper, re.MULTILINE)
+    assert not re.search(r"^  (year|journal) ", paper, re.MULTILINE)
+    for text in (files["references.bib"], hostile_files["references.bib"]):
+        assert text.count("{") == text.count("}")
+        assert len(re.findall(r"^@", text, re.MULTILINE)) == 4
+    assert "Version 9.9.9" in files["references.bib"]
+    assert "Version 9\n" in hostile_files["references.bib"].replace("}", "\n")
+
+
+def test_the_same_certificate_gives_the_same_bytes_and_main_names_every_fragment(certificate, files: dict[str, str]):
+    assert texts(latex_fragments(certificate)) == texts(latex_fragments(certificate))
+    wanted = {name.removesuffix(".tex") for name in files if name.endswith(".tex") and name != MAIN}
+    assert set(re.findall(r"\\input\{(\w+)\}", files[MAIN])) == wanted
+    assert f"\\usepackage{{{','.join(PACKAGES)}}}" in files[MAIN]
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(PDFLATEX is None, reason="needs pdflatex (texlive-latex-recommended)")
+@pytest.mark.parametrize("which", ["files", "hostile_files"])
+def test_pdflatex_compiles_all_fragments(which: str, request: pytest.FixtureRequest, tmp_path: Path):
+    for name, text in request.getfixturevalue(which).items():
+        (tmp_path / name).write_text(text, "utf-8")
+    command = [str(PDFLATEX), "-interaction=nonstopmode", "-halt-on-error", "-no-shell-escape", MAIN]
+    done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, timeout=120, check=False)
+    assert done.returncode == 0, done.stdout[-2000:]
+    assert (tmp_path / "main.pdf").read_bytes().startswith(b"%PDF")
+    log = (tmp_path / "main.log").read_text("utf-8", errors="replace")
+    assert which == "hostile_files" or "Overfull \\hbox" not in log  # no margin holds everything one can type

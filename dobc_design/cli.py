@@ -6,35 +6,26 @@ Exit codes: 0 proved or done, 1 refuted, 3 undecided, 2 the caller's mistake, 4 
 
 from __future__ import annotations
 
-import errno
 import io
 import os
 import sys
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
-from typing import Annotated, Any, NoReturn
+from typing import Annotated, NoReturn
 
 import typer
 
-from dobc_design._signals import SENTENCE
-from dobc_design.cli_completion import ids, problem_names
+from dobc_design.cli_completion import COMPLETING, completion, ids, problem_names
+from dobc_design.cli_guard import abandon_output, guarded
 from dobc_design.cli_output import (
-    COLOURS,
-    EXIT,
-    INTERRUPTED,
     MACHINE,
     MISTAKE,
-    PIPED,
     Manner,
     NoOutput,
     Progress,
-    answering,
     check_target,
     complain,
-    fail_as,
     fail_with,
-    folder_name,
-    make_console,
     manner_of,
     print_json,
     read_certificate,
@@ -42,16 +33,13 @@ from dobc_design.cli_output import (
     say,
     write_file,
 )
-from dobc_design.errors import CertificateError, DobcError, SpecError
+from dobc_design.errors import CertificateError
 
-COMPLETING = "_DOBC_COMPLETE"  # set by a shell that wants to know how a word may go on
 app = typer.Typer(
     # typer's own options for it cost a tenth of the time of --help; those of ``options`` load them when they are used.
     add_completion=COMPLETING in os.environ, no_args_is_help=False, pretty_exceptions_enable=False,
     help="Certify disturbance-observer-based consensus control: from a problem file to a proof.",
 )  # fmt: skip
-
-_NO_ROOM = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO, errno.EBADF, errno.EPIPE)
 
 Json = Annotated[bool, typer.Option("--json", help="One JSON document on standard output.")]
 Quiet = Annotated[bool, typer.Option("--quiet", "-q", help="Say nothing but errors; the exit code is the answer.")]
@@ -69,34 +57,16 @@ def _show_version(wanted: bool) -> None:
         raise typer.Exit(0)
 
 
-def _completion(context: typer.Context, parameter: typer.CallbackParam, wanted: bool) -> None:
-    """Print or install the completion for the shell that is running."""
-    if wanted and not context.resilient_parsing:
-        from typer import completion
-
-        action = completion.install_callback if parameter.name == "install_completion" else completion.show_callback
-        completion.get_completion_inspect_parameters()  # prepares the shells' scripts
-        try:
-            action(context, parameter, wanted)
-        except SystemExit as error:
-            if error.code in (0, None):
-                raise typer.Exit(0) from error
-            raise SpecError(
-                "the shell that is running is none that can be completed.", key="--show-completion",
-                cure="Run this in bash, zsh, fish or PowerShell.",
-            ) from error  # fmt: skip
-
-
 @app.callback()
 def options(
     version: Annotated[
         bool, typer.Option("--version", is_eager=True, callback=_show_version, help="Print the version.")
     ] = False,
     install_completion: Annotated[
-        bool, typer.Option("--install-completion", callback=_completion, help="Let your shell complete with tab.")
+        bool, typer.Option("--install-completion", callback=completion, help="Let your shell complete with tab.")
     ] = False,
     show_completion: Annotated[
-        bool, typer.Option("--show-completion", callback=_completion, help="Print what that adds to your shell.")
+        bool, typer.Option("--show-completion", callback=completion, help="Print what that adds to your shell.")
     ] = False,
 ) -> None:
     """Certify disturbance-observer-based consensus control: from a problem file to a proof."""
@@ -240,29 +210,13 @@ def region(
     as_json: Json = False,
 ) -> None:
     """Say from which starts consensus is proved: numbers and a picture, without a report."""
-    from dobc_design.cli_region import run_region, shown
-    from dobc_design.spec.load import load_problem
+    from dobc_design.cli_region import run_region
 
-    manner = manner_of(quiet=quiet, verbose=verbose)
-    if out is not None:
-        refuse_option(out, key="--out")
-    problem = load_problem(file)
-    folder = out if out is not None else Path(f"{folder_name(problem.name)}-certificate")
-    if os.path.lexists(folder) and not folder.is_dir():  # a link to nowhere counts
-        raise SpecError(f"{str(folder)!r} is not a folder.", key="--out", cure="Choose another with --out.")
-    with Progress(manner) as progress:
-        found = run_region(
-            problem, folder, everything=everything, settling=settling, search=search, progress=progress
-        )  # fmt: skip
-    if as_json:
-        print_json(found.document)
-    elif manner is not Manner.QUIET:
-        console = make_console()
-        with answering():
-            for part in shown(found, console, colours=COLOURS):
-                console.print(part, soft_wrap=console.width == PIPED)
-        say("\n" + "\n".join(f"wrote {path}" for path in found.document["files"]))
-    raise typer.Exit(EXIT[found.certificate.verdict.value])
+    code = run_region(
+        file, out=out, everything=everything, settling=settling, search=search,
+        manner=manner_of(quiet=quiet, verbose=verbose), as_json=as_json,
+    )  # fmt: skip
+    raise typer.Exit(code)
 
 
 @app.command()
@@ -305,6 +259,9 @@ def simulate(
     t_final: Annotated[float | None, typer.Option("--t-final", help="Horizon in s; default the problem's.")] = None,
     mode: Annotated[str | None, typer.Option(help="Stay in this mode, whatever [switching] says.")] = None,
     start: Annotated[str | None, typer.Option(help="Start from a CSV or .npz file.")] = None,
+    observer: Annotated[
+        str, typer.Option(help="closed-form, full-loop (the reference), or off: d is not compensated.")
+    ] = "closed-form",
     noise: Annotated[float, typer.Option(help="Stress: standard deviation of measured states.")] = 0.0,
     disturbance: Annotated[float, typer.Option(help="Stress: amplitude of a sine that no exosystem knows.")] = 0.0,
     saturation: Annotated[float | None, typer.Option(help="Stress: bound on every component of u.")] = None,
@@ -332,7 +289,7 @@ def simulate(
         noise=noise, disturbance=disturbance, saturation=saturation, period=period, loss=loss, fail=fail or []
     )
     if breaking:
-        refuse_beside_breaking(runs=runs, stress=stress)
+        refuse_beside_breaking(runs=runs, stress=stress, observer=observer)
     manner = manner_of(quiet=quiet, verbose=verbose)
     with Progress(manner) as progress:
         if breaking:
@@ -342,8 +299,8 @@ def simulate(
             )  # fmt: skip
         else:
             answer = run_simulation(
-                file, runs=runs, seed=seed, t_final=t_final, mode=mode, start=start, stress=stress, out=out,
-                force=force, progress=progress, certificate=certificate,
+                file, runs=runs, seed=seed, t_final=t_final, mode=mode, start=start, observer=observer, stress=stress,
+                out=out, force=force, progress=progress, certificate=certificate,
             )  # fmt: skip
     if as_json:
         print_json(answer.document)
@@ -363,6 +320,9 @@ def report(
         Path | None, typer.Option(help="Folder; default that of CERT, or for two ./NAME-NAME-comparison.")
     ] = None,
     pdf: Annotated[Path | None, typer.Option("--pdf", help="Also as a PDF, to sign; needs dobc_design[pdf].")] = None,
+    latex: Annotated[
+        Path | None, typer.Option("--latex", metavar="DIR", help="Also as LaTeX fragments and BibTeX, into DIR.")
+    ] = None,
     force: Annotated[bool, typer.Option("--force", help="Overwrite files there.")] = False,
     quiet: Quiet = False,
     verbose: Verbose = False,
@@ -373,7 +333,7 @@ def report(
 
     raise typer.Exit(
         run_report(
-            certificates, problems=problem or [], out=out, force=force, pdf=pdf,
+            certificates, problems=problem or [], out=out, force=force, pdf=pdf, latex=latex,
             manner=manner_of(quiet=quiet, verbose=verbose), as_json=as_json,
         )
     )  # fmt: skip
@@ -400,6 +360,9 @@ def sweep_command(
     cluster: Annotated[
         str | None, typer.Option(help="Address of a Dask scheduler, or local: a cluster on this machine.")
     ] = None,
+    time_limit: Annotated[
+        str | None, typer.Option("--time-limit", help="Seconds after which a case is given up and the rest goes on.")
+    ] = None,
     force: Annotated[bool, typer.Option("--force", help="Begin anew, also in the folder of another sweep.")] = False,
     quiet: Quiet = False,
     verbose: Verbose = False,
@@ -412,6 +375,7 @@ def sweep_command(
         run_sweep(
             file, axes, task=task, samples=samples, seed=seed, runs=runs, everything=everything, out=out, jobs=jobs,
             cluster=cluster, force=force, manner=manner_of(quiet=quiet, verbose=verbose), as_json=as_json,
+            time_limit=time_limit,
         )
     )  # fmt: skip
 
@@ -491,68 +455,16 @@ def main(arguments: Sequence[str] | None = None) -> NoReturn:
     try:
         if sys.stdout is None:
             raise NoOutput("it is closed")
-        code = _guarded(lambda: app(args=given, prog_name="dobc", standalone_mode=False), as_json="--json" in given)
+        code = guarded(lambda: app(args=given, prog_name="dobc", standalone_mode=False), as_json="--json" in given)
         sys.stdout.flush()
     except (NoOutput, OSError) as error:  # nobody reads standard output, or there is no room for it
-        _abandon_output()
+        abandon_output()
         complain(
             f"error: standard output cannot be written: {getattr(error, 'strerror', None) or error}.\n"
             "       Send it to a file that has room, or to /dev/null; the exit code alone is no answer now."
         )
         code = MACHINE
     sys.exit(code)
-
-
-def _guarded(run: Callable[[], Any], *, as_json: bool) -> int:
-    from typer.exceptions import TyperException
-
-    def failed(kind: str, message: str, cure: str | None, code: int) -> int:
-        return fail_as(kind, None, message, cure, code, as_json=as_json)
-
-    try:
-        code = run()
-    except TyperException as error:  # a wrong option or a missing argument
-        context = getattr(error, "ctx", None)
-        command = "dobc" if context is None else context.command_path
-        return failed("usage", error.format_message(), f"See `{command} --help`.", MISTAKE)
-    except SpecError as error:
-        return fail_with(error, MISTAKE, as_json=as_json)
-    except DobcError as error:
-        return fail_with(error, MACHINE, as_json=as_json)
-    except KeyboardInterrupt:
-        return failed("interrupted", SENTENCE, None, INTERRUPTED)
-    except SystemExit as error:  # help, too, goes to standard output
-        if error.code in (0, None) or COMPLETING in os.environ:  # typer's way to end after completion
-            return error.code if isinstance(error.code, int) else 0
-        raise NoOutput("nobody reads it") from error
-    except NoOutput:
-        raise
-    except MemoryError:
-        return failed("memory", "The machine ran out of memory.", "Try a smaller problem.", MACHINE)
-    except OSError as error:
-        if error.filename is None and error.errno in _NO_ROOM:  # typer's own output; our files are named
-            raise NoOutput(error.strerror) from error
-        place = None if error.filename is None else str(error.filename)
-        message = f"{error.strerror or error}{'' if place is None else f' ({place})'}."
-        return fail_as("io", place, message, "Check disk, paths and permissions.", MACHINE, as_json=as_json)
-    except Exception as error:  # noqa: BLE001 - the last line of defence: no traceback reaches a user
-        if os.environ.get("DOBC_TRACEBACK"):
-            import traceback
-
-            traceback.print_exc()
-        text = f"Internal error ({type(error).__name__}: {str(error)[:200]})."
-        return failed("internal", text, "Set DOBC_TRACEBACK=1 to see where, and report it.", MACHINE)
-    if code == INTERRUPTED:  # typer turns the interrupt into this
-        return failed("interrupted", SENTENCE, None, INTERRUPTED)
-    return code if isinstance(code, int) else 0
-
-
-def _abandon_output() -> None:
-    """Keep Python from complaining at exit about what can no longer be written."""
-    try:
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-    except (OSError, ValueError, AttributeError):
-        return
 
 
 if __name__ == "__main__":

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-import os
 import shlex
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -21,6 +21,7 @@ from dobc_design.cli_output import (
     make_console,
     print_json,
     refuse_option,
+    results_folder,
     say,
     write_file,
 )
@@ -29,11 +30,26 @@ from dobc_design.errors import SpecError
 from dobc_design.settling.asked import read_tolerance
 
 if TYPE_CHECKING:
+    from fractions import Fraction
+
     from rich.console import Console
 
     from dobc_design.certificate.certificate import Certificate
     from dobc_design.falsifying.suspect import Falsification
+    from dobc_design.spec.problem import Problem
     from dobc_design.verify.check import Check
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Done:
+    """What was decided, and the files that say so; ``cured``: that of the cured problem, where it was asked for."""
+
+    certificate: Certificate
+    searches: tuple[Falsification, ...]
+    path: Path
+    problem: Path
+    page: Path | None
+    cured: Path | None
 
 
 def run_certify(
@@ -43,8 +59,6 @@ def run_certify(
     """Certify a problem file, write what is found, and return the exit code.  Raises: SpecError."""
     from dobc_design.spec.load import load_problem
     from dobc_design.verify.check import CHECK_IDS
-    from dobc_design.workflow import PAGE, quadratic_limits, render_report, search_certificate
-    from dobc_design.workflow import certify as run
 
     if theorem is not None and theorem not in CHECK_IDS:
         raise SpecError(f"{theorem!r} is not known.", key="--theorem", cure=f"One of {', '.join(CHECK_IDS)}.")
@@ -54,49 +68,77 @@ def run_certify(
         check_target(apply_fix, force=force, key="--apply-fix")
     tolerance = None if settling is None else read_tolerance(settling, key="--settling")
     problem = load_problem(file)
-    folder = out if out is not None else Path(f"{folder_name(problem.name)}-certificate")
-    if os.path.lexists(folder) and not folder.is_dir():  # a link to nowhere counts
-        raise SpecError(f"{str(folder)!r} is not a folder.", key="--out", cure="Choose another with --out.")
+    folder = results_folder(out, problem.name)
     with Progress(manner) as progress:
-        certificate = run(problem, everything=everything, settling=tolerance, progress=progress)
-        searches: tuple[Falsification, ...] = ()
-        if search:
-            done = search_certificate(certificate, progress=progress)
-            certificate, searches = done.certificate, done.searches
-        cured = None if apply_fix is None else _cured_file(certificate, file, apply_fix)
-        limits = quadratic_limits(certificate, progress=progress) if everything and report else ()
+        done = _decide_and_write(
+            file, problem, folder, everything=everything, tolerance=tolerance, search=search, report=report,
+            cured=apply_fix, progress=progress,
+        )  # fmt: skip
+    if as_json:
+        _print_document(done, theorem, searched=search)
+    elif manner is not Manner.QUIET:
+        _tell(done, file, theorem)
+    verdict = done.certificate.verdict.value if theorem is None else _judge(_chosen(done.certificate, theorem))
+    return EXIT[verdict]
+
+
+def _decide_and_write(
+    file: str, problem: Problem, folder: Path, *, everything: bool, tolerance: Fraction | None, search: bool,
+    report: bool, cured: Path | None, progress: Callable[[str], None],
+) -> _Done:  # fmt: skip
+    """Everything that is asked for, decided, and then written: nothing is written of what fails, but for proofs."""
+    from dobc_design.workflow import PAGE, certify, quadratic_limits, render_report, search_certificate
+
+    certificate = certify(problem, everything=everything, settling=tolerance, progress=progress)
+    searches: tuple[Falsification, ...] = ()
+    if search:
+        found = search_certificate(certificate, progress=progress)
+        certificate, searches = found.certificate, found.searches
+    cure = None if cured is None else _cured_file(certificate, file, cured)
+    pages: dict[str, bytes] = {}
+    if report:
+        limits = quadratic_limits(certificate, progress=progress) if everything else ()
         try:
-            pages = (
-                render_report(certificate, searches=searches, limits=limits, progress=progress) if report else {}
-            )  # fmt: skip
+            pages = render_report(certificate, searches=searches, limits=limits, progress=progress)
         except Exception:
             certificate.save(folder)  # the proof outlives its picture
             raise
-        written = certificate.save(folder, beside=pages)
-    page = folder / PAGE if pages else None
-    if apply_fix is not None and cured is not None:
-        write_file(apply_fix, cured, key="--apply-fix")
-    if as_json:
-        document = _certificate_json(certificate, written[0], page)
-        if apply_fix is not None:
-            document["applied"] = str(apply_fix)
-        if search:
-            document["searches"] = [each.to_json() for each in searches]
-        print_json(document if theorem is None else document | _one_condition(certificate, theorem))
-    elif manner is not Manner.QUIET:
-        with answering():
-            console = make_console()
-            _show_certificate(console, certificate, theorem, file=None if apply_fix else file)
-            for part in (*settling_parts(certificate.settling if theorem is None else None), *search_parts(searches)):
-                console.print(part, soft_wrap=console.width == PIPED)
-        say(f"\ncertificate  {written[0]}\nproblem      {written[1]}" + (f"\nreport       {page}" if page else ""))
-        say(f"re-check     {shlex.join(['dobc', 'verify', str(written[0]), '--problem', file])}")
-        if apply_fix is not None:
-            say(f"cured        {apply_fix}\ncertify it   {shlex.join(['dobc', 'certify', str(apply_fix)])}")
-            if problem.notes:
-                say("look at      its notes: they are kept as they were and may speak of what has changed")
-    verdict = certificate.verdict.value if theorem is None else _one_condition(certificate, theorem)["verdict"]
-    return EXIT[verdict]
+    written = certificate.save(folder, beside=pages)
+    if cured is not None and cure is not None:
+        write_file(cured, cure, key="--apply-fix")
+    return _Done(
+        certificate=certificate, searches=searches, path=written[0], problem=written[1],
+        page=folder / PAGE if pages else None, cured=cured,
+    )  # fmt: skip
+
+
+def _print_document(done: _Done, theorem: str | None, *, searched: bool) -> None:
+    """The document of --json."""
+    document = _certificate_json(done.certificate, done.path, done.page)
+    if done.cured is not None:
+        document["applied"] = str(done.cured)
+    if searched:
+        document["searches"] = [each.to_json() for each in done.searches]
+    print_json(document if theorem is None else document | _one_condition(done.certificate, theorem))
+
+
+def _tell(done: _Done, file: str, theorem: str | None) -> None:
+    """The answer in words: verdict, checks, cures, settling time, searches, files, and what to do with them."""
+    certificate = done.certificate
+    with answering():
+        console = make_console()
+        _show_certificate(console, certificate, theorem, file=None if done.cured else file)
+        settling = certificate.settling if theorem is None else None
+        for part in (*settling_parts(settling), *search_parts(done.searches)):
+            console.print(part, soft_wrap=console.width == PIPED)
+    say(f"\ncertificate  {done.path}\nproblem      {done.problem}")
+    if done.page is not None:
+        say(f"report       {done.page}")
+    say(f"re-check     {shlex.join(['dobc', 'verify', str(done.path), '--problem', file])}")
+    if done.cured is not None:
+        say(f"cured        {done.cured}\ncertify it   {shlex.join(['dobc', 'certify', str(done.cured)])}")
+        if certificate.problem.notes:
+            say("look at      its notes: they are kept as they were and may speak of what has changed")
 
 
 def _cured_file(certificate: Certificate, source: str, target: Path) -> bytes:

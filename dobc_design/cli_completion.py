@@ -1,9 +1,14 @@
-"""What the shell offers when somebody presses the tab key: built-in problems, files, ids of conditions."""
+"""What the shell offers when somebody presses the tab key, built-in problems, files, ids; and how it is told to ask."""
 
 from __future__ import annotations
 
 import os
 
+import typer
+
+from dobc_design.errors import SpecError
+
+COMPLETING = "_DOBC_COMPLETE"  # set by a shell that wants to know how a word may go on
 ENDINGS = (".toml", ".json")
 
 
@@ -36,3 +41,21 @@ def _files(incomplete: str) -> list[str]:
             elif entry.name.endswith(ENDINGS):
                 found.append(f"{head}{entry.name}")
     return found
+
+
+def completion(context: typer.Context, parameter: typer.CallbackParam, wanted: bool) -> None:
+    """Print or install the completion for the shell that is running."""
+    if wanted and not context.resilient_parsing:
+        from typer import completion as shells
+
+        action = shells.install_callback if parameter.name == "install_completion" else shells.show_callback
+        shells.get_completion_inspect_parameters()  # prepares the shells' scripts
+        try:
+            action(context, parameter, wanted)
+        except SystemExit as error:
+            if error.code in (0, None):
+                raise typer.Exit(0) from error
+            raise SpecError(
+                "the shell that is running is none that can be completed.", key="--show-completion",
+                cure="Run this in bash, zsh, fish or PowerShell.",
+            ) from error  # fmt: skip

@@ -131,6 +131,7 @@ def scaffold(name: str, *, source: Path | None = None, arrow: str | None = None)
 def _converted(name: str, source: Path, arrow: str | None) -> tuple[str, str]:
     """The text of the problem that a file of another program means, and the verdict that it gets today."""
     from dobc_design.interchange import problem_from_file
+    from dobc_design.spec.tokens import visible
     from dobc_design.spec.toml_writing import changed_text, problem_text
     from dobc_design.workflow import certify
 
@@ -139,7 +140,7 @@ def _converted(name: str, source: Path, arrow: str | None) -> tuple[str, str]:
     text = changed_text(whole, {"name": name}) or whole
     text = re.sub(r"^(name = .*?)[ \t]*#.*$", r"\1", text, count=1, flags=re.MULTILINE)
     verdict = certify(problem).verdict.name
-    return f"#:schema ./{SCHEMA}\n# Made by dobc new from {source.name}.\n\n{text}", verdict
+    return f"#:schema ./{SCHEMA}\n# Made by dobc new from {visible(source.name)}.\n\n{text}", verdict
 
 
 def _check_name(name: str) -> None:

@@ -124,6 +124,14 @@ def folder_name(name: str) -> str:
     return text[:LONGEST_FOLDER] or "problem"
 
 
+def results_folder(out: Path | None, name: str) -> Path:
+    """The folder for certificate, problem and report: ``out``, else ./NAME-certificate.  Raises: SpecError."""
+    folder = out if out is not None else Path(f"{folder_name(name)}-certificate")
+    if os.path.lexists(folder) and not folder.is_dir():  # a link to nowhere counts
+        raise SpecError(f"{str(folder)!r} is not a folder.", key="--out", cure="Choose another with --out.")
+    return folder
+
+
 def refuse_option(path: Path, *, key: str) -> None:
     """Refuse an option that was taken for the value of another one, as in ``--out --json``."""
     if str(path).startswith("--"):

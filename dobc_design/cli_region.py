@@ -9,9 +9,23 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from dobc_design.certificate.files import make_folder, write_together
+from dobc_design.cli_output import (
+    COLOURS,
+    EXIT,
+    PIPED,
+    Manner,
+    Progress,
+    answering,
+    make_console,
+    print_json,
+    refuse_option,
+    results_folder,
+    say,
+)
 from dobc_design.cli_parts import search_parts, settling_parts
 from dobc_design.exact.number import number_text
 from dobc_design.settling.asked import read_tolerance
+from dobc_design.spec.load import load_problem
 from dobc_design.spec.problem import Problem
 from dobc_design.verify.settling_check import stage_timings
 from dobc_design.workflow import certify, plot_regions, quadratic_limits, search_certificate, search_sheet
@@ -45,6 +59,29 @@ class Found:
 
 
 def run_region(
+    file: str, *, out: Path | None, everything: bool, settling: str | None, search: bool, manner: Manner, as_json: bool,
+) -> int:  # fmt: skip
+    """Certify a problem file's regions, write and say what is found, and return the exit code.  Raises: SpecError."""
+    if out is not None:
+        refuse_option(out, key="--out")
+    problem = load_problem(file)
+    folder = results_folder(out, problem.name)
+    with Progress(manner) as progress:
+        found = certified_regions(
+            problem, folder, everything=everything, settling=settling, search=search, progress=progress
+        )  # fmt: skip
+    if as_json:
+        print_json(found.document)
+    elif manner is not Manner.QUIET:
+        console = make_console()
+        with answering():
+            for part in shown(found, console, colours=COLOURS):
+                console.print(part, soft_wrap=console.width == PIPED)
+        say("\n" + "\n".join(f"wrote {path}" for path in found.document["files"]))
+    return EXIT[found.certificate.verdict.value]
+
+
+def certified_regions(
     problem: Problem, folder: Path, *, everything: bool, progress: Callable[[str], None], settling: str | None = None,
     search: bool = False,
 ) -> Found:  # fmt: skip

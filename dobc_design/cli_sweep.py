@@ -25,6 +25,7 @@ EVERY = 10  # lines that --verbose writes on the way: one for every tenth part
 def run_sweep(
     file: str, axes: Sequence[str], *, task: str, samples: int | None, seed: int, runs: int, everything: bool,
     out: Path | None, jobs: int | None, cluster: str | None, force: bool, manner: Manner, as_json: bool,
+    time_limit: str | None = None,
 ) -> int:  # fmt: skip
     """Do the sweep, or go on with it; write its files into ``out``; return the exit code.  Raises: SpecError."""
     if out is not None:
@@ -42,7 +43,7 @@ def run_sweep(
 
         result = sweep(
             file, axes, task=task, samples=samples, seed=seed, runs=runs, everything=everything, out=folder, jobs=jobs,
-            cluster=cluster, force=force, progress=progress,
+            cluster=cluster, time_limit=time_limit, force=force, progress=progress,
         )  # fmt: skip
     files = [
         folder / HEAD,

@@ -9,8 +9,17 @@ from collections.abc import Iterable
 from enum import Enum
 from typing import NoReturn
 
+from dobc_design._display import Card, html_of
 
-class Verdict(Enum):
+
+class _Framed:
+    """Shows itself in Jupyter; a class of its own, because an Enum reserves names like _repr_html_."""
+
+    def _repr_html_(self) -> str:
+        return html_of(Card(title="Verdict:", verdict=str(self)))
+
+
+class Verdict(_Framed, Enum):
     """Outcome of a decision; the value is the word used in JSON and in text."""
 
     PROVED = "proved"
@@ -28,6 +37,9 @@ class Verdict(Enum):
         """Return the verdict on "all of these hold".
 
         One refuted refutes; otherwise one undecided leaves it undecided; of none at all, proved.
+        Example:
+            >>> dd.Verdict.all_of([dd.Verdict.PROVED, dd.Verdict.UNDECIDED]).value
+            'undecided'
         """
         found = set(verdicts)
         if cls.REFUTED in found:

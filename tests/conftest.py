@@ -34,3 +34,20 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     for item in items:
         if any(name in item.name for name in _LONG):
             item.add_marker(pytest.mark.slow)
+
+
+@pytest.fixture
+def command_line(capsys, tmp_path, monkeypatch):
+    """Run the command line in an empty folder: exit code, standard output, standard error."""
+    from dobc_design.cli import main
+
+    monkeypatch.chdir(tmp_path)
+
+    def run(*arguments: object) -> tuple[int, str, str]:
+        with pytest.raises(SystemExit) as caught:
+            main([str(argument) for argument in arguments])
+        captured = capsys.readouterr()
+        assert "Traceback" not in captured.err
+        return int(str(caught.value.code)), captured.out, captured.err
+
+    return run

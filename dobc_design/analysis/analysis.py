@@ -9,7 +9,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from dobc_design._render import escape_html
+from dobc_design._display import Card, Shown
 from dobc_design.analysis.graph import GraphFacts, graph_facts
 from dobc_design.analysis.observability import ObservabilityResult, check_observability
 from dobc_design.analysis.spectrum import SpectrumResult, check_spectrum
@@ -49,8 +49,8 @@ class ModeSpectrum:
         )
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Analysis:
+@dataclass(frozen=True, slots=True, kw_only=True, repr=False)
+class Analysis(Shown):
     """Diagnostics of a problem, one entry per mode in ``graphs`` and ``modes``.
 
     ``observability`` is None without an exosystem, ``spectrum`` also without an observer gain.
@@ -72,9 +72,11 @@ class Analysis:
     def __str__(self) -> str:
         return "\n".join([f"{self.name} (diagnostics, not proofs)", *(f"  {line}" for line in self.lines)])
 
-    def _repr_html_(self) -> str:
-        items = "".join(f"<li>{escape_html(line)}</li>" for line in self.lines)
-        return f"<p><b>{escape_html(self.name)}</b> (diagnostics, not proofs)</p><ul>{items}</ul>"
+    def _card(self) -> Card:
+        return Card(title=self.name, text="(diagnostics, not proofs)", lines=self.lines)
+
+    def __repr__(self) -> str:
+        return f"<Analysis of {self.name}, {len(self.modes)} modes>"
 
 
 def analyse(problem: Problem, *, gain: Gain | None = None) -> Analysis:

@@ -89,6 +89,12 @@ def chosen_gain(problem: Problem, gain: Gain | None) -> Matrix | None:
     return W
 
 
+def no_gain(problem: Problem) -> Matrix | None:
+    """W = 0, for what does not depend on it; None without an exosystem."""
+    row = (Fraction(0),) * (problem.m * len(problem.groups))
+    return (row,) * problem.q or None
+
+
 def required_gain(problem: Problem, gain: Gain | None) -> Array:
     """Return W (q, m) as floats, with no rows if there is no exosystem.
 

@@ -15,7 +15,7 @@ import casadi as ca
 import numpy as np
 import scipy.sparse as sp
 
-from dobc_design._render import escape_html
+from dobc_design._display import Card, Shown
 from dobc_design.model.arrays import (
     ArcGroup,
     Array,
@@ -37,7 +37,7 @@ from dobc_design.spec.problem import Problem
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False, repr=False)
-class Model:
+class Model(Shown):
     """The equations of one mode; every field below ``W`` is a casadi.Function with named inputs and outputs.
 
     W (q, m) is the observer gain in use; n, m, q count agents, components and exosystem states.  Where agents have
@@ -77,14 +77,11 @@ class Model:
     def __repr__(self) -> str:
         return f"<Model of {self._title}>"
 
-    def _repr_html_(self) -> str:
-        rows = "".join(
-            f"<tr><td><code>{name}</code></td><td>{inputs}</td><td>{outputs}</td></tr>"
-            for name, inputs, outputs in map(_signature, self.functions)
-        )
-        return (
-            f"<p><b>{escape_html(self._title)}</b></p><table><thead><tr><th>function</th><th>takes</th>"
-            f"<th>returns</th></tr></thead><tbody>{rows}</tbody></table>"
+    def _card(self) -> Card:
+        return Card(
+            title=self._title,
+            heads=("function", "takes", "returns"),
+            rows=[_signature(each) for each in self.functions],
         )
 
     @property

@@ -1,5 +1,6 @@
 """The handbook: `make docs` builds docs/_build/html, offline and without a warning."""
 
+import os
 import sys
 from pathlib import Path
 
@@ -22,6 +23,11 @@ nb_execution_mode = "cache"  # a notebook that did not change is not run again
 nb_execution_timeout = 600  # s, for a slow machine
 nb_execution_raise_on_error = True
 nb_merge_streams = True
+# Nobody's own start-up files, and no warning that kernels talk over TCP: they do so on this machine only.
+_ipython = Path(__file__).parent / "_build" / "ipython"
+(_ipython / "profile_default").mkdir(parents=True, exist_ok=True)
+(_ipython / "profile_default" / "ipython_kernel_config.py").write_text('c.IPKernelApp.log_level = "ERROR"\n', "utf-8")
+os.environ["IPYTHONDIR"] = str(_ipython)
 
 autodoc_typehints = "none"  # the docstrings say shapes and units, which types cannot
 autodoc_member_order = "bysource"

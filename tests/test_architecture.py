@@ -22,7 +22,7 @@ SOURCES = sorted((ROOT / PACKAGE).rglob("*.py"))
 
 # Floor of every room: a module or package directly in dobc_design.
 FLOORS = {
-    "errors": 0, "verdict": 0, "_checks": 0, "_render": 0, "_signals": 0,
+    "errors": 0, "verdict": 0, "_checks": 0, "_display": 0, "_render": 0, "_signals": 0,
     "exact": 1,
     "plotting": 1,
     "spec": 2, "problems": 2,
@@ -40,6 +40,7 @@ FLOORS = {
     "cli_completion": 7,
     "cli_certify": 8,
     "cli_doctor": 8,
+    "cli_guard": 8,
     "cli_explain": 8,
     "cli_new": 8,
     "cli_report": 8,
@@ -56,7 +57,7 @@ FLOORS = {
 }  # fmt: skip
 
 # The single modules of floor 0 are one room: they may import each other.
-GROUND = {"errors", "verdict", "_checks", "_render", "_signals"}
+GROUND = {"errors", "verdict", "_checks", "_display", "_render", "_signals"}
 
 # Third-party packages (import names) of every room; a room that is not here may have none.
 THIRD_PARTY = {
@@ -77,6 +78,8 @@ THIRD_PARTY = {
     "importing": {"numpy", "scipy"},
     "cli": {"typer", "rich"},
     "cli_certify": {"rich"},
+    "cli_completion": {"typer"},
+    "cli_guard": {"typer"},
     "cli_design": {"rich"},
     "cli_output": {"typer", "rich"},
     "cli_sweep": {"rich"},

@@ -33,6 +33,7 @@ from bad_files import (
     listing,
     write_case,
 )
+from problem_texts import CHAIN
 
 from dobc_design import __version__
 from dobc_design.cli import main
@@ -42,19 +43,6 @@ from dobc_design.spec.canonical import canonical_bytes
 from dobc_design.spec.load import load_problem
 from dobc_design.theorems.explanations import EXPLANATIONS
 from dobc_design.verify.check import CHECK_IDS
-
-CHAIN = """\
-name = "chain"
-[network]
-agents = 3
-arrow = "listens_to"
-[network.modes]
-G = [[1, 2], [2, 3]]
-[coupling]
-h = "y"
-[pinning]
-gains = { 3 = 5 }
-"""
 
 
 @dataclass(frozen=True)

@@ -13,7 +13,6 @@ from pathlib import Path
 
 import pytest
 
-from dobc_design.cli import main
 from dobc_design.cli_completion import ids, problem_names
 from dobc_design.cli_doctor import Item, examine, fits, install_command
 from dobc_design.cli_new import scaffold
@@ -26,18 +25,9 @@ from dobc_design.workflow import certify, verify
 
 
 @pytest.fixture
-def dobc(capsys, tmp_path, monkeypatch):
+def dobc(command_line):
     """Run the command line in an empty folder: exit code, standard output, standard error."""
-    monkeypatch.chdir(tmp_path)
-
-    def run(*arguments: object) -> tuple[int, str, str]:
-        with pytest.raises(SystemExit) as caught:
-            main([*map(str, arguments)])
-        captured = capsys.readouterr()
-        assert "Traceback" not in captured.err
-        return int(str(caught.value.code)), captured.out, captured.err
-
-    return run
+    return command_line
 
 
 # ------------------------------------------------------------------------------------------ new

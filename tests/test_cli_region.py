@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import json
+from functools import partial
 from pathlib import Path
 
 import pytest
+from problem_texts import listening_pair_text
 
 from dobc_design import cli_region
 from dobc_design.certificate.certificate import Certificate
-from dobc_design.cli import main
 from dobc_design.searching import Searched
 from dobc_design.spec.problem import Problem
 from dobc_design.workflow import certify, search_certificate
@@ -32,22 +33,6 @@ initial_states = [-HALF, HALF]
 """  # fmt: skip
 
 
-PAIR = """\
-name = "pair"
-[network]
-agents = 2
-arrow = "listens_to"
-[network.modes]
-G = [[1, 2], [2, 1]]
-[coupling]
-h = "sin(y)"
-[pinning]
-gains = 0.1
-[region]
-initial_states = [-5, 5]
-"""
-
-
 CERTIFICATES: dict[tuple[Problem, bool, object], Certificate] = {}
 
 
@@ -64,25 +49,16 @@ def search_briefly(certificate: Certificate, *, progress: object) -> Searched:
 
 
 @pytest.fixture
-def dobc(capsys, tmp_path, monkeypatch):
+def dobc(command_line, tmp_path, monkeypatch):
     """Run the command line in an empty folder: exit code, standard output, standard error."""
-    monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(cli_region, "certify", certify_once)
     monkeypatch.setattr(cli_region, "search_certificate", search_briefly)
     (tmp_path / "free.toml").write_text(SINES, encoding="utf-8")
     (tmp_path / "near.toml").write_text(ASKED.replace("HALF", "0.5"), encoding="utf-8")
     (tmp_path / "far.toml").write_text(ASKED.replace("HALF", "2"), encoding="utf-8")
-    (tmp_path / "pair.toml").write_text(PAIR, encoding="utf-8")
+    (tmp_path / "pair.toml").write_text(listening_pair_text(5), encoding="utf-8")
     (tmp_path / "loose.toml").write_text(SINES.replace("{ 1 = 1 }", "{}"), encoding="utf-8")
-
-    def run(*arguments: object) -> tuple[int, str, str]:
-        with pytest.raises(SystemExit) as caught:
-            main(["region", *map(str, arguments)])
-        captured = capsys.readouterr()
-        assert "Traceback" not in captured.err
-        return int(str(caught.value.code)), captured.out, captured.err
-
-    return run
+    return partial(command_line, "region")
 
 
 def test_a_region_that_is_proved_leaves_with_0_and_writes_numbers_and_picture(dobc, tmp_path: Path):
@@ -133,7 +109,7 @@ def test_a_search_shows_the_false_equilibria_and_what_is_only_suspect(dobc, tmp_
     assert "Proved: in mode G the agents may also rest at |e|∞ ≈ 1.654" in out
     assert "No proof of consensus can reach there" in out
     assert "A suspect is a simulated run in floating point. It refutes nothing" in out
-    assert (tmp_path / "pair-certificate" / "search.svg").exists()
+    assert (tmp_path / "listening-pair-certificate" / "search.svg").exists()
     _, out, _ = dobc("pair.toml", "--search", "--json")
     region, certified = json.loads(out)["searches"]
     assert region["refutes"] and len(region["proved"]) >= 1

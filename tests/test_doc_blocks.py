@@ -1,22 +1,25 @@
 """Every code block of the README and the handbook runs, in the order of its page, in an empty folder.
 
 Python blocks of a page share one namespace. Of shell blocks the lines that begin with ``dobc`` or ``cd`` are run, and
-have to leave with 0, or with the N of a comment ``# exit code N``; other lines (make, pip, ls) are skipped. A TOML
-block whose first line is ``# NAME.toml`` is saved under that name; other ones only have to be TOML.
+have to leave with 0, or with the N of a comment ``# exit code N``; other lines (make, pip, ls) are skipped. They run
+in this process, since starting one takes longer than most commands. A TOML block whose first line is ``# NAME.toml`` is
+saved under that name; other ones only have to be TOML. What a ``text`` block shows has to have been said before it on
+its page, whatever the line breaks.
 """
 
 from __future__ import annotations
 
+import contextlib
+import io
 import os
 import re
 import shlex
-import shutil
-import subprocess
-import sys
 import tomllib
 from pathlib import Path
 
 import pytest
+
+from dobc_design.cli import main
 
 ROOT = Path(__file__).resolve().parents[1]
 BLOCK = re.compile(r"^```(\w+)\n(.*?)^```$", re.MULTILINE | re.DOTALL)
@@ -26,34 +29,47 @@ PAGES = [
     for path in [ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md"))]
     if "_build" not in path.parts and (name := path.relative_to(ROOT).as_posix()) not in WRITTEN_BY_PROGRAM
 ]
-RUNNABLE = ("python", "sh", "toml")
+RUNNABLE = ("python", "sh", "toml", "text")
+#: "Your own problem" of a page that does not write one.
+MINE = """\
+name = "mine"
+[network]
+agents = 3
+arrow = "listens_to"
+[network.modes]
+G = [[2, 1], [3, 2]]
+[coupling]
+h = "tanh(y)"
+[pinning]
+gains = { 1 = 2 }
+"""
 
 
 def blocks(page: str) -> list[tuple[str, str]]:
     return [found for found in BLOCK.findall((ROOT / page).read_text("utf-8")) if found[0] in RUNNABLE]
 
 
-def run_shell(line: str, folder: Path) -> Path:
-    """One line; returns the folder in which the next one runs."""
+def run_shell(line: str, folder: Path) -> tuple[Path, str]:
+    """One line; returns the folder in which the next one runs, and what was said."""
     command, _, comment = line.partition("#")
     words = shlex.split(command)
     if words[:1] == ["cd"]:
-        return (folder / words[1]).resolve()
+        return (folder / words[1]).resolve(), ""
     if words[:1] != ["dobc"]:
-        return folder
+        return folder, ""
     promised = re.search(r"exit code (\d+)", comment)
     target = None
     if ">" in words:
         target = words[words.index(">") + 1]
         words = words[: words.index(">")]
-    done = subprocess.run(
-        [sys.executable, "-m", "dobc_design", *words[1:]],
-        cwd=folder, capture_output=True, text=True, timeout=300, check=False,
-    )  # fmt: skip
-    assert done.returncode == int(promised[1] if promised else 0), f"{line}\n{done.stdout}\n{done.stderr}"
+    out, errors = io.StringIO(), io.StringIO()
+    quiet = contextlib.chdir(folder), contextlib.redirect_stdout(out), contextlib.redirect_stderr(errors)
+    with quiet[0], quiet[1], quiet[2], pytest.raises(SystemExit) as left:
+        main(words[1:])
+    assert left.value.code == int(promised[1] if promised else 0), f"{line}\n{out.getvalue()}\n{errors.getvalue()}"
     if target:
-        (folder / target).write_text(done.stdout, "utf-8")
-    return folder
+        (folder / target).write_text(out.getvalue(), "utf-8")
+    return folder, out.getvalue() + errors.getvalue()
 
 
 @pytest.mark.slow
@@ -61,10 +77,9 @@ def run_shell(line: str, folder: Path) -> Path:
 def test_the_code_blocks_of_a_page_run(page: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     monkeypatch.chdir(tmp_path)
     monkeypatch.setitem(os.environ, "MPLBACKEND", "Agg")
-    for name in ("mine.toml", "MINE.toml"):  # "your own problem" of a page that does not write one
-        shutil.copyfile(ROOT / "dobc_design/problems/paper-fixed.toml", tmp_path / name)
+    (tmp_path / "mine.toml").write_text(MINE, "utf-8")
     namespace: dict[str, object] = {}
-    folder = tmp_path
+    folder, said = tmp_path, ""
     for language, text in blocks(page):
         if language == "python":
             monkeypatch.chdir(folder)
@@ -74,10 +89,13 @@ def test_the_code_blocks_of_a_page_run(page: str, tmp_path: Path, monkeypatch: p
             tomllib.loads(text)
             if named:
                 (folder / named[1]).write_text(text, "utf-8")
+        elif language == "text":
+            assert " ".join(text.split()) in " ".join(said.split())
         else:
             start = folder
             for line in text.splitlines():
-                start = run_shell(line, start)
+                start, answer = run_shell(line, start)
+                said += answer
     monkeypatch.chdir(ROOT)
 
 

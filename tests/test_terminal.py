@@ -13,7 +13,8 @@ import time
 from pathlib import Path
 
 import pytest
-from sweeps import CHAIN, LONGEST
+from problem_texts import CHAIN
+from sweeps import LONGEST
 
 from dobc_design._signals import _DOCUMENT, _escaped
 from dobc_design.cli import main

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from campaigns import outside_campaign
+from certified import certified
 
 from dobc_design.spec.builtin import builtin_names
 from dobc_design.spec.exosystem import Exosystem
@@ -26,7 +27,7 @@ def test_linear_verdicts_agree_with_eigenvalues_and_exponentials():
 @pytest.mark.parametrize("name", builtin_names())
 def test_built_in_problems_are_certified_and_confirmed(name):
     problem = load_problem(name)
-    certificate = certify(name)
+    certificate = certified(name)
     assert certificate.problem == problem
     assert verify(certificate, name).holds
 
@@ -51,7 +52,7 @@ def test_a_missing_gain_is_designed_and_is_the_one_that_everything_is_about():
 
 def test_an_eigenvalue_solver_that_breaks_down_changes_no_verdict(monkeypatch):
     """The exact side does without estimates: shorter claims, the same verdicts, and they are confirmed."""
-    before = [(check.id, check.mode, check.verdict) for check in certify("paper-fixed").checks]
+    before = [(check.id, check.mode, check.verdict) for check in certified("paper-fixed").checks]
 
     def broken(*args, **kwargs):
         raise np.linalg.LinAlgError("no convergence")
@@ -66,7 +67,7 @@ def test_wrong_estimates_change_numbers_and_never_verdicts(monkeypatch):
     """Everything from floating point is a proposal: nonsense in, the same verdicts out."""
     from dobc_design.design.estimates import Top
 
-    true = [(check.id, check.mode, check.verdict) for check in certify("paper-switching").checks]
+    true = [(check.id, check.mode, check.verdict) for check in certified("paper-switching").checks]
 
     def nonsense(statements):
         size = next(iter(statements.lambdas.values())).size

@@ -1,8 +1,8 @@
 """The package's docstrings are plain text; here they become reStructuredText.
 
 An entry ``    name: what it is`` below a line that ends with a colon becomes an item of a list; ``Returns:``,
-``Raises:`` and ``Source:`` begin a paragraph; every sign that reStructuredText would read as markup is taken as it
-stands, except in double backticks.
+``Raises:`` and ``Source:`` begin a paragraph, also after a sentence; every sign that reStructuredText would read as
+markup is taken as it stands, except in double backticks.
 """
 
 from __future__ import annotations
@@ -14,7 +14,8 @@ from sphinx.application import Sphinx
 _LITERAL = re.compile(r"(``.+?``)")
 _MARKUP = re.compile(r"([\\*|`_])")
 _ENTRY = re.compile(r"^ {4}(\S[^:]{0,60}): (.*)$")
-_SECTION = re.compile(r"^(Returns|Raises|Source|Units|Parameters[^:]*|Fields[^:]*|Example)s?:\s*(.*)$")
+_SECTION = re.compile(r"^(Returns|Raises|Source|Shape|Units|Parameters[^:]*|Fields[^:]*|Example)s?:\s*(.*)$")
+_INSIDE = re.compile(r"(?<=\.) +(?=(?:Returns|Raises|Source|Units): )")
 
 
 def escaped(text: str) -> str:
@@ -27,7 +28,7 @@ def as_restructured(lines: list[str]) -> list[str]:
     """The lines of one docstring."""
     result: list[str] = []
     code = False
-    for line in lines:
+    for line in (part for each in lines for part in _INSIDE.split(each)):
         if not line.strip():
             result.append("")
             code = False
@@ -36,7 +37,7 @@ def as_restructured(lines: list[str]) -> list[str]:
         indent = len(line) - len(line.lstrip())
         if section:
             result += ["", f"**{section[1]}:** {escaped(section[2])}"]
-        elif entry and not code:
+        elif entry and not code and not entry[1].startswith(">>>"):
             result += ["", f"* **{escaped(entry[1])}**: {escaped(entry[2])}"]
         elif indent >= 4 and (code or not _in_entry(result)):
             result += [] if code else ["", "::", ""]

@@ -29,8 +29,8 @@ def commands() -> str:
         "# Command line",
         "",
         "Written from the program itself. FILE is the path of a problem file or the name of a built-in problem.",
-        "`--json` puts one JSON document on standard output and nothing else there; progress and messages go to",
-        "standard error.",
+        "`--json` puts one JSON document on standard output and nothing else there, with the keys of [](json.md);",
+        "progress and messages go to standard error.",
         "",
     ]
     for name, command in sorted(typer.main.get_command(command_line).commands.items()):

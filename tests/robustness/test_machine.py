@@ -20,6 +20,7 @@ from typing import Any
 
 import pytest
 from bad_files import listing
+from certified import certified
 
 import dobc_design as dd
 
@@ -57,7 +58,7 @@ def refusal(ran: subprocess.CompletedProcess[str], code: int) -> dict[str, Any]:
 def made(tmp_path_factory) -> Path:
     """A folder with the files of a run."""
     folder = tmp_path_factory.mktemp("made")
-    dd.certify("paper-fixed").save(folder)
+    certified("paper-fixed").save(folder)
     return folder
 
 

@@ -24,7 +24,7 @@ for _number in (signal.SIGINT, getattr(signal, "SIGHUP", signal.SIGINT)):
         signal.signal(_number, lambda number, frame: None)
 
 # The regions of these built-in problems take seconds to certify and to check.
-_LONG = ("karate-club", "microgrid-ieee14", "uav-swarm", "02_regions", "03_simulation", "04_design",
+_LONG = ("karate-club", "microgrid-ieee14", "uav-swarm", "01_example", "02_regions", "03_simulation", "04_design",
          "05_switching", "06_from_grid", "07_infeasible", "08_sweep")  # fmt: skip
 
 

@@ -33,7 +33,7 @@ from bad_files import (
     listing,
     write_case,
 )
-from problem_texts import CHAIN
+from problem_texts import CHAIN, without_region_text
 
 from dobc_design import __version__
 from dobc_design.cli import main
@@ -610,7 +610,8 @@ def test_piped_output_is_wide_and_a_narrow_terminal_has_the_reasons_below(dobc, 
     assert "A - WC is Hurwitz (given W): the estimation error decays at least like exp(" in rows[0]
     assert "from every start asked for under arbitrary switching of the modes" in wide[0]
     monkeypatch.setenv("COLUMNS", "80")
-    narrow = dobc("certify", "paper-switching", "--no-report").out.splitlines()
+    path = write(without_region_text("paper-switching"))
+    narrow = dobc("certify", path, "--no-report").out.splitlines()
     assert max(len(line) for line in narrow if not line.startswith("re-check")) <= 80
     place = narrow.index("hurwitz")
     assert narrow[place + 1].startswith("  A - WC is Hurwitz (given W)")
@@ -629,8 +630,9 @@ def test_what_would_help_and_what_is_assumed_are_shown(dobc):
 
 
 def test_shown_margins_and_rates_are_never_larger_than_what_is_proved(dobc):
-    document = dobc("certify", "paper-switching", "--no-report", "--json").json
-    out = dobc("certify", "paper-switching", "--no-report").out
+    path = write(without_region_text("paper-switching"))
+    document = dobc("certify", path, "--no-report", "--json").json
+    out = dobc("certify", path, "--no-report").out
     for check in document["checks"]:
         if check["verdict"] == "proved" and check["margin"]:
             title = f"{check['id']} ({check['mode']})" if "mode" in check else check["id"]

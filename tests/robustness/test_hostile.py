@@ -178,7 +178,7 @@ def test_hostile_toml_is_refused_or_read_in_time(name):
     assert found is None or name in ("thousands of modes", "towers of powers", "signs")
 
 
-@pytest.mark.parametrize("digits", [200, 1000, 4000])
+@pytest.mark.parametrize("digits", [200, 4000])
 @pytest.mark.parametrize("name", ["paper-fixed", "paper-switching"])
 def test_a_pair_of_long_numbers_is_decided_in_time(name, digits):
     """P + tiny terms with huge, coprime denominators: elimination in exact arithmetic would take minutes."""
@@ -204,7 +204,7 @@ def as_text(matrix: Any) -> list[list[str]]:
     return [[f"{fmpz(x.numerator).str()}/{fmpz(x.denominator).str()}" for x in row] for row in matrix]
 
 
-@pytest.mark.parametrize("digits", [1000, 4000])
+@pytest.mark.parametrize("digits", [4000])
 def test_a_vector_of_long_numbers_is_decided_in_time(digits):
     from flint import fmpz
 

@@ -28,9 +28,9 @@ def test_kills_of_a_process_that_only_writes_leave_whole_files(tmp_path):
 @pytest.mark.parametrize("number", [signal.SIGINT, pytest.param(signal.SIGTERM, marks=pytest.mark.slow)])
 def test_an_interrupted_certify_says_so_and_leaves_a_whole_set(tmp_path, number):
     """130 for Ctrl-C, 143 for SIGTERM; no traceback, also in the first moments, while everything is imported."""
-    outcome = interrupt_certify(4, 3, tmp_path, number=number)
+    outcome = interrupt_certify(2, 3, tmp_path, number=number)
     assert not outcome.wrong
-    assert outcome.counts["interrupted"] == 4
+    assert outcome.counts["interrupted"] == 2
 
 
 def test_a_signal_during_a_write_waits_for_its_end(tmp_path):

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import hashlib
 import os
-import re
 import signal
 import subprocess
 import sys
@@ -19,8 +18,9 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from random import Random
 
+from problem_texts import without_region_text
+
 import dobc_design as dd
-from dobc_design.spec.builtin import builtin_text
 
 # One byte on standard error says that the first line of the program's own entry module has run.
 MARKED = "import os; from dobc_design.__main__ import main; os.write(2, b'.'); main()"
@@ -42,7 +42,6 @@ while True:
 
 NAMES = ("problem.json", "certificate.json", "report.html", "report.md")
 PIN = "gains = { 1 = 5, 6 = 5 }"
-REGION = re.compile(r"^\[region\]\n.*?^\n", re.MULTILINE | re.DOTALL)  # its proof takes seconds and writes nothing more
 
 
 @dataclass
@@ -100,7 +99,7 @@ class Runs:
         folder.mkdir(exist_ok=True)
         self.whole: list[dict[str, bytes]] = []
         self.seconds = 0.0
-        short = REGION.sub("", builtin_text("paper-fixed"))
+        short = without_region_text("paper-fixed")
         texts = [short, short.replace(PIN, "gains = {}")]
         for k, text in enumerate(texts):
             self.problems.append(folder / f"{k}.toml")

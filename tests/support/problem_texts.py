@@ -2,6 +2,10 @@
 
 from __future__ import annotations
 
+import re
+
+from dobc_design.spec.builtin import builtin_text
+
 CHAIN = """\
 name = "chain"
 [network]
@@ -34,3 +38,11 @@ initial_states = [-REACH, REACH]
 def listening_pair_text(reach: int) -> str:
     """Two agents coupled by sines, k = 1/10, from [-reach, reach]; from 5 a second equilibrium is among the starts."""
     return _PAIR.replace("REACH", str(reach))
+
+
+def without_region_text(name: str) -> str:
+    """The file of a built-in problem without its [region], whose proof takes seconds."""
+    text = builtin_text(name)
+    shorter = re.sub(r"^\[region\].*?^\n", "", text, flags=re.MULTILINE | re.DOTALL)
+    assert shorter != text
+    return shorter

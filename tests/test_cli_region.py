@@ -53,7 +53,7 @@ def dobc(command_line, tmp_path, monkeypatch):
     """Run the command line in an empty folder: exit code, standard output, standard error."""
     monkeypatch.setattr(cli_region, "certify", certify_once)
     monkeypatch.setattr(cli_region, "search_certificate", search_briefly)
-    (tmp_path / "free.toml").write_text(SINES, encoding="utf-8")
+    (tmp_path / "free.toml").write_text(SINES.replace("sin(y)", "tanh(y)"), encoding="utf-8")
     (tmp_path / "near.toml").write_text(ASKED.replace("HALF", "0.5"), encoding="utf-8")
     (tmp_path / "far.toml").write_text(ASKED.replace("HALF", "2"), encoding="utf-8")
     (tmp_path / "pair.toml").write_text(listening_pair_text(5), encoding="utf-8")

@@ -3,13 +3,10 @@
 from __future__ import annotations
 
 import numpy as np
-import pytest
 from campaigns import outside_campaign
 from certified import certified
 
-from dobc_design.spec.builtin import builtin_names
 from dobc_design.spec.exosystem import Exosystem
-from dobc_design.spec.load import load_problem
 from dobc_design.spec.network import Network
 from dobc_design.spec.problem import Problem
 from dobc_design.verdict import Verdict
@@ -22,14 +19,6 @@ def test_linear_verdicts_agree_with_eigenvalues_and_exponentials():
     tally = outside_campaign(range(80))
     assert tally.wrong == []
     assert min(tally.counts[verdict.value] for verdict in Verdict) >= 15
-
-
-@pytest.mark.parametrize("name", builtin_names())
-def test_built_in_problems_are_certified_and_confirmed(name):
-    problem = load_problem(name)
-    certificate = certified(name)
-    assert certificate.problem == problem
-    assert verify(certificate, name).holds
 
 
 def test_progress_names_the_stages():

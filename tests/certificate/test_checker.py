@@ -54,9 +54,11 @@ def alone(tmp_path: Path, certificate: bytes, problem: bytes) -> subprocess.Comp
 
 
 @pytest.mark.parametrize("name", builtin_names())
-def test_the_lone_file_confirms_a_built_in_problem(tmp_path, name):
+def test_a_built_in_problem_is_certified_and_confirmed_by_both_programs(tmp_path, name):
     problem = load_problem(name)
     certificate = certified(name)
+    assert certificate.problem == problem
+    assert recheck(certificate_bytes(certificate.claims), problem).holds
     done = alone(tmp_path, certificate_bytes(certificate.claims), canonical_bytes(problem))
     assert (done.returncode, done.stderr) == (0, "")
     lines = done.stdout.splitlines()

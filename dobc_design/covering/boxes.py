@@ -6,6 +6,7 @@ Theory, section 4.  ``design.shell`` cuts up the set between two levels of V, ``
 from __future__ import annotations
 
 import logging
+import math
 from dataclasses import replace
 from fractions import Fraction
 from typing import Final
@@ -26,6 +27,8 @@ from dobc_design.verify.shell import border_of
 
 logger = logging.getLogger("dobc_design")
 
+#: Rows n m up to which boxes are counted out without being asked for.
+SMALL: Final = 4
 #: Boxes that a certificate may hold, so that a checker in plain Python gets through them.
 MOST_BOXES: Final = 50_000
 #: Starts up to this many times the ball asked for, or that of the inner certificate, are looked at.
@@ -35,23 +38,28 @@ RATES: Final = (Fraction(1, 2), Fraction(1, 10))
 
 
 def exhaustive_stage(asked: Asked, report: Progress) -> list[Check]:
-    """Boxes around the quadratic certificates; on request only, and nothing for networks that are not small."""
+    """Boxes around the quadratic certificates, for small networks.
+
+    Unless everything is wanted, only where they may cover the region asked for, and for n m <= 4.
+    """
     problem = asked.problem
-    if not asked.everything or problem.n * problem.m > LARGEST or asked.domain == "global":
+    largest = LARGEST if asked.everything else SMALL
+    if not (asked.everything or asked.wanted) or problem.n * problem.m > largest or asked.domain == "global":
         return []
     reason = quadratic_obstacle(problem, asked.W)
     if reason is None and not acts_by_component(problem):
         reason = "does not apply: boxes are counted out for couplings that act on each state component by itself."
     if reason is not None:
-        return [undecided_check("exhaustive", asked.domain, reason)]
+        return [undecided_check("exhaustive", asked.domain, reason)] if asked.everything else []
     report("deciding the region (exhaustive)")
-    best = _shell(asked, "identity", beyond=0.0)
-    best = _shell(asked, "full", beyond=0.0 if best is None else _ball(asked, best)) or best
+    needed = 0.0 if asked.everything else math.nextafter(asked.ball, 0.0)
+    best = _shell(asked, "identity", beyond=needed)
+    if best is None or asked.everything:
+        best = _shell(asked, "full", beyond=needed if best is None else _ball(asked, best)) or best
     if best is None:
-        reason = (
-            "no boxes are found that reach beyond the quadratic certificate: V' < 0 ends there, or too many would be"
-            f" needed (at most {MOST_BOXES})."
-        )
+        where = "reach beyond the quadratic certificate" if asked.everything else f"cover |e| <= {asked.ball:.6g}"
+        many = f"too many would be needed (at most {MOST_BOXES})"
+        reason = f"no boxes are found that {where}: V' < 0 ends before, or {many}."
         return [undecided_check("exhaustive", asked.domain, reason)]
     radius = _ball(asked, best)
     return [

@@ -160,7 +160,7 @@ def test_hostile_numbers_are_refused_at_once(change):
     data, problem = certificate("pair", changed(PAIR, **change)), canonical_bytes(problems()["pair"])
     start = time.process_time()
     assert outcome(Case("", data, problem, FAILS)) == FAILS
-    assert time.process_time() - start < 2
+    assert time.process_time() - start < 10
 
 
 # --- Enclosures -----------------------------------------------------------------------------------------------------

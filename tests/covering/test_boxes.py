@@ -67,10 +67,20 @@ def test_a_covered_region_gets_a_rate():
 
 @pytest.mark.parametrize(
     ("problem", "everything"),
-    [(ring(2, 3, "1"), False), (ring(7, 3, "1"), True), (ring(2, 3, "1", coupling="2*y"), True)],
+    [(ring(5, 3, "1"), False), (ring(7, 3, "1"), True), (ring(2, 3, "1", coupling="2*y"), True)],
 )
-def test_it_is_left_out_unless_wanted_and_small_and_not_linear(problem, everything):
+def test_it_is_left_out_where_the_network_is_not_small_or_linear(problem, everything):
     assert stage(problem, everything=everything) == []
+
+
+def test_small_networks_are_counted_out_unasked_where_that_may_cover_the_region():
+    """Two agents: all k = 3 ends at 6, sides 4 ask for 5.66; one pin does not reach the 16.97 that sides 12 ask for."""
+    (check,) = stage(ring(2, 3, "4"), everything=False)
+    assert check.verdict is Verdict.PROVED
+    assert check.domain["radius"] >= 4 * math.sqrt(2)
+    (check,) = stage(ring(2, {1: 3}, "12"), everything=False)
+    assert check.verdict is Verdict.UNDECIDED
+    assert check.reason.startswith("no boxes are found that cover |e| <= 16.9706")
 
 
 def test_couplings_of_vectors_are_not_counted_out():

@@ -210,10 +210,10 @@ def test_values_have_the_shape_of_their_argument():
 def test_hostile_couplings_take_bounded_time(h):
     start = time.process_time()
     make_coupling(h, dimension=1)
-    assert time.process_time() - start < 2
+    assert time.process_time() - start < 10
 
 
 def test_many_components_take_bounded_time():
     start = time.process_time()
     make_coupling([" + ".join(f"y{j}*y{i + 1}" for j in range(1, 31)) for i in range(30)], dimension=30)
-    assert time.process_time() - start < 5
+    assert time.process_time() - start < 20

@@ -18,6 +18,7 @@ import tomllib
 from pathlib import Path
 
 import pytest
+from problem_texts import CHAIN
 
 from dobc_design.cli import main
 
@@ -31,18 +32,7 @@ PAGES = [
 ]
 RUNNABLE = ("python", "sh", "toml", "text")
 #: "Your own problem" of a page that does not write one.
-MINE = """\
-name = "mine"
-[network]
-agents = 3
-arrow = "listens_to"
-[network.modes]
-G = [[2, 1], [3, 2]]
-[coupling]
-h = "tanh(y)"
-[pinning]
-gains = { 1 = 2 }
-"""
+MINE = CHAIN.replace('"chain"', '"mine"').replace('"y"', '"tanh(y)"')
 
 
 def blocks(page: str) -> list[tuple[str, str]]:

@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 from evidence.pinning import _digraph
 from evidence.row import Row
+from exact_oracle import positive_definite
 
 import dobc_design as dd
 from dobc_design.spec import exosystems
@@ -204,16 +205,7 @@ def _pivots_are_positive(table: Rows) -> bool:
     """Elimination without exchanges: definite if symmetric, an M-matrix if all other entries are <= 0."""
     if np.min(np.linalg.eigvals(np.array(table, dtype=float)).real) < -1e-6:
         return False  # not near: saves the exact elimination, and is not counted
-    work = [row[:] for row in table]
-    for k, row in enumerate(work):
-        if row[k] <= 0:
-            return False
-        for other in work[k + 1 :]:
-            factor = other[k] / row[k]
-            if factor:
-                for j in range(k, len(row)):
-                    other[j] -= factor * row[j]
-    return True
+    return positive_definite(table)
 
 
 def _error(shape: Any, W: Rows) -> Rows:

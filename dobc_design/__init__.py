@@ -10,6 +10,7 @@ Importing this package loads no solver: names are resolved when they are first u
 
 from __future__ import annotations
 
+import logging
 from importlib import import_module
 
 TYPE_CHECKING = False  # typing takes longer to import than this package
@@ -18,106 +19,166 @@ if TYPE_CHECKING:
 
 __version__ = "0.1.0"
 
+logging.getLogger(__name__).addHandler(logging.NullHandler())
+
 _HOMES = {
     "Analysis": "analysis.analysis",
     "Certificate": "certificate.certificate",
-    "Check": "verify.check",
-    "Cone": "spec.spectral_regions",
-    "Coupling": "spec.coupling",
-    "Design": "designing.designed",
+    "Check": "conditions.check",
+    "Cone": "synthesis.observer.spectral_regions",
+    "Coupling": "coupling.coupling",
+    "Design": "synthesis.joint.designed",
     "Designer": "designer.widget",
-    "Disk": "spec.spectral_regions",
-    "Ensemble": "simulate.ensemble",
-    "Exosystem": "spec.exosystem",
-    "Failure": "simulate.stress",
-    "Falsification": "falsifying.suspect",
-    "Fixed": "simulate.signals",
-    "Group": "spec.groups",
-    "HalfPlane": "spec.spectral_regions",
-    "Markov": "simulate.signals",
-    "Mobile": "simulate.mobile",
+    "Disk": "synthesis.observer.spectral_regions",
+    "Ensemble": "simulation.ensemble",
+    "Exosystem": "problem.exosystem",
+    "Failure": "simulation.stress",
+    "Falsification": "falsification.suspect",
+    "Fixed": "simulation.signals",
+    "Group": "problem.groups",
+    "HalfPlane": "synthesis.observer.spectral_regions",
+    "Markov": "simulation.signals",
+    "Mobile": "simulation.mobile",
     "Model": "model.model",
-    "Network": "spec.network",
-    "NoiseLimit": "spec.observer_request",
-    "Observer": "spec.observer",
-    "ObserverDesign": "verify.observer_design",
-    "Periodic": "simulate.signals",
-    "Pinning": "spec.pinning",
-    "PinningDesign": "verify.pinning_design",
-    "Problem": "spec.problem",
-    "RandomDwell": "simulate.signals",
-    "Region": "spec.region",
-    "Schedule": "simulate.signals",
-    "Settling": "verify.settling",
-    "Stress": "simulate.stress",
-    "Suspect": "falsifying.suspect",
-    "SweepResult": "sweep.result",
-    "Switching": "spec.switching",
-    "TradeOff": "designing.trade_off",
-    "Trajectory": "simulate.trajectory",
+    "Network": "problem.network",
+    "NoiseLimit": "synthesis.observer.request",
+    "Observer": "problem.observer",
+    "ObserverDesign": "synthesis.observer.design",
+    "Periodic": "simulation.signals",
+    "Pinning": "problem.pinning",
+    "PinningDesign": "synthesis.pinning.design",
+    "Problem": "problem.problem",
+    "RandomDwell": "simulation.signals",
+    "Region": "problem.region",
+    "Schedule": "simulation.signals",
+    "Settling": "conditions.schedule.settling",
+    "Stress": "simulation.stress",
+    "Suspect": "falsification.suspect",
+    "SweepResult": "sweeps.result",
+    "Switching": "problem.switching",
+    "TradeOff": "synthesis.joint.trade_off",
+    "Trajectory": "simulation.trajectory",
     "Verdict": "verdict",
-    "Waypoints": "simulate.mobile",
-    "analyse": "workflow",
-    "build_model": "workflow",
-    "certify": "workflow",
-    "certify_settling": "workflow",
-    "design": "workflow",
-    "design_observer": "workflow",
-    "design_pinning": "workflow",
+    "Waypoints": "simulation.mobile",
+    "analyse": "export.models",
+    "build_model": "export.models",
+    "certify": "certification.certify",
+    "certify_settling": "certification.certify",
+    "design": "synthesis.designs",
+    "design_observer": "synthesis.designs",
+    "design_pinning": "synthesis.designs",
     "exact": "exact",
-    "exosystems": "spec.exosystems",
-    "falsify": "workflow",
-    "from_pandapower": "interchange",
-    "load_problem": "spec.load",
-    "load_trajectory": "simulate.storage",
-    "plot_regions": "workflow",
-    "problem_from_file": "interchange",
-    "quadratic_limits": "workflow",
-    "search_certificate": "workflow",
-    "simulate": "workflow",
-    "sweep": "sweep.running",
-    "to_c": "interchange",
-    "to_casadi": "interchange",
-    "to_control": "workflow",
-    "to_fmu": "interchange",
-    "to_latex": "interchange",
-    "to_mat": "interchange",
-    "to_numpy": "interchange",
-    "to_sdpa": "interchange",
-    "to_sympy": "interchange",
-    "trade_off": "workflow",
-    "verify": "workflow",
-    "what_breaks_first": "workflow",
-    "write_comparison": "workflow",
-    "write_report": "workflow",
+    "exosystems": "problem.exosystems",
+    "falsify": "falsification.searches",
+    "from_pandapower": "export.interchange",
+    "load_problem": "problem.load",
+    "load_trajectory": "simulation.storage",
+    "plot_regions": "report.write",
+    "problem_from_file": "export.interchange",
+    "quadratic_limits": "falsification.searches",
+    "search_certificate": "certification.search",
+    "simulate": "simulation.simulations",
+    "sweep": "sweeps.running",
+    "to_c": "export.interchange",
+    "to_casadi": "export.interchange",
+    "to_control": "export.models",
+    "to_fmu": "export.interchange",
+    "to_latex": "export.interchange",
+    "to_mat": "export.interchange",
+    "to_numpy": "export.interchange",
+    "to_sdpa": "export.interchange",
+    "to_sympy": "export.interchange",
+    "trade_off": "synthesis.designs",
+    "verify": "certification.certify",
+    "what_breaks_first": "simulation.simulations",
+    "write_comparison": "report.write",
+    "write_report": "report.write",
 }
 
 __all__ = [
-    "Analysis", "Certificate", "Check", "Cone", "Coupling", "Design", "Disk", "Ensemble", "Exosystem", "Failure",
-    "Falsification", "Fixed", "Group", "HalfPlane", "Markov", "Mobile", "Model", "Network", "NoiseLimit", "Observer",
-    "ObserverDesign", "Periodic", "Pinning", "PinningDesign", "Problem", "RandomDwell", "Region", "Schedule",
-    "Settling", "Stress", "Suspect", "SweepResult", "Switching", "TradeOff", "Trajectory", "Verdict", "Waypoints",
-    "__version__", "analyse", "build_model", "certify", "certify_settling", "design", "design_observer",
-    "design_pinning", "exact", "exosystems", "falsify", "from_pandapower", "load_problem", "load_trajectory",
-    "plot_regions", "problem_from_file", "quadratic_limits", "search_certificate", "simulate", "sweep", "to_c",
-    "to_casadi", "to_control", "to_fmu", "to_latex", "to_mat", "to_numpy", "to_sdpa", "to_sympy", "trade_off",
-    "verify", "what_breaks_first", "write_comparison", "write_report",
-]  # fmt: skip
-
-# Some rooms carry the names of public functions.  Loading them here, once, and dropping the names keeps
-# a later import of dobc_design.verify.check from putting the room where users expect the function.
-for _room in ("design", "simulate", "verify", "sweep"):
-    import_module(f"{__name__}.{_room}")
-    del globals()[_room]
+    "Analysis",
+    "Certificate",
+    "Check",
+    "Cone",
+    "Coupling",
+    "Design",
+    "Disk",
+    "Ensemble",
+    "Exosystem",
+    "Failure",
+    "Falsification",
+    "Fixed",
+    "Group",
+    "HalfPlane",
+    "Markov",
+    "Mobile",
+    "Model",
+    "Network",
+    "NoiseLimit",
+    "Observer",
+    "ObserverDesign",
+    "Periodic",
+    "Pinning",
+    "PinningDesign",
+    "Problem",
+    "RandomDwell",
+    "Region",
+    "Schedule",
+    "Settling",
+    "Stress",
+    "Suspect",
+    "SweepResult",
+    "Switching",
+    "TradeOff",
+    "Trajectory",
+    "Verdict",
+    "Waypoints",
+    "__version__",
+    "analyse",
+    "build_model",
+    "certify",
+    "certify_settling",
+    "design",
+    "design_observer",
+    "design_pinning",
+    "exact",
+    "exosystems",
+    "falsify",
+    "from_pandapower",
+    "load_problem",
+    "load_trajectory",
+    "plot_regions",
+    "problem_from_file",
+    "quadratic_limits",
+    "search_certificate",
+    "simulate",
+    "sweep",
+    "to_c",
+    "to_casadi",
+    "to_control",
+    "to_fmu",
+    "to_latex",
+    "to_mat",
+    "to_numpy",
+    "to_sdpa",
+    "to_sympy",
+    "trade_off",
+    "verify",
+    "what_breaks_first",
+    "write_comparison",
+    "write_report",
+]
 
 if TYPE_CHECKING:
     from dobc_design import exact
     from dobc_design.analysis.analysis import Analysis
     from dobc_design.certificate.certificate import Certificate
-    from dobc_design.designing.designed import Design
-    from dobc_design.designing.trade_off import TradeOff
-    from dobc_design.falsifying.suspect import Falsification, Suspect
-    from dobc_design.interchange import (
+    from dobc_design.certification.certify import certify, certify_settling, verify
+    from dobc_design.certification.search import search_certificate
+    from dobc_design.conditions.check import Check
+    from dobc_design.conditions.schedule.settling import Settling
+    from dobc_design.coupling.coupling import Coupling
+    from dobc_design.export.interchange import (
         from_pandapower,
         problem_from_file,
         to_c,
@@ -129,53 +190,38 @@ if TYPE_CHECKING:
         to_sdpa,
         to_sympy,
     )
+    from dobc_design.export.models import analyse, build_model, to_control
+    from dobc_design.falsification.searches import falsify, quadratic_limits
+    from dobc_design.falsification.suspect import Falsification, Suspect
     from dobc_design.model.model import Model
-    from dobc_design.simulate.ensemble import Ensemble
-    from dobc_design.simulate.mobile import Mobile, Waypoints
-    from dobc_design.simulate.signals import Fixed, Markov, Periodic, RandomDwell, Schedule
-    from dobc_design.simulate.storage import load_trajectory
-    from dobc_design.simulate.stress import Failure, Stress
-    from dobc_design.simulate.trajectory import Trajectory
-    from dobc_design.spec import exosystems
-    from dobc_design.spec.coupling import Coupling
-    from dobc_design.spec.exosystem import Exosystem
-    from dobc_design.spec.groups import Group
-    from dobc_design.spec.load import load_problem
-    from dobc_design.spec.network import Network
-    from dobc_design.spec.observer import Observer
-    from dobc_design.spec.observer_request import NoiseLimit
-    from dobc_design.spec.pinning import Pinning
-    from dobc_design.spec.problem import Problem
-    from dobc_design.spec.region import Region
-    from dobc_design.spec.spectral_regions import Cone, Disk, HalfPlane
-    from dobc_design.spec.switching import Switching
-    from dobc_design.sweep.result import SweepResult
-    from dobc_design.sweep.running import sweep
+    from dobc_design.problem import exosystems
+    from dobc_design.problem.exosystem import Exosystem
+    from dobc_design.problem.groups import Group
+    from dobc_design.problem.load import load_problem
+    from dobc_design.problem.network import Network
+    from dobc_design.problem.observer import Observer
+    from dobc_design.problem.pinning import Pinning
+    from dobc_design.problem.problem import Problem
+    from dobc_design.problem.region import Region
+    from dobc_design.problem.switching import Switching
+    from dobc_design.report.write import plot_regions, write_comparison, write_report
+    from dobc_design.simulation.ensemble import Ensemble
+    from dobc_design.simulation.mobile import Mobile, Waypoints
+    from dobc_design.simulation.signals import Fixed, Markov, Periodic, RandomDwell, Schedule
+    from dobc_design.simulation.simulations import simulate, what_breaks_first
+    from dobc_design.simulation.storage import load_trajectory
+    from dobc_design.simulation.stress import Failure, Stress
+    from dobc_design.simulation.trajectory import Trajectory
+    from dobc_design.sweeps.result import SweepResult
+    from dobc_design.sweeps.running import sweep
+    from dobc_design.synthesis.designs import design, design_observer, design_pinning, trade_off
+    from dobc_design.synthesis.joint.designed import Design
+    from dobc_design.synthesis.joint.trade_off import TradeOff
+    from dobc_design.synthesis.observer.design import ObserverDesign
+    from dobc_design.synthesis.observer.request import NoiseLimit
+    from dobc_design.synthesis.observer.spectral_regions import Cone, Disk, HalfPlane
+    from dobc_design.synthesis.pinning.design import PinningDesign
     from dobc_design.verdict import Verdict
-    from dobc_design.verify.check import Check
-    from dobc_design.verify.observer_design import ObserverDesign
-    from dobc_design.verify.pinning_design import PinningDesign
-    from dobc_design.verify.settling import Settling
-    from dobc_design.workflow import (
-        analyse,
-        build_model,
-        certify,
-        certify_settling,
-        design,
-        design_observer,
-        design_pinning,
-        falsify,
-        plot_regions,
-        quadratic_limits,
-        search_certificate,
-        simulate,
-        to_control,
-        trade_off,
-        verify,
-        what_breaks_first,
-        write_comparison,
-        write_report,
-    )
 
 
 def __getattr__(name: str) -> Any:

@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 def main() -> NoReturn:
     """Run the command line; see ``cli.main``."""
     _open_standard_streams()
-    from dobc_design.cli import main as run
+    from dobc_design.cli.main import main as run
 
     run()
 

@@ -29,8 +29,7 @@ def require_shape(
     for number, width in enumerate(widths, start=1):
         if width != widths[0]:
             raise ShapeError(
-                f"{name} must have rows of one length; got {widths[0]} in row 1 and {width} in row {number}.",
-                key=name,
+                f"{name} must have rows of one length; got {widths[0]} in row 1 and {width} in row {number}.", key=name
             )
     got = (len(widths), widths[0] if widths else 0)
     # Nested sequences cannot say how many columns no rows have, so those agree with any number.

@@ -24,8 +24,19 @@ for _number in (signal.SIGINT, getattr(signal, "SIGHUP", signal.SIGINT)):
         signal.signal(_number, lambda number, frame: None)
 
 # The regions of these built-in problems take seconds to certify and to check.
-_LONG = ("karate-club", "microgrid-ieee14", "uav-swarm", "01_example", "02_regions", "03_simulation", "04_design",
-         "05_switching", "06_from_grid", "07_infeasible", "08_sweep")  # fmt: skip
+_LONG = (
+    "karate-club",
+    "microgrid-ieee14",
+    "uav-swarm",
+    "01_example",
+    "02_regions",
+    "03_simulation",
+    "04_design",
+    "05_switching",
+    "06_from_grid",
+    "07_infeasible",
+    "08_sweep",
+)
 
 
 @pytest.hookimpl(tryfirst=True)
@@ -39,7 +50,7 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
 @pytest.fixture
 def command_line(capsys, tmp_path, monkeypatch):
     """Run the command line in an empty folder: exit code, standard output, standard error."""
-    from dobc_design.cli import main
+    from dobc_design.cli.main import main
 
     monkeypatch.chdir(tmp_path)
 

@@ -20,7 +20,7 @@ from pathlib import Path
 import pytest
 from problem_texts import CHAIN
 
-from dobc_design.cli import main
+from dobc_design.cli.main import main
 
 ROOT = Path(__file__).resolve().parents[1]
 BLOCK = re.compile(r"^```(\w+)\n(.*?)^```$", re.MULTILINE | re.DOTALL)

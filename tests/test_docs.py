@@ -9,8 +9,8 @@ from pathlib import Path
 
 import pytest
 
-from dobc_design.cli import main
-from dobc_design.spec.schema import json_schema
+from dobc_design.cli.main import main
+from dobc_design.problem.schema import json_schema
 
 ROOT = Path(__file__).resolve().parents[1]
 WRITTEN_BY_PROGRAM = {"docs/reference/command-line.md", "docs/reference/conditions.md"}
@@ -130,17 +130,31 @@ initial_disturbance = 1
 """
 #: Every command, with what is needed to see all keys of its document; the first file is LINE, the second lacks its pin.
 COMMANDS = [
-    "problems", "schema", "doctor", "explain", "explain hurwitz", "check line.toml",
-    "check groups.toml --canonical problem.json", "certify line.toml --no-report",
+    "problems",
+    "schema",
+    "doctor",
+    "explain",
+    "explain hurwitz",
+    "check line.toml",
+    "check groups.toml --canonical problem.json",
+    "certify line.toml --no-report",
     "certify free.toml --no-report --theorem lemma1 --apply-fix cured.toml --search",
-    "verify line-certificate --problem line.toml", "region line.toml", "region line.toml --all --search",
-    "design line.toml --out designed.toml", "simulate line.toml", "simulate line.toml --runs 3",
+    "verify line-certificate --problem line.toml",
+    "region line.toml",
+    "region line.toml --all --search",
+    "design line.toml --out designed.toml",
+    "simulate line.toml",
+    "simulate line.toml --runs 3",
     "simulate line.toml --certificate line-certificate",
-    "sweep line.toml pinning.gains.1=1,2 --jobs 1 --out swept", "report line-certificate", "new pumps",
-    "export line.toml --sdpa lmi.dat-s", "export line.toml --c code --period 1/4",
-    "export line.toml --fmu agent.fmu --period 1/4", "export line.toml --python-control loop.py",
+    "sweep line.toml pinning.gains.1=1,2 --jobs 1 --out swept",
+    "report line-certificate",
+    "new pumps",
+    "export line.toml --sdpa lmi.dat-s",
+    "export line.toml --c code --period 1/4",
+    "export line.toml --fmu agent.fmu --period 1/4",
+    "export line.toml --python-control loop.py",
     "export line-certificate --rocq proof.v",
-]  # fmt: skip
+]
 
 
 def keys_of_documents() -> dict[str, dict[str, bool]]:
@@ -190,9 +204,10 @@ def test_the_json_documents_have_the_keys_of_the_reference_and_no_others(tmp_pat
 def test_the_comparison_has_the_columns_that_the_benchmark_prints():
     """docs/comparison.md is what `make bench` printed once: another table there has to be pasted anew."""
     assigned = [
-        node for node in ast.parse((ROOT / "tests/benchmarks/peers.py").read_text("utf-8")).body
+        node
+        for node in ast.parse((ROOT / "tests/benchmarks/peers.py").read_text("utf-8")).body
         if isinstance(node, ast.Assign) and ast.unparse(node.targets[0]) == "HEAD"
-    ]  # fmt: skip
+    ]
     (head,) = (ast.literal_eval(node.value) for node in assigned)
     assert head in (ROOT / "docs/comparison.md").read_text("utf-8").splitlines()
 

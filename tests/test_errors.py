@@ -5,14 +5,7 @@ import pickle
 import pytest
 
 from dobc_design import errors
-from dobc_design.errors import (
-    CertificateError,
-    DobcError,
-    ExpressionError,
-    ShapeError,
-    SolverError,
-    SpecError,
-)
+from dobc_design.errors import CertificateError, DobcError, ExpressionError, ShapeError, SolverError, SpecError
 
 
 def test_an_error_carries_message_key_and_cure():
@@ -27,10 +20,7 @@ def test_an_error_carries_message_key_and_cure():
 
 @pytest.mark.parametrize(
     ("message", "text"),
-    [
-        ("it must vanish at 0", "it must vanish at 0; add - 1"),
-        ("it must vanish.", "it must vanish. add - 1"),
-    ],
+    [("it must vanish at 0", "it must vanish at 0; add - 1"), ("it must vanish.", "it must vanish. add - 1")],
 )
 def test_the_text_is_the_message_then_the_cure(message, text):
     """Architecture, floor 0: str() = message, then cure."""

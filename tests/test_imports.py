@@ -13,7 +13,7 @@ HEAVY = ("cvxpy", "control", "casadi", "matplotlib", "sympy")
 
 HELP = """
 import sys
-from dobc_design.cli import main
+from dobc_design.cli.main import main
 sys.argv = ["dobc", "--help"]
 try:
     main()

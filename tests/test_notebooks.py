@@ -59,8 +59,20 @@ def test_a_notebook_and_its_script_are_one(path: Path):
 @pytest.mark.parametrize("path", NOTEBOOKS, ids=lambda path: path.stem)
 def test_a_notebook_runs_from_a_clean_kernel(path: Path):
     """nbmake executes every cell in a fresh process and fails on the first error."""
-    command = [sys.executable, "-m", "pytest", "--nbmake", "--nbmake-timeout=240", "-q", "-p", "no:cacheprovider",
-               "--override-ini=addopts=", "-o", "testpaths=", str(path)]  # fmt: skip
+    command = [
+        sys.executable,
+        "-m",
+        "pytest",
+        "--nbmake",
+        "--nbmake-timeout=240",
+        "-q",
+        "-p",
+        "no:cacheprovider",
+        "--override-ini=addopts=",
+        "-o",
+        "testpaths=",
+        str(path),
+    ]
     environment = {**os.environ, "MPLBACKEND": "Agg", "JUPYTER_PLATFORM_DIRS": "1"}
     done = subprocess.run(command, capture_output=True, check=False, text=True, timeout=300, env=environment, cwd=ROOT)
     assert done.returncode == 0, done.stdout[-3000:] + done.stderr[-1000:]

@@ -92,8 +92,16 @@ PUBLIC = [
 ]
 
 FUNCTIONS = [
-    "analyse", "build_model", "certify", "design", "load_problem", "simulate", "sweep", "verify", "write_report",
-]  # fmt: skip
+    "analyse",
+    "build_model",
+    "certify",
+    "design",
+    "load_problem",
+    "simulate",
+    "sweep",
+    "verify",
+    "write_report",
+]
 
 
 def test_the_public_names_are_these_and_sorted():
@@ -109,10 +117,10 @@ def test_every_public_name_can_be_imported_and_explains_itself(name: str):
 
 
 def test_a_function_named_like_a_folder_stays_a_function():
-    """Importing dobc_design.verify.check sets dobc_design.verify to the folder unless that is prevented."""
+    """Importing dobc_design.conditions.check sets dobc_design.verify to the folder unless that is prevented."""
     script = f"""
 import sys
-import dobc_design.simulate, dobc_design.verify.check, dobc_design.design.gain
+import dobc_design.simulate, dobc_design.conditions.check, dobc_design.conditions.observer.gain
 import dobc_design as dd
 sys.exit(" ".join(name for name in {FUNCTIONS} if not callable(getattr(dd, name))) or None)
 """
@@ -122,7 +130,7 @@ sys.exit(" ".join(name for name in {FUNCTIONS} if not callable(getattr(dd, name)
 
 
 REFERENCE = Path(__file__).resolve().parents[1] / "docs/reference/python.md"
-MODULES = {"exact": "dobc_design.exact", "exosystems": "dobc_design.spec.exosystems"}
+MODULES = {"exact": "dobc_design.exact", "exosystems": "dobc_design.problem.exosystems"}
 
 
 def documented() -> list[str]:

@@ -9,12 +9,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from dobc_design._display import Card, Shown
+from dobc_design._show.cards import Card, Shown
 from dobc_design.analysis.graph import GraphFacts, graph_facts
 from dobc_design.analysis.observability import ObservabilityResult, check_observability
 from dobc_design.analysis.spectrum import SpectrumResult, check_spectrum
-from dobc_design.model.arrays import Gain, chosen_gain, consensus_jacobian, pinning_matrix
-from dobc_design.spec.problem import Problem
+from dobc_design.problem.arrays import Gain, chosen_gain, consensus_jacobian, pinning_matrix
+from dobc_design.problem.problem import Problem
 
 MAX_DENSE = 2000  # rows of the largest matrix whose eigenvalues are computed
 

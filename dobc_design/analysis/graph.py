@@ -1,7 +1,7 @@
 """Who hears whom, directly and through others: graph facts of one mode (section 2 of the paper).
 
 Edges run with the information, from speaker to listener.  The facts about reachability, components and
-balance are exact, but a verdict never rests on this module: see ``verify.network``.
+balance are exact, but a verdict never rests on this module: see ``conditions.consensus.network``.
 """
 
 from __future__ import annotations
@@ -11,8 +11,8 @@ from dataclasses import dataclass
 from fractions import Fraction
 from typing import Any
 
-from dobc_design.spec.network import Arcs, Network
-from dobc_design.spec.problem import Problem
+from dobc_design.problem.network import Arcs, Network
+from dobc_design.problem.problem import Problem
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -12,15 +12,15 @@ from typing import Protocol
 
 from dobc_design.certificate.claims import Claims
 from dobc_design.certificate.gathering import certified_settling, reading_claims
+from dobc_design.conditions.schedule.envelopes import ROUNDING, CertifiedBound, Starts, envelopes_of
+from dobc_design.conditions.schedule.settling import Settling
 from dobc_design.errors import SpecError
-from dobc_design.spec.canonical import loop_sha256
-from dobc_design.spec.problem import Problem
-from dobc_design.verify.envelopes import ROUNDING, CertifiedBound, Starts, envelopes_of
-from dobc_design.verify.settling import Settling
+from dobc_design.problem.canonical import loop_sha256
+from dobc_design.problem.problem import Problem
 
 
 class RunLike(Protocol):
-    """See ``simulate.trajectory.Trajectory`` and ``simulate.ensemble.Ensemble``."""
+    """See ``simulation.trajectory.Trajectory`` and ``simulation.ensemble.Ensemble``."""
 
     @property
     def name(self) -> str: ...
@@ -51,8 +51,9 @@ def certified_bound(problem: Problem, claims: Claims, run: RunLike) -> Certified
         raise SpecError(
             f"the run must be one of {problem.name!r}, which the certificate is about; it is one of"
             f" {repr(run.name) if other else 'another problem of that name, or with another gain W'}.",
-            key="certificate", cure="Certify the problem that was simulated, or simulate this one.",
-        )  # fmt: skip
+            key="certificate",
+            cure="Certify the problem that was simulated, or simulate this one.",
+        )
     reach, length, disturbance = map(Fraction, run.start_size())
     starts = Starts(box=reach, ball=length, disturbance=disturbance)
     settling = certified_settling(problem, claims)

@@ -9,20 +9,20 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
-from dobc_design._display import Card, Shown, cut
-from dobc_design._render import latex_text
+from dobc_design._show.cards import Card, Shown, cut
+from dobc_design._show.text import latex_text
 from dobc_design.certificate.bounds import RunLike, certified_bound
 from dobc_design.certificate.claims import Claims
 from dobc_design.certificate.files import make_folder, write_together
 from dobc_design.certificate.gathering import certified_regions, certified_settling
 from dobc_design.certificate.regions import Regions
 from dobc_design.certificate.text import certificate_bytes
-from dobc_design.spec.canonical import canonical_bytes
-from dobc_design.spec.problem import Problem
+from dobc_design.conditions.check import Check
+from dobc_design.conditions.schedule.envelopes import CertifiedBound
+from dobc_design.conditions.schedule.settling import Settling
+from dobc_design.problem.canonical import canonical_bytes
+from dobc_design.problem.problem import Problem
 from dobc_design.verdict import Verdict
-from dobc_design.verify.check import Check
-from dobc_design.verify.envelopes import CertifiedBound
-from dobc_design.verify.settling import Settling
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, repr=False)
@@ -119,9 +119,12 @@ class Certificate(Shown):
 
     def _card(self) -> Card:
         return Card(
-            title=self.problem.name, verdict=self.verdict.value, text=self.reason, heads=("check", "verdict", "reason"),
+            title=self.problem.name,
+            verdict=self.verdict.value,
+            text=self.reason,
+            heads=("check", "verdict", "reason"),
             rows=[(check.title, check.verdict, check.reason) for check in self.checks],
-        )  # fmt: skip
+        )
 
     def __repr__(self) -> str:
         return f"<Certificate of {self.problem.name}: {self.verdict.value}. {cut(self.reason)}>"

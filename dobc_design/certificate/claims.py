@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from dobc_design.conditions.check import Check
 from dobc_design.exact.matrix import Matrix
 from dobc_design.verdict import Verdict
-from dobc_design.verify.check import Check
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

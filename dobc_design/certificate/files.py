@@ -54,9 +54,10 @@ def write_together(files: Mapping[Path, bytes]) -> None:
     except (OSError, ValueError) as error:  # ValueError: a NUL in the name
         reason, number = getattr(error, "strerror", None) or error, getattr(error, "errno", None)
         raise CertificateError(
-            f"{path.name} cannot be written: {reason}.", key=str(path),
+            f"{path.name} cannot be written: {reason}.",
+            key=str(path),
             cure=_CURES.get(number or 0, "Choose another folder with --out."),
-        ) from error  # fmt: skip
+        ) from error
 
 
 class _Staged:
@@ -93,9 +94,10 @@ def make_folder(path: Path) -> Path:
         path.mkdir(parents=True, exist_ok=True)
     except (OSError, ValueError) as error:
         raise CertificateError(
-            f"the folder {str(path)!r} cannot be made: {getattr(error, 'strerror', None) or error}.", key=str(path),
+            f"the folder {str(path)!r} cannot be made: {getattr(error, 'strerror', None) or error}.",
+            key=str(path),
             cure="Choose another with --out.",
-        ) from error  # fmt: skip
+        ) from error
     return path
 
 

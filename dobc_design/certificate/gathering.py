@@ -13,24 +13,24 @@ from fractions import Fraction
 from math import ceil, isqrt
 from typing import Any, Final
 
-from dobc_design._render import significant
+from dobc_design._show.text import significant
 from dobc_design.certificate.claims import Claims
 from dobc_design.certificate.regions import AgentBound, Asked, RegionClaim, Regions
+from dobc_design.conditions.check import CONSENSUS_IDS, Check
+from dobc_design.conditions.coverage import asked_radius, covers
+from dobc_design.conditions.numbers import claimed, read_rational
+from dobc_design.conditions.quadratic.decide import eigenvalue_bound
+from dobc_design.conditions.schedule.checks import settling_of
+from dobc_design.conditions.schedule.settling import Settling
+from dobc_design.conditions.separable.checks import separable_from_json
+from dobc_design.conditions.separable.claim import Separable, largest_reach
+from dobc_design.coupling.enclosures import Curve
+from dobc_design.coupling.monotone import profile
 from dobc_design.errors import CertificateError
 from dobc_design.exact.interval import UndefinedError
 from dobc_design.exact.symmetric import SparseSymmetric
-from dobc_design.spec.problem import Problem
-from dobc_design.theorems.enclosures import Curve
-from dobc_design.theorems.monotone import profile
-from dobc_design.theorems.separable import Separable, largest_reach
+from dobc_design.problem.problem import Problem
 from dobc_design.verdict import Verdict
-from dobc_design.verify.check import CONSENSUS_IDS, Check
-from dobc_design.verify.lure import eigenvalue_bound
-from dobc_design.verify.numbers import claimed, read_rational
-from dobc_design.verify.overall import asked_radius, covers
-from dobc_design.verify.regions import separable_from_json
-from dobc_design.verify.settling import Settling
-from dobc_design.verify.settling_check import settling_of
 
 #: Checks that are about one P of the problem file, or about one mode only, are left to the list of checks.
 _LEFT_OUT: Final = ("theorem1-printed", "theorem2-printed")
@@ -69,8 +69,9 @@ def reading_claims() -> Iterator[None]:
     except (ArithmeticError, LookupError, TypeError, ValueError) as error:
         raise CertificateError(
             f"a regional check of this certificate cannot be read ({type(error).__name__}: {str(error)[:100]}).",
-            key="checks", cure="dobc verify says which.",
-        ) from error  # fmt: skip
+            key="checks",
+            cure="dobc verify says which.",
+        ) from error
 
 
 def _gathered(problem: Problem, claims: Claims) -> Regions:
@@ -81,12 +82,18 @@ def _gathered(problem: Problem, claims: Claims) -> Regions:
     separable = next((check for check in chosen if check.id == "max-separable" and check.exact), None)
     by_id = {check.id: check for check in claims.checks}
     return Regions(
-        name=problem.name, verdict=claims.verdict, reason=claims.reason, asked=asked, tolerance=tolerance,
+        name=problem.name,
+        verdict=claims.verdict,
+        reason=claims.reason,
+        asked=asked,
+        tolerance=tolerance,
         claims=tuple(gatherer.claim(check) for check in chosen),
         agents=() if separable is None else _agents(problem, separable),
-        delay=by_id.get("delay"), sampling=by_id.get("sampling"), settling=by_id.get("settling"),
+        delay=by_id.get("delay"),
+        sampling=by_id.get("sampling"),
+        settling=by_id.get("settling"),
         equilibrium=by_id.get("equilibrium"),
-    )  # fmt: skip
+    )
 
 
 def _tolerance(checks: Sequence[Check], asked: Asked | None) -> float | None:
@@ -149,10 +156,18 @@ class _Gatherer:
                     box = _down_root(claimed(ball) ** 2 / (self.problem.n * self.problem.m))
         covering = kind != "none" and self.asked is not None and covers(self.problem, check, self.checks)
         return RegionClaim(
-            id=check.id, variant=_variant(check), verdict=check.verdict, kind=kind, box=box, ball=ball,
-            disturbance=disturbance, rate=check.rate if check.verdict is Verdict.PROVED else None,
-            time=self._time(check), covers=covering, limit=self._limit(check, kind, covering=covering),
-        )  # fmt: skip
+            id=check.id,
+            variant=_variant(check),
+            verdict=check.verdict,
+            kind=kind,
+            box=box,
+            ball=ball,
+            disturbance=disturbance,
+            rate=check.rate if check.verdict is Verdict.PROVED else None,
+            time=self._time(check),
+            covers=covering,
+            limit=self._limit(check, kind, covering=covering),
+        )
 
     def _time(self, check: Check) -> float | None:
         """When |e|_inf <= tolerance at the latest, by the rate of the check alone; None where it is not known."""

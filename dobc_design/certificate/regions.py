@@ -11,10 +11,10 @@ from dataclasses import dataclass
 from fractions import Fraction
 from typing import Any
 
-from dobc_design._display import Card, Shown
-from dobc_design._render import significant_towards_zero
+from dobc_design._show.cards import Card, Shown
+from dobc_design._show.text import significant_towards_zero
+from dobc_design.conditions.check import Check
 from dobc_design.verdict import Verdict
-from dobc_design.verify.check import Check
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -54,10 +54,18 @@ class RegionClaim:
     def to_json(self) -> dict[str, Any]:
         """JSON object."""
         return {
-            "id": self.id, "variant": self.variant, "verdict": self.verdict.value, "kind": self.kind, "box": self.box,
-            "ball": self.ball, "disturbance": self.disturbance, "rate": self.rate, "time": self.time,
-            "covers": self.covers, "limit": self.limit,
-        }  # fmt: skip
+            "id": self.id,
+            "variant": self.variant,
+            "verdict": self.verdict.value,
+            "kind": self.kind,
+            "box": self.box,
+            "ball": self.ball,
+            "disturbance": self.disturbance,
+            "rate": self.rate,
+            "time": self.time,
+            "covers": self.covers,
+            "limit": self.limit,
+        }
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -117,14 +125,14 @@ class Regions(Shown):
         """JSON object: numbers rounded towards the weaker claim."""
         asked = self.asked
         return {
-            "asked": None if asked is None else {
-                "box": asked.box, "ball": asked.ball, "disturbance": asked.disturbance,
-            },
+            "asked": None
+            if asked is None
+            else {"box": asked.box, "ball": asked.ball, "disturbance": asked.disturbance},
             "tolerance": self.tolerance,
             "regions": [claim.to_json() for claim in self.claims],
             "agents": [{"label": a.label, "bound": a.bound, "pinned": a.pinned} for a in self.agents],
             **{name: None if check is None else check.to_json() for name, check in self._others()},
-        }  # fmt: skip
+        }
 
     def _others(self) -> Iterator[tuple[str, Check | None]]:
         yield from (("settling", self.settling), ("delay", self.delay), ("sampling", self.sampling))

@@ -11,22 +11,32 @@ import math
 from decimal import Decimal
 from typing import Any
 
+from dobc_design._show.text import visible
 from dobc_design.certificate.claims import Claims
+from dobc_design.conditions.check import check_from_json, number_or_none, require_keys
+from dobc_design.conditions.numbers import read_rational
 from dobc_design.errors import CertificateError, SpecError
 from dobc_design.exact.matrix import Matrix
-from dobc_design.spec.canonical import matrix_text
-from dobc_design.spec.tokens import visible
+from dobc_design.problem.canonical import matrix_text
 from dobc_design.verdict import Verdict
-from dobc_design.verify.check import check_from_json, number_or_none, require_keys
-from dobc_design.verify.numbers import read_rational
 
 FORMAT = "dobc-certificate"
 VERSION = 1
 MAX_BYTES = 256 * 1024 * 1024
 KEYS = (
-    "format", "version", "program", "problem", "problem_sha256", "verdict", "reason", "rate", "covered_by",
-    "observer", "notes", "checks",
-)  # fmt: skip
+    "format",
+    "version",
+    "program",
+    "problem",
+    "problem_sha256",
+    "verdict",
+    "reason",
+    "rate",
+    "covered_by",
+    "observer",
+    "notes",
+    "checks",
+)
 
 
 def certificate_document(claims: Claims) -> dict[str, Any]:
@@ -42,12 +52,14 @@ def certificate_document(claims: Claims) -> dict[str, Any]:
         "rate": claims.rate,
         "covered_by": claims.covered_by,
         "observer": {
-            "W": _matrix(claims.W), "source": claims.gain_source,
-            "P": _matrix(claims.P), "Q": _matrix(claims.Q),
+            "W": _matrix(claims.W),
+            "source": claims.gain_source,
+            "P": _matrix(claims.P),
+            "Q": _matrix(claims.Q),
         },
         "notes": list(claims.notes),
         "checks": [check.to_json() for check in claims.checks],
-    }  # fmt: skip
+    }
 
 
 def certificate_bytes(claims: Claims) -> bytes:

@@ -9,15 +9,15 @@ from typing import Any
 
 import numpy as np
 
-from dobc_design.design.estimates import largest_eigenvalue
-from dobc_design.design.jacobian import float_lambda
-from dobc_design.design.separable import least_above
-from dobc_design.design.separable_field import field_of
+from dobc_design.conditions.consensus.estimates import largest_eigenvalue
+from dobc_design.conditions.consensus.jacobian import float_lambda
+from dobc_design.conditions.separable.claim import acts_by_component
+from dobc_design.conditions.separable.field import field_of
+from dobc_design.conditions.separable.ordering import find_ordering
+from dobc_design.conditions.separable.propose import least_above
 from dobc_design.errors import DobcError
-from dobc_design.spec.problem import Problem
-from dobc_design.theorems.ordering import find_ordering
-from dobc_design.theorems.separable import acts_by_component
-from dobc_design.workflow import simulate
+from dobc_design.problem.problem import Problem
+from dobc_design.simulation.simulations import simulate
 
 HALVINGS = 7
 SCALES = 8  # sizes of the box, down to the smallest, at which it has to shrink
@@ -53,15 +53,23 @@ class Preview:
     def to_json(self) -> dict[str, Any]:
         """Return the fields as JSON has them."""
         return {
-            "lambda_max": self.lambda_max, "reach": self.reach, "times": self.times, "errors": self.errors,
+            "lambda_max": self.lambda_max,
+            "reach": self.reach,
+            "times": self.times,
+            "errors": self.errors,
             "note": self.note,
-        }  # fmt: skip
+        }
 
 
 def preview(
-    problem: Problem, *, radius: float, rate: float, t_final: float, same_gains: Preview | None = None,
+    problem: Problem,
+    *,
+    radius: float,
+    rate: float,
+    t_final: float,
+    same_gains: Preview | None = None,
     same_start: Preview | None = None,
-) -> Preview:  # fmt: skip
+) -> Preview:
     """Estimate everything.  ``radius`` in the unit of x, ``rate`` in 1/s, ``t_final`` in s.
 
     ``same_gains``: of this problem with another radius or rate, whose lambda_max is taken over; ``same_start``: with

@@ -9,17 +9,17 @@ from os import PathLike
 from pathlib import Path
 from typing import Any
 
-from dobc_design._render import significant_towards_zero
+from dobc_design._show.text import significant_towards_zero
 from dobc_design.certificate.certificate import Certificate
 from dobc_design.certificate.files import write_atomically
+from dobc_design.certification.certify import certify
 from dobc_design.designer.preview import Preview, preview, remade
 from dobc_design.errors import DobcError, SpecError
 from dobc_design.exact.number import parse_number
+from dobc_design.problem.load import load_problem
+from dobc_design.problem.problem import Problem
+from dobc_design.problem.toml_writing import problem_text
 from dobc_design.report.layout import positions
-from dobc_design.spec.load import load_problem
-from dobc_design.spec.problem import Problem
-from dobc_design.spec.toml_writing import problem_text
-from dobc_design.workflow import certify
 
 try:
     import anywidget
@@ -73,8 +73,9 @@ class Designer(anywidget.AnyWidget):  # type: ignore[misc]
         super().__init__(
             network=_drawn(base),
             gains={labels[i]: float(k[0][0]) for i, k in base.pinning.gains.items()},
-            rate=float(rate), radius=_radius(base) if radius is None else float(radius),
-        )  # fmt: skip
+            rate=float(rate),
+            radius=_radius(base) if radius is None else float(radius),
+        )
         self.observe(self._moved, ["gains", "rate", "radius"])
         self.on_msg(self._asked)
         self._look()
@@ -117,10 +118,13 @@ class Designer(anywidget.AnyWidget):  # type: ignore[misc]
         same = before is not None and before[0] == gains
         try:
             seen = preview(
-                self.problem, radius=radius, rate=self.rate, t_final=float(self._base.simulation.t_final),
+                self.problem,
+                radius=radius,
+                rate=self.rate,
+                t_final=float(self._base.simulation.t_final),
                 same_gains=before[2] if before is not None and same else None,
                 same_start=before[2] if before is not None and same and before[1] == radius else None,
-            )  # fmt: skip
+            )
             self._seen, found = (gains, radius, seen), seen.to_json()
         except DobcError as error:
             self._seen = None
@@ -156,24 +160,29 @@ def exact(value: float) -> Fraction:
 def _require_drawable(problem: Problem) -> None:
     if problem.n > LARGEST:
         raise SpecError(
-            f"the network has {problem.n} agents; the drawing holds {LARGEST}.", key="network.agents",
+            f"the network has {problem.n} agents; the drawing holds {LARGEST}.",
+            key="network.agents",
             cure="Use certify and design for it.",
-        )  # fmt: skip
+        )
     for agent, k in problem.pinning.gains.items():
         if any(k[c][d] != (k[0][0] if c == d else 0) for c in range(problem.m) for d in range(problem.m)):
             raise SpecError(
                 f"agent {problem.network.labels[agent]} has a matrix as its gain; sliders move numbers only.",
-                key="pinning.gains", cure="Give one number per agent.",
-            )  # fmt: skip
+                key="pinning.gains",
+                cure="Give one number per agent.",
+            )
 
 
 def _drawn(problem: Problem) -> dict[str, Any]:
     pairs = sorted({(i, j) for arcs in problem.network.modes.values() for i, j, _ in arcs})
     return {
-        "name": problem.name, "labels": list(problem.network.labels), "arcs": [list(pair) for pair in pairs],
-        "places": positions(pairs, problem.n).round(4).tolist(), "gain": GAIN,
+        "name": problem.name,
+        "labels": list(problem.network.labels),
+        "arcs": [list(pair) for pair in pairs],
+        "places": positions(pairs, problem.n).round(4).tolist(),
+        "gain": GAIN,
         "modes": list(problem.network.modes),
-    }  # fmt: skip
+    }
 
 
 def _radius(problem: Problem) -> float:
@@ -195,6 +204,7 @@ def _region(problem: Problem, radius: Fraction) -> dict[str, Any]:
 
 def _said(certificate: Certificate) -> dict[str, Any]:
     return {
-        "verdict": certificate.verdict.value, "text": certificate.reason,
+        "verdict": certificate.verdict.value,
+        "text": certificate.reason,
         "rate": None if certificate.rate is None else significant_towards_zero(certificate.rate),
-    }  # fmt: skip
+    }

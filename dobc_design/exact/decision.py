@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from fractions import Fraction
 from typing import Final, TypeAlias
 
-from dobc_design._display import Shown
+from dobc_design._show.cards import Shown
 from dobc_design.errors import CertificateError
 from dobc_design.exact.integers import IntegerSymmetric
 from dobc_design.exact.matrix import Vector

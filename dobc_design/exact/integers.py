@@ -16,7 +16,7 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from dobc_design._display import Card, Shown, plain
+from dobc_design._show.cards import Card, Shown, plain
 from dobc_design.errors import ShapeError, SpecError
 from dobc_design.exact.matrix import Matrix
 from dobc_design.exact.symmetric import SparseSymmetric
@@ -124,9 +124,12 @@ class IntegerSymmetric(Shown):
         values = whole << shifts if shifts.max(initial=0) < 10 else whole.astype(object) << shifts.astype(object)
         scale = 1 << max(lowest, 0)
         return cls(
-            size=len(matrix), rows=rows, columns=columns, values=as_integers(values * scale) if scale > 1 else values,
+            size=len(matrix),
+            rows=rows,
+            columns=columns,
+            values=as_integers(values * scale) if scale > 1 else values,
             denominator=1 << max(-lowest, 0),
-        )  # fmt: skip
+        )
 
     def to_sparse(self) -> SparseSymmetric:
         """Return the same matrix entry by entry."""
@@ -169,11 +172,12 @@ class IntegerSymmetric(Shown):
         more = other if isinstance(other, IntegerSymmetric) else IntegerSymmetric.from_sparse(other)
         common = math.lcm(self.denominator, more.denominator)
         return IntegerSymmetric(
-            size=self.size, rows=np.concatenate((self.rows, more.rows)),
+            size=self.size,
+            rows=np.concatenate((self.rows, more.rows)),
             columns=np.concatenate((self.columns, more.columns)),
             values=np.concatenate([_times(x.values, common // x.denominator) for x in (self, more)]),
             denominator=common,
-        )  # fmt: skip
+        )
 
     __radd__ = __add__
 

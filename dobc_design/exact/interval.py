@@ -14,7 +14,7 @@ from fractions import Fraction
 from types import MappingProxyType
 from typing import Final
 
-from dobc_design._display import Card, Shown
+from dobc_design._show.cards import Card, Shown
 from dobc_design.errors import SpecError
 from dobc_design.exact._elementary import bounds, pi_bounds
 from dobc_design.exact._rounding import BITS, MAX_EXPONENT, height, round_down, round_up, sqrt_bounds
@@ -286,8 +286,7 @@ def _enclose(
         kept = _KEPT_POINT if lo == hi else _KEPT
     try:
         return Interval(
-            lo if height(lo) <= kept else round_down(lo, bits),
-            hi if height(hi) <= kept else round_up(hi, bits),
+            lo if height(lo) <= kept else round_down(lo, bits), hi if height(hi) <= kept else round_up(hi, bits)
         )
     except OverflowError as cause:
         shown = " and ".join(str(operand) for operand in operands)

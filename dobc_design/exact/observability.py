@@ -10,24 +10,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from dobc_design._checks import require_shape, require_square
-from dobc_design._display import Shown
-from dobc_design.exact.matrix import (
-    Matrix,
-    Vector,
-    identity,
-    inverse,
-    multiply,
-    nullspace,
-    row_echelon,
-    transpose,
-)
-from dobc_design.exact.polynomial import (
-    Coefficients,
-    RouthTable,
-    characteristic_polynomial,
-    polynomial_text,
-    routh,
-)
+from dobc_design._show.cards import Shown
+from dobc_design.exact.matrix import Matrix, Vector, identity, inverse, multiply, nullspace, row_echelon, transpose
+from dobc_design.exact.polynomial import Coefficients, RouthTable, characteristic_polynomial, polynomial_text, routh
 from dobc_design.verdict import Verdict
 
 

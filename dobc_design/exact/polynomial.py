@@ -15,7 +15,7 @@ from itertools import pairwise
 from typing import Final
 
 from dobc_design._checks import require_square
-from dobc_design._display import Shown
+from dobc_design._show.cards import Shown
 from dobc_design.errors import SpecError
 from dobc_design.exact._flint import from_fmpq, to_fmpq_mat
 from dobc_design.exact.matrix import Matrix, identity, multiply

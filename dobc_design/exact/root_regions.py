@@ -14,14 +14,7 @@ from math import comb
 from typing import Any
 
 from dobc_design.errors import SpecError
-from dobc_design.exact.polynomial import (
-    Coefficients,
-    _changes,
-    _integers,
-    _sturm_chain,
-    count_right_half_plane,
-    routh,
-)
+from dobc_design.exact.polynomial import Coefficients, _changes, _integers, _sturm_chain, count_right_half_plane, routh
 from dobc_design.verdict import Verdict
 
 

@@ -11,8 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dobc_design._checks import require_square
-from dobc_design._display import Card, Shown
-from dobc_design._render import MAX_SHOWN
+from dobc_design._show.cards import Card, Shown
+from dobc_design._show.text import MAX_SHOWN
 from dobc_design.errors import ShapeError
 from dobc_design.exact.matrix import Matrix
 

@@ -1,7 +1,7 @@
 """The C99 of a sampled controller: dobc_agent.h and dobc_agent.c.  No heap, no globals that change, no recursion.
 
 One struct holds all memory of an agent; all agents of a table share the code.  The order of operations is that of
-``simulate.sampled``: observe, compute the couplings with what was received last, command, hold.
+``simulation.sampled``: observe, compute the couplings with what was received last, command, hold.
 """
 
 from __future__ import annotations
@@ -273,12 +273,19 @@ def header_text(controller: Controller) -> str:
     problem = controller.problem
     estimate = "\n    dobc_real estimate[DOBC_ORDER]; /* xihat */" if controller.q else ""
     return HEADER.format(
-        title=comment(problem.name), period=f"{float(controller.period):.10g}", version=__version__,
-        precision=controller.precision, literal=literal(controller.period, controller.precision), m=problem.m,
-        q=controller.q, agents=len(controller.agents), modes=len(problem.network.modes),
-        names=comment(", ".join(list(problem.network.modes)[:12])), estimate=estimate,
+        title=comment(problem.name),
+        period=f"{float(controller.period):.10g}",
+        version=__version__,
+        precision=controller.precision,
+        literal=literal(controller.period, controller.precision),
+        m=problem.m,
+        q=controller.q,
+        agents=len(controller.agents),
+        modes=len(problem.network.modes),
+        names=comment(", ".join(list(problem.network.modes)[:12])),
+        estimate=estimate,
         neighbours=max(1, *(len(agent.neighbours) for agent in controller.agents)),
-    )  # fmt: skip
+    )
 
 
 def source_text(controller: Controller) -> str:

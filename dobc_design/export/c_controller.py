@@ -1,6 +1,6 @@
 """What goes into the C code of an agent: the exactly discretised observer, rounded, and every agent's own numbers.
 
-Paper: (13), (19), sampled as in ``simulate.sampled``.  Ad = exp(A T), Cd = C (1/T) int_0^T exp(A s) ds and
+Paper: (13), (19), sampled as in ``simulation.sampled``.  Ad = exp(A T), Cd = C (1/T) int_0^T exp(A s) ds and
 L = int_0^T exp((A - W C) s) ds W are enclosed by Arb and rounded once; the rounded numbers are what is proved about.
 """
 
@@ -11,20 +11,20 @@ from dataclasses import dataclass
 from fractions import Fraction
 from typing import Any
 
+from dobc_design.conditions.statement import Statement
 from dobc_design.errors import SpecError
 from dobc_design.exact.interval import Interval
 from dobc_design.exact.matrix import Matrix, matrix, multiply, scale, shape, subtract
 from dobc_design.exact.matrix_exponential import discretise
 from dobc_design.exact.number import parse_number
+from dobc_design.exact.reading import named, shown
 from dobc_design.export.c_text import PRECISIONS, rounded
-from dobc_design.model.arrays import Gain, chosen_gain
-from dobc_design.spec.exosystem import Exosystem
-from dobc_design.spec.groups import gains_of, group_numbers
-from dobc_design.spec.problem import Problem
-from dobc_design.spec.reading import named, shown
+from dobc_design.export.sampled_loop import longest_period, sampled_network_statement, sampled_observer_statement
+from dobc_design.problem.arrays import Gain, chosen_gain
+from dobc_design.problem.exosystem import Exosystem
+from dobc_design.problem.groups import gains_of, group_numbers
+from dobc_design.problem.problem import Problem
 from dobc_design.verdict import Verdict
-from dobc_design.verify.sampled_loop import longest_period, sampled_network_statement, sampled_observer_statement
-from dobc_design.verify.statement import Statement
 
 SHORTEST, LONGEST = Fraction(1, 10**6), Fraction(10**6)  # periods, s
 MOST_AGENTS = 200  # in one table; a controller of its own can be written for every agent of a larger network
@@ -80,9 +80,15 @@ Objection = Callable[[Controller], str]
 
 
 def make_controller(
-    problem: Problem, *, period: Any, precision: str = "double", agents: Sequence[Any] | None = None,
-    gain: Gain | None = None, sampled_gain: Gain | None = None, objection: Objection | None = None,
-) -> Controller:  # fmt: skip
+    problem: Problem,
+    *,
+    period: Any,
+    precision: str = "double",
+    agents: Sequence[Any] | None = None,
+    gain: Gain | None = None,
+    sampled_gain: Gain | None = None,
+    objection: Objection | None = None,
+) -> Controller:
     """Discretise the observer of ``problem`` and collect the numbers of ``agents`` (labels; default all, at most 200).
 
     Where agents have different exosystems, ``agents`` have to be of one group.
@@ -93,9 +99,10 @@ def make_controller(
     """
     if precision not in PRECISIONS:
         raise SpecError(
-            f"precision must be double or float; got {shown(precision)}.", key="--precision",
+            f"precision must be double or float; got {shown(precision)}.",
+            key="--precision",
             cure="double is the default.",
-        )  # fmt: skip
+        )
     W = chosen_gain(problem, gain)
     if problem.groups and W is None:
         raise SpecError("observer.W must be known to write the observer.", key="observer.W", cure="Give or design W.")
@@ -108,9 +115,16 @@ def make_controller(
     def made(value: Fraction) -> Controller:
         Ad, Cd, correction, statements = _decided(problem, exosystem, own, L, value, precision)
         return Controller(
-            problem=problem, period=value, precision=precision, Ad=Ad, Cd=Cd, L=correction, statements=statements,
-            agents=numbers, states=states,
-        )  # fmt: skip
+            problem=problem,
+            period=value,
+            precision=precision,
+            Ad=Ad,
+            Cd=Cd,
+            L=correction,
+            statements=statements,
+            agents=numbers,
+            states=states,
+        )
 
     controller = made(asked)
     failed = _obstacle(controller, objection)
@@ -132,10 +146,11 @@ def _observed(
         names = ", ".join(named(group.name) for group in problem.groups[:6])
         raise SpecError(
             "the code of one folder is for agents with one exosystem, and these have different ones"
-            " (exosystem.groups).", key="--agent",
+            " (exosystem.groups).",
+            key="--agent",
             cure="Name an agent, --agent LABEL, or in Python agents=[...] of one group, and write a folder for each"
             f" group; the groups begin with agent {names}.",
-        )  # fmt: skip
+        )
     place = found.pop()
     before = sum(group.exosystem.order for group in problem.groups[:place])
     exosystem = problem.groups[place].exosystem
@@ -166,15 +181,17 @@ def _middles(enclosed: Sequence[Sequence[Interval]]) -> Matrix:
 def _read_period(given: Any) -> Fraction:
     if given is None:
         raise SpecError(
-            "a period must be given: the code computes at its multiples and holds in between.", key="--period",
+            "a period must be given: the code computes at its multiples and holds in between.",
+            key="--period",
             cure="For example --period 0.05; one that is too long is refused with one that works.",
-        )  # fmt: skip
+        )
     period = parse_number(given, key="--period")
     if not SHORTEST <= period <= LONGEST:
         raise SpecError(
-            f"--period must be a positive number of seconds, 1e-6 to 1e6; got {shown(given)}.", key="--period",
+            f"--period must be a positive number of seconds, 1e-6 to 1e6; got {shown(given)}.",
+            key="--period",
             cure="For example --period 0.05.",
-        )  # fmt: skip
+        )
     return period
 
 
@@ -199,13 +216,15 @@ def _check_sampled_gain(problem: Problem, L: Matrix | None) -> None:
     if L is not None and problem.is_grouped:
         raise SpecError(
             "sampled_gain is one gain for all agents, and the groups of exosystem.groups have different ones.",
-            key="sampled_gain", cure="Leave it out: the W of every group is discretised.",
-        )  # fmt: skip
+            key="sampled_gain",
+            cure="Leave it out: the W of every group is discretised.",
+        )
     if L is not None and shape(L) != (problem.q, problem.m):
         raise SpecError(
-            f"sampled_gain must have shape ({problem.q}, {problem.m}); got {shape(L)}.", key="sampled_gain",
+            f"sampled_gain must have shape ({problem.q}, {problem.m}); got {shape(L)}.",
+            key="sampled_gain",
             cure="design_observer(problem, period=...).W has it.",
-        )  # fmt: skip
+        )
 
 
 def _chosen(problem: Problem, agents: Sequence[Any] | None) -> list[int]:
@@ -214,16 +233,18 @@ def _chosen(problem: Problem, agents: Sequence[Any] | None) -> list[int]:
         if problem.n > MOST_AGENTS:
             raise SpecError(
                 f"the code holds the numbers of at most {MOST_AGENTS} agents; the problem has {problem.n}.",
-                key="--agent", cure="Name the agent whose code you want: --agent LABEL.",
-            )  # fmt: skip
+                key="--agent",
+                cure="Name the agent whose code you want: --agent LABEL.",
+            )
         return list(range(problem.n))
     unknown = [str(agent) for agent in agents if str(agent) not in index]
     if unknown or not agents:
         first = ", ".join(map(named, problem.network.labels[:6]))
         raise SpecError(
-            f"there is no agent {shown(unknown[0] if unknown else '')} in the network.", key="--agent",
+            f"there is no agent {shown(unknown[0] if unknown else '')} in the network.",
+            key="--agent",
             cure=f"Labels are {first}{', ...' if problem.n > 6 else ''}.",
-        )  # fmt: skip
+        )
     return [index[str(agent)] for agent in agents]
 
 
@@ -243,6 +264,10 @@ def _numbers(problem: Problem, agent: int) -> AgentNumbers:
     m = problem.m
     nothing = tuple((Fraction(0),) * m for _ in range(m))
     return AgentNumbers(
-        index=agent, label=problem.network.labels[agent], goal=problem.goal_of(agent),
-        gain=problem.pinning.gains.get(agent, nothing), neighbours=tuple(neighbours), modes=tuple(modes),
-    )  # fmt: skip
+        index=agent,
+        label=problem.network.labels[agent],
+        goal=problem.goal_of(agent),
+        gain=problem.pinning.gains.get(agent, nothing),
+        neighbours=tuple(neighbours),
+        modes=tuple(modes),
+    )

@@ -9,14 +9,14 @@ from os import PathLike
 from pathlib import Path
 
 from dobc_design import __version__
-from dobc_design._display import Card, Shown
+from dobc_design._show.cards import Card, Shown
 from dobc_design.certificate.files import make_folder, write_together
+from dobc_design.conditions.statement import Statement
 from dobc_design.errors import SpecError
 from dobc_design.export.c_code import header_text, source_text
 from dobc_design.export.c_controller import Controller
 from dobc_design.export.c_vectors import labels_of_neighbours, vectors_csv, vectors_header
 from dobc_design.export.rounding_bound import Recorded, rounding_bound
-from dobc_design.verify.statement import Statement
 
 FILES = ("dobc_agent.h", "dobc_agent.c", "main.c", "vectors.h", "vectors.csv", "README.txt")
 WIDTH = 100
@@ -142,9 +142,12 @@ class CCode(Shown):
 
     def _card(self) -> Card:
         return Card(
-            title="C99 code", text=str(self).partition("\n")[0], lines=[str(each) for each in self.statements],
-            heads=("file", "bytes"), rows=[(name, len(data)) for name, data in self.files.items()],
-        )  # fmt: skip
+            title="C99 code",
+            text=str(self).partition("\n")[0],
+            lines=[str(each) for each in self.statements],
+            heads=("file", "bytes"),
+            rows=[(name, len(data)) for name, data in self.files.items()],
+        )
 
     def __repr__(self) -> str:
         return f"<CCode: {str(self).partition(chr(10))[0]}>"
@@ -164,9 +167,10 @@ def check_free(folder: Path, *, force: bool) -> None:
     there = [name for name in FILES if (folder / name).exists()]
     if there and not force:
         raise SpecError(
-            f"{str(folder / there[0])!r} exists already.", key="--c",
+            f"{str(folder / there[0])!r} exists already.",
+            key="--c",
             cure="Add --force to replace it, or choose another folder.",
-        )  # fmt: skip
+        )
 
 
 def c_code(controller: Controller, recorded: Recorded, *, certified: Statement | None = None) -> CCode:
@@ -181,9 +185,11 @@ def c_code(controller: Controller, recorded: Recorded, *, certified: Statement |
         "README.txt": readme(controller, recorded, statements),
     }
     return CCode(
-        files={name: texts[name].encode("utf-8") for name in FILES}, controller=controller, statements=statements,
+        files={name: texts[name].encode("utf-8") for name in FILES},
+        controller=controller,
+        statements=statements,
         tolerance=rounding_bound(controller, recorded),
-    )  # fmt: skip
+    )
 
 
 def readme(controller: Controller, recorded: Recorded, statements: Sequence[Statement]) -> str:
@@ -201,18 +207,26 @@ def readme(controller: Controller, recorded: Recorded, statements: Sequence[Stat
     floor = "anything about ranges, overflow and timing on the target; the vectors are a test, not a proof."
     far = "convergence from far away with couplings held; a certificate's check `sampling` states how long they may be."
     return README.format(
-        name=problem.name, rule="=" * (len(problem.name) + 45),
+        name=problem.name,
+        rule="=" * (len(problem.name) + 45),
         intro=textwrap.fill(
             f"Equations (13) and (19), sampled every {float(controller.period):.6g} s. No heap, no global that changes,"
             " and of <math.h> only what the coupling needs. One struct dobc_agent holds all memory of an agent."
-            f"{'' if controller.q else ' Without an exosystem there is no observer.'}", WIDTH,
+            f"{'' if controller.q else ' Without an exosystem there is no observer.'}",
+            WIDTH,
         ),
-        who=f"{len(labels)} agent{'s' if len(labels) != 1 else ''} ({names})", samples=len(recorded.x),
-        agent=recorded.agent.label, neighbours=", ".join(labels_of_neighbours(problem, recorded)) or "none",
-        compile=COMPILE, period=f"{float(controller.period):.6g}",
-        proved=_items(proved or ["nothing"]), open=_items([*undecided, *([] if certified else [far]), held, floor]),
-        precision=controller.precision, bound=rounding_bound(controller, recorded), version=__version__,
-    )  # fmt: skip
+        who=f"{len(labels)} agent{'s' if len(labels) != 1 else ''} ({names})",
+        samples=len(recorded.x),
+        agent=recorded.agent.label,
+        neighbours=", ".join(labels_of_neighbours(problem, recorded)) or "none",
+        compile=COMPILE,
+        period=f"{float(controller.period):.6g}",
+        proved=_items(proved or ["nothing"]),
+        open=_items([*undecided, *([] if certified else [far]), held, floor]),
+        precision=controller.precision,
+        bound=rounding_bound(controller, recorded),
+        version=__version__,
+    )
 
 
 def _items(sentences: Sequence[str]) -> str:

@@ -12,9 +12,9 @@ from typing import Any
 
 import numpy as np
 
+from dobc_design.coupling.coupling import Coupling
+from dobc_design.coupling.expression import evaluate, variables_used
 from dobc_design.errors import SpecError
-from dobc_design.spec.coupling import Coupling
-from dobc_design.spec.expression import evaluate, variables_used
 
 PRECISIONS = ("double", "float")
 SUM, PRODUCT, UNARY, ATOM = range(4)
@@ -42,8 +42,9 @@ def rounded(value: Fraction, precision: str) -> Fraction:
         raise SpecError(
             f"every number of the code must fit into a {precision}; one of the problem's does not"
             f" (about 10^{len(str(abs(value.numerator))) - len(str(value.denominator))}).",
-            key="export", cure="Use other units." if precision == "double" else "Use --precision double.",
-        ) from None  # fmt: skip
+            key="export",
+            cure="Use other units." if precision == "double" else "Use --precision double.",
+        ) from None
     return number
 
 
@@ -98,7 +99,7 @@ class Piece:
 
 
 class CAlgebra:
-    """Algebra (``spec.tree.Algebra``) of C expressions; ``used`` collects helpers, ``library``: <math.h> is needed."""
+    """Algebra (``Algebra``) of C expressions; ``used`` collects helpers, ``library``: <math.h> is needed."""
 
     def __init__(self, precision: str) -> None:
         self.precision = precision

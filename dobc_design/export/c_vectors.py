@@ -15,13 +15,13 @@ from dobc_design.errors import SpecError
 from dobc_design.export.c_controller import Controller
 from dobc_design.export.c_text import comment, literal
 from dobc_design.export.rounding_bound import Array, Recorded, felt_with_error, rounding_bound
-from dobc_design.model.arrays import Gain
-from dobc_design.simulate.mobile import Mobile
-from dobc_design.simulate.signal_files import Signal
-from dobc_design.simulate.simulate import simulate
-from dobc_design.simulate.stress import Stress
-from dobc_design.simulate.trajectory import Trajectory
-from dobc_design.spec.problem import Problem
+from dobc_design.problem.arrays import Gain
+from dobc_design.problem.problem import Problem
+from dobc_design.simulation.mobile import Mobile
+from dobc_design.simulation.run import simulate
+from dobc_design.simulation.signal_files import Signal
+from dobc_design.simulation.stress import Stress
+from dobc_design.simulation.trajectory import Trajectory
 
 SECONDS = 10.0
 MOST_SAMPLES = 400
@@ -53,10 +53,14 @@ class Recorder:
             count = min(MOST_SAMPLES, int(SECONDS / period)) + 1
             times = [k * period for k in range(max(2, count))]
             done = simulate(
-                controller.problem, mode=next(iter(controller.problem.network.modes)) if self.signal is None else None,
-                signal=self.signal, t_final=times[-1], samples=times, gain=self.gain,
+                controller.problem,
+                mode=next(iter(controller.problem.network.modes)) if self.signal is None else None,
+                signal=self.signal,
+                t_final=times[-1],
+                samples=times,
+                gain=self.gain,
                 stress=Stress(period=period, sampled_gain=self.sampled),
-            )  # fmt: skip
+            )
             self.last = controller.period, done
         return self.last[1]
 
@@ -76,10 +80,15 @@ class Recorder:
             modes = np.array([names.index(name) for name in run.switches.names])[run.switches.at(run.times)]
         heard = run.x[:, others] - run.goal[others]
         bare = Recorded(
-            agent=agent, modes=modes, x=run.x[:, i], heard=heard, xihat=run.xihat[:, i, controller.states],
+            agent=agent,
+            modes=modes,
+            x=run.x[:, i],
+            heard=heard,
+            xihat=run.xihat[:, i, controller.states],
             dhat=run.dhat[:, i],
-            u=run.u[:, i], v=run.u[:, i],
-        )  # fmt: skip
+            u=run.u[:, i],
+            v=run.u[:, i],
+        )
         e = run.x[:, i] - run.goal[i]
         return replace(bare, v=felt_with_error(controller, bare, e, np.zeros_like(e), 0.0)[0] + run.u[:, i])
 
@@ -92,9 +101,7 @@ def vectors_csv(controller: Controller, recorded: Recorded) -> str:
     head += [f"{name}{c}" for name in ("u", "v", "dhat") for c in m]
     lines = [",".join(head)]
     for k in range(len(recorded.x)):
-        numbers = [
-            recorded.x[k], recorded.heard[k].ravel(), recorded.u[k], recorded.v[k], recorded.dhat[k],
-        ]  # fmt: skip
+        numbers = [recorded.x[k], recorded.heard[k].ravel(), recorded.u[k], recorded.v[k], recorded.dhat[k]]
         texts = [repr(float(value)) for part in numbers for value in part]
         lines.append(",".join([repr(k * float(controller.period)), str(int(recorded.modes[k])), *texts]))
     return "\n".join(lines) + "\n"
@@ -111,16 +118,24 @@ def vectors_header(controller: Controller, recorded: Recorded) -> str:
     if not np.isfinite(tolerance):
         raise SpecError(
             "the rounding errors of the test vectors have no finite bound: a coupling is near a singularity.",
-            key="export", cure="Simulate from other starts ([region]), or use --precision double.",
-        )  # fmt: skip
+            key="export",
+            cure="Simulate from other starts ([region]), or use --precision double.",
+        )
     lines = [
         f"/* Test vectors of agent {comment(agent.label)}: what it measures and hears, and what it has to answer. */",
-        "#ifndef DOBC_VECTORS_H", "#define DOBC_VECTORS_H", "", '#include "dobc_agent.h"', "",
+        "#ifndef DOBC_VECTORS_H",
+        "#define DOBC_VECTORS_H",
+        "",
+        '#include "dobc_agent.h"',
+        "",
         f"#define VECTOR_AGENT {place} /* its place in dobc_agents[] */",
-        f"#define VECTOR_SAMPLES {count}", f"#define VECTOR_NEIGHBOURS {len(agent.neighbours)}",
-        f"#define VECTOR_TOLERANCE {tolerance:.3e} /* derived for {controller.precision}: u, v and dhat */", "",
-        f"static const int vector_mode[VECTOR_SAMPLES] = {{{modes}}};", "",
-    ]  # fmt: skip
+        f"#define VECTOR_SAMPLES {count}",
+        f"#define VECTOR_NEIGHBOURS {len(agent.neighbours)}",
+        f"#define VECTOR_TOLERANCE {tolerance:.3e} /* derived for {controller.precision}: u, v and dhat */",
+        "",
+        f"static const int vector_mode[VECTOR_SAMPLES] = {{{modes}}};",
+        "",
+    ]
     for name, values in (("x", recorded.x), ("u", recorded.u), ("v", recorded.v), ("dhat", recorded.dhat)):
         body = ",\n".join(f"    {_initial(value, controller)}" for value in values)
         lines.append(f"static const dobc_real vector_{name}[VECTOR_SAMPLES][DOBC_COMPONENTS] = {{\n{body}\n}};\n")

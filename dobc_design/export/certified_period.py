@@ -1,7 +1,7 @@
 """What a certificate says about a sampling period: its proved check ``sampling``, as a statement about one period.
 
 The check is about couplings and pinning that are held, with the observer (13) and dhat in continuous time; that the
-sampled observer's own error dies out is decided in ``verify.sampled_loop``.
+sampled observer's own error dies out is decided in ``sampled_loop``.
 """
 
 from __future__ import annotations
@@ -9,9 +9,9 @@ from __future__ import annotations
 from fractions import Fraction
 
 from dobc_design.certificate.claims import Claims
+from dobc_design.conditions.statement import Statement
 from dobc_design.exact.number import number_text
 from dobc_design.verdict import Verdict
-from dobc_design.verify.statement import Statement
 
 
 def certified_sampling(claims: Claims, period: Fraction) -> Statement:

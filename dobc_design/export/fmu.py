@@ -21,7 +21,7 @@ from pathlib import Path
 from xml.sax.saxutils import quoteattr
 
 from dobc_design import __version__
-from dobc_design._display import Card, Shown
+from dobc_design._show.cards import Card, Shown
 from dobc_design.certificate.files import write_atomically
 from dobc_design.errors import SolverError, SpecError
 from dobc_design.export.c_code import header_text, source_text
@@ -94,9 +94,10 @@ def _of_one_agent(controller: Controller, agent: str | None) -> Controller:
     wanted = [each for each in controller.agents if each.label == agent]
     if agent is not None and not wanted:
         raise SpecError(
-            f"there is no agent {agent[:60]!r} in the network.", key="--agent",
+            f"there is no agent {agent[:60]!r} in the network.",
+            key="--agent",
             cure=f"Labels are {', '.join(each.label for each in controller.agents[:6])}, ...",
-        )  # fmt: skip
+        )
     return replace(controller, agents=((wanted or pinned or list(controller.agents))[0],))
 
 
@@ -113,21 +114,24 @@ def sources(controller: Controller, token: str) -> dict[str, str]:
         "</SourceFileSet>\n  </BuildConfiguration>\n</fmiBuildDescription>\n"
     )
     return {
-        "dobc_agent.h": header_text(controller), "dobc_agent.c": source_text(controller),
-        "fmi3_types.h": (folder / "fmi3_types.h").read_text("utf-8"), "fmi3_agent.c": wrapper,
+        "dobc_agent.h": header_text(controller),
+        "dobc_agent.c": source_text(controller),
+        "fmi3_types.h": (folder / "fmi3_types.h").read_text("utf-8"),
+        "fmi3_agent.c": wrapper,
         "buildDescription.xml": build,
-    }  # fmt: skip
+    }
 
 
 def variables(controller: Controller) -> list[Variable]:
     """The real variables in the order of their numbers: x, y, u, v, dhat, and what is heard of every neighbour."""
     m, labels, agent = controller.problem.m, controller.problem.network.labels, controller.agents[0]
     kinds = (
-        ("x", "input", "measured state"), ("y", "output", "x - goal: the packet for those who listen"),
+        ("x", "input", "measured state"),
+        ("y", "output", "x - goal: the packet for those who listen"),
         ("u", "output", "input (19), held until the next sample"),
         ("v", "output", "couplings + u, held until the next sample"),
         ("dhat", "output", "estimated disturbance"),
-    )  # fmt: skip
+    )
     wanted = [(name, causality, text) for name, causality, text in kinds]
     wanted += [(f"heard[{labels[j]}]", "input", f"packet y of agent {labels[j]}") for j in agent.neighbours]
     found: list[Variable] = []
@@ -183,19 +187,29 @@ def _compiled(files: Mapping[str, bytes]) -> tuple[bytes | None, str | None]:
         for name, data in files.items():
             (Path(folder) / Path(name).name).write_bytes(data)
         library = Path(folder) / f"{MODEL}{_system()[1]}"
-        command = [compiler, "-std=c99", "-O2", "-shared", "-fPIC", "-fvisibility=hidden", "dobc_agent.c",
-                   "fmi3_agent.c", "-o", library.name, "-lm"]  # fmt: skip
+        command = [
+            compiler,
+            "-std=c99",
+            "-O2",
+            "-shared",
+            "-fPIC",
+            "-fvisibility=hidden",
+            "dobc_agent.c",
+            "fmi3_agent.c",
+            "-o",
+            library.name,
+            "-lm",
+        ]
         try:
-            done = subprocess.run(
-                command, cwd=folder, capture_output=True, check=False, text=True, timeout=TIME_LIMIT
-            )  # fmt: skip
+            done = subprocess.run(command, cwd=folder, capture_output=True, check=False, text=True, timeout=TIME_LIMIT)
         except (OSError, subprocess.TimeoutExpired) as error:
             cure = "`dobc export --c DIR` writes the sources alone."
             raise SolverError(f"the C compiler could not be run: {error}.", key="--fmu", cure=cure) from error
         if done.returncode != 0 or not library.exists():
             first = next(iter(done.stderr.strip().splitlines()), "no message")
             raise SolverError(
-                f"the C compiler refused the FMU's code: {first[:200]}.", key="--fmu",
+                f"the C compiler refused the FMU's code: {first[:200]}.",
+                key="--fmu",
                 cure="`dobc export --c DIR` writes the sources alone.",
-            )  # fmt: skip
+            )
         return library.read_bytes(), f"{machine}-{_system()[0]}"

@@ -8,9 +8,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 _VALUES = "const fmi3ValueReference references[], size_t count"
-_TYPES = (
-    "Float32", "Int8", "UInt8", "Int16", "UInt16", "UInt32", "Int64", "UInt64", "Boolean", "String",
-)  # fmt: skip
+_TYPES = ("Float32", "Int8", "UInt8", "Int16", "UInt16", "UInt32", "Int64", "UInt64", "Boolean", "String")
 _START = (
     "fmi3String name, fmi3String token, fmi3String resources, fmi3Boolean visible, fmi3Boolean logging,"
     " fmi3InstanceEnvironment environment, fmi3LogMessageCallback log"

@@ -13,8 +13,8 @@ import numpy as np
 
 from dobc_design.errors import SpecError
 from dobc_design.exact.matrix import to_float
-from dobc_design.model.arrays import exosystem_arrays, goals
-from dobc_design.spec.problem import Problem
+from dobc_design.problem.arrays import exosystem_arrays, goals
+from dobc_design.problem.problem import Problem
 
 MOST_AGENTS = 2000  # L is dense
 
@@ -30,13 +30,15 @@ def mat_bytes(problem: Problem) -> bytes:
         raise SpecError(
             "a .mat file has no place for arcs with a coupling of their own; this problem has"
             f" {len(problem.exceptions)}.",
-            key="to_mat", cure="Write the problem file instead.",
-        )  # fmt: skip
+            key="to_mat",
+            cure="Write the problem file instead.",
+        )
     if problem.n > MOST_AGENTS:
         raise SpecError(
-            f"L is written for at most {MOST_AGENTS} agents; the problem has {problem.n}.", key="to_mat",
+            f"L is written for at most {MOST_AGENTS} agents; the problem has {problem.n}.",
+            key="to_mat",
             cure="Write the problem file instead.",
-        )  # fmt: skip
+        )
     stream = io.BytesIO()
     savemat(stream, _variables(problem), do_compression=True)
     return stream.getvalue()
@@ -56,9 +58,13 @@ def _variables(problem: Problem) -> dict[str, Any]:
     found: dict[str, Any] = {
         "L": layers[:, :, 0] if layers.shape[2] == 1 else layers,
         "k": gains[0, 0][:, None] if problem.pinning.is_scalar and (m == 1 or n != 1) else gains,
-        "xbar": target, "offsets": goals(problem) - target, "h": _cells(problem.coupling.texts),
-        "labels": _cells(problem.network.labels), "modes": _cells(tuple(problem.network.modes)), "name": problem.name,
-    }  # fmt: skip
+        "xbar": target,
+        "offsets": goals(problem) - target,
+        "h": _cells(problem.coupling.texts),
+        "labels": _cells(problem.network.labels),
+        "modes": _cells(tuple(problem.network.modes)),
+        "name": problem.name,
+    }
     if problem.exosystem is not None:
         found["A"], found["C"] = exosystem_arrays(problem)
         for name, matrix in (("W", problem.observer.W), ("P", problem.observer.P)):

@@ -16,14 +16,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from dobc_design._render import latex_matrix, latex_text
+from dobc_design._show.text import latex_matrix, latex_text
+from dobc_design.conditions.consensus.statements import state_theorems
+from dobc_design.coupling.coupling import Coupling
 from dobc_design.errors import SpecError
 from dobc_design.exact.matrix import Matrix, to_float
 from dobc_design.exact.symmetric import SparseSymmetric
-from dobc_design.spec.arcs import Arcs
-from dobc_design.spec.coupling import Coupling
-from dobc_design.spec.problem import Problem
-from dobc_design.theorems.statements import state_theorems
+from dobc_design.problem.arcs import Arcs
+from dobc_design.problem.problem import Problem
 
 MOST_ROWS = 500  # of a dense matrix
 _LATEX_NAMES = {"xbar": r"\bar{x}", "Lambda": r"\Lambda"}
@@ -39,9 +39,10 @@ def exact_matrices(
     n, m = problem.n, problem.m
     if n * m > MOST_ROWS:
         raise SpecError(
-            f"dense matrices are written for at most {MOST_ROWS} rows; this problem has {n * m}.", key="problem",
+            f"dense matrices are written for at most {MOST_ROWS} rows; this problem has {n * m}.",
+            key="problem",
             cure="model.arrays has them as SciPy sparse matrices.",
-        )  # fmt: skip
+        )
     found: dict[str, Matrix] = {}
     exosystem = problem.joint_exosystem  # of several groups: block diagonal, as in certificates
     if exosystem is not None:

@@ -1,6 +1,6 @@
 """The closed loop as python-control objects: a NonlinearIOSystem, and observer and exosystem as StateSpace.
 
-Paper: (1), (12), (13), (19).  The right-hand side is that of ``simulate.field``, the full loop, so that
+Paper: (1), (12), (13), (19).  The right-hand side is that of ``simulation.field``, the full loop, so that
 ``control.input_output_response`` reproduces a simulated trajectory.
 """
 
@@ -13,11 +13,11 @@ import control
 import numpy as np
 from numpy.typing import NDArray
 
-from dobc_design.model.arrays import Gain, chosen_mode
-from dobc_design.simulate.field import Field, Loop, make_field
-from dobc_design.simulate.signals import Fixed, Scheduled, scheduled_switches
-from dobc_design.simulate.trajectory import Trajectory
-from dobc_design.spec.problem import Problem
+from dobc_design.problem.arrays import Gain, chosen_mode
+from dobc_design.problem.problem import Problem
+from dobc_design.simulation.field import Field, Loop, make_field
+from dobc_design.simulation.signals import Fixed, Scheduled, scheduled_switches
+from dobc_design.simulation.trajectory import Trajectory
 
 Array = NDArray[np.float64]
 
@@ -35,9 +35,7 @@ class ConsensusLoop(control.NonlinearIOSystem):  # type: ignore[misc]  # control
         n, m, q = loop.n, loop.m, loop.q
         states = [*_names("x", n, m), *_names("xi", n, q), *_names("z", n, q)]
         outputs = [*_names("x", n, m), *_names("dhat", n, m), *_names("u", n, m)]
-        super().__init__(
-            update, output, states=states, inputs=_names("w", n, m), outputs=outputs, name=name, dt=0
-        )  # fmt: skip
+        super().__init__(update, output, states=states, inputs=_names("w", n, m), outputs=outputs, name=name, dt=0)
         self.loop = loop
         self.exosystem = None if q == 0 else exosystem_of(loop)
         self.observer = None if q == 0 else observer_of(loop)
@@ -49,9 +47,14 @@ class ConsensusLoop(control.NonlinearIOSystem):  # type: ignore[misc]  # control
 
 
 def to_control(
-    problem: Problem, *, mode: str | None = None, signal: Scheduled | None = None, horizon: float = 0.0, seed: int = 0,
+    problem: Problem,
+    *,
+    mode: str | None = None,
+    signal: Scheduled | None = None,
+    horizon: float = 0.0,
+    seed: int = 0,
     gain: Gain | None = None,
-) -> ConsensusLoop:  # fmt: skip
+) -> ConsensusLoop:
     """Build the loop in one mode (the first, or ``mode``), or under a switching ``signal`` up to ``horizon`` s.
 
     ``seed`` draws the switches as ``simulate`` does; python-control's integrators do not stop at them, so a switched
@@ -89,9 +92,16 @@ def _system(problem: Problem, loop: Loop, field_at: Callable[[float], Field]) ->
 
 def exosystem_of(loop: Loop) -> Any:
     """(12) of one agent as control.StateSpace: output d_i; the input is a dummy that does nothing."""
-    return control.ss(loop.A, np.zeros((loop.q, 1)), loop.C, np.zeros((loop.m, 1)), name="exosystem",
-                      states=[f"xi[{k + 1}]" for k in range(loop.q)], inputs=["none"],
-                      outputs=[f"d[{c + 1}]" for c in range(loop.m)])  # fmt: skip
+    return control.ss(
+        loop.A,
+        np.zeros((loop.q, 1)),
+        loop.C,
+        np.zeros((loop.m, 1)),
+        name="exosystem",
+        states=[f"xi[{k + 1}]" for k in range(loop.q)],
+        inputs=["none"],
+        outputs=[f"d[{c + 1}]" for c in range(loop.m)],
+    )
 
 
 def observer_of(loop: Loop) -> Any:
@@ -100,8 +110,16 @@ def observer_of(loop: Loop) -> Any:
     B = np.hstack([F @ loop.W, -loop.W])
     D = np.hstack([loop.C @ loop.W, np.zeros((m, m))])
     inputs = [f"{name}[{c + 1}]" for name in ("x", "v") for c in range(m)]
-    return control.ss(F, B, loop.C, D, name="observer", states=[f"z[{k + 1}]" for k in range(loop.q)], inputs=inputs,
-                      outputs=[f"dhat[{c + 1}]" for c in range(m)])  # fmt: skip
+    return control.ss(
+        F,
+        B,
+        loop.C,
+        D,
+        name="observer",
+        states=[f"z[{k + 1}]" for k in range(loop.q)],
+        inputs=inputs,
+        outputs=[f"dhat[{c + 1}]" for c in range(m)],
+    )
 
 
 def _names(letter: str, n: int, width: int) -> list[str]:

@@ -10,10 +10,10 @@ from typing import Any
 
 import numpy as np
 
+from dobc_design.coupling.coupling import Coupling
 from dobc_design.errors import SpecError
-from dobc_design.model.arrays import Gain, arc_groups, exosystem_arrays, goals, pinning_matrix, required_gain
-from dobc_design.spec.coupling import Coupling
-from dobc_design.spec.problem import Problem
+from dobc_design.problem.arrays import Gain, arc_groups, exosystem_arrays, goals, pinning_matrix, required_gain
+from dobc_design.problem.problem import Problem
 
 MOST_ARCS = 20_000  # of all modes: a file of a few MB
 
@@ -117,9 +117,10 @@ def python_script(problem: Problem, *, gain: Any = None) -> str:
     arcs = sum(len(each) for each in problem.network.modes.values())
     if arcs > MOST_ARCS:
         raise SpecError(
-            f"a Python file holds at most {MOST_ARCS} arcs; the problem has {arcs}.", key="--python-control",
+            f"a Python file holds at most {MOST_ARCS} arcs; the problem has {arcs}.",
+            key="--python-control",
             cure="Use dobc_design.to_control(problem) in Python: it needs no file.",
-        )  # fmt: skip
+        )
     mode = next(iter(problem.network.modes))
     title = _inside_docstring(problem.name)
     text = HEAD.replace("{title}", title).replace("{mode}", _inside_docstring(mode))

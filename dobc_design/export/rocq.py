@@ -11,14 +11,14 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 
 from dobc_design.certificate.certificate import Certificate
+from dobc_design.conditions.consensus.jacobians import Jacobians, ModeJacobian
 from dobc_design.exact.matrix import Matrix
 from dobc_design.export import rocq_theory as theory
 from dobc_design.export.rocq_claim import Factors, PairClaim, RocqClaim, read_claim
 from dobc_design.export.rocq_lemmas import CHECKER, OVER_Q
 from dobc_design.export.rocq_reals import OVER_R
 from dobc_design.export.rocq_text import comment, matrix, number, section, square_list, wrapped_list
-from dobc_design.spec.problem import Problem
-from dobc_design.theorems.jacobians import Jacobians, ModeJacobian
+from dobc_design.problem.problem import Problem
 
 # The kernel computes, once, when it comes to Qed.
 COMPUTED = "Proof. vm_cast_no_check (eq_refl true). Qed."
@@ -42,12 +42,14 @@ def rocq_proof(certificate: Certificate, *, rate: bool = False) -> str:
         section("2. The problem, and Psi"),
         *_data(claim),
         section("3. From L D L' to definiteness: proved once, for every matrix"),
-        CHECKER, OVER_Q, OVER_R,
+        CHECKER,
+        OVER_Q,
+        OVER_R,
         section("4. The witnesses L and D, multiplied out by the kernel"),
         *_witnesses(claim),
         section(f"5. {TITLES[claim.id]}"),
         *_conclusions(claim),
-    ]  # fmt: skip
+    ]
     return "\n".join(part.strip("\n") + "\n" for part in parts)
 
 

@@ -6,17 +6,17 @@ from dataclasses import dataclass
 from fractions import Fraction
 
 from dobc_design.certificate.certificate import Certificate
+from dobc_design.conditions.consensus.jacobians import Jacobians
+from dobc_design.conditions.consensus.statements import Statements, state_theorems
+from dobc_design.conditions.numbers import claimed
 from dobc_design.errors import SpecError
 from dobc_design.exact.matrix import Matrix, multiply
 from dobc_design.exact.symmetric import SparseSymmetric
 from dobc_design.export.squares import Square, factor
-from dobc_design.spec.canonical import problem_sha256
-from dobc_design.spec.exosystem import Exosystem
-from dobc_design.spec.problem import Problem
-from dobc_design.theorems.jacobians import Jacobians
-from dobc_design.theorems.statements import Statements, state_theorems
+from dobc_design.problem.canonical import problem_sha256
+from dobc_design.problem.exosystem import Exosystem
+from dobc_design.problem.problem import Problem
 from dobc_design.verdict import Verdict
-from dobc_design.verify.numbers import claimed
 
 # Rows of Psi, and squared bits to be multiplied: 10^9 of them take Coq about a minute and a half.
 LARGEST_SIZE = 150
@@ -62,19 +62,24 @@ def read_claim(certificate: Certificate, *, rate: bool) -> RocqClaim:
     problem = certificate.problem
     if certificate.claims.problem_sha256 != problem_sha256(problem):
         raise SpecError(
-            "the certificate is about another problem: its hash differs.", key="problem_sha256",
+            "the certificate is about another problem: its hash differs.",
+            key="problem_sha256",
             cure="Give the problem it was made for.",
-        )  # fmt: skip
+        )
     id = _proved_id(certificate)
     statements = state_theorems(problem)
     jacobians = _rational_jacobians(statements)
     pair = None if problem.exosystem is None else _pair(certificate, problem.exosystem)
     claimed_rate = _rate(certificate, id) if rate else None
     return RocqClaim(
-        id=id, problem=problem, jacobians=jacobians, pair=pair, rate=claimed_rate,
+        id=id,
+        problem=problem,
+        jacobians=jacobians,
+        pair=pair,
+        rate=claimed_rate,
         factors=_factors(statements, pair, Fraction(0)),
         rate_factors={} if claimed_rate is None else _factors(statements, pair, claimed_rate),
-    )  # fmt: skip
+    )
 
 
 def _proved_id(certificate: Certificate) -> str:
@@ -90,9 +95,10 @@ def _proved_id(certificate: Certificate) -> str:
             title = id if mode is None else f"{id} ({mode})"
             said = "missing" if verdict is None else verdict.value
             raise SpecError(
-                f"only a proved theorem can be exported; {title} is {said} in this certificate.", key="checks",
+                f"only a proved theorem can be exported; {title} is {said} in this certificate.",
+                key="checks",
                 cure="Certify a problem for which it is proved.",
-            )  # fmt: skip
+            )
     return id
 
 
@@ -105,9 +111,10 @@ def _rational_jacobians(statements: Statements) -> Jacobians:
         )
     if jacobians is None:
         raise SpecError(
-            f"the theorem cannot be exported: {statements.inapplicable}", key="coupling.h",
+            f"the theorem cannot be exported: {statements.inapplicable}",
+            key="coupling.h",
             cure="Check the certificate with `dobc verify`.",
-        )  # fmt: skip
+        )
     if not all(mode.is_point for mode in jacobians.modes):
         texts = next(
             each.texts
@@ -115,10 +122,11 @@ def _rational_jacobians(statements: Statements) -> Jacobians:
             if not all(entry.is_point for row in each.jacobian_at_zero() for entry in row)
         )
         raise SpecError(
-            f"coupling \"{'; '.join(texts)}\": its slope h'(0) must be a rational number, because Coq is given Psi in"
-            " rationals; it is known as an interval only.", key="coupling.h",
+            f'coupling "{"; ".join(texts)}": its slope h\'(0) must be a rational number, because Coq is given Psi in'
+            " rationals; it is known as an interval only.",
+            key="coupling.h",
             cure="Use a coupling with a rational slope at 0, or rely on `dobc verify`.",
-        )  # fmt: skip
+        )
     return jacobians
 
 

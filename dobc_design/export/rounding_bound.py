@@ -16,10 +16,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from dobc_design.coupling.coupling import Coupling
+from dobc_design.coupling.expression import evaluate
 from dobc_design.exact.matrix import to_float
 from dobc_design.export.c_controller import AgentNumbers, Controller
-from dobc_design.spec.coupling import Coupling
-from dobc_design.spec.expression import evaluate
 
 Array = NDArray[np.float64]
 ROUNDOFF = {"double": 2.0**-53, "float": 2.0**-24}
@@ -35,7 +35,7 @@ class Erring:
 
 
 class ErringAlgebra:
-    """Algebra (``spec.tree.Algebra``) of values with errors, at the unit roundoff ``u``."""
+    """Algebra (``coupling.tree.Algebra``) of values with errors, at the unit roundoff ``u``."""
 
     def __init__(self, u: float) -> None:
         self.u = u
@@ -78,9 +78,7 @@ class ErringAlgebra:
             return self.call("min", (self.call("max", (value, low)), high))
         if name in ("min", "max"):
             choose = np.minimum if name == "min" else np.maximum
-            return reduce(
-                lambda a, b: Erring(choose(a.value, b.value), np.maximum(a.error, b.error)), arguments
-            )  # fmt: skip
+            return reduce(lambda a, b: Erring(choose(a.value, b.value), np.maximum(a.error, b.error)), arguments)
         (inner,) = arguments
         x, error = inner.value, inner.error
         value, slope = _FUNCTIONS[name](x, np.abs(x) + error)
@@ -173,7 +171,7 @@ def felt_with_error(controller: Controller, recorded: Recorded, e: Array, own: A
             y = heard - e[here]
             h = coupling_with_error(
                 couplings[arc.coupling], Erring(y, own[here] + u * (np.abs(heard) + np.abs(y))), algebra
-            )  # fmt: skip
+            )
             weight = float(arc.weight)
             total[here] += weight * h.value
             size[here] += np.abs(weight * h.value)

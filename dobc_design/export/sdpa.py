@@ -17,13 +17,12 @@ from fractions import Fraction
 import numpy as np
 
 from dobc_design import __version__
+from dobc_design.conditions.consensus.statements import Statements, state_theorems
 from dobc_design.errors import SpecError
 from dobc_design.exact.matrix import Matrix, to_float
+from dobc_design.exact.pencil import Pencil, Place, below, positive
 from dobc_design.exact.symmetric import SparseSymmetric
-from dobc_design.spec.problem import Problem
-from dobc_design.theorems.conditions import below, positive
-from dobc_design.theorems.pencil import Pencil, Place
-from dobc_design.theorems.statements import Statements, state_theorems
+from dobc_design.problem.problem import Problem
 from dobc_design.verdict import Verdict
 
 MOST_ROWS = 4000
@@ -40,9 +39,7 @@ class Normalisation:
     why: str
 
 
-def sdpa_text(
-    problem: Problem, *, pair: tuple[Matrix, Matrix] | None = None, verdict: Verdict | None = None
-) -> str:  # fmt: skip
+def sdpa_text(problem: Problem, *, pair: tuple[Matrix, Matrix] | None = None, verdict: Verdict | None = None) -> str:
     """The file's text.  ``pair``: a proved (P, Q); ``verdict``: what was decided exactly, for the file's first lines.
 
     Raises: SpecError where the theorems say nothing (couplings that are not C1), and above 4000 rows.
@@ -53,9 +50,10 @@ def sdpa_text(
     statements = state_theorems(problem)
     if statements.inapplicable is not None:
         raise SpecError(
-            f"there is no linear matrix inequality to write: {statements.inapplicable}", key="--sdpa",
+            f"there is no linear matrix inequality to write: {statements.inapplicable}",
+            key="--sdpa",
             cure="The max-separable certificate has linear rows instead: see `dobc certify`.",
-        )  # fmt: skip
+        )
     if any(not isinstance(each.constant, SparseSymmetric) for each in statements.lambdas.values()):
         raise _too_large(len(problem.network.labels), "agents with so many arcs")
     pencils = tuple(statements.lambdas.values()) if problem.exosystem is None else statements.psi()
@@ -75,8 +73,9 @@ def sdpa_text(
 def _too_large(count: int, what: str) -> SpecError:
     return SpecError(
         f"a file of at most {MOST_ROWS} rows is written, because no SDP solver takes more; this has {count} {what}.",
-        key="--sdpa", cure="`dobc certify` decides large networks without an SDP.",
-    )  # fmt: skip
+        key="--sdpa",
+        cure="`dobc certify` decides large networks without an SDP.",
+    )
 
 
 def normalisation(pair: tuple[Matrix, Matrix] | None) -> Normalisation:
@@ -105,9 +104,7 @@ def _above(value: float) -> Fraction:
 Entries = dict[tuple[int, int, int], Fraction]  # number of F, row, column (upper triangle)
 
 
-def _blocks(
-    pencils: tuple[Pencil, ...], limits: Normalisation, places: list[Place]
-) -> Iterator[tuple[int, Entries]]:  # fmt: skip
+def _blocks(pencils: tuple[Pencil, ...], limits: Normalisation, places: list[Place]) -> Iterator[tuple[int, Entries]]:
     """Size and entries of every block; F_0 has the number 0."""
     last = len(places) + 1
     for pencil in pencils:
@@ -136,9 +133,7 @@ def _negated(pencil: Pencil, places: list[Place]) -> Entries:
     return entries
 
 
-def _remarks(
-    problem: Problem, statements: Statements, limits: Normalisation, verdict: Verdict | None
-) -> Iterator[str]:  # fmt: skip
+def _remarks(problem: Problem, statements: Statements, limits: Normalisation, verdict: Verdict | None) -> Iterator[str]:
     modes = len(problem.network.modes)
     name = "Lemma 1" if problem.exosystem is None else "Theorem 1" if modes == 1 else "Theorem 2"
     title = "".join(each if 32 <= ord(each) < 127 and each != '"' else "?" for each in problem.name)

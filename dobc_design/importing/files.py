@@ -5,16 +5,16 @@ from __future__ import annotations
 from pathlib import Path
 
 from dobc_design.errors import SpecError
+from dobc_design.exact.reading import shown
 from dobc_design.importing.grids import grid_problem
 from dobc_design.importing.matlab import read_mat
 from dobc_design.importing.matpower import read_matpower
 from dobc_design.importing.pandapower_net import is_pandapower, read_pandapower
-from dobc_design.spec.arcs_file import READERS, labels_in_file, read_arcs_file
-from dobc_design.spec.load import load_problem
-from dobc_design.spec.network import Network
-from dobc_design.spec.problem import Problem, is_name
-from dobc_design.spec.reading import shown
-from dobc_design.spec.toml_text import read_bytes
+from dobc_design.problem.arcs_file import READERS, labels_in_file, read_arcs_file
+from dobc_design.problem.load import load_problem
+from dobc_design.problem.network import Network
+from dobc_design.problem.problem import Problem, is_name
+from dobc_design.problem.toml_text import read_bytes
 
 LARGEST = 256 * 1024 * 1024
 SUFFIXES = (".m", ".json", ".mat", *READERS, ".toml")
@@ -33,13 +33,15 @@ def problem_from_file(path: Path, *, arrow: str | None = None) -> Problem:
     if suffix not in SUFFIXES:
         raise SpecError(
             f"{shown(path.name)} must end in one of {', '.join(SUFFIXES)}, which say what kind of file it is.",
-            key=path.name, cure="Rename or convert it.",
-        )  # fmt: skip
+            key=path.name,
+            cure="Rename or convert it.",
+        )
     if arrow is not None and suffix not in READERS:
         raise SpecError(
             f"arrow is for files of arcs ({', '.join(READERS)}); {shown(path.name)} says itself who listens.",
-            key="--arrow", cure="Leave it out.",
-        )  # fmt: skip
+            key="--arrow",
+            cure="Leave it out.",
+        )
     name = path.stem if is_name(path.stem) else "problem"
     if suffix in READERS:
         return _arcs_problem(path, name=name, arrow=arrow)
@@ -60,8 +62,9 @@ def _arcs_problem(path: Path, *, name: str, arrow: str | None) -> Problem:
         raise SpecError(
             "arrow must say what a pair a, b of the file means; there is no default, because a wrong guess is never"
             " noticed.",
-            key="--arrow", cure="listens_to: a hears b.  sends_to: a is heard by b.",
-        )  # fmt: skip
+            key="--arrow",
+            cure="listens_to: a hears b.  sends_to: a is heard by b.",
+        )
     folder = path.resolve().parent
     labels = labels_in_file(path.name, folder=folder, key="arcs")
     index = {label: place for place, label in enumerate(labels)}

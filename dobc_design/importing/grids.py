@@ -14,10 +14,10 @@ from fractions import Fraction
 from typing import Any
 
 from dobc_design.errors import SpecError
-from dobc_design.spec.exosystems import constant
-from dobc_design.spec.network import Network
-from dobc_design.spec.problem import Problem
-from dobc_design.spec.reading import named, shown_number
+from dobc_design.exact.reading import named, shown_number
+from dobc_design.problem.exosystems import constant
+from dobc_design.problem.network import Network
+from dobc_design.problem.problem import Problem
 
 NOTES = (
     "Imported from {source}: {buses} buses, {branches} branches in service, generators at {generators}.",
@@ -60,17 +60,19 @@ def grid_problem(grid: Grid, *, name: str, gain: Any = 1) -> Problem:
         for end in branch.ends:
             if end not in known:
                 raise SpecError(
-                    f"{branch.place} names bus {named(end)}, which is not there.", key=branch.place,
+                    f"{branch.place} names bus {named(end)}, which is not there.",
+                    key=branch.place,
                     cure="Add the bus, or take the branch out of service.",
-                )  # fmt: skip
+                )
         if a == b:
             raise SpecError(f"{branch.place} leads from bus {named(a)} to itself.", key=branch.place)
         if branch.reactance <= 0:
             raise SpecError(
                 f"{branch.place} (bus {named(a)} to {named(b)}) must have a reactance > 0;"
                 f" got {shown_number(branch.reactance)}.",
-                key=branch.place, cure="Take it out of service, or merge the star point of its transformer.",
-            )  # fmt: skip
+                key=branch.place,
+                cure="Take it out of service, or merge the star point of its transformer.",
+            )
         ends = (a, b) if (b, a) not in weights else (b, a)
         weights[ends] = weights.get(ends, Fraction(0)) + 1 / branch.reactance
     if not weights:
@@ -80,15 +82,23 @@ def grid_problem(grid: Grid, *, name: str, gain: Any = 1) -> Problem:
     shown = ", ".join(generators[:SHOWN]) + (f" and {len(generators) - SHOWN} more" if len(generators) > SHOWN else "")
     notes = [
         note.format(
-            source=grid.source, buses=len(grid.buses), branches=len(grid.branches), gain=gain,
+            source=grid.source,
+            buses=len(grid.buses),
+            branches=len(grid.branches),
+            gain=gain,
             generators=f"bus {shown}" if generators else "no bus",
         )
         for note in NOTES
-    ]  # fmt: skip
+    ]
     return Problem(
-        name=name, network=Network.from_arcs({"grid": arcs}, arrow="listens_to", agents=list(grid.buses)),
-        coupling="sin(y)", target=0, gains=dict.fromkeys(generators, gain), exosystem=constant(), notes=notes,
-    )  # fmt: skip
+        name=name,
+        network=Network.from_arcs({"grid": arcs}, arrow="listens_to", agents=list(grid.buses)),
+        coupling="sin(y)",
+        target=0,
+        gains=dict.fromkeys(generators, gain),
+        exosystem=constant(),
+        notes=notes,
+    )
 
 
 def merged(labels: Sequence[str], pairs: Sequence[tuple[str, str]]) -> dict[str, str]:

@@ -17,12 +17,12 @@ import numpy as np
 import scipy.sparse as sp
 
 from dobc_design.errors import SpecError
+from dobc_design.exact.reading import shown
 from dobc_design.importing.mat_file import read_variables
-from dobc_design.spec.exosystem import Exosystem
-from dobc_design.spec.network import Network
-from dobc_design.spec.observer import Observer
-from dobc_design.spec.problem import Problem
-from dobc_design.spec.reading import shown
+from dobc_design.problem.exosystem import Exosystem
+from dobc_design.problem.network import Network
+from dobc_design.problem.observer import Observer
+from dobc_design.problem.problem import Problem
 
 KNOWN = ("A", "C", "L", "W", "P", "k", "xbar", "offsets", "h", "labels", "modes", "name")
 SUM_TOLERANCE = 1e-9  # of a row of L, relative to its largest entry
@@ -40,26 +40,34 @@ def read_mat(data: bytes, *, file: str, name: str) -> Problem:
         raise SpecError(
             f"{file} must hold the variable L, the Laplacian of the graph (row i: -w_ij where i listens to j);"
             f" it has {', '.join(found) or 'none of the known ones'}.",
-            key="L", cure=f"Known variables are {', '.join(KNOWN)}.",
-        )  # fmt: skip
+            key="L",
+            cure=f"Known variables are {', '.join(KNOWN)}.",
+        )
     layers = _layers(L)
     n = layers[0].shape[0]
     labels = _texts(found.get("labels"), "labels", count=n)
     modes = _texts(found.get("modes"), "modes", count=len(layers))
     names = modes or (["G"] if len(layers) == 1 else [f"G{i + 1}" for i in range(len(layers))])
     network = Network.from_sparse(
-        {mode: _weights(layer, mode) for mode, layer in zip(names, layers, strict=True)}, arrow="listens_to",
+        {mode: _weights(layer, mode) for mode, layer in zip(names, layers, strict=True)},
+        arrow="listens_to",
         labels=labels,
-    )  # fmt: skip
+    )
     exosystem = _exosystem(found)
     W, P = (_rows(found[name], name) if name in found else None for name in ("W", "P"))
     observer = None if W is None and P is None else Observer(W=W, P=P)
     h = found.get("h")
     return Problem(
-        name=_name(found.get("name"), name), network=network, coupling="y" if h is None else _coupling(h),
-        target=_target(found), gains=_gains(found.get("k"), network.labels), exosystem=exosystem, observer=observer,
-        offsets=_offsets(found.get("offsets"), network.labels), notes=[LINEAR] if h is None else [],
-    )  # fmt: skip
+        name=_name(found.get("name"), name),
+        network=network,
+        coupling="y" if h is None else _coupling(h),
+        target=_target(found),
+        gains=_gains(found.get("k"), network.labels),
+        exosystem=exosystem,
+        observer=observer,
+        offsets=_offsets(found.get("offsets"), network.labels),
+        notes=[LINEAR] if h is None else [],
+    )
 
 
 def _matrix(value: Any, key: str) -> Any:
@@ -85,9 +93,10 @@ def _layers(L: Any) -> list[Any]:
     array = _matrix(L, "L")
     if array.ndim > 3 or array.shape[0] != array.shape[1] or 0 in array.shape:
         raise SpecError(
-            f"L must be n x n, or n x n x modes; got shape {array.shape}.", key="L",
+            f"L must be n x n, or n x n x modes; got shape {array.shape}.",
+            key="L",
             cure="One row and column per agent.",
-        )  # fmt: skip
+        )
     return [array] if array.ndim == 2 else [array[:, :, k] for k in range(array.shape[2])]
 
 
@@ -96,16 +105,18 @@ def _weights(L: Any, mode: str) -> Any:
     off = L - np.diag(np.diag(L))
     if not np.isfinite(L).all() or (off > 0).any():
         raise SpecError(
-            f'L (mode "{mode}") must be finite, with entries <= 0 off the diagonal: they are -w_ij.', key="L",
+            f'L (mode "{mode}") must be finite, with entries <= 0 off the diagonal: they are -w_ij.',
+            key="L",
             cure="Laplacian = degree matrix - adjacency matrix.",
-        )  # fmt: skip
+        )
     room = SUM_TOLERANCE * max(1.0, float(np.abs(L).max()))
     if np.abs(L.sum(axis=1)).max() > room:
         turned = np.abs(L.sum(axis=0)).max() <= room
         raise SpecError(
-            f'L (mode "{mode}") must have rows that sum to 0: row i belongs to the listener i.', key="L",
+            f'L (mode "{mode}") must have rows that sum to 0: row i belongs to the listener i.',
+            key="L",
             cure="Its columns do: give the transpose." if turned else "Laplacian = degree matrix - adjacency matrix.",
-        )  # fmt: skip
+        )
     return sp.coo_array(-off)
 
 
@@ -128,9 +139,10 @@ def _gains(k: Any, labels: Sequence[str]) -> Any:
     if array.ndim == 2 and len(flat) == len(labels):
         return {label: gain for label, gain in zip(labels, flat, strict=True) if gain}
     raise SpecError(
-        f"k must be one gain, {len(labels)} gains, or m x m x {len(labels)}; got shape {array.shape}.", key="k",
+        f"k must be one gain, {len(labels)} gains, or m x m x {len(labels)}; got shape {array.shape}.",
+        key="k",
         cure="For example k = zeros(n, 1); k(1) = 5.",
-    )  # fmt: skip
+    )
 
 
 def _offsets(offsets: Any, labels: Sequence[str]) -> dict[str, list[Any]] | None:

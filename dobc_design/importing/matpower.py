@@ -11,8 +11,8 @@ from fractions import Fraction
 
 from dobc_design.errors import SpecError
 from dobc_design.exact.number import parse_number
+from dobc_design.exact.reading import shown
 from dobc_design.importing.grids import Branch, Grid
-from dobc_design.spec.reading import shown
 
 ISOLATED = 4  # bus type
 COLUMNS = {"bus": 2, "gen": 8, "branch": 11}  # that have to be there
@@ -34,8 +34,9 @@ def read_matpower(text: str, *, name: str) -> Grid:
         if table not in tables:
             raise SpecError(
                 f"{name} must hold the table mpc.{table} of a MATPOWER case, in numbers; it is not there.",
-                key=f"mpc.{table}", cure="Write the case with MATPOWER's savecase.",
-            )  # fmt: skip
+                key=f"mpc.{table}",
+                cure="Write the case with MATPOWER's savecase.",
+            )
     kinds = {_bus(row[0], "bus", i): _number(row[1], f"mpc.bus({i},2)") for i, row in enumerate(tables["bus"], 1)}
     isolated = {bus for bus, kind in kinds.items() if kind == ISOLATED}
     generators = [
@@ -53,9 +54,11 @@ def read_matpower(text: str, *, name: str) -> Grid:
             reactance = _number(row[3], f"mpc.branch({i},4)") * (tap or 1)
             branches.append(Branch(ends=ends, reactance=reactance, place=f"mpc.branch row {i}"))
     return Grid(
-        buses=tuple(bus for bus in kinds if bus not in isolated), branches=tuple(branches),
-        generators=tuple(generators), source=f"the MATPOWER case {name}",
-    )  # fmt: skip
+        buses=tuple(bus for bus in kinds if bus not in isolated),
+        branches=tuple(branches),
+        generators=tuple(generators),
+        source=f"the MATPOWER case {name}",
+    )
 
 
 def _tables(text: str) -> Iterator[tuple[str, str]]:
@@ -76,24 +79,27 @@ def _rows(body: str, table: str, name: str) -> list[list[str]]:
         if len(row) < COLUMNS[table]:
             raise SpecError(
                 f"{name}: mpc.{table} must have at least {COLUMNS[table]} columns; row {i} has {len(row)}.",
-                key=f"mpc.{table}", cure="Write the case with MATPOWER's savecase.",
-            )  # fmt: skip
+                key=f"mpc.{table}",
+                cure="Write the case with MATPOWER's savecase.",
+            )
         for j, cell in enumerate(row, 1):
             if not _CELL.fullmatch(cell):
                 raise SpecError(
                     f"{name}: mpc.{table}({i},{j}) must be a number, because nothing in a case is computed;"
                     f" got {shown(cell)}.",
-                    key=f"mpc.{table}({i},{j})", cure="Write the case with MATPOWER's savecase.",
-                )  # fmt: skip
+                    key=f"mpc.{table}({i},{j})",
+                    cure="Write the case with MATPOWER's savecase.",
+                )
     return rows
 
 
 def _bus(text: str, table: str, row: int) -> str:
     if not _BUS.fullmatch(text):
         raise SpecError(
-            f"mpc.{table} row {row}: a bus must be a whole number; got {shown(text)}.", key=f"mpc.{table}",
+            f"mpc.{table} row {row}: a bus must be a whole number; got {shown(text)}.",
+            key=f"mpc.{table}",
             cure="Write the case with MATPOWER's savecase.",
-        )  # fmt: skip
+        )
     return str(int(text.partition(".")[0]))
 
 

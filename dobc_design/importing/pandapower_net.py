@@ -15,7 +15,7 @@ from typing import Any
 from dobc_design.errors import SpecError
 from dobc_design.exact.number import parse_number
 from dobc_design.importing.grids import Branch, Grid, grid_problem, merged
-from dobc_design.spec.problem import Problem
+from dobc_design.problem.problem import Problem
 
 Row = Mapping[str, Any]
 Tables = Mapping[str, list[Row]]
@@ -29,9 +29,10 @@ def from_pandapower(net: Any, *, name: str | None = None, gain: Any = 1) -> Prob
     """
     if not all(hasattr(net, table) for table in ("bus", "line", "ext_grid")):
         raise SpecError(
-            f"net must be a pandapower network; got {type(net).__name__}.", key="net",
+            f"net must be a pandapower network; got {type(net).__name__}.",
+            key="net",
             cure="Such as pandapower.networks.case14().",
-        )  # fmt: skip
+        )
     tables = {table: _records(getattr(net, table, None)) for table in TABLES}
     title = name or str(getattr(net, "name", "") or "pandapower-grid")
     return grid_problem(_checked(tables, base=net.sn_mva, source="a pandapower network"), name=title, gain=gain)
@@ -46,9 +47,10 @@ def read_pandapower(data: bytes, *, name: str) -> Grid:
         base = inside.get("sn_mva", 1.0)
     except (ValueError, TypeError, KeyError, LookupError, RecursionError, AttributeError):
         raise SpecError(
-            f"{name} must be a network written by pandapower.to_json; its tables cannot be read.", key=name,
+            f"{name} must be a network written by pandapower.to_json; its tables cannot be read.",
+            key=name,
             cure="Write it with pandapower.to_json(net, file).",
-        ) from None  # fmt: skip
+        ) from None
     rows = {table: tables.get(table, []) for table in TABLES}
     return _checked(rows, base=base, source=f"the pandapower network {name}")
 
@@ -82,16 +84,18 @@ def _checked(tables: Tables, *, base: Any, source: str) -> Grid:
     except (KeyError, TypeError, ValueError, ArithmeticError, AttributeError) as error:
         raise SpecError(
             f"{source} has a table with a column that is missing or holds no number ({str(error)[:60]}).",
-            key="pandapower", cure="Write it anew with a current version of pandapower.",
-        ) from None  # fmt: skip
+            key="pandapower",
+            cure="Write it anew with a current version of pandapower.",
+        ) from None
 
 
 def _grid(tables: Tables, *, base: float, source: str) -> Grid:
     if any(_on(row) for row in tables["trafo3w"]):
         raise SpecError(
             "three-winding transformers cannot be imported: their star point may have a negative reactance.",
-            key="trafo3w", cure="Replace them by two-winding transformers.",
-        )  # fmt: skip
+            key="trafo3w",
+            cure="Replace them by two-winding transformers.",
+        )
     buses = [str(row["index"]) for row in tables["bus"] if _on(row)]
     joined = [
         (str(row["bus"]), str(row["element"])) for row in tables["switch"] if row.get("et") == "b" and row.get("closed")
@@ -105,14 +109,14 @@ def _grid(tables: Tables, *, base: float, source: str) -> Grid:
     generators = [str(row["bus"]) for table in ("ext_grid", "gen") for row in tables[table] if _on(row)]
     kept = tuple(dict.fromkeys(becomes.values()))
     return Grid(
-        buses=kept, branches=tuple(each for each in branches if each.ends[0] != each.ends[1]),
-        generators=tuple(becomes.get(bus, bus) for bus in generators), source=source,
-    )  # fmt: skip
+        buses=kept,
+        branches=tuple(each for each in branches if each.ends[0] != each.ends[1]),
+        generators=tuple(becomes.get(bus, bus) for bus in generators),
+        source=source,
+    )
 
 
-def _branches(
-    tables: Tables, *, base: float, opened: set[tuple[Any, Any]]
-) -> Iterator[tuple[str, str, Fraction, str]]:  # fmt: skip
+def _branches(tables: Tables, *, base: float, opened: set[tuple[Any, Any]]) -> Iterator[tuple[str, str, Fraction, str]]:
     """Ends, reactance in p.u. on ``base`` MVA and place of what is in service."""
     voltage = {row["index"]: float(row["vn_kv"]) for row in tables["bus"]}
     on = {row["index"] for row in tables["bus"] if _on(row)}

@@ -15,13 +15,22 @@ import casadi as ca
 import numpy as np
 
 _FUNCTIONS: dict[str, Callable[[Any], Any]] = {
-    "exp": ca.exp, "log": ca.log, "sin": ca.sin, "cos": ca.cos, "tan": ca.tan, "tanh": ca.tanh,
-    "atan": ca.atan, "sinh": ca.sinh, "cosh": ca.cosh, "sqrt": ca.sqrt, "abs": ca.fabs,
-}  # fmt: skip
+    "exp": ca.exp,
+    "log": ca.log,
+    "sin": ca.sin,
+    "cos": ca.cos,
+    "tan": ca.tan,
+    "tanh": ca.tanh,
+    "atan": ca.atan,
+    "sinh": ca.sinh,
+    "cosh": ca.cosh,
+    "sqrt": ca.sqrt,
+    "abs": ca.fabs,
+}
 
 
 class CasadiAlgebra:
-    """Algebra (``spec.tree.Algebra``) of CasADi expressions, element by element on vectors."""
+    """Algebra (``coupling.tree.Algebra``) of CasADi expressions, element by element on vectors."""
 
     def constant(self, value: Fraction) -> Any:
         try:

@@ -11,9 +11,9 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from dobc_design.model.arrays import Array, Gain
 from dobc_design.model.model import build_model
-from dobc_design.spec.problem import Problem
+from dobc_design.problem.arrays import Array, Gain
+from dobc_design.problem.problem import Problem
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -64,10 +64,17 @@ def build_flow(
     start, weight = ca.MX.sym("start", size), ca.MX.sym("weight", size)
     end = one.fold(steps)(start)
     return Flow(
-        mode=model.mode, horizon=horizon, steps=steps, rows=rows, size=size,
+        mode=model.mode,
+        horizon=horizon,
+        steps=steps,
+        rows=rows,
+        size=size,
         end_function=ca.Function("end", [start], [end], ["start"], ["end"]),
         pull_function=ca.Function(
-            "pull", [start, weight], [end, ca.jtimes(end, start, weight, True)],
-            ["start", "weight"], ["end", "gradient"],
+            "pull",
+            [start, weight],
+            [end, ca.jtimes(end, start, weight, True)],
+            ["start", "weight"],
+            ["end", "gradient"],
         ),
-    )  # fmt: skip
+    )

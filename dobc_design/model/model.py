@@ -15,8 +15,11 @@ import casadi as ca
 import numpy as np
 import scipy.sparse as sp
 
-from dobc_design._display import Card, Shown
-from dobc_design.model.arrays import (
+from dobc_design._show.cards import Card, Shown
+from dobc_design.coupling.coupling import Coupling
+from dobc_design.coupling.expression import evaluate
+from dobc_design.model.casadi_algebra import CasadiAlgebra
+from dobc_design.problem.arrays import (
     ArcGroup,
     Array,
     Disturbance,
@@ -30,10 +33,7 @@ from dobc_design.model.arrays import (
     pinning_matrix,
     required_gain,
 )
-from dobc_design.model.casadi_algebra import CasadiAlgebra
-from dobc_design.spec.coupling import Coupling
-from dobc_design.spec.expression import evaluate
-from dobc_design.spec.problem import Problem
+from dobc_design.problem.problem import Problem
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False, repr=False)
@@ -41,7 +41,7 @@ class Model(Shown):
     """The equations of one mode; every field below ``W`` is a casadi.Function with named inputs and outputs.
 
     W (q, m) is the observer gain in use; n, m, q count agents, components and exosystem states.  Where agents have
-    different exosystems, W is block diagonal and q counts the states of all groups (``model.arrays.Disturbance``):
+    different exosystems, W is block diagonal and q counts the states of all groups (``problem.arrays.Disturbance``):
     those of other groups than an agent's own have to start at 0, and stay there.
 
     - h: e -> h, the couplings of (9), without the pins.
@@ -100,10 +100,19 @@ def build_model(problem: Problem, mode: str | None = None, *, gain: Gain | None 
     h, jacobian = _couplings(problem, name)
     loop = _Loop(problem=problem, h=h, disturbance=disturbance_arrays(problem, gain))
     return Model(
-        problem=problem, mode=name, n=problem.n, m=problem.m, q=problem.q, W=W, h=h, jacobian=jacobian,
-        observer=loop.observer(), controller=loop.controller(), closed_loop=loop.closed_loop(),
+        problem=problem,
+        mode=name,
+        n=problem.n,
+        m=problem.m,
+        q=problem.q,
+        W=W,
+        h=h,
+        jacobian=jacobian,
+        observer=loop.observer(),
+        controller=loop.controller(),
+        closed_loop=loop.closed_loop(),
         error_dynamics=loop.error_dynamics(),
-    )  # fmt: skip
+    )
 
 
 class _Loop:

@@ -65,11 +65,18 @@ def loop_symbols(*, n: int, m: int, q: int) -> LoopSymbols:
     """Make the free symbols for n agents with m components and q exosystem states each."""
     pins = [_matrix(f"k{i + 1}", m, m) for i in range(n)]
     return LoopSymbols(
-        n=n, m=m, q=q,
-        J=_matrix("J", n * m, n * m), K=sympy.diag(*pins), A=_matrix("A", q, q), C=_matrix("C", m, q),
+        n=n,
+        m=m,
+        q=q,
+        J=_matrix("J", n * m, n * m),
+        K=sympy.diag(*pins),
+        A=_matrix("A", q, q),
+        C=_matrix("C", m, q),
         P=sympy.Matrix(q, q, lambda i, j: sympy.Symbol(f"P_{min(i, j) + 1}{max(i, j) + 1}", real=True)),
-        W=_matrix("W", q, m), e=_matrix("e", n * m, 1), eps=_matrix("epsilon", n * q, 1),
-    )  # fmt: skip
+        W=_matrix("W", q, m),
+        e=_matrix("e", n * m, 1),
+        eps=_matrix("epsilon", n * q, 1),
+    )
 
 
 def block_matrix(symbols: LoopSymbols, *, Q: Any | None = None) -> Any:
@@ -137,10 +144,19 @@ class AgentSymbols:
 def agent_symbols(*, m: int, q: int) -> AgentSymbols:
     """Make the free symbols of one agent with m components and q exosystem states."""
     return AgentSymbols(
-        m=m, q=q, A=_matrix("A", q, q), C=_matrix("C", m, q), W=_matrix("W", q, m), k=_matrix("k", m, m),
-        x=_matrix("x", m, 1), u=_matrix("u", m, 1), s=_matrix("s", m, 1), g=_matrix("g", m, 1),
-        xi=_matrix("xi", q, 1), z=_matrix("z", q, 1),
-    )  # fmt: skip
+        m=m,
+        q=q,
+        A=_matrix("A", q, q),
+        C=_matrix("C", m, q),
+        W=_matrix("W", q, m),
+        k=_matrix("k", m, m),
+        x=_matrix("x", m, 1),
+        u=_matrix("u", m, 1),
+        s=_matrix("s", m, 1),
+        g=_matrix("g", m, 1),
+        xi=_matrix("xi", q, 1),
+        z=_matrix("z", q, 1),
+    )
 
 
 def observer_rate(symbols: AgentSymbols) -> Any:

@@ -11,17 +11,27 @@ from typing import Any
 
 import sympy
 
-from dobc_design.spec.expression import Expression, evaluate
+from dobc_design.coupling.expression import Expression, evaluate
 
 _FUNCTIONS: dict[str, Callable[..., Any]] = {
-    "exp": sympy.exp, "log": sympy.log, "sin": sympy.sin, "cos": sympy.cos, "tan": sympy.tan, "tanh": sympy.tanh,
-    "atan": sympy.atan, "sinh": sympy.sinh, "cosh": sympy.cosh, "sqrt": sympy.sqrt, "abs": sympy.Abs,
-    "min": sympy.Min, "max": sympy.Max,
-}  # fmt: skip
+    "exp": sympy.exp,
+    "log": sympy.log,
+    "sin": sympy.sin,
+    "cos": sympy.cos,
+    "tan": sympy.tan,
+    "tanh": sympy.tanh,
+    "atan": sympy.atan,
+    "sinh": sympy.sinh,
+    "cosh": sympy.cosh,
+    "sqrt": sympy.sqrt,
+    "abs": sympy.Abs,
+    "min": sympy.Min,
+    "max": sympy.Max,
+}
 
 
 class SympyAlgebra:
-    """Algebra (``spec.tree.Algebra``) of SymPy expressions."""
+    """Algebra (``coupling.tree.Algebra``) of SymPy expressions."""
 
     def constant(self, value: Fraction) -> Any:
         return sympy.Rational(value.numerator, value.denominator)

@@ -32,7 +32,7 @@ COLOURS = {"blue": BLUE, "grid": GRID, "ink": INK, "muted": MUTED, "paper": PAPE
 
 
 class Run(Protocol):
-    """What an animation needs of a run; see ``simulate.trajectory.Trajectory``."""
+    """What an animation needs of a run; see ``simulation.trajectory.Trajectory``."""
 
     @property
     def name(self) -> str: ...
@@ -69,11 +69,18 @@ def animation_page(run: Run, *, arcs: Arcs | None = None) -> str:
     links = _links(run, arcs)
     places = _places(run)[frames]
     data = {
-        "title": run.name, "labels": [short(label, 12) for label in run.labels], "times": run.times[frames].tolist(),
-        "places": _rounded(places), "goals": _rounded(_goals(run)), "links": [pairs.tolist() for pairs in links],
-        "mode": run.switches.at(run.times[frames]).tolist(), "modes": list(run.switches.names),
-        "axes": _axis_names(run), "colours": COLOURS, "pace": PACE,
-    }  # fmt: skip
+        "title": run.name,
+        "labels": [short(label, 12) for label in run.labels],
+        "times": run.times[frames].tolist(),
+        "places": _rounded(places),
+        "goals": _rounded(_goals(run)),
+        "links": [pairs.tolist() for pairs in links],
+        "mode": run.switches.at(run.times[frames]).tolist(),
+        "modes": list(run.switches.names),
+        "axes": _axis_names(run),
+        "colours": COLOURS,
+        "pace": PACE,
+    }
     text = json.dumps(data, ensure_ascii=True, separators=(",", ":")).replace("<", "\\u003c")
     return _PAGE.replace("{title}", escape(run.name)).replace("{data}", text)
 
@@ -84,9 +91,10 @@ def animation_gif(run: Run, *, arcs: Arcs | None = None) -> bytes:
         from PIL import Image
     except ImportError:
         raise SpecError(
-            "a GIF needs the package Pillow, which is not installed.", key="path",
+            "a GIF needs the package Pillow, which is not installed.",
+            key="path",
             cure="Install it (pip install pillow), or save as .html.",
-        ) from None  # fmt: skip
+        ) from None
     links, places = _links(run, arcs), _places(run)
     chosen = _frames(run, MOST_GIF_FRAMES)
     modes = run.switches.at(run.times[chosen])
@@ -109,9 +117,7 @@ def animation_gif(run: Run, *, arcs: Arcs | None = None) -> bytes:
             figure.savefig(buffer, format="png", facecolor="white")
             pictures.append(Image.open(buffer).convert("P", palette=Image.Palette.ADAPTIVE))
     out = io.BytesIO()
-    pictures[0].save(
-        out, format="GIF", save_all=True, append_images=pictures[1:], duration=round(2000 / PACE), loop=0
-    )  # fmt: skip
+    pictures[0].save(out, format="GIF", save_all=True, append_images=pictures[1:], duration=round(2000 / PACE), loop=0)
     return out.getvalue()
 
 
@@ -153,8 +159,10 @@ def _links(run: Run, arcs: Arcs | None) -> list[NDArray[np.int64]]:
     if n > MOST_AGENTS or sum(map(len, pairs)) > MOST_LINKS:
         raise SpecError(
             f"an animation shows at most {MOST_AGENTS} agents and {MOST_LINKS} links; there are {n} agents and"
-            f" {sum(map(len, pairs))} links.", key="animation", cure="Draw a part of them yourself.",
-        )  # fmt: skip
+            f" {sum(map(len, pairs))} links.",
+            key="animation",
+            cure="Draw a part of them yourself.",
+        )
     return pairs
 
 

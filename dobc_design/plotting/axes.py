@@ -62,9 +62,14 @@ def legend_above(ax: Axes, entries: int, *, right: bool = False, widest: int = 3
     if len(handles) < 2:
         return
     legend = ax.legend(
-        handles, labels, loc="lower right" if right else "lower left",
-        bbox_to_anchor=(1.0 if right else 0.0, 1.0), ncols=min(max(entries, 1), widest),
-        borderaxespad=0.2, handlelength=1.6, columnspacing=1.2,
-    )  # fmt: skip
+        handles,
+        labels,
+        loc="lower right" if right else "lower left",
+        bbox_to_anchor=(1.0 if right else 0.0, 1.0),
+        ncols=min(max(entries, 1), widest),
+        borderaxespad=0.2,
+        handlelength=1.6,
+        columnspacing=1.2,
+    )
     for text in legend.get_texts():
         text.set_parse_math(False)

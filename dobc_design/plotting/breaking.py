@@ -18,18 +18,24 @@ from dobc_design.plotting.sheet import Sheet
 COLUMNS = 3
 MOST_FINE_TICKS = 200  # end over begin of an axis up to which 1, 2 and 5 of every decade are marked
 AXES = {
-    "unit of x": "in the unit of x", "unit of x per s": "in units of x per s", "agents": "count",
+    "unit of x": "in the unit of x",
+    "unit of x per s": "in units of x per s",
+    "agents": "count",
     "probability": "probability",
-}  # fmt: skip
+}
 LINEAR = ("loss", "failures")  # severities that are counts or probabilities
 TITLES = {
-    "noise": "measurement noise", "disturbance": "unmodelled disturbance", "saturation": "bound on |u|",
-    "period": "sampling period", "loss": "packets lost", "failures": "agents that fail",
-}  # fmt: skip
+    "noise": "measurement noise",
+    "disturbance": "unmodelled disturbance",
+    "saturation": "bound on |u|",
+    "period": "sampling period",
+    "loss": "packets lost",
+    "failures": "agents that fail",
+}
 
 
 class SweepLike(Protocol):
-    """See ``simulate.breaking.Sweep``."""
+    """See ``simulation.breaking.Sweep``."""
 
     @property
     def option(self) -> str: ...
@@ -43,8 +49,9 @@ class SweepLike(Protocol):
     def breaks(self) -> float | None: ...
 
 
-def breaking_sheet(sweeps: Sequence[SweepLike], *, tolerance: float, period: float | None, certified: float | None,
-                   name: str) -> Sheet:  # fmt: skip
+def breaking_sheet(
+    sweeps: Sequence[SweepLike], *, tolerance: float, period: float | None, certified: float | None, name: str
+) -> Sheet:
     """The panels in the order given; ``period`` and ``certified`` are the longest sampling periods, in s."""
     rows = -(-len(sweeps) // COLUMNS)
 

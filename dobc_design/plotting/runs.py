@@ -34,7 +34,7 @@ _SUBSCRIPTS = str.maketrans("0123456789", "₀₁₂₃₄₅₆₇₈₉")
 
 
 class Run(Protocol):
-    """What a figure of one run needs of it; see ``simulate.trajectory.Trajectory``."""
+    """What a figure of one run needs of it; see ``simulation.trajectory.Trajectory``."""
 
     @property
     def times(self) -> Array: ...
@@ -57,7 +57,7 @@ class Run(Protocol):
 
 
 class Runs(Protocol):
-    """What a figure of many runs needs of them; see ``simulate.ensemble.Ensemble``."""
+    """What a figure of many runs needs of them; see ``simulation.ensemble.Ensemble``."""
 
     @property
     def times(self) -> Array: ...
@@ -92,9 +92,12 @@ def trajectory_sheet(run: Run, *, envelope: Envelope | None = None, pinned: Sequ
             plot_estimates(rows.pop(0), run)
         last = rows.pop(0)
         plot_errors(
-            last, run.times, {"|e|∞": _largest(run.x - run.goal)} |
-            ({"|d − d̂|∞, per s": _largest(run.d - run.dhat)} if has_estimate else {}), envelope=points,
-        )  # fmt: skip
+            last,
+            run.times,
+            {"|e|∞": _largest(run.x - run.goal)}
+            | ({"|d − d̂|∞, per s": _largest(run.d - run.dhat)} if has_estimate else {}),
+            envelope=points,
+        )
         if run.diverged:
             last.set_title(f"ended early, at t = {run.times[-1]:.4g} s")
         _time_axis(last, run.times)
@@ -119,9 +122,7 @@ def ensemble_sheet(runs: Runs, *, envelope: Envelope | None = None) -> Sheet:
         rows[0].set_title(f"{len(runs)} runs" + (f", {bad} diverged" if bad else ""))
         legend_above(rows[0], 4, right=True, widest=4)
         if has_estimate:
-            plot_quantiles(
-                rows[1], runs.times, runs.estimation_error, colour=PURPLE, what="|d − d̂|∞, unit of x per s"
-            )  # fmt: skip
+            plot_quantiles(rows[1], runs.times, runs.estimation_error, colour=PURPLE, what="|d − d̂|∞, unit of x per s")
         _time_axis(rows[-1], runs.times)
 
     return Sheet(draw, width=WIDTH, height=0.7 + 2.3 * (1 + has_estimate))
@@ -135,15 +136,23 @@ def plot_agents(ax: Axes, run: Run, *, component: int, pinned: Sequence[int] = (
     for rank, agent in enumerate(chosen):
         colour = shades[rank] if len(chosen) > len(SERIES) else SERIES[rank]
         ax.plot(
-            run.times[rows], run.x[rows, agent, component], color=BLUE if agent in held else colour,
-            linewidth=1.7 if agent in held else 1.0, label=f"agent {short(run.labels[agent])}", marker=_marker(rows),
-        )  # fmt: skip
+            run.times[rows],
+            run.x[rows, agent, component],
+            color=BLUE if agent in held else colour,
+            linewidth=1.7 if agent in held else 1.0,
+            label=f"agent {short(run.labels[agent])}",
+            marker=_marker(rows),
+        )
     goals = sorted({float(run.goal[agent, component]) for agent in chosen})
     for rank, goal in enumerate(goals[:12]):
         ax.axhline(
-            goal, color=VERMILLION, linewidth=1.1, linestyle=(0, (4, 2)), label="goal" if rank == 0 else None,
+            goal,
+            color=VERMILLION,
+            linewidth=1.1,
+            linestyle=(0, (4, 2)),
+            label="goal" if rank == 0 else None,
             zorder=1.5,
-        )  # fmt: skip
+        )
     symbol = "xᵢ" if run.x.shape[2] == 1 else f"xᵢ,{component + 1}".translate(_SUBSCRIPTS)
     ax.set_ylabel(f"{symbol}\nin its own unit")
     if len(chosen) <= len(SERIES) and component == 0:
@@ -160,12 +169,22 @@ def plot_estimates(ax: Axes, run: Run) -> Axes:
     chosen = shown_agents(run.d.shape[1], set(), MOST_ESTIMATES)
     for rank, agent in enumerate(chosen):
         ax.plot(
-            run.times[rows], run.dhat[rows, agent, 0], color=SERIES[rank], linewidth=3.2 - rank, marker=_marker(rows),
+            run.times[rows],
+            run.dhat[rows, agent, 0],
+            color=SERIES[rank],
+            linewidth=3.2 - rank,
+            marker=_marker(rows),
             label=f"d̂, agent {short(run.labels[agent])}",
-        )  # fmt: skip
+        )
     for rank, agent in enumerate(chosen):  # on top of all estimates
-        ax.plot(run.times[rows], run.d[rows, agent, 0], color=INK, linestyle=(0, (1, 1.4)), linewidth=1.3,
-                label="d" if rank == 0 else None)  # fmt: skip
+        ax.plot(
+            run.times[rows],
+            run.d[rows, agent, 0],
+            color=INK,
+            linestyle=(0, (1, 1.4)),
+            linewidth=1.3,
+            label="d" if rank == 0 else None,
+        )
     ax.set_ylabel("d and estimate d̂\nin units of x per s")
     legend_above(ax, 4, right=True, widest=4)
     return ax
@@ -214,8 +233,14 @@ def plot_modes(ax: Axes, switches: Any, end: float) -> Axes:
     for place, mode in enumerate(used):
         here = modes == mode
         spans = list(zip(times[here].tolist(), (ends - times)[here].tolist(), strict=True))
-        ax.broken_barh(spans, (0, 1), facecolors=shades[place], alpha=0.75 if named else 1.0, linewidth=0,
-                       label=short(switches.names[mode]) if named else None)  # fmt: skip
+        ax.broken_barh(
+            spans,
+            (0, 1),
+            facecolors=shades[place],
+            alpha=0.75 if named else 1.0,
+            linewidth=0,
+            label=short(switches.names[mode]) if named else None,
+        )
     ax.set_yticks([])
     ax.set_ylim(0, 1)
     ax.grid(visible=False)
@@ -237,17 +262,22 @@ def checked_envelope(envelope: Envelope | None, times: Array) -> Array | None:
     points = np.asarray(envelope, dtype=np.float64)
     if points.ndim != 2 or points.shape[1] != 2 or len(points) < 2:
         raise ShapeError(
-            f"envelope must be points (t, bound), shape (k, 2) with k >= 2; got {points.shape}.", key="envelope",
+            f"envelope must be points (t, bound), shape (k, 2) with k >= 2; got {points.shape}.",
+            key="envelope",
             cure="For example [[0, 4.0], [10, 0.5]].",
-        )  # fmt: skip
+        )
     return points
 
 
 def _draw_envelope(ax: Axes, points: Array) -> None:
     ax.plot(
-        points[:, 0], resolved(points[:, 1]), color=INK, linestyle=(0, (4, 2)), linewidth=1.2,
+        points[:, 0],
+        resolved(points[:, 1]),
+        color=INK,
+        linestyle=(0, (4, 2)),
+        linewidth=1.2,
         label="certified bound on |e|∞",
-    )  # fmt: skip
+    )
 
 
 def _decades(ax: Axes) -> None:

@@ -29,9 +29,10 @@ class Sheet:
         """The figure as a file: "png", "svg" or "pdf"; no dates in it."""
         buffer = io.BytesIO()
         nothing = {
-            "png": {"Software": None}, "pdf": {"CreationDate": None},
+            "png": {"Software": None},
+            "pdf": {"CreationDate": None},
             "svg": {"Date": None, "Creator": None, "Format": None, "Type": None},
-        }  # fmt: skip
+        }
         with styled(), np.errstate(all="ignore"):  # an axis that ends at 1e300 has ticks beyond the floats
             self.figure.savefig(buffer, format=kind, dpi=DOTS, facecolor="white", metadata=nothing[kind])
         return buffer.getvalue()
@@ -42,9 +43,10 @@ class Sheet:
         kind = place.suffix.lower().removeprefix(".")
         if kind not in KINDS:
             raise SpecError(
-                f"a figure is saved as .png, .svg or .pdf; got {place.name[:40]!r}.", key="path",
+                f"a figure is saved as .png, .svg or .pdf; got {place.name[:40]!r}.",
+                key="path",
                 cure="Choose one of these endings.",
-            )  # fmt: skip
+            )
         return write_new(place, self.file(kind), force=force)
 
     def _repr_png_(self) -> bytes:

@@ -25,9 +25,13 @@ LONGEST = 18  # characters of a value at an axis
 
 #: How an outcome is marked: a sign in a cell, a marker and a colour for points.
 MARKS = {
-    "proved": ("", "o", GREEN), "refuted": ("×", "X", VERMILLION), "undecided": ("?", "^", PURPLE),
-    "converged": ("", "o", GREEN), "diverged": ("×", "X", VERMILLION), "failed": ("!", "v", MUTED),
-}  # fmt: skip
+    "proved": ("", "o", GREEN),
+    "refuted": ("×", "X", VERMILLION),
+    "undecided": ("?", "^", PURPLE),
+    "converged": ("", "o", GREEN),
+    "diverged": ("×", "X", VERMILLION),
+    "failed": ("!", "v", MUTED),
+}
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -64,9 +68,16 @@ def heat_map(x: Places, y: Places, value: Array, outcome: Sequence[str], *, labe
 
 
 def lines(
-    x: Places, value: Array, outcome: Sequence[str], series: Sequence[str], *, label: str, title: str, note: str,
+    x: Places,
+    value: Array,
+    outcome: Sequence[str],
+    series: Sequence[str],
+    *,
+    label: str,
+    title: str,
+    note: str,
     drawn: bool,
-) -> Sheet:  # fmt: skip
+) -> Sheet:
     """``value`` over ``x``: a line through the medians of each series; where x was ``drawn`` one point per case."""
     names = list(dict.fromkeys(series))[:MOST_SERIES]
 

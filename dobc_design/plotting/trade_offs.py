@@ -16,9 +16,14 @@ STEEP = 30  # times the least y from which the axis is logarithmic
 
 
 def trade_off_sheet(
-    points: Sequence[tuple[float, float]], *, x_name: str, y_name: str, chosen: tuple[float, float] | None, name: str,
+    points: Sequence[tuple[float, float]],
+    *,
+    x_name: str,
+    y_name: str,
+    chosen: tuple[float, float] | None,
+    name: str,
     steps: bool,
-) -> Sheet:  # fmt: skip
+) -> Sheet:
     """The points in order of x; ``steps``: x counts, so that nothing lies between two points."""
 
     def draw(figure: Figure) -> None:

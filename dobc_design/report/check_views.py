@@ -6,12 +6,12 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from dobc_design._render import significant_towards_zero
+from dobc_design._show.text import significant_towards_zero
+from dobc_design.conditions.check import Check, Fix, Witness, main_cure, other_cures
+from dobc_design.problem.typed import change_lines
 from dobc_design.report.network_words import names_in_words
 from dobc_design.report.words import SYMBOLS, capitalize_first, check_name, domain_words
-from dobc_design.spec.typed import change_lines
 from dobc_design.verdict import Verdict
-from dobc_design.verify.check import Check, Fix, Witness, main_cure, other_cures
 
 MOST_ROWS = 150
 MOST_ENTRIES = 24  # of a vector
@@ -99,11 +99,7 @@ def check_row(check: Check, *, pointed: bool = False) -> CheckRow:
 
 
 def _exact(values: Mapping[str, Any]) -> list[tuple[str, str]]:
-    names = {
-        "bound": "λmax(Λ) must be below",
-        "value": "v′Λv",
-        "routh": "first column of Routh’s table",
-    }
+    names = {"bound": "λmax(Λ) must be below", "value": "v′Λv", "routh": "first column of Routh’s table"}
     rows = []
     for key, value in values.items():
         if key in names:  # the other values stand in the reason, or among the matrices

@@ -11,23 +11,16 @@ from typing import Any
 
 from jinja2 import Environment, PackageLoader, StrictUndefined
 
-from dobc_design._render import Fragment, significant_towards_zero
+from dobc_design._show.text import Fragment, significant_towards_zero
 from dobc_design.certificate.certificate import Certificate
+from dobc_design.conditions.check import Check
 from dobc_design.report.differences import MOST, differences
 from dobc_design.report.markdown import escape
 from dobc_design.report.network_words import pin_sentence, size_sentence
 from dobc_design.report.pictures import Picture, network_pictures
 from dobc_design.report.region_words import region_rows
-from dobc_design.report.words import (
-    SYMBOLS,
-    capitalize_first,
-    check_name,
-    covering_domain,
-    domain_words,
-    typeset,
-)
+from dobc_design.report.words import SYMBOLS, capitalize_first, check_name, covering_domain, domain_words, typeset
 from dobc_design.verdict import Verdict
-from dobc_design.verify.check import Check
 
 SIDES = ("A", "B")
 ABSENT = "–"
@@ -63,9 +56,12 @@ class Row:
 def compare_html(first: Certificate, second: Certificate) -> str:
     """The comparison as one HTML page: no script, no network, readable on paper and in the dark."""
     environment = Environment(
-        loader=PackageLoader("dobc_design.report"), autoescape=True, undefined=StrictUndefined,
-        trim_blocks=True, lstrip_blocks=True,
-    )  # fmt: skip
+        loader=PackageLoader("dobc_design.report"),
+        autoescape=True,
+        undefined=StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+    )
     environment.filters |= {"capitalize_first": capitalize_first, "typeset": typeset}
     view = comparison_view(first, second) | {"pictures": comparison_pictures(first, second)}
     return environment.get_template("compare.html.j2").render(view) + "\n"
@@ -108,11 +104,13 @@ def check_pairs(first: Certificate, second: Certificate) -> list[Row]:
     right = {(check.id, check.mode): check for check in second.checks}
     return [
         Row(
-            name=check_name(left.get(key) or right[key]), id=key[0], mode=key[1],
+            name=check_name(left.get(key) or right[key]),
+            id=key[0],
+            mode=key[1],
             cells=(_cell(left.get(key)), _cell(right.get(key))),
         )
         for key in dict.fromkeys([*left, *right])
-    ]  # fmt: skip
+    ]
 
 
 def region_pairs(first: Certificate, second: Certificate) -> list[tuple[str, tuple[str, str]]]:
@@ -151,11 +149,12 @@ def _markdown(view: dict[str, Any]) -> Iterator[str]:
             [
                 row.name if row.mode is None else f"{row.name}, mode {row.mode}",
                 *(f"{cell.symbol} {cell.verdict}".strip() for cell in row.cells),
-                *(cell.margin for cell in row.cells), *(cell.rate for cell in row.cells),
+                *(cell.margin for cell in row.cells),
+                *(cell.rate for cell in row.cells),
             ]
             for row in view["rows"]
         ],
-    )  # fmt: skip
+    )
     if view["regions"]:
         yield "## From which starts\n"
         yield from _table(["method", "A", "B"], [[name, *starts] for name, starts in view["regions"]])
@@ -170,12 +169,16 @@ def _table(heads: Sequence[str], rows: Sequence[Sequence[str]]) -> Iterator[str]
 
 def _side(letter: str, certificate: Certificate) -> dict[str, Any]:
     return {
-        "letter": letter, "name": certificate.problem.name, "verdict": certificate.verdict.value,
-        "symbol": SYMBOLS[certificate.verdict], "reason": certificate.reason,
+        "letter": letter,
+        "name": certificate.problem.name,
+        "verdict": certificate.verdict.value,
+        "symbol": SYMBOLS[certificate.verdict],
+        "reason": certificate.reason,
         "problem": f"{size_sentence(certificate.problem)} {pin_sentence(certificate.problem)}",
-        "sha256": certificate.claims.problem_sha256, "version": certificate.claims.version,
+        "sha256": certificate.claims.problem_sha256,
+        "version": certificate.claims.version,
         "notes": certificate.claims.notes[:20],
-    }  # fmt: skip
+    }
 
 
 def _facts(both: Sequence[Certificate]) -> list[tuple[str, tuple[str, ...]]]:
@@ -208,9 +211,11 @@ def _cell(check: Check | None) -> Cell:
     if check is None:
         return Cell(verdict=ABSENT, symbol="", margin=ABSENT, rate=ABSENT)
     return Cell(
-        verdict=check.verdict.value, symbol=SYMBOLS[check.verdict],
-        margin=typeset(significant_towards_zero(check.margin)), rate=_rate(check.rate),
-    )  # fmt: skip
+        verdict=check.verdict.value,
+        symbol=SYMBOLS[check.verdict],
+        margin=typeset(significant_towards_zero(check.margin)),
+        rate=_rate(check.rate),
+    )
 
 
 def _rate(value: float | None) -> str:
@@ -224,10 +229,12 @@ def comparison_pictures(first: Certificate, second: Certificate) -> list[list[Pi
     found = []
     for letter, each in zip(SIDES, (first, second), strict=True):
         pictures, _ = network_pictures(each)
-        found.append([
-            Picture(svg=_renamed(each.svg, letter), title=f"{letter}: {each.title}", caption=each.caption)
-            for each in pictures[:MOST_PICTURES]
-        ])  # fmt: skip
+        found.append(
+            [
+                Picture(svg=_renamed(each.svg, letter), title=f"{letter}: {each.title}", caption=each.caption)
+                for each in pictures[:MOST_PICTURES]
+            ]
+        )
     return found if all(found) else []
 
 

@@ -30,18 +30,20 @@ def compare_pdf(first: Certificate, second: Certificate) -> bytes:
     pictures = comparison_pictures(first, second)
     names = [soft(side["name"], 24) for side in view["sides"]]
     short = [name if len(name) <= _LONGEST_NAME else name[: _LONGEST_NAME - 1] + "…" for name in names]
-    return compile_pdf({
-        "kind": "Two certificates, compared",
-        "title": f"{names[0]} and {names[1]}, compared",
-        "name": f"{names[0]} and {names[1]}",
-        "footer": f"A: {short[0]} · B: {short[1]}, compared",
-        "verdict": "compared",
-        "word": soft(view["conclusion"], 40),
-        "reason": soft(view["difference_sentence"], 40),
-        "identity": [row for side in view["sides"] for row in _identity(side)],
-        "facts": [],
-        "blocks": list(_blocks(view, pictures)),
-    })  # fmt: skip
+    return compile_pdf(
+        {
+            "kind": "Two certificates, compared",
+            "title": f"{names[0]} and {names[1]}, compared",
+            "name": f"{names[0]} and {names[1]}",
+            "footer": f"A: {short[0]} · B: {short[1]}, compared",
+            "verdict": "compared",
+            "word": soft(view["conclusion"], 40),
+            "reason": soft(view["difference_sentence"], 40),
+            "identity": [row for side in view["sides"] for row in _identity(side)],
+            "facts": [],
+            "blocks": list(_blocks(view, pictures)),
+        }
+    )
 
 
 def _identity(side: Mapping[str, Any]) -> Iterator[list[str]]:

@@ -6,8 +6,8 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from dobc_design.spec.canonical import canonical_document
-from dobc_design.spec.problem import Problem
+from dobc_design.problem.canonical import canonical_document
+from dobc_design.problem.problem import Problem
 
 MOST = 60  # differences that are listed
 MOST_ARCS = 8  # arcs of one mode that are named one by one

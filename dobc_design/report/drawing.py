@@ -26,9 +26,14 @@ _INSIDE = 3  # letters that fit into a node
 
 
 def draw_network(
-    *, labels: Sequence[str], arcs: Iterable[tuple[int, int]], places: Positions,
-    pinned: Collection[int] = (), unreached: Collection[int] = (), ax: Axes | None = None,
-) -> Axes:  # fmt: skip
+    *,
+    labels: Sequence[str],
+    arcs: Iterable[tuple[int, int]],
+    places: Positions,
+    pinned: Collection[int] = (),
+    unreached: Collection[int] = (),
+    ax: Axes | None = None,
+) -> Axes:
     """Draw one mode.
 
     ``arcs`` are (listener, speaker); the arrow starts at the speaker.  Pinned agents are filled blue squares, others
@@ -148,16 +153,29 @@ def _draw_labels(
         right, up = sides[agent]
         if len(drawn[agent]) <= _INSIDE and radius > 0.05:
             ax.text(
-                x, y, drawn[agent], ha="center", va="center_baseline", zorder=3, parse_math=False,
-                fontsize=float(np.clip(78 * radius, 5.5, 9.0)), color=PAPER if agent in pinned else INK,
-            )  # fmt: skip
+                x,
+                y,
+                drawn[agent],
+                ha="center",
+                va="center_baseline",
+                zorder=3,
+                parse_math=False,
+                fontsize=float(np.clip(78 * radius, 5.5, 9.0)),
+                color=PAPER if agent in pinned else INK,
+            )
         else:
             ax.text(
-                x + 1.35 * radius * right, y + 1.35 * radius * up, drawn[agent],
-                ha=("right", "center", "left")[right + 1], va=("top", "center", "bottom")[up + 1],
-                zorder=3, parse_math=False, fontsize=8.0 if len(drawn) <= 30 else 6.0, color=INK,
+                x + 1.35 * radius * right,
+                y + 1.35 * radius * up,
+                drawn[agent],
+                ha=("right", "center", "left")[right + 1],
+                va=("top", "center", "bottom")[up + 1],
+                zorder=3,
+                parse_math=False,
+                fontsize=8.0 if len(drawn) <= 30 else 6.0,
+                color=INK,
                 bbox={"facecolor": PAPER, "edgecolor": "none", "alpha": 0.85, "pad": 0.6},
-            )  # fmt: skip
+            )
 
 
 def _free_sides(places: Positions, arcs: Sequence[tuple[int, int]]) -> list[tuple[int, int]]:

@@ -29,9 +29,18 @@ from dobc_design.plotting.axes import (
 from dobc_design.plotting.look import BLUE, INK, MARKERS, MUTED, SERIES, VERMILLION
 
 __all__ = [
-    "MOST_AGENTS", "axes_or_new", "plot_disturbance", "plot_error", "plot_lambda", "plot_spectrum", "plot_states",
-    "power_of_ten", "short", "shown_agents", "thinned_rows",
-]  # fmt: skip
+    "MOST_AGENTS",
+    "axes_or_new",
+    "plot_disturbance",
+    "plot_error",
+    "plot_lambda",
+    "plot_spectrum",
+    "plot_states",
+    "power_of_ten",
+    "short",
+    "shown_agents",
+    "thinned_rows",
+]
 
 DASHES = {"dashed": (0, (4, 2)), "dotted": (0, (1, 1.4))}  # of bounds, in their order
 
@@ -51,9 +60,15 @@ def plot_spectrum(spectra: Mapping[str, ArrayLike], *, symbol: str = "λ", ax: A
     for place, (name, values) in enumerate(spectra.items()):
         points = _thinned_points(np.atleast_1d(np.asarray(values, dtype=complex)))
         ax.plot(
-            points.real, points.imag, linestyle="none", marker=MARKERS[place % len(MARKERS)],
-            color=SERIES[place % len(SERIES)], markerfacecolor="none", markeredgewidth=1.3, label=short(name),
-        )  # fmt: skip
+            points.real,
+            points.imag,
+            linestyle="none",
+            marker=MARKERS[place % len(MARKERS)],
+            color=SERIES[place % len(SERIES)],
+            markerfacecolor="none",
+            markeredgewidth=1.3,
+            label=short(name),
+        )
     if float(np.abs(everything.imag).max(initial=0.0)) < 1e-9:
         ax.set_ylim(-1, 1)
         ax.set_yticks([0])
@@ -95,9 +110,14 @@ def plot_lambda(
 
 
 def plot_states(
-    times: ArrayLike, states: ArrayLike, *, goals: ArrayLike, pinned: Sequence[int] = (), symbol: str = "x",
+    times: ArrayLike,
+    states: ArrayLike,
+    *,
+    goals: ArrayLike,
+    pinned: Sequence[int] = (),
+    symbol: str = "x",
     ax: Axes | None = None,
-) -> Axes:  # fmt: skip
+) -> Axes:
     """States of all agents over time, pinned agents in blue, and where they should go (dashed).
 
     Shapes: times (T,) in s, states (T, n), goals (n,).  At most 30 agents are drawn.
@@ -111,10 +131,12 @@ def plot_states(
         group = [agent for agent in chosen if (agent in held) is is_pinned]
         for rank, agent in enumerate(group):
             ax.plot(
-                t[rows], x[rows, agent], color=BLUE if is_pinned else MUTED,
+                t[rows],
+                x[rows, agent],
+                color=BLUE if is_pinned else MUTED,
                 linewidth=1.7 if is_pinned else 0.9,
                 label=("pinned" if is_pinned else "not pinned") if rank == 0 else None,
-            )  # fmt: skip
+            )
     for rank, value in enumerate(sorted({float(goal[agent]) for agent in chosen})[:12]):
         ax.axhline(value, color=VERMILLION, linewidth=1.1, linestyle=(0, (4, 2)), label="goal" if rank == 0 else None)
     ax.set_xlabel("time t in s")
@@ -124,9 +146,14 @@ def plot_states(
 
 
 def plot_disturbance(
-    times: ArrayLike, disturbance: ArrayLike, estimate: ArrayLike, *, title: str = "", legend: bool = True,
+    times: ArrayLike,
+    disturbance: ArrayLike,
+    estimate: ArrayLike,
+    *,
+    title: str = "",
+    legend: bool = True,
     ax: Axes | None = None,
-) -> Axes:  # fmt: skip
+) -> Axes:
     """Draw one component of one agent's disturbance (dotted, as in the paper's Fig. 3) and its estimate.
 
     Shapes: (T,) each; times in s, the others in units of x per s.
@@ -136,9 +163,13 @@ def plot_disturbance(
     rows = thinned_rows(len(t))
     ax.plot(t[rows], np.asarray(estimate, float)[rows], color=BLUE, label="estimate")
     ax.plot(
-        t[rows], np.asarray(disturbance, float)[rows], color=VERMILLION, linestyle=(0, (1, 1.4)), linewidth=1.6,
+        t[rows],
+        np.asarray(disturbance, float)[rows],
+        color=VERMILLION,
+        linestyle=(0, (1, 1.4)),
+        linewidth=1.6,
         label="disturbance",
-    )  # fmt: skip
+    )
     ax.set_title(title, parse_math=False)
     ax.set_xlabel("time t in s")
     ax.set_ylabel("d in units of x per s")
@@ -149,9 +180,13 @@ def plot_disturbance(
 
 
 def plot_error(
-    times: ArrayLike, error: ArrayLike, *, rate: float | None = None, bound: ArrayLike | None = None,
+    times: ArrayLike,
+    error: ArrayLike,
+    *,
+    rate: float | None = None,
+    bound: ArrayLike | None = None,
     ax: Axes | None = None,
-) -> Axes:  # fmt: skip
+) -> Axes:
     """|e|_inf over time on a logarithmic axis, with a certified ``bound`` of it at the same times.
 
     Without one ``rate`` (1/s) adds a line that falls like exp(-rate t), a slope and no bound.
@@ -163,15 +198,25 @@ def plot_error(
     ax.set_yscale("log")
     ax.plot(t[rows], shown, color=BLUE, label="simulated")
     if bound is not None:
-        ax.plot(t[rows], resolved(np.asarray(bound, float))[rows], color=INK, linestyle=(0, (4, 2)), linewidth=1.2,
-                label="certified bound")  # fmt: skip
+        ax.plot(
+            t[rows],
+            resolved(np.asarray(bound, float))[rows],
+            color=INK,
+            linestyle=(0, (4, 2)),
+            linewidth=1.2,
+            label="certified bound",
+        )
     elif rate is not None and len(t) and size[0] > SMALLEST:
         guide = size[0] * np.exp(np.clip(-rate * (t[rows] - t[0]), -700, 0))
         visible = guide > max(float(np.nanmin(shown)) * 0.5, SMALLEST)
         ax.plot(
-            t[rows][visible], guide[visible], color=INK, linestyle=(0, (4, 2)), linewidth=1.0,
+            t[rows][visible],
+            guide[visible],
+            color=INK,
+            linestyle=(0, (4, 2)),
+            linewidth=1.0,
             label="slope of the certified rate",
-        )  # fmt: skip
+        )
     ax.yaxis.set_major_formatter(FuncFormatter(power_of_ten))
     ax.minorticks_off()
     ax.set_xlabel("time t in s")

@@ -7,11 +7,11 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
 
-from dobc_design._render import Fragment, latex_matrix, mathml
+from dobc_design._show.text import Fragment, latex_matrix, mathml
 from dobc_design.certificate.certificate import Certificate
+from dobc_design.coupling.coupling import Coupling
 from dobc_design.exact.matrix import Matrix
-from dobc_design.spec.coupling import Coupling
-from dobc_design.spec.problem import Problem
+from dobc_design.problem.problem import Problem
 
 LONGEST_RATIONAL = 4000  # characters
 _RATIONAL = re.compile(r"-?[0-9]+(/0*[1-9][0-9]*)?")

@@ -13,21 +13,31 @@ from dobc_design.report.view import common_view
 
 if TYPE_CHECKING:
     from dobc_design.analysis.analysis import Analysis
-    from dobc_design.falsifying.suspect import Falsification
-    from dobc_design.simulate.trajectory import Trajectory
-    from dobc_design.theorems.duals import QuadraticDual
-    from dobc_design.verify.settling_check import StageTiming
+    from dobc_design.conditions.quadratic.duals import QuadraticDual
+    from dobc_design.conditions.schedule.checks import StageTiming
+    from dobc_design.falsification.suspect import Falsification
+    from dobc_design.simulation.trajectory import Trajectory
 
 
 def full_view(
-    certificate: Certificate, *, analysis: Analysis | None, trajectory: Trajectory | None,
-    lambdas: Mapping[str, Matrix] | None, timings: Sequence[StageTiming], searches: Sequence[Falsification],
+    certificate: Certificate,
+    *,
+    analysis: Analysis | None,
+    trajectory: Trajectory | None,
+    lambdas: Mapping[str, Matrix] | None,
+    timings: Sequence[StageTiming],
+    searches: Sequence[Falsification],
     limits: Sequence[QuadraticDual],
-) -> dict[str, Any]:  # fmt: skip
+) -> dict[str, Any]:
     """Names and values of ``common_view``, and the figures."""
     network, legend = pictures.network_pictures(certificate)
     return common_view(
-        certificate, analysis=analysis, trajectory=trajectory, lambdas=lambdas, timings=timings, searches=searches,
+        certificate,
+        analysis=analysis,
+        trajectory=trajectory,
+        lambdas=lambdas,
+        timings=timings,
+        searches=searches,
         limits=limits,
     ) | {
         "network_pictures": network,
@@ -37,4 +47,4 @@ def full_view(
         "search_pictures": search_pictures(searches),
         "eigenvalue_pictures": pictures.eigenvalue_pictures(certificate, analysis),
         "simulation_pictures": pictures.simulation_pictures(certificate, trajectory),
-    }  # fmt: skip
+    }

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 from jinja2 import Environment, PackageLoader, StrictUndefined
 
-from dobc_design._render import latex_number
+from dobc_design._show.text import latex_number
 from dobc_design.certificate.certificate import Certificate
 from dobc_design.exact.matrix import Matrix
 from dobc_design.report import formulas
@@ -17,17 +17,22 @@ from dobc_design.report.words import capitalize_first, typeset
 
 if TYPE_CHECKING:
     from dobc_design.analysis.analysis import Analysis
-    from dobc_design.falsifying.suspect import Falsification
-    from dobc_design.simulate.trajectory import Trajectory
-    from dobc_design.theorems.duals import QuadraticDual
-    from dobc_design.verify.settling_check import StageTiming
+    from dobc_design.conditions.quadratic.duals import QuadraticDual
+    from dobc_design.conditions.schedule.checks import StageTiming
+    from dobc_design.falsification.suspect import Falsification
+    from dobc_design.simulation.trajectory import Trajectory
 
 
 def html_report(
-    certificate: Certificate, *, analysis: Analysis | None, trajectory: Trajectory | None,
-    lambdas: Mapping[str, Matrix] | None = None, timings: Sequence[StageTiming] = (),
-    searches: Sequence[Falsification] = (), limits: Sequence[QuadraticDual] = (),
-) -> str:  # fmt: skip
+    certificate: Certificate,
+    *,
+    analysis: Analysis | None,
+    trajectory: Trajectory | None,
+    lambdas: Mapping[str, Matrix] | None = None,
+    timings: Sequence[StageTiming] = (),
+    searches: Sequence[Falsification] = (),
+    limits: Sequence[QuadraticDual] = (),
+) -> str:
     """Return the page.
 
     ``analysis`` and ``trajectory`` are shown where they are given.  ``lambdas``: mode -> Lambda(J) at the consensus,
@@ -35,16 +40,20 @@ def html_report(
     counterexamples; ``limits`` of quadratic certificates.  The same arguments give the same text.
     """
     environment = Environment(
-        loader=PackageLoader("dobc_design.report"), autoescape=True, undefined=StrictUndefined,
-        trim_blocks=True, lstrip_blocks=True,
-    )  # fmt: skip
+        loader=PackageLoader("dobc_design.report"),
+        autoescape=True,
+        undefined=StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+    )
     environment.filters |= {"capitalize_first": capitalize_first, "typeset": typeset}
     view = full_view(
-        certificate, analysis=analysis, trajectory=trajectory, lambdas=lambdas, timings=timings, searches=searches,
+        certificate,
+        analysis=analysis,
+        trajectory=trajectory,
+        lambdas=lambdas,
+        timings=timings,
+        searches=searches,
         limits=limits,
-    ) | {
-        "math": math,
-        "formulas": formulas,
-        "latex_number": latex_number,
-    }  # fmt: skip
+    ) | {"math": math, "formulas": formulas, "latex_number": latex_number}
     return environment.get_template("report.html.j2").render(view) + "\n"

@@ -11,7 +11,7 @@ import unicodedata
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import Any, Final
 
-from dobc_design._render import latex_number
+from dobc_design._show.text import latex_number
 from dobc_design.certificate.certificate import Certificate
 from dobc_design.exact.matrix import Matrix
 from dobc_design.report import formulas
@@ -28,18 +28,62 @@ _HEAD = r"""% Needs \usepackage{{{packages}}}. {what}
 \providecommand{{\dobcunicode}}[2]{{\ifdefined\Umathcode #2\else\texttt{{U+#1}}\fi}}
 """
 _SPECIAL: Final = {
-    "\\": r"\textbackslash{}", "{": r"\{", "}": r"\}", "$": r"\$", "&": r"\&", "#": r"\#", "%": r"\%", "_": r"\_",
-    "^": r"\textasciicircum{}", "~": r"\textasciitilde{}", "|": r"\textbar{}", '"': r"\textquotedbl{}",
-    "’": "'", "‘": "`", "“": "``", "”": "''", "–": "--", "—": "---", "…": r"\dots{}", "\u00a0": "~", "\u200b": "",
-}  # fmt: skip
+    "\\": r"\textbackslash{}",
+    "{": r"\{",
+    "}": r"\}",
+    "$": r"\$",
+    "&": r"\&",
+    "#": r"\#",
+    "%": r"\%",
+    "_": r"\_",
+    "^": r"\textasciicircum{}",
+    "~": r"\textasciitilde{}",
+    "|": r"\textbar{}",
+    '"': r"\textquotedbl{}",
+    "’": "'",
+    "‘": "`",
+    "“": "``",
+    "”": "''",
+    "–": "--",
+    "—": "---",
+    "…": r"\dots{}",
+    "\u00a0": "~",
+    "\u200b": "",
+}
 _SIGNS: Final = {
-    "<": "<", ">": ">", "≤": r"\le", "≥": r"\ge", "≈": r"\approx", "±": r"\pm", "−": "-", "·": r"\cdot", "×": r"\times",
-    "⊗": r"\otimes", "√": r"\surd", "→": r"\to", "∞": r"\infty", "∈": r"\in", "′": "'", "✓": r"\checkmark",
-    "✗": r"\times", "α": r"\alpha", "β": r"\beta", "ε": r"\varepsilon", "κ": r"\kappa", "λ": r"\lambda", "μ": r"\mu",
-    "ξ": r"\xi", "ρ": r"\rho", "τ": r"\tau", "Λ": r"\Lambda", "Ψ": r"\Psi", "Ω": r"\Omega", "Σ": r"\Sigma",
+    "<": "<",
+    ">": ">",
+    "≤": r"\le",
+    "≥": r"\ge",
+    "≈": r"\approx",
+    "±": r"\pm",
+    "−": "-",
+    "·": r"\cdot",
+    "×": r"\times",
+    "⊗": r"\otimes",
+    "√": r"\surd",
+    "→": r"\to",
+    "∞": r"\infty",
+    "∈": r"\in",
+    "′": "'",
+    "✓": r"\checkmark",
+    "✗": r"\times",
+    "α": r"\alpha",
+    "β": r"\beta",
+    "ε": r"\varepsilon",
+    "κ": r"\kappa",
+    "λ": r"\lambda",
+    "μ": r"\mu",
+    "ξ": r"\xi",
+    "ρ": r"\rho",
+    "τ": r"\tau",
+    "Λ": r"\Lambda",
+    "Ψ": r"\Psi",
+    "Ω": r"\Omega",
+    "Σ": r"\Sigma",
     **{raised: f"^{{{plain}}}" for raised, plain in zip("⁰¹²³⁴⁵⁶⁷⁸⁹⁻", "0123456789-", strict=True)},
     **{low: f"_{{{plain}}}" for low, plain in zip("₀₁₂₃₄₅₆₇₈₉ᵢⱼₑ", "0123456789ije", strict=True)},
-}  # fmt: skip
+}
 _ACCENTS: Final = {"\u0302": "hat", "\u0304": "bar"}  # combining ones, as in an estimate
 _ACCENTED = re.compile("[A-Za-zα-ωΑ-Ω][\u0302\u0304]|.", re.DOTALL)
 _LATIN = 0x180  # letters below are set by every engine
@@ -181,9 +225,13 @@ def _check_cells(row: CheckRow) -> list[str]:
     name += "" if row.group is None else f", group of agent {row.group}"
     exact = " ".join(f"{key}: {value}." for key, value in row.exact)
     return [
-        f"{row.symbol} {row.verdict}", name, row.domain, typeset(row.margin), typeset(row.rate),
+        f"{row.symbol} {row.verdict}",
+        name,
+        row.domain,
+        typeset(row.margin),
+        typeset(row.rate),
         f"{row.reason} {exact}",
-    ]  # fmt: skip
+    ]
 
 
 def _regions(view: Mapping[str, Any]) -> Iterator[str]:

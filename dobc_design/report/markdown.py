@@ -6,7 +6,7 @@ import re
 from collections.abc import Iterable, Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
-from dobc_design._render import latex_number
+from dobc_design._show.text import latex_number
 from dobc_design.certificate.certificate import Certificate
 from dobc_design.exact.matrix import Matrix
 from dobc_design.report import formulas
@@ -18,10 +18,10 @@ from dobc_design.report.words import capitalize_first, number
 
 if TYPE_CHECKING:
     from dobc_design.analysis.analysis import Analysis
-    from dobc_design.falsifying.suspect import Falsification
-    from dobc_design.simulate.trajectory import Trajectory
-    from dobc_design.theorems.duals import QuadraticDual
-    from dobc_design.verify.settling_check import StageTiming
+    from dobc_design.conditions.quadratic.duals import QuadraticDual
+    from dobc_design.conditions.schedule.checks import StageTiming
+    from dobc_design.falsification.suspect import Falsification
+    from dobc_design.simulation.trajectory import Trajectory
 
 _SPECIAL = re.compile(r"[\\`*_\[\]|<>~$&#]")
 _OPENING = re.compile(r"^(\d*)([-+=.)])(?=\s|$)")  # would begin a list or underline a heading
@@ -30,20 +30,39 @@ MOST_SAMPLES = 9
 
 
 def markdown_report(
-    certificate: Certificate, *, analysis: Analysis | None, trajectory: Trajectory | None,
-    lambdas: Mapping[str, Matrix] | None = None, timings: Sequence[StageTiming] = (),
-    searches: Sequence[Falsification] = (), limits: Sequence[QuadraticDual] = (),
-) -> str:  # fmt: skip
+    certificate: Certificate,
+    *,
+    analysis: Analysis | None,
+    trajectory: Trajectory | None,
+    lambdas: Mapping[str, Matrix] | None = None,
+    timings: Sequence[StageTiming] = (),
+    searches: Sequence[Falsification] = (),
+    limits: Sequence[QuadraticDual] = (),
+) -> str:
     """Return the report as Markdown; arguments as in ``html_report``."""
     view = common_view(
-        certificate, analysis=analysis, trajectory=trajectory, lambdas=lambdas, timings=timings, searches=searches,
+        certificate,
+        analysis=analysis,
+        trajectory=trajectory,
+        lambdas=lambdas,
+        timings=timings,
+        searches=searches,
         limits=limits,
-    )  # fmt: skip
+    )
     parts = [
-        *_head(view), *_problem(view), *_network(view), *_regions(view), *_settling(view), *_searches(view),
-        *_checks(view), *_condition(view),
-        *_eigenvalues(view, analysis), *_simulation(view, trajectory), *_traces(view), *_end(view),
-    ]  # fmt: skip
+        *_head(view),
+        *_problem(view),
+        *_network(view),
+        *_regions(view),
+        *_settling(view),
+        *_searches(view),
+        *_checks(view),
+        *_condition(view),
+        *_eigenvalues(view, analysis),
+        *_simulation(view, trajectory),
+        *_traces(view),
+        *_end(view),
+    ]
     return "\n".join(parts).rstrip() + "\n"
 
 

@@ -8,10 +8,10 @@ from dataclasses import dataclass
 from dobc_design.certificate.certificate import Certificate
 from dobc_design.exact.matrix import Matrix, Vector
 from dobc_design.exact.number import number_text
+from dobc_design.problem.network import Arcs
+from dobc_design.problem.problem import Problem
+from dobc_design.problem.words import switching_words
 from dobc_design.report.layout import common_offsets
-from dobc_design.spec.network import Arcs
-from dobc_design.spec.problem import Problem
-from dobc_design.spec.words import switching_words
 from dobc_design.verdict import Verdict
 
 MOST_ROWS = 40  # agents listed one by one

@@ -23,10 +23,10 @@ from dobc_design.report.pdf_parts import soft
 
 if TYPE_CHECKING:
     from dobc_design.analysis.analysis import Analysis
-    from dobc_design.falsifying.suspect import Falsification
-    from dobc_design.simulate.trajectory import Trajectory
-    from dobc_design.theorems.duals import QuadraticDual
-    from dobc_design.verify.settling_check import StageTiming
+    from dobc_design.conditions.quadratic.duals import QuadraticDual
+    from dobc_design.conditions.schedule.checks import StageTiming
+    from dobc_design.falsification.suspect import Falsification
+    from dobc_design.simulation.trajectory import Trajectory
 
 STANDARD: Final[Literal["ua-1"]] = "ua-1"  # PDF/UA-1: readable by assistive technology
 _LONGEST_FOOTER = 70
@@ -34,16 +34,26 @@ _INVISIBLE: Final = "\u200b\n"
 
 
 def pdf_report(
-    certificate: Certificate, *, analysis: Analysis | None, trajectory: Trajectory | None,
-    lambdas: Mapping[str, Matrix] | None = None, timings: Sequence[StageTiming] = (),
-    searches: Sequence[Falsification] = (), limits: Sequence[QuadraticDual] = (),
-) -> bytes:  # fmt: skip
+    certificate: Certificate,
+    *,
+    analysis: Analysis | None,
+    trajectory: Trajectory | None,
+    lambdas: Mapping[str, Matrix] | None = None,
+    timings: Sequence[StageTiming] = (),
+    searches: Sequence[Falsification] = (),
+    limits: Sequence[QuadraticDual] = (),
+) -> bytes:
     """Return the bytes of the PDF; arguments as in ``html_report``.  Raises: SpecError without the package typst."""
     require_typst()
     view = full_view(
-        certificate, analysis=analysis, trajectory=trajectory, lambdas=lambdas, timings=timings, searches=searches,
+        certificate,
+        analysis=analysis,
+        trajectory=trajectory,
+        lambdas=lambdas,
+        timings=timings,
+        searches=searches,
         limits=limits,
-    )  # fmt: skip
+    )
     return compile_pdf(document(view))
 
 
@@ -53,9 +63,10 @@ def require_typst() -> None:
         import typst  # noqa: F401 - only whether it is there
     except ImportError as error:
         raise SpecError(
-            "a PDF needs the package typst, which is not installed.", key="pdf",
+            "a PDF needs the package typst, which is not installed.",
+            key="pdf",
             cure="Install it (pip install dobc_design[pdf]), or print report.html from a browser.",
-        ) from error  # fmt: skip
+        ) from error
 
 
 def document(view: Mapping[str, Any]) -> dict[str, Any]:
@@ -88,9 +99,13 @@ def compile_pdf(content: Mapping[str, Any]) -> bytes:
 
     def compiled(standard: Literal["ua-1"] | None) -> bytes:
         made: bytes = typst.compile(
-            source, sys_inputs={"data": text}, font_paths=[str(folder)], format="pdf", pdf_standards=standard,
+            source,
+            sys_inputs={"data": text},
+            font_paths=[str(folder)],
+            format="pdf",
+            pdf_standards=standard,
             ignore_system_fonts=shipped,
-        )  # fmt: skip
+        )
         return made
 
     try:

@@ -33,10 +33,21 @@ View = Mapping[str, Any]
 def blocks(view: View) -> list[Block]:
     """All blocks in the order of the page."""
     parts: Iterable[Iterator[Block]] = (
-        _cure(view), _meaning(view), _problem(view), _network(view), _regions(view), _settling(view), _searches(view),
-        _checks(view), _condition(view), _pictures_of(view), _traces(view), _again(view), _glossary(view),
+        _cure(view),
+        _meaning(view),
+        _problem(view),
+        _network(view),
+        _regions(view),
+        _settling(view),
+        _searches(view),
+        _checks(view),
+        _condition(view),
+        _pictures_of(view),
+        _traces(view),
+        _again(view),
+        _glossary(view),
         _signatures(view),
-    )  # fmt: skip
+    )
     found = [block for part in parts for block in part]
     for block, after in pairwise(found):
         if block.get("style") == "plain" and after["kind"] not in ("heading", "text"):
@@ -75,10 +86,14 @@ def _problem(view: View) -> Iterator[Block]:
     for name, _, number in view["loop"]:
         yield formula_block(name + disturbed, label=name, number=number)
     letters = "h(y)" if problem.coupling.by_component else "h(y) by components"
-    yield table_block(["", ""], [
-        ["coupling", [f"{letters} = {problem.coupling.texts[0]}", *problem.coupling.texts[1:]]],
-        ["target", nw.vector_text(problem.target)],
-    ], [0, 1])  # fmt: skip
+    yield table_block(
+        ["", ""],
+        [
+            ["coupling", [f"{letters} = {problem.coupling.texts[0]}", *problem.coupling.texts[1:]]],
+            ["target", nw.vector_text(problem.target)],
+        ],
+        [0, 1],
+    )
     yield text_block(f"Here {view['letters']}")
     if view["groups"]:
         yield text_block("Each agent has the A, C and W of its group:")
@@ -247,9 +262,11 @@ def _again(view: View) -> Iterator[Block]:
 
 def _glossary(view: View) -> Iterator[Block]:
     yield heading_block("Glossary")
-    yield table_block(["verdict", "meaning"], [
-        [verdict_mark(sign, word), meaning] for word, sign, meaning in view["verdict_words"]
-    ], [0, 1])  # fmt: skip
+    yield table_block(
+        ["verdict", "meaning"],
+        [[verdict_mark(sign, word), meaning] for word, sign, meaning in view["verdict_words"]],
+        [0, 1],
+    )
 
 
 def _signatures(view: View) -> Iterator[Block]:

@@ -9,16 +9,23 @@ from fractions import Fraction
 from typing import Any, Final
 from xml.etree import ElementTree
 
-from dobc_design._render import significant
+from dobc_design._show.text import significant
 from dobc_design.report.formulas import ShownMatrix
 from dobc_design.report.pictures import Picture
 
 Block = dict[str, Any]
 #: Names of matrices in the template, by their LaTeX.
 MATRIX_NAMES: Final = {
-    "A": "A", "C": "C", "W": "W", "P": "P", "Q": "Q", "S": "S", r"P_{\text{given}}": "P given",
-    r"S_{\text{given}}": "S given", r"\Lambda": "Lambda",
-}  # fmt: skip
+    "A": "A",
+    "C": "C",
+    "W": "W",
+    "P": "P",
+    "Q": "Q",
+    "S": "S",
+    r"P_{\text{given}}": "P given",
+    r"S_{\text{given}}": "S given",
+    r"\Lambda": "Lambda",
+}
 LONGEST_NUMBER: Final = 12  # digits of numerator and denominator that are still printed as a fraction
 LONGEST_WORD: Final = 16  # in a cell; longer ones may be broken anywhere
 _VARIABLE = re.compile(r"var\(--[\w-]+, *(#[0-9a-f]{6})\)")
@@ -49,9 +56,12 @@ def picture_parts(picture: Picture) -> dict[str, str]:
     alt = ElementTree.fromstring(svg).get("aria-label") or picture.title
     width = Decimal((ElementTree.fromstring(svg).get("viewBox") or "0 0 330 0").split()[2])
     return {
-        "svg": svg, "alt": soft(alt, 60), "title": soft(picture.title), "caption": soft(picture.caption, 40),
+        "svg": svg,
+        "alt": soft(alt, 60),
+        "title": soft(picture.title),
+        "caption": soft(picture.caption, 40),
         "width": f"{width:.1f}",
-    }  # fmt: skip
+    }
 
 
 def _soft_word(word: str, longest: int) -> str:
@@ -94,9 +104,11 @@ def table_block(heads: Sequence[str], rows: Iterable[Sequence[Any]], widths: Seq
     """``widths``: parts of the page's width; 0 for as much as is needed.  A cell: text, a list of texts, or a mark."""
     shown = [[_cell(cell) for cell in row] for row in rows]
     return {
-        "kind": "table", "heads": [soft(head) for head in heads], "rows": shown,
+        "kind": "table",
+        "heads": [soft(head) for head in heads],
+        "rows": shown,
         "widths": list(widths or [0.0] + [1.0] * (len(heads) - 1)),
-    }  # fmt: skip
+    }
 
 
 def _cell(cell: Any) -> Any:
@@ -123,6 +135,8 @@ def matrix_block(shown: ShownMatrix, label: str) -> Block:
         text = f"{label} ({MATRIX_NAMES[shown.name]}) is {shown.size}, too large to be printed; see certificate.json."
         return text_block(text)
     return {
-        "kind": "matrix", "name": MATRIX_NAMES[shown.name], "label": soft(label),
+        "kind": "matrix",
+        "name": MATRIX_NAMES[shown.name],
+        "label": soft(label),
         "rows": [[number_parts(entry) for entry in row] for row in shown.entries],
-    }  # fmt: skip
+    }

@@ -10,7 +10,7 @@ import numpy as np
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from dobc_design._render import Fragment
+from dobc_design._show.text import Fragment
 from dobc_design.certificate.certificate import Certificate
 from dobc_design.report import figures
 from dobc_design.report.drawing import LEGEND, MOST_LABELLED, draw_network, drawn_labels, proportions, too_large
@@ -22,7 +22,7 @@ from dobc_design.report.words import number
 
 if TYPE_CHECKING:
     from dobc_design.analysis.analysis import Analysis
-    from dobc_design.simulate.trajectory import Trajectory
+    from dobc_design.simulation.trajectory import Trajectory
 
 Values = NDArray[Any]
 
@@ -62,9 +62,13 @@ def network_pictures(certificate: Certificate) -> tuple[list[Picture], str]:
 
         def draw(figure: Figure, each: list[tuple[int, int]] = each, lost: set[int] = lost) -> None:
             draw_network(
-                labels=problem.network.labels, arcs=each, places=places, pinned=pinned, unreached=lost,
+                labels=problem.network.labels,
+                arcs=each,
+                places=places,
+                pinned=pinned,
+                unreached=lost,
                 ax=figure.add_subplot(),
-            )  # fmt: skip
+            )
 
         svg = svg_text(draw, name=f"network-{place + 1}", alt=alt, width=3.4, height=3.4 * proportions(places))
         pictures.append(Picture(svg=Fragment(svg), title=f"Mode {name}", caption=""))
@@ -95,13 +99,14 @@ def eigenvalue_pictures(certificate: Certificate, analysis: Analysis | None) -> 
         pictures.append(
             _plotted(
                 lambda figure: figures.plot_spectrum({"A − WC": values}, ax=figure.add_subplot()),
-                name="spectrum-observer", title="Observer: eigenvalues of A − WC",
+                name="spectrum-observer",
+                title="Observer: eigenvalues of A − WC",
                 caption="The estimation error decays when all lie left of the line; the slowest gives"
                 f" {number(rate)} 1/s.",
                 height=_spectrum_height(values),
                 alt=f"Eigenvalues of A minus W C in the complex plane: {_listed(values)}, in 1/s.",
             )
-        )  # fmt: skip
+        )
     lambdas = {m.mode: np.array(m.lambda_eigenvalues) for m in analysis.modes if m.lambda_eigenvalues}
     loops = {m.mode: np.array(m.loop_eigenvalues) for m in analysis.modes if m.loop_eigenvalues}
     if lambdas:
@@ -111,14 +116,16 @@ def eigenvalue_pictures(certificate: Certificate, analysis: Analysis | None) -> 
         pictures.append(
             _plotted(
                 lambda figure: figures.plot_spectrum(chosen, ax=figure.add_subplot()),
-                name="spectrum-loop", title="Network: eigenvalues of J − K at the target",
+                name="spectrum-loop",
+                title="Network: eigenvalues of J − K at the target",
                 caption="Small errors decay, with the disturbance known, when all lie left of the line."
                 " This says more than Λ about one mode, and nothing about switching.",
                 height=_spectrum_height(*chosen.values()),
                 alt="Eigenvalues of J minus K in the complex plane; the rightmost real parts are "
-                + "; ".join(f"mode {name}: {number(float(v.real.max()))}" for name, v in chosen.items()) + " 1/s.",
+                + "; ".join(f"mode {name}: {number(float(v.real.max()))}" for name, v in chosen.items())
+                + " 1/s.",
             )
-        )  # fmt: skip
+        )
     return pictures
 
 
@@ -131,11 +138,14 @@ def _lambda_picture(certificate: Certificate, lambdas: Mapping[str, Values]) -> 
         caption += f" It must stay below a bound that depends on P: for {', for '.join(bounds)}."
     return _plotted(
         lambda figure: figures.plot_lambda(lambdas, bounds=known, ax=figure.add_subplot()),
-        name="spectrum-lambda", title="Network: eigenvalues of Λ(J) at the target", caption=caption,
+        name="spectrum-lambda",
+        title="Network: eigenvalues of Λ(J) at the target",
+        caption=caption,
         alt="Eigenvalues of Lambda; the largest are "
-        + "; ".join(f"mode {name}: {number(float(v.max()))}" for name, v in lambdas.items()) + " 1/s.",
+        + "; ".join(f"mode {name}: {number(float(v.max()))}" for name, v in lambdas.items())
+        + " 1/s.",
         height=2.3 + 0.22 * max(0, len(lambdas) - 4),
-    )  # fmt: skip
+    )
 
 
 def simulation_pictures(certificate: Certificate, trajectory: Trajectory | None) -> list[Picture]:
@@ -163,10 +173,12 @@ def _error_picture(certificate: Certificate, trajectory: Trajectory) -> Picture:
         lambda figure: figures.plot_error(
             trajectory.times, error, rate=certificate.rate, bound=bound, ax=figure.add_subplot()
         ),
-        name="error", title="Distance to the goals", caption=caption,
+        name="error",
+        title="Distance to the goals",
+        caption=caption,
         alt=f"Largest error over time: {number(float(error[0]))} at the start, {number(float(error[-1]))} at the end"
         + ("." if bound is None else f"; proved to be at most {number(float(bound[-1]))} there."),
-    )  # fmt: skip
+    )
 
 
 def _state_picture(certificate: Certificate, trajectory: Trajectory, c: int) -> Picture:
@@ -177,14 +189,19 @@ def _state_picture(certificate: Certificate, trajectory: Trajectory, c: int) -> 
     last = trajectory.x[-1, :, c]
     return _plotted(
         lambda figure: figures.plot_states(
-            trajectory.times, trajectory.x[:, :, c], goals=trajectory.goal[:, c], pinned=problem.pinning.agents,
-            symbol=symbol, ax=figure.add_subplot(),
+            trajectory.times,
+            trajectory.x[:, :, c],
+            goals=trajectory.goal[:, c],
+            pinned=problem.pinning.agents,
+            symbol=symbol,
+            ax=figure.add_subplot(),
         ),
-        name=f"states-{c + 1}", title=f"States, component {c + 1} of {problem.m}" if several else "States",
+        name=f"states-{c + 1}",
+        title=f"States, component {c + 1} of {problem.m}" if several else "States",
         caption=f"{symbol}(t) of {who}; goals dashed.",
         alt=f"States over {number(float(trajectory.times[-1]))} s: at the end between {number(float(last.min()))} and"
         f" {number(float(last.max()))}.",
-    )  # fmt: skip
+    )
 
 
 def _estimate_picture(trajectory: Trajectory) -> Picture:
@@ -194,9 +211,13 @@ def _estimate_picture(trajectory: Trajectory) -> Picture:
         axes = np.atleast_1d(figure.subplots(len(agents), 1, sharex=True))
         for row, agent in enumerate(agents):
             figures.plot_disturbance(
-                trajectory.times, trajectory.d[:, agent, 0], trajectory.dhat[:, agent, 0],
-                title=f"agent {figures.short(trajectory.labels[agent])}", legend=row == 0, ax=axes[row],
-            )  # fmt: skip
+                trajectory.times,
+                trajectory.d[:, agent, 0],
+                trajectory.dhat[:, agent, 0],
+                title=f"agent {figures.short(trajectory.labels[agent])}",
+                legend=row == 0,
+                ax=axes[row],
+            )
             axes[row].set_xlabel("")
             axes[row].set_ylabel("")
         axes[-1].set_xlabel("time t in s")
@@ -204,11 +225,14 @@ def _estimate_picture(trajectory: Trajectory) -> Picture:
 
     which = "" if trajectory.d.shape[2] == 1 else ", first component"
     return _plotted(
-        draw, name="estimates", title="Disturbance and estimate", height=2.9 if len(agents) < 3 else 3.2,
+        draw,
+        name="estimates",
+        title="Disturbance and estimate",
+        height=2.9 if len(agents) < 3 else 3.2,
         caption=f"Disturbance d (dotted) and its estimate d̂ of {len(agents)} agents{which}.",
         alt="Disturbance and estimate over time; they differ at the end by at most "
         f"{number(float(np.abs(trajectory.d[-1] - trajectory.dhat[-1]).max()))} over all agents.",
-    )  # fmt: skip
+    )
 
 
 def _plotted(

@@ -14,10 +14,10 @@ from matplotlib.patches import Patch
 from matplotlib.ticker import FuncFormatter
 
 from dobc_design.certificate.regions import AgentBound, RegionClaim, Regions
+from dobc_design.conditions.schedule.settling import Settling
 from dobc_design.plotting.axes import axes_or_new, power_of_ten, short, shown_agents
 from dobc_design.plotting.look import BLUE, INK, MUTED, PAPER, PURPLE, VERMILLION
 from dobc_design.report.region_words import lower, method_name
-from dobc_design.verify.settling import Settling
 
 _DASHED: Final = (0, (4, 2))
 _DOTTED: Final = (0, (1, 1.4))
@@ -26,9 +26,7 @@ ENVELOPE_SAMPLES: Final = 201
 BELOW: Final = 0.5  # of the least bound, at the foot of its picture
 _LONGEST: Final = 18  # letters of a line of a method's name
 BRACKET: Final = 0.26  # how far below its row the limit of quadratic certificates stands
-_NOTES: Final = {
-    "everywhere": "every start", "near": "near the target, no radius", "none": "nothing proved",
-}  # fmt: skip
+_NOTES: Final = {"everywhere": "every start", "near": "near the target, no radius", "none": "nothing proved"}
 
 
 def plot_regions(regions: Regions, *, ax: Axes | None = None, limit: float | None = None) -> Axes:
@@ -82,9 +80,16 @@ def _write(ax: Axes, x: float, y: float, text: str, *, colour: str, ground: str 
     """Text that begins at x, readable where a line runs behind it."""
     box = {"facecolor": ground, "edgecolor": "none", "alpha": 0.85, "pad": 0.8}
     ax.text(
-        x, y, text, va="center_baseline", fontsize=8.5, color=colour, parse_math=False, zorder=4,
+        x,
+        y,
+        text,
+        va="center_baseline",
+        fontsize=8.5,
+        color=colour,
+        parse_math=False,
+        zorder=4,
         bbox=None if ground == "none" else box,
-    )  # fmt: skip
+    )
 
 
 def _two_lines(name: str) -> str:
@@ -127,9 +132,15 @@ def plot_starts(regions: Regions, *, ax: Axes | None = None) -> Axes:
     for column, place in enumerate(chosen):
         agent, goal = agents[place], agents[place].goal or 0.0
         ax.bar(
-            column, 2 * agent.bound, bottom=goal - agent.bound, width=0.56, zorder=2, linewidth=1.2,
-            color=BLUE if agent.pinned else "none", edgecolor=BLUE if agent.pinned else MUTED,
-        )  # fmt: skip
+            column,
+            2 * agent.bound,
+            bottom=goal - agent.bound,
+            width=0.56,
+            zorder=2,
+            linewidth=1.2,
+            color=BLUE if agent.pinned else "none",
+            edgecolor=BLUE if agent.pinned else MUTED,
+        )
         ax.plot([column - 0.36, column + 0.36], [goal, goal], color=INK, linewidth=1.3, zorder=3)
     if asked is not None:
         ax.axhspan(*asked, facecolor=VERMILLION, alpha=0.16, linewidth=0, zorder=1)
@@ -185,9 +196,13 @@ def plot_envelope(settling: Settling, *, ax: Axes | None = None) -> Axes:
     for stage in settling.stages[1:]:
         when = float(stage.start)
         ax.plot(
-            [when], [settling.envelope(when)], zorder=4, markersize=4.5,
-            marker="s" if stage.is_quadratic else "o", color=PURPLE if stage.is_quadratic else BLUE,
-        )  # fmt: skip
+            [when],
+            [settling.envelope(when)],
+            zorder=4,
+            markersize=4.5,
+            marker="s" if stage.is_quadratic else "o",
+            color=PURPLE if stage.is_quadratic else BLUE,
+        )
     ax.axhline(float(settling.tolerance), color=VERMILLION, linewidth=1.2, linestyle=_DASHED, zorder=2)
     ax.set_ylim(float(bounds.min()) * BELOW, float(bounds.max()) * 1.6)
     ax.set_xlim(0, float(times[-1]))
@@ -213,9 +228,14 @@ def _legend(ax: Axes, handles: list[Patch | Line2D], *, columns: int = 4) -> Non
     """Above the axes; in two rows where one would be wider than they are."""
     if handles:
         ax.legend(
-            handles=handles, loc="lower left", bbox_to_anchor=(0.0, 1.0), borderaxespad=0.2, handlelength=1.4,
-            ncols=len(handles) if len(handles) <= columns else 2, columnspacing=1.0,
-        )  # fmt: skip
+            handles=handles,
+            loc="lower left",
+            bbox_to_anchor=(0.0, 1.0),
+            borderaxespad=0.2,
+            handlelength=1.4,
+            ncols=len(handles) if len(handles) <= columns else 2,
+            columnspacing=1.0,
+        )
 
 
 def _axis_end(claims: Sequence[RegionClaim], *lines: float | None) -> float:

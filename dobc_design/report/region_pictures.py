@@ -8,8 +8,10 @@ from typing import Final
 
 from matplotlib.figure import Figure
 
-from dobc_design._render import Fragment
+from dobc_design._show.text import Fragment
 from dobc_design.certificate.regions import RegionClaim, Regions
+from dobc_design.conditions.quadratic.duals import QuadraticDual
+from dobc_design.conditions.schedule.settling import Settling
 from dobc_design.exact.number import float_above
 from dobc_design.plotting.axes import shown_agents
 from dobc_design.plotting.sheet import Sheet
@@ -18,8 +20,6 @@ from dobc_design.report.pictures import Picture
 from dobc_design.report.region_stages import envelope_alt
 from dobc_design.report.region_words import agents_sentence, lower, method_name, quadratic_limit
 from dobc_design.report.svg import svg_text
-from dobc_design.theorems.duals import QuadraticDual
-from dobc_design.verify.settling import Settling
 
 WIDTH: Final = 4.6  # inches, of one drawing in a page
 ALONE: Final = 5.2  # in a file
@@ -42,9 +42,12 @@ def envelope_picture(settling: Settling | None) -> Picture | None:
         return None
     return _drawn(
         lambda figure: region_figures.plot_envelope(settling, ax=figure.add_subplot()),
-        name="region-envelope", title="How fast the error falls, proved", height=3.1, alt=envelope_alt(settling),
+        name="region-envelope",
+        title="How fast the error falls, proved",
+        height=3.1,
+        alt=envelope_alt(settling),
         caption="Every start of the box stays below the curve. Marks: another certificate takes over.",
-    )  # fmt: skip
+    )
 
 
 def region_sheet(regions: Regions, limits: Sequence[QuadraticDual] = ()) -> Sheet:
@@ -67,10 +70,12 @@ def _number(limit: Fraction | None) -> float | None:
 def _methods(regions: Regions, limit: Fraction | None) -> Picture:
     return _drawn(
         lambda figure: region_figures.plot_regions(regions, ax=figure.add_subplot(), limit=_number(limit)),
-        name="region-methods", title="How far each proof reaches", height=_height(regions),
+        name="region-methods",
+        title="How far each proof reaches",
+        height=_height(regions),
         caption=_bars(regions) + (" Bracket: no quadratic certificate reaches it." if limit is not None else ""),
         alt="Certified distance from the goals. " + " ".join(f"{_told(claim)}." for claim in regions.claims),
-    )  # fmt: skip
+    )
 
 
 def _bars(regions: Regions) -> str:
@@ -101,9 +106,12 @@ def _agents(regions: Regions) -> Picture:
     band = " Dashed: the starts asked for." if regions.asked is not None else ""
     return _drawn(
         lambda figure: region_figures.plot_starts(regions, ax=figure.add_subplot()),
-        name="region-agents", title="From where each agent may start", caption=sentence + band,
-        height=_height(regions), alt=sentence,
-    )  # fmt: skip
+        name="region-agents",
+        title="From where each agent may start",
+        caption=sentence + band,
+        height=_height(regions),
+        alt=sentence,
+    )
 
 
 def _height(regions: Regions) -> float:

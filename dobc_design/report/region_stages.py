@@ -9,15 +9,13 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, Final
 
+from dobc_design.conditions.schedule.checks import StageTiming
+from dobc_design.conditions.schedule.decide import stage_rate
+from dobc_design.conditions.schedule.settling import Settling
 from dobc_design.exact.number import float_above, float_below
 from dobc_design.report.region_words import lower, upper
-from dobc_design.verify.settling import Settling
-from dobc_design.verify.settling_check import StageTiming
-from dobc_design.verify.staging import stage_rate
 
-HEADS: Final = (
-    "stage", "certificate", "from t =", "level V ≤", "so |e|∞ ≤", "rate in 1/s", "held for", "late by",
-)  # fmt: skip
+HEADS: Final = ("stage", "certificate", "from t =", "level V ≤", "so |e|∞ ≤", "rate in 1/s", "held for", "late by")
 NONE: Final = "–"
 _KINDS: Final = {False: "max-separable", True: "quadratic"}
 

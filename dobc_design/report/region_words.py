@@ -8,19 +8,23 @@ from decimal import ROUND_UP, Context, Decimal
 from fractions import Fraction
 from typing import Any
 
-from dobc_design._render import significant_towards_zero
+from dobc_design._show.text import significant_towards_zero
 from dobc_design.certificate.regions import RegionClaim, Regions
+from dobc_design.conditions.check import Check
+from dobc_design.conditions.quadratic.duals import QuadraticDual
 from dobc_design.exact.number import float_above
+from dobc_design.problem.problem import Problem
 from dobc_design.report.words import SYMBOLS, capitalize_first, typeset
-from dobc_design.spec.problem import Problem
-from dobc_design.theorems.duals import QuadraticDual
 from dobc_design.verdict import Verdict
-from dobc_design.verify.check import Check
 
 NAMES = {
-    "lemma1": "Lemma 1", "theorem1": "Theorem 1", "theorem2": "Theorem 2", "lure": "Lur’e",
-    "exhaustive": "Exhaustive", "max-separable": "Max-separable",
-}  # fmt: skip
+    "lemma1": "Lemma 1",
+    "theorem1": "Theorem 1",
+    "theorem2": "Theorem 2",
+    "lure": "Lur’e",
+    "exhaustive": "Exhaustive",
+    "max-separable": "Max-separable",
+}
 _FAST = 100  # samples a second from which a certified period is called pessimistic
 
 
@@ -44,9 +48,7 @@ class RegionRow:
     cannot: str = "–"
 
 
-def region_view(
-    problem: Problem, regions: Regions, limits: Sequence[QuadraticDual] = ()
-) -> dict[str, Any] | None:  # fmt: skip
+def region_view(problem: Problem, regions: Regions, limits: Sequence[QuadraticDual] = ()) -> dict[str, Any] | None:
     """What the page and the Markdown text show; None where nothing is said about a region."""
     if not regions.tried:
         return None
@@ -87,9 +89,7 @@ def region_rows(regions: Regions, limits: Sequence[QuadraticDual] = ()) -> list[
     ]
 
 
-_KINDS = {
-    "everywhere": "every start", "box": "box", "ball": "ball", "near": "near the target, no radius", "none": "–",
-}  # fmt: skip
+_KINDS = {"everywhere": "every start", "box": "box", "ball": "ball", "near": "near the target, no radius", "none": "–"}
 
 
 def method_name(claim: RegionClaim) -> str:

@@ -13,8 +13,8 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
-from dobc_design._render import Fragment
-from dobc_design.falsifying.suspect import RESTS, Falsification
+from dobc_design._show.text import Fragment
+from dobc_design.falsification.suspect import RESTS, Falsification
 from dobc_design.plotting.axes import SMALLEST, axes_or_new, short
 from dobc_design.plotting.look import INK, SERIES
 from dobc_design.plotting.sheet import Sheet
@@ -57,9 +57,12 @@ def search_pictures(searches: Sequence[Falsification]) -> list[Picture | None]:
 
 def _picture(search: Falsification, place: int) -> Picture:
     svg = svg_text(
-        lambda figure: plot_search(search, ax=figure.add_subplot()), name=f"search-{place + 1}",
-        alt=search_alt(search), width=WIDTH, height=HEIGHT,
-    )  # fmt: skip
+        lambda figure: plot_search(search, ax=figure.add_subplot()),
+        name=f"search-{place + 1}",
+        alt=search_alt(search),
+        width=WIDTH,
+        height=HEIGHT,
+    )
     caption = "Solid: the agents rest there, which is proved. Dashed: simulated runs, which refute nothing."
     return Picture(svg=Fragment(svg), title="What the search found", caption=caption)
 

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, Final
 
-from dobc_design.falsifying.suspect import LEAVES, RESTS, STAYS_AWAY, Falsification, Suspect
+from dobc_design.falsification.suspect import LEAVES, RESTS, STAYS_AWAY, Falsification, Suspect
 from dobc_design.report.network_words import names_in_words
 from dobc_design.report.region_words import lower
 from dobc_design.report.words import capitalize_first, number, typeset
@@ -20,9 +20,7 @@ WARNING: Final = (
     "A suspect is a simulated run in floating point. It refutes nothing: the run may be too short, or the integrator"
     " wrong. It says where a proof will be hard to find."
 )
-_WHAT: Final = {
-    STAYS_AWAY: "does not converge", LEAVES: "leaves the certified set", RESTS: "rests there (proved)",
-}  # fmt: skip
+_WHAT: Final = {STAYS_AWAY: "does not converge", LEAVES: "leaves the certified set", RESTS: "rests there (proved)"}
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -115,10 +113,13 @@ def _row(suspect: Suspect) -> SuspectRow:
     names = list(dict.fromkeys(name for _, name in suspect.modes))
     last = "unbounded" if math.isinf(suspect.final_error) else number(suspect.final_error)
     return SuspectRow(
-        what=_WHAT[suspect.kind], first=number(float(suspect.error[0])), last=last,
-        after=f"{typeset(number(float(suspect.times[-1])))} s", who=names_in_words(list(suspect.labels), 6),
+        what=_WHAT[suspect.kind],
+        first=number(float(suspect.error[0])),
+        last=last,
+        after=f"{typeset(number(float(suspect.times[-1])))} s",
+        who=names_in_words(list(suspect.labels), 6),
         modes=", ".join(names) if len(names) <= _SEVERAL else f"{len(names)} modes in turn",
-    )  # fmt: skip
+    )
 
 
 def _set(search: Falsification) -> str:

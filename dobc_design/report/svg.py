@@ -14,26 +14,20 @@ from xml.etree import ElementTree
 
 from matplotlib.figure import Figure
 
-from dobc_design.plotting.look import (
-    BLUE,
-    GREEN,
-    GRID,
-    INK,
-    MARKERS,
-    MUTED,
-    PAPER,
-    PURPLE,
-    SERIES,
-    VERMILLION,
-    styled,
-)
+from dobc_design.plotting.look import BLUE, GREEN, GRID, INK, MARKERS, MUTED, PAPER, PURPLE, SERIES, VERMILLION, styled
 
 __all__ = ["BLUE", "INK", "MARKERS", "MUTED", "PAPER", "SERIES", "VERMILLION", "svg_text"]
 
 VARIABLES = {
-    INK: "ink", MUTED: "muted", GRID: "grid", PAPER: "paper",
-    BLUE: "blue", VERMILLION: "vermillion", GREEN: "green", PURPLE: "purple",
-}  # fmt: skip
+    INK: "ink",
+    MUTED: "muted",
+    GRID: "grid",
+    PAPER: "paper",
+    BLUE: "blue",
+    VERMILLION: "vermillion",
+    GREEN: "green",
+    PURPLE: "purple",
+}
 
 _FONT = re.compile(r"font-family:[^;]*")
 _LONG_DECIMAL = re.compile(r"-?\d+\.\d{3,}")

@@ -9,12 +9,12 @@ from typing import Any, Final
 
 from dobc_design.certificate import text as certificate_text
 from dobc_design.certificate.certificate import Certificate
+from dobc_design.conditions.check import Check
+from dobc_design.conditions.explanations import EXPLANATIONS
+from dobc_design.problem import canonical
 from dobc_design.report.formulas import rational
 from dobc_design.report.words import CHECKS
-from dobc_design.spec import canonical
-from dobc_design.theorems.explanations import EXPLANATIONS
 from dobc_design.verdict import Verdict
-from dobc_design.verify.check import Check
 
 _CHECKER, _REGIONS, _QUADRATIC = "checker.py", "region_checker.py", "quadratic_checker.py"
 _OBSERVER, _CONSENSUS, _SEPARABLE = "verify/observer.py", "verify/consensus.py", "verify/regions.py"
@@ -92,9 +92,14 @@ def _row(id: str, checks: Sequence[Check]) -> TraceRow:
     counts = [(each, sum(check.id == id and check.verdict is each for check in checks)) for each in Verdict]
     found = [each.value if count == 1 else f"{count} × {each.value}" for each, count in counts if count]
     return TraceRow(
-        id=id, name=CHECKS[id][0], meaning=known.meaning, source=known.source, modules=modules,
-        checker=checker, found=", ".join(found),
-    )  # fmt: skip
+        id=id,
+        name=CHECKS[id][0],
+        meaning=known.meaning,
+        source=known.source,
+        modules=modules,
+        checker=checker,
+        found=", ".join(found),
+    )
 
 
 def reproduction(certificate: Certificate) -> dict[str, Any]:
@@ -122,13 +127,12 @@ def _certify_command(options: Sequence[str], checks: Sequence[Check]) -> str:
     asked = [option.removeprefix(SETTLING) for option in options if option.startswith(SETTLING)]
     proved = [
         str((check.exact or {}).get("tolerance"))
-        for check in checks if check.id == "settling" and check.verdict is Verdict.PROVED and "--all" not in options
-    ]  # fmt: skip
+        for check in checks
+        if check.id == "settling" and check.verdict is Verdict.PROVED and "--all" not in options
+    ]
     tolerances = [number for number in map(rational, (*asked, *proved)) if number is not None]
     known = [option for option in SWITCHES if option in options]
-    return " ".join(
-        ["dobc certify problem.json", *known, *(f"{SETTLING}{x}" for x in tolerances[:1]), "--out again"]
-    )  # fmt: skip
+    return " ".join(["dobc certify problem.json", *known, *(f"{SETTLING}{x}" for x in tolerances[:1]), "--out again"])
 
 
 def title_block(certificate: Certificate, again: dict[str, Any]) -> list[tuple[str, str]]:
@@ -136,6 +140,8 @@ def title_block(certificate: Certificate, again: dict[str, Any]) -> list[tuple[s
     prints = [(f"SHA-256 of {name}", value) for name, value in again["fingerprints"]]
     program, file_format, _ = again["versions"]
     return [
-        ("Problem", certificate.claims.problem_name), ("Verdict", certificate.verdict.value), *prints,
+        ("Problem", certificate.claims.problem_name),
+        ("Verdict", certificate.verdict.value),
+        *prints,
         ("Decided by", f"{program[1]}, {file_format[1]}"),
-    ]  # fmt: skip
+    ]

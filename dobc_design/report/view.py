@@ -5,9 +5,10 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
-from dobc_design._render import significant_towards_zero
+from dobc_design._show.text import significant_towards_zero
 from dobc_design.certificate.certificate import Certificate
 from dobc_design.exact.matrix import Matrix
+from dobc_design.problem.problem import Problem
 from dobc_design.report import formulas
 from dobc_design.report import network_words as nw
 from dobc_design.report.check_views import check_rows, cure_view
@@ -35,25 +36,29 @@ from dobc_design.report.words import (
     typeset,
     what_it_means,
 )
-from dobc_design.spec.problem import Problem
 from dobc_design.verdict import Verdict
 
 if TYPE_CHECKING:
     from dobc_design.analysis.analysis import Analysis
-    from dobc_design.falsifying.suspect import Falsification
-    from dobc_design.simulate.trajectory import Trajectory
-    from dobc_design.theorems.duals import QuadraticDual
-    from dobc_design.verify.settling_check import StageTiming
+    from dobc_design.conditions.quadratic.duals import QuadraticDual
+    from dobc_design.conditions.schedule.checks import StageTiming
+    from dobc_design.falsification.suspect import Falsification
+    from dobc_design.simulation.trajectory import Trajectory
 
 CURE_COMMAND = "dobc certify problem.json --apply-fix cured.toml"
 MOST_NOTES = 60
 
 
 def common_view(
-    certificate: Certificate, *, analysis: Analysis | None, trajectory: Trajectory | None,
-    lambdas: Mapping[str, Matrix] | None, timings: Sequence[StageTiming] = (), searches: Sequence[Falsification] = (),
+    certificate: Certificate,
+    *,
+    analysis: Analysis | None,
+    trajectory: Trajectory | None,
+    lambdas: Mapping[str, Matrix] | None,
+    timings: Sequence[StageTiming] = (),
+    searches: Sequence[Falsification] = (),
     limits: Sequence[QuadraticDual] = (),
-) -> dict[str, Any]:  # fmt: skip
+) -> dict[str, Any]:
     """Names and values that both templates use."""
     problem, claims = certificate.problem, certificate.claims
     yes, no = what_it_means(certificate)
@@ -133,15 +138,17 @@ def _graph_rows(analysis: Analysis | None, most: int = 12) -> list[dict[str, str
     rows = []
     for graph, mode in list(zip(analysis.graphs, analysis.modes, strict=False))[:most]:
         lost = graph.unreached
-        rows.append({
-            "mode": graph.mode,
-            "arcs": str(graph.arcs),
-            "components": "one" if graph.is_strongly_connected else str(len(graph.components)),
-            "balanced": "yes" if graph.balanced else "no",
-            "unreached": nw.names_in_words(lost, 6) if lost else "nobody",
-            "lambda_max": number(mode.lambda_max),
-            "decay": number(mode.decay_rate),
-        })  # fmt: skip
+        rows.append(
+            {
+                "mode": graph.mode,
+                "arcs": str(graph.arcs),
+                "components": "one" if graph.is_strongly_connected else str(len(graph.components)),
+                "balanced": "yes" if graph.balanced else "no",
+                "unreached": nw.names_in_words(lost, 6) if lost else "nobody",
+                "lambda_max": number(mode.lambda_max),
+                "decay": number(mode.decay_rate),
+            }
+        )
     return rows
 
 

@@ -6,11 +6,11 @@ import re
 from collections.abc import Mapping
 from fractions import Fraction
 
-from dobc_design._render import significant, significant_towards_zero
+from dobc_design._show.text import significant, significant_towards_zero
 from dobc_design.certificate.certificate import Certificate
-from dobc_design.spec.problem import Problem
+from dobc_design.conditions.check import Check, Domain
+from dobc_design.problem.problem import Problem
 from dobc_design.verdict import Verdict
-from dobc_design.verify.check import Check, Domain
 
 SYMBOLS = {Verdict.PROVED: "✓", Verdict.REFUTED: "✗", Verdict.UNDECIDED: "?"}
 
@@ -26,34 +26,58 @@ MEANINGS = {
 
 # id -> (name, what it decides)
 CHECKS = {
-    "observability": ("Observability of (A, C)", "whether every state of the disturbance generator shows in d = C ξ;"
-                      " then the estimate can be made as fast as wanted"),
-    "detectability": ("Detectability of (A, C)", "whether what C does not see dies out by itself; an observer gain W"
-                      " that works exists exactly then"),
+    "observability": (
+        "Observability of (A, C)",
+        "whether every state of the disturbance generator shows in d = C ξ;"
+        " then the estimate can be made as fast as wanted",
+    ),
+    "detectability": (
+        "Detectability of (A, C)",
+        "whether what C does not see dies out by itself; an observer gain W that works exists exactly then",
+    ),
     "hurwitz": ("A − WC is Hurwitz", "whether the estimation error (17) decays with this W, by Routh’s table"),
-    "reachability": ("Every agent hears a pin", "whether information from a pinned agent reaches everybody; agents"
-                     " that it does not reach are held by nothing"),
+    "reachability": (
+        "Every agent hears a pin",
+        "whether information from a pinned agent reaches everybody; agents that it does not reach are held by nothing",
+    ),
     "lemma1": ("Lemma 1: Λ(J) < 0", "whether V = Σ eᵢ′eᵢ decreases when there is no disturbance (10)"),
-    "theorem1": ("Theorem 1: Ψ < 0", "whether some P and Q satisfy (18), so that V = Σ eᵢ′eᵢ + Σ εᵢ′Pεᵢ decreases"
-                 " with the observer in the loop"),
-    "theorem2": ("Theorem 2: Ψ < 0 in every mode", "whether one P and one Q satisfy (18) in all modes, so that they"
-                 " may switch in any way"),
-    "theorem1-printed": ("Theorem 1 with the P given", "whether the P and W of the problem file satisfy (18) as they"
-                         " stand"),
-    "theorem2-printed": ("Theorem 2 with the P given", "whether the P and W of the problem file satisfy (18) in every"
-                         " mode as they stand"),
+    "theorem1": (
+        "Theorem 1: Ψ < 0",
+        "whether some P and Q satisfy (18), so that V = Σ eᵢ′eᵢ + Σ εᵢ′Pεᵢ decreases with the observer in the loop",
+    ),
+    "theorem2": (
+        "Theorem 2: Ψ < 0 in every mode",
+        "whether one P and one Q satisfy (18) in all modes, so that they may switch in any way",
+    ),
+    "theorem1-printed": (
+        "Theorem 1 with the P given",
+        "whether the P and W of the problem file satisfy (18) as they stand",
+    ),
+    "theorem2-printed": (
+        "Theorem 2 with the P given",
+        "whether the P and W of the problem file satisfy (18) in every mode as they stand",
+    ),
     "lure": ("Lur’e certificate", "whether a quadratic V decreases for all slopes the coupling has in a region"),
-    "exhaustive": ("Exhaustive proof", "whether a quadratic V decreases in every box of a grid between a Lur’e ball and"
-                   " a larger set; for small networks"),
-    "max-separable": ("Max-separable certificate", "whether boxes around the target shrink: the largest weighted"
-                      " error decreases"),
+    "exhaustive": (
+        "Exhaustive proof",
+        "whether a quadratic V decreases in every box of a grid between a Lur’e ball and"
+        " a larger set; for small networks",
+    ),
+    "max-separable": (
+        "Max-separable certificate",
+        "whether boxes around the target shrink: the largest weighted error decreases",
+    ),
     "delay": ("Delays", "whether the proof survives delayed messages"),
     "sampling": ("Sampling", "whether the proof survives couplings that are held between samples"),
-    "settling": ("Settling time", "whether |e| stays within a tolerance from a given time on, by certificates that take"
-                 " over from each other"),
-    "equilibrium": ("Another equilibrium", "whether the region asked for holds a start at which the agents rest away"
-                    " from the target"),
-}  # fmt: skip
+    "settling": (
+        "Settling time",
+        "whether |e| stays within a tolerance from a given time on, by certificates that take over from each other",
+    ),
+    "equilibrium": (
+        "Another equilibrium",
+        "whether the region asked for holds a start at which the agents rest away from the target",
+    ),
+}
 
 _POWER = re.compile(r"e([+-]\d+)")
 _RAISED = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")

@@ -11,8 +11,8 @@ from pathlib import Path
 import typer
 from sphinx.application import Sphinx
 
-from dobc_design.cli import app as command_line
-from dobc_design.theorems.explanations import EXPLANATIONS
+from dobc_design.cli.main import app as command_line
+from dobc_design.conditions.explanations import EXPLANATIONS
 
 DOCS = Path(__file__).resolve().parents[1]
 ROOT = DOCS.parent

@@ -5,7 +5,7 @@ from __future__ import annotations
 from docutils import nodes
 from sphinx.application import Sphinx
 
-from dobc_design._render import mathml
+from dobc_design._show.text import mathml
 
 
 def inline(writer: object, node: nodes.math) -> None:

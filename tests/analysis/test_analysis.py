@@ -12,9 +12,9 @@ import pytest
 from dobc_design.analysis.analysis import MAX_DENSE, analyse, mode_spectrum
 from dobc_design.errors import ShapeError
 from dobc_design.model.model import build_model
-from dobc_design.spec.load import load_problem
-from dobc_design.spec.network import Network
-from dobc_design.spec.problem import Problem
+from dobc_design.problem.load import load_problem
+from dobc_design.problem.network import Network
+from dobc_design.problem.problem import Problem
 
 
 def cycle(gains) -> Problem:
@@ -25,10 +25,14 @@ def cycle(gains) -> Problem:
 @pytest.mark.parametrize(
     ("gains", "wanted"),
     [
-        ({"1": 3}, -0.153544), ({"1": 10**9}, 4 * (math.cos(math.pi / 10) - 1)), ({"1": 10, "6": 10}, -0.6637),
-        ({str(i): 5 for i in range(1, 10, 2)}, -2.5969), (3, -6), (None, 0),
+        ({"1": 3}, -0.153544),
+        ({"1": 10**9}, 4 * (math.cos(math.pi / 10) - 1)),
+        ({"1": 10, "6": 10}, -0.6637),
+        ({str(i): 5 for i in range(1, 10, 2)}, -2.5969),
+        (3, -6),
+        (None, 0),
     ],
-)  # fmt: skip
+)
 def test_lambda_max_on_the_directed_cycle(gains, wanted: float):
     """The table of known answers."""
     assert mode_spectrum(cycle(gains), "G").lambda_max == pytest.approx(wanted, abs=6e-5 if wanted else 1e-12)

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from dobc_design.analysis.graph import graph_facts, information_graph
-from dobc_design.spec.load import load_problem
-from dobc_design.spec.network import Network
-from dobc_design.spec.problem import Problem
+from dobc_design.problem.load import load_problem
+from dobc_design.problem.network import Network
+from dobc_design.problem.problem import Problem
 
 
 def listening(arcs, *, agents=None, gains=None) -> Problem:

@@ -19,24 +19,24 @@ import scipy.sparse as sp
 from scipy.spatial import cKDTree
 from simulation import cpu
 
-from dobc_design.covering.asked import read_region
-from dobc_design.covering.separable import separable_stage
-from dobc_design.design.dominating import dominating_vector, vector_at
-from dobc_design.design.jacobian import float_lambda
-from dobc_design.design.separable import design_separable, rounded_vectors
+from dobc_design.conditions.asked import read_region
+from dobc_design.conditions.check import Check
+from dobc_design.conditions.consensus.decide import enclosed_lambda
+from dobc_design.conditions.consensus.dominating import dominating_vector, vector_at
+from dobc_design.conditions.consensus.jacobian import float_lambda
+from dobc_design.conditions.consensus.negative import shown_bound
+from dobc_design.conditions.consensus.statements import state_theorems
+from dobc_design.conditions.separable.decide import coupling_profiles
+from dobc_design.conditions.separable.large import arc_rows, float_kinds, open_rows
+from dobc_design.conditions.separable.observer import first_certificate, verify_composite
+from dobc_design.conditions.separable.propose import design_separable, rounded_vectors
+from dobc_design.conditions.separable.stage import separable_stage
 from dobc_design.exact.zmatrix import float_rows
-from dobc_design.spec.exosystem import Exosystem
-from dobc_design.spec.network import Network
-from dobc_design.spec.observer import Observer
-from dobc_design.spec.problem import Problem
-from dobc_design.spec.region import Region
-from dobc_design.theorems.statements import state_theorems
-from dobc_design.verify.check import Check
-from dobc_design.verify.consensus import enclosed_lambda
-from dobc_design.verify.negative import shown_bound
-from dobc_design.verify.separable import coupling_profiles
-from dobc_design.verify.separable_large import arc_rows, float_kinds, open_rows
-from dobc_design.verify.separable_observer import first_certificate, verify_composite
+from dobc_design.problem.exosystem import Exosystem
+from dobc_design.problem.network import Network
+from dobc_design.problem.observer import Observer
+from dobc_design.problem.problem import Problem
+from dobc_design.problem.region import Region
 
 SIZE = 100_000
 GROWTH = (1000, 10_000, 100_000)
@@ -125,9 +125,12 @@ def _examined(kind: str, n: int, h: str, radius: str) -> Check:
     given = large(kind, n)
     side = Fraction(radius)
     problem = Problem(
-        network=given.network, coupling=h, target=0, gains={agent + 1: GAIN for agent in given.pinning.agents},
+        network=given.network,
+        coupling=h,
+        target=0,
+        gains={agent + 1: GAIN for agent in given.pinning.agents},
         region=Region(initial_states=[-side, side], initial_disturbance=None),
-    )  # fmt: skip
+    )
     asked = read_region(problem, None, domain="consensus", everything=False)
     return separable_stage(asked, lambda message: None)[0]
 
@@ -140,9 +143,7 @@ def measured(kind: str, n: int) -> Row:
     matrix = sp.csr_array((np.ones(len(arcs)), (arcs.listeners, arcs.speakers)), shape=(n, n))
     vector = np.ones(n)
     product, _ = cpu(lambda: [matrix @ vector for _ in range(20)], repeats=5)
-    propose, plan = cpu(
-        lambda: design_separable(problem, radius=Fraction(1), disturbance=DISTURBANCE, W=W), repeats=1
-    )  # fmt: skip
+    propose, plan = cpu(lambda: design_separable(problem, radius=Fraction(1), disturbance=DISTURBANCE, W=W), repeats=1)
     if plan is None:
         raise RuntimeError(f"{kind}, n = {n}: no v is found")
     decide, claim = cpu(
@@ -159,9 +160,16 @@ def measured(kind: str, n: int) -> Row:
     kinds = float_kinds(profiles, [arrays], rho=claim.rho)
     rows, _ = cpu(lambda: open_rows(arrays, kinds, alpha=claim.alpha, rho=claim.rho), repeats=3)
     return Row(
-        kind=kind, n=n, arcs=len(arcs), product=product / 20, propose=propose, decide=decide, recheck=recheck,
-        rows=rows, rate=float(claim.alpha),
-    )  # fmt: skip
+        kind=kind,
+        n=n,
+        arcs=len(arcs),
+        product=product / 20,
+        propose=propose,
+        decide=decide,
+        recheck=recheck,
+        rows=rows,
+        rate=float(claim.alpha),
+    )
 
 
 def lambda_rows() -> Iterator[str]:
@@ -220,8 +228,9 @@ def write_problem(kind: str, n: int, folder: str) -> None:
         f'name = "large"\ntarget = 1\n[network]\nagents = {n}\narrow = "listens_to"\n[network.modes]\n'
         'G = { file = "arcs.csv" }\n[coupling]\nh = "exp(y) - 1 + y"\n[exosystem]\nA = [[0, 2], [-2, 0]]\n'
         'C = [[1, 0]]\n[observer]\nW = [["16/5"], ["12/5"]]\n[region]\ninitial_states = [0, 2]\n'
-        f"initial_disturbance = 0.5\n[pinning.gains]\n{pins}", "utf-8",
-    )  # fmt: skip
+        f"initial_disturbance = 0.5\n[pinning.gains]\n{pins}",
+        "utf-8",
+    )
 
 
 def large(kind: str, n: int) -> Problem:
@@ -231,11 +240,14 @@ def large(kind: str, n: int) -> Problem:
     rng = np.random.default_rng(n)
     pinned = set(rng.choice(n, n // 10, replace=False).tolist()) | set(_first_agents(graph))
     return Problem(
-        network=Network.from_sparse({"G": graph}, arrow="listens_to"), coupling="exp(y) - 1 + y", target=1,
+        network=Network.from_sparse({"G": graph}, arrow="listens_to"),
+        coupling="exp(y) - 1 + y",
+        target=1,
         gains=dict.fromkeys(sorted(i + 1 for i in pinned), GAIN),
-        exosystem=Exosystem(A=[[0, 2], [-2, 0]], C=[[1, 0]]), observer=Observer(W=[["16/5"], ["12/5"]]),
+        exosystem=Exosystem(A=[[0, 2], [-2, 0]], C=[[1, 0]]),
+        observer=Observer(W=[["16/5"], ["12/5"]]),
         region=Region(initial_states=[0, 2], initial_disturbance=DISTURBANCE),
-    )  # fmt: skip
+    )
 
 
 def _first_agents(graph: Any) -> list[int]:

@@ -22,10 +22,10 @@ from typing import Any
 import numpy as np
 from scipy import optimize
 
-from dobc_design.spec.network import Network
-from dobc_design.spec.problem import Problem
-from dobc_design.verify.check import Check
-from dobc_design.workflow import certify
+from dobc_design.certification.certify import certify
+from dobc_design.conditions.check import Check
+from dobc_design.problem.network import Network
+from dobc_design.problem.problem import Problem
 
 COUPLINGS = ("exp(y) - 1 + y", "y + y**3")
 SIZES = (2, 3, 4, 6, 10)
@@ -73,9 +73,11 @@ def peer_table() -> Iterator[str]:
 def cycle(n: int, coupling: str, pinned: int) -> Problem:
     arcs = [[i, i % n + 1] for i in range(1, n + 1)]
     return Problem(
-        network=Network.from_arcs(arcs, arrow="listens_to", agents=n), coupling=coupling,
-        gains=dict.fromkeys(range(1, pinned + 1), GAIN), name=f"cycle-{n}",
-    )  # fmt: skip
+        network=Network.from_arcs(arcs, arrow="listens_to", agents=n),
+        coupling=coupling,
+        gains=dict.fromkeys(range(1, pinned + 1), GAIN),
+        name=f"cycle-{n}",
+    )
 
 
 def reached(id: str, checks: Sequence[Check]) -> float | None:
@@ -96,8 +98,9 @@ def nearest_rise(problem: Problem, entries: Sequence[Any]) -> float | None:
     h, top = problem.coupling.numpy_function(), float(np.linalg.eigvalsh(P)[-1])
 
     def rise(e: Any) -> Any:
-        total = -e * np.array([float(problem.pinning.gains[i][0][0]) if i in problem.pinning.gains else 0.0
-                               for i in range(n)])  # fmt: skip
+        total = -e * np.array(
+            [float(problem.pinning.gains[i][0][0]) if i in problem.pinning.gains else 0.0 for i in range(n)]
+        )
         for i, j, w in arcs:
             total[..., i] += float(w) * h((e[..., j] - e[..., i])[..., None])[..., 0]
         return np.sum((e @ P) * total, axis=-1)
@@ -112,9 +115,12 @@ def nearest_rise(problem: Problem, entries: Sequence[Any]) -> float | None:
     levels = [start @ P @ start for start in starts]
     for start in starts:
         found = optimize.minimize(
-            lambda e: e @ P @ e, start, jac=lambda e: 2 * P @ e, method="SLSQP",
+            lambda e: e @ P @ e,
+            start,
+            jac=lambda e: 2 * P @ e,
+            method="SLSQP",
             constraints={"type": "ineq", "fun": lambda e: rise(e) / (e @ P @ e + 1e-300)},
-        )  # fmt: skip
+        )
         if found.success and rise(found.x) >= -1e-9 * (found.x @ P @ found.x) and found.x @ P @ found.x > 1e-6 * top:
             levels.append(found.x @ P @ found.x)
     return float(np.sqrt(min(levels) / top)) if levels else None

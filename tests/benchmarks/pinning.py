@@ -12,11 +12,11 @@ import cvxpy as cp
 import numpy as np
 
 import dobc_design as dd
-from dobc_design.design.pinning import for_rate, network_blocks, smallest_gains
-from dobc_design.design.pinning_program import solve_program
-from dobc_design.design.pinning_shared import solve_shared
-from dobc_design.spec.network import Network
-from dobc_design.spec.problem import Problem
+from dobc_design.conditions.consensus.pinning import for_rate, network_blocks, smallest_gains
+from dobc_design.conditions.consensus.pinning_program import solve_program
+from dobc_design.conditions.consensus.pinning_shared import solve_shared
+from dobc_design.problem.network import Network
+from dobc_design.problem.problem import Problem
 
 RATE = 0.1
 LARGE = 100_000
@@ -61,9 +61,11 @@ def pinning_bars() -> Iterator[dict[str, Any]]:
     apart = abs(by_program() - by_formula()) / by_formula()
     slow, fast = _median(by_program, 3), _median(by_formula, 21)
     yield {
-        "what": "smallest pinning gains, closed form vs SDP (cvxpy, Clarabel), n = 100", "bar": 30,
-        "ratio": slow / fast, "note": f"{slow:.3g} s / {1e3 * fast:.3g} ms; optima {apart:.0e} apart",
-    }  # fmt: skip
+        "what": "smallest pinning gains, closed form vs SDP (cvxpy, Clarabel), n = 100",
+        "bar": 30,
+        "ratio": slow / fast,
+        "note": f"{slow:.3g} s / {1e3 * fast:.3g} ms; optima {apart:.0e} apart",
+    }
     yield _shared_bar()
 
 
@@ -84,9 +86,11 @@ def _shared_bar() -> dict[str, Any]:
     apart = abs(by_program() - by_dual()) / by_dual()
     slow, fast = _median(by_program, 1), _median(by_dual, 5)
     return {
-        "what": "gains shared by four modes, dual vs SDP (Clarabel directly), n = 60", "bar": 5,
-        "ratio": slow / fast, "note": f"{slow:.3g} s / {1e3 * fast:.3g} ms; optima {apart:.0e} apart",
-    }  # fmt: skip
+        "what": "gains shared by four modes, dual vs SDP (Clarabel directly), n = 60",
+        "bar": 5,
+        "ratio": slow / fast,
+        "note": f"{slow:.3g} s / {1e3 * fast:.3g} ms; optima {apart:.0e} apart",
+    }
 
 
 def shared_design() -> str:

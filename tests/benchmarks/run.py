@@ -26,28 +26,28 @@ from peers import peer_table
 from pinning import large_design, pinning_bars, shared_design
 from simulation import simulation_bars, simulation_growth, whole_run
 
-from dobc_design.design.dense import solve_dense
-from dobc_design.design.direct import solve_directly
-from dobc_design.design.program import Program, Solution
-from dobc_design.design.reduced import solve_reduced
+from dobc_design.certification.certify import certify
+from dobc_design.conditions.consensus.claim import reduced
+from dobc_design.conditions.consensus.reduced import solve_reduced
+from dobc_design.conditions.consensus.statements import state_theorems
 from dobc_design.exact.cholesky import Scaled, proves_by_integers, scaled
 from dobc_design.exact.definite import decide_quickly
 from dobc_design.exact.elimination import bad_direction
 from dobc_design.exact.symmetric import SparseSymmetric
 from dobc_design.exact.zmatrix import search
-from dobc_design.spec.exosystem import Exosystem
-from dobc_design.spec.network import Network
-from dobc_design.spec.problem import Problem
-from dobc_design.theorems.conditions import reduced
-from dobc_design.theorems.statements import state_theorems
+from dobc_design.problem.exosystem import Exosystem
+from dobc_design.problem.network import Network
+from dobc_design.problem.problem import Problem
+from dobc_design.solvers.dense import solve_dense
+from dobc_design.solvers.direct import solve_directly
+from dobc_design.solvers.program import Program, Solution
 from dobc_design.verdict import Verdict
-from dobc_design.workflow import certify
 
 EXOSYSTEM = Exosystem(A=[[0, 2], [-2, 0]], C=[[1, 0]])
 SIZES = (50, 100, 200, 400, 800)
 PATIENCE = 60.0  # s of CPU time after which a growth series stops
 Arcs = list[tuple[int, int]]
-HELP = "import sys; from dobc_design.cli import main; sys.argv = ['dobc', '--help']; main()"
+HELP = "import sys; from dobc_design.cli.main import main; sys.argv = ['dobc', '--help']; main()"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -163,10 +163,14 @@ def gram(n: int) -> SparseSymmetric:
     """G G' + I for small integers in G: dense, and the elimination's numbers begin short."""
     r = Random(n)
     G = [[r.randint(-3, 3) for _ in range(n)] for _ in range(n)]
-    return SparseSymmetric(n, {
-        (i, j): Fraction(sum(x * y for x, y in zip(G[i], G[j], strict=True)) + (i == j))
-        for i in range(n) for j in range(i, n)
-    })  # fmt: skip
+    return SparseSymmetric(
+        n,
+        {
+            (i, j): Fraction(sum(x * y for x, y in zip(G[i], G[j], strict=True)) + (i == j))
+            for i in range(n)
+            for j in range(i, n)
+        },
+    )
 
 
 def ring(n: int, *, chord: int = 5) -> SparseSymmetric:

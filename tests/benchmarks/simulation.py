@@ -13,17 +13,17 @@ import numpy as np
 import scipy.sparse as sp
 from scipy.integrate import solve_ivp
 
-from dobc_design.model.arrays import arc_groups
-from dobc_design.simulate.ensembles import simulate_many
-from dobc_design.simulate.field import make_loop, network_of
-from dobc_design.simulate.signals import RandomDwell
-from dobc_design.simulate.simulate import simulate
-from dobc_design.simulate.stress import Stress
-from dobc_design.spec.exosystem import Exosystem
-from dobc_design.spec.load import load_problem
-from dobc_design.spec.network import Network
-from dobc_design.spec.observer import Observer
-from dobc_design.spec.problem import Problem
+from dobc_design.problem.arrays import arc_groups
+from dobc_design.problem.exosystem import Exosystem
+from dobc_design.problem.load import load_problem
+from dobc_design.problem.network import Network
+from dobc_design.problem.observer import Observer
+from dobc_design.problem.problem import Problem
+from dobc_design.simulation.ensembles import simulate_many
+from dobc_design.simulation.field import make_loop, network_of
+from dobc_design.simulation.run import simulate
+from dobc_design.simulation.signals import RandomDwell
+from dobc_design.simulation.stress import Stress
 
 DEGREE = 6
 RUNS, ALONE = 1000, 25  # runs side by side; runs one by one that are timed and scaled up
@@ -32,8 +32,8 @@ MEMORY = """
 import resource, sys
 sys.path.insert(0, {folder!r})
 from simulation import large
-from dobc_design.simulate.ensembles import simulate_many
-from dobc_design.simulate.signals import Periodic
+from dobc_design.simulation.ensembles import simulate_many
+from dobc_design.simulation.signals import Periodic
 many = simulate_many(large(1000, modes=2), runs=1000, signal=Periodic(dwell=0.25), t_final=1.0)
 assert len(many) == 1000 and not many.diverged.any()
 try:  # not ru_maxrss: a child keeps that of the process it was started from
@@ -59,9 +59,11 @@ def large(n: int, *, modes: int = 1, near: bool = False) -> Problem:
 
     return Problem(
         network=Network.from_sparse({f"G{k}": graph() for k in range(modes)}, arrow="listens_to"),
-        coupling="exp(y) - 1 + y", gains=dict.fromkeys(range(1, n + 1, 10), 5),
-        exosystem=Exosystem(A=[[0, 2], [-2, 0]], C=[[1, 0]]), observer=Observer(W=[["16/5"], ["12/5"]]),
-    )  # fmt: skip
+        coupling="exp(y) - 1 + y",
+        gains=dict.fromkeys(range(1, n + 1, 10), 5),
+        exosystem=Exosystem(A=[[0, 2], [-2, 0]], C=[[1, 0]]),
+        observer=Observer(W=[["16/5"], ["12/5"]]),
+    )
 
 
 def simulation_bars() -> Iterator[dict[str, Any]]:
@@ -83,9 +85,11 @@ def stacked() -> dict[str, Any]:
     apart = max(float(np.abs(run.error() - many.error[k]).max()) for k, run in enumerate(runs))
     alone = single * RUNS / ALONE
     return {
-        "what": "1000 runs of n = 10 with 20 draws of the mode, stacked vs one by one", "bar": 30,
-        "ratio": alone / together, "note": f"{alone:.3g} s / {together:.3g} s; errors {apart:.0e} apart",
-    }  # fmt: skip
+        "what": "1000 runs of n = 10 with 20 draws of the mode, stacked vs one by one",
+        "bar": 30,
+        "ratio": alone / together,
+        "note": f"{alone:.3g} s / {together:.3g} s; errors {apart:.0e} apart",
+    }
 
 
 def stacked_under_stress(stress: Stress, what: str, *, bar: float) -> dict[str, Any]:
@@ -98,9 +102,11 @@ def stacked_under_stress(stress: Stress, what: str, *, bar: float) -> dict[str, 
     apart = max(float(np.nanmax(np.abs(run.error() - many.error[k, : len(run)]))) for k, run in enumerate(runs))
     alone = single * RUNS / count
     return {
-        "what": f"1000 {what} of n = 10 under noise and loss, stacked vs one by one", "bar": bar,
-        "ratio": alone / together, "note": f"{alone:.3g} s / {together:.3g} s; errors {apart:.0e} apart",
-    }  # fmt: skip
+        "what": f"1000 {what} of n = 10 under noise and loss, stacked vs one by one",
+        "bar": bar,
+        "ratio": alone / together,
+        "note": f"{alone:.3g} s / {together:.3g} s; errors {apart:.0e} apart",
+    }
 
 
 def right_hand_side() -> dict[str, Any]:
@@ -126,9 +132,12 @@ def right_hand_side() -> dict[str, Any]:
     pairs = [(cpu(derivative, repeats=1)[0], cpu(copy, repeats=1)[0]) for _ in range(102)][2:]  # in turns
     ours, copying = (statistics.median(column) for column in zip(*pairs, strict=True))
     return {
-        "what": "right-hand side at n = 1e5, degree 6, vs copying states, arcs, weights", "bar": 3, "ceiling": True,
-        "ratio": ours / copying, "note": f"{1e3 * ours:.3g} ms / {1e3 * copying:.3g} ms",
-    }  # fmt: skip
+        "what": "right-hand side at n = 1e5, degree 6, vs copying states, arcs, weights",
+        "bar": 3,
+        "ceiling": True,
+        "ratio": ours / copying,
+        "note": f"{1e3 * ours:.3g} ms / {1e3 * copying:.3g} ms",
+    }
 
 
 def memory() -> dict[str, Any]:
@@ -139,9 +148,12 @@ def memory() -> dict[str, Any]:
     done = subprocess.run([sys.executable, "-c", script], check=True, capture_output=True, text=True)
     peak = int(done.stdout) / 2**30
     return {
-        "what": "peak memory of 1000 runs at n = 1000, two modes, in GiB", "bar": 2, "ratio": peak, "ceiling": True,
+        "what": "peak memory of 1000 runs at n = 1000, two modes, in GiB",
+        "bar": 2,
+        "ratio": peak,
+        "ceiling": True,
         "note": "GiB, not a ratio",
-    }  # fmt: skip
+    }
 
 
 def whole_run() -> str:

@@ -11,14 +11,14 @@ import pytest
 import dobc_design as dd
 from dobc_design.certificate.bounds import certified_bound
 from dobc_design.certificate.certificate import Certificate
+from dobc_design.conditions.check import Check
 from dobc_design.errors import CertificateError, SpecError
+from dobc_design.problem.exosystem import Exosystem
+from dobc_design.problem.network import Network
+from dobc_design.problem.observer import Observer
+from dobc_design.problem.problem import Problem
 from dobc_design.report.pictures import simulation_pictures
-from dobc_design.spec.exosystem import Exosystem
-from dobc_design.spec.network import Network
-from dobc_design.spec.observer import Observer
-from dobc_design.spec.problem import Problem
 from dobc_design.verdict import Verdict
-from dobc_design.verify.check import Check
 
 
 def ring(*, disturbed: bool = True, n: int = 3, **settings) -> Problem:
@@ -47,14 +47,22 @@ def curved() -> tuple[Problem, Certificate]:
 
 
 QUADRATIC = Check(
-    id="lure", verdict=Verdict.PROVED, domain={"kind": "ball", "radius": 0.5, "disturbance": 0.25}, rate=0.25,
+    id="lure",
+    verdict=Verdict.PROVED,
+    domain={"kind": "ball", "radius": 0.5, "disturbance": 0.25},
+    rate=0.25,
     reason="",
     exact={
-        "method": "interval", "level": "5/2", "radius": "1", "rate": "1/4", "P": [["2"]], "multipliers": {},
+        "method": "interval",
+        "level": "5/2",
+        "radius": "1",
+        "rate": "1/4",
+        "P": [["2"]],
+        "multipliers": {},
         "P_e": [[0, 0, "2"], [0, 1, "1/2"], [1, 1, "1"], [2, 2, "3"]],
         "ranges": [{"coupling": 0, "gains": [[["1", "4"]]]}],
     },
-)  # fmt: skip
+)
 
 
 def only(certificate: Certificate, *ids: str) -> Certificate:
@@ -132,12 +140,13 @@ def test_the_least_of_all_proved_bounds_counts(curved):
 @pytest.mark.parametrize(
     ("given", "reason"),
     [
-        ({"stress": dd.Stress(noise=0.1)}, "under stress"), ({"observer": "off"}, "here it is off"),
+        ({"stress": dd.Stress(noise=0.1)}, "under stress"),
+        ({"observer": "off"}, "here it is off"),
         ({"signal": dd.Mobile(radius=9)}, "follows from positions"),
         ({"start": {"x": 9 * FAR}}, "starts outside what is certified"),
         ({"start": {"x": NEAR, "xi": 9 * FAR}}, "starts outside what is certified"),
     ],
-)  # fmt: skip
+)
 def test_where_nothing_is_proved_about_a_run_no_bound_is_shown_and_the_reason_is(curved, given, reason: str):
     problem, certificate = curved
     for runs in (None, 2):

@@ -6,11 +6,11 @@ import pytest
 from certified import certified
 
 from dobc_design.certificate.text import read_claims
-from dobc_design.spec.canonical import problem_from_canonical
-from dobc_design.spec.network import Network
-from dobc_design.spec.problem import Problem
+from dobc_design.certification.certify import certify, verify
+from dobc_design.problem.canonical import problem_from_canonical
+from dobc_design.problem.network import Network
+from dobc_design.problem.problem import Problem
 from dobc_design.verdict import Verdict
-from dobc_design.workflow import certify, verify
 
 
 def test_saved_files_are_enough_to_check_it_again(tmp_path):

@@ -16,15 +16,15 @@ import pytest
 from dobc_design.certificate.certificate import Certificate
 from dobc_design.certificate.claims import Claims
 from dobc_design.certificate.regions import RegionClaim, Regions
+from dobc_design.conditions.check import Check, Witness
+from dobc_design.conditions.numbers import claimed
 from dobc_design.errors import CertificateError
-from dobc_design.spec.exosystem import Exosystem
-from dobc_design.spec.network import Network
-from dobc_design.spec.observer import Observer
-from dobc_design.spec.problem import Problem
-from dobc_design.spec.region import Region
+from dobc_design.problem.exosystem import Exosystem
+from dobc_design.problem.network import Network
+from dobc_design.problem.observer import Observer
+from dobc_design.problem.problem import Problem
+from dobc_design.problem.region import Region
 from dobc_design.verdict import Verdict
-from dobc_design.verify.check import Check, Witness
-from dobc_design.verify.numbers import claimed
 
 
 def chain(n: int = 2, **changes: Any) -> Problem:
@@ -45,9 +45,20 @@ def asking(interval: list[Any]) -> Region:
 
 def regions(problem: Problem, *checks: Check, verdict: Verdict = Verdict.UNDECIDED) -> Regions:
     claims = Claims(
-        problem_name=problem.name, problem_sha256="0" * 64, verdict=verdict, reason="Here is why.", rate=None,
-        covered_by=None, checks=checks, W=None, gain_source=None, P=None, Q=None, notes=(), version="0",
-    )  # fmt: skip
+        problem_name=problem.name,
+        problem_sha256="0" * 64,
+        verdict=verdict,
+        reason="Here is why.",
+        rate=None,
+        covered_by=None,
+        checks=checks,
+        W=None,
+        gain_source=None,
+        P=None,
+        Q=None,
+        notes=(),
+        version="0",
+    )
     return Certificate(problem=problem, claims=claims).regions
 
 
@@ -58,21 +69,32 @@ def only(found: Regions) -> RegionClaim:
 
 def max_separable(*, radius: float = 1.0, disturbance: float = 0.0, rate: float = 0.5, **exact: Any) -> Check:
     return Check(
-        id="max-separable", verdict=Verdict.PROVED, rate=rate,
+        id="max-separable",
+        verdict=Verdict.PROVED,
+        rate=rate,
         domain={"kind": "box", "radius": radius, "disturbance": disturbance},
         reason="from every start V decays. The box stops there.",
         exact={"v": ["1", "2"], "alpha": "1/2", "rho": "1", **exact},
-    )  # fmt: skip
+    )
 
 
 def lure(*, radius: float, P_e: list[list[Any]], level: str = "1", rate: float = 1.0) -> Check:
     return Check(
-        id="lure", verdict=Verdict.PROVED, rate=rate, domain={"kind": "ball", "radius": radius, "disturbance": 0.0},
+        id="lure",
+        verdict=Verdict.PROVED,
+        rate=rate,
+        domain={"kind": "ball", "radius": radius, "disturbance": 0.0},
         reason="from every start in a ball V decays.",
         exact={
-            "method": "lure", "P_e": P_e, "level": level, "radius": "1", "ranges": [], "multipliers": {}, "rate": "1",
+            "method": "lure",
+            "P_e": P_e,
+            "level": level,
+            "radius": "1",
+            "ranges": [],
+            "multipliers": {},
+            "rate": "1",
         },
-    )  # fmt: skip
+    )
 
 
 def test_a_ball_holds_a_box_that_is_smaller_by_the_root_of_its_dimension():
@@ -107,8 +129,9 @@ def test_every_agent_has_its_share_of_the_box_after_what_the_observer_takes():
     check = max_separable(radius=1.5, disturbance=0.5, rho="3", P=[["4"]], beta="3", kappa="1", size="4")
     agents = regions(problem, check).agents
     assert [(agent.label, agent.bound, agent.pinned, agent.goal) for agent in agents] == [
-        ("1", 2.0, True, 1.0), ("2", 4.0, False, 1.0),
-    ]  # fmt: skip
+        ("1", 2.0, True, 1.0),
+        ("2", 4.0, False, 1.0),
+    ]
 
 
 def test_the_time_of_a_box_is_the_least_that_the_rate_proves():
@@ -193,9 +216,13 @@ def test_with_a_disturbance_lemma_1_and_the_printed_matrix_are_left_to_the_list_
 def test_a_proof_for_every_start_needs_no_radius():
     linear = chain(coupling="2*y", region=asking([0, 2]))
     everywhere = Check(
-        id="max-separable", verdict=Verdict.PROVED, domain="global", rate=0.5, reason="from every start V decays.",
+        id="max-separable",
+        verdict=Verdict.PROVED,
+        domain="global",
+        rate=0.5,
+        reason="from every start V decays.",
         exact={"v": ["1", "2"], "alpha": "1/2", "rho": None},
-    )  # fmt: skip
+    )
     claim = only(regions(linear, everywhere))
     assert (claim.kind, claim.box, claim.covers, claim.limit) == ("everywhere", None, True, "")
     assert claim.time is not None

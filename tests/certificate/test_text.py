@@ -8,19 +8,19 @@ import pytest
 from campaigns import a_problem
 from certified import certified
 
-from dobc_design.certificate import checker
-from dobc_design.certificate.recheck import recheck
 from dobc_design.certificate.text import certificate_bytes, certificate_document, read_claims
-from dobc_design.design.pair import lyapunov
+from dobc_design.certification.certify import certify, verify
+from dobc_design.certification.recheck import recheck
+from dobc_design.checker import checker
+from dobc_design.conditions.check import number_or_none
+from dobc_design.conditions.observer.pair import lyapunov
 from dobc_design.errors import CertificateError
 from dobc_design.exact.matrix import multiply, scale
-from dobc_design.spec.canonical import canonical_bytes
-from dobc_design.spec.exosystem import Exosystem
-from dobc_design.spec.network import Network
-from dobc_design.spec.observer import Observer
-from dobc_design.spec.problem import Problem
-from dobc_design.verify.check import number_or_none
-from dobc_design.workflow import certify, verify
+from dobc_design.problem.canonical import canonical_bytes
+from dobc_design.problem.exosystem import Exosystem
+from dobc_design.problem.network import Network
+from dobc_design.problem.observer import Observer
+from dobc_design.problem.problem import Problem
 
 
 @pytest.fixture(scope="module")
@@ -58,15 +58,18 @@ def test_numbers_longer_than_anybody_types_are_read_back(monkeypatch):
     """The last pair that is tried comes from an exact Lyapunov equation: hundreds of digits."""
     A = [[f"{(i * 7 + j * 3) % 11 - 50 * (i == j)}/{10**9 + 7 * i + j}" for j in range(4)] for i in range(4)]
     problem = Problem(
-        network=Network.from_arcs([], arrow="listens_to", agents=1), coupling="y", gains="1/1000000007",
-        exosystem=Exosystem(A=A, C=[["1/3", "3/7", "-5/11", "1/13"]]), observer=Observer(W=[[0]] * 4),
-    )  # fmt: skip
+        network=Network.from_arcs([], arrow="listens_to", agents=1),
+        coupling="y",
+        gains="1/1000000007",
+        exosystem=Exosystem(A=A, C=[["1/3", "3/7", "-5/11", "1/13"]]),
+        observer=Observer(W=[[0]] * 4),
+    )
 
     def exact_only(exosystem, W, *, bound, decay):
         P = scale(10**40, lyapunov(exosystem.A))
         yield P, multiply(P, W), ""
 
-    monkeypatch.setattr("dobc_design.deciding.propose_pairs", exact_only)
+    monkeypatch.setattr("dobc_design.certification.consensus.propose_pairs", exact_only)
     certificate = certify(problem)
     data = certificate_bytes(certificate.claims)
     assert max(len(entry) for row in json.loads(data)["observer"]["P"] for entry in row) > 200
@@ -147,10 +150,18 @@ def test_missing_fields_are_refused(document):
 @pytest.mark.parametrize(
     "data",
     [
-        b"", b"[]", b"null", b"1", b"{", b"\xff\xfe", b"[" * 100_000, b'{"format": "dobc-certificate"}',
-        b'{"format": "dobc-certificate", "format": "dobc-certificate", "version": 1}', b"9" * 5000,
+        b"",
+        b"[]",
+        b"null",
+        b"1",
+        b"{",
+        b"\xff\xfe",
+        b"[" * 100_000,
+        b'{"format": "dobc-certificate"}',
+        b'{"format": "dobc-certificate", "format": "dobc-certificate", "version": 1}',
+        b"9" * 5000,
     ],
-)  # fmt: skip
+)
 def test_other_bytes_are_refused(data):
     with pytest.raises(CertificateError, match="cannot be read"):
         read_claims(data)
@@ -180,8 +191,11 @@ def test_a_huge_file_is_refused_before_it_is_parsed(monkeypatch):
 
 def with_margin(text: str) -> tuple[bytes, Problem]:
     """One agent with the gain k = 1/10 + 1e-30, and a certificate with this margin; what is true is less than 2 k."""
-    problem = Problem(network=Network.from_arcs([], arrow="listens_to", agents=1), coupling="y",
-                      gains={1: "100000000000000000000000000001e-30"})  # fmt: skip
+    problem = Problem(
+        network=Network.from_arcs([], arrow="listens_to", agents=1),
+        coupling="y",
+        gains={1: "100000000000000000000000000001e-30"},
+    )
     document = certificate_document(certify(problem).claims)
     lemma = next(check for check in document["checks"] if check["id"] == "lemma1")
     lemma["margin"] = "the margin"

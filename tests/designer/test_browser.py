@@ -13,7 +13,7 @@ import nbformat
 import pytest
 from chromium import CHROMIUM, Page, browser, until
 
-from dobc_design.spec.load import load_problem
+from dobc_design.problem.load import load_problem
 
 pytest.importorskip("anywidget", reason="needs the extra `notebook`: pip install 'dobc_design[notebook]'")
 pytest.importorskip("jupyterlab", reason="needs the extra `notebook`: pip install 'dobc_design[notebook]'")
@@ -35,10 +35,23 @@ def server(tmp_path: Path) -> Iterator[str]:
     environment = os.environ | {f"JUPYTER_{name}_DIR": str(tmp_path / name) for name in ("CONFIG", "DATA", "RUNTIME")}
     with log.open("w") as out:
         process = subprocess.Popen(
-            [sys.executable, "-m", "jupyterlab", "--no-browser", "--allow-root", "--port=0", "--ip=127.0.0.1",
-             "--IdentityProvider.token=secret", "--LabApp.expose_app_in_browser=True", f"--notebook-dir={tmp_path}"],
-            stdout=out, stderr=subprocess.STDOUT, env=environment, cwd=tmp_path,
-        )  # fmt: skip
+            [
+                sys.executable,
+                "-m",
+                "jupyterlab",
+                "--no-browser",
+                "--allow-root",
+                "--port=0",
+                "--ip=127.0.0.1",
+                "--IdentityProvider.token=secret",
+                "--LabApp.expose_app_in_browser=True",
+                f"--notebook-dir={tmp_path}",
+            ],
+            stdout=out,
+            stderr=subprocess.STDOUT,
+            env=environment,
+            cwd=tmp_path,
+        )
     try:
         port = until("the server's port", lambda: re.search(r"http://127\.0\.0\.1:(\d+)/lab", log.read_text()))[1]
         yield f"http://127.0.0.1:{port}/lab/tree/design.ipynb?token=secret"
@@ -55,9 +68,13 @@ def page(tmp_path: Path, server: str) -> Iterator[Page]:
 
 def test_a_click_pins_an_agent_and_the_exact_verdict_follows(page: Page, tmp_path: Path):
     until("JupyterLab", lambda: page.run("!!(window.jupyterapp && window.jupyterapp.shell.currentWidget)"))
-    until("the kernel", lambda: page.run(
-        "(() => { const s = window.jupyterapp.shell.currentWidget?.sessionContext;"
-        " return s?.session?.kernel?.status === 'idle'; })()"))  # fmt: skip
+    until(
+        "the kernel",
+        lambda: page.run(
+            "(() => { const s = window.jupyterapp.shell.currentWidget?.sessionContext;"
+            " return s?.session?.kernel?.status === 'idle'; })()"
+        ),
+    )
     page.run("void window.jupyterapp.commands.execute('notebook:run-all-cells')")
     until("the widget", lambda: page.run("document.querySelectorAll('.dobc-agent').length === 10"))
     said = "document.querySelector('.dobc-verdict').textContent"

@@ -12,7 +12,7 @@ pytest.importorskip("anywidget", reason="needs the extra `notebook`: pip install
 import dobc_design as dd
 from dobc_design.designer.preview import preview
 from dobc_design.errors import SpecError
-from dobc_design.spec.canonical import canonical_bytes
+from dobc_design.problem.canonical import canonical_bytes
 
 
 @pytest.fixture
@@ -121,9 +121,11 @@ def test_what_cannot_be_drawn_is_refused():
     with pytest.raises(SpecError, match=r"201 agents; the drawing holds 200"):
         dd.Designer(dd.Problem(network=dd.Network.from_arcs([[2, 1]], arrow="listens_to", agents=201), coupling="y"))
     matrix = dd.Problem(
-        network=dd.Network.from_arcs([[2, 1]], arrow="listens_to", agents=2), coupling="y", target=[0, 0],
+        network=dd.Network.from_arcs([[2, 1]], arrow="listens_to", agents=2),
+        coupling="y",
+        target=[0, 0],
         gains={1: [[1, 0], [0, 2]]},
-    )  # fmt: skip
+    )
     with pytest.raises(SpecError, match=r"agent 1 has a matrix as its gain"):
         dd.Designer(matrix)
 

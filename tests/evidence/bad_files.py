@@ -17,7 +17,7 @@ from typing import Any
 from bad_files import BAD_FILES, BadFile, listing, write_case
 from evidence.row import Row
 
-PROGRAM = "from dobc_design.cli import main; main()"
+PROGRAM = "from dobc_design.cli.main import main; main()"
 
 
 def run(count: int, seed: int) -> Row:
@@ -31,8 +31,10 @@ def run(count: int, seed: int) -> Row:
     )
     return Row(
         what="bad problem files through `dobc certify --json`: exit 2, the key, nothing written",
-        count=len(cases) - skipped, failures=failures, notes=(f"{skipped} skipped for want of symbolic links",),
-    )  # fmt: skip
+        count=len(cases) - skipped,
+        failures=failures,
+        notes=(f"{skipped} skipped for want of symbolic links",),
+    )
 
 
 def _wrong(case: BadFile) -> str:
@@ -45,9 +47,12 @@ def _wrong(case: BadFile) -> str:
             return "skipped"
         before = listing(folder)
         done = subprocess.run(
-            [sys.executable, "-c", PROGRAM, "certify", "problem.toml", "--json"], cwd=folder, check=False,
-            capture_output=True, timeout=120,
-        )  # fmt: skip
+            [sys.executable, "-c", PROGRAM, "certify", "problem.toml", "--json"],
+            cwd=folder,
+            check=False,
+            capture_output=True,
+            timeout=120,
+        )
         if done.returncode != 2:
             return f"exit code {done.returncode}"
         if b"Traceback" in done.stderr or b"Traceback" in done.stdout:

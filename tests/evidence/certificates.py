@@ -5,14 +5,7 @@ Certificates are checked by ``verify`` and by an oracle that shares no code with
 
 from __future__ import annotations
 
-from campaigns import (
-    Tally,
-    decision_campaign,
-    mutant_campaign,
-    outside_campaign,
-    recheck_campaign,
-    reduction_campaign,
-)
+from campaigns import Tally, decision_campaign, mutant_campaign, outside_campaign, recheck_campaign, reduction_campaign
 from evidence.row import Row
 from groups_oracle import GroupsOracle, random_grouped_problem
 from region_campaigns import region_mutant_campaign, region_recheck_campaign

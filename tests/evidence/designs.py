@@ -9,8 +9,8 @@ import numpy as np
 from evidence.row import Row
 
 import dobc_design as dd
-from dobc_design.spec.network import Network
-from dobc_design.spec.problem import Problem
+from dobc_design.problem.network import Network
+from dobc_design.problem.problem import Problem
 from dobc_design.verdict import Verdict
 
 BUILT_IN = ("paper-fixed", "paper-switching", "clock-sync", "karate-club", "microgrid-ieee14", "uav-swarm")
@@ -31,8 +31,9 @@ def built_in(count: int, seed: int) -> Row:
         if not again.holds or again.verdict is not Verdict.PROVED or len(found.gains) > MOST_PINS.get(name, 99):
             failures.append(f"{name}: {again.verdict.value}, pins {', '.join(found.gains)}")
         notes.append(f"{name}: {len(found.gains)} pins, rate {found.rate or 0:.3g} 1/s")
-    return Row(what="built-in problems designed and proved", count=len(names), failures=tuple(failures),
-               notes=tuple(notes))  # fmt: skip
+    return Row(
+        what="built-in problems designed and proved", count=len(names), failures=tuple(failures), notes=tuple(notes)
+    )
 
 
 def requests(count: int, seed: int) -> Row:
@@ -57,8 +58,12 @@ def requests(count: int, seed: int) -> Row:
 
 def _case(r: Random) -> tuple[Problem, dict]:
     n = r.randint(2, 5)
-    arcs = [[i, j, round(r.uniform(0.2, 2), 1)] for i in range(1, n + 1) for j in range(1, n + 1)
-            if i != j and r.random() < 0.5] or [[1, 2]]  # fmt: skip
+    arcs = [
+        [i, j, round(r.uniform(0.2, 2), 1)]
+        for i in range(1, n + 1)
+        for j in range(1, n + 1)
+        if i != j and r.random() < 0.5
+    ] or [[1, 2]]
     network = Network.from_arcs(arcs, arrow="listens_to", agents=n)
     problem = Problem(network=network, coupling="y", region={"initial_states": [-1, 1]})
     labels = list(network.labels)
@@ -93,8 +98,11 @@ def _found_one(r: Random, problem: Problem, asked: dict) -> bool:
     for _ in range(TRIALS):
         K = np.zeros(problem.n)
         for i in r.sample(allowed, min(len(allowed), asked.get("pins", problem.n))):
-            K[i] = min(10 ** r.uniform(-2, 4), asked.get("max_gain", 1e9)) if r.random() < 0.7 else \
-                asked.get("max_gain", 1e6)  # fmt: skip
+            K[i] = (
+                min(10 ** r.uniform(-2, 4), asked.get("max_gain", 1e9))
+                if r.random() < 0.7
+                else asked.get("max_gain", 1e6)
+            )
         if -np.max(np.linalg.eigvals(J - np.diag(K)).real) > asked.get("rate", 0) + 1e-9:
             return True
     return False

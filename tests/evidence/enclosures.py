@@ -9,10 +9,10 @@ from random import Random
 from evidence.row import Row
 from random_couplings import OUTER, coupling_text, near_kink, true_values
 
+from dobc_design.coupling.enclosures import Curve, jet, secant, secant_range, slope_range, value_form, value_range
+from dobc_design.coupling.expression import parse_expression
+from dobc_design.coupling.tree import FUNCTIONS
 from dobc_design.exact.interval import Interval, UndefinedError
-from dobc_design.spec.expression import parse_expression
-from dobc_design.spec.tree import FUNCTIONS
-from dobc_design.theorems.enclosures import Curve, jet, secant, secant_range, slope_range, value_form, value_range
 
 PER_COUPLING = 1000  # points on one random interval of one random coupling
 NAMES = ("h", "h'", "h(y)/y")
@@ -35,9 +35,11 @@ def run(count: int, seed: int) -> Row:
     if missing and turn >= 3 * len(OUTER):
         failures.append(f"never used: {sorted(missing)}")
     return Row(
-        what="enclosures of h, h' and the secant gain contain the values at random points (200 bits)", count=done,
-        failures=tuple(failures), notes=(f"{turn} couplings, {len(used)} of {len(FUNCTIONS)} functions",),
-    )  # fmt: skip
+        what="enclosures of h, h' and the secant gain contain the values at random points (200 bits)",
+        count=done,
+        failures=tuple(failures),
+        notes=(f"{turn} couplings, {len(used)} of {len(FUNCTIONS)} functions",),
+    )
 
 
 def _compare(text: str, r: Random, points: int) -> tuple[int, list[str]]:

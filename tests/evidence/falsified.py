@@ -11,15 +11,15 @@ import lure_cases
 from evidence.row import Row
 from separable_problems import MONOTONE, PAPER, TURNING, random_problem
 
-from dobc_design.design.lure import design_lure, raise_rate
-from dobc_design.design.separable import design_separable, propose_separable, rounded_vectors
-from dobc_design.falsifying.falsify import falsify
-from dobc_design.spec.observer import Observer
-from dobc_design.spec.problem import Problem
-from dobc_design.theorems.lure import Lure
-from dobc_design.theorems.separable import Separable
-from dobc_design.verify.separable import largest_rate
-from dobc_design.verify.separable_observer import first_certificate
+from dobc_design.conditions.quadratic.claim import Lure
+from dobc_design.conditions.quadratic.propose import design_lure, raise_rate
+from dobc_design.conditions.separable.claim import Separable
+from dobc_design.conditions.separable.decide import largest_rate
+from dobc_design.conditions.separable.observer import first_certificate
+from dobc_design.conditions.separable.propose import design_separable, propose_separable, rounded_vectors
+from dobc_design.falsification.search import falsify
+from dobc_design.problem.observer import Observer
+from dobc_design.problem.problem import Problem
 
 PROBLEMS = 24  # at least 20 are wanted
 HORIZON = 15.0  # s
@@ -36,9 +36,13 @@ def run(count: int, seed: int) -> Row:
     each = max(10, -(-count // PROBLEMS))
     for number, (name, problem, certified) in enumerate(_proved(seed)):
         found = falsify(
-            problem, runs=each, seed=seed + number, certified=certified, t_final=HORIZON,
+            problem,
+            runs=each,
+            seed=seed + number,
+            certified=certified,
+            t_final=HORIZON,
             gain=None if problem.exosystem is None else W,
-        )  # fmt: skip
+        )
         tried, unfinished = tried + found.tried, unfinished + found.unfinished
         failures += [f"{name}: {suspect}" for suspect in found.suspects]
         if found.observed_rate is None or not found.certified_rate:
@@ -57,8 +61,11 @@ def run(count: int, seed: int) -> Row:
     )
     return Row(
         what="starts on the boundary of certified sets: none leaves, all decay at least as certified",
-        count=tried - unfinished, failures=tuple(failures), notes=notes, least=count * 99 // 100,
-    )  # fmt: skip
+        count=tried - unfinished,
+        failures=tuple(failures),
+        notes=notes,
+        least=count * 99 // 100,
+    )
 
 
 def _proved(seed: int) -> Iterator[tuple[str, Problem, Separable | Lure]]:
@@ -67,8 +74,11 @@ def _proved(seed: int) -> Iterator[tuple[str, Problem, Separable | Lure]]:
     while True:
         kind = KINDS[turn % 4]
         problem, certified = {
-            "monotone": _monotone, "turning": _turning, "observer": _observed, "quadratic": _quadratic,
-        }[kind](seed + turn)  # fmt: skip
+            "monotone": _monotone,
+            "turning": _turning,
+            "observer": _observed,
+            "quadratic": _quadratic,
+        }[kind](seed + turn)
         if certified is not None:
             yield f"{kind} {seed + turn}", problem, certified
         turn += 1
@@ -99,9 +109,11 @@ def _quadratic(seed: int) -> tuple[Problem, Lure | None]:
     r = Random(f"quadratic {seed}")
     problem = lure_cases.random_problem(seed, coupling=r.choice(("tanh(y)", "sin(y)", PAPER)), modes=r.choice((1, 2)))
     lure = design_lure(
-        problem, holds=lambda each: lure_cases.is_proved(problem, each), shape=r.choice(("diagonal", "full")),
+        problem,
+        holds=lambda each: lure_cases.is_proved(problem, each),
+        shape=r.choice(("diagonal", "full")),
         largest=Fraction(3),
-    )  # fmt: skip
+    )
     if lure is None:
         return problem, None
     faster = raise_rate(problem, lure, holds=lambda each: lure_cases.is_proved(problem, each))

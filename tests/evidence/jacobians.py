@@ -14,23 +14,42 @@ import numpy as np
 import sympy
 from evidence.row import Row
 
+from dobc_design.conditions.consensus.jacobians import jacobians_at_consensus
+from dobc_design.coupling.tree import FUNCTIONS
 from dobc_design.model.model import build_model
-from dobc_design.spec.network import Network
-from dobc_design.spec.problem import Problem
-from dobc_design.spec.tree import FUNCTIONS
-from dobc_design.theorems.jacobians import jacobians_at_consensus
+from dobc_design.problem.network import Network
+from dobc_design.problem.problem import Problem
 
 # Smooth at 0 and defined on |y| <= 3, so that J(0) exists; with kinks elsewhere where a function has them.
 SCALAR = (
-    "exp(y) - 1", "log(1 + y/9)", "sin(y) + y", "1 - cos(y) + y/2", "tan(y/4)", "tanh(3*y)", "atan(y)/2", "sinh(y)",
-    "cosh(y) - 1 + 2*y", "sqrt(4 + y) - 2", "y*abs(y) + y", "abs(y - 1) - 1 + 3*y", "min(y, 1/2)", "max(-3/4, y)",
-    "clip(2*y, -1, 1)", "y**3 - y/3", "y/(2 + y**2)", "(1 + y**2)**(1/2) - 1", "(1 + y/8)**-2 - 1", "sin(pi*y)",
-)  # fmt: skip
+    "exp(y) - 1",
+    "log(1 + y/9)",
+    "sin(y) + y",
+    "1 - cos(y) + y/2",
+    "tan(y/4)",
+    "tanh(3*y)",
+    "atan(y)/2",
+    "sinh(y)",
+    "cosh(y) - 1 + 2*y",
+    "sqrt(4 + y) - 2",
+    "y*abs(y) + y",
+    "abs(y - 1) - 1 + 3*y",
+    "min(y, 1/2)",
+    "max(-3/4, y)",
+    "clip(2*y, -1, 1)",
+    "y**3 - y/3",
+    "y/(2 + y**2)",
+    "(1 + y**2)**(1/2) - 1",
+    "(1 + y/8)**-2 - 1",
+    "sin(pi*y)",
+)
 PLANE = (
-    ("sin(y1) + y2**2", "3*y2 - y1*y2"), ("exp(y1 - y2) - 1", "tanh(y1) + y2"),
-    ("y1*cos(y2)", "log(1 + y2/9) + abs(y1 - 1) - 1"), ("max(y1, y2/2 - 1)", "sqrt(4 + y1) - 2 + clip(y2, -1, 1)"),
+    ("sin(y1) + y2**2", "3*y2 - y1*y2"),
+    ("exp(y1 - y2) - 1", "tanh(y1) + y2"),
+    ("y1*cos(y2)", "log(1 + y2/9) + abs(y1 - 1) - 1"),
+    ("max(y1, y2/2 - 1)", "sqrt(4 + y1) - 2 + clip(y2, -1, 1)"),
     ("atan(y1*y2) + y1", "sinh(y2)/2 + min(y1, 1)"),
-)  # fmt: skip
+)
 CLEARANCE = 1e-3  # from a kink, so that the finite differences stay on one side
 STEP = 1e-6
 
@@ -61,9 +80,11 @@ def run(count: int, seed: int) -> Row:
         failures.append(f"never used: {sorted(missing)}")
     sizes = ", ".join(f"{name} {error:.1e}" for name, error in worst.items())
     return Row(
-        what="dh/de: CasADi = SymPy = finite differences; at 0 = the pencil's J(0)", count=count,
-        failures=tuple(failures), notes=(f"{len(used)} of {len(FUNCTIONS)} functions; worst: {sizes}",),
-    )  # fmt: skip
+        what="dh/de: CasADi = SymPy = finite differences; at 0 = the pencil's J(0)",
+        count=count,
+        failures=tuple(failures),
+        notes=(f"{len(used)} of {len(FUNCTIONS)} functions; worst: {sizes}",),
+    )
 
 
 def _problem(seed: int) -> Problem:
@@ -112,8 +133,11 @@ def _symbolic(problem: Problem, e: np.ndarray) -> np.ndarray:
 def _partials(texts: tuple[str, ...], m: int) -> list[list[Any]]:
     y = sympy.symbols(f"y1:{m + 1}", real=True)
     names = {f"y{c + 1}": y[c] for c in range(m)} | {
-        "abs": sympy.Abs, "min": sympy.Min, "max": sympy.Max, "clip": lambda x, lo, hi: sympy.Max(lo, sympy.Min(hi, x)),
-    }  # fmt: skip
+        "abs": sympy.Abs,
+        "min": sympy.Min,
+        "max": sympy.Max,
+        "clip": lambda x, lo, hi: sympy.Max(lo, sympy.Min(hi, x)),
+    }
     by_component = len(texts) == 1
     h = [sympy.sympify(texts[0 if by_component else c], locals={**names, "y": y[c]}, rational=True) for c in range(m)]
     return [[sympy.lambdify(y, sympy.diff(each, v), "numpy") for v in y] for each in h]

@@ -6,9 +6,9 @@ from fractions import Fraction
 from random import Random
 from typing import Any
 
-from dobc_design.spec.exosystem import Exosystem
-from dobc_design.spec.network import Network
-from dobc_design.spec.problem import Problem
+from dobc_design.problem.exosystem import Exosystem
+from dobc_design.problem.network import Network
+from dobc_design.problem.problem import Problem
 
 SCALAR = ("y", "tanh(y)", "exp(y) - 1 + y", "y/3", "2*y - y**3", "sin(y)/2", "-y/8", "7*y/2")
 PLANE = (["y1 + y2/2", "y2 - y1/3"], ["sin(y1) + y2**2", "3*y2"], ["2*y1 - y2", "y1 + tanh(y2)"])

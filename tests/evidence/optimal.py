@@ -17,9 +17,9 @@ from evidence.row import Row
 from exact_oracle import positive_definite
 
 import dobc_design as dd
-from dobc_design.spec import exosystems
-from dobc_design.spec.network import Network
-from dobc_design.spec.problem import Problem
+from dobc_design.problem import exosystems
+from dobc_design.problem.network import Network
+from dobc_design.problem.problem import Problem
 
 BETTER = Fraction(1, 10**6)
 PROBLEMS = 10  # about; where one has few feasible neighbours, more
@@ -66,8 +66,13 @@ def _compare(what: str, count: int, seed: int, cases: Callable[[Random], Iterato
                 met += 1
                 if found < optimum * (1 - BETTER):
                     failures.append(f"{seed + number}, {name}: {float(found):.9g} in place of {float(optimum):.9g}")
-    return Row(what=what, count=met, failures=tuple(failures), least=count,
-               notes=(f"{designs} designs, feasible neighbours only",))  # fmt: skip
+    return Row(
+        what=what,
+        count=met,
+        failures=tuple(failures),
+        least=count,
+        notes=(f"{designs} designs, feasible neighbours only",),
+    )
 
 
 def _gains_at_the_consensus(r: Random) -> Iterator[Case]:
@@ -120,8 +125,14 @@ def _gains_of_boxes(r: Random) -> Iterator[Case]:
 
 def _observers(r: Random) -> Iterator[Case]:
     w = [r.uniform(0.5, 3) for _ in range(2)]
-    shape = r.choice((exosystems.harmonics(round(w[0], 2)), exosystems.ramp(), exosystems.polynomial(2),
-                      exosystems.harmonics([round(w[0], 2), round(w[0] + w[1], 2)])))  # fmt: skip
+    shape = r.choice(
+        (
+            exosystems.harmonics(round(w[0], 2)),
+            exosystems.ramp(),
+            exosystems.polynomial(2),
+            exosystems.harmonics([round(w[0], 2), round(w[0] + w[1], 2)]),
+        )
+    )
     network = Network.from_arcs([[1, 2], [2, 1]], arrow="listens_to", agents=2)
     problem = Problem(network=network, coupling="y", gains={1: 1}, exosystem=shape)
     q, rate = shape.order, Fraction(r.randint(3, 12), 10)
@@ -156,8 +167,10 @@ def _observers(r: Random) -> Iterator[Case]:
     def draw() -> Rows:
         """Towards a gain well inside, and a random step besides that is no longer than that."""
         part, width = r.random(), 10.0 ** r.uniform(-6, -1)
-        return [[_short(float(x) + part * width * 10 * float(y - x) + width * r.gauss(0, 0.3))]
-                for x, y in zip((row[0] for row in own), (row[0] for row in inner), strict=True)]  # fmt: skip
+        return [
+            [_short(float(x) + part * width * 10 * float(y - x) + width * r.gauss(0, 0.3))]
+            for x, y in zip((row[0] for row in own), (row[0] for row in inner), strict=True)
+        ]
 
     # |W|^2 is compared, so a millionth of |W| is about two of it: the stricter test is made.
     yield f"{name}, q = {q}", optimum, draw, value
@@ -170,8 +183,9 @@ def _neighbours(r: Random, gains: Any, allowed: Sequence[str]) -> Callable[[], d
     def draw() -> dict[str, Fraction]:
         width = top * 10.0 ** r.uniform(-7, -0.3)
         lift = r.random()
-        return {label: _short(max(0.0, float(gains.get(label, 0)) + width * (r.gauss(0, 1) + lift)))
-                for label in allowed}  # fmt: skip
+        return {
+            label: _short(max(0.0, float(gains.get(label, 0)) + width * (r.gauss(0, 1) + lift))) for label in allowed
+        }
 
     return draw
 
@@ -235,8 +249,14 @@ def _is_hurwitz(F: Rows) -> bool:
 def _determinant(table: Rows) -> Fraction:
     if len(table) == 1:
         return table[0][0]
-    return sum(((-1) ** j * table[0][j] * _determinant([row[:j] + row[j + 1 :] for row in table[1:]])
-                for j in range(len(table)) if table[0][j]), Fraction(0))  # fmt: skip
+    return sum(
+        (
+            (-1) ** j * table[0][j] * _determinant([row[:j] + row[j + 1 :] for row in table[1:]])
+            for j in range(len(table))
+            if table[0][j]
+        ),
+        Fraction(0),
+    )
 
 
 def _variance(F: Rows, W: Rows) -> Fraction:

@@ -13,9 +13,9 @@ import numpy as np
 from evidence.row import Row
 
 import dobc_design as dd
-from dobc_design.design.pinning import Blocks, fastest_rate, for_rate, network_blocks, smallest_gains
-from dobc_design.spec.network import Network
-from dobc_design.spec.problem import Problem
+from dobc_design.conditions.consensus.pinning import Blocks, fastest_rate, for_rate, network_blocks, smallest_gains
+from dobc_design.problem.network import Network
+from dobc_design.problem.problem import Problem
 from dobc_design.verdict import Verdict
 
 AGREE = 1e-6
@@ -45,10 +45,17 @@ def closed_form(count: int, seed: int) -> Row:
             worst = max(worst, difference)
             if difference > AGREE:
                 failures.append(f"{seed + number}: {solver} {optimal:.9g}, closed form {own:.9g}")
-    notes = (f"solved to full accuracy: {solved['CLARABEL']} by Clarabel, {solved['SCS']} by SCS",
-             f"largest difference {worst:.1e}")  # fmt: skip
-    return Row(what="smallest gains: closed form = semidefinite program to 1e-6", count=min(solved.values()),
-               failures=tuple(failures), notes=notes, least=count * 9 // 10)  # fmt: skip
+    notes = (
+        f"solved to full accuracy: {solved['CLARABEL']} by Clarabel, {solved['SCS']} by SCS",
+        f"largest difference {worst:.1e}",
+    )
+    return Row(
+        what="smallest gains: closed form = semidefinite program to 1e-6",
+        count=min(solved.values()),
+        failures=tuple(failures),
+        notes=notes,
+        least=count * 9 // 10,
+    )
 
 
 def choices(count: int, seed: int) -> Row:
@@ -66,8 +73,9 @@ def choices(count: int, seed: int) -> Row:
                 failures.append(f"{seed + number}: {design.verdict.value}, by exhaustive search {best}")
         elif not (best * (1 - AGREE) <= design.lower_bound and design.cost <= best * (1 + AGREE)):
             failures.append(f"{seed + number}: cost {float(design.cost):.9g}, by exhaustive search {best:.9g}")
-    return Row(what="agents to pin: as exhaustive search, n to 12, with a proved bound", count=count,
-               failures=tuple(failures))  # fmt: skip
+    return Row(
+        what="agents to pin: as exhaustive search, n to 12, with a proved bound", count=count, failures=tuple(failures)
+    )
 
 
 def gaps(count: int, seed: int) -> Row:
@@ -87,11 +95,18 @@ def gaps(count: int, seed: int) -> Row:
         start = _greedy(problem, 0.3, 10)
         if start is not None:
             greedy.append(start / float(design.lower_bound) - 1)
-    notes = [f"{name}: median {statistics.median(values):.1e}, at most {max(values):.1e} above the proved bound"
-             for name, values in (("chosen", proved), ("greedy alone", greedy)) if values]  # fmt: skip
-    return Row(what="agents to pin, n = 50: gap to the proved bound", count=count, failures=(),
-               notes=(f"{len(proved)} proved, {refuted} refuted, {undecided} undecided", *notes),
-               least=count if len(proved) >= 0.8 * count else count + 1)  # fmt: skip
+    notes = [
+        f"{name}: median {statistics.median(values):.1e}, at most {max(values):.1e} above the proved bound"
+        for name, values in (("chosen", proved), ("greedy alone", greedy))
+        if values
+    ]
+    return Row(
+        what="agents to pin, n = 50: gap to the proved bound",
+        count=count,
+        failures=(),
+        notes=(f"{len(proved)} proved, {refuted} refuted, {undecided} undecided", *notes),
+        least=count if len(proved) >= 0.8 * count else count + 1,
+    )
 
 
 def _case(r: Random, n: int) -> tuple[Blocks, list[int], list[float]]:
@@ -140,9 +155,9 @@ def _best_of_all(problem: Problem, rate: float, pins: int) -> float | None:
 
 def _greedy(problem: Problem, rate: float, pins: int) -> float | None:
     """The cost of the greedy set alone, before branch and bound."""
-    from dobc_design.design.pinning_proposals import make_proposer
-    from dobc_design.spec.pinning_request import read_request
-    from dobc_design.verify.pinning_structure import structure_of
+    from dobc_design.synthesis.pinning.proposals import make_proposer
+    from dobc_design.synthesis.pinning.request import read_request
+    from dobc_design.synthesis.pinning.structure import structure_of
 
     proposer = make_proposer(problem, read_request(problem.network.labels, rate=str(rate), pins=pins))
     everybody = range(problem.n)

@@ -12,16 +12,16 @@ import numpy as np
 from evidence.networks import network_problem
 from evidence.row import Row
 
-from dobc_design.design.dense import solve_dense
-from dobc_design.design.gain import design_gain
-from dobc_design.design.pair import lyapunov
-from dobc_design.design.program import Program
-from dobc_design.design.reduced import solve_reduced
+from dobc_design.conditions.consensus.decide import Pair, psi_is_negative
+from dobc_design.conditions.consensus.reduced import solve_reduced
+from dobc_design.conditions.consensus.statements import Statements, state_theorems
+from dobc_design.conditions.observer.gain import design_gain
+from dobc_design.conditions.observer.pair import lyapunov
 from dobc_design.exact.definite import decide_positive_definite
 from dobc_design.exact.matrix import multiply, scale, subtract, to_float
-from dobc_design.theorems.statements import Statements, state_theorems
+from dobc_design.solvers.dense import solve_dense
+from dobc_design.solvers.program import Program
 from dobc_design.verdict import Verdict
-from dobc_design.verify.consensus import Pair, psi_is_negative
 
 RELATIVE = 1e-5
 # The optimum t of "margin" may be anything near 0, and solvers are exact to 1e-8 or so of the matrices, which
@@ -50,9 +50,11 @@ def verdicts(count: int, seed: int) -> Row:
                 failures.append(f"seed {seed + k - 1}")
             proved, refuted = proved + whole, refuted + (not whole)
     return Row(
-        what="Psi < 0: LDL' of the whole pencil = the Reduction, m = 1 and 2, 1 to 4 modes", count=problems,
-        failures=tuple(failures), notes=(f"{proved + refuted} pairs (P, Q): {proved} proved, {refuted} refuted",),
-    )  # fmt: skip
+        what="Psi < 0: LDL' of the whole pencil = the Reduction, m = 1 and 2, 1 to 4 modes",
+        count=problems,
+        failures=tuple(failures),
+        notes=(f"{proved + refuted} pairs (P, Q): {proved} proved, {refuted} refuted",),
+    )
 
 
 def _pairs(statements: Statements) -> list[Pair]:
@@ -94,10 +96,12 @@ def objectives(count: int, seed: int) -> Row:
                     failures.append(text)
     sizes = ", ".join(f"{error:.1e} ({name})" for name, error in worst.items())
     return Row(
-        what="optimal values: block LMI in cvxpy = small SDP, to 1e-5 relative (t: of at least 0.1)", count=agreed,
-        failures=tuple(failures), least=count,
+        what="optimal values: block LMI in cvxpy = small SDP, to 1e-5 relative (t: of at least 0.1)",
+        count=agreed,
+        failures=tuple(failures),
+        least=count,
         notes=(
             f"{count} problems, 2 objectives: both solved {agreed}, worst {sizes}; both infeasible {infeasible};"
             f" a solver gave up {unsolved}",
         ),
-    )  # fmt: skip
+    )

@@ -10,6 +10,8 @@ def run(count: int, seed: int) -> Row:
     """``count`` of the removals, evenly spread; the cases are always the same."""
     tried, missed = unnoticed(count)
     return Row(
-        what="the lone checker with one of its checks removed: noticed", count=tried, failures=tuple(missed),
+        what="the lone checker with one of its checks removed: noticed",
+        count=tried,
+        failures=tuple(missed),
         notes=(f"{len(EQUIVALENT)} removals that nothing can notice are listed with their reasons",),
-    )  # fmt: skip
+    )

@@ -58,14 +58,21 @@ def fuzz(seconds: int, seed: int) -> Row:
     notes = [f"{name}: {counts[name]} inputs, {accepted[name]} of them read" for name in counts]
     return Row(
         what="broken input for every reader: no crash, no hang over 2 s, no traceback",
-        count=sum(counts.values()), failures=tuple(failures), notes=(f"{spent:.0f} s of CPU time", *notes), least=1000,
-    )  # fmt: skip
+        count=sum(counts.values()),
+        failures=tuple(failures),
+        notes=(f"{spent:.0f} s of CPU time", *notes),
+        least=1000,
+    )
 
 
 def _slice(
-    target: Target, stream: Iterator[bytes], seconds: float, counts: dict[str, int], accepted: dict[str, int],
+    target: Target,
+    stream: Iterator[bytes],
+    seconds: float,
+    counts: dict[str, int],
+    accepted: dict[str, int],
     failures: list[str],
-) -> None:  # fmt: skip
+) -> None:
     taken: list[bool] = []
     counting = Target(name=target.name, run=lambda data: taken.append(target.run(data)), seeds=target.seeds)
     end = time.process_time() + seconds

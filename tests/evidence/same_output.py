@@ -23,15 +23,41 @@ from random import Random
 ROOT = Path(__file__).resolve().parents[2]
 BUILT_IN = ("clock-sync", "karate-club", "microgrid-ieee14", "paper-fixed", "paper-switching", "uav-swarm")
 SCALAR = (
-    "y", "2*y", "y/3", "tanh(y)", "exp(y) - 1 + y", "y + y**3", "sin(y)", "atan(y)/2", "sinh(y)", "y**3", "y - y**2",
-    "sin(pi*y)", "exp(1)*(exp(y) - 1)", "log(1 + y*pi)", "abs(y)", "clip(y, -1, 1)", "max(y, 2*y)", "cos(y) - 1 + y",
-    "y/sqrt(1 + y**2)", "-y/8", "tan(y/4)", "min(y, 2*y)", "y*exp(-y**2) + y/5", "cosh(y) - 1 + y", "pi*y/2",
-)  # fmt: skip
+    "y",
+    "2*y",
+    "y/3",
+    "tanh(y)",
+    "exp(y) - 1 + y",
+    "y + y**3",
+    "sin(y)",
+    "atan(y)/2",
+    "sinh(y)",
+    "y**3",
+    "y - y**2",
+    "sin(pi*y)",
+    "exp(1)*(exp(y) - 1)",
+    "log(1 + y*pi)",
+    "abs(y)",
+    "clip(y, -1, 1)",
+    "max(y, 2*y)",
+    "cos(y) - 1 + y",
+    "y/sqrt(1 + y**2)",
+    "-y/8",
+    "tan(y/4)",
+    "min(y, 2*y)",
+    "y*exp(-y**2) + y/5",
+    "cosh(y) - 1 + y",
+    "pi*y/2",
+)
 PLANE = (["y1 + y2/2", "y2 - y1/2"], ["sin(y1) + y2**2", "3*y2"], ["y1 - y2/4", "tanh(y2) + sin(pi*y1)/5"])
 SINGLE = (
-    ([[0]], [[1]], [[2]]), ([[0, 2], [-2, 0]], [[1, 0]], [["16/5"], ["12/5"]]), ([[0, 1], [0, 0]], [[1, 0]], [[3], [2]]),
-    ([[0]], [[0]], None), ([[0, 1], [-4, 0]], [[1, 0]], [[-1], [0]]), ([["1/10"]], [[1]], None),
-)  # fmt: skip
+    ([[0]], [[1]], [[2]]),
+    ([[0, 2], [-2, 0]], [[1, 0]], [["16/5"], ["12/5"]]),
+    ([[0, 1], [0, 0]], [[1, 0]], [[3], [2]]),
+    ([[0]], [[0]], None),
+    ([[0, 1], [-4, 0]], [[1, 0]], [[-1], [0]]),
+    ([["1/10"]], [[1]], None),
+)
 
 
 def toml(value: object) -> str:
@@ -126,7 +152,7 @@ def ring_text(n: int, h: str, *, every: int) -> str:
             "network": {"agents": n, "arrow": "listens_to"},
             "network.modes": {"ring": arcs},
             "coupling": {"h": h},
-            "pinning": {"gains": {i: 3 for i in range(1, n + 1, every)}},
+            "pinning": {"gains": dict.fromkeys(range(1, n + 1, every), 3)},
             "exosystem": {"A": [[0, 2], [-2, 0]], "C": [[1, 0]]},
             "region": {"initial_states": [0, 2], "initial_disturbance": 0.1},
         }
@@ -141,13 +167,23 @@ def problems() -> dict[str, str]:
     found["ring-150-sin"] = ring_text(150, "sin(y)", every=1)
     small = {"network": {"agents": 2, "arrow": "listens_to"}, "network.modes": {"a": [[1, 2], [2, 1]]}}
     found["equilibrium"] = text_of(
-        {"": {"name": "equilibrium"}, **small, "coupling": {"h": "sin(y)"}, "pinning": {"gains": {1: "1/10"}},
-         "region": {"initial_states": [-5, 5]}}
-    )  # fmt: skip
+        {
+            "": {"name": "equilibrium"},
+            **small,
+            "coupling": {"h": "sin(y)"},
+            "pinning": {"gains": {1: "1/10"}},
+            "region": {"initial_states": [-5, 5]},
+        }
+    )
     found["boxes"] = text_of(
-        {"": {"name": "boxes"}, **small, "coupling": {"h": "exp(y) - 1 + y"}, "pinning": {"gains": 3},
-         "region": {"initial_states": [-3, 3]}}
-    )  # fmt: skip
+        {
+            "": {"name": "boxes"},
+            **small,
+            "coupling": {"h": "exp(y) - 1 + y"},
+            "pinning": {"gains": 3},
+            "region": {"initial_states": [-3, 3]},
+        }
+    )
     return found
 
 
@@ -177,11 +213,15 @@ def commands() -> dict[str, tuple[str | None, list[str]]]:
         found[f"export {name}"] = (None, ["export", name, "--python-control", "loop.py", "--json"])
         found[f"c {name}"] = (None, ["export", name, "--c", "code", "--period", "1/100", "--json"])
         found[f"stress {name}"] = (
-            None, ["simulate", name, "--runs", "4", "--t-final", "3", "--noise", "0.01", "--json", "--out", "runs"],
-        )  # fmt: skip
+            None,
+            ["simulate", name, "--runs", "4", "--t-final", "3", "--noise", "0.01", "--json", "--out", "runs"],
+        )
         found[f"sampled {name}"] = (None, ["simulate", name, "--period", "0.02", "--t-final", "3", "--json"])
     found["breaks"] = (None, ["simulate", "clock-sync", "--what-breaks-first", "--t-final", "5", "--json"])
-    found["sweep"] = (None, ["sweep", "paper-fixed", "pinning.gains.1=1:5:3", "--out", "sweep", "--jobs", "1", "--json"])
+    found["sweep"] = (
+        None,
+        ["sweep", "paper-fixed", "pinning.gains.1=1:5:3", "--out", "sweep", "--jobs", "1", "--json"],
+    )
     found["problems"] = (None, ["problems", "--json"])
     found["schema"] = (None, ["schema"])
     found["help"] = (None, ["--help"])
@@ -208,8 +248,14 @@ def record(folder: Path, package: Path, only: str) -> None:
         command = [sys.executable, "-m", "dobc_design", *arguments]
         try:
             ended = subprocess.run(
-                command, cwd=place, env=environment, capture_output=True, check=False, timeout=600, stdin=subprocess.DEVNULL
-            )  # fmt: skip
+                command,
+                cwd=place,
+                env=environment,
+                capture_output=True,
+                check=False,
+                timeout=600,
+                stdin=subprocess.DEVNULL,
+            )
             (place / "exit-code").write_text(f"{ended.returncode}\n", encoding="utf-8")
             (place / "standard-output").write_bytes(ended.stdout)
             (place / "standard-error").write_bytes(re.sub(rb"\d+\.\d+ s\b", b"# s", ended.stderr))
@@ -218,8 +264,12 @@ def record(folder: Path, package: Path, only: str) -> None:
         if (place / "out" / "certificate.json").exists():
             ended = subprocess.run(
                 [sys.executable, "-m", "dobc_design", "verify", "out", "--problem", "out/problem.json"],
-                cwd=place, env=environment, capture_output=True, check=False, timeout=600,
-            )  # fmt: skip
+                cwd=place,
+                env=environment,
+                capture_output=True,
+                check=False,
+                timeout=600,
+            )
             (place / "verified").write_bytes(b"%d\n" % ended.returncode + ended.stdout)
         done += 1
         sys.stderr.write(f"\r{done} of {len(chosen)}  {name:40}")
@@ -238,7 +288,9 @@ def compare(before: Path, after: Path) -> int:
         str(name)
         for name in sorted(names)
         if name.parts[0] in ran
-        and not ((before / name).exists() and (after / name).exists() and filecmp.cmp(before / name, after / name, False))
+        and not (
+            (before / name).exists() and (after / name).exists() and filecmp.cmp(before / name, after / name, False)
+        )
     ]
     sys.stdout.write("".join(f"differs: {name}\n" for name in wrong))
     sys.stdout.write(f"{len(names)} files of {len(ran)} commands, {len(wrong)} differ\n")

@@ -11,8 +11,8 @@ from settled import compare
 
 from dobc_design.certificate.certificate import Certificate
 from dobc_design.certificate.text import certificate_bytes
-from dobc_design.spec.load import load_problem
-from dobc_design.workflow import certify, verify
+from dobc_design.certification.certify import certify, verify
+from dobc_design.problem.load import load_problem
 
 PROBLEMS = ("paper-fixed", "paper-switching")
 

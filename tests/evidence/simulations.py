@@ -8,17 +8,17 @@ import numpy as np
 from evidence.row import Row
 from scipy.linalg import expm
 
-from dobc_design.model.arrays import consensus_jacobian, pinning_matrix
-from dobc_design.simulate.ensembles import simulate_many
-from dobc_design.simulate.signals import Periodic, RandomDwell
-from dobc_design.simulate.simulate import simulate
-from dobc_design.simulate.stress import Failure, Stress
-from dobc_design.spec.exosystem import Exosystem
-from dobc_design.spec.network import Network
-from dobc_design.spec.observer import Observer
-from dobc_design.spec.problem import Problem
-from dobc_design.workflow import certify
-from dobc_design.workflow import simulate as simulate_problem
+from dobc_design.certification.certify import certify
+from dobc_design.problem.arrays import consensus_jacobian, pinning_matrix
+from dobc_design.problem.exosystem import Exosystem
+from dobc_design.problem.network import Network
+from dobc_design.problem.observer import Observer
+from dobc_design.problem.problem import Problem
+from dobc_design.simulation.ensembles import simulate_many
+from dobc_design.simulation.run import simulate
+from dobc_design.simulation.signals import Periodic, RandomDwell
+from dobc_design.simulation.simulations import simulate as simulate_problem
+from dobc_design.simulation.stress import Failure, Stress
 
 CLOSE = 1e-9
 HORIZON = 2.0
@@ -40,10 +40,12 @@ def loop(rng: np.random.Generator, *, coupling: list[str] | str | None = None) -
     h = linear if m > 1 else linear[0].replace("y1", "y")
     return Problem(
         network=Network.from_arcs({"a": graph(), "b": graph()}, arrow="listens_to", agents=n),
-        coupling=h if coupling is None else coupling, target=dyadic(m), gains={str(i + 1): 2 for i in range(0, n, 2)},
+        coupling=h if coupling is None else coupling,
+        target=dyadic(m),
+        gains={str(i + 1): 2 for i in range(0, n, 2)},
         exosystem=Exosystem(A=dyadic(q, q), C=dyadic(m, q)) if q else None,
         observer=Observer(W=dyadic(q, m)) if q else None,
-    )  # fmt: skip
+    )
 
 
 def start_of(problem: Problem, rng: np.random.Generator) -> dict[str, Any]:
@@ -74,25 +76,36 @@ def linear(count: int, seed: int) -> Row:
         dwell, start = float(rng.uniform(0.1, 0.9)), start_of(problem, rng)
         route = ("closed-form", "full-loop")[number % 2]
         run = simulate(
-            problem, signal=Periodic(dwell=dwell), start=start, t_final=HORIZON, samples=9, observer=route,
+            problem,
+            signal=Periodic(dwell=dwell),
+            start=start,
+            t_final=HORIZON,
+            samples=9,
+            observer=route,
             tolerance=1e-12,
-        )  # fmt: skip
+        )
         n, wanted = problem.n, errors_of(run)[:1]
         for t in run.times[1:]:
             state, now = wanted[0], 0.0
             for stretch in range(int(t / dwell) + 1):
                 J, A, C, W = matrices(problem, "ab"[stretch % 2])
                 end = min(t, (stretch + 1) * dwell)
-                block = np.block([[J, np.kron(np.eye(n), C)],
-                                  [np.zeros((n * len(A), len(J))), np.kron(np.eye(n), A - W @ C)]])  # fmt: skip
+                block = np.block(
+                    [[J, np.kron(np.eye(n), C)], [np.zeros((n * len(A), len(J))), np.kron(np.eye(n), A - W @ C)]]
+                )
                 state, now = expm(block * (end - now)) @ state, end
             wanted = np.concatenate([wanted, state[None]])
         gap = float(np.abs(errors_of(run) - wanted).max() / max(1.0, np.abs(wanted).max()))
         worst = max(worst, gap)
         if not gap < CLOSE:
             failures.append(f"seed [{seed}, {number}], {route}: {gap:.1e} apart")
-    return Row(what="switched linear loops, both routes, against matrix exponentials", count=count,
-               failures=tuple(failures), notes=(f"largest difference {worst:.1e}",), least=count)  # fmt: skip
+    return Row(
+        what="switched linear loops, both routes, against matrix exponentials",
+        count=count,
+        failures=tuple(failures),
+        notes=(f"largest difference {worst:.1e}",),
+        least=count,
+    )
 
 
 def sampled(count: int, seed: int) -> Row:
@@ -103,16 +116,24 @@ def sampled(count: int, seed: int) -> Row:
         rng = np.random.default_rng([seed, number])
         problem, period = loop(rng), float(rng.choice([1 / 4, 1 / 8, 1 / 16, 1 / 32]))
         run = simulate(
-            problem, mode="a", start=start_of(problem, rng), t_final=HORIZON, samples=int(HORIZON / period) + 1,
+            problem,
+            mode="a",
+            start=start_of(problem, rng),
+            t_final=HORIZON,
+            samples=int(HORIZON / period) + 1,
             stress=Stress(period=period),
-        )  # fmt: skip
+        )
         J, A, C, W = matrices(problem, "a")
         n, F = problem.n, A - W @ C
         spots = list(zip(period * (nodes + 1) / 2, weights / 2, strict=True))
         Cd = C @ sum((w * expm(A * s) for s, w in spots), np.zeros_like(A))
         L = period * sum((w * expm(F * s) for s, w in spots), np.zeros_like(A)) @ W
-        block = np.block([[np.eye(len(J)) + period * J, period * np.kron(np.eye(n), Cd)],
-                          [np.zeros((n * len(A), len(J))), np.kron(np.eye(n), expm(A * period) - L @ Cd)]])  # fmt: skip
+        block = np.block(
+            [
+                [np.eye(len(J)) + period * J, period * np.kron(np.eye(n), Cd)],
+                [np.zeros((n * len(A), len(J))), np.kron(np.eye(n), expm(A * period) - L @ Cd)],
+            ]
+        )
         found = errors_of(run)
         wanted = [found[0]]
         for _ in found[1:]:
@@ -121,8 +142,13 @@ def sampled(count: int, seed: int) -> Row:
         worst = max(worst, gap)
         if not gap < CLOSE:
             failures.append(f"seed [{seed}, {number}]: {gap:.1e} apart")
-    return Row(what="sampled linear loops against powers of their matrices", count=count, failures=tuple(failures),
-               notes=(f"largest difference {worst:.1e}",), least=count)  # fmt: skip
+    return Row(
+        what="sampled linear loops against powers of their matrices",
+        count=count,
+        failures=tuple(failures),
+        notes=(f"largest difference {worst:.1e}",),
+        least=count,
+    )
 
 
 def stressed(count: int, seed: int) -> Row:
@@ -149,8 +175,13 @@ def stressed(count: int, seed: int) -> Row:
             if late.size and (np.ptp(late, axis=0).any() if each.agent in frozen else late.any()):
                 wrong.append(f"agent {each.agent} still acts")
         failures += [f"seed [{seed}, {number}], {stress}: {each}" for each in wrong]
-    return Row(what="random stresses in any combination", count=count, failures=tuple(failures),
-               notes=(f"{ended} of them ended early, with a reason",), least=count)  # fmt: skip
+    return Row(
+        what="random stresses in any combination",
+        count=count,
+        failures=tuple(failures),
+        notes=(f"{ended} of them ended early, with a reason",),
+        least=count,
+    )
 
 
 def stacked(count: int, seed: int) -> Row:
@@ -159,23 +190,35 @@ def stacked(count: int, seed: int) -> Row:
     for number in range(count):
         rng = np.random.default_rng([seed, number])
         problem = loop(rng, coupling="exp(y) - 1 + y" if number % 2 else "2*tanh(y/2)")
-        given = {"signal": RandomDwell(dwell=0.11), "start": start_of(problem, rng), "t_final": 1.0, "samples": 14,
-                 "stress": random_stress(rng, problem)}  # fmt: skip
+        given = {
+            "signal": RandomDwell(dwell=0.11),
+            "start": start_of(problem, rng),
+            "t_final": 1.0,
+            "samples": 14,
+            "stress": random_stress(rng, problem),
+        }
         many = simulate_many(problem, runs=2, seed=number, states=True, **given)
         alone += "side by side" not in many.method
         for row in range(2):
             run = simulate(problem, seed=number + row, **given)
             kept = int(np.searchsorted(many.times, run.times[-1], side="right"))
-            gap = max(np.abs(many.states[row, :kept] - run.x[:kept]).max() / (1 + np.abs(run.x).max()),
-                      np.abs(many.estimation_error[row, :kept] - run.estimation_error()[:kept]).max()
-                      / (1 + np.abs(run.d).max()))  # fmt: skip
+            gap = max(
+                np.abs(many.states[row, :kept] - run.x[:kept]).max() / (1 + np.abs(run.x).max()),
+                np.abs(many.estimation_error[row, :kept] - run.estimation_error()[:kept]).max()
+                / (1 + np.abs(run.d).max()),
+            )
             worst = max(worst, float(gap))
             if not (gap < 1e-5 and many.diverged[row] == run.diverged and many.switches[row] == len(run.switches) - 1):
                 failures.append(f"seed [{seed}, {number}], {given['stress']}: {gap:.1e} apart")
     if 4 * alone > count:  # else the runs would have been held against themselves
         failures.append(f"{alone} of {count} ensembles were made one by one")
-    return Row(what="random stresses, side by side against one by one", count=count, failures=tuple(failures),
-               notes=(f"largest difference {worst:.1e}",), least=count)  # fmt: skip
+    return Row(
+        what="random stresses, side by side against one by one",
+        count=count,
+        failures=tuple(failures),
+        notes=(f"largest difference {worst:.1e}",),
+        least=count,
+    )
 
 
 def random_stress(rng: np.random.Generator, problem: Problem) -> Stress:
@@ -188,10 +231,14 @@ def random_stress(rng: np.random.Generator, problem: Problem) -> Stress:
         for i in failing
     )
     return Stress(
-        noise=0.05 * chosen[0], disturbance=0.5 * chosen[1], frequency=float(rng.choice([0.0, 1.0, 9.0])),
-        saturation=1.5 if chosen[2] else None, period=0.0625 if chosen[3] else None, loss=0.4 * chosen[4],
+        noise=0.05 * chosen[0],
+        disturbance=0.5 * chosen[1],
+        frequency=float(rng.choice([0.0, 1.0, 9.0])),
+        saturation=1.5 if chosen[2] else None,
+        period=0.0625 if chosen[3] else None,
+        loss=0.4 * chosen[4],
         failures=failures,
-    )  # fmt: skip
+    )
 
 
 def bounded(count: int, seed: int) -> Row:
@@ -215,8 +262,13 @@ def bounded(count: int, seed: int) -> Row:
             failures.append(f"seed [{seed}, {number}]: a run crosses the bound of {', '.join(bound.sources)}")
     if 4 * drawn < count:  # else the runs would have been held against nothing
         failures.append(f"only {drawn} of {count} certificates bound their runs")
-    return Row(what="certified bounds of |e(t)| against 50 simulated runs each", count=count, failures=tuple(failures),
-               notes=(f"{drawn} with a bound; a run came to {closest:.0%} of it",), least=count)  # fmt: skip
+    return Row(
+        what="certified bounds of |e(t)| against 50 simulated runs each",
+        count=count,
+        failures=tuple(failures),
+        notes=(f"{drawn} with a bound; a run came to {closest:.0%} of it",),
+        least=count,
+    )
 
 
 def regional(rng: np.random.Generator) -> Problem:
@@ -229,9 +281,11 @@ def regional(rng: np.random.Generator) -> Problem:
     pins = {str(i + 1): float(rng.choice([1.0, 2.5, 5.0])) for i in range(n) if rng.random() < 0.8} or {"1": 3.0}
     with_disturbance = rng.random() < 0.6
     return Problem(
-        network=Network.from_arcs({"a": graph(), "b": graph()}, arrow="listens_to", agents=n), gains=pins,
+        network=Network.from_arcs({"a": graph(), "b": graph()}, arrow="listens_to", agents=n),
+        gains=pins,
         coupling=str(rng.choice(["exp(y) - 1 + y", "tanh(y)", "y", "y + y**3", "2*sin(y)"])),
         exosystem=Exosystem(A=[[0, 1], [-1, 0]], C=[[1, 0]]) if with_disturbance else None,
-        observer=Observer(W=[[3], [2]]) if with_disturbance else None, target=1,
+        observer=Observer(W=[[3], [2]]) if with_disturbance else None,
+        target=1,
         region={"initial_states": [0, 2]} | ({"initial_disturbance": "1/4"} if with_disturbance else {}),
-    )  # fmt: skip
+    )

@@ -50,17 +50,21 @@ def run(count: int, seed: int) -> Row:
             failures.append(f"{len(numbers)} lines for {len(set(numbers))} cases of {count}")
         failures += [
             f"case {a['case']} differs from the serial run"
-            for a, b in zip(without_times(found), without_times(wanted), strict=False) if a != b
-        ]  # fmt: skip
+            for a, b in zip(without_times(found), without_times(wanted), strict=False)
+            if a != b
+        ]
     outcomes = {
         name: sum(1 for line in found if (line["result"] or {"verdict": "failed"})["verdict"] == name)
         for name in ("proved", "refuted", "undecided", "failed")
     }
     notes.append(", ".join(f"{number} {name}" for name, number in outcomes.items()))
     return Row(
-        what="cases of a sweep with killed drivers and workers, against a serial run", count=len(numbers),
-        failures=tuple(failures), notes=tuple(notes), least=count,
-    )  # fmt: skip
+        what="cases of a sweep with killed drivers and workers, against a serial run",
+        count=len(numbers),
+        failures=tuple(failures),
+        notes=tuple(notes),
+        least=count,
+    )
 
 
 def _on_dask(file: Path, out: Path, count: int, failures: list[str], notes: list[str]) -> None:

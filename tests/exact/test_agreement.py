@@ -53,10 +53,14 @@ def matrices(draw: st.DrawFn) -> SparseSymmetric:
     shift = draw(st.sampled_from([Fraction(0), Fraction(1), Fraction(-1), Fraction(1, 10**9), Fraction(-1, 10**20)]))
     denominator = draw(st.sampled_from([1, 7, 2**40]))
     D = [Fraction(2) ** int(k) for k in r.integers(-20, 20, n)] if draw(st.booleans()) else [Fraction(1)] * n
-    return SparseSymmetric(n, {
-        (i, j): D[i] * D[j] * (Fraction(whole[i][j], denominator) + (i == j) * shift)
-        for i in range(n) for j in range(i, n)
-    })  # fmt: skip
+    return SparseSymmetric(
+        n,
+        {
+            (i, j): D[i] * D[j] * (Fraction(whole[i][j], denominator) + (i == j) * shift)
+            for i in range(n)
+            for j in range(i, n)
+        },
+    )
 
 
 @settings(max_examples=80, deadline=None)

@@ -66,10 +66,14 @@ def test_the_scaled_form_holds_the_matrix_to_its_last_bit():
     r = np.random.default_rng(5)
     n = 6
     size = [Fraction(10) ** int(k) for k in r.integers(-200, 200, n)]
-    M = SparseSymmetric(n, {
-        (i, j): size[i] * size[j] * Fraction(int(r.integers(1, 99)) if i == j else int(r.integers(-9, 9)), 101)
-        for i in range(n) for j in range(i, n)
-    })  # fmt: skip
+    M = SparseSymmetric(
+        n,
+        {
+            (i, j): size[i] * size[j] * Fraction(int(r.integers(1, 99)) if i == j else int(r.integers(-9, 9)), 101)
+            for i in range(n)
+            for j in range(i, n)
+        },
+    )
     S = scaled(M)
     assert isinstance(S, Scaled)
     bits = 2 * (HIGH_BITS + S.low_bits)

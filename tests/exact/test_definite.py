@@ -126,11 +126,7 @@ def test_the_papers_p_is_definite_and_its_determinant_is_five_48ths():
     assert decide_positive_definite(P).verdict is PROVED
     edge = matrix([["1/2", "-1/4"], ["-1/4", Fraction(1, 3) - Fraction(5, 24)]])
     decision = decide_positive_definite(edge)
-    assert (decision.verdict, decision.witness, decision.value) == (
-        REFUTED,
-        (Fraction(1), Fraction(2)),
-        Fraction(0),
-    )
+    assert (decision.verdict, decision.witness, decision.value) == (REFUTED, (Fraction(1), Fraction(2)), Fraction(0))
     assert decide_positive_semidefinite(edge).verdict is PROVED
 
 
@@ -181,12 +177,27 @@ def test_a_numpy_float_is_its_binary_value_and_a_listed_one_its_decimal_text():
 @pytest.mark.parametrize(
     "bad",
     [
-        [[1, 2]], [[]], [[1], [2]], [[1, 2], [2]], [[1, 2], [3, 1]],
+        [[1, 2]],
+        [[]],
+        [[1], [2]],
+        [[1, 2], [2]],
+        [[1, 2], [3, 1]],
         np.array([[1.0, 1.0], [1.0 + 2**-52, 2.0]]),
-        np.zeros((2, 3)), np.zeros((0, 3)), np.zeros(4), np.zeros((2, 2, 2)), np.array(1.0), 5, None, "12",
-        ["12", "21"], {(0, 0): 1}, [1, 2], np.triu(np.ones((20, 20))), np.zeros((20, 21)),
+        np.zeros((2, 3)),
+        np.zeros((0, 3)),
+        np.zeros(4),
+        np.zeros((2, 2, 2)),
+        np.array(1.0),
+        5,
+        None,
+        "12",
+        ["12", "21"],
+        {(0, 0): 1},
+        [1, 2],
+        np.triu(np.ones((20, 20))),
+        np.zeros((20, 21)),
     ],
-)  # fmt: skip
+)
 def test_what_is_not_square_and_symmetric_is_refused(bad):
     """np.linalg.cholesky accepts non-symmetric input; this must not."""
     with pytest.raises(ShapeError, match="must"):
@@ -196,11 +207,19 @@ def test_what_is_not_square_and_symmetric_is_refused(bad):
 @pytest.mark.parametrize(
     "bad",
     [
-        [[float("nan")]], [[float("inf")]], np.array([[np.nan]]), np.array([[1.0, np.inf], [np.inf, 1.0]]),
-        np.full((20, 20), np.nan), np.diag([np.inf] * 20),
-        np.array([[1j]]), np.array([[True]]), [[True]], [["x"]], [[None]],
+        [[float("nan")]],
+        [[float("inf")]],
+        np.array([[np.nan]]),
+        np.array([[1.0, np.inf], [np.inf, 1.0]]),
+        np.full((20, 20), np.nan),
+        np.diag([np.inf] * 20),
+        np.array([[1j]]),
+        np.array([[True]]),
+        [[True]],
+        [["x"]],
+        [[None]],
     ],
-)  # fmt: skip
+)
 def test_what_is_no_number_is_refused(bad):
     """np.linalg.cholesky accepts inf and nan; this must not."""
     with pytest.raises(SpecError, match="must"):

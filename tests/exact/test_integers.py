@@ -22,9 +22,12 @@ def arrays(size, entries, denominator=1):
     """From (i, j, value), in the order given."""
     rows, columns, values = ([e[k] for e in entries] for k in range(3))
     return IntegerSymmetric(
-        size=size, rows=np.array(rows, dtype=int), columns=np.array(columns, dtype=int),
-        values=np.array(values, dtype=object), denominator=denominator,
-    )  # fmt: skip
+        size=size,
+        rows=np.array(rows, dtype=int),
+        columns=np.array(columns, dtype=int),
+        values=np.array(values, dtype=object),
+        denominator=denominator,
+    )
 
 
 @given(SPARSE, st.lists(st.fractions(max_denominator=9), min_size=5, max_size=5))

@@ -50,11 +50,7 @@ def enclosed(name, x):
 
 
 @settings(max_examples=80, deadline=None)
-@given(
-    st.sampled_from(["exp", "log", "sin", "cos", "tan", "tanh", "atan", "sinh", "cosh", "sqrt"]),
-    INTERVALS,
-    SHARES,
-)
+@given(st.sampled_from(["exp", "log", "sin", "cos", "tan", "tanh", "atan", "sinh", "cosh", "sqrt"]), INTERVALS, SHARES)
 def test_function_values_inside_an_interval_are_enclosed(name, x, share):
     """Theory, section 3: enclosures round outwards."""
     inside = x.lo + share * x.width
@@ -335,12 +331,7 @@ def test_rounding_is_outward_to_the_bits_asked():
 
 @pytest.mark.parametrize(
     ("text", "low", "high"),
-    [
-        ("exp", "1.432332", "4.194528"),
-        ("cubic", "1", "5"),
-        ("tanh", "0.482014", "1"),
-        ("clip", "1/2", "1"),
-    ],
+    [("exp", "1.432332", "4.194528"), ("cubic", "1", "5"), ("tanh", "0.482014", "1"), ("clip", "1/2", "1")],
 )
 def test_secant_gains_at_the_ends_have_their_known_values(text, low, high):
     """Theory, section 9: enclosures of g on [-2, 2]; here at the points where they are attained."""

@@ -12,11 +12,7 @@ import pytest
 from dobc_design.errors import SpecError
 from dobc_design.exact.interval import Interval, cos, exp, sin
 from dobc_design.exact.matrix import matrix
-from dobc_design.exact.matrix_exponential import (
-    discretise,
-    interval_characteristic_polynomial,
-    interval_routh,
-)
+from dobc_design.exact.matrix_exponential import discretise, interval_characteristic_polynomial, interval_routh
 from dobc_design.exact.polynomial import characteristic_polynomial
 from dobc_design.verdict import Verdict
 
@@ -44,8 +40,9 @@ def test_a_ramp_is_discretised_exactly():
     found = discretise(matrix([[0, 1], [0, 0]]), T)
     for got, want in zip(
         (*found.transition[0], *found.transition[1], *found.mean[0], *found.mean[1]),
-        (1, T, 0, 1, 1, T / 2, 0, 1), strict=True,
-    ):  # fmt: skip
+        (1, T, 0, 1, 1, T / 2, 0, 1),
+        strict=True,
+    ):
         assert got.contains(Fraction(want))
         assert got.width < Fraction(1, 2**120)
 

@@ -29,10 +29,7 @@ from dobc_design.verdict import Verdict
 
 PROVED, REFUTED = Verdict.PROVED, Verdict.REFUTED
 PAPER = matrix([[0, 2], [-2, 0]]), matrix([[1, 0]])
-TWINS = (
-    matrix([[0, 2, 0, 0], [-2, 0, 0, 0], [0, 0, 0, 2], [0, 0, -2, 0]]),
-    matrix([[1, 0, 1, 0]]),
-)
+TWINS = (matrix([[0, 2, 0, 0], [-2, 0, 0, 0], [0, 0, 0, 2], [0, 0, -2, 0]]), matrix([[1, 0, 1, 0]]))
 
 
 def test_the_papers_pair_is_observable():

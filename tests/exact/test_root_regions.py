@@ -103,10 +103,18 @@ def test_random_polynomials_agree_with_their_roots(seed):
 @pytest.mark.parametrize(
     ("coefficients", "expected"),
     [
-        ((1, 0), True), ((1, 1), True), ((1, -1), False), ((1, 0, 1), False), ((1, 2, 1), True), ((5,), False),
-        ((1, -3, 2), False), ((1, -1, -2), True), ((1, 0, 0), True), ((1, -2, 2), False),
+        ((1, 0), True),
+        ((1, 1), True),
+        ((1, -1), False),
+        ((1, 0, 1), False),
+        ((1, 2, 1), True),
+        ((5,), False),
+        ((1, -3, 2), False),
+        ((1, -1, -2), True),
+        ((1, 0, 0), True),
+        ((1, -2, 2), False),
     ],
-)  # fmt: skip
+)
 def test_roots_up_to_zero_are_found_by_sturm(coefficients, expected):
     assert has_root_up_to_zero([Fraction(x) for x in coefficients]) is expected
 

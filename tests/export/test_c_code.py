@@ -13,18 +13,18 @@ from c_harness import CompiledAgents, compile_and_test, needs_gcc, write_all
 from scipy.linalg import expm
 
 import dobc_design as dd
+from dobc_design.coupling.coupling import make_coupling
 from dobc_design.errors import SpecError
 from dobc_design.export.c_code import source_text
 from dobc_design.export.c_controller import make_controller
 from dobc_design.export.c_folder import FILES
 from dobc_design.export.rounding_bound import Erring, ErringAlgebra, coupling_with_error
-from dobc_design.simulate.agents import LOSS
-from dobc_design.spec.coupling import make_coupling
-from dobc_design.spec.exosystem import Exosystem
-from dobc_design.spec.load import load_problem
-from dobc_design.spec.network import Network
-from dobc_design.spec.observer import Observer
-from dobc_design.spec.problem import Problem
+from dobc_design.problem.exosystem import Exosystem
+from dobc_design.problem.load import load_problem
+from dobc_design.problem.network import Network
+from dobc_design.problem.observer import Observer
+from dobc_design.problem.problem import Problem
+from dobc_design.simulation.agents import LOSS
 from dobc_design.verdict import Verdict
 
 EVERY = "2*tanh(y1) + min(y2, 0, y1) + y2/3 + 0*(exp(y1) + log(y2**2 + 2) + sin(y1)*cos(y1) + atan(y2) + cosh(y1))"
@@ -35,16 +35,22 @@ def planar() -> Problem:
     """m = 2, q = 3, every function of the grammar, matrix gains, a formation, two modes, names that need care."""
     return Problem(
         network=Network.from_arcs(
-            {'mode "one" */': [["a.b", "c??/"], ["c??/", "d\"\\", 2], ["d\"\\", "a.b"]],
-             "two": [["a.b", "d\"\\"], ["c??/", "a.b"]]},
+            {
+                'mode "one" */': [["a.b", "c??/"], ["c??/", 'd"\\', 2], ['d"\\', "a.b"]],
+                "two": [["a.b", 'd"\\'], ["c??/", "a.b"]],
+            },
             arrow="listens_to",
         ),
-        coupling=[EVERY, OTHER], target=[1, -2], gains={"a.b": 3, "d\"\\": [[2, 1], [-1, 2]]},
+        coupling=[EVERY, OTHER],
+        target=[1, -2],
+        gains={"a.b": 3, 'd"\\': [[2, 1], [-1, 2]]},
         exceptions={(0, 1): ["y1", "2*y2"]},
         exosystem=Exosystem(A=[[0, 1, 0], [-1, 0, 0], [0, 0, 0]], C=[[1, 0, 1], [0, 1, 0]]),
-        observer=Observer(W=[[2, 0], [0, 2], [1, 0]]), offsets={"c??/": [1, 0]}, name='trouble */ *\\ """ here ???/ \\',
+        observer=Observer(W=[[2, 0], [0, 2], [1, 0]]),
+        offsets={"c??/": [1, 0]},
+        name='trouble */ *\\ """ here ???/ \\',
         simulation={"t_final": 4, "seed": 3, "xi0": [[1, 0, 2], [0, 1, -1], [3, 0, 0]]},
-    )  # fmt: skip
+    )
 
 
 def alone(k: object, *, h: str = "y") -> Problem:
@@ -56,9 +62,12 @@ def seen(theta: float = 1.0, W: float = 2.0) -> Problem:
     """One agent with k = 1 and a harmonic disturbance."""
     network = Network.from_arcs([[1, 2]], arrow="listens_to", agents=2)
     return Problem(
-        network=network, coupling="y/100", gains={"1": "1/100", "2": "1/100"},
-        exosystem=Exosystem(A=[[0, theta], [-theta, 0]], C=[[1, 0]]), observer=Observer(W=[[W], [0]]),
-    )  # fmt: skip
+        network=network,
+        coupling="y/100",
+        gains={"1": "1/100", "2": "1/100"},
+        exosystem=Exosystem(A=[[0, theta], [-theta, 0]], C=[[1, 0]]),
+        observer=Observer(W=[[W], [0]]),
+    )
 
 
 def problem_named(name: str) -> Problem:
@@ -159,9 +168,12 @@ def test_limited_actuators_and_lost_packets_are_those_of_the_simulation(tmp_path
     problem, period, limit, loss, seed = load_problem("paper-fixed"), 0.05, 1.5, 0.3, 7
     times = [k * period for k in range(201)]
     run = dd.simulate(
-        problem, t_final=times[-1], samples=times, seed=seed,
+        problem,
+        t_final=times[-1],
+        samples=times,
+        seed=seed,
         stress=dd.Stress(period=period, saturation=limit, loss=loss),
-    )  # fmt: skip
+    )
     arcs = problem.network.modes["Ga"]
     rng = np.random.default_rng([seed, LOSS])
     arrivals = []
@@ -214,9 +226,12 @@ def test_the_numbers_are_the_exact_discretisation_rounded():
     mean = np.trapezoid([expm((A - W @ C) * s) for s in steps], steps, axis=0) @ W
     np.testing.assert_allclose(np.array(made.L, dtype=float), mean, rtol=1e-6)
     constant = Problem(
-        network=Network.from_arcs([[1, 2]], arrow="listens_to"), coupling="y", gains={"2": 1},
-        exosystem=dd.exosystems.constant(), observer=Observer(W=[[3]]),
-    )  # fmt: skip
+        network=Network.from_arcs([[1, 2]], arrow="listens_to"),
+        coupling="y",
+        gains={"2": 1},
+        exosystem=dd.exosystems.constant(),
+        observer=Observer(W=[[3]]),
+    )
     slow = make_controller(constant, period="1/2")
     assert (slow.Ad, slow.Cd) == (((1,),), ((1,),))
     assert float(slow.L[0][0]) == pytest.approx(1 - np.exp(-1.5), rel=1e-15)
@@ -280,17 +295,25 @@ def grouped() -> Problem:
     sine = dd.Group(agents=[1, 3], exosystem=harmonic, observer=Observer(W=[[3], [2]]))
     constant = dd.Group(agents=[2], exosystem=Exosystem(A=[[0]], C=[[1]]), observer=Observer(W=[[2]]))
     return Problem(
-        network=Network.from_arcs([[1, 2], [2, 3], [3, 1]], arrow="listens_to"), coupling="tanh(y) + y",
-        gains={1: 3, 2: 1}, groups=[sine, constant], simulation={"xi0": [[1, "1/2"], [2], [-1, 2]]},
-    )  # fmt: skip
+        network=Network.from_arcs([[1, 2], [2, 3], [3, 1]], arrow="listens_to"),
+        coupling="tanh(y) + y",
+        gains={1: 3, 2: 1},
+        groups=[sine, constant],
+        simulation={"xi0": [[1, "1/2"], [2], [-1, 2]]},
+    )
 
 
 @pytest.mark.parametrize("label", [1, 2])
 def test_the_code_of_a_group_is_that_of_a_network_with_its_exosystem_alone(label: int):
     problem = grouped()
     own = next(group for group in problem.groups if str(label) in group.agents)
-    single = Problem(network=problem.network, coupling="tanh(y) + y", gains={1: 3, 2: 1}, exosystem=own.exosystem,
-                     observer=own.observer)  # fmt: skip
+    single = Problem(
+        network=problem.network,
+        coupling="tanh(y) + y",
+        gains={1: 3, 2: 1},
+        exosystem=own.exosystem,
+        observer=own.observer,
+    )
     made, wanted = (make_controller(each, period="1/50", agents=[label]) for each in (problem, single))
     assert (made.Ad, made.Cd, made.L) == (wanted.Ad, wanted.Cd, wanted.L)
     assert source_text(made) == source_text(wanted)
@@ -363,8 +386,8 @@ def test_the_error_bound_of_a_coupling_holds_for_single_precision(h: str):
 
 
 def single_precision(coupling, y: np.ndarray) -> np.ndarray:
-    from dobc_design.spec.algebra import NumpyAlgebra
-    from dobc_design.spec.expression import evaluate
+    from dobc_design.coupling.algebra import NumpyAlgebra
+    from dobc_design.coupling.expression import evaluate
 
     class Single(NumpyAlgebra):
         def constant(self, value):

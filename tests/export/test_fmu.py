@@ -17,10 +17,10 @@ import dobc_design as dd
 from dobc_design.errors import SolverError, SpecError
 from dobc_design.export import fmu
 from dobc_design.export.fmu_functions import OTHER_KINDS, PLAIN
-from dobc_design.spec.exosystem import Exosystem
-from dobc_design.spec.network import Network
-from dobc_design.spec.observer import Observer
-from dobc_design.spec.problem import Problem
+from dobc_design.problem.exosystem import Exosystem
+from dobc_design.problem.network import Network
+from dobc_design.problem.observer import Observer
+from dobc_design.problem.problem import Problem
 
 needs_compiler = pytest.mark.skipif(
     not any(map(shutil.which, fmu.COMPILERS)), reason="no C compiler is installed (Debian: apt install gcc)"
@@ -35,22 +35,25 @@ def moving() -> Problem:
     """m = 2, two modes that alternate, labels that XML has to escape."""
     return Problem(
         network=Network.from_arcs(
-            {"one": [["<a>", "b&"], ["b&", 'c"']], "two": [["<a>", 'c"'], ["b&", "<a>"]]}, arrow="listens_to",
+            {"one": [["<a>", "b&"], ["b&", 'c"']], "two": [["<a>", 'c"'], ["b&", "<a>"]]},
+            arrow="listens_to",
             agents=["<a>", "b&", 'c"'],
         ),
-        coupling="2*tanh(y)", target=[1, -2], gains={"<a>": 1, 'c"': 2}, offsets={"<a>": [1, 0]},
+        coupling="2*tanh(y)",
+        target=[1, -2],
+        gains={"<a>": 1, 'c"': 2},
+        offsets={"<a>": [1, 0]},
         exosystem=Exosystem(A=[[0, 1, 0], [-1, 0, 0], [0, 0, 0]], C=[[1, 0, 1], [0, 1, 0]]),
-        observer=Observer(W=[[2, 0], [0, 2], [1, 0]]), name="<moving> & 'more'",
-    )  # fmt: skip
+        observer=Observer(W=[[2, 0], [0, 2], [1, 0]]),
+        name="<moving> & 'more'",
+    )
 
 
 def simulated(problem: Problem, *, agent: str, period: float, seconds: float, path: Path, signal=None):
     """FMPy's answer and the loop's, at the samples."""
     count = round(seconds / period)
     times = [k * period for k in range(count + 1)]
-    run = dd.simulate(
-        problem, t_final=times[-1], samples=times, signal=signal, stress=dd.Stress(period=period)
-    )  # fmt: skip
+    run = dd.simulate(problem, t_final=times[-1], samples=times, signal=signal, stress=dd.Stress(period=period))
     made = dd.to_fmu(problem, period=repr(period), agent=agent)
     made.save(path)
     index = problem.network.labels.index(agent)
@@ -69,9 +72,14 @@ def simulated(problem: Problem, *, agent: str, period: float, seconds: float, pa
             table[name] = run.x[:, who, c] - goal
     outputs = [each.name for each in found.modelVariables if each.causality == "output"]
     answer = fmpy().simulate_fmu(
-        str(path), start_time=0, stop_time=times[-1], step_size=period, output_interval=period, input=table,
+        str(path),
+        start_time=0,
+        stop_time=times[-1],
+        step_size=period,
+        output_interval=period,
+        input=table,
         output=outputs,
-    )  # fmt: skip
+    )
     return run, answer, index
 
 
@@ -140,7 +148,7 @@ def test_a_step_of_several_periods_takes_all_samples_in_it_and_a_state_can_be_re
     def begun():
         slave = fmi3.FMU3Slave(
             guid=description.guid, unzipDirectory=folder, modelIdentifier="dobc_agent", instanceName="a"
-        )  # fmt: skip
+        )
         slave.instantiate()
         slave.enterInitializationMode(startTime=0.0)
         slave.setFloat64([numbers["x"], numbers["heard[2]"]], [3.0, 1.5])
@@ -173,10 +181,26 @@ def test_every_function_of_the_standard_is_there():
     """FMI 3.0 names 84 functions besides the version; those not served answer with an error."""
     template = (Path(fmu.__file__).parent / "templates" / "fmi3_agent.c").read_text("utf-8")
     served = set(re.findall(r"FMI3_EXPORT [^(]*?\bfmi3(\w+)\(", template))
-    kinds = [f"{verb}{kind}" for kind in (
-        "Float32", "Float64", "Int8", "UInt8", "Int16", "UInt16", "Int32", "UInt32", "Int64", "UInt64", "Boolean",
-        "String", "Binary", "Clock",
-    ) for verb in ("Get", "Set")]  # fmt: skip
+    kinds = [
+        f"{verb}{kind}"
+        for kind in (
+            "Float32",
+            "Float64",
+            "Int8",
+            "UInt8",
+            "Int16",
+            "UInt16",
+            "Int32",
+            "UInt32",
+            "Int64",
+            "UInt64",
+            "Boolean",
+            "String",
+            "Binary",
+            "Clock",
+        )
+        for verb in ("Get", "Set")
+    ]
     stubbed = set(re.findall(r"\bfmi3(\w+)\(fmi3", fmu.stubs()))
     assert set(kinds) <= served | stubbed
     assert set(PLAIN) | set(OTHER_KINDS) <= stubbed

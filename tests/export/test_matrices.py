@@ -11,11 +11,11 @@ from certified import certified
 
 import dobc_design as dd
 from dobc_design.errors import SpecError
-from dobc_design.spec.canonical import canonical_document
-from dobc_design.spec.exosystem import Exosystem
-from dobc_design.spec.network import Network
-from dobc_design.spec.observer import Observer
-from dobc_design.spec.problem import Problem
+from dobc_design.problem.canonical import canonical_document
+from dobc_design.problem.exosystem import Exosystem
+from dobc_design.problem.network import Network
+from dobc_design.problem.observer import Observer
+from dobc_design.problem.problem import Problem
 
 
 def planar() -> Problem:
@@ -24,10 +24,14 @@ def planar() -> Problem:
         network=Network.from_arcs(
             {"one": [["a", "b"], ["b", "c", "1/4"]], "two": [["a", "c", 2]]}, arrow="listens_to", agents=["a", "b", "c"]
         ),
-        coupling=["2*y1 + y2", "y2**3 + y2"], target=[1, -2], gains={"a": 3, "c": [[2, 1], [-1, 2]]},
-        exosystem=Exosystem(A=[[0, 1], [-1, 0]], C=[[1, 0], [0, 1]]), observer=Observer(W=[[2, 0], [0, 2]]),
-        offsets={"b": [1, 0]}, name="planar",
-    )  # fmt: skip
+        coupling=["2*y1 + y2", "y2**3 + y2"],
+        target=[1, -2],
+        gains={"a": 3, "c": [[2, 1], [-1, 2]]},
+        exosystem=Exosystem(A=[[0, 1], [-1, 0]], C=[[1, 0], [0, 1]]),
+        observer=Observer(W=[[2, 0], [0, 2]]),
+        offsets={"b": [1, 0]},
+        name="planar",
+    )
 
 
 def test_lambda_is_j_plus_its_transpose_minus_twice_the_gains():

@@ -15,12 +15,12 @@ from dobc_design.errors import SpecError
 from dobc_design.export.python_control import to_control
 from dobc_design.export.python_script import python_script
 from dobc_design.model.model import build_model
-from dobc_design.simulate.simulate import simulate
-from dobc_design.spec.exosystem import Exosystem
-from dobc_design.spec.load import load_problem
-from dobc_design.spec.network import Network
-from dobc_design.spec.observer import Observer
-from dobc_design.spec.problem import Problem
+from dobc_design.problem.exosystem import Exosystem
+from dobc_design.problem.load import load_problem
+from dobc_design.problem.network import Network
+from dobc_design.problem.observer import Observer
+from dobc_design.problem.problem import Problem
+from dobc_design.simulation.run import simulate
 
 TIGHT = {"method": "DOP853", "rtol": 1e-10, "atol": 1e-12}
 
@@ -32,12 +32,16 @@ def planar() -> Problem:
             {'mode "one"': [["a.b", "c"], ["c", "d", 2], ["d", "a.b"]], "two' \\": [["a.b", "d"], ["c", "a.b"]]},
             arrow="listens_to",
         ),
-        coupling=["2*tanh(y1) + min(y2, 0) + y2", "y2**3 + clip(y2, -1, 1) - y1/3"], target=[1, -2],
-        gains={"a.b": 3, "d": [[2, 1], [-1, 2]]}, exceptions={(0, 1): ["y1", "2*y2"]},
+        coupling=["2*tanh(y1) + min(y2, 0) + y2", "y2**3 + clip(y2, -1, 1) - y1/3"],
+        target=[1, -2],
+        gains={"a.b": 3, "d": [[2, 1], [-1, 2]]},
+        exceptions={(0, 1): ["y1", "2*y2"]},
         exosystem=Exosystem(A=[[0, 1, 0], [-1, 0, 0], [0, 0, 0]], C=[[1, 0, 1], [0, 1, 0]]),
-        observer=Observer(W=[[2, 0], [0, 2], [1, 0]]), offsets={"c": [1, 0]}, name='trouble""" here\\',
+        observer=Observer(W=[[2, 0], [0, 2], [1, 0]]),
+        offsets={"c": [1, 0]},
+        name='trouble""" here\\',
         simulation={"t_final": 4, "seed": 3, "xi0": [[1, 0, 2], [0, 1, -1], [3, 0, 0]]},
-    )  # fmt: skip
+    )
 
 
 def response(system, trajectory, w=0.0):
@@ -164,7 +168,7 @@ def test_a_loop_with_groups_of_agents_is_refused():
 
 
 def test_the_command_writes_the_file_and_asks_for_exactly_one_target(tmp_path, monkeypatch, capsys):
-    from dobc_design.cli import main
+    from dobc_design.cli.main import main
 
     monkeypatch.chdir(tmp_path)
 

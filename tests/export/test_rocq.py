@@ -14,16 +14,16 @@ from campaigns import a_problem
 from certified import certified
 from regions import without_region
 
+from dobc_design.certification.certify import certify
+from dobc_design.conditions.consensus.statements import state_theorems
 from dobc_design.errors import SpecError
 from dobc_design.exact.matrix import scale
 from dobc_design.export.rocq import rocq_proof
-from dobc_design.spec.canonical import problem_sha256
-from dobc_design.spec.exosystem import Exosystem
-from dobc_design.spec.network import Network
-from dobc_design.spec.problem import Problem
-from dobc_design.theorems.statements import state_theorems
+from dobc_design.problem.canonical import problem_sha256
+from dobc_design.problem.exosystem import Exosystem
+from dobc_design.problem.network import Network
+from dobc_design.problem.problem import Problem
 from dobc_design.verdict import Verdict
-from dobc_design.workflow import certify
 
 BUILTINS = ("paper-fixed", "paper-switching", "clock-sync", "microgrid-ieee14", "uav-swarm")
 COQC = shutil.which("coqc")
@@ -49,9 +49,11 @@ def two_modes_of_matrix_gains():
         network=Network.from_arcs(
             {"one": [[1, 2], [2, 3, "1/3"], [3, 1]], "two": [[2, 1], [3, 2, "7/5"]]}, arrow="listens_to", agents=3
         ),
-        coupling=["y1 + y2/2", "y2 - y1/2"], target=[0, 0], gains={1: [[9, 1], [-2, 7]], 2: 8, 3: 6},
+        coupling=["y1 + y2/2", "y2 - y1/2"],
+        target=[0, 0],
+        gains={1: [[9, 1], [-2, 7]], 2: 8, 3: 6},
         exceptions={(1, 2): ["2*y1", "3*y2"]},
-    )  # fmt: skip
+    )
 
 
 def bare(text):
@@ -154,13 +156,18 @@ def test_the_problem_stands_in_the_file_number_by_number():
     text = rocq_proof(certificate_of("paper-fixed"))
     code = re.sub(r"\s+", " ", bare(text))
     for line in (
-        "Definition n : nat := 10.", "Definition m : nat := 1.", "Definition q : nat := 2.",
-        "Definition slope_1 := matrix [[2]].", "Definition A := matrix [[0; 2]; [(-2); 0]].",
-        "Definition C := matrix [[1; 0]].", "Definition W := matrix [[(16 # 5)]; [(12 # 5)]].",
-        "[Pin 0 gain_1; Pin 5 gain_1]", "Definition gain_1 := matrix [[5]].",
+        "Definition n : nat := 10.",
+        "Definition m : nat := 1.",
+        "Definition q : nat := 2.",
+        "Definition slope_1 := matrix [[2]].",
+        "Definition A := matrix [[0; 2]; [(-2); 0]].",
+        "Definition C := matrix [[1; 0]].",
+        "Definition W := matrix [[(16 # 5)]; [(12 # 5)]].",
+        "[Pin 0 gain_1; Pin 5 gain_1]",
+        "Definition gain_1 := matrix [[5]].",
         "Theorem theorem1 : forall arcs, In arcs modes -> negative_definite size (Psi arcs).",
         "Theorem theorem1_R : forall arcs, In arcs modes -> negative_definite_R size (Psi arcs).",
-    ):  # fmt: skip
+    ):
         assert line in code
     arcs = [tuple(map(int, arc)) for arc in re.findall(r"Arc (\d+) (\d+) slope_1", code)]
     assert arcs == [(i, (i + 1) % 10) for i in range(10)]
@@ -182,9 +189,7 @@ def test_the_same_certificate_gives_the_same_text():
 
 
 def nasty(text):
-    return cycle(
-        exosystem=EXOSYSTEM, coupling="(y)*(y)/1000+y", name=text, notes=[text, "*" + text + "("],
-    )  # fmt: skip
+    return cycle(exosystem=EXOSYSTEM, coupling="(y)*(y)/1000+y", name=text, notes=[text, "*" + text + "("])
 
 
 @pytest.mark.parametrize("text", ['*) Axiom bad : False. (* "', "(*", "*)", "(*)", "**))((**", "λ → é", "x)"])
@@ -277,9 +282,7 @@ def test_a_rate_that_is_not_claimed_is_refused():
 
 def run_coq(text, folder):
     (folder / "proof.v").write_text(text, encoding="ascii")
-    return subprocess.run(
-        [COQC, "-q", "proof.v"], cwd=folder, capture_output=True, text=True, timeout=600, check=False
-    )  # fmt: skip
+    return subprocess.run([COQC, "-q", "proof.v"], cwd=folder, capture_output=True, text=True, timeout=600, check=False)
 
 
 @pytest.mark.slow
@@ -369,9 +372,7 @@ def test_coq_rejects_the_file_when_one_number_is_another(what, tmp_path):
 def test_coq_rejects_an_indefinite_matrix_with_its_own_l_d_l(tmp_path):
     """No pins: -Psi = L D L' holds with a D that is not positive; that proves nothing."""
     text = rocq_proof(certify(cycle(2, gains=3, coupling="y")))
-    assert factors_in(text, "Psi_squares_1") == [
-        (Fraction(8), 0, {1: Fraction(-1, 4)}), (Fraction(15, 2), 1, {}),
-    ]  # fmt: skip
+    assert factors_in(text, "Psi_squares_1") == [(Fraction(8), 0, {1: Fraction(-1, 4)}), (Fraction(15, 2), 1, {})]
     lines = changed(text, "Definition gain_1 := matrix [[3]].", "Definition gain_1 := matrix [[0]].")
     lines = changed(lines, "Square 8 0", "Square 2 0")
     lines = changed(lines, "Term 1 (-1 # 4)", "Term 1 (-1)")

@@ -10,15 +10,15 @@ import numpy as np
 import pytest
 
 import dobc_design as dd
-from dobc_design.design.dense import solve_dense
-from dobc_design.design.program import Program
+from dobc_design.conditions.consensus.statements import state_theorems
 from dobc_design.errors import SpecError
 from dobc_design.export.sdpa import normalisation, sdpa_text
-from dobc_design.spec.exosystem import Exosystem
-from dobc_design.spec.load import load_problem
-from dobc_design.spec.network import Network
-from dobc_design.spec.problem import Problem
-from dobc_design.theorems.statements import state_theorems
+from dobc_design.problem.exosystem import Exosystem
+from dobc_design.problem.load import load_problem
+from dobc_design.problem.network import Network
+from dobc_design.problem.problem import Problem
+from dobc_design.solvers.dense import solve_dense
+from dobc_design.solvers.program import Program
 
 needs_csdp = pytest.mark.skipif(
     shutil.which("csdp") is None, reason="CSDP is not installed (Debian: apt install coinor-csdp)"
@@ -29,17 +29,21 @@ def pair_problem(*, k: object = 1, A: object = 0, modes: int = 1) -> Problem:
     """Two agents that hear each other; agent 1 pinned with k; a disturbance xi' = A xi."""
     arcs = {f"G{i}": [[1, 2], [2, 1, i + 1]] for i in range(modes)}
     return Problem(
-        network=Network.from_arcs(arcs, arrow="listens_to"), coupling="y", gains={"1": k} if k else {},
+        network=Network.from_arcs(arcs, arrow="listens_to"),
+        coupling="y",
+        gains={"1": k} if k else {},
         exosystem=Exosystem(A=[[A]], C=[[1]]),
-    )  # fmt: skip
+    )
 
 
 def unseen() -> Problem:
     """The growing state of the exosystem is not seen: (A, C) is not detectable."""
     return Problem(
-        network=Network.from_arcs([[1, 2], [2, 1]], arrow="listens_to"), coupling="y", gains={"1": 1},
+        network=Network.from_arcs([[1, 2], [2, 1]], arrow="listens_to"),
+        coupling="y",
+        gains={"1": 1},
         exosystem=Exosystem(A=[[0, 0], [0, 1]], C=[[1, 0]]),
-    )  # fmt: skip
+    )
 
 
 class SdpaFile:
@@ -64,9 +68,7 @@ class SdpaFile:
         import cvxpy as cp
 
         x = cp.Variable(len(self.c))
-        constraints = [
-            sum(x[k] * F[k + 1] for k in range(len(self.c))) - F[0] >> 0 for F in self.F
-        ]  # fmt: skip
+        constraints = [sum(x[k] * F[k + 1] for k in range(len(self.c))) - F[0] >> 0 for F in self.F]
         problem = cp.Problem(cp.Minimize(self.c @ x), constraints)
         return float(problem.solve(solver="CLARABEL"))
 
@@ -76,7 +78,7 @@ def csdp(text: str, folder) -> float:
     (folder / "lmi.dat-s").write_text(text)
     done = subprocess.run(
         ["csdp", "lmi.dat-s", "lmi.sol"], cwd=folder, capture_output=True, check=False, text=True, timeout=120
-    )  # fmt: skip
+    )
     assert done.returncode in (0, 3), done.stdout  # 3: solved with reduced accuracy
     line = next(line for line in done.stdout.splitlines() if line.startswith("Primal objective value"))
     return float(line.split()[3])
@@ -124,15 +126,13 @@ def test_the_file_states_the_same_program_as_the_dense_lmi():
         text = sdpa_text(problem)
         program = Program(
             pencils=state_theorems(problem).psi(), objective="margin", ratio=Fraction(100), radius=Fraction(100)
-        )  # fmt: skip
+        )
         assert SdpaFile(text).solved() == pytest.approx(solve_dense(program).objective, abs=1e-5)
 
 
 def test_without_an_exosystem_the_file_is_lemma_1():
     """min t is lambda_max(Lambda): two agents, one pinned with 1: eigenvalues of [[-4, 2], [2, -2]]."""
-    problem = Problem(
-        network=Network.from_arcs([[1, 2], [2, 1]], arrow="listens_to"), coupling="y", gains={"1": 1}
-    )  # fmt: skip
+    problem = Problem(network=Network.from_arcs([[1, 2], [2, 1]], arrow="listens_to"), coupling="y", gains={"1": 1})
     text = dd.to_sdpa(problem)
     assert "Lemma 1" in text
     found = SdpaFile(text)
@@ -151,9 +151,7 @@ def test_the_bounds_leave_room_for_a_pair_that_is_small_or_large():
 
 
 def test_couplings_with_a_kink_have_no_lmi():
-    problem = Problem(
-        network=Network.from_arcs([[1, 2]], arrow="listens_to"), coupling="y + abs(y)/2", gains={"2": 1}
-    )  # fmt: skip
+    problem = Problem(network=Network.from_arcs([[1, 2]], arrow="listens_to"), coupling="y + abs(y)/2", gains={"2": 1})
     with pytest.raises(SpecError, match="no linear matrix inequality"):
         dd.to_sdpa(problem)
 
@@ -168,6 +166,6 @@ def test_a_file_that_no_solver_could_take_is_not_written():
 def test_irrational_slopes_are_named_in_the_file():
     problem = Problem(
         network=Network.from_arcs([[1, 2], [2, 1]], arrow="listens_to"), coupling="exp(1)*y", gains={"1": 1}
-    )  # fmt: skip
+    )
     assert "irrational" in sdpa_text(problem)
     assert "irrational" not in sdpa_text(pair_problem())

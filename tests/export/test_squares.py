@@ -64,6 +64,8 @@ def test_the_leaves_of_a_star_go_first():
     M = SparseSymmetric(4, {(0, 0): Fraction(4)} | leaves)
     squares = factor(M)
     assert squares == (
-        Square(Fraction(1), 1, {0: Fraction(1)}), Square(Fraction(1), 2, {0: Fraction(1)}),
-        Square(Fraction(2), 0, {3: Fraction(1, 2)}), Square(Fraction(1, 2), 3, {}),
-    )  # fmt: skip
+        Square(Fraction(1), 1, {0: Fraction(1)}),
+        Square(Fraction(1), 2, {0: Fraction(1)}),
+        Square(Fraction(2), 0, {3: Fraction(1, 2)}),
+        Square(Fraction(1, 2), 3, {}),
+    )

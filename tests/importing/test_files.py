@@ -9,8 +9,8 @@ import pytest
 
 import dobc_design as dd
 from dobc_design.errors import SpecError
-from dobc_design.spec.canonical import canonical_bytes
-from dobc_design.spec.toml_writing import problem_text
+from dobc_design.problem.canonical import canonical_bytes
+from dobc_design.problem.toml_writing import problem_text
 
 
 def written(tmp_path, name: str, text: str):
@@ -93,10 +93,11 @@ def healthy(kind: str, tmp_path) -> bytes:
     inside = {
         "sn_mva": 1.0,
         "bus": frame(["vn_kv", "in_service"], [[10.0, True], [10.0, True]]),
-        "line": frame(["from_bus", "to_bus", "length_km", "x_ohm_per_km", "parallel", "in_service"],
-                      [[0, 1, 2.0, 5.0, 2, True]]),
+        "line": frame(
+            ["from_bus", "to_bus", "length_km", "x_ohm_per_km", "parallel", "in_service"], [[0, 1, 2.0, 5.0, 2, True]]
+        ),
         "ext_grid": frame(["bus", "in_service"], [[0, True]]),
-    }  # fmt: skip
+    }
     return json.dumps({"_module": "pandapower.auxiliary", "_object": inside}).encode()
 
 

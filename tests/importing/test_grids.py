@@ -51,8 +51,11 @@ def test_a_matpower_case_becomes_angles_with_exact_susceptances(tmp_path):
     problem = imported(tmp_path, CASE)
     assert problem.network.labels == ("10", "20", "30")
     assert sorted(problem.network.modes["grid"]) == [
-        (0, 1, 40), (1, 0, 40), (1, 2, Fraction(5, 2)), (2, 1, Fraction(5, 2)),
-    ]  # fmt: skip
+        (0, 1, 40),
+        (1, 0, 40),
+        (1, 2, Fraction(5, 2)),
+        (2, 1, Fraction(5, 2)),
+    ]
     assert problem.coupling.texts == ("sin(y)",)
     assert problem.pinning.agents == (0, 2)
     assert problem.name == "three"
@@ -143,9 +146,11 @@ def tables(**changes) -> bytes:
     """A network of two buses as pandapower writes it, by hand."""
 
     def frame(columns, rows):
-        return {"_module": "pandas.core.frame", "_class": "DataFrame", "_object": json.dumps(
-            {"columns": columns, "index": list(range(len(rows))), "data": rows}
-        )}  # fmt: skip
+        return {
+            "_module": "pandas.core.frame",
+            "_class": "DataFrame",
+            "_object": json.dumps({"columns": columns, "index": list(range(len(rows))), "data": rows}),
+        }
 
     inside = {
         "sn_mva": 1.0,

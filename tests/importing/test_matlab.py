@@ -33,9 +33,15 @@ def test_a_laplacian_says_who_listens_to_whom(tmp_path):
 
 def test_a_sparse_laplacian_a_coupling_and_an_exosystem_certify(tmp_path):
     path = written(
-        tmp_path, L=sp.csc_matrix(L), A=np.array([[0.0, 2.0], [-2.0, 0.0]]), C=np.array([[1.0, 0.0]]), h="tanh(y)",
-        k=3.0, xbar=1.5, W=np.array([[3.2], [2.4]]),
-    )  # fmt: skip
+        tmp_path,
+        L=sp.csc_matrix(L),
+        A=np.array([[0.0, 2.0], [-2.0, 0.0]]),
+        C=np.array([[1.0, 0.0]]),
+        h="tanh(y)",
+        k=3.0,
+        xbar=1.5,
+        W=np.array([[3.2], [2.4]]),
+    )
     problem = dd.problem_from_file(path)
     assert problem.target == (Fraction(3, 2),)
     assert problem.observer.W == dd.load_problem("paper-fixed").observer.W

@@ -9,20 +9,34 @@ import pytest
 import sympy
 
 from dobc_design.errors import ShapeError, SpecError
-from dobc_design.model.arrays import consensus_jacobian, goals, pinning_matrix
 from dobc_design.model.model import build_model
 from dobc_design.model.sympy_algebra import to_sympy
-from dobc_design.spec.exosystem import Exosystem
-from dobc_design.spec.load import load_problem
-from dobc_design.spec.network import Network
-from dobc_design.spec.observer import Observer
-from dobc_design.spec.problem import Problem
+from dobc_design.problem.arrays import consensus_jacobian, goals, pinning_matrix
+from dobc_design.problem.exosystem import Exosystem
+from dobc_design.problem.load import load_problem
+from dobc_design.problem.network import Network
+from dobc_design.problem.observer import Observer
+from dobc_design.problem.problem import Problem
 
 SCALAR = [
-    "exp(y) - 1 + y", "log(1 + y**2) + y", "sin(y)", "cos(2*y) - 1", "tan(y/4)", "3*tanh(y)", "atan(y)", "sinh(y)/2",
-    "cosh(y) - 1", "sqrt(1 + y**2) - 1", "y + abs(y)/2", "min(y, 2*y)", "max(y, y/3)", "clip(y, -1, 1)",
-    "y**3 + y/(1 + y**2)", "-pi*y**5/9", "y*(2 + y)**-2",
-]  # fmt: skip
+    "exp(y) - 1 + y",
+    "log(1 + y**2) + y",
+    "sin(y)",
+    "cos(2*y) - 1",
+    "tan(y/4)",
+    "3*tanh(y)",
+    "atan(y)",
+    "sinh(y)/2",
+    "cosh(y) - 1",
+    "sqrt(1 + y**2) - 1",
+    "y + abs(y)/2",
+    "min(y, 2*y)",
+    "max(y, y/3)",
+    "clip(y, -1, 1)",
+    "y**3 + y/(1 + y**2)",
+    "-pi*y**5/9",
+    "y*(2 + y)**-2",
+]
 VECTOR = [
     ["y1 + y1*y2", "sin(y2) - exp(y1) + 1"],
     ["0", "y1**2 + 3*y2"],
@@ -237,9 +251,13 @@ def test_inputs_and_outputs_have_names():
     model = build_model(load_problem("paper-fixed"))
     names = [(f.name_in(), f.name_out()) for f in model.functions]
     assert names == [
-        (["e"], ["h"]), (["e"], ["dh_de"]), (["z", "x", "u"], ["z_dot", "xihat", "dhat"]), (["x", "dhat"], ["u"]),
-        (["x", "xi", "z"], ["x_dot", "xi_dot", "z_dot"]), (["e", "eps"], ["e_dot", "eps_dot"]),
-    ]  # fmt: skip
+        (["e"], ["h"]),
+        (["e"], ["dh_de"]),
+        (["z", "x", "u"], ["z_dot", "xihat", "dhat"]),
+        (["x", "dhat"], ["u"]),
+        (["x", "xi", "z"], ["x_dot", "xi_dot", "z_dot"]),
+        (["e", "eps"], ["e_dot", "eps_dot"]),
+    ]
 
 
 def test_a_model_shows_its_functions_and_shapes():
@@ -260,9 +278,12 @@ def test_a_thousand_agents_are_built_in_a_few_seconds():
     rng = np.random.default_rng(0)
     arcs = {(int(i), int(j)) for i, j in rng.integers(0, 1000, size=(6000, 2)) if i != j}
     problem = Problem(
-        network=Network.from_arcs(sorted(arcs), arrow="listens_to", agents=[*range(1000)]), coupling="exp(y) - 1 + y",
-        gains=1, exosystem=Exosystem(A=[[0, 2], [-2, 0]], C=[[1, 0]]), observer=Observer(W=[[3], [2]]),
-    )  # fmt: skip
+        network=Network.from_arcs(sorted(arcs), arrow="listens_to", agents=[*range(1000)]),
+        coupling="exp(y) - 1 + y",
+        gains=1,
+        exosystem=Exosystem(A=[[0, 2], [-2, 0]], C=[[1, 0]]),
+        observer=Observer(W=[[3], [2]]),
+    )
     start = time.process_time()
     model = build_model(problem)
     assert time.process_time() - start < 10

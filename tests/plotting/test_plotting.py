@@ -17,7 +17,7 @@ from dobc_design.errors import ShapeError, SpecError
 from dobc_design.plotting import look
 from dobc_design.plotting.animation import animation_page
 from dobc_design.plotting.runs import plot_errors, trajectory_sheet
-from dobc_design.simulate.breaking import Breaking, PeriodLimit, Sweep
+from dobc_design.simulation.breaking import Breaking, PeriodLimit, Sweep
 
 BROWSER = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
 
@@ -30,9 +30,12 @@ def switched():
 @pytest.fixture(scope="module")
 def swarm():
     problem = dd.Problem(
-        network=dd.Network.from_arcs({"G": []}, arrow="listens_to", agents=9), coupling="y", target=[0, 0],
-        gains={"1": 1}, name="swarm </script><b>&",
-    )  # fmt: skip
+        network=dd.Network.from_arcs({"G": []}, arrow="listens_to", agents=9),
+        coupling="y",
+        target=[0, 0],
+        gains={"1": 1},
+        name="swarm </script><b>&",
+    )
     start = np.random.default_rng(2).uniform(-1, 1, size=(9, 2))
     return dd.simulate(problem, signal=dd.Mobile(radius=0.9, hysteresis=0.05), start=start, t_final=5, samples=21)
 
@@ -51,8 +54,10 @@ def test_a_trajectory_shows_band_states_estimates_and_errors(switched):
 def test_every_quantity_has_its_unit(switched):
     axes = switched.plot().figure.axes
     assert [ax.get_ylabel().split("\n")[1] for ax in axes[1:]] == [
-        "in its own unit", "in units of x per s", "in the unit of x",
-    ]  # fmt: skip
+        "in its own unit",
+        "in units of x per s",
+        "in the unit of x",
+    ]
 
 
 def test_the_curves_are_the_samples(switched):
@@ -188,17 +193,33 @@ def test_runs_at_the_edge_are_drawn_without_a_warning(name: str):
 
 def test_what_breaks_first_has_one_panel_per_option_with_its_border(switched):
     sweep = Sweep(
-        option="noise", unit="unit of x", severity=np.array([0.1, 0.2, 0.4]), relative=np.array([0.1, 0.2, 0.4]),
-        late=np.array([0.01, 0.05, np.inf]), survives=0.2, breaks=0.4, relative_break=0.4,
-    )  # fmt: skip
+        option="noise",
+        unit="unit of x",
+        severity=np.array([0.1, 0.2, 0.4]),
+        relative=np.array([0.1, 0.2, 0.4]),
+        late=np.array([0.01, 0.05, np.inf]),
+        survives=0.2,
+        breaks=0.4,
+        relative_break=0.4,
+    )
     period = Sweep(
-        option="period", unit="s", severity=np.array([0.1, 0.2]), relative=np.array([1.0, 2.0]),
-        late=np.array([0.01, 0.5]), survives=0.1, breaks=0.2, relative_break=2.0,
-    )  # fmt: skip
+        option="period",
+        unit="s",
+        severity=np.array([0.1, 0.2]),
+        relative=np.array([1.0, 2.0]),
+        late=np.array([0.01, 0.5]),
+        survives=0.1,
+        breaks=0.2,
+        relative_break=2.0,
+    )
     found = Breaking(
-        name="a_b$", t_final=1.0, tolerance=0.1, sweeps=(sweep, period),
-        period=PeriodLimit(converges=0.15, fails=0.16, certified=0.05), calm=switched,
-    )  # fmt: skip
+        name="a_b$",
+        t_final=1.0,
+        tolerance=0.1,
+        sweeps=(sweep, period),
+        period=PeriodLimit(converges=0.15, fails=0.16, certified=0.05),
+        calm=switched,
+    )
     noise, sampling = found.plot().figure.axes[:2]
     assert noise.get_xlabel() == "in the unit of x"
     good = next(line for line in noise.get_lines() if line.get_marker() == "o")
@@ -306,8 +327,16 @@ def test_a_network_too_large_to_be_seen_is_refused():
 def test_the_page_runs_in_a_browser_without_errors(swarm, tmp_path):
     """The script itself writes the time of its frame into the page."""
     (tmp_path / "run.html").write_text(animation_page(swarm), encoding="utf-8")
-    options = ["--headless", "--no-sandbox", "--disable-gpu", "--disable-dev-shm-usage", "--no-first-run",
-               "--disable-background-networking", "--virtual-time-budget=1500", "--enable-logging=stderr"]  # fmt: skip
+    options = [
+        "--headless",
+        "--no-sandbox",
+        "--disable-gpu",
+        "--disable-dev-shm-usage",
+        "--no-first-run",
+        "--disable-background-networking",
+        "--virtual-time-budget=1500",
+        "--enable-logging=stderr",
+    ]
     command = [str(BROWSER), *options, "--dump-dom", (tmp_path / "run.html").as_uri()]
     done = subprocess.run(command, capture_output=True, check=False, text=True, timeout=120)
     shown = re.search(r'<output id="now">([^<]*)</output>', done.stdout)

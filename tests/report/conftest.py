@@ -16,15 +16,15 @@ from dobc_design.analysis.observability import ModeMargin, ObservabilityResult
 from dobc_design.analysis.spectrum import SpectrumResult
 from dobc_design.certificate.certificate import Certificate
 from dobc_design.certificate.claims import Claims
+from dobc_design.conditions.check import Check, Fix, Witness
 from dobc_design.exact.matrix import matrix
-from dobc_design.simulate.trajectory import Trajectory
-from dobc_design.spec.exosystem import Exosystem
-from dobc_design.spec.network import Network
-from dobc_design.spec.observer import Observer
-from dobc_design.spec.problem import Problem
-from dobc_design.spec.region import Region
+from dobc_design.problem.exosystem import Exosystem
+from dobc_design.problem.network import Network
+from dobc_design.problem.observer import Observer
+from dobc_design.problem.problem import Problem
+from dobc_design.problem.region import Region
+from dobc_design.simulation.trajectory import Trajectory
 from dobc_design.verdict import Verdict
-from dobc_design.verify.check import Check, Fix, Witness
 
 
 def ring_problem(n: int = 10, **changes: Any) -> Problem:
@@ -49,42 +49,75 @@ def ring_checks(problem: Problem) -> tuple[Check, ...]:
     return (
         Check(id="observability", verdict=Verdict.PROVED, domain="global", reason="(A, C) is observable."),
         Check(
-            id="hurwitz", verdict=Verdict.PROVED, domain="global", rate=1.59999, reason="A - WC is Hurwitz.",
+            id="hurwitz",
+            verdict=Verdict.PROVED,
+            domain="global",
+            rate=1.59999,
+            reason="A - WC is Hurwitz.",
             exact={"routh": ["1", "16/5", "44/5"]},
         ),
         Check(
-            id="reachability", mode=mode, verdict=Verdict.REFUTED, domain="global", reason="somebody is alone.",
+            id="reachability",
+            mode=mode,
+            verdict=Verdict.REFUTED,
+            domain="global",
+            reason="somebody is alone.",
             witness=Witness(kind="agents", labels=problem.network.labels[1:3]),
             fix=Fix(kind="pin", set={"pinning.gains.2": 1, "observer.W": None}, text="Pin one of them."),
         ),
         Check(
-            id="lemma1", mode=mode, verdict=Verdict.PROVED, domain="consensus", margin=0.58229999, rate=0.29,
+            id="lemma1",
+            mode=mode,
+            verdict=Verdict.PROVED,
+            domain="consensus",
+            margin=0.58229999,
+            rate=0.29,
             reason="Lambda(J) < 0.",
         ),
         Check(
-            id="theorem1-printed", verdict=Verdict.REFUTED, domain="consensus", margin=-0.53678,
-            reason="Psi is not negative definite for this P.", exact={"bound": "-9/8", "S": [["9/8"]]},
+            id="theorem1-printed",
+            verdict=Verdict.REFUTED,
+            domain="consensus",
+            margin=-0.53678,
+            reason="Psi is not negative definite for this P.",
+            exact={"bound": "-9/8", "S": [["9/8"]]},
             witness=Witness(kind="vector", values=tuple(str(i) for i in range(30))),
         ),
         Check(
-            id="theorem1", verdict=Verdict.PROVED, domain="consensus", margin=0.5319, rate=0.2618,
-            reason="Psi < 0 holds exactly for a rational P.", exact={"bound": "-1/20", "S": [["1/20"]]},
+            id="theorem1",
+            verdict=Verdict.PROVED,
+            domain="consensus",
+            margin=0.5319,
+            rate=0.2618,
+            reason="Psi < 0 holds exactly for a rational P.",
+            exact={"bound": "-1/20", "S": [["1/20"]]},
         ),
         Check(
-            id="max-separable", verdict=Verdict.UNDECIDED, reason="does not apply: nobody asked.",
+            id="max-separable",
+            verdict=Verdict.UNDECIDED,
+            reason="does not apply: nobody asked.",
             domain={"kind": "box", "radius": 4.0, "disturbance": 0.5},
         ),
-    )  # fmt: skip
+    )
 
 
 def make_certificate(problem: Problem | None = None, **changes: Any) -> Certificate:
     problem = ring_problem() if problem is None else problem
     claims = Claims(
-        problem_name=problem.name, problem_sha256="ab" * 32, verdict=Verdict.PROVED,
-        reason="All agents reach the target.", rate=0.26189, covered_by="theorem1", checks=ring_checks(problem),
-        W=matrix([["16/5"], ["12/5"]]), gain_source="given", P=matrix([[3, "-1/4"], ["-1/4", 2]]),
-        Q=matrix([[9], [4]]), notes=("The observer gain W was given.",), version="9.9.9",
-    )  # fmt: skip
+        problem_name=problem.name,
+        problem_sha256="ab" * 32,
+        verdict=Verdict.PROVED,
+        reason="All agents reach the target.",
+        rate=0.26189,
+        covered_by="theorem1",
+        checks=ring_checks(problem),
+        W=matrix([["16/5"], ["12/5"]]),
+        gain_source="given",
+        P=matrix([[3, "-1/4"], ["-1/4", 2]]),
+        Q=matrix([[9], [4]]),
+        notes=("The observer gain W was given.",),
+        version="9.9.9",
+    )
     return Certificate(problem=problem, claims=dataclasses.replace(claims, **changes))
 
 
@@ -94,25 +127,34 @@ def make_analysis(problem: Problem) -> Analysis:
     return Analysis(
         name=problem.name,
         observability=ObservabilityResult(
-            order=2, rank=2, singular_values=(2.0, 1.0),
+            order=2,
+            rank=2,
+            singular_values=(2.0, 1.0),
             modes=(ModeMargin(eigenvalue=2j, margin=0.7), ModeMargin(eigenvalue=-2j, margin=0.7)),
         ),
         spectrum=SpectrumResult(eigenvalues=(-1.6 + 2.5j, -1.6 - 2.5j), rate=1.6),
         graphs=tuple(
             GraphFacts(
-                mode=name, arcs=len(arcs), unreached=labels[1:3], components=(labels,), sources=(labels,),
-                balanced=True, heard=(1,) * problem.n, hearing=(1,) * problem.n,
+                mode=name,
+                arcs=len(arcs),
+                unreached=labels[1:3],
+                components=(labels,),
+                sources=(labels,),
+                balanced=True,
+                heard=(1,) * problem.n,
+                hearing=(1,) * problem.n,
             )
             for name, arcs in problem.network.modes.items()
         ),
         modes=tuple(
             ModeSpectrum(
-                mode=name, lambda_eigenvalues=tuple(np.linspace(-8, -0.5, n).tolist()),
+                mode=name,
+                lambda_eigenvalues=tuple(np.linspace(-8, -0.5, n).tolist()),
                 loop_eigenvalues=tuple(complex(-0.5 - i / n, (-1) ** i) for i in range(n)),
             )
             for name in problem.network.modes
         ),
-    )  # fmt: skip
+    )
 
 
 def make_trajectory(problem: Problem, *, diverged: bool = False) -> Trajectory:
@@ -126,9 +168,21 @@ def make_trajectory(problem: Problem, *, diverged: bool = False) -> Trajectory:
     dhat = d * (1 - np.exp(-times))[:, None, None]
     xi = np.zeros((len(times), n, q))
     return Trajectory(
-        name=problem.name, mode=next(iter(problem.network.modes)), labels=problem.network.labels, t_final=10.0, seed=3,
-        times=times, x=x, xi=xi, xihat=xi.copy(), d=d, dhat=dhat, u=np.zeros_like(x), goal=goal, diverged=diverged,
-    )  # fmt: skip
+        name=problem.name,
+        mode=next(iter(problem.network.modes)),
+        labels=problem.network.labels,
+        t_final=10.0,
+        seed=3,
+        times=times,
+        x=x,
+        xi=xi,
+        xihat=xi.copy(),
+        d=d,
+        dhat=dhat,
+        u=np.zeros_like(x),
+        goal=goal,
+        diverged=diverged,
+    )
 
 
 @pytest.fixture
@@ -176,17 +230,29 @@ def asked_for(problem_with, certificate_of) -> dict[str, Any]:
     problem = problem_with(region=Region(initial_states=[[0, 5]], initial_disturbance="1/2"))
     box = {"kind": "box", "radius": 4.0, "disturbance": 0.5}
     separable = Check(
-        id="max-separable", verdict=Verdict.PROVED, domain=box, rate=0.2, reason="from every start V decays.",
+        id="max-separable",
+        verdict=Verdict.PROVED,
+        domain=box,
+        rate=0.2,
+        reason="from every start V decays.",
         exact={
-            "v": ["1", *["3/2"] * 9], "alpha": "1/5", "rho": "9/2", "P": [["1", "0"], ["0", "1"]], "beta": "3/2",
-            "kappa": "7/10", "size": "1",
+            "v": ["1", *["3/2"] * 9],
+            "alpha": "1/5",
+            "rho": "9/2",
+            "P": [["1", "0"], ["0", "1"]],
+            "beta": "3/2",
+            "kappa": "7/10",
+            "size": "1",
         },
-    )  # fmt: skip
+    )
     ball = Check(
-        id="lure", verdict=Verdict.PROVED, domain={"kind": "ball", "radius": 1.079, "disturbance": 0.5}, rate=0.0001234,
+        id="lure",
+        verdict=Verdict.PROVED,
+        domain={"kind": "ball", "radius": 1.079, "disturbance": 0.5},
+        rate=0.0001234,
         reason="from every start in a ball V decays. Beyond, and this takes several lines, no quadratic V is found.",
         exact={"method": "vertices", "P_e": [[i, i, str(1 + i)] for i in range(10)], "level": "2"},
-    )  # fmt: skip
+    )
     delay = Check(
         id="delay",
         verdict=Verdict.PROVED,

@@ -15,15 +15,21 @@ from typing import Any
 
 import pytest
 
+from dobc_design.problem.exosystem import Exosystem
+from dobc_design.problem.network import Network
 from dobc_design.report.html import html_report
-from dobc_design.spec.exosystem import Exosystem
-from dobc_design.spec.network import Network
 
 BROWSER = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
 OPTIONS = (
-    "--headless", "--no-sandbox", "--disable-gpu", "--disable-background-networking", "--no-first-run",
-    "--disable-dev-shm-usage", "--hide-scrollbars", "--enable-logging=stderr",
-)  # fmt: skip
+    "--headless",
+    "--no-sandbox",
+    "--disable-gpu",
+    "--disable-background-networking",
+    "--no-first-run",
+    "--disable-dev-shm-usage",
+    "--hide-scrollbars",
+    "--enable-logging=stderr",
+)
 WRAPPER = """<!DOCTYPE html><meta charset="utf-8"><body style="margin:0">
 <iframe id="f" style="border:0;width:{width}px;height:900px" srcdoc="{page}"></iframe><pre id="result"></pre>
 <script>
@@ -49,9 +55,14 @@ def measure(page: str, folder: Path, *, width: int) -> tuple[dict[str, Any], str
     file = folder / "wrapper.html"
     file.write_text(WRAPPER.format(width=width, page=html.escape(page)), encoding="utf-8")
     command = [
-        str(BROWSER), *OPTIONS, f"--user-data-dir={folder / 'profile'}", f"--window-size={max(width, 600)},900",
-        "--virtual-time-budget=5000", "--dump-dom", file.as_uri(),
-    ]  # fmt: skip
+        str(BROWSER),
+        *OPTIONS,
+        f"--user-data-dir={folder / 'profile'}",
+        f"--window-size={max(width, 600)},900",
+        "--virtual-time-budget=5000",
+        "--dump-dom",
+        file.as_uri(),
+    ]
     run = subprocess.run(command, capture_output=True, text=True, timeout=120, check=True)
     found = re.search(r'<pre id="result">(.*?)</pre>', run.stdout, re.DOTALL)
     assert found is not None, run.stderr[-2000:]
@@ -66,9 +77,12 @@ def wide_page(problem_with, certificate_of, analysis_of, trajectory_of) -> str:
     network = Network.from_arcs({"m" * 60: arcs, "b": arcs[:-1], "c": arcs[3:]}, arrow="listens_to", agents=labels)
     A = [[f"{i + 1}/{j + 7}" for j in range(6)] for i in range(6)]
     problem = problem_with(
-        name="a-name-without-any-space-" * 4, network=network, gains={labels[0]: 1}, observer=None,
+        name="a-name-without-any-space-" * 4,
+        network=network,
+        gains={labels[0]: 1},
+        observer=None,
         exosystem=Exosystem(A=A, C=[[1, 0, 0, 0, 0, "123456/654321"]]),
-    )  # fmt: skip
+    )
     certificate = certificate_of(problem, problem_sha256="f" * 64)
     return html_report(certificate, analysis=analysis_of(problem), trajectory=trajectory_of(problem))
 

@@ -8,10 +8,10 @@ from html.parser import HTMLParser
 
 import pytest
 
+from dobc_design.problem.network import Network
+from dobc_design.problem.observer import Observer
 from dobc_design.report.compare import check_pairs, compare_html, compare_markdown, conclusion, region_pairs
 from dobc_design.report.differences import differences
-from dobc_design.spec.network import Network
-from dobc_design.spec.observer import Observer
 from dobc_design.verdict import Verdict
 
 
@@ -57,19 +57,30 @@ def test_a_problem_differs_from_itself_in_nothing(problem_with):
 def test_every_kind_of_difference_is_named_by_its_key(problem_with):
     first = problem_with()
     second = problem_with(
-        target=2, coupling="tanh(y)", gains={1: 3, 2: "1/3"}, observer=Observer(rate=2),
-        region={"initial_states": [0, 5], "initial_disturbance": "1/2"}, offsets={3: 1},
+        target=2,
+        coupling="tanh(y)",
+        gains={1: 3, 2: "1/3"},
+        observer=Observer(rate=2),
+        region={"initial_states": [0, 5], "initial_disturbance": "1/2"},
+        offsets={3: 1},
         network=Network.from_arcs({"Ga": [*ring(10)[1:], (1, 3)]}, arrow="listens_to", agents=10),
-    )  # fmt: skip
+    )
     found = {each.key: (each.first, each.second) for each in differences(first, second)[0]}
     assert found == {
-        "network.modes.Ga: 1 listens to 2": ("there", "–"), "network.modes.Ga: 1 listens to 3": ("–", "there"),
-        "target": ("1", "2"), "coupling.h": ("exp(y) - 1 + y", "tanh(y)"), "pinning.gains.1": ("5", "3"),
-        "pinning.gains.2": ("–", "1/3"), "pinning.gains.6": ("5", "–"), "observer.rate": ("–", "2"),
-        "observer.W": ("[16/5, 12/5]", "–"), "observer.P": ("[[1/2, -1/4], [-1/4, 1/3]]", "–"),
-        "formation.offsets.3": ("–", "1"), "region.initial_states": ("–", "[0, 5]"),
+        "network.modes.Ga: 1 listens to 2": ("there", "–"),
+        "network.modes.Ga: 1 listens to 3": ("–", "there"),
+        "target": ("1", "2"),
+        "coupling.h": ("exp(y) - 1 + y", "tanh(y)"),
+        "pinning.gains.1": ("5", "3"),
+        "pinning.gains.2": ("–", "1/3"),
+        "pinning.gains.6": ("5", "–"),
+        "observer.rate": ("–", "2"),
+        "observer.W": ("[16/5, 12/5]", "–"),
+        "observer.P": ("[[1/2, -1/4], [-1/4, 1/3]]", "–"),
+        "formation.offsets.3": ("–", "1"),
+        "region.initial_states": ("–", "[0, 5]"),
         "region.initial_disturbance": ("–", "1/2"),
-    }  # fmt: skip
+    }
 
 
 def test_many_arcs_and_whole_modes_are_counted(problem_with):

@@ -11,10 +11,10 @@ from typing import Any
 
 import pytest
 
+from dobc_design.conditions.check import Check, Fix, Witness
+from dobc_design.problem.network import Network
 from dobc_design.report.html import html_report
-from dobc_design.spec.network import Network
 from dobc_design.verdict import Verdict
-from dobc_design.verify.check import Check, Fix, Witness
 
 VOID = {"meta", "br", "link", "img", "hr", "input", "col", "wbr", "mspace"}
 HOSTILE = "<script>alert('\"&$x_1$')</script>"
@@ -159,15 +159,24 @@ def hostile_problem(problem_with) -> Any:
 def test_hostile_names_stay_text(problem_with, certificate_of, analysis_of, trajectory_of):
     problem = hostile_problem(problem_with)
     check = Check(
-        id="lemma1", mode="<b>m</b>", verdict=Verdict.REFUTED, domain="<i>d</i>", reason=HOSTILE,
+        id="lemma1",
+        mode="<b>m</b>",
+        verdict=Verdict.REFUTED,
+        domain="<i>d</i>",
+        reason=HOSTILE,
         exact={"bound": HOSTILE, "value": HOSTILE, "<u>": "<u>"},
         witness=Witness(kind=HOSTILE, labels=(HOSTILE,), values=(HOSTILE,)),
         fix=Fix(kind="x", set={HOSTILE: HOSTILE}, text=HOSTILE),
-    )  # fmt: skip
+    )
     certificate = certificate_of(
-        problem, checks=(check,), notes=(HOSTILE,), reason=HOSTILE, problem_sha256=HOSTILE, version=HOSTILE,
+        problem,
+        checks=(check,),
+        notes=(HOSTILE,),
+        reason=HOSTILE,
+        problem_sha256=HOSTILE,
+        version=HOSTILE,
         gain_source=HOSTILE,
-    )  # fmt: skip
+    )
     text = html_report(certificate, analysis=analysis_of(problem), trajectory=trajectory_of(problem), lambdas={})
     page = Page(text)
     assert page.wrong == []
@@ -213,10 +222,15 @@ def test_without_diagnostics_run_and_disturbance_the_page_still_stands(problem_w
 
 def test_vector_agents_with_formation_and_exceptions(problem_with, certificate_of, analysis_of, trajectory_of):
     problem = problem_with(
-        target=[0, 1], coupling=["y1 + y2**3", "tanh(y2)"], exosystem=None, observer=None,
-        exceptions={(0, 1): "2*y"}, offsets={2: [1, "1/3"]}, gains={1: [[1, 2], [-2, 1]], 2: 3},
+        target=[0, 1],
+        coupling=["y1 + y2**3", "tanh(y2)"],
+        exosystem=None,
+        observer=None,
+        exceptions={(0, 1): "2*y"},
+        offsets={2: [1, "1/3"]},
+        gains={1: [[1, 2], [-2, 1]], 2: 3},
         region={"initial_states": [[0, 5], [-1, 1]]},
-    )  # fmt: skip
+    )
     certificate = certificate_of(problem, W=None, P=None, Q=None)
     page = Page(html_report(certificate, analysis=analysis_of(problem), trajectory=trajectory_of(problem)))
     assert page.wrong == []
@@ -234,11 +248,16 @@ def test_a_large_problem_gives_a_page_of_bounded_size(problem_with, certificate_
     values = tuple(f"{10**40 + i}/{10**39 + 7}" for i in range(n))
     checks = tuple(
         Check(
-            id="lemma1", mode=f"mode-{k}", verdict=list(Verdict)[k % 3], domain="consensus", reason="long " * 2000,
-            witness=Witness(kind="vector", labels=network.labels, values=values), exact={"value": values[0]},
+            id="lemma1",
+            mode=f"mode-{k}",
+            verdict=list(Verdict)[k % 3],
+            domain="consensus",
+            reason="long " * 2000,
+            witness=Witness(kind="vector", labels=network.labels, values=values),
+            exact={"value": values[0]},
         )
         for k in range(3000)
-    )  # fmt: skip
+    )
     certificate = certificate_of(problem, checks=checks)
     text = html_report(certificate, analysis=analysis_of(problem), trajectory=trajectory_of(problem))
     assert len(text.encode()) < 1_500_000

@@ -11,19 +11,36 @@ from typing import Any
 
 import pytest
 
+from dobc_design.problem.exosystem import Exosystem
+from dobc_design.problem.groups import Group
+from dobc_design.problem.network import Network
 from dobc_design.report.full_view import full_view
 from dobc_design.report.latex import MAIN, PACKAGES, latex_fragments, tex
 from dobc_design.report.pdf import document
-from dobc_design.spec.exosystem import Exosystem
-from dobc_design.spec.groups import Group
-from dobc_design.spec.network import Network
 
 PDFLATEX = shutil.which("pdflatex")
 HOSTILE = (
-    r"\input{/etc/passwd}", r"\write18{x}", r"\end{document}",
-    "{", "}", "$", "%", "a_b^c", "#1", "&", r"\\", "~", '"', "^^41",
-    "ünïcödé ∞ λ ✓ ≤ ⁻¹⁸ 時計 🕰", "\u202eright", "a\nb\n\nc", "x" * 200, "-- ``quoted''", "|<>|",
-)  # fmt: skip
+    r"\input{/etc/passwd}",
+    r"\write18{x}",
+    r"\end{document}",
+    "{",
+    "}",
+    "$",
+    "%",
+    "a_b^c",
+    "#1",
+    "&",
+    r"\\",
+    "~",
+    '"',
+    "^^41",
+    "ünïcödé ∞ λ ✓ ≤ ⁻¹⁸ 時計 🕰",
+    "\u202eright",
+    "a\nb\n\nc",
+    "x" * 200,
+    "-- ``quoted''",
+    "|<>|",
+)
 
 
 def tokens(text: str) -> list[str]:
@@ -50,9 +67,10 @@ def check_balance(text: str) -> None:
     assert open_ == []
     begun = [name for kind, name in re.findall(r"\\(begin|end)\{(\w+)\}", text)]
     assert len(begun) % 2 == 0
-    for body, columns in ((part[1], part[0].count("p{")) for part in re.findall(
-        r"\\begin\{longtable\}\{@\{\}(.*?)@\{\}\}\n(.*?)\\end\{longtable\}", text, re.DOTALL
-    )):  # fmt: skip
+    for body, columns in (
+        (part[1], part[0].count("p{"))
+        for part in re.findall(r"\\begin\{longtable\}\{@\{\}(.*?)@\{\}\}\n(.*?)\\end\{longtable\}", text, re.DOTALL)
+    ):
         rows = [line for line in body.splitlines() if line.rstrip().endswith((r"\\", r"\endhead"))]
         assert rows
         assert all(len(re.findall(r"(?<!\\)&", row)) == columns - 1 for row in rows)
@@ -96,9 +114,20 @@ def test_the_balance_is_not_blind():
 def test_no_command_comes_from_what_a_user_wrote(files: dict[str, str], hostile_files: dict[str, str]):
     own = {word for text in files.values() for word in re.findall(r"\\[A-Za-z]+", text)}
     escapes = {
-        r"\textbackslash", r"\textasciicircum", r"\textasciitilde", r"\textbar", r"\textquotedbl", r"\allowbreak",
-        r"\dobcunicode", r"\ensuremath", r"\texttt", r"\infty", r"\lambda", r"\checkmark", r"\le",
-    }  # fmt: skip
+        r"\textbackslash",
+        r"\textasciicircum",
+        r"\textasciitilde",
+        r"\textbar",
+        r"\textquotedbl",
+        r"\allowbreak",
+        r"\dobcunicode",
+        r"\ensuremath",
+        r"\texttt",
+        r"\infty",
+        r"\lambda",
+        r"\checkmark",
+        r"\le",
+    }
     for name, text in hostile_files.items():
         assert set(re.findall(r"\\[A-Za-z]+", text)) <= own | escapes, name
         assert re.findall(r"\\input\{[^}]*\}", text) == ([] if name != MAIN else re.findall(r"\\input\{\w+\}", text))
@@ -109,15 +138,18 @@ def test_no_command_comes_from_what_a_user_wrote(files: dict[str, str], hostile_
     [
         ("50 % of $x_1$", r"50 \% of \$x\_1\$"),
         (r"\end{document}", r"\textbackslash{}end\{document\}"),
-        ("λ ≤ −1·10⁻⁸", r"\ensuremath{\lambda} \ensuremath{\le} "
-                        r"\ensuremath{-}1\ensuremath{\cdot}10\ensuremath{^{-}}\ensuremath{^{8}}"),
+        (
+            "λ ≤ −1·10⁻⁸",
+            r"\ensuremath{\lambda} \ensuremath{\le} "
+            r"\ensuremath{-}1\ensuremath{\cdot}10\ensuremath{^{-}}\ensuremath{^{8}}",
+        ),
         ("é\u202e\n\tb", r"é\texttt{U+202E} b"),
         ("時", r"\dobcunicode{6642}{時}"),
         ("ξ\u0302ᵢ e\u0302", r"\ensuremath{\hat{\xi}}\ensuremath{_{i}} \ensuremath{\hat{e}}"),
         ("verify/observer.py", r"verify/\allowbreak{}observer.\allowbreak{}py"),
         ("", ""),
     ],
-)  # fmt: skip
+)
 def test_text_is_escaped_letter_by_letter(text: str, shown: str):
     assert tex(text) == shown
 

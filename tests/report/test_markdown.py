@@ -8,9 +8,9 @@ from typing import Any
 
 import pytest
 
+from dobc_design.conditions.check import Fix
+from dobc_design.problem.network import Network
 from dobc_design.report.markdown import escape, markdown_report
-from dobc_design.spec.network import Network
-from dobc_design.verify.check import Fix
 
 
 def test_every_check_stands_in_the_table(everything: dict[str, Any]):

@@ -13,17 +13,17 @@ from typing import Any
 
 import pytest
 
+from dobc_design.certification.certify import certify
 from dobc_design.errors import SpecError
+from dobc_design.problem.exosystem import Exosystem
+from dobc_design.problem.groups import Group
+from dobc_design.problem.network import Network
+from dobc_design.problem.observer import Observer
+from dobc_design.problem.problem import Problem
 from dobc_design.report import formulas
 from dobc_design.report.full_view import full_view
 from dobc_design.report.pdf_parts import number_parts, picture_parts, soft
 from dobc_design.report.pictures import Picture
-from dobc_design.spec.exosystem import Exosystem
-from dobc_design.spec.groups import Group
-from dobc_design.spec.network import Network
-from dobc_design.spec.observer import Observer
-from dobc_design.spec.problem import Problem
-from dobc_design.workflow import certify
 
 pytest.importorskip("typst", reason="needs the extra `pdf`: pip install 'dobc_design[pdf]'")
 
@@ -32,9 +32,24 @@ from dobc_design.report.pdf import compile_pdf, document, pdf_report
 POPPLER = shutil.which("pdftotext")
 needs_poppler = pytest.mark.skipif(POPPLER is None, reason="needs pdftotext (poppler-utils)")
 HOSTILE = (
-    "#panic(1)", "$ x_1 $", "*bold*", "_slanted_", "back\\slash\\", 'say "quoted"', "it's", "<label>", "@reference",
-    "// no comment", "/* none */", "`code`", "~tilde", "[bracket](link)", "= heading", "ünïcödé ∞ λ ✓", "-- dash",
-)  # fmt: skip
+    "#panic(1)",
+    "$ x_1 $",
+    "*bold*",
+    "_slanted_",
+    "back\\slash\\",
+    'say "quoted"',
+    "it's",
+    "<label>",
+    "@reference",
+    "// no comment",
+    "/* none */",
+    "`code`",
+    "~tilde",
+    "[bracket](link)",
+    "= heading",
+    "ünïcödé ∞ λ ✓",
+    "-- dash",
+)
 MARGIN = 14 * 72 / 25.4  # pt; the page has 18 mm
 
 
@@ -53,9 +68,16 @@ def squeezed(text: str) -> str:
 
 def content(*blocks: dict[str, Any], **changes: Any) -> dict[str, Any]:
     return {
-        "title": "t", "name": "n", "footer": "f", "verdict": "proved", "word": "Proved", "reason": "r",
-        "identity": [["Problem", "n"]], "facts": [["Agents", "1"]], "blocks": list(blocks),
-    } | changes  # fmt: skip
+        "title": "t",
+        "name": "n",
+        "footer": "f",
+        "verdict": "proved",
+        "word": "Proved",
+        "reason": "r",
+        "identity": [["Problem", "n"]],
+        "facts": [["Agents", "1"]],
+        "blocks": list(blocks),
+    } | changes
 
 
 @needs_poppler
@@ -65,12 +87,18 @@ def test_text_of_the_user_is_shown_as_it_is_and_never_read_as_markup(tmp_path: P
         content(
             {"kind": "list", "items": items},
             {"kind": "code", "lines": items},
-            {"kind": "table", "heads": items[:2], "rows": [[[a], [b]] for a, b in zip(items, items, strict=True)],
-             "widths": [0, 1]},
+            {
+                "kind": "table",
+                "heads": items[:2],
+                "rows": [[[a], [b]] for a, b in zip(items, items, strict=True)],
+                "widths": [0, 1],
+            },
             *({"kind": "heading", "level": 1, "text": each} for each in items),
-            name=" ".join(items), reason=" ".join(items), footer=" ".join(items)[:60],
+            name=" ".join(items),
+            reason=" ".join(items),
+            footer=" ".join(items)[:60],
         )
-    )  # fmt: skip
+    )
     text = squeezed(texts(page, tmp_path))
     for each in HOSTILE:
         assert text.count(squeezed(each)) >= 6, each
@@ -147,9 +175,12 @@ def wide(problem_with, certificate_of, analysis_of, trajectory_of) -> dict[str, 
     network = Network.from_arcs({"m" * 60: arcs, "#b": arcs[:-1], "$c": arcs[3:]}, arrow="listens_to", agents=labels)
     A = [[f"{i + 1}/{j + 7}" for j in range(6)] for i in range(6)]
     problem = problem_with(
-        name="a-name-without-any-space-" * 4, network=network, gains={labels[0]: 1}, observer=None,
+        name="a-name-without-any-space-" * 4,
+        network=network,
+        gains={labels[0]: 1},
+        observer=None,
         exosystem=Exosystem(A=A, C=[[1, 0, 0, 0, 0, "123456/654321"]]),
-    )  # fmt: skip
+    )
     certificate = certificate_of(problem, problem_sha256="f" * 64, notes=("W" * 200, *HOSTILE))
     return {"certificate": certificate, "analysis": analysis_of(problem), "trajectory": trajectory_of(problem)}
 
@@ -182,9 +213,7 @@ def test_the_pdf_says_what_the_page_says(everything: dict[str, Any], tmp_path: P
 
 
 def test_matrices_reach_the_template_exactly(certificate):
-    view = full_view(
-        certificate, analysis=None, trajectory=None, lambdas=None, timings=(), searches=(), limits=()
-    )  # fmt: skip
+    view = full_view(certificate, analysis=None, trajectory=None, lambdas=None, timings=(), searches=(), limits=())
     whole = json.loads(json.dumps(document(view)))
     matrices = {block["name"]: block["rows"] for block in whole["blocks"] if block["kind"] == "matrix"}
 
@@ -200,8 +229,6 @@ def test_agents_with_different_exosystems_get_the_condition_with_a_disturbance()
     groups = [Group(agents=[i], exosystem=Exosystem(A=[[-i]], C=[[1]]), observer=Observer(W=[[1]])) for i in (1, 2)]
     network = Network.from_arcs([[1, 2]], arrow="listens_to")
     certificate = certify(Problem(network=network, coupling="y", gains=1, groups=groups))
-    view = full_view(
-        certificate, analysis=None, trajectory=None, lambdas=None, timings=(), searches=(), limits=()
-    )  # fmt: skip
+    view = full_view(certificate, analysis=None, trajectory=None, lambdas=None, timings=(), searches=(), limits=())
     whole = json.loads(json.dumps(document(view)))
     assert "psi" in [block.get("name") for block in whole["blocks"]]

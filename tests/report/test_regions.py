@@ -11,6 +11,8 @@ from xml.etree import ElementTree
 import pytest
 
 from dobc_design.certificate.regions import AgentBound, Asked, RegionClaim, Regions
+from dobc_design.conditions.check import Check, Witness
+from dobc_design.problem.network import Network
 from dobc_design.report.html import html_report
 from dobc_design.report.markdown import markdown_report
 from dobc_design.report.region_figures import plot_regions, plot_starts
@@ -23,19 +25,25 @@ from dobc_design.report.region_words import (
     timing_sentences,
     upper,
 )
-from dobc_design.spec.network import Network
+from dobc_design.report.write import plot_regions as plot_regions_of
 from dobc_design.verdict import Verdict
-from dobc_design.verify.check import Check, Witness
-from dobc_design.workflow import plot_regions as plot_regions_of
 
 BOX = {"kind": "box", "radius": 4.0, "disturbance": 0.5}
 
 
 def claim(id: str = "max-separable", **changes: Any) -> RegionClaim:
     settings: dict[str, Any] = {
-        "id": id, "variant": "", "verdict": Verdict.PROVED, "kind": "box", "box": 4.0, "ball": 4.0,
-        "disturbance": 0.5, "rate": 0.20408, "time": 25.6001, "covers": True,
-    }  # fmt: skip
+        "id": id,
+        "variant": "",
+        "verdict": Verdict.PROVED,
+        "kind": "box",
+        "box": 4.0,
+        "ball": 4.0,
+        "disturbance": 0.5,
+        "rate": 0.20408,
+        "time": 25.6001,
+        "covers": True,
+    }
     return RegionClaim(**settings | changes)
 
 
@@ -44,16 +52,23 @@ NEAR = claim("theorem1", kind="near", box=None, ball=None, disturbance=None, tim
 NONE = claim(verdict=Verdict.UNDECIDED, kind="none", box=None, ball=None, disturbance=None, rate=None, time=None)
 EVERYWHERE = claim(kind="everywhere", box=None, ball=None, disturbance=None)
 AGENTS = (
-    AgentBound(label="a", bound=4.0, pinned=True, goal=1.0), AgentBound(label="b", bound=6.65, pinned=False, goal=1.0),
-)  # fmt: skip
+    AgentBound(label="a", bound=4.0, pinned=True, goal=1.0),
+    AgentBound(label="b", bound=6.65, pinned=False, goal=1.0),
+)
 
 
 def make(*claims: RegionClaim, **changes: Any) -> Regions:
     settings: dict[str, Any] = {
-        "name": "ring", "verdict": Verdict.PROVED, "reason": "Here is why.", "claims": claims, "agents": AGENTS,
-        "asked": Asked(box=4.0, ball=12.6491107, disturbance=0.5, interval=(0.0, 5.0)), "tolerance": 0.04,
-        "delay": None, "sampling": None,
-    }  # fmt: skip
+        "name": "ring",
+        "verdict": Verdict.PROVED,
+        "reason": "Here is why.",
+        "claims": claims,
+        "agents": AGENTS,
+        "asked": Asked(box=4.0, ball=12.6491107, disturbance=0.5, interval=(0.0, 5.0)),
+        "tolerance": 0.04,
+        "delay": None,
+        "sampling": None,
+    }
     return Regions(**settings | changes)
 
 

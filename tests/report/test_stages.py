@@ -10,15 +10,15 @@ import pytest
 from staging_cases import ASKED, chain, problem
 
 from dobc_design.certificate.regions import RegionClaim, Regions
+from dobc_design.conditions.quadratic.duals import QuadraticDual
+from dobc_design.conditions.schedule.checks import StageTiming, stage_timings
+from dobc_design.conditions.schedule.settling import Settling
+from dobc_design.conditions.separable.timing import DelayBound, SamplingBound
 from dobc_design.report.region_figures import plot_envelope, plot_regions
 from dobc_design.report.region_pictures import envelope_picture
 from dobc_design.report.region_stages import HEADS, settling_view, stage_rows
 from dobc_design.report.region_words import limit_sentences, region_rows
-from dobc_design.theorems.duals import QuadraticDual
 from dobc_design.verdict import Verdict
-from dobc_design.verify.separable_timing import DelayBound, SamplingBound
-from dobc_design.verify.settling import Settling
-from dobc_design.verify.settling_check import StageTiming, stage_timings
 
 F = Fraction
 
@@ -27,9 +27,14 @@ F = Fraction
 def settling() -> Settling:
     """Two max-separable stages and two quadratic ones, R = 2, |eps_i| <= 1/2."""
     return Settling(
-        verdict=Verdict.PROVED, reason="", problem_name="three", radius=ASKED.radius, disturbance=ASKED.disturbance,
-        tolerance=ASKED.tolerance, staging=chain(),
-    )  # fmt: skip
+        verdict=Verdict.PROVED,
+        reason="",
+        problem_name="three",
+        radius=ASKED.radius,
+        disturbance=ASKED.disturbance,
+        tolerance=ASKED.tolerance,
+        staging=chain(),
+    )
 
 
 def timing(period: str, delay: str) -> StageTiming:
@@ -128,6 +133,13 @@ def quadratic() -> Regions:
         rate=0.1,
     )
     return Regions(
-        name="ring", verdict=Verdict.PROVED, reason="Here is why.", claims=(claim,), agents=(), asked=None,
-        tolerance=0.01, delay=None, sampling=None,
-    )  # fmt: skip
+        name="ring",
+        verdict=Verdict.PROVED,
+        reason="Here is why.",
+        claims=(claim,),
+        agents=(),
+        asked=None,
+        tolerance=0.01,
+        delay=None,
+        sampling=None,
+    )

@@ -9,12 +9,12 @@ from pathlib import Path
 import pytest
 
 import dobc_design
-from dobc_design.certificate.checker import FACTS, REGIONAL
+from dobc_design.checker.checker import FACTS, REGIONAL
+from dobc_design.conditions.check import CHECK_IDS, Check
 from dobc_design.report.html import html_report
 from dobc_design.report.markdown import markdown_report
 from dobc_design.report.tracing import DECIDED_IN, reproduction, trace_rows
 from dobc_design.verdict import Verdict
-from dobc_design.verify.check import CHECK_IDS, Check
 
 PACKAGE = Path(dobc_design.__file__).parent
 

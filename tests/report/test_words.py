@@ -8,13 +8,13 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from dobc_design._render import Fragment, significant_towards_zero
+from dobc_design._show.text import Fragment, significant_towards_zero
+from dobc_design.conditions.check import CHECK_IDS
+from dobc_design.problem.exosystem import Exosystem
+from dobc_design.problem.groups import Group
+from dobc_design.problem.network import Network
 from dobc_design.report.network_words import agent_rows, mode_sentences, names_in_words, pin_sentence
 from dobc_design.report.words import CHECKS, domain_words, number, typeset, what_it_means
-from dobc_design.spec.exosystem import Exosystem
-from dobc_design.spec.groups import Group
-from dobc_design.spec.network import Network
-from dobc_design.verify.check import CHECK_IDS
 
 
 @given(st.floats(min_value=1e-300, max_value=1e300))

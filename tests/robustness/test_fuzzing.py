@@ -58,15 +58,16 @@ GRAMMAR = st.recursive(
     st.sampled_from(["y", "pi", "0", "1", "1/3", "1e-400", "1e400", "0.1", "64", "y1"]),
     lambda inner: st.one_of(
         st.tuples(inner, st.sampled_from(["+", "-", "*", "/", " - "]), inner).map("".join),
-        st.tuples(st.sampled_from(["exp", "log", "sin", "cos", "tan", "tanh", "atan", "sinh", "cosh", "sqrt", "abs"]),
-                  inner).map(lambda pair: f"{pair[0]}({pair[1]})"),
+        st.tuples(
+            st.sampled_from(["exp", "log", "sin", "cos", "tan", "tanh", "atan", "sinh", "cosh", "sqrt", "abs"]), inner
+        ).map(lambda pair: f"{pair[0]}({pair[1]})"),
         st.tuples(st.sampled_from(["min", "max"]), inner, inner).map(lambda part: f"{part[0]}({part[1]}, {part[2]})"),
         inner.map(lambda text: f"clip({text}, -1, 1/2)"),
         st.tuples(inner, st.integers(-64, 64)).map(lambda pair: f"({pair[0]})**{pair[1]}"),
         inner.map(lambda text: f"-({text})"),
     ),
     max_leaves=12,
-)  # fmt: skip
+)
 
 
 @settings(max_examples=150)

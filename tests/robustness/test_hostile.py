@@ -15,13 +15,13 @@ from fuzzing import LIMIT as ALONE
 from fuzzing import time_limit
 
 import dobc_design as dd
-from dobc_design.certificate.recheck import recheck
 from dobc_design.certificate.text import certificate_bytes, read_claims
+from dobc_design.certification.recheck import recheck
 from dobc_design.errors import CertificateError, SpecError
 from dobc_design.exact.matrix import multiply
-from dobc_design.spec.canonical import canonical_bytes, problem_from_canonical
-from dobc_design.spec.file import read_problem_text
-from dobc_design.spec.load import load_problem
+from dobc_design.problem.canonical import canonical_bytes, problem_from_canonical
+from dobc_design.problem.file import read_problem_text
+from dobc_design.problem.load import load_problem
 
 LIMIT = 5 * ALONE  # other programs beside it slow a processor's caches too; what hangs takes minutes
 MB = 1_000_000
@@ -117,15 +117,35 @@ def test_a_rational_of_ten_megabytes_is_refused(valid, text):
 
 PLACES = {
     "certificate.json": [
-        ("version",), ("rate",), ("reason",), ("notes",), ("checks",), ("checks", 0, "margin"), ("checks", 0, "exact"),
-        ("checks", 0, "domain"), ("observer", "P"), ("observer", "P", 0), ("observer", "P", 0, 0), ("problem_sha256",),
+        ("version",),
+        ("rate",),
+        ("reason",),
+        ("notes",),
+        ("checks",),
+        ("checks", 0, "margin"),
+        ("checks", 0, "exact"),
+        ("checks", 0, "domain"),
+        ("observer", "P"),
+        ("observer", "P", 0),
+        ("observer", "P", 0, 0),
+        ("problem_sha256",),
     ],
     "problem.json": [
-        ("version",), ("name",), ("labels",), ("labels", 0), ("dimension",), ("modes", 0, "arcs"),
-        ("modes", 0, "arcs", 0), ("modes", 0, "arcs", 0, 0), ("modes", 0, "arcs", 0, 2), ("coupling", "h"),
-        ("gains", 0, 1), ("exosystem", "A", 0, 0), ("simulation", "seed"),
+        ("version",),
+        ("name",),
+        ("labels",),
+        ("labels", 0),
+        ("dimension",),
+        ("modes", 0, "arcs"),
+        ("modes", 0, "arcs", 0),
+        ("modes", 0, "arcs", 0, 0),
+        ("modes", 0, "arcs", 0, 2),
+        ("coupling", "h"),
+        ("gains", 0, 1),
+        ("exosystem", "A", 0, 0),
+        ("simulation", "seed"),
     ],
-}  # fmt: skip
+}
 
 
 @pytest.mark.parametrize("name", TREES)
@@ -171,7 +191,7 @@ TOML = {
     "a constant tower": VALID.replace('"2*y"', '"y*' + "(" * 40 + "9" + "**64)" * 40 + '"'),
     "a long comment": "#" + "\x01" * MB,
     "signs": VALID.replace('"2*y"', '"' + "-" * 1900 + 'y"'),
-}  # fmt: skip
+}
 
 
 @pytest.mark.parametrize("name", TOML)

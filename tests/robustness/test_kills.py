@@ -38,8 +38,9 @@ def test_a_signal_during_a_write_waits_for_its_end(tmp_path):
     for k in range(10):
         with subprocess.Popen(
             [sys.executable, "-c", f"from dobc_design import __main__\n{LOOP}", str(tmp_path), "1000"],
-            stdout=subprocess.PIPE, stderr=subprocess.PIPE,
-        ) as process:  # fmt: skip
+            stdout=subprocess.PIPE,
+            stderr=subprocess.PIPE,
+        ) as process:
             process.stdout.readline()
             time.sleep(0.01 + 0.003 * k)
             process.send_signal(signal.SIGINT)
@@ -111,8 +112,13 @@ def test_a_pair_of_files_of_two_runs_is_found_out_and_cured_by_running_again(tmp
 
 def test_what_killed_writers_left_is_removed_by_a_later_one(tmp_path):
     """After an hour, when no writer can be at work on it any more; other files are never touched."""
-    names = [".certificate.json.0123.dobc-tmp", ".certificate.json.4567.dobc-tmp", ".other.json.0123.dobc-tmp",
-             ".certificate.json.mine", "certificate.json.dobc-tmp"]  # fmt: skip
+    names = [
+        ".certificate.json.0123.dobc-tmp",
+        ".certificate.json.4567.dobc-tmp",
+        ".other.json.0123.dobc-tmp",
+        ".certificate.json.mine",
+        "certificate.json.dobc-tmp",
+    ]
     for name in names:
         (tmp_path / name).write_bytes(b"x")
         if name != ".certificate.json.4567.dobc-tmp":

@@ -25,9 +25,7 @@ from certified import certified
 import dobc_design as dd
 
 # About a hundred processes, one second each.
-pytestmark = [
-    pytest.mark.slow, pytest.mark.skipif(os.name == "nt", reason="limits, pipes and permissions of Unix")
-]  # fmt: skip
+pytestmark = [pytest.mark.slow, pytest.mark.skipif(os.name == "nt", reason="limits, pipes and permissions of Unix")]
 
 DOBC = [sys.executable, "-m", "dobc_design"]
 # Root may write everywhere, whatever the permissions say; without these two capabilities it may not.
@@ -91,9 +89,14 @@ def test_no_room_for_a_file_leaves_the_old_ones(folder, size):
     """A limit on the size of files does to a process what a full disk does; the write fails after ``size`` bytes."""
     before = contents(folder)
     ran = dobc(
-        "certify", "paper-fixed", "--no-report", "--json", "--out", folder,
+        "certify",
+        "paper-fixed",
+        "--no-report",
+        "--json",
+        "--out",
+        folder,
         preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_FSIZE, (size, size)),
-    )  # fmt: skip
+    )
     error = refusal(ran, 4)
     assert ".json cannot be written: File too large" in error["message"]
     assert "--out" in error["cure"]
@@ -103,9 +106,12 @@ def test_no_room_for_a_file_leaves_the_old_ones(folder, size):
 def test_a_full_disk_leaves_the_old_files(folder, tmp_path):
     disk = tmp_path / "disk"
     disk.mkdir()
-    if os.geteuid() != 0 or subprocess.run(
-        ["mount", "-t", "tmpfs", "-o", "size=16k", "tmpfs", str(disk)], check=False, capture_output=True
-    ).returncode:  # fmt: skip
+    if (
+        os.geteuid() != 0
+        or subprocess.run(
+            ["mount", "-t", "tmpfs", "-o", "size=16k", "tmpfs", str(disk)], check=False, capture_output=True
+        ).returncode
+    ):
         pytest.skip("a small disk cannot be made here")
     try:
         for path in folder.iterdir():
@@ -174,16 +180,14 @@ def test_a_link_in_place_of_a_file_is_replaced_and_its_target_left_alone(folder,
 
 
 @pytest.mark.parametrize(
-    ("command", "key"),
-    [(("check", "paper-fixed", "--canonical"), "--canonical"), (("export", "made", "--rocq"), None)],
+    ("command", "key"), [(("check", "paper-fixed", "--canonical"), "--canonical"), (("export", "made", "--rocq"), None)]
 )
 def test_other_files_are_written_whole_or_not_at_all(made, tmp_path, command, key):
     arguments = [made if word == "made" else word for word in command]
     before = listing(tmp_path)
     ran = dobc(
-        *arguments, tmp_path / "new", "--json",
-        preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_FSIZE, (100, 100)),
-    )  # fmt: skip
+        *arguments, tmp_path / "new", "--json", preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_FSIZE, (100, 100))
+    )
     error = refusal(ran, 4)
     assert key in (None, error["key"])
     assert "File too large" in error["message"]
@@ -245,8 +249,19 @@ def compressed(path: Path) -> None:
     path.write_bytes(gzip.compress(b"0" * 50_000_000))
 
 
-KINDS = [nothing, directory, pipe, link_to_nowhere, link_to_itself, endless, terminal, bound_socket, empty, noise,
-         compressed]  # fmt: skip
+KINDS = [
+    nothing,
+    directory,
+    pipe,
+    link_to_nowhere,
+    link_to_itself,
+    endless,
+    terminal,
+    bound_socket,
+    empty,
+    noise,
+    compressed,
+]
 
 
 @pytest.mark.parametrize(
@@ -292,10 +307,17 @@ def test_files_that_may_not_be_read_are_mistakes(folder, tmp_path):
 # ------------------------------------------------------------------------------------------ streams
 
 COMMANDS = [
-    ("problems",), ("check", "paper-fixed"), ("check", "paper-fixed", "--json"), ("schema",), ("explain", "theorem1"),
-    ("--help",), ("--version",), ("certify", "paper-fixed", "--no-report"),
-    ("certify", "paper-fixed", "--no-report", "--json"), ("verify", "made", "--problem", "paper-fixed"),
-]  # fmt: skip
+    ("problems",),
+    ("check", "paper-fixed"),
+    ("check", "paper-fixed", "--json"),
+    ("schema",),
+    ("explain", "theorem1"),
+    ("--help",),
+    ("--version",),
+    ("certify", "paper-fixed", "--no-report"),
+    ("certify", "paper-fixed", "--no-report", "--json"),
+    ("verify", "made", "--problem", "paper-fixed"),
+]
 
 
 @pytest.mark.parametrize(

@@ -227,10 +227,7 @@ UNKNOWN_KEYS = [
     BadFile("unknown-network", below("[network]", "agent = 4"), "network.agent", ("agents",)),
     BadFile("unknown-coupling", below("[coupling]", 'exception = "y"'), "coupling.exception", ("exceptions",)),
     BadFile(
-        "unknown-exception",
-        exception('arcs = [[1, 2]]\nh = "2*y"\narc = 1'),
-        "coupling.exceptions[0].arc",
-        ("arcs",),
+        "unknown-exception", exception('arcs = [[1, 2]]\nh = "2*y"\narc = 1'), "coupling.exceptions[0].arc", ("arcs",)
     ),
     BadFile("unknown-pinning", below("[pinning]", "gain = 1"), "pinning.gain", ("gains",)),
     BadFile("unknown-exosystem", below("[exosystem]", "B = [[1]]"), "exosystem.B", ("unknown",)),
@@ -583,10 +580,7 @@ REGION_AND_SETTINGS = [
     BadFile("region-empty", swap(STATES, "initial_states = []"), "region.initial_states"),
     BadFile("region-infinite", swap(STATES, "initial_states = [0, inf]"), "region.initial_states[1]", ("inf",)),
     BadFile(
-        "disturbance-negative",
-        swap("disturbance = 0.5", "disturbance = -0.5"),
-        "region.initial_disturbance",
-        ("-1/2",),
+        "disturbance-negative", swap("disturbance = 0.5", "disturbance = -0.5"), "region.initial_disturbance", ("-1/2",)
     ),
     BadFile("disturbance-list", swap("disturbance = 0.5", "disturbance = [0.5, 0]"), "region.initial_disturbance"),
     BadFile("signal-unknown", swap('"random"', '"sometimes"'), "switching.signal", ("random", "sometimes")),
@@ -628,10 +622,7 @@ REGION_AND_SETTINGS = [
         ("> 2 s",),
     ),
     BadFile(
-        "round-without-end",
-        signal("periodic", 'schedule = [[0, "Ga"], [2, "Gb"]]'),
-        "switching.period",
-        ("missing",),
+        "round-without-end", signal("periodic", 'schedule = [[0, "Ga"], [2, "Gb"]]'), "switching.period", ("missing",)
     ),
     BadFile("generator-not-square", signal("markov", "generator = [[0, 0]]"), "switching.generator", ("square",)),
     BadFile("generator-of-three", signal("markov", f"generator = {[[0] * 3] * 3}"), "switching.generator", ("2 rows",)),
@@ -677,24 +668,37 @@ ARC_FILES = [
     arcs_file("missing", None, "arcs.csv"),
     BadFile(
         "arcs-file-in-a-missing-folder",
-        mode('{ file = "no/such/arcs.csv" }'), "network.modes.Ga.file", ("no/such/arcs.csv",),
+        mode('{ file = "no/such/arcs.csv" }'),
+        "network.modes.Ga.file",
+        ("no/such/arcs.csv",),
     ),
     BadFile("arcs-file-is-a-folder", mode('{ file = "data" }'), "network.modes.Ga.file", (), {"data/arcs.csv": CSV}),
     BadFile("arcs-file-is-its-own-folder", mode('{ file = "." }'), "network.modes.Ga.file"),
     BadFile("arcs-file-above", mode('{ file = "../x.csv" }'), "network.modes.Ga.file", ("folder",)),
     BadFile(
         "arcs-file-above-by-a-detour",
-        mode('{ file = "data/../../x.csv" }'), "network.modes.Ga.file", ("folder",), {"data/arcs.csv": CSV},
+        mode('{ file = "data/../../x.csv" }'),
+        "network.modes.Ga.file",
+        ("folder",),
+        {"data/arcs.csv": CSV},
     ),
     BadFile("arcs-file-absolute", mode('{ file = "/etc/passwd" }'), "network.modes.Ga.file", ("folder",)),
     BadFile("arcs-file-home", mode('{ file = "~/arcs.csv" }'), "network.modes.Ga.file"),
     BadFile("arcs-file-address", mode('{ file = "https://example.org/arcs.csv" }'), "network.modes.Ga.file"),
     BadFile(
         "arcs-file-linked-outside",
-        mode('{ file = "arcs.csv" }'), "network.modes.Ga.file", ("arcs.csv",), links={"arcs.csv": "/etc/passwd"},
+        mode('{ file = "arcs.csv" }'),
+        "network.modes.Ga.file",
+        ("arcs.csv",),
+        links={"arcs.csv": "/etc/passwd"},
     ),
-    BadFile("arcs-file-linked-to-itself", mode('{ file = "arcs.csv" }'), "network.modes.Ga.file",
-            ("arcs.csv",), links={"arcs.csv": "arcs.csv"}),
+    BadFile(
+        "arcs-file-linked-to-itself",
+        mode('{ file = "arcs.csv" }'),
+        "network.modes.Ga.file",
+        ("arcs.csv",),
+        links={"arcs.csv": "arcs.csv"},
+    ),
     BadFile("arcs-file-with-nul", mode(r'{ file = "arcs.csv\u0000" }'), "network.modes.Ga.file"),
     BadFile("arcs-file-name-too-long", mode('{ file = "' + "a" * 5000 + '.csv" }'), "network.modes.Ga.file"),
     BadFile("arcs-file-name-empty", mode('{ file = "" }'), "network.modes.Ga.file"),
@@ -730,9 +734,10 @@ ARC_FILES = [
     arcs_file(
         "graphml-without-arcs",
         b'<graphml xmlns="http://graphml.graphdrawing.org/xmlns"><graph edgedefault="directed"/></graphml>',
-        "arcs.graphml", name="arcs.graphml",
+        "arcs.graphml",
+        name="arcs.graphml",
     ),
-]  # fmt: skip
+]
 
 BAD_FILES: list[BadFile] = [
     *TOML_AND_BYTES,
@@ -817,15 +822,21 @@ VALID_BUT_NASTY: list[BadFile] = [
     BadFile("xi0-rows", swap(XI0, "xi0 = [[1, 0], [0, 1], [1, 1], [0, 0]]")),
     BadFile("arcs-file", mode('{ file = "arcs.csv" }'), files={"arcs.csv": CSV}),
     BadFile("arcs-file-below", mode('{ file = "data/arcs.csv" }'), files={"data/arcs.csv": CSV}),
-    BadFile("arcs-file-detour-inside", mode('{ file = "data/../arcs.csv" }'),
-            files={"arcs.csv": CSV, "data/other.csv": CSV}),
-    BadFile("arcs-file-of-windows", mode('{ file = "arcs.csv" }'),
-            files={"arcs.csv": b"\xef\xbb\xbf" + CSV.replace(b"\n", b"\r\n")}),
-    BadFile("arcs-file-quoted", mode('{ file = "arcs.csv" }'),
-            files={"arcs.csv": b'"1","2"\n\n"2","3"\n3 , 4\n4,1\n'}),
-    BadFile("arcs-file-exact-weights", mode('{ file = "arcs.csv" }'),
-            files={"arcs.csv": b"1,2,9/16\n2,3,1e-3\n3,4,0.1\n4,1,2\n"}),
-]  # fmt: skip
+    BadFile(
+        "arcs-file-detour-inside", mode('{ file = "data/../arcs.csv" }'), files={"arcs.csv": CSV, "data/other.csv": CSV}
+    ),
+    BadFile(
+        "arcs-file-of-windows",
+        mode('{ file = "arcs.csv" }'),
+        files={"arcs.csv": b"\xef\xbb\xbf" + CSV.replace(b"\n", b"\r\n")},
+    ),
+    BadFile("arcs-file-quoted", mode('{ file = "arcs.csv" }'), files={"arcs.csv": b'"1","2"\n\n"2","3"\n3 , 4\n4,1\n'}),
+    BadFile(
+        "arcs-file-exact-weights",
+        mode('{ file = "arcs.csv" }'),
+        files={"arcs.csv": b"1,2,9/16\n2,3,1e-3\n3,4,0.1\n4,1,2\n"},
+    ),
+]
 
 
 def write_case(case: BadFile, folder: Path) -> Path:

@@ -12,8 +12,19 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-STRICT = ("-std=c99", "-O2", "-Wall", "-Wextra", "-Werror", "-pedantic", "-Wshadow", "-Wconversion",
-          "-Wdouble-promotion", "-Wstrict-prototypes", "-Wmissing-prototypes")  # fmt: skip
+STRICT = (
+    "-std=c99",
+    "-O2",
+    "-Wall",
+    "-Wextra",
+    "-Werror",
+    "-pedantic",
+    "-Wshadow",
+    "-Wconversion",
+    "-Wdouble-promotion",
+    "-Wstrict-prototypes",
+    "-Wmissing-prototypes",
+)
 SANITIZED = ("-fsanitize=address,undefined", "-fno-sanitize-recover=all")
 needs_gcc = pytest.mark.skipif(shutil.which("gcc") is None, reason="gcc is not installed (Debian: apt install gcc)")
 
@@ -97,9 +108,14 @@ def compile_and_test(folder: Path, *, library: bool = True) -> subprocess.Comple
     done = subprocess.run(command, cwd=folder, capture_output=True, check=False, text=True, timeout=120)
     assert done.returncode == 0, done.stderr
     return subprocess.run(
-        ["./selftest"], cwd=folder, capture_output=True, check=False, text=True, timeout=60,
+        ["./selftest"],
+        cwd=folder,
+        capture_output=True,
+        check=False,
+        text=True,
+        timeout=60,
         env=os.environ | {"ASAN_OPTIONS": "detect_leaks=0"},  # looking for leaks needs ptrace, and there is no heap
-    )  # fmt: skip
+    )
 
 
 class CompiledAgents:
@@ -124,7 +140,10 @@ class CompiledAgents:
         double = ctypes.POINTER(ctypes.c_double)
         given = np.ascontiguousarray(x, dtype=float)
         self.library.settle(
-            ctypes.c_int(mode), given.ctypes.data_as(double), flags.ctypes.data_as(ctypes.POINTER(ctypes.c_ubyte)),
-            ctypes.c_double(limit), *(each.ctypes.data_as(double) for each in out),
-        )  # fmt: skip
+            ctypes.c_int(mode),
+            given.ctypes.data_as(double),
+            flags.ctypes.data_as(ctypes.POINTER(ctypes.c_ubyte)),
+            ctypes.c_double(limit),
+            *(each.ctypes.data_as(double) for each in out),
+        )
         return out[0], out[1], out[2]

@@ -20,18 +20,18 @@ from mutants import claim, mutate
 from random_problems import badly_scaled_problem, random_linear_problem, random_problem
 from scipy import linalg
 
-from dobc_design.certificate import checker
-from dobc_design.certificate.recheck import recheck
 from dobc_design.certificate.text import certificate_bytes
+from dobc_design.certification.certify import certify, verify
+from dobc_design.certification.recheck import recheck
+from dobc_design.checker import checker
+from dobc_design.conditions.consensus.decide import Pair, psi_is_negative
+from dobc_design.conditions.consensus.statements import state_theorems
 from dobc_design.errors import CertificateError
 from dobc_design.exact.matrix import multiply
 from dobc_design.exact.observability import decide_detectable
-from dobc_design.spec.canonical import canonical_bytes
-from dobc_design.spec.problem import Problem
-from dobc_design.theorems.statements import state_theorems
+from dobc_design.problem.canonical import canonical_bytes
+from dobc_design.problem.problem import Problem
 from dobc_design.verdict import Verdict
-from dobc_design.verify.consensus import Pair, psi_is_negative
-from dobc_design.workflow import certify, verify
 
 
 @dataclass

@@ -5,7 +5,7 @@ from __future__ import annotations
 from functools import cache
 
 from dobc_design.certificate.certificate import Certificate
-from dobc_design.workflow import certify
+from dobc_design.certification.certify import certify
 
 
 @cache

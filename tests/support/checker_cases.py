@@ -19,12 +19,12 @@ from typing import Any
 from regions import without_region
 
 from dobc_design.certificate.text import certificate_bytes
-from dobc_design.spec.canonical import canonical_bytes
-from dobc_design.spec.exosystem import Exosystem
-from dobc_design.spec.network import Network
-from dobc_design.spec.observer import Observer
-from dobc_design.spec.problem import Problem
-from dobc_design.workflow import certify
+from dobc_design.certification.certify import certify
+from dobc_design.problem.canonical import canonical_bytes
+from dobc_design.problem.exosystem import Exosystem
+from dobc_design.problem.network import Network
+from dobc_design.problem.observer import Observer
+from dobc_design.problem.problem import Problem
 
 Document = dict[str, Any]
 HOLDS, FAILS, UNREADABLE = 0, 1, 2
@@ -72,7 +72,10 @@ def problems() -> dict[str, Problem]:
             network=pair, coupling="y", gains=1, exosystem=scalar(0), observer=Observer(W=[[2]], P=[[-1]])
         ),
         "wrong P": Problem(
-            network=pair, coupling="y", gains=1, exosystem=Exosystem(A=[[0, 2], [-2, 0]], C=[[1, 0]]),
+            network=pair,
+            coupling="y",
+            gains=1,
+            exosystem=Exosystem(A=[[0, 2], [-2, 0]], C=[[1, 0]]),
             observer=Observer(W=[["16/5"], ["12/5"]], P=[[1, 0], [0, 100]]),
         ),
         "bad W": Problem(network=pair, coupling="y", gains=1, exosystem=scalar(0), observer=Observer(W=[[-1]])),
@@ -81,25 +84,41 @@ def problems() -> dict[str, Problem]:
             network=pair, coupling="y", gains=1, exosystem=Exosystem(A=[[0, 1, 0], [0, 0, 0], [0, 0, 1]], C=[[0, 1, 0]])
         ),
         "calm bad W": Problem(
-            network=pair, coupling="tanh(y)", gains=1, exosystem=scalar(0), observer=Observer(W=[[-1]]),
+            network=pair,
+            coupling="tanh(y)",
+            gains=1,
+            exosystem=scalar(0),
+            observer=Observer(W=[[-1]]),
             region={"initial_states": [-1, 1], "initial_disturbance": 0},
         ),
         "loose": Problem(network=pair, coupling="2*y", gains=None),
         "far": Problem(network=network([[2, 1], [3, 2]]), coupling="y", gains={2: 1}),
         "far, two components": Problem(
-            network=line, coupling="y", gains={1: [[1, 0], [0, 0]]}, target=[0, 0],
+            network=line,
+            coupling="y",
+            gains={1: [[1, 0], [0, 0]]},
+            target=[0, 0],
             region={"initial_states": [[-1, 1], [-1, 1]]},
         ),
         "slanted": Problem(
-            network=line, coupling="y", gains={1: [[1, -1], [-1, 1]]}, target=[0, 0],
+            network=line,
+            coupling="y",
+            gains={1: [[1, -1], [-1, 1]]},
+            target=[0, 0],
             region={"initial_states": [[1, 2], [-2, -1]]},
         ),
         "beside": Problem(
-            network=line, coupling="y", gains={1: [[1, 0], [0, 0]]}, target=[0, 0],
+            network=line,
+            coupling="y",
+            gains={1: [[1, 0], [0, 0]]},
+            target=[0, 0],
             region={"initial_states": [[1, 2], [-1, 1]]},
         ),
         "only 0": Problem(
-            network=line, coupling="y", gains={1: [[1, 0], [0, 0]]}, target=[0, 0],
+            network=line,
+            coupling="y",
+            gains={1: [[1, 0], [0, 0]]},
+            target=[0, 0],
             region={"initial_states": [[-1, 1], [0, 0]]},
         ),
         "empty box": Problem(
@@ -121,7 +140,7 @@ def problems() -> dict[str, Problem]:
         ),
         "large": Problem(network=network(chain), coupling="sqrt(2)*y", gains=dict.fromkeys(range(1, 26), 5)),
         "long": Problem(network=network(chain), coupling="y", gains=dict.fromkeys(range(1, 26), 1)),
-    }  # fmt: skip
+    }
 
 
 @cache
@@ -198,9 +217,12 @@ def _bent_claims() -> Iterator[Case]:
     yield bent("designed", ("hurwitz", NOTHING | {"margin": 1}))
     yield bent("designed", ("hurwitz", NOTHING | {"exact": {}}))
     yield bent(
-        "designed", ("theorem1", NOTHING), ("", OPEN), ("observer", dict.fromkeys(("W", "source", "P", "Q"))),
+        "designed",
+        ("theorem1", NOTHING),
+        ("", OPEN),
+        ("observer", dict.fromkeys(("W", "source", "P", "Q"))),
         what="hurwitz without W",
-    )  # fmt: skip
+    )
     # Proofs.
     yield bent("plain", ("lemma1", {"exact": {}}))
     yield bent("plain", ("lemma1", _vector(["1"], ["1", "0"])))
@@ -269,9 +291,14 @@ def _bent_claims() -> Iterator[Case]:
     yield bent("not normal", ("lemma1", {"exact": {"unstable_roots": "1/2"}}), ("", {"verdict": "refuted"}))
     long_w = f"1/{_decimal(10**5000 + 7)}"
     yield bent(
-        "designed", ("hurwitz", NOTHING), ("theorem1", NOTHING), ("", OPEN),
-        ("observer", {"P": None, "Q": None, "W": [[long_w]]}), code=UNREADABLE, what="W with a long denominator",
-    )  # fmt: skip
+        "designed",
+        ("hurwitz", NOTHING),
+        ("theorem1", NOTHING),
+        ("", OPEN),
+        ("observer", {"P": None, "Q": None, "W": [[long_w]]}),
+        code=UNREADABLE,
+        what="W with a long denominator",
+    )
     yield _too_large_to_count()
     yield _long_denominators()
     yield from _bent_refutations_of_theorems()
@@ -290,24 +317,37 @@ def _bent_refutations_of_theorems() -> Iterator[Case]:
     none: Document = {"P": None, "Q": None}
     refuted: Document = {"verdict": "refuted", "margin": None, "rate": None}
     yield bent(
-        "given", ("theorem1", refuted | {"exact": {"block": "detectability"}, "witness": detectable}),
-        ("observer", none), ("", OPEN), what="detectable",
-    )  # fmt: skip
+        "given",
+        ("theorem1", refuted | {"exact": {"block": "detectability"}, "witness": detectable}),
+        ("observer", none),
+        ("", OPEN),
+        what="detectable",
+    )
     row = {"kind": "routh_row", "values": ["1", "-1"]}
     bad: Document = {"verdict": "refuted", "rate": None, "exact": GONE, "witness": row}
     yield bent(
-        "designed", ("hurwitz", bad), ("theorem1", refuted | {"exact": {"block": "hurwitz"}, "witness": row}),
-        ("observer", none | {"W": [["-1"]]}), ("", OPEN), what="a designed W refutes",
-    )  # fmt: skip
+        "designed",
+        ("hurwitz", bad),
+        ("theorem1", refuted | {"exact": {"block": "hurwitz"}, "witness": row}),
+        ("observer", none | {"W": [["-1"]]}),
+        ("", OPEN),
+        what="a designed W refutes",
+    )
     lambda_: Document = refuted | _vector(["1", "2"], ["1", "1"])
     yield bent(
-        "given", ("theorem1", lambda_ | {"exact": {"block": "Lambda", "mode": "G"}}), ("observer", none), ("", OPEN),
+        "given",
+        ("theorem1", lambda_ | {"exact": {"block": "Lambda", "mode": "G"}}),
+        ("observer", none),
+        ("", OPEN),
         what="Lambda",
-    )  # fmt: skip
+    )
     yield bent(
-        "given", ("theorem1", lambda_ | {"exact": {"block": "Lambda", "mode": "Gx"}}), ("observer", none), ("", OPEN),
+        "given",
+        ("theorem1", lambda_ | {"exact": {"block": "Lambda", "mode": "Gx"}}),
+        ("observer", none),
+        ("", OPEN),
         what="Lambda of no mode",
-    )  # fmt: skip
+    )
     printed = check(document("small P"), "theorem1-printed")
     assert printed["verdict"] == "refuted"
     labels, values = printed["witness"]["labels"], printed["witness"]["values"]
@@ -334,7 +374,7 @@ def _bent_refutations_of_theorems() -> Iterator[Case]:
         "good P",
         ("theorem1-printed", refuted | {"exact": {"block": "P"}, "witness": {"kind": "vector", "values": ["1"]}}),
         what="P > 0 is refuted",
-    )  # fmt: skip
+    )
 
 
 def _forged_pairs() -> Iterator[Case]:
@@ -343,15 +383,20 @@ def _forged_pairs() -> Iterator[Case]:
     for P, S in (("-1", "1/2"), ("1", "-1/2")):
         exact = {"P": [[P]], "Q": [[str(-int(P))]], "S": [[S]], "bound": str(-Fraction(S))}
         yield bent(
-            "bad W", ("theorem1", proof | {"exact": exact}), ("observer", {"P": [[P]], "Q": exact["Q"]}),
-            ("", {"verdict": "proved", "covered_by": "theorem1"}), what=f"P = {P}",
-        )  # fmt: skip
+            "bad W",
+            ("theorem1", proof | {"exact": exact}),
+            ("observer", {"P": [[P]], "Q": exact["Q"]}),
+            ("", {"verdict": "proved", "covered_by": "theorem1"}),
+            what=f"P = {P}",
+        )
     yield bent(
-        "bad W", ("hurwitz", {"witness": GONE} | check(document("given"), "hurwitz")),
+        "bad W",
+        ("hurwitz", {"witness": GONE} | check(document("given"), "hurwitz")),
         ("theorem1", {"witness": GONE} | check(document("given"), "theorem1")),
-        ("observer", document("given")["observer"]), ("", {key: document("given")[key] for key in OPEN}),
+        ("observer", document("given")["observer"]),
+        ("", {key: document("given")[key] for key in OPEN}),
         what="a better W",
-    )  # fmt: skip
+    )
     yield _asymmetric_pair()
 
 
@@ -370,9 +415,12 @@ def _asymmetric_pair() -> Case:
     Q = [[str(P[i][0] * W[0][0] + P[i][1] * W[1][0])] for i in range(2)]
     exact = {"P": rows, "Q": Q, "S": [[str(S)]], "bound": str(-S)}
     return bent(
-        "paper", ("theorem1", {"exact": exact, "margin": 0.1, "rate": None}), ("observer", {"P": rows, "Q": Q}),
-        ("", {"rate": None}), what="P is not symmetric",
-    )  # fmt: skip
+        "paper",
+        ("theorem1", {"exact": exact, "margin": 0.1, "rate": None}),
+        ("observer", {"P": rows, "Q": Q}),
+        ("", {"rate": None}),
+        what="P is not symmetric",
+    )
 
 
 def _too_large_to_count() -> Case:
@@ -471,12 +519,46 @@ def _bent_frames() -> Iterator[Case]:
 
 def _bent_problems() -> Iterator[Case]:
     for h in (
-        "y + 1", "y/(1 - 1)", "foo(y)", "max(y)", "sin(y, y)", "y # + 1", "z", "y**99", "y**65", "y**y", "y**-1",
-        "((9**64)**64)**64*y", "exp(16385)*y", "log(0)*y", "log(-1)*y", "sqrt(-1)*y", "sin(1e300)*y", "sqrt(y)",
-        "cos(y)", "y if y else y", "y or y", "+y", "y.real", "()", "", "y)", "(" * 300 + "y" + ")" * 300, "1.*y",
-        "1e401*y", "...", "exp(y=y)", "max(*y)", "y" * 2001, "exp(y + 1) - exp(1)", "tan(pi/2)*y", "1/pi(y)", "exp",
-        "E", "y // 1",
-    ):  # fmt: skip
+        "y + 1",
+        "y/(1 - 1)",
+        "foo(y)",
+        "max(y)",
+        "sin(y, y)",
+        "y # + 1",
+        "z",
+        "y**99",
+        "y**65",
+        "y**y",
+        "y**-1",
+        "((9**64)**64)**64*y",
+        "exp(16385)*y",
+        "log(0)*y",
+        "log(-1)*y",
+        "sqrt(-1)*y",
+        "sin(1e300)*y",
+        "sqrt(y)",
+        "cos(y)",
+        "y if y else y",
+        "y or y",
+        "+y",
+        "y.real",
+        "()",
+        "",
+        "y)",
+        "(" * 300 + "y" + ")" * 300,
+        "1.*y",
+        "1e401*y",
+        "...",
+        "exp(y=y)",
+        "max(*y)",
+        "y" * 2001,
+        "exp(y + 1) - exp(1)",
+        "tan(pi/2)*y",
+        "1/pi(y)",
+        "exp",
+        "E",
+        "y // 1",
+    ):
         yield _with("plain", ("coupling", "h"), h, what=f"h = {h[:20]}")
     yield _with("plain", ("coupling", "h"), ["y1", "y2"])
     yield _with("plain", ("labels",), ["1", "1"])
@@ -527,13 +609,17 @@ def _with(name: str, path: tuple[str, ...], value: Any, *, what: str = "") -> Ca
 def _other_bytes() -> Iterator[Case]:
     data, problem = _originals()["plain"]
     for name, other in (
-        ("nothing", b""), ("a list", b"[]"), ("cut", data[:-3]), ("not UTF-8", b"\xff" + data),
+        ("nothing", b""),
+        ("a list", b"[]"),
+        ("cut", data[:-3]),
+        ("not UTF-8", b"\xff" + data),
         ("UTF-16", data.decode().encode("utf-16")),
-        ("NaN", data.replace(b'"rate": ', b'"rate": NaN, "x": ', 1)), ("deep", b"[" * 100_000),
+        ("NaN", data.replace(b'"rate": ', b'"rate": NaN, "x": ', 1)),
+        ("deep", b"[" * 100_000),
         ("a key twice", data.replace(b'"verdict"', b'"verdict": "refuted", "verdict"', 1)),
         ("a huge integer", data.replace(b'"version": 1', b'"version": ' + b"1" * 5000, 1)),
         ("a huge exponent", data.replace(b'"margin": ', b'"margin": 1e999999999, "x": ', 1)),
-    ):  # fmt: skip
+    ):
         yield Case(name, other, problem, UNREADABLE)
         yield Case(f"problem: {name}", data, other, UNREADABLE)
     yield Case("too large", data + b" " * 2**24, problem, UNREADABLE)

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from types import ModuleType
 
-from dobc_design.certificate import checker
+from dobc_design.checker import checker
 
 FOLDER = Path(checker.__file__).parent
 FILES = ("checker", "region_checker", "quadratic_checker", "groups_checker")  # each imports from those before it

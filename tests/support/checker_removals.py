@@ -43,9 +43,11 @@ def noticed_by(removal: Removal) -> str | None:
     """The first case that comes out differently: accepted, with another exit code, or with a traceback."""
     module = without(removal)
     own = {
-        "checker": cases, "region_checker": region_cases, "quadratic_checker": quadratic_cases,
+        "checker": cases,
+        "region_checker": region_cases,
+        "quadratic_checker": quadratic_cases,
         "groups_checker": groups_cases,
-    }  # fmt: skip
+    }
     for case in (case for file in (removal.file, *own) for case in own[file]()):
         if outcome(module.examine, module.Refused, case) != case.code:
             return case.name

@@ -63,10 +63,19 @@ def browser(folder: Path, address: str, *, wanted: str, window: str = "1400,1100
     """A browser that shows ``address``; gives the page whose address contains ``wanted``."""
     profile = folder / "profile"
     process = subprocess.Popen(
-        [str(CHROMIUM), "--headless", "--no-sandbox", "--disable-gpu", f"--window-size={window}",
-         "--remote-debugging-port=0", f"--user-data-dir={profile}", address],
-        stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL,
-    )  # fmt: skip
+        [
+            str(CHROMIUM),
+            "--headless",
+            "--no-sandbox",
+            "--disable-gpu",
+            f"--window-size={window}",
+            "--remote-debugging-port=0",
+            f"--user-data-dir={profile}",
+            address,
+        ],
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.DEVNULL,
+    )
     try:
         port = until("the browser", lambda: (p := profile / "DevToolsActivePort").exists() and p.read_text().split()[0])
 

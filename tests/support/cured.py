@@ -14,14 +14,14 @@ from campaigns import Tally, a_problem, closed_loop
 from exact_oracle import Oracle, form
 
 from dobc_design.certificate.text import certificate_bytes
-from dobc_design.spec.exosystem import Exosystem
-from dobc_design.spec.file import read_problem_text
-from dobc_design.spec.network import Network
-from dobc_design.spec.problem import Problem
-from dobc_design.spec.toml_writing import changed_file, problem_text
+from dobc_design.certification.certify import certify, verify
+from dobc_design.conditions.check import main_fix
+from dobc_design.problem.exosystem import Exosystem
+from dobc_design.problem.file import read_problem_text
+from dobc_design.problem.network import Network
+from dobc_design.problem.problem import Problem
+from dobc_design.problem.toml_writing import changed_file, problem_text
 from dobc_design.verdict import Verdict
-from dobc_design.verify.check import main_fix
-from dobc_design.workflow import certify, verify
 
 
 def cured(problem: Problem, changes: Any) -> Problem:
@@ -120,9 +120,11 @@ def undirected_campaign(seeds: Iterable[int]) -> Tally:
         gains = {i + 1: Fraction(r.randint(1, 9), 2) for i in range(n) if r.random() < 0.5}
         exosystem = r.choice((None, Exosystem(A=[[0, 2], [-2, 0]], C=[[1, 0]])))
         problem = Problem(
-            network=Network.from_arcs(arcs, arrow="listens_to", agents=n), gains=gains, exosystem=exosystem,
+            network=Network.from_arcs(arcs, arrow="listens_to", agents=n),
+            gains=gains,
+            exosystem=exosystem,
             coupling=r.choice(("y", "tanh(y)", "y + y**3")),
-        )  # fmt: skip
+        )
         held = _every_component_pinned(n, pairs, {i - 1 for i in gains})
         _count(tally, "undirected", certify(problem).verdict, 1.0 if held else -1.0, seed)
     return tally

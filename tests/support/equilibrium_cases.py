@@ -8,8 +8,8 @@ from typing import Any
 
 import mpmath
 
-from dobc_design.spec.network import Network
-from dobc_design.spec.problem import Problem
+from dobc_design.problem.network import Network
+from dobc_design.problem.problem import Problem
 
 FOLDED = "y - 3/2*max(0, y - 1) - 3/2*min(0, y + 1)"  # rises to 1 at y = 1, falls to 0 at y = 3
 
@@ -50,12 +50,19 @@ def random_folded(seed: int, *, m: int = 1, exceptions: bool = True) -> Problem:
         h = [f"sin(y{c + 1}) + y{(c + 1) % m + 1}/4" for c in range(m)]
     gains: Any = {i: r.choice(("1/10", "1/2", 3)) for i in range(1, n + 1) if r.random() < 0.7}
     if m > 1:
-        gains = {i: [[k if c == d else ("1/20" if d > c else "-1/20") for d in range(m)] for c in range(m)]
-                 for i, k in gains.items()}  # fmt: skip
+        gains = {
+            i: [[k if c == d else ("1/20" if d > c else "-1/20") for d in range(m)] for c in range(m)]
+            for i, k in gains.items()
+        }
     listener, speaker = int(network.modes["G"].listeners[0]), int(network.modes["G"].speakers[0])
     other = {(listener, speaker): "tanh(2*y)"} if exceptions else None
     offsets = {1: [r.randint(-2, 2) for _ in range(m)]}
     return Problem(
-        network=network, coupling=h, exceptions=other, gains=gains, target=[1] * m, offsets=offsets,
+        network=network,
+        coupling=h,
+        exceptions=other,
+        gains=gains,
+        target=[1] * m,
+        offsets=offsets,
         region={"initial_states": [-9, 9]},
-    )  # fmt: skip
+    )

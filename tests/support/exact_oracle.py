@@ -20,8 +20,8 @@ import mpmath
 import sympy as sp
 from region_oracle import COVERING, IDS, Regions
 
-from dobc_design.spec.canonical import canonical_bytes
-from dobc_design.spec.problem import Problem
+from dobc_design.problem.canonical import canonical_bytes
+from dobc_design.problem.problem import Problem
 
 Rows = list[list[Fraction]]
 SLACK = Fraction(1, 10**60)
@@ -447,8 +447,9 @@ def moves_within(free: list[sp.Matrix], box: list[tuple[Fraction, Fraction]], *,
         range_ = sp.S.Reals
         for x, (lo, hi) in zip(c, box, strict=True):
             low, high = sp.Rational(lo.numerator, lo.denominator), sp.Rational(hi.numerator, hi.denominator)
-            range_ = range_.intersect(sp.And(low <= t * x, t * x <= high).as_set() if x else
-                                      sp.S.Reals if low <= 0 <= high else sp.S.EmptySet)  # fmt: skip
+            range_ = range_.intersect(
+                sp.And(low <= t * x, t * x <= high).as_set() if x else sp.S.Reals if low <= 0 <= high else sp.S.EmptySet
+            )
         if range_ not in (sp.S.EmptySet, sp.FiniteSet(0)):
             return True
     return False

@@ -12,12 +12,12 @@ from checker_cases import FAILS, HOLDS, NOTHING, OPEN, UNREADABLE, Case, Documen
 from region_cases import claim
 
 from dobc_design.certificate.text import certificate_bytes
-from dobc_design.spec.canonical import canonical_bytes
-from dobc_design.spec.exosystem import Exosystem
-from dobc_design.spec.groups import Group
-from dobc_design.spec.observer import Observer
-from dobc_design.spec.problem import Problem
-from dobc_design.workflow import certify
+from dobc_design.certification.certify import certify
+from dobc_design.problem.canonical import canonical_bytes
+from dobc_design.problem.exosystem import Exosystem
+from dobc_design.problem.groups import Group
+from dobc_design.problem.observer import Observer
+from dobc_design.problem.problem import Problem
 
 RAMP = Exosystem(A=[[0, 1], [0, 0]], C=[[1, 0]])
 SLOW = Observer(W=[[1]])
@@ -51,24 +51,33 @@ def problems() -> dict[str, Problem]:
         "hidden": _pair(given, _one(2, scalar(0, 0))),
         "bad W": _pair(given, _one(2, scalar(0), Observer(W=[[-1]]))),
         "bad W, calm": _pair(
-            given, _one(2, scalar(0), Observer(W=[[-1]])), coupling="tanh(y)",
+            given,
+            _one(2, scalar(0), Observer(W=[[-1]])),
+            coupling="tanh(y)",
             region={"initial_states": [-1, 1], "initial_disturbance": 0},
         ),
         "bad W beside a designed one": _pair(_one(1, RAMP), _one(2, scalar(0), Observer(W=[[-1]]))),
         "loose": _pair(given, _one(2, scalar(-1), SLOW), gains=None),
         "region": _pair(
-            given, _one(2, scalar(-1), SLOW), coupling="tanh(y)", gains=2,
+            given,
+            _one(2, scalar(-1), SLOW),
+            coupling="tanh(y)",
+            gains=2,
             region={"initial_states": [-1, 1], "initial_disturbance": "1/10"},
         ),
         "plane": _pair(
-            _one(1, Exosystem(A=[[0]], C=[[1], [2]])), _one(2, Exosystem(A=[[0, 0], [0, -1]], C=[[1, 0], [0, 1]])),
-            coupling=["y1 + y2/2", "y2"], gains=2,
+            _one(1, Exosystem(A=[[0]], C=[[1], [2]])),
+            _one(2, Exosystem(A=[[0, 0], [0, -1]], C=[[1, 0], [0, 1]])),
+            coupling=["y1 + y2/2", "y2"],
+            gains=2,
         ),
         "three": Problem(
-            network=network([[1, 2], [2, 3], [3, 1]]), coupling="y", gains=1,
+            network=network([[1, 2], [2, 3], [3, 1]]),
+            coupling="y",
+            gains=1,
             groups=[Group(agents=[1, 2], exosystem=scalar(0), observer=Observer(W=[[2]])), _one(3, scalar(-1), SLOW)],
         ),
-    }  # fmt: skip
+    }
 
 
 @cache
@@ -138,10 +147,21 @@ def _bent_claims() -> Iterator[Case]:
     )
     # At the rate b = 1/10, S = diag(1/38, 1/(3.8 p)) for P = diag(10, p), and [[-4, 2], [2, -4]] + 2 b I + S < 0
     # iff (3.8 - 1/38) (3.8 - 1/(3.8 p)) > 4, that is p > 0.09603: each agent has its own S.
-    lure = claim("lure", "global", 0.1, {
-        "method": "vertices", "P_e": [[0, 0, "1"], [1, 1, "1"]], "level": None, "radius": None, "rate": "1/10",
-        "ranges": [{"coupling": 0, "gains": [[["1", "1"]]]}], "multipliers": {}, "P": [["10", "0"], ["0", "10"]],
-    })  # fmt: skip
+    lure = claim(
+        "lure",
+        "global",
+        0.1,
+        {
+            "method": "vertices",
+            "P_e": [[0, 0, "1"], [1, 1, "1"]],
+            "level": None,
+            "radius": None,
+            "rate": "1/10",
+            "ranges": [{"coupling": 0, "gains": [[["1", "1"]]]}],
+            "multipliers": {},
+            "P": [["10", "0"], ["0", "10"]],
+        },
+    )
     for p, code in (("0.0961", HOLDS), ("0.0959", FAILS)):
         copied = document("given")
         copied["checks"].append(lure | {"exact": lure["exact"] | {"P": [["10", "0"], ["0", p]]}})

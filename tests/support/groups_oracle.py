@@ -17,11 +17,11 @@ from exact_oracle import PLAIN, Oracle, Rows, dot, eye, form, fractions, number,
 from random_problems import _exosystem, _observer, random_linear_problem, random_problem
 
 from dobc_design.exact.observability import decide_observable
-from dobc_design.spec.canonical import canonical_bytes
-from dobc_design.spec.exosystem import Exosystem
-from dobc_design.spec.groups import Group
-from dobc_design.spec.observer import Observer
-from dobc_design.spec.problem import Problem
+from dobc_design.problem.canonical import canonical_bytes
+from dobc_design.problem.exosystem import Exosystem
+from dobc_design.problem.groups import Group
+from dobc_design.problem.observer import Observer
+from dobc_design.problem.problem import Problem
 from dobc_design.verdict import Verdict
 
 

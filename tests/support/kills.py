@@ -114,9 +114,12 @@ class Runs:
         """Begin to certify one of the problems, replacing what is in ``out``."""
         command = ["certify", str(self.problems[which]), "--out", str(out), *self.options, *options]
         return subprocess.Popen(
-            [sys.executable, "-c", MARKED, *command], stdout=subprocess.PIPE, stderr=subprocess.PIPE,
-            env=environment(), start_new_session=True,
-        )  # fmt: skip
+            [sys.executable, "-c", MARKED, *command],
+            stdout=subprocess.PIPE,
+            stderr=subprocess.PIPE,
+            env=environment(),
+            start_new_session=True,
+        )
 
     def fill(self, which: int, out: Path) -> None:
         """The complete files of one problem."""

@@ -17,11 +17,11 @@ import numpy as np
 from campaigns import Tally
 from scipy import optimize
 
-from dobc_design.spec.network import Network
-from dobc_design.spec.problem import Problem
+from dobc_design.certification.certify import certify
+from dobc_design.conditions.check import CONSENSUS_IDS
+from dobc_design.problem.network import Network
+from dobc_design.problem.problem import Problem
 from dobc_design.verdict import Verdict
-from dobc_design.verify.check import CONSENSUS_IDS
-from dobc_design.workflow import certify
 
 REGIONAL = ("max-separable", "lure", "exhaustive")
 FAR = 40.0
@@ -67,9 +67,10 @@ def two_agents(seed: int) -> TwoAgents:
     problem = Problem(
         network=Network.from_arcs([[2, 1], [1, 2]] if back else [[2, 1]], arrow="listens_to", agents=2),
         coupling=text.replace("c", str(Fraction(c)) if Fraction(c).denominator == 1 else f"({Fraction(c)})"),
-        gains={1: str(k), 2: str(k)} if back else {1: str(k)}, target=0,
+        gains={1: str(k), 2: str(k)} if back else {1: str(k)},
+        target=0,
         region={"initial_states": [str(-asked), str(asked)]},
-    )  # fmt: skip
+    )
     return TwoAgents(problem=problem, equilibria=tuple(found), asked=asked)
 
 
@@ -121,8 +122,11 @@ def linear_problem(seed: int) -> tuple[Problem, np.ndarray]:
         M[i, i] -= float(w)
     problem = Problem(
         network=Network.from_arcs([[i + 1, j + 1, w] for i, j, w in arcs], arrow="listens_to", agents=n),
-        coupling="y", gains={i + 1: k for i, k in gains.items()}, target=0, region={"initial_states": [-1, 1]},
-    )  # fmt: skip
+        coupling="y",
+        gains={i + 1: k for i, k in gains.items()},
+        target=0,
+        region={"initial_states": [-1, 1]},
+    )
     return problem, M
 
 

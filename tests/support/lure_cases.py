@@ -8,13 +8,13 @@ from typing import Any
 
 import numpy as np
 
+from dobc_design.conditions.quadratic.claim import Lure
+from dobc_design.conditions.quadratic.decide import verify_lure
 from dobc_design.exact.symmetric import SparseSymmetric
-from dobc_design.spec.exosystem import Exosystem
-from dobc_design.spec.network import Network
-from dobc_design.spec.problem import Problem
-from dobc_design.theorems.lure import Lure
+from dobc_design.problem.exosystem import Exosystem
+from dobc_design.problem.network import Network
+from dobc_design.problem.problem import Problem
 from dobc_design.verdict import Verdict
-from dobc_design.verify.lure import verify_lure
 
 PAPER = "exp(y) - 1 + y"
 HARMONIC = Exosystem(A=[[0, 2], [-2, 0]], C=[[1, 0]])
@@ -25,9 +25,11 @@ def cycle(n: int, gains: Any, *, coupling: str = PAPER, exosystem: Exosystem | N
     """Agent i listens to agent i + 1."""
     arcs = [[i, i % n + 1] for i in range(1, n + 1)]
     return Problem(
-        network=Network.from_arcs(arcs, arrow="listens_to", agents=n), coupling=coupling, gains=gains,
+        network=Network.from_arcs(arcs, arrow="listens_to", agents=n),
+        coupling=coupling,
+        gains=gains,
         exosystem=exosystem,
-    )  # fmt: skip
+    )
 
 
 def random_problem(seed: int, *, m: int = 1, coupling: Any = "tanh(y)", modes: int = 1, pin: float = 0.7) -> Problem:

@@ -8,11 +8,42 @@ from random import Random
 from typing import Any
 
 WORDS = (
-    "proved", "refuted", "undecided", "global", "consensus", "lemma1", "theorem1", "theorem2", "theorem1-printed",
-    "theorem2-printed", "hurwitz", "observability", "detectability", "reachability", "lure", "max-separable",
-    "exhaustive", "ball", "interval", "vertices",
-    "vector", "agents", "Lambda", "P", "Omega0", "given", "designed", "G0", "G1", "NaN", "Infinity", "", "0", "1", "-1",
-)  # fmt: skip
+    "proved",
+    "refuted",
+    "undecided",
+    "global",
+    "consensus",
+    "lemma1",
+    "theorem1",
+    "theorem2",
+    "theorem1-printed",
+    "theorem2-printed",
+    "hurwitz",
+    "observability",
+    "detectability",
+    "reachability",
+    "lure",
+    "max-separable",
+    "exhaustive",
+    "ball",
+    "interval",
+    "vertices",
+    "vector",
+    "agents",
+    "Lambda",
+    "P",
+    "Omega0",
+    "given",
+    "designed",
+    "G0",
+    "G1",
+    "NaN",
+    "Infinity",
+    "",
+    "0",
+    "1",
+    "-1",
+)
 FIELDS = ("evidence", "extra", "margin", "rate", "exact", "witness", "mode", "labels", "bound")
 NUMBERS: tuple[Any, ...] = (0, -0.0, 1, -1, 1e-9, 1e9, 5e-324, 1.7e308, True, None, "0.5", [], {})
 

@@ -31,17 +31,25 @@ def bounds(low: str, high: str) -> list[Document]:
 def quadratic(rate: str, low: str, high: str, level: Any, radius: Any, size: str = "1", **more: Any) -> Document:
     """P_e = size I of two agents, by vertices."""
     return {
-        "method": "vertices", "P_e": [[0, 0, size], [1, 1, size]], "level": level, "radius": radius,
-        "ranges": bounds(low, high), "multipliers": {}, "rate": rate,
-    } | more  # fmt: skip
+        "method": "vertices",
+        "P_e": [[0, 0, size], [1, 1, size]],
+        "level": level,
+        "radius": radius,
+        "ranges": bounds(low, high),
+        "multipliers": {},
+        "rate": rate,
+    } | more
 
 
 # sin on both arcs, k = 3, y = e_2 - e_1, P_e = I: phi = (2 rate - 6) |e|^2 - 2 y sin y.  With |e|^2 >= y^2/2 it is
 # below 0 for rate < 3 + 2 min sin(y)/y = 2.565533, and at y = 4.4934, |e|^2 = 10.095 that is sharp.  Near the target
 # gains from 1/5 to 1 hold on |y| <= 5/2, that is on |e|^2 <= 25/8.  sqrt(12) = 3.4641.
-WAVY = claim("exhaustive", ball(3.464), 2.5, quadratic(
-    "5/2", "1/5", "1.00001", "25/8", "5/2", outer="12", half="7/2", tree=grid(2, 6),
-))  # fmt: skip
+WAVY = claim(
+    "exhaustive",
+    ball(3.464),
+    2.5,
+    quadratic("5/2", "1/5", "1.00001", "25/8", "5/2", outer="12", half="7/2", tree=grid(2, 6)),
+)
 SHARP = changed(WAVY, rate=2.56)
 SHARP["exact"]["rate"] = "2.56"
 # With the observer, W = 2, A = 0: S = 1/((4 - 2 rate) P), and rate = 1 needs S < 3.131066, so P > 0.159690.
@@ -51,9 +59,14 @@ SEEN["exact"]["rate"] = "1"
 
 def stage(kind: str, certificate: Document, start: str, level: str, height: str, **more: Any) -> Document:
     return {
-        "kind": kind, "start": start, "level": level, "height": height, "noise": "0", "stretch": "1",
+        "kind": kind,
+        "start": start,
+        "level": level,
+        "height": height,
+        "noise": "0",
+        "stretch": "1",
         "certificate": certificate,
-    } | more  # fmt: skip
+    } | more
 
 
 def settling(domain: Document, tolerance: str, time: str, *stages: Document) -> Document:
@@ -83,32 +96,44 @@ SLOW, FAST = ({"v": ["1", top], "alpha": alpha, "rho": None} for top, alpha in (
 ONCE = settling(box(1), "0.1", "5.991466", stage("max-separable", SLOW, "0", "1", "2"))
 # At t = 2 N is at most exp(-1) = 0.367879, and so is the new N; then 4 * 0.36788 exp(-3/4 (t - 2)): 0.1 at 5.585177.
 TWICE = settling(
-    box(1), "0.1", "5.58519", stage("max-separable", SLOW, "0", "1", "2"),
+    box(1),
+    "0.1",
+    "5.58519",
+    stage("max-separable", SLOW, "0", "1", "2"),
     stage("max-separable", FAST, "2", "0.36788", "4"),
-)  # fmt: skip
+)
 # exp(y) - 1 + y: v = (1, 5/4) gives 0.37695 on N <= 1 and 0.38347 on N <= 7/10; exp(-0.3769 t) = 0.7 at 0.946339.
 CLOSE = {"v": ["1", "5/4"], "alpha": "0.3769", "rho": "1"}
 CLOSER = {"v": ["1", "5/4"], "alpha": "0.3834", "rho": "7/10"}
 CURVE = settling(
-    box(1), "0.1", "7", stage("max-separable", CLOSE, "0", "1", "5/4"),
+    box(1),
+    "0.1",
+    "7",
+    stage("max-separable", CLOSE, "0", "1", "5/4"),
     stage("max-separable", CLOSER, "0.94634", "0.7", "5/4"),
-)  # fmt: skip
+)
 # y + y^3, k = 3, both ways.  v = (1, 1) gives 3 for every rho; then 2 exp(-3 t) <= radius = 1 at 0.231050, where
 # |e|^2 <= 2 N^2 <= 1/2: level 0.70711.  Gains 1 to 2: 9 - sqrt(10) = 2 * 2.918. |e| <= 0.1 from 0.905535 on.
 EVEN = {"v": ["1", "1"], "alpha": "3", "rho": "1"}
 WIDE = quadratic("2.9", "1", "2.00001", "1/2", "1")
 MIXED = settling(
-    box(1), "0.1", "0.9056", stage("max-separable", EVEN, "0", "1", "1"),
+    box(1),
+    "0.1",
+    "0.9056",
+    stage("max-separable", EVEN, "0", "1", "1"),
     stage("quadratic", WIDE, "0.23105", "0.70711", "1", diagonal=["1", "1"]),
-)  # fmt: skip
+)
 # From |e_i| <= 0.49: |e| <= 0.692965, below sqrt(1/2) = 0.707107.  Then radius 1/2, gains 1 to 5/4, P_e = 2 I: |e|
 # has to be below 0.353553, 0.693 exp(-2.9 t) is at 0.232069; level sqrt(2) * 0.35355 = 0.5; |e| = sqrt(V/2) is 0.01
 # at 1.424539.
 NARROW = quadratic("2.99", "1", "1.25001", "1/4", "1/2", size="2")
 BALLS = settling(
-    box(0.49), "0.01", "1.4246", stage("quadratic", WIDE, "0", "0.693", "1", diagonal=["1", "1"]),
+    box(0.49),
+    "0.01",
+    "1.4246",
+    stage("quadratic", WIDE, "0", "0.693", "1", diagonal=["1", "1"]),
     stage("quadratic", NARROW, "0.23208", "0.500001", "0.707107", factor="2"),
-)  # fmt: skip
+)
 # With the observer, A - W C = -2, h = y, k = 3: beta = 2.  kappa 1: pace 1, level 1 + 1/2.  At t = 1: 1.5/e =
 # 0.551820 and noise exp(-2)/2 = 0.067668; P = 4 takes a stretch of 2, noise 0.135336, level 0.551820 + (2 * 2 - 1) *
 # 0.067668 = 0.754823. At t = 2 pace 3/2 has made 0.168424 of it, noise 0.018316 with P = 4, half of it with P = 1:
@@ -121,17 +146,18 @@ CALM, TENSE = (
 LEVEL = quadratic("1", "1", "1", None, None, P=[["1"]])
 STEEP = quadratic("1", "1", "1", None, None, size="2", P=[["4"]])
 OBSERVED = settling(
-    box(1, 0.5), "0.01", "6",
+    box(1, 0.5),
+    "0.01",
+    "6",
     stage("max-separable", CALM, "0", "3/2", "1", noise="1/2"),
     stage("max-separable", TENSE, "1", "0.754824", "1", noise="0.135336", stretch="2"),
     stage("quadratic", LEVEL, "2", "0.23854", "1", noise="0.0091579", stretch="1/2", diagonal=["1", "1"]),
     stage("quadratic", STEEP, "3", "0.17551", "0.707107", noise="0.0067381", stretch="2", factor="2"),
-)  # fmt: skip
+)
 # A quadratic stage alone: |e|^2 <= 2 and 2 * 1/4: level sqrt(2.5) = 1.581139, noise 1/2.
 ALONE = settling(
-    box(1, 0.5), "0.01", "6",
-    stage("quadratic", LEVEL, "0", "1.58114", "1", noise="1/2", diagonal=["1", "1"]),
-)  # fmt: skip
+    box(1, 0.5), "0.01", "6", stage("quadratic", LEVEL, "0", "1.58114", "1", noise="1/2", diagonal=["1", "1"])
+)
 
 
 @cache
@@ -198,8 +224,11 @@ def _bent_trees() -> Iterator[Case]:
 
 def _bent_stages() -> Iterator[Case]:
     for name, check, early in (
-        ("line", ONCE, "5.991464"), ("line", TWICE, "5.58517"), ("cubic", MIXED, "0.9055"), ("cubic", BALLS, "1.4245"),
-    ):  # fmt: skip
+        ("line", ONCE, "5.991464"),
+        ("line", TWICE, "5.58517"),
+        ("cubic", MIXED, "0.9055"),
+        ("cubic", BALLS, "1.4245"),
+    ):
         yield _claimed(name, FAILS, timed(check, time=early), f"time {early}")
     yield _claimed("line", FAILS, timed(ONCE, tolerance="0.099999"), "tolerance")
     yield _claimed("line", FAILS, timed(TWICE, time="1.9", tolerance="9"), "time before the last stage")
@@ -217,9 +246,16 @@ def _bent_stages() -> Iterator[Case]:
     )
     yield _claimed("line", FAILS, ONCE | {"verdict": "refuted", "domain": "global"}, "a settling time refuted")
     for key, value in (
-        ("start", "0.1"), ("level", "0.999999"), ("height", "1.999999"), ("noise", "-1"), ("noise", "0.1"),
-        ("stretch", "2"), ("kind", "vertex"), ("alpha", "0.500001"), ("v", ["1", "1.999"]),
-    ):  # fmt: skip
+        ("start", "0.1"),
+        ("level", "0.999999"),
+        ("height", "1.999999"),
+        ("noise", "-1"),
+        ("noise", "0.1"),
+        ("stretch", "2"),
+        ("kind", "vertex"),
+        ("alpha", "0.500001"),
+        ("v", ["1", "1.999"]),
+    ):
         yield _claimed("line", FAILS, ways(ONCE, 0, **{key: value}), f"{key} {value}")
     yield _claimed("line", FAILS, ways(TWICE, 1, stretch="2"), "stretch without exosystem")
     yield _claimed("line", FAILS, ways(TWICE, 1, noise="0.1"), "noise without exosystem")
@@ -297,13 +333,29 @@ def _bent_handing() -> Iterator[Case]:
 def _bent_observer() -> Iterator[Case]:
     name = "observed, linear"
     for k, key, value in (
-        (0, "level", "1.49999"), (0, "noise", "0.49999"), (0, "size", "0.9999"), (0, "beta", "2.0001"),
-        (0, "kappa", "1.001"), (0, "kappa", "0.999"), (0, "kappa", "-1"), (0, "P", [["0.9999"]]), (0, "kappa", "1/2"),
-        (1, "stretch", "1.9999"), (1, "stretch", "-2"), (1, "noise", "0.135335"), (1, "level", "0.754822"),
+        (0, "level", "1.49999"),
+        (0, "noise", "0.49999"),
+        (0, "size", "0.9999"),
+        (0, "beta", "2.0001"),
+        (0, "kappa", "1.001"),
+        (0, "kappa", "0.999"),
+        (0, "kappa", "-1"),
+        (0, "P", [["0.9999"]]),
+        (0, "kappa", "1/2"),
+        (1, "stretch", "1.9999"),
+        (1, "stretch", "-2"),
+        (1, "noise", "0.135335"),
+        (1, "level", "0.754822"),
         (1, "kappa", "2.001"),
-        (2, "stretch", "0.49999"), (2, "noise", "0.0091577"), (2, "level", "0.23853"), (2, "rate", "0"),
-        (3, "stretch", "1.9999"), (3, "noise", "0.0067379"), (3, "level", "0.17550"), (3, "factor", "1.9999"),
-    ):  # fmt: skip
+        (2, "stretch", "0.49999"),
+        (2, "noise", "0.0091577"),
+        (2, "level", "0.23853"),
+        (2, "rate", "0"),
+        (3, "stretch", "1.9999"),
+        (3, "noise", "0.0067379"),
+        (3, "level", "0.17550"),
+        (3, "factor", "1.9999"),
+    ):
         yield _claimed(name, FAILS, ways(OBSERVED, k, **{key: value}), f"{key} {value} of stage {k}")
     for change in ({"level": "1.58113"}, {"noise": "0.49999"}, {"level": "-1.59"}, {"P": [["0.1"]]}, {"stretch": "2"}):
         yield _claimed(name, FAILS, ways(ALONE, 0, **change), f"{change} of a quadratic stage")

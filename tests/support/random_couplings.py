@@ -18,13 +18,41 @@ from sympy.printing.pycode import MpmathPrinter
 BITS = 200
 # "#" is an argument that stays within about +-2.
 OUTER = (
-    "exp(#)", "log(3 + #)", "sin(3*#)", "cos(2*#)", "tan(#/2)", "tanh(2*#)", "atan(#)", "sinh(#)", "cosh(#)",
-    "sqrt(3 + #)", "abs(#)", "min(#, 1/2)", "max(#, -1/3)", "clip(#, -1/2, 3/4)", "(#)**2", "(#)**3", "(4 + #)**-2",
-    "1/(3 - #)", "pi*(#)", "(#)*exp(-(#))", "min(#, 2*(#), 1)", "(1 + (#)**2)**(1/2)",
-)  # fmt: skip
+    "exp(#)",
+    "log(3 + #)",
+    "sin(3*#)",
+    "cos(2*#)",
+    "tan(#/2)",
+    "tanh(2*#)",
+    "atan(#)",
+    "sinh(#)",
+    "cosh(#)",
+    "sqrt(3 + #)",
+    "abs(#)",
+    "min(#, 1/2)",
+    "max(#, -1/3)",
+    "clip(#, -1/2, 3/4)",
+    "(#)**2",
+    "(#)**3",
+    "(4 + #)**-2",
+    "1/(3 - #)",
+    "pi*(#)",
+    "(#)*exp(-(#))",
+    "min(#, 2*(#), 1)",
+    "(1 + (#)**2)**(1/2)",
+)
 INNER = (
-    "y", "y", "y/2", "sin(y)", "tanh(2*y)", "clip(y, -1, 1)", "y/(1 + y**2)", "cos(y) - 1", "atan(2*y)", "abs(y) - 1",
-)  # fmt: skip
+    "y",
+    "y",
+    "y/2",
+    "sin(y)",
+    "tanh(2*y)",
+    "clip(y, -1, 1)",
+    "y/(1 + y**2)",
+    "cos(y) - 1",
+    "atan(2*y)",
+    "abs(y) - 1",
+)
 JOINTS = ("{} + {}", "{} - {}", "({})*({})", "{} + y/3 - {}")
 
 
@@ -50,9 +78,12 @@ def truth(text: str) -> tuple[Callable[[Any], Any], Callable[[Any], Any]]:
     """h and h' as functions of mpmath numbers; to be called at BITS bits."""
     y = sympy.symbols("y", real=True)
     names = {
-        "y": y, "abs": sympy.Abs, "min": sympy.Min, "max": sympy.Max,
+        "y": y,
+        "abs": sympy.Abs,
+        "min": sympy.Min,
+        "max": sympy.Max,
         "clip": lambda x, lo, hi: sympy.Max(lo, sympy.Min(hi, x)),
-    }  # fmt: skip
+    }
     h = sympy.sympify(text, locals=names, rational=True)
     printer = _Printer({"fully_qualified_modules": False, "inline": True, "allow_unknown_functions": True})
     return tuple(sympy.lambdify(y, each, "mpmath", printer=printer) for each in (h, sympy.diff(h, y)))

@@ -16,10 +16,10 @@ from typing import Any
 import numpy as np
 from scipy import linalg
 
-from dobc_design.spec.exosystem import Exosystem
-from dobc_design.spec.network import Network
-from dobc_design.spec.observer import Observer
-from dobc_design.spec.problem import Problem
+from dobc_design.problem.exosystem import Exosystem
+from dobc_design.problem.network import Network
+from dobc_design.problem.observer import Observer
+from dobc_design.problem.problem import Problem
 
 LINEAR = ("y", "2*y", "y/3", "5*y/2", "-y/8", "y*exp(1)", "pi*y/2")
 CURVED = ("tanh(y)", "exp(y) - 1 + y", "y + y**3", "sin(y)", "atan(y)/2", "sinh(y)", "y**3", "y - y**2")

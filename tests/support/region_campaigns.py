@@ -15,14 +15,14 @@ from known_regions import two_agents
 from random_problems import random_problem
 from region_oracle import IDS
 
-from dobc_design.certificate.recheck import recheck
 from dobc_design.certificate.text import certificate_bytes
+from dobc_design.certification.certify import certify, verify
+from dobc_design.certification.recheck import recheck
 from dobc_design.errors import CertificateError
-from dobc_design.spec.canonical import canonical_document, problem_from_canonical
-from dobc_design.spec.exosystem import Exosystem
-from dobc_design.spec.observer import Observer
-from dobc_design.spec.problem import Problem
-from dobc_design.workflow import certify, verify
+from dobc_design.problem.canonical import canonical_document, problem_from_canonical
+from dobc_design.problem.exosystem import Exosystem
+from dobc_design.problem.observer import Observer
+from dobc_design.problem.problem import Problem
 
 COUPLINGS = (*separable_problems.MONOTONE, *separable_problems.TURNING, "clip(y, -1, 1)", "y + abs(y)/3")
 WIDE = ("", "-", "0", "1", "-1", "1/0", "NaN", None, [], {}, True, 0, -1, 1e308)
@@ -48,10 +48,15 @@ def region_problem(seed: int) -> Problem:
     if noisy:
         region["initial_disturbance"] = r.choice((0, "1/10", "1/2"))
     return separable_problems.random_problem(
-        seed, couplings=COUPLINGS, n=r.randint(2, 4), modes=r.choice((1, 1, 2)), held=True, region=region,
+        seed,
+        couplings=COUPLINGS,
+        n=r.randint(2, 4),
+        modes=r.choice((1, 1, 2)),
+        held=True,
+        region=region,
         exosystem=Exosystem(A=[[0, 2], [-2, 0]], C=[[1, 0]]) if noisy else None,
         observer=Observer(W=[["16/5"], ["12/5"]]) if noisy else None,
-    )  # fmt: skip
+    )
 
 
 def region_recheck_campaign(seeds: Iterable[int]) -> Tally:

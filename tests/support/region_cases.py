@@ -17,11 +17,11 @@ import mpmath
 from checker_cases import FAILS, HOLDS, UNREADABLE, Case, Document, bend, network, scalar
 
 from dobc_design.certificate.text import certificate_bytes
-from dobc_design.spec.canonical import canonical_bytes
-from dobc_design.spec.exosystem import Exosystem
-from dobc_design.spec.observer import Observer
-from dobc_design.spec.problem import Problem
-from dobc_design.workflow import certify
+from dobc_design.certification.certify import certify
+from dobc_design.problem.canonical import canonical_bytes
+from dobc_design.problem.exosystem import Exosystem
+from dobc_design.problem.observer import Observer
+from dobc_design.problem.problem import Problem
 
 GLOBAL = "global"
 REFUTED: Document = {"verdict": "refuted", "rate": None, "covered_by": None}
@@ -82,16 +82,15 @@ def _settings() -> dict[str, Document]:
             network=network({"A": [[1, 2]], "B": [[2, 1]]}), coupling="tanh(y)", gains={1: 1}, region=asked(1)
         ),
         "matrix": given(
-            network=line, coupling="tanh(y)", gains={1: [[2, 1], [-1, 3]], 2: [[2, 1], [-1, 3]]}, target=[0, 0],
+            network=line,
+            coupling="tanh(y)",
+            gains={1: [[2, 1], [-1, 3]], 2: [[2, 1], [-1, 3]]},
+            target=[0, 0],
             region=asked([[-1, 1], [-1, 1]]),
         ),
         "cubic": given(network=pair, coupling=cubic, gains=3, region=asked("0.49")),
-        "two kinds": given(
-            network=pair, coupling=cubic, gains=3, exceptions={(1, 0): "2*y"}, region=asked("0.24")
-        ),
-        "unused": given(
-            network=pair, coupling=cubic, gains=3, exceptions={(0, 1): "y", (1, 0): "y"}, region=asked(1)
-        ),
+        "two kinds": given(network=pair, coupling=cubic, gains=3, exceptions={(1, 0): "2*y"}, region=asked("0.24")),
+        "unused": given(network=pair, coupling=cubic, gains=3, exceptions={(0, 1): "y", (1, 0): "y"}, region=asked(1)),
         "flat": given(network=pair, coupling="y - 9*max(y - 1, 0) + 9*max(-y - 1, 0)", gains=3, region=asked("1/4")),
         "list": given(
             network=line, coupling=["y1 + y2**3", "y2"], gains=3, target=[0, 0], region=asked([[-1, 1], [-1, 1]])
@@ -107,18 +106,28 @@ def _settings() -> dict[str, Document]:
         "pole": given(network=pair, coupling="y/clip(1 + y, 0, 2)", gains=3, region=asked(1)),
         "hidden kink": given(network=pair, coupling="-3*y + abs(y**0) - 1", gains=1, region=asked(1)),
         "harmonic": given(
-            network=pair, coupling="y", gains=3, exosystem=Exosystem(A=[[0, 2], [-2, 0]], C=[[1, 0]]),
-            observer=Observer(W=[["16/5"], ["12/5"]]), region=asked(1, "1/2"),
-        ),
-        "hidden": given(
-            network=pair, coupling="exp(y) - 1 + y", gains=3, exosystem=scalar(-1, 0), observer=Observer(W=[[0]]),
+            network=pair,
+            coupling="y",
+            gains=3,
+            exosystem=Exosystem(A=[[0, 2], [-2, 0]], C=[[1, 0]]),
+            observer=Observer(W=[["16/5"], ["12/5"]]),
             region=asked(1, "1/2"),
         ),
-        "unobserved": given(
-            network=pair, coupling="y + y**3", gains=3, exosystem=scalar(0, 0), region=asked(1, "1/2")
+        "hidden": given(
+            network=pair,
+            coupling="exp(y) - 1 + y",
+            gains=3,
+            exosystem=scalar(-1, 0),
+            observer=Observer(W=[[0]]),
+            region=asked(1, "1/2"),
         ),
+        "unobserved": given(network=pair, coupling="y + y**3", gains=3, exosystem=scalar(0, 0), region=asked(1, "1/2")),
         "bad W": given(
-            network=pair, coupling="y", gains=3, exosystem=scalar(0), observer=Observer(W=[[-1]]),
+            network=pair,
+            coupling="y",
+            gains=3,
+            exosystem=scalar(0),
+            observer=Observer(W=[[-1]]),
             region=asked(1, "1/2"),
         ),
         "unstable": given(network=pair, coupling="-y", gains="1/2", region=asked(1)),
@@ -129,7 +138,7 @@ def _settings() -> dict[str, Document]:
             network=pair, coupling=["sin(y1)", "y2"], gains="1/10", target=[0, 0], region=asked([[-5, 5], [-5, 5]])
         ),
         "second, no region": given(network=pair, coupling="sin(y)", gains="1/10"),
-    }  # fmt: skip
+    }
 
 
 @cache
@@ -194,10 +203,20 @@ STUCK = claim(
     "max-separable", "consensus", None, None, verdict="refuted", witness={"kind": "agents", "labels": ["1", "2"]}
 )
 # 4 P of the paper: 4 Omega0 + P = [[-2, 1/3], [1/3, -8/3]] for beta = 1/2; P - c'c and 3 - P are positive.
-HARMONIC = claim("max-separable", GLOBAL, 0.25, {
-    "v": ["1", "1"], "alpha": "3", "rho": None,
-    "P": [["2", "-1"], ["-1", "4/3"]], "beta": "1/2", "kappa": "4", "size": "3",
-})  # fmt: skip
+HARMONIC = claim(
+    "max-separable",
+    GLOBAL,
+    0.25,
+    {
+        "v": ["1", "1"],
+        "alpha": "3",
+        "rho": None,
+        "P": [["2", "-1"], ["-1", "4/3"]],
+        "beta": "1/2",
+        "kappa": "4",
+        "size": "3",
+    },
+)
 # kbar = min(2 - 1, 3 - 1) = 1 for both agents.
 MATRIX = claim("max-separable", box(1), 1, {"v": ["1", "1"], "alpha": "1", "rho": "1"})
 # theta - 2 <= -1/4 2, theta = exp(T/4): T <= 4 ln 1.5 = 1.62186.
@@ -211,15 +230,28 @@ UNEVEN = claim("max-separable", box(1), 1.85, {"v": ["1", "3/2"], "alpha": "1.85
 # The weights of PAIR beside those: as for HELD_PAIR.
 HELD_OWN = changed(HELD_PAIR, certificate=PAIR["exact"])
 # h' = 1 + 3 y^2 on slices up to 3 k/8: L = 11.77, kmax = 3, so T <= 0.0677; kappa beta > 1 even so, 1 + 3/10 <= rho.
-HELD_OBSERVED = claim("sampling", box(1, 0.5), None, {
-    "period": "0.06", "factor": "0.82", "certificate": OBSERVED["exact"] | {"kappa": "3/5"},
-})  # fmt: skip
+HELD_OBSERVED = claim(
+    "sampling",
+    box(1, 0.5),
+    None,
+    {"period": "0.06", "factor": "0.82", "certificate": OBSERVED["exact"] | {"kappa": "3/5"}},
+)
 # 1 + y^2 on |y| <= 1: gains [1, 2], and a little room.  2 level = radius^2, R^2 <= level.  Inequalities on (1, 1):
 # lure -7.5 + 2 + 2 rate < 0, interval -9 + 2 + 3 + 2 rate < 0; vertices with gains 1 and 2: -9 + sqrt(10) + 2 rate < 0.
-CUBIC = claim("lure", ball(0.7071), 2.7, {
-    "method": "lure", "P_e": [[0, 0, "1"], [1, 1, "1"]], "level": "1/2", "radius": "1",
-    "ranges": [{"coupling": 0, "gains": [[["1", "2.00001"]]]}], "multipliers": {"G": ["1", "1"]}, "rate": "2.7",
-})  # fmt: skip
+CUBIC = claim(
+    "lure",
+    ball(0.7071),
+    2.7,
+    {
+        "method": "lure",
+        "P_e": [[0, 0, "1"], [1, 1, "1"]],
+        "level": "1/2",
+        "radius": "1",
+        "ranges": [{"coupling": 0, "gains": [[["1", "2.00001"]]]}],
+        "multipliers": {"G": ["1", "1"]},
+        "rate": "2.7",
+    },
+)
 
 
 def second_box(radius: Any = "1e-6", *, shift: Any = 0, components: int = 1) -> Document:
@@ -233,9 +265,13 @@ def second_box(radius: Any = "1e-6", *, shift: Any = 0, components: int = 1) -> 
         texts = [[mpmath.nstr(middle + side * half, 30) for side in (-1, 1)] for middle in middles]
         values = [mpmath.nstr(middle, 30) for middle in middles]
     return claim(
-        "equilibrium", "consensus", None, {"mode": "G", "box": texts}, verdict="refuted",
+        "equilibrium",
+        "consensus",
+        None,
+        {"mode": "G", "box": texts},
+        verdict="refuted",
         witness={"kind": "start", "values": values},
-    )  # fmt: skip
+    )
 
 
 @cache
@@ -386,8 +422,14 @@ def _bent_timing() -> Iterator[Case]:
     yield case("pair", FAILS, UNEVEN, changed(HELD_PAIR, factor="0.8"), what="held too long for these weights")
     yield case("pair", FAILS, HELD_OWN, what="weights of its own with nothing beside", **_frame_verdict("pair"))
     for own in (
-        {"alpha": "3.01"}, {"alpha": "0"}, {"rho": "0.9"}, {"rho": None}, {"v": ["1", "0"]}, {"v": ["1"]}, {"rate": 1}
-    ):  # fmt: skip
+        {"alpha": "3.01"},
+        {"alpha": "0"},
+        {"rho": "0.9"},
+        {"rho": None},
+        {"v": ["1", "0"]},
+        {"v": ["1"]},
+        {"rate": 1},
+    ):
         bent = changed(HELD_OWN, certificate=PAIR["exact"] | own)
         yield case("pair", FAILS, UNEVEN, bent, what=f"weights of its own with {own}")
     yield case("pair", FAILS, UNEVEN, changed(HELD_OWN, certificate=None), what="no weights of its own")
@@ -411,10 +453,20 @@ def _bent_lure() -> Iterator[Case]:
     yield case("cubic", FAILS, changed(CUBIC, radius="-1"), what="negative radius")
     yield case("cubic", FAILS, changed(CUBIC, level=None), what="no level")
     yield case("cubic", FAILS, changed(CUBIC, level=None, domain=GLOBAL), what="a radius without level")
-    everywhere = claim("lure", GLOBAL, None, CUBIC["exact"] | {
-        "level": None, "radius": None, "rate": "0", "ranges": _gains([[["1", "1"]]]), "method": "vertices",
-        "multipliers": {},
-    })  # fmt: skip
+    everywhere = claim(
+        "lure",
+        GLOBAL,
+        None,
+        CUBIC["exact"]
+        | {
+            "level": None,
+            "radius": None,
+            "rate": "0",
+            "ranges": _gains([[["1", "1"]]]),
+            "method": "vertices",
+            "multipliers": {},
+        },
+    )
     seen = changed(everywhere, P=[["1/2", "-1/4"], ["-1/4", "1/3"]])
     yield case("harmonic", HOLDS, seen, what="everywhere", **_frame_verdict("harmonic"))
     skew = changed(seen, P=[["1/2", "-1/4"], ["-0.26", "1/3"]])

@@ -166,8 +166,12 @@ class Regions:
                 size = np.abs(total) + 1e-300
                 for i, j, w in arcs:
                     part = self._arc(i, j, v)
-                    values = part[0].highest(-s * (u[i] + theta * u[j]), s * (theta * u[j] - u[i]), face,
-                                             part[0].turns(part[1] * float(rho) * theta))  # fmt: skip
+                    values = part[0].highest(
+                        -s * (u[i] + theta * u[j]),
+                        s * (theta * u[j] - u[i]),
+                        face,
+                        part[0].turns(part[1] * float(rho) * theta),
+                    )
                     total[i] += float(w) * values
                     size[i] += float(w) * np.abs(values)
                 excess = np.where(np.isfinite(total), total / size, np.inf)
@@ -252,8 +256,9 @@ class Regions:
                     drive = np.zeros_like(ends)
                     for i, j, w in arcs:
                         part, scale = self._arc(i, j, v)
-                        values = part.highest(-s * u[j] - ends[i], s * u[j] - ends[i], face,
-                                              part.turns(scale * float(rho)))  # fmt: skip
+                        values = part.highest(
+                            -s * u[j] - ends[i], s * u[j] - ends[i], face, part.turns(scale * float(rho))
+                        )
                         drive[i] += float(w) * values
                     for c in range(self.m):
                         after = ends + period * (drive - self.K[:, c, c][:, None] * ends)

@@ -104,8 +104,10 @@ class Quadratic:
     # gains
 
     def _tables(self) -> dict[int, Any]:
-        return {each["coupling"]: [[tuple(map(exact, pair)) for pair in row] for row in each["gains"]]
-                for each in self.e["ranges"]}  # fmt: skip
+        return {
+            each["coupling"]: [[tuple(map(exact, pair)) for pair in row] for row in each["gains"]]
+            for each in self.e["ranges"]
+        }
 
     def _number_of(self, h: Any) -> int:
         others: list[Any] = []
@@ -215,8 +217,7 @@ class Quadratic:
         eps = np.zeros((r.n, 0, POINTS))
         value = np.einsum("ap,ab,bp->p", e, P_e, e)
         if self.P is not None:
-            P, F, C = (np.array([[float(fraction(x)) for x in row] for row in X.tolist()])
-                       for X in (self.P, r.F, r.C))  # fmt: skip
+            P, F, C = (np.array([[float(fraction(x)) for x in row] for row in X.tolist()]) for X in (self.P, r.F, r.C))
             C = C.reshape(-1, r.m, len(P)).sum(axis=0)  # of every group; what is not an agent's own is 0
             eps = rng.normal(size=(r.n, len(P), POINTS)) * rng.choice([0, 0, 1e-3, 1], size=POINTS)
             for i, (_, states) in enumerate(r.own):

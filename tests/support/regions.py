@@ -5,10 +5,10 @@ from __future__ import annotations
 import json
 from collections.abc import Iterable
 
-from dobc_design.spec.canonical import canonical_document, problem_from_canonical
-from dobc_design.spec.load import load_problem
-from dobc_design.spec.problem import Problem
-from dobc_design.verify.check import Check
+from dobc_design.conditions.check import Check
+from dobc_design.problem.canonical import canonical_document, problem_from_canonical
+from dobc_design.problem.load import load_problem
+from dobc_design.problem.problem import Problem
 
 REGIONAL = ("max-separable", "delay", "sampling", "lure", "exhaustive", "equilibrium")
 

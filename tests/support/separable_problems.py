@@ -8,8 +8,8 @@ from typing import Any
 
 import numpy as np
 
-from dobc_design.spec.network import Network
-from dobc_design.spec.problem import Problem
+from dobc_design.problem.network import Network
+from dobc_design.problem.problem import Problem
 
 PAPER = "exp(y) - 1 + y"
 MONOTONE = (PAPER, "tanh(y)", "y + y**3", "atan(2*y)", "y", "sinh(y)/2", "y + sin(y)/2")

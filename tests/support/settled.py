@@ -6,10 +6,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from dobc_design.conditions.schedule.settling import Settling
 from dobc_design.exact.matrix import to_float
-from dobc_design.spec.problem import Problem
-from dobc_design.verify.settling import Settling
-from dobc_design.workflow import simulate
+from dobc_design.problem.problem import Problem
+from dobc_design.simulation.simulations import simulate
 
 CORNERS = 8
 SAMPLES = 401

@@ -6,13 +6,13 @@ from typing import Any
 
 import numpy as np
 
-from dobc_design.simulate.ensembles import simulate_many
-from dobc_design.simulate.simulate import simulate
-from dobc_design.simulate.stress import Failure, Stress
-from dobc_design.spec.exosystem import Exosystem
-from dobc_design.spec.network import Network
-from dobc_design.spec.observer import Observer
-from dobc_design.spec.problem import Problem
+from dobc_design.problem.exosystem import Exosystem
+from dobc_design.problem.network import Network
+from dobc_design.problem.observer import Observer
+from dobc_design.problem.problem import Problem
+from dobc_design.simulation.ensembles import simulate_many
+from dobc_design.simulation.run import simulate
+from dobc_design.simulation.stress import Failure, Stress
 
 FAILING = (Failure(agent="3", time=0.4, kind="freeze"), Failure(agent="2", time=0.5))
 
@@ -21,12 +21,16 @@ def planar() -> Problem:
     """m = 2, q = 3, two modes, a coupling of vectors, a formation, gains that are matrices, drawn disturbances."""
     modes = {"one": [[1, 2], [2, 3, 2], [3, 1], [1, 3]], "two": [[1, 3, "1/2"], [2, 1]]}
     return Problem(
-        network=Network.from_arcs(modes, arrow="listens_to", agents=3), exceptions={(0, 2): ["3*y1", "y2"]},
-        coupling=["tanh(y1) + y2/4", "y2 + y2**3/9"], target=[1, -2], gains={"1": 3, "3": [[2, 1], [-1, 2]]},
+        network=Network.from_arcs(modes, arrow="listens_to", agents=3),
+        exceptions={(0, 2): ["3*y1", "y2"]},
+        coupling=["tanh(y1) + y2/4", "y2 + y2**3/9"],
+        target=[1, -2],
+        gains={"1": 3, "3": [[2, 1], [-1, 2]]},
         exosystem=Exosystem(A=[[0, 1, 0], [-1, 0, 0], [0, 0, 0]], C=[[1, 0, 1], [0, 1, 0]]),
-        observer=Observer(W=[[2, 0], [0, 2], [1, 0]]), offsets={"2": [1, 0]},
+        observer=Observer(W=[[2, 0], [0, 2], [1, 0]]),
+        offsets={"2": [1, 0]},
         region={"initial_states": [[0, 1], [-3, -1]], "initial_disturbance": 2},
-    )  # fmt: skip
+    )
 
 
 def require_the_same(problem: Problem, stress: Stress, *, runs: int, close: float, **given: Any) -> None:

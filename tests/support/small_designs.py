@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from typing import Any
 
-from dobc_design.spec.exosystem import Exosystem
-from dobc_design.spec.network import Network
-from dobc_design.spec.problem import Problem
+from dobc_design.problem.exosystem import Exosystem
+from dobc_design.problem.network import Network
+from dobc_design.problem.problem import Problem
 
 CONSTANT = Exosystem(A=[[0]], C=[[1]])
 HIDDEN = Exosystem(A=[[0, 0], [0, 0]], C=[[1, 0]])  # C never sees the second state, which does not decay

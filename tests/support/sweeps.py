@@ -18,9 +18,14 @@ def axes(count: int) -> list[str]:
     """A grid with draws of about ``count`` cases: proved, refuted, undecided and failing ones among them."""
     samples = max(1, count // 20)
     return [
-        "pinning.gains.3=0:4:5", "coupling.h=y,tanh(y),-y,y+1", "network.modes.G[0][2]=~uniform(0.1,2)",
-        "--samples", str(samples), "--seed", "3",
-    ]  # fmt: skip
+        "pinning.gains.3=0:4:5",
+        "coupling.h=y,tanh(y),-y,y+1",
+        "network.modes.G[0][2]=~uniform(0.1,2)",
+        "--samples",
+        str(samples),
+        "--seed",
+        "3",
+    ]
 
 
 def command(file: Path, out: Path, *options: str, count: int) -> list[str]:
@@ -30,9 +35,12 @@ def command(file: Path, out: Path, *options: str, count: int) -> list[str]:
 def start(file: Path, out: Path, *options: str, count: int) -> subprocess.Popen[bytes]:
     """Begin a sweep in a session of its own."""
     return subprocess.Popen(
-        command(file, out, *options, count=count), stdout=subprocess.PIPE, stderr=subprocess.PIPE,
-        start_new_session=True, env=os.environ | {"OPENBLAS_NUM_THREADS": "1"},
-    )  # fmt: skip
+        command(file, out, *options, count=count),
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        start_new_session=True,
+        env=os.environ | {"OPENBLAS_NUM_THREADS": "1"},
+    )
 
 
 def lines(out: Path) -> list[dict[str, Any]]:

@@ -1,0 +1,1 @@
+"""How nouns and results show themselves: cards, formulas, text."""

@@ -1,0 +1,240 @@
+"""How nouns and results show themselves: one look in notebooks, light or dark, and small whatever their size.
+
+A class that derives from ``Shown`` says with ``_card`` what is shown of it; without it, its fields are.  HTML and LaTeX
+are made of the same card.  Text is escaped, mathematics is MathML, matrices end at 12 x 12, lists and tables are cut.
+Nothing is computed here.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Set as AbstractSet
+from dataclasses import dataclass, fields
+from enum import Enum
+from fractions import Fraction
+from itertools import islice
+from typing import Any
+
+from dobc_design._show.text import (
+    MAX_SHOWN,
+    Fragment,
+    escape_html,
+    latex_decimal,
+    latex_number,
+    latex_text,
+    mathml,
+    significant,
+)
+
+MOST_ITEMS, MOST_ROWS, MOST_FACTS = 12, 40, 60
+LONGEST_TEXT, LONGEST_REPR = 600, 900  # characters
+SIGNS = {"proved": "✓", "refuted": "✗", "undecided": "?"}
+
+# Colours of lines are readable on white and on black; letters keep the colour of the page they stand on.
+STYLE = Fragment(
+    "<style>.dobc-shown{overflow-x:auto;max-width:70em}.dobc-shown p{margin:.35em 0}"
+    ".dobc-shown table{border-collapse:collapse;margin:.4em 0;color:inherit}"
+    ".dobc-shown :is(th,td){text-align:left!important;vertical-align:top;padding:.25em .8em .25em .3em;"
+    "border:0;border-bottom:1px solid #8886;font-weight:400;color:inherit;max-width:46em}"
+    ".dobc-shown thead th{font-weight:600}.dobc-shown tbody th{white-space:nowrap}"
+    ".dobc-shown .dobc-verdict{font-weight:600;padding:0 .45em;border:2px solid #87c;border-radius:4px;"
+    "white-space:nowrap}.dobc-shown .dobc-proved{border-color:#0a9e6e}.dobc-shown .dobc-refuted{border-color:#d55e00}"
+    "</style>"
+)
+
+
+class Formula(str):
+    """LaTeX mathematics, made by this package."""
+
+    __slots__ = ()
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Card:
+    """What is shown of one value.
+
+    ``facts``: pairs of a name and a value of any kind; ``heads`` and ``rows``: one table, ``hidden`` of whose rows are
+    left out already; ``lines``: sentences below it.
+    """
+
+    title: str
+    verdict: str | None = None
+    text: str = ""
+    facts: Sequence[tuple[str, Any]] = ()
+    heads: Sequence[str] = ()
+    rows: Sequence[Sequence[Any]] = ()
+    hidden: int = 0
+    lines: Sequence[str] = ()
+
+
+class Shown:
+    """Shows itself in Jupyter and at the prompt."""
+
+    __slots__ = ()
+
+    def _card(self) -> Card:
+        return Card(title=type(self).__name__, facts=[(name.replace("_", " "), x) for name, x in own_fields(self)])
+
+    def _repr_html_(self) -> str:
+        return html_of(self._card())
+
+    def _repr_latex_(self) -> str | None:
+        return latex_of(self._card())
+
+    def __repr__(self) -> str:
+        inside = ", ".join(f"{name}={plain(value)}" for name, value in own_fields(self))
+        return cut(f"{type(self).__name__}({inside})", LONGEST_REPR)
+
+
+def own_fields(value: object) -> Iterator[tuple[str, Any]]:
+    """Names and values of the fields of a dataclass that say something: not None and not empty."""
+    for each in fields(value):  # type: ignore[arg-type]  # any dataclass
+        found = getattr(value, each.name)
+        if found is not None and not (isinstance(found, (str, tuple, Mapping)) and not found):
+            yield each.name, found
+
+
+def html_of(card: Card) -> str:
+    """The card as HTML, with its style, for any page."""
+    badge = "" if card.verdict is None else f" {verdict_html(card.verdict)}"
+    text = f" {escape_html(cut(card.text))}" if card.text else ""
+    parts = [f"<p><b>{escape_html(cut(card.title))}</b>{badge}{text}</p>"]
+    if card.facts:
+        parts.append(_facts_html(card.facts))
+    if card.rows or card.hidden:
+        parts.append(_table_html(card))
+    shown = list(islice(card.lines, MOST_ITEMS))
+    parts += [f"<p>{escape_html(cut(line))}</p>" for line in shown]
+    if len(card.lines) > len(shown):
+        parts.append(f"<p>and {len(card.lines) - len(shown)} more</p>")
+    return f'<div class="dobc-shown">{STYLE}{"".join(parts)}</div>'
+
+
+def latex_of(card: Card) -> str | None:
+    """The mathematics of the card as displayed equations; None if there is none."""
+    lines = []
+    for name, value in card.facts:
+        if isinstance(value, Formula):
+            lines.append(str(value))
+        elif is_matrix(value) and (entries := _matrix_latex(value)) is not None:
+            lines.append(f"{name if len(name) == 1 else latex_text(name)} = {entries}")
+    return "\n".join(f"$$ {line} $$" for line in lines) or None
+
+
+def verdict_html(verdict: object) -> str:
+    """A verdict with its sign, framed in its colour."""
+    word = escape_html(verdict)
+    sign = SIGNS.get(str(verdict), "")
+    return f'<span class="dobc-verdict dobc-{word}"><span aria-hidden="true">{sign}</span> {word}</span>'
+
+
+def cut(text: str, longest: int = LONGEST_TEXT) -> str:
+    """The text, or its beginning."""
+    return text if len(text) <= longest else f"{text[: longest - 2]} …"
+
+
+def listed(items: Iterable[Any], *, count: int | None = None, most: int = MOST_ITEMS) -> str:
+    """Items as text, the first few of them; ``count`` is how many there are where ``items`` has no length."""
+    shown = [plain(item, quoted=False) for item in islice(items, most)]
+    known = len(items) if isinstance(items, (Sequence, AbstractSet, Mapping)) else len(shown)
+    more = (known if count is None else count) - len(shown)
+    return ", ".join(shown) + (f" and {more} more" if more > 0 else "")
+
+
+def is_matrix(value: object) -> bool:
+    """Whether it is a tuple of equally long tuples of numbers."""
+    return (
+        isinstance(value, tuple)
+        and bool(value)
+        and all(isinstance(row, tuple) and len(row) == len(value[0]) and len(row) > 0 for row in value)
+        and all(isinstance(x, (Fraction, int, float)) for x in value[0])
+    )
+
+
+def plain(value: object, *, quoted: bool = True) -> str:
+    """A value as short text: rationals as they are typed, long lists cut."""
+    if isinstance(value, Enum):
+        return str(value)
+    if isinstance(value, str):
+        return repr(cut(value, 80)) if quoted else cut(value, 80)
+    if isinstance(value, Fraction):
+        return significant(value, 6) if len(str(value)) > 2 * MAX_SHOWN else str(value)
+    if isinstance(value, float):
+        return f"{value:.6g}"
+    if isinstance(value, Mapping):
+        items = [f"{plain(k, quoted=quoted)}: {plain(v, quoted=quoted)}" for k, v in islice(value.items(), MOST_ITEMS)]
+        return "{" + ", ".join([*items, *_rest(value)]) + "}"
+    if isinstance(value, (tuple, list, frozenset, set)):
+        items = [plain(item, quoted=quoted) for item in islice(value, MOST_ITEMS)]
+        return "[" + ", ".join([*items, *_rest(value)]) + "]"
+    return cut(repr(value) if quoted else str(value), 200)
+
+
+def _rest(items: Mapping[Any, Any] | Sequence[Any] | AbstractSet[Any]) -> list[str]:
+    return [] if len(items) <= MOST_ITEMS else [f"and {len(items) - MOST_ITEMS} more"]
+
+
+def value_html(value: object) -> str:
+    """One value as HTML: mathematics as MathML, a nested card as a table, everything else as escaped text."""
+    if value is None:
+        return "–"
+    if isinstance(value, Fragment):
+        return str(value)
+    if isinstance(value, Formula):
+        return mathml(value)
+    if isinstance(value, Enum) and value.value in SIGNS:
+        return verdict_html(value.value)
+    if isinstance(value, Fraction):
+        return mathml(latex_number(value))
+    if is_matrix(value):
+        return _matrix_html(value)
+    if isinstance(value, Shown):
+        card = value._card()
+        return _facts_html(card.facts) if card.facts else escape_html(cut(card.text or card.title))
+    if isinstance(value, bool):
+        return "yes" if value else "no"
+    if isinstance(value, (tuple, list)):
+        return escape_html(listed(value))
+    return escape_html(cut(plain(value, quoted=False) if not isinstance(value, str) else value))
+
+
+def _facts_html(facts: Sequence[tuple[str, Any]]) -> str:
+    rows = "".join(
+        f'<tr><th scope="row">{escape_html(name)}</th><td>{value_html(value)}</td></tr>'
+        for name, value in facts[:MOST_FACTS]
+    )
+    return f"<table><tbody>{rows}</tbody></table>{_more(len(facts) - MOST_FACTS)}"
+
+
+def _table_html(card: Card) -> str:
+    heads = "".join(f'<th scope="col">{escape_html(head)}</th>' for head in card.heads)
+    body = "".join(
+        "<tr>" + "".join(f"<td>{value_html(cell)}</td>" for cell in row) + "</tr>" for row in card.rows[:MOST_ROWS]
+    )
+    more = _more(card.hidden + max(0, len(card.rows) - MOST_ROWS))
+    return f"<table><thead><tr>{heads}</tr></thead><tbody>{body}</tbody></table>{more}"
+
+
+def _more(count: int) -> str:
+    return f"<p>and {count} more</p>" if count > 0 else ""
+
+
+def _matrix_latex(value: Any) -> str | None:
+    if len(value) > MAX_SHOWN or len(value[0]) > MAX_SHOWN:
+        return None
+    rows = r" \\ ".join(" & ".join(_entry(x) for x in row) for row in value)
+    return rf"\begin{{pmatrix}} {rows} \end{{pmatrix}}"
+
+
+def _entry(x: Any) -> str:
+    if isinstance(x, float):
+        return latex_decimal(x) if math.isfinite(x) else rf"\text{{{x}}}"
+    return latex_number(Fraction(x))
+
+
+def _matrix_html(value: Any) -> str:
+    entries = _matrix_latex(value)
+    if entries is None:
+        return f"{len(value)} × {len(value[0])} matrix, too large to be shown"
+    return mathml(entries)

@@ -1,0 +1,130 @@
+"""Showing exact things to people: HTML escapes, LaTeX of rationals and matrices, MathML.
+
+Only formatting: nothing is computed here beyond rounding for display.
+"""
+
+from __future__ import annotations
+
+import decimal
+import html
+import math
+from collections.abc import Sequence
+from fractions import Fraction
+
+MAX_SHOWN = 12
+# Written outside \text{}: inside, converters to MathML take a backslash literally and end at the first brace.
+_SPECIAL = {
+    "\\": r"\backslash",
+    "{": r"\{",
+    "}": r"\}",
+    "$": r"\$",
+    "&": r"\&",
+    "#": r"\#",
+    "%": r"\%",
+    "_": r"\_",
+    "^": r"\wedge",
+    "~": r"\sim",
+    "<": "<",
+    ">": ">",
+}
+
+
+def escape_html(text: object) -> str:
+    """Escape user text for HTML, attributes included."""
+    return html.escape(str(text), quote=True)
+
+
+class Fragment(str):
+    """HTML, SVG or MathML made by this package, with user text escaped already: templates insert it as it is."""
+
+    __slots__ = ()
+
+    def __html__(self) -> str:
+        """Tell template engines that nothing is to be escaped."""
+        return str(self)
+
+
+def significant(value: float | Fraction | None, digits: int = 4) -> str:
+    """Format a number with ``digits`` significant digits; None gives an en dash."""
+    if value is None:
+        return "–"
+    if isinstance(value, Fraction):  # a float may be too small for it: 1e400 is a legal number
+        context = decimal.Context(prec=digits)
+        exact = context.divide(decimal.Decimal(value.numerator), decimal.Decimal(value.denominator))
+        return f"{exact.normalize():.{digits}g}" if abs(exact.adjusted()) > 300 else f"{float(exact):.{digits}g}"
+    return f"{value:.{digits}g}"
+
+
+def significant_towards_zero(value: float | Fraction | None, digits: int = 4) -> str:
+    """Format a number with ``digits`` significant digits, never larger in size than it is; None gives an en dash.
+
+    Certified margins and rates stay claims that hold when they are shown.
+    """
+    return _directed(value, digits, decimal.ROUND_DOWN)
+
+
+def significant_away_from_zero(value: float | Fraction | None, digits: int = 4) -> str:
+    """The same, never smaller in size than it is: for upper bounds and times after which something holds."""
+    return _directed(value, digits, decimal.ROUND_UP)
+
+
+def _directed(value: float | Fraction | None, digits: int, rounding: str) -> str:
+    if value is None:
+        return "–"
+    if isinstance(value, float) and not math.isfinite(value):
+        return str(value)
+    context = decimal.Context(prec=digits, rounding=rounding)
+    if isinstance(value, float):
+        value = Fraction(repr(value))
+    shown = context.divide(decimal.Decimal(value.numerator), decimal.Decimal(value.denominator))
+    return f"{float(shown):.{digits}g}"
+
+
+def latex_number(value: Fraction, *, longest: int = 12) -> str:
+    """LaTeX of a rational: 16/5 as a fraction, long ones as a decimal marked approximate."""
+    if max(value.numerator.bit_length(), value.denominator.bit_length()) > 4 * longest:
+        return latex_decimal(value)
+    if value.denominator == 1 and len(str(value.numerator)) <= longest:
+        return str(value.numerator)
+    if len(str(value.numerator)) + len(str(value.denominator)) <= longest:
+        sign = "-" if value < 0 else ""
+        return rf"{sign}\frac{{{abs(value.numerator)}}}{{{value.denominator}}}"
+    return latex_decimal(value)
+
+
+def latex_decimal(value: float | Fraction, *, digits: int = 4) -> str:
+    """LaTeX of a rounded decimal, powers of ten written out."""
+    text = significant(value, digits)
+    if "e" in text:
+        mantissa, exponent = text.split("e")
+        return rf"{mantissa}\cdot 10^{{{int(exponent)}}}"
+    return text
+
+
+def latex_text(text: str) -> str:
+    r"""The user's text inside \text{}; characters that LaTeX would act on stand beside it, escaped."""
+    inside = "".join(rf"}}{_SPECIAL[each]} \text{{" if each in _SPECIAL else each for each in text)
+    return rf"\text{{{inside}}}".replace(r"\text{}", "").strip()
+
+
+def latex_matrix(matrix: Sequence[Sequence[Fraction]]) -> str | None:
+    """LaTeX of a rational matrix, or None above 12 x 12."""
+    if len(matrix) > MAX_SHOWN or (matrix and len(matrix[0]) > MAX_SHOWN):
+        return None
+    rows = r" \\ ".join(" & ".join(latex_number(entry) for entry in row) for row in matrix)
+    return rf"\begin{{pmatrix}} {rows} \end{{pmatrix}}"
+
+
+def mathml(latex: str, *, display: bool = False) -> str:
+    """MathML of a LaTeX formula."""
+    from latex2mathml.converter import convert  # costs 40 ms; only reports need it
+
+    return str(convert(latex, display="block" if display else "inline"))
+
+
+def visible(text: str) -> str:
+    """Show control characters and lone surrogates as escapes."""
+    return "".join(
+        character if character.isprintable() else character.encode("unicode_escape").decode("ascii")
+        for character in text
+    )

@@ -1,0 +1,219 @@
+"""The overall verdict, from the decided checks, by the rules of the contract.
+
+Proved iff a consensus proof covers what is asked.  Refuted iff consensus itself is proved to fail there:
+agents out of reach of every pin in all modes together, an estimation error that reaches the agents and
+does not decay, or an unstable linearisation.  A theorem that does not apply never refutes.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from fractions import Fraction
+
+from dobc_design.conditions.check import CONSENSUS_IDS, Check
+from dobc_design.conditions.consensus.network import cure_in_words, name_agents, unheld_groups
+from dobc_design.conditions.coverage import REGION_IDS, asked_radius, covers
+from dobc_design.conditions.numbers import shorten
+from dobc_design.conditions.observer.decide import observable_part_is_hurwitz
+from dobc_design.exact.matrix import Matrix, Vector
+from dobc_design.exact.number import number_text
+from dobc_design.problem.groups import Group
+from dobc_design.problem.problem import Problem
+from dobc_design.problem.reaching import unreached_in_union
+from dobc_design.verdict import Verdict
+
+MOST = Fraction(10) ** 300  # what a sentence can show of a number
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Overall:
+    """The verdict in one word and one sentence, the certified rate (1/s) and the check that carries it."""
+
+    verdict: Verdict
+    reason: str
+    rate: float | None = None
+    covered_by: str | None = None
+
+
+def decide_overall(problem: Problem, checks: Sequence[Check], W: Matrix | None) -> Overall:
+    """Combine decided checks; ``W`` is the gain they are about.
+
+    Of the checks only verdicts, domains, rates and proved instabilities enter, never a text; the rest is
+    exact facts of ``problem``.  A designed W that fails says nothing against the problem.
+    """
+    covering = [check for check in checks if covers(problem, check, checks)]
+    if covering:
+        best = max(covering, key=lambda check: check.rate or 0.0)
+        return Overall(verdict=Verdict.PROVED, rate=best.rate, covered_by=best.id, reason=_proved_reason(problem, best))
+    refuted = _refuted_reason(problem, checks, W)
+    if refuted is not None:
+        return Overall(verdict=Verdict.REFUTED, reason=refuted)
+    return Overall(verdict=Verdict.UNDECIDED, reason=_undecided_reason(problem, checks))
+
+
+def _refuted_reason(problem: Problem, checks: Sequence[Check], W: Matrix | None) -> str | None:
+    apart = _apart_reason(problem)
+    if apart is not None:
+        return apart
+    region = problem.region
+    noisy = region is None or (region.initial_disturbance or 0) > 0
+    failing = _failing_groups(problem, W) if noisy else []
+    if failing:
+        whose = f" of the group of agent {failing[0].name}" if problem.is_grouped else ""
+        return (
+            f"Consensus fails: with this W{whose} the estimation error does not decay, and it reaches the agents."
+            " Choose another W, or leave W out to have one designed."
+        )
+    if region is None or _target_is_interior(problem):
+        for check in checks:
+            roots = unstable_roots_shown(check)
+            if roots:
+                return (
+                    f"Consensus fails: in mode {check.mode} the linearisation at the target is unstable"
+                    f" ({roots} eigenvalue(s) with positive real part)."
+                )
+    # Without a region the question is about every neighbourhood of the target, and this one is some way off.
+    resting = [check for check in checks if check.id == "equilibrium" and check.verdict is Verdict.REFUTED]
+    return resting[0].reason if resting and region is not None else None
+
+
+def _failing_groups(problem: Problem, W: Matrix | None) -> list[Group]:
+    """Groups whose own W leaves an estimation error that reaches the agents and does not decay."""
+    given = [(group, group.observer.W) for group in problem.groups]
+    if not problem.is_grouped:
+        given = [(group, own) for group, own in given if own == W]
+    return [g for g, own in given if own is not None and not observable_part_is_hurwitz(g.exosystem, own)]
+
+
+def _apart_reason(problem: Problem) -> str | None:
+    """Agents that stay away from the target when they are moved away together, if the region lets them start so."""
+    labels = problem.network.labels
+    apart = unreached_in_union(problem)
+    for group, free in unheld_groups(problem):
+        if not _start_apart_exists(problem, group, free):
+            continue
+        if set(group) <= set(apart):
+            who = name_agents(tuple(labels[i] for i in apart))
+            pins = f"no pinned agent reaches {who}"
+            if not problem.pinning.agents:
+                pins = f"no agent is pinned, so nobody holds {who}"
+            return (
+                f"Consensus fails: {pins}, in any mode. Moved away from the target together, they stay there."
+                f" {cure_in_words(problem, list(problem.network.modes.values()))}"
+            )
+        direction = ", ".join(number_text(x) for x in free[0])
+        return (
+            f"Consensus fails: the gains of {name_agents(tuple(labels[i] for i in group))} leave the direction"
+            f" ({direction}) free, and they listen to nobody else. Moved along it together, they stay there."
+            " Give one of them a gain k with k c != 0 for that direction c."
+        )
+    return None
+
+
+def unstable_roots_shown(check: Check) -> int:
+    """How many eigenvalues with positive real part a refuted Lemma 1 proves; 0 for every other check."""
+    if check.id != "lemma1" or check.verdict is not Verdict.REFUTED or check.exact is None:
+        return 0
+    return int(check.exact.get("unstable_roots", "0"))
+
+
+def _start_apart_exists(problem: Problem, group: Sequence[int], free: Sequence[Vector]) -> bool:
+    """Whether the region allows e_S = t c with one t != 0 and one c of ``free`` (it always does without a region)."""
+    if problem.region is None:
+        return True
+    goals = {problem.goal_of(agent) for agent in group}
+    ranges = [
+        (max(lo - goal[c] for goal in goals), min(hi - goal[c] for goal in goals))
+        for c, (lo, hi) in enumerate(problem.region.initial_states)
+    ]
+    if len(free) == problem.m:  # every direction: any point of the box but 0
+        return all(lo <= hi for lo, hi in ranges) and any(lo or hi for lo, hi in ranges)
+    return any(_line_meets(c, ranges) for c in free)
+
+
+def _line_meets(c: Vector, ranges: Sequence[tuple[Fraction, Fraction]]) -> bool:
+    """Whether t c lies in the box for some t != 0."""
+    if any(not x and not lo <= 0 <= hi for x, (lo, hi) in zip(c, ranges, strict=True)):
+        return False
+    ends = [sorted((lo / x, hi / x)) for x, (lo, hi) in zip(c, ranges, strict=True) if x and lo <= hi]
+    if len(ends) < sum(1 for x in c if x):
+        return False
+    low, high = max(end[0] for end in ends), min(end[1] for end in ends)
+    return low <= high and (low, high) != (Fraction(0), Fraction(0))
+
+
+def _target_is_interior(problem: Problem) -> bool:
+    pairs = problem.region.initial_states if problem.region is not None else ()
+    goals = {problem.goal_of(agent) for agent in range(problem.n)} if problem.offsets else {problem.target}
+    return all(lo < goal[c] < hi for goal in goals for c, (lo, hi) in enumerate(pairs))
+
+
+def _proved_reason(problem: Problem, check: Check) -> str:
+    switching = " under arbitrary switching of the modes" if len(problem.network.modes) > 1 else ""
+    pace = f", at a rate of at least {shorten(check.rate, digits=4):.4g} 1/s" if check.rate else ""
+    if check.domain == "global":
+        return f"All agents reach the target from every start{switching}{pace}."
+    if check.domain == "consensus":
+        return (
+            f"All agents reach the target from every start close enough to it{switching}{pace}."
+            " The proof is local: it names no radius."
+        )
+    return f"All agents reach the target from every start asked for{switching}{pace}."
+
+
+def _reached(problem: Problem, checks: Sequence[Check]) -> str | None:
+    """How far the regional proofs reach, and what would help; None if none was tried or applies."""
+    tried = [check for check in checks if check.id in REGION_IDS and not check.reason.startswith("does not apply")]
+    proved = [check for check in tried if check.verdict is Verdict.PROVED]
+    if not tried:
+        return None
+    if tried[0].verdict is Verdict.REFUTED and not proved:
+        signals = " Consensus may still hold for some signals." if len(problem.network.modes) > 1 else ""
+        return f"Undecided: {tried[0].reason}{signals} More pinned agents would help."
+    advice = (
+        "What would help: a smaller [region], larger gains or more pinned agents. Without [region] the verdict is about"
+        " the consensus alone."
+    )
+    if not proved:
+        return f"Undecided: no proof reaches the region asked for: {tried[0].reason} {advice}"
+    reach = ", ".join(_domain_in_words(check) for check in proved)
+    asked = f"|e_i| <= {float(min(max(asked_radius(problem)), MOST)):.6g}"
+    if problem.region is not None and problem.region.initial_disturbance:
+        asked += f" and |eps_i| <= {float(min(problem.region.initial_disturbance, MOST)):.6g}"
+    return f"Undecided: consensus is proved from {reach}; the region asks for {asked}. {advice}"
+
+
+def _domain_in_words(check: Check) -> str:
+    if not isinstance(check.domain, Mapping):
+        return f"every start ({check.id})"
+    error = "|e_i|" if check.domain.get("kind") == "box" else "|e|"
+    bounds = [f"{error} <= {check.domain.get('radius')}"]
+    if check.domain.get("disturbance"):
+        bounds.append(f"|eps_i| <= {check.domain.get('disturbance')}")
+    return f"{' and '.join(bounds)} ({check.id})"
+
+
+def _undecided_reason(problem: Problem, checks: Sequence[Check]) -> str:
+    unmet = [check for check in checks if check.id == "reachability" and check.verdict is Verdict.REFUTED]
+    if unmet and len(problem.network.modes) > 1:
+        return (
+            f"Undecided: in mode {unmet[0].mode} {unmet[0].reason}"
+            " Consensus may still hold for signals that leave that mode often enough."
+        )
+    if problem.region is not None:
+        reached = _reached(problem, checks)
+        if reached is not None:
+            return reached
+    local = [c for c in checks if c.id in CONSENSUS_IDS and c.verdict is Verdict.PROVED and c.domain == "consensus"]
+    complete = [c for c in local if c.id != "lemma1"] if problem.groups else local
+    if complete and problem.region is not None:
+        return (
+            "Undecided: consensus is proved near the target only, and the region asked for is larger."
+            " Without [region] the verdict is about the consensus alone."
+        )
+    for id in ("detectability", "hurwitz", "theorem2", "theorem1", "lemma1"):
+        for check in checks:
+            if check.id == id and check.verdict is not Verdict.PROVED:
+                return f"Undecided: {check.reason}"
+    return "Undecided: no condition that applies covers what is asked."

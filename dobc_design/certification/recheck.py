@@ -1,0 +1,224 @@
+"""Every claim of a certificate decided again, from the trusted problem and the certificate's matrices.
+
+Two programs written apart do so: ``recheck`` with the package's own exact arithmetic, and ``checker.py`` with the two
+files beside it, which shares no line with it.  A certificate holds if both accept it; that they disagree is itself a
+failure.
+
+Not checked, because no verdict depends on them: the sentences (``reason``), the notes beyond those of the problem, the
+program's version, and the advice (``fix``).  Everything else has to be true.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+from dobc_design._show.cards import Card, Shown
+from dobc_design.certificate.claims import Claims
+from dobc_design.certificate.text import certificate_bytes, read_claims
+from dobc_design.certification.confirm import Trusted, claimed_vectors, confirm, expected_checks
+from dobc_design.certification.overall import decide_overall
+from dobc_design.checker import checker
+from dobc_design.conditions.check import Check
+from dobc_design.conditions.consensus.decide import Pair, with_vectors
+from dobc_design.conditions.consensus.statements import state_theorems
+from dobc_design.conditions.numbers import MATRIX_BITS, is_short
+from dobc_design.errors import DobcError
+from dobc_design.exact.matrix import is_symmetric, multiply
+from dobc_design.problem.canonical import canonical_bytes, problem_sha256
+from dobc_design.problem.groups import blocks_of
+from dobc_design.problem.problem import Problem
+from dobc_design.verdict import Verdict
+
+#: Arcs of all modes together, and matrix rows, up to which ``verify`` waits for the lone checker, plain Python.
+LONE_ARCS, LONE_ROWS = 100_000, 50_000
+HOW = "python -I -S checker.py certificate.json problem.json, with its other parts beside it"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, repr=False)
+class Recheck(Shown):
+    """The outcome of checking a certificate.
+
+    ``holds``: every claim holds and the claimed verdict follows.  ``confirmed`` and ``failures`` list
+    the checks by title, the failures with what is wrong.  ``lone_checker`` says what checker.py found.
+    """
+
+    verdict: Verdict
+    confirmed: tuple[str, ...]
+    failures: tuple[str, ...]
+    lone_checker: str = "it was not asked"
+
+    @property
+    def holds(self) -> bool:
+        """Whether nothing failed."""
+        return not self.failures
+
+    def _card(self) -> Card:
+        rows = [(title, "confirmed") for title in self.confirmed]
+        failed = [(text, "NOT confirmed") for text in self.failures]
+        said = "Every claim holds." if self.holds else f"{len(self.failures)} claim(s) do not hold."
+        return Card(
+            title="Recheck",
+            verdict=self.verdict.value,
+            text=said,
+            heads=("claim", "outcome"),
+            rows=[*failed, *rows],
+            lines=(f"Lone checker: {self.lone_checker}",),
+        )
+
+    def __str__(self) -> str:
+        head = "every claim holds" if self.holds else f"{len(self.failures)} claim(s) do not hold"
+        rows = [f"{head}; verdict {self.verdict.value}."]
+        rows += [f"  confirmed: {title}" for title in self.confirmed]
+        rows += [f"  NOT confirmed: {text}" for text in self.failures]
+        rows += [f"  lone checker: {self.lone_checker}"]
+        return "\n".join(rows)
+
+
+def verify_twice(certificate: Claims | bytes, problem: Problem) -> Recheck:
+    """Confirm the claims with ``recheck`` and with the lone checker; both have to accept.
+
+    Raises: CertificateError if the bytes are no certificate.
+    """
+    own = recheck(certificate, problem)
+    arcs = sum(len(mode) for mode in problem.network.modes.values())
+    if arcs > LONE_ARCS or problem.n * problem.m > LONE_ROWS:
+        return replace(own, lone_checker=f"left to you, because it takes long with {arcs} arcs: {HOW}")
+    data = certificate if isinstance(certificate, bytes) else certificate_bytes(certificate)
+    document = canonical_bytes(problem)
+    if max(len(data), len(document)) > checker.MAX_BYTES:
+        return replace(own, lone_checker=f"it reads files of at most {checker.MAX_BYTES} bytes, these are larger")
+    try:
+        refusals = [text for holds, text in checker.examine(data, document) if not holds]
+    except checker.Refused as error:
+        refusals = [f"it cannot read the files: {error}"]
+    said = f"it refuses: {refusals[0]}" if refusals else "it accepts every claim"
+    if own.holds is not bool(refusals):
+        return replace(own, lone_checker=said)
+    view = (
+        f"the package accepts, the lone checker refuses ({refusals[0]})"
+        if refusals
+        else ("the package refuses, the lone checker accepts")
+    )
+    disagreement = f"two programs that decide the same claims disagree: {view}. One of them is wrong; please report it."
+    return replace(own, failures=(*own.failures, disagreement), lone_checker=said)
+
+
+def recheck(certificate: Claims | bytes, problem: Problem) -> Recheck:
+    """Confirm the claims one by one, then that the verdict follows from those confirmed.
+
+    Raises: CertificateError if the bytes are no certificate.
+    """
+    claims = read_claims(certificate) if isinstance(certificate, bytes) else certificate
+    failures: list[str] = []
+    if claims.problem_sha256 != problem_sha256(problem):
+        failures.append("problem: the certificate is about another problem (its hash differs)")
+    elif claims.problem_name != problem.name:
+        failures.append("problem: its name is not what it says")
+    if claims.notes[: len(problem.notes)] != problem.notes:
+        failures.append("notes: those of the problem are missing or changed")
+    failures += _matrix_failures(claims, problem)
+    confirmed: list[Check] = []
+    if not failures:
+        trusted = _trusted(claims, problem)
+        for check in claims.checks:
+            reason = _reason(check, trusted)
+            if reason is None:
+                confirmed.append(check)
+            else:
+                failures.append(f"{check.title}: {reason}")
+        failures += _overall_failures(claims, problem, confirmed)
+    return Recheck(
+        verdict=claims.verdict, confirmed=tuple(check.title for check in confirmed), failures=tuple(failures)
+    )
+
+
+def _trusted(claims: Claims, problem: Problem) -> Trusted:
+    pair = None if claims.P is None or claims.Q is None else Pair(P=claims.P, Q=claims.Q)
+    separable = next((check for check in claims.checks if check.id == "max-separable"), None)
+    statements = state_theorems(problem)
+    vectors = claimed_vectors(claims.checks, problem)
+    statements = with_vectors(statements, {mode: v for mode, v in vectors.items() if mode in statements.lambdas})
+    return Trusted(problem=problem, statements=statements, W=claims.W, pair=pair, separable=separable)
+
+
+def _reason(check: Check, trusted: Trusted) -> str | None:
+    try:
+        return confirm(check, trusted)
+    except (DobcError, ArithmeticError, ValueError, TypeError, KeyError, IndexError, AttributeError) as error:
+        return f"it cannot be evaluated ({type(error).__name__}: {str(error)[:120]})"
+
+
+def _matrix_failures(claims: Claims, problem: Problem) -> list[str]:
+    """W must be the problem's own where it has one, P symmetric, and Q = P W."""
+    q, outputs = problem.q, problem.m * max(1, len(problem.groups))
+    shapes = {"W": (claims.W, (q, outputs)), "P": (claims.P, (q, q)), "Q": (claims.Q, (q, outputs))}
+    failures = [
+        f"{name}: expected shape {shape}"
+        for name, (matrix, shape) in shapes.items()
+        if matrix is not None and (len(matrix), len(matrix[0])) != shape
+    ]
+    if failures:
+        return failures
+    own = problem.joint_observer.W
+    for name, matrix in (("P", claims.P), ("W", claims.W if own is None else None)):
+        if matrix is not None and not is_short(matrix):
+            return [f"{name}: its entries need a common denominator of more than {MATRIX_BITS} bits"]
+    if own is not None and own != claims.W:
+        failures.append("W: not the gain of the problem")
+    if problem.is_grouped:
+        failures += _block_failures(claims, problem)
+    source = None if claims.W is None else ("designed" if own is None else "given")
+    if claims.gain_source != source:
+        failures.append("W: its source is not what it says")
+    if (claims.P is None) != (claims.Q is None):
+        failures.append("P, Q: one of them is missing")
+    elif claims.P is not None and claims.Q is not None:
+        if not is_symmetric(claims.P):
+            failures.append("P: not symmetric")
+        elif claims.W is None or multiply(claims.P, claims.W) != claims.Q:
+            failures.append("Q: not equal to P W")
+    return failures
+
+
+def _block_failures(claims: Claims, problem: Problem) -> list[str]:
+    """With several groups W and P must be block diagonal, and the blocks of W the gains that groups have."""
+    orders = [group.exosystem.order for group in problem.groups]
+    failures = []
+    if claims.P is not None and blocks_of(claims.P, [(q, q) for q in orders]) is None:
+        failures.append("P: not block diagonal")
+    if claims.W is None:
+        return failures
+    blocks = blocks_of(claims.W, [(q, problem.m) for q in orders])
+    if blocks is None:
+        return [*failures, "W: not block diagonal"]
+    given = [group.observer.W for group in problem.groups]
+    if any(own is not None and own != block for own, block in zip(given, blocks, strict=True)):
+        failures.append("W: not the gains of the problem")
+    return failures
+
+
+def _overall_failures(claims: Claims, problem: Problem, confirmed: Sequence[Check]) -> list[str]:
+    found = [(check.id, check.mode, check.group) for check in claims.checks]
+    expected = expected_checks(problem)
+    if len(set(found)) != len(found):
+        return ["verdict: a check stands there twice"]
+    missing = [
+        f"{id} ({mode or f'group of {group}'})" if mode or group else id
+        for id, mode, group in expected
+        if (id, mode, group) not in found
+    ]
+    if missing:
+        return [f"verdict: the certificate lacks {', '.join(missing)}"]
+    failures = []
+    proofs = [check for check in claims.checks if check.id in ("theorem1", "theorem2")]
+    if claims.P is not None and not any(check.verdict is Verdict.PROVED for check in proofs):
+        failures.append("P, Q: they belong to no proof")
+    overall = decide_overall(problem, confirmed, claims.W)
+    if overall.verdict is not claims.verdict:
+        failures.append(
+            f"verdict: {claims.verdict.value} does not follow from the confirmed checks ({overall.verdict.value} does)"
+        )
+    if (overall.rate, overall.covered_by) != (claims.rate, claims.covered_by):
+        failures.append("rate, covered_by: not what the confirmed checks give")
+    return failures

@@ -1,0 +1,97 @@
+"""Falsification beside a certificate: a search where it was asked, and on the boundary of what is certified.
+
+What is found by simulation is shown and refutes nothing.  A proved equilibrium inside the region asked for does: it
+becomes a check of the certificate, unless a proof or a refutation stands there already.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from typing import Final
+
+from dobc_design._show.cards import Card, Shown
+from dobc_design.certificate.certificate import Certificate
+from dobc_design.certification.overall import decide_overall
+from dobc_design.conditions.check import Check
+from dobc_design.falsification.search import RUNS, falsify
+from dobc_design.falsification.searches import regional_check
+from dobc_design.falsification.suspect import Falsification
+from dobc_design.verdict import Verdict
+
+Progress = Callable[[str], None]
+
+#: Starts of the default search: rows n m times starts are at most so many, but there are a few starts at least.
+MOST_ROWS: Final = 200_000
+LEAST_RUNS: Final = 5
+#: Where no region is asked for, starts up to this many times the largest certified box are looked at.
+BEYOND: Final = 2
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, repr=False)
+class Searched(Shown):
+    """The certificate after a search, and what the search brought up: asked for first, then the certified set."""
+
+    certificate: Certificate
+    searches: tuple[Falsification, ...]
+
+    def _card(self) -> Card:
+        return replace(self.certificate._card(), lines=[str(each) for each in self.searches])
+
+    def __repr__(self) -> str:
+        return f"<Searched {self.certificate!r}, {len(self.searches)} searches>"
+
+
+def search_certificate(
+    certificate: Certificate, *, runs: int | None = None, seed: int | None = None, progress: Progress | None = None
+) -> Searched:
+    """Look for starts that contradict: in the region asked for, and on the boundary of the certified set.
+
+    ``runs`` starts each, by default 500, fewer for large networks; the same ``seed`` (the problem's by default) gives
+    the same search.  ``progress`` is called with the name of each stage.
+    Returns: the searches, and the certificate, which a proved equilibrium inside the region asked for refutes where
+    nothing was decided.  A missing region: twice the largest certified box.  Raises: SpecError for a wrong argument.
+    """
+    certificate = _with_option(certificate)
+    problem, W = certificate.problem, certificate.claims.W
+    if runs is None:
+        runs = max(LEAST_RUNS, min(RUNS, MOST_ROWS // (problem.n * problem.m)))
+    if problem.groups and W is None:
+        return Searched(certificate=certificate, searches=())
+    check = regional_check(certificate)
+    radius = None if problem.region is not None else _reach(certificate)
+    found = [falsify(problem, runs=runs, seed=seed, radius=radius, gain=W, progress=progress)]
+    if check is not None:
+        found.append(falsify(problem, runs=runs, seed=seed, certified=check, gain=W, progress=progress))
+    return Searched(certificate=_with_check(certificate, found[0].check), searches=tuple(found))
+
+
+def _reach(certificate: Certificate) -> float | None:
+    """How far is looked without a region: beyond what is proved."""
+    largest = max((claim.box or 0.0 for claim in certificate.regions.claims), default=0.0)
+    return BEYOND * largest or None
+
+
+def _with_option(certificate: Certificate) -> Certificate:
+    """The certificate as `dobc certify --search` makes it."""
+    claims = certificate.claims
+    options = tuple(dict.fromkeys((*claims.options, "--search")))
+    return replace(certificate, claims=replace(claims, options=options))
+
+
+def _with_check(certificate: Certificate, check: Check | None) -> Certificate:
+    """The certificate with a refuting check, where nothing was decided and the check refutes what is asked."""
+    ids = {each.id for each in certificate.checks}
+    if check is None or certificate.verdict is not Verdict.UNDECIDED or check.id in ids:
+        return certificate
+    checks = (*certificate.checks, check)
+    overall = decide_overall(certificate.problem, checks, certificate.claims.W)
+    claims = replace(
+        certificate.claims,
+        checks=checks,
+        verdict=overall.verdict,
+        reason=overall.reason,
+        rate=overall.rate,
+        covered_by=overall.covered_by,
+    )
+    return replace(certificate, claims=claims)

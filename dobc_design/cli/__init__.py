@@ -1,0 +1,1 @@
+"""dobc: the command line."""

@@ -1,0 +1,1 @@
+"""Everything that can be proved or refuted: one room for each topic."""

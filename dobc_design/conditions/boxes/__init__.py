@@ -1,0 +1,1 @@
+"""Small networks, box by box around a quadratic certificate."""

@@ -1,0 +1,106 @@
+"""The check ``exhaustive``, from a claim that is decided here to what a certificate holds, and back.
+
+Theory, section 4: a quadratic certificate for a ball, and boxes around it, for small networks.
+docs/certificate-format.md, "Regions", fixes the form.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+from typing import Any, Final
+
+from dobc_design.conditions.boxes.claim import Shell
+from dobc_design.conditions.boxes.decide import verify_shell
+from dobc_design.conditions.check import Check
+from dobc_design.conditions.numbers import claimed, read_rational
+from dobc_design.conditions.quadratic.checks import (
+    ball,
+    ball_is_inside,
+    function_in_words,
+    in_every_mode,
+    not_shown,
+    pace_in_words,
+    quadratic_obstacle,
+    rate_of,
+    starts_in_words,
+    wrong_outside,
+)
+from dobc_design.conditions.quadratic.decide import covers
+from dobc_design.conditions.quadratic.json_text import lure_from_json, lure_to_json, names_of
+from dobc_design.conditions.separable.checks import read_object, undecided_check
+from dobc_design.exact.matrix import Matrix
+from dobc_design.exact.number import number_text
+from dobc_design.problem.problem import Problem
+from dobc_design.verdict import Verdict
+
+#: The keys of ``exact`` beside those of ``lure``.
+NAMES: Final = ("outer", "half", "tree")
+
+
+def exhaustive_check(
+    problem: Problem,
+    W: Matrix | None,
+    shell: Shell,
+    *,
+    radius: float,
+    disturbance: float,
+    domain: str,
+    remark: str = "",
+) -> Check:
+    """Decide ``shell`` as a proof for every start with |e| <= radius and |eps_i| <= disturbance; see ``lure_check``."""
+    reason = quadratic_obstacle(problem, W)
+    if reason is not None:
+        return undecided_check("exhaustive", domain, reason)
+    decision = verify_shell(problem, shell)
+    if decision.verdict is not Verdict.PROVED:
+        return undecided_check("exhaustive", domain, decision.reason)
+    outer = replace(shell.lure, level=shell.outer)
+    if not covers(problem, outer, radius=claimed(radius), disturbance=claimed(disturbance)):
+        return undecided_check("exhaustive", domain, "the ball asked for is not inside the invariant set.")
+    return Check(
+        id="exhaustive",
+        verdict=Verdict.PROVED,
+        rate=rate_of(shell.lure),
+        domain=ball(radius, disturbance),
+        exact=shell_to_json(shell),
+        reason=f"from {starts_in_words(problem, outer, radius, disturbance)} V = {function_in_words(outer)} decreases"
+        f"{pace_in_words(shell.lure)}: near the target by a quadratic certificate, farther out in"
+        f" {shell.tree.count('.')} boxes, one by one{in_every_mode(problem)}.{remark}",
+    )
+
+
+def confirm_exhaustive(check: Check, problem: Problem, W: Matrix | None, domain: str) -> str | None:
+    """None if everything a proved ``exhaustive`` claims is confirmed, else what is not; see ``confirm_lure``."""
+    reason = wrong_outside(check, problem, W)
+    if reason is not None:
+        return reason
+    shell = shell_from_json(read_object(check.exact, (*names_of(problem), *NAMES)), problem, W)
+    if not ball_is_inside(problem, replace(shell.lure, level=shell.outer), check.domain):
+        return "the ball is not inside the invariant set"
+    return not_shown(check, problem, shell.lure, verify_shell(problem, shell))
+
+
+def shell_to_json(shell: Shell) -> dict[str, Any]:
+    """The exact values of a proved exhaustive check.  Raises: ValueError for a rate other than the inner one."""
+    if shell.rate != shell.lure.rate:
+        raise ValueError("a certificate has one rate for both")
+    return lure_to_json(shell.lure) | {
+        "outer": number_text(shell.outer),
+        "half": number_text(shell.half),
+        "tree": shell.tree,
+    }
+
+
+def shell_from_json(values: Mapping[str, Any], problem: Problem, W: Matrix | None) -> Shell:
+    """Read them back; raises as ``lure_from_json``."""
+    lure = lure_from_json({name: values[name] for name in names_of(problem)}, problem, W)
+    if not isinstance(values["tree"], str):
+        raise TypeError("tree must be text")
+    return Shell(
+        lure=lure,
+        outer=read_rational(values["outer"]),
+        half=read_rational(values["half"]),
+        tree=values["tree"],
+        rate=lure.rate,
+    )

@@ -1,0 +1,128 @@
+"""The exhaustive proof of the region asked for, for small networks: boxes around a quadratic certificate.
+
+Theory, section 4.  ``propose`` cuts up the set between two levels of V, ``verify`` looks at every box again.
+"""
+
+from __future__ import annotations
+
+import logging
+import math
+from dataclasses import replace
+from fractions import Fraction
+from typing import Final
+
+from dobc_design.conditions.asked import Asked, Progress
+from dobc_design.conditions.boxes.checks import exhaustive_check
+from dobc_design.conditions.boxes.claim import LARGEST, Shell
+from dobc_design.conditions.boxes.decide import border_of
+from dobc_design.conditions.boxes.propose import grow_shell
+from dobc_design.conditions.check import Check
+from dobc_design.conditions.numbers import claimed
+from dobc_design.conditions.quadratic.checks import certified_ball, quadratic_obstacle
+from dobc_design.conditions.quadratic.decide import eigenvalue_bound
+from dobc_design.conditions.quadratic.propose import linear_rate
+from dobc_design.conditions.quadratic.stage import propose
+from dobc_design.conditions.separable.checks import undecided_check
+from dobc_design.conditions.separable.claim import acts_by_component
+from dobc_design.conditions.separable.decide import rounded_down
+
+logger = logging.getLogger("dobc_design")
+
+#: Rows n m up to which boxes are counted out without being asked for.
+SMALL: Final = 4
+#: Boxes that a certificate may hold, so that a checker in plain Python gets through them.
+MOST_BOXES: Final = 50_000
+#: Starts up to this many times the ball asked for, or that of the inner certificate, are looked at.
+BEYOND: Final = 2
+#: Where the region is covered: parts of the rate near the consensus, tried in turn.
+RATES: Final = (Fraction(1, 2), Fraction(1, 10))
+
+
+def exhaustive_stage(asked: Asked, report: Progress) -> list[Check]:
+    """Boxes around the quadratic certificates, for small networks.
+
+    Unless everything is wanted, only where they may cover the region asked for, and for n m <= 4.
+    """
+    problem = asked.problem
+    largest = LARGEST if asked.everything else SMALL
+    if not (asked.everything or asked.wanted) or problem.n * problem.m > largest or asked.domain == "global":
+        return []
+    reason = quadratic_obstacle(problem, asked.W)
+    if reason is None and not acts_by_component(problem):
+        reason = "does not apply: boxes are counted out for couplings that act on each state component by itself."
+    if reason is not None:
+        return [undecided_check("exhaustive", asked.domain, reason)] if asked.everything else []
+    report("deciding the region (exhaustive)")
+    needed = 0.0 if asked.everything else math.nextafter(asked.ball, 0.0)
+    best = _shell(asked, "identity", beyond=needed)
+    if best is None or asked.everything:
+        best = _shell(asked, "full", beyond=needed if best is None else _ball(asked, best)) or best
+    if best is None:
+        where = "reach beyond the quadratic certificate" if asked.everything else f"cover |e| <= {asked.ball:.6g}"
+        many = f"too many would be needed (at most {MOST_BOXES})"
+        reason = f"no boxes are found that {where}: V' < 0 ends before, or {many}."
+        return [undecided_check("exhaustive", asked.domain, reason)]
+    radius = _ball(asked, best)
+    return [
+        exhaustive_check(
+            problem,
+            asked.W,
+            best,
+            radius=radius,
+            disturbance=asked.disturbance,
+            domain=asked.domain,
+            remark=_remark(asked, radius),
+        )
+    ]
+
+
+def _shell(asked: Asked, shape: str, *, beyond: float) -> Shell | None:
+    """Boxes around the largest ball of a shape, at a rate > 0 where the region is covered even so.
+
+    None if they prove no larger ball than ``beyond``.
+    """
+    slow = _grown(asked, shape, Fraction(0), beyond=beyond)
+    if slow is None or not asked.wanted or _ball(asked, slow) < asked.ball:
+        return slow
+    top = linear_rate(asked.problem, asked.W)
+    for part in RATES if top > 0 else ():
+        fast = _grown(asked, shape, rounded_down(Fraction(top) * part, digits=4), beyond=beyond)
+        if fast is not None and _ball(asked, fast) >= asked.ball:
+            return fast
+    return slow
+
+
+def _grown(asked: Asked, shape: str, rate: Fraction, *, beyond: float) -> Shell | None:
+    """None also where no box proof reaches beyond the inner certificate, or a numerical library breaks down."""
+    inner = propose(asked, shape, rate=rate)
+    if inner is None:
+        return None
+    try:
+        shell = grow_shell(
+            asked.problem,
+            inner.lure,
+            S=border_of(asked.problem, inner.lure, inner.lure.rate),
+            largest=BEYOND * claimed(max(asked.ball, inner.radius)),
+            budget=MOST_BOXES,
+            most=MOST_BOXES,
+            least=eigenvalue_bound(inner.lure.P_e) * claimed(beyond) ** 2,
+        )
+    except (ArithmeticError, RuntimeError, ValueError) as error:
+        logger.warning("no boxes (%s): %s", shape, error)
+        return None
+    return shell if shell is not None and _ball(asked, shell) > beyond else None
+
+
+def _ball(asked: Asked, shell: Shell) -> float:
+    outer = replace(shell.lure, level=shell.outer)
+    return certified_ball(asked.problem, outer, disturbance=asked.disturbance)
+
+
+def _remark(asked: Asked, radius: float) -> str:
+    if asked.wanted and radius >= asked.ball:
+        return ""
+    wish = f"the region asks for {asked.ball:.6g}" if asked.wanted else "no region is asked for"
+    return (
+        f" The ball reaches |e| <= {radius:.6g}, {wish}: beyond, this V rises somewhere, or more than {MOST_BOXES}"
+        " boxes would be needed."
+    )

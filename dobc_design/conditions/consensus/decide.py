@@ -1,0 +1,360 @@
+"""Lemma 1 and Theorems 1 and 2, decided exactly.
+
+A pair (P, Q) is a proposal; whether Psi < 0 holds for it is decided through the Reduction (theory,
+section 2): given Omega0 < 0 and S = C (-Omega0)^-1 C', Psi(J) < 0 iff Lambda(J) + I (x) S < 0.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from fractions import Fraction
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dobc_design.conditions.check import Check, Witness
+from dobc_design.conditions.consensus.claim import omega
+from dobc_design.conditions.consensus.linearisation import unstable_roots
+from dobc_design.conditions.consensus.negative import (
+    Enclosed,
+    find_witness,
+    is_negative,
+    refuted_margin,
+    shown_bound,
+    why_undecided,
+)
+from dobc_design.conditions.consensus.statements import Shown, Statements
+from dobc_design.conditions.consensus.witness import carriers, group_directions, refutation
+from dobc_design.conditions.numbers import claimed, doubles_to_json, largest_proved, shorten
+from dobc_design.exact.definite import decide_positive_definite
+from dobc_design.exact.matrix import Matrix, Vector, inverse, multiply, transpose
+from dobc_design.exact.number import number_text
+from dobc_design.exact.reading import is_scalar_matrix
+from dobc_design.exact.symmetric import SparseSymmetric
+from dobc_design.problem.canonical import matrix_text
+from dobc_design.problem.exosystem import Exosystem
+from dobc_design.problem.groups import group_blocks, group_numbers
+from dobc_design.problem.reaching import unreached
+from dobc_design.verdict import Verdict
+
+ZERO = Fraction(0)
+Candidates = Sequence[Sequence[float]]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Pair:
+    """A proposed pair (P, Q) with W = P^-1 Q.  Shapes: P (q, q) symmetric, Q (q, m).
+
+    Where agents have different exosystems, here and below: block diagonal, for the joint one (``problem.groups``).
+    """
+
+    P: Matrix
+    Q: Matrix
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Proposal:
+    """Numbers from floating point, to be proved: a margin, a rate (1/s), vectors worth trying as witnesses."""
+
+    margin: float = 0.0
+    rate: float = 0.0
+    vectors: Candidates = ()
+
+
+def enclosed_lambda(statements: Statements, mode: str) -> Enclosed:
+    """Lambda(J) of one mode, with what it may deviate by."""
+    pencil, shown = statements.lambdas[mode], statements.shown.get(mode)
+    return Enclosed(middle=pencil.constant, deviations=pencil.deviations, bound=None if shown is None else shown.bound)
+
+
+def with_vectors(statements: Statements, vectors: Mapping[str, NDArray[np.float64]]) -> Statements:
+    """The statements with what these vectors v > 0 (n m,) prove about Lambda of large networks, by mode.
+
+    Vectors that prove no bound below 0 are left out.
+    """
+    shown = {}
+    for mode, vector in vectors.items():
+        bound = shown_bound(enclosed_lambda(statements, mode), vector)
+        if bound is not None and bound < 0:
+            shown[mode] = Shown(vector=vector, bound=bound)
+    return replace(statements, shown=shown)
+
+
+def shown_facts(statements: Statements, mode: str) -> dict[str, Any] | None:
+    """What a proved Lemma 1 of a large network says exactly: the vector that shows it."""
+    shown = statements.shown.get(mode)
+    return None if shown is None else {"v": doubles_to_json(shown.vector)}
+
+
+def lambda_with(statements: Statements, mode: str, S: Matrix) -> Enclosed:
+    """Lambda(J) + I (x) S of one mode; where agents have different exosystems every agent has its own block of S."""
+    problem = statements.problem
+    groups = problem.groups
+    owners = group_numbers(groups, problem.network.labels) if problem.is_grouped else ()
+    return enclosed_lambda(statements, mode).plus_blocks(group_blocks(S, len(groups)), owners)
+
+
+def lemma1_check(statements: Statements, mode: str, proposal: Proposal) -> Check:
+    """Decide Lambda(J) < 0 for one mode.  PROVED: V = e'e decreases, V' <= -2 rate V near the target."""
+    if statements.inapplicable is not None:
+        return _not_applicable("lemma1", statements, mode=mode)
+    matrix = enclosed_lambda(statements, mode)
+    margin = largest_proved(proposal.margin, lambda shift: is_negative(matrix, shift=shift))
+    if margin is not None:
+        return Check(
+            id="lemma1",
+            mode=mode,
+            verdict=Verdict.PROVED,
+            domain=statements.domain,
+            margin=margin,
+            rate=shorten(claimed(margin) / 2) or None,
+            exact=shown_facts(statements, mode),
+            reason="Lambda(J) < 0"
+            + (f", lambda_max <= {-shorten(margin, digits=6):.6g}" if margin else "")
+            + f": V = e'e decreases{_where(statements)}.",
+        )
+    problem = statements.problem
+    alone = unreached(problem, [problem.network.modes[mode]])
+    vector = find_witness(matrix, [*group_directions(problem, problem.network.modes[mode]), *proposal.vectors])
+    if vector is None:
+        return Check(
+            id="lemma1",
+            mode=mode,
+            verdict=Verdict.UNDECIDED,
+            domain=statements.domain,
+            reason=f"lambda_max(Lambda) {why_undecided(matrix)}",
+        )
+    exact = lambda_facts(statements, mode, vector)
+    return Check(
+        id="lemma1",
+        mode=mode,
+        verdict=Verdict.REFUTED,
+        domain=statements.domain,
+        margin=refuted_margin(matrix, vector),
+        reason=refutation(problem, vector, alone=alone, roots=int(exact["unstable_roots"])),
+        exact=exact,
+        witness=lambda_witness(statements, vector),
+    )
+
+
+def lambda_facts(statements: Statements, mode: str, vector: Vector) -> dict[str, str]:
+    """What a refuted Lemma 1 says exactly: the unstable roots, and v' Lambda v where no irrational slope enters it."""
+    value = enclosed_lambda(statements, mode).value(vector)
+    known = {"value": number_text(value.lo)} if value.is_point else {}
+    return known | {"unstable_roots": str(unstable_roots(statements, mode))}
+
+
+def theorem_check(
+    id: str,
+    statements: Statements,
+    exosystem: Exosystem,
+    pair: Pair | None,
+    proposal: Proposal,
+    *,
+    lemmas: Sequence[Check],
+    obstacle: Check | None,
+    printed: bool = False,
+) -> Check:
+    """Decide Theorem 1 or 2 for the pair, or refute it for every pair.
+
+    ``lemmas`` are the decided Lemma 1 checks of all modes; ``obstacle`` is a refuted detectability or
+    Hurwitz check, which alone rules out every pair.  ``printed``: the pair is the user's own.
+    """
+    if statements.inapplicable is not None:
+        return _not_applicable(id, statements)
+    if not printed:
+        general = _refuted_for_every_pair(id, statements, lemmas, obstacle)
+        if general is not None:
+            return general
+    if pair is None:
+        return Check(
+            id=id,
+            verdict=Verdict.UNDECIDED,
+            domain=statements.domain,
+            reason="no pair (P, Q) was found, though none of the known obstacles stands in the way; give W and P.",
+        )
+    return _decide_pair(id, statements, exosystem, pair, proposal, printed=printed)
+
+
+def schur_block(pair: Pair, exosystem: Exosystem, *, rate: Fraction = ZERO) -> Matrix | None:
+    """S = C (-Omega0 - 2 rate P)^-1 C', m x m; None unless that block is proved negative definite."""
+    block = omega(pair.P, pair.Q, exosystem, rate=rate).negated()
+    if decide_positive_definite(block).verdict is not Verdict.PROVED:
+        return None
+    C = exosystem.C
+    return multiply(multiply(C, inverse(block.to_dense())), transpose(C))
+
+
+def psi_is_negative(
+    statements: Statements, exosystem: Exosystem, pair: Pair, *, margin: Fraction = ZERO, rate: Fraction = ZERO
+) -> bool:
+    """Whether P > 0 and Psi(J) + 2 rate diag(I, I (x) P) + margin diag(I, 0) < 0 is proved for every mode."""
+    if decide_positive_definite(SparseSymmetric.from_dense(pair.P)).verdict is not Verdict.PROVED:
+        return False
+    S = schur_block(pair, exosystem, rate=rate)
+    return S is not None and all(
+        is_negative(lambda_with(statements, mode, S), shift=margin + 2 * rate) for mode in statements.lambdas
+    )
+
+
+def _decide_pair(
+    id: str, statements: Statements, exosystem: Exosystem, pair: Pair, proposal: Proposal, *, printed: bool
+) -> Check:
+    for kind, matrix in (
+        ("P", SparseSymmetric.from_dense(pair.P)),
+        ("Omega0", omega(pair.P, pair.Q, exosystem).negated()),
+    ):
+        decision = decide_positive_definite(matrix)
+        if decision.verdict is not Verdict.PROVED and decision.witness is not None:
+            return _refuted_block(id, statements, kind, decision.witness)
+    S = schur_block(pair, exosystem)
+    if S is None:  # unreachable: Omega0 < 0 was just proved
+        return _not_found(id, statements)
+    modes = {mode: lambda_with(statements, mode, S) for mode in statements.lambdas}
+    exact = pair_facts(pair, S)
+    margin = largest_proved(
+        proposal.margin, lambda shift: all(is_negative(each, shift=shift) for each in modes.values())
+    )
+    if margin is None:
+        return _refuted_pair(id, statements, modes, proposal, exact=exact, printed=printed)
+    rate = largest_proved(proposal.rate, lambda b: psi_is_negative(statements, exosystem, pair, rate=b))
+    name = "the P given" if printed else "a rational P"
+    common = "" if len(modes) == 1 else f" with one P for all {len(modes)} modes"
+    return Check(
+        id=id,
+        verdict=Verdict.PROVED,
+        domain=statements.domain,
+        margin=margin,
+        rate=rate or None,
+        exact=exact,
+        reason=f"Psi < 0 holds exactly for {name}{common}: V = e'e + sum eps_i' P eps_i decreases{_where(statements)}"
+        + (f", V' <= -2 ({shorten(rate, digits=4):.4g}) V." if rate else "."),
+    )
+
+
+def _refuted_pair(
+    id: str,
+    statements: Statements,
+    modes: Mapping[str, Enclosed],
+    proposal: Proposal,
+    *,
+    exact: dict[str, Any],
+    printed: bool,
+) -> Check:
+    for mode, matrix in modes.items():
+        vector = find_witness(matrix, proposal.vectors)
+        if vector is None:
+            continue
+        bound = f" It needs lambda_max(Lambda) < {exact['bound']}." if "bound" in exact else ""
+        fix = " Another P may do: see the check for a new P." if printed else ""
+        where = f" in mode {mode}" if len(modes) > 1 else ""
+        return Check(
+            id=id,
+            verdict=Verdict.REFUTED,
+            domain=statements.domain,
+            margin=refuted_margin(matrix, vector),
+            reason=f"Psi is not negative definite for this P{where}: v'(Lambda + I (x) S)v >= 0 for the vector shown."
+            f"{bound}{fix}",
+            exact={**exact, "mode": mode},
+            witness=lambda_witness(statements, vector),
+        )
+    return _not_found(id, statements)
+
+
+def _refuted_block(id: str, statements: Statements, kind: str, witness: Vector) -> Check:
+    what = {
+        "P": "P is not positive definite: v'Pv <= 0 for the vector shown, so V is no Lyapunov function.",
+        "Omega0": "PA + A'P - QC - C'Q' is not negative definite: the estimation error alone can make V grow.",
+    }[kind]
+    return Check(
+        id=id,
+        verdict=Verdict.REFUTED,
+        domain=statements.domain,
+        reason=f"{what} Another P may do.",
+        exact={"block": kind},
+        witness=vector_witness(witness),
+    )
+
+
+def vector_witness(vector: Vector) -> Witness:
+    """A direction in which a matrix is not definite."""
+    return Witness(kind="vector", values=tuple(number_text(x) for x in vector))
+
+
+def _refuted_for_every_pair(
+    id: str, statements: Statements, lemmas: Sequence[Check], obstacle: Check | None
+) -> Check | None:
+    for lemma in lemmas:
+        if lemma.verdict is Verdict.REFUTED:
+            return Check(
+                id=id,
+                verdict=Verdict.REFUTED,
+                domain=statements.domain,
+                margin=lemma.margin,
+                reason=f"no P and Q satisfy Psi < 0, because Lambda(J) is not negative definite in mode {lemma.mode}: "
+                + lemma.reason,
+                exact={"block": "Lambda", "mode": lemma.mode},
+                witness=lemma.witness,
+            )
+    if obstacle is not None:
+        return Check(
+            id=id,
+            verdict=Verdict.REFUTED,
+            domain=statements.domain,
+            reason=f"{_who_fails(obstacle)}: {obstacle.reason}",
+            exact={"block": obstacle.id} | ({} if obstacle.group is None else {"group": obstacle.group}),
+            witness=obstacle.witness,
+            fix=obstacle.fix,
+        )
+    undecided = next((lemma for lemma in lemmas if lemma.verdict is Verdict.UNDECIDED), None)
+    if undecided is not None:
+        return Check(
+            id=id,
+            verdict=Verdict.UNDECIDED,
+            domain=statements.domain,
+            reason=f"Lambda(J) < 0 could not be decided: {undecided.reason}",
+        )
+    return None
+
+
+def pair_facts(pair: Pair, S: Matrix) -> dict[str, Any]:
+    """What a decided pair says exactly: P, Q, S and, where S = s I, the bound -s for lambda_max(Lambda)."""
+    values: dict[str, Any] = {"P": matrix_text(pair.P), "Q": matrix_text(pair.Q), "S": matrix_text(S)}
+    if is_scalar_matrix(S):
+        values["bound"] = number_text(-S[0][0])
+    return values
+
+
+def lambda_witness(statements: Statements, vector: Vector) -> Witness:
+    """A direction of the network, with the labels of the agents that move in it."""
+    carried = carriers(statements.problem, vector)
+    return Witness(kind="vector", labels=carried, values=tuple(number_text(x) for x in vector))
+
+
+def _where(statements: Statements) -> str:
+    return " everywhere (the couplings are linear)" if statements.domain == "global" else " near the target"
+
+
+def _not_applicable(id: str, statements: Statements, *, mode: str | None = None) -> Check:
+    return Check(
+        id=id, mode=mode, verdict=Verdict.UNDECIDED, domain=statements.domain, reason=statements.inapplicable or ""
+    )
+
+
+def _not_found(id: str, statements: Statements) -> Check:
+    matrices = [enclosed_lambda(statements, mode) for mode in statements.lambdas]
+    widest = max(matrices, key=lambda each: len(each.deviations))
+    return Check(
+        id=id,
+        verdict=Verdict.UNDECIDED,
+        domain=statements.domain,
+        reason=f"lambda_max of Lambda + I (x) S {why_undecided(widest)}",
+    )
+
+
+def _who_fails(obstacle: Check) -> str:
+    if obstacle.id == "hurwitz":
+        return "no P with Q = P W satisfies Psi < 0 for this W"
+    return "no P and Q satisfy Psi < 0"

@@ -1,0 +1,43 @@
+"""Theorems 1 and 2 in their reduced form: one eigenvalue per mode and one small SDP (theory, Reduction).
+
+``workflow.certify`` proposes from the same two pieces, with W put in (``pair``).  The block LMI of ``dense`` has
+the same optimum when m = 1 or Lambda = Lambda_n (x) I_m, and takes up to a thousand times as long; otherwise
+this one is the stricter.
+"""
+
+from __future__ import annotations
+
+import math
+from fractions import Fraction
+
+from dobc_design.conditions.consensus.claim import reduced
+from dobc_design.conditions.consensus.estimates import largest_eigenvalue
+from dobc_design.conditions.consensus.jacobian import float_lambda
+from dobc_design.errors import SpecError
+from dobc_design.problem.problem import Problem
+from dobc_design.solvers.direct import solve_directly
+from dobc_design.solvers.program import Program, Solution, without_values
+
+
+def reduced_program(problem: Problem, *, objective: str = "size") -> Program | None:
+    """The small program of a problem: one agent with Lambda = max lambda_max I.  None without an estimate of it.
+
+    Raises: SpecError without an exosystem; UndefinedError if a coupling has no derivative at 0.
+    """
+    if problem.exosystem is None:
+        raise SpecError("Psi of (18) needs an [exosystem].", key="exosystem", cure="Without one, use Lemma 1.")
+    bound = max(largest_eigenvalue(float_lambda(problem, mode)).value for mode in problem.network.modes)
+    if not math.isfinite(bound):
+        return None
+    return Program(pencils=(reduced(Fraction(bound), problem.exosystem),), objective=objective)
+
+
+def solve_reduced(problem: Problem, *, objective: str = "size", time_limit: float = 60.0) -> Solution:
+    """Solve Theorem 1 (one mode) or 2 (several) at the consensus for P and Q, from the problem itself.
+
+    ``objective`` is one of ``program``'s.  Raises: as ``reduced_program``.
+    """
+    program = reduced_program(problem, objective=objective)
+    if program is None:
+        return without_values("failed: no estimate of lambda_max", solver="Clarabel")
+    return solve_directly(program, time_limit=time_limit)

@@ -1,0 +1,1 @@
+"""Equilibria other than the target."""

@@ -1,0 +1,125 @@
+"""Equilibria of one mode other than the target, claimed as boxes, and the numbers that decide such a claim.
+
+With eps = 0 the error system (22) is e' = f(e) = h(e) - K e, whatever the gain W.  An e* != 0 with f(e*) = 0 is a start
+from which consensus is never reached while the mode lasts.  Krawczyk's test shows one in a box X with the middle c: for
+some matrix Y and an enclosure F of the slopes of f on X (Clarke's, where a coupling has a kink),
+
+    c - Y f(c) + (I - Y F)(X - c)  in the interior of X
+
+implies that X holds exactly one zero of f, because x - Y f(x) then maps X into itself and Y is invertible.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from fractions import Fraction
+
+from dobc_design.coupling.algebra import GradientAlgebra, IntervalAlgebra
+from dobc_design.coupling.coupling import Coupling
+from dobc_design.coupling.expression import evaluate
+from dobc_design.errors import ShapeError, SpecError
+from dobc_design.exact.interval import Interval
+from dobc_design.exact.matrix import Vector
+from dobc_design.problem.problem import Problem
+
+Box = tuple[Interval, ...]
+Slopes = Mapping[tuple[int, int], Interval]
+
+_ZERO = Interval.point(0)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Equilibrium:
+    """A claim: the box holds an equilibrium of h(e) - K e in ``mode`` and does not hold 0.
+
+    ``box``: n m intervals for e, agent by agent; with a formation e = x - xbar - offset.
+    Raises: ShapeError or SpecError for what cannot be a claim.
+    """
+
+    mode: str
+    box: Box
+
+    def __post_init__(self) -> None:
+        if not self.box:
+            raise ShapeError("box must have one interval per component of e; got none.", key="box")
+        if any(side.is_point for side in self.box):
+            raise SpecError("every side of the box must be longer than 0.", key="box")
+
+    @property
+    def middle(self) -> Vector:
+        """The middle of the box, (n m,)."""
+        return tuple(side.midpoint for side in self.box)
+
+    @property
+    def half_widths(self) -> Vector:
+        """Half the width of each side, (n m,)."""
+        return tuple(side.width / 2 for side in self.box)
+
+
+def require_fitting(problem: Problem, claim: Equilibrium) -> None:
+    """Refuse a claim about another problem.  Raises: ShapeError for the size, SpecError for the mode."""
+    if len(claim.box) != problem.n * problem.m:
+        raise ShapeError(
+            f"box must have {problem.n * problem.m} sides, one per component of e; got {len(claim.box)}.", key="box"
+        )
+    if claim.mode not in problem.network.modes:
+        raise SpecError(f"mode must be one of the problem's; got {claim.mode[:60]!r}.", key="mode")
+
+
+def field_at(problem: Problem, mode: str, point: Vector) -> Box:
+    """Enclose f(e) = h(e) - K e at one rational point, (n m,).
+
+    Raises: UndefinedError where a coupling is not defined there.
+    """
+    m, algebra = problem.m, IntervalAlgebra()
+    total = [_ZERO] * (problem.n * m)
+    for listener, speaker, weight in problem.network.modes[mode]:
+        h = problem.coupling_of(listener, speaker)
+        y = tuple(Interval.point(point[speaker * m + c] - point[listener * m + c]) for c in range(m))
+        for c in range(m):
+            variables = (y[c],) if h.by_component else y
+            felt = evaluate(h.components[0 if h.by_component else c].node, variables, algebra)
+            total[listener * m + c] += felt * weight
+    for agent, gain in problem.pinning.gains.items():
+        for c, row in enumerate(gain):
+            pull = sum((k * point[agent * m + d] for d, k in enumerate(row)), Fraction(0))
+            total[agent * m + c] -= pull
+    return tuple(total)
+
+
+def slopes_on(problem: Problem, mode: str, box: Box) -> Slopes:
+    """Enclose the entries of df/de on a box; those that are not there are 0.
+
+    Raises: UndefinedError where a coupling or its slope is not bounded on the box.
+    """
+    m = problem.m
+    found: dict[tuple[int, int], Interval] = {}
+
+    def add(row: int, column: int, slope: Interval) -> None:
+        found[row, column] = found.get((row, column), _ZERO) + slope
+
+    for listener, speaker, weight in problem.network.modes[mode]:
+        h = problem.coupling_of(listener, speaker)
+        y = tuple(box[speaker * m + c] - box[listener * m + c] for c in range(m))
+        for (c, d), slope in _coupling_slopes(h, y).items():
+            add(listener * m + c, speaker * m + d, slope * weight)
+            add(listener * m + c, listener * m + d, -(slope * weight))
+    for agent, gain in problem.pinning.gains.items():
+        for c, row in enumerate(gain):
+            for d, k in enumerate(row):
+                add(agent * m + c, agent * m + d, Interval.point(-k))
+    return found
+
+
+def _coupling_slopes(h: Coupling, y: Box) -> Slopes:
+    if h.by_component:
+        algebra = GradientAlgebra(1)
+        return {
+            (c, c): evaluate(h.components[0].node, algebra.variables((side,)), algebra).partials[0]
+            for c, side in enumerate(y)
+        }
+    algebra = GradientAlgebra(len(y))
+    variables = algebra.variables(y)
+    rows = [evaluate(component.node, variables, algebra).partials for component in h.components]
+    return {(c, d): slope for c, row in enumerate(rows) for d, slope in enumerate(row)}

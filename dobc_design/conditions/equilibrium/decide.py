@@ -1,0 +1,232 @@
+"""Decides claims of ``claim``: a second equilibrium inside a box, and inside the region asked for.
+
+A proved one is the start of a motion that never reaches the target, so consensus fails in a region that holds it.
+Krawczyk's test is exact here: f(c) and the slopes are enclosed outwards, the rest is rational.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from fractions import Fraction
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dobc_design.conditions.check import Check, Witness
+from dobc_design.conditions.equilibrium.claim import Box, Equilibrium, Slopes, field_at, require_fitting, slopes_on
+from dobc_design.conditions.numbers import VECTOR_BITS, has_short_denominator, read_rational
+from dobc_design.exact.interval import Interval, UndefinedError
+from dobc_design.exact.matrix import Matrix, identity, multiply, subtract
+from dobc_design.exact.number import number_text
+from dobc_design.problem.problem import Problem
+from dobc_design.verdict import Verdict
+
+Array = NDArray[np.float64]
+
+LARGEST: Final = 60  # rows n m
+# Half widths tried, relative to the size of the equilibrium, and the digits of the middle beyond them.
+HALF_WIDTHS: Final = (6, 8, 10, 4, 3)
+EXTRA_DIGITS: Final = 4
+IN_HAND: Final = Fraction(9, 10)  # of each half width is used by boxes made here: other enclosures may be wider
+LEAST: Final = 1e-200  # of |e|_inf of an equilibrium that is looked at
+SHOWN: Final = 6  # components of an equilibrium that a sentence names
+ID: Final = "equilibrium"
+ONE: Final = Fraction(1)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class EquilibriumDecision:
+    """PROVED: the box holds an equilibrium and not the target.  UNDECIDED: not shown, with the reason."""
+
+    verdict: Verdict
+    reason: str
+
+
+def verify_equilibrium(problem: Problem, claim: Equilibrium, *, part: Fraction = ONE) -> EquilibriumDecision:
+    """Decide by Krawczyk's test whether the box holds an equilibrium of h(e) - K e other than 0.
+
+    ``part`` <= 1: how much of each half width the test may use; less leaves room for a coarser check of the same box.
+    Raises: ShapeError or SpecError for a claim that does not fit the problem.
+    Source: theory, section 0 (22); Krawczyk 1969, Moore 1977.
+    """
+    require_fitting(problem, claim)
+    if len(claim.box) > LARGEST:
+        return _undecided(f"equilibria are proved for at most {LARGEST} rows n m.")
+    if all(side.contains(0) for side in claim.box):
+        return _undecided("the box holds the target itself.")
+    try:
+        value = field_at(problem, claim.mode, claim.middle)
+        slopes = slopes_on(problem, claim.mode, claim.box)
+    except UndefinedError as error:
+        return _undecided(f"the couplings are not bounded on the box: {error}")
+    Y = _preconditioner(slopes, len(claim.box))
+    if Y is None or not krawczyk_holds(claim, value, slopes, Y, part):
+        return _undecided("Krawczyk's test does not show an equilibrium in the box.")
+    return EquilibriumDecision(verdict=Verdict.PROVED, reason="The box holds exactly one equilibrium.")
+
+
+def lies_in_region(problem: Problem, claim: Equilibrium) -> bool:
+    """Whether every x = e + goal in the box is a start that the region asks for; true without a region."""
+    if problem.region is None:
+        return True
+    m, pairs = problem.m, problem.region.initial_states
+    goals = [problem.goal_of(agent) for agent in range(problem.n)]
+    return all(
+        pairs[k % m][0] <= side.lo + goals[k // m][k % m] and side.hi + goals[k // m][k % m] <= pairs[k % m][1]
+        for k, side in enumerate(claim.box)
+    )
+
+
+def enclose_equilibrium(
+    problem: Problem, mode: str, point: Sequence[float], *, within_region: bool = False
+) -> Equilibrium | None:
+    """A proved box around an equilibrium that floating point sees at ``point`` (n m,); None if none is proved.
+
+    ``within_region``: the box also has to lie in the region asked for.  Half widths are powers of ten, about 1e-6 of
+    |e|_inf first.
+    """
+    if len(point) != problem.n * problem.m or len(point) > LARGEST or not all(map(math.isfinite, point)):
+        return None
+    largest = max(map(abs, point))
+    if largest < LEAST:
+        return None
+    size = math.ceil(math.log10(largest))
+    for digits in HALF_WIDTHS:
+        half, unit = Fraction(10) ** (size - digits), Fraction(10) ** (digits + EXTRA_DIGITS - size)
+        middle = [Fraction(round(Fraction(x) * unit)) / unit for x in point]
+        claim = Equilibrium(mode=mode, box=tuple(Interval(c - half, c + half) for c in middle))
+        if within_region and not lies_in_region(problem, claim):
+            continue
+        if verify_equilibrium(problem, claim, part=IN_HAND).verdict is Verdict.PROVED:
+            return claim
+    return None
+
+
+def refuting_check(problem: Problem, claim: Equilibrium) -> Check | None:
+    """The check that consensus fails in the region; None unless the equilibrium is proved and lies there."""
+    if problem.region is None or not lies_in_region(problem, claim):
+        return None
+    if verify_equilibrium(problem, claim).verdict is not Verdict.PROVED:
+        return None
+    return Check(
+        id=ID,
+        verdict=Verdict.REFUTED,
+        domain="consensus",
+        reason=_reason(problem, claim),
+        exact={"mode": claim.mode, "box": [[number_text(side.lo), number_text(side.hi)] for side in claim.box]},
+        witness=Witness(kind="start", values=tuple(map(number_text, claim.middle))),
+    )
+
+
+def confirm_equilibrium(check: Check, problem: Problem, W: Matrix | None, domain: str) -> str | None:
+    """None if everything a refuted ``equilibrium`` claims is confirmed, else what is not.
+
+    ``W`` (q, m) has to be known where there is an exosystem; ``domain`` is that of Lemma 1.
+    Raises: ValueError, TypeError or SpecError for numbers that cannot be read.
+    """
+    if check.verdict is not Verdict.REFUTED or check.domain != domain:
+        return f"an equilibrium can only refute, with the domain {domain!r}"
+    if problem.groups and W is None:
+        return "without W there is no loop that could rest"
+    if check.margin is not None or check.rate is not None or check.mode is not None:
+        return "it claims a number that this check does not have"
+    exact, witness = dict(check.exact or {}), check.witness
+    if set(exact) != {"mode", "box"} or witness is None or witness.kind != "start" or witness.labels is not None:
+        return "it needs a mode, a box and a start"
+    mode, rows = exact["mode"], exact["box"]
+    if mode not in list(problem.network.modes) or not isinstance(rows, (list, tuple)):
+        return "it needs a mode of this problem, and a list of intervals"
+    if problem.n * problem.m > LARGEST or len(rows) != problem.n * problem.m:
+        return f"the box must have one interval per component of e, at most {LARGEST}"
+    box = _read_box(rows)
+    if box is None:
+        return "the box is no list of intervals longer than 0"
+    claim = Equilibrium(mode=mode, box=box)
+    values = tuple(read_rational(text) for text in witness.values or ())
+    if values != claim.middle:
+        return "the start is not the middle of the box"
+    if not lies_in_region(problem, claim):
+        return "the box leaves the region asked for"
+    decision = verify_equilibrium(problem, claim)
+    return None if decision.verdict is Verdict.PROVED else decision.reason
+
+
+def _read_box(rows: Sequence[object]) -> Box | None:
+    box = []
+    for row in rows:
+        if not isinstance(row, (list, tuple)) or len(row) != 2:
+            return None
+        lo, hi = (read_rational(text) for text in row)
+        if lo >= hi or not has_short_denominator((lo, hi), VECTOR_BITS):
+            return None
+        box.append(Interval(lo, hi))
+    return (
+        tuple(box) if has_short_denominator((end for side in box for end in (side.lo, side.hi)), VECTOR_BITS) else None
+    )
+
+
+def _preconditioner(slopes: Slopes, size: int) -> Matrix | None:
+    """Any invertible rational Y would do; the inverse of the middle slopes, by floating point, makes the test sharp."""
+    middle = np.zeros((size, size))
+    for place, slope in slopes.items():
+        middle[place] = _float(slope.midpoint)
+    if not np.isfinite(middle).all():
+        return None
+    try:
+        with np.errstate(all="ignore"):
+            Y = np.linalg.inv(middle)
+    except np.linalg.LinAlgError:
+        return None
+    return tuple(tuple(map(Fraction, row)) for row in Y.tolist()) if np.isfinite(Y).all() else None
+
+
+def krawczyk_holds(claim: Equilibrium, value: Box, slopes: Slopes, Y: Matrix, part: Fraction) -> bool:
+    """Whether c - Y f(c) + (I - Y F)(X - c) lies in the interior of X, side by side.
+
+    With F = M +- R and half widths w the product has the half widths |I - Y M| w + |Y| R w.
+    """
+    size, zero = len(Y), Fraction(0)
+    half = claim.half_widths
+    M = [[zero] * size for _ in range(size)]
+    spread = [zero] * size
+    for (row, column), slope in slopes.items():
+        middle = Fraction(_float(slope.midpoint))
+        M[row][column] = middle
+        spread[row] += max(slope.hi - middle, middle - slope.lo) * half[column]
+    rest = subtract(identity(size), multiply(Y, tuple(map(tuple, M))))
+    centres, radii = [each.midpoint for each in value], [each.width / 2 for each in value]
+    for own, left, width in zip(Y, rest, half, strict=True):
+        moved = abs(sum((y * c for y, c in zip(own, centres, strict=True)), zero))
+        blur = sum((abs(y) * (r + s) for y, r, s in zip(own, radii, spread, strict=True)), zero)
+        linear = sum((abs(x) * w for x, w in zip(left, half, strict=True)), zero)
+        if moved + blur + linear >= part * width:
+            return False
+    return True
+
+
+def _float(value: Fraction) -> float:
+    try:
+        return float(value)
+    except OverflowError:
+        return math.inf
+
+
+def _reason(problem: Problem, claim: Equilibrium) -> str:
+    m, labels = problem.m, problem.network.labels
+    named = []
+    for k, e in enumerate(claim.middle[:SHOWN]):
+        place = labels[k // m] if m == 1 else f"{labels[k // m]}.{k % m + 1}"
+        named.append(f"{place}: {_float(e + problem.goal_of(k // m)[k % m]):.6g}")
+    more = ", ..." if len(claim.middle) > SHOWN else ""
+    return (
+        f"Consensus fails: in mode {claim.mode} the agents can rest away from the target, at"
+        f" x = ({', '.join(named)}{more}). This start lies in the region asked for."
+        " Ask for a smaller region, or raise the gains until it is gone."
+    )
+
+
+def _undecided(reason: str) -> EquilibriumDecision:
+    return EquilibriumDecision(verdict=Verdict.UNDECIDED, reason=reason)

@@ -1,0 +1,145 @@
+"""Numbers that a certificate claims: floats on the safe side, read back as the decimal text they show.
+
+Rationals of a certificate may be longer than a number that somebody types: they come out of arithmetic.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from base64 import b64decode, b64encode
+from collections.abc import Callable, Iterable
+from fractions import Fraction
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dobc_design.exact.matrix import Matrix
+from dobc_design.exact.number import MAX_CHARACTERS, MAX_EXPONENT, float_above, float_below, number_text, parse_number
+
+SHRINK = (1e-9, 1e-6, 1e-3, 0.1, 0.5)
+LONGEST = 10_000  # characters of a rational in a certificate
+VECTOR_BITS, MATRIX_BITS = 65_536, 16_384  # of the common denominator of a vector; of P, and of a designed W
+LARGEST = Fraction(10) ** 300  # numbers above are no radii
+_DIGITS = 12  # of a decimal that is rounded up
+_CHUNK = 4000  # Python refuses to read more than 4300 digits at once
+_QUOTIENT = re.compile(r"([+-]?)([0-9]+)/([+-]?)([0-9]+)")
+_DECIMAL = re.compile(r"([+-]?)([0-9]+)(?:\.([0-9]+))?(?:[eE]([+-]?)0*([0-9]{1,3}))?")
+
+
+def claimed(value: float) -> Fraction:
+    """The exact number a claimed float stands for: its shortest decimal text.  Raises ValueError for nan and inf."""
+    return Fraction(repr(float(value)))
+
+
+def shorten(value: float | Fraction, *, digits: int = 9) -> float:
+    """Round a positive number down to about ``digits`` decimal digits: ``claimed`` of it is at most ``value``.
+
+    0.0 for anything that is not positive and finite, or too small for a float.
+    """
+    if isinstance(value, float) and not math.isfinite(value):
+        return 0.0
+    below = float_below(Fraction(value))
+    if below <= 0:
+        return 0.0
+    exponent = math.floor(math.log10(below)) - digits + 1
+    shorter = float(f"{int(Fraction(below) / Fraction(10) ** exponent)}e{exponent}")
+    return shorter if claimed(shorter) <= value else 0.0  # floats below 1e-307 have few digits
+
+
+def decimal_above(value: Fraction) -> float:
+    """A decimal number >= ``value`` >= 0 of at most twelve digits; the same number if it has no more.
+
+    Larger ones than a float can be are cut: no box is as large.
+    """
+    if value <= 0:
+        return 0.0
+    if value > LARGEST:
+        return float(LARGEST)
+    unit = Fraction(10) ** (_DIGITS - 1 - len(str(int(value))))
+    found = float(math.ceil(value * unit) / unit)
+    return found if claimed(found) >= value else float_above(claimed(found) * (1 + Fraction(1, 10**14)))
+
+
+def largest_proved(estimate: float, holds: Callable[[Fraction], bool]) -> float | None:
+    """The first number a little below ``estimate`` for which ``holds`` proves the claim; 0 last; None if none.
+
+    ``estimate`` is a proposal from floating point; only ``holds``, which is exact, decides.
+    """
+    if estimate > 0 and math.isfinite(estimate):
+        for part in SHRINK:
+            candidate = shorten(estimate * (1 - part))
+            if candidate > 0 and holds(claimed(candidate)):
+                return candidate
+    return 0.0 if holds(Fraction(0)) else None
+
+
+def read_rational(text: object, *, key: str = "certificate") -> Fraction:
+    """Read a rational of a certificate, "-9/8", "3" or "1e-300": text of at most 10000 characters.
+
+    Raises: SpecError or ValueError for anything else, JSON numbers included.
+    """
+    if not isinstance(text, str) or len(text) > LONGEST:
+        raise ValueError(f"{key} must be a rational as text of at most {LONGEST} characters")
+    return parse_number(text, key=key) if len(text) <= MAX_CHARACTERS else _long_rational(text, key)
+
+
+def _long_rational(text: str, key: str) -> Fraction:
+    """The same grammar for text that no problem file may hold."""
+    quotient = _QUOTIENT.fullmatch(text)
+    if quotient is not None:
+        bottom = _integer(quotient[4])
+        if not bottom:
+            raise ValueError(f"{key} must have a denominator other than 0")
+        return Fraction(_integer(quotient[2]), bottom) * (-1 if (quotient[1] == "-") != (quotient[3] == "-") else 1)
+    decimal = _DECIMAL.fullmatch(text)
+    exponent = 0 if decimal is None else int((decimal[4] or "") + (decimal[5] or "0"))
+    if decimal is None or abs(exponent) > MAX_EXPONENT:
+        raise ValueError(f"{key} must be a rational such as 9/16 or 1e-300, its exponent from -400 to 400")
+    places = decimal[3] or ""
+    value = Fraction(_integer(decimal[2] + places)) * Fraction(10) ** (exponent - len(places))
+    return -value if decimal[1] == "-" else value
+
+
+def is_writable(P: Matrix, *others: Matrix) -> bool:
+    """Whether a certificate can hold P and what follows from it: no entry too long, nor the common denominator of P."""
+    texts = (number_text(x) for matrix in (P, *others) for row in matrix for x in row)
+    return all(len(text) <= LONGEST for text in texts) and is_short(P)
+
+
+def is_short(matrix: Matrix) -> bool:
+    """Whether the entries of a matrix have a common denominator that a certificate may hold."""
+    return has_short_denominator((x for row in matrix for x in row), MATRIX_BITS)
+
+
+def has_short_denominator(values: Iterable[Fraction], limit: int) -> bool:
+    """Whether the common denominator has at most ``limit`` bits; stops as soon as it has more."""
+    common = 1
+    for value in values:
+        common = math.lcm(common, value.denominator)
+        if common.bit_length() > limit:
+            return False
+    return True
+
+
+def doubles_to_json(doubles: NDArray[np.float64]) -> dict[str, str]:
+    """The base64 of little-endian doubles, each of which means exactly what it is."""
+    return {"float64": b64encode(doubles.astype("<f8").tobytes()).decode("ascii")}
+
+
+def doubles_from_json(data: object) -> NDArray[np.float64]:
+    """Read finite doubles back.  Raises: TypeError or ValueError for anything else."""
+    if not isinstance(data, dict) or set(data) != {"float64"} or not isinstance(data["float64"], str):
+        raise TypeError("doubles must be an object with float64, text in base64")
+    doubles = np.frombuffer(b64decode(data["float64"], validate=True), dtype="<f8").astype(np.float64)
+    if not np.all(np.isfinite(doubles)):
+        raise ValueError("every number must be finite")
+    return doubles
+
+
+def _integer(digits: str) -> int:
+    value = 0
+    for start in range(0, len(digits), _CHUNK):
+        part = digits[start : start + _CHUNK]
+        value = value * 10 ** len(part) + int(part)
+    return value

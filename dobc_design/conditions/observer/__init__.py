@@ -1,0 +1,1 @@
+"""The exosystem and the observer: observability, detectability, A - WC Hurwitz."""

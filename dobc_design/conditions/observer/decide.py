@@ -1,0 +1,178 @@
+"""The exosystem and the observer error (17), decided: observability, detectability, A - WC Hurwitz."""
+
+from __future__ import annotations
+
+from fractions import Fraction
+from math import ceil, isqrt
+from typing import Any
+
+from dobc_design.conditions.check import Check, Fix, Witness
+from dobc_design.conditions.numbers import largest_proved, shorten
+from dobc_design.exact.matrix import Matrix, add, identity, multiply, scale, subtract, transpose
+from dobc_design.exact.number import number_text
+from dobc_design.exact.observability import decide_detectable, decide_observable, observable_reduction
+from dobc_design.exact.polynomial import decide_hurwitz
+from dobc_design.problem.exosystem import Exosystem
+from dobc_design.problem.problem import Problem
+from dobc_design.problem.typed import typed_matrix, typed_number
+from dobc_design.verdict import Verdict
+
+
+def observability_check(exosystem: Exosystem, problem: Problem | None = None) -> Check:
+    """Decide whether (A, C) is observable.  A gain of any speed exists iff it is.
+
+    ``problem``, here and below, lets the cure project what it says of the exosystem's states.
+    """
+    found = decide_observable(exosystem.A, exosystem.C)
+    q = exosystem.order
+    if found.verdict is Verdict.PROVED:
+        return Check(
+            id="observability",
+            verdict=Verdict.PROVED,
+            domain="global",
+            reason=f"(A, C) is observable: its observability matrix has rank {found.rank} of {q}.",
+            exact={"rank": str(found.rank)},
+        )
+    direction = found.unobservable[0]
+    return Check(
+        id="observability",
+        verdict=Verdict.REFUTED,
+        domain="global",
+        reason=f"(A, C) is not observable: rank {found.rank} of {q}; the states shown never reach the disturbance.",
+        exact={"rank": str(found.rank)},
+        witness=Witness(kind="vector", values=tuple(number_text(x) for x in direction)),
+        fix=_reduction(exosystem, problem),
+    )
+
+
+def detectability_check(exosystem: Exosystem, problem: Problem | None = None) -> Check:
+    """Decide whether (A, C) is detectable: what C never sees has to die out by itself."""
+    found = decide_detectable(exosystem.A, exosystem.C)
+    polynomial = found.unobservable_text
+    if found.verdict is Verdict.PROVED:
+        hidden = "nothing is hidden from C" if polynomial == "1" else f"the hidden part {polynomial} decays"
+        return Check(
+            id="detectability",
+            verdict=Verdict.PROVED,
+            domain="global",
+            reason=f"(A, C) is detectable: {hidden}.",
+            exact={"unobservable_polynomial": polynomial},
+        )
+    return Check(
+        id="detectability",
+        verdict=Verdict.REFUTED,
+        domain="global",
+        reason=f"(A, C) is not detectable: the part {polynomial} of the exosystem never reaches d = C xi and does"
+        " not decay, so no gain W can estimate it. It does not act on the agents either: leave it out.",
+        exact={"unobservable_polynomial": polynomial},
+        witness=Witness(kind="polynomial", values=(polynomial,)),
+        fix=_reduction(exosystem, problem),
+    )
+
+
+def hurwitz_check(
+    exosystem: Exosystem,
+    W: Matrix | None,
+    *,
+    estimate: float = 0.0,
+    source: str = "given",
+    problem: Problem | None = None,
+) -> Check:
+    """Decide whether A - WC is Hurwitz (Routh over the rationals) and certify a decay rate.
+
+    ``estimate`` (1/s) is a proposed rate from floating point; the exact test decides.
+    """
+    if W is None:
+        exists = decide_detectable(exosystem.A, exosystem.C).verdict is Verdict.PROVED
+        return Check(
+            id="hurwitz",
+            verdict=Verdict.UNDECIDED,
+            domain="global",
+            reason="there is no observer gain W to test: none was given, and none "
+            + ("was found; give one as observer.W." if exists else "exists for this exosystem."),
+            fix=None if exists else _reduction(exosystem, problem),
+        )
+    error = subtract(exosystem.A, multiply(W, exosystem.C))
+    table = decide_hurwitz(error)
+    if table.verdict is not Verdict.PROVED:
+        exists = decide_detectable(exosystem.A, exosystem.C).verdict is Verdict.PROVED
+        advice = "Choose another W, or leave W out to have one designed." if exists else "No W does: see detectability."
+        given_p = problem is not None and problem.observer.P is not None
+        removal = {"observer.W": None} | ({"observer.P": None} if given_p else {})
+        return Check(
+            id="hurwitz",
+            verdict=Verdict.REFUTED,
+            domain="global",
+            reason=f"A - WC is not Hurwitz: entry {len(table.first_column)} of the first column of Routh's table is"
+            f" not positive, so the estimation error does not decay. {advice}",
+            witness=Witness(kind="routh_row", values=tuple(number_text(x) for x in table.first_column)),
+            fix=Fix(kind="gain", set=removal, text="Remove observer.W (and P, if given): a gain is then designed.")
+            if exists
+            else _reduction(exosystem, problem),
+        )
+    rate = largest_proved(estimate, lambda a: hurwitz_with_rate(error, a))
+    return Check(
+        id="hurwitz",
+        verdict=Verdict.PROVED,
+        domain="global",
+        rate=rate or None,
+        reason=f"A - WC is Hurwitz ({source} W): the estimation error decays"
+        + (f" at least like exp(-{shorten(rate, digits=4):.4g} t)." if rate else "."),
+        exact={"routh": [number_text(x) for x in table.first_column]},
+    )
+
+
+def hurwitz_with_rate(error: Matrix, rate: Fraction) -> bool:
+    """Whether every eigenvalue of A - WC has real part < -rate: exact."""
+    return decide_hurwitz(add(error, scale(rate, identity(len(error))))).verdict is Verdict.PROVED
+
+
+def observable_part_is_hurwitz(exosystem: Exosystem, W: Matrix) -> bool:
+    """Whether the part of A - WC that reaches the agents decays: exact (theory, section 2)."""
+    A_o, C_o, T = observable_reduction(exosystem.A, exosystem.C)
+    if not A_o:
+        return True
+    return decide_hurwitz(subtract(A_o, multiply(multiply(T, W), C_o))).verdict is Verdict.PROVED
+
+
+def _reduction(exosystem: Exosystem, problem: Problem | None) -> Fix:
+    """The observable part in place of the exosystem; what the problem says of the old states is projected along."""
+    A_o, C_o, T = observable_reduction(exosystem.A, exosystem.C)
+    observer = None if problem is None else problem.observer
+    xi0 = None if problem is None else problem.simulation.xi0
+    change: dict[str, Any] = {}
+    if not A_o:
+        change["exosystem"] = None
+        if observer is not None and (observer.W or observer.P or observer.rate):
+            change["observer"] = None
+        if xi0 is not None:
+            change["simulation.xi0"] = None
+        if problem is not None and problem.region is not None and problem.region.initial_disturbance is not None:
+            change["region.initial_disturbance"] = None
+        if problem is not None and problem.m > 1:  # C no longer says how many components there are
+            change["target"] = [typed_number(x) for x in problem.target]
+        return Fix(
+            kind="exosystem", set=change, text="Remove [exosystem]: C sees nothing of it, so there is no disturbance."
+        )
+    change |= {"exosystem.A": typed_matrix(A_o), "exosystem.C": typed_matrix(C_o)}
+    if observer is not None and observer.W is not None:
+        change["observer.W"] = typed_matrix(multiply(T, observer.W))
+    if observer is not None and observer.P is not None:
+        change["observer.P"] = None
+    if xi0 is not None:
+        rows = typed_matrix(tuple(tuple(row) for row in multiply(xi0, transpose(T))))
+        change["simulation.xi0"] = rows[0] if len(rows) == 1 else rows
+    if problem is not None and problem.region is not None and problem.region.initial_disturbance:
+        change["region.initial_disturbance"] = typed_number(problem.region.initial_disturbance * _norm_above(T))
+    return Fix(
+        kind="exosystem",
+        set=change,
+        text=f"Use the observable part of the exosystem (order {len(A_o)} instead of {exosystem.order}):"
+        " it generates the same disturbances.",
+    )
+
+
+def _norm_above(T: Matrix) -> Fraction:
+    """A rational number of six decimals that |T| does not exceed: the root of the sum of squares, rounded up."""
+    squares = sum((x * x for row in T for x in row), Fraction(0))
+    return Fraction(isqrt(ceil(squares * 10**12)) + 1, 10**6)

@@ -1,0 +1,1 @@
+"""Quadratic certificates of a region (Lur'e, theory, section 4)."""

@@ -1,0 +1,269 @@
+"""Couplings on a region as bounded gains: h(e) = sum of g b c'e over channels, low <= g <= high while |c'e| <= radius.
+
+Theory, sections 1 and 4.  A coupling by component has the secant gain g(y) = h(y)/y, one channel per component.  A
+coupling of vectors has Jbar(y) = int_0^1 J(s y) ds with h(y) = Jbar(y) y, one channel per entry of Jbar, which lies in
+the hull of J over the box.  Both hold with Clarke's slopes where h has a kink.
+"""
+
+from __future__ import annotations
+
+import heapq
+import math
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from fractions import Fraction
+from typing import Final
+
+from dobc_design.coupling.algebra import GradientAlgebra
+from dobc_design.coupling.coupling import Coupling
+from dobc_design.coupling.enclosures import Curve, secant_range
+from dobc_design.coupling.expression import evaluate, polynomial_degree, variables_used
+from dobc_design.errors import SpecError
+from dobc_design.exact.interval import Interval
+from dobc_design.problem.problem import Problem
+
+Arc = tuple[int, int]  # (listener, speaker)
+Entries = tuple[tuple[Interval, ...], ...]  # m x m
+Enclose = Callable[[Coupling, Fraction], Entries]
+Box = tuple[Interval, ...]
+
+DIGITS: Final = 6
+# A gain of a coupling of vectors may be this much too wide at each end; so many parts of the box are looked at.
+_TOLERANCE: Final = Fraction(1, 1000)
+_MOST_PIECES: Final = 100
+_ZERO: Final = Interval.point(0)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class GainRange:
+    """A claim about one coupling (its place in problem.couplings): its gains on |y_c| <= radius lie in ``entries``.
+
+    ``radius`` None: for every y.  The weight of an arc is not included.
+    """
+
+    coupling: int
+    radius: Fraction | None
+    entries: Entries
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Channel:
+    """g (e[plus] - e[minus]) acts on row ``target`` of e', low <= g <= high while |e[plus] - e[minus]| <= radius.
+
+    Indices of the stacked e; weight included; ``radius`` None: always.
+    """
+
+    target: int
+    plus: int
+    minus: int
+    low: Fraction
+    high: Fraction
+    radius: Fraction | None
+
+    @property
+    def centre(self) -> Fraction:
+        """The middle gain."""
+        return (self.low + self.high) / 2
+
+    @property
+    def spread(self) -> Fraction:
+        """Half the width of the range; 0 for a linear channel, which needs no multiplier."""
+        return (self.high - self.low) / 2
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Sectors:
+    """The channels of every mode, for ``size`` = n m rows; the pins of ``problem`` complete the loop."""
+
+    problem: Problem
+    modes: Mapping[str, tuple[Channel, ...]]
+
+    @property
+    def size(self) -> int:
+        """Rows of e, n m."""
+        return self.problem.n * self.problem.m
+
+
+def gains_on(coupling: Coupling, radius: Fraction) -> Entries:
+    """Enclose the gains of a coupling on |y_c| <= radius, outwards.  Shape: (m, m), diagonal if by component.
+
+    Raises: UndefinedError naming h and the interval where h or its slope is not bounded.
+    """
+    box = Interval(-radius, radius)
+    if coupling.by_component:
+        gain = secant_range(Curve(coupling.components[0]), box)
+        m = range(coupling.dimension)
+        return tuple(tuple(gain if i == j else _ZERO for j in m) for i in m)
+    return _jacobian_hull(coupling, (box,) * coupling.dimension)
+
+
+def enclose_ranges(
+    problem: Problem,
+    *,
+    radius: Fraction | None,
+    radii: Mapping[Arc, Fraction] | None = None,
+    enclose: Enclose = gains_on,
+    digits: int = DIGITS,
+) -> tuple[GainRange, ...]:
+    """Enclose every coupling that the arcs of any mode use, at every radius it is used with.
+
+    Ranges are widened to ``digits`` significant digits, so that they are short and leave room for the enclosures
+    of whoever checks them; single gains stay exact.  ``radius`` None is for linear couplings.
+    Raises: SpecError for a radius that is not > 0, or None for a coupling that is not linear; UndefinedError.
+    """
+    couplings = problem.couplings
+    found = []
+    for place, each in _uses(problem, radius, radii or {}):
+        if each is not None and each <= 0:
+            raise SpecError(f"radius must be > 0; got {each}.", key="radius", cure="Give a length, or None.")
+        if each is None and not couplings[place].is_linear:
+            raise SpecError(
+                f'radius must be a number, because h = "{couplings[place].texts[0]}" is not linear; got None.',
+                key="radius",
+                cure="Give the largest |e_j - e_i| to be considered.",
+            )
+        entries = enclose(couplings[place], Fraction(1) if each is None else each)
+        widened = tuple(tuple(_widened(entry, digits) for entry in row) for row in entries)
+        found.append(GainRange(coupling=place, radius=each, entries=widened))
+    return tuple(found)
+
+
+def build_sectors(
+    problem: Problem,
+    ranges: Sequence[GainRange],
+    *,
+    radius: Fraction | None,
+    radii: Mapping[Arc, Fraction] | None = None,
+) -> Sectors:
+    """Put claimed ranges at the arcs of every mode, weights multiplied in.  Gains that are exactly 0 are left out.
+
+    Raises: SpecError if an arc's coupling has no range at its radius, or one of the wrong shape.
+    """
+    m, own = problem.m, radii or {}
+    table = {(each.coupling, each.radius): each.entries for each in ranges}
+    place = {coupling: number for number, coupling in enumerate(problem.couplings)}
+    modes: dict[str, tuple[Channel, ...]] = {}
+    for name, arcs in problem.network.modes.items():
+        channels: list[Channel] = []
+        for listener, speaker, weight in arcs:
+            reach = own.get((listener, speaker), radius)
+            entries = table.get((place[problem.coupling_of(listener, speaker)], reach))
+            if entries is None or [len(row) for row in entries] != [m] * m:
+                raise SpecError(
+                    f"mode {name}: the coupling of arc {(listener, speaker)} needs a range of shape ({m}, {m}) at its"
+                    f" radius {reach}.",
+                    key="ranges",
+                    cure="Make them with enclose_ranges, with the same radii.",
+                )
+            channels.extend(_channels(entries, listener * m, speaker * m, weight, reach))
+        modes[name] = tuple(channels)
+    return Sectors(problem=problem, modes=modes)
+
+
+def relied_differences(
+    problem: Problem, *, radius: Fraction | None, radii: Mapping[Arc, Fraction] | None = None
+) -> dict[tuple[int, int], Fraction]:
+    """The differences |e[a] - e[b]| that ranges rely on, a < b -> the least radius of theirs.
+
+    Those of every arc whose coupling is not linear, also where its gain is one number as far as the radius goes: a
+    kink may lie beyond.  An arc without a radius is left out.
+    """
+    m, own = problem.m, radii or {}
+    used = {coupling: _curved_variables(coupling) for coupling in problem.couplings}
+    found: dict[tuple[int, int], Fraction] = {}
+    for arcs in problem.network.modes.values():
+        for listener, speaker, _ in arcs:
+            reach = own.get((listener, speaker), radius)
+            if reach is None:
+                continue
+            for d in used[problem.coupling_of(listener, speaker)]:
+                place = (min(listener, speaker) * m + d, max(listener, speaker) * m + d)
+                found[place] = min(found.get(place, reach), reach)
+    return found
+
+
+def _curved_variables(coupling: Coupling) -> tuple[int, ...]:
+    """The components of y on which h depends otherwise than linearly, or together with such."""
+    if coupling.by_component:
+        return () if coupling.is_linear else tuple(range(coupling.dimension))
+    found = set[int]()
+    for component in coupling.components:
+        degree = polynomial_degree(component.node)
+        if degree is None or degree > 1:
+            found.update(variables_used(component.node))
+    return tuple(sorted(found))
+
+
+def _channels(entries: Entries, own: int, other: int, weight: Fraction, radius: Fraction | None) -> list[Channel]:
+    return [
+        Channel(
+            target=own + c, plus=other + d, minus=own + d, low=weight * gain.lo, high=weight * gain.hi, radius=radius
+        )
+        for c, row in enumerate(entries)
+        for d, gain in enumerate(row)
+        if gain.lo or gain.hi
+    ]
+
+
+def _uses(
+    problem: Problem, radius: Fraction | None, radii: Mapping[Arc, Fraction]
+) -> list[tuple[int, Fraction | None]]:
+    """Which coupling is used at which radius, each once, in order."""
+    if not problem.exceptions and not radii:
+        return [(0, radius)] if any(len(arcs) for arcs in problem.network.modes.values()) else []
+    place = {coupling: number for number, coupling in enumerate(problem.couplings)}
+    found = {
+        (place[problem.coupling_of(listener, speaker)], radii.get((listener, speaker), radius)): None
+        for arcs in problem.network.modes.values()
+        for listener, speaker, _ in arcs
+    }
+    return list(found)
+
+
+def _jacobian_hull(coupling: Coupling, box: Box) -> Entries:
+    """The hull of J over a box, entry by entry, by branch and bound on both ends."""
+    known: dict[Box, Entries] = {}
+
+    def jacobian(part: Box) -> Entries:
+        if part not in known:
+            known[part] = _jacobian(coupling, part)
+        return known[part]
+
+    def highest(c: int, d: int, sign: int) -> Fraction:
+        def bounds(part: Box) -> Interval:
+            return jacobian(part)[c][d] * sign
+
+        ends = (tuple(side.lo for side in box), tuple(side.midpoint for side in box), tuple(side.hi for side in box))
+        attained = max(bounds(tuple(map(Interval.point, each))).lo for each in ends)
+        heap = [(-bounds(box).hi, 0, box)]
+        for count in range(1, _MOST_PIECES):
+            top, _, part = heap[0]
+            if -top - attained <= _TOLERANCE * max(Fraction(1), abs(top)):
+                break
+            heapq.heappop(heap)
+            side = max(range(len(part)), key=lambda k: part[k].width)
+            for number, half in enumerate(part[side].halves()):
+                piece = (*part[:side], half, *part[side + 1 :])
+                attained = max(attained, bounds(tuple(Interval.point(each.midpoint) for each in piece)).lo)
+                heapq.heappush(heap, (-min(bounds(piece).hi, -top), 2 * count + number, piece))
+        return -heap[0][0]
+
+    m = range(len(box))
+    return tuple(tuple(Interval(-highest(c, d, -1), highest(c, d, 1)) for d in m) for c in m)
+
+
+def _jacobian(coupling: Coupling, box: Box) -> Entries:
+    algebra = GradientAlgebra(len(box))
+    variables = algebra.variables(box)
+    return tuple(evaluate(each.node, variables, algebra).partials for each in coupling.components)
+
+
+def _widened(gain: Interval, digits: int) -> Interval:
+    if gain.is_point:
+        return gain
+    low, high = gain.floats()
+    largest = max(abs(low), abs(high))
+    if math.isinf(largest):
+        return gain
+    unit = Fraction(10) ** (digits - 1 - math.floor(math.log10(largest)))
+    return Interval(math.floor(gain.lo * unit) / unit, math.ceil(gain.hi * unit) / unit)

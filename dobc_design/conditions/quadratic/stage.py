@@ -1,0 +1,213 @@
+"""The quadratic certificates of the region asked for: the ball that V = e'P_e e + sum eps_i'P eps_i proves.
+
+Theory, section 4.  ``propose`` proposes P_e = I, a diagonal and a full P_e, cheapest first; ``verify`` decides.
+"""
+
+from __future__ import annotations
+
+import logging
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from fractions import Fraction
+from typing import Final
+
+from dobc_design.conditions.asked import Asked, Progress
+from dobc_design.conditions.check import Check
+from dobc_design.conditions.numbers import claimed
+from dobc_design.conditions.quadratic.checks import IN_WORDS, certified_ball, lure_check, quadratic_obstacle
+from dobc_design.conditions.quadratic.claim import Lure, Method
+from dobc_design.conditions.quadratic.decide import verify_lure
+from dobc_design.conditions.quadratic.propose import LARGEST_FULL, bound_lure, design_lure, linear_rate, raise_rate
+from dobc_design.conditions.quadratic.sectors import Entries, gains_on
+from dobc_design.conditions.separable.checks import undecided_check
+from dobc_design.conditions.separable.decide import rounded_down
+from dobc_design.coupling.coupling import Coupling
+from dobc_design.exact.interval import Interval
+from dobc_design.exact.symmetric import SparseSymmetric
+from dobc_design.problem.problem import Problem
+from dobc_design.verdict import Verdict
+
+logger = logging.getLogger("dobc_design")
+
+#: Rows n m up to which quadratic certificates are looked for; a full P_e up to fewer, and somewhat more on request.
+MOST_ROWS: Final = 60
+FULL_ROWS, FULL_ROWS_ON_REQUEST = 15, 20
+#: Channels of a mode up to which the corners of all gains are tried with the P_e found.
+CORNER_CHANNELS: Final = 6
+#: Gains are claimed this much wider, relative to the largest, so that a second program can confirm them.
+ROOM: Final = Fraction(1, 10**5)
+#: Where the region is covered: parts of the rate near the consensus that are tried, by bisection; rows n m from which
+#: on fewer are.
+FIRST_PART, RATE_STEPS, FEWER_STEPS, MANY_ROWS = 0.5, 5, 3, 11
+_LARGEST: Final = Fraction(400)  # no |e_j - e_i| beyond is looked at, unless the region asks for more
+
+
+@dataclass(frozen=True, slots=True)
+class Found:
+    """A certificate and the ball that it covers together with the disturbance asked for."""
+
+    name: str
+    lure: Lure
+    radius: float
+
+
+def quadratic_stage(asked: Asked, report: Progress) -> list[Check]:
+    """The quadratic certificate: the first that covers the ball asked for, else the one with the largest ball."""
+    problem, rows = asked.problem, asked.problem.n * asked.problem.m
+    reason = quadratic_obstacle(problem, asked.W)
+    if reason is None and rows > MOST_ROWS:
+        reason = f"left out, because it takes long with {rows} rows n m; it is examined up to {MOST_ROWS}."
+    if reason is not None:
+        return [undecided_check("lure", asked.domain, reason)]
+    found = _ladder(asked, report)
+    if not found:
+        return [undecided_check("lure", asked.domain, _nothing_found(asked))]
+    enough = [each for each in found if each.radius >= asked.ball and each.lure.method == "lure"]
+    best = max(enough or found, key=lambda each: each.radius)
+    if best.radius >= asked.ball:
+        report("deciding the region (quadratic, its rate)")
+        best = _faster(asked, best)
+    return [
+        lure_check(
+            problem,
+            asked.W,
+            best.lure,
+            radius=0.0 if math.isinf(best.radius) else best.radius,
+            disturbance=asked.disturbance,
+            domain=asked.domain,
+            remark=_remark(asked, best, found),
+        )
+    ]
+
+
+def roomy_gains(coupling: Coupling, radius: Fraction) -> Entries:
+    """``gains_on``, a little wider where h is not linear, for whoever encloses them in another way."""
+    entries = gains_on(coupling, radius)
+    return entries if coupling.is_linear else tuple(tuple(map(_wider, row)) for row in entries)
+
+
+def propose(asked: Asked, shape: str, *, rate: Fraction = Fraction(0), accept: float = 0.0) -> Found | None:
+    """The largest ball for a shape of P_e and a rate, proved; None if it is no larger than ``accept``.
+
+    None also when a numerical library breaks down.
+    """
+    problem = asked.problem
+    try:
+        lure = design_lure(
+            problem,
+            holds=lambda each: holds(problem, each),
+            shape=shape,
+            objective="ball",
+            W=asked.W,
+            rate=rate,
+            disturbance=claimed(asked.disturbance),
+            largest=_largest(asked),
+            enclose=roomy_gains,
+        )
+    except (ArithmeticError, RuntimeError, ValueError) as error:
+        logger.warning("no quadratic proposal (%s): %s", shape, error)
+        return None
+    if lure is None:
+        return None
+    radius = certified_ball(problem, lure, disturbance=asked.disturbance)
+    return Found(IN_WORDS[shape], lure, radius) if radius > accept else None
+
+
+def holds(problem: Problem, lure: Lure) -> bool:
+    """Whether a certificate is proved."""
+    return verify_lure(problem, lure).verdict is Verdict.PROVED
+
+
+def _largest(asked: Asked) -> Fraction:
+    """No |e_j - e_i| beyond is looked at."""
+    ball = claimed(asked.ball)
+    return max(2 * ball, min(10 * ball, _LARGEST))
+
+
+def _wider(gain: Interval) -> Interval:
+    room = ROOM * gain.magnitude
+    return Interval(gain.lo - room, gain.hi + room)
+
+
+def _ladder(asked: Asked, report: Progress) -> list[Found]:
+    """What every shape of P_e covers, until the ball asked for is covered; all of them on request."""
+    rows = asked.problem.n * asked.problem.m
+    full = min(LARGEST_FULL, FULL_ROWS_ON_REQUEST if asked.everything else FULL_ROWS)
+    found: list[Found] = []
+    for shape in ("identity", "diagonal", *(("full",) if rows <= full else ())):
+        report(f"deciding the region (quadratic, {IN_WORDS[shape]})")
+        proposal = propose(asked, shape)
+        if proposal is not None:
+            found.append(proposal)
+        if proposal is not None and proposal.radius >= asked.ball and not asked.everything:
+            return found
+    if found and not asked.problem.is_linear:
+        found += _bounds(asked, found[-1].lure)
+    return found
+
+
+def _bounds(asked: Asked, lure: Lure) -> list[Found]:
+    """Without multipliers: the corners of all gains where those are few; on request, as a baseline, interval bounds."""
+    problem, found = asked.problem, []
+    widest = max(sum(1 for tau in taus if tau) for taus in lure.multipliers.values())
+    tries: list[tuple[str, Method, SparseSymmetric | None]] = []
+    if widest <= CORNER_CHANNELS:
+        tries.append(("the corners of all gains", "vertices", lure.P_e))
+    if asked.everything:
+        tries.append(("interval bounds", "interval", None))
+    for name, method, P_e in tries:
+        try:
+            bound = bound_lure(
+                problem,
+                holds=lambda each: holds(problem, each),
+                method=method,
+                P_e=P_e,
+                P=lure.P,
+                Q=lure.Q,
+                largest=_largest(asked),
+                enclose=roomy_gains,
+            )
+        except (ArithmeticError, RuntimeError, ValueError) as error:
+            logger.warning("no quadratic proposal (%s): %s", method, error)
+            continue
+        radius = 0.0 if bound is None else certified_ball(problem, bound, disturbance=asked.disturbance)
+        if bound is not None and radius > 0:
+            found.append(Found(name, bound, radius))
+    return found
+
+
+def _faster(asked: Asked, best: Found) -> Found:
+    """The same region at a larger rate, as far as a short bisection finds one."""
+    top = linear_rate(asked.problem, asked.W)
+    low, high, part = 0.0, 1.0, FIRST_PART
+    steps = FEWER_STEPS if asked.problem.n * asked.problem.m >= MANY_ROWS else RATE_STEPS
+    if best.lure.method == "lure":
+        for _ in range(steps if top > 0 else 0):
+            rate = rounded_down(Fraction(top * part), digits=4)
+            faster = propose(asked, best.lure.shape, rate=rate, accept=math.nextafter(asked.ball, 0.0))
+            low, high, best = (low, part, best) if faster is None else (part, high, faster)
+            part = (low + high) / 2 if low else high / 4
+    raised = raise_rate(asked.problem, best.lure, holds=lambda each: holds(asked.problem, each))
+    return Found(best.name, raised, best.radius)
+
+
+def _remark(asked: Asked, best: Found, found: Sequence[Found]) -> str:
+    """Why the ball is no larger, and what the others reach."""
+    if math.isinf(best.radius):
+        return ""
+    others = ", ".join(f"{each.name}: {each.radius:.4g}" for each in found)
+    reached = f" By method: {others}." if len(found) > 1 else ""
+    if asked.wanted and best.radius >= asked.ball:
+        return reached
+    wish = f"the region asks for {asked.ball:.6g}" if asked.wanted else "no region is asked for"
+    return f" The ball reaches |e| <= {best.radius:.6g}, {wish}: beyond, no quadratic V is found.{reached}"
+
+
+def _nothing_found(asked: Asked) -> str:
+    if asked.disturbance:
+        return (
+            f"no quadratic V is found for any ball together with |eps_i| <= {asked.disturbance:.6g}: a smaller initial"
+            " disturbance may help."
+        )
+    return "no quadratic V is found, not even close to the target."

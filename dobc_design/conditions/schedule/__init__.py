@@ -1,0 +1,1 @@
+"""Certificates that take over from each other, and settling times."""

@@ -1,0 +1,118 @@
+"""Staging: certificates that take over from each other as the error shrinks (theory, section 5).
+
+Stage k has a certificate with a size W_k: N + kappa E of a max-separable one, sqrt(e'P_e e + sum eps_i'P eps_i) of a
+quadratic one.  W_k decays at the rate r_k wherever its guard holds: N <= rho, or |e_j - e_i| <= radius on the arcs.
+
+Claim: W_k(t) <= a_k exp(-r_k (t - t_k)) for all t >= t_k, so |e(t)|_inf <= height_k W_k(t), for every switching signal.
+
+Proof, stage by stage.  The first one guards itself: {W_0 <= a_0} lies in its guard, so it is invariant, and it holds
+the starts.  Let the claim be true for stage k and c be its bound at t_(k+1).  If {W_k <= c} lies in the guard of stage
+k+1, that guard holds for all t >= t_(k+1), because W_k only falls; so W_(k+1) decays at r_(k+1) from then on, from the
+largest value that it can have where W_k <= c and the observer errors are as small as they are known to be.  It need
+not stay below the level up to which its own certificate guards itself.
+
+The observer errors evolve on their own, eps_i' = (A - WC) eps_i, whatever e does.  So b_k exp(-beta_k (t - t_k)) bounds
+E_k = max_i sqrt(eps_i'P_k eps_i), and with P_(k+1) <= l^2 P_k, E_(k+1) <= l E_k.  Where W_k <= c and E_k <= d:
+
+    N' <= g N, g = max_i v_i/v'_i:  N' + kappa' E' <= g c + max(0, kappa' l - g kappa) min(d, c/kappa)
+    |e_i| <= c v_i, P_e <= diag(D): e'P_e e + sum eps_i'P' eps_i <= c^2 sum D_i v_i^2 + n (l d)^2
+    P_e' <= f P_e:                  e'P_e' e + sum eps_i'P' eps_i <= max(f, l^2) c^2
+
+(the first because N <= c - kappa E, so that the sum is at most g (c - kappa x) + kappa' l x for some x <= d, c/kappa).
+Nothing is decided here.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from fractions import Fraction
+
+from dobc_design._show.cards import Card, Shown
+from dobc_design.conditions.quadratic.claim import Lure
+from dobc_design.conditions.separable.claim import Separable
+from dobc_design.errors import SpecError
+from dobc_design.exact.matrix import Vector
+from dobc_design.exact.number import float_above
+
+ZERO = Fraction(0)
+ONE = Fraction(1)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, repr=False)
+class Stage(Shown):
+    """A claim: from ``start`` (s) on W <= level exp(-rate (t - start)), W the size of the certificate.
+
+    ``height``: |e|_inf <= height W.  ``noise``: max_i sqrt(eps_i'P eps_i) <= noise at ``start``; 0 without an
+    exosystem.  ``stretch`` l: P <= l^2 (P of the stage before).  Of quadratic stages only: ``factor`` f with
+    P_e <= f (P_e of the stage before) where that is quadratic too, else ``diagonal`` (n m) with P_e <= diag(diagonal).
+    Raises: SpecError unless start, noise >= 0, level, height, stretch > 0, and each kind has its own numbers.
+    """
+
+    certificate: Separable | Lure
+    start: Fraction
+    level: Fraction
+    height: Fraction
+    noise: Fraction = ZERO
+    stretch: Fraction = ONE
+    diagonal: Vector | None = None
+    factor: Fraction | None = None
+
+    def __post_init__(self) -> None:
+        for name in ("start", "noise"):
+            if getattr(self, name) < 0:
+                raise SpecError(f"{name} of a stage must be >= 0.", key=name)
+        for name in ("level", "height", "stretch"):
+            if getattr(self, name) <= 0:
+                raise SpecError(f"{name} of a stage must be > 0.", key=name)
+        if self.factor is not None and self.factor <= 0:
+            raise SpecError("factor of a stage must be > 0.", key="factor")
+        if self.is_quadratic is (self.diagonal is None and self.factor is None) or (self.diagonal and self.factor):
+            raise SpecError("a quadratic stage has either a diagonal or a factor, others have neither.", key="diagonal")
+
+    def _card(self) -> Card:
+        names = ("start", "level", "height", "noise")
+        kind = "quadratic" if self.is_quadratic else "max-separable"
+        return Card(title="Stage", text=kind, facts=[(name, repr(float_above(getattr(self, name)))) for name in names])
+
+    def __repr__(self) -> str:
+        return f"<Stage {self._card().text} from {float(self.start):.6g} s>"
+
+    @property
+    def is_quadratic(self) -> bool:
+        """Whether the certificate is a quadratic one."""
+        return isinstance(self.certificate, Lure)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Staging:
+    """A claim: from |e|_inf <= radius, |eps_i| <= disturbance, |e(t)|_inf <= tolerance for all t >= time (s).
+
+    The stages are in the order in which they begin, the first at 0.  A quadratic one is never followed by a
+    max-separable one.  Raises: SpecError for anything else, or unless radius, tolerance > 0 and disturbance >= 0.
+    """
+
+    stages: tuple[Stage, ...]
+    radius: Fraction
+    disturbance: Fraction
+    tolerance: Fraction
+    time: Fraction
+
+    def __post_init__(self) -> None:
+        if not self.stages or self.stages[0].start:
+            raise SpecError("stages must be at least one, and the first must start at 0.", key="stages")
+        for before, after in zip(self.stages, self.stages[1:], strict=False):
+            if after.start < before.start:
+                raise SpecError("stages must be in the order of their starts.", key="stages")
+            if before.is_quadratic and not after.is_quadratic:
+                raise SpecError("no max-separable stage may follow a quadratic one.", key="stages")
+            if (after.factor is None) is before.is_quadratic:
+                raise SpecError("factor belongs to a quadratic stage that follows a quadratic one.", key="factor")
+        if self.stages[0].factor is not None:
+            raise SpecError("the first stage follows nobody and has no factor.", key="factor")
+        for name in ("radius", "tolerance"):
+            if getattr(self, name) <= 0:
+                raise SpecError(f"{name} must be > 0.", key=name)
+        if self.disturbance < 0:
+            raise SpecError("disturbance must be >= 0.", key="disturbance")
+        if self.time < self.stages[-1].start:
+            raise SpecError("time must not lie before the last stage.", key="time")

@@ -1,0 +1,310 @@
+"""A chain of certificates, decided: every stage, every hand-over, the starts and the tolerance; exact.
+
+The statement and its proof are in ``claim``.  Exponentials are enclosed, everything else is rational.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from fractions import Fraction
+from itertools import chain
+from typing import Final
+
+from dobc_design.conditions.quadratic.claim import Lure
+from dobc_design.conditions.quadratic.decide import differences, eigenvalue_bound, verify_lure
+from dobc_design.conditions.quadratic.sectors import relied_differences
+from dobc_design.conditions.schedule.claim import ZERO, Stage, Staging
+from dobc_design.conditions.separable.claim import Separable
+from dobc_design.conditions.separable.observer import composite_rate, verify_composite
+from dobc_design.exact.definite import decide_positive_semidefinite
+from dobc_design.exact.interval import Interval, exp
+from dobc_design.exact.matrix import Matrix, inverse, multiply
+from dobc_design.exact.symmetric import SparseSymmetric
+from dobc_design.problem.problem import Problem
+from dobc_design.verdict import Verdict
+
+#: exp(-x) of a larger x is enclosed by 0 and the value here.
+FARTHEST: Final = 40_000
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class StagingAnswer:
+    """Whether a Staging holds, and why; where it fails: the stage (from 0) and the step.
+
+    Steps: "certificate", "observer", "height", "diagonal", "start", "stretch", "noise", "guard", "factor", "level",
+    "tolerance".
+    """
+
+    verdict: Verdict
+    reason: str
+    stage: int | None = None
+    step: str = ""
+
+
+@dataclass(frozen=True, slots=True)
+class _Need:
+    """One condition: ``claimed`` has to be at least ``least``; or a fact that is known already."""
+
+    step: str
+    claimed: Fraction
+    least: Interval
+    words: str
+
+    @property
+    def verdict(self) -> Verdict:
+        if self.claimed >= self.least.hi:
+            return Verdict.PROVED
+        return Verdict.REFUTED if self.claimed < self.least.lo else Verdict.UNDECIDED
+
+
+def verify_staging(problem: Problem, W: Matrix | None, staging: Staging) -> StagingAnswer:
+    """Decide a claimed settling time with all its stages, for the gain W (q, m); None without an exosystem.
+
+    PROVED: |e(t)|_inf <= tolerance for all t >= time from every start |e|_inf <= radius, |eps_i| <= disturbance, and
+    every stage's bound holds from its start on, for arbitrary switching.  REFUTED says that these numbers fail.
+    Raises: ShapeError or SpecError for certificates that do not fit the problem.
+    """
+    for k, stage in enumerate(staging.stages):
+        answer = _certificate(problem, W, stage, k)
+        if answer is not None:
+            return answer
+        before = staging.stages[k - 1] if k else None
+        needs = _starting(problem, stage, staging) if before is None else _taking_over(problem, before, stage)
+        for need in chain(_own(stage), needs):
+            if need.verdict is not Verdict.PROVED:
+                return StagingAnswer(
+                    verdict=need.verdict, reason=f"stage {k + 1}: {need.words}", stage=k, step=need.step
+                )
+    last = staging.stages[-1]
+    need = _at_least(
+        "tolerance",
+        staging.tolerance,
+        decayed(last, staging.time) * last.height,
+        "the last stage does not bring |e|_inf down to the tolerance by the time claimed.",
+    )
+    if need.verdict is not Verdict.PROVED:
+        return StagingAnswer(verdict=need.verdict, reason=need.words, stage=len(staging.stages) - 1, step=need.step)
+    return StagingAnswer(verdict=Verdict.PROVED, reason=proved_reason(staging))
+
+
+def proved_reason(staging: Staging) -> str:
+    """What a proved chain says, in a sentence."""
+    count = len(staging.stages)
+    return f"|e(t)|_inf <= {float(staging.tolerance):.4g} for all t >= {float(staging.time):.6g} s, by " + (
+        "one certificate." if count == 1 else f"{count} certificates in turn."
+    )
+
+
+def stage_rate(certificate: Separable | Lure) -> Fraction:
+    """The rate (1/s) at which the size of a certificate decays."""
+    return composite_rate(certificate) if isinstance(certificate, Separable) else certificate.rate
+
+
+def decayed(stage: Stage, time: Fraction) -> Interval:
+    """Enclose the bound of a stage's size at ``time`` (s), not before its start."""
+    return _shrunk(stage.level, stage_rate(stage.certificate), time - stage.start)
+
+
+def noise_left(stage: Stage, time: Fraction) -> Interval:
+    """Enclose the bound of max_i sqrt(eps_i'P eps_i) at ``time`` (s), not before the stage's start."""
+    certificate = stage.certificate
+    if isinstance(certificate, Lure):
+        return _shrunk(stage.noise, certificate.rate, time - stage.start)
+    return _shrunk(stage.noise, ZERO if certificate.error is None else certificate.error.beta, time - stage.start)
+
+
+def start_level(problem: Problem, stage: Stage, staging: Staging) -> Interval:
+    """The least square of the level that holds all starts: of a quadratic first stage."""
+    lure = stage.certificate
+    P = lure.P if isinstance(lure, Lure) else None
+    errors = ZERO if P is None else problem.n * eigenvalue_bound(SparseSymmetric.from_dense(P)) * staging.disturbance**2
+    return Interval.point(sum(stage.diagonal or (), ZERO) * staging.radius**2 + errors)
+
+
+def guard_limits(problem: Problem, before: Stage, after: Stage) -> Iterator[tuple[Fraction, Fraction]]:
+    """Pairs (a, r) such that the guard of ``after`` holds where the size c of ``before`` has c^2 a <= r^2 for each."""
+    old, new = before.certificate, after.certificate
+    if isinstance(new, Separable):
+        if isinstance(old, Separable) and new.rho is not None:
+            yield handover_ratio(old, new) ** 2, new.rho
+        return
+    places = relied_differences(problem, radius=new.radius, radii=new.radii)
+    if isinstance(old, Separable):
+        m = problem.m
+        for (i, j), radius in places.items():
+            yield (old.v[i // m] + old.v[j // m]) ** 2, radius
+        return
+    for width, radius in zip(differences(old.P_e, places), places.values(), strict=True):
+        yield width, radius
+
+
+def handover_ratio(old: Separable, new: Separable) -> Fraction:
+    """The least g with N' <= g N."""
+    return max(a / b for a, b in zip(old.v, new.v, strict=True))
+
+
+def next_level(problem: Problem, before: Stage, after: Stage) -> Interval:
+    """Enclose the largest size that ``after`` may have when it takes over; its square where it is quadratic.
+
+    Uses the noise and stretch of ``after``, not its level.
+    """
+    old, new = before.certificate, after.certificate
+    c = decayed(before, after.start)
+    if isinstance(new, Separable) and isinstance(old, Separable):
+        g = handover_ratio(old, new)
+        if old.error is None or new.error is None:
+            return c * g
+        more = max(ZERO, new.error.kappa * after.stretch - g * old.error.kappa)
+        most, held = noise_left(before, after.start), c / old.error.kappa
+        return c * g + Interval(min(most.lo, held.lo), min(most.hi, held.hi)) * more
+    if isinstance(old, Separable):
+        m, D = problem.m, after.diagonal or ()
+        total = sum((d * old.v[row // m] ** 2 for row, d in enumerate(D)), ZERO)
+        return c**2 * total + problem.n * after.noise**2
+    factor = after.factor or ZERO
+    return c**2 * (factor if observer_matrix(new) is None else max(factor, after.stretch**2))
+
+
+def _certificate(problem: Problem, W: Matrix | None, stage: Stage, k: int) -> StagingAnswer | None:
+    certificate = stage.certificate
+    if isinstance(certificate, Separable):
+        answer = verify_composite(problem, W, certificate)
+        verdict, reason = answer.verdict, answer.reason
+    else:
+        if certificate.rate <= 0:
+            return StagingAnswer(
+                verdict=Verdict.REFUTED, reason=f"stage {k + 1}: its rate must be > 0.", stage=k, step="certificate"
+            )
+        decision = verify_lure(problem, certificate)
+        verdict, reason = decision.verdict, decision.reason
+    if verdict is not Verdict.PROVED:
+        return StagingAnswer(verdict=verdict, reason=f"stage {k + 1}: {reason}", stage=k, step="certificate")
+    obstacle = _observer_obstacle(problem, W, stage)
+    if obstacle is not None:
+        return StagingAnswer(verdict=Verdict.REFUTED, reason=f"stage {k + 1}: {obstacle}", stage=k, step="observer")
+    return None
+
+
+def _observer_obstacle(problem: Problem, W: Matrix | None, stage: Stage) -> str | None:
+    """A quadratic certificate is about the W of its own pair; it has to be the given one."""
+    if not problem.groups:
+        return None if not stage.noise else "without an [exosystem] there is no observer error."
+    certificate = stage.certificate
+    if isinstance(certificate, Separable):
+        return None  # decided with W
+    if certificate.P is None or certificate.Q is None or W is None:
+        return "with an [exosystem] the certificate needs the observer's pair P, Q and a gain W."
+    if multiply(certificate.P, W) != certificate.Q:
+        return "its pair (P, Q) belongs to another W: Q must equal P W."
+    return None
+
+
+def _own(stage: Stage) -> Iterator[_Need]:
+    """What a stage claims about its certificate alone."""
+    certificate = stage.certificate
+    if isinstance(certificate, Separable):
+        yield _at_least("height", stage.height, Interval.point(max(certificate.v)), "height must be at least max v.")
+        return
+    P_e, D = certificate.P_e, stage.diagonal
+    tallest = max(diagonal_of_inverse(P_e))
+    yield _at_least(
+        "height", stage.height**2, Interval.point(tallest), "height^2 must be at least every diagonal entry of P_e^-1."
+    )
+    if D is None:
+        return
+    if len(D) != P_e.size:
+        yield _fact("diagonal", False, f"diagonal must have {P_e.size} entries; got {len(D)}.")
+        return
+    bound = SparseSymmetric(P_e.size, {(i, i): d for i, d in enumerate(D)})
+    yield _fact("diagonal", _is_semidefinite(bound + P_e.negated()), "diag(diagonal) - P_e is not semidefinite.")
+
+
+def _starting(problem: Problem, stage: Stage, staging: Staging) -> Iterator[_Need]:
+    """The starts lie in the first stage's level set, and that lies in its guard."""
+    certificate, s = stage.certificate, staging.disturbance
+    outside = "not all starts asked for lie in its first level set."
+    if isinstance(certificate, Separable):
+        room = stage.level - staging.radius / certificate.least
+        yield _fact("start", room >= 0, outside)
+        error = certificate.error
+        size = ZERO if error is None else error.size
+        if error is not None:
+            taken = (error.kappa * s) ** 2 * size
+            yield _at_least("start", max(room, ZERO) ** 2, Interval.point(taken), outside)
+        guard = certificate.rho
+        inside = guard is None or stage.level <= guard
+    else:
+        yield _at_least("start", stage.level**2, start_level(problem, stage, staging), outside)
+        size = ZERO if certificate.P is None else eigenvalue_bound(SparseSymmetric.from_dense(certificate.P))
+        inside = certificate.level is None or stage.level**2 <= certificate.level
+    yield _fact("guard", inside, "its first level set reaches beyond the region that its certificate is about.")
+    yield _at_least(
+        "noise", stage.noise**2, Interval.point(size * s**2), "noise is less than the observer error at the start."
+    )
+
+
+def _taking_over(problem: Problem, before: Stage, after: Stage) -> Iterator[_Need]:
+    """The hand-over at ``after.start``."""
+    yield from _observer_handed_over(before, after)
+    square = decayed(before, after.start) ** 2
+    for a, radius in guard_limits(problem, before, after):
+        yield _at_least("guard", radius**2, square * a, "when it takes over, what is known does not lie in its region.")
+    old, new = before.certificate, after.certificate
+    if isinstance(old, Lure) and isinstance(new, Lure):
+        gap = old.P_e.scaled(after.factor or ZERO) + new.P_e.negated()
+        yield _fact("factor", _is_semidefinite(gap), "factor P_e (of the stage before) - P_e is not semidefinite.")
+    level = stage_square(after)
+    yield _at_least(
+        "level", level, next_level(problem, before, after), "its level is too small for what is handed over."
+    )
+
+
+def stage_square(stage: Stage) -> Fraction:
+    """The level as ``next_level`` gives it: its square where the stage is quadratic."""
+    return stage.level**2 if stage.is_quadratic else stage.level
+
+
+def _observer_handed_over(before: Stage, after: Stage) -> Iterator[_Need]:
+    old, new = observer_matrix(before.certificate), observer_matrix(after.certificate)
+    if old is None or new is None:
+        return
+    gap = SparseSymmetric.from_dense(old).scaled(after.stretch**2) + SparseSymmetric.from_dense(new).negated()
+    yield _fact("stretch", _is_semidefinite(gap), "stretch^2 P (of the stage before) - P is not semidefinite.")
+    left = noise_left(before, after.start) * after.stretch
+    yield _at_least("noise", after.noise, left, "noise is less than what is left of the observer error.")
+
+
+def observer_matrix(certificate: Separable | Lure) -> Matrix | None:
+    """P of a certificate; None without an exosystem."""
+    if isinstance(certificate, Lure):
+        return certificate.P
+    return None if certificate.error is None else certificate.error.P
+
+
+def diagonal_of_inverse(P_e: SparseSymmetric) -> list[Fraction]:
+    """The diagonal of P_e^-1: entry c is the largest e_c^2 where e'P_e e <= 1.  P_e > 0."""
+    if all(i == j for i, j in P_e.entries):
+        return [1 / P_e.entries[i, i] for i in range(P_e.size)]
+    Y = inverse(P_e.to_dense())
+    return [Y[i][i] for i in range(P_e.size)]
+
+
+def _shrunk(value: Fraction, rate: Fraction, time: Fraction) -> Interval:
+    """Enclose value exp(-rate time) for value, rate, time >= 0."""
+    power = rate * time
+    if power > FARTHEST:
+        return Interval(ZERO, (exp(Interval.point(-FARTHEST)) * value).hi)
+    return exp(Interval.point(-power)) * value
+
+
+def _is_semidefinite(M: SparseSymmetric) -> bool:
+    return decide_positive_semidefinite(M).verdict is Verdict.PROVED
+
+
+def _at_least(step: str, claimed: Fraction, least: Interval, words: str) -> _Need:
+    return _Need(step, claimed, least, words)
+
+
+def _fact(step: str, holds: bool, words: str) -> _Need:
+    return _Need(step, ZERO, Interval.point(0 if holds else 1), words)

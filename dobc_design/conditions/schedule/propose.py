@@ -1,0 +1,246 @@
+"""Proposals for staging: which certificates, at which levels, and in which order (theory, section 5).
+
+A table of vectors v at falling levels and the quadratic certificates there are make a graph: from level L of one
+certificate to the level at which the next can take over costs ln(ratio)/rate.  The shortest way through it is the
+plan.  Floating point; nothing here is a proof.
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from fractions import Fraction
+from typing import Final
+
+import numpy as np
+
+from dobc_design.conditions.quadratic.claim import Lure
+from dobc_design.conditions.separable.field import field_of
+from dobc_design.conditions.separable.propose import LARGE, propose_vectors
+from dobc_design.exact.matrix import Vector, to_float
+from dobc_design.exact.symmetric import SparseSymmetric
+from dobc_design.problem.problem import Problem
+from dobc_design.solvers.program import Array
+
+# (agents, levels of the graph, levels at which v is sought, parts of the largest rate there)
+SIZES: Final = ((60, 32, 8, (1.0, 0.97, 0.9, 0.75, 0.5)), (2000, 16, 4, (1.0, 0.9, 0.75)), (100_000, 8, 2, (1.0,)))
+LOWEST: Final = 1 / 500  # of the first level; couplings are nearly linear long before
+MOST_QUADRATICS: Final = 6
+DECIMALS, BITS = 10**4, 2**20  # of v; binary for large networks
+PENALTY: Final = 0.003  # of the time of the first stage alone, for every further one: short chains are worth that
+ABOVE: Final = 1e-7  # of numbers that have to be above a matrix, for rounding
+SHARE: Final = Fraction(9, 10)  # of the observer's rate that V = N + kappa E may use
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class PlannedStage:
+    """A max-separable stage: v and the level rho down from which it is to hold."""
+
+    v: Vector
+    rho: Fraction
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class StagePlan:
+    """Stages in order, max-separable then quadratic, and the settling time (s) that floating point sees."""
+
+    separable: tuple[PlannedStage, ...]
+    quadratic: tuple[Lure, ...]
+    time: float
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Table:
+    """Levels (b,), vectors (a, n) as rationals and floats, and the rate (b, a) of each vector at each level."""
+
+    levels: Array
+    exact: tuple[Vector, ...]
+    v: Array
+    rates: Array
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Quadratic:
+    """A quadratic certificate in floats; ``reach`` (a,): sizes of N below which its guard holds, by vector.
+
+    ``entry`` (a,): its size per N when it takes over.
+    """
+
+    lure: Lure
+    P_e: Array
+    height: float
+    reach: Array
+    entry: Array
+
+
+def plan_stages(
+    problem: Problem, *, rho: Fraction, tolerance: Fraction, fastest: float = math.inf, quadratics: Sequence[Lure] = ()
+) -> list[StagePlan]:
+    """Plan the stages from level ``rho`` down to |e|_inf <= tolerance: the quickest plan, and that without quadratics.
+
+    ``fastest``: no max-separable rate counts beyond it (1/s; the observer's).  ``quadratics``: certificates with a
+    rate and a radius, from which those that pay are chosen; at most MOST_QUADRATICS are looked at.
+    Empty if no vector has a rate at ``rho``.
+    """
+    table = _tabulate(problem, rho=rho, tolerance=float(tolerance), fastest=fastest)
+    if table is None or not np.any(table.rates[0] > 0):
+        return []
+    last = _final_times(table, float(tolerance))
+    penalty = PENALTY * float(np.min(last[0]))
+    reached, before = _shortest(table, penalty)
+    plain = reached + last
+    plans = [_plan(table, plain, before, (), rho)]
+    chosen = sorted(quadratics, key=lambda lure: -float(lure.radius or 0))[:MOST_QUADRATICS]
+    for chain in _chains([_measured(problem, table, lure) for lure in chosen]):
+        times = reached + _chain_times(table, chain, float(tolerance)) + penalty * len(chain)
+        if float(np.min(times)) < plans[0].time:
+            plans = [_plan(table, times, before, chain, rho), plans[-1]]
+    return plans
+
+
+def _plan(
+    table: _Table,
+    times: Array,
+    before: dict[tuple[int, int], tuple[int, int]],
+    chain: Sequence[_Quadratic],
+    rho: Fraction,
+) -> StagePlan:
+    """The way to the least of ``times`` (level, vector), which include those of ``chain``."""
+    end = int(np.argmin(times))
+    place: tuple[int, int] | None = (end // times.shape[1], end % times.shape[1])
+    steps = []
+    while place is not None:
+        level, vector = place
+        exact = rho if level == 0 else _short(float(table.levels[level]))
+        steps.append(PlannedStage(v=table.exact[vector], rho=exact))
+        place = before.get(place)
+    return StagePlan(
+        separable=tuple(reversed(steps)), quadratic=tuple(each.lure for each in chain), time=float(np.min(times))
+    )
+
+
+def box_bound(P_e: Array, v: Array) -> tuple[float, Array]:
+    """The better of two D with P_e <= diag(D): (sum D_i v_i^2, D), for a box with half-widths v (n m,)."""
+    rows = np.abs(P_e) @ v / v  # diagonal dominance after scaling with v
+    even = np.full(len(v), float(np.linalg.eigvalsh(P_e)[-1]))
+    return min(((float(D @ v**2), D) for D in (rows, even)), key=lambda pair: pair[0])
+
+
+def matching_diagonal(P_e: SparseSymmetric, half_widths: Vector) -> Vector:
+    """D with P_e <= diag(D) and a small sum of D_i half_widths_i^2, rounded up."""
+    D = box_bound(to_float(P_e.to_dense()), np.array([float(x) for x in half_widths]))[1]
+    return tuple(_short(float(x) * (1 + ABOVE), digits=9) for x in D)
+
+
+def relative_bound(new: SparseSymmetric, old: SparseSymmetric) -> Fraction:
+    """A number f with new <= f old, rounded up; old > 0."""
+    quotient = np.linalg.solve(to_float(old.to_dense()), to_float(new.to_dense()))
+    return _short(float(np.max(np.linalg.eigvals(quotient).real)) * (1 + ABOVE), digits=9)
+
+
+def _tabulate(problem: Problem, *, rho: Fraction, tolerance: float, fastest: float) -> _Table | None:
+    sizes = next((size for size in SIZES if problem.n <= size[0]), None)
+    if sizes is None:
+        return None
+    _, count, sought, parts = sizes
+    top = float(rho)
+    low = max(min(tolerance, top), top * LOWEST)
+    levels = np.geomspace(top, low, count) if low < top else np.array([top])
+    exact: dict[Vector, None] = {}
+    for level in levels[np.unique(np.linspace(0, len(levels) - 1, sought).round().astype(int))].tolist():
+        for v in propose_vectors(problem, rho=level, parts=parts):
+            unit = DECIMALS if problem.n <= LARGE else BITS
+            exact[tuple(Fraction(round(x * unit), unit) for x in v.tolist())] = None
+    if not exact:
+        return None
+    v = np.array([[float(x) for x in each] for each in exact])
+    field = replace(field_of(problem, rho=top), grid=np.sort(np.concatenate([levels, 0.8 * levels])))
+    rates = np.empty((len(levels), len(v)))
+    for a, each in enumerate(v):
+        falling = np.minimum.accumulate(field.rates(each))  # for all smaller s as well
+        rates[:, a] = falling[np.searchsorted(field.grid, levels * (1 - 1e-12))]
+    return _Table(levels, tuple(exact), v, np.minimum(rates, fastest))
+
+
+def _final_times(table: _Table, tolerance: float) -> Array:
+    """The time from each level of each vector to the tolerance, (b, a)."""
+    highest = np.max(table.v, axis=1)
+    return _time(table.levels[:, None] * highest, tolerance, table.rates)
+
+
+def _shortest(table: _Table, penalty: float) -> tuple[Array, dict[tuple[int, int], tuple[int, int]]]:
+    """The least time to reach each level of each vector, and from where; every hand-over costs ``penalty``."""
+    levels, rates = table.levels, table.rates
+    reached = np.full(rates.shape, np.inf)
+    reached[0] = np.where(rates[0] > 0, 0.0, np.inf)
+    before: dict[tuple[int, int], tuple[int, int]] = {}
+    ratio = np.array([np.max(one / table.v, axis=1) for one in table.v])  # [from, to]
+    for b in range(len(levels)):
+        for later in range(b + 1, len(levels)):
+            times = _time(levels[b], levels[later] / ratio, rates[b][:, None]) + reached[b][:, None] + penalty
+            source = np.argmin(times, axis=0)
+            least = times[source, np.arange(len(source))]
+            for a in np.flatnonzero((least < reached[later]) & (rates[later] > 0)).tolist():
+                reached[later, a] = least[a]
+                before[later, a] = (b, int(source[a]))
+    return reached, before
+
+
+def _measured(problem: Problem, table: _Table, lure: Lure) -> _Quadratic:
+    """A quadratic certificate in floats, against every vector of the table."""
+    m = problem.m
+    P_e = to_float(lure.P_e.to_dense())
+    widest = np.zeros(len(table.v))
+    for arcs in problem.network.modes.values():
+        sums = table.v[:, arcs.listeners] + table.v[:, arcs.speakers]
+        widest = np.maximum(widest, np.max(sums, axis=1, initial=0.0))
+    radius = math.inf if lure.radius is None else float(lure.radius)
+    return _Quadratic(
+        lure=lure,
+        P_e=P_e,
+        height=math.sqrt(float(np.max(np.diag(np.linalg.inv(P_e))))),
+        reach=radius / np.maximum(widest, 1e-300),
+        entry=np.array([math.sqrt(box_bound(P_e, np.repeat(v, m))[0]) for v in table.v]),
+    )
+
+
+def _chains(candidates: Sequence[_Quadratic]) -> Iterator[tuple[_Quadratic, ...]]:
+    for count in range(1, len(candidates) + 1):
+        yield from itertools.combinations(candidates, count)
+
+
+def _chain_times(table: _Table, chain: Sequence[_Quadratic], tolerance: float) -> Array:
+    """The time from each level of each vector to the tolerance through the quadratic certificates, (b, a)."""
+    first = chain[0]
+    levels = np.broadcast_to(table.levels[:, None], table.rates.shape)
+    below = np.minimum(levels, first.reach)
+    times = _time(levels, below, table.rates)
+    size = below * first.entry
+    for old, new in itertools.pairwise(chain):
+        below = np.minimum(size, _reach(old, new))
+        times = times + _time(size, below, float(old.lure.rate))
+        size = below * math.sqrt(float(np.max(np.linalg.eigvals(np.linalg.solve(old.P_e, new.P_e)).real)))
+    return times + _time(
+        size * chain[-1].height, np.minimum(size * chain[-1].height, tolerance), float(chain[-1].lure.rate)
+    )
+
+
+def _reach(old: _Quadratic, new: _Quadratic) -> float:
+    """The size of ``old`` below which every |e_i - e_j| is within the radius of ``new``, or somewhat less."""
+    if new.lure.radius is None:
+        return math.inf
+    Y = np.linalg.inv(old.P_e)
+    widths = np.diag(Y)[:, None] + np.diag(Y)[None, :] - 2 * Y
+    return float(new.lure.radius) / math.sqrt(float(np.max(widths)))
+
+
+def _time(high: Array | float, low: Array | float, rate: Array | float) -> Array:
+    """ln(high/low)/rate, 0 where there is nothing to wait for, inf without a rate."""
+    ratio, speed = np.broadcast_arrays(np.maximum(np.log(np.asarray(high) / low), 0.0), np.asarray(rate, dtype=float))
+    return np.where(speed > 0, ratio / np.where(speed > 0, speed, 1.0), np.inf)
+
+
+def _short(value: float, *, digits: int = 6) -> Fraction:
+    return Fraction(f"{value:.{digits}g}")

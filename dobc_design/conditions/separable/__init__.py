@@ -1,0 +1,1 @@
+"""The max-separable certificate of a box of starts, with delays and sampling (theory, section 5)."""

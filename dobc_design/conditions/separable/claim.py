@@ -1,0 +1,189 @@
+"""The max-separable certificate of theory, section 5: what it claims, and its rows.
+
+For v > 0, a rate alpha and a radius rho the rows ask, for all s in (0, rho], every agent i and every mode,
+
+    upper:  sum_j w sup { h_ij(y) : -s (v_i + v_j) <= y <= s (v_j - v_i) } - k_i s v_i <= -alpha s v_i
+
+and the same for the lower face, whose couplings are -h_ij(-y).  Then N(e) = max_i |e_i|/v_i decays at the rate alpha
+while N <= rho.  No monotonicity is needed.  Arcs that look alike share a term, so rows stay short.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Iterator, Sequence
+from dataclasses import dataclass
+from fractions import Fraction
+
+import numpy as np
+
+from dobc_design.errors import ShapeError, SpecError
+from dobc_design.exact.doubles import Doubles, least
+from dobc_design.exact.matrix import Matrix, Vector
+from dobc_design.exact.number import float_above
+from dobc_design.problem.problem import Problem
+
+UPPER, LOWER = 1, -1
+FACES = {UPPER: "upper", LOWER: "lower"}
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ErrorBound:
+    """The observer's part of the composite V = N + kappa E, E = max_i sqrt(eps_i' P eps_i).
+
+    P (q, q) symmetric with (A-WC)'P + P(A-WC) <= -2 beta P, c'c <= P for each row c of C and P <= size I;
+    beta in 1/s, kappa > 1/(beta min v) in s.
+    """
+
+    P: Matrix
+    beta: Fraction
+    kappa: Fraction
+    size: Fraction
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Separable:
+    """A claim: the rows hold for v (one entry per agent), alpha (1/s) and all s in (0, rho].
+
+    ``rho`` None: for every s > 0.  ``error``: the observer's part, None without an exosystem.
+    Raises: ShapeError or SpecError unless v > 0, alpha > 0 and rho > 0.
+    """
+
+    v: Vector | Doubles
+    alpha: Fraction
+    rho: Fraction | None
+    error: ErrorBound | None = None
+
+    def __post_init__(self) -> None:
+        if not len(self.v) or least(self.v) <= 0:
+            raise ShapeError("v must have one entry > 0 per agent.", key="v")
+        if self.alpha <= 0 or (self.rho is not None and self.rho <= 0):
+            raise SpecError("alpha and rho must be > 0.", key="alpha" if self.alpha <= 0 else "rho")
+
+    @property
+    def least(self) -> Fraction:
+        """Min v."""
+        return least(self.v)
+
+
+@dataclass(frozen=True, slots=True)
+class Term:
+    """``weight`` times the largest h(y) on -s reach <= y <= s step; ``coupling`` is its place in problem.couplings."""
+
+    coupling: int
+    weight: Fraction
+    reach: Fraction
+    step: Fraction
+
+
+@dataclass(frozen=True, slots=True)
+class Row:
+    """One row without its agent: the terms, k_i and v_i.  Agents in the same situation share it."""
+
+    terms: tuple[Term, ...]
+    gain: Fraction
+    own: Fraction
+
+
+@dataclass(frozen=True, slots=True)
+class Place:
+    """Where a row stands: the first agent (index) and mode that have it, and how many do."""
+
+    agent: int
+    mode: str
+    count: int
+
+
+def holding_gains(problem: Problem) -> tuple[Fraction, ...]:
+    """What the pin of each agent is worth in a row: the least k_cc - sum_{d != c} |k_cd|; 0 without a pin."""
+    gains = [Fraction(0)] * problem.n
+    known: dict[int, Fraction] = {}  # agents often share one matrix
+    for agent, k in problem.pinning.gains.items():
+        if id(k) not in known:
+            known[id(k)] = min(_held(row, c) for c, row in enumerate(k))
+        gains[agent] = known[id(k)]
+    return tuple(gains)
+
+
+def _held(row: Vector, c: int) -> Fraction:
+    return row[c] - sum((abs(x) for d, x in enumerate(row) if d != c), Fraction(0))
+
+
+def acts_by_component(problem: Problem) -> bool:
+    """Whether the certificate applies: every coupling acts by component."""
+    return all(coupling.by_component for coupling in problem.couplings)
+
+
+def largest_reach(
+    problem: Problem, v: Sequence[Fraction], *, modes: Sequence[str], stretch: Fraction | int = 1
+) -> tuple[Fraction, ...]:
+    """A bound of v_i + stretch v_j over the arcs of each of problem.couplings; 0 without arcs.
+
+    It leaves room for what floats that are rounded up may add.
+    Raises: ShapeError unless v has one entry per agent.
+    """
+    require_one_per_agent(problem, v)
+    above = v.array if isinstance(v, Doubles) else np.array([float_above(x) for x in v])
+    factor = float_above(Fraction(stretch))
+    place = {coupling: number for number, coupling in enumerate(problem.couplings)}
+    found = [0.0] * len(problem.couplings)
+    for mode in modes:
+        arcs = problem.network.modes[mode]
+        kinds = np.zeros(len(arcs), dtype=np.int64)
+        if problem.exceptions:
+            codes = arcs.listeners * problem.n + arcs.speakers
+            for (i, j), coupling in problem.exceptions.items():
+                kinds[codes == i * problem.n + j] = place[coupling]
+        sums = above[arcs.listeners] + factor * above[arcs.speakers]
+        for kind in range(len(found)):
+            found[kind] = max(found[kind], float(np.max(sums[kinds == kind], initial=0.0)))
+    return tuple(Fraction(most) * (1 + Fraction(1, 2**45)) for most in found)
+
+
+def require_one_per_agent(problem: Problem, v: Sequence[Fraction]) -> None:
+    """Raise ShapeError unless v has one entry per agent."""
+    if len(v) != problem.n:
+        raise ShapeError(f"v must have {problem.n} entries, one per agent; got {len(v)}.", key="v")
+
+
+def rows(
+    problem: Problem,
+    v: Sequence[Fraction],
+    *,
+    modes: Sequence[str] | None = None,
+    stretch: Fraction | int = 1,
+    gains: Sequence[Fraction] | None = None,
+    agents: Collection[int] | None = None,
+) -> Iterator[tuple[Row, Place]]:
+    """List the different rows of the given modes (default: all); both faces have the same terms.
+
+    ``stretch`` >= 1 multiplies the v_j of those who are listened to (delays, theory section 5).
+    ``gains``: one per agent in place of ``holding_gains``.  ``agents``: only theirs.
+    Raises: ShapeError unless v has one entry per agent.
+    """
+    require_one_per_agent(problem, v)
+    gains = holding_gains(problem) if gains is None else gains
+    place = {coupling: number for number, coupling in enumerate(problem.couplings)}
+    special = {arc: place[coupling] for arc, coupling in problem.exceptions.items()}
+    found: dict[Row, Place] = {}
+    for mode in problem.network.modes if modes is None else modes:
+        chosen: Collection[int] = range(problem.n) if agents is None else agents
+        terms: dict[int, dict[tuple[int, Fraction], Fraction]] = {i: {} for i in chosen}
+        arcs = problem.network.modes[mode]
+        heard_by = np.arange(len(arcs)) if agents is None else np.flatnonzero(np.isin(arcs.listeners, list(agents)))
+        for i, j, arc in zip(
+            arcs.listeners[heard_by].tolist(), arcs.speakers[heard_by].tolist(), heard_by.tolist(), strict=True
+        ):
+            key = (special.get((i, j), 0) if special else 0, v[j])
+            terms[i][key] = terms[i].get(key, Fraction(0)) + arcs.weights[arc]
+        for i, heard in terms.items():
+            row = Row(
+                tuple(
+                    Term(coupling, weight, stretch * other + v[i], stretch * other - v[i])
+                    for (coupling, other), weight in sorted(heard.items())
+                ),
+                gains[i],
+                v[i],
+            )
+            known = found.get(row)
+            found[row] = Place(i, mode, 1) if known is None else Place(known.agent, known.mode, known.count + 1)
+    yield from found.items()

@@ -1,0 +1,262 @@
+"""The max-separable certificate, decided: its rows for every agent, mode and face, and all s in (0, rho].
+
+PROVED means that N(e) = max_i |e_i|/v_i obeys D+ N <= -alpha N + max_i |C eps_i|/v_i while N <= rho, for every
+switching signal among the modes.  Theory, section 5.  The observer's part is in ``separable_observer``.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from fractions import Fraction
+from typing import Final
+
+from dobc_design.conditions.numbers import shorten
+from dobc_design.conditions.separable.claim import (
+    FACES,
+    Place,
+    Row,
+    Separable,
+    acts_by_component,
+    holding_gains,
+    largest_reach,
+    rows,
+)
+from dobc_design.conditions.separable.large import ArcRows, Kinds, arc_rows, estimated_rate, float_kinds, open_rows
+from dobc_design.conditions.separable.rows import decide_row, linear_bound, row_rate
+from dobc_design.coupling.enclosures import Curve
+from dobc_design.coupling.monotone import Profile, profile
+from dobc_design.exact.doubles import Doubles
+from dobc_design.exact.interval import UndefinedError
+from dobc_design.exact.matrix import Vector
+from dobc_design.problem.problem import Problem
+from dobc_design.verdict import Verdict
+
+#: How far below the largest rate ``largest_rate`` may stop, as a part of it.
+TOLERANCE: Final = Fraction(1, 10**5)
+#: From this many arcs on, floats with outward bounds go first (fewer where a coupling falls, whose exact rows take
+#: longer); and how many rows they may leave.
+MANY_ARCS: Final = 1000
+MANY_FALLING: Final = 200
+MOST_LEFT: Final = 200
+# How far below an estimate the proof is tried.
+_PARTS: Final = (1e-8, 1e-6, 1e-5, 1e-4, 3e-4, 1e-3, 1e-2, 0.1, 0.5)
+_NOT_BY_COMPONENT: Final = (
+    "does not apply: the max-separable certificate is for couplings that act on each state component by itself."
+)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SeparableAnswer:
+    """Whether a Separable holds, and why; where it fails: agent (index), mode, face ("upper", "lower") and s."""
+
+    verdict: Verdict
+    reason: str
+    agent: int | None = None
+    mode: str | None = None
+    face: str | None = None
+    s: Fraction | None = None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Question:
+    """Rows to be decided: the problem, v, rho (None: linear couplings), the modes, the stretch of v_j."""
+
+    problem: Problem
+    v: Vector | Doubles
+    rho: Fraction | None
+    modes: tuple[str, ...]
+    stretch: Fraction | int
+    profiles: tuple[Profile, ...]
+
+    def rows(self, *, mode: str, agents: Sequence[int] | None = None) -> Iterator[tuple[Row, Place]]:
+        return rows(self.problem, self.v, modes=[mode], stretch=self.stretch, agents=agents)
+
+
+def verify_separable(
+    problem: Problem, claim: Separable, *, modes: Sequence[str] | None = None, stretch: Fraction | int = 1
+) -> SeparableAnswer:
+    """Decide the rows of ``claim`` in the given modes (default: all).
+
+    REFUTED says that these numbers fail at the place shown, not that consensus fails.  ``stretch`` >= 1: the
+    v_j of those who are listened to are multiplied by it (``separable_timing``).
+    Raises: ShapeError unless v has one entry per agent.
+    """
+    question = _ask(problem, claim.v, claim.rho, modes, stretch)
+    if isinstance(question, str):
+        return SeparableAnswer(verdict=Verdict.UNDECIDED, reason=question)
+    large = _large(question)
+    for mode in question.modes:
+        left = None if large is None else open_rows(*large[mode], alpha=claim.alpha, rho=_radius(claim.rho))
+        answer = _first_failure(question, claim, mode, left)
+        if answer is not None:
+            return answer
+    where = "everywhere" if claim.rho is None else f"while it is at most {float(claim.rho):.6g}"
+    return SeparableAnswer(
+        verdict=Verdict.PROVED,
+        reason=f"on every face of every smaller box the field points inwards: max_i |e_i|/v_i decays at least like"
+        f" exp(-{shorten(claim.alpha, digits=4):.4g} t) {where}, up to what the observer error adds.",
+    )
+
+
+def largest_rate(
+    problem: Problem,
+    v: Vector | Doubles,
+    *,
+    rho: Fraction | None,
+    modes: Sequence[str] | None = None,
+    stretch: Fraction | int = 1,
+) -> Fraction | None:
+    """The largest alpha (1/s, nine digits), about, that v is proved to have for all s in (0, rho]; None if none > 0.
+
+    The certificate (v, alpha, rho) is then PROVED by ``verify_separable``.
+    Raises: ShapeError unless v has one entry per agent.
+    """
+    question = _ask(problem, v, rho, modes, stretch)
+    if isinstance(question, str):
+        return None
+    large = _large(question)
+    if large is not None:
+        return _large_rate(question, large)
+    rate = max(holding_gains(problem))  # the agent with the least v has no more than its gain
+    for mode in question.modes:
+        for row, _ in question.rows(mode=mode):
+            for face in FACES:
+                if rho is None:
+                    found = row.gain - linear_bound(row, face, question.profiles) / row.own
+                else:
+                    found = row_rate(row, face, question.profiles, rho=rho, enough=rate, tolerance=TOLERANCE)
+                rate = min(rate, found)
+                if rate <= 0:
+                    return None
+    return rounded_down(rate) or None
+
+
+def rounded_down(value: Fraction, *, digits: int = 9) -> Fraction:
+    """A decimal number of ``digits`` digits, at most ``value`` >= 0 and the same if that has no more."""
+    if value <= 0:
+        return Fraction(0)
+    unit = Fraction(10) ** (digits - len(str(value.numerator // value.denominator)))
+    while value * unit < 10 ** (digits - 1):
+        unit *= 10
+    return Fraction(math.floor(value * unit)) / unit
+
+
+def coupling_profiles(
+    problem: Problem, v: Vector | Doubles, *, rho: Fraction | None, modes: Sequence[str], stretch: Fraction | int = 1
+) -> tuple[Profile, ...]:
+    """Where each coupling rises and falls, as far out as the rows look (at 0 only for linear couplings, rho None).
+
+    Raises: UndefinedError naming the coupling and the interval where it is not defined.
+    """
+    reach = largest_reach(problem, v, modes=modes, stretch=stretch)
+    return tuple(
+        profile(Curve(coupling.components[0]), Fraction(0) if rho is None else rho * most)
+        for coupling, most in zip(problem.couplings, reach, strict=True)
+    )
+
+
+def _ask(
+    problem: Problem, v: Vector | Doubles, rho: Fraction | None, modes: Sequence[str] | None, stretch: Fraction | int
+) -> _Question | str:
+    """The question, or why the certificate does not apply."""
+    if not acts_by_component(problem):
+        return _NOT_BY_COMPONENT
+    if rho is None and not problem.is_linear:
+        return "does not apply: without a radius rho the rows are decided for linear couplings only."
+    names = tuple(problem.network.modes if modes is None else modes)
+    try:
+        profiles = coupling_profiles(problem, v, rho=rho, modes=names, stretch=stretch)
+    except UndefinedError as error:
+        return f"does not apply: {error}"
+    return _Question(problem=problem, v=v, rho=rho, modes=names, stretch=stretch, profiles=profiles)
+
+
+def _radius(rho: Fraction | None) -> Fraction:
+    """For linear couplings every radius says the same."""
+    return Fraction(1) if rho is None else rho
+
+
+def _large(question: _Question) -> dict[str, tuple[ArcRows, Kinds]] | None:
+    """Arrays and tables of every mode where there are many arcs; None for few, and for couplings that turn often."""
+    problem, rising = question.problem, all(kind.is_nondecreasing for kind in question.profiles)
+    arcs = sum(len(problem.network.modes[mode]) for mode in question.modes)
+    if arcs < (MANY_ARCS if rising else MANY_FALLING) or (question.rho is None and not rising):
+        return None
+    arrays = {mode: arc_rows(problem, question.v, mode, stretch=question.stretch) for mode in question.modes}
+    try:
+        kinds = float_kinds(question.profiles, list(arrays.values()), rho=_radius(question.rho))
+    except UndefinedError:  # rows one by one may do
+        return None
+    return None if kinds is None else {mode: (each, kinds) for mode, each in arrays.items()}
+
+
+def _large_rate(question: _Question, large: dict[str, tuple[ArcRows, Kinds]]) -> Fraction | None:
+    rho = _radius(question.rho)
+    estimate = min(estimated_rate(*each, rho=rho) for each in large.values())
+
+    def holds(alpha: Fraction) -> bool:
+        claim = Separable(v=question.v, alpha=alpha, rho=question.rho)
+        for mode in question.modes:
+            left = open_rows(*large[mode], alpha=alpha, rho=rho)
+            if len(left) > MOST_LEFT or _first_failure(question, claim, mode, left) is not None:
+                return False
+        return True
+
+    if not (estimate > 0 and math.isfinite(estimate)):
+        return None
+    candidates = (rounded_down(Fraction(estimate * (1 - part))) for part in _PARTS)
+    return next((alpha for alpha in candidates if holds(alpha)), None)
+
+
+def _first_failure(
+    question: _Question, claim: Separable, mode: str, left: list[tuple[int, int]] | None
+) -> SeparableAnswer | None:
+    """Decide the rows of one mode exactly: all, or the (agent, face) that floats left; None if they are proved."""
+    batches: list[tuple[tuple[int, ...], list[int] | None]] = [(tuple(FACES), None)]
+    if left is not None:
+        agents = {face: [agent for agent, side in left if side == face] for face in FACES}
+        batches = [
+            ((face,), chosen[k : k + MOST_LEFT])
+            for face, chosen in agents.items()
+            for k in range(0, len(chosen), MOST_LEFT)
+        ]
+    for faces, chosen in batches:
+        for row, place in question.rows(mode=mode, agents=chosen):
+            for face in faces:
+                answer = _decide(question, claim, row, place, face)
+                if answer is not None:
+                    return answer
+    return None
+
+
+def _decide(question: _Question, claim: Separable, row: Row, place: Place, face: int) -> SeparableAnswer | None:
+    """None if the row is proved."""
+    if claim.rho is None:
+        bound = linear_bound(row, face, question.profiles)
+        if bound <= (row.gain - claim.alpha) * row.own:
+            return None
+        verdict, s = Verdict.REFUTED if _is_exact(question.problem) else Verdict.UNDECIDED, None
+    else:
+        answer = decide_row(row, face, question.profiles, alpha=claim.alpha, rho=claim.rho)
+        if answer.verdict is Verdict.PROVED:
+            return None
+        verdict, s = answer.verdict, answer.s
+    label = question.problem.network.labels[place.agent]
+    what = "fails" if verdict is Verdict.REFUTED else "is closer to failing than the enclosures can tell"
+    at = "" if s is None else f" at s = {float(s):.6g}"
+    more = f" (and {place.count - 1} more alike)" if place.count > 1 else ""
+    return SeparableAnswer(
+        verdict=verdict,
+        reason=f"the {FACES[face]} row of agent {label}{more} in mode {place.mode} {what}{at}:"
+        " try a smaller alpha or rho, or another v.",
+        agent=place.agent,
+        mode=place.mode,
+        face=FACES[face],
+        s=s,
+    )
+
+
+def _is_exact(problem: Problem) -> bool:
+    return all(entry.is_point for c in problem.couplings for row in c.jacobian_at_zero() for entry in row)

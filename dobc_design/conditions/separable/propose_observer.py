@@ -1,0 +1,187 @@
+"""Proposals for the observer's part of the max-separable certificate: P, beta and kappa (theory, section 5).
+
+A box R with |eps_i| <= s needs rho = R/min v + kappa s sqrt(lambda_max(P)).  For each beta a small semidefinite program
+gives the P with the least lambda_max; beta is then searched for the least kappa sqrt(lambda_max).  Nothing here is a
+proof.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from fractions import Fraction
+from typing import Any
+
+import numpy as np
+from scipy import linalg, sparse
+
+from dobc_design.conditions.separable.claim import ErrorBound
+from dobc_design.exact.matrix import Matrix, to_float
+from dobc_design.exact.number import float_above
+from dobc_design.problem.exosystem import Exosystem
+from dobc_design.solvers.program import Array, is_solver_failure
+from dobc_design.solvers.rounding import round_matrix
+
+GRID = 24
+REFINEMENTS = 3
+# What is given away so that rounding cannot cross a constraint that is active; more where P is badly conditioned.
+SLACK = 1e-5
+SLACKS = (1, 10, 100, 1000)
+INSIDE = 1e-12  # relative to the entries: eigenvalues that are told from 0
+DIGITS = 8
+UNIT = 10**6  # beta and kappa have six decimals
+FLOOR = 1e-6
+NEARLY, LARGEST = 1e-5, 1e100
+ROOT2 = math.sqrt(2.0)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class _Bound:
+    beta: float
+    P: Array
+    size: float
+
+
+def propose_error_bound(
+    exosystem: Exosystem, W: Matrix, *, rate: float = 0.0, slack: float = SLACK
+) -> ErrorBound | None:
+    """Find P, beta and kappa = 1/(beta - rate) for min v = 1, with kappa sqrt(lambda_max(P)) about least.
+
+    ``rate`` (1/s) is what V = N + kappa E is to decay with; below the decay rate of A - WC.
+    Returns None where no such bound is found (A - WC is not Hurwitz, or slower than ``rate``).
+    """
+    error = to_float(exosystem.A) - to_float(W) @ to_float(exosystem.C)
+    C = to_float(exosystem.C)
+    fastest = float(-np.max(np.linalg.eigvals(error).real))
+    if not math.isfinite(fastest) or fastest <= rate:
+        return None
+    low, high, best = rate, fastest, None
+    for _ in range(REFINEMENTS):
+        betas = np.linspace(low, high, GRID + 2)[1:-1].tolist()
+        found = [bound for beta in betas if (bound := _least_bound(error, C, beta)) is not None]
+        if best is not None:
+            found.append(best)
+        if not found:
+            return None
+        best = min(found, key=lambda bound: math.sqrt(bound.size) / (bound.beta - rate))
+        width = (high - low) / (GRID + 1)
+        low, high = max(rate, best.beta - width), min(fastest, best.beta + width)
+    for more in SLACKS if best is not None else ():
+        rounded = None if best is None else _rounded(best, rate=rate, slack=slack * more)
+        if rounded is None or _is_inside(error, C, rounded):
+            return rounded
+    return None
+
+
+def radius_needed(radius: Fraction, error: ErrorBound | None, disturbance: Fraction, *, digits: int = 4) -> Fraction:
+    """The rho that covers the box ``radius`` and |eps_i| <= ``disturbance`` with min v = 1; ``digits`` decimals, up."""
+    if error is None:
+        return radius
+    root = math.nextafter(math.sqrt(float_above(error.size)), math.inf)
+    unit = Fraction(10) ** digits
+    total = radius + error.kappa * disturbance * Fraction(root)
+    return Fraction(math.ceil(total * unit)) / unit
+
+
+def _rounded(bound: _Bound, *, rate: float, slack: float) -> ErrorBound | None:
+    """Rational numbers a little inside the constraints: P larger, beta smaller, kappa and size larger."""
+    P = round_matrix(bound.P * (1 + slack), DIGITS)
+    beta = Fraction(math.floor(bound.beta * (1 - slack) * UNIT), UNIT)
+    if beta <= rate:
+        return None
+    kappa = Fraction(math.ceil((1 + slack) / (float(beta) - rate) * UNIT), UNIT)
+    top = float(np.linalg.eigvalsh(to_float(P))[-1])
+    return ErrorBound(P=P, beta=beta, kappa=kappa, size=Fraction(math.ceil(top * (1 + 1e-9) * 10**9), 10**9))
+
+
+def _is_inside(error: Array, C: Array, bound: ErrorBound) -> bool:
+    """Whether the rounded numbers satisfy the constraints as far as floats can tell."""
+    P = to_float(bound.P)
+    product = P @ error
+    decay = -(product + product.T + 2 * float(bound.beta) * P)
+    parts = [decay, *(P - np.outer(c, c) for c in C)]
+    sizes = [float(np.max(np.abs(part), initial=0.0)) for part in parts]
+    return all(float(np.linalg.eigvalsh(part)[0]) >= INSIDE * size for part, size in zip(parts, sizes, strict=True))
+
+
+def _least_bound(error: Array, C: Array, beta: float) -> _Bound | None:
+    """Minimise t subject to P <= t I, c'c <= P, error' P + P error <= -2 beta P, by Clarabel."""
+    import clarabel
+
+    q = len(error)
+    unit = float(np.max(np.abs(C), initial=0.0)) or 1.0
+    C = C / unit
+    basis = [_unit(q, i, j) for j in range(q) for i in range(j + 1)]
+    blocks = [
+        # (coefficient of each entry of P, coefficient of t, constant), each to be >= 0
+        ([-M for M in basis], np.eye(q), np.zeros((q, q))),
+        (basis, np.zeros((q, q)), -FLOOR * np.eye(q)),
+        ([-(error.T @ M + M @ error) - 2 * beta * M for M in basis], np.zeros((q, q)), np.zeros((q, q))),
+        *((basis, np.zeros((q, q)), -np.outer(c, c)) for c in C),
+    ]
+    columns = np.vstack([np.column_stack([*(-_svec(M) for M in entries), -_svec(t)]) for entries, t, _ in blocks])
+    right = np.concatenate([_svec(constant) for _, _, constant in blocks])
+    cost = np.zeros(len(basis) + 1)
+    cost[-1] = 1.0
+    settings = clarabel.DefaultSettings()
+    settings.verbose = False
+    cones = [clarabel.PSDTriangleConeT(q) for _ in blocks]
+    quadratic = sparse.csc_matrix((len(cost), len(cost)))
+    try:
+        answer = clarabel.DefaultSolver(quadratic, cost, sparse.csc_matrix(columns), right, cones, settings).solve()
+    except BaseException as failure:  # Clarabel panics with pyo3's PanicException, which is no Exception
+        if not is_solver_failure(failure):
+            raise
+        return _lyapunov_bound(error, unit * C, beta)
+    P = _read_matrix(answer, basis)
+    if P is None or not _nearly_holds(P, error, C, beta):
+        return _lyapunov_bound(error, unit * C, beta)
+    return _Bound(beta=beta, P=unit**2 * P, size=unit**2 * float(np.linalg.eigvalsh(P)[-1]))
+
+
+def _read_matrix(answer: Any, basis: list[Array]) -> Array | None:
+    """P from what a solver returns, which may be anything."""
+    try:
+        numbers = np.ravel(np.asarray(answer.x, dtype=float))
+    except (AttributeError, TypeError, ValueError):
+        return None
+    if len(numbers) <= len(basis) or not np.all(np.isfinite(numbers)):
+        return None
+    return np.asarray(sum(x * M for x, M in zip(numbers.tolist(), basis, strict=False)))
+
+
+def _nearly_holds(P: Array, error: Array, C: Array, beta: float) -> bool:
+    """Whether floating point sees the constraints, up to rounding: solvers may say what is not so."""
+    with np.errstate(all="ignore"):
+        size = float(np.max(np.abs(P)))
+        room = NEARLY * size * (1 + float(np.max(np.abs(error))) + beta)
+        sides = [-(error.T @ P + P @ error) - 2 * beta * P, *(P - np.outer(c, c) for c in C)]
+        try:
+            return 0 < size < LARGEST and all(float(np.linalg.eigvalsh(side)[0]) >= -room for side in sides)
+        except np.linalg.LinAlgError:
+            return False
+
+
+def _lyapunov_bound(error: Array, C: Array, beta: float) -> _Bound | None:
+    """Without a solver: P from (error + beta I)'P + P (error + beta I) = -I, as large as c'c <= P asks for."""
+    shifted = error + beta * np.eye(len(error))
+    with np.errstate(all="ignore"):
+        try:
+            X = linalg.solve_continuous_lyapunov(shifted.T, -np.eye(len(error)))
+            P = (X + X.T) / 2 * max((float(c @ np.linalg.solve(X, c)) for c in C), default=0.0)
+            values = np.linalg.eigvalsh(P)
+        except (ValueError, np.linalg.LinAlgError):
+            return None
+    return _Bound(beta=beta, P=P, size=float(values[-1])) if values[0] > 0 and math.isfinite(values[-1]) else None
+
+
+def _unit(q: int, i: int, j: int) -> Array:
+    M = np.zeros((q, q))
+    M[i, j] = M[j, i] = 1.0
+    return M
+
+
+def _svec(M: Array) -> Array:
+    """Upper triangle, column by column, off-diagonal entries times sqrt 2 (Clarabel's order)."""
+    values: list[Any] = [M[i, j] * (1.0 if i == j else ROOT2) for j in range(len(M)) for i in range(j + 1)]
+    return np.array(values)

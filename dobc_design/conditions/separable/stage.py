@@ -1,0 +1,251 @@
+"""The max-separable certificate of the region asked for, with what it says about delays and sampling.
+
+Theory, section 5.  ``propose`` proposes in floating point, ``verify`` decides exactly.
+"""
+
+from __future__ import annotations
+
+import logging
+import math
+from collections.abc import Mapping
+from dataclasses import replace
+from fractions import Fraction
+from itertools import pairwise
+
+from dobc_design.conditions.asked import Asked, Progress
+from dobc_design.conditions.check import Check
+from dobc_design.conditions.numbers import claimed
+from dobc_design.conditions.separable.checks import (
+    delay_check,
+    max_separable_check,
+    obstacle,
+    sampling_check,
+    stuck_check,
+    undecided_check,
+)
+from dobc_design.conditions.separable.claim import Separable
+from dobc_design.conditions.separable.decide import coupling_profiles, rounded_down, verify_separable
+from dobc_design.conditions.separable.observer import covers as box_is_inside
+from dobc_design.conditions.separable.observer import first_certificate
+from dobc_design.conditions.separable.propose import (
+    SeparablePlan,
+    design_separable,
+    flat_separable,
+    flatter_plans,
+    rounded_vectors,
+)
+from dobc_design.conditions.separable.timing import longest_delay
+from dobc_design.verdict import Verdict
+
+logger = logging.getLogger("dobc_design")
+
+#: A second program with simpler enclosures has to confirm the rows, so they keep this part of alpha in hand.
+IN_HAND = Fraction(1, 10**4)
+# (agents, relative accuracy of the largest box that is still worth the time)
+CLOSE = ((60, 0.002), (2000, 0.02), (10**9, 0.25))
+HALVINGS = 12
+#: How much further out the agent is looked for that is no longer held.
+WIDER = Fraction(2)
+#: The part of the rate that delays are to leave.
+KEPT = Fraction(1, 2)
+#: How many times less steep couplings have to be for a v of its own for sampling; the part of the rate that it keeps.
+WORTH, SLOWER, SAMPLES = 2, 0.1, 50
+#: Arcs of all modes together up to which delays and sampling are examined: exact rows for each of them take long.
+#: Where a coupling falls within the box, every trial bounds it piece by piece, and far fewer arcs take as long.
+TIMED_ARCS, TIMED_FALLING = 3000, 500
+
+
+def separable_stage(asked: Asked, report: Progress) -> list[Check]:
+    """The max-separable certificate, and what it says about delays and sampling."""
+    problem, W = asked.problem, asked.W
+    report("deciding the region (max-separable)")
+    reason = obstacle(problem, W)
+    if reason is not None:
+        return [undecided_check("max-separable", asked.domain, reason)]
+    stuck = stuck_check(problem, W, domain=asked.domain)
+    if stuck is not None:
+        return [stuck]
+    claim, radius = _largest_claim(asked)
+    if claim is None:
+        return [undecided_check("max-separable", asked.domain, _nothing_found(asked))]
+    check = max_separable_check(
+        problem,
+        W,
+        claim,
+        radius=radius,
+        disturbance=asked.disturbance,
+        domain=asked.domain,
+        remark=_remark(asked, claim, radius),
+    )
+    return [check] if check.verdict is not Verdict.PROVED else [check, *_timing(asked, claim, check, report)]
+
+
+def _largest_claim(asked: Asked) -> tuple[Separable | None, float]:
+    """A proved claim for the box asked for, else for the largest box that is found; and the radius of that box."""
+    claim = _claim(asked, asked.radius, _plan(asked, asked.radius))
+    if claim is not None or asked.domain == "global":
+        return claim, asked.radius
+    low, high = _short(asked.radius / 2**HALVINGS), asked.radius
+    claim = _claim(asked, low, _plan(asked, low))
+    if claim is None:
+        return None, 0.0
+    for _ in range(HALVINGS - 1):
+        radius = _short(high / 2)
+        found = _claim(asked, radius, _plan(asked, radius))
+        if found is not None:
+            claim, low = found, radius
+            break
+        high = radius
+    for radius, plan in reversed(_plans(asked, low, high)):
+        found = _claim(asked, radius, plan)
+        if found is not None:
+            return found, radius
+    return claim, low
+
+
+def _plans(asked: Asked, low: float, high: float) -> list[tuple[float, SeparablePlan]]:
+    """Boxes between the two that floating point covers, up to about the largest; increasing."""
+    found: list[tuple[float, SeparablePlan]] = []
+    close = next(part for size, part in CLOSE if asked.problem.n <= size)
+    while high - low > close * high:
+        radius = _short((low + high) / 2)
+        if not low < radius < high:
+            break
+        plan = _plan(asked, radius)
+        if plan is None:
+            high = radius
+        else:
+            found.append((radius, plan))
+            low = radius
+    return found
+
+
+def _plan(asked: Asked, radius: float) -> SeparablePlan | None:
+    """What floating point proposes for a box; None also when a numerical library breaks down.
+
+    For linear couplings all boxes are alike.
+    """
+    size = Fraction(1) if asked.domain == "global" else claimed(radius)
+    disturbance = Fraction(0) if asked.domain == "global" else claimed(asked.disturbance)
+    try:
+        return design_separable(asked.problem, radius=size, disturbance=disturbance, W=asked.W)
+    except (ArithmeticError, RuntimeError, ValueError) as error:
+        logger.warning("no max-separable proposal for radius %s: %s", radius, error)
+        return None
+
+
+def _claim(asked: Asked, radius: float, plan: SeparablePlan | None) -> Separable | None:
+    """The plan as a certificate that covers the box, proved; None if none is."""
+    if plan is None:
+        return None
+    rho = None if asked.domain == "global" else plan.rho
+    claim = _covering(asked, radius, plan, rho)
+    if claim is None:
+        # A steep v compares agents so far apart that a coupling may leave every range there.
+        plans = flatter_plans(asked.problem, plan) if rho is not None else ()
+        flatter = (_covering(asked, radius, each, rho) for each in plans)
+        claim = next((each for each in flatter if each is not None), None)
+    return None if claim is None else replace(claim, alpha=rounded_down(claim.alpha * (1 - IN_HAND), digits=6))
+
+
+def _covering(asked: Asked, radius: float, plan: SeparablePlan, rho: Fraction | None) -> Separable | None:
+    """A proved certificate with the v of the plan that covers the box; None if there is none."""
+    vectors, wanted = rounded_vectors(plan.proposal), plan.proposal.rate
+    claim = first_certificate(asked.problem, asked.W, vectors, rho=rho, error=plan.error, wanted=wanted)
+    if claim is None:
+        return None
+    inside = box_is_inside(claim, radius=claimed(radius), disturbance=claimed(asked.disturbance))
+    return claim if inside else None
+
+
+def _arcs(asked: Asked) -> int:
+    return sum(len(mode) for mode in asked.problem.network.modes.values())
+
+
+def _timing(asked: Asked, claim: Separable, check: Check, report: Progress) -> list[Check]:
+    """Delays and sampling beside a proved max-separable check."""
+    problem = asked.problem
+    arcs, modes = _arcs(asked), tuple(problem.network.modes)
+    rising = all(kind.is_nondecreasing for kind in coupling_profiles(problem, claim.v, rho=claim.rho, modes=modes))
+    largest = TIMED_ARCS if rising else TIMED_FALLING
+    if arcs > largest:
+        some = "" if rising else " of couplings that fall within the box"
+        reason = f"left out, because exact rows for {arcs} arcs{some} take long; it is examined up to {largest}."
+        return [undecided_check(id, asked.domain, reason) for id in ("delay", "sampling")]
+    report("deciding delays and sampling")
+    fastest = claim.alpha if claim.error is None else min(claim.alpha, claim.error.beta)
+    bound = longest_delay(problem, claim, rate=rounded_down(fastest * KEPT, digits=4))
+    if bound is None:
+        delay = undecided_check("delay", asked.domain, "no delay is found that leaves half the rate.")
+    else:
+        bound = replace(bound, rate=rounded_down(bound.rate * (1 - IN_HAND), digits=6))
+        delay = delay_check(problem, claim, bound, check, domain=asked.domain)
+    own = _flatter_claim(asked, claim, check)
+    return [delay, sampling_check(problem, claim, check, domain=asked.domain, W=asked.W, own=own)]
+
+
+def _flatter_claim(asked: Asked, claim: Separable, check: Check) -> Separable | None:
+    """Another certificate of the same box, slower but with a flatter v, where that allows far longer sampling periods.
+
+    Values may be held for about 2/h'(rho (v_i + v_j)): steep couplings want rho v as small as the box allows.
+    """
+    if claim.rho is None or not isinstance(check.domain, Mapping):
+        return None
+    farthest = 2 * float(claim.rho) * float(max(claim.v))
+    if _steepness(asked, farthest) < WORTH * _steepness(asked, 2 * float(claim.rho) * float(claim.least)):
+        return None
+    radius, disturbance = check.domain["radius"], check.domain["disturbance"]
+    try:
+        plan = flat_separable(
+            asked.problem,
+            radius=claimed(radius),
+            disturbance=claimed(disturbance),
+            W=asked.W,
+            rate=float(claim.alpha) * SLOWER,
+        )
+    except (ArithmeticError, RuntimeError, ValueError) as error:
+        logger.warning("no flatter v for sampling: %s", error)
+        return None
+    found = None if plan is None else _covering(replace(asked, disturbance=disturbance), radius, plan, plan.rho)
+    return None if found is None else replace(found, alpha=rounded_down(found.alpha * (1 - IN_HAND), digits=6))
+
+
+def _steepness(asked: Asked, reach: float) -> float:
+    """The largest slope of a coupling on |y| <= reach, about; where h is not a number, infinite."""
+    worst = 0.0
+    for coupling in asked.problem.couplings:
+        h, step = coupling.numpy_function(), reach / SAMPLES
+        values = [h([step * k] * coupling.dimension)[0] for k in range(-SAMPLES, SAMPLES + 1)]
+        slopes = [(after - before) / step for before, after in pairwise(values)]
+        worst = max(worst, *(slope if math.isfinite(slope) else math.inf for slope in slopes))
+    return worst
+
+
+def _remark(asked: Asked, claim: Separable, radius: float) -> str:
+    """Why the box is no larger, where one could ask."""
+    if claim.rho is None or (asked.wanted and radius == asked.radius):
+        return ""
+    if not asked.wanted and radius == asked.radius:
+        return f" No region is asked for; boxes up to {asked.radius:.6g} were tried."
+    wish = f"the region asks for {asked.radius:.6g}" if asked.wanted else "no region is asked for"
+    wider = replace(claim, rho=claim.rho * min(claimed(asked.radius) / claimed(radius), WIDER))
+    who, answer = "", verify_separable(asked.problem, wider)
+    if answer.verdict is Verdict.REFUTED and answer.agent is not None:
+        label = asked.problem.network.labels[answer.agent]
+        where = f" in mode {answer.mode}" if len(asked.problem.network.modes) > 1 else ""
+        who = f", and with this one agent {label} is no longer held{where}"
+    return f" The box reaches |e_i| <= {radius:.6g}, {wish}: beyond, no v is found{who}."
+
+
+def _nothing_found(asked: Asked) -> str:
+    if asked.domain == "global":
+        return "no v is found."
+    least = f"no v is found, not even for |e_i| <= {asked.radius / 2**HALVINGS:.2g}"
+    if not asked.disturbance:
+        return f"{least}."
+    return f"{least} together with |eps_i| <= {asked.disturbance:.6g}: a smaller initial disturbance may help."
+
+
+def _short(radius: float) -> float:
+    """Four digits, down."""
+    return float(rounded_down(claimed(radius), digits=4))

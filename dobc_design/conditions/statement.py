@@ -1,0 +1,36 @@
+"""One exact statement about a designed observer, decided: what it says, the verdict, the numbers that show it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+from dobc_design._show.cards import Shown
+from dobc_design.verdict import Verdict
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, repr=False)
+class Statement(Shown):
+    """What was decided, and how.
+
+    ``kind``: "detectable", "hurwitz", "rate", "region", "gain", "noise", "lyapunov", "peak", "sampled" or a reason for
+    impossibility.  ``text`` is a sentence; ``exact`` holds exact values as text.
+    """
+
+    kind: str
+    text: str
+    verdict: Verdict
+    exact: Mapping[str, str] = field(default_factory=dict)
+
+    def __str__(self) -> str:
+        return f"{self.verdict.value}: {self.text}"
+
+    def to_json(self) -> dict[str, Any]:
+        """JSON object."""
+        return {"kind": self.kind, "text": self.text, "verdict": self.verdict.value, "exact": dict(self.exact)}
+
+
+def decided(holds: bool) -> Verdict:
+    """PROVED or REFUTED, for what exact arithmetic answers by yes or no."""
+    return Verdict.PROVED if holds else Verdict.REFUTED

@@ -1,0 +1,1 @@
+"""Coupling functions: the expression language, its functions, and enclosures of h."""

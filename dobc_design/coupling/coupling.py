@@ -1,0 +1,246 @@
+"""The coupling h of an arc: what agent i feels of x_j - x_i (eq. 1).
+
+h(0) = 0 is required and shown here in exact arithmetic; slopes at 0 are exact where they are rational, else
+enclosed outwards.  Slopes elsewhere are the business of ``theorems``.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Sequence
+from dataclasses import InitVar, dataclass
+from fractions import Fraction
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from dobc_design._show.cards import Card, Formula, Shown, cut
+from dobc_design.coupling.algebra import GradientAlgebra, IntervalAlgebra
+from dobc_design.coupling.expression import (
+    Expression,
+    evaluate,
+    nonsmooth_functions,
+    numpy_function,
+    parse_expression,
+    polynomial_degree,
+    to_text,
+    variables_used,
+)
+from dobc_design.coupling.notation import names_in_words
+from dobc_design.coupling.tokens import excerpt
+from dobc_design.coupling.tree import NONSMOOTH, Add, Constant, Node, Subtract
+from dobc_design.errors import ExpressionError, ShapeError, SpecError
+from dobc_design.exact.interval import Interval, UndefinedError
+from dobc_design.exact.number import number_text
+from dobc_design.exact.reading import NumberText, counted, is_list, shown
+
+NEAR_ZERO = Interval(Fraction(-1, 2**40), Fraction(1, 2**40))
+_ZERO = Interval.point(0)
+_LONGEST_SUGGESTION = 100
+_LONGEST_NUMBER = 40
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, repr=False)
+class Coupling(Shown):
+    """A coupling of m-dimensional states, h(0) = 0.
+
+    ``components`` is one expression in y, applied to each of the m components (``by_component``), or m
+    expressions in y1..ym.  For m = 1 both are the same and ``by_component`` is true.
+    Raises: ShapeError if the components do not fit, ExpressionError if h is not shown to vanish at 0 or
+    has no bounded slope around it; ``key`` names the coupling in the message.
+    """
+
+    components: tuple[Expression, ...]
+    by_component: bool
+    dimension: int
+    key: InitVar[str] = "coupling.h"
+
+    def __post_init__(self, key: str) -> None:
+        count = 1 if self.by_component else self.dimension
+        dimensions = [expression.dimension for expression in self.components]
+        if dimensions != [count] * count or (self.dimension == 1 and not self.by_component):
+            raise ShapeError(
+                f"{key} must be one expression in y, or {self.dimension} in"
+                f" {names_in_words(self.dimension)}; got expressions in {dimensions} variables.",
+                key=key,
+            )
+        errors: list[SpecError] = []
+        for position, expression in enumerate(self.components):
+            try:
+                _check_at_zero(expression, key=key if self.by_component else f"{key}[{position}]")
+            except SpecError as error:
+                errors.append(error)
+        if errors:
+            raise SpecError.several(errors)
+
+    @property
+    def texts(self) -> tuple[str, ...]:
+        """The components as canonical text."""
+        return tuple(str(expression) for expression in self.components)
+
+    @property
+    def latex(self) -> tuple[str, ...]:
+        """The components as LaTeX mathematics."""
+        return tuple(expression.latex for expression in self.components)
+
+    @property
+    def is_linear(self) -> bool:
+        """Whether h is linear as written, which proves that it is; y**2 - y**2 + y is not recognised."""
+        degrees = [polynomial_degree(expression.node) for expression in self.components]
+        return all(degree is not None and degree <= 1 for degree in degrees)
+
+    @property
+    def nonsmooth(self) -> tuple[str, ...]:
+        """Which of abs, min, max, clip occur; empty if h is C1 wherever it is defined."""
+        found = {name for expression in self.components for name in nonsmooth_functions(expression.node)}
+        return tuple(name for name in NONSMOOTH if name in found)
+
+    def _card(self) -> Card:
+        shown = [("coupling", Formula(f"h(y) = {text}")) for text in self.latex]
+        if not self.by_component:
+            shown = [("coupling", Formula(f"h_{{{k + 1}}}(y) = {text}")) for k, text in enumerate(self.latex)]
+        every = f"applied to each of {self.dimension} components" if self.by_component and self.dimension > 1 else ""
+        return Card(title="Coupling", text=every, facts=shown)
+
+    def __repr__(self) -> str:
+        return f"<Coupling {cut('; '.join(self.texts))}>"
+
+    def jacobian_at_zero(self) -> tuple[tuple[Interval, ...], ...]:
+        """Enclose dh/dy at y = 0; exact (points) where the entries are known to be rational.
+
+        Shapes: (m, m), diagonal if h acts by component.  At a kink: the hull of the slopes.
+        """
+        rows = [_gradient(expression, at=_ZERO) for expression in self.components]
+        if not self.by_component:
+            return tuple(rows)
+        m = range(self.dimension)
+        return tuple(tuple(rows[0][0] if i == j else _ZERO for j in m) for i in m)
+
+    def numpy_function(self) -> Callable[[ArrayLike], NDArray[np.float64]]:
+        """Return h as a function of arrays, to be kept when it is called often.
+
+        Shapes: (..., m) gives (..., m).  Overflow gives inf, undefined places give nan.
+        """
+        functions = [numpy_function(expression) for expression in self.components]
+        dimension, by_component = self.dimension, self.by_component
+
+        def function(y: ArrayLike) -> NDArray[np.float64]:
+            array = np.asarray(y, dtype=np.float64)
+            if array.ndim == 0 or array.shape[-1] != dimension:
+                raise ShapeError(f"the last axis of y must have length {dimension}; got shape {array.shape}.")
+            if by_component:
+                return functions[0](array)
+            return np.stack([component(array) for component in functions], axis=-1)
+
+        return function
+
+    def value(self, y: ArrayLike) -> NDArray[np.float64]:
+        """Return h(y) for differences y of shape (..., m)."""
+        return self.numpy_function()(y)
+
+
+def make_coupling(h: str | Sequence[str], *, dimension: int, key: str = "coupling.h") -> Coupling:
+    """Read a coupling: one text in y, applied by component, or m texts in y1..ym.
+
+    Raises: ExpressionError or ShapeError naming ``key`` (or ``key[i]``); several errors come as one.
+    """
+    if isinstance(h, str) and not isinstance(h, NumberText):
+        _refuse_numbered_names(h, dimension=dimension, key=key)
+        components: tuple[Expression, ...] = (parse_expression(h, key=key),)
+        return Coupling(components=components, by_component=True, dimension=dimension, key=key)
+    if not is_list(h):
+        raise ExpressionError(
+            f"{key} must be an expression in y, in quotes, or a list of them; got {shown(h)}.",
+            key=key,
+            cure='Write for example "tanh(y)".',
+        )
+    if len(h) != dimension:
+        raise ShapeError(
+            f"{key} must have {counted(dimension, 'expression')}, one per state component; got {len(h)}.",
+            key=key,
+            cure="Or give one expression in y, which is applied to each component.",
+        )
+    return Coupling(
+        components=_read_components(h, dimension=dimension, key=key),
+        by_component=dimension == 1,
+        dimension=dimension,
+        key=key,
+    )
+
+
+def _read_components(h: Sequence[str], *, dimension: int, key: str) -> tuple[Expression, ...]:
+    components: list[Expression] = []
+    errors: list[SpecError] = []
+    for position, text in enumerate(h):
+        try:
+            components.append(parse_expression(text, dimension=dimension, key=f"{key}[{position}]"))
+        except SpecError as error:
+            errors.append(error)
+    if errors:
+        raise SpecError.several(errors)
+    return tuple(components)
+
+
+def _refuse_numbered_names(text: str, *, dimension: int, key: str) -> None:
+    found = re.search(r"\by[0-9]+\b", text) if dimension > 1 else None
+    if found is not None:
+        raise ExpressionError(
+            f'{key} {excerpt(text, found.start())}: found "{found.group()[:20]}" in column'
+            f" {found.start() + 1}; a single expression is applied to each component and uses y.",
+            key=key,
+            cure=f"For couplings between components give a list of {dimension} expressions in"
+            f" {names_in_words(dimension)}.",
+        )
+
+
+def _check_at_zero(expression: Expression, *, key: str) -> None:
+    quoted = f"{key} {excerpt(expression.text)}"
+    try:
+        value = evaluate(expression.node, (_ZERO,) * expression.dimension, IntervalAlgebra())
+    except UndefinedError as error:
+        raise ExpressionError(f"{quoted} must vanish at y = 0 but is undefined there: {error}", key=key) from error
+    if value != _ZERO:
+        raise _not_zero(expression, value, key=key)
+    try:
+        _gradient(expression, at=NEAR_ZERO)
+    except UndefinedError as error:
+        raise ExpressionError(
+            f"{quoted} must be defined and have a bounded slope around y = 0 (seen on |y| <= 2^-40): {error}", key=key
+        ) from error
+
+
+def _not_zero(expression: Expression, value: Interval, *, key: str) -> ExpressionError:
+    quoted = f"{key} {excerpt(expression.text)}"
+    if value.contains(0):
+        return ExpressionError(
+            f"{quoted} cannot be shown to vanish at y = 0 (all that is known is {value}); rewrite it.",
+            key=key,
+            cure="For example exp(1)*(exp(y) - 1) instead of exp(y + 1) - exp(1).",
+        )
+    exact = number_text(value.lo)
+    if not value.is_point or len(exact) > _LONGEST_NUMBER:
+        return ExpressionError(f"{quoted} must vanish at y = 0 but is about {value.floats()[0]:.3g}.", key=key)
+    if not variables_used(expression.node):
+        return ExpressionError(
+            f"{quoted} must vanish at y = 0 but is the constant {exact}.", key=key, cure='Write for example "tanh(y)".'
+        )
+    better = to_text(_lowered(expression.node, value.lo), dimension=expression.dimension)
+    cure = f'did you mean "{better}"?' if len(better) <= _LONGEST_SUGGESTION else None
+    return ExpressionError(f"{quoted} must vanish at y = 0 but equals {exact}", key=key, cure=cure)
+
+
+def _lowered(node: Node, value: Fraction) -> Node:
+    """Return the tree of node - value; where the value is the last term itself, without that term."""
+    offset = Constant(abs(value))
+    if isinstance(node, (Add, Subtract)) and not variables_used(node.right):
+        last = evaluate(node.right, (), IntervalAlgebra())
+        if (last if isinstance(node, Add) else -last) == Interval.point(value):
+            return node.left
+    return Subtract(node, offset) if value > 0 else Add(node, offset)
+
+
+def _gradient(expression: Expression, *, at: Interval) -> tuple[Interval, ...]:
+    """Enclose the partial derivatives where every variable lies in ``at``."""
+    algebra = GradientAlgebra(expression.dimension)
+    variables = algebra.variables((at,) * expression.dimension)
+    return evaluate(expression.node, variables, algebra).partials

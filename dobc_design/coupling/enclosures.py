@@ -1,0 +1,235 @@
+"""Enclosures of a scalar coupling h on an interval: of h, of h' and of the secant gain g(y) = h(y)/y.
+
+Theory, sections 1 and 5: h(y) = g(y) y exactly, with g(0) = h'(0).  Every bound is rounded outwards.  Where h or g
+is shown to be monotone its end points are taken, elsewhere intervals are subdivided until the bound is tight.
+With abs, min, max or clip the slopes are Clarke's, which bound the secant gain as well (mean value theorem).
+"""
+
+from __future__ import annotations
+
+import heapq
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from fractions import Fraction
+from typing import Final
+
+from dobc_design.coupling.algebra import IntervalAlgebra
+from dobc_design.coupling.expression import Expression
+from dobc_design.coupling.jets import ZERO, Jet, JetAlgebra
+from dobc_design.coupling.tree import Node, postorder, run
+from dobc_design.exact.interval import Interval, UndefinedError
+
+#: How much wider than the truth a range may be at each end (relative to the value where that is above 1).
+TOLERANCE: Final = Fraction(1, 10**6)
+# Pieces looked at before a range is returned as tight as it is; halvings before "undefined" is believed.
+_MOST_PIECES: Final = 4000
+_MOST_HALVINGS: Final = 40
+_NARROWEST: Final = Fraction(1, 2**30)
+
+_VALUES: Final = IntervalAlgebra()
+_JETS: Final = JetAlgebra()
+_RESTRICTED: Final = JetAlgebra(restricted=True)
+
+Form = Callable[[Interval], Interval]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Curve:
+    """One scalar coupling function h with h(0) = 0, ready to be enclosed many times.
+
+    Raises: ValueError unless the expression is in y alone.
+    """
+
+    expression: Expression
+    order: tuple[Node, ...] = field(init=False, repr=False)
+
+    def __post_init__(self) -> None:
+        if self.expression.dimension != 1:
+            raise ValueError(f"a Curve is a function of y; got one of {self.expression.dimension} variables.")
+        object.__setattr__(self, "order", postorder(self.expression.node))
+
+
+@dataclass(frozen=True, slots=True)
+class Secant:
+    """Enclosures of the secant gain g and of its derivative on an interval; None where that may be unbounded."""
+
+    value: Interval
+    slope: Interval | None
+
+
+def value(curve: Curve, Y: Interval) -> Interval:
+    """Enclose h on Y by one evaluation.  Raises: UndefinedError naming the function and the interval."""
+    return run(curve.order, (Y,), _VALUES)
+
+
+def jet(curve: Curve, Y: Interval, *, restricted: bool = False) -> Jet:
+    """Enclose h, h' and h'' on Y by one evaluation; ``restricted`` as in JetAlgebra."""
+    variable = Jet(Y, Interval.point(1), ZERO)
+    return run(curve.order, (variable,), _RESTRICTED if restricted and not Y.is_point else _JETS)
+
+
+def secant(curve: Curve, Y: Interval) -> Secant:
+    """Enclose g and g' on Y by a few evaluations; end points where g is shown to be monotone.
+
+    g' = (h' - g)/y away from 0, and g'(y) = int_0^1 s h''(s y) ds lies in half the hull of h'' between 0 and y.
+    Raises: UndefinedError where h has no value on Y, or no bounded slope on a Y that contains 0.
+    """
+    if Y.is_point:
+        return Secant(_secant_at(curve, Y.lo), None)
+    known, slope = _from_zero(curve, Y) if Y.contains(0) else _from_both(curve, Y)
+    if slope is None:
+        return Secant(known, None)
+    if slope.lo >= 0 or slope.hi <= 0:
+        ends = _secant_at(curve, Y.lo).hull(_secant_at(curve, Y.hi))
+        return Secant(_meet(known, ends), slope)
+    middle = Y.midpoint
+    return Secant(_meet(known, _secant_at(curve, middle) + slope * (Y - middle)), slope)
+
+
+def _from_zero(curve: Curve, Y: Interval) -> tuple[Interval, Interval | None]:
+    """g and g' on Y with 0 in Y, from h' and h'': the mean value theorem, and its next term."""
+    found = jet(curve, Y, restricted=True)
+    return found.slope, None if found.curvature is None else found.curvature * Fraction(1, 2)
+
+
+def _from_both(curve: Curve, Y: Interval) -> tuple[Interval, Interval | None]:
+    """g and g' on Y without 0, from h on Y itself and from h' and h'' between 0 and Y where these are bounded."""
+    known, slope = value(curve, Y) / Y, None
+    try:
+        mean, slope = _from_zero(curve, Y.hull(ZERO))
+        known = _meet(mean, known)
+    except UndefinedError:  # the bounds from Y itself remain
+        pass
+    try:
+        own = jet(curve, Y, restricted=True).slope
+    except UndefinedError:
+        return known, slope
+    rough = _meet(slope, (own - known) / Y)
+    if rough.lo >= 0 or rough.hi <= 0:  # the ends are tighter bounds of g, and with them of g'
+        known = _meet(known, _secant_at(curve, Y.lo).hull(_secant_at(curve, Y.hi)))
+        rough = _meet(rough, (own - known) / Y)
+    return known, rough
+
+
+def value_range(curve: Curve, Y: Interval, *, tolerance: Fraction = TOLERANCE) -> Interval:
+    """Enclose {h(y) : y in Y}, at most about ``tolerance`` too wide at each end.
+
+    Raises: UndefinedError naming h and the interval where h is not defined on the whole of Y.
+    """
+    return _tight(curve, lambda piece: value_form(curve, piece), Y, tolerance=tolerance, what="h")
+
+
+def slope_range(curve: Curve, Y: Interval, *, tolerance: Fraction = TOLERANCE) -> Interval:
+    """Enclose {h'(y) : y in Y} (Clarke's where h has a kink), at most about ``tolerance`` too wide at each end.
+
+    Raises: UndefinedError naming h and the interval where h' is not bounded on Y.
+    """
+    return _tight(curve, lambda piece: slope_form(curve, piece), Y, tolerance=tolerance, what="h'")
+
+
+def slope_bound(curve: Curve, Y: Interval, *, tolerance: Fraction = TOLERANCE) -> Fraction:
+    """A number that no h'(y), y in Y, exceeds; the upper end of ``slope_range`` in half the time.
+
+    Raises: UndefinedError naming h and the interval where h' is not bounded on Y.
+    """
+    return _tight(curve, lambda piece: slope_form(curve, piece), Y, tolerance=tolerance, what="h'", lower=False).hi
+
+
+def secant_range(curve: Curve, Y: Interval, *, tolerance: Fraction = TOLERANCE) -> Interval:
+    """Enclose {g(y) : y in Y}, g(y) = h(y)/y and g(0) = h'(0), at most about ``tolerance`` too wide at each end.
+
+    Raises: UndefinedError naming h and the interval where h is not defined between 0 and Y.
+    """
+    return _tight(curve, lambda piece: secant(curve, piece).value, Y, tolerance=tolerance, what="h(y)/y")
+
+
+def value_form(curve: Curve, Y: Interval) -> Interval:
+    """Enclose h on Y by one or two evaluations: end points where h is monotone, else the mean value form."""
+    natural = value(curve, Y)
+    if Y.is_point:
+        return natural
+    try:
+        slope = jet(curve, Y, restricted=True).slope
+    except UndefinedError:  # h may be defined where h' is not bounded, as sqrt is at 0
+        return natural
+    if slope.lo >= 0 or slope.hi <= 0:
+        return _meet(natural, value(curve, Interval.point(Y.lo)).hull(value(curve, Interval.point(Y.hi))))
+    middle = Interval.point(Y.midpoint)
+    return _meet(natural, value(curve, middle) + slope * (Y - middle))
+
+
+def slope_form(curve: Curve, Y: Interval) -> Interval:
+    """Enclose h' on Y, kinks at the ends included; end points where h' is monotone, else the mean value form."""
+    found = jet(curve, Y)
+    if Y.is_point or found.curvature is None:
+        return found.slope
+    if found.curvature.lo >= 0 or found.curvature.hi <= 0:
+        ends = (jet(curve, Interval.point(y)).slope for y in (Y.lo, Y.hi))
+        return _meet(found.slope, next(ends).hull(next(ends)))
+    middle = Interval.point(Y.midpoint)
+    return _meet(found.slope, jet(curve, middle).slope + found.curvature * (Y - middle))
+
+
+def _secant_at(curve: Curve, y: Fraction) -> Interval:
+    if not y:
+        return jet(curve, ZERO).slope
+    return value(curve, Interval.point(y)) / y
+
+
+def _meet(known: Interval | None, other: Interval) -> Interval:
+    """The common part of two enclosures of the same thing."""
+    return other if known is None else Interval(max(known.lo, other.lo), min(known.hi, other.hi))
+
+
+def _tight(curve: Curve, form: Form, Y: Interval, *, tolerance: Fraction, what: str, lower: bool = True) -> Interval:
+    """Both ends tight, or without ``lower`` the upper one only."""
+    try:
+        pieces = _defined(form, Y)
+        highest = _supremum(form, pieces, tolerance)
+        if not lower:
+            return Interval.point(highest)
+        lowest = -_supremum(lambda piece: -form(piece), [(-values, piece) for values, piece in pieces], tolerance)
+    except UndefinedError as error:
+        raise UndefinedError(
+            f'{what} of h = "{curve.expression}" cannot be enclosed on [{_shown(Y.lo)}, {_shown(Y.hi)}]: {error}'
+        ) from error
+    return Interval(lowest, highest)
+
+
+def _defined(form: Form, Y: Interval) -> list[tuple[Interval, Interval]]:
+    """Split Y into pieces on which the form has values.  Raises UndefinedError if one of 2^-40 of Y has none."""
+    found: list[tuple[Interval, Interval]] = []
+    open_pieces = [(Y, 0)]
+    while open_pieces:
+        piece, depth = open_pieces.pop()
+        try:
+            found.append((form(piece), piece))
+        except UndefinedError as error:
+            if piece.is_point or depth >= _MOST_HALVINGS or len(found) >= _MOST_PIECES:
+                raise UndefinedError(f"near y = {float(piece.midpoint):.6g}, {error}") from error
+            open_pieces += [(half, depth + 1) for half in piece.halves()]
+    return found
+
+
+def _supremum(form: Form, pieces: list[tuple[Interval, Interval]], tolerance: Fraction) -> Fraction:
+    """An upper bound of the form's values on the pieces: branch and bound, the highest piece first."""
+    attained = max(form(Interval.point(y)).lo for _, piece in pieces for y in (piece.lo, piece.hi))
+    count = len(pieces)
+    heap = [(-values.hi, number, piece) for number, (values, piece) in enumerate(pieces)]
+    heapq.heapify(heap)
+    narrow = max(piece.width for _, piece in pieces) * _NARROWEST
+    while True:
+        highest, _, piece = heap[0]
+        slack = tolerance * max(Fraction(1), abs(highest))
+        # At a kink slopes of both sides are enclosed, and no smaller piece around it will be tighter.
+        if -highest - attained <= slack or count >= _MOST_PIECES or piece.width <= narrow:
+            return -highest
+        heapq.heappop(heap)
+        attained = max(attained, form(Interval.point(piece.midpoint)).lo)
+        for half in piece.halves():
+            count += 1
+            heapq.heappush(heap, (-min(form(half).hi, -highest), count, half))
+
+
+def _shown(number: Fraction) -> str:
+    return str(number) if number.denominator == 1 else f"{float(number):.6g}"

@@ -1,0 +1,292 @@
+"""The whitelist parser of coupling expressions: text to tree, Python's precedence, never ``eval``.
+
+Bounded by construction: the text has at most 2000 characters and 50 nested parentheses, exponents are
+literal, and exact constants (which are computed only to be checked) have at most 4096 bits.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from fractions import Fraction
+
+from dobc_design.coupling.hints import unknown_name
+from dobc_design.coupling.notation import names_in_words, variable_names
+from dobc_design.coupling.tokens import LONGEST_QUOTE, Fault, Kind, Repair, Token, quote, tokenize
+from dobc_design.coupling.tree import (
+    FUNCTIONS,
+    LARGEST_EXPONENT,
+    Add,
+    Call,
+    Constant,
+    Divide,
+    Multiply,
+    Negate,
+    Node,
+    Pi,
+    Power,
+    Subtract,
+    Variable,
+    argument_count,
+)
+from dobc_design.errors import SpecError
+from dobc_design.exact.number import parse_number
+
+DEEPEST = 50
+LARGEST_CONSTANT_BITS = 4096
+
+_BINARY: dict[str, type[Add] | type[Subtract] | type[Multiply] | type[Divide]] = {
+    "+": Add,
+    "-": Subtract,
+    "*": Multiply,
+    "/": Divide,
+}
+_HALF = Fraction(1, 2)
+_INTEGERS = f"integer from -{LARGEST_EXPONENT} to {LARGEST_EXPONENT}"
+_EXPONENTS = f"an exponent must be a literal {_INTEGERS}, or 1/2 (written 0.5)"
+
+
+@dataclass(frozen=True, slots=True)
+class _Operand:
+    node: Node
+    value: Fraction | None  # the exact value of a constant, where it is rational by arithmetic alone
+
+
+def parse(text: str, *, dimension: int) -> Node:
+    """Parse an expression in ``dimension`` variables.
+
+    Raises: Fault, which says where the text leaves the language.
+    """
+    return _Parser(text, dimension=dimension).parse()
+
+
+class _Parser:
+    """Recursive descent; the only recursion is into parentheses, which are counted."""
+
+    def __init__(self, text: str, *, dimension: int) -> None:
+        self.tokens = tokenize(text)
+        self.place = 0
+        self.depth = 0
+        self.dimension = dimension
+        self.names = {name: index for index, name in enumerate(variable_names(dimension))}
+        if dimension == 1:
+            self.names["y1"] = 0
+
+    @property
+    def token(self) -> Token:
+        return self.tokens[self.place]
+
+    def parse(self) -> Node:
+        if self._at_end():
+            raise Fault(0, "nothing", f"write a function of {names_in_words(self.dimension)}")
+        operand = self._sum()
+        if not self._at_end():
+            raise self._misplaced()
+        return operand.node
+
+    def _at_end(self) -> bool:
+        return self.token.kind is Kind.END
+
+    def _advance(self) -> Token:
+        token = self.token
+        self.place += 1
+        return token
+
+    def _at(self, *signs: str) -> bool:
+        return self.token.kind is Kind.SIGN and self.token.text in signs
+
+    def _skip(self, sign: str) -> bool:
+        found = self._at(sign)
+        self.place += found
+        return found
+
+    def _sum(self) -> _Operand:
+        left = self._product()
+        while self._at("+", "-"):
+            left = _join(left, self._advance(), self._product())
+        return left
+
+    def _product(self) -> _Operand:
+        left = self._signed()
+        while self._at("*", "/"):
+            left = _join(left, self._advance(), self._signed())
+        return left
+
+    def _signed(self) -> _Operand:
+        minuses = 0
+        while self._at("+", "-"):
+            minuses += self._advance().text == "-"
+        operand = self._power()
+        for _ in range(minuses):
+            operand = _Operand(Negate(operand.node), None if operand.value is None else -operand.value)
+        return operand
+
+    def _power(self) -> _Operand:
+        base, sign = self._atom(), self.token
+        if not self._skip("**"):
+            return base
+        exponent = self._exponent()
+        if self._at("**"):
+            raise self._fault(f"{_EXPONENTS}; for a power of a power write (y**2)**3")
+        if exponent == _HALF:
+            return _Operand(Call("sqrt", (base.node,)), None)
+        node = Power(base.node, exponent.numerator)
+        if base.value is None:
+            return _Operand(node, None)
+        if base.value == 0 and exponent < 0:
+            raise Fault(sign.start, '"**"', "a negative power of zero has no value")
+        return _Operand(node, _bounded(base.value**exponent.numerator, sign))
+
+    def _exponent(self) -> Fraction:
+        first = self.token
+        parenthesised = self._skip("(")
+        negative = self._skip("-")
+        if not negative:
+            self._skip("+")
+        value = self._exponent_number()
+        if parenthesised:
+            divisor = self._exponent_number() if self._skip("/") else Fraction(1)
+            value = value / divisor if divisor else Fraction(LARGEST_EXPONENT + 1)
+            if not self._skip(")"):
+                raise self._fault(_EXPONENTS)
+        value = -value if negative else value
+        if value != _HALF and (value.denominator != 1 or abs(value) > LARGEST_EXPONENT):
+            hint = "; y**-0.5 is written 1/sqrt(y)" if value == -_HALF else ""
+            raise Fault(first.start, self._quote_from(first), _EXPONENTS + hint)
+        return value
+
+    def _exponent_number(self) -> Fraction:
+        if self.token.kind is not Kind.NUMBER:
+            raise self._fault(_EXPONENTS)
+        return _number(self._advance())
+
+    def _atom(self) -> _Operand:
+        token = self.token
+        if token.kind is Kind.NUMBER:
+            value = _number(self._advance())
+            return _Operand(Constant(value), value)
+        if token.kind is Kind.NAME:
+            return self._name()
+        if self._at("("):
+            self._open()
+            inner = self._sum()
+            self._close(token)
+            return inner
+        raise self._fault("here a number, a name or ( is needed")
+
+    def _name(self) -> _Operand:
+        token = self._advance()
+        if token.text in FUNCTIONS:
+            return self._call(token)
+        if token.text == "pi":
+            return _Operand(Pi(), None)
+        if token.text in self.names:
+            return _Operand(Variable(self.names[token.text]), None)
+        raise unknown_name(token, dimension=self.dimension, called=self._at("("))
+
+    def _call(self, name: Token) -> _Operand:
+        if not self._at("("):
+            follower = self.token
+            wrapped = Repair(follower.start, follower.end, f"({follower.text})")
+            raise self._fault(
+                f"{name.text} needs its argument in parentheses",
+                repair=wrapped if follower.kind in (Kind.NAME, Kind.NUMBER) else None,
+            )
+        parenthesis = self._open()
+        arguments = [] if self._at(")") else [self._sum()]
+        while self._skip(","):
+            arguments.append(self._sum())
+        self._close(parenthesis)
+        _check_arguments(name, arguments)
+        node = Call(name.text, tuple(argument.node for argument in arguments))
+        return _Operand(node, _fold(name.text, [argument.value for argument in arguments]))
+
+    def _open(self) -> Token:
+        self.depth += 1
+        if self.depth > DEEPEST:
+            raise self._fault(f"parentheses may be nested at most {DEEPEST} deep")
+        return self._advance()
+
+    def _close(self, opened: Token) -> None:
+        self.depth -= 1
+        if self._skip(")"):
+            return
+        if self._at_end():
+            repair = Repair(self.token.start, self.token.start, ")")
+            raise self._fault(f'the "(" in column {opened.start + 1} is not closed', repair=repair)
+        raise self._misplaced()
+
+    def _misplaced(self) -> Fault:
+        """The fault of a word that cannot follow a complete operand."""
+        token = self.token
+        if self._at(")"):
+            return self._fault("there is no ( that it closes")
+        if self._at(","):
+            return self._fault("a comma only separates the arguments of min, max and clip; 0.5 has a point")
+        repair = Repair(token.start, token.start, "*")
+        return self._fault("here an operator is needed; a product is written with *", repair=repair)
+
+    def _fault(self, why: str, *, repair: Repair | None = None) -> Fault:
+        return Fault(self.token.start, quote(self.token), why, repair=repair)
+
+    def _quote_from(self, first: Token) -> str:
+        used = [token.text for token in self.tokens[: self.place] if token.start >= first.start]
+        return f'"{"".join(used)[:LONGEST_QUOTE]}"'
+
+
+def _number(token: Token) -> Fraction:
+    mantissa, mark, exponent = token.text.lower().partition("e")
+    if mantissa.startswith("."):
+        mantissa = "0" + mantissa
+    try:
+        return parse_number(mantissa.removesuffix(".") + mark + exponent, key="number")
+    except SpecError as error:
+        why = "a number has at most 200 characters, and an exponent of at most 400 in size"
+        raise Fault(token.start, quote(token), why) from error
+
+
+def _join(left: _Operand, sign: Token, right: _Operand) -> _Operand:
+    node = _BINARY[sign.text](left.node, right.node)
+    if sign.text == "/" and right.value == 0:
+        raise Fault(sign.start, '"/"', "this divides by zero")
+    if left.value is None or right.value is None:
+        return _Operand(node, None)
+    if sign.text == "/":
+        value = left.value / right.value
+    elif sign.text == "*":
+        value = left.value * right.value
+    else:
+        value = left.value + right.value if sign.text == "+" else left.value - right.value
+    return _Operand(node, _bounded(value, sign))
+
+
+def _bounded(value: Fraction, token: Token) -> Fraction:
+    if max(value.numerator.bit_length(), value.denominator.bit_length()) > LARGEST_CONSTANT_BITS:
+        why = f"this constant needs more than {LARGEST_CONSTANT_BITS} bits (about 1233 digits)"
+        raise Fault(token.start, quote(token), why)
+    return value
+
+
+def _check_arguments(name: Token, arguments: list[_Operand]) -> None:
+    fewest, most = argument_count(name.text)
+    if not fewest <= len(arguments) <= most:
+        wanted = f"{fewest} argument{'s' if fewest > 1 else ''}" + ("" if most == fewest else " or more")
+        raise Fault(name.start, f"{quote(name)} with {len(arguments)} argument(s)", f"{name.text} takes {wanted}")
+    if name.text != "clip":
+        return
+    low, high = arguments[1].value, arguments[2].value
+    if low is None or high is None:
+        why = "the bounds of clip(y, lo, hi) must be rational constants; for others use min and max"
+        raise Fault(name.start, quote(name), why)
+    if low > high:
+        raise Fault(name.start, quote(name), "clip(y, lo, hi) needs lo <= hi")
+
+
+def _fold(name: str, values: list[Fraction | None]) -> Fraction | None:
+    known = [value for value in values if value is not None]
+    if len(known) < len(values):
+        return None
+    if name == "abs":
+        return abs(known[0])
+    if name == "clip":
+        return min(max(known[0], known[1]), known[2])
+    return {"min": min, "max": max}[name](known) if name in ("min", "max") else None

@@ -1,1 +1,0 @@
-"""Cures: proposed by design, decided by verify, before anyone sees them."""

@@ -1,1 +1,0 @@
-"""Proposals: observer gains, pairs (P, Q), eigenvalue estimates.  Floating point; nothing here proves."""

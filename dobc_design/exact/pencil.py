@@ -1,0 +1,108 @@
+"""One affine matrix inequality with exact coefficients: F(x) = F0 + sum_k x_k F_k < 0.
+
+Both sides read it: the solver turns it into floats, the verifier puts rational numbers in.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from fractions import Fraction
+
+from dobc_design.errors import ShapeError
+from dobc_design.exact.decision import Symmetric
+from dobc_design.exact.matrix import Matrix
+from dobc_design.exact.symmetric import SparseSymmetric
+
+Place = tuple[str, int, int]  # unknown, row, column
+
+ZERO = Fraction(0)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Unknown:
+    """A matrix to be found."""
+
+    name: str
+    rows: int
+    columns: int
+    symmetric: bool
+
+    def places(self) -> Iterator[Place]:
+        """Its independent entries; of a symmetric one the upper triangle."""
+        for i in range(self.rows):
+            for j in range(i if self.symmetric else 0, self.columns):
+                yield self.name, i, j
+
+
+@dataclass(frozen=True, slots=True)
+class Deviation:
+    """What one irrational slope adds to v'Fv: 2 t v[row] (v[speaker] - v[listener]), |t| <= size.
+
+    It is J + J' of one entry of one arc: t at (row, speaker), -t at (row, listener), and the transpose.
+    """
+
+    row: int
+    speaker: int
+    listener: int
+    size: Fraction
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Pencil:
+    """F(x) = constant + sum over places of x[place] coefficients[place], to be negative definite.
+
+    ``deviations``: what the constant may differ by where slopes are irrational; none if it is exact.  Lambda of a large
+    network is an IntegerSymmetric (``arrays``).
+    """
+
+    name: str
+    constant: Symmetric
+    unknowns: tuple[Unknown, ...]
+    coefficients: Mapping[Place, SparseSymmetric]
+    deviations: Sequence[Deviation] = ()
+
+    @property
+    def size(self) -> int:
+        """Number of rows."""
+        return self.constant.size
+
+    def at(self, values: Mapping[str, Matrix]) -> SparseSymmetric:
+        """F at rational values of the unknowns.  Raises ShapeError if one is missing or has a wrong shape."""
+        entries = dict(self.constant.entries)
+        for unknown in self.unknowns:
+            value = values.get(unknown.name)
+            if value is None or (len(value), len(value[0])) != (unknown.rows, unknown.columns):
+                raise ShapeError(
+                    f"{self.name}: {unknown.name} must have shape ({unknown.rows}, {unknown.columns});"
+                    f" got {'nothing' if value is None else (len(value), len(value[0]))}.",
+                    key=unknown.name,
+                )
+            for place in unknown.places():
+                x = value[place[1]][place[2]]
+                if x:
+                    for where, coefficient in self.coefficients[place].entries.items():
+                        entries[where] = entries.get(where, Fraction(0)) + x * coefficient
+        return SparseSymmetric(self.size, entries)
+
+
+def positive(unknown: Unknown, *, floor: Fraction = ZERO) -> Pencil:
+    """floor I - X < 0 for a symmetric unknown X, as a pencil."""
+    n = unknown.rows
+    return Pencil(
+        name=f"{unknown.name} > {floor}",
+        constant=SparseSymmetric(n, {(i, i): floor for i in range(n)}),
+        unknowns=(unknown,),
+        coefficients={place: SparseSymmetric(n, {(place[1], place[2]): Fraction(-1)}) for place in unknown.places()},
+    )
+
+
+def below(unknown: Unknown, *, ceiling: Fraction) -> Pencil:
+    """X - ceiling I < 0 for a symmetric unknown X, as a pencil."""
+    n = unknown.rows
+    return Pencil(
+        name=f"{unknown.name} < {ceiling}",
+        constant=SparseSymmetric(n, {(i, i): -ceiling for i in range(n)}),
+        unknowns=(unknown,),
+        coefficients={place: SparseSymmetric(n, {(place[1], place[2]): Fraction(1)}) for place in unknown.places()},
+    )

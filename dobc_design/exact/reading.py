@@ -1,0 +1,138 @@
+"""Reading values that users give into exact ones: numbers, vectors, matrices.
+
+Both the file reader and the Python constructors go through here, so that 3.2 means 16/5 in both and
+an error names the same key.
+"""
+
+from __future__ import annotations
+
+import reprlib
+from collections.abc import Sequence
+from fractions import Fraction
+from typing import Any
+
+import numpy as np
+
+from dobc_design._show.text import visible
+from dobc_design.errors import ShapeError
+from dobc_design.exact.matrix import Matrix, Vector
+from dobc_design.exact.number import number_text, parse_number
+
+LONGEST_SHOWN = 60
+MOST_ERRORS = 20  # of one kind in one file; more would hide the first
+
+_SHORT = reprlib.Repr()
+_SHORT.maxstring = _SHORT.maxother = _SHORT.maxlong = LONGEST_SHOWN
+
+
+class NumberText(str):
+    """A number of a file, kept as the text that was typed (digit separators dropped)."""
+
+    __slots__ = ()
+
+    def __new__(cls, text: str) -> NumberText:
+        return super().__new__(cls, text.replace("_", ""))
+
+    def __repr__(self) -> str:
+        return str(self)
+
+
+def is_list(value: object) -> bool:
+    """Tell whether ``value`` is a list, tuple or array (and not text)."""
+    return isinstance(value, (list, tuple)) or (isinstance(value, np.ndarray) and value.ndim > 0)
+
+
+def is_text(value: object) -> bool:
+    """Tell whether ``value`` was given as text, and not as a number of a file."""
+    return isinstance(value, str) and not isinstance(value, NumberText)
+
+
+def read_matrix(value: Any, *, key: str, shape: tuple[int, int] | None = None, because: str = "") -> Matrix:
+    """Read a matrix given by rows, exactly.
+
+    ``shape`` is what it must have, if known; ``because`` says why, and goes into the message.
+    Raises: ShapeError for ragged, empty or wrongly shaped input; SpecError for a bad number.
+    """
+    rows = value.tolist() if isinstance(value, np.ndarray) else value
+    if not is_list(rows) or not rows or not all(is_list(row) for row in rows):
+        raise ShapeError(
+            f"{key} must be a matrix, given as a list of rows; got {shown(value)}.",
+            key=key,
+            cure="For example [[1, 0], [0, 1]]; a column is [[1], [2]].",
+        )
+    width = len(rows[0])
+    if width == 0:
+        raise ShapeError(
+            f"{key}[0] must hold at least one number; got an empty row.",
+            key=f"{key}[0]",
+            cure="For example [[1, 0], [0, 1]]; a column is [[1], [2]].",
+        )
+    for position, row in enumerate(rows):
+        if len(row) != width:
+            raise ShapeError(
+                f"{key}[{position}] must have {counted(width, 'number')}, as many as the first row; got {len(row)}.",
+                key=f"{key}[{position}]",
+                cure="Make all rows equally long.",
+            )
+    if shape is not None and (len(rows), width) != shape:
+        raise ShapeError(
+            f"{key} must have shape {shape}{f', {because}' if because else ''}; got shape ({len(rows)}, {width}).",
+            key=key,
+            cure=f"Give {rows_of(shape)}.",
+        )
+    return tuple(
+        tuple(parse_number(entry, key=f"{key}[{i}][{j}]") for j, entry in enumerate(row)) for i, row in enumerate(rows)
+    )
+
+
+def read_vector(value: Any, *, key: str, length: int, because: str) -> Vector:
+    """Read ``length`` numbers; a single number stands for all components."""
+    if not is_list(value):
+        return (parse_number(value, key=key),) * length
+    if len(value) != length:
+        raise ShapeError(
+            f"{key} must have {counted(length, 'number')}, {because}; got {len(value)}.",
+            key=key,
+            cure=f"Give a list of {counted(length, 'number')}.",
+        )
+    return tuple(parse_number(entry, key=f"{key}[{i}]") for i, entry in enumerate(value))
+
+
+def shown(value: object) -> str:
+    """Show what was given, cut to a length that fits in a sentence; nothing in it can move a cursor."""
+    try:
+        text = _SHORT.repr(value)
+    except ValueError:  # a whole number with more digits than Python prints
+        text = "a number of thousands of digits"
+    return text if len(text) <= LONGEST_SHOWN else text[: LONGEST_SHOWN - 3] + "..."
+
+
+def named(text: str) -> str:
+    """Show a label, a name or a key without quotes: cut, and unprintable characters as escapes."""
+    cut = visible(text[: LONGEST_SHOWN + 1])
+    return cut if len(cut) <= LONGEST_SHOWN else cut[: LONGEST_SHOWN - 3] + "..."
+
+
+def shown_number(value: Fraction) -> str:
+    """Show an exact number, cut to a length that fits in a sentence."""
+    return named(number_text(value))
+
+
+def counted(number: int, word: str) -> str:
+    """Write "1 arc", "2 arcs"."""
+    return f"{number} {word}{'' if number == 1 else 's'}"
+
+
+def rows_of(shape: tuple[int, int]) -> str:
+    """Write "2 rows of 1 number"."""
+    return f"{counted(shape[0], 'row')} of {counted(shape[1], 'number')}"
+
+
+def scalar_matrix(value: Fraction, size: int) -> Matrix:
+    """Return ``value`` times the identity."""
+    return tuple(tuple(value if i == j else Fraction(0) for j in range(size)) for i in range(size))
+
+
+def is_scalar_matrix(matrix: Sequence[Sequence[Fraction]]) -> bool:
+    """Tell whether a square matrix is a multiple of the identity."""
+    return all(entry == (matrix[0][0] if i == j else 0) for i, row in enumerate(matrix) for j, entry in enumerate(row))

@@ -1,0 +1,244 @@
+"""In from other programs, out to other programs and to targets: one function for each, all thin.
+
+In:  problem_from_file (MATPOWER, pandapower, MATLAB, arcs), from_pandapower.
+Out: to_c, to_fmu, to_sdpa, to_mat, to_casadi, to_numpy, to_sympy, to_latex; to_control is in ``workflow``.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from os import PathLike
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from dobc_design.certificate.certificate import Certificate
+from dobc_design.certificate.claims import Claims
+from dobc_design.certificate.files import write_atomically
+from dobc_design.errors import SpecError
+from dobc_design.exact.matrix import Matrix
+from dobc_design.problem.canonical import problem_sha256
+from dobc_design.problem.groups import join
+from dobc_design.problem.load import load_problem
+from dobc_design.problem.problem import Problem
+from dobc_design.verdict import Verdict
+
+if TYPE_CHECKING:
+    from dobc_design.export.c_folder import CCode
+    from dobc_design.export.fmu import Fmu
+    from dobc_design.simulation.signal_files import Signal
+
+Source = Problem | str | PathLike[str]
+
+
+def problem_from_file(path: str | PathLike[str], *, arrow: str | None = None) -> Problem:
+    """Make a problem from a file of another program, by its suffix.
+
+    .m MATPOWER case; .json pandapower network (or problem.json); .mat MATLAB; .csv, .graphml, .edges arcs, for which
+    ``arrow`` ("listens_to" or "sends_to") has to say what a pair means; .toml a problem file.
+    Returns: a Problem whose notes say what was assumed.  Raises: SpecError.
+    """
+    from dobc_design.importing.files import problem_from_file as run
+
+    return run(Path(path), arrow=arrow)
+
+
+def from_pandapower(net: Any, *, name: str | None = None, gain: Any = 1) -> Problem:
+    """The consensus problem of a pandapower network: angles coupled by sines, generators pinned with ``gain`` (1/s).
+
+    ``name`` of the problem, by default that of the network.
+    Returns: a Problem whose notes say what was left out.  Raises: SpecError.
+    """
+    from dobc_design.importing.pandapower_net import from_pandapower as run
+
+    return run(net, name=name, gain=gain)
+
+
+def to_c(
+    problem: Source,
+    *,
+    period: Any,
+    precision: str = "double",
+    agents: Sequence[Any] | str | int | None = None,
+    certificate: Certificate | Claims | None = None,
+    sampled_gain: Any = None,
+) -> CCode:
+    """C99 of the sampled observer and controller, with a self-test; ``save(folder)`` writes it.
+
+    ``period`` in s; ``precision`` "double" or "float"; ``agents``: labels, or one; default all (at most 200), of one
+    group where they have different exosystems; ``certificate``: its check ``sampling`` is compared with the period;
+    ``sampled_gain`` (q, m) in place of the discretised W, as ``design_observer(period=...)`` gives it.  A missing W is
+    designed first, as ``certify`` does.
+    Returns: a CCode.  Raises: SpecError for a certificate of another problem, and for a period at which the sampled
+    loop diverges; it then names one that works.
+    Example:
+        >>> code = dd.to_c("clock-sync", period="1/4", agents=["gateway"])
+        >>> "dobc_agent.c" in code.files, code.tolerance < 1e-9
+        (True, True)
+    """
+    from dobc_design.export.c_controller import make_controller
+    from dobc_design.export.c_folder import c_code
+    from dobc_design.export.c_vectors import Recorder
+    from dobc_design.export.certified_period import certified_sampling
+
+    problem = _loaded(problem)
+    claims = certificate.claims if isinstance(certificate, Certificate) else certificate
+    if claims is not None and claims.problem_sha256 != problem_sha256(problem):
+        raise SpecError(
+            "certificate must be one of this problem; it is about another one.",
+            key="certificate",
+            cure="Certify this problem.",
+        )
+    gain = _gain(problem) if claims is None else claims.W
+    recorder = Recorder(gain=gain, sampled_gain=sampled_gain, signal=_signal(problem))
+    controller = make_controller(
+        problem,
+        period=period,
+        precision=precision,
+        agents=[agents] if isinstance(agents, (str, int)) else agents,
+        gain=gain,
+        sampled_gain=sampled_gain,
+        objection=recorder.objection,
+    )
+    certified = None if claims is None else certified_sampling(claims, controller.period)
+    return c_code(controller, recorder.recorded(controller), certified=certified)
+
+
+def to_fmu(problem: Source, *, period: Any, agent: Any = None, sampled_gain: Any = None) -> Fmu:
+    """One agent's sampled controller as an FMU (FMI 3.0, co-simulation); ``save(path)`` writes it.
+
+    ``agent``: its label; default the first pinned one; ``period`` and ``sampled_gain`` as in ``to_c``.  Inputs: mode,
+    x, heard[LABEL]; outputs: u, v, dhat and the packet y.
+    Returns: an Fmu.  Raises: as ``to_c``; SolverError if the C compiler refuses.
+    """
+    from dobc_design.export.c_controller import make_controller
+    from dobc_design.export.c_vectors import Recorder
+    from dobc_design.export.fmu import make_fmu
+
+    problem = _loaded(problem)
+    label = None if agent is None else str(agent)
+    if agent is None:
+        pinned = problem.pinning.agents
+        label = problem.network.labels[pinned[0] if pinned else 0]
+    gain = _gain(problem)
+    recorder = Recorder(gain=gain, sampled_gain=sampled_gain, signal=_signal(problem))
+    controller = make_controller(
+        problem, period=period, agents=[label], gain=gain, sampled_gain=sampled_gain, objection=recorder.objection
+    )
+    return make_fmu(controller)
+
+
+def to_sdpa(problem: Source) -> str:
+    """The matrix inequality of Lemma 1, Theorem 1 or 2 in SDPA's sparse format, with P, Q and t as unknowns.
+
+    t* < 0 if and only if the theorem holds, for bounds taken from a proved pair.
+    Returns: the text.  Raises: SpecError.
+    Example:
+        >>> lines = [line for line in dd.to_sdpa("clock-sync").splitlines() if not line.startswith('"')]
+        >>> lines[0], lines[2]  # three unknowns: P, Q and t; Psi has ten rows for e and ten for eps
+        ('3', '20 1 1 2')
+    """
+    from dobc_design.certification.consensus import decide
+    from dobc_design.export.sdpa import sdpa_text
+
+    problem = _loaded(problem)
+    problem.require_one_exosystem()
+    found = decide(problem, lambda stage: None)
+    wanted = ("theorem1", "theorem2") if problem.exosystem is not None else ("lemma1",)
+    verdicts = [check.verdict for check in found.checks if check.id in wanted]
+    pair = None if found.pair is None else (found.pair.P, found.pair.Q)
+    return sdpa_text(problem, pair=pair, verdict=Verdict.all_of(verdicts) if verdicts else None)
+
+
+def to_mat(problem: Source, path: str | PathLike[str]) -> Path:
+    """Write A, C, L, W, P, k, xbar, offsets, h, labels, modes to a MATLAB file; ``problem_from_file`` reads it.
+
+    Numbers become doubles.  Returns: the path.  Raises: SpecError for couplings of single arcs.
+    """
+    from dobc_design.export.matlab import mat_bytes
+
+    write_atomically(Path(path), mat_bytes(_loaded(problem)))
+    return Path(path)
+
+
+def to_casadi(problem: Source, function: str = "closed_loop", *, mode: str | None = None) -> Any:
+    """One of the problem's casadi.Function objects: h, jacobian, observer, controller, closed_loop, error_dynamics.
+
+    ``function``: which of them; ``mode`` defaults to the first.  A missing W is designed first.
+    Returns: a casadi.Function with named inputs and outputs.  Raises: SpecError.
+    Example:
+        >>> dd.to_casadi("paper-fixed", "observer").name_out()
+        ['z_dot', 'xihat', 'dhat']
+    """
+    from dobc_design.model.model import build_model
+
+    problem = _loaded(problem)
+    found = {each.name(): each for each in build_model(problem, mode, gain=_gain(problem)).functions}
+    if function not in found:
+        raise SpecError(f"function must be one of {', '.join(found)}; got {function[:60]!r}.", key="function")
+    return found[function]
+
+
+def to_numpy(source: Source | Certificate) -> dict[str, Any]:
+    """The matrices of a problem, or of a certificate with its W, P and Q, as float64 arrays by name.
+
+    Returns: A, C, W, P, Q, K, xbar, L and Lambda; with several modes L_MODE and Lambda_MODE.
+    Raises: SpecError above 500 rows.
+    Example:
+        >>> dd.to_numpy("paper-fixed")["W"].tolist()
+        [[3.2], [2.4]]
+    """
+    from dobc_design.export.matrices import numpy_matrices
+
+    return numpy_matrices(_matrices(source)[0])
+
+
+def to_sympy(source: Source | Certificate) -> dict[str, Any]:
+    """The matrices of ``to_numpy`` as SymPy matrices of exact rationals, and the coupling "h".
+
+    Returns: matrices by name.  Raises: SpecError above 500 rows.
+    Example:
+        >>> matrices = dd.to_sympy("paper-fixed")
+        >>> matrices["W"].T, matrices["h"]
+        (Matrix([[16/5, 12/5]]), Matrix([[y + exp(y) - 1]]))
+    """
+    from dobc_design.export.matrices import sympy_matrices
+
+    return sympy_matrices(*_matrices(source))
+
+
+def to_latex(source: Source | Certificate) -> str:
+    """h and the matrices of ``to_numpy`` as displayed LaTeX equations.
+
+    Returns: the text.  Raises: SpecError above 500 rows.
+    """
+    from dobc_design.export.matrices import latex_of
+
+    return latex_of(*_matrices(source))
+
+
+def _matrices(source: Source | Certificate) -> tuple[dict[str, Matrix], Problem]:
+    from dobc_design.export.matrices import exact_matrices
+
+    if isinstance(source, Certificate):
+        claims = source.claims
+        return exact_matrices(source.problem, W=claims.W, P=claims.P, Q=claims.Q), source.problem
+    problem = _loaded(source)
+    own = problem.joint_observer
+    return exact_matrices(problem, W=own.W, P=own.P), problem
+
+
+def _loaded(problem: Source) -> Problem:
+    return problem if isinstance(problem, Problem) else load_problem(problem)
+
+
+def _gain(problem: Problem) -> Matrix | None:
+    """The W that ``certify`` uses: the one given, else the designed one; block diagonal where agents have groups."""
+    from dobc_design.conditions.observer.gain import chosen_gains, design_gains
+
+    return join(chosen_gains(problem, design_gains(problem)))
+
+
+def _signal(problem: Problem) -> Signal | None:
+    from dobc_design.simulation.signal_files import signal_of
+
+    return signal_of(problem)[0]

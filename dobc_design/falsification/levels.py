@@ -1,0 +1,186 @@
+"""Certified sets as functions of arrays: V scaled so that it is 1 on the boundary and decays at a known rate.
+
+Floats, to search with: whether a certificate holds is decided in ``verify``.  Both kinds of V are positive
+homogeneous of degree 1 in (e, eps), so that every start but 0 is brought to the boundary by a factor.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dobc_design.conditions.boxes.checks import shell_from_json
+from dobc_design.conditions.boxes.claim import Shell
+from dobc_design.conditions.check import Check
+from dobc_design.conditions.quadratic.claim import Lure
+from dobc_design.conditions.quadratic.json_text import lure_from_json
+from dobc_design.conditions.separable.checks import separable_from_json
+from dobc_design.conditions.separable.claim import Separable
+from dobc_design.conditions.separable.observer import composite_rate
+from dobc_design.errors import SpecError
+from dobc_design.exact.matrix import Matrix, to_float
+from dobc_design.problem.problem import Problem
+from dobc_design.verdict import Verdict
+
+Array = NDArray[np.float64]
+Certified = Separable | Lure | Shell | Check
+EVERYWHERE = 1.0  # the level that stands for a certificate that holds everywhere
+TINY = 1e-300
+
+
+class Level(Protocol):
+    """{V <= 1}; V(t) <= V(0) exp(-rate t) is certified inside (``rate`` in 1/s).
+
+    ``P`` (q, q) is the observer's matrix, scaled like V; None where the certificate is about eps = 0 only.
+    """
+
+    @property
+    def name(self) -> str:
+        """The method."""
+
+    @property
+    def rate(self) -> float:
+        """What is certified, 1/s."""
+
+    @property
+    def P(self) -> Array | None:  # noqa: N802 - the paper's letter
+        """The observer's matrix."""
+
+    @property
+    def lengths(self) -> Array:
+        """How far the set reaches from side to side, about, by component of e: (n m,)."""
+
+    def value(self, e: Array, eps: Array) -> Array:
+        """V of states e (n m, R) and eps (n, q, R): (R,)."""
+
+    def gradient(self, e: Array, eps: Array) -> tuple[Array, Array]:
+        """A (sub)gradient of V at one state e (n m,), eps (n, q) with V > 0."""
+
+    def directions(self, standard: Array) -> Array:
+        """Errors (n m, R) that are spread over the set, from standard ones."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class BoxLevel:
+    """V = max_k |e_k| / height_k + max_i |eps_i|_P, height (n m,)."""
+
+    name: str
+    rate: float
+    height: Array
+    P: Array | None
+
+    @property
+    def lengths(self) -> Array:
+        return np.asarray(2 * self.height)
+
+    def value(self, e: Array, eps: Array) -> Array:
+        sides = np.abs(e) / self.height[:, None]
+        return np.asarray(sides.max(axis=0) + observer_norms(self.P, eps).max(axis=0, initial=0.0))
+
+    def gradient(self, e: Array, eps: Array) -> tuple[Array, Array]:
+        along, along_eps = np.zeros_like(e), np.zeros_like(eps)
+        place = int(np.argmax(np.abs(e) / self.height))
+        along[place] = np.sign(e[place]) / self.height[place]
+        own = observer_norms(self.P, eps[:, :, None])[:, 0]
+        if self.P is not None and own.max(initial=0.0) > 0:
+            agent = int(np.argmax(own))
+            along_eps[agent] = self.P @ eps[agent] / own[agent]
+        return along, along_eps
+
+    def directions(self, standard: Array) -> Array:
+        return np.asarray(standard * self.height[:, None])
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Ellipsoid:
+    """V = root of e'P_e e + sum |eps_i|_P^2, P_e (n m, n m)."""
+
+    name: str
+    rate: float
+    P_e: Array
+    P: Array | None
+
+    @property
+    def lengths(self) -> Array:
+        return np.asarray(2 / np.sqrt(np.maximum(np.diag(self.P_e), TINY)))
+
+    def value(self, e: Array, eps: Array) -> Array:
+        squares = np.maximum(0.0, np.sum((self.P_e @ e) * e, axis=0))
+        return np.asarray(np.sqrt(squares + np.sum(observer_norms(self.P, eps) ** 2, axis=0)))
+
+    def gradient(self, e: Array, eps: Array) -> tuple[Array, Array]:
+        size = float(self.value(e[:, None], eps[:, :, None])[0])
+        along_eps = np.zeros_like(eps) if self.P is None else eps @ self.P / size
+        return np.asarray(self.P_e @ e / size), np.asarray(along_eps)
+
+    def directions(self, standard: Array) -> Array:
+        values, vectors = np.linalg.eigh(self.P_e)
+        return np.asarray(vectors @ (standard / np.sqrt(np.maximum(values, TINY))[:, None]))
+
+
+def observer_norms(P: Array | None, eps: Array) -> Array:
+    """|eps_i|_P of every agent and run, (n, R), for eps (n, q, R); 0 without a P."""
+    if P is None:
+        return np.zeros((eps.shape[0], eps.shape[2]))
+    return np.asarray(np.sqrt(np.maximum(0.0, np.einsum("nar,ab,nbr->nr", eps, P, eps))))
+
+
+def level_of(problem: Problem, certified: Certified, W: Matrix | None = None) -> Level:
+    """The set of a certificate; one that holds everywhere is looked at up to N = 1, or V = 1.
+
+    ``certified``: a claim, or a proved check of a region, which is about the gain ``W`` (q, m).
+    Raises: SpecError for one that does not fit the problem.
+    """
+    if isinstance(certified, Check):
+        certified = _claim_of(problem, certified, W)
+    if isinstance(certified, Shell):
+        certified = replace(certified.lure, level=certified.outer, rate=certified.rate)
+    if isinstance(certified, Separable):
+        if len(certified.v) != problem.n:
+            raise SpecError(
+                f"certified must have one v per agent ({problem.n}); got {len(certified.v)}.",
+                key="certified",
+                cure="Give the certificate of this very problem.",
+            )
+        rho = EVERYWHERE if certified.rho is None else float(certified.rho)
+        P = None
+        if certified.error is not None:
+            P = to_float(certified.error.P) * (float(certified.error.kappa) / rho) ** 2
+        height = np.repeat([float(v) for v in certified.v], problem.m) * rho
+        return BoxLevel(name="max-separable", rate=float(composite_rate(certified)), height=height, P=P)
+    if certified.P_e.size != problem.n * problem.m:
+        raise SpecError(
+            f"certified must have a P_e of {problem.n * problem.m} rows; got {certified.P_e.size}.",
+            key="certified",
+            cure="Give the certificate of this very problem.",
+        )
+    size = EVERYWHERE if certified.level is None else float(certified.level)
+    P = None if certified.P is None else to_float(certified.P) / size
+    P_e = to_float(certified.P_e.to_dense()) / size
+    return Ellipsoid(name="lure", rate=float(certified.rate), P_e=P_e, P=P)
+
+
+def _claim_of(problem: Problem, check: Check, W: Matrix | None) -> Separable | Lure | Shell:
+    """What a proved check of a region claims."""
+    known = ("max-separable", "lure", "exhaustive")
+    if check.verdict is not Verdict.PROVED or check.id not in known or check.exact is None:
+        raise SpecError(
+            f"certified must be a proved check of a region ({', '.join(known)}); got {check.verdict.value}"
+            f" {check.title}.",
+            key="certified",
+            cure="Ask for a [region], or give certify everything=True.",
+        )
+    try:
+        if check.id == "max-separable":
+            return separable_from_json(check.exact, problem)
+        read = lure_from_json if check.id == "lure" else shell_from_json
+        return read(check.exact, problem, W)
+    except (KeyError, TypeError, ValueError) as error:
+        raise SpecError(
+            f"certified: the check {check.title} does not fit this problem ({error}).",
+            key="certified",
+            cure="Give the certificate of this very problem.",
+        ) from error

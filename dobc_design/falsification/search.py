@@ -1,0 +1,309 @@
+"""The search for starts that contradict: at random, at corners and edges, uphill, and by Newton's method.
+
+Two questions.  Without a certificate: does every start asked for converge?  With one: does V of the certified set decay
+as certified from its whole boundary?  What is found is a suspect; only a proved equilibrium refutes, and only a region.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cache
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dobc_design.conditions.check import Check
+from dobc_design.conditions.equilibrium.claim import Equilibrium
+from dobc_design.conditions.equilibrium.decide import LARGEST, refuting_check
+from dobc_design.errors import SpecError
+from dobc_design.falsification.ascent import ascend, final_error, final_level
+from dobc_design.falsification.equilibria import MOST_PROVED, point_of, proved_equilibria
+from dobc_design.falsification.levels import Certified, Level, level_of
+from dobc_design.falsification.running import (
+    Arena,
+    Runs,
+    Signals,
+    constant_signals,
+    drawn_signals,
+    make_arena,
+    run_starts,
+    settling_horizon,
+)
+from dobc_design.falsification.starts import CORNERS, EDGES, RANDOM, Boundary, StartSet, asked_box
+from dobc_design.falsification.suspect import LEAVES, RESTS, STAYS_AWAY, Falsification, Suspect
+from dobc_design.model.flow import Flow, build_flow
+from dobc_design.problem.arrays import Gain, chosen_gain
+from dobc_design.problem.problem import Problem
+from dobc_design.simulation._arguments import positive, seconds, whole
+from dobc_design.simulation.stiffness import fastest_decay
+
+Array = NDArray[np.float64]
+IndexArray = NDArray[np.int64]
+Progress = Callable[[str], None]
+
+RUNS = 500
+TOLERANCE = 1e-9
+SHARES = {CORNERS: 0.2, EDGES: 0.2}  # of the runs; a fifth at most goes uphill, the rest is at random
+MOST_ASCENTS = 12
+MOST_AGAIN = 16  # runs that stall and are repeated ...
+LONGER = 4.0  # ... for so many times as long
+SAME_END = 1e-3  # relative distance of ends that are one
+MOST_SUSPECTS = 50
+NEWTON_STARTS = 48
+BEYOND, FLOOR = 1e-6, 1e-7  # by which V may exceed its bound: relative, and as a part of the level
+SPENT = 1e-5  # V below this part of its start no longer counts for the observed rate
+MOST_STEPS, LEAST_STEPS = 2000, 60  # of the flow that is climbed ...
+MOST_WORK = 40_000  # ... and steps times states
+ASCENT_PART = 0.25  # of the horizon that it lasts
+STEEPER = 3.0  # couplings may be so many times as steep far out as at the target
+
+
+def falsify(
+    problem: Problem,
+    *,
+    runs: int = RUNS,
+    seed: int | None = None,
+    radius: float | None = None,
+    disturbance: float | None = None,
+    certified: Certified | None = None,
+    t_final: float | None = None,
+    gain: Gain | None = None,
+    progress: Progress | None = None,
+) -> Falsification:
+    """Search for starts that do not converge, or that leave a certified set.
+
+    Starts: the region asked for; with ``radius`` the box |e|_inf <= radius; without both |e|_inf <= 1; with
+    ``certified`` (a Separable, Lure or Shell, or a proved check of a region) the boundary of its set.
+    ``disturbance`` bounds |eps_i|, by default as the region says.  ``runs`` starts are simulated, the worst of them
+    climbed (up to 60 rows n m); modes are constant or switch at random.  ``t_final`` (s): by default long enough for
+    the consensus to settle.  ``gain`` (q, m) takes the place of observer.W.
+    Deterministic for a seed (the problem's by default).  Returns: a Falsification.
+    Raises: SpecError for a wrong argument, or if there is an exosystem and no W.
+    Source: theory, sections 4 and 5; nothing here is a proof but the equilibria in ``proved``.
+    """
+    whole(runs, "runs", least=1)
+    seed = problem.simulation.seed if seed is None else whole(seed, "seed", least=0)
+    if certified is not None and (radius is not None or disturbance is not None):
+        raise SpecError(
+            "certified says where to start; radius and disturbance must be left out with it.",
+            key="certified",
+            cure="Leave one of them out.",
+        )
+    radius = None if radius is None else positive(radius, "radius", example="2")
+    horizon = settling_horizon(problem) if t_final is None else seconds(t_final, "t_final", example="20")
+    say = progress or (lambda stage: None)
+    with np.errstate(all="ignore"):
+        arena = make_arena(problem, gain)
+        level = None if certified is None else level_of(problem, certified, chosen_gain(problem, gain))
+        starts: StartSet
+        if level is None:
+            starts = asked_box(problem, arena.loop, radius=radius, disturbance=disturbance)
+        else:
+            size = problem.n * problem.m
+            words = f"the boundary of the {level.name} set"
+            starts = Boundary(words=words, level=level, rows=size, n=problem.n, q=arena.loop.q, own=arena.loop.own)
+        search = _Search(arena=arena, starts=starts, level=level, horizon=horizon, gain=gain, seed=seed, say=say)
+        return search.run(runs)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class _Search:
+    arena: Arena
+    starts: StartSet
+    level: Level | None
+    horizon: float
+    gain: Gain | None
+    seed: int
+    say: Progress
+
+    @property
+    def problem(self) -> Problem:
+        return self.arena.problem
+
+    def run(self, count: int) -> Falsification:
+        """All stages, in order."""
+        rng = np.random.default_rng(self.seed)
+        uphill = min(MOST_ASCENTS, count // 5) if self.problem.n * self.problem.m <= LARGEST else 0
+        self.say("simulating random starts, corners and edges")
+        first = self.simulate(*self.draw(rng, count - uphill), self.drawn(rng, count - uphill))
+        done = [first]
+        if uphill:
+            self.say("climbing from the worst starts")
+            done.append(self.climb(first, uphill))
+        suspects = [suspect for runs in done for suspect in self.beyond(runs)]
+        self.say("repeating what stalls")
+        away = self.stay_away(done)
+        self.say("looking for equilibria")
+        proved = self.equilibria(done, rng)
+        suspects = [*map(self.resting, proved), *suspects, *away]
+        return self.result(done, suspects[:MOST_SUSPECTS], proved)
+
+    def draw(self, rng: np.random.Generator, count: int) -> tuple[Array, Array]:
+        """Corners, edges, then random starts."""
+        counts = {kind: int(share * count) for kind, share in SHARES.items()}
+        counts[RANDOM] = count - sum(counts.values())
+        parts = [self.starts.draw(rng, each, kind) for kind, each in counts.items() if each]
+        return np.concatenate([e for e, _ in parts], axis=1), np.concatenate([eps for _, eps in parts], axis=2)
+
+    def drawn(self, rng: np.random.Generator, count: int) -> Signals:
+        return drawn_signals(rng, count, len(self.arena.modes), self.horizon)
+
+    def simulate(self, e: Array, eps: Array, signals: Signals, *, longer: float = 1.0) -> Runs:
+        return run_starts(
+            self.arena, e, eps, signals, horizon=longer * self.horizon, tolerance=TOLERANCE, level=self.level
+        )
+
+    def badness(self, runs: Runs) -> Array:
+        """What the ascent begins with: how far V is above its bound, or |e| at the end; (R,)."""
+        if self.level is None:
+            last = np.where(np.isnan(runs.error[-1]), np.inf, runs.error[-1])
+            return np.where(runs.unfinished, -np.inf, last)
+        growth = np.log(np.maximum(runs.values, 1e-300) / np.maximum(runs.values[0], 1e-300))
+        early = np.where(runs.values > SPENT * runs.values[0], growth + self.level.rate * runs.times[:, None], -np.inf)
+        return np.asarray(np.max(early[1:], axis=0))
+
+    def climb(self, runs: Runs, count: int) -> Runs:
+        """Gradient ascent from the worst starts, each in the mode that it began in; simulated again."""
+        worst = np.argsort(-self.badness(runs), kind="stable")[:count]
+        flow = self.flows()
+        rows, q = len(runs.e), self.arena.loop.q
+        objective = final_error(rows) if self.level is None else final_level(self.level, rows, q)
+        modes = runs.signals.modes[worst, 0]
+        found = [
+            ascend(flow(int(mode)), self.starts, (runs.e[:, run], runs.eps[:, :, run]), objective)
+            for run, mode in zip(worst.tolist(), modes.tolist(), strict=True)
+        ]
+        e, eps = np.stack([e for e, _ in found], axis=1), np.stack([eps for _, eps in found], axis=2)
+        return self.simulate(e, eps, constant_signals(modes))
+
+    def flows(self) -> Callable[[int], Flow]:
+        """The flow of a mode by its index, made when it is needed."""
+        loop = self.arena.loop
+
+        @cache
+        def flow(mode: int) -> Flow:
+            fastest = STEEPER * fastest_decay(loop, self.arena.networks(mode).groups)
+            if loop.q:
+                fastest = max(fastest, float(np.linalg.norm(loop.F, 2)))
+            most = max(LEAST_STEPS, min(MOST_STEPS, MOST_WORK // (loop.n * (loop.m + loop.q))))
+            horizon = min(ASCENT_PART * self.horizon, most / fastest)
+            steps = min(most, max(LEAST_STEPS, math.ceil(horizon * fastest)))
+            return build_flow(self.problem, self.arena.modes[mode], horizon=horizon, steps=steps, gain=self.gain)
+
+        return flow
+
+    def beyond(self, runs: Runs) -> list[Suspect]:
+        """Runs on which V exceeds what is certified."""
+        if self.level is None:
+            return []
+        bound = runs.values[0] * np.exp(-self.level.rate * runs.times)[:, None] * (1 + BEYOND) + FLOOR
+        over = np.nanmax(np.where(np.isnan(runs.values), np.inf, runs.values) - bound, axis=0)
+        bad = np.flatnonzero((over > 0) & ~runs.unfinished)
+        return [self.suspect(LEAVES, runs, int(run)) for run in bad[np.argsort(-over[bad], kind="stable")]]
+
+    def stay_away(self, done: list[Runs]) -> list[Suspect]:
+        """Runs that stall and still do when they last longer; one of those that end at one place."""
+        found: list[Suspect] = []
+        for runs in done:
+            worst = np.argsort(-self.badness(runs), kind="stable")
+            chosen = worst[runs.stalled[worst]][:MOST_AGAIN]
+            if not len(chosen):
+                continue
+            longer = self.simulate(
+                runs.e[:, chosen], runs.eps[:, :, chosen], runs.signals.chosen(chosen), longer=LONGER
+            )
+            ends: list[Array] = []
+            for run in np.flatnonzero(longer.stalled).tolist():
+                end = longer.ends[:, run]
+                if not any(np.max(np.abs(end - other)) <= SAME_END * (1 + np.max(np.abs(end))) for other in ends):
+                    ends.append(end)
+                    found.append(self.suspect(STAYS_AWAY, longer, run))
+        return sorted(found, key=lambda suspect: -suspect.final_error)
+
+    def equilibria(self, done: list[Runs], rng: np.random.Generator) -> list[Equilibrium]:
+        """Equilibria within the set of starts, proved: from where runs stall, and from other starts."""
+        problem = self.problem
+        if problem.is_linear or problem.n * problem.m > LARGEST:
+            return []
+        count = max(1, NEWTON_STARTS // len(self.arena.modes))
+        stalled = [end for runs in done for end in runs.ends.T[runs.stalled & ~runs.diverged]]
+        found: list[Equilibrium] = []
+        for mode in self.arena.modes:
+            others = np.concatenate([self.starts.draw(rng, count, kind)[0] for kind in (CORNERS, RANDOM)], axis=1)
+            points = [*stalled[:count], *others.T]
+            found += proved_equilibria(problem, mode, points, starts=self.starts, within_region=False, most=MOST_PROVED)
+        return sorted(found, key=lambda claim: float(np.max(np.abs(point_of(claim)))))
+
+    def suspect(self, kind: str, runs: Runs, run: int) -> Suspect:
+        """One run as a suspect."""
+        loop, error = self.arena.loop, runs.error[:, run]
+        known = np.flatnonzero(~np.isnan(error))
+        final = float("inf") if runs.diverged[run] else float(error[known[-1]])
+        end = runs.ends[:, run] if np.isfinite(runs.ends[:, run]).all() else runs.e[:, run]
+        return Suspect(
+            kind=kind,
+            start=runs.e[:, run].reshape(loop.n, loop.m) + loop.goal,
+            eps=runs.eps[:, :, run].copy(),
+            final_error=final,
+            times=runs.times.copy(),
+            error=error.copy(),
+            labels=self.farthest(end),
+            modes=runs.signals.of(run, self.arena.modes),
+        )
+
+    def resting(self, claim: Equilibrium) -> Suspect:
+        """A proved equilibrium: the agents start there with eps = 0 and stay."""
+        loop, e = self.arena.loop, point_of(claim)
+        size = float(np.max(np.abs(e)))
+        return Suspect(
+            kind=RESTS,
+            start=e.reshape(loop.n, loop.m) + loop.goal,
+            eps=np.zeros((loop.n, loop.q)),
+            final_error=size,
+            times=np.array([0.0, self.horizon]),
+            error=np.array([size, size]),
+            labels=self.farthest(e),
+            modes=((0.0, claim.mode),),
+            equilibrium=claim,
+        )
+
+    def farthest(self, e: Array) -> tuple[str, ...]:
+        """The agents that are at least half as far from the target as the farthest, in the order of labels."""
+        sizes = np.abs(e).reshape(self.arena.loop.n, -1).max(axis=1)
+        return tuple(self.problem.network.labels[i] for i in np.flatnonzero(sizes >= sizes.max() / 2))
+
+    def result(self, done: list[Runs], suspects: list[Suspect], proved: list[Equilibrium]) -> Falsification:
+        notes = []
+        unfinished = sum(int(runs.unfinished.sum()) for runs in done)
+        if unfinished:
+            notes.append(f"{unfinished} runs took too many steps; nothing is said about them.")
+        checks = (refuting_check(self.problem, claim) for claim in proved)
+        check: Check | None = next((each for each in checks if each is not None), None)
+        return Falsification(
+            name=self.problem.name,
+            target=self.starts.words,
+            tried=sum(map(len, done)),
+            unfinished=unfinished,
+            suspects=tuple(suspects),
+            proved=tuple(proved),
+            check=check,
+            horizon=self.horizon,
+            seed=self.seed,
+            certified_rate=None if self.level is None else self.level.rate,
+            observed_rate=self.observed(done),
+            notes=tuple(notes),
+        )
+
+    def observed(self, done: list[Runs]) -> float | None:
+        """The slowest average decay of V over a run, up to where it is spent (1/s)."""
+        if self.level is None:
+            return None
+        rates = []
+        for runs in done:
+            counts = np.sum(runs.values > SPENT * runs.values[0], axis=0)
+            for run in np.flatnonzero((counts > 1) & ~runs.unfinished):
+                last = int(counts[run]) - 1
+                rates.append(-math.log(runs.values[last, run] / runs.values[0, run]) / runs.times[last])
+        return min(rates, default=None)

@@ -1,0 +1,140 @@
+"""What a search against the region, or against a certified set, brought up.
+
+A Suspect is a start with its simulated motion: an illustration, never a refutation.  Only a proved equilibrium is one.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dobc_design._show.cards import Card, Shown
+from dobc_design.conditions.check import Check
+from dobc_design.conditions.equilibrium.claim import Equilibrium
+from dobc_design.exact.number import number_text
+
+Array = NDArray[np.float64]
+
+STAYS_AWAY = "does not converge"
+LEAVES = "leaves the certified set"
+RESTS = "equilibrium"
+MOST_WRITTEN = 10  # suspects of a JSON document
+KINDS = (STAYS_AWAY, LEAVES, RESTS)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False, repr=False)
+class Suspect(Shown):
+    """One start and what became of it.
+
+    Shapes: start (n, m), x at t = 0; eps (n, q), xi - xihat there; times (T,) in s; error (T,), |e|_inf, nan from where
+    the run had ended.  ``final_error`` is the last of them.  ``kind`` is one of KINDS.  ``labels`` name the agents that
+    are farthest from the target at the end, ``modes`` the active mode by the time from which it is (s).
+    ``equilibrium``: the proved box where there is one.
+    """
+
+    kind: str
+    start: Array
+    eps: Array
+    final_error: float
+    times: Array
+    error: Array
+    labels: tuple[str, ...]
+    modes: tuple[tuple[float, str], ...]
+    equilibrium: Equilibrium | None = None
+
+    def __post_init__(self) -> None:
+        for array in (self.start, self.eps, self.times, self.error):
+            array.setflags(write=False)
+
+    def to_json(self) -> dict[str, Any]:
+        """JSON object: where it starts and what becomes of it; infinite errors and runs that ended are null."""
+        return {
+            "kind": self.kind,
+            "proved": self.equilibrium is not None,
+            "start": self.start.tolist(),
+            "eps": self.eps.tolist(),
+            "final_error": self.final_error if np.isfinite(self.final_error) else None,
+            "times": self.times.tolist(),
+            "error": [x if np.isfinite(x) else None for x in self.error.tolist()],
+            "labels": list(self.labels),
+            "modes": [[time, name] for time, name in self.modes],
+        }
+
+    def __str__(self) -> str:
+        proved = " (proved)" if self.equilibrium is not None else ""
+        names = ", ".join(self.labels[:6]) + (", ..." if len(self.labels) > 6 else "")
+        return (
+            f"{self.kind}{proved}: |e|_inf from {self.error[0]:.4g} to {self.final_error:.4g} after"
+            f" {self.times[-1]:.4g} s, farthest: {names}"
+        )
+
+    def __repr__(self) -> str:
+        return f"<Suspect: {self}>"
+
+    def _card(self) -> Card:
+        return Card(title="Suspect", text=str(self))
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False, repr=False)
+class Falsification(Shown):
+    """The outcome of a search.
+
+    ``tried``: starts that were simulated; ``unfinished``: those among them whose runs took too many steps.
+    ``suspects``: the worst first; ``proved``: equilibria other than the target, each a box that holds one.
+    ``check``: the one that refutes the region asked for, None if no proved equilibrium lies there.
+    ``target`` says in words what was searched.  With a certified set ``certified_rate`` (1/s) is its rate and
+    ``observed_rate`` the slowest decay of its function V that was seen; both None without one.
+    """
+
+    name: str
+    target: str
+    tried: int
+    unfinished: int
+    suspects: tuple[Suspect, ...]
+    proved: tuple[Equilibrium, ...]
+    check: Check | None
+    horizon: float
+    seed: int
+    certified_rate: float | None = None
+    observed_rate: float | None = None
+    notes: tuple[str, ...] = ()
+
+    def to_json(self) -> dict[str, Any]:
+        """JSON object.  ``proved`` lists boxes that each hold an equilibrium, ends as exact rationals."""
+        return {
+            "target": self.target,
+            "tried": self.tried,
+            "unfinished": self.unfinished,
+            "horizon": self.horizon,
+            "seed": self.seed,
+            "suspects": [each.to_json() for each in self.suspects[:MOST_WRITTEN]],
+            "proved": [
+                {"mode": claim.mode, "box": [[number_text(x.lo), number_text(x.hi)] for x in claim.box]}
+                for claim in self.proved
+            ],
+            "refutes": self.check is not None,
+            "certified_rate": self.certified_rate,
+            "observed_rate": self.observed_rate,
+            "notes": list(self.notes),
+        }
+
+    def __str__(self) -> str:
+        rows = [f"{self.name}: {self._summary}", *(f"  {suspect}" for suspect in self.suspects[:10])]
+        return "\n".join([*rows, *(f"  {note}" for note in self.notes)])
+
+    def __repr__(self) -> str:
+        return f"<Falsification of {self.name}: {self._summary}>"
+
+    def _card(self) -> Card:
+        return Card(title=self.name, text=self._summary, lines=[str(each) for each in self.suspects])
+
+    @property
+    def _summary(self) -> str:
+        found = "no suspect" if not self.suspects else f"{len(self.suspects)} suspect(s)"
+        rate = ""
+        if self.certified_rate and self.observed_rate is not None:
+            rate = f", certified rate {self.certified_rate:.4g} 1/s, slowest seen {self.observed_rate:.4g}"
+        return f"{self.tried} starts from {self.target}, {found}, {len(self.proved)} proved equilibria{rate}"

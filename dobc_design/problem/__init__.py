@@ -1,0 +1,1 @@
+"""The problem as the user states it: exact, validated, frozen (see ``problem``)."""

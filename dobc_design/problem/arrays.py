@@ -1,0 +1,230 @@
+"""A problem's numbers as float64 arrays, and the choices a model needs: which mode, which observer gain.
+
+Arcs come grouped by coupling, so that everything downstream works on whole arrays of arcs.  Floats are
+rounded; nothing computed from them is a proof.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from fractions import Fraction
+from typing import Any
+
+import numpy as np
+import scipy.sparse as sp
+from numpy.typing import NDArray
+
+from dobc_design._checks import require_shape
+from dobc_design.coupling.coupling import Coupling
+from dobc_design.errors import SpecError
+from dobc_design.exact.matrix import Matrix, matrix, to_float
+from dobc_design.problem.groups import group_numbers
+from dobc_design.problem.network import IndexArray
+from dobc_design.problem.problem import Problem
+
+Array = NDArray[np.float64]
+Gain = Sequence[Sequence[Any]] | NDArray[Any]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Disturbance:
+    """Exosystem and observer as floats: A (q, q), C (m, q), F = A - W C (q, q), W (q, m).
+
+    Where agents have different exosystems, every agent has places for the states of all groups, side by side; those of
+    other groups than its own are 0 and stay 0.  Then A and F are block diagonal, C holds those of the groups side by
+    side, W (n, q, m) has the gain of the agent's group in its rows, and ``own`` (n, q) says which places are its own.
+    """
+
+    A: Array
+    C: Array
+    F: Array
+    W: Array
+    own: NDArray[np.bool_] | None = None
+
+
+WIDEST_SLOPE = Fraction(1, 10**6)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class ArcGroup:
+    """The arcs of one mode that share a coupling: ``listeners[a]`` hears ``speakers[a]``, h times ``weights[a]``."""
+
+    coupling: Coupling
+    listeners: IndexArray
+    speakers: IndexArray
+    weights: Array
+
+
+def chosen_mode(problem: Problem, mode: str | None) -> str:
+    """Return ``mode`` if the problem has it, its first mode for None.  Raises: SpecError."""
+    names = tuple(problem.network.modes)
+    if mode is None:
+        return names[0]
+    if mode not in names:
+        known = ", ".join(names[:6]) + (", ..." if len(names) > 6 else "")
+        raise SpecError(
+            f"mode must be one of the problem's modes ({known}); got {str(mode)[:60]!r}.",
+            key="mode",
+            cure="Leave it out for the first one.",
+        )
+    return mode
+
+
+def chosen_gain(problem: Problem, gain: Gain | None) -> Matrix | None:
+    """Return the observer gain W (q, m): ``gain`` if given, else the problem's; None if there is neither.
+
+    Where agents have different exosystems, W is block diagonal, (q, m times the number of groups).
+    Raises: SpecError for a gain without an exosystem, ShapeError for one of the wrong shape.
+    """
+    if gain is None:
+        return problem.joint_observer.W
+    if not problem.groups:
+        raise SpecError(
+            "gain has no meaning without an [exosystem]: there is no disturbance to estimate.",
+            key="gain",
+            cure="Leave it out, or give the problem an exosystem.",
+        )
+    W = matrix(gain, name="gain")
+    because = "one row per exosystem state, one column per state component"
+    require_shape(W, (problem.q, problem.m * len(problem.groups)), name="gain", because=because)
+    return W
+
+
+def no_gain(problem: Problem) -> Matrix | None:
+    """W = 0, for what does not depend on it; None without an exosystem."""
+    row = (Fraction(0),) * (problem.m * len(problem.groups))
+    return (row,) * problem.q or None
+
+
+def required_gain(problem: Problem, gain: Gain | None) -> Array:
+    """Return W (q, m) as floats, with no rows if there is no exosystem.
+
+    Raises: SpecError if there is an exosystem and no W, besides what ``chosen_gain`` raises.
+    """
+    W = chosen_gain(problem, gain)
+    if W is not None:
+        return to_float(W)
+    if problem.groups:
+        raise SpecError(
+            f'observer.W must be known to build the observer (13); problem "{problem.name}" has an exosystem but no W.',
+            key="observer.W",
+            cure="Give W in [observer], or design one and hand it over as gain=W.",
+        )
+    return np.zeros((0, problem.m))
+
+
+def disturbance_arrays(problem: Problem, gain: Gain | None) -> Disturbance:
+    """Return exosystem and observer for the gain W; q = 0 without an exosystem.
+
+    Raises: SpecError or ShapeError as ``required_gain`` does, and for a W with entries outside of its blocks.
+    """
+    W = required_gain(problem, gain)
+    if not problem.is_grouped:
+        A, C = exosystem_arrays(problem)
+        return Disturbance(A=A, C=C, F=A - W @ C, W=W)
+    n, m, q = problem.n, problem.m, problem.q
+    numbers = np.array(group_numbers(problem.groups, problem.network.labels))
+    A, F, C, gains = np.zeros((q, q)), np.zeros((q, q)), np.zeros((m, q)), np.zeros((n, q, m))
+    own, rest, before = np.zeros((n, q), dtype=bool), W.copy(), 0
+    for g, group in enumerate(problem.groups):
+        rows, columns = slice(before, before + group.exosystem.order), slice(g * m, (g + 1) * m)
+        system, block = group.exosystem, W[rows, columns]
+        A[rows, rows], C[:, rows] = to_float(system.A), to_float(system.C)
+        F[rows, rows] = A[rows, rows] - block @ C[:, rows]
+        gains[numbers == g, rows] = block
+        own[numbers == g, rows] = True
+        rest[rows, columns], before = 0.0, rows.stop
+    if rest.any():
+        raise SpecError(
+            "gain must be block diagonal, with one block per group of agents, because no agent feels the disturbance"
+            " of another group.",
+            key="gain",
+            cure="Set the entries outside of the blocks to 0.",
+        )
+    return Disturbance(A=A, C=C, F=F, W=gains, own=own)
+
+
+def exosystem_arrays(problem: Problem) -> tuple[Array, Array]:
+    """Return A (q, q) and C (m, q) of (12), with q = 0 if there is no exosystem.
+
+    Raises: SpecError if agents have different exosystems.
+    """
+    if problem.exosystem is None:
+        return np.zeros((0, 0)), np.zeros((problem.m, 0))
+    return to_float(problem.exosystem.A), to_float(problem.exosystem.C)
+
+
+def goals(problem: Problem) -> Array:
+    """Return where the agents are to go, xbar + offset_i in row i: (n, m)."""
+    result = np.tile(to_float((problem.target,)), (problem.n, 1))
+    for agent in problem.offsets:
+        result[agent] = to_float((problem.goal_of(agent),))[0]
+    return result
+
+
+def arc_groups(problem: Problem, mode: str) -> tuple[ArcGroup, ...]:
+    """Split the arcs of one mode by coupling, in the order of ``couplings``; empty groups are left out."""
+    arcs = problem.network.modes[mode]
+    couplings = problem.couplings
+    place = {coupling: number for number, coupling in enumerate(couplings)}
+    kinds = np.zeros(len(arcs), dtype=np.int64)
+    if problem.exceptions:
+        codes = arcs.listeners * problem.n + arcs.speakers
+        special = {i * problem.n + j: place[coupling] for (i, j), coupling in problem.exceptions.items()}
+        kinds[:] = [special.get(code, 0) for code in codes.tolist()]
+    weights = to_float((arcs.weights,))[0]
+    return tuple(
+        ArcGroup(
+            coupling=coupling,
+            listeners=arcs.listeners[kinds == number],
+            speakers=arcs.speakers[kinds == number],
+            weights=weights[kinds == number],
+        )
+        for number, coupling in enumerate(couplings)
+        if np.any(kinds == number)
+    )
+
+
+def difference_matrix(group: ArcGroup, size: int) -> sp.csr_array:
+    """Return D (arcs, n) with D e = e_j - e_i for the arc in which i hears j."""
+    arcs = np.arange(len(group.weights))
+    ones = np.ones(len(arcs))
+    entries = np.concatenate([ones, -ones])
+    columns = np.concatenate([group.speakers, group.listeners])
+    return sp.csr_array((entries, (np.concatenate([arcs, arcs]), columns)), shape=(len(arcs), size))
+
+
+def gathering_matrix(group: ArcGroup, size: int) -> sp.csr_array:
+    """Return S (n, arcs), which adds up what every listener feels, weights included."""
+    arcs = np.arange(len(group.weights))
+    return sp.csr_array((group.weights, (group.listeners, arcs)), shape=(size, len(arcs)))
+
+
+def pinning_matrix(problem: Problem) -> sp.csr_array:
+    """Return the block diagonal K (n m, n m); K (x) I_m of (9) where the gains are numbers."""
+    m = problem.m
+    gains = problem.pinning.gains
+    agents = np.fromiter(gains, dtype=np.int64, count=len(gains))
+    blocks = np.array([to_float(k) for k in gains.values()]).reshape(-1, m, m)
+    rows = np.broadcast_to(agents[:, None, None] * m + np.arange(m)[:, None], blocks.shape)
+    columns = np.broadcast_to(agents[:, None, None] * m + np.arange(m), blocks.shape)
+    result = sp.csr_array((blocks.ravel(), (rows.ravel(), columns.ravel())), shape=(problem.n * m,) * 2)
+    result.eliminate_zeros()
+    return result
+
+
+def consensus_jacobian(problem: Problem, mode: str) -> sp.csr_array | None:
+    """Return dh/de at e = 0 (n m, n m); None where a coupling has a kink at 0.
+
+    Slopes are the midpoints of their enclosures, which are narrow unless there is a kink.
+    """
+    total = sp.csr_array((problem.n * problem.m,) * 2)
+    for group in arc_groups(problem, mode):
+        slopes = group.coupling.jacobian_at_zero()
+        if any(entry.width > WIDEST_SLOPE * (1 + entry.magnitude) for row in slopes for entry in row):
+            return None
+        slope = to_float(tuple(tuple(entry.midpoint for entry in row) for row in slopes))
+        network = gathering_matrix(group, problem.n) @ difference_matrix(group, problem.n)
+        total = total + sp.kron(network, slope, format="csr")
+    return sp.csr_array(total)

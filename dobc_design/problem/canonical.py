@@ -1,0 +1,351 @@
+"""problem.json: the one text of a problem that a certificate is about, and its hash.
+
+Arcs are [listener, speaker, weight] with indices from 0, whatever ``arrow`` the user wrote; numbers are
+rationals as strings; couplings are their canonical text.  The bytes are a function of the Problem alone.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Mapping, Sequence
+from fractions import Fraction
+from typing import Any
+
+import numpy as np
+
+from dobc_design.coupling.coupling import Coupling
+from dobc_design.errors import SpecError
+from dobc_design.exact.matrix import Matrix
+from dobc_design.exact.number import number_text, parse_number
+from dobc_design.exact.reading import shown
+from dobc_design.problem.arcs import Arcs, directed
+from dobc_design.problem.exosystem import Exosystem
+from dobc_design.problem.groups import Group, group_key, renamed
+from dobc_design.problem.labels import labels_of
+from dobc_design.problem.network import Network
+from dobc_design.problem.observer import Observer
+from dobc_design.problem.problem import Problem
+from dobc_design.problem.settings import Simulation
+from dobc_design.problem.switching import Switching
+
+FORMAT = "dobc-problem"
+VERSION = 1
+_CURE = "Write it again with `dobc check FILE --canonical OUT`."
+_KEYS = (
+    "format",
+    "version",
+    "name",
+    "notes",
+    "labels",
+    "dimension",
+    "target",
+    "modes",
+    "coupling",
+    "gains",
+    "exosystem",
+    "observer",
+    "offsets",
+    "region",
+    "switching",
+    "simulation",
+)
+_LATER_SWITCHING = ("sequence", "period", "generator", "schedule", "radius", "neighbours", "hysteresis")
+
+
+def canonical_bytes(problem: Problem) -> bytes:
+    """The UTF-8 bytes of problem.json."""
+    text = json.dumps(canonical_document(problem), sort_keys=True, ensure_ascii=False, separators=(",", ":"))
+    return text.encode("utf-8") + b"\n"
+
+
+def problem_sha256(problem: Problem) -> str:
+    """SHA-256 of ``canonical_bytes``, as hexadecimal text."""
+    return hashlib.sha256(canonical_bytes(problem)).hexdigest()
+
+
+def loop_sha256(problem: Problem, W: Matrix | None) -> str:
+    """The fingerprint of a closed loop: of the problem and of the observer gain W (q, m) that it runs with."""
+    rows = None if W is None else [[str(entry) for entry in row] for row in W]
+    return hashlib.sha256(f"{problem_sha256(problem)} {json.dumps(rows)}".encode()).hexdigest()
+
+
+def matrix_text(matrix: Matrix) -> list[list[str]]:
+    """A rational matrix as rows of strings."""
+    return [[number_text(entry) for entry in row] for row in matrix]
+
+
+def canonical_document(problem: Problem) -> dict[str, Any]:
+    """The document behind problem.json: JSON types only."""
+    return {
+        "format": FORMAT,
+        "version": VERSION,
+        "name": problem.name,
+        "notes": list(problem.notes),
+        "labels": list(problem.network.labels),
+        "dimension": problem.m,
+        "target": _vector(problem.target),
+        "modes": [
+            {"name": name, "arcs": [[i, j, number_text(w)] for i, j, w in arcs]}
+            for name, arcs in problem.network.modes.items()
+        ],
+        "coupling": {
+            "h": _coupling(problem.coupling),
+            "exceptions": [
+                {"arc": [i, j], "h": _coupling(coupling)} for (i, j), coupling in sorted(problem.exceptions.items())
+            ],
+        },
+        "gains": [[i, matrix_text(k)] for i, k in problem.pinning.gains.items()],
+        **_disturbance(problem),
+        "offsets": [[i, _vector(offset)] for i, offset in problem.offsets.items()],
+        "region": None
+        if problem.region is None
+        else {
+            "initial_states": [_vector(pair) for pair in problem.region.initial_states],
+            "initial_disturbance": _number(problem.region.initial_disturbance),
+        },
+        "switching": None if problem.switching is None else _switching(problem.switching),
+        "simulation": _simulation(problem.simulation),
+    }
+
+
+def _switching(own: Switching) -> dict[str, Any]:
+    """Keys that later versions added stand there only where they were given: others keep their hash."""
+    document: dict[str, Any] = {"signal": own.signal, "dwell": _number(own.dwell)}
+    later = {
+        "sequence": None if own.sequence is None else list(own.sequence),
+        "period": _number(own.period),
+        "generator": None if own.generator is None else matrix_text(own.generator),
+        "schedule": None if own.schedule is None else [[number_text(time), mode] for time, mode in own.schedule],
+        "radius": _number(own.radius),
+        "neighbours": own.neighbours,
+        "hysteresis": _number(own.hysteresis),
+    }
+    return document | {key: value for key, value in later.items() if value is not None}
+
+
+def _simulation(own: Simulation) -> dict[str, Any]:
+    document: dict[str, Any] = {
+        "t_final": _number(own.t_final),
+        "seed": own.seed,
+        "xi0": None if own.xi0 is None else matrix_text(own.xi0),
+    }
+    return document if own.x0 is None else document | {"x0": matrix_text(own.x0)}
+
+
+def _disturbance(problem: Problem) -> dict[str, Any]:
+    """The exosystem and the observer: those of all agents, or those of every group."""
+    if problem.is_grouped:
+        index = problem.network.index
+        groups = [
+            {
+                "agents": [index[label] for label in group.agents],
+                "A": matrix_text(group.exosystem.A),
+                "C": matrix_text(group.exosystem.C),
+                "W": _matrix(group.observer.W),
+                "P": _matrix(group.observer.P),
+            }
+            for group in problem.groups
+        ]
+        rate = _number(problem.groups[0].observer.rate)
+        return {"exosystem": {"groups": groups}, "observer": {"W": None, "P": None, "rate": rate}}
+    exosystem, observer = problem.exosystem, problem.observer
+    return {
+        "exosystem": None if exosystem is None else {"A": matrix_text(exosystem.A), "C": matrix_text(exosystem.C)},
+        "observer": {"W": _matrix(observer.W), "P": _matrix(observer.P), "rate": _number(observer.rate)},
+    }
+
+
+def _matrix(matrix: Matrix | None) -> list[list[str]] | None:
+    return None if matrix is None else matrix_text(matrix)
+
+
+def _vector(values: Sequence[Fraction]) -> list[str]:
+    return [number_text(value) for value in values]
+
+
+def _number(value: Fraction | None) -> str | None:
+    return None if value is None else number_text(value)
+
+
+def _coupling(coupling: Coupling) -> str | list[str]:
+    return coupling.texts[0] if coupling.by_component else list(coupling.texts)
+
+
+def problem_from_canonical(data: bytes) -> Problem:
+    """Read problem.json back.  Raises SpecError for anything that is not one."""
+    document = _load(data)
+    reader = _Reader(document)
+    problem = reader.problem()
+    if problem.m != document["dimension"] or type(document["dimension"]) is not int:
+        raise _wrong("dimension", f"the number of state components, {problem.m}", document["dimension"])
+    return problem
+
+
+def _load(data: bytes) -> dict[str, Any]:
+    try:
+        document = json.loads(data.decode("utf-8"), object_pairs_hook=_no_duplicates)
+    except SpecError:
+        raise
+    except (UnicodeDecodeError, ValueError, RecursionError) as error:
+        reason = str(error) if isinstance(error, json.JSONDecodeError) else type(error).__name__
+        raise SpecError(f"problem.json is not valid JSON ({reason}).", key="problem.json", cure=_CURE) from None
+    if not isinstance(document, dict) or document.get("format") != FORMAT:
+        raise SpecError(f'problem.json must hold an object with "format": "{FORMAT}".', key="format", cure=_CURE)
+    version = document.get("version")
+    if version != VERSION or type(version) is not int:  # true and 1.0 equal 1
+        raise SpecError(
+            f"problem.json has version {shown(version)}; this program knows {VERSION}.",
+            key="version",
+            cure="Update dobc_design, or write the file again.",
+        )
+    return document
+
+
+def _no_duplicates(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+    result = dict(pairs)
+    if len(result) != len(pairs):
+        raise SpecError("problem.json holds a key twice.", key="problem.json", cure=_CURE)
+    return result
+
+
+class _Reader:
+    """Reads the document strictly: every key, no other, and no value of another kind."""
+
+    def __init__(self, document: Mapping[str, Any]) -> None:
+        self.document = _object(document, _KEYS, key="problem.json")
+        self.labels = [_text(label, key="labels") for label in _list(document["labels"], key="labels")]
+
+    def problem(self) -> Problem:
+        document = self.document
+        groups = self.groups(document["exosystem"])
+        exosystem = _optional(None if groups else document["exosystem"], ("A", "C"), key="exosystem")
+        observer = _object(document["observer"], ("W", "P", "rate"), key="observer")
+        switching = document["switching"]
+        if switching is not None:
+            switching = _object(switching, ("signal", "dwell"), _LATER_SWITCHING, key="switching")
+        coupling = _object(document["coupling"], ("h", "exceptions"), key="coupling")
+        return Problem(
+            name=_text(document["name"], key="name"),
+            notes=_list(document["notes"], key="notes"),
+            network=Network(labels=labels_of(self.labels), modes=self.modes()),
+            coupling=coupling["h"],
+            exceptions=self.exceptions(coupling["exceptions"]),
+            target=_list(document["target"], key="target"),
+            gains=self.by_label("gains"),
+            exosystem=None if exosystem is None else Exosystem(A=exosystem["A"], C=exosystem["C"]),
+            observer=None if all(value is None for value in observer.values()) else Observer(**observer),
+            groups=groups,
+            offsets=self.by_label("offsets"),
+            region=_optional(document["region"], ("initial_states", "initial_disturbance"), key="region"),
+            switching=None if switching is None else Switching(**switching),
+            simulation=_object(document["simulation"], ("t_final", "seed", "xi0"), ("x0",), key="simulation"),
+        )
+
+    def groups(self, exosystem: Any) -> list[Group]:
+        """The groups of agents, where there are several."""
+        if not isinstance(exosystem, dict) or "groups" not in exosystem:
+            return []
+        result = []
+        _object(exosystem, ("groups",), key="exosystem")
+        for position, item in enumerate(_list(exosystem["groups"], key="exosystem.groups")):
+            key = group_key(position)
+            group = _object(item, ("agents", "A", "C", "W", "P"), key=key)
+            places = [self.index(place, key=f"{key}.agents") for place in _list(group["agents"], key=f"{key}.agents")]
+            try:
+                system = Exosystem(A=group["A"], C=group["C"])
+                observer = Observer(W=group["W"], P=group["P"])
+                result.append(Group(agents=[self.labels[i] for i in places], exosystem=system, observer=observer))
+            except SpecError as error:
+                raise renamed(error, position) from None
+        if len(result) < 2:
+            raise _wrong("exosystem.groups", "a list of two groups or more", exosystem["groups"])
+        return result
+
+    def modes(self) -> dict[str, Arcs]:
+        """Arcs by mode."""
+        result: dict[str, Arcs] = {}
+        for position, item in enumerate(_list(self.document["modes"], key="modes")):
+            mode = _object(item, ("name", "arcs"), key=f"modes[{position}]")
+            name = _text(mode["name"], key=f"modes[{position}].name")
+            if name in result:
+                raise _wrong(f"modes[{position}].name", "different from the others", name)
+            result[name] = _arcs(_list(mode["arcs"], key=f"modes[{position}].arcs"), key=f"modes[{position}].arcs")
+        return result
+
+    def exceptions(self, items: Any) -> dict[tuple[int, int], Any]:
+        """Coupling texts by arc."""
+        result: dict[tuple[int, int], Any] = {}
+        for position, item in enumerate(_list(items, key="coupling.exceptions")):
+            key = f"coupling.exceptions[{position}]"
+            table = _object(item, ("arc", "h"), key=key)
+            ends = [self.index(end, key=f"{key}.arc") for end in _list(table["arc"], key=f"{key}.arc", length=2)]
+            if (ends[0], ends[1]) in result:
+                raise _wrong(f"{key}.arc", "an arc without an exception so far", ends)
+            result[ends[0], ends[1]] = table["h"]
+        return result
+
+    def by_label(self, name: str) -> dict[str, Any]:
+        """A list of [index, value] as a mapping of label to value."""
+        result: dict[str, Any] = {}
+        for position, pair in enumerate(_list(self.document[name], key=name)):
+            place, value = _list(pair, key=f"{name}[{position}]", length=2)
+            label = self.labels[self.index(place, key=f"{name}[{position}][0]")]
+            if label in result:
+                raise _wrong(f"{name}[{position}][0]", "an agent that is not listed already", place)
+            result[label] = value
+        return result
+
+    def index(self, value: Any, *, key: str) -> int:
+        """The index of an agent."""
+        if type(value) is not int or not 0 <= value < len(self.labels):
+            raise _wrong(key, "the index of an agent", value)
+        return value
+
+
+def _object(value: Any, keys: Sequence[str], later: Sequence[str] = (), *, key: str) -> dict[str, Any]:
+    """An object with all of ``keys``, and some of ``later``, which are not null where they stand."""
+    known = isinstance(value, dict) and set(keys) <= set(value) <= {*keys, *later}
+    if not known or any(value[name] is None for name in later if name in value):
+        raise _wrong(key, f"an object with the keys {', '.join(keys)}", value)
+    found: dict[str, Any] = value
+    return found
+
+
+def _optional(value: Any, keys: Sequence[str], *, key: str) -> dict[str, Any] | None:
+    return None if value is None else _object(value, keys, key=key)
+
+
+def _list(value: Any, *, key: str, length: int | None = None) -> list[Any]:
+    if not isinstance(value, list) or (length is not None and len(value) != length):
+        raise _wrong(key, "a list" if length is None else f"a list of {length}", value)
+    return value
+
+
+def _text(value: Any, *, key: str) -> str:
+    if not isinstance(value, str):
+        raise _wrong(key, "text", value)
+    return value
+
+
+def _wrong(key: str, wanted: str, value: object) -> SpecError:
+    return SpecError(f"problem.json: {key} must be {wanted}; got {shown(value)}.", key=key, cure=_CURE)
+
+
+def _arcs(rows: list[Any], *, key: str) -> Arcs:
+    known: dict[str, Fraction] = {}
+    listeners, speakers, weights = [], [], []
+    for position, row in enumerate(rows):
+        if not isinstance(row, list) or len(row) != 3 or type(row[0]) is not int or type(row[1]) is not int:
+            raise _wrong(f"{key}[{position}]", "[listener, speaker, weight] with indices", row)
+        weight = _text(row[2], key=f"{key}[{position}][2]")
+        if weight not in known:
+            known[weight] = parse_number(weight, key=f"{key}[{position}][2]")
+        listeners.append(row[0])
+        speakers.append(row[1])
+        weights.append(known[weight])
+    try:
+        pair = np.array(listeners, dtype=np.int64), np.array(speakers, dtype=np.int64)
+    except OverflowError:
+        raise _wrong(key, "arcs between the agents", "an index that is too large") from None
+    return directed(*pair, tuple(weights), arrow="listens_to")

@@ -1,0 +1,180 @@
+"""Common shapes of disturbances as exosystems (12): constant, ramp, harmonics, their sums, a truncated periodic signal.
+
+Every one has a single output, d = C xi, m = 1, and is observable; ``stacked`` gives one to each of several
+components.  Numbers in are exact, numbers out are exact.  A frequency is in rad/s: 50 Hz is "314.159265358979",
+not 50.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from fractions import Fraction
+from typing import Any
+
+from dobc_design.errors import SpecError
+from dobc_design.exact.matrix import Matrix
+from dobc_design.exact.number import parse_number
+from dobc_design.exact.reading import is_list, shown, shown_number
+from dobc_design.problem.exosystem import Exosystem
+
+__all__ = ["KINDS", "constant", "harmonics", "of_kind", "periodic", "polynomial", "ramp", "stacked", "total"]
+
+LARGEST_DEGREE = 20
+KINDS = ("constant", "ramp", "harmonics")  # that a problem file may name
+
+
+def of_kind(kind: Any, *, frequencies: Any = None, components: int = 1) -> Exosystem:
+    """The exosystem that a problem file names by ``kind``, one for each of ``components`` (``stacked``).
+
+    Raises: SpecError for an unknown kind, and for frequencies (rad/s) beside another kind than harmonics.
+    """
+    if kind not in KINDS:
+        raise SpecError(
+            f"exosystem.kind must be one of {', '.join(KINDS)}; got {shown(kind)}.",
+            key="exosystem.kind",
+            cure="For another shape give A and C.",
+        )
+    if (frequencies is not None) is not (kind == "harmonics"):
+        wrong = "has no meaning for this kind" if frequencies is not None else "is required for harmonics and missing"
+        raise SpecError(
+            f"exosystem.frequencies {wrong}.",
+            key="exosystem.frequencies",
+            cure="Remove it." if frequencies is not None else "Write frequencies = [2], in rad/s.",
+        )
+    shape = harmonics(frequencies) if kind == "harmonics" else constant() if kind == "constant" else ramp()
+    return shape if components == 1 else stacked(*[shape] * components)
+
+
+def constant() -> Exosystem:
+    """An unknown constant: A = [0], C = [1]."""
+    return polynomial(0)
+
+
+def ramp() -> Exosystem:
+    """An unknown constant with an unknown slope: A = [[0, 1], [0, 0]], C = [1, 0]."""
+    return polynomial(1)
+
+
+def polynomial(degree: Any) -> Exosystem:
+    """An unknown polynomial in time; the state holds the disturbance and its derivatives.
+
+    Raises: SpecError unless ``degree`` is an integer from 0 to 20.
+    """
+    if isinstance(degree, bool) or not isinstance(degree, int) or not 0 <= degree <= LARGEST_DEGREE:
+        raise SpecError(
+            f"degree must be an integer from 0 to {LARGEST_DEGREE}; got {shown(degree)}.",
+            key="degree",
+            cure="0 is a constant, 1 a ramp.",
+        )
+    order = degree + 1
+    A = [[int(j == i + 1) for j in range(order)] for i in range(order)]
+    return Exosystem(A=A, C=[[1] + [0] * degree])
+
+
+def harmonics(frequencies: Any) -> Exosystem:
+    """A sum of sines of unknown amplitude and phase at given angular frequencies (rad/s), a number or a list.
+
+    One block [[0, w], [-w, 0]] for each; d is the sum of the first states of the blocks.
+    Raises: SpecError unless the frequencies are positive and all different (two equal ones could not be told apart).
+    Example:
+        >>> dd.exosystems.harmonics([1, "5/2"]).order
+        4
+    """
+    given = list(frequencies) if is_list(frequencies) else [frequencies]
+    if not given:
+        raise SpecError(
+            "frequencies must hold at least one number (rad/s); got none.",
+            key="frequencies",
+            cure="For a constant disturbance use constant().",
+        )
+    values = [parse_number(w, key=f"frequencies[{k}]") for k, w in enumerate(given)]
+    for k, w in enumerate(values):
+        if w <= 0:
+            raise SpecError(
+                f"frequencies[{k}] must be > 0 (rad/s); got {shown_number(w)}.",
+                key=f"frequencies[{k}]",
+                cure="A constant part is added by total(constant(), harmonics(...)).",
+            )
+        if w in values[:k]:
+            raise SpecError(
+                f"frequencies[{k}] must differ from the others, because equal sines cannot be told apart;"
+                f" got {shown_number(w)} twice.",
+                key=f"frequencies[{k}]",
+                cure="Name each frequency once; amplitude and phase are free.",
+            )
+    return total(*(Exosystem(A=[[0, w], [-w, 0]], C=[[1, 0]]) for w in values))
+
+
+def periodic(fundamental: Any, *, harmonics_kept: Any, mean: bool = True) -> Exosystem:
+    """A periodic disturbance by truncation: the mean and the first sines of its Fourier series.
+
+    ``fundamental`` is the angular frequency (rad/s); ``mean`` keeps the constant term.
+    What is cut off is an unmodelled disturbance for the observer.
+    Raises: SpecError unless fundamental > 0 and harmonics_kept is an integer >= 1.
+    """
+    w = parse_number(fundamental, key="fundamental")
+    if isinstance(harmonics_kept, bool) or not isinstance(harmonics_kept, int) or harmonics_kept < 1:
+        raise SpecError(
+            f"harmonics_kept must be an integer >= 1; got {shown(harmonics_kept)}.",
+            key="harmonics_kept",
+            cure="For a constant disturbance use constant().",
+        )
+    if w <= 0:
+        raise SpecError(
+            f"fundamental must be > 0 (rad/s); got {shown_number(w)}.",
+            key="fundamental",
+            cure="It is 2 pi divided by the period.",
+        )
+    sines = harmonics([w * k for k in range(1, harmonics_kept + 1)])
+    return total(constant(), sines) if mean else sines
+
+
+def total(*parts: Exosystem) -> Exosystem:
+    """The sum of disturbances: A block diagonal, the C side by side.
+
+    The sum is observable only if the parts share no eigenvalue that one output cannot tell apart.
+    Raises: SpecError without parts or if they have different numbers of components.
+    Example:
+        >>> dd.exosystems.total(dd.exosystems.constant(), dd.exosystems.harmonics(2)).order
+        3
+    """
+    outputs = _require_parts(parts)
+    if len({part.outputs for part in parts}) > 1:
+        raise SpecError(
+            "the parts of a total must have equally many components, because they are added;"
+            f" got {', '.join(str(part.outputs) for part in parts)}.",
+            key="parts",
+            cure="stacked(...) gives every part components of its own.",
+        )
+    C = [[x for part in parts for x in part.C[row]] for row in range(outputs)]
+    return Exosystem(A=_block_diagonal([part.A for part in parts]), C=C)
+
+
+def stacked(*parts: Exosystem) -> Exosystem:
+    """Each part drives components of its own: A and C block diagonal.  For m > 1.
+
+    Raises: SpecError without parts.
+    """
+    _require_parts(parts)
+    return Exosystem(A=_block_diagonal([part.A for part in parts]), C=_block_diagonal([part.C for part in parts]))
+
+
+def _require_parts(parts: Sequence[Exosystem]) -> int:
+    if not parts or not all(isinstance(part, Exosystem) for part in parts):
+        raise SpecError(
+            "parts must be at least one Exosystem.",
+            key="parts",
+            cure="For example total(constant(), harmonics([1, 2])).",
+        )
+    return parts[0].outputs
+
+
+def _block_diagonal(blocks: Sequence[Matrix]) -> list[list[Fraction]]:
+    width = sum(len(block[0]) for block in blocks)
+    rows: list[list[Fraction]] = []
+    before = 0
+    for block in blocks:
+        for row in block:
+            rows.append([Fraction(0)] * before + list(row) + [Fraction(0)] * (width - before - len(row)))
+        before += len(block[0])
+    return rows

@@ -1,0 +1,332 @@
+"""Groups of agents with an exosystem and an observer of their own (eq. 12 and 13 with A, C, W, P by group).
+
+Every agent is in exactly one group.  One group is the paper's case; there is none without a disturbance.
+
+Side by side, the groups make one *joint* exosystem with block diagonal A and C.  For block diagonal W, P, Q
+
+    A - W C,   Omega0 = P A + A'P - Q C - C'Q',   S = C (-Omega0)^-1 C'
+
+are then block diagonal too, and the block that belongs to an agent is the one of its group: Psi of
+(18) has I (x) C and I (x) Omega0 replaced by the blocks of the agents, one after the other, and the Reduction reads
+Lambda + blockdiag(S of the agents) < 0.  Nothing is decided here.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from fractions import Fraction
+from typing import Any
+
+from dobc_design._show.cards import Card, Shown, listed
+from dobc_design.errors import ShapeError, SpecError
+from dobc_design.exact.matrix import Matrix
+from dobc_design.exact.reading import counted, is_list, named, shown
+from dobc_design.problem.exosystem import Exosystem
+from dobc_design.problem.observer import Observer, check_observer
+
+_SHOWN = 6  # agents in a sentence
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, repr=False)
+class Group(Shown):
+    """Agents, by label, that have this exosystem and this observer.
+
+    ``observer`` defaults to one that is to be designed; the rate asked of a designed W is the same for all groups and
+    stands in the observer of the problem.
+    Raises: SpecError for a value of another kind, or without agents.
+    """
+
+    agents: tuple[str, ...]
+    exosystem: Exosystem
+    observer: Observer
+
+    def __init__(self, *, agents: Sequence[Any], exosystem: Exosystem, observer: Observer | None = None) -> None:
+        names = tuple(agents) if is_list(agents) else ()
+        if not all(type(each) is str for each in names):
+            names = () if any(isinstance(each, bool) for each in names) else tuple(map(str, names))
+        if not names:
+            raise SpecError(
+                f"agents must be a list of labels, at least one; got {shown(agents)}.",
+                key="agents",
+                cure="For example agents = [1, 2].",
+            )
+        for key, value, kind in (("exosystem", exosystem, Exosystem), ("observer", observer, Observer)):
+            if not isinstance(value, kind) and (value is not None or kind is Exosystem):
+                raise SpecError(
+                    f"{key} of a group must be an {kind.__name__}; got {shown(value)}.",
+                    key=key,
+                    cure=f"Make one with {kind.__name__}(...).",
+                )
+        object.__setattr__(self, "agents", names)
+        object.__setattr__(self, "exosystem", exosystem)
+        object.__setattr__(self, "observer", Observer() if observer is None else observer)
+
+    def _card(self) -> Card:
+        observer = [(name, value) for name, value in self.observer._card().facts]
+        return Card(
+            title="Group", text=f"of agents {listed(self.agents)}", facts=[*self.exosystem._card().facts, *observer]
+        )
+
+    @property
+    def name(self) -> str:
+        """The label of its first agent, by which results refer to the group."""
+        return self.agents[0]
+
+
+def read_groups(
+    groups: Sequence[Group] | None,
+    *,
+    exosystem: Exosystem | None,
+    observer: Observer | None,
+    labels: tuple[str, ...],
+    m: int,
+) -> tuple[Group, ...]:
+    """Divide all agents into groups: those given, and the others, who have ``exosystem`` and ``observer``.
+
+    Returns: the groups ordered by their first agent, agents in the order of the labels; none without a disturbance.
+    Raises: SpecError or ShapeError naming the key.
+    """
+    if not groups:
+        if exosystem is None:
+            _refuse_lonely(observer)
+            return ()
+        own = Observer() if observer is None else observer
+        check_observer(own, q=exosystem.order, m=exosystem.outputs)
+        return (Group(agents=labels, exosystem=exosystem, observer=own),)
+    common = Observer() if observer is None else observer
+    errors: list[SpecError] = []
+    owner = _owners(groups, labels, errors)
+    for number, group in enumerate(groups):
+        _check_group(group, key=group_key(number), m=m, rate=common.rate, errors=errors)
+    rest = tuple(label for label in labels if label not in owner)
+    if not errors:
+        _check_rest(rest, exosystem, common, errors)
+    if errors:
+        raise SpecError.several(errors)
+    places: dict[int, list[str]] = {}
+    for label in labels:
+        places.setdefault(owner.get(label, -1), []).append(label)
+    result = []
+    for number, agents in places.items():  # in the order of their first agents
+        system = groups[number].exosystem if number >= 0 or exosystem is None else exosystem
+        own = groups[number].observer if number >= 0 else common
+        result.append(
+            Group(agents=tuple(agents), exosystem=system, observer=Observer(W=own.W, P=own.P, rate=common.rate))
+        )
+    _check_all_have_p(result)
+    return tuple(result)
+
+
+def group_key(number: int) -> str:
+    """The key of a group of a problem file."""
+    return f"exosystem.groups[{number}]"
+
+
+def renamed(error: SpecError, number: int) -> SpecError:
+    """An error about A, C, W or P of a group, which names the key as it stands in the file."""
+    kind, key = type(error), group_key(number)
+
+    def changed(text: str) -> str:
+        for name in ("exosystem.A", "exosystem.C", "observer.W", "observer.P"):
+            text = text.replace(name, f"{key}.{name[-1]}")
+        return text
+
+    renewed = [kind(changed(each.message), key=changed(each.key or key), cure=each.cure) for each in error.errors]
+    return SpecError.several(renewed)
+
+
+def _refuse_lonely(observer: Observer | None) -> None:
+    if observer is not None:
+        raise SpecError(
+            "[observer] has no meaning without an [exosystem]: there is no disturbance to estimate.",
+            key="observer",
+            cure="Remove it, or give the exosystem.",
+        )
+
+
+def _owners(groups: Sequence[Group], labels: tuple[str, ...], errors: list[SpecError]) -> dict[str, int]:
+    """The number of the group of each agent that is in one."""
+    known, owner = set(labels), dict[str, int]()
+    for number, group in enumerate(groups):
+        for place, label in enumerate(group.agents):
+            key = f"{group_key(number)}.agents[{place}]"
+            if label not in known:
+                errors.append(
+                    SpecError(
+                        f"{key}: there is no agent {shown(label)} in network.agents.",
+                        key=key,
+                        cure="Use the label of an agent.",
+                    )
+                )
+            elif label in owner:
+                where = "this group" if owner[label] == number else group_key(owner[label])
+                errors.append(
+                    SpecError(
+                        f"{key}: agent {shown(label)} is in {where} already, and an agent has one exosystem only.",
+                        key=key,
+                        cure="Keep it in one group.",
+                    )
+                )
+            owner.setdefault(label, number)
+    return owner
+
+
+def _check_group(group: Group, *, key: str, m: int, rate: Fraction | None, errors: list[SpecError]) -> None:
+    outputs = group.exosystem.outputs
+    if outputs != m:
+        errors.append(
+            ShapeError(
+                f"{key}.C must have {counted(m, 'row')}, one per state component, as every C has; got {outputs}.",
+                key=f"{key}.C",
+                cure=f"Give {counted(m, 'row')}.",
+            )
+        )
+        return
+    if group.observer.rate not in (None, rate):
+        errors.append(
+            SpecError(
+                f"{key}: a group has no rate of its own; the rate asked of a designed W is observer.rate, for all.",
+                key=key,
+                cure="Give the rate in [observer], or W in the group.",
+            )
+        )
+    try:
+        check_observer(group.observer, q=group.exosystem.order, m=m)
+    except SpecError as error:
+        number = int(key[key.index("[") + 1 : -1])
+        errors.append(renamed(error, number))
+
+
+def _check_rest(rest: Sequence[str], exosystem: Exosystem | None, common: Observer, errors: list[SpecError]) -> None:
+    """Those in no group have [exosystem]'s own A and C; where there is nobody, nothing may be said of them."""
+    if rest and exosystem is None:
+        errors.append(
+            SpecError(
+                f"{name_some(rest)} {'is' if len(rest) == 1 else 'are'} in no group of exosystem.groups, and"
+                " [exosystem] has no A and C for the agents outside the groups.",
+                key="exosystem.A",
+                cure="Give A and C in [exosystem], or add them to a group.",
+            )
+        )
+    elif rest and exosystem is not None:
+        check_observer(common, q=exosystem.order, m=exosystem.outputs)
+    elif exosystem is not None:
+        errors.append(
+            SpecError(
+                "exosystem.A and exosystem.C belong to nobody, because every agent is in a group of exosystem.groups.",
+                key="exosystem.A",
+                cure="Remove A and C (or kind) from [exosystem].",
+            )
+        )
+    elif common.W is not None or common.P is not None:
+        errors.append(
+            SpecError(
+                "observer.W and observer.P belong to nobody, because every agent is in a group of exosystem.groups.",
+                key="observer.W",
+                cure="Give W and P in the groups.",
+            )
+        )
+
+
+def _check_all_have_p(groups: Sequence[Group]) -> None:
+    given = [group for group in groups if group.observer.P is not None]
+    missing = [group for group in groups if group.observer.P is None]
+    if given and missing:
+        raise SpecError(
+            f"P is given for the group of agent {shown(given[0].name)} and missing for that of agent"
+            f" {shown(missing[0].name)}; Psi holds the P of all groups at once, so that they are tested together.",
+            key="exosystem.groups",
+            cure="Give P (and W) for every group, or for none: a P is then found for you.",
+        )
+
+
+def name_some(agents: Sequence[str]) -> str:
+    """Some agents in words."""
+    names = ", ".join(named(label) for label in agents[:_SHOWN])
+    more = f" and {len(agents) - _SHOWN} more" if len(agents) > _SHOWN else ""
+    return f"agent{'' if len(agents) == 1 else 's'} {names}{more}"
+
+
+# --- the groups side by side
+
+
+def joint_exosystem(groups: Sequence[Group]) -> Exosystem | None:
+    """A (q, q) and C (G m, q) block diagonal, q the sum of the orders; the exosystem itself for one group."""
+    if len(groups) < 2:
+        return groups[0].exosystem if groups else None
+    systems = [group.exosystem for group in groups]
+    return Exosystem(A=block_diagonal([each.A for each in systems]), C=block_diagonal([each.C for each in systems]))
+
+
+def joint_observer(groups: Sequence[Group]) -> Observer:
+    """W (q, G m) and P (q, q) block diagonal, None where not every group has one; the observer itself for one group."""
+    if len(groups) < 2:
+        return groups[0].observer if groups else Observer()
+    rate = groups[0].observer.rate
+    return Observer(
+        W=join([group.observer.W for group in groups]), P=join([group.observer.P for group in groups]), rate=rate
+    )
+
+
+def join(matrices: Sequence[Matrix | None]) -> Matrix | None:
+    """One matrix per group, block diagonal; None if one is missing."""
+    known = [each for each in matrices if each is not None]
+    return block_diagonal(known) if known and len(known) == len(matrices) else None
+
+
+def block_diagonal(blocks: Sequence[Matrix]) -> Matrix:
+    """Matrices along the diagonal, zeros elsewhere; the matrix itself if there is one."""
+    if len(blocks) == 1:
+        return blocks[0]
+    width, before, zero = sum(len(block[0]) for block in blocks), 0, Fraction(0)
+    rows = []
+    for block in blocks:
+        after = width - before - len(block[0])
+        rows += [(zero,) * before + tuple(row) + (zero,) * after for row in block]
+        before += len(block[0])
+    return tuple(rows)
+
+
+def blocks_of(matrix: Matrix, shapes: Sequence[tuple[int, int]]) -> tuple[Matrix, ...] | None:
+    """The blocks of these shapes of a block diagonal matrix; None if it is not block diagonal in them."""
+    row, column, blocks = 0, 0, []
+    for rows, columns in shapes:
+        blocks.append(tuple(tuple(each[column : column + columns]) for each in matrix[row : row + rows]))
+        row, column = row + rows, column + columns
+    return tuple(blocks) if block_diagonal(blocks) == tuple(map(tuple, matrix)) else None
+
+
+def gains_of(groups: Sequence[Group], W: Matrix) -> tuple[Matrix, ...]:
+    """The gain of each group, W (q, G m) being block diagonal.  Raises: SpecError for a W that is not."""
+    orders = [group.exosystem.order for group in groups]
+    m = groups[0].exosystem.outputs if groups else 0
+    found = blocks_of(W, [(order, m) for order in orders])
+    if found is None:
+        raise SpecError(
+            "W must be block diagonal, with one block per group of agents, because no agent feels the disturbance of"
+            " another group.",
+            key="gain",
+            cure="Set the entries outside of the blocks to 0.",
+        )
+    return found
+
+
+def group_numbers(groups: Sequence[Group], labels: Sequence[str]) -> list[int]:
+    """For each agent the number of its group."""
+    if len(groups) < 2:
+        return [0] * len(labels)
+    number = {label: place for place, group in enumerate(groups) for label in group.agents}
+    return [number[label] for label in labels]
+
+
+def agent_blocks(S: Matrix, groups: Sequence[Group], labels: Sequence[str]) -> list[Matrix]:
+    """For each agent the block (m, m) of its group: S (G m, G m), or (m, m) for one group or none."""
+    blocks = group_blocks(S, max(1, len(groups)))
+    return [blocks[number] for number in group_numbers(groups, labels)]
+
+
+def group_blocks(S: Matrix, groups: int) -> tuple[Matrix, ...]:
+    """The block of each group: S (G m, G m) -> G matrices (m, m)."""
+    m = len(S) // groups
+    return tuple(tuple(tuple(row[g * m : g * m + m]) for row in S[g * m : g * m + m]) for g in range(groups))

@@ -1,0 +1,260 @@
+"""Who listens to whom: labels, and one set of arcs per mode (the graphs of section 2 and Theorem 2).
+
+What the user's pair [a, b] means is said once, by ``arrow``, and there is no default: mixed-up directions
+are the commonest silent error with directed graphs. This module never guesses and never symmetrises.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from itertools import islice
+from types import MappingProxyType
+from typing import Any
+
+import numpy as np
+
+from dobc_design._show.cards import MOST_ROWS, Card, Shown, cut, listed
+from dobc_design.errors import SpecError
+from dobc_design.exact.reading import counted, is_list, named, shown
+from dobc_design.problem.arcs import Arcs, IndexArray, arcs_from_pairs, check_arcs, directed, parse_weights
+from dobc_design.problem.labels import WANTED, first_repeated, is_label, label_text, labels_of
+
+__all__ = ["Arcs", "IndexArray", "Network"]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False, repr=False)
+class Network(Shown):
+    """Agents by label, and the arcs of every mode.  One mode: fixed topology; several: switching.
+
+    Two networks are equal when labels, modes and arcs are, in the same order.
+    """
+
+    labels: tuple[str, ...]
+    modes: Mapping[str, Arcs]
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "modes", MappingProxyType(dict(self.modes)))
+        if not self.labels:
+            raise SpecError(
+                "network.agents must name at least one agent; got none.",
+                key="network.agents",
+                cure="Give a count, or a list of labels.",
+            )
+        if not all(map(is_label, self.labels)):
+            wrong = next(label for label in self.labels if not is_label(label))
+            raise SpecError(
+                f"a label must be {WANTED}; got {shown(wrong)}.", key="network.agents", cure="Rename that agent."
+            )
+        repeated = first_repeated(self.labels)
+        if repeated is not None:
+            raise SpecError(
+                f"network.agents must be different from one another; {shown(repeated)} stands there twice"
+                ' (labels are text: 1 and "1" are one label).',
+                key="network.agents",
+                cure="Rename one of the two.",
+            )
+        if not self.modes:
+            raise SpecError(
+                "network.modes must hold at least one mode; got none.",
+                key="network.modes",
+                cure="Give one list of arcs for a fixed topology, several for switching.",
+            )
+        for name, arcs in self.modes.items():
+            if not is_label(name):
+                raise SpecError(
+                    f"network.modes: the name of a mode must be {WANTED}; got {shown(name)}.",
+                    key="network.modes",
+                    cure="Name it, for example Ga.",
+                )
+            check_arcs(arcs, self.labels, mode=name)
+
+    def __eq__(self, other: object) -> bool:
+        if not isinstance(other, Network):
+            return NotImplemented
+        return self.labels == other.labels and list(self.modes.items()) == list(other.modes.items())
+
+    def __hash__(self) -> int:
+        return hash((self.labels, tuple(self.modes.items())))
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return _remake, (self.labels, dict(self.modes))  # the read-only mapping itself cannot be pickled
+
+    def _card(self) -> Card:
+        rows = [
+            (name, len(arcs), cut(_listening(self.labels, arcs), 160))
+            for name, arcs in islice(self.modes.items(), MOST_ROWS)
+        ]
+        return Card(
+            title="Network",
+            text=f"{counted(self.size, 'agent')}: {listed(self.labels)}",
+            heads=("mode", "arcs", "who listens to whom"),
+            rows=rows,
+            hidden=len(self.modes) - len(rows),
+        )
+
+    def __repr__(self) -> str:
+        modes = listed(
+            [f"{name} with {counted(len(arcs), 'arc')}" for name, arcs in islice(self.modes.items(), 13)],
+            count=len(self.modes),
+        )
+        return f"<Network of {counted(self.size, 'agent')}: {modes}>"
+
+    @property
+    def size(self) -> int:
+        """The number of agents, n."""
+        return len(self.labels)
+
+    @property
+    def index(self) -> dict[str, int]:
+        """Label -> index from 0 (built at each call; keep it when you need it often)."""
+        return {label: i for i, label in enumerate(self.labels)}
+
+    def arc_codes(self) -> set[int]:
+        """listener * n + speaker of every arc of every mode."""
+        return {code for arcs in self.modes.values() for code in (arcs.listeners * self.size + arcs.speakers).tolist()}
+
+    @classmethod
+    def from_arcs(
+        cls,
+        arcs: Iterable[Sequence[Any]] | Mapping[str, Iterable[Sequence[Any]]],
+        *,
+        arrow: str,
+        agents: int | Sequence[Any] | None = None,
+    ) -> Network:
+        """Build a network from pairs [a, b] or triples [a, b, w] of labels.
+
+        ``arcs`` is one list (mode "G") or a mapping of mode name to list.  ``arrow`` says what [a, b]
+        means: "listens_to" or "sends_to".  ``agents`` is a count (labels 1..n) or the labels;
+        without it the labels are taken from the arcs in the order they appear.
+        Raises: SpecError, naming the arc.
+        Example:
+            >>> dd.Network.from_arcs([["tail", "head"]], arrow="listens_to").labels
+            ('tail', 'head')
+        """
+        given = _modes(arcs, isinstance(arcs, Mapping))
+        lists = {name: [tuple(arc) if is_list(arc) else arc for arc in pairs] for name, pairs in given.items()}
+        labels = _labels_in(lists.values()) if agents is None else labels_of(agents)
+        index = {label: i for i, label in enumerate(labels)}
+        return cls(
+            labels=labels,
+            modes={
+                name: arcs_from_pairs(pairs, index=index, arrow=arrow, key=f"network.modes.{named(name)}")
+                for name, pairs in lists.items()
+            },
+        )
+
+    @classmethod
+    def from_networkx(cls, graph: Any, *, arrow: str) -> Network:
+        """Build a network from a networkx graph, or from a mapping of mode name to graph.
+
+        An edge (a, b) means what ``arrow`` says; an undirected edge gives both arcs; the edge
+        attribute 'weight' is w.  All modes must have the same nodes, in any order.
+        Raises: SpecError for parallel edges, self-loops or different node sets.
+        Example:
+            >>> import networkx
+            >>> dd.Network.from_networkx(networkx.cycle_graph(4), arrow="sends_to").size
+            4
+        """
+        graphs = _modes(graph, isinstance(graph, Mapping) and not hasattr(graph, "edges"))
+        labels: tuple[str, ...] = ()
+        arcs = {}
+        for name, each in graphs.items():
+            key = f"network.modes.{named(name)}"
+            if not hasattr(each, "edges") or not hasattr(each, "is_directed"):
+                raise SpecError(
+                    f"{key} must be a networkx graph; got {type(each).__name__}.",
+                    key=key,
+                    cure="For lists of pairs there is Network.from_arcs, for matrices Network.from_sparse.",
+                )
+            nodes = _nodes(each)
+            labels = labels or nodes
+            if set(nodes) != set(labels):
+                raise SpecError(
+                    f"{key} must have the same nodes as the first mode.",
+                    key=key,
+                    cure="Add the missing nodes to the graph; a node without arcs is allowed.",
+                )
+            pairs = list(each.edges(data="weight", default=1))
+            if not each.is_directed():
+                pairs += [(b, a, w) for a, b, w in pairs]
+            arcs[name] = pairs
+        return cls.from_arcs(arcs, arrow=arrow, agents=labels)
+
+    @classmethod
+    def from_sparse(cls, matrix: Any, *, arrow: str, labels: Sequence[Any] | None = None) -> Network:
+        """Build a network from a SciPy sparse matrix, or a mapping of mode name to matrix.
+
+        Entry (i, j) is the arc [i, j] under ``arrow`` and its value the weight; entries that are stored
+        twice are added, stored zeros are no arcs.  ``labels`` defaults to 1..n.
+        Shape: (n, n).  Raises: SpecError if it is not square, or labels do not fit.
+        Example:
+            >>> import scipy.sparse
+            >>> network = dd.Network.from_sparse(scipy.sparse.csr_array([[0, 0], [2.5, 0]]), arrow="listens_to")
+            >>> list(network.modes["G"])  # the second agent listens to the first; here agents are counted from 0
+            [(1, 0, Fraction(5, 2))]
+        """
+        matrices = _modes(matrix, isinstance(matrix, Mapping) and not hasattr(matrix, "tocoo"))
+        names = None if labels is None else labels_of(labels)
+        size = 0 if names is None else len(names)
+        modes = {}
+        for name, each in matrices.items():
+            key = f"network.modes.{named(name)}"
+            table = _coordinates(each, key=key)
+            if table.shape[0] != table.shape[1] or size not in (0, table.shape[0]):
+                raise SpecError(
+                    f"{key}: the matrix must be square, with one row and column per agent"
+                    f"{f' ({size} x {size})' if size else ''}; got shape {table.shape}.",
+                    key=key,
+                    cure="Give an n x n matrix for every mode, and n labels or none.",
+                )
+            size = table.shape[0]
+            keep = table.data != 0
+            first, second = table.row[keep].astype(np.int64), table.col[keep].astype(np.int64)
+            # tolist would turn float32 into float64, whose decimal text is another one.
+            weights = list(table.data[keep]) if table.data.dtype == np.float32 else table.data[keep].tolist()
+            modes[name] = directed(first, second, parse_weights(weights, key=key), arrow=arrow)
+        return cls(labels=labels_of(size) if names is None else names, modes=modes)
+
+
+def _nodes(graph: Any) -> tuple[str, ...]:
+    try:
+        return labels_of(list(graph.nodes))
+    except SpecError as error:  # grids of networkx have tuples
+        raise SpecError(error.message, key=error.key, cure="networkx.relabel_nodes(graph, str) gives text.") from None
+
+
+def _listening(labels: tuple[str, ...], arcs: Arcs) -> str:
+    """What the first few agents hear, from the first arcs."""
+    heard: dict[int, list[str]] = {}
+    for listener, speaker, _ in islice(arcs, 60):
+        heard.setdefault(listener, []).append(labels[speaker])
+    few = [f"{labels[i]} to {', '.join(names)}" for i, names in islice(heard.items(), 4)]
+    return "; ".join(few) + ("; ..." if len(heard) > len(few) else "")
+
+
+def _remake(labels: tuple[str, ...], modes: dict[str, Arcs]) -> Network:
+    return Network(labels=labels, modes=modes)
+
+
+def _modes(value: Any, several: bool) -> dict[str, Any]:
+    return {str(name): each for name, each in value.items()} if several else {"G": value}
+
+
+def _coordinates(matrix: Any, *, key: str) -> Any:
+    """The matrix in coordinate form, a copy, each place once."""
+    if not hasattr(matrix, "tocoo") or len(matrix.shape) != 2:
+        raise SpecError(
+            f"{key} must be a SciPy sparse matrix; got {type(matrix).__name__}.",
+            key=key,
+            cure="Wrap it: scipy.sparse.coo_array(matrix).",
+        )
+    table = matrix.tocoo(copy=True)
+    table.sum_duplicates()
+    return table
+
+
+def _labels_in(lists: Iterable[Sequence[Any]]) -> tuple[str, ...]:
+    """The labels of arcs in the order they appear; malformed arcs are reported later."""
+    pairs = (arc for arcs in lists for arc in arcs if is_list(arc))
+    return tuple(dict.fromkeys(label_text(end) for arc in pairs for end in arc[:2]))

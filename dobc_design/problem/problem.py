@@ -1,0 +1,450 @@
+"""The problem: network, couplings, pins, disturbance, and what has to be proved about them.
+
+A Problem is frozen, exact and cannot exist invalid.  It holds no solver's answer and knows no file.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from itertools import islice
+from types import MappingProxyType
+from typing import Any, TypeVar
+
+from dobc_design._show.cards import MOST_ITEMS, Card, Shown, listed, plain
+from dobc_design.coupling.coupling import Coupling, make_coupling
+from dobc_design.errors import ShapeError, SpecError
+from dobc_design.exact.matrix import Vector
+from dobc_design.exact.reading import (
+    MOST_ERRORS,
+    counted,
+    is_list,
+    is_scalar_matrix,
+    is_text,
+    named,
+    read_vector,
+    shown,
+)
+from dobc_design.problem.exosystem import Exosystem
+from dobc_design.problem.groups import Group, group_numbers, joint_exosystem, joint_observer, read_groups
+from dobc_design.problem.network import Network
+from dobc_design.problem.observer import Observer
+from dobc_design.problem.pinning import Pinning, read_pinning
+from dobc_design.problem.region import Region, read_region
+from dobc_design.problem.settings import Simulation, read_simulation
+from dobc_design.problem.switching import Switching, check_switching
+
+T = TypeVar("T")
+Arc = tuple[int, int]
+LARGEST_DIMENSION = 100  # every gain is an m x m matrix
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, repr=False)
+class Problem(Shown):
+    """A disturbance-observer-based consensus problem: equations (1), (12), (13), (19).
+
+    Parameters (all by keyword; numbers are exact, a float means its shortest decimal text):
+        network: Network.
+        coupling: h as text in y (by component), or m texts in y1..ym; h(0) = 0 is checked exactly.
+        exceptions: {(listener index, speaker index): h}, for arcs with a coupling of their own.
+        target: xbar, a number for all components or m numbers.
+        gains: {label: k} with k >= 0 or an m x m matrix; or one number for all agents.
+        exosystem: Exosystem or None (no disturbance).
+        observer: Observer or None (W is designed).
+        groups: Groups of agents with an exosystem and an observer of their own; ``exosystem`` and ``observer`` are
+            then those of the agents in no group.
+        offsets: {label: offset}, the formation: agent i goes to xbar + offset_i.
+        region: {"initial_states": ..., "initial_disturbance": ...} or a Region.
+        switching, simulation: settings; ``simulation`` is a mapping with t_final, seed, xi0, x0.
+        notes: sentences on what is assumed or stands in; they are shown wherever a result is shown.
+    Raises: SpecError (or ShapeError, ExpressionError) that names every wrong key.
+    Example:
+        >>> network = dd.Network.from_arcs([["tail", "head"]], arrow="listens_to")
+        >>> problem = dd.Problem(network=network, coupling="tanh(y)", gains={"head": "3/2"})
+        >>> problem.n, problem.m, problem.q
+        (2, 1, 0)
+    """
+
+    name: str
+    network: Network
+    coupling: Coupling
+    exceptions: Mapping[Arc, Coupling]
+    target: Vector
+    pinning: Pinning
+    groups: tuple[Group, ...]
+    offsets: Mapping[int, Vector]
+    region: Region | None
+    switching: Switching | None
+    simulation: Simulation
+    notes: tuple[str, ...]
+
+    def __init__(
+        self,
+        *,
+        network: Network,
+        coupling: str | Sequence[str] | Coupling,
+        exceptions: Mapping[Arc, str | Sequence[str] | Coupling] | None = None,
+        target: Any = 0,
+        gains: Any = None,
+        exosystem: Exosystem | None = None,
+        observer: Observer | None = None,
+        groups: Sequence[Group] | None = None,
+        offsets: Mapping[Any, Any] | None = None,
+        region: Region | Mapping[str, Any] | None = None,
+        switching: Switching | None = None,
+        simulation: Simulation | Mapping[str, Any] | None = None,
+        name: str = "problem",
+        notes: Sequence[str] = (),
+    ) -> None:
+        errors: list[SpecError] = []
+        keep = _Keeper(self, errors)
+        _check_kinds(network=network, exosystem=exosystem, observer=observer, switching=switching)
+        _check_groups(groups)
+        first = exosystem if exosystem is not None or not groups else groups[0].exosystem
+        m = dimension_of(first, target, coupling)
+        keep("name", lambda: _read_name(name))
+        keep("network", lambda: network)
+        keep("groups", lambda: read_groups(groups, exosystem=exosystem, observer=observer, labels=network.labels, m=m))
+        divided: tuple[Group, ...] | None = getattr(self, "groups", None)  # None: there is a mistake in them
+        keep("target", lambda: read_vector(target, key="target", length=m, because="one per state component"))
+        keep("coupling", lambda: _read_coupling(coupling, dimension=m, key="coupling.h"))
+        keep("exceptions", lambda: _read_exceptions(exceptions, network=network, dimension=m))
+        keep("pinning", lambda: _read_pinning(gains, network=network, dimension=m))
+        keep("offsets", lambda: _read_offsets(offsets, network=network, dimension=m))
+        keep("region", lambda: _read_region(region, dimension=m, with_exosystem=first is not None))
+        keep("switching", lambda: _read_switching(switching, network=network))
+        if divided is not None or not groups:  # else nobody knows how long the rows of xi0 have to be
+            orders = _orders(divided, network.labels, exosystem)
+            keep("simulation", lambda: _read_simulation(simulation, n=network.size, orders=orders, m=m))
+        keep("notes", lambda: _read_notes(notes))
+        if errors:
+            raise SpecError.several(errors)
+
+    def __hash__(self) -> int:
+        return hash((self.name, self.network, self.coupling, self.target, self.pinning))
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        # Made anew, since the read-only mappings cannot be pickled.
+        given = {
+            name: getattr(self, name)
+            for name in ("name", "network", "coupling", "target", "region", "switching", "simulation", "notes")
+        }
+        given |= {"gains": self.pinning, "exceptions": dict(self.exceptions)}
+        if self.is_grouped:
+            given |= {"groups": self.groups, "observer": Observer(rate=self.groups[0].observer.rate)}
+        else:
+            given |= {"exosystem": self.exosystem, "observer": self.observer if self.groups else None}
+        given["offsets"] = {self.network.labels[i]: offset for i, offset in self.offsets.items()}
+        return _remake, (given,)
+
+    def _card(self) -> Card:
+        labels, modes = self.network.labels, self.network.modes
+        facts: list[tuple[str, Any]] = list(self.coupling._card().facts)
+        if self.exceptions:
+            facts.append(("other couplings", f"on {counted(len(self.exceptions), 'arc')}"))
+        facts.append(("target", self.target[0] if self.m == 1 else (self.target,)))
+        arcs = [f"{name} ({counted(len(each), 'arc')})" for name, each in islice(modes.items(), MOST_ITEMS + 1)]
+        facts.append(("modes", listed(arcs, count=len(modes))))
+        pins = islice(self.pinning.gains.items(), MOST_ITEMS + 1)
+        named_pins = [f"{labels[i]} (k = {plain(k[0][0]) if is_scalar_matrix(k) else 'a matrix'})" for i, k in pins]
+        facts.append(("pinned", listed(named_pins, count=len(self.pinning.gains)) or "nobody"))
+        for group in self.groups[:MOST_ITEMS]:
+            of = f" of group {group.name}" if self.is_grouped else ""
+            facts += [(f"{name}{of}", value) for name, value in group._card().facts]
+        named_facts = (("region", self.region), ("switching", self.switching), ("notes", "  ".join(self.notes)))
+        facts += [(name, value) for name, value in named_facts if value]
+        text = f"{counted(self.n, 'agent')} with {counted(self.m, 'state component')} each"
+        return Card(title=self.name, text=text, facts=facts)
+
+    def __repr__(self) -> str:
+        return f"<Problem {self.name}: {self.network!r}, {counted(len(self.pinning.gains), 'pinned agent')}>"
+
+    @property
+    def n(self) -> int:
+        """Number of agents."""
+        return self.network.size
+
+    @property
+    def m(self) -> int:
+        """Number of state components of one agent."""
+        return len(self.target)
+
+    @property
+    def q(self) -> int:
+        """Order of the exosystem; 0 without one.  Of several groups: the sum of their orders."""
+        return sum(group.exosystem.order for group in self.groups)
+
+    @property
+    def is_grouped(self) -> bool:
+        """Whether there are several groups of agents, with an exosystem each."""
+        return len(self.groups) > 1
+
+    @property
+    def exosystem(self) -> Exosystem | None:
+        """The exosystem that all agents have; None without a disturbance.
+
+        Raises: SpecError if there are several, so that whoever knows of one only never takes it for all of them.
+        """
+        self.require_one_exosystem()
+        return self.groups[0].exosystem if self.groups else None
+
+    @property
+    def observer(self) -> Observer:
+        """The observer that all agents have.  Raises: SpecError if there are several groups."""
+        self.require_one_exosystem()
+        return self.groups[0].observer if self.groups else Observer()
+
+    @property
+    def joint_exosystem(self) -> Exosystem | None:
+        """The exosystems of all groups side by side (``groups``); of one group its own."""
+        return joint_exosystem(self.groups)
+
+    @property
+    def joint_observer(self) -> Observer:
+        """W and P of all groups, block diagonal, where every group has one; of one group its own."""
+        return joint_observer(self.groups)
+
+    def require_one_exosystem(self) -> None:
+        """Refuse a problem with several groups.  Raises: SpecError."""
+        if self.is_grouped:
+            raise SpecError(
+                "exosystem.groups: this is not available yet for agents with different exosystems; it knows one"
+                " exosystem that all agents share.",
+                key="exosystem.groups",
+                cure="Use certify, verify, design, simulate, falsify or to_c, which know groups; or give every agent"
+                " the same A and C.",
+            )
+
+    @property
+    def couplings(self) -> tuple[Coupling, ...]:
+        """The default coupling and those of the exceptions, each once."""
+        return tuple(dict.fromkeys((self.coupling, *self.exceptions.values())))
+
+    @property
+    def is_linear(self) -> bool:
+        """Whether every coupling is exactly linear, so that J does not depend on e."""
+        return all(coupling.is_linear for coupling in self.couplings)
+
+    def coupling_of(self, listener: int, speaker: int) -> Coupling:
+        """The coupling of one arc."""
+        return self.exceptions.get((listener, speaker), self.coupling)
+
+    def goal_of(self, agent: int) -> Vector:
+        """xbar + offset_i, where agent i is to go."""
+        offset = self.offsets.get(agent)
+        return self.target if offset is None else tuple(x + o for x, o in zip(self.target, offset, strict=True))
+
+
+def _remake(given: dict[str, Any]) -> Problem:
+    return Problem(**given)
+
+
+class _Keeper:
+    """Sets fields of a frozen instance one by one and collects what goes wrong."""
+
+    def __init__(self, instance: object, errors: list[SpecError]) -> None:
+        self.instance, self.errors = instance, errors
+
+    def __call__(self, field: str, read: Callable[[], T]) -> None:
+        try:
+            object.__setattr__(self.instance, field, read())
+        except SpecError as error:
+            self.errors.extend(error.errors)
+
+
+def dimension_of(exosystem: Exosystem | None, target: Any, coupling: Any) -> int:
+    """m: the rows of C, else the length of target, else of h, else 1 (the contract's order)."""
+    if exosystem is not None:
+        key, m = "exosystem.C", exosystem.outputs
+    elif is_list(target):
+        key, m = "target", len(target)
+    elif isinstance(coupling, Coupling):
+        key, m = "coupling.h", coupling.dimension
+    else:
+        key, m = "coupling.h", len(coupling) if is_list(coupling) else 1
+    if m > LARGEST_DIMENSION:
+        raise ShapeError(
+            f"{key}: an agent may have at most {LARGEST_DIMENSION} state components; got {m}.",
+            key=key,
+            cure="Components that do not act on each other can be problems of their own.",
+        )
+    return max(1, m)
+
+
+def _check_kinds(*, network: object, exosystem: object, observer: object, switching: object) -> None:
+    for key, value, kind, cure in (
+        ("network", network, Network, "Make one with Network.from_arcs, from_networkx or from_sparse."),
+        ("exosystem", exosystem, Exosystem, "Make one with Exosystem(A=..., C=...) or Exosystem.from_control(system)."),
+        ("observer", observer, Observer, "Make one with Observer(W=..., P=...) or Observer(rate=...)."),
+        ("switching", switching, Switching, "Make one with Switching(signal=..., dwell=...)."),
+    ):
+        if not isinstance(value, kind) and (value is not None or kind is Network):
+            name = kind.__name__
+            raise SpecError(
+                f"{key} must be {'an' if name[0] in 'EO' else 'a'} {name}; got {shown(value)}.", key=key, cure=cure
+            )
+
+
+def _check_groups(groups: object) -> None:
+    if groups is not None and not (is_list(groups) and all(isinstance(each, Group) for each in groups)):  # type: ignore[attr-defined]
+        raise SpecError(
+            f"groups must be a list of Groups; got {shown(groups)}.",
+            key="groups",
+            cure="Make one with Group(agents=[...], exosystem=Exosystem(...)).",
+        )
+
+
+def is_name(name: object) -> bool:
+    """Tell whether ``name`` can name a problem."""
+    return isinstance(name, str) and is_text(name) and len(name) <= 100 and name.isprintable() and bool(name.strip())
+
+
+def _read_name(name: object) -> str:
+    if not isinstance(name, str) or not is_name(name):
+        raise SpecError(
+            f"name must be text of 1 to 100 printable characters; got {shown(name)}.",
+            key="name",
+            cure='For example name = "my-network".',
+        )
+    return name
+
+
+def _read_notes(notes: Any) -> tuple[str, ...]:
+    texts = tuple(notes) if is_list(notes) else (notes,)
+    for position, text in enumerate(texts):
+        if not is_text(text) or len(text) > 1000 or not text.replace("\n", "").isprintable():
+            raise SpecError(
+                f"notes[{position}] must be text of at most 1000 printable characters; got {shown(text)}.",
+                key=f"notes[{position}]",
+                cure="Write a list of sentences.",
+            )
+    return texts
+
+
+def _read_coupling(value: Any, *, dimension: int, key: str) -> Coupling:
+    if isinstance(value, Coupling):
+        if value.dimension != dimension:
+            raise ShapeError(
+                f"{key} must have dimension {dimension}, one per state component; got {value.dimension}.",
+                key=key,
+                cure="Make it with the right dimension.",
+            )
+        return value
+    return make_coupling(value, dimension=dimension, key=key)
+
+
+def _read_exceptions(value: Any, *, network: Network, dimension: int) -> Mapping[Arc, Coupling]:
+    if not value:
+        return MappingProxyType({})
+    codes, n = network.arc_codes(), network.size
+    result: dict[Arc, Coupling] = {}
+    errors: list[SpecError] = []
+    for position, (arc, h) in enumerate(_items(value, key="coupling.exceptions")):
+        key = f"coupling.exceptions[{position}]"
+        try:
+            if not _is_arc(arc, n) or arc[0] * n + arc[1] not in codes:
+                raise SpecError(
+                    f"{key}: no mode has the arc with the indices (listener, speaker) = {shown(arc)}.",
+                    key=key,
+                    cure="Correct the arc, or remove the exception; indices count from 0.",
+                )
+            result[int(arc[0]), int(arc[1])] = _read_coupling(h, dimension=dimension, key=f"{key}.h")
+        except SpecError as error:
+            errors.extend(error.errors)
+            if len(errors) >= MOST_ERRORS:
+                break
+    if errors:
+        raise SpecError.several(errors)
+    # Certificates number couplings in the order of the canonical problem, which is that of the arcs.
+    return MappingProxyType(dict(sorted(result.items())))
+
+
+def _is_arc(value: Any, n: int) -> bool:
+    return is_list(value) and len(value) == 2 and all(type(i) is int and 0 <= i < n for i in value)
+
+
+def _items(value: Any, *, key: str) -> Iterable[tuple[Any, Any]]:
+    if not isinstance(value, Mapping):
+        raise SpecError(f"{key} must be a table; got {shown(value)}.", key=key, cure="Give a mapping, as a dict.")
+    return value.items()
+
+
+def _read_table(value: Any, keys: Sequence[str], *, key: str) -> Mapping[str, Any]:
+    """A mapping that has no other keys than these."""
+    for name, _ in _items(value, key=key):
+        if name not in keys:
+            raise SpecError(
+                f"{key}.{named(str(name))} is an unknown key.",
+                key=f"{key}.{named(str(name))}",
+                cure=f"Known keys: {', '.join(keys)}.",
+            )
+    table: Mapping[str, Any] = value
+    return table
+
+
+def _read_pinning(gains: Any, *, network: Network, dimension: int) -> Pinning:
+    return gains if isinstance(gains, Pinning) else read_pinning(gains, labels=network.labels, dimension=dimension)
+
+
+def _read_offsets(value: Any, *, network: Network, dimension: int) -> Mapping[int, Vector]:
+    if value is None:
+        return MappingProxyType({})
+    index = network.index
+    result: dict[int, Vector] = {}
+    errors: list[SpecError] = []
+    for label, offset in _items(value, key="formation.offsets"):
+        key = f"formation.offsets.{named(str(label))}"
+        try:
+            place = None if isinstance(label, bool) else index.get(str(label))
+            if place is None:
+                raise SpecError(
+                    f"{key}: there is no agent {shown(str(label))} in network.agents.",
+                    key=key,
+                    cure="Use the label of an agent.",
+                )
+            if place in result:
+                raise SpecError(f"{key} stands there twice (labels are text).", key=key, cure="Keep one.")
+            result[place] = read_vector(offset, key=key, length=dimension, because="one per state component")
+        except SpecError as error:
+            errors.extend(error.errors)
+            if len(errors) >= MOST_ERRORS:
+                break
+    if errors:
+        raise SpecError.several(errors)
+    return MappingProxyType({i: offset for i, offset in sorted(result.items()) if any(offset)})
+
+
+def _read_region(value: Any, *, dimension: int, with_exosystem: bool) -> Region | None:
+    if value is None:
+        return None
+    if isinstance(value, Region):
+        value = {"initial_states": value.initial_states, "initial_disturbance": value.initial_disturbance}
+    table = _read_table(value, ("initial_states", "initial_disturbance"), key="region")
+    return read_region(
+        table.get("initial_states"),
+        table.get("initial_disturbance"),
+        dimension=dimension,
+        with_exosystem=with_exosystem,
+    )
+
+
+def _read_switching(switching: Switching | None, *, network: Network) -> Switching | None:
+    if switching is not None:
+        check_switching(switching, tuple(network.modes))
+    return switching
+
+
+def _orders(groups: tuple[Group, ...] | None, labels: Sequence[str], exosystem: Exosystem | None) -> tuple[int, ...]:
+    """The order of every agent's exosystem; one number if it is the same for all."""
+    if groups is None:
+        return (0 if exosystem is None else exosystem.order,)
+    orders = [group.exosystem.order for group in groups] or [0]
+    return tuple(orders[g] for g in group_numbers(groups, labels)) if len(set(orders)) > 1 else (orders[0],)
+
+
+def _read_simulation(value: Any, *, n: int, orders: tuple[int, ...], m: int) -> Simulation:
+    if isinstance(value, Simulation):
+        return read_simulation(value.t_final, value.seed, value.xi0, value.x0, n=n, orders=orders, m=m)
+    table = {} if value is None else _read_table(value, ("t_final", "seed", "xi0", "x0"), key="simulation")
+    given = [table.get(key) for key in ("t_final", "seed", "xi0", "x0")]
+    return read_simulation(*given, n=n, orders=orders, m=m)

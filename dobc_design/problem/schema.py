@@ -1,0 +1,228 @@
+"""The tables and keys of the problem file, as pydantic models: one place for the reader and the JSON Schema.
+
+The models check which keys exist and of what kind their values are.  What the values mean together is
+checked by the nouns (``problem``); numbers stay as they were typed until ``parse_number`` reads them.
+"""
+
+from __future__ import annotations
+
+from typing import Annotated, Any
+
+from pydantic import BaseModel, ConfigDict, Field, PlainValidator, WithJsonSchema
+
+from dobc_design.problem.arcs import ARROWS
+from dobc_design.problem.exosystems import KINDS
+from dobc_design.problem.labels import LONGEST_LABEL, MOST_AGENTS
+from dobc_design.problem.switching import SIGNALS
+
+SCHEMA_VERSION = 1
+
+_NUMBER = {
+    "description": "An exact number: 3.2 means 16/5; fractions are written in quotes.",
+    "anyOf": [{"type": "number"}, {"type": "string", "pattern": r"^[+-]?[0-9.eE+/-]+$", "maxLength": 200}],
+}
+_MATRIX = {"type": "array", "items": {"type": "array", "items": _NUMBER, "minItems": 1}, "minItems": 1}
+_NUMBERS = {"type": "array", "items": _NUMBER, "minItems": 1}
+_INTERVAL = {"type": "array", "items": _NUMBER, "minItems": 2, "maxItems": 2}
+_LABEL = {"anyOf": [{"type": "string", "minLength": 1, "maxLength": LONGEST_LABEL}, {"type": "integer"}]}
+_LABELS = {"type": "array", "items": _LABEL, "minItems": 1}
+_COUNT = {"type": "integer", "minimum": 1, "maximum": MOST_AGENTS}
+_PAIR = {"type": "array", "items": _LABEL, "minItems": 2, "maxItems": 2}
+_ARC = {
+    "type": "array",
+    "minItems": 2,
+    "maxItems": 3,
+    "description": "[a, b] or [a, b, weight]; network.arrow says who listens.",
+    "prefixItems": [_LABEL, _LABEL, _NUMBER],
+}
+_FILE = {
+    "type": "object",
+    "properties": {"file": {"type": "string"}},
+    "required": ["file"],
+    "additionalProperties": False,
+}
+_MODES = {
+    "type": "object",
+    "minProperties": 1,
+    "additionalProperties": {"anyOf": [{"type": "array", "items": _ARC}, _FILE]},
+}
+_MODE_NAMES = {"type": "array", "items": {"type": "string"}, "minItems": 1}
+_INSTANT = {"type": "array", "minItems": 2, "maxItems": 2, "prefixItems": [_NUMBER, {"type": "string"}]}
+_NOTE = {"type": "string", "maxLength": 1000}
+_COUPLING = {
+    "description": "In y, applied by component; or a list of m expressions in y1..ym.",
+    "anyOf": [{"type": "string"}, {"type": "array", "items": {"type": "string"}, "minItems": 1}],
+}
+
+
+def _table_of(*values: dict[str, Any]) -> dict[str, Any]:
+    return {"type": "object", "additionalProperties": {"anyOf": list(values)}}
+
+
+def _as_given(value: Any) -> Any:
+    """Any value will do here: the nouns read it and name the key."""
+    return value
+
+
+def _table(value: Any) -> Any:
+    if not isinstance(value, dict):
+        raise ValueError("must be a table")
+    return value
+
+
+_GIVEN = PlainValidator(_as_given)
+_TABLE = PlainValidator(_table)
+
+Number = Annotated[Any, _GIVEN, WithJsonSchema(_NUMBER)]
+NumberMatrix = Annotated[Any, _GIVEN, WithJsonSchema(_MATRIX)]
+NumberOrList = Annotated[Any, _GIVEN, WithJsonSchema({"anyOf": [_NUMBER, _NUMBERS]})]
+CouplingText = Annotated[Any, _GIVEN, WithJsonSchema(_COUPLING)]
+ArcList = Annotated[Any, _GIVEN, WithJsonSchema({"type": "array", "items": _PAIR, "minItems": 1})]
+Texts = Annotated[Any, _GIVEN, WithJsonSchema({"anyOf": [_NOTE, {"type": "array", "items": _NOTE}]})]
+Name = Annotated[Any, _GIVEN, WithJsonSchema({"type": "string", "minLength": 1, "maxLength": 100})]
+Version = Annotated[Any, _GIVEN, WithJsonSchema({"type": "integer", "const": SCHEMA_VERSION})]
+Seed = Annotated[Any, _GIVEN, WithJsonSchema({"type": "integer", "minimum": 0, "maximum": 2**63 - 1})]
+Arrow = Annotated[Any, _GIVEN, WithJsonSchema({"enum": list(ARROWS)})]
+Signal = Annotated[Any, _GIVEN, WithJsonSchema({"enum": list(SIGNALS)})]
+Agents = Annotated[Any, _GIVEN, WithJsonSchema({"anyOf": [_COUNT, _LABELS]})]
+Pairs = Annotated[Any, _GIVEN, WithJsonSchema({"anyOf": [_INTERVAL, {"type": "array", "items": _INTERVAL}]})]
+Rows = Annotated[Any, _GIVEN, WithJsonSchema({"anyOf": [_NUMBERS, {"type": "array", "items": _NUMBERS}]})]
+ModeNames = Annotated[Any, _GIVEN, WithJsonSchema(_MODE_NAMES)]
+Instants = Annotated[Any, _GIVEN, WithJsonSchema({"type": "array", "items": _INSTANT, "minItems": 1})]
+Count = Annotated[Any, _GIVEN, WithJsonSchema({"type": "integer", "minimum": 1})]
+Modes = Annotated[Any, _TABLE, WithJsonSchema(_MODES)]
+Gains = Annotated[Any, _GIVEN, WithJsonSchema({"anyOf": [_NUMBER, _table_of(_NUMBER, _MATRIX)]})]
+Kind = Annotated[Any, _GIVEN, WithJsonSchema({"enum": list(KINDS)})]
+Members = Annotated[Any, _GIVEN, WithJsonSchema(_LABELS)]
+Offsets = Annotated[Any, _TABLE, WithJsonSchema(_table_of(_NUMBER, _NUMBERS))]
+
+
+class _Table(BaseModel):
+    model_config = ConfigDict(extra="forbid", strict=True)
+
+
+class NetworkTable(_Table):
+    """[network]: who is there and who listens to whom."""
+
+    agents: Agents = Field(description="A count (labels 1..n) or a list of labels.")
+    arrow: Arrow = Field(description="What [a, b] means: a hears b, or a is heard by b. There is no default.")
+    modes: Modes = Field(description="At least one; several mean switching.")
+
+
+class ExceptionTable(_Table):
+    """[[coupling.exceptions]]: another h on some arcs, in every mode that has them."""
+
+    arcs: ArcList
+    h: CouplingText
+
+
+class CouplingTable(_Table):
+    """[coupling]: the function h that every arc applies to x_j - x_i."""
+
+    h: CouplingText
+    exceptions: list[ExceptionTable] = []
+
+
+class PinningTable(_Table):
+    """[pinning]: the gains k_i."""
+
+    gains: Gains = Field(default=None, description="Label -> k, or one number for all agents.")
+
+
+class GroupTable(_Table):
+    """[[exosystem.groups]]: agents with an exosystem and an observer of their own."""
+
+    model_config = ConfigDict(json_schema_extra={"anyOf": [{"required": ["A", "C"]}, {"required": ["kind"]}]})
+
+    agents: Members = Field(description="Labels; an agent is in one group at most.")
+    A: NumberMatrix = None
+    C: NumberMatrix = None
+    kind: Kind = Field(default=None, description="In place of A and C: a common shape.")
+    frequencies: NumberOrList = Field(default=None, description="rad/s, of the kind harmonics.")
+    W: NumberMatrix = Field(default=None, description="Without it W is designed, for observer.rate.")
+    P: NumberMatrix = Field(default=None, description="Beside W, for every group or none; tested as it is.")
+
+
+class ExosystemTable(_Table):
+    """[exosystem]: xi' = A xi, d = C xi, of the agents that are in no group."""
+
+    model_config = ConfigDict(
+        json_schema_extra={"anyOf": [{"required": ["A", "C"]}, {"required": ["kind"]}, {"required": ["groups"]}]}
+    )
+
+    A: NumberMatrix = None
+    C: NumberMatrix = None
+    kind: Kind = Field(default=None, description="In place of A and C: a common shape.")
+    frequencies: NumberOrList = Field(default=None, description="rad/s, of the kind harmonics.")
+    groups: list[GroupTable] = []
+
+
+class ObserverTable(_Table):
+    """[observer]: W (and P, to be tested as it is), or the rate asked of a designed W."""
+
+    W: NumberMatrix = None
+    P: NumberMatrix = None
+    rate: Number = None
+
+
+class FormationTable(_Table):
+    """[formation]: agent i goes to target + offset_i."""
+
+    offsets: Offsets = {}
+
+
+class RegionTable(_Table):
+    """[region]: what the certificate has to cover."""
+
+    initial_states: Pairs = Field(description="[lo, hi] for every component, or m such pairs.")
+    initial_disturbance: Number = None
+
+
+class SwitchingTable(_Table):
+    """[switching]: the signal that drives the modes."""
+
+    signal: Signal
+    dwell: Number = Field(default=None, description="s; the mean stay where signal is markov.")
+    sequence: ModeNames = Field(default=None, description="periodic: the modes of one round.")
+    period: Number = Field(default=None, description="periodic: s of one round, in place of dwell.")
+    generator: NumberMatrix = Field(default=None, description="markov: rates in 1/s, rows adding up to 0.")
+    schedule: Instants = Field(default=None, description="schedule: [instant in s, mode]; periodic: of one round.")
+    radius: Number = Field(default=None, description="mobile: how far an agent hears, in the unit of x.")
+    neighbours: Count = Field(default=None, description="mobile: how many of the nearest it hears, instead of radius.")
+    hysteresis: Number = Field(default=None, description="mobile: a link made at one distance breaks this much later.")
+
+
+class SimulationTable(_Table):
+    """[simulation]: settings of simulations; they never enter a proof."""
+
+    t_final: Number = Field(default=None, description="s")
+    seed: Seed = None
+    xi0: Rows = Field(default=None, description="q numbers for all agents, or n rows.")
+    x0: Rows = Field(default=None, description="m numbers for all agents, or n rows; with m = 1 also n numbers.")
+
+
+class ProblemFile(_Table):
+    """A dobc_design problem file."""
+
+    schema_: Version = Field(default=SCHEMA_VERSION, alias="schema")
+    name: Name = None
+    notes: Texts = Field(default=(), description="What is assumed or stands in; shown wherever a result is shown.")
+    target: NumberOrList = Field(default=0, description="xbar: a number, or m numbers.")
+    network: NetworkTable
+    coupling: CouplingTable
+    pinning: PinningTable | None = None
+    exosystem: ExosystemTable | None = None
+    observer: ObserverTable | None = None
+    formation: FormationTable | None = None
+    region: RegionTable | None = None
+    switching: SwitchingTable | None = None
+    simulation: SimulationTable | None = None
+
+
+RESERVED = {"dynamics", "delays"}
+
+
+def json_schema() -> dict[str, Any]:
+    """The JSON Schema of the problem file, for editors and for `dobc schema`."""
+    schema = ProblemFile.model_json_schema(by_alias=True)
+    return {"$schema": "https://json-schema.org/draft/2020-12/schema", **schema}

@@ -1,0 +1,151 @@
+"""A problem in words: who listens to whom, who is pinned, who is not reached."""
+
+from __future__ import annotations
+
+from collections import defaultdict
+from collections.abc import Sequence
+from typing import Any
+
+from dobc_design.errors import SpecError
+from dobc_design.exact.number import number_text
+from dobc_design.exact.reading import counted, is_scalar_matrix
+from dobc_design.problem.arcs import Arcs
+from dobc_design.problem.groups import Group
+from dobc_design.problem.problem import Problem
+from dobc_design.problem.reaching import unreached
+from dobc_design.problem.switching import Switching
+
+LISTED = 30
+
+
+def describe(problem: Problem) -> str:
+    """Several lines that an engineer can compare with the drawing on the wall."""
+    labels = problem.network.labels
+    lines = [
+        f"{problem.name}: {counted(problem.n, 'agent')}, {counted(problem.m, 'state component')} each, "
+        + _order(problem),
+        f"Target: {_vector(problem.target)}. Coupling: h = {_coupling(problem)}.",
+    ]
+    for mode, arcs in problem.network.modes.items():
+        lines.append(f'Mode "{mode}": {counted(len(arcs), "arc")}.')
+        lines += [f"  {text}" for text in _listening(labels, arcs)]
+        missing = [labels[i] for i in unreached(problem, [arcs])]
+        if missing:
+            lines.append(f"  NOT REACHED from a pinned agent: {_some(missing)}.")
+        else:
+            lines.append("  Every agent is reached from a pinned agent.")
+    pins = [f"{labels[i]} (k = {_gain(k)})" for i, k in problem.pinning.gains.items()]
+    lines.append(f"Pinned: {_some(pins)}." if pins else "Pinned: nobody.")
+    if problem.offsets:
+        lines.append(f"Formation offsets: {_some([f'{labels[i]}: {_vector(o)}' for i, o in problem.offsets.items()])}.")
+    lines += [_observer(problem, group) for group in problem.groups]
+    if problem.region is not None:
+        pairs = ", ".join(f"[{number_text(lo)}, {number_text(hi)}]" for lo, hi in problem.region.initial_states)
+        error = problem.region.initial_disturbance
+        noise = "" if error is None else f", estimation error at most {number_text(error)}"
+        lines.append(f"Region asked for: initial states in {pairs}{noise}.")
+    if problem.switching is not None:
+        lines.append(f"Switching in simulations: {switching_words(problem)}.")
+    if problem.simulation.x0 is not None:
+        rows = problem.simulation.x0
+        where = f"all agents at {_vector(rows[0])}" if len(rows) == 1 else "every agent at its own"
+        lines.append(f"Simulations start at x0, {where}.")
+    lines += [f"Note: {note}" for note in problem.notes]
+    return "\n".join(lines)
+
+
+def _order(problem: Problem) -> str:
+    if problem.is_grouped:
+        return f"disturbances of {counted(len(problem.groups), 'group')} of agents."
+    return f"disturbance of order {problem.q}." if problem.q else "no disturbance."
+
+
+def _observer(problem: Problem, group: Group) -> str:
+    """Whose disturbance is of which order, and what is given of the observer."""
+    given = "given" if group.observer.W is not None else "to be designed"
+    text = f"Observer gain W: {given}." + (" P: given, will be tested." if group.observer.P else "")
+    if not problem.is_grouped:
+        return text
+    return f"Group of agent {group.name} ({_some(group.agents)}): disturbance of order {group.exosystem.order}. {text}"
+
+
+def facts(problem: Problem) -> dict[str, Any]:
+    """The same for a program: JSON types only."""
+    labels = problem.network.labels
+    return {
+        "name": problem.name,
+        "agents": problem.n,
+        "dimension": problem.m,
+        "exosystem_order": problem.q,
+        "modes": {
+            mode: {"arcs": len(arcs), "unreached": [labels[i] for i in unreached(problem, [arcs])]}
+            for mode, arcs in problem.network.modes.items()
+        },
+        **({"groups": [list(group.agents) for group in problem.groups]} if problem.is_grouped else {}),
+        "pinned": [labels[i] for i in problem.pinning.agents],
+        "switching": None if problem.switching is None else switching_words(problem),
+        "notes": list(problem.notes),
+    }
+
+
+def switching_words(problem: Problem) -> str:
+    """What [switching] asks of simulations; the problem must have such a table."""
+    own = problem.switching
+    if own is None:
+        raise SpecError("the problem has no [switching].", key="switching", cure="Leave the words out.")
+    dwell = None if own.dwell is None else f"{number_text(own.dwell)} s"
+    if own.signal == "mobile":
+        return f"mobile, {_nearness(own)}; the arcs of the modes are not used, and proofs are about those arcs"
+    if own.schedule is not None:
+        listed = ", ".join(f"{mode} from {number_text(time)} s" for time, mode in own.schedule[:LISTED])
+        listed += ", ..." if len(own.schedule) > LISTED else ""
+        return listed + ("" if own.period is None else f", and so again every {number_text(own.period)} s")
+    if own.signal == "periodic":
+        modes = ", ".join((own.sequence or tuple(problem.network.modes))[:LISTED])
+        pace = f"a round in {number_text(own.period)} s" if own.period is not None else f"{dwell or 'dwell not given'}"
+        return f"periodic, {modes} in turn, {pace}{' each' if dwell else ''}"
+    if own.generator is not None:
+        stays = [
+            f"{mode} for ever" if row[k] == 0 else f"{mode} {number_text(-1 / row[k])} s"
+            for k, (mode, row) in enumerate(zip(problem.network.modes, own.generator, strict=True))
+        ]
+        return f"a Markov chain, whose stays last on average: {_some(stays)}"
+    if own.signal == "markov":
+        return f"a Markov chain, stays of {dwell or 'a length not given'} on average, other modes equally likely"
+    return f"random, a mode drawn anew {f'every {dwell}' if dwell else 'after a dwell time that is not given'}"
+
+
+def _nearness(own: Switching) -> str:
+    kept = f", with a hysteresis of {number_text(own.hysteresis)}" if own.hysteresis else ""
+    if own.radius is None:
+        return f"an agent hears its {counted(own.neighbours or 1, 'nearest neighbour')}{kept}"
+    return f"an agent hears everyone within {number_text(own.radius)} in the unit of x{kept}"
+
+
+def _listening(labels: Sequence[str], arcs: Arcs) -> list[str]:
+    heard: dict[int, list[str]] = defaultdict(list)
+    for listener, speaker, weight in arcs:
+        heard[listener].append(labels[speaker] + ("" if weight == 1 else f" (weight {number_text(weight)})"))
+        if len(heard) > LISTED:
+            break
+    rows = [f"{labels[i]} listens to {', '.join(names[:LISTED])}" for i, names in list(heard.items())[:LISTED]]
+    return [*rows, "..."] if len(heard) > LISTED else rows
+
+
+def _coupling(problem: Problem) -> str:
+    text = "; ".join(problem.coupling.texts)
+    extra = len(problem.exceptions)
+    return text + (f" ({counted(extra, 'arc')} with another)" if extra else "")
+
+
+def _gain(matrix: Any) -> str:
+    return number_text(matrix[0][0]) if is_scalar_matrix(matrix) else "matrix"
+
+
+def _vector(values: Sequence[Any]) -> str:
+    texts = [number_text(value) for value in values]
+    return texts[0] if len(texts) == 1 else f"({', '.join(texts)})"
+
+
+def _some(names: Sequence[str]) -> str:
+    return ", ".join(names[:LISTED]) + (f" and {len(names) - LISTED} more" if len(names) > LISTED else "")

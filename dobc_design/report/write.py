@@ -1,0 +1,185 @@
+"""Reports, comparisons and figures of certificates.  What they show is computed here; the report computes nothing."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from os import PathLike
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from dobc_design.certificate.certificate import Certificate
+from dobc_design.certificate.files import make_folder, write_together
+from dobc_design.conditions.consensus.statements import state_theorems
+from dobc_design.conditions.schedule.checks import stage_timings
+from dobc_design.exact.matrix import Matrix
+from dobc_design.problem.problem import Problem
+from dobc_design.simulation.simulations import fingerprint
+
+if TYPE_CHECKING:
+    from dobc_design.conditions.quadratic.duals import QuadraticDual
+    from dobc_design.falsification.suspect import Falsification
+    from dobc_design.plotting.sheet import Sheet
+
+Progress = Callable[[str], None]
+DRAWN = 2000  # rows (n m) up to which diagnostics and a simulation go into the report
+PAGE, PDF = "report.html", "report.pdf"
+SHOWN = 12  # rows up to which Lambda is printed
+
+
+def write_report(
+    certificate: Certificate,
+    folder: str | PathLike[str],
+    *,
+    searches: Sequence[Falsification] = (),
+    limits: Sequence[QuadraticDual] = (),
+    pdf: bool = False,
+    latex: bool = False,
+    progress: Progress | None = None,
+) -> Path:
+    """Write report.html and report.md into ``folder`` and return the path of the page; see ``render_report``.
+
+    ``searches``: what ``search_certificate`` found; ``limits``: what ``quadratic_limits`` found.  ``pdf``: report.pdf
+    too, which needs the extra `pdf`.  ``latex``: the folder latex too, with fragments for a paper and a BibTeX file.
+    ``progress`` is called with the name of each stage.
+    Raises: CertificateError when the machine refuses, SpecError without the extra.
+    """
+    pages = render_report(certificate, searches=searches, limits=limits, pdf=pdf, progress=progress)
+    target = make_folder(Path(folder))
+    files = {target / name: data for name, data in pages.items()}
+    if latex:
+        inner = make_folder(target / "latex")
+        files |= {inner / name: data for name, data in render_latex(certificate).items()}
+    write_together(files)
+    return target / PAGE
+
+
+def render_report(
+    certificate: Certificate,
+    *,
+    searches: Sequence[Falsification] = (),
+    limits: Sequence[QuadraticDual] = (),
+    pdf: bool = False,
+    progress: Progress | None = None,
+) -> dict[str, bytes]:
+    """The bytes of report.html and report.md by name, and with ``pdf`` of report.pdf.
+
+    Diagnostics, one simulation and what the stages of a settling time say about sampling and delays are computed here
+    and handed to the report, which computes nothing.  ``searches`` for counterexamples and ``limits`` of quadratic
+    certificates are shown where they are given.
+    """
+    from dobc_design.report.html import html_report
+    from dobc_design.report.markdown import markdown_report
+    from dobc_design.report.pdf import pdf_report, require_typst
+
+    if pdf:
+        require_typst()  # said before anything is computed
+    say = progress or (lambda stage: None)
+    problem, gain = certificate.problem, certificate.claims.W
+    analysis, trajectory = None, None
+    if problem.n * problem.m <= DRAWN:
+        from dobc_design.analysis.analysis import analyse as run_analysis
+        from dobc_design.simulation.run import simulate as run_simulation
+
+        say("computing diagnostics")
+        analysis = run_analysis(problem, gain=gain)
+        if not problem.groups or gain is not None:
+            say("simulating")
+            trajectory = replace(run_simulation(problem, gain=gain), loop_sha256=fingerprint(problem, gain))
+    lambdas = _shown_lambdas(problem)
+    settling = certificate.settling
+    if settling is not None:
+        say("deciding delays and sampling, stage by stage")
+    timings = () if settling is None else stage_timings(problem, settling)
+    say("writing the report")
+    html = html_report(
+        certificate,
+        analysis=analysis,
+        trajectory=trajectory,
+        lambdas=lambdas,
+        timings=timings,
+        searches=searches,
+        limits=limits,
+    )
+    text = markdown_report(
+        certificate,
+        analysis=analysis,
+        trajectory=trajectory,
+        lambdas=lambdas,
+        timings=timings,
+        searches=searches,
+        limits=limits,
+    )
+    pages = {PAGE: html.encode("utf-8"), "report.md": text.encode("utf-8")}
+    if pdf:
+        say("setting the PDF")
+        pages[PDF] = pdf_report(
+            certificate,
+            analysis=analysis,
+            trajectory=trajectory,
+            lambdas=lambdas,
+            timings=timings,
+            searches=searches,
+            limits=limits,
+        )
+    return pages
+
+
+def write_comparison(
+    first: Certificate, second: Certificate, folder: str | PathLike[str], *, pdf: bool = False
+) -> Path:
+    """Write two certificates side by side, comparison.html and comparison.md, into ``folder``; return the page's path.
+
+    ``first`` and ``second``: their verdicts, checks, rates, certified starts, and what differs between the problems.
+    ``pdf``: comparison.pdf too, which needs the extra `pdf`.
+    Raises: CertificateError when the machine refuses, SpecError without the extra.
+    """
+    pages = render_comparison(first, second, pdf=pdf)
+    target = make_folder(Path(folder))
+    write_together({target / name: data for name, data in pages.items()})
+    return target / next(iter(pages))
+
+
+def render_comparison(first: Certificate, second: Certificate, *, pdf: bool = False) -> dict[str, bytes]:
+    """The bytes of comparison.html and comparison.md by name, and with ``pdf`` of comparison.pdf."""
+    from dobc_design.report.compare import compare_html, compare_markdown
+
+    document = {}
+    if pdf:
+        from dobc_design.report.compare_pdf import compare_pdf
+
+        document["comparison.pdf"] = compare_pdf(first, second)
+    html, text = compare_html(first, second), compare_markdown(first, second)
+    return {"comparison.html": html.encode("utf-8"), "comparison.md": text.encode("utf-8")} | document
+
+
+def render_latex(certificate: Certificate) -> dict[str, bytes]:
+    """The bytes of the report's LaTeX fragments by name, with references.bib and a main.tex that inputs them all."""
+    from dobc_design.report.latex import latex_fragments
+
+    return latex_fragments(certificate, lambdas=_shown_lambdas(certificate.problem))
+
+
+def _shown_lambdas(problem: Problem) -> dict[str, Matrix]:
+    """Lambda at the target by mode, where it is small enough to be printed."""
+    if problem.n * problem.m > SHOWN:
+        return {}
+    return {mode: pencil.constant.to_dense() for mode, pencil in state_theorems(problem).lambdas.items()}
+
+
+def plot_regions(certificate: Certificate, *, limits: Sequence[QuadraticDual] = ()) -> Sheet:
+    """The certified regions as a figure: how far each method reaches, and from where each agent may start.
+
+    ``limits``: what ``quadratic_limits`` found, drawn as lines that no quadratic certificate crosses.
+    Returns: a Sheet, which shows itself in Jupyter; ``save("region.svg")`` writes it, also as .png or .pdf.
+    """
+    from dobc_design.report.region_pictures import region_sheet
+
+    return region_sheet(certificate.regions, limits)
+
+
+def search_sheet(searches: Sequence[Falsification]) -> Sheet | None:
+    """What searches found as a figure, one drawing each; None where nothing was found."""
+    from dobc_design.report.search_figures import search_sheet as run
+
+    return run(searches)

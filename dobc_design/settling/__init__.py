@@ -1,1 +1,0 @@
-"""A certified settling time: proposals joined, for ``verify`` to decide."""

@@ -1,0 +1,332 @@
+"""What breaks first: every stress grows until the loop no longer converges; and the longest period that still works.
+
+A run converges here if the largest error of the agents that work, over the last tenth of the horizon, is at most
+``tolerance`` times the error at the start.  One seed and one start: an observation, never a proof.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from dobc_design._show.cards import Card, Shown
+from dobc_design.errors import SpecError
+from dobc_design.problem.arrays import Gain
+from dobc_design.problem.problem import Problem
+from dobc_design.simulation._arguments import positive
+from dobc_design.simulation.field import make_loop
+from dobc_design.simulation.graph import groups_of_mode
+from dobc_design.simulation.run import simulate
+from dobc_design.simulation.setting import Progress
+from dobc_design.simulation.signal_files import Signal
+from dobc_design.simulation.starts import Given
+from dobc_design.simulation.stiffness import fastest_decay, observer_decay
+from dobc_design.simulation.stress import Failure, Stress
+from dobc_design.simulation.switches import Array
+from dobc_design.simulation.trajectory import Trajectory
+
+if TYPE_CHECKING:
+    from dobc_design.plotting.sheet import Sheet
+
+OPTIONS = ("noise", "disturbance", "saturation", "period", "loss", "failures")
+UNITS = {
+    "noise": "unit of x",
+    "disturbance": "unit of x per s",
+    "saturation": "unit of x per s",
+    "period": "s",
+    "loss": "probability",
+    "failures": "agents",
+}
+TOLERANCE = 0.1
+LATE = 0.9  # part of the horizon after which a run has to be settled
+HALVINGS, DOUBLINGS = 6, 6  # of the natural scale of an option, below and above it
+BISECTIONS = 10
+SAMPLES = 201
+COARSE = 1e-6  # relative tolerance of the integrator: errors of ten percent are looked for
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Sweep:
+    """One option, from mild to severe, up to the first severity at which the loop no longer converges.
+
+    Shapes: severity (S,) in ``unit``, relative (S,) in multiples of what is natural (see ``what_breaks_first``), late
+    (S,), the late error over the one at the start, inf where the run diverged.  ``survives`` and ``breaks``: the last
+    severity that converged and the first that did not, or None.
+    """
+
+    option: str
+    unit: str
+    severity: Array
+    relative: Array
+    late: Array
+    survives: float | None
+    breaks: float | None
+    relative_break: float | None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class PeriodLimit:
+    """Sampling periods in s: the longest that converged, the shortest seen that did not, and the certified one.
+
+    None: every one tried converged, or nothing is certified.
+    """
+
+    converges: float | None
+    fails: float | None
+    certified: float | None = None
+
+    def __str__(self) -> str:
+        words = "no period tried converges" if self.converges is None else f"converges at {self.converges:.4g} s"
+        words += "" if self.fails is None else f", no longer at {self.fails:.4g} s"
+        return words + ("" if self.certified is None else f"; certified up to {self.certified:.4g} s")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False, repr=False)
+class Breaking(Shown):
+    """The sweeps of one problem, the period limit where the period was among them, and the run without stress."""
+
+    name: str
+    t_final: float
+    tolerance: float
+    sweeps: tuple[Sweep, ...]
+    period: PeriodLimit | None
+    calm: Trajectory  # the run without stress
+
+    @property
+    def order(self) -> tuple[str, ...]:
+        """The options that broke the loop, the first to break before the others, by relative severity."""
+        broken = [(each.relative_break, each.option) for each in self.sweeps if each.relative_break is not None]
+        return tuple(option for _, option in sorted(broken))
+
+    def plot(self) -> Sheet:
+        """One panel per option, in one figure."""
+        from dobc_design.plotting.breaking import breaking_sheet
+
+        limit = self.period
+        return breaking_sheet(
+            self.sweeps,
+            tolerance=self.tolerance,
+            name=self.name,
+            period=None if limit is None else limit.converges,
+            certified=None if limit is None else limit.certified,
+        )
+
+    def _card(self) -> Card:
+        text = f"late errors above {self.tolerance:.0%} of the start; first to break: "
+        return Card(
+            title=self.name,
+            text=text + (", ".join(self.order) or "nothing in the range tried"),
+            heads=("stress", "holds at", "breaks at", "unit"),
+            rows=[(each.option, each.survives, each.breaks, each.unit) for each in self.sweeps],
+            lines=() if self.period is None else (f"Sampling period: {self.period}",),
+        )
+
+    def __repr__(self) -> str:
+        return f"<Breaking of {self.name}: {len(self.sweeps)} kinds of stress>"
+
+    def __str__(self) -> str:
+        lines = [f"{self.name}: what breaks first (late error above {self.tolerance:.0%} of the start)"]
+        lines.append(f"  {'stress':<12} {'holds at':>10} {'breaks at':>10}")
+        for each in self.sweeps:
+            holds, breaks = ("-" if x is None else f"{x:.4g}" for x in (each.survives, each.breaks))
+            lines.append(f"  {each.option:<12} {holds:>10} {breaks:>10}  {each.unit}")
+        order = ", ".join(self.order) or "nothing in the range tried"
+        lines.append(f"  first to break, in units that are natural for each: {order}")
+        return "\n".join(lines if self.period is None else [*lines, f"  sampling period: {self.period}"])
+
+    def to_json(self) -> dict[str, Any]:
+        """JSON types: late errors are null where a run diverged."""
+        limit = self.period
+        return {
+            "tolerance": self.tolerance,
+            "order": list(self.order),
+            "sweeps": [
+                {
+                    "option": each.option,
+                    "unit": each.unit,
+                    "survives": each.survives,
+                    "breaks": each.breaks,
+                    "severity": each.severity.tolist(),
+                    "relative": each.relative.tolist(),
+                    "late": [late if np.isfinite(late) else None for late in each.late.tolist()],
+                }
+                for each in self.sweeps
+            ],
+            "period": None
+            if limit is None
+            else {"converges": limit.converges, "fails": limit.fails, "certified": limit.certified},
+        }
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class _Trial:
+    """Runs of one problem, all from one start."""
+
+    run: Callable[[Stress | None], Trajectory]
+    tolerance: float
+
+    def late(self, stress: Stress | None) -> float:
+        """The late error of the agents that work, over the error at the start; inf where the run diverged."""
+        run = self.run(stress)
+        gone = set() if stress is None else {each.agent for each in stress.failures}
+        working = [place for place, label in enumerate(run.labels) if label not in gone]
+        if run.diverged or not working:
+            return np.inf
+        error = np.abs(run.x - run.goal)
+        late = error[run.times >= LATE * run.t_final][:, working].max()
+        return float(late / max(float(error[0].max()), 1e-300))
+
+
+def what_breaks_first(
+    problem: Problem,
+    *,
+    options: Sequence[str] = OPTIONS,
+    signal: Signal | None = None,
+    start: Given | None = None,
+    t_final: float | None = None,
+    seed: int | None = None,
+    gain: Gain | None = None,
+    tolerance: float = TOLERANCE,
+    certified: float | None = None,
+    progress: Progress | None = None,
+) -> Breaking:
+    """Make each option worse until the loop no longer converges.
+
+    Natural scales, to which severities are relative: noise, the error at the start; disturbance and saturation, the
+    largest |u| without stress (a bound counts as 1 - bound/|u|); period, 1 over the fastest decay at the consensus;
+    loss, 1; failures, which vanish in a random order at a tenth of the horizon, the number of agents.
+    ``certified``: a period that a certificate gives, for comparison.
+    Raises: SpecError for an unknown option, or if the loop does not converge without any stress.
+    """
+    unknown = [option for option in options if option not in OPTIONS]
+    if unknown or not options:
+        raise SpecError(
+            f"options must be among {', '.join(OPTIONS)}; got {str(unknown[0])[:40] if unknown else 'none'}.",
+            key="options",
+            cure="Leave it out for all of them.",
+        )
+    trial, calm = _calm(problem, tolerance, signal=signal, start=start, t_final=t_final, seed=seed, gain=gain)
+    report = progress or (lambda part: None)
+    sweeps = []
+    for number, option in enumerate(options):
+        report(number / len(options))
+        sweeps.append(_sweep(trial, option, _grid(problem, option, calm, gain)))
+    limit = None
+    for each in sweeps:
+        if each.option == "period":
+            limit = _bisect(trial, each.survives, each.breaks, certified)
+    report(1.0)
+    return Breaking(
+        name=problem.name,
+        t_final=calm.t_final,
+        tolerance=trial.tolerance,
+        sweeps=tuple(sweeps),
+        period=limit,
+        calm=calm,
+    )
+
+
+def largest_sampling_period(
+    problem: Problem,
+    *,
+    signal: Signal | None = None,
+    start: Given | None = None,
+    t_final: float | None = None,
+    seed: int | None = None,
+    gain: Gain | None = None,
+    tolerance: float = TOLERANCE,
+    certified: float | None = None,
+) -> PeriodLimit:
+    """The longest period at which the sampled loop still converges: doubling, then bisection.
+
+    Convergence need not be monotone in the period; what is found is a border beyond which it fails once.
+    Arguments and errors as in ``what_breaks_first``.
+    """
+    trial, calm = _calm(problem, tolerance, signal=signal, start=start, t_final=t_final, seed=seed, gain=gain)
+    found = _sweep(trial, "period", _grid(problem, "period", calm, gain))
+    return _bisect(trial, found.survives, found.breaks, certified)
+
+
+def _calm(problem: Problem, tolerance: float, **given: Any) -> tuple[_Trial, Trajectory]:
+    """The runs of a problem, and the one without stress."""
+
+    def run(stress: Stress | None) -> Trajectory:
+        return simulate(problem, samples=SAMPLES, tolerance=COARSE, stress=stress, **given)
+
+    trial, calm = _Trial(run=run, tolerance=positive(tolerance, "tolerance", example="0.1")), run(None)
+    if not trial.late(None) <= trial.tolerance:
+        raise SpecError(
+            f"the loop must converge before anything can break it; without stress it does not in {calm.t_final:g} s.",
+            key="t_final",
+            cure="Choose a longer horizon, or see what `dobc certify` says.",
+        )
+    return trial, calm
+
+
+def _grid(problem: Problem, option: str, calm: Trajectory, gain: Gain | None) -> Iterator[tuple[float, float, Stress]]:
+    """Severity, the same in natural units, and the stress; from mild to severe."""
+    error, peak = float(calm.error()[0]), max(float(np.abs(calm.u).max()), 1e-300)
+    doublings = 2.0 ** np.arange(-HALVINGS, DOUBLINGS + 1)
+    if option == "noise":
+        yield from ((error * k, k, Stress(noise=error * k)) for k in doublings)
+    elif option == "disturbance":
+        yield from ((peak * k, k, Stress(disturbance=peak * k)) for k in doublings)
+    elif option == "saturation":
+        bounds = 0.5 ** np.arange(HALVINGS + DOUBLINGS + 1)
+        yield from ((peak * k, 1 - k, Stress(saturation=peak * k)) for k in bounds)
+    elif option == "period":
+        fastest = max(_fastest(problem, gain), 1 / calm.t_final)
+        periods = (k / fastest for k in doublings[2:])  # short ones cost much and break nothing
+        yield from ((T, T * fastest, Stress(period=T)) for T in periods if calm.t_final >= 4 * T)
+    elif option == "loss":
+        yield from ((p, p, Stress(loss=p)) for p in (*np.linspace(0.1, 0.9, 9).round(1).tolist(), 0.95, 0.99, 1.0))
+    else:
+        order = np.random.default_rng([calm.seed, 5]).permutation(len(calm.labels))
+        gone = [Failure(agent=calm.labels[i], time=0.1 * calm.t_final) for i in order]
+        for count in np.unique(np.linspace(1, len(gone) - 1, 12).round().astype(int)).tolist() if len(gone) > 1 else ():
+            yield float(count), count / len(gone), Stress(failures=tuple(gone[:count]))
+
+
+def _fastest(problem: Problem, gain: Gain | None) -> float:
+    """The fastest decay of agents and observer in any mode at the consensus, 1/s."""
+    loop = make_loop(problem, gain)
+    return max(
+        observer_decay(loop), *(fastest_decay(loop, groups_of_mode(problem, name)) for name in problem.network.modes)
+    )
+
+
+def _sweep(trial: _Trial, option: str, grid: Iterator[tuple[float, float, Stress]]) -> Sweep:
+    rows: list[tuple[float, float, float]] = []
+    survives = breaks = relative_break = None
+    for severity, relative, stress in grid:
+        late = trial.late(stress)
+        rows.append((severity, relative, late))
+        if not late <= trial.tolerance:
+            breaks, relative_break = severity, relative
+            break
+        survives = severity
+    table = np.array(rows).reshape(-1, 3)
+    return Sweep(
+        option=option,
+        unit=UNITS[option],
+        severity=table[:, 0],
+        relative=table[:, 1],
+        late=table[:, 2],
+        survives=survives,
+        breaks=breaks,
+        relative_break=relative_break,
+    )
+
+
+def _bisect(trial: _Trial, low: float | None, high: float | None, certified: float | None) -> PeriodLimit:
+    if low is not None and high is not None:
+        for _ in range(BISECTIONS):
+            middle = (low + high) / 2
+            if trial.late(Stress(period=middle)) <= trial.tolerance:
+                low = middle
+            else:
+                high = middle
+    return PeriodLimit(converges=low, fails=high, certified=certified)

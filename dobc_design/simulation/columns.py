@@ -1,0 +1,259 @@
+"""Many runs as one: DOP853 on columns, each with its own time, step and switches.
+
+The coefficients are SciPy's, and so are the rules for errors and steps; every run keeps its own step size, so it
+ends where it would have ended alone, to the tolerance, and one that diverges leaves the others in peace.
+All runs in one mode go through one call of what they obey.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.integrate import DOP853
+
+from dobc_design.simulation.integrate import FARTHEST
+
+Array = NDArray[np.float64]
+IndexArray = NDArray[np.int64]
+Visit = Callable[[IndexArray, IndexArray, Array], None]
+RightHandSide = Callable[[Array, Array], Array]
+
+STAGES, EXTENDED = DOP853.n_stages, DOP853.n_stages + 1 + len(DOP853.C_EXTRA)
+EXPONENT = -1 / (DOP853.error_estimator_order + 1)
+LEAST_FACTOR, MOST_FACTOR, SAFETY = 0.2, 10.0, 0.9  # those of SciPy
+RUNNING, DONE, ESCAPED, COLLAPSED, HANDED_BACK = range(5)
+
+
+class Columns(Protocol):
+    """What runs side by side obey; a run is named by its place."""
+
+    def part(self, mode: int, runs: IndexArray) -> RightHandSide:
+        """The derivative of runs in one mode, as a function of e (N, k) and of what ``forces`` gives, (F, k)."""
+
+    def forces(self, times: Array, runs: IndexArray) -> Array:
+        """What acts on the runs at times (S, k), a column each: (S, F, k)."""
+
+    def switched(self, runs: IndexArray, modes: IndexArray) -> None:
+        """These runs have come to a switch, and into these modes."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Stretch:
+    """A stretch of time, in s, for runs side by side.
+
+    Shapes: e (N, R) at ``begin``; farthest (R,), |e|_inf that counts as divergence; switch_times, switch_modes (R, S)
+    padded with inf and 0; steps (R,), the first step sizes, or None for a guess.  ``most``: steps, tried ones included,
+    after which a run is handed back.
+    """
+
+    columns: Columns
+    begin: float
+    end: float
+    e: Array
+    farthest: Array
+    switch_times: Array
+    switch_modes: IndexArray
+    steps: Array | None
+    most: int
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Ends:
+    """How every run ended, (R,), when it did, in s, where, e (N, R), and which step it would have made next, (R,)."""
+
+    states: IndexArray
+    times: Array
+    e: Array
+    steps: Array
+
+
+def farthest_of(e: Array) -> Array:
+    """|e|_inf from which on a run that starts at e (N, R) counts as diverged, (R,)."""
+    return np.asarray(FARTHEST * np.maximum(1.0, np.abs(e).max(axis=0, initial=0.0)))
+
+
+def integrate_stretch(stretch: Stretch, times: Array, *, tolerance: float, visit: Visit) -> Ends:
+    """Integrate all runs to the end of a stretch; ``visit`` sees the samples after its begin, up to its end."""
+    worker = _Worker(stretch, times, tolerance=tolerance, visit=visit)
+    with np.errstate(all="ignore"):
+        worker.run()
+    return Ends(states=worker.ended, times=worker.ended_at, e=worker.last_e, steps=worker.last_steps)
+
+
+class _Worker:
+    """The runs that are still under way, one column each."""
+
+    def __init__(self, stretch: Stretch, times: Array, *, tolerance: float, visit: Visit) -> None:
+        self.stretch, self.columns, self.samples, self.visit = stretch, stretch.columns, times, visit
+        self.horizon, self.relative, self.absolute = stretch.end, tolerance, tolerance / 100
+        count = stretch.e.shape[1]
+        self.ended, self.ended_at = np.full(count, RUNNING), np.full(count, self.horizon)
+        self.last_e, self.last_steps = stretch.e.copy(), np.zeros(count)
+        self.switch_times = np.pad(stretch.switch_times, ((0, 0), (0, 1)), constant_values=np.inf)
+        self.run_of = np.arange(count)
+        self.y, self.t, self.farthest = stretch.e.copy(), np.full(count, stretch.begin), stretch.farthest
+        self.place = (stretch.switch_times <= stretch.begin).sum(axis=1) - 1
+        self.done = np.searchsorted(times, self.t, side="right")
+        self.steps, self.rejected = np.zeros(count, dtype=np.int64), np.zeros(count, dtype=bool)
+        self.mode, self.limit = self.next_switch()
+        self.K = np.empty((EXTENDED, *self.y.shape))
+        self.parts: list[tuple[IndexArray, RightHandSide]] = []
+        self.h = np.zeros(count)
+
+    def run(self) -> None:
+        """Step until every run has ended."""
+        self.parts = self.grouped(np.arange(len(self.run_of)))
+        self.f = self.derivative(self.y, self.forces(self.t[None])[0])
+        self.h = self.first_steps() if self.stretch.steps is None else self.stretch.steps.copy()
+        wrong = ~np.isfinite(self.f).all(axis=0)
+        if wrong.any():
+            self.retire(np.where(wrong, COLLAPSED, RUNNING))
+        while len(self.run_of):
+            self.step()
+
+    def step(self) -> None:
+        """Try one step of every run, and take over those that are accurate enough."""
+        cut = self.h >= self.limit - self.t
+        ends = np.where(cut, self.limit, self.t + self.h)
+        h = ends - self.t
+        new, f_new, norm = self.stages(h, ends)
+        good = (norm < 1) & np.isfinite(new).all(axis=0) & np.isfinite(f_new).all(axis=0)
+        factor = np.where(norm == 0, MOST_FACTOR, SAFETY * norm**EXPONENT)
+        factor = np.where(np.isfinite(factor), factor, LEAST_FACTOR)
+        grown = np.clip(factor, LEAST_FACTOR, np.where(self.rejected, 1.0, MOST_FACTOR)) * h
+        shrunk = np.clip(factor, LEAST_FACTOR, SAFETY) * h
+        self.record(good, h, ends, new, f_new)
+        self.h = np.where(good, np.where(cut, np.maximum(self.h, grown), grown), shrunk)
+        self.y = np.where(good, new, self.y)
+        self.f = np.where(good, f_new, self.f)
+        self.t = np.where(good, ends, self.t)
+        self.rejected = ~good
+        self.steps += 1
+        self.sort_out(good, switched=good & cut & (ends < self.horizon))
+
+    def stages(self, h: Array, ends: Array) -> tuple[Array, Array, Array]:
+        """The new states, their derivatives, and the norm of the error, 1 being the tolerance."""
+        K, flat = self.K, self.K.reshape(EXTENDED, -1)
+        forces = self.forces(np.concatenate([self.t + DOP853.C[1:, None] * h, ends[None]]))
+        K[0] = self.f
+        for s in range(1, STAGES):
+            y = (DOP853.A[s, :s] @ flat[:s]).reshape(self.y.shape)
+            y *= h
+            y += self.y
+            K[s] = self.derivative(y, forces[s - 1])
+        new = (DOP853.B @ flat[:STAGES]).reshape(self.y.shape) * h + self.y
+        K[STAGES] = self.derivative(new, forces[STAGES - 1])
+        scale = self.absolute + np.maximum(np.abs(self.y), np.abs(new)) * self.relative
+        fifth, third = (
+            np.square((E @ flat[: STAGES + 1]).reshape(self.y.shape) / scale).sum(axis=0)
+            for E in (DOP853.E5, DOP853.E3)
+        )
+        below = np.sqrt((fifth + 0.01 * third) * len(self.y))
+        norm = np.where(below == 0, 0.0, h * fifth / np.where(below == 0, 1.0, below))
+        return new, K[STAGES], norm
+
+    def record(self, good: NDArray[np.bool_], h: Array, ends: Array, new: Array, f_new: Array) -> None:
+        """Visit the samples within the steps that were accepted."""
+        upto = np.searchsorted(self.samples, ends, side="right")
+        chosen = np.flatnonzero(good & (upto > self.done))
+        if not len(chosen):
+            return
+        h, y = h[chosen], self.y[:, chosen]
+        F = self.interpolant(chosen, h, new, f_new)
+        for offset in range(int((upto - self.done)[chosen].max())):
+            there = np.flatnonzero(self.done[chosen] + offset < upto[chosen])
+            sample = self.done[chosen[there]] + offset
+            part = (self.samples[sample] - self.t[chosen[there]]) / h[there]
+            value = np.zeros((len(y), len(there)))
+            for i, row in enumerate(F[::-1]):
+                value += row[:, there]
+                value *= part if i % 2 == 0 else 1 - part
+            value += y[:, there]
+            at_end = self.samples[sample] == ends[chosen[there]]
+            value[:, at_end] = new[:, chosen[there[at_end]]]
+            self.visit(sample, self.run_of[chosen[there]], value)
+        self.done[chosen] = upto[chosen]
+
+    def interpolant(self, chosen: IndexArray, h: Array, new: Array, f_new: Array) -> Array:
+        """SciPy's polynomial of order 7 over the step, for some of the runs: (7, n m, k)."""
+        every = len(chosen) == len(self.run_of)
+        K = self.K if every else self.K.take(chosen, axis=2)
+        flat, old = K.reshape(EXTENDED, -1), self.y[:, chosen]
+        forces = self.forces(self.t[chosen] + DOP853.C_EXTRA[:, None] * h, chosen)
+        for s, row in enumerate(DOP853.A_EXTRA, start=STAGES + 1):
+            y = (row[:s] @ flat[:s]).reshape(old.shape) * h + old
+            K[s] = self.derivative(y, forces[s - STAGES - 1], chosen)
+        difference = new[:, chosen] - old
+        F = np.empty((3 + len(DOP853.D), *old.shape))
+        F[0] = difference
+        F[1] = h * K[0] - difference
+        F[2] = 2 * difference - h * (f_new[:, chosen] + K[0])
+        F[3:] = h * (DOP853.D @ flat).reshape(-1, *old.shape)
+        return F
+
+    def sort_out(self, good: NDArray[np.bool_], *, switched: NDArray[np.bool_]) -> None:
+        """Switch the runs that have come to a switch, and retire those that have ended."""
+        if switched.any():
+            self.place = self.place + switched
+            self.mode, self.limit = self.next_switch()
+            some = np.flatnonzero(switched)
+            self.columns.switched(self.run_of[some], self.mode[some])
+            self.parts = self.grouped(np.arange(len(self.run_of)))
+            self.f[:, some] = self.derivative(self.y[:, some], self.forces(self.t[None, some], some)[0], some)
+        collapsed = ~good & (self.h < 10 * np.spacing(self.t))
+        collapsed |= switched & ~np.isfinite(self.f).all(axis=0)
+        state = np.where(collapsed, COLLAPSED, RUNNING)
+        state = np.where(np.abs(self.y).max(axis=0) > self.farthest, ESCAPED, state)
+        state = np.where((state == RUNNING) & (self.t >= self.horizon), DONE, state)
+        state = np.where((state == RUNNING) & (self.steps >= self.stretch.most), HANDED_BACK, state)
+        if (state != RUNNING).any():
+            self.retire(state)
+
+    def retire(self, state: IndexArray) -> None:
+        """Take the runs that are no longer running out of the stack."""
+        out, keep = state != RUNNING, np.flatnonzero(state == RUNNING)
+        self.ended[self.run_of[out]] = state[out]
+        self.ended_at[self.run_of[out]] = self.t[out]
+        self.last_e[:, self.run_of[out]], self.last_steps[self.run_of[out]] = self.y[:, out], self.h[out]
+        self.y, self.f = self.y[:, keep], self.f[:, keep]
+        for name in ("run_of", "t", "h", "place", "done", "steps", "rejected", "farthest", "mode", "limit"):
+            setattr(self, name, getattr(self, name)[keep])
+        self.K = np.empty((EXTENDED, *self.y.shape))
+        self.parts = self.grouped(np.arange(len(keep)))
+
+    def next_switch(self) -> tuple[IndexArray, Array]:
+        """Active mode and end of the present stretch, per run."""
+        rows = self.run_of
+        ends = self.switch_times[rows, self.place + 1]
+        return self.stretch.switch_modes[rows, self.place], np.minimum(ends, self.horizon)
+
+    def grouped(self, chosen: IndexArray) -> list[tuple[IndexArray, RightHandSide]]:
+        """Which of the chosen columns are in which mode, and what they obey there."""
+        mode, runs = self.mode[chosen], self.run_of[chosen]
+        places = [(int(each), np.flatnonzero(mode == each)) for each in np.unique(mode)]
+        return [(columns, self.columns.part(number, runs[columns])) for number, columns in places]
+
+    def derivative(self, y: Array, force: Array, chosen: IndexArray | None = None) -> Array:
+        """The derivative of all runs, or of the chosen ones, whose states are y (N, k)."""
+        parts = self.parts if chosen is None else self.grouped(chosen)
+        if len(parts) == 1:
+            return parts[0][1](y, force)
+        result = np.empty_like(y)
+        for columns, right_hand_side in parts:
+            result[:, columns] = right_hand_side(y.take(columns, axis=1), force.take(columns, axis=1))
+        return result
+
+    def forces(self, times: Array, chosen: IndexArray | None = None) -> Array:
+        """What acts at times (S, k) on all runs, or on the chosen ones: (S, F, k)."""
+        return self.columns.forces(times, self.run_of if chosen is None else self.run_of[chosen])
+
+    def first_steps(self) -> Array:
+        """A hundredth of the time in which the state would change by its own size, as SciPy begins."""
+        scale = self.absolute + np.abs(self.y) * self.relative
+        size, speed = (np.sqrt(np.square(a / scale).mean(axis=0)) for a in (self.y, self.f))
+        h = np.where((size < 1e-5) | (speed < 1e-5), 1e-6, 0.01 * size / np.where(speed == 0, 1.0, speed))
+        return np.minimum(np.where(np.isfinite(h), h, 1e-6), self.horizon)

@@ -1,0 +1,178 @@
+"""The right-hand sides of the closed loop in NumPy: the full loop as printed, and its errors alone.
+
+``Field`` is the loop (1), (12), (13), (19) with the flat state [x; xi; z], each stacked agent by agent.  It is the same
+loop as ``model.model``'s ``closed_loop``, written a second time on purpose: tests hold the two together.
+``Network`` gives e' of (22) when the observer's error is known in closed form: only e is left to be integrated.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import scipy.sparse as sp
+from numpy.typing import NDArray
+
+from dobc_design.problem.arrays import ArcGroup, Gain, disturbance_arrays, goals, pinning_matrix
+from dobc_design.problem.problem import Problem
+from dobc_design.simulation.graph import Graph, graph_of, groups_of_mode, hears
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Loop:
+    """What does not depend on the mode, as floats.
+
+    Shapes: A (q, q), C (m, q), F = A - W C (q, q), W (q, m), K (n m, n m) sparse, goal (n, m); q = 0 without an
+    exosystem.  Where agents have different exosystems, A, C, F, W (n, q, m) and ``own`` (n, q) are those of
+    ``problem.arrays.Disturbance``: q counts the states of all groups.
+    """
+
+    n: int
+    m: int
+    q: int
+    A: Array
+    C: Array
+    F: Array
+    W: Array
+    K: sp.csr_array
+    goal: Array
+    own: NDArray[np.bool_] | None = None
+
+    @property
+    def width(self) -> int:
+        """Number of states of the full loop."""
+        return self.n * (self.m + 2 * self.q)
+
+    def split(self, state: Array) -> tuple[Array, Array, Array]:
+        """Cut states (..., n (m + 2 q)) into x (..., n, m), xi and z (..., n, q)."""
+        states, inner = self.n * self.m, self.n * self.q
+        lead = state.shape[:-1]
+        return (
+            state[..., :states].reshape(*lead, self.n, self.m),
+            state[..., states : states + inner].reshape(*lead, self.n, self.q),
+            state[..., states + inner :].reshape(*lead, self.n, self.q),
+        )
+
+    def correction(self, y: Array) -> Array:
+        """W y of every agent: (..., n, m) -> (..., n, q)."""
+        return applied(self.W, y)
+
+    def control(self, e: Array, dhat: Array) -> Array:
+        """u of (19) for e and dhat, both (..., n, m)."""
+        flat = e.reshape(-1, self.n * self.m)
+        return np.asarray(-(self.K @ flat.T).T.reshape(e.shape) - dhat)
+
+
+def applied(gain: Array, y: Array) -> Array:
+    """A gain (q, m) of all agents, or (n, q, m) one for each, times y (..., n, m): (..., n, q)."""
+    return np.asarray(y @ gain.T if gain.ndim == 2 else np.einsum("iqm,...im->...iq", gain, y))
+
+
+def make_loop(problem: Problem, gain: Gain | None) -> Loop:
+    """Read the problem's numbers as floats.
+
+    Raises: SpecError if there is an exosystem and no W, or for a gain that does not fit.
+    """
+    found = disturbance_arrays(problem, gain)
+    return Loop(
+        n=problem.n,
+        m=problem.m,
+        q=problem.q,
+        A=found.A,
+        C=found.C,
+        F=found.F,
+        W=found.W,
+        own=found.own,
+        K=pinning_matrix(problem),
+        goal=goals(problem),
+    )
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Field:
+    """The full closed loop of one graph as a function of time and state."""
+
+    loop: Loop
+    graph: Graph
+    groups: Sequence[ArcGroup]
+
+    def __call__(self, time: float, state: Array) -> Array:
+        """Return the derivative of the state; not finite where a coupling overflows or is undefined."""
+        loop = self.loop
+        x, xi, z = loop.split(state)
+        e = x - loop.goal
+        xihat = z + loop.correction(x)
+        u = loop.control(e, xihat @ loop.C.T)
+        felt = self.graph(e.ravel()).reshape(e.shape) + u
+        z_dot = xihat @ loop.F.T - loop.correction(felt)
+        return np.concatenate([(felt + xi @ loop.C.T).ravel(), (xi @ loop.A.T).ravel(), z_dot.ravel()])
+
+    def split(self, state: Array) -> tuple[Array, Array, Array]:
+        """x, xi and z of a state: see ``Loop.split``."""
+        return self.loop.split(state)
+
+    @property
+    def pattern(self) -> sp.csr_array:
+        """Which derivative may depend on which state."""
+        return full_pattern(self.loop, self.groups)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Network:
+    """h(e) - K e of one graph: e' of (22) without the observer's error.
+
+    Shapes: e (n m,), or (n m, R) for R runs.
+    """
+
+    loop: Loop
+    graph: Graph
+    groups: Sequence[ArcGroup]
+
+    def __call__(self, e: Array) -> Array:
+        """Return h(e) - K e; not finite where a coupling overflows or is undefined."""
+        result = self.graph(e)
+        result -= self.loop.K @ e
+        return result
+
+    @property
+    def pattern(self) -> sp.csr_array:
+        """Which derivative may depend on which error."""
+        return _block(hears(self.groups, self.loop.n), self.loop.m, self.loop.m)
+
+
+def make_field(problem: Problem, mode: str, gain: Gain | None) -> Field:
+    """Build the right-hand side of the full loop in one mode."""
+    return field_of(make_loop(problem, gain), groups_of_mode(problem, mode))
+
+
+def field_of(loop: Loop, groups: Sequence[ArcGroup]) -> Field:
+    """The full loop on arcs that are grouped by coupling."""
+    graph = graph_of(groups, n=loop.n, m=loop.m)
+    return Field(loop=loop, graph=graph, groups=groups)
+
+
+def network_of(loop: Loop, groups: Sequence[ArcGroup], *, runs: int = 1) -> Network:
+    """h(e) - K e on arcs that are grouped by coupling."""
+    graph = graph_of(groups, n=loop.n, m=loop.m, runs=runs)
+    return Network(loop=loop, graph=graph, groups=groups)
+
+
+def full_pattern(loop: Loop, groups: Sequence[ArcGroup]) -> sp.csr_array:
+    """Who may influence whom: agents by neighbourhood, and all states of one agent among themselves."""
+    m, q = loop.m, loop.q
+    neighbours, own = hears(groups, loop.n), sp.eye_array(loop.n, format="csr")
+    return sp.block_array(
+        [
+            [_block(neighbours, m, m), _block(own, m, q), _block(own, m, q)],
+            [None, _block(own, q, q), None],
+            [_block(neighbours, q, m), None, _block(own, q, q)],
+        ],
+        format="csr",
+    )
+
+
+def _block(graph: sp.csr_array, rows: int, columns: int) -> sp.csr_array:
+    return sp.kron(graph, np.ones((rows, columns)), format="csr")

@@ -1,0 +1,187 @@
+"""What the agents feel of each other, h(e) of (9), fast enough for a million agents and for thousands of runs.
+
+Arcs are sorted by listener and worked through in blocks that fit into the processor's cache.  Within a block they lie
+slot by slot: the first arcs of all agents, then the second ones; so everything is plain arithmetic on long arrays.
+All runs of a stack share the arcs: a run is one more column of the same arrays.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+import scipy.sparse as sp
+from numpy.typing import NDArray
+
+from dobc_design.exact.matrix import to_float
+from dobc_design.problem.arrays import ArcGroup, arc_groups
+from dobc_design.problem.problem import Problem
+from dobc_design.simulation.formula import compile_coupling
+
+Array = NDArray[np.float64]
+IndexArray = NDArray[np.int64]
+BLOCK = 1 << 15  # differences held at once: a quarter of a MiB per array
+MOST_SLOTS = 32  # arcs of one agent up to which a block is worked through slot by slot
+MOST_DIFFERENT = 10_000  # weights up to which looking for equal ones pays
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class _Block:
+    """Some arcs of one coupling.  Agents ``rows`` listen; ``speakers`` (arcs,) slot by slot.
+
+    ``slots`` holds begin and end of every slot; the i-th arc of a slot ends at the i-th of ``rows``.  ``factor``
+    is the common weight, or one for every arc, (arcs,).
+    """
+
+    h: Callable[[Array], Array]
+    vector: bool  # whether h needs to see the m components of a difference together
+    rows: slice | IndexArray
+    speakers: IndexArray
+    slots: tuple[tuple[int, int], ...]
+    factor: float | Array
+
+    def add(self, total: Array, e: Array, m: int) -> None:
+        """Add what the listeners feel; ``e`` and ``total`` have a row for every agent."""
+        own = e[self.rows]
+        y = e.take(self.speakers, axis=0)
+        for begin, end in self.slots:
+            y[begin:end] -= own[: end - begin]
+        felt = self.h(y.reshape(len(y), m, -1)).reshape(y.shape) if self.vector else self.h(y)
+        if isinstance(self.factor, np.ndarray):
+            felt = felt * (self.factor if felt.ndim == 1 else self.factor[:, None])
+        first = self.slots[0][1]
+        found = felt[:first].copy()
+        for begin, end in self.slots[1:]:
+            found[: end - begin] += felt[begin:end]
+        if not isinstance(self.factor, np.ndarray) and self.factor != 1:
+            found *= self.factor
+        total[self.rows] += found
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class _Hubs:
+    """Arcs of agents with very many of them: ``counts[i]`` arcs end at the i-th of ``rows``, ``gather`` adds them."""
+
+    h: Callable[[Array], Array]
+    vector: bool
+    rows: slice
+    counts: IndexArray
+    speakers: IndexArray
+    gather: sp.csr_array
+
+    def add(self, total: Array, e: Array, m: int) -> None:
+        """As in ``_Block``."""
+        y = e.take(self.speakers, axis=0)
+        y -= np.repeat(e[self.rows], self.counts, axis=0)
+        felt = self.h(y.reshape(len(y), m, -1)).reshape(y.shape) if self.vector else self.h(y)
+        total[self.rows] += self.gather @ felt
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Graph:
+    """The couplings of one graph as a function of the errors of n agents with m components."""
+
+    n: int
+    m: int
+    blocks: tuple[_Block | _Hubs, ...]
+
+    def __call__(self, e: Array) -> Array:
+        """h(e) of (9), in a new array.
+
+        Shapes: e (n m,) or (n m, R) with one column for each of R runs; rows agent by agent.
+        """
+        rows = np.ascontiguousarray(e).reshape((self.n, -1) if e.size > self.n else (self.n,))
+        total = np.zeros_like(rows)
+        for block in self.blocks:
+            block.add(total, rows, self.m)
+        return total.reshape(e.shape)
+
+
+def make_graph(problem: Problem, mode: str, *, runs: int = 1) -> Graph:
+    """Prepare the arcs of a mode for states with up to ``runs`` columns."""
+    return graph_of(groups_of_mode(problem, mode), n=problem.n, m=problem.m, runs=runs)
+
+
+def groups_of_mode(problem: Problem, mode: str) -> tuple[ArcGroup, ...]:
+    """The arcs of a mode by coupling.  Weights are often one object many times: each is converted once."""
+    arcs = problem.network.modes[mode]
+    if problem.exceptions or not len(arcs):
+        return arc_groups(problem, mode)
+    names = list(map(id, arcs.weights))
+    different = dict(zip(names, arcs.weights, strict=True))
+    if len(different) > MOST_DIFFERENT:
+        return arc_groups(problem, mode)
+    floats = dict(zip(different, to_float((tuple(different.values()),))[0].tolist(), strict=True))
+    weights = np.fromiter(map(floats.__getitem__, names), dtype=np.float64, count=len(names))
+    group = ArcGroup(coupling=problem.coupling, listeners=arcs.listeners, speakers=arcs.speakers, weights=weights)
+    return (group,)
+
+
+def graph_of(groups: Sequence[ArcGroup], *, n: int, m: int, runs: int = 1) -> Graph:
+    """Prepare arcs that are grouped by coupling."""
+    size = max(1, BLOCK // (m * runs))
+    return Graph(n=n, m=m, blocks=tuple(block for group in groups for block in _blocks(group, size)))
+
+
+def _blocks(group: ArcGroup, size: int) -> Iterator[_Block | _Hubs]:
+    """Cut the arcs of one coupling into blocks of about ``size``."""
+    order = np.argsort(group.listeners, kind="stable")
+    listeners, speakers, weights = group.listeners[order], group.speakers[order], group.weights[order]
+    h, vector = compile_coupling(group.coupling), not group.coupling.by_component
+    first = 0
+    while first < len(listeners):
+        last = min(first + size, len(listeners))
+        if last < len(listeners):  # at the end of an agent's arcs, unless it has more than a block of them
+            end = int(np.searchsorted(listeners, listeners[last], side="left"))
+            last = end if end > first else last
+        ends, part = listeners[first:last], slice(first, last)
+        lowest, rows = int(ends[0]), int(ends[-1] - ends[0]) + 1
+        counts = np.bincount(ends - lowest, minlength=rows)
+        if counts.max() > MOST_SLOTS:
+            places = np.concatenate([[0], np.cumsum(counts)])
+            gather = sp.csr_array((weights[part], np.arange(len(ends)), places), shape=(rows, len(ends)))
+            yield _Hubs(
+                h=h,
+                vector=vector,
+                rows=slice(lowest, lowest + rows),
+                counts=counts,
+                speakers=speakers[part].copy(),
+                gather=gather,
+            )
+        else:
+            yield _by_slots(h, vector, lowest, counts, speakers[part], weights[part])
+        first = last
+
+
+def _by_slots(
+    h: Callable[[Array], Array], vector: bool, lowest: int, counts: IndexArray, speakers: IndexArray, weights: Array
+) -> _Block:
+    """Order agents by their number of arcs, and the arcs by slots."""
+    agents = np.argsort(-counts, kind="stable")
+    begins = np.cumsum(counts) - counts
+    having = [int(np.count_nonzero(counts > slot)) for slot in range(int(counts.max()))]
+    arcs = np.concatenate([begins[agents[:many]] + slot for slot, many in enumerate(having)])
+    edges = np.concatenate([[0], np.cumsum(having)]).tolist()
+    listeners = lowest + agents[: having[0]]
+    in_order = having[0] == len(counts) and bool((np.diff(agents) == 1).all())
+    factor = weights[arcs] if (weights != weights[0]).any() else float(weights[0])
+    return _Block(
+        h=h,
+        vector=vector,
+        rows=slice(lowest, lowest + len(counts)) if in_order else listeners,
+        speakers=speakers[arcs],
+        slots=tuple(pairwise(edges)),
+        factor=factor,
+    )
+
+
+def hears(groups: Sequence[ArcGroup], n: int) -> sp.csr_array:
+    """Mark who may influence whose derivative: neighbours, and every agent itself."""
+    own = np.arange(n)
+    rows = np.concatenate([own, *(group.listeners for group in groups)])
+    columns = np.concatenate([own, *(group.speakers for group in groups)])
+    marks: Any = sp.csr_array((np.ones(len(rows)), (rows, columns)), shape=(n, n))
+    return sp.csr_array(marks != 0).astype(np.float64)

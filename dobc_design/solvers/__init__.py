@@ -1,0 +1,1 @@
+"""Solvers of semidefinite programs.  They propose; nothing here proves."""

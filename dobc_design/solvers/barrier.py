@@ -1,0 +1,326 @@
+"""Analytic centres and linear objectives over matrix inequalities in one symmetric unknown Y and some scalars.
+
+Every block is F(Y, x) = F0 - L Y R' - R Y L' + sum x_k U_k signs_k U_k' + sum x_k M_k > 0.  Newton's method on
+-log det, with the structure of Y used: a Lur'e inequality of n rows and many arcs takes a fraction of a second where a
+general solver, which sees one cone of (n + arcs)^2/2 rows, takes minutes.  A proposal, as everything here.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import linalg
+
+from dobc_design.solvers.program import Array
+
+Indices = NDArray[np.intp]
+
+CENTRED: Final = 0.1  # Newton decrement at which a point counts as the centre
+MOST_STEPS: Final = 60
+# Added to the scaled Hessian, in turn, where rounding leaves it indefinite near the boundary.
+_RIDGES: Final = (1e-14, 1e-11, 1e-8)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Basis:
+    """Which symmetric Y (n, n) are allowed: entries (rows, columns) of the upper triangle, perhaps all equal.
+
+    ``tied``: one number for the whole diagonal.
+    """
+
+    n: int
+    rows: Indices
+    columns: Indices
+    tied: bool = False
+
+    @property
+    def size(self) -> int:
+        """Number of unknowns in Y."""
+        return 1 if self.tied else len(self.rows)
+
+    def matrix(self, y: Array) -> Array:
+        """Y from its unknowns."""
+        if self.tied:
+            return np.asarray(y[0] * np.eye(self.n))
+        Y = np.zeros((self.n, self.n))
+        Y[self.rows, self.columns] = y
+        Y[self.columns, self.rows] = y
+        return Y
+
+    def unknowns(self, Y: Array) -> Array:
+        """The unknowns of a Y of this kind."""
+        return np.asarray([np.mean(np.diag(Y))]) if self.tied else np.asarray(Y[self.rows, self.columns])
+
+    def traces(self, M: Array) -> Array:
+        """tr(E M) for every unit matrix E of the basis, M any (n, n)."""
+        values = (M[self.rows, self.columns] + M[self.columns, self.rows]) * self._weights
+        return self._tie(values)
+
+    def products(self, M: Array, N: Array) -> Array:
+        """p_i q_j + p_j q_i of every unit matrix (i, j) and column p of M, q of N: p'E q, (size, columns)."""
+        i, j = self.rows, self.columns
+        if np.array_equal(i, j):
+            return self._tie(M[i] * N[i])
+        return self._tie((M[i] * N[j] + M[j] * N[i]) * self._weights[:, None])
+
+    def quadratic(self, *pairs: tuple[Array, Array]) -> Array:
+        """The sum of tr(M E N E') over the pairs (M, N), for all pairs of unit matrices E, E', (size, size)."""
+        i, j = self.rows, self.columns
+        if np.array_equal(i, j):
+            total = sum((M.T * N for M, N in pairs), np.zeros((self.n, self.n)))
+            return self._tie(self._tie(total).T)
+        total = np.zeros((len(i), len(i)))
+        for M, N in pairs:
+            mi, mj, ni, nj = M.T.take(i, 0), M.T.take(j, 0), N.take(i, 0), N.take(j, 0)
+            for first, second, left, right in ((mi, nj, j, i), (mi, nj, i, j), (mj, ni, j, i), (mj, ni, i, j)):
+                product = first.take(left, 1)
+                product *= second.take(right, 1)
+                total += product
+        total *= self._weights[:, None]
+        total *= self._weights
+        return total
+
+    @property
+    def _weights(self) -> Array:
+        return np.where(self.rows == self.columns, 0.5, 1.0)
+
+    def _tie(self, values: Array) -> Array:
+        return np.sum(values, axis=0, keepdims=True) if self.tied else values
+
+
+def make_basis(n: int, shape: str) -> Basis:
+    """The basis of a shape: "identity", "diagonal" or "full"."""
+    if shape == "full":
+        rows, columns = np.triu_indices(n)
+        return Basis(n=n, rows=rows, columns=columns)
+    places = np.arange(n)
+    return Basis(n=n, rows=places, columns=places, tied=shape == "identity")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Block:
+    """One matrix inequality F > 0 of N rows; see above.
+
+    ``plain``: a multiple of Y that is added (then N = n, and Y occurs in no other way).
+    ``left``, ``right`` (N, n), or None where Y does not occur.  ``columns`` (N, k), ``signs`` (k,), ``scalars`` (k,):
+    which scalar multiplies which column; ``dense``: scalar -> M_k (N, N).
+    """
+
+    constant: Array
+    plain: float = 0.0
+    left: Array | None = None
+    right: Array | None = None
+    columns: Array | None = None
+    signs: Array | None = None
+    scalars: Indices | None = None
+    dense: Mapping[int, Array] = field(default_factory=dict)
+
+    def value(self, Y: Array, x: Array) -> Array:
+        """F at a point."""
+        F = self.constant + self.plain * Y if self.plain else self.constant.copy()
+        if self.left is not None and self.right is not None:
+            product = self.left @ Y @ self.right.T
+            F -= product + product.T
+        if self.columns is not None and self.signs is not None and self.scalars is not None:
+            F += (self.columns * (self.signs * x[self.scalars])) @ self.columns.T
+        for k, M in self.dense.items():
+            F += x[k] * M
+        return F
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Inequalities:
+    """Blocks, and bounds weights Y-traces: ``limits`` - sum of Y over ``forms`` > 0, linear in the unknowns of Y.
+
+    ``forms`` (bounds, basis.size), ``limits`` (bounds,).  ``count``: number of scalars.
+    """
+
+    basis: Basis
+    blocks: tuple[Block, ...]
+    count: int
+    forms: Array
+    limits: Array
+
+    def split(self, point: Array) -> tuple[Array, Array]:
+        """Y and the scalars."""
+        return self.basis.matrix(point[: self.basis.size]), point[self.basis.size :]
+
+    def join(self, Y: Array, scalars: Sequence[float] | Array) -> Array:
+        """A point."""
+        return np.concatenate([self.basis.unknowns(Y), np.asarray(scalars, dtype=float)])
+
+    def barrier(self, point: Array) -> float:
+        """-log det of all blocks and bounds; inf outside."""
+        Y, x = self.split(point)
+        total = 0.0
+        if len(self.limits):
+            room = self.limits - self.forms @ point[: self.basis.size]
+            if not np.all(room > 0):
+                return math.inf
+            total -= float(np.sum(np.log(room)))
+        for block in self.blocks:
+            factor = _factor(block.value(Y, x))
+            if factor is None:
+                return math.inf
+            total -= 2 * float(np.sum(np.log(np.diag(factor))))
+        return total
+
+    def holds(self, point: Array) -> bool:
+        """Whether the point is strictly inside, in floating point."""
+        return math.isfinite(self.barrier(point))
+
+    def derivatives(self, point: Array) -> tuple[Array, Array]:
+        """Gradient and Hessian of the barrier at a point inside."""
+        size = self.basis.size
+        gradient, hessian = np.zeros(size + self.count), np.zeros((size + self.count,) * 2)
+        Y, x = self.split(point)
+        if len(self.limits):
+            scaled = self.forms / (self.limits - self.forms @ point[:size])[:, None]
+            gradient[:size] += np.sum(scaled, axis=0)
+            hessian[:size, :size] += scaled.T @ scaled
+        for block in self.blocks:
+            inverse = np.asarray(np.linalg.inv(block.value(Y, x)), dtype=np.float64)
+            _add_block(block, self.basis, inverse, gradient, hessian)
+        return gradient, hessian
+
+
+def centre(
+    problem: Inequalities, point: Array, *, cost: Array | None = None, stop: Callable[[Array], bool] | None = None
+) -> Array:
+    """Minimise cost'x + barrier by damped Newton steps from a point inside; the best point reached.
+
+    ``stop``: leave as soon as it holds.
+    """
+    cost = np.zeros(len(point)) if cost is None else cost
+    value = float(cost @ point) + problem.barrier(point)
+    for _ in range(MOST_STEPS):
+        if stop is not None and stop(point):
+            break
+        gradient, hessian = problem.derivatives(point)
+        step = _solve(hessian, gradient + cost)
+        if step is None:
+            break
+        decrement = float((gradient + cost) @ step)
+        if not decrement > CENTRED**2:
+            break
+        length = 1.0 if decrement < 0.1 else 1 / (1 + math.sqrt(decrement))
+        moved, after = _line_search(problem, point, step, cost, value, decrement, length)
+        if moved is None:
+            break
+        point, value = moved, after
+    return point
+
+
+def minimise(
+    problem: Inequalities,
+    point: Array,
+    cost: Array,
+    *,
+    accuracy: float = 1e-4,
+    stop: Callable[[Array], bool] | None = None,
+    hopeless: float = math.inf,
+) -> Array:
+    """Follow the central path of cost'x from a point inside until the gap is ``accuracy`` |cost'x|.  A point inside.
+
+    ``stop``: leave as soon as it holds.  ``hopeless``: leave when cost'x cannot come below it.
+    """
+    order = len(problem.limits) + sum(len(block.constant) for block in problem.blocks)
+    gradient, _ = problem.derivatives(point)
+    size = float(cost @ cost)
+    weight = max(1e-3, min(1e6, abs(float(gradient @ cost)) / size)) if size else 1.0
+    for _ in range(40):
+        point = centre(problem, point, cost=weight * cost, stop=stop)
+        value, gap = float(cost @ point), order / weight
+        if (stop is not None and stop(point)) or gap <= accuracy * max(1e-9, abs(value)) or value - gap > hopeless:
+            break
+        weight *= 8
+    return point
+
+
+def _line_search(
+    problem: Inequalities, point: Array, step: Array, cost: Array, value: float, decrement: float, length: float
+) -> tuple[Array | None, float]:
+    """Try the whole step, then shorter ones, until the value falls."""
+    for trial in (1.0, length, *(length * 0.5**k for k in range(1, 20))):
+        candidate = point - trial * step
+        after = float(cost @ candidate) + problem.barrier(candidate)
+        if after < value - 1e-3 * trial * decrement:
+            return candidate, after
+    return None, value
+
+
+def _solve(hessian: Array, gradient: Array) -> Array | None:
+    """The Newton step, scaled to a unit diagonal."""
+    root = np.sqrt(np.maximum(np.diag(hessian), 1e-300))
+    scaled = hessian / root[:, None] / root
+    for ridge in _RIDGES:
+        scaled[np.diag_indices_from(scaled)] += ridge
+        try:
+            factor: Any = linalg.cho_factor(scaled, lower=True, check_finite=False)
+        except (linalg.LinAlgError, ValueError):
+            continue
+        step = np.asarray(linalg.cho_solve(factor, gradient / root, check_finite=False) / root)
+        return step if bool(np.all(np.isfinite(step))) else None
+    return None
+
+
+def _factor(F: Array) -> Array | None:
+    if not np.all(np.isfinite(F)):
+        return None
+    try:
+        return np.asarray(np.linalg.cholesky((F + F.T) / 2))
+    except np.linalg.LinAlgError:
+        return None
+
+
+def _add_block(block: Block, basis: Basis, G: Array, gradient: Array, hessian: Array) -> None:
+    """Add what -log det F gives, G = F^-1."""
+    size = basis.size
+    L, R = block.left, block.right
+    if block.plain:
+        gradient[:size] -= block.plain * basis.traces(G)
+        hessian[:size, :size] += block.plain**2 * basis.quadratic((G, G))
+    if L is not None and R is not None:
+        GL, GR = G @ L, G @ R
+        b = R.T @ GL
+        gradient[:size] += 2 * basis.traces(b)
+        hessian[:size, :size] += 2 * basis.quadratic((b, b), (L.T @ GL, R.T @ GR))
+    if block.columns is not None and block.signs is not None and block.scalars is not None:
+        _add_columns(block, basis, G, gradient, hessian)
+    dense = [(k, G @ M @ G) for k, M in block.dense.items()]
+    for k, GMG in dense:
+        gradient[size + k] -= float(np.sum(G * block.dense[k]))
+        for l, M in block.dense.items():  # noqa: E741  k, l as in matrix entries
+            hessian[size + k, size + l] += float(np.sum(GMG * M))
+        if (L is not None and R is not None) or block.plain:
+            inner = block.plain * GMG if L is None or R is None else -2 * (R.T @ GMG @ L)
+            cross = basis.traces(inner)
+            hessian[:size, size + k] += cross
+            hessian[size + k, :size] += cross
+
+
+def _add_columns(block: Block, basis: Basis, G: Array, gradient: Array, hessian: Array) -> None:
+    """The scalars that multiply columns: gradient, Hessian among themselves, with Y and with dense scalars."""
+    U, signs, scalars, size = block.columns, block.signs, block.scalars, basis.size
+    if U is None or signs is None or scalars is None:
+        return
+    GU = G @ U
+    table = U.T @ GU
+    rows = size + scalars
+    np.add.at(gradient, rows, -signs * np.diag(table))
+    np.add.at(hessian, np.ix_(rows, rows), table**2 * signs[:, None] * signs)
+    if block.left is not None and block.right is not None:
+        cross = -2 * basis.products(block.left.T @ GU, block.right.T @ GU) * signs
+        summed = np.zeros((size, hessian.shape[0]))
+        np.add.at(summed.T, rows, cross.T)
+        hessian[:size] += summed
+        hessian[:, :size] += summed.T
+    for k, M in block.dense.items():
+        cross_k = np.sum(GU * (M @ GU), axis=0) * signs
+        np.add.at(hessian[size + k], rows, cross_k)
+        np.add.at(hessian[:, size + k], rows, cross_k)

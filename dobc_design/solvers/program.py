@@ -1,0 +1,98 @@
+"""The semidefinite programs of the toolbox, stated for pencils; both solvers' sides read this.
+
+    "size":    minimise tr P + |Q|^2     subject to F(P, Q) <= 0, P >= floor I
+    "margin":  minimise t                subject to F(P, Q) <= t I, I <= P <= ratio I, |Q| <= radius
+
+The second is the normalisation of theory, section 2: t < 0 proposes a pair; t >= 0 says nothing.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from fractions import Fraction
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dobc_design.exact.pencil import Pencil
+
+Array = NDArray[np.float64]
+
+# What a numerical library that gives up raises, or what comes of an answer of a wrong shape; LinAlgError,
+# ArpackError and our SpecError are among them.
+GIVEN_UP = (ArithmeticError, RuntimeError, ValueError, LookupError)
+FAILED = "failed: "  # how the status of a solver begins that raised, or answered with something that is no point
+OUT_OF_TIME = ("MaxTime", "user_limit")  # Clarabel's and cvxpy's words
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Program:
+    """Which program to solve for which pencils (all with the same unknowns).
+
+    ``ratio`` and ``radius`` belong to "margin", ``floor`` to "size".
+    """
+
+    pencils: tuple[Pencil, ...]
+    objective: str = "size"
+    floor: Fraction = Fraction(0)
+    ratio: Fraction = Fraction(100)
+    radius: Fraction = Fraction(100)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Solution:
+    """What a solver answered.  ``status`` is kept and never decides anything.
+
+    ``values``: unknown -> array, empty when the solver gave none; ``objective`` is nan then.
+    """
+
+    status: str
+    solver: str
+    objective: float
+    values: Mapping[str, Array] = field(default_factory=dict)
+
+    @property
+    def found(self) -> bool:
+        """Whether there is a finite point to look at, whatever the status says."""
+        return bool(self.values) and all(bool(np.all(np.isfinite(v))) for v in self.values.values())
+
+    @property
+    def broken(self) -> bool:
+        """Whether the solver itself broke down or ran out of time: asking it again would be no better."""
+        return self.status.startswith(FAILED) or self.status in OUT_OF_TIME
+
+
+def without_values(status: str, *, solver: str) -> Solution:
+    """What is returned where a solver has nothing to show."""
+    return Solution(status=status, solver=solver, objective=math.nan)
+
+
+def is_solver_failure(error: BaseException) -> bool:
+    """Whether an exception out of a solver means that it gave up, not that the program is to stop.
+
+    A panic inside a solver written in Rust arrives as pyo3_runtime.PanicException, a BaseException that
+    cannot be imported, hence the comparison by name.  MemoryError, KeyboardInterrupt and SystemExit go on.
+    """
+    if type(error).__name__ == "PanicException":
+        return True
+    return isinstance(error, Exception) and not isinstance(error, MemoryError)
+
+
+def assemble(pencil: Pencil, numbers: Sequence[float]) -> dict[str, Array]:
+    """Turn the vector of independent entries into one array per unknown.  Raises ValueError if there are too few."""
+    wanted = sum(1 for unknown in pencil.unknowns for _ in unknown.places())
+    if len(numbers) < wanted:
+        raise ValueError(f"a solver answered with {len(numbers)} numbers, not {wanted}")
+    result: dict[str, Array] = {}
+    position = 0
+    for unknown in pencil.unknowns:
+        array = np.zeros((unknown.rows, unknown.columns))
+        for _, i, j in unknown.places():
+            array[i, j] = numbers[position]
+            if unknown.symmetric:
+                array[j, i] = numbers[position]
+            position += 1
+        result[unknown.name] = array
+    return result

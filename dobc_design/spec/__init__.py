@@ -1,1 +1,0 @@
-"""The problem as the user states it: exact, validated, frozen (see ``spec.problem``)."""

@@ -1,0 +1,1 @@
+"""Designs on request, each proved: observer gain, pinned agents and gains, both together."""

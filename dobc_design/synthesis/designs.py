@@ -1,0 +1,205 @@
+"""Observer gain, pinned agents and gains on request, each proved, and one limit of a design in terms of another."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from os import PathLike
+from typing import TYPE_CHECKING, Any
+
+from dobc_design.certification.certify import certify
+from dobc_design.conditions.observer.gain import observer_gain
+from dobc_design.errors import SpecError
+from dobc_design.problem.exosystem import Exosystem
+from dobc_design.problem.load import load_problem
+from dobc_design.problem.problem import Problem
+
+if TYPE_CHECKING:
+    from dobc_design.synthesis.joint.designed import Design
+    from dobc_design.synthesis.joint.trade_off import TradeOff
+    from dobc_design.synthesis.observer.design import ObserverDesign
+    from dobc_design.synthesis.pinning.design import PinningDesign
+
+Progress = Callable[[str], None]
+
+
+def design_observer(
+    problem: Problem | str | PathLike[str],
+    *,
+    rate: Any = None,
+    region: Any = None,
+    max_gain: Any = None,
+    noise: Any = None,
+    method: str = "lmi",
+    peak: Any = None,
+    digits: int = 4,
+    period: Any = None,
+) -> ObserverDesign:
+    """Design the observer gain W and prove that the rounded W does what was asked.
+
+    ``rate`` (1/s); ``region``: HalfPlane, Disk, Cone or a list; ``max_gain``: bound on |W|, the root of the sum of
+    squares; ``noise``: bound on the H-infinity norm from measurement noise to dhat, or NoiseLimit; ``peak`` of |eps|;
+    ``method``: "lmi", "kalman" or "place"; ``digits`` of W; ``period`` (s) of a sampled observer.  Where agents have
+    different exosystems, the W of every group has to do it.
+    Returns: an ObserverDesign: PROVED; REFUTED with the reason; UNDECIDED. The last two with the nearest request.
+    Raises: SpecError for a wrong request or a problem without [exosystem].
+    Example:
+        >>> dd.design_observer("paper-fixed", rate=2).verdict.value
+        'proved'
+        >>> dd.design_observer("paper-fixed", noise="3/2").verdict.value
+        'refuted'
+    """
+    from dobc_design.synthesis.observer.candidates import propose_gains
+    from dobc_design.synthesis.observer.envelope import propose_envelopes
+    from dobc_design.synthesis.observer.estimates import estimate_observer
+    from dobc_design.synthesis.observer.gain_bound import propose_multipliers
+    from dobc_design.synthesis.observer.request import ObserverRequest
+    from dobc_design.synthesis.observer.search import Proposals, search_groups
+
+    problem = problem if isinstance(problem, Problem) else load_problem(problem)
+    if not problem.groups:
+        raise SpecError(
+            "exosystem must be given to design an observer, because it says what W estimates; got none.",
+            key="exosystem",
+            cure="dobc_design.exosystems has common shapes, constant() among them.",
+        )
+    request = ObserverRequest(
+        rate=problem.joint_observer.rate if rate is None else rate,
+        region=region,
+        max_gain=max_gain,
+        noise=noise,
+        peak=peak,
+        method=method,
+        digits=digits,
+        period=period,
+    )
+
+    def proposals_for(exosystem: Exosystem) -> Proposals:
+        return Proposals(
+            gains=propose_gains,
+            multipliers=propose_multipliers,
+            estimates=lambda W: estimate_observer(exosystem, W),
+            envelopes=lambda W, asked: propose_envelopes(exosystem, W, rate=asked.rate, peak=asked.peak),
+        )
+
+    return search_groups(problem.groups, request, proposals_for)
+
+
+def design_pinning(
+    problem: Problem | str | PathLike[str],
+    *,
+    rate: Any,
+    allowed: Any = None,
+    cost: Any = None,
+    max_gain: Any = None,
+    pins: Any = None,
+    digits: int = 4,
+    region: Any = None,
+    method: str | None = None,
+    progress: Progress | None = None,
+) -> PinningDesign:
+    """Design the cheapest pinning gains for a decay rate, and prove what is said of them.
+
+    ``rate`` (1/s): at the consensus Lambda < -2 rate I in every mode, so V = e'e of (22) with eps = 0 decays at it.
+    ``region``: a radius, or True for the problem's [region]; the gains then come with a certificate that covers it.
+    ``method``: "max-separable" (|e_i| <= radius; the default for couplings by component) or "lure" (V = e'e on |e| <=
+    radius, eps = 0).  ``allowed``: labels of agents that may be pinned (default all).  ``cost``: c_i > 0, a number or
+    label -> number, of sum c_i k_i.  ``max_gain`` (1/s): cap of every gain, likewise.  ``pins``: at most so many
+    agents, or "fewest".  ``digits`` of the gains, which are rounded up.  ``progress`` is called with what is being
+    done.  Gains that the problem has are not looked at.
+    Returns: a PinningDesign: PROVED; REFUTED with the reason; UNDECIDED.  The last two with the nearest request.
+    Raises: SpecError for a wrong request, or couplings without a derivative at the consensus.
+    Source: theory, sections 4, 5 and 7.
+    Example:
+        >>> found = dd.design_pinning("clock-sync", rate="1/20", allowed=["gateway"])
+        >>> found.verdict.value, list(found.gains)
+        ('proved', ['gateway'])
+    """
+    from dobc_design.synthesis.pinning.request import read_request
+    from dobc_design.synthesis.pinning.stage import designed_pinning
+
+    problem = problem if isinstance(problem, Problem) else load_problem(problem)
+    request = read_request(
+        problem.network.labels, rate=rate, allowed=allowed, cost=cost, max_gain=max_gain, pins=pins, digits=digits
+    )
+    return designed_pinning(problem, request, region=region, method=method, progress=progress or (lambda stage: None))
+
+
+def design(
+    problem: Problem | str | PathLike[str],
+    *,
+    rate: Any = None,
+    pins: Any = None,
+    max_gain: Any = None,
+    allowed: Any = None,
+    noise: Any = None,
+    digits: int = 3,
+    reduce: bool = True,
+    progress: Progress | None = None,
+) -> Design:
+    """Design observer gain, pinned agents and gains together, so that ``certify`` proves what the problem asks.
+
+    W, P and gains that the problem has are not looked at.  ``rate`` (1/s): the certified rate has to be at least that;
+    without it half of the fastest that the pins allow is aimed at.  ``pins``: at most so many agents, by default as few
+    as it takes.  ``max_gain`` (1/s): cap of every gain, a number or label -> number.  ``allowed``: labels of agents
+    that may be pinned.  ``noise``: bound on the H-infinity norm from measurement noise to dhat, or NoiseLimit.
+    ``digits`` of W and of the gains: what is certified are the rounded numbers.  ``reduce``: an exosystem with a part
+    that C does not see and that does not decay is replaced by its observable part.  ``progress`` is called with what
+    is being done.
+    Returns: a Design: PROVED, with ``problem`` and ``certificate``; REFUTED with the reason; UNDECIDED.  The last two
+    with the nearest possible request.  Raises: SpecError for a wrong argument.
+    """
+    from dobc_design.synthesis.joint.ground import Tools
+    from dobc_design.synthesis.joint.joint import joint_design
+    from dobc_design.synthesis.joint.request import read_design_request
+
+    problem = problem if isinstance(problem, Problem) else load_problem(problem)
+    request = read_design_request(
+        problem.network.labels,
+        rate=rate,
+        pins=pins,
+        max_gain=max_gain,
+        allowed=allowed,
+        noise=noise,
+        digits=digits,
+        reduce=reduce,
+    )
+    tools = Tools(
+        certify=certify, observer=design_observer, pinning=design_pinning, progress=progress or (lambda stage: None)
+    )
+    return joint_design(problem, request, tools)
+
+
+def trade_off(
+    problem: Problem | str | PathLike[str],
+    *,
+    curve: str = "gain",
+    design: Design | None = None,
+    pins: Any = None,
+    max_gain: Any = None,
+    allowed: Any = None,
+    points: int = 10,
+    digits: int = 3,
+    progress: Progress | None = None,
+) -> TradeOff:
+    """One limit of a design in terms of another, as a curve.
+
+    ``curve``: "gain", the sum of the gains against the rate, with the pins of ``design``, or those that ``design()``
+    would begin with; "pins", the rate that gains approach against the number of pinned agents; "noise", the gain from
+    measurement noise to dhat against the decay of the estimate's error.  ``design``: one of this problem, whose point
+    is marked and whose W is used.  ``points``: how many.  ``pins``, ``max_gain``, ``allowed``, ``digits`` and
+    ``progress`` are as in ``design``; gains that the problem has are not looked at.  With a [region] the curves "gain"
+    and "pins" are about it, and are what floating point sees.
+    Returns: a TradeOff with ``points``, ``plot()`` and ``to_pandas()``.  Raises: SpecError for a wrong argument.
+    """
+    from dobc_design.synthesis.joint.curves import Terms, read_points, trade_off_of
+    from dobc_design.synthesis.joint.ground import Tools
+    from dobc_design.synthesis.joint.request import read_design_request
+
+    problem = problem if isinstance(problem, Problem) else load_problem(problem)
+    request = read_design_request(problem.network.labels, pins=pins, max_gain=max_gain, allowed=allowed, digits=digits)
+    tools = Tools(
+        certify=certify, observer=design_observer, pinning=design_pinning, progress=progress or (lambda stage: None)
+    )
+    W = observer_gain(problem) if design is None or design.W is None else design.W
+    terms = Terms(problem=problem, request=request, W=W, design=design, points=read_points(points), tools=tools)
+    return trade_off_of(terms, curve)

@@ -1,0 +1,1 @@
+"""W, pins and gains together."""

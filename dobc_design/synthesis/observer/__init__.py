@@ -1,0 +1,1 @@
+"""The observer gain W on request."""

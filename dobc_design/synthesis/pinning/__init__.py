@@ -1,0 +1,1 @@
+"""Pinned agents and gains on request."""

@@ -1,0 +1,251 @@
+"""Cures: known answers, each with a twin that just fails, and over random problems."""
+
+from __future__ import annotations
+
+import math
+from fractions import Fraction
+
+import pytest
+from cured import cure_campaign, cured, decided_campaign, share, theorem_holds, undirected_campaign
+from exact_oracle import Oracle, negative_definite
+
+from dobc_design.certification.certify import certify
+from dobc_design.conditions.check import main_fix
+from dobc_design.conditions.consensus import cures
+from dobc_design.problem.changes import changed_problem
+from dobc_design.problem.exosystem import Exosystem
+from dobc_design.problem.load import load_problem
+from dobc_design.problem.network import Network
+from dobc_design.problem.observer import Observer
+from dobc_design.problem.problem import Problem
+from dobc_design.verdict import Verdict
+
+HARMONIC = Exosystem(A=[[0, 2], [-2, 0]], C=[[1, 0]])
+TWO_OSCILLATORS = Exosystem(A=[[0, 1, 0, 0], [-4, 0, 0, 0], [0, 0, 0, 1], [0, 0, -4, 0]], C=[[1, 0, 1, 0]])
+
+
+def network(arcs, n=None):
+    return Network.from_arcs(arcs, arrow="listens_to", agents=n)
+
+
+def cycle(n, **changes):
+    given = {"network": network([[i, i % n + 1] for i in range(1, n + 1)], n), "coupling": "exp(y) - 1 + y"}
+    return Problem(**given | changes)
+
+
+def gains_of(fix):
+    return {label: Fraction(str(k)) for label, k in fix.set["pinning.gains"].items()}
+
+
+def lowered(problem, fix, part):
+    """The cured problem with the gains of the cure a little smaller, those that stay as they are left alone."""
+    own = {problem.network.labels[i]: k[0][0] for i, k in problem.pinning.gains.items()}
+    gains = {label: k if own.get(label) == k else k * part for label, k in gains_of(fix).items()}
+    return changed_problem(problem, {"pinning.gains": gains})
+
+
+def test_the_ten_cycle_without_pins_is_cured_by_any_one_pin():
+    """Balanced: every gain > 0 does, so the one for half of the fastest rate 2 (1 - cos(pi/10)) is offered."""
+    problem = cycle(10, exosystem=HARMONIC)
+    fix = main_fix(certify(problem).checks)
+    assert list(gains_of(fix)) == ["1"]
+    assert "Any other agent would do as well." in fix.text
+    # The gain for the rate beta: v_j = cos((j - 5) t) / cos(5 t) with 2 - 2 cos t = beta (slope 2).
+    beta = 1 - math.cos(math.pi / 10)
+    t = math.acos(1 - beta / 2)
+    closed = -((4 - 2 * beta) - 4 * math.cos(4 * t) / math.cos(5 * t)) / 2
+    assert closed <= float(gains_of(fix)["1"]) <= 1.02 * closed
+    assert theorem_holds(cured(problem, fix.set))
+    assert not theorem_holds(changed_problem(problem, {"pinning.gains": {"1": 0}}))
+
+
+def test_a_chain_pinned_at_the_wrong_end_gets_a_pin_at_the_other():
+    """1 hears 2 hears 3: nothing on 1 and 2 helps; the gains that are there stay."""
+    problem = Problem(network=network([[1, 2], [2, 3]]), coupling="y", gains={1: 5}, exosystem=HARMONIC)
+    certificate = certify(problem)
+    fix = main_fix(certificate.checks)
+    assert gains_of(fix)["1"] == 5
+    assert list(gains_of(fix)) == ["1", "3"]
+    assert "No gains on the present pins can do: agent 3, without a pin" in fix.text
+    assert theorem_holds(cured(problem, fix.set))
+    # Lambda = [[-12, 1, 0], [1, -2, 1], [0, 1, -2 k]] < 0 iff k > 6/23.
+    assert Fraction(6, 23) < gains_of(fix)["3"] <= Fraction(6, 23) * Fraction(102, 100)
+    assert not theorem_holds(changed_problem(problem, {"pinning.gains": {"1": 5, "3": Fraction(6, 23)}}))
+    for id in ("reachability", "lemma1", "theorem1"):
+        assert certificate.check(id).fix.set == fix.set
+
+
+def test_two_closed_groups_get_a_pin_each():
+    problem = Problem(network=network([[1, 2], [2, 1], [3, 4], [4, 3], [5, 1], [5, 3]]), coupling="y", gains={5: 5})
+    fix = main_fix(certify(problem).checks)
+    added = set(gains_of(fix)) - {"5"}
+    assert len(added & {"1", "2"}) == len(added & {"3", "4"}) == 1
+    assert len(added) == 2
+    assert "(1, 2) and (3, 4)" in fix.text
+    assert theorem_holds(cured(problem, fix.set))
+    assert not theorem_holds(lowered(problem, fix, Fraction(97, 100)))
+
+
+def test_too_small_gains_on_the_present_pins_are_raised_to_the_least_that_do():
+    """1 hears 2 with weight 3, 2 hears nobody: Lambda < 0 iff (6 + 2 a) 2 b > 9."""
+    problem = Problem(network=network([[1, 2, 3]]), coupling="y", gains={2: "1/2"}, exosystem=HARMONIC)
+    certificate = certify(problem)
+    assert certificate.check("theorem1").verdict is Verdict.REFUTED
+    fix = main_fix(certificate.checks)
+    assert list(gains_of(fix)) == ["2"]
+    assert Fraction(3, 4) < gains_of(fix)["2"] <= Fraction(3, 4) * Fraction(102, 100)
+    assert theorem_holds(cured(problem, fix.set))
+    assert not theorem_holds(changed_problem(problem, {"pinning.gains": {"2": "3/4"}}))
+    assert "the smallest gain that does" in fix.text
+
+
+def test_a_cheaper_cure_with_another_pin_is_named_beside_the_present_pins():
+    problem = Problem(network=network([[1, 2, 3], [2, 1]]), coupling="y", gains={1: "1/9"})
+    fix = main_fix(certify(problem).checks)
+    assert list(gains_of(fix)) == ["1"]
+    assert "Also possible, with a pin on agent 2" in fix.text
+    assert theorem_holds(cured(problem, fix.set))
+    assert not theorem_holds(lowered(problem, fix, Fraction(97, 100)))
+
+
+def test_matrix_gains_that_leave_a_direction_free_are_cured_by_gains_that_are_numbers():
+    problem = Problem(network=network([[1, 2], [2, 1]]), coupling="y", target=[0, 0], gains={1: [[1, 0], [0, 0]]})
+    certificate = certify(problem)
+    assert certificate.verdict is Verdict.REFUTED
+    fix = main_fix(certificate.checks)
+    assert list(gains_of(fix)) == ["1"]
+    assert theorem_holds(cured(problem, fix.set))
+
+
+@pytest.mark.parametrize("exosystem", [Exosystem(A=[[0]], C=[[0]]), TWO_OSCILLATORS])
+def test_an_undetectable_pair_is_cured_by_its_observable_part(exosystem):
+    problem = Problem(network=network([[1, 2], [2, 1]]), coupling="y", gains=1, exosystem=exosystem)
+    certificate = certify(problem)
+    fix = main_fix(certificate.checks)
+    assert fix.kind == "exosystem"
+    assert certificate.check("theorem1").fix == fix
+    assert theorem_holds(cured(problem, fix.set))
+
+
+def test_an_exosystem_that_is_not_seen_at_all_takes_everything_about_it_along():
+    """m = 2 is then said by the target, and the bound on the observer error has no meaning any more."""
+    problem = Problem(
+        network=network([[1, 2], [2, 1]]),
+        coupling="y",
+        gains=1,
+        exosystem=Exosystem(A=[[1]], C=[[0], [0]]),
+        observer=Observer(rate=1),
+        simulation={"xi0": [1]},
+        target=[1, 2],
+        region={"initial_states": [0, 5], "initial_disturbance": 1},
+    )
+    fix = main_fix(certify(problem).checks)
+    whole = cured(problem, fix.set)
+    assert (whole.exosystem, whole.m, whole.target) == (None, 2, (1, 2))
+    assert theorem_holds(whole)
+
+
+def test_a_gain_w_that_does_not_decay_is_replaced_by_one_that_does():
+    problem = cycle(4, gains=1, exosystem=HARMONIC, observer=Observer(W=[[-1], [0]], P=[[1, 0], [0, 1]]))
+    certificate = certify(problem)
+    assert certificate.check("hurwitz").witness.kind == "routh_row"
+    fix = certificate.check("hurwitz").fix
+    assert set(fix.set) == {"observer.W", "observer.P"}
+    assert certificate.check("theorem1").fix == fix
+    assert cured(problem, fix.set).observer.W is not None
+    assert theorem_holds(cured(problem, fix.set))
+
+
+def test_several_causes_are_cured_together_for_the_theorem_and_one_by_one_for_the_checks():
+    problem = cycle(4, exosystem=TWO_OSCILLATORS, observer=Observer(W=[[-9], [0], [0], [0]]))
+    certificate = certify(problem)
+    fix = certificate.check("theorem1").fix
+    assert fix.kind == "several"
+    assert set(fix.set) == {"exosystem.A", "exosystem.C", "observer.W", "pinning.gains"}
+    assert set(certificate.check("detectability").fix.set) == {"exosystem.A", "exosystem.C", "observer.W"}
+    assert set(certificate.check("lemma1").fix.set) == {"pinning.gains"}
+    assert theorem_holds(cured(problem, fix.set))
+
+
+def test_the_printed_p_is_multiplied_by_the_least_factor_that_does():
+    """lambda_max(Lambda) = -0.5823 and the bound is -9/(8 a): a > 1.932."""
+    problem = load_problem("paper-fixed")
+    fix = certify(problem).check("theorem1-printed").fix
+    factor = Fraction(str(fix.set["observer.P"][0][0])) / Fraction(1, 2)
+    assert Fraction("1.931") < factor <= Fraction("1.95")
+    assert certify(cured(problem, fix.set)).check("theorem1-printed").verdict is Verdict.PROVED
+    less = [[str(Fraction("1.93") * Fraction(x)) for x in row] for row in (["1/2", "-1/4"], ["-1/4", "1/3"])]
+    twin = changed_problem(problem, {"observer.P": less})
+    assert certify(twin).check("theorem1-printed").verdict is Verdict.REFUTED
+
+
+def test_a_printed_p_that_is_no_lyapunov_matrix_is_replaced_by_the_one_that_was_found():
+    problem = changed_problem(load_problem("paper-fixed"), {"observer.P": [[1, 0], [0, -1]]})
+    certificate = certify(problem)
+    fix = certificate.check("theorem1-printed").fix
+    assert certify(cured(problem, fix.set)).check("theorem1-printed").verdict is Verdict.PROVED
+
+
+def test_a_rate_that_no_observer_reaches_is_lowered_to_the_nearest_that_one_does():
+    """The hidden part decays like exp(-t): no W makes the estimate faster."""
+    exosystem = Exosystem(A=[[0, 0], [0, -1]], C=[[1, 0]])
+    problem = cycle(3, gains=1, exosystem=exosystem, observer=Observer(rate=5))
+    check = certify(problem).check("hurwitz")
+    assert check.verdict is Verdict.PROVED
+    assert check.fix.kind == "rate"
+    assert Fraction(9, 10) <= Fraction(str(check.fix.set["observer.rate"])) < 1
+    again = certify(cured(problem, check.fix.set)).check("hurwitz")
+    assert again.fix is None
+    assert certify(cycle(3, gains=1, exosystem=exosystem, observer=Observer(rate="1/2"))).check("hurwitz").fix is None
+
+
+def test_several_modes_share_the_gains_of_one_cure():
+    modes = {"Ga": [[1, 2], [2, 3], [3, 1]], "Gb": [[1, 2, 4], [2, 1]]}
+    problem = Problem(
+        network=Network.from_arcs(modes, arrow="listens_to", agents=3),
+        coupling="tanh(y)",
+        gains={1: "1/10"},
+        exosystem=HARMONIC,
+    )
+    certificate = certify(problem)
+    fix = certificate.check("theorem2").fix
+    oracle = Oracle(cured(problem, fix.set))
+    assert all(negative_definite(oracle.lambda_(mode)) for mode in modes)
+    assert theorem_holds(cured(problem, fix.set))
+
+
+def test_what_holds_gets_no_cure_and_kinked_couplings_get_none_either():
+    assert main_fix(certify(cycle(4, gains=1, exosystem=HARMONIC)).checks) is None
+    assert main_fix(certify(cycle(4, coupling="clip(y, -1, 1)")).checks) is None
+
+
+def test_a_library_that_breaks_down_costs_the_cure_and_not_the_verdict(monkeypatch):
+    def broken(*args, **kwargs):
+        raise ValueError("no convergence")
+
+    monkeypatch.setattr(cures, "network_blocks", broken)
+    certificate = certify(cycle(4))
+    assert certificate.verdict is Verdict.REFUTED
+    assert certificate.check("lemma1").fix is None
+
+
+def test_long_searches_say_how_far_they_are():
+    stages = []
+    certify(cycle(12), progress=stages.append)
+    assert "looking for a cure" in stages
+    assert any("tried" in stage for stage in stages)
+
+
+def test_random_refuted_problems_have_true_witnesses_and_cures_that_prove():
+    tally = cure_campaign(range(12))
+    assert tally.wrong == []
+    assert tally.counts["lemma1 refuted"] >= 4
+
+
+@pytest.mark.slow
+def test_what_is_known_from_outside_is_decided():
+    tally = decided_campaign(range(30))
+    assert tally.wrong == []
+    assert min(share(tally, "lemma1"), share(tally, "theorem")) >= 0.95
+    tally = undirected_campaign(range(40))
+    assert (tally.wrong, share(tally, "undirected")) == ([], 1.0)

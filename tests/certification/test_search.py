@@ -1,0 +1,130 @@
+"""Search beside a certificate: suspects refute nothing, proved equilibria do, certified sets are never contradicted."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from functools import cache
+
+import pytest
+from equilibrium_cases import half_difference, listening_pair
+
+import dobc_design as dd
+from dobc_design.certification.search import Searched, search_certificate
+from dobc_design.conditions.check import Check
+from dobc_design.falsification.suspect import RESTS, STAYS_AWAY
+from dobc_design.report.search_figures import plot_search, search_pictures, search_sheet
+from dobc_design.report.search_words import WARNING, search_view
+from dobc_design.verdict import Verdict
+
+RUNS = 24
+pytestmark = pytest.mark.slow  # one search of a few seconds serves most of them
+
+
+@cache
+def found() -> Searched:
+    """Of the pair that listens to each other, sin, k = 1/10, starts in [-5, 5]."""
+    return search_certificate(dd.certify(listening_pair()), runs=RUNS)
+
+
+@cache
+def overlooked() -> dd.Certificate:
+    """The same certificate without its refutation, as if the quick search had missed it."""
+    certificate = found().certificate
+    checks = tuple(check for check in certificate.checks if check.id != "equilibrium")
+    claims = replace(certificate.claims, checks=checks, verdict=Verdict.UNDECIDED, reason="Undecided: so far.")
+    return replace(certificate, claims=claims)
+
+
+def test_the_false_equilibria_are_found_proved_and_shown():
+    """2 sin y + y/10 = 0 at y = 3.3077 and 5.98: |e|_inf = y/2 (theory: the contract's cause (d))."""
+    region, _ = found().searches
+    sizes = sorted({round(max(abs(float(x)) for x in claim.middle), 6) for claim in region.proved})
+    assert sizes == [pytest.approx(float(half_difference(guess)), abs=1e-5) for guess in (3.3, 6.0)]
+    view = search_view([region])[0]
+    assert any("x = (1.654; −1.654)" in sentence for sentence in view["proved"])
+    assert view["proved"][-1].endswith("is therefore refuted.")
+    assert view["rows"][0].what == "rests there (proved)"
+
+
+def test_nothing_that_is_certified_is_contradicted_by_the_search():
+    """Starts on the boundary of the certified box; it ends before |e|_inf = 1.65387."""
+    certified = found().searches[1]
+    assert certified.target == "the boundary of the max-separable set"
+    assert certified.suspects == () and certified.proved == ()
+    assert certified.observed_rate >= certified.certified_rate
+    box = found().certificate.check("max-separable").domain["radius"]
+    assert box < float(half_difference(3.3))
+
+
+def test_a_certificate_that_is_decided_stays_as_it_is():
+    assert found().certificate.verdict is Verdict.REFUTED
+    assert [c.id for c in found().certificate.checks].count("equilibrium") == 1
+
+
+def test_a_proved_equilibrium_refutes_what_was_undecided_and_both_programs_agree():
+    after = search_certificate(overlooked(), runs=RUNS).certificate
+    assert after.verdict is Verdict.REFUTED
+    assert after.checks[:-1] == overlooked().checks
+    assert dd.verify(after, listening_pair()).holds
+
+
+def test_a_suspect_alone_refutes_nothing(monkeypatch):
+    """Twin: the same runs, but no equilibrium is proved."""
+    region = found().searches[0]
+    runs = tuple(each for each in region.suspects if each.kind == STAYS_AWAY)
+    assert runs
+    bare = replace(region, suspects=runs, proved=(), check=None)
+    monkeypatch.setattr("dobc_design.certification.search.falsify", lambda *args, **settings: bare)
+    after = search_certificate(overlooked(), runs=RUNS)
+    assert after.certificate == overlooked()
+    view = search_view([bare])[0]
+    assert view["warning"] == WARNING and "refutes nothing" in WARNING
+    assert view["proved"] == []
+
+
+def test_a_proof_is_not_shaken_by_a_check_from_the_search(monkeypatch):
+    """Both cannot be true; what is decided stays."""
+    proved = dd.certify(listening_pair(reach=0.5))
+    check = found().searches[0].check
+    contradicting = replace(found().searches[0], check=check)
+    monkeypatch.setattr("dobc_design.certification.search.falsify", lambda *args, **settings: contradicting)
+    assert isinstance(check, Check)
+    after = search_certificate(proved).certificate
+    assert (after.verdict, after.checks) == (proved.verdict, proved.checks)
+
+
+def test_without_an_observer_gain_nothing_is_searched():
+    problem = dd.Problem(
+        network=listening_pair().network,
+        coupling="sin(y)",
+        gains="1/10",
+        exosystem=dd.Exosystem(A=[[0]], C=[[0]]),
+        region={"initial_states": [-5, 5], "initial_disturbance": 1},
+    )
+    assert search_certificate(dd.certify(problem)).searches == ()
+
+
+def test_proved_equilibria_are_solid_and_suspects_are_dashed():
+    region, certified = found().searches
+    ax = plot_search(region)
+    solid = [line for line in ax.lines if line.get_linestyle() == "-"]
+    assert len(solid) == sum(suspect.kind == RESTS for suspect in region.suspects)
+    assert {round(float(line.get_ydata()[0]), 3) for line in solid} == {1.654, 2.99}
+    first, second = search_pictures([region, certified])
+    assert "rests there (proved)" in str(first.svg)
+    assert second is None
+    assert search_sheet([certified]) is None
+
+
+def test_the_document_is_plain_json_without_infinities():
+    text = json.dumps([each.to_json() for each in found().searches], allow_nan=False)
+    first = json.loads(text)[0]
+    assert first["refutes"] is True
+    assert len(first["proved"][0]["box"]) == 2
+
+
+def test_no_suspect_proves_nothing_and_the_words_say_so():
+    view = search_view([found().searches[1]])[0]
+    assert "No suspect was found, which proves nothing." in view["found"]
+    assert view["warning"] is None

@@ -1,0 +1,345 @@
+"""The lone checker's part about quadratic certificates: lure, boxes one by one, and settling times.
+
+Its cases are in tests/support/quadratic_cases.py; tests/certificate/test_checker_removals.py takes its checks away.
+"""
+
+from __future__ import annotations
+
+import itertools
+import json
+import math
+import random
+import shutil
+import subprocess
+import sys
+import time
+from fractions import Fraction
+from pathlib import Path
+from typing import Any
+
+import mpmath
+import numpy as np
+import pytest
+from checker_cases import FAILS, HOLDS, UNREADABLE, Case
+from lure_cases import PAPER_GAIN
+from quadratic_cases import ONCE, SHARP, TWICE, WAVY, chain, grid, quadratic_cases, timed, ways
+from region_cases import _frame_verdict, case, certificate, changed, problems
+from staging_cases import ASKED
+from staging_cases import chain as staging
+from staging_cases import problem as staged_problem
+
+from dobc_design.certificate.text import certificate_bytes
+from dobc_design.certification.certify import certify
+from dobc_design.checker import checker, quadratic_checker
+from dobc_design.conditions.schedule.checks import settling_check
+from dobc_design.conditions.schedule.settling import Settling
+from dobc_design.problem.canonical import canonical_bytes
+from dobc_design.problem.network import Network
+from dobc_design.problem.observer import Observer
+from dobc_design.problem.problem import Problem
+from dobc_design.verdict import Verdict
+
+FOLDER = Path(checker.__file__).parent
+PARTS = ("checker.py", "region_checker.py", "quadratic_checker.py")
+
+
+def outcome(certificate: bytes, problem: bytes) -> int:
+    try:
+        return HOLDS if all(holds for holds, _ in checker.examine(certificate, problem)) else FAILS
+    except checker.Refused:
+        return UNREADABLE
+
+
+def alone(folder: Path, files: tuple[str, ...], certificate: bytes, problem: bytes) -> tuple[int, str, str]:
+    """Exit code and output of copies of the files in an empty folder, without site packages and the package."""
+    for file in files:
+        shutil.copy(FOLDER / file, folder / file)
+    (folder / "certificate.json").write_bytes(certificate)
+    (folder / "problem.json").write_bytes(problem)
+    command = [sys.executable, "-I", "-S", "checker.py", "certificate.json", "problem.json"]
+    done = subprocess.run(command, cwd=folder, capture_output=True, text=True, check=False, timeout=120)
+    return done.returncode, done.stdout, done.stderr
+
+
+def test_every_case_gets_its_exit_code():
+    """Claims whose truth is known, and twins that just fail in one place each."""
+    wrong = [case.name for case in quadratic_cases() if outcome(case.certificate, case.problem) != case.code]
+    assert wrong == []
+    assert sum(case.code == HOLDS for case in quadratic_cases()) >= 15
+    assert sum(case.code == FAILS for case in quadratic_cases()) > 100
+
+
+def test_the_three_lone_files_confirm_boxes_and_two_of_them_say_which_is_missing(tmp_path):
+    boxes = quadratic_cases()[0]
+    code, said, _ = alone(tmp_path, PARTS[:2], boxes.certificate, boxes.problem)
+    assert code == UNREADABLE
+    assert "needs quadratic_checker.py beside it" in said
+    code, said, complaint = alone(tmp_path, PARTS, boxes.certificate, boxes.problem)
+    assert (code, complaint) == (HOLDS, "")
+    assert "holds  exhaustive : proved" in said
+
+
+def test_max_separable_alone_does_not_need_the_third_file(tmp_path):
+    line = {"v": ["1", "2"], "alpha": "1/2", "rho": None}
+    check = {**ONCE, "id": "max-separable", "domain": "global", "rate": 0.5, "exact": line}
+    data = certificate("line", check)
+    assert alone(tmp_path, PARTS[:2], data, canonical_bytes(problems()["line"]))[0] == HOLDS
+
+
+# --- Settling times that the package finds --------------------------------------------------------------------------
+@pytest.fixture(scope="module")
+def staged() -> tuple[dict[str, Any], bytes]:
+    """Two max-separable stages and two quadratic ones with an observer, every number as small as it may be."""
+    bare = staged_problem()
+    problem = Problem(
+        network=bare.network,
+        coupling="exp(y) - 1 + y",
+        gains={1: 5},
+        exosystem=bare.exosystem,
+        observer=Observer(W=[list(row) for row in PAPER_GAIN]),
+    )
+    found = Settling(
+        verdict=Verdict.PROVED,
+        reason="",
+        problem_name=problem.name,
+        radius=ASKED.radius,
+        disturbance=ASKED.disturbance,
+        tolerance=ASKED.tolerance,
+        staging=staging(),
+    )
+    check = settling_check(problem, PAPER_GAIN, found, domain="consensus").to_json()
+    document = json.loads(certificate_bytes(certify(problem).claims))
+    document["checks"] = [each for each in document["checks"] if each["id"] != "settling"] + [check]
+    return document, canonical_bytes(problem)
+
+
+def test_a_settling_time_that_the_package_finds_is_confirmed(staged):
+    document, problem = staged
+    assert outcome(json.dumps(document).encode(), problem) == HOLDS
+
+
+@pytest.mark.parametrize(
+    ("k", "key"),
+    [(k, key) for k in range(4) for key in ("level", "height", "noise")] + [(1, "stretch"), (2, "stretch")],
+)
+def test_every_number_of_its_stages_is_as_small_as_it_may_be(staged, k, key):
+    """One part in a thousand less is refused; heights of max-separable stages are the largest v."""
+    document, problem = json.loads(json.dumps(staged[0])), staged[1]
+    part = document["checks"][-1]["exact"]["stages"][k]
+    part[key] = str(Fraction(part[key]) * Fraction(999, 1000))
+    assert outcome(json.dumps(document).encode(), problem) == FAILS
+
+
+@pytest.mark.parametrize("key", ["time", "tolerance"])
+def test_its_time_and_tolerance_are_as_small_as_they_may_be(staged, key):
+    document, problem = json.loads(json.dumps(staged[0])), staged[1]
+    exact = document["checks"][-1]["exact"]
+    exact[key] = str(Fraction(exact[key]) * Fraction(999, 1000))
+    assert outcome(json.dumps(document).encode(), problem) == FAILS
+
+
+# --- Where V decreases, sampled -------------------------------------------------------------------------------------
+def sampled_rate(h: Any, k: float, outer: float) -> float:
+    """The largest rate of e'e for two agents that hear each other, at 400 000 points of the disc |e|^2 <= outer."""
+    r, angle = np.meshgrid(np.linspace(1e-3, math.sqrt(outer), 400), np.linspace(0, 2 * math.pi, 1000))
+    a, b = r * np.cos(angle), r * np.sin(angle)
+    change = a * (h(b - a) - k * a) + b * (h(a - b) - k * b)
+    return float(np.min(-change / r**2))
+
+
+FIELDS = {
+    "sin(y)": np.sin,
+    "y*cos(y)": lambda y: y * np.cos(y),
+    "min(y, 1 + sin(3*y)/4)": lambda y: np.minimum(y, 1 + np.sin(3 * y) / 4),
+    "clip(2*y, -1, 1) - abs(y)/4": lambda y: np.clip(2 * y, -1, 1) - np.abs(y) / 4,
+}
+
+
+@pytest.mark.parametrize("h", sorted(FIELDS))
+def test_boxes_are_accepted_below_the_sampled_rate_and_refused_above(h):
+    """Couplings that are not monotone, or have kinks; near the target a ball so small that their slopes there do."""
+    slopes = {
+        "sin(y)": ("0.95", "1.001"),
+        "y*cos(y)": ("0.87", "1.001"),
+        "min(y, 1 + sin(3*y)/4)": ("0.999", "1.001"),
+        "clip(2*y, -1, 1) - abs(y)/4": ("1.7", "2.3"),
+    }
+    outer, k = 4, 5
+    best = sampled_rate(FIELDS[h], k, outer)
+    arcs = Network.from_arcs([[1, 2], [2, 1]], arrow="listens_to", agents=2)
+    problem = Problem(network=arcs, coupling=h, gains=k)
+    frame = json.loads(certificate_bytes(certify(problem).claims))
+    for room, code in ((-0.1, HOLDS), (0.02, FAILS)):
+        check = changed(
+            WAVY,
+            rate=None,
+            domain={"kind": "ball", "radius": 1.99, "disturbance": 0},
+            outer=str(outer),
+            half="2",
+            tree=grid(2, 4),
+            level="1/10",
+            radius="1/2",
+            ranges=[{"coupling": 0, "gains": [[list(slopes[h])]]}],
+        )
+        check["exact"]["rate"] = f"{best + room:.6f}"
+        check["rate"] = round(best / 2, 6)
+        data = json.dumps(frame | {"checks": [*frame["checks"], check]}).encode()
+        assert outcome(data, canonical_bytes(problem)) == code
+
+
+def test_the_sharp_rate_is_where_the_paper_and_pencil_put_it():
+    """3 + 2 min sin(y)/y, to a hundred-thousandth; more halvings than the checker makes would do better."""
+    root = mpmath.findroot(lambda y: y * mpmath.cos(y) - mpmath.sin(y), 4.49)
+    sharp = float(3 + 2 * mpmath.sin(root) / root)
+    problem = canonical_bytes(problems()["wavy"])
+    for room, code in ((-1e-5, HOLDS), (1e-5, FAILS)):
+        check = changed(SHARP, tree=grid(2, 10), rate=2.5)
+        check["exact"]["rate"] = f"{sharp + room:.9f}"
+        assert outcome(certificate("wavy", check), problem) == code
+
+
+# --- Boxes ----------------------------------------------------------------------------------------------------------
+def random_form(r: random.Random, size: int) -> tuple[np.ndarray, list[list[Any]]]:
+    """A positive definite matrix of small integers, as numbers and as intervals."""
+    L = np.array(
+        [[r.randint(-2, 2) if j < i else int(i == j) * r.randint(1, 3) for j in range(size)] for i in range(size)]
+    )
+    P = L @ L.T
+    return P, [[(float(x), float(x)) for x in row] for row in P]
+
+
+def random_box(r: random.Random, size: int) -> Any:
+    ends = [sorted((r.uniform(-2, 2), r.uniform(-2, 2))) for _ in range(size)]
+    return tuple(lo for lo, _ in ends), tuple(hi for _, hi in ends)
+
+
+@pytest.mark.parametrize("size", [1, 2, 3, 5])
+def test_boxes_inside_and_outside_an_ellipsoid_are_told_apart(size):
+    """At the corners, where a convex function is largest, and at its least value by quadratic programming."""
+    from scipy.optimize import lsq_linear
+
+    r = random.Random(size)
+    sharp = 0
+    for _ in range(60):
+        P, form = random_form(r, size)
+        box = random_box(r, size)
+        corners = [np.array(corner) for corner in itertools.product(*zip(*box, strict=True))]
+        top = max(corner @ P @ corner for corner in corners)
+        factor = np.linalg.cholesky(P).T
+        least = 2 * lsq_linear(factor, np.zeros(size), bounds=box, tol=1e-14).cost
+        assert not quadratic_checker.within(form, box, top - 1e-6)
+        assert not quadratic_checker.beyond(form, box, least + 1e-6)
+        sharp += quadratic_checker.beyond(form, box, 0.999 * least - 1e-9)
+        small = tuple(tuple(x * 1e-9 + 1 for x in side) for side in box)
+        value = np.ones(size) @ P @ np.ones(size)
+        assert quadratic_checker.within(form, small, value * (1 + 1e-6) + 1e-6)
+        assert quadratic_checker.beyond(form, small, value * (1 - 1e-6) - 1e-6)
+    assert sharp > 40
+
+
+def test_phi_and_its_slopes_hold_random_points():
+    """Three agents, h = sin(y) + y^2/2, against phi and its gradient written out at 100 bits."""
+    r = random.Random(3)
+    arcs, K = [(0, 1, 1), (1, 2, 2), (2, 0, 1), (0, 2, "1/2")], [1, 2, 3]
+    network = Network.from_arcs([[i + 1, j + 1, w] for i, j, w in arcs], arrow="listens_to", agents=3)
+    problem = Problem(network=network, coupling="sin(y) + y**2/2", gains=dict(enumerate(K, 1)))
+    case = checker.Examination(certificate_bytes(certify(problem).claims), checker.Problem(canonical_bytes(problem)))
+    parts: Any = quadratic_checker.Decisions(case)
+    for _ in range(20):
+        P, _ = random_form(r, 3)
+        rate = Fraction(r.randint(0, 8), 4)
+        zero = [[Fraction(0)]]
+        claim = type("Claim", (), {"form": [[Fraction(int(x)) for x in row] for row in P], "S": zero, "rate": rate})
+        (mode,) = case.problem.modes
+        field = parts.field(mode, claim)
+        box = random_box(r, 3)
+        value, slopes = field.at(box)
+
+        def phi(*e: Any, P: Any = P, rate: Fraction = rate) -> Any:
+            force = [-k * x for k, x in zip(K, e, strict=True)]
+            for i, j, w in arcs:
+                y = e[j] - e[i]
+                force[i] += mpmath.mpf(Fraction(w).numerator) / Fraction(w).denominator * (mpmath.sin(y) + y * y / 2)
+            Pe = [sum(int(P[a][b]) * e[b] for b in range(3)) for a in range(3)]
+            twice = 2 * mpmath.mpf(rate.numerator) / rate.denominator
+            return sum(x * (2 * f + twice * y) for x, f, y in zip(Pe, force, e, strict=True))
+
+        with mpmath.workprec(100):
+            for _ in range(5):
+                e = [mpmath.mpf(r.uniform(lo, hi)) for lo, hi in zip(*box, strict=True)]
+                assert value[0] <= phi(*e) <= value[1]
+                for k in range(3):
+                    slope = mpmath.diff(phi, tuple(e), tuple(int(k == each) for each in range(3))) / 2
+                    assert slopes[k][0] - 1e-9 <= slope <= slopes[k][1] + 1e-9
+
+
+def test_a_tree_leaves_boxes_that_fill_the_whole_one():
+    boxes = quadratic_checker.leaves("01." + "10" + "....", ((-1.0, -1.0), (1.0, 1.0)))
+    volume = sum(math.prod(hi - lo for lo, hi in zip(*box, strict=True)) for box in boxes)
+    assert len(boxes) == 5
+    assert volume == 4.0
+    assert boxes[0] == ((0.0, -1.0), (1.0, 1.0))
+
+
+def test_the_lower_half_comes_first():
+    low, high = quadratic_checker.leaves("1..", ((-1.0, -1.0), (1.0, 1.0)))
+    assert low == ((-1.0, -1.0), (1.0, 0.0))
+    assert high == ((-1.0, 0.0), (1.0, 1.0))
+
+
+# --- Hostile claims -------------------------------------------------------------------------------------------------
+TREES = {
+    "deep": "0" * 3_000_000,
+    "long": grid(2, 20),
+    "chain": chain(90_000),
+    "dots": "." * 4_000_000,
+    "letters": "a" * 1_000_000,
+    "full": grid(2, 15),
+    "unfinished": "01" * 49_000,
+    "no text": [0, 1],
+}
+
+
+@pytest.mark.parametrize("name", sorted(TREES))
+def test_hostile_trees_are_refused_at_once(name):
+    rate = "2.6" if name == "full" else "5/2"
+    check = changed(WAVY, tree=TREES[name])
+    check["exact"]["rate"] = rate
+    data, problem = certificate("wavy", check), canonical_bytes(problems()["wavy"])
+    start = time.process_time()
+    assert outcome(data, problem) == FAILS
+    assert time.process_time() - start < 10
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        {"time": "1e400", "tolerance": "0"},
+        {"time": "-1e400"},
+        {"time": 6},
+        {"tolerance": "-1"},
+        {"stages": None},
+        {"stages": [{}] * 50_000},
+        {"stages": [ONCE["exact"]["stages"][0]] * 101},
+        {"more": "1"},
+        {"stages": [ONCE["exact"]["stages"][0] | {"certificate": None}]},
+        {"stages": [ONCE["exact"]["stages"][0] | {"certificate": {"v": ["1"] * 2}}]},
+        {"stages": [ONCE["exact"]["stages"][0] | {"level": "1e-400"}]},
+        {"stages": [TWICE["exact"]["stages"][0], TWICE["exact"]["stages"][1] | {"start": "1e400", "level": "1e-400"}]},
+        {"stages": [ONCE["exact"]["stages"][0] | {"diagonal": None}]},
+        {"stages": [ONCE["exact"]["stages"][0] | {"kind": "quadratic", "diagonal": {"float64": "AAAA"}}]},
+    ],
+)
+def test_hostile_stages_are_refused_at_once(change):
+    data, problem = certificate("line", timed(ONCE, **change)), canonical_bytes(problems()["line"])
+    start = time.process_time()
+    assert outcome(data, problem) == FAILS
+    assert time.process_time() - start < 10
+
+
+def test_a_time_beyond_all_exponents_is_followed():
+    """exp(-5e399) is not computed; that it is below exp(-16000) is enough."""
+    check = ways(TWICE, 1, start="1e400", level="1e-300")
+    held = case("line", HOLDS, timed(check, time="2e400", tolerance="1e-350"), what="late", **_frame_verdict("line"))
+    assert isinstance(held, Case)
+    assert outcome(held.certificate, held.problem) == HOLDS

@@ -1,0 +1,878 @@
+"""The command line: exit codes, one JSON document, files in their place, and words that can be read.
+
+Most tests call ``dobc_design.cli.main.main`` in this process; the last ones start real ones.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import re
+import subprocess
+import sys
+import tomllib
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import pytest
+import tomlkit
+from bad_files import (
+    ARC_FILES,
+    BAD_FILES,
+    EXPRESSIONS,
+    MATRICES,
+    MISSING_OR_OF_A_WRONG_KIND,
+    NETWORK,
+    NUMBERS,
+    PINS_AND_FORMATION,
+    REGION_AND_SETTINGS,
+    TOML_AND_BYTES,
+    UNKNOWN_KEYS,
+    VALID,
+    listing,
+    write_case,
+)
+from problem_texts import CHAIN, without_region_text
+
+from dobc_design import __version__
+from dobc_design.cli.main import main
+from dobc_design.conditions.check import CHECK_IDS
+from dobc_design.conditions.explanations import EXPLANATIONS
+from dobc_design.errors import SolverError
+from dobc_design.problem.builtin import builtin_names, builtin_text
+from dobc_design.problem.canonical import canonical_bytes
+from dobc_design.problem.load import load_problem
+
+
+@dataclass(frozen=True)
+class Ran:
+    """What one call left behind."""
+
+    code: int
+    out: str
+    err: str
+
+    @property
+    def json(self) -> Any:
+        """Standard output as the one JSON document that it must be."""
+        return json.loads(self.out)
+
+
+@pytest.fixture
+def dobc(capsys, tmp_path, monkeypatch):
+    """Run the command line in an empty folder, without a width of the terminal from outside."""
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.delenv("COLUMNS", raising=False)
+    monkeypatch.delenv("DOBC_TRACEBACK", raising=False)
+
+    def run(*arguments: object) -> Ran:
+        with pytest.raises(SystemExit) as caught:
+            main([str(argument) for argument in arguments])
+        captured = capsys.readouterr()
+        assert "Traceback" not in captured.err
+        assert isinstance(caught.value.code, int)
+        return Ran(caught.value.code, captured.out, captured.err)
+
+    return run
+
+
+def write(text: str, name: str = "problem.toml") -> Path:
+    path = Path(name)
+    path.write_text(text, encoding="utf-8")
+    return path
+
+
+def checks(ran: Ran) -> dict[str, dict[str, Any]]:
+    """The checks of ``certify --json`` by id (of several modes the last)."""
+    return {check["id"]: check for check in ran.json["checks"]}
+
+
+# ------------------------------------------------------------------------------------------ certify
+
+
+def test_certify_of_a_proved_problem_leaves_with_0_and_writes_its_files(dobc):
+    ran = dobc("certify", "paper-fixed", "--no-report", "--json")
+    assert ran.code == 0
+    assert ran.err == ""
+    document = ran.json
+    assert set(document) >= {
+        "verdict",
+        "rate",
+        "covered_by",
+        "problem",
+        "problem_sha256",
+        "checks",
+        "certificate",
+        "report",
+    }
+    assert (document["verdict"], document["covered_by"]) == ("proved", "max-separable")
+    assert document["problem"] == "paper-fixed"
+    assert document["report"] is None
+    assert document["rate"] > 0
+    assert listing(Path()) == [
+        "paper-fixed-certificate",
+        "paper-fixed-certificate/certificate.json",
+        "paper-fixed-certificate/problem.json",
+    ]
+    assert Path(document["certificate"]) == Path("paper-fixed-certificate/certificate.json")
+    assert Path("paper-fixed-certificate/problem.json").read_bytes() == canonical_bytes(load_problem("paper-fixed"))
+    for check in document["checks"]:
+        assert set(check) >= {"id", "verdict", "domain", "margin", "rate", "reason"}
+        assert check["id"] in CHECK_IDS
+
+
+def test_the_same_problem_gives_the_same_files_and_replaces_the_old_ones(dobc):
+    first = dobc("certify", "paper-fixed", "--no-report", "--out", "here")
+    files = {name: Path("here", name).read_bytes() for name in ("certificate.json", "problem.json")}
+    Path("here/certificate.json").write_text("old", encoding="utf-8")
+    assert dobc("certify", "paper-fixed", "--no-report", "--out", "here") == first
+    assert {name: Path("here", name).read_bytes() for name in files} == files
+
+
+def test_no_pins_is_refuted_and_the_witness_is_the_constant_vector(dobc):
+    """Contract: consensus fails when no pin reaches the agents; v = 1 has v' Lambda v = 0 (theory, section 2)."""
+    text = builtin_text("paper-fixed").replace("gains = { 1 = 5, 6 = 5 }", "gains = {}")
+    ran = dobc("certify", write(text), "--no-report", "--json")
+    assert ran.code == 1
+    assert ran.json["verdict"] == "refuted"
+    assert "agents 1, 2, 3, 4" in ran.json["reason"]
+    found = checks(ran)
+    assert found["reachability"]["verdict"] == "refuted"
+    assert found["reachability"]["witness"]["kind"] == "agents"
+    assert found["reachability"]["witness"]["labels"] == [str(i) for i in range(1, 11)]
+    for id in ("lemma1", "theorem1"):
+        assert found[id]["verdict"] == "refuted"
+        assert found[id]["witness"]["kind"] == "vector"
+    assert len(set(found["lemma1"]["witness"]["values"])) == 1
+    assert len(set(found["theorem1"]["witness"]["values"][:10])) == 1
+
+
+def test_a_chain_pinned_at_the_wrong_end_is_refuted_and_proved_with_the_other_arrow(dobc):
+    wrong = CHAIN.replace("{ 3 = 5 }", "{ 1 = 5 }")
+    ran = dobc("certify", write(wrong), "--no-report", "--json")
+    assert ran.code == 1
+    assert "agents 2 and 3" in ran.json["reason"]
+    assert checks(ran)["reachability"]["witness"]["labels"] == ["2", "3"]
+    other = wrong.replace("listens_to", "sends_to")
+    assert dobc("certify", write(other), "--no-report", "--json").code == 0
+    assert dobc("certify", write(CHAIN), "--no-report", "--json").code == 0
+
+
+@pytest.mark.parametrize(("gain", "verdict"), [('"9/16"', "refuted"), ('"0.562500000001"', "proved")])
+def test_the_printed_p_holds_just_above_nine_sixteenths_and_not_at_it(dobc, gain, verdict):
+    """All pinned, k = 9/16 makes Psi singular (theory, known answers)."""
+    text = builtin_text("paper-fixed").replace("gains = { 1 = 5, 6 = 5 }", f"gains = {gain}")
+    found = checks(dobc("certify", write(text), "--no-report", "--json"))["theorem1-printed"]
+    assert found["verdict"] == verdict
+    assert found["exact"]["bound"] == "-9/8"
+
+
+UNDETECTABLE = VALID.replace("A = [[0, 2], [-2, 0]]", "A = [[0, 2, 0], [-2, 0, 0], [0, 0, 0]]").replace(
+    "C = [[1, 0]]", "C = [[1, 0, 0]]"
+)
+
+
+def test_an_undetectable_pair_is_undecided_and_the_fix_applied_is_proved(dobc):
+    """Contract: detectability and theorem refuted, overall undecided, fix = the reduced exosystem."""
+    document = tomllib.loads(UNDETECTABLE)
+    for key in ("observer", "region", "simulation", "formation"):
+        del document[key]
+    ran = dobc("certify", write(tomlkit.dumps(document)), "--no-report", "--json")
+    assert ran.code == 3
+    found = checks(ran)
+    assert found["detectability"]["verdict"] == "refuted"
+    assert found["detectability"]["witness"] == {"kind": "polynomial", "values": ["s"]}
+    assert found["theorem2"]["verdict"] == "refuted"
+    fix = found["detectability"]["fix"]
+    assert set(fix["set"]) == {"exosystem.A", "exosystem.C"}
+    for key, value in fix["set"].items():
+        table, name = key.split(".")
+        document[table][name] = value
+    assert len(document["exosystem"]["A"]) == 2
+    again = dobc("certify", write(tomlkit.dumps(document)), "--no-report", "--json")
+    assert (again.code, again.json["verdict"]) == (0, "proved")
+
+
+def test_a_coupling_with_kinks_is_undecided_because_the_theorem_does_not_apply(dobc):
+    text = builtin_text("paper-fixed").replace('h = "exp(y) - 1 + y"', 'h = "clip(y, -1, 1) + y"')
+    ran = dobc("certify", write(text), "--no-report", "--json")
+    found = checks(ran)
+    for id in ("lemma1", "theorem1"):
+        assert found[id]["verdict"] == "undecided"
+        assert found[id]["reason"].startswith("does not apply:")
+    # The secant statement needs no derivative: the region is proved all the same (theory, section 1).
+    assert (ran.code, ran.json["covered_by"]) == (0, "max-separable")
+    bare = text.partition("[region]")[0] + "[simulation]" + text.partition("[simulation]")[2]
+    assert dobc("certify", write(bare), "--no-report", "--json").code == 3
+
+
+@pytest.mark.parametrize(
+    ("theorem", "code", "verdict"),
+    [
+        ("lemma1", 0, "proved"),
+        ("theorem1-printed", 1, "refuted"),
+        ("theorem2", 3, "undecided"),
+        ("theorem1", 0, "proved"),
+    ],
+)
+def test_one_theorem_alone_can_be_judged(dobc, theorem, code, verdict):
+    ran = dobc("certify", "paper-fixed", "--no-report", "--json", "--theorem", theorem)
+    assert (ran.code, ran.json["verdict"], ran.json["theorem"]) == (code, verdict, theorem)
+    assert {check["id"] for check in ran.json["checks"]} <= {theorem}
+    assert ran.json["covered_by"] == (theorem if verdict == "proved" else None)
+    words = dobc("certify", "paper-fixed", "--no-report", "--theorem", theorem)
+    assert words.code == code
+    assert words.out.startswith(f"paper-fixed: {verdict.upper()}. ")
+    if theorem == "theorem2":
+        assert ran.json["reason"].startswith("does not apply: theorem2 is not among the conditions")
+
+
+def test_a_report_is_written_unless_it_is_not_wanted(dobc, monkeypatch):
+    def render_report(certificate, **how):
+        return {"report.html": b"<p>report</p>"}
+
+    monkeypatch.setattr("dobc_design.report.write.render_report", render_report)
+    ran = dobc("certify", "paper-fixed", "--json")
+    assert Path(ran.json["report"]).read_text(encoding="utf-8") == "<p>report</p>"
+    assert "report       " in dobc("certify", "paper-fixed").out
+
+
+# ------------------------------------------------------------------------------------------ where files go
+
+
+@pytest.mark.parametrize(
+    "name",
+    [
+        "../../x",
+        "a/b",
+        "..",
+        ".",
+        "...",
+        ".hidden",
+        "-rf",
+        "/etc/x",
+        "a\\b",
+        "C:x",
+        "~",
+        "$HOME",
+        "x y",
+        "'",
+        "*",
+        "東京" * 50,
+        "x" * 100,
+        "e\u0301" * 50,
+        "[red]x[/red]",
+    ],
+)
+def test_no_name_of_a_problem_leads_out_of_the_current_folder(dobc, tmp_path, name):
+    inner = tmp_path / "in" / "here"
+    inner.mkdir(parents=True)
+    os.chdir(inner)
+    before = listing(tmp_path)
+    text = tomlkit.dumps({"name": name} | {k: v for k, v in tomllib.loads(CHAIN).items() if k != "name"})
+    ran = dobc("certify", write(text), "--no-report", "--json")
+    assert ran.code == 0
+    made = sorted(set(listing(tmp_path)) - set(before) - {"in/here/problem.toml"})
+    folder = Path(made[0])
+    assert made == [str(folder), str(folder / "certificate.json"), str(folder / "problem.json")]
+    assert folder.parent == Path("in/here")
+    assert folder.name.endswith("-certificate")
+    assert folder.name[0] not in ".-_"
+    assert len(folder.name.encode("utf-8")) <= 255
+    assert ran.json["problem"] == name
+
+
+def test_a_file_in_place_of_the_folder_is_a_clear_mistake(dobc):
+    Path("there").write_text("mine", encoding="utf-8")
+    ran = dobc("certify", "paper-fixed", "--no-report", "--json", "--out", "there")
+    assert ran.code == 2
+    assert ran.json["error"]["key"] == "--out"
+    assert "'there' is not a folder" in ran.json["error"]["message"]
+    assert Path("there").read_text(encoding="utf-8") == "mine"
+
+
+def test_a_folder_that_cannot_be_made_is_the_machines_failure(dobc):
+    Path("file").write_text("", encoding="utf-8")
+    ran = dobc("certify", "paper-fixed", "--no-report", "--out", "file/below")
+    assert ran.code == 4
+    assert "cannot be made" in ran.err
+    assert "Choose another with --out" in ran.err
+
+
+def test_a_full_disk_leaves_no_half_file(dobc, monkeypatch):
+    def full(*_: object) -> None:
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(os, "replace", full)
+    ran = dobc("certify", "paper-fixed", "--no-report", "--json")
+    assert ran.code == 4
+    assert ran.json["error"]["kind"] == "certificate"
+    assert "No space left on device" in ran.json["error"]["message"]
+    assert listing(Path()) == ["paper-fixed-certificate"]
+
+
+# ------------------------------------------------------------------------------------------ wrong files
+
+
+@pytest.mark.parametrize(
+    "cases",
+    [
+        TOML_AND_BYTES,
+        UNKNOWN_KEYS,
+        MISSING_OR_OF_A_WRONG_KIND,
+        NETWORK,
+        EXPRESSIONS,
+        NUMBERS,
+        MATRICES,
+        PINS_AND_FORMATION,
+        REGION_AND_SETTINGS,
+        ARC_FILES,
+    ],
+    ids=["bytes", "unknown", "missing", "network", "expressions", "numbers", "matrices", "pins", "settings", "arcs"],
+)
+def test_a_bad_file_leaves_with_2_one_json_error_and_nothing_written(dobc, tmp_path, cases):
+    for case in cases:
+        if callable(case.content) and not os.environ.get("CI"):
+            continue  # megabytes; the reader's own tests have them
+        folder = tmp_path / case.id
+        folder.mkdir()
+        os.chdir(folder)
+        path = write_case(case, folder)
+        before = listing(folder)
+        ran = dobc("certify", path, "--json")
+        assert (case.id, ran.code, ran.err) == (case.id, 2, "")
+        error = ran.json["error"]
+        assert set(error) >= {"kind", "key", "message", "cure"}
+        assert error["kind"] in ("spec", "shape", "expression")
+        keys = [each["key"] for each in error.get("all", [error])]
+        assert not case.expect_key or case.expect_key in keys, case.id
+        assert listing(folder) == before
+
+
+@pytest.mark.parametrize("case", BAD_FILES[::40], ids=lambda case: case.id)
+def test_a_bad_file_is_told_on_standard_error_in_words(dobc, tmp_path, case):
+    path = write_case(case, tmp_path)
+    ran = dobc("check", path)
+    assert ran.code == 2
+    assert ran.out == ""
+    assert ran.err.startswith("error: ")
+    assert ran.err.replace("\n", "").isprintable()
+
+
+def test_all_mistakes_are_counted(dobc):
+    ran = dobc("check", write(CHAIN.replace("{ 3 = 5 }", "{ 4 = 5, 3 = -1 }")))
+    assert ran.code == 2
+    assert ran.err.count("error: ") == 2
+    assert ran.err.endswith("2 errors; nothing was written.\n")
+
+
+# ------------------------------------------------------------------------------------------ check
+
+
+def test_check_says_in_words_what_a_problem_means(dobc):
+    ran = dobc("check", write(CHAIN))
+    assert (ran.code, ran.err) == (0, "")
+    assert "  1 listens to 2\n  2 listens to 3\n" in ran.out
+    assert "Pinned: 3 (k = 5)." in ran.out
+    assert listing(Path()) == ["problem.toml"]
+
+
+def test_check_writes_the_canonical_problem_and_overwrites_it_only_when_told(dobc):
+    ran = dobc("check", "paper-fixed", "--canonical", "out.json", "--json")
+    data = Path("out.json").read_bytes()
+    assert (ran.code, ran.json["canonical"], ran.json["valid"]) == (0, "out.json", True)
+    assert data == canonical_bytes(load_problem("paper-fixed"))
+    again = dobc("check", "uav-swarm", "--canonical", "out.json", "--json")
+    assert (again.code, again.json["error"]["key"]) == (2, "--canonical")
+    assert "--force" in again.json["error"]["cure"]
+    assert Path("out.json").read_bytes() == data
+    assert dobc("check", "uav-swarm", "--canonical", "out.json", "--force").code == 0
+    assert Path("out.json").read_bytes() == canonical_bytes(load_problem("uav-swarm"))
+    assert dobc("check", "out.json", "--json").json["name"] == "uav-swarm"
+
+
+def test_check_cannot_write_onto_a_folder_or_into_none(dobc):
+    Path("folder").mkdir()
+    for force in ((), ("--force",)):
+        ran = dobc("check", "paper-fixed", "--canonical", "folder", "--json", *force)
+        assert (ran.code, ran.json["error"]["message"]) == (2, "'folder' is a folder.")
+    ran = dobc("check", "paper-fixed", "--canonical", "none/out.json", "--json")
+    assert (ran.code, ran.json["error"]["key"]) == (4, "--canonical")
+
+
+def test_a_bad_problem_writes_no_canonical_form(dobc):
+    assert dobc("check", write(CHAIN.replace("y", "y + 1")), "--canonical", "out.json").code == 2
+    assert listing(Path()) == ["problem.toml"]
+
+
+# ------------------------------------------------------------------------------------------ verify
+
+
+@pytest.fixture
+def certified(dobc):
+    assert dobc("certify", "paper-fixed", "--no-report", "--out", "proof").code == 0
+    return Path("proof")
+
+
+@pytest.mark.parametrize("problem", ["paper-fixed", "proof/problem.json"])
+@pytest.mark.parametrize("certificate", ["proof", "proof/certificate.json"])
+def test_a_certificate_verifies_against_every_form_of_its_problem(dobc, certified, certificate, problem):
+    ran = dobc("verify", certificate, "--problem", problem, "--json")
+    assert ran.code == 0
+    assert (ran.json["holds"], ran.json["verdict"], ran.json["failures"]) == (True, "proved", [])
+    words = dobc("verify", certificate, "--problem", problem)
+    assert words.out.startswith("every claim holds; verdict proved.")
+
+
+@pytest.mark.parametrize(
+    ("old", "new"),
+    [
+        ('"verdict": "proved"', '"verdict": "refuted"'),
+        ('"16/5"', '"17/5"'),
+        ('"-9/8"', '"-9/9"'),
+        ('"covered_by": "max-separable"', '"covered_by": null'),
+    ],
+)
+def test_a_certificate_that_was_changed_leaves_with_1(dobc, certified, old, new):
+    path = certified / "certificate.json"
+    text = path.read_text(encoding="utf-8")
+    assert old in text
+    path.write_text(text.replace(old, new, 1), encoding="utf-8")
+    ran = dobc("verify", path, "--problem", "paper-fixed", "--json")
+    assert ran.code == 1
+    assert ran.json["holds"] is False
+    assert ran.json["failures"]
+
+
+def test_a_certificate_of_another_problem_leaves_with_1(dobc, certified):
+    ran = dobc("verify", certified, "--problem", "uav-swarm", "--json")
+    assert ran.code == 1
+    assert "another problem" in ran.json["failures"][0]
+
+
+@pytest.mark.parametrize("content", [b"", b"{}", b"no json", b"\xff\xfe", b"[" * 50_000, b'{"format": "dobc-problem"}'])
+def test_what_is_no_certificate_leaves_with_2(dobc, content):
+    Path("certificate.json").write_bytes(content)
+    ran = dobc("verify", "certificate.json", "--problem", "paper-fixed", "--json")
+    assert ran.code == 2
+    assert ran.json["error"]["kind"] == "certificate"
+    assert "cannot be read" in ran.json["error"]["message"]
+
+
+def test_a_certificate_or_problem_that_is_not_there_leaves_with_2(dobc, certified):
+    assert dobc("verify", "nowhere.json", "--problem", "paper-fixed", "--json").json["error"]["key"] == "certificate"
+    ran = dobc("verify", certified, "--problem", "nowhere.toml", "--json")
+    assert (ran.code, ran.json["error"]["key"]) == (2, "nowhere.toml")
+
+
+# ------------------------------------------------------------------------------------------ the other commands
+
+
+def test_problems_lists_the_built_in_ones(dobc):
+    ran = dobc("problems", "--json")
+    assert [row["name"] for row in ran.json["problems"]] == list(builtin_names())
+    words = dobc("problems")
+    assert [line.split()[0] for line in words.out.splitlines()] == list(builtin_names())
+
+
+@pytest.mark.parametrize("id", sorted(EXPLANATIONS))
+def test_every_known_condition_can_be_explained(dobc, id):
+    ran = dobc("explain", id, "--json")
+    assert (ran.code, ran.json["id"]) == (0, id)
+    words = dobc("explain", id)
+    assert ran.json["title"] in words.out
+    assert "Proved: " in words.out
+    assert "Refuted: " in words.out
+
+
+def test_every_condition_that_certify_shows_can_be_explained(dobc):
+    shown = {
+        check["id"]
+        for name in ("paper-fixed", "paper-switching", "clock-sync")
+        for check in dobc("certify", name, "--no-report", "--json").json["checks"]
+    }
+    assert shown <= set(EXPLANATIONS) <= set(CHECK_IDS)
+
+
+def test_an_unknown_condition_is_refused_with_those_that_are_known(dobc):
+    ran = dobc("explain", "theorem3", "--json")
+    assert (ran.code, ran.json["error"]["key"]) == (2, "id")
+    assert "theorem1" in ran.json["error"]["cure"]
+    ran = dobc("certify", "paper-fixed", "--theorem", "theorem3", "--json")
+    assert (ran.code, ran.json["error"]["key"]) == (2, "--theorem")
+    assert listing(Path()) == []
+
+
+def test_schema_prints_the_json_schema_with_and_without_json(dobc):
+    plain, asked = dobc("schema"), dobc("schema", "--json")
+    assert plain == asked
+    assert plain.json["properties"]["network"]
+
+
+def test_the_version_and_the_help_are_printed(dobc):
+    assert dobc("--version").out == f"dobc {__version__}\n"
+    ran = dobc("--help")
+    assert ran.code == 0
+    for command in ("certify", "verify", "check", "explain", "doctor"):
+        assert command in ran.out
+
+
+# ------------------------------------------------------------------------------------------ one JSON document
+
+
+@pytest.mark.parametrize(
+    ("arguments", "code"),
+    [
+        (("problems",), 0),
+        (("check", "paper-fixed"), 0),
+        (("certify", "paper-fixed", "--no-report"), 0),
+        (("schema",), 0),
+        (("explain", "lemma1"), 0),
+        ((), 2),
+        (("frobnicate",), 2),
+        (("certify",), 2),
+        (("certify", "paper-fixed", "more"), 2),
+        (("certify", "paper-fixed", "--wrong"), 2),
+        (("certify", "paper-fixed", "--out", "--all"), 2),
+        (("check", "paper-fixed", "--canonical", "--force"), 2),
+        (("certify", "paper-fixed", "--theorem", "none"), 2),
+        (("certify", "none.toml"), 2),
+        (("certify", "."), 2),
+        (("check", "none.toml"), 2),
+        (("verify",), 2),
+        (("verify", "none.json"), 2),
+        (("verify", "none.json", "--problem", "paper-fixed"), 2),
+        (("explain",), 0),
+        (("explain", "none"), 2),
+        (("problems", "more"), 2),
+        (("schema", "more"), 2),
+        (("doctor", "more"), 2),
+    ],
+)
+def test_json_puts_one_document_on_standard_output_and_nothing_else(dobc, arguments, code):
+    ran = dobc(*arguments, "--json")
+    assert (ran.code, ran.err) == (code, "")
+    assert ran.out.endswith("}\n")
+    document = ran.json
+    if code == 2:
+        assert list(document) == ["error"]
+        assert set(document["error"]) - {"all"} == {"kind", "key", "message", "cure"}
+        assert document["error"]["message"]
+        words = dobc(*arguments)
+        assert (words.code, words.out) == (2, "")
+        assert words.err.startswith("error: ")
+
+
+def test_a_wrong_option_points_to_the_help_of_its_command(dobc):
+    assert "See `dobc certify --help`." in dobc("certify", "--wrong").err
+    assert "See `dobc --help`." in dobc("frobnicate").err
+
+
+# ------------------------------------------------------------------------------------------ what breaks
+
+
+@pytest.mark.parametrize(
+    ("error", "code", "kind", "message"),
+    [
+        (KeyboardInterrupt(), 130, "interrupted", "Interrupted"),
+        (RuntimeError("a slip"), 4, "internal", "Internal error (RuntimeError: a slip)."),
+        (RecursionError("deep"), 4, "internal", "RecursionError"),
+        (MemoryError(), 4, "memory", "out of memory"),
+        (OSError(5, "Input/output error", "somewhere"), 4, "io", "Input/output error (somewhere)."),
+        (SolverError("the solver broke down.", cure="Rescale."), 4, "solver", "the solver broke down."),
+    ],
+    ids=lambda value: type(value).__name__ if isinstance(value, BaseException) else None,
+)
+def test_a_failure_of_the_machine_is_never_an_answer(dobc, monkeypatch, error, code, kind, message):
+    """Contract: an uncaught exception is never 1."""
+
+    def fail(*_: object, **__: object) -> None:
+        raise error
+
+    monkeypatch.setattr("dobc_design.certification.certify.certify", fail)
+    ran = dobc("certify", "paper-fixed", "--json")
+    assert (ran.code, ran.err) == (code, "")
+    assert ran.json["error"]["kind"] == kind
+    assert message in ran.json["error"]["message"]
+    words = dobc("certify", "paper-fixed")
+    assert (words.code, words.out) == (code, "")
+    assert message in words.err
+    assert listing(Path()) == []
+
+
+def test_a_traceback_is_shown_to_those_who_ask_for_it(monkeypatch, capsys):
+    def fail(*_: object, **__: object) -> None:
+        raise RuntimeError("a slip")
+
+    monkeypatch.setattr("dobc_design.certification.certify.certify", fail)
+    monkeypatch.setenv("DOBC_TRACEBACK", "1")
+    with pytest.raises(SystemExit) as caught:
+        main(["certify", "paper-fixed"])
+    assert caught.value.code == 4
+    assert "Traceback" in capsys.readouterr().err
+
+
+# ------------------------------------------------------------------------------------------ to be read
+
+
+MARKUP = CHAIN.replace("agents = 3", 'agents = ["[red]x[/red]", "[/]", ":smile:"]').replace(
+    "G = [[1, 2], [2, 3]]", '"[bold]G[/bold]" = [["[red]x[/red]", "[/]"], ["[/]", ":smile:"]]'
+)
+
+
+def test_names_with_markup_come_out_as_they_are(dobc):
+    text = MARKUP.replace('name = "chain"', 'name = "[link=x]name"').replace("gains = { 3 = 5 }", "gains = {}")
+    path = write('notes = ["[red]note[/red]"]\n' + text)
+    for arguments in (("certify", path, "--no-report"), ("check", path)):
+        ran = dobc(*arguments)
+        for literal in ("[red]x[/red]", "[/]", ":smile:", "[bold]G[/bold]", "[link=x]name", "[red]note[/red]"):
+            assert literal in ran.out
+        assert "\x1b" not in ran.out
+
+
+@pytest.mark.parametrize(
+    ("old", "new"),
+    [
+        ("agents = 3", r'agents = ["\u001b[31mred", 2, 3]'),
+        ('"chain"', r'"\u001b]0;title\u0007"'),
+        ("G =", r'"\u001b[2J" ='),
+        ("3 = 5", r'"\u001b[31m" = 5'),
+        ("[pinning]", '["\\u001b[31m"]'),
+    ],
+)
+def test_escape_sequences_never_reach_the_terminal(dobc, old, new):
+    path = write(CHAIN.replace(old, new))
+    for arguments in (("check", path), ("check", path, "--json")):
+        ran = dobc(*arguments)
+        assert ran.code == 2
+        assert "\x1b" not in ran.out + ran.err
+        assert "\\x1b" in ran.out + ran.err
+
+
+def test_piped_output_is_wide_and_a_narrow_terminal_has_the_reasons_below(dobc, monkeypatch):
+    wide = dobc("certify", "paper-switching", "--no-report").out.splitlines()
+    rows = [line for line in wide if line.startswith("hurwitz")]
+    assert len(rows) == 1
+    assert "A - WC is Hurwitz (given W): the estimation error decays at least like exp(" in rows[0]
+    assert "from every start asked for under arbitrary switching of the modes" in wide[0]
+    monkeypatch.setenv("COLUMNS", "80")
+    path = write(without_region_text("paper-switching"))
+    narrow = dobc("certify", path, "--no-report").out.splitlines()
+    assert max(len(line) for line in narrow if not line.startswith("re-check")) <= 80
+    place = narrow.index("hurwitz")
+    assert narrow[place + 1].startswith("  A - WC is Hurwitz (given W)")
+    monkeypatch.setenv("COLUMNS", "200")
+    wider = dobc("certify", "paper-fixed", "--no-report").out.splitlines()
+    assert any("hurwitz" in line and "exp(" in line for line in wider)
+
+
+def test_what_would_help_and_what_is_assumed_are_shown(dobc):
+    document = tomllib.loads(UNDETECTABLE)
+    del document["observer"], document["region"], document["simulation"]
+    out = dobc("certify", write(tomlkit.dumps(document)), "--no-report").out
+    assert "What would cure it: Use the observable part of the exosystem" in out
+    assert "    C = [[1, 0]]\n" in out
+    assert "Note: Stand-in: agents 1 and 6 are pinned" in dobc("certify", "paper-fixed", "--no-report").out
+
+
+def test_shown_margins_and_rates_are_never_larger_than_what_is_proved(dobc):
+    path = write(without_region_text("paper-switching"))
+    document = dobc("certify", path, "--no-report", "--json").json
+    out = dobc("certify", path, "--no-report").out
+    for check in document["checks"]:
+        if check["verdict"] == "proved" and check["margin"]:
+            title = f"{check['id']} ({check['mode']})" if "mode" in check else check["id"]
+            row = next(line for line in out.splitlines() if line.startswith(f"{title} "))
+            margin, rate = (float(cell) for cell in row.split("│")[2:4])
+            assert 0 < margin <= check["margin"]
+            assert 0 < rate <= check["rate"]
+
+
+def test_the_line_to_check_again_can_be_pasted_into_a_shell(dobc):
+    path = write(CHAIN, "my problem's.toml")
+    out = dobc("certify", path, "--no-report", "--out", "a b").out
+    assert "re-check     dobc verify 'a b/certificate.json' --problem 'my problem'\"'\"'s.toml'" in out
+
+
+# ------------------------------------------------------------------------------------------ real processes
+
+
+def start(*arguments: str, **options: Any) -> subprocess.CompletedProcess[str]:
+    return subprocess.run(
+        [sys.executable, "-m", "dobc_design", *arguments],
+        capture_output="stdout" not in options,
+        text=True,
+        encoding="utf-8",
+        timeout=120,
+        check=False,
+        **options,
+    )
+
+
+def test_a_real_process_certifies_and_verifies(tmp_path):
+    ran = start("certify", "paper-fixed", "--no-report", "--json", cwd=tmp_path)
+    assert (ran.returncode, ran.stderr) == (0, "")
+    assert json.loads(ran.stdout)["verdict"] == "proved"
+    ran = start("verify", "paper-fixed-certificate", "--problem", "paper-fixed", cwd=tmp_path)
+    assert (ran.returncode, ran.stderr) == (0, "")
+
+
+@pytest.mark.parametrize("case", [NUMBERS[16], EXPRESSIONS[12], ARC_FILES[4]], ids=lambda case: case.id)
+def test_a_real_process_refuses_a_bad_file(tmp_path, case):
+    path = write_case(case, tmp_path)
+    before = listing(tmp_path)
+    ran = start("certify", str(path), "--json", cwd=tmp_path)
+    assert (ran.returncode, ran.stderr) == (2, "")
+    assert case.expect_key == json.loads(ran.stdout)["error"]["key"]
+    assert listing(tmp_path) == before
+
+
+def test_output_is_utf_8_whatever_the_system_says(tmp_path):
+    path = tmp_path / "problem.toml"
+    path.write_text(MARKUP.replace(":smile:", "東京").replace("{ 3 = 5 }", '{ "東京" = 5 }'), encoding="utf-8")
+    for encoding in ("ascii", "latin-1", "cp1252"):
+        ran = start("check", str(path), cwd=tmp_path, env=os.environ | {"PYTHONIOENCODING": encoding})
+        assert (ran.returncode, ran.stderr) == (0, "")
+        assert "東京" in ran.stdout
+
+
+@pytest.mark.skipif(not hasattr(os, "pipe") or os.name == "nt", reason="needs pipes of Unix")
+def test_a_reader_that_goes_away_is_no_answer(tmp_path):
+    """Contract: exit 1 means refuted or "does not hold", nothing else."""
+    reading, writing = os.pipe()
+    os.close(reading)
+    ran = start("schema", cwd=tmp_path, stdout=writing, stderr=subprocess.PIPE)
+    os.close(writing)
+    assert ran.returncode == 4
+    assert "Traceback" not in ran.stderr
+    assert "standard output cannot be written" in ran.stderr
+
+
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="needs a full device")
+def test_a_full_standard_output_is_the_machines_failure(tmp_path):
+    with Path("/dev/full").open("w", encoding="utf-8") as full:
+        ran = start("problems", cwd=tmp_path, stdout=full, stderr=subprocess.PIPE)
+    assert ran.returncode == 4
+    assert "error: standard output cannot be written: No space left on device." in ran.stderr
+    assert "Traceback" not in ran.stderr
+
+
+# ------------------------------------------------------------------------------------------ export
+
+
+def test_export_writes_the_theorem_for_rocq_and_refuses_to_overwrite_it(dobc):
+    """Contract: `export --rocq FILE` takes a certificate."""
+    dobc("certify", "paper-fixed", "--no-report", "--out", "out")
+    ran = dobc("export", "out", "--rocq", "theorem.v")
+    assert ran.code == 0
+    assert "coqc theorem.v" in ran.out
+    assert "theorem1" in Path("theorem.v").read_text("ascii")
+    again = dobc("export", "out", "--rocq", "theorem.v", "--json")
+    assert again.code == 2
+    assert again.json["error"]["key"] == "--rocq"
+    forced = dobc("export", "out/certificate.json", "--rocq", "theorem.v", "--force", "--json")
+    assert forced.json == {"rocq": "theorem.v"}
+
+
+def test_export_of_another_problem_or_of_nothing_is_refused(dobc):
+    dobc("certify", "paper-fixed", "--no-report", "--out", "out")
+    assert dobc("export", "out", "--rocq", "theorem.v", "--problem", "clock-sync").code == 2
+    assert dobc("export", "none", "--rocq", "theorem.v").code == 2
+    assert dobc("export", "out").code == 2
+    assert not Path("theorem.v").exists()
+
+
+def test_a_pipe_is_refused_and_not_waited_for(dobc):
+    os.mkfifo("p.toml")
+    ran = dobc("check", "p.toml")
+    assert ran.code == 2
+    assert "pipe" in ran.err
+
+
+def test_the_cure_of_an_undetectable_pair_projects_what_belongs_to_the_old_states(dobc):
+    """Theory, section 2: W, xi0 and the bound on eps are projected too."""
+    document = tomllib.loads(builtin_text("paper-fixed"))
+    document["exosystem"] = {"A": [[0, 2, 0], [-2, 0, 0], [0, 0, 0]], "C": [[1, 0, 0]]}
+    document["observer"] = {"W": [["16/5"], ["12/5"], [0]]}
+    document["simulation"]["xi0"] = [1, 2, 3]
+    ran = dobc("certify", write(tomlkit.dumps(document)), "--no-report", "--json")
+    assert ran.code == 3
+    fix = checks(ran)["detectability"]["fix"]["set"]
+    assert checks(ran)["hurwitz"]["fix"]["set"] == fix
+    for key, value in fix.items():
+        table, name = key.split(".")
+        document[table][name] = value
+    again = dobc("certify", write(tomlkit.dumps(document)), "--no-report", "--json")
+    assert again.code == 0
+    assert len(document["simulation"]["xi0"]) == 2
+
+
+def test_a_cure_is_told_at_the_end_and_written_to_a_new_file(dobc):
+    wrong = "# kept\n" + CHAIN.replace("{ 3 = 5 }", "{ 1 = 5 }")
+    source = write(wrong)
+    ran = dobc("certify", source, "--no-report")
+    assert ran.code == 1
+    cure = ran.out[ran.out.index("What would cure it:") :]
+    assert cure.startswith("What would cure it: Pin agent 3 as well, with k = ")
+    assert "    [pinning]\n    gains = { 1 = 5, 3 = " in cure
+    assert "--apply-fix" in cure
+    ran = dobc("certify", source, "--no-report", "--apply-fix", "cured.toml")
+    assert ran.code == 1
+    assert ran.out.endswith("cured        cured.toml\ncertify it   dobc certify cured.toml\n")
+    text = Path("cured.toml").read_text(encoding="utf-8")
+    assert text.startswith("# kept\n")
+    assert dobc("certify", "cured.toml", "--no-report").code == 0
+
+
+def test_a_cured_file_with_notes_says_that_they_may_be_out_of_date(dobc):
+    source = write('notes = ["Agent 1 is pinned."]\n' + CHAIN.replace("{ 3 = 5 }", "{ 1 = 5 }"))
+    ran = dobc("certify", source, "--no-report", "--apply-fix", "cured.toml")
+    assert ran.code == 1
+    assert ran.out.endswith("look at      its notes: they are kept as they were and may speak of what has changed\n")
+    assert "Agent 1 is pinned." in Path("cured.toml").read_text(encoding="utf-8")
+
+
+def test_json_holds_the_fix_and_the_name_of_the_cured_file(dobc):
+    ran = dobc("certify", write(CHAIN.replace("{ 3 = 5 }", "{ 1 = 5 }")), "--no-report", "--json")
+    fix = checks(ran)["theorem1" if "theorem1" in checks(ran) else "lemma1"]["fix"]
+    assert fix["kind"] == "pinning"
+    assert list(fix["set"]) == ["pinning.gains"]
+    assert "applied" not in ran.json
+    again = dobc("certify", "problem.toml", "--no-report", "--json", "--apply-fix", "cured.toml")
+    assert again.json["applied"] == "cured.toml"
+    assert again.json["checks"] == ran.json["checks"]
+
+
+@pytest.mark.parametrize(
+    ("file", "target", "words"),
+    [
+        ("paper-fixed-cured", "new.toml", "nothing to cure"),
+        ("wrong", "new.json", "must name a .toml file"),
+        ("wrong", "there.toml", "exists already"),
+        ("wrong", "folder", "is a folder"),
+        ("kinks", "new.toml", "no cure is known"),
+    ],
+)
+def test_a_cure_that_cannot_be_written_is_one_clear_error_and_nothing_is_written(dobc, file, target, words):
+    proved = CHAIN if file == "paper-fixed-cured" else CHAIN.replace("{ 3 = 5 }", "{ 1 = 5 }")
+    if file == "kinks":
+        proved = re.sub(r"h = .*", 'h = "clip(y, -1, 1)"', proved)
+    source = write(proved)
+    Path("there.toml").write_text("old", encoding="utf-8")
+    Path("folder").mkdir()
+    before = listing(Path())
+    ran = dobc("certify", source, "--no-report", "--json", "--apply-fix", target)
+    assert (ran.code, ran.json["error"]["key"]) == (2, "--apply-fix")
+    assert words in ran.json["error"]["message"]
+    assert listing(Path()) == before
+    assert Path("there.toml").read_text(encoding="utf-8") == "old"
+
+
+def test_force_replaces_the_cured_file_and_a_json_problem_becomes_a_toml_one(dobc):
+    source = write(CHAIN.replace("{ 3 = 5 }", "{ 1 = 5 }"))
+    dobc("certify", source, "--no-report", "--out", "out")
+    Path("cured.toml").write_text("old", encoding="utf-8")
+    ran = dobc("certify", "out/problem.json", "--no-report", "--apply-fix", "cured.toml", "--force")
+    assert ran.code == 1
+    assert dobc("certify", "cured.toml", "--no-report").code == 0

@@ -1,0 +1,260 @@
+"""`dobc new`, `dobc doctor`, `dobc explain`, completion: what a newcomer meets first."""
+
+from __future__ import annotations
+
+import json
+import os
+import re
+import subprocess
+import sys
+import tomllib
+from importlib import metadata
+from pathlib import Path
+
+import pytest
+
+from dobc_design.certification.certify import certify, verify
+from dobc_design.cli.completion import ids, problem_names
+from dobc_design.cli.doctor import Item, examine, fits, install_command
+from dobc_design.cli.new import scaffold
+from dobc_design.conditions.check import CHECK_IDS
+from dobc_design.conditions.explanations import EXPLANATIONS
+from dobc_design.problem.load import load_problem
+from dobc_design.problem.schema import json_schema
+from dobc_design.verdict import Verdict
+
+
+@pytest.fixture
+def dobc(command_line):
+    """Run the command line in an empty folder: exit code, standard output, standard error."""
+    return command_line
+
+
+# ------------------------------------------------------------------------------------------ new
+
+
+def test_new_writes_a_problem_a_notebook_a_test_and_the_schema(dobc):
+    code, out, _ = dobc("new", "my-swarm")
+    assert code == 0
+    names = sorted(path.name for path in Path("my-swarm").iterdir())
+    assert names == ["my-swarm.ipynb", "my-swarm.toml", "problem.schema.json", "test_my_swarm.py"]
+    assert "next:  cd my-swarm\n       dobc check my-swarm.toml" in out
+    assert load_problem("my-swarm/my-swarm.toml").name == "my-swarm"
+
+
+@pytest.mark.slow
+def test_the_starter_problem_is_proved_from_its_own_starts_and_refuted_without_its_pin(dobc):
+    dobc("new", "my-swarm")
+    problem = load_problem("my-swarm/my-swarm.toml")
+    certificate = certify(problem)
+    assert (certificate.verdict, certificate.covered_by) == (Verdict.PROVED, "max-separable")
+    assert verify(certificate, problem).holds
+    text = Path("my-swarm/my-swarm.toml").read_text("utf-8").replace("gains = { 1 = 2.0 }", "gains = { 1 = 0 }")
+    Path("unpinned.toml").write_text(text, encoding="utf-8")
+    assert certify("unpinned.toml").verdict is Verdict.REFUTED
+
+
+def test_new_overwrites_nothing(dobc):
+    assert dobc("new", "swarm")[0] == 0
+    before = {path: path.read_bytes() for path in Path("swarm").iterdir()}
+    code, out, _ = dobc("new", "swarm", "--json")
+    assert (code, json.loads(out)["error"]["key"]) == (2, "NAME")
+    assert "exists already; nothing is overwritten" in json.loads(out)["error"]["message"]
+    assert {path: path.read_bytes() for path in Path("swarm").iterdir()} == before
+    assert dobc("new", "swarm", "--out", "elsewhere")[0] == 0
+    Path("file").write_text("x", encoding="utf-8")
+    assert dobc("new", "swarm", "--out", "file")[0] == 2
+
+
+@pytest.mark.parametrize("name", ["", "1", "a b", "../a", "a/b", "a.b", "ä", "-a", "a" * 61, "a;rm"])
+def test_a_name_that_cannot_name_files_is_refused(dobc, name):
+    code, _, err = dobc("new", "--", name)
+    assert code == 2
+    assert "NAME must be" in err
+    assert list(Path().iterdir()) == []
+
+
+def test_the_schema_beside_the_problem_is_that_of_this_version_and_the_file_points_to_it(dobc):
+    dobc("new", "swarm")
+    assert json.loads(Path("swarm/problem.schema.json").read_text("utf-8")) == json_schema()
+    assert Path("swarm/swarm.toml").read_text("utf-8").splitlines()[0] == "#:schema ./problem.schema.json"
+
+
+def test_the_starter_file_keeps_to_the_schema():
+    """Read by an independent reader of JSON Schema, where one is installed."""
+    jsonschema = pytest.importorskip("jsonschema", reason="comes with jupyterlab, dobc_design[notebook]")
+    document = tomllib.loads(scaffold("swarm")["swarm.toml"].decode())
+    jsonschema.Draft202012Validator(json_schema()).validate(document)
+    document["coupling"]["g"] = "y"
+    assert not jsonschema.Draft202012Validator(json_schema()).is_valid(document)
+
+
+def test_new_from_arcs_makes_a_problem_of_them(dobc):
+    Path("ring.csv").write_text("a,b\nb,c\nc,a\n", encoding="utf-8")
+    code, _, err = dobc("new", "ring", "--from", "ring.csv")
+    assert (code, list(Path().iterdir())) == (2, [Path("ring.csv")]), err
+    code, out, err = dobc("new", "ring", "--from", "ring.csv", "--arrow", "listens_to", "--json")
+    assert code == 0, err
+    assert json.loads(out)["name"] == "ring"
+    problem = load_problem("ring/ring.toml")
+    assert problem.name == "ring"
+    assert sorted(problem.network.labels) == ["a", "b", "c"]
+    assert sum(len(arcs) for arcs in problem.network.modes.values()) == 3
+    assert dobc("new", "other", "--arrow", "listens_to")[0] == 2
+
+
+@pytest.mark.slow
+def test_the_notebook_and_the_test_of_a_new_project_run(dobc, tmp_path):
+    dobc("new", "my-swarm")
+    environment = {**os.environ, "JUPYTER_PLATFORM_DIRS": "1"}
+    for options in ((), ("--nbmake", "my-swarm.ipynb")):
+        command = [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", *options]
+        done = subprocess.run(
+            command,
+            cwd=tmp_path / "my-swarm",
+            capture_output=True,
+            text=True,
+            check=False,
+            env=environment,
+            timeout=300,
+        )
+        assert done.returncode == 0, done.stdout[-2000:]
+        assert "1 passed" in done.stdout
+
+
+# ------------------------------------------------------------------------------------------ doctor
+
+
+WORKS = Item(item="paper-fixed", group="core", detail="proved, re-checked", ok=True)
+
+
+@pytest.mark.slow
+def test_doctor_lists_what_the_package_asks_for_and_leaves_with_0(dobc):
+    code, out, _ = dobc("doctor", "--json")
+    document = json.loads(out)
+    assert code == 0
+    assert document["ok"] is True
+    items = {row["item"]: row for row in document["items"]}
+    for text in metadata.requires("dobc_design"):
+        name = re.match(r"[A-Za-z0-9-]+", text)[0]
+        assert items[name]["group"] == (text.partition("extra == ")[2].strip("\"'") or "core")
+    assert items["numpy"]["detail"] == metadata.version("numpy")
+    assert items["paper-fixed"] == {
+        "item": "paper-fixed",
+        "group": "core",
+        "detail": "proved, re-checked",
+        "ok": True,
+        "install": None,
+    }
+
+
+def test_doctor_says_what_is_missing_and_the_command_that_installs_it(dobc, monkeypatch):
+    real = metadata.version
+
+    def version(name: str) -> str:
+        if name in ("duckdb", "typst"):
+            raise metadata.PackageNotFoundError(name)
+        return "2.3.9" if name == "numpy" else real(name)
+
+    monkeypatch.setattr(metadata, "version", version)
+    monkeypatch.setattr("dobc_design.cli.doctor._main_path", lambda: WORKS)
+    code, out, _ = dobc("doctor")
+    assert code == 0
+    assert "absent   duckdb" in out
+    assert "MISSING  numpy                2.3.9, needs >=2.4" in out
+    assert f"To install the extra store:\n  {install_command(['duckdb>=2.0'])}" in out
+    assert "1 of the things that are needed are missing or broken." in out
+    assert json.loads(dobc("doctor", "--json")[1])["ok"] is False
+
+
+def test_doctor_without_programs_names_their_packages(monkeypatch):
+    monkeypatch.setattr("shutil.which", lambda name: "/usr/bin/apt-get" if name == "apt-get" else None)
+    monkeypatch.setattr("dobc_design.cli.doctor._main_path", lambda: WORKS)
+    found = {each.item: each for each in examine() if each.group == "programs"}
+    assert {name: each.install for name, each in found.items()} == {
+        "coqc": "sudo apt-get install coq",
+        "gcc": "sudo apt-get install gcc",
+        "chromium": "sudo apt-get install chromium",
+        "csdp": "sudo apt-get install coinor-csdp",
+    }
+
+
+@pytest.mark.parametrize(
+    ("version", "bounds", "yes"),
+    [
+        ("2.4", ">=2.4", True),
+        ("2.4.0", ">=2.4", True),
+        ("2.10", ">=2.4", True),
+        ("2.3.9", ">=2.4", False),
+        ("0.12", "<0.12,>=0.11", False),
+        ("0.11.9", "<0.12,>=0.11", True),
+        ("3.0rc1", ">=3", True),
+        ("1", "", True),
+        ("1.5", "!=1.5", False),
+        ("1.5", "==1.5.0", True),
+    ],
+)
+def test_versions_are_compared_as_numbers(version, bounds, yes):
+    assert fits(version, bounds) is yes
+
+
+# ------------------------------------------------------------------------------------------ explain, completion
+
+
+def test_every_condition_of_a_certificate_has_its_explanation(dobc):
+    assert set(EXPLANATIONS) == set(CHECK_IDS)
+    code, out, _ = dobc("explain")
+    assert code == 0
+    assert [line.split()[0] for line in out.splitlines()] == list(EXPLANATIONS)
+    assert [each["id"] for each in json.loads(dobc("explain", "--json")[1])["conditions"]] == list(EXPLANATIONS)
+    for text in EXPLANATIONS.values():
+        assert min(map(len, (text.plain, text.meaning, text.proved, text.refuted, text.source))) > 5
+
+
+def test_a_misspelt_condition_is_recognised(dobc):
+    code, _, err = dobc("explain", "theorm2")
+    assert code == 2
+    assert "Did you mean theorem2?" in err
+
+
+def test_completion_offers_problems_files_and_conditions(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "mine.toml").write_text("", encoding="utf-8")
+    (tmp_path / "mine.txt").write_text("", encoding="utf-8")
+    (tmp_path / "sub").mkdir()
+    (tmp_path / "sub/deep.json").write_text("", encoding="utf-8")
+    assert problem_names("paper-f") == ["paper-fixed"]
+    assert problem_names("m") == ["microgrid-ieee14", "mine.toml"]
+    assert problem_names("su") == ["sub/"]
+    assert problem_names("sub/") == ["sub/deep.json"]
+    assert problem_names("nowhere/x") == []
+    assert ids("theorem1") == ["theorem1", "theorem1-printed"]
+
+
+def shell(*arguments: str, **environment: str) -> subprocess.CompletedProcess[str]:
+    return subprocess.run(
+        [sys.executable, "-m", "dobc_design", *arguments],
+        capture_output=True,
+        text=True,
+        check=False,
+        timeout=120,
+        env={**os.environ, "_TYPER_COMPLETE_TEST_DISABLE_SHELL_DETECTION": "", **environment},
+    )
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(os.name == "nt", reason="bash")
+def test_bash_gets_a_script_and_then_its_answers(tmp_path):
+    script = subprocess.run(
+        ["bash", "-c", f"{sys.executable} -m dobc_design --show-completion; true"],
+        capture_output=True,
+        text=True,
+        check=False,
+        timeout=120,
+    )
+    assert "complete -o default -F _dobc_completion dobc" in script.stdout
+    assert script.stderr == ""
+    done = shell(_DOBC_COMPLETE="complete_bash", COMP_WORDS="dobc certify paper-", COMP_CWORD="2")
+    assert (done.returncode, done.stdout.split()) == (0, ["paper-fixed", "paper-switching"])
+    done = shell(_DOBC_COMPLETE="complete_bash", COMP_WORDS="dobc expl", COMP_CWORD="1")
+    assert (done.returncode, done.stdout.split()) == (0, ["explain"])

@@ -1,0 +1,184 @@
+"""`dobc region`: numbers and a picture, exit codes as certify, one document with --json, files replaced together."""
+
+from __future__ import annotations
+
+import json
+from functools import partial
+from pathlib import Path
+
+import pytest
+from problem_texts import listening_pair_text
+
+from dobc_design.certificate.certificate import Certificate
+from dobc_design.certification.certify import certify
+from dobc_design.certification.search import Searched, search_certificate
+from dobc_design.cli.main import region as cli_region
+from dobc_design.problem.problem import Problem
+
+SINES = """\
+name = "sines"
+[network]
+agents = 3
+arrow = "listens_to"
+[network.modes]
+G = [[2, 1], [3, 2], [1, 3]]
+[coupling]
+h = "sin(y)"
+[pinning]
+gains = { 1 = 1 }
+"""
+ASKED = (
+    SINES
+    + """\
+[region]
+initial_states = [-HALF, HALF]
+"""
+)
+
+
+CERTIFICATES: dict[tuple[Problem, bool, object], Certificate] = {}
+
+
+def certify_once(problem: Problem, *, everything: bool, settling: object, progress: object) -> Certificate:
+    """The same problem is certified once for all tests: that takes a second or two."""
+    key = (problem, everything, settling)
+    if key not in CERTIFICATES:
+        CERTIFICATES[key] = certify(problem, everything=everything, settling=settling)
+    return CERTIFICATES[key]
+
+
+def search_briefly(certificate: Certificate, *, progress: object) -> Searched:
+    return search_certificate(certificate, runs=20)
+
+
+@pytest.fixture
+def dobc(command_line, tmp_path, monkeypatch):
+    """Run the command line in an empty folder: exit code, standard output, standard error."""
+    monkeypatch.setattr(cli_region, "certify", certify_once)
+    monkeypatch.setattr(cli_region, "search_certificate", search_briefly)
+    (tmp_path / "free.toml").write_text(SINES.replace("sin(y)", "tanh(y)"), encoding="utf-8")
+    (tmp_path / "near.toml").write_text(ASKED.replace("HALF", "0.5"), encoding="utf-8")
+    (tmp_path / "far.toml").write_text(ASKED.replace("HALF", "2"), encoding="utf-8")
+    (tmp_path / "pair.toml").write_text(listening_pair_text(5), encoding="utf-8")
+    (tmp_path / "loose.toml").write_text(SINES.replace("{ 1 = 1 }", "{}"), encoding="utf-8")
+    return partial(command_line, "region")
+
+
+def test_a_region_that_is_proved_leaves_with_0_and_writes_numbers_and_picture(dobc, tmp_path: Path):
+    code, out, _ = dobc("near.toml")
+    assert code == 0
+    assert "sines: PROVED." in out
+    assert "Max-separable" in out
+    folder = tmp_path / "sines-certificate"
+    assert {path.name for path in folder.iterdir()} == {"region.json", "region.svg", "region.png"}
+    assert (folder / "region.svg").read_text("utf-8").lstrip().startswith("<?xml")
+
+
+@pytest.mark.slow
+def test_a_region_out_of_reach_leaves_with_3_and_says_how_far_the_proof_goes(dobc):
+    """sin pulls back only as far as pi/2 on both sides: the box is near that, never beyond."""
+    code, out, _ = dobc("far.toml", "--json", "--out", "there")
+    document = json.loads(out)
+    assert (code, document["verdict"], document["asked"]["box"]) == (3, "undecided", 2.0)
+    found = next(each for each in document["regions"] if each["id"] == "max-separable")
+    assert 1.5 < found["box"] < 1.5708
+    assert not found["covers"]
+    assert "does not rise throughout" in found["limit"]
+    assert [Path(path).name for path in document["files"]] == ["region.json", "region.svg", "region.png"]
+
+
+def test_the_file_holds_what_json_prints(dobc, tmp_path: Path):
+    _, out, _ = dobc("near.toml", "--json", "--out", "there")
+    document = json.loads(out)
+    document.pop("files")
+    assert json.loads((tmp_path / "there" / "region.json").read_text("utf-8")) == document
+    assert document["tolerance"] == 0.005
+    assert [each["pinned"] for each in document["agents"]] == [True, False, False]
+
+
+@pytest.mark.slow
+def test_where_no_region_is_asked_for_the_largest_box_is_looked_for(dobc):
+    code, out, _ = dobc("free.toml")
+    assert code == 0
+    assert "No region was asked for: the largest that was found is shown." in out
+    assert "Max-separable" in out
+
+
+@pytest.mark.slow
+def test_a_search_shows_the_false_equilibria_and_what_is_only_suspect(dobc, tmp_path: Path):
+    """2 sin y + y/10 = 0 at y = 3.3077: the agents rest at 1.654 and -1.654."""
+    code, out, _ = dobc("pair.toml", "--search")
+    assert code == 1
+    assert "Proved: in mode G the agents may also rest at |e|∞ ≈ 1.654" in out
+    assert "No proof of consensus can reach there" in out
+    assert "A suspect is a simulated run in floating point. It refutes nothing" in out
+    assert (tmp_path / "listening-pair-certificate" / "search.svg").exists()
+    _, out, _ = dobc("pair.toml", "--search", "--json")
+    region, certified = json.loads(out)["searches"]
+    assert region["refutes"] and len(region["proved"]) >= 1
+    assert certified["suspects"] == [] and certified["refutes"] is False
+
+
+def test_without_search_nothing_is_said_about_one(dobc, tmp_path: Path):
+    _, out, _ = dobc("near.toml", "--json")
+    assert "searches" not in json.loads(out)
+    assert not (tmp_path / "sines-certificate" / "search.svg").exists()
+
+
+@pytest.mark.slow
+def test_a_settling_time_is_told_stage_by_stage(dobc):
+    code, out, _ = dobc("near.toml", "--settling", "1/50")
+    assert code == 0
+    assert "it is proved that |e(t)|∞ ≤ 0.02 for all t ≥" in out
+    heads = out.split()  # of the table of stages; a narrow terminal breaks them
+    assert {"held", "late", "stage"} <= set(heads)
+    _, out, _ = dobc("near.toml", "--settling", "1/50", "--json")
+    document = json.loads(out)
+    assert document["tolerance"] == 0.02
+    assert document["settling"]["verdict"] == "proved"
+
+
+def test_a_tolerance_that_is_no_length_leaves_with_2_and_names_the_option(dobc):
+    code, out, err = dobc("near.toml", "--settling", "0")
+    assert code == 2
+    assert "--settling must be > 0" in out + err
+
+
+def test_a_network_without_pins_leaves_with_1(dobc):
+    code, out, _ = dobc("loose.toml")
+    assert code == 1
+    assert "REFUTED" in out
+
+
+def test_a_narrow_terminal_has_its_reasons_below_the_table(dobc, monkeypatch):
+    monkeypatch.setenv("COLUMNS", "80")
+    _, out, _ = dobc("near.toml")
+    assert max(map(len, out.split("wrote")[0].splitlines())) <= 80
+    assert "It covers what was asked for; more was not tried." in out
+
+
+def test_no_number_is_cut_however_narrow_the_terminal(dobc, monkeypatch):
+    monkeypatch.setenv("COLUMNS", "50")
+    _, out, _ = dobc("near.toml")
+    assert "…" not in out
+
+
+def test_another_run_replaces_the_files_of_the_first(dobc, tmp_path: Path):
+    dobc("near.toml", "--out", "there")
+    first = (tmp_path / "there" / "region.json").read_bytes()
+    code, _, _ = dobc("far.toml", "--out", "there")
+    assert code == 3
+    assert (tmp_path / "there" / "region.json").read_bytes() != first
+
+
+def test_mistakes_leave_with_2_and_write_nothing(dobc, tmp_path: Path):
+    (tmp_path / "file").write_text("", encoding="utf-8")
+    for arguments, words in (
+        (["near.toml", "--out", "file"], "'file' is not a folder."),
+        (["near.toml", "--out", "--json"], "--out needs a value"),
+        (["nowhere.toml"], "nowhere.toml"),
+    ):
+        before = set(tmp_path.iterdir())
+        code, out, err = dobc(*arguments)
+        assert (code, before) == (2, set(tmp_path.iterdir()))
+        assert words in out + err

@@ -1,0 +1,136 @@
+"""`dobc report`: the report of a certificate again; two certificates side by side."""
+
+from __future__ import annotations
+
+import json
+import re
+import sys
+from pathlib import Path
+
+import pytest
+from problem_texts import CHAIN
+
+
+@pytest.fixture
+def dobc(command_line):
+    """Run the command line in a folder with two certificates, A and B: exit code, standard output and error."""
+    Path("a.toml").write_text(CHAIN, encoding="utf-8")
+    Path("b.toml").write_text(CHAIN.replace("3 = 5", "3 = 0"), encoding="utf-8")
+    assert command_line("certify", "a.toml", "--no-report", "-q", "--out", "A")[0] == 0
+    assert command_line("certify", "b.toml", "--no-report", "-q", "--out", "B")[0] == 1
+    return command_line
+
+
+def test_two_certificates_are_compared_and_nothing_is_overwritten(dobc):
+    code, out, _ = dobc("report", "A", "B/certificate.json", "--json")
+    document = json.loads(out)
+    assert code == 0
+    assert document == {
+        "problems": ["chain", "chain"],
+        "verdicts": ["proved", "refuted"],
+        "files": ["chain-comparison/comparison.html", "chain-comparison/comparison.md"],
+    }
+    page = Path("chain-comparison/comparison.html").read_text("utf-8")
+    assert "A is proved, B is refuted." in page
+    assert "pinning.gains.3" in page
+    code, _, err = dobc("report", "A", "B")
+    assert code == 2
+    assert "exists already" in err
+    assert dobc("report", "A", "B", "--force")[0] == 0
+    assert dobc("report", "B", "A", "--out", "other")[1].startswith("A is refuted, B is proved.")
+
+
+@pytest.mark.slow
+def test_the_report_of_one_certificate_is_written_beside_it(dobc):
+    assert dobc("report", "A")[0] == 0
+    assert {path.name for path in Path("A").iterdir()} >= {
+        "certificate.json",
+        "problem.json",
+        "report.html",
+        "report.md",
+    }
+    first = Path("A/report.html").read_bytes()
+    assert dobc("report", "A", "--out", "again")[0] == 0
+    assert Path("again/report.html").read_bytes() == first
+    assert dobc("report", "A", "--out", "again")[0] == 2
+
+
+def test_a_certificate_of_another_problem_is_refused(dobc):
+    Path("A/problem.json").write_bytes(Path("B/problem.json").read_bytes())
+    code, out, _ = dobc("report", "A", "B", "--json")
+    assert code == 2
+    assert "another problem" in json.loads(out)["error"]["message"]
+    assert dobc("report", "A", "B", "--problem", "a.toml", "--problem", "b.toml")[0] == 0
+    assert dobc("report", "A", "B", "--problem", "a.toml", "--force")[0] == 2
+
+
+def test_what_is_no_certificate_leaves_with_2_and_writes_nothing(dobc):
+    Path("A/certificate.json").write_text("{}", encoding="utf-8")
+    assert dobc("report", "A", "B")[0] == 2
+    assert dobc("report", "nowhere")[0] == 2
+    assert dobc("report", "A", "B", "A")[0] == 2
+    assert not Path("chain-comparison").exists()
+
+
+def test_a_pdf_is_refused_before_anything_is_computed(dobc, monkeypatch):
+    Path("there.pdf").write_bytes(b"mine")
+    code, _, err = dobc("report", "A", "--pdf", "there.pdf")
+    assert code == 2
+    assert "--force" in err
+    code, _, err = dobc("report", "A", "--pdf", "new.txt")
+    assert code == 2
+    assert "new.txt.pdf" in err
+    monkeypatch.setitem(sys.modules, "typst", None)
+    code, _, err = dobc("report", "A", "--pdf", "new.pdf")
+    assert code == 2
+    assert "dobc_design[pdf]" in err
+    assert Path("there.pdf").read_bytes() == b"mine"
+    assert not Path("A/report.html").exists()
+
+
+@pytest.mark.slow
+def test_a_pdf_is_written_and_replaced_with_force_only(dobc):
+    pytest.importorskip("typst", reason="needs the extra `pdf`: pip install 'dobc_design[pdf]'")
+    Path("there.pdf").write_bytes(b"mine")
+    code, out, _ = dobc("report", "A", "--pdf", "there.pdf", "--force", "--json")
+    assert code == 0
+    assert json.loads(out)["files"] == ["A/report.html", "A/report.md", "there.pdf"]
+    assert Path("there.pdf").read_bytes().startswith(b"%PDF")
+
+
+@pytest.mark.slow
+def test_two_certificates_in_one_pdf(dobc):
+    pytest.importorskip("typst", reason="needs the extra `pdf`: pip install 'dobc_design[pdf]'")
+    code, out, _ = dobc("report", "A", "B", "--pdf", "both.pdf", "--json")
+    assert code == 0
+    assert json.loads(out)["files"][-1] == "both.pdf"
+    assert not Path("chain-comparison/comparison.pdf").exists()
+    assert Path("both.pdf").read_bytes().startswith(b"%PDF")
+
+
+@pytest.mark.slow
+def test_latex_fragments_go_to_a_folder_of_their_own_and_replace_nothing(dobc):
+    code, out, _ = dobc("report", "A", "--out", "page", "--latex", "tex", "--json")
+    names = {path.name for path in Path("tex").iterdir()}
+    assert code == 0
+    assert {"main.tex", "checks.tex", "matrices.tex", "references.bib"} <= names
+    assert {f"tex/{name}" for name in names} <= set(json.loads(out)["files"])
+    code, _, err = dobc("report", "A", "--out", "page2", "--latex", "tex")
+    assert code == 2
+    assert "exists already" in err and "--force" in err
+    assert not Path("page2").exists()
+    code, _, err = dobc("report", "A", "B", "--latex", "tex2")
+    assert code == 2
+    assert "of one certificate" in err
+    assert dobc("report", "A", "--out", "page3", "--latex", "a.toml")[0] == 2
+
+
+@pytest.mark.slow
+def test_the_commands_in_a_report_make_and_check_the_same_certificate(dobc, monkeypatch):
+    assert dobc("report", "A")[0] == 0
+    commands = re.findall(r"^(dobc .*)$", Path("A/report.md").read_text("utf-8"), re.MULTILINE)
+    assert len(commands) == 2
+    monkeypatch.chdir("A")
+    for command in commands:
+        assert dobc(*command.split()[1:])[0] == 0, command
+    assert Path("again/certificate.json").read_bytes() == Path("certificate.json").read_bytes()

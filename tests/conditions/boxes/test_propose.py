@@ -1,0 +1,178 @@
+"""Boxes around a quadratic certificate: radii of small networks, what just fails, simulation."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from fractions import Fraction
+
+import numpy as np
+import pytest
+from lure_cases import HARMONIC, PAPER_GAIN, cycle, field, is_proved, random_problem
+from scipy.integrate import solve_ivp
+
+from dobc_design.conditions.boxes.claim import Shell
+from dobc_design.conditions.boxes.decide import border_of, verify_shell
+from dobc_design.conditions.boxes.propose import grow_shell
+from dobc_design.conditions.quadratic.claim import Lure
+from dobc_design.conditions.quadratic.decide import covered_radius
+from dobc_design.conditions.quadratic.propose import design_lure
+from dobc_design.exact.matrix import to_float
+from dobc_design.problem.network import Network
+from dobc_design.problem.problem import Problem
+from dobc_design.verdict import Verdict
+
+
+def inner(problem: Problem, **options) -> Lure:
+    options = {"shape": "identity"} | options
+    lure = design_lure(problem, holds=lambda each: is_proved(problem, each), **options)
+    assert lure is not None
+    return lure
+
+
+def ball(problem: Problem, shell: Shell) -> float:
+    """The radius of the ball in {V <= outer}, eps = 0."""
+    return covered_radius(problem, replace(shell.lure, level=shell.outer))
+
+
+@pytest.mark.parametrize(
+    ("n", "gains", "radius"),
+    [
+        pytest.param(n, gains, radius, marks=[] if (n, gains) == (2, {1: 3}) else pytest.mark.slow)
+        for n, gains, radius in (
+            (2, 3, 6.0),
+            (3, 3, 6.0),
+            (4, 3, 6.0),
+            (2, {1: 3}, 3.75),
+            (3, {1: 3}, 3.63),
+            (4, {1: 3}, 3.63),
+        )
+    ],
+)
+def test_small_cycles_are_certified_as_far_as_v_decreases(n, gains, radius):
+    """V = e'e on the directed cycle: the truth from 200000 directions is not passed, and nearly reached."""
+    problem = cycle(n, gains)
+    shell = grow_shell(problem, inner(problem))
+    assert verify_shell(problem, shell).verdict is Verdict.PROVED
+    rng = np.random.default_rng(1)
+    v = rng.standard_normal((200_000, n))
+    v /= np.linalg.norm(v, axis=1, keepdims=True)
+    reached = ball(problem, shell)
+    rises = [
+        R for R in np.linspace(0.9, 1.2, 61) * reached if np.max(np.sum(v * field(problem, "G", R * v), axis=1)) >= 0
+    ]
+    assert rises
+    assert radius <= reached < rises[0] < 1.03 * reached
+
+
+def test_two_agents_are_certified_to_just_below_their_other_equilibrium():
+    """h = y - y^3 both ways, k = 1: e = (z/2, -z/2) with z^2 = 3/2 stays, so |e| < sqrt(3)/2."""
+    problem = Problem(
+        network=Network.from_arcs([[1, 2], [2, 1]], arrow="listens_to", agents=2), coupling="y - y**3", gains=1
+    )
+    shell = grow_shell(problem, inner(problem, largest=Fraction(1, 2)))
+    truth = math.sqrt(3) / 2
+    assert 0.99 * truth < ball(problem, shell) < truth
+    assert verify_shell(problem, shell).verdict is Verdict.PROVED
+    beyond = replace(shell, outer=Fraction(truth**2 * 1.001).limit_denominator(10**6), half=Fraction(1))
+    assert verify_shell(problem, beyond).verdict is Verdict.UNDECIDED
+
+
+@pytest.mark.slow
+def test_a_coupling_that_is_not_monotone_is_certified_beyond_its_turning_point():
+    """sin, one pin: the Lur'e sector ends where the gain does, boxes do not."""
+    problem = cycle(3, {1: 2}, coupling="sin(y)")
+    lure = inner(problem, shape="full", objective="ball")
+    shell = grow_shell(problem, lure)
+    assert verify_shell(problem, shell).verdict is Verdict.PROVED
+    assert ball(problem, shell) > 1.05 * covered_radius(problem, lure)
+
+
+@pytest.mark.slow
+def test_every_mode_is_looked_at():
+    arcs = {"A": [[1, 2], [2, 3], [3, 1]], "B": [[1, 3], [3, 2], [2, 1]]}
+    network = Network.from_arcs(arcs, arrow="listens_to", agents=3)
+    problem = Problem(network=network, coupling="exp(y) - 1 + y", gains={1: 3, 2: 3, 3: 1})
+    shell = grow_shell(problem, inner(problem))
+    assert verify_shell(problem, shell).verdict is Verdict.PROVED
+    only = Network.from_arcs({"A": arcs["A"]}, arrow="listens_to", agents=3)
+    lonely = Problem(network=only, coupling=problem.coupling, gains={1: 3, 2: 3, 3: 1})
+    assert ball(problem, shell) <= 1.02 * ball(lonely, grow_shell(lonely, inner(lonely)))
+
+
+def test_a_tree_that_says_less_or_more_is_not_accepted():
+    problem = cycle(2, 3)
+    shell = grow_shell(problem, inner(problem))
+    assert verify_shell(problem, shell).verdict is Verdict.PROVED
+    for tree, verdict in (
+        (".", Verdict.UNDECIDED),
+        (shell.tree[:-1], Verdict.REFUTED),
+        (shell.tree + ".", Verdict.REFUTED),
+        ("2.." + shell.tree, Verdict.REFUTED),
+        ("x" + shell.tree[1:], Verdict.REFUTED),
+    ):
+        assert verify_shell(problem, replace(shell, tree=tree)).verdict is verdict
+
+
+def test_a_larger_set_or_a_smaller_box_is_not_accepted():
+    problem = cycle(2, 3)
+    shell = grow_shell(problem, inner(problem))
+    wider = replace(shell, outer=shell.outer * Fraction(103, 100))
+    assert verify_shell(problem, wider).verdict is not Verdict.PROVED
+    assert verify_shell(problem, replace(shell, half=shell.half / 2)).step == "boxes"
+    worse = replace(shell.lure, level=shell.lure.level * 2)
+    assert verify_shell(problem, replace(shell, lure=worse)).step == "region"
+
+
+def test_with_the_observer_and_a_rate_no_start_leaves():
+    """50 starts with V = outer; V <= V(0) exp(-2 beta t) along (22), integrated by SciPy."""
+    problem = cycle(3, 3, exosystem=HARMONIC)
+    lure = inner(problem, W=PAPER_GAIN, disturbance=Fraction(1, 5), objective="ball", rate=Fraction(1, 10))
+    S = border_of(problem, lure, lure.rate)
+    shell = grow_shell(problem, lure, S=S)
+    assert verify_shell(problem, shell).verdict is Verdict.PROVED
+    assert shell.outer > lure.level * Fraction(3, 2)
+    P_e, P = to_float(lure.P_e.to_dense()), to_float(lure.P)
+    metric = np.zeros((9, 9))
+    metric[:3, :3], metric[3:, 3:] = P_e, np.kron(np.eye(3), P)
+    C = to_float(HARMONIC.C)
+    F = to_float(HARMONIC.A) - to_float(PAPER_GAIN) @ C
+
+    def slope(t: float, flat: np.ndarray) -> np.ndarray:
+        state = flat.reshape(50, 9)
+        eps = state[:, 3:].reshape(50, 3, 2)
+        e_dot = field(problem, "G", state[:, :3]) + (eps @ C.T)[..., 0]
+        return np.concatenate([e_dot, (eps @ F.T).reshape(50, 6)], axis=1).ravel()
+
+    directions = np.random.default_rng(0).standard_normal((50, 9))
+    directions[:10, 3:] = 0
+    sizes = np.sqrt(np.einsum("ri,ij,rj->r", directions, metric, directions))
+    times = np.linspace(0, 3, 25)
+    starts = directions / sizes[:, None] * math.sqrt(float(shell.outer))
+    with np.errstate(all="ignore"):  # trial steps of the integrator may overflow
+        run = solve_ivp(slope, (0, 3), starts.ravel(), t_eval=times, rtol=1e-9, atol=1e-11, method="DOP853")
+    states = run.y.reshape(50, 9, len(times))
+    V = np.einsum("rit,ij,rjt->rt", states, metric, states)
+    assert np.max(V / (float(shell.outer) * np.exp(-0.2 * times))) <= 1 + 1e-6
+
+
+@pytest.mark.parametrize("seed", [*(pytest.param(k, marks=pytest.mark.slow) for k in (0, 1)), 2])
+def test_random_small_networks_are_certified_and_checked(seed):
+    problem = random_problem(seed, coupling="y + y**3/5")
+    lure = design_lure(problem, holds=lambda each: is_proved(problem, each), objective="ball")
+    shell = None if lure is None else grow_shell(problem, lure, largest=Fraction(6), budget=20_000)
+    if shell is not None:
+        assert verify_shell(problem, shell).verdict is Verdict.PROVED
+        assert shell.outer > lure.level
+
+
+def test_no_more_boxes_are_left_than_allowed_and_smaller_sets_are_not_looked_for():
+    problem = cycle(2, 3)
+    lure = inner(problem)
+    shell = grow_shell(problem, lure)
+    count = shell.tree.count(".")
+    fewer = grow_shell(problem, lure, most=count - 1)
+    assert fewer is None or (fewer.tree.count(".") < count and fewer.outer < shell.outer)
+    assert grow_shell(problem, lure, most=3) is None
+    assert grow_shell(problem, lure, least=2 * shell.outer) is None
+    assert grow_shell(problem, lure, least=shell.outer / 2) == shell

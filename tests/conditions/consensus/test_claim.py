@@ -1,0 +1,240 @@
+"""Lemma 1 and Theorems 1 and 2 as pencils, against the matrices (10) and (18) assembled another way.
+
+The oracle builds J from Kronecker products and SymPy's derivatives, and shares no code with the package.
+"""
+
+from __future__ import annotations
+
+from fractions import Fraction
+from itertools import islice
+from random import Random
+
+import pytest
+import sympy as sp
+from campaigns import a_problem
+from exact_oracle import Oracle, dot, eye, form, plus, times, turned
+
+from dobc_design.conditions.consensus.claim import lemma1, omega, reduced, theorem2, with_gain
+from dobc_design.conditions.consensus.jacobians import jacobians_at_consensus
+from dobc_design.conditions.consensus.statements import state_theorems
+from dobc_design.errors import ShapeError, SpecError
+from dobc_design.exact.matrix import kronecker, multiply
+from dobc_design.exact.pencil import Unknown, below, positive
+from dobc_design.problem.exosystem import Exosystem
+from dobc_design.problem.network import Network
+from dobc_design.problem.problem import Problem
+
+
+def applicable(count):
+    """The first random problems to which the theorems apply, with an exosystem."""
+    found = (a_problem(seed) for seed in range(400))
+    return list(islice((p for p in found if p.exosystem is not None and Oracle(p).smooth), count))
+
+
+PROBLEMS = applicable(40)
+
+
+def random_pair(problem, seed):
+    """P symmetric, Q and W = anything: the pencils are linear, so signs do not matter."""
+    r, q, m = Random(seed), problem.q, problem.m
+    upper = [[Fraction(r.randint(-9, 9), r.randint(1, 4)) for _ in range(q)] for _ in range(q)]
+    P = tuple(tuple(upper[min(i, j)][max(i, j)] for j in range(q)) for i in range(q))
+    return P, tuple(tuple(Fraction(r.randint(-9, 9), r.randint(1, 4)) for _ in range(m)) for _ in range(q))
+
+
+def rows(M):
+    return [list(row) for row in M]
+
+
+def test_the_random_problems_have_all_sizes_and_several_modes():
+    assert {p.m for p in PROBLEMS} == {1, 2, 3}
+    assert max(len(p.network.modes) for p in PROBLEMS) >= 3
+    assert {p.q for p in PROBLEMS} == {1, 2, 3, 4}
+    assert any(p.exceptions for p in PROBLEMS)
+    assert any(not p.pinning.is_scalar for p in PROBLEMS)
+
+
+@pytest.mark.parametrize("rate", [Fraction(0), Fraction(3, 7)])
+def test_psi_is_the_matrix_of_equation_18_with_the_rate_terms(rate):
+    """(18), (28) and theory, section 2: 2 rate diag(I, I (x) P) is added."""
+    for seed, problem in enumerate(PROBLEMS):
+        oracle = Oracle(problem)
+        P, Q = random_pair(problem, seed)
+        pencils = state_theorems(problem).psi(rate=rate)
+        assert len(pencils) == len(oracle.modes)
+        for mode, pencil in zip(oracle.modes, pencils, strict=True):
+            expected = oracle.psi(mode, rows(P), rows(Q), margin=Fraction(0), rate=rate)
+            assert distance(pencil.at({"P": P, "Q": Q}).to_dense(), expected) <= tolerance(pencil)
+
+
+def test_psi_without_its_border_is_another_matrix():
+    """The twin of the test above: it can fail."""
+    problem = PROBLEMS[0]
+    P, Q = random_pair(problem, 0)
+    pencil = state_theorems(problem).psi()[0]
+    oracle = Oracle(problem)
+    oracle.C = times(2, oracle.C)
+    wrong = oracle.psi(next(iter(oracle.modes)), rows(P), rows(Q), margin=Fraction(0), rate=Fraction(0))
+    assert distance(pencil.at({"P": P, "Q": Q}).to_dense(), wrong) > tolerance(pencil)
+
+
+def distance(M, N):
+    return max(abs(x - y) for p, q in zip(M, N, strict=True) for x, y in zip(p, q, strict=True))
+
+
+def tolerance(pencil):
+    """Entries may differ by what irrational slopes leave open; not at all where slopes are rational."""
+    return sum((d.size for d in pencil.deviations), Fraction(0)) * 4
+
+
+def test_lambda_is_twice_the_paper_f_of_equation_10():
+    """F = (J + J' - 2 K)/2 for numbers k; K + K' for matrices."""
+    for problem in PROBLEMS:
+        oracle = Oracle(problem)
+        for mode, pencil in state_theorems(problem).lambdas.items():
+            assert distance(pencil.constant.to_dense(), oracle.lambda_(mode)) <= tolerance(pencil)
+
+
+def test_deviations_cover_the_true_slope_everywhere():
+    """Irrational slopes: the middle plus t times each deviation reaches the slope to 80 digits, |t| <= size."""
+    seen = 0
+    for seed in range(120):
+        problem = a_problem(seed)
+        oracle = Oracle(problem)
+        if not oracle.smooth or oracle.exact:
+            continue
+        for mode, pencil in state_theorems(problem).lambdas.items():
+            r = Random(seed)
+            v = [Fraction(r.randint(-5, 5)) for _ in range(pencil.size)]
+            true = form(oracle.lambda_(mode), v)
+            spread = sum(
+                (2 * d.size * abs(v[d.row] * (v[d.speaker] - v[d.listener])) for d in pencil.deviations), Fraction(0)
+            )
+            assert abs(pencil.constant.quadratic_form(v) - true) <= spread + Fraction(1, 10**70)
+            seen += bool(spread)
+    assert seen > 20
+
+
+def test_omega_of_the_paper_is_exact():
+    """Example 1: Omega0 = [[-1, 1/3], [1/3, -1]] and Q = P W = (1, 0)'."""
+    exosystem = Exosystem(A=[[0, 2], [-2, 0]], C=[[1, 0]])
+    P = ((Fraction(1, 2), Fraction(-1, 4)), (Fraction(-1, 4), Fraction(1, 3)))
+    Q = multiply(P, ((Fraction(16, 5),), (Fraction(12, 5),)))
+    assert Q == ((1,), (0,))
+    third = Fraction(1, 3)
+    assert omega(P, Q, exosystem).to_dense() == ((-1, third), (third, -1))
+
+
+def test_omega_with_a_rate_equals_sympy():
+    """Omega0 + 2 rate P = P A + A'P - Q C - C'Q' + 2 rate P."""
+    for seed, problem in enumerate(PROBLEMS):
+        P, Q = random_pair(problem, seed)
+        A, C, p, q = (sp.Matrix(x) for x in (problem.exosystem.A, problem.exosystem.C, P, Q))
+        rate = Fraction(seed, 3)
+        expected = p * A + A.T * p - q * C - C.T * q.T + 2 * sp.Rational(seed, 3) * p
+        found = omega(P, Q, problem.exosystem, rate=rate).to_dense()
+        assert sp.Matrix(found) == expected
+
+
+def test_with_gain_puts_q_equal_p_w_in():
+    """W = P^-1 Q: the pencil in P alone has the same values."""
+    for seed, problem in enumerate(PROBLEMS):
+        P, W = random_pair(problem, seed)
+        for pencil in state_theorems(problem).psi(rate=Fraction(1, 5)):
+            narrowed = with_gain(pencil, W)
+            assert [u.name for u in narrowed.unknowns] == ["P"]
+            assert narrowed.deviations == pencil.deviations
+            assert narrowed.at({"P": P}) == pencil.at({"P": P, "Q": multiply(P, W)})
+
+
+def test_reduced_is_psi_of_a_single_agent_held_by_the_bound():
+    """Theory, Reduction: Lambda = bound I, n = 1."""
+    for seed, problem in enumerate(PROBLEMS):
+        exosystem, m, bound, rate = problem.exosystem, problem.m, Fraction(-seed - 1, 2), Fraction(1, 9)
+        alone = Problem(
+            network=Network.from_arcs([], arrow="listens_to", agents=1),
+            coupling="y",
+            target=[0] * m,
+            gains=-bound / 2,
+            exosystem=exosystem,
+        )
+        P, Q = random_pair(problem, seed)
+        values = {"P": P, "Q": Q}
+        found = reduced(bound, exosystem, rate=rate).at(values)
+        assert found == state_theorems(alone).psi(rate=rate)[0].at(values)
+
+
+def test_theorem2_states_one_psi_per_mode_with_shared_unknowns():
+    """(28): P and Q do not depend on the mode."""
+    problem = next(p for p in PROBLEMS if len(p.network.modes) > 2)
+    pencils = theorem2(jacobians_at_consensus(problem), problem.pinning, problem.exosystem, rate=Fraction(1, 2))
+    P, Q = random_pair(problem, 1)
+    own = state_theorems(problem).psi(rate=Fraction(1, 2))
+    assert [p.at({"P": P, "Q": Q}) for p in pencils] == [p.at({"P": P, "Q": Q}) for p in own]
+    assert len({pencil.unknowns for pencil in pencils}) == 1
+
+
+def test_scalar_networks_give_a_lambda_that_is_a_kronecker_product():
+    """J (x) I_m and K (x) I_m for couplings by component and numbers k: (9) with the size mended."""
+    arcs = [[1, 2], [2, 3], [3, 1], [1, 3]]
+    one, two = (
+        Problem(network=Network.from_arcs(arcs, arrow="listens_to"), coupling="exp(y) - 1 + y", gains={1: 3}, target=t)
+        for t in ([0], [0, 0])
+    )
+    lambdas = [state_theorems(p).lambdas["G"].constant.to_dense() for p in (one, two)]
+    identity = ((Fraction(1), Fraction(0)), (Fraction(0), Fraction(1)))
+    assert lambdas[1] == kronecker(lambdas[0], identity)
+
+
+def test_skew_gains_leave_lambda_alone_and_symmetric_ones_count_twice():
+    """Only the symmetric part of k enters V' (deviations, 6)."""
+    network = Network.from_arcs([], arrow="listens_to", agents=1)
+
+    def constant(gain):
+        problem = Problem(network=network, coupling="y", target=[0, 0], gains={1: gain})
+        return state_theorems(problem).lambdas["G"].constant.to_dense()
+
+    assert constant([[2, 5], [-5, 2]]) == constant(2) == ((-4, 0), (0, -4))
+    assert constant([[0, 5], [-5, 0]]) == ((0, 0), (0, 0))
+
+
+def test_bounds_on_an_unknown_are_pencils():
+    """floor I - X < 0 and X - ceiling I < 0."""
+    unknown = Unknown(name="P", rows=2, columns=2, symmetric=True)
+    X = ((Fraction(3), Fraction(1)), (Fraction(1), Fraction(2)))
+    assert rows(positive(unknown, floor=Fraction(1)).at({"P": X}).to_dense()) == plus(eye(2), times(-1, rows(X)))
+    assert rows(below(unknown, ceiling=Fraction(4)).at({"P": X}).to_dense()) == plus(rows(X), times(-4, eye(2)))
+
+
+def test_a_pencil_refuses_values_of_another_shape():
+    pencil = state_theorems(PROBLEMS[0]).psi()[0]
+    with pytest.raises(ShapeError, match="P must have shape"):
+        pencil.at({"P": ((Fraction(1),) * 9,) * 9, "Q": ()})
+    with pytest.raises(ShapeError, match="got nothing"):
+        pencil.at({})
+
+
+def test_psi_needs_an_exosystem():
+    problem = Problem(network=Network.from_arcs([[1, 2]], arrow="listens_to"), coupling="y")
+    with pytest.raises(SpecError, match=r"needs an \[exosystem\]"):
+        state_theorems(problem).psi()
+
+
+def test_no_arcs_and_no_pins_give_the_zero_matrix():
+    network = Network.from_arcs([], arrow="listens_to", agents=3)
+    problem = Problem(network=network, coupling="y")
+    pencil = lemma1(jacobians_at_consensus(problem).modes[0], problem.pinning, size=3, dimension=1)
+    assert not pencil.constant.entries
+    assert pencil.deviations == ()
+
+
+def test_transposing_the_arcs_changes_psi():
+    """i listens to j: the row of the listener carries the slope (no silent change of direction)."""
+    arcs = [[1, 2], [2, 3], [1, 3]]
+    forth, back = (Problem(network=Network.from_arcs(arcs, arrow=a), coupling="y") for a in ("listens_to", "sends_to"))
+    oracle = Oracle(forth)
+    J = oracle.loop("G")
+    assert J == [[-2, 1, 1], [0, -1, 1], [0, 0, 0]]
+    assert rows(state_theorems(forth).lambdas["G"].constant.to_dense()) == plus(J, turned(J))
+    assert state_theorems(forth).lambdas["G"].constant != state_theorems(back).lambdas["G"].constant
+    assert dot(J, [[Fraction(1)]] * 3) == [[0]] * 3

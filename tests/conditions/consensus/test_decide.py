@@ -1,0 +1,249 @@
+"""Lemma 1 and the theorems decided: the Reduction against the whole matrix, claims at their edge, no gaps."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from fractions import Fraction
+
+import numpy as np
+import pytest
+from campaigns import a_problem, decision_campaign, reduction_campaign
+from exact_oracle import Oracle, eye, negative_definite, plus, times
+
+from dobc_design.certification.certify import certify
+from dobc_design.certification.recheck import recheck
+from dobc_design.conditions.consensus.decide import Pair, Proposal, lemma1_check, psi_is_negative, theorem_check
+from dobc_design.conditions.consensus.statements import state_theorems
+from dobc_design.problem.exosystem import Exosystem
+from dobc_design.problem.network import Network
+from dobc_design.problem.observer import Observer
+from dobc_design.problem.problem import Problem
+from dobc_design.verdict import Verdict
+
+
+def test_the_reduction_agrees_with_the_whole_matrix():
+    """Psi < 0 <=> Lambda + I (x) S < 0, given Omega0 < 0 (theory, section 2); feasible, infeasible, near the edge."""
+    tally = reduction_campaign(range(12))
+    assert tally.wrong == []
+    assert min(tally.counts["negative"], tally.counts["not negative"]) >= 4
+
+
+@pytest.mark.slow
+def test_what_lemma_1_and_detectability_allow_is_proved():
+    """Decision theorem, with q up to 8, entries from 1e-6 to 1e6, gains of 1e-9: nothing is left undecided."""
+    tally = decision_campaign(range(20))
+    assert tally.wrong == []
+    assert tally.counts["proved: proved"] > 14
+
+
+def path(n, gains, h="y", **more):
+    return Problem(
+        network=Network.from_arcs([[i + 1, i] for i in range(1, n)], arrow="listens_to", agents=n),
+        coupling=h,
+        gains=gains,
+        **more,
+    )
+
+
+def proved_problems(seeds):
+    """Problems without kinks whose Lemma 1 holds in all modes."""
+    for seed in seeds:
+        problem = a_problem(seed)
+        oracle = Oracle(problem)
+        if oracle.smooth and all(oracle.lemma(mode) for mode in oracle.modes):
+            yield problem, oracle
+
+
+def test_lemma_1_margins_are_true_and_nearly_the_largest_possible():
+    """Lambda + margin I < 0 at the claimed margin; at 1.001 times the true value not."""
+    count = 0
+    for problem, oracle in proved_problems(range(30)):
+        for check in certify(problem).checks:
+            if check.id != "lemma1":
+                continue
+            count += 1
+            Lambda, size = oracle.lambda_(check.mode), eye(problem.n * problem.m)
+            assert negative_definite(plus(Lambda, times(Fraction(repr(check.margin)), size)))
+            true = -float(np.linalg.eigvalsh(np.array(Lambda, dtype=float))[-1])
+            assert not negative_definite(plus(Lambda, times(Fraction(true * 1.001), size)))
+            assert check.margin == pytest.approx(true, rel=1e-6, abs=1e-12)
+            assert check.rate is None or 2 * Fraction(repr(check.rate)) <= Fraction(repr(check.margin))
+    assert count > 10
+
+
+@pytest.mark.slow
+def test_theorem_margins_and_rates_are_true_and_fail_a_little_higher():
+    """Psi < 0 with margin and rate as written (oracle: the whole matrix); 1.001 times the true value fails."""
+    count = 0
+    for problem, oracle in proved_problems(range(75)):
+        certificate = certify(problem)
+        if problem.exosystem is None or certificate.claims.P is None:
+            continue
+        check = next(each for each in certificate.checks if each.id in ("theorem1", "theorem2"))
+        P, Q = ([list(row) for row in M] for M in (certificate.claims.P, certificate.claims.Q))
+        margin, rate = Fraction(repr(check.margin)), Fraction(repr(check.rate or 0.0))
+
+        def holds(margin, rate, P=P, Q=Q, oracle=oracle):
+            return all(negative_definite(oracle.psi(mode, P, Q, margin=margin, rate=rate)) for mode in oracle.modes)
+
+        assert holds(margin, Fraction(0))
+        assert holds(Fraction(0), rate)
+        if check.margin > 1e-6 and check.rate:
+            count += 1
+            most = edge(lambda x, holds=holds: holds(x, Fraction(0)), margin)
+            fastest = edge(lambda x, holds=holds: holds(Fraction(0), x), rate)
+            assert not holds(most * Fraction(1001, 1000), Fraction(0))
+            assert not holds(Fraction(0), fastest * Fraction(1001, 1000))
+            assert margin >= most * Fraction(99, 100)
+            assert rate >= fastest * Fraction(99, 100)
+    assert count >= 10
+
+
+def edge(holds, low):
+    """Where a claim stops to hold, from above, within one part in 2^20."""
+    high = 2 * low
+    while holds(high):
+        low, high = high, 2 * high
+    for _ in range(20):
+        middle = (low + high) / 2
+        low, high = (middle, high) if holds(middle) else (low, middle)
+    return high
+
+
+def test_a_margin_and_a_rate_a_little_above_the_truth_are_not_confirmed():
+    """n = 1, k = 2: Lambda = -4, so margin 4 and rate 2 are false (strict), and anything below is true."""
+    problem = path(1, 2)
+    certificate = certify(problem)
+
+    def with_numbers(margin, rate):
+        lemma = replace(certificate.check("lemma1"), margin=margin, rate=rate)
+        checks = tuple(lemma if c.id == "lemma1" else c for c in certificate.checks)
+        return recheck(replace(certificate.claims, checks=checks, rate=rate), problem).holds
+
+    assert with_numbers(3.999, 1.999)
+    assert with_numbers(0.0, 1.0)
+    assert not with_numbers(4.0, 1.999)
+    assert not with_numbers(3.999, 2.0)
+    assert not with_numbers(-0.5, 1.999)
+    assert not with_numbers(3.999, 0.0)
+    assert not with_numbers(float("nan"), 1.999)
+    assert not with_numbers(float("inf"), 1.999)
+
+
+@pytest.mark.parametrize("k", [Fraction(1, 10**9), Fraction(1, 10**15), Fraction(1, 10**300)])
+def test_tiny_margins_are_proved(k):
+    """lambda_max = -2 k < 0, however small; with k = 0 it is refuted."""
+    check = certify(path(1, k)).check("lemma1")
+    assert check.verdict is Verdict.PROVED
+    assert 0 <= check.margin <= 2 * k
+    assert certify(path(1, 0)).check("lemma1").verdict is Verdict.REFUTED
+
+
+@pytest.mark.parametrize("k", [Fraction(1, 10**323), Fraction(15, 10**324), Fraction(1, 10**380)])
+def test_numbers_below_the_floats_are_claimed_as_less_and_confirmed(k):
+    problem = path(1, k)
+    certificate = certify(problem)
+    assert certificate.verdict is Verdict.PROVED
+    assert Fraction(repr(certificate.check("lemma1").margin)) < 2 * k
+    assert recheck(certificate.claims, problem).holds
+
+
+def test_a_lost_estimate_never_turns_a_proof_into_a_refutation():
+    """Proposals of nonsense: the exact test decides, with margin 0."""
+    statements = state_theorems(path(3, {1: 1}))
+    for bad in (float("nan"), float("inf"), -float("inf"), -1.0, 1e300):
+        check = lemma1_check(statements, "G", Proposal(margin=bad, vectors=[[float("nan")] * 3, [0.0] * 3]))
+        assert check.verdict is Verdict.PROVED
+        assert check.margin == 0.0
+
+
+def test_a_refutation_needs_no_proposal():
+    """The elimination finds a witness of its own."""
+    statements = state_theorems(path(3, {3: 1}))
+    check = lemma1_check(statements, "G", Proposal())
+    assert check.verdict is Verdict.REFUTED
+    values = [Fraction(x) for x in check.witness.values]
+    Lambda = Oracle(statements.problem).lambda_("G")
+    assert sum(Lambda[i][j] * values[i] * values[j] for i in range(3) for j in range(3)) >= 0
+
+
+def test_irrational_slopes_refute_where_the_network_alone_decides():
+    """v' Lambda v = 0 for every slope when nobody is pinned: no rounding can hide it."""
+    arcs = [[1, 2], [2, 1], [2, 3], [3, 2]]
+    for gains, verdict in ((None, Verdict.REFUTED), ({1: 1}, Verdict.PROVED)):
+        problem = Problem(network=Network.from_arcs(arcs, arrow="listens_to"), coupling="sin(pi*y)", gains=gains)
+        certificate = certify(problem)
+        assert certificate.check("lemma1").verdict is certificate.verdict is verdict
+        assert recheck(certificate.claims, problem).holds
+
+
+def test_exact_values_are_not_claimed_where_an_irrational_slope_enters_them():
+    """h'(0) = pi in one direction: v' Lambda v is not rational, so it is not named."""
+    arcs = [[1, 2], [2, 1], [3, 1]]
+    problem = Problem(
+        network=Network.from_arcs(arcs, arrow="listens_to"), coupling="sin(pi*y)", gains={1: "1/10", 2: "1/10"}
+    )
+    check = certify(problem).check("lemma1")
+    assert check.verdict is Verdict.REFUTED
+    assert set(check.exact) == {"unstable_roots"}
+    assert check.margin < 0
+    assert recheck(certify(problem).claims, problem).holds
+
+
+def test_the_edge_of_irrational_slopes_is_undecided_and_both_sides_are_decided():
+    """Two agents, h = -y pi/2 one way: Lambda < 0 turns where k meets an irrational number."""
+    network = Network.from_arcs([[1, 2], [2, 1]], arrow="listens_to")
+
+    def verdict(k):
+        problem = Problem(network=network, coupling="-y*pi/2", gains=k)
+        return certify(problem).check("lemma1").verdict
+
+    # Lambda = pi [[1, -1], [-1, 1]] - 2 k I: the largest eigenvalue is 2 pi - 2 k.
+    near = Fraction("3.14159265358979323846264338327950288419716939937510")
+    assert verdict(near + Fraction(1, 10**30)) is Verdict.PROVED
+    assert verdict(near - Fraction(1, 10**30)) is Verdict.REFUTED
+    assert verdict(near) is Verdict.UNDECIDED
+
+
+def test_psi_is_refuted_by_a_p_that_is_not_positive_definite_and_by_omega():
+    """Printed pairs that fail before the network is looked at; each names the block."""
+    exosystem = Exosystem(A=[[0]], C=[[1]])
+    for P, block in (([[-1]], "P"), ([[0]], "P")):
+        problem = path(1, 1, exosystem=exosystem, observer=Observer(W=[[1]], P=P))
+        check = certify(problem).check("theorem1-printed")
+        assert (check.verdict, check.exact) == (Verdict.REFUTED, {"block": block})
+        assert recheck(certify(problem).claims, problem).holds
+    problem = path(1, 1, exosystem=exosystem, observer=Observer(W=[[-1]], P=[[1]]))
+    assert certify(problem).check("theorem1-printed").exact == {"block": "Omega0"}
+    twin = path(1, 1, exosystem=exosystem, observer=Observer(W=[[1]], P=[[1]]))
+    assert certify(twin).check("theorem1-printed").verdict is Verdict.PROVED
+
+
+def test_a_pair_with_an_indefinite_p_proves_nothing_though_psi_is_negative():
+    """A stable, W = 0, C = 0, P = -1 with A = +1: Omega0 < 0 and Psi < 0, but V is no Lyapunov function."""
+    problem = path(1, 1, exosystem=Exosystem(A=[[1]], C=[[0]]), observer=Observer(W=[[0]], P=[[-1]]))
+    statements = state_theorems(problem)
+    pair = Pair(P=((Fraction(-1),),), Q=((Fraction(0),),))
+    whole = Oracle(problem).psi("G", [[Fraction(-1)]], [[Fraction(0)]], margin=Fraction(0), rate=Fraction(0))
+    assert negative_definite(whole)
+    assert not psi_is_negative(statements, problem.exosystem, pair)
+    assert certify(problem).check("theorem1-printed").verdict is Verdict.REFUTED
+
+
+def test_without_a_pair_and_without_an_obstacle_the_theorem_is_undecided():
+    problem = path(1, 1, exosystem=Exosystem(A=[[0]], C=[[1]]))
+    statements = state_theorems(problem)
+    lemmas = [lemma1_check(statements, "G", Proposal(margin=2.0))]
+    check = theorem_check("theorem1", statements, problem.exosystem, None, Proposal(), lemmas=lemmas, obstacle=None)
+    assert check.verdict is Verdict.UNDECIDED
+    assert check.exact is check.witness is check.margin is None
+
+
+def test_reasons_never_name_a_better_number_than_is_proved():
+    """Shortened numbers in sentences are rounded towards the weaker claim."""
+    problem = path(
+        1, Fraction(1234567, 10**6), exosystem=Exosystem(A=[["-0.123456789"]], C=[[1]]), observer=Observer(W=[[0]])
+    )
+    certificate = certify(problem)
+    assert "lambda_max <= -2.46913:" in certificate.check("lemma1").reason
+    assert "exp(-0.1234 t)" in certificate.check("hurwitz").reason

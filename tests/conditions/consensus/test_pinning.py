@@ -1,0 +1,187 @@
+"""The smallest pinning gains: closed form against a semidefinite program in cvxpy, and known answers."""
+
+from __future__ import annotations
+
+import math
+import warnings
+from random import Random
+
+import cvxpy as cp
+import numpy as np
+import pytest
+
+from dobc_design.conditions.consensus.pinning import (
+    Blocks,
+    closed_form,
+    fastest_rate,
+    for_rate,
+    looseness,
+    network_blocks,
+    smallest_gains,
+)
+from dobc_design.problem.network import Network
+from dobc_design.problem.problem import Problem
+
+
+def digraph(r: Random, n: int, **changes) -> Problem:
+    """A weighted digraph, mostly unbalanced, everybody heard by somebody."""
+    pairs = {(i, i % n + 1) for i in range(1, n + 1)}
+    pairs |= {(i, j) for i in range(1, n + 1) for j in range(1, n + 1) if i != j and r.random() < 0.3}
+    arcs = [[i, j, round(r.uniform(0.1, 5), 2)] for i, j in sorted(pairs)]
+    given = {"network": Network.from_arcs(arcs, arrow="listens_to", agents=n), "coupling": "y"}
+    return Problem(**given | changes)
+
+
+def reference(tables, allowed, costs) -> float:
+    """The optimum of the semidefinite program, by cvxpy and Clarabel, written out dense; nan if there is none."""
+    n = len(costs)
+    gains = cp.Variable(len(allowed), nonneg=True)
+    place = np.zeros((n, len(allowed)))
+    place[allowed, np.arange(len(allowed))] = 1
+    program = cp.Problem(
+        cp.Minimize(costs[allowed] @ gains),
+        [cp.bmat([[table.toarray()]]) + 2 * cp.diag(place @ gains) >> 0 for table in tables],
+    )
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # "may be inaccurate" at the tolerance asked for
+        try:
+            program.solve(solver=cp.CLARABEL, tol_gap_abs=1e-10, tol_gap_rel=1e-10, tol_feas=1e-10)
+        except cp.SolverError:
+            return math.nan
+    return math.nan if program.value is None or not math.isfinite(program.value) else float(program.value)
+
+
+def compare_with_the_program(count: int, seed: int) -> int:
+    """How many digraphs had an optimum; each is compared to 1e-6."""
+    r, compared = Random(seed), 0
+    for _ in range(count):
+        blocks = network_blocks(digraph(r, r.randint(3, 10)))
+        allowed = sorted(r.sample(range(blocks.agents), r.randint(1, blocks.agents)))
+        costs = np.array([r.uniform(0.5, 2) for _ in range(blocks.agents)])
+        fastest = fastest_rate(blocks, allowed)
+        if fastest <= 0.02 * blocks.scale and len(allowed) < blocks.agents:
+            continue
+        blocks = for_rate(blocks, r.choice((0, 0.3)) * min(fastest, blocks.scale / 8))
+        own = smallest_gains(blocks, allowed, costs=costs)
+        optimum = reference(blocks.tables, allowed, costs)
+        if not math.isnan(optimum):
+            compared += 1
+            assert costs @ own == pytest.approx(optimum, rel=1e-6, abs=1e-6 * blocks.scale)
+            assert set(np.flatnonzero(own)) <= set(allowed)
+    return compared
+
+
+def test_the_closed_form_is_the_optimum_of_the_semidefinite_program():
+    """Theory, section 7: minimise sum c_i k_i subject to Lambda(K) <= -2 beta I."""
+    assert compare_with_the_program(45, seed=1) >= 30
+
+
+@pytest.mark.slow
+def test_the_closed_form_is_the_optimum_on_a_hundred_digraphs():
+    assert compare_with_the_program(170, seed=2) >= 100
+
+
+@pytest.mark.parametrize("modes", [2, 4])
+def test_gains_shared_by_several_modes_are_those_of_the_program(modes):
+    """All modes at once, against the same program in cvxpy."""
+    r = Random(modes)
+    for _ in range(5):
+        n = r.randint(3, 6)
+        networks = [digraph(r, n).network.modes["G"] for _ in range(modes)]
+        network = Network(labels=tuple(map(str, range(n))), modes={f"G{k}": arcs for k, arcs in enumerate(networks)})
+        blocks = network_blocks(Problem(network=network, coupling="y"))
+        allowed = list(range(n))
+        own = smallest_gains(blocks, allowed)
+        assert sum(own) == pytest.approx(reference(blocks.tables, allowed, np.ones(n)), rel=1e-6)
+
+
+def test_one_pin_on_the_directed_ten_cycle_reaches_every_rate_below_a_bound_and_none_above(cycle):
+    """lambda_max(Lambda) > 4 (cos(pi/10) - 1) = -0.195774 however large the gain (theory, known answers)."""
+    blocks = network_blocks(cycle(10, pins={}))
+    bound = 2 * (1 - math.cos(math.pi / 10))
+    assert fastest_rate(blocks, [0]) == pytest.approx(bound, rel=1e-9)
+    gains = [smallest_gains(for_rate(blocks, part * bound), [0])[0] for part in (0.5, 0.9, 0.999)]
+    assert gains == sorted(gains)
+    assert smallest_gains(for_rate(blocks, 1.001 * bound), [0]) is None
+
+
+@pytest.mark.parametrize("n", [2, 5, 10])
+def test_the_gain_of_one_pin_on_a_cycle_is_that_of_the_recursion(cycle, n):
+    """S v = 0 off the pin on a path of equal steps: v_j = cos((j - n/2) t) / cos(n t/2), 2 - 2 cos t = 2 beta/s."""
+    s = 2.0  # h'(0); S is 2 s (I - half the adjacency): 4 on the diagonal, -2 beside it
+    blocks = network_blocks(cycle(n, pins={}))
+    beta = 0.4 * fastest_rate(blocks, [0])
+    t = math.acos(1 - beta / s)
+    v = [math.cos((j - n / 2) * t) / math.cos(n * t / 2) for j in range(n + 1)]
+    closed = -((2 * s - 2 * beta) - 2 * s * v[1]) / 2
+    assert smallest_gains(for_rate(blocks, beta), [0])[0] == pytest.approx(closed, rel=1e-9)
+
+
+def test_an_agent_whose_gain_would_be_negative_is_set_free():
+    """1 hears 2 alone, strongly: pinning both costs less with k_1 = 0 than the formula of the first round."""
+    network = Network.from_arcs([[1, 2, 5], [2, 3], [3, 2]], arrow="listens_to", agents=3)
+    blocks = network_blocks(Problem(network=network, coupling="y"))
+    gains = smallest_gains(blocks, [0, 1, 2])
+    assert gains.min() == 0
+    assert sum(gains) == pytest.approx(reference(blocks.tables, [0, 1, 2], np.ones(3)), rel=1e-6)
+
+
+def test_no_gains_can_do_where_a_closed_group_has_no_allowed_agent():
+    network = Network.from_arcs([[1, 2], [2, 1], [3, 4], [4, 3]], arrow="listens_to")
+    blocks = network_blocks(Problem(network=network, coupling="y"))
+    assert smallest_gains(blocks, [0]) is None
+    assert looseness(blocks, [0]) == math.inf
+    assert smallest_gains(blocks, [0, 2]) is not None
+    assert math.isfinite(looseness(blocks, [0, 2]))
+
+
+def test_couplings_that_are_no_z_matrix_go_to_the_program():
+    """h = -y on a pair: Lambda = [[2, -2], [-2, 2]] - 2 K needs k = 2 on both agents."""
+    problem = Problem(network=Network.from_arcs([[1, 2], [2, 1]], arrow="listens_to"), coupling="-y")
+    blocks = network_blocks(problem)
+    assert not blocks.z
+    assert smallest_gains(blocks, [0, 1]) == pytest.approx([2, 2], rel=1e-6)
+    assert smallest_gains(blocks, [0]) is None
+
+
+def test_couplings_by_component_fall_apart_into_blocks_of_their_own():
+    network = Network.from_arcs([[1, 2], [2, 1]], arrow="listens_to")
+    apart = network_blocks(Problem(network=network, coupling=["y1", "2*y2"]))
+    assert (apart.width, len(apart.tables), apart.z) == (1, 2, True)
+    mixed = network_blocks(Problem(network=network, coupling=["y1 + y2", "y2"]))
+    assert (mixed.width, len(mixed.tables), mixed.z) == (2, 1, False)
+
+
+def test_present_gains_can_be_part_of_the_blocks():
+    network = Network.from_arcs([[1, 2], [2, 1]], arrow="listens_to")
+    problem = Problem(network=network, coupling="y", gains={1: 3})
+    with_pins, without = network_blocks(problem, pins=True), network_blocks(problem)
+    assert (with_pins.tables[0] - without.tables[0]).toarray().tolist() == [[6, 0], [0, 0]]
+
+
+def test_many_modes_too_large_for_the_program_share_gains_that_cost_less_than_the_largest_of_each():
+    """The largest gain of every single mode suffices too: Lambda only falls when a gain rises."""
+    r = Random(3)
+    modes = {f"G{k}": digraph(r, 90).network.modes["G"] for k in range(2)}
+    problem = Problem(network=Network(labels=tuple(map(str, range(90))), modes=modes), coupling="y")
+    blocks = network_blocks(problem)
+    gains = smallest_gains(blocks, range(90))
+    single = [closed_form(table, np.ones(90, dtype=bool), np.ones(90)) for table in blocks.tables]
+    assert max(own.sum() for own in single) < gains.sum() < np.max(single, axis=0).sum()
+    for table in blocks.tables:
+        assert np.linalg.eigvalsh(table.toarray() + 2 * np.diag(gains))[0] > -1e-9 * blocks.scale
+
+
+def test_a_solver_that_panics_costs_the_optimum_only(monkeypatch):
+    """Gains that suffice are returned in its place."""
+    import clarabel
+
+    def panic(*args, **kwargs):
+        raise RuntimeError("panic")
+
+    monkeypatch.setattr(clarabel, "DefaultSolver", panic)
+    problem = Problem(network=Network.from_arcs([[1, 2], [2, 1]], arrow="listens_to"), coupling="-y")
+    blocks = network_blocks(problem)
+    gains = smallest_gains(blocks, [0, 1])
+    assert isinstance(blocks, Blocks)
+    assert gains == pytest.approx([2, 2], rel=1e-4)

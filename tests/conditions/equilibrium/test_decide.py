@@ -1,0 +1,319 @@
+"""A second equilibrium, proved by Krawczyk's test: closed forms and mpmath from outside, and what just fails."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from fractions import Fraction
+from random import Random
+
+import mpmath
+import numpy as np
+import pytest
+from equilibrium_cases import FOLDED, exact, half_difference, listening_pair, random_folded
+from lure_cases import HARMONIC, PAPER_GAIN, field, random_problem
+from scipy.optimize import fsolve
+
+from dobc_design.conditions.check import Check, Witness, check_from_json
+from dobc_design.conditions.equilibrium.claim import Equilibrium, field_at, slopes_on
+from dobc_design.conditions.equilibrium.decide import (
+    confirm_equilibrium,
+    enclose_equilibrium,
+    krawczyk_holds,
+    lies_in_region,
+    refuting_check,
+    verify_equilibrium,
+)
+from dobc_design.exact.interval import Interval
+from dobc_design.problem.network import Network
+from dobc_design.problem.observer import Observer
+from dobc_design.problem.problem import Problem
+from dobc_design.verdict import Verdict
+
+F = Fraction
+SADDLE = half_difference(3.3)  # y = 3.3077
+NODE = half_difference(6.0)  # y = 5.98
+
+
+SMALL = F(1, 10**4)
+
+
+def boxed(*middle: F, half: F = SMALL, mode: str = "G") -> Equilibrium:
+    return Equilibrium(mode=mode, box=tuple(Interval(c - half, c + half) for c in middle))
+
+
+def confirmed(check: Check, problem: Problem) -> str | None:
+    return confirm_equilibrium(check, problem, None, "consensus")
+
+
+def is_proved(problem: Problem, claim: Equilibrium) -> bool:
+    return verify_equilibrium(problem, claim).verdict is Verdict.PROVED
+
+
+@pytest.mark.parametrize("half", [SADDLE, NODE, -SADDLE])
+def test_the_false_equilibria_of_two_agents_are_proved_around_the_true_root(half: F):
+    """2 sin y + y/10 = 0 near y = 3.31 and 5.98: e = (-y/2, y/2); the root is mpmath's at 50 digits."""
+    problem = listening_pair()
+    claim = enclose_equilibrium(problem, "G", [float(-half), float(half)])
+    assert claim.box[0].contains(-half)
+    assert claim.box[1].contains(half)
+    assert max(side.width for side in claim.box) < F(1, 10**4)
+
+
+def test_with_one_pin_the_false_equilibrium_is_at_pi():
+    """The free agent rests where sin y = 0, and then the pinned one at its target: e = (0, pi)."""
+    claim = enclose_equilibrium(listening_pair(gains={1: "1/10"}), "G", [0.0, 3.14159])
+    with mpmath.workdps(50):
+        assert claim.box[1].contains(exact(mpmath.pi))
+    assert claim.box[0].contains(0)
+
+
+def test_a_box_is_proved_until_the_root_leaves_it():
+    """Shifted by 9/10 of its half width it holds the root, by 11/10 it does not."""
+    problem, half = listening_pair(), F(1, 10**4)
+    assert is_proved(problem, boxed(-SADDLE, SADDLE))
+    assert is_proved(problem, boxed(-SADDLE, SADDLE + half * F(9, 10)))
+    assert not is_proved(problem, boxed(-SADDLE, SADDLE + half * F(11, 10)))
+    assert not is_proved(problem, boxed(-SADDLE - half * F(11, 10), SADDLE))
+
+
+def test_the_target_itself_is_never_an_equilibrium_of_this_kind():
+    """At 0 the test holds as well, so a box that holds 0 is refused, and one that only touches it holds nothing."""
+    problem, half = listening_pair(), F(1, 10**4)
+    assert "target itself" in verify_equilibrium(problem, boxed(F(0), F(0))).reason
+    assert "target itself" in verify_equilibrium(problem, boxed(F(0), half)).reason
+    beside = verify_equilibrium(problem, boxed(F(0), half * F(1001, 1000)))
+    assert (beside.verdict, "Krawczyk" in beside.reason) == (Verdict.UNDECIDED, True)
+
+
+def test_the_box_has_to_lie_in_the_region_up_to_its_very_edge():
+    """Twin: a region that ends inside the box, or exactly at the root, is not shown to hold the start."""
+    claim = boxed(-SADDLE, SADDLE)
+    edge = claim.box[1].hi
+    inside, outside = listening_pair(reach=edge), listening_pair(reach=edge - F(1, 10**9))
+    assert refuting_check(inside, claim).verdict is Verdict.REFUTED
+    assert lies_in_region(inside, claim)
+    assert not lies_in_region(outside, claim)
+    assert refuting_check(outside, claim) is None
+    # A smaller box around the same root still fits there, but none around a root on the edge.
+    assert enclose_equilibrium(outside, "G", [float(-SADDLE), float(SADDLE)], within_region=True) is not None
+    on_edge = listening_pair(reach=F(f"{float(SADDLE):.15f}"))
+    assert enclose_equilibrium(on_edge, "G", [float(-SADDLE), float(SADDLE)], within_region=True) is None
+
+
+def test_goals_are_taken_into_account():
+    """Target 1 and an offset of 2 for agent 2: x = (1 - y/2, 3 + y/2)."""
+    claim = boxed(-SADDLE, SADDLE)
+    low, high = 1 - SADDLE - F(1, 1000), 3 + SADDLE + F(1, 1000)
+    region = [low, high]
+    fits = listening_pair(target=1, offsets={2: 2}, reach=region)
+    assert refuting_check(fits, claim) is not None
+    for other in ([low + F(1, 500), high], [low, high - F(1, 500)]):
+        assert refuting_check(listening_pair(target=1, offsets={2: 2}, reach=other), claim) is None
+
+
+def test_an_observer_does_not_matter():
+    """With eps = 0 the disturbance is cancelled, so the states rest as without one."""
+    problem = Problem(
+        network=listening_pair().network,
+        coupling="sin(y)",
+        gains="1/10",
+        exosystem=HARMONIC,
+        observer=Observer(W=PAPER_GAIN),
+        region={"initial_states": [-5, 5], "initial_disturbance": 0},
+    )
+    check = refuting_check(problem, boxed(-SADDLE, SADDLE))
+    assert confirm_equilibrium(check, problem, PAPER_GAIN, "consensus") is None
+    assert "without W" in confirm_equilibrium(check, problem, None, "consensus")
+
+
+def test_a_folded_line_has_its_equilibrium_at_ten_thirds_exactly():
+    """For 1 < y: h = 3/2 - y/2, so 2 h + y/10 = 0 at y = 10/3, a rational number."""
+    problem = listening_pair(FOLDED)
+    assert is_proved(problem, boxed(F(-5, 3), F(5, 3), half=F(1, 10)))
+    assert not is_proved(problem, boxed(F(-5, 3), F(5, 3) + F(11, 10**5)))
+    # A box that reaches the kink sees slopes of both signs.
+    assert not is_proved(problem, boxed(F(-5, 3), F(5, 3), half=F(7, 5)))
+
+
+def test_couplings_of_vectors_are_decided_too():
+    """m = 2, h = (sin y1 + y2/4, sin y2 - y1/4), pins 1/10; mpmath has the root."""
+    problem = listening_pair(["sin(y1) + y2/4", "sin(y2) - y1/4"], target=[0, 0])
+    with mpmath.workdps(50):
+        y = mpmath.findroot(
+            [lambda a, b: 2 * (mpmath.sin(a) + b / 4) + a / 10, lambda a, b: 2 * (mpmath.sin(b) - a / 4) + b / 10],
+            (3.5, 0.5),
+        )
+        root = (-exact(y[0]) / 2, -exact(y[1]) / 2, exact(y[0]) / 2, exact(y[1]) / 2)
+    assert max(root) > 1
+    claim = enclose_equilibrium(problem, "G", [float(e) for e in root])
+    assert all(side.contains(e) for side, e in zip(claim.box, root, strict=True))
+    assert is_proved(problem, boxed(*root))
+    assert not is_proved(problem, boxed(*root[:3], root[3] + F(2, 10**4)))
+
+
+@pytest.mark.parametrize("m", [1, 2])
+def test_what_floating_point_finds_in_random_problems_is_proved_and_is_a_root(m: int):
+    """Weights, exceptions, matrix gains, offsets; SciPy finds the roots and says how far they are from zero."""
+    proved = 0
+    for seed in range(15):
+        problem, r = random_folded(seed, m=m), Random(f"roots {seed}")
+        for _ in range(4):
+            start = [r.uniform(-6, 6) for _ in range(problem.n * m)]
+            root, _, status, _ = fsolve(lambda e, p=problem: field(p, "G", e), start, full_output=True)
+            if status != 1 or np.max(np.abs(root)) < 1e-3 or np.max(np.abs(field(problem, "G", root))) > 1e-9:
+                continue
+            claim = enclose_equilibrium(problem, "G", root.tolist())
+            if claim is None:  # singular there, or on a kink
+                continue
+            proved += 1
+            middle = [float(c) for c in claim.middle]
+            polished, *_ = fsolve(lambda e, p=problem: field(p, "G", e), middle, xtol=1e-12, full_output=True)
+            sides = zip(claim.box, polished.tolist(), strict=True)
+            assert all(side.lo - F(1, 10**11) <= F(e) <= side.hi + F(1, 10**11) for side, e in sides)
+    assert proved >= 5
+
+
+@pytest.mark.parametrize("m", [1, 2])
+def test_boxes_in_which_the_field_does_not_vanish_are_never_proved(m: int):
+    """One component of f is farther from 0 in the middle than it can change within the box: no root is there."""
+    refused = 0
+    for seed in range(10):
+        problem, r = random_folded(seed, m=m), Random(f"no roots {seed}")
+        for _ in range(5):
+            half = F(1, r.choice((10, 100, 10**6)))
+            claim = boxed(*[F(r.randint(-3000, 3000), 1000) for _ in range(problem.n * m)], half=half)
+            slopes = slopes_on(problem, "G", claim.box)
+            value = field(problem, "G", np.array(claim.middle, dtype=float))
+            change = np.zeros(problem.n * m)
+            for (row, _), slope in slopes.items():
+                change[row] += float(slope.magnitude * half)
+            if np.any(np.abs(value) > 1.01 * change + 1e-9):
+                refused += 1
+                assert not is_proved(problem, claim)
+    assert refused > 15
+
+
+def test_no_equilibrium_is_proved_where_there_is_none():
+    """tanh with every agent pinned has 0 only (theory, section 5: v = 1), wherever one looks."""
+    r = Random("none")
+    for seed in range(20):
+        problem = random_problem(seed, pin=1.1)
+        for _ in range(10):
+            scale = r.choice((F(1, 1000), F(1, 10), F(1), F(5)))
+            middle = [scale * F(r.randint(-100, 100), 100) for _ in range(problem.n)]
+            assert not is_proved(problem, boxed(*middle, half=scale * F(r.randint(1, 40), 100), mode="G0"))
+
+
+def test_a_line_of_equilibria_is_not_proved():
+    """Without pins every common shift is an equilibrium; the slopes are singular and nothing is isolated."""
+    assert enclose_equilibrium(listening_pair(gains=None), "G", [1.0, 1.0]) is None
+
+
+def test_large_problems_and_wild_points_are_left_alone():
+    big = Network.from_arcs([[i, i % 61 + 1] for i in range(1, 62)], arrow="listens_to", agents=61)
+    problem = Problem(network=big, coupling="sin(y)", gains="1/10", region={"initial_states": [-5, 5]})
+    assert enclose_equilibrium(problem, "G", [1.0] * 61) is None
+    assert not is_proved(problem, boxed(*[F(1)] * 61))
+    assert enclose_equilibrium(listening_pair(), "G", [float("nan"), 1.0]) is None
+    assert not is_proved(listening_pair("exp(y) - 1"), boxed(F(0), F(10) ** 6))
+
+
+def test_without_a_region_nothing_is_refuted():
+    """The question is then about every neighbourhood of the target."""
+    problem = listening_pair(reach=None)
+    assert is_proved(problem, boxed(-SADDLE, SADDLE))
+    assert refuting_check(problem, boxed(-SADDLE, SADDLE)) is None
+
+
+def test_a_check_is_confirmed_from_its_json():
+    problem = listening_pair()
+    check = check_from_json(refuting_check(problem, boxed(-SADDLE, SADDLE)).to_json())
+    assert confirmed(check, problem) is None
+    assert "-1.65387" in check.reason
+
+
+def moved(check: Check, by: str) -> list[list[str]]:
+    return [[str(F(lo) + F(by)), str(F(hi) + F(by))] for lo, hi in check.exact["box"]]
+
+
+@pytest.mark.parametrize(
+    ("change", "complaint"),
+    [
+        (lambda c: {"verdict": Verdict.PROVED}, "only refute"),
+        (lambda c: {"domain": "global"}, "with the domain"),
+        (lambda c: {"margin": 0.0}, "a number"),
+        (lambda c: {"rate": 0.1}, "a number"),
+        (lambda c: {"mode": "G"}, "a number"),
+        (lambda c: {"witness": None}, "a start"),
+        (lambda c: {"witness": replace(c.witness, kind="vector")}, "a start"),
+        (lambda c: {"witness": replace(c.witness, labels=("1",))}, "a start"),
+        (lambda c: {"witness": Witness(kind="start", values=("0", "0"))}, "not the middle"),
+        (lambda c: {"witness": Witness(kind="start", values=c.witness.values[:1])}, "not the middle"),
+        (lambda c: {"exact": None}, "a mode, a box"),
+        (lambda c: {"exact": {**c.exact, "more": "1"}}, "a mode, a box"),
+        (lambda c: {"exact": {**c.exact, "mode": "H"}}, "a mode of this problem"),
+        (lambda c: {"exact": {**c.exact, "box": c.exact["box"][:1]}}, "one interval per component"),
+        (lambda c: {"exact": {**c.exact, "box": "text"}}, "a list of intervals"),
+        (lambda c: {"exact": {**c.exact, "box": [["1"], ["2"]]}}, "no list of intervals"),
+        (lambda c: {"exact": {**c.exact, "box": [["1", "1"], ["1", "1"]]}}, "no list of intervals"),
+        (
+            lambda c: {
+                "exact": {**c.exact, "box": moved(c, "1/1000")},
+                "witness": replace(c.witness, values=tuple(str(F(v) + F("1/1000")) for v in c.witness.values)),
+            },
+            "Krawczyk",
+        ),
+        (
+            lambda c: {
+                "exact": {**c.exact, "box": moved(c, "4")},
+                "witness": replace(c.witness, values=tuple(str(F(v) + 4) for v in c.witness.values)),
+            },
+            "leaves the region",
+        ),
+    ],
+)
+def test_a_changed_check_is_not_confirmed(change, complaint: str):
+    problem = listening_pair()
+    check = refuting_check(problem, boxed(-SADDLE, SADDLE))
+    assert complaint in confirmed(replace(check, **change(check)), problem)
+
+
+def test_numbers_that_are_no_text_are_refused():
+    problem = listening_pair()
+    check = refuting_check(problem, boxed(-SADDLE, SADDLE))
+    changed = replace(check, exact={"mode": "G", "box": [[-1.7, -1.6], [1.6, 1.7]]})
+    with pytest.raises(ValueError, match="rational as text"):
+        confirmed(changed, problem)
+
+
+def test_the_same_box_is_not_confirmed_for_another_problem():
+    check = refuting_check(listening_pair(), boxed(-SADDLE, SADDLE))
+    assert confirmed(check, listening_pair(gains="2/10")) is not None
+    assert confirmed(check, listening_pair("tanh(y)")) is not None
+
+
+def test_a_box_that_is_made_here_leaves_room_for_coarser_enclosures():
+    """The test uses at most nine tenths of each half width; a box that needs more is proved, and not made."""
+    problem = listening_pair()
+    claim = enclose_equilibrium(problem, "G", [float(-SADDLE), float(SADDLE)])
+    assert verify_equilibrium(problem, claim, part=F(9, 10)).verdict is Verdict.PROVED
+    tight = boxed(-SADDLE, SADDLE + SMALL * F(95, 100))
+    assert is_proved(problem, tight)
+    assert verify_equilibrium(problem, tight, part=F(9, 10)).verdict is Verdict.UNDECIDED
+
+
+def test_a_y_that_is_not_invertible_and_a_field_that_is_hardly_known_prove_nothing():
+    """Y = 0 maps every box into itself, not into its interior; f(c) in [-1, 1] may be anything."""
+    problem, claim = listening_pair(), boxed(-SADDLE, SADDLE)
+    slopes, value = slopes_on(problem, "G", claim.box), field_at(problem, "G", claim.middle)
+    Y = tuple(tuple(map(F, row)) for row in np.linalg.inv(middle_of(slopes)).tolist())
+    assert krawczyk_holds(claim, value, slopes, Y, F(1))
+    assert not krawczyk_holds(claim, value, slopes, ((F(0), F(0)), (F(0), F(0))), F(1))
+    assert not krawczyk_holds(claim, (Interval(F(-1), F(1)),) * 2, slopes, Y, F(1))
+
+
+def middle_of(slopes) -> np.ndarray:
+    found = np.zeros((2, 2))
+    for place, slope in slopes.items():
+        found[place] = float(slope.midpoint)
+    return found

@@ -1,0 +1,124 @@
+"""Observability, detectability and the observer error, decided; rates at their edge."""
+
+from __future__ import annotations
+
+from fractions import Fraction
+from itertools import islice
+
+import numpy as np
+import sympy as sp
+from exact_oracle import Oracle, hurwitz
+from random_problems import random_problem
+
+from dobc_design.conditions.consensus.network import name_agents, reachability_check
+from dobc_design.conditions.observer.decide import (
+    detectability_check,
+    hurwitz_check,
+    hurwitz_with_rate,
+    observability_check,
+    observable_part_is_hurwitz,
+)
+from dobc_design.exact.matrix import multiply, subtract
+from dobc_design.problem.exosystem import Exosystem
+from dobc_design.problem.problem import Problem
+from dobc_design.verdict import Verdict
+
+PROVED, REFUTED, UNDECIDED = Verdict.PROVED, Verdict.REFUTED, Verdict.UNDECIDED
+
+
+def with_exosystem(count):
+    found = (random_problem(seed) for seed in range(1000, 1400))
+    return list(islice((problem for problem in found if problem.exosystem is not None), count))
+
+
+PROBLEMS: list[Problem] = with_exosystem(100)
+
+
+def test_verdicts_agree_with_sympy_and_lyapunov():
+    seen = set()
+    for problem in PROBLEMS:
+        oracle, exosystem = Oracle(problem), problem.exosystem
+        observable, detectable = oracle.hidden().rows == 0, oracle.detectable()
+        assert observability_check(exosystem).verdict is (PROVED if observable else REFUTED)
+        assert detectability_check(exosystem).verdict is (PROVED if detectable else REFUTED)
+        seen.add((observable, detectable))
+        if problem.observer.W is not None:
+            W = [list(row) for row in problem.observer.W]
+            decays = hurwitz(oracle.error(W))
+            assert hurwitz_check(exosystem, problem.observer.W).verdict is (PROVED if decays else REFUTED)
+            assert observable_part_is_hurwitz(exosystem, problem.observer.W) is oracle.seen_error_decays(W)
+    assert seen == {(True, True), (False, True), (False, False)}
+
+
+def test_the_suggested_reduction_generates_the_same_disturbances():
+    """C_o A_o^k T = C A^k for every k: the fix of an unobservable pair loses nothing that acts."""
+    count = 0
+    for problem in PROBLEMS:
+        check = observability_check(problem.exosystem)
+        if check.verdict is PROVED or check.fix.set == {"exosystem": None}:
+            continue
+        count += 1
+        given = (problem.exosystem.A, problem.exosystem.C)
+        suggested = (check.fix.set["exosystem.A"], check.fix.set["exosystem.C"])
+        A, C, A_o, C_o = (sp.Matrix([[sp.Rational(str(x)) for x in row] for row in M]) for M in (*given, *suggested))
+        seen = sp.Matrix.vstack(*(C * A**k for k in range(A.rows)))
+        kept = sp.Matrix.vstack(*(C_o * A_o**k for k in range(A.rows)))
+        assert kept.rank() == A_o.rows == seen.rank()
+        assert sp.Matrix.hstack(seen, kept).rank() == seen.rank()  # one T turns kept into seen
+    assert count >= 10
+
+
+def test_rates_are_strict_at_the_edge():
+    """A - WC = -2: every rate below 2 holds, 2 does not (an eigenvalue lies on the line)."""
+    error = ((Fraction(-2),),)
+    assert hurwitz_with_rate(error, Fraction(2) - Fraction(1, 10**30))
+    assert not hurwitz_with_rate(error, Fraction(2))
+    check = hurwitz_check(Exosystem(A=[[-2]], C=[[0]]), ((Fraction(0),),), estimate=2.5)
+    assert 0 < check.rate < 2
+    assert hurwitz_check(Exosystem(A=[[-2]], C=[[0]]), ((Fraction(0),),), estimate=2.0).rate > 1.99999
+
+
+def test_a_defective_error_on_the_axis_is_refuted():
+    """Double integrator with W = 0; and a rotation, where NumPy's real parts are rounding errors."""
+    for A in ([[0, 1], [0, 0]], [[0, 1], [-1, 0]]):
+        check = hurwitz_check(Exosystem(A=A, C=[[1, 0]]), ((Fraction(0),), (Fraction(0),)))
+        assert check.verdict is REFUTED
+        assert check.fix.set == {"observer.W": None}
+
+
+def test_without_a_gain_it_says_whether_one_exists():
+    hidden, free = Exosystem(A=[[0]], C=[[0]]), Exosystem(A=[[0]], C=[[1]])
+    assert "none exists" in hurwitz_check(hidden, None).reason
+    assert hurwitz_check(hidden, None).fix.set == {"exosystem": None}
+    assert "none was found" in hurwitz_check(free, None).reason
+    assert hurwitz_check(free, None).fix is None
+
+
+def test_rates_of_random_gains_lie_below_the_spectrum():
+    for problem in PROBLEMS:
+        W = problem.observer.W
+        if W is None:
+            continue
+        A, C = (np.array(M, dtype=float) for M in (problem.exosystem.A, problem.exosystem.C))
+        decay = -np.linalg.eigvals(A - np.array(W, dtype=float) @ C).real.max()
+        check = hurwitz_check(problem.exosystem, W, estimate=float(decay))
+        if check.rate is not None:
+            error = subtract(problem.exosystem.A, multiply(W, problem.exosystem.C))
+            assert hurwitz_with_rate(error, Fraction(repr(check.rate)))
+            assert check.rate <= decay * (1 + 1e-6)
+
+
+def test_reachability_agrees_with_the_oracle_in_every_mode():
+    for problem in PROBLEMS:
+        oracle = Oracle(problem)
+        for mode in oracle.modes:
+            alone = tuple(oracle.labels[i] for i in oracle.unreached([mode]))
+            check = reachability_check(problem, mode)
+            assert check.verdict is (REFUTED if alone else PROVED)
+            assert (check.witness.labels if alone else None) == (alone or None)
+
+
+def test_agents_are_named_in_words():
+    assert name_agents(["4"]) == "agent 4"
+    assert name_agents(["4", "5", "6"]) == "agents 4, 5 and 6"
+    assert name_agents([str(i) for i in range(20)]).endswith("and 12 more")

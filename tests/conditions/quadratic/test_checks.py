@@ -1,0 +1,326 @@
+"""The checks ``lure`` and ``exhaustive``: what a certificate holds, read back and decided again; twins just fail."""
+
+from __future__ import annotations
+
+import json
+import math
+from dataclasses import replace
+from fractions import Fraction
+from typing import Any
+
+import pytest
+from lure_cases import HARMONIC, PAPER, PAPER_GAIN, identity
+
+from dobc_design.conditions.boxes.checks import confirm_exhaustive, exhaustive_check, shell_from_json, shell_to_json
+from dobc_design.conditions.boxes.propose import grow_shell
+from dobc_design.conditions.check import Check
+from dobc_design.conditions.coverage import covers
+from dobc_design.conditions.quadratic.checks import certified_ball, confirm_lure, lure_check
+from dobc_design.conditions.quadratic.claim import Lure
+from dobc_design.conditions.quadratic.decide import verify_lure
+from dobc_design.conditions.quadratic.json_text import lure_from_json, lure_to_json
+from dobc_design.conditions.quadratic.propose import design_lure
+from dobc_design.conditions.quadratic.sectors import enclose_ranges
+from dobc_design.exact.matrix import multiply
+from dobc_design.exact.symmetric import SparseSymmetric
+from dobc_design.problem.network import Network
+from dobc_design.problem.observer import Observer
+from dobc_design.problem.problem import Problem
+from dobc_design.problem.region import Region
+from dobc_design.verdict import Verdict
+
+PAIR = ((Fraction(1, 2), Fraction(-1, 4)), (Fraction(-1, 4), Fraction(1, 3)))
+SMALL = 1 + Fraction(1, 10**6)
+
+
+def ring(n: int = 3, *, coupling: Any = PAPER, gains: Any = 3, side: str = "1/2", exosystem: Any = None, **more: Any):
+    arcs = [[i, i % n + 1] for i in range(1, n + 1)]
+    region = Region(
+        initial_states=((-Fraction(side), Fraction(side)),) * (2 if isinstance(coupling, list) else 1),
+        initial_disturbance=Fraction(1, 10) if exosystem is not None else None,
+    )
+    target = [0, 0] if isinstance(coupling, list) else 0
+    return Problem(
+        network=Network.from_arcs(arcs, arrow="listens_to", agents=n),
+        coupling=coupling,
+        gains=gains,
+        target=target,
+        exosystem=exosystem,
+        region=region,
+        **more,
+    )
+
+
+def by_hand(problem: Problem, *, radius: str = "2", tau: str = "1/4", **changes: Any) -> Lure:
+    """P_e = I, one tau for all arcs, the level that fits the radius exactly."""
+    r = Fraction(radius)
+    given = {
+        "P_e": identity(problem.n * problem.m),
+        "ranges": enclose_ranges(problem, radius=r),
+        "radius": r,
+        "level": r * r / 2,
+        "rate": Fraction(1, 10),
+        "multipliers": {mode: (Fraction(tau),) * len(arcs) for mode, arcs in problem.network.modes.items()},
+    }
+    return Lure(**(given | changes))
+
+
+def observed() -> tuple[Problem, Lure]:
+    """The printed pair, doubled: S = 9/16 (theory, section 9)."""
+    problem = ring(10, exosystem=HARMONIC, observer=Observer(W=PAPER_GAIN))
+    P = tuple(tuple(2 * x for x in row) for row in PAIR)
+    return problem, by_hand(problem, radius="3", tau="0.12", rate=Fraction(0), P=P, Q=multiply(P, PAPER_GAIN))
+
+
+def check_of(problem: Problem, lure: Lure, radius: float, disturbance: float = 0.0) -> Check:
+    return lure_check(problem, problem.observer.W, lure, radius=radius, disturbance=disturbance, domain="consensus")
+
+
+def refusal(problem: Problem, check: Check, *, domain: str = "consensus") -> str | None:
+    """What is wrong with a check after its way through JSON; errors count as refusals."""
+    exact = json.loads(json.dumps(check.exact))
+    confirm = confirm_lure if check.id == "lure" else confirm_exhaustive
+    try:
+        return confirm(replace(check, exact=exact), problem, problem.observer.W, domain)
+    except (ValueError, TypeError, KeyError, ArithmeticError) as error:
+        return str(error) or type(error).__name__
+
+
+def test_the_largest_ball_is_proved_and_confirmed_and_the_next_number_is_not():
+    """P_e = I, level 2: the ball is sqrt 2."""
+    problem = ring()
+    lure = by_hand(problem)
+    assert verify_lure(problem, lure).verdict is Verdict.PROVED
+    check = check_of(problem, lure, 1.41421)
+    assert (check.verdict, check.rate) == (Verdict.PROVED, 0.1)
+    assert check.domain == {"kind": "ball", "radius": 1.41421, "disturbance": 0.0}
+    assert refusal(problem, check) is None
+    assert check_of(problem, lure, 1.41422).verdict is Verdict.UNDECIDED
+    assert "not inside" in str(refusal(problem, replace(check, domain={**check.domain, "radius": 1.41422})))
+    assert certified_ball(problem, lure, disturbance=0.0) == pytest.approx(math.sqrt(2), rel=1e-5)
+
+
+def test_with_the_observer_the_disturbance_takes_its_part_of_the_level():
+    """R^2 + 10 s^2 (5 + sqrt 10)/6 <= 9/2: s = 1/2 leaves R = 1.04754."""
+    problem, lure = observed()
+    radius = certified_ball(problem, lure, disturbance=0.5)
+    assert radius == pytest.approx(math.sqrt(4.5 - 2.5 * (5 + math.sqrt(10)) / 6), rel=1e-5)
+    check = check_of(problem, lure, radius, 0.5)
+    assert refusal(problem, check) is None
+    assert "not inside" in str(refusal(problem, replace(check, domain={**check.domain, "disturbance": 0.50001})))
+    assert "P" in check.exact
+    exact = {name: value for name, value in check.exact.items() if name != "P"}
+    assert "lacks P" in str(refusal(problem, replace(check, exact=exact)))
+    smaller = {**check.exact, "P": [["1/8", "-1/16"], ["-1/16", "1/12"]]}
+    assert "matrix inequality fails" in str(refusal(problem, replace(check, exact=smaller)))
+    skew = {**check.exact, "P": [["1", "-1/2"], ["-1/3", "2/3"]]}
+    assert "symmetric" in str(refusal(problem, replace(check, exact=skew)))
+
+
+def test_without_a_gain_nothing_applies():
+    problem, lure = observed()
+    check = lure_check(problem, None, lure, radius=1.0, disturbance=0.0, domain="consensus")
+    assert (check.verdict, check.reason[:15]) == (Verdict.UNDECIDED, "does not apply:")
+    proved = check_of(problem, lure, 1.0)
+    assert "does not apply" in str(confirm_lure(proved, problem, None, "consensus"))
+
+
+CHANGES: tuple[tuple[str, Any, str], ...] = (
+    ("method", "vertex", "method must be one of"),
+    ("method", "interval", "unknown fields"),
+    ("P_e", [[0, 0, "1"], [1, 1, "1"]], "not positive definite"),
+    ("P_e", [[0, 0, "1"], [1, 1, "1"], [2, 2, "1"], [2, 2, "1"]], "each entry once"),
+    ("P_e", [[0, 0, "1"], [1, 1, "1"], [2, 2, 1]], "rational"),
+    ("P_e", [[0, 0, "1"], [1, 1, "1"], [2, 2, "1"], [0, 1, "0"]], "is 0"),
+    ("P_e", [[0, 0, "1"], [1, 1, "1"], [True, 2, "1"]], "each entry once"),
+    ("P_e", [[0, 0, "1"], [1, 1, "1"], [3, 3, "1"]], "upper triangle"),
+    ("P_e", [[0, 0, "1"], [1, 1, "1"], [2, 2, "1"], [1, 0, "1/9"]], "upper triangle"),
+    ("P_e", "I", "must be a list"),
+    ("level", "2.000001", "reaches beyond"),
+    ("level", None, "both be null"),
+    ("level", "0", "level > 0"),
+    ("radius", "1.999999", "reaches beyond"),
+    ("radius", "2.001", "not shown to lie"),
+    ("radius", "-2", "radius must be > 0"),
+    ("rate", "-1", "rate must be >= 0"),
+    ("rate", "9", "inequality fails"),
+    ("rate", "0.0999999", "does not follow"),
+    ("multipliers", {}, "lacks"),
+    ("multipliers", {"mode 1": ["1/4", "1/4"]}, "multipliers must have 3 entries"),
+    ("multipliers", {"mode 1": ["1/4", "1/4", "0"]}, "must be > 0"),
+    ("multipliers", {"mode 1": ["1/4", "1/4", "-1/4"]}, "must be > 0"),
+    ("multipliers", {"mode 1": ["1/4", "1/4", "40"]}, "inequality fails"),
+    ("ranges", [], "must name every coupling"),
+    ("ranges", {}, "must be a list"),
+    ("ranges", [{"coupling": True, "gains": [[["1", "5"]]]}], "whole number"),
+    ("ranges", [{"coupling": 1, "gains": [[["1", "5"]]]}], "must name every coupling"),
+    ("ranges", [{"coupling": 0, "gains": [[["1.44", "4.2"]]]}], "not shown to lie"),
+    ("ranges", [{"coupling": 0, "gains": [[["1.4", "4.19"]]]}], "not shown to lie"),
+    ("ranges", [{"coupling": 0, "gains": [[["1.4", "4.2"], ["0", "0"]]]}], "shape"),
+)
+
+
+@pytest.mark.parametrize(("name", "value", "words"), CHANGES)
+def test_every_part_of_the_claim_is_decided_again(name, value, words):
+    """The claim is P_e = I, radius 2, level 2, tau 1/4, gains in [1.43233, 4.19453], rate 1/10."""
+    problem = ring()
+    check = check_of(problem, by_hand(problem), 1.0)
+    mode = next(iter(problem.network.modes))
+    value = dict.fromkeys([mode], *value.values()) if name == "multipliers" and value else value
+    assert refusal(problem, check) is None
+    assert words in str(refusal(problem, replace(check, exact={**check.exact, name: value})))
+
+
+@pytest.mark.parametrize(
+    ("changes", "words"),
+    [
+        ({"rate": 0.1000001}, "does not follow"),
+        ({"rate": 0.0}, "does not follow"),
+        ({"domain": "global"}, "must be a ball"),
+        ({"domain": {"kind": "box", "radius": 1.0, "disturbance": 0.0}}, "must be a ball"),
+        ({"domain": {"kind": "ball", "radius": 1.0, "disturbance": 0.1}}, "without an exosystem"),
+        ({"domain": {"kind": "ball", "radius": 0.0, "disturbance": 0.0}}, "must be > 0"),
+        ({"verdict": Verdict.REFUTED}, "only be proved"),
+    ],
+)
+def test_what_stands_beside_the_exact_values_has_to_follow_too(changes, words):
+    problem = ring()
+    check = check_of(problem, by_hand(problem), 1.0)
+    assert words in str(refusal(problem, replace(check, **changes)))
+    assert refusal(problem, replace(check, rate=None)) is None  # less than is proved
+
+
+def test_without_a_level_every_coupling_has_to_be_linear():
+    """h = 2 y, all k = 3: everywhere; tanh with the same claim is not shown, and "consensus" is no such domain."""
+    linear = ring(coupling="2*y")
+    lure = by_hand(
+        linear, radius="1", ranges=enclose_ranges(linear, radius=None), multipliers={"mode 1": (Fraction(0),) * 3}
+    )
+    mode = next(iter(linear.network.modes))
+    lure = replace(lure, radius=None, level=None, multipliers={mode: (Fraction(0),) * 3})
+    check = check_of(linear, lure, 0.0)
+    assert (check.verdict, check.domain) == (Verdict.PROVED, "global")
+    assert refusal(linear, check, domain="global") is None
+    assert "must be global" in str(refusal(linear, check))
+    assert "must be global" in str(
+        refusal(linear, replace(check, domain={"kind": "ball", "radius": 1.0, "disturbance": 0.0}), domain="global")
+    )
+    assert "need a radius" in str(refusal(ring(coupling="2*tanh(y)"), check, domain="global"))
+    useless = {**check.exact, "multipliers": {mode: ["0", "0", "1"]}}
+    assert "is not 0" in str(refusal(linear, replace(check, exact=useless), domain="global"))
+
+
+def test_a_list_of_expressions_has_one_channel_for_every_gain():
+    """h = (y1 + tanh(y2)/5, y2): off-diagonal gains take part."""
+    problem = ring(coupling=["y1 + tanh(y2)/5", "y2"])
+    lure = design_lure(
+        problem,
+        holds=lambda each: verify_lure(problem, each).verdict is Verdict.PROVED,
+        shape="identity",
+        objective="ball",
+        largest=Fraction(3),
+    )
+    assert lure is not None
+    check = check_of(problem, lure, certified_ball(problem, lure, disturbance=0.0))
+    assert check.verdict is Verdict.PROVED
+    assert refusal(problem, check) is None
+    gains = [[["1", "1"], ["0.1", "0.2"]], [["0", "0"], ["1", "1"]]]
+    assert "not shown" in str(
+        refusal(problem, replace(check, exact={**check.exact, "ranges": [{"coupling": 0, "gains": gains}]}))
+    )
+
+
+def test_a_claim_comes_back_from_json_as_it_went_in():
+    problem, lure = observed()
+    assert lure_from_json(json.loads(json.dumps(lure_to_json(lure))), problem, PAPER_GAIN) == lure
+    full = replace(lure, P_e=SparseSymmetric(10, {**lure.P_e.entries, (0, 3): Fraction(-1, 7)}), rate=Fraction(2, 9))
+    assert lure_from_json(json.loads(json.dumps(lure_to_json(full))), problem, PAPER_GAIN) == full
+    with pytest.raises(ValueError, match="one radius for all arcs"):
+        lure_to_json(replace(lure, radii={(0, 1): Fraction(1)}))
+
+
+def test_a_ball_covers_the_region_iff_it_holds_its_corners():
+    """Side 1/2, three agents: R^2 >= 3/4, so 0.8660254 is too small and 0.8660255 is not."""
+    problem = ring()
+    for radius, inside in ((0.8660254, False), (0.8660255, True)):
+        check = check_of(problem, by_hand(problem), radius)
+        assert check.verdict is Verdict.PROVED
+        assert covers(problem, check, [check]) is inside
+
+
+def shell_of(problem: Problem, **options: Any):
+    lure = design_lure(
+        problem, holds=lambda each: verify_lure(problem, each).verdict is Verdict.PROVED, shape="identity", **options
+    )
+    assert lure is not None
+    shell = grow_shell(problem, lure, largest=Fraction(8))
+    assert shell is not None
+    return shell
+
+
+def test_boxes_are_confirmed_and_the_next_larger_claims_are_not():
+    """Two agents, all k = 3: the multipliers reach |e| = 2.89, the boxes 6."""
+    problem = ring(2)
+    shell = shell_of(problem)
+    inner, outer = certified_ball(problem, shell.lure, disturbance=0.0), replace(shell.lure, level=shell.outer)
+    radius = certified_ball(problem, outer, disturbance=0.0)
+    assert inner < 2.9 < 6.0 < radius
+    check = exhaustive_check(problem, None, shell, radius=radius, disturbance=0.0, domain="consensus")
+    assert check.verdict is Verdict.PROVED
+    assert refusal(problem, check) is None
+    assert shell_from_json(json.loads(json.dumps(shell_to_json(shell))), problem, None) == shell
+    larger = exhaustive_check(problem, None, shell, radius=radius * 1.01, disturbance=0.0, domain="consensus")
+    assert larger.verdict is Verdict.UNDECIDED
+    for name, value, words in (
+        ("outer", str(shell.outer * Fraction(103, 100)), "beyond the first box"),
+        ("outer", str(shell.lure.level / 2), "at least the level"),
+        ("half", str(shell.half / 2), "beyond the first box"),
+        ("half", "25/3", "dyadic"),
+        ("half", str(2**400), "dyadic"),
+        ("tree", ".", "not shown in some box"),
+        ("tree", shell.tree[:-1], "does not describe boxes"),
+        ("tree", 7, "must be text"),
+        ("level", str(shell.lure.level * SMALL), "reaches beyond"),
+        ("level", None, "both be null"),
+    ):
+        assert words in str(refusal(problem, replace(check, exact={**check.exact, name: value}))), (name, value)
+    wider = {"outer": str(shell.outer * Fraction(103, 100)), "half": str(2 * shell.half)}
+    assert "not shown in some box" in str(refusal(problem, replace(check, exact={**check.exact, **wider})))
+    nearer = {**check.domain, "radius": radius * 1.0001}
+    assert "not inside" in str(refusal(problem, replace(check, domain=nearer)))
+    assert refusal(problem, replace(check, rate=0.01)) is not None
+    assert covers(problem, check, [check])
+
+
+def test_boxes_that_are_halved_too_often_are_refused():
+    """Thirty times across one component is the limit: beyond, ends of boxes are not exact in float64."""
+    problem = ring(2)
+    shell = shell_of(problem)
+    check = exhaustive_check(problem, None, shell, radius=1.0, disturbance=0.0, domain="consensus")
+    deep = "".join("0" if depth == 0 else "0." for depth in range(31)) + ".."
+    assert "does not describe boxes" in str(refusal(problem, replace(check, exact={**check.exact, "tree": deep})))
+    fair = "".join("0" if depth == 0 else "0." for depth in range(30)) + ".."
+    assert "not shown in some box" in str(refusal(problem, replace(check, exact={**check.exact, "tree": fair})))
+
+
+def test_numbers_that_floating_point_cannot_follow_are_refused_not_skipped():
+    """P_e = 10^150 I overflows in products; the exact conditions do not mind the scale."""
+    problem = ring(2)
+    shell, factor = shell_of(problem), Fraction(10) ** 150
+    lure = shell.lure
+    scaled = replace(
+        lure,
+        P_e=lure.P_e.scaled(factor),
+        level=lure.level * factor,
+        multipliers={mode: tuple(tau * factor for tau in taus) for mode, taus in lure.multipliers.items()},
+    )
+    assert verify_lure(problem, scaled).verdict is Verdict.PROVED
+    with pytest.raises(ValueError, match="between 1e-100 and 1e100"):
+        exhaustive_check(
+            problem,
+            None,
+            replace(shell, lure=scaled, outer=shell.outer * factor),
+            radius=1.0,
+            disturbance=0.0,
+            domain="consensus",
+        )

@@ -1,0 +1,156 @@
+"""The statements of the regional certificates against the block inequality of theory, section 4, in NumPy."""
+
+from __future__ import annotations
+
+import itertools
+from fractions import Fraction
+from random import Random
+
+import numpy as np
+import pytest
+from lure_cases import HARMONIC, PAPER_GAIN, cycle, identity, pins, random_problem
+
+from dobc_design.conditions.consensus.decide import Pair, schur_block
+from dobc_design.conditions.quadratic.claim import Lure, interval_matrix, lure_matrix, vertex_matrices
+from dobc_design.conditions.quadratic.sectors import Sectors, build_sectors, enclose_ranges
+from dobc_design.errors import ShapeError, SpecError
+from dobc_design.exact.matrix import multiply, to_float
+from dobc_design.exact.symmetric import SparseSymmetric
+from dobc_design.problem.problem import Problem
+
+ONE = Fraction(1)
+
+
+def random_metric(size: int, shape: str, seed: int) -> SparseSymmetric:
+    r = Random(seed)
+    if shape == "diagonal":
+        return SparseSymmetric(size, {(i, i): Fraction(r.randint(1, 9), r.randint(1, 5)) for i in range(size)})
+    rows = [[Fraction(r.randint(-3, 3)) for _ in range(size)] for _ in range(size)]
+    square = multiply(tuple(map(tuple, rows)), tuple(zip(*rows, strict=True)))
+    return SparseSymmetric.from_dense(square) + identity(size)
+
+
+def at_radius(problem: Problem, radius: Fraction = ONE) -> Sectors:
+    return build_sectors(problem, enclose_ranges(problem, radius=radius), radius=radius)
+
+
+def arrays(sectors: Sectors, mode: str) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """B (n m, channels), C_E (channels, n m), low and high gains."""
+    channels = sectors.modes[mode]
+    B, C = np.zeros((sectors.size, len(channels))), np.zeros((len(channels), sectors.size))
+    for k, channel in enumerate(channels):
+        B[channel.target, k] = 1
+        C[k, channel.plus] += 1
+        C[k, channel.minus] -= 1
+    return B, C, np.array([float(c.low) for c in channels]), np.array([float(c.high) for c in channels])
+
+
+@pytest.mark.parametrize("shape", ["diagonal", "full"])
+@pytest.mark.parametrize("seed", range(8))
+def test_the_reduced_inequality_is_the_schur_complement_of_the_one_in_theory(seed, shape):
+    """[[-P K - K'P - 2 C'mMTC + 2 beta P, P B + C'(m+M)T, P(I (x) C)], [., -2T, 0], [., ., I (x) Omega(beta)]]."""
+    problem = random_problem(seed, m=1 + seed % 2)
+    sectors = at_radius(problem)
+    B, C_E, low, high = arrays(sectors, "G0")
+    size, m, count = sectors.size, problem.m, len(low)
+    r = Random(seed)
+    tau = [Fraction(r.randint(1, 9), r.randint(1, 9)) for _ in range(count)]
+    P_e, beta = random_metric(size, shape, seed), Fraction(r.randint(0, 5), 7)
+    S = tuple(tuple(Fraction(3 if i == j else 1, 2) for j in range(m)) for i in range(m))
+    P, K, T = to_float(P_e.to_dense()), pins(problem), np.diag([float(t) for t in tau])
+    first = -P @ K - K.T @ P - 2 * C_E.T @ np.diag(low * high) @ T @ C_E + 2 * float(beta) * P
+    second = P @ B + C_E.T @ np.diag(low + high) @ T
+    border = P @ np.kron(np.eye(problem.n), np.eye(m))
+    omega = -np.kron(np.eye(problem.n), np.linalg.inv(to_float(S)))  # C = I, so C (-Omega)^-1 C' = S
+    block = np.block(
+        [
+            [first, second, border],
+            [second.T, -2 * T, np.zeros((count, border.shape[1]))],
+            [border.T, np.zeros((border.shape[1], count)), omega],
+        ]
+    )
+    rest = block[size:, size:]
+    schur = first - block[:size, size:] @ np.linalg.solve(rest, block[size:, :size])
+    ours = to_float(lure_matrix(sectors, "G0", P_e, tau, rate=beta, S=S).to_dense())
+    assert np.allclose(ours, schur, rtol=1e-9, atol=1e-9 * np.max(np.abs(schur)))
+
+
+def test_the_border_of_the_observer_enters_as_the_paper_has_it():
+    """S = 9/8 for the printed pair (theory, section 9): P_e = I then adds 9/8 I."""
+    problem = cycle(3, 2, exosystem=HARMONIC)
+    sectors = at_radius(problem)
+    P = ((Fraction(1, 2), Fraction(-1, 4)), (Fraction(-1, 4), Fraction(1, 3)))
+    S = schur_block(Pair(P=P, Q=multiply(P, PAPER_GAIN)), HARMONIC)
+    assert S is not None
+    assert S[0][0] == Fraction(9, 8)
+    with_it = lure_matrix(sectors, "G", identity(3), (ONE,) * 3, S=S)
+    assert with_it + lure_matrix(sectors, "G", identity(3), (ONE,) * 3).negated() == identity(3).scaled(Fraction(9, 8))
+
+
+@pytest.mark.parametrize("seed", range(8))
+def test_every_corner_is_the_derivative_for_those_gains_and_the_bounds_lie_above_all_corners(seed):
+    """P J + J'P with J = B diag(g) C - K; the multipliers' form bounds it for any tau."""
+    problem = random_problem(seed)
+    sectors = at_radius(problem)
+    B, C_E, low, high = arrays(sectors, "G0")
+    P_e = random_metric(sectors.size, "full", seed)
+    P, K = to_float(P_e.to_dense()), pins(problem)
+    beta = Fraction(1, 3)
+    wanted = []
+    for corner in itertools.product((0, 1), repeat=len(low)):
+        J = B @ np.diag(np.where(corner, high, low)) @ C_E - K
+        wanted.append(P @ J + J.T @ P + 2 / 3 * P)
+    ours = [to_float(each.to_dense()) for each in vertex_matrices(sectors, "G0", P_e, rate=beta)]
+    assert np.allclose(ours, wanted)
+    r = Random(seed)
+    taus = [Fraction(r.randint(1, 9), r.randint(1, 9)) for _ in low]
+    for upper in (interval_matrix(sectors, "G0", P_e, rate=beta), lure_matrix(sectors, "G0", P_e, taus, rate=beta)):
+        bound = to_float(upper.to_dense())
+        assert min(np.linalg.eigvalsh(bound - corner)[0] for corner in wanted) > -1e-9 * np.max(np.abs(bound))
+
+
+def test_a_linear_channel_needs_no_multiplier_and_moves_into_the_linear_part():
+    sectors = at_radius(cycle(4, 2, coupling="3*y"))
+    J = 3 * (np.roll(np.eye(4), 1, axis=1) - np.eye(4)) - 2 * np.eye(4)
+    assert np.array_equal(to_float(lure_matrix(sectors, "G", identity(4), (Fraction(0),) * 4).to_dense()), J + J.T)
+
+
+def test_corners_are_refused_when_there_are_too_many():
+    with pytest.raises(SpecError, match="13 channels with a range"):
+        next(vertex_matrices(at_radius(cycle(13, 1)), "G", identity(13)))
+
+
+def test_multipliers_have_to_be_as_many_as_channels_and_positive():
+    sectors = at_radius(cycle(3, 1))
+    with pytest.raises(ShapeError, match="must have 3 entries, one per channel; got 2"):
+        lure_matrix(sectors, "G", identity(3), (ONE, ONE))
+    with pytest.raises(ShapeError, match="must be > 0 where the gain has a range"):
+        lure_matrix(sectors, "G", identity(3), (ONE, ONE, Fraction(0)))
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        ({"method": "guess"}, "method must be one of"),
+        ({"rate": Fraction(-1)}, "rate must be >= 0"),
+        ({"level": Fraction(0)}, "level > 0"),
+        ({"P": ((ONE,),)}, "P and Q must both be given"),
+    ],
+)
+def test_what_cannot_be_a_claim_is_refused(change, words):
+    given = {"P_e": identity(2), "ranges": (), "radius": ONE, "level": ONE}
+    with pytest.raises(SpecError, match=words):
+        Lure(**(given | change))
+
+
+@pytest.mark.parametrize(
+    ("entries", "shape"),
+    [
+        ({(0, 0): 2, (1, 1): 2}, "identity"),
+        ({(0, 0): 2, (1, 1): 3}, "diagonal"),
+        ({(0, 0): 2, (0, 1): 1, (1, 1): 2}, "full"),
+    ],
+)
+def test_a_certificate_says_what_shape_its_p_has(entries, shape):
+    metric = SparseSymmetric(2, {place: Fraction(x) for place, x in entries.items()})
+    assert Lure(P_e=metric, ranges=(), radius=ONE, level=ONE).shape == shape

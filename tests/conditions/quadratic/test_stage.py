@@ -1,0 +1,199 @@
+"""The quadratic certificate of a region: radii of the theory, when it stops, what it says where it does not reach."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from fractions import Fraction
+from typing import Any
+
+import pytest
+from lure_cases import HARMONIC, PAPER, PAPER_GAIN
+
+import dobc_design as dd
+from dobc_design.conditions.asked import Asked, read_region
+from dobc_design.conditions.check import Check
+from dobc_design.conditions.quadratic import stage as quadratic
+from dobc_design.conditions.quadratic.sectors import gains_on
+from dobc_design.conditions.quadratic.stage import quadratic_stage, roomy_gains
+from dobc_design.problem.network import Network
+from dobc_design.problem.observer import Observer
+from dobc_design.problem.problem import Problem
+from dobc_design.problem.region import Region
+from dobc_design.verdict import Verdict
+
+
+def ring(n: int, gains: Any, *, side: str | None = "1", coupling: Any = PAPER, s: str | None = None) -> Problem:
+    """Agent i listens to agent i + 1; every |e_i| <= side; with ``s`` also the paper's observer."""
+    arcs = [[i, i % n + 1] for i in range(1, n + 1)]
+    m = len(coupling) if isinstance(coupling, list) else 1
+    region = None
+    if side is not None:
+        region = Region(
+            initial_states=((-Fraction(side), Fraction(side)),) * m,
+            initial_disturbance=None if s is None else Fraction(s),
+        )
+    return Problem(
+        network=Network.from_arcs(arcs, arrow="listens_to", agents=n),
+        coupling=coupling,
+        gains=gains,
+        target=[0] * m,
+        region=region,
+        **({} if s is None else {"exosystem": HARMONIC, "observer": Observer(W=PAPER_GAIN)}),
+    )
+
+
+def asked(problem: Problem, *, everything: bool = False) -> Asked:
+    domain = "global" if problem.is_linear else "consensus"
+    return read_region(problem, problem.observer.W, domain=domain, everything=everything)
+
+
+def stage(problem: Problem, *, everything: bool = False) -> tuple[Check, list[str]]:
+    said: list[str] = []
+    (check,) = quadratic_stage(asked(problem, everything=everything), said.append)
+    return check, said
+
+
+@pytest.mark.parametrize(("gains", "ball"), [(3, 2.927), pytest.param({1: 3}, 1.138, marks=pytest.mark.slow)])
+def test_the_largest_ball_is_that_of_the_theory(gains, ball):
+    """Theory, section 9, directed 10-cycle, full P_e: within 1 %; the ball asked for, about 12.6, is not reached."""
+    check, said = stage(ring(10, gains, side="4"))
+    assert check.verdict is Verdict.PROVED
+    assert 0.99 * ball < check.domain["radius"] < 1.005 * ball
+    assert check.domain["disturbance"] == 0.0
+    assert [message.rpartition(", ")[2] for message in said] == ["P_e = I)", "a diagonal P_e)", "a full P_e)"]
+    assert "the region asks for 12.6491: beyond, no quadratic V is found. By method: P_e = I: " in check.reason
+
+
+@pytest.mark.slow
+def test_it_stops_at_the_first_form_that_covers_and_raises_the_rate():
+    """All k = 3: P_e = I reaches 2.89, the ball asked for is sqrt(6)/2; near the consensus errors decay at 3 1/s."""
+    problem = ring(6, 3, side="1/2")
+    check, said = stage(problem)
+    assert [message.rpartition(", ")[2] for message in said] == ["P_e = I)", "its rate)"]
+    assert check.domain["radius"] >= math.sqrt(6) / 2
+    assert 1.5 <= check.rate < 3
+    assert "By method" not in check.reason
+    beyond, said = stage(ring(6, 3, side="1.25"))  # sqrt(6) 1.25 = 3.06, just more than any form reaches
+    assert beyond.domain["radius"] < math.sqrt(6) * 1.25
+    assert len(said) == 3
+
+
+@pytest.mark.slow
+def test_on_request_every_method_is_tried():
+    check, said = stage(ring(7, 3, side="1/2"), everything=True)
+    assert len(said) == 4
+    methods = check.reason.partition("By method: ")[2]
+    assert [part.partition(":")[0] for part in methods.split(", ")] == [
+        "P_e = I",
+        "a diagonal P_e",
+        "a full P_e",
+        "interval bounds",
+    ]
+    assert float(methods.rpartition("interval bounds: ")[2].rstrip(".")) == pytest.approx(1.4865, rel=1e-3)
+
+
+def test_few_arcs_are_also_tried_corner_by_corner():
+    check, _ = stage(ring(3, {1: 3}, side="4"))
+    assert check.exact["method"] == "vertices"
+    assert "the corners of all gains: " in check.reason
+
+
+@pytest.mark.slow
+def test_with_a_disturbance_the_ball_is_smaller_and_with_a_large_one_there_is_none():
+    free, _ = stage(ring(3, 3, side="3", s="0"))
+    some, _ = stage(ring(3, 3, side="3", s="1/4"))
+    assert some.domain["disturbance"] == 0.25
+    assert some.domain["radius"] < free.domain["radius"]
+    none, _ = stage(ring(3, 3, side="3", s="50"))
+    assert (none.verdict, none.domain, none.exact) == (Verdict.UNDECIDED, "consensus", None)
+    assert "|eps_i| <= 50: a smaller initial disturbance may help" in none.reason
+
+
+def test_linear_couplings_are_certified_everywhere_with_a_rate():
+    """One pin, h = 2 y: e'e may grow, a full P_e does it; the linear system decays at the largest real part."""
+    check, _ = stage(ring(5, {1: 4}, coupling="2*y"))
+    assert (check.verdict, check.domain) == (Verdict.PROVED, "global")
+    assert check.exact["level"] is None
+    assert check.rate > 0
+
+
+def test_a_coupling_that_no_arc_has_still_gives_a_ball_which_both_programs_accept():
+    """e' = -k e: every level will do, and claims about all of space are for couplings that are linear as written."""
+    problem = Problem(
+        network=Network.from_arcs([], arrow="listens_to", agents=1),
+        coupling="tanh(y)",
+        gains=1,
+        target=-3,
+        region=Region(initial_states=((Fraction(-4), Fraction(0)),), initial_disturbance=None),
+    )
+    certificate = dd.certify(problem, everything=True)
+    (check,) = [check for check in certificate.checks if check.id == "lure"]
+    assert check.verdict is Verdict.PROVED
+    assert isinstance(check.domain, Mapping)
+    assert check.domain["radius"] >= 3
+    assert dd.verify(certificate, problem).holds
+
+
+def test_nothing_is_found_where_the_linearisation_does_not_decay():
+    check, _ = stage(ring(3, {1: 1}, coupling="-y + y**3"))
+    assert check.verdict is Verdict.UNDECIDED
+    assert check.reason == "no quadratic V is found, not even close to the target."
+
+
+def test_large_networks_are_left_out_at_once():
+    check, said = stage(ring(61, 3))
+    assert said == []
+    assert "left out, because it takes long with 61 rows n m; it is examined up to 60." in check.reason
+
+
+def test_without_an_observer_gain_it_does_not_apply():
+    problem = ring(3, 3, s="1")
+    (check,) = quadratic_stage(read_region(problem, None, domain="consensus", everything=False), lambda _: None)
+    assert check.reason.startswith("does not apply:")
+
+
+def test_a_library_that_breaks_down_costs_the_certificate_only(monkeypatch):
+    def broken(*_: Any, **__: Any) -> None:
+        raise RuntimeError("no convergence")
+
+    monkeypatch.setattr(quadratic, "design_lure", broken)
+    check, _ = stage(ring(3, 3))
+    assert check.verdict is Verdict.UNDECIDED
+
+
+@pytest.mark.parametrize("text", ["exp(y) - 1 + y", "sin(y)", "y + abs(y)/3", "tanh(y)"])
+def test_gains_are_claimed_with_room_on_both_sides(text):
+    coupling = ring(2, 1, coupling=text).couplings[0]
+    ((tight,),), ((wide,),) = (each(coupling, Fraction(2)) for each in (gains_on, roomy_gains))
+    assert wide.lo < tight.lo
+    assert tight.hi < wide.hi
+    assert wide.width < tight.width + Fraction(1, 10_000) * (1 + tight.magnitude)
+
+
+def test_gains_of_linear_couplings_stay_exact():
+    coupling = ring(2, 1, coupling="3*y/7").couplings[0]
+    assert roomy_gains(coupling, Fraction(1)) == gains_on(coupling, Fraction(1))
+
+
+@pytest.mark.slow
+def test_couplings_of_vectors_are_covered_by_it_and_both_programs_accept():
+    """Max-separable does not apply to a list; h = (y1 + tanh(y2)/5, y2), every |e_ic| <= 1."""
+    problem = ring(3, 3, coupling=["y1 + tanh(y2)/5", "y2"])
+    certificate = dd.certify(problem)
+    assert (certificate.verdict, certificate.covered_by) == (Verdict.PROVED, "lure")
+    outcome = dd.verify(certificate, problem)
+    assert outcome.holds
+    assert outcome.lone_checker == "it accepts every claim"
+    repelling, _ = stage(ring(3, 1, coupling=["-y1 + tanh(y2)/5", "-y2"]))
+    assert repelling.verdict is Verdict.UNDECIDED
+
+
+def test_without_a_region_it_runs_on_request_and_covers_nothing():
+    problem = ring(7, 3, side=None)
+    assert "lure" not in {check.id for check in dd.certify(problem).checks}
+    certificate = dd.certify(problem, everything=True)
+    lure = next(check for check in certificate.checks if check.id == "lure")
+    assert lure.verdict is Verdict.PROVED
+    assert "no region is asked for" in lure.reason
+    assert certificate.covered_by != "lure"

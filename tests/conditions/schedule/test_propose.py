@@ -1,0 +1,113 @@
+"""Plans of stages: shorter than one stage, never faster than the loop itself, and quadratic stages that are proved."""
+
+from __future__ import annotations
+
+from fractions import Fraction
+
+import numpy as np
+import pytest
+from lure_cases import HARMONIC, PAPER_GAIN, is_proved, pins
+from lure_cases import cycle as quadratic_cycle
+from separable_problems import cycle, pair
+
+from dobc_design.conditions.schedule.propose import box_bound, matching_diagonal, plan_stages, relative_bound
+from dobc_design.conditions.schedule.propose_quadratic import propose_quadratic_stages
+from dobc_design.conditions.separable.decide import largest_rate
+from dobc_design.conditions.separable.propose import propose_separable, propose_vectors
+from dobc_design.exact.matrix import to_float
+from dobc_design.exact.symmetric import SparseSymmetric
+
+F = Fraction
+
+
+def random_positive(rng: np.random.Generator, size: int) -> np.ndarray:
+    root = rng.standard_normal((size, size))
+    return root @ root.T + 0.1 * np.eye(size)
+
+
+def exact(array: np.ndarray) -> SparseSymmetric:
+    return SparseSymmetric(len(array), {(i, j): F(float(array[i, j])) for j in range(len(array)) for i in range(j + 1)})
+
+
+def test_a_plan_has_falling_levels_and_is_shorter_than_its_first_stage_alone():
+    problem = cycle()
+    plan = plan_stages(problem, rho=F(4), tolerance=F(1, 1000))[0]
+    levels = [stage.rho for stage in plan.separable]
+    assert levels[0] == 4 and levels == sorted(levels, reverse=True) and len(levels) > 2
+    first = plan.separable[0]
+    alone = np.log(4 * float(max(first.v)) * 1000) / float(largest_rate(problem, first.v, rho=F(4)))
+    assert plan.time < 0.7 * alone
+    jacobian = -2 * np.eye(10) + 2 * np.roll(np.eye(10), 1, axis=1) - pins(problem)
+    fastest = -float(np.max(np.linalg.eigvals(jacobian).real))
+    assert plan.time > np.log(4 * 1000) / fastest
+
+
+def test_levels_of_a_plan_are_those_that_the_vectors_are_proved_for():
+    problem = cycle()
+    plan = plan_stages(problem, rho=F(4), tolerance=F(1, 1000))[0]
+    rates = [largest_rate(problem, stage.v, rho=stage.rho) for stage in plan.separable]
+    assert None not in rates
+    assert rates == sorted(rates)
+
+
+def test_no_plan_is_made_where_no_vector_has_a_rate():
+    assert plan_stages(cycle(3, h="sin(y)"), rho=F(4), tolerance=F(1, 1000)) == []
+    assert plan_stages(cycle(gains={}), rho=F(1), tolerance=F(1, 1000)) == []
+
+
+def test_vectors_for_a_part_of_the_rate_are_flatter_and_have_it():
+    problem = cycle()
+    best = propose_separable(problem, rho=2.0)
+    full, half = propose_vectors(problem, rho=2.0, parts=(1.0, 0.5))
+    assert np.max(half) < np.max(full)
+    rate = largest_rate(problem, tuple(F(round(x * 10**6), 10**6) for x in half.tolist()), rho=F(2))
+    assert float(rate) == pytest.approx(0.5 * best.rate, rel=0.03)
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_the_bound_on_a_box_holds_at_every_corner(seed):
+    rng = np.random.default_rng(seed)
+    P_e, v = random_positive(rng, 4), rng.uniform(1, 3, 4)
+    corners = np.array(np.meshgrid(*[[-1, 1]] * 4)).reshape(4, -1).T * v
+    most = float(np.max(np.einsum("ri,ij,rj->r", corners, P_e, corners)))
+    bound, D = box_bound(P_e, v)
+    assert bound == pytest.approx(float(D @ v**2))
+    assert most <= bound * (1 + 1e-12)
+    given = matching_diagonal(exact(P_e), tuple(F(float(x)) for x in v))
+    assert np.linalg.eigvalsh(np.diag([float(d) for d in given]) - P_e)[0] >= -1e-9
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_one_matrix_is_bounded_by_another_and_barely(seed):
+    rng = np.random.default_rng(100 + seed)
+    old, new = random_positive(rng, 3), random_positive(rng, 3)
+    factor = float(relative_bound(exact(new), exact(old)))
+    assert np.linalg.eigvalsh(factor * old - new)[0] >= 0
+    assert np.linalg.eigvalsh((1 - 1e-5) * factor * old - new)[0] < 0
+
+
+def test_quadratic_stages_are_faster_at_smaller_radii_and_each_is_proved():
+    problem = quadratic_cycle(3, {1: 5}, exosystem=HARMONIC)
+    found = propose_quadratic_stages(
+        problem, W=PAPER_GAIN, holds=lambda lure: is_proved(problem, lure), radii=(0.1, 0.5, 1.0), slowest=0.1
+    )
+    assert [lure.radius for lure in found] == [F(1, 10), F(1, 2), 1]
+    assert sorted((lure.rate for lure in found), reverse=True) == [lure.rate for lure in found]
+    assert all(is_proved(problem, lure) for lure in found)
+
+
+def test_quadratic_stages_of_a_linear_loop_reach_nearly_its_spectral_abscissa():
+    problem = pair("y", k=5)
+    (lure,) = propose_quadratic_stages(
+        problem, W=None, holds=lambda lure: is_proved(problem, lure), radii=(1.0,), slowest=0.1
+    )
+    assert lure.radius is None
+    assert 0.9 < float(lure.rate) <= 1  # e_2' = e_1 - e_2
+    assert np.linalg.eigvalsh(to_float(lure.P_e.to_dense()))[0] > 0
+
+
+def test_no_quadratic_stage_is_faster_than_asked_of_the_slowest():
+    problem = quadratic_cycle(3, {1: 5}, exosystem=HARMONIC)
+    found = propose_quadratic_stages(problem, W=PAPER_GAIN, holds=lambda lure: True, radii=(0.1,), slowest=50.0)
+    assert found == []
+    assert propose_quadratic_stages(problem, W=PAPER_GAIN, holds=lambda lure: False, radii=(0.1,), slowest=0.1) == []

@@ -1,0 +1,340 @@
+"""The max-separable certificate's rows: what is proved, and its twin that just fails."""
+
+from __future__ import annotations
+
+from fractions import Fraction
+from importlib import import_module
+
+import numpy as np
+import pytest
+from separable_problems import MONOTONE, TURNING, cycle, fractions, pair, random_problem, sampled_rows
+
+from dobc_design.conditions.separable.claim import FACES, Separable, rows
+from dobc_design.conditions.separable.decide import coupling_profiles, largest_rate, verify_separable
+from dobc_design.conditions.separable.large import arc_rows, float_kinds, open_rows
+from dobc_design.conditions.separable.ordering import find_ordering
+from dobc_design.conditions.separable.propose import propose_separable, rounded_vectors
+from dobc_design.conditions.separable.rows import decide_row
+from dobc_design.conditions.separable.table import gain_table
+from dobc_design.conditions.separable.turns import turning
+from dobc_design.coupling.enclosures import Curve
+from dobc_design.coupling.monotone import profile
+from dobc_design.errors import ShapeError, SpecError
+from dobc_design.problem.network import Network
+from dobc_design.problem.problem import Problem
+from dobc_design.verdict import Verdict
+
+F = Fraction
+ONES = (F(1),) * 10
+
+
+def verdict(problem: Problem, v, alpha, rho, **more) -> Verdict:
+    rho = None if rho is None else F(rho)
+    return verify_separable(problem, Separable(v=v, alpha=F(alpha), rho=rho), **more).verdict
+
+
+@pytest.mark.parametrize("rho", [1, 10, 250])
+def test_all_pinned_with_five_has_rate_five_for_every_radius(rho: int):
+    """Theory, known answers: v = 1, exactly 5 and nothing above."""
+    problem = cycle(gains=5)
+    assert largest_rate(problem, ONES, rho=F(rho)) == 5
+    assert verdict(problem, ONES, 5, rho) is Verdict.PROVED
+    assert verdict(problem, ONES, F(5) + F(1, 10**30), rho) is Verdict.REFUTED
+
+
+# Found by the design for one pin k = 5 on the directed 10-cycle, min v = 1; rates of the theory.
+ONE_PIN = [
+    (1, (1, 2.4694, 2.2292, 2.0136, 1.8198, 1.6454, 1.4884, 1.3469, 1.2193, 1.104), 0.184),
+    (4, (1, 1.7183, 1.616, 1.5204, 1.4309, 1.3471, 1.2685, 1.1949, 1.1258, 1.0609), 0.108),
+    (10, (1, 1.38398, 1.33417, 1.28639, 1.24039, 1.19627, 1.15387, 1.11307, 1.07386, 1.03625), 0.064),
+]
+
+
+@pytest.mark.parametrize(("rho", "v", "rate"), ONE_PIN)
+def test_one_pin_has_the_rates_of_the_theory(rho: int, v, rate: float):
+    """Theory, known answers, within 1 %; 1 % more, or a larger radius, is refuted at the face shown."""
+    problem, v = cycle(), fractions(*v)
+    alpha = largest_rate(problem, v, rho=F(rho))
+    assert alpha == pytest.approx(rate, rel=0.01)
+    assert verdict(problem, v, alpha, rho) is Verdict.PROVED
+    assert verdict(problem, v, alpha * F(101, 100), rho) is Verdict.REFUTED
+    beyond = verify_separable(problem, Separable(v=v, alpha=alpha, rho=F(rho) * F(11, 10)))
+    assert beyond.verdict is Verdict.REFUTED
+    assert beyond.face == "upper"
+    assert rho < beyond.s <= F(rho) * F(11, 10)
+    perturbed = (*v[:4], v[4] * F(98, 100), *v[5:])
+    assert verdict(problem, perturbed, alpha, rho) is Verdict.REFUTED
+
+
+@pytest.mark.parametrize("seed", [*range(4), *(pytest.param(k, marks=pytest.mark.slow) for k in range(4, 12))])
+def test_a_claim_is_never_above_what_samples_of_the_field_allow(seed: int):
+    """Random problems, monotone couplings or not: no sampled row is positive at a proved rate, some is at 1 % more."""
+    problem = random_problem(seed, couplings=MONOTONE + TURNING, modes=1 + seed % 2)
+    rho = F(1 + seed % 3, 3)
+    proposal = propose_separable(problem, rho=float(rho))
+    if proposal is None:  # nobody holds some agent in one of the modes
+        assert not find_ordering(problem).exists
+        return
+    v = list(rounded_vectors(proposal))[3]
+    alpha = largest_rate(problem, v, rho=rho)
+    assert proposal.rate * 0.99 < alpha < proposal.rate * 1.001
+    scales = [float(rho) * s for s in (1e-4, *np.linspace(0, 1, 17)[1:])]
+    assert max(sampled_rows(problem, v, s=s, alpha=float(alpha)) for s in scales) <= 1e-9
+    assert max(sampled_rows(problem, v, s=s, alpha=1.01 * float(alpha)) for s in scales) > 0
+
+
+def test_the_counterexample_of_the_theory_is_refused():
+    """v = (1, 3/2), rho = 2: nondecreasing on |y| <= rho |v_j - v_i| = 1 is not enough.
+
+    h(-1) = -1 would give e_2' <= -1 at e_2 = 3; but e_1 may be -2, and h(-5) is about 0.
+    """
+    problem, v = pair("y*exp((1 - y**2)/2)"), fractions(1, 1.5)
+    assert profile(Curve(problem.coupling.components[0]), F(99, 100)).is_nondecreasing
+    refused = verify_separable(problem, Separable(v=v, alpha=F(1, 100), rho=F(2)))
+    assert refused.verdict is Verdict.REFUTED
+    assert (refused.agent, refused.mode) == (1, "G")
+    assert "row of agent 2 in mode G fails at s = " in refused.reason
+
+
+def test_the_counterexample_is_proved_where_h_is_monotone_as_far_as_the_rows_look():
+    """The twin: rho (v_1 + v_2) = 1."""
+    problem, v = pair("y*exp((1 - y**2)/2)"), fractions(1, 1.5)
+    rho = F(2, 5)
+    # h(-s/2)/s is weakest at the largest s: e^(1/2 - 1/50)/2 = 0.808, divided by v_2.
+    assert float(largest_rate(problem, v, rho=rho)) == pytest.approx(np.exp(0.48) / 3, rel=1e-6)
+
+
+def test_a_face_that_only_the_lower_row_sees():
+    """h = exp(y) - 1 at y < 0 is flatter than at y > 0, so the two faces have different rates."""
+    problem, v = pair("exp(y) - 1"), fractions(1, 2)
+    # s = 1: upper h(-1) = -(1 - 1/e), so 0.316 with v_2 = 2; s -> 0 (lower): 1/2.
+    assert float(largest_rate(problem, v, rho=F(1))) == pytest.approx((1 - np.exp(-1)) / 2, rel=1e-6)
+    answer = verify_separable(problem, Separable(v=v, alpha=F("0.32"), rho=F(1)))
+    assert (answer.verdict, answer.face) == (Verdict.REFUTED, "upper")
+    mirrored = verify_separable(pair("1 - exp(-y)"), Separable(v=v, alpha=F("0.32"), rho=F(1)))
+    assert (mirrored.verdict, mirrored.face) == (Verdict.REFUTED, "lower")
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("h", ["sin(y) + y**2/200", "sin(y) - y**2/200"])
+def test_a_maximum_inside_one_interval_counts_where_another_arc_is_worst(h: str):
+    """Agent 3 hears 1 (v = 1) and 2 (v = 1/5): at s = 3.75 the first has its maximum inside, at -3 pi/2."""
+    network = Network.from_arcs([[3, 1], [3, 2]], arrow="listens_to", agents=3)
+    problem = Problem(network=network, coupling=h, gains={1: 9, 2: 9, 3: 2}, target=0)
+    v, rho = fractions(1, "0.2", 1), F(4)
+    alpha = float(largest_rate(problem, v, rho=rho))
+    scales = np.linspace(0.01, 4, 160)
+    assert max(sampled_rows(problem, v, s=s, alpha=alpha) for s in scales) <= 1e-9
+    worst = max(scales, key=lambda s: sampled_rows(problem, v, s=s, alpha=alpha))
+    assert 3.5 < worst <= 4
+    assert max(sampled_rows(problem, v, s=s, alpha=1.001 * alpha) for s in scales) > 0
+
+
+SINE = fractions(1, 1.0069, 1.0061, 1.0054, 1.0046, 1.0038, 1.0031, 1.0023, 1.0015, 1.0008)
+
+
+def test_sin_with_one_pin_reaches_beyond_its_monotone_range():
+    """Monotone rows stop at rho = pi/4; the general rows go to almost pi/2, and never beyond it."""
+    problem = cycle(h="sin(y)")
+    assert largest_rate(problem, SINE, rho=F("1.56")) > F("0.0006")
+    assert largest_rate(problem, SINE, rho=F("1.571")) is None
+    assert verdict(problem, SINE, F("0.0006"), F("1.56")) is Verdict.PROVED
+    assert verdict(problem, SINE, F("0.0006"), F("1.571")) is Verdict.REFUTED
+
+
+def test_a_coupling_that_turns_at_zero_is_decided_up_to_zero():
+    """h = y^2, all pinned, v = 1: the largest h on [-2 s, 0] is 4 s^2, so the rate is 5 - 4 rho."""
+    problem = cycle(gains=5, h="y**2")
+    alpha = largest_rate(problem, ONES, rho=F(1, 2))
+    assert 3 - F(1, 10**4) < alpha <= 3
+    assert verdict(problem, ONES, alpha, F(1, 2)) is Verdict.PROVED
+    assert verdict(problem, ONES, F(3) + F(1, 10**6), F(1, 2)) is Verdict.REFUTED
+
+
+def test_linear_couplings_are_decided_for_every_radius_exactly():
+    """h = y/2, weight 3: agent 2 has 3/2 (v_1 - v_2), the rate 1/2 with v = (1, 3/2)."""
+    problem, v = pair("y/2", weight=3), fractions(1, 1.5)
+    assert verdict(problem, v, F(1, 2), None) is Verdict.PROVED
+    assert verdict(problem, v, F(1, 2) + F(1, 10**40), None) is Verdict.REFUTED
+    assert largest_rate(problem, v, rho=None) == F(1, 2)
+    assert largest_rate(problem, v, rho=F(10**6)) == F(1, 2)
+
+
+def test_a_linear_coupling_that_repels_uses_the_other_end():
+    """h = -y/8: the worst neighbour is at the opposite face, so 1/8 (v_1 + v_2) counts against k."""
+    network = Network.from_arcs([[2, 1]], arrow="listens_to", agents=2)
+    problem = Problem(network=network, coupling="-y/8", gains=1, target=0)
+    assert largest_rate(problem, fractions(1, 1), rho=None) == F(3, 4)
+    assert largest_rate(problem, fractions(1, 1), rho=F(3)) == F(3, 4)
+
+
+def test_an_irrational_slope_is_enclosed():
+    """h = pi y: the rate of agent 2 is pi/3 with v = (1, 3/2)."""
+    problem, v = pair("pi*y"), fractions(1, 1.5)
+    assert verdict(problem, v, F(104719755, 10**8), None) is Verdict.PROVED
+    assert verdict(problem, v, F(104719756, 10**8), None) is Verdict.UNDECIDED
+    assert verdict(problem, v, F(104719756, 10**8), 7) is Verdict.REFUTED
+
+
+def test_matrix_gains_count_by_row():
+    """k = [[3, 1], [-1, 2]]: the second component is worth 2 - 1, the first 3 - 1."""
+    network = Network.from_arcs([], arrow="listens_to", agents=1)
+    problem = Problem(network=network, coupling="y", gains={1: [[3, 1], [-1, 2]]}, target=[0, 0])
+    assert largest_rate(problem, (F(1),), rho=None) == 1
+    assert verdict(problem, (F(1),), F(101, 100), 1) is Verdict.REFUTED
+
+
+def test_exceptions_and_weights_enter_their_own_rows():
+    """Arc (2, 1) has h = 2 y, arc (3, 1) the weight 5 on h = y."""
+    network = Network.from_arcs([[2, 1], [3, 1, 5]], arrow="listens_to", agents=3)
+    problem = Problem(network=network, coupling="y", exceptions={(1, 0): "2*y"}, gains={1: 10}, target=0)
+    assert largest_rate(problem, fractions(1, 2, 10), rho=F(1)) == 1  # 2 (2 - 1)/2 against 5 (10 - 1)/10
+    assert largest_rate(problem, fractions(1, 2, "1.1"), rho=F(1)) == F("0.454545454")  # now 5 (1.1 - 1)/1.1
+
+
+def test_modes_may_be_chosen():
+    network = Network.from_arcs({"A": [[2, 1]], "B": []}, arrow="listens_to", agents=2)
+    problem = Problem(network=network, coupling="y", gains={1: 1}, target=0)
+    assert verdict(problem, fractions(1, 2), F(1, 2), 1, modes=["A"]) is Verdict.PROVED
+    whole = verify_separable(problem, Separable(v=fractions(1, 2), alpha=F(1, 2), rho=F(1)))
+    assert (whole.verdict, whole.mode, whole.agent) == (Verdict.REFUTED, "B", 1)
+
+
+def test_couplings_between_components_do_not_apply():
+    network = Network.from_arcs([[2, 1]], arrow="listens_to", agents=2)
+    problem = Problem(network=network, coupling=["y1 + y2", "y2"], gains=1, target=[0, 0])
+    answer = verify_separable(problem, Separable(v=fractions(1, 1), alpha=F(1, 9), rho=F(1)))
+    assert answer.verdict is Verdict.UNDECIDED
+    assert answer.reason.startswith("does not apply: the max-separable certificate is for couplings that act on each")
+    assert largest_rate(problem, fractions(1, 1), rho=F(1)) is None
+
+
+def test_a_coupling_that_is_not_defined_so_far_out_does_not_apply():
+    problem = pair("log(1 + y)")
+    answer = verify_separable(problem, Separable(v=fractions(1, 1.5), alpha=F(1, 9), rho=F(1)))
+    assert answer.verdict is Verdict.UNDECIDED
+    assert "log" in answer.reason
+    assert verdict(problem, fractions(1, 1.5), F(1, 9), F("0.39")) is Verdict.PROVED
+
+
+def test_a_nonlinear_coupling_without_a_radius_does_not_apply():
+    answer = verify_separable(pair("tanh(y)"), Separable(v=fractions(1, 1.5), alpha=F(1, 9), rho=None))
+    assert answer.verdict is Verdict.UNDECIDED
+    assert answer.reason.startswith("does not apply: without a radius")
+
+
+@pytest.mark.parametrize(("v", "alpha", "rho"), [((0, 1), 1, 1), ((1, 1), 0, 1), ((1, 1), 1, 0), ((), 1, 1)])
+def test_a_claim_has_to_be_positive(v, alpha, rho):
+    with pytest.raises(SpecError, match="> 0"):
+        Separable(v=fractions(*v), alpha=F(alpha), rho=F(rho))
+
+
+def test_v_has_one_entry_per_agent():
+    with pytest.raises(ShapeError, match="v must have 2 entries, one per agent; got 3"):
+        verify_separable(pair("y"), Separable(v=fractions(1, 1, 1), alpha=F(1), rho=F(1)))
+
+
+@pytest.mark.parametrize("seed", [0, *(pytest.param(k, marks=pytest.mark.slow) for k in (1, 2))])
+@pytest.mark.parametrize("dyadic", [True, False])
+def test_the_fast_rows_prove_nothing_that_the_exact_ones_do_not(seed: int, dyadic: bool):
+    """Row by row, at a rate just below and just above what the worst row allows."""
+    problem = random_problem(seed, modes=1, n=12)
+    unit = 2**20 if dyadic else 10**6
+    v = tuple(F(round((1 + 0.1 * ((5 * i) % 7)) * unit), unit) for i in range(problem.n))
+    rho = F(3, 2)
+    kinds = coupling_profiles(problem, v, rho=rho, modes=["G0"])
+    assert all(kind.is_nondecreasing for kind in kinds)
+    arrays = arc_rows(problem, v, "G0")
+    tables = float_kinds(kinds, [arrays], rho=rho, cells=64)
+    exact = {
+        (agent, face): [
+            decide_row(row, face, kinds, alpha=alpha, rho=rho).verdict is Verdict.PROVED for alpha in (F(1, 10), F(1))
+        ]
+        for agent in range(problem.n)
+        for row, _ in rows(problem, v, agents=[agent])
+        for face in FACES
+    }
+    for number, alpha in enumerate((F(1, 10), F(1))):
+        left = set(open_rows(arrays, tables, alpha=alpha, rho=rho))
+        assert all(exact[place][number] for place in exact if place not in left)
+        assert len(left) <= 1.2 * sum(not answer[number] for answer in exact.values()) + 1
+
+
+def held_ring(n: int, *, h: str = "sin(y)") -> tuple[Problem, tuple[F, ...]]:
+    """Every third agent pinned, both neighbours heard, v = 1 there and 5/4 elsewhere."""
+    arcs = [[i + 1, (i + d) % n + 1] for i in range(n) for d in (1, -1)]
+    network = Network.from_arcs(arcs, arrow="listens_to", agents=n)
+    problem = Problem(network=network, coupling=h, gains={i + 1: 5 for i in range(0, n, 3)}, target=0)
+    return problem, tuple(F(1) if i % 3 == 0 else F(5, 4) for i in range(n))
+
+
+FALLING = [("sin(y)", "3/2"), *(pytest.param(h, 1, marks=pytest.mark.slow) for h in ("y*exp((1 - y**2)/2)", "-y/8"))]
+
+
+@pytest.mark.parametrize(("h", "rho"), FALLING)
+def test_rows_in_which_a_coupling_falls_are_decided_alike_by_floats(monkeypatch, h: str, rho):
+    """Far beyond the rising range: the same rate, and the same answer just above it, as by rows one by one."""
+    problem, v = held_ring(9, h=h)
+    exact = largest_rate(problem, v, rho=F(rho))
+    monkeypatch.setattr(import_module("dobc_design.conditions.separable.decide"), "MANY_FALLING", 0)
+    floats = largest_rate(problem, v, rho=F(rho))
+    if exact is None:
+        assert floats is None
+        return
+    assert exact * F(998, 1000) <= floats <= exact * (1 + F(1, 10**5))
+    assert verdict(problem, v, floats, rho) is Verdict.PROVED
+    assert verdict(problem, v, exact * F(101, 100), rho) is Verdict.REFUTED
+
+
+SLOW = ("y*exp((1 - y**2)/2)", "y/(1 + y**2)", "-y/8", "sin(y) - y**2/200")
+
+
+@pytest.mark.parametrize("h", ["sin(y)", "y**2", *(pytest.param(h, marks=pytest.mark.slow) for h in SLOW)])
+def test_what_a_turning_coupling_gives_at_most_contains_samples(h: str):
+    """sup h(s t)/s over -reach <= t <= step for s in a piece, both faces; smooth: nothing but the right end counts."""
+    problem = pair(h)
+    curve, (s, t) = Curve(problem.coupling.components[0]), (0.8, 1.0)
+    steps, reaches = np.array([-1.4, -0.5, 0.0, 0.3, 1.0]), np.array([1.5, 2.5, 4.0, 0.9, 5.0])
+    kind = profile(curve, F(5))
+    f = problem.coupling.numpy_function()
+    for face, low in ((1, s), (-1, s), (1, 0.0)):
+        found = turning(kind, gain_table(curve, F(5), cells=128), face)
+        places = np.linspace(low or 1e-9, t, 21)
+        ends = [face * f((face * x * steps)[:, None])[:, 0] / x for x in places]
+        right = (np.min(ends, axis=0) - 1e-6, np.max(ends, axis=0) + 1e-6)
+        most, smooth = found.largest(steps, reaches, right, low, t)
+        largest = np.full(len(steps), -np.inf)
+        for x, end in zip(places, ends, strict=True):
+            y = np.linspace(-x * reaches, x * steps, 801)
+            truth = np.max(face * f((face * y).reshape(-1, 1)).reshape(y.shape), axis=0) / x
+            assert np.all(truth <= most + 1e-6)
+            assert np.all(truth[smooth] <= end[smooth] + 1e-6)
+            largest = np.maximum(largest, truth)
+        assert not low or np.all(most - largest <= 0.2 * (1 + np.abs(largest)))
+
+
+@pytest.mark.parametrize("text", ["exp(y) - 1 + y", "tanh(y)", "y + y**3", "clip(y, -1, 1)", "y + sin(y)/2"])
+def test_the_table_of_gains_contains_the_gain(text: str):
+    """At points and over ranges, against mpmath."""
+    from random_couplings import true_values
+
+    problem = pair(text)
+    table = gain_table(Curve(problem.coupling.components[0]), F(5, 2))
+    points = np.array([-2.5, -1.7, -0.3, -1e-9, 1e-9, 0.7, 1.3, 2.4999, 2.5])
+    low, high = table.at(points)
+    least, most, _, _ = table.over(points, np.roll(points, 3))
+    for k, y in enumerate(points.tolist()):
+        gain = true_values(text, F(y))[2]
+        assert low[k] <= gain <= high[k]
+        assert high[k] - low[k] < 1e-3 or text.startswith("clip")
+        assert min(least[k], least[k - 3]) <= gain <= max(most[k], most[k - 3])
+
+
+def test_a_large_network_is_decided_by_floats_and_gives_the_rate_of_the_exact_rows():
+    """1500 agents in a ring of 2 neighbours: periodic v, so that exact rows are few."""
+    (problem, v), rho = held_ring(1500, h="tanh(y)"), F(2)
+    # Agents 2 and 3 of each three hear one at 1 and one at 5/4: tanh(s/4)/s, weakest at s = 2.
+    truth = np.tanh(0.5) / 2 / 1.25
+    alpha = largest_rate(problem, v, rho=rho)
+    assert truth * 0.999 < alpha <= truth
+    assert verdict(problem, v, F(truth) * F(1001, 1000), rho) is Verdict.REFUTED

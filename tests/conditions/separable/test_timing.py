@@ -1,0 +1,173 @@
+"""Delays and sampling: rates and periods that are proved, their twins, and simulations that obey them."""
+
+from __future__ import annotations
+
+from fractions import Fraction
+from random import Random
+
+import numpy as np
+import pytest
+from separable_problems import MONOTONE, PAPER, TURNING, cycle, float_gains, fractions, pair, random_problem
+
+from dobc_design.conditions.separable.claim import ErrorBound, Separable
+from dobc_design.conditions.separable.decide import largest_rate
+from dobc_design.conditions.separable.propose import propose_separable, rounded_vectors
+from dobc_design.conditions.separable.timing import (
+    DelayBound,
+    SamplingBound,
+    largest_delay_rate,
+    largest_period,
+    sampled_factor,
+    verify_delay,
+)
+from dobc_design.errors import SpecError
+from dobc_design.problem.network import Network
+from dobc_design.problem.problem import Problem
+from dobc_design.verdict import Verdict
+
+F = Fraction
+
+
+def certified(problem: Problem, rho: Fraction) -> Separable:
+    v = list(rounded_vectors(propose_separable(problem, rho=float(rho))))[2]
+    return Separable(v=v, alpha=largest_rate(problem, v, rho=rho), rho=rho)
+
+
+def test_the_delayed_rate_of_two_agents_is_halanays():
+    """h = y, e_2' = v_1-bound - e_2: lambda = 1 - exp(lambda tau)/2 for v = (1, 2); tau = 1: 0.31492."""
+    problem = pair("y", k=9)
+    claim = Separable(v=fractions(1, 2), alpha=F(1, 2), rho=None)
+    bound = largest_delay_rate(problem, claim, delay=F(1))
+    low, high = 0.0, 0.5
+    for _ in range(60):
+        middle = (low + high) / 2
+        low, high = (middle, high) if middle <= 1 - np.exp(middle) / 2 else (low, middle)
+    assert float(bound.rate) == pytest.approx(low, rel=2e-3)
+    assert bound.rate <= low
+    assert verify_delay(problem, claim, bound).verdict is Verdict.PROVED
+    more = DelayBound(delay=F(1), rate=F(low) * F(101, 100))
+    assert verify_delay(problem, claim, more).verdict is Verdict.REFUTED
+
+
+def test_without_delay_the_rate_is_alpha():
+    problem = cycle(gains=5)
+    claim = Separable(v=(F(1),) * 10, alpha=F(5), rho=F(2))
+    assert verify_delay(problem, claim, DelayBound(delay=F(0), rate=F(5))).verdict is Verdict.PROVED
+    assert verify_delay(problem, claim, DelayBound(delay=F(0), rate=F("5.001"))).verdict is Verdict.REFUTED
+
+
+def test_every_delay_leaves_a_positive_rate():
+    claim = certified(cycle(4), F(1))
+    rates = [largest_delay_rate(cycle(4), claim, delay=F(tau)).rate for tau in ("0", "1", "100")]
+    assert claim.alpha * F(99, 100) < rates[0] <= claim.alpha
+    assert rates[0] > rates[1] > rates[2] > 0
+
+
+def test_the_rate_with_delays_may_not_exceed_the_observers():
+    error = ErrorBound(P=((F(1),),), beta=F(1, 10), kappa=F(11), size=F(1))
+    claim = Separable(v=fractions(1, 2), alpha=F(1, 2), rho=None, error=error)
+    answer = verify_delay(pair("y", k=9), claim, DelayBound(delay=F(0), rate=F(1, 9)))
+    assert answer.verdict is Verdict.REFUTED
+    assert "observer" in answer.reason
+    assert largest_delay_rate(pair("y", k=9), claim, delay=F(0)).rate <= F(1, 10)
+
+
+def test_negative_delays_are_refused():
+    claim = Separable(v=fractions(1, 2), alpha=F(1, 2), rho=None)
+    with pytest.raises(SpecError, match="delay must be >= 0"):
+        largest_delay_rate(pair("y"), claim, delay=F(-1))
+
+
+@pytest.mark.parametrize("seed", [0, *(pytest.param(seed, marks=pytest.mark.slow) for seed in range(1, 4))])
+def test_delayed_simulations_obey_the_rate(seed: int):
+    """Random constant delays per arc up to tau; explicit Euler in steps far below every time constant."""
+    problem = random_problem(seed, couplings=("tanh(y)", "atan(2*y)", "y", "y + sin(y)/2"), modes=1, n=4, held=True)
+    claim = certified(problem, F(1))
+    tau, dt = 0.5, 1e-3
+    rate = float(largest_delay_rate(problem, claim, delay=F(1, 2)).rate)
+    r, v = Random(seed), np.array([float(x) for x in claim.v])
+    arcs = [
+        (i, j, float(w), problem.coupling_of(i, j).numpy_function(), r.randint(0, int(tau / dt)))
+        for i, j, w in next(iter(problem.network.modes.values()))
+    ]
+    gains = float_gains(problem)
+    history = [v * np.array([r.choice((-1, 1)) for _ in v])] * (int(tau / dt) + 1)
+    for step in range(4000):
+        e = history[-1]
+        slope = -gains * e
+        for i, j, w, h, late in arcs:
+            slope[i] += w * h([history[-1 - late][j] - e[i]])[0]
+        history.append(e + dt * slope)
+        assert np.max(np.abs(history[-1]) / v) <= 1.002 * np.exp(-rate * dt * (step + 1))
+
+
+@pytest.mark.parametrize("seed", [0, *(pytest.param(seed, marks=pytest.mark.slow) for seed in range(1, 6))])
+def test_sampled_simulations_obey_the_period(seed: int):
+    """The held step is an exact map; from the boundary of every box it shrinks by the factor, monotone or not."""
+    problem = random_problem(seed, couplings=MONOTONE + TURNING, modes=2, n=4, held=True)
+    claim = certified(problem, F(1, 4))
+    bound = largest_period(problem, claim)
+    factor, period = float(bound.factor), float(bound.period)
+    assert 0 < factor < 1
+    rng, v = np.random.default_rng(seed), np.array([float(x) for x in claim.v])
+    gains = float_gains(problem)
+    for arcs in problem.network.modes.values():
+        for _ in range(60):
+            level = float(claim.rho) * rng.uniform(0, 1)
+            e = level * v * rng.choice((-1, 1, rng.uniform(-1, 1)), size=len(v))  # many on a face
+            after = e * (1 - period * gains)
+            for i, j, w in arcs:
+                after[i] += period * float(w) * problem.coupling_of(i, j).numpy_function()([e[j] - e[i]])[0]
+            before = np.max(np.abs(e) / v)
+            assert np.max(np.abs(after) / v) <= factor * before + 1e-12
+
+
+def test_the_period_of_a_linear_pair_is_the_textbooks():
+    """e_2+ = e_2 + T w (e_1 - e_2) with w = 3: T <= 1/3; agent 1: T <= 1/5, which is the smaller."""
+    claim = Separable(v=fractions(1, 2), alpha=F(1), rho=None)
+    bound = largest_period(pair("y", weight=3), claim)
+    assert bound == SamplingBound(period=F(1, 5), factor=F(4, 5))
+
+
+def test_the_period_of_a_convex_coupling_is_that_of_the_whole_way():
+    """h = exp(y) - 1 + y, v = (1, 2), rho = 1: on the way from -1 to 3 the mean slope is (h(3) - h(-1))/4.
+
+    A longer period lets agent 2 jump from the lower face beyond the upper one.
+    """
+    h = pair(PAPER).coupling.numpy_function()
+    mean = float((h([3.0]) - h([-1.0]))[0]) / 4
+    claim = Separable(v=fractions(1, 2), alpha=F(1, 10), rho=F(1))
+    bound = largest_period(pair(PAPER), claim)
+    assert 0.75 / mean < bound.period < 1 / mean
+    assert -2 + float(h([3.0])[0]) * 1.5 / mean > 2
+
+
+def test_the_period_sees_a_slope_that_is_steep_at_the_start_of_the_way_only():
+    """Slope 41/10 on 1/2 < |y| < 1 and 1/10 elsewhere; agent 2 starts at y = -1, so T <= 10/41."""
+    problem = pair("y/10 + clip(4*(y - 1/2), 0, 2) + clip(4*(y + 1/2), -2, 0)", k=1)
+    claim = Separable(v=fractions(1, 2), alpha=F(1, 100), rho=F(1))
+    assert largest_period(problem, claim).period == F("0.243902439")
+
+
+def test_a_longer_period_overshoots():
+    """The twin: e_1+ = (1 - 5 T) e_1 shrinks by 1 - T at T = 1/5, and by less soon after (1/3 is where it ends)."""
+    for period, holds in ((0.2, True), (0.34, False)):
+        assert (abs(1 - 5 * period) <= 1 - period) is holds
+
+
+def test_matrix_gains_and_couplings_that_do_not_apply_have_no_period():
+    network = Network.from_arcs([[2, 1]], arrow="listens_to", agents=2)
+    vector = Problem(network=network, coupling=["y1 + y2", "y2"], gains=1, target=[0, 0])
+    claim = Separable(v=fractions(1, 1), alpha=F(1), rho=F(1))
+    assert largest_period(vector, claim) is None
+    assert largest_period(pair("tanh(y)"), Separable(v=fractions(1, 1), alpha=F(1), rho=None)) is None
+
+
+def test_the_composite_shrinks_with_the_observer_too():
+    """V = N + kappa E over one period: the slower one of N and E, with what E hands to N."""
+    error = ErrorBound(P=((F(1),),), beta=F(1), kappa=F(4), size=F(1))
+    claim = Separable(v=fractions(1, 2), alpha=F(1, 2), rho=None, error=error)
+    bound = SamplingBound(period=F(1, 5), factor=F(9, 10))
+    x = np.exp(-0.2)
+    assert float(sampled_factor(claim, bound)) == pytest.approx(max(0.9, x + (1 - x) / 4), rel=1e-12)
+    assert sampled_factor(Separable(v=fractions(1, 2), alpha=F(1, 2), rho=None), bound) == F(9, 10)

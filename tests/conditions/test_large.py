@@ -1,0 +1,124 @@
+"""The path for large networks against the one for small ones, on problems that both can take."""
+
+from __future__ import annotations
+
+import json
+from base64 import b64decode, b64encode
+from fractions import Fraction
+
+import numpy as np
+import pytest
+from random_problems import random_linear_problem, random_problem
+from separable_problems import cycle
+
+from dobc_design.certificate.text import certificate_bytes
+from dobc_design.certification.certify import certify
+from dobc_design.certification.recheck import recheck
+from dobc_design.checker import checker
+from dobc_design.conditions.consensus import arrays, estimates
+from dobc_design.conditions.consensus.jacobian import float_lambda
+from dobc_design.problem.canonical import canonical_bytes
+from dobc_design.problem.exosystem import Exosystem
+from dobc_design.problem.network import Network
+from dobc_design.problem.problem import Problem
+from dobc_design.verdict import Verdict
+
+
+@pytest.fixture
+def as_large(monkeypatch):
+    """Every network counts as large."""
+    monkeypatch.setattr(arrays, "LARGE_ROWS", 0)
+    monkeypatch.setattr(estimates, "LARGEST_DENSE", 0)
+
+
+def held(n=30, *, h="exp(y) - 1 + y", step=3):
+    """Both neighbours are heard, every third agent is pinned, with an oscillator for every agent."""
+    arcs = [[i, (i + k) % n or n] for i in range(1, n + 1) for k in (1, n - 1)]
+    return Problem(
+        network=Network.from_arcs(arcs, arrow="listens_to", agents=n),
+        coupling=h,
+        gains=dict.fromkeys(range(1, n + 1, step), 3),
+        exosystem=Exosystem(A=[[0, 2], [-2, 0]], C=[[1, 0]]),
+    )
+
+
+def accepted(certificate, problem):
+    """By the package, and by the lone checker."""
+    data = certificate_bytes(certificate.claims)
+    lone = all(holds for holds, _ in checker.examine(data, canonical_bytes(problem)))
+    return recheck(data, problem).holds, lone
+
+
+@pytest.mark.parametrize("h", ["exp(y) - 1 + y", "sin(pi*y)", "y"])
+def test_the_vector_stands_in_the_certificate_and_both_programs_accept_it(as_large, h):
+    problem = held(h=h)
+    certificate = certify(problem)
+    lemma, theorem = certificate.check("lemma1"), certificate.check("theorem1")
+    top = np.linalg.eigvalsh(float_lambda(problem, "G").toarray())[-1]
+    assert 0.97 * -top <= lemma.margin <= -top
+    assert theorem.verdict is Verdict.PROVED
+    assert len(b64decode(lemma.exact["v"]["float64"])) == 8 * problem.n
+    assert accepted(certificate, problem) == (True, True)
+
+
+@pytest.mark.parametrize("seed", [0, 1, 2, *(pytest.param(k, marks=pytest.mark.slow) for k in range(3, 12))])
+def test_both_paths_come_to_the_same_verdicts(seed, monkeypatch):
+    """Vectors, matrix gains, irrational and negative slopes, several modes; margins differ by what is left unsought."""
+    problem = random_problem(seed) if seed % 2 else random_linear_problem(seed)
+    plain = {(c.id, c.mode): c for c in certify(problem).checks}
+    monkeypatch.setattr(arrays, "LARGE_ROWS", 0)
+    monkeypatch.setattr(estimates, "LARGEST_DENSE", 0)
+    large = certify(problem)
+    assert {key: c.verdict for key, c in plain.items()} == {(c.id, c.mode): c.verdict for c in large.checks}
+    for check in large.checks:
+        other = plain[check.id, check.mode]
+        if check.id == "lemma1" and check.verdict is Verdict.PROVED and other.margin:
+            assert check.margin <= other.margin * (1 + 1e-6)
+            assert check.margin >= 0.5 * other.margin
+    assert accepted(large, problem) == (True, True)
+
+
+@pytest.mark.parametrize("more", [0.0, 1e-3])
+def test_a_margin_just_beyond_the_vector_is_refused_by_both(as_large, more):
+    """The twin with no more is accepted."""
+    problem = held()
+    document = json.loads(certificate_bytes(certify(problem).claims))
+    lemma = next(each for each in document["checks"] if each["id"] == "lemma1")
+    lemma["margin"] *= 1 + more
+    data = json.dumps(document).encode()
+    lone = all(holds for holds, _ in checker.examine(data, canonical_bytes(problem)))
+    assert (recheck(data, problem).holds, lone) == ((True, True) if not more else (False, False))
+
+
+@pytest.mark.parametrize("forged", ["ones", "negative", "short", "nan", "no base64"])
+def test_a_forged_vector_is_refused_by_both(as_large, forged):
+    problem = held()
+    document = json.loads(certificate_bytes(certify(problem).claims))
+    lemma = next(each for each in document["checks"] if each["id"] == "lemma1")
+    vector = np.frombuffer(b64decode(lemma["exact"]["v"]["float64"]), dtype="<f8")
+    others = {"ones": np.ones(problem.n), "negative": -vector, "short": vector[:-1], "nan": np.full(problem.n, np.nan)}
+    text = b64encode(others[forged].tobytes()).decode() if forged in others else "?"
+    lemma["exact"]["v"]["float64"] = text
+    data = json.dumps(document).encode()
+    lone = all(holds for holds, _ in checker.examine(data, canonical_bytes(problem)))
+    assert (recheck(data, problem).holds, lone) == (False, False)
+
+
+def test_an_unpinned_part_is_refuted_by_the_large_path_too(as_large):
+    """Theory, section 2: the agents that nobody holds, moved together."""
+    arcs = [[1, 2], [2, 1], [3, 4], [4, 3]]
+    problem = Problem(network=Network.from_arcs(arcs, arrow="listens_to", agents=4), coupling="y", gains={1: 3})
+    certificate = certify(problem)
+    lemma = certificate.check("lemma1")
+    assert lemma.verdict is Verdict.REFUTED
+    assert lemma.witness.labels == ("3", "4")
+    assert accepted(certificate, problem) == (True, True)
+
+
+def test_a_network_of_more_than_2000_rows_carries_its_vector():
+    problem = cycle(2100, gains=dict.fromkeys(range(1, 2101), 5))
+    certificate = certify(problem)
+    lemma = certificate.check("lemma1")
+    assert set(lemma.exact) == {"v"}
+    assert Fraction(99, 10) < Fraction(lemma.margin) <= 10
+    assert recheck(certificate.claims, problem).holds

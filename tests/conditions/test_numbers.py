@@ -1,0 +1,119 @@
+"""Claimed numbers: decimal text, rounded towards the weaker claim; rationals of any sensible length."""
+
+from __future__ import annotations
+
+import math
+from fractions import Fraction
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from dobc_design.checker.checker import rational
+from dobc_design.conditions.numbers import LONGEST, claimed, largest_proved, read_rational, shorten
+from dobc_design.errors import SpecError
+from dobc_design.exact.number import number_text
+
+
+@given(st.floats(min_value=0, allow_infinity=False, allow_nan=False))
+def test_shorten_never_rounds_up_even_as_decimal_text(value):
+    shorter = shorten(value)
+    assert claimed(shorter) <= Fraction(value)
+    if value > 1e-300:
+        assert shorter >= value * (1 - 1e-8)
+
+
+@given(st.fractions(min_value=0, max_value=10**400))
+def test_shorten_takes_rationals_beyond_the_floats(value):
+    assert claimed(shorten(value)) <= value
+
+
+@pytest.mark.parametrize("value", [0.0, -1.0, float("nan"), float("inf"), -float("inf"), 5e-324, Fraction(1, 10**400)])
+def test_shorten_gives_zero_for_what_cannot_be_claimed(value):
+    assert shorten(value) == 0.0 or claimed(shorten(value)) <= value
+    assert shorten(-1.0) == shorten(float("inf")) == 0.0
+
+
+def test_claimed_is_the_text_and_not_the_binary_number():
+    assert claimed(0.1) == Fraction(1, 10)
+    assert Fraction(0.1) != Fraction(1, 10)
+    with pytest.raises(ValueError, match="Invalid literal"):
+        claimed(float("nan"))
+
+
+def test_the_largest_proved_number_lies_just_below_a_good_estimate():
+    assert largest_proved(2.0, lambda x: x < 2) == pytest.approx(2.0, rel=1e-8)
+    assert largest_proved(2.1, lambda x: x < 2) == pytest.approx(1.89)
+    assert largest_proved(2.0, lambda x: x <= 0) == 0.0
+    assert largest_proved(2.0, lambda x: False) is None
+    assert largest_proved(float("nan"), lambda x: x < 2) == 0.0
+    assert largest_proved(-1.0, lambda x: x < 2) == 0.0
+    assert largest_proved(math.inf, lambda x: x < 2) == 0.0
+
+
+@given(st.fractions())
+def test_rationals_read_back_as_they_were_written(value):
+    assert read_rational(number_text(value)) == value
+
+
+@pytest.mark.parametrize("digits", [150, 201, 4299, 4301, 6000])
+def test_long_rationals_are_read_in_pieces(digits):
+    """Python refuses more than 4300 digits at once."""
+    value = Fraction(-(10**digits) - 7, 3**digits)
+    assert read_rational(number_text(value)) == value
+
+
+@pytest.mark.parametrize(
+    ("text", "value"),
+    [
+        ("9" * 300 + "e5", (10**300 - 1) * 10**5),
+        ("-" + "9" * 300 + "e-0400", Fraction(1 - 10**300, 10**400)),
+        ("+0." + "0" * 300 + "5E+1", Fraction(5, 10**300)),
+        ("-" + "6" * 300 + "/-" + "3" * 300, 2),
+        ("-0." + "0" * 300 + "e7", 0),
+    ],
+)
+def test_long_decimals_follow_the_grammar_of_short_ones(text, value):
+    """docs/certificate-format.md: any rational of a certificate may have 10 000 characters."""
+    assert read_rational(text) == value
+    assert rational(text) == value
+
+
+@given(st.integers(-(10**320), 10**320), st.integers(-300, 300))
+def test_values_beyond_the_floats_read_back_as_they_were_written(digits, exponent):
+    value = Fraction(digits) * Fraction(10) ** exponent
+    assert read_rational(number_text(value)) == rational(number_text(value)) == value
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "1/0",
+        "9" * 300 + "/0",
+        "nan",
+        "inf",
+        "1_000",
+        " 1",
+        "0x10",
+        "",
+        "1/2/3",
+        "--1",
+        "9" * 300 + "e401",
+        "9" * 300 + "e-401",
+        "9" * 300 + ".e5",
+        "٣" * 300,
+        "9_" * 150,
+        "9" * 300 + "\n",
+        "١٢",
+        "1" * (LONGEST + 1),
+    ],
+)
+def test_other_texts_are_refused(text):
+    with pytest.raises((SpecError, ValueError), match="must"):
+        read_rational(text)
+
+
+@pytest.mark.parametrize("value", [1, 1.5, None, True, ["1"], {}])
+def test_json_numbers_are_no_rationals(value):
+    with pytest.raises(ValueError, match="must be a rational as text"):
+        read_rational(value)

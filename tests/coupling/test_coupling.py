@@ -1,0 +1,226 @@
+"""Couplings h with h(0) = 0: theory, sections 0, 1 and 3; contract, "One expression tree".
+
+Oracles: closed forms, SymPy.
+"""
+
+from __future__ import annotations
+
+import copy
+import pickle
+import time
+from fractions import Fraction
+
+import numpy as np
+import pytest
+import sympy
+
+from dobc_design.coupling.coupling import Coupling, make_coupling
+from dobc_design.coupling.expression import parse_expression
+from dobc_design.errors import ExpressionError, ShapeError, SpecError
+from dobc_design.exact.interval import Interval
+
+ZERO = Interval.point(0)
+
+
+def test_the_papers_coupling_has_slope_two_exactly():
+    """Known answers: h = exp(y) - 1 + y has gain 2 at the consensus."""
+    assert make_coupling("exp(y) - 1 + y", dimension=1).jacobian_at_zero() == ((Interval.point(2),),)
+
+
+def test_a_single_expression_acts_on_each_component():
+    coupling = make_coupling("exp(y) - 1 + y", dimension=3)
+    assert coupling.by_component
+    assert coupling.dimension == 3
+    two = Interval.point(2)
+    assert coupling.jacobian_at_zero() == ((two, ZERO, ZERO), (ZERO, two, ZERO), (ZERO, ZERO, two))
+    y = np.array([[0.5, -1.0, 2.0], [0.0, 1e-9, 3.0]])
+    np.testing.assert_allclose(coupling.value(y), np.expm1(y) + y, rtol=1e-6)
+    assert coupling.texts == ("exp(y) - 1 + y",)
+    assert coupling.latex == ("e^{y} - 1 + y",)
+
+
+def test_a_list_couples_the_components():
+    coupling = make_coupling(["y1*y2 + 2*y2", "tanh(y1) - y2/3"], dimension=2)
+    assert not coupling.by_component
+    assert coupling.texts == ("y1*y2 + 2*y2", "tanh(y1) - y2/3")
+    assert coupling.jacobian_at_zero() == (
+        (ZERO, Interval.point(2)),
+        (Interval.point(1), Interval.point(Fraction(-1, 3))),
+    )
+    y = np.array([[[0.5, -1.0]], [[2.0, 3.0]]])
+    expected = np.stack([y[..., 0] * y[..., 1] + 2 * y[..., 1], np.tanh(y[..., 0]) - y[..., 1] / 3], axis=-1)
+    np.testing.assert_allclose(coupling.value(y), expected, rtol=1e-14)
+
+
+def test_for_one_dimension_a_list_of_one_is_the_same_as_a_text():
+    assert make_coupling(["2*y1"], dimension=1) == make_coupling("2*y", dimension=1)
+    assert make_coupling(("2*y",), dimension=1).by_component
+
+
+def test_slopes_that_are_irrational_are_enclosed():
+    ((slope,),) = make_coupling("sin(1)*y + exp(y)*y*pi", dimension=1).jacobian_at_zero()
+    expected = sympy.Rational(1) * (sympy.sin(1) + sympy.pi)
+    assert slope.lo < slope.hi
+    assert slope.width < Fraction(1, 2**100)
+    assert float(slope.midpoint) == pytest.approx(float(expected.evalf(30)), rel=1e-15)
+
+
+@pytest.mark.parametrize(
+    ("h", "linear"),
+    [
+        ("2*y - y/3", True),
+        ("sin(1)*y", True),
+        ("0*y", True),
+        ("0", True),
+        ("y + 0*y**2", False),
+        ("y**3", False),
+        ("clip(y, -1, 1)", False),
+    ],
+)
+def test_linear_couplings_are_known_by_their_degree(h, linear):
+    assert make_coupling(h, dimension=2).is_linear is linear
+
+
+def test_a_list_is_linear_only_if_every_component_is():
+    assert make_coupling(["y1 - y2", "y2"], dimension=2).is_linear
+    assert not make_coupling(["y1 - y2", "y2*y1"], dimension=2).is_linear
+
+
+def test_kinks_are_named_over_all_components():
+    """Theory, section 3: the paper's lemma does not apply to them, the secant statement does."""
+    assert make_coupling(["max(y1, 0)", "abs(y1) + y2"], dimension=2).nonsmooth == ("abs", "max")
+    assert make_coupling("exp(y) - 1", dimension=2).nonsmooth == ()
+    assert make_coupling("clip(y, -1, 1)", dimension=1).jacobian_at_zero() == ((Interval.point(1),),)
+    assert make_coupling("abs(y)", dimension=1).jacobian_at_zero() == ((Interval(Fraction(-1), Fraction(1)),),)
+
+
+@pytest.mark.parametrize(
+    ("h", "message"),
+    [
+        (
+            "exp(y) + y",
+            r'^coupling\.h "exp\(y\) \+ y" must vanish at y = 0 but equals 1; '
+            r'did you mean "exp\(y\) \+ y - 1"\?$',
+        ),
+        ("y - 1/3", r'equals -1/3; did you mean "y"\?'),
+        ("cos(y) - 3/2", r'equals -1/2; did you mean "cos\(y\) - 3/2 \+ 0.5"\?'),
+        ("y + 2", r'equals 2; did you mean "y"\?'),
+        ("exp(y - 1)", r"must vanish at y = 0 but is about 0\.368\.$"),
+        ("y - pi", r"is about -3\.14\.$"),
+        ("y + 9**64", r"is about 1\.18e\+61"),
+        ("y + 1e300", r"equals 1e300; did you mean"),
+        ("exp(1 + y) - exp(1)", r"cannot be shown to vanish at y = 0 .*rewrite it\. For example exp\(1\)\*"),
+        ("sin(pi)", "cannot be shown to vanish at y = 0"),
+        ("log(y)", r"but is undefined there: log is not defined on the whole of \[0, 0\]"),
+        ("1/y", r"is undefined there: division by \[0, 0\]"),
+        ("y**-1", "is undefined there: .*contains 0"),
+        ("exp(exp(99 + y)) - 1", "is undefined there: exp of .* too large"),
+        ("sqrt(y)", r"around y = 0 \(seen on \|y\| <= 2\^-40\): sqrt is not defined on .* \[-1/10995116"),
+        ("sqrt(abs(y))", "bounded slope around y = 0 .*: sqrt has no bounded slope on"),
+        ("sqrt(y**2)", "sqrt has no bounded slope on"),
+        ("y^2", r'did you mean "y\*\*2"'),
+        ("y2", "the only variable is y"),
+    ],
+)
+def test_a_coupling_must_vanish_at_zero_and_be_lipschitz_around_it(h, message):
+    """Theory, section 0: h_ij(0) = 0 is required and must be checked exactly."""
+    with pytest.raises(ExpressionError, match=message) as caught:
+        make_coupling(h, dimension=1)
+    assert caught.value.key == "coupling.h"
+
+
+@pytest.mark.parametrize(
+    "h", ["exp(1)*(exp(y) - 1)", "sqrt(1 + y) - 1", "y*sin(pi)", "log(1 + y)", "y/(1 + y)", "0*pi"]
+)
+def test_the_twins_that_just_pass(h):
+    assert make_coupling(h, dimension=1).value([0.0]).tolist() == [0.0]
+
+
+def test_suggestions_are_themselves_accepted():
+    for h in ["exp(y) + y", "cos(y) - 3/2", "y - 1/3", "2/3 + y", "cosh(y)/3"]:
+        with pytest.raises(ExpressionError, match="did you mean") as caught:
+            make_coupling(h, dimension=1)
+        make_coupling(str(caught.value).split('did you mean "')[1].rstrip('"?'), dimension=1)
+
+
+def test_a_long_expression_is_refused_without_a_suggestion():
+    with pytest.raises(ExpressionError, match=r"equals 1$"):
+        make_coupling("+".join(["y"] * 100) + "+cos(y)", dimension=1)
+
+
+@pytest.mark.parametrize(
+    ("h", "error", "key", "message"),
+    [
+        ("y1", ExpressionError, "coupling.h", r'"y1" in column 1; a single .* list of 2 .* y1 to y2'),
+        ("y + y2", ExpressionError, "coupling.h", 'found "y2" in column 5'),
+        (["y1"], ShapeError, "coupling.h", r"must have 2 expressions, one per state component; got 1"),
+        ([], ShapeError, "coupling.h", "got 0"),
+        (3, ExpressionError, "coupling.h", "must be an expression in y, in quotes, or a list of them; got 3"),
+        (None, ExpressionError, "coupling.h", "got None"),
+        (["y1", 2], ExpressionError, "coupling.h[1]", r"must be an expression in text; got int"),
+        (["y1", "y1 + 1"], ExpressionError, "coupling.h[1]", r'^coupling\.h\[1\] "y1 \+ 1" must vanish'),
+        (["y", "y1"], ExpressionError, "coupling.h[0]", 'did you mean "y1"'),
+    ],
+)
+def test_errors_name_the_key_as_the_user_typed_it(h, error, key, message):
+    with pytest.raises(error, match=message) as caught:
+        make_coupling(h, dimension=2)
+    assert caught.value.key == key
+
+
+def test_all_errors_of_a_list_come_at_once():
+    with pytest.raises(SpecError, match=r"(?s)h\[0\].*h\[2\]") as caught:
+        make_coupling(["y1^2", "y2", "y7"], dimension=3)
+    assert [error.key for error in caught.value.errors] == ["coupling.h[0]", "coupling.h[2]"]
+    with pytest.raises(SpecError, match=r"(?s)arcs\[0\].*must vanish.*arcs\[1\].*undefined"):
+        make_coupling(["1 + y1", "1/y2"], dimension=2, key="arcs")
+
+
+def test_a_coupling_cannot_exist_invalid():
+    h, bad = parse_expression("2*y"), parse_expression("2*y + 1")
+    pair = (parse_expression("y1", dimension=2), parse_expression("y2", dimension=2))
+    assert Coupling(components=pair, by_component=False, dimension=2).dimension == 2
+    with pytest.raises(ExpressionError, match="must vanish"):
+        Coupling(components=(bad,), by_component=True, dimension=1)
+    for components, by_component, dimension in [
+        ((h, h), True, 2),
+        ((h,), False, 1),
+        ((h, h), False, 2),
+        (pair[:1], False, 2),
+        (pair, True, 2),
+        ((), True, 1),
+    ]:
+        with pytest.raises(ShapeError, match="must be one expression in y, or"):
+            Coupling(components=components, by_component=by_component, dimension=dimension)
+
+
+def test_couplings_are_values():
+    """Equal by tree and dimension, usable as keys, safe to send to another process."""
+    first, second = make_coupling("2*y", dimension=2), make_coupling("2 * (y)", dimension=2)
+    assert first == second
+    assert len({first, second, make_coupling("2*y", dimension=3)}) == 2
+    assert pickle.loads(pickle.dumps(first)) == first
+    assert copy.deepcopy(first) == first
+    assert make_coupling("+".join(["y"] * 1000), dimension=1).jacobian_at_zero() == ((Interval.point(1000),),)
+
+
+def test_values_have_the_shape_of_their_argument():
+    coupling = make_coupling(["0", "y1"], dimension=2)
+    assert coupling.value(np.ones((4, 5, 2))).shape == (4, 5, 2)
+    assert coupling.numpy_function()([1, 2]).tolist() == [0, 1]
+    for wrong in (1.0, [1.0], [[1.0, 2.0, 3.0]]):
+        with pytest.raises(ShapeError, match="last axis of y must have length 2"):
+            coupling.value(wrong)
+
+
+@pytest.mark.parametrize("h", ["(" * 10 + "3*y" + ")**64" * 10, "*".join(["y"] * 1000), "sin(" * 50 + "y" + ")" * 50])
+def test_hostile_couplings_take_bounded_time(h):
+    start = time.process_time()
+    make_coupling(h, dimension=1)
+    assert time.process_time() - start < 10
+
+
+def test_many_components_take_bounded_time():
+    start = time.process_time()
+    make_coupling([" + ".join(f"y{j}*y{i + 1}" for j in range(1, 31)) for i in range(30)], dimension=30)
+    assert time.process_time() - start < 20

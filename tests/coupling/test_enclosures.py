@@ -1,0 +1,173 @@
+"""Enclosures of h, h' and the secant gain: they contain the truth, and are tight."""
+
+from __future__ import annotations
+
+import math
+from fractions import Fraction
+from itertools import pairwise
+from random import Random
+
+import pytest
+from random_couplings import OUTER, coupling_text, near_kink, true_values
+
+from dobc_design.coupling.enclosures import Curve, jet, secant, secant_range, slope_range, value_form, value_range
+from dobc_design.coupling.expression import parse_expression
+from dobc_design.exact.interval import Interval, UndefinedError
+
+TWO = Interval(Fraction(-2), Fraction(2))
+# What mpmath's 200 bits may be off by.
+SLACK = Fraction(1, 10**45)
+
+
+def curve(text: str) -> Curve:
+    return Curve(parse_expression(text))
+
+
+def holds(enclosure: Interval, value: Fraction) -> bool:
+    slack = SLACK * (1 + abs(value))
+    return enclosure.lo - slack <= value <= enclosure.hi + slack
+
+
+@pytest.mark.parametrize(
+    ("text", "low", "high"),
+    [
+        ("exp(y) - 1 + y", (1 - math.exp(-2)) / 2 + 1, (math.exp(2) - 1) / 2 + 1),
+        ("y + y**3", 1, 5),
+        ("tanh(y)", math.tanh(2) / 2, 1),
+        ("clip(y, -1, 1)", 0.5, 1),
+        ("sin(y)", math.sin(2) / 2, 1),
+        ("sqrt(2 + y) - sqrt(2)", (2 - math.sqrt(2)) / 2, math.sqrt(2) / 2),
+        ("atan(y)*(2 + cos(y))", math.atan(2) * (2 + math.cos(2)) / 2, 3),
+    ],
+)
+def test_secant_gains_on_minus_two_to_two_are_those_of_the_theory(text: str, low: float, high: float):
+    """Theory, section 9: within 1e-3, and the truth inside."""
+    found = secant_range(curve(text), TWO)
+    assert low - 1e-3 < found.lo <= Fraction(low) + Fraction(1, 10**12)
+    assert Fraction(high) - Fraction(1, 10**12) <= found.hi < high + 1e-3
+
+
+@pytest.mark.parametrize(
+    ("text", "low", "high"),
+    [
+        ("exp(y) - 1 + y", 1 + math.exp(-2), 1 + math.exp(2)),
+        ("sin(y)", math.cos(2), 1),
+        ("abs(y) + 2*y", 1, 3),
+        ("clip(y, -1, 1)", 0, 1),
+        ("y/(2 + y**2)", -1 / 18, 0.5),
+    ],
+)
+def test_slopes_are_tight_and_clarkes_at_kinks(text: str, low: float, high: float):
+    """Closed forms of h'."""
+    found = slope_range(curve(text), TWO)
+    assert low - 1e-5 < found.lo <= low + 1e-12
+    assert high - 1e-12 <= found.hi < high + 1e-5
+
+
+def test_a_requested_tightness_is_reached():
+    """y/(2 + y^2) has its extremes +-1/(2 sqrt 2) inside; natural interval arithmetic gives +-1."""
+    truth = 1 / (2 * math.sqrt(2))
+    for tolerance in (Fraction(1, 10), Fraction(1, 10**3), Fraction(1, 10**8)):
+        found = value_range(curve("y/(2 + y**2)"), TWO, tolerance=tolerance)
+        assert truth <= found.hi <= truth + 1.01 * float(tolerance)
+        assert -truth - 1.01 * float(tolerance) <= found.lo <= -truth
+
+
+def test_the_secant_gain_at_zero_is_the_slope():
+    """g(0) = h'(0), exactly; at a kink both sides' slopes."""
+    zero = Interval.point(0)
+    assert secant(curve("exp(y) - 1 + y"), zero).value == Interval.point(2)
+    assert secant(curve("max(y, 2*y)"), zero).value == Interval(1, 2)
+
+
+def test_a_kink_at_the_end_counts_for_the_slope_and_not_for_the_secant():
+    """clip(y, -1, 1) is y on [-1, 1]: its gain is 1 there, while Clarke's slope at the ends is [0, 1]."""
+    one = Interval(-1, 1)
+    assert secant_range(curve("clip(y, -1, 1)"), one) == Interval.point(1)
+    assert slope_range(curve("clip(y, -1, 1)"), one) == Interval(0, 1)
+
+
+@pytest.mark.parametrize(
+    ("text", "function"),
+    [("log(1 + y)", "log"), ("sqrt(1 + y) - 1", "sqrt"), ("tan(y)", "tan"), ("1/(1 - y) - 1", "division")],
+)
+@pytest.mark.parametrize("ranged", [value_range, slope_range, secant_range])
+def test_a_function_that_is_not_defined_is_refused_by_name_and_interval(text: str, function: str, ranged):
+    with pytest.raises(UndefinedError, match=rf"cannot be enclosed on \[-2, 2\]: near y = .*{function}"):
+        ranged(curve(text), TWO)
+
+
+@pytest.mark.parametrize("text", ["log(1 + y)", "sqrt(1 + y) - 1", "tan(y)", "1/(1 - y) - 1"])
+def test_the_same_functions_are_enclosed_where_they_are_defined(text: str):
+    """The twin of the refusals: on [-9/10, 9/10], whose ends give the range because h is increasing."""
+    Y = Interval(Fraction(-9, 10), Fraction(9, 10))
+    found = value_range(curve(text), Y)
+    assert holds(found, true_values(text, Y.lo)[0])
+    assert holds(found, true_values(text, Y.hi)[0])
+
+
+def test_subdivision_finds_that_a_function_is_defined():
+    """log(1 + y*y - y): one evaluation on [-1, 1] sees log of [-1, 3], yet 1 - y + y^2 >= 3/4."""
+    found = value_range(curve("log(1 + y*y - y)"), Interval(-1, 1))
+    assert found.lo <= Fraction(math.log(0.75)) <= found.lo + Fraction(1, 10**5)
+
+
+def test_a_slope_without_bound_is_refused_though_the_value_is_defined():
+    """sqrt at the end of its domain."""
+    Y = Interval(-1, 1)
+    assert value_range(curve("sqrt(1 + y) - 1"), Y).lo == -1
+    with pytest.raises(UndefinedError, match=r"h' of h = .* sqrt has no bounded slope"):
+        slope_range(curve("sqrt(1 + y) - 1"), Y)
+
+
+def check_containment(seed: int, points: int) -> list[str]:
+    """Failures among random points of one random coupling on one random interval."""
+    r = Random(f"enclosures {seed}")
+    text = coupling_text(seed)
+    h = curve(text)
+    a = Fraction(r.randint(-1500, 1500), 1000)
+    Y = Interval(a, a + Fraction(10) ** -r.choice((0, 1, 2, 4)) * r.randint(1, 9) / 6) if r.random() < 0.8 else TWO
+    forms = {
+        "h": (value_form(h, Y), value_range(h, Y, tolerance=Fraction(1, 100))),
+        "h'": (jet(h, Y).slope, slope_range(h, Y, tolerance=Fraction(1, 100))),
+        "g": (secant(h, Y).value, secant_range(h, Y, tolerance=Fraction(1, 100))),
+    }
+    failures = []
+    for _ in range(points):
+        y = Y.lo + Y.width * Fraction(r.getrandbits(40), 2**40)
+        if not y or near_kink(text, y):
+            continue
+        for (name, enclosures), value in zip(forms.items(), true_values(text, y), strict=True):
+            if not all(holds(each, value) for each in enclosures):
+                failures.append(f"seed {seed}: {name} of {text} at {y} on {Y}")
+    return failures
+
+
+@pytest.mark.parametrize("turn", range(len(OUTER)))
+def test_random_points_lie_inside_the_enclosures(turn: int):
+    """Every function of the grammar, alone and composed, against 200-bit arithmetic."""
+    assert check_containment(turn, 15) == []
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("turn", range(len(OUTER)))
+def test_more_random_points_lie_inside_the_enclosures(turn: int):
+    for round_number in (1, 2):
+        assert check_containment(turn + len(OUTER) * round_number, 15) == []
+
+
+@pytest.mark.parametrize("turn", range(0, len(OUTER), 2))
+def test_derivatives_of_the_secant_gain_bound_its_differences(turn: int):
+    """g(b) - g(a) = g'(c) (b - a) for the g' that rows are decided with."""
+    r = Random(turn)
+    for round_number in range(4):
+        text = coupling_text(turn + len(OUTER) * round_number)
+        lo = Fraction(r.randint(-1500, 1400), 1000)
+        Y = Interval(lo, lo + Fraction(r.randint(1, 300), 1000))
+        slope = secant(curve(text), Y).slope
+        if slope is None:
+            continue
+        places = sorted({Y.lo + Y.width * Fraction(r.randint(0, 1000), 1000) for _ in range(6)} - {Fraction(0)})
+        gains = [true_values(text, y)[2] for y in places]
+        for (y, g), (z, f) in pairwise(zip(places, gains, strict=True)):
+            assert holds(slope, (f - g) / (z - y))

@@ -1,0 +1,80 @@
+"""Sampled observers and networks, decided exactly; the oracle is NumPy's spectrum away from the border."""
+
+from __future__ import annotations
+
+from fractions import Fraction
+
+import numpy as np
+import pytest
+
+from dobc_design.exact.matrix import matrix
+from dobc_design.export.sampled_loop import longest_period, sampled_network_statement, sampled_observer_statement
+from dobc_design.problem.network import Network
+from dobc_design.problem.problem import Problem
+from dobc_design.verdict import Verdict
+
+
+def decided(F: list[list[object]]) -> Verdict:
+    """Ad = F, Cd = 0."""
+    size = len(F)
+    nothing = matrix([[0] * size]), matrix([[0]] * size)
+    return sampled_observer_statement(matrix(F), *nothing, period=Fraction(1)).verdict
+
+
+def test_an_eigenvalue_inside_on_and_outside_the_unit_circle():
+    assert decided([["999999999999/1000000000000"]]) is Verdict.PROVED
+    assert decided([[1]]) is Verdict.UNDECIDED
+    assert decided([[-1]]) is Verdict.UNDECIDED
+    assert decided([["-1000000000001/1000000000000"]]) is Verdict.REFUTED
+    assert decided([["3/5", "4/5"], ["-4/5", "3/5"]]) is Verdict.UNDECIDED  # 0.6 +- 0.8 i
+    assert decided([["3/5", "4/5"], ["-4/5", "599/1000"]]) is Verdict.PROVED
+    assert decided([["3/5", "4/5"], ["-4/5", "601/1000"]]) is Verdict.REFUTED
+
+
+def ring(n: int, *, both: bool, k: int = 1) -> Problem:
+    arcs = [[i, i % n + 1] for i in range(1, n + 1)]
+    arcs += [[b, a] for a, b in arcs] if both else []
+    return Problem(network=Network.from_arcs(arcs, arrow="listens_to", agents=n), coupling="y", gains={"1": k})
+
+
+@pytest.mark.parametrize(("n", "both"), [(6, True), (6, False), (60, True)])
+def test_a_ring_is_decided_as_numpy_estimates_it_on_both_sides_of_its_limit(n: int, both: bool):
+    """Symmetric rings by definiteness, directed ones by the polynomial."""
+    problem = ring(n, both=both)
+    J = np.roll(np.eye(n), 1, axis=1) - np.eye(n)
+    J = J + np.roll(np.eye(n), -1, axis=1) - np.eye(n) if both else J
+    poles = np.linalg.eigvals(J - np.diag([1.0] + [0.0] * (n - 1)))
+    limit = min(-2 * pole.real / abs(pole) ** 2 for pole in poles)
+    below, above = (Fraction(limit * factor) for factor in (1 - 1e-6, 1 + 1e-6))
+    assert sampled_network_statement(problem, below).verdict is Verdict.PROVED
+    assert sampled_network_statement(problem, above).verdict is Verdict.REFUTED
+
+
+def test_what_nothing_pins_or_is_too_large_stays_open():
+    assert sampled_network_statement(ring(4, both=True, k=0), Fraction(1, 10)).verdict is Verdict.UNDECIDED
+    assert sampled_network_statement(ring(4, both=False, k=0), Fraction(1, 10)).verdict is Verdict.UNDECIDED
+    assert sampled_network_statement(ring(41, both=False), Fraction(1, 10)).verdict is Verdict.UNDECIDED
+    assert sampled_network_statement(ring(201, both=True), Fraction(1, 10)).verdict is Verdict.UNDECIDED
+
+
+def test_matrix_gains_and_couplings_between_components_enter():
+    """One agent, k = [[0, 4], [-4, 8]]: I - T k has the double eigenvalue 1 - 4 T."""
+    problem = Problem(
+        network=Network.from_arcs([[1, 2]], arrow="listens_to"),
+        coupling=["y1 + y2", "y2"],
+        target=[0, 0],
+        gains={"1": [[0, 4], [-4, 8]], "2": [[0, 4], [-4, 8]]},
+    )
+    slow, fast = (sampled_network_statement(problem, Fraction(t)).verdict for t in ("1/3", "2/3"))
+    assert (slow, fast) == (Verdict.PROVED, Verdict.REFUTED)
+
+
+def test_the_longest_period_is_found_where_long_ones_fail_and_where_none_works():
+    limit = Fraction(237, 1000)
+    found = longest_period(lambda period: period <= limit, Fraction(1))
+    assert limit * Fraction(99, 100) <= found <= limit
+    tiny = longest_period(lambda period: period <= Fraction(1, 10**6), Fraction(1))
+    assert Fraction(1, 2 * 10**6) <= tiny <= Fraction(1, 10**6)
+    assert longest_period(lambda period: False, Fraction(1)) is None
+    gap = longest_period(lambda period: period < 0.5 or 0.7 < period < 0.8, Fraction(1))
+    assert 0.7 < gap < 0.8

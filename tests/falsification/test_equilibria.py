@@ -1,0 +1,162 @@
+"""The quick search for a second equilibrium in the region asked for."""
+
+from __future__ import annotations
+
+from fractions import Fraction
+
+import mpmath
+import numpy as np
+import pytest
+from equilibrium_cases import exact, half_difference, listening_pair, random_folded
+from lure_cases import HARMONIC, PAPER_GAIN, field
+from separable_problems import PAPER, cycle
+
+from dobc_design.conditions.equilibrium.decide import confirm_equilibrium
+from dobc_design.conditions.separable.claim import Separable
+from dobc_design.conditions.separable.decide import largest_rate, verify_separable
+from dobc_design.conditions.separable.propose import propose_separable, rounded_vectors
+from dobc_design.falsification.equilibria import equilibrium_check
+from dobc_design.falsification.newton import find_roots
+from dobc_design.problem.network import Network
+from dobc_design.problem.observer import Observer
+from dobc_design.problem.problem import Problem
+from dobc_design.verdict import Verdict
+
+F = Fraction
+SADDLE = half_difference(3.3)
+
+
+def start_of(check) -> list[F]:
+    return [F(value) for value in check.witness.values]
+
+
+def test_two_agents_with_far_starts_rest_at_the_false_equilibrium():
+    """sin, k = 1/10, starts in [-5, 5]: the nearest is y = 3.3077, where 2 sin y + y/10 = 0; found, proved, refuted."""
+    problem = listening_pair()
+    check = equilibrium_check(problem)
+    assert check.verdict is Verdict.REFUTED
+    assert confirm_equilibrium(check, problem, None, "consensus") is None
+    e = start_of(check)
+    assert abs(abs(e[1] - e[0]) - 2 * SADDLE) < F(1, 10**5)
+
+
+def test_it_is_found_up_to_the_edge_of_the_region_and_not_beyond():
+    """The saddle is at |e| = 1.65387: twin regions on both sides of it."""
+    assert equilibrium_check(listening_pair(reach=1.655)) is not None
+    assert equilibrium_check(listening_pair(reach=1.653)) is None
+
+
+def test_nothing_is_certified_beyond_it():
+    """v = (1, 1): the rows hold exactly up to the false equilibrium; proved at 1.653, refuted at 1.655."""
+    problem, v = listening_pair(), (F(1), F(1))
+    assert largest_rate(problem, v, rho=F("1.653")) is not None
+    assert largest_rate(problem, v, rho=F("1.655")) is None
+    tiny = Separable(v=v, alpha=F(1, 10**9), rho=F("1.655"))
+    assert verify_separable(problem, tiny).verdict is Verdict.REFUTED
+    for rho in ("1.66", "2", "3", "5"):
+        proposal = propose_separable(problem, rho=float(rho))
+        for other in () if proposal is None else rounded_vectors(proposal):
+            assert largest_rate(problem, other, rho=F(rho)) is None
+
+
+def test_with_one_pin_the_free_agent_rests_at_pi():
+    check = equilibrium_check(listening_pair(gains={1: "1/10"}))
+    with mpmath.workdps(30):
+        pi = exact(mpmath.pi)
+    e = start_of(check)
+    assert abs(e[0]) < F(1, 10**5)
+    assert abs(abs(e[1]) - pi) < F(1, 10**5)
+
+
+def test_a_ring_of_ten_with_one_pin_has_a_false_equilibrium_at_pi():
+    region = {"initial_states": [-4, 4]}
+    check = equilibrium_check(cycle(h="sin(y)", region=region))
+    largest = max(map(abs, start_of(check)))
+    with mpmath.workdps(30):
+        assert abs(largest - exact(mpmath.pi)) < F(1, 10**5)
+    assert equilibrium_check(cycle(h="sin(y)", region={"initial_states": [-3, 3]})) is None
+
+
+def test_one_mode_that_has_one_is_enough():
+    """Mode B is the pair; in mode A nobody listens, and every pin holds."""
+    network = Network.from_arcs({"A": [], "B": [[1, 2], [2, 1]]}, arrow="listens_to", agents=2)
+    problem = Problem(network=network, coupling="sin(y)", gains="1/10", region={"initial_states": [-5, 5]})
+    assert equilibrium_check(problem).exact["mode"] == "B"
+
+
+def test_the_gain_of_the_observer_does_not_matter_and_need_not_be_known():
+    network = listening_pair().network
+    for observer in (None, Observer(W=PAPER_GAIN)):
+        problem = Problem(
+            network=network,
+            coupling="sin(y)",
+            gains="1/10",
+            exosystem=HARMONIC,
+            observer=observer,
+            region={"initial_states": [-5, 5], "initial_disturbance": 1},
+        )
+        assert equilibrium_check(problem) is not None
+
+
+@pytest.mark.parametrize("h", [PAPER, "tanh(y)", "y + y**3", "clip(y, -1, 1)"])
+def test_monotone_couplings_with_one_pin_have_none(h: str):
+    """Theory, section 5: every start converges, so that a second equilibrium would be a contradiction."""
+    assert equilibrium_check(cycle(4, h=h, region={"initial_states": [-4, 4]})) is None
+
+
+def test_without_a_region_with_linear_couplings_and_for_many_agents_nothing_is_searched():
+    region = {"initial_states": [-4, 4]}
+    assert equilibrium_check(listening_pair(reach=None)) is None
+    assert equilibrium_check(cycle(h="y", region=region)) is None
+    assert equilibrium_check(cycle(61, h="sin(y)", region=region)) is None
+
+
+def test_the_same_seed_gives_the_same_check():
+    problem = cycle(6, h="sin(y)", gains={1: "1/10"}, region={"initial_states": [-4, 4]})
+    assert equilibrium_check(problem, seed=3) == equilibrium_check(problem, seed=3)
+
+
+@pytest.mark.parametrize("m", [1, 2])
+@pytest.mark.parametrize("seed", range(6))
+def test_roots_are_roots_of_the_field_and_none_is_the_target(seed: int, m: int):
+    """Weights, exceptions, matrix gains, offsets; the field is written out arc by arc."""
+    problem, rng = random_folded(seed, m=m), np.random.default_rng(seed)
+    points = rng.uniform(-6, 6, (20, problem.n * m))
+    roots = list(find_roots(problem, "G", points))
+    for root in roots:
+        assert np.max(np.abs(field(problem, "G", root))) < 1e-9 * (1 + np.max(np.abs(root)))
+        assert np.max(np.abs(root)) > 1e-4
+    gaps = [np.max(np.abs(a - b)) for k, a in enumerate(roots) for b in roots[:k]]
+    assert not gaps or min(gaps) > 1e-7
+
+
+@pytest.mark.parametrize("unit", ["1e-9", "1e9"])
+def test_the_unit_of_the_states_does_not_matter(unit: str):
+    """sin(y/unit) unit: the same problem in other units."""
+    problem = listening_pair(f"{unit}*sin(y/{unit})", reach=F(unit) * 5)
+    e = start_of(equilibrium_check(problem))
+    assert abs(abs(e[1] - e[0]) / F(unit) - 2 * SADDLE) < F(1, 10**5)
+
+
+def test_a_numerical_library_that_breaks_down_costs_the_answer_only(monkeypatch, caplog):
+    def broken(*arguments):
+        raise np.linalg.LinAlgError("no convergence")
+
+    monkeypatch.setattr("dobc_design.falsification.equilibria.find_roots", broken)
+    assert equilibrium_check(listening_pair()) is None
+    assert "no convergence" in caplog.text
+
+
+def test_points_near_the_target_lead_to_no_root():
+    """They fall to 0, which is none; a far point leads to one."""
+    points = [np.array([x, y]) for x in (-0.3, 0.1, 0.4) for y in (-0.2, 0.0, 0.5)]
+    assert list(find_roots(listening_pair(), "G", points)) == []
+    assert len(list(find_roots(listening_pair(), "G", [*points, np.array([-1.6, 1.7])]))) == 1
+
+
+def test_close_to_the_edge_of_the_region_a_smaller_box_is_taken():
+    """The region ends 1e-6 beyond the saddle; the usual box of 1e-5 would leave it."""
+    reach = SADDLE + F(1, 10**6)
+    check = equilibrium_check(listening_pair(reach=F(f"{float(reach):.12f}")))
+    lo, hi = map(F, check.exact["box"][0])
+    assert hi - lo <= F(1, 10**6)

@@ -1,0 +1,175 @@
+"""Certified sets as functions of arrays, and starts in them: against the definitions, one state at a time."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from fractions import Fraction
+
+import numpy as np
+import pytest
+from lure_cases import cycle, identity
+from separable_problems import random_problem
+
+from dobc_design.conditions.quadratic.claim import Lure
+from dobc_design.conditions.separable.claim import ErrorBound, Separable
+from dobc_design.errors import SpecError
+from dobc_design.exact.symmetric import SparseSymmetric
+from dobc_design.falsification.levels import level_of
+from dobc_design.falsification.starts import CORNERS, EDGES, RANDOM, Boundary, asked_box, unit_cube
+from dobc_design.problem.exosystem import Exosystem
+from dobc_design.problem.groups import Group
+from dobc_design.problem.network import Network
+from dobc_design.problem.observer import Observer
+from dobc_design.problem.problem import Problem
+from dobc_design.simulation.field import make_loop
+
+F = Fraction
+P = ((F(2), F(1, 2)), (F(1, 2), F(1)))
+SEPARABLE = Separable(
+    v=(F(1), F(2), F(3)), alpha=F(1), rho=F(4), error=ErrorBound(P=P, beta=F(3), kappa=F(1, 2), size=F(3))
+)
+FULL = SparseSymmetric(3, {(0, 0): F(2), (0, 1): F(1, 2), (1, 1): F(1), (2, 2): F(3)})
+LURE = Lure(P_e=FULL, ranges=(), radius=F(1), level=F(5), rate=F(1, 4), P=P, Q=((F(1),), (F(1),)))
+
+
+def problem(q: int = 2) -> Problem:
+    network = Network.from_arcs([[2, 1], [3, 2]], arrow="listens_to", agents=3)
+    exosystem = Exosystem(A=[[0, 1], [-1, 0]], C=[[1, 0]]) if q else None
+    observer = Observer(W=[[1], [0]]) if q else None
+    return Problem(network=network, coupling="tanh(y)", gains={1: 1}, exosystem=exosystem, observer=observer)
+
+
+def separable_value(e: np.ndarray, eps: np.ndarray) -> float:
+    """(N + kappa E) / rho, from the definition."""
+    N = max(abs(e[i]) / (i + 1) for i in range(3))
+    E = max(float(row @ np.array(P, dtype=float) @ row) ** 0.5 for row in eps)
+    return (N + E / 2) / 4
+
+
+def lure_value(e: np.ndarray, eps: np.ndarray) -> float:
+    """Root of V / level."""
+    M = np.array([[2, 0.5, 0], [0.5, 1, 0], [0, 0, 3]])
+    return float((e @ M @ e + sum(row @ np.array(P, dtype=float) @ row for row in eps)) / 5) ** 0.5
+
+
+@pytest.mark.parametrize(("claim", "truth"), [(SEPARABLE, separable_value), (LURE, lure_value)])
+def test_v_is_that_of_the_definition_and_its_gradient_that_of_differences(claim, truth):
+    level, rng = level_of(problem(), claim), np.random.default_rng(0)
+    e, eps = rng.normal(size=(3, 20)), rng.normal(size=(3, 2, 20))
+    values = level.value(e, eps)
+    for run in range(20):
+        assert values[run] == pytest.approx(truth(e[:, run], eps[:, :, run]), rel=1e-12)
+        along, along_eps = level.gradient(e[:, run], eps[:, :, run])
+        step, other = 1e-7 * rng.normal(size=3), 1e-7 * rng.normal(size=(3, 2))
+        change = truth(e[:, run] + step, eps[:, :, run] + other) - truth(e[:, run] - step, eps[:, :, run] - other)
+        assert 2 * (along @ step + np.sum(along_eps * other)) == pytest.approx(change, rel=1e-4, abs=1e-12)
+
+
+@pytest.mark.parametrize("kind", [RANDOM, CORNERS, EDGES])
+@pytest.mark.parametrize(("claim", "truth"), [(SEPARABLE, separable_value), (LURE, lure_value)])
+def test_starts_lie_on_the_boundary_some_of_them_without_a_disturbance(claim, truth, kind: str):
+    starts = Boundary(words="", level=level_of(problem(), claim), rows=3, n=3, q=2)
+    e, eps = starts.draw(np.random.default_rng(1), 60, kind)
+    assert [truth(e[:, run], eps[:, :, run]) for run in range(60)] == pytest.approx([1.0] * 60, rel=1e-12)
+    without = np.all(eps == 0, axis=(0, 1)).sum()
+    assert 5 < without < 50
+    back, back_eps = starts.project(3 * e, 3 * eps)
+    assert back == pytest.approx(e, rel=1e-12)
+    assert back_eps == pytest.approx(eps, rel=1e-12)
+
+
+def test_without_an_observers_matrix_starts_have_no_disturbance():
+    claim = Lure(P_e=FULL, ranges=(), radius=F(1), level=F(5))
+    starts = Boundary(words="", level=level_of(problem(), claim), rows=3, n=3, q=2)
+    assert not np.any(starts.draw(np.random.default_rng(1), 10, RANDOM)[1])
+
+
+def test_rates_are_those_of_v():
+    """min(alpha, beta - 1/(kappa min v)) for the composite; V' <= -2 rate V is the rate of the root."""
+    assert level_of(problem(), SEPARABLE).rate == 1.0
+    assert level_of(problem(), LURE).rate == 0.25
+
+
+def test_what_holds_everywhere_is_looked_at_up_to_one():
+    everywhere = Separable(v=(F(1), F(2), F(3)), alpha=F(1), rho=None)
+    assert level_of(problem(0), everywhere).value(np.array([[1.0], [0], [0]]), np.zeros((3, 0, 1))) == [1.0]
+    linear = Lure(P_e=identity(3), ranges=(), radius=None, level=None)
+    assert level_of(problem(0), linear).value(np.array([[0.0], [0], [1]]), np.zeros((3, 0, 1))) == [1.0]
+
+
+def test_a_certificate_of_another_problem_is_refused():
+    with pytest.raises(SpecError, match="one v per agent"):
+        level_of(cycle(5, 3), SEPARABLE)
+    with pytest.raises(SpecError, match="P_e of 5 rows"):
+        level_of(cycle(5, 3), LURE)
+
+
+def boxed(**more) -> tuple[Problem, object]:
+    network = Network.from_arcs([[2, 1]], arrow="listens_to", agents=2)
+    given = Problem(network=network, coupling="y", gains={1: 1}, target=1, offsets={2: 2}, **more)
+    return given, make_loop(given, None)
+
+
+def test_the_box_is_the_region_less_the_goals():
+    """x in [0, 5], goals 1 and 3: e in [-1, 4] and [-3, 2]."""
+    given, loop = boxed(region={"initial_states": [0, 5]})
+    box = asked_box(given, loop, radius=None, disturbance=None)
+    assert box.low.tolist() == [-1.0, -3.0]
+    assert box.high.tolist() == [4.0, 2.0]
+    assert box.holds(np.array([4.0, -3.0]))
+    assert not box.holds(np.array([4.001, 0.0]))
+    assert asked_box(given, loop, radius=2.0, disturbance=None).low.tolist() == [-2.0, -2.0]
+    given, loop = boxed()
+    assert asked_box(given, loop, radius=None, disturbance=None).high.tolist() == [1.0, 1.0]
+
+
+@pytest.mark.parametrize("kind", [RANDOM, CORNERS, EDGES])
+def test_starts_of_a_box_lie_in_it_and_steps_are_brought_back(kind: str):
+    given = problem()
+    box = asked_box(given, make_loop(given, None), radius=2.0, disturbance=0.5)
+    e, eps = box.draw(np.random.default_rng(2), 40, kind)
+    lengths = np.linalg.norm(eps, axis=1)
+    assert np.all(np.abs(e) <= 2)
+    assert np.all(lengths <= 0.5 + 1e-12)
+    at_end = np.abs(e) == 2
+    assert {RANDOM: not at_end.any(), CORNERS: at_end.all(), EDGES: at_end.any(axis=0).all()}[kind]
+    back, back_eps = box.project(5 * e, 5 * eps)
+    assert np.all(np.abs(back) <= 2)
+    assert np.all(np.linalg.norm(back_eps, axis=1) <= 0.5 + 1e-12)
+
+
+def test_starts_keep_to_the_states_of_the_own_group():
+    """Agents 1 and 3 have places 0 and 1, agent 2 has place 2."""
+    own = np.array([[1, 1, 0], [0, 0, 1], [1, 1, 0]], dtype=bool)
+    sine, constant = Exosystem(A=[[0, 1], [-1, 0]], C=[[1, 0]]), Exosystem(A=[[0]], C=[[1]])
+    groups = [
+        Group(agents=[1, 3], exosystem=sine, observer=Observer(W=[[1], [0]])),
+        Group(agents=[2], exosystem=constant, observer=Observer(W=[[1]])),
+    ]
+    given = Problem(network=problem().network, coupling="tanh(y)", gains={1: 1}, groups=groups)
+    P = np.diag([F(2), F(1), F(3)]).tolist()
+    claim = replace(SEPARABLE, error=ErrorBound(P=P, beta=F(3), kappa=F(1), size=F(3)))
+    level, loop = level_of(given, claim), make_loop(given, None)
+    box = asked_box(given, loop, radius=2.0, disturbance=0.5)
+    edge = Boundary(words="", level=level, rows=3, n=3, q=3, own=loop.own)
+    for starts in (box, edge):
+        e, eps = starts.draw(np.random.default_rng(2), 30, RANDOM)
+        for kept in (eps, starts.project(2 * e, np.ones_like(eps))[1]):
+            assert np.all(kept[~own] == 0)
+            assert np.any(kept[own] != 0)
+        assert np.all(starts.reach[1][~own] == 0)
+
+
+def test_all_corners_are_taken_where_there_are_few():
+    corners = unit_cube(np.random.default_rng(0), 3, 10, CORNERS)
+    assert len({tuple(corner) for corner in corners.T[:8].tolist()}) == 8
+    many = unit_cube(np.random.default_rng(0), 30, 4, CORNERS)
+    assert many[:, 0].tolist() == [-1.0] * 30
+    assert many[:, 1].tolist() == [1.0] * 30
+
+
+def test_sets_of_random_problems_with_several_components_fit():
+    """v belongs to agents, not to components."""
+    given = random_problem(1, n=3)
+    claim = Separable(v=(F(1), F(2), F(3)), alpha=F(1), rho=F(2))
+    assert level_of(given, claim).lengths.tolist() == [4.0, 8.0, 12.0]

@@ -1,0 +1,299 @@
+"""The search against regions and certified sets: what it has to find, and what it must never find."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from fractions import Fraction
+
+import numpy as np
+import pytest
+from equilibrium_cases import half_difference, listening_pair
+from lure_cases import cycle as lure_cycle
+from lure_cases import field, identity, is_proved
+from scipy.integrate import solve_ivp
+from separable_problems import MONOTONE, TURNING, cycle, random_problem
+
+import dobc_design as dd
+from dobc_design.conditions.boxes.claim import Shell
+from dobc_design.conditions.quadratic.claim import Lure
+from dobc_design.conditions.quadratic.propose import design_lure, raise_rate
+from dobc_design.conditions.separable.checks import separable_from_json
+from dobc_design.conditions.separable.claim import Separable
+from dobc_design.conditions.separable.decide import largest_rate
+from dobc_design.conditions.separable.observer import first_certificate
+from dobc_design.conditions.separable.propose import design_separable, propose_separable, rounded_vectors
+from dobc_design.errors import SpecError
+from dobc_design.exact.matrix import scale
+from dobc_design.falsification.ascent import ascend, final_error, final_level
+from dobc_design.falsification.levels import level_of
+from dobc_design.falsification.starts import Boundary, asked_box
+from dobc_design.falsification.suspect import LEAVES, RESTS, STAYS_AWAY
+from dobc_design.model.flow import build_flow
+from dobc_design.problem.changes import changed_problem, gain_changes
+from dobc_design.problem.problem import Problem
+from dobc_design.simulation.field import make_loop
+from dobc_design.verdict import Verdict
+
+F = Fraction
+SADDLE, NODE = float(half_difference(3.3)), float(half_difference(6.0))
+
+
+def end_of(problem: Problem, suspect, duration: float) -> np.ndarray:
+    """Where SciPy ends from the start of a suspect, without disturbance, in its only mode."""
+    goal = np.array([[float(x) for x in problem.goal_of(i)] for i in range(problem.n)])
+    start = (suspect.start - goal).ravel()
+    (mode,) = {name for _, name in suspect.modes}
+    return solve_ivp(lambda t, e: field(problem, mode, e), (0, duration), start, rtol=1e-9, atol=1e-11).y[:, -1]
+
+
+def certificate_of(problem: Problem, rho: F, *, digits: int = 2) -> Separable:
+    """The max-separable certificate of a radius, proved."""
+    v = list(rounded_vectors(propose_separable(problem, rho=float(rho))))[digits]
+    return Separable(v=v, alpha=largest_rate(problem, v, rho=rho), rho=rho)
+
+
+def test_the_false_equilibria_of_two_agents_are_found_proved_and_shown():
+    """sin, k = 1/10, starts in [-5, 5]: e = (-y/2, y/2), y = 3.3077 and 5.98, and what falls into others beyond."""
+    problem = listening_pair()
+    found = dd.falsify(problem, runs=200)
+    sizes = [float(max(map(abs, claim.middle))) for claim in found.proved]
+    assert sizes == pytest.approx([SADDLE, SADDLE, NODE, NODE], abs=1e-5)
+    assert found.check.verdict is Verdict.REFUTED
+    kinds = [suspect.kind for suspect in found.suspects]
+    assert kinds[:4] == [RESTS] * 4
+    assert STAYS_AWAY in kinds
+    assert found.suspects[0].final_error == pytest.approx(SADDLE, abs=1e-5)
+    assert "1.654" in str(found)
+    assert "2 suspect" not in repr(found)
+    for suspect in found.suspects:
+        if suspect.kind == STAYS_AWAY:
+            end = np.max(np.abs(end_of(problem, suspect, 480.0)))
+            assert end == pytest.approx(suspect.final_error, rel=1e-4)
+            assert end > 1
+
+
+def test_below_the_saddle_nothing_is_found():
+    """Twins: the region of 1.653 is clean, that of 1.66 is refuted."""
+    clean = dd.falsify(listening_pair(reach=1.653), runs=200)
+    assert (clean.suspects, clean.proved, clean.check) == ((), (), None)
+    assert clean.tried == 200
+    assert dd.falsify(listening_pair(reach=1.66), runs=200).check is not None
+
+
+def test_without_a_region_equilibria_are_proved_and_refute_nothing():
+    found = dd.falsify(listening_pair(reach=None), runs=100, radius=2.0)
+    assert len(found.proved) == 2
+    assert found.check is None
+    assert found.target == "|e|_inf <= 2"
+    assert dd.falsify(listening_pair(reach=None), runs=100).proved == ()
+
+
+def test_goals_are_added_to_the_starts_that_are_shown():
+    """Target 1 and an offset of 2: x = (1 - y/2, 3 + y/2)."""
+    problem = listening_pair(target=1, offsets={2: 2}, reach=[-3, 7])
+    found = dd.falsify(problem, runs=100)
+    start = found.suspects[0].start.ravel()
+    assert sorted(np.abs(start - [1, 3])) == pytest.approx([SADDLE, SADDLE], abs=1e-5)
+    assert all(np.max(np.abs(end_of(problem, each, 200.0))) > 1 for each in found.suspects if each.kind == STAYS_AWAY)
+
+
+def test_agents_that_repel_each_other_are_found_and_named():
+    network = dd.Network.from_arcs([["left", "right"], ["right", "left"]], arrow="listens_to")
+    problem = Problem(network=network, coupling="-y - y**3", gains="1/10")
+    found = dd.falsify(problem, runs=50)
+    assert all(suspect.kind == STAYS_AWAY for suspect in found.suspects)
+    assert found.suspects[0].final_error == np.inf
+    assert set(found.suspects[0].labels) <= {"left", "right"}
+
+
+@pytest.mark.parametrize("seed", [0, 1, *(pytest.param(seed, marks=pytest.mark.slow) for seed in range(2, 12))])
+def test_a_certified_set_is_never_contradicted(seed: int):
+    """Random networks, modes switching in any way, monotone and turning couplings; ascent included."""
+    problem = random_problem(70 + seed, couplings=(MONOTONE + TURNING)[seed % 6 :: 3], modes=2, n=4, held=True)
+    turning = any(text in TURNING for c in problem.couplings for text in c.texts)
+    claim = certificate_of(problem, F(1, 4) if turning else F(2))
+    found = dd.falsify(problem, runs=120, certified=claim, seed=seed)
+    assert found.suspects == ()
+    assert found.certified_rate == float(claim.alpha)
+    assert found.observed_rate >= found.certified_rate * (1 - 1e-6)
+
+
+def test_a_certified_set_of_agents_with_different_exosystems_is_not_contradicted_and_a_false_one_is():
+    """Twin: a hundredth of the certificate's P, so that the observer's error seems to cost next to nothing."""
+    sine = dd.Group(agents=[1, 3], exosystem=dd.exosystems.harmonics(2))
+    constant = dd.Group(agents=[2], exosystem=dd.exosystems.constant())
+    network = dd.Network.from_arcs([[2, 1], [3, 2], [1, 3]], arrow="listens_to", agents=3)
+    problem = dd.Problem(
+        network=network,
+        coupling="tanh(y)",
+        gains=1,
+        groups=[sine, constant],
+        region={"initial_states": [-1, 1], "initial_disturbance": "1/2"},
+    )
+    certificate = dd.certify(problem)
+    found = dd.falsify(problem, runs=30, certified=certificate)
+    assert found.suspects == ()
+    assert found.observed_rate >= found.certified_rate * (1 - 1e-6)
+    claim = separable_from_json(certificate.check("max-separable").exact, problem)
+    false = replace(claim, error=replace(claim.error, P=scale(F(1, 100), claim.error.P)))
+    given = changed_problem(problem, gain_changes(problem, certificate.claims.W))
+    twin = dd.falsify(given, runs=30, certified=false)
+    assert LEAVES in {suspect.kind for suspect in twin.suspects}
+
+
+def test_one_pin_on_the_ten_cycle_is_never_contradicted():
+    """Theory, known answers: k = 5, |e|_inf <= 4."""
+    found = dd.falsify(cycle(), runs=200, certified=certificate_of(cycle(), F(4)))
+    assert found.suspects == ()
+    assert found.observed_rate == pytest.approx(0.22, abs=0.03)
+
+
+def test_a_rate_that_is_too_high_is_contradicted():
+    """Twin: the same set with 1/4 in place of 0.108; the slowest decay that is seen is about 0.22."""
+    claim = replace(certificate_of(cycle(), F(4)), alpha=F(1, 4))
+    found = dd.falsify(cycle(), runs=200, certified=claim)
+    assert {suspect.kind for suspect in found.suspects} == {LEAVES}
+    assert found.observed_rate < 0.25
+
+
+def test_a_set_that_is_too_large_is_contradicted():
+    """Two agents, sin: v = (1, 1) is proved up to 1.65387; at 1.7 starts leave."""
+    problem, v = listening_pair(reach=None), (F(1), F(1))
+    inside = Separable(v=v, alpha=largest_rate(problem, v, rho=F("1.653")), rho=F("1.653"))
+    assert dd.falsify(problem, runs=100, certified=inside).suspects == ()
+    beyond = dd.falsify(problem, runs=100, certified=replace(inside, rho=F("1.7")))
+    assert {LEAVES, RESTS} <= {suspect.kind for suspect in beyond.suspects}
+    assert len(beyond.proved) == 2
+
+
+@pytest.mark.parametrize("shape", ["identity", "full"])
+def test_a_quadratic_certificate_is_never_contradicted_and_a_false_one_is(shape: str):
+    """Directed 3-cycle with one pin; the twin asks for five times its rate."""
+    problem = lure_cycle(3, {1: 3})
+    lure = design_lure(problem, holds=lambda each: is_proved(problem, each), shape=shape)
+    lure = raise_rate(problem, lure, holds=lambda each: is_proved(problem, each))
+    found = dd.falsify(problem, runs=100, certified=lure)
+    assert found.suspects == ()
+    assert found.observed_rate >= float(lure.rate) > 0
+    faster = replace(lure, rate=5 * lure.rate + 1)
+    assert dd.falsify(problem, runs=100, certified=faster).suspects[0].kind == LEAVES
+
+
+@pytest.mark.slow
+def test_example_2_with_its_observer_is_never_contradicted():
+    """V = N + kappa E from the boundary, eps included, four modes switching at random."""
+    problem = dd.load_problem("paper-switching")
+    W = problem.observer.W
+    plan = design_separable(problem, radius=F(4), disturbance=F(1, 2), W=W)
+    claim = first_certificate(
+        problem, W, rounded_vectors(plan.proposal), rho=plan.rho, error=plan.error, wanted=plan.proposal.rate
+    )
+    found = dd.falsify(problem, runs=50, certified=claim, t_final=5.0)
+    assert found.suspects == ()
+    assert found.observed_rate > found.certified_rate
+    hasty = replace(claim, error=replace(claim.error, kappa=claim.error.kappa * 4), alpha=F(2))
+    assert dd.falsify(problem, runs=50, certified=hasty, t_final=5.0).suspects[0].kind == LEAVES
+
+
+def test_the_set_of_a_certificate_is_searched_with_its_own_gain():
+    """certify, then falsify: what was proved for the region asked for."""
+    problem = listening_pair("tanh(y)", gains=1, reach=2)
+    certificate = dd.certify(problem)
+    check = next(each for each in certificate.checks if each.id == "max-separable")
+    found = dd.falsify(problem, runs=60, certified=certificate)
+    assert found.suspects == ()
+    assert found.certified_rate >= certificate.rate > 0
+    assert str(dd.falsify(problem, runs=60, certified=check)) == str(found)
+
+
+def test_a_certificate_without_a_region_and_a_check_that_is_not_proved_are_refused():
+    problem = listening_pair("tanh(y)", gains=1, reach=None)
+    certificate = dd.certify(problem)
+    with pytest.raises(SpecError, match="has none"):
+        dd.falsify(problem, certified=certificate)
+    with pytest.raises(SpecError, match="proved check of a region"):
+        dd.falsify(problem, certified=certificate.checks[0])
+    other = dd.certify(cycle(3, h="tanh(y)", region={"initial_states": [-1, 1]}))
+    with pytest.raises(SpecError, match="does not fit this problem"):
+        dd.falsify(problem, certified=other)
+
+
+def test_a_set_counted_out_in_boxes_is_searched_to_its_outer_level():
+    """The outer level and the rate of the shell, not those of the ellipsoid within."""
+    lure = Lure(P_e=identity(2), ranges=(), radius=F(1), level=F(1, 4), rate=F(1, 2))
+    shell = Shell(lure=lure, outer=F(4), half=F(4), tree=".", rate=F(1, 8))
+    level = level_of(listening_pair(), shell)
+    assert level.value(np.array([[2.0], [0.0]]), np.zeros((2, 0, 1))).tolist() == [1.0]
+    assert level.rate == 0.125
+
+
+def test_the_ascent_leaves_the_basin_from_a_start_that_converges():
+    """In the box of 1.7 only two corners lie beyond the saddle; uphill leads there from (1.5, -1.5)."""
+    problem = listening_pair(reach=1.7)
+    box = asked_box(problem, make_loop(problem, None), radius=None, disturbance=None)
+    flow = build_flow(problem, horizon=8.0, steps=200)
+    start = np.array([1.5, -1.5])
+    e, _ = ascend(flow, box, (start, np.zeros((2, 0))), final_error(2))
+    assert np.all(np.abs(e) <= 1.7)
+    ends = [solve_ivp(lambda t, x: field(problem, "G", x), (0, 200), each).y[:, -1] for each in (start, e)]
+    assert np.max(np.abs(ends[0])) < 1e-6
+    assert np.max(np.abs(ends[1])) > 2
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_the_ascent_never_ends_lower_than_it_began(seed: int):
+    """On the boundary of a certified set, V after a second."""
+    problem = random_problem(80 + seed, couplings=("tanh(y)", "atan(2*y)"), modes=1, n=4, held=True)
+    level = level_of(problem, certificate_of(problem, F(2)))
+    starts = Boundary(words="", level=level, rows=4, n=4, q=0)
+    flow, objective = build_flow(problem, horizon=1.0, steps=200), final_level(level, 4, 0)
+    e, eps = starts.draw(np.random.default_rng(seed), 5, "random")
+    gains = []
+    for run in range(5):
+        higher, _ = ascend(flow, starts, (e[:, run], eps[:, :, run]), objective)
+        assert level.value(higher[:, None], eps[:, :, :1])[0] == pytest.approx(1.0, rel=1e-9)
+        gains.append(objective(flow.end(higher))[0] - objective(flow.end(e[:, run]))[0])
+    assert min(gains) >= 0
+    assert max(gains) > 0.01
+
+
+def test_the_same_seed_gives_the_same_search_and_another_one_other_starts():
+    problem = listening_pair()
+    first, again = (dd.falsify(problem, runs=60, seed=5) for _ in range(2))
+    other = dd.falsify(problem, runs=60, seed=6)
+    assert str(first) == str(again)
+    assert all(np.array_equal(a.start, b.start) for a, b in zip(first.suspects, again.suspects, strict=True))
+    assert [s.start.tolist() for s in first.suspects] != [s.start.tolist() for s in other.suspects]
+
+
+def test_stages_are_told_and_names_and_results_show_themselves():
+    stages: list[str] = []
+    found = dd.falsify("paper-fixed", runs=20, t_final=1.0, progress=stages.append)
+    assert len(stages) >= 4
+    assert found.tried == 20
+    assert "<p><b>paper-fixed" in found._repr_html_()
+    one = dd.falsify(listening_pair(), runs=20).suspects[0]
+    assert "equilibrium (proved)" in repr(one)
+    with pytest.raises(ValueError, match="read-only"):
+        one.start[0] = 0.0
+
+
+def test_networks_beyond_sixty_rows_are_simulated_only():
+    found = dd.falsify(cycle(80, h="sin(y)", region={"initial_states": [-1, 1]}), runs=10, t_final=2.0)
+    assert (found.tried, found.proved) == (10, ())
+
+
+@pytest.mark.parametrize(
+    ("given", "complaint"),
+    [
+        ({"runs": 0}, "runs"),
+        ({"radius": -1.0}, "radius"),
+        ({"t_final": 0}, "t_final"),
+        ({"seed": -1}, "seed"),
+        ({"radius": 1.0, "certified": Separable(v=(F(1),), alpha=F(1), rho=F(1))}, "certified says where"),
+        ({"certified": Separable(v=(F(1),), alpha=F(1), rho=F(1))}, "one v per agent"),
+    ],
+)
+def test_wrong_arguments_are_refused(given: dict, complaint: str):
+    with pytest.raises(SpecError, match=complaint):
+        dd.falsify(listening_pair(), **given)

@@ -1,0 +1,197 @@
+"""Arcs from files: CSV, edge lists and GraphML mean what the same arcs in the problem file mean."""
+
+from __future__ import annotations
+
+from fractions import Fraction
+from pathlib import Path
+
+import networkx as nx
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from dobc_design.errors import SpecError
+from dobc_design.problem import arcs_file
+from dobc_design.problem.arcs import Arcs
+from dobc_design.problem.arcs_file import read_arcs_file
+
+LABELS = ("a", "b", "c", "d")
+ONE = Fraction(1)
+
+
+def read(folder: Path, content: str | bytes, *, name: str = "arcs.csv", arrow: str = "listens_to", labels=LABELS):
+    data = content.encode("utf-8") if isinstance(content, str) else content
+    (folder / name).write_bytes(data)
+    index = {label: i for i, label in enumerate(labels)}
+    return read_arcs_file(name, folder=folder, index=index, arrow=arrow, key="network.modes.G.file")
+
+
+def triples(arcs: Arcs, labels=LABELS) -> list[tuple[str, str, Fraction]]:
+    return [(labels[i], labels[j], w) for i, j, w in arcs]
+
+
+# ------------------------------------------------------------------------------------------ CSV
+
+
+@pytest.mark.parametrize(
+    "content",
+    [
+        "a,b\nb,c\n",
+        "from,to\na,b\nb,c\n",
+        "FROM,To,Weight\na,b,1\nb,c,1.0\n",
+        "\n\nfrom,to\na,b\nb,c",
+        "\ufefffrom,to\r\na,b\r\nb,c\r\n",
+        ' a , b \n"b","c"\n',
+        "a,b,1\nb,c\n",
+    ],
+)
+def test_csv_may_have_a_header_a_byte_order_mark_blanks_and_quotes(tmp_path, content):
+    assert triples(read(tmp_path, content)) == [("a", "b", ONE), ("b", "c", ONE)]
+
+
+def test_csv_weights_are_exact(tmp_path):
+    arcs = read(tmp_path, "a,b,0.1\nb,c,9/16\nc,d,1e-3\n")
+    assert arcs.weights == (Fraction(1, 10), Fraction(9, 16), Fraction(1, 1000))
+
+
+def test_arrow_says_which_column_listens(tmp_path):
+    assert triples(read(tmp_path, "a,b\n", arrow="sends_to")) == [("b", "a", ONE)]
+
+
+def test_agents_called_from_and_to_are_agents_and_no_header(tmp_path):
+    labels = ("from", "to")
+    assert triples(read(tmp_path, "from,to\n", labels=labels), labels) == [("from", "to", ONE)]
+    labels = ("from", "x")  # there is no agent "to", so this is a header
+    assert triples(read(tmp_path, "from,to\nx,from\n", labels=labels), labels) == [("x", "from", ONE)]
+
+
+# ------------------------------------------------------------------------------------------ edge lists
+
+
+@pytest.mark.parametrize("name", ["arcs.edges", "arcs.edgelist", "arcs.txt", "ARCS.TXT"])
+def test_edge_lists_are_separated_by_blanks_and_may_have_comments(tmp_path, name):
+    arcs = read(tmp_path, "# agents\na b\n\n  b\tc  2.5 # strong\n", name=name)
+    assert triples(arcs) == [("a", "b", ONE), ("b", "c", Fraction(5, 2))]
+
+
+def test_an_edge_list_written_by_networkx_is_read(tmp_path):
+    graph = nx.DiGraph([("a", "b"), ("c", "d")])
+    nx.write_edgelist(graph, tmp_path / "graph.edgelist", data=False)
+    arcs = read(tmp_path, (tmp_path / "graph.edgelist").read_bytes(), name="graph.edgelist")
+    assert triples(arcs) == [("a", "b", ONE), ("c", "d", ONE)]
+
+
+# ------------------------------------------------------------------------------------------ GraphML
+
+
+def graphml(folder: Path, graph: nx.Graph) -> bytes:
+    nx.write_graphml(graph, folder / "written.graphml")
+    return (folder / "written.graphml").read_bytes()
+
+
+def test_graphml_of_a_directed_graph_is_read(tmp_path):
+    graph = nx.DiGraph()
+    graph.add_nodes_from(LABELS)
+    graph.add_edge("a", "b", weight=0.1, colour="red")
+    graph.add_edge("c", "d")
+    arcs = read(tmp_path, graphml(tmp_path, graph), name="g.graphml")
+    assert triples(arcs) == [("a", "b", Fraction(1, 10)), ("c", "d", ONE)]
+
+
+def test_graphml_of_an_undirected_graph_gives_both_arcs(tmp_path):
+    graph = nx.Graph([("a", "b", {"weight": 3}), ("b", "c")])
+    arcs = read(tmp_path, graphml(tmp_path, graph), name="g.graphml")
+    assert sorted(triples(arcs)) == [("a", "b", Fraction(3)), ("b", "a", Fraction(3)), ("b", "c", ONE), ("c", "b", ONE)]
+
+
+HEAD = '<graphml xmlns="http://graphml.graphdrawing.org/xmlns">'
+
+
+@pytest.mark.parametrize(
+    ("edgedefault", "directed", "count"),
+    [("directed", "", 1), ("undirected", "", 2), ("directed", "false", 2), ("undirected", "true", 1), ("", "", 1)],
+)
+def test_one_edge_may_say_otherwise_than_its_graph(tmp_path, edgedefault, directed, count):
+    default = f'edgedefault="{edgedefault}"' if edgedefault else ""
+    own = f'directed="{directed}"' if directed else ""
+    text = f'{HEAD}<graph {default}><edge source="a" target="b" {own}/></graph></graphml>'
+    assert len(read(tmp_path, text, name="g.graphml")) == count
+
+
+def test_graphml_weights_have_the_default_of_their_key_and_other_data_is_ignored(tmp_path):
+    text = (
+        f'<?xml version="1.0" encoding="utf-8"?>{HEAD}'
+        '<key id="d0" for="edge" attr.name="weight" attr.type="double"><default>2.5</default></key>'
+        '<key id="d1" for="node" attr.name="weight" attr.type="double"/>'
+        '<key id="d2" for="edge" attr.name="length" attr.type="double"/>'
+        '<graph edgedefault="directed"><node id="a"><data key="d1">9</data></node>'
+        '<edge source="a" target="b"><data key="d2">7</data></edge>'
+        '<edge source="b" target="c"><data key="d0">0.3</data></edge></graph></graphml>'
+    )
+    arcs = read(tmp_path, text, name="g.graphml")
+    assert triples(arcs) == [("a", "b", Fraction(5, 2)), ("b", "c", Fraction(3, 10))]
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        (f"{HEAD}<graph/><graph/></graphml>", "must hold one graph; it holds 2"),
+        (f'{HEAD}<graph><edge source="a" target="z"/></graph></graphml>', "edge 1 names 'z'"),
+        (f'{HEAD}<graph><edge source="a"/></graph></graphml>', "edge 1 names ''"),
+        (f'{HEAD}<graph><edge directed="false" source="a" target="a"/></graph></graphml>', "edge 1 is a self-arc"),
+        ("<graphml>" * 100_000, "not valid GraphML"),
+        ('<!DOCTYPE g [<!ENTITY a SYSTEM "file:///etc/passwd">]><graphml>&a;</graphml>', "DOCTYPE"),
+        ("", "not valid GraphML"),
+    ],
+)
+def test_graphml_that_cannot_be_meant_is_refused(tmp_path, text, message):
+    with pytest.raises(SpecError, match=message) as caught:
+        read(tmp_path, text, name="g.graphml")
+    assert caught.value.key == "network.modes.G.file"
+
+
+# ------------------------------------------------------------------------------------------ all of them
+
+
+@given(
+    st.lists(
+        st.tuples(st.sampled_from(LABELS), st.sampled_from(LABELS), st.fractions(min_value="1/1000", max_value=1000)),
+        min_size=1,
+        unique_by=lambda arc: arc[:2],
+    ).filter(lambda arcs: all(a != b for a, b, _ in arcs)),
+    st.sampled_from(["listens_to", "sends_to"]),
+)
+def test_all_formats_mean_the_same(tmp_path_factory, arcs, arrow):
+    folder = tmp_path_factory.mktemp("arcs")
+    lines = [(a, b, str(w)) for a, b, w in arcs]
+    edges = "".join(f'<edge source="{a}" target="{b}"><data key="w">{w}</data></edge>' for a, b, w in lines)
+    xml = (
+        f'{HEAD}<key id="w" for="edge" attr.name="weight" attr.type="string"/>'
+        f'<graph edgedefault="directed">{edges}</graph></graphml>'
+    )
+    expected = [(a, b, w) if arrow == "listens_to" else (b, a, w) for a, b, w in arcs]
+    for name, text in (
+        ("arcs.csv", "\n".join(",".join(line) for line in lines)),
+        ("arcs.txt", "\n".join(" ".join(line) for line in lines)),
+        ("arcs.graphml", xml),
+    ):
+        assert triples(read(folder, text, name=name, arrow=arrow)) == expected
+
+
+def test_a_file_that_is_too_large_is_refused_before_it_is_read(tmp_path, monkeypatch):
+    monkeypatch.setattr(arcs_file, "MAX_BYTES", 10)
+    with pytest.raises(SpecError, match="too large: 12 bytes, at most 10 are read"):
+        read(tmp_path, "a,b\nb,c\nc,d\n")
+
+
+def test_a_problem_without_a_folder_has_no_files():
+    with pytest.raises(SpecError, match="the problem has no folder"):
+        read_arcs_file("arcs.csv", folder=None, index={}, arrow="listens_to", key="network.modes.G.file")
+
+
+def test_twenty_thousand_arcs_are_read_in_a_moment(tmp_path):
+    labels = tuple(map(str, range(1, 20_002)))
+    text = "".join(f"{i},{i + 1}\n" for i in range(1, 20_001))
+    arcs = read(tmp_path, text, labels=labels)
+    assert len(arcs) == 20_000
+    assert arcs.listeners.tolist() == list(range(20_000))

@@ -1,0 +1,126 @@
+"""Keys of a problem set anew: in memory and in the text of its file, always the same problem."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+from campaigns import a_problem
+
+from dobc_design.errors import SpecError
+from dobc_design.problem.builtin import builtin_names, builtin_text
+from dobc_design.problem.canonical import canonical_bytes
+from dobc_design.problem.changes import changed_problem
+from dobc_design.problem.file import read_problem_text
+from dobc_design.problem.load import load_problem, source_text
+from dobc_design.problem.toml_writing import REMARK, changed_file, changed_text, problem_text
+
+TEXT = builtin_text("paper-fixed")
+CHANGES = [
+    {"pinning.gains": {"3": 0.25, "7": "9/16"}},
+    {"pinning.gains": 2},
+    {"pinning.gains": {str(i): 0.5 for i in range(1, 11)} | {"1": 3}},
+    {"observer.W": [[1], [2]], "observer.P": None},
+    {"observer.W": None, "observer.P": None},
+    {"exosystem": None, "observer": None, "simulation.xi0": None, "region.initial_disturbance": None},
+    {"exosystem.A": [[0]], "exosystem.C": [[1]], "observer": None, "simulation.xi0": [3], "observer.rate": 1},
+]
+
+
+def read(text, name="problem"):
+    return read_problem_text(text.encode("utf-8"), folder=Path(), default_name=name)
+
+
+@pytest.mark.parametrize("changes", CHANGES[:-1])
+def test_a_change_of_the_text_and_of_the_problem_are_the_same(changes):
+    problem = load_problem("paper-fixed")
+    text = changed_text(TEXT, changes)
+    assert canonical_bytes(read(text)) == canonical_bytes(changed_problem(problem, changes))
+    assert canonical_bytes(changed_problem(problem, changes)) != canonical_bytes(problem)
+
+
+def test_comments_notes_and_order_stay():
+    text = changed_file(load_problem("paper-fixed"), CHANGES[0], text=TEXT, folder=Path())
+    before, after = TEXT.splitlines(), text.splitlines()
+    assert len(after) == len(before)
+    different = [(a, b) for a, b in zip(before, after, strict=True) if a != b]
+    assert [a.split("=")[0].strip() for a, _ in different] == ["gains"]
+    assert different[0][1] == 'gains = {3 = 0.25, 7 = "9/16"} # set by dobc certify --apply-fix'
+
+
+def test_a_table_that_is_missing_is_added_and_an_empty_one_goes():
+    text = changed_text(TEXT.replace("[pinning]\ngains = { 1 = 5, 6 = 5 }", ""), {"pinning.gains": {"1": 1}})
+    assert read(text).pinning.agents == (0,)
+    assert "[observer]" not in changed_text(TEXT, {"observer.W": None, "observer.P": None})
+
+
+@pytest.mark.parametrize("gains", ["[pinning.gains]\n1 = 5\n6 = 5", "[pinning]\ngains.1 = 5\ngains.6 = 5"])
+@pytest.mark.parametrize("changes", CHANGES[:3])
+def test_other_ways_to_write_the_gains_are_changed_too(gains, changes):
+    text = TEXT.replace("[pinning]\ngains = { 1 = 5, 6 = 5 }              # stand-in, see above", gains)
+    assert text != TEXT
+    problem = load_problem("paper-fixed")
+    found = changed_file(problem, changes, text=text, folder=Path())
+    assert canonical_bytes(read(found)) == canonical_bytes(changed_problem(problem, changes))
+
+
+def test_lines_of_a_table_that_say_the_same_stay_with_their_comments():
+    lines = [
+        "[pinning.gains]",
+        "1 = 5.0  # the leader",
+        "# two that listen to it",
+        '6 = "5"  # the other half',
+        "3 = 1",
+    ]
+    text = TEXT.replace("[pinning]\ngains = { 1 = 5, 6 = 5 }              # stand-in, see above", "\n".join(lines))
+    problem = read(text, name="paper-fixed")
+    found = changed_file(problem, {"pinning.gains": {"1": 5, "6": 7, "9": 0.25}}, text=text, folder=Path()).splitlines()
+    for line in (*lines[:3], f"6 = 7 # {REMARK}", f"9 = 0.25 # {REMARK}"):
+        assert line in found
+    assert lines[4] not in found
+
+
+@pytest.mark.parametrize("key", ["network.modes", "pinning", "name", "pinning.gains.1", ""])
+def test_keys_that_a_cure_never_sets_are_refused(key):
+    with pytest.raises(SpecError, match="is no key that a change may set"):
+        changed_problem(load_problem("paper-fixed"), {key: 1})
+
+
+def test_values_that_the_problem_refuses_are_refused():
+    with pytest.raises(SpecError, match=r"pinning\.gains"):
+        changed_problem(load_problem("paper-fixed"), {"pinning.gains": {"99": 1}})
+
+
+@pytest.mark.parametrize("name", builtin_names())
+def test_a_built_in_problem_written_whole_is_the_same_problem(name):
+    problem = load_problem(name)
+    assert canonical_bytes(read(problem_text(problem))) == canonical_bytes(problem)
+    assert canonical_bytes(read(source_text(name))) == canonical_bytes(problem)
+
+
+@pytest.mark.parametrize("seed", range(0, 200, 5))
+def test_a_random_problem_written_whole_is_the_same_problem(seed):
+    problem = a_problem(seed)
+    assert canonical_bytes(read(problem_text(problem))) == canonical_bytes(problem)
+
+
+def test_arcs_in_a_file_that_is_not_reached_from_the_new_folder_are_written_out(tmp_path):
+    (tmp_path / "arcs.csv").write_text("1,2\n2,1\n", encoding="utf-8")
+    source = tmp_path / "problem.toml"
+    source.write_text(
+        'name = "n"\n[network]\nagents = 2\narrow = "listens_to"\n[network.modes]\nG = { file = "arcs.csv" }\n'
+        '[coupling]\nh = "y"\n',
+        encoding="utf-8",
+    )
+    problem, changes = load_problem(source), {"pinning.gains": {"1": 1}}
+    beside = changed_file(problem, changes, text=source_text(source), folder=tmp_path)
+    assert "arcs.csv" in beside
+    elsewhere = changed_file(problem, changes, text=source_text(source), folder=tmp_path / "elsewhere")
+    assert "arcs.csv" not in elsewhere
+    assert canonical_bytes(read(elsewhere)) == canonical_bytes(changed_problem(problem, changes))
+
+
+def test_a_json_source_has_no_text_and_a_missing_one_is_an_error(tmp_path):
+    assert source_text(tmp_path / "problem.json") is None
+    with pytest.raises(SpecError, match="there is no file"):
+        source_text(tmp_path / "problem.toml")

@@ -1,0 +1,89 @@
+"""Shapes of disturbances: exact matrices, observable, and the signals they are named after."""
+
+from __future__ import annotations
+
+from fractions import Fraction
+
+import numpy as np
+import pytest
+from scipy import linalg
+
+import dobc_design as dd
+from dobc_design.errors import SpecError
+from dobc_design.exact.matrix import to_float
+from dobc_design.exact.observability import decide_observable
+from dobc_design.exact.polynomial import characteristic_polynomial
+from dobc_design.problem import exosystems as shapes
+from dobc_design.verdict import Verdict
+
+
+def signal(exosystem, xi0, t):
+    return to_float(exosystem.C) @ linalg.expm(to_float(exosystem.A) * t) @ np.array(xi0, dtype=float)
+
+
+@pytest.mark.parametrize(
+    "exosystem",
+    [
+        shapes.constant(),
+        shapes.ramp(),
+        shapes.polynomial(4),
+        shapes.harmonics("3/2"),
+        shapes.harmonics([1, 2, 3]),
+        shapes.periodic(2, harmonics_kept=3),
+        shapes.total(shapes.ramp(), shapes.harmonics([1, "1.5"])),
+        shapes.stacked(shapes.constant(), shapes.harmonics(1), shapes.ramp()),
+    ],
+)
+def test_every_shape_is_observable(exosystem):
+    assert decide_observable(exosystem.A, exosystem.C).verdict is Verdict.PROVED
+
+
+def test_shapes_make_the_signals_they_are_named_after():
+    t = 0.7
+    assert signal(shapes.constant(), [3], t) == pytest.approx([3])
+    assert signal(shapes.ramp(), [3, 2], t) == pytest.approx([3 + 2 * t])
+    assert signal(shapes.polynomial(3), [1, 2, 3, 4], t) == pytest.approx([1 + 2 * t + 3 * t**2 / 2 + 4 * t**3 / 6])
+    assert signal(shapes.harmonics("3/2"), [1, 0.5], t) == pytest.approx([np.cos(1.5 * t) + 0.5 * np.sin(1.5 * t)])
+    two = shapes.periodic(2, harmonics_kept=2)
+    assert signal(two, [1, 0, 1, 0, 1], t) == pytest.approx([1 + np.sin(2 * t) + np.sin(4 * t)])
+
+
+def test_numbers_stay_exact():
+    A = shapes.harmonics("0.1").A
+    assert ((0, Fraction(1, 10)), (Fraction(-1, 10), 0)) == A
+    assert characteristic_polynomial(shapes.harmonics([1, 2]).A) == (1, 0, 5, 0, 4)
+    assert shapes.periodic("1/3", harmonics_kept=1, mean=False) == shapes.harmonics("1/3")
+    assert shapes.total(shapes.constant(), shapes.harmonics(2)) == shapes.periodic(2, harmonics_kept=1)
+
+
+def test_stacked_gives_every_part_its_own_component():
+    two = shapes.stacked(shapes.constant(), shapes.ramp())
+    assert (two.order, two.outputs) == (3, 2)
+    assert two.C == ((1, 0, 0), (0, 1, 0))
+    assert two.A == ((0, 0, 0), (0, 0, 1), (0, 0, 0))
+
+
+def test_the_module_is_public():
+    assert dd.exosystems is shapes
+    assert set(shapes.__all__) <= set(dir(dd.exosystems))
+
+
+@pytest.mark.parametrize(
+    ("call", "match"),
+    [
+        (lambda: shapes.harmonics([1, 1]), r"frequencies\[1\] must differ"),
+        (lambda: shapes.harmonics([0]), r"frequencies\[0\] must be > 0"),
+        (lambda: shapes.harmonics([]), "at least one number"),
+        (lambda: shapes.harmonics(["x"]), r"frequencies\[0\]"),
+        (lambda: shapes.polynomial(-1), "degree must be an integer from 0 to 20"),
+        (lambda: shapes.polynomial(True), "degree must be an integer"),
+        (lambda: shapes.periodic(0, harmonics_kept=1), "fundamental must be > 0"),
+        (lambda: shapes.periodic(1, harmonics_kept=0), "harmonics_kept must be an integer >= 1"),
+        (shapes.total, "at least one Exosystem"),
+        (lambda: shapes.total(shapes.constant(), shapes.stacked(shapes.constant(), shapes.ramp())), "equally many"),
+        (lambda: shapes.stacked(3), "at least one Exosystem"),
+    ],
+)
+def test_what_is_no_shape_is_refused(call, match):
+    with pytest.raises(SpecError, match=match):
+        call()

@@ -1,0 +1,203 @@
+"""Groups of agents with an exosystem of their own, and kinds of exosystems, in problem files and in Python."""
+
+from __future__ import annotations
+
+import pickle
+from fractions import Fraction
+from pathlib import Path
+
+import pytest
+
+from dobc_design.errors import SpecError
+from dobc_design.problem import exosystems
+from dobc_design.problem.canonical import canonical_bytes, canonical_document, problem_from_canonical, problem_sha256
+from dobc_design.problem.changes import changed_problem
+from dobc_design.problem.exosystem import Exosystem
+from dobc_design.problem.file import read_problem_text
+from dobc_design.problem.groups import Group, block_diagonal, blocks_of, group_blocks, group_numbers
+from dobc_design.problem.network import Network
+from dobc_design.problem.observer import Observer
+from dobc_design.problem.problem import Problem
+from dobc_design.problem.toml_writing import changed_text, problem_text
+from dobc_design.problem.words import describe, facts
+
+HEAD = """
+name = "four"
+[network]
+agents = 4
+arrow = "listens_to"
+[network.modes]
+G = [[1, 2], [2, 3], [3, 4], [4, 1]]
+[coupling]
+h = "y"
+[pinning]
+gains = 3
+"""
+OSCILLATOR, CONSTANT = Exosystem(A=[[0, 2], [-2, 0]], C=[[1, 0]]), Exosystem(A=[[0]], C=[[1]])
+
+
+def read(text: str, *, head: str = HEAD) -> Problem:
+    return read_problem_text((head + text).encode(), folder=Path())
+
+
+TWO = """
+[exosystem]
+A = [[0, 2], [-2, 0]]
+C = [[1, 0]]
+[[exosystem.groups]]
+agents = [4, 2]
+A = [[0]]
+C = [[1]]
+W = [[2]]
+[observer]
+W = [["16/5"], ["12/5"]]
+"""
+
+
+def test_agents_in_no_group_have_the_exosystem_and_the_observer_of_the_tables_above():
+    problem = read(TWO)
+    assert [group.agents for group in problem.groups] == [("1", "3"), ("2", "4")]
+    assert [group.exosystem for group in problem.groups] == [OSCILLATOR, CONSTANT]
+    gains = [group.observer.W for group in problem.groups]
+    assert gains == [((Fraction(16, 5),), (Fraction(12, 5),)), ((Fraction(2),),)]
+    assert problem.is_grouped
+    assert problem.q == 3
+
+
+def test_without_a_rest_the_tables_above_hold_nothing_but_the_groups_and_the_rate():
+    text = """
+[[exosystem.groups]]
+agents = [1, 2, 3]
+kind = "constant"
+[[exosystem.groups]]
+agents = [4]
+kind = "ramp"
+[observer]
+rate = 2
+"""
+    problem = read(text)
+    assert [group.exosystem.order for group in problem.groups] == [1, 2]
+    assert {group.observer.rate for group in problem.groups} == {Fraction(2)}
+
+
+def test_one_group_of_all_agents_is_the_plain_problem():
+    grouped = read("[[exosystem.groups]]\nagents = [3, 1, 2, 4]\nA = [[0]]\nC = [[1]]\nW = [[2]]\n")
+    plain = read("[exosystem]\nA = [[0]]\nC = [[1]]\n[observer]\nW = [[2]]\n")
+    assert grouped == plain
+    assert problem_sha256(grouped) == problem_sha256(plain)
+    assert not grouped.is_grouped
+
+
+def test_the_order_of_groups_and_of_agents_in_the_file_does_not_matter():
+    one = "[[exosystem.groups]]\nagents = [{}]\nA = [[{}]]\nC = [[1]]\n"
+    first = read(one.format("1, 2", 0) + one.format("3, 4", -1))
+    second = read(one.format("4, 3", -1) + one.format("2, 1", 0))
+    assert problem_sha256(first) == problem_sha256(second)
+    assert problem_sha256(first) != problem_sha256(read(one.format("1, 3", 0) + one.format("2, 4", -1)))
+
+
+def test_a_problem_with_groups_survives_every_way_of_writing_it():
+    problem = read(TWO + '[simulation]\nxi0 = [[1, 2], [3], [4, "1/2"], [0]]\n')
+    assert problem_from_canonical(canonical_bytes(problem)) == problem
+    assert pickle.loads(pickle.dumps(problem)) == problem
+    written = read_problem_text(problem_text(problem).encode(), folder=Path(), default_name="four")
+    assert canonical_bytes(written) == canonical_bytes(problem)
+    assert canonical_document(problem)["exosystem"]["groups"][1] == {
+        "agents": [1, 3],
+        "A": [["0"]],
+        "C": [["1"]],
+        "W": [["2"]],
+        "P": None,
+    }
+
+
+def test_pins_of_a_problem_with_groups_can_be_changed_and_its_exosystems_cannot():
+    problem = read(TWO)
+    changed = changed_problem(problem, {"pinning.gains": {"1": 7}})
+    assert changed.groups == problem.groups
+    assert dict(changed.pinning.gains) == {0: ((Fraction(7),),)}
+    text = changed_text(HEAD + TWO, {"pinning.gains": {"1": 7}})
+    assert read_problem_text((text or "").encode(), folder=Path()).groups == problem.groups
+    with pytest.raises(SpecError, match="cannot be changed by key"):
+        changed_problem(problem, {"observer.W": [[1]]})
+
+
+def test_whoever_knows_of_one_exosystem_only_is_refused():
+    """No part of the program can take the exosystem of some agents for that of all."""
+    problem = read(TWO)
+    for name in ("exosystem", "observer"):
+        with pytest.raises(SpecError, match=r"exosystem\.groups: this is not available yet") as caught:
+            getattr(problem, name)
+        assert caught.value.key == "exosystem.groups"
+
+
+def test_check_says_who_has_which_disturbance():
+    said = describe(read(TWO))
+    assert "Group of agent 2 (2, 4): disturbance of order 1. Observer gain W: given." in said
+    assert facts(read(TWO))["groups"] == [["1", "3"], ["2", "4"]]
+    assert "groups" not in facts(read("[exosystem]\nA = [[0]]\nC = [[1]]\n"))
+
+
+@pytest.mark.parametrize(
+    ("kind", "shape"),
+    [
+        ('kind = "constant"', exosystems.constant()),
+        ('kind = "ramp"', exosystems.ramp()),
+        ('kind = "harmonics"\nfrequencies = [2, "1/3"]', exosystems.harmonics([2, "1/3"])),
+        ('kind = "harmonics"\nfrequencies = 2', exosystems.harmonics(2)),
+    ],
+)
+def test_a_kind_stands_for_the_matrices_of_its_constructor(kind, shape):
+    assert read(f"[exosystem]\n{kind}\n").exosystem == shape
+
+
+def test_a_kind_gives_every_state_component_a_disturbance_of_its_own():
+    problem = read('[exosystem]\nkind = "ramp"\n', head="target = [1, 2]\n" + HEAD)
+    assert problem.exosystem == exosystems.stacked(exosystems.ramp(), exosystems.ramp())
+
+
+def test_a_kind_beside_a_group_with_matrices_has_as_many_components_as_its_c():
+    text = '[exosystem]\nkind = "constant"\n[[exosystem.groups]]\nagents = [1]\nA = [[0]]\nC = [[1], [2]]\n'
+    assert [group.exosystem.outputs for group in read(text).groups] == [2, 2]
+
+
+def test_groups_in_python_are_named_by_labels_and_read_like_those_of_a_file():
+    network = Network.from_arcs([[1, 2], [2, 1]], arrow="listens_to")
+    one = Group(agents=[2], exosystem=CONSTANT, observer=Observer(W=[[2]]))
+    problem = Problem(network=network, coupling="y", exosystem=OSCILLATOR, groups=[one])
+    assert [group.name for group in problem.groups] == ["1", "2"]
+    for wrong, message in (
+        ([Group(agents=[3], exosystem=CONSTANT)], "no agent '3'"),
+        ([Group(agents=[2], exosystem=CONSTANT, observer=Observer(rate=1))], "a group has no rate of its own"),
+        ([CONSTANT], "groups must be a list of Groups"),
+    ):
+        with pytest.raises(SpecError, match=message):
+            Problem(network=network, coupling="y", exosystem=OSCILLATOR, groups=wrong)
+    with pytest.raises(SpecError, match="agent 1 is in no group"):
+        Problem(network=network, coupling="y", groups=[one])
+
+
+def test_a_p_is_given_for_every_group_or_for_none():
+    text = TWO.replace('W = [["16/5"], ["12/5"]]', 'W = [["16/5"], ["12/5"]]\nP = [[1, 0], [0, 1]]')
+    with pytest.raises(SpecError, match="P is given for the group of agent '1' and missing for that of agent '2'"):
+        read(text)
+
+
+def test_blocks_come_out_of_the_joint_matrix_they_went_into():
+    one, other = ((Fraction(1), Fraction(2)),), ((Fraction(3),), (Fraction(4),))
+    whole = block_diagonal([one, other])
+    assert whole == ((1, 2, 0), (0, 0, 3), (0, 0, 4))
+    assert blocks_of(whole, [(1, 2), (2, 1)]) == (one, other)
+    assert blocks_of(((1, 2, 5), *whole[1:]), [(1, 2), (2, 1)]) is None
+
+
+def test_every_agent_gets_the_block_of_its_group():
+    problem = read(TWO)
+    S = ((Fraction(1), Fraction(0)), (Fraction(0), Fraction(2)))
+    blocks = group_blocks(S, len(problem.groups))
+    assert [blocks[g] for g in group_numbers(problem.groups, problem.network.labels)] == [
+        ((1,),),
+        ((2,),),
+        ((1,),),
+        ((2,),),
+    ]

@@ -1,0 +1,321 @@
+"""Networks from pairs, networkx graphs and sparse matrices: what an arc means is said by ``arrow`` alone."""
+
+from __future__ import annotations
+
+from fractions import Fraction
+
+import networkx as nx
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from scipy import sparse
+
+from dobc_design.errors import SpecError
+from dobc_design.problem.arcs import Arcs
+from dobc_design.problem.labels import labels_of
+from dobc_design.problem.network import Network
+
+CHAIN = [("a", "b"), ("b", "c", 2.5)]
+
+
+def arcs_of(network: Network, mode: str = "G") -> set[tuple[str, str, Fraction]]:
+    """(listener, speaker, weight) by label."""
+    names = network.labels
+    return {(names[i], names[j], w) for i, j, w in network.modes[mode]}
+
+
+def indices(*values: int) -> np.ndarray:
+    return np.array(values, dtype=np.int64)
+
+
+# ------------------------------------------------------------------------------------------ from_arcs
+
+
+def test_listens_to_makes_the_first_of_a_pair_the_listener():
+    network = Network.from_arcs(CHAIN, arrow="listens_to")
+    assert network.labels == ("a", "b", "c")
+    assert arcs_of(network) == {("a", "b", Fraction(1)), ("b", "c", Fraction(5, 2))}
+
+
+def test_sends_to_mirrors_every_arc():
+    listens, sends = (Network.from_arcs(CHAIN, arrow=arrow) for arrow in ("listens_to", "sends_to"))
+    assert arcs_of(sends) == {(j, i, w) for i, j, w in arcs_of(listens)}
+
+
+@pytest.mark.parametrize("arrow", ["", "to", "Listens_to", None, True, ["listens_to"], 3])
+def test_any_other_arrow_is_refused(arrow):
+    """There is no default: mixed-up directions are the commonest silent error."""
+    with pytest.raises(SpecError, match=r'network\.arrow must be "listens_to" or "sends_to"') as caught:
+        Network.from_arcs(CHAIN, arrow=arrow)
+    assert caught.value.key == "network.arrow"
+
+
+def test_arrow_has_no_default():
+    with pytest.raises(TypeError, match="arrow"):
+        Network.from_arcs(CHAIN)  # type: ignore[call-arg]
+
+
+def test_the_label_1_and_the_label_quoted_1_are_one_label():
+    network = Network.from_arcs([(1, "2"), ("1", 3)], arrow="listens_to")
+    assert network.labels == ("1", "2", "3")
+    with pytest.raises(SpecError, match=r"'1' stands there twice"):
+        Network.from_arcs([(1, 2)], arrow="listens_to", agents=[1, 2, "1"])
+
+
+def test_a_count_gives_labels_from_one_and_agents_without_arcs_are_kept():
+    network = Network.from_arcs([(1, 2)], arrow="listens_to", agents=4)
+    assert network.labels == ("1", "2", "3", "4")
+    assert network.size == 4
+    assert network.index == {"1": 0, "2": 1, "3": 2, "4": 3}
+
+
+def test_a_mapping_gives_one_mode_each_in_its_order():
+    network = Network.from_arcs({"B": [(1, 2)], "A": [(2, 1)]}, arrow="listens_to", agents=2)
+    assert list(network.modes) == ["B", "A"]
+
+
+def test_arrays_of_whole_numbers_are_pairs():
+    network = Network.from_arcs(np.array([[1, 2], [2, 3]]), arrow="sends_to")
+    assert arcs_of(network) == {("2", "1", Fraction(1)), ("3", "2", Fraction(1))}
+
+
+@pytest.mark.parametrize(
+    ("arcs", "key", "message"),
+    [
+        ([(1, 2), (1, 2)], "network.modes.G[1]", "1 listens to 2 already; this arc is a duplicate"),
+        ([(1, 2), (3, 3)], "network.modes.G[1]", "agent 3 must not listen to itself"),
+        ([(1, 2, 0)], "network.modes.G[0]", "must be > 0, because it multiplies h; 1 listens to 2 with 0"),
+        ([(1, 2, -0.5)], "network.modes.G[0]", "with -1/2"),
+        ([(1, 2, float("nan"))], "network.modes.G[0][2]", "must be a number"),
+        ([(1, 2, True)], "network.modes.G[0][2]", "not a boolean"),
+        ([(1, 4)], "network.modes.G[0]", r"there is no agent '4' \(agents: 1, 2, 3\)"),
+        ([(1, 2.0)], "network.modes.G[0][1]", "must be text or a whole number; got 2.0"),
+        ([(1, True)], "network.modes.G[0][1]", "must be text or a whole number; got True"),
+        ([(1, "a\nb")], "network.modes.G[0][1]", "printable"),
+        ([(1, 10**5000)], "network.modes.G[0][1]", "thousands of digits"),
+        ([(1,)], "network.modes.G[0]", r"must be an arc \[a, b\] or \[a, b, weight\]"),
+        ([5], "network.modes.G[0]", "must be an arc"),
+        (["12"], "network.modes.G[0]", "must be an arc"),
+    ],
+)
+def test_a_wrong_arc_is_named(arcs, key, message):
+    with pytest.raises(SpecError, match=message) as caught:
+        Network.from_arcs(arcs, arrow="listens_to", agents=3)
+    assert caught.value.key == key
+
+
+def test_a_wrong_arc_is_named_when_the_labels_come_from_the_arcs_too():
+    with pytest.raises(SpecError, match=r"network\.modes\.G\[1\] must be an arc"):
+        Network.from_arcs([(1, 2), 5], arrow="listens_to")
+    with pytest.raises(SpecError, match="must be text or a whole number"):
+        Network.from_arcs([(1, 2.5)], arrow="listens_to")
+
+
+@pytest.mark.parametrize(
+    "agents", [0, -1, 10**8, True, 2.0, "abc", None, {}, [], [""], [" "], ["x" * 201], ["\x1b[31m"], [None]]
+)
+def test_wrong_agents_are_refused(agents):
+    with pytest.raises(SpecError) as caught:
+        labels_of(agents)
+    assert caught.value.key == "network.agents"
+
+
+def test_a_network_needs_a_mode_and_modes_need_names():
+    with pytest.raises(SpecError, match="at least one mode"):
+        Network.from_arcs({}, arrow="listens_to", agents=2)
+    for name in ("", "  ", "\x1b[31mred", "x" * 201):
+        with pytest.raises(SpecError, match="the name of a mode must be text of 1 to 200 printable"):
+            Network.from_arcs({name: [(1, 2)]}, arrow="listens_to")
+
+
+def test_networks_are_equal_when_labels_modes_and_arcs_are_in_the_same_order():
+    arcs = {"A": [(1, 2)], "B": [(2, 1)]}
+    first = Network.from_arcs(arcs, arrow="listens_to", agents=2)
+    again = Network.from_arcs(dict(arcs), arrow="listens_to", agents=2)
+    turned = Network.from_arcs(dict(reversed(arcs.items())), arrow="listens_to", agents=2)
+    assert first == again
+    assert hash(first) == hash(again)
+    assert first != turned, "the first mode is where simulations start"
+    assert first != "network"
+    assert first.modes["A"] != "arcs"
+
+
+def test_a_network_made_by_hand_is_checked_too():
+    arcs = Arcs(indices(0), indices(1), (Fraction(1),))
+    assert Network(labels=("a", "b"), modes={"G": arcs}).modes["G"].has(0, 1)
+    for labels in (("a", "b\n"), ("a", 5), ("a", "")):
+        with pytest.raises(SpecError, match="a label must be text of 1 to 200"):
+            Network(labels=labels, modes={"G": arcs})  # type: ignore[arg-type]
+    for listener, speaker in ((0, 2), (-1, 0), (2, 1)):
+        wrong = Arcs(indices(listener), indices(speaker), (Fraction(1),))
+        with pytest.raises(SpecError, match="leaves the graph; agents are numbered 0 to 1"):
+            Network(labels=("a", "b"), modes={"G": wrong})
+
+
+def test_index_arrays_cannot_be_written():
+    arcs = Network.from_arcs(CHAIN, arrow="listens_to").modes["G"]
+    with pytest.raises(ValueError, match="read-only"):
+        arcs.listeners[0] = 1
+
+
+# ------------------------------------------------------------------------------------------ from_networkx
+
+
+def test_a_directed_graph_gives_its_edges_under_arrow():
+    graph = nx.DiGraph([("a", "b"), ("b", "c")])
+    assert arcs_of(Network.from_networkx(graph, arrow="sends_to")) == {("b", "a", Fraction(1)), ("c", "b", Fraction(1))}
+
+
+def test_an_undirected_edge_gives_both_arcs_with_its_weight():
+    graph = nx.Graph()
+    graph.add_edge(1, 2, weight=0.1)
+    graph.add_node(3)
+    for arrow in ("listens_to", "sends_to"):
+        network = Network.from_networkx(graph, arrow=arrow)
+        assert network.labels == ("1", "2", "3")
+        assert arcs_of(network) == {("1", "2", Fraction(1, 10)), ("2", "1", Fraction(1, 10))}
+
+
+def test_several_graphs_are_modes_over_the_nodes_of_the_first():
+    first, second = nx.DiGraph([(1, 2), (2, 3)]), nx.DiGraph([("3", "1")])
+    second.add_nodes_from(["2"])
+    network = Network.from_networkx({"A": first, "B": second}, arrow="listens_to")
+    assert network.labels == ("1", "2", "3")
+    assert arcs_of(network, "B") == {("3", "1", Fraction(1))}
+    second.add_node(4)
+    with pytest.raises(SpecError, match=r"network\.modes\.B must have the same nodes as the first mode"):
+        Network.from_networkx({"A": first, "B": second}, arrow="listens_to")
+
+
+@pytest.mark.parametrize(
+    ("graph", "message"),
+    [
+        (nx.MultiDiGraph([(1, 2), (1, 2)]), "duplicate"),
+        (nx.MultiGraph([(1, 2), (2, 1)]), "duplicate"),
+        (nx.DiGraph([(1, 1)]), "must not listen to itself"),
+        (nx.Graph([(1, 1)]), "must not listen to itself"),
+        (nx.grid_2d_graph(2, 2), r"must be text or a whole number; got \(0, 0\)"),
+        (nx.Graph([(1, "1")]), "'1' stands there twice"),
+        (nx.DiGraph(), "at least one agent"),
+        (nx.DiGraph([(1, 2, {"weight": None})]), "must be a number"),
+        (nx.DiGraph([(1, 2, {"weight": -1})]), "must be > 0"),
+        ([(1, 2)], "must be a networkx graph; got list"),
+        ({"A": 5}, r"network\.modes\.A must be a networkx graph; got int"),
+        ({}, "at least one agent"),
+    ],
+)
+def test_a_graph_that_is_no_network_is_refused(graph, message):
+    with pytest.raises(SpecError, match=message):
+        Network.from_networkx(graph, arrow="listens_to")
+
+
+# ------------------------------------------------------------------------------------------ from_sparse
+
+
+def test_entry_i_j_is_the_arc_i_j_under_arrow():
+    matrix = sparse.coo_array(([2, 3], ([0, 1], [1, 2])), shape=(3, 3))
+    assert arcs_of(Network.from_sparse(matrix, arrow="listens_to")) == {
+        ("1", "2", Fraction(2)),
+        ("2", "3", Fraction(3)),
+    }
+    assert arcs_of(Network.from_sparse(matrix, arrow="sends_to", labels=["a", "b", "c"])) == {
+        ("b", "a", Fraction(2)),
+        ("c", "b", Fraction(3)),
+    }
+
+
+@pytest.mark.parametrize("kind", [np.int8, np.uint64, np.int64, np.float32, np.float64, np.longdouble])
+def test_a_weight_is_the_decimal_text_of_its_own_type(kind):
+    """0.5 and 0.1 as somebody typed them, not the nearest binary fraction."""
+    if kind in (np.float32, np.float64):
+        matrix = sparse.csr_array(np.array([[0, 0.1], [0.5, 0]], dtype=kind))
+        expected = {("1", "2", Fraction(1, 10)), ("2", "1", Fraction(1, 2))}
+    else:
+        matrix = sparse.coo_array((np.array([1, 3], dtype=kind), ([0, 1], [1, 0])), shape=(2, 2))
+        expected = {("1", "2", Fraction(1)), ("2", "1", Fraction(3))}
+    assert arcs_of(Network.from_sparse(matrix, arrow="listens_to")) == expected
+
+
+@pytest.mark.parametrize("form", ["csr", "csc", "coo", "lil", "dok", "bsr", "dia"])
+def test_every_sparse_format_reads_alike_and_is_left_as_it_was(form):
+    matrix = sparse.coo_array(([1.5, 2.0], ([0, 2], [1, 0])), shape=(3, 3)).asformat(form)
+    before = matrix.toarray()
+    assert arcs_of(Network.from_sparse(matrix, arrow="listens_to")) == {
+        ("1", "2", Fraction(3, 2)),
+        ("3", "1", Fraction(2)),
+    }
+    np.testing.assert_array_equal(matrix.toarray(), before)
+
+
+def test_entries_stored_twice_are_added_and_stored_zeros_are_no_arcs():
+    matrix = sparse.coo_array(([1, 2, 0], ([0, 0, 1], [1, 1, 0])), shape=(2, 2))
+    assert arcs_of(Network.from_sparse(matrix, arrow="listens_to")) == {("1", "2", Fraction(3))}
+    assert matrix.nnz == 3
+
+
+@pytest.mark.parametrize(
+    ("matrix", "labels", "message"),
+    [
+        (sparse.csr_array((2, 3)), None, r"must be square.*got shape \(2, 3\)"),
+        (sparse.csr_array((2, 2)), ["a"], r"one row and column per agent \(1 x 1\); got shape \(2, 2\)"),
+        ({"A": sparse.csr_array((2, 2)), "B": sparse.csr_array((3, 3))}, None, r"modes\.B.*\(2 x 2\); got shape \(3"),
+        (np.eye(2), None, "must be a SciPy sparse matrix; got ndarray"),
+        ([[0, 1], [1, 0]], None, "must be a SciPy sparse matrix; got list"),
+        (sparse.csr_array(np.eye(2)), None, "must not listen to itself"),
+        (sparse.csr_array([[0, -1], [0, 0]]), None, "must be > 0"),
+        (sparse.csr_array(np.array([[0, 1], [0, 0]], dtype=bool)), None, "not a boolean"),
+        (sparse.csr_array(np.array([[0, 1j], [0, 0]])), None, "must be a number"),
+        (sparse.csr_array(np.array([[0, np.inf], [0, 0]])), None, "must be a number"),
+    ],
+)
+def test_a_matrix_that_is_no_network_is_refused(matrix, labels, message):
+    with pytest.raises(SpecError, match=message):
+        Network.from_sparse(matrix, arrow="listens_to", labels=labels)
+
+
+# ------------------------------------------------------------------------------------------ round trips
+
+
+@st.composite
+def weighted_arcs(draw):
+    """Number of agents, and {(i, j): weight}."""
+    n = draw(st.integers(2, 8))
+    pairs = st.tuples(st.integers(0, n - 1), st.integers(0, n - 1)).filter(lambda pair: pair[0] != pair[1])
+    weight = st.one_of(
+        st.integers(1, 10**12), st.floats(1e-300, 1e300, allow_subnormal=False), st.sampled_from([0.1, 1 / 3, 2.5])
+    )
+    return n, draw(st.dictionaries(pairs, weight, max_size=20))
+
+
+def as_sets(arcs: dict, arrow: str) -> set[tuple[int, int, Fraction]]:
+    """The same arcs as (listener, speaker, exact weight)."""
+    exact = {(i, j, Fraction(repr(w))) for (i, j), w in arcs.items()}
+    return exact if arrow == "listens_to" else {(j, i, w) for i, j, w in exact}
+
+
+@given(weighted_arcs(), st.sampled_from(["listens_to", "sends_to"]))
+def test_networkx_and_back_keeps_every_arc_and_weight(case, arrow):
+    n, arcs = case
+    graph = nx.DiGraph()
+    graph.add_nodes_from(range(n))
+    graph.add_weighted_edges_from((i, j, w) for (i, j), w in arcs.items())
+    network = Network.from_networkx(graph, arrow=arrow)
+    assert network.labels == tuple(map(str, range(n)))
+    assert set(network.modes["G"]) == as_sets(arcs, arrow)
+
+
+@given(weighted_arcs(), st.sampled_from(["listens_to", "sends_to"]))
+def test_sparse_and_back_keeps_every_arc_and_weight(case, arrow):
+    n, arcs = case
+    rows, columns = [i for i, _ in arcs], [j for _, j in arcs]
+    matrix = sparse.coo_array((np.array(list(arcs.values()), dtype=float), (rows, columns)), shape=(n, n)).tocsr()
+    network = Network.from_sparse(matrix, arrow=arrow)
+    floats = {pair: float(w) for pair, w in arcs.items()}
+    assert set(network.modes["G"]) == as_sets(floats, arrow)
+    back = sparse.coo_array(
+        ([float(w) for w in network.modes["G"].weights], (network.modes["G"].listeners, network.modes["G"].speakers)),
+        shape=(n, n),
+    )
+    expected = matrix if arrow == "listens_to" else matrix.T
+    np.testing.assert_array_equal(back.toarray(), expected.toarray())

@@ -1,0 +1,321 @@
+"""Problem from Python: exact, frozen, and every mistake named by the key of the problem file."""
+
+from __future__ import annotations
+
+import copy
+import dataclasses
+import pickle
+from decimal import Decimal
+from fractions import Fraction
+
+import control
+import networkx as nx
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from random_problems import random_problem
+
+from dobc_design.coupling.coupling import make_coupling
+from dobc_design.errors import ExpressionError, ShapeError, SpecError
+from dobc_design.problem.exosystem import Exosystem
+from dobc_design.problem.network import Network
+from dobc_design.problem.observer import Observer
+from dobc_design.problem.pinning import Pinning
+from dobc_design.problem.problem import Problem
+from dobc_design.problem.region import Region
+from dobc_design.problem.switching import Switching
+
+CHAIN = Network.from_arcs([("a", "b"), ("b", "c")], arrow="listens_to")
+SINE = Exosystem(A=[[0, 2], [-2, 0]], C=[[1, 0]])
+PLANE = Exosystem(A=[[0, 2], [-2, 0]], C=[[1, 0], [0, 1]])
+
+
+def make(**changes: object) -> Problem:
+    return Problem(**{"network": CHAIN, "coupling": "tanh(y)"} | changes)
+
+
+def scalar(value: object) -> tuple[tuple[Fraction, ...], ...]:
+    return ((Fraction(value),),)
+
+
+# ------------------------------------------------------------------------------------------ what is kept
+
+
+def test_the_smallest_problem_has_one_component_no_pins_and_no_disturbance():
+    problem = make()
+    assert (problem.n, problem.m, problem.q) == (3, 1, 0)
+    assert problem.target == (0,)
+    assert problem.pinning.agents == ()
+    assert problem.observer == Observer()
+    assert (problem.exosystem, problem.region, problem.switching) == (None, None, None)
+    assert (problem.simulation.t_final, problem.simulation.seed, problem.simulation.xi0) == (20, 0, None)
+    assert not problem.is_linear
+
+
+def test_a_float_means_the_decimal_that_one_sees():
+    """3.2 is 16/5, in Python as in a file."""
+    problem = make(target=3.2, gains={"a": 0.1}, offsets={"b": np.float32(0.3)}, exosystem=SINE)
+    assert problem.target == (Fraction(16, 5),)
+    assert problem.pinning.gains[0] == scalar("1/10")
+    assert problem.offsets[1] == (Fraction(3, 10),)
+
+
+@pytest.mark.parametrize(
+    ("value", "expected"),
+    [
+        (5, 5),
+        ("9/16", Fraction(9, 16)),
+        (Decimal("0.5"), Fraction(1, 2)),
+        (Fraction(1, 3), Fraction(1, 3)),
+        (np.int64(7), 7),
+        (np.float64(0.25), Fraction(1, 4)),
+        ([[2]], 2),
+        (np.array([[0.5]]), Fraction(1, 2)),
+    ],
+)
+def test_gains_may_be_of_any_exact_kind(value, expected):
+    assert make(gains={"a": value}).pinning.gains == {0: scalar(expected)}
+
+
+def test_one_gain_is_for_all_agents_and_zero_gains_are_no_pins():
+    assert make(gains="1/2").pinning.agents == (0, 1, 2)
+    assert make(gains=0).pinning.agents == ()
+    assert make(gains={"a": 0, "c": 1}).pinning.agents == (2,)
+    assert make(gains=Pinning(gains={1: scalar(3)})).pinning.agents == (1,)
+
+
+def test_matrix_gains_need_a_positive_semidefinite_symmetric_part():
+    """k + k' >= 0 (theory, section 0): a rotation alone is allowed, a push is not."""
+    kept = make(coupling="y", exosystem=PLANE, gains={"a": [[0, 1], [-1, 0]]})
+    assert kept.pinning.gains[0] == ((0, 1), (-1, 0))
+    assert not kept.pinning.is_scalar
+    with pytest.raises(SpecError, match=r"pinning\.gains\.a: a matrix gain k must satisfy k \+ k' >= 0"):
+        make(coupling="y", exosystem=PLANE, gains={"a": [[1, 3], [0, 1]]})
+
+
+@pytest.mark.parametrize(
+    ("changes", "m"),
+    [
+        ({"exosystem": PLANE, "target": 5}, 2),
+        ({"target": [1, 2, 3]}, 3),
+        ({"coupling": ["y1", "y2"]}, 2),
+        ({"coupling": make_coupling("y", dimension=4)}, 4),
+        ({}, 1),
+    ],
+)
+def test_m_is_the_rows_of_c_else_the_length_of_target_else_of_h_else_1(changes, m):
+    problem = make(**changes)
+    assert problem.m == m
+    assert len(problem.target) == m
+
+
+def test_couplings_are_numbered_in_the_order_of_arcs_however_they_were_given():
+    """Certificates refer to them by number, and their readers have the canonical problem only."""
+    problem = make(exceptions={(1, 2): "3*y", (0, 1): "2*y"})
+    assert [coupling.texts for coupling in problem.couplings][1:] == [("2*y",), ("3*y",)]
+    assert problem == make(exceptions={(0, 1): "2*y", (1, 2): "3*y"})
+
+
+def test_exceptions_are_by_indices_and_zero_offsets_are_left_out():
+    problem = make(exceptions={(0, 1): "2*y", (1, 2): make_coupling("3*y", dimension=1)}, offsets={"a": 0, "b": 2})
+    assert problem.coupling_of(0, 1).texts == ("2*y",)
+    assert [coupling.texts[0] for coupling in problem.couplings] == ["tanh(y)", "2*y", "3*y"]
+    assert problem.offsets == {1: (2,)}
+    assert (problem.goal_of(0), problem.goal_of(1)) == ((0,), (2,))
+
+
+def test_regions_and_xi0_for_every_component_and_agent():
+    problem = make(
+        exosystem=PLANE,
+        coupling="y",
+        region={"initial_states": [[0, 1], [2, 3]], "initial_disturbance": "1/2"},
+        simulation={"xi0": np.eye(3, 2)},
+    )
+    assert problem.region == Region(initial_states=((0, 1), (2, 3)), initial_disturbance=Fraction(1, 2))
+    assert problem.simulation.xi0 == ((1, 0), (0, 1), (0, 0))
+    again = make(exosystem=PLANE, coupling="y", region=problem.region, simulation=problem.simulation)
+    assert (again.region, again.simulation) == (problem.region, problem.simulation)
+
+
+def test_a_problem_is_frozen_hashable_and_its_mappings_cannot_be_changed():
+    problem = make(gains={"a": 1}, offsets={"b": 1}, exceptions={(0, 1): "y"})
+    with pytest.raises(dataclasses.FrozenInstanceError):
+        problem.target = (1,)  # type: ignore[misc]
+    for mapping in (problem.offsets, problem.exceptions, problem.pinning.gains, problem.network.modes):
+        with pytest.raises(TypeError):
+            mapping["x"] = 1  # type: ignore[index]
+    twin = make(gains={"a": 1}, offsets={"b": 1}, exceptions={(0, 1): "y"})
+    assert twin == problem
+    assert hash(twin) == hash(problem)
+    assert make() != problem
+
+
+# ------------------------------------------------------------------------------------------ control.StateSpace
+
+
+def test_a_state_space_system_is_an_exosystem():
+    system = control.ss([[0, 2], [-2, 0]], [[0], [0]], [[1, 0]], [[0]])
+    exosystem = Exosystem.from_control(system)
+    assert exosystem == SINE
+    assert scalar("1/10") == Exosystem.from_control(control.ss([[0.1]], [[1]], [[0.3]], [[0]])).A
+
+
+def test_a_system_in_discrete_time_or_without_a_state_is_refused():
+    """x[k + 1] = A x[k] would be taken for x' = A x in silence."""
+    for step in (0.1, True):
+        with pytest.raises(SpecError, match="must be in continuous time"):
+            Exosystem.from_control(control.ss([[0.5]], [[1]], [[1]], [[0]], step))
+    with pytest.raises(SpecError, match="got TransferFunction"):
+        Exosystem.from_control(control.tf([1], [1, 1]))
+
+
+# ------------------------------------------------------------------------------------------ what is refused
+
+
+@pytest.mark.parametrize(
+    ("changes", "key", "message"),
+    [
+        ({"network": nx.DiGraph([(1, 2)])}, "network", r"must be a Network; got.*Network\.from_arcs, from_networkx"),
+        ({"network": None}, "network", "must be a Network; got None"),
+        ({"exosystem": {"A": [[0]], "C": [[1]]}}, "exosystem", "must be an Exosystem"),
+        ({"exosystem": control.ss([[0]], [[1]], [[1]], [[0]])}, "exosystem", r"Exosystem\.from_control"),
+        ({"exosystem": SINE, "observer": {"W": [[1], [1]]}}, "observer", "must be an Observer"),
+        ({"switching": "random"}, "switching", "must be a Switching"),
+        ({"name": ""}, "name", "1 to 100 printable"),
+        ({"name": 5}, "name", "must be text"),
+        ({"name": "a\nb"}, "name", "printable"),
+        ({"name": "x" * 101}, "name", "1 to 100"),
+        ({"notes": [5]}, "notes[0]", "must be text of at most 1000"),
+        ({"notes": ["ok", "x" * 1001]}, "notes[1]", "at most 1000"),
+        ({"target": "one"}, "target", "must be a number"),
+        ({"target": None}, "target", "must be a number"),
+        ({"target": float("nan")}, "target", "must be a number"),
+        ({"target": True}, "target", "not a boolean"),
+        ({"target": [1, 2], "exosystem": SINE}, "target", "must have 1 number, one per state component; got 2"),
+        ({"target": [0] * 101}, "target", "at most 100 state components; got 101"),
+        ({"target": [1, "x"]}, "target[1]", "must be a number"),
+        ({"coupling": "y + 1"}, "coupling.h", "must vanish"),
+        ({"coupling": 5}, "coupling.h", "must be an expression"),
+        ({"coupling": None}, "coupling.h", "must be an expression"),
+        ({"coupling": ["y1", "y2"], "exosystem": SINE}, "coupling.h", "must have 1 expression"),
+        ({"coupling": make_coupling("y", dimension=2), "exosystem": SINE}, "coupling.h", "must have dimension 1"),
+        ({"exceptions": {(0, 2): "y"}}, "coupling.exceptions[0]", "no mode has the arc"),
+        ({"exceptions": {(0, 1): "y + 1"}}, "coupling.exceptions[0].h", "must vanish"),
+        ({"exceptions": {0: "y"}}, "coupling.exceptions[0]", "no mode has the arc"),
+        ({"exceptions": {("a", "b"): "y"}}, "coupling.exceptions[0]", "indices count from 0"),
+        ({"exceptions": [(0, 1)]}, "coupling.exceptions", "must be a table"),
+        ({"gains": {"z": 1}}, "pinning.gains.z", "there is no agent 'z'"),
+        ({"gains": {"a": -1}}, "pinning.gains.a", "must be >= 0"),
+        ({"gains": -1}, "pinning.gains", "must be >= 0"),
+        ({"gains": [1, 2, 3]}, "pinning.gains", "must be a table of label = gain"),
+        ({"gains": np.eye(2)}, "pinning.gains", "must be a table of label = gain"),
+        ({"gains": {"a": [[1, 2]]}}, "pinning.gains.a", r"must have shape \(1, 1\)"),
+        ({"gains": {True: 1}}, "pinning.gains.True", "there is no agent"),
+        ({"observer": Observer(W=[[1]])}, "observer", "no meaning without an"),
+        ({"exosystem": SINE, "observer": Observer(W=[[1]])}, "observer.W", r"must have shape \(2, 1\)"),
+        ({"exosystem": SINE, "observer": Observer(W=[[1], [1]], P=[[1]])}, "observer.P", r"must have shape \(2, 2\)"),
+        ({"offsets": {"z": 1}}, "formation.offsets.z", "there is no agent 'z'"),
+        ({"offsets": {"a": [1, 2]}}, "formation.offsets.a", "must have 1 number"),
+        ({"offsets": [1, 2, 3]}, "formation.offsets", "must be a table"),
+        ({"offsets": {True: 1}}, "formation.offsets.True", "there is no agent"),
+        ({"region": {}}, "region.initial_states", r"must be a pair \[lo, hi\]; got None"),
+        ({"region": {"initial_states": [1, 0]}}, "region.initial_states", "lo <= hi; got \\[1, 0\\]"),
+        ({"region": {"initial_state": [0, 1]}}, "region.initial_state", "is an unknown key"),
+        ({"region": [0, 1]}, "region", "must be a table"),
+        ({"region": {"initial_states": [0, 1], "initial_disturbance": 1}}, "region.initial_disturbance", "no meaning"),
+        ({"exosystem": SINE, "region": {"initial_states": [0, 1]}}, "region.initial_disturbance", "is required when"),
+        ({"simulation": {"tfinal": 5}}, "simulation.tfinal", "is an unknown key"),
+        ({"simulation": [5]}, "simulation", "must be a table"),
+        ({"simulation": {"t_final": 0}}, "simulation.t_final", "must be > 0"),
+        ({"simulation": {"seed": True}}, "simulation.seed", "whole number from 0 to"),
+        ({"simulation": {"seed": 2**63}}, "simulation.seed", "whole number from 0 to"),
+        ({"simulation": {"xi0": [1, 0]}}, "simulation.xi0", "no meaning without an"),
+        ({"exosystem": SINE, "simulation": {"xi0": [1]}}, "simulation.xi0", "must have 2 numbers"),
+        ({"exosystem": SINE, "simulation": {"xi0": [[1, 0]] * 2}}, "simulation.xi0", "must have 3 rows"),
+    ],
+)
+def test_a_mistake_is_named_by_its_key(changes, key, message):
+    with pytest.raises(SpecError, match=message) as caught:
+        make(**changes)
+    assert key in [error.key for error in caught.value.errors]
+
+
+@pytest.mark.parametrize(
+    ("build", "key", "message"),
+    [
+        (lambda: Exosystem(A=[[0, 1]], C=[[1]]), "exosystem.A", "must be square"),
+        (lambda: Exosystem(A=[[0]], C=[[1, 2]]), "exosystem.C", r"must have 1 column, one per exosystem state"),
+        (lambda: Exosystem(A=[[0, 1], [2]], C=[[1, 2]]), "exosystem.A[1]", "must have 2 numbers, as many as the first"),
+        (lambda: Exosystem(A=[[]], C=[[1]]), "exosystem.A[0]", "at least one number"),
+        (lambda: Exosystem(A="A", C=[[1]]), "exosystem.A", "must be a matrix"),
+        (lambda: Exosystem(A=np.zeros(3), C=[[1]]), "exosystem.A", "must be a matrix"),
+        (lambda: Exosystem(A=np.array([[np.nan]]), C=[[1]]), "exosystem.A[0][0]", "must be a number"),
+        (lambda: Observer(P=[[1]]), "observer.P", "must stand beside observer.W"),
+        (lambda: Observer(W=[[1], [1]], P=[[1, 2], [3, 4]]), "observer.P", r"got 2 at \[0\]\[1\] and 3 at \[1\]\[0\]"),
+        (lambda: Observer(W=[[1], [1]], P=[[1, 2]]), "observer.P", "must be square"),
+        (lambda: Observer(rate=0), "observer.rate", r"must be > 0 \(1/s\)"),
+        (lambda: Observer(rate="1e-401"), "observer.rate", "exponent"),
+        (lambda: Switching(signal="sometimes"), "switching.signal", "must be one of random, periodic"),
+        (lambda: Switching(signal=["random"]), "switching.signal", "must be one of random, periodic"),
+        (lambda: Switching(signal="random", dwell=-1), "switching.dwell", "must be > 0"),
+    ],
+)
+def test_the_parts_of_a_problem_are_checked_when_they_are_made(build, key, message):
+    with pytest.raises(SpecError, match=message) as caught:
+        build()
+    assert caught.value.key == key
+
+
+def test_all_mistakes_are_told_at_once_and_are_value_errors():
+    with pytest.raises(ValueError, match=r"(?s)target.*coupling.h.*pinning.gains.z") as caught:
+        make(target="x", coupling="y + 1", gains={"z": 1, "a": -1}, name="")
+    assert isinstance(caught.value, SpecError)
+    assert [error.key for error in caught.value.errors] == [
+        "name",
+        "target",
+        "coupling.h",
+        "pinning.gains.z",
+        "pinning.gains.a",
+    ]
+    kinds = [type(error) for error in caught.value.errors]
+    assert kinds[2] is ExpressionError
+    with pytest.raises(ShapeError):
+        make(target=[1, 2], exosystem=SINE)
+
+
+def test_the_same_agent_under_two_spellings_is_refused():
+    numbered = Network.from_arcs([(1, 2)], arrow="listens_to")
+    with pytest.raises(SpecError, match=r"pinning\.gains\.1 stands there twice"):
+        make(network=numbered, gains={1: 1, "1": 2})
+    with pytest.raises(SpecError, match=r"formation\.offsets\.1 stands there twice"):
+        make(network=numbered, offsets={1: 1, "1": 2})
+
+
+def test_at_most_twenty_mistakes_of_a_kind_are_told():
+    wrong = {f"z{i}": 1 for i in range(1000)}
+    for changes in ({"gains": wrong}, {"offsets": wrong}, {"exceptions": {(i, i): "y" for i in range(1000)}}):
+        with pytest.raises(SpecError) as caught:
+            make(**changes)
+        assert len(caught.value.errors) == 20
+
+
+@pytest.mark.parametrize(
+    "value",
+    ["x" * 10**6, "\x1b[31m\n", [[["x"] * 100] * 100] * 100, 10**5000, {"k": 10**5000}],
+    ids=["long text", "escape sequence", "long list", "long number", "long number in a table"],
+)
+def test_what_was_given_is_shown_shortly_and_without_control_characters(value):
+    with pytest.raises(SpecError) as caught:
+        make(simulation={"seed": value})
+    assert len(str(caught.value)) < 200
+    assert str(caught.value).isprintable()
+
+
+@given(st.integers(0, 2**32))
+def test_copies_of_a_problem_are_equal(seed):
+    """Sweeps send problems to other processes."""
+    problem = random_problem(seed)
+    for again in (copy.copy(problem), copy.deepcopy(problem), pickle.loads(pickle.dumps(problem))):
+        assert again == problem
+        assert list(again.network.modes) == list(problem.network.modes)

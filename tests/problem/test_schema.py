@@ -1,0 +1,157 @@
+"""The JSON Schema: what `dobc schema` prints agrees with the reader and with the contract."""
+
+from __future__ import annotations
+
+import json
+import re
+import tomllib
+from typing import Any
+
+import pytest
+from bad_files import BAD_FILES, UNKNOWN_KEYS, VALID, VALID_BUT_NASTY
+
+from dobc_design.problem.arcs import ARROWS
+from dobc_design.problem.builtin import builtin_names, builtin_text
+from dobc_design.problem.file_errors import known_keys
+from dobc_design.problem.schema import RESERVED, json_schema
+from dobc_design.problem.switching import SIGNALS
+
+CONTRACT = {
+    "": {
+        "schema",
+        "name",
+        "notes",
+        "target",
+        "network",
+        "coupling",
+        "pinning",
+        "exosystem",
+        "observer",
+        "formation",
+        "region",
+        "switching",
+        "simulation",
+    },
+    "network": {"agents", "arrow", "modes"},
+    "coupling": {"h", "exceptions"},
+    "coupling.exceptions": {"arcs", "h"},
+    "pinning": {"gains"},
+    "exosystem": {"A", "C", "kind", "frequencies", "groups"},
+    "exosystem.groups": {"agents", "A", "C", "kind", "frequencies", "W", "P"},
+    "observer": {"W", "P", "rate"},
+    "formation": {"offsets"},
+    "region": {"initial_states", "initial_disturbance"},
+    "switching": {
+        "signal",
+        "dwell",
+        "sequence",
+        "period",
+        "generator",
+        "schedule",
+        "radius",
+        "neighbours",
+        "hysteresis",
+    },
+    "simulation": {"t_final", "seed", "xi0", "x0"},
+}
+
+
+def table(schema: dict[str, Any], path: str) -> dict[str, Any]:
+    """The object schema of a table."""
+    node = schema
+    for part in filter(None, path.split(".")):
+        node = node["properties"][part]
+        choices = (node, node.get("items", {}), *node.get("anyOf", ()))
+        reference = next(choice["$ref"] for choice in choices if "$ref" in choice)
+        node = schema["$defs"][reference.removeprefix("#/$defs/")]
+    return node
+
+
+@pytest.mark.parametrize("path", sorted(CONTRACT))
+def test_every_table_has_the_keys_of_the_contract_and_no_other(path):
+    node = table(json_schema(), path)
+    assert set(node["properties"]) == CONTRACT[path]
+    assert set(known_keys(path)) == CONTRACT[path]
+    assert node["additionalProperties"] is False
+
+
+def test_what_must_be_there_is_required():
+    schema = json_schema()
+    required = {path: set(table(schema, path).get("required", ())) for path in CONTRACT}
+    assert {path: keys for path, keys in required.items() if keys} == {
+        "": {"network", "coupling"},
+        "network": {"agents", "arrow", "modes"},
+        "coupling": {"h"},
+        "coupling.exceptions": {"arcs", "h"},
+        "exosystem.groups": {"agents"},
+        "region": {"initial_states"},
+        "switching": {"signal"},
+    }
+
+
+@pytest.mark.parametrize(
+    ("path", "ways"), [("exosystem", [{"A", "C"}, {"kind"}, {"groups"}]), ("exosystem.groups", [{"A", "C"}, {"kind"}])]
+)
+def test_an_exosystem_is_given_by_matrices_by_a_kind_or_by_groups(path, ways):
+    assert [set(way["required"]) for way in table(json_schema(), path)["anyOf"]] == ways
+
+
+def test_reserved_keys_are_unknown_until_their_time():
+    for key in RESERVED:
+        path, _, name = key.rpartition(".")
+        assert name not in known_keys(path)
+
+
+def test_words_to_choose_from_are_those_of_the_reader():
+    schema = json_schema()
+    assert table(schema, "network")["properties"]["arrow"]["enum"] == list(ARROWS)
+    assert table(schema, "switching")["properties"]["signal"]["enum"] == list(SIGNALS)
+
+
+def test_the_schema_is_plain_json_that_names_its_dialect():
+    schema = json_schema()
+    assert json.loads(json.dumps(schema)) == schema
+    assert schema["$schema"] == "https://json-schema.org/draft/2020-12/schema"
+    assert json_schema() is not schema
+
+
+# ------------------------------------------------------------------------------------------ by a validator
+
+
+def validator() -> Any:
+    jsonschema = pytest.importorskip("jsonschema")
+    schema = json_schema()
+    jsonschema.Draft202012Validator.check_schema(schema)
+    return jsonschema.Draft202012Validator(schema)
+
+
+@pytest.mark.parametrize("name", builtin_names())
+def test_built_in_problems_are_valid_by_the_schema(name):
+    validator().validate(tomllib.loads(builtin_text(name)))
+
+
+def test_valid_files_are_valid_by_the_schema():
+    check = validator()
+    for case in VALID_BUT_NASTY:
+        check.validate(tomllib.loads(case.data().decode("utf-8-sig")))
+
+
+@pytest.mark.parametrize("case", UNKNOWN_KEYS, ids=lambda case: case.id)
+def test_unknown_keys_are_invalid_by_the_schema(case):
+    assert not validator().is_valid(tomllib.loads(case.data().decode("utf-8")))
+
+
+def test_most_mistakes_of_kind_are_invalid_by_the_schema():
+    """A schema cannot know labels or shapes; it can know tables, lists, texts, numbers and missing keys."""
+    check = validator()
+    wanted = re.compile(
+        r"^no-(network|agents|arrow|modes|coupling|h|A|C|initial-states|signal)$|^(name|schema|notes)-n"
+        r"|^(agents|arrow|seed|gain)-(boolean|text|list|zero)|^h-(number|table)|^xi0-number|^A-(flat|text)"
+    )
+    tried = 0
+    for case in BAD_FILES:
+        if wanted.search(case.id):
+            tried += 1
+            assert not check.is_valid(tomllib.loads(case.data().decode("utf-8"))), case.id
+    assert tried > 20
+    check.validate(tomllib.loads(VALID))

@@ -1,0 +1,152 @@
+"""[switching] and simulation.x0: every key there and back, what each signal may have, and words for people."""
+
+from __future__ import annotations
+
+import json
+import pickle
+from fractions import Fraction
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from dobc_design.errors import SpecError
+from dobc_design.problem.canonical import canonical_bytes, canonical_document, problem_from_canonical, problem_sha256
+from dobc_design.problem.file import read_problem_text
+from dobc_design.problem.network import Network
+from dobc_design.problem.problem import Problem
+from dobc_design.problem.switching import KEYS, SIGNALS, Switching
+from dobc_design.problem.toml_writing import problem_text
+from dobc_design.problem.words import describe, facts
+
+MODES = ("Ga", "Gb", 'a."b"')
+NETWORK = Network.from_arcs({name: [[1, 2], [2, 3]] for name in MODES}, arrow="listens_to", agents=3)
+modes = st.sampled_from(MODES)
+numbers = st.fractions(min_value=Fraction(1, 1000), max_value=1000, max_denominator=1000)
+
+
+@st.composite
+def instants(draw) -> list[list[object]]:
+    steps = draw(st.lists(numbers, max_size=4))
+    times = [sum(steps[:k], Fraction(0)) for k in range(len(steps) + 1)]
+    return [[time, draw(modes)] for time in times]
+
+
+@st.composite
+def generators(draw) -> list[list[Fraction]]:
+    rates = [[draw(numbers | st.just(Fraction(0))) for _ in MODES] for _ in MODES]
+    for k, row in enumerate(rates):
+        row[k] -= sum(row)
+    return rates
+
+
+@st.composite
+def sections(draw) -> Switching:
+    """Any [switching] that makes sense."""
+    signal = draw(st.sampled_from(SIGNALS))
+    dwell = {"dwell": draw(st.none() | numbers)}
+    if signal == "random":
+        return Switching(signal=signal, **dwell)
+    if signal == "markov":
+        return Switching(signal=signal, **draw(st.sampled_from([dwell, {"generator": draw(generators())}])))
+    schedule = draw(instants())
+    if signal == "schedule":
+        return Switching(signal=signal, schedule=schedule, **dwell)
+    if signal == "mobile":
+        near = draw(st.sampled_from([{"radius": draw(numbers)}, {"neighbours": draw(st.integers(1, 99))}]))
+        return Switching(signal=signal, hysteresis=draw(st.none() | numbers | st.just(Fraction(0))), **near, **dwell)
+    order = {"sequence": draw(st.none() | st.lists(modes, min_size=1, max_size=5))}
+    rounds = {"schedule": schedule, "period": schedule[-1][0] + draw(numbers)}
+    return Switching(signal=signal, **draw(st.sampled_from([order | dwell, order | {"period": draw(numbers)}, rounds])))
+
+
+starts = st.none() | st.lists(numbers, min_size=1, max_size=1) | st.lists(numbers, min_size=3, max_size=3)
+
+
+@settings(max_examples=40)
+@given(sections(), starts)
+def test_every_section_is_read_back_equal_from_json_from_toml_and_from_a_pickle(section: Switching, x0):
+    problem = Problem(network=NETWORK, coupling="y", switching=section, simulation={"x0": x0})
+    data = canonical_bytes(problem)
+    assert problem_from_canonical(data) == problem
+    assert canonical_bytes(problem_from_canonical(data)) == data
+    assert read_problem_text(problem_text(problem).encode(), folder=None) == problem
+    assert pickle.loads(pickle.dumps(problem)) == problem
+    assert "Switching in simulations: " in describe(problem)
+    assert facts(problem)["switching"] in describe(problem)
+
+
+def test_problems_without_the_later_keys_keep_the_bytes_they_had():
+    """The two documents as the first version wrote them, and the hash of the whole."""
+    problem = Problem(network=NETWORK, coupling="y", switching=Switching(signal="random", dwell=0.5))
+    document = canonical_document(problem)
+    assert document["switching"] == {"signal": "random", "dwell": "1/2"}
+    assert document["simulation"] == {"t_final": "20", "seed": 0, "xi0": None}
+    longer = Problem(network=NETWORK, coupling="y", switching=problem.switching, simulation={"x0": [1]})
+    assert canonical_document(longer)["simulation"] == document["simulation"] | {"x0": [["1"]]}
+    assert problem_sha256(longer) != problem_sha256(problem)
+
+
+@pytest.mark.parametrize("key", ["sequence", "period", "generator", "schedule", "radius", "neighbours", "hysteresis"])
+def test_a_key_in_the_wrong_place_names_the_signals_it_belongs_to(key: str):
+    for signal in SIGNALS:
+        if key in KEYS[signal]:
+            continue
+        with pytest.raises(SpecError, match="has no meaning for signal") as caught:
+            Switching(signal=signal, **{key: 1})
+        keys = [error.key for error in caught.value.errors]
+        assert f"switching.{key}" in keys
+        assert all(f'"{each}"' in str(caught.value) for each in SIGNALS if key in KEYS[each])
+
+
+def test_all_mistakes_of_a_section_are_told_at_once():
+    with pytest.raises(SpecError) as caught:
+        Switching(signal="mobile", radius=0, neighbours=0, hysteresis=-1, period=3)
+    assert [error.key for error in caught.value.errors] == [
+        "switching.period",
+        "switching.radius",
+        "switching.neighbours",
+        "switching.hysteresis",
+    ]
+
+
+@pytest.mark.parametrize("later", [{"radius": None}, {"radius": "0"}, {"speed": "1"}, {"neighbours": 1.0}])
+def test_a_canonical_section_with_other_keys_or_null_is_refused(later):
+    """One problem has one text: a null where a key may be absent would be another."""
+    section = Switching(signal="mobile", radius=1)
+    document = canonical_document(Problem(network=NETWORK, coupling="y", switching=section))
+    document["switching"] |= later
+    with pytest.raises(SpecError, match="switching"):
+        problem_from_canonical(json.dumps(document).encode())
+
+
+@pytest.mark.parametrize(
+    ("section", "words"),
+    [
+        ({"signal": "random", "dwell": 0.5}, "random, a mode drawn anew every 1/2 s"),
+        ({"signal": "periodic", "dwell": 2, "sequence": ["Gb", "Ga"]}, "periodic, Gb, Ga in turn, 2 s each"),
+        ({"signal": "periodic", "period": 3}, 'periodic, Ga, Gb, a."b" in turn, a round in 3 s'),
+        (
+            {"signal": "periodic", "period": 3, "schedule": [[0, "Ga"], [1, "Gb"]]},
+            "Ga from 0 s, Gb from 1 s, and so again every 3 s",
+        ),
+        ({"signal": "schedule", "schedule": [[0, "Ga"], ["1/3", "Gb"]]}, "Ga from 0 s, Gb from 1/3 s"),
+        (
+            {"signal": "markov", "generator": [[-2, 2, 0], [0, 0, 0], [0, 1, -1]]},
+            'a Markov chain, whose stays last on average: Ga 1/2 s, Gb for ever, a."b" 1 s',
+        ),
+        ({"signal": "mobile", "neighbours": 2}, "an agent hears its 2 nearest neighbours; the arcs of the modes"),
+        ({"signal": "mobile", "radius": 2, "hysteresis": "1/4"}, "everyone within 2 in the unit of x, with a hyst"),
+    ],
+)
+def test_check_says_the_signal_in_words(section, words: str):
+    text = describe(Problem(network=NETWORK, coupling="y", switching=Switching(**section)))
+    assert words in text
+
+
+def test_check_says_where_simulations_start():
+    def words(x0) -> str:
+        return describe(Problem(network=NETWORK, coupling="y", simulation={"x0": x0})).splitlines()[-1]
+
+    assert words([2]) == "Simulations start at x0, all agents at 2."
+    assert words([1, 2, 3]) == "Simulations start at x0, every agent at its own."

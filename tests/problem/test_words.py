@@ -1,0 +1,96 @@
+"""A problem in words: who listens to whom, who is pinned, who is not reached."""
+
+from __future__ import annotations
+
+import json
+
+import pytest
+
+from dobc_design.problem.builtin import builtin_names
+from dobc_design.problem.exosystem import Exosystem
+from dobc_design.problem.load import load_problem
+from dobc_design.problem.network import Network
+from dobc_design.problem.observer import Observer
+from dobc_design.problem.problem import Problem
+from dobc_design.problem.words import describe, facts
+
+CHAIN = Network.from_arcs([("a", "b"), ("b", "c", "1/2")], arrow="listens_to", agents=["a", "b", "c", "d"])
+
+
+def test_words_say_who_listens_to_whom_and_who_is_not_reached():
+    text = describe(Problem(name="chain", network=CHAIN, coupling="tanh(y)", gains={"c": "9/16"}))
+    assert text.splitlines() == [
+        "chain: 4 agents, 1 state component each, no disturbance.",
+        "Target: 0. Coupling: h = tanh(y).",
+        'Mode "G": 2 arcs.',
+        "  a listens to b",
+        "  b listens to c (weight 1/2)",
+        "  NOT REACHED from a pinned agent: d.",
+        "Pinned: c (k = 9/16).",
+    ]
+
+
+def test_words_say_what_else_is_asked():
+    problem = Problem(
+        name="rich",
+        network=Network.from_arcs({"A": [(1, 2)], "B": [(2, 1)]}, arrow="listens_to"),
+        coupling="y",
+        exosystem=Exosystem(A=[[0, 2], [-2, 0]], C=[[1, 0], [0, 1]]),
+        exceptions={(0, 1): "2*y"},
+        target=[1, "1/2"],
+        observer=Observer(W=[[1, 0], [0, 1]], P=[[1, 0], [0, 1]]),
+        gains={1: [[1, 1], [-1, 1]]},
+        offsets={2: 1.5},
+        region={"initial_states": [0, 5], "initial_disturbance": 0.5},
+        notes=["Invented."],
+    )
+    assert describe(problem).splitlines() == [
+        "rich: 2 agents, 2 state components each, disturbance of order 2.",
+        "Target: (1, 1/2). Coupling: h = y (1 arc with another).",
+        'Mode "A": 1 arc.',
+        "  1 listens to 2",
+        "  NOT REACHED from a pinned agent: 2.",
+        'Mode "B": 1 arc.',
+        "  2 listens to 1",
+        "  Every agent is reached from a pinned agent.",
+        "Pinned: 1 (k = matrix).",
+        "Formation offsets: 2: (3/2, 3/2).",
+        "Observer gain W: given. P: given, will be tested.",
+        "Region asked for: initial states in [0, 5], [0, 5], estimation error at most 1/2.",
+        "Note: Invented.",
+    ]
+
+
+def test_nobody_pinned_is_said():
+    text = describe(Problem(network=CHAIN, coupling="y"))
+    assert "NOT REACHED from a pinned agent: a, b, c, d." in text
+    assert "Pinned: nobody." in text
+
+
+def test_long_lists_are_cut():
+    star = Network.from_arcs([(1, i) for i in range(2, 2000)], arrow="sends_to", agents=2000)
+    text = describe(Problem(network=star, coupling="y", gains=1))
+    assert len(text) < 3000
+    assert "and 1970 more" in text
+    assert "\n  ...\n" in text
+
+
+def test_facts_are_the_same_for_a_program():
+    problem = Problem(name="chain", network=CHAIN, coupling="y", gains={"c": 1}, notes=["Invented."])
+    assert facts(problem) == {
+        "name": "chain",
+        "agents": 4,
+        "dimension": 1,
+        "exosystem_order": 0,
+        "modes": {"G": {"arcs": 2, "unreached": ["d"]}},
+        "pinned": ["c"],
+        "switching": None,
+        "notes": ["Invented."],
+    }
+
+
+@pytest.mark.parametrize("name", builtin_names())
+def test_built_in_problems_can_be_told(name):
+    problem = load_problem(name)
+    assert describe(problem).startswith(f"{name}: {problem.n} agents")
+    json.dumps(facts(problem), allow_nan=False)

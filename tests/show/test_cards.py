@@ -1,0 +1,259 @@
+"""Every public noun and result shows itself: in Jupyter, at the prompt, small for large problems, text escaped."""
+
+from __future__ import annotations
+
+import ast
+import inspect
+import re
+from collections.abc import Iterator
+from fractions import Fraction
+from functools import cache
+from html.parser import HTMLParser
+from importlib import import_module
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import dobc_design as dd
+from dobc_design._show import cards as _display
+from dobc_design._show.cards import Card, Formula, html_of, latex_of, listed, plain
+
+ROOT = Path(__file__).resolve().parents[1]
+HOSTILE = "<script>alert('\"&')</script>"
+LONGEST_HTML, LONGEST_TEXT = 30_000, 4_000  # characters
+VOID = {"br", "hr", "img", "input"}
+#: Classes of other packages, or of this one, that show themselves in a way of their own.
+OTHERWISE = {"Designer": "_repr_mimebundle_", "Sheet": "_repr_png_", "ConsensusLoop": "_repr_html_"}
+
+
+def public() -> Iterator[object]:
+    """All public names, those of ``exact`` and ``exosystems`` included."""
+    yield from (getattr(dd, name) for name in sorted({*dd.__all__, *dd._HOMES}) if name != "Designer")
+    yield from (getattr(dd.exact, name) for name in dd.exact.__all__)
+    yield from (value for name, value in vars(dd.exosystems).items() if not name.startswith("_"))
+
+
+def is_ours(each: type) -> bool:
+    """Whether it is a class of the package, and no mistake that is raised."""
+    return each.__module__.startswith("dobc_design") and not issubclass(each, Exception)
+
+
+@cache
+def imported(module: str) -> dict[str, str]:
+    """Name -> module of everything of the package that a module imports, also where only annotations need it."""
+    tree = ast.parse(Path(str(inspect.getfile(import_module(module)))).read_text("utf-8"))
+    return {
+        alias.name: node.module
+        for node in ast.walk(tree)
+        if isinstance(node, ast.ImportFrom) and node.module is not None and node.module.startswith("dobc_design")
+        for alias in node.names
+    }
+
+
+def classes_in(annotation: str, module: str) -> Iterator[type]:
+    """The classes of the package that an annotation names."""
+    for name in re.findall(r"\b[A-Z]\w+", annotation):
+        found = getattr(import_module(imported(module).get(name, module)), name, None)
+        if inspect.isclass(found) and is_ours(found):
+            yield found
+
+
+def results_of(function: Any) -> Iterator[type]:
+    returned = inspect.signature(function).return_annotation
+    if isinstance(returned, str):
+        yield from classes_in(returned, function.__module__)
+
+
+@cache
+def shown_types() -> dict[str, type]:
+    """Public classes, what public functions return, and what methods and properties of public classes return."""
+    found: dict[str, type] = {}
+    for value in public():
+        if inspect.isclass(value) and is_ours(value):
+            found[value.__name__] = value
+        elif inspect.isfunction(value) and value.__module__.startswith("dobc_design"):
+            found |= {each.__name__: each for each in results_of(value)}
+    for each in list(found.values()):
+        for name, member in vars(each).items():
+            function = member.fget if isinstance(member, property) else getattr(member, "__func__", member)
+            if not name.startswith("_") and inspect.isfunction(function):
+                found |= {result.__name__: result for result in results_of(function)}
+    return found
+
+
+def test_every_public_noun_and_result_shows_itself_in_jupyter():
+    types = shown_types()
+    assert {"Problem", "Certificate", "Recheck", "Searched", "Regions", "CCode", "RouthTable"} <= set(types)
+    assert silent(types) == []
+    assert silent({"New": type("New", (), {})}) == ["New"]
+
+
+def silent(types: dict[str, type]) -> list[str]:
+    """Those that a notebook would show as plain text."""
+    return [name for name, each in types.items() if not hasattr(each, OTHERWISE.get(name, "_repr_html_"))]
+
+
+class Balanced(HTMLParser):
+    """Complains about tags that do not match."""
+
+    def __init__(self, text: str) -> None:
+        super().__init__(convert_charrefs=True)
+        self.open: list[str] = []
+        self.tags: list[str] = []
+        self.feed(text)
+
+    def handle_starttag(self, tag: str, attrs: object) -> None:
+        self.tags.append(tag)
+        if tag not in VOID:
+            self.open.append(tag)
+
+    def handle_endtag(self, tag: str) -> None:
+        assert self.open.pop() == tag
+
+
+@pytest.fixture(scope="module")
+def large() -> dd.Problem:
+    """A path of 1000 agents with hostile names in 2 modes, all pinned, with a disturbance of order 14."""
+    names = [f"{HOSTILE}{i}" for i in range(1000)]
+    arcs = [[names[i], names[i + 1]] for i in range(999)]
+    network = dd.Network.from_arcs({HOSTILE: arcs, "b": arcs[:-1]}, arrow="listens_to", agents=names)
+    A = [[f"{i + 1}/{j + 7}" for j in range(14)] for i in range(14)]
+    return dd.Problem(
+        network=network,
+        coupling="y + y**3",
+        gains=1,
+        name=HOSTILE,
+        notes=[HOSTILE] * 50,
+        exosystem=dd.Exosystem(A=A, C=[[1] * 14]),
+        region={"initial_states": [0, 5], "initial_disturbance": "1/3"},
+        offsets={names[0]: 1},
+        switching=dd.Switching(signal="periodic", sequence=[HOSTILE, "b"] * 100, dwell=1),
+    )
+
+
+@pytest.fixture(scope="module")
+def small() -> dd.Certificate:
+    network = dd.Network.from_arcs({HOSTILE: [[HOSTILE, "b"]]}, arrow="listens_to")
+    constant = dd.Exosystem(A=[[0]], C=[[1]])
+    return dd.certify(dd.Problem(network=network, coupling="2*y", gains={"b": 1}, name=HOSTILE, exosystem=constant))
+
+
+def nouns(problem: dd.Problem) -> list[Any]:
+    name, modes = problem.network.labels[0], tuple(problem.network.modes)
+    whole = np.zeros((30, 1000, 3)).tolist()
+    return [
+        problem,
+        problem.network,
+        problem.pinning,
+        problem.coupling,
+        problem.region,
+        problem.exosystem,
+        problem.observer,
+        problem.groups[0],
+        problem.switching,
+        dd.HalfPlane(left_of=-2),
+        dd.Disk(centre=-3, radius=2),
+        dd.Cone(damping="0.7"),
+        dd.NoiseLimit(bound=3),
+        dd.Observer(W=[["16/5"], ["12/5"]], P=[[1, 0], [0, "1/3"]]),
+        dd.Fixed(mode=modes[0]),
+        dd.Periodic(dwell=[0.5] * 2, order=modes),
+        dd.RandomDwell(dwell=0.5),
+        dd.Markov(generator=((-1, 1), (1, -1)), order=modes),
+        dd.Mobile(radius=2.0),
+        dd.Schedule(times=tuple(range(2000)), modes=modes * 1000),
+        dd.Waypoints(times=tuple(range(30)), positions=whole),
+        dd.Failure(agent=name),
+        dd.Stress(noise=0.1, failures=[dd.Failure(agent=each) for each in problem.network.labels]),
+        dd.Coupling(components=problem.coupling.components, by_component=True, dimension=3),
+        dd.Verdict.PROVED,
+        dd.exact.SparseSymmetric(1000, {(i, i): Fraction(i + 1, 7) for i in range(1000)}),
+        dd.exact.SparseSymmetric(2, {(0, 1): Fraction(1, 7)}),
+        dd.exact.Interval(Fraction(1, 3), Fraction(2)),
+        dd.exact.IntegerSymmetric.from_sparse(dd.exact.SparseSymmetric(1000, {(0, 0): Fraction(1)})),
+        dd.exact.routh([1] * 200),
+        dd.exact.decide_observable(problem.exosystem.A, problem.exosystem.C),
+        dd.exact.decide_detectable(((Fraction(0),),), ((Fraction(0),),)),
+        dd.exact.decide_positive_definite(dd.exact.identity(60)),
+    ]
+
+
+def checked(value: Any) -> str:
+    """The page of a value, which is small, balanced, and free of foreign tags; its texts are short."""
+    page: str = value._repr_html_()
+    assert len(page) < LONGEST_HTML
+    assert Balanced(page).open == []
+    assert "<script" not in page
+    assert _display.STYLE in page
+    assert len(repr(value)) < LONGEST_TEXT
+    latex = getattr(value, "_repr_latex_", lambda: None)()
+    assert latex is None or (len(latex) < LONGEST_TEXT and latex.count("{") == latex.count("}"))
+    return page
+
+
+def test_nouns_of_a_thousand_agents_are_shown_on_less_than_a_page(large: dd.Problem):
+    seen = {type(value).__name__ for value in nouns(large)}
+    for value in nouns(large):
+        checked(value)
+    page = checked(large)
+    assert "14 × 14 matrix, too large to be shown" in page
+    assert "and 988 more" in page
+    rooms = ("dobc_design.spec", "dobc_design.exact")
+    assert {name for name, each in shown_types().items() if each.__module__.startswith(rooms)} <= seen
+
+
+def test_results_are_shown_with_their_verdict_and_without_foreign_tags(small: dd.Certificate):
+    problem = small.problem
+    run = dd.simulate(problem, t_final=0.5)
+    results = [
+        small,
+        small.regions,
+        *small.checks[:3],
+        dd.verify(small, problem),
+        dd.analyse(problem),
+        run,
+        small.envelope(run),
+        dd.build_model(problem),
+        dd.design_observer(problem),
+        dd.design_pinning(problem, rate=0.1),
+        dd.falsify(problem, runs=3, t_final=0.5),
+    ]
+    pages = [checked(each) for each in results]
+    assert all("&lt;script&gt;" in page for page in (pages[0], pages[1], *pages[6:8]))
+    assert 'class="dobc-verdict dobc-proved"' in pages[0]
+
+
+def test_mathematics_is_mathml_and_latex_at_once():
+    exosystem = dd.Exosystem(A=[[0, 2], [-2, 0]], C=[["1/3", 0]])
+    page, latex = exosystem._repr_html_(), exosystem._repr_latex_()
+    assert page.count("<math") == 2
+    assert "<mfrac>" in page
+    assert latex.splitlines()[1] == r"$$ C = \begin{pmatrix} \frac{1}{3} & 0 \end{pmatrix} $$"
+
+
+def test_text_at_the_prompt_says_what_was_typed():
+    assert repr(dd.Disk(centre="-7/2", radius=2)) == "Disk(centre=-7/2, radius=2)"
+    assert repr(dd.Exosystem(A=[[0]], C=[[1]])) == "Exosystem(A=[[0]], C=[[1]])"
+    network = dd.Network.from_arcs([[1, 2]], arrow="listens_to")
+    assert repr(network) == "<Network of 2 agents: G with 1 arc>"
+
+
+def test_numbers_that_are_claims_are_not_rounded_up(small: dd.Certificate):
+    for check in small.checks:
+        for name, value in check._card().facts:
+            if name in ("margin", "rate in 1/s"):
+                claimed = Fraction(repr(check.margin if name == "margin" else check.rate))
+                assert abs(Fraction(value)) <= abs(claimed)
+
+
+def test_long_things_are_cut_and_say_how_much_is_left_out():
+    assert listed(range(20)) == "0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11 and 8 more"
+    assert plain({"a": "x" * 500}).endswith("…'}")
+    card = Card(title="t", heads=("a",), rows=[(i,) for i in range(100)], hidden=7, lines=["s"] * 20)
+    page = html_of(card)
+    assert "and 67 more" in page
+    assert "and 8 more" in page
+    assert latex_of(card) is None
+    assert latex_of(Card(title="t", facts=[("h", Formula("y^2"))])) == "$$ y^2 $$"

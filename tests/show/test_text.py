@@ -1,0 +1,63 @@
+"""Showing exact numbers: short ones exactly, long ones rounded, any size without a crash."""
+
+from __future__ import annotations
+
+from fractions import Fraction
+
+import pytest
+
+from dobc_design._show.text import (
+    latex_matrix,
+    latex_number,
+    latex_text,
+    mathml,
+    significant,
+    significant_away_from_zero,
+    significant_towards_zero,
+)
+
+
+@pytest.mark.parametrize(
+    ("value", "shown"),
+    [
+        (Fraction(16, 5), r"\frac{16}{5}"),
+        (Fraction(-9, 8), r"-\frac{9}{8}"),
+        (Fraction(7), "7"),
+        (Fraction(1, 3**30), r"4.857\cdot 10^{-15}"),
+        (Fraction(10) ** 400, r"1\cdot 10^{400}"),
+        (Fraction(-1, 10**400), r"-1\cdot 10^{-400}"),
+        (Fraction(10**20000), r"1\cdot 10^{20000}"),
+    ],
+)
+def test_a_rational_is_shown_exactly_if_short_and_rounded_if_long(value: Fraction, shown: str):
+    assert latex_number(value) == shown
+
+
+def test_rounding_for_display():
+    assert significant(Fraction(2, 3)) == "0.6667"
+    assert significant(0.5823004) == "0.5823"
+    assert significant(None) == "–"
+
+
+def test_an_upper_bound_is_never_shown_smaller_than_it_is():
+    assert significant_away_from_zero(Fraction(2, 3)) == "0.6667"
+    assert significant_away_from_zero(Fraction(1, 3), 2) == "0.34"
+    assert significant_away_from_zero(0.5, 2) == "0.5"
+    assert significant_away_from_zero(None) == "–"
+
+
+def test_a_certified_number_is_never_shown_larger_than_it_is():
+    assert significant_towards_zero(Fraction(2, 3)) == "0.6666"
+    assert significant_towards_zero(-0.12349999) == "-0.1234"
+
+
+def test_a_matrix_larger_than_twelve_is_not_shown():
+    assert latex_matrix(((Fraction(1),) * 13,)) is None
+    assert latex_matrix(((Fraction(1), Fraction(1, 2)),)) == r"\begin{pmatrix} 1 & \frac{1}{2} \end{pmatrix}"
+
+
+def test_user_text_is_escaped_for_latex():
+    assert latex_text("uav-1") == r"\text{uav-1}"
+    assert latex_text("a_b}") == r"\text{a}\_ \text{b}\}"
+    assert latex_text("\\input") == r"\backslash \text{input}"
+    assert "<b>" not in mathml(latex_text("<b>"))

@@ -1,0 +1,243 @@
+"""Many runs side by side are the same runs one by one; one that goes wrong leaves the others in peace."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+from scipy.linalg import expm
+
+from dobc_design.errors import SpecError
+from dobc_design.problem.arrays import consensus_jacobian, pinning_matrix
+from dobc_design.problem.exosystem import Exosystem
+from dobc_design.problem.load import load_problem
+from dobc_design.problem.network import Network
+from dobc_design.problem.observer import Observer
+from dobc_design.problem.problem import Problem
+from dobc_design.simulation import ensembles, stacked
+from dobc_design.simulation.ensembles import simulate_many
+from dobc_design.simulation.run import simulate
+from dobc_design.simulation.signals import Fixed, Markov, Periodic, RandomDwell
+
+MARKOV = Markov(generator=[[-3, 1, 1, 1], [1, -3, 1, 1], [1, 1, -3, 1], [1, 1, 1, -3]])
+
+
+def planar() -> Problem:
+    """m = 2, q = 3, two modes, vector coupling, formation, drawn disturbances."""
+    modes = {"one": [[1, 2], [2, 3, 2], [3, 1], [1, 3]], "two": [[1, 3, "1/2"], [2, 1]]}
+    return Problem(
+        network=Network.from_arcs(modes, arrow="listens_to", agents=3),
+        coupling=["tanh(y1) + y2/4", "y2 + y2**3/9"],
+        target=[1, -2],
+        gains={"1": 3, "3": [[2, 1], [-1, 2]]},
+        exosystem=Exosystem(A=[[0, 1, 0], [-1, 0, 0], [0, 0, 0]], C=[[1, 0, 1], [0, 1, 0]]),
+        observer=Observer(W=[[2, 0], [0, 2], [1, 0]]),
+        offsets={"2": [1, 0]},
+        region={"initial_states": [[0, 1], [-3, -1]], "initial_disturbance": 2},
+    )
+
+
+def ring(coupling: str, **settings) -> Problem:
+    network = Network.from_arcs([[i + 1, (i + 1) % 6 + 1] for i in range(6)], arrow="listens_to", agents=6)
+    return Problem(network=network, coupling=coupling, **settings)
+
+
+CASES = {
+    "the paper, random": (load_problem("paper-switching"), RandomDwell(dwell=0.5)),
+    "the paper, Markov": (load_problem("paper-switching"), MARKOV),
+    "planar": (planar(), Periodic(dwell=[0.4, 0.3])),
+    "planar, random stays": (planar(), RandomDwell(dwell=0.2, longest=0.7)),
+    "no disturbance": (ring("exp(y) - 1 + y", gains={"1": 2}), Fixed()),
+}
+
+
+@pytest.mark.parametrize("name", CASES)
+def test_runs_side_by_side_are_the_runs_one_by_one(name: str):
+    """Errors, estimates and states at every sample, by two integrators with one tolerance."""
+    problem, signal = CASES[name]
+    given = {"signal": signal, "t_final": 5.0, "samples": 57, "tolerance": 1e-11}
+    many = simulate_many(problem, runs=7, seed=3, states=True, **given)
+    assert many.seeds.tolist() == list(range(3, 10))
+    for k in range(7):
+        one = simulate(problem, seed=3 + k, **given)
+        np.testing.assert_allclose(many.states[k], one.x, atol=1e-9)
+        np.testing.assert_allclose(many.error[k], one.error(), atol=1e-9)
+        np.testing.assert_allclose(many.estimation_error[k], one.estimation_error(), atol=1e-12)
+        assert many.switches[k] == len(one.switches) - 1
+    assert many.method == "DOP853, side by side"
+    assert len({tuple(row) for row in many.error.tolist()}) == 7
+
+
+def test_stacked_linear_runs_follow_the_matrix_exponential():
+    problem = ring("y", gains={"1": 2, "4": "1/2"})
+    many = simulate_many(problem, runs=5, t_final=3.0, samples=31, tolerance=1e-12, states=True)
+    J = consensus_jacobian(problem, "G").toarray() - pinning_matrix(problem).toarray()
+    for run in many.states[..., 0]:
+        for k, t in enumerate(many.times):
+            np.testing.assert_allclose(run[k], expm(J * t) @ run[0], atol=1e-10)
+
+
+def test_chunks_do_not_change_the_runs(monkeypatch):
+    problem, signal = CASES["planar, random stays"]
+    whole = simulate_many(problem, runs=10, signal=signal, t_final=3.0)
+    monkeypatch.setattr(ensembles, "COLUMN_NUMBERS", 18)  # three runs of 3 agents with 2 components
+    parts: list[float] = []
+    chunked = simulate_many(problem, runs=10, signal=signal, t_final=3.0, progress=parts.append)
+    np.testing.assert_allclose(chunked.error, whole.error, rtol=1e-6, atol=1e-11)
+    assert parts == [0.0, 0.3, 0.6, 0.9, 1.0]
+
+
+def test_a_run_does_not_depend_on_how_many_there_are():
+    problem, signal = CASES["the paper, Markov"]
+    few, many = (simulate_many(problem, runs=n, signal=signal, t_final=2.0) for n in (3, 20))
+    np.testing.assert_allclose(few.error, many.error[:3], rtol=1e-6, atol=1e-11)
+
+
+def unstable_beyond_one() -> Problem:
+    """Agent 1 with y**3 - y towards a standing agent 2 at 0: e1' = e1 - e1^3 ... turned round: e1' = -e1 + e1^3."""
+    network = Network.from_arcs([[1, 2]], arrow="listens_to", agents=2)
+    return Problem(network=network, coupling="y - y**3", region={"initial_states": [0, 2]})
+
+
+def test_runs_that_escape_are_named_and_the_others_go_on():
+    """e' = e^3 - e with e = x1 - x2: blow-up iff |e(0)| > 1, at t = -ln(1 - e(0)^-2) / 2."""
+    many = simulate_many(unstable_beyond_one(), runs=60, t_final=4.0, states=True)
+    gap = np.abs(many.states[:, 0, 0, 0] - many.states[:, 0, 1, 0])
+    assert many.diverged.tolist() == (gap > 1 / np.sqrt(1 - np.exp(-8))).tolist()
+    assert 3 < many.diverged.sum() < 57
+    for run in np.flatnonzero(many.diverged):
+        time = -np.log(1 - gap[run] ** -2) / 2
+        assert many.ended[run] == pytest.approx(time, rel=1e-3)
+        assert "t = " in many.reasons[run]
+        assert np.isfinite(many.error[run, many.times < 0.99 * time]).all()
+        assert np.isnan(many.error[run, many.times > many.ended[run]]).all()
+    assert many.summary()["diverged"] is True
+    assert many.summary()["diverged_runs"] == many.diverged.sum()
+    assert many.summary()["settling_time"]["max"] is None
+    calm = np.flatnonzero(~many.diverged)
+    assert np.isfinite(many.error[calm]).all()
+    assert set(many.reasons) == set(np.flatnonzero(many.diverged).tolist())
+
+
+def test_a_run_that_escapes_counts_the_switches_until_then():
+    """Two modes that are the same, every 0.03 s."""
+    network = Network.from_arcs({"a": [[1, 2]], "b": [[1, 2]]}, arrow="listens_to", agents=2)
+    problem = Problem(network=network, coupling="y - y**3", region={"initial_states": [0, 2]})
+    many = simulate_many(problem, runs=12, signal=Periodic(dwell=0.03), t_final=1.0, samples=5)
+    assert 0 < many.diverged.sum() < 12
+    np.testing.assert_array_equal(many.switches, np.ceil(many.ended / 0.03 - 1e-9) - 1)
+
+
+def test_a_start_that_overflows_ends_its_run_at_once_and_no_other():
+    problem = ring("exp(y) - 1 + y", gains=1, region={"initial_states": [0, 900]})
+    many = simulate_many(problem, runs=12, t_final=0.5, samples=6)
+    singles = [simulate(problem, seed=k, t_final=0.5, samples=6) for k in range(12)]
+    assert many.diverged.tolist() == [run.diverged for run in singles]
+    assert many.diverged.any()
+    assert (many.ended[many.diverged] == 0).all()
+    assert np.isfinite(many.error[:, 0]).all()
+
+
+def test_runs_that_need_too_many_steps_are_made_alone(monkeypatch):
+    monkeypatch.setattr(stacked, "MOST_STEPS", 5)
+    problem, signal = CASES["planar"]
+    many = simulate_many(problem, runs=3, signal=signal, t_final=3.0)
+    for k in range(3):
+        assert np.array_equal(many.error[k], simulate(problem, signal=signal, seed=k, t_final=3.0).error())
+
+
+@pytest.mark.parametrize(
+    ("arguments", "reason"),
+    [({"observer": "full-loop"}, "the full loop was asked for"), ({"gain": [[2e6], [1]]}, "too fast for its closed")],
+)
+def test_what_cannot_be_stacked_is_made_one_by_one_and_said(arguments, reason: str):
+    problem = load_problem("paper-fixed")
+    many = simulate_many(problem, runs=2, t_final=0.5, samples=5, **arguments)
+    assert reason in many.notes[0]
+    assert many.error[1].tolist() == simulate(problem, seed=1, t_final=0.5, samples=5, **arguments).error().tolist()
+
+
+def test_stiff_loops_are_made_one_by_one_by_the_implicit_method():
+    many = simulate_many(ring("y", gains=10**6), runs=2, t_final=1.0)
+    assert "stiff" in many.notes[0]
+    assert many.method == "Radau"
+
+
+def test_quantiles_and_intervals_are_those_of_the_runs():
+    many = simulate_many(load_problem("paper-fixed"), runs=41, t_final=4.0)
+    low, middle, high = many.quantiles()
+    assert middle.tolist() == np.median(many.error, axis=0).tolist()
+    assert (low < middle).all()
+    assert (middle < high).all()
+    intervals = many.intervals()
+    assert intervals["median_final_error"][0] < np.median(many.final_error) < intervals["median_final_error"][1]
+    assert intervals["probability_of_divergence"][0] == 0
+
+
+def test_an_ensemble_is_saved_whole_and_not_overwritten(tmp_path):
+    many = simulate_many(load_problem("paper-fixed"), runs=3, t_final=1.0, states=True)
+    path = many.save(tmp_path / "runs.npz")
+    with np.load(path, allow_pickle=False) as stored:
+        assert np.array_equal(stored["error"], many.error)
+        assert np.array_equal(stored["states"], many.states)
+        assert json.loads(str(stored["about"]))["name"] == "paper-fixed"
+    with pytest.raises(SpecError, match="exists already"):
+        many.save(path)
+    many.save(path, force=True)
+    assert [each.name for each in tmp_path.iterdir()] == ["runs.npz"]
+
+
+def test_an_ensemble_shows_itself():
+    many = simulate_many(load_problem("paper-fixed"), runs=3, t_final=1.0)
+    assert str(many).startswith('paper-fixed: 3 runs of 1 s, mode "Ga", none diverged')
+    assert "<b>paper-fixed</b>" in many._repr_html_()
+    assert len(many) == 3
+    with pytest.raises(ValueError, match="read-only"):
+        many.error[0, 0] = 1
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"), [({"runs": 0}, "runs must be"), ({"runs": 10**9, "states": True}, "more than 2 GiB")]
+)
+def test_wrong_arguments_are_refused(arguments, message: str):
+    with pytest.raises(SpecError, match=message):
+        simulate_many(load_problem("paper-fixed"), **arguments)
+
+
+MEMORY = """
+import resource, sys
+import numpy as np, scipy.sparse as sp
+from dobc_design.simulation.ensembles import simulate_many
+from dobc_design.simulation.signals import Periodic
+from dobc_design.problem.exosystem import Exosystem
+from dobc_design.problem.network import Network
+from dobc_design.problem.observer import Observer
+from dobc_design.problem.problem import Problem
+n, rng = 1000, np.random.default_rng(0)
+def graph():
+    i = np.repeat(np.arange(n), 6)
+    j = (i + rng.integers(1, n, size=6 * n)) % n
+    return sp.coo_array((np.ones(6 * n), (i, j)), shape=(n, n))
+problem = Problem(
+    network=Network.from_sparse({"a": graph(), "b": graph()}, arrow="listens_to"), coupling="exp(y) - 1 + y",
+    gains={i: 5 for i in range(1, n, 10)}, exosystem=Exosystem(A=[[0, 2], [-2, 0]], C=[[1, 0]]),
+    observer=Observer(W=[["16/5"], ["12/5"]]),
+)
+many = simulate_many(problem, runs=1000, signal=Periodic(dwell=0.04), t_final=0.1, samples=11)
+try:  # not ru_maxrss: a child keeps that of the process it was started from
+    peak = next(int(line.split()[1]) for line in open("/proc/self/status") if line.startswith("VmHWM")) * 1024
+except OSError:
+    peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * (1 if sys.platform == "darwin" else 1024)
+print(many.error.shape[0], int(many.diverged.sum()), peak)
+"""
+
+
+@pytest.mark.slow
+def test_a_thousand_runs_of_a_thousand_agents_fit_into_two_gibibytes():
+    done = subprocess.run([sys.executable, "-c", MEMORY], capture_output=True, text=True, check=True, timeout=900)
+    runs, diverged, peak = map(int, done.stdout.split())
+    assert (runs, diverged) == (1000, 0)
+    assert peak < 2 * 2**30

@@ -1,0 +1,182 @@
+"""Graphs from positions: who is near, when a link is made and broken, and that no step crosses that instant."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy.linalg import expm
+
+from dobc_design.errors import ShapeError, SpecError
+from dobc_design.problem.network import Network
+from dobc_design.problem.problem import Problem
+from dobc_design.simulation.ensembles import simulate_many
+from dobc_design.simulation.mobile import Mobile, Waypoints, groups_of, motion_switches, near
+from dobc_design.simulation.run import simulate
+
+
+def alone(n: int, *, m: int = 1, **settings) -> Problem:
+    """n agents whose listed arcs do not matter: a mobile signal does not use them."""
+    network = Network.from_arcs([[1, 2]], arrow="listens_to", agents=n)
+    return Problem(network=network, **({"coupling": "y", "target": [0] * m} | settings))
+
+
+def pairs(codes, n: int) -> set[tuple[int, int]]:
+    return {(code // n, code % n) for code in codes.tolist()}
+
+
+def by_hand_within(positions, radius: float, hysteresis: float, before) -> set[tuple[int, int]]:
+    n = len(positions)
+    found = set()
+    for i in range(n):
+        for j in range(n):
+            distance = np.linalg.norm(positions[i] - positions[j])
+            if i != j and (distance <= radius or ((i, j) in before and distance <= radius + hysteresis)):
+                found.add((i, j))
+    return found
+
+
+@pytest.mark.parametrize("k", [1, 2, 3])
+def test_links_within_a_radius_are_made_and_kept_as_said(k: int):
+    rng = np.random.default_rng(k)
+    signal, codes, wanted = Mobile(radius=0.4, hysteresis=0.1), None, set()
+    for _ in range(20):
+        positions = rng.random((25, k))
+        codes = near(signal, positions, codes)
+        wanted = by_hand_within(positions, 0.4, 0.1, wanted)
+        assert pairs(codes, 25) == wanted
+        assert (np.diff(codes) > 0).all()
+
+
+def test_the_nearest_neighbours_are_heard():
+    rng = np.random.default_rng(0)
+    positions = rng.random((30, 2))
+    found = pairs(near(Mobile(neighbours=4), positions, None), 30)
+    distances = np.linalg.norm(positions[:, None] - positions, axis=2)
+    wanted = {(i, int(j)) for i in range(30) for j in np.argsort(distances[i])[1:5]}
+    assert found == wanted
+    assert len(near(Mobile(neighbours=50), positions, None)) == 30 * 29
+
+
+def test_a_neighbour_is_replaced_only_by_one_that_is_nearer_by_the_hysteresis():
+    signal = Mobile(neighbours=1, hysteresis=0.3)
+    places = [np.array([[0.0], [1.0], [-x]]) for x in (2.0, 0.9, 0.71, 0.69, 0.9, 1.4)]
+    codes, heard = None, []
+    for positions in places:
+        codes = near(signal, positions, codes)
+        heard.append(next(j for i, j in pairs(codes, 3) if i == 0))
+    assert heard == [1, 1, 1, 2, 2, 1]
+
+
+def test_agents_in_one_place_hear_others_and_never_themselves():
+    codes = near(Mobile(neighbours=2), np.zeros((5, 2)), None)
+    assert len(codes) == 10
+    assert all(i != j for i, j in pairs(codes, 5))
+
+
+def test_exceptions_keep_their_coupling():
+    network = Network.from_arcs([[1, 2], [2, 3]], arrow="listens_to")
+    problem = Problem(network=network, coupling="y", exceptions={(0, 1): "2*y"})
+    groups = groups_of(problem, np.array([1, 3, 5]))
+    assert [(str(g.coupling.components[0]), g.listeners.tolist(), g.speakers.tolist()) for g in groups] == [
+        ("y", [1, 1], [0, 2]),
+        ("2*y", [0], [1]),
+    ]
+
+
+def test_links_are_broken_at_the_instant_of_the_closed_form():
+    """Agents 1 and 2 leave each other like cosh: h(y) = -y repels, e' = -h; |x1 - x2| = 0.5 exp(2 t) until 1.5."""
+    problem = alone(2, coupling="-y")
+    run = simulate(
+        problem, signal=Mobile(radius=1, hysteresis=0.5), start=[[-0.25], [0.25]], t_final=2.0, tolerance=1e-12
+    )
+    instant = np.log(3) / 2
+    assert len(run.switches) == 2
+    assert run.switches.times[1] == pytest.approx(instant, rel=1e-11)
+    assert [graph.shape[1] for graph in run.switches.graphs] == [2, 0]
+    np.testing.assert_allclose(run.x[-1, :, 0], [-0.75, 0.75], rtol=1e-10)
+    assert run.mode_index[run.times < instant].max() == 0
+    assert run.mode_index[run.times > instant].min() == 1
+
+
+def test_links_come_up_where_agents_approach():
+    """Both are pinned with k = 1: x = 2 exp(-t) and -2 exp(-t) come within 1 at t = ln 4; from there a faster decay."""
+    problem = alone(2, gains=1)
+    run = simulate(problem, signal=Mobile(radius=1), start=[[2], [-2]], t_final=3.0, tolerance=1e-12)
+    assert run.switches.times[1] == pytest.approx(np.log(4), rel=1e-11)
+    wanted = 0.5 * np.exp(-3 * (3 - np.log(4)))
+    np.testing.assert_allclose(run.x[-1, :, 0], [wanted, -wanted], rtol=1e-8)
+
+
+def test_without_hysteresis_a_graph_may_chatter_and_that_is_said():
+    """Linked agents repel and single ones, pinned at 0, attract: a sliding motion at distance 1."""
+    problem = alone(2, coupling="-2*y", gains=1)
+    with pytest.raises(SpecError, match="it chatters") as caught:
+        simulate(problem, signal=Mobile(radius=1), start=[[1], [-1]], t_final=5.0, tolerance=1e-6)
+    assert "hysteresis" in caught.value.cure
+    calm = simulate(problem, signal=Mobile(radius=1, hysteresis=0.5), start=[[1], [-1]], t_final=5.0)
+    assert 3 < len(calm.switches) < 100
+
+
+def crossing() -> Waypoints:
+    """Agent 2 flies past agent 1: distance |2 t - 4| to t = 4; agent 3 stays away."""
+    return Waypoints(times=[0, 4], positions=[[[0, 0], [-4, 0], [50, 0]], [[0, 0], [4, 0], [50, 0]]])
+
+
+def test_a_given_motion_switches_at_exact_instants():
+    signal = Mobile(radius=1, hysteresis=0.5, motion=crossing())
+    switches, _ = motion_switches(signal, signal.motion, 3, 10.0)
+    np.testing.assert_allclose(switches.times, [0, 1.5, 2.75], rtol=1e-15)
+    assert [graph.shape[1] for graph in switches.graphs] == [0, 2]
+    assert switches.modes.tolist() == [0, 1, 0]
+
+
+def test_under_a_given_motion_the_loop_is_a_product_of_exponentials():
+    """Stacked runs and single ones alike."""
+    problem = alone(3, gains={"1": 1, "2": "1/2", "3": 2})
+    signal = Mobile(radius=1, hysteresis=0.5, motion=crossing())
+    start = np.array([[1.0], [-3], [2]])
+    run = simulate(problem, signal=signal, start=start, t_final=4.0, tolerance=1e-12)
+    K = np.diag([1, 0.5, 2])
+    linked = np.array([[-1.0, 1, 0], [1, -1, 0], [0, 0, 0]]) - K
+    wanted = expm(-K * 1.25) @ expm(linked * 1.25) @ expm(-K * 1.5) @ start
+    np.testing.assert_allclose(run.x[-1], wanted, rtol=1e-10)
+    runs = simulate_many(problem, runs=2, signal=signal, start=start, t_final=4.0, tolerance=1e-12, states=True)
+    np.testing.assert_allclose(runs.states[1, -1], wanted, rtol=1e-10)
+
+
+def test_a_motion_of_other_agents_is_refused():
+    with pytest.raises(ShapeError, match="one position per agent, 2; got 3"):
+        simulate(alone(2), signal=Mobile(radius=1, motion=crossing()))
+
+
+def test_moving_agents_in_the_plane_with_an_observer_agree_with_the_full_loop():
+    """m = 2, disturbance, formation: the same switches and states from both right-hand sides."""
+    from dobc_design.problem.exosystem import Exosystem
+    from dobc_design.problem.observer import Observer
+
+    problem = alone(
+        8,
+        m=2,
+        coupling="tanh(y)",
+        gains={"1": 2, "4": 1},
+        offsets={"3": [1, 0]},
+        exosystem=Exosystem(A=[[0, 1], [-1, 0]], C=[[1, 0], [0, 1]]),
+        observer=Observer(W=[[2, 0], [0, 2]]),
+        region={"initial_states": [-3, 3], "initial_disturbance": 1},
+    )
+    signal = Mobile(radius=1.5, hysteresis=0.2)
+    fast = simulate(problem, signal=signal, t_final=6, tolerance=1e-11)
+    full = simulate(problem, signal=signal, t_final=6, tolerance=1e-11, observer="full-loop")
+    assert len(fast.switches) > 3
+    np.testing.assert_allclose(fast.switches.times, full.switches.times, rtol=1e-8)
+    np.testing.assert_allclose(fast.x, full.x, atol=1e-8)
+
+
+def test_an_ensemble_of_moving_agents_is_made_run_by_run():
+    problem = alone(4, gains={"1": 1})
+    runs = simulate_many(problem, runs=3, signal=Mobile(radius=0.8, hysteresis=0.1), t_final=2.0, seed=4)
+    assert "one by one" in runs.notes[0]
+    for k in range(3):
+        single = simulate(problem, signal=Mobile(radius=0.8, hysteresis=0.1), t_final=2.0, seed=4 + k)
+        assert np.array_equal(runs.error[k], single.error())
+        assert runs.switches[k] == len(single.switches) - 1

@@ -1,0 +1,377 @@
+"""Stressed loops against closed forms, CasADi's integrator, and each other."""
+
+from __future__ import annotations
+
+from fractions import Fraction
+
+import casadi as ca
+import numpy as np
+import pytest
+from scipy.linalg import expm
+
+from dobc_design.errors import ShapeError, SpecError
+from dobc_design.problem.arrays import consensus_jacobian, pinning_matrix
+from dobc_design.problem.exosystem import Exosystem
+from dobc_design.problem.load import load_problem
+from dobc_design.problem.network import Network
+from dobc_design.problem.observer import Observer
+from dobc_design.problem.problem import Problem
+from dobc_design.simulation.agents import Agents
+from dobc_design.simulation.ensembles import simulate_many
+from dobc_design.simulation.field import make_loop
+from dobc_design.simulation.mobile import Mobile
+from dobc_design.simulation.run import simulate
+from dobc_design.simulation.sampled import discretised
+from dobc_design.simulation.signals import Periodic, RandomDwell
+from dobc_design.simulation.storage import load_trajectory
+from dobc_design.simulation.stress import Failure, Stress, stress_from_json, stress_to_json
+from dobc_design.synthesis.observer.spectrum import sampled_matrix
+
+HARMONIC = Exosystem(A=[[0, 2], [-2, 0]], C=[[1, 0]])
+PRINTED = Observer(W=[["16/5"], ["12/5"]])
+EVERYTHING = Stress(
+    noise=0.01,
+    disturbance=0.2,
+    frequency=3.0,
+    saturation=4.0,
+    loss=0.3,
+    exchange=0.1,
+    failures=(Failure(agent="3", time=1.0), Failure(agent="7", time=2.0, kind="freeze")),
+)
+SAMPLED = Stress(noise=0.01, disturbance=0.2, saturation=4.0, loss=0.3, period=0.04, failures=EVERYTHING.failures)
+
+
+def single(**settings) -> Problem:
+    """One agent by itself, x' = u + d."""
+    network = Network.from_arcs({"G": []}, arrow="listens_to", agents=1)
+    return Problem(network=network, coupling="y", gains={"1": 2}, **settings)
+
+
+def pair(coupling: str = "y", **settings) -> Problem:
+    """Agent 1 listens to agent 2."""
+    network = Network.from_arcs([[1, 2]], arrow="listens_to", agents=2)
+    return Problem(network=network, coupling=coupling, **settings)
+
+
+def planar() -> Problem:
+    """Linear, m = 2, q = 3, formation, matrix gains, weights."""
+    return Problem(
+        network=Network.from_arcs([[1, 2], [2, 3, 2], [3, 1], [1, 3]], arrow="listens_to"),
+        coupling=["2*y1 + y2", "3*y2 - y1"],
+        target=[1, -2],
+        gains={"1": 3, "3": [[2, 1], [-1, 2]]},
+        exosystem=Exosystem(A=[[0, 1, 0], [-1, 0, 0], [0, 0, 0]], C=[[1, 0, 1], [0, 1, 0]]),
+        observer=Observer(W=[[2, 0], [0, 2], [1, 0]]),
+        offsets={"2": [1, 0]},
+        simulation={"t_final": 4, "seed": 3, "xi0": [[1, 0, 2], [0, 1, -1], [3, 0, 0]]},
+    )
+
+
+@pytest.mark.parametrize("name", ["paper-switching", "uav-swarm", "planar"])
+def test_a_stress_that_never_binds_leaves_the_full_loop_as_it_is(name: str):
+    """The stressed field is written anew: its couplings arc by arc, its observer on measured states."""
+    problem = planar() if name == "planar" else load_problem(name)
+    gain = None if problem.observer.W is not None else np.vstack([np.kron(np.eye(3), [[1.0], [0.2]])])
+    given = {"t_final": 3, "samples": 31, "gain": gain}
+    calm = simulate(problem, observer="full-loop", **given)
+    stressed = simulate(problem, stress=Stress(saturation=1e9), **given)
+    for part in ("x", "xi", "xihat", "d", "dhat", "u"):
+        np.testing.assert_allclose(getattr(stressed, part), getattr(calm, part), atol=1e-7)
+    assert "Stress: |u| at most 1e+09." in stressed.notes
+
+
+def test_a_calm_stress_is_no_stress():
+    problem = load_problem("paper-fixed")
+    calm, none = simulate(problem, t_final=1, stress=Stress()), simulate(problem, t_final=1)
+    assert np.array_equal(calm.x, none.x)
+    assert calm.stress == ""
+
+
+def test_a_saturated_agent_falls_in_a_straight_line_until_its_input_is_small_enough():
+    """x' = -min(1, 2 x) from 3: x = 3 - t down to 1/2, then exp(-2 t)/2."""
+    run = simulate(single(), start=[[3]], t_final=5, samples=101, stress=Stress(saturation=1), tolerance=1e-10)
+    t = run.times
+    wanted = np.where(t <= 2.5, 3 - t, 0.5 * np.exp(-2 * np.maximum(0, t - 2.5)))
+    np.testing.assert_allclose(run.x[:, 0, 0], wanted, atol=1e-7)
+    np.testing.assert_allclose(run.u[:, 0, 0], -np.minimum(1, 2 * wanted), atol=1e-7)
+
+
+def test_the_saturated_paper_loop_agrees_with_cvodes():
+    """The full loop with u clipped, written in CasADi: the observer is told the input that is applied."""
+    problem = load_problem("paper-fixed")
+    run = simulate(problem, t_final=2, samples=5, stress=Stress(saturation=2))
+    x, xi, z = ca.SX.sym("x", 10), ca.SX.sym("xi", 20), ca.SX.sym("z", 20)
+    W, A, C = np.array([[3.2], [2.4]]), np.array([[0, 2], [-2, 0]]), np.array([[1, 0]])
+    K = pinning_matrix(problem).toarray()
+    xihat = z + ca.mtimes(np.kron(np.eye(10), W), x)
+    u = -ca.mtimes(K, x - 1) - ca.mtimes(np.kron(np.eye(10), C), xihat)
+    y = ca.vertcat(*[x[(i + 1) % 10] - x[i] for i in range(10)])
+    felt = ca.exp(y) - 1 + y + ca.fmin(ca.fmax(u, -2), 2)
+    ode = ca.vertcat(
+        felt + ca.mtimes(np.kron(np.eye(10), C), xi),
+        ca.mtimes(np.kron(np.eye(10), A), xi),
+        ca.mtimes(np.kron(np.eye(10), A - W @ C), xihat) - ca.mtimes(np.kron(np.eye(10), W), felt),
+    )
+    options = {"abstol": 1e-11, "reltol": 1e-11}
+    solver = ca.integrator("loop", "cvodes", {"x": ca.vertcat(x, xi, z), "ode": ode}, 0, run.times, options)
+    start = np.concatenate([run.x[0].ravel(), run.xi[0].ravel(), -np.kron(run.x[0].ravel(), [3.2, 2.4])])
+    np.testing.assert_allclose(run.x[:, :, 0], solver(x0=start)["xf"].full()[:10].T, atol=1e-6)
+    assert np.abs(run.u).max() == 2
+
+
+def test_the_unmodelled_disturbance_enters_as_its_sine():
+    """x' = -2 x + a sin(w t + p): the steady answer has the amplitude a/sqrt(4 + w^2)."""
+    run = simulate(single(), start=[[0]], t_final=30, samples=3001, stress=Stress(disturbance=0.6, frequency=1.5))
+    late = run.times > 10
+    assert np.abs(run.x[late]).max() == pytest.approx(0.6 / np.hypot(2, 1.5), rel=1e-4)
+    assert np.abs(run.d).max() == pytest.approx(0.6, rel=1e-4)
+    constant = simulate(single(), start=[[0]], t_final=20, stress=Stress(disturbance=0.6, frequency=0))
+    assert constant.x[-1, 0, 0] == pytest.approx(constant.d[-1, 0, 0] / 2, rel=1e-6)
+
+
+def test_the_integral_of_the_unmodelled_disturbance_is_that_of_a_fine_sum():
+    for frequency in (0.0, 1e-9, 2.0, 30.0):
+        loop = make_loop(single(), None)
+        agents = Agents(loop, Stress(disturbance=0.7, frequency=frequency), {}, seed=4, heeds=True)
+        fine = np.linspace(0.3, 1.1, 200_001)
+        wanted = np.trapezoid(agents.extra(fine)[:, 0, 0], fine)
+        assert agents.extra_integral(0.3, np.array([1.1]))[0, 0, 0] == pytest.approx(wanted, abs=1e-8)
+
+
+def test_noise_has_the_deviation_asked_for_and_is_seen_in_the_input_only():
+    """One agent, K = 2, no couplings: u = -2 (x + noise)."""
+    run = simulate(single(), start=[[0]], t_final=50, samples=np.linspace(0, 50, 2001), stress=Stress(noise=0.3))
+    noise = -run.u[:, 0, 0] / 2 - run.x[:, 0, 0]
+    held = noise.reshape(-1)[:2000].reshape(1000, 2)  # two samples for each draw of 0.05 s
+    assert np.abs(np.diff(held, axis=1)).max() < 1e-6
+    assert held[:, 0].std() == pytest.approx(0.3, rel=0.1)
+    assert abs(held[:, 0].mean()) < 0.03
+    other = simulate(single(), start=[[0]], t_final=50, seed=1, stress=Stress(noise=0.3))
+    assert not np.array_equal(run.u[-1], other.u[-1])
+
+
+def test_a_sampled_linear_loop_is_the_power_of_its_matrices():
+    """e+ = (I + T (J - K)) e + T Cd eps, eps+ = (Ad - L Cd) eps, Ad and Cd from SciPy's exponential by quadrature."""
+    problem, period = planar(), 0.05
+    run = simulate(problem, samples=81, stress=Stress(period=period))
+    A, C, W = (np.array(M, float) for M in (problem.exosystem.A, problem.exosystem.C, problem.observer.W))
+    nodes, weights = np.polynomial.legendre.leggauss(12)
+    mean = sum(w / 2 * expm(A * period * (1 + node) / 2) for node, w in zip(nodes, weights, strict=True))
+    L = period * sum(w / 2 * expm((A - W @ C) * period * (1 + s) / 2) for s, w in zip(nodes, weights, strict=True)) @ W
+    Ad, Cd = expm(A * period), C @ mean
+    J = consensus_jacobian(problem, "G").toarray() - pinning_matrix(problem).toarray()
+    loop = np.block(
+        [[np.eye(6) + period * J, np.kron(np.eye(3), period * Cd)], [np.zeros((9, 6)), np.kron(np.eye(3), Ad - L @ Cd)]]
+    )
+    state = np.concatenate([(run.x[0] - run.goal).ravel(), (run.xi[0] - run.xihat[0]).ravel()])
+    for k in range(81):
+        np.testing.assert_allclose((run.x[k] - run.goal).ravel(), state[:6], atol=1e-9)
+        np.testing.assert_allclose((run.xi[k] - run.xihat[k]).ravel(), state[6:], atol=1e-9)
+        state = loop @ state
+    found = discretised(make_loop(problem, None), period)
+    np.testing.assert_allclose(found.error, Ad - L @ Cd, atol=1e-13)
+
+
+def test_the_discretised_observer_lies_in_its_exact_enclosure():
+    """Ad - L Cd with L = W/10, against rational intervals from ball arithmetic."""
+    problem = planar()
+    W = tuple(tuple(entry / 10 for entry in row) for row in problem.observer.W)
+    exact = sampled_matrix(problem.exosystem, W, Fraction(1, 4))
+    found = discretised(make_loop(problem, None), 0.25, np.array(W, dtype=float)).error
+    middle = np.array([[float(entry.midpoint) for entry in row] for row in exact])
+    np.testing.assert_allclose(found, middle, atol=1e-15)
+
+
+def test_between_samples_a_held_loop_follows_its_integral():
+    """At any time x = x_k + (t - t_k) v_k + int d: the speed less d is constant."""
+    run = simulate(load_problem("paper-fixed"), t_final=1, samples=20_001, stress=Stress(period=0.25, disturbance=0.3))
+    t, inside = run.times, slice(5001, 9999)  # within the second period
+    speed = np.gradient(run.x[inside, 0, 0], t[inside])
+    rest = (speed - run.d[inside, 0, 0])[2:-2]
+    assert np.ptp(rest) < 1e-5
+    assert np.ptp(run.u[inside, 0, 0]) == 0
+
+
+def test_a_short_period_comes_back_to_the_continuous_loop_at_first_order():
+    problem = load_problem("paper-fixed")
+    calm = simulate(problem, t_final=3, samples=31)
+    gaps = [
+        np.abs(simulate(problem, t_final=3, samples=31, stress=Stress(period=T)).x - calm.x).max()
+        for T in (0.008, 0.004, 0.002)
+    ]
+    assert gaps[0] / gaps[1] == pytest.approx(2, rel=0.15)
+    assert gaps[1] / gaps[2] == pytest.approx(2, rel=0.1)
+
+
+def test_a_gain_for_the_sampled_observer_can_be_given():
+    """Deadbeat for a constant disturbance: A = 0, Cd = 1, L = 1 makes eps vanish after one sample."""
+    problem = single(exosystem=Exosystem(A=[[0]], C=[[1]]), observer=Observer(W=[[1]]))
+    run = simulate(problem, t_final=1, samples=11, stress=Stress(period=0.1, sampled_gain=[[1]]))
+    np.testing.assert_allclose(run.dhat[1:], run.d[1:], atol=1e-12)
+    assert abs(run.dhat[0, 0, 0] - run.d[0, 0, 0]) == 1
+    with pytest.raises(ShapeError, match=r"sampled_gain must have shape \(1, 1\)"):
+        simulate(problem, stress=Stress(period=0.1, sampled_gain=[[1, 2]]))
+
+
+def test_when_every_packet_is_lost_a_listener_feels_nothing():
+    """Agent 1 listens to agent 2, which is at 5: it stays where it is."""
+    run = simulate(pair(), start=[[1], [5]], t_final=3, stress=Stress(loss=1))
+    assert np.abs(run.x[:, :, 0] - [1, 5]).max() < 1e-12
+    heard = simulate(pair(), start=[[1], [5]], t_final=3, stress=Stress(exchange=0.05))
+    np.testing.assert_allclose(heard.x[:, 0, 0], 5 - 4 * np.exp(-heard.times), atol=1e-7)
+
+
+def test_packets_are_lost_as_often_as_asked_and_the_last_one_is_kept():
+    """380 arcs, two exchanges: about 30 % of the packets do not arrive."""
+    from dobc_design.simulation.air import Air, Links
+    from dobc_design.simulation.graph import groups_of_mode
+
+    network = Network.from_arcs([[i, j] for i in range(1, 21) for j in range(1, 21) if i != j], arrow="listens_to")
+    links = Links(groups_of_mode(Problem(network=network, coupling="y"), "G"), 20, 1)
+    air = Air(1, 0.3, np.random.default_rng(0))
+    air.exchange(links, np.zeros((20, 1)))
+    assert np.isnan(air.values).mean() == pytest.approx(0.3, abs=0.05)
+    before = air.values.copy()
+    air.exchange(links, np.ones((20, 1)))
+    fresh = air.values == 1
+    assert fresh.mean() == pytest.approx(0.7, abs=0.05)
+    assert np.array_equal(air.values[~fresh], before[~fresh], equal_nan=True)
+
+
+def test_links_that_stay_keep_what_was_heard_and_new_ones_hold_nothing():
+    from dobc_design.simulation.air import Air, Links
+    from dobc_design.simulation.graph import groups_of_mode
+
+    modes = {"a": [[1, 2], [2, 3]], "b": [[3, 1], [2, 3]]}
+    problem = Problem(network=Network.from_arcs(modes, arrow="listens_to"), coupling="y")
+    first, second = (Links(groups_of_mode(problem, mode), 3, 1) for mode in "ab")
+    air = Air(1, 0.0, np.random.default_rng(0))
+    air.exchange(first, np.array([[10.0], [20.0], [30.0]]))
+    air.tune(second)
+    held = dict(zip(zip(second.listeners, second.speakers, strict=True), air.values[:, 0], strict=True))
+    assert held[1, 2] == 30
+    assert np.isnan(held[2, 0])
+    felt = second.felt(np.zeros((3, 1)), air.values)
+    assert felt.ravel().tolist() == [0, 30, 0]
+
+
+@pytest.mark.parametrize("period", [None, 0.001])
+def test_a_vanished_agent_drifts_and_is_heard_by_nobody(period: float | None):
+    """Agent 2 is held at 0 by k = 2 until it vanishes at 1 s; then x_2' = d = 1, and agent 1, free, stays."""
+    problem = pair(gains={"2": 2}, exosystem=Exosystem(A=[[0]], C=[[1]]), observer=Observer(W=[[5]]))
+    stress = Stress(period=period, failures=(Failure(agent="2", time=1.0),))
+    start = {"x": [[4], [0]], "xi": [[0], [1]], "xihat": [[0], [1]]}
+    run = simulate(problem, start=start, t_final=3, samples=31, stress=stress)
+    after = run.times >= 1
+    np.testing.assert_allclose(run.x[:, 1, 0], np.where(after, run.times - 1, 0), atol=5e-3 if period else 1e-7)
+    assert np.ptp(run.x[after, 0, 0]) < 1e-7
+    assert run.x[10, 0, 0] == pytest.approx(4 * np.exp(-1), abs=1e-2 if period else 1e-6)
+    assert not run.u[after, 1].any()
+
+
+def test_a_frozen_agent_keeps_its_input_and_what_others_hear_of_it():
+    """At 1 s agent 2 is at exp(-2) with u = -2 exp(-2): it falls on in a line; agent 1 goes to exp(-2)."""
+    stress = Stress(failures=(Failure(agent="2", time=1.0, kind="freeze"),))
+    run = simulate(pair(gains={"2": 2}), start=[[4], [1]], t_final=20, samples=201, stress=stress)
+    late, value = run.times >= 1, np.exp(-2)
+    np.testing.assert_allclose(run.x[late, 1, 0], value - 2 * value * (run.times[late] - 1), atol=1e-7)
+    assert run.x[-1, 0, 0] == pytest.approx(value, abs=1e-6)
+
+
+@pytest.mark.parametrize("stress", [EVERYTHING, SAMPLED], ids=["continuous", "sampled"])
+def test_everything_at_once_is_the_same_again_for_the_same_seed(stress: Stress):
+    problem, signal = load_problem("paper-switching"), RandomDwell(dwell=0.5)
+    runs = [simulate(problem, signal=signal, t_final=4, seed=seed, samples=41, stress=stress) for seed in (5, 5, 6)]
+    assert np.array_equal(runs[0].x, runs[1].x)
+    assert not np.array_equal(runs[0].x, runs[2].x)
+    assert np.isfinite(runs[0].x).all()
+    assert np.abs(runs[0].u).max() <= 4
+    assert not runs[0].u[runs[0].times >= 1, 2].any()
+    assert np.ptp(runs[0].u[runs[0].times >= 2.05, 6]) == 0
+
+
+@pytest.mark.parametrize("stress", [Stress(saturation=0.5), Stress(period=0.02, loss=0.2), Stress(loss=0.2)], ids=str)
+def test_moving_agents_can_be_stressed(stress: Stress):
+    problem = Problem(
+        network=Network.from_arcs({"G": []}, arrow="listens_to", agents=6), coupling="y", target=[0, 0], gains={"1": 1}
+    )
+    start = np.random.default_rng(2).uniform(-1, 1, size=(6, 2))
+    run = simulate(problem, signal=Mobile(radius=1.2, hysteresis=0.1), start=start, t_final=20, stress=stress)
+    assert len(run.switches) > 1
+    assert run.final_error < 0.05
+
+
+def test_an_ensemble_under_stress_is_made_of_its_runs():
+    problem, stress = load_problem("paper-fixed"), Stress(noise=0.05, period=0.05)
+    many = simulate_many(problem, runs=3, t_final=2, samples=21, stress=stress)
+    for k, seed in enumerate(many.seeds.tolist()):
+        one = simulate(problem, seed=seed, t_final=2, samples=21, stress=stress)
+        np.testing.assert_allclose(many.error[k], one.error(), atol=1e-12)
+    assert many.notes == (f"Stress: {stress}.",)
+
+
+@pytest.mark.parametrize("stress", [Stress(period=0.4), Stress(saturation=0.01, disturbance=2.0, frequency=0)], ids=str)
+def test_a_stressed_run_that_fails_keeps_what_is_valid(stress: Stress):
+    problem = load_problem("paper-fixed")
+    region = simulate(problem, start=np.arange(10.0), stress=stress)
+    if stress.period:
+        assert region.diverged
+        assert "overflows" in region.reason or "exceeded" in region.reason
+    assert np.isfinite(region.x).all()
+    assert len(region.times) == len(region.x) == len(region.u)
+    assert region.final_error > 1
+
+
+def test_a_run_under_stress_is_stored_with_it(tmp_path):
+    run = simulate(load_problem("paper-fixed"), t_final=1, samples=5, stress=SAMPLED)
+    again = load_trajectory(run.save(tmp_path / "run.npz"))
+    assert stress_from_json(again.stress) == SAMPLED
+    assert np.array_equal(again.x, run.x)
+
+
+@pytest.mark.parametrize(
+    "stress", [Stress(), EVERYTHING, SAMPLED, Stress(period=0.1, sampled_gain=[[1], [2]])], ids=str
+)
+def test_a_stress_survives_json_and_says_what_it_is(stress: Stress):
+    assert stress_from_json(stress_to_json(stress)) == stress
+    assert str(stress)
+
+
+@pytest.mark.parametrize(
+    ("make", "message"),
+    [
+        (lambda: Stress(noise=-1), "noise must be a number >= 0"),
+        (lambda: Stress(loss=1.5), "loss must be a prob"),
+        (lambda: Stress(saturation=0), "saturation must be a number > 0"),
+        (lambda: Stress(period=0), "period must be"),
+        (lambda: Stress(period=1, exchange=0.5), "exchange must be left out"),
+        (lambda: Stress(sampled_gain=[[1]]), "sampled_gain needs a period"),
+        (lambda: Stress(period=1, sampled_gain=[[1], [2, 3]]), "sampled_gain must be an array of numbers"),
+        (lambda: Stress(period=1, sampled_gain=[[1], [float("nan")]]), "sampled_gain must be finite; row 2, column 1"),
+        (lambda: Failure(agent="1", kind="explode"), "failure.kind must be one of"),
+        (lambda: Stress(failures=(Failure(agent="1"), Failure(agent="1"))), "fails twice"),
+        (lambda: Stress(failures=("1",)), "failures must be a list of Failure"),
+        (lambda: simulate(single(), stress=Stress(failures=Failure(agent="9"))), "no agent has this label"),
+        (lambda: simulate(single(), t_final=10, stress=Stress(period=1e-9)), "samples are too many"),
+        (lambda: stress_from_json("[]"), "cannot be read"),
+        (lambda: stress_from_json('{"heat": 1}'), "cannot be read"),
+    ],
+)
+def test_a_wrong_stress_is_refused(make, message: str):
+    with pytest.raises(SpecError, match=message):
+        make()
+
+
+def test_a_mode_that_switches_within_a_period_is_seen_at_the_next_sample():
+    """Modes "on" and "off" alternate every 0.15 s: samples at 0, 0.1 and 0.3 find "on", that at 0.2 finds "off"."""
+    modes = {"on": [[1, 2]], "off": [[2, 3]]}
+    problem = Problem(network=Network.from_arcs(modes, arrow="listens_to"), coupling="y")
+    run = simulate(
+        problem, signal=Periodic(dwell=0.15), start=[[1], [0], [0]], t_final=0.4, samples=5, stress=Stress(period=0.1)
+    )
+    wanted, x = [1.0], 1.0
+    on = [True, True, False, True]
+    for each in on:
+        x = x - 0.1 * x if each else x
+        wanted.append(x)
+    np.testing.assert_allclose(run.x[:, 0, 0], wanted, atol=1e-12)

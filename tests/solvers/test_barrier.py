@@ -1,0 +1,116 @@
+"""The barrier: derivatives by finite differences, optima in closed form."""
+
+from __future__ import annotations
+
+from fractions import Fraction
+
+import numpy as np
+import pytest
+from lure_cases import cycle, random_problem
+from scipy import linalg
+
+from dobc_design.conditions.quadratic.claim import linear_part
+from dobc_design.conditions.quadratic.program import centring, covering, float_loop, make_templates
+from dobc_design.conditions.quadratic.sampled_gains import range_gains, sample_gains
+from dobc_design.conditions.quadratic.sectors import build_sectors, enclose_ranges
+from dobc_design.solvers.barrier import Block, Inequalities, centre, make_basis, minimise
+
+SHAPES = ("identity", "diagonal", "full")
+
+
+def programs(shape: str) -> list[tuple[Inequalities, np.ndarray]]:
+    """The three kinds of program, with a point inside each: three agents, four arcs, an observer's border."""
+    problem = random_problem(3, coupling="y + y**3/10")
+    gains = sample_gains(problem.couplings, 0.5)
+    loop = float_loop(make_templates(problem), gains, radius=0.5, S=np.array([[0.3]]), rate=0.01)
+    basis = make_basis(loop.size, shape)
+    Y, t = 0.02 * np.eye(loop.size), [0.3] * loop.multipliers
+    tails = {"centring": [0.02], "shifted": [0.02, 5.0], "covering": [0.02, 0.01, 0.001, 0.9]}
+    made = {
+        "centring": centring(loop, basis)[0],
+        "shifted": centring(loop, basis, shift=True)[0],
+        "covering": covering(loop, basis, disturbance=0.01, condition=100.0)[0],
+    }
+    # theta makes the first two feasible whatever the numbers are; the third is checked where it happens to be.
+    points = [(made[name], made[name].join(Y, [*t, *tails[name]])) for name in made]
+    return [(program, point) for program, point in points if program.holds(point)]
+
+
+@pytest.mark.parametrize("shape", SHAPES)
+def test_gradient_and_hessian_are_the_differences_of_the_barrier(shape):
+    found = programs(shape)
+    assert found
+    for program, point in found:
+        gradient, hessian = program.derivatives(point)
+        step = 1e-6 * np.eye(len(point))
+        slopes = [(program.barrier(point + e) - program.barrier(point - e)) / 2e-6 for e in step]
+        curves = [(program.derivatives(point + e)[0] - program.derivatives(point - e)[0]) / 2e-6 for e in step]
+        assert np.allclose(gradient, slopes, atol=1e-6 * np.max(np.abs(gradient)))
+        assert np.allclose(hessian, curves, atol=1e-6 * np.max(np.abs(hessian)))
+
+
+@pytest.mark.parametrize("shape", SHAPES)
+def test_the_centre_of_a_box_of_matrices_is_its_middle(shape):
+    """0 < Y < I: the centre is I/2."""
+    basis = make_basis(3, shape)
+    blocks = (Block(constant=np.eye(3), plain=-1.0), Block(constant=np.zeros((3, 3)), plain=1.0))
+    program = Inequalities(basis=basis, blocks=blocks, count=0, forms=np.zeros((0, basis.size)), limits=np.zeros(0))
+    found = centre(program, program.join(0.1 * np.eye(3), []))
+    assert np.allclose(program.split(found)[0], np.eye(3) / 2, atol=1e-2)
+
+
+def test_the_smallest_trace_above_a_matrix_is_its_own():
+    """Minimise tr Y subject to Y > M: Y = M."""
+    M = np.array([[2.0, 1.0], [1.0, 3.0]])
+    basis = make_basis(2, "full")
+    program = Inequalities(
+        basis=basis, blocks=(Block(constant=-M, plain=1.0),), count=0, forms=np.zeros((0, 3)), limits=np.zeros(0)
+    )
+    cost = basis.traces(np.eye(2))
+    found = minimise(program, program.join(9 * np.eye(2), []), cost, accuracy=1e-7)
+    assert np.allclose(program.split(found)[0], M, atol=1e-5)
+
+
+def test_hopeless_programs_are_left_early():
+    """The smallest theta with theta I > M is 3; whoever needs it below 1 can stop."""
+    basis = make_basis(1, "full")
+    block = Block(constant=-np.diag([1.0, 3.0]), dense={0: np.eye(2)})
+    program = Inequalities(basis=basis, blocks=(block,), count=1, forms=np.zeros((0, 1)), limits=np.zeros(0))
+    start, cost = np.array([0.0, 50.0]), np.array([0.0, 1.0])
+    early = minimise(program, start, cost, hopeless=1.0)
+    late = minimise(program, start, cost, accuracy=1e-6)
+    assert late[1] == pytest.approx(3, abs=1e-4)
+    assert early[1] > late[1] + 1e-3
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_the_float_loop_is_the_exact_one_rounded(seed):
+    """A0 and the half-widths, channel by channel, for components and for vectors."""
+    coupling = ["y1 + y2**3", "tanh(y2) - y1/2"] if seed % 2 else "exp(y) - 1 + y"
+    problem = random_problem(seed, m=2, coupling=coupling, modes=2)
+    radius = Fraction(3, 2)
+    ranges = enclose_ranges(problem, radius=radius)
+    sectors = build_sectors(problem, ranges, radius=radius)
+    gains = range_gains(ranges, len(problem.couplings), problem.m)
+    loop = float_loop(make_templates(problem), gains, radius=1.5, S=None, rate=0.0)
+    for mode in loop.modes:
+        A = np.zeros((loop.size, loop.size))
+        for i, row in linear_part(sectors, mode.name, [c.centre for c in sectors.modes[mode.name]]).items():
+            for j, value in row.items():
+                A[i, j] = float(value)
+        assert np.allclose(mode.A, A)
+        widths = {(c.target, c.plus, c.minus): float(c.spread) for c in sectors.modes[mode.name]}
+        places = list(zip(mode.target.tolist(), mode.plus.tolist(), mode.minus.tolist(), strict=True))
+        assert np.allclose(mode.d, [widths.get(place, 0.0) for place in places], atol=1e-8)
+        assert {place for place, width in widths.items() if width} <= set(places)
+
+
+def test_a_lyapunov_equation_lies_inside_without_channels():
+    """Linear couplings: the program is A Y + Y A' < 0, which the Lyapunov equation solves."""
+    problem = cycle(4, {1: 2}, coupling="2*y")
+    gains = sample_gains(problem.couplings, 1.0)
+    loop = float_loop(make_templates(problem), gains, radius=None, S=None, rate=0.0)
+    program, _ = centring(loop, make_basis(4, "full"))
+    Y = linalg.solve_continuous_lyapunov(loop.modes[0].A, -np.eye(4))
+    assert program.holds(program.join(Y / (2 * np.linalg.norm(Y, 2)), []))
+    assert not program.holds(program.join(-Y, []))

@@ -1,0 +1,341 @@
+"""Solvers that fail in every way they can: no exception gets out, and certify decides without them."""
+
+from __future__ import annotations
+
+from fractions import Fraction
+from types import SimpleNamespace
+
+import clarabel
+import numpy as np
+import pytest
+from regions import without_region
+
+import dobc_design as dd
+from dobc_design.conditions.consensus import estimates
+from dobc_design.conditions.consensus.claim import reduced
+from dobc_design.conditions.observer import gain, pair
+from dobc_design.conditions.observer.pair import propose_pairs
+from dobc_design.problem.builtin import builtin_text
+from dobc_design.problem.exosystem import Exosystem
+from dobc_design.problem.file import read_problem_text
+from dobc_design.solvers import ladder
+from dobc_design.solvers.dense import solve_dense
+from dobc_design.solvers.direct import solve_directly
+from dobc_design.solvers.program import Program, Solution, is_solver_failure, without_values
+from dobc_design.verdict import Verdict
+
+
+class PanicException(BaseException):
+    """What a Rust panic looks like from Python: no Exception."""
+
+
+class Failing:
+    """A solver that raises, or answers as it is told."""
+
+    def __init__(self, outcome: object) -> None:
+        self.outcome = outcome
+
+    def __call__(self, *arguments: object) -> Failing:
+        return self
+
+    def solve(self) -> object:
+        if isinstance(self.outcome, BaseException):
+            raise self.outcome
+        return self.outcome
+
+
+def answer(status: str, x: list[float], value: float = 1.0) -> SimpleNamespace:
+    return SimpleNamespace(status=status, x=x, obj_val=value)
+
+
+OUTCOMES = {
+    "raises": RuntimeError("out of luck"),
+    "panics": PanicException("index out of bounds"),
+    "nan": answer("NumericalError", [float("nan")] * 5),
+    "infinite": answer("Solved", [float("inf")] * 5),
+    "infeasible": answer("PrimalInfeasible", [1.0] * 5),
+    "almost infeasible": answer("AlmostPrimalInfeasible", [1.0] * 5),
+    "unbounded": answer("DualInfeasible", [1.0] * 5),
+    "without value": answer("InsufficientProgress", [1.0] * 5, float("nan")),
+    "too short": answer("Solved", [1.0]),
+    "empty": answer("Solved", []),
+    "no list": answer("Solved", None),
+    "ragged": answer("Solved", [[1.0], [1.0, 2.0]]),
+    "words": answer("Solved", ["a"] * 5),
+    "no objective": answer("Solved", [1.0] * 5, None),
+    "another object": object(),
+}
+# These look like answers; only exact arithmetic can tell that they are none.
+LIES = {
+    "zeros": answer("Solved", [0.0] * 30),
+    "negative": answer("Solved", [-1.0] * 30),
+    "huge": answer("Solved", [1e308] * 30),
+    "tiny": answer("Solved", [5e-324] * 30),
+    "mixed": answer("Solved", [(-1.0) ** k * 10.0 ** (7 * k - 60) for k in range(30)]),
+    "out of time": answer("MaxTime", [1.0] * 30),
+}
+
+
+@pytest.fixture
+def program(harmonic) -> Program:
+    return Program(pencils=(reduced(Fraction(-1), harmonic),))
+
+
+@pytest.mark.parametrize("name", OUTCOMES)
+def test_a_failing_solver_is_a_solution_without_values(monkeypatch, program, name):
+    monkeypatch.setattr(clarabel, "DefaultSolver", Failing(OUTCOMES[name]))
+    found = solve_directly(program)
+    assert not found.found
+    assert found.values == {}
+    assert np.isnan(found.objective)
+    assert found.status
+
+
+@pytest.mark.parametrize("error", [RuntimeError("x"), PanicException("x"), ValueError("x"), ZeroDivisionError()])
+def test_a_failing_modelling_layer_is_a_solution_without_values(monkeypatch, program, error):
+    import cvxpy as cp
+
+    def fail(self: object, **settings: object) -> None:
+        raise error
+
+    monkeypatch.setattr(cp.Problem, "solve", fail)
+    found = solve_dense(program)
+    assert not found.found
+    assert found.status == f"failed: {type(error).__name__}"
+
+
+def test_a_solver_that_is_not_there_is_a_solution_without_values(program):
+    assert not solve_dense(program, solver="MOSEK").found
+
+
+@pytest.mark.parametrize("error", [KeyboardInterrupt(), SystemExit(1), MemoryError()])
+def test_what_is_not_the_solvers_own_failure_goes_on(monkeypatch, program, error):
+    monkeypatch.setattr(clarabel, "DefaultSolver", Failing(error))
+    assert not is_solver_failure(error)
+    with pytest.raises(type(error)):
+        solve_directly(program)
+
+
+@pytest.mark.parametrize("bound", ["1e399", "-1e399", "1e300", "-1e300", "1e-320"])
+def test_numbers_at_the_ends_of_the_floats_are_no_crash(harmonic, bound):
+    for objective in ("size", "margin"):
+        found = solve_directly(Program(pencils=(reduced(Fraction(bound), harmonic),), objective=objective))
+        assert found.status
+
+
+FEW = ("raises", "nan", "zeros", "huge")
+
+
+@pytest.mark.parametrize(
+    "name", [pytest.param(name, marks=() if name in FEW else pytest.mark.slow) for name in OUTCOMES | LIES]
+)
+def test_certify_proves_without_its_solvers(monkeypatch, name, cycle):
+    """The last rung is an exact Lyapunov equation, scaled up: no solver is needed for a proof."""
+    monkeypatch.setattr(clarabel, "DefaultSolver", Failing((OUTCOMES | LIES)[name]))
+    monkeypatch.setattr(ladder, "solve_dense", lambda program, **options: without_values("failed: x", solver="SCS"))
+    for problem in (without_region("paper-fixed"), without_region("paper-switching"), cycle(4)):
+        certificate = dd.certify(problem)
+        assert certificate.verdict is Verdict.PROVED
+        assert dd.verify(certificate, problem).holds
+
+
+def test_certify_proves_without_eigenvalues(monkeypatch, cycle):
+    """No estimate of lambda_max and no solver: margins are lost, the verdict is not."""
+    monkeypatch.setattr(clarabel, "DefaultSolver", Failing(RuntimeError("x")))
+    monkeypatch.setattr(estimates, "_dense", lambda matrix: None)
+    problem = cycle(4)
+    certificate = dd.certify(problem)
+    assert certificate.verdict is Verdict.PROVED
+    assert certificate.check("lemma1").margin == 0
+    assert dd.verify(certificate, problem).holds
+
+
+def test_a_problem_beyond_the_floats_is_still_decided(harmonic):
+    """Weights of 1e399 and 1e-399: every estimate fails, the exact side does not."""
+    network = dd.Network.from_arcs([[1, 2, "1e399"], [2, 1, "1e399"]], arrow="listens_to", agents=2)
+    held = dd.Problem(network=network, coupling="y", gains={1: "1e-399", 2: 1}, exosystem=harmonic)
+    certificate = dd.certify(held)
+    assert certificate.check("lemma1").verdict is Verdict.PROVED
+    assert dd.verify(certificate, held).holds
+    free = dd.Problem(network=network, coupling="y", exosystem=harmonic)
+    assert dd.certify(free).verdict is Verdict.REFUTED
+
+
+@pytest.mark.parametrize("bound", [float("nan"), float("inf"), 0.0, 1.0, -1e-300, -1e300, -5e-324])
+def test_pairs_are_proposed_for_any_estimate(harmonic, bound):
+    """Estimates only steer: whatever they are, the ladder ends with pairs whose Omega0 is negative."""
+    W = ((Fraction(16, 5),), (Fraction(12, 5),))
+    pairs = list(propose_pairs(harmonic, W, bound=bound, decay=1.6))
+    assert len(pairs) >= len(pair.LADDER)
+
+
+def nothing(program: Program, **options: object) -> Solution:
+    """A solver that gives up."""
+    return without_values("failed: nothing", solver="none")
+
+
+@pytest.fixture
+def without_solvers(monkeypatch):
+    monkeypatch.setattr(ladder, "solve_directly", nothing)
+    monkeypatch.setattr(ladder, "solve_dense", nothing)
+
+
+def test_a_gain_is_found_without_a_solver(without_solvers, harmonic):
+    found = gain.design_gain(harmonic)
+    assert found.W is not None
+    assert "Kalman" in found.note
+    faster = gain.design_gain(harmonic, rate=Fraction(20))
+    assert faster.W is not None
+    assert faster.rate == 20
+
+
+def test_without_any_solver_the_poles_are_placed_exactly(without_solvers, monkeypatch, harmonic):
+    monkeypatch.setattr(gain, "_kalman", lambda exosystem, shift=0.0: None)
+    found = gain.design_gain(harmonic, rate=Fraction(3))
+    assert found.W is not None
+    assert found.rate == 3
+    assert "exact pole placement" in found.note
+
+
+@pytest.mark.parametrize("name", OUTCOMES)
+def test_the_second_solver_steps_in_and_the_notes_say_so(monkeypatch, name, cycle):
+    """Clarabel gives no point: W and P come from SCS, and are proved like any other."""
+    monkeypatch.setattr(clarabel, "DefaultSolver", Failing(OUTCOMES[name]))
+    problem = cycle(4)
+    certificate = dd.certify(problem)
+    assert certificate.verdict is Verdict.PROVED
+    assert dd.verify(certificate, problem).holds
+    notes = "\n".join(certificate.claims.notes)
+    assert "W was designed (small SDP by SCS, after Clarabel gave no point (" in notes
+    assert "P was found by SCS, after Clarabel gave no point (" in notes
+
+
+def test_the_usual_way_is_not_worth_a_note(cycle):
+    notes = "\n".join(dd.certify(cycle(4)).claims.notes)
+    assert "W was designed (small SDP) for the decay rate" in notes
+    assert "SCS" not in notes
+    assert "Lyapunov" not in notes
+
+
+def test_the_exact_steps_are_told_in_the_notes(without_solvers, monkeypatch, cycle):
+    problem = cycle(4)
+    certificate = dd.certify(problem)
+    assert "W was designed (Kalman gain)" in "\n".join(certificate.claims.notes)
+    assert (
+        "P solves a Lyapunov equation exactly, because no proposal of a solver could be proved (the last said:"
+        " failed: nothing)." in certificate.claims.notes
+    )
+    monkeypatch.setattr(gain, "_kalman", lambda exosystem, shift=0.0: None)
+    monkeypatch.setattr("dobc_design.certification.consensus.decay_rate", lambda exosystem, W: float("nan"))
+    certificate = dd.certify(problem)
+    assert certificate.verdict is Verdict.PROVED
+    assert dd.verify(certificate, problem).holds
+    notes = "\n".join(certificate.claims.notes)
+    assert "W was designed (exact pole placement)" in notes
+    assert "because there was no estimate to start a solver from." in notes
+
+
+def test_a_solver_that_runs_out_of_time_is_not_asked_again(monkeypatch, harmonic):
+    calls: list[str] = []
+
+    def slow(name: str):
+        def solve(program: Program, **options: object) -> Solution:
+            calls.append(name)
+            return without_values("MaxTime", solver=name)
+
+        return solve
+
+    monkeypatch.setattr(ladder, "solve_directly", slow("first"))
+    monkeypatch.setattr(ladder, "solve_dense", slow("second"))
+    assert gain.design_gain(harmonic).W is not None
+    assert calls == ["first", "second"]
+
+
+def test_the_time_limit_reaches_the_solvers(harmonic, cycle):
+    """1e-12 s is too short for any of them; a gain and a pair are found all the same."""
+    program = Program(pencils=(reduced(Fraction(-1), harmonic),))
+    assert solve_directly(program, time_limit=1e-12).broken
+    found = gain.design_gain(harmonic, time_limit=1e-12)
+    assert found.W is not None
+    W = ((Fraction(16, 5),), (Fraction(12, 5),))
+    assert list(propose_pairs(harmonic, W, bound=-0.5, decay=1.6, time_limit=1e-12))
+
+
+def test_when_every_rung_fails_the_answer_is_undecided_and_says_why(without_solvers, monkeypatch, cycle):
+    monkeypatch.setattr(gain, "_kalman", lambda exosystem, shift=0.0: None)
+    monkeypatch.setattr(gain, "placed_gains", lambda exosystem, rate: iter(()))
+    problem = cycle(4)
+    certificate = dd.certify(problem)
+    assert certificate.verdict is Verdict.UNDECIDED
+    notes = "\n".join(certificate.claims.notes)
+    assert "No W was found for the decay rate" in notes
+    assert "nor by exact pole placement" in notes
+    assert "W" in certificate.check("hurwitz").reason
+    assert dd.verify(certificate, problem).holds
+
+
+def test_a_pair_that_nobody_finds_leaves_the_theorem_undecided(without_solvers, monkeypatch):
+    monkeypatch.setattr(pair, "lyapunov", lambda error: None)
+    text = builtin_text("paper-fixed").replace("P = ", "# P = ")
+    problem = read_problem_text(text.encode(), folder=None)
+    certificate = dd.certify(problem)
+    assert certificate.check("lemma1").verdict is Verdict.PROVED
+    assert certificate.check("theorem1").verdict is Verdict.UNDECIDED
+    assert "no pair (P, Q) was found" in certificate.check("theorem1").reason
+    assert (certificate.verdict, certificate.claims.covered_by) == (Verdict.PROVED, "max-separable")
+    local = without_region(problem)
+    assert dd.certify(local).verdict is Verdict.UNDECIDED
+    assert dd.verify(certificate, problem).holds
+
+
+BROKEN_NUMBERS = {
+    "raises": np.linalg.LinAlgError("x"),
+    "overflows": OverflowError("x"),
+    "gives up": RuntimeError("x"),
+    "nan": np.array([np.nan]),
+    "infinite": np.array([np.inf]),
+    "empty": np.array([]),
+}
+
+
+@pytest.mark.parametrize("name", BROKEN_NUMBERS)
+def test_eigenvalue_solvers_that_break_change_no_verdict(monkeypatch, name, cycle):
+    outcome = BROKEN_NUMBERS[name]
+
+    def broken(*arguments: object, **options: object) -> object:
+        if isinstance(outcome, Exception):
+            raise outcome
+        return outcome
+
+    def broken_pair(*arguments: object, **options: object) -> object:
+        return broken(), np.ones((3, 1))
+
+    problem, free = cycle(4), cycle(4, pins={})
+    monkeypatch.setattr(np.linalg, "eigvals", broken)
+    monkeypatch.setattr(np.linalg, "eigvalsh", broken)
+    monkeypatch.setattr(estimates.linalg, "eigh", broken_pair)
+    for each, verdict in ((problem, Verdict.PROVED), (free, Verdict.REFUTED)):
+        certificate = dd.certify(each)
+        assert certificate.verdict is verdict
+        assert dd.verify(certificate, each).holds
+
+
+def test_no_gain_at_all_is_said_in_words(monkeypatch, harmonic):
+    monkeypatch.setattr(gain, "_candidates", lambda exosystem, rate, kalman, time_limit: iter(()))
+    found = gain.design_gain(harmonic, rate=Fraction(3))
+    assert found.W is None
+    assert "no W was found for the decay rate 3 1/s" in found.note
+
+
+def test_a_singular_p_of_a_solver_is_passed_over(monkeypatch, harmonic):
+    broken = solve_directly(Program(pencils=(reduced(Fraction(-1), harmonic),)))
+    singular = type(broken)(
+        status="Solved", solver="x", objective=0.0, values={"P": np.zeros((2, 2)), "Q": np.ones((2, 1))}
+    )
+    monkeypatch.setattr(ladder, "solve_directly", lambda program, **options: singular)
+    assert gain.design_gain(harmonic).W is not None
+
+
+def test_the_decay_of_numbers_beyond_the_floats_is_not_a_number():
+    exosystem = Exosystem(A=[["1e399"]], C=[[1]])
+    assert np.isnan(estimates.decay_rate(exosystem, ((Fraction(1),),)))

@@ -1,0 +1,187 @@
+"""The same Program through Clarabel directly, through cvxpy and through a second solver; and the reduced form."""
+
+from __future__ import annotations
+
+from fractions import Fraction
+
+import numpy as np
+import pytest
+
+from dobc_design.conditions.consensus.claim import omega, reduced
+from dobc_design.conditions.consensus.reduced import reduced_program, solve_reduced
+from dobc_design.conditions.consensus.statements import state_theorems
+from dobc_design.errors import SpecError
+from dobc_design.exact.definite import decide_positive_definite
+from dobc_design.exact.matrix import from_float
+from dobc_design.problem.exosystem import Exosystem
+from dobc_design.solvers.dense import build_dense, solve_dense
+from dobc_design.solvers.direct import solve_directly
+from dobc_design.solvers.program import Program
+from dobc_design.verdict import Verdict
+
+OBJECTIVES = ("size", "margin")
+
+
+def close(a: float, b: float, relative: float = 1e-5) -> bool:
+    return abs(a - b) <= relative * abs(b) + 1e-7
+
+
+def residual(program: Program, values) -> float:
+    """The largest eigenvalue over all pencils, at the floats that a solver returned."""
+    exact = {name: from_float(value, None) for name, value in values.items()}
+    tops = []
+    for pencil in program.pencils:
+        rows, columns, entries = pencil.at(exact).triplets()
+        table = np.zeros((pencil.size, pencil.size))
+        table[rows, columns] = entries
+        tops.append(np.linalg.eigvalsh(table)[-1])
+    return float(max(tops))
+
+
+@pytest.mark.parametrize("objective", OBJECTIVES)
+@pytest.mark.parametrize("bound", [-8, -1, Fraction(-1, 10)])
+def test_both_ways_to_the_solver_find_the_same_optimum(harmonic, objective, bound):
+    program = Program(pencils=(reduced(Fraction(bound), harmonic),), objective=objective)
+    direct, modelled = solve_directly(program), solve_dense(program)
+    assert (direct.status, modelled.status) == ("Solved", "optimal")
+    assert close(direct.objective, modelled.objective, 1e-6)
+    assert residual(program, direct.values) <= (direct.objective if objective == "margin" else 0) + 1e-6
+
+
+@pytest.mark.parametrize("objective", OBJECTIVES)
+def test_the_block_lmi_itself_goes_both_ways(cycle, objective):
+    program = Program(pencils=state_theorems(cycle(3)).psi(), objective=objective)
+    direct, modelled = solve_directly(program), solve_dense(program)
+    assert close(direct.objective, modelled.objective)
+    assert set(direct.values) == {"P", "Q"}
+    assert np.array_equal(direct.values["P"], direct.values["P"].T)
+
+
+def test_floor_ratio_and_radius_are_kept(harmonic):
+    program = Program(pencils=(reduced(Fraction(-1), harmonic),), floor=Fraction(2))
+    for answer in (solve_directly(program), solve_dense(program)):
+        assert np.linalg.eigvalsh(answer.values["P"])[0] >= 2 - 1e-6
+    program = Program(pencils=program.pencils, objective="margin", ratio=Fraction(3), radius=Fraction(1, 2))
+    for answer in (solve_directly(program), solve_dense(program)):
+        assert np.linalg.eigvalsh(answer.values["P"])[-1] <= 3 + 1e-6
+        assert np.linalg.eigvalsh(answer.values["P"])[0] >= 1 - 1e-6
+        assert np.linalg.norm(answer.values["Q"]) <= 0.5 + 1e-6
+
+
+def test_a_program_in_p_alone_goes_both_ways(harmonic):
+    from dobc_design.conditions.consensus.claim import with_gain
+
+    W = ((Fraction(16, 5),), (Fraction(12, 5),))
+    for objective in OBJECTIVES:
+        program = Program(pencils=(with_gain(reduced(Fraction(-1), harmonic), W),), objective=objective)
+        assert close(solve_directly(program).objective, solve_dense(program).objective)
+
+
+def test_an_infeasible_program_gives_no_values(harmonic):
+    """Lambda = +I cannot be made negative by P and Q.  (SCS says "optimal_inaccurate": a status is an opinion.)"""
+    program = Program(pencils=(reduced(Fraction(1), harmonic),))
+    for answer in (solve_directly(program), solve_dense(program)):
+        assert not answer.found
+        assert np.isnan(answer.objective)
+        assert "nfeasible" in answer.status
+    margin = Program(pencils=program.pencils, objective="margin")
+    for answer in (solve_directly(margin), solve_dense(margin)):  # t may be positive, so this one always has a point
+        assert answer.found
+        assert answer.objective >= 1
+
+
+def test_a_feasible_problem_can_have_a_positive_margin(harmonic):
+    """Theory, section 2: +0.247 at |Q| <= 1, P <= 10 I, although a pair exists; it says nothing."""
+    program = Program(
+        pencils=(reduced(Fraction(-1, 10), harmonic),), objective="margin", ratio=Fraction(10), radius=Fraction(1)
+    )
+    assert solve_directly(program).objective > 0
+    freer = Program(pencils=program.pencils, objective="margin", ratio=Fraction(10**4), radius=Fraction(10**4))
+    assert solve_directly(freer).objective < 0
+
+
+def test_a_time_limit_of_nothing_is_no_crash(harmonic):
+    answer = solve_directly(Program(pencils=(reduced(Fraction(-1), harmonic),)), time_limit=1e-12)
+    assert answer.status in ("MaxTime", "Solved", "Unsolved")
+
+
+@pytest.mark.parametrize("objective", OBJECTIVES)
+@pytest.mark.parametrize("modes", [1, 2, 3, 4])
+@pytest.mark.parametrize("m", [1, 2])
+@pytest.mark.parametrize("seed", range(4))
+def test_the_reduced_form_has_the_optimum_of_the_block_lmi(separable, objective, modes, m, seed):
+    """Theory, Reduction: equal for m = 1 and for Lambda = Lambda_n (x) I_m."""
+    problem = separable(seed, modes=modes, m=m)
+    dense = solve_dense(Program(pencils=state_theorems(problem).psi(), objective=objective))
+    small = solve_reduced(problem, objective=objective)
+    assert small.found == dense.found
+    if small.found:
+        assert close(small.objective, dense.objective)
+
+
+def test_some_of_those_problems_have_an_optimum_and_some_have_none(separable):
+    problems = [separable(seed, modes=modes, m=m) for seed in range(4) for modes in (1, 4) for m in (1, 2)]
+    found = [solve_reduced(problem).found for problem in problems]
+    assert True in found
+    assert False in found
+
+
+def test_in_general_the_reduced_form_is_the_stricter_one(cycle):
+    """m = 2 with different slopes: lambda_max(Lambda) + lambda_max(S) < 0 is sufficient only."""
+    exosystem = Exosystem(A=[[0, 0], [0, 0]], C=[[1, 0], [0, 2]])
+    problem = cycle(3, pins={1: [[2, 0], [0, 40]], 2: 3, 3: 3}, exosystem=exosystem, coupling=["y1", "9*y2"])
+    dense = solve_dense(Program(pencils=state_theorems(problem).psi()))
+    small = solve_reduced(problem)
+    assert small.objective > dense.objective * 1.01
+
+
+@pytest.mark.parametrize("objective", OBJECTIVES)
+@pytest.mark.parametrize("n", [2, 3])
+def test_a_second_solver_agrees(cycle, objective, n):
+    """SCS, a first-order method that shares no code with Clarabel."""
+    problem = cycle(n)
+    second = solve_dense(Program(pencils=state_theorems(problem).psi(), objective=objective), solver="SCS")
+    assert second.status in ("optimal", "optimal_inaccurate")
+    assert second.objective == pytest.approx(solve_reduced(problem, objective=objective).objective, rel=2e-2, abs=1e-3)
+
+
+def test_the_optimum_of_the_constant_disturbance_is_known(cycle):
+    """A = 0, C = 1, |Lambda| = l: [[-l, 1], [1, -2Q]] <= 0 iff Q >= 1/(2 l), so P = 0 and the optimum is 1/(4 l^2)."""
+    exosystem = Exosystem(A=[[0]], C=[[1]])
+    for l in (Fraction(1, 2), Fraction(2), Fraction(5)):  # noqa: E741 - as in the formula
+        answer = solve_directly(Program(pencils=(reduced(-l, exosystem),)))
+        assert answer.objective == pytest.approx(float(1 / (4 * l * l)), rel=1e-6)
+        assert answer.values["Q"][0, 0] == pytest.approx(float(1 / (2 * l)), rel=1e-4)
+
+
+def test_the_proposed_pair_proves_the_theorem_after_a_little_slack(cycle, harmonic):
+    """The floats of a solution with slack, taken as rationals, satisfy Omega0 < 0 exactly."""
+    pencil = reduced(Fraction(-1), harmonic, rate=Fraction(1, 10))
+    answer = solve_directly(Program(pencils=(pencil,), floor=Fraction(1)))
+    P, Q = (from_float(answer.values[name], 9) for name in ("P", "Q"))
+    assert decide_positive_definite(omega(P, Q, harmonic).negated()).verdict is Verdict.PROVED
+
+
+def test_without_an_exosystem_there_is_nothing_to_solve(cycle):
+    from dobc_design.problem.network import Network
+    from dobc_design.problem.problem import Problem
+
+    plain = Problem(network=Network.from_arcs([[1, 2]], arrow="listens_to", agents=2), coupling="y")
+    with pytest.raises(SpecError, match=r"needs an \[exosystem\]"):
+        solve_reduced(plain)
+
+
+def test_a_weight_beyond_the_floats_leaves_no_program(cycle, harmonic):
+    from dobc_design.problem.network import Network
+    from dobc_design.problem.problem import Problem
+
+    network = Network.from_arcs([[1, 2, "1e399"], [2, 1]], arrow="listens_to", agents=2)
+    problem = Problem(network=network, coupling="y", gains={1: 1}, exosystem=harmonic)
+    assert reduced_program(problem) is None
+    assert not solve_reduced(problem).found
+
+
+def test_the_modelled_form_declares_p_symmetric(harmonic):
+    """Otherwise P >> 0 would look at the symmetric part only."""
+    _, variables = build_dense(Program(pencils=(reduced(Fraction(-1), harmonic),)))
+    assert variables["P"].is_symmetric()

@@ -1,0 +1,174 @@
+"""Values as they are typed: exact ranges, lists that respect brackets, draws that can be repeated."""
+
+from __future__ import annotations
+
+import itertools
+import statistics
+from fractions import Fraction
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from dobc_design.errors import SpecError
+from dobc_design.exact.number import parse_number
+from dobc_design.sweeps.axes import read_axes
+from dobc_design.sweeps.values import read_value, split, value_text
+
+
+def values(given):
+    (axis,) = read_axes({"a.b": given})
+    return axis.values
+
+
+def test_a_range_is_evenly_spaced_and_exact():
+    assert values("1:5:9") == ("1", "1.5", "2", "2.5", "3", "3.5", "4", "4.5", "5")
+    thirds = values("0:1:4")
+    assert thirds == ("0", "1/3", "2/3", "1")
+    assert [Fraction(x) for x in thirds] == [Fraction(k, 3) for k in range(4)]
+    assert values("1:-1:3") == ("1", "0", "-1")
+
+
+def test_a_range_with_even_ratios_keeps_its_ends_and_rounds_what_is_between_to_six_digits():
+    found = values("1/100:10:7:log")
+    assert (found[0], found[-1], len(found)) == ("0.01", "10", 7)
+    ratios = [float(Fraction(b)) / float(Fraction(a)) for a, b in itertools.pairwise(found)]
+    assert max(ratios) / min(ratios) == pytest.approx(1, abs=1e-5)
+    assert all(len(x.replace(".", "").lstrip("0")) <= 6 for x in found)
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "1:5:1",
+        "1:1:3",
+        "0:5:3:log",
+        "1:5:9999999",
+        "1,,2",
+        "1,",
+        "f(y",
+        "y)",
+        '"a',
+        "1,1",
+        "",
+        "~uniform(1)",
+        "~uniform(2,1)",
+        "~weird(1,2)",
+        "~normal(0,0)",
+        "~integers(0.5,2)",
+        "~loguniform(0,1)",
+        "~choice()",
+        "~x",
+    ],
+)
+def test_values_that_mean_nothing_are_refused_with_the_key(text):
+    with pytest.raises(SpecError, match=r"^a.b: ") as caught:
+        values(text)
+    assert caught.value.cure
+
+
+def test_a_list_is_split_outside_brackets_and_quotes_only():
+    assert values("exp(y)-1+y,clip(y, -1, 1),tanh(y)") == ("exp(y)-1+y", "clip(y, -1, 1)", "tanh(y)")
+    assert values("[[1],[2]],[[16/5],[12/5]]") == ("[[1],[2]]", "[[16/5],[12/5]]")
+    assert split('"a,b",c') == ['"a,b"', "c"]
+
+
+@pytest.mark.parametrize(
+    ("text", "value"),
+    [
+        ("5", 5),
+        ("-3", -3),
+        ("0.5", "0.5"),
+        ("9/16", "9/16"),
+        ("none", None),
+        ("exp(y)-1+y", "exp(y)-1+y"),
+        ("[[16/5], [2]]", [["16/5"], [2]]),
+        ('"5"', "5"),
+        ("'none'", "none"),
+        ("{ 1 = 5, b = 0.5 }", {"1": 5, "b": "0.5"}),
+        ("[]", []),
+    ],
+)
+def test_a_value_is_read_as_a_problem_file_would_hold_it(text, value):
+    assert read_value(text) == value
+
+
+@given(
+    st.recursive(
+        st.integers(-(10**6), 10**6)
+        | st.fractions(max_denominator=1000)
+        | st.floats(-1e6, 1e6, allow_subnormal=False)
+        | st.text(st.characters(min_codepoint=32, max_codepoint=126), min_size=1, max_size=8),
+        lambda inner: st.lists(inner, min_size=1, max_size=3),
+        max_leaves=5,
+    )
+)
+def test_the_text_of_a_value_reads_back_as_the_value(value):
+    """Numbers stay exact, text stays text whatever it looks like."""
+
+    def same(read, given):
+        if isinstance(given, list):
+            return isinstance(read, list) and all(same(a, b) for a, b in zip(read, given, strict=True))
+        if isinstance(given, str):
+            return read == given
+        return parse_number(read, key="x") == parse_number(given, key="x")
+
+    assert same(read_value(value_text(value)), value)
+
+
+def test_values_from_python_may_be_arrays_lists_and_tables():
+    assert values(np.linspace(0, 1, 3)) == ("0", "0.5", "1")
+    assert values([Fraction(1, 3), "tanh(y)", [[1, 2]]]) == ("1/3", "tanh(y)", "[[1, 2]]")
+    assert read_value(values([{"s 1": 0.5, "b": Fraction(1, 3)}])[0]) == {"s 1": "0.5", "b": "1/3"}
+    with pytest.raises(SpecError, match="must be a number, text, list or table"):
+        values([True])
+
+
+def test_draws_depend_on_seed_axis_and_number_alone():
+    (axis,) = read_axes(["a=~uniform(0,1)"])
+    first = [axis.draw.value(7, axis.name, k) for k in range(50)]
+    assert first == [axis.draw.value(7, axis.name, k) for k in range(50)]
+    assert len(set(first)) > 45
+    assert first != [axis.draw.value(8, axis.name, k) for k in range(50)]
+    assert first != [axis.draw.value(7, "b", k) for k in range(50)]
+
+
+@pytest.mark.parametrize(
+    ("text", "low", "high", "middle"),
+    [
+        ("~uniform(-1,3)", -1, 3, 1),
+        ("~loguniform(0.01,100)", 0.01, 100, 1),
+        ("~normal(2,0.5)", -1, 5, 2),
+        ("~integers(1,9)", 1, 9, 5),
+    ],
+)
+def test_draws_have_the_distribution_they_are_named_after(text, low, high, middle):
+    """Bounds and the median, of 2000 draws; the median's standard error is below a twentieth of each spread."""
+    (axis,) = read_axes([f"a={text}"])
+    drawn = [float(Fraction(axis.draw.value(1, "a", k))) for k in range(2000)]
+    assert low <= min(drawn) < max(drawn) <= high
+    assert statistics.median(drawn) == pytest.approx(middle, rel=0.2, abs=0.15)
+
+
+def test_choices_are_all_drawn_about_equally_often():
+    (axis,) = read_axes(["h=~choice(y,tanh(y),clip(y,-1,1))"])
+    drawn = [axis.draw.value(0, "h", k) for k in range(600)]
+    counts = [drawn.count(each) for each in ("y", "tanh(y)", "clip(y,-1,1)")]
+    assert sum(counts) == 600
+    assert min(counts) > 140
+
+
+def test_axes_that_undo_each_other_are_refused_and_those_that_go_together_are_not():
+    for pair in ({"a": "1", "a.b": "2"}, {"a.b": "1", "c,a.b": "2"}):
+        with pytest.raises(SpecError, match="set the same place"):
+            read_axes(pair)
+    assert len(read_axes({"a.b": "1", "a.c": "2"})) == 2
+    with pytest.raises(SpecError, match="nothing is varied"):
+        read_axes({})
+
+
+def test_all_wrong_axes_are_named_at_once():
+    with pytest.raises(SpecError) as caught:
+        read_axes(["a=1:1:2", "b=~x", "c=1"])
+    assert [error.key for error in caught.value.errors] == ["a", "b"]

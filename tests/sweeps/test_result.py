@@ -1,0 +1,179 @@
+"""What a sweep leaves: tables in every format with the same content, answers, figures."""
+
+from __future__ import annotations
+
+import csv
+import json
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+from problem_texts import CHAIN
+
+from dobc_design.errors import SpecError
+from dobc_design.sweeps.picture import sweep_picture
+from dobc_design.sweeps.plan import make_plan
+from dobc_design.sweeps.result import SweepResult
+from dobc_design.sweeps.storage import parquet_bytes
+from dobc_design.sweeps.tasks import Task
+
+
+def made(over, tmp_path: Path, *, task: str = "certify", samples=None, missing=()) -> SweepResult:
+    """A result whose numbers are made up: rate = number of the case / 10, every third undecided, some failed."""
+    (tmp_path / "c.toml").write_text(CHAIN, encoding="utf-8")
+    plan = make_plan(tmp_path / "c.toml", over, task=Task(kind=task), samples=samples)
+    lines = []
+    for number in range(len(plan)):
+        found = dict.fromkeys(name for name, _, _ in plan.task.columns)
+        if task == "certify":
+            found |= {"verdict": "undecided" if number % 3 == 2 else "proved", "rate": number / 10, "reason": 'r, "q"'}
+        else:
+            found |= {"diverged": number % 2 == 1, "diverged_runs": number % 2, "settling_time": None}
+        error = {"kind": "k", "key": None, "message": "it broke", "cure": "mend it"} if number in missing else None
+        lines.append(
+            {
+                "case": number,
+                "id": f"{number:064x}",
+                "values": list(plan.case(number).values),
+                "seconds": 0.5,
+                "result": None if error else found,
+                "error": error,
+            }
+        )
+    return SweepResult(plan=plan, lines=tuple(lines))
+
+
+GRID = {"pinning.gains.3": "1:3:3", "coupling.h": "y,tanh(y),sin(y),atan(y)"}
+
+
+def test_csv_and_json_lines_hold_every_row(tmp_path):
+    result = made(GRID, tmp_path, missing=(4,))
+    rows = list(csv.DictReader(result.save(tmp_path / "r.csv").open(encoding="utf-8", newline="")))
+    again = [json.loads(line) for line in result.save(tmp_path / "r.jsonl").read_text("utf-8").splitlines()]
+    assert again == result.rows
+    assert len(rows) == 12
+    assert (rows[5]["pinning.gains.3"], rows[5]["coupling.h"], rows[5]["rate"]) == ("2.0", "tanh(y)", "0.5")
+    assert (rows[4]["rate"], rows[4]["error"], rows[3]["error"]) == ("", "it broke", "")
+    assert rows[0]["reason"] == 'r, "q"'
+
+
+def test_a_table_is_not_overwritten_and_has_a_known_ending(tmp_path):
+    result = made(GRID, tmp_path)
+    result.save(tmp_path / "r.csv")
+    with pytest.raises(SpecError, match="exists already"):
+        result.save(tmp_path / "r.csv")
+    result.save(tmp_path / "r.csv", force=True)
+    with pytest.raises(SpecError, match=r"saved as .csv, .jsonl, .parquet"):
+        result.save(tmp_path / "r.xls")
+
+
+def test_parquet_holds_the_same_rows_with_their_types(tmp_path):
+    pytest.importorskip("duckdb", reason="needs dobc_design[store]")
+    parquet = pytest.importorskip("pyarrow.parquet", reason="needs dobc_design[store]")
+    for task, missing in (("certify", (4,)), ("simulate", ())):
+        result = made(GRID, tmp_path, task=task, missing=missing)
+        table = parquet.read_table(result.save(tmp_path / f"{task}.parquet"))
+        assert table.to_pylist() == result.rows
+        kinds = {field.name: str(field.type) for field in table.schema}
+        names = {"text": "string", "number": "double", "truth": "bool", "count": "int64"}
+        assert kinds == {name: names[kind] for name, kind in result.columns.items()}
+
+
+def test_questions_in_sql_are_answered_and_cannot_reach_files(tmp_path):
+    pytest.importorskip("duckdb", reason="needs dobc_design[store]")
+    result = made(GRID, tmp_path)
+    found = result.query('SELECT verdict, count(*) AS n, max("pinning.gains.3") AS k FROM sweep GROUP BY 1 ORDER BY 1')
+    assert found.to_dict("records") == [
+        {"verdict": "proved", "n": 8, "k": 3.0},
+        {"verdict": "undecided", "n": 4, "k": 3.0},
+    ]
+    (tmp_path / "x.csv").write_text("a\n1\n", encoding="utf-8")
+    for sql in ("SELEKT 1", f"SELECT * FROM read_csv('{tmp_path / 'x.csv'}')", "SELECT nothing FROM sweep"):
+        with pytest.raises(SpecError, match="DuckDB cannot answer that") as caught:
+            result.query(sql)
+        assert "coupling.h" in str(caught.value.cure)
+
+
+def test_without_the_extra_the_message_says_what_is_missing_and_what_works(tmp_path, monkeypatch):
+    monkeypatch.setitem(sys.modules, "duckdb", None)
+    result = made(GRID, tmp_path)
+    with pytest.raises(SpecError, match=r"dobc_design\[store\]") as caught:
+        parquet_bytes(result.rows, result.columns)
+    assert ".csv and .jsonl need none" in str(caught.value.cure)
+
+
+def test_a_frame_has_the_columns(tmp_path):
+    pytest.importorskip("pandas", reason="needs dobc_design[store]")
+    result = made(GRID, tmp_path)
+    frame = result.frame()
+    assert list(frame.columns) == list(result.columns)
+    assert frame["rate"].tolist() == result.column("rate")
+
+
+def test_a_result_shows_itself_with_user_text_escaped(tmp_path):
+    result = made({"name": '"<b>",x'}, tmp_path, missing=(1,))
+    assert "2 cases of name: 1 proved, 1 failed" in str(result)
+    assert "&lt;b&gt;" in result._repr_html_()
+    assert "<b></td>" not in result._repr_html_()
+    with pytest.raises(SpecError, match="is no column"):
+        result.column("rat")
+
+
+@pytest.mark.parametrize(
+    ("over", "samples", "options", "axes"),
+    [
+        (GRID, None, {}, ("pinning.gains.3", "coupling.h")),
+        (GRID, None, {"x": "coupling.h"}, ("coupling.h", "certified rate in 1/s")),
+        (
+            {"pinning.gains.3": "1:3:3", "coupling.h": "y,tanh(y)"},
+            None,
+            {},
+            ("pinning.gains.3", "certified rate in 1/s"),
+        ),
+        ({"coupling.h": "y,tanh(y)", "target": "~uniform(0,1)"}, 6, {}, ("target", "certified rate in 1/s")),
+        ({"target": "~loguniform(1,1000)"}, 6, {"value": "rate"}, ("target", "certified rate in 1/s")),
+        ({"target": "~uniform(0,1)", "coupling.h": "~choice(y,sin(y))"}, 6, {"x": "coupling.h"}, ("coupling.h", None)),
+    ],
+)
+def test_a_figure_names_what_it_shows(tmp_path, over, samples, options, axes):
+    sheet = made(over, tmp_path, samples=samples).plot(**options)
+    drawn = sheet.figure.axes[0]
+    assert drawn.get_xlabel() == axes[0]
+    if axes[1] is not None:
+        assert drawn.get_ylabel() == axes[1]
+    assert sheet.file("png")[:4] == b"\x89PNG"
+
+
+def test_a_heat_map_draws_the_median_of_what_falls_on_a_cell_and_marks_the_worst_verdict(tmp_path):
+    result = made({**GRID, "target": "~uniform(0,1)"}, tmp_path, samples=3, missing=(0,))
+    figure = result.plot().figure
+    mesh = figure.axes[0].collections[0].get_array().reshape(4, 3)
+    for row in range(4):
+        for column in range(3):
+            numbers = [(column * 4 + row) * 3 + k for k in range(3)]
+            rates = [number / 10 for number in numbers if number != 0]
+            assert mesh[row, column] == pytest.approx(np.median(rates))
+    assert "median over target" in figure.get_suptitle()
+    texts = [text.get_text() for text in figure.axes[0].texts]
+    assert texts.count("!") == 1
+    assert texts.count("?") == 11
+
+
+def test_a_line_goes_through_the_medians(tmp_path):
+    result = made({"pinning.gains.3": "1:3:3", "target": "~uniform(0,1)"}, tmp_path, samples=3)
+    line = result.plot().figure.axes[0].lines[0]
+    assert line.get_xdata().tolist() == [1, 2, 3]
+    assert line.get_ydata() == pytest.approx([0.1, 0.4, 0.7])
+
+
+def test_what_cannot_be_drawn_is_refused_with_what_can(tmp_path):
+    result = made(GRID, tmp_path)
+    for options, words in (
+        ({"value": "verdict"}, "no numeric column"),
+        ({"x": "rate"}, "no axis"),
+        ({"value": "box"}, "nothing to be drawn"),
+        ({"x": "coupling.h", "y": "coupling.h"}, "different axes"),
+    ):
+        with pytest.raises(SpecError, match=words):
+            sweep_picture(result, **({"value": None, "x": None, "y": None} | options))

@@ -1,0 +1,364 @@
+"""Sweeps: every case once, failures among them, stopped and resumed; the same whoever computes it."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import subprocess
+import sys
+from fractions import Fraction
+from importlib.util import find_spec
+from pathlib import Path
+from random import Random
+
+import pytest
+from problem_texts import CHAIN
+from sweeps import without_times
+
+import dobc_design as dd
+from dobc_design.errors import SpecError
+from dobc_design.problem.load import load_problem
+from dobc_design.sweeps import running
+from dobc_design.sweeps.case import run_case
+from dobc_design.sweeps.engines import run_dask, run_joblib
+from dobc_design.sweeps.journal import Journal
+from dobc_design.sweeps.limit import TooLong, within
+from dobc_design.sweeps.plan import Plan, make_plan
+from dobc_design.sweeps.running import sweep
+from dobc_design.sweeps.tasks import Task
+from dobc_design.sweeps.time_left import Clock, State, duration
+from dobc_design.verdict import Verdict
+
+OVER = {"pinning.gains.3": "0,4", "coupling.h": "y,-y,y+1", "network.modes.G[0][2]": "~uniform(0.5,2)"}
+
+
+@pytest.fixture
+def chain(tmp_path) -> Path:
+    path = tmp_path / "chain.toml"
+    path.write_text(CHAIN, encoding="utf-8")
+    return path
+
+
+@pytest.fixture(scope="module")
+def result(tmp_path_factory):
+    path = tmp_path_factory.mktemp("sweep") / "chain.toml"
+    path.write_text(CHAIN, encoding="utf-8")
+    return sweep(path, OVER, samples=2, jobs=1)
+
+
+def test_a_sweep_says_of_every_case_what_certify_says_of_the_same_file(chain, result):
+    """The oracle is certify on a text in which the values were put by hand."""
+    assert len(result) == 2 * 3 * 2
+    for row in result.rows[::5]:
+        gain, weight = Fraction(str(row["pinning.gains.3"])), Fraction(str(row["network.modes.G[0][2]"]))
+        text = CHAIN.replace("3 = 5", f'3 = "{gain}"').replace('"y"', f'"{row["coupling.h"]}"')
+        chain.write_text(text.replace("[1, 2]", f'[1, 2, "{weight}"]'), encoding="utf-8")
+        if row["coupling.h"] == "y+1":
+            with pytest.raises(SpecError, match="must vanish"):
+                load_problem(chain)
+            assert "must vanish" in row["error"]
+            continue
+        certificate = dd.certify(chain)
+        assert (row["verdict"], row["rate"], row["reason"]) == (
+            certificate.verdict.value,
+            certificate.rate,
+            certificate.reason,
+        )
+
+
+def test_the_chain_is_refuted_without_a_pin_or_with_a_repelling_coupling_and_proved_with_one(result):
+    for row in result.rows:
+        if row["coupling.h"] == "y" and row["pinning.gains.3"] == 4:
+            assert row["verdict"] == "proved"
+        if row["coupling.h"] != "y+1" and row["pinning.gains.3"] == 0:
+            assert row["verdict"] == "refuted"
+    assert result.outcomes["failed"] == 4
+
+
+def test_draws_are_the_same_at_every_point_of_the_grid(result):
+    assert len(set(result.column("network.modes.G[0][2]"))) == 2
+
+
+def test_simulations_can_be_swept_and_diverging_ones_are_results(tmp_path):
+    text = CHAIN + "[region]\ninitial_states = [0, 9]\n[simulation]\nt_final = 5\n"
+    (tmp_path / "c.toml").write_text(text, encoding="utf-8")
+    found = sweep(tmp_path / "c.toml", ["coupling.h=y,-y**3"], task="simulate", jobs=1)
+    assert found.outcomes == {"converged": 1, "diverged": 1}
+    run = dd.simulate(tmp_path / "c.toml")
+    assert found.rows[0]["final_error"] == run.final_error
+    assert found.rows[0]["settling_time"] == run.settling_time()
+
+
+def test_a_problem_from_python_is_swept_like_its_file(chain):
+    problem = load_problem(chain)
+    given = sweep(problem, OVER, samples=2, jobs=1)
+    again = sweep(chain, {**OVER, "pinning.gains.3": [0, 4]}, samples=2, jobs=1)
+    assert without_times(list(given.lines)) == without_times(list(again.lines))
+
+
+def test_arcs_from_a_file_are_read_once_and_travel_with_the_cases(tmp_path):
+    (tmp_path / "arcs.csv").write_text("1,2\n2,3\n", encoding="utf-8")
+    text = CHAIN.replace("G = [[1, 2], [2, 3]]", 'G = { file = "arcs.csv" }')
+    (tmp_path / "c.toml").write_text(text, encoding="utf-8")
+    plan = make_plan(tmp_path / "c.toml", ["pinning.gains.3=1,2"], task=Task())
+    (tmp_path / "arcs.csv").unlink()
+    line = run_case(plan.base, plan.axes, plan.task, plan.case(1))
+    assert line["result"]["verdict"] == Verdict.PROVED.value
+
+
+@pytest.mark.parametrize(
+    ("over", "options", "words"),
+    [
+        ({"pinning.gain.3": "1,2"}, {}, "unknown key"),
+        ({"coupling.h": "y+1,y+2"}, {}, "must vanish"),
+        ({"coupling.h": "~choice(y)"}, {}, "samples must say how many times coupling.h is drawn"),
+        ({"coupling.h": "y"}, {"samples": 3}, "samples must be left out"),
+        ({"coupling.h": "y"}, {"task": "dream"}, "task must be one of certify, simulate"),
+        ({"coupling.h": "y"}, {"runs": 3}, "runs is for simulations"),
+        ({"coupling.h": "y"}, {"task": "simulate", "everything": True}, "is for certify"),
+        ({"coupling.h": "y"}, {"jobs": 0}, "jobs must be a whole number"),
+        ({"coupling.h": "y"}, {"time_limit": 0}, "time_limit must be a number of seconds > 0"),
+        ({"coupling.h": "y"}, {"time_limit": "inf"}, "time_limit must be a number"),
+        ({"target": "1:2:2000", "pinning.gains.3": "1:2:2000"}, {}, "these axes give 4000000"),
+        ({"coupling.h": "~choice(y)"}, {"samples": 0}, "samples must be a whole number >= 1"),
+    ],
+)
+def test_a_sweep_that_cannot_be_meant_is_refused_before_anything_is_written(chain, tmp_path, over, options, words):
+    with pytest.raises(SpecError, match=words):
+        sweep(chain, over, out=tmp_path / "out", **options)
+    assert not (tmp_path / "out").exists()
+
+
+# ------------------------------------------------------------------------------------------ the journal
+
+
+def test_a_sweep_that_was_stopped_goes_on_and_ends_like_one_that_was_not(chain, tmp_path, result, monkeypatch):
+    out, seen = tmp_path / "out", []
+
+    def stop(state: State) -> None:
+        seen.append(state.done)
+        if state.done == 7:
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        sweep(chain, OVER, samples=2, jobs=1, out=out, progress=stop)
+    with (out / "results.jsonl").open("ab") as stream:
+        stream.write(b'{"case": 3, "id": "torn')  # what a kill in the middle of a write leaves
+    count = len((out / "results.jsonl").read_bytes().split(b"\n")) - 1
+    assert count == 7
+    seen.clear()
+    found = sweep(chain, OVER, samples=2, jobs=1, out=out, progress=lambda state: seen.append(state.done))
+    assert seen == list(range(7, 13)), "nothing is done twice"
+    assert without_times(list(found.lines)) == without_times(list(result.lines))
+    written = [json.loads(line) for line in (out / "results.jsonl").read_bytes().splitlines()]
+    assert sorted(line["case"] for line in written) == list(range(12))
+    seen.clear()
+    sweep(chain, OVER, samples=2, jobs=1, out=out, progress=lambda state: seen.append(state.done))
+    assert seen == [12]
+
+
+def test_lines_that_are_broken_or_belong_to_no_case_are_done_again(chain, tmp_path, result):
+    out = tmp_path / "out"
+    sweep(chain, OVER, samples=2, jobs=1, out=out)
+    lines = (out / "results.jsonl").read_bytes().splitlines()
+    other = json.loads(lines[4]) | {"values": ["9", "y", "1"]}
+    lines[2:5] = [b"\xff garbage", b"[1, 2]", json.dumps(other).encode()]
+    (out / "results.jsonl").write_bytes(b"\n".join(lines) + b"\n")
+    done: list[int] = []
+    found = sweep(chain, OVER, samples=2, jobs=1, out=out, progress=lambda state: done.append(state.done))
+    assert done[0] == 9
+    assert without_times(list(found.lines)) == without_times(list(result.lines))
+
+
+@pytest.mark.parametrize("change", ["values", "problem", "seed", "task", "samples"])
+def test_a_folder_of_another_sweep_is_refused_and_left_alone_unless_forced(chain, tmp_path, change):
+    out = tmp_path / "out"
+    over, options = {"coupling.h": "y", "target": "~uniform(0,1)"}, {"samples": 2, "seed": 0, "task": "certify"}
+    sweep(chain, over, out=out, jobs=1, **options)
+    before = {path.name: path.read_bytes() for path in out.iterdir()}
+    if change == "samples":  # by hand, in the file that says what is swept
+        (out / "sweep.json").write_bytes(before["sweep.json"].replace(b'"samples": 2', b'"samples": 3'))
+        before["sweep.json"] = (out / "sweep.json").read_bytes()
+    elif change == "values":
+        over["coupling.h"] = "y,tanh(y)"
+    elif change == "problem":
+        chain.write_text(CHAIN.replace("3 = 5", "3 = 6"), encoding="utf-8")
+    else:
+        options |= {"seed": 1} if change == "seed" else {"task": "simulate"}
+    with pytest.raises(SpecError, match=f"was made for another sweep, with another .*{change}"):
+        sweep(chain, over, out=out, jobs=1, **options)
+    assert {path.name: path.read_bytes() for path in out.iterdir()} == before
+    assert len(sweep(chain, over, out=out, jobs=1, force=True, **options)) == (4 if change == "values" else 2)
+
+
+def test_a_folder_with_results_of_unknown_origin_is_refused(chain, tmp_path):
+    (tmp_path / "results.jsonl").write_text("{}\n", encoding="utf-8")
+    with pytest.raises(SpecError, match=r"without sweep.json"):
+        sweep(chain, {"coupling.h": "y"}, out=tmp_path, jobs=1)
+
+
+@pytest.mark.skipif(os.name == "nt", reason="files are not locked there")
+def test_two_at_a_time_in_one_folder_are_refused(chain, tmp_path):
+    plan = make_plan(chain, {"coupling.h": "y"}, task=Task())
+    with Journal(tmp_path / "out", plan), pytest.raises(SpecError, match="another process is at work"):
+        sweep(chain, {"coupling.h": "y"}, out=tmp_path / "out", jobs=1)
+    assert len(sweep(chain, {"coupling.h": "y"}, out=tmp_path / "out", jobs=1)) == 1
+
+
+# ------------------------------------------------------------------------------------------ other processes
+
+
+def endless() -> None:
+    while True:
+        pass
+
+
+def test_work_over_its_time_is_interrupted_and_work_within_it_is_left_alone():
+    with pytest.raises(TooLong):
+        within(0.05, endless, alone=False)
+    assert within(60, lambda: 3, alone=True) == 3
+    assert within(None, lambda: 4, alone=True) == 4
+
+
+@pytest.mark.slow
+def test_a_library_that_does_not_come_back_ends_with_its_process():
+    """A regular expression that backtracks for ages, in C and without letting other threads run."""
+    code = "import re; from dobc_design.sweeps.limit import within; "
+    code += "within(0.05, lambda: re.match('(a+)+$', 'a' * 60 + 'b'), alone=True)"
+    done = subprocess.run([sys.executable, "-c", code], check=False, timeout=300)
+    assert done.returncode == 1
+
+
+def test_a_case_over_its_time_is_recorded_and_done_again_only_with_more_time(chain, tmp_path):
+    class Endless(Task):
+        def run(self, problem) -> dict:
+            endless()
+            return {}
+
+    plan = make_plan(chain, ["target=1,2"], task=Task())
+    late = run_case(plan.base, plan.axes, Endless(), plan.case(1), 0.05)
+    assert late["error"]["kind"] == "time"
+    assert "given up after 0.05 s" in late["error"]["message"]
+    out = tmp_path / "out"
+    with Journal(out, plan) as journal:
+        journal.append(run_case(plan.base, plan.axes, plan.task, plan.case(0)))
+        journal.append(late)
+    assert sweep(chain, ["target=1,2"], out=out, time_limit=0.05).outcomes == {"proved": 1, "failed": 1}
+    done: list[int] = []
+    found = sweep(chain, ["target=1,2"], out=out, jobs=1, progress=lambda state: done.append(state.done))
+    assert done == [1, 2]
+    assert found.outcomes == {"proved": 2}
+    assert sweep(chain, ["target=1,2"], out=out, jobs=1).outcomes == {"proved": 2}
+
+
+def deadly(chain: Path) -> Plan:
+    """Five cases, of which the third kills its worker and the fourth never ends."""
+
+    class Deadly:  # not importable in the workers, so it is sent to them as it is
+        def prepare(self) -> None: ...
+
+        def to_json(self) -> dict:
+            return {}
+
+        def run(self, problem) -> dict:
+            if problem.target[0] == 3:
+                os.kill(os.getpid(), signal.SIGKILL)
+            while problem.target[0] == 4:
+                pass
+            return {"verdict": "proved"}
+
+    plan = make_plan(chain, ["target=1:5:5"], task=Task())
+    object.__setattr__(plan, "task", Deadly())
+    return plan
+
+
+def failed(found: list[dict]) -> dict[int, str]:
+    return {line["case"]: line["error"]["kind"] for line in found if line["error"] is not None}
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(os.name == "nt", reason="signals of Unix")
+def test_a_case_that_kills_its_worker_is_recorded_and_the_others_are_done(chain):
+    """The worker of one case is killed, another case never ends; what was in hand with them is done again."""
+
+    plan = deadly(chain)
+    found = list(run_joblib(plan, [plan.case(k) for k in range(5)], jobs=2, limit=2))
+    assert sorted(line["case"] for line in found) == list(range(5))
+    assert failed(found) == {2: "worker", 3: "time"}
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(find_spec("distributed") is None, reason="needs Dask: install dobc_design[cluster]")
+@pytest.mark.skipif(os.name == "nt", reason="signals of Unix")
+def test_on_a_cluster_only_the_case_that_kills_its_worker_is_given_up(chain):
+    """Dask blames whatever the worker had before it; the others are done again and are as good as in a serial run."""
+    plan = deadly(chain)
+    found = list(run_dask(plan, [plan.case(k) for k in range(5)], address="local", jobs=1, limit=2))
+    assert sorted(line["case"] for line in found) == list(range(5))
+    assert failed(found) == {2: "worker", 3: "time"}
+
+
+# ------------------------------------------------------------------------------------------ time left
+
+
+def test_the_time_left_of_equal_cases_is_exact_and_comes_after_five():
+    clock = Clock()
+    for k in range(1, 11):
+        assert clock.left(10, elapsed=2.0 * (k - 1)) is None or k > 5
+        clock.add(4.0)  # two at a time: ten cases of 4 s in 20 s
+    low, high = clock.left(30, elapsed=20.0)
+    assert (low, high) == (pytest.approx(60), pytest.approx(60))
+    assert clock.left(0, elapsed=20.0) == (0, 0)
+
+
+def test_the_interval_holds_the_truth_about_as_often_as_it_says():
+    """400 sweeps of cases with exponential durations: the time left after 20 of 60 lies inside in about 95 %."""
+    inside = 0
+    for seed in range(400):
+        r, clock = Random(seed), Clock()
+        for _ in range(20):
+            clock.add(r.expovariate(1))
+        low, high = clock.left(40, elapsed=clock.mean * 20)
+        inside += low <= sum(r.expovariate(1) for _ in range(40)) <= high
+    assert 340 <= inside <= 398
+
+
+def test_the_time_left_does_not_repeat_the_start_of_the_processes(chain, monkeypatch):
+    """Ten cases of 1 s each after 100 s of starting: with five behind there are 5 s ahead."""
+    now, seen = [0.0], []
+
+    def outcomes(plan, cases, *_):
+        now[0] += 100
+        for case in cases:
+            now[0] += 1
+            yield {"case": case.number, "values": list(case.values), "result": {}, "error": None, "seconds": 1.0}
+
+    monkeypatch.setattr(running, "_outcomes", outcomes)
+    monkeypatch.setattr(running.time, "monotonic", lambda: now[0])
+    sweep(chain, ["target=1:10:10"], progress=seen.append)
+    assert seen[5].left == (5, 5)
+    assert seen[-1].elapsed == 110
+
+
+@pytest.mark.parametrize(
+    ("seconds", "words"),
+    [
+        (0.2, "0 s"),
+        (7.4, "7 s"),
+        (33, "35 s"),
+        (100, "2 min"),
+        (3600, "60 min"),
+        (8000, "2 h 10 min"),
+        (10**6, "278 h"),
+    ],
+)
+def test_durations_have_few_digits(seconds, words):
+    assert duration(seconds) == words
+
+
+def test_a_state_says_itself_in_words():
+    state = State(total=20, done=8, resumed=3, failed=1, elapsed=10, left=(50, 130))
+    assert str(state) == "8 of 20 cases, 3 of them from before, 1 failed; 50 s to 2 min left"
+    ended = State(total=20, done=20, resumed=0, failed=0, elapsed=33, left=None)
+    assert str(ended) == "20 of 20 cases; finished after 35 s"

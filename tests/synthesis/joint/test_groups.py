@@ -1,0 +1,154 @@
+"""Designs where agents have different exosystems: a W for every group, judged by NumPy and by both checkers."""
+
+from __future__ import annotations
+
+from fractions import Fraction
+from pathlib import Path
+
+import numpy as np
+import pytest
+from small_designs import CONSTANT, HIDDEN, ring
+
+import dobc_design as dd
+from dobc_design.errors import SpecError
+from dobc_design.exact.matrix import to_float
+from dobc_design.problem.changes import changed_problem, gain_changes
+from dobc_design.problem.exosystem import Exosystem
+from dobc_design.problem.groups import Group
+from dobc_design.problem.load import load_problem
+from dobc_design.problem.observer import Observer
+from dobc_design.problem.problem import Problem
+from dobc_design.problem.toml_writing import changed_file
+from dobc_design.verdict import Verdict
+
+SINE = Exosystem(A=[[0, 2], [-2, 0]], C=[[1, 0]])
+SLOW = Exosystem(A=[[0, 0], [0, "-1/2"]], C=[[1, 0]])  # the second state decays at 1/2, whatever W is
+REGION = {"initial_states": [-1, 1], "initial_disturbance": "1/10"}
+FILE = """\
+name = "mixed"
+[network]
+agents = 3
+arrow = "listens_to"
+modes.G = [[1, 2], [2, 3], [3, 1]]
+[coupling]
+h = "y"
+[exosystem]          # of agent 3
+A = [[0]]
+C = [[1]]
+[[exosystem.groups]]
+agents = [2, 1]
+A = [[0, 2], [-2, 0]]   # a sine
+C = [[1, 0]]
+P = [[1, 0], [0, 1]]
+W = [[9], [9]]
+[observer]
+W = [[77]]
+P = [[1]]
+"""
+
+
+def mixed(first: Exosystem = SINE, other: Exosystem = CONSTANT, **changes: object) -> Problem:
+    """Three agents on a ring: 1 and 2 feel the first exosystem, 3 the other."""
+    groups = [Group(agents=[1, 2], exosystem=first), Group(agents=[3], exosystem=other)]
+    return ring(3, **{"groups": groups} | changes)
+
+
+def decay(exosystem: Exosystem, W: object) -> float:
+    """-max Re of the eigenvalues of A - W C."""
+    error = to_float(exosystem.A) - to_float(W) @ to_float(exosystem.C)
+    return -float(np.max(np.linalg.eigvals(error).real))
+
+
+def test_every_group_gets_a_gain_of_its_own_that_meets_the_request():
+    """A = 0, C = 1: the least |W| for the rate b is b itself."""
+    found = dd.design_observer(mixed(), rate="3/2")
+    assert found.verdict is Verdict.PROVED
+    sine, constant = found.groups["1"].W, found.groups["3"].W
+    assert constant == ((Fraction(3, 2),),)
+    assert decay(SINE, sine) >= 1.5
+    assert ((*sine[0], 0), (*sine[1], 0), (0, Fraction(3, 2))) == found.W
+    assert found.measures["rate"] == min(each.measures["rate"] for each in found.groups.values())
+    assert found.measures["gain"] == max(each.measures["gain"] for each in found.groups.values())
+    assert "Group of agent 3" in str(found)
+    assert set(found.to_json()["groups"]) == {"1", "3"}
+
+
+def test_a_rate_beyond_one_group_is_refuted_and_all_groups_meet_the_nearest_one():
+    found = dd.design_observer(mixed(other=SLOW), rate="0.51")
+    assert found.verdict is Verdict.REFUTED
+    assert found.reason.startswith("group of agent 3: ")
+    assert found.nearest is not None
+    assert found.nearest.request.rate == Fraction(1, 2)
+    assert min(decay(SINE, found.nearest.groups["1"].W), decay(SLOW, found.nearest.groups["3"].W)) >= 0.5 - 1e-9
+    assert dd.design_observer(mixed(other=SLOW), rate="1/2").verdict is Verdict.PROVED
+
+
+def test_a_bound_on_the_gain_holds_for_every_group_or_names_the_one_that_needs_more():
+    """The constant needs |W| = 2 for the rate 2, the sine more: its trace says W_1 >= 4."""
+    found = dd.design_observer(mixed(), rate=2, max_gain=3)
+    assert found.verdict is Verdict.REFUTED
+    assert found.groups["3"].verdict is Verdict.PROVED
+    assert found.reason.startswith("group of agent 1: ")
+    assert found.nearest is not None
+    assert found.nearest.verdict is Verdict.PROVED
+
+
+@pytest.mark.parametrize("region", [None, pytest.param(REGION, marks=pytest.mark.slow)])
+def test_a_whole_design_gives_every_group_its_gain_and_both_checkers_agree(region):
+    problem = mixed(region=region)
+    found = dd.design(problem, digits=2, rate="1/10")
+    assert found.verdict is Verdict.PROVED
+    assert found.problem is not None
+    assert [group.observer.W is not None for group in found.problem.groups] == [True, True]
+    again = dd.verify(found.certificate, found.problem)
+    assert (again.holds, again.verdict) == (True, Verdict.PROVED)
+    assert "Observer of the group of agent 1: W = " in str(found)
+
+
+def test_less_noise_than_one_group_needs_is_refuted_and_named():
+    """A harmonic of 2 rad/s is followed with a gain of 2 at least, whatever W of its group."""
+    found = dd.design_observer(mixed(), noise="1.9")
+    assert found.verdict is Verdict.REFUTED
+    assert found.reason.startswith("group of agent 1: ")
+    assert found.nearest is not None
+    assert found.nearest.request.noise[0].bound > 2
+
+
+def test_an_undetectable_group_is_named_and_refused_for_good_only_if_its_reduction_is_declined():
+    problem = mixed(other=HIDDEN)
+    found = dd.design(problem)
+    assert found.verdict is Verdict.UNDECIDED
+    assert "group of agent 3" in found.reason
+    assert "A = [[0]]" in found.reason
+    declined = dd.design(problem, reduce=False)
+    assert (declined.verdict, declined.binding) == (Verdict.REFUTED, "reduce")
+
+
+def test_gains_over_the_region_of_the_file_leave_room_for_the_observers_of_all_groups():
+    given = mixed(region=REGION, coupling="tanh(y)")
+    problem = changed_problem(given, gain_changes(given, ((4, 0), (2, 0), (0, 2))))
+    found = dd.design_pinning(problem, rate="1/10", region=True)
+    assert found.verdict is Verdict.PROVED
+    assert found.certificate.rho > 1
+    assert dd.certify(found.problem).verdict is Verdict.PROVED
+
+
+def test_the_gains_of_all_groups_are_written_where_they_stand_and_comments_stay(tmp_path: Path):
+    (tmp_path / "mixed.toml").write_text(FILE, encoding="utf-8")
+    problem = load_problem(tmp_path / "mixed.toml")
+    changes = gain_changes(problem, ((4, 0), (2, 0), (0, 2)))
+    text = changed_file(problem, changes, text=FILE, folder=tmp_path)
+    assert "# of agent 3" in text
+    assert "# a sine" in text
+    assert not any(old in text for old in ("77", "9", "P = "))
+    (tmp_path / "new.toml").write_text(text, encoding="utf-8")
+    first, other = load_problem(tmp_path / "new.toml").groups
+    assert first.observer == Observer(W=[[4], [2]])
+    assert other.observer == Observer(W=[[2]])
+    removed = changed_problem(problem, gain_changes(problem, None))
+    assert [group.observer for group in removed.groups] == [Observer(), Observer()]
+
+
+def test_a_gain_that_mixes_groups_is_refused():
+    with pytest.raises(SpecError, match="block diagonal"):
+        gain_changes(mixed(), ((4, 1), (2, 0), (0, 2)))

@@ -1,0 +1,258 @@
+"""Joint design: what is designed is certified, and what is refused is impossible by an oracle of its own."""
+
+from __future__ import annotations
+
+from fractions import Fraction
+from itertools import combinations
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from small_designs import BOX, CONSTANT, HIDDEN, NOISY_BOX, ring, star, two_leaders
+
+import dobc_design as dd
+from dobc_design.errors import SpecError
+from dobc_design.problem.changes import changed_problem
+from dobc_design.problem.network import Network
+from dobc_design.problem.problem import Problem
+from dobc_design.synthesis.joint.refuting import network_obstacle
+from dobc_design.synthesis.joint.request import read_design_request
+from dobc_design.synthesis.pinning.structure import structure_of
+from dobc_design.verdict import Verdict
+
+
+def is_proved(found: dd.Design) -> bool:
+    """The design is a problem whose certificate holds, decided again by both checkers."""
+    if found.verdict is not Verdict.PROVED or found.problem is None or found.certificate is None:
+        return False
+    again = dd.verify(found.certificate, found.problem)
+    return again.holds and again.verdict is Verdict.PROVED
+
+
+def slopes(problem: Problem) -> np.ndarray:
+    """J at the consensus for h'(0) = 1, from the arcs."""
+    arcs = next(iter(problem.network.modes.values()))
+    J = np.zeros((problem.n, problem.n))
+    for i, j, weight in arcs:
+        J[i, j] += float(weight)
+        J[i, i] -= float(weight)
+    return J
+
+
+def fastest(problem: Problem, gains: dict[int, float]) -> float:
+    """The decay rate of the linearised loop."""
+    K = np.zeros(problem.n)
+    for i, k in gains.items():
+        K[i] = k
+    return -float(np.max(np.linalg.eigvals(slopes(problem) - np.diag(K)).real))
+
+
+@pytest.mark.slow
+def test_a_nonlinear_ring_with_a_region_gets_one_pin_that_is_proved_for_it():
+    found = dd.design(ring(coupling="tanh(y)", region=BOX))
+    assert is_proved(found)
+    assert list(found.gains) == ["1"]
+    assert found.certificate is not None
+    assert found.certificate.covered_by == "max-separable"
+    assert found.cost == sum(found.gains.values())
+
+
+@pytest.mark.slow
+def test_with_a_disturbance_w_is_designed_too_and_rounded_to_the_digits_asked():
+    found = dd.design(ring(3, region=NOISY_BOX, exosystem=CONSTANT), digits=2)
+    assert is_proved(found)
+    assert found.W is not None
+    assert found.problem is not None
+    assert found.problem.observer.W == found.W
+    for number in (*found.gains.values(), *(x for row in found.W for x in row)):
+        assert Fraction(f"{float(number):.2g}") == number
+
+
+@pytest.mark.slow
+def test_the_certified_rate_is_at_least_the_one_asked_for():
+    found = dd.design(ring(3, region=BOX), rate="0.2")
+    assert is_proved(found)
+    assert found.rate is not None
+    assert found.rate >= 0.2
+
+
+@pytest.mark.slow
+def test_the_papers_example_without_k_and_w_is_proved_for_its_box_with_at_most_two_pins():
+    """Starts in [0, 5] about xbar = 1 and |eps| <= 1/2; gains with the printed arcs' likeliest reading."""
+    paper = dd.load_problem("paper-fixed")
+    bare = changed_problem(paper, {"pinning.gains": None, "observer.P": None, "observer.W": None})
+    found = dd.design(bare)
+    assert is_proved(found)
+    assert found.problem is not None
+    assert found.problem.region == paper.region
+    assert 1 <= len(found.gains) <= 2
+
+
+def test_without_a_region_the_design_is_proved_at_the_consensus():
+    found = dd.design(ring(region=None), rate="0.1")
+    assert is_proved(found)
+    assert found.certificate is not None
+    assert found.certificate.covered_by == "lemma1"
+
+
+def test_gains_of_the_problem_are_not_looked_at():
+    assert dd.design(ring(3, gains={"3": 77}), rate="0.1").gains == dd.design(ring(3), rate="0.1").gains
+
+
+@pytest.mark.slow
+def test_only_allowed_agents_are_pinned_and_no_gain_exceeds_its_cap():
+    found = dd.design(ring(region=BOX), allowed=["2", "4"], pins=2, max_gain="0.3", rate="0.05")
+    assert is_proved(found)
+    assert set(found.gains) <= {"2", "4"}
+    assert max(found.gains.values()) <= Fraction(3, 10)
+
+
+def test_a_rate_beyond_the_allowed_agents_is_refuted_with_the_nearest_one():
+    """A held leader: the others follow at h'(0) = 1 and no faster, whatever k_1."""
+    found = dd.design(star(3, region=BOX), rate="1.01", allowed=["1"])
+    assert (found.verdict, found.binding) == (Verdict.REFUTED, "rate")
+    assert fastest(star(3), {0: 1e9}) == pytest.approx(1)
+    assert found.nearest is not None
+    assert is_proved(found.nearest)
+    assert found.nearest.request.rate is not None
+    assert Fraction(1, 2) < found.nearest.request.rate < 1
+
+
+def test_a_rate_just_within_the_allowed_agents_is_reached():
+    found = dd.design(star(3, region=BOX), rate="0.99", allowed=["1"])
+    assert is_proved(found)
+
+
+@pytest.mark.slow
+def test_a_cap_that_is_too_small_is_refuted_and_the_nearest_cap_does():
+    """All agents at k = 1/2 return at 1/2 together, and never faster."""
+    found = dd.design(ring(3, region=BOX), rate="0.51", max_gain="1/2")
+    assert (found.verdict, found.binding) == (Verdict.REFUTED, "max_gain")
+    assert fastest(ring(3), dict.fromkeys(range(3), 0.5)) == pytest.approx(0.5)
+    assert found.nearest is not None
+    assert is_proved(found.nearest)
+    assert max(found.nearest.request.caps.values()) > Fraction(1, 2)
+
+
+def test_fewer_pins_than_groups_is_refuted_and_the_nearest_request_has_enough():
+    found = dd.design(two_leaders(region=BOX), pins=1)
+    assert (found.verdict, found.binding) == (Verdict.REFUTED, "pins")
+    assert "1; " in found.reason
+    assert found.nearest is not None
+    assert is_proved(found.nearest)
+    assert found.nearest.request.pins == 2
+    assert is_proved(dd.design(two_leaders(region=BOX), pins=2))
+
+
+def test_too_few_pins_for_a_rate_are_refuted_set_by_set():
+    """Held by two pins, a third leaf of the star still returns at 1 only: three leaves need their own pin."""
+    found = dd.design(star(region=BOX), rate="1.2", pins=2)
+    assert (found.verdict, found.binding) == (Verdict.REFUTED, "pins")
+    sets = combinations(range(4), 2)
+    assert max(fastest(star(), dict.fromkeys(pair, 1e6)) for pair in sets) < 1.2
+    assert found.nearest is not None
+    assert is_proved(found.nearest)
+    assert len(found.nearest.gains) == 4
+
+
+@pytest.mark.parametrize("pins", [None, 1])
+def test_a_group_that_is_alone_in_one_mode_only_is_refuted_for_arbitrary_switching(pins):
+    """In turn, modes A (3 hears 2) and B (2 hears 1) may converge with a pin on 1; put together they need no other."""
+    for modes, several in (({"A": [[3, 2]], "B": [[2, 1]]}, True), ({"A": [[3, 2], [2, 1]]}, False)):
+        problem = Problem(
+            network=Network.from_arcs(modes, arrow="listens_to", agents=3), coupling="y", gains={1: 1}, target=0
+        )
+        request = read_design_request(
+            problem.network.labels,
+            rate=None,
+            pins=pins,
+            max_gain=None,
+            allowed=None if pins else ["1"],
+            noise=None,
+            digits=3,
+            reduce=True,
+        )
+        ground = SimpleNamespace(problem=problem, request=request, structure=structure_of(problem, request.allowed))
+        found = network_obstacle(ground)
+        assert (found is not None) is several
+        assert found is None or "under arbitrary switching" in found.text
+
+
+def test_a_group_without_an_allowed_agent_is_refuted_and_the_nearest_request_allows_it():
+    found = dd.design(star(region=BOX), allowed=["2", "3"])
+    assert (found.verdict, found.binding) == (Verdict.REFUTED, "allowed")
+    assert found.nearest is not None
+    assert is_proved(found.nearest)
+    assert 0 in found.nearest.request.allowed
+
+
+def test_an_undetectable_pair_is_refuted_when_its_reduction_is_declined_and_reduced_otherwise():
+    problem = ring(3, region=NOISY_BOX, exosystem=HIDDEN)
+    found = dd.design(problem, reduce=False)
+    assert (found.verdict, found.binding) == (Verdict.REFUTED, "reduce")
+    assert found.nearest is not None
+    assert is_proved(found.nearest)
+    assert found.nearest.problem is not None
+    assert found.nearest.problem.q == 1
+    assert found.nearest.request.reduce
+
+
+def test_too_quiet_an_observer_is_refuted_and_the_nearest_bound_is_met():
+    """A harmonic of 1 rad/s is followed with a gain of 1 at least."""
+    problem = ring(3, region=NOISY_BOX, exosystem=dd.exosystems.harmonics(1))
+    found = dd.design(problem, noise="0.9")
+    assert (found.verdict, found.binding) == (Verdict.REFUTED, "noise")
+    assert found.nearest is not None
+    assert is_proved(found.nearest)
+    assert found.nearest.request.noise[0].bound > 1
+
+
+@pytest.mark.slow
+def test_a_region_that_no_proof_reaches_is_undecided_and_not_called_impossible():
+    """One pin cannot hold a ring of sines whose angles may be pi apart; three pins can, with large gains."""
+    found = dd.design(ring(3, coupling="sin(y)", region={"initial_states": [-3, 3]}), pins=1, allowed=["1"])
+    assert found.verdict is Verdict.UNDECIDED
+    assert found.problem is None
+    assert is_proved(dd.design(ring(3, coupling="sin(y)", region={"initial_states": [-3, 3]})))
+
+
+def test_wrong_arguments_are_named_all_at_once():
+    with pytest.raises(SpecError) as caught:
+        dd.design(ring(), rate=-1, noise=-2, reduce="no")
+    assert {error.key for error in caught.value.errors} == {"rate", "noise", "reduce"}
+
+
+def test_a_design_says_what_was_decided_and_what_each_limit_costs():
+    found = dd.design(ring(3, region=BOX, name="<script>"), rate="0.2")
+    text = str(found)
+    assert "Pinned: agent 1; one pin has to be" in text
+    assert "Gains: k = " in text
+    assert "Price of the rate" in text
+    assert "<script" not in found._repr_html_()
+    assert set(found.to_json()) >= {"verdict", "W", "P", "gains", "rate", "cost", "reason", "problem"}
+
+
+def test_the_price_of_the_rate_is_the_slope_of_the_smallest_gain():
+    """By differences of the smallest gains at two rates (theory, section 7 for the linear star: k = b / (1 - b))."""
+    from dobc_design.synthesis.pinning.region_gains import RegionSearch
+
+    bare = changed_problem(star(2, region=BOX), {"pinning.gains": None})
+    search = RegionSearch(bare, None, radius=Fraction(1), disturbance=Fraction(0))
+    for rate in (0.2, 0.5, 0.8):
+        found = search.smallest([0], {}, rate)
+        assert found is not None
+        assert found.total == pytest.approx(rate)  # agent 1 hears nobody: k = b
+        assert found.rate_price == pytest.approx(1)
+
+
+def test_the_gains_of_a_linear_ring_are_those_of_the_closed_form():
+    """Ring with one hard pin and h = y: v_j = (1 - b)^-(distance), k_1 = b + v_2 - 1."""
+    from dobc_design.synthesis.pinning.region_gains import RegionSearch
+
+    search = RegionSearch(ring(5, coupling="y", region=BOX), None, radius=Fraction(1), disturbance=Fraction(0))
+    rate = 0.1
+    found = search.smallest([0], {}, rate)
+    assert found is not None
+    assert found.total == pytest.approx(rate + (1 - rate) ** -4 - 1)
+    slope = 1 + 4 * (1 - rate) ** -5
+    assert found.rate_price == pytest.approx(slope)

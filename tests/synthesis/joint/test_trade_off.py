@@ -1,0 +1,98 @@
+"""Trade-offs: every curve against a closed form, and what shows them."""
+
+from __future__ import annotations
+
+import sys
+from fractions import Fraction
+
+import pytest
+from small_designs import BOX, CONSTANT, NOISY_BOX, ring, star
+
+import dobc_design as dd
+from dobc_design.errors import SpecError
+
+
+def test_the_gain_curve_of_a_linear_ring_follows_the_closed_form():
+    """One hard pin, h = y: k = b + (1 - b)^-(n - 1) - 1 at the rate b."""
+    found = dd.trade_off(ring(4, region=BOX), points=4)
+    assert len(found.points) == 4
+    for point in found.points:
+        assert point.y == pytest.approx(point.x + (1 - point.x) ** -3 - 1, rel=1e-6)
+    assert [point.x for point in found.points] == sorted(point.x for point in found.points)
+    assert not any(point.proved for point in found.points)
+
+
+def test_near_the_consensus_the_gain_curve_is_proved_and_the_chosen_point_lies_on_it():
+    """Two agents that listen to each other, one pinned: 2 (1 - b) (1 + k - b) = 2 at the boundary of V = e'e."""
+    pair = ring(2)
+    chosen = dd.design(pair, rate="0.2")
+    found = dd.trade_off(pair, design=chosen, points=4)
+    assert all(point.proved for point in found.points)
+    for point in found.points:
+        assert point.y == pytest.approx(1 / (1 - point.x) - 1 + point.x, rel=1e-3)
+    assert found.chosen is not None
+    assert found.chosen.y == float(chosen.cost or 0)
+    assert found.chosen.y == pytest.approx(1 / (1 - found.chosen.x) - 1 + found.chosen.x, rel=0.02)
+
+
+def test_the_pin_curve_of_a_star_jumps_when_every_leaf_is_held():
+    """Leaves return at 1 until each has its own pin: before, a further pin buys nothing."""
+    found = dd.trade_off(star(4, region=BOX), curve="pins", max_gain=5)
+    assert [point.x for point in found.points] == [1, 2, 3, 4]
+    assert [point.y for point in found.points[:3]] == pytest.approx([1, 1, 1], rel=0.03)
+    assert found.points[3].y == pytest.approx(5, rel=0.03)
+    assert "from 3 to 4 pins" in found.sensitivity[0]
+
+
+def test_the_noise_curve_of_a_constant_disturbance_is_w_itself():
+    """A = 0, C = 1: the error decays at W and noise reaches dhat with the gain s W / (s + W) < W."""
+    found = dd.trade_off(ring(3, region=NOISY_BOX, exosystem=CONSTANT), curve="noise", points=2)
+    assert len(found.points) == 2
+    for point in found.points:
+        assert point.y == pytest.approx(point.x, rel=1e-6)
+        assert point.y >= point.x * (1 - 1e-12)
+
+
+def test_a_trade_off_shows_itself(tmp_path):
+    found = dd.trade_off(star(2, region=BOX, name="<b>"), points=3)
+    assert found.plot().save(tmp_path / "curve.svg").stat().st_size > 1000
+    assert found._repr_html_().count("<b>") == 1  # its own, not the name
+    assert str(found).count("\n") >= 3
+
+
+def test_a_trade_off_becomes_a_table():
+    pytest.importorskip("pandas", reason="needs pandas: pip install dobc_design[store]")
+    table = dd.trade_off(star(2, region=BOX), points=3).to_pandas()
+    assert list(table.columns)[-3:] == ["pinned", "proved", "chosen"]
+    assert len(table) == 3
+
+
+def test_without_pandas_the_cure_is_named(monkeypatch):
+    monkeypatch.setitem(sys.modules, "pandas", None)
+    with pytest.raises(SpecError, match="pip install"):
+        dd.trade_off(star(2, region=BOX), points=2).to_pandas()
+
+
+@pytest.mark.parametrize(
+    ("changes", "key"),
+    [
+        ({"curve": "speed"}, "curve"),
+        ({"points": 1}, "points"),
+        ({"points": True}, "points"),
+        ({"curve": "noise"}, "curve"),
+        ({"curve": "pins", "allowed": ["2"]}, "allowed"),
+    ],
+)
+def test_wrong_arguments_are_named(changes, key):
+    with pytest.raises(SpecError) as caught:
+        dd.trade_off(star(3), **changes)
+    assert caught.value.key == key
+
+
+def test_the_chosen_point_is_that_of_the_design():
+    problem = ring(3, region=BOX)
+    design = dd.design(problem, rate="0.2")
+    found = dd.trade_off(problem, curve="pins", design=design, points=2)
+    assert found.chosen is not None
+    assert (found.chosen.x, found.chosen.y) == (1, design.rate)
+    assert Fraction(found.chosen.y) >= Fraction("0.2")

@@ -1,0 +1,354 @@
+"""design_observer: what it says is proved for the rounded W, and checked here again with other means."""
+
+from __future__ import annotations
+
+import math
+from fractions import Fraction
+
+import numpy as np
+import pytest
+
+import dobc_design as dd
+from dobc_design.errors import SpecError
+from dobc_design.exact.matrix import multiply, subtract, to_float, transpose
+from dobc_design.exact.polynomial import decide_hurwitz
+from dobc_design.solvers.rounding import round_matrix
+from dobc_design.synthesis.observer.candidates import make_plant, propose_gains
+from dobc_design.synthesis.observer.request import ObserverRequest
+from dobc_design.synthesis.observer.spectrum import rate_holds
+from dobc_design.verdict import Verdict
+
+SHAPES = {
+    "constant": dd.exosystems.constant(),
+    "ramp": dd.exosystems.ramp(),
+    "harmonic": dd.exosystems.harmonics(2),
+    "periodic": dd.exosystems.periodic(1, harmonics_kept=1),
+    "two outputs": dd.exosystems.stacked(dd.exosystems.harmonics(1), dd.exosystems.ramp()),
+}
+
+
+def problem(exosystem) -> dd.Problem:
+    return dd.Problem(
+        network=dd.Network.from_arcs([[1, 2], [2, 1]], arrow="listens_to", agents=2),
+        coupling="y",
+        gains={1: 1},
+        exosystem=exosystem,
+        target=[0] * exosystem.outputs,
+    )
+
+
+def design(exosystem, **asked):
+    return dd.design_observer(problem(exosystem), **asked)
+
+
+def poles(exosystem, W):
+    return np.linalg.eigvals(to_float(exosystem.A) - to_float(W) @ to_float(exosystem.C))
+
+
+def digits_of(W) -> int:
+    """Significant decimal digits of the longest entry, counted from the largest; 99 if it is no decimal."""
+    entries = [x for row in W for x in row if x]
+    if not entries:
+        return 0
+    top = math.floor(math.log10(max(abs(x) for x in entries)))
+    return next(
+        (d for d in range(1, 30) if all((x * Fraction(10) ** (d - 1 - top)).denominator == 1 for x in entries)), 99
+    )
+
+
+@pytest.mark.parametrize("method", ["lmi", "kalman", "place"])
+@pytest.mark.parametrize("shape", SHAPES)
+def test_every_method_reaches_the_rate_with_the_digits_asked(shape, method):
+    """The rate by Routh's test of A - WC + (rate - 1e-9) I, by floats, and the digits counted."""
+    exosystem = SHAPES[shape]
+    found = design(exosystem, rate="3/2", method=method, digits=3)
+    assert found.verdict is Verdict.PROVED
+    assert all(statement.verdict is Verdict.PROVED for statement in found.statements)
+    assert {"hurwitz", "rate"} <= {statement.kind for statement in found.statements}
+    error = subtract(exosystem.A, multiply(found.W, exosystem.C))
+    assert decide_hurwitz(error).verdict is Verdict.PROVED
+    assert rate_holds(error, Fraction(3, 2))
+    assert np.max(poles(exosystem, found.W).real) < -1.5 + 0.01  # eigenvalues that meet are badly conditioned
+    assert digits_of(found.W) <= 3
+    assert found.measures["rate"] >= 1.5
+
+
+def test_p_and_q_prove_the_envelope():
+    """lower I <= P <= upper I and F'P + PF + 2 rate P <= 0, by eigenvalues; Q = P W exactly."""
+    exosystem = SHAPES["periodic"]
+    found = design(exosystem, rate=1)
+    assert multiply(found.P, found.W) == found.Q
+    assert transpose(found.P) == found.P
+    envelope = next(s for s in found.statements if s.kind == "lyapunov")
+    P, F = to_float(found.P), to_float(subtract(exosystem.A, multiply(found.W, exosystem.C)))
+    rate, lower, upper = (float(Fraction(envelope.exact[name])) for name in ("rate", "lower", "upper"))
+    assert lower > 0
+    assert rate > 0
+    values = np.linalg.eigvalsh(P)
+    assert lower <= values[0] * (1 + 1e-9)
+    assert values[-1] <= upper * (1 + 1e-9)
+    assert np.max(np.linalg.eigvalsh(F.T @ P + P @ F + 2 * rate * P)) <= 1e-9 * upper
+
+
+def test_the_default_is_the_smallest_gain_for_half_the_kalman_rate():
+    """A harmonic of 2 rad/s: 2 rate, with the rate of control.lqe halved and rounded to three digits."""
+    import control
+
+    A, C = to_float(SHAPES["harmonic"].A), to_float(SHAPES["harmonic"].C)
+    _, _, closed = control.lqe(A, np.eye(2), C, np.eye(2), np.eye(1))
+    rate = float(f"{-np.max(closed.real) / 2:.3g}")
+    found = design(SHAPES["harmonic"])
+    assert found.verdict is Verdict.PROVED
+    assert found.measures["gain"] == pytest.approx(2 * rate, rel=1e-3)
+
+
+@pytest.mark.parametrize("shape", SHAPES)
+def test_the_kalman_gain_is_that_of_python_control_rounded(shape):
+    import control
+
+    exosystem = SHAPES[shape]
+    q, m = exosystem.order, exosystem.outputs
+    gain, _, _ = control.lqe(to_float(exosystem.A), np.eye(q), to_float(exosystem.C), np.eye(q), np.eye(m))
+    found = design(exosystem, method="kalman", digits=6)
+    assert round_matrix(np.asarray(gain), 6) == found.W
+
+
+def test_a_kalman_gain_that_is_too_slow_is_replaced_by_a_shifted_one():
+    found = design(SHAPES["harmonic"], method="kalman", rate=5)
+    assert found.verdict is Verdict.PROVED
+    assert "A + 1 rate I" in found.source
+
+
+@pytest.mark.parametrize("method", ["lmi", "place"])
+@pytest.mark.parametrize(
+    "region",
+    [
+        dd.Cone(damping="0.8"),
+        dd.Disk(centre=-3, radius="2"),
+        [dd.HalfPlane(left_of=-1), dd.HalfPlane(right_of=-4)],
+        [dd.Cone(damping="1/2"), dd.Disk(centre=-2, radius=1), dd.HalfPlane(left_of="-3/2")],
+    ],
+)
+def test_regions_hold_for_the_rounded_gain(region, method):
+    exosystem = SHAPES["periodic"]
+    found = design(exosystem, region=region, method=method)
+    assert found.verdict is Verdict.PROVED
+    regions = region if isinstance(region, list) else [region]
+    assert len([s for s in found.statements if s.kind == "region"]) == len(regions)
+    spectrum = poles(exosystem, found.W)
+    for each in regions:
+        if isinstance(each, dd.Disk):
+            assert np.max(np.abs(spectrum - float(each.centre))) <= float(each.radius) + 1e-3
+        elif isinstance(each, dd.Cone):
+            assert np.max(spectrum.real + float(each.damping) * np.abs(spectrum)) <= 1e-3
+        elif each.left_of is not None:
+            assert np.max(spectrum.real) <= float(each.left_of) + 1e-3
+        else:
+            assert np.min(spectrum.real) >= float(each.right_of) - 1e-3
+
+
+def test_the_smallest_gain_for_a_rate_is_proved_to_be_smallest():
+    """|W| = 6.5 at the rate 3 for a harmonic of 2 rad/s, and no W has less."""
+    found = design(SHAPES["harmonic"], rate=3)
+    assert ((Fraction(6),), (Fraction(5, 2),)) == found.W
+    assert found.least_gain == pytest.approx(6.5, rel=1e-9)
+    assert found.least_gain <= 6.5
+
+
+def test_max_gain_alone_gives_the_fastest_observer():
+    """|W| <= 3 for a harmonic of 2 rad/s: rate 3/2."""
+    found = design(SHAPES["harmonic"], max_gain=3)
+    assert found.verdict is Verdict.PROVED
+    assert sum(x * x for row in found.W for x in row) <= 9
+    assert found.measures["rate"] == pytest.approx(1.5, rel=1e-3)
+
+
+def test_a_gain_limit_that_is_too_small_is_refuted_with_the_nearest_request():
+    found = design(SHAPES["harmonic"], rate=3, max_gain=3)
+    assert found.verdict is Verdict.REFUTED
+    assert "every one that does has |W| >= 6.5" in found.reason
+    assert found.W is None
+    near = found.nearest
+    assert near.verdict is Verdict.PROVED
+    assert near.request.max_gain == 3
+    assert float(near.request.rate) == pytest.approx(1.5, rel=1e-3)
+    again = design(SHAPES["harmonic"], rate=near.request.rate, max_gain=3)
+    assert again.verdict is Verdict.PROVED
+
+
+def test_what_no_proof_refutes_is_undecided_with_the_nearest_request():
+    """The cone needs |W| = 2.227, which the bound from the coefficients (2) does not show."""
+    found = design(SHAPES["harmonic"], rate=1, region=dd.Cone(damping="0.7"), max_gain="2.1")
+    assert found.verdict is Verdict.UNDECIDED
+    assert "no proof that there is none" in found.reason
+    assert found.nearest.verdict is Verdict.PROVED
+
+
+def test_an_undetectable_mode_is_refuted_by_its_polynomial():
+    found = design(dd.Exosystem(A=[[0, 2, 0, 0], [-2, 0, 0, 0], [0, 0, 0, 2], [0, 0, -2, 0]], C=[[1, 0, 1, 0]]), rate=1)
+    assert found.verdict is Verdict.REFUTED
+    assert "s^2 + 4" in found.reason
+    assert found.nearest is None
+
+
+def test_a_rate_beyond_a_hidden_mode_is_refuted_and_the_largest_is_offered():
+    exosystem = dd.Exosystem(A=[[-1, 0, 0], [0, 0, 1], [0, -1, 0]], C=[[0, 1, 0]])
+    found = design(exosystem, rate=2)
+    assert found.verdict is Verdict.REFUTED
+    assert "s + 1" in found.reason
+    assert found.nearest.request.rate == 1
+    assert found.nearest.verdict is Verdict.PROVED
+    assert design(exosystem, rate=1).verdict is Verdict.PROVED
+
+
+def test_an_empty_region_is_refuted():
+    found = design(SHAPES["ramp"], region=[dd.HalfPlane(left_of=-3), dd.Disk(centre=0, radius=2)])
+    assert found.verdict is Verdict.REFUTED
+    assert found.nearest is None
+
+
+def test_a_region_of_one_point_is_met_exactly():
+    """Re s <= -2 and Re s >= -2 and an almost flat cone: (s + 2)^2, W = (4, 4)."""
+    found = design(
+        SHAPES["ramp"], region=[dd.HalfPlane(left_of=-2), dd.HalfPlane(right_of=-2), dd.Cone(damping="0.999999")]
+    )
+    assert found.verdict is Verdict.PROVED
+    assert np.abs(poles(SHAPES["ramp"], found.W) + 2) == pytest.approx(0, abs=5e-3)
+
+
+@pytest.mark.parametrize(
+    ("limit", "kind"),
+    [
+        (dd.NoiseLimit(bound="2.2"), "inf"),
+        (dd.NoiseLimit(channel="exosystem", bound="0.9"), "inf"),
+        (dd.NoiseLimit(channel="disturbance", norm="h2", bound="1.1"), 2),
+        (dd.NoiseLimit(channel="exosystem", norm="h2", bound="0.6"), 2),
+    ],
+)
+def test_bounds_on_norms_hold_by_python_control(limit, kind):
+    import control
+
+    exosystem = SHAPES["harmonic"]
+    found = design(exosystem, noise=limit)
+    assert found.verdict is Verdict.PROVED
+    A, C, W = to_float(exosystem.A), to_float(exosystem.C), to_float(found.W)
+    F = A - W @ C
+    B, output, D = {
+        "measurement": (np.hstack([W, 0 * W]), C @ F, np.hstack([C @ W, 0 * C @ W])),
+        "disturbance": (np.hstack([W, 0 * W]), C, np.zeros((1, 2))),
+        "exosystem": (np.eye(2), C, np.zeros((1, 2))),
+    }[limit.channel]
+    square = control.ss(F, B, np.vstack([output, 0 * output]), np.vstack([D, 0 * D]), remove_useless_states=False)
+    value = control.norm(square, kind)
+    assert value <= float(limit.bound) * (1 + 1e-6)
+    name = f"{limit.norm} {limit.channel}"
+    assert found.measures[name] == pytest.approx(value, rel=1e-6)
+
+
+def test_noise_and_rate_together_are_met_by_search():
+    """At the rate 1 the smallest gain has the norm 2.309; another W has less than 2.1."""
+    found = design(SHAPES["harmonic"], rate=1, noise="2.1")
+    assert found.verdict is Verdict.PROVED
+    assert found.measures["hinf measurement"] < 2.1
+
+
+def test_less_noise_than_the_exosystem_needs_is_refuted():
+    found = design(SHAPES["harmonic"], noise="1.9")
+    assert found.verdict is Verdict.REFUTED
+    assert found.nearest.verdict is Verdict.PROVED
+    assert found.nearest.request.noise[0].bound > 2
+
+
+def test_the_peak_is_proved_by_p():
+    found = design(SHAPES["harmonic"], rate=3, peak="1.1")
+    assert found.verdict is Verdict.PROVED
+    envelope = next(s for s in found.statements if s.kind == "lyapunov")
+    assert Fraction(envelope.exact["upper"]) <= Fraction("1.21") * Fraction(envelope.exact["lower"])
+    assert found.measures["peak_seen"] <= 1.1
+
+
+@pytest.mark.parametrize("method", ["lmi", "kalman", "place"])
+def test_a_sampled_observer_converges_at_its_rate(method):
+    """Ad - W Cd by SciPy: the largest |z| is at most exp(-rate T)."""
+    from scipy import linalg
+
+    exosystem, period = SHAPES["periodic"], 0.2
+    found = design(exosystem, rate=1, period="0.2", method=method)
+    assert found.verdict is Verdict.PROVED
+    A, C = to_float(exosystem.A), to_float(exosystem.C)
+    block = linalg.expm(np.block([[A, np.eye(3)], [np.zeros((3, 6))]]) * period)
+    error = block[:3, :3] - to_float(found.W) @ (C @ block[:3, 3:] / period)
+    assert np.max(np.abs(np.linalg.eigvals(error))) <= math.exp(-0.2) + 1e-3
+    assert {s.kind for s in found.statements} == {"sampled", "rate"}
+
+
+def test_a_sampled_observer_of_an_undetectable_pair_is_refuted():
+    found = design(dd.Exosystem(A=[[0]], C=[[0]]), period=1)
+    assert found.verdict is Verdict.REFUTED
+
+
+def test_sampling_that_hides_the_disturbance_is_undecided():
+    """A sine of 2 rad/s has the mean 0 over the period pi, to 15 digits."""
+    found = design(SHAPES["harmonic"], rate=1, period="3.14159265358979", max_gain=100, method="kalman")
+    assert found.verdict is Verdict.UNDECIDED
+
+
+def test_numbers_beyond_the_floats_get_an_exact_gain():
+    exosystem = dd.Exosystem(A=[["1e399"]], C=[[1]])
+    found = design(exosystem, rate=1)
+    assert found.verdict is Verdict.PROVED
+    assert found.W[0][0] > exosystem.A[0][0] + 1 - Fraction(1, 10**9)
+    assert "exact pole placement" in found.source
+
+
+def test_the_rate_of_the_problem_file_is_the_default():
+    own = dd.Problem(
+        network=dd.Network.from_arcs([[1, 2], [2, 1]], arrow="listens_to", agents=2),
+        coupling="y",
+        gains={1: 1},
+        exosystem=SHAPES["harmonic"],
+        target=[0],
+        observer=dd.Observer(rate=2),
+    )
+    assert dd.design_observer(own).request.rate == 2
+    assert dd.design_observer(own, rate=1).request.rate == 1
+
+
+def test_a_problem_without_exosystem_is_refused():
+    bare = dd.Problem(
+        network=dd.Network.from_arcs([[1, 2], [2, 1]], arrow="listens_to", agents=2),
+        coupling="y",
+        gains={1: 1},
+        target=[0],
+    )
+    with pytest.raises(SpecError, match="exosystem must be given"):
+        dd.design_observer(bare)
+
+
+def test_a_design_shows_itself_and_goes_to_json():
+    import json
+
+    found = design(SHAPES["harmonic"], rate=1)
+    text = str(found)
+    assert text.startswith("proved: W")
+    assert "proved: A - WC is Hurwitz." in text
+    data = json.loads(json.dumps(found.to_json(), allow_nan=False))
+    assert data["verdict"] == "proved"
+    assert data["W"] == [["2"], ["0"]]
+    assert data["measures"]["h2 measurement"] is None
+
+
+def test_candidates_of_the_observable_part_are_lifted_to_all_states():
+    """One state is not seen; T has orthonormal rows, so |W| is that of the part."""
+    exosystem = dd.Exosystem(A=[[-9, 0, 0], [0, 0, 2], [0, -2, 0]], C=[[0, 1, 0]])
+    request = ObserverRequest(rate=1)
+    plant = make_plant(exosystem, request)
+    assert plant.A.shape == (2, 2)
+    assert pytest.approx(np.eye(2)) == plant.T @ plant.T.T
+    W, _ = next(iter(propose_gains(exosystem, request)))
+    assert W == ((0,), (2,), (0,))
+
+
+def test_the_same_request_gets_the_same_answer():
+    asked = {"rate": 1, "region": dd.Cone(damping="0.6")}
+    assert design(SHAPES["periodic"], **asked) == design(SHAPES["periodic"], **asked)

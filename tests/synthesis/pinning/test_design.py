@@ -1,0 +1,489 @@
+"""design_pinning: what it says is checked again by an oracle of its own, by exhaustive search and by cvxpy."""
+
+from __future__ import annotations
+
+import warnings
+from dataclasses import replace
+from fractions import Fraction
+from itertools import combinations
+from math import cos, pi
+from random import Random
+
+import cvxpy as cp
+import numpy as np
+import pytest
+from exact_oracle import Oracle, form, negative_definite
+from random_problems import random_problem
+
+import dobc_design as dd
+from dobc_design.conditions.consensus.negative import Enclosed
+from dobc_design.conditions.consensus.pinning import for_rate, network_blocks, optimum, smallest_gains
+from dobc_design.conditions.consensus.statements import state_theorems
+from dobc_design.errors import SpecError
+from dobc_design.problem.network import Network
+from dobc_design.problem.problem import Problem
+from dobc_design.synthesis.pinning.bound import (
+    Ground,
+    Obstacle,
+    bound_from,
+    bound_holds,
+    obstacle_holds,
+    obstacle_to,
+    reaches,
+)
+from dobc_design.synthesis.pinning.proposals import make_proposer
+from dobc_design.synthesis.pinning.request import read_request
+from dobc_design.synthesis.pinning.structure import structure_of
+from dobc_design.verdict import Verdict
+
+
+def problem_of(arcs, n=None, coupling="y", **changes):
+    given = {"network": Network.from_arcs(arcs, arrow="listens_to", agents=n), "coupling": coupling}
+    return Problem(**given | changes)
+
+
+def digraph(r: Random, n: int, *, density: float = 0.3, cycle: bool = True, **changes) -> Problem:
+    pairs = {(i, i % n + 1) for i in range(1, n + 1)} if cycle else set()
+    pairs |= {(i, j) for i in range(1, n + 1) for j in range(1, n + 1) if i != j and r.random() < density}
+    return problem_of([[i, j, round(r.uniform(0.1, 5), 2)] for i, j in sorted(pairs)], n, **changes)
+
+
+def lambda0(problem: Problem, mode: str):
+    """J + J' by the oracle, which has its own Jacobian: Lambda of the problem without gains."""
+    _, (given,) = problem.__reduce__()
+    return Oracle(Problem(**given | {"gains": None})).lambda_(mode)
+
+
+def rate_holds(problem: Problem, gains, rate: Fraction) -> bool:
+    """Lambda0 - 2 K + 2 rate I < 0 in every mode, by the oracle's own elimination."""
+    m, index = problem.m, problem.network.index
+    for mode in problem.network.modes:
+        M = [list(row) for row in lambda0(problem, mode)]
+        for row in range(len(M)):
+            M[row][row] += 2 * rate
+        for label, k in gains.items():
+            for c in range(m):
+                M[index[label] * m + c][index[label] * m + c] -= 2 * k
+        if not negative_definite(M):
+            return False
+    return True
+
+
+def dual_value(problem: Problem, certificate, costs, caps) -> Fraction:
+    """The value that a dual certificate proves, multiplied out here; fails where it does not fit the costs."""
+    m, index = problem.m, problem.network.index
+    prices = {index[label]: Fraction(y) for label, y in certificate["cap_prices"].items()}
+    assert all(y >= 0 and i in caps for i, y in prices.items())
+    vectors = [(each["mode"], [Fraction(x) for x in each["values"]]) for each in certificate["vectors"]]
+    for label in certificate["agents"]:
+        i = index[label]
+        load = sum(x * x for _, v in vectors for x in v[i * m : (i + 1) * m])
+        assert load <= costs[i] + prices.get(i, 0)
+    rate = Fraction(certificate["rate"])
+    total = sum(form(lambda0(problem, mode), v) + 2 * rate * sum(x * x for x in v) for mode, v in vectors)
+    return total / 2 - sum(y * caps[i] for i, y in prices.items())
+
+
+def reference(tables, allowed, caps=None):
+    """The optimum of the semidefinite program by cvxpy and Clarabel, written out dense."""
+    n = tables[0].shape[0]
+    gains = cp.Variable(len(allowed), nonneg=True)
+    place = np.zeros((n, len(allowed)))
+    place[allowed, np.arange(len(allowed))] = 1
+    limits = [cp.bmat([[table.toarray()]]) + 2 * cp.diag(place @ gains) >> 0 for table in tables]
+    limits += [] if caps is None else [gains <= caps]
+    program = cp.Problem(cp.Minimize(cp.sum(gains)), limits)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # "may be inaccurate" at the tolerance asked for
+        program.solve(solver=cp.CLARABEL, tol_gap_abs=1e-10, tol_gap_rel=1e-10, tol_feas=1e-10)
+    return program.value
+
+
+@pytest.mark.parametrize("seed", range(8))
+def test_designed_gains_reach_the_rate_and_slightly_smaller_ones_do_not(seed):
+    """The oracle decides Lambda < -2 rate I again; the design is within the last digit of the boundary."""
+    r = Random(seed)
+    problem = digraph(r, r.randint(3, 8))
+    design = dd.design_pinning(problem, rate="1/10", allowed=[1, 2, 3], digits=6)
+    assert design.verdict is Verdict.PROVED
+    assert set(design.gains) <= {"1", "2", "3"}
+    assert rate_holds(problem, design.gains, Fraction(1, 10))
+    assert not rate_holds(problem, {a: k * Fraction(9999, 10_000) for a, k in design.gains.items()}, Fraction(1, 10))
+    assert design.problem.pinning.agents == tuple(int(label) - 1 for label in design.gains)
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_the_lower_bound_is_weak_duality_multiplied_out_by_hand(seed):
+    """1/2 sum (v'(J + J')v + 2 rate v'v) - sum y cap, and nothing feasible is below it."""
+    r = Random(seed)
+    problem = digraph(r, r.randint(3, 8))
+    costs = {str(i): r.choice((1, 2, "1/2")) for i in range(1, problem.n + 1)}
+    free = dd.design_pinning(problem, rate="1/5", cost=costs, digits=9)
+    cap = max(free.gains.values()) * Fraction(9, 10)
+    design = dd.design_pinning(problem, rate="1/5", cost=costs, max_gain=cap, digits=9)
+    for each, caps in ((free, {}), (design, dict.fromkeys(range(problem.n), cap))):
+        if each.verdict is not Verdict.PROVED:
+            continue
+        exact = [Fraction(costs[str(i)]) for i in range(1, problem.n + 1)]
+        value = dual_value(problem, each.dual_certificate(), exact, caps)
+        assert value >= each.lower_bound > 0
+        assert each.lower_bound <= each.cost <= each.lower_bound * (1 + Fraction(1, 10**6))
+    assert free.verdict is Verdict.PROVED
+
+
+def test_a_bound_that_is_raised_by_a_little_is_no_bound():
+    problem = digraph(Random(4), 5)
+    ground, proposer = ground_of(problem, rate="1/5")
+    vectors = proposer.relax(range(5), 0.2)[1]
+    bound = bound_from(ground, vectors, range(5), Fraction(1, 5))
+    assert bound_holds(ground, bound, range(5))
+    assert not bound_holds(ground, replace(bound, value=bound.value + Fraction(1, 10**30)), range(5))
+    wider = tuple((mode, tuple(x * 2 for x in v)) for mode, v in bound.vectors)
+    assert not bound_holds(ground, replace(bound, vectors=wider), range(5))
+    assert not bound_holds(ground, replace(bound, cap_prices={0: Fraction(1)}), range(5))
+
+
+def ground_of(problem: Problem, **asked):
+    request = read_request(problem.network.labels, **asked)
+    lambdas = {
+        mode: Enclosed(middle=each.constant, deviations=each.deviations)
+        for mode, each in state_theorems(problem).lambdas.items()
+    }
+    return Ground(problem=problem, request=request, lambdas=lambdas), make_proposer(problem, request)
+
+
+def test_gains_on_the_boundary_do_not_reach_the_rate_and_larger_ones_do():
+    """All pinned with k on a balanced graph: lambda_max(Lambda) = -2 k."""
+    ground, _ = ground_of(problem_of([[1, 2], [2, 3], [3, 1]]), rate="1/2")
+    just = {i: Fraction(1, 2) for i in range(3)}
+    assert not reaches(ground, just, Fraction(1, 2))
+    assert reaches(ground, {i: k + Fraction(1, 10**12) for i, k in just.items()}, Fraction(1, 2))
+
+
+@pytest.mark.parametrize("modes", [1, 3])
+def test_gains_with_caps_are_those_of_the_semidefinite_program(modes):
+    """Closed form with caps for one mode, the conic program with its multipliers for several."""
+    r = Random(modes)
+    compared = 0
+    for _ in range(8):
+        n = r.randint(3, 7)
+        arcs = {f"G{k}": digraph(r, n).network.modes["G"] for k in range(modes)}
+        problem = Problem(network=Network(labels=tuple(map(str, range(n))), modes=arcs), coupling="y")
+        blocks = for_rate(network_blocks(problem), 0.2)
+        allowed = sorted(r.sample(range(n), r.randint(2, n)))
+        own = smallest_gains(blocks, allowed)
+        if own is None:
+            continue
+        cap = 0.8 * float(np.max(own))
+        gains, _ = ground_of(problem, rate="1/5", max_gain=Fraction(cap))[1].relax(allowed, 0.2)
+        optimal = reference(blocks.tables, allowed, caps=cap)
+        if gains is None:
+            assert not np.isfinite(optimal)
+            continue
+        compared += 1
+        assert max(gains) <= cap * (1 + 1e-9)
+        assert sum(gains) == pytest.approx(optimal, rel=1e-6)
+    assert compared >= 3
+
+
+def test_a_cap_that_binds_is_met_and_has_its_price():
+    """One agent needs more than the cap; the others take over, and v_i^2 - c_i is what the cap costs."""
+    problem = digraph(Random(1), 6)
+    table = for_rate(network_blocks(problem), 0.3).tables[0]
+    free = optimum(table, np.ones(6, dtype=bool), np.ones(6))
+    caps = np.full(6, 0.8 * np.max(free.gains))
+    held = optimum(table, np.ones(6, dtype=bool), np.ones(6), caps)
+    at = np.flatnonzero(np.isclose(held.gains, caps))
+    assert len(at) and np.all(held.v[at] >= 1)
+    design = dd.design_pinning(problem, rate="3/10", max_gain=Fraction(float(caps[0])), digits=9)
+    assert any(sentence.startswith("Cap of agent") for sentence in design.prices)
+
+
+def test_the_price_of_the_rate_bounds_every_other_rate():
+    """cost(b) >= value + price (b - rate): compared with designs for other rates."""
+    problem = digraph(Random(2), 6)
+    design = dd.design_pinning(problem, rate="1/5", allowed=[1, 2, 4], digits=9)
+    for rate in ("1/10", "3/20", "21/100", "1/4"):
+        other = dd.design_pinning(problem, rate=rate, allowed=[1, 2, 4], digits=9)
+        if other.verdict is Verdict.PROVED:
+            assert other.cost >= design.bound.value + design.bound.rate_price * (Fraction(rate) - Fraction(1, 5))
+
+
+def test_a_rate_beyond_the_allowed_agents_is_refuted_with_a_direction_and_a_slower_one_is_proved(cycle):
+    """One pin on the ten-cycle gives less than 2 (1 - cos(pi/10)) / 2 (theory, known answers)."""
+    problem = cycle(10, pins={})
+    limit = 2 * (1 - cos(pi / 10))
+    below, above = (Fraction(f"{limit * part:.6f}") for part in (0.999, 1.001))
+    assert dd.design_pinning(problem, rate=below, allowed=[1]).verdict is Verdict.PROVED
+    design = dd.design_pinning(problem, rate=above, allowed=[1])
+    assert design.verdict is Verdict.REFUTED
+    v = [Fraction(x) for x in design.statements[0].exact["v"].split(", ")]
+    assert v[0] == 0
+    assert form(lambda0(problem, "G"), v) + 2 * above * sum(x * x for x in v) >= 0
+    assert design.nearest.verdict is Verdict.PROVED
+    assert 0.98 * limit < design.nearest.rate < limit
+    assert rate_holds(problem, design.nearest.gains, design.nearest.rate)
+
+
+def test_where_no_rate_can_be_had_the_nearest_request_allows_more_agents():
+    """3 hears 2 strongly: S on {2, 3} is [[2, -100], [-100, 200]], not positive, whatever 1 does."""
+    design = dd.design_pinning(problem_of([[2, 1], [3, 2, 100]], 3), rate="1/10", allowed=[1])
+    assert design.verdict is Verdict.REFUTED
+    assert design.nearest.verdict is Verdict.PROVED
+    assert design.nearest.request.allowed == (0, 1, 2)
+    gentle = dd.design_pinning(problem_of([[2, 1], [3, 2]], 3), rate="1/10", allowed=[1])
+    assert gentle.verdict is Verdict.PROVED
+
+
+def test_an_obstacle_must_leave_out_the_agents_whose_gain_has_no_cap(cycle):
+    ground, proposer = ground_of(cycle(6, pins={}), rate=2)
+    found = obstacle_to(ground, [0], Fraction(2), proposer.relax([0], 2.0)[1])
+    assert found is not None and obstacle_holds(ground, found, [0], Fraction(2))
+    moved = Obstacle(mode="G", vector=(Fraction(1), *found.vector[1:]))
+    assert not obstacle_holds(ground, moved, [0], Fraction(2))
+    assert not obstacle_holds(ground, found, [0], Fraction(1, 100))
+    assert obstacle_to(ground, [0], Fraction(1, 100)) is None
+
+
+def test_caps_that_are_too_small_are_refuted_and_the_nearest_request_raises_them(cycle):
+    """All pinned on a balanced graph: the rate is at most the cap."""
+    problem = cycle(5, pins={})
+    design = dd.design_pinning(problem, rate="3/10", max_gain="29/100")
+    assert (design.verdict, design.statements[0].kind) == (Verdict.REFUTED, "max_gain")
+    assert design.nearest.verdict is Verdict.PROVED
+    raised = max(design.nearest.request.caps.values())
+    assert Fraction(3, 10) < raised < Fraction(303, 1000)
+    assert rate_holds(problem, design.nearest.gains, Fraction(3, 10))
+    assert dd.design_pinning(problem, rate="3/10", max_gain="31/100").verdict is Verdict.PROVED
+
+
+def exhaustive(problem: Problem, rate: float, pins: int):
+    """The least cost over all sets of at most so many agents, by trying all: float, or None."""
+    blocks = for_rate(network_blocks(problem), rate)
+    best = None
+    for chosen in combinations(range(problem.n), pins):
+        gains = smallest_gains(blocks, chosen)
+        if gains is not None and (best is None or gains.sum() < best):
+            best = float(gains.sum())
+    return best
+
+
+@pytest.mark.parametrize("seed", range(12))
+def test_the_chosen_agents_are_the_best_of_all_sets(seed):
+    """Exhaustive search; the bound over all choices is proved and tight."""
+    r = Random(seed)
+    problem = digraph(r, r.randint(4, 8), density=0.25, cycle=False)
+    pins = r.randint(1, 3)
+    best = exhaustive(problem, 0.2, pins)
+    design = dd.design_pinning(problem, rate="1/5", pins=pins, digits=9)
+    assert (design.verdict is Verdict.REFUTED) is (best is None)
+    if best is not None:
+        assert len(design.gains) <= pins
+        assert float(design.cost) == pytest.approx(best, rel=1e-6)
+        assert best * (1 - 1e-6) <= design.lower_bound <= design.cost
+
+
+@pytest.mark.parametrize("seed", range(8))
+def test_the_fewest_pins_are_those_of_exhaustive_search(seed):
+    r = Random(seed)
+    problem = digraph(r, r.randint(4, 7), density=0.25, cycle=False)
+    least = next(size for size in range(1, problem.n + 1) if exhaustive(problem, 0.3, size) is not None)
+    design = dd.design_pinning(problem, rate="3/10", pins="fewest", digits=9)
+    assert len(design.gains) == least
+    assert float(design.cost) == pytest.approx(exhaustive(problem, 0.3, least), rel=1e-6)
+    assert [s.verdict for s in design.statements if s.kind == "pins"] == [Verdict.PROVED]
+    if least > 1:
+        fewer = dd.design_pinning(problem, rate="3/10", pins=least - 1)
+        assert fewer.verdict is Verdict.REFUTED
+        assert len(fewer.nearest.gains) == least
+
+
+def test_independent_slow_directions_count_the_pins_that_are_needed(cycle):
+    """Ten-cycle, rate 1/2: eigenvalues 4 (1 - cos(2 pi k/10)) of S0 below 1 are those of k = 0, 1, 9: three pins."""
+    design = dd.design_pinning(cycle(10, pins={}), rate="1/2", pins=2)
+    assert (design.verdict, design.statements[0].exact) == (Verdict.REFUTED, {"least": "3"})
+    assert dd.design_pinning(cycle(10, pins={}), rate="1/2", pins=3).verdict is Verdict.PROVED
+
+
+def test_every_source_component_needs_a_pin():
+    """Two pairs that hear nobody else, and one agent that hears both: two pins, whatever the gains."""
+    problem = problem_of([[1, 2], [2, 1], [3, 4], [4, 3], [5, 1], [5, 3]])
+    design = dd.design_pinning(problem, rate="1/10", pins=1)
+    assert (design.verdict, design.structural_minimum) == (Verdict.REFUTED, 2)
+    assert design.statements[0].exact["groups"] == "1, 2 | 3, 4"
+    assert "agents 1 and 2; agents 3 and 4" in design.reason
+    assert len(design.nearest.gains) == 2
+    barred = dd.design_pinning(problem, rate="1/10", allowed=[1, 2, 5])
+    assert (barred.verdict, barred.statements[0].kind) == (Verdict.REFUTED, "structure")
+    assert {"3", "4"} & set(barred.nearest.gains)
+
+
+def test_groups_of_several_modes_that_overlap_are_met_by_the_fewest_agents():
+    """Sources {1, 2}, {2, 3}, {3, 1} of three modes: no single agent meets them, any two do."""
+    arcs = {"A": [[1, 2], [2, 1], [3, 1]], "B": [[2, 3], [3, 2], [1, 2]], "C": [[3, 1], [1, 3], [2, 3]]}
+    problem = problem_of(arcs)
+    structure = structure_of(problem, range(3))
+    assert (structure.least, structure.exact, len(structure.apart)) == (2, True, 1)
+    assert dd.design_pinning(problem, rate="1/100", pins=1).verdict is Verdict.REFUTED
+    assert dd.design_pinning(problem, rate="1/100", pins=2).verdict is Verdict.PROVED
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_the_structural_minimum_is_the_smallest_hitting_set(seed):
+    r = Random(seed)
+    n = r.randint(3, 7)
+    arcs = {f"G{k}": digraph(r, n, density=0.2, cycle=False).network.modes["G"] for k in range(r.randint(1, 3))}
+    problem = Problem(network=Network(labels=tuple(map(str, range(n))), modes=arcs), coupling="y")
+    structure = structure_of(problem, range(n))
+    least = next(
+        size
+        for size in range(n + 1)
+        for chosen in combinations(range(n), size)
+        if all(set(chosen) & set(group) for group in structure.groups)
+    )
+    assert (structure.least, structure.exact) == (least, True)
+    assert all(set(structure.agents) & set(group) for group in structure.groups)
+
+
+def test_ties_are_told(cycle):
+    """On the ten-cycle every pair of opposite agents costs the same."""
+    design = dd.design_pinning(cycle(10, pins={}), rate="1/10", pins=2)
+    first, second = (int(label) for label in design.gains)
+    assert (second - first) % 10 == 5
+    assert any(sentence.startswith("As good") for sentence in design.ties)
+    one = dd.design_pinning(cycle(6, pins={}), rate="1/10", pins=1)
+    assert "would cost the same" in one.ties[0]
+
+
+def perturbed(count: int, seed: int) -> int:
+    """How many feasible perturbations of an optimal design were compared; none is cheaper by more than 1e-6."""
+    r, rng = Random(seed), np.random.default_rng(seed)
+    problem = digraph(r, 7)
+    design = dd.design_pinning(problem, rate="1/5", allowed=[1, 2, 3, 4], digits=12)
+    S = -np.array(lambda0(problem, "G"), dtype=float) - 0.4 * np.eye(7)
+    own = np.array([float(design.gains.get(str(i + 1), 0)) for i in range(7)])
+    free, met = np.array([1, 1, 1, 1, 0, 0, 0]), 0
+    for _ in range(100 * count):
+        if met == count:
+            break
+        gains = np.maximum(own + free * rng.normal(size=7) * own.max() * 10.0 ** rng.uniform(-6, 0), 0)
+        if np.linalg.eigvalsh(S + 2 * np.diag(gains))[0] >= 0:
+            met += 1
+            assert gains.sum() >= float(design.cost) * (1 - 1e-6)
+    return met
+
+
+def test_no_feasible_perturbation_is_cheaper():
+    assert perturbed(300, seed=1) == 300
+
+
+def test_irrational_slopes_are_enclosed_and_decided():
+    problem = problem_of([[1, 2], [2, 1], [3, 2]], coupling="sqrt(2)*y")
+    design = dd.design_pinning(problem, rate="1/10", allowed=[1], digits=6)
+    assert design.verdict is Verdict.PROVED
+    S = np.sqrt(2) * np.array([[2, -2, 0], [-2, 2, -1], [0, -1, 2]]) - 0.2 * np.eye(3)
+    assert float(design.cost) == pytest.approx(reference([_Table(S)], [0]), rel=1e-4)
+
+
+class _Table:
+    def __init__(self, array):
+        self.array, self.shape = array, array.shape
+
+    def toarray(self):
+        return self.array
+
+
+def test_couplings_that_mix_components_are_designed_and_proved():
+    """No Z-matrix: gains and multipliers from the conic program, everything decided exactly all the same."""
+    problem = problem_of([[1, 2], [2, 3], [3, 1]], coupling=["y1 + y2/2", "y2"])
+    design = dd.design_pinning(problem, rate="1/10", allowed=[1, 2], digits=6)
+    assert design.verdict is Verdict.PROVED
+    assert rate_holds(problem, design.gains, Fraction(1, 10))
+    assert dual_value(problem, design.dual_certificate(), [Fraction(1)] * 3, {}) >= design.lower_bound
+    assert design.gap < 1e-4
+
+
+def test_modes_that_share_their_gains_are_bounded_together():
+    problem = dd.load_problem("paper-switching")
+    design = dd.design_pinning(problem, rate="1/10", allowed=[1, 6], digits=8)
+    assert design.verdict is Verdict.PROVED
+    assert rate_holds(problem, design.gains, Fraction(1, 10))
+    assert dual_value(problem, design.dual_certificate(), [Fraction(1)] * 10, {}) >= design.lower_bound
+    assert design.gap < 1e-5
+
+
+def test_certify_proves_the_designed_problem():
+    """The paper's cycle: the linearised loop of the design is what Lemma 1 and Theorem 1 ask for."""
+    design = dd.design_pinning("paper-fixed", rate="1/20", pins=1)
+    checks = {check.id: check for check in dd.certify(design.problem).checks if check.id == "lemma1"}
+    assert checks["lemma1"].verdict is Verdict.PROVED
+    assert checks["lemma1"].rate >= 0.05
+
+
+def test_long_work_says_what_it_does(cycle):
+    said = []
+    dd.design_pinning(cycle(10, pins={}), rate="1/5", pins="fewest", progress=said.append)
+    assert any(stage.startswith("proving the gains") for stage in said)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", range(40))
+def test_every_answer_about_a_random_problem_is_true(seed):
+    """Vectors, several modes, exceptions, any coupling: PROVED, its bound and REFUTED, by the oracle."""
+    problem = random_problem(seed)
+    r = Random(seed)
+    allowed = sorted(r.sample(range(problem.n), r.randint(1, problem.n)))
+    labels = [problem.network.labels[i] for i in allowed]
+    cap = r.choice((None, "3/2", 20))
+    try:
+        design = dd.design_pinning(problem, rate="1/10", allowed=labels, max_gain=cap, digits=6)
+    except SpecError:
+        return
+    exact = all(Oracle(problem).exact_in(mode) for mode in problem.network.modes)
+    rate = Fraction(1, 10)
+    if design.verdict is Verdict.PROVED:
+        assert all(k <= Fraction(cap or 10**9) for k in design.gains.values())
+        if exact:
+            assert rate_holds(problem, design.gains, rate)
+            caps = {} if cap is None else dict.fromkeys(range(problem.n), Fraction(cap))
+            value = dual_value(problem, design.dual_certificate(), [Fraction(1)] * problem.n, caps)
+            assert max(value, 0) >= design.lower_bound
+    elif design.verdict is Verdict.REFUTED and exact:
+        assert not rate_holds(problem, {label: Fraction(cap or 10**6) for label in labels}, rate)
+    else:
+        assert not exact
+
+
+def test_a_design_shows_itself():
+    design = dd.design_pinning("paper-fixed", rate="1/20", allowed=[1])
+    text, document = str(design), design.to_json()
+    assert text.startswith("proved: gains on agent 1 reach the rate 1/20")
+    assert document["gains"] == {"1": "9191/10000"}
+    assert document["lower_bound"] <= document["cost"]
+    assert document["structural_minimum"] == 1
+
+
+@pytest.mark.parametrize(
+    ("asked", "words"),
+    [
+        ({"rate": 0}, "rate must be > 0"),
+        ({"rate": 1, "allowed": []}, "allowed must name at least one agent"),
+        ({"rate": 1, "allowed": [77]}, "allowed: there is no agent"),
+        ({"rate": 1, "allowed": "1"}, "allowed must be a list"),
+        ({"rate": 1, "cost": 0}, "cost must be > 0"),
+        ({"rate": 1, "cost": {"x": 1}}, "cost: there is no agent"),
+        ({"rate": 1, "max_gain": {"1": -1}}, "max_gain.1 must be > 0"),
+        ({"rate": 1, "pins": 0}, "pins must be an integer >= 1"),
+        ({"rate": 1, "pins": "few"}, "pins must be an integer >= 1"),
+        ({"rate": 1, "digits": 0}, "digits must be an integer"),
+    ],
+)
+def test_a_wrong_request_is_one_clear_error(asked, words):
+    with pytest.raises(SpecError, match=words):
+        dd.design_pinning("paper-fixed", **asked)
+
+
+def test_couplings_without_a_derivative_are_refused():
+    problem = problem_of([[1, 2], [2, 1]], coupling="abs(y)")
+    with pytest.raises(SpecError, match="must have a derivative at the consensus"):
+        dd.design_pinning(problem, rate=1)

@@ -229,7 +229,7 @@ def __getattr__(name: str) -> Any:
     if home is None:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
     module = import_module(f"{__name__}.{home}")
-    value = module if home.rpartition(".")[2] == name else getattr(module, name)
+    value = getattr(module, name, module)  # "exact" and "exosystems" are modules
     globals()[name] = value
     return value
 

@@ -2,7 +2,8 @@
 
 Everything is read from the syntax trees of the sources: nothing is imported, so an import inside a function or under
 TYPE_CHECKING counts like any other.  Every rule is a function of a ``House``, so that the last tests can show it a
-house that breaks the rule.  ``python tests/test_architecture.py`` prints the size of the house and what its proofs rest on.
+house that breaks the rule.  ``python tests/test_architecture.py`` prints how large the house is and what its proofs
+rest on.
 """
 
 from __future__ import annotations

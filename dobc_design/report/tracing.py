@@ -17,26 +17,30 @@ from dobc_design.report.words import CHECKS
 from dobc_design.verdict import Verdict
 
 _CHECKER, _REGIONS, _QUADRATIC = "checker.py", "region_checker.py", "quadratic_checker.py"
-_OBSERVER, _CONSENSUS, _SEPARABLE = "verify/observer.py", "verify/consensus.py", "verify/regions.py"
+_OBSERVER, _CONSENSUS, _SEPARABLE = (
+    "conditions/observer/decide.py",
+    "conditions/consensus/decide.py",
+    "conditions/separable/checks.py",
+)
 
 # id -> (modules: the one that makes the claim, then those whose decision it is; file of the lone checker)
 DECIDED_IN: Final[dict[str, tuple[tuple[str, ...], str]]] = {
     "observability": ((_OBSERVER, "exact/observability.py"), _CHECKER),
     "detectability": ((_OBSERVER, "exact/observability.py"), _CHECKER),
     "hurwitz": ((_OBSERVER, "exact/polynomial.py"), _CHECKER),
-    "reachability": (("verify/network.py",), _CHECKER),
+    "reachability": (("conditions/consensus/network.py",), _CHECKER),
     "lemma1": ((_CONSENSUS, "exact/definite.py"), _CHECKER),
     "theorem1": ((_CONSENSUS, "exact/definite.py"), _CHECKER),
     "theorem2": ((_CONSENSUS, "exact/definite.py"), _CHECKER),
     "theorem1-printed": ((_CONSENSUS, "exact/definite.py"), _CHECKER),
     "theorem2-printed": ((_CONSENSUS, "exact/definite.py"), _CHECKER),
-    "max-separable": ((_SEPARABLE, "verify/separable.py", "verify/separable_observer.py"), _REGIONS),
-    "delay": ((_SEPARABLE, "verify/separable_timing.py"), _REGIONS),
-    "sampling": ((_SEPARABLE, "verify/separable_timing.py"), _REGIONS),
-    "equilibrium": (("verify/equilibria.py",), _REGIONS),
-    "lure": (("verify/quadratic_regions.py", "verify/lure.py"), _QUADRATIC),
-    "exhaustive": (("verify/quadratic_regions.py", "verify/shell.py"), _QUADRATIC),
-    "settling": (("verify/settling_check.py", "verify/staging.py"), _QUADRATIC),
+    "max-separable": ((_SEPARABLE, "conditions/separable/decide.py", "conditions/separable/observer.py"), _REGIONS),
+    "delay": ((_SEPARABLE, "conditions/separable/timing.py"), _REGIONS),
+    "sampling": ((_SEPARABLE, "conditions/separable/timing.py"), _REGIONS),
+    "equilibrium": (("conditions/equilibrium/decide.py",), _REGIONS),
+    "lure": (("conditions/quadratic/checks.py", "conditions/quadratic/decide.py"), _QUADRATIC),
+    "exhaustive": (("conditions/boxes/checks.py", "conditions/boxes/decide.py"), _QUADRATIC),
+    "settling": (("conditions/schedule/checks.py", "conditions/schedule/decide.py"), _QUADRATIC),
 }
 #: Options of `dobc certify` that change a certificate or its report; what a file says beside them is not repeated.
 SWITCHES: Final = ("--all", "--search")

@@ -87,12 +87,6 @@ def test_a_certificate_without_regional_claims_never_loads_the_second_file(monke
     assert all(holds for holds, _ in checker.examine(certificate("line"), canonical_bytes(problems()["line"])))
 
 
-def test_region_checker_is_short_enough_to_be_read():
-    lines = (FOLDER / "region_checker.py").read_text("utf-8").splitlines()
-    assert len(lines) < 800
-    assert max(len(line) for line in lines) <= 120
-
-
 # --- Known answers: the largest alpha by closed forms and by sampling the rows --------------------------------------
 def sampled_rate(h: Callable[[float], float], v: list[float], k: list[float], rho: float) -> float:
     """The largest alpha of agents in a line, from 200 values of s and suprema over 200 points."""

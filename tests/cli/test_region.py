@@ -12,7 +12,7 @@ from problem_texts import listening_pair_text
 from dobc_design.certificate.certificate import Certificate
 from dobc_design.certification.certify import certify
 from dobc_design.certification.search import Searched, search_certificate
-from dobc_design.cli.main import region as cli_region
+from dobc_design.cli import region as cli_region
 from dobc_design.problem.problem import Problem
 
 SINES = """\

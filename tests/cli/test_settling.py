@@ -10,14 +10,14 @@ import pytest
 from problem_texts import listening_pair_text
 from typer.testing import CliRunner
 
-from dobc_design import workflow
+from dobc_design.certification import search
 from dobc_design.cli.main import app
 from dobc_design.errors import SpecError
 
 
 @pytest.fixture
 def file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    monkeypatch.setattr(workflow, "search_certificate", partial(workflow.search_certificate, runs=10))
+    monkeypatch.setattr(search, "search_certificate", partial(search.search_certificate, runs=10))
     path = tmp_path / "pair.toml"
     path.write_text(listening_pair_text(1), encoding="utf-8")
     return path

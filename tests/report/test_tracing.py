@@ -22,13 +22,13 @@ PACKAGE = Path(dobc_design.__file__).parent
 def test_every_check_is_decided_in_modules_that_exist():
     assert set(DECIDED_IN) == set(CHECK_IDS)
     for modules, checker in DECIDED_IN.values():
-        for name in (*modules, f"certificate/{checker}"):
+        for name in (*modules, f"checker/{checker}"):
             assert (PACKAGE / name).is_file(), name
 
 
 @pytest.mark.parametrize("id", [*FACTS, *REGIONAL])
 def test_the_file_of_the_lone_checker_has_the_function_of_the_check(id: str):
-    text = (PACKAGE / "certificate" / DECIDED_IN[id][1]).read_text("utf-8")
+    text = (PACKAGE / "checker" / DECIDED_IN[id][1]).read_text("utf-8")
     assert f"    def {id.replace('-', '_')}(self, check: Any)" in text
 
 

@@ -114,7 +114,6 @@ def _decide_and_write(
     """Everything that is asked for, decided, and then written: nothing is written of what fails, but for proofs."""
     from dobc_design.certification.certify import certify
     from dobc_design.certification.search import search_certificate
-    from dobc_design.falsification.searches import quadratic_limits
     from dobc_design.report.write import PAGE, render_report
 
     certificate = certify(problem, everything=everything, settling=tolerance, progress=progress)
@@ -125,9 +124,8 @@ def _decide_and_write(
     cure = None if cured is None else _cured_file(certificate, file, cured)
     pages: dict[str, bytes] = {}
     if report:
-        limits = quadratic_limits(certificate, progress=progress) if everything else ()
         try:
-            pages = render_report(certificate, searches=searches, limits=limits, progress=progress)
+            pages = render_report(certificate, searches=searches, progress=progress)
         except Exception:
             certificate.save(folder)  # the proof outlives its picture
             raise

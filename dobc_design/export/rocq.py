@@ -19,6 +19,7 @@ from importlib.resources import files
 from dobc_design.certificate.certificate import Certificate
 from dobc_design.conditions.consensus.jacobians import Jacobians, ModeJacobian
 from dobc_design.conditions.consensus.statements import Statements, state_theorems
+from dobc_design.conditions.kinds import KINDS
 from dobc_design.conditions.numbers import claimed
 from dobc_design.errors import SpecError
 from dobc_design.exact.matrix import Matrix, multiply
@@ -316,7 +317,6 @@ def _unsound(message: str) -> SpecError:
 
 # The kernel computes, once, when it comes to Qed.
 COMPUTED = "Proof. vm_cast_no_check (eq_refl true). Qed."
-TITLES = {"theorem1": "Theorem 1", "theorem2": "Theorem 2", "lemma1": "Lemma 1"}
 
 
 def rocq_proof(certificate: Certificate, *, rate: bool = False) -> str:
@@ -341,7 +341,7 @@ def rocq_proof(certificate: Certificate, *, rate: bool = False) -> str:
         theory("OVER_R"),
         section("4. The witnesses L and D, multiplied out by the kernel"),
         *_witnesses(claim),
-        section(f"5. {TITLES[claim.id]}"),
+        section(f"5. {KINDS[claim.id].short}"),
         *_conclusions(claim),
     ]
     return "\n".join(part.strip("\n") + "\n" for part in parts)
@@ -352,7 +352,7 @@ def _head(certificate: Certificate, claim: RocqClaim) -> str:
     modes = len(problem.network.modes)
     linear = "" if problem.is_linear else ", linearised at the consensus"
     return comment(
-        f"{TITLES[claim.id]} for the problem {problem.name}, to be checked by Coq.",
+        f"{KINDS[claim.id].short} for the problem {problem.name}, to be checked by Coq.",
         f"Claim: Psi is negative definite{'' if modes == 1 else f' in each of the {modes} modes'}, and so V = e'e"
         + ("" if claim.pair is None else " + sum over i of eps_i' P eps_i")
         + f" decreases along the closed loop{linear}.",

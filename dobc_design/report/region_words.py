@@ -11,18 +11,11 @@ from typing import Any
 from dobc_design._show.text import significant_towards_zero
 from dobc_design.certificate.regions import RegionClaim, Regions
 from dobc_design.conditions.check import Check
+from dobc_design.conditions.kinds import KINDS
 from dobc_design.problem.problem import Problem
 from dobc_design.report.words import SYMBOLS, capitalize_first, typeset
 from dobc_design.verdict import Verdict
 
-NAMES = {
-    "lemma1": "Lemma 1",
-    "theorem1": "Theorem 1",
-    "theorem2": "Theorem 2",
-    "lure": "Lur’e",
-    "exhaustive": "Exhaustive",
-    "max-separable": "Max-separable",
-}
 _FAST = 100  # samples a second from which a certified period is called pessimistic
 
 
@@ -88,7 +81,7 @@ _KINDS = {"everywhere": "every start", "box": "box", "ball": "ball", "near": "ne
 
 def method_name(claim: RegionClaim) -> str:
     """The name of a method for people."""
-    name = NAMES.get(claim.id, capitalize_first(claim.id))
+    name = KINDS[claim.id].short
     return f"{name}, {claim.variant.replace('P_e', 'Pₑ')}" if claim.variant else name
 
 

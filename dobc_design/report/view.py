@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 from dobc_design._show.text import significant_towards_zero
 from dobc_design.certificate.certificate import Certificate
+from dobc_design.conditions.kinds import KINDS
 from dobc_design.exact.matrix import Matrix
 from dobc_design.problem.problem import Problem
 from dobc_design.report import formulas
@@ -27,7 +28,6 @@ from dobc_design.report.tracing import (
     trace_rows,
 )
 from dobc_design.report.words import (
-    CHECKS,
     MEANINGS,
     SYMBOLS,
     covering_domain,
@@ -117,7 +117,7 @@ def _facts(certificate: Certificate) -> list[tuple[str, str]]:
         facts.append(("Holds", domain_words(domain) if domain is not None else "–"))
         rate = certificate.rate
         facts.append(("Certified rate", "–" if rate is None else f"{typeset(significant_towards_zero(rate))} 1/s"))
-        facts.append(("Carried by", CHECKS.get(certificate.covered_by or "", ("–", ""))[0]))
+        facts.append(("Carried by", KINDS[certificate.covered_by].name if certificate.covered_by in KINDS else "–"))
     counts = [(v, sum(check.verdict is v for check in certificate.checks)) for v in Verdict]
     facts.append(("Checks", ", ".join(f"{count} {v.value}" for v, count in counts if count) or "none"))
     facts.append(("Agents", str(certificate.problem.n)))
@@ -127,7 +127,7 @@ def _facts(certificate: Certificate) -> list[tuple[str, str]]:
 
 def _check_glossary(certificate: Certificate) -> list[tuple[str, str, str]]:
     present = dict.fromkeys(check.id for check in certificate.checks)
-    return [(id, *CHECKS[id]) for id in present if id in CHECKS]
+    return [(id, KINDS[id].name, KINDS[id].decides) for id in present]
 
 
 def _graph_rows(analysis: Analysis | None, most: int = 12) -> list[dict[str, str]]:

@@ -60,8 +60,8 @@ _HOMES = {
     "Trajectory": "simulation.trajectory",
     "Verdict": "verdict",
     "Waypoints": "simulation.mobile",
-    "analyse": "export.models",
-    "build_model": "export.models",
+    "analyse": "export.interchange",
+    "build_model": "export.interchange",
     "certify": "certification.certify",
     "certify_settling": "certification.certify",
     "design": "synthesis.designs",
@@ -80,7 +80,7 @@ _HOMES = {
     "sweep": "sweeps.running",
     "to_c": "export.interchange",
     "to_casadi": "export.interchange",
-    "to_control": "export.models",
+    "to_control": "export.interchange",
     "to_fmu": "export.interchange",
     "to_latex": "export.interchange",
     "to_mat": "export.interchange",
@@ -177,10 +177,13 @@ if TYPE_CHECKING:
     from dobc_design.conditions.schedule.settling import Settling
     from dobc_design.coupling.coupling import Coupling
     from dobc_design.export.interchange import (
+        analyse,
+        build_model,
         from_pandapower,
         problem_from_file,
         to_c,
         to_casadi,
+        to_control,
         to_fmu,
         to_latex,
         to_mat,
@@ -188,7 +191,6 @@ if TYPE_CHECKING:
         to_sdpa,
         to_sympy,
     )
-    from dobc_design.export.models import analyse, build_model, to_control
     from dobc_design.falsification.searches import falsify
     from dobc_design.falsification.suspect import Falsification, Suspect
     from dobc_design.model.model import Model

@@ -279,7 +279,7 @@ def _set(document: dict[str, Any], path: Path, value: Any) -> None:
     _require_place(inner, path, len(path) - 1)
     if value is not None:
         inner[last] = value
-    elif isinstance(inner, list) or last in inner:
+    elif not isinstance(inner, dict) or last in inner:
         inner.pop(last)
 
 

@@ -75,7 +75,6 @@ _HOMES = {
     "load_trajectory": "simulation.storage",
     "plot_regions": "report.write",
     "problem_from_file": "export.interchange",
-    "quadratic_limits": "falsification.searches",
     "search_certificate": "certification.search",
     "simulate": "simulation.simulations",
     "sweep": "sweeps.running",
@@ -149,7 +148,6 @@ __all__ = [
     "load_trajectory",
     "plot_regions",
     "problem_from_file",
-    "quadratic_limits",
     "search_certificate",
     "simulate",
     "sweep",
@@ -191,7 +189,7 @@ if TYPE_CHECKING:
         to_sympy,
     )
     from dobc_design.export.models import analyse, build_model, to_control
-    from dobc_design.falsification.searches import falsify, quadratic_limits
+    from dobc_design.falsification.searches import falsify
     from dobc_design.falsification.suspect import Falsification, Suspect
     from dobc_design.model.model import Model
     from dobc_design.problem import exosystems

@@ -33,7 +33,7 @@ THIRD_PARTY = {
     "coupling": {"numpy"},
     "designer": {"anywidget", "numpy", "traitlets"},
     "exact": {"flint", "numpy"},
-    "export": {"control", "sympy", *NUMBERS},  # what is exported to
+    "export": {"control", "jinja2", "sympy", *NUMBERS},  # what is exported to
     "falsification": {"numpy"},
     "importing": NUMBERS,
     "model": {"casadi", "sympy", *NUMBERS},

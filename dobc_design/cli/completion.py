@@ -21,9 +21,9 @@ def problem_names(incomplete: str) -> list[str]:
 
 def ids(incomplete: str) -> list[str]:
     """Ids of conditions."""
-    from dobc_design.conditions.explanations import EXPLANATIONS
+    from dobc_design.conditions.kinds import KINDS
 
-    return [name for name in EXPLANATIONS if name.startswith(incomplete)]
+    return [name for name in KINDS if name.startswith(incomplete)]
 
 
 def _files(incomplete: str) -> list[str]:

@@ -75,10 +75,9 @@ def to_c(
         >>> "dobc_agent.c" in code.files, code.tolerance < 1e-9
         (True, True)
     """
-    from dobc_design.export.c_controller import make_controller
+    from dobc_design.export.c_controller import certified_sampling, make_controller
     from dobc_design.export.c_folder import c_code
     from dobc_design.export.c_vectors import Recorder
-    from dobc_design.export.certified_period import certified_sampling
 
     problem = _loaded(problem)
     claims = certificate.claims if isinstance(certificate, Certificate) else certificate
@@ -154,7 +153,7 @@ def to_mat(problem: Source, path: str | PathLike[str]) -> Path:
 
     Numbers become doubles.  Returns: the path.  Raises: SpecError for couplings of single arcs.
     """
-    from dobc_design.export.matlab import mat_bytes
+    from dobc_design.export.matrices import mat_bytes
 
     write_atomically(Path(path), mat_bytes(_loaded(problem)))
     return Path(path)

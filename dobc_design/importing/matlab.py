@@ -5,7 +5,7 @@
     xbar   target;   offsets   n x m;   h   the coupling as text (default y);   labels, modes   cell arrays of text
     name   of the problem
 
-Numbers are doubles and mean their shortest decimal text.  ``export.matlab`` writes the same names.
+Numbers are doubles and mean their shortest decimal text.  ``export.matrices`` writes the same names.
 """
 
 from __future__ import annotations

@@ -55,7 +55,7 @@ def cure_view(checks: Sequence[Check]) -> Cure | None:
     check = main_cure(checks)
     if check is None or check.fix is None:
         return None
-    head = "What would cure it" if check.id in ("theorem1", "theorem2", "lemma1") else f"What would cure {check.id}"
+    head = "What would cure it" if check.kind.role == "paper" else f"What would cure {check.id}"
     if check.verdict is not Verdict.REFUTED:
         head = f"What would help {check.id}"
     return Cure(head=head, text=_cut(check.fix.text), lines=_fix_lines(check.fix))

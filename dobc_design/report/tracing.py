@@ -10,38 +10,11 @@ from typing import Any, Final
 from dobc_design.certificate import text as certificate_text
 from dobc_design.certificate.certificate import Certificate
 from dobc_design.conditions.check import Check
-from dobc_design.conditions.explanations import EXPLANATIONS
+from dobc_design.conditions.kinds import KINDS
 from dobc_design.problem import canonical
 from dobc_design.report.formulas import rational
-from dobc_design.report.words import CHECKS
 from dobc_design.verdict import Verdict
 
-_CHECKER, _REGIONS, _QUADRATIC = "checker.py", "region_checker.py", "quadratic_checker.py"
-_OBSERVER, _CONSENSUS, _SEPARABLE = (
-    "conditions/observer/decide.py",
-    "conditions/consensus/decide.py",
-    "conditions/separable/checks.py",
-)
-
-# id -> (modules: the one that makes the claim, then those whose decision it is; file of the lone checker)
-DECIDED_IN: Final[dict[str, tuple[tuple[str, ...], str]]] = {
-    "observability": ((_OBSERVER, "exact/observability.py"), _CHECKER),
-    "detectability": ((_OBSERVER, "exact/observability.py"), _CHECKER),
-    "hurwitz": ((_OBSERVER, "exact/polynomial.py"), _CHECKER),
-    "reachability": (("conditions/consensus/network.py",), _CHECKER),
-    "lemma1": ((_CONSENSUS, "exact/definite.py"), _CHECKER),
-    "theorem1": ((_CONSENSUS, "exact/definite.py"), _CHECKER),
-    "theorem2": ((_CONSENSUS, "exact/definite.py"), _CHECKER),
-    "theorem1-printed": ((_CONSENSUS, "exact/definite.py"), _CHECKER),
-    "theorem2-printed": ((_CONSENSUS, "exact/definite.py"), _CHECKER),
-    "max-separable": ((_SEPARABLE, "conditions/separable/decide.py", "conditions/separable/observer.py"), _REGIONS),
-    "delay": ((_SEPARABLE, "conditions/separable/timing.py"), _REGIONS),
-    "sampling": ((_SEPARABLE, "conditions/separable/timing.py"), _REGIONS),
-    "equilibrium": (("conditions/equilibrium/decide.py",), _REGIONS),
-    "lure": (("conditions/quadratic/checks.py", "conditions/quadratic/decide.py"), _QUADRATIC),
-    "exhaustive": (("conditions/boxes/checks.py", "conditions/boxes/decide.py"), _QUADRATIC),
-    "settling": (("conditions/schedule/checks.py", "conditions/schedule/decide.py"), _QUADRATIC),
-}
 #: Options of `dobc certify` that change a certificate or its report; what a file says beside them is not repeated.
 SWITCHES: Final = ("--all", "--search")
 SETTLING: Final = "--settling "
@@ -86,22 +59,21 @@ TRACE_HEADS: Final = ("check", "condition in words", "where it stands", "decided
 
 
 def trace_rows(checks: Sequence[Check]) -> list[TraceRow]:
-    """One row per condition of the certificate, in its order, without those that this version does not know."""
-    return [_row(id, checks) for id in dict.fromkeys(check.id for check in checks) if id in DECIDED_IN]
+    """One row per condition of the certificate, in its order."""
+    return [_row(id, checks) for id in dict.fromkeys(check.id for check in checks)]
 
 
 def _row(id: str, checks: Sequence[Check]) -> TraceRow:
-    modules, checker = DECIDED_IN[id]
-    known = EXPLANATIONS[id]
+    kind = KINDS[id]
     counts = [(each, sum(check.id == id and check.verdict is each for check in checks)) for each in Verdict]
     found = [each.value if count == 1 else f"{count} × {each.value}" for each, count in counts if count]
     return TraceRow(
         id=id,
-        name=CHECKS[id][0],
-        meaning=known.meaning,
-        source=known.source,
-        modules=modules,
-        checker=checker,
+        name=kind.name,
+        meaning=kind.meaning,
+        source=kind.source,
+        modules=kind.decided_in,
+        checker=kind.checker,
         found=", ".join(found),
     )
 

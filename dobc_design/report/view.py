@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 from dobc_design._show.text import significant_towards_zero
 from dobc_design.certificate.certificate import Certificate
+from dobc_design.conditions.kinds import KINDS
 from dobc_design.exact.matrix import Matrix
 from dobc_design.problem.problem import Problem
 from dobc_design.report import formulas
@@ -27,7 +28,6 @@ from dobc_design.report.tracing import (
     trace_rows,
 )
 from dobc_design.report.words import (
-    CHECKS,
     MEANINGS,
     SYMBOLS,
     covering_domain,
@@ -40,7 +40,6 @@ from dobc_design.verdict import Verdict
 
 if TYPE_CHECKING:
     from dobc_design.analysis.analysis import Analysis
-    from dobc_design.conditions.quadratic.duals import QuadraticDual
     from dobc_design.conditions.schedule.checks import StageTiming
     from dobc_design.falsification.suspect import Falsification
     from dobc_design.simulation.trajectory import Trajectory
@@ -57,7 +56,6 @@ def common_view(
     lambdas: Mapping[str, Matrix] | None,
     timings: Sequence[StageTiming] = (),
     searches: Sequence[Falsification] = (),
-    limits: Sequence[QuadraticDual] = (),
 ) -> dict[str, Any]:
     """Names and values that both templates use."""
     problem, claims = certificate.problem, certificate.claims
@@ -80,7 +78,7 @@ def common_view(
         "agents": nw.agent_rows(problem),
         "exceptions": nw.exception_sentences(problem),
         "region": nw.region_sentence(problem),
-        "regions": region_view(problem, certificate.regions, limits),
+        "regions": region_view(problem, certificate.regions),
         "settling": settling_view(certificate.settling, timings),
         "searches": search_view(searches),
         "switching": nw.switching_sentence(problem),
@@ -119,7 +117,7 @@ def _facts(certificate: Certificate) -> list[tuple[str, str]]:
         facts.append(("Holds", domain_words(domain) if domain is not None else "–"))
         rate = certificate.rate
         facts.append(("Certified rate", "–" if rate is None else f"{typeset(significant_towards_zero(rate))} 1/s"))
-        facts.append(("Carried by", CHECKS.get(certificate.covered_by or "", ("–", ""))[0]))
+        facts.append(("Carried by", KINDS[certificate.covered_by].name if certificate.covered_by in KINDS else "–"))
     counts = [(v, sum(check.verdict is v for check in certificate.checks)) for v in Verdict]
     facts.append(("Checks", ", ".join(f"{count} {v.value}" for v, count in counts if count) or "none"))
     facts.append(("Agents", str(certificate.problem.n)))
@@ -129,7 +127,7 @@ def _facts(certificate: Certificate) -> list[tuple[str, str]]:
 
 def _check_glossary(certificate: Certificate) -> list[tuple[str, str, str]]:
     present = dict.fromkeys(check.id for check in certificate.checks)
-    return [(id, *CHECKS[id]) for id in present if id in CHECKS]
+    return [(id, KINDS[id].name, KINDS[id].decides) for id in present]
 
 
 def _graph_rows(analysis: Analysis | None, most: int = 12) -> list[dict[str, str]]:

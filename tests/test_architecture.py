@@ -42,7 +42,7 @@ THIRD_PARTY = {
     "report": {"jinja2", "networkx", "typst", *PLOTS},
     "simulation": {"pandas", "pyarrow", *NUMBERS},
     "solvers": {"clarabel", "cvxpy", *NUMBERS},
-    "sweeps": {"distributed", "duckdb", "joblib", "numpy", "pandas", "pyarrow"},
+    "sweeps": {"distributed", "joblib", "numpy", "pandas", "pyarrow"},
     "synthesis": {"clarabel", "control", "pandas", *NUMBERS},
 }
 # Packages that only some modules of their room may use.

@@ -19,11 +19,10 @@ from dobc_design.problem.problem import Problem
 from dobc_design.simulation._arguments import positive
 from dobc_design.simulation.field import make_loop
 from dobc_design.simulation.graph import groups_of_mode
+from dobc_design.simulation.integrate import Progress, fastest_decay, observer_decay
 from dobc_design.simulation.run import simulate
-from dobc_design.simulation.setting import Progress
+from dobc_design.simulation.setting import Given
 from dobc_design.simulation.signal_files import Signal
-from dobc_design.simulation.starts import Given
-from dobc_design.simulation.stiffness import fastest_decay, observer_decay
 from dobc_design.simulation.stress import Failure, Stress
 from dobc_design.simulation.switches import Array
 from dobc_design.simulation.trajectory import Trajectory

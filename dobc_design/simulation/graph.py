@@ -17,7 +17,7 @@ import scipy.sparse as sp
 from numpy.typing import NDArray
 
 from dobc_design.exact.matrix import to_float
-from dobc_design.problem.arrays import ArcGroup, arc_groups
+from dobc_design.problem.arrays import ArcGroup, arc_groups, gathering_matrix
 from dobc_design.problem.problem import Problem
 from dobc_design.simulation.formula import compile_coupling
 
@@ -185,3 +185,36 @@ def hears(groups: Sequence[ArcGroup], n: int) -> sp.csr_array:
     columns = np.concatenate([own, *(group.speakers for group in groups)])
     marks: Any = sp.csr_array((np.ones(len(rows)), (rows, columns)), shape=(n, n))
     return sp.csr_array(marks != 0).astype(np.float64)
+
+
+class Links:
+    """The arcs of one graph as in (9), evaluated arc by arc: every arc may hold an older value of its speaker."""
+
+    def __init__(self, groups: Sequence[ArcGroup], n: int, m: int) -> None:
+        self.groups, self.n, self.m = groups, n, m
+        self.parts = [
+            (compile_coupling(group.coupling), group.coupling.by_component, gathering_matrix(group, n))
+            for group in groups
+        ]
+        empty = [np.zeros(0, dtype=np.int64)]
+        self.listeners = np.concatenate([*empty, *(group.listeners for group in groups)])
+        self.speakers = np.concatenate([*empty, *(group.speakers for group in groups)])
+        self.codes = self.listeners * n + self.speakers
+
+    def felt(self, own: Array, heard: Array) -> Array:
+        """Sum of h(heard - own) over the arcs of each listener; an arc that holds nan is silent.
+
+        Shapes: own (n, m, R), heard (arcs, m, R) for R runs.  Returns: as ``own``.
+        """
+        difference = heard - own[self.listeners]
+        silent: Any = np.isnan(heard).any(axis=1)
+        total = np.zeros_like(own)
+        begin = 0
+        for h, by_component, gather in self.parts:
+            end = begin + gather.shape[1]
+            y = difference[begin:end]
+            value = np.array(h(y) if by_component else h(np.ascontiguousarray(y)))
+            np.moveaxis(value, 1, -1)[silent[begin:end]] = 0.0
+            total += (gather @ value.reshape(len(value), -1)).reshape(own.shape)
+            begin = end
+        return total

@@ -222,6 +222,35 @@ class Record:
         )
 
 
+class Nearby:
+    """The graphs of one run that follow from its states."""
+
+    def __init__(self, signal: Mobile, problem: Problem) -> None:
+        self.signal, self.problem, self.record = signal, problem, Record(problem.n)
+        self.now: IndexArray | None = None
+        self.number = -1
+
+    def look(self, time: float, positions: Array) -> int:
+        """The number of the graph at these positions (n, m), which is active from ``time`` on."""
+        graph = near(self.signal, positions, self.now)
+        if self.now is None or not np.array_equal(graph, self.now):
+            self.now, self.number = graph, self.record.add(time, graph)
+        return self.number
+
+    def groups(self, number: int) -> tuple[ArcGroup, ...]:
+        """The arcs of a graph."""
+        return groups_of(self.problem, self.record.codes[number])
+
+    def change(self, begin: float, end: float, positions_at: Callable[[float], Array]) -> float | None:
+        """The first instant of a step at which the graph is another one, to the last bit of the positions given."""
+        now = self.now
+        if now is None:
+            return None
+        return first_change(
+            lambda time: near(self.signal, positions_at(time), now), now, np.linspace(begin, end, LOOKS + 1)
+        )
+
+
 def motion_switches(signal: Mobile, motion: Waypoints, n: int, horizon: float) -> tuple[Switches, list[IndexArray]]:
     """The switches under a given motion, and the codes of the graphs.  Raises: ShapeError, SpecError."""
     places = np.asarray(motion.positions)

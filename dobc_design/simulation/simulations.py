@@ -19,8 +19,8 @@ from dobc_design.verdict import Verdict
 if TYPE_CHECKING:
     from dobc_design.simulation.breaking import Breaking
     from dobc_design.simulation.ensemble import Ensemble
+    from dobc_design.simulation.setting import Given
     from dobc_design.simulation.signal_files import Signal
-    from dobc_design.simulation.starts import Given
     from dobc_design.simulation.stress import Stress
     from dobc_design.simulation.trajectory import Trajectory
 
@@ -94,7 +94,7 @@ def simulate(
         >>> run.x.shape, run.diverged, run.final_error < 0.3
         ((61, 10, 1), False, True)
     """
-    from dobc_design.simulation.ensembles import simulate_many
+    from dobc_design.simulation.ensemble import simulate_many
     from dobc_design.simulation.run import simulate as run
     from dobc_design.simulation.signal_files import signal_of
 

@@ -9,7 +9,7 @@ from scipy.linalg import expm
 from dobc_design.errors import ShapeError, SpecError
 from dobc_design.problem.network import Network
 from dobc_design.problem.problem import Problem
-from dobc_design.simulation.ensembles import simulate_many
+from dobc_design.simulation.ensemble import simulate_many
 from dobc_design.simulation.mobile import Mobile, Waypoints, groups_of, motion_switches, near
 from dobc_design.simulation.run import simulate
 

@@ -25,7 +25,7 @@ from dobc_design.verdict import Verdict
 if TYPE_CHECKING:
     from dobc_design.export.c_folder import CCode
     from dobc_design.export.fmu import Fmu
-    from dobc_design.simulation.signal_files import Signal
+    from dobc_design.simulation.signals import Signal
 
 Source = Problem | str | PathLike[str]
 
@@ -239,6 +239,6 @@ def _gain(problem: Problem) -> Matrix | None:
 
 
 def _signal(problem: Problem) -> Signal | None:
-    from dobc_design.simulation.signal_files import signal_of
+    from dobc_design.simulation.signals import signal_of
 
     return signal_of(problem)[0]

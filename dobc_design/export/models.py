@@ -56,8 +56,7 @@ def to_control(
     Returns: a ConsensusLoop.  Raises: SpecError.
     """
     from dobc_design.export.python_control import to_control as run
-    from dobc_design.simulation.mobile import Mobile
-    from dobc_design.simulation.signal_files import signal_of
+    from dobc_design.simulation.signals import Mobile, signal_of
 
     problem = problem if isinstance(problem, Problem) else load_problem(problem)
     if signal is None and mode is None:

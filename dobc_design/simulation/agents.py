@@ -13,12 +13,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from dobc_design.problem.arrays import ArcGroup
+from dobc_design.simulation._arguments import Array
 from dobc_design.simulation.field import Loop
 from dobc_design.simulation.graph import Links
-from dobc_design.simulation.mobile import Nearby
 from dobc_design.simulation.setting import Start
 from dobc_design.simulation.stress import Failure, Stress
-from dobc_design.simulation.switches import Array, IndexArray, Switches
+from dobc_design.simulation.switches import IndexArray, Nearby, Switches
 
 NOISE, LOSS, PHASE = 2, 3, 4  # streams beside that of the switches
 BLOCK = 32  # instants whose random numbers are drawn at once

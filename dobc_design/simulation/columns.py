@@ -16,9 +16,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.integrate import DOP853
 
+from dobc_design.simulation._arguments import Array
 from dobc_design.simulation.field import ClosedForm, Loop, Network
 from dobc_design.simulation.integrate import FARTHEST
-from dobc_design.simulation.switches import Array, IndexArray, Switches
+from dobc_design.simulation.switches import IndexArray, Switches
 
 Visit = Callable[[IndexArray, IndexArray, Array], None]
 RightHandSide = Callable[[Array, Array], Array]

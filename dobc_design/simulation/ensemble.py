@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from functools import cache
 from os import PathLike
 from pathlib import Path
@@ -19,10 +19,9 @@ from numpy.typing import NDArray
 
 from dobc_design._show.cards import Card, Shown
 from dobc_design.errors import SpecError
-from dobc_design.problem.arrays import ArcGroup
+from dobc_design.problem.arrays import ArcGroup, Gain
 from dobc_design.problem.problem import Problem
-from dobc_design.simulation import measures
-from dobc_design.simulation._arguments import whole
+from dobc_design.simulation._arguments import Array, whole
 from dobc_design.simulation.agents import StressedRuns
 from dobc_design.simulation.columns import COLLAPSED, ESCAPED, HANDED_BACK, Ends, Stack, integrate_stack, padded
 from dobc_design.simulation.field import ClosedForm, network_of
@@ -41,11 +40,20 @@ from dobc_design.simulation.setting import (
     moves_by_state,
     switches_for,
 )
-from dobc_design.simulation.signal_files import signal_to_json
+from dobc_design.simulation.signals import signal_to_json
 from dobc_design.simulation.stress import Stress, stress_to_json
 from dobc_design.simulation.stressed import run_stressed
-from dobc_design.simulation.switches import Array, IndexArray, Switches
-from dobc_design.simulation.trajectory import Bounding, bound_of
+from dobc_design.simulation.switches import IndexArray, Switches
+from dobc_design.simulation.trajectory import (
+    Bounding,
+    bound_of,
+    final_errors,
+    proportion_interval,
+    quantile,
+    quantile_interval,
+    summary,
+    write_whole,
+)
 
 if TYPE_CHECKING:
     from dobc_design.plotting.runs import Envelope
@@ -91,17 +99,12 @@ class Ensemble(Shown):
     loop_sha256: str = ""  # of the problem and W; "" where they were not recorded
 
     def __post_init__(self) -> None:
-        for array in (
-            self.seeds,
-            self.times,
-            self.error,
-            self.estimation_error,
-            self.diverged,
-            self.ended,
-            self.lengths,
-            self.disturbances,
-        ):
+        for array in self._arrays().values():
             array.setflags(write=False)
+
+    def _arrays(self) -> dict[str, Any]:
+        found = {each.name: getattr(self, each.name) for each in fields(self)}
+        return {name: value for name, value in found.items() if isinstance(value, np.ndarray)}
 
     def __len__(self) -> int:
         return len(self.seeds)
@@ -113,15 +116,15 @@ class Ensemble(Shown):
     @property
     def final_error(self) -> Array:
         """|e|_inf at the end of every run, (R,)."""
-        return measures.final_errors(self.error)
+        return final_errors(self.error)
 
     def quantiles(self, levels: Sequence[float] = (0.05, 0.5, 0.95)) -> Array:
         """Quantiles of |e|_inf over the runs at every sample: (levels, T); a run that diverged counts as infinite."""
-        return np.stack([measures.quantile(self.error, level) for level in levels])
+        return np.stack([quantile(self.error, level) for level in levels])
 
     def summary(self) -> dict[str, Any]:
         """The numbers of ``dobc simulate --json``, without its files."""
-        return measures.summary(self.times, self.error, self.diverged)
+        return summary(self.times, self.error, self.diverged)
 
     def plot(self, *, certificate: Bounding | None = None, envelope: Envelope | None = None) -> Sheet:
         """Quantile bands of the errors over all runs.  ``certificate``, ``envelope``: as in ``Trajectory.plot``."""
@@ -136,36 +139,17 @@ class Ensemble(Shown):
         """
         final = np.where(self.diverged, np.inf, self.final_error)
         return {
-            "median_final_error": measures.quantile_interval(final, 0.5, confidence),
-            "probability_of_divergence": measures.proportion_interval(int(self.diverged.sum()), len(self), confidence),
+            "median_final_error": quantile_interval(final, 0.5, confidence),
+            "probability_of_divergence": proportion_interval(int(self.diverged.sum()), len(self), confidence),
         }
 
     def save(self, path: str | PathLike[str], *, force: bool = False) -> Path:
         """Write the arrays to ``path``, an .npz file for ``numpy.load``.  Raises: SpecError."""
-        from dobc_design.simulation.storage import write_whole
-
-        arrays: dict[str, Any] = {
-            name: getattr(self, name)
-            for name in (
-                "seeds",
-                "times",
-                "error",
-                "estimation_error",
-                "diverged",
-                "ended",
-                "switches",
-                "goal",
-                "states",
-                "lengths",
-                "disturbances",
-            )
-            if getattr(self, name) is not None
-        }
         words = ("name", "mode", "labels", "t_final", "notes", "signal", "method", "observer", "stress")
         facts = {name: getattr(self, name) for name in words} | {"format": "dobc-ensemble", "version": 1}
         about = np.array(json.dumps(facts, ensure_ascii=False))
         place = Path(path)
-        write_whole(place, lambda file: np.savez(file, about=about, allow_pickle=False, **arrays), force=force)
+        write_whole(place, lambda file: np.savez(file, about=about, allow_pickle=False, **self._arrays()), force=force)
         return place
 
     def __str__(self) -> str:
@@ -191,6 +175,7 @@ def simulate_many(
     problem: Problem,
     *,
     runs: int,
+    gain: Gain | None = None,
     states: bool = False,
     progress: Progress | None = None,
     **given: Unpack[Options],
@@ -200,13 +185,12 @@ def simulate_many(
     Arguments as in ``run.simulate``.  ``states`` keeps x at every sample, not the errors alone.
     Returns: an Ensemble.  Raises: SpecError for a wrong argument.
     """
-    whole(runs, "runs", least=1)
-    return run_many(make_setting(problem, **given), runs, states=states, progress=progress)
+    return run_many(make_setting(problem, gain=gain, **given), runs, states=states, progress=progress)
 
 
 def run_many(setting: Setting, runs: int, *, states: bool = False, progress: Progress | None = None) -> Ensemble:
     """The same for checked arguments."""
-    problem = setting.problem
+    problem, runs = setting.problem, whole(runs, "runs", least=1)
     if states and runs * len(setting.times) * problem.n * problem.m > MOST_STORED:
         raise SpecError(
             f"states of {runs} runs at {len(setting.times)} samples would take more than {MOST_STORED >> 27} GiB.",

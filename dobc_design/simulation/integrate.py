@@ -17,9 +17,9 @@ import scipy.sparse as sp
 from scipy.integrate import DOP853, Radau
 
 from dobc_design.problem.arrays import ArcGroup
+from dobc_design.simulation._arguments import Array
 from dobc_design.simulation.field import ClosedForm, Field, Loop, Network, field_of, network_of
-from dobc_design.simulation.mobile import Nearby
-from dobc_design.simulation.switches import Array, Switches
+from dobc_design.simulation.switches import Nearby, Switches
 
 Derivative = Callable[[float, Array], Array]
 Change = Callable[[float, float, Callable[[float], Array]], float | None]

@@ -12,12 +12,11 @@ from typing import Unpack
 
 import numpy as np
 
-from dobc_design.problem.arrays import ArcGroup
+from dobc_design.problem.arrays import ArcGroup, Gain
 from dobc_design.problem.problem import Problem
 from dobc_design.simulation.agents import StressedRuns
 from dobc_design.simulation.field import evolve
 from dobc_design.simulation.integrate import Errors, Full, Moving, Outcome, Progress, Scheduled, integrate
-from dobc_design.simulation.mobile import Mobile, Nearby
 from dobc_design.simulation.sampled import run_sampled_alone
 from dobc_design.simulation.setting import (
     Options,
@@ -31,20 +30,22 @@ from dobc_design.simulation.setting import (
     make_setting,
     switches_for,
 )
-from dobc_design.simulation.signal_files import signal_to_json
+from dobc_design.simulation.signals import Mobile, signal_to_json
 from dobc_design.simulation.stress import Stress, stress_to_json
 from dobc_design.simulation.stressed import run_alone
-from dobc_design.simulation.switches import Switches
+from dobc_design.simulation.switches import Nearby, Switches
 from dobc_design.simulation.trajectory import Trajectory
 
 
-def simulate(problem: Problem, *, progress: Progress | None = None, **given: Unpack[Options]) -> Trajectory:
+def simulate(
+    problem: Problem, *, gain: Gain | None = None, progress: Progress | None = None, **given: Unpack[Options]
+) -> Trajectory:
     """Integrate the closed loop in one mode (the first, or ``mode``), or under a switching ``signal``.
 
     ``gain`` (q, m) takes the place of problem.observer.W; the other arguments, what is returned and what is raised are
     those of ``simulations.simulate``, but nothing is designed and [switching] is not looked at.
     """
-    setting = make_setting(problem, **given)
+    setting = make_setting(problem, gain=gain, **given)
     return run_once(setting, setting.seed, progress=progress)
 
 

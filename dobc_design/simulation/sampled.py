@@ -21,10 +21,11 @@ from numpy.typing import NDArray
 from scipy.linalg import expm
 
 from dobc_design.errors import ShapeError, SpecError
+from dobc_design.simulation._arguments import Array
 from dobc_design.simulation.agents import Crew, StressedRuns
 from dobc_design.simulation.field import Loop, act
 from dobc_design.simulation.integrate import FARTHEST, Outcome, Progress
-from dobc_design.simulation.switches import Array, IndexArray
+from dobc_design.simulation.switches import IndexArray
 
 MOST_SAMPLES = 1_000_000
 

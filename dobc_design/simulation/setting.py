@@ -21,15 +21,13 @@ from dobc_design.exact.matrix import Vector, to_float
 from dobc_design.exact.reading import shown
 from dobc_design.problem.arrays import ArcGroup, Gain, no_gain
 from dobc_design.problem.problem import Problem
-from dobc_design.simulation._arguments import finite_array, positive, seconds, whole
+from dobc_design.simulation._arguments import Array, finite_array, positive, seconds, whole
 from dobc_design.simulation.field import ClosedForm, Loop, make_closed_form, make_loop
 from dobc_design.simulation.graph import groups_of_mode
 from dobc_design.simulation.integrate import STIFF, fastest_decay, observer_decay
-from dobc_design.simulation.mobile import Mobile, groups_of, motion_switches
-from dobc_design.simulation.signal_files import Signal
-from dobc_design.simulation.signals import Fixed, mode_index, scheduled_switches
+from dobc_design.simulation.signals import Fixed, Mobile, Signal
 from dobc_design.simulation.stress import Stress
-from dobc_design.simulation.switches import Array, Switches
+from dobc_design.simulation.switches import Switches, groups_of, mode_index, motion_switches, scheduled_switches
 
 TOLERANCE = 1e-9  # relative, of the integrator; the absolute one is a hundredth of it
 SAMPLES = 401
@@ -193,14 +191,13 @@ def _read(path: Path) -> Mapping[str, Any]:
 
 
 class Options(TypedDict, total=False):
-    """The arguments of ``run.simulate`` that a setting is made of."""
+    """The arguments of ``simulate`` that a setting is made of."""
 
     mode: str | None
     signal: Signal | None
     start: Given | None
     t_final: float | None
     seed: int | None
-    gain: Gain | None
     samples: int | Sequence[float] | None
     observer: str
     tolerance: float
@@ -225,7 +222,7 @@ class Setting:
     notes: tuple[str, ...]
 
 
-def make_setting(problem: Problem, **given: Unpack[Options]) -> Setting:
+def make_setting(problem: Problem, *, gain: Gain | None, **given: Unpack[Options]) -> Setting:
     """Check the arguments of ``simulate``.  Raises: SpecError."""
     mode, signal, stress = given.get("mode"), given.get("signal"), given.get("stress")
     _refuse_other_kinds(signal, stress)
@@ -241,7 +238,6 @@ def make_setting(problem: Problem, **given: Unpack[Options]) -> Setting:
             cure='"closed-form" is the fast one.',
         )
     horizon = seconds(_horizon(problem) if t_final is None else t_final, "t_final", example="20")
-    gain = given.get("gain")
     loop = make_loop(problem, no_gain(problem) if observer == "off" and gain is None else gain)
     times, notes = _times(given.get("samples"), horizon, loop.n * (4 * loop.m + 2 * loop.q))
     if stress is not None:

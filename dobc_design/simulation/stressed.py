@@ -14,6 +14,7 @@ from itertools import pairwise
 
 import numpy as np
 
+from dobc_design.simulation._arguments import Array
 from dobc_design.simulation.agents import Crew, StressedRuns
 from dobc_design.simulation.columns import (
     DONE,
@@ -28,7 +29,7 @@ from dobc_design.simulation.columns import (
 from dobc_design.simulation.field import act, full_pattern
 from dobc_design.simulation.integrate import Moving, Outcome, Progress, Scheduled, Segment, Stay, integrate
 from dobc_design.simulation.sampled import sample_instants
-from dobc_design.simulation.switches import Array, IndexArray
+from dobc_design.simulation.switches import IndexArray
 
 LEAST_STEPS = 1000  # of one run between two instants at which all wait, before it is handed back
 ALONE = np.zeros(1, dtype=np.int64)

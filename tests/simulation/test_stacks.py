@@ -18,9 +18,8 @@ from dobc_design.problem.observer import Observer
 from dobc_design.problem.problem import Problem
 from dobc_design.simulation import ensemble, stressed
 from dobc_design.simulation.ensemble import simulate_many
-from dobc_design.simulation.mobile import Mobile, Waypoints
 from dobc_design.simulation.run import simulate
-from dobc_design.simulation.signals import Periodic, RandomDwell
+from dobc_design.simulation.signals import Mobile, Periodic, RandomDwell, Waypoints
 from dobc_design.simulation.stress import Stress, stress_to_json
 
 EVERYTHING = Stress(noise=0.05, disturbance=0.3, frequency=2, saturation=2.0, loss=0.3, exchange=0.1, failures=FAILING)

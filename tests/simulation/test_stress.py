@@ -19,13 +19,12 @@ from dobc_design.problem.problem import Problem
 from dobc_design.simulation.agents import Crew, Heard, StressedRuns
 from dobc_design.simulation.ensemble import simulate_many
 from dobc_design.simulation.field import make_loop
-from dobc_design.simulation.mobile import Mobile
 from dobc_design.simulation.run import simulate, stressed_runs
 from dobc_design.simulation.sampled import discretised
 from dobc_design.simulation.setting import groups_for, make_setting, switches_for
-from dobc_design.simulation.signals import Periodic, RandomDwell
-from dobc_design.simulation.storage import load_trajectory
+from dobc_design.simulation.signals import Mobile, Periodic, RandomDwell
 from dobc_design.simulation.stress import Failure, Stress, stress_from_json, stress_to_json
+from dobc_design.simulation.trajectory import load_trajectory
 from dobc_design.synthesis.observer.spectrum import sampled_matrix
 
 HARMONIC = Exosystem(A=[[0, 2], [-2, 0]], C=[[1, 0]])
@@ -70,7 +69,7 @@ def planar() -> Problem:
 
 def prepared(problem: Problem, stress: Stress, **given) -> StressedRuns:
     """A stack of one run."""
-    setting = make_setting(problem, stress=stress, **given)
+    setting = make_setting(problem, gain=None, stress=stress, **given)
     switches = switches_for(setting, 0)
     return stressed_runs(setting, stress, [0], [switches], groups_for(setting, switches))
 

@@ -38,7 +38,7 @@ _HOMES = {
     "Group": "problem.groups",
     "HalfPlane": "synthesis.observer.spectral_regions",
     "Markov": "simulation.signals",
-    "Mobile": "simulation.mobile",
+    "Mobile": "simulation.signals",
     "Model": "model.model",
     "Network": "problem.network",
     "NoiseLimit": "synthesis.observer.request",
@@ -59,7 +59,7 @@ _HOMES = {
     "TradeOff": "synthesis.joint.trade_off",
     "Trajectory": "simulation.trajectory",
     "Verdict": "verdict",
-    "Waypoints": "simulation.mobile",
+    "Waypoints": "simulation.signals",
     "analyse": "export.interchange",
     "build_model": "export.interchange",
     "certify": "certification.certify",
@@ -67,12 +67,12 @@ _HOMES = {
     "design": "synthesis.designs",
     "design_observer": "synthesis.designs",
     "design_pinning": "synthesis.designs",
-    "exact": "exact",
+    "exact": "designer.widget",
     "exosystems": "problem.exosystems",
     "falsify": "falsification.searches",
     "from_pandapower": "export.interchange",
     "load_problem": "problem.load",
-    "load_trajectory": "simulation.storage",
+    "load_trajectory": "simulation.trajectory",
     "plot_regions": "report.write",
     "problem_from_file": "export.interchange",
     "search_certificate": "certification.search",
@@ -89,7 +89,7 @@ _HOMES = {
     "to_sympy": "export.interchange",
     "trade_off": "synthesis.designs",
     "verify": "certification.certify",
-    "what_breaks_first": "simulation.simulations",
+    "what_breaks_first": "simulation.breaking",
     "write_comparison": "report.write",
     "write_report": "report.write",
 }
@@ -205,13 +205,12 @@ if TYPE_CHECKING:
     from dobc_design.problem.region import Region
     from dobc_design.problem.switching import Switching
     from dobc_design.report.write import plot_regions, write_comparison, write_report
+    from dobc_design.simulation.breaking import what_breaks_first
     from dobc_design.simulation.ensemble import Ensemble
-    from dobc_design.simulation.mobile import Mobile, Waypoints
-    from dobc_design.simulation.signals import Fixed, Markov, Periodic, RandomDwell, Schedule
-    from dobc_design.simulation.simulations import simulate, what_breaks_first
-    from dobc_design.simulation.storage import load_trajectory
+    from dobc_design.simulation.signals import Fixed, Markov, Mobile, Periodic, RandomDwell, Schedule, Waypoints
+    from dobc_design.simulation.simulations import simulate
     from dobc_design.simulation.stress import Failure, Stress
-    from dobc_design.simulation.trajectory import Trajectory
+    from dobc_design.simulation.trajectory import Trajectory, load_trajectory
     from dobc_design.sweeps.result import SweepResult
     from dobc_design.sweeps.running import sweep
     from dobc_design.synthesis.designs import design, design_observer, design_pinning, trade_off

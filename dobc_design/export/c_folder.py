@@ -26,9 +26,8 @@ from dobc_design.export.c_text import comment, literal
 from dobc_design.export.rounding_bound import Array, Recorded, felt_with_error, rounding_bound
 from dobc_design.problem.arrays import Gain
 from dobc_design.problem.problem import Problem
-from dobc_design.simulation.mobile import Mobile
 from dobc_design.simulation.run import simulate
-from dobc_design.simulation.signal_files import Signal
+from dobc_design.simulation.signals import Mobile, Signal
 from dobc_design.simulation.stress import Stress
 from dobc_design.simulation.trajectory import Trajectory
 

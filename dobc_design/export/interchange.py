@@ -29,7 +29,7 @@ if TYPE_CHECKING:
     from dobc_design.export.fmu import Fmu
     from dobc_design.export.python_control import ConsensusLoop
     from dobc_design.model.model import Model
-    from dobc_design.simulation.signal_files import Signal
+    from dobc_design.simulation.signals import Signal
 
 Source = Problem | str | PathLike[str]
 
@@ -234,7 +234,7 @@ def _loaded(problem: Source) -> Problem:
 
 
 def _signal(problem: Problem) -> Signal | None:
-    from dobc_design.simulation.signal_files import signal_of
+    from dobc_design.simulation.signals import signal_of
 
     return signal_of(problem)[0]
 
@@ -279,8 +279,7 @@ def to_control(
     Returns: a ConsensusLoop.  Raises: SpecError.
     """
     from dobc_design.export.python_control import to_control as run
-    from dobc_design.simulation.mobile import Mobile
-    from dobc_design.simulation.signal_files import signal_of
+    from dobc_design.simulation.signals import Mobile, signal_of
 
     problem = _loaded(problem)
     if signal is None and mode is None:

@@ -98,7 +98,7 @@ class Task:
     def prepare(self) -> None:
         """Import what ``run`` needs, which takes seconds in a new process and is no part of a case."""
         from dobc_design.certification import certify  # noqa: F401 - for its imports
-        from dobc_design.simulation import ensembles  # noqa: F401 - likewise
+        from dobc_design.simulation import ensemble  # noqa: F401 - likewise
 
     def run(self, problem: Problem) -> dict[str, Any]:
         """Do it and return the columns."""

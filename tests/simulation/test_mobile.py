@@ -9,9 +9,10 @@ from scipy.linalg import expm
 from dobc_design.errors import ShapeError, SpecError
 from dobc_design.problem.network import Network
 from dobc_design.problem.problem import Problem
-from dobc_design.simulation.ensembles import simulate_many
-from dobc_design.simulation.mobile import Mobile, Waypoints, groups_of, motion_switches, near
+from dobc_design.simulation.ensemble import simulate_many
 from dobc_design.simulation.run import simulate
+from dobc_design.simulation.signals import Mobile, Waypoints
+from dobc_design.simulation.switches import groups_of, motion_switches, near
 
 
 def alone(n: int, *, m: int = 1, **settings) -> Problem:

@@ -12,7 +12,7 @@ from dobc_design.problem.observer import Observer
 from dobc_design.problem.problem import Problem
 from dobc_design.simulation.field import make_loop
 from dobc_design.simulation.run import simulate
-from dobc_design.simulation.starts import make_starts
+from dobc_design.simulation.setting import make_starts
 
 
 def problem(**settings) -> Problem:

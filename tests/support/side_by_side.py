@@ -10,7 +10,7 @@ from dobc_design.problem.exosystem import Exosystem
 from dobc_design.problem.network import Network
 from dobc_design.problem.observer import Observer
 from dobc_design.problem.problem import Problem
-from dobc_design.simulation.ensembles import simulate_many
+from dobc_design.simulation.ensemble import simulate_many
 from dobc_design.simulation.run import simulate
 from dobc_design.simulation.stress import Failure, Stress
 

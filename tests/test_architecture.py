@@ -29,7 +29,7 @@ THIRD_PARTY = {
     "analysis": {"control", "networkx", *NUMBERS},
     "certification": {"numpy"},
     "cli": {"rich", "typer"},
-    "conditions": {"clarabel", *NUMBERS},
+    "conditions": NUMBERS,
     "coupling": {"numpy"},
     "designer": {"anywidget", "numpy", "traitlets"},
     "exact": {"flint", "numpy"},

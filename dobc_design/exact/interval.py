@@ -8,10 +8,8 @@ their values at end points and critical points. Nothing here is ever too narrow;
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from fractions import Fraction
-from types import MappingProxyType
 from typing import Final
 
 from dobc_design._show.cards import Card, Shown
@@ -177,7 +175,7 @@ def log(x: Interval) -> Interval:
     """Enclose the natural logarithm. Raises: UndefinedError unless x > 0."""
     if x.lo <= 0:
         raise UndefinedError(f"log is not defined on the whole of {x}.")
-    return _increasing("log", x)
+    return increasing("log", x)
 
 
 def sin(x: Interval) -> Interval:
@@ -195,17 +193,24 @@ def tan(x: Interval) -> Interval:
     poles = _multiples_of_pi(x, shift=Fraction(1, 2))
     if poles is None or poles[0] <= poles[1]:
         raise UndefinedError(f"tan is not defined on the whole of {x}.")
-    return _increasing("tan", x)
+    return increasing("tan", x)
+
+
+def increasing(name: str, x: Interval) -> Interval:
+    """Enclose an increasing function, by the name that python-flint has for it."""
+    lower = bounds(name, x.lo)
+    upper = lower if x.is_point else bounds(name, x.hi)
+    return _enclose(lower[0], upper[1], name, x)
 
 
 def tanh(x: Interval) -> Interval:
     """Enclose tanh."""
-    return _increasing("tanh", x)
+    return increasing("tanh", x)
 
 
 def atan(x: Interval) -> Interval:
     """Enclose the inverse of tan on (-pi/2, pi/2)."""
-    return _increasing("atan", x)
+    return increasing("atan", x)
 
 
 def sinh(x: Interval) -> Interval:
@@ -247,27 +252,6 @@ def clip(x: Interval, low: Interval, high: Interval) -> Interval:
     return minimum(maximum(x, low), high)
 
 
-# The functions by the names they have in a coupling expression.
-FUNCTIONS: Final[Mapping[str, Callable[..., Interval]]] = MappingProxyType(
-    {
-        "exp": exp,
-        "log": log,
-        "sin": sin,
-        "cos": cos,
-        "tan": tan,
-        "tanh": tanh,
-        "atan": atan,
-        "sinh": sinh,
-        "cosh": cosh,
-        "sqrt": sqrt,
-        "abs": absolute,
-        "min": minimum,
-        "max": maximum,
-        "clip": clip,
-    }
-)
-
-
 def _rational(value: object) -> Fraction:
     if isinstance(value, bool) or not isinstance(value, (int, Fraction)):
         raise SpecError(f"interval ends must be int or Fraction; got {type(value).__name__}.")
@@ -305,19 +289,13 @@ def _power(base: Fraction, exponent: int) -> Interval:
     return result
 
 
-def _increasing(name: str, x: Interval) -> Interval:
-    lower = bounds(name, x.lo)
-    upper = lower if x.is_point else bounds(name, x.hi)
-    return _enclose(lower[0], upper[1], name, x)
-
-
 def _growing(name: str, x: Interval) -> Interval:
     """Enclose an increasing function of exponential growth; far to the left exp is above 0."""
     if x.hi > _MAX_EXP or (x.lo < -_MAX_EXP and name != "exp"):
         raise UndefinedError(f"{name} of {x} is too large to enclose: |x| may be at most {_MAX_EXP}.")
     if x.lo >= _MIN_EXP:
-        return _increasing(name, x)
-    return Interval(Fraction(0), _increasing(name, Interval.point(max(x.hi, Fraction(_MIN_EXP)))).hi)
+        return increasing(name, x)
+    return Interval(Fraction(0), increasing(name, Interval.point(max(x.hi, Fraction(_MIN_EXP)))).hi)
 
 
 def _wave(name: str, x: Interval, *, shift: Fraction) -> Interval:

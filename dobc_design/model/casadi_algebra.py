@@ -6,30 +6,17 @@ Where an argument of min, max or clip is undefined, CasADi returns the other one
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from fractions import Fraction
-from functools import reduce
 from typing import Any
 
 import casadi as ca
 import numpy as np
 
-_FUNCTIONS: dict[str, Callable[[Any], Any]] = {
-    "exp": ca.exp,
-    "log": ca.log,
-    "sin": ca.sin,
-    "cos": ca.cos,
-    "tan": ca.tan,
-    "tanh": ca.tanh,
-    "atan": ca.atan,
-    "sinh": ca.sinh,
-    "cosh": ca.cosh,
-    "sqrt": ca.sqrt,
-    "abs": ca.fabs,
-}
+from dobc_design.coupling.functions import FUNCTIONS, by_twos
+from dobc_design.coupling.tree import Operators
 
 
-class CasadiAlgebra:
+class CasadiAlgebra(Operators):
     """Algebra (``coupling.tree.Algebra``) of CasADi expressions, element by element on vectors."""
 
     def constant(self, value: Fraction) -> Any:
@@ -41,28 +28,5 @@ class CasadiAlgebra:
     def pi(self) -> Any:
         return ca.DM(np.pi)
 
-    def negate(self, operand: Any) -> Any:
-        return -operand
-
-    def add(self, left: Any, right: Any) -> Any:
-        return left + right
-
-    def subtract(self, left: Any, right: Any) -> Any:
-        return left - right
-
-    def multiply(self, left: Any, right: Any) -> Any:
-        return left * right
-
-    def divide(self, left: Any, right: Any) -> Any:
-        return left / right
-
-    def power(self, base: Any, exponent: int) -> Any:
-        return base**exponent
-
     def call(self, name: str, arguments: tuple[Any, ...]) -> Any:
-        if name == "clip":
-            value, low, high = arguments
-            return ca.fmin(ca.fmax(value, low), high)
-        if name in ("min", "max"):
-            return reduce(ca.fmin if name == "min" else ca.fmax, arguments)
-        return _FUNCTIONS[name](*arguments)
+        return by_twos(name, arguments, lambda name, *operands: FUNCTIONS[name].found_in(ca, "casadi")(*operands))

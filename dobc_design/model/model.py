@@ -17,7 +17,7 @@ import scipy.sparse as sp
 
 from dobc_design._show.cards import Card, Shown
 from dobc_design.coupling.coupling import Coupling
-from dobc_design.coupling.expression import evaluate
+from dobc_design.coupling.tree import evaluate
 from dobc_design.model.casadi_algebra import CasadiAlgebra
 from dobc_design.problem.arrays import (
     ArcGroup,

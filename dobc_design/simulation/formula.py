@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from dobc_design.coupling.algebra import NumpyAlgebra
 from dobc_design.coupling.coupling import Coupling
+from dobc_design.coupling.functions import FUNCTIONS
 from dobc_design.coupling.tree import (
     Add,
     Call,
@@ -136,13 +137,8 @@ def _power(exponent: int) -> Callable[[Any], Any]:
 
 
 def _function(name: str) -> Callable[..., Any]:
-    if name in ("min", "max"):
-        pick = np.minimum if name == "min" else np.maximum
-        return lambda *operands: reduce(pick, operands)
-    if name == "clip":
-        return np.clip
-    found: Callable[..., Any] = {"atan": np.arctan}.get(name) or getattr(np, name)
-    return found
+    function = FUNCTIONS[name].found_in(np, "numpy")
+    return (lambda *operands: reduce(function, operands)) if name in ("min", "max") else function
 
 
 def _run(program: _Program, variables: Sequence[Array]) -> Any:

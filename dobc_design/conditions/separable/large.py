@@ -17,7 +17,7 @@ import numpy as np
 from dobc_design.conditions.separable.claim import FACES, holding_gains
 from dobc_design.conditions.separable.table import CELLS, Array, GainTable, down, gain_table, up
 from dobc_design.conditions.separable.turns import Turning, turning
-from dobc_design.coupling.monotone import Profile
+from dobc_design.coupling.enclosures import Profile
 from dobc_design.exact.doubles import Doubles
 from dobc_design.exact.interval import UndefinedError
 from dobc_design.exact.number import float_above, float_below

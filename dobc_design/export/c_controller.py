@@ -21,7 +21,7 @@ from dobc_design.exact.reading import named, shown
 from dobc_design.export.c_text import PRECISIONS, rounded
 from dobc_design.export.sampled_loop import longest_period, sampled_network_statement, sampled_observer_statement
 from dobc_design.problem.arrays import Gain, chosen_gain
-from dobc_design.problem.exosystem import Exosystem
+from dobc_design.problem.exosystems import Exosystem
 from dobc_design.problem.groups import gains_of, group_numbers
 from dobc_design.problem.problem import Problem
 from dobc_design.verdict import Verdict

@@ -16,8 +16,7 @@ from dobc_design.exact.definite import decide_positive_definite, decide_positive
 from dobc_design.exact.interval import UndefinedError
 from dobc_design.exact.matrix import Matrix, add, identity, multiply, subtract, transpose
 from dobc_design.exact.number import number_text
-from dobc_design.exact.polynomial import characteristic_polynomial
-from dobc_design.exact.root_regions import decide_images, disk_image
+from dobc_design.exact.polynomial import characteristic_polynomial, decide_images, disk_image
 from dobc_design.exact.symmetric import SparseSymmetric
 from dobc_design.problem.problem import Problem
 from dobc_design.verdict import Verdict

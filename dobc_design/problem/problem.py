@@ -25,14 +25,11 @@ from dobc_design.exact.reading import (
     read_vector,
     shown,
 )
-from dobc_design.problem.exosystem import Exosystem
-from dobc_design.problem.groups import Group, group_numbers, joint_exosystem, joint_observer, read_groups
+from dobc_design.problem.exosystems import Exosystem
+from dobc_design.problem.groups import Group, Observer, group_numbers, joint_exosystem, joint_observer, read_groups
 from dobc_design.problem.network import Network
-from dobc_design.problem.observer import Observer
 from dobc_design.problem.pinning import Pinning, read_pinning
-from dobc_design.problem.region import Region, read_region
-from dobc_design.problem.settings import Simulation, read_simulation
-from dobc_design.problem.switching import Switching, check_switching
+from dobc_design.problem.settings import Region, Simulation, Switching, check_switching, read_region, read_simulation
 
 T = TypeVar("T")
 Arc = tuple[int, int]

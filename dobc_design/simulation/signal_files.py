@@ -12,7 +12,7 @@ from typing import Any
 from dobc_design.errors import SpecError
 from dobc_design.exact.reading import shown
 from dobc_design.problem.problem import Problem
-from dobc_design.problem.switching import Switching
+from dobc_design.problem.settings import Switching
 from dobc_design.simulation.mobile import Mobile, Waypoints
 from dobc_design.simulation.signals import Fixed, Markov, Periodic, RandomDwell, Schedule, Scheduled, plain
 

@@ -12,8 +12,8 @@ from typing import Any
 import numpy as np
 from scipy import sparse
 
-from dobc_design.exact.decision import Symmetric
 from dobc_design.exact.pencil import Pencil
+from dobc_design.exact.symmetric import Symmetric
 from dobc_design.solvers.program import FAILED, Program, Solution, assemble, is_solver_failure, without_values
 
 TIME_LIMITS = {"CLARABEL": "time_limit", "SCS": "time_limit_secs"}  # the option by solver, in s

@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 from scipy import sparse
 
-from dobc_design.exact.decision import Symmetric
 from dobc_design.exact.pencil import Pencil, Place, below, positive
+from dobc_design.exact.symmetric import Symmetric
 from dobc_design.solvers.program import FAILED, Array, Program, Solution, assemble, is_solver_failure, without_values
 
 ROOT2 = math.sqrt(2.0)

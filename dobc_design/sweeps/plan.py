@@ -20,10 +20,10 @@ from dobc_design import __version__
 from dobc_design.errors import SpecError
 from dobc_design.exact.reading import shown
 from dobc_design.problem.canonical import problem_sha256
+from dobc_design.problem.changes import problem_text
 from dobc_design.problem.load import load_problem, source_text
 from dobc_design.problem.problem import Problem
 from dobc_design.problem.toml_text import parse_toml
-from dobc_design.problem.toml_writing import problem_text
 from dobc_design.sweeps.axes import Axis, read_axes
 from dobc_design.sweeps.tasks import Task
 

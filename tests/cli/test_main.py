@@ -40,9 +40,8 @@ from dobc_design.cli.main import main
 from dobc_design.conditions.check import CHECK_IDS
 from dobc_design.conditions.explanations import EXPLANATIONS
 from dobc_design.errors import SolverError
-from dobc_design.problem.builtin import builtin_names, builtin_text
 from dobc_design.problem.canonical import canonical_bytes
-from dobc_design.problem.load import load_problem
+from dobc_design.problem.load import builtin_names, builtin_text, load_problem
 
 
 @dataclass(frozen=True)

@@ -40,10 +40,9 @@ from dobc_design.coupling.tree import evaluate
 from dobc_design.errors import CertificateError, ExpressionError, SpecError
 from dobc_design.exact.interval import Interval, UndefinedError
 from dobc_design.problem.arcs_file import read_arcs_file
-from dobc_design.problem.builtin import builtin_names, builtin_text
 from dobc_design.problem.canonical import canonical_bytes, problem_from_canonical
 from dobc_design.problem.file import read_problem_text
-from dobc_design.problem.load import load_problem
+from dobc_design.problem.load import builtin_names, builtin_text, load_problem
 
 LONG = ("karate-club", "microgrid-ieee14", "uav-swarm")
 LIMIT = 2.0  # seconds of CPU time for one input

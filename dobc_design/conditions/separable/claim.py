@@ -17,9 +17,9 @@ from fractions import Fraction
 import numpy as np
 
 from dobc_design.errors import ShapeError, SpecError
-from dobc_design.exact.doubles import Doubles, least
 from dobc_design.exact.matrix import Matrix, Vector
 from dobc_design.exact.number import float_above
+from dobc_design.exact.symmetric import Doubles, least
 from dobc_design.problem.problem import Problem
 
 UPPER, LOWER = 1, -1

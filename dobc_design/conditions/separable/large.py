@@ -18,10 +18,10 @@ from dobc_design.conditions.separable.claim import FACES, holding_gains
 from dobc_design.conditions.separable.table import CELLS, Array, GainTable, down, gain_table, up
 from dobc_design.conditions.separable.turns import Turning, turning
 from dobc_design.coupling.enclosures import Profile
-from dobc_design.exact.doubles import Doubles
 from dobc_design.exact.interval import UndefinedError
 from dobc_design.exact.number import float_above, float_below
-from dobc_design.problem.arcs import ONE
+from dobc_design.exact.symmetric import Doubles
+from dobc_design.problem.network import ONE
 from dobc_design.problem.problem import Problem
 
 # Pieces of (0, rho] looked at before the remaining rows are given back, and the narrowest as a part of rho.

@@ -18,7 +18,7 @@ from scipy import linalg, sparse
 from dobc_design.conditions.separable.claim import ErrorBound
 from dobc_design.exact.matrix import Matrix, to_float
 from dobc_design.exact.number import float_above
-from dobc_design.problem.exosystem import Exosystem
+from dobc_design.problem.exosystems import Exosystem
 from dobc_design.solvers.program import Array, is_solver_failure
 from dobc_design.solvers.rounding import round_matrix
 

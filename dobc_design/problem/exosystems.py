@@ -21,6 +21,8 @@ from dobc_design.exact.matrix import Matrix
 from dobc_design.exact.number import parse_number
 from dobc_design.exact.reading import counted, is_list, read_matrix, shown, shown_number
 
+__all__ = ["KINDS", "constant", "harmonics", "of_kind", "periodic", "polynomial", "ramp", "stacked", "total"]
+
 
 @dataclass(frozen=True, slots=True, kw_only=True, repr=False)
 class Exosystem(Shown):

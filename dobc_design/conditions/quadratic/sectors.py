@@ -142,13 +142,12 @@ def build_sectors(
     """
     m, own = problem.m, radii or {}
     table = {(each.coupling, each.radius): each.entries for each in ranges}
-    place = {coupling: number for number, coupling in enumerate(problem.couplings)}
     modes: dict[str, tuple[Channel, ...]] = {}
     for name, arcs in problem.network.modes.items():
         channels: list[Channel] = []
         for listener, speaker, weight in arcs:
             reach = own.get((listener, speaker), radius)
-            entries = table.get((place[problem.coupling_of(listener, speaker)], reach))
+            entries = table.get((problem.coupling_place(listener, speaker), reach))
             if entries is None or [len(row) for row in entries] != [m] * m:
                 raise SpecError(
                     f"mode {name}: the coupling of arc {(listener, speaker)} needs a range of shape ({m}, {m}) at its"
@@ -212,9 +211,8 @@ def _uses(
     """Which coupling is used at which radius, each once, in order."""
     if not problem.exceptions and not radii:
         return [(0, radius)] if any(len(arcs) for arcs in problem.network.modes.values()) else []
-    place = {coupling: number for number, coupling in enumerate(problem.couplings)}
     found = {
-        (place[problem.coupling_of(listener, speaker)], radii.get((listener, speaker), radius)): None
+        (problem.coupling_place(listener, speaker), radii.get((listener, speaker), radius)): None
         for arcs in problem.network.modes.values()
         for listener, speaker, _ in arcs
     }

@@ -249,7 +249,6 @@ def _chosen(problem: Problem, agents: Sequence[Any] | None) -> list[int]:
 
 
 def _numbers(problem: Problem, agent: int) -> AgentNumbers:
-    places = {coupling: place for place, coupling in enumerate(problem.couplings)}
     neighbours: dict[int, int] = {}
     modes = []
     for arcs in problem.network.modes.values():
@@ -258,7 +257,7 @@ def _numbers(problem: Problem, agent: int) -> AgentNumbers:
         for arc in own:
             speaker = int(arcs.speakers[arc])
             place = neighbours.setdefault(speaker, len(neighbours))
-            coupling = places[problem.coupling_of(agent, speaker)]
+            coupling = problem.coupling_place(agent, speaker)
             hearings.append(Hearing(neighbour=place, coupling=coupling, weight=arcs.weights[arc]))
         modes.append(tuple(hearings))
     m = problem.m

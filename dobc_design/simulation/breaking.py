@@ -14,11 +14,10 @@ import numpy as np
 
 from dobc_design._show.cards import Card, Shown
 from dobc_design.errors import SpecError
-from dobc_design.problem.arrays import Gain
+from dobc_design.problem.arrays import Gain, arc_groups
 from dobc_design.problem.problem import Problem
 from dobc_design.simulation._arguments import positive
 from dobc_design.simulation.field import make_loop
-from dobc_design.simulation.graph import groups_of_mode
 from dobc_design.simulation.run import simulate
 from dobc_design.simulation.setting import Progress
 from dobc_design.simulation.signal_files import Signal
@@ -294,7 +293,7 @@ def _fastest(problem: Problem, gain: Gain | None) -> float:
     """The fastest decay of agents and observer in any mode at the consensus, 1/s."""
     loop = make_loop(problem, gain)
     return max(
-        observer_decay(loop), *(fastest_decay(loop, groups_of_mode(problem, name)) for name in problem.network.modes)
+        observer_decay(loop), *(fastest_decay(loop, arc_groups(problem, name)) for name in problem.network.modes)
     )
 
 

@@ -16,7 +16,6 @@ import numpy as np
 import scipy.sparse as sp
 from numpy.typing import NDArray
 
-from dobc_design.exact.matrix import to_float
 from dobc_design.problem.arrays import ArcGroup, arc_groups
 from dobc_design.problem.problem import Problem
 from dobc_design.simulation.formula import compile_coupling
@@ -25,7 +24,6 @@ Array = NDArray[np.float64]
 IndexArray = NDArray[np.int64]
 BLOCK = 1 << 15  # differences held at once: a quarter of a MiB per array
 MOST_SLOTS = 32  # arcs of one agent up to which a block is worked through slot by slot
-MOST_DIFFERENT = 10_000  # weights up to which looking for equal ones pays
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -102,22 +100,7 @@ class Graph:
 
 def make_graph(problem: Problem, mode: str, *, runs: int = 1) -> Graph:
     """Prepare the arcs of a mode for states with up to ``runs`` columns."""
-    return graph_of(groups_of_mode(problem, mode), n=problem.n, m=problem.m, runs=runs)
-
-
-def groups_of_mode(problem: Problem, mode: str) -> tuple[ArcGroup, ...]:
-    """The arcs of a mode by coupling.  Weights are often one object many times: each is converted once."""
-    arcs = problem.network.modes[mode]
-    if problem.exceptions or not len(arcs):
-        return arc_groups(problem, mode)
-    names = list(map(id, arcs.weights))
-    different = dict(zip(names, arcs.weights, strict=True))
-    if len(different) > MOST_DIFFERENT:
-        return arc_groups(problem, mode)
-    floats = dict(zip(different, to_float((tuple(different.values()),))[0].tolist(), strict=True))
-    weights = np.fromiter(map(floats.__getitem__, names), dtype=np.float64, count=len(names))
-    group = ArcGroup(coupling=problem.coupling, listeners=arcs.listeners, speakers=arcs.speakers, weights=weights)
-    return (group,)
+    return graph_of(arc_groups(problem, mode), n=problem.n, m=problem.m, runs=runs)
 
 
 def graph_of(groups: Sequence[ArcGroup], *, n: int, m: int, runs: int = 1) -> Graph:

@@ -10,12 +10,11 @@ from typing import Any
 import numpy as np
 
 from dobc_design.errors import SpecError
-from dobc_design.problem.arrays import ArcGroup, Gain, no_gain
+from dobc_design.problem.arrays import ArcGroup, Gain, arc_groups, no_gain
 from dobc_design.problem.problem import Problem
 from dobc_design.simulation._arguments import finite_array, positive, seconds, whole
 from dobc_design.simulation.closed_form import ClosedForm, make_closed_form
 from dobc_design.simulation.field import Loop, make_loop
-from dobc_design.simulation.graph import groups_of_mode
 from dobc_design.simulation.mobile import Mobile, groups_of, motion_switches
 from dobc_design.simulation.signal_files import Signal
 from dobc_design.simulation.signals import Fixed, mode_index, scheduled_switches
@@ -87,7 +86,7 @@ def make_setting(
     return Setting(
         problem=problem,
         loop=loop,
-        groups=cache(partial(groups_of_mode, problem)),
+        groups=cache(partial(arc_groups, problem)),
         signal=Fixed(mode=mode) if signal is None else signal,
         starts=make_starts(problem, loop, start),
         horizon=horizon,

@@ -223,11 +223,11 @@ def test_when_every_packet_is_lost_a_listener_feels_nothing():
 
 def test_packets_are_lost_as_often_as_asked_and_the_last_one_is_kept():
     """380 arcs, two exchanges: about 30 % of the packets do not arrive."""
+    from dobc_design.problem.arrays import arc_groups
     from dobc_design.simulation.air import Air, Links
-    from dobc_design.simulation.graph import groups_of_mode
 
     network = Network.from_arcs([[i, j] for i in range(1, 21) for j in range(1, 21) if i != j], arrow="listens_to")
-    links = Links(groups_of_mode(Problem(network=network, coupling="y"), "G"), 20, 1)
+    links = Links(arc_groups(Problem(network=network, coupling="y"), "G"), 20, 1)
     air = Air(1, 0.3, np.random.default_rng(0))
     air.exchange(links, np.zeros((20, 1)))
     assert np.isnan(air.values).mean() == pytest.approx(0.3, abs=0.05)
@@ -239,12 +239,12 @@ def test_packets_are_lost_as_often_as_asked_and_the_last_one_is_kept():
 
 
 def test_links_that_stay_keep_what_was_heard_and_new_ones_hold_nothing():
+    from dobc_design.problem.arrays import arc_groups
     from dobc_design.simulation.air import Air, Links
-    from dobc_design.simulation.graph import groups_of_mode
 
     modes = {"a": [[1, 2], [2, 3]], "b": [[3, 1], [2, 3]]}
     problem = Problem(network=Network.from_arcs(modes, arrow="listens_to"), coupling="y")
-    first, second = (Links(groups_of_mode(problem, mode), 3, 1) for mode in "ab")
+    first, second = (Links(arc_groups(problem, mode), 3, 1) for mode in "ab")
     air = Air(1, 0.0, np.random.default_rng(0))
     air.exchange(first, np.array([[10.0], [20.0], [30.0]]))
     air.tune(second)

@@ -31,7 +31,7 @@ _HOMES = {
     "Designer": "designer.widget",
     "Disk": "synthesis.observer.spectral_regions",
     "Ensemble": "simulation.ensemble",
-    "Exosystem": "problem.exosystem",
+    "Exosystem": "problem.exosystems",
     "Failure": "simulation.stress",
     "Falsification": "falsification.suspect",
     "Fixed": "simulation.signals",
@@ -42,20 +42,20 @@ _HOMES = {
     "Model": "model.model",
     "Network": "problem.network",
     "NoiseLimit": "synthesis.observer.request",
-    "Observer": "problem.observer",
+    "Observer": "problem.groups",
     "ObserverDesign": "synthesis.observer.design",
     "Periodic": "simulation.signals",
     "Pinning": "problem.pinning",
     "PinningDesign": "synthesis.pinning.design",
     "Problem": "problem.problem",
     "RandomDwell": "simulation.signals",
-    "Region": "problem.region",
+    "Region": "problem.settings",
     "Schedule": "simulation.signals",
     "Settling": "conditions.schedule.settling",
     "Stress": "simulation.stress",
     "Suspect": "falsification.suspect",
     "SweepResult": "sweeps.result",
-    "Switching": "problem.switching",
+    "Switching": "problem.settings",
     "TradeOff": "synthesis.joint.trade_off",
     "Trajectory": "simulation.trajectory",
     "Verdict": "verdict",
@@ -195,15 +195,13 @@ if TYPE_CHECKING:
     from dobc_design.falsification.suspect import Falsification, Suspect
     from dobc_design.model.model import Model
     from dobc_design.problem import exosystems
-    from dobc_design.problem.exosystem import Exosystem
-    from dobc_design.problem.groups import Group
+    from dobc_design.problem.exosystems import Exosystem
+    from dobc_design.problem.groups import Group, Observer
     from dobc_design.problem.load import load_problem
     from dobc_design.problem.network import Network
-    from dobc_design.problem.observer import Observer
     from dobc_design.problem.pinning import Pinning
     from dobc_design.problem.problem import Problem
-    from dobc_design.problem.region import Region
-    from dobc_design.problem.switching import Switching
+    from dobc_design.problem.settings import Region, Switching
     from dobc_design.report.write import plot_regions, write_comparison, write_report
     from dobc_design.simulation.breaking import what_breaks_first
     from dobc_design.simulation.ensemble import Ensemble

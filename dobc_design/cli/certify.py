@@ -174,8 +174,8 @@ def _tell(done: _Done, file: str, theorem: str | None) -> None:
 def _cured_file(certificate: Certificate, source: str, target: Path) -> bytes:
     """The bytes of the cured problem.  Raises SpecError when there is nothing to cure, or no cure."""
     from dobc_design.conditions.check import main_fix
+    from dobc_design.problem.changes import changed_file
     from dobc_design.problem.load import source_text
-    from dobc_design.problem.toml_writing import changed_file
 
     fix = main_fix(certificate.checks)
     if target.suffix.lower() != ".toml":
@@ -282,7 +282,7 @@ def _show_cures(console: Console, checks: Sequence[Check], *, file: str | None, 
     from rich.text import Text
 
     from dobc_design.conditions.check import main_cure, other_cures
-    from dobc_design.problem.typed import change_lines
+    from dobc_design.problem.changes import change_lines
 
     main = main_cure(checks)
     for each in [*([] if main is None else [main]), *other_cures(checks)]:

@@ -22,13 +22,12 @@ from dobc_design.exact.interval import Interval, UndefinedError
 from dobc_design.exact.matrix import Matrix, add, identity, matrix, multiply, scale, shape, subtract, transpose
 from dobc_design.exact.matrix_exponential import discretise
 from dobc_design.exact.number import number_text, parse_number
-from dobc_design.exact.polynomial import characteristic_polynomial
+from dobc_design.exact.polynomial import characteristic_polynomial, decide_images, disk_image
 from dobc_design.exact.reading import named, shown
-from dobc_design.exact.root_regions import decide_images, disk_image
 from dobc_design.exact.symmetric import SparseSymmetric
 from dobc_design.export.c_text import PRECISIONS, rounded
 from dobc_design.problem.arrays import Gain, chosen_gain
-from dobc_design.problem.exosystem import Exosystem
+from dobc_design.problem.exosystems import Exosystem
 from dobc_design.problem.groups import gains_of, group_numbers
 from dobc_design.problem.problem import Problem
 from dobc_design.verdict import Verdict
@@ -427,7 +426,6 @@ def _chosen(problem: Problem, agents: Sequence[Any] | None) -> list[int]:
 
 
 def _numbers(problem: Problem, agent: int) -> AgentNumbers:
-    places = {coupling: place for place, coupling in enumerate(problem.couplings)}
     neighbours: dict[int, int] = {}
     modes = []
     for arcs in problem.network.modes.values():
@@ -436,7 +434,7 @@ def _numbers(problem: Problem, agent: int) -> AgentNumbers:
         for arc in own:
             speaker = int(arcs.speakers[arc])
             place = neighbours.setdefault(speaker, len(neighbours))
-            coupling = places[problem.coupling_of(agent, speaker)]
+            coupling = problem.coupling_place(agent, speaker)
             hearings.append(Hearing(neighbour=place, coupling=coupling, weight=arcs.weights[arc]))
         modes.append(tuple(hearings))
     m = problem.m

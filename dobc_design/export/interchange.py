@@ -52,7 +52,7 @@ def from_pandapower(net: Any, *, name: str | None = None, gain: Any = 1) -> Prob
     ``name`` of the problem, by default that of the network.
     Returns: a Problem whose notes say what was left out.  Raises: SpecError.
     """
-    from dobc_design.importing.pandapower_net import from_pandapower as run
+    from dobc_design.importing.grids import from_pandapower as run
 
     return run(net, name=name, gain=gain)
 

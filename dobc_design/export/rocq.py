@@ -25,7 +25,7 @@ from dobc_design.errors import SpecError
 from dobc_design.exact.matrix import Matrix, multiply
 from dobc_design.exact.symmetric import SparseSymmetric
 from dobc_design.problem.canonical import problem_sha256
-from dobc_design.problem.exosystem import Exosystem
+from dobc_design.problem.exosystems import Exosystem
 from dobc_design.problem.problem import Problem
 from dobc_design.verdict import Verdict
 

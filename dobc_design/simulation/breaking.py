@@ -18,11 +18,11 @@ from dobc_design._show.cards import Card, Shown
 from dobc_design.certificate.certificate import Certificate
 from dobc_design.conditions.observer.gain import observer_gain
 from dobc_design.errors import SpecError
+from dobc_design.problem.arrays import arc_groups
 from dobc_design.problem.load import load_problem
 from dobc_design.problem.problem import Problem
 from dobc_design.simulation._arguments import Array, positive
 from dobc_design.simulation.field import Loop
-from dobc_design.simulation.graph import groups_of_mode
 from dobc_design.simulation.integrate import Progress, fastest_decay, observer_decay
 from dobc_design.simulation.run import run_once
 from dobc_design.simulation.setting import Given, make_setting
@@ -272,7 +272,7 @@ def _grid(problem: Problem, option: str, calm: Trajectory, loop: Loop) -> Iterat
         bounds = 0.5 ** np.arange(HALVINGS + DOUBLINGS + 1)
         yield from ((peak * k, 1 - k, Stress(saturation=peak * k)) for k in bounds)
     elif option == "period":
-        modes = (fastest_decay(loop, groups_of_mode(problem, name)) for name in problem.network.modes)
+        modes = (fastest_decay(loop, arc_groups(problem, name)) for name in problem.network.modes)
         fastest = max(observer_decay(loop), *modes, 1 / calm.t_final)
         periods = (k / fastest for k in doublings[2:])  # short ones cost much and break nothing
         yield from ((T, T * fastest, Stress(period=T)) for T in periods if calm.t_final >= 4 * T)

@@ -16,9 +16,9 @@ import scipy.sparse as sp
 from numpy.typing import NDArray
 from scipy.linalg import expm
 
-from dobc_design.problem.arrays import ArcGroup, Gain, disturbance_arrays, goals, pinning_matrix
+from dobc_design.problem.arrays import ArcGroup, Gain, arc_groups, disturbance_arrays, goals, pinning_matrix
 from dobc_design.problem.problem import Problem
-from dobc_design.simulation.graph import Graph, graph_of, groups_of_mode, hears
+from dobc_design.simulation.graph import Graph, graph_of, hears
 
 Array = NDArray[np.float64]
 TERMS = 11  # (1/8)^11 / 11! < 2^-57: anchors are at most 1/(8 |F|) away
@@ -154,7 +154,7 @@ class Network:
 
 def make_field(problem: Problem, mode: str, gain: Gain | None) -> Field:
     """Build the right-hand side of the full loop in one mode."""
-    return field_of(make_loop(problem, gain), groups_of_mode(problem, mode))
+    return field_of(make_loop(problem, gain), arc_groups(problem, mode))
 
 
 def field_of(loop: Loop, groups: Sequence[ArcGroup]) -> Field:

@@ -21,6 +21,7 @@ from numpy.typing import NDArray
 
 from dobc_design.coupling.algebra import NumpyAlgebra
 from dobc_design.coupling.coupling import Coupling
+from dobc_design.coupling.functions import FUNCTIONS
 from dobc_design.coupling.tree import (
     Add,
     Call,
@@ -35,7 +36,6 @@ from dobc_design.coupling.tree import (
     Variable,
     postorder,
 )
-from dobc_design.exact.matrix import to_float
 from dobc_design.problem.arrays import ArcGroup, arc_groups, gathering_matrix
 from dobc_design.problem.problem import Problem
 
@@ -129,22 +129,7 @@ class Graph:
 
 def make_graph(problem: Problem, mode: str, *, runs: int = 1) -> Graph:
     """Prepare the arcs of a mode for states with up to ``runs`` columns."""
-    return graph_of(groups_of_mode(problem, mode), n=problem.n, m=problem.m, runs=runs)
-
-
-def groups_of_mode(problem: Problem, mode: str) -> tuple[ArcGroup, ...]:
-    """The arcs of a mode by coupling.  Weights are often one object many times: each is converted once."""
-    arcs = problem.network.modes[mode]
-    if problem.exceptions or not len(arcs):
-        return arc_groups(problem, mode)
-    names = list(map(id, arcs.weights))
-    different = dict(zip(names, arcs.weights, strict=True))
-    if len(different) > MOST_DIFFERENT:
-        return arc_groups(problem, mode)
-    floats = dict(zip(different, to_float((tuple(different.values()),))[0].tolist(), strict=True))
-    weights = np.fromiter(map(floats.__getitem__, names), dtype=np.float64, count=len(names))
-    group = ArcGroup(coupling=problem.coupling, listeners=arcs.listeners, speakers=arcs.speakers, weights=weights)
-    return (group,)
+    return graph_of(arc_groups(problem, mode), n=problem.n, m=problem.m, runs=runs)
 
 
 def graph_of(groups: Sequence[ArcGroup], *, n: int, m: int, runs: int = 1) -> Graph:
@@ -341,13 +326,8 @@ def _power(exponent: int) -> Callable[[Any], Any]:
 
 
 def _function(name: str) -> Callable[..., Any]:
-    if name in ("min", "max"):
-        pick = np.minimum if name == "min" else np.maximum
-        return lambda *operands: reduce(pick, operands)
-    if name == "clip":
-        return np.clip
-    found: Callable[..., Any] = {"atan": np.arctan}.get(name) or getattr(np, name)
-    return found
+    function = FUNCTIONS[name].found_in(np, "numpy")
+    return (lambda *operands: reduce(function, operands)) if name in ("min", "max") else function
 
 
 def _run(program: _Program, variables: Sequence[Array]) -> Any:

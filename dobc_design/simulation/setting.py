@@ -19,11 +19,10 @@ from numpy.typing import NDArray
 from dobc_design.errors import ShapeError, SpecError
 from dobc_design.exact.matrix import Vector, to_float
 from dobc_design.exact.reading import shown
-from dobc_design.problem.arrays import ArcGroup, Gain, no_gain
+from dobc_design.problem.arrays import ArcGroup, Gain, arc_groups, no_gain
 from dobc_design.problem.problem import Problem
 from dobc_design.simulation._arguments import Array, finite_array, positive, seconds, whole
 from dobc_design.simulation.field import ClosedForm, Loop, make_closed_form, make_loop
-from dobc_design.simulation.graph import groups_of_mode
 from dobc_design.simulation.integrate import STIFF, fastest_decay, observer_decay
 from dobc_design.simulation.signals import Fixed, Mobile, Signal
 from dobc_design.simulation.stress import Stress
@@ -245,7 +244,7 @@ def make_setting(problem: Problem, *, gain: Gain | None, **given: Unpack[Options
     return Setting(
         problem=problem,
         loop=loop,
-        groups=cache(partial(groups_of_mode, problem)),
+        groups=cache(partial(arc_groups, problem)),
         signal=Fixed(mode=mode) if signal is None else signal,
         starts=make_starts(problem, loop, given.get("start")),
         horizon=horizon,

@@ -20,7 +20,7 @@ from dobc_design._show.cards import Card, Shown
 from dobc_design.errors import ShapeError, SpecError
 from dobc_design.exact.reading import counted, is_list, shown
 from dobc_design.problem.problem import Problem
-from dobc_design.problem.switching import Switching
+from dobc_design.problem.settings import Switching
 from dobc_design.simulation._arguments import Array, not_negative, positive, seconds, whole
 
 DWELL = 0.5  # s, where [switching] gives none

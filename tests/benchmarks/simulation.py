@@ -14,10 +14,10 @@ import scipy.sparse as sp
 from scipy.integrate import solve_ivp
 
 from dobc_design.problem.arrays import arc_groups
-from dobc_design.problem.exosystem import Exosystem
+from dobc_design.problem.exosystems import Exosystem
+from dobc_design.problem.groups import Observer
 from dobc_design.problem.load import load_problem
 from dobc_design.problem.network import Network
-from dobc_design.problem.observer import Observer
 from dobc_design.problem.problem import Problem
 from dobc_design.simulation.ensemble import simulate_many
 from dobc_design.simulation.field import make_loop, network_of

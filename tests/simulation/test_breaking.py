@@ -7,10 +7,10 @@ import pytest
 
 import dobc_design as dd
 from dobc_design.errors import SpecError
-from dobc_design.problem.exosystem import Exosystem
+from dobc_design.problem.exosystems import Exosystem
+from dobc_design.problem.groups import Observer
 from dobc_design.problem.load import load_problem
 from dobc_design.problem.network import Network
-from dobc_design.problem.observer import Observer
 from dobc_design.problem.problem import Problem
 from dobc_design.simulation.breaking import OPTIONS, PeriodLimit, what_breaks_first
 

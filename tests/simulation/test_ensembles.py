@@ -12,10 +12,10 @@ from scipy.linalg import expm
 
 from dobc_design.errors import SpecError
 from dobc_design.problem.arrays import consensus_jacobian, pinning_matrix
-from dobc_design.problem.exosystem import Exosystem
+from dobc_design.problem.exosystems import Exosystem
+from dobc_design.problem.groups import Observer
 from dobc_design.problem.load import load_problem
 from dobc_design.problem.network import Network
-from dobc_design.problem.observer import Observer
 from dobc_design.problem.problem import Problem
 from dobc_design.simulation import columns, ensemble
 from dobc_design.simulation.ensemble import simulate_many
@@ -212,9 +212,9 @@ import resource, sys
 import numpy as np, scipy.sparse as sp
 from dobc_design.simulation.ensemble import simulate_many
 from dobc_design.simulation.signals import Periodic
-from dobc_design.problem.exosystem import Exosystem
+from dobc_design.problem.exosystems import Exosystem
 from dobc_design.problem.network import Network
-from dobc_design.problem.observer import Observer
+from dobc_design.problem.groups import Observer
 from dobc_design.problem.problem import Problem
 n, rng = 1000, np.random.default_rng(0)
 def graph():

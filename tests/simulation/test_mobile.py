@@ -152,8 +152,8 @@ def test_a_motion_of_other_agents_is_refused():
 
 def test_moving_agents_in_the_plane_with_an_observer_agree_with_the_full_loop():
     """m = 2, disturbance, formation: the same switches and states from both right-hand sides."""
-    from dobc_design.problem.exosystem import Exosystem
-    from dobc_design.problem.observer import Observer
+    from dobc_design.problem.exosystems import Exosystem
+    from dobc_design.problem.groups import Observer
 
     problem = alone(
         8,

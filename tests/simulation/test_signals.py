@@ -11,7 +11,7 @@ from dobc_design.errors import ShapeError, SpecError
 from dobc_design.problem.load import load_problem
 from dobc_design.problem.network import Network
 from dobc_design.problem.problem import Problem
-from dobc_design.problem.switching import Switching
+from dobc_design.problem.settings import Switching
 from dobc_design.simulation.signals import (
     Fixed,
     Markov,

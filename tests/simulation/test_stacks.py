@@ -11,10 +11,10 @@ from scipy.linalg import expm
 from side_by_side import FAILING, planar, require_the_same
 
 from dobc_design.errors import SpecError
-from dobc_design.problem.exosystem import Exosystem
+from dobc_design.problem.exosystems import Exosystem
+from dobc_design.problem.groups import Observer
 from dobc_design.problem.load import load_problem
 from dobc_design.problem.network import Network
-from dobc_design.problem.observer import Observer
 from dobc_design.problem.problem import Problem
 from dobc_design.simulation import ensemble, stressed
 from dobc_design.simulation.ensemble import simulate_many

@@ -23,10 +23,10 @@ from dobc_design.conditions.quadratic.propose import design_lure
 from dobc_design.conditions.quadratic.sectors import enclose_ranges
 from dobc_design.exact.matrix import multiply
 from dobc_design.exact.symmetric import SparseSymmetric
+from dobc_design.problem.groups import Observer
 from dobc_design.problem.network import Network
-from dobc_design.problem.observer import Observer
 from dobc_design.problem.problem import Problem
-from dobc_design.problem.region import Region
+from dobc_design.problem.settings import Region
 from dobc_design.verdict import Verdict
 
 PAIR = ((Fraction(1, 2), Fraction(-1, 4)), (Fraction(-1, 4), Fraction(1, 3)))

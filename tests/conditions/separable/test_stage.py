@@ -27,10 +27,9 @@ from dobc_design.conditions.separable.checks import separable_from_json
 from dobc_design.conditions.separable.propose import design_separable, flatter_plans
 from dobc_design.conditions.separable.stage import separable_stage
 from dobc_design.conditions.separable.timing import largest_period
-from dobc_design.problem.builtin import builtin_names
 from dobc_design.problem.canonical import canonical_document
-from dobc_design.problem.exosystem import Exosystem
-from dobc_design.problem.load import load_problem
+from dobc_design.problem.exosystems import Exosystem
+from dobc_design.problem.load import builtin_names, load_problem
 from dobc_design.problem.network import Network
 from dobc_design.problem.problem import Problem
 from dobc_design.verdict import Verdict

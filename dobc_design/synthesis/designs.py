@@ -9,14 +9,13 @@ from typing import TYPE_CHECKING, Any
 from dobc_design.certification.certify import certify
 from dobc_design.conditions.observer.gain import observer_gain
 from dobc_design.errors import SpecError
-from dobc_design.problem.exosystem import Exosystem
 from dobc_design.problem.load import load_problem
 from dobc_design.problem.problem import Problem
 
 if TYPE_CHECKING:
     from dobc_design.synthesis.joint.designed import Design
     from dobc_design.synthesis.joint.trade_off import TradeOff
-    from dobc_design.synthesis.observer.design import ObserverDesign
+    from dobc_design.synthesis.observer.claim import ObserverDesign
     from dobc_design.synthesis.pinning.design import PinningDesign
 
 Progress = Callable[[str], None]
@@ -27,18 +26,14 @@ def design_observer(
     *,
     rate: Any = None,
     region: Any = None,
-    max_gain: Any = None,
     noise: Any = None,
-    method: str = "lmi",
-    peak: Any = None,
     digits: int = 4,
     period: Any = None,
 ) -> ObserverDesign:
     """Design the observer gain W and prove that the rounded W does what was asked.
 
-    ``rate`` (1/s); ``region``: HalfPlane, Disk, Cone or a list; ``max_gain``: bound on |W|, the root of the sum of
-    squares; ``noise``: bound on the H-infinity norm from measurement noise to dhat, or NoiseLimit; ``peak`` of |eps|;
-    ``method``: "lmi", "kalman" or "place"; ``digits`` of W; ``period`` (s) of a sampled observer.  Where agents have
+    ``rate`` (1/s); ``region``: HalfPlane, Disk, Cone or a list; ``noise``: bound on the H-infinity norm from
+    measurement noise to dhat, or NoiseLimit; ``digits`` of W; ``period`` (s) of a sampled observer.  Where agents have
     different exosystems, the W of every group has to do it.
     Returns: an ObserverDesign: PROVED; REFUTED with the reason; UNDECIDED. The last two with the nearest request.
     Raises: SpecError for a wrong request or a problem without [exosystem].
@@ -48,12 +43,8 @@ def design_observer(
         >>> dd.design_observer("paper-fixed", noise="3/2").verdict.value
         'refuted'
     """
-    from dobc_design.synthesis.observer.candidates import propose_gains
-    from dobc_design.synthesis.observer.envelope import propose_envelopes
-    from dobc_design.synthesis.observer.estimates import estimate_observer
-    from dobc_design.synthesis.observer.gain_bound import propose_multipliers
-    from dobc_design.synthesis.observer.request import ObserverRequest
-    from dobc_design.synthesis.observer.search import Proposals, search_groups
+    from dobc_design.synthesis.observer.request import read_observer_request
+    from dobc_design.synthesis.observer.search import search_groups
 
     problem = problem if isinstance(problem, Problem) else load_problem(problem)
     if not problem.groups:
@@ -62,26 +53,9 @@ def design_observer(
             key="exosystem",
             cure="dobc_design.exosystems has common shapes, constant() among them.",
         )
-    request = ObserverRequest(
-        rate=problem.joint_observer.rate if rate is None else rate,
-        region=region,
-        max_gain=max_gain,
-        noise=noise,
-        peak=peak,
-        method=method,
-        digits=digits,
-        period=period,
-    )
-
-    def proposals_for(exosystem: Exosystem) -> Proposals:
-        return Proposals(
-            gains=propose_gains,
-            multipliers=propose_multipliers,
-            estimates=lambda W: estimate_observer(exosystem, W),
-            envelopes=lambda W, asked: propose_envelopes(exosystem, W, rate=asked.rate, peak=asked.peak),
-        )
-
-    return search_groups(problem.groups, request, proposals_for)
+    rate = problem.joint_observer.rate if rate is None else rate
+    request = read_observer_request(rate=rate, region=region, noise=noise, digits=digits, period=period)
+    return search_groups(problem.groups, request)
 
 
 def design_pinning(

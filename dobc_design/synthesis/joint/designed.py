@@ -17,7 +17,7 @@ from dobc_design.exact.number import float_above, number_text
 from dobc_design.problem.canonical import matrix_text
 from dobc_design.problem.problem import Problem
 from dobc_design.synthesis.joint.request import DesignRequest
-from dobc_design.synthesis.observer.design import ObserverDesign
+from dobc_design.synthesis.observer.claim import ObserverDesign
 from dobc_design.verdict import Verdict
 
 NO_LIMITS = "no limits, and every agent may be pinned"

@@ -11,7 +11,7 @@ from dobc_design.conditions.numbers import claimed
 from dobc_design.problem.problem import Problem
 from dobc_design.synthesis.joint.designed import Proof
 from dobc_design.synthesis.joint.request import DesignRequest
-from dobc_design.synthesis.observer.design import ObserverDesign
+from dobc_design.synthesis.observer.claim import ObserverDesign
 from dobc_design.synthesis.pinning.design import PinningDesign
 from dobc_design.synthesis.pinning.structure import Structure
 

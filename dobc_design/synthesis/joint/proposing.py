@@ -17,7 +17,7 @@ from dobc_design.synthesis.joint.ground import Ground, Proposal
 from dobc_design.synthesis.joint.pin_sets import pin_sets
 from dobc_design.synthesis.joint.request import DesignRequest
 from dobc_design.synthesis.joint.words import gains_words, observer_words, pins_words, price_words
-from dobc_design.synthesis.observer.design import ObserverDesign
+from dobc_design.synthesis.observer.claim import ObserverDesign
 from dobc_design.synthesis.pinning.design import PinningDesign
 from dobc_design.synthesis.pinning.region_gains import RegionSearch
 from dobc_design.verdict import Verdict

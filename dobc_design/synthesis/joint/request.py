@@ -13,7 +13,7 @@ from typing import Any
 from dobc_design.errors import SpecError
 from dobc_design.exact.reading import counted, shown
 from dobc_design.problem.typed import typed_number
-from dobc_design.synthesis.observer.request import NoiseLimit, ObserverRequest
+from dobc_design.synthesis.observer.request import NoiseLimit, read_noise
 from dobc_design.synthesis.pinning.request import FEWEST
 from dobc_design.synthesis.pinning.request import read_request as read_pinning_request
 
@@ -71,7 +71,7 @@ def read_design_request(
     Raises: SpecError that names every wrong argument.
     """
     errors: list[SpecError] = []
-    pinning, observer = None, None
+    pinning, limits = None, None
     try:
         pinning = read_pinning_request(
             labels, rate=1 if rate is None else rate, allowed=allowed, max_gain=max_gain, pins=pins, digits=digits
@@ -79,7 +79,7 @@ def read_design_request(
     except SpecError as error:
         errors += error.errors
     try:
-        observer = ObserverRequest(noise=noise)
+        limits = read_noise(noise)
     except SpecError as error:
         errors += error.errors
     if not isinstance(reduce, bool):
@@ -90,14 +90,14 @@ def read_design_request(
                 cure="True lets the observable part take the exosystem's place.",
             )
         )
-    if errors or pinning is None or observer is None:
+    if errors or pinning is None or limits is None:
         raise SpecError.several(errors)
     return DesignRequest(
         rate=None if rate is None else pinning.rate,
         allowed=pinning.allowed,
         caps=pinning.caps,
         pins=None if pinning.pins == FEWEST or not isinstance(pinning.pins, int) else pinning.pins,
-        noise=observer.noise,
+        noise=limits,
         digits=pinning.digits,
         reduce=reduce,
     )

@@ -13,6 +13,7 @@ from typing import Any, TypeVar
 from dobc_design.errors import SpecError
 from dobc_design.exact.number import parse_number
 from dobc_design.exact.reading import is_list, named, shown, shown_number
+from dobc_design.synthesis.observer.request import check_digits
 
 FEWEST = "fewest"
 T = TypeVar("T")
@@ -58,7 +59,7 @@ def read_request(
             errors.extend(error.errors)
             return default
 
-    read(lambda: _check_digits(digits), None)
+    read(lambda: check_digits(digits), None)
     read(lambda: _check_pins(pins), None)
     because = "V is to decrease at that rate, V' <= -2 rate V"
     speed = read(lambda: _positive(rate, "rate", because), Fraction(0))
@@ -77,15 +78,6 @@ def read_request(
         pins=pins,
         digits=digits,
     )
-
-
-def _check_digits(digits: Any) -> None:
-    if isinstance(digits, bool) or not isinstance(digits, int) or not 1 <= digits <= 15:
-        raise SpecError(
-            f"digits must be an integer from 1 to 15; got {shown(digits)}.",
-            key="digits",
-            cure="Four digits are a good choice.",
-        )
 
 
 def _check_pins(pins: Any) -> None:

@@ -1,0 +1,481 @@
+"""Candidates for an observer gain W and for the P of its envelope, in floating point: nothing here is believed.
+
+W: linear matrix inequalities for (P, Q) with W = P^-1 Q, and Kalman gains, the smallest |W| first, rounded to digits;
+at last exact pole placement.  With M = P A - Q C = P (A - W C) every condition is affine in (P, Q):
+
+    Re s <= a      M + M' - 2 a P <= 0                      (Chilali and Gahinet 1996, here and below)
+    |s - x| <= r   [[-r P, M - x P], [., -r P]] <= 0
+    damping z      [[s (M + M'), z (M - M')], [., s (M + M')]] <= 0,   s = root of 1 - z^2
+    H-infinity     [[M + M', B, C'], [., -g I, 0], [., ., -g I]] <= 0,  B = Q, or P for an input of the exosystem
+    H2             M + M' + C'C <= 0 and [[g^2/m I, Q'], [Q, P]] >= 0, or tr P <= g^2
+
+One P for all of them makes it sufficient, not necessary.  Noise on the measured x is not among them: its output matrix
+C (A - W C) is not affine; Kalman gains from fast to slow are tried for it.
+"""
+
+from __future__ import annotations
+
+import math
+import warnings
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from fractions import Fraction
+from typing import Any
+
+import numpy as np
+from scipy import linalg
+
+from dobc_design.conditions.observer.ackermann import placed_gains
+from dobc_design.conditions.observer.norms import h2_norm, hinf_norm, transient_peak
+from dobc_design.conditions.observer.scaling import natural_units
+from dobc_design.errors import SpecError
+from dobc_design.exact.matrix import Matrix, scale, to_float
+from dobc_design.exact.observability import decide_observable, observable_reduction
+from dobc_design.exact.pencil import Pencil, Unknown
+from dobc_design.exact.symmetric import SparseSymmetric
+from dobc_design.problem.exosystem import Exosystem
+from dobc_design.solvers.direct import solve_directly
+from dobc_design.solvers.program import Array, Program, Solution
+from dobc_design.solvers.rounding import round_matrix
+from dobc_design.synthesis.observer.claim import Envelope
+from dobc_design.synthesis.observer.decide import channel, error_matrix
+from dobc_design.synthesis.observer.request import (
+    CHANNELS,
+    Cone,
+    Disk,
+    HalfPlane,
+    NoiseLimit,
+    ObserverRequest,
+    SpectralRegion,
+    common_interval,
+)
+from dobc_design.verdict import Verdict
+
+SLACKS = (1e-9, 1e-6, 1e-3, 0.03, 0.1)  # how far inside the regions a gain is designed, so that rounding stays inside
+MORE_DIGITS = (6, 9, 12, 15)
+DOUBT = 0.02  # eigenvalues that meet are not known better than this in floats
+STEPS = 6  # halvings of the default rate
+SHIFTS = (1.0, 1.05, 1.5, 2.0)  # of the spectrum for a Kalman gain, in parts of the rate
+RATIOS = tuple(10.0 ** (k / 2) for k in range(6, -13, -1))  # of process to measurement noise, from fast to slow
+FLOORS = tuple(Fraction(10) ** k / 3**j for k in range(2, -7, -1) for j in (0, 1))  # of P
+PARTS = (1.0, 0.9, 0.5)  # of the rate asked, where the border cannot be reached with one P
+DIGITS = (4, 6, 9, 14)  # of P
+BISECTIONS = 12
+MARGIN = 1e-6  # more decay than asked, relative to the largest entry of F, for the solver's tolerance and rounding
+LARGEST = 1e8  # squared stretch that is still looked for
+Block = Callable[..., Array]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Plant:
+    """The observable part of (A, C) in floats, T its orthonormal rows, and the regions: W = T' W_o."""
+
+    A: Array
+    C: Array
+    T: Array
+    regions: tuple[SpectralRegion, ...]
+    sampled: bool
+
+
+def propose_gains(exosystem: Exosystem, request: ObserverRequest) -> Iterator[tuple[Matrix, str]]:
+    """Rational W (q, m) and how each came about, for a request that has a rate or leaves it open.
+
+    Never raises for numbers that floats cannot hold: then only the exact placement is left.
+    """
+    try:
+        plant = make_plant(exosystem, request)
+        yield from _from_floats(exosystem, plant, request)
+    except (SpecError, linalg.LinAlgError, ValueError, ArithmeticError):
+        pass
+    if request.period is None:
+        for W in _placed(exosystem, _inner_point(request)):
+            yield W, "exact pole placement"
+
+
+def make_plant(exosystem: Exosystem, request: ObserverRequest) -> Plant:
+    """The pair in floats, sampled if there is a period.  Raises: SpecError if a number is beyond the floats."""
+    A, C = to_float(exosystem.A), to_float(exosystem.C)
+    regions = request.all_regions
+    if request.period is not None:
+        period = float(request.period)
+        q = len(A)
+        block = linalg.expm(np.block([[A, np.eye(q)], [np.zeros((q, 2 * q))]]) * period)  # Van Loan 1978
+        rate = float(request.rate if request.rate is not None else _default_rate(A, C))
+        A, C = block[:q, :q], C @ block[:q, q:] / period
+        radius = Fraction(math.exp(-rate * period))
+        regions = (Disk(centre=0, radius=radius.limit_denominator(10**15)), *request.regions)
+    T = np.eye(len(A))
+    if decide_observable(exosystem.A, exosystem.C).verdict is not Verdict.PROVED:
+        rows = observable_reduction(exosystem.A, exosystem.C)[2]
+        T = linalg.qr(to_float(rows).T, mode="economic")[0].T if rows else np.zeros((0, len(A)))
+    return Plant(A=T @ A @ T.T, C=C @ T.T, T=T, regions=regions, sampled=request.period is not None)
+
+
+def _contracted(regions: Sequence[SpectralRegion], slack: float) -> tuple[SpectralRegion, ...]:
+    """The regions a little smaller, relative to their own numbers; the same for slack 0."""
+    if not slack:
+        return tuple(regions)
+    ends = [abs(x) for region in regions for x in region.real_ends if x is not None]
+    step = max(ends, default=Fraction(1)) * Fraction(slack)
+    result: list[SpectralRegion] = []
+    for region in regions:
+        if isinstance(region, Disk):
+            result.append(Disk(centre=region.centre, radius=_short(region.radius * (1 - Fraction(slack)))))
+        elif isinstance(region, Cone):
+            result.append(Cone(damping=_short(region.damping + (1 - region.damping) * Fraction(slack))))
+        elif region.left_of is not None:
+            result.append(HalfPlane(left_of=_short(region.left_of - (step if region.left_of else 0))))
+        else:
+            result.append(HalfPlane(right_of=_short((region.right_of or Fraction(0)) + step)))
+    return tuple(result)
+
+
+def _from_floats(exosystem: Exosystem, plant: Plant, request: ObserverRequest) -> Iterator[tuple[Matrix, str]]:
+    if not len(plant.A):
+        yield tuple((Fraction(0),) * exosystem.outputs for _ in range(exosystem.order)), "nothing to correct"
+        return
+    exact: list[tuple[Array, str]] = []
+    for W, source in _gains(plant, request):
+        rounded = round_matrix(plant.T.T @ W, request.digits)
+        if _may_hold(plant, to_float(rounded)):
+            yield rounded, source
+        if len(exact) < 2 * len(SLACKS):
+            exact.append((W, source))
+    for digits in MORE_DIGITS:
+        if digits > request.digits:
+            for W, source in exact:
+                yield round_matrix(plant.T.T @ W, digits), f"{source}, with {digits} digits"
+
+
+def _may_hold(plant: Plant, W: Array) -> bool:
+    """Whether a rounded W is worth an exact test: its spectrum in floats is in the regions or not far out."""
+    poles: Any = np.linalg.eigvals(plant.A - plant.T @ W @ plant.C)
+    size = float(np.max(np.abs(poles), initial=0.0))
+    return all(_excess(region, complex(s)) <= DOUBT * size for region in plant.regions for s in poles)
+
+
+def _gains(plant: Plant, request: ObserverRequest) -> Iterator[tuple[Array, str]]:
+    """Gains for the regions with the smallest |W| of what the methods give first; then those for bounds on noise."""
+    inequalities = "linear matrix inequalities"
+    for rate in _open_rates(plant, request):
+        regions = (HalfPlane(left_of=-rate), *plant.regions) if rate else plant.regions
+        if common_interval(regions) is None:
+            continue
+        answers = (_lmi_gain(plant, _contracted(regions, slack)) for slack in SLACKS)
+        found = [(W, inequalities) for W in answers if W is not None]
+        found += kalman_gains(plant.A, plant.C, regions, sampled=plant.sampled)
+        yield from sorted(found, key=lambda each: float(np.linalg.norm(each[0])))
+    if request.noise:
+        for slack in SLACKS[1:4]:
+            quiet = _lmi_gain(plant, plant.regions, noise=request.noise, slack=slack)
+            if quiet is not None:
+                yield quiet, inequalities
+        for ratio in RATIOS:
+            kalman = kalman_gain(plant.A, plant.C, process=ratio)
+            if kalman is not None:
+                yield kalman, f"Kalman gain, process noise {ratio:.3g} times that of the measurement"
+
+
+def _open_rates(plant: Plant, request: ObserverRequest) -> list[Fraction]:
+    """Rates to be added where none was asked: half that of the Kalman gain, then smaller ones; 0 adds nothing."""
+    if request.rate is not None or plant.sampled:
+        return [Fraction(0)]
+    rate = _default_rate(plant.A, plant.C)
+    return [*(rate / 2**k for k in range(STEPS if request.noise else 1) if rate), Fraction(0)]
+
+
+def _lmi_gain(
+    plant: Plant, regions: Sequence[SpectralRegion], *, noise: Sequence[NoiseLimit] = (), slack: float = 1e-6
+) -> Array | None:
+    """W = time P^-1 Q from the inequalities for the observable part, in a unit of time that fits; or None."""
+    ends = [abs(float(x)) for region in regions for x in region.real_ends if x is not None]
+    time = max(1e-12, float(np.max(np.abs(np.linalg.eigvals(plant.A)), initial=0.0)), *ends)
+    answer = solve_lmi(plant.A, plant.C, regions, time=time, noise=noise, slack=slack)
+    if answer is None:
+        return None
+    try:
+        W = np.asarray(time * np.linalg.solve(answer.values["P"], answer.values["Q"]), dtype=np.float64)
+    except np.linalg.LinAlgError:
+        return None
+    return W if np.all(np.isfinite(W)) else None
+
+
+def _default_rate(A: Array, C: Array) -> Fraction:
+    """Half the decay rate of the Kalman gain with unit weights, to three digits; 0 if that fails."""
+    gain = kalman_gain(A, C)
+    if gain is None:
+        return Fraction(0)
+    decay = float(-np.max(np.linalg.eigvals(A - gain @ C).real))
+    return Fraction(f"{decay / 2:.3g}") if decay > 0 and math.isfinite(decay) else Fraction(0)
+
+
+def _placed(exosystem: Exosystem, point: Fraction) -> Iterator[Matrix]:
+    """All observable poles at one real point, exactly; in units in which the numbers are near 1."""
+    time, output = natural_units(exosystem, rate=abs(point))
+    units = Exosystem(A=scale(1 / time, exosystem.A), C=scale(1 / output, exosystem.C))
+    for W in placed_gains(units, rate=-point / time - 1):
+        yield scale(time / output, W)
+
+
+def _inner_point(request: ObserverRequest) -> Fraction:
+    """A real point of all regions, away from their ends where there is room."""
+    low, high = common_interval(request.all_regions) or (None, None)
+    high = Fraction(0) if high is None else high
+    if low is None:
+        return high - max(Fraction(1), abs(high) / 10)
+    return (low + high) / 2
+
+
+def _short(value: Fraction) -> Fraction:
+    return value.limit_denominator(10**15)
+
+
+def _excess(region: SpectralRegion, s: complex) -> float:
+    """How far a point lies outside a region (1/s); negative inside."""
+    if isinstance(region, Disk):
+        return abs(s - float(region.centre)) - float(region.radius)
+    if isinstance(region, Cone):
+        return float(region.damping) * abs(s) + s.real
+    low, high = region.real_ends
+    return s.real - float(high) if high is not None else float(low or 0) - s.real
+
+
+def solve_lmi(
+    A: Array,
+    C: Array,
+    regions: Sequence[SpectralRegion],
+    *,
+    time: float = 1.0,
+    noise: Sequence[NoiseLimit] = (),
+    slack: float = 1e-6,
+) -> Solution | None:
+    """Minimise tr P + |Q|^2 subject to the inequalities.  P and Q are those of (A / time, C): W = time P^-1 Q.
+
+    Shapes: A (q, q) in 1/s, C (m, q).  ``slack`` keeps the answer inside, relative to P.
+    Returns: None where there is no answer.
+    """
+    q, m = C.shape[1], C.shape[0]
+    unknowns = (
+        Unknown(name="P", rows=q, columns=q, symmetric=True),
+        Unknown(name="Q", rows=q, columns=m, symmetric=False),
+    )
+    scaled = A / time
+    blocks: list[Block] = [_of_region(scaled, C, region, time=time, slack=slack) for region in regions]
+    for limit in noise:
+        blocks += _of_noise(scaled, C, limit, time=time)
+    pencils = tuple(_pencil(block, unknowns) for block in blocks)
+    # A bound on a norm fixes the scale of P; the largest floor of P that has an answer keeps W = P^-1 Q small.
+    answers = (solve_directly(Program(pencils=pencils, floor=floor)) for floor in (FLOORS if noise else (Fraction(1),)))
+    return next((each for each in answers if each.found), None)
+
+
+def _pencil(block: Block, unknowns: tuple[Unknown, ...]) -> Pencil:
+    """The pencil of an affine function of the unknowns' arrays, from its values at 0 and at unit entries."""
+    zeros = [np.zeros((u.rows, u.columns)) for u in unknowns]
+    constant = block(*zeros)
+    coefficients = {}
+    for number, unknown in enumerate(unknowns):
+        for place in unknown.places():
+            arrays = [each.copy() for each in zeros]
+            arrays[number][place[1], place[2]] = 1.0
+            if unknown.symmetric:
+                arrays[number][place[2], place[1]] = 1.0
+            coefficients[place] = _sparse(block(*arrays) - constant)
+    return Pencil(name="observer", constant=_sparse(constant), unknowns=unknowns, coefficients=coefficients)
+
+
+def _of_region(A: Array, C: Array, region: SpectralRegion, *, time: float, slack: float) -> Block:
+    def block(P: Array, Q: Array) -> Array:
+        M = P @ A - Q @ C
+        if isinstance(region, Disk):
+            x, r = float(region.centre) / time, float(region.radius) / time
+            return np.block([[(slack - r) * P, M - x * P], [(M - x * P).T, (slack - r) * P]])
+        if isinstance(region, Cone):
+            z = float(region.damping)
+            s = math.sqrt(1 - z * z)
+            symmetric, skew = s * (M + M.T) + slack * P, z * (M - M.T)
+            return np.block([[symmetric, skew], [skew.T, symmetric]])
+        low, high = (None if x is None else float(x) / time for x in region.real_ends)
+        if high is not None:
+            return M + M.T + (slack - 2 * high) * P
+        return -(M + M.T) + (slack + 2 * float(low or 0)) * P
+
+    return block
+
+
+def _of_noise(A: Array, C: Array, limit: NoiseLimit, *, time: float) -> list[Block]:
+    """With time in units of ``time``, C (sI - F)^-1 of the exosystem channel is ``time`` times as large."""
+    m = len(C)
+    bound = float(limit.bound)
+    if limit.channel == "measurement":
+        return []
+    if limit.channel == "exosystem":
+        bound *= time if limit.norm == "hinf" else math.sqrt(time)
+    elif limit.norm == "h2":
+        bound /= math.sqrt(time)
+    if limit.norm == "hinf":
+
+        def real(P: Array, Q: Array) -> Array:
+            M, B = P @ A - Q @ C, (P if limit.channel == "exosystem" else Q)
+            u = B.shape[1]
+            return np.block(
+                [
+                    [M + M.T, B, C.T],
+                    [B.T, -bound * np.eye(u), np.zeros((u, m))],
+                    [C, np.zeros((m, u)), -bound * np.eye(m)],
+                ]
+            )
+
+        return [real]
+
+    def gramian(P: Array, Q: Array) -> Array:
+        M = P @ A - Q @ C
+        return M + M.T + C.T @ C
+
+    if limit.channel == "exosystem":
+        return [gramian, lambda P, Q: np.array([[np.trace(P) - bound**2]])]
+    return [gramian, _bordered(m, bound**2 / m)]
+
+
+def _bordered(m: int, square: float) -> Block:
+    """Minus [[square I, Q'], [Q, P]]."""
+    return lambda P, Q: -np.block([[square * np.eye(m), Q.T], [Q, P]])
+
+
+def _sparse(matrix: Array) -> SparseSymmetric:
+    size = len(matrix)
+    entries = {(i, j): Fraction(float(matrix[i, j])) for i in range(size) for j in range(i, size) if matrix[i, j]}
+    return SparseSymmetric(size, entries)
+
+
+def kalman_gain(A: Array, C: Array, *, process: float = 1.0, sampled: bool = False) -> Array | None:
+    """python-control's lqe (or dlqe) with G = I, process noise ``process`` I and measurement noise I; None if it fails.
+
+    Shapes: A (q, q), C (m, q), W (q, m).  For dlqe the gain is that of the predictor.
+    """
+    import control  # takes a second to import
+
+    q, m = len(A), len(C)
+    try:
+        with warnings.catch_warnings(), np.errstate(all="ignore"):
+            warnings.simplefilter("ignore")
+            solve = control.dlqe if sampled else control.lqe
+            gain = np.asarray(solve(A, np.eye(q), C, process * np.eye(q), np.eye(m))[0], dtype=float)
+    except (ValueError, ArithmeticError, linalg.LinAlgError):
+        return None
+    gain = gain.reshape(q, m)
+    return gain if np.all(np.isfinite(gain)) else None
+
+
+def kalman_gains(
+    A: Array, C: Array, regions: Sequence[SpectralRegion], *, sampled: bool
+) -> Iterator[tuple[Array, str]]:
+    """The Kalman gain with unit weights, then those of A + shift I, or of A / radius, which decay faster."""
+    plain = kalman_gain(A, C, sampled=sampled)
+    if plain is not None:
+        yield plain, "Kalman gain with unit weights"
+    if sampled:
+        radius = min((float(r.radius) for r in regions if isinstance(r, Disk) and not r.centre), default=1.0)
+        for factor in (1.0, 0.95, 0.7):
+            gain = kalman_gain(A / (radius * factor), C, sampled=True)
+            if gain is not None:
+                yield radius * factor * gain, "Kalman gain of A / exp(-rate T)"
+        return
+    common = common_interval(tuple(regions))
+    rate = 0.0 if common is None or common[1] is None else -float(common[1])
+    for shift in SHIFTS if rate else ():
+        gain = kalman_gain(A + shift * rate * np.eye(len(A)), C)
+        if gain is not None:
+            yield gain, f"Kalman gain of A + {shift:g} rate I"
+
+
+def propose_envelopes(exosystem: Exosystem, W: Matrix, rate: Fraction | None) -> Iterator[Envelope]:
+    """Lyapunov matrices for F = A - W C with little stretch, rounded, to be tried in turn.
+
+    ``rate`` (1/s): the one asked, else half the decay rate of F.  Smaller ones follow.
+    """
+    try:
+        F = to_float(error_matrix(exosystem, W))
+    except SpecError:
+        return
+    decay = float(-np.max(np.linalg.eigvals(F).real))
+    if not decay > 0:
+        return
+    wanted = float(rate) if rate is not None and float(rate) < decay * 1.001 else decay / 2
+    for each in (wanted * part for part in PARTS if wanted * part <= decay * (1 - 1e-9)):
+        exact = rate if rate is not None and each == float(rate) else Fraction(f"{each:.6g}")
+        for P in (_least_stretch(F, float(exact)), _by_equation(F, float(exact))):
+            if P is None:
+                continue
+            for digits in DIGITS:
+                rounded = round_matrix(P, digits)
+                values = np.linalg.eigvalsh(to_float(rounded))
+                lower, upper = float(values[0]) * (1 - 1e-9), float(values[-1]) * (1 + 1e-9)
+                if lower > 0:
+                    yield Envelope(
+                        P=rounded, rate=exact, lower=Fraction(f"{lower:.12g}"), upper=Fraction(f"{upper:.12g}")
+                    )
+
+
+def _by_equation(F: Array, rate: float) -> Array | None:
+    """P with (F + rate I)'P + P (F + rate I) = -I, which exists for every rate below the decay of F."""
+    try:
+        P = linalg.solve_continuous_lyapunov((F + rate * np.eye(len(F))).T, -np.eye(len(F)))
+    except linalg.LinAlgError:
+        return None
+    P = (P + P.T) / 2
+    return np.asarray(P, dtype=np.float64) if np.all(np.isfinite(P)) else None
+
+
+def _least_stretch(F: Array, rate: float) -> Array | None:
+    """P >= I with the least largest eigenvalue, by bisection over small programs."""
+    q = len(F)
+    unknown = (Unknown(name="P", rows=q, columns=q, symmetric=True),)
+    time = max(float(np.max(np.abs(F))), 1e-300)
+    scaled = F / time
+
+    def solve(ceiling: float) -> Array | None:
+        blocks = (
+            lambda P: P @ scaled + scaled.T @ P + (2 * rate / time + MARGIN) * P,
+            lambda P: P - ceiling * np.eye(q),
+        )
+        program = Program(pencils=tuple(_pencil(block, unknown) for block in blocks), floor=Fraction(1))
+        answer = solve_directly(program)
+        return answer.values["P"] if answer.found else None
+
+    ceiling, best = 1.0 + 1e-6, None
+    while best is None and ceiling < LARGEST:
+        best = solve(ceiling)
+        if best is None:
+            ceiling *= 4
+    if best is None:
+        return None
+    low, high = max(1.0, ceiling / 4), ceiling
+    for _ in range(BISECTIONS):
+        middle = (low + high) / 2
+        found = solve(middle)
+        if found is None:
+            low = middle
+        else:
+            high, best = middle, found
+    return best
+
+
+def estimate_observer(exosystem: Exosystem, W: Matrix) -> dict[str, float]:
+    """Rate (1/s), damping, "hinf <channel>", "h2 <channel>", peak; nothing where floats fail."""
+    try:
+        F = to_float(error_matrix(exosystem, W))
+        poles = np.linalg.eigvals(F)
+        sizes = np.where(np.abs(poles) > 0, np.abs(poles), 1.0)
+        result = {
+            "rate": float(-np.max(poles.real)),
+            "peak": transient_peak(F),
+            "damping": float(np.min(-poles.real / sizes)),
+        }
+        for name in CHANNELS:
+            system = channel(exosystem, W, name)
+            parts = F, to_float(system.B), to_float(system.C), to_float(system.D)
+            result |= {f"hinf {name}": hinf_norm(*parts), f"h2 {name}": h2_norm(*parts)}
+    except (SpecError, ValueError, ArithmeticError, np.linalg.LinAlgError):
+        return {}
+    return result

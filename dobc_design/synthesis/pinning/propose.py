@@ -1,22 +1,36 @@
-"""Proposals for designed pinning gains: gains, the multipliers that show how good they are, sets of agents.
+"""Proposals for pinning gains at the consensus: gains, the multipliers that show how good they are, sets of agents.
 
 Everything is floating point.  The multipliers are vectors v of every mode: sum of v v'/2 is the dual point of
-minimise sum c_i k_i subject to S + 2 sum k_i E_i >= 0 (theory, section 7); ``verify`` makes them rational.
+minimise sum c_i k_i subject to S + 2 sum k_i E_i >= 0 (theory, section 7); ``decide`` makes them rational.
+
+Of many agents a small set of pins is chosen greedily, with one solve per step and a factor that is updated, lazily
+evaluated.  With v = sqrt(c) on the pins and (S v)_i = 0 on the others, pinning agent a as well makes the gains
+cheaper by
+
+    (v_a - sqrt(c_a))^2 / (2 G_aa)          G the inverse of S on the others, G_aa >= 1 / S_aa
+
+exactly, as long as no gain falls to 0.  The bound orders the agents, so that few G_aa are computed in a step (fewer
+still, as the bound is known to be too large by about the same factor), and a pin takes a rank one away from G.  While
+the pins do not reach the rate, S is shifted as far as that takes.
 """
 
 from __future__ import annotations
 
-from collections.abc import Collection, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
+from fractions import Fraction
+from typing import Any
 
 import numpy as np
 from scipy import sparse
 
+from dobc_design.conditions.consensus.jacobians import ModeJacobian
 from dobc_design.conditions.consensus.pinning import (
     PROGRAM_ROWS,
     PROGRAM_SIZE,
     Blocks,
     Optimum,
+    factorised,
     fastest_rate,
     for_rate,
     lowest_on,
@@ -29,7 +43,6 @@ from dobc_design.conditions.consensus.pinning_program import solve_program
 from dobc_design.conditions.consensus.pinning_shared import FEW_ROWS, solve_shared
 from dobc_design.problem.problem import Problem
 from dobc_design.solvers.program import Array
-from dobc_design.synthesis.pinning.greedy import greedy_set
 from dobc_design.synthesis.pinning.request import PinningRequest
 
 Vectors = list[tuple[str, Array]]  # mode, and a vector over the n m rows
@@ -40,6 +53,13 @@ LARGEST = 5_000  # agents above which nothing is exchanged
 MANY = 200  # agents from which on greedy steps are quick ones
 NEARLY_ZERO = 1e-9
 CLOSE = 1e-6  # of the cost: a bound this close leaves nothing to look for
+UPDATES = 100  # pins between two factorisations
+SHIFTED, PART = 8, 300  # while S is shifted; of many agents one in so many
+ROOM = 0.05  # by how much more S is shifted than it has to be, as a part
+MOST_SAVINGS = 12  # agents whose saving is computed in one step at most
+CERTAIN, PESSIMISM = 2, 1.1  # after so many, bounds are taken to be too large by nearly the least factor seen
+DENSE = 400  # agents up to which all eigenvalues are computed
+STEPS = 3000  # of the power method above
 
 
 @dataclass(kw_only=True, eq=False)
@@ -279,3 +299,167 @@ def _factors(Z: Array, *, z: bool) -> list[Array]:
     values, vectors = np.linalg.eigh((Z + Z.T) / 2)
     top = float(np.max(values, initial=0.0))
     return [np.sqrt(2 * value) * vectors[:, k] for k, value in enumerate(values) if value > 1e-10 * top > 0]
+
+
+def greedy_set(
+    blocks: Blocks, chosen: Sequence[int], free: Collection[int], costs: Array, pins: int | None
+) -> tuple[int, ...] | None:
+    """Agents of ``free`` added to ``chosen`` until the rate of the blocks is reached, or ``pins`` are chosen.
+
+    ``pins`` None: no more than reach it.  None if they do not reach it.  The blocks have to be Z-matrices.
+    """
+    found = list(chosen)
+    while True:
+        shift = _shift(blocks, found)
+        left = np.array(sorted(set(free) - set(found)), dtype=np.int64)
+        room = len(left) if pins is None else min(len(left), pins - len(found))
+        if (shift == 0 and pins is None) or room <= 0:
+            return tuple(sorted(found)) if shift == 0 else None
+        states = [_State.of(table, found, costs, shift) for table in blocks.tables]
+        for _ in range(min(room, max(SHIFTED, blocks.agents // PART) if shift else UPDATES)):
+            agent = _best(states, left, costs)
+            found.append(agent)
+            left = left[left != agent]
+            for state in states:
+                state.pin(agent, float(np.sqrt(costs[agent])))
+
+
+def _shift(blocks: Blocks, chosen: Sequence[int]) -> float:
+    """What has to be added to S for the pins to hold the others; 0 if they do."""
+    others = np.setdiff1d(np.arange(blocks.agents), chosen)
+    lowest = min(lowest_on(table, others)[0] for table in blocks.tables)
+    return 0.0 if lowest > 1e-9 * blocks.scale else (ROOM * blocks.scale * 1e-3 - lowest * (1 + ROOM))
+
+
+def _best(states: Sequence[_State], left: Any, costs: Array) -> int:
+    """The agent that saves most, among those whose bound is largest."""
+    bounds = np.sum([state.bounds(left, costs) for state in states], axis=0)
+    order = np.argsort(-bounds, kind="stable")[:MOST_SAVINGS]
+    best, agent, part = -1.0, int(left[order[0]]), 0.0
+    for count, place in enumerate(order.tolist()):
+        if bounds[place] * (min(1.0, PESSIMISM * part) if count >= CERTAIN else 1.0) <= best:
+            break
+        saving = sum(state.saving(int(left[place]), costs) for state in states)
+        part = max(part, saving / max(float(bounds[place]), 1e-300))
+        if saving > best:
+            best, agent = saving, int(left[place])
+    return agent
+
+
+@dataclass(kw_only=True, eq=False)
+class _State:
+    """One matrix with its pins: v (n,), the inverse on the others as a factor less ``rank`` columns."""
+
+    v: Array
+    diagonal: Array
+    place: Any
+    solve: Any
+    rank: list[Array]
+    column: dict[int, Array]
+
+    @classmethod
+    def of(cls, table: Any, chosen: Sequence[int], costs: Array, shift: float) -> _State:
+        n = len(costs)
+        matrix = sparse.csr_array(table + shift * sparse.eye_array(n))
+        mask = np.zeros(n, dtype=bool)
+        mask[list(chosen)] = True
+        v = np.where(mask, np.sqrt(costs), 0.0)
+        others, pins = np.flatnonzero(~mask), np.flatnonzero(mask)
+        place = np.full(n, -1)
+        place[others] = np.arange(len(others))
+        rows = matrix[others]
+        solve = factorised(rows[:, others])
+        # Where nobody is pinned yet: by how loosely everybody is held.
+        v[others] = solve(-(rows[:, pins] @ v[pins]) if len(pins) else np.ones(len(others)))
+        return cls(v=v, diagonal=matrix.diagonal(), place=place, solve=solve, rank=[], column={})
+
+    def bounds(self, agents: Any, costs: Array) -> Array:
+        above = np.maximum(self.v[agents] - np.sqrt(costs[agents]), 0.0)
+        return np.asarray(above**2 * self.diagonal[agents])
+
+    def saving(self, agent: int, costs: Array) -> float:
+        own = max(float(self.v[agent] - np.sqrt(costs[agent])), 0.0)
+        return own**2 / float(self._column(agent)[self.place[agent]])
+
+    def pin(self, agent: int, value: float) -> None:
+        """Hold v of one more agent at ``value``."""
+        column = self._column(agent)
+        own = self.place[agent]
+        others = self.place >= 0
+        self.v[others] += column[self.place[others]] * (value - self.v[agent]) / column[own]
+        self.v[agent] = value
+        self.rank.append(column / np.sqrt(column[own]))
+        self.column.clear()
+
+    def _column(self, agent: int) -> Array:
+        """The column of the inverse that belongs to an agent, after the pins since the factorisation."""
+        if agent not in self.column:
+            own = self.place[agent]
+            unit = np.zeros(int(np.max(self.place)) + 1)
+            unit[own] = 1.0
+            column = self.solve(unit)
+            for each in self.rank:
+                column -= each * each[own]
+            self.column[agent] = column
+        return self.column[agent]
+
+
+def slowest_direction(
+    mode: ModeJacobian, component: int, pinned: Collection[int], caps: Mapping[int, Fraction], *, size: int
+) -> tuple[float, Array] | None:
+    """The rate (1/s), about, and the direction (n) >= 0 that decays no faster with gains on the ``pinned`` agents.
+
+    Gains without a cap hold their agents at 0; the others stand at their cap.  None if nobody is left, or the gains
+    of the arcs are not finite.
+    """
+    gains = np.array([float(gain[component][component].midpoint) for gain in mode.gains])
+    listeners, speakers = mode.arcs.listeners, mode.arcs.speakers
+    values = gains[mode.kind] if len(gains) else np.zeros(0)
+    held = np.zeros(size)
+    for i in pinned:
+        held[i] = float(caps.get(i, 0))
+    rows = np.setdiff1d(np.arange(size), [i for i in pinned if i not in caps])
+    if not len(rows) or not np.all(np.isfinite(values)):
+        return None
+    diagonal = -np.bincount(listeners, weights=values, minlength=size) - held
+    matrix = sparse.csr_array(sparse.coo_array((values, (listeners, speakers)), shape=(size, size)))
+    matrix = sparse.csr_array((matrix + sparse.diags_array(diagonal)).tocsr()[rows][:, rows])
+    top, vector = _perron(matrix)
+    whole = np.zeros(size)
+    whole[rows] = vector
+    return -top, whole
+
+
+def slow_directions(
+    mode: ModeJacobian, component: int, pinned: Collection[int], caps: Mapping[int, Fraction], *, size: int
+) -> Iterator[list[float]]:
+    """Directions worth an exact look: the Perron vector, and the agent alone that is pulled least."""
+    found = slowest_direction(mode, component, pinned, caps, size=size)
+    if found is None:
+        return
+    yield found[1].tolist()
+    gains = np.array([float(gain[component][component].midpoint) for gain in mode.gains])
+    pull = np.bincount(mode.arcs.listeners, weights=gains[mode.kind] if len(gains) else None, minlength=size)
+    pull = pull.astype(float)
+    for i in pinned:
+        pull[i] = pull[i] + float(caps[i]) if i in caps else np.inf
+    alone = np.zeros(size)
+    alone[int(np.argmin(pull))] = 1.0
+    yield alone.tolist()
+
+
+def _perron(matrix: sparse.csr_array) -> tuple[float, Array]:
+    """The eigenvalue with the largest real part of a matrix that is >= 0 off its diagonal, and its vector >= 0."""
+    size = matrix.shape[0]
+    if size <= DENSE:
+        values, vectors = np.linalg.eig(matrix.toarray())
+        best = int(np.argmax(values.real))
+        vector = np.abs(vectors[:, best].real)
+        return float(values[best].real), np.where(vector > 1e-9 * np.max(vector, initial=0.0), vector, 0.0)
+    shift = float(np.max(-matrix.diagonal(), initial=0.0)) + 1.0
+    vector = np.ones(size)
+    for _ in range(STEPS):
+        after = matrix @ vector + shift * vector
+        vector = after / np.max(after)
+    after = matrix @ vector
+    return float(np.max(after / vector)), vector

@@ -14,7 +14,7 @@ from dobc_design.conditions.numbers import shorten
 from dobc_design.conditions.separable.claim import Separable
 from dobc_design.conditions.statement import Statement
 from dobc_design.exact.matrix import Vector
-from dobc_design.exact.number import float_above, float_below, number_text, quotient_text
+from dobc_design.exact.number import float_above, float_below, number_text
 from dobc_design.problem.problem import Problem
 from dobc_design.synthesis.pinning.request import PinningRequest
 from dobc_design.verdict import Verdict
@@ -157,23 +157,6 @@ class PinningDesign(Shown):
             "prices": list(self.prices),
             "ties": list(self.ties),
             "nearest": None if self.nearest is None else self.nearest.to_json(),
-        }
-
-    def dual_certificate(self) -> dict[str, Any] | None:
-        """The exact multipliers behind ``bound`` as JSON, all numbers as text; None without a bound.
-
-        Anybody can multiply it out: with v of every mode, cap prices y and the agents in "agents",
-        1/2 sum (v' (J + J') v + 2 rate v'v) - sum y_i cap_i >= value, and sum v_i^2 <= cost_i + y_i on these agents.
-        """
-        if self.bound is None:
-            return None
-        labels = () if self.problem is None else self.problem.network.labels
-        return {
-            "value": quotient_text(self.bound.value),
-            "rate": quotient_text(self.bound.rate),
-            "agents": list(self.bound_for),
-            "vectors": [{"mode": mode, "values": [quotient_text(x) for x in v]} for mode, v in self.bound.vectors],
-            "cap_prices": {labels[i]: quotient_text(y) for i, y in self.bound.cap_prices.items()},
         }
 
 

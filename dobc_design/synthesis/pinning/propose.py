@@ -31,7 +31,6 @@ from dobc_design.conditions.consensus.pinning import (
     Blocks,
     Optimum,
     factorised,
-    fastest_rate,
     for_rate,
     lowest_on,
     network_blocks,
@@ -46,17 +45,13 @@ from dobc_design.solvers.program import Array
 from dobc_design.synthesis.pinning.request import PinningRequest
 
 Vectors = list[tuple[str, Array]]  # mode, and a vector over the n m rows
-# Agents tried in one greedy step, the heaviest of the slowest direction, by the size of the network.
-LOOKED_AT = ((60, 40), (float("inf"), 8))
-WORK = 200_000  # closed forms spent on exchanges, and on what to add, times agents
-LARGEST = 5_000  # agents above which nothing is exchanged
-MANY = 200  # agents from which on greedy steps are quick ones
+WORK, LARGEST = 200_000, 5_000  # closed forms spent on ties, times agents; agents above which none are looked for
 NEARLY_ZERO = 1e-9
 CLOSE = 1e-6  # of the cost: a bound this close leaves nothing to look for
 UPDATES = 100  # pins between two factorisations
 SHIFTED, PART = 8, 300  # while S is shifted; of many agents one in so many
 ROOM = 0.05  # by how much more S is shifted than it has to be, as a part
-MOST_SAVINGS = 12  # agents whose saving is computed in one step at most
+LOOKED_AT = 12  # agents whose saving is computed in one step at most
 CERTAIN, PESSIMISM = 2, 1.1  # after so many, bounds are taken to be too large by nearly the least factor seen
 DENSE = 400  # agents up to which all eigenvalues are computed
 STEPS = 3000  # of the power method above
@@ -122,35 +117,25 @@ class PinningProposer:
     ) -> tuple[int, ...] | None:
         """A small set that reaches the rate, or with ``pins`` a cheap one of at most so many; None if none was found.
 
-        One agent of each group first, then where the slowest direction is heaviest, then the cheapest to add,
-        then exchanges of one agent for another.
+        One agent of each group first, then where most is saved, or where the slowest direction is heaviest.
         """
-        chosen = self._hitting(allowed, groups)
-        blocks, free = self._at(rate), set(allowed)
-        if blocks.z and blocks.agents > MANY:
+        chosen, blocks, free = self._hitting(allowed, groups), self._at(rate), set(allowed)
+        if blocks.z:
             with np.errstate(all="ignore"):
                 many = greedy_set(blocks, chosen, free, self.costs, pins)
             return many if many is None or self._cost(many, rate) is not None else None
         while self._cost(chosen, rate) is None:
             if not free - set(chosen) or (pins is not None and len(chosen) >= pins):
                 return None
-            heavy = self._heaviest(blocks, chosen, free - set(chosen))
-            chosen.append(
-                heavy[0]
-                if len(heavy) == 1
-                else max(heavy, key=lambda agent: (fastest_rate(blocks, [*chosen, agent]), -agent))
-            )
-        while pins is not None and len(chosen) < pins and (left := sorted(free - set(chosen))):
-            costs = {agent: self._cost([*chosen, agent], rate) for agent in self._spread(left, pins)}
-            best = min(costs, key=lambda agent: (costs[agent] if costs[agent] is not None else np.inf, agent))
-            chosen.append(best)
-        return tuple(sorted(self._exchanged(chosen, sorted(free), rate)))
+            chosen.append(self._heaviest(blocks, chosen, free - set(chosen)))
+        return tuple(sorted(chosen))
 
     def replaceable(self, chosen: Sequence[int], allowed: Sequence[int], rate: float) -> list[tuple[int, int]]:
         """Pairs (pinned, other): with the other in its place the cost is the same to six digits."""
         own = self._cost(chosen, rate)
         found: list[tuple[int, int]] = []
-        if own is None or len(chosen) * len(allowed) > self._affordable():
+        most = WORK // len(self.costs) if len(self.costs) <= LARGEST else 0
+        if own is None or len(chosen) * len(allowed) > most:
             return found
         for agent in chosen:
             for other in sorted(set(allowed) - set(chosen)):
@@ -158,30 +143,6 @@ class PinningProposer:
                 if cost is not None and abs(cost - own) <= 1e-6 * own:
                     found.append((agent, other))
         return found
-
-    def _exchanged(self, chosen: list[int], allowed: Sequence[int], rate: float) -> list[int]:
-        cost, better = self._cost(chosen, rate), True
-        work = 0
-        while better and cost is not None:
-            better = False
-            for place in range(len(chosen)):
-                for other in allowed:
-                    work += 1
-                    if other in chosen or work > self._affordable():
-                        continue
-                    trial = [*chosen[:place], other, *chosen[place + 1 :]]
-                    value = self._cost(trial, rate)
-                    if value is not None and value < cost * (1 - 1e-9):
-                        chosen, cost, better = trial, value, True
-        return chosen
-
-    def _affordable(self) -> int:
-        return WORK // len(self.costs) if len(self.costs) <= LARGEST else 0
-
-    def _spread(self, agents: Sequence[int], steps: int) -> Sequence[int]:
-        """As many of these agents as can be tried in each of so many steps, evenly over the list."""
-        most = max(1, self._affordable() // max(1, steps))
-        return agents[:: -(-len(agents) // most)]
 
     def _cost(self, chosen: Collection[int], rate: float) -> float | None:
         gains = self.relax(chosen, rate)[0] if chosen else None
@@ -197,14 +158,13 @@ class PinningProposer:
             left = [group for group in left if best not in group]
         return [agent for agent in chosen if agent in free]
 
-    def _heaviest(self, blocks: Blocks, chosen: Sequence[int], free: Collection[int]) -> list[int]:
+    def _heaviest(self, blocks: Blocks, chosen: Sequence[int], free: Collection[int]) -> int:
         others = np.setdiff1d(np.arange(blocks.agents), list(chosen))
         rows = rows_of(others, blocks.width)
         vector = min((lowest_on(table, rows) for table in blocks.tables), key=lambda found: found[0])[1]
         weight = np.zeros(blocks.agents)
         weight[others] = np.max(np.abs(vector.reshape(len(others), blocks.width)), axis=1)
-        order = sorted(free, key=lambda agent: (-round(float(weight[agent]), 9), agent))
-        return order[: next(count for most, count in LOOKED_AT if blocks.agents <= most)]
+        return min(free, key=lambda agent: (-round(float(weight[agent]), 9), agent))
 
     def _at(self, rate: float) -> Blocks:
         if rate not in self._kept:
@@ -334,7 +294,7 @@ def _shift(blocks: Blocks, chosen: Sequence[int]) -> float:
 def _best(states: Sequence[_State], left: Any, costs: Array) -> int:
     """The agent that saves most, among those whose bound is largest."""
     bounds = np.sum([state.bounds(left, costs) for state in states], axis=0)
-    order = np.argsort(-bounds, kind="stable")[:MOST_SAVINGS]
+    order = np.argsort(-bounds, kind="stable")[:LOOKED_AT]
     best, agent, part = -1.0, int(left[order[0]]), 0.0
     for count, place in enumerate(order.tolist()):
         if bounds[place] * (min(1.0, PESSIMISM * part) if count >= CERTAIN else 1.0) <= best:
@@ -404,62 +364,41 @@ class _State:
         return self.column[agent]
 
 
-def slowest_direction(
-    mode: ModeJacobian, component: int, pinned: Collection[int], caps: Mapping[int, Fraction], *, size: int
-) -> tuple[float, Array] | None:
-    """The rate (1/s), about, and the direction (n) >= 0 that decays no faster with gains on the ``pinned`` agents.
-
-    Gains without a cap hold their agents at 0; the others stand at their cap.  None if nobody is left, or the gains
-    of the arcs are not finite.
-    """
-    gains = np.array([float(gain[component][component].midpoint) for gain in mode.gains])
-    listeners, speakers = mode.arcs.listeners, mode.arcs.speakers
-    values = gains[mode.kind] if len(gains) else np.zeros(0)
-    held = np.zeros(size)
-    for i in pinned:
-        held[i] = float(caps.get(i, 0))
-    rows = np.setdiff1d(np.arange(size), [i for i in pinned if i not in caps])
-    if not len(rows) or not np.all(np.isfinite(values)):
-        return None
-    diagonal = -np.bincount(listeners, weights=values, minlength=size) - held
-    matrix = sparse.csr_array(sparse.coo_array((values, (listeners, speakers)), shape=(size, size)))
-    matrix = sparse.csr_array((matrix + sparse.diags_array(diagonal)).tocsr()[rows][:, rows])
-    top, vector = _perron(matrix)
-    whole = np.zeros(size)
-    whole[rows] = vector
-    return -top, whole
-
-
 def slow_directions(
     mode: ModeJacobian, component: int, pinned: Collection[int], caps: Mapping[int, Fraction], *, size: int
 ) -> Iterator[list[float]]:
-    """Directions worth an exact look: the Perron vector, and the agent alone that is pulled least."""
-    found = slowest_direction(mode, component, pinned, caps, size=size)
-    if found is None:
-        return
-    yield found[1].tolist()
-    gains = np.array([float(gain[component][component].midpoint) for gain in mode.gains])
-    pull = np.bincount(mode.arcs.listeners, weights=gains[mode.kind] if len(gains) else None, minlength=size)
-    pull = pull.astype(float)
+    """Directions (n) >= 0 worth an exact look: the Perron vector, and the agent alone that is pulled least.
+
+    Gains without a cap hold their agents at 0; the others stand at their cap.  Nothing if nobody is left, or the gains
+    of the arcs are not finite.
+    """
+    slopes = np.array([float(gain[component][component].midpoint) for gain in mode.gains])
+    values = slopes[mode.kind] if len(slopes) else np.zeros(0)
+    listeners, speakers = mode.arcs.listeners, mode.arcs.speakers
+    pull = np.bincount(listeners, weights=values, minlength=size).astype(float)
     for i in pinned:
-        pull[i] = pull[i] + float(caps[i]) if i in caps else np.inf
-    alone = np.zeros(size)
+        pull[i] += float(caps[i]) if i in caps else np.inf
+    rows = np.flatnonzero(np.isfinite(pull))
+    if not len(rows) or not np.all(np.isfinite(values)):
+        return
+    heard = sparse.csr_array(sparse.coo_array((values, (listeners, speakers)), shape=(size, size)))
+    slowest, alone = np.zeros(size), np.zeros(size)
+    slowest[rows] = _perron(sparse.csr_array(heard[rows][:, rows] - sparse.diags_array(pull[rows])))
     alone[int(np.argmin(pull))] = 1.0
+    yield slowest.tolist()
     yield alone.tolist()
 
 
-def _perron(matrix: sparse.csr_array) -> tuple[float, Array]:
-    """The eigenvalue with the largest real part of a matrix that is >= 0 off its diagonal, and its vector >= 0."""
+def _perron(matrix: sparse.csr_array) -> Array:
+    """The vector >= 0 of the eigenvalue with the largest real part, of a matrix that is >= 0 off its diagonal."""
     size = matrix.shape[0]
     if size <= DENSE:
         values, vectors = np.linalg.eig(matrix.toarray())
-        best = int(np.argmax(values.real))
-        vector = np.abs(vectors[:, best].real)
-        return float(values[best].real), np.where(vector > 1e-9 * np.max(vector, initial=0.0), vector, 0.0)
+        vector = np.abs(vectors[:, int(np.argmax(values.real))].real)
+        return np.where(vector > 1e-9 * np.max(vector, initial=0.0), vector, 0.0)
     shift = float(np.max(-matrix.diagonal(), initial=0.0)) + 1.0
     vector = np.ones(size)
     for _ in range(STEPS):
-        after = matrix @ vector + shift * vector
-        vector = after / np.max(after)
-    after = matrix @ vector
-    return float(np.max(after / vector)), vector
+        vector = matrix @ vector + shift * vector
+        vector = vector / np.max(vector)
+    return np.asarray(vector)

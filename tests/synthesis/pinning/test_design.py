@@ -64,19 +64,16 @@ def rate_holds(problem: Problem, gains, rate: Fraction) -> bool:
     return True
 
 
-def dual_value(problem: Problem, certificate, costs, caps) -> Fraction:
-    """The value that a dual certificate proves, multiplied out here; fails where it does not fit the costs."""
-    m, index = problem.m, problem.network.index
-    prices = {index[label]: Fraction(y) for label, y in certificate["cap_prices"].items()}
-    assert all(y >= 0 and i in caps for i, y in prices.items())
-    vectors = [(each["mode"], [Fraction(x) for x in each["values"]]) for each in certificate["vectors"]]
-    for label in certificate["agents"]:
-        i = index[label]
-        load = sum(x * x for _, v in vectors for x in v[i * m : (i + 1) * m])
-        assert load <= costs[i] + prices.get(i, 0)
-    rate = Fraction(certificate["rate"])
-    total = sum(form(lambda0(problem, mode), v) + 2 * rate * sum(x * x for x in v) for mode, v in vectors)
-    return total / 2 - sum(y * caps[i] for i, y in prices.items())
+def dual_value(problem: Problem, design, costs, caps) -> Fraction:
+    """The value that the exact multipliers of a design prove, multiplied out here; fails where they do not fit."""
+    m, bound = problem.m, design.bound
+    assert all(y >= 0 and i in caps for i, y in bound.cap_prices.items())
+    for label in design.bound_for:
+        i = problem.network.index[label]
+        load = sum(x * x for _, v in bound.vectors for x in v[i * m : (i + 1) * m])
+        assert load <= costs[i] + bound.cap_prices.get(i, 0)
+    total = sum(form(lambda0(problem, mode), v) + 2 * bound.rate * sum(x * x for x in v) for mode, v in bound.vectors)
+    return total / 2 - sum(y * caps[i] for i, y in bound.cap_prices.items())
 
 
 def reference(tables, allowed, caps=None):
@@ -120,7 +117,7 @@ def test_the_lower_bound_is_weak_duality_multiplied_out_by_hand(seed):
         if each.verdict is not Verdict.PROVED:
             continue
         exact = [Fraction(costs[str(i)]) for i in range(1, problem.n + 1)]
-        value = dual_value(problem, each.dual_certificate(), exact, caps)
+        value = dual_value(problem, each, exact, caps)
         assert value >= each.lower_bound > 0
         assert each.lower_bound <= each.cost <= each.lower_bound * (1 + Fraction(1, 10**6))
     assert free.verdict is Verdict.PROVED
@@ -382,7 +379,7 @@ def test_couplings_that_mix_components_are_designed_and_proved():
     design = dd.design_pinning(problem, rate="1/10", allowed=[1, 2], digits=6)
     assert design.verdict is Verdict.PROVED
     assert rate_holds(problem, design.gains, Fraction(1, 10))
-    assert dual_value(problem, design.dual_certificate(), [Fraction(1)] * 3, {}) >= design.lower_bound
+    assert dual_value(problem, design, [Fraction(1)] * 3, {}) >= design.lower_bound
     assert design.gap < 1e-4
 
 
@@ -391,7 +388,7 @@ def test_modes_that_share_their_gains_are_bounded_together():
     design = dd.design_pinning(problem, rate="1/10", allowed=[1, 6], digits=8)
     assert design.verdict is Verdict.PROVED
     assert rate_holds(problem, design.gains, Fraction(1, 10))
-    assert dual_value(problem, design.dual_certificate(), [Fraction(1)] * 10, {}) >= design.lower_bound
+    assert dual_value(problem, design, [Fraction(1)] * 10, {}) >= design.lower_bound
     assert design.gap < 1e-5
 
 
@@ -429,7 +426,7 @@ def test_every_answer_about_a_random_problem_is_true(seed):
         if exact:
             assert rate_holds(problem, design.gains, rate)
             caps = {} if cap is None else dict.fromkeys(range(problem.n), Fraction(cap))
-            value = dual_value(problem, design.dual_certificate(), [Fraction(1)] * problem.n, caps)
+            value = dual_value(problem, design, [Fraction(1)] * problem.n, caps)
             assert max(value, 0) >= design.lower_bound
     elif design.verdict is Verdict.REFUTED and exact:
         assert not rate_holds(problem, {label: Fraction(cap or 10**6) for label in labels}, rate)

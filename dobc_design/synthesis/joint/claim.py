@@ -26,6 +26,11 @@ if TYPE_CHECKING:
 
     from dobc_design.plotting.sheet import Sheet
 
+AXES = {
+    "gain": ("rate, 1/s", "sum of the gains, 1/s"),
+    "pins": ("pinned agents", "rate, 1/s"),
+    "noise": ("decay of the estimate's error, 1/s", "largest gain from noise to dhat, 1/s"),
+}
 NO_LIMITS = "no limits, and every agent may be pinned"
 
 
@@ -151,11 +156,19 @@ class TradeOff(Shown):
 
     name: str
     curve: str
-    x_name: str
-    y_name: str
     points: tuple[TradePoint, ...]
     chosen: TradePoint | None
     sensitivity: tuple[str, ...]
+
+    @property
+    def x_name(self) -> str:
+        """What x is, with its unit."""
+        return AXES[self.curve][0]
+
+    @property
+    def y_name(self) -> str:
+        """What y is, with its unit."""
+        return AXES[self.curve][1]
 
     def __str__(self) -> str:
         lines = [f"{self.name}: {self.y_name} against {self.x_name}"]

@@ -24,7 +24,7 @@ from dobc_design.exact.reading import counted, shown
 from dobc_design.problem.changes import changed_problem, gain_changes
 from dobc_design.problem.problem import Problem
 from dobc_design.problem.typed import typed_number
-from dobc_design.synthesis.joint.claim import Design, TradeOff, TradePoint
+from dobc_design.synthesis.joint.claim import AXES, Design, TradeOff, TradePoint
 from dobc_design.synthesis.joint.decide import reduced_exosystem
 from dobc_design.synthesis.joint.propose import (
     HALF,
@@ -46,9 +46,6 @@ from dobc_design.verdict import Verdict
 NEARLY = 0.98  # of the rate that is aimed at: a proof with less is looked for again
 NEAREST = Fraction(9, 10)  # of the fastest rate, where the one asked for cannot be had; more takes very large gains
 MOST_TRIES = 4  # proposals that are certified
-CURVES = ("gain", "pins", "noise")
-RATE, TOTAL, COUNT = "rate, 1/s", "sum of the gains, 1/s", "pinned agents"
-ERROR, NOISE = "decay of the estimate's error, 1/s", "largest gain from noise to dhat, 1/s"
 SLOWEST, QUICKEST = 0.25, 4.0  # rates of a curve, of the design's own or of its observer's
 FASTEST = 1.9  # of a design that aims at half of the fastest rate
 
@@ -247,9 +244,9 @@ def trade_off_of(
     problem: Problem, request: DesignRequest, curve: str, *, design: Design | None, points: object, progress: Progress
 ) -> TradeOff:
     """The curve of that name.  Raises: SpecError for another name or number of points, and where there is no curve."""
-    if curve not in CURVES:
+    if curve not in AXES:
         raise SpecError(
-            f"curve must be one of {', '.join(CURVES)}; got {shown(curve)}.",
+            f"curve must be one of {', '.join(AXES)}; got {shown(curve)}.",
             key="curve",
             cure='"gain" is the sum of the gains against the rate.',
         )
@@ -259,41 +256,55 @@ def trade_off_of(
             key="points",
             cure="Ten are a good choice.",
         )
-    if curve == "noise":
-        return _noise_curve(problem, request, design, points, progress)
+    if curve == "noise" and not problem.groups:
+        raise SpecError(
+            "the noise curve needs an exosystem: without one there is no observer.",
+            key="curve",
+            cure='Ask for "gain" or "pins".',
+        )
     bare = changed_problem(problem, {"pinning.gains": None})
-    return (_gain_curve if curve == "gain" else _pin_curve)(bare, request, design, points, progress)
+    own = design
+    if own is None and curve == "gain":
+        own = _attempt(bare, request, progress)
+    observer = None if own is None else own.observer
+    if observer is None and bare.groups:
+        observer = observer_at(bare, request, None)
+    said: Sequence[str] = ()
+    if curve == "gain" and own is not None:
+        found, said = _gain_points(bare, request, own, points, progress), own.prices if own.gains else (own.reason,)
+    elif curve == "pins":
+        found = _pin_points(bare, request, observer, points, progress)
+        said = _largest_step(found)
+    else:
+        middle = 1.0 if observer is None else observer.measures.get("rate", 1.0)
+        rates = _spread(middle, SLOWEST, QUICKEST, points)
+        found = sorted((p for r in rates for p in _noise_point(observer_at(bare, request, r))), key=lambda p: p.x)
+    chosen: TradePoint | None = None
+    if design is not None and curve == "noise" and observer is not None:
+        chosen = next(iter(_noise_point(observer)), None)
+    elif design is not None and design.rate and design.cost is not None:
+        x, y = (design.rate, float(design.cost)) if curve == "gain" else (float(len(design.gains)), design.rate)
+        chosen = TradePoint(x=x, y=y, pinned=tuple(design.gains), proved=True)
+    return TradeOff(name=problem.name, curve=curve, points=tuple(found), chosen=chosen, sensitivity=tuple(said))
 
 
-def _gain_curve(
-    problem: Problem, request: DesignRequest, design: Design | None, points: int, progress: Progress
-) -> TradeOff:
-    """Designs for many rates, all with the pins of the given one, or of the one that ``design`` would begin with."""
-    own = design or _attempt(problem, request, progress)
+def _gain_points(
+    problem: Problem, request: DesignRequest, own: Design, points: int, progress: Progress
+) -> list[TradePoint]:
+    """Designs for many rates, all with the pins of one."""
     index = problem.network.index
-    pinned = replace(request, allowed=tuple(sorted(index[label] for label in own.gains)) or request.allowed)
+    pinned = tuple(sorted(index[label] for label in own.gains)) or request.allowed
     found: list[TradePoint] = []
     for rate in _spread(own.rate or 0.0, SLOWEST, FASTEST, points):
-        each = _attempt(problem, replace(pinned, rate=rate), progress)
-        if each.verdict is Verdict.PROVED and each.rate is not None and each.cost is not None:
+        each = _attempt(problem, replace(request, rate=rate, allowed=pinned), progress)
+        if each.verdict is Verdict.PROVED and each.cost is not None:
             found.append(TradePoint(x=float(rate), y=float(each.cost), pinned=tuple(each.gains), proved=True))
-    chosen = None
-    if design is not None and design.rate and design.cost is not None:
-        chosen = TradePoint(x=design.rate, y=float(design.cost), pinned=tuple(design.gains), proved=True)
-    return TradeOff(
-        name=problem.name,
-        curve="gain",
-        x_name=RATE,
-        y_name=TOTAL,
-        points=tuple(found),
-        chosen=chosen,
-        sensitivity=own.prices if own.gains else (own.reason,),
-    )
+    return found
 
 
-def _pin_curve(
-    problem: Problem, request: DesignRequest, design: Design | None, points: int, progress: Progress
-) -> TradeOff:
+def _pin_points(
+    problem: Problem, request: DesignRequest, observer: ObserverDesign | None, points: int, progress: Progress
+) -> list[TradePoint]:
     """The rate that gains approach on growing sets of agents, as floating point sees it."""
     structure, labels = structure_of(problem, request.allowed), problem.network.labels
     if structure.unmet is not None:
@@ -302,7 +313,6 @@ def _pin_curve(
             key="allowed",
             cure="dobc_design.design says which agents are missing.",
         )
-    observer = None if not problem.groups else (design and design.observer) or observer_at(problem, request, None)
     search = region_search(problem, observer)
     most = min(len(request.allowed) if request.pins is None else request.pins, len(structure.agents) + points - 1)
     found: list[TradePoint] = []
@@ -311,62 +321,24 @@ def _pin_curve(
         rate = search.fastest(pinned, request.caps)
         if 0 < rate < math.inf:
             found.append(TradePoint(x=float(len(pinned)), y=rate, pinned=tuple(labels[i] for i in pinned)))
-    chosen = None
-    if design is not None and design.rate:
-        chosen = TradePoint(x=float(len(design.gains)), y=design.rate, pinned=tuple(design.gains), proved=True)
-    return TradeOff(
-        name=problem.name,
-        curve="pins",
-        x_name=COUNT,
-        y_name=RATE,
-        points=tuple(found),
-        chosen=chosen,
-        sensitivity=tuple(_largest_step(found)),
-    )
+    return found
 
 
-def _largest_step(points: Sequence[TradePoint]) -> Iterator[str]:
+def _largest_step(points: Sequence[TradePoint]) -> list[str]:
     """Which further pin buys most."""
-    steps = list(pairwise(points))
-    if steps:
-        before, after = max(steps, key=lambda step: step[1].y / step[0].y)
-        new = ", ".join(label for label in after.pinned if label not in before.pinned)
-        yield (
-            f"The step that buys most: from {before.x:g} to {after.x:g} pins, with agent {new} the rate grows"
-            f" {after.y / before.y:.3g} times."
-        )
+    if len(points) < 2:
+        return []
+    before, after = max(pairwise(points), key=lambda step: step[1].y / step[0].y)
+    new = ", ".join(label for label in after.pinned if label not in before.pinned)
+    return [
+        f"The step that buys most: from {before.x:g} to {after.x:g} pins, with agent {new} the rate grows"
+        f" {after.y / before.y:.3g} times."
+    ]
 
 
-def _noise_curve(
-    problem: Problem, request: DesignRequest, design: Design | None, points: int, progress: Progress
-) -> TradeOff:
-    """Observers of many rates."""
-    if not problem.groups:
-        raise SpecError(
-            "the noise curve needs an exosystem: without one there is no observer.",
-            key="curve",
-            cure='Ask for "gain" or "pins".',
-        )
-
-    def point(observer: ObserverDesign) -> Iterator[TradePoint]:
-        noise, pace = observer.measures.get("hinf measurement"), observer.measures.get("rate")
-        if noise is not None and pace is not None:
-            yield TradePoint(x=pace, y=noise, proved=True)
-
-    own = (design and design.observer) or observer_at(problem, request, None)
-    found: list[TradePoint] = []
-    for rate in _spread(own.measures.get("rate", 1.0), SLOWEST, QUICKEST, points):
-        progress(f"observer for {float(rate):.3g} 1/s")
-        found += point(observer_at(problem, request, rate))
-    return TradeOff(
-        name=problem.name,
-        curve="noise",
-        x_name=ERROR,
-        y_name=NOISE,
-        points=tuple(sorted(found, key=lambda each: each.x)),
-        chosen=None if design is None else next(point(own), None),
-        sensitivity=(),
-    )
+def _noise_point(observer: ObserverDesign) -> list[TradePoint]:
+    noise, pace = observer.measures.get("hinf measurement"), observer.measures.get("rate")
+    return [] if noise is None or pace is None else [TradePoint(x=pace, y=noise, proved=True)]
 
 
 def _spread(middle: float, first: float, last: float, count: int) -> list[Fraction]:

@@ -34,7 +34,7 @@ from dobc_design.exact.pencil import Pencil, Unknown
 from dobc_design.exact.symmetric import SparseSymmetric
 from dobc_design.problem.exosystem import Exosystem
 from dobc_design.solvers.direct import solve_directly
-from dobc_design.solvers.program import Array, Program, Solution
+from dobc_design.solvers.program import Array, Program
 from dobc_design.solvers.rounding import round_matrix
 from dobc_design.synthesis.observer.claim import Envelope
 from dobc_design.synthesis.observer.decide import channel, error_matrix
@@ -131,33 +131,17 @@ def _gains(plant: Plant, request: ObserverRequest) -> Iterator[tuple[Array, str]
         regions = (HalfPlane(left_of=-rate), *plant.regions) if rate else plant.regions
         if common_interval(regions) is None:
             continue
-        answers = (_lmi_gain(plant, regions, slack=slack) for slack in SLACKS)
+        answers = (lmi_gain(plant.A, plant.C, regions, slack=slack) for slack in SLACKS)
         found = [(W, inequalities) for W in answers if W is not None]
         found += kalman_gains(plant.A, plant.C, regions, sampled=plant.sampled)
         yield from sorted(found, key=lambda each: float(np.linalg.norm(each[0])))
     if request.noise:
-        quiet = (_lmi_gain(plant, plant.regions, noise=request.noise, slack=slack) for slack in SLACKS)
+        quiet = (lmi_gain(plant.A, plant.C, plant.regions, noise=request.noise, slack=slack) for slack in SLACKS)
         yield from ((W, inequalities) for W in quiet if W is not None)
         for ratio in RATIOS:
             W = kalman_gain(plant.A, plant.C, process=ratio)
             if W is not None:
                 yield W, f"Kalman gain, process noise {ratio:.3g} times that of the measurement"
-
-
-def _lmi_gain(
-    plant: Plant, regions: Sequence[SpectralRegion], *, noise: Sequence[NoiseLimit] = (), slack: float
-) -> Array | None:
-    """W = time P^-1 Q from the inequalities for the observable part, in a unit of time that fits; or None."""
-    ends = [abs(float(x)) for region in regions for x in region.real_ends if x is not None]
-    time = max(1e-12, float(np.max(np.abs(np.linalg.eigvals(plant.A)), initial=0.0)), *ends)
-    answer = solve_lmi(plant.A, plant.C, regions, time=time, noise=noise, slack=slack)
-    if answer is None:
-        return None
-    try:
-        W = np.asarray(time * np.linalg.solve(answer.values["P"], answer.values["Q"]), dtype=np.float64)
-    except np.linalg.LinAlgError:
-        return None
-    return W if np.all(np.isfinite(W)) else None
 
 
 def _default_rate(A: Array, C: Array) -> Fraction:
@@ -186,37 +170,40 @@ def _inner_point(request: ObserverRequest) -> Fraction:
     return (low + high) / 2
 
 
-def solve_lmi(
-    A: Array,
-    C: Array,
-    regions: Sequence[SpectralRegion],
-    *,
-    time: float = 1.0,
-    noise: Sequence[NoiseLimit] = (),
-    slack: float = 1e-6,
-) -> Solution | None:
-    """Minimise tr P + |Q|^2 subject to the inequalities.  P and Q are those of (A / time, C): W = time P^-1 Q.
+def lmi_gain(
+    A: Array, C: Array, regions: Sequence[SpectralRegion], *, noise: Sequence[NoiseLimit] = (), slack: float = 1e-6
+) -> Array | None:
+    """W = P^-1 Q (q, m) with the least tr P + |Q|^2 subject to the inequalities, or None.
 
-    Shapes: A (q, q) in 1/s, C (m, q).  ``slack`` keeps the answer inside, relative to P.
-    Returns: None where there is no answer.
+    Shapes: A (q, q) in 1/s, C (m, q).  ``slack`` keeps the answer inside, relative to P.  Time is in units of the
+    fastest rate in play, so that an H-infinity norm of the exosystem channel is so many times as large.
     """
     q, m = C.shape[1], C.shape[0]
+    ends = [abs(float(x)) for region in regions for x in region.real_ends if x is not None]
+    time = max(1e-12, float(np.max(np.abs(np.linalg.eigvals(A)), initial=0.0)), *ends)
     unknowns = (
         Unknown(name="P", rows=q, columns=q, symmetric=True),
         Unknown(name="Q", rows=q, columns=m, symmetric=False),
     )
-    scaled = A / time
-    blocks: list[Block] = [_of_region(scaled, C, region, time=time, slack=slack) for region in regions]
-    for limit in noise:
-        blocks += _of_noise(scaled, C, limit, time=time)
+    blocks = [_of_region(A / time, C, region, time=time, slack=slack) for region in regions]
+    blocks += [block for limit in noise for block in _of_noise(A / time, C, limit, time=time)]
     pencils = tuple(_pencil(block, unknowns) for block in blocks)
     # A bound on a norm fixes the scale of P; the largest floor of P that has an answer keeps W = P^-1 Q small.
-    answers = (solve_directly(Program(pencils=pencils, floor=floor)) for floor in (FLOORS if noise else (Fraction(1),)))
-    return next((each for each in answers if each.found), None)
+    for floor in FLOORS if noise else (Fraction(1),):
+        answer = solve_directly(Program(pencils=pencils, floor=floor))
+        if answer.found:
+            W: Array = np.asarray(linalg.lstsq(answer.values["P"], time * answer.values["Q"])[0])
+            return W if np.all(np.isfinite(W)) else None
+    return None
 
 
 def _pencil(block: Block, unknowns: tuple[Unknown, ...]) -> Pencil:
     """The pencil of an affine function of the unknowns' arrays, from its values at 0 and at unit entries."""
+
+    def sparse(matrix: Array) -> SparseSymmetric:
+        places = zip(*np.nonzero(np.triu(matrix)), strict=True)
+        return SparseSymmetric(len(matrix), {(int(i), int(j)): Fraction(float(matrix[i, j])) for i, j in places})
+
     zeros = [np.zeros((u.rows, u.columns)) for u in unknowns]
     constant = block(*zeros)
     coefficients = {}
@@ -226,8 +213,8 @@ def _pencil(block: Block, unknowns: tuple[Unknown, ...]) -> Pencil:
             arrays[number][place[1], place[2]] = 1.0
             if unknown.symmetric:
                 arrays[number][place[2], place[1]] = 1.0
-            coefficients[place] = _sparse(block(*arrays) - constant)
-    return Pencil(name="observer", constant=_sparse(constant), unknowns=unknowns, coefficients=coefficients)
+            coefficients[place] = sparse(block(*arrays) - constant)
+    return Pencil(name="observer", constant=sparse(constant), unknowns=unknowns, coefficients=coefficients)
 
 
 def _of_region(A: Array, C: Array, region: SpectralRegion, *, time: float, slack: float) -> Block:
@@ -241,57 +228,38 @@ def _of_region(A: Array, C: Array, region: SpectralRegion, *, time: float, slack
             s = math.sqrt(1 - z * z)
             symmetric, skew = s * (M + M.T) + slack * P, z * (M - M.T)
             return np.block([[symmetric, skew], [skew.T, symmetric]])
-        low, high = (None if x is None else float(x) / time for x in region.real_ends)
+        low, high = region.real_ends
         if high is not None:
-            return M + M.T + (slack - 2 * high) * P
-        return -(M + M.T) + (slack + 2 * float(low or 0)) * P
+            return M + M.T + (slack - 2 * float(high) / time) * P
+        return -(M + M.T) + (slack + 2 * float(low or 0) / time) * P
 
     return block
 
 
 def _of_noise(A: Array, C: Array, limit: NoiseLimit, *, time: float) -> list[Block]:
-    """With time in units of ``time``, C (sI - F)^-1 of the exosystem channel is ``time`` times as large."""
-    m = len(C)
-    bound = float(limit.bound)
+    m, bound, exosystem = len(C), float(limit.bound), limit.channel == "exosystem"
     if limit.channel == "measurement":
         return []
-    if limit.channel == "exosystem":
-        bound *= time if limit.norm == "hinf" else math.sqrt(time)
-    elif limit.norm == "h2":
-        bound /= math.sqrt(time)
     if limit.norm == "hinf":
+        gain = bound * (time if exosystem else 1.0)
 
         def real(P: Array, Q: Array) -> Array:
-            M, B = P @ A - Q @ C, (P if limit.channel == "exosystem" else Q)
+            M, B = P @ A - Q @ C, P if exosystem else Q
             u = B.shape[1]
-            return np.block(
-                [
-                    [M + M.T, B, C.T],
-                    [B.T, -bound * np.eye(u), np.zeros((u, m))],
-                    [C, np.zeros((m, u)), -bound * np.eye(m)],
-                ]
-            )
+            rest = -gain * np.eye(u + m)
+            border = np.hstack([B, C.T])
+            return np.block([[M + M.T, border], [border.T, rest]])
 
         return [real]
+    square = bound**2 * (time if exosystem else 1 / time)
 
     def gramian(P: Array, Q: Array) -> Array:
         M = P @ A - Q @ C
         return M + M.T + C.T @ C
 
-    if limit.channel == "exosystem":
-        return [gramian, lambda P, Q: np.array([[np.trace(P) - bound**2]])]
-    return [gramian, _bordered(m, bound**2 / m)]
-
-
-def _bordered(m: int, square: float) -> Block:
-    """Minus [[square I, Q'], [Q, P]]."""
-    return lambda P, Q: -np.block([[square * np.eye(m), Q.T], [Q, P]])
-
-
-def _sparse(matrix: Array) -> SparseSymmetric:
-    size = len(matrix)
-    entries = {(i, j): Fraction(float(matrix[i, j])) for i in range(size) for j in range(i, size) if matrix[i, j]}
-    return SparseSymmetric(size, entries)
+    if exosystem:
+        return [gramian, lambda P, Q: np.array([[np.trace(P) - square]])]
+    return [gramian, lambda P, Q: -np.block([[square / m * np.eye(m), Q.T], [Q, P]])]
 
 
 def kalman_gain(A: Array, C: Array, *, process: float = 1.0, sampled: bool = False) -> Array | None:

@@ -9,7 +9,7 @@ price: one linear solve gives what a faster rate costs and which other agent a g
 from __future__ import annotations
 
 import math
-from collections.abc import Collection, Iterator, Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from fractions import Fraction
 from typing import Any
@@ -45,14 +45,6 @@ PARTS = (0.0, 0.02, 0.05, 0.1, 0.15, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9)  # 
 COARSE = 8  # points of s while v is looked for and where many sets are compared; all of them for the gains
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class BoxProposal:
-    """v (n,) exactly, min v = 1, and the gains (n,) that floating point finds enough for it (1/s)."""
-
-    v: Vector
-    gains: tuple[float, ...]
-
-
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Box:
     """All rows without gains, and who may have one: ``allowed`` (n,), ``costs`` (n,), ``caps`` (n,) in 1/s."""
@@ -83,23 +75,29 @@ class Box:
 
 def propose_for_box(
     problem: Problem, request: PinningRequest, *, rho: Fraction | None, rate: float
-) -> Iterator[BoxProposal]:
-    """Gains on the allowed agents with which the rows hold with ``rate`` for all s in (0, rho], the cheapest found.
+) -> list[tuple[Vector, Array]]:
+    """v (n,), exact with min v = 1, and gains (n,) for it with which the rows hold with ``rate`` for all s in (0, rho].
 
-    ``problem``: without gains.  ``rho`` None: couplings are linear.  The same v is proposed with more and more digits.
+    The cheapest found; the same v with more and more digits, as long as rounding makes the gains no dearer than their
+    own digits do, and the last in any case.  ``problem``: without gains.  ``rho`` None: couplings are linear.
     """
     if rho is not None and rho > LARGEST_RADIUS:
-        return
+        return []
     try:
         with np.errstate(all="ignore"):
             field = field_of(problem, rho=1.0 if rho is None else float(rho))
             costs = np.array([float(c) for c in request.costs])
             best = cheapest(box_of(field, request.allowed, request.caps, rate=rate, costs=costs))
-            found = [] if best is None else _worth(*best, request.digits)
+            if best is None:
+                return []
+            box, v = best
+            units = [2**bits for bits in BITS] if len(v) > LARGE else [10**digits for digits in DIGITS]
+            typed = [tuple(Fraction(max(unit, round(float(x) * unit)), unit) for x in v) for unit in units]
+            found = [(each, box.gains(np.array([float(x) for x in each]))) for each in typed]
+            most = box.cost(v) * (1 + 10.0 ** (-request.digits))
     except (ArithmeticError, ValueError):  # a coupling that is not defined so far out
-        return
-    for each, gains in found:
-        yield BoxProposal(v=each, gains=tuple(gains.tolist()))
+        return []
+    return [each for each in found[:-1] if box.costs @ each[1] <= most] + found[-1:]
 
 
 def box_of(
@@ -203,23 +201,6 @@ def _linear_rows(box: Box, v: Array, step: float) -> tuple[Any, Any, Array]:
     np.maximum.at(least, who, value - move)
     active = value + move >= np.maximum(least[who], -box.rate)
     return who[active], sparse.vstack(slopes, format="csr")[active], value[active]
-
-
-def _worth(box: Box, v: Array, digits: int) -> list[tuple[Vector, Array]]:
-    """Roundings of v, each with its gains, that cost no more than the digits of the gains do; the last in any case."""
-    found = [(each, box.gains(_floats(each))) for each in _rounded(v)]
-    most = box.cost(v) * (1 + 10.0 ** (-digits))
-    return [(each, gains) for each, gains in found[:-1] if box.costs @ gains <= most] + found[-1:]
-
-
-def _rounded(v: Array) -> Iterator[Vector]:
-    units = [2**bits for bits in BITS] if len(v) > LARGE else [10**digits for digits in DIGITS]
-    for unit in units:
-        yield tuple(Fraction(max(unit, round(float(x) * unit)), unit) for x in v)
-
-
-def _floats(v: Vector) -> Array:
-    return np.array([float(x) for x in v])
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

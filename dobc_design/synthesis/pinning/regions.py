@@ -238,10 +238,10 @@ def gains_for_box(bare: Problem, request: PinningRequest, *, rho: Fraction | Non
         return Statement(kind="method", verdict=Verdict.UNDECIDED, text=f"does not apply: {error}")
     labels = bare.network.labels
     for tilt in TILTS:
-        for proposed in propose_for_box(bare, request, rho=rho, rate=float(request.rate * (1 + tilt))):
-            gains = typed_gains(dict(enumerate(proposed.gains)), digits=request.digits, caps=request.caps)
+        for v, proposed in propose_for_box(bare, request, rho=rho, rate=float(request.rate * (1 + tilt))):
+            gains = typed_gains(dict(enumerate(proposed.tolist())), digits=request.digits, caps=request.caps)
             held = changed_problem(bare, {"pinning.gains": {labels[i]: k for i, k in gains.items()}})
-            claim = Separable(v=proposed.v, alpha=request.rate, rho=rho)
+            claim = Separable(v=v, alpha=request.rate, rho=rho)
             if gains and verify_separable(held, claim).verdict is Verdict.PROVED:
                 return BoxGains(gains=gains, certificate=claim, problem=held)
     where = "" if rho is None else f" over |e_i| <= {shown_number(rho)}"

@@ -25,7 +25,7 @@ from dobc_design.errors import SpecError
 if TYPE_CHECKING:
     from rich.console import Console
 
-    from dobc_design.synthesis.joint.designed import Design
+    from dobc_design.synthesis.joint.claim import Design
     from dobc_design.synthesis.joint.request import DesignRequest
 
 REMARK = "set by dobc design"
@@ -144,7 +144,7 @@ def _lines(found: Design, *, file: str, out: Path) -> Iterator[str]:
         yield f"\nThe limit that fails: --{_option(found.binding)}."
     nearest = found.nearest
     if nearest is not None:
-        from dobc_design.synthesis.joint.designed import NO_LIMITS
+        from dobc_design.synthesis.joint.claim import NO_LIMITS
 
         limits = "; ".join(words for _, words in nearest.request.limits(nearest.labels)) or NO_LIMITS
         yield f"\nThe nearest request that was proved possible: {limits}."

@@ -11,7 +11,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 
 from dobc_design.certificate.certificate import Certificate
-from dobc_design.conditions.consensus.jacobians import Jacobians, ModeJacobian
+from dobc_design.conditions.consensus.claim import Jacobians, ModeJacobian
 from dobc_design.conditions.kinds import KINDS
 from dobc_design.exact.matrix import Matrix
 from dobc_design.export import rocq_theory as theory

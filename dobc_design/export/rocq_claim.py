@@ -6,8 +6,7 @@ from dataclasses import dataclass
 from fractions import Fraction
 
 from dobc_design.certificate.certificate import Certificate
-from dobc_design.conditions.consensus.jacobians import Jacobians
-from dobc_design.conditions.consensus.statements import Statements, state_theorems
+from dobc_design.conditions.consensus.claim import Jacobians, Statements, state_theorems
 from dobc_design.conditions.numbers import claimed
 from dobc_design.errors import SpecError
 from dobc_design.exact.matrix import Matrix, multiply

@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from fractions import Fraction
 
-from dobc_design.conditions.consensus.jacobians import ModeJacobian, jacobians_at_consensus
+from dobc_design.conditions.consensus.claim import ModeJacobian, jacobians_at_consensus
 from dobc_design.conditions.statement import Statement
 from dobc_design.exact.definite import decide_positive_definite, decide_positive_semidefinite
 from dobc_design.exact.interval import UndefinedError

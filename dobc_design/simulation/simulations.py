@@ -4,17 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
-from fractions import Fraction
 from os import PathLike
 from typing import TYPE_CHECKING, overload
 
 from dobc_design.certificate.certificate import Certificate
+from dobc_design.certificate.claims import certified_period
 from dobc_design.conditions.observer.gain import observer_gain
 from dobc_design.exact.matrix import Matrix
 from dobc_design.problem.canonical import loop_sha256
 from dobc_design.problem.load import load_problem
 from dobc_design.problem.problem import Problem
-from dobc_design.verdict import Verdict
 
 if TYPE_CHECKING:
     from dobc_design.simulation.breaking import Breaking
@@ -180,7 +179,7 @@ def what_breaks_first(
         seed=seed,
         gain=observer_gain(problem),
         tolerance=tolerance,
-        certified=None if certificate is None else certified_period(certificate),
+        certified=None if certificate is None else _certified(certificate),
         progress=progress,
     )
     if remark is None:
@@ -188,10 +187,6 @@ def what_breaks_first(
     return replace(found, calm=replace(found.calm, notes=(remark, *found.calm.notes)))
 
 
-def certified_period(certificate: Certificate) -> float | None:
-    """The sampling period in s that a proved ``sampling`` check states; None without one."""
-    for check in certificate.checks:
-        exact = check.exact or {}
-        if check.id == "sampling" and check.verdict is Verdict.PROVED and "period" in exact:
-            return float(Fraction(exact["period"]))
-    return None
+def _certified(certificate: Certificate) -> float | None:
+    period = certified_period(certificate.problem, certificate.claims)
+    return None if period is None else float(period)

@@ -14,8 +14,8 @@ from certified import certified
 from exact_oracle import Oracle
 
 from dobc_design.certification.certify import certify, verify
-from dobc_design.conditions.consensus.decide import Pair, pair_facts, schur_block
-from dobc_design.conditions.consensus.statements import state_theorems
+from dobc_design.conditions.consensus.claim import Pair, state_theorems
+from dobc_design.conditions.consensus.decide import pair_facts, schur_block
 from dobc_design.exact.matrix import multiply, scale
 from dobc_design.exact.number import number_text
 from dobc_design.problem.exosystem import Exosystem

@@ -17,8 +17,7 @@ import dobc_design as dd
 from dobc_design.conditions.boxes.claim import Shell
 from dobc_design.conditions.quadratic.claim import Lure
 from dobc_design.conditions.quadratic.propose import design_lure, raise_rate
-from dobc_design.conditions.separable.checks import separable_from_json
-from dobc_design.conditions.separable.claim import Separable
+from dobc_design.conditions.separable.claim import Separable, separable_from_json
 from dobc_design.conditions.separable.decide import largest_rate
 from dobc_design.conditions.separable.observer import first_certificate
 from dobc_design.conditions.separable.propose import design_separable, propose_separable, rounded_vectors

@@ -13,7 +13,7 @@ from dobc_design.certificate.regions import RegionClaim, Regions
 from dobc_design.conditions.quadratic.duals import QuadraticDual
 from dobc_design.conditions.schedule.checks import StageTiming, stage_timings
 from dobc_design.conditions.schedule.settling import Settling
-from dobc_design.conditions.separable.timing import DelayBound, SamplingBound
+from dobc_design.conditions.separable.claim import DelayBound, SamplingBound
 from dobc_design.report.region_figures import plot_envelope, plot_regions
 from dobc_design.report.region_pictures import envelope_picture
 from dobc_design.report.region_stages import HEADS, settling_view, stage_rows

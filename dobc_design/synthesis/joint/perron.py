@@ -8,7 +8,7 @@ from fractions import Fraction
 import numpy as np
 from scipy import sparse
 
-from dobc_design.conditions.consensus.jacobians import ModeJacobian
+from dobc_design.conditions.consensus.claim import ModeJacobian
 from dobc_design.solvers.program import Array
 
 DENSE = 400  # agents up to which all eigenvalues are computed

@@ -15,7 +15,7 @@ from itertools import combinations
 from math import comb
 from typing import Final
 
-from dobc_design.conditions.consensus.jacobians import Jacobians, ModeJacobian
+from dobc_design.conditions.consensus.claim import Jacobians, ModeJacobian
 from dobc_design.conditions.consensus.network import name_agents
 from dobc_design.conditions.statement import Statement
 from dobc_design.exact.number import number_text

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from typing import Any
 
-from dobc_design.conditions.consensus.jacobians import Jacobians, jacobians_at_consensus
+from dobc_design.conditions.consensus.claim import Jacobians, jacobians_at_consensus
 from dobc_design.conditions.consensus.network import name_agents
 from dobc_design.conditions.observer.decide import detectability_check
 from dobc_design.conditions.statement import Statement

@@ -15,8 +15,7 @@ from typing import Any
 import numpy as np
 from scipy import optimize, sparse
 
-from dobc_design.conditions.separable.field import Field, field_of
-from dobc_design.conditions.separable.propose import LARGEST_RADIUS, least_above
+from dobc_design.conditions.separable.propose import LARGEST_RADIUS, Field, field_of, least_above
 from dobc_design.exact.matrix import Vector
 from dobc_design.problem.problem import Problem
 from dobc_design.solvers.program import Array

@@ -10,8 +10,8 @@ from fractions import Fraction
 from math import ceil, isqrt
 from typing import Any
 
+from dobc_design.conditions.consensus.claim import Statements, state_theorems
 from dobc_design.conditions.consensus.negative import Enclosed
-from dobc_design.conditions.consensus.statements import Statements, state_theorems
 from dobc_design.conditions.coverage import asked_radius
 from dobc_design.conditions.separable.claim import acts_by_component
 from dobc_design.conditions.separable.propose_observer import propose_error_bound, radius_needed

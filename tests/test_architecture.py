@@ -27,6 +27,7 @@ NUMBERS, PLOTS = {"numpy", "scipy"}, {"matplotlib", "numpy", "PIL"}  # Pillow, w
 THIRD_PARTY = {
     "_show": {"latex2mathml"},
     "analysis": {"control", "networkx", *NUMBERS},
+    "certificate": {"numpy"},
     "certification": {"numpy"},
     "cli": {"rich", "typer"},
     "conditions": NUMBERS,

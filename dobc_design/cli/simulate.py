@@ -24,7 +24,7 @@ from dobc_design.simulation.signals import Fixed
 from dobc_design.simulation.simulations import simulate
 
 if TYPE_CHECKING:
-    from dobc_design.conditions.schedule.envelopes import CertifiedBound
+    from dobc_design.certificate.bounds import CertifiedBound
     from dobc_design.problem.problem import Problem
     from dobc_design.simulation.ensemble import Ensemble
     from dobc_design.simulation.stress import Stress

@@ -32,7 +32,7 @@ from typing import Any, Final
 
 import numpy as np
 
-from dobc_design.conditions.consensus.jacobians import Jacobians, ModeJacobian, jacobians_at_consensus
+from dobc_design.conditions.consensus.claim import Jacobians, ModeJacobian, jacobians_at_consensus
 from dobc_design.conditions.consensus.negative import TOPS, Enclosed, find_witness, is_negative, refutes
 from dobc_design.conditions.consensus.network import name_agents
 from dobc_design.conditions.statement import Statement

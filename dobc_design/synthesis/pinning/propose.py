@@ -24,7 +24,7 @@ from typing import Any
 import numpy as np
 from scipy import sparse
 
-from dobc_design.conditions.consensus.jacobians import ModeJacobian
+from dobc_design.conditions.consensus.claim import ModeJacobian
 from dobc_design.conditions.consensus.pinning import (
     PROGRAM_ROWS,
     PROGRAM_SIZE,

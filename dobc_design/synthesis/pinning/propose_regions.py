@@ -19,8 +19,7 @@ from scipy import optimize, sparse
 
 from dobc_design.conditions.consensus.estimates import decay_rate
 from dobc_design.conditions.separable.claim import ErrorBound
-from dobc_design.conditions.separable.field import Field, field_of
-from dobc_design.conditions.separable.propose import LARGEST_RADIUS, least_above
+from dobc_design.conditions.separable.propose import LARGEST_RADIUS, Field, field_of, least_above
 from dobc_design.conditions.separable.propose_observer import propose_error_bound, radius_needed
 from dobc_design.exact.matrix import Matrix, Vector
 from dobc_design.problem.problem import Problem

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from small_designs import ring, star
 
-from dobc_design.conditions.consensus.jacobians import jacobians_at_consensus
+from dobc_design.conditions.consensus.claim import jacobians_at_consensus
 from dobc_design.problem.network import Network
 from dobc_design.problem.problem import Problem
 from dobc_design.synthesis.pinning.decide import limit_of, slow_direction, too_fast

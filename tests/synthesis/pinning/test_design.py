@@ -15,9 +15,9 @@ from exact_oracle import Oracle, form, negative_definite
 from random_problems import random_problem
 
 import dobc_design as dd
+from dobc_design.conditions.consensus.claim import state_theorems
 from dobc_design.conditions.consensus.negative import Enclosed
 from dobc_design.conditions.consensus.pinning import for_rate, network_blocks, optimum, smallest_gains
-from dobc_design.conditions.consensus.statements import state_theorems
 from dobc_design.errors import SpecError
 from dobc_design.problem.network import Network
 from dobc_design.problem.problem import Problem

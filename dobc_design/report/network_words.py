@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Iterable, Sequence
 
 from dobc_design.certificate.certificate import Certificate
 from dobc_design.exact.matrix import Matrix, Vector
@@ -11,7 +10,7 @@ from dobc_design.exact.number import number_text
 from dobc_design.problem.network import Arcs
 from dobc_design.problem.problem import Problem
 from dobc_design.problem.words import switching_words
-from dobc_design.report.layout import common_offsets
+from dobc_design.report.document import EVERY, Column, Table, table_of
 from dobc_design.verdict import Verdict
 
 MOST_ROWS = 40  # agents listed one by one
@@ -19,31 +18,24 @@ MOST_MODES = 6
 MOST_NAMES = 12
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class AgentRow:
-    """One agent: its label, gain, goal, and whom it hears in each listed mode, as text."""
-
-    label: str
-    gain: str
-    goal: str
-    hears: tuple[str, ...]
-
-
-def agent_rows(problem: Problem) -> list[AgentRow]:
-    """One row per agent; empty for networks that are too large to list."""
+def agents_table(problem: Problem) -> Table | None:
+    """One row per agent: its gain, goal, and whom it hears in each listed mode; None for networks too large to list."""
     if problem.n > MOST_ROWS:
-        return []
-    modes = list(problem.network.modes.values())[:MOST_MODES]
-    heard = [_heard(arcs, problem.n) for arcs in modes]
-    return [
-        AgentRow(
-            label=problem.network.labels[agent],
-            gain=_gain(problem.pinning.gains.get(agent)),
-            goal=vector_text(problem.goal_of(agent)),
-            hears=tuple(_names(problem, each[agent]) for each in heard),
-        )
-        for agent in range(problem.n)
-    ]
+        return None
+    labels, gains = problem.network.labels, problem.pinning.gains
+    goals = EVERY if problem.offsets else ("markdown",)
+    heard = [(name, _heard(arcs, problem.n)) for name, arcs in list(problem.network.modes.items())[:MOST_MODES]]
+    return table_of(
+        f"Gain k of the pins{', goals' if problem.offsets else ''}, and whom each agent listens to",
+        range(problem.n),
+        (Column(head="agent", width=1.2), lambda i: labels[i]),
+        (Column(head="k in 1/s", width=0.8), lambda i: _gain(gains.get(i))),
+        (Column(head="goal", only=goals), lambda i: vector_text(problem.goal_of(i))),
+        *(
+            (Column(head=f"listens to in {name}", width=2), lambda i, each=each: _names(problem, each[i]))
+            for name, each in heard
+        ),
+    )
 
 
 def mode_sentences(problem: Problem) -> list[tuple[str, str]]:
@@ -134,6 +126,16 @@ def switching_sentence(problem: Problem) -> str | None:
         f"Switching in simulations: {switching_words(problem)}. The run shown here stays in one mode, and the proofs"
         f" {allowed}."
     )
+
+
+def common_offsets(pairs: Iterable[tuple[int, int]], n: int) -> tuple[int, ...] | None:
+    """The steps s with "every agent i listens to i + s (mod n)" when they are all there is, else None.
+
+    ``pairs`` are (listener, speaker), each once.
+    """
+    known = list(pairs)
+    steps = {(speaker - listener) % n for listener, speaker in known}
+    return tuple(sorted(steps)) if known and len(known) == n * len(steps) else None
 
 
 def unreached_agents(certificate: Certificate, mode: str) -> set[int]:

@@ -5,13 +5,28 @@ from __future__ import annotations
 import hashlib
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, Final
+from typing import Final
 
 from dobc_design.certificate import text as certificate_text
 from dobc_design.certificate.certificate import Certificate
 from dobc_design.conditions.check import Check
 from dobc_design.conditions.explanations import EXPLANATIONS
 from dobc_design.problem import canonical
+from dobc_design.report.document import (
+    PAGES,
+    READ,
+    TEXTS,
+    Code,
+    Column,
+    Facts,
+    Name,
+    Only,
+    Own,
+    Section,
+    Signatures,
+    Text,
+    table_of,
+)
 from dobc_design.report.formulas import rational
 from dobc_design.report.words import CHECKS
 from dobc_design.verdict import Verdict
@@ -45,85 +60,112 @@ DECIDED_IN: Final[dict[str, tuple[tuple[str, ...], str]]] = {
 #: Options of `dobc certify` that change a certificate or its report; what a file says beside them is not repeated.
 SWITCHES: Final = ("--all", "--search")
 SETTLING: Final = "--settling "
-#: People who sign a printed report.
-ROLES: Final = ("Prepared by", "Checked by", "Approved by")
-SIGNED: Final = ("Name", "Date", "Signature")
-TRACED: Final = (
+_TRACED: Final = (
     "Every condition that was checked: what it says, where it stands in the paper or in the theory beside it, which"
     " module of dobc_design decided it here, and which file of the lone checker decides it once more, in plain Python"
     " that shares nothing with the package."
 )
-MADE_WITH: Final = (
+_MADE_WITH: Final = (
     "The command has the options that the certificate was made with. The fingerprint is that of the file as dobc_design"
     " writes it."
 )
-SIGNING: Final = (
+_BOTH_FILES: Final = (
+    "The files certificate.json and problem.json lie beside this page. This decides every claim again in exact"
+    " arithmetic:"
+)
+_TRUSTS: Final = (
+    "It trusts the problem file and believes nothing of the certificate: margins, rates, witnesses and the overall"
+    " verdict are all proved anew. With nothing but Python, and none of this package, the lone checker (checker.py with"
+    " region_checker.py, quadratic_checker.py and groups_checker.py beside it) does the same:"
+)
+_DECIDES: Final = (
+    "This decides every claim again in exact arithmetic, against the problem file, which it trusts.\n"
+    "With nothing but Python, and none of this package, the lone checker (four files) does the same:"
+)
+_SIGNING: Final = (
     "Who signs says which problem and which certificate it is about: the fingerprints above. What is proved needs no"
     " signature; that the model fits the plant does."
 )
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class TraceRow:
-    """One condition: what it is in words, where it stands, who decides it; everything is plain text."""
-
-    id: str
-    name: str
-    meaning: str
-    source: str
-    modules: tuple[str, ...]
-    checker: str
-    found: str
-
-    @property
-    def cells(self) -> tuple[str, ...]:
-        """In the order of TRACE_HEADS."""
-        name = f"{self.name} ({self.id})"
-        return (name, self.meaning, self.source, ", ".join(self.modules), self.checker, self.found)
-
-
-TRACE_HEADS: Final = ("check", "condition in words", "where it stands", "decided in", "decided again in", "found here")
-
-
-def trace_rows(checks: Sequence[Check]) -> list[TraceRow]:
+def trace_section(checks: Sequence[Check]) -> Section:
     """One row per condition of the certificate, in its order, without those that this version does not know."""
-    return [_row(id, checks) for id in dict.fromkeys(check.id for check in checks) if id in DECIDED_IN]
+    table = table_of(
+        "Every condition, its source, and where it is decided",
+        [id for id in dict.fromkeys(check.id for check in checks) if id in DECIDED_IN],
+        (Column(head="check", width=1.2, only=TEXTS), lambda id: f"{CHECKS[id][0]} ({id})"),
+        (Column(head="check", width=1.2, only=PAGES), lambda id: Name((CHECKS[id][0],), id=id)),
+        (Column(head="condition in words", width=1.9), lambda id: EXPLANATIONS[id].meaning),
+        (Column(head="where it stands", width=1.2), lambda id: EXPLANATIONS[id].source),
+        (Column(head="decided in", width=1.4, style="code"), lambda id: ", ".join(DECIDED_IN[id][0])),
+        (Column(head="decided again in", width=1.1, style="code"), lambda id: DECIDED_IN[id][1]),
+        (Column(head="found here", width=0.8), lambda id: _found(id, checks)),
+    )
+    blocks = (Only(READ, (Text(Own(_TRACED)),)), table)
+    return Section(name="traceability", title="Traceability", short="Traceability", blocks=blocks)
 
 
-def _row(id: str, checks: Sequence[Check]) -> TraceRow:
-    modules, checker = DECIDED_IN[id]
-    known = EXPLANATIONS[id]
+def _found(id: str, checks: Sequence[Check]) -> str:
     counts = [(each, sum(check.id == id and check.verdict is each for check in checks)) for each in Verdict]
-    found = [each.value if count == 1 else f"{count} × {each.value}" for each, count in counts if count]
-    return TraceRow(
-        id=id,
-        name=CHECKS[id][0],
-        meaning=known.meaning,
-        source=known.source,
-        modules=modules,
-        checker=checker,
-        found=", ".join(found),
+    return ", ".join(each.value if count == 1 else f"{count} × {each.value}" for each, count in counts if count)
+
+
+def recheck_section(certificate: Certificate, again: Reproduction) -> Section:
+    """The commands that decide the certificate again and make it again, and what it was made from."""
+    verify, alone, certify = (Code((line,), command=True) for line in (again.verify, again.alone, again.certify))
+    identity = (("problem", certificate.claims.problem_name), *again.prints, *again.versions)
+    return Section(
+        name="recheck",
+        title="Check it yourself",
+        short="Check it yourself",
+        blocks=(
+            Only(PAGES, (Text(_BOTH_FILES),)),
+            verify,
+            Only(("markdown",), (Text(Own(_DECIDES)),)),
+            Only(PAGES, (Text(_TRUSTS),)),
+            alone,
+            Text("To make the certificate again, byte for byte with the same version:"),
+            certify,
+            Text(Own(_MADE_WITH)),
+            Only(PAGES, (Text("Compare the problem with the one you meant. The fingerprints and versions are"),)),
+            Facts(identity),
+        ),
     )
 
 
-def reproduction(certificate: Certificate) -> dict[str, Any]:
-    """What somebody needs to make and to check the same certificate again: fingerprints, versions, commands."""
+def signatures_section() -> Section:
+    """Lines for the people who sign a printed report."""
+    lines = Signatures(("Name", "Date", "Signature"), ("Prepared by", "Checked by", "Approved by"))
+    return Section(name="signatures", title="Signatures", short="Signatures", blocks=(Text(_SIGNING), lines))
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Reproduction:
+    """What somebody needs to make and to check a certificate again: fingerprints, versions, commands."""
+
+    prints: tuple[tuple[str, str], ...]
+    versions: tuple[tuple[str, str], ...]
+    certify: str
+    verify: str = "dobc verify certificate.json --problem problem.json"
+    alone: str = "python -I -S checker.py certificate.json problem.json"
+
+
+def reproduction(certificate: Certificate) -> Reproduction:
+    """How to make and to check the same certificate again."""
     claims = certificate.claims
     data = certificate_text.certificate_bytes(claims)
-    return {
-        "fingerprints": [
-            ("problem.json", claims.problem_sha256),
-            ("certificate.json", hashlib.sha256(data).hexdigest()),
-        ],
-        "versions": [
+    return Reproduction(
+        prints=(
+            ("SHA-256 of problem.json", claims.problem_sha256),
+            ("SHA-256 of certificate.json", hashlib.sha256(data).hexdigest()),
+        ),
+        versions=(
             ("program", f"dobc_design {claims.version}"),
             ("certificate format", f"{certificate_text.FORMAT} {certificate_text.VERSION}"),
             ("problem format", f"{canonical.FORMAT} {canonical.VERSION}"),
-        ],
-        "certify": _certify_command(claims.options, certificate.checks),
-        "verify": "dobc verify certificate.json --problem problem.json",
-        "alone": "python -I -S checker.py certificate.json problem.json",
-    }
+        ),
+        certify=_certify_command(claims.options, certificate.checks),
+    )
 
 
 def _certify_command(options: Sequence[str], checks: Sequence[Check]) -> str:
@@ -139,13 +181,12 @@ def _certify_command(options: Sequence[str], checks: Sequence[Check]) -> str:
     return " ".join(["dobc certify problem.json", *known, *(f"{SETTLING}{x}" for x in tolerances[:1]), "--out again"])
 
 
-def title_block(certificate: Certificate, again: dict[str, Any]) -> list[tuple[str, str]]:
+def title_block(certificate: Certificate, again: Reproduction) -> tuple[tuple[str, str], ...]:
     """What identifies a signed report, on its first page."""
-    prints = [(f"SHA-256 of {name}", value) for name, value in again["fingerprints"]]
-    program, file_format, _ = again["versions"]
-    return [
+    (_, program), (_, file_format), _ = again.versions
+    return (
         ("Problem", certificate.claims.problem_name),
         ("Verdict", certificate.verdict.value),
-        *prints,
-        ("Decided by", f"{program[1]}, {file_format[1]}"),
-    ]
+        *again.prints,
+        ("Decided by", f"{program}, {file_format}"),
+    )

@@ -10,6 +10,7 @@ from dobc_design._show.text import significant, significant_towards_zero
 from dobc_design.certificate.certificate import Certificate
 from dobc_design.conditions.check import Check, Domain
 from dobc_design.problem.problem import Problem
+from dobc_design.report.document import Mark
 from dobc_design.verdict import Verdict
 
 SYMBOLS = {Verdict.PROVED: "✓", Verdict.REFUTED: "✗", Verdict.UNDECIDED: "?"}
@@ -86,6 +87,11 @@ _RAISED = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 TIMED = ("delay", "sampling")
 _IDEAL = "messages without delay, noise or quantisation"
 _TIMED = "messages without noise or quantisation; late messages and sampling as far as their checks say"
+
+
+def mark_of(verdict: Verdict) -> Mark:
+    """A verdict as a sign and a word."""
+    return Mark(SYMBOLS[verdict], verdict.value)
 
 
 def check_name(check: Check) -> str:

@@ -7,10 +7,16 @@ from xml.etree import ElementTree
 import numpy as np
 import pytest
 
+from dobc_design.plotting import axes
 from dobc_design.report import figures
-from dobc_design.report.drawing import draw_network, drawn_labels
-from dobc_design.report.layout import common_offsets, positions
-from dobc_design.report.svg import svg_text
+from dobc_design.report.document import Picture
+from dobc_design.report.drawing import draw_network, drawn_labels, positions
+from dobc_design.report.network_words import common_offsets
+from dobc_design.report.pictures import svg_of
+
+
+def svg_text(draw, *, name, alt):
+    return svg_of(Picture(name=name, title="", caption="", alt=alt, draw=draw))
 
 
 def ring(n: int) -> list[tuple[int, int]]:
@@ -91,11 +97,11 @@ def test_an_error_of_zero_and_one_that_grows_can_be_drawn():
 
 
 def test_long_series_are_thinned_and_keep_their_ends():
-    rows = figures.thinned_rows(100_000)
-    assert (len(rows), rows[0], rows[-1]) == (figures.MOST_POINTS, 0, 99_999)
-    assert figures.thinned_rows(3).tolist() == [0, 1, 2]
-    shown = figures.shown_agents(1000, {500, 700})
-    assert len(shown) == figures.MOST_AGENTS
+    rows = axes.thinned_rows(100_000)
+    assert (len(rows), rows[0], rows[-1]) == (axes.MOST_POINTS, 0, 99_999)
+    assert axes.thinned_rows(3).tolist() == [0, 1, 2]
+    shown = axes.shown_agents(1000, {500, 700})
+    assert len(shown) == axes.MOST_AGENTS
     assert {500, 700} <= set(shown)
 
 
@@ -117,4 +123,4 @@ def test_names_are_not_read_as_mathematics():
 
 
 def test_powers_of_ten_are_written_out():
-    assert [figures.power_of_ten(10.0**k) for k in (-3, -1, 0, 1, 12)] == ["10⁻³", "0.1", "1", "10", "10¹²"]
+    assert [axes.power_of_ten(10.0**k) for k in (-3, -1, 0, 1, 12)] == ["10⁻³", "0.1", "1", "10", "10¹²"]

@@ -8,21 +8,7 @@ from typing import Any
 from dobc_design._show.text import significant_towards_zero
 from dobc_design.conditions.check import Check, Fix, Witness, main_cure, other_cures
 from dobc_design.problem.typed import change_lines
-from dobc_design.report.document import (
-    PAGES,
-    READ,
-    Code,
-    Column,
-    Name,
-    Only,
-    Own,
-    Reason,
-    Section,
-    Table,
-    Terms,
-    Text,
-    table_of,
-)
+from dobc_design.report import document as doc
 from dobc_design.report.network_words import names_in_words
 from dobc_design.report.words import CHECKS, capitalize_first, check_name, domain_words, mark_of
 from dobc_design.verdict import Verdict
@@ -37,7 +23,7 @@ _ORDER = {Verdict.REFUTED: 0, Verdict.UNDECIDED: 1, Verdict.PROVED: 2}
 _EXACT = {"bound": "λmax(Λ) must be below", "value": "v′Λv", "routh": "first column of Routh’s table"}
 
 
-def cure_section(checks: Sequence[Check]) -> Iterator[Section]:
+def cure_section(checks: Sequence[Check]) -> Iterator[doc.Section]:
     """The cure that everything else waits for, in words and as lines of the problem file; nothing without one."""
     check = main_cure(checks)
     if check is None or check.fix is None:
@@ -48,40 +34,40 @@ def cure_section(checks: Sequence[Check]) -> Iterator[Section]:
     lines = _fix_lines(check.fix)
     told = f"Proved with the very conditions that failed. To write the cured problem: `{CURE_COMMAND}`"
     decided = "The cured problem was decided by the very conditions that failed. This command writes it to a file:"
-    yield Section(
+    yield doc.Section(
         name="cure",
         title=head,
         short="Cure",
         blocks=(
-            Text(_cut(check.fix.text)),
-            *((Text("In the problem file:"), Code(lines)) if lines else ()),
-            Only(("markdown",), (Text(Own(told)),)),
-            Only(PAGES, (Text(decided), Code((CURE_COMMAND,), command=True))),
+            doc.Text(_cut(check.fix.text)),
+            *((doc.Text("In the problem file:"), doc.Code(lines)) if lines else ()),
+            doc.Only(("markdown",), (doc.Text(doc.Own(told)),)),
+            doc.Only(doc.PAGES, (doc.Text(decided), doc.Code((CURE_COMMAND,), command=True))),
         ),
     )
 
 
-def checks_section(checks: Sequence[Check]) -> Section:
+def checks_section(checks: Sequence[Check]) -> doc.Section:
     """Every check with its verdict, numbers and reason, and what the conditions decide."""
     table, hidden = checks_table(checks)
     present = dict.fromkeys(check.id for check in checks)
     rests = "“Proved” and “refuted” rest on exact arithmetic alone.\n"
     cut = "Margins and rates are in 1/s and cut towards zero: they hold as printed."
-    terms = Terms(tuple((CHECKS[id][0], id, f"{CHECKS[id][1]}.") for id in present if id in CHECKS))
-    return Section(
+    terms = doc.Terms(tuple((CHECKS[id][0], id, f"{CHECKS[id][1]}.") for id in present if id in CHECKS))
+    return doc.Section(
         name="checks",
         title="What was checked",
         short="Checks",
         blocks=(
-            Only(READ, (Text(Own(rests + cut)),)),
+            doc.Only(doc.READ, (doc.Text(doc.Own(rests + cut)),)),
             table,
-            *((Text(hidden),) if hidden else ()),
-            Only(("html", "markdown"), (Section(title="What the conditions decide", blocks=(terms,)),)),
+            *((doc.Text(hidden),) if hidden else ()),
+            doc.Only(("html", "markdown"), (doc.Section(title="What the conditions decide", blocks=(terms,)),)),
         ),
     )
 
 
-def checks_table(checks: Sequence[Check], *, most: int = MOST_ROWS) -> tuple[Table, str | None]:
+def checks_table(checks: Sequence[Check], *, most: int = MOST_ROWS) -> tuple[doc.Table, str | None]:
     """The checks as rows; of very many, those not proved first, and a sentence about the others."""
     own_cures = {id(each) for each in other_cures(checks)}
     chosen = sorted(sorted(range(len(checks)), key=lambda i: (_ORDER[checks[i].verdict], i))[:most])
@@ -89,39 +75,42 @@ def checks_table(checks: Sequence[Check], *, most: int = MOST_ROWS) -> tuple[Tab
     counts = [(verdict, sum(check.verdict is verdict for check in hidden)) for verdict in _ORDER]
     told = ", ".join(f"{count} {verdict.value}" for verdict, count in counts if count)
     note = f"{len(checks)} checks were made; {len(hidden)} of them ({told}) are in certificate.json only."
-    table = table_of(
+    table = doc.table_of(
         "Checks with verdict, domain, margin, rate and reason",
         [checks[i] for i in chosen],
-        (Column(head="verdict", width=0), lambda check: mark_of(check.verdict)),
-        (Column(head="condition", width=1.5), _name),
-        (Column(head="id", only=("markdown",)), lambda check: check.id),
-        (Column(head="where", width=1.1), lambda check: domain_words(check.domain)),
+        (doc.Column(head="verdict", width=0), lambda check: mark_of(check.verdict)),
+        (doc.Column(head="condition", width=1.5), _name),
+        (doc.Column(head="id", only=("markdown",)), lambda check: check.id),
+        (doc.Column(head="where", width=1.1), lambda check: domain_words(check.domain)),
         (
-            Column(head="margin", unit="1/s", width=0.8, style="number"),
+            doc.Column(head="margin", unit="1/s", width=0.8, style="number"),
             lambda check: significant_towards_zero(check.margin),
         ),
         (
-            Column(head="rate", unit="1/s", width=0.8, style="number"),
+            doc.Column(head="rate", unit="1/s", width=0.8, style="number"),
             lambda check: significant_towards_zero(check.rate),
         ),
-        (Column(head="reason", width=3, style="why", only=READ), lambda check: _reason(check, id(check) in own_cures)),
-        (Column(head="reason", width=3, only=("latex",)), _brief_reason),
+        (
+            doc.Column(head="reason", width=3, style="why", only=doc.READ),
+            lambda check: _reason(check, id(check) in own_cures),
+        ),
+        (doc.Column(head="reason", width=3, only=("latex",)), _brief_reason),
         cards=True,
     )
     return table, note if hidden else None
 
 
-def _name(check: Check) -> Name:
+def _name(check: Check) -> doc.Name:
     mode = () if check.mode is None else (f"mode {check.mode}",)
     group = () if check.group is None else (f"group of agent {check.group}",)
-    return Name((check_name(check), *mode, *group), id=check.id)
+    return doc.Name((check_name(check), *mode, *group), id=check.id)
 
 
-def _reason(check: Check, own_cure: bool) -> Reason:
+def _reason(check: Check, own_cure: bool) -> doc.Reason:
     """Everything that is said about a check; a cure that stands above the table or in another row is pointed to."""
     details = [*_exact(check)] + ([] if check.witness is None else [_witness(check.witness, check.id)])
     fix = check.fix
-    return Reason(
+    return doc.Reason(
         text=capitalize_first(_cut(check.reason)),
         details=tuple(details),
         cure=None if fix is None else _cut(fix.text) if own_cure else POINTER,

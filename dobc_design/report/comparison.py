@@ -14,26 +14,7 @@ from dobc_design.certificate.certificate import Certificate
 from dobc_design.conditions.check import Check
 from dobc_design.problem.canonical import canonical_document
 from dobc_design.problem.problem import Problem
-from dobc_design.report.document import (
-    PAGES,
-    Beside,
-    Block,
-    Box,
-    Cell,
-    Column,
-    Document,
-    List,
-    Mark,
-    Name,
-    Only,
-    Picture,
-    Pictures,
-    Section,
-    Strong,
-    Table,
-    Text,
-    table_of,
-)
+from dobc_design.report import document as doc
 from dobc_design.report.network_words import pin_sentence, size_sentence
 from dobc_design.report.pictures import network_pictures
 from dobc_design.report.region_words import region_rows
@@ -52,43 +33,43 @@ LONGEST = 160  # characters of a value
 TABLES = ("exosystem", "observer", "region", "switching", "simulation")
 
 
-def comparison_document(first: Certificate, second: Certificate) -> Document:
+def comparison_document(first: Certificate, second: Certificate) -> doc.Document:
     """Both certificates as one document."""
     both = (first, second)
     a, b = (each.problem.name for each in both)
     changed, count = differences(first.problem, second.problem)
     told = _difference_sentence(count)
-    summary = table_of(
+    summary = doc.table_of(
         "Facts about both certificates",
         FACTS,
-        (Column(head=""), lambda fact: fact[0]),
-        (Column(head="A"), lambda fact: fact[1](first)),
-        (Column(head="B"), lambda fact: fact[1](second)),
+        (doc.Column(head=""), lambda fact: fact[0]),
+        (doc.Column(head="A"), lambda fact: fact[1](first)),
+        (doc.Column(head="B"), lambda fact: fact[1](second)),
     )
-    keys = table_of(
+    keys = doc.table_of(
         "Keys of the problem file whose values differ",
         changed,
-        (Column(head="key", width=1.2), lambda each: each.key),
-        (Column(head="A", style="why"), lambda each: each.first),
-        (Column(head="B", style="why"), lambda each: each.second),
+        (doc.Column(head="key", width=1.2), lambda each: each.key),
+        (doc.Column(head="A", style="why"), lambda each: each.first),
+        (doc.Column(head="B", style="why"), lambda each: each.second),
     )
     verdicts = tuple(
-        (Strong(letter), f", {each.problem.name}: {mark_of(each.verdict)}. {each.reason}")
+        (doc.Strong(letter), f", {each.problem.name}: {mark_of(each.verdict)}. {each.reason}")
         for letter, each in zip(SIDES, both, strict=True)
     )
-    blocks: tuple[Block, ...] = (
-        Only(("markdown",), (List(verdicts), summary)),
-        Only(
-            PAGES,
+    blocks: tuple[doc.Block, ...] = (
+        doc.Only(("markdown",), (doc.List(verdicts), summary)),
+        doc.Only(
+            doc.PAGES,
             (
-                Section(
+                doc.Section(
                     name="certificates",
                     title="The two certificates",
                     short="Facts",
                     blocks=(
-                        Beside(tuple((_box(letter, each),) for letter, each in zip(SIDES, both, strict=True))),
+                        doc.Beside(tuple((_box(letter, each),) for letter, each in zip(SIDES, both, strict=True))),
                         replace(summary, marked=_different(summary)),
-                        Text(
+                        doc.Text(
                             "Marked rows differ. Rates are cut towards zero, so that they hold as printed.", "caption"
                         ),
                         *_notes(both),
@@ -96,21 +77,21 @@ def comparison_document(first: Certificate, second: Certificate) -> Document:
                 ),
             ),
         ),
-        Section(
+        doc.Section(
             name="differences",
             title="What differs between the problems",
             short="Problems",
-            blocks=(Text(told), *((keys,) if changed else ()), *comparison_pictures(first, second)),
+            blocks=(doc.Text(told), *((keys,) if changed else ()), *comparison_pictures(first, second)),
         ),
         _checks(first, second),
         *_regions(first, second),
-        Only(PAGES, (_recheck(),)),
+        doc.Only(doc.PAGES, (_recheck(),)),
     )
-    return Document(
+    return doc.Document(
         kind="Two certificates of consensus, side by side",
         name=f"{a} and {b}, compared",
         title=f"{a} and {b}, compared",
-        verdict=Box(mark=Mark("", "compared"), word=conclusion(first, second), reason=told),
+        verdict=doc.Box(mark=doc.Mark("", "compared"), word=conclusion(first, second), reason=told),
         identity=tuple(row for letter, each in zip(SIDES, both, strict=True) for row in _identity(letter, each)),
         footer=f"A: {_short(a)} · B: {_short(b)}, compared",
         blocks=blocks,
@@ -157,13 +138,13 @@ FACTS: tuple[tuple[str, Callable[[Certificate], str]], ...] = (
 )
 
 
-def _different(table: Table) -> frozenset[int]:
+def _different(table: doc.Table) -> frozenset[int]:
     """Rows of a table of names and two values, where these differ."""
     return frozenset(place for place, (_, a, b) in enumerate(table.rows) if a != b)
 
 
-def _box(letter: str, certificate: Certificate) -> Box:
-    return Box(
+def _box(letter: str, certificate: Certificate) -> doc.Box:
+    return doc.Box(
         mark=mark_of(certificate.verdict),
         word=certificate.verdict.value.capitalize(),
         reason=certificate.reason,
@@ -172,13 +153,13 @@ def _box(letter: str, certificate: Certificate) -> Box:
     )
 
 
-def _notes(both: Sequence[Certificate]) -> Iterator[Block]:
+def _notes(both: Sequence[Certificate]) -> Iterator[doc.Block]:
     for letter, each in zip(SIDES, both, strict=True):
         if each.claims.notes:
-            yield Section(title=f"Notes of {letter}", blocks=(List(each.claims.notes[:MOST_NOTES]),))
+            yield doc.Section(title=f"Notes of {letter}", blocks=(doc.List(each.claims.notes[:MOST_NOTES]),))
 
 
-def _checks(first: Certificate, second: Certificate) -> Section:
+def _checks(first: Certificate, second: Certificate) -> doc.Section:
     """Every check that one of them has, in the order of A, then those that only B has; marked where they differ."""
     sides = [{(check.id, check.mode): check for check in each.checks} for each in (first, second)]
     pairs = [(sides[0].get(key), sides[1].get(key)) for key in dict.fromkeys([*sides[0], *sides[1]])]
@@ -187,9 +168,9 @@ def _checks(first: Certificate, second: Certificate) -> Section:
     )
     hidden = len(pairs) - MOST_ROWS
     columns = (
-        Column(head="condition", width=2.2),
-        *(Column(head=side, width=0) for side in SIDES),
-        *(Column(head=f"{what} {side}", style="number") for what in ("margin", "rate") for side in SIDES),
+        doc.Column(head="condition", width=2.2),
+        *(doc.Column(head=side, width=0) for side in SIDES),
+        *(doc.Column(head=f"{what} {side}", style="number") for what in ("margin", "rate") for side in SIDES),
     )
     rows = tuple(
         (_name(pair), *(part(each) for part in (_verdict, _margin, _check_rate) for each in pair))
@@ -197,24 +178,24 @@ def _checks(first: Certificate, second: Certificate) -> Section:
     )
     marked = frozenset(place for place, (_, *cells) in enumerate(rows) if cells[::2] != cells[1::2])
     caption = "Checks of both certificates with verdict, margin and rate"
-    return Section(
+    return doc.Section(
         name="checks",
         title="What was checked",
         short="Checks",
         blocks=(
-            Table(caption=caption, columns=columns, rows=rows, marked=marked),
-            *((Only(PAGES, (Text(f"And {hidden} more, in the certificates."),)),) if hidden > 0 else ()),
-            Only(PAGES, (Text(f"{told} no such number.", "caption"),)),
+            doc.Table(caption=caption, columns=columns, rows=rows, marked=marked),
+            *((doc.Only(doc.PAGES, (doc.Text(f"And {hidden} more, in the certificates."),)),) if hidden > 0 else ()),
+            doc.Only(doc.PAGES, (doc.Text(f"{told} no such number.", "caption"),)),
         ),
     )
 
 
-def _name(pair: Sequence[Check | None]) -> Name:
+def _name(pair: Sequence[Check | None]) -> doc.Name:
     check = next(each for each in pair if each is not None)
-    return Name((check_name(check),) if check.mode is None else (check_name(check), f"mode {check.mode}"))
+    return doc.Name((check_name(check),) if check.mode is None else (check_name(check), f"mode {check.mode}"))
 
 
-def _verdict(check: Check | None) -> Cell:
+def _verdict(check: Check | None) -> doc.Cell:
     return ABSENT if check is None else mark_of(check.verdict)
 
 
@@ -230,7 +211,7 @@ def _rate(value: float | None) -> str:
     return typeset(significant_towards_zero(value))
 
 
-def _regions(first: Certificate, second: Certificate) -> Iterator[Section]:
+def _regions(first: Certificate, second: Certificate) -> Iterator[doc.Section]:
     """The certified starts of every method that says something about starts."""
     starts = [
         {row.name: row.starts for row in region_rows(each.regions)} if each.regions.tried else {}
@@ -238,23 +219,23 @@ def _regions(first: Certificate, second: Certificate) -> Iterator[Section]:
     ]
     names = dict.fromkeys([*starts[0], *starts[1]])
     if names:
-        table = table_of(
+        table = doc.table_of(
             "Certified starts, method by method",
             names,
-            (Column(head="method"), lambda name: name),
-            (Column(head="A", width=1.3), lambda name: starts[0].get(name, ABSENT)),
-            (Column(head="B", width=1.3), lambda name: starts[1].get(name, ABSENT)),
+            (doc.Column(head="method"), lambda name: name),
+            (doc.Column(head="A", width=1.3), lambda name: starts[0].get(name, ABSENT)),
+            (doc.Column(head="B", width=1.3), lambda name: starts[1].get(name, ABSENT)),
         )
         marked = replace(table, marked=_different(table))
-        yield Section(name="starts", title="From which starts", short="Starts", blocks=(marked,))
+        yield doc.Section(name="starts", title="From which starts", short="Starts", blocks=(marked,))
 
 
-def _recheck() -> Section:
+def _recheck() -> doc.Section:
     told = (
         "These pages show what the two certificates claim. For each of them, dobc verify certificate.json --problem"
         " problem.json decides every claim again in exact arithmetic."
     )
-    return Section(name="recheck", title="Check it yourself", short="Check it yourself", blocks=(Text(told),))
+    return doc.Section(name="recheck", title="Check it yourself", short="Check it yourself", blocks=(doc.Text(told),))
 
 
 def _identity(letter: str, certificate: Certificate) -> Iterator[tuple[str, str]]:
@@ -269,7 +250,7 @@ def _difference_sentence(count: int) -> str:
     return text if count <= MOST_DIFFERENCES else f"{text} The first {MOST_DIFFERENCES} are listed."
 
 
-def comparison_pictures(first: Certificate, second: Certificate) -> Iterator[Block]:
+def comparison_pictures(first: Certificate, second: Certificate) -> Iterator[doc.Block]:
     """The networks of A and of B beside each other; none where they are the same or too large."""
     if first.problem.network == second.problem.network and first.problem.pinning == second.problem.pinning:
         return
@@ -278,10 +259,10 @@ def comparison_pictures(first: Certificate, second: Certificate) -> Iterator[Blo
         for letter, each in zip(SIDES, (first, second), strict=True)
     ]
     if all(sides):
-        yield Only(PAGES, (Beside(tuple((Pictures(side, small=True),) for side in sides)),))
+        yield doc.Only(doc.PAGES, (doc.Beside(tuple((doc.Pictures(side, small=True),) for side in sides)),))
 
 
-def _renamed(picture: Picture, letter: str) -> Picture:
+def _renamed(picture: doc.Picture, letter: str) -> doc.Picture:
     """The same drawing with identifiers of its own, since both stand on one page."""
     return replace(picture, name=f"{letter}-{picture.name}", title=f"{letter}: {picture.title}")
 

@@ -8,32 +8,12 @@ from typing import TYPE_CHECKING
 from dobc_design._show.text import latex_number, significant_towards_zero
 from dobc_design.certificate.certificate import Certificate
 from dobc_design.exact.matrix import Matrix
-from dobc_design.plotting.axes import thinned_rows
+from dobc_design.plotting.look import thinned_rows
 from dobc_design.problem.problem import Problem
+from dobc_design.report import document as doc
 from dobc_design.report import formulas, pictures
 from dobc_design.report import network_words as nw
 from dobc_design.report.checks import checks_section, cure_section
-from dobc_design.report.document import (
-    PAGES,
-    TEXTS,
-    Beside,
-    Block,
-    Box,
-    Column,
-    Document,
-    Facts,
-    Formula,
-    List,
-    Math,
-    Matrices,
-    Only,
-    Pictures,
-    Section,
-    Terms,
-    Text,
-    Words,
-    table_of,
-)
 from dobc_design.report.region_words import region_section, settling_section
 from dobc_design.report.search_words import search_sections
 from dobc_design.report.tracing import recheck_section, reproduction, signatures_section, title_block, trace_section
@@ -85,7 +65,7 @@ def report_document(
     timings: Sequence[StageTiming] = (),
     searches: Sequence[Falsification] = (),
     limits: Sequence[QuadraticDual] = (),
-) -> Document:
+) -> doc.Document:
     """The document.
 
     ``analysis`` and ``trajectory`` are shown where they are given.  ``lambdas``: mode -> Lambda(J) at the consensus,
@@ -93,12 +73,12 @@ def report_document(
     counterexamples; ``limits`` of quadratic certificates.
     """
     problem, again, verdict = certificate.problem, reproduction(certificate), certificate.verdict
-    box = Box(
+    box = doc.Box(
         mark=mark_of(verdict), word=verdict.value.capitalize(), reason=certificate.reason, facts=_facts(certificate)
     )
     identity = title_block(certificate, again)
-    blocks: list[Block] = [
-        Only(("markdown",), (Facts((*identity, *box.facts)),)),
+    blocks: list[doc.Block] = [
+        doc.Only(("markdown",), (doc.Facts((*identity, *box.facts)),)),
         *cure_section(certificate.checks),
         *_meaning(certificate),
         _problem(problem),
@@ -117,7 +97,7 @@ def report_document(
         _glossary(),
         signatures_section(),
     ]
-    return Document(
+    return doc.Document(
         kind="Certificate of consensus",
         name=problem.name,
         title=f"{problem.name}: {verdict.value}",
@@ -143,18 +123,18 @@ def _facts(certificate: Certificate) -> tuple[tuple[str, str], ...]:
     return tuple(facts)
 
 
-def _meaning(certificate: Certificate) -> Iterator[Section]:
+def _meaning(certificate: Certificate) -> Iterator[doc.Section]:
     yes, no = what_it_means(certificate)
-    says = Section(title="It says", blocks=(List(tuple(yes)),))
-    says_not = Section(title="It does not say", blocks=(List(tuple(no)),))
+    says = doc.Section(title="It says", blocks=(doc.List(tuple(yes)),))
+    says_not = doc.Section(title="It does not say", blocks=(doc.List(tuple(no)),))
     title = "What this says, and what it does not"
-    yield Section(name="meaning", title=title, short="Meaning", blocks=(Beside(((says,), (says_not,))),))
+    yield doc.Section(name="meaning", title=title, short="Meaning", blocks=(doc.Beside(((says,), (says_not,))),))
     notes = certificate.claims.notes[:MOST_NOTES] or ("Nothing was assumed or designed beyond the problem file.",)
     title = "What was given, assumed and designed"
-    yield Section(name="assumptions", title=title, short="Assumptions", blocks=(List(notes),))
+    yield doc.Section(name="assumptions", title=title, short="Assumptions", blocks=(doc.List(notes),))
 
 
-def _problem(problem: Problem) -> Section:
+def _problem(problem: Problem) -> doc.Section:
     """The problem in a few sentences, and its equations with the numbers of the paper."""
     given = (
         nw.size_sentence(problem),
@@ -167,167 +147,172 @@ def _problem(problem: Problem) -> Section:
     coupling, target = formulas.coupling_latex(problem.coupling), formulas.target_latex(problem)
     letters = "h(y)" if problem.coupling.by_component else "h(y) by components"
     plain = f"{letters} = {', '.join(problem.coupling.texts)}"
-    lists: list[Block] = []
+    lists: list[doc.Block] = []
     for head, sentences in (
         ("Each agent has the A, C and W of its group:", nw.group_sentences(problem)),
         ("Arcs with a coupling of their own:", nw.exception_sentences(problem)),
     ):
         if sentences:
-            lists += [Text(head), List(tuple(sentences))]
-    return Section(
+            lists += [doc.Text(head), doc.List(tuple(sentences))]
+    return doc.Section(
         name="problem",
         title="The problem",
         short="Problem",
         blocks=(
-            Text(" ".join(filter(None, given))),
-            *(Formula(latex=latex, label=name, number=number, typst=name + disturbed) for name, latex, number in loop),
-            Only(("markdown",), (Text("Coupling and target:"),)),
-            Only(TEXTS, (Formula(latex=coupling), Formula(latex=target))),
-            Only(("html",), (Formula(latex=coupling, label="coupling"), Formula(latex=target, label="target"))),
-            Only(("pdf",), (Facts((("coupling", plain), ("target", nw.vector_text(problem.target)))),)),
-            Text(_letters(problem)),
+            doc.Text(" ".join(filter(None, given))),
+            *(
+                doc.Formula(latex=latex, label=name, number=number, typst=name + disturbed)
+                for name, latex, number in loop
+            ),
+            doc.Only(("markdown",), (doc.Text("Coupling and target:"),)),
+            doc.Only(doc.TEXTS, (doc.Formula(latex=coupling), doc.Formula(latex=target))),
+            doc.Only(
+                ("html",), (doc.Formula(latex=coupling, label="coupling"), doc.Formula(latex=target, label="target"))
+            ),
+            doc.Only(("pdf",), (doc.Facts((("coupling", plain), ("target", nw.vector_text(problem.target)))),)),
+            doc.Text(_letters(problem)),
             *lists,
         ),
     )
 
 
-def _letters(problem: Problem) -> Words:
+def _letters(problem: Problem) -> doc.Words:
     """What the letters of the equations mean."""
-    formation = (" Agents keep their formation: ", Math("x_i", "x_i"), " is measured from the offset of agent i.")
+    formation = (" Agents keep their formation: ", doc.Math("x_i", "x_i"), " is measured from the offset of agent i.")
     return (
         "Here ",
-        Math("N_i", "N_i"),
+        doc.Math("N_i", "N_i"),
         " are the agents that i listens to, ",
-        Math("w_ij", "w_{ij}"),
+        doc.Math("w_ij", "w_{ij}"),
         " weights (1 unless said), ",
-        Math("k_i", "k_i"),
+        doc.Math("k_i", "k_i"),
         " the gain of a pin (a number or a matrix), 0 without one.",
         *(formation if problem.offsets else ()),
     )
 
 
-def _network(certificate: Certificate, analysis: Analysis | None) -> Section:
+def _network(certificate: Certificate, analysis: Analysis | None) -> doc.Section:
     problem = certificate.problem
     sentences, agents = nw.mode_sentences(problem), nw.agents_table(problem)
     hidden = len(problem.network.modes) - len(sentences)
     drawn, legend = pictures.network_pictures(certificate)
-    shown = Only(PAGES, (Pictures(drawn, small=True), Text(legend, "caption")))
+    shown = doc.Only(doc.PAGES, (doc.Pictures(drawn, small=True), doc.Text(legend, "caption")))
     table = () if agents is None else (agents,)
-    return Section(
+    return doc.Section(
         name="network",
         title="Who listens to whom",
         short="Network",
         blocks=(
-            List(tuple(f"{name}: {sentence}" for name, sentence in sentences)),
-            *((Only(PAGES, (Text(f"And {hidden} more modes."),)),) if hidden else ()),
-            *((Beside(((shown,), table), second_wider=True),) if len(drawn) == 1 and table else (shown, *table)),
+            doc.List(tuple(f"{name}: {sentence}" for name, sentence in sentences)),
+            *((doc.Only(doc.PAGES, (doc.Text(f"And {hidden} more modes."),)),) if hidden else ()),
+            *((doc.Beside(((shown,), table), second_wider=True),) if len(drawn) == 1 and table else (shown, *table)),
             *_graphs(analysis),
         ),
     )
 
 
-def _graphs(analysis: Analysis | None) -> Iterator[Block]:
+def _graphs(analysis: Analysis | None) -> Iterator[doc.Block]:
     if analysis is not None and analysis.graphs:
-        yield table_of(
+        yield doc.table_of(
             "Facts about the graph of each mode; eigenvalues in floating point, for orientation",
             list(zip(analysis.graphs, analysis.modes, strict=False))[:MOST_GRAPHS],
-            (Column(head="mode", width=1.4), lambda each: each[0].mode),
-            (Column(head="arcs"), lambda each: str(each[0].arcs)),
+            (doc.Column(head="mode", width=1.4), lambda each: each[0].mode),
+            (doc.Column(head="arcs"), lambda each: str(each[0].arcs)),
             (
-                Column(head="strong components", width=1.2),
+                doc.Column(head="strong components", width=1.2),
                 lambda each: "one" if each[0].is_strongly_connected else str(len(each[0].components)),
             ),
-            (Column(head="balanced"), lambda each: "yes" if each[0].balanced else "no"),
-            (Column(head="not reached", width=1.2), lambda each: nw.names_in_words(each[0].unreached, 6)),
-            (Column(head="λmax(Λ) in 1/s", width=1.2, style="number"), lambda each: number(each[1].lambda_max)),
-            (Column(head="decay in 1/s", width=1.2, style="number"), lambda each: number(each[1].decay_rate)),
+            (doc.Column(head="balanced"), lambda each: "yes" if each[0].balanced else "no"),
+            (doc.Column(head="not reached", width=1.2), lambda each: nw.names_in_words(each[0].unreached, 6)),
+            (doc.Column(head="λmax(Λ) in 1/s", width=1.2, style="number"), lambda each: number(each[1].lambda_max)),
+            (doc.Column(head="decay in 1/s", width=1.2, style="number"), lambda each: number(each[1].decay_rate)),
         )
 
 
-def _searches(searches: Sequence[Falsification]) -> Iterator[Block]:
+def _searches(searches: Sequence[Falsification]) -> Iterator[doc.Block]:
     if searches:
         drawn = [pictures.search_picture(search, place) for place, search in enumerate(searches)]
         sections = search_sections(searches, drawn)
-        yield Only(("markdown",), sections)
+        yield doc.Only(("markdown",), sections)
         title = "What a search for counterexamples found"
-        yield Only(PAGES, (Section(name="search", title=title, short="Search", blocks=sections),))
+        yield doc.Only(doc.PAGES, (doc.Section(name="search", title=title, short="Search", blocks=sections),))
 
 
-def _condition(certificate: Certificate, lambdas: Mapping[str, Matrix]) -> Section:
+def _condition(certificate: Certificate, lambdas: Mapping[str, Matrix]) -> doc.Section:
     """The condition that is decided, and the matrices of the certificate."""
     problem = certificate.problem
     rounded = "Entries with a decimal point are rounded for this page; certificate.json holds them exactly."
-    matrices = Matrices(tuple(formulas.matrices_of(certificate)))
+    matrices = doc.Matrices(tuple(formulas.matrices_of(certificate)))
     blocks = [*_disturbed(problem)] if problem.groups else [*_undisturbed()]
     if matrices.items:
-        blocks += [matrices, Only(PAGES, (Text(rounded, "caption"),))]
+        blocks += [matrices, doc.Only(doc.PAGES, (doc.Text(rounded, "caption"),))]
     for name, bound in formulas.bounds_of(certificate).items():
         latex = rf"\lambda_{{\max}}(\Lambda) < {latex_number(bound)}"
-        blocks.append(Only(TEXTS, (Text(f"For {name}:"), Formula(latex=latex))))
-        blocks.append(Only(PAGES, (Formula(latex=latex, label=f"for {name}", typst=bound),)))
-    blocks += [Matrices((each,)) for each in formulas.lambda_matrices(lambdas)]
+        blocks.append(doc.Only(doc.TEXTS, (doc.Text(f"For {name}:"), doc.Formula(latex=latex))))
+        blocks.append(doc.Only(doc.PAGES, (doc.Formula(latex=latex, label=f"for {name}", typst=bound),)))
+    blocks += [doc.Matrices((each,)) for each in formulas.lambda_matrices(lambdas)]
     title = "The condition and its matrices"
-    return Section(name="condition", title=title, short="Condition", blocks=tuple(blocks))
+    return doc.Section(name="condition", title=title, short="Condition", blocks=tuple(blocks))
 
 
-def _undisturbed() -> Iterator[Block]:
-    yield Only(PAGES, (Text("Without a disturbance, Lemma 1 asks in every mode for"),))
-    yield Formula(latex=formulas.LAMBDA + " < 0", typst="lemma 1")
-    yield Only(PAGES, (Text(("where ", Math("J", "J"), " is the Jacobian of the couplings.")),))
+def _undisturbed() -> Iterator[doc.Block]:
+    yield doc.Only(doc.PAGES, (doc.Text("Without a disturbance, Lemma 1 asks in every mode for"),))
+    yield doc.Formula(latex=formulas.LAMBDA + " < 0", typst="lemma 1")
+    yield doc.Only(doc.PAGES, (doc.Text(("where ", doc.Math("J", "J"), " is the Jacobian of the couplings.")),))
 
 
-def _disturbed(problem: Problem) -> Iterator[Block]:
-    asks: Words = (
+def _disturbed(problem: Problem) -> Iterator[doc.Block]:
+    asks: doc.Words = (
         "Theorems 1 and 2 ask for matrices ",
-        Math("P > 0", "P > 0"),
+        doc.Math("P > 0", "P > 0"),
         " and ",
-        Math("Q", "Q"),
+        doc.Math("Q", "Q"),
         ", with ",
-        Math("W = P⁻¹ Q", "W = P^{-1} Q"),
+        doc.Math("W = P⁻¹ Q", "W = P^{-1} Q"),
         ", such that in every mode",
     )
-    jacobian: Words = (
+    jacobian: doc.Words = (
         "where ",
-        Math("J", "J"),
+        doc.Math("J", "J"),
         " is the Jacobian of the couplings. The size of the condition does not matter, because exactly",
     )
-    yield Only(PAGES, (Text(asks),))
-    yield Formula(latex=formulas.PSI, number="(18)", typst="psi")
-    yield Formula(latex=formulas.LAMBDA, typst="lambda")
-    yield Formula(latex=formulas.OMEGA, typst="omega")
-    yield Only(PAGES, (Text(jacobian),))
-    yield Formula(latex=formulas.REDUCED, typst="reduced")
-    yield Only(PAGES, (Text("and, when nothing is said about P and Q,"),))
-    yield Formula(latex=formulas.BY_EXISTENCE, typst="existence")
+    yield doc.Only(doc.PAGES, (doc.Text(asks),))
+    yield doc.Formula(latex=formulas.PSI, number="(18)", typst="psi")
+    yield doc.Formula(latex=formulas.LAMBDA, typst="lambda")
+    yield doc.Formula(latex=formulas.OMEGA, typst="omega")
+    yield doc.Only(doc.PAGES, (doc.Text(jacobian),))
+    yield doc.Formula(latex=formulas.REDUCED, typst="reduced")
+    yield doc.Only(doc.PAGES, (doc.Text("and, when nothing is said about P and Q,"),))
+    yield doc.Formula(latex=formulas.BY_EXISTENCE, typst="existence")
     if problem.is_grouped:
-        yield Text(nw.BY_GROUP)
+        yield doc.Text(nw.BY_GROUP)
 
 
-def _eigenvalues(certificate: Certificate, analysis: Analysis | None) -> Iterator[Section]:
+def _eigenvalues(certificate: Certificate, analysis: Analysis | None) -> Iterator[doc.Section]:
     """As pictures on pages, as numbers in Markdown."""
     if analysis is None:
         return
     seen = _observability(analysis)
     drawn = tuple(pictures.eigenvalue_pictures(certificate, analysis))
     computed = "Computed in floating point, to show how far things are from the edge. No verdict rests on them."
-    table = table_of(
+    table = doc.table_of(
         "Eigenvalues",
         list(_spectra(analysis))[:MOST_SPECTRA],
-        (Column(head="matrix"), lambda row: row[0]),
-        (Column(head="eigenvalues in 1/s, the rightmost first"), lambda row: _values(row[1])),
+        (doc.Column(head="matrix"), lambda row: row[0]),
+        (doc.Column(head="eigenvalues in 1/s, the rightmost first"), lambda row: _values(row[1])),
     )
     blocks = (
-        Only(
+        doc.Only(
             ("markdown",),
             (
-                Text("Computed in floating point, for orientation. No verdict rests on them."),
-                *((Text(seen),) if seen else ()),
+                doc.Text("Computed in floating point, for orientation. No verdict rests on them."),
+                *((doc.Text(seen),) if seen else ()),
                 table,
             ),
         ),
-        Only(PAGES, (Text(" ".join(filter(None, (computed, seen)))), Pictures(drawn)) if drawn else ()),
+        doc.Only(doc.PAGES, (doc.Text(" ".join(filter(None, (computed, seen)))), doc.Pictures(drawn)) if drawn else ()),
     )
-    yield Section(name="eigenvalues", title="Eigenvalues", short="Eigenvalues", blocks=blocks)
+    yield doc.Section(name="eigenvalues", title="Eigenvalues", short="Eigenvalues", blocks=blocks)
 
 
 def _spectra(analysis: Analysis) -> Iterator[tuple[str, Sequence[complex]]]:
@@ -367,22 +352,25 @@ def _eigenvalue(value: complex) -> str:
     return f"{real}{' ± ' if real else '±'}{number(value.imag)}i" if value.imag else real
 
 
-def _simulation(certificate: Certificate, trajectory: Trajectory | None) -> Iterator[Section]:
+def _simulation(certificate: Certificate, trajectory: Trajectory | None) -> Iterator[doc.Section]:
     """As pictures on pages, as a few samples in Markdown."""
     if trajectory is None or len(trajectory.times) == 0:
         return
     told = f"An illustration, not a proof. {_run_sentence(trajectory)}"
     error = trajectory.error()
-    table = table_of(
+    table = doc.table_of(
         "Largest error over time",
         thinned_rows(len(trajectory.times), MOST_SAMPLES).tolist(),
-        (Column(head="time in s"), lambda i: number(float(trajectory.times[i]))),
-        (Column(head="largest error"), lambda i: number(float(error[i]))),
+        (doc.Column(head="time in s"), lambda i: number(float(trajectory.times[i]))),
+        (doc.Column(head="largest error"), lambda i: number(float(error[i]))),
     )
     drawn = tuple(pictures.simulation_pictures(certificate, trajectory))
-    note = Text(f"{told} One run shows one start; the verdict above does not use it.")
-    blocks = (Only(("markdown",), (Text(told), table)), Only(PAGES, (note, Pictures(drawn)) if drawn else ()))
-    yield Section(name="simulation", title="A simulation", short="Simulation", blocks=blocks)
+    note = doc.Text(f"{told} One run shows one start; the verdict above does not use it.")
+    blocks = (
+        doc.Only(("markdown",), (doc.Text(told), table)),
+        doc.Only(doc.PAGES, (note, doc.Pictures(drawn)) if drawn else ()),
+    )
+    yield doc.Section(name="simulation", title="A simulation", short="Simulation", blocks=blocks)
 
 
 def _run_sentence(trajectory: Trajectory) -> str:
@@ -395,7 +383,7 @@ def _run_sentence(trajectory: Trajectory) -> str:
     return text
 
 
-def _glossary() -> Section:
-    verdicts = Terms(tuple((mark_of(verdict), "", MEANINGS[verdict]) for verdict in Verdict))
-    blocks = (verdicts, Only(PAGES, (Terms(_WORDS),)))
-    return Section(name="glossary", title="Glossary", short="Glossary", blocks=blocks)
+def _glossary() -> doc.Section:
+    verdicts = doc.Terms(tuple((mark_of(verdict), "", MEANINGS[verdict]) for verdict in Verdict))
+    blocks = (verdicts, doc.Only(doc.PAGES, (doc.Terms(_WORDS),)))
+    return doc.Section(name="glossary", title="Glossary", short="Glossary", blocks=blocks)

@@ -18,8 +18,7 @@ from matplotlib.patches import PathPatch
 from matplotlib.path import Path
 from numpy.typing import NDArray
 
-from dobc_design.plotting.axes import short
-from dobc_design.plotting.look import BLUE, INK, MUTED, PAPER, VERMILLION
+from dobc_design.plotting.look import BLUE, INK, MUTED, PAPER, VERMILLION, short
 from dobc_design.report.network_words import common_offsets
 
 Positions = NDArray[np.float64]

@@ -14,24 +14,30 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
-from matplotlib.ticker import FuncFormatter, MaxNLocator
+from matplotlib.ticker import FuncFormatter
 from numpy.typing import ArrayLike, NDArray
 
 from dobc_design.certificate.regions import AgentBound, RegionClaim, Regions
 from dobc_design.conditions.schedule.settling import Settling
 from dobc_design.falsification.suspect import RESTS, Falsification
-from dobc_design.plotting.axes import (
+from dobc_design.plotting.look import (
+    BLUE,
+    INK,
+    MARKERS,
     MOST_POINTS,
+    MUTED,
+    PAPER,
+    PURPLE,
+    SERIES,
     SMALLEST,
+    VERMILLION,
     axes_or_new,
     legend_above,
     power_of_ten,
-    resolved,
     short,
     shown_agents,
     thinned_rows,
 )
-from dobc_design.plotting.look import BLUE, INK, MARKERS, MUTED, PAPER, PURPLE, SERIES, VERMILLION
 from dobc_design.report.region_words import lower, method_name
 from dobc_design.report.search_words import MOST_ROWS
 
@@ -99,122 +105,6 @@ def plot_lambda(
     ax.set_ylim(len(names) - 0.4, -0.6)
     ax.grid(visible=False, axis="y")
     ax.set_xlabel("eigenvalues of Λ(J) in 1/s")
-    return ax
-
-
-def plot_states(
-    times: ArrayLike,
-    states: ArrayLike,
-    *,
-    goals: ArrayLike,
-    pinned: Sequence[int] = (),
-    symbol: str = "x",
-    ax: Axes | None = None,
-) -> Axes:
-    """States of all agents over time, pinned agents in blue, and where they should go (dashed).
-
-    Shapes: times (T,) in s, states (T, n), goals (n,).  At most 30 agents are drawn.
-    """
-    ax = axes_or_new(ax)
-    t, x, goal = np.asarray(times, float), np.asarray(states, float), np.asarray(goals, float)
-    rows = thinned_rows(len(t))
-    held = set(pinned)
-    chosen = shown_agents(x.shape[1], held)
-    for is_pinned in (False, True):
-        group = [agent for agent in chosen if (agent in held) is is_pinned]
-        for rank, agent in enumerate(group):
-            ax.plot(
-                t[rows],
-                x[rows, agent],
-                color=BLUE if is_pinned else MUTED,
-                linewidth=1.7 if is_pinned else 0.9,
-                label=("pinned" if is_pinned else "not pinned") if rank == 0 else None,
-            )
-    for rank, value in enumerate(sorted({float(goal[agent]) for agent in chosen})[:12]):
-        ax.axhline(value, color=VERMILLION, linewidth=1.1, linestyle=(0, (4, 2)), label="goal" if rank == 0 else None)
-    ax.set_xlabel("time t in s")
-    ax.set_ylabel(f"{symbol}, in its own unit")
-    legend_above(ax, 3)
-    return ax
-
-
-def plot_disturbance(
-    times: ArrayLike,
-    disturbance: ArrayLike,
-    estimate: ArrayLike,
-    *,
-    title: str = "",
-    legend: bool = True,
-    ax: Axes | None = None,
-) -> Axes:
-    """Draw one component of one agent's disturbance (dotted, as in the paper's Fig. 3) and its estimate.
-
-    Shapes: (T,) each; times in s, the others in units of x per s.
-    """
-    ax = axes_or_new(ax)
-    t = np.asarray(times, float)
-    rows = thinned_rows(len(t))
-    ax.plot(t[rows], np.asarray(estimate, float)[rows], color=BLUE, label="estimate")
-    ax.plot(
-        t[rows],
-        np.asarray(disturbance, float)[rows],
-        color=VERMILLION,
-        linestyle=(0, (1, 1.4)),
-        linewidth=1.6,
-        label="disturbance",
-    )
-    ax.set_title(title, parse_math=False)
-    ax.set_xlabel("time t in s")
-    ax.set_ylabel("d in units of x per s")
-    ax.yaxis.set_major_locator(MaxNLocator(4))
-    if legend:
-        legend_above(ax, 2, right=True)
-    return ax
-
-
-def plot_error(
-    times: ArrayLike,
-    error: ArrayLike,
-    *,
-    rate: float | None = None,
-    bound: ArrayLike | None = None,
-    ax: Axes | None = None,
-) -> Axes:
-    """|e|_inf over time on a logarithmic axis, with a certified ``bound`` of it at the same times.
-
-    Without one ``rate`` (1/s) adds a line that falls like exp(-rate t), a slope and no bound.
-    """
-    ax = axes_or_new(ax)
-    t, size = np.asarray(times, float), np.asarray(error, float)
-    rows = thinned_rows(len(t))
-    shown = np.where(size[rows] > SMALLEST, size[rows], np.nan)
-    ax.set_yscale("log")
-    ax.plot(t[rows], shown, color=BLUE, label="simulated")
-    if bound is not None:
-        ax.plot(
-            t[rows],
-            resolved(np.asarray(bound, float))[rows],
-            color=INK,
-            linestyle=(0, (4, 2)),
-            linewidth=1.2,
-            label="certified bound",
-        )
-    elif rate is not None and len(t) and size[0] > SMALLEST:
-        guide = size[0] * np.exp(np.clip(-rate * (t[rows] - t[0]), -700, 0))
-        visible = guide > max(float(np.nanmin(shown)) * 0.5, SMALLEST)
-        ax.plot(
-            t[rows][visible],
-            guide[visible],
-            color=INK,
-            linestyle=(0, (4, 2)),
-            linewidth=1.0,
-            label="slope of the certified rate",
-        )
-    ax.yaxis.set_major_formatter(FuncFormatter(power_of_ten))
-    ax.minorticks_off()
-    ax.set_xlabel("time t in s")
-    ax.set_ylabel("|e|∞, in the unit of x")
-    legend_above(ax, 2)
     return ax
 
 

@@ -12,22 +12,7 @@ from collections.abc import Iterable, Iterator, Sequence
 from itertools import zip_longest
 from typing import Final
 
-from dobc_design.report.document import (
-    Beside,
-    Block,
-    Cell,
-    Column,
-    Document,
-    Formula,
-    List,
-    Matrices,
-    Section,
-    ShownMatrix,
-    Table,
-    Text,
-    in_form,
-    pieces,
-)
+from dobc_design.report import document as doc
 from dobc_design.report.words import capitalize_first, typeset
 
 MAIN, BIBLIOGRAPHY = "main.tex", "references.bib"
@@ -103,21 +88,21 @@ _LONG_WORD = 14  # letters; longer ones may be broken, first of all after punctu
 _PIECES = re.compile(r"[^/_.,;:@-]{1,12}[/_.,;:@-]?|.")
 
 
-def latex_fragments(document: Document, version: str) -> dict[str, bytes]:
+def latex_fragments(document: doc.Document, version: str) -> dict[str, bytes]:
     r"""The fragments of a report by file name, with references.bib and a main.tex that inputs all of them.
 
     ``version``: that of the program that made the certificate.  The same document gives the same bytes.
     """
-    report = in_form(document, "latex")
+    report = doc.in_form(document, "latex")
     condition = report.section("condition")
-    matrices = [block for block in condition if isinstance(block, Matrices)]
+    matrices = [block for block in condition if isinstance(block, doc.Matrices)]
     width = (r"\setcounter{MaxMatrixCols}{12}",) if matrices else ()
     parts: dict[str, tuple[str, Iterable[str]]] = {
         "verdict.tex": ("The verdict and what it says.", _verdict(report)),
         "model.tex": ("The equations with the paper's numbers, couplings, target and pins.", _lines("problem", report)),
         "condition.tex": (
             "The condition that is decided.",
-            _shown([block for block in condition if not isinstance(block, Matrices)]),
+            _shown([block for block in condition if not isinstance(block, doc.Matrices)]),
         ),
         "matrices.tex": ("The matrices; entries with a decimal point are rounded.", (*width, *_shown(matrices))),
         "checks.tex": ("Every condition that was decided; numbers hold as printed.", _lines("checks", report)),
@@ -179,7 +164,7 @@ def _main(name: str, fragments: Sequence[str]) -> str:
     )
 
 
-def _verdict(report: Document) -> Iterator[str]:
+def _verdict(report: doc.Document) -> Iterator[str]:
     verdict = report.verdict
     yield rf"\paragraph{{{tex(report.name)}: {tex(verdict.mark.verdict)}.}} {tex(verdict.reason)}"
     yield ""
@@ -187,39 +172,39 @@ def _verdict(report: Document) -> Iterator[str]:
     yield from _lines("meaning", report)
 
 
-def _lines(name: str, report: Document) -> Iterator[str]:
+def _lines(name: str, report: doc.Document) -> Iterator[str]:
     return _shown(report.section(name))
 
 
-def _shown(blocks: Sequence[Block]) -> Iterator[str]:
+def _shown(blocks: Sequence[doc.Block]) -> Iterator[str]:
     for block, after in zip_longest(blocks, blocks[1:]):
         match block:
-            case Section(title=title, blocks=inner):
+            case doc.Section(title=title, blocks=inner):
                 yield f"{tex(title)}:"
                 yield from _shown(inner)
-            case Beside(parts):
+            case doc.Beside(parts):
                 for part in parts:
                     yield from _shown(part)
-            case Text(words):
-                yield tex("".join(map(str, pieces(words))))
-                if isinstance(after, (Text, Table)):
+            case doc.Text(words):
+                yield tex("".join(map(str, doc.pieces(words))))
+                if isinstance(after, (doc.Text, doc.Table)):
                     yield ""
-            case List(items):
+            case doc.List(items):
                 yield r"\begin{itemize}"
                 yield from (rf"  \item {tex(item)}" for item in items)
                 yield r"\end{itemize}"
-            case Formula(latex=latex, number=number):
+            case doc.Formula(latex=latex, number=number):
                 yield rf"\[ {latex} \tag{{{number.strip('()')}}} \]" if number else _displayed(latex)
-            case Matrices(items):
+            case doc.Matrices(items):
                 for item in items:
                     yield from _matrix(item)
-            case Table(columns=columns, rows=rows):
+            case doc.Table(columns=columns, rows=rows):
                 heads = [column.head for column in columns]
                 cells = [[_cell(cell, column) for cell, column in zip(row, columns, strict=True)] for row in rows]
                 yield from _table(heads, cells, [column.width or AUTOMATIC for column in columns])
 
 
-def _matrix(item: ShownMatrix) -> Iterator[str]:
+def _matrix(item: doc.ShownMatrix) -> Iterator[str]:
     what = tex(capitalize_first(item.what))
     if item.latex is None:
         yield rf"{what} (${item.name}$) is {tex(item.size)}; see certificate.json."
@@ -228,7 +213,7 @@ def _matrix(item: ShownMatrix) -> Iterator[str]:
         yield _displayed(f"{item.name} = {item.latex}")
 
 
-def _cell(cell: Cell, column: Column) -> str:
+def _cell(cell: doc.Cell, column: doc.Column) -> str:
     return typeset(str(cell)) if column.style == "number" else str(cell)
 
 

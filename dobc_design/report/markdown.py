@@ -5,41 +5,19 @@ from __future__ import annotations
 import re
 from collections.abc import Iterable, Iterator, Sequence
 
-from dobc_design.report.document import (
-    Beside,
-    Block,
-    Cell,
-    Code,
-    Document,
-    Facts,
-    Formula,
-    List,
-    Mark,
-    Matrices,
-    Own,
-    Reason,
-    Section,
-    Signatures,
-    Strong,
-    Table,
-    Terms,
-    Text,
-    Words,
-    in_form,
-    pieces,
-)
+from dobc_design.report import document as doc
 from dobc_design.report.words import capitalize_first
 
 _SPECIAL = re.compile(r"[\\`*_\[\]|<>~$&#]")
 _OPENING = re.compile(r"^(\d*)([-+=.)])(?=\s|$)")  # would begin a list or underline a heading
 
 
-def markdown_page(document: Document) -> str:
+def markdown_page(document: doc.Document) -> str:
     """The document as Markdown."""
     verdict = document.verdict
     word = f"{verdict.mark.symbol} {verdict.word.upper()}." if verdict.mark.symbol else escape(verdict.word)
     lines = [f"# {escape(document.name)}\n", f"**{word}** {escape(verdict.reason)}\n"]
-    for block in in_form(document, "markdown").blocks:
+    for block in doc.in_form(document, "markdown").blocks:
         lines += _lines(block, top=True)
     return "\n".join(lines).rstrip() + "\n"
 
@@ -50,59 +28,59 @@ def escape(text: object) -> str:
     return _OPENING.sub(r"\1\\\2", _SPECIAL.sub(r"\\\g<0>", line))
 
 
-def _lines(block: Block, *, top: bool = False) -> Iterator[str]:
+def _lines(block: doc.Block, *, top: bool = False) -> Iterator[str]:
     match block:
-        case Section(title=title, blocks=blocks):
+        case doc.Section(title=title, blocks=blocks):
             yield f"## {escape(title)}\n" if top else f"{escape(title)}:\n"
             for each in blocks:
                 yield from _lines(each)
-        case Beside(parts):
+        case doc.Beside(parts):
             for part in parts:
                 for each in part:
                     yield from _lines(each)
-        case Text(words):
+        case doc.Text(words):
             yield _words(words) + "\n"
-        case List(items):
+        case doc.List(items):
             yield from (f"- {_words(item)}" for item in items)
             yield ""
-        case Terms(items):
+        case doc.Terms(items):
             for word, id, meaning in items:
-                name = word.verdict if isinstance(word, Mark) else word
+                name = word.verdict if isinstance(word, doc.Mark) else word
                 yield f"- {escape(f'{name} ({id})' if id else name)}: {escape(meaning)}"
             yield ""
-        case Facts(rows):
+        case doc.Facts(rows):
             yield from _table(("", ""), ((escape(name), escape(value)) for name, value in rows))
-        case Code(lines, command):
+        case doc.Code(lines, command):
             yield f"```\n{lines[0]}\n```\n" if command else "\n".join(f"    {line}" for line in lines) + "\n"
-        case Formula():
+        case doc.Formula():
             label = f"{capitalize_first(block.label)} {block.number}:\n\n" if block.label else ""
             yield label + _formula(block.latex)
-        case Matrices(items):
+        case doc.Matrices(items):
             for item in items:
                 yield f"{capitalize_first(escape(item.what))}:\n"
                 yield _formula(f"{item.name} = {item.latex}") if item.latex else f"{item.size}, see certificate.json.\n"
-        case Table():
+        case doc.Table():
             heads = [escape(column.head) for column in block.columns]
             yield from _table(heads, ([_cell(cell) for cell in row] for row in block.rows))
-        case Signatures(heads, roles):
+        case doc.Signatures(heads, roles):
             yield from _table(("", *heads), ((role, *("&nbsp;" * 24 for _ in heads)) for role in roles))
 
 
-def _words(words: Words) -> str:
+def _words(words: doc.Words) -> str:
     """Escaped as a whole, but for text of this package and what stands out."""
-    if isinstance(words, Own):
+    if isinstance(words, doc.Own):
         return str(words)
-    if isinstance(words, tuple) and isinstance(words[0], Strong):
+    if isinstance(words, tuple) and isinstance(words[0], doc.Strong):
         return f"**{escape(words[0])}**{escape(_plain(words[1:]))}"
-    return escape(_plain(pieces(words)))
+    return escape(_plain(doc.pieces(words)))
 
 
 def _plain(words: Iterable[object]) -> str:
     return "".join(map(str, words))
 
 
-def _cell(cell: Cell) -> str:
-    if not isinstance(cell, Reason):
+def _cell(cell: doc.Cell) -> str:
+    if not isinstance(cell, doc.Reason):
         return escape(cell)
     parts = [escape(cell.text), *(f"{escape(name)}: {escape(value)}." for name, value in cell.details)]
     parts += [] if cell.cure is None else [f"**Cure:** {escape(cell.cure)}"]

@@ -10,7 +10,7 @@ from dobc_design.exact.number import number_text
 from dobc_design.problem.network import Arcs
 from dobc_design.problem.problem import Problem
 from dobc_design.problem.words import switching_words
-from dobc_design.report.document import EVERY, Column, Table, table_of
+from dobc_design.report import document as doc
 from dobc_design.verdict import Verdict
 
 MOST_ROWS = 40  # agents listed one by one
@@ -18,21 +18,21 @@ MOST_MODES = 6
 MOST_NAMES = 12
 
 
-def agents_table(problem: Problem) -> Table | None:
+def agents_table(problem: Problem) -> doc.Table | None:
     """One row per agent: its gain, goal, and whom it hears in each listed mode; None for networks too large to list."""
     if problem.n > MOST_ROWS:
         return None
     labels, gains = problem.network.labels, problem.pinning.gains
-    goals = EVERY if problem.offsets else ("markdown",)
+    goals = doc.EVERY if problem.offsets else ("markdown",)
     heard = [(name, _heard(arcs, problem.n)) for name, arcs in list(problem.network.modes.items())[:MOST_MODES]]
-    return table_of(
+    return doc.table_of(
         f"Gain k of the pins{', goals' if problem.offsets else ''}, and whom each agent listens to",
         range(problem.n),
-        (Column(head="agent", width=1.2), lambda i: labels[i]),
-        (Column(head="k in 1/s", width=0.8), lambda i: _gain(gains.get(i))),
-        (Column(head="goal", only=goals), lambda i: vector_text(problem.goal_of(i))),
+        (doc.Column(head="agent", width=1.2), lambda i: labels[i]),
+        (doc.Column(head="k in 1/s", width=0.8), lambda i: _gain(gains.get(i))),
+        (doc.Column(head="goal", only=goals), lambda i: vector_text(problem.goal_of(i))),
         *(
-            (Column(head=f"listens to in {name}", width=2), lambda i, each=each: _names(problem, each[i]))
+            (doc.Column(head=f"listens to in {name}", width=2), lambda i, each=each: _names(problem, each[i]))
             for name, each in heard
         ),
     )

@@ -22,34 +22,7 @@ from matplotlib.ft2font import FT2Font
 
 from dobc_design._show.text import significant
 from dobc_design.errors import SpecError
-from dobc_design.report.document import (
-    Beside,
-    Block,
-    Box,
-    Cell,
-    Code,
-    Column,
-    Document,
-    Facts,
-    Formula,
-    List,
-    Mark,
-    Matrices,
-    Name,
-    Picture,
-    Pictures,
-    Reason,
-    Section,
-    ShownMatrix,
-    Signatures,
-    Table,
-    Terms,
-    Text,
-    Words,
-    in_form,
-    leads,
-    pieces,
-)
+from dobc_design.report import document as doc
 from dobc_design.report.pictures import svg_of
 from dobc_design.report.words import capitalize_first, typeset
 
@@ -65,7 +38,7 @@ _CONTROL = re.compile(r"[\x00-\x08\x0b-\x1f\x7f-\x9f]")
 _JOINT = re.compile(r"([/_.,;:@-])")
 
 
-def pdf_page(document: Document) -> bytes:
+def pdf_page(document: doc.Document) -> bytes:
     """The bytes of the PDF.  Raises: SpecError without the package typst."""
     require_typst()
     return compile_pdf(content(document))
@@ -83,7 +56,7 @@ def require_typst() -> None:
         ) from error
 
 
-def content(document: Document) -> dict[str, Any]:
+def content(document: doc.Document) -> dict[str, Any]:
     """Everything that the template shows, as JSON: strings, lists and numbers' digits."""
     verdict = document.verdict
     return {
@@ -96,7 +69,7 @@ def content(document: Document) -> dict[str, Any]:
         "reason": soft(verdict.reason, 40),
         "identity": [[name, soft(value, 70)] for name, value in document.identity],
         "facts": [[name, soft(value)] for name, value in verdict.facts],
-        "blocks": list(_blocks(in_form(document, "pdf").blocks)),
+        "blocks": list(_blocks(doc.in_form(document, "pdf").blocks)),
     }
 
 
@@ -143,67 +116,67 @@ def _soft_word(word: str, longest: int) -> str:
     )
 
 
-def _blocks(blocks: Iterable[Block], level: int = 1) -> Iterator[dict[str, Any]]:
+def _blocks(blocks: Iterable[doc.Block], level: int = 1) -> Iterator[dict[str, Any]]:
     found = list(blocks)
     for block, after in zip_longest(found, found[1:]):
         match block:
-            case Section(title=title, blocks=inner):
+            case doc.Section(title=title, blocks=inner):
                 yield {"kind": "heading", "level": level, "text": soft(title)}
                 yield from _blocks(inner, level + 1)
-            case Beside(parts):
+            case doc.Beside(parts):
                 for part in parts:
                     yield from _blocks(part, level)
-            case Box():
+            case doc.Box():
                 yield {"kind": "heading", "level": level, "text": soft(block.title)}
                 yield _text(f"{block.mark.symbol} {block.word}. {block.reason}")
                 yield _text(block.note)
-            case Text(words, style):
-                yield _text(words, "lead" if leads(block, after) else style)
+            case doc.Text(words, style):
+                yield _text(words, "lead" if doc.leads(block, after) else style)
             case _:
                 yield from _leaf(block)
 
 
-def _leaf(block: Block) -> Iterator[dict[str, Any]]:
+def _leaf(block: doc.Block) -> Iterator[dict[str, Any]]:
     """What stands for a block without others inside: one part for the template, or none, or a few."""
     match block:
-        case List(items):
+        case doc.List(items):
             if items:
                 yield {"kind": "list", "items": [soft(_plain(item), 40) for item in items]}
-        case Code(lines):
+        case doc.Code(lines):
             yield {"kind": "code", "lines": [soft(line, 60) for line in lines]}
-        case Formula(typst=Fraction() as bound):
+        case doc.Formula(typst=Fraction() as bound):
             yield {
                 "kind": "bound",
                 "label": f"{capitalize_first(block.label)} the condition is",
                 "number": number_parts(bound),
             }
-        case Formula():
+        case doc.Formula():
             yield {"kind": "formula", "name": block.typst, "label": block.label, "number": block.number}
-        case Matrices(items):
+        case doc.Matrices(items):
             yield from map(_matrix, items)
-        case Pictures(items):
+        case doc.Pictures(items):
             if items:
                 yield {"kind": "pictures", "items": [picture_parts(item) for item in items]}
-        case Facts(rows):
+        case doc.Facts(rows):
             yield _table(("", ""), rows, (0, 1))
-        case Terms(items):
+        case doc.Terms(items):
             yield _table(("word", "meaning"), ((word, capitalize_first(meaning)) for word, _, meaning in items), (0, 1))
-        case Table(columns=columns, rows=rows):
+        case doc.Table(columns=columns, rows=rows):
             shown = ([_typeset(cell, column) for cell, column in zip(row, columns, strict=True)] for row in rows)
             yield _table((each.head for each in columns), shown, (each.width for each in columns))
-        case Signatures(heads, roles):
+        case doc.Signatures(heads, roles):
             yield {"kind": "signatures", "heads": ["role", *heads], "roles": list(roles)}
 
 
-def _text(words: Words, style: str = "plain") -> dict[str, Any]:
+def _text(words: doc.Words, style: str = "plain") -> dict[str, Any]:
     return {"kind": "text", "text": soft(_plain(words), 40), "style": style}
 
 
-def _plain(words: Words) -> str:
-    return "".join(map(str, pieces(words)))
+def _plain(words: doc.Words) -> str:
+    return "".join(map(str, doc.pieces(words)))
 
 
-def _table(heads: Iterable[str], rows: Iterable[Iterable[Cell]], widths: Iterable[float]) -> dict[str, Any]:
+def _table(heads: Iterable[str], rows: Iterable[Iterable[doc.Cell]], widths: Iterable[float]) -> dict[str, Any]:
     return {
         "kind": "table",
         "heads": [soft(head) for head in heads],
@@ -212,18 +185,18 @@ def _table(heads: Iterable[str], rows: Iterable[Iterable[Cell]], widths: Iterabl
     }
 
 
-def _typeset(cell: Cell, column: Column) -> Cell:
+def _typeset(cell: doc.Cell, column: doc.Column) -> doc.Cell:
     return typeset(cell) if column.style == "number" and isinstance(cell, str) else cell
 
 
-def _cell(cell: Cell) -> Any:
+def _cell(cell: doc.Cell) -> Any:
     """A list of lines, or a coloured verdict."""
     match cell:
-        case Mark(_, verdict):
+        case doc.Mark(_, verdict):
             return {"mark": verdict, "text": str(cell)}
-        case Name(parts, id):
+        case doc.Name(parts, id):
             return [soft(part) for part in (*parts, id) if part]
-        case Reason():
+        case doc.Reason():
             details = [f"{name}: {value}" for name, value in cell.details]
             cure = [] if cell.cure is None else [f"Cure: {cell.cure}", *cell.lines]
             return [soft(line) for line in (cell.text, *details, *cure)]
@@ -231,7 +204,7 @@ def _cell(cell: Cell) -> Any:
             return [soft(cell)]
 
 
-def _matrix(shown: ShownMatrix) -> dict[str, Any]:
+def _matrix(shown: doc.ShownMatrix) -> dict[str, Any]:
     """A matrix from its exact entries, or a sentence where it is too large."""
     name, label = MATRIX_NAMES.get(shown.name, shown.name), capitalize_first(shown.what)
     if shown.entries is None:
@@ -251,7 +224,7 @@ def number_parts(value: Fraction) -> dict[str, Any]:
     return {"negative": sign, "digits": mantissa, "over": None, "power": str(int(power)) if power else None}
 
 
-def picture_parts(picture: Picture) -> dict[str, str]:
+def picture_parts(picture: doc.Picture) -> dict[str, str]:
     """A figure for the template: its SVG with fixed colours and font, its text alternative, title and caption."""
     svg = _VARIABLE.sub(r"\1", svg_of(picture)).replace("font-family: inherit", "font-family: 'DejaVu Sans'")
     width = Decimal((ElementTree.fromstring(svg).get("viewBox") or "0 0 330 0").split()[2])

@@ -24,8 +24,27 @@ from dobc_design.conditions.quadratic.duals import QuadraticDual
 from dobc_design.conditions.schedule.settling import Settling
 from dobc_design.exact.number import float_above
 from dobc_design.falsification.suspect import Falsification
-from dobc_design.plotting.axes import MOST_AGENTS, short, shown_agents
-from dobc_design.plotting.look import BLUE, GREEN, GRID, INK, MUTED, PAPER, PURPLE, VERMILLION, styled
+from dobc_design.plotting.look import (
+    BLUE,
+    GREEN,
+    GRID,
+    INK,
+    MOST_AGENTS,
+    MUTED,
+    PAPER,
+    PURPLE,
+    VERMILLION,
+    shown_agents,
+    styled,
+)
+from dobc_design.plotting.runs import (
+    MOST_COMPONENTS,
+    MOST_ESTIMATES,
+    in_time,
+    plot_agents,
+    plot_errors,
+    plot_estimates,
+)
 from dobc_design.plotting.sheet import Sheet
 from dobc_design.report import figures
 from dobc_design.report.document import Picture
@@ -51,8 +70,6 @@ if TYPE_CHECKING:
 Values = NDArray[Any]
 
 MOST_MODES = 6
-MOST_COMPONENTS = 3
-MOST_ESTIMATES = 3
 ALONE: Final = 5.2  # inches, of one drawing in a file
 _SUBSCRIPTS = str.maketrans("0123456789", "₀₁₂₃₄₅₆₇₈₉")
 VARIABLES = {
@@ -200,8 +217,15 @@ def _error_picture(certificate: Certificate, trajectory: Trajectory) -> Picture:
         caption=caption,
         alt=f"Largest error over time: {number(float(error[0]))} at the start, {number(float(error[-1]))} at the end"
         + ("." if bound is None else f"; proved to be at most {number(float(bound[-1]))} there."),
-        draw=lambda figure: figures.plot_error(
-            trajectory.times, error, rate=certificate.rate, bound=bound, ax=figure.add_subplot()
+        draw=lambda figure: in_time(
+            plot_errors(
+                figure.add_subplot(),
+                trajectory.times,
+                {"|e|∞": error},
+                envelope=None if bound is None else np.stack([trajectory.times, bound], axis=1),
+                rate=certificate.rate,
+            ),
+            trajectory.times,
         ),
     )
 
@@ -218,45 +242,22 @@ def _state_picture(certificate: Certificate, trajectory: Trajectory, c: int) -> 
         caption=f"{symbol}(t) of {who}; goals dashed.",
         alt=f"States over {number(float(trajectory.times[-1]))} s: at the end between {number(float(last.min()))} and"
         f" {number(float(last.max()))}.",
-        draw=lambda figure: figures.plot_states(
-            trajectory.times,
-            trajectory.x[:, :, c],
-            goals=trajectory.goal[:, c],
-            pinned=problem.pinning.agents,
-            symbol=symbol,
-            ax=figure.add_subplot(),
+        draw=lambda figure: in_time(
+            plot_agents(figure.add_subplot(), trajectory, component=c, pinned=problem.pinning.agents), trajectory.times
         ),
     )
 
 
 def _estimate_picture(trajectory: Trajectory) -> Picture:
-    agents = shown_agents(len(trajectory.labels), set(), MOST_ESTIMATES)
-
-    def draw(figure: Figure) -> None:
-        axes = np.atleast_1d(figure.subplots(len(agents), 1, sharex=True))
-        for row, agent in enumerate(agents):
-            figures.plot_disturbance(
-                trajectory.times,
-                trajectory.d[:, agent, 0],
-                trajectory.dhat[:, agent, 0],
-                title=f"agent {short(trajectory.labels[agent])}",
-                legend=row == 0,
-                ax=axes[row],
-            )
-            axes[row].set_xlabel("")
-            axes[row].set_ylabel("")
-        axes[-1].set_xlabel("time t in s")
-        figure.supylabel("d in units of x per s", fontsize=9)
-
+    agents = min(len(trajectory.labels), MOST_ESTIMATES)
     which = "" if trajectory.d.shape[2] == 1 else ", first component"
     return Picture(
         name="estimates",
         title="Disturbance and estimate",
-        caption=f"Disturbance d (dotted) and its estimate d̂ of {len(agents)} agents{which}.",
+        caption=f"Disturbance d (dotted) and its estimate d̂ of {agents} agents{which}.",
         alt="Disturbance and estimate over time; they differ at the end by at most "
         f"{number(float(np.abs(trajectory.d[-1] - trajectory.dhat[-1]).max()))} over all agents.",
-        draw=draw,
-        height=2.9 if len(agents) < 3 else 3.2,
+        draw=lambda figure: in_time(plot_estimates(figure.add_subplot(), trajectory), trajectory.times),
     )
 
 

@@ -20,22 +20,7 @@ from dobc_design.conditions.schedule.decide import stage_rate
 from dobc_design.conditions.schedule.settling import Settling
 from dobc_design.exact.number import float_above, float_below
 from dobc_design.problem.problem import Problem
-from dobc_design.report.document import (
-    PAGES,
-    READ,
-    Column,
-    Form,
-    List,
-    Mark,
-    Name,
-    Only,
-    Picture,
-    Pictures,
-    Section,
-    Table,
-    Text,
-    table_of,
-)
+from dobc_design.report import document as doc
 from dobc_design.report.words import SYMBOLS, capitalize_first, typeset
 from dobc_design.verdict import Verdict
 
@@ -71,52 +56,52 @@ class RegionRow:
 
 
 def region_section(
-    problem: Problem, regions: Regions, limits: Sequence[QuadraticDual], pictures: tuple[Picture, ...]
-) -> Iterator[Section]:
+    problem: Problem, regions: Regions, limits: Sequence[QuadraticDual], pictures: tuple[doc.Picture, ...]
+) -> Iterator[doc.Section]:
     """From which starts each method proves consensus; nothing where nothing is said about a region."""
     if not regions.tried:
         return
     asked, norms, rest = asked_sentence(regions), norms_sentence(problem), rest_sentence(regions)
-    bounds = () if rest is None else (Text(rest),)
-    timing = List(tuple(timing_sentences(regions)))
-    told = Section(title="Time, late messages and sampling", blocks=(timing,))
-    yield Section(
+    bounds = () if rest is None else (doc.Text(rest),)
+    timing = doc.List(tuple(timing_sentences(regions)))
+    told = doc.Section(title="Time, late messages and sampling", blocks=(timing,))
+    yield doc.Section(
         name="region",
         title="From which starts it is proved",
         short="Region",
         blocks=(
-            Only(("markdown",), (Text(f"{asked} {norms}"),)),
-            Only(("html", "pdf", "latex"), (Text(asked),)),
-            Only(PAGES, (Pictures(pictures),)),
+            doc.Only(("markdown",), (doc.Text(f"{asked} {norms}"),)),
+            doc.Only(("html", "pdf", "latex"), (doc.Text(asked),)),
+            doc.Only(doc.PAGES, (doc.Pictures(pictures),)),
             regions_table(regions, limits, disturbed=bool(problem.groups)),
-            Only(PAGES, (Text(norms, "caption"),)),
-            Only(READ, tuple(map(Text, limit_sentences(limits)))),
-            Only(("markdown",), (Text(agents_sentence(regions)),) if regions.agents else ()),
-            Only(READ, bounds),
-            Only(PAGES, (told,) if timing.items else ()),
-            Only(("markdown",), (timing,)),
+            doc.Only(doc.PAGES, (doc.Text(norms, "caption"),)),
+            doc.Only(doc.READ, tuple(map(doc.Text, limit_sentences(limits)))),
+            doc.Only(("markdown",), (doc.Text(agents_sentence(regions)),) if regions.agents else ()),
+            doc.Only(doc.READ, bounds),
+            doc.Only(doc.PAGES, (told,) if timing.items else ()),
+            doc.Only(("markdown",), (timing,)),
         ),
     )
 
 
-def regions_table(regions: Regions, limits: Sequence[QuadraticDual], *, disturbed: bool) -> Table:
+def regions_table(regions: Regions, limits: Sequence[QuadraticDual], *, disturbed: bool) -> doc.Table:
     """One row per method; Markdown has sizes in columns of their own."""
-    markdown: tuple[Form, ...] = ("markdown",)
-    return table_of(
+    markdown: tuple[doc.Form, ...] = ("markdown",)
+    return doc.table_of(
         "Certified regions, method by method",
         region_rows(regions, limits),
-        (Column(head="method", width=1.1), lambda row: Name((row.name,), id=row.id)),
-        (Column(head="verdict", width=0), lambda row: Mark(row.symbol, row.verdict)),
-        (Column(head="certified", only=markdown), lambda row: row.kind),
-        (Column(head="|e|∞ ≤", only=markdown), lambda row: row.box),
-        (Column(head="|e|₂ ≤", only=markdown), lambda row: row.ball),
-        (Column(head="|εᵢ| ≤", only=markdown if disturbed else ()), lambda row: row.disturbance),
-        (Column(head="certified starts", width=1.3, only=("html", "pdf", "latex")), lambda row: row.starts),
-        (Column(head="rate in 1/s", width=0.8, style="number"), lambda row: row.rate),
-        (Column(head=time_head(regions), width=0.8, style="number"), lambda row: row.time),
-        (Column(head="covers it", width=0.7), lambda row: row.covers),
-        (Column(head="cannot exceed", width=0.9, only=READ if limits else ()), lambda row: row.cannot),
-        (Column(head="why not further", width=1.7, style="why", only=READ), lambda row: row.limit),
+        (doc.Column(head="method", width=1.1), lambda row: doc.Name((row.name,), id=row.id)),
+        (doc.Column(head="verdict", width=0), lambda row: doc.Mark(row.symbol, row.verdict)),
+        (doc.Column(head="certified", only=markdown), lambda row: row.kind),
+        (doc.Column(head="|e|∞ ≤", only=markdown), lambda row: row.box),
+        (doc.Column(head="|e|₂ ≤", only=markdown), lambda row: row.ball),
+        (doc.Column(head="|εᵢ| ≤", only=markdown if disturbed else ()), lambda row: row.disturbance),
+        (doc.Column(head="certified starts", width=1.3, only=("html", "pdf", "latex")), lambda row: row.starts),
+        (doc.Column(head="rate in 1/s", width=0.8, style="number"), lambda row: row.rate),
+        (doc.Column(head=time_head(regions), width=0.8, style="number"), lambda row: row.time),
+        (doc.Column(head="covers it", width=0.7), lambda row: row.covers),
+        (doc.Column(head="cannot exceed", width=0.9, only=doc.READ if limits else ()), lambda row: row.cannot),
+        (doc.Column(head="why not further", width=1.7, style="why", only=doc.READ), lambda row: row.limit),
         cards=True,
     )
 
@@ -358,29 +343,29 @@ def stage_rows(settling: Settling, timings: Sequence[StageTiming]) -> list[Stage
 
 
 def settling_section(
-    settling: Settling | None, timings: Sequence[StageTiming], pictures: tuple[Picture, ...]
-) -> Iterator[Section]:
+    settling: Settling | None, timings: Sequence[StageTiming], pictures: tuple[doc.Picture, ...]
+) -> Iterator[doc.Section]:
     """The proved settling time, stage by stage; nothing without one."""
     view = settling_view(settling, timings)
     if view is None:
         return
     sentence, stages = view["sentence"], view["stages"]
     columns = tuple(
-        Column(head=head, style="number" if place > 1 else "plain") for place, head in enumerate(STAGE_HEADS)
+        doc.Column(head=head, style="number" if place > 1 else "plain") for place, head in enumerate(STAGE_HEADS)
     )
-    yield Section(
+    yield doc.Section(
         name="settling",
         title="How fast it is proved to settle",
         short="Settling",
         blocks=(
-            Only(("markdown",), (Text(f"{sentence} {stages}"),)),
-            Only(PAGES, (Text(sentence), Pictures(pictures), Text(stages))),
-            Table(
+            doc.Only(("markdown",), (doc.Text(f"{sentence} {stages}"),)),
+            doc.Only(doc.PAGES, (doc.Text(sentence), doc.Pictures(pictures), doc.Text(stages))),
+            doc.Table(
                 caption="Stages of the certified settling time",
                 columns=columns,
                 rows=tuple(row.cells for row in view["rows"]),
             ),
-            *((Text(view["timing"], "caption"),) if view["timing"] else ()),
+            *((doc.Text(view["timing"], "caption"),) if view["timing"] else ()),
         ),
     )
 

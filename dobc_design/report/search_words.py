@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from typing import Any, Final
 
 from dobc_design.falsification.suspect import LEAVES, RESTS, STAYS_AWAY, Falsification, Suspect
-from dobc_design.report.document import PAGES, Block, Column, List, Only, Picture, Pictures, Section, Table, Text
+from dobc_design.report import document as doc
 from dobc_design.report.network_words import names_in_words
 from dobc_design.report.region_words import lower
 from dobc_design.report.words import capitalize_first, number, typeset
@@ -58,21 +58,23 @@ def search_view(searches: Sequence[Falsification]) -> list[dict[str, Any]]:
     ]
 
 
-def search_sections(searches: Sequence[Falsification], pictures: Sequence[Picture | None]) -> tuple[Section, ...]:
+def search_sections(
+    searches: Sequence[Falsification], pictures: Sequence[doc.Picture | None]
+) -> tuple[doc.Section, ...]:
     """One section for each search."""
     found = []
     for view, picture in zip(search_view(searches), pictures, strict=True):
-        blocks: list[Block] = [Text(f"{view['tried']} {view['found']}")]
+        blocks: list[doc.Block] = [doc.Text(f"{view['tried']} {view['found']}")]
         if view["proved"]:
-            blocks.append(List(tuple(view["proved"])))
+            blocks.append(doc.List(tuple(view["proved"])))
         if picture is not None:
-            blocks.append(Only(PAGES, (Pictures((picture,)),)))
+            blocks.append(doc.Only(doc.PAGES, (doc.Pictures((picture,)),)))
         if view["rows"]:
-            columns = tuple(Column(head=head) for head in HEADS)
-            blocks.append(Table(caption="Suspects", columns=columns, rows=tuple(row.cells for row in view["rows"])))
+            columns = tuple(doc.Column(head=head) for head in HEADS)
+            blocks.append(doc.Table(caption="Suspects", columns=columns, rows=tuple(row.cells for row in view["rows"])))
         if view["warning"]:
-            blocks.append(Text(view["warning"], "warning"))
-        found.append(Section(title=view["title"], blocks=(*blocks, *map(Text, view["notes"]))))
+            blocks.append(doc.Text(view["warning"], "warning"))
+        found.append(doc.Section(title=view["title"], blocks=(*blocks, *map(doc.Text, view["notes"]))))
     return tuple(found)
 
 

@@ -12,21 +12,7 @@ from dobc_design.certificate.certificate import Certificate
 from dobc_design.conditions.check import Check
 from dobc_design.conditions.explanations import EXPLANATIONS
 from dobc_design.problem import canonical
-from dobc_design.report.document import (
-    PAGES,
-    READ,
-    TEXTS,
-    Code,
-    Column,
-    Facts,
-    Name,
-    Only,
-    Own,
-    Section,
-    Signatures,
-    Text,
-    table_of,
-)
+from dobc_design.report import document as doc
 from dobc_design.report.formulas import rational
 from dobc_design.report.words import CHECKS
 from dobc_design.verdict import Verdict
@@ -88,21 +74,21 @@ _SIGNING: Final = (
 )
 
 
-def trace_section(checks: Sequence[Check]) -> Section:
+def trace_section(checks: Sequence[Check]) -> doc.Section:
     """One row per condition of the certificate, in its order, without those that this version does not know."""
-    table = table_of(
+    table = doc.table_of(
         "Every condition, its source, and where it is decided",
         [id for id in dict.fromkeys(check.id for check in checks) if id in DECIDED_IN],
-        (Column(head="check", width=1.2, only=TEXTS), lambda id: f"{CHECKS[id][0]} ({id})"),
-        (Column(head="check", width=1.2, only=PAGES), lambda id: Name((CHECKS[id][0],), id=id)),
-        (Column(head="condition in words", width=1.9), lambda id: EXPLANATIONS[id].meaning),
-        (Column(head="where it stands", width=1.2), lambda id: EXPLANATIONS[id].source),
-        (Column(head="decided in", width=1.4, style="code"), lambda id: ", ".join(DECIDED_IN[id][0])),
-        (Column(head="decided again in", width=1.1, style="code"), lambda id: DECIDED_IN[id][1]),
-        (Column(head="found here", width=0.8), lambda id: _found(id, checks)),
+        (doc.Column(head="check", width=1.2, only=doc.TEXTS), lambda id: f"{CHECKS[id][0]} ({id})"),
+        (doc.Column(head="check", width=1.2, only=doc.PAGES), lambda id: doc.Name((CHECKS[id][0],), id=id)),
+        (doc.Column(head="condition in words", width=1.9), lambda id: EXPLANATIONS[id].meaning),
+        (doc.Column(head="where it stands", width=1.2), lambda id: EXPLANATIONS[id].source),
+        (doc.Column(head="decided in", width=1.4, style="code"), lambda id: ", ".join(DECIDED_IN[id][0])),
+        (doc.Column(head="decided again in", width=1.1, style="code"), lambda id: DECIDED_IN[id][1]),
+        (doc.Column(head="found here", width=0.8), lambda id: _found(id, checks)),
     )
-    blocks = (Only(READ, (Text(Own(_TRACED)),)), table)
-    return Section(name="traceability", title="Traceability", short="Traceability", blocks=blocks)
+    blocks = (doc.Only(doc.READ, (doc.Text(doc.Own(_TRACED)),)), table)
+    return doc.Section(name="traceability", title="Traceability", short="Traceability", blocks=blocks)
 
 
 def _found(id: str, checks: Sequence[Check]) -> str:
@@ -110,33 +96,35 @@ def _found(id: str, checks: Sequence[Check]) -> str:
     return ", ".join(each.value if count == 1 else f"{count} × {each.value}" for each, count in counts if count)
 
 
-def recheck_section(certificate: Certificate, again: Reproduction) -> Section:
+def recheck_section(certificate: Certificate, again: Reproduction) -> doc.Section:
     """The commands that decide the certificate again and make it again, and what it was made from."""
-    verify, alone, certify = (Code((line,), command=True) for line in (again.verify, again.alone, again.certify))
+    verify, alone, certify = (doc.Code((line,), command=True) for line in (again.verify, again.alone, again.certify))
     identity = (("problem", certificate.claims.problem_name), *again.prints, *again.versions)
-    return Section(
+    return doc.Section(
         name="recheck",
         title="Check it yourself",
         short="Check it yourself",
         blocks=(
-            Only(PAGES, (Text(_BOTH_FILES),)),
+            doc.Only(doc.PAGES, (doc.Text(_BOTH_FILES),)),
             verify,
-            Only(("markdown",), (Text(Own(_DECIDES)),)),
-            Only(PAGES, (Text(_TRUSTS),)),
+            doc.Only(("markdown",), (doc.Text(doc.Own(_DECIDES)),)),
+            doc.Only(doc.PAGES, (doc.Text(_TRUSTS),)),
             alone,
-            Text("To make the certificate again, byte for byte with the same version:"),
+            doc.Text("To make the certificate again, byte for byte with the same version:"),
             certify,
-            Text(Own(_MADE_WITH)),
-            Only(PAGES, (Text("Compare the problem with the one you meant. The fingerprints and versions are"),)),
-            Facts(identity),
+            doc.Text(doc.Own(_MADE_WITH)),
+            doc.Only(
+                doc.PAGES, (doc.Text("Compare the problem with the one you meant. The fingerprints and versions are"),)
+            ),
+            doc.Facts(identity),
         ),
     )
 
 
-def signatures_section() -> Section:
+def signatures_section() -> doc.Section:
     """Lines for the people who sign a printed report."""
-    lines = Signatures(("Name", "Date", "Signature"), ("Prepared by", "Checked by", "Approved by"))
-    return Section(name="signatures", title="Signatures", short="Signatures", blocks=(Text(_SIGNING), lines))
+    lines = doc.Signatures(("Name", "Date", "Signature"), ("Prepared by", "Checked by", "Approved by"))
+    return doc.Section(name="signatures", title="Signatures", short="Signatures", blocks=(doc.Text(_SIGNING), lines))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

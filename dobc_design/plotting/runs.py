@@ -232,9 +232,9 @@ def plot_errors(
     if envelope is not None:
         _draw_bound(ax, envelope[:, 0], resolved(envelope[:, 1]), "certified bound on |e|∞")
     elif rate is not None:
-        first = next(iter(errors.values()))
-        slope = first[0] * np.exp(np.clip(-rate * (times[rows] - times[0]), -700, 0))
-        visible = slope > max(0.5 * float(np.nanmin(first)), SMALLEST)
+        error = next(iter(errors.values()))
+        slope = error[0] * np.exp(np.clip(-rate * (times[rows] - times[0]), -700, 0))
+        visible = slope > max(0.5 * float(np.nanmin(error)), SMALLEST)
         _draw_bound(ax, times[rows], np.where(visible, slope, np.nan), "slope of the certified rate")
     _decades(ax)
     ax.set_ylabel("errors\nin the unit of x")

@@ -29,11 +29,11 @@ THIRD_PARTY = {
     "analysis": {"control", "networkx", *NUMBERS},
     "certification": {"numpy"},
     "cli": {"rich", "typer"},
-    "conditions": {"clarabel", *NUMBERS},
+    "conditions": NUMBERS,
     "coupling": {"numpy"},
     "designer": {"anywidget", "numpy", "traitlets"},
     "exact": {"flint", "numpy"},
-    "export": {"control", "sympy", *NUMBERS},  # what is exported to
+    "export": {"control", "jinja2", "sympy", *NUMBERS},  # what is exported to
     "falsification": {"numpy"},
     "importing": NUMBERS,
     "model": {"casadi", "sympy", *NUMBERS},
@@ -42,7 +42,7 @@ THIRD_PARTY = {
     "report": {"jinja2", "networkx", "typst", *PLOTS},
     "simulation": {"pandas", "pyarrow", *NUMBERS},
     "solvers": {"clarabel", "cvxpy", *NUMBERS},
-    "sweeps": {"distributed", "duckdb", "joblib", "numpy", "pandas", "pyarrow"},
+    "sweeps": {"distributed", "joblib", "numpy", "pandas", "pyarrow"},
     "synthesis": {"clarabel", "control", "pandas", *NUMBERS},
 }
 # Packages that only some modules of their room may use.

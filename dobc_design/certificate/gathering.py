@@ -16,7 +16,7 @@ from typing import Any, Final
 from dobc_design._show.text import significant
 from dobc_design.certificate.claims import Claims
 from dobc_design.certificate.regions import AgentBound, Asked, RegionClaim, Regions
-from dobc_design.conditions.check import CONSENSUS_IDS, Check
+from dobc_design.conditions.check import Check
 from dobc_design.conditions.coverage import asked_radius, covers
 from dobc_design.conditions.numbers import claimed, read_rational
 from dobc_design.conditions.quadratic.decide import eigenvalue_bound
@@ -24,16 +24,13 @@ from dobc_design.conditions.schedule.checks import settling_of
 from dobc_design.conditions.schedule.settling import Settling
 from dobc_design.conditions.separable.checks import separable_from_json
 from dobc_design.conditions.separable.claim import Separable, largest_reach
-from dobc_design.coupling.enclosures import Curve
-from dobc_design.coupling.monotone import profile
+from dobc_design.coupling.enclosures import Curve, profile
 from dobc_design.errors import CertificateError
 from dobc_design.exact.interval import UndefinedError
 from dobc_design.exact.symmetric import SparseSymmetric
 from dobc_design.problem.problem import Problem
 from dobc_design.verdict import Verdict
 
-#: Checks that are about one P of the problem file, or about one mode only, are left to the list of checks.
-_LEFT_OUT: Final = ("theorem1-printed", "theorem2-printed")
 #: Quadratic certificates, with the name of the largest level of V that they prove.
 _LEVELS: Final = {"lure": "level", "exhaustive": "outer"}
 #: A start counts as settled when every |e_ic| is below this part of the radius.
@@ -106,16 +103,16 @@ def _tolerance(checks: Sequence[Check], asked: Asked | None) -> float | None:
 
 
 def _smallest_radius(checks: Sequence[Check]) -> Fraction | None:
-    proved = [check for check in checks if check.verdict is Verdict.PROVED and check.id in CONSENSUS_IDS]
+    proved = [check for check in checks if check.verdict is Verdict.PROVED and check.kind.is_consensus]
     radii = [claimed(check.domain["radius"]) for check in proved if isinstance(check.domain, Mapping)]
     return min(radii, default=None)
 
 
 def _chosen(problem: Problem, checks: Sequence[Check]) -> Iterator[Check]:
-    """The checks that can prove consensus; Lemma 1 once for all modes, and only where there is no disturbance."""
+    """The checks of Lemma 1 (once for all modes, only without disturbance), of the theorems and of regions."""
     lemmas = [check for check in checks if check.id == "lemma1"]
     for check in checks:
-        if check.id not in CONSENSUS_IDS or check.id in _LEFT_OUT:
+        if check.kind.role not in ("paper", "region"):
             continue
         if check.id == "lemma1":
             worst = [each for each in lemmas if each.verdict is not Verdict.PROVED]

@@ -43,7 +43,7 @@ from dobc_design.conditions.observer.decide import (
 )
 from dobc_design.exact.matrix import Matrix, Vector, multiply, subtract
 from dobc_design.exact.symmetric import SparseSymmetric
-from dobc_design.problem.exosystem import Exosystem
+from dobc_design.problem.exosystems import Exosystem
 from dobc_design.problem.groups import blocks_of
 from dobc_design.problem.problem import Problem
 from dobc_design.verdict import Verdict

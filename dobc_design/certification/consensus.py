@@ -31,7 +31,7 @@ from dobc_design.conditions.observer.gain import GainDesign, chosen_gains, desig
 from dobc_design.conditions.observer.pair import propose_pairs
 from dobc_design.errors import DobcError
 from dobc_design.exact.matrix import Matrix, multiply, to_float
-from dobc_design.problem.exosystem import Exosystem
+from dobc_design.problem.exosystems import Exosystem
 from dobc_design.problem.groups import Group, block_diagonal, join, name_some
 from dobc_design.problem.problem import Problem
 from dobc_design.verdict import Verdict

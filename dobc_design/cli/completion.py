@@ -14,16 +14,16 @@ ENDINGS = (".toml", ".json")
 
 def problem_names(incomplete: str) -> list[str]:
     """Built-in problems, problem files, and folders on the way to them."""
-    from dobc_design.problem.builtin import builtin_names
+    from dobc_design.problem.load import builtin_names
 
     return sorted(name for name in builtin_names() if name.startswith(incomplete)) + _files(incomplete)
 
 
 def ids(incomplete: str) -> list[str]:
     """Ids of conditions."""
-    from dobc_design.conditions.explanations import EXPLANATIONS
+    from dobc_design.conditions.kinds import KINDS
 
-    return [name for name in EXPLANATIONS if name.startswith(incomplete)]
+    return [name for name in KINDS if name.startswith(incomplete)]
 
 
 def _files(incomplete: str) -> list[str]:

@@ -50,8 +50,8 @@ def run_design(
 
     Raises: SpecError for wrong arguments and a file that is there already (unless ``force``).
     """
+    from dobc_design.problem.changes import changed_file
     from dobc_design.problem.load import load_problem, source_text
-    from dobc_design.problem.toml_writing import changed_file
     from dobc_design.synthesis.designs import design
     from dobc_design.verdict import Verdict
 
@@ -101,7 +101,7 @@ def labels_in(texts: Sequence[str]) -> list[str] | None:
 
 def option_texts(request: DesignRequest, labels: Sequence[str]) -> list[str]:
     """The options of ``dobc design`` that ask for a request, as far as options can."""
-    from dobc_design.problem.typed import typed_number
+    from dobc_design.problem.changes import typed_number
 
     words: list[str] = []
     if request.rate is not None:

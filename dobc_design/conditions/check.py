@@ -12,38 +12,8 @@ from typing import Any
 
 from dobc_design._show.cards import Card, Shown, listed
 from dobc_design._show.text import significant_towards_zero
+from dobc_design.conditions.kinds import KINDS, Kind
 from dobc_design.verdict import Verdict
-
-CHECK_IDS = (
-    "observability",
-    "detectability",
-    "hurwitz",
-    "reachability",
-    "lemma1",
-    "theorem1",
-    "theorem2",
-    "theorem1-printed",
-    "theorem2-printed",
-    "lure",
-    "max-separable",
-    "delay",
-    "sampling",
-    "equilibrium",
-    "exhaustive",
-    "settling",
-)
-
-#: The checks whose proof is a proof of consensus.
-CONSENSUS_IDS = (
-    "lemma1",
-    "theorem1",
-    "theorem2",
-    "theorem1-printed",
-    "theorem2-printed",
-    "lure",
-    "max-separable",
-    "exhaustive",
-)
 
 #: Fields of a check in JSON: those that are always there, and the others.
 NEEDED = ("id", "verdict", "domain", "margin", "rate", "reason")
@@ -107,6 +77,15 @@ class Check(Shown):
     exact: Mapping[str, Any] | None = None
     witness: Witness | None = None
     fix: Fix | None = None
+
+    def __post_init__(self) -> None:
+        if self.id not in KINDS:
+            raise ValueError(f"unknown check id {self.id!r}")
+
+    @property
+    def kind(self) -> Kind:
+        """What is known about checks with this id."""
+        return KINDS[self.id]
 
     @property
     def title(self) -> str:
@@ -184,11 +163,9 @@ def check_from_json(data: Any) -> Check:
     because nobody would have checked it.
     """
     require_keys(data, "a check", needed=NEEDED, allowed=OPTIONAL)
-    if data["id"] not in CHECK_IDS:
-        raise ValueError(f"unknown check id {data['id']!r}")
     domain = data["domain"]
     return Check(
-        id=data["id"],
+        id=_text(data["id"]),
         mode=_text(data["mode"]) if "mode" in data else None,
         group=_text(data["group"]) if "group" in data else None,
         verdict=Verdict(data["verdict"]),

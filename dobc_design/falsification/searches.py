@@ -1,4 +1,4 @@
-"""Beside a certificate: starts that do not converge, and how far quadratic certificates can reach at most."""
+"""Beside a certificate: starts that do not converge, or that leave a certified set."""
 
 from __future__ import annotations
 
@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING
 
 from dobc_design.certificate.certificate import Certificate
 from dobc_design.conditions.check import Check
-from dobc_design.conditions.coverage import REGION_IDS
 from dobc_design.conditions.observer.gain import observer_gain
 from dobc_design.errors import SpecError
 from dobc_design.problem.load import load_problem
@@ -16,7 +15,6 @@ from dobc_design.problem.problem import Problem
 from dobc_design.verdict import Verdict
 
 if TYPE_CHECKING:
-    from dobc_design.conditions.quadratic.duals import QuadraticDual
     from dobc_design.falsification.levels import Certified
     from dobc_design.falsification.suspect import Falsification
 
@@ -64,22 +62,9 @@ def falsify(
     )
 
 
-def quadratic_limits(certificate: Certificate, *, progress: Progress | None = None) -> tuple[QuadraticDual, ...]:
-    """Prove how far no quadratic certificate reaches, for every shape of P_e, beside a proved `lure`.
-
-    Each is an exact dual: no P_e of its shape decreases for all gains while |e_j - e_i| <= its ``radius``, so certified
-    balls stay below its ``ball``.  ``progress`` is called with the name of each stage.
-    Returns: a QuadraticDual for each shape where one is found.  Source: theory, section 4.
-    """
-    from dobc_design.conditions.quadratic.limits import quadratic_limits as run
-
-    lure = next((check for check in certificate.checks if check.id == "lure"), None)
-    return run(certificate.problem, lure, report=progress or (lambda stage: None))
-
-
 def regional_check(certificate: Certificate) -> Check | None:
     """The proved check of a region that covers what is asked, else the first one; None without one."""
-    proved = [check for check in certificate.checks if check.verdict is Verdict.PROVED and check.id in REGION_IDS]
+    proved = [check for check in certificate.checks if check.verdict is Verdict.PROVED and check.kind.role == "region"]
     first = proved[0] if proved else None
     return next((check for check in proved if check.id == certificate.claims.covered_by), first)
 

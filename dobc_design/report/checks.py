@@ -7,10 +7,11 @@ from typing import Any
 
 from dobc_design._show.text import significant_towards_zero
 from dobc_design.conditions.check import Check, Fix, Witness, main_cure, other_cures
-from dobc_design.problem.typed import change_lines
+from dobc_design.conditions.kinds import KINDS
+from dobc_design.problem.changes import change_lines
 from dobc_design.report import document as doc
 from dobc_design.report.network_words import names_in_words
-from dobc_design.report.words import CHECKS, capitalize_first, check_name, domain_words, mark_of
+from dobc_design.report.words import capitalize_first, check_name, domain_words, mark_of
 from dobc_design.verdict import Verdict
 
 CURE_COMMAND = "dobc certify problem.json --apply-fix cured.toml"
@@ -28,7 +29,7 @@ def cure_section(checks: Sequence[Check]) -> Iterator[doc.Section]:
     check = main_cure(checks)
     if check is None or check.fix is None:
         return
-    head = "What would cure it" if check.id in ("theorem1", "theorem2", "lemma1") else f"What would cure {check.id}"
+    head = "What would cure it" if check.kind.role == "paper" else f"What would cure {check.id}"
     if check.verdict is not Verdict.REFUTED:
         head = f"What would help {check.id}"
     lines = _fix_lines(check.fix)
@@ -50,10 +51,10 @@ def cure_section(checks: Sequence[Check]) -> Iterator[doc.Section]:
 def checks_section(checks: Sequence[Check]) -> doc.Section:
     """Every check with its verdict, numbers and reason, and what the conditions decide."""
     table, hidden = checks_table(checks)
-    present = dict.fromkeys(check.id for check in checks)
+    present = [KINDS[id] for id in dict.fromkeys(check.id for check in checks)]
     rests = "“Proved” and “refuted” rest on exact arithmetic alone.\n"
     cut = "Margins and rates are in 1/s and cut towards zero: they hold as printed."
-    terms = doc.Terms(tuple((CHECKS[id][0], id, f"{CHECKS[id][1]}.") for id in present if id in CHECKS))
+    terms = doc.Terms(tuple((kind.name, kind.id, f"{kind.decides}.") for kind in present))
     return doc.Section(
         name="checks",
         title="What was checked",

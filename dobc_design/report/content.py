@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 from dobc_design._show.text import latex_number, significant_towards_zero
 from dobc_design.certificate.certificate import Certificate
+from dobc_design.conditions.kinds import KINDS
 from dobc_design.exact.matrix import Matrix
 from dobc_design.plotting.look import thinned_rows
 from dobc_design.problem.problem import Problem
@@ -18,7 +19,6 @@ from dobc_design.report.region_words import region_section, settling_section
 from dobc_design.report.search_words import search_sections
 from dobc_design.report.tracing import recheck_section, reproduction, signatures_section, title_block, trace_section
 from dobc_design.report.words import (
-    CHECKS,
     MEANINGS,
     covering_domain,
     domain_words,
@@ -31,7 +31,6 @@ from dobc_design.verdict import Verdict
 
 if TYPE_CHECKING:
     from dobc_design.analysis.analysis import Analysis
-    from dobc_design.conditions.quadratic.duals import QuadraticDual
     from dobc_design.conditions.schedule.checks import StageTiming
     from dobc_design.falsification.suspect import Falsification
     from dobc_design.simulation.trajectory import Trajectory
@@ -64,13 +63,12 @@ def report_document(
     lambdas: Mapping[str, Matrix] | None = None,
     timings: Sequence[StageTiming] = (),
     searches: Sequence[Falsification] = (),
-    limits: Sequence[QuadraticDual] = (),
 ) -> doc.Document:
     """The document.
 
     ``analysis`` and ``trajectory`` are shown where they are given.  ``lambdas``: mode -> Lambda(J) at the consensus,
     printed up to 12 x 12.  ``timings``: sampling and delays of the stages of a settling time; ``searches`` for
-    counterexamples; ``limits`` of quadratic certificates.
+    counterexamples.
     """
     problem, again, verdict = certificate.problem, reproduction(certificate), certificate.verdict
     box = doc.Box(
@@ -84,7 +82,7 @@ def report_document(
         _problem(problem),
         _network(certificate, analysis),
         *region_section(
-            problem, certificate.regions, limits, tuple(pictures.region_pictures(certificate.regions, limits))
+            problem, certificate.regions, tuple(pictures.region_pictures(certificate.regions))
         ),
         *settling_section(certificate.settling, timings, tuple(pictures.envelope_pictures(certificate.settling))),
         *_searches(searches),
@@ -115,7 +113,7 @@ def _facts(certificate: Certificate) -> tuple[tuple[str, str], ...]:
         facts.append(("Holds", domain_words(domain) if domain is not None else "–"))
         rate = certificate.rate
         facts.append(("Certified rate", "–" if rate is None else f"{typeset(significant_towards_zero(rate))} 1/s"))
-        facts.append(("Carried by", CHECKS.get(certificate.covered_by or "", ("–", ""))[0]))
+        facts.append(("Carried by", KINDS[certificate.covered_by].name if certificate.covered_by in KINDS else "–"))
     counts = [(v, sum(check.verdict is v for check in certificate.checks)) for v in Verdict]
     facts.append(("Checks", ", ".join(f"{count} {v.value}" for v, count in counts if count) or "none"))
     facts.append(("Agents", str(certificate.problem.n)))

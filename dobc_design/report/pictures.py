@@ -20,9 +20,7 @@ from numpy.typing import NDArray
 from dobc_design._show.text import Fragment
 from dobc_design.certificate.certificate import Certificate
 from dobc_design.certificate.regions import RegionClaim, Regions
-from dobc_design.conditions.quadratic.duals import QuadraticDual
 from dobc_design.conditions.schedule.settling import Settling
-from dobc_design.exact.number import float_above
 from dobc_design.falsification.suspect import Falsification
 from dobc_design.plotting.look import (
     BLUE,
@@ -59,7 +57,7 @@ from dobc_design.report.drawing import (
 )
 from dobc_design.report.formulas import bounds_of
 from dobc_design.report.network_words import names_in_words, unreached_agents
-from dobc_design.report.region_words import agents_sentence, envelope_alt, lower, method_name, quadratic_limit
+from dobc_design.report.region_words import agents_sentence, envelope_alt, lower, method_name
 from dobc_design.report.search_words import search_alt
 from dobc_design.report.words import number
 
@@ -271,17 +269,16 @@ def _listed(values: Values) -> str:
     return ", ".join(shown) + (" and more" if len(values) > 8 else "")
 
 
-def region_pictures(regions: Regions, limits: Sequence[QuadraticDual] = ()) -> Iterator[Picture]:
-    """How far each method reaches, and single agents where they have bounds; ``limits`` of quadratic certificates."""
+def region_pictures(regions: Regions) -> Iterator[Picture]:
+    """How far each method reaches, and single agents where they have bounds."""
     if not regions.sized:
         return
-    limit = _limit(limits)
     yield Picture(
         name="region-methods",
         title="How far each proof reaches",
-        caption=_bars(regions) + (" Bracket: no quadratic certificate reaches it." if limit is not None else ""),
+        caption=_bars(regions),
         alt="Certified distance from the goals. " + " ".join(f"{_told(claim)}." for claim in regions.claims),
-        draw=lambda figure: figures.plot_regions(regions, ax=figure.add_subplot(), limit=limit),
+        draw=lambda figure: figures.plot_regions(regions, ax=figure.add_subplot()),
         height=_height(regions),
     )
     if regions.agents:
@@ -298,22 +295,17 @@ def region_pictures(regions: Regions, limits: Sequence[QuadraticDual] = ()) -> I
         )
 
 
-def region_sheet(regions: Regions, limits: Sequence[QuadraticDual] = ()) -> Sheet:
+def region_sheet(regions: Regions) -> Sheet:
     """Both pictures side by side, to be shown in a notebook or saved."""
 
     def draw(figure: Figure) -> None:
         figure.suptitle(regions.name, x=0.01, ha="left", fontsize=10, parse_math=False)
         spaces = figure.subplots(1, 2 if regions.agents else 1, squeeze=False)[0]
-        figures.plot_regions(regions, ax=spaces[0], limit=_limit(limits))
+        figures.plot_regions(regions, ax=spaces[0])
         if regions.agents:
             figures.plot_starts(regions, ax=spaces[1])
 
     return Sheet(draw, width=2 * ALONE if regions.agents else ALONE, height=_height(regions) + 0.3)
-
-
-def _limit(limits: Sequence[QuadraticDual]) -> float | None:
-    limit = quadratic_limit(limits)
-    return None if limit is None else float_above(limit)
 
 
 def _bars(regions: Regions) -> str:

@@ -14,7 +14,7 @@ from typing import Any, Final
 from dobc_design._show.text import significant_towards_zero
 from dobc_design.certificate.regions import RegionClaim, Regions
 from dobc_design.conditions.check import Check
-from dobc_design.conditions.quadratic.duals import QuadraticDual
+from dobc_design.conditions.kinds import KINDS
 from dobc_design.conditions.schedule.checks import StageTiming
 from dobc_design.conditions.schedule.decide import stage_rate
 from dobc_design.conditions.schedule.settling import Settling
@@ -24,14 +24,6 @@ from dobc_design.report import document as doc
 from dobc_design.report.words import SYMBOLS, capitalize_first, typeset
 from dobc_design.verdict import Verdict
 
-NAMES = {
-    "lemma1": "Lemma 1",
-    "theorem1": "Theorem 1",
-    "theorem2": "Theorem 2",
-    "lure": "Lur’e",
-    "exhaustive": "Exhaustive",
-    "max-separable": "Max-separable",
-}
 _FAST = 100  # samples a second from which a certified period is called pessimistic
 
 
@@ -52,11 +44,10 @@ class RegionRow:
     time: str
     covers: str
     limit: str
-    cannot: str = "–"
 
 
 def region_section(
-    problem: Problem, regions: Regions, limits: Sequence[QuadraticDual], pictures: tuple[doc.Picture, ...]
+    problem: Problem, regions: Regions, pictures: tuple[doc.Picture, ...]
 ) -> Iterator[doc.Section]:
     """From which starts each method proves consensus; nothing where nothing is said about a region."""
     if not regions.tried:
@@ -73,9 +64,8 @@ def region_section(
             doc.Only(("markdown",), (doc.Text(f"{asked} {norms}"),)),
             doc.Only(("html", "pdf", "latex"), (doc.Text(asked),)),
             doc.Only(doc.PAGES, (doc.Pictures(pictures),)),
-            regions_table(regions, limits, disturbed=bool(problem.groups)),
+            regions_table(regions, disturbed=bool(problem.groups)),
             doc.Only(doc.PAGES, (doc.Text(norms, "caption"),)),
-            doc.Only(doc.READ, tuple(map(doc.Text, limit_sentences(limits)))),
             doc.Only(("markdown",), (doc.Text(agents_sentence(regions)),) if regions.agents else ()),
             doc.Only(doc.READ, bounds),
             doc.Only(doc.PAGES, (told,) if timing.items else ()),
@@ -84,12 +74,12 @@ def region_section(
     )
 
 
-def regions_table(regions: Regions, limits: Sequence[QuadraticDual], *, disturbed: bool) -> doc.Table:
+def regions_table(regions: Regions, *, disturbed: bool) -> doc.Table:
     """One row per method; Markdown has sizes in columns of their own."""
     markdown: tuple[doc.Form, ...] = ("markdown",)
     return doc.table_of(
         "Certified regions, method by method",
-        region_rows(regions, limits),
+        region_rows(regions),
         (doc.Column(head="method", width=1.1), lambda row: doc.Name((row.name,), id=row.id)),
         (doc.Column(head="verdict", width=0), lambda row: doc.Mark(row.symbol, row.verdict)),
         (doc.Column(head="certified", only=markdown), lambda row: row.kind),
@@ -100,15 +90,13 @@ def regions_table(regions: Regions, limits: Sequence[QuadraticDual], *, disturbe
         (doc.Column(head="rate in 1/s", width=0.8, style="number"), lambda row: row.rate),
         (doc.Column(head=time_head(regions), width=0.8, style="number"), lambda row: row.time),
         (doc.Column(head="covers it", width=0.7), lambda row: row.covers),
-        (doc.Column(head="cannot exceed", width=0.9, only=doc.READ if limits else ()), lambda row: row.cannot),
         (doc.Column(head="why not further", width=1.7, style="why", only=doc.READ), lambda row: row.limit),
         cards=True,
     )
 
 
-def region_rows(regions: Regions, limits: Sequence[QuadraticDual] = ()) -> list[RegionRow]:
-    """One row per method, in the order in which they were tried; ``limits`` are proved for quadratic ones."""
-    most = quadratic_limit(limits)
+def region_rows(regions: Regions) -> list[RegionRow]:
+    """One row per method, in the order in which they were tried."""
     return [
         RegionRow(
             id=claim.id,
@@ -124,7 +112,6 @@ def region_rows(regions: Regions, limits: Sequence[QuadraticDual] = ()) -> list[
             time="–" if claim.time is None else f"{upper(claim.time)} s",
             covers=_covers(claim, regions),
             limit=capitalize_first(claim.limit) or _no_limit(claim),
-            cannot="–" if most is None or claim.id != "lure" else f"|e|₂ < {upper(float_above(most))}",
         )
         for claim in regions.claims
     ]
@@ -135,7 +122,7 @@ _KINDS = {"everywhere": "every start", "box": "box", "ball": "ball", "near": "ne
 
 def method_name(claim: RegionClaim) -> str:
     """The name of a method for people."""
-    name = NAMES.get(claim.id, capitalize_first(claim.id))
+    name = KINDS[claim.id].short
     return f"{name}, {claim.variant.replace('P_e', 'Pₑ')}" if claim.variant else name
 
 
@@ -165,30 +152,6 @@ def _no_limit(claim: RegionClaim) -> str:
     if claim.kind == "everywhere":
         return "There is none: it holds for every start."
     return "It covers what was asked for; more was not tried." if claim.covers else "–"
-
-
-def quadratic_limit(limits: Sequence[QuadraticDual]) -> Fraction | None:
-    """No quadratic certificate of any shape reaches this ball; None where that is not proved."""
-    return next((dual.ball for dual in limits if dual.shape == "full"), None)
-
-
-def limit_sentences(limits: Sequence[QuadraticDual]) -> list[str]:
-    """What the duals prove, shape by shape, and what they do not."""
-    if not limits:
-        return []
-    told = [
-        f"no V with {_SHAPES[dual.shape]} decreases for all gains that the couplings have while |e_j − e_i| ≤"
-        f" {upper(float_above(dual.radius))}, so its certified balls stay below |e|₂ = {upper(float_above(dual.ball))}"
-        for dual in limits
-    ]
-    return [
-        f"How far quadratic certificates can reach at most: {'; '.join(told)}.",
-        "This was proved exactly when this was written and does not stand in certificate.json. It limits certificates"
-        " with multipliers, corners or interval bounds, not other methods, and not the agents themselves.",
-    ]
-
-
-_SHAPES = {"identity": "Pₑ = c I", "diagonal": "a diagonal Pₑ", "full": "any Pₑ"}
 
 
 def lower(value: float | Fraction | None) -> str:

@@ -10,39 +10,12 @@ from typing import Final
 from dobc_design.certificate import text as certificate_text
 from dobc_design.certificate.certificate import Certificate
 from dobc_design.conditions.check import Check
-from dobc_design.conditions.explanations import EXPLANATIONS
+from dobc_design.conditions.kinds import KINDS
 from dobc_design.problem import canonical
 from dobc_design.report import document as doc
 from dobc_design.report.formulas import rational
-from dobc_design.report.words import CHECKS
 from dobc_design.verdict import Verdict
 
-_CHECKER, _REGIONS, _QUADRATIC = "checker.py", "region_checker.py", "quadratic_checker.py"
-_OBSERVER, _CONSENSUS, _SEPARABLE = (
-    "conditions/observer/decide.py",
-    "conditions/consensus/decide.py",
-    "conditions/separable/checks.py",
-)
-
-# id -> (modules: the one that makes the claim, then those whose decision it is; file of the lone checker)
-DECIDED_IN: Final[dict[str, tuple[tuple[str, ...], str]]] = {
-    "observability": ((_OBSERVER, "exact/observability.py"), _CHECKER),
-    "detectability": ((_OBSERVER, "exact/observability.py"), _CHECKER),
-    "hurwitz": ((_OBSERVER, "exact/polynomial.py"), _CHECKER),
-    "reachability": (("conditions/consensus/network.py",), _CHECKER),
-    "lemma1": ((_CONSENSUS, "exact/definite.py"), _CHECKER),
-    "theorem1": ((_CONSENSUS, "exact/definite.py"), _CHECKER),
-    "theorem2": ((_CONSENSUS, "exact/definite.py"), _CHECKER),
-    "theorem1-printed": ((_CONSENSUS, "exact/definite.py"), _CHECKER),
-    "theorem2-printed": ((_CONSENSUS, "exact/definite.py"), _CHECKER),
-    "max-separable": ((_SEPARABLE, "conditions/separable/decide.py", "conditions/separable/observer.py"), _REGIONS),
-    "delay": ((_SEPARABLE, "conditions/separable/timing.py"), _REGIONS),
-    "sampling": ((_SEPARABLE, "conditions/separable/timing.py"), _REGIONS),
-    "equilibrium": (("conditions/equilibrium/decide.py",), _REGIONS),
-    "lure": (("conditions/quadratic/checks.py", "conditions/quadratic/decide.py"), _QUADRATIC),
-    "exhaustive": (("conditions/boxes/checks.py", "conditions/boxes/decide.py"), _QUADRATIC),
-    "settling": (("conditions/schedule/checks.py", "conditions/schedule/decide.py"), _QUADRATIC),
-}
 #: Options of `dobc certify` that change a certificate or its report; what a file says beside them is not repeated.
 SWITCHES: Final = ("--all", "--search")
 SETTLING: Final = "--settling "
@@ -75,17 +48,17 @@ _SIGNING: Final = (
 
 
 def trace_section(checks: Sequence[Check]) -> doc.Section:
-    """One row per condition of the certificate, in its order, without those that this version does not know."""
+    """One row per condition of the certificate, in its order."""
     table = doc.table_of(
         "Every condition, its source, and where it is decided",
-        [id for id in dict.fromkeys(check.id for check in checks) if id in DECIDED_IN],
-        (doc.Column(head="check", width=1.2, only=doc.TEXTS), lambda id: f"{CHECKS[id][0]} ({id})"),
-        (doc.Column(head="check", width=1.2, only=doc.PAGES), lambda id: doc.Name((CHECKS[id][0],), id=id)),
-        (doc.Column(head="condition in words", width=1.9), lambda id: EXPLANATIONS[id].meaning),
-        (doc.Column(head="where it stands", width=1.2), lambda id: EXPLANATIONS[id].source),
-        (doc.Column(head="decided in", width=1.4, style="code"), lambda id: ", ".join(DECIDED_IN[id][0])),
-        (doc.Column(head="decided again in", width=1.1, style="code"), lambda id: DECIDED_IN[id][1]),
-        (doc.Column(head="found here", width=0.8), lambda id: _found(id, checks)),
+        [KINDS[id] for id in dict.fromkeys(check.id for check in checks)],
+        (doc.Column(head="check", width=1.2, only=doc.TEXTS), lambda kind: f"{kind.name} ({kind.id})"),
+        (doc.Column(head="check", width=1.2, only=doc.PAGES), lambda kind: doc.Name((kind.name,), id=kind.id)),
+        (doc.Column(head="condition in words", width=1.9), lambda kind: kind.meaning),
+        (doc.Column(head="where it stands", width=1.2), lambda kind: kind.source),
+        (doc.Column(head="decided in", width=1.4, style="code"), lambda kind: ", ".join(kind.decided_in)),
+        (doc.Column(head="decided again in", width=1.1, style="code"), lambda kind: kind.checker),
+        (doc.Column(head="found here", width=0.8), lambda kind: _found(kind.id, checks)),
     )
     blocks = (doc.Only(doc.READ, (doc.Text(doc.Own(_TRACED)),)), table)
     return doc.Section(name="traceability", title="Traceability", short="Traceability", blocks=blocks)

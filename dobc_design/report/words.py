@@ -9,6 +9,7 @@ from fractions import Fraction
 from dobc_design._show.text import significant, significant_towards_zero
 from dobc_design.certificate.certificate import Certificate
 from dobc_design.conditions.check import Check, Domain
+from dobc_design.conditions.kinds import ids_of
 from dobc_design.problem.problem import Problem
 from dobc_design.report.document import Mark
 from dobc_design.verdict import Verdict
@@ -25,66 +26,9 @@ MEANINGS = {
     " decides it. It never means that consensus fails.",
 }
 
-# id -> (name, what it decides)
-CHECKS = {
-    "observability": (
-        "Observability of (A, C)",
-        "whether every state of the disturbance generator shows in d = C ξ;"
-        " then the estimate can be made as fast as wanted",
-    ),
-    "detectability": (
-        "Detectability of (A, C)",
-        "whether what C does not see dies out by itself; an observer gain W that works exists exactly then",
-    ),
-    "hurwitz": ("A − WC is Hurwitz", "whether the estimation error (17) decays with this W, by Routh’s table"),
-    "reachability": (
-        "Every agent hears a pin",
-        "whether information from a pinned agent reaches everybody; agents that it does not reach are held by nothing",
-    ),
-    "lemma1": ("Lemma 1: Λ(J) < 0", "whether V = Σ eᵢ′eᵢ decreases when there is no disturbance (10)"),
-    "theorem1": (
-        "Theorem 1: Ψ < 0",
-        "whether some P and Q satisfy (18), so that V = Σ eᵢ′eᵢ + Σ εᵢ′Pεᵢ decreases with the observer in the loop",
-    ),
-    "theorem2": (
-        "Theorem 2: Ψ < 0 in every mode",
-        "whether one P and one Q satisfy (18) in all modes, so that they may switch in any way",
-    ),
-    "theorem1-printed": (
-        "Theorem 1 with the P given",
-        "whether the P and W of the problem file satisfy (18) as they stand",
-    ),
-    "theorem2-printed": (
-        "Theorem 2 with the P given",
-        "whether the P and W of the problem file satisfy (18) in every mode as they stand",
-    ),
-    "lure": ("Lur’e certificate", "whether a quadratic V decreases for all slopes the coupling has in a region"),
-    "exhaustive": (
-        "Exhaustive proof",
-        "whether a quadratic V decreases in every box of a grid between a Lur’e ball and"
-        " a larger set; for small networks",
-    ),
-    "max-separable": (
-        "Max-separable certificate",
-        "whether boxes around the target shrink: the largest weighted error decreases",
-    ),
-    "delay": ("Delays", "whether the proof survives delayed messages"),
-    "sampling": ("Sampling", "whether the proof survives couplings that are held between samples"),
-    "settling": (
-        "Settling time",
-        "whether |e| stays within a tolerance from a given time on, by certificates that take over from each other",
-    ),
-    "equilibrium": (
-        "Another equilibrium",
-        "whether the region asked for holds a start at which the agents rest away from the target",
-    ),
-}
-
 _POWER = re.compile(r"e([+-]\d+)")
 _RAISED = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 
-#: Checks that carry a proof over to late messages and to sampled ones.
-TIMED = ("delay", "sampling")
 _IDEAL = "messages without delay, noise or quantisation"
 _TIMED = "messages without noise or quantisation; late messages and sampling as far as their checks say"
 
@@ -96,7 +40,7 @@ def mark_of(verdict: Verdict) -> Mark:
 
 def check_name(check: Check) -> str:
     """The name of a check for people."""
-    return CHECKS.get(check.id, (check.id, ""))[0]
+    return check.kind.name
 
 
 def domain_words(domain: Domain) -> str:
@@ -162,8 +106,10 @@ def _proved(certificate: Certificate) -> tuple[list[str], list[str]]:
         )
     elif isinstance(domain, Mapping):
         no.append("It says nothing about starts outside that set. They may converge or not.")
-    timed = [check.id for check in certificate.checks if check.id in TIMED and check.verdict is Verdict.PROVED]
-    no.append(_about_the_model(certificate.problem, _TIMED if len(timed) == len(TIMED) else _IDEAL))
+    timed = [
+        check.id for check in certificate.checks if check.kind.role == "timing" and check.verdict is Verdict.PROVED
+    ]
+    no.append(_about_the_model(certificate.problem, _TIMED if len(timed) == len(ids_of("timing")) else _IDEAL))
     return yes, no
 
 

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 from dobc_design.certification.certify import certify
 from dobc_design.conditions.observer.gain import observer_gain
 from dobc_design.errors import SpecError
-from dobc_design.problem.exosystem import Exosystem
+from dobc_design.problem.exosystems import Exosystem
 from dobc_design.problem.load import load_problem
 from dobc_design.problem.problem import Problem
 

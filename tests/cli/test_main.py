@@ -37,12 +37,10 @@ from problem_texts import CHAIN, without_region_text
 
 from dobc_design import __version__
 from dobc_design.cli.main import main
-from dobc_design.conditions.check import CHECK_IDS
-from dobc_design.conditions.explanations import EXPLANATIONS
+from dobc_design.conditions.kinds import KINDS
 from dobc_design.errors import SolverError
-from dobc_design.problem.builtin import builtin_names, builtin_text
 from dobc_design.problem.canonical import canonical_bytes
-from dobc_design.problem.load import load_problem
+from dobc_design.problem.load import builtin_names, builtin_text, load_problem
 
 
 @dataclass(frozen=True)
@@ -119,7 +117,7 @@ def test_certify_of_a_proved_problem_leaves_with_0_and_writes_its_files(dobc):
     assert Path("paper-fixed-certificate/problem.json").read_bytes() == canonical_bytes(load_problem("paper-fixed"))
     for check in document["checks"]:
         assert set(check) >= {"id", "verdict", "domain", "margin", "rate", "reason"}
-        assert check["id"] in CHECK_IDS
+        assert check["id"] in KINDS
 
 
 def test_the_same_problem_gives_the_same_files_and_replaces_the_old_ones(dobc):
@@ -476,7 +474,7 @@ def test_problems_lists_the_built_in_ones(dobc):
     assert [line.split()[0] for line in words.out.splitlines()] == list(builtin_names())
 
 
-@pytest.mark.parametrize("id", sorted(EXPLANATIONS))
+@pytest.mark.parametrize("id", sorted(KINDS))
 def test_every_known_condition_can_be_explained(dobc, id):
     ran = dobc("explain", id, "--json")
     assert (ran.code, ran.json["id"]) == (0, id)
@@ -492,7 +490,7 @@ def test_every_condition_that_certify_shows_can_be_explained(dobc):
         for name in ("paper-fixed", "paper-switching", "clock-sync")
         for check in dobc("certify", name, "--no-report", "--json").json["checks"]
     }
-    assert shown <= set(EXPLANATIONS) <= set(CHECK_IDS)
+    assert shown <= set(KINDS)
 
 
 def test_an_unknown_condition_is_refused_with_those_that_are_known(dobc):

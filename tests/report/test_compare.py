@@ -9,11 +9,11 @@ from html.parser import HTMLParser
 import pytest
 from shown import compare_html, compare_markdown
 
+from dobc_design.conditions.kinds import KINDS
 from dobc_design.problem.network import Network
-from dobc_design.problem.observer import Observer
+from dobc_design.problem.groups import Observer
 from dobc_design.report.comparison import comparison_document, conclusion, differences
 from dobc_design.report.document import Mark, Table
-from dobc_design.report.words import CHECKS
 from dobc_design.verdict import Verdict
 
 
@@ -128,7 +128,7 @@ def test_checks_are_paired_by_id_and_mode_and_marked_where_they_differ(certifica
     other = certificate_of(checks=tuple(check for check in checks if check.id != "hurwitz"))
     table = table_in("checks", one, other)
     ids = [check.id for check in one.checks]
-    assert [row[0].parts[0] for row in table.rows] == [CHECKS[id][0] for id in ids]
+    assert [row[0].parts[0] for row in table.rows] == [KINDS[id].name for id in ids]
     rows = dict(zip(ids, table.rows, strict=True))
     assert {ids[place] for place in table.marked} == {"lemma1", "hurwitz"}
     assert rows["lemma1"][1:5] == (Mark("✓", "proved"), Mark("✓", "proved"), "0.5822", "0.1")

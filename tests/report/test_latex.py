@@ -12,7 +12,7 @@ from typing import Any
 import pytest
 from shown import latex_report, pdf_content
 
-from dobc_design.problem.exosystem import Exosystem
+from dobc_design.problem.exosystems import Exosystem
 from dobc_design.problem.groups import Group
 from dobc_design.problem.network import Network
 from dobc_design.report.latex import MAIN, PACKAGES, tex

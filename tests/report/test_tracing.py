@@ -11,9 +11,10 @@ from shown import html_report, markdown_report
 
 import dobc_design
 from dobc_design.checker.checker import FACTS, REGIONAL
-from dobc_design.conditions.check import CHECK_IDS, Check
+from dobc_design.conditions.check import Check
+from dobc_design.conditions.kinds import KINDS
 from dobc_design.report.document import Name
-from dobc_design.report.tracing import DECIDED_IN, reproduction, trace_section
+from dobc_design.report.tracing import reproduction, trace_section
 from dobc_design.verdict import Verdict
 
 PACKAGE = Path(dobc_design.__file__).parent
@@ -24,15 +25,14 @@ def rows_of(checks):
 
 
 def test_every_check_is_decided_in_modules_that_exist():
-    assert set(DECIDED_IN) == set(CHECK_IDS)
-    for modules, checker in DECIDED_IN.values():
-        for name in (*modules, f"checker/{checker}"):
+    for kind in KINDS.values():
+        for name in (*kind.decided_in, f"checker/{kind.checker}"):
             assert (PACKAGE / name).is_file(), name
 
 
 @pytest.mark.parametrize("id", [*FACTS, *REGIONAL])
 def test_the_file_of_the_lone_checker_has_the_function_of_the_check(id: str):
-    text = (PACKAGE / "checker" / DECIDED_IN[id][1]).read_text("utf-8")
+    text = (PACKAGE / "checker" / KINDS[id].checker).read_text("utf-8")
     assert f"    def {id.replace('-', '_')}(self, check: Any)" in text
 
 
@@ -43,10 +43,6 @@ def test_a_condition_has_one_row_that_counts_its_verdicts(certificate):
     assert row[1:2] == (Name(("Lemma 1: Λ(J) < 0",), id="lemma1"),)
     assert row[3] == "Paper, Lemma 1, (10), with J at the target."
     assert row[5:] == ("checker.py", "2 × proved, refuted")
-
-
-def test_a_check_that_this_version_does_not_know_is_left_out():
-    assert rows_of([Check(id="strange", verdict=Verdict.PROVED, domain="global", reason="r")]) == ()
 
 
 def test_the_fingerprint_of_the_certificate_is_that_of_its_file(certificate, tmp_path: Path):

@@ -15,10 +15,10 @@ from typing import Any, Final, overload
 import numpy as np
 
 from dobc_design.conditions.consensus.jacobians import ModeJacobian
-from dobc_design.exact.integers import DENOMINATOR_BITS, Integers, IntegerSymmetric, Places, as_integers
 from dobc_design.exact.interval import Interval
 from dobc_design.exact.matrix import Matrix
 from dobc_design.exact.pencil import Deviation, Pencil
+from dobc_design.exact.symmetric import DENOMINATOR_BITS, Integers, IntegerSymmetric, Places, as_integers
 from dobc_design.problem.pinning import Pinning
 
 #: Rows n m, and arcs times m^2, beyond which Lambda is stated in arrays.

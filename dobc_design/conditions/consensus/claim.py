@@ -19,7 +19,7 @@ from dobc_design.exact.interval import Interval
 from dobc_design.exact.matrix import Matrix
 from dobc_design.exact.pencil import Deviation, Pencil, Place, Unknown
 from dobc_design.exact.symmetric import SparseSymmetric
-from dobc_design.problem.exosystem import Exosystem
+from dobc_design.problem.exosystems import Exosystem
 from dobc_design.problem.groups import Group, group_numbers
 from dobc_design.problem.pinning import Pinning
 

@@ -34,7 +34,7 @@ from dobc_design.exact.number import number_text
 from dobc_design.exact.reading import is_scalar_matrix
 from dobc_design.exact.symmetric import SparseSymmetric
 from dobc_design.problem.canonical import matrix_text
-from dobc_design.problem.exosystem import Exosystem
+from dobc_design.problem.exosystems import Exosystem
 from dobc_design.problem.groups import group_blocks, group_numbers
 from dobc_design.problem.reaching import unreached
 from dobc_design.verdict import Verdict

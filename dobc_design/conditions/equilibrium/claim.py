@@ -17,7 +17,7 @@ from fractions import Fraction
 
 from dobc_design.coupling.algebra import GradientAlgebra, IntervalAlgebra
 from dobc_design.coupling.coupling import Coupling
-from dobc_design.coupling.expression import evaluate
+from dobc_design.coupling.tree import evaluate
 from dobc_design.errors import ShapeError, SpecError
 from dobc_design.exact.interval import Interval
 from dobc_design.exact.matrix import Vector

@@ -24,9 +24,7 @@ _LURE: Final = ("method", "P_e", "level", "radius", "ranges", "multipliers", "ra
 
 
 def lure_to_json(lure: Lure) -> dict[str, Any]:
-    """The exact values of a proved lure check.  Raises: ValueError for radii of single arcs, which have no key."""
-    if lure.radii:
-        raise ValueError("a certificate has one radius for all arcs")
+    """The exact values of a proved lure check."""
     values: dict[str, Any] = {
         "method": lure.method,
         "P_e": [[i, j, number_text(value)] for (i, j), value in sorted(lure.P_e.entries.items())],
@@ -112,9 +110,8 @@ def _ranges(data: object, problem: Problem, radius: Fraction | None) -> tuple[Ga
             tuple(Interval(read_rational(lo), read_rational(hi)) for lo, hi in row) for row in values["gains"]
         )
         found.append(GainRange(coupling=values["coupling"], radius=radius, entries=entries))
-    places = {coupling: number for number, coupling in enumerate(problem.couplings)}
     arcs = (arc for mode in problem.network.modes.values() for arc in mode)
-    used = {places[problem.coupling_of(i, j)] for i, j, _ in arcs}
+    used = {problem.coupling_place(i, j) for i, j, _ in arcs}
     if len(found) != len(used) or {each.coupling for each in found} != used:
         raise ValueError("ranges must name every coupling that an arc has, once")
     return tuple(found)

@@ -35,9 +35,9 @@ from dobc_design.conditions.separable.timing import (
     sampled_factor,
     verify_delay,
 )
-from dobc_design.exact.doubles import Doubles
 from dobc_design.exact.matrix import Matrix, Vector
 from dobc_design.exact.number import number_text
+from dobc_design.exact.symmetric import Doubles
 from dobc_design.problem.canonical import matrix_text
 from dobc_design.problem.problem import Problem
 from dobc_design.verdict import Verdict

@@ -25,11 +25,10 @@ from dobc_design.conditions.separable.claim import (
 )
 from dobc_design.conditions.separable.large import ArcRows, Kinds, arc_rows, estimated_rate, float_kinds, open_rows
 from dobc_design.conditions.separable.rows import decide_row, linear_bound, row_rate
-from dobc_design.coupling.enclosures import Curve
-from dobc_design.coupling.monotone import Profile, profile
-from dobc_design.exact.doubles import Doubles
+from dobc_design.coupling.enclosures import Curve, Profile, profile
 from dobc_design.exact.interval import UndefinedError
 from dobc_design.exact.matrix import Vector
+from dobc_design.exact.symmetric import Doubles
 from dobc_design.problem.problem import Problem
 from dobc_design.verdict import Verdict
 

@@ -20,8 +20,8 @@ from dobc_design.conditions.separable.field import Field, field_of
 from dobc_design.conditions.separable.newton import FEW_AGENTS, LOOSE, TIGHT, least_solution, linear_rate
 from dobc_design.conditions.separable.ordering import find_ordering
 from dobc_design.conditions.separable.propose_observer import propose_error_bound, radius_needed
-from dobc_design.exact.doubles import Doubles
 from dobc_design.exact.matrix import Matrix, Vector
+from dobc_design.exact.symmetric import Doubles
 from dobc_design.problem.problem import Problem
 from dobc_design.solvers.program import Array
 

@@ -14,8 +14,7 @@ from fractions import Fraction
 from typing import Final
 
 from dobc_design.conditions.separable.claim import Row, Term
-from dobc_design.coupling.enclosures import jet, secant
-from dobc_design.coupling.monotone import Cell, Profile
+from dobc_design.coupling.enclosures import Cell, Profile, jet, secant
 from dobc_design.exact.interval import Interval
 from dobc_design.verdict import Verdict
 

@@ -14,7 +14,7 @@ from typing import Any, Final
 import numpy as np
 
 from dobc_design.conditions.separable.table import Array, GainTable, down, up
-from dobc_design.coupling.monotone import Profile
+from dobc_design.coupling.enclosures import Profile
 from dobc_design.exact.interval import Interval
 from dobc_design.exact.number import float_above, float_below
 

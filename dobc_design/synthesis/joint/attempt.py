@@ -13,9 +13,8 @@ from typing import Any
 from dobc_design.conditions.numbers import claimed
 from dobc_design.exact.matrix import Matrix
 from dobc_design.exact.reading import counted
-from dobc_design.problem.changes import changed_problem, gain_changes
+from dobc_design.problem.changes import changed_problem, gain_changes, typed_number
 from dobc_design.problem.problem import Problem
-from dobc_design.problem.typed import typed_number
 from dobc_design.synthesis.joint.designed import Design, Proof, impossible, undecided
 from dobc_design.synthesis.joint.ground import Ground, Proposal, Tools
 from dobc_design.synthesis.joint.proposing import HALF, of_consensus, of_region

@@ -20,8 +20,8 @@ from dobc_design.conditions.consensus.network import name_agents
 from dobc_design.conditions.statement import Statement
 from dobc_design.exact.number import number_text
 from dobc_design.exact.reading import counted
+from dobc_design.problem.changes import typed_number
 from dobc_design.problem.problem import Problem
-from dobc_design.problem.typed import typed_number
 from dobc_design.verdict import Verdict
 
 TOP = 10**12  # of the largest entry of a rounded direction

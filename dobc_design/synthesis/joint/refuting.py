@@ -11,8 +11,8 @@ from dobc_design.conditions.observer.decide import detectability_check
 from dobc_design.conditions.statement import Statement
 from dobc_design.exact.interval import UndefinedError
 from dobc_design.exact.reading import counted
+from dobc_design.problem.changes import value_text
 from dobc_design.problem.problem import Problem
-from dobc_design.problem.typed import value_text
 from dobc_design.synthesis.joint.ground import Ground
 from dobc_design.synthesis.joint.perron import slow_directions
 from dobc_design.synthesis.joint.rate_limit import rate_obstacle, too_few_pins

@@ -12,7 +12,7 @@ from typing import Any
 
 from dobc_design.errors import SpecError
 from dobc_design.exact.reading import counted, shown
-from dobc_design.problem.typed import typed_number
+from dobc_design.problem.changes import typed_number
 from dobc_design.synthesis.observer.request import NoiseLimit, ObserverRequest
 from dobc_design.synthesis.pinning.request import FEWEST
 from dobc_design.synthesis.pinning.request import read_request as read_pinning_request

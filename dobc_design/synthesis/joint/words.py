@@ -7,8 +7,8 @@ from fractions import Fraction
 
 from dobc_design.conditions.consensus.network import name_agents
 from dobc_design.exact.reading import counted
+from dobc_design.problem.changes import typed_number, value_text
 from dobc_design.problem.problem import Problem
-from dobc_design.problem.typed import typed_number, value_text
 from dobc_design.synthesis.observer.design import ObserverDesign
 from dobc_design.synthesis.pinning.region_gains import RegionGains
 from dobc_design.synthesis.pinning.structure import Structure

@@ -21,7 +21,7 @@ from dobc_design.conditions.observer.scaling import natural_units
 from dobc_design.errors import SpecError
 from dobc_design.exact.matrix import Matrix, scale, to_float
 from dobc_design.exact.observability import decide_observable, observable_reduction
-from dobc_design.problem.exosystem import Exosystem
+from dobc_design.problem.exosystems import Exosystem
 from dobc_design.solvers.program import Array, Solution
 from dobc_design.solvers.rounding import round_matrix
 from dobc_design.synthesis.observer.gain_optimum import Optimum, smallest_gain

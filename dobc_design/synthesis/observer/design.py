@@ -18,7 +18,7 @@ from dobc_design.exact.number import number_text
 from dobc_design.exact.reading import shown_number
 from dobc_design.exact.symmetric import SparseSymmetric
 from dobc_design.problem.canonical import matrix_text
-from dobc_design.problem.exosystem import Exosystem
+from dobc_design.problem.exosystems import Exosystem
 from dobc_design.synthesis.observer.norms import noise_statement, root_above
 from dobc_design.synthesis.observer.request import ObserverRequest
 from dobc_design.synthesis.observer.spectrum import (

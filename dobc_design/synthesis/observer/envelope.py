@@ -15,8 +15,8 @@ from dobc_design.conditions.observer.norms import transient_peak
 from dobc_design.errors import SpecError
 from dobc_design.exact.matrix import Matrix, multiply, subtract, to_float
 from dobc_design.exact.pencil import Unknown
-from dobc_design.problem.exosystem import Exosystem
-from dobc_design.solvers.direct import solve_directly
+from dobc_design.problem.exosystems import Exosystem
+from dobc_design.solvers.conic import solve_directly
 from dobc_design.solvers.program import Array, Program
 from dobc_design.solvers.rounding import round_matrix
 from dobc_design.synthesis.observer.lmi import pencil

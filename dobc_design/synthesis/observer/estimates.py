@@ -7,7 +7,7 @@ import numpy as np
 from dobc_design.conditions.observer.norms import h2_norm, hinf_norm, transient_peak
 from dobc_design.errors import SpecError
 from dobc_design.exact.matrix import Matrix, to_float
-from dobc_design.problem.exosystem import Exosystem
+from dobc_design.problem.exosystems import Exosystem
 from dobc_design.solvers.program import Array
 
 

@@ -17,12 +17,15 @@ from dobc_design.exact.polynomial import (
     Coefficients,
     characteristic_polynomial,
     count_right_half_plane,
+    decide_images,
+    disk_image,
     polynomial_text,
+    reflected,
     routh,
+    shifted,
 )
 from dobc_design.exact.reading import shown_number
-from dobc_design.exact.root_regions import decide_images, disk_image, reflected, shifted
-from dobc_design.problem.exosystem import Exosystem
+from dobc_design.problem.exosystems import Exosystem
 from dobc_design.synthesis.observer.request import NoiseLimit, ObserverRequest
 from dobc_design.synthesis.observer.spectral_conditions import GainRow, images
 from dobc_design.synthesis.observer.spectral_regions import Cone, SpectralRegion, common_interval

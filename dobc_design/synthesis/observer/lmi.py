@@ -24,7 +24,7 @@ import numpy as np
 
 from dobc_design.exact.pencil import Pencil, Unknown
 from dobc_design.exact.symmetric import SparseSymmetric
-from dobc_design.solvers.direct import solve_directly
+from dobc_design.solvers.conic import solve_directly
 from dobc_design.solvers.program import Array, Program, Solution, without_values
 from dobc_design.synthesis.observer.request import NoiseLimit
 from dobc_design.synthesis.observer.spectral_regions import Cone, Disk, SpectralRegion

@@ -12,7 +12,7 @@ from math import inf
 
 from dobc_design.conditions.numbers import claimed, largest_proved
 from dobc_design.exact.matrix import Matrix
-from dobc_design.problem.exosystem import Exosystem
+from dobc_design.problem.exosystems import Exosystem
 from dobc_design.synthesis.observer.design import gain_squared
 from dobc_design.synthesis.observer.norms import channel, h2_squared, hinf_below, root_above
 from dobc_design.synthesis.observer.request import CHANNELS

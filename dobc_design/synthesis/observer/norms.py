@@ -17,12 +17,21 @@ from fractions import Fraction
 from dobc_design.conditions.statement import Statement, decided
 from dobc_design.errors import SpecError
 from dobc_design.exact.definite import decide_positive_definite
-from dobc_design.exact.lyapunov import solve_lyapunov
-from dobc_design.exact.matrix import Matrix, add, identity, inverse, multiply, scale, subtract, transpose, zeros
+from dobc_design.exact.matrix import (
+    Matrix,
+    add,
+    identity,
+    inverse,
+    multiply,
+    scale,
+    solve_lyapunov,
+    subtract,
+    transpose,
+    zeros,
+)
 from dobc_design.exact.number import float_above, number_text
-from dobc_design.exact.polynomial import characteristic_polynomial, decide_hurwitz
-from dobc_design.exact.root_regions import has_root_up_to_zero
-from dobc_design.problem.exosystem import Exosystem
+from dobc_design.exact.polynomial import characteristic_polynomial, decide_hurwitz, has_root_up_to_zero
+from dobc_design.problem.exosystems import Exosystem
 from dobc_design.synthesis.observer.request import CHANNELS, NoiseLimit
 from dobc_design.synthesis.observer.spectrum import error_matrix
 from dobc_design.verdict import Verdict

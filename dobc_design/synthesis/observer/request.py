@@ -14,7 +14,7 @@ from dobc_design._show.cards import Card, Shown
 from dobc_design.errors import SpecError
 from dobc_design.exact.number import parse_number
 from dobc_design.exact.reading import is_list, shown, shown_number
-from dobc_design.problem.typed import typed_number
+from dobc_design.problem.changes import typed_number
 from dobc_design.synthesis.observer.spectral_regions import Disk, HalfPlane, SpectralRegion, read_regions
 
 METHODS = ("lmi", "kalman", "place")

@@ -14,7 +14,7 @@ from dobc_design.conditions.statement import Statement
 from dobc_design.exact.matrix import Matrix
 from dobc_design.exact.number import float_below
 from dobc_design.exact.observability import decide_detectable
-from dobc_design.problem.exosystem import Exosystem
+from dobc_design.problem.exosystems import Exosystem
 from dobc_design.problem.groups import Group, join
 from dobc_design.synthesis.observer.design import Envelope, ObserverDesign, first_proved, gain_squared
 from dobc_design.synthesis.observer.impossible import (

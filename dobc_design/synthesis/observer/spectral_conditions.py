@@ -14,9 +14,15 @@ from fractions import Fraction
 
 from dobc_design.exact.matrix import Matrix, Vector, multiply, subtract, zeros
 from dobc_design.exact.observability import observable_reduction
-from dobc_design.exact.polynomial import Coefficients, characteristic_polynomial
-from dobc_design.exact.root_regions import cone_image, disk_image, reflected, shifted
-from dobc_design.problem.exosystem import Exosystem
+from dobc_design.exact.polynomial import (
+    Coefficients,
+    characteristic_polynomial,
+    cone_image,
+    disk_image,
+    reflected,
+    shifted,
+)
+from dobc_design.problem.exosystems import Exosystem
 from dobc_design.synthesis.observer.spectral_regions import Cone, Disk, SpectralRegion
 
 

@@ -1,6 +1,6 @@
 """Where the eigenvalues of A - W C lie, decided over the rationals: half planes, disks, cones; sampled observers.
 
-Routh's test and exact counts of the mapped characteristic polynomial (``exact.root_regions``). For a sampled observer
+Routh's test and exact counts of the mapped characteristic polynomial (``exact.polynomial``). For a sampled observer
 exp(A T) is enclosed by Arb, and what is proved holds for every matrix of the enclosure.
 """
 
@@ -19,10 +19,15 @@ from dobc_design.exact.matrix_exponential import (
     interval_routh,
 )
 from dobc_design.exact.number import number_text
-from dobc_design.exact.polynomial import characteristic_polynomial, decide_hurwitz, polynomial_text
+from dobc_design.exact.polynomial import (
+    characteristic_polynomial,
+    decide_hurwitz,
+    decide_images,
+    disk_image,
+    polynomial_text,
+)
 from dobc_design.exact.reading import shown_number
-from dobc_design.exact.root_regions import decide_images, disk_image
-from dobc_design.problem.exosystem import Exosystem
+from dobc_design.problem.exosystems import Exosystem
 from dobc_design.synthesis.observer.spectral_conditions import images
 from dobc_design.synthesis.observer.spectral_regions import Cone, Disk, HalfPlane, SpectralRegion
 from dobc_design.verdict import Verdict

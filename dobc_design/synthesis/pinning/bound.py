@@ -17,9 +17,8 @@ from fractions import Fraction
 from typing import Any
 
 from dobc_design.conditions.consensus.negative import TOPS, Enclosed, find_witness, is_negative, refutes
-from dobc_design.exact.decision import Symmetric
 from dobc_design.exact.matrix import Vector
-from dobc_design.exact.symmetric import SparseSymmetric
+from dobc_design.exact.symmetric import SparseSymmetric, Symmetric
 from dobc_design.exact.zmatrix import proves
 from dobc_design.problem.problem import Problem
 from dobc_design.synthesis.pinning.request import PinningRequest

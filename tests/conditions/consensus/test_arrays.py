@@ -13,8 +13,7 @@ from dobc_design.conditions.consensus.arrays import LARGE_ROWS, Deviations, lemm
 from dobc_design.conditions.consensus.claim import lemma1
 from dobc_design.conditions.consensus.jacobians import jacobians_at_consensus
 from dobc_design.conditions.consensus.statements import state_theorems
-from dobc_design.exact.integers import IntegerSymmetric
-from dobc_design.exact.symmetric import SparseSymmetric
+from dobc_design.exact.symmetric import IntegerSymmetric, SparseSymmetric
 from dobc_design.problem.network import Network
 from dobc_design.problem.problem import Problem
 

@@ -24,10 +24,10 @@ from dobc_design.conditions.separable.checks import (
 from dobc_design.conditions.separable.claim import ErrorBound, Separable
 from dobc_design.conditions.separable.ordering import find_ordering
 from dobc_design.conditions.separable.timing import DelayBound
-from dobc_design.problem.exosystem import Exosystem
+from dobc_design.problem.exosystems import Exosystem
+from dobc_design.problem.groups import Observer
 from dobc_design.problem.load import load_problem
 from dobc_design.problem.network import Network
-from dobc_design.problem.observer import Observer
 from dobc_design.problem.problem import Problem
 from dobc_design.verdict import Verdict
 

@@ -17,8 +17,7 @@ from dobc_design.conditions.separable.propose import propose_separable, rounded_
 from dobc_design.conditions.separable.rows import decide_row
 from dobc_design.conditions.separable.table import gain_table
 from dobc_design.conditions.separable.turns import turning
-from dobc_design.coupling.enclosures import Curve
-from dobc_design.coupling.monotone import profile
+from dobc_design.coupling.enclosures import Curve, profile
 from dobc_design.errors import ShapeError, SpecError
 from dobc_design.problem.network import Network
 from dobc_design.problem.problem import Problem

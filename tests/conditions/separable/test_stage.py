@@ -19,17 +19,17 @@ from dobc_design.certification.confirm_regions import Beside, confirm_region
 from dobc_design.certification.overall import decide_overall
 from dobc_design.certification.recheck import recheck
 from dobc_design.conditions.asked import decimal_above, read_region
-from dobc_design.conditions.check import CONSENSUS_IDS, check_from_json
+from dobc_design.conditions.check import check_from_json
 from dobc_design.conditions.coverage import asked_radius
+from dobc_design.conditions.kinds import KINDS
 from dobc_design.conditions.numbers import claimed
 from dobc_design.conditions.separable.checks import separable_from_json
 from dobc_design.conditions.separable.propose import design_separable, flatter_plans
 from dobc_design.conditions.separable.stage import separable_stage
 from dobc_design.conditions.separable.timing import largest_period
-from dobc_design.problem.builtin import builtin_names
 from dobc_design.problem.canonical import canonical_document
-from dobc_design.problem.exosystem import Exosystem
-from dobc_design.problem.load import load_problem
+from dobc_design.problem.exosystems import Exosystem
+from dobc_design.problem.load import builtin_names, load_problem
 from dobc_design.problem.network import Network
 from dobc_design.problem.problem import Problem
 from dobc_design.verdict import Verdict
@@ -258,7 +258,7 @@ def test_a_large_network_is_certified_and_confirmed_and_v_travels_as_doubles():
 
 
 def test_only_proofs_of_consensus_cover():
-    assert {"delay", "sampling"} & set(CONSENSUS_IDS) == set()
+    assert not any(KINDS[id].is_consensus for id in ("delay", "sampling"))
 
 
 @pytest.mark.slow

@@ -12,13 +12,11 @@ from small_designs import CONSTANT, HIDDEN, ring
 import dobc_design as dd
 from dobc_design.errors import SpecError
 from dobc_design.exact.matrix import to_float
-from dobc_design.problem.changes import changed_problem, gain_changes
-from dobc_design.problem.exosystem import Exosystem
-from dobc_design.problem.groups import Group
+from dobc_design.problem.changes import changed_file, changed_problem, gain_changes
+from dobc_design.problem.exosystems import Exosystem
+from dobc_design.problem.groups import Group, Observer
 from dobc_design.problem.load import load_problem
-from dobc_design.problem.observer import Observer
 from dobc_design.problem.problem import Problem
-from dobc_design.problem.toml_writing import changed_file
 from dobc_design.verdict import Verdict
 
 SINE = Exosystem(A=[[0, 2], [-2, 0]], C=[[1, 0]])

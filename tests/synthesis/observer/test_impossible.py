@@ -7,7 +7,7 @@ from fractions import Fraction
 import pytest
 
 from dobc_design.problem import exosystems
-from dobc_design.problem.exosystem import Exosystem
+from dobc_design.problem.exosystems import Exosystem
 from dobc_design.synthesis.observer.gain_bound import propose_multipliers
 from dobc_design.synthesis.observer.impossible import largest_hidden_rate, least_gain_squared, why_impossible
 from dobc_design.synthesis.observer.request import NoiseLimit, ObserverRequest

@@ -10,7 +10,7 @@ import pytest
 from dobc_design.exact.matrix import identity, matrix, multiply, subtract
 from dobc_design.exact.polynomial import characteristic_polynomial
 from dobc_design.problem import exosystems
-from dobc_design.problem.exosystem import Exosystem
+from dobc_design.problem.exosystems import Exosystem
 from dobc_design.synthesis.observer.spectral_conditions import gain_rows, images
 from dobc_design.synthesis.observer.spectral_regions import Cone, Disk, HalfPlane
 

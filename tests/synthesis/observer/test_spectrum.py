@@ -12,7 +12,7 @@ from scipy import linalg
 
 from dobc_design.exact.matrix import matrix, to_float
 from dobc_design.problem import exosystems
-from dobc_design.problem.exosystem import Exosystem
+from dobc_design.problem.exosystems import Exosystem
 from dobc_design.synthesis.observer.spectral_regions import Cone, Disk, HalfPlane
 from dobc_design.synthesis.observer.spectrum import (
     damping_holds,

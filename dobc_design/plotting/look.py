@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 INK, MUTED, GRID, PAPER = "#1b1e24", "#5b6470", "#d8dce2", "#fefefe"
 BLUE, VERMILLION, GREEN, PURPLE = "#0072b2", "#d55e00", "#009e73", "#cc79a7"
 SERIES = (BLUE, VERMILLION, GREEN, PURPLE, INK, MUTED)
+DASHED, DOTTED = (0, (4, 2)), (0, (1, 1.4))
 MARKERS = ("o", "s", "^", "D", "v", "P")
 MOST_POINTS = 400  # of one series
 MOST_AGENTS = 30  # lines in one plot
@@ -113,20 +114,20 @@ def axes_or_new(ax: Axes | None) -> Axes:
     return ax
 
 
-def legend_above(ax: Axes, entries: int, *, right: bool = False, widest: int = 3) -> None:
-    """A legend above the axes, where there are two entries at least, in up to ``widest`` columns."""
-    handles, labels = ax.get_legend_handles_labels()
-    if len(handles) < 2:
+def legend_above(ax: Axes, *, right: bool = False, widest: int = 3, least: int = 2) -> None:
+    """A legend above the axes, where there are ``least`` entries, each once; in two columns beyond ``widest``."""
+    entries = {label: handle for handle, label in zip(*ax.get_legend_handles_labels(), strict=True)}
+    if len(entries) < least:
         return
     legend = ax.legend(
-        handles,
-        labels,
+        list(entries.values()),
+        list(entries),
         loc="lower right" if right else "lower left",
         bbox_to_anchor=(1.0 if right else 0.0, 1.0),
-        ncols=min(max(entries, 1), widest),
+        ncols=len(entries) if len(entries) <= widest else 2,
         borderaxespad=0.2,
-        handlelength=1.6,
-        columnspacing=1.2,
+        handlelength=1.5,
+        columnspacing=1.1,
     )
     for text in legend.get_texts():
         text.set_parse_math(False)

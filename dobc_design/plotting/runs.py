@@ -19,6 +19,8 @@ from numpy.typing import ArrayLike, NDArray
 from dobc_design.errors import ShapeError
 from dobc_design.plotting.look import (
     BLUE,
+    DASHED,
+    DOTTED,
     GREEN,
     INK,
     MUTED,
@@ -136,7 +138,7 @@ def ensemble_sheet(runs: Runs, *, envelope: Envelope | None = None) -> Sheet:
             _draw_bound(rows[0], points[:, 0], resolved(points[:, 1]), "certified bound on |e|∞")
         bad = int(np.count_nonzero(runs.diverged))
         rows[0].set_title(f"{len(runs)} runs" + (f", {bad} diverged" if bad else ""))
-        legend_above(rows[0], 4, right=True, widest=4)
+        legend_above(rows[0], right=True, widest=4)
         if has_estimate:
             plot_quantiles(rows[1], runs.times, runs.estimation_error, colour=PURPLE, what="|d − d̂|∞, unit of x per s")
         in_time(rows[-1], runs.times)
@@ -154,8 +156,7 @@ def plot_agents(ax: Axes, run: Run, *, component: int, pinned: Sequence[int] = (
         colour, label = shades[rank], f"agent {short(run.labels[agent])}"
         if held:
             colour = BLUE if agent in held else MUTED
-            first = not any((other in held) is (agent in held) for other in chosen[:rank])
-            label = ("pinned" if agent in held else "not pinned") if first else ""
+            label = "pinned" if agent in held else "not pinned"
         ax.plot(
             run.times[rows],
             run.x[rows, agent, component],
@@ -166,22 +167,15 @@ def plot_agents(ax: Axes, run: Run, *, component: int, pinned: Sequence[int] = (
             marker=_marker(rows),
         )
     goals = sorted({float(run.goal[agent, component]) for agent in chosen})
-    for rank, goal in enumerate(goals[:12]):
-        ax.axhline(
-            goal,
-            color=VERMILLION,
-            linewidth=1.1,
-            linestyle=(0, (4, 2)),
-            label="goal" if rank == 0 else None,
-            zorder=1.5,
-        )
+    for goal in goals[:12]:
+        ax.axhline(goal, color=VERMILLION, linewidth=1.1, linestyle=DASHED, label="goal", zorder=1.5)
     symbol = "xᵢ" if run.x.shape[2] == 1 else f"xᵢ,{component + 1}".translate(_SUBSCRIPTS)
     ax.set_ylabel(f"{symbol}\nin its own unit")
     if component == 0 and (few or held):
-        legend_above(ax, 7, right=True, widest=7)
+        legend_above(ax, right=True, widest=7)
     elif component == 0:
-        first, last = (short(run.labels[agent]) for agent in (chosen[0], chosen[-1]))
-        ax.set_title(f"agents {first} (dark) to {last} (light); goals dashed", loc="right", parse_math=False)
+        dark, light = (short(run.labels[agent]) for agent in (chosen[0], chosen[-1]))
+        ax.set_title(f"agents {dark} (dark) to {light} (light); goals dashed", loc="right", parse_math=False)
     return ax
 
 
@@ -198,17 +192,17 @@ def plot_estimates(ax: Axes, run: Run) -> Axes:
             marker=_marker(rows),
             label=f"d̂, agent {short(run.labels[agent])}",
         )
-    for rank, agent in enumerate(chosen):  # on top of all estimates
+    for agent in chosen:  # on top of all estimates
         ax.plot(
             run.times[rows],
             run.d[rows, agent, 0],
             color=INK,
-            linestyle=(0, (1, 1.4)),
+            linestyle=DOTTED,
             linewidth=1.3,
-            label="d" if rank == 0 else None,
+            label="d",
         )
     ax.set_ylabel("d and estimate d̂\nin units of x per s")
-    legend_above(ax, 4, right=True, widest=4)
+    legend_above(ax, right=True, widest=4)
     return ax
 
 
@@ -238,7 +232,7 @@ def plot_errors(
         _draw_bound(ax, times[rows], np.where(visible, slope, np.nan), "slope of the certified rate")
     _decades(ax)
     ax.set_ylabel("errors\nin the unit of x")
-    legend_above(ax, 3, right=True)
+    legend_above(ax, right=True)
     return ax
 
 
@@ -283,7 +277,7 @@ def plot_modes(ax: Axes, switches: Any, end: float) -> Axes:
     ax.grid(visible=False)
     ax.set_ylabel("mode", rotation=0, ha="right", va="center")
     if named:
-        legend_above(ax, len(used), right=True, widest=MOST_NAMED_MODES)
+        legend_above(ax, right=True, widest=MOST_NAMED_MODES)
     else:
         ax.set_title(f"{len(used)} graphs, {len(times) - 1} switches")
     return ax
@@ -307,7 +301,7 @@ def checked_envelope(envelope: Envelope | None, times: Array) -> Array | None:
 
 
 def _draw_bound(ax: Axes, times: Array, values: Array, label: str) -> None:
-    ax.plot(times, values, color=INK, linestyle=(0, (4, 2)), linewidth=1.2, label=label)
+    ax.plot(times, values, color=INK, linestyle=DASHED, linewidth=1.2, label=label)
 
 
 def _decades(ax: Axes) -> None:

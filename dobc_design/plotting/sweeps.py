@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from dobc_design.plotting.look import (
     BLUE,
+    DASHED,
     GREEN,
     INK,
     MARKERS,
@@ -291,7 +292,7 @@ def _panel(ax: Axes, sweep: SweepLike, *, tolerance: float, bottom: float, top: 
 
 def _periods(ax: Axes, period: float | None, certified: float | None) -> None:
     if period is not None:
-        ax.axvline(period, color=BLUE, linewidth=1.0, linestyle=(0, (4, 2)), label="longest that works")
+        ax.axvline(period, color=BLUE, linewidth=1.0, linestyle=DASHED, label="longest that works")
     if certified is not None:
         ax.axvline(certified, color=GREEN, linewidth=1.2, label="certified")
         low, high = sorted(ax.get_xlim())

@@ -15,10 +15,16 @@ from dobc_design.conditions.check import Check
 from dobc_design.problem.canonical import canonical_document
 from dobc_design.problem.problem import Problem
 from dobc_design.report import document as doc
-from dobc_design.report.network_words import pin_sentence, size_sentence
 from dobc_design.report.pictures import network_pictures
 from dobc_design.report.region_words import region_rows
-from dobc_design.report.words import check_name, covering_domain, domain_words, mark_of, typeset
+from dobc_design.report.words import (
+    covering_domain,
+    domain_words,
+    mark_of,
+    pin_sentence,
+    size_sentence,
+    typeset,
+)
 from dobc_design.verdict import Verdict
 
 SIDES = ("A", "B")
@@ -114,7 +120,7 @@ def conclusion(first: Certificate, second: Certificate) -> str:
 
 def _carrier(certificate: Certificate) -> str:
     covering = next((check for check in certificate.checks if check.id == certificate.covered_by), None)
-    return ABSENT if covering is None else check_name(covering)
+    return ABSENT if covering is None else covering.kind.name
 
 
 def _holds_for(certificate: Certificate) -> str:
@@ -192,7 +198,7 @@ def _checks(first: Certificate, second: Certificate) -> doc.Section:
 
 def _name(pair: Sequence[Check | None]) -> doc.Name:
     check = next(each for each in pair if each is not None)
-    return doc.Name((check_name(check),) if check.mode is None else (check_name(check), f"mode {check.mode}"))
+    return doc.Name((check.kind.name,) if check.mode is None else (check.kind.name, f"mode {check.mode}"))
 
 
 def _verdict(check: Check | None) -> doc.Cell:

@@ -12,21 +12,19 @@ from dobc_design.exact.matrix import Matrix
 from dobc_design.plotting.look import thinned_rows
 from dobc_design.problem.problem import Problem
 from dobc_design.report import document as doc
-from dobc_design.report import formulas, pictures
-from dobc_design.report import network_words as nw
-from dobc_design.report.checks import checks_section, cure_section
+from dobc_design.report import formulas, pictures, words
+from dobc_design.report.checks import (
+    checks_section,
+    cure_section,
+    recheck_section,
+    reproduction,
+    signatures_section,
+    title_block,
+    trace_section,
+)
 from dobc_design.report.region_words import region_section, settling_section
 from dobc_design.report.search_words import search_sections
-from dobc_design.report.tracing import recheck_section, reproduction, signatures_section, title_block, trace_section
-from dobc_design.report.words import (
-    MEANINGS,
-    covering_domain,
-    domain_words,
-    mark_of,
-    number,
-    typeset,
-    what_it_means,
-)
+from dobc_design.report.words import number, typeset
 from dobc_design.verdict import Verdict
 
 if TYPE_CHECKING:
@@ -72,7 +70,10 @@ def report_document(
     """
     problem, again, verdict = certificate.problem, reproduction(certificate), certificate.verdict
     box = doc.Box(
-        mark=mark_of(verdict), word=verdict.value.capitalize(), reason=certificate.reason, facts=_facts(certificate)
+        mark=words.mark_of(verdict),
+        word=verdict.value.capitalize(),
+        reason=certificate.reason,
+        facts=_facts(certificate),
     )
     identity = title_block(certificate, again)
     blocks: list[doc.Block] = [
@@ -81,9 +82,7 @@ def report_document(
         *_meaning(certificate),
         _problem(problem),
         _network(certificate, analysis),
-        *region_section(
-            problem, certificate.regions, tuple(pictures.region_pictures(certificate.regions))
-        ),
+        *region_section(problem, certificate.regions, tuple(pictures.region_pictures(certificate.regions))),
         *settling_section(certificate.settling, timings, tuple(pictures.envelope_pictures(certificate.settling))),
         *_searches(searches),
         checks_section(certificate.checks),
@@ -109,8 +108,8 @@ def report_document(
 def _facts(certificate: Certificate) -> tuple[tuple[str, str], ...]:
     facts = []
     if certificate.verdict is Verdict.PROVED:
-        domain = covering_domain(certificate)
-        facts.append(("Holds", domain_words(domain) if domain is not None else "–"))
+        domain = words.covering_domain(certificate)
+        facts.append(("Holds", words.domain_words(domain) if domain is not None else "–"))
         rate = certificate.rate
         facts.append(("Certified rate", "–" if rate is None else f"{typeset(significant_towards_zero(rate))} 1/s"))
         facts.append(("Carried by", KINDS[certificate.covered_by].name if certificate.covered_by in KINDS else "–"))
@@ -122,7 +121,7 @@ def _facts(certificate: Certificate) -> tuple[tuple[str, str], ...]:
 
 
 def _meaning(certificate: Certificate) -> Iterator[doc.Section]:
-    yes, no = what_it_means(certificate)
+    yes, no = words.what_it_means(certificate)
     says = doc.Section(title="It says", blocks=(doc.List(tuple(yes)),))
     says_not = doc.Section(title="It does not say", blocks=(doc.List(tuple(no)),))
     title = "What this says, and what it does not"
@@ -135,10 +134,10 @@ def _meaning(certificate: Certificate) -> Iterator[doc.Section]:
 def _problem(problem: Problem) -> doc.Section:
     """The problem in a few sentences, and its equations with the numbers of the paper."""
     given = (
-        nw.size_sentence(problem),
-        nw.pin_sentence(problem),
-        nw.region_sentence(problem),
-        nw.switching_sentence(problem),
+        words.size_sentence(problem),
+        words.pin_sentence(problem),
+        words.region_sentence(problem),
+        words.switching_sentence(problem),
     )
     disturbed = ", disturbed" if problem.groups else ""
     loop = formulas.LOOP_DISTURBED if problem.groups else formulas.LOOP
@@ -147,8 +146,8 @@ def _problem(problem: Problem) -> doc.Section:
     plain = f"{letters} = {', '.join(problem.coupling.texts)}"
     lists: list[doc.Block] = []
     for head, sentences in (
-        ("Each agent has the A, C and W of its group:", nw.group_sentences(problem)),
-        ("Arcs with a coupling of their own:", nw.exception_sentences(problem)),
+        ("Each agent has the A, C and W of its group:", words.group_sentences(problem)),
+        ("Arcs with a coupling of their own:", words.exception_sentences(problem)),
     ):
         if sentences:
             lists += [doc.Text(head), doc.List(tuple(sentences))]
@@ -159,15 +158,15 @@ def _problem(problem: Problem) -> doc.Section:
         blocks=(
             doc.Text(" ".join(filter(None, given))),
             *(
-                doc.Formula(latex=latex, label=name, number=number, typst=name + disturbed)
-                for name, latex, number in loop
+                doc.Formula(latex=latex, label=name, number=equation, typst=name + disturbed)
+                for name, latex, equation in loop
             ),
             doc.Only(("markdown",), (doc.Text("Coupling and target:"),)),
             doc.Only(doc.TEXTS, (doc.Formula(latex=coupling), doc.Formula(latex=target))),
             doc.Only(
                 ("html",), (doc.Formula(latex=coupling, label="coupling"), doc.Formula(latex=target, label="target"))
             ),
-            doc.Only(("pdf",), (doc.Facts((("coupling", plain), ("target", nw.vector_text(problem.target)))),)),
+            doc.Only(("pdf",), (doc.Facts((("coupling", plain), ("target", words.vector_text(problem.target)))),)),
             doc.Text(_letters(problem)),
             *lists,
         ),
@@ -191,7 +190,7 @@ def _letters(problem: Problem) -> doc.Words:
 
 def _network(certificate: Certificate, analysis: Analysis | None) -> doc.Section:
     problem = certificate.problem
-    sentences, agents = nw.mode_sentences(problem), nw.agents_table(problem)
+    sentences, agents = words.mode_sentences(problem), words.agents_table(problem)
     hidden = len(problem.network.modes) - len(sentences)
     drawn, legend = pictures.network_pictures(certificate)
     shown = doc.Only(doc.PAGES, (doc.Pictures(drawn, small=True), doc.Text(legend, "caption")))
@@ -221,8 +220,11 @@ def _graphs(analysis: Analysis | None) -> Iterator[doc.Block]:
                 lambda each: "one" if each[0].is_strongly_connected else str(len(each[0].components)),
             ),
             (doc.Column(head="balanced"), lambda each: "yes" if each[0].balanced else "no"),
-            (doc.Column(head="not reached", width=1.2), lambda each: nw.names_in_words(each[0].unreached, 6)),
-            (doc.Column(head="λmax(Λ) in 1/s", width=1.2, style="number"), lambda each: number(each[1].lambda_max)),
+            (doc.Column(head="not reached", width=1.2), lambda each: words.names_in_words(each[0].unreached, 6)),
+            (
+                doc.Column(head="λmax(Λ) in 1/s", width=1.2, style="number"),
+                lambda each: number(each[1].lambda_max),
+            ),
             (doc.Column(head="decay in 1/s", width=1.2, style="number"), lambda each: number(each[1].decay_rate)),
         )
 
@@ -283,7 +285,7 @@ def _disturbed(problem: Problem) -> Iterator[doc.Block]:
     yield doc.Only(doc.PAGES, (doc.Text("and, when nothing is said about P and Q,"),))
     yield doc.Formula(latex=formulas.BY_EXISTENCE, typst="existence")
     if problem.is_grouped:
-        yield doc.Text(nw.BY_GROUP)
+        yield doc.Text(words.BY_GROUP)
 
 
 def _eigenvalues(certificate: Certificate, analysis: Analysis | None) -> Iterator[doc.Section]:
@@ -382,6 +384,6 @@ def _run_sentence(trajectory: Trajectory) -> str:
 
 
 def _glossary() -> doc.Section:
-    verdicts = doc.Terms(tuple((mark_of(verdict), "", MEANINGS[verdict]) for verdict in Verdict))
+    verdicts = doc.Terms(tuple((words.mark_of(verdict), "", words.MEANINGS[verdict]) for verdict in Verdict))
     blocks = (verdicts, doc.Only(doc.PAGES, (doc.Terms(_WORDS),)))
     return doc.Section(name="glossary", title="Glossary", short="Glossary", blocks=blocks)

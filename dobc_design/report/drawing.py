@@ -19,7 +19,7 @@ from matplotlib.path import Path
 from numpy.typing import NDArray
 
 from dobc_design.plotting.look import BLUE, INK, MUTED, PAPER, VERMILLION, short
-from dobc_design.report.network_words import common_offsets
+from dobc_design.report.words import common_offsets
 
 Positions = NDArray[np.float64]
 Pair = tuple[int, int]

@@ -12,19 +12,18 @@ from typing import Final
 
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.lines import Line2D
-from matplotlib.patches import Patch
 from matplotlib.ticker import FuncFormatter
 from numpy.typing import ArrayLike, NDArray
 
-from dobc_design.certificate.regions import AgentBound, RegionClaim, Regions
+from dobc_design.certificate.regions import RegionClaim, Regions
 from dobc_design.conditions.schedule.settling import Settling
 from dobc_design.falsification.suspect import RESTS, Falsification
 from dobc_design.plotting.look import (
     BLUE,
+    DASHED,
+    DOTTED,
     INK,
     MARKERS,
-    MOST_POINTS,
     MUTED,
     PAPER,
     PURPLE,
@@ -41,7 +40,7 @@ from dobc_design.plotting.look import (
 from dobc_design.report.region_words import lower, method_name
 from dobc_design.report.search_words import MOST_ROWS
 
-DASHES = {"dashed": (0, (4, 2)), "dotted": (0, (1, 1.4))}  # of bounds, in their order
+DASHES = {"dashed": DASHED, "dotted": DOTTED}  # of bounds, in their order
 
 
 def plot_spectrum(spectra: Mapping[str, ArrayLike], *, symbol: str = "λ", ax: Axes | None = None) -> Axes:
@@ -75,7 +74,7 @@ def plot_spectrum(spectra: Mapping[str, ArrayLike], *, symbol: str = "λ", ax: A
         ax.margins(y=0.15)
     ax.set_xlabel(f"Re {symbol} in 1/s")
     ax.set_ylabel(f"Im {symbol} in 1/s")
-    legend_above(ax, len(spectra))
+    legend_above(ax)
     return ax
 
 
@@ -96,7 +95,8 @@ def plot_lambda(
     ax.axvspan(0, high + 10 * reach, color=VERMILLION, alpha=0.13, linewidth=0)
     ax.axvline(0, color=VERMILLION, linewidth=1.0)
     for row, name in enumerate(names):
-        values = _thinned(np.sort(np.asarray(spectra[name], dtype=float).ravel()), MOST_POINTS)
+        values = np.sort(np.asarray(spectra[name], dtype=float).ravel())
+        values = values[thinned_rows(len(values))]
         ax.plot(values, np.full(len(values), row), linestyle="none", marker="|", markersize=9, color=BLUE)
         ax.plot(values[-1:], [row], linestyle="none", marker="D", markersize=4.5, color=BLUE)
     for bound, dashes in zip((bounds or {}).values(), itertools.cycle(DASHES.values()), strict=False):
@@ -108,18 +108,12 @@ def plot_lambda(
     return ax
 
 
-def _thinned(values: NDArray[np.float64], most: int) -> NDArray[np.float64]:
-    return values[thinned_rows(len(values), most)] if len(values) else values
-
-
 def _thinned_points(values: NDArray[np.complex128]) -> NDArray[np.complex128]:
     """At most 400 points, the rightmost and leftmost among them."""
     ordered = values[np.argsort(values.real, kind="stable")]
-    return ordered[thinned_rows(len(ordered))] if len(ordered) else ordered
+    return ordered[thinned_rows(len(ordered))]
 
 
-_DASHED: Final = (0, (4, 2))
-_DOTTED: Final = (0, (1, 1.4))
 MOST_STARTS: Final = 24  # agents
 ENVELOPE_SAMPLES: Final = 201
 BELOW: Final = 0.5  # of the least bound, at the foot of its picture
@@ -139,9 +133,9 @@ def plot_regions(regions: Regions, *, ax: Axes | None = None) -> Axes:
     for row, claim in enumerate(claims):
         _draw_reach(ax, row, claim, reach)
     if asked is not None:
-        ax.axvline(asked, color=VERMILLION, linewidth=1.3, linestyle=_DASHED, zorder=3)
+        ax.axvline(asked, color=VERMILLION, linewidth=1.3, linestyle=DASHED, zorder=3, label="asked for")
     if regions.rest is not None:
-        ax.axvline(regions.rest, color=INK, linewidth=1.4, linestyle=_DOTTED, zorder=3)
+        ax.axvline(regions.rest, color=INK, linewidth=1.4, linestyle=DOTTED, zorder=3, label="other equilibrium")
     ax.set_xlim(0, reach)
     ax.set_ylim(len(claims) - 0.4, -0.6)
     names = [_two_lines(method_name(claim)) for claim in claims]
@@ -149,7 +143,7 @@ def plot_regions(regions: Regions, *, ax: Axes | None = None) -> Axes:
     ax.tick_params(axis="y", length=0)
     ax.grid(visible=False, axis="y")
     ax.set_xlabel("distance from the goals at the start, in the unit of x")
-    _legend_of_methods(ax, regions)
+    legend_above(ax, least=1)
     return ax
 
 
@@ -162,10 +156,12 @@ def _draw_reach(ax: Axes, row: int, claim: RegionClaim, reach: float) -> None:
     elif claim.box is None or claim.ball is None:
         _write(ax, reach * 0.02, row, note, colour=MUTED, ground=PAPER)
     else:
-        ax.barh(row, claim.box, height=0.52, color=BLUE, zorder=2)
+        ax.barh(row, claim.box, height=0.52, color=BLUE, zorder=2, label="all at once")
         if claim.ball > claim.box:
-            ax.plot([claim.box, claim.ball], [row, row], color=BLUE, linewidth=1.3, zorder=2)
-            ax.plot([claim.ball], [row], marker="|", markersize=9, color=BLUE, markeredgewidth=1.6, zorder=2)
+            (end,) = ax.plot(
+                [claim.box, claim.ball], [row, row], color=BLUE, linewidth=1.3, zorder=2, label="one alone"
+            )
+            end.set(marker="|", markersize=9, markeredgewidth=1.6, markevery=[1])
         _write(ax, claim.ball + reach * 0.02, row, _sizes(claim), colour=INK, ground=PAPER)
 
 
@@ -197,19 +193,6 @@ def _sizes(claim: RegionClaim) -> str:
     return f"{lower(claim.box)} … {lower(claim.ball)}"
 
 
-def _legend_of_methods(ax: Axes, regions: Regions) -> None:
-    handles: list[Patch | Line2D] = []
-    if any(claim.box for claim in regions.claims):
-        handles.append(Patch(color=BLUE, label="all at once"))
-    if any(claim.kind == "ball" for claim in regions.claims):
-        handles.append(Line2D([], [], color=BLUE, marker="|", markersize=9, label="one alone"))
-    if regions.asked is not None:
-        handles.append(Line2D([], [], color=VERMILLION, linestyle=_DASHED, label="asked for"))
-    if regions.rest is not None:
-        handles.append(Line2D([], [], color=INK, linestyle=_DOTTED, label="other equilibrium"))
-    _legend(ax, handles, columns=3)  # the names of the methods leave less room
-
-
 def plot_starts(regions: Regions, *, ax: Axes | None = None) -> Axes:
     """From where each agent may start, all at once: a bar around its goal, pinned agents in blue.
 
@@ -231,16 +214,17 @@ def plot_starts(regions: Regions, *, ax: Axes | None = None) -> Axes:
             linewidth=1.2,
             color=BLUE if agent.pinned else "none",
             edgecolor=BLUE if agent.pinned else MUTED,
+            label="pinned" if agent.pinned else "not pinned",
         )
-        ax.plot([column - 0.36, column + 0.36], [goal, goal], color=INK, linewidth=1.3, zorder=3)
+        ax.plot([column - 0.36, column + 0.36], [goal, goal], color=INK, linewidth=1.3, zorder=3, label="goal")
     if asked is not None:
         ax.axhspan(*asked, facecolor=VERMILLION, alpha=0.16, linewidth=0, zorder=1)
         for edge in asked:
-            ax.axhline(edge, color=VERMILLION, linewidth=1.2, linestyle=_DASHED, zorder=4)
+            ax.axhline(edge, color=VERMILLION, linewidth=1.2, linestyle=DASHED, zorder=4, label="asked for")
     _name_agents(ax, [short(agents[place].label, 10) for place in chosen])
     in_states = all(agent.goal is not None for agent in agents)
     ax.set_ylabel("xᵢ(0), in its own unit" if in_states else "error at the start")
-    _legend_of_starts(ax, agents, asked=asked is not None)
+    legend_above(ax, widest=4, least=1)
     return ax
 
 
@@ -262,18 +246,6 @@ def _name_agents(ax: Axes, names: Sequence[str]) -> None:
     ax.set_xlabel("agent")
 
 
-def _legend_of_starts(ax: Axes, agents: Sequence[AgentBound], *, asked: bool) -> None:
-    handles: list[Patch | Line2D] = []
-    if any(agent.pinned for agent in agents):
-        handles.append(Patch(color=BLUE, label="pinned"))
-    if not all(agent.pinned for agent in agents):
-        handles.append(Patch(facecolor="none", edgecolor=MUTED, label="not pinned"))
-    handles.append(Line2D([], [], color=INK, label="goal"))
-    if asked:
-        handles.append(Line2D([], [], color=VERMILLION, linestyle=_DASHED, label="asked for"))
-    _legend(ax, handles)
-
-
 def plot_envelope(settling: Settling, *, ax: Axes | None = None) -> Axes:
     """The certified bound of |e|_inf over time, on a logarithmic axis; a tick wherever another certificate takes over.
 
@@ -282,51 +254,24 @@ def plot_envelope(settling: Settling, *, ax: Axes | None = None) -> Axes:
     ax = axes_or_new(ax)
     times, bounds = settling.curve(samples=ENVELOPE_SAMPLES)
     ax.set_yscale("log")
-    ax.plot(times, bounds, color=BLUE, linewidth=1.6, zorder=3)
+    ax.plot(times, bounds, color=BLUE, linewidth=1.6, zorder=3, label="certified bound")
     ax.fill_between(times, bounds, float(bounds.min()) * BELOW, color=BLUE, alpha=0.10, linewidth=0)
     for stage in settling.stages[1:]:
         when = float(stage.start)
-        ax.plot(
-            [when],
-            [settling.envelope(when)],
-            zorder=4,
-            markersize=4.5,
-            marker="s" if stage.is_quadratic else "o",
-            color=PURPLE if stage.is_quadratic else BLUE,
-        )
-    ax.axhline(float(settling.tolerance), color=VERMILLION, linewidth=1.2, linestyle=_DASHED, zorder=2)
+        marker, colour, kind = ("s", PURPLE, "quadratic") if stage.is_quadratic else ("o", BLUE, "max-separable")
+        at, told = [settling.envelope(when)], f"next {kind}"
+        ax.plot([when], at, zorder=4, markersize=4.5, linestyle="", marker=marker, color=colour, label=told)
+    ax.axhline(
+        float(settling.tolerance), color=VERMILLION, linewidth=1.2, linestyle=DASHED, zorder=2, label="tolerance"
+    )
     ax.set_ylim(float(bounds.min()) * BELOW, float(bounds.max()) * 1.6)
     ax.set_xlim(0, float(times[-1]))
     ax.yaxis.set_major_formatter(FuncFormatter(power_of_ten))
     ax.minorticks_off()
     ax.set_xlabel("time t in s")
     ax.set_ylabel("|e|∞, in the unit of x")
-    _legend(ax, _stage_handles(settling), columns=2)
+    legend_above(ax, widest=2)
     return ax
-
-
-def _stage_handles(settling: Settling) -> list[Patch | Line2D]:
-    kinds = {stage.is_quadratic for stage in settling.stages[1:]}
-    handles: list[Patch | Line2D] = [Line2D([], [], color=BLUE, linewidth=1.6, label="certified bound")]
-    if False in kinds:
-        handles.append(Line2D([], [], color=BLUE, marker="o", linestyle="", label="next max-separable"))
-    if True in kinds:
-        handles.append(Line2D([], [], color=PURPLE, marker="s", linestyle="", label="next quadratic"))
-    return [*handles, Line2D([], [], color=VERMILLION, linestyle=_DASHED, label="tolerance")]
-
-
-def _legend(ax: Axes, handles: list[Patch | Line2D], *, columns: int = 4) -> None:
-    """Above the axes; in two rows where one would be wider than they are."""
-    if handles:
-        ax.legend(
-            handles=handles,
-            loc="lower left",
-            bbox_to_anchor=(0.0, 1.0),
-            borderaxespad=0.2,
-            handlelength=1.4,
-            ncols=len(handles) if len(handles) <= columns else 2,
-            columnspacing=1.0,
-        )
 
 
 def _axis_end(claims: Sequence[RegionClaim], *lines: float | None) -> float:
@@ -343,18 +288,18 @@ def plot_search(search: Falsification, *, ax: Axes | None = None) -> Axes:
     runs = [suspect for suspect in shown if suspect.kind != RESTS]
     for rank, suspect in enumerate(runs):
         error = np.where(suspect.error > SMALLEST, suspect.error, np.nan)
-        ax.plot(suspect.times, error, color=SERIES[rank % len(SERIES)], linestyle=_DASHED, linewidth=1.1)
-    resting = [suspect for suspect in shown if suspect.kind == RESTS]
-    for suspect in resting:
-        ax.axhline(float(suspect.error[0]), color=INK, linewidth=1.8)
+        label = None if rank else "suspect, simulated"
+        colour = SERIES[rank % len(SERIES)]
+        ax.plot(suspect.times, error, color=colour, linestyle=DASHED, linewidth=1.1, label=label)
+    for rank, suspect in enumerate(each for each in shown if each.kind == RESTS):
+        label = None if rank else "another equilibrium, proved"
+        ax.axhline(float(suspect.error[0]), color=INK, linewidth=1.8, label=label)
     end = max((float(suspect.times[-1]) for suspect in shown), default=search.horizon)
     ax.set_xlim(0, end or 1.0)
     ax.set_ylim(bottom=0)
     ax.set_xlabel("time t in s")
     ax.set_ylabel("|e|∞, in the unit of x")
     ax.set_title(short(f"from {search.target}", 44).replace("|e|_inf <=", "|e|∞ ≤"), parse_math=False)
-    handles = [Line2D([], [], color=INK, linewidth=1.8, label="another equilibrium, proved")] if resting else []
-    handles += [Line2D([], [], color=SERIES[0], linestyle=_DASHED, label="suspect, simulated")] if runs else []
-    if handles:
-        ax.legend(handles=handles, loc="best")
+    if shown:
+        ax.legend(loc="best")
     return ax

@@ -56,10 +56,9 @@ from dobc_design.report.drawing import (
     too_large,
 )
 from dobc_design.report.formulas import bounds_of
-from dobc_design.report.network_words import names_in_words, unreached_agents
 from dobc_design.report.region_words import agents_sentence, envelope_alt, lower, method_name
 from dobc_design.report.search_words import search_alt
-from dobc_design.report.words import number
+from dobc_design.report.words import names_in_words, number, unreached_agents
 
 if TYPE_CHECKING:
     from dobc_design.analysis.analysis import Analysis

@@ -46,9 +46,7 @@ class RegionRow:
     limit: str
 
 
-def region_section(
-    problem: Problem, regions: Regions, pictures: tuple[doc.Picture, ...]
-) -> Iterator[doc.Section]:
+def region_section(problem: Problem, regions: Regions, pictures: tuple[doc.Picture, ...]) -> Iterator[doc.Section]:
     """From which starts each method proves consensus; nothing where nothing is said about a region."""
     if not regions.tried:
         return

@@ -9,9 +9,8 @@ from typing import Any, Final
 
 from dobc_design.falsification.suspect import LEAVES, RESTS, STAYS_AWAY, Falsification, Suspect
 from dobc_design.report import document as doc
-from dobc_design.report.network_words import names_in_words
 from dobc_design.report.region_words import lower
-from dobc_design.report.words import capitalize_first, number, typeset
+from dobc_design.report.words import capitalize_first, names_in_words, number, typeset
 
 HEADS: Final = ("what", "|e|∞ at the start", "|e|∞ at the end", "after", "farthest from the target", "mode")
 MOST_ROWS: Final = 8

@@ -10,8 +10,8 @@ import pytest
 from shown import compare_html, compare_markdown
 
 from dobc_design.conditions.kinds import KINDS
-from dobc_design.problem.network import Network
 from dobc_design.problem.groups import Observer
+from dobc_design.problem.network import Network
 from dobc_design.report.comparison import comparison_document, conclusion, differences
 from dobc_design.report.document import Mark, Table
 from dobc_design.verdict import Verdict

@@ -13,8 +13,8 @@ import dobc_design
 from dobc_design.checker.checker import FACTS, REGIONAL
 from dobc_design.conditions.check import Check
 from dobc_design.conditions.kinds import KINDS
+from dobc_design.report.checks import reproduction, trace_section
 from dobc_design.report.document import Name
-from dobc_design.report.tracing import reproduction, trace_section
 from dobc_design.verdict import Verdict
 
 PACKAGE = Path(dobc_design.__file__).parent

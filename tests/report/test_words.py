@@ -12,8 +12,16 @@ from dobc_design._show.text import Fragment, significant_towards_zero
 from dobc_design.problem.exosystems import Exosystem
 from dobc_design.problem.groups import Group
 from dobc_design.problem.network import Network
-from dobc_design.report.network_words import agents_table, mode_sentences, names_in_words, pin_sentence
-from dobc_design.report.words import domain_words, number, typeset, what_it_means
+from dobc_design.report.words import (
+    agents_table,
+    domain_words,
+    mode_sentences,
+    names_in_words,
+    number,
+    pin_sentence,
+    typeset,
+    what_it_means,
+)
 
 
 @given(st.floats(min_value=1e-300, max_value=1e300))

@@ -69,13 +69,13 @@ _HOMES = {
     "design_pinning": "synthesis.designs",
     "exact": "exact",
     "exosystems": "problem.exosystems",
-    "falsify": "falsification.searches",
+    "falsify": "falsification.search",
     "from_pandapower": "export.interchange",
     "load_problem": "problem.load",
     "load_trajectory": "simulation.trajectory",
     "plot_regions": "report.write",
     "problem_from_file": "export.interchange",
-    "quadratic_limits": "falsification.searches",
+    "quadratic_limits": "falsification.levels",
     "search_certificate": "certification.search",
     "simulate": "simulation.simulations",
     "sweep": "sweeps.running",
@@ -191,7 +191,8 @@ if TYPE_CHECKING:
         to_sympy,
     )
     from dobc_design.export.models import analyse, build_model, to_control
-    from dobc_design.falsification.searches import falsify, quadratic_limits
+    from dobc_design.falsification.levels import quadratic_limits
+    from dobc_design.falsification.search import falsify
     from dobc_design.falsification.suspect import Falsification, Suspect
     from dobc_design.model.model import Model
     from dobc_design.problem import exosystems

@@ -114,7 +114,7 @@ def _decide_and_write(
     """Everything that is asked for, decided, and then written: nothing is written of what fails, but for proofs."""
     from dobc_design.certification.certify import certify
     from dobc_design.certification.search import search_certificate
-    from dobc_design.falsification.searches import quadratic_limits
+    from dobc_design.falsification.levels import quadratic_limits
     from dobc_design.report.write import PAGE, render_report
 
     certificate = certify(problem, everything=everything, settling=tolerance, progress=progress)

@@ -28,7 +28,7 @@ from dobc_design.cli.parts import search_parts, settling_parts
 from dobc_design.conditions.schedule.asked import read_tolerance
 from dobc_design.conditions.schedule.checks import stage_timings
 from dobc_design.exact.number import number_text
-from dobc_design.falsification.searches import quadratic_limits
+from dobc_design.falsification.levels import quadratic_limits
 from dobc_design.problem.load import load_problem
 from dobc_design.problem.problem import Problem
 from dobc_design.report.write import plot_regions, search_sheet

@@ -1,7 +1,7 @@
 """The switching signal that a problem file asks for, exact.  It drives simulations and never enters a proof.
 
 What the keys mean together is checked here, what they say about the network's modes by ``check_switching``.
-``simulation.signal_files`` makes a signal of it.
+``simulation.signals`` makes a signal of it.
 """
 
 from __future__ import annotations

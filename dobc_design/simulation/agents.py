@@ -14,10 +14,9 @@ import numpy as np
 
 from dobc_design.problem.arrays import ArcGroup
 from dobc_design.simulation._arguments import Array
-from dobc_design.simulation.field import Loop
 from dobc_design.simulation.graph import Links
-from dobc_design.simulation.setting import Start
-from dobc_design.simulation.stress import Failure, Stress
+from dobc_design.simulation.setting import Setting, Start
+from dobc_design.simulation.stress import Stress
 from dobc_design.simulation.switches import IndexArray, Nearby, Switches
 
 NOISE, LOSS, PHASE = 2, 3, 4  # streams beside that of the switches
@@ -26,16 +25,13 @@ BLOCK = 32  # instants whose random numbers are drawn at once
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class StressedRuns:
-    """Runs side by side: a start, a seed and the switches of each; ``failing`` by the agent's index.
+    """Runs side by side: a start, a seed and the switches of each; ``groups`` gives the arcs of a mode by its index.
 
-    ``groups`` gives the arcs of a mode by its index; ``heeds``: whether estimates are used.  ``nearby``, of a single
-    run only: the graphs follow from its states, and nothing is known of the switches beforehand.
+    ``nearby``, of a single run only: the graphs follow from its states, and no switches are known beforehand.
     """
 
-    loop: Loop
+    setting: Setting
     stress: Stress
-    failing: dict[int, Failure]
-    heeds: bool
     groups: Callable[[int], Sequence[ArcGroup]]
     starts: Sequence[Start]
     seeds: Sequence[int]
@@ -50,13 +46,15 @@ class StressedRuns:
 class Crew:
     """The agents of all runs.  Errors e are measured ones, (n, m, R): x plus noise, less the goal.
 
-    ``instants`` are the times in s at which noise is drawn and packets are exchanged.  ``heard`` is what listeners
-    hold; ``stopped`` what failed agents command and say from then on, (m, R) each, nan for silence.
+    ``instants`` are the times in s at which noise is drawn and packets are exchanged; ``heeds``: whether estimates are
+    used.  ``heard`` is what listeners hold; ``stopped`` what failed agents command and say from then on, (m, R) each,
+    nan for silence.
     """
 
     def __init__(self, runs: StressedRuns, instants: Array, *, keep: bool) -> None:
-        self.loop, self.stress, self.failing, self.heeds = runs.loop, runs.stress, runs.failing, runs.heeds
-        self.shape, self.count = (runs.loop.n, runs.loop.m), len(instants)
+        self.loop, self.stress, self.heeds = runs.setting.loop, runs.stress, runs.setting.observer != "off"
+        self.failing = runs.stress.failing(runs.setting.problem)  # by the agent's index
+        self.shape, self.count = (self.loop.n, self.loop.m), len(instants)
         self.heard = Heard(runs, instants, keep=keep)
         self.noises = [np.random.default_rng([seed, NOISE]) for seed in runs.seeds]
         phases = [np.random.default_rng([seed, PHASE]).uniform(0, 2 * np.pi, size=self.shape) for seed in runs.seeds]
@@ -133,7 +131,7 @@ class Heard:
     """
 
     def __init__(self, runs: StressedRuns, instants: Array, *, keep: bool) -> None:
-        loop, self.loss, self.keep, many = runs.loop, runs.stress.loss, keep, len(runs.seeds)
+        loop, self.loss, self.keep, many = runs.setting.loop, runs.stress.loss, keep, len(runs.seeds)
         self.n, self.m = loop.n, loop.m
         self.codes, self.values = np.zeros(0, dtype=np.int64), np.zeros((0, loop.m, many))
         self.rngs = [np.random.default_rng([seed, LOSS]) for seed in runs.seeds]

@@ -26,7 +26,7 @@ from dobc_design.simulation.agents import StressedRuns
 from dobc_design.simulation.columns import COLLAPSED, ESCAPED, HANDED_BACK, Ends, Stack, integrate_stack, padded
 from dobc_design.simulation.field import ClosedForm, network_of
 from dobc_design.simulation.integrate import FARTHEST, Progress
-from dobc_design.simulation.run import run_once, stressed_runs
+from dobc_design.simulation.run import run_once
 from dobc_design.simulation.sampled import Sample, run_sampled
 from dobc_design.simulation.setting import (
     Options,
@@ -293,7 +293,11 @@ class _Collector:
         arcs = sum(graph.shape[1] for graph in graphs) or sum(map(len, setting.problem.network.modes.values()))
         room = min(COLUMN_NUMBERS // (loop.n * loop.m), 8 * COLUMN_NUMBERS // (max(1, arcs) * loop.m))
         for chosen, switches in self.chunked(room):
-            runs = stressed_runs(setting, stress, [setting.seed + run for run in chosen], switches, groups)
+            seeds = [setting.seed + run for run in chosen]
+            starts = [setting.starts.draw(seed) for seed in seeds]
+            runs = StressedRuns(
+                setting=setting, stress=stress, groups=groups, starts=starts, seeds=seeds, switches=switches
+            )
             self.note_starts(chosen, runs.starts)
             part = self.part_of(chosen)
             if stress.period is not None:
@@ -304,7 +308,7 @@ class _Collector:
             def visit(sample: IndexArray, run: IndexArray, e: Array, gap: Array, first: int = chosen.start) -> None:
                 self.put(sample, first + run, e, gap)
 
-            ends = run_stressed(runs, setting.times, tolerance=setting.tolerance, visit=visit, progress=part)
+            ends = run_stressed(runs, visit=visit, progress=part)
             self.note_ends(chosen, ends, switches)
 
     def sampled(self, chosen: range, runs: StressedRuns, part: Progress) -> None:
@@ -314,7 +318,7 @@ class _Collector:
         def visit(number: int, sample: Sample) -> None:
             self.put(np.full(len(rows), number), rows, sample.x - loop.goal[..., None], sample.d - sample.dhat)
 
-        ends = run_sampled(runs, times, visit=visit, progress=part)
+        ends = run_sampled(runs, visit=visit, progress=part)
         for row, run in enumerate(chosen):
             count, instants = int(ends.counts[row]), runs.switches[row].times
             self.count[run] = len(instants) - 1

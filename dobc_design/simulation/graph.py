@@ -127,11 +127,6 @@ class Graph:
         return total.reshape(e.shape)
 
 
-def make_graph(problem: Problem, mode: str, *, runs: int = 1) -> Graph:
-    """Prepare the arcs of a mode for states with up to ``runs`` columns."""
-    return graph_of(groups_of_mode(problem, mode), n=problem.n, m=problem.m, runs=runs)
-
-
 def groups_of_mode(problem: Problem, mode: str) -> tuple[ArcGroup, ...]:
     """The arcs of a mode by coupling.  Weights are often one object many times: each is converted once."""
     arcs = problem.network.modes[mode]

@@ -6,13 +6,12 @@ reference, and is taken where the closed form is out of reach.  A run under stre
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from dataclasses import replace
+from dataclasses import fields, replace
 from typing import Unpack
 
 import numpy as np
 
-from dobc_design.problem.arrays import ArcGroup, Gain
+from dobc_design.problem.arrays import Gain
 from dobc_design.problem.problem import Problem
 from dobc_design.simulation.agents import StressedRuns
 from dobc_design.simulation.field import evolve
@@ -31,7 +30,7 @@ from dobc_design.simulation.setting import (
     switches_for,
 )
 from dobc_design.simulation.signals import Mobile, signal_to_json
-from dobc_design.simulation.stress import Stress, stress_to_json
+from dobc_design.simulation.stress import stress_to_json
 from dobc_design.simulation.stressed import run_alone
 from dobc_design.simulation.switches import Nearby, Switches
 from dobc_design.simulation.trajectory import Trajectory
@@ -58,60 +57,31 @@ def run_once(setting: Setting, seed: int, *, progress: Progress | None = None) -
         if stress is None:
             done = _calm(setting, start, modes, progress)
         else:
-            nearby = modes.nearby if isinstance(modes, Moving) else None
-            switches = () if isinstance(modes, Moving) else (modes.switches,)
-            runs = stressed_runs(setting, stress, [seed], switches, modes.groups, nearby=nearby)
-            if stress.period is not None:
-                done = run_sampled_alone(runs, setting.times, progress=progress)
-            else:
-                implicit, tolerance = is_stiff(setting, closed=False), setting.tolerance
-                done = run_alone(runs, modes, setting.times, tolerance=tolerance, implicit=implicit, progress=progress)
+            runs = StressedRuns(
+                setting=setting,
+                stress=stress,
+                groups=modes.groups,
+                starts=[start],
+                seeds=[seed],
+                switches=[modes.switches] if isinstance(modes, Scheduled) else [],
+                nearby=None if isinstance(modes, Scheduled) else modes.nearby,
+            )
+            sampled = stress.period is not None
+            done = run_sampled_alone(runs, progress=progress) if sampled else run_alone(runs, modes, progress=progress)
     return Trajectory(
         name=problem.name,
         mode=describe(setting.signal, problem),
         labels=problem.network.labels,
         t_final=setting.horizon,
         seed=seed,
-        times=done.times,
-        x=done.x,
-        xi=done.xi,
-        xihat=done.xihat,
-        d=done.d,
-        dhat=done.dhat,
-        u=done.u,
         goal=loop.goal.copy(),
         diverged=bool(done.reason),
-        reason=done.reason,
-        method=done.method,
-        evaluations=done.evaluations,
         notes=(*setting.notes, *done.notes, *(() if stress is None else (f"Stress: {stress}.",))),
         signal=signal_to_json(setting.signal),
         observer=setting.observer,
         stress="" if stress is None else stress_to_json(stress),
+        **{each.name: getattr(done, each.name) for each in fields(done) if each.name != "notes"},
         switches=_kept(modes.switches, float(done.times[-1])) if done.reason else modes.switches,
-    )
-
-
-def stressed_runs(
-    setting: Setting,
-    stress: Stress,
-    seeds: Sequence[int],
-    switches: Sequence[Switches],
-    groups: Callable[[int], Sequence[ArcGroup]],
-    *,
-    nearby: Nearby | None = None,
-) -> StressedRuns:
-    """Runs under a stress, side by side."""
-    return StressedRuns(
-        loop=setting.loop,
-        stress=stress,
-        failing=stress.failing(setting.problem),
-        heeds=setting.observer != "off",
-        groups=groups,
-        starts=[setting.starts.draw(seed) for seed in seeds],
-        seeds=seeds,
-        switches=switches,
-        nearby=nearby,
     )
 
 

@@ -111,25 +111,25 @@ class SampledEnds:
 
 
 def run_sampled(
-    runs: StressedRuns, times: Array, *, visit: Callable[[int, Sample], None], progress: Progress | None = None
+    runs: StressedRuns, *, visit: Callable[[int, Sample], None], progress: Progress | None = None
 ) -> SampledEnds:
-    """Step all runs from sample to sample over ``times`` (from 0 to the horizon).
+    """Step all runs from sample to sample over the times of their setting.
 
     ``visit`` gets the place of a time and all runs there, also those that ended before.
     Raises: SpecError for too many samples.
     """
-    return _Stepper(runs, times, visit, progress or (lambda part: None)).run()
+    return _Stepper(runs, visit, progress or (lambda part: None)).run()
 
 
-def run_sampled_alone(runs: StressedRuns, times: Array, *, progress: Progress | None = None) -> Outcome:
-    """The same for a stack of one run, with everything at ``times``."""
+def run_sampled_alone(runs: StressedRuns, *, progress: Progress | None = None) -> Outcome:
+    """The same for a stack of one run, with everything at these times."""
     seen: list[Sample] = []
-    stepper = _Stepper(runs, times, lambda number, sample: seen.append(sample), progress or (lambda part: None))
+    stepper = _Stepper(runs, lambda number, sample: seen.append(sample), progress or (lambda part: None))
     ends = stepper.run()
     count = int(ends.counts[0])
     parts = {part: np.stack([getattr(each, part)[..., 0] for each in seen[:count]]) for part in Sample.__slots__}
     return Outcome(
-        times=times[:count].copy(),
+        times=stepper.times[:count].copy(),
         notes=(),
         **parts,
         reason=ends.reasons.get(0, ""),
@@ -139,21 +139,20 @@ def run_sampled_alone(runs: StressedRuns, times: Array, *, progress: Progress | 
 
 
 class _Stepper:
-    def __init__(
-        self, runs: StressedRuns, times: Array, visit: Callable[[int, Sample], None], report: Progress
-    ) -> None:
-        self.loop, self.times, self.visit, self.report, self.nearby = runs.loop, times, visit, report, runs.nearby
+    def __init__(self, runs: StressedRuns, visit: Callable[[int, Sample], None], report: Progress) -> None:
+        self.loop, self.times, self.nearby = runs.setting.loop, runs.setting.times, runs.nearby
+        self.visit, self.report = visit, report
         self.period = float(runs.stress.period or 0.0)
-        self.instants = sample_instants(self.period, float(times[-1]))
-        self.owner = np.searchsorted(self.instants, times, side="right") - 1
+        self.instants = sample_instants(self.period, runs.setting.horizon)
+        self.owner = np.searchsorted(self.instants, self.times, side="right") - 1
         gain = runs.stress.sampled_gain
-        self.discrete = discretised(runs.loop, self.period, None if gain is None else np.asarray(gain))
+        self.discrete = discretised(self.loop, self.period, None if gain is None else np.asarray(gain))
         self.x, self.xi, self.xihat = (runs.stacked(part) for part in ("x", "xi", "xihat"))
         self.crew = Crew(runs, self.instants, keep=False)
-        self.goal = runs.loop.goal[..., None]
+        self.goal = self.loop.goal[..., None]
         self.before, self.held = self.x, np.zeros_like(self.x)
         self.farthest = FARTHEST * np.maximum(1.0, self.size())
-        self.counts = np.full(len(runs.seeds), len(times))
+        self.counts = np.full(len(runs.seeds), len(self.times))
         self.reasons: dict[int, str] = {}
         self.going: NDArray[np.bool_] = np.ones(len(runs.seeds), dtype=bool)
 

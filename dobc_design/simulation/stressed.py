@@ -29,6 +29,7 @@ from dobc_design.simulation.columns import (
 from dobc_design.simulation.field import act, full_pattern
 from dobc_design.simulation.integrate import Moving, Outcome, Progress, Scheduled, Segment, Stay, integrate
 from dobc_design.simulation.sampled import sample_instants
+from dobc_design.simulation.setting import is_stiff
 from dobc_design.simulation.switches import IndexArray
 
 LEAST_STEPS = 1000  # of one run between two instants at which all wait, before it is handed back
@@ -43,16 +44,15 @@ class Loops:
     """
 
     def __init__(self, runs: StressedRuns, horizon: float) -> None:
-        draws = runs.stress.draws
+        draws, self.loop = runs.stress.draws, runs.setting.loop
         instants = np.zeros(0) if draws is None else sample_instants(draws, horizon, name="exchange")
         self.instants = instants[instants < horizon]
-        self.failures = sorted({failure.time for failure in runs.failing.values() if failure.time < horizon})
-        self.loop, self.crew = runs.loop, Crew(runs, self.instants, keep=True)
-        self.goal, self.alive, self.next = runs.loop.goal[..., None], np.arange(len(runs.seeds)), 0
+        self.failures = sorted({failure.time for failure in runs.stress.failures if failure.time < horizon})
+        self.crew = Crew(runs, self.instants, keep=True)
+        self.goal, self.alive, self.next = self.loop.goal[..., None], np.arange(len(runs.seeds)), 0
         self.noise = np.zeros_like(self.crew.phase)
-        self.start = self.joined(
-            x := runs.stacked("x"), runs.stacked("xi"), runs.stacked("xihat") - act(runs.loop.W, x)
-        )
+        x, xi, xihat = (runs.stacked(part) for part in ("x", "xi", "xihat"))
+        self.start = self.joined(x, xi, xihat - act(self.loop.W, x))
 
     def split(self, y: Array) -> tuple[Array, Array, Array]:
         """States (N, k) as x (n, m, k), xi and z (n, q, k)."""
@@ -127,15 +127,13 @@ class Loops:
         return np.asarray(d - act(self.loop.C, self.known(x, z, self.noise[..., chosen])[1]))
 
 
-def run_stressed(
-    runs: StressedRuns, times: Array, *, tolerance: float, visit: Visit, progress: Progress | None = None
-) -> Ends:
-    """Integrate all runs over ``times`` (from 0 to the horizon).
+def run_stressed(runs: StressedRuns, *, visit: Visit, progress: Progress | None = None) -> Ends:
+    """Integrate all runs over the times of their setting.
 
     ``visit(sample, run, e, gap)`` gets the places of samples and runs, both (k,), and there e and d - dhat (n, m, k).
     Raises: SpecError for too many exchanges.
     """
-    horizon, report = float(times[-1]), progress or (lambda part: None)
+    times, horizon, report = runs.setting.times, runs.setting.horizon, progress or (lambda part: None)
     loops, (switch_times, switch_modes) = Loops(runs, horizon), padded(runs.switches)
     y, everyone = loops.start, loops.alive
     farthest = farthest_of(loops.size(y))
@@ -169,7 +167,7 @@ def run_stressed(
             steps=steps,
             most=max(LEAST_STEPS, MOST_STEPS // len(begins)),
         )
-        found = integrate_stretch(stretch, times, tolerance=tolerance, visit=seen)
+        found = integrate_stretch(stretch, times, tolerance=runs.setting.tolerance, visit=seen)
         y[:, alive], states[alive], ended[alive] = found.e, found.states, found.times
         going = found.states == DONE
         loops.alive, steps = alive[going], found.steps[going]
@@ -218,28 +216,23 @@ class _Alone:
         return float(self.loops.size(state[:, None])[0])
 
 
-def run_alone(
-    runs: StressedRuns,
-    modes: Scheduled | Moving,
-    times: Array,
-    *,
-    tolerance: float,
-    implicit: bool,
-    progress: Progress | None = None,
-) -> Outcome:
-    """Integrate a stack of one run, and put down what happened at ``times``."""
-    loops, noise = Loops(runs, float(times[-1])), np.zeros(1)
-    plan, crew = _Alone(loops=loops, modes=modes, noises=[]), loops.crew
-    run = integrate(plan, loops.start[:, 0], times, tolerance=tolerance, implicit=implicit, progress=progress)
+def run_alone(runs: StressedRuns, modes: Scheduled | Moving, *, progress: Progress | None = None) -> Outcome:
+    """Integrate a stack of one run, and put down what happened at the times of its setting."""
+    setting, noise = runs.setting, np.zeros(1)
+    loops = Loops(runs, setting.horizon)
+    plan, crew, implicit = _Alone(loops=loops, modes=modes, noises=[]), loops.crew, is_stiff(setting, closed=False)
+    run = integrate(
+        plan, loops.start[:, 0], setting.times, tolerance=setting.tolerance, implicit=implicit, progress=progress
+    )
     x, xi, z = loops.split(run.states.T)  # samples in place of runs
     if runs.stress.noise:
         noise = np.stack(plan.noises, axis=2)[..., np.searchsorted(loops.instants, run.times, side="right") - 1]
     e, xihat = loops.known(x, z, noise)
-    dhat = act(runs.loop.C, xihat)
+    dhat = act(loops.loop.C, xihat)
     u = crew.command(e, dhat)
     for agent, (last, _) in crew.stopped.items():
-        u[agent][:, run.times >= runs.failing[agent].time] = last
-    d = act(runs.loop.C, xi) + (crew.extra(run.times) if runs.stress.disturbance else 0.0)
+        u[agent][:, run.times >= crew.failing[agent].time] = last
+    d = act(loops.loop.C, xi) + (crew.extra(run.times) if runs.stress.disturbance else 0.0)
     parts = {"x": x, "xi": xi, "d": d, "u": u} | crew.heeded(xihat, dhat)
     return Outcome(
         times=run.times,

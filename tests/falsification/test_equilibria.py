@@ -15,8 +15,7 @@ from dobc_design.conditions.equilibrium.decide import confirm_equilibrium
 from dobc_design.conditions.separable.claim import Separable
 from dobc_design.conditions.separable.decide import largest_rate, verify_separable
 from dobc_design.conditions.separable.propose import propose_separable, rounded_vectors
-from dobc_design.falsification.equilibria import equilibrium_check
-from dobc_design.falsification.newton import find_roots
+from dobc_design.falsification.equilibria import equilibrium_check, find_roots
 from dobc_design.problem.network import Network
 from dobc_design.problem.observer import Observer
 from dobc_design.problem.problem import Problem

@@ -24,8 +24,8 @@ from dobc_design.conditions.separable.observer import first_certificate
 from dobc_design.conditions.separable.propose import design_separable, propose_separable, rounded_vectors
 from dobc_design.errors import SpecError
 from dobc_design.exact.matrix import scale
-from dobc_design.falsification.ascent import ascend, final_error, final_level
 from dobc_design.falsification.levels import level_of
+from dobc_design.falsification.search import ascend, final_error, final_level
 from dobc_design.falsification.starts import Boundary, asked_box
 from dobc_design.falsification.suspect import LEAVES, RESTS, STAYS_AWAY
 from dobc_design.model.flow import build_flow

@@ -9,7 +9,7 @@ from dobc_design.coupling.coupling import make_coupling
 from dobc_design.problem.network import Network
 from dobc_design.problem.problem import Problem
 from dobc_design.simulation import graph as graph_module
-from dobc_design.simulation.graph import compile_coupling, make_graph
+from dobc_design.simulation.graph import Graph, compile_coupling, graph_of, groups_of_mode
 
 EXPRESSIONS = [
     "exp(y) - 1 + y",
@@ -80,17 +80,21 @@ def by_hand(problem: Problem, e):
     return total
 
 
+def graph(problem: Problem, runs: int = 1) -> Graph:
+    return graph_of(groups_of_mode(problem, "G"), n=problem.n, m=problem.m, runs=runs)
+
+
 @pytest.mark.parametrize(("n", "arcs", "m"), [(5, 4, 1), (40, 200, 1), (30, 100, 2)])
 @pytest.mark.parametrize("runs", [1, 3, 5000])
 def test_what_agents_feel_is_the_sum_over_their_arcs(n: int, arcs: int, m: int, runs: int):
     """(9); 5000 runs need several blocks even for few arcs."""
     problem = random_problem(n, arcs, m=m, seed=n)
     e = np.random.default_rng(1).normal(size=(n, m, runs))
-    found = make_graph(problem, "G", runs=runs)(e.reshape(n * m, runs))
+    found = graph(problem, runs)(e.reshape(n * m, runs))
     for k in (0, runs - 1):
         wanted = by_hand(problem, e[..., k])
         np.testing.assert_allclose(found[:, k].reshape(n, m), wanted, rtol=1e-12, atol=1e-12)
-        alone = make_graph(problem, "G", runs=runs)(np.ascontiguousarray(e[..., k]).reshape(n * m, 1))
+        alone = graph(problem, runs)(np.ascontiguousarray(e[..., k]).reshape(n * m, 1))
         np.testing.assert_allclose(alone.reshape(n, m), wanted, rtol=1e-12, atol=1e-12)
 
 
@@ -100,24 +104,24 @@ def test_hubs_and_others_feel_the_same_in_blocks_of_any_size(size: int, monkeypa
     monkeypatch.setattr(graph_module, "BLOCK", size)
     problem = random_problem(120, 300, m=1, seed=5)
     e = np.random.default_rng(1).normal(size=(120, 1))
-    found = make_graph(problem, "G")(e)
+    found = graph(problem)(e)
     np.testing.assert_allclose(found, by_hand(problem, e), rtol=1e-12, atol=1e-12)
 
 
 def test_many_arcs_are_worked_through_in_blocks_with_the_same_sum(monkeypatch):
     monkeypatch.setattr(graph_module, "BLOCK", 100)
     problem = random_problem(300, 3000, m=1, seed=0)
-    graph = make_graph(problem, "G")
-    assert len(graph.blocks) > 20
+    whole = graph(problem)
+    assert len(whole.blocks) > 20
     e = np.random.default_rng(1).normal(size=300)
-    np.testing.assert_allclose(graph(e), by_hand(problem, e[:, None])[:, 0], rtol=1e-11, atol=1e-11)
+    np.testing.assert_allclose(whole(e), by_hand(problem, e[:, None])[:, 0], rtol=1e-11, atol=1e-11)
 
 
 def test_columns_do_not_disturb_each_other():
     problem = random_problem(30, 100, m=2, seed=2)
     e = np.random.default_rng(1).normal(size=(60, 4))
-    graph = make_graph(problem, "G", runs=4)
-    alone = graph(e)
+    whole = graph(problem, 4)
+    alone = whole(e)
     e[:, 1] = np.nan
-    again = graph(e)
+    again = whole(e)
     assert np.array_equal(alone[:, [0, 2, 3]], again[:, [0, 2, 3]])

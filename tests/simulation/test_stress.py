@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from fractions import Fraction
 
 import casadi as ca
@@ -19,11 +20,11 @@ from dobc_design.problem.problem import Problem
 from dobc_design.simulation.agents import Crew, Heard, StressedRuns
 from dobc_design.simulation.ensemble import simulate_many
 from dobc_design.simulation.field import make_loop
-from dobc_design.simulation.run import simulate, stressed_runs
+from dobc_design.simulation.run import simulate
 from dobc_design.simulation.sampled import discretised
 from dobc_design.simulation.setting import groups_for, make_setting, switches_for
 from dobc_design.simulation.signals import Mobile, Periodic, RandomDwell
-from dobc_design.simulation.stress import Failure, Stress, stress_from_json, stress_to_json
+from dobc_design.simulation.stress import Failure, Stress, stress_to_json
 from dobc_design.simulation.trajectory import load_trajectory
 from dobc_design.synthesis.observer.spectrum import sampled_matrix
 
@@ -71,7 +72,8 @@ def prepared(problem: Problem, stress: Stress, **given) -> StressedRuns:
     """A stack of one run."""
     setting = make_setting(problem, gain=None, stress=stress, **given)
     switches = switches_for(setting, 0)
-    return stressed_runs(setting, stress, [0], [switches], groups_for(setting, switches))
+    groups, starts = groups_for(setting, switches), [setting.starts.draw(0)]
+    return StressedRuns(setting=setting, stress=stress, groups=groups, starts=starts, seeds=[0], switches=[switches])
 
 
 @pytest.mark.parametrize("name", ["paper-switching", "uav-swarm", "planar"])
@@ -324,15 +326,17 @@ def test_a_stressed_run_that_fails_keeps_what_is_valid(stress: Stress):
 def test_a_run_under_stress_is_stored_with_it(tmp_path):
     run = simulate(load_problem("paper-fixed"), t_final=1, samples=5, stress=SAMPLED)
     again = load_trajectory(run.save(tmp_path / "run.npz"))
-    assert stress_from_json(again.stress) == SAMPLED
+    assert again.stress == stress_to_json(SAMPLED)
     assert np.array_equal(again.x, run.x)
 
 
 @pytest.mark.parametrize(
     "stress", [Stress(), EVERYTHING, SAMPLED, Stress(period=0.1, sampled_gain=[[1], [2]])], ids=str
 )
-def test_a_stress_survives_json_and_says_what_it_is(stress: Stress):
-    assert stress_from_json(stress_to_json(stress)) == stress
+def test_the_json_of_a_stress_holds_all_of_it(stress: Stress):
+    document = json.loads(stress_to_json(stress))
+    failures = [Failure(**each) for each in document.pop("failures")]
+    assert Stress(**document, failures=failures) == stress
     assert str(stress)
 
 
@@ -352,8 +356,6 @@ def test_a_stress_survives_json_and_says_what_it_is(stress: Stress):
         (lambda: Stress(failures=("1",)), "failures must be a list of Failure"),
         (lambda: simulate(single(), stress=Stress(failures=Failure(agent="9"))), "no agent has this label"),
         (lambda: simulate(single(), t_final=10, stress=Stress(period=1e-9)), "samples are too many"),
-        (lambda: stress_from_json("[]"), "cannot be read"),
-        (lambda: stress_from_json('{"heat": 1}'), "cannot be read"),
     ],
 )
 def test_a_wrong_stress_is_refused(make, message: str):

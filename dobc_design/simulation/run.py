@@ -6,7 +6,7 @@ reference, and is taken where the closed form is out of reach.  A run under stre
 
 from __future__ import annotations
 
-from dataclasses import fields, replace
+from dataclasses import replace
 from typing import Unpack
 
 import numpy as np
@@ -15,7 +15,7 @@ from dobc_design.problem.arrays import Gain
 from dobc_design.problem.problem import Problem
 from dobc_design.simulation.agents import StressedRuns
 from dobc_design.simulation.field import evolve
-from dobc_design.simulation.integrate import Errors, Full, Moving, Outcome, Progress, Scheduled, integrate
+from dobc_design.simulation.integrate import Errors, Full, Integration, Moving, Progress, Run, Samples, Scheduled
 from dobc_design.simulation.sampled import run_sampled_alone
 from dobc_design.simulation.setting import (
     Options,
@@ -55,7 +55,7 @@ def run_once(setting: Setting, seed: int, *, progress: Progress | None = None) -
     with np.errstate(all="ignore"):
         start, modes = setting.starts.draw(seed), _modes(setting, seed)
         if stress is None:
-            done = _calm(setting, start, modes, progress)
+            run, parts = _calm(setting, start, modes, progress)
         else:
             runs = StressedRuns(
                 setting=setting,
@@ -67,7 +67,9 @@ def run_once(setting: Setting, seed: int, *, progress: Progress | None = None) -
                 nearby=None if isinstance(modes, Scheduled) else modes.nearby,
             )
             sampled = stress.period is not None
-            done = run_sampled_alone(runs, progress=progress) if sampled else run_alone(runs, modes, progress=progress)
+            run, parts = (
+                run_sampled_alone(runs, progress=progress) if sampled else run_alone(runs, modes, progress=progress)
+            )
     return Trajectory(
         name=problem.name,
         mode=describe(setting.signal, problem),
@@ -75,13 +77,17 @@ def run_once(setting: Setting, seed: int, *, progress: Progress | None = None) -
         t_final=setting.horizon,
         seed=seed,
         goal=loop.goal.copy(),
-        diverged=bool(done.reason),
-        notes=(*setting.notes, *done.notes, *(() if stress is None else (f"Stress: {stress}.",))),
+        times=run.times,
+        diverged=bool(run.reason),
+        reason=run.reason,
+        method=run.method,
+        evaluations=run.evaluations,
+        notes=(*setting.notes, *run.notes, *(() if stress is None else (f"Stress: {stress}.",))),
         signal=signal_to_json(setting.signal),
         observer=setting.observer,
         stress="" if stress is None else stress_to_json(stress),
-        **{each.name: getattr(done, each.name) for each in fields(done) if each.name != "notes"},
-        switches=_kept(modes.switches, float(done.times[-1])) if done.reason else modes.switches,
+        switches=_kept(modes.switches, float(run.times[-1])) if run.reason else modes.switches,
+        **parts,
     )
 
 
@@ -93,7 +99,7 @@ def _modes(setting: Setting, seed: int) -> Scheduled | Moving:
     return Scheduled(switches, groups_for(setting, switches), setting.horizon)
 
 
-def _calm(setting: Setting, start: Start, modes: Scheduled | Moving, progress: Progress | None) -> Outcome:
+def _calm(setting: Setting, start: Start, modes: Scheduled | Moving, progress: Progress | None) -> tuple[Run, Samples]:
     """A run without stress: e alone with eps in closed form, or the full loop."""
     loop, asked = setting.loop, setting.observer == "full-loop"
     closed = None if asked else closed_form_of(setting)
@@ -103,7 +109,7 @@ def _calm(setting: Setting, start: Start, modes: Scheduled | Moving, progress: P
     if not full:
         plan, flat = Errors(loop, modes, closed, start.xi - start.xihat), (start.x - loop.goal).ravel()
     implicit, tolerance = is_stiff(setting, closed=not full), setting.tolerance
-    run = integrate(plan, flat, setting.times, tolerance=tolerance, implicit=implicit, progress=progress)
+    run = Integration(plan, flat, setting.times, tolerance=tolerance, implicit=implicit, progress=progress).run()
     if full:
         x, xi, z = (part.copy() for part in loop.split(run.states))
         xihat = z + loop.correction(x)
@@ -113,24 +119,13 @@ def _calm(setting: Setting, start: Start, modes: Scheduled | Moving, progress: P
         xihat = xi - evolve(error_matrix(setting), start.xi - start.xihat, run.times)
         if setting.observer == "off":
             xihat = np.zeros_like(xi)
-    dhat, notes = xihat @ loop.C.T, list(run.notes)
     if run.method.startswith("Radau"):
-        notes.append("The loop is stiff: integrated by the implicit method Radau.")
+        run.notes.append("The loop is stiff: integrated by the implicit method Radau.")
     if full and not asked:
-        notes.append("The observer is too fast for its closed form: the full loop was integrated.")
-    return Outcome(
-        times=run.times,
-        x=x,
-        xi=xi,
-        xihat=xihat,
-        d=xi @ loop.C.T,
-        dhat=dhat,
-        u=loop.control(x - loop.goal, dhat),
-        reason=run.reason,
-        method=run.method,
-        evaluations=run.evaluations,
-        notes=tuple(notes),
-    )
+        run.notes.append("The observer is too fast for its closed form: the full loop was integrated.")
+    dhat = xihat @ loop.C.T
+    u = loop.control(x - loop.goal, dhat)
+    return run, {"x": x, "xi": xi, "xihat": xihat, "d": xi @ loop.C.T, "dhat": dhat, "u": u}
 
 
 def _kept(switches: Switches, end: float) -> Switches:

@@ -24,7 +24,7 @@ from dobc_design.errors import ShapeError, SpecError
 from dobc_design.simulation._arguments import Array
 from dobc_design.simulation.agents import Crew, StressedRuns
 from dobc_design.simulation.field import Loop, act
-from dobc_design.simulation.integrate import FARTHEST, Outcome, Progress
+from dobc_design.simulation.integrate import FARTHEST, Progress, Run, Samples
 from dobc_design.simulation.switches import IndexArray
 
 MOST_SAMPLES = 1_000_000
@@ -121,21 +121,21 @@ def run_sampled(
     return _Stepper(runs, visit, progress or (lambda part: None)).run()
 
 
-def run_sampled_alone(runs: StressedRuns, *, progress: Progress | None = None) -> Outcome:
+def run_sampled_alone(runs: StressedRuns, *, progress: Progress | None = None) -> tuple[Run, Samples]:
     """The same for a stack of one run, with everything at these times."""
     seen: list[Sample] = []
     stepper = _Stepper(runs, lambda number, sample: seen.append(sample), progress or (lambda part: None))
     ends = stepper.run()
     count = int(ends.counts[0])
     parts = {part: np.stack([getattr(each, part)[..., 0] for each in seen[:count]]) for part in Sample.__slots__}
-    return Outcome(
+    run = Run(
         times=stepper.times[:count].copy(),
-        notes=(),
-        **parts,
+        states=np.zeros((count, 0)),
         reason=ends.reasons.get(0, ""),
         method=f"exact steps of {stepper.period:g} s",
         evaluations=len(stepper.instants),
     )
+    return run, parts
 
 
 class _Stepper:

@@ -27,7 +27,7 @@ from dobc_design.simulation.columns import (
     padded,
 )
 from dobc_design.simulation.field import act, full_pattern
-from dobc_design.simulation.integrate import Moving, Outcome, Progress, Scheduled, Segment, Stay, integrate
+from dobc_design.simulation.integrate import Integration, Moving, Progress, Run, Samples, Scheduled, Segment, Stay
 from dobc_design.simulation.sampled import sample_instants
 from dobc_design.simulation.setting import is_stiff
 from dobc_design.simulation.switches import IndexArray
@@ -216,14 +216,16 @@ class _Alone:
         return float(self.loops.size(state[:, None])[0])
 
 
-def run_alone(runs: StressedRuns, modes: Scheduled | Moving, *, progress: Progress | None = None) -> Outcome:
+def run_alone(
+    runs: StressedRuns, modes: Scheduled | Moving, *, progress: Progress | None = None
+) -> tuple[Run, Samples]:
     """Integrate a stack of one run, and put down what happened at the times of its setting."""
     setting, noise = runs.setting, np.zeros(1)
     loops = Loops(runs, setting.horizon)
     plan, crew, implicit = _Alone(loops=loops, modes=modes, noises=[]), loops.crew, is_stiff(setting, closed=False)
-    run = integrate(
+    run = Integration(
         plan, loops.start[:, 0], setting.times, tolerance=setting.tolerance, implicit=implicit, progress=progress
-    )
+    ).run()
     x, xi, z = loops.split(run.states.T)  # samples in place of runs
     if runs.stress.noise:
         noise = np.stack(plan.noises, axis=2)[..., np.searchsorted(loops.instants, run.times, side="right") - 1]
@@ -234,11 +236,4 @@ def run_alone(runs: StressedRuns, modes: Scheduled | Moving, *, progress: Progre
         u[agent][:, run.times >= crew.failing[agent].time] = last
     d = act(loops.loop.C, xi) + (crew.extra(run.times) if runs.stress.disturbance else 0.0)
     parts = {"x": x, "xi": xi, "d": d, "u": u} | crew.heeded(xihat, dhat)
-    return Outcome(
-        times=run.times,
-        reason=run.reason,
-        method=run.method,
-        evaluations=run.evaluations,
-        notes=tuple(run.notes),
-        **{name: np.moveaxis(array, 2, 0).copy() for name, array in parts.items()},
-    )
+    return run, {name: np.moveaxis(array, 2, 0).copy() for name, array in parts.items()}

@@ -8,6 +8,7 @@ from fractions import Fraction
 import casadi as ca
 import numpy as np
 import pytest
+from loops import pair, planar, single
 from scipy.linalg import expm
 
 from dobc_design.errors import ShapeError, SpecError
@@ -28,8 +29,6 @@ from dobc_design.simulation.stress import Failure, Stress, stress_to_json
 from dobc_design.simulation.trajectory import load_trajectory
 from dobc_design.synthesis.observer.spectrum import sampled_matrix
 
-HARMONIC = Exosystem(A=[[0, 2], [-2, 0]], C=[[1, 0]])
-PRINTED = Observer(W=[["16/5"], ["12/5"]])
 EVERYTHING = Stress(
     noise=0.01,
     disturbance=0.2,
@@ -40,32 +39,6 @@ EVERYTHING = Stress(
     failures=(Failure(agent="3", time=1.0), Failure(agent="7", time=2.0, kind="freeze")),
 )
 SAMPLED = Stress(noise=0.01, disturbance=0.2, saturation=4.0, loss=0.3, period=0.04, failures=EVERYTHING.failures)
-
-
-def single(**settings) -> Problem:
-    """One agent by itself, x' = u + d."""
-    network = Network.from_arcs({"G": []}, arrow="listens_to", agents=1)
-    return Problem(network=network, coupling="y", gains={"1": 2}, **settings)
-
-
-def pair(coupling: str = "y", **settings) -> Problem:
-    """Agent 1 listens to agent 2."""
-    network = Network.from_arcs([[1, 2]], arrow="listens_to", agents=2)
-    return Problem(network=network, coupling=coupling, **settings)
-
-
-def planar() -> Problem:
-    """Linear, m = 2, q = 3, formation, matrix gains, weights."""
-    return Problem(
-        network=Network.from_arcs([[1, 2], [2, 3, 2], [3, 1], [1, 3]], arrow="listens_to"),
-        coupling=["2*y1 + y2", "3*y2 - y1"],
-        target=[1, -2],
-        gains={"1": 3, "3": [[2, 1], [-1, 2]]},
-        exosystem=Exosystem(A=[[0, 1, 0], [-1, 0, 0], [0, 0, 0]], C=[[1, 0, 1], [0, 1, 0]]),
-        observer=Observer(W=[[2, 0], [0, 2], [1, 0]]),
-        offsets={"2": [1, 0]},
-        simulation={"t_final": 4, "seed": 3, "xi0": [[1, 0, 2], [0, 1, -1], [3, 0, 0]]},
-    )
 
 
 def prepared(problem: Problem, stress: Stress, **given) -> StressedRuns:
@@ -167,7 +140,7 @@ def test_a_sampled_linear_loop_is_the_power_of_its_matrices():
     mean = sum(w / 2 * expm(A * period * (1 + node) / 2) for node, w in zip(nodes, weights, strict=True))
     L = period * sum(w / 2 * expm((A - W @ C) * period * (1 + s) / 2) for s, w in zip(nodes, weights, strict=True)) @ W
     Ad, Cd = expm(A * period), C @ mean
-    J = consensus_jacobian(problem, "G").toarray() - pinning_matrix(problem).toarray()
+    J = consensus_jacobian(problem, "one").toarray() - pinning_matrix(problem).toarray()
     loop = np.block(
         [[np.eye(6) + period * J, np.kron(np.eye(3), period * Cd)], [np.zeros((9, 6)), np.kron(np.eye(3), Ad - L @ Cd)]]
     )

@@ -51,8 +51,8 @@ from dobc_design.simulation.trajectory import (
     proportion_interval,
     quantile,
     quantile_interval,
+    save_arrays,
     summary,
-    write_whole,
 )
 
 if TYPE_CHECKING:
@@ -148,9 +148,7 @@ class Ensemble(Shown):
         words = ("name", "mode", "labels", "t_final", "notes", "signal", "method", "observer", "stress")
         facts = {name: getattr(self, name) for name in words} | {"format": "dobc-ensemble", "version": 1}
         about = np.array(json.dumps(facts, ensure_ascii=False))
-        place = Path(path)
-        write_whole(place, lambda file: np.savez(file, about=about, allow_pickle=False, **self._arrays()), force=force)
-        return place
+        return save_arrays(Path(path), {"about": about} | self._arrays(), force=force)
 
     def __str__(self) -> str:
         return f"{self.name}: {self._summary}"

@@ -38,11 +38,6 @@ class Discrete:
     Cd: Array
     L: Array
 
-    @property
-    def error(self) -> Array:
-        """Ad - L Cd, (q, q), or (n, q, q): the observer's error from one sample to the next."""
-        return self.Ad - self.L @ self.Cd
-
 
 def discretised(loop: Loop, period: float, gain: Array | None = None) -> Discrete:
     """Discretise the observer exactly over ``period`` in s.  Raises: ShapeError for a gain that does not fit."""

@@ -19,10 +19,10 @@ from scipy.integrate import DOP853, Radau
 from dobc_design.problem.arrays import ArcGroup
 from dobc_design.simulation._arguments import Array
 from dobc_design.simulation.field import ClosedForm, Field, Loop, Network, field_of, network_of
-from dobc_design.simulation.switches import Nearby, Switches
+from dobc_design.simulation.switches import LOOKS, Nearby, Switches
 
 Derivative = Callable[[float, Array], Array]
-Change = Callable[[float, float, Callable[[float], Array]], float | None]
+Change = Callable[[Array, Callable[[float], Array]], float | None]
 Progress = Callable[[float], None]
 Samples = dict[str, Any]  # x, d, dhat, u (T, n, m), xi, xihat (T, n, q) of a run, by name
 
@@ -39,8 +39,8 @@ MANY = 3000  # ... so many steps would be left
 class Stay:
     """The active mode by its index, and until when, in s; ``change`` may end it earlier.
 
-    ``change`` gets the step's begin, its end and x (n, m) in between as a function of time; it returns the instant
-    of a switch that depends on the state, or None.
+    ``change`` gets times to look at within a step, and x (n, m) as a function of time; it returns the instant of a
+    switch that depends on the state, or None.
     """
 
     mode: int
@@ -70,7 +70,7 @@ class Moving:
     @property
     def switches(self) -> Switches:
         """Those that the run has come to."""
-        return self.nearby.record.switches()
+        return self.nearby.switches()
 
     def stay(self, time: float, positions: Array) -> Stay:
         """What begins here, with the graph of these positions."""
@@ -210,7 +210,8 @@ class Integration:
                 return f"the step size collapsed or the state overflowed just after t = {before:.6g} s"
             end = solver.t
             if stay.change is not None:
-                switch = stay.change(before, end, partial(self.between, solver.dense_output()))
+                looks = np.linspace(before, end, LOOKS + 1)
+                switch = stay.change(looks, partial(self.between, solver.dense_output()))
                 if switch is not None:
                     self.take(solver, switch)
                     self.leave(solver, switch, solver.dense_output()(switch) if switch < end else solver.y)

@@ -13,7 +13,6 @@ import numpy as np
 
 from dobc_design.problem.arrays import Gain
 from dobc_design.problem.problem import Problem
-from dobc_design.simulation.agents import StressedRuns
 from dobc_design.simulation.field import evolve
 from dobc_design.simulation.integrate import Errors, Full, Integration, Moving, Progress, Run, Samples, Scheduled
 from dobc_design.simulation.sampled import run_sampled_alone
@@ -31,7 +30,7 @@ from dobc_design.simulation.setting import (
 )
 from dobc_design.simulation.signals import Mobile, signal_to_json
 from dobc_design.simulation.stress import stress_to_json
-from dobc_design.simulation.stressed import run_alone
+from dobc_design.simulation.stressed import StressedRuns, run_alone
 from dobc_design.simulation.switches import Nearby, Switches
 from dobc_design.simulation.trajectory import Trajectory
 

@@ -22,12 +22,10 @@ from scipy.linalg import expm
 
 from dobc_design.errors import ShapeError, SpecError
 from dobc_design.simulation._arguments import Array
-from dobc_design.simulation.agents import Crew, StressedRuns
 from dobc_design.simulation.field import Loop, act
 from dobc_design.simulation.integrate import FARTHEST, Progress, Run, Samples
+from dobc_design.simulation.stressed import Crew, StressedRuns, sample_instants
 from dobc_design.simulation.switches import IndexArray
-
-MOST_SAMPLES = 1_000_000
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -69,20 +67,6 @@ def integral(A: Array, times: float | Array) -> tuple[Array, Array]:
         expm(block * np.asarray(times, dtype=np.float64)[..., None, None]) if q else np.zeros((*np.shape(times), 0, 0))
     )
     return both[..., :q, :q], both[..., :q, q:]
-
-
-def sample_instants(period: float, horizon: float, *, name: str = "period") -> Array:
-    """The multiples of ``period``, the argument ``name``, up to the horizon, in s.  Raises: SpecError for too many."""
-    count = horizon / period
-    if count > MOST_SAMPLES:
-        raise SpecError(
-            f"{count:.3g} {'samples' if name == 'period' else 'exchanges'} are too many, at most {MOST_SAMPLES} are"
-            " simulated.",
-            key=name,
-            cure=f"Choose a longer {name} or a shorter horizon.",
-        )
-    instants = period * np.arange(int(count) + 2)
-    return np.asarray(instants[instants <= horizon], dtype=np.float64)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

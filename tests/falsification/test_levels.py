@@ -10,17 +10,13 @@ import pytest
 from lure_cases import cycle, identity
 from separable_problems import random_problem
 
+from dobc_design import Exosystem, Group, Network, Observer, Problem
 from dobc_design.conditions.quadratic.claim import Lure
 from dobc_design.conditions.separable.claim import ErrorBound, Separable
 from dobc_design.errors import SpecError
 from dobc_design.exact.symmetric import SparseSymmetric
 from dobc_design.falsification.levels import level_of
 from dobc_design.falsification.starts import CORNERS, EDGES, RANDOM, Boundary, asked_box, unit_cube
-from dobc_design.problem.exosystem import Exosystem
-from dobc_design.problem.groups import Group
-from dobc_design.problem.network import Network
-from dobc_design.problem.observer import Observer
-from dobc_design.problem.problem import Problem
 from dobc_design.simulation.field import make_loop
 
 F = Fraction

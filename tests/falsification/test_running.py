@@ -10,8 +10,8 @@ from equilibrium_cases import half_difference, listening_pair
 from lure_cases import HARMONIC, PAPER_GAIN, cycle, field, random_problem
 from scipy.integrate import solve_ivp
 
+from dobc_design import Problem
 from dobc_design.falsification.starts import constant_signals, drawn_signals, make_arena, run_starts, settling_horizon
-from dobc_design.problem.problem import Problem
 
 SADDLE = float(half_difference(3.3))
 

@@ -14,6 +14,7 @@ from scipy.integrate import solve_ivp
 from separable_problems import MONOTONE, TURNING, cycle, random_problem
 
 import dobc_design as dd
+from dobc_design import Problem, Verdict
 from dobc_design.conditions.boxes.claim import Shell
 from dobc_design.conditions.quadratic.claim import Lure
 from dobc_design.conditions.quadratic.propose import design_lure, raise_rate
@@ -30,9 +31,7 @@ from dobc_design.falsification.starts import Boundary, asked_box
 from dobc_design.falsification.suspect import LEAVES, RESTS, STAYS_AWAY
 from dobc_design.model.flow import build_flow
 from dobc_design.problem.changes import changed_problem, gain_changes
-from dobc_design.problem.problem import Problem
 from dobc_design.simulation.field import make_loop
-from dobc_design.verdict import Verdict
 
 F = Fraction
 SADDLE, NODE = float(half_difference(3.3)), float(half_difference(6.0))

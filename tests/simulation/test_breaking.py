@@ -7,12 +7,8 @@ import pytest
 from loops import single
 
 import dobc_design as dd
+from dobc_design import Exosystem, Network, Observer, Problem, load_problem
 from dobc_design.errors import SpecError
-from dobc_design.problem.exosystem import Exosystem
-from dobc_design.problem.load import load_problem
-from dobc_design.problem.network import Network
-from dobc_design.problem.observer import Observer
-from dobc_design.problem.problem import Problem
 from dobc_design.simulation.breaking import OPTIONS, PeriodLimit, what_breaks_first
 
 

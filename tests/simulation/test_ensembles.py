@@ -12,15 +12,12 @@ from loops import ring
 from scipy.linalg import expm
 from side_by_side import planar as drawn_planar
 
+from dobc_design import Fixed, Markov, Network, Periodic, Problem, RandomDwell, load_problem
 from dobc_design.errors import SpecError
 from dobc_design.problem.arrays import consensus_jacobian, pinning_matrix
-from dobc_design.problem.load import load_problem
-from dobc_design.problem.network import Network
-from dobc_design.problem.problem import Problem
 from dobc_design.simulation import columns, ensemble
 from dobc_design.simulation.ensemble import simulate_many
 from dobc_design.simulation.run import simulate
-from dobc_design.simulation.signals import Fixed, Markov, Periodic, RandomDwell
 
 MARKOV = Markov(generator=[[-3, 1, 1, 1], [1, -3, 1, 1], [1, 1, -3, 1], [1, 1, 1, -3]])
 
@@ -192,11 +189,6 @@ MEMORY = """
 import resource, sys
 import numpy as np, scipy.sparse as sp
 from dobc_design.simulation.ensemble import simulate_many
-from dobc_design.simulation.signals import Periodic
-from dobc_design.problem.exosystem import Exosystem
-from dobc_design.problem.network import Network
-from dobc_design.problem.observer import Observer
-from dobc_design.problem.problem import Problem
 n, rng = 1000, np.random.default_rng(0)
 def graph():
     i = np.repeat(np.arange(n), 6)

@@ -6,13 +6,8 @@ import casadi as ca
 import numpy as np
 import pytest
 
-from dobc_design.model.model import build_model
+from dobc_design import Exosystem, Network, Observer, Problem, build_model, load_problem
 from dobc_design.problem.arrays import arc_groups
-from dobc_design.problem.exosystem import Exosystem
-from dobc_design.problem.load import load_problem
-from dobc_design.problem.network import Network
-from dobc_design.problem.observer import Observer
-from dobc_design.problem.problem import Problem
 from dobc_design.simulation.field import make_field, make_loop, network_of
 
 

@@ -5,9 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from dobc_design import Network, Problem
 from dobc_design.coupling.coupling import make_coupling
-from dobc_design.problem.network import Network
-from dobc_design.problem.problem import Problem
 from dobc_design.simulation import graph as graph_module
 from dobc_design.simulation.graph import Graph, compile_coupling, graph_of, groups_of_mode
 

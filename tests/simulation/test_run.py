@@ -16,18 +16,22 @@ import pytest
 from loops import HARMONIC, PRINTED, planar, ring
 from scipy.linalg import expm
 
+from dobc_design import (
+    Exosystem,
+    Network,
+    Observer,
+    Periodic,
+    Problem,
+    RandomDwell,
+    Schedule,
+    build_model,
+    load_problem,
+)
 from dobc_design.errors import ShapeError, SpecError
-from dobc_design.model.model import build_model
 from dobc_design.problem.arrays import consensus_jacobian, pinning_matrix
-from dobc_design.problem.exosystem import Exosystem
-from dobc_design.problem.load import load_problem
-from dobc_design.problem.network import Network
-from dobc_design.problem.observer import Observer
-from dobc_design.problem.problem import Problem
 from dobc_design.simulation import integrate
 from dobc_design.simulation import setting as module
 from dobc_design.simulation.run import simulate
-from dobc_design.simulation.signals import Periodic, RandomDwell, Schedule
 
 ROUTES = ("closed-form", "full-loop")
 N = 12
@@ -212,7 +216,7 @@ def test_example_2_with_switching_agrees_with_cvodes():
     state = np.concatenate([run.x[0].ravel(), run.xi[0].ravel(), -np.kron(run.x[0].ravel(), [3.2, 2.4])])
     for k, mode in enumerate(["Ga", "Gb", "Gc", "Gd", "Ga"]):
         x, xi, z = (ca.SX.sym(name, size) for name, size in (("x", 10), ("xi", 20), ("z", 20)))
-        loop = {"x": ca.vertcat(x, xi, z), "ode": ca.vertcat(*build_model(problem, mode).closed_loop(x, xi, z))}
+        loop = {"x": ca.vertcat(x, xi, z), "ode": ca.vertcat(*build_model(problem, mode=mode).closed_loop(x, xi, z))}
         step = ca.integrator("loop", "cvodes", loop, 0, 0.4, {"abstol": 1e-12, "reltol": 1e-12})
         state = step(x0=state)["xf"].full().ravel()
         np.testing.assert_allclose(run.x[k + 1].ravel(), state[:10], atol=1e-8)

@@ -8,22 +8,21 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from dobc_design.errors import ShapeError, SpecError
-from dobc_design.problem.load import load_problem
-from dobc_design.problem.network import Network
-from dobc_design.problem.problem import Problem
-from dobc_design.problem.switching import Switching
-from dobc_design.simulation.signals import (
+from dobc_design import (
     Fixed,
     Markov,
     Mobile,
+    Network,
     Periodic,
+    Problem,
     RandomDwell,
     Schedule,
+    Switching,
     Waypoints,
-    signal_of,
-    signal_to_json,
+    load_problem,
 )
+from dobc_design.errors import ShapeError, SpecError
+from dobc_design.simulation.signals import signal_of, signal_to_json
 from dobc_design.simulation.switches import scheduled_switches
 
 NAMES = ("a", "b", "c")

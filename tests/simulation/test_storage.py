@@ -8,14 +8,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from dobc_design import Failure, Mobile, Network, Periodic, Problem, Stress, Trajectory, load_problem, load_trajectory
 from dobc_design.errors import CertificateError, SpecError
-from dobc_design.problem.load import load_problem
-from dobc_design.problem.network import Network
-from dobc_design.problem.problem import Problem
 from dobc_design.simulation.run import simulate
-from dobc_design.simulation.signals import Mobile, Periodic
-from dobc_design.simulation.stress import Failure, Stress
-from dobc_design.simulation.trajectory import PLAIN, SAMPLED, Trajectory, load_trajectory
+from dobc_design.simulation.trajectory import PLAIN, SAMPLED
 
 
 def switching() -> Trajectory:

@@ -11,22 +11,28 @@ import pytest
 from loops import pair, planar, single
 from scipy.linalg import expm
 
+from dobc_design import (
+    Exosystem,
+    Failure,
+    Mobile,
+    Network,
+    Observer,
+    Periodic,
+    Problem,
+    RandomDwell,
+    Stress,
+    load_problem,
+    load_trajectory,
+)
 from dobc_design.errors import ShapeError, SpecError
 from dobc_design.problem.arrays import consensus_jacobian, pinning_matrix
-from dobc_design.problem.exosystem import Exosystem
-from dobc_design.problem.load import load_problem
-from dobc_design.problem.network import Network
-from dobc_design.problem.observer import Observer
-from dobc_design.problem.problem import Problem
-from dobc_design.simulation.agents import Crew, Heard, StressedRuns
 from dobc_design.simulation.ensemble import simulate_many
 from dobc_design.simulation.field import make_loop
 from dobc_design.simulation.run import simulate
 from dobc_design.simulation.sampled import discretised
 from dobc_design.simulation.setting import groups_for, make_setting, switches_for
-from dobc_design.simulation.signals import Mobile, Periodic, RandomDwell
-from dobc_design.simulation.stress import Failure, Stress, stress_to_json
-from dobc_design.simulation.trajectory import load_trajectory
+from dobc_design.simulation.stress import stress_to_json
+from dobc_design.simulation.stressed import Crew, Heard, StressedRuns
 from dobc_design.synthesis.observer.spectrum import sampled_matrix
 
 EVERYTHING = Stress(

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from dobc_design.simulation.trajectory import Trajectory
+from dobc_design import Trajectory
 
 
 def made(errors, *, diverged: bool = False, times=None, name: str = "made") -> Trajectory:

@@ -2,10 +2,7 @@
 
 from __future__ import annotations
 
-from dobc_design.problem.exosystem import Exosystem
-from dobc_design.problem.network import Network
-from dobc_design.problem.observer import Observer
-from dobc_design.problem.problem import Problem
+from dobc_design import Exosystem, Network, Observer, Problem
 
 HARMONIC = Exosystem(A=[[0, 2], [-2, 0]], C=[[1, 0]])
 PRINTED = Observer(W=[["16/5"], ["12/5"]])

@@ -7,10 +7,9 @@ from typing import Any
 import loops
 import numpy as np
 
-from dobc_design.problem.problem import Problem
+from dobc_design import Failure, Problem, Stress
 from dobc_design.simulation.ensemble import simulate_many
 from dobc_design.simulation.run import simulate
-from dobc_design.simulation.stress import Failure, Stress
 
 FAILING = (Failure(agent="3", time=0.4, kind="freeze"), Failure(agent="2", time=0.5))
 

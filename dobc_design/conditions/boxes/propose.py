@@ -24,7 +24,7 @@ from dobc_design.conditions.boxes.claim import (
     upper_bounds,
 )
 from dobc_design.conditions.quadratic.claim import Lure
-from dobc_design.conditions.quadratic.search import round_down
+from dobc_design.conditions.quadratic.propose import round_down
 from dobc_design.coupling.expression import numpy_function
 from dobc_design.exact.matrix import Matrix
 from dobc_design.problem.problem import Problem

@@ -98,7 +98,6 @@ def propose(asked: Asked, shape: str, *, rate: Fraction = Fraction(0), accept: f
             problem,
             holds=lambda each: holds(problem, each),
             shape=shape,
-            objective="ball",
             W=asked.W,
             rate=rate,
             disturbance=claimed(asked.disturbance),

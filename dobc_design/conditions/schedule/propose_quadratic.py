@@ -20,8 +20,7 @@ from typing import Final
 import numpy as np
 
 from dobc_design.conditions.quadratic.claim import Lure, linear_part
-from dobc_design.conditions.quadratic.propose import raise_rate
-from dobc_design.conditions.quadratic.search import round_down, scaled_pair
+from dobc_design.conditions.quadratic.propose import raise_rate, round_down, scaled_pair
 from dobc_design.conditions.quadratic.sectors import Entries, Sectors, build_sectors, enclose_ranges, gains_on
 from dobc_design.coupling.coupling import Coupling
 from dobc_design.exact.interval import Interval, UndefinedError

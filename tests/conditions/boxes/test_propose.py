@@ -82,7 +82,7 @@ def test_two_agents_are_certified_to_just_below_their_other_equilibrium():
 def test_a_coupling_that_is_not_monotone_is_certified_beyond_its_turning_point():
     """sin, one pin: the Lur'e sector ends where the gain does, boxes do not."""
     problem = cycle(3, {1: 2}, coupling="sin(y)")
-    lure = inner(problem, shape="full", objective="ball")
+    lure = inner(problem, shape="full")
     shell = grow_shell(problem, lure)
     assert verify_shell(problem, shell).verdict is Verdict.PROVED
     assert ball(problem, shell) > 1.05 * covered_radius(problem, lure)
@@ -127,7 +127,7 @@ def test_a_larger_set_or_a_smaller_box_is_not_accepted():
 def test_with_the_observer_and_a_rate_no_start_leaves():
     """50 starts with V = outer; V <= V(0) exp(-2 beta t) along (22), integrated by SciPy."""
     problem = cycle(3, 3, exosystem=HARMONIC)
-    lure = inner(problem, W=PAPER_GAIN, disturbance=Fraction(1, 5), objective="ball", rate=Fraction(1, 10))
+    lure = inner(problem, W=PAPER_GAIN, disturbance=Fraction(1, 5), rate=Fraction(1, 10))
     S = border_of(problem, lure, lure.rate)
     shell = grow_shell(problem, lure, S=S)
     assert verify_shell(problem, shell).verdict is Verdict.PROVED
@@ -159,7 +159,7 @@ def test_with_the_observer_and_a_rate_no_start_leaves():
 @pytest.mark.parametrize("seed", [*(pytest.param(k, marks=pytest.mark.slow) for k in (0, 1)), 2])
 def test_random_small_networks_are_certified_and_checked(seed):
     problem = random_problem(seed, coupling="y + y**3/5")
-    lure = design_lure(problem, holds=lambda each: is_proved(problem, each), objective="ball")
+    lure = design_lure(problem, holds=lambda each: is_proved(problem, each))
     shell = None if lure is None else grow_shell(problem, lure, largest=Fraction(6), budget=20_000)
     if shell is not None:
         assert verify_shell(problem, shell).verdict is Verdict.PROVED

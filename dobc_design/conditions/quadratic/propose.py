@@ -29,9 +29,10 @@ from dobc_design.conditions.quadratic.propose_program import (
     range_gains,
     sample_gains,
 )
-from dobc_design.conditions.quadratic.sectors import Enclose, Sectors, build_sectors, enclose_ranges, gains_on
+from dobc_design.conditions.quadratic.sectors import Enclose, Entries, Sectors, build_sectors, enclose_ranges, gains_on
+from dobc_design.coupling.coupling import Coupling
 from dobc_design.errors import SpecError
-from dobc_design.exact.interval import UndefinedError
+from dobc_design.exact.interval import Interval, UndefinedError
 from dobc_design.exact.matrix import Matrix, Vector, multiply, scale, to_float
 from dobc_design.exact.symmetric import SparseSymmetric
 from dobc_design.problem.groups import agent_blocks
@@ -58,11 +59,24 @@ MOST_CENTRES: Final = 60
 SMALL: Final = 300  # unknowns up to which many radii are tried for the ball
 TRIED: Final = (1.0, 0.998, 0.9, 0.6)  # of the largest radius, before the ball is given up
 CONDITION: Final = 100.0
+#: Gains are claimed this much wider, relative to the largest, so that a second program can confirm them.
+ROOM: Final = Fraction(1, 10**5)
 ZERO: Final = Fraction(0)
 _EDGE: Final = 1e-3
 _SHORTFALL: Final = 1e-8  # of the level, for the rounding of its estimate
 # Where no arc needs the radius every level will do: one that holds balls of a hundred times the radius, about.
 _NOT_NEEDED: Final = 1e4
+
+
+def roomy_gains(coupling: Coupling, radius: Fraction, *, room: Fraction = ROOM) -> Entries:
+    """``gains_on``, a little wider where h is not linear, for whoever encloses them in another way."""
+    entries = gains_on(coupling, radius)
+    if coupling.is_linear:
+        return entries
+    return tuple(
+        tuple(Interval(gain.lo - room * gain.magnitude, gain.hi + room * gain.magnitude) for gain in row)
+        for row in entries
+    )
 
 
 def design_lure(

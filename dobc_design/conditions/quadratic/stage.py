@@ -18,12 +18,16 @@ from dobc_design.conditions.numbers import claimed
 from dobc_design.conditions.quadratic.checks import IN_WORDS, certified_ball, lure_check, quadratic_obstacle
 from dobc_design.conditions.quadratic.claim import Lure, Method
 from dobc_design.conditions.quadratic.decide import verify_lure
-from dobc_design.conditions.quadratic.propose import LARGEST_FULL, bound_lure, design_lure, linear_rate, raise_rate
-from dobc_design.conditions.quadratic.sectors import Entries, gains_on
+from dobc_design.conditions.quadratic.propose import (
+    LARGEST_FULL,
+    bound_lure,
+    design_lure,
+    linear_rate,
+    raise_rate,
+    roomy_gains,
+)
 from dobc_design.conditions.separable.checks import undecided_check
 from dobc_design.conditions.separable.decide import rounded_down
-from dobc_design.coupling.coupling import Coupling
-from dobc_design.exact.interval import Interval
 from dobc_design.exact.symmetric import SparseSymmetric
 from dobc_design.problem.problem import Problem
 from dobc_design.verdict import Verdict
@@ -35,8 +39,6 @@ MOST_ROWS: Final = 60
 FULL_ROWS, FULL_ROWS_ON_REQUEST = 15, 20
 #: Channels of a mode up to which the corners of all gains are tried with the P_e found.
 CORNER_CHANNELS: Final = 6
-#: Gains are claimed this much wider, relative to the largest, so that a second program can confirm them.
-ROOM: Final = Fraction(1, 10**5)
 #: Where the region is covered: parts of the rate near the consensus that are tried, by bisection; rows n m from which
 #: on fewer are.
 FIRST_PART, RATE_STEPS, FEWER_STEPS, MANY_ROWS = 0.5, 5, 3, 11
@@ -81,12 +83,6 @@ def quadratic_stage(asked: Asked, report: Progress) -> list[Check]:
     ]
 
 
-def roomy_gains(coupling: Coupling, radius: Fraction) -> Entries:
-    """``gains_on``, a little wider where h is not linear, for whoever encloses them in another way."""
-    entries = gains_on(coupling, radius)
-    return entries if coupling.is_linear else tuple(tuple(map(_wider, row)) for row in entries)
-
-
 def propose(asked: Asked, shape: str, *, rate: Fraction = Fraction(0), accept: float = 0.0) -> Found | None:
     """The largest ball for a shape of P_e and a rate, proved; None if it is no larger than ``accept``.
 
@@ -122,11 +118,6 @@ def _largest(asked: Asked) -> Fraction:
     """No |e_j - e_i| beyond is looked at."""
     ball = claimed(asked.ball)
     return max(2 * ball, min(10 * ball, _LARGEST))
-
-
-def _wider(gain: Interval) -> Interval:
-    room = ROOM * gain.magnitude
-    return Interval(gain.lo - room, gain.hi + room)
 
 
 def _ladder(asked: Asked, report: Progress) -> list[Found]:

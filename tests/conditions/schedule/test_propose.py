@@ -10,8 +10,13 @@ from lure_cases import HARMONIC, PAPER_GAIN, is_proved, pins
 from lure_cases import cycle as quadratic_cycle
 from separable_problems import cycle, pair
 
-from dobc_design.conditions.schedule.propose import box_bound, matching_diagonal, plan_stages, relative_bound
-from dobc_design.conditions.schedule.propose_quadratic import propose_quadratic_stages
+from dobc_design.conditions.schedule.propose import (
+    box_bound,
+    matching_diagonal,
+    plan_stages,
+    propose_quadratic_stages,
+    relative_bound,
+)
 from dobc_design.conditions.separable.decide import largest_rate
 from dobc_design.conditions.separable.propose import propose_separable, propose_vectors
 from dobc_design.exact.matrix import to_float

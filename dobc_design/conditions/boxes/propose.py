@@ -122,7 +122,7 @@ def _rises(forms: list[Form], e: Array) -> Array:
 def _derivative(form: Form, e: Array) -> Array:
     """Phi at points, in floats; inf where a coupling is not defined."""
     total = np.sum((e @ form.M) * e, axis=1)
-    y = e[:, form.plus] - e[:, form.minus]
+    y = e[:, form.plus] - e[:, form.target]
     p = (e @ form.P_e)[:, form.target]
     for k in range(len(form.target)):
         h = numpy_function(form.ranges.curves[int(form.curve[k])].expression)

@@ -14,12 +14,11 @@ from typing import Final
 from dobc_design.conditions.asked import Asked, Progress
 from dobc_design.conditions.boxes.checks import exhaustive_check
 from dobc_design.conditions.boxes.claim import LARGEST, Shell
-from dobc_design.conditions.boxes.decide import border_of
 from dobc_design.conditions.boxes.propose import grow_shell
 from dobc_design.conditions.check import Check
 from dobc_design.conditions.numbers import claimed
 from dobc_design.conditions.quadratic.checks import certified_ball, quadratic_obstacle
-from dobc_design.conditions.quadratic.decide import eigenvalue_bound
+from dobc_design.conditions.quadratic.decide import border_of, eigenvalue_bound
 from dobc_design.conditions.quadratic.propose import linear_rate
 from dobc_design.conditions.quadratic.stage import propose
 from dobc_design.conditions.separable.checks import undecided_check

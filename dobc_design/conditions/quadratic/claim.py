@@ -25,6 +25,7 @@ from dobc_design.errors import ShapeError, SpecError
 from dobc_design.exact.matrix import Matrix, multiply
 from dobc_design.exact.symmetric import SparseSymmetric
 from dobc_design.problem.groups import agent_blocks
+from dobc_design.problem.problem import Problem
 
 Method = Literal["lure", "interval", "vertices"]
 METHODS: Final = ("lure", "interval", "vertices")
@@ -94,7 +95,7 @@ def lure_matrix(
             f"mode {mode}: multipliers must have {len(channels)} entries, one per channel; got {len(multipliers)}.",
             key="multipliers",
         )
-    inner, added = _observer_block(sectors, S), dict[tuple[int, int], Fraction]()
+    inner, added = _observer_block(sectors.problem, S), dict[tuple[int, int], Fraction]()
     for channel, tau in zip(channels, multipliers, strict=True):
         if not channel.spread:
             continue
@@ -102,8 +103,8 @@ def lure_matrix(
             raise ShapeError(f"mode {mode}: multipliers must be > 0 where the gain has a range.", key="multipliers")
         add(inner, channel.target, channel.target, 1 / (2 * tau))
         weight = 2 * tau * channel.spread**2
-        for i, j, sign in ((channel.plus, channel.plus, 1), (channel.minus, channel.minus, 1)):
-            add(added, i, j, sign * weight)
+        add(added, channel.plus, channel.plus, weight)
+        add(added, channel.minus, channel.minus, weight)
         add(added, channel.plus, channel.minus, -weight)
     linear = linear_part(sectors, mode, [channel.centre for channel in channels])
     return _derivative(P_e, linear, rate) + _sandwich(P_e, inner) + SparseSymmetric(sectors.size, added)
@@ -115,15 +116,14 @@ def interval_matrix(
     """An upper bound of the derivative for all gains: middle gains, and row sums of |deviation| on the diagonal."""
     channels = sectors.modes[mode]
     linear = linear_part(sectors, mode, [channel.centre for channel in channels])
-    rows = rows_of(P_e)
-    sums = [ZERO] * sectors.size
+    rows, sums = rows_of(P_e), [ZERO] * sectors.size
     for channel in channels:
         if channel.spread:
             for (i, j), value in _rank_two(rows[channel.target], channel).items():
                 for row in {i, j}:
                     sums[row] += channel.spread * abs(value)
     bound = SparseSymmetric(sectors.size, {(i, i): value for i, value in enumerate(sums)})
-    return _derivative(P_e, linear, rate) + _sandwich(P_e, _observer_block(sectors, S)) + bound
+    return _derivative(P_e, linear, rate) + _sandwich(P_e, _observer_block(sectors.problem, S)) + bound
 
 
 def vertex_matrices(
@@ -144,7 +144,7 @@ def vertex_matrices(
         )
     rows = rows_of(P_e)
     fixed = _derivative(P_e, linear_part(sectors, mode, [channel.low for channel in channels]), rate)
-    fixed = fixed + _sandwich(P_e, _observer_block(sectors, S))
+    fixed = fixed + _sandwich(P_e, _observer_block(sectors.problem, S))
     steps = [
         SparseSymmetric(sectors.size, _rank_two(rows[channel.target], channel)).scaled(2 * channel.spread)
         for channel in channels
@@ -154,15 +154,23 @@ def vertex_matrices(
         yield sum((step for step, up in zip(steps, corner, strict=True) if up), fixed)
 
 
+def held_matrix(problem: Problem, P_e: SparseSymmetric, *, rate: Fraction, S: Matrix | None) -> SparseSymmetric:
+    """-(P_e K + K'P_e) + P_e (I (x) S) P_e + 2 rate P_e: what the derivative would be without couplings, (n m, n m)."""
+    return _derivative(P_e, _pins(problem), rate) + _sandwich(P_e, _observer_block(problem, S))
+
+
+def _pins(problem: Problem) -> dict[int, dict[int, Fraction]]:
+    """-K as rows: row -> column -> entry."""
+    m, rows = problem.m, dict[int, dict[int, Fraction]]((i, {}) for i in range(problem.n * problem.m))
+    for agent, gain in problem.pinning.gains.items():
+        for c, row in enumerate(gain):
+            rows[agent * m + c] = {agent * m + d: -entry for d, entry in enumerate(row) if entry}
+    return rows
+
+
 def linear_part(sectors: Sectors, mode: str, gains: Sequence[Fraction]) -> dict[int, dict[int, Fraction]]:
     """-K + sum of g b c' as rows: row -> column -> entry."""
-    problem, m = sectors.problem, sectors.problem.m
-    rows: dict[int, dict[int, Fraction]] = {i: {} for i in range(sectors.size)}
-    for agent, gain in problem.pinning.gains.items():
-        for c in range(m):
-            for d in range(m):
-                if gain[c][d]:
-                    rows[agent * m + c][agent * m + d] = -gain[c][d]
+    rows = _pins(sectors.problem)
     for channel, g in zip(sectors.modes[mode], gains, strict=True):
         row = rows[channel.target]
         row[channel.plus] = row.get(channel.plus, ZERO) + g
@@ -226,11 +234,11 @@ def _rank_two(row: Mapping[int, Fraction], channel: Channel) -> Entries:
     return entries
 
 
-def _observer_block(sectors: Sectors, S: Matrix | None) -> Entries:
+def _observer_block(problem: Problem, S: Matrix | None) -> Entries:
     """I (x) S; where agents have different exosystems, the block of each agent's group."""
     if S is None:
         return {}
-    problem, m = sectors.problem, sectors.problem.m
+    m = problem.m
     return {
         (agent * m + i, agent * m + j): block[i][j]
         for agent, block in enumerate(agent_blocks(S, problem.groups, problem.network.labels))

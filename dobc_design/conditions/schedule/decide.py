@@ -11,14 +11,14 @@ from fractions import Fraction
 from typing import Final
 
 from dobc_design.conditions.quadratic.claim import Lure
-from dobc_design.conditions.quadratic.decide import differences, eigenvalue_bound, verify_lure
+from dobc_design.conditions.quadratic.decide import diagonal_of_inverse, differences, eigenvalue_bound, verify_lure
 from dobc_design.conditions.quadratic.sectors import relied_differences
 from dobc_design.conditions.schedule.claim import ZERO, Stage, Staging
 from dobc_design.conditions.separable.claim import Separable
 from dobc_design.conditions.separable.observer import composite_rate, verify_composite
 from dobc_design.exact.definite import decide_positive_semidefinite
 from dobc_design.exact.interval import Interval, exp
-from dobc_design.exact.matrix import Matrix, inverse, multiply
+from dobc_design.exact.matrix import Matrix, multiply
 from dobc_design.exact.symmetric import SparseSymmetric
 from dobc_design.problem.problem import Problem
 from dobc_design.verdict import Verdict
@@ -260,14 +260,6 @@ def observer_matrix(certificate: Separable | Lure) -> Matrix | None:
     if isinstance(certificate, Lure):
         return certificate.P
     return None if certificate.error is None else certificate.error.P
-
-
-def diagonal_of_inverse(P_e: SparseSymmetric) -> list[Fraction]:
-    """The diagonal of P_e^-1: entry c is the largest e_c^2 where e'P_e e <= 1.  P_e > 0."""
-    if all(i == j for i, j in P_e.entries):
-        return [1 / P_e.entries[i, i] for i in range(P_e.size)]
-    Y = inverse(P_e.to_dense())
-    return [Y[i][i] for i in range(P_e.size)]
 
 
 def _shrunk(value: Fraction, rate: Fraction, time: Fraction) -> Interval:

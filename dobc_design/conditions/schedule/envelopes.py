@@ -19,9 +19,8 @@ from numpy.typing import ArrayLike, NDArray
 from dobc_design._show.cards import Card, Shown, listed
 from dobc_design.conditions.check import Check
 from dobc_design.conditions.numbers import claimed, read_rational
-from dobc_design.conditions.quadratic.decide import eigenvalue_bound
+from dobc_design.conditions.quadratic.decide import diagonal_of_inverse, eigenvalue_bound
 from dobc_design.conditions.quadratic.json_text import lure_from_json, names_of
-from dobc_design.conditions.schedule.decide import diagonal_of_inverse
 from dobc_design.conditions.schedule.settling import Settling
 from dobc_design.conditions.separable.checks import separable_from_json
 from dobc_design.conditions.separable.claim import Separable

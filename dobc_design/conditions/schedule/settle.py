@@ -14,11 +14,10 @@ from itertools import chain
 from typing import Final
 
 from dobc_design.conditions.quadratic.claim import Lure
-from dobc_design.conditions.quadratic.decide import verify_lure
+from dobc_design.conditions.quadratic.decide import diagonal_of_inverse, verify_lure
 from dobc_design.conditions.schedule.asked import Asked
 from dobc_design.conditions.schedule.claim import ONE, ZERO, Stage, Staging
 from dobc_design.conditions.schedule.decide import (
-    diagonal_of_inverse,
     guard_limits,
     next_level,
     noise_left,

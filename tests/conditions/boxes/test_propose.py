@@ -12,10 +12,10 @@ from lure_cases import HARMONIC, PAPER_GAIN, cycle, field, is_proved, random_pro
 from scipy.integrate import solve_ivp
 
 from dobc_design.conditions.boxes.claim import Shell
-from dobc_design.conditions.boxes.decide import border_of, verify_shell
+from dobc_design.conditions.boxes.decide import verify_shell
 from dobc_design.conditions.boxes.propose import grow_shell
 from dobc_design.conditions.quadratic.claim import Lure
-from dobc_design.conditions.quadratic.decide import covered_radius
+from dobc_design.conditions.quadratic.decide import border_of, covered_radius
 from dobc_design.conditions.quadratic.propose import design_lure
 from dobc_design.exact.matrix import to_float
 from dobc_design.problem.network import Network

@@ -18,6 +18,7 @@ from dobc_design.conditions.boxes.propose import grow_shell
 from dobc_design.conditions.check import Check
 from dobc_design.conditions.numbers import claimed
 from dobc_design.conditions.quadratic.checks import certified_ball, quadratic_obstacle
+from dobc_design.conditions.quadratic.claim import Shape
 from dobc_design.conditions.quadratic.decide import border_of, eigenvalue_bound
 from dobc_design.conditions.quadratic.propose import linear_rate
 from dobc_design.conditions.quadratic.stage import propose
@@ -75,7 +76,7 @@ def exhaustive_stage(asked: Asked, report: Progress) -> list[Check]:
     ]
 
 
-def _shell(asked: Asked, shape: str, *, beyond: float) -> Shell | None:
+def _shell(asked: Asked, shape: Shape, *, beyond: float) -> Shell | None:
     """Boxes around the largest ball of a shape, at a rate > 0 where the region is covered even so.
 
     None if they prove no larger ball than ``beyond``.
@@ -91,7 +92,7 @@ def _shell(asked: Asked, shape: str, *, beyond: float) -> Shell | None:
     return slow
 
 
-def _grown(asked: Asked, shape: str, rate: Fraction, *, beyond: float) -> Shell | None:
+def _grown(asked: Asked, shape: Shape, rate: Fraction, *, beyond: float) -> Shell | None:
     """None also where no box proof reaches beyond the inner certificate, or a numerical library breaks down."""
     inner = propose(asked, shape, rate=rate)
     if inner is None:

@@ -28,6 +28,7 @@ from dobc_design.problem.groups import agent_blocks
 from dobc_design.problem.problem import Problem
 
 Method = Literal["lure", "interval", "vertices"]
+Shape = Literal["identity", "diagonal", "full"]
 METHODS: Final = ("lure", "interval", "vertices")
 #: Channels with a range of their own up to which corners are enumerated.
 MOST_VERTICES: Final = 12
@@ -66,8 +67,8 @@ class Lure:
             raise ShapeError("P and Q must both be given, or neither.", key="P")
 
     @property
-    def shape(self) -> str:
-        """ "identity" for a multiple of I, "diagonal", or "full"."""
+    def shape(self) -> Shape:
+        """What P_e is: a multiple of I, diagonal or full."""
         if any(i != j for i, j in self.P_e.entries):
             return "full"
         values = {self.P_e.entries.get((i, i), ZERO) for i in range(self.P_e.size)}
@@ -205,24 +206,19 @@ def _derivative(P_e: SparseSymmetric, linear: dict[int, dict[int, Fraction]], ra
 
 def _sandwich(P_e: SparseSymmetric, inner: Entries) -> SparseSymmetric:
     """P_e N P_e for a sparse symmetric N."""
-    middle = SparseSymmetric(P_e.size, inner)
-    if len(P_e.entries) > 4 * P_e.size:
+    size, entries = P_e.size, dict[tuple[int, int], Fraction]()
+    if len(P_e.entries) > 4 * size:
         dense = P_e.to_dense()
-        product = multiply(multiply(dense, middle.to_dense()), dense)
-        return SparseSymmetric(
-            P_e.size, {(i, j): x for i, row in enumerate(product) for j, x in enumerate(row) if i <= j}
-        )
-    rows, entries = rows_of(P_e), dict[tuple[int, int], Fraction]()
-    for (k, l), value in middle.entries.items():  # noqa: E741  k, l as in matrix entries
-        for i, left in rows[k].items():
-            for j, right in rows[l].items():
-                product_ = left * value * right
-                if k == l:
+        product = multiply(multiply(dense, SparseSymmetric(size, inner).to_dense()), dense)
+        return SparseSymmetric(size, {(i, j): product[i][j] for i in range(size) for j in range(i, size)})
+    rows = rows_of(P_e)
+    for (k, l), value in inner.items():  # noqa: E741  k, l as in matrix entries
+        for left, right in {(k, l), (l, k)}:
+            for i, p in rows[left].items():
+                for j, q in rows[right].items():
                     if i <= j:
-                        add(entries, i, j, product_)
-                else:
-                    add(entries, i, j, 2 * product_ if i == j else product_)
-    return SparseSymmetric(P_e.size, entries)
+                        add(entries, i, j, p * value * q)
+    return SparseSymmetric(size, entries)
 
 
 def _rank_two(row: Mapping[int, Fraction], channel: Channel) -> Entries:

@@ -17,7 +17,7 @@ import numpy as np
 from scipy import linalg, optimize
 
 from dobc_design.conditions.consensus.claim import omega
-from dobc_design.conditions.quadratic.claim import Lure, Method, lure_matrix
+from dobc_design.conditions.quadratic.claim import Lure, Method, Shape, lure_matrix
 from dobc_design.conditions.quadratic.propose_program import (
     FloatLoop,
     Gains,
@@ -43,9 +43,6 @@ from dobc_design.solvers.rounding import round_matrix
 
 Holds = Callable[[Lure], bool]
 
-SHAPES: Final = ("identity", "diagonal", "full")
-#: Rows n m up to which a full P_e is looked for: its n m (n m + 1)/2 unknowns make a dense Newton system.
-LARGEST_FULL: Final = 80
 DIGITS: Final = (5, 7, 9, 12)
 BALLS: Final = 4  # points tried, the largest ball first
 HALVINGS: Final = 14
@@ -83,7 +80,7 @@ def design_lure(
     problem: Problem,
     *,
     holds: Holds,
-    shape: str = "full",
+    shape: Shape = "full",
     W: Matrix | None = None,
     rate: Fraction = ZERO,
     disturbance: Fraction = ZERO,
@@ -92,25 +89,16 @@ def design_lure(
 ) -> Lure | None:
     """Find the certificate with the largest covered ball |e| <= R, |eps_i| <= disturbance that ``holds`` accepts.
 
-    ``shape``: "identity", "diagonal" or "full" P_e.  ``W`` (q, m): the observer's gain; without it eps = 0 is meant.
-    ``rate`` (1/s): asked of V' <= -2 rate V.  ``largest``: no |e_j - e_i| beyond it is looked at.
+    ``shape`` of P_e; a full one has n m (n m + 1)/2 unknowns, which make a dense Newton system.  ``W`` (q, m): the
+    observer's gain; without it eps = 0 is meant.  ``rate`` (1/s): asked of V' <= -2 rate V.  ``largest``: no
+    |e_j - e_i| beyond it is looked at.
     Returns: None if none was found, which proves nothing.
-    Raises: SpecError for an unknown shape, a full P_e of more than LARGEST_FULL rows, or a W without an exosystem.
+    Raises: SpecError for a W without an exosystem.
     """
-    size = problem.n * problem.m
-    if shape not in SHAPES:
-        raise SpecError(f"shape must be one of {', '.join(SHAPES)}; got {shape!r}.", key="shape")
-    if shape == "full" and size > LARGEST_FULL:
-        raise SpecError(
-            f"a full P_e has {size * (size + 1) // 2} unknowns here, which is too many: it is looked for up to n m ="
-            f" {LARGEST_FULL} rows; got {size}.",
-            key="shape",
-            cure='Use "diagonal".',
-        )
     pair = None if W is None else scaled_pair(problem, W, rate=rate, disturbance=disturbance)
     if W is not None and pair is None:
         return None
-    templates, basis = make_templates(problem), make_basis(size, shape)
+    templates, basis = make_templates(problem), make_basis(problem.n * problem.m, shape)
     for sampled in (True, False):  # enclosures in the search only where the samples have misled
         search = _Search(
             problem=problem, templates=templates, enclose=enclose, basis=basis, pair=pair, rate=rate, sampled=sampled

@@ -16,10 +16,9 @@ from dobc_design.conditions.asked import Asked, Progress
 from dobc_design.conditions.check import Check
 from dobc_design.conditions.numbers import claimed
 from dobc_design.conditions.quadratic.checks import IN_WORDS, certified_ball, lure_check, quadratic_obstacle
-from dobc_design.conditions.quadratic.claim import Lure, Method
+from dobc_design.conditions.quadratic.claim import Lure, Method, Shape
 from dobc_design.conditions.quadratic.decide import verify_lure
 from dobc_design.conditions.quadratic.propose import (
-    LARGEST_FULL,
     bound_lure,
     design_lure,
     linear_rate,
@@ -83,7 +82,7 @@ def quadratic_stage(asked: Asked, report: Progress) -> list[Check]:
     ]
 
 
-def propose(asked: Asked, shape: str, *, rate: Fraction = Fraction(0), accept: float = 0.0) -> Found | None:
+def propose(asked: Asked, shape: Shape, *, rate: Fraction = Fraction(0), accept: float = 0.0) -> Found | None:
     """The largest ball for a shape of P_e and a rate, proved; None if it is no larger than ``accept``.
 
     None also when a numerical library breaks down.
@@ -123,9 +122,10 @@ def _largest(asked: Asked) -> Fraction:
 def _ladder(asked: Asked, report: Progress) -> list[Found]:
     """What every shape of P_e covers, until the ball asked for is covered; all of them on request."""
     rows = asked.problem.n * asked.problem.m
-    full = min(LARGEST_FULL, FULL_ROWS_ON_REQUEST if asked.everything else FULL_ROWS)
+    full = FULL_ROWS_ON_REQUEST if asked.everything else FULL_ROWS
     found: list[Found] = []
-    for shape in ("identity", "diagonal", *(("full",) if rows <= full else ())):
+    shapes: tuple[Shape, ...] = ("identity", "diagonal", "full")
+    for shape in shapes if rows <= full else shapes[:2]:
         report(f"deciding the region (quadratic, {IN_WORDS[shape]})")
         proposal = propose(asked, shape)
         if proposal is not None:

@@ -232,7 +232,12 @@ def _starting(problem: Problem, stage: Stage, staging: Staging) -> Iterator[_Nee
 
 def _taking_over(problem: Problem, before: Stage, after: Stage) -> Iterator[_Need]:
     """The hand-over at ``after.start``."""
-    yield from _observer_handed_over(before, after)
+    own, next_ = observer_matrix(before.certificate), observer_matrix(after.certificate)
+    if own is not None and next_ is not None:
+        gap = SparseSymmetric.from_dense(own).scaled(after.stretch**2) + SparseSymmetric.from_dense(next_).negated()
+        yield _fact("stretch", _is_semidefinite(gap), "stretch^2 P (of the stage before) - P is not semidefinite.")
+        left = noise_left(before, after.start) * after.stretch
+        yield _at_least("noise", after.noise, left, "noise is less than what is left of the observer error.")
     square = decayed(before, after.start) ** 2
     for a, radius in guard_limits(problem, before, after):
         yield _at_least("guard", radius**2, square * a, "when it takes over, what is known does not lie in its region.")
@@ -243,16 +248,6 @@ def _taking_over(problem: Problem, before: Stage, after: Stage) -> Iterator[_Nee
     level = after.level**2 if after.is_quadratic else after.level
     needed = next_level(problem, before, after)
     yield _at_least("level", level, needed, "its level is too small for what is handed over.")
-
-
-def _observer_handed_over(before: Stage, after: Stage) -> Iterator[_Need]:
-    old, new = observer_matrix(before.certificate), observer_matrix(after.certificate)
-    if old is None or new is None:
-        return
-    gap = SparseSymmetric.from_dense(old).scaled(after.stretch**2) + SparseSymmetric.from_dense(new).negated()
-    yield _fact("stretch", _is_semidefinite(gap), "stretch^2 P (of the stage before) - P is not semidefinite.")
-    left = noise_left(before, after.start) * after.stretch
-    yield _at_least("noise", after.noise, left, "noise is less than what is left of the observer error.")
 
 
 def observer_matrix(certificate: Separable | Lure) -> Matrix | None:

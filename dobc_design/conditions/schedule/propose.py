@@ -61,18 +61,13 @@ ROOM: Final = Fraction(1, 10**4)  # of a gain
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class PlannedStage:
-    """A max-separable stage: v and the level rho down from which it is to hold."""
-
-    v: Vector
-    rho: Fraction
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
 class StagePlan:
-    """Stages in order, max-separable then quadratic, and the settling time (s) that floating point sees."""
+    """Stages in order, max-separable then quadratic, and the settling time (s) that floating point sees.
 
-    separable: tuple[PlannedStage, ...]
+    ``separable``: v and the level rho down from which it is to hold.
+    """
+
+    separable: tuple[tuple[Vector, Fraction], ...]
     quadratic: tuple[Lure, ...]
     time: float
 
@@ -142,7 +137,7 @@ def _plan(
     while place is not None:
         level, vector = place
         exact = rho if level == 0 else _short(float(table.levels[level]))
-        steps.append(PlannedStage(v=table.exact[vector], rho=exact))
+        steps.append((table.exact[vector], exact))
         place = before.get(place)
     return StagePlan(
         separable=tuple(reversed(steps)), quadratic=tuple(each.lure for each in chain), time=float(np.min(times))

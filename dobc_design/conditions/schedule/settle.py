@@ -28,7 +28,6 @@ from dobc_design.conditions.schedule.decide import (
 )
 from dobc_design.conditions.schedule.propose import (
     SHARE,
-    PlannedStage,
     StagePlan,
     matching_diagonal,
     plan_stages,
@@ -180,8 +179,8 @@ def _staged(goal: Goal, plan: SeparablePlan, progress: Progress) -> list[Staging
 def _joined(goal: Goal, plan: SeparablePlan, path: StagePlan) -> list[Stage]:
     """The stages of a path, exactly; empty if the first one is not proved, others that are not are left out."""
     stages: list[Stage] = []
-    for planned in path.separable:
-        claim = _claim(goal.problem, planned, plan.error, first=not stages)
+    for v, rho in path.separable:
+        claim = _claim(goal.problem, v, rho, plan.error, first=not stages)
         if claim is not None:
             stages.append(goal.following(stages[-1], claim) if stages else goal.first(claim))
         elif not stages:
@@ -191,17 +190,18 @@ def _joined(goal: Goal, plan: SeparablePlan, path: StagePlan) -> list[Stage]:
     return stages
 
 
-def _claim(problem: Problem, planned: PlannedStage, error: ErrorBound | None, *, first: bool) -> Separable | None:
-    """The planned vector with the rate that is proved for it, and a kappa that lets V have that rate."""
-    alpha = largest_rate(problem, planned.v, rho=None if problem.is_linear else planned.rho)
+def _claim(problem: Problem, v: Vector, level: Fraction, error: ErrorBound | None, *, first: bool) -> Separable | None:
+    """A planned vector with the rate that is proved for it, and a kappa that lets V have that rate."""
+    rho = None if problem.is_linear else level
+    alpha = largest_rate(problem, v, rho=rho)
     if alpha is None:
         return None
     alpha = rounded_down(alpha * ROOM, digits=6)
     if error is not None and not first:
         rate = min(alpha, SHARE * error.beta)
-        kappa = Fraction(math.ceil(10**6 / ((error.beta - rate) * min(planned.v))), 10**6)
+        kappa = Fraction(math.ceil(10**6 / ((error.beta - rate) * min(v))), 10**6)
         error = replace(error, kappa=kappa)
-    return Separable(v=planned.v, alpha=alpha, rho=None if problem.is_linear else planned.rho, error=error)
+    return Separable(v=v, alpha=alpha, rho=rho, error=error)
 
 
 def _when(stage: Stage, size: Fraction) -> Fraction:

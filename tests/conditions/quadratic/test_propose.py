@@ -14,7 +14,6 @@ from scipy.integrate import solve_ivp
 from dobc_design.conditions.quadratic.claim import Lure
 from dobc_design.conditions.quadratic.decide import covered_radius, covers
 from dobc_design.conditions.quadratic.propose import (
-    LARGEST_FULL,
     bound_lure,
     design_lure,
     linear_rate,
@@ -261,16 +260,6 @@ def test_no_start_on_the_boundary_leaves_and_v_decays_at_the_rate(gains, options
     assert np.allclose(V[:, 0], float(lure.level))
     bound = float(lure.level) * np.exp(-2 * float(lure.rate) * times)
     assert np.max(V / bound) <= 1 + 1e-6
-
-
-def test_an_unknown_shape_is_refused():
-    with pytest.raises(SpecError, match="shape must be one of"):
-        design_lure(cycle(3, 1), holds=lambda each: True, shape="round")
-
-
-def test_a_full_p_for_too_many_rows_is_refused_with_the_cure():
-    with pytest.raises(SpecError, match=r'looked for up to n m = 80 rows; got 81\. Use "diagonal"'):
-        design_lure(cycle(LARGEST_FULL + 1, 1), holds=lambda each: True)
 
 
 def test_a_gain_without_an_exosystem_is_refused():

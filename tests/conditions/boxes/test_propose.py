@@ -8,8 +8,7 @@ from fractions import Fraction
 
 import numpy as np
 import pytest
-from lure_cases import HARMONIC, PAPER_GAIN, cycle, field, is_proved, random_problem
-from scipy.integrate import solve_ivp
+from lure_cases import HARMONIC, PAPER_GAIN, cycle, field, is_proved, random_problem, values_along
 
 from dobc_design.conditions.boxes.claim import Shell
 from dobc_design.conditions.boxes.decide import verify_shell
@@ -17,7 +16,6 @@ from dobc_design.conditions.boxes.propose import grow_shell
 from dobc_design.conditions.quadratic.claim import Lure
 from dobc_design.conditions.quadratic.decide import border_of, covered_radius
 from dobc_design.conditions.quadratic.propose import design_lure
-from dobc_design.exact.matrix import to_float
 from dobc_design.problem.network import Network
 from dobc_design.problem.problem import Problem
 from dobc_design.verdict import Verdict
@@ -132,27 +130,8 @@ def test_with_the_observer_and_a_rate_no_start_leaves():
     shell = grow_shell(problem, lure, S=S)
     assert verify_shell(problem, shell).verdict is Verdict.PROVED
     assert shell.outer > lure.level * Fraction(3, 2)
-    P_e, P = to_float(lure.P_e.to_dense()), to_float(lure.P)
-    metric = np.zeros((9, 9))
-    metric[:3, :3], metric[3:, 3:] = P_e, np.kron(np.eye(3), P)
-    C = to_float(HARMONIC.C)
-    F = to_float(HARMONIC.A) - to_float(PAPER_GAIN) @ C
-
-    def slope(t: float, flat: np.ndarray) -> np.ndarray:
-        state = flat.reshape(50, 9)
-        eps = state[:, 3:].reshape(50, 3, 2)
-        e_dot = field(problem, "G", state[:, :3]) + (eps @ C.T)[..., 0]
-        return np.concatenate([e_dot, (eps @ F.T).reshape(50, 6)], axis=1).ravel()
-
-    directions = np.random.default_rng(0).standard_normal((50, 9))
-    directions[:10, 3:] = 0
-    sizes = np.sqrt(np.einsum("ri,ij,rj->r", directions, metric, directions))
     times = np.linspace(0, 3, 25)
-    starts = directions / sizes[:, None] * math.sqrt(float(shell.outer))
-    with np.errstate(all="ignore"):  # trial steps of the integrator may overflow
-        run = solve_ivp(slope, (0, 3), starts.ravel(), t_eval=times, rtol=1e-9, atol=1e-11, method="DOP853")
-    states = run.y.reshape(50, 9, len(times))
-    V = np.einsum("rit,ij,rjt->rt", states, metric, states)
+    V = values_along(problem, lure, shell.outer, times)
     assert np.max(V / (float(shell.outer) * np.exp(-0.2 * times))) <= 1 + 1e-6
 
 

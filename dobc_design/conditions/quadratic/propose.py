@@ -48,12 +48,9 @@ BALLS: Final = 4  # points tried, the largest ball first
 HALVINGS: Final = 14
 NEAR: Final = 1e-6  # |e_j - e_i| at which couplings are as good as linear
 FIRST: Final = (1.0, 0.1, 1e-2, 1e-4, 1e-6)  # radii at which the first centre is looked for
-# Where many unknowns make that expensive, a Lyapunov equation is tried at these first.
-RADII: Final = tuple(10.0 ** (-k / 2) for k in range(12))
 GROWTH: Final = 0.9  # part of the room that is used at every step
 SETTLED: Final = 3e-4
 MOST_CENTRES: Final = 60
-SMALL: Final = 300  # unknowns up to which many radii are tried for the ball
 TRIED: Final = (1.0, 0.998, 0.9, 0.6)  # of the largest radius, before the ball is given up
 CONDITION: Final = 100.0
 #: Gains are claimed this much wider, relative to the largest, so that a second program can confirm them.
@@ -89,9 +86,9 @@ def design_lure(
 ) -> Lure | None:
     """Find the certificate with the largest covered ball |e| <= R, |eps_i| <= disturbance that ``holds`` accepts.
 
-    ``shape`` of P_e; a full one has n m (n m + 1)/2 unknowns, which make a dense Newton system.  ``W`` (q, m): the
-    observer's gain; without it eps = 0 is meant.  ``rate`` (1/s): asked of V' <= -2 rate V.  ``largest``: no
-    |e_j - e_i| beyond it is looked at.
+    ``shape`` of P_e; a full one has n m (n m + 1)/2 unknowns, which make a dense Newton system: for some 20 rows.
+    ``W`` (q, m): the observer's gain; without it eps = 0 is meant.  ``rate`` (1/s): asked of V' <= -2 rate V.
+    ``largest``: no |e_j - e_i| beyond it is looked at.
     Returns: None if none was found, which proves nothing.
     Raises: SpecError for a W without an exosystem.
     """
@@ -352,25 +349,6 @@ class _Search:
         Y, x = program.split(centre(program, guess))
         return _point(loop, radius, Y, x)
 
-    def _lyapunov(self, radius: float) -> _Point | None:
-        """A point inside from the Lyapunov equation of the middle gains (one mode), with one t for all arcs."""
-        loop = self.loop(radius)
-        if loop is None or len(loop.modes) > 1:
-            return None
-        A = loop.modes[0].A + loop.rate * np.eye(loop.size)
-        if not float(np.max(np.linalg.eigvals(A).real)) < 0:
-            return None
-        Y = linalg.solve_continuous_lyapunov(A, -np.eye(loop.size))
-        Y = Y / (2 * float(np.linalg.norm(Y, 2)))
-        widest = math.sqrt(float(np.max(loop.widths(Y), initial=1e-12)))
-        kappa = None if loop.S is None else 1e-3 / float(np.linalg.norm(loop.S, 2))
-        for part in (1.0, 0.3, 0.1):
-            t = np.full(loop.multipliers, part * widest)
-            point = _Point(radius=radius, Y=Y, t=t, kappa=None if kappa is None else kappa * widest)
-            if self.inside(point, radius):
-                return point
-        return None
-
     def _phase_one(self, loop: FloatLoop) -> Array | None:
         """Minimise theta in F + theta I > 0 until it is negative."""
         program = centring(loop, self.basis, shift=True)
@@ -410,7 +388,7 @@ class _Search:
         goal = len(point) - (2 if disturbed else 1)  # R, or lambda
         cost = np.zeros(len(point))
         cost[goal] = -1.0
-        point = minimise(program, point, cost, accuracy=1e-4 if self.basis.size <= SMALL else 1e-3)
+        point = minimise(program, point, cost)
         value = float(point[goal]) if disturbed else math.sqrt(float(point[goal]))
         return replace(_point(loop, start.radius, *program.split(point)), value=value)
 
@@ -429,12 +407,7 @@ class _Search:
 
     def path(self, largest: float) -> list[_Point]:
         """Centres at growing radii, up to the largest one that could be reached; empty if there is none."""
-        known = (self._lyapunov(min(radius, largest)) for radius in RADII) if self.basis.size > SMALL else iter(())
-        start = next((point for point in known if point is not None), None)
-        if start is not None:
-            found = self.centred(start.radius, start)
-        else:
-            found = next((point for r in FIRST if (point := self.centred(min(r, largest), None)) is not None), None)
+        found = next((point for r in FIRST if (point := self.centred(min(r, largest), None)) is not None), None)
         path: list[_Point] = []
         while found is not None and found.radius is not None:
             path.append(found)
@@ -473,8 +446,7 @@ class _Search:
             found.append(ball)
             return -ball.value
 
-        small = self.basis.size <= SMALL
-        if any(lost(part * top) for part in TRIED[0 if small else 1 :]) and small:
+        if any(lost(part * top) for part in TRIED):
             optimize.minimize_scalar(
                 lost, bounds=(0.5 * top, top), method="bounded", options={"maxiter": 12, "xatol": 1e-3 * top}
             )

@@ -238,7 +238,7 @@ def test_what_holds_does_not_accept_is_not_returned():
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("agents", "shape"), [(60, "identity"), (60, "diagonal"), (30, "full")])
+@pytest.mark.parametrize(("agents", "shape"), [(60, "identity"), (60, "diagonal"), (20, "full")])
 def test_many_agents_are_certified(agents, shape):
     problem = cycle(agents, ALL)
     lure = found(problem, shape=shape)

@@ -10,7 +10,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from fractions import Fraction
-from math import ceil, isqrt
+from math import ceil
 from typing import Any, Final
 
 from dobc_design._show.text import significant
@@ -27,6 +27,7 @@ from dobc_design.conditions.separable.claim import Separable, largest_reach
 from dobc_design.coupling.enclosures import Curve, profile
 from dobc_design.errors import CertificateError
 from dobc_design.exact.interval import UndefinedError
+from dobc_design.exact.number import root_above, root_below
 from dobc_design.exact.symmetric import SparseSymmetric
 from dobc_design.problem.problem import Problem
 from dobc_design.verdict import Verdict
@@ -130,7 +131,7 @@ def _asked(problem: Problem) -> Asked | None:
     reach = asked_radius(problem)
     return Asked(
         box=_up(max(reach)),
-        ball=_up_root(problem.n * sum((r * r for r in reach), Fraction(0))),
+        ball=_up(root_above(problem.n * sum((r * r for r in reach), Fraction(0)), unit=_UNIT), digits=9),
         disturbance=_up(problem.region.initial_disturbance or Fraction(0)),
         interval=None if problem.m > 1 else _floats(problem.region.initial_states[0]),
     )
@@ -152,7 +153,7 @@ class _Gatherer:
                 kind, disturbance = str(check.domain["kind"]), float(check.domain["disturbance"])
                 box = ball = float(check.domain["radius"])
                 if kind == "ball":  # the corners of a box are the farthest from its middle
-                    box = _down_root(claimed(ball) ** 2 / (self.problem.n * self.problem.m))
+                    box = _down(root_below(claimed(ball) ** 2 / (self.problem.n * self.problem.m), unit=_UNIT))
         covering = kind != "none" and self.asked is not None and covers(self.problem, check, self.checks)
         return RegionClaim(
             id=check.id,
@@ -244,7 +245,7 @@ def _share(claim: Separable, disturbance: Fraction) -> Fraction:
     """What |eps_i| <= disturbance may take of V: kappa s sqrt(size), rounded up."""
     if claim.error is None:
         return Fraction(0)
-    return _root_above((claim.error.kappa * disturbance) ** 2 * claim.error.size)
+    return root_above((claim.error.kappa * disturbance) ** 2 * claim.error.size, unit=_UNIT)
 
 
 def _agents(problem: Problem, check: Check) -> tuple[AgentBound, ...]:
@@ -286,16 +287,3 @@ def _decimal(value: Fraction, digits: int, rounded: Callable[[Fraction], int]) -
         return 0.0
     unit = Fraction(10) ** (math.floor(math.log10(value)) - digits + 1)
     return float(rounded(value / unit) * unit)
-
-
-def _root_above(square: Fraction) -> Fraction:
-    root = isqrt(math.floor(square * _UNIT**2))
-    return Fraction(root + (root * root < square * _UNIT**2), _UNIT)
-
-
-def _up_root(square: Fraction) -> float:
-    return _up(_root_above(square), digits=9)
-
-
-def _down_root(square: Fraction) -> float:
-    return _down(Fraction(isqrt(math.floor(square * _UNIT**2)), _UNIT))

@@ -10,7 +10,6 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
-from math import floor, isqrt
 from typing import Any, Final
 
 import numpy as np
@@ -28,7 +27,7 @@ from dobc_design.conditions.separable.claim import Separable
 from dobc_design.conditions.separable.observer import composite_rate
 from dobc_design.errors import SpecError
 from dobc_design.exact.matrix import Matrix
-from dobc_design.exact.number import float_above, float_below
+from dobc_design.exact.number import float_above, float_below, root_above
 from dobc_design.exact.symmetric import SparseSymmetric
 from dobc_design.problem.problem import Problem
 from dobc_design.verdict import Verdict
@@ -152,7 +151,7 @@ def _separable(problem: Problem, check: Check, starts: Starts) -> Envelope:
     radius, disturbance = _reach(check, starts)
     first = radius / claim.least
     if claim.error is not None:
-        first += _root((claim.error.kappa * disturbance) ** 2 * claim.error.size)
+        first += root_above((claim.error.kappa * disturbance) ** 2 * claim.error.size, unit=_UNIT)
     return Envelope(id=check.id, height=first * max(claim.v), rate=composite_rate(claim))
 
 
@@ -163,14 +162,14 @@ def _quadratic(problem: Problem, W: Matrix | None, check: Check, starts: Starts)
     first = eigenvalue_bound(lure.P_e) * radius**2 + _errors(problem, lure.P, disturbance)
     if isinstance(check.domain, Mapping):  # the level is a bound as well
         first = min(first, read_rational(exact[_QUADRATIC[check.id]]))
-    return Envelope(id=check.id, height=_root(first * tallest(lure.P_e)), rate=lure.rate)
+    return Envelope(id=check.id, height=root_above(first * tallest(lure.P_e), unit=_UNIT), rate=lure.rate)
 
 
 def _everywhere(problem: Problem, check: Check, starts: Starts) -> Envelope:
     """V = e'e + sum eps_i'P eps_i of Theorems 1 and 2."""
     P = tuple(tuple(read_rational(entry) for entry in row) for row in (check.exact or {})["P"])
     first = starts.ball**2 + _errors(problem, P, starts.disturbance)
-    return Envelope(id=check.id, height=_root(first), rate=claimed(check.rate or 0.0))
+    return Envelope(id=check.id, height=root_above(first, unit=_UNIT), rate=claimed(check.rate or 0.0))
 
 
 def _errors(problem: Problem, P: Matrix | None, disturbance: Fraction) -> Fraction:
@@ -189,8 +188,3 @@ def tallest(P_e: SparseSymmetric) -> Fraction:
     if least <= 0:
         raise ValueError("P_e is too close to a singular matrix")
     return 1 / least
-
-
-def _root(square: Fraction) -> Fraction:
-    """A number with 18 decimals that is not below the root of ``square`` >= 0."""
-    return Fraction(isqrt(floor(square * _UNIT**2)) + 1, _UNIT) if square else ZERO

@@ -117,7 +117,7 @@ def _shared_table(kind: Profile, radius: Fraction, cells: int) -> GainTable:
         return gain_table(kind.curve, radius, cells=cells)
 
 
-def _largest(count: int, parts: Sequence[tuple[Array, Array]]) -> list[Fraction]:
+def _largest(count: int, parts: Sequence[tuple[Any, Array]]) -> list[Fraction]:
     """The largest size of the values of each of ``count`` kinds, 0 where there are none; parts: (kinds, values)."""
     found = np.zeros(count)
     for kinds, values in parts:

@@ -8,7 +8,6 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from fractions import Fraction
-from math import ceil, isqrt
 from typing import Protocol
 
 from dobc_design.conditions.numbers import claimed, shorten
@@ -17,6 +16,7 @@ from dobc_design.conditions.quadratic.decide import verify_lure
 from dobc_design.conditions.quadratic.sectors import Sectors, build_sectors, enclose_ranges
 from dobc_design.conditions.statement import Statement
 from dobc_design.exact.interval import UndefinedError
+from dobc_design.exact.number import root_above
 from dobc_design.exact.reading import shown_number
 from dobc_design.exact.symmetric import SparseSymmetric
 from dobc_design.problem.changes import changed_problem
@@ -107,6 +107,4 @@ def _rounded(sectors: Sectors, proposed: ProposedBall, digits: int) -> dict[str,
 
 def _times_root_two(radius: Fraction) -> Fraction:
     """radius sqrt 2, not less: |e_j - e_i| while |e| <= radius."""
-    square = 2 * radius * radius * DECIMALS * DECIMALS
-    root = isqrt(ceil(square))
-    return Fraction(root if root * root >= square else root + 1, DECIMALS)
+    return root_above(2 * radius * radius, unit=DECIMALS)

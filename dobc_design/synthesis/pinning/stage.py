@@ -7,7 +7,6 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from fractions import Fraction
-from math import ceil, isqrt
 from typing import Any
 
 from dobc_design.conditions.consensus.negative import Enclosed
@@ -16,7 +15,7 @@ from dobc_design.conditions.coverage import asked_radius
 from dobc_design.conditions.separable.claim import acts_by_component
 from dobc_design.conditions.separable.propose_observer import propose_error_bound, radius_needed
 from dobc_design.errors import SpecError
-from dobc_design.exact.number import parse_number
+from dobc_design.exact.number import parse_number, root_above
 from dobc_design.exact.reading import shown, shown_number
 from dobc_design.problem.changes import changed_problem
 from dobc_design.problem.problem import Problem
@@ -131,7 +130,7 @@ def _file_region(problem: Problem, request: PinningRequest, method: str) -> Regi
                 cure=f'Use method "{BOX}", or give a radius that leaves room for the observer.',
             )
         square = problem.n * sum((r * r for r in reach), Fraction(0))
-        radius = Fraction(isqrt(ceil(square * DECIMALS**2)) + 1, DECIMALS)
+        radius = root_above(square, unit=DECIMALS)
         return RegionAsked(method=BALL, radius=radius, rho=None)
     radius = max(*reach, Fraction(1, DECIMALS))
     exosystem, W = problem.joint_exosystem, problem.joint_observer.W

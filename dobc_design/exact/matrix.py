@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dobc_design._checks import require_shape, require_square
-from dobc_design.errors import ShapeError, SpecError
+from dobc_design.errors import ShapeError, SpecError, wrong
 from dobc_design.exact.number import from_fmpq_mat, parse_number, to_fmpq_mat
 
 Matrix: TypeAlias = tuple[tuple[Fraction, ...], ...]
@@ -31,10 +31,10 @@ def matrix(rows: Sequence[Sequence[object]] | NDArray[Any], *, name: str = "matr
     the key ``name[i][j]``, counted from 0.
     """
     if not _is_list(rows):
-        raise ShapeError(f"{name} must be a list of rows; got {type(rows).__name__}.", key=name)
+        raise wrong(name, f"must be a list of rows; got {type(rows).__name__}.", kind=ShapeError)
     for row in rows:
         if not _is_list(row):
-            raise ShapeError(f"{name} must have lists as rows; got {str(row)[:40]!r} as one.", key=name)
+            raise wrong(name, f"must have lists as rows; got {str(row)[:40]!r} as one.", kind=ShapeError)
     require_shape(rows, (None, None), name=name)
     return tuple(
         tuple(

@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
-from dobc_design.errors import SpecError
+from dobc_design.errors import SpecError, wrong
 
 if TYPE_CHECKING:
     from flint import fmpq, fmpq_mat
@@ -170,7 +170,7 @@ def _refusal(key: str, value: object, must: str, shown: str | None = None) -> Sp
         except ValueError:  # an integer with more digits than Python prints
             shown = type(value).__name__
     shown = shown if len(shown) <= 60 else shown[:57] + "..."
-    return SpecError(f"{key} {must}; got {shown}.", key=key)
+    return wrong(key, f"{must}; got {shown}.")
 
 
 def _decimal_text(value: Fraction) -> str | None:

@@ -19,7 +19,7 @@ from xml.etree import ElementTree
 
 import numpy as np
 
-from dobc_design.errors import SpecError
+from dobc_design.errors import SpecError, about, wrong
 from dobc_design.exact.number import parse_number
 from dobc_design.exact.reading import named, shown, shown_number
 from dobc_design.problem.network import ONE, WANTED, Arcs, arcs_from_pairs, directed, is_label
@@ -119,9 +119,7 @@ class _Source:
 
 def _resolve(name: str, *, folder: Path | None, key: str) -> Path:
     if folder is None:
-        raise SpecError(
-            f"{key}: {shown(name)} cannot be found, the problem has no folder.", key=key, cure="List the arcs instead."
-        )
+        raise about(key, f"{shown(name)} cannot be found, the problem has no folder.", "List the arcs instead.")
     root = folder.resolve()
     try:
         path = (root / name).resolve()
@@ -131,28 +129,24 @@ def _resolve(name: str, *, folder: Path | None, key: str) -> Path:
     except (OSError, ValueError, RuntimeError):  # RuntimeError: a link to itself
         inside, kind, size = True, "nothing", 0
     if not inside:
-        raise SpecError(
-            f"{key} must lie inside the problem file's folder; {shown(name)} leads outside.",
-            key=key,
-            cure="Copy the file beside the problem file.",
+        raise wrong(
+            key,
+            f"must lie inside the problem file's folder; {shown(name)} leads outside.",
+            "Copy the file beside the problem file.",
         )
     if kind != "file":
         found = "is a folder" if kind == "folder" else "does not exist"
-        raise SpecError(
-            f"{key} must name a file in the problem file's folder; {shown(name)} {found}.",
-            key=key,
-            cure="Name an existing file.",
+        raise wrong(
+            key, f"must name a file in the problem file's folder; {shown(name)} {found}.", "Name an existing file."
         )
     if size > MAX_BYTES:
-        raise SpecError(
-            f"{key}: {shown(name)} is too large: {size} bytes, at most {MAX_BYTES} are read.",
-            key=key,
-            cure="Leave out what is not needed.",
+        raise about(
+            key,
+            f"{shown(name)} is too large: {size} bytes, at most {MAX_BYTES} are read.",
+            "Leave out what is not needed.",
         )
     if path.suffix.lower() not in READERS:
-        raise SpecError(
-            f"{key}: {shown(name)} must end in one of {', '.join(READERS)}.", key=key, cure="Rename or convert it."
-        )
+        raise about(key, f"{shown(name)} must end in one of {', '.join(READERS)}.", "Rename or convert it.")
     return path
 
 

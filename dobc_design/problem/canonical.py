@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from dobc_design.coupling.coupling import Coupling
-from dobc_design.errors import SpecError
+from dobc_design.errors import SpecError, wrong
 from dobc_design.exact.matrix import Matrix
 from dobc_design.exact.number import number_text, parse_number
 from dobc_design.exact.reading import shown
@@ -185,7 +185,7 @@ def _load(data: bytes) -> dict[str, Any]:
         raise
     except (UnicodeDecodeError, ValueError, RecursionError) as error:
         reason = str(error) if isinstance(error, json.JSONDecodeError) else type(error).__name__
-        raise SpecError(f"problem.json is not valid JSON ({reason}).", key="problem.json", cure=_CURE) from None
+        raise wrong("problem.json", f"is not valid JSON ({reason}).", _CURE) from None
     if not isinstance(document, dict) or document.get("format") != FORMAT:
         raise SpecError(f'problem.json must hold an object with "format": "{FORMAT}".', key="format", cure=_CURE)
     version = document.get("version")
@@ -201,7 +201,7 @@ def _load(data: bytes) -> dict[str, Any]:
 def _no_duplicates(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
     result = dict(pairs)
     if len(result) != len(pairs):
-        raise SpecError("problem.json holds a key twice.", key="problem.json", cure=_CURE)
+        raise wrong("problem.json", "holds a key twice.", _CURE)
     return result
 
 

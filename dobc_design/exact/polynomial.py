@@ -101,14 +101,6 @@ def count_right_half_plane(coefficients: Sequence[Fraction | int]) -> int:
     return (degree - paired - surplus) // 2 + (paired - _real_roots(symmetric)) // 2
 
 
-def right_half_plane_roots_at_least(coefficients: Sequence[Fraction | int]) -> int:
-    """Return a proven lower bound of the roots with positive real part; it is their exact number.
-
-    One or more proves that x' = A x is unstable. Raises: SpecError for the zero polynomial.
-    """
-    return count_right_half_plane(coefficients)
-
-
 def polynomial_text(coefficients: Sequence[Fraction | int], variable: str = "s") -> str:
     """Return a polynomial as text, "s^2 - 1/2 s + 4"; "0" for the zero polynomial."""
     text = ""

@@ -106,14 +106,12 @@ def check_observability(A: Matrix, C: Matrix) -> ObservabilityResult:
     finite = bool(np.isfinite(matrix).all())  # powers of A may overflow; the margins do not need them
     eigenvalues = np.linalg.eigvals(dynamics)
     pencils = [np.vstack([dynamics - s * np.eye(q), output]) for s in eigenvalues]
-    margins = [np.linalg.svd(each, compute_uv=False)[-1] for each in pencils]
+    seen = zip(eigenvalues, (np.linalg.svd(each, compute_uv=False)[-1] for each in pencils), strict=True)
     return ObservabilityResult(
         order=q,
         rank=int(np.linalg.matrix_rank(matrix)) if finite else None,
         singular_values=tuple(np.linalg.svd(matrix, compute_uv=False).tolist()) if finite else (),
-        modes=tuple(
-            ModeMargin(eigenvalue=complex(s), margin=float(m)) for s, m in zip(eigenvalues, margins, strict=True)
-        ),
+        modes=tuple(ModeMargin(eigenvalue=complex(s), margin=float(margin)) for s, margin in seen),
     )
 
 

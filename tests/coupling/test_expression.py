@@ -39,6 +39,7 @@ from dobc_design.coupling.tree import (
     Divide,
     Multiply,
     Negate,
+    Operators,
     Pi,
     Power,
     Subtract,
@@ -104,29 +105,11 @@ def test_vector_expressions_number_their_variables_from_one():
     assert str(expression) == "y3 - y1"
 
 
-class _Rational:
+class _Rational(Operators):
     """Algebra of Fraction, for comparison with Python's own evaluation."""
 
     def constant(self, value):
         return value
-
-    def negate(self, operand):
-        return -operand
-
-    def add(self, left, right):
-        return left + right
-
-    def subtract(self, left, right):
-        return left - right
-
-    def multiply(self, left, right):
-        return left * right
-
-    def divide(self, left, right):
-        return left / right
-
-    def power(self, base, exponent):
-        return base**exponent
 
     def call(self, name, arguments):
         return {"abs": abs, "min": min, "max": max}[name](*arguments)

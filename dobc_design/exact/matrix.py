@@ -1,7 +1,6 @@
 """Rational matrices as tuples of row tuples, and the linear algebra on them, without rounding.
 
-A matrix without rows is (); it stands for 0 x anything. Long sums go through python-flint, short
-ones stay with Fraction: the result is the same number either way.
+A matrix without rows is (); it stands for 0 x anything. Long products and eliminations are python-flint's.
 """
 
 from __future__ import annotations
@@ -19,6 +18,7 @@ from dobc_design.exact.number import from_fmpq_mat, parse_number, to_fmpq_mat
 
 Matrix: TypeAlias = tuple[tuple[Fraction, ...], ...]
 Vector: TypeAlias = tuple[Fraction, ...]
+
 
 # Above this many scalar products the conversion to flint and back has paid for itself.
 _FLINT_WORK: Final = 1000
@@ -113,27 +113,11 @@ def inverse(M: Matrix) -> Matrix:
 
 def row_echelon(M: Matrix) -> tuple[Matrix, tuple[int, ...]]:
     """Return the nonzero rows of the reduced row echelon form, and the pivot column of each."""
-    rows, columns = shape(M)
-    if rows * rows * columns > _FLINT_WORK:
-        reduced, rank_found = to_fmpq_mat(M).rref()
-        kept = from_fmpq_mat(reduced)[:rank_found]
-        return kept, tuple(next(j for j, x in enumerate(row) if x) for row in kept)
-    work = [list(row) for row in M]
-    pivots: list[int] = []
-    for column in range(columns):
-        done = len(pivots)
-        chosen = next((i for i in range(done, rows) if work[i][column]), None)
-        if chosen is None:
-            continue
-        work[done], work[chosen] = work[chosen], work[done]
-        pivot = work[done][column]
-        work[done] = [x / pivot for x in work[done]]
-        for i in range(rows):
-            factor = work[i][column]
-            if i != done and factor:
-                work[i] = [x - factor * y for x, y in zip(work[i], work[done], strict=True)]
-        pivots.append(column)
-    return tuple(tuple(row) for row in work[: len(pivots)]), tuple(pivots)
+    if 0 in shape(M):
+        return (), ()
+    reduced, rank_found = to_fmpq_mat(M).rref()
+    kept = from_fmpq_mat(reduced)[:rank_found]
+    return kept, tuple(next(j for j, x in enumerate(row) if x) for row in kept)
 
 
 def rank(M: Matrix) -> int:

@@ -26,7 +26,6 @@ from dobc_design.exact import (
     subtract,
     zeros,
 )
-from dobc_design.exact import polynomial as module
 from dobc_design.exact.matrix import matrix
 from dobc_design.exact.polynomial import (
     cone_image,
@@ -174,23 +173,15 @@ MATRICES = st.lists(st.lists(RATIONALS, min_size=4, max_size=4), min_size=4, max
 
 @settings(max_examples=50, deadline=None)
 @given(MATRICES)
-def test_the_characteristic_polynomial_agrees_with_sympy_and_flint(A):
-    """Two independent oracles, and Cayley and Hamilton."""
+def test_the_characteristic_polynomial_agrees_with_sympy(A):
+    """An independent oracle, and Cayley and Hamilton."""
     expected = sympy.Matrix([[sympy.Rational(x.numerator, x.denominator) for x in row] for row in A])
     found = characteristic_polynomial(A)
-    assert found == module._by_flint(A)
     assert [sympy.Rational(x.numerator, x.denominator) for x in found] == expected.charpoly().all_coeffs()
     total = zeros(4, 4)
     for x in found:
         total = subtract(multiply(total, A), scale(-x, identity(4)))
     assert total == zeros(4, 4)
-
-
-@pytest.mark.parametrize("size", [1, 8, 9, 15])
-def test_both_methods_give_the_same_polynomial(size):
-    """Faddeev and LeVerrier below 9, python-flint from 9 on."""
-    A = from_float(np.random.default_rng(size).integers(-9, 10, (size, size)), None)
-    assert characteristic_polynomial(A) == module._by_traces(A) == module._by_flint(A)
 
 
 def test_the_companion_matrix_gives_its_polynomial_back():

@@ -361,14 +361,14 @@ def _mode(value: Any, *, index: Mapping[str, int], arrow: str, key: str, folder:
 
 def _exceptions(tables: ProblemFile, network: Network, *, dimension: int) -> dict[tuple[int, int], Coupling]:
     given = tables.coupling.exceptions
-    codes = network.arc_codes() if given else set()
+    codes, index = (network.arc_codes(), network.index) if given else (set(), {})
     result: dict[tuple[int, int], Coupling] = {}
     errors: list[SpecError] = []
     for position, table in enumerate(given):
         key = f"coupling.exceptions[{position}]"
         pairs: list[tuple[int, int]] = []
         with kept(errors):
-            pairs = _exception_arcs(table.arcs, key=f"{key}.arcs", network=network, arrow=tables.network.arrow)
+            pairs = _exception_arcs(table.arcs, key=f"{key}.arcs", index=index, arrow=tables.network.arrow)
             _check_exceptions(pairs, codes, taken=result, labels=network.labels, key=f"{key}.arcs")
         with kept(errors):
             coupling = make_coupling(table.h, dimension=dimension, key=f"{key}.h")
@@ -379,7 +379,7 @@ def _exceptions(tables: ProblemFile, network: Network, *, dimension: int) -> dic
     return result
 
 
-def _exception_arcs(value: Any, *, key: str, network: Network, arrow: str) -> list[tuple[int, int]]:
+def _exception_arcs(value: Any, *, key: str, index: Mapping[str, int], arrow: str) -> list[tuple[int, int]]:
     if not is_list(value) or not value:
         raise wrong(key, f"must be a list of arcs; got {shown(value)}.", "For example [[1, 2], [2, 3]].")
     for place, arc in enumerate(value):
@@ -389,7 +389,7 @@ def _exception_arcs(value: Any, *, key: str, network: Network, arrow: str) -> li
                 "must be [a, b]; the weight stands with the arc in its mode.",
                 "Drop the third entry.",
             )
-    arcs = arcs_from_pairs(value, index=network.index, arrow=arrow, key=key)
+    arcs = arcs_from_pairs(value, index=index, arrow=arrow, key=key)
     return list(zip(arcs.listeners.tolist(), arcs.speakers.tolist(), strict=True))
 
 

@@ -7,7 +7,7 @@ from fractions import Fraction
 from dobc_design.conditions.consensus.claim import Statements
 from dobc_design.conditions.numbers import has_short_denominator
 from dobc_design.exact.matrix import Matrix
-from dobc_design.exact.polynomial import characteristic_polynomial, right_half_plane_roots_at_least
+from dobc_design.exact.polynomial import characteristic_polynomial, count_right_half_plane
 
 LARGEST = 60  # rows; counting roots takes seconds there, minutes at twice the size
 MOST_WORK = 2_000_000  # rows^2 times the bits of the common denominator: as long as 60 rows with about 550 bits
@@ -29,7 +29,7 @@ def unstable_roots(statements: Statements, mode: str) -> int:
     matrix = linearisation(statements, mode)
     if not has_short_denominator((x for row in matrix for x in row), MOST_WORK // len(matrix) ** 2):
         return 0
-    return right_half_plane_roots_at_least(characteristic_polynomial(matrix))
+    return count_right_half_plane(characteristic_polynomial(matrix))
 
 
 def linearisation(statements: Statements, mode: str) -> Matrix:

@@ -22,7 +22,7 @@ from dataclasses import dataclass
 from fractions import Fraction
 
 from dobc_design.conditions.numbers import claimed, largest_proved
-from dobc_design.conditions.statement import Statement, decided
+from dobc_design.conditions.statement import Statement, decided, refuted
 from dobc_design.errors import SpecError
 from dobc_design.exact.definite import decide_positive_definite, decide_positive_semidefinite
 from dobc_design.exact.interval import Interval, exp
@@ -384,7 +384,7 @@ def why_impossible(exosystem: Exosystem, request: ObserverRequest) -> Statement 
     """
     found = decide_detectable(exosystem.A, exosystem.C)
     if found.verdict is not Verdict.PROVED:
-        return _refuted(
+        return refuted(
             "detectable",
             f"no W exists: (A, C) is not detectable; the part {found.unobservable_text} never reaches d = C xi and does"
             " not decay. It does not act on the agents either: leave it out.",
@@ -422,7 +422,7 @@ def _hidden_outside(polynomial: Coefficients, request: ObserverRequest) -> State
         degree = (len(polynomial) - 1) * (2 if isinstance(region, Cone) else 1)
         if len(polynomial) > 1 and not decide_images(images(region, polynomial), degree=degree)[0]:
             text = polynomial_text(polynomial)
-            return _refuted(
+            return refuted(
                 "rate" if position == 0 else "region",
                 f"no W meets {region}: C does not see the part {text} of the exosystem, so no gain moves its"
                 " eigenvalues, and they lie outside.",
@@ -436,7 +436,7 @@ def _empty(regions: tuple[SpectralRegion, ...]) -> Statement | None:
     if common is not None and (common[0] is None or common[0] < 0):
         return None
     names = " and ".join(str(region) for region in regions)
-    return _refuted("region", f"no W exists: no point with Re s < 0 lies in {names}.")
+    return refuted("region", f"no W exists: no point with Re s < 0 lies in {names}.")
 
 
 def _too_quiet(exosystem: Exosystem, request: ObserverRequest) -> Statement | None:
@@ -467,8 +467,4 @@ def _one_not_inside(polynomial: Coefficients, radius: Fraction) -> bool:
 
 
 def _noise(limit: NoiseLimit, because: str) -> Statement:
-    return _refuted("noise", f"no W makes the {limit}: an estimate that converges {because}.")
-
-
-def _refuted(kind: str, text: str, **exact: str) -> Statement:
-    return Statement(kind=kind, text=text, verdict=Verdict.REFUTED, exact=exact)
+    return refuted("noise", f"no W makes the {limit}: an estimate that converges {because}.")

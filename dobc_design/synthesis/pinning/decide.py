@@ -35,7 +35,7 @@ import numpy as np
 from dobc_design.conditions.consensus.jacobians import Jacobians, ModeJacobian, jacobians_at_consensus
 from dobc_design.conditions.consensus.negative import TOPS, Enclosed, find_witness, is_negative, refutes
 from dobc_design.conditions.consensus.network import name_agents
-from dobc_design.conditions.statement import Statement
+from dobc_design.conditions.statement import Statement, refuted
 from dobc_design.exact.decision import Symmetric
 from dobc_design.exact.definite import decide_positive_definite, decide_positive_semidefinite
 from dobc_design.exact.interval import UndefinedError
@@ -232,26 +232,22 @@ def structural_obstacle(problem: Problem, pins: int | str | None, structure: Str
     where, always = (" in one of the modes", " under arbitrary switching") if several else ("", "")
     if structure.unmet is not None:
         who = name_agents([labels[i] for i in structure.unmet])
-        return Statement(
-            kind="structure",
-            verdict=Verdict.REFUTED,
-            exact={"group": ", ".join(labels[i] for i in structure.unmet)},
-            text=f"consensus{always} is out of reach with pins on the allowed agents only: {who} listen"
+        return refuted(
+            "structure",
+            f"consensus{always} is out of reach with pins on the allowed agents only: {who} listen"
             f"{'s' if len(structure.unmet) == 1 else ''} to nobody else{where}, and no pin may be put there, so moved"
             f" together they stay moved{' while it lasts' if several else ''}.",
+            group=", ".join(labels[i] for i in structure.unmet),
         )
     if isinstance(pins, int) and pins < structure.least:
         groups = structure.apart if len(structure.apart) > pins else structure.groups
         named = "; ".join(name_agents([labels[i] for i in group]) for group in groups[:8])
-        return Statement(
-            kind="pins",
-            verdict=Verdict.REFUTED,
-            exact={
-                "least": str(structure.least),
-                "groups": " | ".join(", ".join(labels[i] for i in group) for group in groups[:50]),
-            },
-            text=f"{counted(pins, 'pin')} cannot do{always}, whatever the gains: at least {structure.least} are"
+        return refuted(
+            "pins",
+            f"{counted(pins, 'pin')} cannot do{always}, whatever the gains: at least {structure.least} are"
             f" needed, because each of these groups hears nobody outside{where} and needs a pin of its own: {named}.",
+            least=str(structure.least),
+            groups=" | ".join(", ".join(labels[i] for i in group) for group in groups[:50]),
         )
     return None
 
@@ -377,12 +373,14 @@ def too_fast(
     how = "with every gain at its cap" if every else "with the allowed agents held exactly at the target"
     pace = f"return{'s' if sum(map(bool, found.w)) == 1 else ''} no faster than {_above(found.limit)} 1/s"
     values = {"w": ", ".join(map(str, found.w))} if len(found.w) <= LONGEST else {}
-    return Statement(
-        kind="max_gain" if capped else "rate",
-        verdict=Verdict.REFUTED,
-        exact={"mode": found.mode, "component": str(found.component + 1), "limit": number_text(found.limit), **values},
-        text=f"no gains let the errors decay at {typed_number(rate)} 1/s{where}: even {how}, {moved} {pace}"
-        " near the target.",
+    return refuted(
+        "max_gain" if capped else "rate",
+        f"no gains let the errors decay at {typed_number(rate)} 1/s{where}: even {how}, {moved} {pace} near the"
+        " target.",
+        mode=found.mode,
+        component=str(found.component + 1),
+        limit=number_text(found.limit),
+        **values,
     )
 
 
@@ -414,13 +412,13 @@ def _too_few_pins(
         if found is None or found.limit >= rate:
             return None
         most = max(most, found.limit)
-    return Statement(
-        kind="pins",
-        verdict=Verdict.REFUTED,
-        exact={"sets": str(count), "limit": number_text(most)},
-        text=f"{counted(pins, 'pinned agent')} cannot give the rate {typed_number(rate)} 1/s, whatever the gains: all"
+    return refuted(
+        "pins",
+        f"{counted(pins, 'pinned agent')} cannot give the rate {typed_number(rate)} 1/s, whatever the gains: all"
         f" {counted(count, 'choice')} are excluded one by one, and the best of them reaches"
         f" {_above(most)} 1/s at most near the target.",
+        sets=str(count),
+        limit=number_text(most),
     )
 
 

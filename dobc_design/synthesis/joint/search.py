@@ -88,7 +88,7 @@ def _attempt(problem: Problem, request: DesignRequest, progress: Progress, *, pa
     if obstacle is not None:
         statements = (obstacle,) if obstacle.verdict is Verdict.REFUTED else ()
         return _without_gains(ground, obstacle.verdict, obstacle.text, *statements)
-    observer = ground.observer(0) if bare.groups else None
+    observer = next(ground.every_observer())
     if observer is not None and observer.verdict is Verdict.REFUTED:
         first = observer.statements[0]
         return _without_gains(ground, Verdict.REFUTED, first.text, first, observer=observer)

@@ -17,12 +17,12 @@ where they are.  So a W exists iff there is such a point and the hidden eigenval
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
 
 from dobc_design.conditions.numbers import claimed, largest_proved
-from dobc_design.conditions.statement import Statement, decided, refuted
+from dobc_design.conditions.statement import Statement, decided, proved, refuted
 from dobc_design.errors import SpecError
 from dobc_design.exact.definite import decide_positive_definite, decide_positive_semidefinite
 from dobc_design.exact.interval import Interval, exp
@@ -64,7 +64,6 @@ from dobc_design.exact.root_regions import (
     reflected,
     shifted,
 )
-from dobc_design.exact.symmetric import SparseSymmetric
 from dobc_design.problem.exosystem import Exosystem
 from dobc_design.synthesis.observer.claim import Envelope
 from dobc_design.synthesis.observer.request import (
@@ -167,9 +166,10 @@ def sampled_matrix(exosystem: Exosystem, W: Matrix, period: Fraction) -> Interva
     """
     found = discretise(exosystem.A, period)
     q = exosystem.order
-    output = [[_sum([found.mean[r][j] * c for r, c in enumerate(row) if c]) for j in range(q)] for row in exosystem.C]
+    zero = Interval.point(0)
+    Cd = [[sum((found.mean[r][j] * c for r, c in enumerate(row) if c), zero) for j in range(q)] for row in exosystem.C]
     return tuple(
-        tuple(found.transition[i][j] - _sum([output[c][j] * w for c, w in enumerate(W[i]) if w]) for j in range(q))
+        tuple(found.transition[i][j] - sum((Cd[c][j] * w for c, w in enumerate(W[i]) if w), zero) for j in range(q))
         for i in range(q)
     )
 
@@ -182,23 +182,11 @@ def sampled_statements(
     Decided for every matrix in an enclosure of the exact one; UNDECIDED where an eigenvalue is too close to the border.
     """
     polynomial = interval_characteristic_polynomial(sampled_matrix(exosystem, W, period))
-    asked: list[tuple[str, str, Fraction, Interval]] = [
-        (
-            "sampled",
-            "the sampled error converges: every eigenvalue lies inside the unit disk",
-            Fraction(0),
-            Interval.point(1),
-        )
-    ]
+    text = "the sampled error converges: every eigenvalue lies inside the unit disk"
+    asked = [("sampled", text, Fraction(0), Interval.point(1))]
     if rate is not None:
-        asked.append(
-            (
-                "rate",
-                f"the sampled error decays at the rate {shown_number(rate)} 1/s or faster",
-                Fraction(0),
-                exp(Interval.point(-rate * period)),
-            )
-        )
+        text = f"the sampled error decays at the rate {shown_number(rate)} 1/s or faster"
+        asked.append(("rate", text, Fraction(0), exp(Interval.point(-rate * period))))
     for region in regions:
         if isinstance(region, Disk):
             text = f"every eigenvalue of the sampled error lies in {region}".replace("|s", "|z")
@@ -218,13 +206,6 @@ def _in_disk(polynomial: Sequence[Interval], centre: Fraction, radius: Interval)
         return Verdict.PROVED
     answer = interval_routh(disk_image(polynomial, centre=centre, radius=radius.hi))
     return Verdict.REFUTED if answer is Verdict.REFUTED else Verdict.UNDECIDED
-
-
-def _sum(terms: Sequence[Interval]) -> Interval:
-    total = Interval.point(0)
-    for term in terms:
-        total = total + term
-    return total
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -325,18 +306,12 @@ def envelope_statement(exosystem: Exosystem, W: Matrix, envelope: Envelope) -> S
     product = multiply(P, F)
     decay = scale(-1, add(add(product, transpose(product)), scale(2 * envelope.rate, P)))
     parts = (subtract(P, scale(envelope.lower, identity(q))), subtract(scale(envelope.upper, identity(q)), P), decay)
-    if decide_positive_definite(SparseSymmetric.from_dense(P)).verdict is not Verdict.PROVED or any(
-        decide_positive_semidefinite(part).verdict is not Verdict.PROVED for part in parts
-    ):
+    if any(decide_positive_semidefinite(part).verdict is not Verdict.PROVED for part in parts):
         return None
     stretch = root_above(envelope.upper / envelope.lower)
     values = {"rate": envelope.rate, "lower": envelope.lower, "upper": envelope.upper}
-    return Statement(
-        kind="lyapunov",
-        verdict=Verdict.PROVED,
-        text=f"P proves |eps(t)| <= {stretch:.4g} exp(-{float(envelope.rate):.4g} t) |eps(0)|.",
-        exact={name: number_text(value) for name, value in values.items()},
-    )
+    text = f"P proves |eps(t)| <= {stretch:.4g} exp(-{float(envelope.rate):.4g} t) |eps(0)|."
+    return proved("lyapunov", text, **{name: number_text(value) for name, value in values.items()})
 
 
 def proved_measures(exosystem: Exosystem, W: Matrix, estimates: Mapping[str, float]) -> dict[str, float]:
@@ -344,36 +319,22 @@ def proved_measures(exosystem: Exosystem, W: Matrix, estimates: Mapping[str, flo
     F = error_matrix(exosystem, W)
     result = {"gain": root_above(gain_squared(W))}
     for name, holds in (("rate", rate_holds), ("damping", damping_holds)):
-        proved = _largest(estimates.get(name, 0.0), lambda x, holds=holds: holds(F, x))  # type: ignore[misc]
-        if proved:
-            result[name] = proved
+        estimate = estimates.get(name, 0.0)
+        found: float | None = float(f"{estimate:.9g}")
+        if not (found and math.isfinite(found) and holds(F, claimed(found))):  # the border is included; else less
+            found = largest_proved(estimate, lambda x, holds=holds: x == 0 or holds(F, x))  # type: ignore[misc]
+        if found:
+            result[name] = found
     if "peak" in estimates:
         result["peak_seen"] = estimates["peak"]
-    if exosystem.order <= LARGEST_ORDER:
-        for name in CHANNELS:
-            result |= _norms(exosystem, W, name, estimates)
-    return result
-
-
-def _largest(estimate: float, holds: Callable[[Fraction], bool]) -> float | None:
-    """The estimate to nine digits if that is true, border included, else a little less."""
-    if 0 < estimate < math.inf:
-        short = float(f"{estimate:.9g}")
-        if holds(claimed(short)):
-            return short
-    return largest_proved(estimate, lambda x: x == 0 or holds(x))
-
-
-def _norms(exosystem: Exosystem, W: Matrix, name: str, estimates: Mapping[str, float]) -> dict[str, float]:
-    system = channel(exosystem, W, name)
-    square = h2_squared(system)
-    result = {f"h2 {name}": math.inf if square is None else root_above(square)}
-    estimate = estimates.get(f"hinf {name}", math.inf)
-    for widening in WIDENINGS:
-        bound = estimate * (1 + widening)
-        if 0 < bound < math.inf and hinf_below(system, claimed(bound)):
-            result[f"hinf {name}"] = bound
-            break
+    for name in CHANNELS if exosystem.order <= LARGEST_ORDER else ():
+        system = channel(exosystem, W, name)
+        square = h2_squared(system)
+        result[f"h2 {name}"] = math.inf if square is None else root_above(square)
+        bounds = (estimates.get(f"hinf {name}", math.inf) * (1 + widening) for widening in WIDENINGS)
+        found = next((x for x in bounds if 0 < x < math.inf and hinf_below(system, claimed(x))), None)
+        if found is not None:
+            result[f"hinf {name}"] = found
     return result
 
 

@@ -24,11 +24,10 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from decimal import ROUND_CEILING, Context, Decimal
 from fractions import Fraction
 from itertools import combinations
 from math import comb
-from typing import Any, Final
+from typing import Any
 
 import numpy as np
 
@@ -48,7 +47,7 @@ from dobc_design.problem.problem import Problem
 from dobc_design.problem.reaching import closed_groups
 from dobc_design.problem.typed import typed_number
 from dobc_design.synthesis.pinning.claim import Bound, Obstacle, Structure
-from dobc_design.synthesis.pinning.request import PinningRequest
+from dobc_design.synthesis.pinning.request import PinningRequest, rounded_up
 from dobc_design.verdict import Verdict
 
 ZERO = Fraction(0)
@@ -61,7 +60,6 @@ MOST_STEPS = 50_000  # of the exhaustive search
 COARSE, FINE = 2**20, 10**12  # the largest entry of a rounded direction: one of a space, one alone
 MOST_SETS = 3000  # sets of agents that are excluded one by one
 LONGEST = 400  # entries of a direction that a statement writes out
-_UPWARDS: Final = Context(prec=4, rounding=ROUND_CEILING)
 #: (mode, state component, agents that may be pinned, caps, size=n) -> directions (n), in floating point.
 Directions = Callable[..., Iterable[Sequence[float]]]
 
@@ -96,18 +94,23 @@ def bound_from(ground: Ground, vectors: Vectors, allowed: Collection[int], rate:
         return Bound(
             value=ZERO, rate=rate, vectors=(), loads=(ZERO,) * ground.problem.n, cap_prices={}, rate_price=ZERO
         )
-    unit = Fraction(2) ** _exponent(top)
+    size = Fraction(top)
+    unit = Fraction(2) ** (size.numerator.bit_length() - size.denominator.bit_length() - BITS)
     rows = [(mode, [round(Fraction(x) / unit) for x in v]) for mode, v in vectors]
+
+    def load_of(agent: int) -> Fraction:
+        return sum(x * x for _, v in rows for x in v[agent * m : (agent + 1) * m]) * unit * unit
+
     loads, prices = [ZERO] * ground.problem.n, {}
     free = set(allowed)
     for i in range(ground.problem.n):
-        load = _load(rows, i, m) * unit * unit
+        load = load_of(i)
         if i in free and load > request.costs[i]:
             if i in request.caps:
                 prices[i] = load - request.costs[i]
             else:
                 _shrink(rows, i, m, request.costs[i] / load)
-                load = _load(rows, i, m) * unit * unit
+                load = load_of(i)
         loads[i] = load
     exact = tuple((mode, tuple(x * unit for x in v)) for mode, v in rows)
     squares = sum(loads, ZERO)
@@ -161,21 +164,12 @@ def _shown(upper: Symmetric, hints: Sequence[Sequence[float]]) -> bool:
     return proves(upper, [round(x / top * 2**HINT_BITS) for x in total])
 
 
-def _load(rows: Sequence[tuple[str, Sequence[int]]], agent: int, m: int) -> int:
-    return sum(x * x for _, v in rows for x in v[agent * m : (agent + 1) * m])
-
-
 def _shrink(rows: Sequence[tuple[str, list[int]]], agent: int, m: int, part: Fraction) -> None:
     """Multiply the rows of one agent by ``part`` < 1, towards 0: part <= sqrt(part), so that squares fit."""
     for _, v in rows:
         for row in range(agent * m, (agent + 1) * m):
             size = abs(v[row]) * part.numerator // part.denominator
             v[row] = size if v[row] > 0 else -size
-
-
-def _exponent(top: float) -> int:
-    fraction = Fraction(top)
-    return fraction.numerator.bit_length() - fraction.denominator.bit_length() - BITS
 
 
 def pins_needed(ground: Ground, rate: Fraction, directions: Vectors) -> int:
@@ -424,7 +418,7 @@ def _too_few_pins(
 
 def _above(limit: Fraction) -> str:
     """At most four digits, not below."""
-    return f"{float(_UPWARDS.divide(Decimal(limit.numerator), Decimal(limit.denominator))):.4g}"
+    return f"{float(rounded_up(limit, 4)):.4g}" if limit else "0"
 
 
 def _components(mode: ModeJacobian) -> range:

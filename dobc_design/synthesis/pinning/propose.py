@@ -67,12 +67,6 @@ class PinningProposer:
     caps: Array
     _kept: dict[float, Blocks] = field(default_factory=dict)
 
-    def asked(self, request: PinningRequest) -> PinningProposer:
-        """The same for the costs and caps of a request."""
-        caps = [float(request.caps.get(i, np.inf)) for i in range(self.blocks.agents)]
-        costs = np.array([float(c) for c in request.costs])
-        return PinningProposer(problem=self.problem, blocks=self.blocks, costs=costs, caps=np.array(caps))
-
     def relax(self, allowed: Collection[int], rate: float) -> tuple[list[float] | None, Vectors]:
         """Gains (n) of least cost on the ``allowed`` agents, about, and their multipliers.
 
@@ -90,7 +84,7 @@ class PinningProposer:
                 return known[0].gains.tolist(), self._named(blocks, [[known[0].v]])
             return self._shared(blocks, chosen, known)
         loose = self._loose(blocks, chosen)
-        if any(value <= NEARLY_ZERO * blocks.scale for value in self._margins(blocks, chosen)):
+        if any(value <= NEARLY_ZERO * blocks.scale for value, _ in self._lowest(blocks, chosen)):
             return None, loose
         gains, vectors = self._shared(blocks, chosen, [])
         return (gains, vectors) if gains is not None else (None, loose)
@@ -99,7 +93,7 @@ class PinningProposer:
         """The rate (1/s) that gains on these agents approach, about, with caps times ``factor``; inf without limit."""
         chosen = np.zeros(self.blocks.agents, dtype=bool)
         chosen[list(allowed)] = True
-        return min(self._margins(self.blocks, chosen, factor=factor), default=float("inf")) / 2
+        return min((value for value, _ in self._lowest(self.blocks, chosen, factor=factor)), default=float("inf")) / 2
 
     def slow(self, rate: float) -> Vectors:
         """Of every block the eigenvectors of S with eigenvalues below 0; nothing for large blocks."""
@@ -205,23 +199,20 @@ class PinningProposer:
             return (None if gains is None else gains.tolist()), []
         return (None, []) if found is None else (found[0].tolist(), found[1])
 
-    def _held(self, blocks: Blocks, chosen: Array) -> tuple[Array, Array]:
-        """What caps add to the diagonal, and the rows that no gain without a cap holds."""
-        capped = chosen & np.isfinite(self.caps)
-        extra = np.repeat(2 * np.where(capped, self.caps, 0.0), blocks.width)
-        return extra, rows_of(np.flatnonzero(np.logical_not(chosen) | capped), blocks.width)
+    def _free_rows(self, blocks: Blocks, chosen: Array) -> Any:
+        """The rows that no gain without a cap holds."""
+        return rows_of(np.flatnonzero(np.logical_not(chosen) | np.isfinite(self.caps)), blocks.width)
 
     def _lowest(self, blocks: Blocks, chosen: Array, *, factor: float = 1.0) -> list[tuple[float, Array]]:
-        extra, rows = self._held(blocks, chosen)
-        added = sparse.diags_array(extra * factor)
+        """Of every block the lowest eigenvalue on these rows, with caps times ``factor`` on the diagonal."""
+        held = np.where(chosen & np.isfinite(self.caps), self.caps, 0.0)
+        added = sparse.diags_array(np.repeat(2 * held * factor, blocks.width))
+        rows = self._free_rows(blocks, chosen)
         return [lowest_on(sparse.csr_array(table + added), rows) for table in blocks.tables]
-
-    def _margins(self, blocks: Blocks, chosen: Array, *, factor: float = 1.0) -> list[float]:
-        return [value for value, _ in self._lowest(blocks, chosen, factor=factor)]
 
     def _loose(self, blocks: Blocks, chosen: Array) -> Vectors:
         """Of every block the direction that allowed gains hold least, zero on the rows of gains without a cap."""
-        rows = self._held(blocks, chosen)[1]
+        rows = self._free_rows(blocks, chosen)
         columns: list[list[Array]] = []
         for _, vector in self._lowest(blocks, chosen):
             whole = np.zeros(blocks.agents * blocks.width)
@@ -248,8 +239,9 @@ def make_proposer(problem: Problem, request: PinningRequest) -> PinningProposer 
     blocks = network_blocks(problem)
     if blocks is None:
         return None
-    nothing = np.zeros(problem.n)
-    return PinningProposer(problem=problem, blocks=blocks, costs=nothing, caps=nothing).asked(request)
+    caps = np.array([float(request.caps.get(i, np.inf)) for i in range(problem.n)])
+    costs = np.array([float(c) for c in request.costs])
+    return PinningProposer(problem=problem, blocks=blocks, costs=costs, caps=caps)
 
 
 def _factors(Z: Array, *, z: bool) -> list[Array]:

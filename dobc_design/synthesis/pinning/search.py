@@ -76,7 +76,8 @@ def search_pinning(problem: Problem, request: PinningRequest, progress: Progress
         return found
     kind = found.statements[0].kind if found.statements else None
     for weaker in _weaker(ground, proposer, kind):
-        nearest = _attempt(replace(ground, request=weaker), proposer.asked(weaker), progress)
+        other = make_proposer(bare, weaker) or proposer
+        nearest = _attempt(replace(ground, request=weaker), other, progress)
         if nearest.verdict is Verdict.PROVED:
             return replace(found, nearest=nearest)
     return found

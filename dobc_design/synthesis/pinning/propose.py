@@ -31,6 +31,7 @@ from dobc_design.conditions.consensus.pinning import (
     Blocks,
     Optimum,
     factorised,
+    fastest_rate,
     for_rate,
     lowest_on,
     network_blocks,
@@ -45,7 +46,8 @@ from dobc_design.solvers.program import Array
 from dobc_design.synthesis.pinning.request import PinningRequest
 
 Vectors = list[tuple[str, Array]]  # mode, and a vector over the n m rows
-WORK, LARGEST = 200_000, 5_000  # closed forms spent on ties, times agents; agents above which none are looked for
+WORK, LARGEST = 200_000, 5_000  # closed forms spent on exchanges and ties, times agents; agents above which: none
+MANY = 200  # agents from which on greedy steps are quick ones
 NEARLY_ZERO = 1e-9
 CLOSE = 1e-6  # of the cost: a bound this close leaves nothing to look for
 UPDATES = 100  # pins between two factorisations
@@ -111,25 +113,30 @@ class PinningProposer:
     ) -> tuple[int, ...] | None:
         """A small set that reaches the rate, or with ``pins`` a cheap one of at most so many; None if none was found.
 
-        One agent of each group first, then where most is saved, or where the slowest direction is heaviest.
+        One agent of each group first, then where the slowest direction is heaviest, then the cheapest to add, then
+        exchanges of one agent for another; of many agents those that save most.
         """
         chosen, blocks, free = self._hitting(allowed, groups), self._at(rate), set(allowed)
-        if blocks.z:
+        if blocks.z and blocks.agents > MANY:
             with np.errstate(all="ignore"):
                 many = greedy_set(blocks, chosen, free, self.costs, pins)
             return many if many is None or self._cost(many, rate) is not None else None
         while self._cost(chosen, rate) is None:
             if not free - set(chosen) or (pins is not None and len(chosen) >= pins):
                 return None
-            chosen.append(self._heaviest(blocks, chosen, free - set(chosen)))
-        return tuple(sorted(chosen))
+            heavy = self._heaviest(blocks, chosen, free - set(chosen))
+            chosen.append(max(heavy, key=lambda agent: (fastest_rate(blocks, [*chosen, agent]), -agent)))
+        while pins is not None and len(chosen) < pins and (left := sorted(free - set(chosen))):
+            tried = left[:: -(-len(left) // max(1, self._affordable() // pins))]
+            costs = {agent: self._cost([*chosen, agent], rate) for agent in tried}
+            chosen.append(min(costs, key=lambda agent: (costs[agent] if costs[agent] is not None else np.inf, agent)))
+        return tuple(sorted(self._exchanged(chosen, sorted(free), rate)))
 
     def replaceable(self, chosen: Sequence[int], allowed: Sequence[int], rate: float) -> list[tuple[int, int]]:
         """Pairs (pinned, other): with the other in its place the cost is the same to six digits."""
         own = self._cost(chosen, rate)
         found: list[tuple[int, int]] = []
-        most = WORK // len(self.costs) if len(self.costs) <= LARGEST else 0
-        if own is None or len(chosen) * len(allowed) > most:
+        if own is None or len(chosen) * len(allowed) > self._affordable():
             return found
         for agent in chosen:
             for other in sorted(set(allowed) - set(chosen)):
@@ -137,6 +144,25 @@ class PinningProposer:
                 if cost is not None and abs(cost - own) <= 1e-6 * own:
                     found.append((agent, other))
         return found
+
+    def _exchanged(self, chosen: list[int], allowed: Sequence[int], rate: float) -> list[int]:
+        cost, better, work = self._cost(chosen, rate), True, 0
+        while better and cost is not None:
+            better = False
+            for place in range(len(chosen)):
+                for other in allowed:
+                    work += 1
+                    if other in chosen or work > self._affordable():
+                        continue
+                    trial = [*chosen[:place], other, *chosen[place + 1 :]]
+                    value = self._cost(trial, rate)
+                    if value is not None and value < cost * (1 - 1e-9):
+                        chosen, cost, better = trial, value, True
+        return chosen
+
+    def _affordable(self) -> int:
+        """How many closed forms are worth the time."""
+        return WORK // len(self.costs) if len(self.costs) <= LARGEST else 0
 
     def _cost(self, chosen: Collection[int], rate: float) -> float | None:
         gains = self.relax(chosen, rate)[0] if chosen else None
@@ -152,13 +178,14 @@ class PinningProposer:
             left = [group for group in left if best not in group]
         return [agent for agent in chosen if agent in free]
 
-    def _heaviest(self, blocks: Blocks, chosen: Sequence[int], free: Collection[int]) -> int:
+    def _heaviest(self, blocks: Blocks, chosen: Sequence[int], free: Collection[int]) -> list[int]:
         others = np.setdiff1d(np.arange(blocks.agents), list(chosen))
         rows = rows_of(others, blocks.width)
         vector = min((lowest_on(table, rows) for table in blocks.tables), key=lambda found: found[0])[1]
         weight = np.zeros(blocks.agents)
         weight[others] = np.max(np.abs(vector.reshape(len(others), blocks.width)), axis=1)
-        return min(free, key=lambda agent: (-round(float(weight[agent]), 9), agent))
+        order = sorted(free, key=lambda agent: (-round(float(weight[agent]), 9), agent))
+        return order[: 40 if blocks.agents <= 60 else 8]
 
     def _at(self, rate: float) -> Blocks:
         if rate not in self._kept:

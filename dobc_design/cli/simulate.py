@@ -16,7 +16,7 @@ from dobc_design.certificate.files import make_folder, write_atomically
 from dobc_design.certificate.text import read_claims
 from dobc_design.certification.certify import verify
 from dobc_design.cli.output import read_certificate
-from dobc_design.conditions.observer.gain import observer_gain
+from dobc_design.conditions.observer.propose import observer_gain
 from dobc_design.errors import SpecError
 from dobc_design.problem.load import load_problem
 from dobc_design.simulation.signals import Fixed

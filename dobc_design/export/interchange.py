@@ -137,7 +137,7 @@ def to_sdpa(problem: Source) -> str:
         >>> lines[0], lines[2]  # three unknowns: P, Q and t; Psi has ten rows for e and ten for eps
         ('3', '20 1 1 2')
     """
-    from dobc_design.certification.consensus import decide
+    from dobc_design.certification.certify import decide
     from dobc_design.export.sdpa import sdpa_text
 
     problem = _loaded(problem)
@@ -233,7 +233,7 @@ def _loaded(problem: Source) -> Problem:
 
 def _gain(problem: Problem) -> Matrix | None:
     """The W that ``certify`` uses: the one given, else the designed one; block diagonal where agents have groups."""
-    from dobc_design.conditions.observer.gain import chosen_gains, design_gains
+    from dobc_design.conditions.observer.propose import chosen_gains, design_gains
 
     return join(chosen_gains(problem, design_gains(problem)))
 

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 from dobc_design.certificate.certificate import Certificate
 from dobc_design.conditions.check import Check
-from dobc_design.conditions.observer.gain import observer_gain
+from dobc_design.conditions.observer.propose import observer_gain
 from dobc_design.errors import SpecError
 from dobc_design.problem.load import load_problem
 from dobc_design.problem.problem import Problem

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, overload
 
 from dobc_design.certificate.certificate import Certificate
 from dobc_design.certificate.claims import certified_period
-from dobc_design.conditions.observer.gain import observer_gain
+from dobc_design.conditions.observer.propose import observer_gain
 from dobc_design.exact.matrix import Matrix
 from dobc_design.problem.canonical import loop_sha256
 from dobc_design.problem.load import load_problem

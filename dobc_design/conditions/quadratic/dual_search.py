@@ -15,7 +15,7 @@ from typing import Any, Final
 
 import numpy as np
 
-from dobc_design.conditions.consensus.jacobian import nearest
+from dobc_design.conditions.consensus.propose import nearest
 from dobc_design.conditions.quadratic.claim import linear_part
 from dobc_design.conditions.quadratic.corner_program import solve_corners
 from dobc_design.conditions.quadratic.duals import DualTerm, Ends, QuadraticDual, Shape, attained_sectors

@@ -15,7 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from dobc_design.conditions.consensus.jacobian import nearest
+from dobc_design.conditions.consensus.propose import nearest
 from dobc_design.conditions.quadratic.sampled_gains import Gains
 from dobc_design.coupling.coupling import Coupling
 from dobc_design.coupling.expression import variables_used

@@ -11,7 +11,7 @@ from typing import Final
 
 import numpy as np
 
-from dobc_design.conditions.consensus.jacobian import nearest
+from dobc_design.conditions.consensus.propose import nearest
 from dobc_design.conditions.quadratic.sectors import GainRange
 from dobc_design.coupling.coupling import Coupling
 from dobc_design.solvers.program import Array

@@ -11,7 +11,7 @@ from fractions import Fraction
 import numpy as np
 from scipy import linalg
 
-from dobc_design.conditions.observer.norms import transient_peak
+from dobc_design.conditions.observer.propose import transient_peak
 from dobc_design.errors import SpecError
 from dobc_design.exact.matrix import Matrix, multiply, subtract, to_float
 from dobc_design.exact.pencil import Unknown

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from dobc_design.conditions.observer.norms import h2_norm, hinf_norm, transient_peak
+from dobc_design.conditions.observer.propose import h2_norm, hinf_norm, transient_peak
 from dobc_design.errors import SpecError
 from dobc_design.exact.matrix import Matrix, to_float
 from dobc_design.problem.exosystem import Exosystem

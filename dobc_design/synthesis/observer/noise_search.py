@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from scipy import optimize
 
-from dobc_design.conditions.observer.norms import h2_norm, hinf_norm
+from dobc_design.conditions.observer.propose import h2_norm, hinf_norm
 from dobc_design.solvers.program import Array
 from dobc_design.synthesis.observer.estimates import channels
 from dobc_design.synthesis.observer.request import NoiseLimit

@@ -10,8 +10,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import replace
 from fractions import Fraction
 
-from dobc_design.conditions.consensus.network import name_agents
-from dobc_design.conditions.consensus.witness import carriers
+from dobc_design.conditions.consensus.network import carriers, name_agents
 from dobc_design.conditions.numbers import claimed, shorten
 from dobc_design.conditions.statement import Statement
 from dobc_design.exact.number import number_text

@@ -71,7 +71,6 @@ PUBLIC = [
     "load_trajectory",
     "plot_regions",
     "problem_from_file",
-    "quadratic_limits",
     "search_certificate",
     "simulate",
     "sweep",

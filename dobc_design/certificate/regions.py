@@ -26,8 +26,7 @@ from dobc_design.conditions.schedule.checks import settling_of
 from dobc_design.conditions.schedule.claim import Staging
 from dobc_design.conditions.schedule.settling import Settling
 from dobc_design.conditions.separable.claim import Separable, largest_reach
-from dobc_design.coupling.enclosures import Curve
-from dobc_design.coupling.monotone import profile
+from dobc_design.coupling.enclosures import Curve, profile
 from dobc_design.exact.interval import UndefinedError
 from dobc_design.problem.problem import Problem
 from dobc_design.verdict import Verdict

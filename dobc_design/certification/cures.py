@@ -32,10 +32,9 @@ from dobc_design.conditions.observer.propose import design_gain
 from dobc_design.exact.matrix import Matrix, Vector, add, identity, scale
 from dobc_design.exact.number import number_text
 from dobc_design.exact.observability import decide_detectable
-from dobc_design.problem.changes import changed_problem
-from dobc_design.problem.exosystem import Exosystem
+from dobc_design.problem.changes import changed_problem, gain_table, typed_matrix, typed_number
+from dobc_design.problem.exosystems import Exosystem
 from dobc_design.problem.problem import Problem
-from dobc_design.problem.typed import gain_table, typed_matrix, typed_number
 from dobc_design.verdict import Verdict
 
 SHOWN = 4  # agents whose gains stand in a sentence

@@ -114,7 +114,6 @@ def _decide_and_write(
     """Everything that is asked for, decided, and then written: nothing is written of what fails, but for proofs."""
     from dobc_design.certification.certify import certify
     from dobc_design.certification.search import search_certificate
-    from dobc_design.falsification.searches import quadratic_limits
     from dobc_design.report.write import PAGE, render_report
 
     certificate = certify(problem, everything=everything, settling=tolerance, progress=progress)
@@ -125,9 +124,8 @@ def _decide_and_write(
     cure = None if cured is None else _cured_file(certificate, file, cured)
     pages: dict[str, bytes] = {}
     if report:
-        limits = quadratic_limits(certificate, progress=progress) if everything else ()
         try:
-            pages = render_report(certificate, searches=searches, limits=limits, progress=progress)
+            pages = render_report(certificate, searches=searches, progress=progress)
         except Exception:
             certificate.save(folder)  # the proof outlives its picture
             raise
@@ -176,8 +174,8 @@ def _tell(done: _Done, file: str, theorem: str | None) -> None:
 def _cured_file(certificate: Certificate, source: str, target: Path) -> bytes:
     """The bytes of the cured problem.  Raises SpecError when there is nothing to cure, or no cure."""
     from dobc_design.conditions.check import main_fix
+    from dobc_design.problem.changes import changed_file
     from dobc_design.problem.load import source_text
-    from dobc_design.problem.toml_writing import changed_file
 
     fix = main_fix(certificate.checks)
     if target.suffix.lower() != ".toml":
@@ -284,7 +282,7 @@ def _show_cures(console: Console, checks: Sequence[Check], *, file: str | None, 
     from rich.text import Text
 
     from dobc_design.conditions.check import main_cure, other_cures
-    from dobc_design.problem.typed import change_lines
+    from dobc_design.problem.changes import change_lines
 
     main = main_cure(checks)
     for each in [*([] if main is None else [main]), *other_cures(checks)]:

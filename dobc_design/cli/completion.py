@@ -14,7 +14,7 @@ ENDINGS = (".toml", ".json")
 
 def problem_names(incomplete: str) -> list[str]:
     """Built-in problems, problem files, and folders on the way to them."""
-    from dobc_design.problem.builtin import builtin_names
+    from dobc_design.problem.load import builtin_names
 
     return sorted(name for name in builtin_names() if name.startswith(incomplete)) + _files(incomplete)
 

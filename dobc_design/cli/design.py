@@ -25,7 +25,7 @@ from dobc_design.errors import SpecError
 if TYPE_CHECKING:
     from rich.console import Console
 
-    from dobc_design.synthesis.joint.designed import Design
+    from dobc_design.synthesis.joint.claim import Design
     from dobc_design.synthesis.joint.request import DesignRequest
 
 REMARK = "set by dobc design"
@@ -50,8 +50,8 @@ def run_design(
 
     Raises: SpecError for wrong arguments and a file that is there already (unless ``force``).
     """
+    from dobc_design.problem.changes import changed_file
     from dobc_design.problem.load import load_problem, source_text
-    from dobc_design.problem.toml_writing import changed_file
     from dobc_design.synthesis.designs import design
     from dobc_design.verdict import Verdict
 
@@ -101,7 +101,7 @@ def labels_in(texts: Sequence[str]) -> list[str] | None:
 
 def option_texts(request: DesignRequest, labels: Sequence[str]) -> list[str]:
     """The options of ``dobc design`` that ask for a request, as far as options can."""
-    from dobc_design.problem.typed import typed_number
+    from dobc_design.problem.changes import typed_number
 
     words: list[str] = []
     if request.rate is not None:
@@ -144,7 +144,7 @@ def _lines(found: Design, *, file: str, out: Path) -> Iterator[str]:
         yield f"\nThe limit that fails: --{_option(found.binding)}."
     nearest = found.nearest
     if nearest is not None:
-        from dobc_design.synthesis.joint.designed import NO_LIMITS
+        from dobc_design.synthesis.joint.claim import NO_LIMITS
 
         limits = "; ".join(words for _, words in nearest.request.limits(nearest.labels)) or NO_LIMITS
         yield f"\nThe nearest request that was proved possible: {limits}."

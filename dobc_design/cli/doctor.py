@@ -28,7 +28,7 @@ PURPOSES = {
     "notebook": "Jupyter: the Designer and the notebooks",
     "pdf": "reports as PDF",
     "cluster": "dobc sweep --cluster",
-    "store": "results as Parquet, tables of pandas, SQL",
+    "store": "results as Parquet, tables of pandas",
     "grid": "pandapower networks",
     "fmu": "simulating FMUs",
     "docs": "building the handbook",

@@ -144,7 +144,7 @@ def _sdpa(file: str, target: Path, asked: Asked, progress: Callable[[str], None]
 
 
 def _python(file: str, target: Path, asked: Asked) -> Exported:
-    from dobc_design.export.models import python_script
+    from dobc_design.export.interchange import python_script
 
     check_target(target, force=asked.force, key="--python-control")
     write_file(target, python_script(file).encode("utf-8"), key="--python-control")

@@ -27,8 +27,6 @@ from dobc_design.cli.output import (
 from dobc_design.cli.parts import search_parts, settling_parts
 from dobc_design.conditions.schedule.asked import read_tolerance
 from dobc_design.conditions.schedule.checks import stage_timings
-from dobc_design.exact.number import number_text
-from dobc_design.falsification.searches import quadratic_limits
 from dobc_design.problem.load import load_problem
 from dobc_design.problem.problem import Problem
 from dobc_design.report.write import plot_regions, search_sheet
@@ -38,7 +36,6 @@ if TYPE_CHECKING:
 
     from dobc_design.certificate.certificate import Certificate
     from dobc_design.certificate.regions import Regions
-    from dobc_design.conditions.quadratic.duals import QuadraticDual
     from dobc_design.conditions.schedule.checks import StageTiming
     from dobc_design.conditions.schedule.settling import Settling
     from dobc_design.falsification.suspect import Falsification
@@ -58,7 +55,6 @@ class Found:
     searches: tuple[Falsification, ...] = ()
     settling: Settling | None = None
     timings: tuple[StageTiming, ...] = ()
-    limits: tuple[QuadraticDual, ...] = ()
 
 
 def run_region(
@@ -108,7 +104,6 @@ def certified_regions(
         certificate, searches = done.certificate, done.searches
     regions, staged = certificate.regions, certificate.settling
     timings = () if staged is None else stage_timings(problem, staged)
-    limits = quadratic_limits(certificate, progress=progress) if everything else ()
     document: dict[str, Any] = {
         "verdict": certificate.verdict.value,
         "reason": certificate.reason,
@@ -118,15 +113,11 @@ def certified_regions(
         "problem_sha256": certificate.claims.problem_sha256,
         **regions.to_json(),
     }
-    if everything:
-        document["limits"] = [
-            {"shape": each.shape, "radius": number_text(each.radius), "ball": number_text(each.ball)} for each in limits
-        ]
     if search:
         document["searches"] = [each.to_json() for each in searches]
     progress("drawing")
     files = {DOCUMENT: (json.dumps(document, indent=2, ensure_ascii=False) + "\n").encode("utf-8")}
-    pictures = {"region": plot_regions(certificate, limits=limits), "search": search_sheet(searches)}
+    pictures = {"region": plot_regions(certificate), "search": search_sheet(searches)}
     files |= {
         f"{name}.{kind}": picture.file(kind)
         for name, picture in pictures.items()
@@ -143,7 +134,6 @@ def certified_regions(
         searches=searches,
         settling=staged,
         timings=timings,
-        limits=limits,
     )
 
 
@@ -151,7 +141,7 @@ def shown(found: Found, console: Console, *, colours: dict[str, str]) -> Iterato
     """What a terminal shows: the verdict, one row per method, delays and sampling."""
     from rich.text import Text
 
-    from dobc_design.report.region_words import asked_sentence, limit_sentences, rest_sentence, timing_sentences
+    from dobc_design.report.region_words import asked_sentence, rest_sentence, timing_sentences
     from dobc_design.report.words import capitalize_first
 
     certificate, regions = found.certificate, found.regions
@@ -170,7 +160,7 @@ def shown(found: Found, console: Console, *, colours: dict[str, str]) -> Iterato
     yield _table(regions, colours=colours, wide=wide)
     if not wide:
         yield from _limits(regions)
-    sentences = [*limit_sentences(found.limits), *filter(None, [rest_sentence(regions)]), *timing_sentences(regions)]
+    sentences = [*filter(None, [rest_sentence(regions)]), *timing_sentences(regions)]
     yield from (Text(f"\n{sentence}") for sentence in sentences)
     yield from settling_parts(found.settling, found.timings)
     yield from search_parts(found.searches)

@@ -19,8 +19,9 @@ from dobc_design.cli.output import read_certificate
 from dobc_design.conditions.observer.propose import observer_gain
 from dobc_design.errors import SpecError
 from dobc_design.problem.load import load_problem
+from dobc_design.simulation.breaking import what_breaks_first
 from dobc_design.simulation.signals import Fixed
-from dobc_design.simulation.simulations import simulate, what_breaks_first
+from dobc_design.simulation.simulations import simulate
 
 if TYPE_CHECKING:
     from dobc_design.certificate.bounds import CertifiedBound

@@ -14,8 +14,7 @@ from dobc_design.cli.output import Manner, complain, folder_name, print_json, re
 from dobc_design.errors import DobcError, SpecError
 from dobc_design.sweeps.journal import HEAD, LINES
 from dobc_design.sweeps.result import SweepResult
-from dobc_design.sweeps.running import sweep
-from dobc_design.sweeps.time_left import State
+from dobc_design.sweeps.running import State, sweep
 
 FIGURE = "sweep.svg"
 SHOWN = 5  # failed cases that are told
@@ -46,6 +45,8 @@ def run_sweep(
     if os.path.lexists(folder) and not folder.is_dir():  # a link to nowhere counts
         raise SpecError(f"{str(folder)!r} is not a folder.", key="--out", cure="Choose another with --out.")
     say_on_ending(_interrupted(folder))
+    # joblib's cleaner of shared memory is to do its work without a word when this process is killed.
+    os.environ.setdefault("PYTHONWARNINGS", "ignore::UserWarning:joblib.externals.loky.backend.resource_tracker")
     earlier: list[int] = []
     with _Bar(manner) as show:
 
@@ -115,7 +116,7 @@ def _document(result: SweepResult, folder: Path, files: Sequence[Path], *, resum
         for line in result.failures[:100]
     ]
     return {
-        "problem": result.plan.base.name,
+        "problem": result.plan.name,
         "problem_sha256": result.plan.problem_sha256,
         "task": result.plan.task.to_json(),
         "axes": [axis.text for axis in result.plan.axes],

@@ -14,9 +14,9 @@ from fractions import Fraction
 import numpy as np
 from numpy.typing import NDArray
 
-from dobc_design.exact.doubles import Doubles
 from dobc_design.exact.matrix import Matrix, Vector
 from dobc_design.exact.number import MAX_CHARACTERS, MAX_EXPONENT, float_above, float_below, number_text, parse_number
+from dobc_design.exact.symmetric import Doubles
 
 SHRINK = (1e-9, 1e-6, 1e-3, 0.1, 0.5)
 LONGEST = 10_000  # characters of a rational in a certificate

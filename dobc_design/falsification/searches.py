@@ -1,4 +1,4 @@
-"""Beside a certificate: starts that do not converge, and how far quadratic certificates can reach at most."""
+"""Beside a certificate: starts that do not converge, or that leave a certified set."""
 
 from __future__ import annotations
 
@@ -15,7 +15,6 @@ from dobc_design.problem.problem import Problem
 from dobc_design.verdict import Verdict
 
 if TYPE_CHECKING:
-    from dobc_design.conditions.quadratic.duals import QuadraticDual
     from dobc_design.falsification.levels import Certified
     from dobc_design.falsification.suspect import Falsification
 
@@ -61,19 +60,6 @@ def falsify(
         gain=gain,
         progress=progress,
     )
-
-
-def quadratic_limits(certificate: Certificate, *, progress: Progress | None = None) -> tuple[QuadraticDual, ...]:
-    """Prove how far no quadratic certificate reaches, for every shape of P_e, beside a proved `lure`.
-
-    Each is an exact dual: no P_e of its shape decreases for all gains while |e_j - e_i| <= its ``radius``, so certified
-    balls stay below its ``ball``.  ``progress`` is called with the name of each stage.
-    Returns: a QuadraticDual for each shape where one is found.  Source: theory, section 4.
-    """
-    from dobc_design.conditions.quadratic.limits import quadratic_limits as run
-
-    lure = next((check for check in certificate.checks if check.id == "lure"), None)
-    return run(certificate.problem, lure, report=progress or (lambda stage: None))
 
 
 def regional_check(certificate: Certificate) -> Check | None:

@@ -13,9 +13,9 @@ from matplotlib.figure import Figure
 from matplotlib.patches import PathPatch
 from matplotlib.path import Path
 
-from dobc_design.report.figures import short
+from dobc_design.plotting.axes import short
+from dobc_design.plotting.look import BLUE, INK, MUTED, PAPER, VERMILLION
 from dobc_design.report.layout import Positions
-from dobc_design.report.svg import BLUE, INK, MUTED, PAPER, VERMILLION
 
 LEGEND = "An arrow from j to i: i listens to j, so information runs along the arrow."
 MOST_LABELLED = 60

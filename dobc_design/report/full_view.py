@@ -13,7 +13,6 @@ from dobc_design.report.view import common_view
 
 if TYPE_CHECKING:
     from dobc_design.analysis.analysis import Analysis
-    from dobc_design.conditions.quadratic.duals import QuadraticDual
     from dobc_design.conditions.schedule.checks import StageTiming
     from dobc_design.falsification.suspect import Falsification
     from dobc_design.simulation.trajectory import Trajectory
@@ -27,7 +26,6 @@ def full_view(
     lambdas: Mapping[str, Matrix] | None,
     timings: Sequence[StageTiming],
     searches: Sequence[Falsification],
-    limits: Sequence[QuadraticDual],
 ) -> dict[str, Any]:
     """Names and values of ``common_view``, and the figures."""
     network, legend = pictures.network_pictures(certificate)
@@ -38,11 +36,10 @@ def full_view(
         lambdas=lambdas,
         timings=timings,
         searches=searches,
-        limits=limits,
     ) | {
         "network_pictures": network,
         "network_legend": legend,
-        "region_pictures": region_pictures.region_pictures(certificate.regions, limits),
+        "region_pictures": region_pictures.region_pictures(certificate.regions),
         "envelope_picture": region_pictures.envelope_picture(certificate.settling),
         "search_pictures": search_pictures(searches),
         "eigenvalue_pictures": pictures.eigenvalue_pictures(certificate, analysis),

@@ -17,7 +17,6 @@ from dobc_design.report.words import capitalize_first, typeset
 
 if TYPE_CHECKING:
     from dobc_design.analysis.analysis import Analysis
-    from dobc_design.conditions.quadratic.duals import QuadraticDual
     from dobc_design.conditions.schedule.checks import StageTiming
     from dobc_design.falsification.suspect import Falsification
     from dobc_design.simulation.trajectory import Trajectory
@@ -31,13 +30,12 @@ def html_report(
     lambdas: Mapping[str, Matrix] | None = None,
     timings: Sequence[StageTiming] = (),
     searches: Sequence[Falsification] = (),
-    limits: Sequence[QuadraticDual] = (),
 ) -> str:
     """Return the page.
 
     ``analysis`` and ``trajectory`` are shown where they are given.  ``lambdas``: mode -> Lambda(J) at the consensus,
     printed up to 12 x 12.  ``timings``: sampling and delays of the stages of a settling time; ``searches`` for
-    counterexamples; ``limits`` of quadratic certificates.  The same arguments give the same text.
+    counterexamples.  The same arguments give the same text.
     """
     environment = Environment(
         loader=PackageLoader("dobc_design.report"),
@@ -54,6 +52,5 @@ def html_report(
         lambdas=lambdas,
         timings=timings,
         searches=searches,
-        limits=limits,
     ) | {"math": math, "formulas": formulas, "latex_number": latex_number}
     return environment.get_template("report.html.j2").render(view) + "\n"

@@ -9,16 +9,15 @@ from typing import TYPE_CHECKING, Any
 from dobc_design._show.text import latex_number
 from dobc_design.certificate.certificate import Certificate
 from dobc_design.exact.matrix import Matrix
+from dobc_design.plotting.axes import thinned_rows
 from dobc_design.report import formulas
 from dobc_design.report.check_views import CheckRow
-from dobc_design.report.figures import thinned_rows
 from dobc_design.report.region_words import RegionRow
 from dobc_design.report.view import common_view
 from dobc_design.report.words import capitalize_first, number
 
 if TYPE_CHECKING:
     from dobc_design.analysis.analysis import Analysis
-    from dobc_design.conditions.quadratic.duals import QuadraticDual
     from dobc_design.conditions.schedule.checks import StageTiming
     from dobc_design.falsification.suspect import Falsification
     from dobc_design.simulation.trajectory import Trajectory
@@ -37,7 +36,6 @@ def markdown_report(
     lambdas: Mapping[str, Matrix] | None = None,
     timings: Sequence[StageTiming] = (),
     searches: Sequence[Falsification] = (),
-    limits: Sequence[QuadraticDual] = (),
 ) -> str:
     """Return the report as Markdown; arguments as in ``html_report``."""
     view = common_view(
@@ -47,7 +45,6 @@ def markdown_report(
         lambdas=lambdas,
         timings=timings,
         searches=searches,
-        limits=limits,
     )
     parts = [
         *_head(view),
@@ -136,9 +133,9 @@ def _regions(view: Mapping[str, Any]) -> Iterable[str]:
     yield escape(f"{regions['asked']} {regions['norms']}") + "\n"
     heads = ["method", "verdict", "certified", "|e|∞ ≤", "|e|₂ ≤", "rate in 1/s", regions["time_head"], "covers it"]
     heads = [*heads[:5], *(["|εᵢ| ≤"] if regions["disturbed"] else []), *heads[5:]]
-    heads += [*(["cannot exceed"] if regions["limits"] else []), "why not further"]
+    heads.append("why not further")
     yield from _table([escape(head) for head in heads], [_region_cells(row, regions) for row in regions["rows"]])
-    for sentence in filter(None, (*regions["limits"], regions["agents"], regions["rest"])):
+    for sentence in filter(None, (regions["agents"], regions["rest"])):
         yield escape(sentence) + "\n"
     yield from _list(regions["timing"])
 
@@ -170,8 +167,7 @@ def _searches(view: Mapping[str, Any]) -> Iterable[str]:
 def _region_cells(row: RegionRow, regions: Mapping[str, Any]) -> list[str]:
     errors = [row.disturbance] if regions["disturbed"] else []
     cells = [row.name, f"{row.symbol} {row.verdict}", row.kind, row.box, row.ball, *errors, row.rate, row.time]
-    cannot = [row.cannot] if regions["limits"] else []
-    return [escape(cell) for cell in (*cells, row.covers, *cannot, row.limit)]
+    return [escape(cell) for cell in (*cells, row.covers, row.limit)]
 
 
 def _checks(view: Mapping[str, Any]) -> Iterable[str]:

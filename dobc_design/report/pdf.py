@@ -23,7 +23,6 @@ from dobc_design.report.pdf_parts import soft
 
 if TYPE_CHECKING:
     from dobc_design.analysis.analysis import Analysis
-    from dobc_design.conditions.quadratic.duals import QuadraticDual
     from dobc_design.conditions.schedule.checks import StageTiming
     from dobc_design.falsification.suspect import Falsification
     from dobc_design.simulation.trajectory import Trajectory
@@ -41,7 +40,6 @@ def pdf_report(
     lambdas: Mapping[str, Matrix] | None = None,
     timings: Sequence[StageTiming] = (),
     searches: Sequence[Falsification] = (),
-    limits: Sequence[QuadraticDual] = (),
 ) -> bytes:
     """Return the bytes of the PDF; arguments as in ``html_report``.  Raises: SpecError without the package typst."""
     require_typst()
@@ -52,7 +50,6 @@ def pdf_report(
         lambdas=lambdas,
         timings=timings,
         searches=searches,
-        limits=limits,
     )
     return compile_pdf(document(view))
 

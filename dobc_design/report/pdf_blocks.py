@@ -126,21 +126,19 @@ def _regions(view: View) -> Iterator[Block]:
     yield heading_block("From which starts it is proved")
     yield text_block(regions["asked"])
     yield from gallery_blocks(view["region_pictures"])
-    limits = bool(regions["limits"])
     heads = ["method", "verdict", "certified starts", "rate in 1/s", regions["time_head"], "covers it"]
-    heads += [*(["cannot exceed"] if limits else []), "why not further"]
-    widths = [1.1, 0, 1.3, 0.8, 0.8, 0.7, *([0.9] if limits else []), 1.7]
-    yield table_block(heads, [_region_row(row, limits=limits) for row in regions["rows"]], widths)
+    heads.append("why not further")
+    widths = [1.1, 0, 1.3, 0.8, 0.8, 0.7, 1.7]
+    yield table_block(heads, [_region_row(row) for row in regions["rows"]], widths)
     yield text_block(regions["norms"], style="caption")
-    for sentence in filter(None, (*regions["limits"], regions["rest"])):
-        yield text_block(sentence)
+    if regions["rest"]:
+        yield text_block(regions["rest"])
     if regions["timing"]:
         yield list_block(regions["timing"])
 
 
-def _region_row(row: RegionRow, *, limits: bool) -> list[Any]:
-    cannot = [row.cannot] if limits else []
-    cells = [row.starts, row.rate, row.time, row.covers, *cannot, row.limit]
+def _region_row(row: RegionRow) -> list[Any]:
+    cells = [row.starts, row.rate, row.time, row.covers, row.limit]
     return [[row.name, row.id], verdict_mark(row.symbol, row.verdict), *cells]
 
 

@@ -25,26 +25,20 @@ MOST_AGENTS: Final = 24
 ENVELOPE_SAMPLES: Final = 201
 BELOW: Final = 0.5  # of the least bound, at the foot of its picture
 _LONGEST: Final = 18  # letters of a line of a method's name
-BRACKET: Final = 0.26  # how far below its row the limit of quadratic certificates stands
 _NOTES: Final = {"everywhere": "every start", "near": "near the target, no radius", "none": "nothing proved"}
 
 
-def plot_regions(regions: Regions, *, ax: Axes | None = None, limit: float | None = None) -> Axes:
+def plot_regions(regions: Regions, *, ax: Axes | None = None) -> Axes:
     """One row per method: the |e|_inf that it proves for all agents at once, and for one agent alone.
 
-    The dashed line is what was asked for.  ``limit``: balls of quadratic certificates stay below, a bracket in their
-    row.  Sizes in the unit of the states.
+    The dashed line is what was asked for.  Sizes in the unit of the states.
     """
     ax = axes_or_new(ax)
     claims = regions.claims
     asked = None if regions.asked is None else regions.asked.box
-    quadratic = [] if limit is None else [row for row, claim in enumerate(claims) if claim.id == "lure"]
-    brackets = [(limit, row + BRACKET) for row in quadratic if limit is not None]
-    reach = _axis_end(claims, asked, regions.rest, limit if quadratic else None)
+    reach = _axis_end(claims, asked, regions.rest)
     for row, claim in enumerate(claims):
         _draw_reach(ax, row, claim, reach)
-    for end, height in brackets:
-        ax.plot([end], [height], marker="$]$", markersize=11, color=INK, linestyle="", zorder=5)
     if asked is not None:
         ax.axvline(asked, color=VERMILLION, linewidth=1.3, linestyle=_DASHED, zorder=3)
     if regions.rest is not None:
@@ -56,7 +50,7 @@ def plot_regions(regions: Regions, *, ax: Axes | None = None, limit: float | Non
     ax.tick_params(axis="y", length=0)
     ax.grid(visible=False, axis="y")
     ax.set_xlabel("distance from the goals at the start, in the unit of x")
-    _legend_of_methods(ax, regions, limited=bool(quadratic))
+    _legend_of_methods(ax, regions)
     return ax
 
 
@@ -104,7 +98,7 @@ def _sizes(claim: RegionClaim) -> str:
     return f"{lower(claim.box)} … {lower(claim.ball)}"
 
 
-def _legend_of_methods(ax: Axes, regions: Regions, *, limited: bool) -> None:
+def _legend_of_methods(ax: Axes, regions: Regions) -> None:
     handles: list[Patch | Line2D] = []
     if any(claim.box for claim in regions.claims):
         handles.append(Patch(color=BLUE, label="all at once"))
@@ -112,8 +106,6 @@ def _legend_of_methods(ax: Axes, regions: Regions, *, limited: bool) -> None:
         handles.append(Line2D([], [], color=BLUE, marker="|", markersize=9, label="one alone"))
     if regions.asked is not None:
         handles.append(Line2D([], [], color=VERMILLION, linestyle=_DASHED, label="asked for"))
-    if limited:
-        handles.append(Line2D([], [], color=INK, marker="$]$", linestyle="", markersize=8, label="cannot exceed"))
     if regions.rest is not None:
         handles.append(Line2D([], [], color=INK, linestyle=_DOTTED, label="other equilibrium"))
     _legend(ax, handles, columns=3)  # the names of the methods leave less room

@@ -2,37 +2,31 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from fractions import Fraction
+from collections.abc import Callable
 from typing import Final
 
 from matplotlib.figure import Figure
 
 from dobc_design._show.text import Fragment
 from dobc_design.certificate.regions import RegionClaim, Regions
-from dobc_design.conditions.quadratic.duals import QuadraticDual
 from dobc_design.conditions.schedule.settling import Settling
-from dobc_design.exact.number import float_above
 from dobc_design.plotting.axes import shown_agents
 from dobc_design.plotting.sheet import Sheet
 from dobc_design.report import region_figures
 from dobc_design.report.pictures import Picture
 from dobc_design.report.region_stages import envelope_alt
-from dobc_design.report.region_words import agents_sentence, lower, method_name, quadratic_limit
+from dobc_design.report.region_words import agents_sentence, lower, method_name
 from dobc_design.report.svg import svg_text
 
 WIDTH: Final = 4.6  # inches, of one drawing in a page
 ALONE: Final = 5.2  # in a file
 
 
-def region_pictures(regions: Regions, limits: Sequence[QuadraticDual] = ()) -> list[Picture]:
-    """Two pictures, or one where there is no bound for single agents; none where there is nothing to be drawn.
-
-    ``limits`` of quadratic certificates are drawn where they are given.
-    """
+def region_pictures(regions: Regions) -> list[Picture]:
+    """Two pictures, or one where there is no bound for single agents; none where there is nothing to be drawn."""
     if not regions.sized:
         return []
-    pictures = [_methods(regions, quadratic_limit(limits))]
+    pictures = [_methods(regions)]
     return [*pictures, _agents(regions)] if regions.agents else pictures
 
 
@@ -50,30 +44,26 @@ def envelope_picture(settling: Settling | None) -> Picture | None:
     )
 
 
-def region_sheet(regions: Regions, limits: Sequence[QuadraticDual] = ()) -> Sheet:
+def region_sheet(regions: Regions) -> Sheet:
     """Both pictures side by side, to be shown in a notebook or saved."""
 
     def draw(figure: Figure) -> None:
         figure.suptitle(regions.name, x=0.01, ha="left", fontsize=10, parse_math=False)
         spaces = figure.subplots(1, 2 if regions.agents else 1, squeeze=False)[0]
-        region_figures.plot_regions(regions, ax=spaces[0], limit=_number(quadratic_limit(limits)))
+        region_figures.plot_regions(regions, ax=spaces[0])
         if regions.agents:
             region_figures.plot_starts(regions, ax=spaces[1])
 
     return Sheet(draw, width=2 * ALONE if regions.agents else ALONE, height=_height(regions) + 0.3)
 
 
-def _number(limit: Fraction | None) -> float | None:
-    return None if limit is None else float_above(limit)
-
-
-def _methods(regions: Regions, limit: Fraction | None) -> Picture:
+def _methods(regions: Regions) -> Picture:
     return _drawn(
-        lambda figure: region_figures.plot_regions(regions, ax=figure.add_subplot(), limit=_number(limit)),
+        lambda figure: region_figures.plot_regions(regions, ax=figure.add_subplot()),
         name="region-methods",
         title="How far each proof reaches",
         height=_height(regions),
-        caption=_bars(regions) + (" Bracket: no quadratic certificate reaches it." if limit is not None else ""),
+        caption=_bars(regions),
         alt="Certified distance from the goals. " + " ".join(f"{_told(claim)}." for claim in regions.claims),
     )
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 from decimal import ROUND_UP, Context, Decimal
 from fractions import Fraction
@@ -12,8 +12,6 @@ from dobc_design._show.text import significant_towards_zero
 from dobc_design.certificate.regions import RegionClaim, Regions
 from dobc_design.conditions.check import Check
 from dobc_design.conditions.kinds import KINDS
-from dobc_design.conditions.quadratic.duals import QuadraticDual
-from dobc_design.exact.number import float_above
 from dobc_design.problem.problem import Problem
 from dobc_design.report.words import SYMBOLS, capitalize_first, typeset
 from dobc_design.verdict import Verdict
@@ -38,16 +36,14 @@ class RegionRow:
     time: str
     covers: str
     limit: str
-    cannot: str = "–"
 
 
-def region_view(problem: Problem, regions: Regions, limits: Sequence[QuadraticDual] = ()) -> dict[str, Any] | None:
+def region_view(problem: Problem, regions: Regions) -> dict[str, Any] | None:
     """What the page and the Markdown text show; None where nothing is said about a region."""
     if not regions.tried:
         return None
     return {
-        "rows": region_rows(regions, limits),
-        "limits": limit_sentences(limits),
+        "rows": region_rows(regions),
         "asked": asked_sentence(regions),
         "norms": norms_sentence(problem),
         "time_head": time_head(regions),
@@ -58,9 +54,8 @@ def region_view(problem: Problem, regions: Regions, limits: Sequence[QuadraticDu
     }
 
 
-def region_rows(regions: Regions, limits: Sequence[QuadraticDual] = ()) -> list[RegionRow]:
-    """One row per method, in the order in which they were tried; ``limits`` are proved for quadratic ones."""
-    most = quadratic_limit(limits)
+def region_rows(regions: Regions) -> list[RegionRow]:
+    """One row per method, in the order in which they were tried."""
     return [
         RegionRow(
             id=claim.id,
@@ -76,7 +71,6 @@ def region_rows(regions: Regions, limits: Sequence[QuadraticDual] = ()) -> list[
             time="–" if claim.time is None else f"{upper(claim.time)} s",
             covers=_covers(claim, regions),
             limit=capitalize_first(claim.limit) or _no_limit(claim),
-            cannot="–" if most is None or claim.id != "lure" else f"|e|₂ < {upper(float_above(most))}",
         )
         for claim in regions.claims
     ]
@@ -117,30 +111,6 @@ def _no_limit(claim: RegionClaim) -> str:
     if claim.kind == "everywhere":
         return "There is none: it holds for every start."
     return "It covers what was asked for; more was not tried." if claim.covers else "–"
-
-
-def quadratic_limit(limits: Sequence[QuadraticDual]) -> Fraction | None:
-    """No quadratic certificate of any shape reaches this ball; None where that is not proved."""
-    return next((dual.ball for dual in limits if dual.shape == "full"), None)
-
-
-def limit_sentences(limits: Sequence[QuadraticDual]) -> list[str]:
-    """What the duals prove, shape by shape, and what they do not."""
-    if not limits:
-        return []
-    told = [
-        f"no V with {_SHAPES[dual.shape]} decreases for all gains that the couplings have while |e_j − e_i| ≤"
-        f" {upper(float_above(dual.radius))}, so its certified balls stay below |e|₂ = {upper(float_above(dual.ball))}"
-        for dual in limits
-    ]
-    return [
-        f"How far quadratic certificates can reach at most: {'; '.join(told)}.",
-        "This was proved exactly when this was written and does not stand in certificate.json. It limits certificates"
-        " with multipliers, corners or interval bounds, not other methods, and not the agents themselves.",
-    ]
-
-
-_SHAPES = {"identity": "Pₑ = c I", "diagonal": "a diagonal Pₑ", "full": "any Pₑ"}
 
 
 def lower(value: float | Fraction | None) -> str:

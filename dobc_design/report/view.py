@@ -40,7 +40,6 @@ from dobc_design.verdict import Verdict
 
 if TYPE_CHECKING:
     from dobc_design.analysis.analysis import Analysis
-    from dobc_design.conditions.quadratic.duals import QuadraticDual
     from dobc_design.conditions.schedule.checks import StageTiming
     from dobc_design.falsification.suspect import Falsification
     from dobc_design.simulation.trajectory import Trajectory
@@ -57,7 +56,6 @@ def common_view(
     lambdas: Mapping[str, Matrix] | None,
     timings: Sequence[StageTiming] = (),
     searches: Sequence[Falsification] = (),
-    limits: Sequence[QuadraticDual] = (),
 ) -> dict[str, Any]:
     """Names and values that both templates use."""
     problem, claims = certificate.problem, certificate.claims
@@ -80,7 +78,7 @@ def common_view(
         "agents": nw.agent_rows(problem),
         "exceptions": nw.exception_sentences(problem),
         "region": nw.region_sentence(problem),
-        "regions": region_view(problem, certificate.regions, limits),
+        "regions": region_view(problem, certificate.regions),
         "settling": settling_view(certificate.settling, timings),
         "searches": search_view(searches),
         "switching": nw.switching_sentence(problem),

@@ -17,7 +17,6 @@ from dobc_design.problem.problem import Problem
 from dobc_design.simulation.simulations import fingerprint
 
 if TYPE_CHECKING:
-    from dobc_design.conditions.quadratic.duals import QuadraticDual
     from dobc_design.falsification.suspect import Falsification
     from dobc_design.plotting.sheet import Sheet
 
@@ -32,19 +31,18 @@ def write_report(
     folder: str | PathLike[str],
     *,
     searches: Sequence[Falsification] = (),
-    limits: Sequence[QuadraticDual] = (),
     pdf: bool = False,
     latex: bool = False,
     progress: Progress | None = None,
 ) -> Path:
     """Write report.html and report.md into ``folder`` and return the path of the page; see ``render_report``.
 
-    ``searches``: what ``search_certificate`` found; ``limits``: what ``quadratic_limits`` found.  ``pdf``: report.pdf
-    too, which needs the extra `pdf`.  ``latex``: the folder latex too, with fragments for a paper and a BibTeX file.
+    ``searches``: what ``search_certificate`` found.  ``pdf``: report.pdf too, which needs the extra `pdf`.
+    ``latex``: the folder latex too, with fragments for a paper and a BibTeX file.
     ``progress`` is called with the name of each stage.
     Raises: CertificateError when the machine refuses, SpecError without the extra.
     """
-    pages = render_report(certificate, searches=searches, limits=limits, pdf=pdf, progress=progress)
+    pages = render_report(certificate, searches=searches, pdf=pdf, progress=progress)
     target = make_folder(Path(folder))
     files = {target / name: data for name, data in pages.items()}
     if latex:
@@ -58,15 +56,14 @@ def render_report(
     certificate: Certificate,
     *,
     searches: Sequence[Falsification] = (),
-    limits: Sequence[QuadraticDual] = (),
     pdf: bool = False,
     progress: Progress | None = None,
 ) -> dict[str, bytes]:
     """The bytes of report.html and report.md by name, and with ``pdf`` of report.pdf.
 
     Diagnostics, one simulation and what the stages of a settling time say about sampling and delays are computed here
-    and handed to the report, which computes nothing.  ``searches`` for counterexamples and ``limits`` of quadratic
-    certificates are shown where they are given.
+    and handed to the report, which computes nothing.  ``searches`` for counterexamples are shown where they are
+    given.
     """
     from dobc_design.report.html import html_report
     from dobc_design.report.markdown import markdown_report
@@ -99,7 +96,6 @@ def render_report(
         lambdas=lambdas,
         timings=timings,
         searches=searches,
-        limits=limits,
     )
     text = markdown_report(
         certificate,
@@ -108,7 +104,6 @@ def render_report(
         lambdas=lambdas,
         timings=timings,
         searches=searches,
-        limits=limits,
     )
     pages = {PAGE: html.encode("utf-8"), "report.md": text.encode("utf-8")}
     if pdf:
@@ -120,7 +115,6 @@ def render_report(
             lambdas=lambdas,
             timings=timings,
             searches=searches,
-            limits=limits,
         )
     return pages
 
@@ -167,15 +161,14 @@ def _shown_lambdas(problem: Problem) -> dict[str, Matrix]:
     return {mode: pencil.constant.to_dense() for mode, pencil in state_theorems(problem).lambdas.items()}
 
 
-def plot_regions(certificate: Certificate, *, limits: Sequence[QuadraticDual] = ()) -> Sheet:
+def plot_regions(certificate: Certificate) -> Sheet:
     """The certified regions as a figure: how far each method reaches, and from where each agent may start.
 
-    ``limits``: what ``quadratic_limits`` found, drawn as lines that no quadratic certificate crosses.
     Returns: a Sheet, which shows itself in Jupyter; ``save("region.svg")`` writes it, also as .png or .pdf.
     """
     from dobc_design.report.region_pictures import region_sheet
 
-    return region_sheet(certificate.regions, limits)
+    return region_sheet(certificate.regions)
 
 
 def search_sheet(searches: Sequence[Falsification]) -> Sheet | None:

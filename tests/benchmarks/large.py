@@ -31,11 +31,11 @@ from dobc_design.conditions.separable.observer import first_certificate, verify_
 from dobc_design.conditions.separable.propose import design_separable, rounded_vectors
 from dobc_design.conditions.separable.stage import separable_stage
 from dobc_design.exact.zmatrix import float_rows
-from dobc_design.problem.exosystem import Exosystem
+from dobc_design.problem.exosystems import Exosystem
+from dobc_design.problem.groups import Observer
 from dobc_design.problem.network import Network
-from dobc_design.problem.observer import Observer
 from dobc_design.problem.problem import Problem
-from dobc_design.problem.region import Region
+from dobc_design.problem.settings import Region
 
 SIZE = 100_000
 GROWTH = (1000, 10_000, 100_000)

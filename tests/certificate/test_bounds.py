@@ -13,9 +13,9 @@ from dobc_design.certificate.bounds import certified_bound
 from dobc_design.certificate.certificate import Certificate
 from dobc_design.conditions.check import Check, Values
 from dobc_design.errors import CertificateError, SpecError
-from dobc_design.problem.exosystem import Exosystem
+from dobc_design.problem.exosystems import Exosystem
+from dobc_design.problem.groups import Observer
 from dobc_design.problem.network import Network
-from dobc_design.problem.observer import Observer
 from dobc_design.problem.problem import Problem
 from dobc_design.report.pictures import simulation_pictures
 from dobc_design.verdict import Verdict

@@ -22,11 +22,11 @@ from dobc_design.conditions.numbers import claimed
 from dobc_design.conditions.quadratic.claim import Lure
 from dobc_design.errors import CertificateError
 from dobc_design.exact.symmetric import SparseSymmetric
-from dobc_design.problem.exosystem import Exosystem
+from dobc_design.problem.exosystems import Exosystem
+from dobc_design.problem.groups import Observer
 from dobc_design.problem.network import Network
-from dobc_design.problem.observer import Observer
 from dobc_design.problem.problem import Problem
-from dobc_design.problem.region import Region
+from dobc_design.problem.settings import Region
 from dobc_design.verdict import Verdict
 
 

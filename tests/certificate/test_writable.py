@@ -14,9 +14,9 @@ from dobc_design.certification.certify import certify, verify
 from dobc_design.conditions.check import Check, Fix, Values, Witness
 from dobc_design.conditions.numbers import LONGEST
 from dobc_design.exact.number import number_text
-from dobc_design.problem.exosystem import Exosystem
+from dobc_design.problem.exosystems import Exosystem
+from dobc_design.problem.groups import Observer
 from dobc_design.problem.network import Network
-from dobc_design.problem.observer import Observer
 from dobc_design.problem.problem import Problem
 from dobc_design.verdict import Verdict
 

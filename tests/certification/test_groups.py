@@ -18,10 +18,9 @@ from dobc_design.conditions.quadratic.claim import Lure
 from dobc_design.conditions.quadratic.decide import verify_lure
 from dobc_design.exact.matrix import multiply, scale
 from dobc_design.exact.symmetric import SparseSymmetric
-from dobc_design.problem.exosystem import Exosystem
-from dobc_design.problem.groups import Group, block_diagonal
+from dobc_design.problem.exosystems import Exosystem
+from dobc_design.problem.groups import Group, Observer, block_diagonal
 from dobc_design.problem.network import Network
-from dobc_design.problem.observer import Observer
 from dobc_design.problem.problem import Problem
 from dobc_design.verdict import Verdict
 

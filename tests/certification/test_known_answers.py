@@ -18,10 +18,10 @@ from dobc_design.conditions.consensus.claim import Pair, PairFacts, state_theore
 from dobc_design.conditions.consensus.decide import schur_block
 from dobc_design.exact.matrix import multiply, scale
 from dobc_design.exact.number import number_text
-from dobc_design.problem.exosystem import Exosystem
+from dobc_design.problem.exosystems import Exosystem
+from dobc_design.problem.groups import Observer
 from dobc_design.problem.load import load_problem
 from dobc_design.problem.network import Network
-from dobc_design.problem.observer import Observer
 from dobc_design.problem.problem import Problem
 from dobc_design.verdict import Verdict
 

@@ -13,9 +13,9 @@ from dobc_design.certification.overall import decide_overall
 from dobc_design.conditions.check import Check
 from dobc_design.conditions.consensus.claim import Unstable
 from dobc_design.conditions.coverage import asked_radius, covers
-from dobc_design.problem.exosystem import Exosystem
+from dobc_design.problem.exosystems import Exosystem
+from dobc_design.problem.groups import Observer
 from dobc_design.problem.network import Network
-from dobc_design.problem.observer import Observer
 from dobc_design.problem.problem import Problem
 from dobc_design.verdict import Verdict
 

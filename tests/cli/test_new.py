@@ -151,7 +151,7 @@ def test_doctor_says_what_is_missing_and_the_command_that_installs_it(dobc, monk
     real = metadata.version
 
     def version(name: str) -> str:
-        if name in ("duckdb", "typst"):
+        if name == "typst":
             raise metadata.PackageNotFoundError(name)
         return "2.3.9" if name == "numpy" else real(name)
 
@@ -159,9 +159,10 @@ def test_doctor_says_what_is_missing_and_the_command_that_installs_it(dobc, monk
     monkeypatch.setattr("dobc_design.cli.doctor._main_path", lambda: WORKS)
     code, out, _ = dobc("doctor")
     assert code == 0
-    assert "absent   duckdb" in out
+    assert "absent   typst" in out
     assert "MISSING  numpy                2.3.9, needs >=2.4" in out
-    assert f"To install the extra store:\n  {install_command(['duckdb>=2.0'])}" in out
+    wanted = next(text.partition(";")[0].strip() for text in metadata.requires("dobc_design") if "typst" in text)
+    assert f"To install the extra pdf:\n  {install_command([wanted])}" in out
     assert "1 of the things that are needed are missing or broken." in out
     assert json.loads(dobc("doctor", "--json")[1])["ok"] is False
 

@@ -18,7 +18,7 @@ from dobc_design.checker import checker
 from dobc_design.conditions.consensus import claim, propose
 from dobc_design.conditions.consensus.propose import float_lambda
 from dobc_design.problem.canonical import canonical_bytes
-from dobc_design.problem.exosystem import Exosystem
+from dobc_design.problem.exosystems import Exosystem
 from dobc_design.problem.network import Network
 from dobc_design.problem.problem import Problem
 from dobc_design.verdict import Verdict

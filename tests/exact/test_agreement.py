@@ -13,16 +13,16 @@ import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from dobc_design.exact import (
-    IntegerSymmetric,
-    SparseSymmetric,
-    decide_positive_definite,
-    decide_positive_semidefinite,
-    decide_quickly,
+from dobc_design.exact.cholesky import (
+    Scaled,
+    bad_direction,
+    decide_lifted,
+    proves_by_integers,
+    scaled,
+    shifted_cholesky,
 )
-from dobc_design.exact.cholesky import Scaled, proves_by_integers, scaled, shifted_cholesky
-from dobc_design.exact.deflation import decide_lifted
-from dobc_design.exact.elimination import bad_direction
+from dobc_design.exact.definite import decide_positive_definite, decide_positive_semidefinite, decide_quickly
+from dobc_design.exact.symmetric import IntegerSymmetric, SparseSymmetric
 from dobc_design.exact.zmatrix import proves, search
 from dobc_design.verdict import Verdict
 

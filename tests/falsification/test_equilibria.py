@@ -17,8 +17,8 @@ from dobc_design.conditions.separable.decide import largest_rate, verify_separab
 from dobc_design.conditions.separable.propose import propose_separable, rounded_vectors
 from dobc_design.falsification.equilibria import equilibrium_check
 from dobc_design.falsification.newton import find_roots
+from dobc_design.problem.groups import Observer
 from dobc_design.problem.network import Network
-from dobc_design.problem.observer import Observer
 from dobc_design.problem.problem import Problem
 from dobc_design.verdict import Verdict
 

@@ -27,7 +27,7 @@ from dobc_design.falsification.ascent import ascend, final_error, final_level
 from dobc_design.falsification.levels import level_of
 from dobc_design.falsification.starts import Boundary, asked_box
 from dobc_design.falsification.suspect import LEAVES, RESTS, STAYS_AWAY
-from dobc_design.model.flow import build_flow
+from dobc_design.model.model import build_flow
 from dobc_design.problem.changes import changed_problem, gain_changes
 from dobc_design.problem.problem import Problem
 from dobc_design.simulation.field import make_loop

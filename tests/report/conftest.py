@@ -10,21 +10,25 @@ from typing import Any
 import numpy as np
 import pytest
 
-from dobc_design.analysis.analysis import Analysis, ModeSpectrum
-from dobc_design.analysis.graph import GraphFacts
-from dobc_design.analysis.observability import ModeMargin, ObservabilityResult
-from dobc_design.analysis.spectrum import SpectrumResult
+from dobc_design.analysis.analysis import (
+    Analysis,
+    GraphFacts,
+    ModeMargin,
+    ModeSpectrum,
+    ObservabilityResult,
+    SpectrumResult,
+)
 from dobc_design.certificate.certificate import Certificate
 from dobc_design.certificate.claims import Claims
 from dobc_design.conditions.check import Check, Fix, Values, Witness
 from dobc_design.conditions.quadratic.claim import Lure
 from dobc_design.exact.matrix import matrix
 from dobc_design.exact.symmetric import SparseSymmetric
-from dobc_design.problem.exosystem import Exosystem
+from dobc_design.problem.exosystems import Exosystem
+from dobc_design.problem.groups import Observer
 from dobc_design.problem.network import Network
-from dobc_design.problem.observer import Observer
 from dobc_design.problem.problem import Problem
-from dobc_design.problem.region import Region
+from dobc_design.problem.settings import Region
 from dobc_design.simulation.trajectory import Trajectory
 from dobc_design.verdict import Verdict
 

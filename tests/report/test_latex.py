@@ -11,7 +11,7 @@ from typing import Any
 
 import pytest
 
-from dobc_design.problem.exosystem import Exosystem
+from dobc_design.problem.exosystems import Exosystem
 from dobc_design.problem.groups import Group
 from dobc_design.problem.network import Network
 from dobc_design.report.full_view import full_view
@@ -166,7 +166,7 @@ def test_matrices_are_those_of_the_certificate(certificate, files: dict[str, str
 def test_groups_of_agents_are_told_in_latex_and_in_the_pdf(problem_with, certificate_of):
     groups = [Group(agents=[1, 2], exosystem=Exosystem(A=[[0]], C=[[1]]))]
     certificate = certificate_of(problem_with(groups=groups, observer=None), checks=())
-    nothing = {"analysis": None, "trajectory": None, "lambdas": None, "timings": (), "searches": (), "limits": ()}
+    nothing = {"analysis": None, "trajectory": None, "lambdas": None, "timings": (), "searches": ()}
     blocks = document(full_view(certificate, **nothing))
     for text in (texts(latex_fragments(certificate))["model.tex"], str(blocks)):
         assert "Each agent has the A, C and W of its group:" in text

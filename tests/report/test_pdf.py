@@ -15,10 +15,9 @@ import pytest
 
 from dobc_design.certification.certify import certify
 from dobc_design.errors import SpecError
-from dobc_design.problem.exosystem import Exosystem
-from dobc_design.problem.groups import Group
+from dobc_design.problem.exosystems import Exosystem
+from dobc_design.problem.groups import Group, Observer
 from dobc_design.problem.network import Network
-from dobc_design.problem.observer import Observer
 from dobc_design.problem.problem import Problem
 from dobc_design.report import formulas
 from dobc_design.report.full_view import full_view
@@ -213,7 +212,7 @@ def test_the_pdf_says_what_the_page_says(everything: dict[str, Any], tmp_path: P
 
 
 def test_matrices_reach_the_template_exactly(certificate):
-    view = full_view(certificate, analysis=None, trajectory=None, lambdas=None, timings=(), searches=(), limits=())
+    view = full_view(certificate, analysis=None, trajectory=None, lambdas=None, timings=(), searches=())
     whole = json.loads(json.dumps(document(view)))
     matrices = {block["name"]: block["rows"] for block in whole["blocks"] if block["kind"] == "matrix"}
 
@@ -229,6 +228,6 @@ def test_agents_with_different_exosystems_get_the_condition_with_a_disturbance()
     groups = [Group(agents=[i], exosystem=Exosystem(A=[[-i]], C=[[1]]), observer=Observer(W=[[1]])) for i in (1, 2)]
     network = Network.from_arcs([[1, 2]], arrow="listens_to")
     certificate = certify(Problem(network=network, coupling="y", gains=1, groups=groups))
-    view = full_view(certificate, analysis=None, trajectory=None, lambdas=None, timings=(), searches=(), limits=())
+    view = full_view(certificate, analysis=None, trajectory=None, lambdas=None, timings=(), searches=())
     whole = json.loads(json.dumps(document(view)))
     assert "psi" in [block.get("name") for block in whole["blocks"]]

@@ -9,15 +9,12 @@ import numpy as np
 import pytest
 from staging_cases import ASKED, chain, problem
 
-from dobc_design.certificate.regions import RegionClaim, Regions
-from dobc_design.conditions.quadratic.duals import QuadraticDual
 from dobc_design.conditions.schedule.checks import StageTiming, stage_timings
 from dobc_design.conditions.schedule.settling import Settling
 from dobc_design.conditions.separable.claim import DelayBound, SamplingBound
-from dobc_design.report.region_figures import plot_envelope, plot_regions
+from dobc_design.report.region_figures import plot_envelope
 from dobc_design.report.region_pictures import envelope_picture
 from dobc_design.report.region_stages import HEADS, settling_view, stage_rows
-from dobc_design.report.region_words import limit_sentences, region_rows
 from dobc_design.verdict import Verdict
 
 F = Fraction
@@ -101,45 +98,3 @@ def test_sampling_and_delays_are_decided_stage_by_stage_and_grow_as_the_box_shri
     assert [each.sampling is None for each in found] == [False, False, True, True]
     assert found[0].sampling.period < found[1].sampling.period
     assert all(each.delay is not None for each in found[:2])
-
-
-def test_limits_of_quadratic_certificates_are_raised_and_told_apart_from_the_certificate():
-    """|e_j - e_i| <= 1 gives |e| < 0.7071..., shown as 0.7072."""
-    duals = [QuadraticDual(shape=shape, radius=F(1), at={}, gains={}, terms=()) for shape in ("identity", "full")]
-    assert region_rows(quadratic(), duals)[0].cannot == "|e|₂ < 0.7072"
-    assert region_rows(quadratic(), duals[:1])[0].cannot == "–"
-    first, second = limit_sentences(duals)
-    assert "no V with any Pₑ decreases" in first and "|e|₂ = 0.7072" in first
-    assert "does not stand in certificate.json" in second and "not the agents themselves" in second
-    assert limit_sentences(()) == []
-
-
-def test_the_limit_is_drawn_as_a_bracket_in_the_row_of_the_quadratic_certificate():
-    ax = plot_regions(quadratic(), limit=0.7072)
-    assert 0.7072 in [float(line.get_xdata()[0]) for line in ax.lines]
-    assert "cannot exceed" in [text.get_text() for text in ax.get_legend().get_texts()]
-    assert "cannot exceed" not in [text.get_text() for text in plot_regions(quadratic()).get_legend().get_texts()]
-
-
-def quadratic() -> Regions:
-    claim = RegionClaim(
-        id="lure",
-        variant="P_e full",
-        verdict=Verdict.PROVED,
-        kind="ball",
-        box=0.25,
-        ball=0.5,
-        disturbance=0.0,
-        rate=0.1,
-    )
-    return Regions(
-        name="ring",
-        verdict=Verdict.PROVED,
-        reason="Here is why.",
-        claims=(claim,),
-        agents=(),
-        asked=None,
-        tolerance=0.01,
-        delay=None,
-        sampling=None,
-    )

@@ -12,9 +12,9 @@ from dobc_design.conditions.consensus.claim import omega, reduced, state_theorem
 from dobc_design.errors import SpecError
 from dobc_design.exact.definite import decide_positive_definite
 from dobc_design.exact.matrix import from_float
-from dobc_design.problem.exosystem import Exosystem
+from dobc_design.problem.exosystems import Exosystem
+from dobc_design.solvers.conic import solve_directly
 from dobc_design.solvers.dense import build_dense, solve_dense
-from dobc_design.solvers.direct import solve_directly
 from dobc_design.solvers.program import Program
 from dobc_design.verdict import Verdict
 

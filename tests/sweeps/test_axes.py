@@ -13,8 +13,7 @@ from hypothesis import strategies as st
 
 from dobc_design.errors import SpecError
 from dobc_design.exact.number import parse_number
-from dobc_design.sweeps.axes import read_axes
-from dobc_design.sweeps.values import read_value, split, value_text
+from dobc_design.sweeps.axes import read_axes, read_value, split, value_text
 
 
 def values(given):

@@ -151,11 +151,10 @@ def build_forms(problem: Problem, lure: Lure, *, S: Matrix | None, rate: Fractio
         raise ShapeError(f"P_e must have {size} rows; got {lure.P_e.size}.", key="P_e")
     M, P_e = _quadratic(problem, lure, S=S, rate=rate), lure.P_e.to_dense()
     ranges = Ranges(tuple(Curve(coupling.components[0]) for coupling in problem.couplings))
-    place = {coupling: number for number, coupling in enumerate(problem.couplings)}
     forms = {}
     for name, arcs in problem.network.modes.items():
         table = [
-            (i * m + c, j * m + c, i * m + c, _floats(((weight,),))[0, 0], place[problem.coupling_of(i, j)])
+            (i * m + c, j * m + c, i * m + c, _floats(((weight,),))[0, 0], problem.coupling_place(i, j))
             for i, j, weight in arcs
             for c in range(m)
         ]

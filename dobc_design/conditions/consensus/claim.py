@@ -27,15 +27,22 @@ from numpy.typing import NDArray
 from dobc_design.conditions.check import Check, Claim
 from dobc_design.conditions.numbers import doubles_to_json, read_rational
 from dobc_design.errors import SpecError
-from dobc_design.exact.integers import DENOMINATOR_BITS, Integers, IntegerSymmetric, Places, as_integers
 from dobc_design.exact.interval import Interval, UndefinedError
 from dobc_design.exact.matrix import Matrix
 from dobc_design.exact.number import number_text
 from dobc_design.exact.pencil import Deviation, Pencil, Place, Unknown
 from dobc_design.exact.reading import is_scalar_matrix
-from dobc_design.exact.symmetric import SparseSymmetric
+from dobc_design.exact.symmetric import (
+    DENOMINATOR_BITS,
+    Integers,
+    IntegerSymmetric,
+    Places,
+    SparseSymmetric,
+    as_integers,
+)
+from dobc_design.problem.arcs import arc_table
 from dobc_design.problem.canonical import matrix_text
-from dobc_design.problem.exosystem import Exosystem
+from dobc_design.problem.exosystems import Exosystem
 from dobc_design.problem.groups import Group, group_numbers
 from dobc_design.problem.network import Arcs
 from dobc_design.problem.pinning import Pinning
@@ -95,37 +102,15 @@ def jacobians_at_consensus(problem: Problem) -> Jacobians:
 
 def _mode_jacobian(problem: Problem, name: str, arcs: Arcs) -> ModeJacobian:
     slopes = [coupling.jacobian_at_zero() for coupling in problem.couplings]
-    couplings, weight_of, weights = coupling_places(problem, arcs), *_distinct(arcs.weights)
-    pairs, kinds = np.unique(couplings * max(1, len(weights)) + weight_of, return_inverse=True)
+    table = arc_table(problem, name)
+    weights = table.weights
+    pairs, kinds = np.unique(table.coupling * max(1, len(weights)) + table.weight, return_inverse=True)
     gains: list[Gain] = []
     for coupling, place in (divmod(pair, max(1, len(weights))) for pair in pairs.tolist()):
         scale = Interval(weights[place], weights[place])
         gains.append(tuple(tuple(entry * scale for entry in row) for row in slopes[coupling]))
     kinds.setflags(write=False)
     return ModeJacobian(name=name, arcs=arcs, kind=kinds, gains=tuple(gains))
-
-
-def coupling_places(problem: Problem, arcs: Arcs) -> NDArray[np.int64]:
-    """For every arc the place of its coupling in problem.couplings."""
-    kinds = np.zeros(len(arcs), dtype=np.int64)
-    if problem.exceptions and len(arcs):
-        place = {coupling: number for number, coupling in enumerate(problem.couplings)}
-        codes = arcs.listeners * problem.n + arcs.speakers
-        order = np.argsort(codes)
-        special = np.array([i * problem.n + j for i, j in problem.exceptions], dtype=np.int64)
-        found = order[np.minimum(np.searchsorted(codes, special, sorter=order), len(codes) - 1)]
-        inside = codes[found] == special
-        numbers = np.array([place[coupling] for coupling in problem.exceptions.values()], dtype=np.int64)
-        kinds[found[inside]] = numbers[inside]
-    return kinds
-
-
-def _distinct(weights: Sequence[Fraction]) -> tuple[NDArray[np.int64], list[Fraction]]:
-    """For every arc the place of its weight among the different ones, and these; arcs mostly share few objects."""
-    objects = {id(weight): weight for weight in weights}
-    table: dict[Fraction, int] = {}
-    place = {key: table.setdefault(weight, len(table)) for key, weight in objects.items()}
-    return np.fromiter(map(place.__getitem__, map(id, weights)), dtype=np.int64, count=len(weights)), list(table)
 
 
 #: Rows n m, and arcs times m^2, beyond which Lambda is stated in arrays.

@@ -39,7 +39,7 @@ from dobc_design.exact.matrix import Matrix, Vector, inverse, multiply, transpos
 from dobc_design.exact.number import number_text
 from dobc_design.exact.polynomial import characteristic_polynomial, right_half_plane_roots_at_least
 from dobc_design.exact.symmetric import SparseSymmetric
-from dobc_design.problem.exosystem import Exosystem
+from dobc_design.problem.exosystems import Exosystem
 from dobc_design.problem.groups import group_blocks, group_numbers
 from dobc_design.problem.reaching import unreached
 from dobc_design.verdict import Verdict

@@ -12,10 +12,10 @@ from dobc_design.exact.matrix import Matrix, add, identity, multiply, scale, sub
 from dobc_design.exact.number import number_text
 from dobc_design.exact.observability import decide_detectable, decide_observable, observable_reduction
 from dobc_design.exact.polynomial import decide_hurwitz
-from dobc_design.problem.exosystem import Exosystem
+from dobc_design.problem.changes import typed_matrix, typed_number
+from dobc_design.problem.exosystems import Exosystem
 from dobc_design.problem.groups import blocks_of
 from dobc_design.problem.problem import Problem
-from dobc_design.problem.typed import typed_matrix, typed_number
 from dobc_design.verdict import Verdict
 
 

@@ -239,9 +239,8 @@ def _ranges(data: object, problem: Problem, radius: Fraction | None) -> tuple[Ga
             tuple(Interval(read_rational(lo), read_rational(hi)) for lo, hi in row) for row in values["gains"]
         )
         found.append(GainRange(coupling=values["coupling"], radius=radius, entries=entries))
-    places = {coupling: number for number, coupling in enumerate(problem.couplings)}
     arcs = (arc for mode in problem.network.modes.values() for arc in mode)
-    used = {places[problem.coupling_of(i, j)] for i, j, _ in arcs}
+    used = {problem.coupling_place(i, j) for i, j, _ in arcs}
     if len(found) != len(used) or {each.coupling for each in found} != used:
         raise ValueError("ranges must name every coupling that an arc has, once")
     return tuple(found)

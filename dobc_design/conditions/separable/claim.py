@@ -20,9 +20,10 @@ import numpy as np
 from dobc_design.conditions.check import Check, Claim, read_object
 from dobc_design.conditions.numbers import is_short, read_rational, vector_from_json, vector_to_json
 from dobc_design.errors import ShapeError, SpecError
-from dobc_design.exact.doubles import Doubles, least
 from dobc_design.exact.matrix import Matrix, Vector
 from dobc_design.exact.number import float_above, number_text
+from dobc_design.exact.symmetric import Doubles, least
+from dobc_design.problem.arcs import coupling_places
 from dobc_design.problem.canonical import matrix_text
 from dobc_design.problem.problem import Problem
 
@@ -212,19 +213,12 @@ def largest_reach(
     require_one_per_agent(problem, v)
     above = v.array if isinstance(v, Doubles) else np.array([float_above(x) for x in v])
     factor = float_above(Fraction(stretch))
-    place = {coupling: number for number, coupling in enumerate(problem.couplings)}
-    found = [0.0] * len(problem.couplings)
+    found = np.zeros(len(problem.couplings))
     for mode in modes:
         arcs = problem.network.modes[mode]
-        kinds = np.zeros(len(arcs), dtype=np.int64)
-        if problem.exceptions:
-            codes = arcs.listeners * problem.n + arcs.speakers
-            for (i, j), coupling in problem.exceptions.items():
-                kinds[codes == i * problem.n + j] = place[coupling]
         sums = above[arcs.listeners] + factor * above[arcs.speakers]
-        for kind in range(len(found)):
-            found[kind] = max(found[kind], float(np.max(sums[kinds == kind], initial=0.0)))
-    return tuple(Fraction(most) * (1 + Fraction(1, 2**45)) for most in found)
+        np.maximum.at(found, coupling_places(problem, arcs), sums)
+    return tuple(Fraction(most) * (1 + Fraction(1, 2**45)) for most in found.tolist())
 
 
 def require_one_per_agent(problem: Problem, v: Sequence[Fraction]) -> None:
@@ -250,8 +244,6 @@ def rows(
     """
     require_one_per_agent(problem, v)
     gains = holding_gains(problem) if gains is None else gains
-    place = {coupling: number for number, coupling in enumerate(problem.couplings)}
-    special = {arc: place[coupling] for arc, coupling in problem.exceptions.items()}
     found: dict[Row, Place] = {}
     for mode in problem.network.modes if modes is None else modes:
         chosen: Collection[int] = range(problem.n) if agents is None else agents
@@ -261,7 +253,7 @@ def rows(
         for i, j, arc in zip(
             arcs.listeners[heard_by].tolist(), arcs.speakers[heard_by].tolist(), heard_by.tolist(), strict=True
         ):
-            key = (special.get((i, j), 0) if special else 0, v[j])
+            key = (problem.coupling_place(i, j), v[j])
             terms[i][key] = terms[i].get(key, Fraction(0)) + arcs.weights[arc]
         for i, heard in terms.items():
             row = Row(

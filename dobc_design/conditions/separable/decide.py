@@ -28,11 +28,10 @@ from dobc_design.conditions.separable.claim import (
     rows,
 )
 from dobc_design.conditions.separable.large import ArcRows, Kinds, arc_rows, estimated_rate, float_kinds, open_rows
-from dobc_design.coupling.enclosures import Curve, jet, secant
-from dobc_design.coupling.monotone import Cell, Profile, profile
-from dobc_design.exact.doubles import Doubles
+from dobc_design.coupling.enclosures import Cell, Curve, Profile, jet, profile, secant
 from dobc_design.exact.interval import Interval, UndefinedError
 from dobc_design.exact.matrix import Vector
+from dobc_design.exact.symmetric import Doubles
 from dobc_design.problem.problem import Problem
 from dobc_design.verdict import Verdict
 

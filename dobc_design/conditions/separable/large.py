@@ -19,13 +19,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dobc_design.conditions.separable.claim import FACES, holding_gains
-from dobc_design.coupling.enclosures import Curve, secant
+from dobc_design.coupling.enclosures import Curve, Profile, secant
 from dobc_design.coupling.expression import Expression
-from dobc_design.coupling.monotone import Profile
-from dobc_design.exact.doubles import Doubles
 from dobc_design.exact.interval import Interval, UndefinedError
 from dobc_design.exact.number import float_above, float_below
-from dobc_design.problem.arcs import ONE
+from dobc_design.exact.symmetric import Doubles
+from dobc_design.problem.arcs import coupling_places
+from dobc_design.problem.network import ONE
 from dobc_design.problem.problem import Problem
 
 Array = NDArray[np.float64]
@@ -317,18 +317,12 @@ def arc_rows(problem: Problem, v: Sequence[Fraction], mode: str, *, stretch: Fra
     # The difference of two floats within a factor of two of each other has no rounding.
     near = (other <= 2 * own) & (own <= 2 * other)
     weights = None if all(w is ONE for w in arcs.weights) else _floats(arcs.weights)
-    kinds = np.zeros(len(arcs), dtype=np.int64)
-    if problem.exceptions:
-        place = {coupling: number for number, coupling in enumerate(problem.couplings)}
-        codes = arcs.listeners * problem.n + arcs.speakers
-        for (i, j), coupling in problem.exceptions.items():
-            kinds[codes == i * problem.n + j] = place[coupling]
     return ArcRows(
         start=np.searchsorted(listeners, np.arange(problem.n + 1)),
         steps=np.where(near, steps, up(steps)),
         reaches=up(other + high[listeners]),
         weights=None if weights is None else (weights[0][order], weights[1][order]),
-        kinds=kinds[order],
+        kinds=coupling_places(problem, arcs)[order],
         own=(low, high),
         gains=holding_gains(problem),
     )
@@ -344,13 +338,13 @@ def float_kinds(
     Raises: exact.interval.UndefinedError where a gain cannot be enclosed.
     """
     tables, turns = [], {}
+    steps = _largest(len(profiles), [(each.kinds, each.steps) for each in modes])
+    reaches = _largest(len(profiles), [(each.kinds, each.reaches) for each in modes])
     for number, kind in enumerate(profiles):
-        steps = _largest(each.steps[each.kinds == number] for each in modes)
-        tables.append(_shared_table(kind, rho * steps, cells))
+        tables.append(_shared_table(kind, rho * steps[number], cells))
         if kind.is_nondecreasing:
             continue
-        reach = _largest(each.reaches[each.kinds == number] for each in modes)
-        whole = _shared_table(kind, rho * reach, cells // 2)
+        whole = _shared_table(kind, rho * reaches[number], cells // 2)
         for face in FACES:
             found = turning(kind, whole, face)
             if found is None:
@@ -368,8 +362,12 @@ def _shared_table(kind: Profile, radius: Fraction, cells: int) -> GainTable:
         return gain_table(kind.curve, radius, cells=cells)
 
 
-def _largest(parts: Iterable[Array]) -> Fraction:
-    return Fraction(max(float(np.abs(each).max(initial=0.0)) for each in parts))
+def _largest(count: int, parts: Sequence[tuple[Any, Array]]) -> list[Fraction]:
+    """The largest size of the values of each of ``count`` kinds, 0 where there are none; parts: (kinds, values)."""
+    found = np.zeros(count)
+    for kinds, values in parts:
+        np.maximum.at(found, kinds, np.abs(values))
+    return [Fraction(x) for x in found.tolist()]
 
 
 def open_rows(arcs: ArcRows, kinds: Kinds, *, alpha: Fraction, rho: Fraction) -> list[tuple[int, int]]:

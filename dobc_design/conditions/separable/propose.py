@@ -21,8 +21,9 @@ from dobc_design.conditions.consensus.propose import decay_rate
 from dobc_design.conditions.separable.claim import ErrorBound, holding_gains
 from dobc_design.conditions.separable.ordering import find_ordering
 from dobc_design.conditions.separable.propose_observer import propose_error_bound, radius_needed
-from dobc_design.exact.doubles import Doubles
 from dobc_design.exact.matrix import Matrix, Vector
+from dobc_design.exact.symmetric import Doubles
+from dobc_design.problem.arcs import coupling_places, split_by
 from dobc_design.problem.problem import Problem
 from dobc_design.solvers.program import Array
 
@@ -121,25 +122,18 @@ class Field:
 
 def field_of(problem: Problem, *, rho: float, modes: Sequence[str] | None = None, spread: float = 4.0) -> Field:
     """Prepare the rows for s in (0, rho]; turning points of h are looked for on |y| <= 2 spread rho."""
-    couplings = problem.couplings
-    shapes = [shape_of(_scalar(coupling), radius=2 * spread * rho) for coupling in couplings]
-    place = {coupling: number for number, coupling in enumerate(couplings)}
+    shapes = [shape_of(_scalar(coupling), radius=2 * spread * rho) for coupling in problem.couplings]
     names = list(problem.network.modes if modes is None else modes)
     grouped = []
     total = 1
     for name in names:
         arcs = problem.network.modes[name]
         total += len(arcs)
-        kinds = np.zeros(len(arcs), dtype=np.int64)
-        if problem.exceptions:
-            codes = arcs.listeners * problem.n + arcs.speakers
-            for (i, j), coupling in problem.exceptions.items():
-                kinds[codes == i * problem.n + j] = place[coupling]
         weights = np.array([float(w) for w in arcs.weights])
         grouped.append(
             tuple(
-                Group(arcs.listeners[kinds == kind], arcs.speakers[kinds == kind], weights[kinds == kind], shapes[kind])
-                for kind in np.unique(kinds).tolist()
+                Group(arcs.listeners[own], arcs.speakers[own], weights[own], shapes[kind])
+                for kind, own in split_by(coupling_places(problem, arcs))
             )
         )
     count = int(np.clip(WORK // total, COARSEST, FINEST))

@@ -29,8 +29,7 @@ from dobc_design.conditions.separable.claim import (
     rows,
 )
 from dobc_design.conditions.separable.decide import SeparableAnswer, coupling_profiles, verify_separable
-from dobc_design.coupling.enclosures import slope_bound
-from dobc_design.coupling.monotone import Profile
+from dobc_design.coupling.enclosures import Profile, slope_bound
 from dobc_design.errors import SpecError
 from dobc_design.exact.interval import Interval, UndefinedError, exp
 from dobc_design.problem.problem import Problem

@@ -17,8 +17,7 @@ from dobc_design.conditions.consensus.claim import (
     lemma1_in_arrays,
     state_theorems,
 )
-from dobc_design.exact.integers import IntegerSymmetric
-from dobc_design.exact.symmetric import SparseSymmetric
+from dobc_design.exact.symmetric import IntegerSymmetric, SparseSymmetric
 from dobc_design.problem.network import Network
 from dobc_design.problem.problem import Problem
 

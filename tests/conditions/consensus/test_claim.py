@@ -26,7 +26,7 @@ from dobc_design.conditions.consensus.claim import (
 from dobc_design.errors import ShapeError, SpecError
 from dobc_design.exact.matrix import kronecker, multiply
 from dobc_design.exact.pencil import Unknown, below, positive
-from dobc_design.problem.exosystem import Exosystem
+from dobc_design.problem.exosystems import Exosystem
 from dobc_design.problem.network import Network
 from dobc_design.problem.problem import Problem
 

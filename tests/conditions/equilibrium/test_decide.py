@@ -24,8 +24,8 @@ from dobc_design.conditions.equilibrium.decide import (
     verify_equilibrium,
 )
 from dobc_design.exact.interval import Interval
+from dobc_design.problem.groups import Observer
 from dobc_design.problem.network import Network
-from dobc_design.problem.observer import Observer
 from dobc_design.problem.problem import Problem
 from dobc_design.verdict import Verdict
 

@@ -15,10 +15,10 @@ from dobc_design.conditions.numbers import vector_from_json, vector_to_json
 from dobc_design.conditions.separable.checks import delay_check, max_separable_check, sampling_check, stuck_check
 from dobc_design.conditions.separable.claim import DelayBound, ErrorBound, Separable, separable_from_json
 from dobc_design.conditions.separable.ordering import find_ordering
-from dobc_design.problem.exosystem import Exosystem
+from dobc_design.problem.exosystems import Exosystem
+from dobc_design.problem.groups import Observer
 from dobc_design.problem.load import load_problem
 from dobc_design.problem.network import Network
-from dobc_design.problem.observer import Observer
 from dobc_design.problem.problem import Problem
 from dobc_design.verdict import Verdict
 

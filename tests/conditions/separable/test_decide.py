@@ -14,8 +14,7 @@ from dobc_design.conditions.separable.decide import coupling_profiles, decide_ro
 from dobc_design.conditions.separable.large import arc_rows, float_kinds, gain_table, open_rows, turning
 from dobc_design.conditions.separable.ordering import find_ordering
 from dobc_design.conditions.separable.propose import propose_separable, rounded_vectors
-from dobc_design.coupling.enclosures import Curve
-from dobc_design.coupling.monotone import profile
+from dobc_design.coupling.enclosures import Curve, profile
 from dobc_design.errors import ShapeError, SpecError
 from dobc_design.problem.network import Network
 from dobc_design.problem.problem import Problem

@@ -28,7 +28,7 @@ from dobc_design.conditions.separable.propose import (
 )
 from dobc_design.conditions.separable.propose_observer import propose_error_bound, radius_needed
 from dobc_design.exact.matrix import to_float
-from dobc_design.problem.exosystem import Exosystem
+from dobc_design.problem.exosystems import Exosystem
 from dobc_design.problem.load import load_problem
 from dobc_design.problem.network import Network
 from dobc_design.problem.problem import Problem

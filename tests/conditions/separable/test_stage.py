@@ -18,19 +18,18 @@ from dobc_design.certificate.text import certificate_bytes, certificate_document
 from dobc_design.certification.certify import certify
 from dobc_design.certification.overall import decide_overall
 from dobc_design.certification.recheck import recheck
-from dobc_design.conditions.asked import decimal_above, read_region
+from dobc_design.conditions.asked import read_region
 from dobc_design.conditions.check import Values
 from dobc_design.conditions.coverage import asked_radius
 from dobc_design.conditions.kinds import KINDS
-from dobc_design.conditions.numbers import claimed
+from dobc_design.conditions.numbers import claimed, decimal_above
 from dobc_design.conditions.separable.claim import separable_from_json
 from dobc_design.conditions.separable.propose import design_separable, flatter_plans
 from dobc_design.conditions.separable.stage import separable_stage
 from dobc_design.conditions.separable.timing import largest_period
-from dobc_design.problem.builtin import builtin_names
 from dobc_design.problem.canonical import canonical_document
-from dobc_design.problem.exosystem import Exosystem
-from dobc_design.problem.load import load_problem
+from dobc_design.problem.exosystems import Exosystem
+from dobc_design.problem.load import builtin_names, load_problem
 from dobc_design.problem.network import Network
 from dobc_design.problem.problem import Problem
 from dobc_design.verdict import Verdict

@@ -133,7 +133,7 @@ def _pages(
 def _words(certificates: Sequence[Certificate]) -> list[str]:
     if len(certificates) == 1:
         return []
-    from dobc_design.report.compare import conclusion
+    from dobc_design.report.comparison import conclusion
 
     return [conclusion(*certificates)]
 

@@ -16,7 +16,7 @@ import numpy as np
 from dobc_design._show.cards import Card, Shown
 from dobc_design.certificate.certificate import Certificate
 from dobc_design.certificate.claims import certified_period
-from dobc_design.conditions.observer.propose import observer_gain
+from dobc_design.conditions.observer.gain import observer_gain
 from dobc_design.errors import SpecError
 from dobc_design.problem.arrays import arc_groups
 from dobc_design.problem.load import load_problem
@@ -106,7 +106,7 @@ class Breaking(Shown):
 
     def plot(self) -> Sheet:
         """One panel per option, in one figure."""
-        from dobc_design.plotting.breaking import breaking_sheet
+        from dobc_design.plotting.sweeps import breaking_sheet
 
         limit = self.period
         return breaking_sheet(
@@ -226,8 +226,7 @@ def what_breaks_first(
         report(number / len(options))
         sweeps.append(sweep := _sweep(late, tolerance, option, _grid(problem, option, calm, setting.loop)))
         if option == "period":
-            period = None if certificate is None else certified_period(problem, certificate.claims)
-            certified = None if period is None else float(period)
+            certified = None if certificate is None else _certified(certificate)
             limit = _bisect(late, tolerance, sweep.survives, sweep.breaks, certified)
     report(1.0)
     return Breaking(
@@ -238,6 +237,11 @@ def what_breaks_first(
         period=limit,
         calm=calm if remark is None else replace(calm, notes=(remark, *calm.notes)),
     )
+
+
+def _certified(certificate: Certificate) -> float | None:
+    period = certified_period(certificate.problem, certificate.claims)
+    return None if period is None else float(period)
 
 
 def _late(run: Trajectory, stress: Stress) -> float:

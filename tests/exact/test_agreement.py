@@ -13,6 +13,13 @@ import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from dobc_design.exact import (
+    IntegerSymmetric,
+    SparseSymmetric,
+    decide_positive_definite,
+    decide_positive_semidefinite,
+    decide_quickly,
+)
 from dobc_design.exact.cholesky import (
     Scaled,
     bad_direction,
@@ -21,8 +28,6 @@ from dobc_design.exact.cholesky import (
     scaled,
     shifted_cholesky,
 )
-from dobc_design.exact.definite import decide_positive_definite, decide_positive_semidefinite, decide_quickly
-from dobc_design.exact.symmetric import IntegerSymmetric, SparseSymmetric
 from dobc_design.exact.zmatrix import proves, search
 from dobc_design.verdict import Verdict
 

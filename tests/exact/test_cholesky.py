@@ -8,6 +8,7 @@ from fractions import Fraction
 import numpy as np
 import pytest
 
+from dobc_design.exact import IntegerSymmetric, SparseSymmetric, decide_quickly, from_float
 from dobc_design.exact.cholesky import (
     HIGH_BITS,
     IntegerFactor,
@@ -20,9 +21,6 @@ from dobc_design.exact.cholesky import (
     scaled,
     shifted_cholesky,
 )
-from dobc_design.exact.definite import decide_quickly
-from dobc_design.exact.matrix import from_float
-from dobc_design.exact.symmetric import IntegerSymmetric, SparseSymmetric
 from dobc_design.verdict import Verdict
 
 

@@ -10,9 +10,21 @@ from hypothesis import strategies as st
 
 from dobc_design import exact
 from dobc_design.errors import ShapeError, SpecError
-from dobc_design.exact.definite import decide_positive_definite, decide_positive_semidefinite, definiteness
-from dobc_design.exact.matrix import add, from_float, identity, matrix, multiply, scale, subtract, transpose
-from dobc_design.exact.symmetric import IntegerSymmetric, SparseSymmetric
+from dobc_design.exact import (
+    IntegerSymmetric,
+    SparseSymmetric,
+    add,
+    decide_positive_definite,
+    decide_positive_semidefinite,
+    definiteness,
+    from_float,
+    identity,
+    multiply,
+    scale,
+    subtract,
+    transpose,
+)
+from dobc_design.exact.matrix import matrix
 from dobc_design.verdict import Verdict
 
 PROVED, REFUTED = Verdict.PROVED, Verdict.REFUTED

@@ -7,8 +7,8 @@ from fractions import Fraction
 import numpy as np
 import pytest
 
+from dobc_design.exact import IntegerSymmetric, SparseSymmetric
 from dobc_design.exact.cholesky import Scaled, bad_direction, decide_lifted, scaled
-from dobc_design.exact.symmetric import IntegerSymmetric, SparseSymmetric
 
 
 def gram(n: int, columns: int, *, seed: int) -> np.ndarray:

@@ -12,8 +12,7 @@ import pytest
 from definiteness_paths import EXACT, PATHS, by_choice, by_integers, by_lift, by_quick, by_vector, numpy_cholesky
 from edge_matrices import POWERS, edge_matrices, edge_matrix, z_edge_matrix
 
-from dobc_design.exact.definite import decide_positive_definite, decide_positive_semidefinite
-from dobc_design.exact.symmetric import IntegerSymmetric
+from dobc_design.exact import IntegerSymmetric, decide_positive_definite, decide_positive_semidefinite
 from dobc_design.verdict import Verdict
 
 PROVED, REFUTED, UNDECIDED = Verdict.PROVED, Verdict.REFUTED, Verdict.UNDECIDED

@@ -7,9 +7,8 @@ from fractions import Fraction
 import numpy as np
 import pytest
 
+from dobc_design.exact import SparseSymmetric, from_float
 from dobc_design.exact.cholesky import FLINT_SIZE, UnfinishedError, bad_direction
-from dobc_design.exact.matrix import from_float
-from dobc_design.exact.symmetric import SparseSymmetric
 
 
 @pytest.mark.parametrize("size", [5, 12, 13, 20])

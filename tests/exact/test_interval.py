@@ -12,8 +12,7 @@ from hypothesis import strategies as st
 
 from dobc_design.coupling.functions import FUNCTIONS
 from dobc_design.errors import SpecError
-from dobc_design.exact import interval
-from dobc_design.exact.interval import Interval, UndefinedError
+from dobc_design.exact import Interval, UndefinedError, interval
 
 ORACLE = mpmath.mp.clone()
 ORACLE.dps = 120

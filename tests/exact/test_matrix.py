@@ -9,14 +9,13 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from dobc_design.errors import ShapeError, SpecError
-from dobc_design.exact.matrix import (
+from dobc_design.exact import (
     add,
     from_float,
     identity,
     inverse,
     is_symmetric,
     kronecker,
-    matrix,
     multiply,
     nullspace,
     rank,
@@ -28,6 +27,7 @@ from dobc_design.exact.matrix import (
     transpose,
     zeros,
 )
+from dobc_design.exact.matrix import matrix
 
 ENTRIES = st.sampled_from([Fraction(0), Fraction(1), Fraction(-1), Fraction(2), Fraction(1, 2), Fraction(-5, 3)])
 

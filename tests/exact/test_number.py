@@ -11,7 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from dobc_design.errors import SpecError
-from dobc_design.exact.number import float_above, float_below, number_text, parse_number
+from dobc_design.exact import float_above, float_below, number_text, parse_number
 
 TEXTS = st.from_regex(
     r"[+-]?[0-9]{1,90}(\.[0-9]{1,90})?([eE][+-]?(400|[0-3]?[0-9]{1,2}))?", fullmatch=True

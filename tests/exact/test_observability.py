@@ -8,25 +8,23 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from dobc_design.errors import ShapeError
-from dobc_design.exact.matrix import (
+from dobc_design.exact import (
+    decide_detectable,
+    decide_observable,
     from_float,
     identity,
     inverse,
-    matrix,
     multiply,
+    observability_matrix,
+    observable_reduction,
     rank,
+    routh,
     shape,
     to_float,
     transpose,
     zeros,
 )
-from dobc_design.exact.observability import (
-    decide_detectable,
-    decide_observable,
-    observability_matrix,
-    observable_reduction,
-)
-from dobc_design.exact.polynomial import routh
+from dobc_design.exact.matrix import matrix
 from dobc_design.verdict import Verdict
 
 PROVED, REFUTED = Verdict.PROVED, Verdict.REFUTED

@@ -10,16 +10,22 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from dobc_design.errors import ShapeError, SpecError
-from dobc_design.exact import polynomial as module
-from dobc_design.exact.matrix import from_float, identity, matrix, multiply, scale, subtract, zeros
-from dobc_design.exact.polynomial import (
+from dobc_design.exact import (
     characteristic_polynomial,
     count_right_half_plane,
     decide_hurwitz,
+    from_float,
+    identity,
+    multiply,
     polynomial_text,
     right_half_plane_roots_at_least,
     routh,
+    scale,
+    subtract,
+    zeros,
 )
+from dobc_design.exact import polynomial as module
+from dobc_design.exact.matrix import matrix
 from dobc_design.verdict import Verdict
 
 PROVED, REFUTED = Verdict.PROVED, Verdict.REFUTED

@@ -9,8 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from dobc_design.errors import ShapeError
-from dobc_design.exact.matrix import add, identity, multiply, scale, to_float
-from dobc_design.exact.symmetric import SparseSymmetric
+from dobc_design.exact import SparseSymmetric, add, identity, multiply, scale, to_float
 
 PLACES = st.tuples(st.integers(0, 4), st.integers(0, 4)).map(lambda p: (min(p), max(p)))
 SPARSE = st.dictionaries(PLACES, st.fractions(max_denominator=9)).map(lambda e: SparseSymmetric(5, e))

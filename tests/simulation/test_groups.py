@@ -21,6 +21,7 @@ from dobc_design import (
     what_breaks_first,
 )
 from dobc_design.errors import SpecError
+from dobc_design.export.interchange import python_script
 
 ARCS = [(0, 1), (1, 2), (2, 0)]
 GAINS = (3.0, 0.0, 1.0)

@@ -1,40 +1,74 @@
-"""From a problem to a certificate, and back from a certificate to the claims in it.
+"""From a problem to a certificate, and back from a certificate to the claims in it: the order of the topics.
 
-certify: statements -> estimates and proposals (floating point) -> exact decisions -> certificate.
-verify: every claim of a certificate again, from the trusted problem.
+certify: network and Lemma 1, the observer, the theorem; then cures, the stages of the region cheapest first, a settling
+time, another equilibrium.  Every stage proposes in floating point and decides exactly.  What carries the verdict is
+said in ``overall``, what would cure a failure in ``cures``.  verify: every claim again, from the trusted problem.
 """
 
 from __future__ import annotations
 
+import logging
+import math
 from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, replace
+from itertools import zip_longest
 from os import PathLike
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from dobc_design import __version__
 from dobc_design.certificate.certificate import Certificate
 from dobc_design.certificate.claims import Claims
 from dobc_design.certificate.text import writable
-from dobc_design.certification.consensus import decide, notes_of
 from dobc_design.certification.cures import Findings, with_cures
 from dobc_design.certification.overall import decide_overall
 from dobc_design.certification.recheck import Recheck, verify_twice
-from dobc_design.certification.regions import region_checks
-from dobc_design.conditions.observer.gain import observer_gain
+from dobc_design.conditions.asked import Asked, Progress, read_region
+from dobc_design.conditions.boxes.stage import exhaustive_stage
+from dobc_design.conditions.check import Check
+from dobc_design.conditions.consensus.claim import Pair, Statements, state_theorems
+from dobc_design.conditions.consensus.decide import (
+    Proposal,
+    lemma1_check,
+    psi_is_negative,
+    schur_block,
+    theorem_check,
+    with_vectors,
+)
+from dobc_design.conditions.consensus.network import reachability_check
+from dobc_design.conditions.consensus.propose import (
+    Top,
+    decay_rate,
+    directions,
+    lambda_tops,
+    pair_margin,
+    pair_rate,
+    witness_directions,
+)
+from dobc_design.conditions.coverage import covers
+from dobc_design.conditions.numbers import is_writable
+from dobc_design.conditions.observer.decide import detectability_check, hurwitz_check, observability_check
+from dobc_design.conditions.observer.propose import GainDesign, chosen_gains, design_gains, observer_gain, propose_pairs
+from dobc_design.conditions.quadratic.stage import quadratic_stage
 from dobc_design.conditions.schedule.asked import asked_of, read_tolerance
 from dobc_design.conditions.schedule.settle import settle
+from dobc_design.conditions.schedule.settling import Settling
 from dobc_design.conditions.schedule.stage import settling_stage
-from dobc_design.exact.matrix import Matrix
+from dobc_design.conditions.separable.stage import separable_stage
+from dobc_design.errors import DobcError
+from dobc_design.exact.matrix import Matrix, multiply, to_float
 from dobc_design.exact.number import number_text
 from dobc_design.problem.canonical import problem_sha256
+from dobc_design.problem.exosystems import Exosystem
+from dobc_design.problem.groups import Group, block_diagonal, join, name_some
 from dobc_design.problem.load import load_problem
 from dobc_design.problem.problem import Problem
 from dobc_design.verdict import Verdict
 
-if TYPE_CHECKING:
-    from dobc_design.conditions.check import Check
-    from dobc_design.conditions.schedule.settling import Settling
-
-Progress = Callable[[str], None]
+logger = logging.getLogger("dobc_design")
+OBSTACLES = ("detectability", "hurwitz")  # refuted, they rule out every pair
+DOUBT = 1e-9  # an estimate of lambda_max above minus this calls for a witness
+#: Cheapest first.
+STAGES: tuple[Callable[[Asked, Progress], list[Check]], ...] = (separable_stage, quadratic_stage, exhaustive_stage)
 
 
 def certify(
@@ -105,25 +139,10 @@ def certify(
     )
 
 
-def other_equilibria(
-    problem: Problem, W: Matrix | None, checks: Sequence[Check], *, report: Progress
-) -> Iterator[Check]:
-    """The check that refutes a region with a second equilibrium, where nothing is proved or refuted so far."""
-    if problem.region is None or problem.is_linear or (problem.groups and W is None):
-        return
-    if decide_overall(problem, checks, W).verdict is Verdict.UNDECIDED:
-        from dobc_design.falsification.equilibria import equilibrium_check
-
-        report("looking for another equilibrium")
-        found = equilibrium_check(problem)
-        if found is not None:
-            yield found
-
-
 def verify(certificate: Certificate | Claims | bytes, problem: Problem | str | PathLike[str]) -> Recheck:
     """Check every claim of a certificate exactly, against the problem, which is trusted and never taken from it.
 
-    Two programs written apart decide, the package's own exact arithmetic and ``certificate/checker.py``.
+    Two programs written apart decide, the package's own exact arithmetic and ``checker/``.
     Returns: a Recheck; ``holds`` is True iff both find that every claim holds and the verdict follows from them.
     Raises: CertificateError if the certificate cannot be read.
     Example:
@@ -160,3 +179,265 @@ def certify_settling(
     problem = problem if isinstance(problem, Problem) else load_problem(problem)
     asked = asked_of(problem, tolerance=tolerance, radius=radius, disturbance=disturbance)
     return settle(problem, observer_gain(problem), asked, progress=progress or (lambda stage: None))
+
+
+def region_checks(
+    problem: Problem, W: Matrix | None, checks: Sequence[Check], *, domain: str, everything: bool, report: Progress
+) -> list[Check]:
+    """Examine the region, or with ``everything`` the largest box where none is asked for; W is what ``checks`` are for.
+
+    Nothing is examined where ``checks`` cover the region already, unless ``everything`` is wanted.
+    """
+    if not everything and (problem.region is None or any(covers(problem, check, checks) for check in checks)):
+        return []
+    asked = read_region(problem, W, domain=domain, everything=everything)
+    found: list[Check] = []
+    for stage in STAGES:
+        found += stage(asked, report)
+        if not everything and any(covers(problem, check, found) for check in found):
+            break
+    return found
+
+
+def other_equilibria(
+    problem: Problem, W: Matrix | None, checks: Sequence[Check], *, report: Progress
+) -> Iterator[Check]:
+    """The check that refutes a region with a second equilibrium, where nothing is proved or refuted so far."""
+    if problem.region is None or problem.is_linear or (problem.groups and W is None):
+        return
+    if decide_overall(problem, checks, W).verdict is Verdict.UNDECIDED:
+        from dobc_design.falsification.equilibria import equilibrium_check
+
+        report("looking for another equilibrium")
+        found = equilibrium_check(problem)
+        if found is not None:
+            yield found
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Decided:
+    """The checks of one problem and what they are about: W, how it was designed, the pair, directions by mode."""
+
+    checks: tuple[Check, ...]
+    statements: Statements
+    directions: dict[str, list[Sequence[float]]]
+    designs: tuple[GainDesign | None, ...] = ()  # one per group of agents, None where W is given
+    W: Matrix | None = None
+    pair: Pair | None = None
+    how: str = ""  # the pair came about, where not the usual way
+
+
+def decide(problem: Problem, report: Progress) -> Decided:
+    """Run every condition that applies; no cures."""
+    report("stating the theorems")
+    statements = state_theorems(problem)
+    tops = _estimates(statements)
+    statements = with_vectors(statements, {mode: top.shows for mode, top in tops.items() if top.shows is not None})
+    run = _Run(problem=problem, statements=statements, tops=tops, found={})
+    report("deciding network and Lemma 1")
+    lemmas = run.lemmas()
+    checks = [*(reachability_check(problem, mode) for mode in problem.network.modes), *lemmas]
+    exosystem = problem.joint_exosystem
+    if exosystem is None:
+        return Decided(checks=tuple(checks), statements=statements, directions=run.found)
+    report("deciding the observer")
+    designs = design_gains(problem)
+    gains = chosen_gains(problem, designs)
+    first = run.observer_checks(gains)
+    report("deciding the theorem")
+    theorems, pair, how = run.theorem_checks(exosystem, gains, lemmas, first)
+    return Decided(
+        checks=(*first, *checks, *theorems),
+        statements=statements,
+        directions=run.found,
+        designs=designs,
+        W=join(gains),
+        pair=pair,
+        how=how,
+    )
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Run:
+    """One certification: the problem, its conditions, floating-point estimates to propose from.
+
+    ``found``: directions of few agents, filled in for the modes where Lambda < 0 looks doubtful.
+    """
+
+    problem: Problem
+    statements: Statements
+    tops: dict[str, Top]
+    found: dict[str, list[Sequence[float]]]
+
+    def lemmas(self) -> list[Check]:
+        """Lemma 1, mode by mode."""
+        checks = []
+        for mode in self.problem.network.modes:
+            top = self.tops.get(mode)
+            if top is None or not top.value < -DOUBT:
+                self.found[mode] = self.small_directions(mode)
+            vectors = [*self.found.get(mode, ()), *([] if top is None else [top.vector.tolist()])]
+            proposal = Proposal(margin=0.0 if top is None else -top.value, vectors=vectors)
+            checks.append(lemma1_check(self.statements, mode, proposal))
+        return checks
+
+    def small_directions(self, mode: str) -> list[Sequence[float]]:
+        """Directions of few agents in which Lambda may not be negative; none if a numerical library breaks down."""
+        try:
+            return witness_directions(self.problem, mode)
+        except (ArithmeticError, RuntimeError, ValueError) as error:
+            logger.warning("no small directions: %s", error)
+            return []
+
+    def observer_checks(self, gains: Sequence[Matrix | None]) -> list[Check]:
+        """Observability, detectability, Hurwitz, for every group of agents."""
+        if not self.problem.is_grouped:
+            return _checks_of(self.problem.groups[0], gains[0], self.problem)
+        lacking = next((g for g, W in zip(self.problem.groups, gains, strict=True) if W is None), None)
+        checks = []
+        for group, W in zip(self.problem.groups, gains, strict=True):
+            own = _checks_of(group, None if lacking is not None else W, None)
+            if W is not None and lacking is not None:  # a certificate holds all gains or none
+                reason = f"it is left open, because the group of agent {lacking.name} has no gain W."
+                own[-1] = Check(id="hurwitz", verdict=Verdict.UNDECIDED, domain="global", reason=reason)
+            checks += [_in_group(check, group) for check in own]
+        return checks
+
+    def theorem_checks(
+        self, exosystem: Exosystem, gains: Sequence[Matrix | None], lemmas: Sequence[Check], observer: Sequence[Check]
+    ) -> tuple[list[Check], Pair | None, str]:
+        """The printed P where there is one, then the theorem with a P of our own; how that came about."""
+        problem, checks = self.problem, []
+        name = "theorem1" if len(problem.network.modes) == 1 else "theorem2"
+        own = problem.joint_observer
+        if own.P is not None and own.W is not None:
+            printed = Pair(P=own.P, Q=multiply(own.P, own.W))
+            checks.append(
+                theorem_check(
+                    f"{name}-printed",
+                    self.statements,
+                    exosystem,
+                    printed,
+                    self.proposal(printed, exosystem),
+                    lemmas=lemmas,
+                    obstacle=None,
+                    printed=True,
+                )
+            )
+        obstacle = next((c for c in observer if c.id in OBSTACLES and c.verdict is Verdict.REFUTED), None)
+        blocked = obstacle is not None or any(c.verdict is not Verdict.PROVED for c in lemmas)
+        known = [W for W in gains if W is not None]
+        pair, how = (None, "") if blocked or len(known) < len(gains) else self.find_pair(exosystem, known)
+        proposal = Proposal() if pair is None else self.proposal(pair, exosystem)
+        checks.append(theorem_check(name, self.statements, exosystem, pair, proposal, lemmas=lemmas, obstacle=obstacle))
+        return checks, pair, how
+
+    def find_pair(self, exosystem: Exosystem, gains: Sequence[Matrix]) -> tuple[Pair | None, str]:
+        """The first proposed pair for which Psi < 0 is proved, and a sentence if it did not come the usual way."""
+        bound = max((top.value for top in self.tops.values()), default=math.nan)
+        for P, Q, how in _proposed_pairs(self.problem.groups, gains, bound=bound):
+            pair = Pair(P=P, Q=Q)
+            S = schur_block(pair, exosystem)
+            if S is not None and is_writable(P, Q, S) and psi_is_negative(self.statements, exosystem, pair):
+                return pair, how
+        return None, ""
+
+    def proposal(self, pair: Pair, exosystem: Exosystem) -> Proposal:
+        """Margin, rate and directions to try for a pair."""
+        if not self.tops:
+            return Proposal()
+        try:
+            P, Q = to_float(pair.P), to_float(pair.Q)
+        except DobcError:  # entries too large for floats: the exact side does without
+            return Proposal()
+        return Proposal(
+            margin=pair_margin(self.tops, P, Q, exosystem),
+            rate=pair_rate(self.tops, P, Q, exosystem),
+            vectors=directions(self.tops),
+        )
+
+
+def _checks_of(group: Group, W: Matrix | None, problem: Problem | None) -> list[Check]:
+    """The checks of one exosystem and its gain; ``problem`` where cures may change its keys."""
+    exosystem = group.exosystem
+    source = "given" if group.observer.W is not None else "designed"
+    estimate = 0.0 if W is None else decay_rate(exosystem, W)
+    return [
+        observability_check(exosystem, problem),
+        detectability_check(exosystem, problem),
+        hurwitz_check(
+            exosystem,
+            W,
+            estimate=estimate,
+            source=source,
+            problem=problem,
+            key="W of the group" if problem is None else "observer.W",
+        ),
+    ]
+
+
+def _in_group(check: Check, group: Group) -> Check:
+    """The check as one of this group; without its fix, which names keys that all agents share."""
+    who = f"Of {name_some(group.agents)}: "
+    return replace(check, group=group.name, fix=None, reason=who + check.reason)
+
+
+def _proposed_pairs(
+    groups: Sequence[Group], gains: Sequence[Matrix], *, bound: float
+) -> Iterator[tuple[Matrix, Matrix, str]]:
+    """Pairs to be tried in turn, block diagonal where there are several groups.
+
+    Each group's proposals end with one that must do, which stands in when they are used up.
+    """
+    each = [
+        propose_pairs(group.exosystem, W, bound=bound, decay=decay_rate(group.exosystem, W))
+        for group, W in zip(groups, gains, strict=True)
+    ]
+    last: list[tuple[Matrix, Matrix, str] | None] = [None] * len(each)
+    for found in zip_longest(*each):
+        last = [new or old for new, old in zip(found, last, strict=True)]
+        known = [pair for pair in last if pair is not None]
+        if len(known) == len(each):
+            words = dict.fromkeys(how for _, _, how in known if how)
+            yield block_diagonal([P for P, _, _ in known]), block_diagonal([Q for _, Q, _ in known]), " ".join(words)
+
+
+def _estimates(statements: Statements) -> dict[str, Top]:
+    """Estimates to propose from; none at all if the numerical library breaks down: the exact side then does without."""
+    try:
+        return lambda_tops(statements)
+    except (ArithmeticError, RuntimeError, ValueError) as error:
+        logger.warning("eigenvalue estimate failed: %s", error)
+        return {}
+
+
+def notes_of(problem: Problem, designs: Sequence[GainDesign | None], how: str) -> Iterator[str]:
+    """What was given, assumed and designed, in sentences; ``how`` the pair came about, if not the usual way."""
+    yield from problem.notes
+    if not problem.groups:
+        yield "No exosystem was given: there is no disturbance and no observer."
+    if problem.is_grouped:
+        yield "Agents differ in their exosystem: W, P and Q hold one block for each group, in this order."
+    for group, design in zip(problem.groups, designs, strict=True):
+        who = f"Group of agent {group.name} ({name_some(group.agents)}): " if problem.is_grouped else ""
+        if design is None:
+            yield f"{who}The observer gain W was given."
+        else:
+            yield f"{who}No W was given. {design.note[0].upper()}{design.note[1:]}"
+    if how:
+        yield how
+    if not problem.pinning.agents:
+        yield "No agent is pinned."
+    own = problem.joint_observer
+    if own.W is not None and own.rate is not None:
+        yield "observer.rate is not used, because W was given."
+    if problem.region is None and not problem.is_linear:
+        yield "No region was asked for: the verdict is about the consensus itself, from close enough starts."
+    if len(problem.network.modes) > 1:
+        yield "The modes may switch in any way, so one V has to serve them all."
+    if problem.is_linear:
+        yield "Every coupling is exactly linear: what holds near the target holds everywhere."
+    if problem.exceptions:
+        yield f"{len(problem.exceptions)} arc(s) have a coupling of their own."
+    if problem.offsets:
+        yield "Agents go to the target plus their formation offset; couplings act on x - offset."

@@ -207,7 +207,7 @@ def _verified(place: Path, problem: Problem, progress: Callable[[str], None]) ->
     from dobc_design.certificate.certificate import Certificate
     from dobc_design.certificate.text import read_claims
     from dobc_design.certification.certify import verify
-    from dobc_design.conditions.observer.gain import observer_gain
+    from dobc_design.conditions.observer.propose import observer_gain
 
     progress("verifying the certificate")
     claims = read_claims(read_certificate(place))

@@ -17,14 +17,29 @@ from dobc_design._show.cards import Card, Shown
 #: starts.  "timing": carries a region over to late or held messages.  "rest": refutes a region.  "settling": a time.
 Role = Literal["part", "paper", "given", "region", "timing", "rest", "settling"]
 
+#: By topic: the modules that decide a check, and the file of the second program.
+_DECIDED_IN: Final = {
+    "observer": ("conditions/observer/decide.py", "exact/observability.py", "exact/polynomial.py"),
+    "consensus": ("conditions/consensus/decide.py", "conditions/consensus/negative.py", "exact/definite.py"),
+    "separable": ("conditions/separable/decide.py", "conditions/separable/timing.py"),
+    "quadratic": ("conditions/quadratic/decide.py",),
+    "boxes": ("conditions/boxes/decide.py",),
+    "equilibrium": ("conditions/equilibrium/decide.py",),
+    "schedule": ("conditions/schedule/decide.py",),
+}
+_REGIONS, _QUADRATIC = "region_checker.py", "quadratic_checker.py"
+_CHECKERS: Final = {
+    **dict.fromkeys(("separable", "equilibrium"), _REGIONS),
+    **dict.fromkeys(("quadratic", "boxes", "schedule"), _QUADRATIC),
+}
+
 
 @dataclass(frozen=True, slots=True, kw_only=True, repr=False)
 class Kind(Shown):
     """One kind of check.
 
     ``topic``: its folder in ``conditions/``.  ``name`` and ``decides`` are the words of reports, the fields from
-    ``title`` to ``source`` those of `dobc explain`; ``statement`` is LaTeX.  ``decided_in``: the module that makes the
-    claim, then those whose decision it is; ``checker``: the file of the second program.
+    ``title`` to ``source`` those of `dobc explain`; ``statement`` is LaTeX.
     """
 
     id: str
@@ -39,12 +54,20 @@ class Kind(Shown):
     proved: str
     refuted: str
     source: str
-    decided_in: tuple[str, ...]
-    checker: str
 
     def _card(self) -> Card:
         facts = [("proved", self.proved), ("refuted", self.refuted), ("source", self.source)]
         return Card(title=self.title, text=f"{self.plain}. {self.meaning}", facts=facts)
+
+    @property
+    def decided_in(self) -> tuple[str, ...]:
+        """The modules that decide it."""
+        return _DECIDED_IN[self.topic]
+
+    @property
+    def checker(self) -> str:
+        """The file of the second program that decides it again."""
+        return _CHECKERS.get(self.topic, "checker.py")
 
     @property
     def is_consensus(self) -> bool:
@@ -74,8 +97,6 @@ _ROWS: Final = (
         proved="The estimation error can be made to decay as fast as wanted by the choice of W.",
         refuted="A part of the exosystem never reaches the agents. Harmless if it decays; see detectability.",
         source="Paper, (12) and (17).",
-        decided_in=("conditions/observer/decide.py", "exact/observability.py"),
-        checker="checker.py",
     ),
     Kind(
         id="detectability",
@@ -90,8 +111,6 @@ _ROWS: Final = (
         proved="A gain W exists.",
         refuted=("No W exists for this model. The disturbance itself does not contain the hidden part: leave it out."),
         source="Theory, Decision theorem: one of the two causes of infeasibility.",
-        decided_in=("conditions/observer/decide.py", "exact/observability.py"),
-        checker="checker.py",
     ),
     Kind(
         id="hurwitz",
@@ -106,8 +125,6 @@ _ROWS: Final = (
         proved="The estimate of the disturbance converges, at least like exp(-rate t).",
         refuted="With this W the estimation error does not decay.",
         source="Paper, (13) and (17).",
-        decided_in=("conditions/observer/decide.py", "exact/polynomial.py"),
-        checker="checker.py",
     ),
     Kind(
         id="reachability",
@@ -127,8 +144,6 @@ _ROWS: Final = (
             "The agents named listen to nobody who hears a pin; moved away together, they stay away in this mode."
         ),
         source="Theory, section 2.",
-        decided_in=("conditions/consensus/network.py",),
-        checker="checker.py",
     ),
     Kind(
         id="lemma1",
@@ -146,8 +161,6 @@ _ROWS: Final = (
         ),
         refuted="V = e'e grows in some direction. This alone does not mean that consensus fails.",
         source="Paper, Lemma 1, (10), with J at the target.",
-        decided_in=("conditions/consensus/decide.py", "exact/definite.py"),
-        checker="checker.py",
     ),
     Kind(
         id="theorem1",
@@ -172,8 +185,6 @@ _ROWS: Final = (
             " estimation error decay."
         ),
         source="Paper, Theorem 1, (18); decided by the Decision theorem.",
-        decided_in=("conditions/consensus/decide.py", "exact/definite.py"),
-        checker="checker.py",
     ),
     Kind(
         id="theorem2",
@@ -188,8 +199,6 @@ _ROWS: Final = (
         proved="Consensus under arbitrary switching, from close by (linear couplings: from everywhere).",
         refuted="No common P and Q exist. Consensus may still hold for slow or special switching.",
         source="Paper, Theorem 2, (28).",
-        decided_in=("conditions/consensus/decide.py", "exact/definite.py"),
-        checker="checker.py",
     ),
     Kind(
         id="theorem1-printed",
@@ -207,8 +216,6 @@ _ROWS: Final = (
             " when P grows."
         ),
         source="Paper, Example 1.",
-        decided_in=("conditions/consensus/decide.py", "exact/definite.py"),
-        checker="checker.py",
     ),
     Kind(
         id="theorem2-printed",
@@ -223,8 +230,6 @@ _ROWS: Final = (
         proved="That very pair works for arbitrary switching.",
         refuted="That pair fails in some mode. A scaled P may work.",
         source="Paper, Example 2.",
-        decided_in=("conditions/consensus/decide.py", "exact/definite.py"),
-        checker="checker.py",
     ),
     Kind(
         id="max-separable",
@@ -255,12 +260,6 @@ _ROWS: Final = (
             " their group. Consensus may still hold for signals that leave those modes."
         ),
         source="Beyond the paper; theory, section 5. The paper claims as much from a condition at one point.",
-        decided_in=(
-            "conditions/separable/checks.py",
-            "conditions/separable/decide.py",
-            "conditions/separable/observer.py",
-        ),
-        checker="region_checker.py",
     ),
     Kind(
         id="delay",
@@ -284,8 +283,6 @@ _ROWS: Final = (
         ),
         refuted="Never: a delay for which these rows fail may do no harm.",
         source="Beyond the paper; theory, section 5.",
-        decided_in=("conditions/separable/checks.py", "conditions/separable/timing.py"),
-        checker="region_checker.py",
     ),
     Kind(
         id="sampling",
@@ -308,8 +305,6 @@ _ROWS: Final = (
         ),
         refuted="Never: longer periods may work too.",
         source="Beyond the paper; theory, section 5.",
-        decided_in=("conditions/separable/checks.py", "conditions/separable/timing.py"),
-        checker="region_checker.py",
     ),
     Kind(
         id="lure",
@@ -334,8 +329,6 @@ _ROWS: Final = (
         ),
         refuted="Not used: that one certificate fails says nothing about the others.",
         source="Beyond the paper, as its Theorems 1 and 2 hold in a region; theory, sections 1 and 4.",
-        decided_in=("conditions/quadratic/checks.py", "conditions/quadratic/decide.py"),
-        checker="quadratic_checker.py",
     ),
     Kind(
         id="exhaustive",
@@ -359,8 +352,6 @@ _ROWS: Final = (
         ),
         refuted="Not used: that one V fails says nothing about the others.",
         source="Beyond the paper, as its Theorems 1 and 2 hold in a region; theory, sections 1 and 4.",
-        decided_in=("conditions/boxes/checks.py", "conditions/boxes/decide.py"),
-        checker="quadratic_checker.py",
     ),
     Kind(
         id="equilibrium",
@@ -378,8 +369,6 @@ _ROWS: Final = (
         proved="Never: that none is found does not mean that there is none.",
         refuted=("Consensus fails in the region asked for: agents that start there, with exact estimates, stay there."),
         source="Theory, section 5; the contract's cause (d).",
-        decided_in=("conditions/equilibrium/decide.py",),
-        checker="region_checker.py",
     ),
     Kind(
         id="settling",
@@ -402,8 +391,6 @@ _ROWS: Final = (
         ),
         refuted="Never: a chain that is not found says nothing against a shorter time.",
         source="Theory, section 5, staging.",
-        decided_in=("conditions/schedule/checks.py", "conditions/schedule/decide.py"),
-        checker="quadratic_checker.py",
     ),
 )
 

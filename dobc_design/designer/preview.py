@@ -9,8 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from dobc_design.conditions.consensus.estimates import largest_eigenvalue
-from dobc_design.conditions.consensus.jacobian import float_lambda
+from dobc_design.conditions.consensus.propose import float_lambda, largest_eigenvalue
 from dobc_design.conditions.separable.claim import acts_by_component
 from dobc_design.conditions.separable.ordering import find_ordering
 from dobc_design.conditions.separable.propose import field_of, least_above

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 from dobc_design.certificate.certificate import Certificate
 from dobc_design.certificate.claims import Claims
 from dobc_design.certificate.files import write_atomically
-from dobc_design.conditions.observer.gain import observer_gain
+from dobc_design.conditions.observer.propose import observer_gain
 from dobc_design.errors import SpecError
 from dobc_design.exact.matrix import Matrix
 from dobc_design.problem.canonical import problem_sha256
@@ -139,7 +139,7 @@ def to_sdpa(problem: Source) -> str:
         >>> lines[0], lines[2]  # three unknowns: P, Q and t; Psi has ten rows for e and ten for eps
         ('3', '20 1 1 2')
     """
-    from dobc_design.certification.consensus import decide
+    from dobc_design.certification.certify import decide
     from dobc_design.export.sdpa import sdpa_text
 
     problem = _loaded(problem)

@@ -20,7 +20,7 @@ import numpy as np
 from dobc_design.certificate.certificate import Certificate
 from dobc_design.conditions.equilibrium.claim import LARGEST, Equilibrium
 from dobc_design.conditions.equilibrium.decide import refuting_check
-from dobc_design.conditions.observer.gain import observer_gain
+from dobc_design.conditions.observer.propose import observer_gain
 from dobc_design.errors import SpecError
 from dobc_design.falsification.equilibria import MOST_PROVED, point_of, proved_equilibria
 from dobc_design.falsification.levels import Certified, Level, level_of, needed_check

@@ -16,7 +16,7 @@ import numpy as np
 from dobc_design._show.cards import Card, Shown
 from dobc_design.certificate.certificate import Certificate
 from dobc_design.certificate.claims import certified_period
-from dobc_design.conditions.observer.gain import observer_gain
+from dobc_design.conditions.observer.propose import observer_gain
 from dobc_design.errors import SpecError
 from dobc_design.problem.arrays import arc_groups
 from dobc_design.problem.load import load_problem

@@ -7,7 +7,7 @@ from dataclasses import replace
 from os import PathLike
 from typing import TYPE_CHECKING, Unpack, overload
 
-from dobc_design.conditions.observer.gain import observer_gain
+from dobc_design.conditions.observer.propose import observer_gain
 from dobc_design.exact.matrix import Matrix
 from dobc_design.problem.canonical import loop_sha256
 from dobc_design.problem.load import load_problem

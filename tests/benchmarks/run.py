@@ -15,20 +15,23 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from fractions import Fraction
 from functools import partial
+from pathlib import Path
 from random import Random
 from typing import Any
 
 for _threads in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "RAYON_NUM_THREADS"):
     os.environ[_threads] = "1"
 
+sys.path.append(str(Path(__file__).resolve().parents[1] / "support"))
+
 from large import falling_rows, lambda_rows, large_rows
 from peers import peer_table
 from pinning import large_design, pinning_bars, shared_design
+from reduced import solve_reduced
 from simulation import simulation_bars, simulation_growth, whole_run
 
 from dobc_design.certification.certify import certify
 from dobc_design.conditions.consensus.claim import reduced, state_theorems
-from dobc_design.conditions.consensus.reduced import solve_reduced
 from dobc_design.exact.cholesky import Scaled, bad_direction, proves_by_integers, scaled
 from dobc_design.exact.definite import decide_quickly
 from dobc_design.exact.symmetric import SparseSymmetric

@@ -13,7 +13,7 @@ from dobc_design.certification.certify import certify, verify
 from dobc_design.certification.recheck import recheck
 from dobc_design.checker import checker
 from dobc_design.conditions.check import number_or_none
-from dobc_design.conditions.observer.pair import lyapunov
+from dobc_design.conditions.observer.propose import lyapunov
 from dobc_design.errors import CertificateError
 from dobc_design.exact.matrix import multiply, scale
 from dobc_design.problem.canonical import canonical_bytes
@@ -69,7 +69,7 @@ def test_numbers_longer_than_anybody_types_are_read_back(monkeypatch):
         P = scale(10**40, lyapunov(exosystem.A))
         yield P, multiply(P, W), ""
 
-    monkeypatch.setattr("dobc_design.certification.consensus.propose_pairs", exact_only)
+    monkeypatch.setattr("dobc_design.certification.certify.propose_pairs", exact_only)
     certificate = certify(problem)
     data = certificate_bytes(certificate.claims)
     assert max(len(entry) for row in json.loads(data)["observer"]["P"] for entry in row) > 200

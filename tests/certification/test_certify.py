@@ -7,7 +7,7 @@ from campaigns import outside_campaign
 from certified import certified
 
 from dobc_design.certification.certify import certify, verify
-from dobc_design.conditions.observer.gain import observer_gain
+from dobc_design.conditions.observer.propose import observer_gain
 from dobc_design.problem.exosystems import Exosystem
 from dobc_design.problem.network import Network
 from dobc_design.problem.problem import Problem
@@ -49,7 +49,7 @@ def test_an_eigenvalue_solver_that_breaks_down_changes_no_verdict(monkeypatch):
     def broken(*args, **kwargs):
         raise np.linalg.LinAlgError("no convergence")
 
-    monkeypatch.setattr("dobc_design.certification.consensus.lambda_tops", broken)
+    monkeypatch.setattr("dobc_design.certification.certify.lambda_tops", broken)
     certificate = certify("paper-fixed")
     assert [(check.id, check.mode, check.verdict) for check in certificate.checks] == before
     assert verify(certificate, "paper-fixed").holds
@@ -57,7 +57,7 @@ def test_an_eigenvalue_solver_that_breaks_down_changes_no_verdict(monkeypatch):
 
 def test_wrong_estimates_change_numbers_and_never_verdicts(monkeypatch):
     """Everything from floating point is a proposal: nonsense in, the same verdicts out."""
-    from dobc_design.conditions.consensus.estimates import Top
+    from dobc_design.conditions.consensus.propose import Top
 
     true = [(check.id, check.mode, check.verdict) for check in certified("paper-switching").checks]
 
@@ -65,7 +65,7 @@ def test_wrong_estimates_change_numbers_and_never_verdicts(monkeypatch):
         size = next(iter(statements.lambdas.values())).size
         return {mode: Top(value=-7.0, vector=np.full(size, np.nan)) for mode in statements.lambdas}
 
-    monkeypatch.setattr("dobc_design.certification.consensus.lambda_tops", nonsense)
+    monkeypatch.setattr("dobc_design.certification.certify.lambda_tops", nonsense)
     certificate = certify("paper-switching")
     assert [(c.id, c.mode, c.verdict) for c in certificate.checks] == true
     assert verify(certificate, "paper-switching").holds

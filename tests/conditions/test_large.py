@@ -15,9 +15,8 @@ from dobc_design.certificate.text import certificate_bytes
 from dobc_design.certification.certify import certify
 from dobc_design.certification.recheck import recheck
 from dobc_design.checker import checker
-from dobc_design.conditions.consensus import estimates
-from dobc_design.conditions.consensus.jacobian import float_lambda
-from dobc_design.problem import arrays
+from dobc_design.conditions.consensus import claim, propose
+from dobc_design.conditions.consensus.propose import float_lambda
 from dobc_design.problem.canonical import canonical_bytes
 from dobc_design.problem.exosystems import Exosystem
 from dobc_design.problem.network import Network
@@ -28,8 +27,8 @@ from dobc_design.verdict import Verdict
 @pytest.fixture
 def as_large(monkeypatch):
     """Every network counts as large."""
-    monkeypatch.setattr(arrays, "LARGE_ROWS", 0)
-    monkeypatch.setattr(estimates, "LARGEST_DENSE", 0)
+    monkeypatch.setattr(claim, "LARGE_ROWS", 0)
+    monkeypatch.setattr(propose, "LARGEST_DENSE", 0)
 
 
 def held(n=30, *, h="exp(y) - 1 + y", step=3):
@@ -67,8 +66,8 @@ def test_both_paths_come_to_the_same_verdicts(seed, monkeypatch):
     """Vectors, matrix gains, irrational and negative slopes, several modes; margins differ by what is left unsought."""
     problem = random_problem(seed) if seed % 2 else random_linear_problem(seed)
     plain = {(c.id, c.mode): c for c in certify(problem).checks}
-    monkeypatch.setattr(arrays, "LARGE_ROWS", 0)
-    monkeypatch.setattr(estimates, "LARGEST_DENSE", 0)
+    monkeypatch.setattr(claim, "LARGE_ROWS", 0)
+    monkeypatch.setattr(propose, "LARGEST_DENSE", 0)
     large = certify(problem)
     assert {key: c.verdict for key, c in plain.items()} == {(c.id, c.mode): c.verdict for c in large.checks}
     for check in large.checks:

@@ -11,12 +11,11 @@ from fractions import Fraction
 import numpy as np
 from evidence.networks import network_problem
 from evidence.row import Row
+from reduced import solve_reduced
 
 from dobc_design.conditions.consensus.claim import Pair, Statements, state_theorems
 from dobc_design.conditions.consensus.decide import psi_is_negative
-from dobc_design.conditions.consensus.reduced import solve_reduced
-from dobc_design.conditions.observer.gain import design_gain
-from dobc_design.conditions.observer.pair import lyapunov
+from dobc_design.conditions.observer.propose import design_gain, lyapunov
 from dobc_design.exact.definite import decide_positive_definite
 from dobc_design.exact.matrix import multiply, scale, subtract, to_float
 from dobc_design.solvers.dense import solve_dense

@@ -11,10 +11,10 @@ import pytest
 from regions import without_region
 
 import dobc_design as dd
-from dobc_design.conditions.consensus import estimates
+from dobc_design.conditions.consensus import propose as estimates
 from dobc_design.conditions.consensus.claim import reduced
-from dobc_design.conditions.observer import gain, pair
-from dobc_design.conditions.observer.pair import propose_pairs
+from dobc_design.conditions.observer import propose
+from dobc_design.conditions.observer.propose import propose_pairs
 from dobc_design.problem.exosystems import Exosystem
 from dobc_design.problem.file import read_problem_text
 from dobc_design.problem.load import builtin_text
@@ -166,7 +166,7 @@ def test_pairs_are_proposed_for_any_estimate(harmonic, bound):
     """Estimates only steer: whatever they are, the ladder ends with pairs whose Omega0 is negative."""
     W = ((Fraction(16, 5),), (Fraction(12, 5),))
     pairs = list(propose_pairs(harmonic, W, bound=bound, decay=1.6))
-    assert len(pairs) >= len(pair.LADDER)
+    assert len(pairs) >= len(propose.LADDER)
 
 
 def nothing(program: Program, **options: object) -> Solution:
@@ -181,17 +181,17 @@ def without_solvers(monkeypatch):
 
 
 def test_a_gain_is_found_without_a_solver(without_solvers, harmonic):
-    found = gain.design_gain(harmonic)
+    found = propose.design_gain(harmonic)
     assert found.W is not None
     assert "Kalman" in found.note
-    faster = gain.design_gain(harmonic, rate=Fraction(20))
+    faster = propose.design_gain(harmonic, rate=Fraction(20))
     assert faster.W is not None
     assert faster.rate == 20
 
 
 def test_without_any_solver_the_poles_are_placed_exactly(without_solvers, monkeypatch, harmonic):
-    monkeypatch.setattr(gain, "_kalman", lambda exosystem, shift=0.0: None)
-    found = gain.design_gain(harmonic, rate=Fraction(3))
+    monkeypatch.setattr(propose, "_kalman", lambda exosystem, shift=0.0: None)
+    found = propose.design_gain(harmonic, rate=Fraction(3))
     assert found.W is not None
     assert found.rate == 3
     assert "exact pole placement" in found.note
@@ -225,8 +225,8 @@ def test_the_exact_steps_are_told_in_the_notes(without_solvers, monkeypatch, cyc
         "P solves a Lyapunov equation exactly, because no proposal of a solver could be proved (the last said:"
         " failed: nothing)." in certificate.claims.notes
     )
-    monkeypatch.setattr(gain, "_kalman", lambda exosystem, shift=0.0: None)
-    monkeypatch.setattr("dobc_design.certification.consensus.decay_rate", lambda exosystem, W: float("nan"))
+    monkeypatch.setattr(propose, "_kalman", lambda exosystem, shift=0.0: None)
+    monkeypatch.setattr("dobc_design.certification.certify.decay_rate", lambda exosystem, W: float("nan"))
     certificate = dd.certify(problem)
     assert certificate.verdict is Verdict.PROVED
     assert dd.verify(certificate, problem).holds
@@ -247,7 +247,7 @@ def test_a_solver_that_runs_out_of_time_is_not_asked_again(monkeypatch, harmonic
 
     monkeypatch.setattr(conic, "solve_directly", slow("first"))
     monkeypatch.setattr(conic, "solve_dense", slow("second"))
-    assert gain.design_gain(harmonic).W is not None
+    assert propose.design_gain(harmonic).W is not None
     assert calls == ["first", "second"]
 
 
@@ -255,15 +255,15 @@ def test_the_time_limit_reaches_the_solvers(harmonic, cycle):
     """1e-12 s is too short for any of them; a gain and a pair are found all the same."""
     program = Program(pencils=(reduced(Fraction(-1), harmonic),))
     assert solve_directly(program, time_limit=1e-12).broken
-    found = gain.design_gain(harmonic, time_limit=1e-12)
+    found = propose.design_gain(harmonic, time_limit=1e-12)
     assert found.W is not None
     W = ((Fraction(16, 5),), (Fraction(12, 5),))
     assert list(propose_pairs(harmonic, W, bound=-0.5, decay=1.6, time_limit=1e-12))
 
 
 def test_when_every_rung_fails_the_answer_is_undecided_and_says_why(without_solvers, monkeypatch, cycle):
-    monkeypatch.setattr(gain, "_kalman", lambda exosystem, shift=0.0: None)
-    monkeypatch.setattr(gain, "placed_gains", lambda exosystem, rate: iter(()))
+    monkeypatch.setattr(propose, "_kalman", lambda exosystem, shift=0.0: None)
+    monkeypatch.setattr(propose, "placed_gains", lambda exosystem, rate: iter(()))
     problem = cycle(4)
     certificate = dd.certify(problem)
     assert certificate.verdict is Verdict.UNDECIDED
@@ -275,7 +275,7 @@ def test_when_every_rung_fails_the_answer_is_undecided_and_says_why(without_solv
 
 
 def test_a_pair_that_nobody_finds_leaves_the_theorem_undecided(without_solvers, monkeypatch):
-    monkeypatch.setattr(pair, "lyapunov", lambda error: None)
+    monkeypatch.setattr(propose, "lyapunov", lambda error: None)
     text = builtin_text("paper-fixed").replace("P = ", "# P = ")
     problem = read_problem_text(text.encode(), folder=None)
     certificate = dd.certify(problem)
@@ -321,8 +321,8 @@ def test_eigenvalue_solvers_that_break_change_no_verdict(monkeypatch, name, cycl
 
 
 def test_no_gain_at_all_is_said_in_words(monkeypatch, harmonic):
-    monkeypatch.setattr(gain, "_candidates", lambda exosystem, rate, kalman, time_limit: iter(()))
-    found = gain.design_gain(harmonic, rate=Fraction(3))
+    monkeypatch.setattr(propose, "_candidates", lambda exosystem, rate, kalman, time_limit: iter(()))
+    found = propose.design_gain(harmonic, rate=Fraction(3))
     assert found.W is None
     assert "no W was found for the decay rate 3 1/s" in found.note
 
@@ -333,7 +333,7 @@ def test_a_singular_p_of_a_solver_is_passed_over(monkeypatch, harmonic):
         status="Solved", solver="x", objective=0.0, values={"P": np.zeros((2, 2)), "Q": np.ones((2, 1))}
     )
     monkeypatch.setattr(conic, "solve_directly", lambda program, **options: singular)
-    assert gain.design_gain(harmonic).W is not None
+    assert propose.design_gain(harmonic).W is not None
 
 
 def test_the_decay_of_numbers_beyond_the_floats_is_not_a_number():

@@ -6,9 +6,9 @@ from fractions import Fraction
 
 import numpy as np
 import pytest
+from reduced import reduced_program, solve_reduced
 
 from dobc_design.conditions.consensus.claim import omega, reduced, state_theorems, with_gain
-from dobc_design.conditions.consensus.reduced import reduced_program, solve_reduced
 from dobc_design.errors import SpecError
 from dobc_design.exact.definite import decide_positive_definite
 from dobc_design.exact.matrix import from_float

@@ -29,14 +29,8 @@ from dobc_design.certification.recheck import recheck
 from dobc_design.checker import checker
 from dobc_design.coupling.algebra import GradientAlgebra, IntervalAlgebra
 from dobc_design.coupling.coupling import make_coupling
-from dobc_design.coupling.expression import (
-    Expression,
-    numpy_function,
-    parse_expression,
-    polynomial_degree,
-    variable_names,
-)
-from dobc_design.coupling.tree import evaluate
+from dobc_design.coupling.expression import Expression, numpy_function, parse_expression, polynomial_degree
+from dobc_design.coupling.tree import evaluate, variable_names
 from dobc_design.errors import CertificateError, ExpressionError, SpecError
 from dobc_design.exact.interval import Interval, UndefinedError
 from dobc_design.problem.arcs_file import read_arcs_file

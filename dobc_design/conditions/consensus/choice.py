@@ -16,10 +16,10 @@ from dobc_design.conditions.consensus.pinning import (
     fastest_rate,
     looseness,
     lowest_on,
-    rows_of,
     smallest_gains,
     valid_gains,
 )
+from dobc_design.conditions.consensus.propose import rows_of
 from dobc_design.problem.problem import Problem
 from dobc_design.problem.reaching import closed_groups
 from dobc_design.solvers.program import Array

@@ -1,8 +1,16 @@
-"""Enclosures of dh/de on a domain, arc by arc (eq. 11).
+"""Lemma 1 and Theorems 1 and 2 of the paper, stated once, for any enclosed Jacobians.
 
-Today the only domain is the consensus, e = 0, where each gain is h'(0) of the arc: a point when it is
-rational, else a narrow outward interval.  A region will give wider intervals in the same place; Psi is
-affine in J, so the theorems need nothing else.
+    Lambda(J) = J + J' - (K + K')                                            (10), twice F
+    Omega0    = P A + A' P - C'Q' - Q C
+    Psi(J)    = [[Lambda(J), I (x) C], [(I (x) C)', I (x) Omega0]] < 0       (18), (28)
+
+With a rate beta > 0, 2 beta diag(I, I (x) P) is added, and V' <= -2 beta V follows.  Unknowns are P
+(symmetric, q x q) and Q (q x m); W = P^-1 Q.  Lemma 1 is Lambda < 0 and has no unknowns.
+
+dh/de is enclosed arc by arc (11) at the consensus, e = 0, where each gain is h'(0) of the arc: a point when it is
+rational, else a narrow outward interval.  Lambda of a large network is stated in arrays of integers: slopes are exact
+where a common denominator of 512 bits holds them all; others become the nearest float with a deviation that reaches
+over their whole enclosure.
 """
 
 from __future__ import annotations

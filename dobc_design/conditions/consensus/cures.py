@@ -15,9 +15,8 @@ import numpy as np
 from scipy import sparse
 
 from dobc_design.conditions.consensus.choice import best_single, small_set, usual_rate
-from dobc_design.conditions.consensus.estimates import largest_eigenvalue
-from dobc_design.conditions.consensus.jacobian import float_lambda
 from dobc_design.conditions.consensus.pinning import Blocks, fastest_rate, for_rate, network_blocks, smallest_gains
+from dobc_design.conditions.consensus.propose import float_lambda, largest_eigenvalue
 from dobc_design.exact.matrix import Matrix, to_float
 from dobc_design.problem.problem import Problem
 from dobc_design.solvers.program import Array

@@ -1,4 +1,4 @@
-"""Lemma 1 and Theorems 1 and 2, decided exactly.
+"""Lemma 1 and Theorems 1 and 2, decided exactly, with the eigenvalues that prove the linearisation unstable.
 
 A pair (P, Q) is a proposal; whether Psi < 0 holds for it is decided through the Reduction (theory,
 section 2): given Omega0 < 0 and S = C (-Omega0)^-1 C', Psi(J) < 0 iff Lambda(J) + I (x) S < 0.
@@ -15,7 +15,6 @@ from numpy.typing import NDArray
 
 from dobc_design.conditions.check import Check, Values, Witness, agrees, differs, same_witness
 from dobc_design.conditions.consensus.claim import Pair, PairFacts, Shown, Statements, Unstable, omega, read_claim
-from dobc_design.conditions.consensus.linearisation import unstable_roots
 from dobc_design.conditions.consensus.negative import (
     Enclosed,
     find_witness,
@@ -26,8 +25,7 @@ from dobc_design.conditions.consensus.negative import (
     shown_bound,
     why_undecided,
 )
-from dobc_design.conditions.consensus.network import reachability_check
-from dobc_design.conditions.consensus.witness import carriers, group_directions, refutation
+from dobc_design.conditions.consensus.network import carriers, group_directions, reachability_check, refutation
 from dobc_design.conditions.numbers import (
     VECTOR_BITS,
     claimed,
@@ -39,11 +37,57 @@ from dobc_design.conditions.numbers import (
 from dobc_design.exact.definite import decide_positive_definite
 from dobc_design.exact.matrix import Matrix, Vector, inverse, multiply, transpose
 from dobc_design.exact.number import number_text
+from dobc_design.exact.polynomial import characteristic_polynomial, count_right_half_plane
 from dobc_design.exact.symmetric import SparseSymmetric
 from dobc_design.problem.exosystems import Exosystem
 from dobc_design.problem.groups import group_blocks, group_numbers
 from dobc_design.problem.reaching import unreached
 from dobc_design.verdict import Verdict
+
+LARGEST_EXAMINED = 60  # rows; counting roots takes seconds there, minutes at twice the size
+MOST_COUNTING = 2_000_000  # rows^2 times the bits of the common denominator: as long as 60 rows with about 550 bits
+
+
+def unstable_roots(statements: Statements, mode: str) -> int:
+    """A proved lower bound of the eigenvalues of J - K with positive real part, with multiplicity.
+
+    0 also means "not examined": irrational slopes, more than 60 rows, or entries with so long a common denominator that
+    counting would take minutes.  With diagonal slopes >= 0 and scalar gains J - K has none (its rows are weakly
+    dominated by a diagonal <= 0).
+    """
+    jacobians = statements.jacobians
+    if jacobians is None or jacobians.size * jacobians.dimension > LARGEST_EXAMINED:
+        return 0
+    each = next(item for item in jacobians.modes if item.name == mode)
+    if not each.is_point or (each.is_nonnegative_diagonal and statements.problem.pinning.is_scalar):
+        return 0
+    matrix = linearisation(statements, mode)
+    if not has_short_denominator((x for row in matrix for x in row), MOST_COUNTING // len(matrix) ** 2):
+        return 0
+    return count_right_half_plane(characteristic_polynomial(matrix))
+
+
+def linearisation(statements: Statements, mode: str) -> Matrix:
+    """J - K of one mode, (n m) x (n m), for rational slopes (the middle of an interval otherwise)."""
+    jacobians = statements.jacobians
+    if jacobians is None:
+        return ()
+    each = next(item for item in jacobians.modes if item.name == mode)
+    m = jacobians.dimension
+    rows = [[Fraction(0)] * (jacobians.size * m) for _ in range(jacobians.size * m)]
+    for (listener, speaker, _), kind in zip(each.arcs, each.kind.tolist(), strict=True):
+        for c in range(m):
+            for d in range(m):
+                entry = each.gains[kind][c][d]
+                slope = (entry.lo + entry.hi) / 2
+                rows[listener * m + c][speaker * m + d] += slope
+                rows[listener * m + c][listener * m + d] -= slope
+    for agent, gain in statements.problem.pinning.gains.items():
+        for c in range(m):
+            for d in range(m):
+                rows[agent * m + c][agent * m + d] -= gain[c][d]
+    return tuple(tuple(row) for row in rows)
+
 
 ZERO = Fraction(0)
 Candidates = Sequence[Sequence[float]]

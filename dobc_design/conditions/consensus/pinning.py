@@ -15,10 +15,9 @@ import numpy as np
 from scipy import sparse
 from scipy.sparse.linalg import cg, splu
 
-from dobc_design.conditions.consensus.estimates import largest_eigenvalue
-from dobc_design.conditions.consensus.jacobian import float_lambda
 from dobc_design.conditions.consensus.pinning_program import solve_for_gains
 from dobc_design.conditions.consensus.pinning_shared import FEW_ROWS, SYMMETRIC, solve_shared
+from dobc_design.conditions.consensus.propose import float_lambda, largest_eigenvalue, rows_of
 from dobc_design.problem.problem import Problem
 from dobc_design.solvers.program import Array
 
@@ -278,11 +277,6 @@ def lowest_on(table: Any, rows: Any) -> tuple[float, Array]:
         return float("inf"), np.zeros(0)
     top = largest_eigenvalue(sparse.coo_array(-table[rows][:, rows]))
     return -top.value, top.vector
-
-
-def rows_of(agents: Any, width: int) -> Any:
-    """The rows that belong to these agents."""
-    return (np.asarray(agents)[:, None] * width + np.arange(width)).ravel()
 
 
 def _alike(blocks: Blocks, chosen: Array) -> Array | None:

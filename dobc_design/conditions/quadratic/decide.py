@@ -19,8 +19,7 @@ from dobc_design.conditions.numbers import claimed, shorten
 from dobc_design.conditions.quadratic.claim import Lure, interval_matrix, lure_matrix, vertex_matrices
 from dobc_design.conditions.quadratic.sectors import Enclose, Sectors, build_sectors, gains_on, relied_differences
 from dobc_design.errors import ShapeError
-from dobc_design.exact import Definiteness
-from dobc_design.exact.definite import decide_positive_definite, decide_positive_semidefinite
+from dobc_design.exact.definite import Definiteness, decide_positive_definite, decide_positive_semidefinite
 from dobc_design.exact.interval import UndefinedError
 from dobc_design.exact.matrix import Matrix, Vector, inverse, to_float
 from dobc_design.exact.number import float_below

@@ -19,7 +19,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from dobc_design.conditions.consensus.jacobian import nearest
+from dobc_design.conditions.consensus.propose import nearest
 from dobc_design.conditions.quadratic.sectors import GainRange
 from dobc_design.coupling.coupling import Coupling
 from dobc_design.coupling.expression import variables_used

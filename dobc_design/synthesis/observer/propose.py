@@ -24,9 +24,7 @@ from fractions import Fraction
 import numpy as np
 from scipy import linalg
 
-from dobc_design.conditions.observer.ackermann import placed_gains
-from dobc_design.conditions.observer.norms import h2_norm, hinf_norm, transient_peak
-from dobc_design.conditions.observer.scaling import natural_units
+from dobc_design.conditions.observer.propose import h2_norm, hinf_norm, natural_units, placed_gains, transient_peak
 from dobc_design.errors import SpecError
 from dobc_design.exact.matrix import Matrix, scale, to_float
 from dobc_design.exact.observability import decide_observable, observable_reduction

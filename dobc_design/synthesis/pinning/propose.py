@@ -36,11 +36,11 @@ from dobc_design.conditions.consensus.pinning import (
     lowest_on,
     network_blocks,
     optimum,
-    rows_of,
     smallest_gains,
 )
 from dobc_design.conditions.consensus.pinning_program import solve_program
 from dobc_design.conditions.consensus.pinning_shared import FEW_ROWS, solve_shared
+from dobc_design.conditions.consensus.propose import rows_of
 from dobc_design.problem.problem import Problem
 from dobc_design.solvers.program import Array
 from dobc_design.synthesis.pinning.request import PinningRequest

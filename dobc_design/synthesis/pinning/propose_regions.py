@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 from scipy import optimize, sparse
 
-from dobc_design.conditions.consensus.estimates import decay_rate
+from dobc_design.conditions.consensus.propose import decay_rate
 from dobc_design.conditions.separable.claim import ErrorBound
 from dobc_design.conditions.separable.propose import LARGEST_RADIUS, Field, field_of, least_above
 from dobc_design.conditions.separable.propose_observer import propose_error_bound, radius_needed

@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 from scipy import sparse
 
-from dobc_design.conditions.consensus.dominating import MOST_PRODUCTS, dominating_vector
-from dobc_design.conditions.consensus.jacobian import float_lambda
+from dobc_design.conditions.consensus.propose import MOST_PRODUCTS, dominating_vector, float_lambda
 from dobc_design.problem.network import Network
 from dobc_design.problem.problem import Problem
 

@@ -11,19 +11,19 @@ from random_problems import random_problem
 from scipy import sparse
 
 from dobc_design.certification.certify import certify
-from dobc_design.conditions.consensus import estimates
+from dobc_design.conditions.consensus import propose
 from dobc_design.conditions.consensus.claim import state_theorems
-from dobc_design.conditions.consensus.estimates import (
+from dobc_design.conditions.consensus.propose import (
     DENSE,
     Top,
     decay_rate,
     directions,
+    float_lambda,
     lambda_tops,
     largest_eigenvalue,
     pair_margin,
     pair_rate,
 )
-from dobc_design.conditions.consensus.jacobian import float_lambda
 from dobc_design.exact.matrix import multiply, to_float
 from dobc_design.problem.network import Network
 from dobc_design.problem.problem import Problem
@@ -123,7 +123,7 @@ def test_without_convergence_the_dense_solver_steps_in(monkeypatch):
     monkeypatch.setattr(sparse.linalg, "eigsh", fail)
     table = float_lambda(ring(DENSE + 20), "G")
     assert largest_eigenvalue(table).value == pytest.approx(np.linalg.eigvalsh(table.toarray())[-1], abs=1e-9)
-    monkeypatch.setattr(estimates, "LARGEST_DENSE", DENSE)  # too large for that: no estimate, no exception
+    monkeypatch.setattr(propose, "LARGEST_DENSE", DENSE)  # too large for that: no estimate, no exception
     assert np.isnan(largest_eigenvalue(table).value)
 
 
@@ -140,7 +140,7 @@ def test_the_second_attempt_has_more_vectors_and_less_precision(monkeypatch):
     monkeypatch.setattr(sparse.linalg, "eigsh", once)
     table = float_lambda(ring(DENSE + 20), "G")
     assert largest_eigenvalue(table).value == pytest.approx(np.linalg.eigvalsh(table.toarray())[-1], abs=1e-5)
-    assert calls == list(estimates.LANCZOS)
+    assert calls == list(propose.LANCZOS)
 
 
 def test_estimates_can_be_repeated():

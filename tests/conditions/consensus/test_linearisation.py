@@ -10,7 +10,7 @@ from exact_oracle import Oracle
 from random_problems import WEIGHTS
 
 from dobc_design.conditions.consensus.claim import state_theorems
-from dobc_design.conditions.consensus.linearisation import LARGEST, linearisation, unstable_roots
+from dobc_design.conditions.consensus.decide import LARGEST_EXAMINED, linearisation, unstable_roots
 from dobc_design.problem.network import Network
 from dobc_design.problem.problem import Problem
 
@@ -97,7 +97,7 @@ def test_the_shortcut_needs_scalar_gains():
 
 
 def test_large_networks_are_not_examined():
-    n = LARGEST + 1
+    n = LARGEST_EXAMINED + 1
     arcs = [[i, i % n + 1] for i in range(1, n + 1)]
     problem = Problem(network=Network.from_arcs(arcs, arrow="listens_to"), coupling="-y", gains="1/10")
     assert unstable_roots(state_theorems(problem), "G") == 0

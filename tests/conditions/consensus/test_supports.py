@@ -9,8 +9,8 @@ import pytest
 from campaigns import a_problem
 from exact_oracle import Oracle
 
-from dobc_design.conditions.consensus import supports
-from dobc_design.conditions.consensus.supports import witness_directions
+from dobc_design.conditions.consensus import propose
+from dobc_design.conditions.consensus.propose import witness_directions
 from dobc_design.problem.network import Network
 from dobc_design.problem.problem import Problem
 
@@ -36,7 +36,7 @@ def test_a_network_that_is_held_has_no_such_direction(cycle):
 
 
 def test_a_network_too_large_to_look_at_has_none(cycle, monkeypatch):
-    monkeypatch.setattr(supports, "LARGEST", 3)
+    monkeypatch.setattr(propose, "LARGEST_SEARCHED", 3)
     assert witness_directions(cycle(5, pins={}), "G") == []
 
 
@@ -71,7 +71,7 @@ def smallest_support(matrix, n, m):
 
 @pytest.mark.parametrize("budget", [0, 10**6])
 def test_a_search_that_runs_out_of_time_still_has_a_direction(cycle, monkeypatch, budget):
-    monkeypatch.setattr(supports, "BUDGET", budget)
+    monkeypatch.setattr(propose, "BUDGET", budget)
     network = Network.from_arcs([[i, 1, 5] for i in range(2, 9)] + [[1, 2]], arrow="listens_to", agents=8)
     problem = Problem(network=network, coupling="y", gains={1: "1/9"})
     directions = witness_directions(problem, "G")

@@ -7,8 +7,7 @@ from random import Random
 
 import pytest
 
-from dobc_design.conditions.observer.ackermann import placed_gains
-from dobc_design.conditions.observer.gain import design_gain
+from dobc_design.conditions.observer.propose import design_gain, placed_gains
 from dobc_design.exact.matrix import multiply, subtract
 from dobc_design.exact.observability import decide_detectable
 from dobc_design.exact.polynomial import characteristic_polynomial, decide_hurwitz

@@ -8,8 +8,7 @@ from random import Random
 import numpy as np
 import pytest
 
-from dobc_design.conditions.observer.gain import design_gain
-from dobc_design.conditions.observer.scaling import decimal_exponent, natural_units, scaled_exosystem
+from dobc_design.conditions.observer.propose import decimal_exponent, design_gain, natural_units, scaled_exosystem
 from dobc_design.exact.matrix import add, identity, multiply, scale, subtract, to_float
 from dobc_design.exact.observability import decide_detectable
 from dobc_design.exact.polynomial import decide_hurwitz

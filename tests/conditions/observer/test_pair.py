@@ -12,9 +12,8 @@ from certified import certified
 from scipy import linalg
 
 import dobc_design as dd
-from dobc_design.conditions.observer import pair as pair_module
-from dobc_design.conditions.observer.gain import design_gain
-from dobc_design.conditions.observer.pair import lyapunov, propose_pairs
+from dobc_design.conditions.observer import propose
+from dobc_design.conditions.observer.propose import design_gain, lyapunov, propose_pairs
 from dobc_design.exact.definite import decide_positive_definite
 from dobc_design.exact.matrix import add, identity, is_symmetric, multiply, scale, to_float, transpose
 from dobc_design.exact.symmetric import SparseSymmetric
@@ -125,7 +124,7 @@ def test_eight_exosystem_states_are_proved(cycle):
 def test_no_exact_equation_is_solved_that_would_take_hours(digits, exact, monkeypatch):
     """36 unknowns, times the bits of a common denominator of 64 numbers: about 150 000 and 610 000."""
     asked = []
-    monkeypatch.setattr(pair_module, "lyapunov", asked.append)
+    monkeypatch.setattr(propose, "lyapunov", asked.append)
     A = [[Fraction(-20 * (i == j)) + Fraction(1, 10**digits + 7 * i + j) for j in range(8)] for i in range(8)]
     pairs = list(propose_pairs(Exosystem(A=A, C=[[1] * 8]), ((Fraction(0),),) * 8, bound=math.nan, decay=1.0))
     assert pairs == []

@@ -14,7 +14,7 @@ from separable_problems import cycle, pair
 from settled import INTEGRATION, compare
 
 import dobc_design as dd
-from dobc_design.conditions.observer.gain import observer_gain
+from dobc_design.conditions.observer.propose import observer_gain
 from dobc_design.conditions.schedule.decide import verify_staging
 from dobc_design.conditions.separable.claim import Separable
 from dobc_design.errors import SpecError

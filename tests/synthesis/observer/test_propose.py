@@ -7,7 +7,7 @@ import math
 import numpy as np
 import pytest
 
-from dobc_design.conditions.observer.norms import h2_norm, hinf_norm, transient_peak
+from dobc_design.conditions.observer.propose import h2_norm, hinf_norm, transient_peak
 from dobc_design.exact.matrix import matrix, to_float
 from dobc_design.problem import exosystems
 from dobc_design.synthesis.observer.propose import estimate_observer, lmi_gain

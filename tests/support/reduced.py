@@ -1,6 +1,6 @@
 """Theorems 1 and 2 in their reduced form: one eigenvalue per mode and one small SDP (theory, Reduction).
 
-``workflow.certify`` proposes from the same two pieces, with W put in (``pair``).  The block LMI of ``dense`` has
+``certify`` proposes from the same two pieces, with W put in (``pair``).  The block LMI of ``dense`` has
 the same optimum when m = 1 or Lambda = Lambda_n (x) I_m, and takes up to a thousand times as long; otherwise
 this one is the stricter.
 """
@@ -11,8 +11,7 @@ import math
 from fractions import Fraction
 
 from dobc_design.conditions.consensus.claim import reduced
-from dobc_design.conditions.consensus.estimates import largest_eigenvalue
-from dobc_design.conditions.consensus.jacobian import float_lambda
+from dobc_design.conditions.consensus.propose import float_lambda, largest_eigenvalue
 from dobc_design.errors import SpecError
 from dobc_design.problem.problem import Problem
 from dobc_design.solvers.conic import solve_directly

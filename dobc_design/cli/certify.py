@@ -151,8 +151,8 @@ def answer_head(certificate: Certificate) -> dict[str, Any]:
 def _cured_file(certificate: Certificate, source: str, target: Path) -> bytes:
     """The bytes of the cured problem.  Raises SpecError when there is nothing to cure, or no cure."""
     from dobc_design.conditions.check import main_fix
+    from dobc_design.problem.changes import changed_file
     from dobc_design.problem.load import source_text
-    from dobc_design.problem.toml_writing import changed_file
 
     fix = main_fix(certificate.checks)
     require_toml(target, key="--apply-fix")
@@ -230,7 +230,7 @@ def _show(console: Console, certificate: Certificate, theorem: str | None, *, fi
 def _cures(checks: Sequence[Check], *, width: int | None, file: str | None, name: str) -> Iterator[str]:
     """What would cure what failed: in words, as lines of the problem file, and the command that writes them."""
     from dobc_design.conditions.check import main_cure, other_cures
-    from dobc_design.problem.typed import change_lines
+    from dobc_design.problem.changes import change_lines
 
     main = main_cure(checks)
     for each in [*([] if main is None else [main]), *other_cures(checks)]:

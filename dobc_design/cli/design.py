@@ -30,7 +30,7 @@ from dobc_design.cli.output import (
 )
 
 if TYPE_CHECKING:
-    from dobc_design.synthesis.joint.designed import Design
+    from dobc_design.synthesis.joint.claim import Design
     from dobc_design.synthesis.joint.request import DesignRequest
 
 
@@ -56,8 +56,8 @@ def design(
     as_json: Json = False,
 ) -> None:
     """Design observer gain, pinned agents and gains, proved for the problem; or prove that it is impossible."""
+    from dobc_design.problem.changes import changed_file
     from dobc_design.problem.load import load_problem, source_text
-    from dobc_design.problem.toml_writing import changed_file
     from dobc_design.synthesis import designs
 
     manner = manner_of(quiet=quiet, verbose=verbose)
@@ -113,7 +113,7 @@ def _lines(found: Design, *, file: str, out: Path) -> Iterator[str]:
         yield f"\nThe limit that fails: --{option}."
     nearest = found.nearest
     if nearest is not None:
-        from dobc_design.synthesis.joint.designed import NO_LIMITS
+        from dobc_design.synthesis.joint.claim import NO_LIMITS
 
         limits = "; ".join(words for _, words in nearest.request.limits(nearest.labels)) or NO_LIMITS
         yield f"\nThe nearest request that was proved possible: {limits}."
@@ -126,7 +126,7 @@ def _lines(found: Design, *, file: str, out: Path) -> Iterator[str]:
 
 def _option_texts(request: DesignRequest, labels: Sequence[str]) -> list[str]:
     """The options of ``dobc design`` that ask for a request, as far as options can."""
-    from dobc_design.problem.typed import typed_number
+    from dobc_design.problem.changes import typed_number
 
     words: list[str] = []
     if request.rate is not None:

@@ -167,7 +167,7 @@ def _sdpa(file: str, target: Path, asked: _Asked, progress: Stage) -> Exported:
 
 
 def _python(file: str, target: Path, asked: _Asked, progress: Stage) -> Exported:
-    from dobc_design.export.models import python_script
+    from dobc_design.export.interchange import python_script
 
     write_file(target, python_script(file).encode("utf-8"), key="--python-control")
     return {"python_control": str(target)}, f"wrote {target}"

@@ -97,7 +97,7 @@ def options(
 @app.command()
 def problems(as_json: Json = False) -> None:
     """List the built-in problems."""
-    from dobc_design.problem.builtin import builtin_names, builtin_summary
+    from dobc_design.problem.load import builtin_names, builtin_summary
 
     rows = [{"name": name, "summary": builtin_summary(name)} for name in builtin_names()]
     if as_json:

@@ -154,7 +154,7 @@ def _converted(name: str, source: Path, arrow: str | None) -> tuple[str, str]:
     from dobc_design._show.text import visible
     from dobc_design.certification.certify import certify
     from dobc_design.export.interchange import problem_from_file
-    from dobc_design.problem.toml_writing import changed_text, problem_text
+    from dobc_design.problem.changes import changed_text, problem_text
 
     problem = problem_from_file(source, arrow=arrow)
     whole = problem_text(problem)

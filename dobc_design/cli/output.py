@@ -42,7 +42,7 @@ LONGEST_FOLDER = 60  # characters of a problem's name that go into its folder's;
 
 def problem_names(incomplete: str) -> list[str]:
     """What the shell offers for a problem: built-in ones, problem files, and folders on the way to them."""
-    from dobc_design.problem.builtin import builtin_names
+    from dobc_design.problem.load import builtin_names
 
     found = sorted(name for name in builtin_names() if name.startswith(incomplete))
     folder, _, beginning = incomplete.rpartition("/")

@@ -30,8 +30,8 @@ from dobc_design.cli.output import (
 from dobc_design.errors import SpecError
 
 if TYPE_CHECKING:
+    from dobc_design.certificate.bounds import CertifiedBound
     from dobc_design.certificate.certificate import Certificate
-    from dobc_design.conditions.schedule.envelopes import CertifiedBound
     from dobc_design.problem.problem import Problem
     from dobc_design.simulation.ensemble import Ensemble
     from dobc_design.simulation.stress import Failure
@@ -173,8 +173,8 @@ def _run(call: _Call, runs: int | None, given: dict[str, Any], *, force: bool) -
 def _break_first(call: _Call, mode: str | None, given: dict[str, Any]) -> tuple[dict[str, Any], str]:
     """Find what breaks the loop first; the document and the words, with the certified sampling period beside."""
     from dobc_design.certificate.files import make_folder, write_atomically
+    from dobc_design.simulation.breaking import what_breaks_first
     from dobc_design.simulation.signals import Fixed
-    from dobc_design.simulation.simulations import what_breaks_first
 
     call.progress("what breaks first")
     found = what_breaks_first(

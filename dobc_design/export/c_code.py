@@ -19,7 +19,7 @@ from dobc_design.export.c_text import HELPERS, CAlgebra, array, comment, couplin
 def header_text(controller: Controller) -> str:
     """dobc_agent.h."""
     problem = controller.problem
-    return _template("agent.h.j2").render(
+    return template("agent.h.j2").render(
         title=comment(problem.name),
         period=f"{float(controller.period):.10g}",
         version=__version__,
@@ -40,7 +40,7 @@ def source_text(controller: Controller) -> str:
     problem, precision = controller.problem, controller.precision
     algebra = CAlgebra(precision)
     couplings = [coupling_function(each, number, algebra) for number, each in enumerate(problem.couplings)]
-    return _template("agent.c.j2").render(
+    return template("agent.c.j2").render(
         title=comment(problem.name),
         uses_math=algebra.library,
         q=controller.q,
@@ -53,10 +53,11 @@ def source_text(controller: Controller) -> str:
     )
 
 
-def _template(name: str) -> Template:
-    """C with places for text that is C already: nothing is escaped here."""
+def template(name: str) -> Template:
+    """A file of ``templates/``: text with places for text that is C already: nothing is escaped here."""
     text = (files("dobc_design.export") / "templates" / name).read_text("utf-8")
-    return Template(text, trim_blocks=True, lstrip_blocks=True, keep_trailing_newline=True)
+    made: Template = Template(text, trim_blocks=True, lstrip_blocks=True, keep_trailing_newline=True)
+    return made
 
 
 def _tables(controller: Controller) -> Iterator[str]:

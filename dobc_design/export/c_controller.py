@@ -13,8 +13,8 @@ from dataclasses import dataclass
 from fractions import Fraction
 from typing import Any
 
-from dobc_design.certificate.claims import Claims
-from dobc_design.conditions.consensus.jacobians import ModeJacobian, jacobians_at_consensus
+from dobc_design.certificate.claims import Claims, certified_period
+from dobc_design.conditions.consensus.claim import ModeJacobian, jacobians_at_consensus
 from dobc_design.conditions.statement import Statement
 from dobc_design.errors import SpecError
 from dobc_design.exact.definite import decide_positive_definite, decide_positive_semidefinite
@@ -22,38 +22,36 @@ from dobc_design.exact.interval import Interval, UndefinedError
 from dobc_design.exact.matrix import Matrix, add, identity, matrix, multiply, scale, shape, subtract, transpose
 from dobc_design.exact.matrix_exponential import discretise
 from dobc_design.exact.number import number_text, parse_number
-from dobc_design.exact.polynomial import characteristic_polynomial
+from dobc_design.exact.polynomial import characteristic_polynomial, decide_images, disk_image
 from dobc_design.exact.reading import named, shown
-from dobc_design.exact.root_regions import decide_images, disk_image
 from dobc_design.exact.symmetric import SparseSymmetric
 from dobc_design.export.c_text import PRECISIONS, rounded
 from dobc_design.problem.arrays import Gain, chosen_gain
-from dobc_design.problem.exosystem import Exosystem
+from dobc_design.problem.exosystems import Exosystem
 from dobc_design.problem.groups import gains_of, group_numbers
 from dobc_design.problem.problem import Problem
 from dobc_design.verdict import Verdict
 
 
-def certified_sampling(claims: Claims, period: Fraction) -> Statement:
+def certified_sampling(problem: Problem, claims: Claims, period: Fraction) -> Statement:
     """State whether ``period`` (s) is within the one that the certificate proves: PROVED, or UNDECIDED."""
-    for check in claims.checks:
-        if check.id == "sampling" and check.verdict is Verdict.PROVED and check.exact and "period" in check.exact:
-            longest = Fraction(str(check.exact["period"]))
-            where = _domain(check.domain)
-            if period <= longest:
-                return _statement(
-                    check.verdict,
-                    f"the certificate's check `sampling` covers this period: couplings and pinning may be held for"
-                    f" {float(longest):.4g} s{where} (observer and estimate: those of (13), in continuous time).",
-                    longest,
-                )
-            return _statement(
-                Verdict.UNDECIDED,
-                f"the certificate's check `sampling` proves periods up to {float(longest):.4g} s{where};"
-                f" {float(period):.4g} s is longer.",
-                longest,
-            )
-    return _statement(Verdict.UNDECIDED, "the certificate has no proved check `sampling`.", None)
+    longest = certified_period(problem, claims)
+    if longest is None:
+        return _statement(Verdict.UNDECIDED, "the certificate has no proved check `sampling`.", None)
+    where = _domain(next(check.domain for check in claims.checks if check.id == "sampling"))
+    if period <= longest:
+        return _statement(
+            Verdict.PROVED,
+            f"the certificate's check `sampling` covers this period: couplings and pinning may be held for"
+            f" {float(longest):.4g} s{where} (observer and estimate: those of (13), in continuous time).",
+            longest,
+        )
+    return _statement(
+        Verdict.UNDECIDED,
+        f"the certificate's check `sampling` proves periods up to {float(longest):.4g} s{where};"
+        f" {float(period):.4g} s is longer.",
+        longest,
+    )
 
 
 def _statement(verdict: Verdict, text: str, longest: Fraction | None) -> Statement:
@@ -427,7 +425,6 @@ def _chosen(problem: Problem, agents: Sequence[Any] | None) -> list[int]:
 
 
 def _numbers(problem: Problem, agent: int) -> AgentNumbers:
-    places = {coupling: place for place, coupling in enumerate(problem.couplings)}
     neighbours: dict[int, int] = {}
     modes = []
     for arcs in problem.network.modes.values():
@@ -436,7 +433,7 @@ def _numbers(problem: Problem, agent: int) -> AgentNumbers:
         for arc in own:
             speaker = int(arcs.speakers[arc])
             place = neighbours.setdefault(speaker, len(neighbours))
-            coupling = places[problem.coupling_of(agent, speaker)]
+            coupling = problem.coupling_place(agent, speaker)
             hearings.append(Hearing(neighbour=place, coupling=coupling, weight=arcs.weights[arc]))
         modes.append(tuple(hearings))
     m = problem.m

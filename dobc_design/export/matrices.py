@@ -19,13 +19,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dobc_design._show.text import latex_matrix, latex_text
-from dobc_design.conditions.consensus.statements import state_theorems
+from dobc_design.conditions.consensus.claim import state_theorems
 from dobc_design.coupling.coupling import Coupling
 from dobc_design.errors import SpecError
 from dobc_design.exact.matrix import Matrix, to_float
 from dobc_design.exact.symmetric import SparseSymmetric
-from dobc_design.problem.arcs import Arcs
 from dobc_design.problem.arrays import exosystem_arrays, goals
+from dobc_design.problem.network import Arcs
 from dobc_design.problem.problem import Problem
 
 MOST_ROWS = 500  # of a dense matrix
@@ -70,7 +70,7 @@ def sympy_matrices(found: Mapping[str, Matrix], problem: Problem) -> dict[str, A
     """The same as SymPy matrices of rationals, and the default coupling "h" as a column in y, or y1 to ym."""
     import sympy
 
-    from dobc_design.model.sympy_algebra import to_sympy
+    from dobc_design.model.symbolic import to_sympy
 
     def rational(value: Fraction) -> Any:
         return sympy.Rational(value.numerator, value.denominator)

@@ -17,15 +17,14 @@ from functools import cache
 from importlib.resources import files
 
 from dobc_design.certificate.certificate import Certificate
-from dobc_design.conditions.consensus.jacobians import Jacobians, ModeJacobian
-from dobc_design.conditions.consensus.statements import Statements, state_theorems
+from dobc_design.conditions.consensus.claim import Jacobians, ModeJacobian, Statements, state_theorems
 from dobc_design.conditions.kinds import KINDS
 from dobc_design.conditions.numbers import claimed
 from dobc_design.errors import SpecError
 from dobc_design.exact.matrix import Matrix, multiply
 from dobc_design.exact.symmetric import SparseSymmetric
 from dobc_design.problem.canonical import problem_sha256
-from dobc_design.problem.exosystem import Exosystem
+from dobc_design.problem.exosystems import Exosystem
 from dobc_design.problem.problem import Problem
 from dobc_design.verdict import Verdict
 

@@ -8,7 +8,7 @@ from typing import Any
 
 from dobc_design._show.text import significant_towards_zero
 from dobc_design.conditions.check import Check, Fix, Witness, main_cure, other_cures
-from dobc_design.problem.typed import change_lines
+from dobc_design.problem.changes import change_lines
 from dobc_design.report.network_words import names_in_words
 from dobc_design.report.words import SYMBOLS, capitalize_first, check_name, domain_words
 from dobc_design.verdict import Verdict

@@ -10,11 +10,17 @@ import warnings
 from typing import Any
 
 import numpy as np
-from scipy import sparse
 
-from dobc_design.exact.decision import Symmetric
 from dobc_design.exact.pencil import Pencil
-from dobc_design.solvers.program import FAILED, Program, Solution, assemble, is_solver_failure, without_values
+from dobc_design.solvers.program import (
+    FAILED,
+    Program,
+    Solution,
+    as_sparse,
+    assemble,
+    is_solver_failure,
+    without_values,
+)
 
 TIME_LIMITS = {"CLARABEL": "time_limit", "SCS": "time_limit_secs"}  # the option by solver, in s
 
@@ -77,12 +83,7 @@ def _read(program: Program, problem: Any, variables: dict[str, Any], *, solver: 
 
 
 def _affine(cp: Any, pencil: Pencil, variables: dict[str, Any]) -> Any:
-    total = cp.Constant(_csr(pencil.constant))
+    total = cp.Constant(as_sparse(pencil.constant))
     for (name, i, j), coefficient in pencil.coefficients.items():
-        total = total + variables[name][i, j] * _csr(coefficient)
+        total = total + variables[name][i, j] * as_sparse(coefficient)
     return total
-
-
-def _csr(matrix: Symmetric) -> Any:
-    rows, columns, values = matrix.triplets()
-    return sparse.csr_array((values, (rows, columns)), shape=(matrix.size, matrix.size))

@@ -12,11 +12,14 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from fractions import Fraction
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy import sparse
 
 from dobc_design.exact.pencil import Pencil
+from dobc_design.exact.symmetric import Symmetric
 
 Array = NDArray[np.float64]
 
@@ -78,6 +81,12 @@ def is_solver_failure(error: BaseException) -> bool:
     if type(error).__name__ == "PanicException":
         return True
     return isinstance(error, Exception) and not isinstance(error, MemoryError)
+
+
+def as_sparse(matrix: Symmetric) -> Any:
+    """The nearest floats of an exact symmetric matrix, as a SciPy array.  Raises: OverflowError beyond the floats."""
+    rows, columns, values = matrix.triplets()
+    return sparse.csr_array((values, (rows, columns)), shape=(matrix.size, matrix.size))
 
 
 def assemble(pencil: Pencil, numbers: Sequence[float]) -> dict[str, Array]:

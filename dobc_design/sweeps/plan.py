@@ -22,11 +22,11 @@ from dobc_design.errors import SpecError
 from dobc_design.exact.number import float_above
 from dobc_design.exact.reading import shown
 from dobc_design.problem.canonical import problem_sha256
+from dobc_design.problem.changes import problem_text
 from dobc_design.problem.file import read_problem_tables
 from dobc_design.problem.load import load_problem, source_text
 from dobc_design.problem.problem import Problem
 from dobc_design.problem.toml_text import parse_toml
-from dobc_design.problem.toml_writing import problem_text
 from dobc_design.sweeps.axes import Axis, read_axes, read_value, with_changes
 from dobc_design.verdict import Verdict
 
@@ -98,7 +98,7 @@ class Task:
     def prepare(self) -> None:
         """Import what ``run`` needs, which takes seconds in a new process and is no part of a case."""
         from dobc_design.certification import certify  # noqa: F401 - for its imports
-        from dobc_design.simulation import ensembles  # noqa: F401 - likewise
+        from dobc_design.simulation import ensemble  # noqa: F401 - likewise
 
     def run(self, problem: Problem) -> dict[str, Any]:
         """Do it and return the columns."""

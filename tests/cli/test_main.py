@@ -38,9 +38,8 @@ from dobc_design import __version__
 from dobc_design.cli.main import main
 from dobc_design.conditions.kinds import KINDS
 from dobc_design.errors import SolverError
-from dobc_design.problem.builtin import builtin_names, builtin_text
 from dobc_design.problem.canonical import canonical_bytes
-from dobc_design.problem.load import load_problem
+from dobc_design.problem.load import builtin_names, builtin_text, load_problem
 
 
 @pytest.fixture

@@ -11,8 +11,8 @@ import numpy as np
 import pytest
 
 from dobc_design.simulation.simulations import simulate
-from dobc_design.simulation.storage import load_trajectory
 from dobc_design.simulation.stress import Failure, Stress, stress_from_json
+from dobc_design.simulation.trajectory import load_trajectory
 
 DIVERGING = """\
 name = "apart"

@@ -15,7 +15,7 @@ from typing import Any
 
 import pytest
 
-from dobc_design.problem.exosystem import Exosystem
+from dobc_design.problem.exosystems import Exosystem
 from dobc_design.problem.network import Network
 from dobc_design.report.html import html_report
 

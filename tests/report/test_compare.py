@@ -8,8 +8,8 @@ from html.parser import HTMLParser
 
 import pytest
 
+from dobc_design.problem.groups import Observer
 from dobc_design.problem.network import Network
-from dobc_design.problem.observer import Observer
 from dobc_design.report.compare import check_pairs, compare_html, compare_markdown, conclusion, region_pairs
 from dobc_design.report.differences import differences
 from dobc_design.verdict import Verdict

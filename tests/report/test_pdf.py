@@ -15,10 +15,9 @@ import pytest
 
 from dobc_design.certification.certify import certify
 from dobc_design.errors import SpecError
-from dobc_design.problem.exosystem import Exosystem
-from dobc_design.problem.groups import Group
+from dobc_design.problem.exosystems import Exosystem
+from dobc_design.problem.groups import Group, Observer
 from dobc_design.problem.network import Network
-from dobc_design.problem.observer import Observer
 from dobc_design.problem.problem import Problem
 from dobc_design.report import formulas
 from dobc_design.report.full_view import full_view

@@ -11,7 +11,7 @@ from staging_cases import ASKED, chain, problem
 
 from dobc_design.conditions.schedule.checks import StageTiming, stage_timings
 from dobc_design.conditions.schedule.settling import Settling
-from dobc_design.conditions.separable.timing import DelayBound, SamplingBound
+from dobc_design.conditions.separable.claim import DelayBound, SamplingBound
 from dobc_design.report.region_figures import plot_envelope
 from dobc_design.report.region_pictures import envelope_picture
 from dobc_design.report.region_stages import HEADS, settling_view, stage_rows

@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from dobc_design._show.text import Fragment, significant_towards_zero
-from dobc_design.problem.exosystem import Exosystem
+from dobc_design.problem.exosystems import Exosystem
 from dobc_design.problem.groups import Group
 from dobc_design.problem.network import Network
 from dobc_design.report.network_words import agent_rows, mode_sentences, names_in_words, pin_sentence

@@ -15,12 +15,12 @@ from dobc_design.conditions.consensus import estimates
 from dobc_design.conditions.consensus.claim import reduced
 from dobc_design.conditions.observer import gain, pair
 from dobc_design.conditions.observer.pair import propose_pairs
-from dobc_design.problem.builtin import builtin_text
-from dobc_design.problem.exosystem import Exosystem
+from dobc_design.problem.exosystems import Exosystem
 from dobc_design.problem.file import read_problem_text
-from dobc_design.solvers import ladder
+from dobc_design.problem.load import builtin_text
+from dobc_design.solvers import conic
+from dobc_design.solvers.conic import solve_directly
 from dobc_design.solvers.dense import solve_dense
-from dobc_design.solvers.direct import solve_directly
 from dobc_design.solvers.program import Program, Solution, is_solver_failure, without_values
 from dobc_design.verdict import Verdict
 
@@ -45,7 +45,7 @@ class Failing:
 
 
 def answer(status: str, x: list[float], value: float = 1.0) -> SimpleNamespace:
-    return SimpleNamespace(status=status, x=x, obj_val=value)
+    return SimpleNamespace(status=status, x=x, z=[0.0] * 90, obj_val=value)
 
 
 OUTCOMES = {
@@ -132,7 +132,7 @@ FEW = ("raises", "nan", "zeros", "huge")
 def test_certify_proves_without_its_solvers(monkeypatch, name, cycle):
     """The last rung is an exact Lyapunov equation, scaled up: no solver is needed for a proof."""
     monkeypatch.setattr(clarabel, "DefaultSolver", Failing((OUTCOMES | LIES)[name]))
-    monkeypatch.setattr(ladder, "solve_dense", lambda program, **options: without_values("failed: x", solver="SCS"))
+    monkeypatch.setattr(conic, "solve_dense", lambda program, **options: without_values("failed: x", solver="SCS"))
     for problem in (without_region("paper-fixed"), without_region("paper-switching"), cycle(4)):
         certificate = dd.certify(problem)
         assert certificate.verdict is Verdict.PROVED
@@ -176,8 +176,8 @@ def nothing(program: Program, **options: object) -> Solution:
 
 @pytest.fixture
 def without_solvers(monkeypatch):
-    monkeypatch.setattr(ladder, "solve_directly", nothing)
-    monkeypatch.setattr(ladder, "solve_dense", nothing)
+    monkeypatch.setattr(conic, "solve_directly", nothing)
+    monkeypatch.setattr(conic, "solve_dense", nothing)
 
 
 def test_a_gain_is_found_without_a_solver(without_solvers, harmonic):
@@ -245,8 +245,8 @@ def test_a_solver_that_runs_out_of_time_is_not_asked_again(monkeypatch, harmonic
 
         return solve
 
-    monkeypatch.setattr(ladder, "solve_directly", slow("first"))
-    monkeypatch.setattr(ladder, "solve_dense", slow("second"))
+    monkeypatch.setattr(conic, "solve_directly", slow("first"))
+    monkeypatch.setattr(conic, "solve_dense", slow("second"))
     assert gain.design_gain(harmonic).W is not None
     assert calls == ["first", "second"]
 
@@ -332,7 +332,7 @@ def test_a_singular_p_of_a_solver_is_passed_over(monkeypatch, harmonic):
     singular = type(broken)(
         status="Solved", solver="x", objective=0.0, values={"P": np.zeros((2, 2)), "Q": np.ones((2, 1))}
     )
-    monkeypatch.setattr(ladder, "solve_directly", lambda program, **options: singular)
+    monkeypatch.setattr(conic, "solve_directly", lambda program, **options: singular)
     assert gain.design_gain(harmonic).W is not None
 
 

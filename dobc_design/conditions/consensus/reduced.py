@@ -15,7 +15,7 @@ from dobc_design.conditions.consensus.estimates import largest_eigenvalue
 from dobc_design.conditions.consensus.jacobian import float_lambda
 from dobc_design.errors import SpecError
 from dobc_design.problem.problem import Problem
-from dobc_design.solvers.direct import solve_directly
+from dobc_design.solvers.conic import solve_directly
 from dobc_design.solvers.program import Program, Solution, without_values
 
 

@@ -18,12 +18,14 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from fractions import Fraction
 from types import MappingProxyType
-from typing import Final, Literal
+from typing import Any, Final, Literal
 
-from dobc_design.conditions.quadratic.sectors import Arc, Channel, GainRange, Sectors
+from dobc_design.conditions.quadratic.sectors import Channel, GainRange, Sectors
 from dobc_design.errors import ShapeError, SpecError
 from dobc_design.exact.matrix import Matrix, multiply
+from dobc_design.exact.number import number_text
 from dobc_design.exact.symmetric import SparseSymmetric
+from dobc_design.problem.canonical import matrix_text
 from dobc_design.problem.groups import agent_blocks
 
 Method = Literal["lure", "interval", "vertices"]
@@ -38,10 +40,10 @@ Entries = dict[tuple[int, int], Fraction]
 class Lure:
     """A claim: {V <= level} is invariant and V' <= -2 rate V in it, V = e'P_e e + sum eps_i'P eps_i, in every mode.
 
-    P_e (n m, n m); ``radius`` bounds |e_j - e_i| by component, ``radii`` replaces it for single arcs, and ``ranges``
-    are the gains claimed there.  ``multipliers``: mode -> one tau per channel, 0 where the channel is linear; empty
-    unless ``method`` is "lure".  ``level`` is rho^2; None: all of space (no arc has a radius).  ``rate`` in 1/s.
-    P, Q (q, q), (q, m): the observer's pair; None without an exosystem, or for eps = 0 only.
+    P_e (n m, n m); ``radius`` bounds |e_j - e_i| by component, and ``ranges`` are the gains claimed there.
+    ``multipliers``: mode -> one tau per channel, 0 where the channel is linear; empty unless ``method`` is "lure".
+    ``level`` is rho^2; None: all of space (without a radius).  ``rate`` in 1/s.  P, Q (q, q), (q, m): the observer's
+    pair; None without an exosystem, or for eps = 0 only.
     Raises: SpecError or ShapeError for what cannot be a claim.
     """
 
@@ -50,7 +52,6 @@ class Lure:
     radius: Fraction | None
     level: Fraction | None
     multipliers: Mapping[str, tuple[Fraction, ...]] = field(default_factory=dict)
-    radii: Mapping[Arc, Fraction] = field(default_factory=dict)
     rate: Fraction = ZERO
     P: Matrix | None = None
     Q: Matrix | None = None
@@ -58,7 +59,6 @@ class Lure:
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "multipliers", MappingProxyType(dict(self.multipliers)))
-        object.__setattr__(self, "radii", MappingProxyType(dict(self.radii)))
         if self.method not in METHODS:
             raise SpecError(f"method must be one of {', '.join(METHODS)}; got {self.method!r}.", key="method")
         if self.rate < 0 or (self.level is not None and self.level <= 0):
@@ -73,6 +73,25 @@ class Lure:
             return "full"
         values = {self.P_e.entries.get((i, i), ZERO) for i in range(self.P_e.size)}
         return "identity" if len(values) == 1 else "diagonal"
+
+    def to_json(self) -> dict[str, Any]:
+        """The exact values of a proved check."""
+        values: dict[str, Any] = {
+            "method": self.method,
+            "P_e": [[i, j, number_text(value)] for (i, j), value in sorted(self.P_e.entries.items())],
+            "level": None if self.level is None else number_text(self.level),
+            "radius": None if self.radius is None else number_text(self.radius),
+            "ranges": [
+                {
+                    "coupling": each.coupling,
+                    "gains": [[[number_text(gain.lo), number_text(gain.hi)] for gain in row] for row in each.entries],
+                }
+                for each in self.ranges
+            ],
+            "multipliers": {mode: [number_text(tau) for tau in taus] for mode, taus in self.multipliers.items()},
+            "rate": number_text(self.rate),
+        }
+        return values if self.P is None else values | {"P": matrix_text(self.P)}
 
 
 def lure_matrix(

@@ -13,7 +13,8 @@ from fractions import Fraction
 
 import numpy as np
 
-from dobc_design.conditions.consensus.decide import Pair, schur_block
+from dobc_design.conditions.consensus.claim import Pair
+from dobc_design.conditions.consensus.decide import schur_block
 from dobc_design.conditions.numbers import claimed, shorten
 from dobc_design.conditions.quadratic.claim import Lure, interval_matrix, lure_matrix, vertex_matrices
 from dobc_design.conditions.quadratic.sectors import Enclose, Sectors, build_sectors, gains_on, relied_differences
@@ -59,7 +60,7 @@ def verify_lure(problem: Problem, lure: Lure, *, enclose: Enclose = gains_on) ->
         raise ShapeError(
             f"P_e must have {problem.n * problem.m} rows, one per component of e; got {lure.P_e.size}.", key="P_e"
         )
-    sectors = build_sectors(problem, lure.ranges, radius=lure.radius, radii=lure.radii)
+    sectors = build_sectors(problem, lure.ranges, radius=lure.radius)
     for decision in _steps(problem, lure, sectors, enclose):
         if decision is not None:
             return decision
@@ -69,15 +70,15 @@ def verify_lure(problem: Problem, lure: Lure, *, enclose: Enclose = gains_on) ->
 
 
 def region_holds(lure: Lure, sectors: Sectors) -> bool:
-    """Whether {e'P_e e <= level} keeps every |e_j - e_i| within its radius: level c'P_e^-1 c <= radius^2.
+    """Whether {e'P_e e <= level} keeps every |e_j - e_i| within the radius: level c'P_e^-1 c <= radius^2.
 
-    P_e > 0 has to be known.  Without a level no channel may have a radius.
+    P_e > 0 has to be known.  Without a level no range may need a radius.
     """
-    reach = relied_differences(sectors.problem, radius=lure.radius, radii=lure.radii)
-    if lure.level is None or not reach:
-        return not reach
-    level, widths = lure.level, differences(lure.P_e, reach)
-    return all(level * width <= reach[place] ** 2 for place, width in zip(reach, widths, strict=True))
+    places = () if lure.radius is None else relied_differences(sectors.problem)
+    if lure.level is None or lure.radius is None or not places:
+        return not places
+    level, square = lure.level, lure.radius**2
+    return all(level * width <= square for width in differences(lure.P_e, places))
 
 
 def differences(P_e: SparseSymmetric, places: Iterable[tuple[int, int]]) -> Iterator[Fraction]:

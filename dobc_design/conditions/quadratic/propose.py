@@ -170,7 +170,7 @@ def rate_estimate(problem: Problem, lure: Lure) -> float:
     """The largest beta for which the Lur'e inequalities hold with these unknowns, about (1/s); 0 if there is none."""
     if lure.method != "lure":
         return 0.0
-    sectors = build_sectors(problem, lure.ranges, radius=lure.radius, radii=lure.radii)
+    sectors = build_sectors(problem, lure.ranges, radius=lure.radius)
     P_e = to_float(lure.P_e.to_dense())
     fixed = [
         to_float(lure_matrix(sectors, mode, lure.P_e, lure.multipliers[mode]).to_dense()) for mode in sectors.modes

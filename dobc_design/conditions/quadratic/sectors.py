@@ -17,12 +17,12 @@ from typing import Final
 from dobc_design.coupling.algebra import GradientAlgebra
 from dobc_design.coupling.coupling import Coupling
 from dobc_design.coupling.enclosures import Curve, secant_range
-from dobc_design.coupling.expression import evaluate, polynomial_degree, variables_used
+from dobc_design.coupling.expression import polynomial_degree, variables_used
+from dobc_design.coupling.tree import evaluate
 from dobc_design.errors import SpecError
 from dobc_design.exact.interval import Interval
 from dobc_design.problem.problem import Problem
 
-Arc = tuple[int, int]  # (listener, speaker)
 Entries = tuple[tuple[Interval, ...], ...]  # m x m
 Enclose = Callable[[Coupling, Fraction], Entries]
 Box = tuple[Interval, ...]
@@ -48,9 +48,9 @@ class GainRange:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Channel:
-    """g (e[plus] - e[minus]) acts on row ``target`` of e', low <= g <= high while |e[plus] - e[minus]| <= radius.
+    """g (e[plus] - e[minus]) acts on row ``target`` of e', low <= g <= high.
 
-    Indices of the stacked e; weight included; ``radius`` None: always.
+    Indices of the stacked e; weight included.
     """
 
     target: int
@@ -58,7 +58,6 @@ class Channel:
     minus: int
     low: Fraction
     high: Fraction
-    radius: Fraction | None
 
     @property
     def centre(self) -> Fraction:
@@ -101,85 +100,70 @@ def enclose_ranges(
     problem: Problem,
     *,
     radius: Fraction | None,
-    radii: Mapping[Arc, Fraction] | None = None,
     enclose: Enclose = gains_on,
-    digits: int = DIGITS,
 ) -> tuple[GainRange, ...]:
-    """Enclose every coupling that the arcs of any mode use, at every radius it is used with.
+    """Enclose every coupling that the arcs of any mode use.
 
-    Ranges are widened to ``digits`` significant digits, so that they are short and leave room for the enclosures
+    Ranges are widened to DIGITS significant digits, so that they are short and leave room for the enclosures
     of whoever checks them; single gains stay exact.  ``radius`` None is for linear couplings.
     Raises: SpecError for a radius that is not > 0, or None for a coupling that is not linear; UndefinedError.
     """
-    couplings = problem.couplings
+    if radius is not None and radius <= 0:
+        raise SpecError(f"radius must be > 0; got {radius}.", key="radius", cure="Give a length, or None.")
     found = []
-    for place, each in _uses(problem, radius, radii or {}):
-        if each is not None and each <= 0:
-            raise SpecError(f"radius must be > 0; got {each}.", key="radius", cure="Give a length, or None.")
-        if each is None and not couplings[place].is_linear:
+    for place in _used(problem):
+        coupling = problem.couplings[place]
+        if radius is None and not coupling.is_linear:
             raise SpecError(
-                f'radius must be a number, because h = "{couplings[place].texts[0]}" is not linear; got None.',
+                f'radius must be a number, because h = "{coupling.texts[0]}" is not linear; got None.',
                 key="radius",
                 cure="Give the largest |e_j - e_i| to be considered.",
             )
-        entries = enclose(couplings[place], Fraction(1) if each is None else each)
-        widened = tuple(tuple(_widened(entry, digits) for entry in row) for row in entries)
-        found.append(GainRange(coupling=place, radius=each, entries=widened))
+        entries = enclose(coupling, Fraction(1) if radius is None else radius)
+        widened = tuple(tuple(map(_widened, row)) for row in entries)
+        found.append(GainRange(coupling=place, radius=radius, entries=widened))
     return tuple(found)
 
 
-def build_sectors(
-    problem: Problem,
-    ranges: Sequence[GainRange],
-    *,
-    radius: Fraction | None,
-    radii: Mapping[Arc, Fraction] | None = None,
-) -> Sectors:
+def build_sectors(problem: Problem, ranges: Sequence[GainRange], *, radius: Fraction | None) -> Sectors:
     """Put claimed ranges at the arcs of every mode, weights multiplied in.  Gains that are exactly 0 are left out.
 
-    Raises: SpecError if an arc's coupling has no range at its radius, or one of the wrong shape.
+    Raises: SpecError if an arc's coupling has no range at this radius, or one of the wrong shape.
     """
-    m, own = problem.m, radii or {}
-    table = {(each.coupling, each.radius): each.entries for each in ranges}
-    place = {coupling: number for number, coupling in enumerate(problem.couplings)}
+    m = problem.m
+    table = {each.coupling: each.entries for each in ranges if each.radius == radius}
     modes: dict[str, tuple[Channel, ...]] = {}
     for name, arcs in problem.network.modes.items():
         channels: list[Channel] = []
         for listener, speaker, weight in arcs:
-            reach = own.get((listener, speaker), radius)
-            entries = table.get((place[problem.coupling_of(listener, speaker)], reach))
+            entries = table.get(problem.coupling_place(listener, speaker))
             if entries is None or [len(row) for row in entries] != [m] * m:
                 raise SpecError(
-                    f"mode {name}: the coupling of arc {(listener, speaker)} needs a range of shape ({m}, {m}) at its"
-                    f" radius {reach}.",
+                    f"mode {name}: the coupling of arc {(listener, speaker)} needs a range of shape ({m}, {m}) at the"
+                    f" radius {radius}.",
                     key="ranges",
-                    cure="Make them with enclose_ranges, with the same radii.",
+                    cure="Make them with enclose_ranges, with the same radius.",
                 )
-            channels.extend(_channels(entries, listener * m, speaker * m, weight, reach))
+            channels.extend(_channels(entries, listener * m, speaker * m, weight))
         modes[name] = tuple(channels)
     return Sectors(problem=problem, modes=modes)
 
 
-def relied_differences(
-    problem: Problem, *, radius: Fraction | None, radii: Mapping[Arc, Fraction] | None = None
-) -> dict[tuple[int, int], Fraction]:
-    """The differences |e[a] - e[b]| that ranges rely on, a < b -> the least radius of theirs.
+def relied_differences(problem: Problem) -> tuple[tuple[int, int], ...]:
+    """The differences |e[a] - e[b]|, a < b, that ranges with a radius rely on.
 
     Those of every arc whose coupling is not linear, also where its gain is one number as far as the radius goes: a
-    kink may lie beyond.  An arc without a radius is left out.
+    kink may lie beyond.
     """
-    m, own = problem.m, radii or {}
+    m = problem.m
     used = {coupling: _curved_variables(coupling) for coupling in problem.couplings}
-    found: dict[tuple[int, int], Fraction] = {}
-    for arcs in problem.network.modes.values():
-        for listener, speaker, _ in arcs:
-            reach = own.get((listener, speaker), radius)
-            if reach is None:
-                continue
-            for d in used[problem.coupling_of(listener, speaker)]:
-                place = (min(listener, speaker) * m + d, max(listener, speaker) * m + d)
-                found[place] = min(found.get(place, reach), reach)
-    return found
+    found = {
+        (min(listener, speaker) * m + d, max(listener, speaker) * m + d): None
+        for arcs in problem.network.modes.values()
+        for listener, speaker, _ in arcs
+        for d in used[problem.coupling_of(listener, speaker)]
+    }
+    return tuple(found)
 
 
 def _curved_variables(coupling: Coupling) -> tuple[int, ...]:
@@ -194,30 +178,21 @@ def _curved_variables(coupling: Coupling) -> tuple[int, ...]:
     return tuple(sorted(found))
 
 
-def _channels(entries: Entries, own: int, other: int, weight: Fraction, radius: Fraction | None) -> list[Channel]:
+def _channels(entries: Entries, own: int, other: int, weight: Fraction) -> list[Channel]:
     return [
-        Channel(
-            target=own + c, plus=other + d, minus=own + d, low=weight * gain.lo, high=weight * gain.hi, radius=radius
-        )
+        Channel(target=own + c, plus=other + d, minus=own + d, low=weight * gain.lo, high=weight * gain.hi)
         for c, row in enumerate(entries)
         for d, gain in enumerate(row)
         if gain.lo or gain.hi
     ]
 
 
-def _uses(
-    problem: Problem, radius: Fraction | None, radii: Mapping[Arc, Fraction]
-) -> list[tuple[int, Fraction | None]]:
-    """Which coupling is used at which radius, each once, in order."""
-    if not problem.exceptions and not radii:
-        return [(0, radius)] if any(len(arcs) for arcs in problem.network.modes.values()) else []
-    place = {coupling: number for number, coupling in enumerate(problem.couplings)}
-    found = {
-        (place[problem.coupling_of(listener, speaker)], radii.get((listener, speaker), radius)): None
-        for arcs in problem.network.modes.values()
-        for listener, speaker, _ in arcs
-    }
-    return list(found)
+def _used(problem: Problem) -> list[int]:
+    """The couplings that arcs use, by their places, each once, in order."""
+    if not problem.exceptions:
+        return [0] if any(len(arcs) for arcs in problem.network.modes.values()) else []
+    modes = problem.network.modes.values()
+    return list(dict.fromkeys(problem.coupling_place(i, j) for arcs in modes for i, j, _ in arcs))
 
 
 def _jacobian_hull(coupling: Coupling, box: Box) -> Entries:
@@ -258,12 +233,12 @@ def _jacobian(coupling: Coupling, box: Box) -> Entries:
     return tuple(evaluate(each.node, variables, algebra).partials for each in coupling.components)
 
 
-def _widened(gain: Interval, digits: int) -> Interval:
+def _widened(gain: Interval) -> Interval:
     if gain.is_point:
         return gain
     low, high = gain.floats()
     largest = max(abs(low), abs(high))
     if math.isinf(largest):
         return gain
-    unit = Fraction(10) ** (digits - 1 - math.floor(math.log10(largest)))
+    unit = Fraction(10) ** (DIGITS - 1 - math.floor(math.log10(largest)))
     return Interval(math.floor(gain.lo * unit) / unit, math.ceil(gain.hi * unit) / unit)

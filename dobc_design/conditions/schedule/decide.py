@@ -129,14 +129,13 @@ def guard_limits(problem: Problem, before: Stage, after: Stage) -> Iterator[tupl
         if isinstance(old, Separable) and new.rho is not None:
             yield handover_ratio(old, new) ** 2, new.rho
         return
-    places = relied_differences(problem, radius=new.radius, radii=new.radii)
-    if isinstance(old, Separable):
-        m = problem.m
-        for (i, j), radius in places.items():
-            yield (old.v[i // m] + old.v[j // m]) ** 2, radius
+    if new.radius is None:
         return
-    for width, radius in zip(differences(old.P_e, places), places.values(), strict=True):
-        yield width, radius
+    places, m = relied_differences(problem), problem.m
+    if isinstance(old, Separable):
+        yield from (((old.v[i // m] + old.v[j // m]) ** 2, new.radius) for i, j in places)
+    else:
+        yield from ((width, new.radius) for width in differences(old.P_e, places))
 
 
 def handover_ratio(old: Separable, new: Separable) -> Fraction:

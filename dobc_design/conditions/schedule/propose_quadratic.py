@@ -15,10 +15,9 @@ import math
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
-from typing import Any, Final
+from typing import Final
 
 import numpy as np
-from scipy import sparse
 
 from dobc_design.conditions.quadratic.claim import Lure, linear_part
 from dobc_design.conditions.quadratic.propose import raise_rate
@@ -29,7 +28,8 @@ from dobc_design.exact.interval import Interval, UndefinedError
 from dobc_design.exact.matrix import Matrix, multiply, scale, to_float
 from dobc_design.exact.symmetric import SparseSymmetric
 from dobc_design.problem.problem import Problem
-from dobc_design.solvers.program import Array, is_solver_failure
+from dobc_design.solvers.conic import Cone, solve_cones, svec, symmetric_basis
+from dobc_design.solvers.program import Array
 from dobc_design.solvers.rounding import round_matrix
 
 #: Rows n m, and rows and channels of one mode, up to which quadratic stages are looked for: the programs are dense.
@@ -42,7 +42,6 @@ OBSERVER: Final = 0.7  # of the decay rate of A - WC, for the observer's pair
 ROUNDEST: Final = 1e4  # the largest t that is worth a stage
 DIGITS: Final = (6, 9)
 ROOM: Final = Fraction(1, 10**4)  # of a gain
-ROOT2: Final = math.sqrt(2.0)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -154,66 +153,39 @@ def _floats(sectors: Sectors, name: str) -> _Mode:
 
 def _solved(modes: Sequence[_Mode], rate: float) -> _Found | None:
     """The roundest P_e with this rate and a little more; None if the solver finds none."""
-    import clarabel
-
-    size = len(modes[0].A)
-    places = [(i, j) for j in range(size) for i in range(j + 1)]
-    starts = np.cumsum([len(places), *(mode.B.shape[1] for mode in modes)])
-    total = int(starts[-1]) + 1  # P_e, theta of every mode, t
-    columns, right, cones = [], [], []
-    for block, constant in _blocks(modes, places, starts, total, rate * (1 + MARGIN)):
-        columns.append(block)
-        right.append(constant)
-        cones.append(clarabel.PSDTriangleConeT(round((math.sqrt(8 * len(constant) + 1) - 1) / 2)))
-    cost = np.zeros(total)
+    units = symmetric_basis(len(modes[0].A))
+    starts = np.cumsum([len(units), *(mode.B.shape[1] for mode in modes)])
+    cost = np.zeros(int(starts[-1]) + 1)  # P_e, theta of every mode, t
     cost[-1] = 1.0
-    settings = clarabel.DefaultSettings()
-    settings.verbose = False
-    matrix = sparse.csc_matrix(sparse.vstack(columns))
-    quadratic = sparse.csc_matrix((total, total))
-    try:
-        answer = clarabel.DefaultSolver(quadratic, cost, matrix, np.concatenate(right), cones, settings).solve()
-    except BaseException as failure:  # Clarabel panics with pyo3's PanicException, which is no Exception
-        if not is_solver_failure(failure):
-            raise
+    answer = solve_cones(cost, list(_cones(modes, units, starts, rate * (1 + MARGIN))))
+    if answer.status not in {"Solved", "AlmostSolved"} or not answer.found or answer.x[-1] > ROUNDEST:
         return None
-    x = np.asarray(answer.x, dtype=float)
-    if str(answer.status) not in {"Solved", "AlmostSolved"} or not np.all(np.isfinite(x)) or x[-1] > ROUNDEST:
-        return None
-    P_e = np.zeros((size, size))
-    for (i, j), value in zip(places, x.tolist(), strict=False):
-        P_e[i, j] = P_e[j, i] = value
-    parts = np.split(x[: int(starts[-1])], starts[:-1])[1:]
+    P_e = np.sum([value * unit for value, unit in zip(answer.x.tolist(), units, strict=False)], axis=0)
+    parts = np.split(answer.x[: int(starts[-1])], starts[:-1])[1:]
     return _Found(P_e=P_e, theta={mode.name: part for mode, part in zip(modes, parts, strict=True)})
 
 
-def _blocks(
-    modes: Sequence[_Mode], places: Sequence[tuple[int, int]], starts: Array, total: int, rate: float
-) -> Iterator[tuple[Any, Array]]:
-    """The constraints right - columns x >= 0, as triangles: t I - P_e, P_e - I, minus the inequality of each mode."""
-    size = len(modes[0].A)
-    units = [_unit(size, i, j) for i, j in places]
-    zero = np.zeros(size * (size + 1) // 2)
-    eye = _svec(np.eye(size))
-    P_e = np.stack([_svec(unit) for unit in units], axis=1)
-    yield sparse.csc_matrix(np.column_stack([P_e, np.zeros((len(zero), total - len(places) - 1)), -eye])), zero
-    yield sparse.csc_matrix(np.column_stack([-P_e, np.zeros((len(zero), total - len(places)))])), -eye
-    for number, mode in enumerate(modes):
+def _cones(modes: Sequence[_Mode], units: Sequence[Array], starts: Array, rate: float) -> Iterator[Cone]:
+    """T I - P_e >= 0, P_e - I >= 0, and minus the inequality of each mode."""
+    size, total = len(modes[0].A), int(starts[-1]) + 1
+    eye = svec(np.eye(size))
+    P_e = np.stack([svec(unit) for unit in units], axis=1)
+    thetas = np.zeros((len(eye), total - len(units) - 1))
+    yield Cone("semidefinite", np.column_stack([P_e, thetas, -eye]), 0 * eye)
+    yield Cone("semidefinite", np.column_stack([-P_e, thetas, 0 * eye]), -eye)
+    for start, mode in zip(starts.tolist(), modes, strict=False):
         k = mode.B.shape[1]
-        columns = sparse.lil_matrix(((size + k) * (size + k + 1) // 2, total))
+        rows = np.zeros(((size + k) * (size + k + 1) // 2, total))
         for column, unit in enumerate(units):
-            whole = np.zeros((size + k, size + k))
             product = unit @ mode.A
-            whole[:size, :size] = product + product.T + 2 * rate * unit
-            whole[:size, size:] = unit @ mode.B
-            whole[size:, :size] = whole[:size, size:].T
-            columns[:, column] = _svec(whole)[:, None]
+            corner, side = product + product.T + 2 * rate * unit, unit @ mode.B
+            rows[:, column] = svec(np.block([[corner, side], [side.T, np.zeros((k, k))]]))
         for channel in range(k):
             whole = np.zeros((size + k, size + k))
             whole[:size, :size] = np.outer(mode.C[channel], mode.C[channel])
             whole[size + channel, size + channel] = -1.0
-            columns[:, int(starts[number]) + channel] = _svec(whole)[:, None]
-        yield sparse.csc_matrix(columns), np.zeros(columns.shape[0])
+            rows[:, start + channel] = svec(whole)
+        yield Cone("semidefinite", rows, np.zeros(len(rows)))
 
 
 def _rounded(
@@ -263,15 +235,3 @@ def _multipliers(sectors: Sectors, name: str, theta: Array, digits: int) -> tupl
         else Fraction(0)
         for channel in sectors.modes[name]
     )
-
-
-def _unit(size: int, i: int, j: int) -> Array:
-    M = np.zeros((size, size))
-    M[i, j] = M[j, i] = 1.0
-    return M
-
-
-def _svec(M: Array) -> Array:
-    """Upper triangle, column by column, off-diagonal entries times sqrt 2 (Clarabel's order)."""
-    j, i = np.tril_indices(len(M))
-    return np.where(i == j, 1.0, ROOT2) * M[i, j]

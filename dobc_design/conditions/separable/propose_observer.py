@@ -10,16 +10,16 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from fractions import Fraction
-from typing import Any
 
 import numpy as np
-from scipy import linalg, sparse
+from scipy import linalg
 
 from dobc_design.conditions.separable.claim import ErrorBound
 from dobc_design.exact.matrix import Matrix, to_float
 from dobc_design.exact.number import float_above
-from dobc_design.problem.exosystem import Exosystem
-from dobc_design.solvers.program import Array, is_solver_failure
+from dobc_design.problem.exosystems import Exosystem
+from dobc_design.solvers.conic import Cone, solve_cones, svec, symmetric_basis
+from dobc_design.solvers.program import Array
 from dobc_design.solvers.rounding import round_matrix
 
 GRID = 24
@@ -32,7 +32,6 @@ DIGITS = 8
 UNIT = 10**6  # beta and kappa have six decimals
 FLOOR = 1e-6
 NEARLY, LARGEST = 1e-5, 1e100
-ROOT2 = math.sqrt(2.0)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -106,12 +105,10 @@ def _is_inside(error: Array, C: Array, bound: ErrorBound) -> bool:
 
 def _least_bound(error: Array, C: Array, beta: float) -> _Bound | None:
     """Minimise t subject to P <= t I, c'c <= P, error' P + P error <= -2 beta P, by Clarabel."""
-    import clarabel
-
     q = len(error)
     unit = float(np.max(np.abs(C), initial=0.0)) or 1.0
     C = C / unit
-    basis = [_unit(q, i, j) for j in range(q) for i in range(j + 1)]
+    basis = symmetric_basis(q)
     blocks = [
         # (coefficient of each entry of P, coefficient of t, constant), each to be >= 0
         ([-M for M in basis], np.eye(q), np.zeros((q, q))),
@@ -119,35 +116,15 @@ def _least_bound(error: Array, C: Array, beta: float) -> _Bound | None:
         ([-(error.T @ M + M @ error) - 2 * beta * M for M in basis], np.zeros((q, q)), np.zeros((q, q))),
         *((basis, np.zeros((q, q)), -np.outer(c, c)) for c in C),
     ]
-    columns = np.vstack([np.column_stack([*(-_svec(M) for M in entries), -_svec(t)]) for entries, t, _ in blocks])
-    right = np.concatenate([_svec(constant) for _, _, constant in blocks])
-    cost = np.zeros(len(basis) + 1)
-    cost[-1] = 1.0
-    settings = clarabel.DefaultSettings()
-    settings.verbose = False
-    cones = [clarabel.PSDTriangleConeT(q) for _ in blocks]
-    quadratic = sparse.csc_matrix((len(cost), len(cost)))
-    try:
-        answer = clarabel.DefaultSolver(quadratic, cost, sparse.csc_matrix(columns), right, cones, settings).solve()
-    except BaseException as failure:  # Clarabel panics with pyo3's PanicException, which is no Exception
-        if not is_solver_failure(failure):
-            raise
-        return _lyapunov_bound(error, unit * C, beta)
-    P = _read_matrix(answer, basis)
-    if P is None or not _nearly_holds(P, error, C, beta):
+    cones = [
+        Cone("semidefinite", np.column_stack([*(-svec(M) for M in entries), -svec(t)]), svec(constant))
+        for entries, t, constant in blocks
+    ]
+    answer = solve_cones(np.append(np.zeros(len(basis)), 1.0), cones)
+    P = sum((x * M for x, M in zip(answer.x.tolist(), basis, strict=False)), np.zeros((q, q)))
+    if not answer.found or not _nearly_holds(P, error, C, beta):
         return _lyapunov_bound(error, unit * C, beta)
     return _Bound(beta=beta, P=unit**2 * P, size=unit**2 * float(np.linalg.eigvalsh(P)[-1]))
-
-
-def _read_matrix(answer: Any, basis: list[Array]) -> Array | None:
-    """P from what a solver returns, which may be anything."""
-    try:
-        numbers = np.ravel(np.asarray(answer.x, dtype=float))
-    except (AttributeError, TypeError, ValueError):
-        return None
-    if len(numbers) <= len(basis) or not np.all(np.isfinite(numbers)):
-        return None
-    return np.asarray(sum(x * M for x, M in zip(numbers.tolist(), basis, strict=False)))
 
 
 def _nearly_holds(P: Array, error: Array, C: Array, beta: float) -> bool:
@@ -173,15 +150,3 @@ def _lyapunov_bound(error: Array, C: Array, beta: float) -> _Bound | None:
         except (ValueError, np.linalg.LinAlgError):
             return None
     return _Bound(beta=beta, P=P, size=float(values[-1])) if values[0] > 0 and math.isfinite(values[-1]) else None
-
-
-def _unit(q: int, i: int, j: int) -> Array:
-    M = np.zeros((q, q))
-    M[i, j] = M[j, i] = 1.0
-    return M
-
-
-def _svec(M: Array) -> Array:
-    """Upper triangle, column by column, off-diagonal entries times sqrt 2 (Clarabel's order)."""
-    values: list[Any] = [M[i, j] * (1.0 if i == j else ROOT2) for j in range(len(M)) for i in range(j + 1)]
-    return np.array(values)

@@ -1,0 +1,231 @@
+"""Clarabel, asked in one place: linear objectives over cones, the programs of pencils, and the ladder down to SCS.
+
+Whatever a solver answers is a proposal that exact arithmetic decides about, so a wrong answer costs time and
+nothing else.  A solver that breaks (raises, runs out of time, answers with something that is no point) is not
+asked again for the same design.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass, field
+from typing import Any, Final, Literal, TypeVar
+
+import numpy as np
+from scipy import sparse
+
+from dobc_design.exact.pencil import Pencil, below, positive
+from dobc_design.solvers.dense import solve_dense
+from dobc_design.solvers.program import (
+    FAILED,
+    Array,
+    Program,
+    Solution,
+    as_sparse,
+    assemble,
+    is_solver_failure,
+    without_values,
+)
+
+T = TypeVar("T")
+
+ROOT2: Final = math.sqrt(2.0)
+SOLVER, SECOND = "Clarabel", "SCS"
+TIME_LIMIT: Final = 20.0  # seconds for one call of one solver; the programs of the ladder take milliseconds
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Cone:
+    """``right`` - ``rows`` x lies in a cone; rows (r, k) a NumPy or SciPy array, right (r,).
+
+    ``kind``: "semidefinite" (the svec of a matrix), "nonnegative", or "ball" (the norm of the others is at most the
+    first).
+    """
+
+    kind: Literal["semidefinite", "nonnegative", "ball"]
+    rows: Any
+    right: Array
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class ConeAnswer:
+    """What Clarabel answered; without a point x is empty.  x (k,), multipliers (all rows,).
+
+    ``status`` is the solver's own word ("Solved", "PrimalInfeasible", ...), or begins with FAILED.
+    """
+
+    status: str
+    x: Array = field(default_factory=lambda: np.zeros(0))
+    multipliers: Array = field(default_factory=lambda: np.zeros(0))
+    objective: float = math.nan
+
+    @property
+    def found(self) -> bool:
+        """Whether there is a finite point to look at."""
+        return len(self.x) > 0
+
+
+def solve_cones(
+    cost: Array,
+    cones: Sequence[Cone],
+    *,
+    squares: Array | None = None,
+    time_limit: float = math.inf,
+    accuracy: float | None = None,
+) -> ConeAnswer:
+    """Minimise cost'x + x'diag(squares)x / 2 over x (k,) in all ``cones``, by Clarabel.
+
+    ``time_limit`` in s; ``accuracy``: absolute and relative, where it is not Clarabel's own.
+    Returns: an answer without values where the solver fails in any way; it never raises for that.
+    """
+    import clarabel
+
+    try:
+        settings = clarabel.DefaultSettings()
+        settings.verbose = False
+        settings.time_limit = time_limit
+        if accuracy is not None:
+            settings.tol_gap_abs = settings.tol_gap_rel = settings.tol_feas = accuracy
+        answer = clarabel.DefaultSolver(
+            sparse.csc_matrix(sparse.diags_array(np.zeros(len(cost)) if squares is None else squares)),
+            cost,
+            sparse.csc_matrix(sparse.vstack([sparse.csc_array(each.rows) for each in cones])),
+            np.concatenate([each.right for each in cones]),
+            [_clarabels(clarabel, each) for each in cones],
+            settings,
+        ).solve()
+        return _read(answer, len(cost))
+    except BaseException as error:  # Clarabel panics with pyo3's PanicException, which is no Exception
+        if not is_solver_failure(error):
+            raise
+        return ConeAnswer(status=f"{FAILED}{type(error).__name__}")
+
+
+def _clarabels(clarabel: Any, cone: Cone) -> Any:
+    size = len(cone.right)
+    if cone.kind == "semidefinite":
+        return clarabel.PSDTriangleConeT((math.isqrt(8 * size + 1) - 1) // 2)
+    return clarabel.NonnegativeConeT(size) if cone.kind == "nonnegative" else clarabel.SecondOrderConeT(size)
+
+
+def _read(answer: Any, size: int) -> ConeAnswer:
+    """What the solver answered.  Raises what comes of it if that is no point at all."""
+    status, objective = str(answer.status), float(answer.obj_val)
+    x, multipliers = (np.asarray(each, dtype=np.float64).ravel() for each in (answer.x, answer.z))
+    # The x of an infeasible or unbounded problem is the ray that shows it, not a point.
+    if "Infeasible" in status or not (np.all(np.isfinite(x)) and math.isfinite(objective)):
+        return ConeAnswer(status=status)
+    if len(x) < size:
+        raise ValueError(f"a solver answered with {len(x)} numbers, not {size}")
+    return ConeAnswer(status=status, x=x, multipliers=multipliers, objective=objective)
+
+
+def svec(matrix: Any) -> Array:
+    """The upper triangle, column by column, off-diagonal entries times sqrt 2 (Clarabel's order).
+
+    ``matrix``: symmetric (n, n), a NumPy or SciPy array.  Shape: (n (n + 1)/2,).
+    """
+    table = sparse.coo_array(matrix)
+    size = table.shape[0]
+    upper = table.row <= table.col
+    i, j, values = table.row[upper].astype(np.int64), table.col[upper].astype(np.int64), table.data[upper]
+    result = np.zeros(size * (size + 1) // 2)
+    np.add.at(result, j * (j + 1) // 2 + i, np.where(i == j, values, ROOT2 * values))
+    return result
+
+
+def smat(vector: Array) -> Array:
+    """The symmetric matrix (n, n) that ``svec`` writes as ``vector`` (n (n + 1)/2,)."""
+    size = (math.isqrt(8 * len(vector) + 1) - 1) // 2
+    columns, rows = np.tril_indices(size)
+    result = np.zeros((size, size))
+    result[rows, columns] = result[columns, rows] = np.where(rows == columns, vector, vector / ROOT2)
+    return result
+
+
+def svec_diagonal(size: int) -> Any:
+    """Where ``svec`` puts the diagonal of an (n, n) matrix, (n,)."""
+    j = np.arange(size)
+    return j * (j + 3) // 2
+
+
+def symmetric_basis(size: int) -> list[Array]:
+    """The symmetric matrices (n, n) with one entry 1 in the upper triangle, column by column."""
+    found = []
+    for j in range(size):
+        for i in range(j + 1):
+            unit = np.zeros((size, size))
+            unit[i, j] = unit[j, i] = 1.0
+            found.append(unit)
+    return found
+
+
+def solve_directly(program: Program, *, time_limit: float = 60.0) -> Solution:
+    """Solve a Program by Clarabel, without a modelling layer.  A failure is a Solution without values.
+
+    ``time_limit`` in s.
+    """
+    places = [place for unknown in program.pencils[0].unknowns for place in unknown.places()]
+    gains = [k for k, place in enumerate(places) if place[0] == "Q"]
+    P, margin = program.pencils[0].unknowns[0], program.objective == "margin"
+    cost, squares = np.zeros(len(places) + margin), np.zeros(len(places) + margin)
+
+    def cone(pencil: Pencil, *, with_t: bool = False) -> Cone:
+        rows = np.zeros((pencil.size * (pencil.size + 1) // 2, len(cost)))
+        for k, place in enumerate(places):
+            if place in pencil.coefficients:
+                rows[:, k] = svec(as_sparse(pencil.coefficients[place]))
+        if with_t:
+            rows[svec_diagonal(pencil.size), -1] = -1.0
+        return Cone("semidefinite", rows, -svec(as_sparse(pencil.constant)))
+
+    try:
+        cones = [cone(pencil, with_t=margin) for pencil in program.pencils]
+        if margin:
+            cost[-1] = 1.0
+            cones += [cone(positive(P, floor=program.floor + 1)), cone(below(P, ceiling=program.ratio))]
+            if gains:
+                rows = np.zeros((len(gains) + 1, len(cost)))
+                rows[np.arange(1, len(gains) + 1), gains] = -1.0
+                cones.append(Cone("ball", rows, np.array([float(program.radius)] + [0.0] * len(gains))))
+        else:
+            cost[[k for k, (name, i, j) in enumerate(places) if name == "P" and i == j]] = 1.0
+            squares[gains] = 2.0
+            cones.append(cone(positive(P, floor=program.floor)))
+    except (ArithmeticError, ValueError) as error:  # a number beyond the floats
+        return without_values(f"{FAILED}{type(error).__name__}", solver=SOLVER)
+    answer = solve_cones(cost, cones, squares=squares, time_limit=time_limit)
+    if not answer.found:
+        return without_values(answer.status, solver=SOLVER)
+    values = assemble(program.pencils[0], answer.x.tolist())
+    return Solution(status=answer.status, solver=SOLVER, objective=answer.objective, values=values)
+
+
+def climb(
+    programs: Iterable[tuple[Program, T]], *, time_limit: float = TIME_LIMIT
+) -> Iterator[tuple[Solution, T, str]]:
+    """Solve each program by Clarabel and, where that gave no point for one of them, by SCS through cvxpy.
+
+    ``programs``: each with a label.  ``time_limit``: seconds for one call.
+    Returns: the answer (perhaps without values), the label, and how it came about: "" for Clarabel, else such as
+    "by SCS, after Clarabel gave no point (MaxTime)".
+    """
+    source = iter(programs)
+    asked: list[tuple[Program, T]] = []
+    trouble: str | None = None
+    for program, label in source:
+        asked.append((program, label))
+        answer = solve_directly(program, time_limit=time_limit)
+        if answer.broken or not answer.found:
+            trouble = answer.status
+        yield answer, label, ""
+        if answer.broken:
+            break
+    if trouble is None:
+        return
+    for program, label in (*asked, *source):
+        answer = solve_dense(program, solver=SECOND, time_limit=time_limit)
+        yield answer, label, f"by {SECOND}, after Clarabel gave no point ({trouble})"
+        if answer.broken:
+            return

@@ -67,9 +67,9 @@ _HOMES = {
     "design": "synthesis.designs",
     "design_observer": "synthesis.designs",
     "design_pinning": "synthesis.designs",
-    "exact": "designer.widget",
+    "exact": "exact",
     "exosystems": "problem.exosystems",
-    "falsify": "falsification.searches",
+    "falsify": "falsification.search",
     "from_pandapower": "export.interchange",
     "load_problem": "problem.load",
     "load_trajectory": "simulation.trajectory",
@@ -191,7 +191,7 @@ if TYPE_CHECKING:
         to_sdpa,
         to_sympy,
     )
-    from dobc_design.falsification.searches import falsify
+    from dobc_design.falsification.search import falsify
     from dobc_design.falsification.suspect import Falsification, Suspect
     from dobc_design.model.model import Model
     from dobc_design.problem import exosystems

@@ -26,8 +26,7 @@ from dobc_design.conditions.check import Check, Claim
 from dobc_design.conditions.consensus.claim import PairFacts
 from dobc_design.conditions.numbers import claimed
 from dobc_design.conditions.quadratic.claim import Lure
-from dobc_design.conditions.quadratic.decide import eigenvalue_bound
-from dobc_design.conditions.schedule.decide import diagonal_of_inverse
+from dobc_design.conditions.quadratic.decide import diagonal_of_inverse, eigenvalue_bound
 from dobc_design.conditions.schedule.settling import Settling
 from dobc_design.conditions.separable.claim import Separable
 from dobc_design.conditions.separable.observer import composite_rate

@@ -14,8 +14,8 @@ from dobc_design._show.cards import Card, Shown
 from dobc_design.certificate.certificate import Certificate
 from dobc_design.certification.overall import decide_overall
 from dobc_design.conditions.check import Check
-from dobc_design.falsification.search import RUNS, falsify
-from dobc_design.falsification.searches import regional_check
+from dobc_design.falsification.levels import regional_check
+from dobc_design.falsification.search import RUNS, search_starts
 from dobc_design.falsification.suspect import Falsification
 from dobc_design.verdict import Verdict
 
@@ -60,9 +60,9 @@ def search_certificate(
         return Searched(certificate=certificate, searches=())
     check = regional_check(certificate)
     radius = None if problem.region is not None else _reach(certificate)
-    found = [falsify(problem, runs=runs, seed=seed, radius=radius, gain=W, progress=progress)]
+    found = [search_starts(problem, runs=runs, seed=seed, radius=radius, gain=W, progress=progress)]
     if check is not None:
-        found.append(falsify(problem, runs=runs, seed=seed, certified=check, gain=W, progress=progress))
+        found.append(search_starts(problem, runs=runs, seed=seed, certified=check, gain=W, progress=progress))
     return Searched(certificate=_with_check(certificate, found[0].check), searches=tuple(found))
 
 

@@ -233,7 +233,7 @@ def settling_parts(settling: Settling | None, timings: Sequence[StageTiming] = (
     """The stages as a table, with what they allow; nothing without a proved settling time."""
     from rich.text import Text
 
-    from dobc_design.report.region_stages import NONE, settling_view
+    from dobc_design.report.region_words import NONE, settling_view
 
     view = settling_view(settling, timings)
     if view is None:

@@ -53,7 +53,7 @@ def report(
 ) -> None:
     """Write the report of a certificate again, or two certificates side by side."""
     from dobc_design.certificate.files import make_folder, write_together
-    from dobc_design.report.compare import conclusion
+    from dobc_design.report.comparison import conclusion
     from dobc_design.report.write import render_comparison, render_latex, render_report
 
     manner = manner_of(quiet=quiet, verbose=verbose)

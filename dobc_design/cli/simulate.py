@@ -228,7 +228,7 @@ def _verified(place: Path, problem: Problem, progress: Callable[[str], None]) ->
 
 def _certified(result: Trajectory | Ensemble, bound: CertifiedBound) -> dict[str, Any]:
     """What the certificate bounds, for --json; a note where it bounds nothing here."""
-    from dobc_design.plotting.axes import RESOLVED
+    from dobc_design.plotting.look import RESOLVED
 
     if not bound.sources:
         return {"certified": None, "notes": [*result.notes, f"No certified bound: {bound.reason}."]}

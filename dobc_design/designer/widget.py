@@ -19,7 +19,7 @@ from dobc_design.exact.number import parse_number
 from dobc_design.problem.changes import problem_text
 from dobc_design.problem.load import load_problem
 from dobc_design.problem.problem import Problem
-from dobc_design.report.layout import positions
+from dobc_design.report.drawing import positions
 
 try:
     import anywidget

@@ -7,11 +7,11 @@ homogeneous of degree 1 in (e, eps), so that every start but 0 is brought to the
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import Protocol
+from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
+from dobc_design.certificate.certificate import Certificate
 from dobc_design.certificate.claims import claim_of
 from dobc_design.conditions.boxes.claim import Shell
 from dobc_design.conditions.check import Check
@@ -22,49 +22,24 @@ from dobc_design.conditions.separable.observer import composite_rate
 from dobc_design.errors import SpecError
 from dobc_design.exact.matrix import Matrix, to_float
 from dobc_design.problem.problem import Problem
+from dobc_design.simulation._arguments import Array
 from dobc_design.verdict import Verdict
 
-Array = NDArray[np.float64]
+if TYPE_CHECKING:
+    pass
+
 Certified = Separable | Lure | Shell | Check
 EVERYWHERE = 1.0  # the level that stands for a certificate that holds everywhere
 TINY = 1e-300
 
 
-class Level(Protocol):
-    """{V <= 1}; V(t) <= V(0) exp(-rate t) is certified inside (``rate`` in 1/s).
-
-    ``P`` (q, q) is the observer's matrix, scaled like V; None where the certificate is about eps = 0 only.
-    """
-
-    @property
-    def name(self) -> str:
-        """The method."""
-
-    @property
-    def rate(self) -> float:
-        """What is certified, 1/s."""
-
-    @property
-    def P(self) -> Array | None:  # noqa: N802 - the paper's letter
-        """The observer's matrix."""
-
-    @property
-    def lengths(self) -> Array:
-        """How far the set reaches from side to side, about, by component of e: (n m,)."""
-
-    def value(self, e: Array, eps: Array) -> Array:
-        """V of states e (n m, R) and eps (n, q, R): (R,)."""
-
-    def gradient(self, e: Array, eps: Array) -> tuple[Array, Array]:
-        """A (sub)gradient of V at one state e (n m,), eps (n, q) with V > 0."""
-
-    def directions(self, standard: Array) -> Array:
-        """Errors (n m, R) that are spread over the set, from standard ones."""
-
-
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class BoxLevel:
-    """V = max_k |e_k| / height_k + max_i |eps_i|_P, height (n m,)."""
+    """V = max_k |e_k| / height_k + max_i |eps_i|_P, height (n m,).
+
+    ``rate`` in 1/s: V(t) <= V(0) exp(-rate t) is certified while V <= 1.  ``P`` (q, q) is the observer's matrix, scaled
+    like V; None where the certificate is about eps = 0 only.
+    """
 
     name: str
     rate: float
@@ -73,13 +48,16 @@ class BoxLevel:
 
     @property
     def lengths(self) -> Array:
+        """How far the set reaches from side to side, about, by component of e: (n m,)."""
         return np.asarray(2 * self.height)
 
     def value(self, e: Array, eps: Array) -> Array:
+        """V of states e (n m, R) and eps (n, q, R): (R,)."""
         sides = np.abs(e) / self.height[:, None]
         return np.asarray(sides.max(axis=0) + observer_norms(self.P, eps).max(axis=0, initial=0.0))
 
     def gradient(self, e: Array, eps: Array) -> tuple[Array, Array]:
+        """A (sub)gradient of V at one state e (n m,), eps (n, q) with V > 0."""
         along, along_eps = np.zeros_like(e), np.zeros_like(eps)
         place = int(np.argmax(np.abs(e) / self.height))
         along[place] = np.sign(e[place]) / self.height[place]
@@ -90,12 +68,13 @@ class BoxLevel:
         return along, along_eps
 
     def directions(self, standard: Array) -> Array:
+        """Errors (n m, R) that are spread over the set, from standard ones."""
         return np.asarray(standard * self.height[:, None])
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Ellipsoid:
-    """V = root of e'P_e e + sum |eps_i|_P^2, P_e (n m, n m)."""
+    """V = root of e'P_e e + sum |eps_i|_P^2, P_e (n m, n m); ``rate`` and ``P`` as in ``BoxLevel``."""
 
     name: str
     rate: float
@@ -118,6 +97,9 @@ class Ellipsoid:
     def directions(self, standard: Array) -> Array:
         values, vectors = np.linalg.eigh(self.P_e)
         return np.asarray(vectors @ (standard / np.sqrt(np.maximum(values, TINY))[:, None]))
+
+
+Level = BoxLevel | Ellipsoid
 
 
 def observer_norms(P: Array | None, eps: Array) -> Array:
@@ -183,3 +165,22 @@ def _claim_of(problem: Problem, check: Check, W: Matrix | None) -> Separable | L
     if not isinstance(claim, Separable | Lure | Shell):
         raise SpecError(f"certified: the check {check.title} names no set of starts.", key="certified")
     return claim
+
+
+def regional_check(certificate: Certificate) -> Check | None:
+    """The proved check of a region that covers what is asked, else the first one; None without one."""
+    proved = [check for check in certificate.checks if check.verdict is Verdict.PROVED and check.kind.role == "region"]
+    first = proved[0] if proved else None
+    return next((check for check in proved if check.id == certificate.claims.covered_by), first)
+
+
+def needed_check(certificate: Certificate) -> Check:
+    """The same.  Raises: SpecError without one."""
+    found = regional_check(certificate)
+    if found is None:
+        raise SpecError(
+            "certified must hold a proved check of a region; this certificate has none.",
+            key="certified",
+            cure="Ask for a [region], or give certify everything=True.",
+        )
+    return found

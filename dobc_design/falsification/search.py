@@ -2,6 +2,9 @@
 
 Two questions.  Without a certificate: does every start asked for converge?  With one: does V of the certified set decay
 as certified from its whole boundary?  What is found is a suspect; only a proved equilibrium refutes, and only a region.
+
+The ascent makes larger whatever is large after some time, by the derivatives of CasADi's RK4 (``model.flow``); where it
+ends is simulated again by others.
 """
 
 from __future__ import annotations
@@ -10,37 +13,43 @@ import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cache
+from os import PathLike
 
 import numpy as np
-from numpy.typing import NDArray
 
-from dobc_design.conditions.check import Check
+from dobc_design.certificate.certificate import Certificate
 from dobc_design.conditions.equilibrium.claim import LARGEST, Equilibrium
 from dobc_design.conditions.equilibrium.decide import refuting_check
+from dobc_design.conditions.observer.gain import observer_gain
 from dobc_design.errors import SpecError
-from dobc_design.falsification.ascent import ascend, final_error, final_level
 from dobc_design.falsification.equilibria import MOST_PROVED, point_of, proved_equilibria
-from dobc_design.falsification.levels import Certified, Level, level_of
-from dobc_design.falsification.running import (
+from dobc_design.falsification.levels import Certified, Level, level_of, needed_check
+from dobc_design.falsification.starts import (
+    CORNERS,
+    EDGES,
+    RANDOM,
     Arena,
+    Boundary,
+    Pair,
     Runs,
     Signals,
+    StartSet,
+    asked_box,
     constant_signals,
     drawn_signals,
     make_arena,
     run_starts,
     settling_horizon,
 )
-from dobc_design.falsification.starts import CORNERS, EDGES, RANDOM, Boundary, StartSet, asked_box
 from dobc_design.falsification.suspect import LEAVES, RESTS, STAYS_AWAY, Falsification, Suspect
 from dobc_design.model.model import Flow, build_flow
 from dobc_design.problem.arrays import Gain, chosen_gain
+from dobc_design.problem.load import load_problem
 from dobc_design.problem.problem import Problem
-from dobc_design.simulation._arguments import positive, seconds, whole
+from dobc_design.simulation._arguments import Array, positive, seconds, whole
 from dobc_design.simulation.integrate import fastest_decay
 
-Array = NDArray[np.float64]
-IndexArray = NDArray[np.int64]
+Objective = Callable[[Array], tuple[float, Array]]
 Progress = Callable[[str], None]
 
 RUNS = 500
@@ -58,9 +67,51 @@ MOST_STEPS, LEAST_STEPS = 2000, 60  # of the flow that is climbed ...
 MOST_WORK = 40_000  # ... and steps times states
 ASCENT_PART = 0.25  # of the horizon that it lasts
 STEEPER = 3.0  # couplings may be so many times as steep far out as at the target
+EVALUATIONS = 24  # steps of one ascent
+FIRST_STEP, LEAST_STEP = 0.2, 1e-3  # relative to the reach of the set
+GROWTH, SHRINKAGE = 1.5, 0.4
 
 
 def falsify(
+    problem: Problem | str | PathLike[str],
+    *,
+    runs: int = RUNS,
+    seed: int | None = None,
+    radius: float | None = None,
+    disturbance: float | None = None,
+    certified: Certificate | Certified | None = None,
+    t_final: float | None = None,
+    progress: Progress | None = None,
+) -> Falsification:
+    """Search for starts that do not converge, or that leave a certified set; and prove second equilibria.
+
+    Starts: the region asked for; with ``radius`` the box |e|_inf <= radius; without both |e|_inf <= 1; with
+    ``certified`` the boundary of a certified set: that of a certificate, of one of its checks, or of a claim of
+    theorems.separable, theorems.lure or theorems.shell.  ``disturbance`` bounds |eps_i|.  ``runs`` starts are
+    simulated: corners, edges, random ones, and the worst of them after gradient ascent through CasADi.  ``t_final``
+    in s; ``progress`` is called with the name of each stage.  The same ``seed`` gives the same search.  A missing W is
+    designed first, as ``certify`` does.
+    Returns: a Falsification with suspects, which prove nothing, and equilibria, each proved in a box by interval
+    arithmetic.  Raises: SpecError for a wrong argument.
+    """
+    problem = problem if isinstance(problem, Problem) else load_problem(problem)
+    gain = observer_gain(problem)
+    if isinstance(certified, Certificate):
+        gain, certified = certified.claims.W, needed_check(certified)
+    return search_starts(
+        problem,
+        runs=runs,
+        seed=seed,
+        radius=radius,
+        disturbance=disturbance,
+        certified=certified,
+        t_final=t_final,
+        gain=gain,
+        progress=progress,
+    )
+
+
+def search_starts(
     problem: Problem,
     *,
     runs: int = RUNS,
@@ -72,16 +123,9 @@ def falsify(
     gain: Gain | None = None,
     progress: Progress | None = None,
 ) -> Falsification:
-    """Search for starts that do not converge, or that leave a certified set.
+    """The same with ``gain`` (q, m) in place of observer.W.
 
-    Starts: the region asked for; with ``radius`` the box |e|_inf <= radius; without both |e|_inf <= 1; with
-    ``certified`` (a Separable, Lure or Shell, or a proved check of a region) the boundary of its set.
-    ``disturbance`` bounds |eps_i|, by default as the region says.  ``runs`` starts are simulated, the worst of them
-    climbed (up to 60 rows n m); modes are constant or switch at random.  ``t_final`` (s): by default long enough for
-    the consensus to settle.  ``gain`` (q, m) takes the place of observer.W.
-    Deterministic for a seed (the problem's by default).  Returns: a Falsification.
-    Raises: SpecError for a wrong argument, or if there is an exosystem and no W.
-    Source: theory, sections 4 and 5; nothing here is a proof but the equilibria in ``proved``.
+    Modes are constant or switch at random; without ``t_final`` a run is long enough for the consensus to settle.
     """
     whole(runs, "runs", least=1)
     seed = problem.simulation.seed if seed is None else whole(seed, "seed", least=0)
@@ -280,7 +324,6 @@ class _Search:
         if unfinished:
             notes.append(f"{unfinished} runs took too many steps; nothing is said about them.")
         checks = (refuting_check(self.problem, claim) for claim in proved)
-        check: Check | None = next((each for each in checks if each is not None), None)
         return Falsification(
             name=self.problem.name,
             target=self.starts.words,
@@ -288,7 +331,7 @@ class _Search:
             unfinished=unfinished,
             suspects=tuple(suspects),
             proved=tuple(proved),
-            check=check,
+            check=next((each for each in checks if each is not None), None),
             horizon=self.horizon,
             seed=self.seed,
             certified_rate=None if self.level is None else self.level.rate,
@@ -307,3 +350,67 @@ class _Search:
                 last = int(counts[run]) - 1
                 rates.append(-math.log(runs.values[last, run] / runs.values[0, run]) / runs.times[last])
         return min(rates, default=None)
+
+
+def final_error(rows: int) -> Objective:
+    """Log of |e| at the end and its gradient by the state; ``rows`` numbers of the state are e."""
+
+    def objective(end: Array) -> tuple[float, Array]:
+        size = float(np.linalg.norm(end[:rows]))
+        weight = np.zeros_like(end)
+        weight[:rows] = end[:rows] / max(size, 1e-300) ** 2
+        return float(np.log(max(size, 1e-300))), weight
+
+    return objective
+
+
+def final_level(level: Level, rows: int, q: int) -> Objective:
+    """Log of V at the end and a (sub)gradient."""
+
+    def objective(end: Array) -> tuple[float, Array]:
+        e, eps = end[:rows], end[rows:].reshape(-1, q) if q else np.zeros((1, 0))
+        size = float(level.value(e[:, None], eps[:, :, None])[0])
+        if not size > 0:
+            return -np.inf, np.zeros_like(end)
+        along, along_eps = level.gradient(e, eps)
+        return float(np.log(size)), np.concatenate([along, along_eps.ravel() if q else []]) / size
+
+    return objective
+
+
+def ascend(flow: Flow, starts: StartSet, start: Pair, objective: Objective) -> Pair:
+    """A start that ends farther away than ``start``, e (n m,) and eps (n, q); ``start`` itself if none is found.
+
+    Steps follow the gradient in units of the set's reach and are projected back into the set; deterministic.
+    """
+    lengths = np.concatenate([part.ravel() for part in starts.reach])
+    shape = start[1].shape
+    best = np.concatenate([start[0], start[1].ravel()])
+    value, weight = _evaluated(flow, best, objective)
+    gradient, step = _gradient(flow, best, weight), FIRST_STEP
+    for _ in range(EVALUATIONS):
+        scaled = gradient * lengths
+        largest = float(np.max(np.abs(scaled), initial=0.0))
+        if not 0 < largest < np.inf or step < LEAST_STEP:
+            break
+        moved = best + step * lengths * scaled / largest
+        e, eps = starts.project(moved[: flow.rows, None], moved[flow.rows :].reshape(shape)[:, :, None])
+        moved = np.concatenate([e[:, 0], eps[:, :, 0].ravel()])
+        found, weight = _evaluated(flow, moved, objective)
+        if found > value:
+            best, value, gradient, step = moved, found, _gradient(flow, moved, weight), step * GROWTH
+        else:
+            step *= SHRINKAGE
+    return best[: flow.rows], best[flow.rows :].reshape(shape)
+
+
+def _evaluated(flow: Flow, start: Array, objective: Objective) -> tuple[float, Array]:
+    """The objective at the end of the flow and its gradient there; -inf where the flow is not finite."""
+    end = flow.end(start)
+    return objective(end) if np.isfinite(end).all() else (-np.inf, np.zeros_like(start))
+
+
+def _gradient(flow: Flow, start: Array, weight: Array) -> Array:
+    """The gradient by the start; 0 where it is not finite, which ends the ascent."""
+    gradient = flow.pull(start, weight)[1]
+    return gradient if np.isfinite(gradient).all() else np.zeros_like(start)

@@ -106,7 +106,7 @@ class Breaking(Shown):
 
     def plot(self) -> Sheet:
         """One panel per option, in one figure."""
-        from dobc_design.plotting.breaking import breaking_sheet
+        from dobc_design.plotting.sweeps import breaking_sheet
 
         limit = self.period
         return breaking_sheet(

@@ -276,9 +276,10 @@ class _Worker:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Stack:
-    """Runs side by side.  Shapes: e (n m, R); eps (n, q, R); switch_times, switch_modes (R, S), padded with inf and 0.
+    """Calm runs side by side as columns: h(e) - K e + C eps.
 
-    ``networks`` gives the right-hand side of a mode by its index.
+    Shapes: e (n m, R); eps (n, q, R); switch_times, switch_modes (R, S), padded with inf and 0.  ``networks`` gives
+    the right-hand side of a mode by its index.
     """
 
     loop: Loop
@@ -289,15 +290,9 @@ class Stack:
     switch_times: Array
     switch_modes: IndexArray
 
-
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class _Calm:
-    """h(e) - K e + C eps: the columns of a stack."""
-
-    stack: Stack
-
     def part(self, mode: int, runs: IndexArray) -> RightHandSide:
-        network = self.stack.networks(mode)
+        """The graph is the same for all runs."""
+        network = self.networks(mode)
 
         def derivative(e: Array, force: Array) -> Array:
             result = network(e)
@@ -308,12 +303,14 @@ class _Calm:
         return derivative
 
     def forces(self, times: Array, runs: IndexArray) -> Array:
-        """C eps."""
-        closed, loop = self.stack.closed, self.stack.loop
-        if closed is None:
+        """C eps: C exp(F t) as weights (S, p, q, R) times states (n, q, R)."""
+        if self.closed is None:
             return np.zeros((len(times), 0, len(runs)))
-        total = outputs(closed.many(times), self.stack.eps.take(runs, axis=2))
-        return total.reshape(len(times), loop.n * loop.m, len(runs))
+        states, weights = self.eps.take(runs, axis=2), np.moveaxis(self.closed.many(times), 2, 0)
+        total = np.zeros((len(weights), len(states), weights.shape[1], weights.shape[3]))
+        for k in range(states.shape[1]):
+            total += states[:, k, None, :] * weights[:, None, :, k]
+        return total.reshape(len(times), self.loop.n * self.loop.m, len(runs))
 
     def size(self, y: Array) -> Array:
         """|e|_inf, (k,)."""
@@ -329,26 +326,16 @@ def integrate_stack(stack: Stack, times: Array, *, tolerance: float, visit: Visi
     ``visit(sample, run, e)`` gets the places of samples and runs, both (k,), and the errors e (n m, k).
     """
     runs = np.arange(stack.e.shape[1])
-    columns = _Calm(stack=stack)
     visit(np.zeros_like(runs), runs, stack.e)
     stretch = Stretch(
-        columns=columns,
+        columns=stack,
         begin=0.0,
         end=float(times[-1]),
         e=stack.e,
-        farthest=farthest_of(columns.size(stack.e)),
+        farthest=farthest_of(stack.size(stack.e)),
         switch_times=stack.switch_times,
         switch_modes=stack.switch_modes,
         steps=None,
         most=MOST_STEPS,
     )
     return integrate_stretch(stretch, times, tolerance=tolerance, visit=visit)
-
-
-def outputs(weights: Array, states: Array) -> Array:
-    """C exp(F t) as weights (p, q, S, R) times states (n, q, R): (S, n, p, R)."""
-    weights = np.moveaxis(weights, 2, 0)
-    total = np.zeros((len(weights), len(states), weights.shape[1], weights.shape[3]))
-    for k in range(states.shape[1]):
-        total += states[:, k, None, :] * weights[:, None, :, k]
-    return total

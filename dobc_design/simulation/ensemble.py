@@ -22,11 +22,10 @@ from dobc_design.errors import SpecError
 from dobc_design.problem.arrays import ArcGroup, Gain
 from dobc_design.problem.problem import Problem
 from dobc_design.simulation._arguments import Array, whole
-from dobc_design.simulation.agents import StressedRuns
 from dobc_design.simulation.columns import COLLAPSED, ESCAPED, HANDED_BACK, Ends, Stack, integrate_stack, padded
 from dobc_design.simulation.field import ClosedForm, network_of
 from dobc_design.simulation.integrate import FARTHEST, Progress
-from dobc_design.simulation.run import run_once, stressed_runs
+from dobc_design.simulation.run import run_once
 from dobc_design.simulation.sampled import Sample, run_sampled
 from dobc_design.simulation.setting import (
     Options,
@@ -42,7 +41,7 @@ from dobc_design.simulation.setting import (
 )
 from dobc_design.simulation.signals import signal_to_json
 from dobc_design.simulation.stress import Stress, stress_to_json
-from dobc_design.simulation.stressed import run_stressed
+from dobc_design.simulation.stressed import StressedRuns, run_stressed
 from dobc_design.simulation.switches import IndexArray, Switches
 from dobc_design.simulation.trajectory import (
     Bounding,
@@ -51,8 +50,8 @@ from dobc_design.simulation.trajectory import (
     proportion_interval,
     quantile,
     quantile_interval,
+    save_arrays,
     summary,
-    write_whole,
 )
 
 if TYPE_CHECKING:
@@ -148,9 +147,7 @@ class Ensemble(Shown):
         words = ("name", "mode", "labels", "t_final", "notes", "signal", "method", "observer", "stress")
         facts = {name: getattr(self, name) for name in words} | {"format": "dobc-ensemble", "version": 1}
         about = np.array(json.dumps(facts, ensure_ascii=False))
-        place = Path(path)
-        write_whole(place, lambda file: np.savez(file, about=about, allow_pickle=False, **self._arrays()), force=force)
-        return place
+        return save_arrays(Path(path), {"about": about} | self._arrays(), force=force)
 
     def __str__(self) -> str:
         return f"{self.name}: {self._summary}"
@@ -293,9 +290,16 @@ class _Collector:
         arcs = sum(graph.shape[1] for graph in graphs) or sum(map(len, setting.problem.network.modes.values()))
         room = min(COLUMN_NUMBERS // (loop.n * loop.m), 8 * COLUMN_NUMBERS // (max(1, arcs) * loop.m))
         for chosen, switches in self.chunked(room):
-            runs = stressed_runs(setting, stress, [setting.seed + run for run in chosen], switches, groups)
+            seeds = [setting.seed + run for run in chosen]
+            starts = [setting.starts.draw(seed) for seed in seeds]
+            runs = StressedRuns(
+                setting=setting, stress=stress, groups=groups, starts=starts, seeds=seeds, switches=switches
+            )
             self.note_starts(chosen, runs.starts)
-            part = self.part_of(chosen)
+
+            def part(done: float, chosen: range = chosen) -> None:
+                self.report((chosen.start + done * len(chosen)) / self.runs)
+
             if stress.period is not None:
                 self.method = f"exact steps of {stress.period:g} s, side by side"
                 self.sampled(chosen, runs, part)
@@ -304,7 +308,7 @@ class _Collector:
             def visit(sample: IndexArray, run: IndexArray, e: Array, gap: Array, first: int = chosen.start) -> None:
                 self.put(sample, first + run, e, gap)
 
-            ends = run_stressed(runs, setting.times, tolerance=setting.tolerance, visit=visit, progress=part)
+            ends = run_stressed(runs, visit=visit, progress=part)
             self.note_ends(chosen, ends, switches)
 
     def sampled(self, chosen: range, runs: StressedRuns, part: Progress) -> None:
@@ -314,13 +318,10 @@ class _Collector:
         def visit(number: int, sample: Sample) -> None:
             self.put(np.full(len(rows), number), rows, sample.x - loop.goal[..., None], sample.d - sample.dhat)
 
-        ends = run_sampled(runs, times, visit=visit, progress=part)
-        for row, run in enumerate(chosen):
-            count, instants = int(ends.counts[row]), runs.switches[row].times
-            self.count[run] = len(instants) - 1
-            if row in ends.reasons:
-                self.count[run] = np.searchsorted(instants, times[count - 1], side="right") - 1
-                self.end(run, float(times[count - 1]), ends.reasons[row])
+        ends = run_sampled(runs, visit=visit, progress=part)
+        self.count_switches(chosen, times[ends.counts - 1], runs.switches)
+        for row, reason in ends.reasons.items():
+            self.end(chosen[row], float(times[ends.counts[row] - 1]), reason)
 
     def put(self, sample: IndexArray, run: IndexArray, e: Array, gap: Array | None = None) -> None:
         """Errors e and d - dhat (n, m, k) of runs at their samples, (k,) each."""
@@ -338,21 +339,20 @@ class _Collector:
         if self.states is not None:
             self.states[run, late] = np.nan
 
-    def part_of(self, chosen: range) -> Progress:
-        """Report how much of all runs is done when a part of the chosen ones is."""
-        return lambda part: self.report((chosen.start + part * len(chosen)) / self.runs)
-
     def note_starts(self, chosen: range, starts: Sequence[Start]) -> None:
         """How far away the runs begin."""
         for run, start in zip(chosen, starts, strict=True):
             self.lengths[run] = np.linalg.norm(start.x - self.setting.loop.goal)
             self.disturbances[run] = np.linalg.norm(start.xi - start.xihat, axis=1).max(initial=0.0)
 
+    def count_switches(self, chosen: range, ended: Array, switches: Sequence[Switches]) -> None:
+        """How often every run switched before it ended."""
+        found = [np.searchsorted(each.times, time, side="right") for each, time in zip(switches, ended, strict=True)]
+        self.count[chosen.start : chosen.stop] = np.array(found) - 1
+
     def note_ends(self, chosen: range, ends: Ends, switches: Sequence[Switches]) -> None:
-        """How often every run switched, and reasons for early ends; runs that came back are made one by one."""
-        self.count[chosen.start : chosen.stop] = [
-            np.searchsorted(each.times, time, side="right") - 1 for each, time in zip(switches, ends.times, strict=True)
-        ]
+        """Reasons for early ends; runs that came back are made one by one."""
+        self.count_switches(chosen, ends.times, switches)
         for row in np.flatnonzero(ends.states >= ESCAPED):
             run, time = chosen[row], float(ends.times[row])
             if ends.states[row] == HANDED_BACK:

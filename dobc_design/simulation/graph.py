@@ -36,14 +36,12 @@ from dobc_design.coupling.tree import (
     Variable,
     postorder,
 )
-from dobc_design.problem.arrays import ArcGroup, arc_groups, gathering_matrix
-from dobc_design.problem.problem import Problem
+from dobc_design.problem.arrays import ArcGroup, gathering_matrix
 
 Array = NDArray[np.float64]
 IndexArray = NDArray[np.int64]
 BLOCK = 1 << 15  # differences held at once: a quarter of a MiB per array
 MOST_SLOTS = 32  # arcs of one agent up to which a block is worked through slot by slot
-MOST_DIFFERENT = 10_000  # weights up to which looking for equal ones pays
 LARGEST_PRODUCT = 8  # exponents up to which a power is computed by multiplication
 
 _BINARY: dict[type[Node], Callable[..., Any]] = {
@@ -125,11 +123,6 @@ class Graph:
         for block in self.blocks:
             block.add(total, rows, self.m)
         return total.reshape(e.shape)
-
-
-def make_graph(problem: Problem, mode: str, *, runs: int = 1) -> Graph:
-    """Prepare the arcs of a mode for states with up to ``runs`` columns."""
-    return graph_of(arc_groups(problem, mode), n=problem.n, m=problem.m, runs=runs)
 
 
 def graph_of(groups: Sequence[ArcGroup], *, n: int, m: int, runs: int = 1) -> Graph:

@@ -19,11 +19,12 @@ from scipy.integrate import DOP853, Radau
 from dobc_design.problem.arrays import ArcGroup
 from dobc_design.simulation._arguments import Array
 from dobc_design.simulation.field import ClosedForm, Field, Loop, Network, field_of, network_of
-from dobc_design.simulation.switches import Nearby, Switches
+from dobc_design.simulation.switches import LOOKS, Nearby, Switches
 
 Derivative = Callable[[float, Array], Array]
-Change = Callable[[float, float, Callable[[float], Array]], float | None]
+Change = Callable[[Array, Callable[[float], Array]], float | None]
 Progress = Callable[[float], None]
+Samples = dict[str, Any]  # x, d, dhat, u (T, n, m), xi, xihat (T, n, q) of a run, by name
 
 FARTHEST = 1e9  # an error so many times its start (or 1, if that is larger) counts as divergence
 GROWTH = 1.5  # of the error since the last sample: a run that ends early keeps the steps at which it grew so much
@@ -38,8 +39,8 @@ MANY = 3000  # ... so many steps would be left
 class Stay:
     """The active mode by its index, and until when, in s; ``change`` may end it earlier.
 
-    ``change`` gets the step's begin, its end and x (n, m) in between as a function of time; it returns the instant
-    of a switch that depends on the state, or None.
+    ``change`` gets times to look at within a step, and x (n, m) as a function of time; it returns the instant of a
+    switch that depends on the state, or None.
     """
 
     mode: int
@@ -69,7 +70,7 @@ class Moving:
     @property
     def switches(self) -> Switches:
         """Those that the run has come to."""
-        return self.nearby.record.switches()
+        return self.nearby.switches()
 
     def stay(self, time: float, positions: Array) -> Stay:
         """What begins here, with the graph of these positions."""
@@ -159,65 +160,24 @@ class Run:
 
     times: Array
     states: Array
-    reason: str = ""
-    method: str = ""
-    notes: list[str] = field(default_factory=list)
-    evaluations: int = 0
-
-
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Outcome:
-    """What became of one run: its samples, x, d, dhat, u (T, n, m), xi, xihat (T, n, q), and why it ended early."""
-
-    times: Array
-    x: Array
-    xi: Array
-    xihat: Array
-    d: Array
-    dhat: Array
-    u: Array
     reason: str
     method: str
     evaluations: int
-    notes: tuple[str, ...]
+    notes: list[str] = field(default_factory=list)
 
 
-class _Samples:
-    """Collects the states at the asked times."""
-
-    def __init__(self, times: Array, start: Array) -> None:
-        self.times = times
-        self.states = np.empty((len(times), len(start)))
-        self.states[0] = start
-        self.done = 1
-
-    def take(self, solver: Any, until: float) -> None:
-        """Those up to ``until`` in the step that the solver has just made."""
-        count = int(np.searchsorted(self.times, until, side="right"))
-        if count > self.done:
-            exact = self.times[self.done : count] == solver.t
-            self.states[self.done : count] = solver.dense_output()(self.times[self.done : count]).T
-            self.states[self.done : count][exact] = solver.y
-            self.done = count
-
-
-def integrate(
-    plan: Plan, start: Array, times: Array, *, tolerance: float, implicit: bool, progress: Progress | None = None
-) -> Run:
-    """Integrate from ``start`` at 0 and sample at ``times``, which begin with 0 and end with the horizon.
+class Integration:
+    """From ``start`` at 0, sampled at ``times``, which begin with 0 and end with the horizon.
 
     ``tolerance`` is the relative one; the absolute one is a hundredth of it.
     """
-    worker = _Worker(plan, start, times, tolerance=tolerance, implicit=implicit, progress=progress)
-    return worker.run()
 
-
-class _Worker:
     def __init__(
         self, plan: Plan, start: Array, times: Array, *, tolerance: float, implicit: bool, progress: Progress | None
     ) -> None:
         self.plan, self.state, self.time, self.horizon = plan, start, 0.0, float(times[-1])
-        self.samples = _Samples(times, start)
+        self.times, self.states, self.done = times, np.empty((len(times), len(start))), 1
+        self.states[0] = start
         self.tolerance, self.implicit = tolerance, implicit
         self.report = progress or (lambda part: None)
         self.farthest = FARTHEST * max(1.0, plan.error(start))
@@ -229,6 +189,7 @@ class _Worker:
         self.risen = self.farthest / FARTHEST
 
     def run(self) -> Run:
+        """To the horizon, or to where the run ends."""
         self.report(0.0)
         reason = ""
         while self.time < self.horizon and not reason:
@@ -249,25 +210,40 @@ class _Worker:
                 return f"the step size collapsed or the state overflowed just after t = {before:.6g} s"
             end = solver.t
             if stay.change is not None:
-                switch = stay.change(before, end, partial(self.between, solver.dense_output()))
+                looks = np.linspace(before, end, LOOKS + 1)
+                switch = stay.change(looks, partial(self.between, solver.dense_output()))
                 if switch is not None:
-                    self.samples.take(solver, switch)
+                    self.take(solver, switch)
                     self.leave(solver, switch, solver.dense_output()(switch) if switch < end else solver.y)
                     return ""
             error = self.plan.error(solver.y)
             if error > self.farthest:
                 self.leave(solver, solver.t, solver.y)
                 return f"|e|_inf exceeded {FARTHEST:.0e} times its start at t = {self.time:.6g} s"
-            self.samples.take(solver, end)
+            self.take(solver, end)
             self.keep(end, solver.y, error)
             self.time, self.state = end, solver.y
             self.report(self.time / self.horizon)
             if not self.implicit and stiffness.is_stiff(solver, stay.end):
-                self.turn_implicit()
                 self.leave(solver, solver.t, solver.y)
+                self.implicit, self.step = True, None
+                self.methods.append("Radau")
+                words = (
+                    f"The loop turned out to be stiff at t = {self.time:.4g} s: from there on by the implicit method"
+                )
+                self.notes.append(f"{words} Radau.")
                 solver = self.solver(segment)
         self.leave(solver, solver.t, solver.y)
         return ""
+
+    def take(self, solver: Any, until: float) -> None:
+        """The samples up to ``until`` in the step that the solver has just made."""
+        count = int(np.searchsorted(self.times, until, side="right"))
+        if count > self.done:
+            exact = self.times[self.done : count] == solver.t
+            self.states[self.done : count] = solver.dense_output()(self.times[self.done : count]).T
+            self.states[self.done : count][exact] = solver.y
+            self.done = count
 
     def between(self, states: Callable[[float], Array], time: float) -> Array:
         """x (n, m) within a step."""
@@ -275,7 +251,7 @@ class _Worker:
 
     def keep(self, time: float, state: Array, error: float) -> None:
         """Keep a step at which the error has grown, in case the run ends before the next sample."""
-        if self.rise and self.rise[-1][0] <= self.samples.times[self.samples.done - 1]:
+        if self.rise and self.rise[-1][0] <= self.times[self.done - 1]:
             self.rise.clear()
         if error > GROWTH * self.risen:
             self.rise.append((time, state))
@@ -300,30 +276,23 @@ class _Worker:
             step = max(step, self.step)
         self.step = step if np.isfinite(step) and step > 0 else None
 
-    def turn_implicit(self) -> None:
-        self.implicit, self.step = True, None
-        self.methods.append("Radau")
-        self.notes.append(
-            f"The loop turned out to be stiff at t = {self.time:.4g} s: from there on by the implicit method Radau."
-        )
-
     def finish(self, reason: str) -> Run:
-        count = self.samples.done
-        times, states = self.samples.times[:count], self.samples.states[:count]
+        """What was sampled, and of a run that ended early the steps at which its error grew."""
+        times, states = self.times[: self.done], self.states[: self.done]
         if reason:
             late = [(time, state) for time, state in [*self.rise, (self.time, self.state)] if time > times[-1]]
             late = [each for k, each in enumerate(late) if k == 0 or each[0] > late[k - 1][0]]
             times = np.concatenate([times, [time for time, _ in late]])
             states = np.concatenate([states, *(state[None] for _, state in late)])
-        if not reason:
+        else:
             self.report(1.0)
         return Run(
             times=times.copy(),
             states=states,
             reason=reason,
             method=", then ".join(self.methods),
-            notes=self.notes,
             evaluations=self.evaluations,
+            notes=self.notes,
         )
 
 

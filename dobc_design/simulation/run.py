@@ -6,17 +6,15 @@ reference, and is taken where the closed form is out of reach.  A run under stre
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
 from dataclasses import replace
 from typing import Unpack
 
 import numpy as np
 
-from dobc_design.problem.arrays import ArcGroup, Gain
+from dobc_design.problem.arrays import Gain
 from dobc_design.problem.problem import Problem
-from dobc_design.simulation.agents import StressedRuns
 from dobc_design.simulation.field import evolve
-from dobc_design.simulation.integrate import Errors, Full, Moving, Outcome, Progress, Scheduled, integrate
+from dobc_design.simulation.integrate import Errors, Full, Integration, Moving, Progress, Run, Samples, Scheduled
 from dobc_design.simulation.sampled import run_sampled_alone
 from dobc_design.simulation.setting import (
     Options,
@@ -31,8 +29,8 @@ from dobc_design.simulation.setting import (
     switches_for,
 )
 from dobc_design.simulation.signals import Mobile, signal_to_json
-from dobc_design.simulation.stress import Stress, stress_to_json
-from dobc_design.simulation.stressed import run_alone
+from dobc_design.simulation.stress import stress_to_json
+from dobc_design.simulation.stressed import StressedRuns, run_alone
 from dobc_design.simulation.switches import Nearby, Switches
 from dobc_design.simulation.trajectory import Trajectory
 
@@ -56,62 +54,39 @@ def run_once(setting: Setting, seed: int, *, progress: Progress | None = None) -
     with np.errstate(all="ignore"):
         start, modes = setting.starts.draw(seed), _modes(setting, seed)
         if stress is None:
-            done = _calm(setting, start, modes, progress)
+            run, parts = _calm(setting, start, modes, progress)
         else:
-            nearby = modes.nearby if isinstance(modes, Moving) else None
-            switches = () if isinstance(modes, Moving) else (modes.switches,)
-            runs = stressed_runs(setting, stress, [seed], switches, modes.groups, nearby=nearby)
-            if stress.period is not None:
-                done = run_sampled_alone(runs, setting.times, progress=progress)
-            else:
-                implicit, tolerance = is_stiff(setting, closed=False), setting.tolerance
-                done = run_alone(runs, modes, setting.times, tolerance=tolerance, implicit=implicit, progress=progress)
+            runs = StressedRuns(
+                setting=setting,
+                stress=stress,
+                groups=modes.groups,
+                starts=[start],
+                seeds=[seed],
+                switches=[modes.switches] if isinstance(modes, Scheduled) else [],
+                nearby=None if isinstance(modes, Scheduled) else modes.nearby,
+            )
+            sampled = stress.period is not None
+            run, parts = (
+                run_sampled_alone(runs, progress=progress) if sampled else run_alone(runs, modes, progress=progress)
+            )
     return Trajectory(
         name=problem.name,
         mode=describe(setting.signal, problem),
         labels=problem.network.labels,
         t_final=setting.horizon,
         seed=seed,
-        times=done.times,
-        x=done.x,
-        xi=done.xi,
-        xihat=done.xihat,
-        d=done.d,
-        dhat=done.dhat,
-        u=done.u,
         goal=loop.goal.copy(),
-        diverged=bool(done.reason),
-        reason=done.reason,
-        method=done.method,
-        evaluations=done.evaluations,
-        notes=(*setting.notes, *done.notes, *(() if stress is None else (f"Stress: {stress}.",))),
+        times=run.times,
+        diverged=bool(run.reason),
+        reason=run.reason,
+        method=run.method,
+        evaluations=run.evaluations,
+        notes=(*setting.notes, *run.notes, *(() if stress is None else (f"Stress: {stress}.",))),
         signal=signal_to_json(setting.signal),
         observer=setting.observer,
         stress="" if stress is None else stress_to_json(stress),
-        switches=_kept(modes.switches, float(done.times[-1])) if done.reason else modes.switches,
-    )
-
-
-def stressed_runs(
-    setting: Setting,
-    stress: Stress,
-    seeds: Sequence[int],
-    switches: Sequence[Switches],
-    groups: Callable[[int], Sequence[ArcGroup]],
-    *,
-    nearby: Nearby | None = None,
-) -> StressedRuns:
-    """Runs under a stress, side by side."""
-    return StressedRuns(
-        loop=setting.loop,
-        stress=stress,
-        failing=stress.failing(setting.problem),
-        heeds=setting.observer != "off",
-        groups=groups,
-        starts=[setting.starts.draw(seed) for seed in seeds],
-        seeds=seeds,
-        switches=switches,
-        nearby=nearby,
+        switches=_kept(modes.switches, float(run.times[-1])) if run.reason else modes.switches,
+        **parts,
     )
 
 
@@ -123,7 +98,7 @@ def _modes(setting: Setting, seed: int) -> Scheduled | Moving:
     return Scheduled(switches, groups_for(setting, switches), setting.horizon)
 
 
-def _calm(setting: Setting, start: Start, modes: Scheduled | Moving, progress: Progress | None) -> Outcome:
+def _calm(setting: Setting, start: Start, modes: Scheduled | Moving, progress: Progress | None) -> tuple[Run, Samples]:
     """A run without stress: e alone with eps in closed form, or the full loop."""
     loop, asked = setting.loop, setting.observer == "full-loop"
     closed = None if asked else closed_form_of(setting)
@@ -133,7 +108,7 @@ def _calm(setting: Setting, start: Start, modes: Scheduled | Moving, progress: P
     if not full:
         plan, flat = Errors(loop, modes, closed, start.xi - start.xihat), (start.x - loop.goal).ravel()
     implicit, tolerance = is_stiff(setting, closed=not full), setting.tolerance
-    run = integrate(plan, flat, setting.times, tolerance=tolerance, implicit=implicit, progress=progress)
+    run = Integration(plan, flat, setting.times, tolerance=tolerance, implicit=implicit, progress=progress).run()
     if full:
         x, xi, z = (part.copy() for part in loop.split(run.states))
         xihat = z + loop.correction(x)
@@ -143,24 +118,13 @@ def _calm(setting: Setting, start: Start, modes: Scheduled | Moving, progress: P
         xihat = xi - evolve(error_matrix(setting), start.xi - start.xihat, run.times)
         if setting.observer == "off":
             xihat = np.zeros_like(xi)
-    dhat, notes = xihat @ loop.C.T, list(run.notes)
     if run.method.startswith("Radau"):
-        notes.append("The loop is stiff: integrated by the implicit method Radau.")
+        run.notes.append("The loop is stiff: integrated by the implicit method Radau.")
     if full and not asked:
-        notes.append("The observer is too fast for its closed form: the full loop was integrated.")
-    return Outcome(
-        times=run.times,
-        x=x,
-        xi=xi,
-        xihat=xihat,
-        d=xi @ loop.C.T,
-        dhat=dhat,
-        u=loop.control(x - loop.goal, dhat),
-        reason=run.reason,
-        method=run.method,
-        evaluations=run.evaluations,
-        notes=tuple(notes),
-    )
+        run.notes.append("The observer is too fast for its closed form: the full loop was integrated.")
+    dhat = xihat @ loop.C.T
+    u = loop.control(x - loop.goal, dhat)
+    return run, {"x": x, "xi": xi, "xihat": xihat, "d": xi @ loop.C.T, "dhat": dhat, "u": u}
 
 
 def _kept(switches: Switches, end: float) -> Switches:

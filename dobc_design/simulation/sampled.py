@@ -22,12 +22,10 @@ from scipy.linalg import expm
 
 from dobc_design.errors import ShapeError, SpecError
 from dobc_design.simulation._arguments import Array
-from dobc_design.simulation.agents import Crew, StressedRuns
 from dobc_design.simulation.field import Loop, act
-from dobc_design.simulation.integrate import FARTHEST, Outcome, Progress
+from dobc_design.simulation.integrate import FARTHEST, Progress, Run, Samples
+from dobc_design.simulation.stressed import Crew, StressedRuns, sample_instants
 from dobc_design.simulation.switches import IndexArray
-
-MOST_SAMPLES = 1_000_000
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -37,11 +35,6 @@ class Discrete:
     Ad: Array
     Cd: Array
     L: Array
-
-    @property
-    def error(self) -> Array:
-        """Ad - L Cd, (q, q), or (n, q, q): the observer's error from one sample to the next."""
-        return self.Ad - self.L @ self.Cd
 
 
 def discretised(loop: Loop, period: float, gain: Array | None = None) -> Discrete:
@@ -76,20 +69,6 @@ def integral(A: Array, times: float | Array) -> tuple[Array, Array]:
     return both[..., :q, :q], both[..., :q, q:]
 
 
-def sample_instants(period: float, horizon: float, *, name: str = "period") -> Array:
-    """The multiples of ``period``, the argument ``name``, up to the horizon, in s.  Raises: SpecError for too many."""
-    count = horizon / period
-    if count > MOST_SAMPLES:
-        raise SpecError(
-            f"{count:.3g} {'samples' if name == 'period' else 'exchanges'} are too many, at most {MOST_SAMPLES} are"
-            " simulated.",
-            key=name,
-            cure=f"Choose a longer {name} or a shorter horizon.",
-        )
-    instants = period * np.arange(int(count) + 2)
-    return np.asarray(instants[instants <= horizon], dtype=np.float64)
-
-
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Sample:
     """All runs at one time: x, d, dhat, u (n, m, R), xi, xihat (n, q, R)."""
@@ -111,49 +90,48 @@ class SampledEnds:
 
 
 def run_sampled(
-    runs: StressedRuns, times: Array, *, visit: Callable[[int, Sample], None], progress: Progress | None = None
+    runs: StressedRuns, *, visit: Callable[[int, Sample], None], progress: Progress | None = None
 ) -> SampledEnds:
-    """Step all runs from sample to sample over ``times`` (from 0 to the horizon).
+    """Step all runs from sample to sample over the times of their setting.
 
     ``visit`` gets the place of a time and all runs there, also those that ended before.
     Raises: SpecError for too many samples.
     """
-    return _Stepper(runs, times, visit, progress or (lambda part: None)).run()
+    return _Stepper(runs, visit, progress or (lambda part: None)).run()
 
 
-def run_sampled_alone(runs: StressedRuns, times: Array, *, progress: Progress | None = None) -> Outcome:
-    """The same for a stack of one run, with everything at ``times``."""
+def run_sampled_alone(runs: StressedRuns, *, progress: Progress | None = None) -> tuple[Run, Samples]:
+    """The same for a stack of one run, with everything at these times."""
     seen: list[Sample] = []
-    stepper = _Stepper(runs, times, lambda number, sample: seen.append(sample), progress or (lambda part: None))
+    stepper = _Stepper(runs, lambda number, sample: seen.append(sample), progress or (lambda part: None))
     ends = stepper.run()
     count = int(ends.counts[0])
     parts = {part: np.stack([getattr(each, part)[..., 0] for each in seen[:count]]) for part in Sample.__slots__}
-    return Outcome(
-        times=times[:count].copy(),
-        notes=(),
-        **parts,
+    run = Run(
+        times=stepper.times[:count].copy(),
+        states=np.zeros((count, 0)),
         reason=ends.reasons.get(0, ""),
         method=f"exact steps of {stepper.period:g} s",
         evaluations=len(stepper.instants),
     )
+    return run, parts
 
 
 class _Stepper:
-    def __init__(
-        self, runs: StressedRuns, times: Array, visit: Callable[[int, Sample], None], report: Progress
-    ) -> None:
-        self.loop, self.times, self.visit, self.report, self.nearby = runs.loop, times, visit, report, runs.nearby
+    def __init__(self, runs: StressedRuns, visit: Callable[[int, Sample], None], report: Progress) -> None:
+        self.loop, self.times, self.nearby = runs.setting.loop, runs.setting.times, runs.nearby
+        self.visit, self.report = visit, report
         self.period = float(runs.stress.period or 0.0)
-        self.instants = sample_instants(self.period, float(times[-1]))
-        self.owner = np.searchsorted(self.instants, times, side="right") - 1
+        self.instants = sample_instants(self.period, runs.setting.horizon)
+        self.owner = np.searchsorted(self.instants, self.times, side="right") - 1
         gain = runs.stress.sampled_gain
-        self.discrete = discretised(runs.loop, self.period, None if gain is None else np.asarray(gain))
+        self.discrete = discretised(self.loop, self.period, None if gain is None else np.asarray(gain))
         self.x, self.xi, self.xihat = (runs.stacked(part) for part in ("x", "xi", "xihat"))
         self.crew = Crew(runs, self.instants, keep=False)
-        self.goal = runs.loop.goal[..., None]
+        self.goal = self.loop.goal[..., None]
         self.before, self.held = self.x, np.zeros_like(self.x)
         self.farthest = FARTHEST * np.maximum(1.0, self.size())
-        self.counts = np.full(len(runs.seeds), len(times))
+        self.counts = np.full(len(runs.seeds), len(self.times))
         self.reasons: dict[int, str] = {}
         self.going: NDArray[np.bool_] = np.ones(len(runs.seeds), dtype=bool)
 

@@ -309,7 +309,7 @@ def switches_for(setting: Setting, seed: int) -> Switches:
     if isinstance(signal, Mobile):
         if signal.motion is None:
             raise SpecError("the switches follow from the states.", key="signal", cure="Give a motion.")
-        return motion_switches(signal, signal.motion, setting.loop.n, setting.horizon)[0]
+        return motion_switches(signal, signal.motion, setting.problem, setting.horizon)
     return scheduled_switches(signal, tuple(setting.problem.network.modes), setting.horizon, seed)
 
 

@@ -8,17 +8,17 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, fields
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass
 from fractions import Fraction
 from itertools import pairwise
-from typing import Any, ClassVar
+from typing import ClassVar
 
 import numpy as np
 
 from dobc_design._show.cards import Card, Shown
 from dobc_design.errors import ShapeError, SpecError
-from dobc_design.exact.reading import counted, is_list, shown
+from dobc_design.exact.reading import counted, is_list
 from dobc_design.problem.problem import Problem
 from dobc_design.problem.settings import Switching
 from dobc_design.simulation._arguments import Array, not_negative, positive, seconds, whole
@@ -242,7 +242,6 @@ class Mobile(Shown):
 
 Scheduled = Fixed | Periodic | RandomDwell | Markov | Schedule
 Signal = Scheduled | Mobile
-_KINDS: dict[str, type[Any]] = {kind.kind: kind for kind in (Fixed, Periodic, RandomDwell, Markov, Schedule, Mobile)}
 
 
 def _set_order(signal: Periodic | Markov) -> None:
@@ -251,44 +250,8 @@ def _set_order(signal: Periodic | Markov) -> None:
 
 
 def signal_to_json(signal: Signal) -> str:
-    """Write a signal as one JSON object; ``signal_from_json`` gives an equal signal back."""
-    document: dict[str, Any] = {"signal": signal.kind}
-    for field in fields(signal):
-        value = getattr(signal, field.name)
-        if isinstance(value, Waypoints):
-            value = {"times": _plain(value.times), "positions": _plain(value.positions)}
-        document[field.name] = _plain(value)
-    return json.dumps(document, ensure_ascii=False)
-
-
-def signal_from_json(text: str) -> Signal:
-    """Read a signal back.  Raises: SpecError for anything that is not one."""
-    try:
-        document = json.loads(text)
-    except (ValueError, RecursionError) as error:
-        raise SpecError(f"the signal is not valid JSON ({error}).", key="signal", cure="Write it anew.") from None
-    if not isinstance(document, Mapping) or document.get("signal") not in _KINDS:
-        raise SpecError(
-            f"signal must be one of {', '.join(_KINDS)}; got {shown(document)}.",
-            key="signal",
-            cure='For example {"signal": "periodic", "dwell": 0.5}.',
-        )
-    kind = _KINDS[document["signal"]]
-    known = {field.name for field in fields(kind)}
-    given = {str(name): _frozen(value) for name, value in document.items() if name != "signal"}
-    if not set(given) <= known:
-        wrong = sorted(set(given) - known)[0]
-        raise SpecError(f"{wrong} is an unknown key of {kind.kind}.", key=wrong, cure=f"Known: {sorted(known)}.")
-    try:
-        motion = given.get("motion")
-        if motion is not None:
-            given["motion"] = Waypoints(times=motion["times"], positions=motion["positions"])
-        signal: Signal = kind(**given)
-    except (TypeError, KeyError, ValueError) as error:
-        if isinstance(error, SpecError):
-            raise
-        raise SpecError(f"the signal cannot be read ({error}).", key="signal", cure="Write it anew.") from None
-    return signal
+    """A signal as one JSON object."""
+    return json.dumps({"signal": signal.kind} | asdict(signal), ensure_ascii=False)
 
 
 def signal_of(problem: Problem) -> tuple[Signal, str | None]:
@@ -308,8 +271,8 @@ def signal_of(problem: Problem) -> tuple[Signal, str | None]:
     if own.signal == "periodic" and (own.schedule or own.period):
         return _rounds(own, names), None
     if own.generator is not None:
-        rows = [[_float(rate, "switching.generator") for rate in row] for row in own.generator]
-        return Markov(generator=_frozen(rows)), None
+        rows = (tuple(_float(rate, "switching.generator") for rate in row) for row in own.generator)
+        return Markov(generator=tuple(rows)), None
     dwell = DWELL if own.dwell is None else _float(own.dwell, "switching.dwell")
     remark = f"switching.dwell is not given: {DWELL} s." if own.dwell is None else None
     if own.signal == "random":
@@ -355,12 +318,3 @@ def _float(value: Fraction, key: str) -> float:
     if math.isinf(number) or (number == 0 and value):
         raise SpecError(f"{key} is beyond the range of floats.", key=key, cure="Choose other units.")
     return number
-
-
-def _frozen(value: Any) -> Any:
-    return tuple(_frozen(each) for each in value) if isinstance(value, list) else value
-
-
-def _plain(value: Any) -> Any:
-    """Tuples as lists, for JSON."""
-    return [_plain(each) for each in value] if isinstance(value, (tuple, list)) else value

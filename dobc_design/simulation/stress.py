@@ -181,19 +181,5 @@ class Stress(Shown):
 
 
 def stress_to_json(stress: Stress) -> str:
-    """Write a stress as one JSON object; ``stress_from_json`` gives an equal one back."""
+    """A stress as one JSON object."""
     return json.dumps(asdict(stress), ensure_ascii=False)
-
-
-def stress_from_json(text: str) -> Stress:
-    """Read a stress back.  Raises: SpecError for anything that is not one."""
-    try:
-        document: dict[str, Any] = json.loads(text)
-        failures = tuple(Failure(**each) for each in document.pop("failures", ()))
-        return Stress(**document, failures=failures)
-    except (ValueError, TypeError, AttributeError, RecursionError) as error:
-        if isinstance(error, SpecError):
-            raise
-        raise SpecError(
-            f"the stress cannot be read ({str(error)[:80]}).", key="stress", cure='Such as {"noise": 0.1}.'
-        ) from None

@@ -1,21 +1,27 @@
-"""The full loop under a stress in continuous time: runs side by side, the last axis, or one run as a stack of one.
+"""Runs under a stress, side by side: what agents measure, say, hear and command, and the full loop in continuous time.
 
-The state is [x; xi; z] as in ``field``.  All runs wait for each other where noise is drawn, packets are exchanged or
-agents fail; in between everything is smooth but for saturation, which the step size control deals with, and every run
-has its own steps and switches.  Many runs go through ``columns``; one goes through ``integrate``, for which a loop may
-be stiff, and graphs may follow from the states.
+The runs are the last axis, and one run is a stack of one.  Random numbers come from streams of each run's own, so that
+noise, losses and phases do not depend on each other nor on the other runs.  A packet holds the measured state less the
+formation offset and target; a listener that got none feels nothing on that arc.  What is heard is kept by arc, for all
+modes together.  What fails, fails in all runs at one time.
+
+In continuous time the state is [x; xi; z] as in ``field``.  All runs wait for each other where noise is drawn, packets
+are exchanged or agents fail; in between everything is smooth but for saturation, which the step size control deals
+with, and every run has its own steps and switches.  Many runs go through ``columns``; one goes through ``integrate``,
+for which a loop may be stiff, and graphs may follow from the states.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
 
+from dobc_design.errors import SpecError
+from dobc_design.problem.arrays import ArcGroup
 from dobc_design.simulation._arguments import Array
-from dobc_design.simulation.agents import Crew, StressedRuns
 from dobc_design.simulation.columns import (
     DONE,
     MOST_STEPS,
@@ -27,13 +33,214 @@ from dobc_design.simulation.columns import (
     padded,
 )
 from dobc_design.simulation.field import act, full_pattern
-from dobc_design.simulation.integrate import Moving, Outcome, Progress, Scheduled, Segment, Stay, integrate
-from dobc_design.simulation.sampled import sample_instants
-from dobc_design.simulation.switches import IndexArray
+from dobc_design.simulation.graph import Links
+from dobc_design.simulation.integrate import Integration, Moving, Progress, Run, Samples, Scheduled, Segment, Stay
+from dobc_design.simulation.setting import Setting, Start, is_stiff
+from dobc_design.simulation.stress import Stress
+from dobc_design.simulation.switches import IndexArray, Nearby, Switches
 
+NOISE, LOSS, PHASE = 2, 3, 4  # streams beside that of the switches
+BLOCK = 32  # instants whose random numbers are drawn at once
+MOST_SAMPLES = 1_000_000
 LEAST_STEPS = 1000  # of one run between two instants at which all wait, before it is handed back
 ALONE = np.zeros(1, dtype=np.int64)
 Visit = Callable[[IndexArray, IndexArray, Array, Array], None]
+
+
+def sample_instants(period: float, horizon: float, *, name: str = "period") -> Array:
+    """The multiples of ``period``, the argument ``name``, up to the horizon, in s.  Raises: SpecError for too many."""
+    count = horizon / period
+    if count > MOST_SAMPLES:
+        raise SpecError(
+            f"{count:.3g} {'samples' if name == 'period' else 'exchanges'} are too many, at most {MOST_SAMPLES} are"
+            " simulated.",
+            key=name,
+            cure=f"Choose a longer {name} or a shorter horizon.",
+        )
+    instants = period * np.arange(int(count) + 2)
+    return np.asarray(instants[instants <= horizon], dtype=np.float64)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class StressedRuns:
+    """Runs side by side: a start, a seed and the switches of each; ``groups`` gives the arcs of a mode by its index.
+
+    ``nearby``, of a single run only: the graphs follow from its states, and no switches are known beforehand.
+    """
+
+    setting: Setting
+    stress: Stress
+    groups: Callable[[int], Sequence[ArcGroup]]
+    starts: Sequence[Start]
+    seeds: Sequence[int]
+    switches: Sequence[Switches]
+    nearby: Nearby | None = None
+
+    def stacked(self, part: str) -> Array:
+        """x, xi or xihat of all starts, (n, m or q, R)."""
+        return np.stack([getattr(start, part) for start in self.starts], axis=2)
+
+
+class Crew:
+    """The agents of all runs.  Errors e are measured ones, (n, m, R): x plus noise, less the goal.
+
+    ``instants`` are the times in s at which noise is drawn and packets are exchanged; ``heeds``: whether estimates are
+    used.  ``heard`` is what listeners hold; ``stopped`` what failed agents command and say from then on, (m, R) each,
+    nan for silence.
+    """
+
+    def __init__(self, runs: StressedRuns, instants: Array, *, keep: bool) -> None:
+        self.loop, self.stress, self.heeds = runs.setting.loop, runs.stress, runs.setting.observer != "off"
+        self.failing = runs.stress.failing(runs.setting.problem)  # by the agent's index
+        self.shape, self.count = (self.loop.n, self.loop.m), len(instants)
+        self.heard = Heard(runs, instants, keep=keep)
+        self.noises = [np.random.default_rng([seed, NOISE]) for seed in runs.seeds]
+        phases = [np.random.default_rng([seed, PHASE]).uniform(0, 2 * np.pi, size=self.shape) for seed in runs.seeds]
+        self.phase = np.stack(phases, axis=2)
+        self.drawn: Array = np.zeros((0, *self.phase.shape))
+        self.stopped: dict[int, tuple[Array, Array]] = {}
+
+    def noise(self, k: int) -> Array:
+        """The noise that holds from the k-th instant on, (n, m, R); instants come in order."""
+        if not self.stress.noise:
+            return np.zeros_like(self.phase)
+        if k % BLOCK == 0:
+            size = (min(BLOCK, self.count - k), *self.shape)
+            self.drawn = np.stack([rng.standard_normal(size) for rng in self.noises], axis=3)
+        return np.asarray(self.stress.noise * self.drawn[k % BLOCK])
+
+    def command(self, e: Array, dhat: Array) -> Array:
+        """The input of agents that work: (19), limited."""
+        u = np.asarray(-(self.loop.K @ e.reshape(-1, e.shape[2])).reshape(e.shape))
+        if self.heeds:
+            u = u - dhat
+        bound = self.stress.saturation
+        return u if bound is None else np.asarray(np.clip(u, -bound, bound))
+
+    def control(self, e: Array, dhat: Array, chosen: IndexArray | slice = slice(None)) -> Array:
+        """The input that is applied in all or the chosen runs."""
+        u = self.command(e, dhat)
+        for agent, (last, _) in self.stopped.items():
+            u[agent] = last[:, chosen]
+        return u
+
+    def fail(self, instant: float, e: Array, dhat: Array) -> None:
+        """Note what is left of the agents whose time has come, in all runs at once."""
+        due = [i for i, failure in self.failing.items() if failure.time <= instant and i not in self.stopped]
+        if due:
+            u = self.control(e, dhat)
+            for i in due:
+                nothing = np.zeros_like(u[i])
+                frozen = self.failing[i].kind == "freeze"
+                self.stopped[i] = (u[i].copy(), e[i].copy()) if frozen else (nothing, nothing + np.nan)
+
+    def said(self, e: Array, chosen: IndexArray | slice = slice(None)) -> Array:
+        """What can be heard of the agents: measured errors, old ones of frozen agents, nan of vanished ones."""
+        if not self.stopped:
+            return e
+        said = e.copy()
+        for agent, (_, words) in self.stopped.items():
+            said[agent] = words[:, chosen]
+        return said
+
+    def extra(self, times: float | Array, chosen: IndexArray | slice = slice(None)) -> Array:
+        """The disturbance that no exosystem knows, (n, m, R); times (R,), or any number of them for a single run."""
+        return np.asarray(self.stress.disturbance * np.sin(self.stress.frequency * times + self.phase[..., chosen]))
+
+    def extra_integral(self, begin: float, end: float) -> Array:
+        """Its integral between two times, (n, m, R)."""
+        half = (end - begin) / 2
+        # The mean value times the length: no cancellation where the frequency is small.
+        shrink = np.sinc(self.stress.frequency * half / np.pi)
+        middle = np.sin(self.stress.frequency * (begin + half) + self.phase)
+        return np.asarray(self.stress.disturbance * 2 * half * shrink * middle)
+
+    def heeded(self, xihat: Array, dhat: Array) -> dict[str, Array]:
+        """The estimates by name; 0 where nobody uses them."""
+        if not self.heeds:
+            xihat, dhat = np.zeros_like(xihat), np.zeros_like(dhat)
+        return {"xihat": xihat, "dhat": dhat}
+
+
+class Heard:
+    """What listeners hold of speakers, for the arcs of all modes at once: ``values`` (arcs, m, R), nan for nothing.
+
+    ``keep``: whether it is needed between the instants, also where no packet is lost.
+    """
+
+    def __init__(self, runs: StressedRuns, instants: Array, *, keep: bool) -> None:
+        loop, self.loss, self.keep, many = runs.setting.loop, runs.stress.loss, keep, len(runs.seeds)
+        self.n, self.m = loop.n, loop.m
+        self.codes, self.values = np.zeros(0, dtype=np.int64), np.zeros((0, loop.m, many))
+        self.rngs = [np.random.default_rng([seed, LOSS]) for seed in runs.seeds]
+        self.mode = np.full(many, -1)
+        self.drawn: Array = np.zeros((0, 0, 0))
+        self.block = BLOCK if runs.nearby is None else 1
+        if runs.nearby is None:
+            used = np.unique(np.concatenate([each.modes for each in runs.switches])).tolist()
+            self.modes: IndexArray = np.array(
+                [each.at(instants) for each in runs.switches], dtype=np.min_scalar_type(used[-1])
+            )
+            self.learn({mode: Links(runs.groups(mode), loop.n, loop.m) for mode in used})
+        else:
+            self.modes, self.links = np.zeros((1, len(instants)), dtype=np.int64), dict[int, Links]()
+
+    def learn(self, links: dict[int, Links]) -> None:
+        """These are the arcs of the modes from now on; what is held on arcs that stay is kept."""
+        codes = np.unique(np.concatenate([each.codes for each in links.values()]))
+        values = np.full((len(codes), *self.values.shape[1:]), np.nan)
+        values[np.isin(codes, self.codes)] = self.values[np.isin(self.codes, codes)]
+        self.codes, self.values, self.links = codes, values, links
+        self.places = {mode: np.searchsorted(codes, each.codes) for mode, each in links.items()}
+
+    def move(self, mode: int, groups: Sequence[ArcGroup], k: int) -> None:
+        """The graph of a single run, known by its number, at the k-th instant or after the one before."""
+        if mode not in self.links:
+            self.learn({mode: Links(groups, self.n, self.m)})
+        self.modes[0, k : k + 1] = mode
+
+    def draw(self, k: int) -> None:
+        """One number for every arc and run at the next instants from the k-th on: (instants, arcs, R)."""
+        modes: IndexArray = self.modes[:, k : k + self.block]
+        counts = np.zeros_like(modes, dtype=np.int64)
+        for mode, places in self.places.items():
+            counts[modes == mode] = len(places)
+        self.drawn = np.empty((counts.shape[1], int(counts.max()), len(counts)))
+        for run, rng in enumerate(self.rngs):
+            used = np.arange(self.drawn.shape[1]) < counts[run][:, None]
+            self.drawn[used, run] = rng.random(int(counts[run].sum()))
+
+    def exchange(self, k: int, said: Array) -> list[tuple[Links, IndexArray | slice, Array]]:
+        """At the k-th instant every speaker sends what it says, (n, m, R); instants come in order.
+
+        Returns: by mode the arcs, the runs, and what is held on these arcs in these runs, (arcs, m, runs).
+        """
+        modes, found = self.modes[:, k], []
+        if self.loss and k % self.block == 0:
+            self.draw(k)
+        self.tune(np.arange(len(modes)), modes)
+        for mode in np.unique(modes).tolist():
+            columns, links, places = np.flatnonzero(modes == mode), self.links[mode], self.places[mode]
+            every = slice(None) if len(columns) == len(modes) else columns
+            held = said[..., every][links.speakers]
+            if self.loss:
+                drawn = self.drawn[k % self.block][: len(places), every]
+                arrived = (drawn >= self.loss) | np.isnan(held).any(axis=1)  # who is silent for ever is noticed
+                held = np.where(arrived[:, None], held, self.values[places][..., every])
+            if self.loss or self.keep:
+                self.values[places[:, None], :, columns] = np.moveaxis(held, 2, 1)
+            found.append((links, every, held))
+        return found
+
+    def tune(self, runs: IndexArray, modes: IndexArray) -> None:
+        """Some runs are in these modes now: nothing is kept of links that are gone."""
+        for mode in np.unique(modes).tolist():
+            columns = runs[modes == mode]
+            changed = columns[self.mode[columns] != mode]
+            if len(changed):
+                gone = np.setdiff1d(np.arange(len(self.codes)), self.places[mode])
+                self.values[gone[:, None], :, changed] = np.nan
+                self.mode[changed] = mode
 
 
 class Loops:
@@ -43,16 +250,15 @@ class Loops:
     """
 
     def __init__(self, runs: StressedRuns, horizon: float) -> None:
-        draws = runs.stress.draws
+        draws, self.loop = runs.stress.draws, runs.setting.loop
         instants = np.zeros(0) if draws is None else sample_instants(draws, horizon, name="exchange")
         self.instants = instants[instants < horizon]
-        self.failures = sorted({failure.time for failure in runs.failing.values() if failure.time < horizon})
-        self.loop, self.crew = runs.loop, Crew(runs, self.instants, keep=True)
-        self.goal, self.alive, self.next = runs.loop.goal[..., None], np.arange(len(runs.seeds)), 0
+        self.failures = sorted({failure.time for failure in runs.stress.failures if failure.time < horizon})
+        self.crew = Crew(runs, self.instants, keep=True)
+        self.goal, self.alive, self.next = self.loop.goal[..., None], np.arange(len(runs.seeds)), 0
         self.noise = np.zeros_like(self.crew.phase)
-        self.start = self.joined(
-            x := runs.stacked("x"), runs.stacked("xi"), runs.stacked("xihat") - act(runs.loop.W, x)
-        )
+        x, xi, xihat = (runs.stacked(part) for part in ("x", "xi", "xihat"))
+        self.start = self.joined(x, xi, xihat - act(self.loop.W, x))
 
     def split(self, y: Array) -> tuple[Array, Array, Array]:
         """States (N, k) as x (n, m, k), xi and z (n, q, k)."""
@@ -127,15 +333,13 @@ class Loops:
         return np.asarray(d - act(self.loop.C, self.known(x, z, self.noise[..., chosen])[1]))
 
 
-def run_stressed(
-    runs: StressedRuns, times: Array, *, tolerance: float, visit: Visit, progress: Progress | None = None
-) -> Ends:
-    """Integrate all runs over ``times`` (from 0 to the horizon).
+def run_stressed(runs: StressedRuns, *, visit: Visit, progress: Progress | None = None) -> Ends:
+    """Integrate all runs over the times of their setting.
 
     ``visit(sample, run, e, gap)`` gets the places of samples and runs, both (k,), and there e and d - dhat (n, m, k).
     Raises: SpecError for too many exchanges.
     """
-    horizon, report = float(times[-1]), progress or (lambda part: None)
+    times, horizon, report = runs.setting.times, runs.setting.horizon, progress or (lambda part: None)
     loops, (switch_times, switch_modes) = Loops(runs, horizon), padded(runs.switches)
     y, everyone = loops.start, loops.alive
     farthest = farthest_of(loops.size(y))
@@ -169,7 +373,7 @@ def run_stressed(
             steps=steps,
             most=max(LEAST_STEPS, MOST_STEPS // len(begins)),
         )
-        found = integrate_stretch(stretch, times, tolerance=tolerance, visit=seen)
+        found = integrate_stretch(stretch, times, tolerance=runs.setting.tolerance, visit=seen)
         y[:, alive], states[alive], ended[alive] = found.e, found.states, found.times
         going = found.states == DONE
         loops.alive, steps = alive[going], found.steps[going]
@@ -219,33 +423,23 @@ class _Alone:
 
 
 def run_alone(
-    runs: StressedRuns,
-    modes: Scheduled | Moving,
-    times: Array,
-    *,
-    tolerance: float,
-    implicit: bool,
-    progress: Progress | None = None,
-) -> Outcome:
-    """Integrate a stack of one run, and put down what happened at ``times``."""
-    loops, noise = Loops(runs, float(times[-1])), np.zeros(1)
-    plan, crew = _Alone(loops=loops, modes=modes, noises=[]), loops.crew
-    run = integrate(plan, loops.start[:, 0], times, tolerance=tolerance, implicit=implicit, progress=progress)
+    runs: StressedRuns, modes: Scheduled | Moving, *, progress: Progress | None = None
+) -> tuple[Run, Samples]:
+    """Integrate a stack of one run, and put down what happened at the times of its setting."""
+    setting, noise = runs.setting, np.zeros(1)
+    loops = Loops(runs, setting.horizon)
+    plan, crew, implicit = _Alone(loops=loops, modes=modes, noises=[]), loops.crew, is_stiff(setting, closed=False)
+    run = Integration(
+        plan, loops.start[:, 0], setting.times, tolerance=setting.tolerance, implicit=implicit, progress=progress
+    ).run()
     x, xi, z = loops.split(run.states.T)  # samples in place of runs
     if runs.stress.noise:
         noise = np.stack(plan.noises, axis=2)[..., np.searchsorted(loops.instants, run.times, side="right") - 1]
     e, xihat = loops.known(x, z, noise)
-    dhat = act(runs.loop.C, xihat)
+    dhat = act(loops.loop.C, xihat)
     u = crew.command(e, dhat)
     for agent, (last, _) in crew.stopped.items():
-        u[agent][:, run.times >= runs.failing[agent].time] = last
-    d = act(runs.loop.C, xi) + (crew.extra(run.times) if runs.stress.disturbance else 0.0)
+        u[agent][:, run.times >= crew.failing[agent].time] = last
+    d = act(loops.loop.C, xi) + (crew.extra(run.times) if runs.stress.disturbance else 0.0)
     parts = {"x": x, "xi": xi, "d": d, "u": u} | crew.heeded(xihat, dhat)
-    return Outcome(
-        times=run.times,
-        reason=run.reason,
-        method=run.method,
-        evaluations=run.evaluations,
-        notes=tuple(run.notes),
-        **{name: np.moveaxis(array, 2, 0).copy() for name, array in parts.items()},
-    )
+    return run, {name: np.moveaxis(array, 2, 0).copy() for name, array in parts.items()}

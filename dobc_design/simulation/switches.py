@@ -7,8 +7,9 @@ larger one, so that an agent at the edge does not make the graph chatter.  Arcs 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 from itertools import pairwise
 from typing import Any
 
@@ -244,113 +245,82 @@ def groups_of(problem: Problem, codes: IndexArray) -> tuple[ArcGroup, ...]:
     )
 
 
-def first_change(
-    graph_at: Callable[[float], IndexArray], now: IndexArray, times: Sequence[float] | Array
-) -> float | None:
-    """The first float at which the graph is another one than ``now``, looked for between the given times.
+class Nearby:
+    """The graphs of one run as they follow from positions, each kept once."""
 
-    Found by bisection to neighbouring floats.  A change that is undone before the next of the times is not seen.
-    """
-    low = float(times[0])
-    for time in times[1:]:
-        high = float(time)
-        if not np.array_equal(graph_at(high), now):
-            while (middle := low + (high - low) / 2) not in (low, high):
-                if np.array_equal(graph_at(middle), now):
-                    low = middle
-                else:
-                    high = middle
-            return high
-        low = high
-    return None
-
-
-class Record:
-    """The graphs of a run as they come up, each kept once."""
-
-    def __init__(self, n: int) -> None:
-        self.n = n
+    def __init__(self, signal: Mobile, problem: Problem) -> None:
+        self.signal, self.problem = signal, problem
+        self.now: IndexArray | None = None
         self.times: list[float] = []
         self.modes: list[int] = []
         self.codes: list[IndexArray] = []
         self.numbers: dict[bytes, int] = {}
 
-    def add(self, time: float, codes: IndexArray) -> int:
-        """Note that this graph is active from ``time`` on and return its number.  Raises: SpecError on chattering."""
-        many = len(self.times)
-        if many >= MOST_CHANGES or (many >= CHATTER and time - self.times[-CHATTER] < 1e-9 * max(1.0, time)):
-            raise SpecError(
-                f"the graph changed {many} times up to t = {time:.6g} s: it chatters.",
-                key="signal",
-                cure="Give a (larger) hysteresis.",
-            )
-        number = self.numbers.setdefault(codes.tobytes(), len(self.codes))
-        if number == len(self.codes):
-            self.codes.append(codes)
-        self.times.append(time)
-        self.modes.append(number)
-        return number
+    def look(self, time: float, positions: Array) -> int:
+        """The number of the graph at positions (n, k), active from ``time`` on.  Raises: SpecError on chattering."""
+        graph, many = near(self.signal, positions, self.now), len(self.times)
+        if self.now is None or not np.array_equal(graph, self.now):
+            if many >= MOST_CHANGES or (many >= CHATTER and time - self.times[-CHATTER] < 1e-9 * max(1.0, time)):
+                raise SpecError(
+                    f"the graph changed {many} times up to t = {time:.6g} s: it chatters.",
+                    key="signal",
+                    cure="Give a (larger) hysteresis.",
+                )
+            number = self.numbers.setdefault(graph.tobytes(), len(self.codes))
+            if number == len(self.codes):
+                self.codes.append(graph)
+            self.now = graph
+            self.times.append(time)
+            self.modes.append(number)
+        return self.modes[-1]
+
+    def groups(self, number: int) -> tuple[ArcGroup, ...]:
+        """The arcs of a graph."""
+        return groups_of(self.problem, self.codes[number])
+
+    def change(self, times: Array, positions_at: Callable[[float], Array]) -> float | None:
+        """The first float at which the graph is another one, looked for between the given times.
+
+        Found by bisection to neighbouring floats.  A change that is undone before the next of the times is not seen.
+        """
+
+        def stays(time: float) -> bool:
+            return self.now is not None and np.array_equal(near(self.signal, positions_at(time), self.now), self.now)
+
+        for before, after in pairwise(times.tolist()):
+            if not stays(after):
+                low, high = before, after
+                while (middle := low + (high - low) / 2) not in (low, high):
+                    low, high = (middle, high) if stays(middle) else (low, middle)
+                return float(high)
+        return None
 
     def switches(self) -> Switches:
-        """What was noted."""
+        """What came up so far."""
         return Switches(
             times=np.array(self.times),
             modes=np.array(self.modes, dtype=np.int64),
             names=tuple(f"graph {k + 1}" for k in range(len(self.codes))),
-            graphs=tuple(np.stack([codes // self.n, codes % self.n]) for codes in self.codes),
+            graphs=tuple(np.stack([codes // self.problem.n, codes % self.problem.n]) for codes in self.codes),
         )
 
 
-class Nearby:
-    """The graphs of one run that follow from its states."""
-
-    def __init__(self, signal: Mobile, problem: Problem) -> None:
-        self.signal, self.problem, self.record = signal, problem, Record(problem.n)
-        self.now: IndexArray | None = None
-        self.number = -1
-
-    def look(self, time: float, positions: Array) -> int:
-        """The number of the graph at these positions (n, m), which is active from ``time`` on."""
-        graph = near(self.signal, positions, self.now)
-        if self.now is None or not np.array_equal(graph, self.now):
-            self.now, self.number = graph, self.record.add(time, graph)
-        return self.number
-
-    def groups(self, number: int) -> tuple[ArcGroup, ...]:
-        """The arcs of a graph."""
-        return groups_of(self.problem, self.record.codes[number])
-
-    def change(self, begin: float, end: float, positions_at: Callable[[float], Array]) -> float | None:
-        """The first instant of a step at which the graph is another one, to the last bit of the positions given."""
-        now = self.now
-        if now is None:
-            return None
-        return first_change(
-            lambda time: near(self.signal, positions_at(time), now), now, np.linspace(begin, end, LOOKS + 1)
-        )
-
-
-def motion_switches(signal: Mobile, motion: Waypoints, n: int, horizon: float) -> tuple[Switches, list[IndexArray]]:
-    """The switches under a given motion, and the codes of the graphs.  Raises: ShapeError, SpecError."""
+def motion_switches(signal: Mobile, motion: Waypoints, problem: Problem, horizon: float) -> Switches:
+    """The switches under a given motion.  Raises: ShapeError, SpecError."""
     places = np.asarray(motion.positions)
-    if places.shape[1] != n:
+    if places.shape[1] != problem.n:
         raise ShapeError(
-            f"motion must have one position per agent, {n}; got {places.shape[1]}.",
+            f"motion must have one position per agent, {problem.n}; got {places.shape[1]}.",
             key="motion",
             cure="Give positions of shape (times, agents, coordinates).",
         )
     refuse_too_many(len(motion.times) * LOOKS_OF_MOTION / MOST_SWITCHES)
+    nearby, positions = Nearby(signal, problem), partial(motion.at, places=places)
+    nearby.look(0.0, positions(0.0))
     corners = np.unique(np.clip([0.0, *motion.times, horizon], 0.0, horizon))
-    record, now = Record(n), near(signal, motion.at(0.0, places), None)
-    record.add(0.0, now)
-
-    def graph_at(time: float) -> Any:
-        return near(signal, motion.at(time, places), now)
-
     for begin, end in pairwise(corners.tolist()):
         looks = np.linspace(begin, end, LOOKS_OF_MOTION + 1)
-        while (change := first_change(graph_at, now, looks)) is not None and change < horizon:
-            now = graph_at(change)
-            record.add(change, now)
+        while (change := nearby.change(looks, positions)) is not None and change < horizon:
+            nearby.look(change, positions(change))
             looks = np.concatenate([[change], looks[looks > change]])
-    return record.switches(), record.codes
+    return nearby.switches()

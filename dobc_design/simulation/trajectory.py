@@ -1,17 +1,16 @@
 """A simulated run of the closed loop: its samples, what is usually asked of them or of many runs, and its file.
 
 Numbers in floating point: they illustrate and never decide.  Nothing in a file is ever executed, and a file appears
-whole or not at all: it is written beside its place and renamed.
+whole or not at all.
 """
 
 from __future__ import annotations
 
+import io
 import json
 import math
-import os
-import tempfile
 import zipfile
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, fields
 from os import PathLike
 from pathlib import Path
@@ -22,7 +21,8 @@ from numpy.typing import NDArray
 from scipy.special import bdtr, betaincinv
 
 from dobc_design._show.cards import Card, Shown
-from dobc_design.errors import CertificateError, SpecError
+from dobc_design.certificate.files import write_atomically
+from dobc_design.errors import SpecError
 from dobc_design.exact.reading import shown
 from dobc_design.simulation._arguments import Array
 from dobc_design.simulation.switches import IndexArray, Switches, one_mode
@@ -220,8 +220,7 @@ class Trajectory(Shown):
             "graph_sizes": np.array([graph.shape[1] for graph in switches.graphs], dtype=np.int64),
         }
         arrays |= {name: getattr(self, name) for name in SAMPLED}
-        write_whole(place, lambda file: np.savez(file, allow_pickle=False, **arrays), force=force)
-        return place
+        return save_arrays(place, arrays, force=force)
 
     def __str__(self) -> str:
         return f"{self.name}: {self._summary}"
@@ -307,32 +306,14 @@ def _made(facts: Any, arrays: Mapping[str, NDArray[Any]]) -> Trajectory:
     )
 
 
-def write_whole(path: Path, write: Callable[[Path], None], *, force: bool) -> None:
-    """Let ``write`` fill a file beside ``path``, then put it into its place.
-
-    Raises: SpecError if the place is taken (and not ``force``), CertificateError if the machine refuses.
-    """
+def save_arrays(path: Path, arrays: Mapping[str, Any], *, force: bool) -> Path:
+    """Write an .npz file.  Raises: SpecError if the place is taken, unless ``force``, CertificateError if it fails."""
     if path.exists() and not force:
         raise SpecError(f"{shown(str(path))} exists already.", key="path", cure="Replace it with force=True.")
-    temporary = None
-    try:
-        descriptor, temporary = tempfile.mkstemp(prefix=f".{path.name}.", suffix=path.suffix, dir=path.parent)
-        os.close(descriptor)
-        write(Path(temporary))
-        with open(temporary, "rb+") as stream:
-            os.fsync(stream.fileno())
-        os.chmod(temporary, 0o644)
-        os.replace(temporary, path)
-        temporary = None
-    except OSError as error:
-        raise CertificateError(
-            f"{shown(path.name)} cannot be written: {error.strerror or error}.",
-            key="path",
-            cure="Choose another place.",
-        ) from error
-    finally:
-        if temporary is not None and os.path.exists(temporary):
-            os.unlink(temporary)
+    stream = io.BytesIO()
+    np.savez(stream, allow_pickle=False, **arrays)
+    write_atomically(path, stream.getvalue())
+    return path
 
 
 def settling_time(times: Array, error: Array, tolerance: float | None, *, diverged: bool) -> float | None:

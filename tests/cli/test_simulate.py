@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from dobc_design.simulation.simulations import simulate
-from dobc_design.simulation.stress import Failure, Stress, stress_from_json
+from dobc_design.simulation.stress import Failure, Stress, stress_to_json
 from dobc_design.simulation.trajectory import load_trajectory
 
 DIVERGING = """\
@@ -163,7 +163,7 @@ def test_stress_options_reach_the_run_and_are_said(dobc):
     stored = load_trajectory("here/trajectory.npz")
     failures = (Failure(agent="3", time=1.0), Failure(agent="4", time=1.5, kind="freeze"))
     stress = Stress(noise=0.01, saturation=4, period=0.05, loss=0.1, disturbance=0.1, failures=failures)
-    assert stress_from_json(stored.stress) == stress
+    assert stored.stress == stress_to_json(stress)
     assert np.array_equal(stored.x, simulate("paper-fixed", t_final=2, stress=stress).x)
 
 

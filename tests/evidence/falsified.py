@@ -17,7 +17,7 @@ from dobc_design.conditions.separable.claim import Separable
 from dobc_design.conditions.separable.decide import largest_rate
 from dobc_design.conditions.separable.observer import first_certificate
 from dobc_design.conditions.separable.propose import design_separable, propose_separable, rounded_vectors
-from dobc_design.falsification.search import falsify
+from dobc_design.falsification.search import search_starts
 from dobc_design.problem.groups import Observer
 from dobc_design.problem.problem import Problem
 
@@ -35,7 +35,7 @@ def run(count: int, seed: int) -> Row:
     tried = unfinished = 0
     each = max(10, -(-count // PROBLEMS))
     for number, (name, problem, certified) in enumerate(_proved(seed)):
-        found = falsify(
+        found = search_starts(
             problem,
             runs=each,
             seed=seed + number,

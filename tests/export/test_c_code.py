@@ -24,7 +24,7 @@ from dobc_design.problem.groups import Observer
 from dobc_design.problem.load import load_problem
 from dobc_design.problem.network import Network
 from dobc_design.problem.problem import Problem
-from dobc_design.simulation.agents import LOSS
+from dobc_design.simulation.stressed import LOSS
 from dobc_design.verdict import Verdict
 
 EVERY = "2*tanh(y1) + min(y2, 0, y1) + y2/3 + 0*(exp(y1) + log(y2**2 + 2) + sin(y1)*cos(y1) + atan(y2) + cosh(y1))"

@@ -14,14 +14,13 @@ from problem_texts import listening_pair_text
 from typer.testing import CliRunner
 
 import dobc_design as dd
+from dobc_design import Problem, Verdict
 from dobc_design.certification.overall import decide_overall
 from dobc_design.cli.main import app
 from dobc_design.conditions.check import Check
 from dobc_design.conditions.equilibrium.claim import Equilibrium
 from dobc_design.conditions.equilibrium.decide import refuting_check
 from dobc_design.exact.interval import Interval
-from dobc_design.problem.problem import Problem
-from dobc_design.verdict import Verdict
 
 
 @cache

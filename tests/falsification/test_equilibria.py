@@ -12,15 +12,11 @@ from equilibrium_cases import exact, half_difference, listening_pair, random_fol
 from lure_cases import HARMONIC, PAPER_GAIN, field
 from separable_problems import PAPER, cycle
 
+from dobc_design import Network, Observer, Problem, Verdict
 from dobc_design.conditions.separable.claim import Separable
 from dobc_design.conditions.separable.decide import largest_rate, verify_separable
 from dobc_design.conditions.separable.propose import propose_separable, rounded_vectors
-from dobc_design.falsification.equilibria import equilibrium_check
-from dobc_design.falsification.newton import find_roots
-from dobc_design.problem.groups import Observer
-from dobc_design.problem.network import Network
-from dobc_design.problem.problem import Problem
-from dobc_design.verdict import Verdict
+from dobc_design.falsification.equilibria import equilibrium_check, find_roots
 
 F = Fraction
 SADDLE = half_difference(3.3)

@@ -14,6 +14,7 @@ from scipy.integrate import solve_ivp
 from separable_problems import MONOTONE, TURNING, cycle, random_problem
 
 import dobc_design as dd
+from dobc_design import Problem, Verdict
 from dobc_design.conditions.boxes.claim import Shell
 from dobc_design.conditions.quadratic.claim import Lure
 from dobc_design.conditions.quadratic.propose import design_lure, raise_rate
@@ -23,15 +24,13 @@ from dobc_design.conditions.separable.observer import first_certificate
 from dobc_design.conditions.separable.propose import design_separable, propose_separable, rounded_vectors
 from dobc_design.errors import SpecError
 from dobc_design.exact.matrix import scale
-from dobc_design.falsification.ascent import ascend, final_error, final_level
 from dobc_design.falsification.levels import level_of
+from dobc_design.falsification.search import ascend, final_error, final_level
 from dobc_design.falsification.starts import Boundary, asked_box
 from dobc_design.falsification.suspect import LEAVES, RESTS, STAYS_AWAY
 from dobc_design.model.model import build_flow
 from dobc_design.problem.changes import changed_problem, gain_changes
-from dobc_design.problem.problem import Problem
 from dobc_design.simulation.field import make_loop
-from dobc_design.verdict import Verdict
 
 F = Fraction
 SADDLE, NODE = float(half_difference(3.3)), float(half_difference(6.0))

@@ -10,10 +10,10 @@ from html.parser import HTMLParser
 from typing import Any
 
 import pytest
+from shown import html_report
 
 from dobc_design.conditions.check import Check, Fix, Values, Witness
 from dobc_design.problem.network import Network
-from dobc_design.report.html import html_report
 from dobc_design.verdict import Verdict
 
 VOID = {"meta", "br", "link", "img", "hr", "input", "col", "wbr", "mspace"}

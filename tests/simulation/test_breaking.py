@@ -4,14 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from loops import single
 
 import dobc_design as dd
+from dobc_design import Exosystem, Network, Observer, Problem, load_problem
 from dobc_design.errors import SpecError
-from dobc_design.problem.exosystems import Exosystem
-from dobc_design.problem.groups import Observer
-from dobc_design.problem.load import load_problem
-from dobc_design.problem.network import Network
-from dobc_design.problem.problem import Problem
 from dobc_design.simulation.breaking import OPTIONS, PeriodLimit, what_breaks_first
 
 
@@ -19,11 +16,6 @@ def ring(**settings) -> Problem:
     """Five agents in a directed ring, linear, all pinned with k = 3."""
     network = Network.from_arcs([[i + 1, (i + 1) % 5 + 1] for i in range(5)], arrow="listens_to", agents=5)
     return Problem(network=network, coupling="y", **({"gains": 3, "target": 1} | settings))
-
-
-def single(**settings) -> Problem:
-    network = Network.from_arcs({"G": []}, arrow="listens_to", agents=1)
-    return Problem(network=network, coupling="y", gains={"1": 2}, **settings)
 
 
 def test_the_longest_period_is_that_of_the_spectral_radius():

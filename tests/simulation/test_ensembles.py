@@ -8,49 +8,27 @@ import sys
 
 import numpy as np
 import pytest
+from loops import ring
 from scipy.linalg import expm
+from side_by_side import planar as drawn_planar
 
+from dobc_design import Fixed, Markov, Network, Periodic, Problem, RandomDwell, load_problem
 from dobc_design.errors import SpecError
 from dobc_design.problem.arrays import consensus_jacobian, pinning_matrix
-from dobc_design.problem.exosystems import Exosystem
-from dobc_design.problem.groups import Observer
-from dobc_design.problem.load import load_problem
-from dobc_design.problem.network import Network
-from dobc_design.problem.problem import Problem
 from dobc_design.simulation import columns, ensemble
 from dobc_design.simulation.ensemble import simulate_many
 from dobc_design.simulation.run import simulate
-from dobc_design.simulation.signals import Fixed, Markov, Periodic, RandomDwell
 
 MARKOV = Markov(generator=[[-3, 1, 1, 1], [1, -3, 1, 1], [1, 1, -3, 1], [1, 1, 1, -3]])
 
 
-def planar() -> Problem:
-    """m = 2, q = 3, two modes, vector coupling, formation, drawn disturbances."""
-    modes = {"one": [[1, 2], [2, 3, 2], [3, 1], [1, 3]], "two": [[1, 3, "1/2"], [2, 1]]}
-    return Problem(
-        network=Network.from_arcs(modes, arrow="listens_to", agents=3),
-        coupling=["tanh(y1) + y2/4", "y2 + y2**3/9"],
-        target=[1, -2],
-        gains={"1": 3, "3": [[2, 1], [-1, 2]]},
-        exosystem=Exosystem(A=[[0, 1, 0], [-1, 0, 0], [0, 0, 0]], C=[[1, 0, 1], [0, 1, 0]]),
-        observer=Observer(W=[[2, 0], [0, 2], [1, 0]]),
-        offsets={"2": [1, 0]},
-        region={"initial_states": [[0, 1], [-3, -1]], "initial_disturbance": 2},
-    )
-
-
-def ring(coupling: str, **settings) -> Problem:
-    network = Network.from_arcs([[i + 1, (i + 1) % 6 + 1] for i in range(6)], arrow="listens_to", agents=6)
-    return Problem(network=network, coupling=coupling, **settings)
-
-
+NONLINEAR = drawn_planar()
 CASES = {
     "the paper, random": (load_problem("paper-switching"), RandomDwell(dwell=0.5)),
     "the paper, Markov": (load_problem("paper-switching"), MARKOV),
-    "planar": (planar(), Periodic(dwell=[0.4, 0.3])),
-    "planar, random stays": (planar(), RandomDwell(dwell=0.2, longest=0.7)),
-    "no disturbance": (ring("exp(y) - 1 + y", gains={"1": 2}), Fixed()),
+    "planar": (NONLINEAR, Periodic(dwell=[0.4, 0.3])),
+    "planar, random stays": (NONLINEAR, RandomDwell(dwell=0.2, longest=0.7)),
+    "no disturbance": (ring(n=6, gains={"1": 2}), Fixed()),
 }
 
 
@@ -72,7 +50,7 @@ def test_runs_side_by_side_are_the_runs_one_by_one(name: str):
 
 
 def test_stacked_linear_runs_follow_the_matrix_exponential():
-    problem = ring("y", gains={"1": 2, "4": "1/2"})
+    problem = ring("y", 6, gains={"1": 2, "4": "1/2"})
     many = simulate_many(problem, runs=5, t_final=3.0, samples=31, tolerance=1e-12, states=True)
     J = consensus_jacobian(problem, "G").toarray() - pinning_matrix(problem).toarray()
     for run in many.states[..., 0]:
@@ -132,7 +110,7 @@ def test_a_run_that_escapes_counts_the_switches_until_then():
 
 
 def test_a_start_that_overflows_ends_its_run_at_once_and_no_other():
-    problem = ring("exp(y) - 1 + y", gains=1, region={"initial_states": [0, 900]})
+    problem = ring(n=6, gains=1, region={"initial_states": [0, 900]})
     many = simulate_many(problem, runs=12, t_final=0.5, samples=6)
     singles = [simulate(problem, seed=k, t_final=0.5, samples=6) for k in range(12)]
     assert many.diverged.tolist() == [run.diverged for run in singles]
@@ -161,7 +139,7 @@ def test_what_cannot_be_stacked_is_made_one_by_one_and_said(arguments, reason: s
 
 
 def test_stiff_loops_are_made_one_by_one_by_the_implicit_method():
-    many = simulate_many(ring("y", gains=10**6), runs=2, t_final=1.0)
+    many = simulate_many(ring("y", 6, gains=10**6), runs=2, t_final=1.0)
     assert "stiff" in many.notes[0]
     assert many.method == "Radau"
 
@@ -211,11 +189,6 @@ MEMORY = """
 import resource, sys
 import numpy as np, scipy.sparse as sp
 from dobc_design.simulation.ensemble import simulate_many
-from dobc_design.simulation.signals import Periodic
-from dobc_design.problem.exosystems import Exosystem
-from dobc_design.problem.network import Network
-from dobc_design.problem.groups import Observer
-from dobc_design.problem.problem import Problem
 n, rng = 1000, np.random.default_rng(0)
 def graph():
     i = np.repeat(np.arange(n), 6)

@@ -1,19 +1,18 @@
-"""The NumPy right-hand side is the symbolic closed loop (1), (12), (13), (19)."""
+"""The right-hand sides: the symbolic closed loop, what agents feel, and C exp(F t) against mpmath at 60 digits."""
 
 from __future__ import annotations
 
 import casadi as ca
+import mpmath
 import numpy as np
 import pytest
 
-from dobc_design.model.model import build_model
+from dobc_design import Exosystem, Network, Observer, Problem, build_model, load_problem
+from dobc_design.coupling.coupling import make_coupling
 from dobc_design.problem.arrays import arc_groups
-from dobc_design.problem.exosystems import Exosystem
-from dobc_design.problem.groups import Observer
-from dobc_design.problem.load import load_problem
-from dobc_design.problem.network import Network
-from dobc_design.problem.problem import Problem
-from dobc_design.simulation.field import make_field, make_loop, network_of
+from dobc_design.simulation import graph as graph_module
+from dobc_design.simulation.field import evolve, make_closed_form, make_field, make_loop, network_of
+from dobc_design.simulation.graph import Graph, compile_coupling, graph_of
 
 
 def mixed() -> Problem:
@@ -87,3 +86,172 @@ def test_errors_alone_obey_the_same_loop():
     wanted = field.split(field(0.0, state))[0]
     found = network((x - loop.goal).ravel()).reshape(4, 2) + eps @ loop.C.T
     np.testing.assert_allclose(found, wanted, rtol=1e-12, atol=1e-11)
+
+
+EXPRESSIONS = [
+    "exp(y) - 1 + y",
+    "tanh(2*y)",
+    "y + y**3",
+    "y**5 - y**7 + 3*y",
+    "2*sin(y) + atan(y)",
+    "clip(y, -1/2, 1/3) + y",
+    "max(y, 2*y, 0) + min(y, 0)",
+    "abs(y) + y",
+    "sqrt(1 + y**2) - 1",
+    "log(1 + y**2)/(1 + y**2)",
+    "-y/(2 + cos(y))",
+    "sinh(y) - tan(y/9) + cosh(y) - 1",
+    "y*(3/(1 + y**4))",
+    "pi*y",
+    "y**12 + y*(1 + y**2)**-3",
+    "0*y",
+    "y",
+    "-(-y)",
+    "y**1 - 3*y",
+    "y**1 + y**2 - y",
+    "(y + y)*(y - 3*y) + y",
+    "exp(1)*y + log(2)*y",
+    "(2 - 1)*y",
+]
+
+
+@pytest.mark.parametrize("text", EXPRESSIONS)
+def test_a_compiled_coupling_is_the_coupling(text: str):
+    coupling = make_coupling(text, dimension=1)
+    y = np.random.default_rng(0).normal(size=(200, 1))
+    kept = y.copy()
+    np.testing.assert_allclose(compile_coupling(coupling)(y), coupling.value(y), rtol=1e-13, atol=1e-15)
+    assert np.array_equal(y, kept)
+
+
+def test_a_compiled_vector_coupling_sees_the_components_of_a_difference():
+    coupling = make_coupling(["y1*y2 + y1", "sin(y2) - y1"], dimension=2)
+    y = np.random.default_rng(0).normal(size=(50, 2, 3))
+    wanted = np.stack([coupling.value(y[..., k]) for k in range(3)], axis=-1)
+    np.testing.assert_allclose(compile_coupling(coupling)(y), wanted, rtol=1e-13)
+
+
+def test_a_sum_of_many_terms_is_compiled_without_recursion():
+    text = "y" + " + y" * 480
+    found = compile_coupling(make_coupling(text, dimension=1))(np.array([[2.0]]))
+    assert found.tolist() == [[962.0]]
+
+
+def random_problem(n: int, arcs: int, *, m: int, seed: int) -> Problem:
+    """Weights, agents without arcs, a hub, exceptions."""
+    rng = np.random.default_rng(seed)
+    pairs = {(1, j) for j in range(2, n // 2)} | {tuple(p) for p in rng.integers(1, n - 2, size=(arcs, 2)).tolist()}
+    rows = [(i, j, int(rng.integers(1, 9))) for i, j in sorted(pairs) if i != j]
+    h = "exp(y) - 1 + y" if m == 1 else ["y1 + y1*y2", "sin(y2) - y1"]
+    other = "2*y" if m == 1 else ["y2", "y1"]
+    special = {(i - 1, j - 1): other for i, j, _ in rows[::7]}
+    network = Network.from_arcs(rows, arrow="listens_to", agents=n)
+    return Problem(network=network, coupling=h, exceptions=special, target=[0] * m)
+
+
+def by_hand(problem: Problem, e):
+    """(1), arc by arc."""
+    total = np.zeros_like(e)
+    for i, j, w in problem.network.modes["G"]:
+        total[i] += float(w) * problem.coupling_of(i, j).value(e[j] - e[i])
+    return total
+
+
+def graph(problem: Problem, runs: int = 1) -> Graph:
+    return graph_of(arc_groups(problem, "G"), n=problem.n, m=problem.m, runs=runs)
+
+
+@pytest.mark.parametrize(("n", "arcs", "m"), [(5, 4, 1), (40, 200, 1), (30, 100, 2)])
+@pytest.mark.parametrize("runs", [1, 3, 5000])
+def test_what_agents_feel_is_the_sum_over_their_arcs(n: int, arcs: int, m: int, runs: int):
+    """(9); 5000 runs need several blocks even for few arcs."""
+    problem = random_problem(n, arcs, m=m, seed=n)
+    e = np.random.default_rng(1).normal(size=(n, m, runs))
+    found = graph(problem, runs)(e.reshape(n * m, runs))
+    for k in (0, runs - 1):
+        wanted = by_hand(problem, e[..., k])
+        np.testing.assert_allclose(found[:, k].reshape(n, m), wanted, rtol=1e-12, atol=1e-12)
+        alone = graph(problem, runs)(np.ascontiguousarray(e[..., k]).reshape(n * m, 1))
+        np.testing.assert_allclose(alone.reshape(n, m), wanted, rtol=1e-12, atol=1e-12)
+
+
+@pytest.mark.parametrize("size", [1, 7, 100, 10_000])
+def test_hubs_and_others_feel_the_same_in_blocks_of_any_size(size: int, monkeypatch):
+    """Agent 1 hears most of the others: far more arcs than a block has slots, or than a block has room for."""
+    monkeypatch.setattr(graph_module, "BLOCK", size)
+    problem = random_problem(120, 300, m=1, seed=5)
+    e = np.random.default_rng(1).normal(size=(120, 1))
+    found = graph(problem)(e)
+    np.testing.assert_allclose(found, by_hand(problem, e), rtol=1e-12, atol=1e-12)
+
+
+def test_many_arcs_are_worked_through_in_blocks_with_the_same_sum(monkeypatch):
+    monkeypatch.setattr(graph_module, "BLOCK", 100)
+    problem = random_problem(300, 3000, m=1, seed=0)
+    whole = graph(problem)
+    assert len(whole.blocks) > 20
+    e = np.random.default_rng(1).normal(size=300)
+    np.testing.assert_allclose(whole(e), by_hand(problem, e[:, None])[:, 0], rtol=1e-11, atol=1e-11)
+
+
+def test_columns_do_not_disturb_each_other():
+    problem = random_problem(30, 100, m=2, seed=2)
+    e = np.random.default_rng(1).normal(size=(60, 4))
+    whole = graph(problem, 4)
+    alone = whole(e)
+    e[:, 1] = np.nan
+    again = whole(e)
+    assert np.array_equal(alone[:, [0, 2, 3]], again[:, [0, 2, 3]])
+
+
+def precise(F, t: float):
+    """exp(F t) from mpmath, rounded once."""
+    with mpmath.workdps(60):
+        return np.array(mpmath.expm(mpmath.matrix(F.tolist()) * mpmath.mpf(t), method="taylor").tolist(), dtype=float)
+
+
+CASES = {
+    "the paper's observer": [[-3.2, 2], [-4.4, 0]],
+    "a double pole": [[-2, 1], [0, -2]],
+    "a ramp": [[0, 1], [0, 0]],
+    "an oscillator": [[0, 7], [-7, 0]],
+    "three states": [[-1, 2, 0.5], [0, -3, 1], [0.25, 0, -2]],
+    "growth": [[1.0]],
+    "nothing": [[0.0]],
+}
+
+
+@pytest.mark.parametrize("name", CASES)
+def test_the_table_agrees_with_mpmath(name: str):
+    """(17): eps(t) = exp((A - W C) t) eps(0)."""
+    F = np.array(CASES[name], dtype=float)
+    C = np.arange(1.0, len(F) + 1)[None]
+    closed = make_closed_form(F, C, 20.0)
+    assert closed is not None
+    times = np.array([0.0, 1e-9, 0.03, 0.5, 1.234567, 7.7, 19.99, 20.0])
+    together = closed.many(times.reshape(2, 4)).reshape(1, len(F), -1)
+    for k, t in enumerate(times):
+        wanted = C @ precise(F, t)
+        scale = max(1e-300, np.abs(wanted).max(), 1e-3 * np.linalg.norm(C))
+        np.testing.assert_allclose(closed.at(t), wanted, atol=2e-14 * scale, rtol=0)
+        np.testing.assert_allclose(together[..., k], wanted, atol=2e-14 * scale, rtol=0)
+
+
+def test_the_table_is_given_up_where_it_would_be_too_long():
+    assert make_closed_form(np.array([[-1e6]]), np.eye(1), 20.0) is None
+    assert make_closed_form(np.array([[-100.0]]), np.eye(1), 20.0) is not None
+    assert make_closed_form(np.array([[np.inf]]), np.eye(1), 20.0) is None
+
+
+def test_states_evolve_row_by_row():
+    F = np.array(CASES["three states"])
+    start, times = np.array([[1.0, 2, 3], [0, -1, 0]]), np.array([0.0, 0.4, 5])
+    found = evolve(F, start, times)
+    for k, t in enumerate(times):
+        np.testing.assert_allclose(found[k], start @ precise(F, t).T, atol=1e-13)
+
+
+def test_states_evolve_also_beyond_the_table():
+    """|F| times the horizon is 8e6: SciPy's expm takes over."""
+    F = np.array([[-4e5, 0], [0, -1.0]])
+    np.testing.assert_allclose(evolve(F, np.ones((1, 2)), np.array([0.0, 20]))[1], [[0, np.exp(-20)]], rtol=1e-7)

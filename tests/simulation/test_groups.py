@@ -8,13 +8,20 @@ import pytest
 from scipy.integrate import solve_ivp
 from side_by_side import require_the_same
 
-from dobc_design import Stress, build_model, simulate, to_sdpa, what_breaks_first
+from dobc_design import (
+    Exosystem,
+    Group,
+    Network,
+    Observer,
+    Problem,
+    Stress,
+    build_model,
+    simulate,
+    to_sdpa,
+    what_breaks_first,
+)
 from dobc_design.errors import SpecError
 from dobc_design.export.interchange import python_script
-from dobc_design.problem.exosystems import Exosystem
-from dobc_design.problem.groups import Group, Observer
-from dobc_design.problem.network import Network
-from dobc_design.problem.problem import Problem
 
 ARCS = [(0, 1), (1, 2), (2, 0)]
 GAINS = (3.0, 0.0, 1.0)

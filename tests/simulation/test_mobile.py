@@ -6,12 +6,10 @@ import numpy as np
 import pytest
 from scipy.linalg import expm
 
+from dobc_design import Mobile, Network, Problem, Waypoints
 from dobc_design.errors import ShapeError, SpecError
-from dobc_design.problem.network import Network
-from dobc_design.problem.problem import Problem
 from dobc_design.simulation.ensemble import simulate_many
 from dobc_design.simulation.run import simulate
-from dobc_design.simulation.signals import Mobile, Waypoints
 from dobc_design.simulation.switches import groups_of, motion_switches, near
 
 
@@ -125,7 +123,7 @@ def crossing() -> Waypoints:
 
 def test_a_given_motion_switches_at_exact_instants():
     signal = Mobile(radius=1, hysteresis=0.5, motion=crossing())
-    switches, _ = motion_switches(signal, signal.motion, 3, 10.0)
+    switches = motion_switches(signal, signal.motion, alone(3), 10.0)
     np.testing.assert_allclose(switches.times, [0, 1.5, 2.75], rtol=1e-15)
     assert [graph.shape[1] for graph in switches.graphs] == [0, 2]
     assert switches.modes.tolist() == [0, 1, 0]

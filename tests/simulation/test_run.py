@@ -1,68 +1,249 @@
-"""Simulations against closed forms, matrix exponentials, python-control and CasADi's integrator."""
+"""One run: against closed forms, matrix exponentials, Taylor series at 40 digits, python-control and CasADi's CVODES;
+what must hold for every loop; and what is said when a run goes wrong."""
 
 from __future__ import annotations
 
+import re
 import warnings
 from concurrent.futures import ThreadPoolExecutor
+from functools import reduce
 
 import casadi as ca
 import control
+import mpmath
 import numpy as np
 import pytest
+from loops import HARMONIC, PRINTED, planar, ring
 from scipy.linalg import expm
 
+from dobc_design import (
+    Exosystem,
+    Network,
+    Observer,
+    Periodic,
+    Problem,
+    RandomDwell,
+    Schedule,
+    build_model,
+    load_problem,
+)
 from dobc_design.errors import ShapeError, SpecError
-from dobc_design.model.model import build_model
-from dobc_design.problem.arrays import consensus_jacobian, goals, pinning_matrix
-from dobc_design.problem.exosystems import Exosystem
-from dobc_design.problem.groups import Observer
-from dobc_design.problem.load import load_problem
-from dobc_design.problem.network import Network
-from dobc_design.problem.problem import Problem
+from dobc_design.problem.arrays import consensus_jacobian, pinning_matrix
+from dobc_design.simulation import integrate
+from dobc_design.simulation import setting as module
 from dobc_design.simulation.run import simulate
 
-HARMONIC = Exosystem(A=[[0, 2], [-2, 0]], C=[[1, 0]])
-PRINTED = Observer(W=[["16/5"], ["12/5"]])
+ROUTES = ("closed-form", "full-loop")
+N = 12
 
 
-def ring(coupling: str = "exp(y) - 1 + y", **settings) -> Problem:
-    """The paper's directed cycle of ten agents."""
-    network = Network.from_arcs([[i + 1, (i + 1) % 10 + 1] for i in range(10)], arrow="listens_to", agents=10)
-    return Problem(network=network, coupling=coupling, **settings)
+def modes(order=range(N)) -> dict[str, list[list[int]]]:
+    """Two digraphs on twelve agents, named by ``order``."""
+    first = [[order[i] + 1, order[(i + 1) % N] + 1, i % 3 + 1] for i in range(N)]
+    second = [[order[i] + 1, order[(i + 5) % N] + 1, 2] for i in range(N)]
+    return {"a": first, "b": second}
 
 
-def planar() -> Problem:
-    """Linear, m = 2, q = 3, formation, matrix gains."""
-    return Problem(
-        network=Network.from_arcs([[1, 2], [2, 3, 2], [3, 1], [1, 3]], arrow="listens_to"),
-        coupling=["2*y1 + y2", "3*y2 - y1"],
-        target=[1, -2],
-        gains={"1": 3, "3": [[2, 1], [-1, 2]]},
-        exosystem=Exosystem(A=[[0, 1, 0], [-1, 0, 0], [0, 0, 0]], C=[[1, 0, 1], [0, 1, 0]]),
-        observer=Observer(W=[[2, 0], [0, 2], [1, 0]]),
-        offsets={"2": [1, 0]},
-        simulation={"t_final": 4, "seed": 3, "xi0": [[1, 0, 2], [0, 1, -1], [3, 0, 0]]},
-    )
+def loop(order=range(N), *, target=1, **settings) -> Problem:
+    defaults = {
+        "coupling": "exp(y) - 1 + y",
+        "target": target,
+        "gains": {str(order[0] + 1): 5, str(order[4] + 1): 2},
+        "exosystem": Exosystem(A=[[0, 2], [-2, 0]], C=[[1, 0]]),
+        "observer": Observer(W=[["16/5"], ["12/5"]]),
+    }
+    network = Network.from_arcs(modes(order), arrow="listens_to", agents=N)
+    return Problem(network=network, **(defaults | settings))
 
 
-def test_a_linear_loop_follows_the_matrix_exponential():
-    """The error system (22), solved in closed form."""
-    problem = planar()
-    trajectory = simulate(problem, samples=41)
+def starts():
+    rng = np.random.default_rng(3)
+    return rng.uniform(0, 3, size=(N, 1)), rng.normal(size=(N, 2))
+
+
+def error_system(problem: Problem, mode: str):
+    """The matrix of (22)."""
     A, C, W = (np.array(M, float) for M in (problem.exosystem.A, problem.exosystem.C, problem.observer.W))
-    J = consensus_jacobian(problem, "G").toarray()
-    loop = np.block(
-        [
-            [J - pinning_matrix(problem).toarray(), np.kron(np.eye(3), C)],
-            [np.zeros((9, 6)), np.kron(np.eye(3), A - W @ C)],
-        ]
+    n, m, q = problem.n, problem.m, problem.q
+    J = consensus_jacobian(problem, mode).toarray() - pinning_matrix(problem).toarray()
+    return np.block([[J, np.kron(np.eye(n), C)], [np.zeros((n * q, n * m)), np.kron(np.eye(n), A - W @ C)]])
+
+
+def errors(trajectory, k: int):
+    x = (trajectory.x[k] - trajectory.goal).ravel()
+    return np.concatenate([x, (trajectory.xi[k] - trajectory.xihat[k]).ravel()])
+
+
+@pytest.mark.parametrize("observer", ROUTES)
+def test_a_linear_loop_follows_the_matrix_exponential_to_a_billionth(observer: str):
+    """(22) in closed form, at every sample."""
+    problem = planar()
+    run = simulate(problem, mode="one", samples=41, observer=observer, tolerance=1e-12)
+    loop = error_system(problem, "one")
+    for k, t in enumerate(run.times):
+        np.testing.assert_allclose(errors(run, k), expm(loop * t) @ errors(run, 0), atol=1e-9)
+
+
+@pytest.mark.parametrize("observer", ROUTES)
+def test_a_switched_linear_loop_is_the_product_of_its_exponentials(observer: str):
+    """Instants that no step of equal length would meet; a switch late by 1e-9 s would be seen."""
+    problem = planar()
+    signal = Schedule(times=[0, 0.7390851, 1.6180339, 3.1415926], modes=["one", "two", "one", "two"])
+    run = simulate(problem, signal=signal, samples=5, observer=observer, tolerance=1e-12)
+    stays = np.diff([*signal.times, 4.0])
+    product = reduce(
+        lambda total, each: expm(error_system(problem, each[1]) * each[0]) @ total,
+        zip(stays, signal.modes, strict=True),
+        np.eye(15),
     )
-    eps = trajectory.xi - trajectory.xihat
-    start = np.concatenate([(trajectory.x[0] - goals(problem)).ravel(), eps[0].ravel()])
-    for k, t in enumerate(trajectory.times):
-        wanted = expm(loop * t) @ start
-        np.testing.assert_allclose((trajectory.x[k] - goals(problem)).ravel(), wanted[:6], atol=1e-6)
-        np.testing.assert_allclose(eps[k].ravel(), wanted[6:], atol=1e-6)
+    np.testing.assert_allclose(errors(run, -1), product @ errors(run, 0), atol=1e-9)
+    assert run.switches.times.tolist() == list(signal.times)
+    late = np.linalg.norm((error_system(problem, "one") - error_system(problem, "two")) @ errors(run, 2))
+    assert late > 0.1  # what a second of the wrong mode would change
+
+
+def test_no_step_crosses_a_switch(monkeypatch):
+    """Every step of the integrator lies between two neighbouring instants, and both ends are hit exactly."""
+    steps = []
+    original = integrate._stepped
+
+    def spy(solver):
+        before = solver.t
+        done = original(solver)
+        steps.append((before, solver.t))
+        return done
+
+    monkeypatch.setattr(integrate, "_stepped", spy)
+    run = simulate(load_problem("paper-switching"), signal=Periodic(dwell=0.3), t_final=5.0)
+    instants = [*run.switches.times.tolist(), 5.0]
+    assert len(instants) == 18
+    ends = {end for _, end in steps}
+    assert set(instants[1:]) <= ends
+    for begin, end in steps:
+        assert not any(begin < instant < end for instant in instants)
+
+
+def test_the_observer_error_in_closed_form_is_that_of_the_full_loop():
+    """(17), and what follows from it for x, d, dhat and u, on Example 2."""
+    problem, signal = load_problem("paper-switching"), Periodic(dwell=0.7)
+    fast = simulate(problem, signal=signal, tolerance=1e-12)
+    full = simulate(problem, signal=signal, tolerance=1e-12, observer="full-loop")
+    for name in ("x", "xi", "xihat", "d", "dhat", "u"):
+        np.testing.assert_allclose(getattr(fast, name), getattr(full, name), atol=2e-10, err_msg=name)
+    assert fast.method == full.method == "DOP853"
+
+
+def taylor(h_series, k1: float, start: tuple[float, float], t: float, *, steps: int = 100, order: int = 24):
+    """Two agents that hear each other, agent 1 pinned with k1, by a Taylor series at 40 digits.
+
+    e1' = h(e2 - e1) - k1 e1, e2' = h(e1 - e2); h_series(coefficients of y) gives those of h(y) one by one.
+    """
+    with mpmath.workdps(40):
+        e = [mpmath.mpf(s) for s in start]
+        dt = mpmath.mpf(t) / steps
+        for _ in range(steps):
+            a, b = [e[0]], [e[1]]
+            forward, back = h_series(), h_series()
+            for k in range(order):
+                y = b[k] - a[k]
+                p, q = forward(y), back(-y)
+                a.append((p - k1 * a[k]) / (k + 1))
+                b.append(q / (k + 1))
+            e = [mpmath.polyval(c[::-1], dt) for c in (a, b)]
+        return [float(v) for v in e]
+
+
+def exponential_series():
+    """exp(y) - 1 + y: the coefficients obey k p_k = sum_j j y_j p_{k-j}."""
+    y, p = [], []
+
+    def next_coefficient(value):
+        k = len(y)
+        y.append(value)
+        p.append(mpmath.exp(value) if k == 0 else sum(j * y[j] * p[k - j] for j in range(1, k + 1)) / k)
+        return p[k] + value - (1 if k == 0 else 0)
+
+    return next_coefficient
+
+
+def cubic_series():
+    """y + y**3 by Cauchy products."""
+    y, square = [], []
+
+    def next_coefficient(value):
+        y.append(value)
+        k = len(y) - 1
+        square.append(sum(y[j] * y[k - j] for j in range(k + 1)))
+        return value + sum(square[j] * y[k - j] for j in range(k + 1))
+
+    return next_coefficient
+
+
+@pytest.mark.parametrize(
+    ("coupling", "series", "start"),
+    [("exp(y) - 1 + y", exponential_series, (0.5, -1.0)), ("y + y**3", cubic_series, (1.0, -0.5))],
+)
+def test_two_agents_follow_the_taylor_series_at_high_precision(coupling: str, series, start):
+    network = Network.from_arcs([[1, 2], [2, 1]], arrow="listens_to")
+    problem = Problem(network=network, coupling=coupling, gains={"1": 3})
+    run = simulate(problem, start=[[start[0]], [start[1]]], t_final=1.0, tolerance=1e-13, samples=2)
+    wanted = taylor(series, 3, start, 1.0)
+    assert wanted == pytest.approx(taylor(series, 3, start, 1.0, steps=75), rel=1e-14, abs=0)
+    np.testing.assert_allclose(run.x[-1, :, 0], wanted, rtol=2e-12)
+
+
+def test_the_error_falls_with_the_tolerance_at_the_order_of_the_method():
+    """DOP853 has order 8: halving the steps makes the error at the end about 256 times smaller."""
+    network = Network.from_arcs([[1, 2], [2, 1]], arrow="listens_to")
+    problem = Problem(network=network, coupling="exp(y) - 1 + y", gains={"1": "1/2"})
+    wanted = np.array(taylor(exponential_series, 0.5, (0.5, -1.0), 4.0, steps=150))
+    work, off = [], []
+    for tolerance in 10.0 ** -np.arange(4, 13):
+        run = simulate(problem, start=[[0.5], [-1.0]], t_final=4.0, tolerance=tolerance, samples=2)
+        work.append(run.evaluations)
+        off.append(np.abs(run.x[-1, :, 0] - wanted).max())
+    order = -np.polyfit(np.log(work), np.log(off), 1)[0]
+    assert 6.5 < order < 9.5
+    assert off[-1] < 1e-11
+    assert all(b < a for a, b in zip(off, off[2:], strict=False))
+
+
+def test_example_2_with_switching_agrees_with_cvodes():
+    """Integrated mode by mode by CasADi's CVODES from the symbolic closed loop."""
+    problem = load_problem("paper-switching")
+    signal = Periodic(dwell=0.4)
+    run = simulate(problem, signal=signal, t_final=2.0, samples=6)
+    state = np.concatenate([run.x[0].ravel(), run.xi[0].ravel(), -np.kron(run.x[0].ravel(), [3.2, 2.4])])
+    for k, mode in enumerate(["Ga", "Gb", "Gc", "Gd", "Ga"]):
+        x, xi, z = (ca.SX.sym(name, size) for name, size in (("x", 10), ("xi", 20), ("z", 20)))
+        loop = {"x": ca.vertcat(x, xi, z), "ode": ca.vertcat(*build_model(problem, mode=mode).closed_loop(x, xi, z))}
+        step = ca.integrator("loop", "cvodes", loop, 0, 0.4, {"abstol": 1e-12, "reltol": 1e-12})
+        state = step(x0=state)["xf"].full().ravel()
+        np.testing.assert_allclose(run.x[k + 1].ravel(), state[:10], atol=1e-8)
+        np.testing.assert_allclose(run.xi[k + 1].ravel(), state[10:30], atol=1e-8)
+
+
+def test_example_1_tracks_within_a_percent_after_three_seconds_and_reaches_the_target():
+    """Figs. 2 and 3: the printed W, at every start in [0, 5]."""
+    problem = load_problem("paper-fixed")
+    for seed in range(5):
+        start = np.random.default_rng(seed).uniform(0, 5, size=(10, 1))
+        run = simulate(problem, start=start)
+        late = run.times >= 3
+        assert run.estimation_error()[late].max() < 0.01 * np.abs(run.d).max()
+        assert run.final_error < 1e-3
+        np.testing.assert_allclose(run.x[-1], 1, atol=1e-3)
+
+
+def test_example_1_without_its_observer_stays_away_from_the_target():
+    """The residual: about 0.3 for ever, with the amplitude 0.5 of the disturbance; nothing decays."""
+    run = simulate(load_problem("paper-fixed"), observer="off", t_final=60)
+    assert not run.dhat.any()
+    residual = run.error()[run.times >= 30]
+    assert 0.25 < residual.max() < 0.35
+    first, second = (run.error()[(run.times >= a) & (run.times < a + 5 * np.pi)].max() for a in (20, 40))
+    assert second == pytest.approx(first, rel=1e-2)
+    assert simulate(load_problem("paper-fixed"), t_final=60).error()[-1] < 1e-9
 
 
 def test_the_linear_loop_agrees_with_python_control():
@@ -88,32 +269,11 @@ def test_a_disturbance_that_nobody_compensates_agrees_with_python_control():
     np.testing.assert_allclose(trajectory.x[:, :, 0], response.outputs.T, atol=1e-4)
 
 
-def test_the_nonlinear_loop_agrees_with_casadis_integrator():
-    """Example 1, integrated by CVODES from the symbolic closed loop."""
-    problem = load_problem("paper-fixed")
-    trajectory = simulate(problem, t_final=2, samples=5)
-    x, xi, z = (ca.SX.sym(name, size) for name, size in (("x", 10), ("xi", 20), ("z", 20)))
-    loop = {"x": ca.vertcat(x, xi, z), "ode": ca.vertcat(*build_model(problem).closed_loop(x, xi, z))}
-    integrator = ca.integrator("loop", "cvodes", loop, 0, trajectory.times, {"abstol": 1e-11, "reltol": 1e-11})
-    x0 = trajectory.x[0].ravel()
-    start = np.concatenate([x0, trajectory.xi[0].ravel(), -np.kron(x0, [3.2, 2.4])])
-    states = integrator(x0=start)["xf"].full()
-    np.testing.assert_allclose(trajectory.x[:, :, 0], states[:10].T, atol=1e-6)
-
-
 def test_the_disturbance_of_example_1_is_a_sine():
     """(12) with xi(0) = (0.5 sin 1, 0.5 cos 1): d = 0.5 sin(2 t + 1)."""
     trajectory = simulate(load_problem("paper-fixed"))
     wanted = np.broadcast_to(0.5 * np.sin(2 * trajectory.times + 1)[:, None], (401, 10))
     np.testing.assert_allclose(trajectory.d[:, :, 0], wanted, atol=1e-6)
-
-
-def test_the_observer_of_example_1_tracks_within_one_percent_after_three_seconds():
-    """Fig. 3: the printed W."""
-    trajectory = simulate(load_problem("paper-fixed"))
-    late = trajectory.times >= 3
-    assert trajectory.estimation_error()[0] == pytest.approx(0.5 * np.sin(1))
-    assert trajectory.estimation_error()[late].max() < 0.01 * np.abs(trajectory.d).max()
 
 
 @pytest.mark.parametrize("mode", ["Ga", "Gb", "Gc", "Gd"])
@@ -157,6 +317,13 @@ def test_the_estimate_starts_at_zero_and_the_disturbance_where_the_problem_says(
     assert np.array_equal(without.xi[0], np.ones((10, 2)))
 
 
+def test_without_an_exosystem_the_disturbance_is_zero():
+    trajectory = simulate(ring(gains={"1": 5}), t_final=1, samples=3)
+    assert trajectory.xi.shape == (3, 10, 0)
+    assert not trajectory.d.any()
+    assert not trajectory.dhat.any()
+
+
 def test_a_start_at_rest_stays_at_rest():
     """The consensus is an equilibrium (3)."""
     trajectory = simulate(ring(gains=1, target=2, region={"initial_states": [2, 2]}))
@@ -188,36 +355,6 @@ def test_shapes_and_labels():
     assert trajectory.xi.shape == trajectory.xihat.shape == (7, 3, 3)
     assert trajectory.goal.tolist() == [[1, -2], [2, -2], [1, -2]]
     assert trajectory.labels == ("1", "2", "3")
-
-
-def test_without_an_exosystem_the_disturbance_is_zero():
-    trajectory = simulate(ring(gains={"1": 5}), t_final=1, samples=3)
-    assert trajectory.xi.shape == (3, 10, 0)
-    assert not trajectory.d.any()
-    assert not trajectory.dhat.any()
-
-
-@pytest.mark.parametrize(
-    ("problem", "earliest", "latest"),
-    [
-        (ring("-y", gains={"1": 1}), 5, 20),
-        (ring("-y**3", gains={"1": 1}), 0, 5),
-        (ring("1 - exp(y)", gains={"1": 1}), 0, 5),
-        (ring("-y**3", gains={"1": 10**7}), 0, 5),
-        (ring(gains=1, exosystem=HARMONIC, observer=Observer(W=[[-6], [0]])), 1, 20),
-    ],
-    ids=["linear", "cubic", "exponential", "cubic and stiff", "observer"],
-)
-def test_a_run_that_diverges_stops_and_keeps_what_is_valid(problem: Problem, earliest: float, latest: float):
-    with warnings.catch_warnings():
-        warnings.simplefilter("error")
-        trajectory = simulate(problem)
-    assert trajectory.diverged
-    assert earliest < trajectory.times[-1] < latest
-    assert np.isfinite(trajectory.x).all()
-    assert trajectory.final_error > 5 * trajectory.error()[0]
-    assert len(trajectory.times) == len(trajectory.x) == len(trajectory.u) < 401
-    assert "diverged at about" in str(trajectory)
 
 
 def test_blow_up_comes_when_the_closed_form_says():
@@ -305,24 +442,166 @@ def test_a_gain_can_be_handed_over_and_a_missing_one_is_refused():
         simulate(problem, gain=[[1]])
 
 
+@pytest.mark.parametrize("observer", ["closed-form", "full-loop"])
+def test_a_fixed_point_stays_fixed_to_rounding(observer: str):
+    """e = 0 and eps = 0: (3), with a disturbance that the observer knows from the start."""
+    xi = starts()[1]
+    run = simulate(
+        loop(), start={"x": np.ones((N, 1)), "xi": xi, "xihat": xi}, signal=Periodic(dwell=0.5), observer=observer
+    )
+    assert run.error().max() < (1e-15 if observer == "closed-form" else 1e-9)
+    assert np.abs(run.d).max() > 1
+
+
+def test_permuting_the_agents_permutes_the_result():
+    order = np.random.default_rng(0).permutation(N)
+    x, xi = starts()
+    one = simulate(loop(), start={"x": x, "xi": xi}, signal=Periodic(dwell=0.5))
+    moved_x, moved_xi = np.empty_like(x), np.empty_like(xi)
+    moved_x[order], moved_xi[order] = x, xi
+    other = simulate(loop(order.tolist()), start={"x": moved_x, "xi": moved_xi}, signal=Periodic(dwell=0.5))
+    np.testing.assert_allclose(other.x[:, order], one.x, atol=1e-9)
+    np.testing.assert_allclose(other.u[:, order], one.u, atol=1e-8)
+
+
+def test_shifting_the_target_shifts_the_states():
+    """Only differences and x - xbar enter; the shift is a power of two, so that nothing rounds at the start."""
+    x, xi = starts()
+    one = simulate(loop(), start={"x": x, "xi": xi}, signal=Periodic(dwell=0.5))
+    other = simulate(loop(target=65), start={"x": x + 64, "xi": xi}, signal=Periodic(dwell=0.5))
+    np.testing.assert_allclose(other.x - 64, one.x, atol=1e-9)
+    np.testing.assert_allclose(other.dhat, one.dhat, atol=1e-12)
+
+
+def test_an_unpinned_undisturbed_balanced_linear_network_keeps_its_average():
+    """1' L = 0 in both modes, whose weights differ; unbalanced ones lose it."""
+    balanced = {name: [[*arc[:2], k + 1] for arc in arcs] for k, (name, arcs) in enumerate(modes().items())}
+    network = Network.from_arcs(balanced, arrow="listens_to", agents=N)
+    problem = Problem(network=network, coupling="y")
+    run = simulate(problem, signal=RandomDwell(dwell=0.3), start=starts()[0])
+    assert np.ptp(run.x[:, :, 0].mean(axis=1)) < 1e-12
+    assert np.ptp(run.x[-1]) < 1e-3
+    lost = simulate(loop(coupling="y", gains={}, exosystem=None, observer=None), start=starts()[0])
+    assert np.ptp(lost.x[:, :, 0].mean(axis=1)) > 1e-3
+
+
+def test_the_active_mode_stands_at_every_sample():
+    run = simulate(loop(), signal=Periodic(dwell=0.5), t_final=2, samples=[0, 0.25, 0.5, 1.2, 1.75, 2])
+    assert run.mode_index.tolist() == [0, 0, 1, 0, 1, 1]
+    assert [sample.mode for sample in run] == ["a", "a", "b", "a", "b", "b"]
+    assert run.mode == "a, b (periodic, 0.5 s each)"
+    assert [sample.time for sample in run] == run.times.tolist()
+    assert len(run) == 6
+    assert np.array_equal(next(iter(run)).x, run.x[0])
+
+
+def test_a_run_that_blows_up_between_two_samples_keeps_its_rise():
+    """x1' = (x1 - x2)^3 with x2 = 0: x1 = x0 / sqrt(1 - 2 x0^2 t), at every sample that is left."""
+    network = Network.from_arcs([[1, 2]], arrow="listens_to", agents=2)
+    run = simulate(Problem(network=network, coupling="-y**3"), start=[[1], [0]], t_final=10, samples=11)
+    assert run.diverged
+    assert len(run) > 20
+    assert (np.diff(run.times) > 0).all()
+    early = run.times < 0.4999
+    np.testing.assert_allclose(run.x[early, 0, 0], 1 / np.sqrt(1 - 2 * run.times[early]), rtol=1e-4)
+    assert early.sum() > 5
+
+
+def test_switches_after_the_end_of_a_run_are_left_out():
+    problem = loop(coupling="-y", exosystem=None, observer=None)
+    run = simulate(problem, signal=Periodic(dwell=0.5), t_final=60)
+    assert run.diverged
+    assert run.switches.times[-1] <= run.times[-1] < 59
+
+
+def test_stiffness_at_the_consensus_is_seen_beforehand_and_said():
+    before = simulate(ring("y", gains={"1": 10**6}), t_final=2)
+    assert before.method == "Radau"
+    assert "implicit" in before.notes[-1]
+    calm = simulate(ring("y", gains={"1": 1}), t_final=2)
+    assert calm.method == "DOP853"
+    assert calm.notes == ()
+
+
+def test_a_loop_that_turns_stiff_is_taken_over_by_the_implicit_method():
+    """Agent 1 settles between two that stay far away: there its rate is 2 + 6 * 100 * 35^2 = 735 000 1/s.
+
+    At rest it is in the middle, because h is odd.
+    """
+    network = Network.from_arcs([[1, 2], [1, 3]], arrow="listens_to", agents=3)
+    problem = Problem(network=network, coupling="y + 100*y**3")
+    run = simulate(problem, start=[[1], [40], [-30]], t_final=2.0)
+    np.testing.assert_allclose(run.x[-1, :, 0], [5, 40, -30], rtol=1e-9)
+    assert run.method == "DOP853, then Radau"
+    assert "turned out to be stiff" in run.notes[0]
+
+
+def test_an_observer_that_is_too_fast_for_the_closed_form_is_integrated_and_said():
+    observer = Observer(W=[[2 * 10**6], ["12/5"]])
+    run = simulate(loop(observer=observer), mode="a", t_final=1.0)
+    assert "full loop was integrated" in " ".join(run.notes)
+    assert not run.diverged
+
+
+def test_large_networks_get_fewer_samples_unless_asked():
+    times, notes = module._times(None, 1.0, 1 << 24)
+    assert len(times) == 4
+    assert "4 samples only" in notes[0]
+    assert len(module._times(401, 1.0, 1 << 24)[0]) == 401
+
+
+@pytest.mark.parametrize(
+    ("problem", "reason", "earliest", "latest"),
+    [
+        (ring("-y", gains={"1": 1}), "exceeded 1e+09 times its start at t =", 5, 20),
+        (ring("-y**3", gains={"1": 1}), "collapsed|exceeded", 0, 5),
+        (ring("1 - exp(y)", gains={"1": 1}), "collapsed|exceeded", 0, 5),
+        (ring("-y**3", gains={"1": 10**7}), "collapsed|exceeded", 0, 5),
+        (ring(gains=1, exosystem=HARMONIC, observer=Observer(W=[[-6], [0]])), "exceeded", 1, 20),
+        (ring("log(1 + y)", gains={"1": 1}, region={"initial_states": [0, 9]}), "undefined|collapsed", -1, 20),
+        (ring(gains={"1": 1}, region={"initial_states": [0, 2000]}), "overflows or is undefined", -1, 1),
+    ],
+    ids=["linear", "cubic", "exponential", "cubic and stiff", "observer", "domain", "start"],
+)
+def test_a_run_that_diverges_keeps_what_is_valid_and_says_why(problem: Problem, reason: str, earliest, latest):
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        run = simulate(problem)
+    assert run.diverged
+    assert earliest < run.times[-1] < latest
+    assert np.isfinite(run.x).all()
+    assert len(run.times) == len(run.x) == len(run.u) < 401
+    assert len(run) == 1 or earliest < 0 or run.final_error > 5 * run.error()[0]
+    assert "diverged at about" in str(run)
+    assert re.search(reason.replace("+", r"\+"), run.reason)
+    assert f"t = {run.times[-1]:.6g} s" in run.reason or "just after" in run.reason
+    assert run.settling_time() is None
+
+
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        ({"mode": "H"}, "mode must be one of"),
+        ({"mode": "a", "signal": Periodic(dwell=1)}, "exclude each other"),
+        ({"mode": "c"}, "mode must be one of"),
+        ({"signal": "periodic"}, "signal must be a switching signal; got periodic"),
+        ({"stress": "noise"}, "stress must be a Stress; got noise"),
+        ({"observer": "slow"}, "observer must be one of"),
+        ({"tolerance": 0}, "tolerance must be"),
+        ({"samples": 1}, "samples must be a whole number >= 2"),
+        ({"samples": 2.5}, "samples must be a whole number"),
+        ({"samples": [0, 1]}, "increase from 0 to t_final"),
+        ({"samples": [0, float("nan"), 20]}, "must be finite"),
         ({"t_final": 0}, "t_final must be a time > 0"),
         ({"t_final": float("nan")}, "t_final must be a time > 0"),
+        ({"t_final": float("inf")}, "within the range of floats"),
         ({"t_final": "soon"}, "got soon"),
         ({"seed": -1}, "seed must be a whole number >= 0"),
-        ({"samples": 1}, "samples must be a whole number >= 2"),
         ({"seed": True}, "seed must be a whole number"),
-        ({"samples": 2.5}, "samples must be a whole number"),
+        ({"start": [[float("nan")]] * N}, "must be finite"),
     ],
 )
 def test_wrong_arguments_are_refused(arguments, message: str):
     with pytest.raises(SpecError, match=message):
-        simulate(ring(), **arguments)
-
-
-def test_a_horizon_beyond_the_floats_is_refused():
+        simulate(loop(), **arguments)
     with pytest.raises(SpecError, match="within the range of floats"):
         simulate(ring(simulation={"t_final": "1e400"}))

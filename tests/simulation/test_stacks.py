@@ -10,17 +10,23 @@ from scipy.integrate import solve_ivp
 from scipy.linalg import expm
 from side_by_side import FAILING, planar, require_the_same
 
+from dobc_design import (
+    Exosystem,
+    Mobile,
+    Network,
+    Observer,
+    Periodic,
+    Problem,
+    RandomDwell,
+    Stress,
+    Waypoints,
+    load_problem,
+)
 from dobc_design.errors import SpecError
-from dobc_design.problem.exosystems import Exosystem
-from dobc_design.problem.groups import Observer
-from dobc_design.problem.load import load_problem
-from dobc_design.problem.network import Network
-from dobc_design.problem.problem import Problem
 from dobc_design.simulation import ensemble, stressed
 from dobc_design.simulation.ensemble import simulate_many
 from dobc_design.simulation.run import simulate
-from dobc_design.simulation.signals import Mobile, Periodic, RandomDwell, Waypoints
-from dobc_design.simulation.stress import Stress, stress_to_json
+from dobc_design.simulation.stress import stress_to_json
 
 EVERYTHING = Stress(noise=0.05, disturbance=0.3, frequency=2, saturation=2.0, loss=0.3, exchange=0.1, failures=FAILING)
 CONTINUOUS = {

@@ -5,11 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from dobc_design import Exosystem, Network, Observer, Problem
 from dobc_design.errors import ShapeError, SpecError
-from dobc_design.problem.exosystems import Exosystem
-from dobc_design.problem.groups import Observer
-from dobc_design.problem.network import Network
-from dobc_design.problem.problem import Problem
 from dobc_design.simulation.field import make_loop
 from dobc_design.simulation.run import simulate
 from dobc_design.simulation.setting import make_starts

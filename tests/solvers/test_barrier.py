@@ -10,8 +10,14 @@ from lure_cases import cycle, random_problem
 from scipy import linalg
 
 from dobc_design.conditions.quadratic.claim import linear_part
-from dobc_design.conditions.quadratic.program import centring, covering, float_loop, make_templates
-from dobc_design.conditions.quadratic.sampled_gains import range_gains, sample_gains
+from dobc_design.conditions.quadratic.propose_program import (
+    centring,
+    covering,
+    float_loop,
+    make_templates,
+    range_gains,
+    sample_gains,
+)
 from dobc_design.conditions.quadratic.sectors import build_sectors, enclose_ranges
 from dobc_design.solvers.barrier import Block, Inequalities, centre, make_basis, minimise
 
@@ -27,9 +33,9 @@ def programs(shape: str) -> list[tuple[Inequalities, np.ndarray]]:
     Y, t = 0.02 * np.eye(loop.size), [0.3] * loop.multipliers
     tails = {"centring": [0.02], "shifted": [0.02, 5.0], "covering": [0.02, 0.01, 0.001, 0.9]}
     made = {
-        "centring": centring(loop, basis)[0],
-        "shifted": centring(loop, basis, shift=True)[0],
-        "covering": covering(loop, basis, disturbance=0.01, condition=100.0)[0],
+        "centring": centring(loop, basis),
+        "shifted": centring(loop, basis, shift=True),
+        "covering": covering(loop, basis, disturbance=0.01, condition=100.0),
     }
     # theta makes the first two feasible whatever the numbers are; the third is checked where it happens to be.
     points = [(made[name], made[name].join(Y, [*t, *tails[name]])) for name in made]
@@ -110,7 +116,7 @@ def test_a_lyapunov_equation_lies_inside_without_channels():
     problem = cycle(4, {1: 2}, coupling="2*y")
     gains = sample_gains(problem.couplings, 1.0)
     loop = float_loop(make_templates(problem), gains, radius=None, S=None, rate=0.0)
-    program, _ = centring(loop, make_basis(4, "full"))
+    program = centring(loop, make_basis(4, "full"))
     Y = linalg.solve_continuous_lyapunov(loop.modes[0].A, -np.eye(4))
     assert program.holds(program.join(Y / (2 * np.linalg.norm(Y, 2)), []))
     assert not program.holds(program.join(-Y, []))

@@ -6,8 +6,10 @@ from fractions import Fraction
 
 import numpy as np
 import pytest
+from scipy import sparse
 
 from dobc_design.conditions.consensus.claim import reduced
+from dobc_design.solvers.conic import smat, svec, symmetric_basis
 from dobc_design.solvers.program import Solution, assemble, without_values
 from dobc_design.solvers.rounding import round_matrix
 
@@ -44,3 +46,15 @@ def test_a_solution_is_found_only_with_finite_values():
     assert not without_values("failed", solver="x").found
     bad = Solution(status="Solved", solver="x", objective=1.0, values={"P": np.array([[np.nan]])})
     assert not bad.found
+
+
+@pytest.mark.parametrize("size", [1, 2, 5])
+def test_svec_keeps_inner_products_and_smat_takes_it_back(size):
+    """<A, B> = svec(A)'svec(B); Clarabel's order is the upper triangle, column by column."""
+    rng = np.random.default_rng(size)
+    A, B = (M + M.T for M in rng.standard_normal((2, size, size)))
+    assert svec(A) @ svec(B) == pytest.approx(np.sum(A * B))
+    assert np.allclose(smat(svec(A)), A)
+    assert np.array_equal(svec(sparse.csr_array(A)), svec(A))
+    units = np.stack([svec(unit) for unit in symmetric_basis(size)])
+    assert np.array_equal(units != 0, np.eye(len(units), dtype=bool))

@@ -7,12 +7,14 @@ from fractions import Fraction
 import numpy as np
 import pytest
 
-from dobc_design.conditions.consensus.claim import omega, reduced, state_theorems
+from dobc_design.conditions.consensus.claim import omega, reduced, state_theorems, with_gain
 from dobc_design.conditions.consensus.reduced import reduced_program, solve_reduced
 from dobc_design.errors import SpecError
 from dobc_design.exact.definite import decide_positive_definite
 from dobc_design.exact.matrix import from_float
 from dobc_design.problem.exosystems import Exosystem
+from dobc_design.problem.network import Network
+from dobc_design.problem.problem import Problem
 from dobc_design.solvers.conic import solve_directly
 from dobc_design.solvers.dense import build_dense, solve_dense
 from dobc_design.solvers.program import Program
@@ -68,8 +70,6 @@ def test_floor_ratio_and_radius_are_kept(harmonic):
 
 
 def test_a_program_in_p_alone_goes_both_ways(harmonic):
-    from dobc_design.conditions.consensus.claim import with_gain
-
     W = ((Fraction(16, 5),), (Fraction(12, 5),))
     for objective in OBJECTIVES:
         program = Program(pencils=(with_gain(reduced(Fraction(-1), harmonic), W),), objective=objective)
@@ -97,11 +97,6 @@ def test_a_feasible_problem_can_have_a_positive_margin(harmonic):
     assert solve_directly(program).objective > 0
     freer = Program(pencils=program.pencils, objective="margin", ratio=Fraction(10**4), radius=Fraction(10**4))
     assert solve_directly(freer).objective < 0
-
-
-def test_a_time_limit_of_nothing_is_no_crash(harmonic):
-    answer = solve_directly(Program(pencils=(reduced(Fraction(-1), harmonic),)), time_limit=1e-12)
-    assert answer.status in ("MaxTime", "Solved", "Unsolved")
 
 
 @pytest.mark.parametrize("objective", OBJECTIVES)
@@ -162,18 +157,12 @@ def test_the_proposed_pair_proves_the_theorem_after_a_little_slack(cycle, harmon
 
 
 def test_without_an_exosystem_there_is_nothing_to_solve(cycle):
-    from dobc_design.problem.network import Network
-    from dobc_design.problem.problem import Problem
-
     plain = Problem(network=Network.from_arcs([[1, 2]], arrow="listens_to", agents=2), coupling="y")
     with pytest.raises(SpecError, match=r"needs an \[exosystem\]"):
         solve_reduced(plain)
 
 
 def test_a_weight_beyond_the_floats_leaves_no_program(cycle, harmonic):
-    from dobc_design.problem.network import Network
-    from dobc_design.problem.problem import Problem
-
     network = Network.from_arcs([[1, 2, "1e399"], [2, 1]], arrow="listens_to", agents=2)
     problem = Problem(network=network, coupling="y", gains={1: 1}, exosystem=harmonic)
     assert reduced_program(problem) is None

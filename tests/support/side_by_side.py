@@ -4,31 +4,22 @@ from __future__ import annotations
 
 from typing import Any
 
+import loops
 import numpy as np
 
-from dobc_design.problem.exosystems import Exosystem
-from dobc_design.problem.groups import Observer
-from dobc_design.problem.network import Network
-from dobc_design.problem.problem import Problem
+from dobc_design import Failure, Problem, Stress
 from dobc_design.simulation.ensemble import simulate_many
 from dobc_design.simulation.run import simulate
-from dobc_design.simulation.stress import Failure, Stress
 
 FAILING = (Failure(agent="3", time=0.4, kind="freeze"), Failure(agent="2", time=0.5))
 
 
 def planar() -> Problem:
     """m = 2, q = 3, two modes, a coupling of vectors, a formation, gains that are matrices, drawn disturbances."""
-    modes = {"one": [[1, 2], [2, 3, 2], [3, 1], [1, 3]], "two": [[1, 3, "1/2"], [2, 1]]}
-    return Problem(
-        network=Network.from_arcs(modes, arrow="listens_to", agents=3),
+    return loops.planar(
         exceptions={(0, 2): ["3*y1", "y2"]},
         coupling=["tanh(y1) + y2/4", "y2 + y2**3/9"],
-        target=[1, -2],
-        gains={"1": 3, "3": [[2, 1], [-1, 2]]},
-        exosystem=Exosystem(A=[[0, 1, 0], [-1, 0, 0], [0, 0, 0]], C=[[1, 0, 1], [0, 1, 0]]),
-        observer=Observer(W=[[2, 0], [0, 2], [1, 0]]),
-        offsets={"2": [1, 0]},
+        simulation={},
         region={"initial_states": [[0, 1], [-3, -1]], "initial_disturbance": 2},
     )
 

@@ -19,13 +19,12 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from dobc_design.conditions.quadratic.claim import Lure
+from dobc_design.conditions.quadratic.claim import Lure, held_matrix
 from dobc_design.coupling.enclosures import Curve, slope_form, value_form
 from dobc_design.errors import ShapeError, SpecError
 from dobc_design.exact.interval import Interval, UndefinedError
-from dobc_design.exact.matrix import Matrix, add, multiply, scale, transpose
+from dobc_design.exact.matrix import Matrix
 from dobc_design.exact.number import number_text
-from dobc_design.problem.groups import agent_blocks, block_diagonal
 from dobc_design.problem.problem import Problem
 
 Array = NDArray[np.float64]
@@ -73,13 +72,15 @@ class Shell:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Form:
-    """Phi of one mode in floats, nearest to the exact numbers: M (N, N), P_e (N, N), the channels by their ends."""
+    """Phi of one mode in floats, nearest to the exact numbers: M (N, N), P_e (N, N), and the channels.
+
+    A channel weight h(e[plus] - e[target]) acts on row ``target``.
+    """
 
     M: Array
     P_e: Array
     target: Indices
     plus: Indices
-    minus: Indices
     weight: Array
     curve: Indices
     ranges: Ranges
@@ -149,27 +150,16 @@ def build_forms(problem: Problem, lure: Lure, *, S: Matrix | None, rate: Fractio
         raise SpecError("boxes are counted out for couplings that act by component.", key="coupling.h")
     if lure.P_e.size != size:
         raise ShapeError(f"P_e must have {size} rows; got {lure.P_e.size}.", key="P_e")
-    M, P_e = _quadratic(problem, lure, S=S, rate=rate), lure.P_e.to_dense()
+    M = _floats(held_matrix(problem, lure.P_e, rate=rate, S=S).to_dense())
+    P_e = _floats(lure.P_e.to_dense())
     ranges = Ranges(tuple(Curve(coupling.components[0]) for coupling in problem.couplings))
     forms = {}
     for name, arcs in problem.network.modes.items():
-        table = [
-            (i * m + c, j * m + c, i * m + c, _floats(((weight,),))[0, 0], problem.coupling_place(i, j))
-            for i, j, weight in arcs
-            for c in range(m)
-        ]
-        columns = list(zip(*table, strict=True)) or [()] * 5
-        target, plus, minus, curve = (np.array(columns[k], dtype=np.intp) for k in (0, 1, 2, 4))
-        forms[name] = Form(
-            M=_floats(M),
-            P_e=_floats(P_e),
-            target=target,
-            plus=plus,
-            minus=minus,
-            weight=np.array(columns[3], dtype=np.float64),
-            curve=curve,
-            ranges=ranges,
-        )
+        weights = _floats(tuple((weight,) for _, _, weight in arcs)).reshape(-1)
+        ends = [(i * m + c, j * m + c, problem.coupling_place(i, j)) for i, j, _ in arcs for c in range(m)]
+        target, plus, curve = np.array(ends, dtype=np.intp).reshape(-1, 3).T
+        weight = np.repeat(weights, m)
+        forms[name] = Form(M=M, P_e=P_e, target=target, plus=plus, weight=weight, curve=curve, ranges=ranges)
     return forms
 
 
@@ -180,8 +170,8 @@ def upper_bounds(form: Form, boxes: Boxes) -> tuple[Array, Array, Array]:
     """
     c, w = boxes.centres, boxes.halves
     M, P = form.M, form.P_e
-    y = c[:, form.plus] - c[:, form.minus]
-    reach = w[:, form.plus] + w[:, form.minus]
+    y = c[:, form.plus] - c[:, form.target]
+    reach = w[:, form.plus] + w[:, form.target]
     with np.errstate(invalid="ignore", over="ignore"):
         low, high, *_ = form.ranges.look_up(form.curve, y, y)
         p, p_size = (c @ P)[:, form.target], (np.abs(c) @ np.abs(P))[:, form.target]
@@ -218,7 +208,7 @@ def _slopes(form: Form, boxes: Boxes, low: Array, high: Array) -> tuple[Array, A
         ends = np.stack([weight * from_[:, k, None] * row, weight * to[:, k, None] * row])
         bottom, top = bottom + np.min(ends, axis=0), top + np.max(ends, axis=0)
         size = size + np.max(np.abs(ends), axis=0)
-        plus, minus = form.plus[k], form.minus[k]
+        plus, minus = form.plus[k], form.target[k]
         bottom[:, plus] += least[:, k]
         top[:, plus] += most[:, k]
         bottom[:, minus] -= most[:, k]
@@ -244,25 +234,10 @@ def energy_bounds(P_e: Array, boxes: Boxes) -> tuple[Array, Array]:
 
 def first_box(size: int, half: Fraction) -> Boxes:
     """|e_k| <= half.  Raises: SpecError if half is no short float of a moderate size."""
-    if not SMALLEST < half < LARGEST_NUMBER or Fraction(float(half)) != half or _length(half) > 20:
+    odd = half.numerator // max(1, half.numerator & -half.numerator)
+    if not SMALLEST < half < LARGEST_NUMBER or Fraction(float(half)) != half or odd.bit_length() > 20:
         raise SpecError("half must be a dyadic number of at most 20 bits, between 1e-100 and 1e100.", key="half")
     return Boxes(centres=np.zeros((1, size)), halves=np.full((1, size), float(half)))
-
-
-def _quadratic(problem: Problem, lure: Lure, *, S: Matrix | None, rate: Fraction) -> Matrix:
-    """M, exactly."""
-    P_e, m, size = lure.P_e.to_dense(), problem.m, problem.n * problem.m
-    K = [[Fraction(0)] * size for _ in range(size)]
-    for agent, gain in problem.pinning.gains.items():
-        for c in range(m):
-            for d in range(m):
-                K[agent * m + c][agent * m + d] = gain[c][d]
-    product = multiply(P_e, tuple(map(tuple, K)))
-    M = add(scale(-1, add(product, transpose(product))), scale(2 * rate, P_e))
-    if S is None:
-        return M
-    borders = block_diagonal(agent_blocks(S, problem.groups, problem.network.labels))
-    return add(M, multiply(multiply(P_e, borders), P_e))
 
 
 def _floats(M: Matrix) -> Array:
@@ -270,8 +245,3 @@ def _floats(M: Matrix) -> Array:
     if not all(SMALLEST < abs(x) < LARGEST_NUMBER for row in M for x in row if x):
         raise SpecError("boxes are counted out in floating point: numbers have to lie between 1e-100 and 1e100.")
     return np.array([[float(x) for x in row] for row in M], dtype=np.float64)
-
-
-def _length(x: Fraction) -> int:
-    """Bits of the odd part of a dyadic number."""
-    return (x.numerator // (x.numerator & -x.numerator)).bit_length()

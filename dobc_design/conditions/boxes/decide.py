@@ -8,12 +8,8 @@ from typing import Final
 import numpy as np
 
 from dobc_design.conditions.boxes.claim import LEAF, Boxes, Shell, build_forms, energy_bounds, first_box, upper_bounds
-from dobc_design.conditions.consensus.claim import Pair
-from dobc_design.conditions.consensus.decide import schur_block
-from dobc_design.conditions.quadratic.claim import Lure
-from dobc_design.conditions.quadratic.decide import LureDecision, verify_lure
+from dobc_design.conditions.quadratic.decide import LureDecision, border_of, diagonal_of_inverse, verify_lure
 from dobc_design.conditions.quadratic.sectors import Enclose, gains_on
-from dobc_design.exact.matrix import Matrix, inverse
 from dobc_design.exact.number import float_above, float_below
 from dobc_design.problem.problem import Problem
 from dobc_design.verdict import Verdict
@@ -33,12 +29,16 @@ def verify_shell(problem: Problem, shell: Shell, *, enclose: Enclose = gains_on)
     inner = verify_lure(problem, shell.lure, enclose=enclose)
     if inner.verdict is not Verdict.PROVED:
         return inner
-    if not _contained(shell):
+    # Outer (P_e^-1)_kk <= half^2 for every k.
+    if not all(shell.outer * square <= shell.half**2 for square in diagonal_of_inverse(shell.lure.P_e)):
         return LureDecision(verdict=Verdict.REFUTED, step="boxes", reason="{V <= outer} reaches beyond the first box.")
     leaves = _leaves(shell, problem.n * problem.m)
     if leaves is None:
         return LureDecision(verdict=Verdict.REFUTED, step="boxes", reason="the tree does not describe boxes.")
-    forms = build_forms(problem, shell.lure, S=border_of(problem, shell.lure, shell.rate), rate=shell.rate)
+    S = border_of(problem, shell.lure, shell.rate)
+    if shell.lure.P is not None and S is None:  # cannot be: it was proved for a rate that is no smaller
+        return LureDecision(verdict=Verdict.UNDECIDED, step="observer", reason="Omega0 + 2 rate P < 0 is not shown.")
+    forms = build_forms(problem, shell.lure, S=S, rate=shell.rate)
     P_e = next(iter(forms.values())).P_e
     inside, outside = float_below(shell.lure.level or Fraction(0)), float_above(shell.outer)
     for start in range(0, len(leaves), CHUNK):
@@ -60,28 +60,12 @@ def verify_shell(problem: Problem, shell: Shell, *, enclose: Enclose = gains_on)
     )
 
 
-def border_of(problem: Problem, lure: Lure, rate: Fraction) -> Matrix | None:
-    """S of the observer's pair at a rate, exactly; None without one."""
-    exosystem = problem.joint_exosystem
-    if lure.P is None or lure.Q is None or exosystem is None:
-        return None
-    return schur_block(Pair(P=lure.P, Q=lure.Q), exosystem, rate=rate)
-
-
-def _contained(shell: Shell) -> bool:
-    """Outer (P_e^-1)_kk <= half^2 for every k."""
-    Y = inverse(shell.lure.P_e.to_dense())
-    return all(shell.outer * Y[k][k] <= shell.half**2 for k in range(len(Y)))
-
-
 def _leaves(shell: Shell, size: int) -> Boxes | None:
     """The boxes that the tree leaves; None if it is no tree."""
     codes = np.frombuffer(shell.tree.encode("ascii", errors="replace"), dtype=np.uint8)
     if len(codes) > MOST_BOXES:
         return None
-    half, start = shell.half, 0
-    level = first_box(size, half)
-    kept: list[Boxes] = []
+    start, level, kept = 0, first_box(size, shell.half), list[Boxes]()
     while len(level):
         part = codes[start : start + len(level)]
         along = part.astype(np.intp) - ord("0")
@@ -91,7 +75,7 @@ def _leaves(shell: Shell, size: int) -> Boxes | None:
         start += len(level)
         kept.append(level.chosen(stays))
         level = level.chosen(~stays).split(along[~stays])
-        if len(level) and float(np.min(level.halves)) < float(half) * 2.0**-MOST_HALVINGS:
+        if len(level) and float(np.min(level.halves)) < float(shell.half) * 2.0**-MOST_HALVINGS:
             return None
     if start != len(codes):
         return None

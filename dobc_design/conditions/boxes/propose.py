@@ -24,7 +24,7 @@ from dobc_design.conditions.boxes.claim import (
     upper_bounds,
 )
 from dobc_design.conditions.quadratic.claim import Lure
-from dobc_design.conditions.quadratic.search import round_down
+from dobc_design.conditions.quadratic.propose import round_down
 from dobc_design.coupling.expression import numpy_function
 from dobc_design.exact.matrix import Matrix
 from dobc_design.problem.problem import Problem
@@ -122,7 +122,7 @@ def _rises(forms: list[Form], e: Array) -> Array:
 def _derivative(form: Form, e: Array) -> Array:
     """Phi at points, in floats; inf where a coupling is not defined."""
     total = np.sum((e @ form.M) * e, axis=1)
-    y = e[:, form.plus] - e[:, form.minus]
+    y = e[:, form.plus] - e[:, form.target]
     p = (e @ form.P_e)[:, form.target]
     for k in range(len(form.target)):
         h = numpy_function(form.ranges.curves[int(form.curve[k])].expression)

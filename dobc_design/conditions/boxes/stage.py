@@ -14,12 +14,12 @@ from typing import Final
 from dobc_design.conditions.asked import Asked, Progress
 from dobc_design.conditions.boxes.checks import exhaustive_check
 from dobc_design.conditions.boxes.claim import LARGEST, Shell
-from dobc_design.conditions.boxes.decide import border_of
 from dobc_design.conditions.boxes.propose import grow_shell
 from dobc_design.conditions.check import Check, undecided_check
 from dobc_design.conditions.numbers import claimed, rounded_down
 from dobc_design.conditions.quadratic.checks import certified_ball, quadratic_obstacle
-from dobc_design.conditions.quadratic.decide import eigenvalue_bound
+from dobc_design.conditions.quadratic.claim import Shape
+from dobc_design.conditions.quadratic.decide import border_of, eigenvalue_bound
 from dobc_design.conditions.quadratic.propose import linear_rate
 from dobc_design.conditions.quadratic.stage import propose
 from dobc_design.conditions.separable.claim import acts_by_component
@@ -74,7 +74,7 @@ def exhaustive_stage(asked: Asked, report: Progress) -> list[Check]:
     ]
 
 
-def _shell(asked: Asked, shape: str, *, beyond: float) -> Shell | None:
+def _shell(asked: Asked, shape: Shape, *, beyond: float) -> Shell | None:
     """Boxes around the largest ball of a shape, at a rate > 0 where the region is covered even so.
 
     None if they prove no larger ball than ``beyond``.
@@ -90,7 +90,7 @@ def _shell(asked: Asked, shape: str, *, beyond: float) -> Shell | None:
     return slow
 
 
-def _grown(asked: Asked, shape: str, rate: Fraction, *, beyond: float) -> Shell | None:
+def _grown(asked: Asked, shape: Shape, rate: Fraction, *, beyond: float) -> Shell | None:
     """None also where no box proof reaches beyond the inner certificate, or a numerical library breaks down."""
     inner = propose(asked, shape, rate=rate)
     if inner is None:

@@ -27,8 +27,10 @@ from dobc_design.exact.number import number_text
 from dobc_design.exact.symmetric import SparseSymmetric
 from dobc_design.problem.canonical import matrix_text
 from dobc_design.problem.groups import agent_blocks
+from dobc_design.problem.problem import Problem
 
 Method = Literal["lure", "interval", "vertices"]
+Shape = Literal["identity", "diagonal", "full"]
 METHODS: Final = ("lure", "interval", "vertices")
 #: Channels with a range of their own up to which corners are enumerated.
 MOST_VERTICES: Final = 12
@@ -67,8 +69,8 @@ class Lure:
             raise ShapeError("P and Q must both be given, or neither.", key="P")
 
     @property
-    def shape(self) -> str:
-        """ "identity" for a multiple of I, "diagonal", or "full"."""
+    def shape(self) -> Shape:
+        """What P_e is: a multiple of I, diagonal or full."""
         if any(i != j for i, j in self.P_e.entries):
             return "full"
         values = {self.P_e.entries.get((i, i), ZERO) for i in range(self.P_e.size)}
@@ -115,7 +117,7 @@ def lure_matrix(
             f"mode {mode}: multipliers must have {len(channels)} entries, one per channel; got {len(multipliers)}.",
             key="multipliers",
         )
-    inner, added = _observer_block(sectors, S), dict[tuple[int, int], Fraction]()
+    inner, added = _observer_block(sectors.problem, S), dict[tuple[int, int], Fraction]()
     for channel, tau in zip(channels, multipliers, strict=True):
         if not channel.spread:
             continue
@@ -123,8 +125,8 @@ def lure_matrix(
             raise ShapeError(f"mode {mode}: multipliers must be > 0 where the gain has a range.", key="multipliers")
         add(inner, channel.target, channel.target, 1 / (2 * tau))
         weight = 2 * tau * channel.spread**2
-        for i, j, sign in ((channel.plus, channel.plus, 1), (channel.minus, channel.minus, 1)):
-            add(added, i, j, sign * weight)
+        add(added, channel.plus, channel.plus, weight)
+        add(added, channel.minus, channel.minus, weight)
         add(added, channel.plus, channel.minus, -weight)
     linear = linear_part(sectors, mode, [channel.centre for channel in channels])
     return _derivative(P_e, linear, rate) + _sandwich(P_e, inner) + SparseSymmetric(sectors.size, added)
@@ -136,15 +138,14 @@ def interval_matrix(
     """An upper bound of the derivative for all gains: middle gains, and row sums of |deviation| on the diagonal."""
     channels = sectors.modes[mode]
     linear = linear_part(sectors, mode, [channel.centre for channel in channels])
-    rows = rows_of(P_e)
-    sums = [ZERO] * sectors.size
+    rows, sums = rows_of(P_e), [ZERO] * sectors.size
     for channel in channels:
         if channel.spread:
             for (i, j), value in _rank_two(rows[channel.target], channel).items():
                 for row in {i, j}:
                     sums[row] += channel.spread * abs(value)
     bound = SparseSymmetric(sectors.size, {(i, i): value for i, value in enumerate(sums)})
-    return _derivative(P_e, linear, rate) + _sandwich(P_e, _observer_block(sectors, S)) + bound
+    return _derivative(P_e, linear, rate) + _sandwich(P_e, _observer_block(sectors.problem, S)) + bound
 
 
 def vertex_matrices(
@@ -165,7 +166,7 @@ def vertex_matrices(
         )
     rows = rows_of(P_e)
     fixed = _derivative(P_e, linear_part(sectors, mode, [channel.low for channel in channels]), rate)
-    fixed = fixed + _sandwich(P_e, _observer_block(sectors, S))
+    fixed = fixed + _sandwich(P_e, _observer_block(sectors.problem, S))
     steps = [
         SparseSymmetric(sectors.size, _rank_two(rows[channel.target], channel)).scaled(2 * channel.spread)
         for channel in channels
@@ -175,15 +176,23 @@ def vertex_matrices(
         yield sum((step for step, up in zip(steps, corner, strict=True) if up), fixed)
 
 
+def held_matrix(problem: Problem, P_e: SparseSymmetric, *, rate: Fraction, S: Matrix | None) -> SparseSymmetric:
+    """-(P_e K + K'P_e) + P_e (I (x) S) P_e + 2 rate P_e: what the derivative would be without couplings, (n m, n m)."""
+    return _derivative(P_e, _pins(problem), rate) + _sandwich(P_e, _observer_block(problem, S))
+
+
+def _pins(problem: Problem) -> dict[int, dict[int, Fraction]]:
+    """-K as rows: row -> column -> entry."""
+    m, rows = problem.m, dict[int, dict[int, Fraction]]((i, {}) for i in range(problem.n * problem.m))
+    for agent, gain in problem.pinning.gains.items():
+        for c, row in enumerate(gain):
+            rows[agent * m + c] = {agent * m + d: -entry for d, entry in enumerate(row) if entry}
+    return rows
+
+
 def linear_part(sectors: Sectors, mode: str, gains: Sequence[Fraction]) -> dict[int, dict[int, Fraction]]:
     """-K + sum of g b c' as rows: row -> column -> entry."""
-    problem, m = sectors.problem, sectors.problem.m
-    rows: dict[int, dict[int, Fraction]] = {i: {} for i in range(sectors.size)}
-    for agent, gain in problem.pinning.gains.items():
-        for c in range(m):
-            for d in range(m):
-                if gain[c][d]:
-                    rows[agent * m + c][agent * m + d] = -gain[c][d]
+    rows = _pins(sectors.problem)
     for channel, g in zip(sectors.modes[mode], gains, strict=True):
         row = rows[channel.target]
         row[channel.plus] = row.get(channel.plus, ZERO) + g
@@ -218,24 +227,19 @@ def _derivative(P_e: SparseSymmetric, linear: dict[int, dict[int, Fraction]], ra
 
 def _sandwich(P_e: SparseSymmetric, inner: Entries) -> SparseSymmetric:
     """P_e N P_e for a sparse symmetric N."""
-    middle = SparseSymmetric(P_e.size, inner)
-    if len(P_e.entries) > 4 * P_e.size:
+    size, entries = P_e.size, dict[tuple[int, int], Fraction]()
+    if len(P_e.entries) > 4 * size:
         dense = P_e.to_dense()
-        product = multiply(multiply(dense, middle.to_dense()), dense)
-        return SparseSymmetric(
-            P_e.size, {(i, j): x for i, row in enumerate(product) for j, x in enumerate(row) if i <= j}
-        )
-    rows, entries = rows_of(P_e), dict[tuple[int, int], Fraction]()
-    for (k, l), value in middle.entries.items():  # noqa: E741  k, l as in matrix entries
-        for i, left in rows[k].items():
-            for j, right in rows[l].items():
-                product_ = left * value * right
-                if k == l:
+        product = multiply(multiply(dense, SparseSymmetric(size, inner).to_dense()), dense)
+        return SparseSymmetric(size, {(i, j): product[i][j] for i in range(size) for j in range(i, size)})
+    rows = rows_of(P_e)
+    for (k, l), value in inner.items():  # noqa: E741  k, l as in matrix entries
+        for left, right in {(k, l), (l, k)}:
+            for i, p in rows[left].items():
+                for j, q in rows[right].items():
                     if i <= j:
-                        add(entries, i, j, product_)
-                else:
-                    add(entries, i, j, 2 * product_ if i == j else product_)
-    return SparseSymmetric(P_e.size, entries)
+                        add(entries, i, j, p * value * q)
+    return SparseSymmetric(size, entries)
 
 
 def _rank_two(row: Mapping[int, Fraction], channel: Channel) -> Entries:
@@ -247,11 +251,11 @@ def _rank_two(row: Mapping[int, Fraction], channel: Channel) -> Entries:
     return entries
 
 
-def _observer_block(sectors: Sectors, S: Matrix | None) -> Entries:
+def _observer_block(problem: Problem, S: Matrix | None) -> Entries:
     """I (x) S; where agents have different exosystems, the block of each agent's group."""
     if S is None:
         return {}
-    problem, m = sectors.problem, sectors.problem.m
+    m = problem.m
     return {
         (agent * m + i, agent * m + j): block[i][j]
         for agent, block in enumerate(agent_blocks(S, problem.groups, problem.network.labels))

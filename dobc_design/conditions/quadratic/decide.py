@@ -92,6 +92,27 @@ def differences(P_e: SparseSymmetric, places: Iterable[tuple[int, int]]) -> Iter
         yield Y[i][i] + Y[j][j] - 2 * Y[i][j]
 
 
+def diagonal_of_inverse(P_e: SparseSymmetric) -> list[Fraction]:
+    """The diagonal of P_e^-1: entry c is the largest e_c^2 where e'P_e e <= 1.  P_e > 0."""
+    if all(i == j for i, j in P_e.entries):
+        return [1 / P_e.entries[i, i] for i in range(P_e.size)]
+    Y = inverse(P_e.to_dense())
+    return [Y[i][i] for i in range(P_e.size)]
+
+
+def border_of(problem: Problem, lure: Lure, rate: Fraction) -> Matrix | None:
+    """S of the observer's pair at a rate (1/s), exactly; None without a pair, or unless Omega0 + 2 rate P < 0.
+
+    Raises: ShapeError for a pair without an exosystem.
+    """
+    if lure.P is None or lure.Q is None:
+        return None
+    exosystem = problem.joint_exosystem
+    if exosystem is None:
+        raise ShapeError("P and Q have no meaning without an [exosystem].", key="P")
+    return schur_block(Pair(P=lure.P, Q=lure.Q), exosystem, rate=rate)
+
+
 def covers(problem: Problem, lure: Lure, *, radius: Fraction, disturbance: Fraction = ZERO) -> bool:
     """Whether all starts |e| <= radius, |eps_i| <= disturbance lie in {V <= level}: proved, or not.
 
@@ -139,14 +160,9 @@ def _steps(problem: Problem, lure: Lure, sectors: Sectors, enclose: Enclose) -> 
     positive = decide_positive_definite(lure.P_e)
     if positive.verdict is not Verdict.PROVED:
         yield _refuted("P_e", "P_e is not positive definite.", positive)
-    pair = None if lure.P is None or lure.Q is None else Pair(P=lure.P, Q=lure.Q)
-    S: Matrix | None = None
-    if pair is not None:
-        exosystem = problem.joint_exosystem
-        if exosystem is None:
-            raise ShapeError("P and Q have no meaning without an [exosystem].", key="P")
-        S = schur_block(pair, exosystem, rate=lure.rate)
-        own = decide_positive_definite(SparseSymmetric.from_dense(pair.P))
+    S = border_of(problem, lure, lure.rate)
+    if lure.P is not None:
+        own = decide_positive_definite(SparseSymmetric.from_dense(lure.P))
         if S is None or own.verdict is not Verdict.PROVED:
             yield _refuted("observer", "P > 0 and Omega0 + 2 rate P < 0 do not hold for this pair (P, Q).", None)
             return

@@ -1,83 +1,107 @@
-"""Finds certificates of ``claim``: P_e, multipliers and the observer's pair for the largest radius or ball.
+"""Finds quadratic certificates: P_e, multipliers and the observer's pair for the largest ball.
 
-``lure_search`` proposes in floating point.  What it proposes is rounded to rationals and handed to ``holds``, which
-decides exactly; only what that accepts is returned, with the very radius at which it was accepted.
+At the analytic centre of the inequalities the radius is raised until they are about to fail, then the centre is found
+anew (method of centres).  What is found in floating point is rounded to rationals and handed to ``holds``, which
+decides exactly; only what that accepts is returned.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from fractions import Fraction
 from typing import Final
 
 import numpy as np
-from scipy import linalg
+from scipy import linalg, optimize
 
-from dobc_design.conditions.quadratic.claim import Lure, Method, lure_matrix
-from dobc_design.conditions.quadratic.program import FloatLoop, float_loop, make_templates
-from dobc_design.conditions.quadratic.sampled_gains import sample_gains
-from dobc_design.conditions.quadratic.search import Point, Search, border, round_down, scaled_pair, widths
-from dobc_design.conditions.quadratic.sectors import Enclose, Sectors, build_sectors, enclose_ranges, gains_on
+from dobc_design.conditions.consensus.claim import omega
+from dobc_design.conditions.quadratic.claim import Lure, Method, Shape, lure_matrix
+from dobc_design.conditions.quadratic.propose_program import (
+    FloatLoop,
+    Gains,
+    Templates,
+    centring,
+    covering,
+    float_loop,
+    make_templates,
+    range_gains,
+    sample_gains,
+)
+from dobc_design.conditions.quadratic.sectors import Enclose, Entries, Sectors, build_sectors, enclose_ranges, gains_on
+from dobc_design.coupling.coupling import Coupling
 from dobc_design.errors import SpecError
-from dobc_design.exact.interval import UndefinedError
+from dobc_design.exact.interval import Interval, UndefinedError
 from dobc_design.exact.matrix import Matrix, Vector, multiply, scale, to_float
 from dobc_design.exact.symmetric import SparseSymmetric
+from dobc_design.problem.groups import agent_blocks
 from dobc_design.problem.problem import Problem
-from dobc_design.solvers.barrier import make_basis
+from dobc_design.solvers.barrier import Basis, centre, make_basis, minimise
 from dobc_design.solvers.program import Array
 from dobc_design.solvers.rounding import round_matrix
 
 Holds = Callable[[Lure], bool]
 
-SHAPES: Final = ("identity", "diagonal", "full")
-OBJECTIVES: Final = ("radius", "ball")
-#: Rows n m up to which a full P_e is looked for: its n m (n m + 1)/2 unknowns make a dense Newton system.
-LARGEST_FULL: Final = 80
 DIGITS: Final = (5, 7, 9, 12)
-RETREATS: Final = (0.0, 1e-4, 1e-3, 1e-2, 5e-2)
 BALLS: Final = 4  # points tried, the largest ball first
 HALVINGS: Final = 14
 NEAR: Final = 1e-6  # |e_j - e_i| at which couplings are as good as linear
+FIRST: Final = (1.0, 0.1, 1e-2, 1e-4, 1e-6)  # radii at which the first centre is looked for
+GROWTH: Final = 0.9  # part of the room that is used at every step
+SETTLED: Final = 3e-4
+MOST_CENTRES: Final = 60
+TRIED: Final = (1.0, 0.998, 0.9, 0.6)  # of the largest radius, before the ball is given up
+CONDITION: Final = 100.0
+#: Gains are claimed this much wider, relative to the largest, so that a second program can confirm them.
+ROOM: Final = Fraction(1, 10**5)
 ZERO: Final = Fraction(0)
+_EDGE: Final = 1e-3
 _SHORTFALL: Final = 1e-8  # of the level, for the rounding of its estimate
 # Where no arc needs the radius every level will do: one that holds balls of a hundred times the radius, about.
 _NOT_NEEDED: Final = 1e4
+
+
+def roomy_gains(coupling: Coupling, radius: Fraction, *, room: Fraction = ROOM) -> Entries:
+    """``gains_on``, a little wider where h is not linear, for whoever encloses them in another way."""
+    entries = gains_on(coupling, radius)
+    if coupling.is_linear:
+        return entries
+    return tuple(
+        tuple(Interval(gain.lo - room * gain.magnitude, gain.hi + room * gain.magnitude) for gain in row)
+        for row in entries
+    )
 
 
 def design_lure(
     problem: Problem,
     *,
     holds: Holds,
-    shape: str = "full",
-    objective: str = "radius",
+    shape: Shape = "full",
     W: Matrix | None = None,
     rate: Fraction = ZERO,
     disturbance: Fraction = ZERO,
     largest: Fraction = Fraction(1000),
     enclose: Enclose = gains_on,
 ) -> Lure | None:
-    """Find a certificate that ``holds`` accepts; None if none was found, which proves nothing.
+    """Find the certificate with the largest covered ball |e| <= R, |eps_i| <= disturbance that ``holds`` accepts.
 
-    ``shape``: "identity", "diagonal" or "full" P_e.  ``objective``: "radius" (largest |e_j - e_i| on which V decreases)
-    or "ball" (largest covered |e| for |eps_i| <= disturbance).  ``W`` (q, m): the observer's gain; without it eps = 0
-    is meant.  ``rate`` (1/s): asked of V' <= -2 rate V.  ``largest``: no radius beyond it is tried.
-    Raises: SpecError for an unknown shape or objective, a full P_e of more than LARGEST_FULL rows, or a W without an
-    exosystem.
+    ``shape`` of P_e; a full one has n m (n m + 1)/2 unknowns, which make a dense Newton system: for some 20 rows.
+    ``W`` (q, m): the observer's gain; without it eps = 0 is meant.  ``rate`` (1/s): asked of V' <= -2 rate V.
+    ``largest``: no |e_j - e_i| beyond it is looked at.
+    Returns: None if none was found, which proves nothing.
+    Raises: SpecError for a W without an exosystem.
     """
-    size = problem.n * problem.m
-    _check(shape, objective, size)
     pair = None if W is None else scaled_pair(problem, W, rate=rate, disturbance=disturbance)
     if W is not None and pair is None:
         return None
-    templates, basis = make_templates(problem), make_basis(size, shape)
+    templates, basis = make_templates(problem), make_basis(problem.n * problem.m, shape)
     for sampled in (True, False):  # enclosures in the search only where the samples have misled
-        search = Search(
+        search = _Search(
             problem=problem, templates=templates, enclose=enclose, basis=basis, pair=pair, rate=rate, sampled=sampled
         )
         tried = False
-        for lure in _candidates(search, objective, float(largest)):
+        for lure in _candidates(search, float(largest)):
             tried = True
             if holds(lure):
                 return lure
@@ -94,7 +118,6 @@ def bound_lure(
     P_e: SparseSymmetric | None = None,
     P: Matrix | None = None,
     Q: Matrix | None = None,
-    rate: Fraction = ZERO,
     largest: Fraction = Fraction(1000),
     enclose: Enclose = gains_on,
 ) -> Lure | None:
@@ -112,16 +135,8 @@ def bound_lure(
             ranges = enclose_ranges(problem, radius=exact, enclose=enclose)
         except UndefinedError:
             return None
-        lure = Lure(
-            P_e=metric,
-            ranges=ranges,
-            radius=exact,
-            level=_level(metric, problem, exact),
-            rate=rate,
-            P=P,
-            Q=Q,
-            method=method,
-        )
+        level = _level(metric, problem, exact)
+        lure = Lure(P_e=metric, ranges=ranges, radius=exact, level=level, P=P, Q=Q, method=method)
         return lure if holds(lure) else None
 
     low, best = 1e-6, at(1e-6)
@@ -138,6 +153,20 @@ def bound_lure(
     return best
 
 
+def _level(P_e: SparseSymmetric, problem: Problem, radius: Fraction) -> Fraction:
+    """The largest level within the radius, about, from below; exact for P_e = I."""
+    if all(i == j and value == 1 for (i, j), value in P_e.entries.items()):
+        return radius * radius / 2
+    m, Y = problem.m, np.linalg.inv(to_float(P_e.to_dense()))
+    largest = max(
+        Y[i, i] + Y[j, j] - 2 * Y[i, j]
+        for arcs in problem.network.modes.values()
+        for listener, speaker, _ in arcs
+        for i, j in zip(range(listener * m, listener * m + m), range(speaker * m, speaker * m + m), strict=True)
+    )
+    return round_down(float(radius) ** 2 / float(largest) * (1 - _SHORTFALL), 10)
+
+
 def raise_rate(problem: Problem, lure: Lure, *, holds: Holds) -> Lure:
     """The same certificate with the largest rate that ``holds`` accepts, in steps below an estimate."""
     estimate = rate_estimate(problem, lure)
@@ -148,6 +177,32 @@ def raise_rate(problem: Problem, lure: Lure, *, holds: Holds) -> Lure:
             if holds(faster):
                 return faster
     return lure
+
+
+def rate_estimate(problem: Problem, lure: Lure) -> float:
+    """The largest beta for which the Lur'e inequalities hold with these unknowns, about (1/s); 0 if there is none."""
+    if lure.method != "lure":
+        return 0.0
+    sectors = build_sectors(problem, lure.ranges, radius=lure.radius)
+    P_e = to_float(lure.P_e.to_dense())
+    fixed = [
+        to_float(lure_matrix(sectors, mode, lure.P_e, lure.multipliers[mode]).to_dense()) for mode in sectors.modes
+    ]
+
+    def decreases(beta: float) -> bool:
+        observer = np.zeros_like(P_e)
+        if lure.P is not None and lure.Q is not None:
+            S = _border(problem, lure.P, lure.Q, rate=beta)
+            if S is None:
+                return False
+            observer = P_e @ S @ P_e
+        return all(float(np.linalg.eigvalsh(X + 2 * beta * P_e + observer)[-1]) < 0 for X in fixed)
+
+    low, high = 0.0, min(-float(linalg.eigh(X, P_e, eigvals_only=True)[-1]) for X in fixed) / 2
+    for _ in range(50):
+        middle = (low + high) / 2
+        low, high = (middle, high) if decreases(middle) else (low, middle)
+    return low
 
 
 def linear_rate(problem: Problem, W: Matrix | None) -> float:
@@ -166,67 +221,263 @@ def linear_rate(problem: Problem, W: Matrix | None) -> float:
     return max(0.0, -max(float(np.max(np.linalg.eigvals(A).real)) for A in blocks))
 
 
-def rate_estimate(problem: Problem, lure: Lure) -> float:
-    """The largest beta for which the Lur'e inequalities hold with these unknowns, about (1/s); 0 if there is none."""
-    if lure.method != "lure":
-        return 0.0
-    sectors = build_sectors(problem, lure.ranges, radius=lure.radius)
-    P_e = to_float(lure.P_e.to_dense())
-    fixed = [
-        to_float(lure_matrix(sectors, mode, lure.P_e, lure.multipliers[mode]).to_dense()) for mode in sectors.modes
-    ]
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ScaledPair:
+    """The observer's P before scaling, S of all agents (n m, n m), and n lambda_max(P) s^2, for kappa = 1."""
 
-    def decreases(beta: float) -> bool:
-        observer = np.zeros_like(P_e)
-        if lure.P is not None and lure.Q is not None:
-            S = border(problem, lure.P, lure.Q, rate=beta)
-            if S is None:
-                return False
-            observer = P_e @ S @ P_e
-        return all(float(np.linalg.eigvalsh(X + 2 * beta * P_e + observer)[-1]) < 0 for X in fixed)
-
-    low, high = 0.0, min(-float(linalg.eigh(X, P_e, eigvals_only=True)[-1]) for X in fixed) / 2
-    for _ in range(50):
-        middle = (low + high) / 2
-        low, high = (middle, high) if decreases(middle) else (low, middle)
-    return low
+    P: Matrix
+    W: Matrix
+    S: Array
+    disturbance: float
 
 
-def _check(shape: str, objective: str, size: int) -> None:
-    if shape not in SHAPES:
-        raise SpecError(f"shape must be one of {', '.join(SHAPES)}; got {shape!r}.", key="shape")
-    if objective not in OBJECTIVES:
-        raise SpecError(f"objective must be one of {', '.join(OBJECTIVES)}; got {objective!r}.", key="objective")
-    if shape == "full" and size > LARGEST_FULL:
-        raise SpecError(
-            f"a full P_e has {size * (size + 1) // 2} unknowns here, which is too many: it is looked for up to n m ="
-            f" {LARGEST_FULL} rows; got {size}.",
-            key="shape",
-            cure='Use "diagonal".',
-        )
+def scaled_pair(problem: Problem, W: Matrix, *, rate: Fraction, disturbance: Fraction) -> ScaledPair | None:
+    """P with Omega(rate) = -(C'C + a little), the smallest whose border S is at most I; None if A - WC is too slow."""
+    exosystem = problem.joint_exosystem
+    if exosystem is None:
+        raise SpecError("W has no meaning without an [exosystem].", key="W", cure="Leave it out.")
+    C = to_float(exosystem.C)
+    F = to_float(exosystem.A) - to_float(W) @ C + float(rate) * np.eye(exosystem.order)
+    if not float(np.max(np.linalg.eigvals(F).real)) < 0:
+        return None
+    square = C.T @ C
+    right = square + _EDGE * max(float(np.linalg.norm(square, 2)), 1e-300) * np.eye(len(F))
+    floats = linalg.solve_continuous_lyapunov(F.T, -right)
+    for digits in (9, 15):
+        P = round_matrix(floats, digits)
+        S = _border(problem, P, multiply(P, W), rate=float(rate))
+        if S is not None:
+            largest = float(np.linalg.eigvalsh(to_float(P))[-1])
+            return ScaledPair(P=P, W=W, S=S, disturbance=problem.n * largest * float(disturbance) ** 2)
+    return None
 
 
-def _candidates(search: Search, objective: str, largest: float) -> Iterator[Lure]:
+def _border(problem: Problem, P: Matrix, Q: Matrix, *, rate: float) -> Array | None:
+    """S = C (-Omega)^-1 C' of every agent along the diagonal (n m, n m), in floats; None unless Omega < 0."""
+    exosystem = problem.joint_exosystem
+    if exosystem is None:
+        return None
+    block = -to_float(omega(P, Q, exosystem, rate=Fraction(rate)).to_dense())
+    C = to_float(exosystem.C)
+    try:
+        S = C @ linalg.cho_solve(linalg.cho_factor(block), C.T)
+    except (linalg.LinAlgError, ValueError):
+        return None
+    whole = linalg.block_diag(*agent_blocks(S.tolist(), problem.groups, problem.network.labels))
+    return np.asarray((whole + whole.T) / 2)
+
+
+def round_down(value: float, digits: int = 6) -> Fraction:
+    """A positive number rounded down to some significant digits."""
+    exact = Fraction(value)
+    unit = Fraction(10) ** (digits - 1 - math.floor(math.log10(value)))
+    return math.floor(exact * unit) / unit
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class _Point:
+    """A point inside at a radius (None: couplings are linear); ``value``: the ball it covers, where that was sought."""
+
+    radius: float | None
+    Y: Array
+    t: Array
+    kappa: float | None
+    value: float = 0.0
+
+    @property
+    def scalars(self) -> list[float]:
+        """The scalars of the programs, in their order."""
+        return [*self.t.tolist(), *([] if self.kappa is None else [self.kappa])]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class _Search:
+    """A design in progress: what stays the same over all radii.  ``sampled``: gains in floats, not enclosed."""
+
+    problem: Problem
+    templates: Templates
+    enclose: Enclose
+    basis: Basis
+    pair: ScaledPair | None
+    rate: Fraction
+    sampled: bool
+
+    @property
+    def disturbance(self) -> float:
+        """N lambda_max(P) s^2 for kappa = 1; 0 without an observer."""
+        return 0.0 if self.pair is None else self.pair.disturbance
+
+    def loop(self, radius: float | None) -> FloatLoop | None:
+        """The numbers at a radius; None where the couplings have no bounded gains."""
+        exact = None if radius is None else round_down(radius)
+        gains = self._gains(exact)
+        if gains is None:
+            return None
+        S = None if self.pair is None else self.pair.S
+        reach = None if exact is None else float(exact)
+        return float_loop(self.templates, gains, radius=reach, S=S, rate=float(self.rate))
+
+    def _gains(self, radius: Fraction | None) -> Gains | None:
+        couplings = self.problem.couplings
+        if self.sampled:
+            return sample_gains(couplings, 1.0 if radius is None else float(radius))
+        try:
+            ranges = enclose_ranges(self.problem, radius=radius, enclose=self.enclose)
+        except UndefinedError:
+            return None
+        return range_gains(ranges, len(couplings), self.problem.m)
+
+    def inside(self, point: _Point, radius: float) -> bool:
+        """Whether the inequalities hold at another radius with the same unknowns."""
+        loop = self.loop(radius)
+        if loop is None or loop.multipliers != len(point.t):
+            return False
+        program = centring(loop, self.basis)
+        return program.holds(program.join(point.Y, point.scalars))
+
+    def centred(self, radius: float | None, start: _Point | None) -> _Point | None:
+        """The analytic centre at a radius, from a point inside; None if there is none, as far as can be seen."""
+        loop = self.loop(radius)
+        if loop is None:
+            return None
+        program = centring(loop, self.basis)
+        guess = None if start is None else program.join(start.Y, start.scalars)
+        if guess is None or len(guess) != self.basis.size + program.count or not program.holds(guess):
+            guess = self._phase_one(loop)
+        if guess is None:
+            return None
+        Y, x = program.split(centre(program, guess))
+        return _point(loop, radius, Y, x)
+
+    def _phase_one(self, loop: FloatLoop) -> Array | None:
+        """Minimise theta in F + theta I > 0 until it is negative."""
+        program = centring(loop, self.basis, shift=True)
+        start = program.join(np.eye(loop.size) / 2, [*[1.0] * (program.count - 1), 0.0])
+        lowest = min(float(np.linalg.eigvalsh(block.value(*program.split(start)))[0]) for block in program.blocks)
+        start[-1] = max(1.0, -2 * lowest)
+        if not program.holds(start):
+            return None
+        cost = np.zeros(len(start))
+        cost[-1] = 1.0
+        found = minimise(program, start, cost, accuracy=1e-9, stop=lambda point: bool(point[-1] < 0), hopeless=0.0)
+        return found[:-1] if found[-1] < 0 else None
+
+    def covering(self, start: _Point) -> _Point | None:
+        """The largest covered ball at the radius of ``start``, which is inside; None if nothing is covered."""
+        loop = self.loop(start.radius)
+        if loop is None:
+            return None
+        size = 0.5 / max(float(np.max(loop.widths(start.Y) / loop.reach**2, initial=0.0)), 1e-12)
+        kappa = None if start.kappa is None else size * start.kappa
+        inner = _Point(radius=start.radius, Y=size * start.Y, t=size * start.t, kappa=kappa)
+        disturbed = kappa is not None and self.disturbance > 0
+        if disturbed:
+            found = self._room_for(loop, inner)
+            if found is None or found.kappa is None:
+                return None
+            inner = found
+        lowest = float(np.linalg.eigvalsh(inner.Y)[0])
+        scalars = [*inner.scalars, 0.5 * lowest]
+        if disturbed and inner.kappa is not None:
+            share = (1 + self.disturbance / inner.kappa) / 2
+            scalars += [0.1 * math.sqrt(lowest * (1 - share)), share]
+        program = covering(loop, self.basis, disturbance=self.disturbance, condition=_condition(start.Y))
+        point = program.join(inner.Y, scalars)
+        if not program.holds(point):
+            return None
+        goal = len(point) - (2 if disturbed else 1)  # R, or lambda
+        cost = np.zeros(len(point))
+        cost[goal] = -1.0
+        point = minimise(program, point, cost)
+        value = float(point[goal]) if disturbed else math.sqrt(float(point[goal]))
+        return replace(_point(loop, start.radius, *program.split(point)), value=value)
+
+    def _room_for(self, loop: FloatLoop, start: _Point) -> _Point | None:
+        """Raise kappa, within the radii, until the disturbance leaves room for e; None if it never does."""
+        needed = self.disturbance
+        program = covering(loop, self.basis, disturbance=0.0, condition=_condition(start.Y))
+        point = program.join(start.Y, [*start.scalars, 0.5 * float(np.linalg.eigvalsh(start.Y)[0])])
+        if not program.holds(point):
+            return None
+        kappa = self.basis.size + loop.multipliers
+        cost = np.zeros(len(point))
+        cost[kappa] = -1.0
+        point = minimise(program, point, cost, stop=lambda p: bool(p[kappa] > 1.05 * needed), hopeless=-needed)
+        return None if point[kappa] <= needed else _point(loop, start.radius, *program.split(point))
+
+    def path(self, largest: float) -> list[_Point]:
+        """Centres at growing radii, up to the largest one that could be reached; empty if there is none."""
+        found = next((point for r in FIRST if (point := self.centred(min(r, largest), None)) is not None), None)
+        path: list[_Point] = []
+        while found is not None and found.radius is not None:
+            path.append(found)
+            limit = self._limit(found, found.radius, largest)
+            if limit <= found.radius * (1 + SETTLED) or len(path) >= MOST_CENTRES:
+                break
+            step = limit if limit == largest else found.radius + GROWTH * (limit - found.radius)
+            found = self.centred(step, found)
+        return path
+
+    def _limit(self, point: _Point, radius: float, largest: float) -> float:
+        """The largest radius for which the same unknowns do, about, from below."""
+        low, high = radius, 2 * radius
+        while high < largest and self.inside(point, high):
+            low, high = high, 2 * high
+        if high >= largest:
+            if self.inside(point, largest):
+                return largest
+            high = largest
+        while high - low > max(0.03 * (low - radius), SETTLED / 4 * radius):
+            middle = (low + high) / 2
+            low, high = (middle, high) if self.inside(point, middle) else (low, middle)
+        return low
+
+    def largest_balls(self, path: list[_Point]) -> list[_Point]:
+        """Points with the covered ball of their radius, the largest ball first; empty if nothing is covered."""
+        top = path[-1].radius or 0.0
+        found: list[_Point] = []
+
+        def lost(radius: float) -> float:
+            near = min(path, key=lambda each: abs((each.radius or 0.0) - radius))
+            start = self.centred(radius, near)
+            ball = None if start is None else self.covering(start)
+            if ball is None:
+                return 0.0
+            found.append(ball)
+            return -ball.value
+
+        if any(lost(part * top) for part in TRIED):
+            optimize.minimize_scalar(
+                lost, bounds=(0.5 * top, top), method="bounded", options={"maxiter": 12, "xatol": 1e-3 * top}
+            )
+        return sorted(found, key=lambda each: -each.value)
+
+
+def _point(loop: FloatLoop, radius: float | None, Y: Array, x: Array) -> _Point:
+    """A point of any of the programs: t come first, then kappa, if there is an observer."""
+    count = loop.multipliers
+    return _Point(radius=radius, Y=Y, t=x[:count], kappa=None if loop.S is None else float(x[count]))
+
+
+def _condition(Y: Array) -> float:
+    """How far the eigenvalues of Y may lie apart where a ball is sought: enough for the point that it starts from."""
+    values = np.linalg.eigvalsh(Y)
+    return max(CONDITION, 4 * float(values[-1] / values[0]))
+
+
+def _candidates(search: _Search, largest: float) -> Iterator[Lure]:
     """Certificates worth trying, the best first."""
     if search.problem.is_linear:
         point = search.centred(None, None)
-        if point is not None:
-            yield from _roundings(search, point)
-        return
-    path = search.path(largest)
-    if not path:
-        return
-    if objective == "ball":
-        for point in search.largest_balls(path)[:BALLS]:
-            yield from _roundings(search, point)
-        return
-    for retreat in RETREATS:
-        point = search.centred((path[-1].radius or 0.0) * (1 - retreat), path[-1])
-        if point is not None:
-            yield from _roundings(search, point)
+        points = [] if point is None else [point]
+    else:
+        path = search.path(largest)
+        points = search.largest_balls(path)[:BALLS] if path else []
+    for point in points:
+        yield from _roundings(search, point)
 
 
-def _roundings(search: Search, point: Point) -> Iterator[Lure]:
+def _roundings(search: _Search, point: _Point) -> Iterator[Lure]:
     """Certificates near a point, the shortest numbers first, with lambda_max(P_e) about 1."""
     problem, loop = search.problem, search.loop(point.radius)
     if loop is None:
@@ -265,24 +516,10 @@ def _reach(P_e: Array, loop: FloatLoop) -> float:
     if not float(np.linalg.eigvalsh(P_e)[0]) > 0:
         return 0.0
     Y = np.asarray(np.linalg.inv(P_e), dtype=np.float64)
-    return float(np.min(loop.reach**2 / np.maximum(widths(Y, loop), 1e-300), initial=math.inf))
+    return float(np.min(loop.reach**2 / np.maximum(loop.widths(Y), 1e-300), initial=math.inf))
 
 
-def _level(P_e: SparseSymmetric, problem: Problem, radius: Fraction) -> Fraction:
-    """The largest level within the radius, about, from below; exact for P_e = I."""
-    if all(i == j and value == 1 for (i, j), value in P_e.entries.items()):
-        return radius * radius / 2
-    m, Y = problem.m, np.linalg.inv(to_float(P_e.to_dense()))
-    largest = max(
-        Y[i, i] + Y[j, j] - 2 * Y[i, j]
-        for arcs in problem.network.modes.values()
-        for listener, speaker, _ in arcs
-        for i, j in zip(range(listener * m, listener * m + m), range(speaker * m, speaker * m + m), strict=True)
-    )
-    return round_down(float(radius) ** 2 / float(largest) * (1 - _SHORTFALL), 10)
-
-
-def _multipliers(sectors: Sectors, loop: FloatLoop, point: Point, unit: float, digits: int) -> dict[str, Vector]:
+def _multipliers(sectors: Sectors, loop: FloatLoop, point: _Point, unit: float, digits: int) -> dict[str, Vector]:
     """Tau = unit / (2 d t) of every channel with a range, 0 elsewhere."""
     result, start = {}, 0
     for mode in loop.modes:

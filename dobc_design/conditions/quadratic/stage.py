@@ -16,12 +16,15 @@ from dobc_design.conditions.asked import Asked, Progress
 from dobc_design.conditions.check import Check, undecided_check
 from dobc_design.conditions.numbers import claimed, rounded_down
 from dobc_design.conditions.quadratic.checks import IN_WORDS, certified_ball, lure_check, quadratic_obstacle
-from dobc_design.conditions.quadratic.claim import Lure, Method
+from dobc_design.conditions.quadratic.claim import Lure, Method, Shape
 from dobc_design.conditions.quadratic.decide import verify_lure
-from dobc_design.conditions.quadratic.propose import LARGEST_FULL, bound_lure, design_lure, linear_rate, raise_rate
-from dobc_design.conditions.quadratic.sectors import Entries, gains_on
-from dobc_design.coupling.coupling import Coupling
-from dobc_design.exact.interval import Interval
+from dobc_design.conditions.quadratic.propose import (
+    bound_lure,
+    design_lure,
+    linear_rate,
+    raise_rate,
+    roomy_gains,
+)
 from dobc_design.exact.symmetric import SparseSymmetric
 from dobc_design.problem.problem import Problem
 from dobc_design.verdict import Verdict
@@ -33,8 +36,6 @@ MOST_ROWS: Final = 60
 FULL_ROWS, FULL_ROWS_ON_REQUEST = 15, 20
 #: Channels of a mode up to which the corners of all gains are tried with the P_e found.
 CORNER_CHANNELS: Final = 6
-#: Gains are claimed this much wider, relative to the largest, so that a second program can confirm them.
-ROOM: Final = Fraction(1, 10**5)
 #: Where the region is covered: parts of the rate near the consensus that are tried, by bisection; rows n m from which
 #: on fewer are.
 FIRST_PART, RATE_STEPS, FEWER_STEPS, MANY_ROWS = 0.5, 5, 3, 11
@@ -80,13 +81,7 @@ def quadratic_stage(asked: Asked, report: Progress) -> list[Check]:
     ]
 
 
-def roomy_gains(coupling: Coupling, radius: Fraction) -> Entries:
-    """``gains_on``, a little wider where h is not linear, for whoever encloses them in another way."""
-    entries = gains_on(coupling, radius)
-    return entries if coupling.is_linear else tuple(tuple(map(_wider, row)) for row in entries)
-
-
-def propose(asked: Asked, shape: str, *, rate: Fraction = Fraction(0), accept: float = 0.0) -> Found | None:
+def propose(asked: Asked, shape: Shape, *, rate: Fraction = Fraction(0), accept: float = 0.0) -> Found | None:
     """The largest ball for a shape of P_e and a rate, proved; None if it is no larger than ``accept``.
 
     None also when a numerical library breaks down.
@@ -97,7 +92,6 @@ def propose(asked: Asked, shape: str, *, rate: Fraction = Fraction(0), accept: f
             problem,
             holds=lambda each: holds(problem, each),
             shape=shape,
-            objective="ball",
             W=asked.W,
             rate=rate,
             disturbance=claimed(asked.disturbance),
@@ -124,17 +118,13 @@ def _largest(asked: Asked) -> Fraction:
     return max(2 * ball, min(10 * ball, _LARGEST))
 
 
-def _wider(gain: Interval) -> Interval:
-    room = ROOM * gain.magnitude
-    return Interval(gain.lo - room, gain.hi + room)
-
-
 def _ladder(asked: Asked, report: Progress) -> list[Found]:
     """What every shape of P_e covers, until the ball asked for is covered; all of them on request."""
     rows = asked.problem.n * asked.problem.m
-    full = min(LARGEST_FULL, FULL_ROWS_ON_REQUEST if asked.everything else FULL_ROWS)
+    full = FULL_ROWS_ON_REQUEST if asked.everything else FULL_ROWS
     found: list[Found] = []
-    for shape in ("identity", "diagonal", *(("full",) if rows <= full else ())):
+    shapes: tuple[Shape, ...] = ("identity", "diagonal", "full")
+    for shape in shapes if rows <= full else shapes[:2]:
         report(f"deciding the region (quadratic, {IN_WORDS[shape]})")
         proposal = propose(asked, shape)
         if proposal is not None:

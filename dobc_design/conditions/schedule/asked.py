@@ -35,26 +35,23 @@ def asked_of(problem: Problem, *, tolerance: Any, radius: Any = None, disturbanc
     Raises: SpecError for a number that is wrong, or missing where there is no region to take it from.
     """
     region = problem.region
-    missing = [("radius", radius)] + ([("disturbance", disturbance)] if problem.groups else [])
-    for key, value in missing:
-        if value is None and region is None:
-            raise SpecError(
-                f"{key} must be given, because the problem has no [region] that says where it starts.",
-                key=key,
-                cure="Give radius, the largest |e(0)|_inf, and with an [exosystem] disturbance, the largest"
-                " |xi_i(0) - xihat_i(0)|; or add a [region].",
-            )
+    missing = ["radius"] * (radius is None) + ["disturbance"] * (disturbance is None and bool(problem.groups))
+    if missing and region is None:
+        raise SpecError(
+            f"{missing[0]} must be given, because the problem has no [region] that says where it starts.",
+            key=missing[0],
+            cure="Give radius, the largest |e(0)|_inf, and with an [exosystem] disturbance, the largest"
+            " |xi_i(0) - xihat_i(0)|; or add a [region].",
+        )
     reach = max(asked_radius(problem)) if radius is None else parse_number(radius, key="radius")
     error = ZERO if region is None else region.initial_disturbance or ZERO
     error = error if disturbance is None else parse_number(disturbance, key="disturbance")
-    limit = parse_number(tolerance, key="tolerance")
-    for key, number in (("radius", reach), ("tolerance", limit)):
-        if number <= 0:
-            raise SpecError(f"{key} must be > 0; got {float(number):.6g}.", key=key)
+    if reach <= 0:
+        raise SpecError(f"radius must be > 0; got {float(reach):.6g}.", key="radius")
     if error < 0 or (error and not problem.groups):
         why = "it is a length" if error < 0 else "without an [exosystem] there is no observer error"
         raise SpecError(f"disturbance must be {'>= 0' if error < 0 else '0'}, because {why}.", key="disturbance")
-    return Asked(radius=reach, disturbance=error, tolerance=limit)
+    return Asked(radius=reach, disturbance=error, tolerance=read_tolerance(tolerance, key="tolerance"))
 
 
 def read_tolerance(value: Any, *, key: str = "settling") -> Fraction:

@@ -8,18 +8,17 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass
 from fractions import Fraction
-from itertools import chain
 from typing import Final
 
 from dobc_design.conditions.quadratic.claim import Lure
-from dobc_design.conditions.quadratic.decide import differences, eigenvalue_bound, verify_lure
+from dobc_design.conditions.quadratic.decide import diagonal_of_inverse, differences, eigenvalue_bound, verify_lure
 from dobc_design.conditions.quadratic.sectors import relied_differences
 from dobc_design.conditions.schedule.claim import ZERO, Stage, Staging
 from dobc_design.conditions.separable.claim import Separable
 from dobc_design.conditions.separable.observer import composite_rate, verify_composite
 from dobc_design.exact.definite import decide_positive_semidefinite
 from dobc_design.exact.interval import Interval, exp
-from dobc_design.exact.matrix import Matrix, inverse, multiply
+from dobc_design.exact.matrix import Matrix, multiply
 from dobc_design.exact.symmetric import SparseSymmetric
 from dobc_design.problem.problem import Problem
 from dobc_design.verdict import Verdict
@@ -44,18 +43,21 @@ class StagingAnswer:
 
 @dataclass(frozen=True, slots=True)
 class _Need:
-    """One condition: ``claimed`` has to be at least ``least``; or a fact that is known already."""
+    """One condition and what it is; none of them is looked at unless all before are proved."""
 
     step: str
-    claimed: Fraction
-    least: Interval
+    verdict: Verdict
     words: str
 
-    @property
-    def verdict(self) -> Verdict:
-        if self.claimed >= self.least.hi:
-            return Verdict.PROVED
-        return Verdict.REFUTED if self.claimed < self.least.lo else Verdict.UNDECIDED
+
+def _at_least(step: str, claimed: Fraction, least: Interval, words: str) -> _Need:
+    if claimed >= least.hi:
+        return _Need(step, Verdict.PROVED, words)
+    return _Need(step, Verdict.REFUTED if claimed < least.lo else Verdict.UNDECIDED, words)
+
+
+def _fact(step: str, holds: bool, words: str) -> _Need:
+    return _Need(step, Verdict.PROVED if holds else Verdict.REFUTED, words)
 
 
 def verify_staging(problem: Problem, W: Matrix | None, staging: Staging) -> StagingAnswer:
@@ -65,27 +67,29 @@ def verify_staging(problem: Problem, W: Matrix | None, staging: Staging) -> Stag
     every stage's bound holds from its start on, for arbitrary switching.  REFUTED says that these numbers fail.
     Raises: ShapeError or SpecError for certificates that do not fit the problem.
     """
-    for k, stage in enumerate(staging.stages):
-        answer = _certificate(problem, W, stage, k)
-        if answer is not None:
-            return answer
-        before = staging.stages[k - 1] if k else None
-        needs = _starting(problem, stage, staging) if before is None else _taking_over(problem, before, stage)
-        for need in chain(_own(stage), needs):
+    for k in range(len(staging.stages)):
+        for need in _needs(problem, W, staging, k):
             if need.verdict is not Verdict.PROVED:
-                return StagingAnswer(
-                    verdict=need.verdict, reason=f"stage {k + 1}: {need.words}", stage=k, step=need.step
-                )
-    last = staging.stages[-1]
-    need = _at_least(
-        "tolerance",
-        staging.tolerance,
-        decayed(last, staging.time) * last.height,
-        "the last stage does not bring |e|_inf down to the tolerance by the time claimed.",
-    )
-    if need.verdict is not Verdict.PROVED:
-        return StagingAnswer(verdict=need.verdict, reason=need.words, stage=len(staging.stages) - 1, step=need.step)
+                reason = f"stage {k + 1}: {need.words}"
+                return StagingAnswer(verdict=need.verdict, reason=reason, stage=k, step=need.step)
     return StagingAnswer(verdict=Verdict.PROVED, reason=proved_reason(staging))
+
+
+def _needs(problem: Problem, W: Matrix | None, staging: Staging, k: int) -> Iterator[_Need]:
+    """What has to hold of stage ``k``, in turn."""
+    stage = staging.stages[k]
+    yield _certificate(problem, W, stage.certificate)
+    obstacle = _observer_obstacle(problem, W, stage)
+    yield _fact("observer", obstacle is None, obstacle or "")
+    yield from _own(stage)
+    yield from _taking_over(problem, staging.stages[k - 1], stage) if k else _starting(problem, stage, staging)
+    if k == len(staging.stages) - 1:
+        yield _at_least(
+            "tolerance",
+            staging.tolerance,
+            decayed(stage, staging.time) * stage.height,
+            "the last stage does not bring |e|_inf down to the tolerance by the time claimed.",
+        )
 
 
 def proved_reason(staging: Staging) -> str:
@@ -112,14 +116,6 @@ def noise_left(stage: Stage, time: Fraction) -> Interval:
     if isinstance(certificate, Lure):
         return _shrunk(stage.noise, certificate.rate, time - stage.start)
     return _shrunk(stage.noise, ZERO if certificate.error is None else certificate.error.beta, time - stage.start)
-
-
-def start_level(problem: Problem, stage: Stage, staging: Staging) -> Interval:
-    """The least square of the level that holds all starts: of a quadratic first stage."""
-    lure = stage.certificate
-    P = lure.P if isinstance(lure, Lure) else None
-    errors = ZERO if P is None else problem.n * eigenvalue_bound(SparseSymmetric.from_dense(P)) * staging.disturbance**2
-    return Interval.point(sum(stage.diagonal or (), ZERO) * staging.radius**2 + errors)
 
 
 def guard_limits(problem: Problem, before: Stage, after: Stage) -> Iterator[tuple[Fraction, Fraction]]:
@@ -165,24 +161,14 @@ def next_level(problem: Problem, before: Stage, after: Stage) -> Interval:
     return c**2 * (factor if observer_matrix(new) is None else max(factor, after.stretch**2))
 
 
-def _certificate(problem: Problem, W: Matrix | None, stage: Stage, k: int) -> StagingAnswer | None:
-    certificate = stage.certificate
+def _certificate(problem: Problem, W: Matrix | None, certificate: Separable | Lure) -> _Need:
     if isinstance(certificate, Separable):
         answer = verify_composite(problem, W, certificate)
-        verdict, reason = answer.verdict, answer.reason
-    else:
-        if certificate.rate <= 0:
-            return StagingAnswer(
-                verdict=Verdict.REFUTED, reason=f"stage {k + 1}: its rate must be > 0.", stage=k, step="certificate"
-            )
-        decision = verify_lure(problem, certificate)
-        verdict, reason = decision.verdict, decision.reason
-    if verdict is not Verdict.PROVED:
-        return StagingAnswer(verdict=verdict, reason=f"stage {k + 1}: {reason}", stage=k, step="certificate")
-    obstacle = _observer_obstacle(problem, W, stage)
-    if obstacle is not None:
-        return StagingAnswer(verdict=Verdict.REFUTED, reason=f"stage {k + 1}: {obstacle}", stage=k, step="observer")
-    return None
+        return _Need("certificate", answer.verdict, answer.reason)
+    if certificate.rate <= 0:
+        return _fact("certificate", False, "its rate must be > 0.")
+    decision = verify_lure(problem, certificate)
+    return _Need("certificate", decision.verdict, decision.reason)
 
 
 def _observer_obstacle(problem: Problem, W: Matrix | None, stage: Stage) -> str | None:
@@ -234,8 +220,9 @@ def _starting(problem: Problem, stage: Stage, staging: Staging) -> Iterator[_Nee
         guard = certificate.rho
         inside = guard is None or stage.level <= guard
     else:
-        yield _at_least("start", stage.level**2, start_level(problem, stage, staging), outside)
         size = ZERO if certificate.P is None else eigenvalue_bound(SparseSymmetric.from_dense(certificate.P))
+        square = sum(stage.diagonal or (), ZERO) * staging.radius**2 + problem.n * size * s**2
+        yield _at_least("start", stage.level**2, Interval.point(square), outside)
         inside = certificate.level is None or stage.level**2 <= certificate.level
     yield _fact("guard", inside, "its first level set reaches beyond the region that its certificate is about.")
     yield _at_least(
@@ -245,7 +232,12 @@ def _starting(problem: Problem, stage: Stage, staging: Staging) -> Iterator[_Nee
 
 def _taking_over(problem: Problem, before: Stage, after: Stage) -> Iterator[_Need]:
     """The hand-over at ``after.start``."""
-    yield from _observer_handed_over(before, after)
+    own, next_ = observer_matrix(before.certificate), observer_matrix(after.certificate)
+    if own is not None and next_ is not None:
+        gap = SparseSymmetric.from_dense(own).scaled(after.stretch**2) + SparseSymmetric.from_dense(next_).negated()
+        yield _fact("stretch", _is_semidefinite(gap), "stretch^2 P (of the stage before) - P is not semidefinite.")
+        left = noise_left(before, after.start) * after.stretch
+        yield _at_least("noise", after.noise, left, "noise is less than what is left of the observer error.")
     square = decayed(before, after.start) ** 2
     for a, radius in guard_limits(problem, before, after):
         yield _at_least("guard", radius**2, square * a, "when it takes over, what is known does not lie in its region.")
@@ -253,25 +245,9 @@ def _taking_over(problem: Problem, before: Stage, after: Stage) -> Iterator[_Nee
     if isinstance(old, Lure) and isinstance(new, Lure):
         gap = old.P_e.scaled(after.factor or ZERO) + new.P_e.negated()
         yield _fact("factor", _is_semidefinite(gap), "factor P_e (of the stage before) - P_e is not semidefinite.")
-    level = stage_square(after)
-    yield _at_least(
-        "level", level, next_level(problem, before, after), "its level is too small for what is handed over."
-    )
-
-
-def stage_square(stage: Stage) -> Fraction:
-    """The level as ``next_level`` gives it: its square where the stage is quadratic."""
-    return stage.level**2 if stage.is_quadratic else stage.level
-
-
-def _observer_handed_over(before: Stage, after: Stage) -> Iterator[_Need]:
-    old, new = observer_matrix(before.certificate), observer_matrix(after.certificate)
-    if old is None or new is None:
-        return
-    gap = SparseSymmetric.from_dense(old).scaled(after.stretch**2) + SparseSymmetric.from_dense(new).negated()
-    yield _fact("stretch", _is_semidefinite(gap), "stretch^2 P (of the stage before) - P is not semidefinite.")
-    left = noise_left(before, after.start) * after.stretch
-    yield _at_least("noise", after.noise, left, "noise is less than what is left of the observer error.")
+    level = after.level**2 if after.is_quadratic else after.level
+    needed = next_level(problem, before, after)
+    yield _at_least("level", level, needed, "its level is too small for what is handed over.")
 
 
 def observer_matrix(certificate: Separable | Lure) -> Matrix | None:
@@ -279,14 +255,6 @@ def observer_matrix(certificate: Separable | Lure) -> Matrix | None:
     if isinstance(certificate, Lure):
         return certificate.P
     return None if certificate.error is None else certificate.error.P
-
-
-def diagonal_of_inverse(P_e: SparseSymmetric) -> list[Fraction]:
-    """The diagonal of P_e^-1: entry c is the largest e_c^2 where e'P_e e <= 1.  P_e > 0."""
-    if all(i == j for i, j in P_e.entries):
-        return [1 / P_e.entries[i, i] for i in range(P_e.size)]
-    Y = inverse(P_e.to_dense())
-    return [Y[i][i] for i in range(P_e.size)]
 
 
 def _shrunk(value: Fraction, rate: Fraction, time: Fraction) -> Interval:
@@ -299,11 +267,3 @@ def _shrunk(value: Fraction, rate: Fraction, time: Fraction) -> Interval:
 
 def _is_semidefinite(M: SparseSymmetric) -> bool:
     return decide_positive_semidefinite(M).verdict is Verdict.PROVED
-
-
-def _at_least(step: str, claimed: Fraction, least: Interval, words: str) -> _Need:
-    return _Need(step, claimed, least, words)
-
-
-def _fact(step: str, holds: bool, words: str) -> _Need:
-    return _Need(step, ZERO, Interval.point(0 if holds else 1), words)

@@ -1,4 +1,4 @@
-"""Certified settling times: proposals of ``design`` for the stages, put together exactly and handed to ``verify``.
+"""Certified settling times: proposed stages, put together exactly and handed to ``verify_staging``.
 
 Theory, section 5, Staging.  Numbers are rounded to the safe side here, so that the chain holds; whether it does is
 decided by ``decide`` alone.
@@ -15,11 +15,10 @@ from typing import Final
 
 from dobc_design.conditions.numbers import rounded_down
 from dobc_design.conditions.quadratic.claim import Lure
-from dobc_design.conditions.quadratic.decide import verify_lure
+from dobc_design.conditions.quadratic.decide import diagonal_of_inverse, verify_lure
 from dobc_design.conditions.schedule.asked import Asked
 from dobc_design.conditions.schedule.claim import ONE, ZERO, Stage, Staging
 from dobc_design.conditions.schedule.decide import (
-    diagonal_of_inverse,
     guard_limits,
     next_level,
     noise_left,
@@ -30,13 +29,12 @@ from dobc_design.conditions.schedule.decide import (
 )
 from dobc_design.conditions.schedule.propose import (
     SHARE,
-    PlannedStage,
     StagePlan,
     matching_diagonal,
     plan_stages,
+    propose_quadratic_stages,
     relative_bound,
 )
-from dobc_design.conditions.schedule.propose_quadratic import propose_quadratic_stages
 from dobc_design.conditions.schedule.settling import Settling
 from dobc_design.conditions.separable.claim import ErrorBound, Separable, acts_by_component
 from dobc_design.conditions.separable.decide import largest_rate
@@ -64,54 +62,43 @@ def settle(problem: Problem, W: Matrix | None, asked: Asked, *, progress: Progre
 
     PROVED by ``verify_staging``, or UNDECIDED with the reason.
     """
+    best = single = None
+    starts = f"from |e|_inf <= {float(asked.radius):.6g} and |eps_i| <= {float(asked.disturbance):.6g}"
     if not acts_by_component(problem):
-        return _answer(
-            problem,
-            asked,
+        reason = (
             "does not apply: stages begin with a max-separable certificate, which needs couplings that"
-            " act on each state component by itself.",
+            " act on each state component by itself."
         )
-    progress("looking for a certificate of the whole box")
-    plan = design_separable(problem, radius=asked.radius, disturbance=asked.disturbance, W=W)
-    whole = None
-    for each in () if plan is None else chain((plan,), flatter_plans(problem, plan)):
-        whole = _whole(problem, W, each)
-        if whole is not None:
-            break
-    if plan is None or whole is None:
-        return _answer(
-            problem,
-            asked,
-            f"no max-separable certificate was found from |e|_inf <= {float(asked.radius):.6g} and"
-            f" |eps_i| <= {float(asked.disturbance):.6g}. Try a smaller radius or disturbance, or more pins.",
-        )
-    goal = Goal(problem=problem, W=W, asked=asked)
-    single = goal.proved([goal.first(whole)])
-    progress("looking for quadratic stages")
-    quadratics = _quadratics(problem, W, plan)
-    progress("choosing the stages")
-    found = _staged(goal, plan, quadratics)
-    progress("deciding the hand-overs")
-    chains = [each for each in (single, *found) if each is not None]
-    if not chains:
-        return _answer(problem, asked, "a certificate of the whole box was found, but no settling time was proved.")
-    best = min(chains, key=lambda each: each.time)
-    reason = f"from |e|_inf <= {float(asked.radius):.6g} and |eps_i| <= {float(asked.disturbance):.6g}, "
-    return _answer(problem, asked, reason + proved_reason(best), best, single)
-
-
-def _answer(
-    problem: Problem, asked: Asked, reason: str, best: Staging | None = None, single: Staging | None = None
-) -> Settling:
+    else:
+        progress("looking for a certificate of the whole box")
+        plan = design_separable(problem, radius=asked.radius, disturbance=asked.disturbance, W=W)
+        plans = () if plan is None else chain((plan,), flatter_plans(problem, plan))
+        whole = next((found for each in plans if (found := _whole(problem, W, each)) is not None), None)
+        if plan is None or whole is None:
+            reason = (
+                f"no max-separable certificate was found {starts}. Try a smaller radius or disturbance, or more pins."
+            )
+        else:
+            goal = Goal(problem=problem, W=W, asked=asked)
+            single = goal.proved([goal.first(whole)])
+            chains = [each for each in (single, *_staged(goal, plan, progress)) if each is not None]
+            best = min(chains, key=lambda each: each.time, default=None)
+            reason = "a certificate of the whole box was found, but no settling time was proved."
     return Settling(
         verdict=Verdict.UNDECIDED if best is None else Verdict.PROVED,
-        reason=reason,
+        reason=reason if best is None else f"{starts}, {proved_reason(best)}",
         problem_name=problem.name,
         radius=asked.radius,
         disturbance=asked.disturbance,
         tolerance=asked.tolerance,
         staging=best,
         single=single,
+    )
+
+
+def _whole(problem: Problem, W: Matrix | None, plan: SeparablePlan) -> Separable | None:
+    return first_certificate(
+        problem, W, rounded_vectors(plan.proposal), rho=plan.rho, error=plan.error, wanted=plan.proposal.rate
     )
 
 
@@ -140,13 +127,16 @@ class Goal:
 
     def following(self, before: Stage, certificate: Separable | Lure) -> Stage:
         """The stage that takes over as soon as its guard is known to hold."""
+        old = before.certificate
         draft = Stage(
             certificate=certificate,
             start=before.start,
             level=ONE,
             height=_height(certificate),
-            diagonal=_diagonal(self.problem, before.certificate, certificate),
-            factor=_factor(before.certificate, certificate),
+            diagonal=_diagonal(self.problem, old, certificate),
+            factor=relative_bound(certificate.P_e, old.P_e)
+            if isinstance(old, Lure) and isinstance(certificate, Lure)
+            else None,
             stretch=_stretch(before, certificate),
         )
         limits = [r / sqrt(Interval.point(a)).hi for a, r in guard_limits(self.problem, before, draft) if a]
@@ -168,42 +158,30 @@ class Goal:
         return staging if verify_staging(self.problem, self.W, staging).verdict is Verdict.PROVED else None
 
 
-def _whole(problem: Problem, W: Matrix | None, plan: SeparablePlan) -> Separable | None:
-    return first_certificate(
-        problem, W, rounded_vectors(plan.proposal), rho=plan.rho, error=plan.error, wanted=plan.proposal.rate
-    )
-
-
-def _quadratics(problem: Problem, W: Matrix | None, plan: SeparablePlan) -> list[Lure]:
-    return propose_quadratic_stages(
+def _staged(goal: Goal, plan: SeparablePlan, progress: Progress) -> list[Staging | None]:
+    """Chains with quadratic stages and without them; None for one that is not proved."""
+    problem = goal.problem
+    progress("looking for quadratic stages")
+    quadratics = propose_quadratic_stages(
         problem,
-        W=W,
+        W=goal.W,
         holds=lambda lure: verify_lure(problem, lure).verdict is Verdict.PROVED,
         radii=[part * float(plan.rho) for part in RADII],
         slowest=plan.proposal.rate,
     )
-
-
-def _staged(goal: Goal, plan: SeparablePlan, quadratics: Sequence[Lure]) -> list[Staging]:
-    """Proved chains: with the quadratic stages and without them."""
+    progress("choosing the stages")
     fastest = math.inf if plan.error is None else float(SHARE * plan.error.beta)
-    paths = plan_stages(
-        goal.problem, rho=plan.rho, tolerance=goal.asked.tolerance, fastest=fastest, quadratics=quadratics
-    )
-    found = []
-    for path in paths:
-        stages = _joined(goal, plan, path)
-        proved = goal.proved(stages) if stages else None
-        if proved is not None:
-            found.append(proved)
-    return found
+    paths = plan_stages(problem, rho=plan.rho, tolerance=goal.asked.tolerance, fastest=fastest, quadratics=quadratics)
+    chains = [_joined(goal, plan, path) for path in paths]
+    progress("deciding the hand-overs")
+    return [goal.proved(stages) for stages in chains if stages]
 
 
 def _joined(goal: Goal, plan: SeparablePlan, path: StagePlan) -> list[Stage]:
     """The stages of a path, exactly; empty if the first one is not proved, others that are not are left out."""
     stages: list[Stage] = []
-    for planned in path.separable:
-        claim = _claim(goal.problem, planned, plan.error, first=not stages)
+    for v, rho in path.separable:
+        claim = _claim(goal.problem, v, rho, plan.error, first=not stages)
         if claim is not None:
             stages.append(goal.following(stages[-1], claim) if stages else goal.first(claim))
         elif not stages:
@@ -213,17 +191,18 @@ def _joined(goal: Goal, plan: SeparablePlan, path: StagePlan) -> list[Stage]:
     return stages
 
 
-def _claim(problem: Problem, planned: PlannedStage, error: ErrorBound | None, *, first: bool) -> Separable | None:
-    """The planned vector with the rate that is proved for it, and a kappa that lets V have that rate."""
-    alpha = largest_rate(problem, planned.v, rho=None if problem.is_linear else planned.rho)
+def _claim(problem: Problem, v: Vector, level: Fraction, error: ErrorBound | None, *, first: bool) -> Separable | None:
+    """A planned vector with the rate that is proved for it, and a kappa that lets V have that rate."""
+    rho = None if problem.is_linear else level
+    alpha = largest_rate(problem, v, rho=rho)
     if alpha is None:
         return None
     alpha = rounded_down(alpha * ROOM, digits=6)
     if error is not None and not first:
         rate = min(alpha, SHARE * error.beta)
-        kappa = Fraction(math.ceil(10**6 / ((error.beta - rate) * min(planned.v))), 10**6)
+        kappa = Fraction(math.ceil(10**6 / ((error.beta - rate) * min(v))), 10**6)
         error = replace(error, kappa=kappa)
-    return Separable(v=planned.v, alpha=alpha, rho=None if problem.is_linear else planned.rho, error=error)
+    return Separable(v=v, alpha=alpha, rho=rho, error=error)
 
 
 def _when(stage: Stage, size: Fraction) -> Fraction:
@@ -238,13 +217,6 @@ def _height(certificate: Separable | Lure) -> Fraction:
     if isinstance(certificate, Separable):
         return max(certificate.v)
     return _up(sqrt(Interval.point(max(diagonal_of_inverse(certificate.P_e)))).hi)
-
-
-def _factor(old: Separable | Lure, new: Separable | Lure) -> Fraction | None:
-    """A number f with P_e <= f (the old P_e)."""
-    if not (isinstance(old, Lure) and isinstance(new, Lure)):
-        return None
-    return relative_bound(new.P_e, old.P_e)
 
 
 def _stretch(before: Stage, certificate: Separable | Lure) -> Fraction:

@@ -182,7 +182,7 @@ class TradeOff(Shown):
 
     def plot(self) -> Sheet:
         """The curve as a figure, with the chosen point."""
-        from dobc_design.plotting.trade_offs import trade_off_sheet
+        from dobc_design.plotting.sweeps import trade_off_sheet
 
         return trade_off_sheet(
             [(point.x, point.y) for point in self.points],

@@ -217,7 +217,6 @@ def test_a_list_of_expressions_has_one_channel_for_every_gain():
         problem,
         holds=lambda each: verify_lure(problem, each).verdict is Verdict.PROVED,
         shape="identity",
-        objective="ball",
         largest=Fraction(3),
     )
     assert lure is not None

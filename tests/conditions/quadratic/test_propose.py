@@ -8,13 +8,11 @@ from fractions import Fraction
 
 import numpy as np
 import pytest
-from lure_cases import HARMONIC, PAPER_GAIN, cycle, field, identity, is_proved, pins, random_problem
-from scipy.integrate import solve_ivp
+from lure_cases import HARMONIC, PAPER_GAIN, cycle, field, identity, is_proved, random_problem, values_along
 
 from dobc_design.conditions.quadratic.claim import Lure
 from dobc_design.conditions.quadratic.decide import covered_radius, covers
 from dobc_design.conditions.quadratic.propose import (
-    LARGEST_FULL,
     bound_lure,
     design_lure,
     linear_rate,
@@ -23,7 +21,6 @@ from dobc_design.conditions.quadratic.propose import (
 )
 from dobc_design.conditions.quadratic.sectors import enclose_ranges
 from dobc_design.errors import SpecError
-from dobc_design.exact.matrix import to_float
 from dobc_design.problem.network import Network
 from dobc_design.problem.problem import Problem
 
@@ -47,23 +44,20 @@ def enlarged(problem: Problem, lure: Lure, part: str) -> Lure:
 
 
 @pytest.mark.parametrize(
-    ("gains", "options", "radius", "ball"),
+    ("gains", "shape", "radius", "ball"),
     [
-        (ALL, {"shape": "identity"}, 4.0889, 2.891),
-        (ALL, {"shape": "full"}, 4.179, None),
-        (ALL, {"shape": "full", "objective": "ball"}, 4.175, 2.927),
-        (ONE, {"shape": "identity"}, 0.7119, 0.503),
-        (ONE, {"shape": "full"}, 1.689, None),
-        (ONE, {"shape": "full", "objective": "ball"}, 1.67, 1.138),
+        (ALL, "identity", 4.0889, 2.891),
+        (ALL, "full", 4.175, 2.927),
+        (ONE, "identity", 0.7119, 0.503),
+        (ONE, "full", 1.67, 1.138),
     ],
 )
-def test_the_directed_ten_cycle_reaches_the_known_radii_and_balls(gains, options, radius, ball):
+def test_the_directed_ten_cycle_reaches_the_known_radii_and_balls(gains, shape, radius, ball):
     """Theory, section 9: within one per cent; what lies two per cent beyond is refuted for these unknowns."""
     problem = cycle(10, gains)
-    lure = found(problem, **options)
+    lure = found(problem, shape=shape)
     assert 0.99 * radius < lure.radius < 1.01 * radius
-    if ball is not None:
-        assert 0.99 * ball < covered_radius(problem, lure) < 1.01 * ball
+    assert 0.99 * ball < covered_radius(problem, lure) < 1.01 * ball
     assert not is_proved(problem, enlarged(problem, lure, "1.02"))
 
 
@@ -91,11 +85,11 @@ def test_corners_reach_at_least_as_far_as_multipliers_with_the_same_p():
 @pytest.mark.parametrize("seed", range(3))
 def test_more_freedom_in_p_never_costs_radius(seed):
     problem = random_problem(seed, coupling="y + y**3/5")
-    radii = []
+    balls = []
     for shape in ("identity", "diagonal", "full"):
         lure = design_lure(problem, holds=lambda each: is_proved(problem, each), shape=shape)
-        radii.append(Fraction(0) if lure is None else lure.radius)
-    assert radii[2] >= radii[1] * Fraction(995, 1000) >= radii[0] * Fraction(99, 100)
+        balls.append(0.0 if lure is None else covered_radius(problem, lure))
+    assert balls[2] >= 0.99 * balls[1] >= 0.98 * balls[0]
 
 
 @pytest.mark.parametrize("seed", range(12))
@@ -124,7 +118,7 @@ def test_two_agents_are_certified_up_to_their_other_equilibrium_and_never_beyond
     truth = math.sqrt((float(Fraction(str(k))) + 2) / 2)
     lure = found(problem, shape=shape)
     assert 0.75 * truth < lure.radius < truth
-    largest = covered_radius(problem, found(problem, shape=shape, objective="ball"))
+    largest = covered_radius(problem, lure)
     assert 0.75 * truth / math.sqrt(2) < largest < truth / math.sqrt(2)
 
 
@@ -132,7 +126,7 @@ def test_an_asked_rate_is_kept_and_can_be_raised_to_its_edge():
     problem = cycle(6, ONE)
     lure = found(problem, rate=Fraction(1, 50))
     assert lure.rate == Fraction(1, 50)
-    assert lure.radius < found(problem).radius
+    assert covered_radius(problem, lure) < covered_radius(problem, found(problem))
     faster = raise_rate(problem, lure, holds=lambda each: is_proved(problem, each))
     assert faster.rate >= lure.rate
     edge = Fraction(str(rate_estimate(problem, lure)))
@@ -149,7 +143,7 @@ def test_one_certificate_serves_every_mode():
     assert set(lure.multipliers) == set(steps)
     only = Network.from_arcs({"Ga": arcs["Ga"]}, arrow="listens_to", agents=10)
     alone = Problem(network=only, coupling=problem.coupling, gains={1: 5, 6: 5})
-    assert lure.radius < found(alone, shape="diagonal").radius * Fraction(101, 100)
+    assert covered_radius(problem, lure) < 1.01 * covered_radius(alone, found(alone, shape="diagonal"))
     assert not is_proved(problem, enlarged(problem, lure, "1.5"))
 
 
@@ -190,7 +184,7 @@ def test_nothing_is_certified_where_an_agent_is_not_held():
 @pytest.mark.parametrize("s", [Fraction(0), Fraction(1, 2)])
 def test_with_the_observer_starts_and_observer_errors_are_covered_together(s):
     problem = cycle(10, ALL, exosystem=HARMONIC)
-    lure = found(problem, objective="ball", W=PAPER_GAIN, disturbance=s)
+    lure = found(problem, W=PAPER_GAIN, disturbance=s)
     R = covered_radius(problem, lure, disturbance=s)
     assert covers(problem, lure, radius=Fraction(289 if s == 0 else 265, 100), disturbance=s)
     assert covers(problem, lure, radius=Fraction(str(R)), disturbance=s)
@@ -200,10 +194,8 @@ def test_with_the_observer_starts_and_observer_errors_are_covered_together(s):
 def test_observer_errors_that_are_too_large_are_never_covered():
     """|eps_i| = 50 drives |e| to 15.6 from the ball of 2.89 (theory, section 4)."""
     problem = cycle(10, ALL, exosystem=HARMONIC)
-    lure = design_lure(
-        problem, holds=lambda each: is_proved(problem, each), objective="ball", W=PAPER_GAIN, disturbance=Fraction(50)
-    )
-    assert lure is None
+    options = {"W": PAPER_GAIN, "disturbance": Fraction(50)}
+    assert design_lure(problem, holds=lambda each: is_proved(problem, each), **options) is None
 
 
 def test_an_observer_that_is_slower_than_the_rate_asked_is_not_certified():
@@ -214,72 +206,24 @@ def test_an_observer_that_is_slower_than_the_rate_asked_is_not_certified():
     assert design_lure(problem, rate=Fraction(17, 10), **options) is None
 
 
-def trajectories(problem: Problem, lure: Lure, starts: np.ndarray, times: np.ndarray) -> np.ndarray:
-    """V at the times, (runs, times), of (22) with the gain of the certificate, all runs in one integration."""
-    size, q = problem.n * problem.m, problem.q
-    F, C = np.zeros((q, q)), np.zeros((problem.m, q))
-    metric = metric_of(problem, lure)
-    if lure.P is not None:
-        C = to_float(problem.exosystem.C)
-        F = to_float(problem.exosystem.A) - np.linalg.solve(to_float(lure.P), to_float(lure.Q)) @ C
-
-    def slope(t: float, flat: np.ndarray) -> np.ndarray:
-        state = flat.reshape(starts.shape)
-        e, eps = state[:, :size], state[:, size:].reshape(len(starts), problem.n, q)
-        e_dot = field(problem, "G", e) + (eps @ C.T).reshape(e.shape)
-        return np.concatenate([e_dot, (eps @ F.T).reshape(len(starts), problem.n * q)], axis=1).ravel()
-
-    run = solve_ivp(slope, (0, times[-1]), starts.ravel(), t_eval=times, rtol=1e-9, atol=1e-11, method="DOP853")
-    states = run.y.reshape(*starts.shape, len(times))
-    return np.einsum("rit,ij,rjt->rt", states, metric, states)
-
-
-def metric_of(problem: Problem, lure: Lure) -> np.ndarray:
-    """V as one matrix over [e; eps]."""
-    size = problem.n * (problem.m + problem.q)
-    metric = np.zeros((size, size))
-    metric[: lure.P_e.size, : lure.P_e.size] = to_float(lure.P_e.to_dense())
-    if lure.P is not None:
-        metric[lure.P_e.size :, lure.P_e.size :] = np.kron(np.eye(problem.n), to_float(lure.P))
-    return metric
-
-
 @pytest.mark.parametrize(
     ("gains", "options"),
     [
         (ALL, {"shape": "identity"}),
-        (ONE, {"objective": "ball"}),
-        (ALL, {"W": PAPER_GAIN, "objective": "ball", "disturbance": 1}),
+        (ONE, {"shape": "full"}),
+        (ALL, {"W": PAPER_GAIN, "disturbance": Fraction(1, 10)}),
     ],
 )
 def test_no_start_on_the_boundary_leaves_and_v_decays_at_the_rate(gains, options):
     """50 random starts with V = level; SciPy integrates the equations of (22)."""
-    W = options.get("W")
-    problem = cycle(6, gains, exosystem=HARMONIC if W else None)
-    options = {**options, "disturbance": Fraction(options.get("disturbance", 0), 10)}
+    problem = cycle(6, gains, exosystem=HARMONIC if "W" in options else None)
     lure = found(problem, **options, rate=Fraction(1, 100))
     lure = raise_rate(problem, lure, holds=lambda each: is_proved(problem, each))
-    metric, times = metric_of(problem, lure), np.linspace(0, 4, 30)
-    directions = np.random.default_rng(0).standard_normal((50, len(metric)))
-    sizes = np.sqrt(np.einsum("ri,ij,rj->r", directions, metric, directions))
-    V = trajectories(problem, lure, directions / sizes[:, None] * math.sqrt(float(lure.level)), times)
+    times = np.linspace(0, 4, 30)
+    V = values_along(problem, lure, lure.level, times)
     assert np.allclose(V[:, 0], float(lure.level))
     bound = float(lure.level) * np.exp(-2 * float(lure.rate) * times)
     assert np.max(V / bound) <= 1 + 1e-6
-
-
-@pytest.mark.parametrize(
-    ("options", "words"),
-    [({"shape": "round"}, "shape must be one of"), ({"objective": "most"}, "objective must be one of")],
-)
-def test_unknown_words_are_refused(options, words):
-    with pytest.raises(SpecError, match=words):
-        design_lure(cycle(3, 1), holds=lambda each: True, **options)
-
-
-def test_a_full_p_for_too_many_rows_is_refused_with_the_cure():
-    with pytest.raises(SpecError, match=r'looked for up to n m = 80 rows; got 81\. Use "diagonal"'):
-        design_lure(cycle(LARGEST_FULL + 1, 1), holds=lambda each: True)
 
 
 def test_a_gain_without_an_exosystem_is_refused():
@@ -291,11 +235,10 @@ def test_what_holds_does_not_accept_is_not_returned():
     problem = cycle(3, ALL)
     assert design_lure(problem, holds=lambda each: False) is None
     assert bound_lure(problem, holds=lambda each: False, method="interval", P_e=identity(3)) is None
-    assert np.all(np.diag(pins(problem)) == 3)
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("agents", "shape"), [(60, "identity"), (60, "diagonal"), (30, "full")])
+@pytest.mark.parametrize(("agents", "shape"), [(60, "identity"), (60, "diagonal"), (20, "full")])
 def test_many_agents_are_certified(agents, shape):
     problem = cycle(agents, ALL)
     lure = found(problem, shape=shape)
@@ -316,7 +259,7 @@ def test_linear_couplings_with_irrational_slopes_have_multipliers(text):
 def test_a_list_with_an_irrational_linear_part_is_certified():
     network = cycle(3, 3).network
     problem = Problem(network=network, coupling=["pi*y1 + y2", "tanh(y2)"], gains=3, target=[0, 0])
-    assert is_proved(problem, found(problem, objective="ball", largest=Fraction(5)))
+    assert is_proved(problem, found(problem, largest=Fraction(5)))
 
 
 @pytest.mark.parametrize(("coupling", "slope"), [("2*y", 2.0), ("exp(y) - 1 + y", 2.0), ("sin(y)", 1.0)])

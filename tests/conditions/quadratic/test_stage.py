@@ -14,8 +14,9 @@ import dobc_design as dd
 from dobc_design.conditions.asked import Asked, read_region
 from dobc_design.conditions.check import Check
 from dobc_design.conditions.quadratic import stage as quadratic
+from dobc_design.conditions.quadratic.propose import roomy_gains
 from dobc_design.conditions.quadratic.sectors import gains_on
-from dobc_design.conditions.quadratic.stage import quadratic_stage, roomy_gains
+from dobc_design.conditions.quadratic.stage import quadratic_stage
 from dobc_design.problem.groups import Observer
 from dobc_design.problem.network import Network
 from dobc_design.problem.problem import Problem

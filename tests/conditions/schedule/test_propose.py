@@ -10,8 +10,13 @@ from lure_cases import HARMONIC, PAPER_GAIN, is_proved, pins
 from lure_cases import cycle as quadratic_cycle
 from separable_problems import cycle, pair
 
-from dobc_design.conditions.schedule.propose import box_bound, matching_diagonal, plan_stages, relative_bound
-from dobc_design.conditions.schedule.propose_quadratic import propose_quadratic_stages
+from dobc_design.conditions.schedule.propose import (
+    box_bound,
+    matching_diagonal,
+    plan_stages,
+    propose_quadratic_stages,
+    relative_bound,
+)
 from dobc_design.conditions.separable.decide import largest_rate
 from dobc_design.conditions.separable.propose import propose_separable, propose_vectors
 from dobc_design.exact.matrix import to_float
@@ -32,10 +37,10 @@ def exact(array: np.ndarray) -> SparseSymmetric:
 def test_a_plan_has_falling_levels_and_is_shorter_than_its_first_stage_alone():
     problem = cycle()
     plan = plan_stages(problem, rho=F(4), tolerance=F(1, 1000))[0]
-    levels = [stage.rho for stage in plan.separable]
+    levels = [rho for _, rho in plan.separable]
     assert levels[0] == 4 and levels == sorted(levels, reverse=True) and len(levels) > 2
-    first = plan.separable[0]
-    alone = np.log(4 * float(max(first.v)) * 1000) / float(largest_rate(problem, first.v, rho=F(4)))
+    first, _ = plan.separable[0]
+    alone = np.log(4 * float(max(first)) * 1000) / float(largest_rate(problem, first, rho=F(4)))
     assert plan.time < 0.7 * alone
     jacobian = -2 * np.eye(10) + 2 * np.roll(np.eye(10), 1, axis=1) - pins(problem)
     fastest = -float(np.max(np.linalg.eigvals(jacobian).real))
@@ -45,7 +50,7 @@ def test_a_plan_has_falling_levels_and_is_shorter_than_its_first_stage_alone():
 def test_levels_of_a_plan_are_those_that_the_vectors_are_proved_for():
     problem = cycle()
     plan = plan_stages(problem, rho=F(4), tolerance=F(1, 1000))[0]
-    rates = [largest_rate(problem, stage.v, rho=stage.rho) for stage in plan.separable]
+    rates = [largest_rate(problem, v, rho=rho) for v, rho in plan.separable]
     assert None not in rates
     assert rates == sorted(rates)
 

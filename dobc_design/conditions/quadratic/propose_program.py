@@ -1,0 +1,313 @@
+"""The Lur'e inequalities as programs in Y = P_e^-1, in floating point: gains, the loop, the blocks of a barrier.
+
+Everything is affine in Y (theory, section 4).  With t = 1/(2 tau d), d the half-width of a gain and g0 its middle, the
+inequality times Y on both sides is
+
+    [[A0 Y + Y A0' + 2 beta Y + sum d t b b' + kappa I (x) S,  Y C' sqrt(d)], [., -diag(t)]] < 0
+
+{e'P_e e <= 1} lies in |c'e| <= r iff c'Y c <= r^2, and holds the ball of radius sqrt(lambda) iff Y >= lambda I.  With
+the observer's pair (P, Q)/kappa, |e| <= R, |eps_i| <= s are covered iff R^2/lambda + n lambda_max(P) s^2/kappa <= 1.
+"""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dobc_design.conditions.consensus.jacobian import nearest
+from dobc_design.conditions.quadratic.sectors import GainRange
+from dobc_design.coupling.coupling import Coupling
+from dobc_design.coupling.expression import variables_used
+from dobc_design.problem.problem import Problem
+from dobc_design.solvers.barrier import Basis, Block, Indices, Inequalities
+from dobc_design.solvers.program import Array
+
+Gains = tuple[Array, Array]  # lowest and highest, (couplings, m, m)
+
+POINTS: Final = 401
+SCATTERED: Final = 600  # points in a box of several dimensions, besides its corners
+WIDER: Final = 2e-5  # about what enclosures are widened and rounded by
+_STEP: Final = 1e-6
+# Half-width of a range that is a point at this radius, relative to the gain, so that the unknowns stay the same.
+_NARROW: Final = 1e-9
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class _Template:
+    """What does not depend on the radius in one mode: the arcs' channels, and which of them have a range.
+
+    ``place`` (3, channels): coupling, row and column of the gain; ``curved``: whether it may have a width.
+    """
+
+    name: str
+    place: Indices
+    weight: Array
+    curved: NDArray[np.bool_]
+    target: Indices
+    plus: Indices
+    minus: Indices
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Templates:
+    """All modes, and the pins K (n m, n m)."""
+
+    size: int
+    K: Array
+    modes: tuple[_Template, ...]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class FloatMode:
+    """One mode in floats: A0 (n m, n m), and of every channel with a range its ends and d."""
+
+    name: str
+    A: Array
+    target: Indices
+    plus: Indices
+    minus: Indices
+    d: Array
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class FloatLoop:
+    """All modes at one radius, the borders S (n m, n m) of the observers or None, and the rate beta.
+
+    ``ends`` (pairs, 2) and ``reach`` (pairs,): |e_i - e_j| <= reach, each pair once.
+    """
+
+    size: int
+    modes: tuple[FloatMode, ...]
+    S: Array | None
+    rate: float
+    ends: Indices
+    reach: Array
+
+    @property
+    def multipliers(self) -> int:
+        """Number of t, all modes together."""
+        return sum(len(mode.d) for mode in self.modes)
+
+    def widths(self, Y: Array) -> Array:
+        """c'Y c of every pair of ends."""
+        i, j = self.ends[:, 0], self.ends[:, 1]
+        return np.asarray(Y[i, i] + Y[j, j] - 2 * Y[i, j])
+
+
+def sample_gains(couplings: Sequence[Coupling], radius: float) -> Gains | None:
+    """Lowest and highest gains of every coupling on |y_c| <= radius; None where one is not finite.
+
+    Thousands of times as fast as enclosures, with which what is found is proved afterwards, and a little wider.
+    """
+    found = [_by_component(each, radius) if each.by_component else _of_vectors(each, radius) for each in couplings]
+    low, high = np.array([pair[0] for pair in found]), np.array([pair[1] for pair in found])
+    if not (np.all(np.isfinite(low)) and np.all(np.isfinite(high))):
+        return None
+    margin = WIDER * np.where(high > low, np.maximum(np.abs(low), np.abs(high)), 0.0)
+    return low - margin, high + margin
+
+
+def range_gains(ranges: Sequence[GainRange], count: int, m: int) -> Gains:
+    """The same arrays from enclosures; zero where a coupling is not used."""
+    low, high = np.zeros((count, m, m)), np.zeros((count, m, m))
+    for each in ranges:
+        low[each.coupling] = [[nearest(gain.lo) for gain in row] for row in each.entries]
+        high[each.coupling] = [[nearest(gain.hi) for gain in row] for row in each.entries]
+    return low, high
+
+
+def _by_component(coupling: Coupling, radius: float) -> Gains:
+    """H(y)/y on a grid, and the slopes at 0."""
+    y = np.linspace(-radius, radius, POINTS)
+    y = y[np.abs(y) > 1e-9 * radius]
+    m = coupling.dimension
+    with np.errstate(all="ignore"):
+        gains = coupling.value(np.repeat(y[:, None], m, axis=1))[:, 0] / y
+    slope = coupling.jacobian_at_zero()[0][0]
+    low = min(float(np.min(gains)), nearest(slope.lo))
+    high = max(float(np.max(gains)), nearest(slope.hi))
+    if coupling.is_linear:
+        low = high = nearest(slope.midpoint)
+    return low * np.eye(m), high * np.eye(m)
+
+
+def _of_vectors(coupling: Coupling, radius: float) -> Gains:
+    """Central differences at the corners, the centre and scattered points."""
+    m = coupling.dimension
+    corners = np.array(list(itertools.product((-1.0, 0.0, 1.0), repeat=m))) if m <= 4 else np.zeros((1, m))
+    scattered = np.random.default_rng(0).uniform(-1, 1, (SCATTERED, m))
+    points = radius * np.concatenate([corners, scattered]) * (1 - _STEP)
+    low, high = np.zeros((m, m)), np.zeros((m, m))
+    for d in range(m):
+        step = np.zeros(m)
+        step[d] = _STEP * radius
+        with np.errstate(all="ignore"):
+            slopes = (coupling.value(points + step) - coupling.value(points - step)) / (2 * _STEP * radius)
+        low[:, d], high[:, d] = np.min(slopes, axis=0), np.max(slopes, axis=0)
+    flat = high - low < 1e-7 * (np.abs(high) + np.abs(low) + 1e-300)
+    middle = (low + high) / 2
+    return np.where(flat, middle, low), np.where(flat, middle, high)
+
+
+def make_templates(problem: Problem) -> Templates:
+    """Lay out the channels of every mode once; ranges of the couplings are put in by ``float_loop``."""
+    m, size = problem.m, problem.n * problem.m
+    K = np.zeros((size, size))
+    for agent, gain in problem.pinning.gains.items():
+        K[agent * m : (agent + 1) * m, agent * m : (agent + 1) * m] = [[nearest(x) for x in row] for row in gain]
+    entries = [_entries(coupling) for coupling in problem.couplings]
+    modes = []
+    for name, arcs in problem.network.modes.items():
+        table = [
+            (kind, c, d, i * m + c, j * m + d, i * m + d, curved, nearest(weight))
+            for i, j, weight in arcs
+            for kind in (problem.coupling_place(i, j),)
+            for c, d, curved in entries[kind]
+        ]
+        columns = np.array(table, dtype=float).reshape(-1, 8).T
+        whole = columns[:6].astype(np.intp)
+        modes.append(
+            _Template(
+                name=name,
+                place=whole[:3],
+                target=whole[3],
+                plus=whole[4],
+                minus=whole[5],
+                curved=columns[6] > 0,
+                weight=columns[7],
+            )
+        )
+    return Templates(size=size, K=K, modes=tuple(modes))
+
+
+def _entries(coupling: Coupling) -> list[tuple[int, int, bool]]:
+    """Row and column of every gain that may not be 0, and whether it may have a range.
+
+    So may every gain of a coupling that is not linear, and an irrational one, which is known by an enclosure only.
+    """
+    m = range(coupling.dimension)
+    places = (
+        [(c, c) for c in m]
+        if coupling.by_component
+        else [(c, d) for c, component in enumerate(coupling.components) for d in variables_used(component.node)]
+    )
+    if not coupling.is_linear:
+        return [(c, d, True) for c, d in places]
+    slopes = coupling.jacobian_at_zero()
+    return [(c, d, not slopes[c][d].is_point) for c, d in places]
+
+
+def float_loop(templates: Templates, gains: Gains, *, radius: float | None, S: Array | None, rate: float) -> FloatLoop:
+    """The numbers at one radius, from the gains of the couplings there."""
+    low, high = gains
+    modes = []
+    for mode in templates.modes:
+        bottom, above = mode.weight * low[tuple(mode.place)], mode.weight * high[tuple(mode.place)]
+        middle, A = (bottom + above) / 2, -templates.K
+        np.add.at(A, (mode.target, mode.plus), middle)
+        np.add.at(A, (mode.target, mode.minus), -middle)
+        kept = mode.curved
+        d = np.maximum((above - bottom) / 2, _NARROW * np.maximum(np.abs(middle), 1e-300))[kept]
+        modes.append(
+            FloatMode(name=mode.name, A=A, target=mode.target[kept], plus=mode.plus[kept], minus=mode.minus[kept], d=d)
+        )
+    pairs = [np.sort(np.stack([mode.plus, mode.minus], axis=1), axis=1) for mode in modes]
+    ends = np.unique(np.concatenate(pairs), axis=0) if radius is not None else np.zeros((0, 2), dtype=np.intp)
+    return FloatLoop(
+        size=templates.size, modes=tuple(modes), S=S, rate=rate, ends=ends, reach=np.full(len(ends), radius or 0.0)
+    )
+
+
+def _decrease(loop: FloatLoop, *, shift: int | None = None) -> list[Block]:
+    """The inequality of every mode over Y, t and, with an observer, kappa > 0.
+
+    ``shift``: a scalar theta with F + theta I > 0.
+    """
+    blocks, n, start = [], loop.size, 0
+    for mode in loop.modes:
+        k = len(mode.d)
+        root = np.sqrt(mode.d)
+        left = np.vstack([mode.A + loop.rate * np.eye(n), np.zeros((k, n))])
+        arcs = np.arange(k)
+        left[n + arcs, mode.plus] += root
+        left[n + arcs, mode.minus] -= root
+        columns = np.zeros((n + k, 2 * k))
+        columns[mode.target, arcs] = root
+        columns[n + arcs, k + arcs] = 1.0
+        dense = {}
+        if loop.S is not None:
+            dense[loop.multipliers] = np.zeros((n + k, n + k))
+            dense[loop.multipliers][:n, :n] = -loop.S
+        if shift is not None:
+            dense[shift] = np.eye(n + k)
+        blocks.append(
+            Block(
+                constant=np.zeros((n + k, n + k)),
+                left=left,
+                right=np.vstack([np.eye(n), np.zeros((k, n))]),
+                columns=columns,
+                signs=np.concatenate([-np.ones(k), np.ones(k)]),
+                scalars=np.concatenate([start + arcs, start + arcs]),
+                dense=dense,
+            )
+        )
+        start += k
+    return blocks
+
+
+def _positive(scalar: int) -> Block:
+    return Block(constant=np.zeros((1, 1)), dense={scalar: np.ones((1, 1))})
+
+
+def centring(loop: FloatLoop, basis: Basis, *, shift: bool = False) -> Inequalities:
+    """Find Y, t, kappa with 0 < Y < I: the inequalities do not change when all are scaled.
+
+    Scalars: t, with an observer kappa, and with ``shift`` theta.
+    """
+    count = loop.multipliers + (loop.S is not None)
+    blocks = _decrease(loop, shift=count if shift else None)
+    blocks.append(Block(constant=np.eye(loop.size), plain=-1.0))
+    if loop.S is not None:
+        blocks.append(_positive(loop.multipliers))
+    if shift:
+        # Elsewhere the main inequality keeps Y positive: at Y v = 0 it would fail.
+        blocks.append(Block(constant=np.zeros((loop.size, loop.size)), plain=1.0))
+        blocks += [_positive(k) for k in range(loop.multipliers)]
+    none = np.zeros((0, basis.size))
+    return Inequalities(basis=basis, blocks=tuple(blocks), count=count + shift, forms=none, limits=np.zeros(0))
+
+
+def covering(loop: FloatLoop, basis: Basis, *, disturbance: float, condition: float) -> Inequalities:
+    """Find Y, t, kappa, lambda with Y > lambda I inside the radii, and with a disturbance R and its share b.
+
+    Scalars in this order; kappa with an observer only.  ``disturbance`` is n lambda_max(P) s^2 for kappa = 1; 0: lambda
+    is all there is.  ``condition``: Y < condition lambda I, so that directions that no radius limits stay tame.
+    """
+    kappa = loop.multipliers
+    lambda_ = kappa + (loop.S is not None)
+    eye = np.eye(loop.size)
+    blocks = _decrease(loop)
+    blocks.append(Block(constant=np.zeros_like(eye), plain=1.0, dense={lambda_: -eye}))
+    blocks.append(Block(constant=np.zeros_like(eye), plain=-1.0, dense={lambda_: condition * eye}))
+    disturbed = loop.S is not None and disturbance > 0
+    if loop.S is not None:
+        blocks.append(_positive(kappa))
+    if disturbed:
+        R, share = lambda_ + 1, lambda_ + 2
+        corner, other, off = np.diag([1.0, 0.0]), np.diag([0.0, 1.0]), np.array([[0.0, 1.0], [1.0, 0.0]])
+        blocks.append(Block(constant=other, dense={lambda_: corner, R: off, share: -other}))
+        blocks.append(Block(constant=np.sqrt(disturbance) * off, dense={kappa: corner, share: other}))
+    c, pairs = np.zeros((loop.size, len(loop.ends))), np.arange(len(loop.ends))
+    c[loop.ends[:, 0], pairs], c[loop.ends[:, 1], pairs] = 1.0, -1.0
+    return Inequalities(
+        basis=basis,
+        blocks=tuple(blocks),
+        count=lambda_ + 1 + 2 * disturbed,
+        forms=basis.products(c, c).T,  # c'E c for every pair of ends and every unit matrix E
+        limits=loop.reach**2,
+    )

@@ -21,8 +21,9 @@ demo: $(READY) ## certify the paper's example; writes the folder paper-fixed-cer
 test: $(READY) ## the fast tests, a few minutes
 	.venv/bin/python -m pytest -n 2 --benchmark-disable
 
-lint: $(READY) ## style of the code
+lint: $(READY) ## style and format of the code
 	.venv/bin/ruff check .
+	.venv/bin/ruff format --check .
 
 types: $(READY) ## types of the code
 	.venv/bin/mypy

@@ -25,54 +25,54 @@ _HOMES = {
     "Analysis": "analysis.analysis",
     "Certificate": "certificate.certificate",
     "Check": "conditions.check",
-    "Cone": "synthesis.observer.spectral_regions",
+    "Cone": "synthesis.observer.request",
     "Coupling": "coupling.coupling",
-    "Design": "synthesis.joint.designed",
+    "Design": "synthesis.joint.claim",
     "Designer": "designer.widget",
-    "Disk": "synthesis.observer.spectral_regions",
+    "Disk": "synthesis.observer.request",
     "Ensemble": "simulation.ensemble",
-    "Exosystem": "problem.exosystem",
+    "Exosystem": "problem.exosystems",
     "Failure": "simulation.stress",
     "Falsification": "falsification.suspect",
     "Fixed": "simulation.signals",
     "Group": "problem.groups",
-    "HalfPlane": "synthesis.observer.spectral_regions",
+    "HalfPlane": "synthesis.observer.request",
     "Markov": "simulation.signals",
-    "Mobile": "simulation.mobile",
+    "Mobile": "simulation.signals",
     "Model": "model.model",
     "Network": "problem.network",
     "NoiseLimit": "synthesis.observer.request",
-    "Observer": "problem.observer",
-    "ObserverDesign": "synthesis.observer.design",
+    "Observer": "problem.groups",
+    "ObserverDesign": "synthesis.observer.claim",
     "Periodic": "simulation.signals",
     "Pinning": "problem.pinning",
-    "PinningDesign": "synthesis.pinning.design",
+    "PinningDesign": "synthesis.pinning.claim",
     "Problem": "problem.problem",
     "RandomDwell": "simulation.signals",
-    "Region": "problem.region",
+    "Region": "problem.settings",
     "Schedule": "simulation.signals",
     "Settling": "conditions.schedule.settling",
     "Stress": "simulation.stress",
     "Suspect": "falsification.suspect",
     "SweepResult": "sweeps.result",
-    "Switching": "problem.switching",
-    "TradeOff": "synthesis.joint.trade_off",
+    "Switching": "problem.settings",
+    "TradeOff": "synthesis.joint.claim",
     "Trajectory": "simulation.trajectory",
     "Verdict": "verdict",
-    "Waypoints": "simulation.mobile",
-    "analyse": "export.models",
-    "build_model": "export.models",
+    "Waypoints": "simulation.signals",
+    "analyse": "export.interchange",
+    "build_model": "export.interchange",
     "certify": "certification.certify",
     "certify_settling": "certification.certify",
     "design": "synthesis.designs",
     "design_observer": "synthesis.designs",
     "design_pinning": "synthesis.designs",
-    "exact": "exact",
+    "exact": "designer.widget",
     "exosystems": "problem.exosystems",
     "falsify": "falsification.searches",
     "from_pandapower": "export.interchange",
     "load_problem": "problem.load",
-    "load_trajectory": "simulation.storage",
+    "load_trajectory": "simulation.trajectory",
     "plot_regions": "report.write",
     "problem_from_file": "export.interchange",
     "search_certificate": "certification.search",
@@ -80,7 +80,7 @@ _HOMES = {
     "sweep": "sweeps.running",
     "to_c": "export.interchange",
     "to_casadi": "export.interchange",
-    "to_control": "export.models",
+    "to_control": "export.interchange",
     "to_fmu": "export.interchange",
     "to_latex": "export.interchange",
     "to_mat": "export.interchange",
@@ -89,7 +89,7 @@ _HOMES = {
     "to_sympy": "export.interchange",
     "trade_off": "synthesis.designs",
     "verify": "certification.certify",
-    "what_breaks_first": "simulation.simulations",
+    "what_breaks_first": "simulation.breaking",
     "write_comparison": "report.write",
     "write_report": "report.write",
 }
@@ -177,10 +177,13 @@ if TYPE_CHECKING:
     from dobc_design.conditions.schedule.settling import Settling
     from dobc_design.coupling.coupling import Coupling
     from dobc_design.export.interchange import (
+        analyse,
+        build_model,
         from_pandapower,
         problem_from_file,
         to_c,
         to_casadi,
+        to_control,
         to_fmu,
         to_latex,
         to_mat,
@@ -188,37 +191,31 @@ if TYPE_CHECKING:
         to_sdpa,
         to_sympy,
     )
-    from dobc_design.export.models import analyse, build_model, to_control
     from dobc_design.falsification.searches import falsify
     from dobc_design.falsification.suspect import Falsification, Suspect
     from dobc_design.model.model import Model
     from dobc_design.problem import exosystems
-    from dobc_design.problem.exosystem import Exosystem
-    from dobc_design.problem.groups import Group
+    from dobc_design.problem.exosystems import Exosystem
+    from dobc_design.problem.groups import Group, Observer
     from dobc_design.problem.load import load_problem
     from dobc_design.problem.network import Network
-    from dobc_design.problem.observer import Observer
     from dobc_design.problem.pinning import Pinning
     from dobc_design.problem.problem import Problem
-    from dobc_design.problem.region import Region
-    from dobc_design.problem.switching import Switching
+    from dobc_design.problem.settings import Region, Switching
     from dobc_design.report.write import plot_regions, write_comparison, write_report
+    from dobc_design.simulation.breaking import what_breaks_first
     from dobc_design.simulation.ensemble import Ensemble
-    from dobc_design.simulation.mobile import Mobile, Waypoints
-    from dobc_design.simulation.signals import Fixed, Markov, Periodic, RandomDwell, Schedule
-    from dobc_design.simulation.simulations import simulate, what_breaks_first
-    from dobc_design.simulation.storage import load_trajectory
+    from dobc_design.simulation.signals import Fixed, Markov, Mobile, Periodic, RandomDwell, Schedule, Waypoints
+    from dobc_design.simulation.simulations import simulate
     from dobc_design.simulation.stress import Failure, Stress
-    from dobc_design.simulation.trajectory import Trajectory
+    from dobc_design.simulation.trajectory import Trajectory, load_trajectory
     from dobc_design.sweeps.result import SweepResult
     from dobc_design.sweeps.running import sweep
     from dobc_design.synthesis.designs import design, design_observer, design_pinning, trade_off
-    from dobc_design.synthesis.joint.designed import Design
-    from dobc_design.synthesis.joint.trade_off import TradeOff
-    from dobc_design.synthesis.observer.design import ObserverDesign
-    from dobc_design.synthesis.observer.request import NoiseLimit
-    from dobc_design.synthesis.observer.spectral_regions import Cone, Disk, HalfPlane
-    from dobc_design.synthesis.pinning.design import PinningDesign
+    from dobc_design.synthesis.joint.claim import Design, TradeOff
+    from dobc_design.synthesis.observer.claim import ObserverDesign
+    from dobc_design.synthesis.observer.request import Cone, Disk, HalfPlane, NoiseLimit
+    from dobc_design.synthesis.pinning.claim import PinningDesign
     from dobc_design.verdict import Verdict
 
 

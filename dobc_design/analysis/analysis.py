@@ -5,16 +5,210 @@ Everything here is floating point (but for the graphs) and explains; verdicts co
 
 from __future__ import annotations
 
+from collections import defaultdict
 from dataclasses import dataclass
+from fractions import Fraction
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
+from dobc_design._checks import require_shape, require_square
 from dobc_design._show.cards import Card, Shown
-from dobc_design.analysis.graph import GraphFacts, graph_facts
-from dobc_design.analysis.observability import ObservabilityResult, check_observability
-from dobc_design.analysis.spectrum import SpectrumResult, check_spectrum
+from dobc_design.exact.matrix import Matrix, multiply, subtract, to_float
 from dobc_design.problem.arrays import Gain, chosen_gain, consensus_jacobian, pinning_matrix
+from dobc_design.problem.network import Arcs, Network
 from dobc_design.problem.problem import Problem
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SpectrumResult:
+    """Eigenvalues of A - W C, slowest first, and the decay rate they give; both in 1/s."""
+
+    eigenvalues: tuple[complex, ...]
+    rate: float
+
+    def __str__(self) -> str:
+        word = "decays at" if self.rate > 0 else "does not decay: rate"
+        return f"the estimation error {word} {self.rate:.4g} 1/s"
+
+
+def check_spectrum(A: Matrix, C: Matrix, W: Matrix) -> SpectrumResult:
+    """Compute the eigenvalues of A - W C and the decay rate they give.
+
+    Shapes: A (q, q), C (m, q), W (q, m).  Units: 1/s.
+    Returns: eigenvalues and rate = -max Re; negative means divergence.
+    Raises: ShapeError if the shapes do not fit.
+    Source: paper, eq. (17).  A diagnostic, not a proof.
+    """
+    import control  # takes a second to import
+
+    q = require_square(A, name="A")
+    m, _ = require_shape(C, (None, q), name="C", because="one column per exosystem state")
+    because = "one row per exosystem state, one column per disturbance component"
+    require_shape(W, (q, m), name="W", because=because)
+    dynamics = to_float(subtract(A, multiply(W, C)))
+    # python-control wants an input and an output; neither moves the poles.
+    system = control.ss(dynamics, np.zeros((q, 1)), np.zeros((1, q)), 0, remove_useless_states=False)
+    poles = sorted(np.asarray(system.poles()).tolist(), key=lambda s: (-s.real, s.imag))
+    return SpectrumResult(eigenvalues=tuple(complex(s) for s in poles), rate=-float(poles[0].real))
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ModeMargin:
+    """An eigenvalue of A (1/s) and the smallest singular value of [A - eigenvalue I; C]; 0 means unseen."""
+
+    eigenvalue: complex
+    margin: float
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ObservabilityResult:
+    """Rank and singular values of the observability matrix, and the Popov-Belevitch-Hautus margin of each mode.
+
+    ``rank`` is numerical (python-control's matrix, NumPy's default tolerance), None if the matrix overflows;
+    ``order`` is q.
+    """
+
+    order: int
+    rank: int | None
+    singular_values: tuple[float, ...]
+    modes: tuple[ModeMargin, ...]
+
+    @property
+    def margin(self) -> float:
+        """The smallest margin of all modes."""
+        return min(mode.margin for mode in self.modes)
+
+    def __str__(self) -> str:
+        rank = "unknown" if self.rank is None else self.rank
+        return f"rank {rank} of {self.order}, smallest mode margin {self.margin:.4g}"
+
+
+def check_observability(A: Matrix, C: Matrix) -> ObservabilityResult:
+    """Compute rank, singular values and mode margins of the pair (A, C).
+
+    Shapes: A (q, q), C (m, q).
+    Raises: ShapeError if the shapes do not fit.
+    Source: paper, (12) and (17); the margins are those of the Popov-Belevitch-Hautus test.  A diagnostic, not a
+    proof: eigenvalues that coincide are found with an error much larger than rounding.
+    """
+    import control  # takes a second to import
+
+    q = require_square(A, name="A")
+    require_shape(C, (None, q), name="C", because="one column per exosystem state")
+    dynamics, output = to_float(A), to_float(C)
+    with np.errstate(all="ignore"):
+        matrix = np.asarray(control.obsv(dynamics, output))
+    finite = bool(np.isfinite(matrix).all())  # powers of A may overflow; the margins do not need them
+    eigenvalues = np.linalg.eigvals(dynamics)
+    return ObservabilityResult(
+        order=q,
+        rank=int(np.linalg.matrix_rank(matrix)) if finite else None,
+        singular_values=tuple(np.linalg.svd(matrix, compute_uv=False).tolist()) if finite else (),
+        modes=tuple(ModeMargin(eigenvalue=complex(s), margin=_margin(dynamics, output, s)) for s in eigenvalues),
+    )
+
+
+def _margin(A: NDArray[np.float64], C: NDArray[np.float64], eigenvalue: complex) -> float:
+    pencil = np.vstack([A - eigenvalue * np.eye(len(A)), C])
+    return float(np.linalg.svd(pencil, compute_uv=False)[-1])
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class GraphFacts:
+    """Facts of one mode, agents by label in the order of the network.
+
+    ``unreached``: agents that no pinned agent reaches.  ``components``: the strongly connected components,
+    ordered by their first agent.  ``sources``: those of them that hear nobody outside; unless each has a pinned
+    agent, somebody is unreached.  ``balanced``: every agent hears as much weight as it sends, exactly.
+    ``heard`` and ``hearing`` count, per agent, whom it hears and who hears it.
+    """
+
+    mode: str
+    arcs: int
+    unreached: tuple[str, ...]
+    components: tuple[tuple[str, ...], ...]
+    sources: tuple[tuple[str, ...], ...]
+    balanced: bool
+    heard: tuple[int, ...]
+    hearing: tuple[int, ...]
+
+    @property
+    def is_strongly_connected(self) -> bool:
+        """Whether everybody reaches everybody."""
+        return len(self.components) == 1
+
+    def __str__(self) -> str:
+        reached = f"not reached: {', '.join(self.unreached[:10])}" if self.unreached else "all agents reached"
+        if len(self.unreached) > 10:
+            reached += f" and {len(self.unreached) - 10} more"
+        return (
+            f'mode "{self.mode}": {self.arcs} arcs, {len(self.components)} strongly connected component(s),'
+            f" {'balanced' if self.balanced else 'not balanced'}, {reached}"
+        )
+
+
+def graph_facts(problem: Problem, mode: str) -> GraphFacts:
+    """Collect the graph facts of one mode.  An agent counts as pinned if its gain is not zero.
+
+    Raises: KeyError if there is no such mode.
+    """
+    import networkx as nx
+
+    arcs = problem.network.modes[mode]
+    labels = problem.network.labels
+    graph = information_graph(problem.network, mode)
+    components = sorted(sorted(part) for part in nx.strongly_connected_components(graph))
+    return GraphFacts(
+        mode=mode,
+        arcs=len(arcs),
+        unreached=_labels(_unreached(graph, problem.pinning.agents), labels),
+        components=tuple(_labels(part, labels) for part in components),
+        sources=tuple(_labels(part, labels) for part in components if _hears_nobody_outside(graph, part)),
+        balanced=_is_balanced(arcs),
+        heard=tuple(degree for _, degree in graph.in_degree(range(len(labels)))),
+        hearing=tuple(degree for _, degree in graph.out_degree(range(len(labels)))),
+    )
+
+
+def information_graph(network: Network, mode: str) -> Any:
+    """Return a networkx.DiGraph of agent indices with an edge from every speaker to its listener, 'weight' included."""
+    import networkx as nx
+
+    graph = nx.DiGraph()
+    graph.add_nodes_from(range(network.size))
+    arcs = network.modes[mode]
+    graph.add_weighted_edges_from((speaker, listener, weight) for listener, speaker, weight in arcs)
+    return graph
+
+
+def _unreached(graph: Any, pinned: tuple[int, ...]) -> list[int]:
+    reached = set(pinned)
+    waiting = list(pinned)
+    while waiting:
+        fresh = [listener for listener in graph.successors(waiting.pop()) if listener not in reached]
+        reached.update(fresh)
+        waiting.extend(fresh)
+    return [agent for agent in graph if agent not in reached]
+
+
+def _hears_nobody_outside(graph: Any, part: list[int]) -> bool:
+    inside = set(part)
+    return all(speaker in inside for agent in part for speaker in graph.predecessors(agent))
+
+
+def _is_balanced(arcs: Arcs) -> bool:
+    surplus: defaultdict[int, Fraction] = defaultdict(Fraction)
+    for listener, speaker, weight in arcs:
+        surplus[listener] += weight
+        surplus[speaker] -= weight
+    return not any(surplus.values())
+
+
+def _labels(agents: list[int], labels: tuple[str, ...]) -> tuple[str, ...]:
+    return tuple(labels[agent] for agent in agents)
+
 
 MAX_DENSE = 2000  # rows of the largest matrix whose eigenvalues are computed
 

@@ -12,8 +12,8 @@ from dobc_design.conditions.consensus.witness import carriers
 from dobc_design.conditions.numbers import shorten
 from dobc_design.exact.matrix import Vector
 from dobc_design.exact.number import number_text
+from dobc_design.problem.changes import typed_number
 from dobc_design.problem.problem import Problem
-from dobc_design.problem.typed import typed_number
 
 SHOWN = 4  # agents whose gains stand in a sentence
 ENTRIES = 6  # of a direction that stand in a sentence

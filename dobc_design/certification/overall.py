@@ -11,9 +11,10 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
 
-from dobc_design.conditions.check import CONSENSUS_IDS, Check
+from dobc_design.conditions.check import Check
+from dobc_design.conditions.consensus.claim import Unstable
 from dobc_design.conditions.consensus.network import cure_in_words, name_agents, unheld_groups
-from dobc_design.conditions.coverage import REGION_IDS, asked_radius, covers
+from dobc_design.conditions.coverage import asked_radius, covers
 from dobc_design.conditions.numbers import shorten
 from dobc_design.conditions.observer.decide import observable_part_is_hurwitz
 from dobc_design.exact.matrix import Matrix, Vector
@@ -113,9 +114,7 @@ def _apart_reason(problem: Problem) -> str | None:
 
 def unstable_roots_shown(check: Check) -> int:
     """How many eigenvalues with positive real part a refuted Lemma 1 proves; 0 for every other check."""
-    if check.id != "lemma1" or check.verdict is not Verdict.REFUTED or check.exact is None:
-        return 0
-    return int(check.exact.get("unstable_roots", "0"))
+    return check.claim.roots if check.verdict is Verdict.REFUTED and isinstance(check.claim, Unstable) else 0
 
 
 def _start_apart_exists(problem: Problem, group: Sequence[int], free: Sequence[Vector]) -> bool:
@@ -164,7 +163,7 @@ def _proved_reason(problem: Problem, check: Check) -> str:
 
 def _reached(problem: Problem, checks: Sequence[Check]) -> str | None:
     """How far the regional proofs reach, and what would help; None if none was tried or applies."""
-    tried = [check for check in checks if check.id in REGION_IDS and not check.reason.startswith("does not apply")]
+    tried = [check for check in checks if check.kind.role == "region" and check.applies]
     proved = [check for check in tried if check.verdict is Verdict.PROVED]
     if not tried:
         return None
@@ -205,7 +204,7 @@ def _undecided_reason(problem: Problem, checks: Sequence[Check]) -> str:
         reached = _reached(problem, checks)
         if reached is not None:
             return reached
-    local = [c for c in checks if c.id in CONSENSUS_IDS and c.verdict is Verdict.PROVED and c.domain == "consensus"]
+    local = [c for c in checks if c.kind.is_consensus and c.verdict is Verdict.PROVED and c.domain == "consensus"]
     complete = [c for c in local if c.id != "lemma1"] if problem.groups else local
     if complete and problem.region is not None:
         return (

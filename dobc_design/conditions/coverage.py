@@ -5,18 +5,15 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from fractions import Fraction
 
-from dobc_design.conditions.check import CONSENSUS_IDS, Check
+from dobc_design.conditions.check import Check
 from dobc_design.conditions.numbers import claimed
 from dobc_design.problem.problem import Problem
 from dobc_design.verdict import Verdict
 
-#: Proofs for a region of starts; cheapest first.
-REGION_IDS = ("max-separable", "lure", "exhaustive")
-
 
 def covers(problem: Problem, check: Check, checks: Sequence[Check]) -> bool:
     """Whether this check proves what the problem asks."""
-    if check.verdict is not Verdict.PROVED or check.id not in CONSENSUS_IDS:
+    if check.verdict is not Verdict.PROVED or not check.kind.is_consensus:
         return False
     if check.id == "lemma1":
         if problem.groups:
@@ -30,7 +27,7 @@ def covers(problem: Problem, check: Check, checks: Sequence[Check]) -> bool:
         if check is not min(lemmas, key=lambda other: other.rate or 0.0):
             return False
     if problem.region is None:
-        return check.id not in REGION_IDS  # they are about starts, and the question is about the consensus itself
+        return check.kind.role != "region"  # they are about starts, and the question is about the consensus itself
     if check.domain == "global":
         return True
     return isinstance(check.domain, Mapping) and _region_inside(problem, check.domain)

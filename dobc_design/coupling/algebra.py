@@ -1,4 +1,4 @@
-"""Algebras for the expression tree: arrays, intervals, and intervals with their gradients.
+"""Algebras for the expression tree: arrays, intervals, and intervals with first and second derivatives.
 
 The interval algebras are rigorous: what they return contains every value on the given box, or they raise
 UndefinedError.  CasADi and SymPy have theirs in ``model``.
@@ -9,32 +9,20 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
-from functools import reduce
+from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
+from dobc_design.coupling.functions import FUNCTIONS, Array, by_twos
+from dobc_design.coupling.tree import Operators
 from dobc_design.exact import interval
-from dobc_design.exact.interval import Interval, UndefinedError
+from dobc_design.exact.interval import Interval
 
-Array = NDArray[np.float64]
-
-_NUMPY_FUNCTIONS: dict[str, Callable[..., Array]] = {
-    "exp": np.exp,
-    "log": np.log,
-    "sin": np.sin,
-    "cos": np.cos,
-    "tan": np.tan,
-    "tanh": np.tanh,
-    "atan": np.arctan,
-    "sinh": np.sinh,
-    "cosh": np.cosh,
-    "sqrt": np.sqrt,
-    "abs": np.abs,
-}
+ZERO: Final = Interval.point(0)
+ONE: Final = Interval.point(1)
 
 
-class NumpyAlgebra:
+class NumpyAlgebra(Operators):
     """Float64 arrays with broadcasting; a constant beyond the floats is infinite."""
 
     def constant(self, value: Fraction) -> Array:
@@ -46,33 +34,11 @@ class NumpyAlgebra:
     def pi(self) -> Array:
         return np.asarray(np.pi)
 
-    def negate(self, operand: Array) -> Array:
-        return np.asarray(-operand)
-
-    def add(self, left: Array, right: Array) -> Array:
-        return np.asarray(left + right)
-
-    def subtract(self, left: Array, right: Array) -> Array:
-        return np.asarray(left - right)
-
-    def multiply(self, left: Array, right: Array) -> Array:
-        return np.asarray(left * right)
-
-    def divide(self, left: Array, right: Array) -> Array:
-        return np.asarray(left / right)
-
-    def power(self, base: Array, exponent: int) -> Array:
-        return np.asarray(base**exponent)
-
     def call(self, name: str, arguments: tuple[Array, ...]) -> Array:
-        if name == "clip":
-            return np.asarray(np.clip(*arguments))
-        if name in ("min", "max"):
-            return reduce(np.minimum if name == "min" else np.maximum, arguments)
-        return np.asarray(_NUMPY_FUNCTIONS[name](*arguments))
+        return by_twos(name, arguments, lambda name, *operands: FUNCTIONS[name].found_in(np, "numpy")(*operands))
 
 
-class IntervalAlgebra:
+class IntervalAlgebra(Operators):
     """Enclosures of the value; exact rationals stay points as long as they are short."""
 
     def constant(self, value: Fraction) -> Interval:
@@ -81,159 +47,154 @@ class IntervalAlgebra:
     def pi(self) -> Interval:
         return interval.pi()
 
-    def negate(self, operand: Interval) -> Interval:
-        return -operand
-
-    def add(self, left: Interval, right: Interval) -> Interval:
-        return left + right
-
-    def subtract(self, left: Interval, right: Interval) -> Interval:
-        return left - right
-
-    def multiply(self, left: Interval, right: Interval) -> Interval:
-        return left * right
-
-    def divide(self, left: Interval, right: Interval) -> Interval:
-        return left / right
-
-    def power(self, base: Interval, exponent: int) -> Interval:
-        return base**exponent
-
     def call(self, name: str, arguments: tuple[Interval, ...]) -> Interval:
-        function = interval.FUNCTIONS[name]
-        return reduce(function, arguments) if name in ("min", "max") else function(*arguments)
-
-
-_ZERO, _ONE, _MINUS_ONE = Interval.point(0), Interval.point(1), Interval.point(-1)
+        return by_twos(name, arguments, lambda name, *operands: FUNCTIONS[name].interval(*operands))
 
 
 @dataclass(frozen=True, slots=True)
-class Gradient:
-    """Enclosures of a value and of its partial derivatives (Clarke's, where it has a kink) on a box."""
+class Jet:
+    """Enclosures of a value and its partial derivatives (Clarke's at a kink) on a box, in one variable also of h''.
+
+    ``curvature`` is None where it is not asked for, or where there may be a kink and h'' is not defined everywhere.
+    """
 
     value: Interval
     partials: tuple[Interval, ...]
+    curvature: Interval | None
+
+    @property
+    def slope(self) -> Interval:
+        """The derivative in the only variable."""
+        return self.partials[0]
 
 
 class GradientAlgebra:
-    """Forward differentiation with intervals, for ``variable_count`` variables.
+    """Forward differentiation with intervals, for ``variable_count`` variables; ``second``: of one, twice.
 
-    Where abs, min, max or clip may have a kink, the hull of the slopes on both sides is taken, which
-    contains Clarke's generalized gradient.
+    Theory, sections 1 and 5: the signs of h' and h'' on an interval say where h and its secant gain are monotone.
+    Where abs, min, max or clip may have a kink, the hull of the slopes on both sides is taken, which contains
+    Clarke's generalized gradient.  ``restricted``: derivatives are those of the function on this box only, so that a
+    kink at an end point does not count.
     Raises: UndefinedError where a value or a slope is not bounded on the box (sqrt at 0).
     """
 
-    def __init__(self, variable_count: int) -> None:
-        self.no_slope = (_ZERO,) * variable_count
+    def __init__(self, variable_count: int, *, second: bool = False, restricted: bool = False) -> None:
+        self.no_slope = (ZERO,) * variable_count
+        self.second = second
+        self.restricted = restricted
 
-    def variables(self, box: Sequence[Interval]) -> tuple[Gradient, ...]:
+    def variables(self, box: Sequence[Interval]) -> tuple[Jet, ...]:
         """Return the variables themselves, y_i in box[i]."""
         indices = range(len(self.no_slope))
         return tuple(
-            Gradient(side, tuple(_ONE if i == j else _ZERO for j in indices))
+            Jet(side, tuple(ONE if i == j else ZERO for j in indices), ZERO if self.second else None)
             for i, side in zip(indices, box, strict=True)
         )
 
-    def constant(self, value: Fraction) -> Gradient:
-        return Gradient(Interval.point(value), self.no_slope)
+    def constant(self, value: Fraction) -> Jet:
+        return self._still(Interval.point(value))
 
-    def pi(self) -> Gradient:
-        return Gradient(interval.pi(), self.no_slope)
+    def pi(self) -> Jet:
+        return self._still(interval.pi())
 
-    def negate(self, operand: Gradient) -> Gradient:
-        return Gradient(-operand.value, tuple(_times(partial, _MINUS_ONE) for partial in operand.partials))
+    def negate(self, operand: Jet) -> Jet:
+        curvature = None if operand.curvature is None else -operand.curvature
+        return Jet(-operand.value, tuple(u if u is ZERO else -u for u in operand.partials), curvature)
 
-    def add(self, left: Gradient, right: Gradient) -> Gradient:
+    def add(self, left: Jet, right: Jet) -> Jet:
+        curvature = None if left.curvature is None or right.curvature is None else left.curvature + right.curvature
         pairs = zip(left.partials, right.partials, strict=True)
-        return Gradient(left.value + right.value, tuple(_plus(u, v) for u, v in pairs))
+        return Jet(left.value + right.value, tuple(_plus(u, v) for u, v in pairs), curvature)
 
-    def subtract(self, left: Gradient, right: Gradient) -> Gradient:
-        pairs = zip(left.partials, right.partials, strict=True)
-        return Gradient(left.value - right.value, tuple(u if v is _ZERO else u - v for u, v in pairs))
+    def subtract(self, left: Jet, right: Jet) -> Jet:
+        return self.add(left, self.negate(right))
 
-    def multiply(self, left: Gradient, right: Gradient) -> Gradient:
+    def multiply(self, left: Jet, right: Jet) -> Jet:
+        curvature = None
+        if left.curvature is not None and right.curvature is not None:
+            twice = left.slope * right.slope * 2
+            curvature = _times(left.curvature, right.value) + twice + _times(right.curvature, left.value)
         partials = tuple(
             _plus(_times(u, right.value), _times(v, left.value))
             for u, v in zip(left.partials, right.partials, strict=True)
         )
-        return Gradient(left.value * right.value, partials)
+        return Jet(left.value * right.value, partials, curvature)
 
-    def divide(self, left: Gradient, right: Gradient) -> Gradient:
+    def divide(self, left: Jet, right: Jet) -> Jet:
         quotient = left.value / right.value
         partials = tuple(
-            _ZERO if u is v is _ZERO else (u - _times(v, quotient)) / right.value
+            ZERO if u is v is ZERO else (u - _times(v, quotient)) / right.value
             for u, v in zip(left.partials, right.partials, strict=True)
         )
-        return Gradient(quotient, partials)
+        curvature = None
+        if left.curvature is not None and right.curvature is not None:
+            twice = _times(right.slope, partials[0]) * 2
+            curvature = (left.curvature - twice - _times(right.curvature, quotient)) / right.value
+        return Jet(quotient, partials, curvature)
 
-    def power(self, base: Gradient, exponent: int) -> Gradient:
-        value = base.value**exponent
-        return self._chain(base, value, lambda: base.value ** (exponent - 1) * exponent if exponent else _ZERO)
+    def power(self, base: Jet, exponent: int) -> Jet:
+        x, value = base.value, base.value**exponent
+        if exponent in (0, 1):
+            return self._still(value) if exponent == 0 else base
+        return self._chain(
+            base,
+            value,
+            lambda: x ** (exponent - 1) * exponent,
+            lambda slope: x ** (exponent - 2) * (exponent * (exponent - 1)),
+        )
 
-    def call(self, name: str, arguments: tuple[Gradient, ...]) -> Gradient:
-        if name == "clip":
-            inner, low, high = arguments
-            return _extreme("min", _extreme("max", inner, low), high)
-        if name in ("min", "max"):
-            return reduce(lambda left, right: _extreme(name, left, right), arguments)
-        (argument,) = arguments
-        value = interval.FUNCTIONS[name](argument.value)
-        return self._chain(argument, value, lambda: _slope(name, argument.value, value))
+    def call(self, name: str, arguments: tuple[Jet, ...]) -> Jet:
+        return by_twos(name, arguments, self._called)
 
-    def _chain(self, inner: Gradient, value: Interval, slope: Callable[[], Interval]) -> Gradient:
+    def _called(self, name: str, *operands: Jet) -> Jet:
+        if len(operands) == 2:
+            return self._extreme(name, *operands)
+        (argument,) = operands
+        row, x = FUNCTIONS[name], argument.value
+        value, slope, curvature = row.interval(x), row.slope, row.curvature
+        if slope is None or curvature is None:  # abs
+            found = self._extreme("max", argument, self.negate(argument))
+            return Jet(value, found.partials, found.curvature)
+        return self._chain(argument, value, lambda: slope(x, value), lambda first: curvature(x, value, first))
+
+    def _still(self, value: Interval) -> Jet:
+        return Jet(value, self.no_slope, ZERO if self.second else None)
+
+    def _chain(
+        self, inner: Jet, value: Interval, outer: Callable[[], Interval], curved: Callable[[Interval], Interval]
+    ) -> Jet:
         # A constant has slope 0 even where the function has none, as in sqrt(0)*y.
-        if all(partial == _ZERO for partial in inner.partials):
-            return Gradient(value, self.no_slope)
-        factor = slope()
-        return Gradient(value, tuple(_times(partial, factor) for partial in inner.partials))
+        if all(u == ZERO for u in inner.partials) and (not self.second or inner.curvature == ZERO):
+            return self._still(value)
+        first = outer()
+        partials = tuple(_times(u, first) for u in inner.partials)
+        if inner.curvature is None:
+            return Jet(value, partials, None)
+        return Jet(value, partials, curved(first) * inner.slope**2 + _times(inner.curvature, first))
+
+    def _extreme(self, name: str, left: Jet, right: Jet) -> Jet:
+        below, above = (left, right) if name == "min" else (right, left)
+        if self._is_below(below, above):
+            return left
+        if self._is_below(above, below):
+            return right
+        still = left.curvature == ZERO == right.curvature and left.slope == right.slope == ZERO
+        value = FUNCTIONS[name].interval(left.value, right.value)
+        pairs = zip(left.partials, right.partials, strict=True)
+        return Jet(value, tuple(u.hull(v) for u, v in pairs), ZERO if still else None)
+
+    def _is_below(self, left: Jet, right: Jet) -> bool:
+        if left.value.hi < right.value.lo:
+            return True
+        return self.restricted and left.value.hi == right.value.lo
 
 
 def _plus(u: Interval, v: Interval) -> Interval:
     # Most partial derivatives of a long expression in many variables are this very zero.
-    if u is _ZERO:
+    if u is ZERO:
         return v
-    return u if v is _ZERO else u + v
+    return u if v is ZERO else u + v
 
 
-def _times(partial: Interval, factor: Interval) -> Interval:
-    return _ZERO if partial is _ZERO else partial * factor
-
-
-def _extreme(name: str, left: Gradient, right: Gradient) -> Gradient:
-    below, above = (left, right) if name == "min" else (right, left)
-    if below.value.hi < above.value.lo:
-        return left
-    if above.value.hi < below.value.lo:
-        return right
-    pairs = zip(left.partials, right.partials, strict=True)
-    value = interval.FUNCTIONS[name](left.value, right.value)
-    return Gradient(value, tuple(u.hull(v) for u, v in pairs))
-
-
-def _slope(name: str, x: Interval, value: Interval) -> Interval:
-    """Enclose the derivative of a function of one variable on x, where its values lie in ``value``."""
-    match name:
-        case "exp":
-            return value
-        case "log":
-            return 1 / x
-        case "sin":
-            return interval.cos(x)
-        case "cos":
-            return -interval.sin(x)
-        case "tan":
-            return 1 + value**2
-        case "tanh":
-            return 1 - value**2
-        case "atan":
-            return 1 / (1 + x**2)
-        case "sinh":
-            return interval.cosh(x)
-        case "cosh":
-            return interval.sinh(x)
-        case "sqrt":
-            if value.lo <= 0:
-                raise UndefinedError(f"sqrt has no bounded slope on {x}.")
-            return 1 / (2 * value)
-        case _:
-            return Interval(Fraction(1 if x.lo > 0 else -1), Fraction(-1 if x.hi < 0 else 1))
+def _times(derivative: Interval, factor: Interval) -> Interval:
+    return ZERO if derivative is ZERO else derivative * factor

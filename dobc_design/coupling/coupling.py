@@ -18,7 +18,6 @@ from dobc_design._show.cards import Card, Formula, Shown, cut
 from dobc_design.coupling.algebra import GradientAlgebra, IntervalAlgebra
 from dobc_design.coupling.expression import (
     Expression,
-    evaluate,
     nonsmooth_functions,
     numpy_function,
     parse_expression,
@@ -26,9 +25,9 @@ from dobc_design.coupling.expression import (
     to_text,
     variables_used,
 )
-from dobc_design.coupling.notation import names_in_words
-from dobc_design.coupling.tokens import excerpt
-from dobc_design.coupling.tree import NONSMOOTH, Add, Constant, Node, Subtract
+from dobc_design.coupling.functions import NONSMOOTH
+from dobc_design.coupling.parser import excerpt
+from dobc_design.coupling.tree import Add, Constant, Node, Subtract, evaluate, names_in_words
 from dobc_design.errors import ExpressionError, ShapeError, SpecError
 from dobc_design.exact.interval import Interval, UndefinedError
 from dobc_design.exact.number import number_text

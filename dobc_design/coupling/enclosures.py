@@ -11,11 +11,11 @@ import heapq
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from fractions import Fraction
+from itertools import pairwise
 from typing import Final
 
-from dobc_design.coupling.algebra import IntervalAlgebra
+from dobc_design.coupling.algebra import ZERO, GradientAlgebra, IntervalAlgebra, Jet
 from dobc_design.coupling.expression import Expression
-from dobc_design.coupling.jets import ZERO, Jet, JetAlgebra
 from dobc_design.coupling.tree import Node, postorder, run
 from dobc_design.exact.interval import Interval, UndefinedError
 
@@ -26,9 +26,13 @@ _MOST_PIECES: Final = 4000
 _MOST_HALVINGS: Final = 40
 _NARROWEST: Final = Fraction(1, 2**30)
 
+# The narrowest cell, as a part of the radius, and the most cells looked at.
+_NARROWEST_CELL: Final = Fraction(1, 2**24)
+_MOST_CELLS: Final = 20_000
+
 _VALUES: Final = IntervalAlgebra()
-_JETS: Final = JetAlgebra()
-_RESTRICTED: Final = JetAlgebra(restricted=True)
+_JETS: Final = GradientAlgebra(1, second=True)
+_RESTRICTED: Final = GradientAlgebra(1, second=True, restricted=True)
 
 Form = Callable[[Interval], Interval]
 
@@ -59,13 +63,14 @@ class Secant:
 
 def value(curve: Curve, Y: Interval) -> Interval:
     """Enclose h on Y by one evaluation.  Raises: UndefinedError naming the function and the interval."""
-    return run(curve.order, (Y,), _VALUES)
+    found: Interval = run(curve.order, (Y,), _VALUES)
+    return found
 
 
 def jet(curve: Curve, Y: Interval, *, restricted: bool = False) -> Jet:
-    """Enclose h, h' and h'' on Y by one evaluation; ``restricted`` as in JetAlgebra."""
-    variable = Jet(Y, Interval.point(1), ZERO)
-    return run(curve.order, (variable,), _RESTRICTED if restricted and not Y.is_point else _JETS)
+    """Enclose h, h' and h'' on Y by one evaluation; ``restricted`` as in GradientAlgebra."""
+    algebra = _RESTRICTED if restricted and not Y.is_point else _JETS
+    return run(curve.order, algebra.variables((Y,)), algebra)
 
 
 def secant(curve: Curve, Y: Interval) -> Secant:
@@ -233,3 +238,91 @@ def _supremum(form: Form, pieces: list[tuple[Interval, Interval]], tolerance: Fr
 
 def _shown(number: Fraction) -> str:
     return str(number) if number.denominator == 1 else f"{float(number):.6g}"
+
+
+@dataclass(frozen=True, slots=True)
+class Cell:
+    """h on an interval of y: ``direction`` +1 nondecreasing, -1 nonincreasing, 0 not known; ``values`` there."""
+
+    place: Interval
+    direction: int
+    values: Interval
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Profile:
+    """A coupling with its cells on [-radius, radius], from left to right.
+
+    ``tops`` and ``bottoms``: where h may have a local maximum or minimum inside (h turns, or is not known).
+    """
+
+    curve: Curve
+    radius: Fraction
+    cells: tuple[Cell, ...]
+    tops: tuple[Cell, ...]
+    bottoms: tuple[Cell, ...]
+
+    @property
+    def is_nondecreasing(self) -> bool:
+        """Whether h is proved nondecreasing on the whole of [-radius, radius]."""
+        return all(cell.direction > 0 for cell in self.cells)
+
+
+def profile(curve: Curve, radius: Fraction) -> Profile:
+    """Split [-radius, radius] into cells where the sign of h' is proved, as far as that is possible.
+
+    Raises: UndefinedError naming h and the interval where h is not defined or has no bounded slope.
+    """
+    whole = Interval(-radius, radius)
+    try:
+        cells = _merged(curve, _split(curve, whole))
+    except UndefinedError as error:
+        raise UndefinedError(
+            f'h = "{curve.expression}" cannot be enclosed on [-{float(radius):.6g}, {float(radius):.6g}]: {error}'
+        ) from error
+    return Profile(curve, radius, cells, _turns(curve, cells, +1), _turns(curve, cells, -1))
+
+
+def _split(curve: Curve, whole: Interval) -> list[tuple[Interval, int]]:
+    """Cells from left to right with the sign of h'."""
+    found: list[tuple[Interval, int]] = []
+    waiting = [whole] if whole.is_point else [*reversed(whole.halves())]
+    narrow = whole.width * _NARROWEST_CELL
+    count = 0
+    while waiting:
+        place = waiting.pop()
+        count += 1
+        try:
+            slope = jet(curve, place, restricted=True).slope
+        except UndefinedError:
+            if place.width <= narrow or count > _MOST_CELLS:
+                raise
+            waiting += [*reversed(place.halves())]
+            continue
+        direction = 1 if slope.lo >= 0 else -1 if slope.hi <= 0 else 0
+        if direction or place.width <= narrow or count > _MOST_CELLS:
+            found.append((place, direction))
+        else:
+            waiting += [*reversed(place.halves())]
+    return found
+
+
+def _merged(curve: Curve, pieces: list[tuple[Interval, int]]) -> tuple[Cell, ...]:
+    """Neighbours of one direction as one cell; cells of unknown direction stay narrow."""
+    joined: list[tuple[Interval, int]] = []
+    for place, direction in pieces:
+        if joined and direction and joined[-1][1] == direction:
+            joined[-1] = (joined[-1][0].hull(place), direction)
+        else:
+            joined.append((place, direction))
+    return tuple(Cell(place, direction, value_form(curve, place)) for place, direction in joined)
+
+
+def _turns(curve: Curve, cells: tuple[Cell, ...], rising: int) -> tuple[Cell, ...]:
+    """Cells of unknown direction, and the points between a rising and a falling cell (for -1: falling and rising)."""
+    found = [cell for cell in cells if not cell.direction]
+    for left, right in pairwise(cells):
+        if left.direction == rising and right.direction == -rising:
+            point = Interval.point(left.place.hi)
+            found.append(Cell(point, 0, value_form(curve, point)))
+    return tuple(found)

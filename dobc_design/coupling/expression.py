@@ -9,30 +9,189 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 from fractions import Fraction
+from math import inf
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from dobc_design.coupling.algebra import NumpyAlgebra
-from dobc_design.coupling.notation import to_latex, to_text
-from dobc_design.coupling.parser import DEEPEST, parse
-from dobc_design.coupling.tokens import Fault, Repair, excerpt
-from dobc_design.coupling.tree import NONSMOOTH, Algebra, Node, Variable, evaluate, postorder, run
+from dobc_design.coupling.functions import FUNCTIONS, NONSMOOTH
+from dobc_design.coupling.parser import DEEPEST, Fault, Repair, excerpt, parse
+from dobc_design.coupling.tree import Call, Node, Variable, evaluate, postorder, run, variable_names
 from dobc_design.errors import ExpressionError, ShapeError
 
-__all__ = [
-    "Algebra",
-    "Expression",
-    "Node",
-    "evaluate",
-    "nonsmooth_functions",
-    "numpy_function",
-    "parse_expression",
-    "polynomial_degree",
-    "to_latex",
-    "to_text",
-    "variables_used",
-]
+LARGEST_DECIMAL_EXPONENT = 400  # of a number in a problem file
+_LONGEST_PLAIN_NUMBER = 21
+
+SUM, SIGN, PRODUCT, UNARY, POWER, ATOM = range(6)
+
+
+@dataclass(frozen=True, slots=True)
+class _Piece:
+    text: str
+    level: int
+    head: str = ""  # LaTeX of a named function, before its arguments: the place for an exponent
+    number: bool = False
+
+
+def to_text(node: Node, *, dimension: int = 1, compact: bool = False) -> str:
+    """Write the tree in the language of the parser, with no parenthesis more than it needs.
+
+    ``compact`` leaves out the spaces and takes the shortest form of every number.
+    """
+    variables = [_Piece(name, ATOM) for name in variable_names(dimension)]
+    return evaluate(node, variables, _TextAlgebra(compact=compact)).text
+
+
+def to_latex(node: Node, *, dimension: int = 1) -> str:
+    r"""Write the tree as LaTeX mathematics: exp(y) - 1 + y becomes e^{y} - 1 + y."""
+    names = ["y"] if dimension == 1 else [f"y_{{{index + 1}}}" for index in range(dimension)]
+    return evaluate(node, [_Piece(name, ATOM) for name in names], _LatexAlgebra()).text
+
+
+def decimal_text(value: Fraction, *, compact: bool = False) -> str | None:
+    """Write a number >= 0 as an exact decimal; None if it has none (1/3)."""
+    plain = _plain(value)
+    if plain is None:
+        return None
+    if not compact and len(plain) <= _LONGEST_PLAIN_NUMBER:
+        return plain
+    scientific = _scientific(plain)
+    if not compact:
+        return scientific
+    shortest = min(plain, scientific, key=len)
+    return shortest[1:] if shortest.startswith("0.") else shortest
+
+
+def _plain(value: Fraction) -> str | None:
+    rest, twos, fives = value.denominator, 0, 0
+    while rest % 2 == 0:
+        rest, twos = rest // 2, twos + 1
+    while rest % 5 == 0:
+        rest, fives = rest // 5, fives + 1
+    if rest != 1:
+        return None
+    places = max(twos, fives)
+    digits = str(value.numerator * 10**places // value.denominator).rjust(places + 1, "0")
+    return digits if places == 0 else f"{digits[:-places]}.{digits[-places:]}"
+
+
+def _scientific(plain: str) -> str:
+    whole, _, decimals = plain.partition(".")
+    digits = (whole + decimals).lstrip("0")
+    if not digits:
+        return "0"
+    mantissa = digits.rstrip("0")
+    exponent = len(digits) - len(mantissa) - len(decimals)
+    limited = max(-LARGEST_DECIMAL_EXPONENT, min(LARGEST_DECIMAL_EXPONENT, exponent))
+    moved = _plain(int(mantissa) * Fraction(10) ** (exponent - limited))
+    return f"{moved}e{limited}" if limited else str(moved)
+
+
+class _TextAlgebra:
+    """Algebra of canonical text; see ``tree.Algebra``."""
+
+    def __init__(self, *, compact: bool) -> None:
+        self.compact = compact
+        self.space = "" if compact else " "
+
+    def constant(self, value: Fraction) -> _Piece:
+        text = decimal_text(value, compact=self.compact)
+        return _Piece(f"{value.numerator}/{value.denominator}", PRODUCT) if text is None else _Piece(text, ATOM)
+
+    def pi(self) -> _Piece:
+        return _Piece("pi", ATOM)
+
+    def negate(self, operand: _Piece) -> _Piece:
+        return _Piece("-" + _inside(operand, UNARY), UNARY)
+
+    def add(self, left: _Piece, right: _Piece) -> _Piece:
+        return self._sum(left, "+", right)
+
+    def subtract(self, left: _Piece, right: _Piece) -> _Piece:
+        return self._sum(left, "-", right)
+
+    def multiply(self, left: _Piece, right: _Piece) -> _Piece:
+        return _Piece(f"{_inside(left, PRODUCT)}*{_inside(right, UNARY)}", PRODUCT)
+
+    def divide(self, left: _Piece, right: _Piece) -> _Piece:
+        return _Piece(f"{_inside(left, PRODUCT)}/{_inside(right, UNARY)}", PRODUCT)
+
+    def power(self, base: _Piece, exponent: int) -> _Piece:
+        return _Piece(f"{_inside(base, ATOM)}**{exponent}", POWER)
+
+    def call(self, name: str, arguments: tuple[_Piece, ...]) -> _Piece:
+        inside = f",{self.space}".join(argument.text for argument in arguments)
+        return _Piece(f"{name}({inside})", ATOM)
+
+    def _sum(self, left: _Piece, sign: str, right: _Piece) -> _Piece:
+        return _Piece(f"{left.text}{self.space}{sign}{self.space}{_inside(right, PRODUCT)}", SUM)
+
+
+class _LatexAlgebra:
+    """Algebra of LaTeX; see ``tree.Algebra``."""
+
+    def constant(self, value: Fraction) -> _Piece:
+        text = decimal_text(value)
+        if text is None:
+            return _Piece(_fraction(str(value.numerator), str(value.denominator)), POWER)
+        mantissa, _, exponent = text.partition("e")
+        if not exponent:
+            return _Piece(text, ATOM, number=True)
+        power = f"10^{{{exponent}}}"
+        return _Piece(power, POWER) if mantissa == "1" else _Piece(rf"{mantissa} \cdot {power}", PRODUCT)
+
+    def pi(self) -> _Piece:
+        return _Piece(r"\pi", ATOM)
+
+    def negate(self, operand: _Piece) -> _Piece:
+        return _Piece("-" + _latex_inside(operand, PRODUCT), SIGN)
+
+    def add(self, left: _Piece, right: _Piece) -> _Piece:
+        return _Piece(f"{left.text} + {_latex_inside(right, PRODUCT)}", SUM)
+
+    def subtract(self, left: _Piece, right: _Piece) -> _Piece:
+        return _Piece(f"{left.text} - {_latex_inside(right, PRODUCT)}", SUM)
+
+    def multiply(self, left: _Piece, right: _Piece) -> _Piece:
+        factor = _latex_inside(right, PRODUCT)
+        if factor[0].isdigit() or (factor.startswith(r"\left(") and not left.number):
+            dot = r" \cdot "
+        else:
+            dot = " " if left.number else r" \, "
+        return _Piece(_latex_inside(left, SIGN) + dot + factor, SIGN if left.level == SIGN else PRODUCT)
+
+    def divide(self, left: _Piece, right: _Piece) -> _Piece:
+        return _Piece(_fraction(left.text, right.text), POWER)
+
+    def power(self, base: _Piece, exponent: int) -> _Piece:
+        if base.head and exponent > 0:
+            return _Piece(f"{base.head}^{{{exponent}}}{base.text.removeprefix(base.head)}", POWER)
+        if base.head:
+            return _Piece(rf"\left({base.text}\right)^{{{exponent}}}", POWER)
+        return _Piece(f"{_latex_inside(base, ATOM)}^{{{exponent}}}", POWER)
+
+    def call(self, name: str, arguments: tuple[_Piece, ...]) -> _Piece:
+        row = FUNCTIONS[name]
+        inside = ", ".join(argument.text for argument in arguments)
+        level = ATOM if row.powers else POWER
+        if "#" in row.latex:
+            return _Piece(row.latex.replace("#", inside), level)
+        # Between the name and its argument an exponent is usual for some, and misleading for the others.
+        return _Piece(rf"{row.latex}\left({inside}\right)", level, head=row.latex if row.powers else "")
+
+
+def _inside(piece: _Piece, level: int) -> str:
+    return piece.text if piece.level >= level else f"({piece.text})"
+
+
+def _latex_inside(piece: _Piece, level: int) -> str:
+    return piece.text if piece.level >= level else rf"\left({piece.text}\right)"
+
+
+def _fraction(numerator: str, denominator: str) -> str:
+    return rf"\frac{{{numerator}}}{{{denominator}}}"
+
 
 LONGEST = 2000
 _MOST_REPAIRS = 12
@@ -82,9 +241,8 @@ def parse_expression(text: str, *, dimension: int = 1, key: str = "coupling.h") 
     """Read a function of y (dimension 1; y1 is the same) or of y1..ym.
 
     The language: + - * / with Python's precedence, ** with a literal integer from -64 to 64 or 1/2 (written
-    0.5 or (1/2); it becomes sqrt), numbers, pi, exp log sin cos tan tanh atan sinh cosh sqrt abs, min and
-    max of two or more, clip(y, lo, hi) with rational constants lo <= hi.  At most 2000 characters, 50 nested
-    parentheses.
+    0.5 or (1/2); it becomes sqrt), numbers, pi, and the functions of ``functions``: min and max of two or more,
+    clip(y, lo, hi) with rational constants lo <= hi.  At most 2000 characters, 50 nested parentheses.
     Raises: ExpressionError that quotes the text, says what was found in which column, what is allowed and,
     where it can be guessed, what was meant.
     """
@@ -138,7 +296,8 @@ def polynomial_degree(node: Node) -> int | None:
 
     Nothing is expanded or cancelled: y**2 - y**2 counts 2.  So 0 and 1 are proofs, larger values are not.
     """
-    return evaluate(node, (1,) * _variable_count(node), _DegreeAlgebra())
+    degree = evaluate(node, (1.0,) * (1 + max(variables_used(node), default=-1)), _DegreeAlgebra())
+    return None if degree == inf else int(degree)
 
 
 def nonsmooth_functions(node: Node) -> tuple[str, ...]:
@@ -147,18 +306,13 @@ def nonsmooth_functions(node: Node) -> tuple[str, ...]:
     These are Lipschitz but not C1, so the secant form applies and the pointwise Jacobian does not (theory,
     section 1).  sqrt is not among them: where it is not smooth, intervals refuse it.
     """
-    nothing = (True, frozenset[str]())
-    found = evaluate(node, (nothing,) * _variable_count(node), _KinkAlgebra())[1]
+    found = {part.name for part in postorder(node) if isinstance(part, Call) and variables_used(part)}
     return tuple(name for name in NONSMOOTH if name in found)
 
 
 def variables_used(node: Node) -> tuple[int, ...]:
     """Return the indices, from 0 and increasing, of the variables that occur."""
     return tuple(sorted({part.index for part in postorder(node) if isinstance(part, Variable)}))
-
-
-def _variable_count(node: Node) -> int:
-    return max(variables_used(node), default=-1) + 1
 
 
 def _read_again(text: str, dimension: int) -> Expression:
@@ -198,62 +352,32 @@ def _repaired(text: str, repair: Repair | None, *, dimension: int) -> str | None
 
 
 class _DegreeAlgebra:
-    """Algebra of degrees; None is "not a polynomial"."""
+    """Algebra of degrees; infinite is "not a polynomial"."""
 
-    def constant(self, value: Fraction) -> int | None:
+    def constant(self, value: Fraction) -> float:
         return 0
 
-    def pi(self) -> int | None:
+    def pi(self) -> float:
         return 0
 
-    def negate(self, operand: int | None) -> int | None:
+    def negate(self, operand: float) -> float:
         return operand
 
-    def add(self, left: int | None, right: int | None) -> int | None:
-        return None if left is None or right is None else max(left, right)
+    def add(self, left: float, right: float) -> float:
+        return max(left, right)
 
-    def subtract(self, left: int | None, right: int | None) -> int | None:
-        return self.add(left, right)
+    subtract = add
 
-    def multiply(self, left: int | None, right: int | None) -> int | None:
-        return None if left is None or right is None else left + right
+    def multiply(self, left: float, right: float) -> float:
+        return left + right
 
-    def divide(self, left: int | None, right: int | None) -> int | None:
-        return left if right == 0 else None
+    def divide(self, left: float, right: float) -> float:
+        return left if right == 0 else inf
 
-    def power(self, base: int | None, exponent: int) -> int | None:
-        if base is None or (exponent < 0 and base > 0):
-            return None
-        return base * max(exponent, 0)
+    def power(self, base: float, exponent: int) -> float:
+        if base in (0, inf):
+            return base
+        return base * exponent if exponent >= 0 else inf
 
-    def call(self, name: str, arguments: tuple[int | None, ...]) -> int | None:
-        return 0 if all(argument == 0 for argument in arguments) else None
-
-
-_Kinks = tuple[bool, frozenset[str]]  # whether a variable occurs, and the functions that are not C1
-
-
-class _KinkAlgebra:
-    """Algebra that collects the functions that are not C1."""
-
-    def constant(self, value: Fraction) -> _Kinks:
-        return False, frozenset()
-
-    def pi(self) -> _Kinks:
-        return False, frozenset()
-
-    def negate(self, operand: _Kinks) -> _Kinks:
-        return operand
-
-    def add(self, left: _Kinks, right: _Kinks) -> _Kinks:
-        return left[0] or right[0], left[1] | right[1]
-
-    subtract = multiply = divide = add
-
-    def power(self, base: _Kinks, exponent: int) -> _Kinks:
-        return base
-
-    def call(self, name: str, arguments: tuple[_Kinks, ...]) -> _Kinks:
-        varies = any(argument[0] for argument in arguments)
-        own = {name} if varies and name in NONSMOOTH else set()
-        return varies, frozenset(own).union(*(argument[1] for argument in arguments))
+    def call(self, name: str, arguments: tuple[float, ...]) -> float:
+        return inf if any(arguments) else 0

@@ -6,14 +6,15 @@ literal, and exact constants (which are computed only to be checked) have at mos
 
 from __future__ import annotations
 
+import re
 from dataclasses import dataclass
+from difflib import get_close_matches
+from enum import Enum
 from fractions import Fraction
 
-from dobc_design.coupling.hints import unknown_name
-from dobc_design.coupling.notation import names_in_words, variable_names
-from dobc_design.coupling.tokens import LONGEST_QUOTE, Fault, Kind, Repair, Token, quote, tokenize
+from dobc_design._show.text import visible
+from dobc_design.coupling.functions import FOREIGN, FUNCTIONS, NONSMOOTH, OTHER_NAMES, by_twos
 from dobc_design.coupling.tree import (
-    FUNCTIONS,
     LARGEST_EXPONENT,
     Add,
     Call,
@@ -26,10 +27,164 @@ from dobc_design.coupling.tree import (
     Power,
     Subtract,
     Variable,
-    argument_count,
+    names_in_words,
+    variable_names,
 )
 from dobc_design.errors import SpecError
+from dobc_design.exact.interval import Interval
 from dobc_design.exact.number import parse_number
+
+
+class Kind(Enum):
+    """The kinds of words."""
+
+    NUMBER = "a number"
+    NAME = "a name"
+    SIGN = "an operator"
+    END = "the end"
+
+
+@dataclass(frozen=True, slots=True)
+class Token:
+    """One word and the index of its first character."""
+
+    kind: Kind
+    text: str
+    start: int
+
+    @property
+    def end(self) -> int:
+        """Index of the character after it."""
+        return self.start + len(self.text)
+
+
+@dataclass(frozen=True, slots=True)
+class Repair:
+    """Replace text[start:end] by ``replacement``: the guess behind "did you mean"."""
+
+    start: int
+    end: int
+    replacement: str
+
+
+class Fault(Exception):
+    """The text is not in the language: what was found where, why that is wrong, perhaps a repair."""
+
+    def __init__(self, start: int, found: str, why: str, *, repair: Repair | None = None) -> None:
+        super().__init__(why)
+        self.start, self.found, self.why, self.repair = start, found, why, repair
+
+
+LONGEST_QUOTE = 40
+_WORD = re.compile(
+    r"(?P<number>(?:[0-9]+(?:\.[0-9]*)?|\.[0-9]+)(?:[eE][+-]?[0-9]+)?)"
+    r"|(?P<name>[A-Za-z_][A-Za-z_0-9]*)"
+    r"|(?P<sign>\*\*|[-+*/(),])"
+)
+_BLANK = re.compile(r"[ \t\r\n]*")
+_LOOKALIKES = {
+    "^": ("**", "a power is written y**2"),
+    "[": ("(", "only round parentheses are used"),
+    "]": (")", "only round parentheses are used"),
+    "{": ("(", "only round parentheses are used"),
+    "}": (")", "only round parentheses are used"),
+    "|": (None, "the absolute value is written abs(y)"),
+    "=": (None, "give the right-hand side only"),
+    ".": (None, "functions are written without a module, as in exp(y)"),
+    "\u2212": ("-", "it only looks like a minus"),
+    "\u2013": ("-", "it only looks like a minus"),
+    "\u00d7": ("*", "a product is written *"),
+    "\u00b7": ("*", "a product is written *"),
+    "\u22c5": ("*", "a product is written *"),
+    "\u00f7": ("/", "a quotient is written /"),
+    "\u03c0": ("pi", "the number is written pi"),
+    "\u00b2": ("**2", "a power is written y**2"),
+    "\u00b3": ("**3", "a power is written y**3"),
+    "\u221a": ("sqrt", "the square root is written sqrt(y)"),
+    "\u00a0": (" ", "it only looks like a space"),
+}
+_ALLOWED = "only numbers, names, + - * / ** ( ) and commas are allowed, in ASCII"
+
+
+def tokenize(text: str) -> list[Token]:
+    """Split the text into words; the last one is of kind END.
+
+    Raises: Fault at the first character that begins no word.
+    """
+    words: list[Token] = []
+    place = _skip_blank(text, 0)
+    while place < len(text):
+        match = _WORD.match(text, place)
+        if match is None:
+            raise _stranger(text, place)
+        words.append(Token(Kind[str(match.lastgroup).upper()], match.group(), place))
+        place = _skip_blank(text, match.end())
+    words.append(Token(Kind.END, "", len(text)))
+    return words
+
+
+def _skip_blank(text: str, place: int) -> int:
+    match = _BLANK.match(text, place)
+    return place if match is None else match.end()
+
+
+def _stranger(text: str, place: int) -> Fault:
+    character = text[place]
+    replacement, why = _LOOKALIKES.get(character, (None, _ALLOWED))
+    repair = None if replacement is None else Repair(place, place + 1, replacement)
+    found = "a quotation mark" if character == '"' else f'"{visible(character)}"'
+    return Fault(place, found, why, repair=repair)
+
+
+def quote(token: Token) -> str:
+    """Quote a word for a message, cut to a length that fits in a sentence."""
+    return "the end" if token.kind is Kind.END else f'"{token.text[:LONGEST_QUOTE]}"'
+
+
+def excerpt(text: str, place: int | None = None, *, width: int = 70) -> str:
+    """Quote the text, or of a long one the part about ``place`` (the beginning without one)."""
+    if len(text) <= width:
+        return f'"{visible(text)}"'
+    first = min(max(0, (place or 0) - width // 2), len(text) - width)
+    shown = visible(text[first : first + width])
+    return f'"{"..." if first else ""}{shown}{"..." if first + width < len(text) else ""}"'
+
+
+def unknown_name(token: Token, *, dimension: int, called: bool) -> Fault:
+    """Return the fault of a name that means nothing; ``called`` tells that ( follows it."""
+    names = variable_names(dimension)
+    word = token.text.lower()
+    hint = FOREIGN.get(word)
+    if hint is not None:
+        return Fault(token.start, quote(token), hint)
+    if word[0] == "y" and (word[1:].strip("_").isdigit() or word == "y"):
+        guess = "y" + (word[1:].strip("_") or "1") if word != "y" or dimension > 1 else "y"
+        repair = Repair(token.start, token.end, guess) if guess in names else None
+        why = f"the variables are {names_in_words(dimension)}" if dimension > 1 else "the only variable is y"
+        return Fault(token.start, quote(token), why, repair=repair)
+    return Fault(
+        token.start,
+        quote(token),
+        f"the names are {names_in_words(dimension)}, pi, and the functions {' '.join(FUNCTIONS)}",
+        repair=_guess_name(token, names=names, called=called),
+    )
+
+
+def _guess_name(token: Token, *, names: tuple[str, ...], called: bool) -> Repair | None:
+    word = token.text.lower()
+    allowed = ["pi", *FUNCTIONS]
+    if word in ("x", "z") and not called:
+        guess = names[0]
+    elif word in allowed:
+        guess = word
+    elif word in OTHER_NAMES:
+        guess = OTHER_NAMES[word]
+    elif len(word) > 2 and (close := get_close_matches(word[:LONGEST_QUOTE], allowed, cutoff=0.7)):
+        guess = max(close, key=lambda name: sorted(name) == sorted(word))
+    else:
+        return None
+    return Repair(token.start, token.end, guess)
+
 
 DEEPEST = 50
 LARGEST_CONSTANT_BITS = 4096
@@ -267,7 +422,7 @@ def _bounded(value: Fraction, token: Token) -> Fraction:
 
 
 def _check_arguments(name: Token, arguments: list[_Operand]) -> None:
-    fewest, most = argument_count(name.text)
+    fewest, most = FUNCTIONS[name.text].arguments
     if not fewest <= len(arguments) <= most:
         wanted = f"{fewest} argument{'s' if fewest > 1 else ''}" + ("" if most == fewest else " or more")
         raise Fault(name.start, f"{quote(name)} with {len(arguments)} argument(s)", f"{name.text} takes {wanted}")
@@ -282,11 +437,8 @@ def _check_arguments(name: Token, arguments: list[_Operand]) -> None:
 
 
 def _fold(name: str, values: list[Fraction | None]) -> Fraction | None:
-    known = [value for value in values if value is not None]
-    if len(known) < len(values):
+    """The exact value of a function of constants; None where it may be irrational."""
+    points = tuple(Interval.point(value) for value in values if value is not None)
+    if name not in NONSMOOTH or len(points) < len(values):
         return None
-    if name == "abs":
-        return abs(known[0])
-    if name == "clip":
-        return min(max(known[0], known[1]), known[2])
-    return {"min": min, "max": max}[name](known) if name in ("min", "max") else None
+    return by_twos(name, points, lambda name, *operands: FUNCTIONS[name].interval(*operands)).lo

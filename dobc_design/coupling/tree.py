@@ -7,16 +7,16 @@ The walk keeps its own stack, so a sum of a thousand terms is no deeper for Pyth
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
-from typing import Protocol, TypeVar, cast
+from typing import Any, Protocol, TypeVar
+
+from dobc_design.coupling.functions import FUNCTIONS
 
 T = TypeVar("T")
 
 LARGEST_EXPONENT = 64
-FUNCTIONS = ("exp", "log", "sin", "cos", "tan", "tanh", "atan", "sinh", "cosh", "sqrt", "abs", "min", "max", "clip")
-NONSMOOTH = ("abs", "min", "max", "clip")  # continuous, not C1
 
 
 class Node:
@@ -143,8 +143,8 @@ class Call(Node):
     arguments: tuple[Node, ...]
 
     def __post_init__(self) -> None:
-        wanted = argument_count(self.name)
-        if self.name not in FUNCTIONS or not wanted[0] <= len(self.arguments) <= wanted[1]:
+        fewest, most = FUNCTIONS[self.name].arguments if self.name in FUNCTIONS else (1, 0)
+        if not fewest <= len(self.arguments) <= most:
             raise ValueError(f"{self.name} with {len(self.arguments)} argument(s) is not in the whitelist.")
 
     @property
@@ -159,7 +159,7 @@ class Call(Node):
 class Algebra(Protocol[T]):
     """The operations on one kind of value.
 
-    ``power`` gets integer exponents of at most 64 in size; ``call`` gets the names in FUNCTIONS: min and max
+    ``power`` gets integer exponents of at most 64 in size; ``call`` gets the names in ``functions``: min and max
     with two or more arguments, clip with (x, lo, hi), all others with one.
     """
 
@@ -174,9 +174,36 @@ class Algebra(Protocol[T]):
     def call(self, name: str, arguments: tuple[T, ...]) -> T: ...
 
 
-def argument_count(name: str) -> tuple[int, float]:
-    """Return the fewest and the most arguments that the function takes."""
-    return {"min": (2, float("inf")), "max": (2, float("inf")), "clip": (3, 3)}.get(name, (1, 1))
+class Operators:
+    """The arithmetic of an algebra whose values have Python's operators."""
+
+    def negate(self, operand: Any) -> Any:
+        return -operand
+
+    def add(self, left: Any, right: Any) -> Any:
+        return left + right
+
+    def subtract(self, left: Any, right: Any) -> Any:
+        return left - right
+
+    def multiply(self, left: Any, right: Any) -> Any:
+        return left * right
+
+    def divide(self, left: Any, right: Any) -> Any:
+        return left / right
+
+    def power(self, base: Any, exponent: int) -> Any:
+        return base**exponent
+
+
+def variable_names(dimension: int) -> tuple[str, ...]:
+    """Return ("y",) for one variable, else ("y1", ..., "ym")."""
+    return ("y",) if dimension == 1 else tuple(f"y{index + 1}" for index in range(dimension))
+
+
+def names_in_words(dimension: int) -> str:
+    """Say which names the variables have: "y", or "y1 to y3"."""
+    return "y" if dimension == 1 else f"y1 to y{dimension}"
 
 
 def postorder(node: Node) -> tuple[Node, ...]:
@@ -218,20 +245,12 @@ def _apply(node: Node, operands: tuple[T, ...], algebra: Algebra[T]) -> T:
             return algebra.constant(node.value)
         case Pi():
             return algebra.pi()
-        case Negate():
-            return algebra.negate(*operands)
-        case Add():
-            return algebra.add(*operands)
-        case Subtract():
-            return algebra.subtract(*operands)
-        case Multiply():
-            return algebra.multiply(*operands)
-        case Divide():
-            return algebra.divide(*operands)
         case Power():
             return algebra.power(operands[0], node.exponent)
-        case _:
-            return algebra.call(cast(Call, node).name, operands)
+        case Call():
+            return algebra.call(node.name, operands)
+    operation: Callable[..., T] = getattr(algebra, type(node).__name__.lower())
+    return operation(*operands)
 
 
 def _signature(node: Node) -> tuple[object, ...]:

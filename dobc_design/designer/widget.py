@@ -16,10 +16,10 @@ from dobc_design.certification.certify import certify
 from dobc_design.designer.preview import Preview, preview, remade
 from dobc_design.errors import DobcError, SpecError
 from dobc_design.exact.number import parse_number
+from dobc_design.problem.changes import problem_text
 from dobc_design.problem.load import load_problem
 from dobc_design.problem.problem import Problem
-from dobc_design.problem.toml_writing import problem_text
-from dobc_design.report.layout import positions
+from dobc_design.report.drawing import positions
 
 try:
     import anywidget

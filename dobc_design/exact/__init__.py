@@ -6,14 +6,13 @@ their names: a function of the same name is not exported here.
 """
 
 from dobc_design.exact import interval
-from dobc_design.exact.decision import Definiteness
 from dobc_design.exact.definite import (
+    Definiteness,
     decide_positive_definite,
     decide_positive_semidefinite,
     decide_quickly,
     definiteness,
 )
-from dobc_design.exact.integers import IntegerSymmetric
 from dobc_design.exact.interval import Interval, UndefinedError
 from dobc_design.exact.matrix import (
     Matrix,
@@ -53,7 +52,7 @@ from dobc_design.exact.polynomial import (
     right_half_plane_roots_at_least,
     routh,
 )
-from dobc_design.exact.symmetric import SparseSymmetric
+from dobc_design.exact.symmetric import IntegerSymmetric, SparseSymmetric
 
 __all__ = [
     "Definiteness",

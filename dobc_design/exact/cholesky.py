@@ -9,15 +9,130 @@ Neither ever answers "not positive definite"; eigenvectors that may show it come
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from dataclasses import dataclass
-from typing import Any, Final
+import heapq
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass, replace
+from fractions import Fraction
+from typing import TYPE_CHECKING, Any, Final, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
-from dobc_design.exact.integers import IntegerSymmetric
-from dobc_design.exact.symmetric import SparseSymmetric
+from dobc_design.exact.number import from_fmpq_mat, to_fmpq
+from dobc_design.exact.symmetric import IntegerSymmetric, SparseSymmetric
+
+if TYPE_CHECKING:
+    from flint import fmpq_mat
+
+# Fraction, or flint's fmpq for larger matrices; both mix with int.
+Scalar: TypeAlias = Any
+
+# From this size on the conversion to flint's rationals has paid for itself.
+FLINT_SIZE: Final = 13
+
+
+class UnfinishedError(Exception):
+    """The elimination takes more work than was allowed; nothing is known."""
+
+
+def bad_direction(
+    M: SparseSymmetric, *, strict: bool, flint: bool | None = None, most_work: int | None = None
+) -> dict[int, Fraction] | None:
+    """Return None if M > 0 (strict) or M >= 0, else a direction v, by its entries, that shows the contrary.
+
+    v'Mv <= 0 if strict, else < 0. ``flint`` chooses the arithmetic; by default the size does. ``most_work``: products
+    of numbers of 64 bits, about, None for any number; counted, not timed, so that every machine answers the same.
+    Raises: UnfinishedError beyond ``most_work``.
+    """
+    long = M.size >= FLINT_SIZE if flint is None else flint
+    rows: list[dict[int, Scalar]] = [{} for _ in range(M.size)]
+    for (i, j), value in M.entries.items():
+        rows[i][j] = rows[j][i] = to_fmpq(value) if long else value
+    found = _eliminate(rows, strict=strict, most_work=most_work)
+    if found is None:
+        return None
+    return {i: Fraction(int(x.numerator), int(x.denominator)) for i, x in found.items()}
+
+
+def _eliminate(rows: list[dict[int, Scalar]], *, strict: bool, most_work: int | None) -> dict[int, Scalar] | None:
+    """Eliminate in minimum-degree order; return None if every pivot passes, else a witness.
+
+    ``rows`` hold both triangles without zeros, and are consumed. After each step the rows still
+    open hold the Schur complement, so a bad diagonal entry there refutes as a bad pivot does.
+    """
+    for i in range(len(rows)):
+        if (bad := _bad_diagonal(rows, i, strict=strict)) is not None:
+            return bad
+    steps: list[tuple[int, dict[int, Scalar]]] = []
+    queue = [(len(row), i) for i, row in enumerate(rows)]
+    heapq.heapify(queue)
+    closed = [False] * len(rows)
+    work = 0
+    while queue:
+        degree, k = heapq.heappop(queue)
+        # Stale entries stay in the queue; the current degree of every open row is there as well.
+        if closed[k] or degree != len(rows[k]):
+            continue
+        closed[k] = True
+        row = rows[k]
+        if not row:  # a zero row of a semidefinite matrix
+            continue
+        pivot = row.pop(k)
+        if most_work is not None:
+            work += len(row) * (len(row) + 1) // 2 * (1 + int(pivot.denominator).bit_length() // 64)
+            if work > most_work:
+                raise UnfinishedError(f"elimination stopped at pivot {len(steps) + 1} of {len(rows)}")
+        factors = {j: x / pivot for j, x in row.items()}
+        steps.append((k, factors))
+        _subtract_outer(rows, k, factors)
+        for i in row:
+            if (bad := _bad_diagonal(rows, i, strict=strict)) is not None:
+                return _back_substitute(bad, steps)
+            heapq.heappush(queue, (len(rows[i]), i))
+    return None
+
+
+def _subtract_outer(rows: list[dict[int, Scalar]], k: int, factors: dict[int, Scalar]) -> None:
+    """Subtract row_k' row_k / pivot from the open rows; drop column k and what cancels."""
+    neighbours = list(rows[k].items())
+    for position, (i, x) in enumerate(neighbours):
+        target = rows[i]
+        del target[k]
+        for j, _ in neighbours[position:]:
+            product = x * factors[j]
+            value = target[j] - product if j in target else -product
+            if value:
+                target[j] = rows[j][i] = value
+            else:
+                del target[j]
+                rows[j].pop(i, None)
+
+
+def _bad_diagonal(rows: list[dict[int, Scalar]], i: int, *, strict: bool) -> dict[int, Scalar] | None:
+    """Return a direction in which the open part is not positive because of entry (i, i), or None."""
+    row = rows[i]
+    diagonal = row.get(i, 0)
+    if diagonal > 0:
+        return None
+    if strict or diagonal < 0:
+        return {i: 1}
+    if not row:
+        return None
+    # 0 on the diagonal, b beside it, c on the other diagonal: e_j + t e_i has value 2 t b + c = -1.
+    j, b = next(iter(row.items()))
+    c = rows[j].get(j, 0)
+    return {j: 1, i: -(c + 1) / (2 * b)}
+
+
+def _back_substitute(bad: dict[int, Scalar], steps: list[tuple[int, dict[int, Scalar]]]) -> dict[int, Scalar]:
+    """Extend a direction of the Schur complement to the whole matrix, with the same value."""
+    vector = dict(bad)
+    for k, factors in reversed(steps):
+        entry = -sum(x * vector[j] for j, x in factors.items() if j in vector)
+        if entry:
+            vector[k] = entry
+    return vector
+
 
 Floats = NDArray[np.float64]
 Whole = NDArray[np.int64]
@@ -220,3 +335,71 @@ def _factor(A: Floats, shift: float) -> Floats | None:
     except np.linalg.LinAlgError:
         return None
     return L if bool(np.isfinite(L).all()) else None
+
+
+# Bits of a lifted direction; it only has to point near the eigenvector.
+_LIFT_BITS: Final = 12
+# More small eigenvalues than this share of the rows, and elimination is as good.
+_SHARE: Final = 8
+
+
+def decide_lifted(
+    M: SparseSymmetric | IntegerSymmetric, S: Scaled, values: Floats, vectors: Floats, *, strict: bool
+) -> dict[int, Fraction] | None:
+    """Decide M > 0 (strict) or M >= 0 exactly, or return None where the method does not get through.
+
+    S: M scaled; values, vectors: the eigenvalues, rising, and eigenvectors of its floats, as guesses only.
+    Returns: {} if proved, else a direction v, by its entries, with v'Mv <= 0 (< 0 if not strict).
+    """
+    few = int(np.count_nonzero(values < 2**10 * margin(S)))
+    if not 0 < few <= max(4, S.size // _SHARE):
+        return None
+    lift = np.rint(np.ldexp(vectors[:, :few], _LIFT_BITS)).astype(np.int64)
+    square = lift @ lift.T
+    B = replace(
+        S, high=S.high + (square << 2 * (HIGH_BITS - _LIFT_BITS)), floats=S.floats + np.ldexp(square, -2 * _LIFT_BITS)
+    )
+    if not proves_by_integers(B):
+        return None
+    solution = _solved(M, S, square, lift)
+    Z = from_fmpq_mat(solution)
+    unit = Fraction(1, 2**_LIFT_BITS)
+    V = [[unit * x for x in row] for row in lift.tolist()]
+    G = {
+        (a, b): (a == b) - sum((V[i][a] * Z[i][b] for i in range(S.size) if V[i][a]), Fraction(0))
+        for a in range(few)
+        for b in range(a, few)
+    }
+    found = bad_direction(SparseSymmetric(few, G), strict=strict)
+    if found is None:
+        return {}
+    # With w'Gw <= 0 and v = -Z w: v'(D M D)v <= [v; w]'[[B, V], [V', I]][v; w] = w'Gw.
+    exponents = S.exponents.tolist()
+    direction = {
+        i: Fraction(2) ** -exponents[i] * sum((row[b] * w for b, w in found.items()), Fraction(0))
+        for i, row in enumerate(Z)
+    }
+    return {i: x for i, x in direction.items() if x}
+
+
+def _solved(M: SparseSymmetric | IntegerSymmetric, S: Scaled, square: Whole, lift: Whole) -> fmpq_mat:
+    """Return Z (n, k) with (D M D + V V') Z = V, exactly; M without its denominator if it is an IntegerSymmetric."""
+    from flint import fmpq, fmpq_mat
+
+    n = S.size
+    exponents = S.exponents.tolist()
+    unit = fmpq(1, 2 ** (2 * _LIFT_BITS))
+    entries = [[unit * x for x in row] for row in square.tolist()]
+    places: Iterable[tuple[int, int, fmpq]]
+    if isinstance(M, IntegerSymmetric):
+        places = zip(M.rows.tolist(), M.columns.tolist(), (fmpq(x) for x in M.values.tolist()), strict=True)
+    else:
+        places = ((i, j, to_fmpq(x)) for (i, j), x in M.entries.items())
+    for i, j, x in places:
+        power = exponents[i] + exponents[j]
+        entry = x / 2**power if power >= 0 else x * 2**-power
+        entries[i][j] += entry
+        if i != j:
+            entries[j][i] += entry
+    right = fmpq_mat(n, lift.shape[1], [fmpq(x, 2**_LIFT_BITS) for row in lift.tolist() for x in row])
+    return fmpq_mat(n, n, [x for row in entries for x in row]).solve(right)

@@ -8,17 +8,146 @@ their values at end points and critical points. Nothing here is ever too narrow;
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
+import threading
 from dataclasses import dataclass
 from fractions import Fraction
-from types import MappingProxyType
-from typing import Final
+from typing import TYPE_CHECKING, Final
 
 from dobc_design._show.cards import Card, Shown
 from dobc_design.errors import SpecError
-from dobc_design.exact._elementary import bounds, pi_bounds
-from dobc_design.exact._rounding import BITS, MAX_EXPONENT, height, round_down, round_up, sqrt_bounds
-from dobc_design.exact.number import float_above, float_below, number_text
+from dobc_design.exact.number import float_above, float_below, number_text, to_fmpq
+
+if TYPE_CHECKING:
+    from flint import arb
+
+# Significant bits an end point is rounded to.
+BITS: Final = 128
+# Largest exponent of two kept; without a bound, powers of powers would fill the memory.
+MAX_EXPONENT: Final = 65_536
+
+
+def height(value: Fraction) -> int:
+    """Return the bits of the longer one of numerator and denominator."""
+    return max(value.numerator.bit_length(), value.denominator.bit_length())
+
+
+def round_down(value: Fraction, bits: int = BITS) -> Fraction:
+    """Return a number <= value of at most ``bits`` significant bits, the same if it is that short.
+
+    Beyond 2^65536 a positive value becomes that power, and below 2^-65536 zero.
+    Raises: OverflowError for values below -2^65536.
+    """
+    if not value:
+        return value
+    numerator, denominator = value.numerator, value.denominator
+    exponent = numerator.bit_length() - denominator.bit_length()
+    if exponent > MAX_EXPONENT:
+        if value < 0:
+            raise OverflowError(f"a value beyond 2^{MAX_EXPONENT} has no enclosure")
+        return Fraction(1 << MAX_EXPONENT)
+    if exponent < -MAX_EXPONENT:
+        return Fraction(0) if value > 0 else Fraction(-1, 1 << MAX_EXPONENT)
+    shift = bits - exponent
+    if shift >= 0:
+        return Fraction((numerator << shift) // denominator, 1 << shift)
+    return Fraction((numerator // (denominator << -shift)) << -shift)
+
+
+def round_up(value: Fraction, bits: int = BITS) -> Fraction:
+    """Return a number >= value of at most ``bits`` significant bits; see ``round_down``.
+
+    Raises: OverflowError for values above 2^65536.
+    """
+    return -round_down(-value, bits)
+
+
+def sqrt_bounds(value: Fraction) -> tuple[Fraction, Fraction]:
+    """Return lower and upper bounds of the root of value >= 0, equal if it is rational."""
+    n, d = math.isqrt(value.numerator), math.isqrt(value.denominator)
+    if n * n == value.numerator and d * d == value.denominator:
+        return Fraction(n, d), Fraction(n, d)
+    exponent = value.numerator.bit_length() - value.denominator.bit_length()
+    shift = max(0, BITS + 2 - exponent // 2)
+    root = math.isqrt((value.numerator << 2 * shift) // value.denominator)
+    return Fraction(root, 1 << shift), Fraction(root + 1, 1 << shift)
+
+
+# Working bits beyond the BITS that are kept, and the longest argument taken at full length.
+_GUARD: Final = 32
+_MAX_HEIGHT: Final = 4096
+# Exponents of two beyond which a ball is not written out.
+_MAX_EXPONENT: Final = 4 * MAX_EXPONENT
+# flint keeps its precision in one place for all threads.
+_LOCK: Final = threading.Lock()
+
+# (function, argument) -> value, where that is rational; there are no others (Lindemann).
+_EXACT: Final = {
+    ("exp", 0): 1,
+    ("log", 1): 0,
+    ("sin", 0): 0,
+    ("cos", 0): 1,
+    ("tan", 0): 0,
+    ("atan", 0): 0,
+    ("sinh", 0): 0,
+    ("cosh", 0): 1,
+    ("tanh", 0): 0,
+}
+_RANGE: Final = {
+    "exp": (Fraction(0), None),
+    "sin": (Fraction(-1), Fraction(1)),
+    "cos": (Fraction(-1), Fraction(1)),
+    "cosh": (Fraction(1), None),
+    "tanh": (Fraction(-1), Fraction(1)),
+}
+
+
+def bounds(name: str, x: Fraction) -> tuple[Fraction, Fraction]:
+    """Return lower and upper bounds of exp, log, sin, cos, tan, atan, sinh, cosh or tanh at x.
+
+    They differ by about 2^-128 of the value (of 1 near the zeros of sin, cos, tan) and are equal
+    where the value is rational. Raises: OverflowError if there is no finite enclosure.
+    """
+    known = _EXACT.get((name, int(x))) if x.denominator == 1 else None
+    if known is not None:
+        return Fraction(known), Fraction(known)
+    from flint import arb, ctx
+
+    with _LOCK, ctx.workprec(BITS + _GUARD + min(height(x), _MAX_HEIGHT)):
+        lower, upper = _ends(getattr(arb(to_fmpq(x)), name)())
+    least, greatest = _RANGE.get(name, (None, None))
+    lower = lower if least is None else max(lower, least)
+    return lower, upper if greatest is None else min(upper, greatest)
+
+
+def pi_bounds(bits: int) -> tuple[Fraction, Fraction]:
+    """Return bounds of pi that differ by about 2^-bits."""
+    from flint import arb, ctx
+
+    with _LOCK, ctx.workprec(bits + 4):
+        return _ends(arb.pi())
+
+
+def _ends(ball: arb) -> tuple[Fraction, Fraction]:
+    # arb.lower() and upper() would round once more; middle and radius are exact numbers.
+    if not ball.is_finite():
+        raise OverflowError("there is no finite enclosure")
+    (middle, error), (radius, more) = _dyadic(ball.mid()), _dyadic(ball.rad())
+    around = radius + error + more
+    return middle - around, middle + around
+
+
+def _dyadic(number: arb) -> tuple[Fraction, Fraction]:
+    """Return an exact ball's value and the error made by leaving out exponents below any use.
+
+    A radius can have an exponent of -2^15000 (tanh far out), for which fmpq() ends the process.
+    """
+    mantissa, exponent = (int(part) for part in number.man_exp())
+    if exponent < -_MAX_EXPONENT and mantissa.bit_length() + exponent < 0:
+        return Fraction(0), Fraction(1, 1 << min(_MAX_EXPONENT, -exponent - mantissa.bit_length()))
+    if exponent > _MAX_EXPONENT:
+        raise OverflowError("there is no finite enclosure")
+    return Fraction(mantissa) * Fraction(2) ** exponent, Fraction(0)
+
 
 # End points of this many bits stay as they are. Points have more: 1e-400 is a number of 1329 bits,
 # and a point that becomes an interval can no longer prove that something vanishes.
@@ -177,7 +306,7 @@ def log(x: Interval) -> Interval:
     """Enclose the natural logarithm. Raises: UndefinedError unless x > 0."""
     if x.lo <= 0:
         raise UndefinedError(f"log is not defined on the whole of {x}.")
-    return _increasing("log", x)
+    return increasing("log", x)
 
 
 def sin(x: Interval) -> Interval:
@@ -195,17 +324,24 @@ def tan(x: Interval) -> Interval:
     poles = _multiples_of_pi(x, shift=Fraction(1, 2))
     if poles is None or poles[0] <= poles[1]:
         raise UndefinedError(f"tan is not defined on the whole of {x}.")
-    return _increasing("tan", x)
+    return increasing("tan", x)
+
+
+def increasing(name: str, x: Interval) -> Interval:
+    """Enclose an increasing function, by the name that python-flint has for it."""
+    lower = bounds(name, x.lo)
+    upper = lower if x.is_point else bounds(name, x.hi)
+    return _enclose(lower[0], upper[1], name, x)
 
 
 def tanh(x: Interval) -> Interval:
     """Enclose tanh."""
-    return _increasing("tanh", x)
+    return increasing("tanh", x)
 
 
 def atan(x: Interval) -> Interval:
     """Enclose the inverse of tan on (-pi/2, pi/2)."""
-    return _increasing("atan", x)
+    return increasing("atan", x)
 
 
 def sinh(x: Interval) -> Interval:
@@ -247,27 +383,6 @@ def clip(x: Interval, low: Interval, high: Interval) -> Interval:
     return minimum(maximum(x, low), high)
 
 
-# The functions by the names they have in a coupling expression.
-FUNCTIONS: Final[Mapping[str, Callable[..., Interval]]] = MappingProxyType(
-    {
-        "exp": exp,
-        "log": log,
-        "sin": sin,
-        "cos": cos,
-        "tan": tan,
-        "tanh": tanh,
-        "atan": atan,
-        "sinh": sinh,
-        "cosh": cosh,
-        "sqrt": sqrt,
-        "abs": absolute,
-        "min": minimum,
-        "max": maximum,
-        "clip": clip,
-    }
-)
-
-
 def _rational(value: object) -> Fraction:
     if isinstance(value, bool) or not isinstance(value, (int, Fraction)):
         raise SpecError(f"interval ends must be int or Fraction; got {type(value).__name__}.")
@@ -305,19 +420,13 @@ def _power(base: Fraction, exponent: int) -> Interval:
     return result
 
 
-def _increasing(name: str, x: Interval) -> Interval:
-    lower = bounds(name, x.lo)
-    upper = lower if x.is_point else bounds(name, x.hi)
-    return _enclose(lower[0], upper[1], name, x)
-
-
 def _growing(name: str, x: Interval) -> Interval:
     """Enclose an increasing function of exponential growth; far to the left exp is above 0."""
     if x.hi > _MAX_EXP or (x.lo < -_MAX_EXP and name != "exp"):
         raise UndefinedError(f"{name} of {x} is too large to enclose: |x| may be at most {_MAX_EXP}.")
     if x.lo >= _MIN_EXP:
-        return _increasing(name, x)
-    return Interval(Fraction(0), _increasing(name, Interval.point(max(x.hi, Fraction(_MIN_EXP)))).hi)
+        return increasing(name, x)
+    return Interval(Fraction(0), increasing(name, Interval.point(max(x.hi, Fraction(_MIN_EXP)))).hi)
 
 
 def _wave(name: str, x: Interval, *, shift: Fraction) -> Interval:

@@ -13,10 +13,9 @@ from fractions import Fraction
 from typing import Final
 
 from dobc_design.errors import SpecError
-from dobc_design.exact._elementary import _LOCK, _ends
-from dobc_design.exact._flint import to_fmpq
-from dobc_design.exact.interval import Interval, UndefinedError
+from dobc_design.exact.interval import _LOCK, Interval, UndefinedError, _ends
 from dobc_design.exact.matrix import Matrix
+from dobc_design.exact.number import to_fmpq
 from dobc_design.verdict import Verdict
 
 IntervalMatrix = tuple[tuple[Interval, ...], ...]

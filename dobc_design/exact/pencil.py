@@ -10,9 +10,8 @@ from dataclasses import dataclass
 from fractions import Fraction
 
 from dobc_design.errors import ShapeError
-from dobc_design.exact.decision import Symmetric
 from dobc_design.exact.matrix import Matrix
-from dobc_design.exact.symmetric import SparseSymmetric
+from dobc_design.exact.symmetric import SparseSymmetric, Symmetric
 
 Place = tuple[str, int, int]  # unknown, row, column
 

@@ -3,17 +3,18 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
 from fractions import Fraction
+from typing import Any, Final, TypeAlias, overload
 
 import numpy as np
 from numpy.typing import NDArray
 
 from dobc_design._checks import require_square
-from dobc_design._show.cards import Card, Shown
+from dobc_design._show.cards import Card, Shown, plain
 from dobc_design._show.text import MAX_SHOWN
-from dobc_design.errors import ShapeError
+from dobc_design.errors import ShapeError, SpecError
 from dobc_design.exact.matrix import Matrix
 
 
@@ -145,3 +146,360 @@ def _pairwise_sum(terms: list[Fraction]) -> Fraction:
     while len(terms) > 1:
         terms = [sum(terms[k : k + 2], Fraction(0)) for k in range(0, len(terms), 2)]
     return terms[0] if terms else Fraction(0)
+
+
+Integers = NDArray[Any]  # int64, or object with Python integers where 64 bits are too few
+Places = NDArray[np.int64]
+
+# Entries whose Python integers exist at one time, where Python integers are needed.
+_CHUNK: Final = 1 << 16
+# A common denominator longer than this is not worth its length in every entry.
+DENOMINATOR_BITS: Final = 512
+# A double is an integer below 2^53 times a power of two.
+_MANTISSA: Final = 53
+# Places of matrices with fewer rows are numbered in 64 bits.
+_ROWS: Final = 1 << 31
+# int64 is used for numbers below this, so that the sum of two still fits.
+_LIMIT: Final = 1 << 62
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False, repr=False)
+class IntegerSymmetric(Shown):
+    """A symmetric matrix (size, size): values / denominator at the places (rows, columns), rows <= columns.
+
+    ``values`` are int64, or an object array of int. The constructor takes the places in any order, adds up
+    what is given for one place, drops zeros, and sorts by row, then column. The arrays are for reading only.
+    Raises: ShapeError for places outside the upper triangle or arrays of different lengths; SpecError
+    for values that are no integers or a denominator below 1.
+    """
+
+    size: int
+    rows: Places
+    columns: Places
+    values: Integers
+    denominator: int = 1
+
+    def __post_init__(self) -> None:
+        if not len(self.rows) == len(self.columns) == len(self.values):
+            lengths = f"{len(self.rows)}, {len(self.columns)} and {len(self.values)}"
+            raise ShapeError(f"rows, columns and values must have one length; got {lengths}.")
+        if self.denominator < 1:
+            raise SpecError(f"denominator must be at least 1; got {self.denominator}.")
+        rows, columns = (np.asarray(x, dtype=np.int64) for x in (self.rows, self.columns))
+        if self.size < 0 or (
+            len(rows) and not (rows.min() >= 0 and columns.max() < self.size and (rows <= columns).all())
+        ):
+            raise ShapeError(f"every entry must lie in the upper triangle, 0 <= i <= j < {self.size}.")
+        values = _integers(self.values)
+        order = (
+            np.argsort(rows * self.size + columns, kind="stable") if self.size < _ROWS else np.lexsort((columns, rows))
+        )
+        rows, columns, values = _added_up(rows[order], columns[order], values[order])
+        for name, array in (("rows", rows), ("columns", columns), ("values", values)):
+            array.flags.writeable = False
+            object.__setattr__(self, name, array)
+
+    def _card(self) -> Card:
+        text = f"{self.size} × {self.size}, {len(self.values)} entries in the upper triangle"
+        return Card(title="Symmetric matrix of integers", text=f"{text}, over {plain(self.denominator)}")
+
+    def __repr__(self) -> str:
+        return f"<IntegerSymmetric of size {self.size} with {len(self.values)} entries>"
+
+    @classmethod
+    def from_sparse(cls, M: SparseSymmetric) -> IntegerSymmetric:
+        """Return the same matrix. The common denominator is the least one; it may be long."""
+        denominator = math.lcm(1, *{x.denominator for x in M.entries.values()})
+        return cls._of(M, [x.numerator * (denominator // x.denominator) for x in M.entries.values()], denominator)
+
+    @classmethod
+    def weakened(cls, M: SparseSymmetric, *, bits: int) -> IntegerSymmetric:
+        """Return a matrix with denominator 2^bits, rounded downwards on the diagonal and away from 0 beside it.
+
+        If v > 0 shows this one to be dominated by its diagonal, v shows the same for M (``zmatrix``).
+        """
+        rounded = [
+            (x.numerator << bits) // x.denominator if i == j or x < 0 else -((-x.numerator << bits) // x.denominator)
+            for (i, j), x in M.entries.items()
+        ]
+        return cls._of(M, rounded, 1 << bits)
+
+    @classmethod
+    def _of(cls, M: SparseSymmetric, values: list[int], denominator: int) -> IntegerSymmetric:
+        count = len(M.entries)
+        rows = np.fromiter((i for i, _ in M.entries), dtype=np.int64, count=count)
+        columns = np.fromiter((j for _, j in M.entries), dtype=np.int64, count=count)
+        return cls(size=M.size, rows=rows, columns=columns, values=as_integers(values), denominator=denominator)
+
+    @classmethod
+    def from_floats(cls, matrix: NDArray[np.floating[Any]]) -> IntegerSymmetric:
+        """Return the exact binary value of a finite symmetric float array (n, n).
+
+        Raises: ShapeError if it is not square and exactly symmetric; SpecError for nan and inf.
+        """
+        if matrix.ndim != 2 or matrix.shape[0] != matrix.shape[1]:
+            raise ShapeError(f"matrix must be square; got shape {matrix.shape}.", key="matrix")
+        if not np.isfinite(matrix).all():
+            raise SpecError("matrix must have finite entries only; it holds nan or inf.", key="matrix")
+        if not np.array_equal(matrix, matrix.T):
+            raise ShapeError("matrix must be exactly symmetric.", key="matrix", cure="Take (M + M')/2.")
+        rows, columns = np.nonzero(np.triu(matrix))
+        fractions, exponents = np.frexp(matrix[rows, columns].astype(np.float64))
+        lowest = int(exponents.min(initial=_MANTISSA)) - _MANTISSA
+        whole = np.ldexp(fractions, _MANTISSA).astype(np.int64)
+        shifts = exponents - _MANTISSA - lowest
+        values = whole << shifts if shifts.max(initial=0) < 10 else whole.astype(object) << shifts.astype(object)
+        scale = 1 << max(lowest, 0)
+        return cls(
+            size=len(matrix),
+            rows=rows,
+            columns=columns,
+            values=as_integers(values * scale) if scale > 1 else values,
+            denominator=1 << max(-lowest, 0),
+        )
+
+    def to_sparse(self) -> SparseSymmetric:
+        """Return the same matrix entry by entry."""
+        places = zip(self.rows.tolist(), self.columns.tolist(), strict=True)
+        numbers = (Fraction(x, self.denominator) for x in self.values.tolist())
+        return SparseSymmetric(self.size, dict(zip(places, numbers, strict=True)))
+
+    def to_dense(self) -> Matrix:
+        """Return the full matrix (n, n)."""
+        return self.to_sparse().to_dense()
+
+    def triplets(self) -> tuple[NDArray[np.intp], NDArray[np.intp], NDArray[np.float64]]:
+        """Return rows, columns and nearest floats of the full matrix, both triangles."""
+        return self.to_sparse().triplets()
+
+    @property
+    def entries(self) -> Mapping[tuple[int, int], Fraction]:
+        """The entries one by one, made anew at each call: for few."""
+        return self.to_sparse().entries
+
+    def negated(self) -> IntegerSymmetric:
+        """Return -M."""
+        return replace(self, values=-self.values)
+
+    def shifted(self, shift: Fraction | int) -> IntegerSymmetric:
+        """Return M + shift * I."""
+        places = np.arange(self.size)
+        shift = Fraction(shift)
+        ones = np.full(self.size, shift.numerator, dtype=np.int64 if abs(shift.numerator) < _LIMIT else object)
+        return self + IntegerSymmetric(
+            size=self.size, rows=places, columns=places, values=ones, denominator=shift.denominator
+        )
+
+    def __add__(self, other: SparseSymmetric | IntegerSymmetric) -> IntegerSymmetric:
+        """Return the sum.  Raises: ShapeError if the sizes differ."""
+        if not isinstance(other, SparseSymmetric | IntegerSymmetric):
+            return NotImplemented
+        if self.size != other.size:
+            raise ShapeError(f"both matrices must have one size; got {self.size} and {other.size}.")
+        more = other if isinstance(other, IntegerSymmetric) else IntegerSymmetric.from_sparse(other)
+        common = math.lcm(self.denominator, more.denominator)
+        return IntegerSymmetric(
+            size=self.size,
+            rows=np.concatenate((self.rows, more.rows)),
+            columns=np.concatenate((self.columns, more.columns)),
+            values=np.concatenate([_times(x.values, common // x.denominator) for x in (self, more)]),
+            denominator=common,
+        )
+
+    __radd__ = __add__
+
+    def restricted(self, rows: Sequence[int]) -> SparseSymmetric:
+        """Return the matrix of these rows and columns, in their order."""
+        place = np.full(self.size, -1, dtype=np.int64)
+        place[list(rows)] = np.arange(len(rows))
+        i, j = place[self.rows], place[self.columns]
+        chosen = (i >= 0) & (j >= 0)
+        low, high = np.minimum(i, j)[chosen].tolist(), np.maximum(i, j)[chosen].tolist()
+        numbers = (Fraction(x, self.denominator) for x in self.values[chosen].tolist())
+        return SparseSymmetric(len(rows), dict(zip(zip(low, high, strict=True), numbers, strict=True)))
+
+    def diagonal(self) -> list[Fraction]:
+        """Return the n entries of the diagonal."""
+        entries = [Fraction(0)] * self.size
+        on = self.rows == self.columns
+        for i, x in zip(self.rows[on].tolist(), self.values[on].tolist(), strict=True):
+            entries[i] = Fraction(x, self.denominator)
+        return entries
+
+    def quadratic_form(self, vector: Any) -> Fraction:
+        """Return v' M v for integers or fractions v, n of them. Raises: ShapeError if the length differs."""
+        if len(vector) != self.size:
+            raise ShapeError(f"vector must have {self.size} entries; got {len(vector)}.")
+        common = math.lcm(1, *{x.denominator for x in vector})
+        v = np.array([x.numerator * (common // x.denominator) for x in vector], dtype=object)
+        support = np.array([bool(x) for x in vector], dtype=bool)
+        where = np.flatnonzero(support[self.rows] & support[self.columns])
+        total = 0
+        for start in range(0, len(where), _CHUNK):
+            k = where[start : start + _CHUNK]
+            rows, columns = self.rows[k], self.columns[k]
+            total += int(np.sum(np.where(rows == columns, 1, 2) * self.values[k].astype(object) * v[rows] * v[columns]))
+        return Fraction(total, self.denominator * common * common)
+
+
+Symmetric: TypeAlias = SparseSymmetric | IntegerSymmetric
+
+
+def in_integers(M: SparseSymmetric) -> IntegerSymmetric | None:
+    """Return the same matrix in arrays, or None if its least common denominator is longer than 512 bits."""
+    common = 1
+    for denominator in {x.denominator for x in M.entries.values()}:
+        common = math.lcm(common, denominator)
+        if common.bit_length() > DENOMINATOR_BITS:
+            return None
+    return IntegerSymmetric.from_sparse(M)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Rows:
+    """Both triangles, row by row: row i has the columns and values from starts[i] on. No row is empty."""
+
+    starts: Places
+    rows: Places
+    columns: Places
+    values: Integers
+
+
+def both_triangles(M: IntegerSymmetric) -> Rows | None:
+    """Return the full matrix row by row, or None if a row is zero or the matrix is empty."""
+    beside = M.rows != M.columns
+    rows = np.concatenate((M.rows, M.columns[beside]))
+    order = np.argsort(rows, kind="stable")
+    rows = rows[order]
+    starts = np.searchsorted(rows, np.arange(M.size))
+    if M.size == 0 or np.bincount(rows, minlength=M.size).min() == 0:
+        return None
+    columns = np.concatenate((M.columns, M.rows[beside]))[order]
+    return Rows(starts=starts, rows=rows, columns=columns, values=np.concatenate((M.values, M.values[beside]))[order])
+
+
+def signs_of_product(M: Rows, vector: Integers) -> NDArray[np.int64]:
+    """Return the sign, -1, 0 or 1, of every entry of M v, exactly; v integers.
+
+    Every sum stays below 2^62: limbs of b bits, at most ``degree`` products per row, at most 16 pairs per level.
+    """
+    degree = int(np.diff(M.starts, append=len(M.rows)).max())
+    bits = (58 - degree.bit_length()) // 2
+    left, right = limbs(M.values, bits), limbs(vector, bits)
+    if min(len(left), len(right)) > 16:
+        product = np.add.reduceat(M.values.astype(object) * vector[M.columns], M.starts)
+        return (product > 0).astype(np.int64) - (product < 0)
+    levels = [np.zeros(len(M.starts), dtype=np.int64) for _ in range(len(left) + len(right) - 1)]
+    for upper, y in enumerate(right):
+        gathered = y[M.columns]
+        for lower, x in enumerate(left):
+            levels[lower + upper] += np.add.reduceat(x * gathered, M.starts)
+    carry, rest = np.zeros_like(levels[0]), np.zeros(len(M.starts), dtype=bool)
+    for level in levels:
+        total = level + carry
+        carry = total >> bits
+        rest |= (total & ((1 << bits) - 1)) != 0
+    # The number is carry 2^(..) + rest with 0 <= rest: its sign is the carry's, or that of the rest.
+    return np.where(carry != 0, np.sign(carry), rest.astype(np.int64))
+
+
+def limbs(values: Integers, bits: int) -> list[NDArray[np.int64]]:
+    """Cut integers into limbs, low first: values = sum limb_k 2^(bits k).
+
+    All are in [0, 2^bits) but the last, which has the sign and is in [-2^bits, 2^bits).
+    """
+    found: list[NDArray[np.int64]] = []
+    while True:
+        found.append((values & ((1 << bits) - 1)).astype(np.int64))
+        values = values >> bits
+        if len(values) == 0 or (values.min() >= -1 and values.max() <= 0):
+            found[-1] += values.astype(np.int64) << bits
+            return found
+
+
+def as_integers(values: Any) -> Integers:
+    """Return int64 where every integer is below 2^62 in size, else an object array of int."""
+    numbers = np.array(values, dtype=object)
+    return numbers.astype(np.int64) if _is_short(numbers) else numbers
+
+
+def _times(values: Integers, factor: int) -> Integers:
+    """The products, in 64 bits where they fit."""
+    if factor == 1:
+        return values
+    if values.dtype != object and len(values) and max(int(values.max()), -int(values.min())) * factor < _LIMIT:
+        return values * factor
+    return as_integers(values.astype(object) * factor)
+
+
+def _is_short(array: Integers) -> bool:
+    return len(array) == 0 or (array.max() < _LIMIT and array.min() > -_LIMIT)
+
+
+def _integers(values: Any) -> Integers:
+    array = np.asarray(values)
+    if array.dtype.kind in "iu" and _is_short(array):
+        return array.astype(np.int64)
+    if not all(type(x) is int for x in array.tolist()):
+        raise SpecError("values must be integers; put what they have in common into the denominator.")
+    return as_integers(array)
+
+
+def _added_up(rows: Places, columns: Places, values: Integers) -> tuple[Places, Places, Integers]:
+    """Add up the values of equal neighbouring places, and drop what is 0."""
+    new = np.ones(len(rows), dtype=bool)
+    new[1:] = (rows[1:] != rows[:-1]) | (columns[1:] != columns[:-1])
+    if not new.all():
+        starts = np.flatnonzero(new)
+        rows, columns = rows[starts], columns[starts]
+        most = int(np.diff(starts, append=len(new)).max())
+        if values.dtype == object or most * max(int(values.max()), -int(values.min())) >= _LIMIT:
+            values = values.astype(object)
+        values = np.add.reduceat(values, starts)
+        values = as_integers(values) if values.dtype == object else values
+    kept = values != 0
+    return (rows, columns, values) if kept.all() else (rows[kept], columns[kept], values[kept])
+
+
+class Doubles(Sequence[Fraction]):
+    """Finite doubles (n,), read as the exact binary fractions that they are.  Never changed."""
+
+    __slots__ = ("array",)
+
+    def __init__(self, array: NDArray[np.float64]) -> None:
+        """Raises: ValueError unless the array has one dimension and finite entries."""
+        if array.ndim != 1 or not np.all(np.isfinite(array)):
+            raise ValueError("a vector of doubles must have one dimension and finite entries.")
+        self.array = np.array(array, dtype=np.float64)
+        self.array.setflags(write=False)
+
+    def __len__(self) -> int:
+        return len(self.array)
+
+    @overload
+    def __getitem__(self, place: int) -> Fraction: ...
+
+    @overload
+    def __getitem__(self, place: slice) -> tuple[Fraction, ...]: ...
+
+    def __getitem__(self, place: int | slice) -> Fraction | tuple[Fraction, ...]:
+        if isinstance(place, slice):
+            return tuple(Fraction(x) for x in self.array[place].tolist())
+        return Fraction(float(self.array[place]))
+
+    def __iter__(self) -> Iterator[Fraction]:
+        return map(Fraction, self.array.tolist())
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, Doubles) and np.array_equal(self.array, other.array)
+
+    def __hash__(self) -> int:
+        return hash(self.array.tobytes())
+
+    def __repr__(self) -> str:
+        return f"Doubles({len(self)} entries)"
+
+
+def least(v: Sequence[Fraction]) -> Fraction:
+    """Return the least of some numbers, at least one."""
+    return Fraction(float(v.array.min())) if isinstance(v, Doubles) else min(v)

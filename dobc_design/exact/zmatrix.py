@@ -17,16 +17,16 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from dobc_design.exact.integers import (
+from dobc_design.exact.symmetric import (
     DENOMINATOR_BITS,
     IntegerSymmetric,
     Places,
     Rows,
+    SparseSymmetric,
     both_triangles,
     in_integers,
     signs_of_product,
 )
-from dobc_design.exact.symmetric import SparseSymmetric
 
 Floats = NDArray[np.float64]
 

@@ -1,123 +1,180 @@
-"""The folder of ``dobc export --c``: code, a usage example that tests itself, test vectors, and README.txt."""
+"""The folder of ``dobc export --c``: code, a usage example that tests itself, test vectors, and README.txt.
+
+Test vectors are one agent's samples in the simulated loop: measured states and received packets go in; u, v and dhat
+have to come out, within a bound derived for the precision.
+"""
 
 from __future__ import annotations
 
 import textwrap
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from fractions import Fraction
 from os import PathLike
 from pathlib import Path
+
+import numpy as np
 
 from dobc_design import __version__
 from dobc_design._show.cards import Card, Shown
 from dobc_design.certificate.files import make_folder, write_together
 from dobc_design.conditions.statement import Statement
 from dobc_design.errors import SpecError
-from dobc_design.export.c_code import header_text, source_text
+from dobc_design.export.c_code import header_text, source_text, template
 from dobc_design.export.c_controller import Controller
-from dobc_design.export.c_vectors import labels_of_neighbours, vectors_csv, vectors_header
-from dobc_design.export.rounding_bound import Recorded, rounding_bound
+from dobc_design.export.c_text import comment, literal
+from dobc_design.export.rounding_bound import Array, Recorded, felt_with_error, rounding_bound
+from dobc_design.problem.arrays import Gain
+from dobc_design.problem.problem import Problem
+from dobc_design.simulation.run import simulate
+from dobc_design.simulation.signals import Mobile, Signal
+from dobc_design.simulation.stress import Stress
+from dobc_design.simulation.trajectory import Trajectory
+
+SECONDS = 10.0
+MOST_SAMPLES = 400
+
+
+class Recorder:
+    """Simulates the sampled loop of a controller over 10 s (at most 400 samples), and remembers the last one.
+
+    ``gain`` and ``sampled_gain`` as in ``make_controller``.  A ``signal`` that depends on the states is left out: the
+    first mode then holds.
+    """
+
+    def __init__(
+        self, *, gain: Gain | None = None, sampled_gain: Gain | None = None, signal: Signal | None = None
+    ) -> None:
+        self.gain, self.signal = gain, None if isinstance(signal, Mobile) else signal
+        self.sampled = None if sampled_gain is None else _rows(sampled_gain)
+        self.last: tuple[Fraction, Trajectory] | None = None
+
+    def objection(self, controller: Controller) -> str:
+        """Why this period does not do in a simulation, or ""."""
+        run = self.run(controller)
+        return f"in a simulation {run.reason}." if run.diverged else ""
+
+    def run(self, controller: Controller) -> Trajectory:
+        """The sampled loop at the controller's period."""
+        if self.last is None or self.last[0] != controller.period:
+            period = float(controller.period)
+            count = min(MOST_SAMPLES, int(SECONDS / period)) + 1
+            times = [k * period for k in range(max(2, count))]
+            done = simulate(
+                controller.problem,
+                mode=next(iter(controller.problem.network.modes)) if self.signal is None else None,
+                signal=self.signal,
+                t_final=times[-1],
+                samples=times,
+                gain=self.gain,
+                stress=Stress(period=period, sampled_gain=self.sampled),
+            )
+            self.last = controller.period, done
+        return self.last[1]
+
+    def recorded(self, controller: Controller) -> Recorded:
+        """What one agent measures, hears and does: the first of the table that is pinned, else the first.
+
+        Raises: SpecError when the simulated loop diverges.
+        """
+        why = self.objection(controller)
+        if why:
+            raise SpecError(f"there are no test vectors: {why}", key="--period", cure="Take a shorter period.")
+        run = self.run(controller)
+        agent = next((each for each in controller.agents if any(map(any, each.gain))), controller.agents[0])
+        i, others, names = agent.index, list(agent.neighbours), list(controller.problem.network.modes)
+        modes = np.zeros(len(run.times), dtype=np.int64)
+        if run.switches is not None:
+            modes = np.array([names.index(name) for name in run.switches.names])[run.switches.at(run.times)]
+        heard = run.x[:, others] - run.goal[others]
+        bare = Recorded(
+            agent=agent,
+            modes=modes,
+            x=run.x[:, i],
+            heard=heard,
+            xihat=run.xihat[:, i, controller.states],
+            dhat=run.dhat[:, i],
+            u=run.u[:, i],
+            v=run.u[:, i],
+        )
+        e = run.x[:, i] - run.goal[i]
+        return replace(bare, v=felt_with_error(controller, bare, e, np.zeros_like(e), 0.0)[0] + run.u[:, i])
+
+
+def vectors_csv(controller: Controller, recorded: Recorded) -> str:
+    """The samples as CSV: time, mode, x, heard values, u, v, dhat; numbers in full double precision."""
+    problem, agent = controller.problem, recorded.agent
+    m, neighbours = range(1, problem.m + 1), range(len(agent.neighbours))
+    head = ["time", "mode", *(f"x{c}" for c in m), *(f"heard{j}_{c}" for j in neighbours for c in m)]
+    head += [f"{name}{c}" for name in ("u", "v", "dhat") for c in m]
+    lines = [",".join(head)]
+    for k in range(len(recorded.x)):
+        numbers = [recorded.x[k], recorded.heard[k].ravel(), recorded.u[k], recorded.v[k], recorded.dhat[k]]
+        texts = [repr(float(value)) for part in numbers for value in part]
+        lines.append(",".join([repr(k * float(controller.period)), str(int(recorded.modes[k])), *texts]))
+    return "\n".join(lines) + "\n"
+
+
+def vectors_header(controller: Controller, recorded: Recorded) -> str:
+    """vectors.h: the same as constant arrays, with the tolerance that is derived for this precision."""
+    problem, agent = controller.problem, recorded.agent
+    place = next(i for i, each in enumerate(controller.agents) if each.index == agent.index)
+    count, neighbours = len(recorded.x), max(1, len(agent.neighbours))
+    heard = recorded.heard if agent.neighbours else np.zeros((count, 1, problem.m))
+    modes = ", ".join(str(int(mode)) for mode in recorded.modes)
+    tolerance = rounding_bound(controller, recorded)
+    if not np.isfinite(tolerance):
+        raise SpecError(
+            "the rounding errors of the test vectors have no finite bound: a coupling is near a singularity.",
+            key="export",
+            cure="Simulate from other starts ([region]), or use --precision double.",
+        )
+    lines = [
+        f"/* Test vectors of agent {comment(agent.label)}: what it measures and hears, and what it has to answer. */",
+        "#ifndef DOBC_VECTORS_H",
+        "#define DOBC_VECTORS_H",
+        "",
+        '#include "dobc_agent.h"',
+        "",
+        f"#define VECTOR_AGENT {place} /* its place in dobc_agents[] */",
+        f"#define VECTOR_SAMPLES {count}",
+        f"#define VECTOR_NEIGHBOURS {len(agent.neighbours)}",
+        f"#define VECTOR_TOLERANCE {tolerance:.3e} /* derived for {controller.precision}: u, v and dhat */",
+        "",
+        f"static const int vector_mode[VECTOR_SAMPLES] = {{{modes}}};",
+        "",
+    ]
+    for name, values in (("x", recorded.x), ("u", recorded.u), ("v", recorded.v), ("dhat", recorded.dhat)):
+        body = ",\n".join(f"    {_initial(value, controller)}" for value in values)
+        lines.append(f"static const dobc_real vector_{name}[VECTOR_SAMPLES][DOBC_COMPONENTS] = {{\n{body}\n}};\n")
+    rows = ",\n".join("    {" + ", ".join(_initial(value, controller) for value in each) + "}" for each in heard)
+    lines.append(
+        f"static const dobc_real vector_heard[VECTOR_SAMPLES][{neighbours}][DOBC_COMPONENTS] = {{\n{rows}\n}};\n"
+    )
+    return "\n".join([*lines, "#endif", ""])
+
+
+def _initial(values: Array, controller: Controller) -> str:
+    texts = [_number(float(value), controller.precision) for value in values]
+    return "{" + ", ".join(texts) + "}"
+
+
+def _number(value: float, precision: str) -> str:
+    return literal(Fraction(value), precision).strip("()")
+
+
+def _rows(gain: Gain) -> tuple[tuple[float, ...], ...]:
+    return tuple(tuple(float(entry) for entry in row) for row in gain)
+
+
+def labels_of_neighbours(problem: Problem, recorded: Recorded) -> Sequence[str]:
+    """Whose packets are neighbours 0, 1, ... of the recorded agent."""
+    return [problem.network.labels[index] for index in recorded.agent.neighbours]
+
 
 FILES = ("dobc_agent.h", "dobc_agent.c", "main.c", "vectors.h", "vectors.csv", "README.txt")
 WIDTH = 100
 COMPILE = "gcc -std=c99 -O2 -Wall -Wextra -Werror -pedantic dobc_agent.c main.c -o selftest -lm && ./selftest"
-
-MAIN = """\
-/* Usage example and self-test: feeds the test vectors to one agent and compares what it answers.
- *
- *     {compile}
- *
- * Replace the vectors by your sensor, your radio and your actuator, and call dobc_step every DOBC_PERIOD.
- */
-#include <stdio.h>
-
-#include "dobc_agent.h"
-#include "vectors.h"
-
-static double difference(const dobc_real *found, const dobc_real *wanted)
-{{
-    double worst = 0.0;
-    int c;
-
-    for (c = 0; c < DOBC_COMPONENTS; c++) {{
-        double apart = (double)found[c] - (double)wanted[c];
-
-        if (!(apart <= worst && -apart <= worst)) {{
-            worst = apart < 0.0 ? -apart : apart;
-        }}
-    }}
-    return worst;
-}}
-
-int main(void)
-{{
-    dobc_agent agent; /* all the memory it needs */
-    dobc_output output;
-    double worst = 0.0;
-    int k, j;
-
-    dobc_init(&agent, &dobc_agents[VECTOR_AGENT]);
-    for (k = 0; k < VECTOR_SAMPLES; k++) {{
-        double apart[3];
-
-        dobc_set_mode(&agent, vector_mode[k]);                   /* which graph holds now */
-        for (j = 0; j < VECTOR_NEIGHBOURS; j++) {{
-            dobc_receive(&agent, j, vector_heard[k][j]);         /* packets that have arrived */
-        }}
-        dobc_step(&agent, vector_x[k], &output);                 /* the measured state; then command output.u */
-        apart[0] = difference(output.u, vector_u[k]);
-        apart[1] = difference(output.v, vector_v[k]);
-        apart[2] = difference(output.dhat, vector_dhat[k]);
-        for (j = 0; j < 3; j++) {{
-            if (!(apart[j] <= worst)) {{
-                worst = apart[j];
-            }}
-        }}
-    }}
-    printf("agent %s, %d samples: largest difference %.3e, allowed %.3e: %s\\n", dobc_agents[VECTOR_AGENT].label,
-           VECTOR_SAMPLES, worst, VECTOR_TOLERANCE, worst <= VECTOR_TOLERANCE ? "passed" : "FAILED");
-    return worst <= VECTOR_TOLERANCE ? 0 : 1;
-}}
-"""
-
-README = """\
-{name}: observer and controller of one agent in C99
-{rule}
-
-{intro}
-
-Files
-  dobc_agent.h    types and functions; read it first
-  dobc_agent.c    the code and the numbers of {who}
-  main.c          usage example; compares the code with the test vectors
-  vectors.h/.csv  {samples} samples of agent {agent} in the simulated loop
-                  its neighbours 0, 1, ...: {neighbours}
-
-Compile and test
-  {compile}
-
-Every {period} s, on every agent
-  1. measure x (relative to the frame of the target); y = x - goal, see dobc_packet, goes to those who listen
-  2. dobc_receive what has arrived; a packet counts until the next one, an arc that never got one adds nothing
-  3. dobc_step; hold its answer until the next sample
-  4. dobc_applied, if the actuator could not do what it was told
-
-Which command
-  output.u  where the couplings are physical (power lines, springs): they act by themselves, and the code
-            computes them from the packets only so that the observer can subtract them
-  output.v  where the couplings are computed: v = couplings + u is the whole command
-
-What is proved about these numbers, exactly
-{proved}
-
-What is not
-{open}
-
-Numbers: {precision}; Ad, Cd and L are the exact discretisation of (13) over {period} s, enclosed by interval
-arithmetic and rounded once. u, v and dhat may differ from the double-precision simulation by {bound:.1e} (derived:
-one unit roundoff an operation, four for a function of the C library, carried along the vectors).
-Written by dobc_design {version}.
-"""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, repr=False)
@@ -179,7 +236,7 @@ def c_code(controller: Controller, recorded: Recorded, *, certified: Statement |
     texts = {
         "dobc_agent.h": header_text(controller),
         "dobc_agent.c": source_text(controller),
-        "main.c": MAIN.format(compile=COMPILE),
+        "main.c": template("main.c.j2").render(compile=COMPILE),
         "vectors.h": vectors_header(controller, recorded),
         "vectors.csv": vectors_csv(controller, recorded),
         "README.txt": readme(controller, recorded, statements),
@@ -206,7 +263,7 @@ def readme(controller: Controller, recorded: Recorded, statements: Sequence[Stat
     )
     floor = "anything about ranges, overflow and timing on the target; the vectors are a test, not a proof."
     far = "convergence from far away with couplings held; a certificate's check `sampling` states how long they may be."
-    return README.format(
+    return template("README.txt.j2").render(
         name=problem.name,
         rule="=" * (len(problem.name) + 45),
         intro=textwrap.fill(
@@ -224,7 +281,7 @@ def readme(controller: Controller, recorded: Recorded, statements: Sequence[Stat
         proved=_items(proved or ["nothing"]),
         open=_items([*undecided, *([] if certified else [far]), held, floor]),
         precision=controller.precision,
-        bound=rounding_bound(controller, recorded),
+        bound=f"{rounding_bound(controller, recorded):.1e}",
         version=__version__,
     )
 

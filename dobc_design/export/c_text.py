@@ -13,7 +13,9 @@ from typing import Any
 import numpy as np
 
 from dobc_design.coupling.coupling import Coupling
-from dobc_design.coupling.expression import evaluate, variables_used
+from dobc_design.coupling.expression import variables_used
+from dobc_design.coupling.functions import FUNCTIONS, by_twos
+from dobc_design.coupling.tree import evaluate
 from dobc_design.errors import SpecError
 
 PRECISIONS = ("double", "float")
@@ -133,19 +135,15 @@ class CAlgebra:
         return Piece(f"dobc_power({base.text}, {exponent})", ATOM)
 
     def call(self, name: str, arguments: tuple[Piece, ...]) -> Piece:
-        if name == "clip":
-            value, low, high = arguments
-            return self.call("min", (self.call("max", (value, low)), high))
-        if name in ("min", "max", "abs"):
+        return by_twos(name, arguments, self._called)
+
+    def _called(self, name: str, *operands: Piece) -> Piece:
+        inside = ", ".join(each.text for each in operands)
+        if name in HELPERS:
             self.used.add(name)
-            first, *others = arguments
-            if not others:
-                return Piece(f"dobc_{name}({first.text})", ATOM)
-            for other in others:
-                first = Piece(f"dobc_{name}({first.text}, {other.text})", ATOM)
-            return first
+            return Piece(f"dobc_{name}({inside})", ATOM)
         self.library = True
-        return Piece(f"{name}{self.suffix}({arguments[0].text})", ATOM)
+        return Piece(f"{FUNCTIONS[name].c or name}{self.suffix}({inside})", ATOM)
 
 
 def coupling_function(coupling: Coupling, number: int, algebra: CAlgebra) -> str:

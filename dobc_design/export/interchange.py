@@ -1,7 +1,8 @@
 """In from other programs, out to other programs and to targets: one function for each, all thin.
 
 In:  problem_from_file (MATPOWER, pandapower, MATLAB, arcs), from_pandapower.
-Out: to_c, to_fmu, to_sdpa, to_mat, to_casadi, to_numpy, to_sympy, to_latex; to_control is in ``workflow``.
+Out: to_c, to_fmu, to_sdpa, to_mat, to_casadi, to_numpy, to_sympy, to_latex, to_control, python_script, build_model,
+analyse.
 """
 
 from __future__ import annotations
@@ -14,18 +15,21 @@ from typing import TYPE_CHECKING, Any
 from dobc_design.certificate.certificate import Certificate
 from dobc_design.certificate.claims import Claims
 from dobc_design.certificate.files import write_atomically
+from dobc_design.conditions.observer.gain import observer_gain
 from dobc_design.errors import SpecError
 from dobc_design.exact.matrix import Matrix
 from dobc_design.problem.canonical import problem_sha256
-from dobc_design.problem.groups import join
 from dobc_design.problem.load import load_problem
 from dobc_design.problem.problem import Problem
 from dobc_design.verdict import Verdict
 
 if TYPE_CHECKING:
+    from dobc_design.analysis.analysis import Analysis
     from dobc_design.export.c_folder import CCode
     from dobc_design.export.fmu import Fmu
-    from dobc_design.simulation.signal_files import Signal
+    from dobc_design.export.python_control import ConsensusLoop
+    from dobc_design.model.model import Model
+    from dobc_design.simulation.signals import Signal
 
 Source = Problem | str | PathLike[str]
 
@@ -48,7 +52,7 @@ def from_pandapower(net: Any, *, name: str | None = None, gain: Any = 1) -> Prob
     ``name`` of the problem, by default that of the network.
     Returns: a Problem whose notes say what was left out.  Raises: SpecError.
     """
-    from dobc_design.importing.pandapower_net import from_pandapower as run
+    from dobc_design.importing.grids import from_pandapower as run
 
     return run(net, name=name, gain=gain)
 
@@ -75,10 +79,8 @@ def to_c(
         >>> "dobc_agent.c" in code.files, code.tolerance < 1e-9
         (True, True)
     """
-    from dobc_design.export.c_controller import make_controller
-    from dobc_design.export.c_folder import c_code
-    from dobc_design.export.c_vectors import Recorder
-    from dobc_design.export.certified_period import certified_sampling
+    from dobc_design.export.c_controller import certified_sampling, make_controller
+    from dobc_design.export.c_folder import Recorder, c_code
 
     problem = _loaded(problem)
     claims = certificate.claims if isinstance(certificate, Certificate) else certificate
@@ -88,7 +90,7 @@ def to_c(
             key="certificate",
             cure="Certify this problem.",
         )
-    gain = _gain(problem) if claims is None else claims.W
+    gain = observer_gain(problem) if claims is None else claims.W
     recorder = Recorder(gain=gain, sampled_gain=sampled_gain, signal=_signal(problem))
     controller = make_controller(
         problem,
@@ -99,7 +101,7 @@ def to_c(
         sampled_gain=sampled_gain,
         objection=recorder.objection,
     )
-    certified = None if claims is None else certified_sampling(claims, controller.period)
+    certified = None if claims is None else certified_sampling(problem, claims, controller.period)
     return c_code(controller, recorder.recorded(controller), certified=certified)
 
 
@@ -111,7 +113,7 @@ def to_fmu(problem: Source, *, period: Any, agent: Any = None, sampled_gain: Any
     Returns: an Fmu.  Raises: as ``to_c``; SolverError if the C compiler refuses.
     """
     from dobc_design.export.c_controller import make_controller
-    from dobc_design.export.c_vectors import Recorder
+    from dobc_design.export.c_folder import Recorder
     from dobc_design.export.fmu import make_fmu
 
     problem = _loaded(problem)
@@ -119,7 +121,7 @@ def to_fmu(problem: Source, *, period: Any, agent: Any = None, sampled_gain: Any
     if agent is None:
         pinned = problem.pinning.agents
         label = problem.network.labels[pinned[0] if pinned else 0]
-    gain = _gain(problem)
+    gain = observer_gain(problem)
     recorder = Recorder(gain=gain, sampled_gain=sampled_gain, signal=_signal(problem))
     controller = make_controller(
         problem, period=period, agents=[label], gain=gain, sampled_gain=sampled_gain, objection=recorder.objection
@@ -154,7 +156,7 @@ def to_mat(problem: Source, path: str | PathLike[str]) -> Path:
 
     Numbers become doubles.  Returns: the path.  Raises: SpecError for couplings of single arcs.
     """
-    from dobc_design.export.matlab import mat_bytes
+    from dobc_design.export.matrices import mat_bytes
 
     write_atomically(Path(path), mat_bytes(_loaded(problem)))
     return Path(path)
@@ -172,7 +174,7 @@ def to_casadi(problem: Source, function: str = "closed_loop", *, mode: str | Non
     from dobc_design.model.model import build_model
 
     problem = _loaded(problem)
-    found = {each.name(): each for each in build_model(problem, mode, gain=_gain(problem)).functions}
+    found = {each.name(): each for each in build_model(problem, mode, gain=observer_gain(problem)).functions}
     if function not in found:
         raise SpecError(f"function must be one of {', '.join(found)}; got {function[:60]!r}.", key="function")
     return found[function]
@@ -231,14 +233,77 @@ def _loaded(problem: Source) -> Problem:
     return problem if isinstance(problem, Problem) else load_problem(problem)
 
 
-def _gain(problem: Problem) -> Matrix | None:
-    """The W that ``certify`` uses: the one given, else the designed one; block diagonal where agents have groups."""
-    from dobc_design.conditions.observer.gain import chosen_gains, design_gains
-
-    return join(chosen_gains(problem, design_gains(problem)))
-
-
 def _signal(problem: Problem) -> Signal | None:
-    from dobc_design.simulation.signal_files import signal_of
+    from dobc_design.simulation.signals import signal_of
 
     return signal_of(problem)[0]
+
+
+def analyse(problem: Source) -> Analysis:
+    """Compute the diagnostics shown beside a certificate: spectra, margins, graph facts.  Never a proof.
+
+    Returns: an Analysis.  Raises: SpecError for a wrong problem.
+    Example:
+        >>> dd.analyse("clock-sync").observability.rank
+        1
+    """
+    from dobc_design.analysis.analysis import analyse as run
+
+    problem = _loaded(problem)
+    return run(problem, gain=observer_gain(problem))
+
+
+def build_model(problem: Source, *, mode: str | None = None) -> Model:
+    """Build the CasADi functions of the problem: h, its Jacobian, observer, controller, closed loop.
+
+    A missing W is designed first, as ``certify`` does.  ``mode`` defaults to the first.
+    Returns: a Model.  Raises: SpecError for an unknown mode.
+    Example:
+        >>> dd.build_model("clock-sync").jacobian([0] * 10).shape
+        (10, 10)
+    """
+    from dobc_design.model.model import build_model as run
+
+    problem = _loaded(problem)
+    return run(problem, mode, gain=observer_gain(problem))
+
+
+def to_control(
+    problem: Source, *, mode: str | None = None, signal: Any = None, seed: int | None = None
+) -> ConsensusLoop:
+    """The closed loop as a control.NonlinearIOSystem, whose response reproduces the trajectory of ``simulate``.
+
+    ``exosystem`` and ``observer`` of the result are control.StateSpace of one agent; ``start_of(trajectory)`` is the
+    initial state.  Modes as in ``simulate``: ``mode``, a ``signal`` that does not depend on the states, else the
+    problem's [switching], up to its t_final; ``seed`` draws the switches.  A missing W is designed first.
+    Returns: a ConsensusLoop.  Raises: SpecError.
+    """
+    from dobc_design.export.python_control import to_control as run
+    from dobc_design.simulation.signals import Mobile, signal_of
+
+    problem = _loaded(problem)
+    if signal is None and mode is None:
+        signal = signal_of(problem)[0]
+    if isinstance(signal, Mobile):
+        raise SpecError(
+            "signal must not depend on the states, because python-control keeps no graph between calls.",
+            key="signal",
+            cure="Give a mode, or another signal.",
+        )
+    settings = problem.simulation
+    return run(
+        problem,
+        mode=mode,
+        signal=signal,
+        horizon=float(settings.horizon),
+        seed=settings.seed if seed is None else seed,
+        gain=observer_gain(problem),
+    )
+
+
+def python_script(problem: Source) -> str:
+    """The closed loop as the text of a Python file that needs NumPy and python-control only.  Raises: SpecError."""
+    from dobc_design.export.python_script import python_script as run
+
+    problem = _loaded(problem)
+    return run(problem, gain=observer_gain(problem))

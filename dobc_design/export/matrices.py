@@ -1,14 +1,16 @@
-"""The matrices of a problem, with those of its certificate, by name: exact, in NumPy, in SymPy, in LaTeX.
+"""The matrices of a problem, with those of its certificate, by name: exact, in NumPy, in SymPy, in LaTeX, for MATLAB.
 
     A, C, W, P, Q   exosystem, observer gain, Lyapunov matrix, P W       K   pinning gains, (n m, n m)
     L   Laplacian of the weights, (n, n)      Lambda   J + J' - (K + K') at the consensus, where slopes are rational
     xbar   the target, (m, 1)
 
-With several modes L and Lambda stand once for each, as L_MODE and Lambda_MODE.
+With several modes L and Lambda stand once for each, as L_MODE and Lambda_MODE.  In a MATLAB file numbers are doubles;
+arcs with a coupling of their own have no place in a Laplacian and are refused there.
 """
 
 from __future__ import annotations
 
+import io
 from collections.abc import Mapping
 from fractions import Fraction
 from typing import Any
@@ -17,12 +19,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dobc_design._show.text import latex_matrix, latex_text
-from dobc_design.conditions.consensus.statements import state_theorems
+from dobc_design.conditions.consensus.claim import state_theorems
 from dobc_design.coupling.coupling import Coupling
 from dobc_design.errors import SpecError
 from dobc_design.exact.matrix import Matrix, to_float
 from dobc_design.exact.symmetric import SparseSymmetric
-from dobc_design.problem.arcs import Arcs
+from dobc_design.problem.arrays import exosystem_arrays, goals
+from dobc_design.problem.network import Arcs
 from dobc_design.problem.problem import Problem
 
 MOST_ROWS = 500  # of a dense matrix
@@ -67,7 +70,7 @@ def sympy_matrices(found: Mapping[str, Matrix], problem: Problem) -> dict[str, A
     """The same as SymPy matrices of rationals, and the default coupling "h" as a column in y, or y1 to ym."""
     import sympy
 
-    from dobc_design.model.sympy_algebra import to_sympy
+    from dobc_design.model.symbolic import to_sympy
 
     def rational(value: Fraction) -> Any:
         return sympy.Rational(value.numerator, value.denominator)
@@ -120,3 +123,66 @@ def _laplacian(arcs: Arcs, n: int) -> Matrix:
         rows[listener][speaker] -= weight
         rows[listener][listener] += weight
     return tuple(map(tuple, rows))
+
+
+MOST_AGENTS = 2000  # L is dense
+
+
+def mat_bytes(problem: Problem) -> bytes:
+    """The bytes of a .mat file with A, C, L, W, P, k, xbar, offsets, h, labels, modes, name.
+
+    Raises: SpecError for couplings of single arcs, and above 2000 agents.
+    """
+    from scipy.io import savemat
+
+    if problem.exceptions:
+        raise SpecError(
+            "a .mat file has no place for arcs with a coupling of their own; this problem has"
+            f" {len(problem.exceptions)}.",
+            key="to_mat",
+            cure="Write the problem file instead.",
+        )
+    if problem.n > MOST_AGENTS:
+        raise SpecError(
+            f"L is written for at most {MOST_AGENTS} agents; the problem has {problem.n}.",
+            key="to_mat",
+            cure="Write the problem file instead.",
+        )
+    stream = io.BytesIO()
+    savemat(stream, _variables(problem), do_compression=True)
+    return stream.getvalue()
+
+
+def _variables(problem: Problem) -> dict[str, Any]:
+    n, m = problem.n, problem.m
+    layers = np.zeros((n, n, len(problem.network.modes)))
+    for number, arcs in enumerate(problem.network.modes.values()):
+        weights = to_float((arcs.weights,))[0]
+        layers[arcs.listeners, arcs.speakers, number] = -weights
+        layers[np.arange(n), np.arange(n), number] = np.bincount(arcs.listeners, weights=weights, minlength=n)
+    gains = np.zeros((m, m, n))
+    for agent, gain in problem.pinning.gains.items():
+        gains[:, :, agent] = to_float(gain)
+    target = to_float((problem.target,))
+    found: dict[str, Any] = {
+        "L": layers[:, :, 0] if layers.shape[2] == 1 else layers,
+        "k": gains[0, 0][:, None] if problem.pinning.is_scalar and (m == 1 or n != 1) else gains,
+        "xbar": target,
+        "offsets": goals(problem) - target,
+        "h": _cells(problem.coupling.texts),
+        "labels": _cells(problem.network.labels),
+        "modes": _cells(tuple(problem.network.modes)),
+        "name": problem.name,
+    }
+    if problem.exosystem is not None:
+        found["A"], found["C"] = exosystem_arrays(problem)
+        for name, matrix in (("W", problem.observer.W), ("P", problem.observer.P)):
+            if matrix is not None:
+                found[name] = to_float(matrix)
+    return found
+
+
+def _cells(texts: tuple[str, ...]) -> Any:
+    cells = np.empty((len(texts), 1), dtype=object)
+    cells[:, 0] = texts
+    return cells

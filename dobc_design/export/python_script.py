@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from dobc_design.coupling.coupling import Coupling
+from dobc_design.coupling.functions import FUNCTIONS
 from dobc_design.errors import SpecError
 from dobc_design.problem.arrays import Gain, arc_groups, exosystem_arrays, goals, pinning_matrix, required_gain
 from dobc_design.problem.problem import Problem
@@ -31,8 +32,7 @@ import functools
 
 import control
 import numpy as np
-from numpy import abs, clip, cos, cosh, exp, log, pi, sin, sinh, sqrt, tan, tanh
-from numpy import arctan as atan
+{imports}
 
 
 def min(*values):
@@ -123,10 +123,18 @@ def python_script(problem: Problem, *, gain: Any = None) -> str:
         )
     mode = next(iter(problem.network.modes))
     title = _inside_docstring(problem.name)
-    text = HEAD.replace("{title}", title).replace("{mode}", _inside_docstring(mode))
+    text = HEAD.replace("{title}", title).replace("{mode}", _inside_docstring(mode)).replace("{imports}", _imports())
     couplings = list(problem.couplings)
     text += "".join(_function(number, each) for number, each in enumerate(couplings))
     return text + _numbers(problem, gain) + _arcs(problem, couplings) + BODY
+
+
+def _imports() -> str:
+    """The functions of couplings, from NumPy; min and max of several have definitions of their own."""
+    plain = sorted(["pi", *(row.name for row in FUNCTIONS.values() if not row.numpy)])
+    renamed = [row for row in FUNCTIONS.values() if row.numpy and row.name not in ("min", "max")]
+    lines = [f"from numpy import {row.numpy} as {row.name}" for row in renamed]
+    return "\n".join([f"from numpy import {', '.join(plain)}", *lines])
 
 
 def _function(number: int, coupling: Coupling) -> str:

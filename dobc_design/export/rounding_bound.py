@@ -7,17 +7,15 @@ estimate is carried from sample to sample by Ad, because the recorded states do 
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from fractions import Fraction
-from functools import reduce
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from dobc_design.coupling.coupling import Coupling
-from dobc_design.coupling.expression import evaluate
+from dobc_design.coupling.functions import FUNCTIONS, by_twos
+from dobc_design.coupling.tree import evaluate
 from dobc_design.exact.matrix import to_float
 from dobc_design.export.c_controller import AgentNumbers, Controller
 
@@ -73,35 +71,19 @@ class ErringAlgebra:
         return positive if exponent >= 0 else self.divide(one, positive)
 
     def call(self, name: str, arguments: tuple[Erring, ...]) -> Erring:
-        if name == "clip":
-            value, low, high = arguments
-            return self.call("min", (self.call("max", (value, low)), high))
-        if name in ("min", "max"):
-            choose = np.minimum if name == "min" else np.maximum
-            return reduce(lambda a, b: Erring(choose(a.value, b.value), np.maximum(a.error, b.error)), arguments)
-        (inner,) = arguments
-        x, error = inner.value, inner.error
-        value, slope = _FUNCTIONS[name](x, np.abs(x) + error)
-        return self._made(np.asarray(value), np.asarray(slope * error), times=LIBRARY)
+        return by_twos(name, arguments, self._called)
+
+    def _called(self, name: str, *operands: Erring) -> Erring:
+        row = FUNCTIONS[name]
+        value = row.found_in(np, "numpy")(*(each.value for each in operands))
+        if len(operands) == 2:
+            return Erring(value, np.maximum(operands[0].error, operands[1].error))
+        (inner,) = operands
+        slope = 1.0 if row.steepest is None else row.steepest(inner.value, np.abs(inner.value) + inner.error)
+        return self._made(np.asarray(value), np.asarray(slope * inner.error), times=LIBRARY)
 
     def _made(self, value: Array, carried: Array, *, times: float = 1.0) -> Erring:
         return Erring(np.asarray(value), np.asarray(carried + times * self.u * np.abs(value)))
-
-
-# Value at x, and a bound on the slope near it; |x| is at most the second argument.
-_FUNCTIONS: dict[str, Callable[[Array, Array], tuple[Any, Any]]] = {
-    "exp": lambda x, far: (np.exp(x), np.exp(x + (far - np.abs(x)))),
-    "log": lambda x, far: (np.log(x), 1 / np.maximum(2 * x - far, 0)),
-    "sin": lambda x, far: (np.sin(x), 1.0),
-    "cos": lambda x, far: (np.cos(x), 1.0),
-    "tan": lambda x, far: (np.tan(x), 2 * (1 + np.tan(x) ** 2)),
-    "tanh": lambda x, far: (np.tanh(x), 1.0),
-    "atan": lambda x, far: (np.arctan(x), 1.0),
-    "sinh": lambda x, far: (np.sinh(x), np.cosh(far)),
-    "cosh": lambda x, far: (np.cosh(x), np.cosh(far)),
-    "sqrt": lambda x, far: (np.sqrt(x), 0.5 / np.sqrt(np.maximum(2 * x - far, 0))),
-    "abs": lambda x, far: (np.abs(x), 1.0),
-}
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

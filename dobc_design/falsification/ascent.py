@@ -1,6 +1,6 @@
 """Gradient ascent over starts: whatever is large after some time is made larger.
 
-The derivatives are those of CasADi's RK4 (``model.flow``); where a step ends is simulated again by others.
+The derivatives are those of CasADi's RK4 (``model.model``); where a step ends is simulated again by others.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from dobc_design.falsification.levels import Level
 from dobc_design.falsification.starts import Pair, StartSet
-from dobc_design.model.flow import Flow
+from dobc_design.model.model import Flow
 
 Array = NDArray[np.float64]
 Objective = Callable[[Array], tuple[float, Array]]

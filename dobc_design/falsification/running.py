@@ -10,14 +10,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dobc_design.falsification.levels import Level
-from dobc_design.problem.arrays import Gain, consensus_jacobian, pinning_matrix
+from dobc_design.problem.arrays import Gain, arc_groups, consensus_jacobian, pinning_matrix
 from dobc_design.problem.problem import Problem
-from dobc_design.simulation.closed_form import make_closed_form
-from dobc_design.simulation.columns import COLLAPSED, ESCAPED, HANDED_BACK
-from dobc_design.simulation.ensembles import COLUMN_NUMBERS
-from dobc_design.simulation.field import Loop, Network, make_loop, network_of
-from dobc_design.simulation.graph import groups_of_mode
-from dobc_design.simulation.stacked import Stack, integrate_stack
+from dobc_design.simulation.columns import COLLAPSED, ESCAPED, HANDED_BACK, Stack, integrate_stack
+from dobc_design.simulation.ensemble import COLUMN_NUMBERS
+from dobc_design.simulation.field import Loop, Network, make_closed_form, make_loop, network_of
 
 Array = NDArray[np.float64]
 IndexArray = NDArray[np.int64]
@@ -63,7 +60,7 @@ class Runs:
     """What became of R starts: e (n m, R), eps (n, q, R), signals.
 
     times (T,) in s; error (T, R), |e|_inf, nan after an early end; values (T, R), V of a certified set, or nan;
-    ends (n m, R); states (R,) as in ``simulation.stacked``.
+    ends (n m, R); states (R,) as in ``simulation.columns``.
     """
 
     times: Array
@@ -106,7 +103,7 @@ def make_arena(problem: Problem, gain: Gain | None) -> Arena:
 
     @cache
     def networks(mode: int) -> Network:
-        return network_of(loop, groups_of_mode(problem, names[mode]), runs=size)
+        return network_of(loop, arc_groups(problem, names[mode]), runs=size)
 
     return Arena(problem=problem, loop=loop, modes=names, networks=networks)
 

@@ -15,8 +15,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dobc_design.conditions.check import Check
-from dobc_design.conditions.equilibrium.claim import Equilibrium
-from dobc_design.conditions.equilibrium.decide import LARGEST, refuting_check
+from dobc_design.conditions.equilibrium.claim import LARGEST, Equilibrium
+from dobc_design.conditions.equilibrium.decide import refuting_check
 from dobc_design.errors import SpecError
 from dobc_design.falsification.ascent import ascend, final_error, final_level
 from dobc_design.falsification.equilibria import MOST_PROVED, point_of, proved_equilibria
@@ -33,11 +33,11 @@ from dobc_design.falsification.running import (
 )
 from dobc_design.falsification.starts import CORNERS, EDGES, RANDOM, Boundary, StartSet, asked_box
 from dobc_design.falsification.suspect import LEAVES, RESTS, STAYS_AWAY, Falsification, Suspect
-from dobc_design.model.flow import Flow, build_flow
+from dobc_design.model.model import Flow, build_flow
 from dobc_design.problem.arrays import Gain, chosen_gain
 from dobc_design.problem.problem import Problem
 from dobc_design.simulation._arguments import positive, seconds, whole
-from dobc_design.simulation.stiffness import fastest_decay
+from dobc_design.simulation.integrate import fastest_decay
 
 Array = NDArray[np.float64]
 IndexArray = NDArray[np.int64]

@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING
 
 from dobc_design.certificate.certificate import Certificate
 from dobc_design.conditions.check import Check
-from dobc_design.conditions.coverage import REGION_IDS
 from dobc_design.conditions.observer.gain import observer_gain
 from dobc_design.errors import SpecError
 from dobc_design.problem.load import load_problem
@@ -65,7 +64,7 @@ def falsify(
 
 def regional_check(certificate: Certificate) -> Check | None:
     """The proved check of a region that covers what is asked, else the first one; None without one."""
-    proved = [check for check in certificate.checks if check.verdict is Verdict.PROVED and check.id in REGION_IDS]
+    proved = [check for check in certificate.checks if check.verdict is Verdict.PROVED and check.kind.role == "region"]
     first = proved[0] if proved else None
     return next((check for check in proved if check.id == certificate.claims.covered_by), first)
 

@@ -6,10 +6,8 @@ from pathlib import Path
 
 from dobc_design.errors import SpecError
 from dobc_design.exact.reading import shown
-from dobc_design.importing.grids import grid_problem
+from dobc_design.importing.grids import grid_problem, is_pandapower, read_matpower, read_pandapower
 from dobc_design.importing.matlab import read_mat
-from dobc_design.importing.matpower import read_matpower
-from dobc_design.importing.pandapower_net import is_pandapower, read_pandapower
 from dobc_design.problem.arcs_file import READERS, labels_in_file, read_arcs_file
 from dobc_design.problem.load import load_problem
 from dobc_design.problem.network import Network

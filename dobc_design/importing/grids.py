@@ -8,13 +8,17 @@ flat schedule: all angles agree at the target 0.  The weights b_ij are exact; ev
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import json
+import math
+import re
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
 from typing import Any
 
 from dobc_design.errors import SpecError
-from dobc_design.exact.reading import named, shown_number
+from dobc_design.exact.number import parse_number
+from dobc_design.exact.reading import named, shown, shown_number
 from dobc_design.problem.exosystems import constant
 from dobc_design.problem.network import Network
 from dobc_design.problem.problem import Problem
@@ -115,3 +119,239 @@ def merged(labels: Sequence[str], pairs: Sequence[tuple[str, str]]) -> dict[str,
         first, second = sorted((root(a), root(b)), key=order.__getitem__)
         parent[second] = first
     return {label: root(label) for label in labels}
+
+
+ISOLATED = 4  # bus type
+COLUMNS = {"bus": 2, "gen": 8, "branch": 11}  # that have to be there
+_TABLE = re.compile(r"(?<![\w.])mpc\.(bus|gen|branch)[ \t]*=[ \t]*\[")
+_COMMENT = re.compile(r"%[^\n]*")
+_CONTINUED = re.compile(r"\.\.\.[^\n]*\n")
+_CELL = re.compile(r"[+-]?(?:[0-9]+\.?[0-9]*(?:[eE][+-]?[0-9]+)?|\.[0-9]+(?:[eE][+-]?[0-9]+)?|[iI]nf|[nN]a[nN])")
+_BUS = re.compile(r"[0-9]{1,18}(\.0*)?")
+
+
+def read_matpower(text: str, *, name: str) -> Grid:
+    """Read the tables of a case file; ``name`` of the file is for messages.
+
+    Raises: SpecError that names table, row and column.
+    """
+    plain = _CONTINUED.sub(" ", _COMMENT.sub("", text))
+    tables = {table: _rows(body, table, name) for table, body in _tables(plain)}
+    for table in ("bus", "branch"):
+        if table not in tables:
+            raise SpecError(
+                f"{name} must hold the table mpc.{table} of a MATPOWER case, in numbers; it is not there.",
+                key=f"mpc.{table}",
+                cure="Write the case with MATPOWER's savecase.",
+            )
+    kinds = {_bus(row[0], "bus", i): _number(row[1], f"mpc.bus({i},2)") for i, row in enumerate(tables["bus"], 1)}
+    isolated = {bus for bus, kind in kinds.items() if kind == ISOLATED}
+    generators = [
+        _bus(row[0], "gen", i)
+        for i, row in enumerate(tables.get("gen", []), 1)
+        if _number(row[7], f"mpc.gen({i},8)") > 0
+    ]
+    branches = []
+    for i, row in enumerate(tables["branch"], 1):
+        if _number(row[10], f"mpc.branch({i},11)") == 0:
+            continue
+        tap = _number(row[8], f"mpc.branch({i},9)")
+        ends = _bus(row[0], "branch", i), _bus(row[1], "branch", i)
+        if not isolated & set(ends):
+            reactance = _number(row[3], f"mpc.branch({i},4)") * (tap or 1)
+            branches.append(Branch(ends=ends, reactance=reactance, place=f"mpc.branch row {i}"))
+    return Grid(
+        buses=tuple(bus for bus in kinds if bus not in isolated),
+        branches=tuple(branches),
+        generators=tuple(generators),
+        source=f"the MATPOWER case {name}",
+    )
+
+
+def _tables(text: str) -> Iterator[tuple[str, str]]:
+    """Name and body of every table, from its bracket to the next closing one; each character is passed once."""
+    begin = _TABLE.search(text)
+    while begin is not None:
+        end = text.find("]", begin.end())
+        if end < 0:
+            return
+        yield begin[1], text[begin.end() : end]
+        begin = _TABLE.search(text, end)
+
+
+def _rows(body: str, table: str, name: str) -> list[list[str]]:
+    rows = [row.replace(",", " ").split() for line in body.split("\n") for row in line.split(";")]
+    rows = [row for row in rows if row]
+    for i, row in enumerate(rows, 1):
+        if len(row) < COLUMNS[table]:
+            raise SpecError(
+                f"{name}: mpc.{table} must have at least {COLUMNS[table]} columns; row {i} has {len(row)}.",
+                key=f"mpc.{table}",
+                cure="Write the case with MATPOWER's savecase.",
+            )
+        for j, cell in enumerate(row, 1):
+            if not _CELL.fullmatch(cell):
+                raise SpecError(
+                    f"{name}: mpc.{table}({i},{j}) must be a number, because nothing in a case is computed;"
+                    f" got {shown(cell)}.",
+                    key=f"mpc.{table}({i},{j})",
+                    cure="Write the case with MATPOWER's savecase.",
+                )
+    return rows
+
+
+def _bus(text: str, table: str, row: int) -> str:
+    if not _BUS.fullmatch(text):
+        raise SpecError(
+            f"mpc.{table} row {row}: a bus must be a whole number; got {shown(text)}.",
+            key=f"mpc.{table}",
+            cure="Write the case with MATPOWER's savecase.",
+        )
+    return str(int(text.partition(".")[0]))
+
+
+def _number(text: str, key: str) -> Fraction:
+    """An entry as the decimal text it is; MATLAB writes .5 and 5. too."""
+    trimmed = re.sub(r"(?<![0-9])\.(?=[0-9])", "0.", text)
+    return parse_number(re.sub(r"(?<=[0-9])\.(?![0-9])", "", trimmed), key=key)
+
+
+Row = Mapping[str, Any]
+Tables = Mapping[str, list[Row]]
+TABLES = ("bus", "line", "trafo", "trafo3w", "impedance", "switch", "gen", "ext_grid")
+
+
+def from_pandapower(net: Any, *, name: str | None = None, gain: Any = 1) -> Problem:
+    """The consensus problem of a pandapower network: see ``grids``.  Generators and external grids are pinned.
+
+    Raises: SpecError for what is no such network, and for what cannot be a positive susceptance.
+    """
+    if not all(hasattr(net, table) for table in ("bus", "line", "ext_grid")):
+        raise SpecError(
+            f"net must be a pandapower network; got {type(net).__name__}.",
+            key="net",
+            cure="Such as pandapower.networks.case14().",
+        )
+    tables = {table: _records(getattr(net, table, None)) for table in TABLES}
+    title = name or str(getattr(net, "name", "") or "pandapower-grid")
+    return grid_problem(_checked(tables, base=net.sn_mva, source="a pandapower network"), name=title, gain=gain)
+
+
+def read_pandapower(data: bytes, *, name: str) -> Grid:
+    """Read the JSON of pandapower.to_json.  Raises: SpecError."""
+    try:
+        document = json.loads(data)
+        inside = document["_object"]
+        tables = {table: _json_records(inside[table]) for table in TABLES if table in inside}
+        base = inside.get("sn_mva", 1.0)
+    except (ValueError, TypeError, KeyError, LookupError, RecursionError, AttributeError):
+        raise SpecError(
+            f"{name} must be a network written by pandapower.to_json; its tables cannot be read.",
+            key=name,
+            cure="Write it with pandapower.to_json(net, file).",
+        ) from None
+    rows = {table: tables.get(table, []) for table in TABLES}
+    return _checked(rows, base=base, source=f"the pandapower network {name}")
+
+
+def is_pandapower(data: bytes) -> bool:
+    """Whether JSON looks like that of pandapower.to_json."""
+    return b'"_module"' in data[:4096] and b"pandapower" in data[:4096]
+
+
+def _records(table: Any) -> list[Row]:
+    if table is None:
+        return []
+    return [{"index": index, **row} for index, row in zip(table.index, table.to_dict("records"), strict=True)]
+
+
+def _json_records(table: Any) -> list[Row]:
+    frame = table["_object"]
+    frame = json.loads(frame) if isinstance(frame, str) else frame
+    return [
+        {"index": index, **dict(zip(frame["columns"], row, strict=True))}
+        for index, row in zip(frame["index"], frame["data"], strict=True)
+    ]
+
+
+def _checked(tables: Tables, *, base: Any, source: str) -> Grid:
+    """The grid of the tables.  Raises: SpecError, also for a column that is missing or holds something else."""
+    try:
+        return _grid(tables, base=float(base), source=source)
+    except SpecError:
+        raise
+    except (KeyError, TypeError, ValueError, ArithmeticError, AttributeError) as error:
+        raise SpecError(
+            f"{source} has a table with a column that is missing or holds no number ({str(error)[:60]}).",
+            key="pandapower",
+            cure="Write it anew with a current version of pandapower.",
+        ) from None
+
+
+def _grid(tables: Tables, *, base: float, source: str) -> Grid:
+    if any(_on(row) for row in tables["trafo3w"]):
+        raise SpecError(
+            "three-winding transformers cannot be imported: their star point may have a negative reactance.",
+            key="trafo3w",
+            cure="Replace them by two-winding transformers.",
+        )
+    buses = [str(row["index"]) for row in tables["bus"] if _on(row)]
+    joined = [
+        (str(row["bus"]), str(row["element"])) for row in tables["switch"] if row.get("et") == "b" and row.get("closed")
+    ]
+    becomes = merged(buses, [pair for pair in joined if set(pair) <= set(buses)])
+    opened = {(row.get("et"), row["element"]) for row in tables["switch"] if not row.get("closed")}
+    branches = [
+        Branch(ends=(becomes.get(a, a), becomes.get(b, b)), reactance=x, place=place)
+        for a, b, x, place in _branches(tables, base=base, opened=opened)
+    ]
+    generators = [str(row["bus"]) for table in ("ext_grid", "gen") for row in tables[table] if _on(row)]
+    kept = tuple(dict.fromkeys(becomes.values()))
+    return Grid(
+        buses=kept,
+        branches=tuple(each for each in branches if each.ends[0] != each.ends[1]),
+        generators=tuple(becomes.get(bus, bus) for bus in generators),
+        source=source,
+    )
+
+
+def _branches(tables: Tables, *, base: float, opened: set[tuple[Any, Any]]) -> Iterator[tuple[str, str, Fraction, str]]:
+    """Ends, reactance in p.u. on ``base`` MVA and place of what is in service."""
+    voltage = {row["index"]: float(row["vn_kv"]) for row in tables["bus"]}
+    on = {row["index"] for row in tables["bus"] if _on(row)}
+    for row in tables["line"]:
+        ends = (row["from_bus"], row["to_bus"])
+        if _on(row) and ("l", row["index"]) not in opened and on >= set(ends):
+            ohm = float(row["x_ohm_per_km"]) * float(row["length_km"]) / float(row.get("parallel") or 1)
+            x = ohm * base / voltage[row["from_bus"]] ** 2
+            yield *map(str, ends), _exact(x, f"line {row['index']}"), f"line {row['index']}"  # type: ignore[misc]
+    for row in tables["trafo"]:
+        ends = (row["hv_bus"], row["lv_bus"])
+        if _on(row) and ("t", row["index"]) not in opened and on >= set(ends):
+            part = base / float(row["sn_mva"]) / float(row.get("parallel") or 1) / 100
+            z, r = float(row["vk_percent"]) * part, float(row["vkr_percent"]) * part
+            x = math.sqrt(max(0.0, z * z - r * r)) * _tap(row)
+            yield *map(str, ends), _exact(x, f"trafo {row['index']}"), f"trafo {row['index']}"  # type: ignore[misc]
+    for row in tables["impedance"]:
+        ends = (row["from_bus"], row["to_bus"])
+        if _on(row) and on >= set(ends):
+            x = float(row["xft_pu"]) * base / float(row["sn_mva"])
+            yield *map(str, ends), _exact(x, f"impedance {row['index']}"), f"impedance {row['index']}"  # type: ignore[misc]
+
+
+def _tap(row: Row) -> float:
+    """The tap ratio of a transformer, 1 where there is no tap changer."""
+    position, neutral, step = (row.get(key) for key in ("tap_pos", "tap_neutral", "tap_step_percent"))
+    if any(value is None or value != value for value in (position, neutral, step)):  # nan: no tap changer
+        return 1.0
+    ratio = 1 + (float(position or 0) - float(neutral or 0)) * float(step or 0) / 100
+    return ratio if row.get("tap_side") in (None, "hv") else 1 / ratio
+
+
+def _exact(value: float, key: str) -> Fraction:
+    """Twelve digits: the reactance was computed in floats, and 0.05917 should not read 0.059170000000000006."""
+    return parse_number(f"{value:.12g}", key=f"the reactance of {key}")
+
+
+def _on(row: Row) -> bool:
+    return bool(row.get("in_service", True))

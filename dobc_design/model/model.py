@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from fractions import Fraction
 from typing import Any
 
 import casadi as ca
@@ -17,8 +18,8 @@ import scipy.sparse as sp
 
 from dobc_design._show.cards import Card, Shown
 from dobc_design.coupling.coupling import Coupling
-from dobc_design.coupling.expression import evaluate
-from dobc_design.model.casadi_algebra import CasadiAlgebra
+from dobc_design.coupling.functions import FUNCTIONS, by_twos
+from dobc_design.coupling.tree import Operators, evaluate
 from dobc_design.problem.arrays import (
     ArcGroup,
     Array,
@@ -34,6 +35,22 @@ from dobc_design.problem.arrays import (
     required_gain,
 )
 from dobc_design.problem.problem import Problem
+
+
+class CasadiAlgebra(Operators):
+    """Algebra (``coupling.tree.Algebra``) of CasADi expressions, element by element on vectors."""
+
+    def constant(self, value: Fraction) -> Any:
+        try:
+            return ca.DM(value.numerator / value.denominator)
+        except OverflowError:  # constants are never negative
+            return ca.DM(np.inf)
+
+    def pi(self) -> Any:
+        return ca.DM(np.pi)
+
+    def call(self, name: str, arguments: tuple[Any, ...]) -> Any:
+        return by_twos(name, arguments, lambda name, *operands: FUNCTIONS[name].found_in(ca, "casadi")(*operands))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False, repr=False)
@@ -245,3 +262,67 @@ def _signature(function: Any) -> tuple[str, str, str]:
 
 def _shape(size: tuple[int, int]) -> str:
     return f"({size[0]})" if size[1] == 1 else f"({size[0]}, {size[1]})"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Flow:
+    """The error system (22) of one mode from 0 to ``horizon`` (s) in ``steps`` equal steps.
+
+    States are [e; eps], stacked agent by agent, ``rows`` numbers of e and ``size`` in all.
+    """
+
+    mode: str
+    horizon: float
+    steps: int
+    rows: int
+    size: int
+    end_function: Any
+    pull_function: Any
+
+    def end(self, start: Array) -> Array:
+        """The state at the horizon, (size,); not finite where the steps are too long for the loop."""
+        return np.asarray(self.end_function(start)).ravel()
+
+    def pull(self, start: Array, weight: Array) -> tuple[Array, Array]:
+        """The state at the horizon and the gradient of weight'end by the start, both (size,)."""
+        end, gradient = self.pull_function(start, weight)
+        return np.asarray(end).ravel(), np.asarray(gradient).ravel()
+
+
+def build_flow(
+    problem: Problem, mode: str | None = None, *, horizon: float, steps: int, gain: Gain | None = None
+) -> Flow:
+    """Prepare the flow of one mode, the first one unless ``mode`` names another.
+
+    ``gain`` (q, m) takes the place of problem.observer.W.
+    Raises: SpecError as ``build_model`` does.
+    """
+    model = build_model(problem, mode, gain=gain)
+    rows, size = model.n * model.m, model.n * (model.m + model.q)
+    state, step = ca.SX.sym("state", size), horizon / steps
+
+    def slope(at: Any) -> Any:
+        return ca.vertcat(*model.error_dynamics(at[:rows], at[rows:]))
+
+    first = slope(state)
+    second = slope(state + step / 2 * first)
+    third = slope(state + step / 2 * second)
+    fourth = slope(state + step * third)
+    one = ca.Function("step", [state], [state + step / 6 * (first + 2 * second + 2 * third + fourth)])
+    start, weight = ca.MX.sym("start", size), ca.MX.sym("weight", size)
+    end = one.fold(steps)(start)
+    return Flow(
+        mode=model.mode,
+        horizon=horizon,
+        steps=steps,
+        rows=rows,
+        size=size,
+        end_function=ca.Function("end", [start], [end], ["start"], ["end"]),
+        pull_function=ca.Function(
+            "pull",
+            [start, weight],
+            [end, ca.jtimes(end, start, weight, True)],
+            ["start", "weight"],
+            ["end", "gradient"],
+        ),
+    )

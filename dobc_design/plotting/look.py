@@ -1,7 +1,7 @@
-"""The one look of all figures, in reports, notebooks and files.
+"""The one look of all figures, and what several plots share: thinning, names, ticks, legends.
 
 The colours are those of Okabe and Ito that keep a contrast of 3:1 on white: they can be told apart by people with any
-colour vision.  pyplot is never imported.
+colour vision.  Names of users are never read as mathematics.  pyplot is never imported.
 """
 
 from __future__ import annotations
@@ -10,12 +10,23 @@ import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
 
+import numpy as np
 from matplotlib import style
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from numpy.typing import NDArray
 
 INK, MUTED, GRID, PAPER = "#1b1e24", "#5b6470", "#d8dce2", "#fefefe"
 BLUE, VERMILLION, GREEN, PURPLE = "#0072b2", "#d55e00", "#009e73", "#cc79a7"
 SERIES = (BLUE, VERMILLION, GREEN, PURPLE, INK, MUTED)
+DASHED, DOTTED = (0, (4, 2)), (0, (1, 1.4))
 MARKERS = ("o", "s", "^", "D", "v", "P")
+MOST_POINTS = 400  # of one series
+MOST_AGENTS = 30  # lines in one plot
+SHOWN_NAME = 18  # letters
+SMALLEST = 1e-14  # below it an error on a logarithmic axis is rounding
+RESOLVED = 1e-9  # of its start: where a bound is below, a simulated error is that of the integration, and no comparison
+_RAISED = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 
 STYLE = {
     "svg.fonttype": "none",
@@ -60,3 +71,63 @@ def styled() -> Iterator[None]:
     """Matplotlib's parameters as this package wants them, for one thread at a time."""
     with _LOCK, style.context(["default", STYLE]):
         yield
+
+
+def resolved(bound: NDArray[np.float64]) -> NDArray[np.float64]:
+    """A falling bound as far as a simulated error can be held against it; nan beyond."""
+    return np.where(bound >= RESOLVED * bound[0], bound, np.nan)
+
+
+def power_of_ten(value: float, _: object = None) -> str:
+    """Write 0.001 as 10⁻³ and 1 as 1."""
+    if value <= 0:
+        return ""
+    exponent = round(float(np.log10(value)))
+    return {0: "1", 1: "10", -1: "0.1"}.get(exponent, "10" + str(exponent).translate(_RAISED))
+
+
+def short(name: object, longest: int = SHOWN_NAME) -> str:
+    """Cut a name for a drawing."""
+    text = str(name)
+    return text if len(text) <= longest else text[: longest - 1] + "…"
+
+
+def shown_agents(n: int, first: set[int], most: int = MOST_AGENTS) -> list[int]:
+    """The agents that are drawn: those in ``first`` (at most half), then others, evenly taken."""
+    if n <= most:
+        return list(range(n))
+    kept = sorted(first)[: most // 2]
+    others = [agent for agent in range(n) if agent not in first]
+    room = most - len(kept)
+    return sorted([*kept, *(others[i] for i in np.linspace(0, len(others) - 1, min(room, len(others))).astype(int))])
+
+
+def thinned_rows(count: int, most: int = MOST_POINTS) -> NDArray[np.intp]:
+    """Indices of at most ``most`` of ``count`` samples, first and last included."""
+    return np.unique(np.linspace(0, count - 1, min(count, most)).round().astype(np.intp))
+
+
+def axes_or_new(ax: Axes | None) -> Axes:
+    """These axes, or those of a new figure."""
+    if ax is None:
+        return Figure(layout="constrained").add_subplot()
+    return ax
+
+
+def legend_above(ax: Axes, *, right: bool = False, widest: int = 3, least: int = 2) -> None:
+    """A legend above the axes, where there are ``least`` entries, each once; in two columns beyond ``widest``."""
+    entries = {label: handle for handle, label in zip(*ax.get_legend_handles_labels(), strict=True)}
+    if len(entries) < least:
+        return
+    legend = ax.legend(
+        list(entries.values()),
+        list(entries),
+        loc="lower right" if right else "lower left",
+        bbox_to_anchor=(1.0 if right else 0.0, 1.0),
+        ncols=len(entries) if len(entries) <= widest else 2,
+        borderaxespad=0.2,
+        handlelength=1.5,
+        columnspacing=1.1,
+    )
+    for text in legend.get_texts():
+        text.set_parse_math(False)

@@ -17,8 +17,24 @@ from matplotlib.ticker import FuncFormatter, LogLocator, MaxNLocator, StrMethodF
 from numpy.typing import ArrayLike, NDArray
 
 from dobc_design.errors import ShapeError
-from dobc_design.plotting.axes import SMALLEST, legend_above, power_of_ten, resolved, short, shown_agents, thinned_rows
-from dobc_design.plotting.look import BLUE, GREEN, INK, MUTED, PURPLE, SERIES, VERMILLION
+from dobc_design.plotting.look import (
+    BLUE,
+    DASHED,
+    DOTTED,
+    GREEN,
+    INK,
+    MUTED,
+    PURPLE,
+    SERIES,
+    SMALLEST,
+    VERMILLION,
+    legend_above,
+    power_of_ten,
+    resolved,
+    short,
+    shown_agents,
+    thinned_rows,
+)
 from dobc_design.plotting.sheet import Sheet
 
 Array = NDArray[np.float64]
@@ -36,6 +52,8 @@ _SUBSCRIPTS = str.maketrans("0123456789", "₀₁₂₃₄₅₆₇₈₉")
 class Run(Protocol):
     """What a figure of one run needs of it; see ``simulation.trajectory.Trajectory``."""
 
+    @property
+    def name(self) -> str: ...
     @property
     def times(self) -> Array: ...
     @property
@@ -100,7 +118,7 @@ def trajectory_sheet(run: Run, *, envelope: Envelope | None = None, pinned: Sequ
         )
         if run.diverged:
             last.set_title(f"ended early, at t = {run.times[-1]:.4g} s")
-        _time_axis(last, run.times)
+        in_time(last, run.times)
 
     return Sheet(draw, width=WIDTH, height=sum(heights) + 0.5 + 0.25 * len(heights))
 
@@ -117,49 +135,47 @@ def ensemble_sheet(runs: Runs, *, envelope: Envelope | None = None) -> Sheet:
         rows = np.atleast_1d(figure.subplots(1 + has_estimate, 1, sharex=True))
         plot_quantiles(rows[0], runs.times, runs.error, colour=BLUE, what="|e|∞, in the unit of x")
         if points is not None:
-            _draw_envelope(rows[0], points)
+            _draw_bound(rows[0], points[:, 0], resolved(points[:, 1]), "certified bound on |e|∞")
         bad = int(np.count_nonzero(runs.diverged))
         rows[0].set_title(f"{len(runs)} runs" + (f", {bad} diverged" if bad else ""))
-        legend_above(rows[0], 4, right=True, widest=4)
+        legend_above(rows[0], right=True, widest=4)
         if has_estimate:
             plot_quantiles(rows[1], runs.times, runs.estimation_error, colour=PURPLE, what="|d − d̂|∞, unit of x per s")
-        _time_axis(rows[-1], runs.times)
+        in_time(rows[-1], runs.times)
 
     return Sheet(draw, width=WIDTH, height=0.7 + 2.3 * (1 + has_estimate))
 
 
 def plot_agents(ax: Axes, run: Run, *, component: int, pinned: Sequence[int] = ()) -> Axes:
-    """One component of the states of at most 30 agents, and their goals (dashed)."""
+    """One component of the states of at most 30 agents, and their goals (dashed); ``pinned`` ones are blue."""
     rows, held = thinned_rows(len(run.times)), set(pinned)
     chosen = shown_agents(run.x.shape[1], held)
-    shades = colormaps["cividis"](np.linspace(0.05, 0.8, len(chosen)))
+    few = len(chosen) <= len(SERIES)
+    shades = SERIES if few else colormaps["cividis"](np.linspace(0.05, 0.8, len(chosen)))
     for rank, agent in enumerate(chosen):
-        colour = shades[rank] if len(chosen) > len(SERIES) else SERIES[rank]
+        colour, label = shades[rank], f"agent {short(run.labels[agent])}"
+        if held:
+            colour = BLUE if agent in held else MUTED
+            label = "pinned" if agent in held else "not pinned"
         ax.plot(
             run.times[rows],
             run.x[rows, agent, component],
-            color=BLUE if agent in held else colour,
+            color=colour,
             linewidth=1.7 if agent in held else 1.0,
-            label=f"agent {short(run.labels[agent])}",
+            zorder=2.1 if agent in held else 2,
+            label=label,
             marker=_marker(rows),
         )
     goals = sorted({float(run.goal[agent, component]) for agent in chosen})
-    for rank, goal in enumerate(goals[:12]):
-        ax.axhline(
-            goal,
-            color=VERMILLION,
-            linewidth=1.1,
-            linestyle=(0, (4, 2)),
-            label="goal" if rank == 0 else None,
-            zorder=1.5,
-        )
+    for goal in goals[:12]:
+        ax.axhline(goal, color=VERMILLION, linewidth=1.1, linestyle=DASHED, label="goal", zorder=1.5)
     symbol = "xᵢ" if run.x.shape[2] == 1 else f"xᵢ,{component + 1}".translate(_SUBSCRIPTS)
     ax.set_ylabel(f"{symbol}\nin its own unit")
-    if len(chosen) <= len(SERIES) and component == 0:
-        legend_above(ax, 7, right=True, widest=7)
+    if component == 0 and (few or held):
+        legend_above(ax, right=True, widest=7)
     elif component == 0:
-        first, last = (short(run.labels[agent]) for agent in (chosen[0], chosen[-1]))
-        ax.set_title(f"agents {first} (dark) to {last} (light); goals dashed", loc="right", parse_math=False)
+        dark, light = (short(run.labels[agent]) for agent in (chosen[0], chosen[-1]))
+        ax.set_title(f"agents {dark} (dark) to {light} (light); goals dashed", loc="right", parse_math=False)
     return ax
 
 
@@ -176,32 +192,47 @@ def plot_estimates(ax: Axes, run: Run) -> Axes:
             marker=_marker(rows),
             label=f"d̂, agent {short(run.labels[agent])}",
         )
-    for rank, agent in enumerate(chosen):  # on top of all estimates
+    for agent in chosen:  # on top of all estimates
         ax.plot(
             run.times[rows],
             run.d[rows, agent, 0],
             color=INK,
-            linestyle=(0, (1, 1.4)),
+            linestyle=DOTTED,
             linewidth=1.3,
-            label="d" if rank == 0 else None,
+            label="d",
         )
     ax.set_ylabel("d and estimate d̂\nin units of x per s")
-    legend_above(ax, 4, right=True, widest=4)
+    legend_above(ax, right=True, widest=4)
     return ax
 
 
-def plot_errors(ax: Axes, times: Array, errors: dict[str, Array], *, envelope: Array | None = None) -> Axes:
-    """Errors on a logarithmic axis, each (T,) with its name, and the certified envelope."""
+def plot_errors(
+    ax: Axes,
+    times: Array,
+    errors: dict[str, Array],
+    *,
+    envelope: Array | None = None,
+    rate: float | None = None,
+) -> Axes:
+    """Errors on a logarithmic axis, each (T,) with its name, and the certified envelope.
+
+    Without one ``rate`` (1/s) adds a line that falls like exp(-rate t) from the first error, a slope and no bound.
+    """
     rows = thinned_rows(len(times))
     ax.set_yscale("log")
     for (name, values), colour in zip(errors.items(), (BLUE, PURPLE, GREEN), strict=False):
         shown = np.where(values[rows] > SMALLEST, values[rows], np.nan)
         ax.plot(times[rows], shown, color=colour, label=name, marker=_marker(rows))
     if envelope is not None:
-        _draw_envelope(ax, envelope)
+        _draw_bound(ax, envelope[:, 0], resolved(envelope[:, 1]), "certified bound on |e|∞")
+    elif rate is not None:
+        error = next(iter(errors.values()))
+        slope = error[0] * np.exp(np.clip(-rate * (times[rows] - times[0]), -700, 0))
+        visible = slope > max(0.5 * float(np.nanmin(error)), SMALLEST)
+        _draw_bound(ax, times[rows], np.where(visible, slope, np.nan), "slope of the certified rate")
     _decades(ax)
     ax.set_ylabel("errors\nin the unit of x")
-    legend_above(ax, 3, right=True)
+    legend_above(ax, right=True)
     return ax
 
 
@@ -246,7 +277,7 @@ def plot_modes(ax: Axes, switches: Any, end: float) -> Axes:
     ax.grid(visible=False)
     ax.set_ylabel("mode", rotation=0, ha="right", va="center")
     if named:
-        legend_above(ax, len(used), right=True, widest=MOST_NAMED_MODES)
+        legend_above(ax, right=True, widest=MOST_NAMED_MODES)
     else:
         ax.set_title(f"{len(used)} graphs, {len(times) - 1} switches")
     return ax
@@ -269,15 +300,8 @@ def checked_envelope(envelope: Envelope | None, times: Array) -> Array | None:
     return points
 
 
-def _draw_envelope(ax: Axes, points: Array) -> None:
-    ax.plot(
-        points[:, 0],
-        resolved(points[:, 1]),
-        color=INK,
-        linestyle=(0, (4, 2)),
-        linewidth=1.2,
-        label="certified bound on |e|∞",
-    )
+def _draw_bound(ax: Axes, times: Array, values: Array, label: str) -> None:
+    ax.plot(times, values, color=INK, linestyle=DASHED, linewidth=1.2, label=label)
 
 
 def _decades(ax: Axes) -> None:
@@ -297,10 +321,12 @@ def _marker(rows: NDArray[np.intp]) -> str | None:
     return "." if len(rows) == 1 else None
 
 
-def _time_axis(ax: Axes, times: Array) -> None:
+def in_time(ax: Axes, times: Array) -> Axes:
+    """The axes with time along them, from the first to the last sample."""
     ax.set_xlabel("time t in s")
     if times[-1] > 0:
         ax.set_xlim(0, float(times[-1]))
+    return ax
 
 
 def _largest(values: Array) -> Array:

@@ -1,4 +1,4 @@
-"""Sweeps: one number of every case over what was varied, as a heat map, as lines, or as points.
+"""One number over what was varied: sweeps as a heat map, lines or points; what breaks first; trade-offs of a design.
 
 Handed arrays; where several cases fall on one place their median is drawn, and ``spread`` from least to most.
 """
@@ -7,21 +7,33 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Protocol
 
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.ticker import MaxNLocator
+from matplotlib.ticker import FuncFormatter, LogLocator, MaxNLocator, StrMethodFormatter
 from numpy.typing import NDArray
 
-from dobc_design.plotting.look import GREEN, INK, MARKERS, MUTED, PURPLE, SERIES, VERMILLION
+from dobc_design.plotting.look import (
+    BLUE,
+    DASHED,
+    GREEN,
+    INK,
+    MARKERS,
+    MUTED,
+    PURPLE,
+    SERIES,
+    VERMILLION,
+    power_of_ten,
+    short,
+)
 from dobc_design.plotting.sheet import Sheet
 
 Array = NDArray[np.float64]
 MOST_SERIES = len(SERIES)
 MOST_TICKS = 12  # names along an axis
 MOST_MARKS = 900  # cells of a heat map that get a sign of their own
-LONGEST = 18  # characters of a value at an axis
 
 #: How an outcome is marked: a sign in a cell, a marker and a colour for points.
 MARKS = {
@@ -107,7 +119,7 @@ def _line(ax: Axes, x: Places, value: Array, own: NDArray[np.bool_], *, name: st
         if len(found):
             middle[tick], low[tick], high[tick] = np.median(found), found.min(), found.max()
     colour = SERIES[place % len(SERIES)]
-    ax.plot(x.ticks, middle, color=colour, marker=MARKERS[place % len(MARKERS)], label=_cut(name) or None)
+    ax.plot(x.ticks, middle, color=colour, marker=MARKERS[place % len(MARKERS)], label=short(name) or None)
     if np.nanmax(high - low, initial=0.0) > 0:
         ax.fill_between(x.ticks, low, high, color=colour, alpha=0.15, linewidth=0)
 
@@ -116,7 +128,7 @@ def _points(ax: Axes, position: Array, value: Array, outcome: Sequence[str], ser
     """One marker per case: its shape is the outcome; its colour, too, or the series where there are several."""
     names = list(dict.fromkeys(series))[:MOST_SERIES]
     for place, series_name in enumerate(names if len(names) > 1 else ()):
-        ax.plot([], [], linestyle="none", marker="s", color=SERIES[place], label=_cut(series_name))
+        ax.plot([], [], linestyle="none", marker="s", color=SERIES[place], label=short(series_name))
     for name, (_, marker, colour) in MARKS.items():
         own = np.array([each == name for each in outcome]) & np.isfinite(value)
         if own.any():
@@ -182,7 +194,7 @@ def _name_axis(ax: Axes, axis: Places, *, along: str) -> None:
     own.set_label_text(axis.name, parse_math=False)
     if axis.names is not None:
         step = -(-len(axis.names) // MOST_TICKS)
-        own.set_ticks(axis.ticks[::step], [_cut(name) for name in axis.names[::step]], parse_math=False)
+        own.set_ticks(axis.ticks[::step], [short(name) for name in axis.names[::step]], parse_math=False)
         own.set_tick_params(length=0)
         if along == "x" and max(map(len, axis.names)) > 8:
             own.set_tick_params(rotation=20)
@@ -194,5 +206,145 @@ def _title(figure: Figure, title: str, note: str) -> None:
     figure.suptitle(f"{title}\n{note}" if note else title, fontsize=9.5, x=0.01, ha="left", parse_math=False)
 
 
-def _cut(text: str) -> str:
-    return text if len(text) <= LONGEST else text[: LONGEST - 1] + "…"
+COLUMNS = 3  # of panels
+MOST_FINE_TICKS = 200  # end over begin of an axis up to which 1, 2 and 5 of every decade are marked
+UNITS = {
+    "unit of x": "in the unit of x",
+    "unit of x per s": "in units of x per s",
+    "agents": "count",
+    "probability": "probability",
+}
+LINEAR = ("loss", "failures")  # severities that are counts or probabilities
+TITLES = {
+    "noise": "measurement noise",
+    "disturbance": "unmodelled disturbance",
+    "saturation": "bound on |u|",
+    "period": "sampling period",
+    "loss": "packets lost",
+    "failures": "agents that fail",
+}
+
+
+class SweepLike(Protocol):
+    """See ``simulation.breaking.Sweep``."""
+
+    @property
+    def option(self) -> str: ...
+    @property
+    def unit(self) -> str: ...
+    @property
+    def severity(self) -> NDArray[np.float64]: ...
+    @property
+    def late(self) -> NDArray[np.float64]: ...
+    @property
+    def breaks(self) -> float | None: ...
+
+
+def breaking_sheet(
+    sweeps: Sequence[SweepLike], *, tolerance: float, period: float | None, certified: float | None, name: str
+) -> Sheet:
+    """The panels in the order given; ``period`` and ``certified`` are the longest sampling periods, in s."""
+    rows = -(-len(sweeps) // COLUMNS)
+
+    def draw(figure: Figure) -> None:
+        grid = np.atleast_1d(figure.subplots(rows, min(COLUMNS, len(sweeps)), sharey=True, squeeze=False)).ravel()
+        shown = [each.late[np.isfinite(each.late)] for each in sweeps]
+        top = max(10 * tolerance, 2 * max((float(each.max()) for each in shown if len(each)), default=1.0))
+        bottom = max(min([tolerance / 3, *(float(each.min()) for each in shown if len(each))]) / 2, 1e-12)
+        for place, (ax, sweep) in enumerate(zip(grid, sweeps, strict=False)):
+            _panel(ax, sweep, tolerance=tolerance, bottom=bottom, top=top)
+            if sweep.option == "period":
+                _periods(ax, period, certified)
+            if place % COLUMNS == 0:
+                ax.set_ylabel("late error / start")
+        for ax in grid[len(sweeps) :]:
+            ax.set_axis_off()
+        figure.suptitle(f"{name}: what breaks first", fontsize=10, x=0.01, ha="left", parse_math=False)
+
+    return Sheet(draw, width=7.4, height=0.5 + 2.1 * rows)
+
+
+def _panel(ax: Axes, sweep: SweepLike, *, tolerance: float, bottom: float, top: float) -> None:
+    late = np.where(np.isfinite(sweep.late), sweep.late, top)
+    good = late <= tolerance
+    ax.set_yscale("log")
+    if sweep.option not in LINEAR:
+        ax.set_xscale("log")
+    ax.axhspan(tolerance, 1e6 * top, color=VERMILLION, alpha=0.1, linewidth=0)
+    ax.axhline(tolerance, color=VERMILLION, linewidth=1.0)
+    ax.plot(sweep.severity, late, color=INK, linewidth=0.9)
+    ax.plot(sweep.severity[good], late[good], linestyle="none", marker="o", color=BLUE)
+    ax.plot(sweep.severity[~good], late[~good], linestyle="none", marker="X", markersize=7, color=VERMILLION)
+    ax.set_ylim(bottom, 1.5 * top)
+    if sweep.option == "saturation":
+        ax.invert_xaxis()  # severe is to the right, as everywhere
+    ax.set_title(TITLES.get(sweep.option, sweep.option))
+    ax.set_xlabel(("never breaks; " if sweep.breaks is None else "") + UNITS.get(sweep.unit, f"in {sweep.unit}"))
+    ax.yaxis.set_major_formatter(FuncFormatter(power_of_ten))
+    if sweep.option not in LINEAR:
+        ax.xaxis.set_major_locator(LogLocator(subs=(1, 2, 5)))
+        ax.xaxis.set_major_formatter(StrMethodFormatter("{x:g}"))
+    elif sweep.option == "failures":
+        ax.xaxis.set_major_locator(MaxNLocator(integer=True))
+        ax.set_xlim(0, float(sweep.severity[-1]) + 1)
+    ax.minorticks_off()
+
+
+def _periods(ax: Axes, period: float | None, certified: float | None) -> None:
+    if period is not None:
+        ax.axvline(period, color=BLUE, linewidth=1.0, linestyle=DASHED, label="longest that works")
+    if certified is not None:
+        ax.axvline(certified, color=GREEN, linewidth=1.2, label="certified")
+        low, high = sorted(ax.get_xlim())
+        if high > MOST_FINE_TICKS * low:
+            ax.xaxis.set_major_locator(LogLocator(numticks=5))
+            ax.xaxis.set_major_formatter(FuncFormatter(power_of_ten))
+            ax.minorticks_off()
+    if period is not None or certified is not None:
+        ax.legend(loc="center left", bbox_to_anchor=(0.06, 0.45), handlelength=1.4, frameon=True, edgecolor="none")
+
+
+STEEP = 30  # times the least y from which the axis is logarithmic
+
+
+def trade_off_sheet(
+    points: Sequence[tuple[float, float]],
+    *,
+    x_name: str,
+    y_name: str,
+    chosen: tuple[float, float] | None,
+    name: str,
+    steps: bool,
+) -> Sheet:
+    """The points in order of x; ``steps``: x counts, so that nothing lies between two points."""
+
+    def draw(figure: Figure) -> None:
+        ax = figure.subplots()
+        _curve(ax, points, steps=steps)
+        if chosen is not None:
+            ax.plot(*chosen, linestyle="none", marker="D", markersize=8, color=VERMILLION, zorder=3)
+            ax.annotate("chosen", chosen, xytext=(8, -3), textcoords="offset points", color=VERMILLION, va="top")
+        heights = [y for _, y in (*points, *([] if chosen is None else [chosen])) if y > 0]
+        if heights and max(heights) > STEEP * min(heights):
+            ax.set_yscale("log")
+            ax.yaxis.set_major_locator(LogLocator(subs=(1, 2, 5)))
+            ax.yaxis.set_major_formatter(StrMethodFormatter("{x:g}"))
+            ax.minorticks_off()
+        else:
+            ax.set_ylim(bottom=0)
+        ax.set_xlabel(x_name)
+        ax.set_ylabel(y_name)
+        ax.set_title(short(name, 60), parse_math=False)
+
+    return Sheet(draw, width=5.2, height=3.4)
+
+
+def _curve(ax: Axes, points: Sequence[tuple[float, float]], *, steps: bool) -> None:
+    xs, ys = [x for x, _ in points], [y for _, y in points]
+    if steps:
+        ax.vlines(xs, 0, ys, color=MUTED, linewidth=0.8)
+        ax.plot(xs, ys, linestyle="none", marker="o", color=BLUE)
+        ax.xaxis.set_major_locator(MaxNLocator(integer=True))
+        ax.set_xlim(0, max(xs, default=1.0) + 1)
+    else:
+        ax.plot(xs, ys, marker="o", markersize=4, color=BLUE)

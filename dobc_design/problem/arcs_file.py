@@ -22,8 +22,7 @@ import numpy as np
 from dobc_design.errors import SpecError
 from dobc_design.exact.number import parse_number
 from dobc_design.exact.reading import named, shown, shown_number
-from dobc_design.problem.arcs import ONE, Arcs, arcs_from_pairs, directed
-from dobc_design.problem.labels import WANTED, is_label
+from dobc_design.problem.network import ONE, WANTED, Arcs, arcs_from_pairs, directed, is_label
 
 MAX_BYTES = 1_000_000_000
 HEADS = (["from", "to"], ["source", "target"])  # of a CSV file; a third column is "weight"

@@ -19,6 +19,7 @@ from dobc_design._checks import require_shape
 from dobc_design.coupling.coupling import Coupling
 from dobc_design.errors import SpecError
 from dobc_design.exact.matrix import Matrix, matrix, to_float
+from dobc_design.problem.arcs import ArcTable, arc_table
 from dobc_design.problem.groups import group_numbers
 from dobc_design.problem.network import IndexArray
 from dobc_design.problem.problem import Problem
@@ -165,24 +166,20 @@ def goals(problem: Problem) -> Array:
 
 def arc_groups(problem: Problem, mode: str) -> tuple[ArcGroup, ...]:
     """Split the arcs of one mode by coupling, in the order of ``couplings``; empty groups are left out."""
-    arcs = problem.network.modes[mode]
-    couplings = problem.couplings
-    place = {coupling: number for number, coupling in enumerate(couplings)}
-    kinds = np.zeros(len(arcs), dtype=np.int64)
-    if problem.exceptions:
-        codes = arcs.listeners * problem.n + arcs.speakers
-        special = {i * problem.n + j: place[coupling] for (i, j), coupling in problem.exceptions.items()}
-        kinds[:] = [special.get(code, 0) for code in codes.tolist()]
-    weights = to_float((arcs.weights,))[0]
+    return groups_by_coupling(problem, arc_table(problem, mode))
+
+
+def groups_by_coupling(problem: Problem, table: ArcTable) -> tuple[ArcGroup, ...]:
+    """Split a table of arcs by coupling."""
+    weights = to_float((table.weights,))[0][table.weight]
     return tuple(
         ArcGroup(
-            coupling=coupling,
-            listeners=arcs.listeners[kinds == number],
-            speakers=arcs.speakers[kinds == number],
-            weights=weights[kinds == number],
+            coupling=problem.couplings[place],
+            listeners=table.listeners[arcs],
+            speakers=table.speakers[arcs],
+            weights=weights[arcs],
         )
-        for number, coupling in enumerate(couplings)
-        if np.any(kinds == number)
+        for place, arcs in table.by_coupling()
     )
 
 
@@ -207,11 +204,7 @@ def pinning_matrix(problem: Problem) -> sp.csr_array:
     gains = problem.pinning.gains
     agents = np.fromiter(gains, dtype=np.int64, count=len(gains))
     blocks = np.array([to_float(k) for k in gains.values()]).reshape(-1, m, m)
-    rows = np.broadcast_to(agents[:, None, None] * m + np.arange(m)[:, None], blocks.shape)
-    columns = np.broadcast_to(agents[:, None, None] * m + np.arange(m), blocks.shape)
-    result = sp.csr_array((blocks.ravel(), (rows.ravel(), columns.ravel())), shape=(problem.n * m,) * 2)
-    result.eliminate_zeros()
-    return result
+    return block_sparse(blocks, agents, agents, size=problem.n)
 
 
 def consensus_jacobian(problem: Problem, mode: str) -> sp.csr_array | None:
@@ -219,12 +212,30 @@ def consensus_jacobian(problem: Problem, mode: str) -> sp.csr_array | None:
 
     Slopes are the midpoints of their enclosures, which are narrow unless there is a kink.
     """
-    total = sp.csr_array((problem.n * problem.m,) * 2)
-    for group in arc_groups(problem, mode):
-        slopes = group.coupling.jacobian_at_zero()
-        if any(entry.width > WIDEST_SLOPE * (1 + entry.magnitude) for row in slopes for entry in row):
+    n, table, slopes = problem.n, arc_table(problem, mode), {}
+    for place, _ in table.by_coupling():
+        enclosed = problem.couplings[place].jacobian_at_zero()
+        if any(entry.width > WIDEST_SLOPE * (1 + entry.magnitude) for row in enclosed for entry in row):
             return None
-        slope = to_float(tuple(tuple(entry.midpoint for entry in row) for row in slopes))
-        network = gathering_matrix(group, problem.n) @ difference_matrix(group, problem.n)
-        total = total + sp.kron(network, slope, format="csr")
-    return sp.csr_array(total)
+        slopes[place] = to_float(tuple(tuple(entry.midpoint for entry in row) for row in enclosed))
+    weights = to_float((table.weights,))[0][table.weight]
+    # What an agent loses is added up by coupling first.
+    own, back = np.unique(table.coupling * n + table.listeners, return_inverse=True)
+    kinds = np.concatenate([table.coupling, own // n])
+    places = np.concatenate([table.listeners, own % n]), np.concatenate([table.speakers, own % n])
+    factors = np.concatenate([weights, -np.bincount(back, weights=weights, minlength=len(own))])
+    if not len(kinds):
+        return sp.csr_array((n * problem.m,) * 2)
+    numbers, which = np.unique(kinds, return_inverse=True)
+    blocks = factors[:, None, None] * np.array([slopes[number] for number in numbers.tolist()])[which]
+    return block_sparse(blocks, *places, size=n)
+
+
+def block_sparse(blocks: Array, rows: IndexArray, columns: IndexArray, *, size: int) -> sp.csr_array:
+    """Add up blocks (count, m, m) at block places of a sparse matrix (size m, size m); zeros are left out."""
+    within = np.arange(blocks.shape[1])
+    i = np.broadcast_to(rows[:, None, None] * len(within) + within[:, None], blocks.shape)
+    j = np.broadcast_to(columns[:, None, None] * len(within) + within, blocks.shape)
+    result = sp.csr_array((blocks.ravel(), (i.ravel(), j.ravel())), shape=(size * len(within),) * 2)
+    result.eliminate_zeros()
+    return result

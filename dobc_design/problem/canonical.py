@@ -19,15 +19,11 @@ from dobc_design.errors import SpecError
 from dobc_design.exact.matrix import Matrix
 from dobc_design.exact.number import number_text, parse_number
 from dobc_design.exact.reading import shown
-from dobc_design.problem.arcs import Arcs, directed
-from dobc_design.problem.exosystem import Exosystem
-from dobc_design.problem.groups import Group, group_key, renamed
-from dobc_design.problem.labels import labels_of
-from dobc_design.problem.network import Network
-from dobc_design.problem.observer import Observer
+from dobc_design.problem.exosystems import Exosystem
+from dobc_design.problem.groups import Group, Observer, group_key, renamed
+from dobc_design.problem.network import Arcs, Network, directed, labels_of
 from dobc_design.problem.problem import Problem
-from dobc_design.problem.settings import Simulation
-from dobc_design.problem.switching import Switching
+from dobc_design.problem.settings import Simulation, Switching
 
 FORMAT = "dobc-problem"
 VERSION = 1

@@ -7,18 +7,89 @@ Key paths are those of the problem file ("pinning.gains", "observer.W"); the val
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import json
+from collections.abc import Mapping, Sequence
 from dataclasses import fields
+from fractions import Fraction
+from pathlib import Path
 from typing import Any
+
+import tomlkit
+from tomlkit.exceptions import TOMLKitError
 
 from dobc_design.errors import SpecError
 from dobc_design.exact.matrix import Matrix
-from dobc_design.exact.reading import shown
-from dobc_design.problem.exosystem import Exosystem
-from dobc_design.problem.groups import Group, gains_of
-from dobc_design.problem.observer import Observer
+from dobc_design.exact.number import number_text
+from dobc_design.exact.reading import is_scalar_matrix, shown
+from dobc_design.problem.canonical import canonical_bytes, canonical_document
+from dobc_design.problem.exosystems import Exosystem
+from dobc_design.problem.file import read_problem_text
+from dobc_design.problem.groups import Group, Observer, gains_of
 from dobc_design.problem.problem import Problem
-from dobc_design.problem.typed import typed_matrix
+from dobc_design.problem.settings import Switching
+from dobc_design.problem.toml_text import parse_toml
+
+INLINE = 10  # labels up to which a table of gains stands in one line
+
+
+def typed_number(value: Fraction) -> int | float | str:
+    """A rational as somebody would type it: 5, 0.42, "9/16"; reading it gives the number back."""
+    if value.denominator == 1 and abs(value) < 10**15:
+        return int(value)
+    try:
+        decimal = float(value)
+    except OverflowError:
+        return number_text(value)
+    return decimal if Fraction(repr(decimal)) == value else number_text(value)
+
+
+def typed_matrix(matrix: Sequence[Sequence[Fraction]]) -> list[list[int | float | str]]:
+    """A rational matrix as rows that somebody would type."""
+    return [[typed_number(x) for x in row] for row in matrix]
+
+
+def gain_table(gains: Mapping[int, Matrix], labels: Sequence[str]) -> dict[str, Any]:
+    """Gains by agent index as they stand in a file: label -> number, or rows."""
+    return {
+        labels[i]: typed_number(gain[0][0]) if is_scalar_matrix(gain) else typed_matrix(gain)
+        for i, gain in gains.items()
+    }
+
+
+def value_text(value: Any) -> str:
+    """A value as it stands in a file, on one line."""
+    if isinstance(value, Mapping):
+        return "{ " + ", ".join(f"{_key(str(key))} = {value_text(each)}" for key, each in value.items()) + " }"
+    if isinstance(value, (list, tuple)):
+        return "[" + ", ".join(value_text(each) for each in value) + "]"
+    # A number or a text means the same in JSON and in TOML (JSON escapes are TOML escapes).
+    return json.dumps(value, ensure_ascii=False)
+
+
+def change_lines(changes: Mapping[str, Any]) -> list[str]:
+    """Changes as lines of a problem file, for people: long tables are cut, what has to go stands in a comment."""
+    lines: list[str] = []
+    tables = dict.fromkeys(path.split(".")[0] for path, value in changes.items() if value is not None and "." in path)
+    lines += [f"{path} = {value_text(x)}" for path, x in changes.items() if "." not in path and x is not None]
+    for table in tables:
+        lines.append(f"[{table}]")
+        for path, value in changes.items():
+            if path.startswith(f"{table}.") and value is not None:
+                lines.append(f"{path.partition('.')[2]} = {_cut_text(value)}")
+    return [*lines, *(f"# remove {path}" for path, value in changes.items() if value is None)]
+
+
+def _cut_text(value: Any) -> str:
+    if not isinstance(value, Mapping) or len(value) <= INLINE:
+        return value_text(value)
+    first = value_text(dict(list(value.items())[: INLINE - 1]))
+    return f"{first.removesuffix(' }')}, ... }}  # {len(value) - INLINE + 1} more"
+
+
+def _key(name: str) -> str:
+    bare = name.isascii() and name.replace("-", "").replace("_", "").isalnum()
+    return name if bare else json.dumps(name, ensure_ascii=False)
+
 
 #: The key paths that a change may name.
 CHANGEABLE = (
@@ -120,3 +191,235 @@ def _observer(own: Observer, changes: Mapping[str, Any]) -> Observer:
         return Observer()
     kept: dict[str, Any] = {each.name: getattr(own, each.name) for each in fields(own)}
     return Observer(**{name: changes.get(f"observer.{name}", value) for name, value in kept.items()})
+
+
+REMARK = "set by dobc certify --apply-fix"  # in place of a comment on the value that stood there
+
+
+def changed_text(text: str, changes: Mapping[str, Any], *, whole: bool = False, remark: str = REMARK) -> str | None:
+    """The text of a problem file with these keys set (None removes one); comments and order stay.
+
+    In a table with lines of its own ([pinning.gains]) only the lines change whose values do; ``whole``: all of them.
+    ``remark``: the comment on what was set.
+    Returns: None if the text is laid out in a way that cannot be changed key by key.
+    Raises: SpecError if the text is no TOML.
+    """
+    parse_toml(text.encode("utf-8"))  # bounds size and nesting before tomlkit sees it
+    try:
+        document = tomlkit.parse(text)
+        for path, value in changes.items():
+            if path == GROUP_GAINS:
+                _set_group_gains(document, value or {}, remark=remark)
+            else:
+                _set(document, path.split("."), value, whole=whole, remark=remark)
+        return tomlkit.dumps(document)
+    except (TOMLKitError, TypeError, ValueError, KeyError, IndexError, AttributeError, RecursionError):
+        return None
+
+
+def _set(document: Any, path: list[str], value: Any, *, whole: bool, remark: str) -> None:
+    table = document
+    for name in path[:-1]:
+        if name not in table:
+            if value is None:
+                return
+            table[name] = tomlkit.table()
+        table = table[name]
+    name = path[-1]
+    if value is None:
+        if name in table:
+            table.remove(name)
+            if len(path) > 1 and not len(table):
+                document.remove(path[0])
+        return
+    if not whole and isinstance(value, Mapping) and isinstance(table.get(name), tomlkit.items.Table):
+        _change_lines(table[name], value, remark)
+        return
+    item = _item(value)
+    if name in table and isinstance(table[name], Mapping) is not isinstance(item, Mapping):
+        table.remove(name)
+    if isinstance(item, Mapping) and name in table and type(table[name]) is not type(item):
+        table.remove(name)
+    if isinstance(item, tomlkit.items.Table):
+        item.add(tomlkit.nl())
+    table[name] = item
+    table[name].comment(remark)
+
+
+def _set_group_gains(document: Any, gains: Mapping[str, Any], *, remark: str) -> None:
+    """W of every group where it stands: in its table, or in [observer] for the agents outside of all tables.
+
+    A group is found by its name, the label of one of its agents.
+    """
+    left = dict(gains)
+    for table in document["exosystem"]["groups"]:
+        name = next((name for name in gains if name in {str(agent) for agent in table["agents"]}), None)
+        _set(table, ["W"], None if name is None else left.pop(name), whole=True, remark=remark)
+        _set(table, ["P"], None, whole=True, remark=remark)
+    for name, value in (("W", next(iter(left.values()), None)), ("P", None)):
+        _set(document, ["observer", name], value, whole=True, remark=remark)
+
+
+def _change_lines(table: Any, wanted: Mapping[str, Any], remark: str) -> None:
+    """Change the lines of a table that say something else than wanted, and leave the others with their comments."""
+    for key in [str(key) for key in table if str(key) not in wanted]:
+        table.remove(key)
+    for key, value in wanted.items():
+        if key not in table or table[key].unwrap() != value:
+            table[key] = _item(value)
+            table[key].comment(remark)
+
+
+def _item(value: Any) -> Any:
+    if isinstance(value, Mapping):
+        table: Any = tomlkit.inline_table() if len(value) <= INLINE else tomlkit.table()
+        for key, each in value.items():
+            table[str(key)] = _item(each)
+        return table
+    return tomlkit.item(value)
+
+
+def changed_file(
+    problem: Problem, changes: Mapping[str, Any], *, text: str | None, folder: Path, remark: str = REMARK
+) -> str:
+    """The text of a file in ``folder`` that holds the problem with these changes.
+
+    ``text``: the TOML the problem came from, or None; its comments and its order stay where that is possible.
+    ``remark``: the comment on what was set.
+    Raises: SpecError if the changes do not fit the problem, or it cannot be written as a problem file.
+    """
+    wanted = changed_problem(problem, changes)
+    for replacing in (False, True) if text is not None else ():
+        own = changed_text(text or "", changes, whole=replacing, remark=remark)
+        if own is not None and _gives(own, wanted, folder=folder):
+            return own
+    whole = problem_text(wanted)
+    if not _gives(whole, wanted, folder=folder):
+        raise SpecError(
+            "the changed problem cannot be written as a problem file: it is too large, or a number in it too long.",
+            key="problem",
+            cure="Make the change by hand.",
+        )
+    return whole
+
+
+def _gives(text: str, wanted: Problem, *, folder: Path) -> bool:
+    """Whether reading the text gives this problem."""
+    try:
+        found = read_problem_text(text.encode("utf-8"), folder=folder, default_name=wanted.name)
+    except SpecError:
+        return False
+    return canonical_bytes(found) == canonical_bytes(wanted)
+
+
+def problem_text(problem: Problem) -> str:
+    """A whole problem file.  Reading it gives an equal Problem."""
+    canonical = canonical_document(problem)
+    labels: list[str] = canonical["labels"]
+    document = tomlkit.document()
+    document["schema"] = 1
+    document["name"] = problem.name
+    if problem.notes:
+        document["notes"] = list(problem.notes)
+    document["target"] = [typed_number(x) for x in problem.target]
+    counted = labels == [str(i + 1) for i in range(len(labels))]
+    arcs = {
+        mode: [[labels[i], labels[j]] if w == 1 else [labels[i], labels[j], typed_number(w)] for i, j, w in each]
+        for mode, each in problem.network.modes.items()
+    }
+    document["network"] = _table({"agents": len(labels) if counted else labels, "arrow": "listens_to", "modes": arcs})
+    coupling: Any = tomlkit.table()
+    coupling["h"] = canonical["coupling"]["h"]
+    if problem.exceptions:
+        special = tomlkit.aot()
+        for each in canonical["coupling"]["exceptions"]:
+            special.append(_table({"arcs": [[labels[i] for i in each["arc"]]], "h": each["h"]}))
+        coupling["exceptions"] = special
+    document["coupling"] = coupling
+    for name, content in _settings(problem, labels).items():
+        document[name] = _table(content)
+    return tomlkit.dumps(document)
+
+
+def _settings(problem: Problem, labels: list[str]) -> dict[str, dict[str, Any]]:
+    """The tables after [coupling], those that say something, with the keys that say something."""
+    region, switching, simulation = problem.region, problem.switching, problem.simulation
+    tables: dict[str, dict[str, Any]] = {
+        "pinning": {"gains": gain_table(problem.pinning.gains, labels) or None},
+        **_disturbance(problem),
+        "formation": {
+            "offsets": {labels[i]: [typed_number(x) for x in offset] for i, offset in problem.offsets.items()} or None
+        },
+        "region": {}
+        if region is None
+        else {
+            "initial_states": _rows(region.initial_states),
+            "initial_disturbance": _number(region.initial_disturbance),
+        },
+        "switching": {} if switching is None else _switching(switching),
+        "simulation": {
+            "t_final": _number(simulation.t_final),
+            "seed": simulation.seed,
+            "xi0": _rows(simulation.xi0),
+            "x0": _rows(simulation.x0),
+        },
+    }
+    kept = {name: {key: x for key, x in table.items() if x is not None} for name, table in tables.items()}
+    return {name: table for name, table in kept.items() if table}
+
+
+def _switching(own: Switching) -> dict[str, Any]:
+    return {
+        "signal": own.signal,
+        "dwell": _number(own.dwell),
+        "sequence": None if own.sequence is None else list(own.sequence),
+        "period": _number(own.period),
+        "generator": _rows(own.generator),
+        "schedule": None if own.schedule is None else [[typed_number(time), mode] for time, mode in own.schedule],
+        "radius": _number(own.radius),
+        "neighbours": own.neighbours,
+        "hysteresis": _number(own.hysteresis),
+    }
+
+
+def _disturbance(problem: Problem) -> dict[str, dict[str, Any]]:
+    """[exosystem] and [observer]; with groups every agent is in one of [[exosystem.groups]]."""
+    if problem.is_grouped:
+        groups = [
+            {
+                "agents": list(group.agents),
+                "A": _rows(group.exosystem.A),
+                "C": _rows(group.exosystem.C),
+                "W": _rows(group.observer.W),
+                "P": _rows(group.observer.P),
+            }
+            for group in problem.groups
+        ]
+        return {"exosystem": {"groups": groups}, "observer": {"rate": _number(problem.groups[0].observer.rate)}}
+    exosystem, observer = problem.exosystem, problem.observer
+    return {
+        "exosystem": {} if exosystem is None else {"A": _rows(exosystem.A), "C": _rows(exosystem.C)},
+        "observer": {"W": _rows(observer.W), "P": _rows(observer.P), "rate": _number(observer.rate)},
+    }
+
+
+def _number(value: Fraction | None) -> int | float | str | None:
+    return None if value is None else typed_number(value)
+
+
+def _rows(matrix: Sequence[Sequence[Fraction]] | None) -> list[list[Any]] | None:
+    return None if matrix is None else typed_matrix(matrix)
+
+
+def _table(content: Mapping[str, Any]) -> Any:
+    table: Any = tomlkit.table()
+    for key, value in content.items():
+        if isinstance(value, Mapping) and key == "modes":
+            table[key] = _table(value)
+        elif key == "groups":
+            table[key] = tomlkit.aot()
+            for group in value:
+                table[key].append(_table({name: part for name, part in group.items() if part is not None}))
+        else:
+            table[key] = _item(value)
+    return table

@@ -6,7 +6,11 @@ anything is parsed; see ``toml_text`` and, for arcs, ``arcs_file``.
 
 from __future__ import annotations
 
+import difflib
+import re
 from collections.abc import Callable, Mapping
+from functools import cache
+from itertools import islice
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -15,18 +19,209 @@ from pydantic import ValidationError
 from dobc_design.coupling.coupling import Coupling, make_coupling
 from dobc_design.errors import SpecError
 from dobc_design.exact.reading import MOST_ERRORS, is_list, is_text, named, shown
-from dobc_design.problem import arcs_file
-from dobc_design.problem.arcs import Arcs, arcs_from_pairs, check_arrow
+from dobc_design.problem import arcs_file, exosystems
 from dobc_design.problem.canonical import problem_from_canonical
-from dobc_design.problem.exosystem_tables import read_exosystem
-from dobc_design.problem.file_errors import explain
-from dobc_design.problem.labels import labels_of
-from dobc_design.problem.network import Network
-from dobc_design.problem.observer import Observer
+from dobc_design.problem.exosystems import Exosystem
+from dobc_design.problem.groups import Group, Observer, group_key, renamed
+from dobc_design.problem.network import Arcs, Network, arcs_from_pairs, check_arrow, labels_of
 from dobc_design.problem.problem import Problem, dimension_of, is_name
-from dobc_design.problem.schema import SCHEMA_VERSION, ProblemFile
-from dobc_design.problem.switching import Switching
+from dobc_design.problem.schema import RESERVED, SCHEMA_VERSION, ExosystemTable, GroupTable, ProblemFile
+from dobc_design.problem.settings import Switching
 from dobc_design.problem.toml_text import parse_toml, read_bytes
+
+Location = tuple[int | str, ...]
+
+_EXAMPLES = {
+    "network": "[network] with agents, arrow and, below it, [network.modes]",
+    "network.agents": "agents = 10",
+    "network.arrow": 'arrow = "listens_to" when [a, b] means that a hears b, else arrow = "sends_to"',
+    "network.modes": "[network.modes] and below it Ga = [[1, 2], [2, 3]]",
+    "coupling": '[coupling] and below it h = "exp(y) - 1 + y"',
+    "coupling.h": 'h = "exp(y) - 1 + y"',
+    "coupling.exceptions": '[[coupling.exceptions]] and below it arcs = [[1, 2]] and h = "2*y"',
+    "coupling.exceptions.arcs": "arcs = [[1, 2]]",
+    "coupling.exceptions.h": 'h = "2*y"',
+    "pinning": "[pinning] and below it gains = { 1 = 5.0, 6 = 2 }",
+    "exosystem": "[exosystem] and below it A = [[0, 2], [-2, 0]] and C = [[1, 0]]",
+    "exosystem.A": "A = [[0, 2], [-2, 0]]",
+    "exosystem.C": "C = [[1, 0]]",
+    "exosystem.groups": "[[exosystem.groups]] and below it agents = [1, 2], A = [[0]] and C = [[1]]",
+    "exosystem.groups.agents": "agents = [1, 2]",
+    "formation.offsets": "offsets = { 2 = 1.5, 3 = -1.5 }",
+    "region.initial_states": "initial_states = [0, 5]",
+    "switching.signal": 'signal = "random"',
+}
+
+
+def explain(error: ValidationError) -> SpecError:
+    """Turn what pydantic found into one error that names every key (the first twenty)."""
+    items = error.errors(include_url=False)
+    return SpecError.several([_explain(item) for item in islice(items, MOST_ERRORS)])
+
+
+def _explain(item: Any) -> SpecError:
+    location, value = item["loc"], item["input"]
+    key = key_text(location)
+    if item["type"] == "extra_forbidden":
+        return _unknown_key(key, location)
+    if item["type"] == "missing":
+        return SpecError(f"{key} is required and missing.", key=key, cure=f"Write {_example(key)}.")
+    if item["type"] == "list_type":
+        return SpecError(
+            f"{key} must be a list of tables; got {shown(value)}.", key=key, cure=f"Write {_example(key)}."
+        )
+    return SpecError(f"{key} must be a table; got {shown(value)}.", key=key, cure=f"Write {_example(key)}.")
+
+
+def key_text(location: Location) -> str:
+    """Write a location as the user would: tables dotted, places in a list as [0]."""
+    text = ""
+    for part in location:
+        if isinstance(part, int):
+            text += f"[{part}]"
+        else:
+            name = named(part)
+            text += f".{name}" if text else name
+    return text
+
+
+def _example(key: str) -> str:
+    return _EXAMPLES.get(_without_places(key), f"[{key}] and its keys below")
+
+
+def _without_places(key: str) -> str:
+    return re.sub(r"\[\d+\]", "", key)
+
+
+def _unknown_key(key: str, location: Location) -> SpecError:
+    table, name = key_text(location[:-1]), str(location[-1])
+    place = f" in [{table}]" if table else ""
+    if _without_places(key) in RESERVED:
+        return SpecError(
+            f"{key} is an unknown key{place}: it is reserved for a later version.", key=key, cure="Remove it for now."
+        )
+    known = known_keys(_without_places(table))
+    near = [other for other in known if other.lower() == name.lower()]
+    near += difflib.get_close_matches(name[:100], known, n=1, cutoff=0.7)
+    homes = [f"[{home}]" for home in _tables() if home and name in known_keys(home)]
+    if near:
+        hint = f'; did you mean "{near[0]}"?'
+    elif homes:
+        hint = f"; it belongs in {' or '.join(homes)}."
+    else:
+        hint = "."
+    return SpecError(f"{key} is an unknown key{place}{hint}", key=key, cure=f"Known keys{place}: {', '.join(known)}.")
+
+
+@cache
+def _tables() -> dict[str, tuple[str, ...]]:
+    """The keys of every table, by its name; "" is the top of the file."""
+    schema = ProblemFile.model_json_schema(by_alias=True)
+    tables: dict[str, tuple[str, ...]] = {}
+
+    def walk(name: str, properties: dict[str, Any]) -> None:
+        tables[name] = tuple(properties)
+        for key, node in properties.items():
+            items = node.get("items", {})
+            for choice in (node, items, *node.get("anyOf", ())):
+                if "$ref" in choice:
+                    child = schema["$defs"][choice["$ref"].rsplit("/", 1)[1]]
+                    walk(f"{name}.{key}" if name else key, child["properties"])
+
+    walk("", schema["properties"])
+    return tables
+
+
+def known_keys(table: str) -> tuple[str, ...]:
+    """The keys that a table may have; "" is the top of the file."""
+    return _tables().get(table, ())
+
+
+_MATRIX_EXAMPLES = {"A": "A = [[0, 2], [-2, 0]]", "C": "C = [[1, 0]]"}
+
+
+def read_exosystem(
+    tables: ProblemFile, *, dimension_of: Callable[[Exosystem | None], int]
+) -> tuple[Exosystem | None, tuple[Group, ...]]:
+    """The exosystem of the agents in no group, and the groups.
+
+    ``dimension_of`` says how many state components there are, for the first exosystem given by A and C, or None;
+    an exosystem given by its kind has that many components.
+    Raises: SpecError naming the keys.
+    """
+    table = tables.exosystem
+    if table is None:
+        return None, ()
+    errors: list[SpecError] = []
+    own = _explicit(table, number=None, errors=errors)
+    groups = [_explicit(group, number=number, errors=errors) for number, group in enumerate(table.groups)]
+    if errors:
+        raise SpecError.several(errors)
+    m = dimension_of(next((each for each in (own, *groups) if each is not None), None))
+    own = own or _of_kind(table, number=None, components=m, errors=errors)
+    result = []
+    for number, (each, found) in enumerate(zip(table.groups, groups, strict=True)):
+        exosystem = found or _of_kind(each, number=number, components=m, errors=errors)
+        try:
+            observer = Observer(W=each.W, P=each.P)
+            if exosystem is not None:
+                agents = _labels(each.agents, key=f"{group_key(number)}.agents")
+                result.append(Group(agents=agents, exosystem=exosystem, observer=observer))
+        except SpecError as error:
+            errors.append(renamed(error, number))
+    if errors:
+        raise SpecError.several(errors)
+    return own, tuple(result)
+
+
+def _explicit(table: ExosystemTable | GroupTable, *, number: int | None, errors: list[SpecError]) -> Exosystem | None:
+    """The exosystem of A and C; None where a kind stands in their place, or where groups alone are given."""
+    place = "exosystem" if number is None else group_key(number)
+    matrices = [name for name in ("A", "C") if getattr(table, name) is not None]
+    if table.kind is None and table.frequencies is not None:
+        errors.append(_wrong(f"{place}.frequencies", 'belongs to kind = "harmonics"', "Give the kind, or remove it."))
+    if table.kind is not None and matrices:
+        both = f"stands beside {' and '.join(matrices)}, and one of them would be ignored"
+        errors.append(_wrong(f"{place}.kind", both, "Give either A and C or the kind."))
+    if table.kind is not None or (isinstance(table, ExosystemTable) and table.groups and not matrices):
+        return None
+    for name in ("A", "C"):
+        if name not in matrices:
+            errors.append(_wrong(f"{place}.{name}", "is required and missing", f"Write {_MATRIX_EXAMPLES[name]}."))
+    if len(matrices) < 2:
+        return None
+    try:
+        return Exosystem(A=table.A, C=table.C)
+    except SpecError as error:
+        errors.append(error if number is None else renamed(error, number))
+        return None
+
+
+def _of_kind(
+    table: ExosystemTable | GroupTable, *, number: int | None, components: int, errors: list[SpecError]
+) -> Exosystem | None:
+    if table.kind is None:
+        return None
+    try:
+        return exosystems.of_kind(table.kind, frequencies=table.frequencies, components=components)
+    except SpecError as error:
+        place = "exosystem" if number is None else group_key(number)
+        for each in error.errors:
+            key = f"{place}.{(each.key or 'kind').removeprefix('exosystem.')}"
+            message = each.message.replace(each.key or "", key, 1)
+            errors.append(type(each)(message, key=key, cure=each.cure))
+        return None
+
+
+def _labels(value: Any, *, key: str) -> list[Any]:
+    if not is_list(value) or not value or not all(is_text(each) or isinstance(each, str | int) for each in value):
+        raise _wrong(key, f"must be a list of labels, at least one; got {shown(value)}", "For example agents = [1, 2].")
+    return list(value)
+
+
+def _wrong(key: str, what: str, cure: str) -> SpecError:
+    return SpecError(f"{key} {what}.", key=key, cure=cure)
+
 
 T = TypeVar("T")
 

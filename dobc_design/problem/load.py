@@ -4,15 +4,41 @@ from __future__ import annotations
 
 import os
 from difflib import get_close_matches
+from importlib.resources import files
 from os import PathLike
 from pathlib import Path
 
 from dobc_design.errors import SpecError
 from dobc_design.exact.reading import shown
-from dobc_design.problem.builtin import builtin_names, builtin_text
 from dobc_design.problem.file import read_problem_file, read_problem_text
 from dobc_design.problem.problem import Problem
 from dobc_design.problem.toml_text import read_bytes
+
+SUFFIX = ".toml"
+
+
+def builtin_names() -> tuple[str, ...]:
+    """Names of the built-in problems, in the order they are best read."""
+    folder = files("dobc_design.problems")
+    names = sorted(item.name[: -len(SUFFIX)] for item in folder.iterdir() if item.name.endswith(SUFFIX))
+    first = [name for name in ("paper-fixed", "paper-switching") if name in names]
+    return (*first, *(name for name in names if name not in first))
+
+
+def builtin_text(name: str) -> str:
+    """The problem file of that name, as text."""
+    return (files("dobc_design.problems") / f"{name}{SUFFIX}").read_text(encoding="utf-8")
+
+
+def builtin_summary(name: str) -> str:
+    """The first sentence of the comment a built-in problem opens with."""
+    lines = []
+    for line in builtin_text(name).splitlines():
+        if not line.startswith("#"):
+            break
+        lines.append(line.lstrip("# ").strip())
+    text = " ".join(lines)
+    return text.split(". ", 1)[0].rstrip(".") + "."
 
 
 def load_problem(source: str | PathLike[str]) -> Problem:

@@ -6,7 +6,7 @@ A Problem is frozen, exact and cannot exist invalid.  It holds no solver's answe
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from itertools import islice
 from types import MappingProxyType
 from typing import Any, TypeVar
@@ -25,14 +25,11 @@ from dobc_design.exact.reading import (
     read_vector,
     shown,
 )
-from dobc_design.problem.exosystem import Exosystem
-from dobc_design.problem.groups import Group, group_numbers, joint_exosystem, joint_observer, read_groups
+from dobc_design.problem.exosystems import Exosystem
+from dobc_design.problem.groups import Group, Observer, group_numbers, joint_exosystem, joint_observer, read_groups
 from dobc_design.problem.network import Network
-from dobc_design.problem.observer import Observer
 from dobc_design.problem.pinning import Pinning, read_pinning
-from dobc_design.problem.region import Region, read_region
-from dobc_design.problem.settings import Simulation, read_simulation
-from dobc_design.problem.switching import Switching, check_switching
+from dobc_design.problem.settings import Region, Simulation, Switching, check_switching, read_region, read_simulation
 
 T = TypeVar("T")
 Arc = tuple[int, int]
@@ -57,6 +54,8 @@ class Problem(Shown):
         region: {"initial_states": ..., "initial_disturbance": ...} or a Region.
         switching, simulation: settings; ``simulation`` is a mapping with t_final, seed, xi0, x0.
         notes: sentences on what is assumed or stands in; they are shown wherever a result is shown.
+    Further attributes: couplings, the default one and those of the exceptions, each once; exception_places, the place
+    among them of the coupling of every arc with its own.
     Raises: SpecError (or ShapeError, ExpressionError) that names every wrong key.
     Example:
         >>> network = dd.Network.from_arcs([["tail", "head"]], arrow="listens_to")
@@ -77,6 +76,8 @@ class Problem(Shown):
     switching: Switching | None
     simulation: Simulation
     notes: tuple[str, ...]
+    couplings: tuple[Coupling, ...] = field(init=False, compare=False)
+    exception_places: Mapping[Arc, int] = field(init=False, compare=False)
 
     def __init__(
         self,
@@ -119,6 +120,9 @@ class Problem(Shown):
         keep("notes", lambda: _read_notes(notes))
         if errors:
             raise SpecError.several(errors)
+        places = {each: place for place, each in enumerate(dict.fromkeys((self.coupling, *self.exceptions.values())))}
+        object.__setattr__(self, "couplings", tuple(places))
+        object.__setattr__(self, "exception_places", {arc: places[each] for arc, each in self.exceptions.items()})
 
     def __hash__(self) -> int:
         return hash((self.name, self.network, self.coupling, self.target, self.pinning))
@@ -216,14 +220,13 @@ class Problem(Shown):
             )
 
     @property
-    def couplings(self) -> tuple[Coupling, ...]:
-        """The default coupling and those of the exceptions, each once."""
-        return tuple(dict.fromkeys((self.coupling, *self.exceptions.values())))
-
-    @property
     def is_linear(self) -> bool:
         """Whether every coupling is exactly linear, so that J does not depend on e."""
         return all(coupling.is_linear for coupling in self.couplings)
+
+    def coupling_place(self, listener: int, speaker: int) -> int:
+        """The place of the coupling of one arc in ``couplings``."""
+        return self.exception_places.get((listener, speaker), 0)
 
     def coupling_of(self, listener: int, speaker: int) -> Coupling:
         """The coupling of one arc."""

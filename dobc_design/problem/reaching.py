@@ -9,7 +9,7 @@ from collections.abc import Iterable
 
 import numpy as np
 
-from dobc_design.problem.arcs import Arcs
+from dobc_design.problem.network import Arcs
 from dobc_design.problem.problem import Problem
 
 

@@ -10,10 +10,9 @@ from typing import Annotated, Any
 
 from pydantic import BaseModel, ConfigDict, Field, PlainValidator, WithJsonSchema
 
-from dobc_design.problem.arcs import ARROWS
 from dobc_design.problem.exosystems import KINDS
-from dobc_design.problem.labels import LONGEST_LABEL, MOST_AGENTS
-from dobc_design.problem.switching import SIGNALS
+from dobc_design.problem.network import ARROWS, LONGEST_LABEL, MOST_AGENTS
+from dobc_design.problem.settings import SIGNALS
 
 SCHEMA_VERSION = 1
 

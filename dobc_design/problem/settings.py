@@ -2,15 +2,104 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
+from itertools import pairwise
 from typing import Any
 
+from dobc_design._show.cards import Card, Shown, listed
 from dobc_design.errors import ShapeError, SpecError
-from dobc_design.exact.matrix import Vector
+from dobc_design.exact.matrix import Matrix, Vector
 from dobc_design.exact.number import parse_number
-from dobc_design.exact.reading import counted, is_list, read_vector, shown
-from dobc_design.problem.switching import positive_number
+from dobc_design.exact.reading import counted, is_list, is_text, read_matrix, read_vector, shown, shown_number
+
+Pair = tuple[Fraction, Fraction]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, repr=False)
+class Region(Shown):
+    """Starts asked for: lo_c <= x_ic(0) <= hi_c for every agent i, and |xi_i(0) - xihat_i(0)| <= disturbance.
+
+    ``initial_states`` holds m pairs; ``initial_disturbance`` is Euclidean, None without an exosystem.
+    """
+
+    initial_states: tuple[Pair, ...]
+    initial_disturbance: Fraction | None
+
+    def _card(self) -> Card:
+        pairs = [f"[{shown_number(low)}, {shown_number(high)}]" for low, high in self.initial_states]
+        error = [] if self.initial_disturbance is None else [("|xi_i - xihat_i| at most", self.initial_disturbance)]
+        return Card(title="Region", text="asked for", facts=[("initial states", listed(pairs)), *error])
+
+
+def read_region(initial_states: Any, initial_disturbance: Any, *, dimension: int, with_exosystem: bool) -> Region:
+    """Read one pair for all components, or m pairs.  Raises SpecError naming the key."""
+    key = "region.initial_states"
+    errors: list[SpecError] = []
+    pairs: tuple[Pair, ...] = ()
+    disturbance = None
+    try:
+        pairs = _read_pairs(initial_states, key=key, dimension=dimension)
+    except SpecError as error:
+        errors.append(error)
+    try:
+        disturbance = _read_disturbance(initial_disturbance, with_exosystem=with_exosystem)
+    except SpecError as error:
+        errors.append(error)
+    if errors:
+        raise SpecError.several(errors)
+    return Region(initial_states=pairs, initial_disturbance=disturbance)
+
+
+def _read_pairs(value: Any, *, key: str, dimension: int) -> tuple[Pair, ...]:
+    nested = is_list(value) and all(is_list(entry) for entry in value)
+    rows = list(value) if nested else [value] * dimension
+    if not is_list(value) or len(rows) != dimension or (not nested and any(is_list(entry) for entry in value)):
+        several = "" if dimension == 1 else f" for all state components, or {dimension} such pairs"
+        raise ShapeError(
+            f"{key} must be a pair [lo, hi]{several}; got {shown(value)}.", key=key, cure="For example [0, 5]."
+        )
+    pairs = []
+    for position, row in enumerate(rows):
+        place = f"{key}[{position}]" if nested else key
+        if len(row) != 2:
+            raise ShapeError(
+                f"{place} must be a pair [lo, hi]; got {shown(row)}.", key=place, cure="For example [0, 5]."
+            )
+        lo, hi = (parse_number(entry, key=f"{place}[{i}]") for i, entry in enumerate(row))
+        if lo > hi:
+            raise SpecError(
+                f"{place} must be a pair [lo, hi] with lo <= hi; got [{shown_number(lo)}, {shown_number(hi)}].",
+                key=place,
+                cure="Exchange the two numbers.",
+            )
+        pairs.append((lo, hi))
+    return tuple(pairs)
+
+
+def _read_disturbance(value: Any, *, with_exosystem: bool) -> Fraction | None:
+    key = "region.initial_disturbance"
+    if value is None:
+        if with_exosystem:
+            raise SpecError(
+                f"{key} is required when there is an [exosystem]: an e-ball alone is not invariant,"
+                " because a large estimation error pushes the states out of it.",
+                key=key,
+                cure="Give the largest |xi_i(0) - xihat_i(0)|, for example 0.5; 0 if it is known.",
+            )
+        return None
+    number = parse_number(value, key=key)
+    if number < 0:
+        raise SpecError(
+            f"{key} must be >= 0, because it is a length; got {shown_number(number)}.", key=key, cure="Give 0 or more."
+        )
+    if not with_exosystem:
+        raise SpecError(
+            f"{key} has no meaning without an [exosystem].", key=key, cure="Remove it, or give the exosystem."
+        )
+    return number
+
 
 Rows = tuple[Vector, ...]
 
@@ -114,3 +203,303 @@ def _rows_of_orders(value: Any, *, key: str, orders: tuple[int, ...]) -> Rows:
         read_vector(row, key=f"{key}[{i}]", length=order, because=because)
         for i, (row, order) in enumerate(zip(value, orders, strict=True))
     )
+
+
+Schedule = tuple[tuple[Fraction, str], ...]
+
+#: Which keys each signal may have besides ``signal`` and ``dwell``.
+KEYS: Mapping[str, tuple[str, ...]] = {
+    "random": (),
+    "periodic": ("sequence", "period", "schedule"),
+    "markov": ("generator",),
+    "schedule": ("schedule",),
+    "mobile": ("radius", "neighbours", "hysteresis"),
+}
+SIGNALS = tuple(KEYS)
+_EXAMPLES = {
+    "sequence": 'sequence = ["Ga", "Gb"]',
+    "period": "period = 2.0",
+    "generator": "generator = [[-1, 1], [1, -1]]",
+    "schedule": 'schedule = [[0, "Ga"], [1.5, "Gb"]]',
+    "radius": "radius = 2.0",
+    "neighbours": "neighbours = 3",
+    "hysteresis": "hysteresis = 0.1",
+}
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, repr=False)
+class Switching(Shown):
+    """Which signal drives the modes; None stands for what was not given.
+
+    ``dwell`` in s: the time between two changes of "random" and "periodic", the mean one of "markov".
+    ``sequence``: modes of one round of "periodic", by default all; ``period`` in s: how long a round takes.
+    ``generator`` (M, M) in 1/s: "markov", the rate from the k-th mode to the l-th, rows adding up to 0.
+    ``schedule``: (instant in s, mode) of "schedule"; of "periodic" those of one round, which ends with ``period``.
+    ``radius`` or ``neighbours``: "mobile", who hears whom; ``hysteresis``: both distances in the unit of x.
+    Raises: SpecError that names every wrong key.
+    """
+
+    signal: str
+    dwell: Fraction | None = None
+    sequence: tuple[str, ...] | None = None
+    period: Fraction | None = None
+    generator: Matrix | None = None
+    schedule: Schedule | None = None
+    radius: Fraction | None = None
+    neighbours: int | None = None
+    hysteresis: Fraction | None = None
+
+    def __init__(
+        self,
+        *,
+        signal: Any,
+        dwell: Any = None,
+        sequence: Any = None,
+        period: Any = None,
+        generator: Any = None,
+        schedule: Any = None,
+        radius: Any = None,
+        neighbours: Any = None,
+        hysteresis: Any = None,
+    ) -> None:
+        if not isinstance(signal, str) or signal not in SIGNALS:
+            raise SpecError(
+                f"switching.signal must be one of {', '.join(SIGNALS)}; got {shown(signal)}.",
+                key="switching.signal",
+                cure='For example signal = "random".',
+            )
+        object.__setattr__(self, "signal", signal)
+        given = {
+            "dwell": dwell,
+            "sequence": sequence,
+            "period": period,
+            "generator": generator,
+            "schedule": schedule,
+            "radius": radius,
+            "neighbours": neighbours,
+            "hysteresis": hysteresis,
+        }
+        errors: list[SpecError] = []
+        for name, value in given.items():
+            found = None
+            if value is not None:
+                found = _kept(errors, signal, name, value)
+            object.__setattr__(self, name, found)
+        if not errors:
+            errors += _misfits(self)
+        if errors:
+            raise SpecError.several(errors)
+
+
+def check_switching(switching: Switching, modes: Sequence[str]) -> None:
+    """Check what refers to the network's modes.  Raises: SpecError that names every wrong entry."""
+    errors = []
+    listed = [(f"switching.sequence[{k}]", mode) for k, mode in enumerate(switching.sequence or ())]
+    listed += [(f"switching.schedule[{k}][1]", mode) for k, (_, mode) in enumerate(switching.schedule or ())]
+    for key, mode in listed:
+        if mode not in modes:
+            names = ", ".join(list(modes)[:6]) + (", ..." if len(modes) > 6 else "")
+            wrong = f"{key} must be a mode of [network.modes]; got {shown(mode)}."
+            errors.append(SpecError(wrong, key=key, cure=f"One of {names}."))
+    rows = 0 if switching.generator is None else len(switching.generator)
+    if rows and rows != len(modes):
+        errors.append(
+            ShapeError(
+                f"switching.generator must have {counted(len(modes), 'row')}, one per mode; got {rows}.",
+                key="switching.generator",
+                cure="Give rows and columns in the order of [network.modes].",
+            )
+        )
+    if errors:
+        raise SpecError.several(errors)
+
+
+def _kept(errors: list[SpecError], signal: str, name: str, value: Any) -> Any:
+    """The value of a key; None where it is wrong, and the error is kept."""
+    try:
+        return _read(signal, name, value)
+    except SpecError as error:
+        errors.extend(error.errors)
+        return None
+
+
+def _read(signal: str, name: str, value: Any) -> Any:
+    key = f"switching.{name}"
+    if name != "dwell" and name not in KEYS[signal]:
+        owners = [each for each, names in KEYS.items() if name in names]
+        raise SpecError(
+            f'{key} has no meaning for signal = "{signal}"; it belongs to {" and ".join(map(_quoted, owners))}.',
+            key=key,
+            cure=f"Remove it, or write signal = {_quoted(owners[-1])}.",
+        )
+    if name in ("dwell", "period"):
+        return positive_number(value, key=key, unit="s")
+    if name == "radius":
+        return positive_number(value, key=key, unit="a distance in the unit of x")
+    readers = {
+        "sequence": _read_sequence,
+        "generator": _read_generator,
+        "schedule": _read_schedule,
+        "neighbours": _read_neighbours,
+        "hysteresis": _read_hysteresis,
+    }
+    return readers[name](value, key)
+
+
+def _misfits(switching: Switching) -> list[SpecError]:
+    """Keys that are missing, or that say the same thing twice."""
+    own, found = switching, []
+    if own.signal == "schedule" and own.schedule is None:
+        found.append(_missing("schedule", "schedule", "it says from when on which mode is active"))
+    if own.signal == "mobile" and own.radius is None and own.neighbours is None:
+        found.append(_missing("mobile", "radius", "it says how far an agent hears (or neighbours: how many)"))
+    if own.radius is not None and own.neighbours is not None:
+        found.append(_twice("neighbours", "radius", "either says who is near"))
+    if own.signal == "markov" and own.generator is not None and own.dwell is not None:
+        found.append(_twice("dwell", "generator", "its diagonal says how long stays last"))
+    if own.signal == "periodic":
+        found += _misfits_of_rounds(own)
+    return found
+
+
+def _misfits_of_rounds(own: Switching) -> list[SpecError]:
+    if own.schedule is None:
+        return (
+            []
+            if own.dwell is None or own.period is None
+            else [_twice("period", "dwell", "either says how long a mode stays")]
+        )
+    found = [
+        _twice(name, "schedule", "the schedule says it all")
+        for name in ("dwell", "sequence")
+        if getattr(own, name) is not None
+    ]
+    if own.period is None:
+        return [*found, _missing("periodic", "period", "it says when the schedule begins anew")]
+    last = own.schedule[-1][0]
+    if own.period <= last:
+        found.append(
+            SpecError(
+                f"switching.period must be > {shown_number(last)} s, the last instant of the schedule; got"
+                f" {shown_number(own.period)}.",
+                key="switching.period",
+                cure="Choose a longer one.",
+            )
+        )
+    return found
+
+
+def _missing(signal: str, name: str, why: str) -> SpecError:
+    key = f"switching.{name}"
+    return SpecError(
+        f'{key} is required and missing: with signal = "{signal}" {why}.', key=key, cure=f"Write {_EXAMPLES[name]}."
+    )
+
+
+def _twice(name: str, other: str, why: str) -> SpecError:
+    key = f"switching.{name}"
+    return SpecError(
+        f"{key} must be left out where switching.{other} is given, because {why}.", key=key, cure="Keep one of them."
+    )
+
+
+def _read_sequence(value: Any, key: str) -> tuple[str, ...]:
+    if not is_list(value) or not len(value):
+        raise _no_list(key, "a list of modes", value, "sequence")
+    return tuple(_mode(mode, f"{key}[{k}]") for k, mode in enumerate(value))
+
+
+def _read_generator(value: Any, key: str) -> Matrix:
+    matrix = read_matrix(value, key=key)
+    if len(matrix) != len(matrix[0]):
+        raise ShapeError(
+            f"{key} must be square, one row and one column per mode; got shape ({len(matrix)}, {len(matrix[0])}).",
+            key=key,
+            cure=f"For two modes {_EXAMPLES['generator']}.",
+        )
+    for k, row in enumerate(matrix):
+        for other, rate in enumerate(row):
+            if other != k and rate < 0:
+                place = f"{key}[{k}][{other}]"
+                raise SpecError(
+                    f"{place} must be >= 0, because it is a rate (1/s); got {shown_number(rate)}.",
+                    key=place,
+                    cure="Only the diagonal is negative.",
+                )
+        if sum(row):
+            raise SpecError(
+                f"{key}[{k}] must add up to 0, because a chain that leaves a mode enters another; got"
+                f" {shown_number(sum(row, Fraction(0)))}.",
+                key=f"{key}[{k}]",
+                cure=f"Write {shown_number(row[k] - sum(row))} at place {k} of that row.",
+            )
+    return matrix
+
+
+def _read_schedule(value: Any, key: str) -> Schedule:
+    if not is_list(value) or not len(value):
+        raise _no_list(key, "a list of [instant in s, mode]", value, "schedule")
+    rows = []
+    for k, row in enumerate(value):
+        if not is_list(row) or len(row) != 2:
+            raise _no_list(f"{key}[{k}]", "[instant in s, mode]", row, "schedule")
+        rows.append((parse_number(row[0], key=f"{key}[{k}][0]"), _mode(row[1], f"{key}[{k}][1]")))
+    if rows[0][0] != 0:
+        raise SpecError(
+            f"{key}[0][0] must be 0, because something is active from the start; got {shown_number(rows[0][0])}.",
+            key=f"{key}[0][0]",
+            cure="Say which mode is active from 0 s on.",
+        )
+    for k, ((before, _), (after, _)) in enumerate(pairwise(rows)):
+        if after <= before:
+            place = f"{key}[{k + 1}][0]"
+            raise SpecError(
+                f"{place} must be > {shown_number(before)}, because instants increase; got {shown_number(after)}.",
+                key=place,
+                cure="Sort the instants.",
+            )
+    return tuple(rows)
+
+
+def _read_neighbours(value: Any, key: str) -> int:
+    if isinstance(value, bool) or not isinstance(value, int) or not 1 <= value < 2**31:
+        raise SpecError(
+            f"{key} must be a whole number >= 1; got {shown(value)}.", key=key, cure=f"Write {_EXAMPLES['neighbours']}."
+        )
+    return value
+
+
+def _read_hysteresis(value: Any, key: str) -> Fraction:
+    number = parse_number(value, key=key)
+    if number < 0:
+        raise SpecError(
+            f"{key} must be >= 0 (a distance in the unit of x); got {shown_number(number)}.",
+            key=key,
+            cure=f"Write {_EXAMPLES['hysteresis']}.",
+        )
+    return number
+
+
+def positive_number(value: Any, *, key: str, unit: str) -> Fraction:
+    """Read a number > 0 in ``unit``.  Raises: SpecError."""
+    number = parse_number(value, key=key)
+    if number <= 0:
+        cure = "Give a positive time." if unit == "s" else "Give a positive number."
+        raise SpecError(f"{key} must be > 0 ({unit}); got {shown_number(number)}.", key=key, cure=cure)
+    return number
+
+
+def _mode(value: Any, key: str) -> str:
+    if not is_text(value):
+        raise SpecError(
+            f"{key} must be the name of a mode; got {shown(value)}.", key=key, cure='In quotes, such as "Ga".'
+        )
+    return str(value)
+
+
+def _no_list(key: str, what: str, value: Any, name: str) -> SpecError:
+    return SpecError(f"{key} must be {what}; got {shown(value)}.", key=key, cure=f"For example {_EXAMPLES[name]}.")
+
+
+def _quoted(name: str) -> str:
+    return f'"{name}"'

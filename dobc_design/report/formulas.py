@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from fractions import Fraction
 
 from dobc_design._show.text import Fragment, latex_matrix, mathml
@@ -12,6 +11,7 @@ from dobc_design.certificate.certificate import Certificate
 from dobc_design.coupling.coupling import Coupling
 from dobc_design.exact.matrix import Matrix
 from dobc_design.problem.problem import Problem
+from dobc_design.report.document import ShownMatrix
 
 LONGEST_RATIONAL = 4000  # characters
 _RATIONAL = re.compile(r"-?[0-9]+(/0*[1-9][0-9]*)?")
@@ -39,22 +39,6 @@ REDUCED = (
     r"\Psi < 0 \;\iff\; \Omega_0 < 0 \text{ and } \Lambda(J) + I_n \otimes S < 0, \qquad S = C (-\Omega_0)^{-1} C'"
 )
 BY_EXISTENCE = r"\text{some } P, Q \text{ exist} \;\iff\; \Lambda(J) < 0 \text{ and } (A, C) \text{ is detectable}"
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class ShownMatrix:
-    """A matrix with its name (LaTeX), what it is, its entries and their LaTeX (None when it is too large)."""
-
-    name: str
-    what: str
-    latex: str | None
-    size: str
-    entries: Matrix | None
-
-    @property
-    def math(self) -> Fragment | None:
-        """MathML of "name = entries"."""
-        return None if self.latex is None else math(rf"{self.name} = {self.latex}", display=True)
 
 
 def math(latex: str, *, display: bool = False) -> Fragment:
@@ -129,7 +113,7 @@ def lambda_matrices(lambdas: Mapping[str, Matrix] | None, *, most: int = 6) -> l
     for position, (mode, matrix) in enumerate((lambdas or {}).items()):
         if position == most:
             break
-        prepared = shown_matrix(r"\Lambda", mode, matrix)
+        prepared = shown_matrix(r"\Lambda", f"at the target, mode {mode}", matrix)
         if prepared.latex is not None:
             shown.append(prepared)
     return shown

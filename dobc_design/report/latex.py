@@ -8,16 +8,11 @@ from __future__ import annotations
 
 import re
 import unicodedata
-from collections.abc import Iterable, Iterator, Mapping, Sequence
-from typing import Any, Final
+from collections.abc import Iterable, Iterator, Sequence
+from itertools import zip_longest
+from typing import Final
 
-from dobc_design._show.text import latex_number
-from dobc_design.certificate.certificate import Certificate
-from dobc_design.exact.matrix import Matrix
-from dobc_design.report import formulas
-from dobc_design.report.check_views import CheckRow
-from dobc_design.report.references import bibliography
-from dobc_design.report.view import common_view
+from dobc_design.report import document as doc
 from dobc_design.report.words import capitalize_first, typeset
 
 MAIN, BIBLIOGRAPHY = "main.tex", "references.bib"
@@ -86,30 +81,41 @@ _SIGNS: Final = {
 }
 _ACCENTS: Final = {"\u0302": "hat", "\u0304": "bar"}  # combining ones, as in an estimate
 _ACCENTED = re.compile("[A-Za-zα-ωΑ-Ω][\u0302\u0304]|.", re.DOTALL)
+AUTOMATIC: Final = 0.9  # what a column without a width of its own is compared as
+FILLED: Final = 0.9  # of the line, by all columns of a table
 _LATIN = 0x180  # letters below are set by every engine
 _LONG_WORD = 14  # letters; longer ones may be broken, first of all after punctuation
 _PIECES = re.compile(r"[^/_.,;:@-]{1,12}[/_.,;:@-]?|.")
 
 
-def latex_fragments(certificate: Certificate, *, lambdas: Mapping[str, Matrix] | None = None) -> dict[str, bytes]:
-    r"""The fragments by file name, with references.bib and a main.tex that inputs all of them.
+def latex_fragments(document: doc.Document, version: str) -> dict[str, bytes]:
+    r"""The fragments of a report by file name, with references.bib and a main.tex that inputs all of them.
 
-    ``lambdas``: mode -> Lambda(J) at the target, printed up to 12 x 12.  The same arguments give the same bytes.
+    ``version``: that of the program that made the certificate.  The same document gives the same bytes.
     """
-    view = common_view(certificate, analysis=None, trajectory=None, lambdas=lambdas)
+    report = doc.in_form(document, "latex")
+    condition = report.section("condition")
+    matrices = [block for block in condition if isinstance(block, doc.Matrices)]
+    width = (r"\setcounter{MaxMatrixCols}{12}",) if matrices else ()
     parts: dict[str, tuple[str, Iterable[str]]] = {
-        "verdict.tex": ("The verdict and what it says.", _verdict(view)),
-        "model.tex": ("The equations with the paper's numbers, couplings, target and pins.", _model(view)),
-        "condition.tex": ("The condition that is decided.", _condition(view)),
-        "matrices.tex": ("The matrices; entries with a decimal point are rounded.", _matrices(view)),
-        "checks.tex": ("Every condition that was decided; numbers hold as printed.", _checks(view)),
-        "regions.tex": ("From which starts consensus is proved.", _regions(view)),
-        "traceability.tex": ("Where each condition stands and which module decided it.", _traces(view)),
+        "verdict.tex": ("The verdict and what it says.", _verdict(report)),
+        "model.tex": ("The equations with the paper's numbers, couplings, target and pins.", _lines("problem", report)),
+        "condition.tex": (
+            "The condition that is decided.",
+            _shown([block for block in condition if not isinstance(block, doc.Matrices)]),
+        ),
+        "matrices.tex": ("The matrices; entries with a decimal point are rounded.", (*width, *_shown(matrices))),
+        "checks.tex": ("Every condition that was decided; numbers hold as printed.", _lines("checks", report)),
+        "regions.tex": ("From which starts consensus is proved.", _lines("region", report)),
+        "traceability.tex": (
+            "Where each condition stands and which module decided it.",
+            _lines("traceability", report),
+        ),
     }
     files = {name: _fragment(what, list(lines)) for name, (what, lines) in parts.items()}
     kept = {name: text for name, text in files.items() if text is not None}
-    kept[BIBLIOGRAPHY] = bibliography(certificate.claims.version)
-    kept[MAIN] = _main(view["problem"].name, [name for name in kept if name.endswith(".tex")])
+    kept[BIBLIOGRAPHY] = bibliography(version)
+    kept[MAIN] = _main(document.name, [name for name in kept if name.endswith(".tex")])
     return {name: text.encode("utf-8") for name, text in kept.items()}
 
 
@@ -158,97 +164,57 @@ def _main(name: str, fragments: Sequence[str]) -> str:
     )
 
 
-def _verdict(view: Mapping[str, Any]) -> Iterator[str]:
-    yield rf"\paragraph{{{tex(view['problem'].name)}: {tex(view['verdict'])}.}} {tex(view['claims'].reason)}"
+def _verdict(report: doc.Document) -> Iterator[str]:
+    verdict = report.verdict
+    yield rf"\paragraph{{{tex(report.name)}: {tex(verdict.mark.verdict)}.}} {tex(verdict.reason)}"
     yield ""
-    yield from _table(["", ""], [[name, value] for name, value in (*view["facts"], *view["title_block"])], [0.26, 0.68])
-    for head, sentences in (("It says:", view["says"]), ("It does not say:", view["says_not"])):
-        yield from _list(head, sentences)
+    yield from _table(("", ""), (*verdict.facts, *report.identity), (0.9, 2.4))
+    yield from _lines("meaning", report)
 
 
-def _model(view: Mapping[str, Any]) -> Iterator[str]:
-    problem = view["problem"]
-    yield tex(" ".join(filter(None, [view["size"], view["pins"], view["region"], view["switching"]])))
-    for _, latex, number in view["loop"]:
-        yield rf"\[ {latex} \tag{{{number.strip('()')}}} \]"
-    yield _displayed(formulas.coupling_latex(problem.coupling))
-    yield _displayed(formulas.target_latex(problem))
-    yield tex(f"Here {view['letters']}")
-    for head, sentences in (
-        ("Each agent has the A, C and W of its group:", view["groups"]),
-        ("Arcs with a coupling of their own:", view["exceptions"]),
-    ):
-        if sentences:
-            yield from _list(head, sentences)
+def _lines(name: str, report: doc.Document) -> Iterator[str]:
+    return _shown(report.section(name))
 
 
-def _list(head: str, sentences: Iterable[str]) -> Iterator[str]:
-    yield rf"{head}\begin{{itemize}}"
-    yield from (rf"  \item {tex(each)}" for each in sentences)
-    yield r"\end{itemize}"
+def _shown(blocks: Sequence[doc.Block]) -> Iterator[str]:
+    for block, after in zip_longest(blocks, blocks[1:]):
+        match block:
+            case doc.Section(title=title, blocks=inner):
+                yield f"{tex(title)}:"
+                yield from _shown(inner)
+            case doc.Beside(parts):
+                for part in parts:
+                    yield from _shown(part)
+            case doc.Text(words):
+                yield tex("".join(map(str, doc.pieces(words))))
+                if isinstance(after, (doc.Text, doc.Table)):
+                    yield ""
+            case doc.List(items):
+                yield r"\begin{itemize}"
+                yield from (rf"  \item {tex(item)}" for item in items)
+                yield r"\end{itemize}"
+            case doc.Formula(latex=latex, number=number):
+                yield rf"\[ {latex} \tag{{{number.strip('()')}}} \]" if number else _displayed(latex)
+            case doc.Matrices(items):
+                for item in items:
+                    yield from _matrix(item)
+            case doc.Table(columns=columns, rows=rows):
+                heads = [column.head for column in columns]
+                cells = [[_cell(cell, column) for cell, column in zip(row, columns, strict=True)] for row in rows]
+                yield from _table(heads, cells, [column.width or AUTOMATIC for column in columns])
 
 
-def _condition(view: Mapping[str, Any]) -> Iterator[str]:
-    if view["problem"].groups:
-        yield rf"\[ {formulas.PSI} \tag{{18}} \]"
-        yield from map(_displayed, (formulas.LAMBDA, formulas.OMEGA, formulas.REDUCED, formulas.BY_EXISTENCE))
-        yield tex(view["by_group"])
+def _matrix(item: doc.ShownMatrix) -> Iterator[str]:
+    what = tex(capitalize_first(item.what))
+    if item.latex is None:
+        yield rf"{what} (${item.name}$) is {tex(item.size)}; see certificate.json."
     else:
-        yield _displayed(formulas.LAMBDA + " < 0")
-    for name, bound in view["bounds"].items():
-        yield f"For {tex(name)}:"
-        yield _displayed(rf"\lambda_{{\max}}(\Lambda) < {latex_number(bound)}")
+        yield f"{what}:"
+        yield _displayed(f"{item.name} = {item.latex}")
 
 
-def _matrices(view: Mapping[str, Any]) -> Iterator[str]:
-    shown = [(capitalize_first(item.what), item) for item in view["matrices"]]
-    shown += [(f"At the target, mode {item.what}", item) for item in view["lambdas"]]
-    if shown:
-        yield r"\setcounter{MaxMatrixCols}{12}"
-    for what, item in shown:
-        if item.latex is None:
-            yield rf"{tex(what)} (${item.name}$) is {tex(item.size)}; see certificate.json."
-        else:
-            yield f"{tex(what)}:"
-            yield _displayed(f"{item.name} = {item.latex}")
-
-
-def _checks(view: Mapping[str, Any]) -> Iterator[str]:
-    heads = ["verdict", "condition", "where", "margin", "rate", "reason"]
-    yield from _table(heads, [_check_cells(row) for row in view["checks"]], [0.11, 0.16, 0.14, 0.08, 0.08, 0.33])
-    if view["checks_hidden"]:
-        yield tex(view["checks_hidden"])
-
-
-def _check_cells(row: CheckRow) -> list[str]:
-    name = row.name + ("" if row.mode is None else f", mode {row.mode}")
-    name += "" if row.group is None else f", group of agent {row.group}"
-    exact = " ".join(f"{key}: {value}." for key, value in row.exact)
-    return [
-        f"{row.symbol} {row.verdict}",
-        name,
-        row.domain,
-        typeset(row.margin),
-        typeset(row.rate),
-        f"{row.reason} {exact}",
-    ]
-
-
-def _regions(view: Mapping[str, Any]) -> Iterator[str]:
-    regions = view["regions"]
-    if regions is None:
-        return
-    yield tex(regions["asked"])
-    yield ""
-    rows = [
-        [row.name, f"{row.symbol} {row.verdict}", row.starts, row.rate, row.time, row.covers] for row in regions["rows"]
-    ]
-    heads = ["method", "verdict", "certified starts", "rate in 1/s", regions["time_head"], "covers it"]
-    yield from _table(heads, rows, [0.17, 0.12, 0.26, 0.1, 0.13, 0.09])
-
-
-def _traces(view: Mapping[str, Any]) -> Iterator[str]:
-    yield from _table(view["trace_heads"], [row.cells for row in view["traces"]], [0.16, 0.24, 0.14, 0.16, 0.12, 0.08])
+def _cell(cell: doc.Cell, column: doc.Column) -> str:
+    return typeset(str(cell)) if column.style == "number" else str(cell)
 
 
 def _displayed(latex: str) -> str:
@@ -256,8 +222,9 @@ def _displayed(latex: str) -> str:
 
 
 def _table(heads: Sequence[str], rows: Iterable[Sequence[str]], widths: Sequence[float]) -> Iterator[str]:
-    """A table over several pages; ``widths`` are parts of the line."""
-    columns = " ".join(rf">{{\raggedright\arraybackslash}}p{{{width}\linewidth}}" for width in widths)
+    """A table over several pages; ``widths`` are compared with each other."""
+    parts = [round(FILLED * width / sum(widths), 3) for width in widths]
+    columns = " ".join(rf">{{\raggedright\arraybackslash}}p{{{part}\linewidth}}" for part in parts)
     yield rf"{{\footnotesize\setlength{{\tabcolsep}}{{3pt}}\begin{{longtable}}{{@{{}}{columns}@{{}}}}"
     if any(heads):
         yield r"\toprule"
@@ -266,3 +233,41 @@ def _table(heads: Sequence[str], rows: Iterable[Sequence[str]], widths: Sequence
         yield r"\toprule"
     yield from (rf"{' & '.join(map(tex, row))} \\" for row in rows)
     yield r"\bottomrule\end{longtable}}"
+
+
+_ENTRIES: Final = """\
+@misc{consensus-dobc,
+  key   = {Consensus},
+  title = {Consensus of mobile multiple agent systems with disturbance-observer-based control},
+  note  = {Theorems 1 and 2, Lemma 1; the copy used states no authors, journal, year or pages}
+}
+
+@article{rump2006,
+  author  = {Rump, Siegfried M.},
+  title   = {Verification of Positive Definiteness},
+  journal = {BIT Numerical Mathematics},
+  volume  = {46},
+  pages   = {433--452},
+  year    = {2006}
+}
+
+@article{dirr2015,
+  author  = {Dirr, Gunther and Ito, Hiroshi and Rantzer, Anders and R{\\"u}ffer, Bj{\\"o}rn S.},
+  title   = {Separable {Lyapunov} functions for monotone systems: Constructions and limitations},
+  journal = {Discrete and Continuous Dynamical Systems, Series B},
+  volume  = {20},
+  number  = {8},
+  pages   = {2497--2526},
+  year    = {2015}
+}
+"""
+
+
+def bibliography(version: str) -> str:
+    """The entries, with one for this program in the version that made the certificate."""
+    own = "".join(each for each in version if each.isalnum() or each in ".+-")
+    return _ENTRIES + (
+        "\n@misc{dobc-design,\n  author = {{dobc\\_design contributors}},\n"
+        "  title  = {dobc\\_design: design and exact certification of disturbance-observer-based consensus control},\n"
+        f"  note   = {{Version {own}}}\n}}\n"
+    )

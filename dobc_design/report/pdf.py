@@ -1,57 +1,47 @@
-"""The report as a PDF on A4, set by Typst: tagged, with text alternatives, without a date, the same bytes every time.
+"""A document as a PDF on A4, set by Typst: tagged, with text alternatives, without a date, the same bytes every time.
 
-Needs the package typst (extra `pdf`).  Nothing is read from the network.
+Needs the package typst (extra `pdf`).  Nothing is read from the network.  The template never reads text as markup:
+everything reaches it as strings in JSON, with places where long words may be broken.
 """
 
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping, Sequence
+import re
+from collections.abc import Iterable, Iterator, Mapping
+from decimal import Decimal
+from fractions import Fraction
 from importlib.resources import files
+from itertools import zip_longest
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Final, Literal
+from typing import Any, Final, Literal
+from xml.etree import ElementTree
 
 import matplotlib
 from matplotlib.ft2font import FT2Font
 
-from dobc_design.certificate.certificate import Certificate
+from dobc_design._show.text import significant
 from dobc_design.errors import SpecError
-from dobc_design.exact.matrix import Matrix
-from dobc_design.report.full_view import full_view
-from dobc_design.report.pdf_blocks import blocks
-from dobc_design.report.pdf_parts import soft
-
-if TYPE_CHECKING:
-    from dobc_design.analysis.analysis import Analysis
-    from dobc_design.conditions.schedule.checks import StageTiming
-    from dobc_design.falsification.suspect import Falsification
-    from dobc_design.simulation.trajectory import Trajectory
+from dobc_design.report import document as doc
+from dobc_design.report.pictures import svg_of
+from dobc_design.report.words import capitalize_first, typeset
 
 STANDARD: Final[Literal["ua-1"]] = "ua-1"  # PDF/UA-1: readable by assistive technology
-_LONGEST_FOOTER = 70
-_INVISIBLE: Final = "\u200b\n"
+#: Names of matrices in the template, by their LaTeX; the others have the same.
+MATRIX_NAMES: Final = {r"P_{\text{given}}": "P given", r"S_{\text{given}}": "S given", r"\Lambda": "Lambda"}
+LONGEST_NUMBER: Final = 12  # digits of numerator and denominator that are still printed as a fraction
+LONGEST_WORD: Final = 16  # in a cell; longer ones may be broken anywhere
+_SOFT = "\u200b"  # a place where a line may break
+_INVISIBLE: Final = f"{_SOFT}\n"
+_VARIABLE = re.compile(r"var\(--[\w-]+, *(#[0-9a-f]{6})\)")
+_CONTROL = re.compile(r"[\x00-\x08\x0b-\x1f\x7f-\x9f]")
+_JOINT = re.compile(r"([/_.,;:@-])")
 
 
-def pdf_report(
-    certificate: Certificate,
-    *,
-    analysis: Analysis | None,
-    trajectory: Trajectory | None,
-    lambdas: Mapping[str, Matrix] | None = None,
-    timings: Sequence[StageTiming] = (),
-    searches: Sequence[Falsification] = (),
-) -> bytes:
-    """Return the bytes of the PDF; arguments as in ``html_report``.  Raises: SpecError without the package typst."""
+def pdf_page(document: doc.Document) -> bytes:
+    """The bytes of the PDF.  Raises: SpecError without the package typst."""
     require_typst()
-    view = full_view(
-        certificate,
-        analysis=analysis,
-        trajectory=trajectory,
-        lambdas=lambdas,
-        timings=timings,
-        searches=searches,
-    )
-    return compile_pdf(document(view))
+    return compile_pdf(content(document))
 
 
 def require_typst() -> None:
@@ -66,21 +56,20 @@ def require_typst() -> None:
         ) from error
 
 
-def document(view: Mapping[str, Any]) -> dict[str, Any]:
+def content(document: doc.Document) -> dict[str, Any]:
     """Everything that the template shows, as JSON: strings, lists and numbers' digits."""
-    name = soft(view["problem"].name, 24)
-    short = name if len(name) <= _LONGEST_FOOTER else name[: _LONGEST_FOOTER - 1] + "…"
-    print_ = view["again"]["fingerprints"][1][1]
+    verdict = document.verdict
     return {
-        "title": f"{name}: {view['verdict']}",
-        "name": name,
-        "footer": f"{short}: {view['verdict']} · certificate {print_[:16]}…",
-        "verdict": view["verdict"],
-        "word": f"{view['symbol']} {view['verdict'].capitalize()}",
-        "reason": soft(view["claims"].reason, 40),
-        "identity": [[key, soft(value, 70)] for key, value in view["title_block"]],
-        "facts": [[key, soft(value)] for key, value in view["facts"]],
-        "blocks": blocks(view),
+        "kind": document.kind,
+        "title": soft(document.title, 24),
+        "name": soft(document.name, 24),
+        "footer": soft(document.footer, 24),
+        "verdict": verdict.mark.verdict,
+        "word": soft(f"{verdict.mark.symbol} {verdict.word}", 40),
+        "reason": soft(verdict.reason, 40),
+        "identity": [[name, soft(value, 70)] for name, value in document.identity],
+        "facts": [[name, soft(value)] for name, value in verdict.facts],
+        "blocks": list(_blocks(doc.in_form(document, "pdf").blocks)),
     }
 
 
@@ -109,3 +98,140 @@ def compile_pdf(content: Mapping[str, Any]) -> bytes:
         return compiled(STANDARD)
     except typst.TypstError:  # the standard forbids some letters that a label may have; the report is still wanted
         return compiled(None)
+
+
+def soft(text: object, longest: int = LONGEST_WORD) -> str:
+    """The text on one line, where words longer than ``longest`` may be broken, first of all after punctuation."""
+    return " ".join(_soft_word(word, longest) for word in _CONTROL.sub("\ufffd", str(text)).split())
+
+
+def _soft_word(word: str, longest: int) -> str:
+    if len(word) <= longest:
+        return word
+    parts = _JOINT.sub(rf"\1{_SOFT}", word).split(_SOFT)
+    short = longest // 2
+    return _SOFT.join(
+        _SOFT.join(part[k : k + short] for k in range(0, len(part), short)) if len(part) > longest else part
+        for part in parts
+    )
+
+
+def _blocks(blocks: Iterable[doc.Block], level: int = 1) -> Iterator[dict[str, Any]]:
+    found = list(blocks)
+    for block, after in zip_longest(found, found[1:]):
+        match block:
+            case doc.Section(title=title, blocks=inner):
+                yield {"kind": "heading", "level": level, "text": soft(title)}
+                yield from _blocks(inner, level + 1)
+            case doc.Beside(parts):
+                for part in parts:
+                    yield from _blocks(part, level)
+            case doc.Box():
+                yield {"kind": "heading", "level": level, "text": soft(block.title)}
+                yield _text(f"{block.mark.symbol} {block.word}. {block.reason}")
+                yield _text(block.note)
+            case doc.Text(words, style):
+                yield _text(words, "lead" if doc.leads(block, after) else style)
+            case _:
+                yield from _leaf(block)
+
+
+def _leaf(block: doc.Block) -> Iterator[dict[str, Any]]:
+    """What stands for a block without others inside: one part for the template, or none, or a few."""
+    match block:
+        case doc.List(items):
+            if items:
+                yield {"kind": "list", "items": [soft(_plain(item), 40) for item in items]}
+        case doc.Code(lines):
+            yield {"kind": "code", "lines": [soft(line, 60) for line in lines]}
+        case doc.Formula(typst=Fraction() as bound):
+            yield {
+                "kind": "bound",
+                "label": f"{capitalize_first(block.label)} the condition is",
+                "number": number_parts(bound),
+            }
+        case doc.Formula():
+            yield {"kind": "formula", "name": block.typst, "label": block.label, "number": block.number}
+        case doc.Matrices(items):
+            yield from map(_matrix, items)
+        case doc.Pictures(items):
+            if items:
+                yield {"kind": "pictures", "items": [picture_parts(item) for item in items]}
+        case doc.Facts(rows):
+            yield _table(("", ""), rows, (0, 1))
+        case doc.Terms(items):
+            yield _table(("word", "meaning"), ((word, capitalize_first(meaning)) for word, _, meaning in items), (0, 1))
+        case doc.Table(columns=columns, rows=rows):
+            shown = ([_typeset(cell, column) for cell, column in zip(row, columns, strict=True)] for row in rows)
+            yield _table((each.head for each in columns), shown, (each.width for each in columns))
+        case doc.Signatures(heads, roles):
+            yield {"kind": "signatures", "heads": ["role", *heads], "roles": list(roles)}
+
+
+def _text(words: doc.Words, style: str = "plain") -> dict[str, Any]:
+    return {"kind": "text", "text": soft(_plain(words), 40), "style": style}
+
+
+def _plain(words: doc.Words) -> str:
+    return "".join(map(str, doc.pieces(words)))
+
+
+def _table(heads: Iterable[str], rows: Iterable[Iterable[doc.Cell]], widths: Iterable[float]) -> dict[str, Any]:
+    return {
+        "kind": "table",
+        "heads": [soft(head) for head in heads],
+        "rows": [[_cell(cell) for cell in row] for row in rows],
+        "widths": list(widths),
+    }
+
+
+def _typeset(cell: doc.Cell, column: doc.Column) -> doc.Cell:
+    return typeset(cell) if column.style == "number" and isinstance(cell, str) else cell
+
+
+def _cell(cell: doc.Cell) -> Any:
+    """A list of lines, or a coloured verdict."""
+    match cell:
+        case doc.Mark(_, verdict):
+            return {"mark": verdict, "text": str(cell)}
+        case doc.Name(parts, id):
+            return [soft(part) for part in (*parts, id) if part]
+        case doc.Reason():
+            details = [f"{name}: {value}" for name, value in cell.details]
+            cure = [] if cell.cure is None else [f"Cure: {cell.cure}", *cell.lines]
+            return [soft(line) for line in (cell.text, *details, *cure)]
+        case _:
+            return [soft(cell)]
+
+
+def _matrix(shown: doc.ShownMatrix) -> dict[str, Any]:
+    """A matrix from its exact entries, or a sentence where it is too large."""
+    name, label = MATRIX_NAMES.get(shown.name, shown.name), capitalize_first(shown.what)
+    if shown.entries is None:
+        return _text(f"{label} ({name}) is {shown.size}, too large to be printed; see certificate.json.")
+    rows = [[number_parts(entry) for entry in row] for row in shown.entries]
+    return {"kind": "matrix", "name": name, "label": soft(label), "rows": rows}
+
+
+def number_parts(value: Fraction) -> dict[str, Any]:
+    """A rational for the template: sign and digits, a fraction, or a rounded decimal with its power of ten."""
+    sign, size = value < 0, abs(value)
+    small = max(size.numerator.bit_length(), size.denominator.bit_length()) <= 4 * LONGEST_NUMBER
+    if small and len(str(size.numerator)) + len(str(size.denominator)) <= LONGEST_NUMBER + 1:
+        over = None if size.denominator == 1 else str(size.denominator)
+        return {"negative": sign, "digits": str(size.numerator), "over": over, "power": None}
+    mantissa, _, power = significant(size).partition("e")
+    return {"negative": sign, "digits": mantissa, "over": None, "power": str(int(power)) if power else None}
+
+
+def picture_parts(picture: doc.Picture) -> dict[str, str]:
+    """A figure for the template: its SVG with fixed colours and font, its text alternative, title and caption."""
+    svg = _VARIABLE.sub(r"\1", svg_of(picture)).replace("font-family: inherit", "font-family: 'DejaVu Sans'")
+    width = Decimal((ElementTree.fromstring(svg).get("viewBox") or "0 0 330 0").split()[2])
+    return {
+        "svg": svg,
+        "alt": soft(picture.alt, 60),
+        "title": soft(picture.title),
+        "caption": soft(picture.caption, 40),
+        "width": f"{width:.1f}",
+    }

@@ -8,9 +8,9 @@ from dataclasses import dataclass
 from typing import Any, Final
 
 from dobc_design.falsification.suspect import LEAVES, RESTS, STAYS_AWAY, Falsification, Suspect
-from dobc_design.report.network_words import names_in_words
+from dobc_design.report import document as doc
 from dobc_design.report.region_words import lower
-from dobc_design.report.words import capitalize_first, number, typeset
+from dobc_design.report.words import capitalize_first, names_in_words, number, typeset
 
 HEADS: Final = ("what", "|e|∞ at the start", "|e|∞ at the end", "after", "farthest from the target", "mode")
 MOST_ROWS: Final = 8
@@ -55,6 +55,26 @@ def search_view(searches: Sequence[Falsification]) -> list[dict[str, Any]]:
         }
         for search in searches
     ]
+
+
+def search_sections(
+    searches: Sequence[Falsification], pictures: Sequence[doc.Picture | None]
+) -> tuple[doc.Section, ...]:
+    """One section for each search."""
+    found = []
+    for view, picture in zip(search_view(searches), pictures, strict=True):
+        blocks: list[doc.Block] = [doc.Text(f"{view['tried']} {view['found']}")]
+        if view["proved"]:
+            blocks.append(doc.List(tuple(view["proved"])))
+        if picture is not None:
+            blocks.append(doc.Only(doc.PAGES, (doc.Pictures((picture,)),)))
+        if view["rows"]:
+            columns = tuple(doc.Column(head=head) for head in HEADS)
+            blocks.append(doc.Table(caption="Suspects", columns=columns, rows=tuple(row.cells for row in view["rows"])))
+        if view["warning"]:
+            blocks.append(doc.Text(view["warning"], "warning"))
+        found.append(doc.Section(title=view["title"], blocks=(*blocks, *map(doc.Text, view["notes"]))))
+    return tuple(found)
 
 
 def tried_sentence(search: Falsification) -> str:

@@ -1,17 +1,26 @@
-"""The sentences of the report: what a verdict says, what it does not, and the names of checks."""
+"""The sentences of the report: what a verdict says and what it does not, the network and the pins, numbers."""
 
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from fractions import Fraction
 
 from dobc_design._show.text import significant, significant_towards_zero
 from dobc_design.certificate.certificate import Certificate
-from dobc_design.conditions.check import Check, Domain
+from dobc_design.conditions.check import Domain
+from dobc_design.conditions.kinds import ids_of
+from dobc_design.exact.matrix import Matrix, Vector
+from dobc_design.exact.number import number_text
+from dobc_design.problem.network import Arcs
 from dobc_design.problem.problem import Problem
+from dobc_design.problem.words import switching_words
+from dobc_design.report import document as doc
 from dobc_design.verdict import Verdict
 
+MOST_LISTED = 40  # agents listed one by one
+MOST_MODES = 6
+MOST_NAMES = 12
 SYMBOLS = {Verdict.PROVED: "✓", Verdict.REFUTED: "✗", Verdict.UNDECIDED: "?"}
 
 MEANINGS = {
@@ -24,73 +33,16 @@ MEANINGS = {
     " decides it. It never means that consensus fails.",
 }
 
-# id -> (name, what it decides)
-CHECKS = {
-    "observability": (
-        "Observability of (A, C)",
-        "whether every state of the disturbance generator shows in d = C ξ;"
-        " then the estimate can be made as fast as wanted",
-    ),
-    "detectability": (
-        "Detectability of (A, C)",
-        "whether what C does not see dies out by itself; an observer gain W that works exists exactly then",
-    ),
-    "hurwitz": ("A − WC is Hurwitz", "whether the estimation error (17) decays with this W, by Routh’s table"),
-    "reachability": (
-        "Every agent hears a pin",
-        "whether information from a pinned agent reaches everybody; agents that it does not reach are held by nothing",
-    ),
-    "lemma1": ("Lemma 1: Λ(J) < 0", "whether V = Σ eᵢ′eᵢ decreases when there is no disturbance (10)"),
-    "theorem1": (
-        "Theorem 1: Ψ < 0",
-        "whether some P and Q satisfy (18), so that V = Σ eᵢ′eᵢ + Σ εᵢ′Pεᵢ decreases with the observer in the loop",
-    ),
-    "theorem2": (
-        "Theorem 2: Ψ < 0 in every mode",
-        "whether one P and one Q satisfy (18) in all modes, so that they may switch in any way",
-    ),
-    "theorem1-printed": (
-        "Theorem 1 with the P given",
-        "whether the P and W of the problem file satisfy (18) as they stand",
-    ),
-    "theorem2-printed": (
-        "Theorem 2 with the P given",
-        "whether the P and W of the problem file satisfy (18) in every mode as they stand",
-    ),
-    "lure": ("Lur’e certificate", "whether a quadratic V decreases for all slopes the coupling has in a region"),
-    "exhaustive": (
-        "Exhaustive proof",
-        "whether a quadratic V decreases in every box of a grid between a Lur’e ball and"
-        " a larger set; for small networks",
-    ),
-    "max-separable": (
-        "Max-separable certificate",
-        "whether boxes around the target shrink: the largest weighted error decreases",
-    ),
-    "delay": ("Delays", "whether the proof survives delayed messages"),
-    "sampling": ("Sampling", "whether the proof survives couplings that are held between samples"),
-    "settling": (
-        "Settling time",
-        "whether |e| stays within a tolerance from a given time on, by certificates that take over from each other",
-    ),
-    "equilibrium": (
-        "Another equilibrium",
-        "whether the region asked for holds a start at which the agents rest away from the target",
-    ),
-}
-
 _POWER = re.compile(r"e([+-]\d+)")
 _RAISED = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 
-#: Checks that carry a proof over to late messages and to sampled ones.
-TIMED = ("delay", "sampling")
 _IDEAL = "messages without delay, noise or quantisation"
 _TIMED = "messages without noise or quantisation; late messages and sampling as far as their checks say"
 
 
-def check_name(check: Check) -> str:
-    """The name of a check for people."""
-    return CHECKS.get(check.id, (check.id, ""))[0]
+def mark_of(verdict: Verdict) -> doc.Mark:
+    """A verdict as a sign and a word."""
+    return doc.Mark(SYMBOLS[verdict], verdict.value)
 
 
 def domain_words(domain: Domain) -> str:
@@ -156,8 +108,10 @@ def _proved(certificate: Certificate) -> tuple[list[str], list[str]]:
         )
     elif isinstance(domain, Mapping):
         no.append("It says nothing about starts outside that set. They may converge or not.")
-    timed = [check.id for check in certificate.checks if check.id in TIMED and check.verdict is Verdict.PROVED]
-    no.append(_about_the_model(certificate.problem, _TIMED if len(timed) == len(TIMED) else _IDEAL))
+    timed = [
+        check.id for check in certificate.checks if check.kind.role == "timing" and check.verdict is Verdict.PROVED
+    ]
+    no.append(_about_the_model(certificate.problem, _TIMED if len(timed) == len(ids_of("timing")) else _IDEAL))
     return yes, no
 
 
@@ -208,3 +162,190 @@ def _undecided(certificate: Certificate) -> tuple[list[str], list[str]]:
 
 def _number(value: object) -> str:
     return typeset(significant_towards_zero(value)) if isinstance(value, (int, float, Fraction)) else "?"
+
+
+def agents_table(problem: Problem) -> doc.Table | None:
+    """One row per agent: its gain, goal, and whom it hears in each listed mode; None for networks too large to list."""
+    if problem.n > MOST_LISTED:
+        return None
+    labels, gains = problem.network.labels, problem.pinning.gains
+    goals = doc.EVERY if problem.offsets else ("markdown",)
+    heard = [(name, _heard(arcs, problem.n)) for name, arcs in list(problem.network.modes.items())[:MOST_MODES]]
+    return doc.table_of(
+        f"Gain k of the pins{', goals' if problem.offsets else ''}, and whom each agent listens to",
+        range(problem.n),
+        (doc.Column(head="agent", width=1.2), lambda i: labels[i]),
+        (doc.Column(head="k in 1/s", width=0.8), lambda i: _gain(gains.get(i))),
+        (doc.Column(head="goal", only=goals), lambda i: vector_text(problem.goal_of(i))),
+        *(
+            (doc.Column(head=f"listens to in {name}", width=2), lambda i, each=each: _names(problem, each[i]))
+            for name, each in heard
+        ),
+    )
+
+
+def mode_sentences(problem: Problem) -> list[tuple[str, str]]:
+    """(mode, sentence) for the first modes; a rest is counted by the caller."""
+    shown = list(problem.network.modes.items())[: 2 * MOST_MODES]
+    return [(name, _mode_sentence(arcs, problem)) for name, arcs in shown]
+
+
+def pin_sentence(problem: Problem) -> str:
+    """Who is pinned."""
+    pinned = problem.pinning.agents
+    if not pinned:
+        return "No agent is pinned."
+    if len(pinned) == problem.n:
+        return "Every agent is pinned." if problem.n > 1 else "The agent is pinned."
+    names = names_in_words([problem.network.labels[i] for i in pinned])
+    return f"{len(pinned)} of {problem.n} agents {'is' if len(pinned) == 1 else 'are'} pinned: {names}."
+
+
+#: What the formulas mean where agents have different exosystems.
+BY_GROUP = (
+    "Agents differ in their exosystem. A, C and W in the equations of an agent are those of its group. I ⊗ C, I ⊗ Ω₀"
+    " and I ⊗ S stand for matrices with the C, Ω₀ and S of each agent's group along the diagonal. The matrices below"
+    " hold all groups along their diagonal, in this order."
+)
+
+
+def size_sentence(problem: Problem) -> str:
+    """n, m, q and the number of modes."""
+    modes = len(problem.network.modes)
+    parts = [
+        _count(problem.n, "agent"),
+        f"{_count(problem.m, 'state component')} each",
+        "one fixed topology" if modes == 1 else f"{modes} modes between which the topology switches",
+    ]
+    if problem.is_grouped:
+        parts.append(f"a disturbance on every agent, of {len(problem.groups)} kinds")
+    elif problem.groups:
+        parts.append(f"a disturbance on every agent, generated by {_count(problem.q, 'exosystem state')}")
+    else:
+        parts.append("no disturbance")
+    return "; ".join(parts) + "."
+
+
+def group_sentences(problem: Problem) -> list[str]:
+    """Which agents have which exosystem, where they have different ones."""
+    if not problem.is_grouped:
+        return []
+    rows = [
+        f"group of agent {group.name}: {names_in_words(group.agents)};"
+        f" {_count(group.exosystem.order, 'exosystem state')}"
+        for group in problem.groups[:MOST_NAMES]
+    ]
+    hidden = len(problem.groups) - len(rows)
+    return [*rows, f"and {hidden} more"] if hidden else rows
+
+
+def exception_sentences(problem: Problem) -> list[str]:
+    """Arcs with a coupling of their own, in words."""
+    labels = problem.network.labels
+    rows = [
+        f"{labels[i]} listening to {labels[j]}: h = {', '.join(coupling.texts)}"
+        for (i, j), coupling in list(problem.exceptions.items())[:MOST_NAMES]
+    ]
+    hidden = len(problem.exceptions) - len(rows)
+    return [*rows, f"and {hidden} more"] if hidden else rows
+
+
+def region_sentence(problem: Problem) -> str | None:
+    """What was asked to be covered."""
+    if problem.region is None:
+        return None
+    pairs = [f"[{number_text(lo)}, {number_text(hi)}]" for lo, hi in problem.region.initial_states]
+    inside = pairs[0] if len(set(pairs)) == 1 else " × ".join(pairs)
+    text = f"The proof has to cover all starts with every state component in {inside}"
+    if problem.region.initial_disturbance is not None:
+        text += f" and every estimation error |ξᵢ(0) − ξ̂ᵢ(0)| ≤ {number_text(problem.region.initial_disturbance)}"
+    return text + "."
+
+
+def switching_sentence(problem: Problem) -> str | None:
+    """The signal that simulations use."""
+    if problem.switching is None:
+        return None
+    moving = problem.switching.signal == "mobile"
+    allowed = "are about the arcs of the modes" if moving else "allow any signal"
+    return (
+        f"Switching in simulations: {switching_words(problem)}. The run shown here stays in one mode, and the proofs"
+        f" {allowed}."
+    )
+
+
+def common_offsets(pairs: Iterable[tuple[int, int]], n: int) -> tuple[int, ...] | None:
+    """The steps s with "every agent i listens to i + s (mod n)" when they are all there is, else None.
+
+    ``pairs`` are (listener, speaker), each once.
+    """
+    known = list(pairs)
+    steps = {(speaker - listener) % n for listener, speaker in known}
+    return tuple(sorted(steps)) if known and len(known) == n * len(steps) else None
+
+
+def unreached_agents(certificate: Certificate, mode: str) -> set[int]:
+    """Agents that no pin reaches in this mode, as the refuted check names them."""
+    for check in certificate.checks:
+        if check.id == "reachability" and check.mode == mode and check.verdict is Verdict.REFUTED:
+            named = set(check.witness.labels or ()) if check.witness is not None else set()
+            return {i for i, label in enumerate(certificate.problem.network.labels) if label in named}
+    return set()
+
+
+def names_in_words(names: Sequence[str], most: int = MOST_NAMES) -> str:
+    """List names: "1", "1 and 6", "1, 2, 3 and 40 more"."""
+    if len(names) > most:
+        return f"{', '.join(names[:most])} and {len(names) - most} more"
+    return names[0] if len(names) == 1 else f"{', '.join(names[:-1])} and {names[-1]}" if names else "nobody"
+
+
+def vector_text(vector: Vector) -> str:
+    """A vector as text."""
+    entries = [number_text(x) for x in vector[:MOST_NAMES]]
+    if len(vector) == 1:
+        return entries[0]
+    return f"({', '.join(entries)}{', …' if len(vector) > MOST_NAMES else ''})"
+
+
+def _mode_sentence(arcs: Arcs, problem: Problem) -> str:
+    pairs = list(zip(arcs.listeners.tolist(), arcs.speakers.tolist(), strict=True))
+    if not pairs:
+        return "nobody listens to anybody."
+    weighted = "" if all(weight == 1 for weight in arcs.weights) else ", with weights"
+    count = f"{_count(len(pairs), 'arc')}{weighted}"
+    steps = common_offsets(pairs, problem.n)
+    if steps is not None and problem.n > 2 and len(steps) <= 4 and len(steps) < problem.n - 1:
+        whom = names_in_words([f"i + {s}" if 2 * s <= problem.n else f"i − {problem.n - s}" for s in steps])
+        return f"{count}; every agent i listens to {whom}, counted around a circle of {problem.n}."
+    back = set(pairs)
+    if all((j, i) in back for i, j in pairs):
+        weights = dict(zip(pairs, arcs.weights, strict=True))
+        alike = all(weights[i, j] == weights[j, i] for i, j in pairs) and not problem.exceptions
+        return f"{count}; whoever listens is also listened to{' (undirected)' if alike else ''}."
+    return f"{count}."
+
+
+def _heard(arcs: Arcs, n: int) -> list[list[tuple[int, str]]]:
+    heard: list[list[tuple[int, str]]] = [[] for _ in range(n)]
+    for listener, speaker, weight in arcs:
+        heard[listener].append((speaker, "" if weight == 1 else f" ({number_text(weight)}×)"))
+    return heard
+
+
+def _names(problem: Problem, heard: Sequence[tuple[int, str]]) -> str:
+    names = [f"{problem.network.labels[speaker]}{weight}" for speaker, weight in sorted(heard)[:MOST_NAMES]]
+    hidden = len(heard) - len(names)
+    return (", ".join(names) + (f" and {hidden} more" if hidden else "")) or "–"
+
+
+def _gain(gain: Matrix | None) -> str:
+    if gain is None:
+        return "–"
+    if all(entry == (gain[0][0] if i == j else 0) for i, row in enumerate(gain) for j, entry in enumerate(row)):
+        return number_text(gain[0][0])
+    return "[" + "; ".join(", ".join(number_text(x) for x in row) for row in gain) + "]"
+
+
+def _count(number: int, noun: str) -> str:
+    return f"{number} {noun}{'' if number == 1 else 's'}"

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 
 from dobc_design.certificate.certificate import Certificate
 from dobc_design.certificate.files import make_folder, write_together
-from dobc_design.conditions.consensus.statements import state_theorems
+from dobc_design.conditions.consensus.claim import state_theorems
 from dobc_design.conditions.schedule.checks import stage_timings
 from dobc_design.exact.matrix import Matrix
 from dobc_design.problem.problem import Problem
@@ -65,9 +65,10 @@ def render_report(
     and handed to the report, which computes nothing.  ``searches`` for counterexamples are shown where they are
     given.
     """
-    from dobc_design.report.html import html_report
-    from dobc_design.report.markdown import markdown_report
-    from dobc_design.report.pdf import pdf_report, require_typst
+    from dobc_design.report.content import report_document
+    from dobc_design.report.html import html_page
+    from dobc_design.report.markdown import markdown_page
+    from dobc_design.report.pdf import pdf_page, require_typst
 
     if pdf:
         require_typst()  # said before anything is computed
@@ -83,39 +84,23 @@ def render_report(
         if not problem.groups or gain is not None:
             say("simulating")
             trajectory = replace(run_simulation(problem, gain=gain), loop_sha256=fingerprint(problem, gain))
-    lambdas = _shown_lambdas(problem)
     settling = certificate.settling
     if settling is not None:
         say("deciding delays and sampling, stage by stage")
     timings = () if settling is None else stage_timings(problem, settling)
     say("writing the report")
-    html = html_report(
+    document = report_document(
         certificate,
         analysis=analysis,
         trajectory=trajectory,
-        lambdas=lambdas,
+        lambdas=_shown_lambdas(problem),
         timings=timings,
         searches=searches,
     )
-    text = markdown_report(
-        certificate,
-        analysis=analysis,
-        trajectory=trajectory,
-        lambdas=lambdas,
-        timings=timings,
-        searches=searches,
-    )
-    pages = {PAGE: html.encode("utf-8"), "report.md": text.encode("utf-8")}
+    pages = {PAGE: html_page(document).encode("utf-8"), "report.md": markdown_page(document).encode("utf-8")}
     if pdf:
         say("setting the PDF")
-        pages[PDF] = pdf_report(
-            certificate,
-            analysis=analysis,
-            trajectory=trajectory,
-            lambdas=lambdas,
-            timings=timings,
-            searches=searches,
-        )
+        pages[PDF] = pdf_page(document)
     return pages
 
 
@@ -136,22 +121,24 @@ def write_comparison(
 
 def render_comparison(first: Certificate, second: Certificate, *, pdf: bool = False) -> dict[str, bytes]:
     """The bytes of comparison.html and comparison.md by name, and with ``pdf`` of comparison.pdf."""
-    from dobc_design.report.compare import compare_html, compare_markdown
+    from dobc_design.report.comparison import comparison_document
+    from dobc_design.report.html import html_page
+    from dobc_design.report.markdown import markdown_page
+    from dobc_design.report.pdf import pdf_page
 
-    document = {}
-    if pdf:
-        from dobc_design.report.compare_pdf import compare_pdf
-
-        document["comparison.pdf"] = compare_pdf(first, second)
-    html, text = compare_html(first, second), compare_markdown(first, second)
-    return {"comparison.html": html.encode("utf-8"), "comparison.md": text.encode("utf-8")} | document
+    document = comparison_document(first, second)
+    printed = {"comparison.pdf": pdf_page(document)} if pdf else {}
+    html, text = html_page(document), markdown_page(document)
+    return {"comparison.html": html.encode("utf-8"), "comparison.md": text.encode("utf-8")} | printed
 
 
 def render_latex(certificate: Certificate) -> dict[str, bytes]:
     """The bytes of the report's LaTeX fragments by name, with references.bib and a main.tex that inputs them all."""
+    from dobc_design.report.content import report_document
     from dobc_design.report.latex import latex_fragments
 
-    return latex_fragments(certificate, lambdas=_shown_lambdas(certificate.problem))
+    document = report_document(certificate, lambdas=_shown_lambdas(certificate.problem))
+    return latex_fragments(document, certificate.claims.version)
 
 
 def _shown_lambdas(problem: Problem) -> dict[str, Matrix]:
@@ -166,13 +153,13 @@ def plot_regions(certificate: Certificate) -> Sheet:
 
     Returns: a Sheet, which shows itself in Jupyter; ``save("region.svg")`` writes it, also as .png or .pdf.
     """
-    from dobc_design.report.region_pictures import region_sheet
+    from dobc_design.report.pictures import region_sheet
 
     return region_sheet(certificate.regions)
 
 
 def search_sheet(searches: Sequence[Falsification]) -> Sheet | None:
     """What searches found as a figure, one drawing each; None where nothing was found."""
-    from dobc_design.report.search_figures import search_sheet as run
+    from dobc_design.report.pictures import search_sheet as run
 
     return run(searches)

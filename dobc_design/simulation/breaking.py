@@ -7,31 +7,33 @@ A run converges here if the largest error of the agents that work, over the last
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from os import PathLike
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from dobc_design._show.cards import Card, Shown
+from dobc_design.certificate.certificate import Certificate
+from dobc_design.certificate.claims import certified_period
+from dobc_design.conditions.observer.gain import observer_gain
 from dobc_design.errors import SpecError
-from dobc_design.problem.arrays import Gain
+from dobc_design.problem.arrays import arc_groups
+from dobc_design.problem.load import load_problem
 from dobc_design.problem.problem import Problem
-from dobc_design.simulation._arguments import positive
-from dobc_design.simulation.field import make_loop
-from dobc_design.simulation.graph import groups_of_mode
-from dobc_design.simulation.run import simulate
-from dobc_design.simulation.setting import Progress
-from dobc_design.simulation.signal_files import Signal
-from dobc_design.simulation.starts import Given
-from dobc_design.simulation.stiffness import fastest_decay, observer_decay
+from dobc_design.simulation._arguments import Array, positive
+from dobc_design.simulation.field import Loop
+from dobc_design.simulation.integrate import Progress, fastest_decay, observer_decay
+from dobc_design.simulation.run import run_once
+from dobc_design.simulation.setting import Given, make_setting
+from dobc_design.simulation.signals import Signal, signal_of
 from dobc_design.simulation.stress import Failure, Stress
-from dobc_design.simulation.switches import Array
 from dobc_design.simulation.trajectory import Trajectory
 
 if TYPE_CHECKING:
     from dobc_design.plotting.sheet import Sheet
 
-OPTIONS = ("noise", "disturbance", "saturation", "period", "loss", "failures")
+Late = Callable[[Stress], float]
 UNITS = {
     "noise": "unit of x",
     "disturbance": "unit of x per s",
@@ -40,6 +42,7 @@ UNITS = {
     "loss": "probability",
     "failures": "agents",
 }
+OPTIONS = tuple(UNITS)
 TOLERANCE = 0.1
 LATE = 0.9  # part of the horizon after which a run has to be settled
 HALVINGS, DOUBLINGS = 6, 6  # of the natural scale of an option, below and above it
@@ -103,7 +106,7 @@ class Breaking(Shown):
 
     def plot(self) -> Sheet:
         """One panel per option, in one figure."""
-        from dobc_design.plotting.breaking import breaking_sheet
+        from dobc_design.plotting.sweeps import breaking_sheet
 
         limit = self.period
         return breaking_sheet(
@@ -161,46 +164,31 @@ class Breaking(Shown):
         }
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class _Trial:
-    """Runs of one problem, all from one start."""
-
-    run: Callable[[Stress | None], Trajectory]
-    tolerance: float
-
-    def late(self, stress: Stress | None) -> float:
-        """The late error of the agents that work, over the error at the start; inf where the run diverged."""
-        run = self.run(stress)
-        gone = set() if stress is None else {each.agent for each in stress.failures}
-        working = [place for place, label in enumerate(run.labels) if label not in gone]
-        if run.diverged or not working:
-            return np.inf
-        error = np.abs(run.x - run.goal)
-        late = error[run.times >= LATE * run.t_final][:, working].max()
-        return float(late / max(float(error[0].max()), 1e-300))
-
-
 def what_breaks_first(
-    problem: Problem,
+    problem: Problem | str | PathLike[str],
     *,
-    options: Sequence[str] = OPTIONS,
+    options: Sequence[str] | None = None,
     signal: Signal | None = None,
     start: Given | None = None,
     t_final: float | None = None,
     seed: int | None = None,
-    gain: Gain | None = None,
     tolerance: float = TOLERANCE,
-    certified: float | None = None,
+    certificate: Certificate | None = None,
     progress: Progress | None = None,
 ) -> Breaking:
-    """Make each option worse until the loop no longer converges.
+    """Make noise, disturbance, saturation, sampling, packet loss and failures worse, each until the loop breaks.
+
+    ``options``: some of these (default all).  ``certificate``: its certified sampling period, where it has one, stands
+    beside the longest that was seen to work.  A run breaks if its late error is above ``tolerance`` times that at the
+    start.  ``signal``, ``start``, ``t_final`` (s), ``seed`` and ``progress`` are as in ``simulate``.
 
     Natural scales, to which severities are relative: noise, the error at the start; disturbance and saturation, the
     largest |u| without stress (a bound counts as 1 - bound/|u|); period, 1 over the fastest decay at the consensus;
     loss, 1; failures, which vanish in a random order at a tenth of the horizon, the number of agents.
-    ``certified``: a period that a certificate gives, for comparison.
-    Raises: SpecError for an unknown option, or if the loop does not converge without any stress.
+    Returns: a Breaking, the data of one figure.  Raises: SpecError for an unknown option, or if the loop does not
+    converge without any stress.
     """
+    options, report = OPTIONS if options is None else options, progress or (lambda part: None)
     unknown = [option for option in options if option not in OPTIONS]
     if unknown or not options:
         raise SpecError(
@@ -208,65 +196,66 @@ def what_breaks_first(
             key="options",
             cure="Leave it out for all of them.",
         )
-    trial, calm = _calm(problem, tolerance, signal=signal, start=start, t_final=t_final, seed=seed, gain=gain)
-    report = progress or (lambda part: None)
-    sweeps = []
-    for number, option in enumerate(options):
-        report(number / len(options))
-        sweeps.append(_sweep(trial, option, _grid(problem, option, calm, gain)))
-    limit = None
-    for each in sweeps:
-        if each.option == "period":
-            limit = _bisect(trial, each.survives, each.breaks, certified)
-    report(1.0)
-    return Breaking(
-        name=problem.name,
-        t_final=calm.t_final,
-        tolerance=trial.tolerance,
-        sweeps=tuple(sweeps),
-        period=limit,
-        calm=calm,
+    tolerance = positive(tolerance, "tolerance", example="0.1")
+    problem = problem if isinstance(problem, Problem) else load_problem(problem)
+    chosen, remark = (signal, None) if signal is not None else signal_of(problem)
+    gain = observer_gain(problem)
+    setting = make_setting(
+        problem,
+        gain=gain,
+        signal=chosen,
+        start=start,
+        t_final=t_final,
+        seed=seed,
+        samples=SAMPLES,
+        tolerance=COARSE,
     )
 
+    def late(stress: Stress) -> float:
+        return _late(run_once(replace(setting, stress=None if stress.is_calm else stress), setting.seed), stress)
 
-def largest_sampling_period(
-    problem: Problem,
-    *,
-    signal: Signal | None = None,
-    start: Given | None = None,
-    t_final: float | None = None,
-    seed: int | None = None,
-    gain: Gain | None = None,
-    tolerance: float = TOLERANCE,
-    certified: float | None = None,
-) -> PeriodLimit:
-    """The longest period at which the sampled loop still converges: doubling, then bisection.
-
-    Convergence need not be monotone in the period; what is found is a border beyond which it fails once.
-    Arguments and errors as in ``what_breaks_first``.
-    """
-    trial, calm = _calm(problem, tolerance, signal=signal, start=start, t_final=t_final, seed=seed, gain=gain)
-    found = _sweep(trial, "period", _grid(problem, "period", calm, gain))
-    return _bisect(trial, found.survives, found.breaks, certified)
-
-
-def _calm(problem: Problem, tolerance: float, **given: Any) -> tuple[_Trial, Trajectory]:
-    """The runs of a problem, and the one without stress."""
-
-    def run(stress: Stress | None) -> Trajectory:
-        return simulate(problem, samples=SAMPLES, tolerance=COARSE, stress=stress, **given)
-
-    trial, calm = _Trial(run=run, tolerance=positive(tolerance, "tolerance", example="0.1")), run(None)
-    if not trial.late(None) <= trial.tolerance:
+    calm = run_once(setting, setting.seed)
+    if not _late(calm, Stress()) <= tolerance:
         raise SpecError(
             f"the loop must converge before anything can break it; without stress it does not in {calm.t_final:g} s.",
             key="t_final",
             cure="Choose a longer horizon, or see what `dobc certify` says.",
         )
-    return trial, calm
+    sweeps, limit = [], None
+    for number, option in enumerate(options):
+        report(number / len(options))
+        sweeps.append(sweep := _sweep(late, tolerance, option, _grid(problem, option, calm, setting.loop)))
+        if option == "period":
+            certified = None if certificate is None else _certified(certificate)
+            limit = _bisect(late, tolerance, sweep.survives, sweep.breaks, certified)
+    report(1.0)
+    return Breaking(
+        name=problem.name,
+        t_final=calm.t_final,
+        tolerance=tolerance,
+        sweeps=tuple(sweeps),
+        period=limit,
+        calm=calm if remark is None else replace(calm, notes=(remark, *calm.notes)),
+    )
 
 
-def _grid(problem: Problem, option: str, calm: Trajectory, gain: Gain | None) -> Iterator[tuple[float, float, Stress]]:
+def _certified(certificate: Certificate) -> float | None:
+    period = certified_period(certificate.problem, certificate.claims)
+    return None if period is None else float(period)
+
+
+def _late(run: Trajectory, stress: Stress) -> float:
+    """The late error of the agents that work, over the error at the start; inf where the run diverged."""
+    gone = {each.agent for each in stress.failures}
+    working = [place for place, label in enumerate(run.labels) if label not in gone]
+    if run.diverged or not working:
+        return np.inf
+    error = np.abs(run.x - run.goal)
+    late = error[run.times >= LATE * run.t_final][:, working].max()
+    return float(late / max(float(error[0].max()), 1e-300))
+
+
+def _grid(problem: Problem, option: str, calm: Trajectory, loop: Loop) -> Iterator[tuple[float, float, Stress]]:
     """Severity, the same in natural units, and the stress; from mild to severe."""
     error, peak = float(calm.error()[0]), max(float(np.abs(calm.u).max()), 1e-300)
     doublings = 2.0 ** np.arange(-HALVINGS, DOUBLINGS + 1)
@@ -278,7 +267,8 @@ def _grid(problem: Problem, option: str, calm: Trajectory, gain: Gain | None) ->
         bounds = 0.5 ** np.arange(HALVINGS + DOUBLINGS + 1)
         yield from ((peak * k, 1 - k, Stress(saturation=peak * k)) for k in bounds)
     elif option == "period":
-        fastest = max(_fastest(problem, gain), 1 / calm.t_final)
+        modes = (fastest_decay(loop, arc_groups(problem, name)) for name in problem.network.modes)
+        fastest = max(observer_decay(loop), *modes, 1 / calm.t_final)
         periods = (k / fastest for k in doublings[2:])  # short ones cost much and break nothing
         yield from ((T, T * fastest, Stress(period=T)) for T in periods if calm.t_final >= 4 * T)
     elif option == "loss":
@@ -290,21 +280,12 @@ def _grid(problem: Problem, option: str, calm: Trajectory, gain: Gain | None) ->
             yield float(count), count / len(gone), Stress(failures=tuple(gone[:count]))
 
 
-def _fastest(problem: Problem, gain: Gain | None) -> float:
-    """The fastest decay of agents and observer in any mode at the consensus, 1/s."""
-    loop = make_loop(problem, gain)
-    return max(
-        observer_decay(loop), *(fastest_decay(loop, groups_of_mode(problem, name)) for name in problem.network.modes)
-    )
-
-
-def _sweep(trial: _Trial, option: str, grid: Iterator[tuple[float, float, Stress]]) -> Sweep:
+def _sweep(late: Late, tolerance: float, option: str, grid: Iterator[tuple[float, float, Stress]]) -> Sweep:
     rows: list[tuple[float, float, float]] = []
     survives = breaks = relative_break = None
     for severity, relative, stress in grid:
-        late = trial.late(stress)
-        rows.append((severity, relative, late))
-        if not late <= trial.tolerance:
+        rows.append((severity, relative, late(stress)))
+        if not rows[-1][2] <= tolerance:
             breaks, relative_break = severity, relative
             break
         survives = severity
@@ -321,11 +302,14 @@ def _sweep(trial: _Trial, option: str, grid: Iterator[tuple[float, float, Stress
     )
 
 
-def _bisect(trial: _Trial, low: float | None, high: float | None, certified: float | None) -> PeriodLimit:
+def _bisect(
+    late: Late, tolerance: float, low: float | None, high: float | None, certified: float | None
+) -> PeriodLimit:
+    """Between a period that converged and one that did not; convergence need not be monotone in the period."""
     if low is not None and high is not None:
         for _ in range(BISECTIONS):
             middle = (low + high) / 2
-            if trial.late(Stress(period=middle)) <= trial.tolerance:
+            if late(Stress(period=middle)) <= tolerance:
                 low = middle
             else:
                 high = middle

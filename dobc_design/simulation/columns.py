@@ -1,13 +1,14 @@
-"""Many runs as one: DOP853 on columns, each with its own time, step and switches.
+"""Many runs side by side: DOP853 on columns, each with its own time, step and switches.
 
 The coefficients are SciPy's, and so are the rules for errors and steps; every run keeps its own step size, so it
 ends where it would have ended alone, to the tolerance, and one that diverges leaves the others in peace.
-All runs in one mode go through one call of what they obey.
+All runs in one mode go through one call of what they obey; calm ones obey h(e) - K e + C eps, the observer's errors in
+closed form.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Protocol
 
@@ -15,16 +16,18 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.integrate import DOP853
 
+from dobc_design.simulation._arguments import Array
+from dobc_design.simulation.field import ClosedForm, Loop, Network
 from dobc_design.simulation.integrate import FARTHEST
+from dobc_design.simulation.switches import IndexArray, Switches
 
-Array = NDArray[np.float64]
-IndexArray = NDArray[np.int64]
 Visit = Callable[[IndexArray, IndexArray, Array], None]
 RightHandSide = Callable[[Array, Array], Array]
 
 STAGES, EXTENDED = DOP853.n_stages, DOP853.n_stages + 1 + len(DOP853.C_EXTRA)
 EXPONENT = -1 / (DOP853.error_estimator_order + 1)
 LEAST_FACTOR, MOST_FACTOR, SAFETY = 0.2, 10.0, 0.9  # those of SciPy
+MOST_STEPS = 20_000  # of one run, tried ones included; one that needs more is handed back
 RUNNING, DONE, ESCAPED, COLLAPSED, HANDED_BACK = range(5)
 
 
@@ -36,6 +39,9 @@ class Columns(Protocol):
 
     def forces(self, times: Array, runs: IndexArray) -> Array:
         """What acts on the runs at times (S, k), a column each: (S, F, k)."""
+
+    def size(self, y: Array) -> Array:
+        """|e|_inf of states (N, k), (k,)."""
 
     def switched(self, runs: IndexArray, modes: IndexArray) -> None:
         """These runs have come to a switch, and into these modes."""
@@ -71,9 +77,18 @@ class Ends:
     steps: Array
 
 
-def farthest_of(e: Array) -> Array:
-    """|e|_inf from which on a run that starts at e (N, R) counts as diverged, (R,)."""
-    return np.asarray(FARTHEST * np.maximum(1.0, np.abs(e).max(axis=0, initial=0.0)))
+def farthest_of(size: Array) -> Array:
+    """|e|_inf from which on a run that starts with ``size`` (R,) counts as diverged, (R,)."""
+    return np.asarray(FARTHEST * np.maximum(1.0, size))
+
+
+def padded(switches: Sequence[Switches]) -> tuple[Array, IndexArray]:
+    """The instants and modes of all runs, (R, S), padded with inf and 0."""
+    shape = (len(switches), 1 + max(map(len, switches)))
+    times, modes = np.full(shape, np.inf), np.zeros(shape, dtype=np.int64)
+    for row, each in enumerate(switches):
+        times[row, : len(each)], modes[row, : len(each)] = each.times, each.modes
+    return times, modes
 
 
 def integrate_stretch(stretch: Stretch, times: Array, *, tolerance: float, visit: Visit) -> Ends:
@@ -207,7 +222,7 @@ class _Worker:
         collapsed = ~good & (self.h < 10 * np.spacing(self.t))
         collapsed |= switched & ~np.isfinite(self.f).all(axis=0)
         state = np.where(collapsed, COLLAPSED, RUNNING)
-        state = np.where(np.abs(self.y).max(axis=0) > self.farthest, ESCAPED, state)
+        state = np.where(self.columns.size(self.y) > self.farthest, ESCAPED, state)
         state = np.where((state == RUNNING) & (self.t >= self.horizon), DONE, state)
         state = np.where((state == RUNNING) & (self.steps >= self.stretch.most), HANDED_BACK, state)
         if (state != RUNNING).any():
@@ -257,3 +272,83 @@ class _Worker:
         size, speed = (np.sqrt(np.square(a / scale).mean(axis=0)) for a in (self.y, self.f))
         h = np.where((size < 1e-5) | (speed < 1e-5), 1e-6, 0.01 * size / np.where(speed == 0, 1.0, speed))
         return np.minimum(np.where(np.isfinite(h), h, 1e-6), self.horizon)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Stack:
+    """Runs side by side.  Shapes: e (n m, R); eps (n, q, R); switch_times, switch_modes (R, S), padded with inf and 0.
+
+    ``networks`` gives the right-hand side of a mode by its index.
+    """
+
+    loop: Loop
+    networks: Callable[[int], Network]
+    closed: ClosedForm | None
+    e: Array
+    eps: Array
+    switch_times: Array
+    switch_modes: IndexArray
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class _Calm:
+    """h(e) - K e + C eps: the columns of a stack."""
+
+    stack: Stack
+
+    def part(self, mode: int, runs: IndexArray) -> RightHandSide:
+        network = self.stack.networks(mode)
+
+        def derivative(e: Array, force: Array) -> Array:
+            result = network(e)
+            if len(force):
+                result += force
+            return result
+
+        return derivative
+
+    def forces(self, times: Array, runs: IndexArray) -> Array:
+        """C eps."""
+        closed, loop = self.stack.closed, self.stack.loop
+        if closed is None:
+            return np.zeros((len(times), 0, len(runs)))
+        total = outputs(closed.many(times), self.stack.eps.take(runs, axis=2))
+        return total.reshape(len(times), loop.n * loop.m, len(runs))
+
+    def size(self, y: Array) -> Array:
+        """|e|_inf, (k,)."""
+        return np.asarray(np.abs(y).max(axis=0, initial=0.0))
+
+    def switched(self, runs: IndexArray, modes: IndexArray) -> None:
+        """Nothing is kept from one mode to the next."""
+
+
+def integrate_stack(stack: Stack, times: Array, *, tolerance: float, visit: Visit) -> Ends:
+    """Integrate all runs over ``times`` (from 0 to the horizon).
+
+    ``visit(sample, run, e)`` gets the places of samples and runs, both (k,), and the errors e (n m, k).
+    """
+    runs = np.arange(stack.e.shape[1])
+    columns = _Calm(stack=stack)
+    visit(np.zeros_like(runs), runs, stack.e)
+    stretch = Stretch(
+        columns=columns,
+        begin=0.0,
+        end=float(times[-1]),
+        e=stack.e,
+        farthest=farthest_of(columns.size(stack.e)),
+        switch_times=stack.switch_times,
+        switch_modes=stack.switch_modes,
+        steps=None,
+        most=MOST_STEPS,
+    )
+    return integrate_stretch(stretch, times, tolerance=tolerance, visit=visit)
+
+
+def outputs(weights: Array, states: Array) -> Array:
+    """C exp(F t) as weights (p, q, S, R) times states (n, q, R): (S, n, p, R)."""
+    weights = np.moveaxis(weights, 2, 0)
+    total = np.zeros((len(weights), len(states), weights.shape[1], weights.shape[3]))
+    for k in range(states.shape[1]):
+        total += states[:, k, None, :] * weights[:, None, :, k]
+    return total

@@ -9,16 +9,22 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import scipy.sparse as sp
 from numpy.typing import NDArray
+from scipy.linalg import expm
 
-from dobc_design.problem.arrays import ArcGroup, Gain, disturbance_arrays, goals, pinning_matrix
+from dobc_design.problem.arrays import ArcGroup, Gain, arc_groups, disturbance_arrays, goals, pinning_matrix
 from dobc_design.problem.problem import Problem
-from dobc_design.simulation.graph import Graph, graph_of, groups_of_mode, hears
+from dobc_design.simulation.graph import Graph, graph_of, hears
 
 Array = NDArray[np.float64]
+TERMS = 11  # (1/8)^11 / 11! < 2^-57: anchors are at most 1/(8 |F|) away
+TERMS_OF_STEP = 20  # (1/4)^20 / 20! < 2^-100
+MOST_ANCHORS = 100_000
+MOST_NUMBERS = 1 << 24  # of the table
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -71,6 +77,11 @@ def applied(gain: Array, y: Array) -> Array:
     return np.asarray(y @ gain.T if gain.ndim == 2 else np.einsum("iqm,...im->...iq", gain, y))
 
 
+def act(matrix: Array, y: Array) -> Array:
+    """A matrix (p, q) of all agents, or (n, p, q) one for each, times y (n, q, R): (n, p, R)."""
+    return applied(matrix, y[..., 0])[..., None] if y.shape[2] == 1 else np.asarray(matrix @ y)
+
+
 def make_loop(problem: Problem, gain: Gain | None) -> Loop:
     """Read the problem's numbers as floats.
 
@@ -114,7 +125,6 @@ class Field:
         """x, xi and z of a state: see ``Loop.split``."""
         return self.loop.split(state)
 
-    @property
     def pattern(self) -> sp.csr_array:
         """Which derivative may depend on which state."""
         return full_pattern(self.loop, self.groups)
@@ -137,7 +147,6 @@ class Network:
         result -= self.loop.K @ e
         return result
 
-    @property
     def pattern(self) -> sp.csr_array:
         """Which derivative may depend on which error."""
         return _block(hears(self.groups, self.loop.n), self.loop.m, self.loop.m)
@@ -145,7 +154,7 @@ class Network:
 
 def make_field(problem: Problem, mode: str, gain: Gain | None) -> Field:
     """Build the right-hand side of the full loop in one mode."""
-    return field_of(make_loop(problem, gain), groups_of_mode(problem, mode))
+    return field_of(make_loop(problem, gain), arc_groups(problem, mode))
 
 
 def field_of(loop: Loop, groups: Sequence[ArcGroup]) -> Field:
@@ -176,3 +185,88 @@ def full_pattern(loop: Loop, groups: Sequence[ArcGroup]) -> sp.csr_array:
 
 def _block(graph: sp.csr_array, rows: int, columns: int) -> sp.csr_array:
     return sp.kron(graph, np.ones((rows, columns)), format="csr")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class ClosedForm:
+    """C exp(F t) for 0 <= t <= the horizon it was made for.
+
+    Shapes: F (q, q) in 1/s, C (p, q).  ``table`` (TERMS, anchors, p q) holds the scaled derivatives at the anchors.
+    """
+
+    F: Array
+    C: Array
+    spacing: float
+    table: Array
+
+    def at(self, time: float) -> Array:
+        """C exp(F t), (p, q)."""
+        number = min(round(time / self.spacing), self.table.shape[1] - 1)
+        offset = time - number * self.spacing
+        powers = offset ** np.arange(TERMS)
+        return np.asarray(powers @ self.table[:, number]).reshape(self.C.shape)
+
+    def many(self, times: Array) -> Array:
+        """C exp(F t) for an array of times: (p, q, *times.shape)."""
+        flat = times.ravel()
+        numbers = np.minimum(np.rint(flat / self.spacing).astype(np.int64), self.table.shape[1] - 1)
+        offsets = (flat - numbers * self.spacing)[:, None]
+        total = self.table[-1].take(numbers, axis=0)
+        for term in self.table[-2::-1]:
+            total *= offsets
+            total += term.take(numbers, axis=0)
+        return np.ascontiguousarray(total.T).reshape(*self.C.shape, *times.shape)
+
+
+def make_closed_form(F: Array, C: Array, horizon: float) -> ClosedForm | None:
+    """Prepare C exp(F t) up to ``horizon`` in s; None where a table would be too long or not finite.
+
+    That happens when |F| times the horizon is very large: the observer is then stiff, and the caller
+    integrates the full loop instead.
+    """
+    if not (np.isfinite(F).all() and np.isfinite(C).all()):
+        return None
+    size = max(float(np.linalg.norm(F, 1)), 1e-6 / horizon)
+    spacing = 1 / (4 * size)
+    ratio = horizon / spacing
+    if not ratio < min(MOST_ANCHORS, MOST_NUMBERS / (TERMS * C.size)):
+        return None
+    anchors = int(np.ceil(ratio)) + 1
+    start = _powers(F, spacing, anchors)
+    derivatives = [C]
+    for k in range(1, TERMS):
+        derivatives.append(derivatives[-1] @ F / k)
+    with np.errstate(all="ignore"):
+        table = np.stack([(each @ start).reshape(anchors, C.size) for each in derivatives])
+    return ClosedForm(F=F, C=C, spacing=spacing, table=table) if np.isfinite(table).all() else None
+
+
+def _powers(F: Array, spacing: float, count: int) -> Array:
+    """exp(F spacing k) for k < count, (count, q, q), by doubling.
+
+    In extended precision where the machine has it: SciPy's expm alone is off by 1e-12 for |F t| of about 100.
+    """
+    with np.errstate(all="ignore"):
+        small: Any = F.astype(np.longdouble) * np.longdouble(spacing)
+        term: Any = np.eye(len(F), dtype=np.longdouble)
+        step: Any = np.eye(len(F), dtype=np.longdouble)
+        for k in range(1, TERMS_OF_STEP):
+            term = term @ small / k
+            step = step + term
+        powers: Any = np.eye(len(F), dtype=np.longdouble)[None]
+        while len(powers) < count:
+            powers = np.concatenate([powers, powers @ step])
+            step = step @ step
+        return np.asarray(powers[:count], dtype=np.float64)
+
+
+def evolve(F: Array, start: Array, times: Array) -> Array:
+    """exp(F t) applied to every row of ``start``: the solution of xi_i' = F xi_i.
+
+    Shapes: F (q, q), start (n, q), times (T,).  Returns: (T, n, q); entries beyond the floats are inf or nan.
+    """
+    if len(F) == 0:
+        return np.zeros((len(times), *start.shape))
+    closed = make_closed_form(F, np.eye(len(F)), float(times[-1])) if times[-1] > 0 else None
+    powers = expm(F[None] * times[:, None, None]) if closed is None else np.moveaxis(closed.many(times), -1, 0)
+    return np.asarray(start[None] @ np.swapaxes(powers, 1, 2))

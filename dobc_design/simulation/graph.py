@@ -2,13 +2,16 @@
 
 Arcs are sorted by listener and worked through in blocks that fit into the processor's cache.  Within a block they lie
 slot by slot: the first arcs of all agents, then the second ones; so everything is plain arithmetic on long arrays.
-All runs of a stack share the arcs: a run is one more column of the same arrays.
+All runs of a stack share the arcs: a run is one more column of the same arrays.  Couplings are the trees of everywhere
+(``coupling.tree``), turned once into a list of NumPy calls: constants are converted beforehand and small powers are
+products, which is what a right-hand side that is called a million times needs.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
+from functools import reduce
 from itertools import pairwise
 from typing import Any
 
@@ -16,16 +19,40 @@ import numpy as np
 import scipy.sparse as sp
 from numpy.typing import NDArray
 
-from dobc_design.exact.matrix import to_float
-from dobc_design.problem.arrays import ArcGroup, arc_groups
+from dobc_design.coupling.algebra import NumpyAlgebra
+from dobc_design.coupling.coupling import Coupling
+from dobc_design.coupling.functions import FUNCTIONS
+from dobc_design.coupling.tree import (
+    Add,
+    Call,
+    Constant,
+    Divide,
+    Multiply,
+    Negate,
+    Node,
+    Pi,
+    Power,
+    Subtract,
+    Variable,
+    postorder,
+)
+from dobc_design.problem.arrays import ArcGroup, arc_groups, gathering_matrix
 from dobc_design.problem.problem import Problem
-from dobc_design.simulation.formula import compile_coupling
 
 Array = NDArray[np.float64]
 IndexArray = NDArray[np.int64]
 BLOCK = 1 << 15  # differences held at once: a quarter of a MiB per array
 MOST_SLOTS = 32  # arcs of one agent up to which a block is worked through slot by slot
 MOST_DIFFERENT = 10_000  # weights up to which looking for equal ones pays
+LARGEST_PRODUCT = 8  # exponents up to which a power is computed by multiplication
+
+_BINARY: dict[type[Node], Callable[..., Any]] = {
+    Add: np.add,
+    Subtract: np.subtract,
+    Multiply: np.multiply,
+    Divide: np.divide,
+}
+_VARIABLE, _CONSTANT = -1, 0  # in place of a number of operands
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -102,22 +129,7 @@ class Graph:
 
 def make_graph(problem: Problem, mode: str, *, runs: int = 1) -> Graph:
     """Prepare the arcs of a mode for states with up to ``runs`` columns."""
-    return graph_of(groups_of_mode(problem, mode), n=problem.n, m=problem.m, runs=runs)
-
-
-def groups_of_mode(problem: Problem, mode: str) -> tuple[ArcGroup, ...]:
-    """The arcs of a mode by coupling.  Weights are often one object many times: each is converted once."""
-    arcs = problem.network.modes[mode]
-    if problem.exceptions or not len(arcs):
-        return arc_groups(problem, mode)
-    names = list(map(id, arcs.weights))
-    different = dict(zip(names, arcs.weights, strict=True))
-    if len(different) > MOST_DIFFERENT:
-        return arc_groups(problem, mode)
-    floats = dict(zip(different, to_float((tuple(different.values()),))[0].tolist(), strict=True))
-    weights = np.fromiter(map(floats.__getitem__, names), dtype=np.float64, count=len(names))
-    group = ArcGroup(coupling=problem.coupling, listeners=arcs.listeners, speakers=arcs.speakers, weights=weights)
-    return (group,)
+    return graph_of(arc_groups(problem, mode), n=problem.n, m=problem.m, runs=runs)
 
 
 def graph_of(groups: Sequence[ArcGroup], *, n: int, m: int, runs: int = 1) -> Graph:
@@ -185,3 +197,148 @@ def hears(groups: Sequence[ArcGroup], n: int) -> sp.csr_array:
     columns = np.concatenate([own, *(group.speakers for group in groups)])
     marks: Any = sp.csr_array((np.ones(len(rows)), (rows, columns)), shape=(n, n))
     return sp.csr_array(marks != 0).astype(np.float64)
+
+
+class Links:
+    """The arcs of one graph as in (9), evaluated arc by arc: every arc may hold an older value of its speaker."""
+
+    def __init__(self, groups: Sequence[ArcGroup], n: int, m: int) -> None:
+        self.groups, self.n, self.m = groups, n, m
+        self.parts = [
+            (compile_coupling(group.coupling), group.coupling.by_component, gathering_matrix(group, n))
+            for group in groups
+        ]
+        empty = [np.zeros(0, dtype=np.int64)]
+        self.listeners = np.concatenate([*empty, *(group.listeners for group in groups)])
+        self.speakers = np.concatenate([*empty, *(group.speakers for group in groups)])
+        self.codes = self.listeners * n + self.speakers
+
+    def felt(self, own: Array, heard: Array) -> Array:
+        """Sum of h(heard - own) over the arcs of each listener; an arc that holds nan is silent.
+
+        Shapes: own (n, m, R), heard (arcs, m, R) for R runs.  Returns: as ``own``.
+        """
+        difference = heard - own[self.listeners]
+        silent: Any = np.isnan(heard).any(axis=1)
+        total = np.zeros_like(own)
+        begin = 0
+        for h, by_component, gather in self.parts:
+            end = begin + gather.shape[1]
+            y = difference[begin:end]
+            value = np.array(h(y) if by_component else h(np.ascontiguousarray(y)))
+            np.moveaxis(value, 1, -1)[silent[begin:end]] = 0.0
+            total += (gather @ value.reshape(len(value), -1)).reshape(own.shape)
+            begin = end
+        return total
+
+
+def compile_coupling(coupling: Coupling) -> Callable[[Array], Array]:
+    """Return h as a function of differences y of shape (arcs, m, ...), or any shape where h acts by component.
+
+    Overflow gives inf and undefined places nan; silence NumPy around it with ``np.errstate(all="ignore")``.
+    """
+    programs = [_program(expression.node) for expression in coupling.components]
+    if coupling.by_component:
+        program = programs[0]
+
+        def by_component(y: Array) -> Array:
+            value = _run(program, (y,))
+            return value if value.shape == y.shape else np.broadcast_to(value, y.shape)
+
+        return by_component
+
+    def by_vector(y: Array) -> Array:
+        variables = [y[:, c] for c in range(len(programs))]
+        result = np.empty_like(y)
+        for c, program in enumerate(programs):
+            result[:, c] = _run(program, variables)
+        return result
+
+    return by_vector
+
+
+_Program = list[tuple[Any, int, int]]
+
+
+def _program(node: Node) -> _Program:
+    """(what to call or push, number of operands, which operand the result may overwrite or -1), in postorder.
+
+    A ufunc overwrites an operand that is an array of its own: not one of the variables, and no constant.
+    """
+    program: _Program = []
+    own: list[bool] = []  # of the values on the stack
+    varies: list[bool] = []
+    for part in postorder(node):
+        what, count = _step(part)
+        place = -1
+        if count == _VARIABLE:
+            own.append(False)
+            varies.append(True)
+        elif count == _CONSTANT:
+            own.append(False)
+            varies.append(False)
+        else:
+            if isinstance(what, np.ufunc) and True in own[-count:]:
+                place = own[-count:].index(True)
+            depends = any(varies[-count:])
+            del own[-count:], varies[-count:]
+            own.append(depends)
+            varies.append(depends)
+        program.append((what, count, place))
+    return program
+
+
+def _step(node: Node) -> tuple[Any, int]:
+    """(what to call or push, number of operands)."""
+    match node:
+        case Variable():
+            return node.index, _VARIABLE
+        case Constant():
+            return np.float64(NumpyAlgebra().constant(node.value)), _CONSTANT
+        case Pi():
+            return np.float64(np.pi), _CONSTANT
+        case Negate():
+            return np.negative, 1
+        case Power():
+            return _power(node.exponent), 1
+        case Call():
+            return _function(node.name), len(node.arguments)
+        case _:
+            return _BINARY[type(node)], 2
+
+
+def _power(exponent: int) -> Callable[[Any], Any]:
+    if exponent == 1:
+        return np.positive  # a copy: what follows may overwrite it, and must not overwrite the variable
+    if not 1 <= exponent <= LARGEST_PRODUCT:
+        return lambda base: base**exponent
+
+    def product(base: Any) -> Any:
+        result, square, rest = None, base, exponent
+        while rest:
+            if rest & 1:
+                result = square if result is None else result * square
+            rest >>= 1
+            square = square * square if rest else square
+        return result
+
+    return product
+
+
+def _function(name: str) -> Callable[..., Any]:
+    function = FUNCTIONS[name].found_in(np, "numpy")
+    return (lambda *operands: reduce(function, operands)) if name in ("min", "max") else function
+
+
+def _run(program: _Program, variables: Sequence[Array]) -> Any:
+    stack: list[Any] = []
+    for what, count, place in program:
+        if count == _VARIABLE:
+            stack.append(variables[what])
+        elif count == _CONSTANT:
+            stack.append(what)
+        else:
+            operands = stack[-count:]
+            del stack[-count:]
+            stack.append(what(*operands) if place < 0 else what(*operands, out=operands[place]))
+    return np.asarray(stack[0])

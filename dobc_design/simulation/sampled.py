@@ -8,6 +8,7 @@ Cd = C (1/T) int_0^T exp(A s) ds, the measured mean (x_(k+1) - x_k)/T - v_k is C
 
 So eps_(k+1) = (Ad - L Cd) eps_k, free of the network as (17) is, and the mean of d - dhat over a period is Cd eps_k.
 L = int_0^T exp((A - W C) s) ds W, unless it is given.  Between samples d - dhat keeps a ripple that shrinks with T.
+All runs share the sampling instants and are the last axis; one run is a stack of one.
 """
 
 from __future__ import annotations
@@ -16,18 +17,16 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.linalg import expm
 
 from dobc_design.errors import ShapeError, SpecError
-from dobc_design.simulation.agents import Agents, Outcome
-from dobc_design.simulation.air import Links
-from dobc_design.simulation.field import Loop, applied
-from dobc_design.simulation.integrate import FARTHEST
-from dobc_design.simulation.starts import Start
-from dobc_design.simulation.switches import Array
+from dobc_design.simulation._arguments import Array
+from dobc_design.simulation.agents import Crew, StressedRuns
+from dobc_design.simulation.field import Loop, act
+from dobc_design.simulation.integrate import FARTHEST, Outcome, Progress
+from dobc_design.simulation.switches import IndexArray
 
-LinksAt = Callable[[float, Array], Links]
-Progress = Callable[[float], None]
 MOST_SAMPLES = 1_000_000
 
 
@@ -91,104 +90,136 @@ def sample_instants(period: float, horizon: float, *, name: str = "period") -> A
     return np.asarray(instants[instants <= horizon], dtype=np.float64)
 
 
-def run_sampled(
-    loop: Loop, agents: Agents, start: Start, times: Array, links_at: LinksAt, *, progress: Progress | None = None
-) -> Outcome:
-    """Step from sample to sample and put down the state at ``times`` (from 0 to the horizon).
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Sample:
+    """All runs at one time: x, d, dhat, u (n, m, R), xi, xihat (n, q, R)."""
 
-    ``links_at`` gives the arcs at a sample from its time and x.  Raises: SpecError for too many samples.
+    x: Array
+    xi: Array
+    xihat: Array
+    d: Array
+    dhat: Array
+    u: Array
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class SampledEnds:
+    """How many of the samples each run reached, (R,), and why it ended early, by run."""
+
+    counts: IndexArray
+    reasons: dict[int, str]
+
+
+def run_sampled(
+    runs: StressedRuns, times: Array, *, visit: Callable[[int, Sample], None], progress: Progress | None = None
+) -> SampledEnds:
+    """Step all runs from sample to sample over ``times`` (from 0 to the horizon).
+
+    ``visit`` gets the place of a time and all runs there, also those that ended before.
+    Raises: SpecError for too many samples.
     """
-    return _Stepper(loop, agents, start, times, links_at, progress or (lambda part: None)).run()
+    return _Stepper(runs, times, visit, progress or (lambda part: None)).run()
+
+
+def run_sampled_alone(runs: StressedRuns, times: Array, *, progress: Progress | None = None) -> Outcome:
+    """The same for a stack of one run, with everything at ``times``."""
+    seen: list[Sample] = []
+    stepper = _Stepper(runs, times, lambda number, sample: seen.append(sample), progress or (lambda part: None))
+    ends = stepper.run()
+    count = int(ends.counts[0])
+    parts = {part: np.stack([getattr(each, part)[..., 0] for each in seen[:count]]) for part in Sample.__slots__}
+    return Outcome(
+        times=times[:count].copy(),
+        notes=(),
+        **parts,
+        reason=ends.reasons.get(0, ""),
+        method=f"exact steps of {stepper.period:g} s",
+        evaluations=len(stepper.instants),
+    )
 
 
 class _Stepper:
     def __init__(
-        self, loop: Loop, agents: Agents, start: Start, times: Array, links_at: LinksAt, report: Progress
+        self, runs: StressedRuns, times: Array, visit: Callable[[int, Sample], None], report: Progress
     ) -> None:
-        self.loop, self.agents, self.links_at, self.report = loop, agents, links_at, report
-        self.period = float(agents.stress.period or 0.0)
+        self.loop, self.times, self.visit, self.report, self.nearby = runs.loop, times, visit, report, runs.nearby
+        self.period = float(runs.stress.period or 0.0)
         self.instants = sample_instants(self.period, float(times[-1]))
-        gain = agents.stress.sampled_gain
-        self.discrete = discretised(loop, self.period, None if gain is None else np.asarray(gain))
-        self.times, self.owner = times, np.searchsorted(self.instants, times, side="right") - 1
-        self.x, self.xi, self.xihat = start.x.copy(), start.xi.copy(), start.xihat.copy()
-        n, m, q, size = loop.n, loop.m, loop.q, len(times)
-        self.out = {name: np.empty((size, n, m)) for name in ("x", "u", "dhat")}
-        self.out |= {name: np.empty((size, n, q)) for name in ("xi", "xihat")}
-        self.before, self.held = start.x, np.zeros((n, m))
-        self.farthest = FARTHEST * max(1.0, float(np.abs(start.x - loop.goal).max()))
+        self.owner = np.searchsorted(self.instants, times, side="right") - 1
+        gain = runs.stress.sampled_gain
+        self.discrete = discretised(runs.loop, self.period, None if gain is None else np.asarray(gain))
+        self.x, self.xi, self.xihat = (runs.stacked(part) for part in ("x", "xi", "xihat"))
+        self.crew = Crew(runs, self.instants, keep=False)
+        self.goal = runs.loop.goal[..., None]
+        self.before, self.held = self.x, np.zeros_like(self.x)
+        self.farthest = FARTHEST * np.maximum(1.0, self.size())
+        self.counts = np.full(len(runs.seeds), len(times))
+        self.reasons: dict[int, str] = {}
+        self.going: NDArray[np.bool_] = np.ones(len(runs.seeds), dtype=bool)
 
-    def run(self) -> Outcome:
+    def size(self) -> Array:
+        """|e|_inf, (R,)."""
+        return np.asarray(np.abs(self.x - self.goal).max(axis=(0, 1)))
+
+    def run(self) -> SampledEnds:
         """From the first sample to the last."""
         transition, mean = integral(self.loop.A, self.times - self.instants[self.owner])
-        reason, done = "", 0
+        done = 0
         for k, instant in enumerate(self.instants.tolist()):
-            felt, u, dhat, measured = self.compute(instant)
-            last = int(np.searchsorted(self.owner, k, side="right"))
-            here = slice(done, last)
-            drift = self.xi @ np.swapaxes(mean[here], 1, 2) @ self.loop.C.T
-            offsets = (self.times[here] - instant)[:, None, None]
-            self.out["x"][here] = self.x + offsets * (felt + u) + drift + self.extra(instant, self.times[here])
-            self.out["xi"][here] = self.xi @ np.swapaxes(transition[here], 1, 2)
-            self.out["xihat"][here], self.out["u"][here], self.out["dhat"][here] = self.xihat, u, dhat
-            if not np.isfinite(self.out["x"][here]).all():
-                reason = f"a coupling overflows or is undefined at t = {instant:.6g} s"
-                break
+            measured, felt, u, dhat = self.compute(k, instant)
+            held, last = felt + u, int(np.searchsorted(self.owner, k, side="right"))
+            for s in range(done, last):
+                time = float(self.times[s])
+                drift = act(self.loop.C, act(mean[s], self.xi))
+                x = self.x + (time - instant) * held + drift + self.pushed(instant, time)
+                wrong = self.going & ~np.isfinite(x).all(axis=(0, 1))
+                self.end(wrong, max(1, done), f"a coupling overflows or is undefined at t = {instant:.6g} s")
+                xi, x = act(transition[s], self.xi), self.x if s == 0 else x
+                d = act(self.loop.C, xi) + (self.crew.extra(time) if self.crew.stress.disturbance else 0.0)
+                self.visit(s, Sample(x=x, xi=xi, d=d, u=u, **self.crew.heeded(self.xihat, dhat)))
             done = last
             if k + 1 < len(self.instants):
-                reason = self.step(felt + u, measured, self.instants[k + 1])
-                if reason:
-                    break
+                until = float(self.instants[k + 1])
+                self.step(held, measured, until)
+                far = self.going & ~(self.size() <= self.farthest)
+                self.end(far, done, f"|e|_inf exceeded {FARTHEST:.0e} times its start at t = {until:.6g} s")
+            if not self.going.any():
+                break
             if k % 64 == 0:
                 self.report(instant / float(self.times[-1]))
         self.report(1.0)
-        if done == 0:  # the start itself is there, whatever happens next
-            self.out["x"][0] = self.x
-        keep = slice(0, max(1, done))
-        out = {name: values[keep].copy() for name, values in self.out.items()}
-        return Outcome(
-            times=self.times[keep].copy(),
-            reason=reason,
-            method=f"exact steps of {self.period:g} s",
-            evaluations=len(self.instants),
-            x=out["x"],
-            xi=out["xi"],
-            xihat=out["xihat"],
-            dhat=out["dhat"],
-            u=out["u"],
-        )
+        return SampledEnds(counts=self.counts, reasons=self.reasons)
 
-    def compute(self, instant: float) -> tuple[Array, Array, Array, Array]:
-        """What is held from this sample on: couplings, input, estimate; and the measured state."""
-        agents, links = self.agents, self.links_at(instant, self.x)
-        agents.measure(instant)
-        measured = self.x + agents.noise
-        if instant:
-            self.observe(measured)
-        e, dhat = measured - self.loop.goal, self.xihat @ self.discrete.Cd.T
-        agents.fail(instant, e, dhat)
-        agents.air.exchange(links, agents.spoken(e))
-        return links.felt(e, agents.air.values), agents.control(e, dhat), dhat, measured
+    def compute(self, k: int, instant: float) -> tuple[Array, Array, Array, Array]:
+        """Measured states, and what is held from this instant on: couplings, input, estimate."""
+        crew, discrete = self.crew, self.discrete
+        if self.nearby is not None:
+            mode = self.nearby.look(instant, self.x[..., 0])
+            crew.heard.move(mode, self.nearby.groups(mode), k)
+        measured = self.x + crew.noise(k)
+        if k:
+            innovation = (measured - self.before) / self.period - self.held - act(discrete.Cd, self.xihat)
+            self.xihat = act(discrete.Ad, self.xihat) + act(discrete.L, innovation)
+        e, dhat = measured - self.goal, act(discrete.Cd, self.xihat)
+        crew.fail(instant, e, dhat)
+        felt = np.zeros_like(e)
+        for links, columns, held in crew.heard.exchange(k, crew.said(e)):
+            felt[..., columns] = links.felt(e[..., columns], held)
+        return measured, felt, crew.control(e, dhat), dhat
 
-    def observe(self, measured: Array) -> None:
-        """xihat at this sample, from the one before."""
-        discrete = self.discrete
-        mean = (measured - self.before) / self.period - self.held
-        innovation = mean - self.xihat @ discrete.Cd.T
-        self.xihat = self.xihat @ discrete.Ad.T + applied(discrete.L, innovation)
-
-    def step(self, held: Array, measured: Array, until: float) -> str:
-        """Go to the next sample; return why that is impossible, or ""."""
-        loop, begin = self.loop, until - self.period
-        self.before, self.held = measured, held
-        self.x = self.x + self.period * (held + self.xi @ self.discrete.Cd.T) + self.extra(begin, np.array([until]))[0]
-        self.xi = self.xi @ self.discrete.Ad.T
-        if not np.abs(self.x - loop.goal).max() <= self.farthest:
-            return f"|e|_inf exceeded {FARTHEST:.0e} times its start at t = {until:.6g} s"
-        return ""
-
-    def extra(self, begin: float, ends: Array) -> Array:
+    def pushed(self, begin: float, end: float) -> Array | float:
         """What the unmodelled disturbance adds to x."""
-        if not self.agents.stress.disturbance:
-            return np.zeros((len(ends), self.loop.n, self.loop.m))
-        return self.agents.extra_integral(begin, ends)
+        return self.crew.extra_integral(begin, end) if self.crew.stress.disturbance else 0.0
+
+    def step(self, held: Array, measured: Array, until: float) -> None:
+        """Go to the next instant."""
+        self.before, self.held = measured, held
+        drift = self.period * (held + act(self.discrete.Cd, self.xi))
+        self.x = self.x + drift + self.pushed(until - self.period, until)
+        self.xi = act(self.discrete.Ad, self.xi)
+
+    def end(self, which: NDArray[np.bool_], count: int, reason: str) -> None:
+        """Runs that end here keep their first ``count`` samples."""
+        for run in np.flatnonzero(which).tolist():
+            self.counts[run], self.reasons[run] = count, reason
+        self.going = self.going & ~which

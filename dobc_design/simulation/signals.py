@@ -1,26 +1,29 @@
-"""Switching signals that know nothing of the state: fixed, periodic, random, Markov, a schedule.
+"""Switching signals: fixed, periodic, random, Markov, a schedule, or graphs that follow from positions.
 
-A signal is a value: it can be compared, printed and stored (``signal_files``), and together with a seed it gives the
-same switches every time.  Graphs that follow from positions are in ``mobile``.  None of this enters a proof.
+A signal is a value: it can be compared, printed and stored as JSON, a problem's [switching] describes one, and together
+with a seed it gives the same ``switches`` every time.  None of this enters a proof.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+import json
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, fields
+from fractions import Fraction
 from itertools import pairwise
 from typing import Any, ClassVar
 
 import numpy as np
 
-from dobc_design._show.cards import Shown
+from dobc_design._show.cards import Card, Shown
 from dobc_design.errors import ShapeError, SpecError
 from dobc_design.exact.reading import counted, is_list, shown
-from dobc_design.simulation._arguments import not_negative, seconds
-from dobc_design.simulation.switches import Array, IndexArray, Switches, merged
+from dobc_design.problem.problem import Problem
+from dobc_design.problem.settings import Switching
+from dobc_design.simulation._arguments import Array, not_negative, positive, seconds, whole
 
-MOST_SWITCHES = 1_000_000  # of one run
-STREAM = 1  # starts are drawn from default_rng(seed), switches from default_rng([seed, STREAM])
+DWELL = 0.5  # s, where [switching] gives none
 Times = float | Sequence[float]
 
 
@@ -159,48 +162,87 @@ class Schedule(Shown):
         return f"schedule of {counted(len(self.times), 'instant')}"
 
 
-Scheduled = Fixed | Periodic | RandomDwell | Markov | Schedule
+@dataclass(frozen=True, slots=True, kw_only=True, repr=False)
+class Waypoints(Shown):
+    """A given motion: straight lines between positions at given instants; before and after them it rests.
 
-
-def scheduled_switches(signal: Scheduled, names: tuple[str, ...], horizon: float, seed: int) -> Switches:
-    """Draw the switches of one run over ``horizon`` s.  The same arguments give the same switches.
-
-    Raises: SpecError for a mode that is not among ``names``, or for too many switches.
+    Shapes: times (T,) in s, increasing; positions (T, n, k), k coordinates of n agents.
     """
-    if isinstance(signal, Fixed):
-        modes = np.array([0 if signal.mode is None else mode_index(signal.mode, names)])
-        return Switches(times=np.zeros(1), modes=modes, names=names)
-    if isinstance(signal, Schedule):
-        times = np.array([t for t in signal.times if t < horizon])
-        return merged(times, np.array([mode_index(mode, names) for mode in signal.modes[: len(times)]]), names)
-    if isinstance(signal, Periodic):
-        return merged(*_periodic(signal, names, horizon), names)
-    rng = np.random.default_rng([seed, STREAM])
-    if isinstance(signal, RandomDwell):
-        return merged(*_random(signal, len(names), horizon, rng), names)
-    return merged(*_markov(signal, names, horizon, rng), names)
+
+    times: tuple[float, ...]
+    positions: tuple[tuple[tuple[float, ...], ...], ...]
+
+    def __post_init__(self) -> None:
+        places = np.asarray(self.positions, dtype=np.float64)
+        times = tuple(not_negative(t, f"times[{i}]") for i, t in enumerate(self.times))
+        if places.ndim != 3 or len(places) != len(times) or 0 in places.shape:
+            raise ShapeError(
+                f"positions must have shape (times, agents, coordinates) with {len(times)} times; got {places.shape}.",
+                key="positions",
+                cure="Give one n x k array for every instant.",
+            )
+        if not np.isfinite(places).all() or any(b <= a for a, b in pairwise(times)):
+            raise SpecError("positions must be finite and times must increase.", key="times", cure="Sort the instants.")
+        object.__setattr__(self, "times", times)
+        object.__setattr__(self, "positions", tuple(tuple(map(tuple, rows)) for rows in places.tolist()))
+
+    def _card(self) -> Card:
+        agents, coordinates = len(self.positions[0]), len(self.positions[0][0])
+        where = f"{len(self.times)} instants from {self.times[0]:g} to {self.times[-1]:g} s"
+        return Card(title="Waypoints", text=f"of {agents} agents in {coordinates} coordinates, {where}")
+
+    def __repr__(self) -> str:
+        return f"<Waypoints {self._card().text}>"
+
+    def at(self, time: float, places: Array) -> Array:
+        """Positions (n, k) at a time; ``places`` is ``positions`` as an array, made once by the caller."""
+        number = int(np.clip(np.searchsorted(self.times, time, side="right") - 1, 0, max(0, len(self.times) - 2)))
+        if len(self.times) == 1:
+            return np.asarray(places[0])
+        begin, end = self.times[number], self.times[number + 1]
+        part = min(1.0, max(0.0, (time - begin) / (end - begin)))
+        return np.asarray(places[number] + part * (places[number + 1] - places[number]))
 
 
-def mode_index(mode: str, names: tuple[str, ...]) -> int:
-    """The index of a mode.  Raises: SpecError if there is no such mode."""
-    if mode not in names:
-        known = ", ".join(names[:6]) + (", ..." if len(names) > 6 else "")
-        raise SpecError(
-            f"mode must be one of the problem's modes ({known}); got {shown(mode)}.",
-            key="mode",
-            cure="Leave it out for the first one.",
-        )
-    return names.index(mode)
+@dataclass(frozen=True, slots=True, kw_only=True, repr=False)
+class Mobile(Shown):
+    """Who is near enough is heard: all agents within ``radius``, or the ``neighbours`` nearest ones.
+
+    ``hysteresis`` >= 0, a distance: a link within the radius is kept up to radius + hysteresis; one of the nearest
+    is replaced only by an agent that is nearer by more than it.  ``motion`` gives the positions; without it they are
+    the states.  The arcs of the problem's modes are not used; couplings of single arcs are.
+    """
+
+    kind: ClassVar[str] = "mobile"
+    radius: float | None = None
+    neighbours: int | None = None
+    hysteresis: float = 0.0
+    motion: Waypoints | None = None
+
+    def __post_init__(self) -> None:
+        if (self.radius is None) == (self.neighbours is None):
+            raise SpecError(
+                "a mobile signal needs either radius or neighbours, and not both.",
+                key="radius",
+                cure="For example Mobile(radius=2.0, hysteresis=0.2).",
+            )
+        if self.radius is not None:
+            object.__setattr__(self, "radius", positive(self.radius, "radius"))
+        if self.neighbours is not None:
+            object.__setattr__(self, "neighbours", whole(self.neighbours, "neighbours", least=1))
+        object.__setattr__(self, "hysteresis", not_negative(self.hysteresis, "hysteresis"))
+
+    def _card(self) -> Card:
+        return Card(title="Mobile", text=str(self))
+
+    def __str__(self) -> str:
+        near = f"within {self.radius:g}" if self.radius is not None else f"{self.neighbours} nearest"
+        return f"mobile, {near}, hysteresis {self.hysteresis:g}, {'given motion' if self.motion else 'the states move'}"
 
 
-def refuse_too_many(count: float, *, cure: str = "Choose a longer dwell time or a shorter horizon.") -> None:
-    """Refuse a signal that would switch more often than can be stored.  Raises: SpecError."""
-    if not count <= MOST_SWITCHES:
-        raise SpecError(
-            f"the signal would switch about {count:.3g} times, and at most {MOST_SWITCHES} are simulated.",
-            key="signal",
-            cure=cure,
-        )
+Scheduled = Fixed | Periodic | RandomDwell | Markov | Schedule
+Signal = Scheduled | Mobile
+_KINDS: dict[str, type[Any]] = {kind.kind: kind for kind in (Fixed, Periodic, RandomDwell, Markov, Schedule, Mobile)}
 
 
 def _set_order(signal: Periodic | Markov) -> None:
@@ -208,74 +250,117 @@ def _set_order(signal: Periodic | Markov) -> None:
         object.__setattr__(signal, "order", tuple(str(mode) for mode in signal.order))
 
 
-def _order(order: tuple[str, ...] | None, names: tuple[str, ...], length: int | None, key: str) -> IndexArray:
-    found = np.array([mode_index(mode, names) for mode in (names if order is None else order)])
-    if length is not None and length != len(found):
-        raise ShapeError(
-            f"{key} must have {counted(len(found), 'entry').replace('entrys', 'entries')}, one per mode; got {length}.",
-            key=key,
-            cure="Give one per mode, or name the modes with order.",
-        )
-    return found
+def signal_to_json(signal: Signal) -> str:
+    """Write a signal as one JSON object; ``signal_from_json`` gives an equal signal back."""
+    document: dict[str, Any] = {"signal": signal.kind}
+    for field in fields(signal):
+        value = getattr(signal, field.name)
+        if isinstance(value, Waypoints):
+            value = {"times": _plain(value.times), "positions": _plain(value.positions)}
+        document[field.name] = _plain(value)
+    return json.dumps(document, ensure_ascii=False)
 
 
-def _periodic(signal: Periodic, names: tuple[str, ...], horizon: float) -> tuple[Array, IndexArray]:
-    given = np.atleast_1d(np.asarray(signal.dwell, dtype=np.float64))
-    order = _order(signal.order, names, len(given) if is_list(signal.dwell) else None, "dwell")
-    ends = np.cumsum(np.broadcast_to(given, len(order)))
-    rounds = horizon / float(ends[-1])
-    refuse_too_many(rounds * len(order))
-    modes = np.tile(order, int(rounds) + 1)
-    # Multiples of the period, not a running sum: the instants carry one rounding each.
-    times: Array = np.asarray(given[0] * np.arange(len(modes)), dtype=np.float64)
-    if is_list(signal.dwell):
-        begins = np.concatenate([[0.0], ends[:-1]])
-        times = np.asarray((np.arange(int(rounds) + 1)[:, None] * ends[-1] + begins).ravel(), dtype=np.float64)
-    return times[times < horizon], modes[times < horizon]
-
-
-def _random(signal: RandomDwell, count: int, horizon: float, rng: np.random.Generator) -> tuple[Array, IndexArray]:
-    draws = horizon / signal.dwell
-    refuse_too_many(draws)
-    most = int(draws) + 1
-    modes = rng.integers(count, size=most)
-    if signal.longest is None:
-        times = signal.dwell * np.arange(most)
-    else:
-        stays = rng.uniform(signal.dwell, signal.longest, size=most)
-        times = np.concatenate([[0.0], np.cumsum(stays)[:-1]])
-    seen: Any = times < horizon
-    return np.asarray(times[seen]), modes[seen]
-
-
-def _markov(
-    signal: Markov, names: tuple[str, ...], horizon: float, rng: np.random.Generator
-) -> tuple[Array, IndexArray]:
-    order = _order(signal.order, names, len(signal.generator), "generator")
-    rates = np.array(signal.generator)
-    start = order[0] if signal.start is None else mode_index(signal.start, names)
-    if start not in order:
+def signal_from_json(text: str) -> Signal:
+    """Read a signal back.  Raises: SpecError for anything that is not one."""
+    try:
+        document = json.loads(text)
+    except (ValueError, RecursionError) as error:
+        raise SpecError(f"the signal is not valid JSON ({error}).", key="signal", cure="Write it anew.") from None
+    if not isinstance(document, Mapping) or document.get("signal") not in _KINDS:
         raise SpecError(
-            f"start must be one of order; got {shown(signal.start)}.", key="start", cure="Name one of them."
+            f"signal must be one of {', '.join(_KINDS)}; got {shown(document)}.",
+            key="signal",
+            cure='For example {"signal": "periodic", "dwell": 0.5}.',
         )
-    now = int(np.flatnonzero(order == start)[0])
-    time, times, modes = 0.0, [0.0], [now]
-    while True:
-        away = np.where(np.arange(len(rates)) == now, 0.0, rates[now])
-        leaving = float(away.sum())
-        if leaving == 0:
-            break
-        time += float(rng.exponential(1 / leaving))
-        if time >= horizon:
-            break
-        now = int(np.searchsorted(np.cumsum(away), leaving * rng.random(), side="right"))
-        times.append(time)
-        modes.append(now)
-        if len(times) % 1000 == 0:
-            refuse_too_many(len(times) * horizon / time)
-    return np.array(times), order[np.array(modes)]
+    kind = _KINDS[document["signal"]]
+    known = {field.name for field in fields(kind)}
+    given = {str(name): _frozen(value) for name, value in document.items() if name != "signal"}
+    if not set(given) <= known:
+        wrong = sorted(set(given) - known)[0]
+        raise SpecError(f"{wrong} is an unknown key of {kind.kind}.", key=wrong, cure=f"Known: {sorted(known)}.")
+    try:
+        motion = given.get("motion")
+        if motion is not None:
+            given["motion"] = Waypoints(times=motion["times"], positions=motion["positions"])
+        signal: Signal = kind(**given)
+    except (TypeError, KeyError, ValueError) as error:
+        if isinstance(error, SpecError):
+            raise
+        raise SpecError(f"the signal cannot be read ({error}).", key="signal", cure="Write it anew.") from None
+    return signal
 
 
-def plain(value: Any) -> Any:
+def signal_of(problem: Problem) -> tuple[Signal, str | None]:
+    """The signal that a problem's [switching] section describes, and a remark where something had to be chosen.
+
+    Raises: SpecError for numbers beyond the range of floats.
+    """
+    names, own = tuple(problem.network.modes), problem.switching
+    if own is None:
+        remark = f"No signal was given: {names[0]} is active throughout." if len(names) > 1 else None
+        return Fixed(), remark
+    if own.signal in ("schedule", "mobile"):
+        unused = None if own.dwell is None else f"switching.dwell is not used by a {own.signal} signal."
+        return (_mobile(own) if own.signal == "mobile" else _schedule(own)), unused
+    if len(names) == 1:
+        return Fixed(), "There is one mode: nothing switches."
+    if own.signal == "periodic" and (own.schedule or own.period):
+        return _rounds(own, names), None
+    if own.generator is not None:
+        rows = [[_float(rate, "switching.generator") for rate in row] for row in own.generator]
+        return Markov(generator=_frozen(rows)), None
+    dwell = DWELL if own.dwell is None else _float(own.dwell, "switching.dwell")
+    remark = f"switching.dwell is not given: {DWELL} s." if own.dwell is None else None
+    if own.signal == "random":
+        return RandomDwell(dwell=dwell), remark
+    if own.signal == "periodic":
+        return Periodic(dwell=dwell, order=own.sequence), remark
+    rate = 1 / (dwell * (len(names) - 1))
+    table = tuple(tuple(-1 / dwell if k == other else rate for other in range(len(names))) for k in range(len(names)))
+    return Markov(generator=table), "Markov: stays last switching.dwell on average, all other modes are equally likely."
+
+
+def _mobile(own: Switching) -> Mobile:
+    return Mobile(
+        radius=None if own.radius is None else _float(own.radius, "switching.radius"),
+        neighbours=own.neighbours,
+        hysteresis=_float(own.hysteresis or Fraction(0), "switching.hysteresis"),
+    )
+
+
+def _schedule(own: Switching) -> Schedule:
+    instants = own.schedule or ()
+    times = tuple(_float(time, f"switching.schedule[{k}][0]") for k, (time, _) in enumerate(instants))
+    return Schedule(times=times, modes=tuple(mode for _, mode in instants))
+
+
+def _rounds(own: Switching, names: tuple[str, ...]) -> Periodic:
+    """One round in a given time: equal stays, or those of a schedule."""
+    whole = own.period or Fraction(0)
+    if own.schedule is None:
+        order = own.sequence or names
+        return Periodic(dwell=_float(whole / len(order), "switching.period"), order=own.sequence)
+    ends = [*(time for time, _ in own.schedule[1:]), whole]
+    stays = [_float(end - time, "switching.schedule") for (time, _), end in zip(own.schedule, ends, strict=True)]
+    return Periodic(dwell=tuple(stays), order=tuple(mode for _, mode in own.schedule))
+
+
+def _float(value: Fraction, key: str) -> float:
+    """Raises: SpecError for a number beyond the range of floats."""
+    try:
+        number = float(value)
+    except OverflowError:
+        number = math.inf
+    if math.isinf(number) or (number == 0 and value):
+        raise SpecError(f"{key} is beyond the range of floats.", key=key, cure="Choose other units.")
+    return number
+
+
+def _frozen(value: Any) -> Any:
+    return tuple(_frozen(each) for each in value) if isinstance(value, list) else value
+
+
+def _plain(value: Any) -> Any:
     """Tuples as lists, for JSON."""
-    return [plain(each) for each in value] if isinstance(value, (tuple, list)) else value
+    return [_plain(each) for each in value] if isinstance(value, (tuple, list)) else value

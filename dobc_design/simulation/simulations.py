@@ -1,30 +1,27 @@
-"""Runs of the closed loop, and what breaks it first.  Nothing is proved here."""
+"""Runs of the closed loop.  Nothing is proved here."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
-from fractions import Fraction
 from os import PathLike
-from typing import TYPE_CHECKING, overload
+from typing import TYPE_CHECKING, Unpack, overload
 
-from dobc_design.certificate.certificate import Certificate
 from dobc_design.conditions.observer.gain import observer_gain
 from dobc_design.exact.matrix import Matrix
 from dobc_design.problem.canonical import loop_sha256
 from dobc_design.problem.load import load_problem
 from dobc_design.problem.problem import Problem
-from dobc_design.verdict import Verdict
 
 if TYPE_CHECKING:
-    from dobc_design.simulation.breaking import Breaking
     from dobc_design.simulation.ensemble import Ensemble
-    from dobc_design.simulation.signal_files import Signal
-    from dobc_design.simulation.starts import Given
+    from dobc_design.simulation.setting import Given, Options
+    from dobc_design.simulation.signals import Signal
     from dobc_design.simulation.stress import Stress
     from dobc_design.simulation.trajectory import Trajectory
 
 MOST_ARCS_COMPARED = 5000  # of all modes, up to which a run records of which problem it is
+Progress = Callable[[float], None]
 
 
 @overload
@@ -32,16 +29,8 @@ def simulate(
     problem: Problem | str | PathLike[str],
     *,
     runs: None = None,
-    mode: str | None = None,
-    signal: Signal | None = None,
-    start: Given | None = None,
-    t_final: float | None = None,
-    seed: int | None = None,
-    samples: int | Sequence[float] | None = None,
-    observer: str = ...,
-    tolerance: float = ...,
-    stress: Stress | None = None,
-    progress: Callable[[float], None] | None = None,
+    progress: Progress | None = None,
+    **given: Unpack[Options],
 ) -> Trajectory: ...
 
 
@@ -50,16 +39,8 @@ def simulate(
     problem: Problem | str | PathLike[str],
     *,
     runs: int | None,
-    mode: str | None = None,
-    signal: Signal | None = None,
-    start: Given | None = None,
-    t_final: float | None = None,
-    seed: int | None = None,
-    samples: int | Sequence[float] | None = None,
-    observer: str = ...,
-    tolerance: float = ...,
-    stress: Stress | None = None,
-    progress: Callable[[float], None] | None = None,
+    progress: Progress | None = None,
+    **given: Unpack[Options],
 ) -> Trajectory | Ensemble: ...
 
 
@@ -76,7 +57,7 @@ def simulate(
     observer: str = "closed-form",
     tolerance: float = 1e-9,
     stress: Stress | None = None,
-    progress: Callable[[float], None] | None = None,
+    progress: Progress | None = None,
 ) -> Trajectory | Ensemble:
     """Simulate the closed loop (1), (12), (13), (19): one run, or ``runs`` of them with the seeds seed, seed + 1, ...
 
@@ -94,9 +75,10 @@ def simulate(
         >>> run.x.shape, run.diverged, run.final_error < 0.3
         ((61, 10, 1), False, True)
     """
-    from dobc_design.simulation.ensembles import simulate_many
-    from dobc_design.simulation.run import simulate as run
-    from dobc_design.simulation.signal_files import signal_of
+    from dobc_design.simulation.ensemble import run_many
+    from dobc_design.simulation.run import run_once
+    from dobc_design.simulation.setting import make_setting
+    from dobc_design.simulation.signals import signal_of
 
     problem = problem if isinstance(problem, Problem) else load_problem(problem)
     remarks: list[str] = []
@@ -106,92 +88,26 @@ def simulate(
     if problem.groups and problem.joint_observer.W is None and observer != "off":
         remarks.append("No W was given: it was designed.")
     gain = None if observer == "off" else observer_gain(problem)
-    if runs is None:
-        done = run(
-            problem,
-            mode=mode,
-            signal=signal,
-            start=start,
-            t_final=t_final,
-            seed=seed,
-            gain=gain,
-            samples=samples,
-            observer=observer,
-            tolerance=tolerance,
-            stress=stress,
-            progress=progress,
-        )
-        return replace(done, notes=(*remarks, *done.notes), loop_sha256=fingerprint(problem, gain))
-    many = simulate_many(
+    setting = make_setting(
         problem,
-        runs=runs,
+        gain=gain,
         mode=mode,
         signal=signal,
         start=start,
         t_final=t_final,
         seed=seed,
-        gain=gain,
         samples=samples,
         observer=observer,
         tolerance=tolerance,
         stress=stress,
-        progress=progress,
     )
-    return replace(many, notes=(*remarks, *many.notes), loop_sha256=fingerprint(problem, gain))
+    setting, mark = replace(setting, notes=(*remarks, *setting.notes)), fingerprint(problem, gain)
+    if runs is None:
+        return replace(run_once(setting, setting.seed, progress=progress), loop_sha256=mark)
+    return replace(run_many(setting, runs, progress=progress), loop_sha256=mark)
 
 
 def fingerprint(problem: Problem, gain: Matrix | None) -> str:
     """What ties a run to certificates of its problem; "" for large networks, where it would cost more than the run."""
     arcs = sum(len(each) for each in problem.network.modes.values())
     return loop_sha256(problem, gain) if arcs <= MOST_ARCS_COMPARED else ""
-
-
-def what_breaks_first(
-    problem: Problem | str | PathLike[str],
-    *,
-    options: Sequence[str] | None = None,
-    signal: Signal | None = None,
-    start: Given | None = None,
-    t_final: float | None = None,
-    seed: int | None = None,
-    tolerance: float = 0.1,
-    certificate: Certificate | None = None,
-    progress: Callable[[float], None] | None = None,
-) -> Breaking:
-    """Make noise, disturbance, saturation, sampling, packet loss and failures worse, each until the loop breaks.
-
-    ``options``: some of these (default all).  ``certificate``: its certified sampling period, where it has one, stands
-    beside the longest that was seen to work.  A run breaks if its late error is above ``tolerance`` times that at the
-    start.  ``signal``, ``start``, ``t_final`` (s), ``seed`` and ``progress`` are as in ``simulate``.
-    Returns: a Breaking, the data of one figure.  Raises: SpecError.
-    """
-    from dobc_design.simulation.breaking import OPTIONS
-    from dobc_design.simulation.breaking import what_breaks_first as run
-    from dobc_design.simulation.signal_files import signal_of
-
-    problem = problem if isinstance(problem, Problem) else load_problem(problem)
-    chosen, remark = (signal, None) if signal is not None else signal_of(problem)
-    found = run(
-        problem,
-        options=OPTIONS if options is None else options,
-        signal=chosen,
-        start=start,
-        t_final=t_final,
-        seed=seed,
-        gain=observer_gain(problem),
-        tolerance=tolerance,
-        certified=None if certificate is None else certified_period(certificate),
-        progress=progress,
-    )
-    if remark is None:
-        return found
-    return replace(found, calm=replace(found.calm, notes=(remark, *found.calm.notes)))
-
-
-def certified_period(certificate: Certificate) -> float | None:
-    """The sampling period in s that a proved ``sampling`` check states; None without one."""
-    for check in certificate.checks:
-        exact = check.exact or {}
-        if check.id == "sampling" and check.verdict is Verdict.PROVED and "period" in exact:
-            return float(Fraction(exact["period"]))
-    return None

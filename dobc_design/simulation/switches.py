@@ -1,14 +1,36 @@
-"""When which mode is active: the outcome of a switching signal on one horizon."""
+"""When which mode is active on one horizon: drawn from a signal and a seed, or followed from positions.
+
+Graphs that follow from positions: everyone within a radius, or the k nearest, with hysteresis.  Positions are the
+states themselves, formation offsets included, or a given motion.  A link that is made at one distance is broken at a
+larger one, so that an agent at the edge does not make the graph chatter.  Arcs have weight 1.
+"""
 
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from itertools import pairwise
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial import cKDTree
 
-Array = NDArray[np.float64]
+from dobc_design.errors import ShapeError, SpecError
+from dobc_design.exact.reading import counted, is_list, shown
+from dobc_design.problem.arcs import places_at, split_by
+from dobc_design.problem.arrays import ArcGroup
+from dobc_design.problem.problem import Problem
+from dobc_design.simulation._arguments import Array
+from dobc_design.simulation.signals import Fixed, Markov, Mobile, Periodic, RandomDwell, Schedule, Scheduled, Waypoints
+
 IndexArray = NDArray[np.int64]
+MOST_SWITCHES = 1_000_000  # of one run
+STREAM = 1  # starts are drawn from default_rng(seed), switches from default_rng([seed, STREAM])
+LOOKS = 8  # times at which the graph is looked at within one step of the integrator
+LOOKS_OF_MOTION = 64  # ... and within one piece of a given motion
+CHATTER = 50  # switches of a run within a billionth of the time so far, which count as chattering
+MOST_CHANGES = 100_000  # switches of one run whose graphs follow from its states
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -58,3 +80,277 @@ def merged(times: Array, modes: IndexArray, names: tuple[str, ...]) -> Switches:
     """Leave out the instants at which nothing changes."""
     keep = np.concatenate([[True], modes[1:] != modes[:-1]])
     return Switches(times=times[keep].astype(np.float64), modes=modes[keep].astype(np.int64), names=names)
+
+
+def scheduled_switches(signal: Scheduled, names: tuple[str, ...], horizon: float, seed: int) -> Switches:
+    """Draw the switches of one run over ``horizon`` s.  The same arguments give the same switches.
+
+    Raises: SpecError for a mode that is not among ``names``, or for too many switches.
+    """
+    if isinstance(signal, Fixed):
+        modes = np.array([0 if signal.mode is None else mode_index(signal.mode, names)])
+        return Switches(times=np.zeros(1), modes=modes, names=names)
+    if isinstance(signal, Schedule):
+        times = np.array([t for t in signal.times if t < horizon])
+        return merged(times, np.array([mode_index(mode, names) for mode in signal.modes[: len(times)]]), names)
+    if isinstance(signal, Periodic):
+        return merged(*_periodic(signal, names, horizon), names)
+    rng = np.random.default_rng([seed, STREAM])
+    if isinstance(signal, RandomDwell):
+        return merged(*_random(signal, len(names), horizon, rng), names)
+    return merged(*_markov(signal, names, horizon, rng), names)
+
+
+def mode_index(mode: str, names: tuple[str, ...]) -> int:
+    """The index of a mode.  Raises: SpecError if there is no such mode."""
+    if mode not in names:
+        known = ", ".join(names[:6]) + (", ..." if len(names) > 6 else "")
+        raise SpecError(
+            f"mode must be one of the problem's modes ({known}); got {shown(mode)}.",
+            key="mode",
+            cure="Leave it out for the first one.",
+        )
+    return names.index(mode)
+
+
+def refuse_too_many(count: float, *, cure: str = "Choose a longer dwell time or a shorter horizon.") -> None:
+    """Refuse a signal that would switch more often than can be stored.  Raises: SpecError."""
+    if not count <= MOST_SWITCHES:
+        raise SpecError(
+            f"the signal would switch about {count:.3g} times, and at most {MOST_SWITCHES} are simulated.",
+            key="signal",
+            cure=cure,
+        )
+
+
+def _order(order: tuple[str, ...] | None, names: tuple[str, ...], length: int | None, key: str) -> IndexArray:
+    found = np.array([mode_index(mode, names) for mode in (names if order is None else order)])
+    if length is not None and length != len(found):
+        raise ShapeError(
+            f"{key} must have {counted(len(found), 'entry').replace('entrys', 'entries')}, one per mode; got {length}.",
+            key=key,
+            cure="Give one per mode, or name the modes with order.",
+        )
+    return found
+
+
+def _periodic(signal: Periodic, names: tuple[str, ...], horizon: float) -> tuple[Array, IndexArray]:
+    given = np.atleast_1d(np.asarray(signal.dwell, dtype=np.float64))
+    order = _order(signal.order, names, len(given) if is_list(signal.dwell) else None, "dwell")
+    ends = np.cumsum(np.broadcast_to(given, len(order)))
+    rounds = horizon / float(ends[-1])
+    refuse_too_many(rounds * len(order))
+    modes = np.tile(order, int(rounds) + 1)
+    # Multiples of the period, not a running sum: the instants carry one rounding each.
+    times: Array = np.asarray(given[0] * np.arange(len(modes)), dtype=np.float64)
+    if is_list(signal.dwell):
+        begins = np.concatenate([[0.0], ends[:-1]])
+        times = np.asarray((np.arange(int(rounds) + 1)[:, None] * ends[-1] + begins).ravel(), dtype=np.float64)
+    return times[times < horizon], modes[times < horizon]
+
+
+def _random(signal: RandomDwell, count: int, horizon: float, rng: np.random.Generator) -> tuple[Array, IndexArray]:
+    draws = horizon / signal.dwell
+    refuse_too_many(draws)
+    most = int(draws) + 1
+    modes = rng.integers(count, size=most)
+    if signal.longest is None:
+        times = signal.dwell * np.arange(most)
+    else:
+        stays = rng.uniform(signal.dwell, signal.longest, size=most)
+        times = np.concatenate([[0.0], np.cumsum(stays)[:-1]])
+    seen: Any = times < horizon
+    return np.asarray(times[seen]), modes[seen]
+
+
+def _markov(
+    signal: Markov, names: tuple[str, ...], horizon: float, rng: np.random.Generator
+) -> tuple[Array, IndexArray]:
+    order = _order(signal.order, names, len(signal.generator), "generator")
+    rates = np.array(signal.generator)
+    start = order[0] if signal.start is None else mode_index(signal.start, names)
+    if start not in order:
+        raise SpecError(
+            f"start must be one of order; got {shown(signal.start)}.", key="start", cure="Name one of them."
+        )
+    now = int(np.flatnonzero(order == start)[0])
+    time, times, modes = 0.0, [0.0], [now]
+    while True:
+        away = np.where(np.arange(len(rates)) == now, 0.0, rates[now])
+        leaving = float(away.sum())
+        if leaving == 0:
+            break
+        time += float(rng.exponential(1 / leaving))
+        if time >= horizon:
+            break
+        now = int(np.searchsorted(np.cumsum(away), leaving * rng.random(), side="right"))
+        times.append(time)
+        modes.append(now)
+        if len(times) % 1000 == 0:
+            refuse_too_many(len(times) * horizon / time)
+    return np.array(times), order[np.array(modes)]
+
+
+def near(signal: Mobile, positions: Array, before: IndexArray | None) -> IndexArray:
+    """The links at these positions (n, k): sorted codes listener * n + speaker.
+
+    ``before`` holds the links so far, for the hysteresis; None at the start, when there are none.
+    """
+    kept = np.zeros(0, dtype=np.int64) if before is None else before
+    if signal.radius is not None:
+        return _within(positions, signal.radius, signal.hysteresis, kept)
+    return _nearest(positions, min(signal.neighbours or 1, len(positions) - 1), signal.hysteresis, kept)
+
+
+def _within(positions: Array, radius: float, hysteresis: float, kept: IndexArray) -> IndexArray:
+    n = len(positions)
+    pairs = cKDTree(positions).query_pairs(radius + hysteresis, output_type="ndarray").astype(np.int64)
+    first, second = pairs[:, 0], pairs[:, 1]
+    distances = np.linalg.norm(positions[first] - positions[second], axis=1)
+    linked = (distances <= radius) | np.isin(first * n + second, kept)
+    first, second = first[linked], second[linked]
+    return np.sort(np.concatenate([first * n + second, second * n + first]))
+
+
+def _nearest(positions: Array, count: int, hysteresis: float, kept: IndexArray) -> IndexArray:
+    """Each agent's ``count`` smallest distances, where those to present neighbours count less by the hysteresis."""
+    n = len(positions)
+    if count < 1:
+        return np.zeros(0, dtype=np.int64)
+    _, found = cKDTree(positions).query(positions, k=min(n, count + 1))
+    agents = np.repeat(np.arange(n), found.shape[1])
+    codes = np.unique(np.concatenate([agents * n + found.ravel(), kept]))
+    listeners, speakers = codes // n, codes % n
+    other = listeners != speakers
+    codes, listeners, speakers = codes[other], listeners[other], speakers[other]
+    distances = np.linalg.norm(positions[listeners] - positions[speakers], axis=1)
+    counted = distances - hysteresis * np.isin(codes, kept)
+    order = np.lexsort((codes, counted, listeners))
+    rank = np.arange(len(order)) - np.searchsorted(listeners[order], listeners[order])
+    return np.sort(codes[order[rank < count]])
+
+
+def groups_of(problem: Problem, codes: IndexArray) -> tuple[ArcGroup, ...]:
+    """The links as arcs of weight 1, grouped by coupling."""
+    n = problem.n
+    return tuple(
+        ArcGroup(
+            coupling=problem.couplings[place],
+            listeners=codes[links] // n,
+            speakers=codes[links] % n,
+            weights=np.ones(len(links)),
+        )
+        for place, links in split_by(places_at(problem, codes))
+    )
+
+
+def first_change(
+    graph_at: Callable[[float], IndexArray], now: IndexArray, times: Sequence[float] | Array
+) -> float | None:
+    """The first float at which the graph is another one than ``now``, looked for between the given times.
+
+    Found by bisection to neighbouring floats.  A change that is undone before the next of the times is not seen.
+    """
+    low = float(times[0])
+    for time in times[1:]:
+        high = float(time)
+        if not np.array_equal(graph_at(high), now):
+            while (middle := low + (high - low) / 2) not in (low, high):
+                if np.array_equal(graph_at(middle), now):
+                    low = middle
+                else:
+                    high = middle
+            return high
+        low = high
+    return None
+
+
+class Record:
+    """The graphs of a run as they come up, each kept once."""
+
+    def __init__(self, n: int) -> None:
+        self.n = n
+        self.times: list[float] = []
+        self.modes: list[int] = []
+        self.codes: list[IndexArray] = []
+        self.numbers: dict[bytes, int] = {}
+
+    def add(self, time: float, codes: IndexArray) -> int:
+        """Note that this graph is active from ``time`` on and return its number.  Raises: SpecError on chattering."""
+        many = len(self.times)
+        if many >= MOST_CHANGES or (many >= CHATTER and time - self.times[-CHATTER] < 1e-9 * max(1.0, time)):
+            raise SpecError(
+                f"the graph changed {many} times up to t = {time:.6g} s: it chatters.",
+                key="signal",
+                cure="Give a (larger) hysteresis.",
+            )
+        number = self.numbers.setdefault(codes.tobytes(), len(self.codes))
+        if number == len(self.codes):
+            self.codes.append(codes)
+        self.times.append(time)
+        self.modes.append(number)
+        return number
+
+    def switches(self) -> Switches:
+        """What was noted."""
+        return Switches(
+            times=np.array(self.times),
+            modes=np.array(self.modes, dtype=np.int64),
+            names=tuple(f"graph {k + 1}" for k in range(len(self.codes))),
+            graphs=tuple(np.stack([codes // self.n, codes % self.n]) for codes in self.codes),
+        )
+
+
+class Nearby:
+    """The graphs of one run that follow from its states."""
+
+    def __init__(self, signal: Mobile, problem: Problem) -> None:
+        self.signal, self.problem, self.record = signal, problem, Record(problem.n)
+        self.now: IndexArray | None = None
+        self.number = -1
+
+    def look(self, time: float, positions: Array) -> int:
+        """The number of the graph at these positions (n, m), which is active from ``time`` on."""
+        graph = near(self.signal, positions, self.now)
+        if self.now is None or not np.array_equal(graph, self.now):
+            self.now, self.number = graph, self.record.add(time, graph)
+        return self.number
+
+    def groups(self, number: int) -> tuple[ArcGroup, ...]:
+        """The arcs of a graph."""
+        return groups_of(self.problem, self.record.codes[number])
+
+    def change(self, begin: float, end: float, positions_at: Callable[[float], Array]) -> float | None:
+        """The first instant of a step at which the graph is another one, to the last bit of the positions given."""
+        now = self.now
+        if now is None:
+            return None
+        return first_change(
+            lambda time: near(self.signal, positions_at(time), now), now, np.linspace(begin, end, LOOKS + 1)
+        )
+
+
+def motion_switches(signal: Mobile, motion: Waypoints, n: int, horizon: float) -> tuple[Switches, list[IndexArray]]:
+    """The switches under a given motion, and the codes of the graphs.  Raises: ShapeError, SpecError."""
+    places = np.asarray(motion.positions)
+    if places.shape[1] != n:
+        raise ShapeError(
+            f"motion must have one position per agent, {n}; got {places.shape[1]}.",
+            key="motion",
+            cure="Give positions of shape (times, agents, coordinates).",
+        )
+    refuse_too_many(len(motion.times) * LOOKS_OF_MOTION / MOST_SWITCHES)
+    corners = np.unique(np.clip([0.0, *motion.times, horizon], 0.0, horizon))
+    record, now = Record(n), near(signal, motion.at(0.0, places), None)
+    record.add(0.0, now)
+
+    def graph_at(time: float) -> Any:
+        return near(signal, motion.at(time, places), now)
+
+    for begin, end in pairwise(corners.tolist()):
+        looks = np.linspace(begin, end, LOOKS_OF_MOTION + 1)
+        while (change := first_change(graph_at, now, looks)) is not None and change < horizon:
+            now = graph_at(change)
+            record.add(change, now)
+            looks = np.concatenate([[change], looks[looks > change]])
+    return record.switches(), record.codes

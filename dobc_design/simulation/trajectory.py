@@ -1,23 +1,31 @@
-"""A simulated run of the closed loop: samples, and what is usually asked of them.
+"""A simulated run of the closed loop: its samples, what is usually asked of them or of many runs, and its file.
 
-Numbers of one run in floating point: they illustrate and never decide.
+Numbers in floating point: they illustrate and never decide.  Nothing in a file is ever executed, and a file appears
+whole or not at all: it is written beside its place and renamed.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+import json
+import math
+import os
+import tempfile
+import zipfile
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, fields
 from os import PathLike
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.special import bdtr, betaincinv
 
 from dobc_design._show.cards import Card, Shown
-from dobc_design.errors import SpecError
-from dobc_design.simulation import measures
-from dobc_design.simulation.switches import Switches, one_mode
+from dobc_design.errors import CertificateError, SpecError
+from dobc_design.exact.reading import shown
+from dobc_design.simulation._arguments import Array
+from dobc_design.simulation.switches import IndexArray, Switches, one_mode
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -25,9 +33,10 @@ if TYPE_CHECKING:
     from dobc_design.plotting.runs import Envelope
     from dobc_design.plotting.sheet import Sheet
 
-Array = NDArray[np.float64]
-IndexArray = NDArray[np.int64]
-SHOWN_MODES = 4  # names in a summary
+FORMAT, VERSION = "dobc-trajectory", 1
+SAMPLED = ("x", "xi", "xihat", "d", "dhat", "u")  # (T, n, width)
+RESOLVED = 1e-6  # part of the largest error below which a decay is not read off: integration error
+SETTLED = 0.01  # part of the error at the start that counts as settled
 
 
 class Sample(NamedTuple):
@@ -125,7 +134,7 @@ class Trajectory(Shown):
 
         ``tolerance`` defaults to one percent of the error at the start.
         """
-        return measures.settling_time(self.times, self.error(), tolerance, diverged=self.diverged)
+        return settling_time(self.times, self.error(), tolerance, diverged=self.diverged)
 
     def decay_rate(self) -> float | None:
         """Slope of -ln |e|_inf over time in 1/s, fitted by least squares; negative for growth.
@@ -133,11 +142,11 @@ class Trajectory(Shown):
         Fitted to the samples in which the error is at least a millionth of its largest value; None if
         these are fewer than three.
         """
-        return measures.decay_rate(self.times, self.error())
+        return decay_rate(self.times, self.error())
 
     def summary(self) -> dict[str, Any]:
         """The numbers of ``dobc simulate --json``, without its files."""
-        return measures.summary(self.times, self.error()[None], np.array([self.diverged]))
+        return summary(self.times, self.error()[None], np.array([self.diverged]))
 
     def plot(
         self, *, certificate: Bounding | None = None, envelope: Envelope | None = None, pinned: Sequence[int] = ()
@@ -168,22 +177,51 @@ class Trajectory(Shown):
         return write_animation(self, Path(path), arcs=arcs, force=force)
 
     def to_pandas(self) -> pd.DataFrame:
-        """A table with one row per sample and columns (quantity, agent, component).  Needs pandas.
+        """A table with one row per sample, indexed by time in s; columns (quantity, agent, component), from 1.
 
-        Raises: SpecError if pandas is not installed.
+        The active mode is in the column ("mode", "", 0).  Raises: SpecError if pandas is not installed.
         """
-        from dobc_design.simulation.tables import to_frame
-
-        return to_frame(self)
+        try:
+            import pandas as pd
+        except ImportError:
+            raise SpecError(
+                "to_pandas needs the package pandas, which is not installed.",
+                key="pandas",
+                cure="Install it (pip install dobc_design[store]), or use the arrays themselves.",
+            ) from None
+        modes = np.array(self.switches.names, dtype=object)
+        columns: dict[tuple[str, str, int], Any] = {("mode", "", 0): modes[self.mode_index]}
+        for name in SAMPLED:
+            array = getattr(self, name)
+            for i, label in enumerate(self.labels):
+                columns |= {(name, label, c + 1): array[:, i, c] for c in range(array.shape[2])}
+        frame = pd.DataFrame(columns, index=pd.Index(self.times, name="time"))
+        return frame.rename_axis(columns=["quantity", "agent", "component"])
 
     def save(self, path: str | PathLike[str], *, force: bool = False) -> Path:
-        """Write all of it to ``path``: .npz, or .parquet (needs pyarrow).  ``load_trajectory`` reads both.
+        """Write all of it to ``path``, an .npz file, which ``load_trajectory`` reads.
 
         Raises: SpecError for another ending, or for a file that is there already, unless ``force``.
         """
-        from dobc_design.simulation.storage import save_trajectory
-
-        return save_trajectory(self, Path(path), force=force)
+        place, switches = Path(path), self.switches
+        if place.suffix.lower() != ".npz":
+            raise SpecError(
+                f"a trajectory is saved as .npz; got {shown(place.name)}.", key="path", cure="Choose that ending."
+            )
+        facts = {name: getattr(self, name) for name in PLAIN}
+        facts |= {"format": FORMAT, "version": VERSION, "labels": self.labels, "notes": self.notes}
+        arrays: dict[str, Any] = {
+            "times": self.times,
+            "about": np.array(json.dumps(facts | {"modes": switches.names}, ensure_ascii=False)),
+            "goal": self.goal,
+            "switch_times": switches.times,
+            "switch_modes": switches.modes,
+            "graph_arcs": np.concatenate(switches.graphs or (np.zeros((2, 0), dtype=np.int64),), axis=1),
+            "graph_sizes": np.array([graph.shape[1] for graph in switches.graphs], dtype=np.int64),
+        }
+        arrays |= {name: getattr(self, name) for name in SAMPLED}
+        write_whole(place, lambda file: np.savez(file, allow_pickle=False, **arrays), force=force)
+        return place
 
     def __str__(self) -> str:
         return f"{self.name}: {self._summary}"
@@ -199,6 +237,9 @@ class Trajectory(Shown):
         end = f"diverged at about {self.times[-1]:.4g} s of" if self.diverged else "ran to"
         first, last = self.error()[[0, -1]]
         return f'mode "{self.mode}", {end} {self.t_final:.4g} s, |e|_inf from {first:.4g} to {last:.4g}'
+
+
+PLAIN = tuple(each.name for each in fields(Trajectory) if each.type in {"str", "int", "float", "bool"})
 
 
 class Bounding(Protocol):
@@ -220,3 +261,159 @@ def bound_of(run: Any, certificate: Bounding | None, envelope: Envelope | None) 
 
 def _largest(values: Array) -> Array:
     return np.asarray(np.abs(values).max(axis=(1, 2)))
+
+
+def load_trajectory(path: str | PathLike[str]) -> Trajectory:
+    """Read a trajectory that ``Trajectory.save`` wrote.
+
+    Returns: the Trajectory.  Raises: SpecError if the file is none.
+    """
+    name = shown(Path(path).name)
+    try:
+        with np.load(path, allow_pickle=False) as stored:
+            return _made(json.loads(str(stored["about"])), stored)
+    except OSError as error:
+        raise SpecError(
+            f"{name} cannot be read: {error.strerror or error}.", key="path", cure="Check the path."
+        ) from None
+    except (ValueError, KeyError, TypeError, EOFError, zipfile.BadZipFile) as error:
+        if isinstance(error, SpecError):
+            raise
+        raise SpecError(
+            f"{name} does not hold a trajectory ({str(error)[:80]}).",
+            key="path",
+            cure="Give a file that Trajectory.save wrote.",
+        ) from None
+
+
+def _made(facts: Any, arrays: Mapping[str, NDArray[Any]]) -> Trajectory:
+    if not isinstance(facts, dict) or facts.get("format") != FORMAT or facts.get("version") != VERSION:
+        raise ValueError(f'it must say "format": "{FORMAT}", version {VERSION}')
+    ends = np.cumsum(arrays["graph_sizes"])[:-1] if len(arrays["graph_sizes"]) else None
+    graphs = () if ends is None else tuple(part.copy() for part in np.split(arrays["graph_arcs"], ends, axis=1))
+    switches = Switches(
+        times=np.array(arrays["switch_times"]),
+        modes=np.array(arrays["switch_modes"]),
+        names=tuple(facts["modes"]),
+        graphs=graphs,
+    )
+    given: dict[str, Any] = {name: facts[name] for name in PLAIN if name in facts}
+    given |= {name: np.array(arrays[name]) for name in ("times", "goal", *SAMPLED)}
+    return Trajectory(
+        labels=tuple(facts["labels"]),
+        notes=tuple(facts["notes"]),
+        switches=switches,
+        **given,
+    )
+
+
+def write_whole(path: Path, write: Callable[[Path], None], *, force: bool) -> None:
+    """Let ``write`` fill a file beside ``path``, then put it into its place.
+
+    Raises: SpecError if the place is taken (and not ``force``), CertificateError if the machine refuses.
+    """
+    if path.exists() and not force:
+        raise SpecError(f"{shown(str(path))} exists already.", key="path", cure="Replace it with force=True.")
+    temporary = None
+    try:
+        descriptor, temporary = tempfile.mkstemp(prefix=f".{path.name}.", suffix=path.suffix, dir=path.parent)
+        os.close(descriptor)
+        write(Path(temporary))
+        with open(temporary, "rb+") as stream:
+            os.fsync(stream.fileno())
+        os.chmod(temporary, 0o644)
+        os.replace(temporary, path)
+        temporary = None
+    except OSError as error:
+        raise CertificateError(
+            f"{shown(path.name)} cannot be written: {error.strerror or error}.",
+            key="path",
+            cure="Choose another place.",
+        ) from error
+    finally:
+        if temporary is not None and os.path.exists(temporary):
+            os.unlink(temporary)
+
+
+def settling_time(times: Array, error: Array, tolerance: float | None, *, diverged: bool) -> float | None:
+    """Time of the first sample from which on error <= tolerance; None if it is not so at the end."""
+    bound = SETTLED * float(error[0]) if tolerance is None else tolerance
+    outside = np.flatnonzero(~(error <= bound))
+    if diverged or (len(outside) and outside[-1] == len(times) - 1):
+        return None
+    return float(times[outside[-1] + 1 if len(outside) else 0])
+
+
+def decay_rate(times: Array, error: Array) -> float | None:
+    """Slope of -ln(error), by least squares over the samples that are at least RESOLVED of the largest."""
+    valid = error[np.isfinite(error)]
+    if not len(valid):
+        return None
+    chosen = error > RESOLVED * valid.max()
+    if np.count_nonzero(chosen) < 3:
+        return None
+    about = times[chosen] - times[chosen].mean()
+    return -float(about @ np.log(error[chosen]) / (about @ about))
+
+
+def final_errors(error: Array) -> Array:
+    """The last error of every run, (R,); nan stands where a run had ended before."""
+    last = np.isfinite(error).shape[1] - 1 - np.argmax(np.isfinite(error)[:, ::-1], axis=1)
+    return np.asarray(error[np.arange(len(error)), last])
+
+
+def summary(times: Array, error: Array, diverged: NDArray[np.bool_]) -> dict[str, Any]:
+    """The contract's numbers: medians and maxima over runs.
+
+    Shapes: times (T,), error (R, T) with nan after the end of a run that diverged, diverged (R,).  A run that never
+    settles counts as later than any time, so a median or maximum may be None.  Of rates the least is
+    given besides: it is the worst.
+    """
+    settled = [settling_time(times, row, None, diverged=bool(bad)) for row, bad in zip(error, diverged, strict=True)]
+    rates = [rate for row in error if (rate := decay_rate(times, row)) is not None]
+    return {
+        "runs": len(error),
+        "diverged": bool(diverged.any()),
+        "diverged_runs": int(diverged.sum()),
+        "final_error": _median_and_max(final_errors(error).tolist()),
+        "settling_time": _median_and_max([math.inf if t is None else t for t in settled]),
+        "decay_rate": _median_and_max(rates) | {"min": min(rates) if rates else None},
+    }
+
+
+def _median_and_max(values: Sequence[float]) -> dict[str, float | None]:
+    if not values:
+        return {"median": None, "max": None}
+    middle = sorted(values)[(len(values) - 1) // 2 : len(values) // 2 + 1]
+    found = {"median": sum(middle) / len(middle), "max": max(values)}
+    return {name: value if math.isfinite(value) else None for name, value in found.items()}
+
+
+def quantile(values: Array, level: float) -> Array:
+    """The order statistic at ``level`` along the first axis; nan counts as larger than every number."""
+    place = max(0, math.ceil(level * len(values)) - 1)
+    found = np.sort(np.where(np.isnan(values), np.inf, values), axis=0)[place]
+    return np.asarray(found)
+
+
+def quantile_interval(values: Array, level: float, confidence: float) -> tuple[float, float] | None:
+    """Bounds that hold the distribution's quantile with at least this confidence, whatever the distribution is.
+
+    From order statistics and the binomial distribution; None if there are too few values.
+    """
+    ordered = np.sort(np.where(np.isnan(values), np.inf, values))
+    count, tail = len(ordered), (1 - confidence) / 2
+    below = bdtr(np.arange(count), count, level)  # P(at most k values lie below the quantile)
+    low = int(np.searchsorted(below, tail, side="right")) - 1
+    high = int(np.searchsorted(below, 1 - tail, side="left"))
+    if low < 0 or high >= count:
+        return None
+    return float(ordered[low]), float(ordered[high])
+
+
+def proportion_interval(successes: int, count: int, confidence: float) -> tuple[float, float]:
+    """Clopper and Pearson's bounds of a probability, after ``successes`` of ``count`` independent trials."""
+    tail = (1 - confidence) / 2
+    low = 0.0 if successes == 0 else float(betaincinv(successes, count - successes + 1, tail))
+    high = 1.0 if successes == count else float(betaincinv(successes + 1, count - successes, 1 - tail))
+    return low, high

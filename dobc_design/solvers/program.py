@@ -18,8 +18,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import sparse
 
-from dobc_design.exact.decision import Symmetric
 from dobc_design.exact.pencil import Pencil
+from dobc_design.exact.symmetric import Symmetric
 
 Array = NDArray[np.float64]
 

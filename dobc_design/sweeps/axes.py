@@ -9,31 +9,54 @@
 Draws: uniform(a, b), loguniform(a, b), normal(mean, deviation), integers(a, b), choice(x, y, ...).  A drawn number is
 rounded to six significant digits, so that every case can be typed into a file.  Draw number k of an axis depends on
 the seed, the axis and k alone: every point of the grid sees the same draws, and more samples keep the first ones.
+
+A key is a path in a problem file: names between dots, in quotes where they hold other characters, and places of lists,
+from 0, in brackets: ``exosystem.A[0][1]``, ``pinning.gains."s 1"``.  A value is a number (3.2, 9/16), a list in
+brackets, an inline table in braces, text in quotes, the word none (the key is left out), or, failing all that, text as
+it stands: expressions need no quotes.  Every value has one text, and reading that text gives the value.
 """
 
 from __future__ import annotations
 
+import copy
+import json
 import math
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
 from random import Random
 from statistics import NormalDist
 from typing import Any
 
+import numpy as np
+
 from dobc_design.errors import SpecError
-from dobc_design.exact.number import parse_number
-from dobc_design.exact.reading import is_list, shown
-from dobc_design.sweeps.keys import Path, path_text, read_keys, split_axis
-from dobc_design.sweeps.values import exact_text, read_value, split, value_text
+from dobc_design.exact.number import number_text, parse_number
+from dobc_design.exact.reading import NumberText, is_list, shown
+from dobc_design.problem.changes import typed_number
+from dobc_design.problem.toml_text import parse_toml
+
+Path = tuple[str | int, ...]
 
 MOST_VALUES = 1_000_000
+LONGEST = 500  # characters of the keys of an axis
 DIGITS = 6  # of drawn numbers and of those with even ratios
+NONE = "none"
+KINDS = ("uniform", "loguniform", "normal", "integers", "choice")
+_PLAIN = r"""[^\s."'\[\],=]+"""
+_NAME = rf"""(?:{_PLAIN}|"(?:[^"\\]|\\.)*")"""
+_PATH = rf"{_NAME}(?:\.{_NAME}|\[\d{{1,9}}\])*"
+_KEYS = re.compile(rf"\s*{_PATH}\s*(?:,\s*{_PATH}\s*)*")
+_STEP = re.compile(rf"({_NAME})|\[(\d+)\]")
+_ASSIGNED = re.compile(r'((?:[^"=]|"[^"]*")*)=(.*)', re.DOTALL)
 _RANGE = re.compile(r"([^:,(\[{]+):([^:,(\[{]+):([0-9]{1,9})(:log)?")
 _DRAW = re.compile(r"~\s*([a-z]+)\s*\((.*)\)")
+_WHOLE = re.compile(r"[+-]?[0-9]{1,200}")
+_NUMBER = re.compile(r"[+-]?[0-9]+(?:\.[0-9]+)?(?:[eE][+-]?[0-9]+)?")
+_PAIRS = {"(": ")", "[": "]", "{": "}"}
+_EXAMPLE = "For example pinning.gains.1, coupling.h or exosystem.A[0][1]."
 _CURE = "For example 1:5:9, a list such as 1,2,5, or ~uniform(0,1)."
-KINDS = ("uniform", "loguniform", "normal", "integers", "choice")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -97,15 +120,25 @@ def read_axes(over: Mapping[str, Any] | Sequence[str]) -> tuple[Axis, ...]:
     if errors:
         raise SpecError.several(errors)
     paths = [path for axis in axes for path in axis.keys]
-    for path in paths:
-        for other in paths:
-            if path is not other and path == other[: len(path)]:
-                raise SpecError(
-                    "two axes set the same place, and one would undo the other.",
-                    key=axes[0].name,
-                    cure="Put keys that go together on one side: KEY,KEY=VALUES.",
-                )
+    if any(path is not other and path == other[: len(path)] for path in paths for other in paths):
+        raise SpecError(
+            "two axes set the same place, and one would undo the other.",
+            key=axes[0].name,
+            cure="Put keys that go together on one side: KEY,KEY=VALUES.",
+        )
     return tuple(axes)
+
+
+def split_axis(text: str) -> tuple[str, str]:
+    """Split "KEY=VALUES" at the first "=" outside quotes.  Raises: SpecError."""
+    found = _ASSIGNED.fullmatch(text)
+    if found is None:
+        raise SpecError(
+            f"what is varied must be given as KEY=VALUES; got {shown(text)}.",
+            key=text[:60],
+            cure="For example pinning.gains.1=1:5:9.",
+        )
+    return found[1].strip(), found[2].strip()
 
 
 def _axis(key: str, given: Any) -> Axis:
@@ -129,22 +162,19 @@ def _axis(key: str, given: Any) -> Axis:
 
 def _listed(text: str) -> tuple[str, ...]:
     found = _RANGE.fullmatch(text.strip())
-    if found is not None:
-        return _range(found[1], found[2], int(found[3]), even_ratios=bool(found[4]))
-    values = tuple(split(text))
-    for value in values:
-        read_value(value)  # what cannot be read is said before anything runs
-    return values
-
-
-def _range(first: str, last: str, count: int, *, even_ratios: bool) -> tuple[str, ...]:
-    a, b = parse_number(first.strip(), key="start"), parse_number(last.strip(), key="end")
+    if found is None:
+        values = tuple(split(text))
+        for value in values:
+            read_value(value)  # what cannot be read is said before anything runs
+        return values
+    a, b = parse_number(found[1].strip(), key="start"), parse_number(found[2].strip(), key="end")
+    count = int(found[3])
     if count < 2 or a == b or count > MOST_VALUES:
         raise SpecError(
             f"START:END:COUNT needs two different ends and a count from 2 to {MOST_VALUES}; got {shown(count)}.",
             cure=_CURE,
         )
-    if not even_ratios:
+    if not found[4]:
         return tuple(exact_text(a + (b - a) * k / (count - 1)) for k in range(count))
     if a <= 0 or b <= 0:
         raise SpecError(
@@ -168,21 +198,213 @@ def _draw(kind: str, text: str) -> Draw:
             cure="For example ~uniform(0.1,1).",
         )
     a, b = (parse_number(each, key=f"~{kind}") for each in arguments)
-    wrong = (
-        "the second number must be > 0"
-        if kind == "normal" and b <= 0
-        else "both must be whole numbers"
-        if kind == "integers" and (a.denominator, b.denominator) != (1, 1)
-        else "both must be > 0"
-        if kind == "loguniform" and a <= 0
-        else "the first must be less than the second"
-        if kind != "normal" and a >= b
-        else None
-    )
-    if wrong is not None:
-        raise SpecError(f"~{kind}({text}): {wrong}.", cure="For example ~uniform(0.1,1).")
+    fits, rule = {
+        "normal": (b > 0, "the second number must be > 0"),
+        "integers": (a.denominator == b.denominator == 1, "both must be whole numbers"),
+        "loguniform": (a > 0, "both must be > 0"),
+    }.get(kind, (True, ""))
+    if fits and kind != "normal":
+        fits, rule = a < b, "the first must be less than the second"
+    if not fits:
+        raise SpecError(f"~{kind}({text}): {rule}.", cure="For example ~uniform(0.1,1).")
     return Draw(kind=kind, arguments=(str(a), str(b)))
 
 
 def _rounded(value: float) -> str:
     return exact_text(parse_number(float(f"{value:.{DIGITS}g}"), key="values"))
+
+
+# ------------------------------------------------------------------------------------------ keys
+
+
+def read_keys(text: str) -> tuple[Path, ...]:
+    """The key paths of an axis: one, or several that get the same value, separated by commas.  Raises: SpecError."""
+    if len(text) > LONGEST or _KEYS.fullmatch(text) is None:
+        raise SpecError(
+            f"{shown(text)} is no key of a problem file: names between dots, places of lists in brackets.",
+            key=text[:60],
+            cure=_EXAMPLE,
+        )
+    paths = tuple(tuple(_step(*step.groups()) for step in _STEP.finditer(path)) for path in re.findall(_PATH, text))
+    if len(set(paths)) < len(paths):
+        raise SpecError(f"{shown(text)} names a key twice.", key=text[:60], cure="Name each key once.")
+    return paths
+
+
+def _step(name: str | None, place: str | None) -> str | int:
+    if name is None:
+        return int(place or 0)
+    try:
+        return str(json.loads(name)) if name.startswith('"') else name  # TOML's basic strings escape as JSON's do
+    except ValueError:
+        raise SpecError(f"{shown(name)} is no quoted name.", key="key", cure=_EXAMPLE) from None
+
+
+def path_text(path: Path) -> str:
+    """The path as it is typed."""
+    text = ""
+    for part in path:
+        if isinstance(part, int):
+            text += f"[{part}]"
+        else:
+            plain = re.fullmatch(_PLAIN, part) is not None
+            text += ("." if text else "") + (part if plain else json.dumps(part, ensure_ascii=False))
+    return text
+
+
+def with_changes(document: Mapping[str, Any], changes: Mapping[Path, Any]) -> dict[str, Any]:
+    """A copy of the document with these places set; None removes a key.  Tables on the way are made.
+
+    Raises: SpecError where a path leads through something that is no table and no list.
+    """
+    changed: dict[str, Any] = copy.deepcopy(dict(document))
+    for path, value in changes.items():
+        _set(changed, path, copy.deepcopy(value))
+    return changed
+
+
+def _set(document: dict[str, Any], path: Path, value: Any) -> None:
+    inner: Any = document
+    for depth, part in enumerate(path[:-1]):
+        if isinstance(inner, dict) and isinstance(part, str) and part not in inner:
+            if value is None:
+                return
+            inner[part] = [] if isinstance(path[depth + 1], int) else {}
+        _require_place(inner, path, depth)
+        inner = inner[part]
+    last = path[-1]
+    if isinstance(inner, list) and last == len(inner) and value is not None:
+        inner.append(value)  # such as the weight of an arc [a, b]
+        return
+    _require_place(inner, path, len(path) - 1)
+    if value is not None:
+        inner[last] = value
+    elif not isinstance(inner, dict) or last in inner:
+        inner.pop(last)
+
+
+def _require_place(inner: Any, path: Path, depth: int) -> None:
+    """Raise a SpecError unless ``inner`` is a table or a list that can have the part of the path at ``depth``."""
+    part, so_far = path[depth], path_text(path[:depth])
+    if isinstance(inner, dict) and isinstance(part, str):
+        return
+    if isinstance(inner, list) and isinstance(part, int):
+        if part < len(inner):
+            return
+        problem = f"has {len(inner)} entries, counted from 0; got place {part}"
+        cure = "Name a place that is there, or the next one."
+    else:
+        kind = "a table" if isinstance(inner, dict) else "a list" if isinstance(inner, list) else shown(inner)
+        problem = f"is {kind}, which has no {shown(part)}"
+        cure = "Name a place, such as [0]." if isinstance(inner, list) else "Name a key of it."
+        if not isinstance(inner, (dict, list)):
+            cure = f"Vary {so_far} itself, or write it as a table in the problem file."
+    raise SpecError(f"{path_text(path)}: {so_far} {problem}.", key=path_text(path), cure=cure)
+
+
+# ------------------------------------------------------------------------------------------ values
+
+
+def read_value(text: str) -> Any:
+    """What a document holds for this text; None for the word none.  Raises: SpecError."""
+    text = text.strip()
+    if text == NONE:
+        return None
+    if not text or not text.isprintable():
+        raise SpecError(f"a value must be printable text; got {shown(text)}.", key="values", cure="Leave it out.")
+    if text.startswith("[") and text.endswith("]"):
+        return [read_value(part) for part in split(text[1:-1])]
+    if text[0] in "{\"'":
+        return parse_toml(f"value = {text}".encode())["value"]
+    if _WHOLE.fullmatch(text):
+        return int(text)
+    return NumberText(text) if _NUMBER.fullmatch(text) else text
+
+
+def value_text(value: Any) -> str:
+    """The text of a value given in Python.  Raises: SpecError for what a problem file cannot hold."""
+    if value is None:
+        return NONE
+    if isinstance(value, np.generic):
+        value = value.item()
+    if is_list(value):
+        entries = value.tolist() if isinstance(value, np.ndarray) else value
+        return "[" + ", ".join(value_text(each) for each in entries) + "]"
+    if isinstance(value, Mapping):
+        pairs = (f"{json.dumps(str(key), ensure_ascii=False)} = {_in_table(each)}" for key, each in value.items())
+        return "{ " + ", ".join(pairs) + " }"
+    if isinstance(value, str):
+        return value if _reads_back(value) else json.dumps(value, ensure_ascii=False)
+    if isinstance(value, bool):
+        raise SpecError(
+            f"a value must be a number, text, list or table; got {value}.", key="values", cure="Use 0 or 1."
+        )
+    return exact_text(parse_number(value, key="values"))
+
+
+def exact_text(value: Fraction) -> str:
+    """A rational as it is typed: 5, 0.42 or 9/16."""
+    typed = typed_number(value)
+    return number_text(value) if isinstance(typed, str) or "e" in repr(typed) else str(typed)
+
+
+def number_of(text: str) -> float | None:
+    """The number that a value's text is, or None for other values."""
+    try:
+        return float(parse_number(text.strip(), key="value"))
+    except (SpecError, OverflowError):
+        return None
+
+
+def split(text: str) -> list[str]:
+    """The parts between commas that stand outside brackets and quotes; none of them may be empty.
+
+    Raises: SpecError.
+    """
+    parts = [part.strip() for part in _parts(text)] if text.strip() else []
+    if not all(parts):
+        raise SpecError(
+            f"a value is missing between commas in {shown(text)}.", key="values", cure="Drop the comma, or add it."
+        )
+    return parts
+
+
+def _parts(text: str) -> Iterator[str]:
+    begin, closing, quote = 0, [], ""
+    for place, character in enumerate(text):
+        if quote:
+            quote = "" if character == quote and text[place - 1] != "\\" else quote
+        elif character in "\"'":
+            quote = character
+        elif character in _PAIRS:
+            closing.append(_PAIRS[character])
+        elif character in ")]}":
+            if not closing or closing.pop() != character:
+                raise _unbalanced(text)
+        elif character == "," and not closing:
+            yield text[begin:place]
+            begin = place + 1
+    if closing or quote:
+        raise _unbalanced(text)
+    yield text[begin:]
+
+
+def _unbalanced(text: str) -> SpecError:
+    return SpecError(
+        f"a bracket or quote is left open, or closed too often, in {shown(text)}.", key="values", cure="Close it."
+    )
+
+
+def _in_table(value: Any) -> str:
+    """A value inside an inline table, where TOML's rules hold: text and fractions stand in quotes."""
+    text = value_text(value)
+    bare = isinstance(value, str) or ("/" in text and not is_list(value))
+    return json.dumps(value if isinstance(value, str) else text, ensure_ascii=False) if bare else text
+
+
+def _reads_back(text: str) -> bool:
+    """Whether text stands for itself, and not for a number, a list or the word none."""
+    try:
+        return text == text.strip() and len(split(text)) == 1 and read_value(text) == text
+    except SpecError:
+        return False

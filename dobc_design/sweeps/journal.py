@@ -9,145 +9,125 @@ from __future__ import annotations
 
 import json
 import os
-from collections.abc import Mapping
 from pathlib import Path
-from types import TracebackType
 from typing import IO, Any
 
 from dobc_design.certificate.files import make_folder, write_atomically
 from dobc_design.errors import CertificateError, SpecError
-from dobc_design.sweeps.case import Outcome, to_be_done_again
 from dobc_design.sweeps.plan import Plan
 
+Outcome = dict[str, Any]  # a line: what is kept of a case
 HEAD, LINES = "sweep.json", "results.jsonl"
-FIELDS = ("case", "id", "values", "result", "error", "seconds")
+FIELDS = {"case", "id", "values", "result", "error", "seconds"}
+TIME = "time"  # kind of error of a case that was given up
 
 
 class Journal:
     """An open journal; ``done`` holds the lines of cases by number, those from earlier runs included.
 
-    Use it as a context: it is locked until it is left.  Raises: SpecError for a folder of another sweep, or one at
-    which another process is at work; CertificateError when the machine refuses.
+    Use it as a context: the folder is locked until it is left; without a folder nothing is written.
+    Raises: SpecError for a folder of another sweep, or one at which another process is at work; CertificateError when
+    the machine refuses.
     """
 
-    def __init__(self, folder: Path, plan: Plan, *, anew: bool = False) -> None:
+    def __init__(self, folder: Path | None, plan: Plan, *, anew: bool = False) -> None:
         self.folder, self.plan = folder, plan
         self.done: dict[int, Outcome] = {}
-        self._stream: IO[bytes] | None = None
-        self._open(anew=anew)
-
-    def _open(self, *, anew: bool) -> None:
-        make_folder(self.folder)
-        head, lines = self.folder / HEAD, self.folder / LINES
+        self.stream: IO[bytes] | None = None
+        if folder is None:
+            return
+        make_folder(folder)
         if not anew:
-            _check_head(head, lines, self.plan)
+            _require_same(folder, plan)
         try:
-            self._stream = open(lines, "ab+")  # noqa: SIM115 - closed by __exit__
-            _lock(self._stream, self.folder)
+            self.stream = open(folder / LINES, "ab+")  # noqa: SIM115 - closed by __exit__
+            _lock(self.stream, folder)
             if anew:
-                self._stream.truncate(0)
-            text = json.dumps(self.plan.document | {"sha256": self.plan.sha256}, indent=2, ensure_ascii=False)
-            write_atomically(head, f"{text}\n".encode())
-            self._read()
+                self.stream.truncate(0)
+            head = json.dumps(plan.document | {"sha256": plan.sha256}, indent=2, ensure_ascii=False)
+            write_atomically(folder / HEAD, f"{head}\n".encode())
+            self.stream.seek(0)
+            data = self.stream.read()
+            whole = data.rfind(b"\n") + 1
+            if whole < len(data):
+                self.stream.truncate(whole)
+            self._read(data[:whole])
         except OSError as error:
-            self.close()
-            raise _refused(lines, error) from error
+            self.__exit__()
+            raise self._refused(error) from error
         except SpecError:
-            self.close()
+            self.__exit__()
             raise
 
-    def _read(self) -> None:
-        stream = self._opened
-        stream.seek(0)
-        data = stream.read()
-        whole = data.rfind(b"\n") + 1
-        if whole < len(data):
-            stream.truncate(whole)
-        self.done = read_lines(data[:whole], self.plan)
-
-    def append(self, line: Outcome) -> None:
-        """Write the line of one case down to the disk.  A second line of a case is dropped."""
-        if line["case"] in self.done:
-            return
-        try:
-            self._opened.write(json.dumps(line, ensure_ascii=False, allow_nan=False).encode("utf-8") + b"\n")
-            self._opened.flush()
-            os.fsync(self._opened.fileno())
-        except OSError as error:
-            raise _refused(self.folder / LINES, error) from error
-        self.done[line["case"]] = line
+    def _read(self, data: bytes) -> None:
+        """Take the lines that belong to cases of the plan; of several for a case the first that was not given up."""
+        for text in data.split(b"\n"):
+            try:
+                line = json.loads(text.decode("utf-8"))
+            except (ValueError, RecursionError):
+                continue
+            if not isinstance(line, dict) or set(line) != FIELDS or type(line["case"]) is not int:
+                continue
+            case = line["case"]
+            if not 0 <= case < len(self.plan) or line["values"] != list(self.plan.values(case)):
+                continue
+            if case not in self.done or to_be_done_again(self.done[case], None):
+                self.done[case] = line
 
     @property
-    def _opened(self) -> IO[bytes]:
-        if self._stream is None:
-            raise CertificateError("the journal is closed.", key=str(self.folder))
-        return self._stream
+    def lines(self) -> tuple[Outcome, ...]:
+        """The lines in the order of the cases."""
+        return tuple(self.done[case] for case in sorted(self.done))
 
-    def close(self) -> None:
-        """Close the file, which also unlocks it."""
-        if self._stream is not None:
-            self._stream.close()
-            self._stream = None
+    def append(self, line: Outcome) -> None:
+        """Keep the line of one case, written down to the disk."""
+        if self.stream is not None:
+            try:
+                self.stream.write(json.dumps(line, ensure_ascii=False, allow_nan=False).encode("utf-8") + b"\n")
+                self.stream.flush()
+                os.fsync(self.stream.fileno())
+            except OSError as error:
+                raise self._refused(error) from error
+        self.done[line["case"]] = line
+
+    def _refused(self, error: OSError) -> CertificateError:
+        return CertificateError(
+            f"{LINES} cannot be written: {error.strerror or error}.",
+            key=f"{self.folder}/{LINES}",
+            cure="What is there is kept: make room, or check the permissions, and run the same command again.",
+        )
 
     def __enter__(self) -> Journal:
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        self.close()
+    def __exit__(self, *error: object) -> None:
+        if self.stream is not None:
+            self.stream.close()  # which also unlocks it
 
 
-def read_lines(data: bytes, plan: Plan) -> dict[int, Outcome]:
-    """The lines of a journal that belong to cases of the plan, by number; of several for a case the first.
-
-    A line that says a case was given up for its time yields to a later one.
-    """
-    done: dict[int, Outcome] = {}
-    for text in data.split(b"\n"):
-        try:
-            line = json.loads(text.decode("utf-8"))
-        except (UnicodeDecodeError, ValueError, RecursionError):
-            continue
-        if not isinstance(line, dict) or set(line) != set(FIELDS):
-            continue
-        number = line["case"]
-        if type(number) is not int or not 0 <= number < len(plan) or line["values"] != list(plan.case(number).values):
-            continue
-        if number not in done or to_be_done_again(done[number], None):
-            done[number] = line
-    return done
+def to_be_done_again(line: Outcome, limit: float | None) -> bool:
+    """Whether a case was given up for its time, and would get more of it now."""
+    given_up = line["error"] is not None and line["error"].get("kind") == TIME
+    return given_up and (limit is None or limit > line["seconds"])
 
 
-def _check_head(head: Path, lines: Path, plan: Plan) -> None:
+def _require_same(folder: Path, plan: Plan) -> None:
     """Refuse a folder that holds another sweep, or lines of which nobody knows what they are about."""
+    head, lines = folder / HEAD, folder / LINES
     if not head.exists():
         if lines.exists() and lines.stat().st_size:
             raise SpecError(
-                f"{str(head.parent)!r} holds {LINES} without {HEAD}, which says what it is about.",
+                f"{str(folder)!r} holds {LINES} without {HEAD}, which says what it is about.",
                 key="--out",
                 cure="Choose another folder, or add --force to begin anew there.",
             )
         return
     try:
         found: Any = json.loads(head.read_bytes().decode("utf-8"))
-    except (OSError, UnicodeDecodeError, ValueError, RecursionError):
+    except (OSError, ValueError, RecursionError):
         found = None
-    wanted = {**plan.document, "sha256": plan.sha256}
-    if isinstance(found, Mapping) and {**found} == wanted:  # all of it, so that a change by hand is not overwritten
+    if found == plan.document | {"sha256": plan.sha256}:  # all of it, so that a change by hand is not overwritten
         return
-    raise SpecError(
-        f"{str(head.parent)!r} was made for another sweep{_difference(found, plan)}.",
-        key="--out",
-        cure="Choose another folder with --out, or add --force to begin anew there.",
-    )
-
-
-def _difference(found: Any, plan: Plan) -> str:
-    """What is not the same, in a few words."""
-    if not isinstance(found, Mapping):
-        return ""
-    names = [name for name, value in plan.document.items() if found.get(name) != value]
     words = {
         "problem": "problem",
         "problem_sha256": "problem",
@@ -157,8 +137,13 @@ def _difference(found: Any, plan: Plan) -> str:
         "task": "task",
         "made_by": "version of dobc_design",
     }
-    differing = list(dict.fromkeys(words[name] for name in names if name in words))
-    return f", with another {' and another '.join(differing[:2])}" if differing else ""
+    known = found if isinstance(found, dict) else plan.document
+    other = dict.fromkeys(f" another {word}" for name, word in words.items() if known.get(name) != plan.document[name])
+    raise SpecError(
+        f"{str(folder)!r} was made for another sweep{', with' if other else ''}{' and'.join([*other][:2])}.",
+        key="--out",
+        cure="Choose another folder with --out, or add --force to begin anew there.",
+    )
 
 
 def _lock(stream: IO[bytes], folder: Path) -> None:
@@ -175,11 +160,3 @@ def _lock(stream: IO[bytes], folder: Path) -> None:
             key="--out",
             cure="Wait for it, or choose another folder with --out.",
         ) from None
-
-
-def _refused(path: Path, error: OSError) -> CertificateError:
-    return CertificateError(
-        f"{path.name} cannot be written: {error.strerror or error}.",
-        key=str(path),
-        cure="What is there is kept: make room, or check the permissions, and run the same command again.",
-    )

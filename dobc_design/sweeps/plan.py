@@ -12,47 +12,148 @@ import json
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from fractions import Fraction
 from os import PathLike
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from dobc_design import __version__
 from dobc_design.errors import SpecError
+from dobc_design.exact.number import float_above
 from dobc_design.exact.reading import shown
 from dobc_design.problem.canonical import problem_sha256
+from dobc_design.problem.changes import problem_text
+from dobc_design.problem.file import read_problem_tables
 from dobc_design.problem.load import load_problem, source_text
 from dobc_design.problem.problem import Problem
 from dobc_design.problem.toml_text import parse_toml
-from dobc_design.problem.toml_writing import problem_text
-from dobc_design.sweeps.axes import Axis, read_axes
-from dobc_design.sweeps.tasks import Task
+from dobc_design.sweeps.axes import Axis, read_axes, read_value, with_changes
+from dobc_design.verdict import Verdict
+
+if TYPE_CHECKING:
+    from dobc_design.certificate.certificate import Certificate
 
 MOST_CASES = 1_000_000
-FORMAT, VERSION = "dobc-sweep", 1
+
+#: Columns of the results by task: name, type ("text", "number", "truth" or "count"), what it is.
+COLUMNS: dict[str, tuple[tuple[str, str, str], ...]] = {
+    "certify": (
+        ("verdict", "text", "overall verdict"),
+        ("covered_by", "text", "the check that proves it"),
+        ("rate", "number", "certified rate in 1/s"),
+        ("margin", "number", "least margin at the consensus in 1/s"),
+        ("starts", "text", "the largest proved set of starts: everywhere, box, ball, near or none"),
+        ("box", "number", "largest proved |e|_inf"),
+        ("ball", "number", "largest proved |e|, Euclidean"),
+        ("settling_time", "number", "certified settling time in s"),
+        ("reason", "text", "the verdict in a sentence"),
+    ),
+    "simulate": (
+        ("diverged", "truth", "whether a run diverged"),
+        ("diverged_runs", "count", "runs that diverged"),
+        ("final_error", "number", "median of |e|_inf at the end"),
+        ("final_error_max", "number", "largest of them"),
+        ("settling_time", "number", "median settling time to 1 % in s"),
+        ("settling_time_max", "number", "largest of them in s"),
+        ("decay_rate", "number", "median fitted decay rate in 1/s"),
+        ("decay_rate_min", "number", "least of them in 1/s"),
+    ),
+}
+_NEAR = ("theorem2", "theorem1", "lemma1")  # the checks at the consensus, the strongest first
+_ORDER = ("everywhere", "box", "ball", "near", "none")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Base:
-    """What every case starts from: the tables of a problem file, and the folder its arc files are in."""
+class Task:
+    """What is done with every case: "certify", with ``everything`` as there, or "simulate" with ``runs`` runs.
 
-    document: Mapping[str, Any]
-    folder: str | None
-    name: str
+    Raises: SpecError for another kind, or options of the other one.
+    """
+
+    kind: str = "certify"
+    everything: bool = False
+    runs: int = 1
+
+    def __post_init__(self) -> None:
+        if self.kind not in COLUMNS:
+            raise SpecError(
+                f"task must be one of {', '.join(COLUMNS)}; got {shown(self.kind)}.", key="task", cure="Choose one."
+            )
+        require_whole("runs", self.runs, least=1)
+        if self.kind == "certify" and self.runs != 1:
+            raise SpecError("runs is for simulations; a proof is made once.", key="runs", cure='Take task="simulate".')
+        if self.kind == "simulate" and self.everything:
+            raise SpecError("everything (--all) is for certify.", key="everything", cure="Leave it out.")
+
+    @property
+    def columns(self) -> tuple[tuple[str, str, str], ...]:
+        """Name, type and meaning of what is kept of every case."""
+        return COLUMNS[self.kind]
+
+    def to_json(self) -> dict[str, Any]:
+        """JSON object."""
+        own = {"everything": self.everything} if self.kind == "certify" else {"runs": self.runs}
+        return {"kind": self.kind, **own}
+
+    def prepare(self) -> None:
+        """Import what ``run`` needs, which takes seconds in a new process and is no part of a case."""
+        from dobc_design.certification import certify  # noqa: F401 - for its imports
+        from dobc_design.simulation import ensemble  # noqa: F401 - likewise
+
+    def run(self, problem: Problem) -> dict[str, Any]:
+        """Do it and return the columns."""
+        if self.kind == "certify":
+            from dobc_design.certification.certify import certify
+
+            return _facts(certify(problem, everything=self.everything))
+        from dobc_design.simulation.simulations import simulate
+
+        summary = simulate(problem, runs=None if self.runs == 1 else self.runs).summary()
+        error, settling, rate = summary["final_error"], summary["settling_time"], summary["decay_rate"]
+        return {
+            "diverged": summary["diverged"],
+            "diverged_runs": summary["diverged_runs"],
+            "final_error": error["median"],
+            "final_error_max": error["max"],
+            "settling_time": settling["median"],
+            "settling_time_max": settling["max"],
+            "decay_rate": rate["median"],
+            "decay_rate_min": rate["min"],
+        }
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Case:
-    """One case: its number from 0, and the value of every axis as text, in the order of the axes."""
-
-    number: int
-    values: tuple[str, ...]
+def _facts(certificate: Certificate) -> dict[str, Any]:
+    regions = certificate.regions
+    proved = [claim for claim in regions.claims if claim.verdict is Verdict.PROVED]
+    kinds = [claim.kind for claim in proved if claim.kind in _ORDER]
+    near = next((id for id in _NEAR if any(check.id == id for check in certificate.checks)), None)
+    margins = [check.margin for check in certificate.checks if check.id == near and check.margin is not None]
+    settling, time = regions.settling, None
+    if settling is not None and settling.verdict is Verdict.PROVED and settling.exact is not None:
+        time = float_above(Fraction(settling.exact["time"]))
+    return {
+        "verdict": certificate.verdict.value,
+        "covered_by": certificate.covered_by,
+        "rate": certificate.rate,
+        "margin": min(margins, default=None),
+        "starts": min(kinds, key=_ORDER.index, default="none"),
+        "box": max((claim.box for claim in proved if claim.box is not None), default=None),
+        "ball": max((claim.ball for claim in proved if claim.ball is not None), default=None),
+        "settling_time": time,
+        "reason": certificate.reason,
+    }
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Plan:
-    """All cases of a sweep: the grid of the listed values (last axis fastest), ``samples`` draws at each point."""
+    """All cases of a sweep: the grid of the listed values (last axis fastest), ``samples`` draws at each point.
 
-    base: Base
+    ``tables`` are those of a problem file, ``folder`` the place of its arc files.
+    """
+
+    name: str
+    tables: Mapping[str, Any]
+    folder: Path | None
     problem_sha256: str
     axes: tuple[Axis, ...]
     samples: int
@@ -62,9 +163,9 @@ class Plan:
     def __len__(self) -> int:
         return self.samples * math.prod(len(axis.values) for axis in self.axes if axis.draw is None)
 
-    def case(self, number: int) -> Case:
-        """The case of that number."""
-        rest, sample = divmod(number, self.samples)
+    def values(self, case: int) -> tuple[str, ...]:
+        """The value of every axis in the case of that number, as text."""
+        rest, sample = divmod(case, self.samples)
         values: list[str] = []
         for axis in reversed(self.axes):
             if axis.draw is not None:
@@ -72,16 +173,22 @@ class Plan:
             else:
                 rest, place = divmod(rest, len(axis.values))
                 values.append(axis.values[place])
-        return Case(number=number, values=tuple(reversed(values)))
+        return tuple(reversed(values))
+
+    def problem(self, case: int) -> Problem:
+        """The problem of the case of that number.  Raises: SpecError."""
+        given = zip(self.axes, self.values(case), strict=True)
+        changes = {path: read_value(text) for axis, text in given for path in axis.keys}
+        return read_problem_tables(with_changes(self.tables, changes), folder=self.folder, default_name=self.name)
 
     @property
     def document(self) -> dict[str, Any]:
         """What makes this sweep: everything that its results depend on."""
         return {
-            "format": FORMAT,
-            "version": VERSION,
+            "format": "dobc-sweep",
+            "version": 1,
             "made_by": __version__,
-            "problem": self.base.name,
+            "problem": self.name,
             "problem_sha256": self.problem_sha256,
             "axes": [axis.text for axis in self.axes],
             "samples": self.samples,
@@ -119,16 +226,17 @@ def make_plan(
             key="samples",
             cure="Draw a key, such as KEY=~uniform(0,1), or leave samples out.",
         )
-    for name, value, least in (("samples", samples, 1), ("seed", seed, 0)):
-        if value is not None and (type(value) is not int or value < least):
-            raise SpecError(
-                f"{name} must be a whole number >= {least}; got {shown(value)}.", key=name, cure="Correct it."
-            )
+    samples = 1 if samples is None else samples
+    require_whole("samples", samples, least=1)
+    require_whole("seed", seed, least=0)
+    text = None if isinstance(source, Problem) else source_text(source)
     plan = Plan(
-        base=_base(source, problem),
+        name=problem.name,
+        tables=_tables(text, problem),
+        folder=None if isinstance(source, Problem) or text is None else Path(source).resolve().parent,
         problem_sha256=problem_sha256(problem),
         axes=axes,
-        samples=samples or 1,
+        samples=samples,
         seed=seed,
         task=task,
     )
@@ -141,16 +249,21 @@ def make_plan(
     return plan
 
 
-def _base(source: Problem | str | PathLike[str], problem: Problem) -> Base:
+def _tables(text: str | None, problem: Problem) -> Mapping[str, Any]:
     """The tables as they were typed where that is possible, so that paths lead to what the user sees."""
-    text = None if isinstance(source, Problem) else source_text(source)
-    document = parse_toml((problem_text(problem) if text is None else text).encode("utf-8"))
-    modes = document["network"]["modes"].values()
-    if text is not None and any(isinstance(mode, dict) for mode in modes):
+    if text is None:
+        return parse_toml(problem_text(problem).encode("utf-8"))
+    tables = parse_toml(text.encode("utf-8"))
+    if any(isinstance(mode, dict) for mode in tables["network"]["modes"].values()):
         # Arc files are read once, here; a worker on another machine need not have them.
         whole = parse_toml(problem_text(problem).encode("utf-8"))
-        document["network"] = whole["network"]
-        if "exceptions" in document["coupling"]:
-            document["coupling"]["exceptions"] = whole["coupling"]["exceptions"]
-    folder = None if isinstance(source, Problem) or text is None else str(Path(source).resolve().parent)
-    return Base(document=document, folder=folder, name=problem.name)
+        tables["network"] = whole["network"]
+        if "exceptions" in tables["coupling"]:
+            tables["coupling"]["exceptions"] = whole["coupling"]["exceptions"]
+    return tables
+
+
+def require_whole(name: str, value: Any, *, least: int) -> None:
+    """Raise a SpecError unless ``value`` is a whole number >= ``least``."""
+    if type(value) is not int or value < least:
+        raise SpecError(f"{name} must be a whole number >= {least}; got {shown(value)}.", key=name, cure="Correct it.")

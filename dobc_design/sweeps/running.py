@@ -1,4 +1,4 @@
-"""``sweep``: every case of a plan, each once, in parallel; what is done stays done.
+"""``sweep``: every case of a plan, each once, in parallel through joblib; what is done stays done.
 
 The order of the cases is shuffled, always in the same way, so that what is behind stands for what is ahead: the time
 left is honest, and a sweep that was stopped has looked everywhere a little.
@@ -6,28 +6,76 @@ left is honest, and a sweep that was stopped has looked everywhere a little.
 
 from __future__ import annotations
 
+import ctypes
+import hashlib
+import json
+import math
+import os
+import signal
+import threading
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from concurrent.futures.process import BrokenProcessPool
+from contextlib import ExitStack, contextmanager, suppress
+from dataclasses import dataclass
+from multiprocessing import TimeoutError as NoAnswer  # what joblib raises
 from os import PathLike
 from pathlib import Path
 from random import Random
-from typing import Any
+from typing import Any, TypeVar
 
-from dobc_design.errors import SolverError, SpecError
+from dobc_design import __version__
+from dobc_design.errors import DobcError, SpecError
 from dobc_design.exact.number import parse_number
 from dobc_design.exact.reading import shown
+from dobc_design.problem.canonical import problem_sha256
 from dobc_design.problem.problem import Problem
-from dobc_design.sweeps.case import Outcome, build, to_be_done_again
-from dobc_design.sweeps.engines import run_dask, run_here, run_joblib
-from dobc_design.sweeps.journal import Journal
-from dobc_design.sweeps.plan import Case, Plan, make_plan
+from dobc_design.sweeps.journal import TIME, Journal, Outcome, to_be_done_again
+from dobc_design.sweeps.plan import Plan, Task, make_plan, require_whole
 from dobc_design.sweeps.result import SweepResult
-from dobc_design.sweeps.storage import export_tables
-from dobc_design.sweeps.tasks import Task
-from dobc_design.sweeps.time_left import Clock, State
+
+LONGEST = 366 * 24 * 3600  # s
+LOCAL = "local"  # the name of a cluster on this machine
+GRACE = 60.0  # s, beside the limit twice, that a case may take to hear that its time is over
+FEWEST = 5  # finished cases before a time left is said
+WIDTH = 2.0  # standard deviations to either side of it
+
+DIED = "The worker died while it was at this case: out of memory, killed, or a fault in a library."
+
+Result = TypeVar("Result")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class State:
+    """Where a sweep stands.  ``resumed`` of the ``done`` cases were there before; ``left`` in s, least and most."""
+
+    total: int
+    done: int
+    resumed: int
+    failed: int
+    elapsed: float
+    left: tuple[float, float] | None
+
+    def __str__(self) -> str:
+        parts = [f"{self.done} of {self.total} cases"]
+        if self.resumed:
+            parts.append(f"{self.resumed} of them from before")
+        if self.failed:
+            parts.append(f"{self.failed} failed")
+        return f"{', '.join(parts)}; {self.time_left}"
+
+    @property
+    def time_left(self) -> str:
+        """The time left in words."""
+        if self.done == self.total:
+            return f"finished after {duration(self.elapsed)}"
+        if self.left is None:
+            return "time left not known yet"
+        low, high = (duration(value) for value in self.left)
+        return f"about {high} left" if low == high else f"{low} to {high} left"
+
 
 Progress = Callable[[State], None]
-LONGEST = 366 * 24 * 3600  # s
 
 
 def sweep(
@@ -65,73 +113,19 @@ def sweep(
         >>> dd.sweep("clock-sync", {"pinning.gains.gateway": [0, 2]}, jobs=1).column("verdict")
         ['refuted', 'proved']
     """
-    if jobs is not None and (type(jobs) is not int or jobs < 1):
-        raise SpecError(f"jobs must be a whole number >= 1; got {shown(jobs)}.", key="jobs", cure="Correct it.")
+    if jobs is not None:
+        require_whole("jobs", jobs, least=1)
     limit = _read_limit(time_limit)
     plan = make_plan(problem, over, task=Task(kind=task, everything=everything, runs=runs), samples=samples, seed=seed)
     _require_one(plan)
-    if out is None:
-        done: dict[int, Outcome] = {}
-        _run(plan, done, lambda line: done.update({line["case"]: line}), jobs, cluster, limit, progress)
-        return SweepResult(plan=plan, lines=_ordered(done))
-    folder = Path(out)
-    with Journal(folder, plan, anew=force) as journal:
-        _run(plan, journal.done, journal.append, jobs, cluster, limit, progress)
-        result = SweepResult(plan=plan, lines=_ordered(journal.done), folder=folder)
-        export_tables(folder, result.rows, result.columns)
+    with Journal(None if out is None else Path(out), plan, anew=force) as journal:
+        _run(journal, jobs=jobs, cluster=cluster, limit=limit, progress=progress)
+        result = SweepResult(plan=plan, lines=journal.lines, folder=journal.folder)
+        if journal.folder is not None:
+            result.save(journal.folder / "results.csv", force=True)
+            with suppress(SpecError):  # without the extra "store" the CSV file holds everything
+                result.save(journal.folder / "results.parquet", force=True)
     return result
-
-
-def _ordered(done: Mapping[int, Outcome]) -> tuple[Outcome, ...]:
-    return tuple(done[number] for number in sorted(done))
-
-
-def _run(
-    plan: Plan,
-    done: dict[int, Outcome],
-    keep: Callable[[Outcome], None],
-    jobs: int | None,
-    cluster: str | None,
-    limit: float | None,
-    progress: Progress | None,
-) -> None:
-    """Do what is not done, and hand every outcome to ``keep``, which adds it to ``done``."""
-    for number in [number for number, line in done.items() if to_be_done_again(line, limit)]:
-        del done[number]
-    order = list(range(len(plan)))
-    Random(0).shuffle(order)
-    cases = [plan.case(number) for number in order if number not in done]
-    resumed, failed = len(done), sum(line["error"] is not None for line in done.values())
-    clock, began, idle = Clock(), time.monotonic(), 0.0
-
-    def report() -> None:
-        if progress is not None:
-            elapsed = time.monotonic() - began
-            progress(
-                State(
-                    total=len(plan),
-                    done=len(done),
-                    resumed=resumed,
-                    failed=failed,
-                    elapsed=elapsed,
-                    left=clock.left(len(plan) - len(done), elapsed=elapsed - idle),
-                )
-            )
-
-    report()
-    for outcome in _outcomes(plan, cases, jobs, cluster, limit):
-        if clock.count == 0:  # processes start and libraries load once: no part of the pace
-            idle = max(0.0, time.monotonic() - began - outcome["seconds"])
-        keep(outcome)
-        clock.add(outcome["seconds"])
-        failed += outcome["error"] is not None
-        report()
-    if len(done) < len(plan):  # whatever an engine does, a result is whole
-        raise SolverError(
-            f"{len(plan) - len(done)} of {len(plan)} cases came back without an answer.",
-            key="sweep",
-            cure="Finished cases are kept; run the same sweep again.",
-        )
 
 
 def _read_limit(given: Any) -> float | None:
@@ -148,29 +142,274 @@ def _read_limit(given: Any) -> float | None:
     return float(limit)
 
 
-def _outcomes(
-    plan: Plan, cases: Sequence[Case], jobs: int | None, cluster: str | None, limit: float | None
-) -> Iterator[Outcome]:
-    from joblib import cpu_count
-
-    count = min(jobs or cpu_count(), max(1, len(cases)))
-    if not cases:
-        return iter(())
-    if cluster is not None:
-        return run_dask(plan, cases, address=cluster, jobs=count, limit=limit)
-    if count == 1 and limit is None:
-        return run_here(plan, cases)
-    return run_joblib(plan, cases, jobs=count, limit=limit)
-
-
 def _require_one(plan: Plan) -> None:
     """Refuse a sweep of which no case gives a problem: the mistake lies in what is varied.  Raises: SpecError."""
     first: SpecError | None = None
-    for number in range(len(plan)):
+    for case in range(len(plan)):
         try:
-            build(plan.base, plan.axes, plan.case(number))
+            plan.problem(case)
             return
         except SpecError as error:
             first = first or error
     if first is not None:
         raise first
+
+
+def _run(
+    journal: Journal, *, jobs: int | None, cluster: str | None, limit: float | None, progress: Progress | None
+) -> None:
+    """Do the cases that are not done, or were given up and get more time now."""
+    plan, done = journal.plan, journal.done
+    for case in [case for case, line in done.items() if to_be_done_again(line, limit)]:
+        del done[case]
+    order = list(range(len(plan)))
+    Random(0).shuffle(order)
+    resumed, failed = len(done), sum(line["error"] is not None for line in done.values())
+    clock, began, idle = Clock(), time.monotonic(), 0.0
+
+    def report() -> None:
+        if progress is not None:
+            elapsed = time.monotonic() - began
+            left = clock.left(len(plan) - len(done), elapsed=elapsed - idle)
+            counts = {"total": len(plan), "done": len(done), "resumed": resumed, "failed": failed}
+            progress(State(**counts, elapsed=elapsed, left=left))
+
+    report()
+    for line in outcomes(plan, [case for case in order if case not in done], jobs=jobs, cluster=cluster, limit=limit):
+        if clock.count == 0:  # processes start and libraries load once: no part of the pace
+            idle = max(0.0, time.monotonic() - began - line["seconds"])
+        journal.append(line)
+        clock.add(line["seconds"])
+        failed += line["error"] is not None
+        report()
+
+
+# ------------------------------------------------------------------------------------------ one case
+
+
+class TooLong(KeyboardInterrupt):
+    """A case is over its time.  An interrupt, because handlers of errors on the way let interrupts pass."""
+
+
+def within(limit: float | None, work: Callable[[], Result]) -> Result:
+    """Do ``work`` and return its result; raise TooLong in it after ``limit`` s, once C code comes back."""
+    if limit is None:
+        return work()
+    thread, error = ctypes.c_ulong(threading.get_ident()), ctypes.py_object(TooLong)
+    timer = threading.Timer(limit, ctypes.pythonapi.PyThreadState_SetAsyncExc, (thread, error))
+    timer.daemon = True
+    timer.start()
+    try:
+        return work()
+    finally:
+        timer.cancel()
+        timer.join()  # it may be ringing: nothing comes later
+
+
+def run_case(plan: Plan, case: int, limit: float | None = None) -> Outcome:
+    """Build and do one case within ``limit`` seconds; the line of the journal.
+
+    Whatever goes wrong in a case is its result: a wrong problem, a solver, a lack of memory.  Never raises but for
+    interrupts.
+    """
+    plan.task.prepare()
+    started = time.perf_counter()
+    found: Outcome = {}
+
+    def work() -> None:
+        problem = plan.problem(case)
+        identity = json.dumps([problem_sha256(problem), plan.task.to_json(), __version__], sort_keys=True)
+        found["id"] = hashlib.sha256(identity.encode("utf-8")).hexdigest()
+        found["result"] = plan.task.run(problem)
+
+    try:
+        within(limit, work)
+    except TooLong:
+        found["error"] = _too_long(limit)
+    except DobcError as error:
+        first = error.errors[0] if isinstance(error, SpecError) else error
+        found["error"] = _error(first.kind, first.message, key=first.key, cure=first.cure)
+    except MemoryError:
+        found["error"] = _error("memory", "The machine ran out of memory.")
+    except Exception as error:  # noqa: BLE001 - one case that breaks must not end the others
+        found["error"] = _error("internal", f"Internal error ({type(error).__name__}: {str(error)[:200]}).")
+    return _line(plan, case) | found | {"seconds": round(time.perf_counter() - started, 6)}
+
+
+def _line(plan: Plan, case: int) -> Outcome:
+    values = list(plan.values(case))
+    return {"case": case, "id": None, "values": values, "result": None, "error": None, "seconds": 0.0}
+
+
+def _error(kind: str, message: str, *, key: str | None = None, cure: str | None = None) -> dict[str, Any]:
+    return {"kind": kind, "key": key, "message": message, "cure": cure}
+
+
+def _too_long(limit: float | None) -> dict[str, Any]:
+    cure = "The same sweep with a longer time limit, or none, does it again."
+    return _error(TIME, f"The case was given up after {limit:g} s, the time limit.", cure=cure)
+
+
+# ------------------------------------------------------------------------------------------ many cases
+
+
+def outcomes(
+    plan: Plan, cases: Sequence[int], *, jobs: int | None, cluster: str | None, limit: float | None
+) -> Iterator[Outcome]:
+    """The lines of the cases by joblib, each as soon as it is there.
+
+    When a worker dies, or hangs in a library, what was in hand is done again one by one; only a case that ends so on
+    its own is given up, and recorded.
+    """
+    from joblib import Parallel, cpu_count, delayed, parallel_config
+
+    if not cases:
+        return
+    jobs = min(jobs or cpu_count(), len(cases))
+    apart = jobs == 1 and limit is not None  # in another process, which can be ended: two of which one is idle
+
+    def calls(batch: Sequence[int], begun: list[int]) -> Iterator[Any]:
+        for case in batch:
+            begun.append(case)
+            yield delayed(run_case)(plan, case, limit)
+
+    with _backend(cluster, jobs) as backend:
+        with parallel_config(**backend):
+            pool = Parallel(
+                n_jobs=-1 if cluster is not None else 2 if apart else jobs,
+                pre_dispatch=1 if apart else "2 * n_jobs",
+                return_as="generator_unordered",
+                batch_size=1,
+                timeout=None if limit is None else 2 * limit + GRACE,  # from one finished case to the next
+                initializer=_begin_worker,
+                initargs=(os.getpid(),),
+            )
+        left, suspects = dict.fromkeys(cases), list[int]()
+        while left:
+            batch, begun = suspects[:1] or list(left), list[int]()
+            try:
+                with _deaf():
+                    lines = pool(calls(batch, begun))
+                for line in lines:
+                    del left[line["case"]]
+                    yield line
+            except (BrokenProcessPool, NoAnswer) as error:
+                suspects = begun
+                if len(batch) == 1:
+                    late = isinstance(error, NoAnswer)
+                    lost = {"error": _too_long(limit), "seconds": limit} if late else {"error": _error("worker", DIED)}
+                    del left[batch[0]]
+                    yield _line(plan, batch[0]) | lost
+            suspects = [case for case in suspects if case in left]
+
+
+@contextmanager
+def _deaf() -> Iterator[None]:
+    """A moment in which processes begin that are to leave Ctrl-C to this one."""
+    before = signal.getsignal(signal.SIGINT)
+    own = threading.current_thread() is threading.main_thread()  # to which signals come
+    if own:
+        signal.signal(signal.SIGINT, signal.SIG_IGN)
+    try:
+        yield
+    finally:
+        if own:
+            signal.signal(signal.SIGINT, before)
+
+
+def _begin_worker(parent: int) -> None:
+    """Once in every worker: Ctrl-C is the parent's business, and without a parent there is nothing to do."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+
+    def look() -> None:
+        while os.getppid() == parent:
+            time.sleep(1)
+        os._exit(1)
+
+    threading.Thread(target=look, daemon=True).start()
+
+
+@contextmanager
+def _backend(cluster: str | None, jobs: int) -> Iterator[dict[str, Any]]:
+    """What joblib is to work with: processes of this machine, a Dask cluster at an address, or "local": one begun here.
+
+    Raises: SpecError without the extra "cluster" or a scheduler at that address, and for workers of another version.
+    """
+    if cluster is None:
+        yield {"backend": "loky", "inner_max_num_threads": 1}
+        return
+    try:
+        from distributed import Client, LocalCluster
+    except ImportError:
+        raise SpecError(
+            "a cluster needs the extra packages of dobc_design[cluster], which are not installed.",
+            key="--cluster",
+            cure="`dobc doctor` says how to install them; without --cluster this machine's processors are used.",
+        ) from None
+    with ExitStack() as stack:
+        try:
+            address: Any = cluster
+            if cluster == LOCAL:
+                with _deaf():
+                    own = LocalCluster(n_workers=jobs, threads_per_worker=1, dashboard_address=None, silence_logs=50)
+                address = stack.enter_context(own)
+            client = stack.enter_context(Client(address, timeout="10s"))
+            client.wait_for_workers(1, timeout=30)
+        except (OSError, ValueError) as error:  # a TimeoutError among them
+            raise SpecError(
+                f"there is no Dask scheduler at {cluster[:100]!r} ({type(error).__name__}).",
+                key="--cluster",
+                cure="Start one with `dask scheduler`, or say --cluster local.",
+            ) from error
+        for worker, version in client.run(_version, on_error="return").items():
+            if version != __version__:  # its numbers would be others
+                raise SpecError(
+                    f"the worker {worker} has another dobc_design, or none; this program is {__version__}.",
+                    key="--cluster",
+                    cure="Install the same version on all machines of the cluster.",
+                )
+        yield {"backend": "dask"}
+
+
+def _version() -> str:
+    return __version__
+
+
+# ------------------------------------------------------------------------------------------ time left
+
+
+class Clock:
+    """How long the rest takes, as an interval.
+
+    Cases are done in a shuffled order, so that those behind are a random sample of those ahead.  With k durations of
+    mean a and variance s2, and R cases ahead, the work ahead has mean R a and variance R s2 + R^2 s2 / k; divided by
+    the number of cases that run at once, as it was seen, this is the time left.
+    """
+
+    def __init__(self) -> None:
+        self.count, self.total, self.squares = 0, 0.0, 0.0
+
+    def add(self, seconds: float) -> None:
+        """One case took so long."""
+        self.count, self.total, self.squares = self.count + 1, self.total + seconds, self.squares + seconds**2
+
+    def left(self, ahead: int, *, elapsed: float) -> tuple[float, float] | None:
+        """Seconds until ``ahead`` more cases are done, least and most; ``elapsed`` since the first began."""
+        if self.count < FEWEST or elapsed <= 0 or self.total <= 0:
+            return None
+        middle = ahead * elapsed / self.count  # with everything that costs time beside the cases themselves
+        variance = max(0.0, self.squares * self.count / self.total**2 - 1) * self.count / (self.count - 1)
+        spread = WIDTH * math.sqrt(variance * (1 / ahead + 1 / self.count)) if ahead else 0.0
+        return middle * max(0.0, 1 - spread), middle * (1 + spread)
+
+
+def duration(seconds: float) -> str:
+    """A duration with as many digits as anybody wants to read: 8 s, 3 min, 2 h 10 min."""
+    whole = max(0, round(seconds))
+    if whole < 90:
+        return f"{whole if whole < 10 else 5 * round(whole / 5)} s"
+    minutes = round(whole / 60)
+    if minutes < 90:
+        return f"{minutes} min"
+    hours, rest = divmod(10 * round(minutes / 10), 60)
+    return f"{hours} h {rest} min" if rest and hours < 24 else f"{round(seconds / 3600)} h"

@@ -12,7 +12,7 @@ import typer
 from sphinx.application import Sphinx
 
 from dobc_design.cli.main import app as command_line
-from dobc_design.conditions.explanations import EXPLANATIONS
+from dobc_design.conditions.kinds import KINDS
 
 DOCS = Path(__file__).resolve().parents[1]
 ROOT = DOCS.parent
@@ -58,7 +58,7 @@ def conditions() -> str:
         "Every check of a certificate has one of these ids. `dobc explain ID` says the same on the command line.",
         "",
     ]
-    for name, text in EXPLANATIONS.items():
+    for name, text in KINDS.items():
         lines += [f"## {name}", "", f"**{text.title}**", "", "```{math}", text.statement, "```", "", text.meaning, ""]
         lines += [f"- *Proved:* {text.proved}", f"- *Refuted:* {text.refuted}", f"- *Source:* {text.source}", ""]
     return "\n".join(lines)

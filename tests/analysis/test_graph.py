@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from dobc_design.analysis.graph import graph_facts, information_graph
+from dobc_design.analysis.analysis import graph_facts, information_graph
 from dobc_design.problem.load import load_problem
 from dobc_design.problem.network import Network
 from dobc_design.problem.problem import Problem

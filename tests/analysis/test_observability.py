@@ -7,7 +7,7 @@ import math
 import numpy as np
 import pytest
 
-from dobc_design.analysis.observability import check_observability
+from dobc_design.analysis.analysis import check_observability
 from dobc_design.errors import ShapeError
 from dobc_design.exact.matrix import matrix
 from dobc_design.exact.observability import decide_observable

@@ -21,22 +21,22 @@ from simulation import cpu
 
 from dobc_design.conditions.asked import read_region
 from dobc_design.conditions.check import Check
+from dobc_design.conditions.consensus.claim import state_theorems
 from dobc_design.conditions.consensus.decide import enclosed_lambda
 from dobc_design.conditions.consensus.dominating import dominating_vector, vector_at
 from dobc_design.conditions.consensus.jacobian import float_lambda
 from dobc_design.conditions.consensus.negative import shown_bound
-from dobc_design.conditions.consensus.statements import state_theorems
 from dobc_design.conditions.separable.decide import coupling_profiles
 from dobc_design.conditions.separable.large import arc_rows, float_kinds, open_rows
 from dobc_design.conditions.separable.observer import first_certificate, verify_composite
 from dobc_design.conditions.separable.propose import design_separable, rounded_vectors
 from dobc_design.conditions.separable.stage import separable_stage
 from dobc_design.exact.zmatrix import float_rows
-from dobc_design.problem.exosystem import Exosystem
+from dobc_design.problem.exosystems import Exosystem
+from dobc_design.problem.groups import Observer
 from dobc_design.problem.network import Network
-from dobc_design.problem.observer import Observer
 from dobc_design.problem.problem import Problem
-from dobc_design.problem.region import Region
+from dobc_design.problem.settings import Region
 
 SIZE = 100_000
 GROWTH = (1000, 10_000, 100_000)

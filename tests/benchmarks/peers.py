@@ -24,6 +24,7 @@ from scipy import optimize
 
 from dobc_design.certification.certify import certify
 from dobc_design.conditions.check import Check
+from dobc_design.conditions.kinds import ids_of
 from dobc_design.problem.network import Network
 from dobc_design.problem.problem import Problem
 
@@ -34,7 +35,7 @@ GAIN = 3
 PATIENCE = 300  # s of wall clock for one case of a peer
 # dReal 4.21, V = e'e, exp(y) - 1 + y: V' < 0 between a small ball and these |e|; (agents, pinned).
 DREAL = {(2, 2): 6.0, (3, 3): 6.0, (4, 4): 6.0, (2, 1): 3.75, (3, 1): 3.63, (4, 1): 3.63}
-CHECKS = ("max-separable", "lure", "exhaustive")
+CHECKS = ids_of("region")
 RAYS, STEPS, CLIMBS = 4000, 120, 12  # of the search for points with V' >= 0
 HEAD = (
     "| h | n | pinned | box, max-separable | ball, Lur'e | ball, exhaustive | dReal, V = e'e"

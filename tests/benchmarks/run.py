@@ -27,15 +27,13 @@ from pinning import large_design, pinning_bars, shared_design
 from simulation import simulation_bars, simulation_growth, whole_run
 
 from dobc_design.certification.certify import certify
-from dobc_design.conditions.consensus.claim import reduced
+from dobc_design.conditions.consensus.claim import reduced, state_theorems
 from dobc_design.conditions.consensus.reduced import solve_reduced
-from dobc_design.conditions.consensus.statements import state_theorems
-from dobc_design.exact.cholesky import Scaled, proves_by_integers, scaled
+from dobc_design.exact.cholesky import Scaled, bad_direction, proves_by_integers, scaled
 from dobc_design.exact.definite import decide_quickly
-from dobc_design.exact.elimination import bad_direction
 from dobc_design.exact.symmetric import SparseSymmetric
 from dobc_design.exact.zmatrix import search
-from dobc_design.problem.exosystem import Exosystem
+from dobc_design.problem.exosystems import Exosystem
 from dobc_design.problem.network import Network
 from dobc_design.problem.problem import Problem
 from dobc_design.solvers.conic import solve_directly

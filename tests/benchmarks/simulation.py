@@ -14,12 +14,12 @@ import scipy.sparse as sp
 from scipy.integrate import solve_ivp
 
 from dobc_design.problem.arrays import arc_groups
-from dobc_design.problem.exosystem import Exosystem
+from dobc_design.problem.exosystems import Exosystem
+from dobc_design.problem.groups import Observer
 from dobc_design.problem.load import load_problem
 from dobc_design.problem.network import Network
-from dobc_design.problem.observer import Observer
 from dobc_design.problem.problem import Problem
-from dobc_design.simulation.ensembles import simulate_many
+from dobc_design.simulation.ensemble import simulate_many
 from dobc_design.simulation.field import make_loop, network_of
 from dobc_design.simulation.run import simulate
 from dobc_design.simulation.signals import RandomDwell
@@ -32,7 +32,7 @@ MEMORY = """
 import resource, sys
 sys.path.insert(0, {folder!r})
 from simulation import large
-from dobc_design.simulation.ensembles import simulate_many
+from dobc_design.simulation.ensemble import simulate_many
 from dobc_design.simulation.signals import Periodic
 many = simulate_many(large(1000, modes=2), runs=1000, signal=Periodic(dwell=0.25), t_final=1.0)
 assert len(many) == 1000 and not many.diverged.any()

@@ -11,13 +11,13 @@ import pytest
 import dobc_design as dd
 from dobc_design.certificate.bounds import certified_bound
 from dobc_design.certificate.certificate import Certificate
-from dobc_design.conditions.check import Check
+from dobc_design.conditions.check import Check, Values
 from dobc_design.errors import CertificateError, SpecError
-from dobc_design.problem.exosystem import Exosystem
+from dobc_design.problem.exosystems import Exosystem
+from dobc_design.problem.groups import Observer
 from dobc_design.problem.network import Network
-from dobc_design.problem.observer import Observer
 from dobc_design.problem.problem import Problem
-from dobc_design.report.pictures import simulation_pictures
+from dobc_design.report.pictures import simulation_pictures, svg_of
 from dobc_design.verdict import Verdict
 
 
@@ -52,16 +52,18 @@ QUADRATIC = Check(
     domain={"kind": "ball", "radius": 0.5, "disturbance": 0.25},
     rate=0.25,
     reason="",
-    exact={
-        "method": "interval",
-        "level": "5/2",
-        "radius": "1",
-        "rate": "1/4",
-        "P": [["2"]],
-        "multipliers": {},
-        "P_e": [[0, 0, "2"], [0, 1, "1/2"], [1, 1, "1"], [2, 2, "3"]],
-        "ranges": [{"coupling": 0, "gains": [[["1", "4"]]]}],
-    },
+    claim=Values(
+        {
+            "method": "interval",
+            "level": "5/2",
+            "radius": "1",
+            "rate": "1/4",
+            "P": [["2"]],
+            "multipliers": {},
+            "P_e": [[0, 0, "2"], [0, 1, "1/2"], [1, 1, "1"], [2, 2, "3"]],
+            "ranges": [{"coupling": 0, "gains": [[["1", "4"]]]}],
+        }
+    ),
 )
 
 
@@ -175,7 +177,7 @@ def test_a_run_of_another_problem_is_refused(curved):
 def test_a_claim_that_cannot_be_read_is_no_bound(curved):
     problem, certificate = curved
     check = certificate.check("max-separable")
-    broken = replace(check, exact={**check.exact, "v": ["1", "2"]})
+    broken = replace(check, claim=Values({**check.exact, "v": ["1", "2"]}))
     claims = replace(certificate.claims, checks=(broken,))
     with pytest.raises(CertificateError, match="cannot be read"):
         replace(certificate, claims=claims).envelope(dd.simulate(problem, t_final=1))
@@ -224,13 +226,13 @@ def test_times_without_a_meaning_are_refused(curved, times):
 def test_the_report_draws_the_bound_and_says_whose_it_is(curved):
     """Where the start is not covered, the slope of the rate stands there, as a slope."""
     problem, certificate = curved
-    picture = simulation_pictures(only(certificate, "max-separable"), dd.simulate(problem, t_final=2))[-1]
+    *_, picture = simulation_pictures(only(certificate, "max-separable"), dd.simulate(problem, t_final=2))
     assert picture.caption.endswith("Dashed: what max-separable proves about it.")
-    assert "certified bound" in picture.svg
+    assert "certified bound" in svg_of(picture)
     outside = dd.simulate(problem, start={"x": 3 * FAR}, t_final=2)
-    picture = simulation_pictures(only(certificate, "max-separable"), outside)[-1]
+    *_, picture = simulation_pictures(only(certificate, "max-separable"), outside)
     assert picture.caption.endswith("the slope of the certified rate, for comparison.")
-    assert "certified bound" not in picture.svg
+    assert "certified bound" not in svg_of(picture)
 
 
 @pytest.mark.parametrize(

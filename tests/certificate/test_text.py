@@ -17,9 +17,9 @@ from dobc_design.conditions.observer.pair import lyapunov
 from dobc_design.errors import CertificateError
 from dobc_design.exact.matrix import multiply, scale
 from dobc_design.problem.canonical import canonical_bytes
-from dobc_design.problem.exosystem import Exosystem
+from dobc_design.problem.exosystems import Exosystem
+from dobc_design.problem.groups import Observer
 from dobc_design.problem.network import Network
-from dobc_design.problem.observer import Observer
 from dobc_design.problem.problem import Problem
 
 

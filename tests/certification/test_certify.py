@@ -8,7 +8,7 @@ from certified import certified
 
 from dobc_design.certification.certify import certify, verify
 from dobc_design.conditions.observer.gain import observer_gain
-from dobc_design.problem.exosystem import Exosystem
+from dobc_design.problem.exosystems import Exosystem
 from dobc_design.problem.network import Network
 from dobc_design.problem.problem import Problem
 from dobc_design.verdict import Verdict

@@ -13,10 +13,10 @@ from dobc_design.certification.certify import certify
 from dobc_design.conditions.check import main_fix
 from dobc_design.conditions.consensus import cures
 from dobc_design.problem.changes import changed_problem
-from dobc_design.problem.exosystem import Exosystem
+from dobc_design.problem.exosystems import Exosystem
+from dobc_design.problem.groups import Observer
 from dobc_design.problem.load import load_problem
 from dobc_design.problem.network import Network
-from dobc_design.problem.observer import Observer
 from dobc_design.problem.problem import Problem
 from dobc_design.verdict import Verdict
 

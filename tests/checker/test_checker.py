@@ -24,12 +24,11 @@ from dobc_design.certificate.text import certificate_bytes
 from dobc_design.certification.certify import certify, verify
 from dobc_design.certification.recheck import recheck, verify_twice
 from dobc_design.checker import checker
-from dobc_design.problem.builtin import builtin_names
 from dobc_design.problem.canonical import canonical_bytes
-from dobc_design.problem.exosystem import Exosystem
-from dobc_design.problem.load import load_problem
+from dobc_design.problem.exosystems import Exosystem
+from dobc_design.problem.groups import Observer
+from dobc_design.problem.load import builtin_names, load_problem
 from dobc_design.problem.network import Network
-from dobc_design.problem.observer import Observer
 from dobc_design.problem.problem import Problem
 
 FILES = [Path(checker.__file__).with_name(name) for name in ("checker.py", "region_checker.py", "quadratic_checker.py")]

@@ -34,8 +34,8 @@ from dobc_design.checker import checker, quadratic_checker
 from dobc_design.conditions.schedule.checks import settling_check
 from dobc_design.conditions.schedule.settling import Settling
 from dobc_design.problem.canonical import canonical_bytes
+from dobc_design.problem.groups import Observer
 from dobc_design.problem.network import Network
-from dobc_design.problem.observer import Observer
 from dobc_design.problem.problem import Problem
 from dobc_design.verdict import Verdict
 

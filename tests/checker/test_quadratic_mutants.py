@@ -18,10 +18,10 @@ from dobc_design.conditions.boxes.stage import exhaustive_stage
 from dobc_design.conditions.quadratic.stage import quadratic_stage
 from dobc_design.errors import CertificateError
 from dobc_design.problem.canonical import canonical_bytes
+from dobc_design.problem.groups import Observer
 from dobc_design.problem.network import Network
-from dobc_design.problem.observer import Observer
 from dobc_design.problem.problem import Problem
-from dobc_design.problem.region import Region
+from dobc_design.problem.settings import Region
 
 
 def ring(n: int, *, coupling: str, gains: object, s: Fraction | None = None) -> Problem:

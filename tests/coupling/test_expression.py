@@ -31,8 +31,8 @@ from dobc_design.coupling.expression import (
     to_text,
     variables_used,
 )
+from dobc_design.coupling.functions import FUNCTIONS
 from dobc_design.coupling.tree import (
-    FUNCTIONS,
     Add,
     Call,
     Constant,

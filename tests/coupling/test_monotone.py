@@ -7,9 +7,8 @@ from fractions import Fraction
 
 import pytest
 
-from dobc_design.coupling.enclosures import Curve
+from dobc_design.coupling.enclosures import Curve, profile
 from dobc_design.coupling.expression import parse_expression
-from dobc_design.coupling.monotone import profile
 from dobc_design.exact.interval import UndefinedError
 
 

@@ -11,7 +11,7 @@ from random_couplings import OUTER, coupling_text, near_kink, true_values
 
 from dobc_design.coupling.enclosures import Curve, jet, secant, secant_range, slope_range, value_form, value_range
 from dobc_design.coupling.expression import parse_expression
-from dobc_design.coupling.tree import FUNCTIONS
+from dobc_design.coupling.functions import FUNCTIONS
 from dobc_design.exact.interval import Interval, UndefinedError
 
 PER_COUPLING = 1000  # points on one random interval of one random coupling

@@ -18,7 +18,7 @@ from dobc_design.conditions.separable.decide import largest_rate
 from dobc_design.conditions.separable.observer import first_certificate
 from dobc_design.conditions.separable.propose import design_separable, propose_separable, rounded_vectors
 from dobc_design.falsification.search import falsify
-from dobc_design.problem.observer import Observer
+from dobc_design.problem.groups import Observer
 from dobc_design.problem.problem import Problem
 
 PROBLEMS = 24  # at least 20 are wanted

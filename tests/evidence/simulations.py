@@ -10,11 +10,11 @@ from scipy.linalg import expm
 
 from dobc_design.certification.certify import certify
 from dobc_design.problem.arrays import consensus_jacobian, pinning_matrix
-from dobc_design.problem.exosystem import Exosystem
+from dobc_design.problem.exosystems import Exosystem
+from dobc_design.problem.groups import Observer
 from dobc_design.problem.network import Network
-from dobc_design.problem.observer import Observer
 from dobc_design.problem.problem import Problem
-from dobc_design.simulation.ensembles import simulate_many
+from dobc_design.simulation.ensemble import simulate_many
 from dobc_design.simulation.run import simulate
 from dobc_design.simulation.signals import Periodic, RandomDwell
 from dobc_design.simulation.simulations import simulate as simulate_problem

@@ -20,9 +20,14 @@ from dobc_design.exact import (
     decide_positive_semidefinite,
     decide_quickly,
 )
-from dobc_design.exact.cholesky import Scaled, proves_by_integers, scaled, shifted_cholesky
-from dobc_design.exact.deflation import decide_lifted
-from dobc_design.exact.elimination import bad_direction
+from dobc_design.exact.cholesky import (
+    Scaled,
+    bad_direction,
+    decide_lifted,
+    proves_by_integers,
+    scaled,
+    shifted_cholesky,
+)
 from dobc_design.exact.zmatrix import proves, search
 from dobc_design.verdict import Verdict
 

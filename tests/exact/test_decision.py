@@ -7,7 +7,7 @@ from fractions import Fraction
 import pytest
 
 from dobc_design.errors import CertificateError
-from dobc_design.exact.decision import first_refuting, refuted, roundings
+from dobc_design.exact.definite import first_refuting, refuted, roundings
 from dobc_design.exact.symmetric import SparseSymmetric
 from dobc_design.verdict import Verdict
 

@@ -8,9 +8,7 @@ import numpy as np
 import pytest
 
 from dobc_design.exact import IntegerSymmetric, SparseSymmetric
-from dobc_design.exact.cholesky import Scaled, scaled
-from dobc_design.exact.deflation import decide_lifted
-from dobc_design.exact.elimination import bad_direction
+from dobc_design.exact.cholesky import Scaled, bad_direction, decide_lifted, scaled
 
 
 def gram(n: int, columns: int, *, seed: int) -> np.ndarray:

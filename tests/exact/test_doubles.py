@@ -7,7 +7,7 @@ from fractions import Fraction
 import numpy as np
 import pytest
 
-from dobc_design.exact.doubles import Doubles, least
+from dobc_design.exact.symmetric import Doubles, least
 
 
 def test_entries_are_exact_binary_fractions():

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from dobc_design.exact import SparseSymmetric, from_float
-from dobc_design.exact.elimination import FLINT_SIZE, UnfinishedError, bad_direction
+from dobc_design.exact.cholesky import FLINT_SIZE, UnfinishedError, bad_direction
 
 
 @pytest.mark.parametrize("size", [5, 12, 13, 20])

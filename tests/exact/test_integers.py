@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from dobc_design.errors import ShapeError, SpecError
 from dobc_design.exact import IntegerSymmetric, SparseSymmetric, from_float
-from dobc_design.exact.integers import both_triangles, in_integers, limbs, signs_of_product
+from dobc_design.exact.symmetric import both_triangles, in_integers, limbs, signs_of_product
 
 PLACES = st.tuples(st.integers(0, 4), st.integers(0, 4)).map(lambda p: (min(p), max(p)))
 SPARSE = st.dictionaries(PLACES, st.fractions(max_denominator=9)).map(lambda e: SparseSymmetric(5, e))

@@ -10,6 +10,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from dobc_design.coupling.functions import FUNCTIONS
 from dobc_design.errors import SpecError
 from dobc_design.exact import Interval, UndefinedError, interval
 
@@ -44,7 +45,7 @@ def assert_contains(enclosure, value):
 def enclosed(name, x):
     """The enclosure, or None where it is refused."""
     try:
-        return interval.FUNCTIONS[name](x)
+        return FUNCTIONS[name].interval(x)
     except UndefinedError:
         return None
 
@@ -74,7 +75,7 @@ def test_ranges_are_as_narrow_as_the_function():
     """Closed forms: monotone ones take their end points, cos and sin their extremes."""
     x = Interval(Fraction(-2), Fraction(2))
     for name in ("exp", "tanh", "atan", "sinh"):
-        found = interval.FUNCTIONS[name](x)
+        found = FUNCTIONS[name].interval(x)
         for end, value in ((found.lo, true_value(name, x.lo)), (found.hi, true_value(name, x.hi))):
             assert abs(end - value) < Fraction(1, 2**115)
     assert interval.cosh(x).lo == 1
@@ -95,8 +96,8 @@ def test_extremes_are_found_wherever_they_lie(name):
         shift = Fraction(1, 2) if name == "sin" else Fraction(0)
         critical = (k + shift) * true_value("acos", Fraction(-1))
         gap = Fraction(1, 10**15)
-        around = interval.FUNCTIONS[name](Interval(critical - gap, critical + gap))
-        left = interval.FUNCTIONS[name](Interval(critical - 1, critical - gap))
+        around = FUNCTIONS[name].interval(Interval(critical - gap, critical + gap))
+        left = FUNCTIONS[name].interval(Interval(critical - 1, critical - gap))
         assert (around.hi == 1) if k % 2 == 0 else (around.lo == -1)
         assert left.magnitude < 1
 
@@ -121,7 +122,7 @@ def test_extremes_are_found_wherever_they_lie(name):
 )
 def test_rational_values_are_exact(name, x, value):
     """So that h(0) = 0 can be proved: exp(0) - 1 is 0, not an interval around it."""
-    assert interval.FUNCTIONS[name](Interval.point(x)) == Interval.point(value)
+    assert FUNCTIONS[name].interval(Interval.point(x)) == Interval.point(value)
 
 
 def test_the_papers_coupling_vanishes_exactly_and_has_slope_two():
@@ -147,7 +148,7 @@ def test_the_papers_coupling_vanishes_exactly_and_has_slope_two():
 def test_functions_refuse_where_they_are_not_defined(name, x):
     """The error names function and interval."""
     with pytest.raises(UndefinedError, match=rf"^{name} is not defined on the whole of \["):
-        interval.FUNCTIONS[name](Interval(*map(Fraction, x)))
+        FUNCTIONS[name].interval(Interval(*map(Fraction, x)))
 
 
 def test_tan_is_defined_right_up_to_its_poles():
@@ -283,7 +284,7 @@ def test_huge_arguments_are_refused_at_once(name, size):
     """exp(1e6) must not hang."""
     start = time.process_time()
     with pytest.raises(UndefinedError, match=rf"^{name} of \[.*too large to enclose"):
-        interval.FUNCTIONS[name](Interval(0, size))
+        FUNCTIONS[name].interval(Interval(0, size))
     assert interval.exp(Interval(-size, -size)).lo == 0
     assert 0 < interval.exp(Interval(-size, -size)).hi < Fraction(1, 2**60_000)
     assert interval.exp(Interval(-size, 0)).hi == 1
@@ -307,7 +308,7 @@ def test_arguments_of_any_size_are_enclosed_at_once(name, power):
     """Periodic functions of a huge argument: all or nothing is known, never something wrong."""
     x = Fraction(10) ** power
     start = time.process_time()
-    found = interval.FUNCTIONS[name](Interval.point(x))
+    found = FUNCTIONS[name].interval(Interval.point(x))
     assert time.process_time() - start < 20
     if abs(power) == 400:
         with ORACLE.workdps(1200):

@@ -9,8 +9,7 @@ import pytest
 from scipy import linalg
 
 from dobc_design.errors import ShapeError
-from dobc_design.exact.lyapunov import solve_lyapunov
-from dobc_design.exact.matrix import add, matrix, multiply, to_float, transpose, zeros
+from dobc_design.exact.matrix import add, matrix, multiply, solve_lyapunov, to_float, transpose, zeros
 
 
 @pytest.mark.parametrize("seed", range(12))

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from dobc_design.errors import SpecError
-from dobc_design.exact.root_regions import (
+from dobc_design.exact.polynomial import (
     cone_image,
     decide_images,
     disk_image,

@@ -7,8 +7,8 @@ from flint import arb
 from hypothesis import given
 from hypothesis import strategies as st
 
-from dobc_design.exact import _elementary as elementary
-from dobc_design.exact._rounding import height, round_down, round_up, sqrt_bounds
+from dobc_design.exact import interval as elementary
+from dobc_design.exact.interval import height, round_down, round_up, sqrt_bounds
 
 
 @given(st.fractions(), st.integers(1, 200))

@@ -11,10 +11,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from dobc_design.exact import zmatrix as module
-from dobc_design.exact.decision import first_refuting, roundings
-from dobc_design.exact.definite import decide_positive_definite, decide_positive_semidefinite
-from dobc_design.exact.integers import IntegerSymmetric
-from dobc_design.exact.symmetric import SparseSymmetric
+from dobc_design.exact.definite import decide_positive_definite, decide_positive_semidefinite, first_refuting, roundings
+from dobc_design.exact.symmetric import IntegerSymmetric, SparseSymmetric
 from dobc_design.exact.zmatrix import is_z_matrix, proves, row_bound, search
 from dobc_design.verdict import Verdict
 

@@ -19,10 +19,10 @@ from dobc_design.export.c_code import source_text
 from dobc_design.export.c_controller import make_controller
 from dobc_design.export.c_folder import FILES
 from dobc_design.export.rounding_bound import Erring, ErringAlgebra, coupling_with_error
-from dobc_design.problem.exosystem import Exosystem
+from dobc_design.problem.exosystems import Exosystem
+from dobc_design.problem.groups import Observer
 from dobc_design.problem.load import load_problem
 from dobc_design.problem.network import Network
-from dobc_design.problem.observer import Observer
 from dobc_design.problem.problem import Problem
 from dobc_design.simulation.agents import LOSS
 from dobc_design.verdict import Verdict
@@ -387,7 +387,7 @@ def test_the_error_bound_of_a_coupling_holds_for_single_precision(h: str):
 
 def single_precision(coupling, y: np.ndarray) -> np.ndarray:
     from dobc_design.coupling.algebra import NumpyAlgebra
-    from dobc_design.coupling.expression import evaluate
+    from dobc_design.coupling.tree import evaluate
 
     class Single(NumpyAlgebra):
         def constant(self, value):

@@ -16,10 +16,10 @@ import pytest
 import dobc_design as dd
 from dobc_design.errors import SolverError, SpecError
 from dobc_design.export import fmu
-from dobc_design.export.fmu_functions import OTHER_KINDS, PLAIN
-from dobc_design.problem.exosystem import Exosystem
+from dobc_design.export.fmu import OTHER_KINDS, PLAIN
+from dobc_design.problem.exosystems import Exosystem
+from dobc_design.problem.groups import Observer
 from dobc_design.problem.network import Network
-from dobc_design.problem.observer import Observer
 from dobc_design.problem.problem import Problem
 
 needs_compiler = pytest.mark.skipif(

@@ -12,9 +12,9 @@ from certified import certified
 import dobc_design as dd
 from dobc_design.errors import SpecError
 from dobc_design.problem.canonical import canonical_document
-from dobc_design.problem.exosystem import Exosystem
+from dobc_design.problem.exosystems import Exosystem
+from dobc_design.problem.groups import Observer
 from dobc_design.problem.network import Network
-from dobc_design.problem.observer import Observer
 from dobc_design.problem.problem import Problem
 
 

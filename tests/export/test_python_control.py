@@ -15,10 +15,10 @@ from dobc_design.errors import SpecError
 from dobc_design.export.python_control import to_control
 from dobc_design.export.python_script import python_script
 from dobc_design.model.model import build_model
-from dobc_design.problem.exosystem import Exosystem
+from dobc_design.problem.exosystems import Exosystem
+from dobc_design.problem.groups import Observer
 from dobc_design.problem.load import load_problem
 from dobc_design.problem.network import Network
-from dobc_design.problem.observer import Observer
 from dobc_design.problem.problem import Problem
 from dobc_design.simulation.run import simulate
 

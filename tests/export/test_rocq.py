@@ -15,12 +15,12 @@ from certified import certified
 from regions import without_region
 
 from dobc_design.certification.certify import certify
-from dobc_design.conditions.consensus.statements import state_theorems
+from dobc_design.conditions.consensus.claim import state_theorems
 from dobc_design.errors import SpecError
 from dobc_design.exact.matrix import scale
 from dobc_design.export.rocq import rocq_proof
 from dobc_design.problem.canonical import problem_sha256
-from dobc_design.problem.exosystem import Exosystem
+from dobc_design.problem.exosystems import Exosystem
 from dobc_design.problem.network import Network
 from dobc_design.problem.problem import Problem
 from dobc_design.verdict import Verdict
@@ -260,7 +260,7 @@ def test_problems_that_would_keep_coq_busy_for_hours_are_refused():
 
 
 def test_fractions_that_would_keep_coq_busy_for_hours_are_refused(monkeypatch):
-    monkeypatch.setattr("dobc_design.export.rocq_claim.LARGEST_WORK", 10**6)
+    monkeypatch.setattr("dobc_design.export.rocq.LARGEST_WORK", 10**6)
     assert rocq_proof(certify(cycle(exosystem=EXOSYSTEM, coupling="y")))
     with pytest.raises(SpecError, match="too long for Coq"):
         rocq_proof(certificate_of("paper-fixed"))

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from dobc_design.exact.matrix import matrix
-from dobc_design.export.sampled_loop import longest_period, sampled_network_statement, sampled_observer_statement
+from dobc_design.export.c_controller import longest_period, sampled_network_statement, sampled_observer_statement
 from dobc_design.problem.network import Network
 from dobc_design.problem.problem import Problem
 from dobc_design.verdict import Verdict

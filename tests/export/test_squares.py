@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from dobc_design.exact.definite import decide_positive_definite
 from dobc_design.exact.symmetric import SparseSymmetric
-from dobc_design.export.squares import Square, factor
+from dobc_design.export.rocq import Square, factor
 from dobc_design.verdict import Verdict
 
 

@@ -16,10 +16,9 @@ from dobc_design.errors import SpecError
 from dobc_design.exact.symmetric import SparseSymmetric
 from dobc_design.falsification.levels import level_of
 from dobc_design.falsification.starts import CORNERS, EDGES, RANDOM, Boundary, asked_box, unit_cube
-from dobc_design.problem.exosystem import Exosystem
-from dobc_design.problem.groups import Group
+from dobc_design.problem.exosystems import Exosystem
+from dobc_design.problem.groups import Group, Observer
 from dobc_design.problem.network import Network
-from dobc_design.problem.observer import Observer
 from dobc_design.problem.problem import Problem
 from dobc_design.simulation.field import make_loop
 

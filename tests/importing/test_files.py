@@ -10,7 +10,7 @@ import pytest
 import dobc_design as dd
 from dobc_design.errors import SpecError
 from dobc_design.problem.canonical import canonical_bytes
-from dobc_design.problem.toml_writing import problem_text
+from dobc_design.problem.changes import problem_text
 
 
 def written(tmp_path, name: str, text: str):

@@ -10,7 +10,7 @@ import pytest
 
 import dobc_design as dd
 from dobc_design.errors import SpecError
-from dobc_design.importing.matpower import read_matpower
+from dobc_design.importing.grids import read_matpower
 from dobc_design.verdict import Verdict
 
 CASE = """

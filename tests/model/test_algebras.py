@@ -7,9 +7,10 @@ import numpy as np
 import pytest
 import sympy
 
-from dobc_design.coupling.expression import evaluate, numpy_function, parse_expression
-from dobc_design.model.casadi_algebra import CasadiAlgebra
-from dobc_design.model.sympy_algebra import to_sympy
+from dobc_design.coupling.expression import numpy_function, parse_expression
+from dobc_design.coupling.tree import evaluate
+from dobc_design.model.model import CasadiAlgebra
+from dobc_design.model.symbolic import to_sympy
 
 TEXTS = [
     "exp(y) - 1 + y",

@@ -8,7 +8,7 @@ from lure_cases import HARMONIC, PAPER_GAIN, cycle, field, random_problem
 from scipy.integrate import solve_ivp
 
 from dobc_design.errors import SpecError
-from dobc_design.model.flow import build_flow
+from dobc_design.model.model import build_flow
 
 
 @pytest.mark.parametrize("m", [1, 2])

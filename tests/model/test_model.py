@@ -10,12 +10,12 @@ import sympy
 
 from dobc_design.errors import ShapeError, SpecError
 from dobc_design.model.model import build_model
-from dobc_design.model.sympy_algebra import to_sympy
+from dobc_design.model.symbolic import to_sympy
 from dobc_design.problem.arrays import consensus_jacobian, goals, pinning_matrix
-from dobc_design.problem.exosystem import Exosystem
+from dobc_design.problem.exosystems import Exosystem
+from dobc_design.problem.groups import Observer
 from dobc_design.problem.load import load_problem
 from dobc_design.problem.network import Network
-from dobc_design.problem.observer import Observer
 from dobc_design.problem.problem import Problem
 
 SCALAR = [

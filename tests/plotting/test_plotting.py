@@ -11,6 +11,7 @@ import warnings
 import numpy as np
 import pytest
 from matplotlib.colors import to_hex
+from matplotlib.figure import Figure
 
 import dobc_design as dd
 from dobc_design.errors import ShapeError, SpecError
@@ -105,8 +106,6 @@ def test_the_certified_envelope_is_drawn_where_it_was_given(switched):
     [(0.13, 4.5, ["0.2", "0.5", "1", "2"]), (1.2, 2.3, ["2"]), (1e-6, 2.0, ["10⁻⁵", "10⁻³", "0.1"])],
 )
 def test_an_axis_of_errors_has_ticks_that_can_be_read_whatever_it_spans(low: float, high: float, wanted: list[str]):
-    from matplotlib.figure import Figure
-
     ax = Figure().add_subplot()
     plot_errors(ax, np.array([0.0, 1.0]), {"|e|∞": np.array([high, low])})
     ax.figure.canvas.draw()
@@ -114,6 +113,19 @@ def test_an_axis_of_errors_has_ticks_that_can_be_read_whatever_it_spans(low: flo
     inside = [tick.get_text() for tick in ax.get_yticklabels() if bottom <= tick.get_position()[1] <= top]
     assert set(wanted) <= set(inside)
     assert 2 <= len(inside) <= 9
+
+
+@pytest.mark.parametrize("error", [np.zeros(5), np.exp(300 * np.linspace(0, 1, 5))])
+def test_an_error_of_zero_and_one_that_grows_can_be_drawn(error):
+    ax = plot_errors(Figure().add_subplot(), np.linspace(0, 1, 5), {"|e|∞": error}, rate=1.0)
+    assert ax.get_yscale() == "log"
+    assert ax.get_lines()[-1].get_label() == "slope of the certified rate"
+
+
+def test_pinned_agents_are_blue_and_the_others_are_not(switched):
+    lines = by_label(switched.plot(pinned=[0, 5]), "xᵢ")[0].get_lines()[:10]
+    assert {place for place, line in enumerate(lines) if line.get_color() == look.BLUE} == {0, 5}
+    assert [line.get_label() for line in lines[:2]] == ["pinned", "not pinned"]
 
 
 def test_a_run_that_ended_at_its_start_is_dots_and_says_so():

@@ -12,8 +12,8 @@ from hypothesis import strategies as st
 
 from dobc_design.errors import SpecError
 from dobc_design.problem import arcs_file
-from dobc_design.problem.arcs import Arcs
 from dobc_design.problem.arcs_file import read_arcs_file
+from dobc_design.problem.network import Arcs
 
 LABELS = ("a", "b", "c", "d")
 ONE = Fraction(1)

@@ -20,9 +20,9 @@ from dobc_design.problem.arrays import (
     pinning_matrix,
     required_gain,
 )
-from dobc_design.problem.exosystem import Exosystem
+from dobc_design.problem.exosystems import Exosystem
+from dobc_design.problem.groups import Observer
 from dobc_design.problem.network import Network
-from dobc_design.problem.observer import Observer
 from dobc_design.problem.problem import Problem
 
 

@@ -8,8 +8,7 @@ import pytest
 from bad_files import VALID
 
 from dobc_design.errors import SpecError
-from dobc_design.problem.builtin import builtin_names, builtin_summary, builtin_text
-from dobc_design.problem.load import load_problem
+from dobc_design.problem.load import builtin_names, builtin_summary, builtin_text, load_problem
 
 
 def test_the_papers_problems_come_first():

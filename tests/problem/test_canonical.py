@@ -13,14 +13,13 @@ from hypothesis import strategies as st
 from random_problems import random_problem
 
 from dobc_design.errors import SpecError
-from dobc_design.problem.builtin import builtin_names
 from dobc_design.problem.canonical import canonical_bytes, canonical_document, problem_from_canonical, problem_sha256
-from dobc_design.problem.exosystem import Exosystem
-from dobc_design.problem.load import load_problem
+from dobc_design.problem.exosystems import Exosystem
+from dobc_design.problem.groups import Observer
+from dobc_design.problem.load import builtin_names, load_problem
 from dobc_design.problem.network import Network
-from dobc_design.problem.observer import Observer
 from dobc_design.problem.problem import Problem
-from dobc_design.problem.switching import Switching
+from dobc_design.problem.settings import Switching
 
 PARTS = {
     "name": "rich",

@@ -8,12 +8,10 @@ import pytest
 from campaigns import a_problem
 
 from dobc_design.errors import SpecError
-from dobc_design.problem.builtin import builtin_names, builtin_text
 from dobc_design.problem.canonical import canonical_bytes
-from dobc_design.problem.changes import changed_problem
+from dobc_design.problem.changes import REMARK, changed_file, changed_problem, changed_text, problem_text
 from dobc_design.problem.file import read_problem_text
-from dobc_design.problem.load import load_problem, source_text
-from dobc_design.problem.toml_writing import REMARK, changed_file, changed_text, problem_text
+from dobc_design.problem.load import builtin_names, builtin_text, load_problem, source_text
 
 TEXT = builtin_text("paper-fixed")
 CHANGES = [

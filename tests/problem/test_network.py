@@ -12,9 +12,7 @@ from hypothesis import strategies as st
 from scipy import sparse
 
 from dobc_design.errors import SpecError
-from dobc_design.problem.arcs import Arcs
-from dobc_design.problem.labels import labels_of
-from dobc_design.problem.network import Network
+from dobc_design.problem.network import Arcs, Network, labels_of
 
 CHAIN = [("a", "b"), ("b", "c", 2.5)]
 

@@ -18,13 +18,12 @@ from random_problems import random_problem
 
 from dobc_design.coupling.coupling import make_coupling
 from dobc_design.errors import ExpressionError, ShapeError, SpecError
-from dobc_design.problem.exosystem import Exosystem
+from dobc_design.problem.exosystems import Exosystem
+from dobc_design.problem.groups import Observer
 from dobc_design.problem.network import Network
-from dobc_design.problem.observer import Observer
 from dobc_design.problem.pinning import Pinning
 from dobc_design.problem.problem import Problem
-from dobc_design.problem.region import Region
-from dobc_design.problem.switching import Switching
+from dobc_design.problem.settings import Region, Switching
 
 CHAIN = Network.from_arcs([("a", "b"), ("b", "c")], arrow="listens_to")
 SINE = Exosystem(A=[[0, 2], [-2, 0]], C=[[1, 0]])

@@ -10,11 +10,11 @@ from typing import Any
 import pytest
 from bad_files import BAD_FILES, UNKNOWN_KEYS, VALID, VALID_BUT_NASTY
 
-from dobc_design.problem.arcs import ARROWS
-from dobc_design.problem.builtin import builtin_names, builtin_text
-from dobc_design.problem.file_errors import known_keys
+from dobc_design.problem.file import known_keys
+from dobc_design.problem.load import builtin_names, builtin_text
+from dobc_design.problem.network import ARROWS
 from dobc_design.problem.schema import RESERVED, json_schema
-from dobc_design.problem.switching import SIGNALS
+from dobc_design.problem.settings import SIGNALS
 
 CONTRACT = {
     "": {

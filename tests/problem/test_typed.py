@@ -8,7 +8,7 @@ from fractions import Fraction
 import pytest
 
 from dobc_design.exact.number import parse_number
-from dobc_design.problem.typed import change_lines, typed_number, value_text
+from dobc_design.problem.changes import change_lines, typed_number, value_text
 
 
 @pytest.mark.parametrize(

@@ -6,11 +6,10 @@ import json
 
 import pytest
 
-from dobc_design.problem.builtin import builtin_names
-from dobc_design.problem.exosystem import Exosystem
-from dobc_design.problem.load import load_problem
+from dobc_design.problem.exosystems import Exosystem
+from dobc_design.problem.groups import Observer
+from dobc_design.problem.load import builtin_names, load_problem
 from dobc_design.problem.network import Network
-from dobc_design.problem.observer import Observer
 from dobc_design.problem.problem import Problem
 from dobc_design.problem.words import describe, facts
 

@@ -14,9 +14,7 @@ from typing import Any
 
 import pytest
 from chromium import CHROMIUM, browser, until
-
-from dobc_design.report.compare import compare_html
-from dobc_design.report.html import html_report
+from shown import compare_html, html_report
 
 AXE = os.environ.get("AXE_SCRIPT", "")
 RULES = '["wcag2a", "wcag2aa", "wcag21a", "wcag21aa", "wcag22aa", "best-practice"]'

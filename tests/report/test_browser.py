@@ -14,10 +14,10 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from shown import html_report
 
-from dobc_design.problem.exosystem import Exosystem
+from dobc_design.problem.exosystems import Exosystem
 from dobc_design.problem.network import Network
-from dobc_design.report.html import html_report
 
 BROWSER = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
 OPTIONS = (

@@ -7,11 +7,13 @@ import re
 from html.parser import HTMLParser
 
 import pytest
+from shown import compare_html, compare_markdown
 
+from dobc_design.conditions.kinds import KINDS
+from dobc_design.problem.groups import Observer
 from dobc_design.problem.network import Network
-from dobc_design.problem.observer import Observer
-from dobc_design.report.compare import check_pairs, compare_html, compare_markdown, conclusion, region_pairs
-from dobc_design.report.differences import differences
+from dobc_design.report.comparison import comparison_document, conclusion, differences
+from dobc_design.report.document import Mark, Table
 from dobc_design.verdict import Verdict
 
 
@@ -48,6 +50,10 @@ class Reader(HTMLParser):
     def handle_endtag(self, tag):
         if tag not in ("path", "use"):
             assert self.open.pop() == tag
+
+
+def table_in(section: str, first, second) -> Table:
+    return next(each for each in comparison_document(first, second).section(section) if isinstance(each, Table))
 
 
 def test_a_problem_differs_from_itself_in_nothing(problem_with):
@@ -120,15 +126,17 @@ def test_checks_are_paired_by_id_and_mode_and_marked_where_they_differ(certifica
     one = certificate_of()
     checks = [dataclasses.replace(check, margin=0.1) if check.id == "lemma1" else check for check in one.checks]
     other = certificate_of(checks=tuple(check for check in checks if check.id != "hurwitz"))
-    rows = {row.id: row for row in check_pairs(one, other)}
-    assert [row.id for row in check_pairs(one, other)] == [check.id for check in one.checks]
-    assert {id for id, row in rows.items() if row.differs} == {"lemma1", "hurwitz"}
-    assert (rows["lemma1"].cells[0].margin, rows["lemma1"].cells[1].margin) == ("0.5822", "0.1")
-    assert rows["hurwitz"].cells[1].verdict == "–"
+    table = table_in("checks", one, other)
+    ids = [check.id for check in one.checks]
+    assert [row[0].parts[0] for row in table.rows] == [KINDS[id].name for id in ids]
+    rows = dict(zip(ids, table.rows, strict=True))
+    assert {ids[place] for place in table.marked} == {"lemma1", "hurwitz"}
+    assert rows["lemma1"][1:5] == (Mark("✓", "proved"), Mark("✓", "proved"), "0.5822", "0.1")
+    assert rows["hurwitz"][2] == "–"
 
 
 def test_starts_stand_beside_each_other(asked_for, certificate_of):
-    rows = dict(region_pairs(asked_for["certificate"], certificate_of()))
+    rows = {name: starts for name, *starts in table_in("starts", asked_for["certificate"], certificate_of()).rows}
     assert rows["Max-separable"][0].startswith("box |e|∞ ≤ 4")
     quadratic = next(starts for name, starts in rows.items() if name.startswith("Lur"))
     assert quadratic[0].startswith("ball |e|₂ ≤ 1.079")

@@ -7,10 +7,16 @@ from xml.etree import ElementTree
 import numpy as np
 import pytest
 
+from dobc_design.plotting import look
 from dobc_design.report import figures
-from dobc_design.report.drawing import draw_network, drawn_labels
-from dobc_design.report.layout import common_offsets, positions
-from dobc_design.report.svg import svg_text
+from dobc_design.report.document import Picture
+from dobc_design.report.drawing import draw_network, drawn_labels, positions
+from dobc_design.report.pictures import svg_of
+from dobc_design.report.words import common_offsets
+
+
+def svg_text(draw, *, name, alt):
+    return svg_of(Picture(name=name, title="", caption="", alt=alt, draw=draw))
 
 
 def ring(n: int) -> list[tuple[int, int]]:
@@ -76,26 +82,16 @@ def test_functions_draw_on_the_axes_they_are_given_and_return_them():
 
 
 def test_axes_name_their_units():
-    t = np.linspace(0, 1, 5)
     assert "1/s" in figures.plot_spectrum({"G": [-1 + 0j]}).get_xlabel()
     assert "1/s" in figures.plot_lambda({"G": [-1.0]}).get_xlabel()
-    assert "in s" in figures.plot_error(t, np.exp(-t), rate=1.0).get_xlabel()
-    assert "in s" in figures.plot_states(t, np.ones((5, 2)), goals=[1, 1]).get_xlabel()
-    assert "per s" in figures.plot_disturbance(t, t, t).get_ylabel()
-
-
-def test_an_error_of_zero_and_one_that_grows_can_be_drawn():
-    t = np.linspace(0, 1, 5)
-    assert figures.plot_error(t, np.zeros(5), rate=1.0).get_yscale() == "log"
-    assert figures.plot_error(t, np.exp(300 * t), rate=1.0).get_yscale() == "log"
 
 
 def test_long_series_are_thinned_and_keep_their_ends():
-    rows = figures.thinned_rows(100_000)
-    assert (len(rows), rows[0], rows[-1]) == (figures.MOST_POINTS, 0, 99_999)
-    assert figures.thinned_rows(3).tolist() == [0, 1, 2]
-    shown = figures.shown_agents(1000, {500, 700})
-    assert len(shown) == figures.MOST_AGENTS
+    rows = look.thinned_rows(100_000)
+    assert (len(rows), rows[0], rows[-1]) == (look.MOST_POINTS, 0, 99_999)
+    assert look.thinned_rows(3).tolist() == [0, 1, 2]
+    shown = look.shown_agents(1000, {500, 700})
+    assert len(shown) == look.MOST_AGENTS
     assert {500, 700} <= set(shown)
 
 
@@ -117,4 +113,4 @@ def test_names_are_not_read_as_mathematics():
 
 
 def test_powers_of_ten_are_written_out():
-    assert [figures.power_of_ten(10.0**k) for k in (-3, -1, 0, 1, 12)] == ["10⁻³", "0.1", "1", "10", "10¹²"]
+    assert [look.power_of_ten(10.0**k) for k in (-3, -1, 0, 1, 12)] == ["10⁻³", "0.1", "1", "10", "10¹²"]

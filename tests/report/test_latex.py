@@ -10,13 +10,12 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from shown import latex_report, pdf_content
 
-from dobc_design.problem.exosystem import Exosystem
+from dobc_design.problem.exosystems import Exosystem
 from dobc_design.problem.groups import Group
 from dobc_design.problem.network import Network
-from dobc_design.report.full_view import full_view
-from dobc_design.report.latex import MAIN, PACKAGES, latex_fragments, tex
-from dobc_design.report.pdf import document
+from dobc_design.report.latex import MAIN, PACKAGES, tex
 
 PDFLATEX = shutil.which("pdflatex")
 HOSTILE = (
@@ -76,13 +75,9 @@ def check_balance(text: str) -> None:
         assert all(len(re.findall(r"(?<!\\)&", row)) == columns - 1 for row in rows)
 
 
-def texts(files: dict[str, bytes]) -> dict[str, str]:
-    return {name: data.decode("utf-8") for name, data in files.items()}
-
-
 @pytest.fixture
 def files(everything: dict[str, Any]) -> dict[str, str]:
-    return texts(latex_fragments(everything["certificate"], lambdas=everything["lambdas"]))
+    return latex_report(everything["certificate"], lambdas=everything["lambdas"])
 
 
 @pytest.fixture
@@ -94,7 +89,7 @@ def hostile_files(problem_with, certificate_of) -> dict[str, str]:
     network = Network.from_arcs({"mode_1 & {2}": [(names[a], names[b]) for a, b in arcs]}, arrow="listens_to")
     problem = problem_with(name=r"\input{x} 100% & _", network=network, gains={clean[0]: 1})
     changes = {"reason": " ".join(HOSTILE), "gain_source": "\\input{x} {", "version": "9}%"}
-    return texts(latex_fragments(certificate_of(problem, **changes)))
+    return latex_report(certificate_of(problem, **changes))
 
 
 def test_every_brace_environment_and_table_row_closes(files: dict[str, str], hostile_files: dict[str, str]):
@@ -166,9 +161,7 @@ def test_matrices_are_those_of_the_certificate(certificate, files: dict[str, str
 def test_groups_of_agents_are_told_in_latex_and_in_the_pdf(problem_with, certificate_of):
     groups = [Group(agents=[1, 2], exosystem=Exosystem(A=[[0]], C=[[1]]))]
     certificate = certificate_of(problem_with(groups=groups, observer=None), checks=())
-    nothing = {"analysis": None, "trajectory": None, "lambdas": None, "timings": (), "searches": ()}
-    blocks = document(full_view(certificate, **nothing))
-    for text in (texts(latex_fragments(certificate))["model.tex"], str(blocks)):
+    for text in (latex_report(certificate)["model.tex"], str(pdf_content(certificate))):
         assert "Each agent has the A, C and W of its group:" in text
         assert "group of agent 3" in text
 
@@ -191,7 +184,7 @@ def test_the_bibliography_guesses_nothing_about_the_paper(files: dict[str, str],
 
 
 def test_the_same_certificate_gives_the_same_bytes_and_main_names_every_fragment(certificate, files: dict[str, str]):
-    assert texts(latex_fragments(certificate)) == texts(latex_fragments(certificate))
+    assert latex_report(certificate) == latex_report(certificate)
     wanted = {name.removesuffix(".tex") for name in files if name.endswith(".tex") and name != MAIN}
     assert set(re.findall(r"\\input\{(\w+)\}", files[MAIN])) == wanted
     assert f"\\usepackage{{{','.join(PACKAGES)}}}" in files[MAIN]

@@ -7,10 +7,11 @@ import re
 from typing import Any
 
 import pytest
+from shown import markdown_report
 
 from dobc_design.conditions.check import Fix
 from dobc_design.problem.network import Network
-from dobc_design.report.markdown import escape, markdown_report
+from dobc_design.report.markdown import escape
 
 
 def test_every_check_stands_in_the_table(everything: dict[str, Any]):

@@ -8,27 +8,27 @@ import shutil
 import subprocess
 import sys
 from fractions import Fraction
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
 import pytest
+from shown import pdf_content
 
 from dobc_design.certification.certify import certify
 from dobc_design.errors import SpecError
-from dobc_design.problem.exosystem import Exosystem
-from dobc_design.problem.groups import Group
+from dobc_design.problem.exosystems import Exosystem
+from dobc_design.problem.groups import Group, Observer
 from dobc_design.problem.network import Network
-from dobc_design.problem.observer import Observer
 from dobc_design.problem.problem import Problem
 from dobc_design.report import formulas
-from dobc_design.report.full_view import full_view
-from dobc_design.report.pdf_parts import number_parts, picture_parts, soft
-from dobc_design.report.pictures import Picture
+from dobc_design.report.content import report_document
+from dobc_design.report.document import Picture
+from dobc_design.report.pdf import compile_pdf, number_parts, pdf_page, picture_parts, soft
 
-pytest.importorskip("typst", reason="needs the extra `pdf`: pip install 'dobc_design[pdf]'")
-
-from dobc_design.report.pdf import compile_pdf, document, pdf_report
-
+needs_typst = pytest.mark.skipif(
+    find_spec("typst") is None, reason="needs the extra `pdf`: pip install 'dobc_design[pdf]'"
+)
 POPPLER = shutil.which("pdftotext")
 needs_poppler = pytest.mark.skipif(POPPLER is None, reason="needs pdftotext (poppler-utils)")
 HOSTILE = (
@@ -80,6 +80,7 @@ def content(*blocks: dict[str, Any], **changes: Any) -> dict[str, Any]:
     } | changes
 
 
+@needs_typst
 @needs_poppler
 def test_text_of_the_user_is_shown_as_it_is_and_never_read_as_markup(tmp_path: Path):
     items = list(HOSTILE)
@@ -104,12 +105,14 @@ def test_text_of_the_user_is_shown_as_it_is_and_never_read_as_markup(tmp_path: P
         assert text.count(squeezed(each)) >= 6, each
 
 
+@needs_typst
 @pytest.mark.parametrize("text", ["時計 🕰 \ufffd", "private \ue000 \U0010fffd", "\u202eright to left", "\ufffe"])
 def test_letters_that_fonts_or_the_standard_do_not_have_do_not_stop_it(text: str):
     made = compile_pdf(content({"kind": "text", "text": text, "style": "plain"}, name=text, title=text))
     assert made.startswith(b"%PDF")
 
 
+@needs_typst
 def test_it_is_tagged_for_assistive_technology():
     """PDF/UA-1 (ISO 14289): tags, language and a title; Typst refuses a figure or formula without words."""
     made = compile_pdf(content({"kind": "formula", "name": "psi", "label": "", "number": "(18)"}))
@@ -117,6 +120,7 @@ def test_it_is_tagged_for_assistive_technology():
     assert b"pdfuaid:part>1<" in made
 
 
+@needs_typst
 def test_the_same_content_gives_the_same_bytes_without_a_date():
     one = content({"kind": "text", "text": "hello", "style": "plain"})
     assert compile_pdf(one) == compile_pdf(one)
@@ -147,10 +151,11 @@ def test_long_words_may_be_broken_and_lose_no_letter():
 
 
 def test_a_figure_keeps_its_colours_and_gets_its_alternative():
-    svg = '<svg viewBox="0 0 330.5 9" aria-label="A &lt;b&gt;"><g style="fill: var(--figure-blue, #0072b2)"/></svg>'
-    parts = picture_parts(Picture(svg=formulas.Fragment(svg), title="t", caption=""))
-    assert "fill: #0072b2" in parts["svg"]
-    assert (parts["alt"], parts["width"]) == ("A <b>", "330.5")
+    draw = lambda figure: figure.add_subplot().plot([1, 2], color="#0072b2")  # noqa: E731
+    parts = picture_parts(Picture(name="one", title="t", caption="", alt="A <b>", draw=draw))
+    assert "#0072b2" in parts["svg"]
+    assert "var(" not in parts["svg"]
+    assert (parts["alt"], parts["width"]) == ("A <b>", "331.2")
 
 
 def test_every_equation_of_the_loop_has_its_formula():
@@ -164,7 +169,7 @@ def test_every_equation_of_the_loop_has_its_formula():
 def test_without_typst_the_message_names_the_extra(certificate, monkeypatch):
     monkeypatch.setitem(sys.modules, "typst", None)
     with pytest.raises(SpecError, match=r"dobc_design\[pdf\]"):
-        pdf_report(certificate, analysis=None, trajectory=None)
+        pdf_page(report_document(certificate))
 
 
 @pytest.fixture
@@ -185,12 +190,13 @@ def wide(problem_with, certificate_of, analysis_of, trajectory_of) -> dict[str, 
     return {"certificate": certificate, "analysis": analysis_of(problem), "trajectory": trajectory_of(problem)}
 
 
+@needs_typst
 @needs_poppler
 @pytest.mark.slow
 @pytest.mark.parametrize("which", ["everything", "wide", "asked_for"])
 def test_pages_are_a4_and_nothing_is_cut_off(which: str, request: pytest.FixtureRequest, tmp_path: Path):
     arguments = request.getfixturevalue(which)
-    boxes = texts(pdf_report(**arguments), tmp_path, "-bbox")
+    boxes = texts(pdf_page(report_document(**arguments)), tmp_path, "-bbox")
     pages = re.findall(r'<page width="([\d.]+)" height="([\d.]+)">', boxes)
     assert len(pages) >= 3
     assert {(round(float(w)), round(float(h))) for w, h in pages} == {(595, 842)}
@@ -200,10 +206,11 @@ def test_pages_are_a4_and_nothing_is_cut_off(which: str, request: pytest.Fixture
     assert outside == []
 
 
+@needs_typst
 @needs_poppler
 @pytest.mark.slow
 def test_the_pdf_says_what_the_page_says(everything: dict[str, Any], tmp_path: Path):
-    text = squeezed(texts(pdf_report(**everything), tmp_path))
+    text = squeezed(texts(pdf_page(report_document(**everything)), tmp_path))
     certificate = everything["certificate"]
     for check in certificate.checks:
         assert squeezed(check.reason[1:]) in text
@@ -213,8 +220,7 @@ def test_the_pdf_says_what_the_page_says(everything: dict[str, Any], tmp_path: P
 
 
 def test_matrices_reach_the_template_exactly(certificate):
-    view = full_view(certificate, analysis=None, trajectory=None, lambdas=None, timings=(), searches=())
-    whole = json.loads(json.dumps(document(view)))
+    whole = json.loads(json.dumps(pdf_content(certificate)))
     matrices = {block["name"]: block["rows"] for block in whole["blocks"] if block["kind"] == "matrix"}
 
     def value(part: dict[str, Any]) -> Fraction:
@@ -229,6 +235,5 @@ def test_agents_with_different_exosystems_get_the_condition_with_a_disturbance()
     groups = [Group(agents=[i], exosystem=Exosystem(A=[[-i]], C=[[1]]), observer=Observer(W=[[1]])) for i in (1, 2)]
     network = Network.from_arcs([[1, 2]], arrow="listens_to")
     certificate = certify(Problem(network=network, coupling="y", gains=1, groups=groups))
-    view = full_view(certificate, analysis=None, trajectory=None, lambdas=None, timings=(), searches=())
-    whole = json.loads(json.dumps(document(view)))
+    whole = json.loads(json.dumps(pdf_content(certificate)))
     assert "psi" in [block.get("name") for block in whole["blocks"]]

@@ -12,9 +12,9 @@ from staging_cases import ASKED, chain, problem
 from dobc_design.conditions.schedule.checks import StageTiming, stage_timings
 from dobc_design.conditions.schedule.settling import Settling
 from dobc_design.conditions.separable.timing import DelayBound, SamplingBound
-from dobc_design.report.region_figures import plot_envelope
-from dobc_design.report.region_pictures import envelope_picture
-from dobc_design.report.region_stages import HEADS, settling_view, stage_rows
+from dobc_design.report.figures import plot_envelope
+from dobc_design.report.pictures import envelope_pictures
+from dobc_design.report.region_words import STAGE_HEADS, settling_view, stage_rows
 from dobc_design.verdict import Verdict
 
 F = Fraction
@@ -49,7 +49,7 @@ def test_every_stage_is_a_row_and_quadratic_ones_say_nothing_about_sampling():
         ("–", "–"),
         ("–", "–"),
     ]
-    assert all(len(row.cells) == len(HEADS) for row in rows)
+    assert all(len(row.cells) == len(STAGE_HEADS) for row in rows)
 
 
 def test_bounds_and_times_are_raised_and_rates_are_cut():
@@ -87,9 +87,9 @@ def test_the_curve_drawn_is_the_certified_bound():
 
 
 def test_the_picture_says_in_words_what_it_shows():
-    picture = envelope_picture(settling())
-    assert "in 4 stage(s)" in str(picture.svg)
-    assert envelope_picture(None) is None
+    (picture,) = envelope_pictures(settling())
+    assert "in 4 stage(s)" in picture.alt
+    assert list(envelope_pictures(None)) == []
 
 
 @pytest.mark.slow

@@ -7,49 +7,49 @@ import hashlib
 from pathlib import Path
 
 import pytest
+from shown import html_report, markdown_report
 
 import dobc_design
 from dobc_design.checker.checker import FACTS, REGIONAL
-from dobc_design.conditions.check import CHECK_IDS, Check
-from dobc_design.report.html import html_report
-from dobc_design.report.markdown import markdown_report
-from dobc_design.report.tracing import DECIDED_IN, reproduction, trace_rows
+from dobc_design.conditions.check import Check, Values
+from dobc_design.conditions.kinds import KINDS
+from dobc_design.report.checks import reproduction, trace_section
+from dobc_design.report.document import Name
 from dobc_design.verdict import Verdict
 
 PACKAGE = Path(dobc_design.__file__).parent
 
 
+def rows_of(checks):
+    return trace_section(checks).blocks[1].rows
+
+
 def test_every_check_is_decided_in_modules_that_exist():
-    assert set(DECIDED_IN) == set(CHECK_IDS)
-    for modules, checker in DECIDED_IN.values():
-        for name in (*modules, f"checker/{checker}"):
+    for kind in KINDS.values():
+        for name in (*kind.decided_in, f"checker/{kind.checker}"):
             assert (PACKAGE / name).is_file(), name
 
 
 @pytest.mark.parametrize("id", [*FACTS, *REGIONAL])
 def test_the_file_of_the_lone_checker_has_the_function_of_the_check(id: str):
-    text = (PACKAGE / "checker" / DECIDED_IN[id][1]).read_text("utf-8")
+    text = (PACKAGE / "checker" / KINDS[id].checker).read_text("utf-8")
     assert f"    def {id.replace('-', '_')}(self, check: Any)" in text
 
 
 def test_a_condition_has_one_row_that_counts_its_verdicts(certificate):
     lemma = next(check for check in certificate.checks if check.id == "lemma1")
     other = dataclasses.replace(lemma, mode="Gb", verdict=Verdict.REFUTED)
-    rows = trace_rows([lemma, dataclasses.replace(lemma, mode="Gc"), other])
-    assert [(row.id, row.found) for row in rows] == [("lemma1", "2 × proved, refuted")]
-    assert rows[0].source == "Paper, Lemma 1, (10), with J at the target."
-    assert rows[0].checker == "checker.py"
-
-
-def test_a_check_that_this_version_does_not_know_is_left_out():
-    assert trace_rows([Check(id="strange", verdict=Verdict.PROVED, domain="global", reason="r")]) == []
+    (row,) = rows_of([lemma, dataclasses.replace(lemma, mode="Gc"), other])
+    assert row[1:2] == (Name(("Lemma 1: Λ(J) < 0",), id="lemma1"),)
+    assert row[3] == "Paper, Lemma 1, (10), with J at the target."
+    assert row[5:] == ("checker.py", "2 × proved, refuted")
 
 
 def test_the_fingerprint_of_the_certificate_is_that_of_its_file(certificate, tmp_path: Path):
     path, _ = certificate.save(tmp_path)
-    assert dict(reproduction(certificate)["fingerprints"]) == {
-        "problem.json": certificate.claims.problem_sha256,
-        "certificate.json": hashlib.sha256(path.read_bytes()).hexdigest(),
+    assert dict(reproduction(certificate).prints) == {
+        "SHA-256 of problem.json": certificate.claims.problem_sha256,
+        "SHA-256 of certificate.json": hashlib.sha256(path.read_bytes()).hexdigest(),
     }
 
 
@@ -62,8 +62,8 @@ def test_the_fingerprint_of_the_certificate_is_that_of_its_file(certificate, tmp
     ],
 )
 def test_the_command_asks_for_the_settling_time_that_is_proved(certificate_of, exact, verdict, command: str):
-    check = Check(id="settling", verdict=verdict, domain="global", reason="r", exact=exact)
-    assert reproduction(certificate_of(checks=(check,)))["certify"] == command
+    check = Check(id="settling", verdict=verdict, domain="global", reason="r", claim=Values(exact))
+    assert reproduction(certificate_of(checks=(check,))).certify == command
 
 
 @pytest.mark.parametrize(
@@ -76,9 +76,11 @@ def test_the_command_asks_for_the_settling_time_that_is_proved(certificate_of, e
 )
 def test_the_command_has_the_options_of_the_certificate_that_are_known(certificate_of, options, command: str):
     """A file may say anything: only what can be an option is repeated."""
-    proved = Check(id="settling", verdict=Verdict.PROVED, domain="global", reason="r", exact={"tolerance": "1/7"})
+    proved = Check(
+        id="settling", verdict=Verdict.PROVED, domain="global", reason="r", claim=Values({"tolerance": "1/7"})
+    )
     certificate = certificate_of(checks=() if "--search" in options else (proved,), options=options)
-    assert reproduction(certificate)["certify"] == command
+    assert reproduction(certificate).certify == command
 
 
 def test_both_reports_have_the_table_the_commands_and_lines_to_sign(certificate):
@@ -89,9 +91,9 @@ def test_both_reports_have_the_table_the_commands_and_lines_to_sign(certificate)
     ):
         for words in ("Traceability", "Signatures", "Prepared by", "Checked by", "Approved by", "Signature"):
             assert words in text
-        for words in (again["certify"], again["verify"], again["alone"], *(sha for _, sha in again["fingerprints"])):
+        for words in (again.certify, again.verify, again.alone, *(sha for _, sha in again.prints)):
             assert words in text
         plain = text.replace("\\", "").replace("<wbr>", "")
-        for row in trace_rows(certificate.checks):
-            assert row.modules[0] in plain
-            assert row.source in plain
+        for _, _, _, source, modules, *_ in rows_of(certificate.checks):
+            assert modules.split(", ")[0] in plain
+            assert source in plain

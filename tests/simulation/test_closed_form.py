@@ -6,7 +6,7 @@ import mpmath
 import numpy as np
 import pytest
 
-from dobc_design.simulation.closed_form import evolve, make_closed_form
+from dobc_design.simulation.field import evolve, make_closed_form
 
 
 def precise(F, t: float):

@@ -12,13 +12,13 @@ from scipy.linalg import expm
 
 from dobc_design.errors import SpecError
 from dobc_design.problem.arrays import consensus_jacobian, pinning_matrix
-from dobc_design.problem.exosystem import Exosystem
+from dobc_design.problem.exosystems import Exosystem
+from dobc_design.problem.groups import Observer
 from dobc_design.problem.load import load_problem
 from dobc_design.problem.network import Network
-from dobc_design.problem.observer import Observer
 from dobc_design.problem.problem import Problem
-from dobc_design.simulation import ensembles, stacked
-from dobc_design.simulation.ensembles import simulate_many
+from dobc_design.simulation import columns, ensemble
+from dobc_design.simulation.ensemble import simulate_many
 from dobc_design.simulation.run import simulate
 from dobc_design.simulation.signals import Fixed, Markov, Periodic, RandomDwell
 
@@ -83,7 +83,7 @@ def test_stacked_linear_runs_follow_the_matrix_exponential():
 def test_chunks_do_not_change_the_runs(monkeypatch):
     problem, signal = CASES["planar, random stays"]
     whole = simulate_many(problem, runs=10, signal=signal, t_final=3.0)
-    monkeypatch.setattr(ensembles, "COLUMN_NUMBERS", 18)  # three runs of 3 agents with 2 components
+    monkeypatch.setattr(ensemble, "COLUMN_NUMBERS", 18)  # three runs of 3 agents with 2 components
     parts: list[float] = []
     chunked = simulate_many(problem, runs=10, signal=signal, t_final=3.0, progress=parts.append)
     np.testing.assert_allclose(chunked.error, whole.error, rtol=1e-6, atol=1e-11)
@@ -142,7 +142,7 @@ def test_a_start_that_overflows_ends_its_run_at_once_and_no_other():
 
 
 def test_runs_that_need_too_many_steps_are_made_alone(monkeypatch):
-    monkeypatch.setattr(stacked, "MOST_STEPS", 5)
+    monkeypatch.setattr(columns, "MOST_STEPS", 5)
     problem, signal = CASES["planar"]
     many = simulate_many(problem, runs=3, signal=signal, t_final=3.0)
     for k in range(3):
@@ -210,11 +210,11 @@ def test_wrong_arguments_are_refused(arguments, message: str):
 MEMORY = """
 import resource, sys
 import numpy as np, scipy.sparse as sp
-from dobc_design.simulation.ensembles import simulate_many
+from dobc_design.simulation.ensemble import simulate_many
 from dobc_design.simulation.signals import Periodic
-from dobc_design.problem.exosystem import Exosystem
+from dobc_design.problem.exosystems import Exosystem
 from dobc_design.problem.network import Network
-from dobc_design.problem.observer import Observer
+from dobc_design.problem.groups import Observer
 from dobc_design.problem.problem import Problem
 n, rng = 1000, np.random.default_rng(0)
 def graph():

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 from dobc_design.errors import SpecError
-from dobc_design.problem.exosystem import Exosystem
+from dobc_design.problem.exosystems import Exosystem
+from dobc_design.problem.groups import Observer
 from dobc_design.problem.load import load_problem
 from dobc_design.problem.network import Network
-from dobc_design.problem.observer import Observer
 from dobc_design.problem.problem import Problem
 from dobc_design.simulation.run import simulate
 from dobc_design.simulation.signals import Periodic, RandomDwell

@@ -8,10 +8,10 @@ import pytest
 
 from dobc_design.model.model import build_model
 from dobc_design.problem.arrays import arc_groups
-from dobc_design.problem.exosystem import Exosystem
+from dobc_design.problem.exosystems import Exosystem
+from dobc_design.problem.groups import Observer
 from dobc_design.problem.load import load_problem
 from dobc_design.problem.network import Network
-from dobc_design.problem.observer import Observer
 from dobc_design.problem.problem import Problem
 from dobc_design.simulation.field import make_field, make_loop, network_of
 
@@ -56,7 +56,7 @@ def test_the_pattern_covers_the_jacobian_of_the_closed_loop(problem: Problem):
     symbols = [ca.SX.sym("s", problem.n * width) for width in (problem.m, problem.q, problem.q)]
     closed_loop = ca.vertcat(*build_model(problem).closed_loop(*symbols))
     rows, columns = ca.jacobian(closed_loop, ca.vertcat(*symbols)).sparsity().get_triplet()
-    pattern = field.pattern.toarray() != 0
+    pattern = field.pattern().toarray() != 0
     assert pattern.shape == (closed_loop.numel(),) * 2
     assert pattern[rows, columns].all()
 

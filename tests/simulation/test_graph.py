@@ -9,8 +9,7 @@ from dobc_design.coupling.coupling import make_coupling
 from dobc_design.problem.network import Network
 from dobc_design.problem.problem import Problem
 from dobc_design.simulation import graph as graph_module
-from dobc_design.simulation.formula import compile_coupling
-from dobc_design.simulation.graph import make_graph
+from dobc_design.simulation.graph import compile_coupling, make_graph
 
 EXPRESSIONS = [
     "exp(y) - 1 + y",

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from dobc_design.simulation import measures
+from dobc_design.simulation import trajectory as measures
 
 
 def test_the_bounds_of_a_proportion_are_those_of_scipy():

@@ -9,9 +9,10 @@ from scipy.linalg import expm
 from dobc_design.errors import ShapeError, SpecError
 from dobc_design.problem.network import Network
 from dobc_design.problem.problem import Problem
-from dobc_design.simulation.ensembles import simulate_many
-from dobc_design.simulation.mobile import Mobile, Waypoints, groups_of, motion_switches, near
+from dobc_design.simulation.ensemble import simulate_many
 from dobc_design.simulation.run import simulate
+from dobc_design.simulation.signals import Mobile, Waypoints
+from dobc_design.simulation.switches import groups_of, motion_switches, near
 
 
 def alone(n: int, *, m: int = 1, **settings) -> Problem:
@@ -151,8 +152,8 @@ def test_a_motion_of_other_agents_is_refused():
 
 def test_moving_agents_in_the_plane_with_an_observer_agree_with_the_full_loop():
     """m = 2, disturbance, formation: the same switches and states from both right-hand sides."""
-    from dobc_design.problem.exosystem import Exosystem
-    from dobc_design.problem.observer import Observer
+    from dobc_design.problem.exosystems import Exosystem
+    from dobc_design.problem.groups import Observer
 
     problem = alone(
         8,

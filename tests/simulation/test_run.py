@@ -14,10 +14,10 @@ from scipy.linalg import expm
 from dobc_design.errors import ShapeError, SpecError
 from dobc_design.model.model import build_model
 from dobc_design.problem.arrays import consensus_jacobian, goals, pinning_matrix
-from dobc_design.problem.exosystem import Exosystem
+from dobc_design.problem.exosystems import Exosystem
+from dobc_design.problem.groups import Observer
 from dobc_design.problem.load import load_problem
 from dobc_design.problem.network import Network
-from dobc_design.problem.observer import Observer
 from dobc_design.problem.problem import Problem
 from dobc_design.simulation.run import simulate
 

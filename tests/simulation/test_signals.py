@@ -11,10 +11,20 @@ from dobc_design.errors import ShapeError, SpecError
 from dobc_design.problem.load import load_problem
 from dobc_design.problem.network import Network
 from dobc_design.problem.problem import Problem
-from dobc_design.problem.switching import Switching
-from dobc_design.simulation.mobile import Mobile, Waypoints
-from dobc_design.simulation.signal_files import signal_from_json, signal_of, signal_to_json
-from dobc_design.simulation.signals import Fixed, Markov, Periodic, RandomDwell, Schedule, scheduled_switches
+from dobc_design.problem.settings import Switching
+from dobc_design.simulation.signals import (
+    Fixed,
+    Markov,
+    Mobile,
+    Periodic,
+    RandomDwell,
+    Schedule,
+    Waypoints,
+    signal_from_json,
+    signal_of,
+    signal_to_json,
+)
+from dobc_design.simulation.switches import scheduled_switches
 
 NAMES = ("a", "b", "c")
 CHAIN = Markov(generator=[[-3, 2, 1], [0.5, -0.5, 0], [1, 1, -2]])

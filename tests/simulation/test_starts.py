@@ -6,13 +6,13 @@ import numpy as np
 import pytest
 
 from dobc_design.errors import ShapeError, SpecError
-from dobc_design.problem.exosystem import Exosystem
+from dobc_design.problem.exosystems import Exosystem
+from dobc_design.problem.groups import Observer
 from dobc_design.problem.network import Network
-from dobc_design.problem.observer import Observer
 from dobc_design.problem.problem import Problem
 from dobc_design.simulation.field import make_loop
 from dobc_design.simulation.run import simulate
-from dobc_design.simulation.starts import make_starts
+from dobc_design.simulation.setting import make_starts
 
 
 def problem(**settings) -> Problem:

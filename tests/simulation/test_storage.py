@@ -12,12 +12,10 @@ from dobc_design.errors import CertificateError, SpecError
 from dobc_design.problem.load import load_problem
 from dobc_design.problem.network import Network
 from dobc_design.problem.problem import Problem
-from dobc_design.simulation.mobile import Mobile
 from dobc_design.simulation.run import simulate
-from dobc_design.simulation.signals import Periodic
-from dobc_design.simulation.storage import PLAIN, SAMPLED, load_trajectory
+from dobc_design.simulation.signals import Mobile, Periodic
 from dobc_design.simulation.stress import Failure, Stress
-from dobc_design.simulation.trajectory import Trajectory
+from dobc_design.simulation.trajectory import PLAIN, SAMPLED, Trajectory, load_trajectory
 
 
 def switching() -> Trajectory:
@@ -55,47 +53,6 @@ def test_an_npz_file_gives_the_trajectory_back(tmp_path, name: str):
     same(load_trajectory(run.save(tmp_path / "run.npz")), run)
 
 
-@pytest.mark.parametrize("name", CASES)
-def test_a_parquet_file_gives_the_trajectory_back(tmp_path, name: str):
-    pytest.importorskip("pyarrow", reason=STORE)
-    run = CASES[name]()
-    same(load_trajectory(run.save(tmp_path / "run.parquet")), run)
-
-
-def test_a_parquet_file_is_a_table_for_others(tmp_path):
-    pytest.importorskip("pyarrow", reason=STORE)
-    from pyarrow import parquet
-
-    run = switching()
-    table = parquet.read_table(run.save(tmp_path / "run.parquet"))
-    assert table.column_names == ["time", "mode", *SAMPLED]
-    assert table["time"].to_pylist() == run.times.tolist()
-    assert table["x"][3].as_py() == run.x[3].ravel().tolist()
-
-
-def other_table(path: Path) -> None:
-    import pyarrow
-    from pyarrow import parquet
-
-    parquet.write_table(pyarrow.table({"time": [0.0, 1.0]}), path)
-
-
-def cut(path: Path) -> None:
-    path.write_bytes(switching().save(path).read_bytes()[:-200])
-
-
-@pytest.mark.parametrize(
-    "make",
-    [other_table, cut, lambda path: path.write_text("words"), lambda path: path.write_bytes(b"")],
-    ids=["another table", "cut", "text", "empty"],
-)
-def test_what_is_no_stored_trajectory_is_refused_as_parquet_too(tmp_path, make):
-    pytest.importorskip("pyarrow", reason=STORE)
-    make(tmp_path / "run.parquet")
-    with pytest.raises(SpecError, match="does not hold a trajectory"):
-        load_trajectory(tmp_path / "run.parquet")
-
-
 def test_a_pandas_table_can_be_grouped_by_what_it_names():
     """Columns (quantity, agent, component): errors of all agents in one line, and the mode beside them."""
     pytest.importorskip("pandas", reason=STORE)
@@ -119,11 +76,11 @@ def test_a_pandas_table_has_a_column_for_every_component():
     assert frame.shape == (9, 1 + 10 * (4 + 2 * 2))
 
 
-def test_without_pandas_or_pyarrow_the_way_out_is_said(tmp_path, monkeypatch):
+def test_without_pandas_the_way_out_is_said(monkeypatch):
     run, original = switching(), builtins.__import__
 
     def refuse(name, *rest):
-        if name.partition(".")[0] in ("pandas", "pyarrow"):
+        if name.partition(".")[0] == "pandas":
             raise ImportError(name)
         return original(name, *rest)
 
@@ -131,9 +88,6 @@ def test_without_pandas_or_pyarrow_the_way_out_is_said(tmp_path, monkeypatch):
     with pytest.raises(SpecError, match="needs the package pandas") as caught:
         run.to_pandas()
     assert "dobc_design[store]" in caught.value.cure
-    with pytest.raises(SpecError, match="need the package pyarrow"):
-        run.save(tmp_path / "run.parquet")
-    assert list(tmp_path.iterdir()) == []
 
 
 def test_files_are_not_overwritten_unless_asked(tmp_path):
@@ -149,7 +103,7 @@ def test_files_are_not_overwritten_unless_asked(tmp_path):
 
 
 def test_another_ending_or_a_missing_folder_is_refused(tmp_path):
-    with pytest.raises(SpecError, match=r"\.npz or \.parquet"):
+    with pytest.raises(SpecError, match=r"saved as \.npz"):
         switching().save(tmp_path / "run.csv")
     with pytest.raises(CertificateError, match="cannot be written"):
         switching().save(tmp_path / "no" / "run.npz")

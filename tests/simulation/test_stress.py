@@ -11,21 +11,21 @@ from scipy.linalg import expm
 
 from dobc_design.errors import ShapeError, SpecError
 from dobc_design.problem.arrays import consensus_jacobian, pinning_matrix
-from dobc_design.problem.exosystem import Exosystem
+from dobc_design.problem.exosystems import Exosystem
+from dobc_design.problem.groups import Observer
 from dobc_design.problem.load import load_problem
 from dobc_design.problem.network import Network
-from dobc_design.problem.observer import Observer
 from dobc_design.problem.problem import Problem
-from dobc_design.simulation.agents import Agents
-from dobc_design.simulation.ensembles import simulate_many
+from dobc_design.simulation.agents import Crew, Heard, StressedRuns
+from dobc_design.simulation.ensemble import simulate_many
 from dobc_design.simulation.field import make_loop
-from dobc_design.simulation.mobile import Mobile
-from dobc_design.simulation.run import simulate
+from dobc_design.simulation.run import simulate, stressed_runs
 from dobc_design.simulation.sampled import discretised
-from dobc_design.simulation.signals import Periodic, RandomDwell
-from dobc_design.simulation.storage import load_trajectory
+from dobc_design.simulation.setting import groups_for, make_setting, switches_for
+from dobc_design.simulation.signals import Mobile, Periodic, RandomDwell
 from dobc_design.simulation.stress import Failure, Stress, stress_from_json, stress_to_json
-from dobc_design.synthesis.observer.spectrum import sampled_matrix
+from dobc_design.simulation.trajectory import load_trajectory
+from dobc_design.synthesis.observer.decide import sampled_matrix
 
 HARMONIC = Exosystem(A=[[0, 2], [-2, 0]], C=[[1, 0]])
 PRINTED = Observer(W=[["16/5"], ["12/5"]])
@@ -65,6 +65,13 @@ def planar() -> Problem:
         offsets={"2": [1, 0]},
         simulation={"t_final": 4, "seed": 3, "xi0": [[1, 0, 2], [0, 1, -1], [3, 0, 0]]},
     )
+
+
+def prepared(problem: Problem, stress: Stress, **given) -> StressedRuns:
+    """A stack of one run."""
+    setting = make_setting(problem, gain=None, stress=stress, **given)
+    switches = switches_for(setting, 0)
+    return stressed_runs(setting, stress, [0], [switches], groups_for(setting, switches))
 
 
 @pytest.mark.parametrize("name", ["paper-switching", "uav-swarm", "planar"])
@@ -131,11 +138,10 @@ def test_the_unmodelled_disturbance_enters_as_its_sine():
 
 def test_the_integral_of_the_unmodelled_disturbance_is_that_of_a_fine_sum():
     for frequency in (0.0, 1e-9, 2.0, 30.0):
-        loop = make_loop(single(), None)
-        agents = Agents(loop, Stress(disturbance=0.7, frequency=frequency), {}, seed=4, heeds=True)
+        crew = Crew(prepared(single(), Stress(disturbance=0.7, frequency=frequency)), np.zeros(0), keep=False)
         fine = np.linspace(0.3, 1.1, 200_001)
-        wanted = np.trapezoid(agents.extra(fine)[:, 0, 0], fine)
-        assert agents.extra_integral(0.3, np.array([1.1]))[0, 0, 0] == pytest.approx(wanted, abs=1e-8)
+        wanted = np.trapezoid(crew.extra(fine)[0, 0], fine)
+        assert crew.extra_integral(0.3, 1.1)[0, 0, 0] == pytest.approx(wanted, abs=1e-8)
 
 
 def test_noise_has_the_deviation_asked_for_and_is_seen_in_the_input_only():
@@ -223,36 +229,29 @@ def test_when_every_packet_is_lost_a_listener_feels_nothing():
 
 def test_packets_are_lost_as_often_as_asked_and_the_last_one_is_kept():
     """380 arcs, two exchanges: about 30 % of the packets do not arrive."""
-    from dobc_design.simulation.air import Air, Links
-    from dobc_design.simulation.graph import groups_of_mode
-
     network = Network.from_arcs([[i, j] for i in range(1, 21) for j in range(1, 21) if i != j], arrow="listens_to")
-    links = Links(groups_of_mode(Problem(network=network, coupling="y"), "G"), 20, 1)
-    air = Air(1, 0.3, np.random.default_rng(0))
-    air.exchange(links, np.zeros((20, 1)))
-    assert np.isnan(air.values).mean() == pytest.approx(0.3, abs=0.05)
-    before = air.values.copy()
-    air.exchange(links, np.ones((20, 1)))
-    fresh = air.values == 1
+    heard = Heard(prepared(Problem(network=network, coupling="y"), Stress(loss=0.3)), np.array([0.0, 0.1]), keep=True)
+    heard.exchange(0, np.zeros((20, 1, 1)))
+    assert np.isnan(heard.values).mean() == pytest.approx(0.3, abs=0.05)
+    before = heard.values.copy()
+    heard.exchange(1, np.ones((20, 1, 1)))
+    fresh = heard.values == 1
     assert fresh.mean() == pytest.approx(0.7, abs=0.05)
-    assert np.array_equal(air.values[~fresh], before[~fresh], equal_nan=True)
+    assert np.array_equal(heard.values[~fresh], before[~fresh], equal_nan=True)
 
 
 def test_links_that_stay_keep_what_was_heard_and_new_ones_hold_nothing():
-    from dobc_design.simulation.air import Air, Links
-    from dobc_design.simulation.graph import groups_of_mode
-
     modes = {"a": [[1, 2], [2, 3]], "b": [[3, 1], [2, 3]]}
     problem = Problem(network=Network.from_arcs(modes, arrow="listens_to"), coupling="y")
-    first, second = (Links(groups_of_mode(problem, mode), 3, 1) for mode in "ab")
-    air = Air(1, 0.0, np.random.default_rng(0))
-    air.exchange(first, np.array([[10.0], [20.0], [30.0]]))
-    air.tune(second)
-    held = dict(zip(zip(second.listeners, second.speakers, strict=True), air.values[:, 0], strict=True))
+    runs = prepared(problem, Stress(exchange=0.1), signal=Periodic(dwell=0.15))
+    heard = Heard(runs, np.array([0.0, 0.1]), keep=True)
+    heard.exchange(0, np.array([[[10.0]], [[20.0]], [[30.0]]]))
+    heard.tune(np.array([0]), np.array([1]))
+    second, values = heard.links[1], heard.values[heard.places[1]]
+    held = dict(zip(zip(second.listeners, second.speakers, strict=True), values[:, 0, 0], strict=True))
     assert held[1, 2] == 30
     assert np.isnan(held[2, 0])
-    felt = second.felt(np.zeros((3, 1)), air.values)
-    assert felt.ravel().tolist() == [0, 30, 0]
+    assert second.felt(np.zeros((3, 1, 1)), values).ravel().tolist() == [0, 30, 0]
 
 
 @pytest.mark.parametrize("period", [None, 0.001])

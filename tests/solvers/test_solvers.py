@@ -7,13 +7,12 @@ from fractions import Fraction
 import numpy as np
 import pytest
 
-from dobc_design.conditions.consensus.claim import omega, reduced, with_gain
+from dobc_design.conditions.consensus.claim import omega, reduced, state_theorems, with_gain
 from dobc_design.conditions.consensus.reduced import reduced_program, solve_reduced
-from dobc_design.conditions.consensus.statements import state_theorems
 from dobc_design.errors import SpecError
 from dobc_design.exact.definite import decide_positive_definite
 from dobc_design.exact.matrix import from_float
-from dobc_design.problem.exosystem import Exosystem
+from dobc_design.problem.exosystems import Exosystem
 from dobc_design.problem.network import Network
 from dobc_design.problem.problem import Problem
 from dobc_design.solvers.conic import solve_directly

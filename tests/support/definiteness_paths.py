@@ -9,12 +9,16 @@ from collections.abc import Callable
 
 import numpy as np
 
-from dobc_design.exact.cholesky import Scaled, proves_by_integers, scaled, shifted_cholesky
-from dobc_design.exact.decision import first_refuting, roundings
-from dobc_design.exact.definite import decide_positive_definite, decide_quickly
-from dobc_design.exact.deflation import decide_lifted
-from dobc_design.exact.elimination import bad_direction
-from dobc_design.exact.integers import IntegerSymmetric
+from dobc_design.exact.cholesky import (
+    Scaled,
+    bad_direction,
+    decide_lifted,
+    proves_by_integers,
+    scaled,
+    shifted_cholesky,
+)
+from dobc_design.exact.definite import decide_positive_definite, decide_quickly, first_refuting, roundings
+from dobc_design.exact.symmetric import IntegerSymmetric
 from dobc_design.exact.zmatrix import search
 from dobc_design.verdict import Verdict
 

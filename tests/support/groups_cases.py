@@ -14,9 +14,8 @@ from region_cases import claim
 from dobc_design.certificate.text import certificate_bytes
 from dobc_design.certification.certify import certify
 from dobc_design.problem.canonical import canonical_bytes
-from dobc_design.problem.exosystem import Exosystem
-from dobc_design.problem.groups import Group
-from dobc_design.problem.observer import Observer
+from dobc_design.problem.exosystems import Exosystem
+from dobc_design.problem.groups import Group, Observer
 from dobc_design.problem.problem import Problem
 
 RAMP = Exosystem(A=[[0, 1], [0, 0]], C=[[1, 0]])

@@ -18,9 +18,8 @@ from random_problems import _exosystem, _observer, random_linear_problem, random
 
 from dobc_design.exact.observability import decide_observable
 from dobc_design.problem.canonical import canonical_bytes
-from dobc_design.problem.exosystem import Exosystem
-from dobc_design.problem.groups import Group
-from dobc_design.problem.observer import Observer
+from dobc_design.problem.exosystems import Exosystem
+from dobc_design.problem.groups import Group, Observer
 from dobc_design.problem.problem import Problem
 from dobc_design.verdict import Verdict
 

@@ -18,7 +18,6 @@ from campaigns import Tally
 from scipy import optimize
 
 from dobc_design.certification.certify import certify
-from dobc_design.conditions.check import CONSENSUS_IDS
 from dobc_design.problem.network import Network
 from dobc_design.problem.problem import Problem
 from dobc_design.verdict import Verdict
@@ -140,7 +139,7 @@ def linear_campaign(seeds: Any) -> Known:
         if (certificate.verdict is Verdict.PROVED) is not (slowest > 1e-9):
             tally.wrong.append(f"linear {seed}: {certificate.verdict.value}, slowest {slowest}")
         for check in certificate.checks:
-            if check.verdict is Verdict.PROVED and check.id in CONSENSUS_IDS and check.rate is not None:
+            if check.verdict is Verdict.PROVED and check.kind.is_consensus and check.rate is not None:
                 tally.ratios[f"rate of {check.id}"].append(check.rate / slowest)
                 if check.rate > slowest * (1 + 1e-9):
                     tally.wrong.append(f"linear {seed}: {check.id} claims {check.rate}, true is {slowest}")

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 
-from dobc_design.problem.builtin import builtin_text
+from dobc_design.problem.load import builtin_text
 
 CHAIN = """\
 name = "chain"

@@ -16,9 +16,9 @@ from typing import Any
 import numpy as np
 from scipy import linalg
 
-from dobc_design.problem.exosystem import Exosystem
+from dobc_design.problem.exosystems import Exosystem
+from dobc_design.problem.groups import Observer
 from dobc_design.problem.network import Network
-from dobc_design.problem.observer import Observer
 from dobc_design.problem.problem import Problem
 
 LINEAR = ("y", "2*y", "y/3", "5*y/2", "-y/8", "y*exp(1)", "pi*y/2")

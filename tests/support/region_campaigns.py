@@ -20,8 +20,8 @@ from dobc_design.certification.certify import certify, verify
 from dobc_design.certification.recheck import recheck
 from dobc_design.errors import CertificateError
 from dobc_design.problem.canonical import canonical_document, problem_from_canonical
-from dobc_design.problem.exosystem import Exosystem
-from dobc_design.problem.observer import Observer
+from dobc_design.problem.exosystems import Exosystem
+from dobc_design.problem.groups import Observer
 from dobc_design.problem.problem import Problem
 
 COUPLINGS = (*separable_problems.MONOTONE, *separable_problems.TURNING, "clip(y, -1, 1)", "y + abs(y)/3")

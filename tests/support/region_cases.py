@@ -19,8 +19,8 @@ from checker_cases import FAILS, HOLDS, UNREADABLE, Case, Document, bend, networ
 from dobc_design.certificate.text import certificate_bytes
 from dobc_design.certification.certify import certify
 from dobc_design.problem.canonical import canonical_bytes
-from dobc_design.problem.exosystem import Exosystem
-from dobc_design.problem.observer import Observer
+from dobc_design.problem.exosystems import Exosystem
+from dobc_design.problem.groups import Observer
 from dobc_design.problem.problem import Problem
 
 GLOBAL = "global"

@@ -6,11 +6,11 @@ from typing import Any
 
 import numpy as np
 
-from dobc_design.problem.exosystem import Exosystem
+from dobc_design.problem.exosystems import Exosystem
+from dobc_design.problem.groups import Observer
 from dobc_design.problem.network import Network
-from dobc_design.problem.observer import Observer
 from dobc_design.problem.problem import Problem
-from dobc_design.simulation.ensembles import simulate_many
+from dobc_design.simulation.ensemble import simulate_many
 from dobc_design.simulation.run import simulate
 from dobc_design.simulation.stress import Failure, Stress
 

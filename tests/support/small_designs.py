@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from dobc_design.problem.exosystem import Exosystem
+from dobc_design.problem.exosystems import Exosystem
 from dobc_design.problem.network import Network
 from dobc_design.problem.problem import Problem
 

@@ -7,7 +7,7 @@ import re
 import pytest
 
 from dobc_design.errors import SpecError
-from dobc_design.sweeps.keys import path_text, read_keys, split_axis, with_changes
+from dobc_design.sweeps.axes import path_text, read_keys, split_axis, with_changes
 
 
 @pytest.mark.parametrize(

@@ -12,11 +12,8 @@ import pytest
 from problem_texts import CHAIN
 
 from dobc_design.errors import SpecError
-from dobc_design.sweeps.picture import sweep_picture
-from dobc_design.sweeps.plan import make_plan
+from dobc_design.sweeps.plan import Task, make_plan
 from dobc_design.sweeps.result import SweepResult
-from dobc_design.sweeps.storage import parquet_bytes
-from dobc_design.sweeps.tasks import Task
 
 
 def made(over, tmp_path: Path, *, task: str = "certify", samples=None, missing=()) -> SweepResult:
@@ -35,7 +32,7 @@ def made(over, tmp_path: Path, *, task: str = "certify", samples=None, missing=(
             {
                 "case": number,
                 "id": f"{number:064x}",
-                "values": list(plan.case(number).values),
+                "values": list(plan.values(number)),
                 "seconds": 0.5,
                 "result": None if error else found,
                 "error": error,
@@ -69,7 +66,7 @@ def test_a_table_is_not_overwritten_and_has_a_known_ending(tmp_path):
 
 
 def test_parquet_holds_the_same_rows_with_their_types(tmp_path):
-    pytest.importorskip("duckdb", reason="needs dobc_design[store]")
+    pytest.importorskip("pandas", reason="needs dobc_design[store]")
     parquet = pytest.importorskip("pyarrow.parquet", reason="needs dobc_design[store]")
     for task, missing in (("certify", (4,)), ("simulate", ())):
         result = made(GRID, tmp_path, task=task, missing=missing)
@@ -80,26 +77,11 @@ def test_parquet_holds_the_same_rows_with_their_types(tmp_path):
         assert kinds == {name: names[kind] for name, kind in result.columns.items()}
 
 
-def test_questions_in_sql_are_answered_and_cannot_reach_files(tmp_path):
-    pytest.importorskip("duckdb", reason="needs dobc_design[store]")
-    result = made(GRID, tmp_path)
-    found = result.query('SELECT verdict, count(*) AS n, max("pinning.gains.3") AS k FROM sweep GROUP BY 1 ORDER BY 1')
-    assert found.to_dict("records") == [
-        {"verdict": "proved", "n": 8, "k": 3.0},
-        {"verdict": "undecided", "n": 4, "k": 3.0},
-    ]
-    (tmp_path / "x.csv").write_text("a\n1\n", encoding="utf-8")
-    for sql in ("SELEKT 1", f"SELECT * FROM read_csv('{tmp_path / 'x.csv'}')", "SELECT nothing FROM sweep"):
-        with pytest.raises(SpecError, match="DuckDB cannot answer that") as caught:
-            result.query(sql)
-        assert "coupling.h" in str(caught.value.cure)
-
-
 def test_without_the_extra_the_message_says_what_is_missing_and_what_works(tmp_path, monkeypatch):
-    monkeypatch.setitem(sys.modules, "duckdb", None)
+    monkeypatch.setitem(sys.modules, "pandas", None)
     result = made(GRID, tmp_path)
     with pytest.raises(SpecError, match=r"dobc_design\[store\]") as caught:
-        parquet_bytes(result.rows, result.columns)
+        result.save(tmp_path / "r.parquet")
     assert ".csv and .jsonl need none" in str(caught.value.cure)
 
 
@@ -176,4 +158,4 @@ def test_what_cannot_be_drawn_is_refused_with_what_can(tmp_path):
         ({"x": "coupling.h", "y": "coupling.h"}, "different axes"),
     ):
         with pytest.raises(SpecError, match=words):
-            sweep_picture(result, **({"value": None, "x": None, "y": None} | options))
+            result.plot(**options)

@@ -14,7 +14,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from fractions import Fraction
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,6 +24,7 @@ from dobc_design.coupling.enclosures import Curve, slope_form, value_form
 from dobc_design.errors import ShapeError, SpecError
 from dobc_design.exact.interval import Interval, UndefinedError
 from dobc_design.exact.matrix import Matrix
+from dobc_design.exact.number import number_text
 from dobc_design.problem.problem import Problem
 
 Array = NDArray[np.float64]
@@ -60,6 +61,13 @@ class Shell:
             raise SpecError("outer must be at least the level of the inner certificate, and half > 0.", key="outer")
         if not 0 <= self.rate <= self.lure.rate:
             raise SpecError("rate must be >= 0 and at most that of the inner certificate.", key="rate")
+
+    def to_json(self) -> dict[str, Any]:
+        """The exact values of a proved check.  Raises: ValueError for a rate other than the inner one."""
+        if self.rate != self.lure.rate:
+            raise ValueError("a certificate has one rate for both")
+        outer = {"outer": number_text(self.outer), "half": number_text(self.half), "tree": self.tree}
+        return self.lure.to_json() | outer
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -145,11 +153,10 @@ def build_forms(problem: Problem, lure: Lure, *, S: Matrix | None, rate: Fractio
     M = _floats(held_matrix(problem, lure.P_e, rate=rate, S=S).to_dense())
     P_e = _floats(lure.P_e.to_dense())
     ranges = Ranges(tuple(Curve(coupling.components[0]) for coupling in problem.couplings))
-    place = {coupling: number for number, coupling in enumerate(problem.couplings)}
     forms = {}
     for name, arcs in problem.network.modes.items():
         weights = _floats(tuple((weight,) for _, _, weight in arcs)).reshape(-1)
-        ends = [(i * m + c, j * m + c, place[problem.coupling_of(i, j)]) for i, j, _ in arcs for c in range(m)]
+        ends = [(i * m + c, j * m + c, problem.coupling_place(i, j)) for i, j, _ in arcs for c in range(m)]
         target, plus, curve = np.array(ends, dtype=np.intp).reshape(-1, 3).T
         weight = np.repeat(weights, m)
         forms[name] = Form(M=M, P_e=P_e, target=target, plus=plus, weight=weight, curve=curve, ranges=ranges)

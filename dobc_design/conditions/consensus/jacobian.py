@@ -15,6 +15,7 @@ import numpy as np
 from scipy import sparse
 
 from dobc_design.exact.interval import Interval
+from dobc_design.problem.arcs import coupling_places
 from dobc_design.problem.problem import Problem
 from dobc_design.solvers.program import Array
 
@@ -47,15 +48,9 @@ def float_lambda(problem: Problem, mode: str, *, pins: bool = True) -> Any:
 def _arc_gains(problem: Problem, mode: str) -> tuple[Array, Any, Any]:
     """h'(0) of every arc with its weight, (arcs, m, m), and the two ends of the arcs."""
     arcs = problem.network.modes[mode]
-    couplings = problem.couplings
-    slopes = np.array([_middles(coupling.jacobian_at_zero()) for coupling in couplings])
+    slopes = np.array([_middles(coupling.jacobian_at_zero()) for coupling in problem.couplings])
     weights = _weights(arcs.weights)[:, None, None]
-    if not problem.exceptions:
-        return _weighted(weights, slopes[0]), arcs.listeners, arcs.speakers
-    place = {coupling: number for number, coupling in enumerate(couplings)}
-    special = {i * problem.n + j: place[coupling] for (i, j), coupling in problem.exceptions.items()}
-    kinds = [special.get(code, 0) for code in (arcs.listeners * problem.n + arcs.speakers).tolist()]
-    return _weighted(weights, slopes[np.array(kinds, dtype=np.int64)]), arcs.listeners, arcs.speakers
+    return _weighted(weights, slopes[coupling_places(problem, arcs)]), arcs.listeners, arcs.speakers
 
 
 def _weighted(weights: Array, slopes: Array) -> Array:

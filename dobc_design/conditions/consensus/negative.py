@@ -13,16 +13,14 @@ from fractions import Fraction
 import numpy as np
 from numpy.typing import NDArray
 
-from dobc_design.conditions.consensus.arrays import Deviations
+from dobc_design.conditions.consensus.claim import Deviations
 from dobc_design.conditions.numbers import shorten
-from dobc_design.exact.decision import Symmetric
 from dobc_design.exact.definite import decide_positive_definite
-from dobc_design.exact.integers import IntegerSymmetric, in_integers
 from dobc_design.exact.interval import Interval
 from dobc_design.exact.matrix import Matrix, Vector
 from dobc_design.exact.number import float_above
 from dobc_design.exact.pencil import Deviation
-from dobc_design.exact.symmetric import SparseSymmetric
+from dobc_design.exact.symmetric import IntegerSymmetric, SparseSymmetric, Symmetric, in_integers
 from dobc_design.exact.zmatrix import row_bound
 from dobc_design.verdict import Verdict
 

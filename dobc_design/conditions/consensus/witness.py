@@ -12,7 +12,7 @@ from fractions import Fraction
 from dobc_design.conditions.consensus.negative import Enclosed, find_witness
 from dobc_design.conditions.consensus.network import name_agents, unheld_groups
 from dobc_design.exact.matrix import Vector
-from dobc_design.problem.arcs import Arcs
+from dobc_design.problem.network import Arcs
 from dobc_design.problem.problem import Problem
 
 Directions = Sequence[Sequence[float]]

@@ -25,7 +25,7 @@ from dobc_design.exact.matrix import (
     zeros,
 )
 from dobc_design.exact.observability import decide_observable, observability_matrix, observable_reduction
-from dobc_design.problem.exosystem import Exosystem
+from dobc_design.problem.exosystems import Exosystem
 from dobc_design.solvers.rounding import round_matrix
 from dobc_design.verdict import Verdict
 

@@ -18,7 +18,7 @@ from dobc_design.conditions.observer.scaling import Scaled, decimal_exponent, na
 from dobc_design.exact.matrix import Matrix, add, identity, multiply, scale, subtract, to_float
 from dobc_design.exact.observability import decide_detectable
 from dobc_design.exact.polynomial import decide_hurwitz
-from dobc_design.problem.exosystem import Exosystem
+from dobc_design.problem.exosystems import Exosystem
 from dobc_design.problem.groups import join
 from dobc_design.problem.problem import Problem
 from dobc_design.solvers.conic import SECOND, TIME_LIMIT, climb

@@ -13,7 +13,7 @@ from fractions import Fraction
 from dobc_design.conditions.consensus.claim import reduced, with_gain
 from dobc_design.conditions.observer.scaling import decimal_exponent
 from dobc_design.exact.matrix import Matrix, Vector, inverse, multiply, scale, subtract
-from dobc_design.problem.exosystem import Exosystem
+from dobc_design.problem.exosystems import Exosystem
 from dobc_design.solvers.conic import TIME_LIMIT, climb
 from dobc_design.solvers.program import Program
 from dobc_design.solvers.rounding import round_matrix

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from fractions import Fraction
 
 from dobc_design.exact.matrix import Matrix
-from dobc_design.problem.exosystem import Exosystem
+from dobc_design.problem.exosystems import Exosystem
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

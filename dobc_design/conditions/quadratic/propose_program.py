@@ -160,14 +160,13 @@ def make_templates(problem: Problem) -> Templates:
     K = np.zeros((size, size))
     for agent, gain in problem.pinning.gains.items():
         K[agent * m : (agent + 1) * m, agent * m : (agent + 1) * m] = [[nearest(x) for x in row] for row in gain]
-    place = {coupling: number for number, coupling in enumerate(problem.couplings)}
     entries = [_entries(coupling) for coupling in problem.couplings]
     modes = []
     for name, arcs in problem.network.modes.items():
         table = [
             (kind, c, d, i * m + c, j * m + d, i * m + d, curved, nearest(weight))
             for i, j, weight in arcs
-            for kind in (place[problem.coupling_of(i, j)],)
+            for kind in (problem.coupling_place(i, j),)
             for c, d, curved in entries[kind]
         ]
         columns = np.array(table, dtype=float).reshape(-1, 8).T

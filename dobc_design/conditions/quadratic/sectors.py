@@ -17,7 +17,8 @@ from typing import Final
 from dobc_design.coupling.algebra import GradientAlgebra
 from dobc_design.coupling.coupling import Coupling
 from dobc_design.coupling.enclosures import Curve, secant_range
-from dobc_design.coupling.expression import evaluate, polynomial_degree, variables_used
+from dobc_design.coupling.expression import polynomial_degree, variables_used
+from dobc_design.coupling.tree import evaluate
 from dobc_design.errors import SpecError
 from dobc_design.exact.interval import Interval
 from dobc_design.problem.problem import Problem
@@ -131,12 +132,11 @@ def build_sectors(problem: Problem, ranges: Sequence[GainRange], *, radius: Frac
     """
     m = problem.m
     table = {each.coupling: each.entries for each in ranges if each.radius == radius}
-    place = {coupling: number for number, coupling in enumerate(problem.couplings)}
     modes: dict[str, tuple[Channel, ...]] = {}
     for name, arcs in problem.network.modes.items():
         channels: list[Channel] = []
         for listener, speaker, weight in arcs:
-            entries = table.get(place[problem.coupling_of(listener, speaker)])
+            entries = table.get(problem.coupling_place(listener, speaker))
             if entries is None or [len(row) for row in entries] != [m] * m:
                 raise SpecError(
                     f"mode {name}: the coupling of arc {(listener, speaker)} needs a range of shape ({m}, {m}) at the"
@@ -191,9 +191,8 @@ def _used(problem: Problem) -> list[int]:
     """The couplings that arcs use, by their places, each once, in order."""
     if not problem.exceptions:
         return [0] if any(len(arcs) for arcs in problem.network.modes.values()) else []
-    place = {coupling: number for number, coupling in enumerate(problem.couplings)}
     modes = problem.network.modes.values()
-    return list(dict.fromkeys(place[problem.coupling_of(i, j)] for arcs in modes for i, j, _ in arcs))
+    return list(dict.fromkeys(problem.coupling_place(i, j) for arcs in modes for i, j, _ in arcs))
 
 
 def _jacobian_hull(coupling: Coupling, box: Box) -> Entries:

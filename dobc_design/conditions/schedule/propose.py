@@ -30,8 +30,7 @@ import numpy as np
 from dobc_design.conditions.quadratic.claim import Lure, linear_part
 from dobc_design.conditions.quadratic.propose import raise_rate, roomy_gains, round_down, scaled_pair
 from dobc_design.conditions.quadratic.sectors import GainRange, Sectors, build_sectors, enclose_ranges
-from dobc_design.conditions.separable.field import field_of
-from dobc_design.conditions.separable.propose import LARGE, propose_vectors
+from dobc_design.conditions.separable.propose import LARGE, field_of, propose_vectors
 from dobc_design.exact.interval import UndefinedError
 from dobc_design.exact.matrix import Matrix, Vector, multiply, scale, to_float
 from dobc_design.exact.symmetric import SparseSymmetric

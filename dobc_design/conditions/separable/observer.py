@@ -16,7 +16,6 @@ from dobc_design.conditions.separable.claim import ErrorBound, Separable
 from dobc_design.conditions.separable.decide import SeparableAnswer, largest_rate, verify_separable
 from dobc_design.errors import SpecError
 from dobc_design.exact.definite import decide_positive_definite, decide_positive_semidefinite
-from dobc_design.exact.doubles import Doubles
 from dobc_design.exact.matrix import (
     Matrix,
     Vector,
@@ -29,7 +28,8 @@ from dobc_design.exact.matrix import (
     subtract,
     transpose,
 )
-from dobc_design.problem.exosystem import Exosystem
+from dobc_design.exact.symmetric import Doubles
+from dobc_design.problem.exosystems import Exosystem
 from dobc_design.problem.problem import Problem
 from dobc_design.verdict import Verdict
 

@@ -17,7 +17,7 @@ from scipy import linalg
 from dobc_design.conditions.separable.claim import ErrorBound
 from dobc_design.exact.matrix import Matrix, to_float
 from dobc_design.exact.number import float_above
-from dobc_design.problem.exosystem import Exosystem
+from dobc_design.problem.exosystems import Exosystem
 from dobc_design.solvers.conic import Cone, solve_cones, svec, symmetric_basis
 from dobc_design.solvers.program import Array
 from dobc_design.solvers.rounding import round_matrix

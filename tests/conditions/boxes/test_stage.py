@@ -19,7 +19,7 @@ from dobc_design.conditions.boxes.stage import exhaustive_stage
 from dobc_design.conditions.check import Check
 from dobc_design.problem.network import Network
 from dobc_design.problem.problem import Problem
-from dobc_design.problem.region import Region
+from dobc_design.problem.settings import Region
 from dobc_design.verdict import Verdict
 
 

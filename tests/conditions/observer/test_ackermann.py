@@ -12,7 +12,7 @@ from dobc_design.conditions.observer.gain import design_gain
 from dobc_design.exact.matrix import multiply, subtract
 from dobc_design.exact.observability import decide_detectable
 from dobc_design.exact.polynomial import characteristic_polynomial, decide_hurwitz
-from dobc_design.problem.exosystem import Exosystem
+from dobc_design.problem.exosystems import Exosystem
 from dobc_design.verdict import Verdict
 
 

@@ -19,7 +19,7 @@ from dobc_design.conditions.observer.decide import (
     observable_part_is_hurwitz,
 )
 from dobc_design.exact.matrix import multiply, subtract
-from dobc_design.problem.exosystem import Exosystem
+from dobc_design.problem.exosystems import Exosystem
 from dobc_design.problem.problem import Problem
 from dobc_design.verdict import Verdict
 

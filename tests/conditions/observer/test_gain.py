@@ -13,7 +13,7 @@ from dobc_design.conditions.observer.scaling import decimal_exponent, natural_un
 from dobc_design.exact.matrix import add, identity, multiply, scale, subtract, to_float
 from dobc_design.exact.observability import decide_detectable
 from dobc_design.exact.polynomial import decide_hurwitz
-from dobc_design.problem.exosystem import Exosystem
+from dobc_design.problem.exosystems import Exosystem
 from dobc_design.verdict import Verdict
 
 CONSTANT = Exosystem(A=[[0]], C=[[1]])

@@ -18,7 +18,7 @@ from dobc_design.conditions.observer.pair import lyapunov, propose_pairs
 from dobc_design.exact.definite import decide_positive_definite
 from dobc_design.exact.matrix import add, identity, is_symmetric, multiply, scale, to_float, transpose
 from dobc_design.exact.symmetric import SparseSymmetric
-from dobc_design.problem.exosystem import Exosystem
+from dobc_design.problem.exosystems import Exosystem
 from dobc_design.verdict import Verdict
 
 PAPER_GAIN = ((Fraction(16, 5),), (Fraction(12, 5),))

@@ -17,10 +17,10 @@ from dobc_design.conditions.quadratic import stage as quadratic
 from dobc_design.conditions.quadratic.propose import roomy_gains
 from dobc_design.conditions.quadratic.sectors import gains_on
 from dobc_design.conditions.quadratic.stage import quadratic_stage
+from dobc_design.problem.groups import Observer
 from dobc_design.problem.network import Network
-from dobc_design.problem.observer import Observer
 from dobc_design.problem.problem import Problem
-from dobc_design.problem.region import Region
+from dobc_design.problem.settings import Region
 from dobc_design.verdict import Verdict
 
 

@@ -19,9 +19,9 @@ from dobc_design.conditions.separable.observer import (
     verify_composite,
 )
 from dobc_design.errors import SpecError
-from dobc_design.problem.exosystem import Exosystem
+from dobc_design.problem.exosystems import Exosystem
+from dobc_design.problem.groups import Observer
 from dobc_design.problem.load import load_problem
-from dobc_design.problem.observer import Observer
 from dobc_design.verdict import Verdict
 
 F = Fraction

@@ -1,0 +1,313 @@
+"""Checks in the report: what was decided, with which numbers and why, where it stands, how to decide it once more."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from typing import Any, Final
+
+from dobc_design._show.text import significant_towards_zero
+from dobc_design.certificate import text as certificate_text
+from dobc_design.certificate.certificate import Certificate
+from dobc_design.conditions.check import Check, Fix, Witness, main_cure, other_cures
+from dobc_design.conditions.kinds import KINDS
+from dobc_design.problem import canonical
+from dobc_design.problem.changes import change_lines
+from dobc_design.report import document as doc
+from dobc_design.report.formulas import rational
+from dobc_design.report.words import capitalize_first, domain_words, mark_of, names_in_words
+from dobc_design.verdict import Verdict
+
+CURE_COMMAND = "dobc certify problem.json --apply-fix cured.toml"
+MOST_ROWS = 150
+MOST_ENTRIES = 24  # of a vector
+LONGEST_NUMBER = 24
+LONGEST_TEXT = 1200
+POINTER = "named above."  # where the cure of a check is part of the main one
+_ORDER = {Verdict.REFUTED: 0, Verdict.UNDECIDED: 1, Verdict.PROVED: 2}
+_EXACT = {"bound": "λmax(Λ) must be below", "value": "v′Λv", "routh": "first column of Routh’s table"}
+#: Options of `dobc certify` that change a certificate or its report; what a file says beside them is not repeated.
+SWITCHES: Final = ("--all", "--search")
+SETTLING: Final = "--settling "
+_TRACED: Final = (
+    "Every condition that was checked: what it says, where it stands in the paper or in the theory beside it, which"
+    " module of dobc_design decided it here, and which file of the lone checker decides it once more, in plain Python"
+    " that shares nothing with the package."
+)
+_MADE_WITH: Final = (
+    "The command has the options that the certificate was made with. The fingerprint is that of the file as dobc_design"
+    " writes it."
+)
+_BOTH_FILES: Final = (
+    "The files certificate.json and problem.json lie beside this page. This decides every claim again in exact"
+    " arithmetic:"
+)
+_TRUSTS: Final = (
+    "It trusts the problem file and believes nothing of the certificate: margins, rates, witnesses and the overall"
+    " verdict are all proved anew. With nothing but Python, and none of this package, the lone checker (checker.py with"
+    " region_checker.py, quadratic_checker.py and groups_checker.py beside it) does the same:"
+)
+_DECIDES: Final = (
+    "This decides every claim again in exact arithmetic, against the problem file, which it trusts.\n"
+    "With nothing but Python, and none of this package, the lone checker (four files) does the same:"
+)
+_SIGNING: Final = (
+    "Who signs says which problem and which certificate it is about: the fingerprints above. What is proved needs no"
+    " signature; that the model fits the plant does."
+)
+
+
+def cure_section(checks: Sequence[Check]) -> Iterator[doc.Section]:
+    """The cure that everything else waits for, in words and as lines of the problem file; nothing without one."""
+    check = main_cure(checks)
+    if check is None or check.fix is None:
+        return
+    head = "What would cure it" if check.kind.role == "paper" else f"What would cure {check.id}"
+    if check.verdict is not Verdict.REFUTED:
+        head = f"What would help {check.id}"
+    lines = _fix_lines(check.fix)
+    told = f"Proved with the very conditions that failed. To write the cured problem: `{CURE_COMMAND}`"
+    decided = "The cured problem was decided by the very conditions that failed. This command writes it to a file:"
+    yield doc.Section(
+        name="cure",
+        title=head,
+        short="Cure",
+        blocks=(
+            doc.Text(_cut(check.fix.text)),
+            *((doc.Text("In the problem file:"), doc.Code(lines)) if lines else ()),
+            doc.Only(("markdown",), (doc.Text(doc.Own(told)),)),
+            doc.Only(doc.PAGES, (doc.Text(decided), doc.Code((CURE_COMMAND,), command=True))),
+        ),
+    )
+
+
+def checks_section(checks: Sequence[Check]) -> doc.Section:
+    """Every check with its verdict, numbers and reason, and what the conditions decide."""
+    table, hidden = checks_table(checks)
+    present = [KINDS[id] for id in dict.fromkeys(check.id for check in checks)]
+    rests = "“Proved” and “refuted” rest on exact arithmetic alone.\n"
+    cut = "Margins and rates are in 1/s and cut towards zero: they hold as printed."
+    terms = doc.Terms(tuple((kind.name, kind.id, f"{kind.decides}.") for kind in present))
+    return doc.Section(
+        name="checks",
+        title="What was checked",
+        short="Checks",
+        blocks=(
+            doc.Only(doc.READ, (doc.Text(doc.Own(rests + cut)),)),
+            table,
+            *((doc.Text(hidden),) if hidden else ()),
+            doc.Only(("html", "markdown"), (doc.Section(title="What the conditions decide", blocks=(terms,)),)),
+        ),
+    )
+
+
+def checks_table(checks: Sequence[Check], *, most: int = MOST_ROWS) -> tuple[doc.Table, str | None]:
+    """The checks as rows; of very many, those not proved first, and a sentence about the others."""
+    own_cures = {id(each) for each in other_cures(checks)}
+    chosen = sorted(sorted(range(len(checks)), key=lambda i: (_ORDER[checks[i].verdict], i))[:most])
+    hidden = [check for i, check in enumerate(checks) if i not in set(chosen)]
+    counts = [(verdict, sum(check.verdict is verdict for check in hidden)) for verdict in _ORDER]
+    told = ", ".join(f"{count} {verdict.value}" for verdict, count in counts if count)
+    note = f"{len(checks)} checks were made; {len(hidden)} of them ({told}) are in certificate.json only."
+    table = doc.table_of(
+        "Checks with verdict, domain, margin, rate and reason",
+        [checks[i] for i in chosen],
+        (doc.Column(head="verdict", width=0), lambda check: mark_of(check.verdict)),
+        (doc.Column(head="condition", width=1.5), _name),
+        (doc.Column(head="id", only=("markdown",)), lambda check: check.id),
+        (doc.Column(head="where", width=1.1), lambda check: domain_words(check.domain)),
+        (
+            doc.Column(head="margin", unit="1/s", width=0.8, style="number"),
+            lambda check: significant_towards_zero(check.margin),
+        ),
+        (
+            doc.Column(head="rate", unit="1/s", width=0.8, style="number"),
+            lambda check: significant_towards_zero(check.rate),
+        ),
+        (
+            doc.Column(head="reason", width=3, style="why", only=doc.READ),
+            lambda check: _reason(check, id(check) in own_cures),
+        ),
+        (doc.Column(head="reason", width=3, only=("latex",)), _brief_reason),
+        cards=True,
+    )
+    return table, note if hidden else None
+
+
+def _name(check: Check) -> doc.Name:
+    mode = () if check.mode is None else (f"mode {check.mode}",)
+    group = () if check.group is None else (f"group of agent {check.group}",)
+    return doc.Name((check.kind.name, *mode, *group), id=check.id)
+
+
+def _reason(check: Check, own_cure: bool) -> doc.Reason:
+    """Everything that is said about a check; a cure that stands above the table or in another row is pointed to."""
+    details = [*_exact(check)] + ([] if check.witness is None else [_witness(check.witness, check.id)])
+    fix = check.fix
+    return doc.Reason(
+        text=capitalize_first(_cut(check.reason)),
+        details=tuple(details),
+        cure=None if fix is None else _cut(fix.text) if own_cure else POINTER,
+        lines=_fix_lines(fix) if fix is not None and own_cure else (),
+    )
+
+
+def _brief_reason(check: Check) -> str:
+    return " ".join([capitalize_first(_cut(check.reason)), *(f"{key}: {value}." for key, value in _exact(check))])
+
+
+def _exact(check: Check) -> Iterator[tuple[str, str]]:
+    for key, value in (check.exact or {}).items():
+        if key in _EXACT:  # the other values stand in the reason, or among the matrices
+            yield _EXACT[key], _entries(value) if isinstance(value, (list, tuple)) else _number(str(value))
+
+
+def _witness(witness: Witness, id: str) -> tuple[str, str]:
+    who = "" if not witness.labels else f" (agents {names_in_words(witness.labels)})"
+    values = "" if not witness.values else _entries(witness.values)
+    match witness.kind:
+        case "vector" if id == "observability":
+            return "A state that C never sees, ξ", values
+        case "vector":
+            return f"A direction v that is not held{who}, v", values
+        case "agents":
+            return "Agents that no pin reaches", names_in_words(witness.labels or (), 30)
+        case "polynomial":
+            return "The factor that does not decay", _cut(", ".join(witness.values or ()))
+        case "routh_row":
+            return "First column of Routh’s table", values
+        case kind:
+            return f"Witness ({_cut(kind, 40)}){who}", values
+
+
+def _fix_lines(fix: Fix) -> tuple[str, ...]:
+    return tuple(_cut(" ".join(line.split())) for line in change_lines(fix.set)[:20])
+
+
+def _entries(values: Sequence[Any]) -> str:
+    shown = [_number(str(value)) for value in values[:MOST_ENTRIES]]
+    if len(values) == 1:
+        return shown[0]
+    return f"({', '.join(shown)})" if len(values) <= MOST_ENTRIES else f"({', '.join(shown)}, …), {len(values)} entries"
+
+
+def _number(text: str) -> str:
+    """A long rational is shortened and marked as such; other texts are only cut."""
+    if len(text) <= LONGEST_NUMBER:
+        return text
+    numerator, _, denominator = text.partition("/")
+    try:
+        return f"≈ {int(numerator) / int(denominator or 1):.6g}"
+    except (ValueError, OverflowError, ZeroDivisionError):
+        return _cut(text, 80)
+
+
+def _cut(text: str, longest: int = LONGEST_TEXT) -> str:
+    return text if len(text) <= longest else text[: longest - 1] + "…"
+
+
+def trace_section(checks: Sequence[Check]) -> doc.Section:
+    """One row per condition of the certificate, in its order."""
+    table = doc.table_of(
+        "Every condition, its source, and where it is decided",
+        [KINDS[id] for id in dict.fromkeys(check.id for check in checks)],
+        (doc.Column(head="check", width=1.2, only=doc.TEXTS), lambda kind: f"{kind.name} ({kind.id})"),
+        (doc.Column(head="check", width=1.2, only=doc.PAGES), lambda kind: doc.Name((kind.name,), id=kind.id)),
+        (doc.Column(head="condition in words", width=1.9), lambda kind: kind.meaning),
+        (doc.Column(head="where it stands", width=1.2), lambda kind: kind.source),
+        (doc.Column(head="decided in", width=1.4, style="code"), lambda kind: ", ".join(kind.decided_in)),
+        (doc.Column(head="decided again in", width=1.1, style="code"), lambda kind: kind.checker),
+        (doc.Column(head="found here", width=0.8), lambda kind: _found(kind.id, checks)),
+    )
+    blocks = (doc.Only(doc.READ, (doc.Text(doc.Own(_TRACED)),)), table)
+    return doc.Section(name="traceability", title="Traceability", short="Traceability", blocks=blocks)
+
+
+def _found(id: str, checks: Sequence[Check]) -> str:
+    counts = [(each, sum(check.id == id and check.verdict is each for check in checks)) for each in Verdict]
+    return ", ".join(each.value if count == 1 else f"{count} × {each.value}" for each, count in counts if count)
+
+
+def recheck_section(certificate: Certificate, again: Reproduction) -> doc.Section:
+    """The commands that decide the certificate again and make it again, and what it was made from."""
+    verify, alone, certify = (doc.Code((line,), command=True) for line in (again.verify, again.alone, again.certify))
+    identity = (("problem", certificate.claims.problem_name), *again.prints, *again.versions)
+    return doc.Section(
+        name="recheck",
+        title="Check it yourself",
+        short="Check it yourself",
+        blocks=(
+            doc.Only(doc.PAGES, (doc.Text(_BOTH_FILES),)),
+            verify,
+            doc.Only(("markdown",), (doc.Text(doc.Own(_DECIDES)),)),
+            doc.Only(doc.PAGES, (doc.Text(_TRUSTS),)),
+            alone,
+            doc.Text("To make the certificate again, byte for byte with the same version:"),
+            certify,
+            doc.Text(doc.Own(_MADE_WITH)),
+            doc.Only(
+                doc.PAGES, (doc.Text("Compare the problem with the one you meant. The fingerprints and versions are"),)
+            ),
+            doc.Facts(identity),
+        ),
+    )
+
+
+def signatures_section() -> doc.Section:
+    """Lines for the people who sign a printed report."""
+    lines = doc.Signatures(("Name", "Date", "Signature"), ("Prepared by", "Checked by", "Approved by"))
+    return doc.Section(name="signatures", title="Signatures", short="Signatures", blocks=(doc.Text(_SIGNING), lines))
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Reproduction:
+    """What somebody needs to make and to check a certificate again: fingerprints, versions, commands."""
+
+    prints: tuple[tuple[str, str], ...]
+    versions: tuple[tuple[str, str], ...]
+    certify: str
+    verify: str = "dobc verify certificate.json --problem problem.json"
+    alone: str = "python -I -S checker.py certificate.json problem.json"
+
+
+def reproduction(certificate: Certificate) -> Reproduction:
+    """How to make and to check the same certificate again."""
+    claims = certificate.claims
+    data = certificate_text.certificate_bytes(claims)
+    return Reproduction(
+        prints=(
+            ("SHA-256 of problem.json", claims.problem_sha256),
+            ("SHA-256 of certificate.json", hashlib.sha256(data).hexdigest()),
+        ),
+        versions=(
+            ("program", f"dobc_design {claims.version}"),
+            ("certificate format", f"{certificate_text.FORMAT} {certificate_text.VERSION}"),
+            ("problem format", f"{canonical.FORMAT} {canonical.VERSION}"),
+        ),
+        certify=_certify_command(claims.options, certificate.checks),
+    )
+
+
+def _certify_command(options: Sequence[str], checks: Sequence[Check]) -> str:
+    """The command that decides the same conditions: options that are known here, and the settling time proved."""
+    asked = [option.removeprefix(SETTLING) for option in options if option.startswith(SETTLING)]
+    proved = [
+        str((check.exact or {}).get("tolerance"))
+        for check in checks
+        if check.id == "settling" and check.verdict is Verdict.PROVED and "--all" not in options
+    ]
+    tolerances = [number for number in map(rational, (*asked, *proved)) if number is not None]
+    known = [option for option in SWITCHES if option in options]
+    return " ".join(["dobc certify problem.json", *known, *(f"{SETTLING}{x}" for x in tolerances[:1]), "--out again"])
+
+
+def title_block(certificate: Certificate, again: Reproduction) -> tuple[tuple[str, str], ...]:
+    """What identifies a signed report, on its first page."""
+    (_, program), (_, file_format), _ = again.versions
+    return (
+        ("Problem", certificate.claims.problem_name),
+        ("Verdict", certificate.verdict.value),
+        *again.prints,
+        ("Decided by", f"{program}, {file_format}"),
+    )

@@ -1,0 +1,404 @@
+"""Proposals for pinning gains at the consensus: gains, the multipliers that show how good they are, sets of agents.
+
+Everything is floating point.  The multipliers are vectors v of every mode: sum of v v'/2 is the dual point of
+minimise sum c_i k_i subject to S + 2 sum k_i E_i >= 0 (theory, section 7); ``decide`` makes them rational.
+
+Of many agents a small set of pins is chosen greedily, with one solve per step and a factor that is updated, lazily
+evaluated.  With v = sqrt(c) on the pins and (S v)_i = 0 on the others, pinning agent a as well makes the gains
+cheaper by
+
+    (v_a - sqrt(c_a))^2 / (2 G_aa)          G the inverse of S on the others, G_aa >= 1 / S_aa
+
+exactly, as long as no gain falls to 0.  The bound orders the agents, so that few G_aa are computed in a step (fewer
+still, as the bound is known to be too large by about the same factor), and a pin takes a rank one away from G.  While
+the pins do not reach the rate, S is shifted as far as that takes.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from fractions import Fraction
+from typing import Any
+
+import numpy as np
+from scipy import sparse
+
+from dobc_design.conditions.consensus.claim import ModeJacobian
+from dobc_design.conditions.consensus.pinning import (
+    PROGRAM_ROWS,
+    PROGRAM_SIZE,
+    Blocks,
+    Optimum,
+    factorised,
+    for_rate,
+    lowest_on,
+    network_blocks,
+    optimum,
+    rows_of,
+    smallest_gains,
+)
+from dobc_design.conditions.consensus.pinning_program import solve_program
+from dobc_design.conditions.consensus.pinning_shared import FEW_ROWS, solve_shared
+from dobc_design.problem.problem import Problem
+from dobc_design.solvers.program import Array
+from dobc_design.synthesis.pinning.request import PinningRequest
+
+Vectors = list[tuple[str, Array]]  # mode, and a vector over the n m rows
+WORK, LARGEST = 200_000, 5_000  # closed forms spent on ties, times agents; agents above which none are looked for
+NEARLY_ZERO = 1e-9
+CLOSE = 1e-6  # of the cost: a bound this close leaves nothing to look for
+UPDATES = 100  # pins between two factorisations
+SHIFTED, PART = 8, 300  # while S is shifted; of many agents one in so many
+ROOM = 0.05  # by how much more S is shifted than it has to be, as a part
+LOOKED_AT = 12  # agents whose saving is computed in one step at most
+CERTAIN, PESSIMISM = 2, 1.1  # after so many, bounds are taken to be too large by nearly the least factor seen
+DENSE = 400  # agents up to which all eigenvalues are computed
+STEPS = 3000  # of the power method above
+
+
+@dataclass(kw_only=True, eq=False)
+class PinningProposer:
+    """The blocks of one problem, its costs and caps (inf where there is none); the blocks of the last rate are kept."""
+
+    problem: Problem
+    blocks: Blocks
+    costs: Array
+    caps: Array
+    _kept: dict[float, Blocks] = field(default_factory=dict)
+
+    def asked(self, request: PinningRequest) -> PinningProposer:
+        """The same for the costs and caps of a request."""
+        caps = [float(request.caps.get(i, np.inf)) for i in range(self.blocks.agents)]
+        costs = np.array([float(c) for c in request.costs])
+        return PinningProposer(problem=self.problem, blocks=self.blocks, costs=costs, caps=np.array(caps))
+
+    def relax(self, allowed: Collection[int], rate: float) -> tuple[list[float] | None, Vectors]:
+        """Gains (n) of least cost on the ``allowed`` agents, about, and their multipliers.
+
+        None if no gains can do: then the vectors are directions that no allowed gain holds.
+        """
+        blocks = self._at(rate)
+        chosen = np.zeros(blocks.agents, dtype=bool)
+        chosen[list(allowed)] = True
+        if blocks.z:
+            single = [optimum(table, chosen, self.costs, self.caps) for table in blocks.tables]
+            known = [each for each in single if each is not None]
+            if len(known) < len(single):
+                return None, self._loose(blocks, chosen)
+            if len(known) == 1:
+                return known[0].gains.tolist(), self._named(blocks, [[known[0].v]])
+            return self._shared(blocks, chosen, known)
+        loose = self._loose(blocks, chosen)
+        if any(value <= NEARLY_ZERO * blocks.scale for value in self._margins(blocks, chosen)):
+            return None, loose
+        gains, vectors = self._shared(blocks, chosen, [])
+        return (gains, vectors) if gains is not None else (None, loose)
+
+    def fastest(self, allowed: Collection[int], factor: float = 1.0) -> float:
+        """The rate (1/s) that gains on these agents approach, about, with caps times ``factor``; inf without limit."""
+        chosen = np.zeros(self.blocks.agents, dtype=bool)
+        chosen[list(allowed)] = True
+        return min(self._margins(self.blocks, chosen, factor=factor), default=float("inf")) / 2
+
+    def slow(self, rate: float) -> Vectors:
+        """Of every block the eigenvectors of S with eigenvalues below 0; nothing for large blocks."""
+        blocks = self._at(rate)
+        if blocks.agents * blocks.width > PROGRAM_ROWS * 3:
+            return []
+        columns = []
+        for table in blocks.tables:
+            values, vectors = np.linalg.eigh(table.toarray())
+            columns.append([vectors[:, k] for k in np.flatnonzero(values < -1e-7 * blocks.scale)])
+        return self._named(blocks, columns)
+
+    def greedy(
+        self, allowed: Sequence[int], groups: Sequence[Sequence[int]], rate: float, pins: int | None
+    ) -> tuple[int, ...] | None:
+        """A small set that reaches the rate, or with ``pins`` a cheap one of at most so many; None if none was found.
+
+        One agent of each group first, then where most is saved, or where the slowest direction is heaviest.
+        """
+        chosen, blocks, free = self._hitting(allowed, groups), self._at(rate), set(allowed)
+        if blocks.z:
+            with np.errstate(all="ignore"):
+                many = greedy_set(blocks, chosen, free, self.costs, pins)
+            return many if many is None or self._cost(many, rate) is not None else None
+        while self._cost(chosen, rate) is None:
+            if not free - set(chosen) or (pins is not None and len(chosen) >= pins):
+                return None
+            chosen.append(self._heaviest(blocks, chosen, free - set(chosen)))
+        return tuple(sorted(chosen))
+
+    def replaceable(self, chosen: Sequence[int], allowed: Sequence[int], rate: float) -> list[tuple[int, int]]:
+        """Pairs (pinned, other): with the other in its place the cost is the same to six digits."""
+        own = self._cost(chosen, rate)
+        found: list[tuple[int, int]] = []
+        most = WORK // len(self.costs) if len(self.costs) <= LARGEST else 0
+        if own is None or len(chosen) * len(allowed) > most:
+            return found
+        for agent in chosen:
+            for other in sorted(set(allowed) - set(chosen)):
+                cost = self._cost([x for x in chosen if x != agent] + [other], rate)
+                if cost is not None and abs(cost - own) <= 1e-6 * own:
+                    found.append((agent, other))
+        return found
+
+    def _cost(self, chosen: Collection[int], rate: float) -> float | None:
+        gains = self.relax(chosen, rate)[0] if chosen else None
+        return None if gains is None else float(self.costs @ np.array(gains))
+
+    def _hitting(self, allowed: Sequence[int], groups: Sequence[Sequence[int]]) -> list[int]:
+        left, chosen, free = [set(group) & set(allowed) for group in groups], [], set(allowed)
+        left = [group for group in left if group]
+        while left:
+            count = {agent: sum(agent in group for group in left) for group in left for agent in group}
+            best = min(count, key=lambda agent: (-count[agent], self.costs[agent], agent))
+            chosen.append(best)
+            left = [group for group in left if best not in group]
+        return [agent for agent in chosen if agent in free]
+
+    def _heaviest(self, blocks: Blocks, chosen: Sequence[int], free: Collection[int]) -> int:
+        others = np.setdiff1d(np.arange(blocks.agents), list(chosen))
+        rows = rows_of(others, blocks.width)
+        vector = min((lowest_on(table, rows) for table in blocks.tables), key=lambda found: found[0])[1]
+        weight = np.zeros(blocks.agents)
+        weight[others] = np.max(np.abs(vector.reshape(len(others), blocks.width)), axis=1)
+        return min(free, key=lambda agent: (-round(float(weight[agent]), 9), agent))
+
+    def _at(self, rate: float) -> Blocks:
+        if rate not in self._kept:
+            self._kept.clear()
+            self._kept[rate] = for_rate(self.blocks, rate)
+        return self._kept[rate]
+
+    def _shared(self, blocks: Blocks, chosen: Array, known: Sequence[Optimum]) -> tuple[list[float] | None, Vectors]:
+        """Several blocks: their dual or a conic program; else the largest gain of each agent over the blocks."""
+        found: tuple[Array, Vectors] | None = None
+        if known:
+            best = max(range(len(known)), key=lambda k: self.costs @ known[k].gains)
+            columns = [[each.v] if k == best else [] for k, each in enumerate(known)]
+            found = np.max([each.gains for each in known], axis=0), self._named(blocks, columns)
+        rows = blocks.agents * blocks.width
+        if known and rows > FEW_ROWS:
+            shared = solve_shared(blocks.tables, chosen, self.costs, self.caps)
+            if shared is not None:
+                cost = float(self.costs @ shared.gains)
+                if found is None or cost < self.costs @ found[0] * 1.000001:
+                    found = shared.gains, self._named(blocks, [[v] for v in shared.vectors])
+                if cost - shared.bound <= CLOSE * cost:
+                    return found[0].tolist(), found[1]
+        if rows <= PROGRAM_ROWS and rows * rows * len(blocks.tables) <= PROGRAM_SIZE:
+            program = solve_program(
+                blocks.tables,
+                np.flatnonzero(chosen),
+                self.costs,
+                width=blocks.width,
+                scale=blocks.scale,
+                caps=self.caps,
+            )
+            if program is not None and (found is None or self.costs @ program.gains < self.costs @ found[0] * 1.000001):
+                columns = [_factors(each, z=blocks.z) for each in program.multipliers]
+                return program.gains.tolist(), self._named(blocks, columns)
+        if found is None and not np.any(np.isfinite(self.caps)):
+            gains = smallest_gains(blocks, np.flatnonzero(chosen).tolist(), costs=self.costs.tolist())
+            return (None if gains is None else gains.tolist()), []
+        return (None, []) if found is None else (found[0].tolist(), found[1])
+
+    def _held(self, blocks: Blocks, chosen: Array) -> tuple[Array, Array]:
+        """What caps add to the diagonal, and the rows that no gain without a cap holds."""
+        capped = chosen & np.isfinite(self.caps)
+        extra = np.repeat(2 * np.where(capped, self.caps, 0.0), blocks.width)
+        return extra, rows_of(np.flatnonzero(np.logical_not(chosen) | capped), blocks.width)
+
+    def _lowest(self, blocks: Blocks, chosen: Array, *, factor: float = 1.0) -> list[tuple[float, Array]]:
+        extra, rows = self._held(blocks, chosen)
+        added = sparse.diags_array(extra * factor)
+        return [lowest_on(sparse.csr_array(table + added), rows) for table in blocks.tables]
+
+    def _margins(self, blocks: Blocks, chosen: Array, *, factor: float = 1.0) -> list[float]:
+        return [value for value, _ in self._lowest(blocks, chosen, factor=factor)]
+
+    def _loose(self, blocks: Blocks, chosen: Array) -> Vectors:
+        """Of every block the direction that allowed gains hold least, zero on the rows of gains without a cap."""
+        rows = self._held(blocks, chosen)[1]
+        columns: list[list[Array]] = []
+        for _, vector in self._lowest(blocks, chosen):
+            whole = np.zeros(blocks.agents * blocks.width)
+            whole[rows] = np.abs(vector) if blocks.z else vector
+            columns.append([whole])
+        return self._named(blocks, columns)
+
+    def _named(self, blocks: Blocks, columns: Sequence[Sequence[Array]]) -> Vectors:
+        """The vectors of every block with its mode, on all n m rows."""
+        m = self.problem.m
+        result: Vectors = []
+        for (mode, component), own in zip(blocks.sources, columns, strict=True):
+            for vector in own:
+                whole = vector
+                if blocks.width != m:
+                    whole = np.zeros(blocks.agents * m)
+                    whole[component::m] = vector
+                result.append((mode, whole))
+        return result
+
+
+def make_proposer(problem: Problem, request: PinningRequest) -> PinningProposer | None:
+    """The proposer of one problem and request; None if its entries are beyond the floats."""
+    blocks = network_blocks(problem)
+    if blocks is None:
+        return None
+    nothing = np.zeros(problem.n)
+    return PinningProposer(problem=problem, blocks=blocks, costs=nothing, caps=nothing).asked(request)
+
+
+def _factors(Z: Array, *, z: bool) -> list[Array]:
+    """Vectors with sum v v'/2 = Z, about; of a Z-matrix the one with the same diagonal, which is no worse."""
+    if z:
+        return [np.sqrt(np.maximum(2 * np.diag(Z), 0.0))]
+    values, vectors = np.linalg.eigh((Z + Z.T) / 2)
+    top = float(np.max(values, initial=0.0))
+    return [np.sqrt(2 * value) * vectors[:, k] for k, value in enumerate(values) if value > 1e-10 * top > 0]
+
+
+def greedy_set(
+    blocks: Blocks, chosen: Sequence[int], free: Collection[int], costs: Array, pins: int | None
+) -> tuple[int, ...] | None:
+    """Agents of ``free`` added to ``chosen`` until the rate of the blocks is reached, or ``pins`` are chosen.
+
+    ``pins`` None: no more than reach it.  None if they do not reach it.  The blocks have to be Z-matrices.
+    """
+    found = list(chosen)
+    while True:
+        shift = _shift(blocks, found)
+        left = np.array(sorted(set(free) - set(found)), dtype=np.int64)
+        room = len(left) if pins is None else min(len(left), pins - len(found))
+        if (shift == 0 and pins is None) or room <= 0:
+            return tuple(sorted(found)) if shift == 0 else None
+        states = [_State.of(table, found, costs, shift) for table in blocks.tables]
+        for _ in range(min(room, max(SHIFTED, blocks.agents // PART) if shift else UPDATES)):
+            agent = _best(states, left, costs)
+            found.append(agent)
+            left = left[left != agent]
+            for state in states:
+                state.pin(agent, float(np.sqrt(costs[agent])))
+
+
+def _shift(blocks: Blocks, chosen: Sequence[int]) -> float:
+    """What has to be added to S for the pins to hold the others; 0 if they do."""
+    others = np.setdiff1d(np.arange(blocks.agents), chosen)
+    lowest = min(lowest_on(table, others)[0] for table in blocks.tables)
+    return 0.0 if lowest > 1e-9 * blocks.scale else (ROOM * blocks.scale * 1e-3 - lowest * (1 + ROOM))
+
+
+def _best(states: Sequence[_State], left: Any, costs: Array) -> int:
+    """The agent that saves most, among those whose bound is largest."""
+    bounds = np.sum([state.bounds(left, costs) for state in states], axis=0)
+    order = np.argsort(-bounds, kind="stable")[:LOOKED_AT]
+    best, agent, part = -1.0, int(left[order[0]]), 0.0
+    for count, place in enumerate(order.tolist()):
+        if bounds[place] * (min(1.0, PESSIMISM * part) if count >= CERTAIN else 1.0) <= best:
+            break
+        saving = sum(state.saving(int(left[place]), costs) for state in states)
+        part = max(part, saving / max(float(bounds[place]), 1e-300))
+        if saving > best:
+            best, agent = saving, int(left[place])
+    return agent
+
+
+@dataclass(kw_only=True, eq=False)
+class _State:
+    """One matrix with its pins: v (n,), the inverse on the others as a factor less ``rank`` columns."""
+
+    v: Array
+    diagonal: Array
+    place: Any
+    solve: Any
+    rank: list[Array]
+    column: dict[int, Array]
+
+    @classmethod
+    def of(cls, table: Any, chosen: Sequence[int], costs: Array, shift: float) -> _State:
+        n = len(costs)
+        matrix = sparse.csr_array(table + shift * sparse.eye_array(n))
+        mask = np.zeros(n, dtype=bool)
+        mask[list(chosen)] = True
+        v = np.where(mask, np.sqrt(costs), 0.0)
+        others, pins = np.flatnonzero(~mask), np.flatnonzero(mask)
+        place = np.full(n, -1)
+        place[others] = np.arange(len(others))
+        rows = matrix[others]
+        solve = factorised(rows[:, others])
+        # Where nobody is pinned yet: by how loosely everybody is held.
+        v[others] = solve(-(rows[:, pins] @ v[pins]) if len(pins) else np.ones(len(others)))
+        return cls(v=v, diagonal=matrix.diagonal(), place=place, solve=solve, rank=[], column={})
+
+    def bounds(self, agents: Any, costs: Array) -> Array:
+        above = np.maximum(self.v[agents] - np.sqrt(costs[agents]), 0.0)
+        return np.asarray(above**2 * self.diagonal[agents])
+
+    def saving(self, agent: int, costs: Array) -> float:
+        own = max(float(self.v[agent] - np.sqrt(costs[agent])), 0.0)
+        return own**2 / float(self._column(agent)[self.place[agent]])
+
+    def pin(self, agent: int, value: float) -> None:
+        """Hold v of one more agent at ``value``."""
+        column = self._column(agent)
+        own = self.place[agent]
+        others = self.place >= 0
+        self.v[others] += column[self.place[others]] * (value - self.v[agent]) / column[own]
+        self.v[agent] = value
+        self.rank.append(column / np.sqrt(column[own]))
+        self.column.clear()
+
+    def _column(self, agent: int) -> Array:
+        """The column of the inverse that belongs to an agent, after the pins since the factorisation."""
+        if agent not in self.column:
+            own = self.place[agent]
+            unit = np.zeros(int(np.max(self.place)) + 1)
+            unit[own] = 1.0
+            column = self.solve(unit)
+            for each in self.rank:
+                column -= each * each[own]
+            self.column[agent] = column
+        return self.column[agent]
+
+
+def slow_directions(
+    mode: ModeJacobian, component: int, pinned: Collection[int], caps: Mapping[int, Fraction], *, size: int
+) -> Iterator[list[float]]:
+    """Directions (n) >= 0 worth an exact look: the Perron vector, and the agent alone that is pulled least.
+
+    Gains without a cap hold their agents at 0; the others stand at their cap.  Nothing if nobody is left, or the gains
+    of the arcs are not finite.
+    """
+    slopes = np.array([float(gain[component][component].midpoint) for gain in mode.gains])
+    values = slopes[mode.kind] if len(slopes) else np.zeros(0)
+    listeners, speakers = mode.arcs.listeners, mode.arcs.speakers
+    pull = np.bincount(listeners, weights=values, minlength=size).astype(float)
+    for i in pinned:
+        pull[i] += float(caps[i]) if i in caps else np.inf
+    rows = np.flatnonzero(np.isfinite(pull))
+    if not len(rows) or not np.all(np.isfinite(values)):
+        return
+    heard = sparse.csr_array(sparse.coo_array((values, (listeners, speakers)), shape=(size, size)))
+    slowest, alone = np.zeros(size), np.zeros(size)
+    slowest[rows] = _perron(sparse.csr_array(heard[rows][:, rows] - sparse.diags_array(pull[rows])))
+    alone[int(np.argmin(pull))] = 1.0
+    yield slowest.tolist()
+    yield alone.tolist()
+
+
+def _perron(matrix: sparse.csr_array) -> Array:
+    """The vector >= 0 of the eigenvalue with the largest real part, of a matrix that is >= 0 off its diagonal."""
+    size = matrix.shape[0]
+    if size <= DENSE:
+        values, vectors = np.linalg.eig(matrix.toarray())
+        vector = np.abs(vectors[:, int(np.argmax(values.real))].real)
+        return np.where(vector > 1e-9 * np.max(vector, initial=0.0), vector, 0.0)
+    shift = float(np.max(-matrix.diagonal(), initial=0.0)) + 1.0
+    vector = np.ones(size)
+    for _ in range(STEPS):
+        vector = matrix @ vector + shift * vector
+        vector = vector / np.max(vector)
+    return np.asarray(vector)

@@ -1,0 +1,274 @@
+"""Runs under stress side by side are the same runs one by one; and both are what a loop over agents gives."""
+
+from __future__ import annotations
+
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+from scipy.linalg import expm
+from side_by_side import FAILING, planar, require_the_same
+
+from dobc_design.errors import SpecError
+from dobc_design.problem.exosystems import Exosystem
+from dobc_design.problem.groups import Observer
+from dobc_design.problem.load import load_problem
+from dobc_design.problem.network import Network
+from dobc_design.problem.problem import Problem
+from dobc_design.simulation import ensemble, stressed
+from dobc_design.simulation.ensemble import simulate_many
+from dobc_design.simulation.run import simulate
+from dobc_design.simulation.signals import Mobile, Periodic, RandomDwell, Waypoints
+from dobc_design.simulation.stress import Stress, stress_to_json
+
+EVERYTHING = Stress(noise=0.05, disturbance=0.3, frequency=2, saturation=2.0, loss=0.3, exchange=0.1, failures=FAILING)
+CONTINUOUS = {
+    "noise": Stress(noise=0.1),
+    "saturated": Stress(saturation=1.0),
+    "pushed": Stress(disturbance=0.3, frequency=3),
+    "pushed for ever": Stress(disturbance=0.3, frequency=0),
+    "pushed in resonance": Stress(disturbance=0.3, frequency=1),
+    "lost": Stress(loss=0.5, exchange=0.11),
+    "failing": Stress(failures=FAILING),
+    "everything": EVERYTHING,
+}
+SAMPLED = {
+    "sampled": Stress(period=0.05),
+    "too slow": Stress(period=0.4),
+    "noise": Stress(period=0.05, noise=0.1),
+    "lost": Stress(period=0.05, loss=0.5),
+    "all at once": Stress(
+        period=0.05, noise=0.05, disturbance=0.3, frequency=2, saturation=2.0, loss=0.3, failures=FAILING
+    ),
+    "constant push": Stress(period=0.1, disturbance=0.3, frequency=0),
+}
+
+
+def agree(problem: Problem, stress: Stress, **given) -> None:
+    """Sampled runs to rounding, others to what the steps of the two integrators are off."""
+    own = {"runs": 2, "close": 3e-8, "t_final": 0.7, "tolerance": 1e-10}
+    require_the_same(problem, stress, **(({"runs": 4, "close": 1e-12} if stress.period else own) | given))
+
+
+@pytest.mark.parametrize("stress", [*CONTINUOUS.values(), *SAMPLED.values()], ids=[*CONTINUOUS, *SAMPLED])
+def test_every_stress_gives_the_runs_that_single_ones_give(stress: Stress):
+    """Modes change within the time between two exchanges."""
+    agree(planar(), stress, signal=RandomDwell(dwell=0.13 if stress.period else 0.07))
+
+
+@pytest.mark.parametrize("stress", [EVERYTHING, SAMPLED["all at once"]], ids=["continuous", "sampled"])
+def test_agents_that_do_not_heed_their_observer_are_the_same_too(stress: Stress):
+    agree(planar(), stress, signal=Periodic(dwell=0.3), observer="off")
+
+
+@pytest.mark.parametrize("stress", [CONTINUOUS["lost"], SAMPLED["lost"]], ids=["continuous", "sampled"])
+def test_graphs_of_a_given_motion_are_shared(stress: Stress):
+    motion = Waypoints(times=(0, 1), positions=[[[0], [1], [2]], [[0], [1], [9]]])
+    agree(planar(), stress, signal=Mobile(radius=1.5, motion=motion))
+
+
+def test_steep_couplings_that_overflow_end_where_single_runs_end():
+    """exp(y) at a period of 0.4 s: some runs leave the floats, the others go on."""
+    agree(load_problem("paper-switching"), Stress(period=0.4), signal=Periodic(dwell=0.3))
+
+
+def test_a_gain_for_the_sampled_observer_takes_its_place():
+    agree(planar(), Stress(period=0.1, sampled_gain=((0.1, 0), (0, 0.1), (0.05, 0))), mode="one")
+
+
+class ByHand:
+    """Three agents in a ring with h = sinh, one state each, under everything at once: agent by agent, arc by arc."""
+
+    A, C, W, K = np.array([[0.0, 2.0], [-2.0, 0.0]]), np.array([1.0, 0.0]), np.array([3.2, 2.4]), (1.0, 0.0, 0.5)
+    arcs = ((0, 1), (1, 2), (2, 0), (0, 2))
+
+    def __init__(self, stress: Stress, seed: int) -> None:
+        self.stress, self.bound = stress, stress.saturation
+        self.noise_rng, self.loss_rng = np.random.default_rng([seed, 2]), np.random.default_rng([seed, 3])
+        self.phase = np.random.default_rng([seed, 4]).uniform(0, 2 * np.pi, size=(3, 1))[:, 0]
+        self.noise, self.held, self.stopped = np.zeros(3), {}, {}
+
+    @staticmethod
+    def problem() -> Problem:
+        return Problem(
+            network=Network.from_arcs([[i + 1, j + 1] for i, j in ByHand.arcs], arrow="listens_to", agents=3),
+            coupling="sinh(y)",
+            gains={"1": 1, "3": "1/2"},
+            exosystem=Exosystem(A=[[0, 2], [-2, 0]], C=[[1, 0]]),
+            observer=Observer(W=[["16/5"], ["12/5"]]),
+        )
+
+    def meet(self, time: float, x: np.ndarray, estimate, *, due: bool) -> None:
+        """Draw and exchange where it is due, and fail; ``estimate`` gives dhat, once the new noise is there."""
+        if due:
+            self.noise = self.stress.noise * self.noise_rng.standard_normal((3, 1))[:, 0]
+        dhat = estimate()
+        commands = [self.command(i, x, dhat) for i in range(3)]
+        for failure in self.stress.failures:
+            i = int(failure.agent) - 1
+            if failure.time <= time and i not in self.stopped:
+                self.stopped[i] = (commands[i], x[i] + self.noise[i]) if failure.kind == "freeze" else (0.0, None)
+        for arc, drawn in zip(self.arcs, self.loss_rng.random(len(self.arcs)) if due else (), strict=due):
+            said = self.stopped[arc[1]][1] if arc[1] in self.stopped else x[arc[1]] + self.noise[arc[1]]
+            if drawn >= self.stress.loss or said is None:
+                self.held[arc] = said
+
+    def command(self, i: int, x: np.ndarray, dhat: np.ndarray) -> float:
+        wanted = -self.K[i] * (x[i] + self.noise[i]) - dhat[i]
+        return self.stopped[i][0] if i in self.stopped else np.clip(wanted, -self.bound, self.bound)
+
+    def felt(self, x: np.ndarray, dhat: np.ndarray) -> np.ndarray:
+        """Couplings and input of every agent."""
+        total = np.array([self.command(i, x, dhat) for i in range(3)])
+        for (i, _), said in self.held.items():
+            total[i] += 0 if said is None else np.sinh(said - x[i] - self.noise[i])
+        return total
+
+    def push(self, time: float) -> np.ndarray:
+        return self.stress.disturbance * np.sin(self.stress.frequency * time + self.phase)
+
+    def continuous(self, x: np.ndarray, xi: np.ndarray, end: float) -> np.ndarray:
+        """x at the end, from xihat = 0: SciPy from one meeting to the next."""
+        A, C, W, spacing = self.A, self.C, self.W, self.stress.exchange
+        due = [spacing * k for k in range(round(end / spacing))]
+        times = sorted({*due, *(failure.time for failure in self.stress.failures), end})
+        y = np.concatenate([x, xi.ravel(), -np.outer(x, W).ravel()])
+
+        def known(y: np.ndarray) -> np.ndarray:
+            return y[9:].reshape(3, 2) + np.outer(y[:3] + self.noise, W)
+
+        def rate(time: float, y: np.ndarray) -> np.ndarray:
+            xi, xihat = y[3:9].reshape(3, 2), known(y)
+            felt = self.felt(y[:3], xihat @ C)
+            z = xihat @ (A - np.outer(W, C)).T - np.outer(felt, W)
+            return np.concatenate([felt + xi @ C + self.push(time), (xi @ A.T).ravel(), z.ravel()])
+
+        for begin, until in pairwise(times):
+            self.meet(begin, y[:3], lambda y=y: known(y) @ C, due=begin in due)
+            y = solve_ivp(rate, (begin, until), y, method="LSODA", rtol=1e-10, atol=1e-12, max_step=0.01).y[:, -1]
+        return y[:3]
+
+    def sampled(self, x: np.ndarray, xi: np.ndarray, end: float) -> np.ndarray:
+        """The same with everything computed at multiples of the period; integrals by quadrature."""
+        A, C, period = self.A, self.C, self.stress.period
+        nodes, weights = np.polynomial.legendre.leggauss(12)
+        nodes, weights = period * (1 + nodes) / 2, period * weights / 2
+        Ad, F = expm(A * period), A - np.outer(self.W, C)
+        Cd = C @ sum(w * expm(A * s) for s, w in zip(nodes, weights, strict=True)) / period
+        L = sum(w * expm(F * s) for s, w in zip(nodes, weights, strict=True)) @ self.W
+        xihat, before, held = np.zeros((3, 2)), None, None
+        for k in range(round(end / period)):
+
+            def estimate(x=x, xihat=xihat, before=before, held=held, k=k) -> np.ndarray:
+                nonlocal found
+                found = xihat
+                if k:
+                    found = xihat @ Ad.T + np.outer((x + self.noise - before) / period - held - xihat @ Cd, L)
+                return found @ Cd
+
+            found = xihat
+            self.meet(period * k, x, estimate, due=True)
+            xihat, before, held = found, x + self.noise, self.felt(x, found @ Cd)
+            pushed = sum(w * self.push(period * k + s) for s, w in zip(nodes, weights, strict=True))
+            x, xi = x + period * (held + xi @ Cd) + pushed, xi @ Ad.T
+        return x
+
+
+@pytest.mark.parametrize("kind", ["continuous", "sampled"])
+def test_everything_at_once_is_what_a_loop_over_agents_gives(kind: str):
+    """The oracle knows of the code only in which order random numbers are drawn."""
+    stress = EVERYTHING if kind == "continuous" else SAMPLED["all at once"]
+    xi = np.array([[1.0, 0], [0, 1], [-1, 1]])
+    run = simulate(
+        ByHand.problem(), start={"x": [[1], [-1], [0.5]], "xi": xi}, seed=3, t_final=1.5, samples=4, stress=stress
+    )
+    wanted = getattr(ByHand(stress, 3), kind)(np.array([1, -1, 0.5]), xi, 1.5)
+    np.testing.assert_allclose(run.x[-1, :, 0], wanted, atol=1e-7)
+
+
+def test_without_an_exosystem_only_the_push_is_a_disturbance():
+    network = Network.from_arcs([[1, 2], [2, 3], [3, 1]], arrow="listens_to")
+    agree(Problem(network=network, coupling="sin(y)", gains={"1": 1}), EVERYTHING)
+
+
+def test_runs_that_leave_the_floats_end_where_single_ones_do_and_the_others_go_on():
+    """e' = e^3 - e: some starts escape, and noise only shakes them."""
+    network = Network.from_arcs([[1, 2]], arrow="listens_to", agents=2)
+    problem = Problem(network=network, coupling="y - y**3", region={"initial_states": [0, 2]})
+    stress = Stress(noise=0.01)
+    many = simulate_many(problem, runs=12, t_final=0.5, stress=stress, samples=9, seed=5)
+    assert many.diverged[:4].tolist() == [False, False, False, True]
+    assert np.isfinite(many.error[~many.diverged]).all()
+    agree(problem, stress, runs=4, t_final=0.5)
+
+
+def test_the_noise_of_a_thousand_runs_spreads_as_its_recursion_says():
+    """x' = -k (x + held noise): x+ = a x - (1 - a) noise, a = exp(-k T); the variance goes to s^2 (1 - a)/(1 + a)."""
+    network = Network.from_arcs({"G": []}, arrow="listens_to", agents=1)
+    problem = Problem(network=network, coupling="y", gains={"1": 20})
+    many = simulate_many(
+        problem, runs=1000, start=[[0]], t_final=1.0, samples=2, stress=Stress(noise=0.3), tolerance=1e-6, states=True
+    )
+    a = np.exp(-20 * 0.05)
+    last = many.states[:, -1, 0, 0]
+    assert last.std() == pytest.approx(0.3 * np.sqrt((1 - a) / (1 + a)), rel=0.1)
+    assert abs(last.mean()) < 4 * last.std() / np.sqrt(1000)
+
+
+@pytest.mark.parametrize("stress", [EVERYTHING, SAMPLED["all at once"]], ids=["continuous", "sampled"])
+def test_chunks_and_their_number_make_no_difference(monkeypatch, stress: Stress):
+    given = {"runs": 5, "signal": Periodic(dwell=0.3), "stress": stress, "t_final": 0.5, "samples": 4}
+    whole = simulate_many(planar(), **given)
+    monkeypatch.setattr(ensemble, "COLUMN_NUMBERS", 12)
+    parts: list[float] = []
+    cut = simulate_many(planar(), progress=parts.append, **given)
+    np.testing.assert_allclose(cut.error, whole.error, atol=1e-12 if stress.period else 1e-8)
+    assert parts == sorted(parts)
+    assert parts[-1] == 1.0
+    assert whole.stress == stress_to_json(stress)
+
+
+def test_runs_that_need_too_many_steps_are_made_alone(monkeypatch):
+    monkeypatch.setattr(stressed, "MOST_STEPS", 3)
+    monkeypatch.setattr(stressed, "LEAST_STEPS", 1)
+    given = {"stress": CONTINUOUS["noise"], "t_final": 0.3, "samples": 4, "signal": Periodic(dwell=0.2)}
+    many = simulate_many(planar(), runs=2, **given)
+    for k in range(2):
+        assert np.array_equal(many.error[k], simulate(planar(), seed=k, **given).error())
+
+
+@pytest.mark.parametrize(
+    ("arguments", "reason"),
+    [
+        ({"signal": Mobile(radius=1.0)}, "every run has graphs of its own"),
+        ({"gain": [[2e6, 0], [0, 1], [0, 0]]}, "the loop is stiff"),
+    ],
+)
+def test_what_cannot_be_stacked_is_made_one_by_one_and_said(arguments, reason: str):
+    many = simulate_many(planar(), runs=1, stress=CONTINUOUS["noise"], t_final=0.1, samples=2, **arguments)
+    assert any(f"one by one, because {reason}" in note for note in many.notes)
+
+
+@pytest.mark.parametrize("runs", [None, 2])
+def test_too_many_exchanges_are_refused_before_anything_is_integrated(runs: int | None):
+    import dobc_design as dd
+
+    with pytest.raises(SpecError, match="2e\\+10 exchanges are too many") as caught:
+        dd.simulate(load_problem("paper-fixed"), runs=runs, stress=Stress(exchange=1e-9))
+    assert caught.value.key == "exchange"
+
+
+@pytest.mark.slow
+def test_the_papers_example_under_everything_is_the_same_side_by_side():
+    problem = load_problem("paper-switching")
+    agree(problem, EVERYTHING, signal=RandomDwell(dwell=0.5), t_final=3.0, runs=3, close=1e-6)
+
+
+def test_an_observer_of_a_growing_disturbance_is_followed_through_the_noise():
+    """A has an eigenvalue 1: xi grows while eps decays, and every draw makes eps jump."""
+    network = Network.from_arcs([[1, 2], [2, 1]], arrow="listens_to")
+    problem = Problem(
+        network=network, coupling="y", gains=1, exosystem=Exosystem(A=[[1]], C=[[1]]), observer=Observer(W=[[5]])
+    )
+    agree(problem, Stress(noise=0.1, saturation=3.0), t_final=1.0)

@@ -249,7 +249,7 @@ def _condition(certificate: Certificate, lambdas: Mapping[str, Matrix]) -> doc.S
     for name, bound in formulas.bounds_of(certificate).items():
         latex = rf"\lambda_{{\max}}(\Lambda) < {latex_number(bound)}"
         blocks.append(doc.Only(doc.TEXTS, (doc.Text(f"For {name}:"), doc.Formula(latex=latex))))
-        blocks.append(doc.Only(doc.PAGES, (doc.Formula(latex=latex, label=f"for {name}", typst=bound),)))
+        blocks.append(doc.Only(doc.PAGES, (doc.Formula(latex=latex, label=f"condition for {name}", typst=bound),)))
     blocks += [doc.Matrices((each,)) for each in formulas.lambda_matrices(lambdas)]
     title = "The condition and its matrices"
     return doc.Section(name="condition", title=title, short="Condition", blocks=tuple(blocks))

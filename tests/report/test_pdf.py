@@ -151,7 +151,7 @@ def test_long_words_may_be_broken_and_lose_no_letter():
 
 
 def test_a_figure_keeps_its_colours_and_gets_its_alternative():
-    draw = lambda figure: figure.add_subplot().plot([1, 2], color="#0072b2")  # noqa: E731
+    draw = lambda ax: ax.plot([1, 2], color="#0072b2")  # noqa: E731
     parts = picture_parts(Picture(name="one", title="t", caption="", alt="A <b>", draw=draw))
     assert "#0072b2" in parts["svg"]
     assert "var(" not in parts["svg"]

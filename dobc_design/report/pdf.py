@@ -186,7 +186,11 @@ def _table(heads: Iterable[str], rows: Iterable[Iterable[doc.Cell]], widths: Ite
 
 
 def _typeset(cell: doc.Cell, column: doc.Column) -> doc.Cell:
-    return typeset(cell) if column.style == "number" and isinstance(cell, str) else cell
+    if not isinstance(cell, str):
+        return cell
+    if column.style == "code":
+        return doc.Name(tuple(cell.split(", ")))
+    return typeset(cell) if column.style == "number" else cell
 
 
 def _cell(cell: doc.Cell) -> Any:

@@ -18,9 +18,6 @@ import pytest
 from chromium import CHROMIUM, browser, until
 from shown import compare_html, html_report
 
-from dobc_design.problem.exosystems import Exosystem
-from dobc_design.problem.network import Network
-
 AXE = os.environ.get("AXE_SCRIPT", "")
 RULES = '["wcag2a", "wcag2aa", "wcag21a", "wcag21aa", "wcag22aa", "best-practice"]'
 AUDIT = f"""axe.run(document, {{runOnly: {{type: "tag", values: {RULES}}}}}).then(found => ({{
@@ -157,30 +154,12 @@ def measure(page: str, folder: Path, *, width: int) -> tuple[dict[str, Any], str
     return json.loads(html.unescape(found.group(1))), run.stderr
 
 
-@pytest.fixture
-def wide_page(problem_with, certificate_of, analysis_of, trajectory_of) -> str:
-    """Long names, six exosystem states, several modes: what is likely to be too wide for a phone."""
-    labels = [f"station-of-a-very-long-name-{i}" for i in range(12)]
-    arcs = [(labels[i], labels[(i + 1) % 12]) for i in range(12)]
-    network = Network.from_arcs({"m" * 60: arcs, "b": arcs[:-1], "c": arcs[3:]}, arrow="listens_to", agents=labels)
-    A = [[f"{i + 1}/{j + 7}" for j in range(6)] for i in range(6)]
-    problem = problem_with(
-        name="a-name-without-any-space-" * 4,
-        network=network,
-        gains={labels[0]: 1},
-        observer=None,
-        exosystem=Exosystem(A=A, C=[[1, 0, 0, 0, 0, "123456/654321"]]),
-    )
-    certificate = certificate_of(problem, problem_sha256="f" * 64)
-    return html_report(certificate, analysis=analysis_of(problem), trajectory=trajectory_of(problem))
-
-
 @needs_chromium
 @pytest.mark.parametrize("width", [320, 390, 760, 1200])
 def test_everything_has_a_size_and_nothing_scrolls_sideways(
-    everything: dict[str, Any], wide_page: str, tmp_path: Path, width: int
+    everything: dict[str, Any], wide: dict[str, Any], tmp_path: Path, width: int
 ):
-    for page in (html_report(**everything), wide_page):
+    for page in (html_report(**everything), html_report(**wide)):
         sizes, log = measure(page, tmp_path, width=width)
         assert len(sizes["math"]) > 10
         assert all(w > 0 and h > 0 for w, h in sizes["math"])

@@ -13,6 +13,18 @@ from dobc_design.report.latex import latex_fragments
 from dobc_design.report.markdown import markdown_page
 from dobc_design.report.pdf import content
 
+#: What a user may write that means something to HTML, Markdown, Typst or LaTeX, or that a font does not have.
+HOSTILE = (
+    r"\input{/etc/passwd} \write18{x} \end{document} \\ ^^41",
+    "#panic(1) #1 <label> @reference // no comment /* none */ = heading",
+    "$ x_1 $ a_b^c *bold* _slanted_ `code` ~tilde [bracket](link)",
+    "back\\slash\\ & % { } ~ -- ``quoted'' |<>|",
+    'say "quoted" it\'s',
+    "ünïcödé ∞ λ ✓ ≤ ⁻¹⁸ 時計 🕰",
+    "\u202eright",
+    "a\nb\n\nc",
+    "x" * 200,
+)
 VOID = {"meta", "br", "link", "img", "hr", "input", "col", "wbr", "mspace"}
 
 

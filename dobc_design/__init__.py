@@ -25,28 +25,28 @@ _HOMES = {
     "Analysis": "analysis.analysis",
     "Certificate": "certificate.certificate",
     "Check": "conditions.check",
-    "Cone": "synthesis.observer.spectral_regions",
+    "Cone": "synthesis.observer.request",
     "Coupling": "coupling.coupling",
-    "Design": "synthesis.joint.designed",
+    "Design": "synthesis.joint.claim",
     "Designer": "designer.widget",
-    "Disk": "synthesis.observer.spectral_regions",
+    "Disk": "synthesis.observer.request",
     "Ensemble": "simulation.ensemble",
     "Exosystem": "problem.exosystems",
     "Failure": "simulation.stress",
     "Falsification": "falsification.suspect",
     "Fixed": "simulation.signals",
     "Group": "problem.groups",
-    "HalfPlane": "synthesis.observer.spectral_regions",
+    "HalfPlane": "synthesis.observer.request",
     "Markov": "simulation.signals",
     "Mobile": "simulation.signals",
     "Model": "model.model",
     "Network": "problem.network",
     "NoiseLimit": "synthesis.observer.request",
     "Observer": "problem.groups",
-    "ObserverDesign": "synthesis.observer.design",
+    "ObserverDesign": "synthesis.observer.claim",
     "Periodic": "simulation.signals",
     "Pinning": "problem.pinning",
-    "PinningDesign": "synthesis.pinning.design",
+    "PinningDesign": "synthesis.pinning.claim",
     "Problem": "problem.problem",
     "RandomDwell": "simulation.signals",
     "Region": "problem.settings",
@@ -56,7 +56,7 @@ _HOMES = {
     "Suspect": "falsification.suspect",
     "SweepResult": "sweeps.result",
     "Switching": "problem.settings",
-    "TradeOff": "synthesis.joint.trade_off",
+    "TradeOff": "synthesis.joint.claim",
     "Trajectory": "simulation.trajectory",
     "Verdict": "verdict",
     "Waypoints": "simulation.signals",
@@ -212,12 +212,10 @@ if TYPE_CHECKING:
     from dobc_design.sweeps.result import SweepResult
     from dobc_design.sweeps.running import sweep
     from dobc_design.synthesis.designs import design, design_observer, design_pinning, trade_off
-    from dobc_design.synthesis.joint.designed import Design
-    from dobc_design.synthesis.joint.trade_off import TradeOff
-    from dobc_design.synthesis.observer.design import ObserverDesign
-    from dobc_design.synthesis.observer.request import NoiseLimit
-    from dobc_design.synthesis.observer.spectral_regions import Cone, Disk, HalfPlane
-    from dobc_design.synthesis.pinning.design import PinningDesign
+    from dobc_design.synthesis.joint.claim import Design, TradeOff
+    from dobc_design.synthesis.observer.claim import ObserverDesign
+    from dobc_design.synthesis.observer.request import Cone, Disk, HalfPlane, NoiseLimit
+    from dobc_design.synthesis.pinning.claim import PinningDesign
     from dobc_design.verdict import Verdict
 
 

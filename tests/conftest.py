@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+import json
 import os
 import signal
 from random import Random
-from typing import Any
+from typing import Any, NamedTuple
 
 import pytest
 
@@ -53,6 +54,19 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
             item.add_marker(pytest.mark.slow)
 
 
+class Ran(NamedTuple):
+    """What one call of the command line left behind."""
+
+    code: int
+    out: str
+    err: str
+
+    @property
+    def json(self) -> Any:
+        """Standard output as the one JSON document that it must be."""
+        return json.loads(self.out)
+
+
 @pytest.fixture
 def command_line(capsys, tmp_path, monkeypatch):
     """Run the command line in an empty folder: exit code, standard output, standard error."""
@@ -60,12 +74,13 @@ def command_line(capsys, tmp_path, monkeypatch):
 
     monkeypatch.chdir(tmp_path)
 
-    def run(*arguments: object) -> tuple[int, str, str]:
+    def run(*arguments: object) -> Ran:
         with pytest.raises(SystemExit) as caught:
             main([str(argument) for argument in arguments])
         captured = capsys.readouterr()
         assert "Traceback" not in captured.err
-        return int(str(caught.value.code)), captured.out, captured.err
+        assert isinstance(caught.value.code, int)
+        return Ran(caught.value.code, captured.out, captured.err)
 
     return run
 

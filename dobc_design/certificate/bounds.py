@@ -1,22 +1,183 @@
-"""The certified bound of |e(t)|_inf that belongs to a simulated run: what a certificate proves about its start.
+"""Certified bounds of |e(t)|_inf over time that follow from proved checks, and the one that belongs to a simulated run.
 
-Nothing is decided here; the claims are taken as they are, ``dobc verify`` decides them.  A run counts only if it is a
+Each of the functions V that a certificate is about falls like exp(-rate t) from its largest value over a set of starts,
+and |e|_inf is at most a height times V (max-separable) or times sqrt(V) (quadratic).  Theory, sections 2, 4 and 5.
+Nothing is decided here: the claims are taken as they are, ``dobc verify`` decides them.  A run counts only if it is a
 run of the loop that the claims are about.
 """
 
 from __future__ import annotations
 
 import json
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
 from fractions import Fraction
-from typing import Protocol
+from math import floor, isqrt
+from typing import Final, Protocol
 
-from dobc_design.certificate.claims import Claims
-from dobc_design.certificate.gathering import certified_settling, reading_claims
-from dobc_design.conditions.schedule.envelopes import ROUNDING, CertifiedBound, Starts, envelopes_of
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from dobc_design._show.cards import Card, Shown, listed
+from dobc_design.certificate.claims import Claims, claim_of, reading_claims
+from dobc_design.certificate.regions import certified_settling
+from dobc_design.conditions.boxes.claim import Shell
+from dobc_design.conditions.check import Check, Claim
+from dobc_design.conditions.consensus.claim import PairFacts
+from dobc_design.conditions.numbers import claimed
+from dobc_design.conditions.quadratic.claim import Lure
+from dobc_design.conditions.quadratic.decide import eigenvalue_bound
+from dobc_design.conditions.schedule.decide import diagonal_of_inverse
 from dobc_design.conditions.schedule.settling import Settling
+from dobc_design.conditions.separable.claim import Separable
+from dobc_design.conditions.separable.observer import composite_rate
 from dobc_design.errors import SpecError
+from dobc_design.exact.matrix import Matrix
+from dobc_design.exact.number import float_above, float_below
+from dobc_design.exact.symmetric import SparseSymmetric
 from dobc_design.problem.canonical import loop_sha256
 from dobc_design.problem.problem import Problem
+from dobc_design.verdict import Verdict
+
+Array = NDArray[np.float64]
+ZERO: Final = Fraction(0)
+#: Rows of a full P_e up to which the diagonal of its inverse is computed; beyond, its least eigenvalue is used.
+MOST_INVERTED: Final = 40
+#: Starts count as inside a region when they exceed it by rounding only; floats of a run are what they are.
+ROUNDING: Final = Fraction(1, 10**12)
+#: Of the floats that evaluate height exp(-rate t): a thousand times what they can be off.
+IN_HAND: Final = 1e-12
+_UNIT: Final = 10**18
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Starts:
+    """Starts with |e|_inf <= box, |e| <= ball (Euclidean, all agents stacked) and |eps_i| <= disturbance."""
+
+    box: Fraction
+    ball: Fraction
+    disturbance: Fraction
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Envelope:
+    """|e(t)|_inf <= height exp(-rate t) for t >= 0 s, by the check ``id``; height in the unit of x, rate in 1/s."""
+
+    id: str
+    height: Fraction
+    rate: Fraction
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, repr=False)
+class CertifiedBound(Shown):
+    """The least of several proved bounds of |e(t)|_inf, a function of times in s; without any, ``reason`` says why.
+
+    ``settling``: staged bounds, where they hold for the same starts.
+    """
+
+    envelopes: tuple[Envelope, ...] = ()
+    settling: Settling | None = None
+    reason: str = ""
+
+    def _card(self) -> Card:
+        text = f"of |e(t)|_inf, from {listed(self.sources)}" if self.sources else f"none: {self.reason}"
+        return Card(title="Certified bound", text=text)
+
+    def __repr__(self) -> str:
+        return f"<CertifiedBound {self._card().text}>"
+
+    @property
+    def sources(self) -> tuple[str, ...]:
+        """The ids of the checks it follows from."""
+        return (*(each.id for each in self.envelopes), *(() if self.settling is None else ("settling",)))
+
+    def __call__(self, times: ArrayLike) -> Array:
+        """The bound at times >= 0 in s, rounded up, same shape.  Raises: SpecError if there is none."""
+        t = np.asarray(times, dtype=np.float64)
+        if not self.sources:
+            raise SpecError("there is no certified bound to evaluate.", key="certificate", cure=self.reason)
+        if not (np.isfinite(t).all() and (t >= 0).all()):
+            raise SpecError("times must be finite and >= 0 s.", key="times", cure="Leave out the others.")
+        bounds = [
+            float_above(each.height) * (1 + IN_HAND) * np.exp(-float_below(each.rate) * t) + np.finfo(float).tiny
+            for each in self.envelopes
+        ]
+        if self.settling is not None:
+            bounds.append(self.settling.envelope(t.ravel()).reshape(t.shape))
+        return np.asarray(np.minimum.reduce(bounds))
+
+
+def envelopes_of(problem: Problem, claims: Claims, starts: Starts) -> Iterator[Envelope]:
+    """The bounds that hold for all of ``starts``, from every proved check whose domain holds them.
+
+    Regional checks bound every start of their region, the others every start of ``starts``.
+    Raises: what a check raises that cannot be read.
+    """
+    for check in claims.checks:
+        if check.verdict is Verdict.PROVED and check.kind.is_consensus and is_inside(check.domain, starts):
+            found = _envelope(problem, check, claim_of(check, problem, claims.W), starts)
+            if found is not None:
+                yield found
+    lemmas = [check for check in claims.checks if check.id == "lemma1"]
+    rates = [check.rate for check in lemmas if check.verdict is Verdict.PROVED and check.domain == "global"]
+    known = [rate for rate in rates if rate is not None]
+    if not problem.groups and lemmas and len(known) == len(lemmas):
+        yield Envelope(id="lemma1", height=starts.ball, rate=claimed(min(known)))
+
+
+def is_inside(domain: object, starts: Starts) -> bool:
+    """Whether a check with this domain is about these starts; not for one that holds close to the target only."""
+    if not isinstance(domain, Mapping):
+        return domain == "global"
+    reach = starts.box if domain["kind"] == "box" else starts.ball
+    room = 1 + ROUNDING
+    return reach <= claimed(domain["radius"]) * room and starts.disturbance <= claimed(domain["disturbance"]) * room
+
+
+def _envelope(problem: Problem, check: Check, claim: Claim | None, starts: Starts) -> Envelope | None:
+    """The bound of one check; None for one that gives none by itself."""
+    domain, disturbance = check.domain, starts.disturbance
+    radius = starts.box if isinstance(claim, Separable) else starts.ball
+    if isinstance(domain, Mapping):  # the largest value over the whole region
+        radius, disturbance = (claimed(domain[name]) * (1 + ROUNDING) for name in ("radius", "disturbance"))
+    if isinstance(claim, Separable):
+        first = radius / claim.least
+        if claim.error is not None:
+            first += _root((claim.error.kappa * disturbance) ** 2 * claim.error.size)
+        return Envelope(id=check.id, height=first * max(claim.v), rate=composite_rate(claim))
+    if isinstance(claim, Lure | Shell):
+        lure, level = (claim.lure, claim.outer) if isinstance(claim, Shell) else (claim, claim.level)
+        first = eigenvalue_bound(lure.P_e) * radius**2 + _errors(problem, lure.P, disturbance)
+        if level is not None and isinstance(domain, Mapping):  # the level is a bound as well
+            first = min(first, level)
+        return Envelope(id=check.id, height=_root(first * tallest(lure.P_e)), rate=lure.rate)
+    if isinstance(claim, PairFacts) and check.rate is not None:  # V = e'e + sum eps_i'P eps_i of Theorems 1 and 2
+        first = radius**2 + _errors(problem, claim.pair.P, disturbance)
+        return Envelope(id=check.id, height=_root(first), rate=claimed(check.rate))
+    return None
+
+
+def _errors(problem: Problem, P: Matrix | None, disturbance: Fraction) -> Fraction:
+    """What |eps_i| <= disturbance add to a quadratic V at most."""
+    if P is None:
+        return ZERO
+    return problem.n * eigenvalue_bound(SparseSymmetric.from_dense(P)) * disturbance**2
+
+
+def tallest(P_e: SparseSymmetric) -> Fraction:
+    """A bound of the largest e_c^2 where e'P_e e <= 1, P_e > 0: exact for diagonal and for small P_e."""
+    if P_e.size <= MOST_INVERTED or all(i == j for i, j in P_e.entries):
+        return max(diagonal_of_inverse(P_e))
+    ceiling = eigenvalue_bound(P_e)
+    least = ceiling - eigenvalue_bound(P_e.negated().shifted(ceiling))
+    if least <= 0:
+        raise ValueError("P_e is too close to a singular matrix")
+    return 1 / least
+
+
+def _root(square: Fraction) -> Fraction:
+    """A number with 18 decimals that is not below the root of ``square`` >= 0."""
+    return Fraction(isqrt(floor(square * _UNIT**2)) + 1, _UNIT) if square else ZERO
 
 
 class RunLike(Protocol):
@@ -60,7 +221,7 @@ def certified_bound(problem: Problem, claims: Claims, run: RunLike) -> Certified
     if settling is not None and not _begins_in(settling, starts):
         settling = None
     with reading_claims():
-        found = envelopes_of(problem, claims.W, claims.checks, starts)
+        found = tuple(envelopes_of(problem, claims, starts))
     bound = CertifiedBound(envelopes=found, settling=settling)
     return bound if bound.sources else CertifiedBound(reason=_nothing(claims, starts))
 

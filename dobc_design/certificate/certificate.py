@@ -11,14 +11,12 @@ from pathlib import Path
 
 from dobc_design._show.cards import Card, Shown, cut
 from dobc_design._show.text import latex_text
-from dobc_design.certificate.bounds import RunLike, certified_bound
+from dobc_design.certificate.bounds import CertifiedBound, RunLike, certified_bound
 from dobc_design.certificate.claims import Claims
 from dobc_design.certificate.files import make_folder, write_together
-from dobc_design.certificate.gathering import certified_regions, certified_settling
-from dobc_design.certificate.regions import Regions
+from dobc_design.certificate.regions import Regions, certified_regions, certified_settling
 from dobc_design.certificate.text import certificate_bytes
 from dobc_design.conditions.check import Check
-from dobc_design.conditions.schedule.envelopes import CertifiedBound
 from dobc_design.conditions.schedule.settling import Settling
 from dobc_design.problem.canonical import canonical_bytes
 from dobc_design.problem.problem import Problem

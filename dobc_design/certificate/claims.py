@@ -1,11 +1,27 @@
-"""What a certificate file claims: everything in it but the problem, which is never taken from there."""
+"""What a certificate file claims: everything in it but the problem, which is never taken from there.
+
+Also how the values of a check become the noun of its topic again, for a trusted problem; nothing is decided by that.
+"""
 
 from __future__ import annotations
 
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
+from fractions import Fraction
+from typing import Final
 
-from dobc_design.conditions.check import Check
+from dobc_design.conditions.boxes import checks as boxes
+from dobc_design.conditions.check import Check, Claim, Values
+from dobc_design.conditions.consensus import claim as consensus
+from dobc_design.conditions.equilibrium import claim as equilibrium
+from dobc_design.conditions.quadratic import checks as quadratic
+from dobc_design.conditions.schedule import checks as schedule
+from dobc_design.conditions.separable import claim as separable
+from dobc_design.conditions.separable.claim import SamplingBound
+from dobc_design.errors import CertificateError
 from dobc_design.exact.matrix import Matrix
+from dobc_design.problem.problem import Problem
 from dobc_design.verdict import Verdict
 
 
@@ -35,3 +51,49 @@ class Claims:
     notes: tuple[str, ...]
     version: str
     options: tuple[str, ...] = ()
+
+
+#: How each topic reads what a check of it claims.
+READERS: Final[dict[str, Callable[[Check, Problem, Matrix | None], Claim | None]]] = {
+    "consensus": consensus.read_claim,
+    "separable": separable.read_claim,
+    "quadratic": quadratic.read_claim,
+    "boxes": boxes.read_claim,
+    "schedule": schedule.read_claim,
+    "equilibrium": equilibrium.read_claim,
+}
+
+
+def claim_of(check: Check, problem: Problem, W: Matrix | None) -> Claim | None:
+    """What a check claims about ``problem`` with the gain W (q, m), as the noun of its topic; None if nothing.
+
+    Raises what a malformed claim raises: KeyError, TypeError, ValueError, ArithmeticError or a DobcError.
+    """
+    read = READERS.get(check.kind.topic)
+    return read(check, problem, W) if isinstance(check.claim, Values) and read is not None else check.claim
+
+
+@contextmanager
+def reading_claims() -> Iterator[None]:
+    """Turn what malformed claims raise into a CertificateError."""
+    try:
+        yield
+    except (ArithmeticError, LookupError, TypeError, ValueError) as error:
+        raise CertificateError(
+            f"a regional check of this certificate cannot be read ({type(error).__name__}: {str(error)[:100]}).",
+            key="checks",
+            cure="dobc verify says which.",
+        ) from error
+
+
+def certified_period(problem: Problem, claims: Claims) -> Fraction | None:
+    """The sampling period (s) that a proved check of ``claims``, which are about ``problem``, states; None without one.
+
+    Raises: CertificateError for claims that cannot be read.
+    """
+    with reading_claims():
+        for check in claims.checks:
+            bound = claim_of(check, problem, claims.W)
+            if check.verdict is Verdict.PROVED and isinstance(bound, SamplingBound):
+                return bound.period
+    return None

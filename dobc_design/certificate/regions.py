@@ -1,19 +1,34 @@
-"""Certified regions side by side: nouns for what a certificate says about starts.
+"""From which starts a certificate proves consensus: its regional claims side by side, with what was asked for.
 
-``gathering.certified_regions`` makes them.  Sizes and rates are rounded down, times and what is asked up, so that
-what is shown stays a claim that holds.
+Nothing is decided here, and nothing is shown that does not follow from the proved claims.  Sizes and rates are rounded
+down, times and what is asked up, so that what is shown stays a claim that holds.  Theory, sections 1, 4 and 5.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from dataclasses import dataclass
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
 from fractions import Fraction
-from typing import Any
+from math import isqrt
+from typing import Any, Final
 
 from dobc_design._show.cards import Card, Shown
-from dobc_design._show.text import significant_towards_zero
+from dobc_design._show.text import significant, significant_towards_zero
+from dobc_design.certificate.claims import Claims, claim_of, reading_claims
+from dobc_design.conditions.boxes.claim import Shell
 from dobc_design.conditions.check import Check
+from dobc_design.conditions.coverage import asked_radius, covers
+from dobc_design.conditions.numbers import claimed, rounded_down, rounded_up
+from dobc_design.conditions.quadratic.claim import Lure
+from dobc_design.conditions.quadratic.decide import eigenvalue_bound
+from dobc_design.conditions.schedule.checks import settling_of
+from dobc_design.conditions.schedule.claim import Staging
+from dobc_design.conditions.schedule.settling import Settling
+from dobc_design.conditions.separable.claim import Separable, largest_reach
+from dobc_design.coupling.enclosures import Curve, profile
+from dobc_design.exact.interval import UndefinedError
+from dobc_design.problem.problem import Problem
 from dobc_design.verdict import Verdict
 
 
@@ -166,3 +181,242 @@ def title_of(claim: RegionClaim) -> str:
 def _aligned(rows: list[list[str]]) -> Iterator[list[str]]:
     widths = [max(len(row[column]) for row in rows) for column in range(len(rows[0]))]
     return ([cell.ljust(width) for cell, width in zip(row, widths, strict=True)] for row in rows)
+
+
+#: A start counts as settled when every |e_ic| is below this part of the radius.
+SETTLED: Final = Fraction(1, 100)
+#: Agents up to which the bound of each is listed.
+MOST_AGENTS: Final = 2000
+_DIGITS: Final = 6
+_UNIT: Final = 10**9
+
+
+def certified_regions(problem: Problem, claims: Claims) -> Regions:
+    """Gather what ``claims``, which are about ``problem``, say about starts.
+
+    The claims are taken as they are; ``dobc verify`` decides them.
+    Raises: CertificateError for claims that cannot be read, as in a file that somebody else wrote.
+    """
+    with reading_claims():
+        return _gathered(problem, claims)
+
+
+def certified_settling(problem: Problem, claims: Claims) -> Settling | None:
+    """The settling time that ``claims`` prove, with its envelope; None without one.  Raises: CertificateError."""
+    with reading_claims():
+        found = next((check for check in claims.checks if check.id == "settling"), None)
+        if found is None or found.verdict is not Verdict.PROVED:
+            return None
+        staging = claim_of(found, problem, claims.W)
+        return settling_of(problem, staging, found.reason) if isinstance(staging, Staging) else None
+
+
+def _gathered(problem: Problem, claims: Claims) -> Regions:
+    asked = _asked(problem)
+    known = tuple(replace(check, claim=claim_of(check, problem, claims.W)) for check in claims.checks)
+    tolerance = _tolerance(known, asked)
+    gatherer = _Gatherer(problem, known, asked, tolerance)
+    chosen = list(_chosen(problem, known))
+    by_id = {check.id: check for check in claims.checks}
+    return Regions(
+        name=problem.name,
+        verdict=claims.verdict,
+        reason=claims.reason,
+        asked=asked,
+        tolerance=tolerance,
+        claims=tuple(gatherer.claim(check) for check in chosen),
+        agents=next((_agents(problem, check) for check in chosen if isinstance(check.claim, Separable)), ()),
+        delay=by_id.get("delay"),
+        sampling=by_id.get("sampling"),
+        settling=by_id.get("settling"),
+        equilibrium=by_id.get("equilibrium"),
+    )
+
+
+def _tolerance(checks: Sequence[Check], asked: Asked | None) -> float | None:
+    """That of a proved settling time, so that all times are about the same; else a part of the radius."""
+    for check in checks:
+        if check.verdict is Verdict.PROVED and isinstance(check.claim, Staging):
+            return _down(check.claim.tolerance)
+    size = _smallest_radius(checks) if asked is None else claimed(asked.box)
+    return _down(size * SETTLED) if size else None
+
+
+def _smallest_radius(checks: Sequence[Check]) -> Fraction | None:
+    proved = [check for check in checks if check.verdict is Verdict.PROVED and check.kind.is_consensus]
+    radii = [claimed(check.domain["radius"]) for check in proved if isinstance(check.domain, Mapping)]
+    return min(radii, default=None)
+
+
+def _chosen(problem: Problem, checks: Sequence[Check]) -> Iterator[Check]:
+    """The checks of Lemma 1 (once for all modes, only without disturbance), of the theorems and of regions."""
+    lemmas = [check for check in checks if check.id == "lemma1"]
+    for check in checks:
+        if check.kind.role not in ("paper", "region"):
+            continue
+        if check.id == "lemma1":
+            worst = [each for each in lemmas if each.verdict is not Verdict.PROVED]
+            speaker = worst[0] if worst else min(lemmas, key=lambda each: each.rate or 0.0)
+            if problem.groups or check is not speaker:
+                continue
+        yield check
+
+
+def _asked(problem: Problem) -> Asked | None:
+    if problem.region is None:
+        return None
+    reach = asked_radius(problem)
+    return Asked(
+        box=_up(max(reach)),
+        ball=_up_root(problem.n * sum((r * r for r in reach), Fraction(0))),
+        disturbance=_up(problem.region.initial_disturbance or Fraction(0)),
+        interval=None if problem.m > 1 else _floats(problem.region.initial_states[0]),
+    )
+
+
+@dataclass(frozen=True, slots=True)
+class _Gatherer:
+    problem: Problem
+    checks: Sequence[Check]
+    asked: Asked | None
+    tolerance: float | None
+
+    def claim(self, check: Check) -> RegionClaim:
+        kind = "none"
+        box = ball = disturbance = None
+        if check.verdict is Verdict.PROVED:
+            kind = {"global": "everywhere", "consensus": "near"}.get(str(check.domain), "none")
+            if isinstance(check.domain, Mapping):
+                kind, disturbance = str(check.domain["kind"]), float(check.domain["disturbance"])
+                box = ball = float(check.domain["radius"])
+                if kind == "ball":  # the corners of a box are the farthest from its middle
+                    box = _down_root(claimed(ball) ** 2 / (self.problem.n * self.problem.m))
+        covering = kind != "none" and self.asked is not None and covers(self.problem, check, self.checks)
+        return RegionClaim(
+            id=check.id,
+            variant=_variant(check),
+            verdict=check.verdict,
+            kind=kind,
+            box=box,
+            ball=ball,
+            disturbance=disturbance,
+            rate=check.rate if check.verdict is Verdict.PROVED else None,
+            time=self._time(check),
+            covers=covering,
+            limit=self._limit(check, kind, covering=covering),
+        )
+
+    def _time(self, check: Check) -> float | None:
+        """When |e|_inf <= tolerance at the latest, by the rate of the check alone; None where it is not known."""
+        domain, claim = check.domain, check.claim
+        if check.verdict is not Verdict.PROVED or not check.rate or self.tolerance is None:
+            return None
+        if isinstance(claim, Separable):
+            start = domain if isinstance(domain, Mapping) else self._asked_box()
+            if start is None:
+                return None
+            first = claimed(start["radius"]) / claim.least + _share(claim, claimed(start["disturbance"]))
+            ratio, slowness = first * max(claim.v) / claimed(self.tolerance), 1.0
+        elif isinstance(claim, Lure | Shell):
+            lure, level = (claim.lure, claim.outer) if isinstance(claim, Shell) else (claim, claim.level)
+            least = -eigenvalue_bound(lure.P_e.negated())
+            if level is None or least <= 0:
+                return None
+            ratio, slowness = level / (least * claimed(self.tolerance) ** 2), 0.5
+        else:
+            return None
+        return _up(Fraction(max(0.0, math.log(ratio)) * slowness / check.rate * (1 + 1e-9)), digits=4)
+
+    def _asked_box(self) -> Mapping[str, float] | None:
+        return None if self.asked is None else {"radius": self.asked.box, "disturbance": self.asked.disturbance}
+
+    def _limit(self, check: Check, kind: str, *, covering: bool) -> str:
+        if covering or kind == "everywhere":
+            return ""
+        if kind == "near":
+            return "It is local: it holds close enough to the target and names no radius."
+        if kind == "none":
+            return check.reason
+        return " ".join(filter(None, [check.remark, self._turning(check)]))
+
+    def _turning(self, check: Check) -> str:
+        """Where a coupling does not rise with the distance, neighbours pull less the farther they are."""
+        claim = check.claim
+        if not isinstance(claim, Separable):
+            return ""
+        reaches = largest_reach(self.problem, claim.v, modes=list(self.problem.network.modes))
+        for coupling, reach in zip(self.problem.couplings, reaches, strict=True):
+            if claim.rho is None or not reach or not coupling.by_component:
+                continue
+            try:
+                if profile(Curve(coupling.components[0]), claim.rho * reach).is_nondecreasing:
+                    continue
+            except UndefinedError:
+                return ""
+            return (
+                f"Two agents in this box may differ by {significant(float(claim.rho * reach))}, and on such distances"
+                f" h = {coupling.texts[0]} does not rise throughout: a neighbour farther away pulls less."
+            )
+        return ""
+
+
+def _variant(check: Check) -> str:
+    """Which quadratic certificate a ``lure`` check holds."""
+    if not isinstance(check.claim, Lure):
+        return ""
+    shape = "= c I" if check.claim.shape == "identity" else check.claim.shape
+    method = {"interval": "interval bound", "vertices": "corners"}.get(check.claim.method, "")
+    return ", ".join(filter(None, [method, f"P_e {shape}"]))
+
+
+def _share(claim: Separable, disturbance: Fraction) -> Fraction:
+    """What |eps_i| <= disturbance may take of V: kappa s sqrt(size), rounded up."""
+    if claim.error is None:
+        return Fraction(0)
+    return _root_above((claim.error.kappa * disturbance) ** 2 * claim.error.size)
+
+
+def _agents(problem: Problem, check: Check) -> tuple[AgentBound, ...]:
+    claim = check.claim
+    if problem.n > MOST_AGENTS or not isinstance(check.domain, Mapping) or not isinstance(claim, Separable):
+        return ()
+    if claim.rho is None:
+        return ()
+    room = claim.rho - _share(claim, claimed(check.domain["disturbance"]))
+    pinned = set(problem.pinning.agents)
+    # Rounding may not take back what the domain claims.
+    least = float(check.domain["radius"])
+    return tuple(
+        AgentBound(
+            label=label,
+            bound=max(least, _down(room * weight)),
+            pinned=agent in pinned,
+            goal=None if problem.m > 1 else float(problem.goal_of(agent)[0]),
+        )
+        for agent, (label, weight) in enumerate(zip(problem.network.labels, claim.v, strict=True))
+    )
+
+
+def _floats(pair: tuple[Fraction, Fraction]) -> tuple[float, float]:
+    return float(pair[0]), float(pair[1])
+
+
+def _down(value: Fraction) -> float:
+    return float(rounded_down(value, digits=_DIGITS))
+
+
+def _up(value: Fraction, digits: int = _DIGITS) -> float:
+    return float(rounded_up(value, digits=digits))
+
+
+def _root_above(square: Fraction) -> Fraction:
+    root = isqrt(math.floor(square * _UNIT**2))
+    return Fraction(root + (root * root < square * _UNIT**2), _UNIT)
+
+
+def _up_root(square: Fraction) -> float:
+    return _up(_root_above(square), digits=9)
+
+
+def _down_root(square: Fraction) -> float:
+    return _down(Fraction(isqrt(math.floor(square * _UNIT**2)), _UNIT))

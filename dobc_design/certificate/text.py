@@ -8,13 +8,17 @@ from __future__ import annotations
 
 import json
 import math
+import re
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
 from decimal import Decimal
 from typing import Any
 
 from dobc_design._show.text import visible
 from dobc_design.certificate.claims import Claims
-from dobc_design.conditions.check import check_from_json, number_or_none, require_keys
-from dobc_design.conditions.numbers import read_rational
+from dobc_design.conditions.check import Check, check_from_json, number_or_none, require_keys
+from dobc_design.conditions.consensus.claim import Unstable
+from dobc_design.conditions.numbers import LONGEST, VECTOR_BITS, has_short_denominator, read_rational
 from dobc_design.errors import CertificateError, SpecError
 from dobc_design.exact.matrix import Matrix
 from dobc_design.problem.canonical import matrix_text
@@ -166,3 +170,60 @@ def _no_duplicates(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
     if len(result) != len(pairs):
         raise ValueError("a field stands there twice")
     return result
+
+
+_DIGITS = re.compile(r"[0-9]+")
+NO_NUMBERS = ("float64", "mode", "group", "tree")  # an array of doubles and a cut-up box, which may be long; names
+LONGEST_COEFFICIENT = 4000  # digits of a numerator or denominator in a polynomial: Python prints no more than 4300
+
+
+def writable(check: Check) -> Check:
+    """The check, if a certificate can hold it; else without what may be left out; else UNDECIDED with the reason.
+
+    Nothing untrue comes of it: a check may always claim less.
+    """
+    if _fits(check):
+        return check
+    if isinstance(check.claim, Unstable):  # with a lower bound that Lemma 1 may leave out
+        shorter = replace(check, claim=Unstable(roots=check.claim.roots))
+        if _fits(shorter):
+            return shorter
+    return Check(
+        id=check.id,
+        mode=check.mode,
+        group=check.group,
+        verdict=Verdict.UNDECIDED,
+        domain=check.domain,
+        fix=check.fix,
+        reason=f"it is {check.verdict.value} here, but a number in the proof has more digits than a certificate holds"
+        f" ({LONGEST} characters). Give the numbers of the problem with fewer digits, or with one common denominator.",
+    )
+
+
+def _fits(check: Check) -> bool:
+    witness = check.witness
+    values = () if witness is None or witness.values is None else witness.values
+    if not all(_is_short_text(text) for text in _numbers_in([check.exact, values])):
+        return False
+    if witness is None or witness.kind != "vector":
+        return True
+    broken = (text for text in values if not text.lstrip("-").isdigit())
+    return has_short_denominator((read_rational(text) for text in broken), VECTOR_BITS)
+
+
+def _numbers_in(part: object) -> Iterator[str]:
+    """The texts in a part of a check that stand for numbers."""
+    if isinstance(part, str):
+        yield part
+    elif isinstance(part, Mapping):
+        for key, each in part.items():
+            yield from _numbers_in(each) if key not in NO_NUMBERS else ()
+    elif isinstance(part, Sequence):
+        for each in part:
+            yield from _numbers_in(each)
+
+
+def _is_short_text(text: str) -> bool:
+    if "s" in text:  # a polynomial
+        return all(len(digits) <= LONGEST_COEFFICIENT for digits in _DIGITS.findall(text))
+    return len(text) <= LONGEST

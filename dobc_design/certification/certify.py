@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any
 from dobc_design import __version__
 from dobc_design.certificate.certificate import Certificate
 from dobc_design.certificate.claims import Claims
+from dobc_design.certificate.text import writable
 from dobc_design.certification.consensus import decide, notes_of
 from dobc_design.certification.cures import Findings, with_cures
 from dobc_design.certification.overall import decide_overall
@@ -22,7 +23,6 @@ from dobc_design.conditions.observer.gain import observer_gain
 from dobc_design.conditions.schedule.asked import asked_of, read_tolerance
 from dobc_design.conditions.schedule.settle import settle
 from dobc_design.conditions.schedule.stage import settling_stage
-from dobc_design.conditions.writable import writable
 from dobc_design.exact.matrix import Matrix
 from dobc_design.exact.number import number_text
 from dobc_design.problem.canonical import problem_sha256

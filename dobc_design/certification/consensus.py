@@ -12,8 +12,8 @@ from dataclasses import dataclass, replace
 from itertools import zip_longest
 
 from dobc_design.conditions.check import Check
+from dobc_design.conditions.consensus.claim import Pair, Statements, state_theorems
 from dobc_design.conditions.consensus.decide import (
-    Pair,
     Proposal,
     lemma1_check,
     psi_is_negative,
@@ -23,7 +23,6 @@ from dobc_design.conditions.consensus.decide import (
 )
 from dobc_design.conditions.consensus.estimates import Top, decay_rate, directions, lambda_tops, pair_margin, pair_rate
 from dobc_design.conditions.consensus.network import reachability_check
-from dobc_design.conditions.consensus.statements import Statements, state_theorems
 from dobc_design.conditions.consensus.supports import witness_directions
 from dobc_design.conditions.numbers import is_writable
 from dobc_design.conditions.observer.decide import detectability_check, hurwitz_check, observability_check
@@ -193,15 +192,21 @@ def _checks_of(group: Group, W: Matrix | None, problem: Problem | None) -> list[
     return [
         observability_check(exosystem, problem),
         detectability_check(exosystem, problem),
-        hurwitz_check(exosystem, W, estimate=estimate, source=source, problem=problem),
+        hurwitz_check(
+            exosystem,
+            W,
+            estimate=estimate,
+            source=source,
+            problem=problem,
+            key="W of the group" if problem is None else "observer.W",
+        ),
     ]
 
 
 def _in_group(check: Check, group: Group) -> Check:
     """The check as one of this group; without its fix, which names keys that all agents share."""
     who = f"Of {name_some(group.agents)}: "
-    reason = check.reason.replace("as observer.W", "as W of the group")
-    return replace(check, group=group.name, fix=None, reason=who + reason)
+    return replace(check, group=group.name, fix=None, reason=who + check.reason)
 
 
 def _proposed_pairs(

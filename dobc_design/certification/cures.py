@@ -15,6 +15,7 @@ from typing import Any
 from dobc_design.certification.cure_words import Accepted, gain_change_words, pin_words, rate_words
 from dobc_design.conditions.check import Check, Fix
 from dobc_design.conditions.consensus.choice import groups_without_pin
+from dobc_design.conditions.consensus.claim import PairFacts, Statements, state_theorems
 from dobc_design.conditions.consensus.cures import (
     PinProposal,
     on_present_pins,
@@ -25,9 +26,7 @@ from dobc_design.conditions.consensus.cures import (
 )
 from dobc_design.conditions.consensus.decide import enclosed_lambda
 from dobc_design.conditions.consensus.negative import is_negative
-from dobc_design.conditions.consensus.statements import Statements, state_theorems
 from dobc_design.conditions.consensus.witness import Directions, unpinned_witness
-from dobc_design.conditions.numbers import read_rational
 from dobc_design.conditions.observer.decide import detectability_check, hurwitz_check
 from dobc_design.conditions.observer.gain import design_gain
 from dobc_design.exact.matrix import Matrix, Vector, add, identity, scale
@@ -244,9 +243,8 @@ def _printed(
 
 
 def _other_pairs(problem: Problem, check: Check, own: Matrix, found: Matrix | None) -> Iterator[Fix]:
-    S = (check.exact or {}).get("S")
-    if S is not None:
-        factor = scale_needed(problem, tuple(tuple(read_rational(x) for x in row) for row in S))
+    if isinstance(check.claim, PairFacts):
+        factor = scale_needed(problem, check.claim.S)
         for more in FACTORS if factor is not None and factor > 0 else ():
             a = rounded_up(Fraction(factor or 1) * Fraction(more))
             yield Fix(

@@ -12,6 +12,7 @@ from dataclasses import dataclass
 from fractions import Fraction
 
 from dobc_design.conditions.check import Check
+from dobc_design.conditions.consensus.claim import Unstable
 from dobc_design.conditions.consensus.network import cure_in_words, name_agents, unheld_groups
 from dobc_design.conditions.coverage import asked_radius, covers
 from dobc_design.conditions.numbers import shorten
@@ -113,9 +114,7 @@ def _apart_reason(problem: Problem) -> str | None:
 
 def unstable_roots_shown(check: Check) -> int:
     """How many eigenvalues with positive real part a refuted Lemma 1 proves; 0 for every other check."""
-    if check.id != "lemma1" or check.verdict is not Verdict.REFUTED or check.exact is None:
-        return 0
-    return int(check.exact.get("unstable_roots", "0"))
+    return check.claim.roots if check.verdict is Verdict.REFUTED and isinstance(check.claim, Unstable) else 0
 
 
 def _start_apart_exists(problem: Problem, group: Sequence[int], free: Sequence[Vector]) -> bool:
@@ -164,7 +163,7 @@ def _proved_reason(problem: Problem, check: Check) -> str:
 
 def _reached(problem: Problem, checks: Sequence[Check]) -> str | None:
     """How far the regional proofs reach, and what would help; None if none was tried or applies."""
-    tried = [check for check in checks if check.kind.role == "region" and not check.reason.startswith("does not apply")]
+    tried = [check for check in checks if check.kind.role == "region" and check.applies]
     proved = [check for check in tried if check.verdict is Verdict.PROVED]
     if not tried:
         return None

@@ -10,21 +10,31 @@ program's version, and the advice (``fix``).  Everything else has to be true.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
 
 from dobc_design._show.cards import Card, Shown
-from dobc_design.certificate.claims import Claims
+from dobc_design.certificate.claims import Claims, claim_of
 from dobc_design.certificate.text import certificate_bytes, read_claims
-from dobc_design.certification.confirm import Trusted, claimed_vectors, confirm, expected_checks
 from dobc_design.certification.overall import decide_overall
 from dobc_design.checker import checker
-from dobc_design.conditions.check import Check
-from dobc_design.conditions.consensus.decide import Pair, with_vectors
-from dobc_design.conditions.consensus.statements import state_theorems
-from dobc_design.conditions.numbers import MATRIX_BITS, is_short
+from dobc_design.conditions.boxes import checks as boxes
+from dobc_design.conditions.check import Check, same_witness
+from dobc_design.conditions.consensus import decide as consensus
+from dobc_design.conditions.consensus.claim import Pair, Statements, state_theorems
+from dobc_design.conditions.consensus.decide import with_vectors
+from dobc_design.conditions.equilibrium import decide as equilibrium
+from dobc_design.conditions.numbers import MATRIX_BITS, doubles_from_json, is_short
+from dobc_design.conditions.observer import decide as observer
+from dobc_design.conditions.quadratic import checks as quadratic
+from dobc_design.conditions.schedule import checks as schedule
+from dobc_design.conditions.separable import checks as separable
 from dobc_design.errors import DobcError
-from dobc_design.exact.matrix import is_symmetric, multiply
+from dobc_design.exact.matrix import Matrix, is_symmetric, multiply
 from dobc_design.problem.canonical import canonical_bytes, problem_sha256
 from dobc_design.problem.groups import blocks_of
 from dobc_design.problem.problem import Problem
@@ -32,6 +42,13 @@ from dobc_design.verdict import Verdict
 
 #: Arcs of all modes together, and matrix rows, up to which ``verify`` waits for the lone checker, plain Python.
 LONE_ARCS, LONE_ROWS = 100_000, 50_000
+#: How a proof or refutation is confirmed that is about a region and rests on no other check.
+REGIONAL: Final[dict[str, Callable[..., str | None]]] = {
+    "quadratic": quadratic.confirm,
+    "boxes": boxes.confirm,
+    "schedule": schedule.confirm,
+    "equilibrium": equilibrium.confirm,
+}
 HOW = "python -I -S checker.py certificate.json problem.json, with its other parts beside it"
 
 
@@ -124,7 +141,7 @@ def recheck(certificate: Claims | bytes, problem: Problem) -> Recheck:
         for check in claims.checks:
             reason = _reason(check, trusted)
             if reason is None:
-                confirmed.append(check)
+                confirmed.append(replace(check, claim=claim_of(check, problem, claims.W)))
             else:
                 failures.append(f"{check.title}: {reason}")
         failures += _overall_failures(claims, problem, confirmed)
@@ -133,13 +150,62 @@ def recheck(certificate: Claims | bytes, problem: Problem) -> Recheck:
     )
 
 
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Trusted:
+    """What claims are confirmed against: the problem, its conditions, and the matrices the claims use.
+
+    ``separable``: the max-separable check of the same certificate, on which those of delays and sampling rest.
+    """
+
+    problem: Problem
+    statements: Statements
+    W: Matrix | None
+    pair: Pair | None
+    separable: Check | None = None
+
+
 def _trusted(claims: Claims, problem: Problem) -> Trusted:
     pair = None if claims.P is None or claims.Q is None else Pair(P=claims.P, Q=claims.Q)
     separable = next((check for check in claims.checks if check.id == "max-separable"), None)
     statements = state_theorems(problem)
-    vectors = claimed_vectors(claims.checks, problem)
+    vectors = _claimed_vectors(claims.checks, problem)
     statements = with_vectors(statements, {mode: v for mode, v in vectors.items() if mode in statements.lambdas})
     return Trusted(problem=problem, statements=statements, W=claims.W, pair=pair, separable=separable)
+
+
+def _claimed_vectors(checks: Sequence[Check], problem: Problem) -> dict[str, NDArray[np.float64]]:
+    """The vectors that proved checks of Lemma 1 bring, by mode; what is no vector of n m numbers is left out."""
+    found = {}
+    for check in checks:
+        if check.id == "lemma1" and check.verdict is Verdict.PROVED and check.claim is not None:
+            try:
+                exact = check.exact or {}
+                vector = doubles_from_json(exact["v"]) if set(exact) == {"v"} else np.zeros(0)
+            except (TypeError, ValueError):
+                continue
+            if len(vector) == problem.n * problem.m:
+                found[str(check.mode)] = vector
+    return found
+
+
+def expected_checks(problem: Problem) -> tuple[tuple[str, str | None, str | None], ...]:
+    """The (id, mode, group) of the checks that every complete certificate of this problem holds.
+
+    It may hold regional ones besides.
+    """
+    modes = tuple(problem.network.modes)
+    theorem = "theorem1" if len(modes) == 1 else "theorem2"
+    result: list[tuple[str, str | None, str | None]] = []
+    for group in problem.groups:
+        name = group.name if problem.is_grouped else None
+        result += [(id, None, name) for id in ("observability", "detectability", "hurwitz")]
+    for id in ("reachability", "lemma1"):
+        result += [(id, mode, None) for mode in modes]
+    if problem.groups:
+        if problem.joint_observer.P is not None:
+            result.append((f"{theorem}-printed", None, None))
+        result.append((theorem, None, None))
+    return tuple(result)
 
 
 def _reason(check: Check, trusted: Trusted) -> str | None:
@@ -147,6 +213,62 @@ def _reason(check: Check, trusted: Trusted) -> str | None:
         return confirm(check, trusted)
     except (DobcError, ArithmeticError, ValueError, TypeError, KeyError, IndexError, AttributeError) as error:
         return f"it cannot be evaluated ({type(error).__name__}: {str(error)[:120]})"
+
+
+def confirm(check: Check, trusted: Trusted) -> str | None:
+    """None if everything the check claims is confirmed, else what is not.
+
+    Nothing of the claim is believed: matrices are rebuilt from the problem, witnesses are multiplied out, margins and
+    rates are proved as they are written, and exact values have to be the very ones that follow.  A proof may claim less
+    than is true (a smaller margin or rate, "undecided"), never more.  Raises what a malformed claim raises.
+    """
+    problem, W, domain = trusted.problem, trusted.W, trusted.statements.domain
+    expected = (check.id, check.mode, check.group) in expected_checks(problem)
+    regional = REGIONAL.get(check.kind.topic)
+    if not expected and (check.group is not None or check.kind.topic in ("observer", "consensus")):
+        return f"{check.title} does not belong to this problem"
+    if not expected and (check.mode is not None or check.margin is not None):
+        return "a regional check has no mode and no margin"
+    # A proof for a region names its starts; every other domain is known.
+    proves_region = not expected and check.verdict is Verdict.PROVED
+    wanted = "global" if check.kind.role == "part" else domain
+    if not proves_region and check.domain != wanted:
+        return f"the domain must be {wanted!r}"
+    if check.verdict is Verdict.UNDECIDED:
+        claims = (check.margin, check.rate, check.claim, check.witness)
+        return None if all(part is None for part in claims) else "an undecided check must claim nothing"
+    if check.kind.topic == "observer":
+        return observer.confirm(check, problem, W)
+    if check.kind.topic == "separable":
+        return separable.confirm(check, problem, W, domain=domain, proof=trusted.separable)
+    if regional is not None:
+        return regional(check, problem, W, domain=domain)
+    block = (check.exact or {}).get("block")
+    refutes = check.verdict is Verdict.REFUTED and check.id in ("theorem1", "theorem2")
+    if refutes and block in ("detectability", "hurwitz"):
+        return _confirm_obstacle(check, trusted)
+    return consensus.confirm(check, trusted.statements, trusted.pair)
+
+
+def _confirm_obstacle(check: Check, trusted: Trusted) -> str | None:
+    """A theorem that is refuted because the observer of one group fails for every pair."""
+    if trusted.statements.inapplicable is not None:
+        return "the theorems do not apply to this coupling"
+    if check.rate is not None or check.margin is not None:
+        return "a refuted check must claim no rate and no positive margin"
+    exact = check.exact or {}
+    block, group = exact["block"], exact.get("group")
+    exosystem, W = observer.group_of(group, trusted.problem, trusted.W)
+    own = observer.detectability_check(exosystem) if block == "detectability" else observer.hurwitz_check(exosystem, W)
+    if own.verdict is not Verdict.REFUTED:
+        return f"{block} is {own.verdict.value}"
+    given = any(group in (each.name, None) and each.observer.W is not None for each in trusted.problem.groups)
+    if block == "hurwitz" and not given:
+        return "another W can be designed, so no pair is ruled out"
+    named = {"block": block} | ({} if group is None else {"group": group})
+    if exact != named or not same_witness(check.witness, own.witness):
+        return f"it claims more than that {block} fails"
+    return None
 
 
 def _matrix_failures(claims: Claims, problem: Problem) -> list[str]:

@@ -1,174 +1,151 @@
-"""The body of ``dobc certify``: certificate, problem and report in a folder, and the answer in words or as JSON."""
+"""``dobc certify``: certificate, problem and report in a folder, and the answer in words or as JSON."""
 
 from __future__ import annotations
 
 import shlex
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+import textwrap
+from collections.abc import Iterator, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
 
 from dobc_design.cli.output import (
     COLOURS,
     EXIT,
     PIPED,
-    WIDE,
+    CertificateFolder,
+    File,
+    Json,
     Manner,
     Progress,
+    Quiet,
+    Search,
+    Tolerance,
+    Verbose,
     answering,
     check_target,
     folder_name,
+    ids,
     make_console,
+    make_table,
+    manner_of,
     print_json,
     refuse_option,
+    require_toml,
     results_folder,
     say,
+    search_parts,
+    settling_parts,
+    verdict_line,
     write_file,
 )
-from dobc_design.cli.parts import search_parts, settling_parts
-from dobc_design.conditions.schedule.asked import read_tolerance
 from dobc_design.errors import SpecError
 
 if TYPE_CHECKING:
-    from fractions import Fraction
-
     from rich.console import Console
+    from rich.table import Table
 
     from dobc_design.certificate.certificate import Certificate
     from dobc_design.conditions.check import Check
     from dobc_design.falsification.suspect import Falsification
-    from dobc_design.problem.problem import Problem
+
+WIDE = 120  # columns from which reasons stand beside the verdicts
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class _Done:
-    """What was decided, and the files that say so; ``cured``: that of the cured problem, where it was asked for."""
-
-    certificate: Certificate
-    searches: tuple[Falsification, ...]
-    path: Path
-    problem: Path
-    page: Path | None
-    cured: Path | None
-
-
-def run_certify(
-    file: str,
-    *,
-    out: Path | None,
-    everything: bool,
-    theorem: str | None,
-    report: bool,
-    apply_fix: Path | None,
-    force: bool,
-    manner: Manner,
-    as_json: bool,
-    settling: str | None = None,
-    search: bool = False,
-) -> int:
-    """Certify a problem file, write what is found, and return the exit code.  Raises: SpecError."""
+def certify(
+    file: File,
+    out: CertificateFolder = None,
+    everything: Annotated[bool, typer.Option("--all", help="Run every condition, also when one suffices.")] = False,
+    theorem: Annotated[
+        str | None, typer.Option(help="Show and judge only this condition, e.g. lemma1.", autocompletion=ids)
+    ] = None,
+    settling: Tolerance = None,
+    search: Search = False,
+    report: Annotated[bool, typer.Option("--report/--no-report", help="Write report.html and report.md.")] = True,
+    apply_fix: Annotated[
+        Path | None, typer.Option("--apply-fix", help="Write the cured problem here, a new .toml file.")
+    ] = None,
+    force: Annotated[bool, typer.Option("--force", help="Overwrite the file of --apply-fix.")] = False,
+    quiet: Quiet = False,
+    verbose: Verbose = False,
+    as_json: Json = False,
+) -> None:
+    """Decide every condition exactly; write certificate.json, problem.json and the report."""
+    from dobc_design.certification import certify as certification
+    from dobc_design.certification.search import search_certificate
     from dobc_design.conditions.kinds import KINDS
+    from dobc_design.conditions.schedule.asked import read_tolerance
     from dobc_design.problem.load import load_problem
+    from dobc_design.report.write import PAGE, render_report
 
+    manner = manner_of(quiet=quiet, verbose=verbose)
     if theorem is not None and theorem not in KINDS:
         raise SpecError(f"{theorem!r} is not known.", key="--theorem", cure=f"One of {', '.join(KINDS)}.")
-    if out is not None:
-        refuse_option(out, key="--out")
+    refuse_option(out, key="--out")
     if apply_fix is not None:
         check_target(apply_fix, force=force, key="--apply-fix")
     tolerance = None if settling is None else read_tolerance(settling, key="--settling")
     problem = load_problem(file)
     folder = results_folder(out, problem.name)
-    with Progress(manner) as progress:
-        done = _decide_and_write(
-            file,
-            problem,
-            folder,
-            everything=everything,
-            tolerance=tolerance,
-            search=search,
-            report=report,
-            cured=apply_fix,
-            progress=progress,
-        )
-    if as_json:
-        _print_document(done, theorem, searched=search)
-    elif manner is not Manner.QUIET:
-        _tell(done, file, theorem)
-    verdict = done.certificate.verdict.value if theorem is None else _judge(_chosen(done.certificate, theorem))
-    return EXIT[verdict]
-
-
-def _decide_and_write(
-    file: str,
-    problem: Problem,
-    folder: Path,
-    *,
-    everything: bool,
-    tolerance: Fraction | None,
-    search: bool,
-    report: bool,
-    cured: Path | None,
-    progress: Callable[[str], None],
-) -> _Done:
-    """Everything that is asked for, decided, and then written: nothing is written of what fails, but for proofs."""
-    from dobc_design.certification.certify import certify
-    from dobc_design.certification.search import search_certificate
-    from dobc_design.report.write import PAGE, render_report
-
-    certificate = certify(problem, everything=everything, settling=tolerance, progress=progress)
     searches: tuple[Falsification, ...] = ()
-    if search:
-        found = search_certificate(certificate, progress=progress)
-        certificate, searches = found.certificate, found.searches
-    cure = None if cured is None else _cured_file(certificate, file, cured)
     pages: dict[str, bytes] = {}
-    if report:
-        try:
-            pages = render_report(certificate, searches=searches, progress=progress)
-        except Exception:
-            certificate.save(folder)  # the proof outlives its picture
-            raise
-    written = certificate.save(folder, beside=pages)
-    if cured is not None and cure is not None:
-        write_file(cured, cure, key="--apply-fix")
-    return _Done(
-        certificate=certificate,
-        searches=searches,
-        path=written[0],
-        problem=written[1],
-        page=folder / PAGE if pages else None,
-        cured=cured,
-    )
+    with Progress(manner) as progress:
+        certificate = certification.certify(problem, everything=everything, settling=tolerance, progress=progress)
+        if search:
+            found = search_certificate(certificate, progress=progress)
+            certificate, searches = found.certificate, found.searches
+        cured = None if apply_fix is None else _cured_file(certificate, file, apply_fix)
+        if report:
+            try:
+                pages = render_report(certificate, searches=searches, progress=progress)
+            except Exception:
+                certificate.save(folder)  # the proof outlives its picture
+                raise
+        path, own, *_ = certificate.save(folder, beside=pages)
+        if apply_fix is not None and cured is not None:
+            write_file(apply_fix, cured, key="--apply-fix")
+    page = folder / PAGE if pages else None
+    if as_json:
+        document = answer_head(certificate) | {
+            "checks": [each.to_json() for each in certificate.checks],
+            "notes": list(certificate.claims.notes),
+            "certificate": str(path),
+            "report": None if page is None else str(page),
+        }
+        if apply_fix is not None:
+            document["applied"] = str(apply_fix)
+        if search:
+            document["searches"] = [each.to_json() for each in searches]
+        print_json(document if theorem is None else document | _one_condition(certificate, theorem))
+    elif manner is not Manner.QUIET:
+        with answering():
+            console = make_console()
+            _show(console, certificate, theorem, file=None if apply_fix else file)
+            for part in (*settling_parts(certificate.settling if theorem is None else None), *search_parts(searches)):
+                console.print(part, soft_wrap=console.width == PIPED)
+        say(f"\ncertificate  {path}\nproblem      {own}")
+        if page is not None:
+            say(f"report       {page}")
+        say(f"re-check     {shlex.join(['dobc', 'verify', str(path), '--problem', file])}")
+        if apply_fix is not None:
+            say(f"cured        {apply_fix}\ncertify it   {shlex.join(['dobc', 'certify', str(apply_fix)])}")
+            if problem.notes:
+                say("look at      its notes: they are kept as they were and may speak of what has changed")
+    verdict = certificate.verdict.value if theorem is None else _judge(_chosen(certificate, theorem))
+    raise typer.Exit(EXIT[verdict])
 
 
-def _print_document(done: _Done, theorem: str | None, *, searched: bool) -> None:
-    """The document of --json."""
-    document = _certificate_json(done.certificate, done.path, done.page)
-    if done.cured is not None:
-        document["applied"] = str(done.cured)
-    if searched:
-        document["searches"] = [each.to_json() for each in done.searches]
-    print_json(document if theorem is None else document | _one_condition(done.certificate, theorem))
-
-
-def _tell(done: _Done, file: str, theorem: str | None) -> None:
-    """The answer in words: verdict, checks, cures, settling time, searches, files, and what to do with them."""
-    certificate = done.certificate
-    with answering():
-        console = make_console()
-        _show_certificate(console, certificate, theorem, file=None if done.cured else file)
-        settling = certificate.settling if theorem is None else None
-        for part in (*settling_parts(settling), *search_parts(done.searches)):
-            console.print(part, soft_wrap=console.width == PIPED)
-    say(f"\ncertificate  {done.path}\nproblem      {done.problem}")
-    if done.page is not None:
-        say(f"report       {done.page}")
-    say(f"re-check     {shlex.join(['dobc', 'verify', str(done.path), '--problem', file])}")
-    if done.cured is not None:
-        say(f"cured        {done.cured}\ncertify it   {shlex.join(['dobc', 'certify', str(done.cured)])}")
-        if certificate.problem.notes:
-            say("look at      its notes: they are kept as they were and may speak of what has changed")
+def answer_head(certificate: Certificate) -> dict[str, Any]:
+    """What the documents of certify and region begin with."""
+    return {
+        "verdict": certificate.verdict.value,
+        "reason": certificate.reason,
+        "rate": certificate.rate,
+        "covered_by": certificate.covered_by,
+        "problem": certificate.problem.name,
+        "problem_sha256": certificate.claims.problem_sha256,
+    }
 
 
 def _cured_file(certificate: Certificate, source: str, target: Path) -> bytes:
@@ -178,12 +155,7 @@ def _cured_file(certificate: Certificate, source: str, target: Path) -> bytes:
     from dobc_design.problem.load import source_text
 
     fix = main_fix(certificate.checks)
-    if target.suffix.lower() != ".toml":
-        raise SpecError(
-            f"--apply-fix must name a .toml file; got {str(target)!r}.",
-            key="--apply-fix",
-            cure=f"For example {target.with_suffix('.toml').name}.",
-        )
+    require_toml(target, key="--apply-fix")
     if fix is None:
         if certificate.verdict.value == "proved":
             message, cure = "there is nothing to cure: everything asked for is proved.", "Leave --apply-fix out."
@@ -221,45 +193,23 @@ def _reason(certificate: Certificate, chosen: Sequence[Check], theorem: str) -> 
 
 
 def _judge(checks: Sequence[Check]) -> str:
-    values = [each.verdict.value for each in checks]
-    if values and all(value == "proved" for value in values):
-        return "proved"
-    return "refuted" if "refuted" in values else "undecided"
+    values = {each.verdict.value for each in checks}
+    return "proved" if values == {"proved"} else "refuted" if "refuted" in values else "undecided"
 
 
-def _certificate_json(certificate: Certificate, path: Path, page: Path | None) -> dict[str, Any]:
-    return {
-        "verdict": certificate.verdict.value,
-        "reason": certificate.reason,
-        "rate": certificate.rate,
-        "covered_by": certificate.covered_by,
-        "problem": certificate.problem.name,
-        "problem_sha256": certificate.claims.problem_sha256,
-        "checks": [each.to_json() for each in certificate.checks],
-        "notes": list(certificate.claims.notes),
-        "certificate": str(path),
-        "report": None if page is None else str(page),
-    }
-
-
-def _show_certificate(
-    console: Console, certificate: Certificate, theorem: str | None, *, file: str | None = None
-) -> None:
+def _show(console: Console, certificate: Certificate, theorem: str | None, *, file: str | None) -> None:
     """The verdict, the checks with their reasons, and what would cure it.  Text of the user is shown as it is.
 
     ``file``: what the problem was read from, for the command that writes the cured one.
     """
-    import textwrap
-
     from rich.text import Text
 
     checks = _chosen(certificate, theorem)
     verdict = certificate.verdict.value if theorem is None else _judge(checks)
-    reason = certificate.reason if theorem is None else _reason(certificate, checks, theorem)
-    head = Text(f"{certificate.problem.name}: ", style="bold")
-    head.append(verdict.upper(), style=COLOURS[verdict])
-    head.append(f". {reason.removeprefix('Undecided: ')}", style="not bold")
-    console.print(head, soft_wrap=console.width == PIPED)
+    reason = certificate.reason.removeprefix("Undecided: ")
+    if theorem is not None:
+        reason = _reason(certificate, checks, theorem)
+    console.print(verdict_line(certificate.problem.name, verdict, reason), soft_wrap=console.width == PIPED)
     beside = console.width >= WIDE
     if checks:
         console.print()
@@ -270,17 +220,15 @@ def _show_certificate(
             console.print(Text(each.title, style="bold"))
             lines = textwrap.wrap(each.reason, console.width, initial_indent="  ", subsequent_indent="  ")
             console.print(Text("\n".join(lines)))
-    _show_cures(console, checks, file=file, name=certificate.problem.name)
+    name = f"{folder_name(certificate.problem.name)}-cured.toml"
+    for cure in _cures(checks, width=None if console.width == PIPED else console.width, file=file, name=name):
+        console.print(Text(cure), soft_wrap=True)
     for place, note in enumerate(certificate.claims.notes):
         console.print(Text(f"{'' if place else chr(10)}Note: {note}"), soft_wrap=console.width == PIPED)
 
 
-def _show_cures(console: Console, checks: Sequence[Check], *, file: str | None, name: str) -> None:
+def _cures(checks: Sequence[Check], *, width: int | None, file: str | None, name: str) -> Iterator[str]:
     """What would cure what failed: in words, as lines of the problem file, and the command that writes them."""
-    import textwrap
-
-    from rich.text import Text
-
     from dobc_design.conditions.check import main_cure, other_cures
     from dobc_design.problem.changes import change_lines
 
@@ -288,28 +236,23 @@ def _show_cures(console: Console, checks: Sequence[Check], *, file: str | None, 
     for each in [*([] if main is None else [main]), *other_cures(checks)]:
         if each.fix is None:
             continue
-        whole = each.kind.role == "paper"
-        head = "What would cure it:" if whole else f"What would cure {each.id}:"
+        head = "What would cure it:" if each.kind.role == "paper" else f"What would cure {each.id}:"
         if each.verdict.value != "refuted" or each.id == "observability":
             head = f"What would help {each.id}:"
-        lines = [f"{head} {each.fix.text}"]
-        if console.width != PIPED:
-            lines = textwrap.wrap(lines[0], console.width, subsequent_indent="  ")
-        console.print()
-        console.print(Text("\n".join(lines + [f"    {line}" for line in change_lines(each.fix.set)])), soft_wrap=True)
+        words = f"{head} {each.fix.text}"
+        lines = [words] if width is None else textwrap.wrap(words, width, subsequent_indent="  ")
+        yield "\n".join(["", *lines, *(f"    {line}" for line in change_lines(each.fix.set))])
         if each is main and file is not None:
-            command = shlex.join(["dobc", "certify", file, "--apply-fix", f"{folder_name(name)}-cured.toml"])
-            console.print(Text(f"  To write the cured problem to a new file:\n    {command}"), soft_wrap=True)
+            command = shlex.join(["dobc", "certify", file, "--apply-fix", name])
+            yield f"  To write the cured problem to a new file:\n    {command}"
 
 
-def _table(checks: Sequence[Check], *, reasons: bool) -> Any:
-    from rich.table import Table
+def _table(checks: Sequence[Check], *, reasons: bool) -> Table:
     from rich.text import Text
 
     from dobc_design._show.text import significant_towards_zero
 
-    table = Table(show_edge=False, pad_edge=False, header_style="bold")
-    table.add_column("check", overflow="fold")
+    table = make_table(["check"])
     for name in ("verdict", "margin", "rate 1/s"):
         table.add_column(name, no_wrap=True)
     if reasons:

@@ -1,4 +1,4 @@
-"""The body of ``dobc doctor``: what is installed, what is missing, what that costs, and the command that installs it.
+"""``dobc doctor``: what is installed, what is missing, what that costs, and the command that installs it.
 
 The packages and their versions are those that this package itself asks for; nothing is listed twice.
 """
@@ -11,15 +11,12 @@ import shlex
 import shutil
 import sys
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
-from importlib import metadata
 from importlib.util import find_spec
-from typing import Any
+from typing import NamedTuple
 
 from dobc_design import __version__
-from dobc_design.cli.output import print_json, say
+from dobc_design.cli.output import Json, print_json, say
 from dobc_design.errors import DobcError
-from dobc_design.verdict import Verdict
 
 CORE, PROGRAMS = "core", "programs"
 DEVELOPERS = ("dev", "docs")  # extras that users do not miss
@@ -45,8 +42,7 @@ _REQUIREMENT = re.compile(r"([A-Za-z0-9._-]+)\s*([^;]*)(?:;.*extra\s*==\s*[\"'](
 _BOUND = re.compile(r"(>=|<=|==|!=|<|>|~=)\s*([0-9][0-9.]*)")
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Item:
+class Item(NamedTuple):
     """One package or program: its group ("core", an extra, "programs"), what was found, and what would install it."""
 
     item: str
@@ -55,24 +51,21 @@ class Item:
     ok: bool
     install: str | None = None
 
-    def to_json(self) -> dict[str, Any]:
-        """JSON object."""
-        return {"item": self.item, "group": self.group, "detail": self.detail, "ok": self.ok, "install": self.install}
 
-
-def run_doctor(*, as_json: bool) -> int:
-    """Print what was found; the exit code is 0, whatever that is: the answer is in the text and in ``ok``."""
+def doctor(as_json: Json = False) -> None:
+    """Say what is installed, what is missing and how to install it, and whether the main path works."""
     items = examine()
-    needed = [each for each in items if each.group == CORE]
     if as_json:
-        print_json({"ok": all(each.ok for each in needed), "items": [each.to_json() for each in items]})
+        ok = all(each.ok for each in items if each.group == CORE)
+        print_json({"ok": ok, "items": [each._asdict() for each in items]})
     else:
         say(_words(items))
-    return 0
 
 
 def examine() -> list[Item]:
     """Everything that is needed, and everything that could be."""
+    from importlib import metadata  # slow to import
+
     items = [Item(item="dobc_design", group=CORE, detail=f"{__version__}, Python {platform.python_version()}", ok=True)]
     try:
         requirements = metadata.requires("dobc_design") or []
@@ -88,6 +81,8 @@ def examine() -> list[Item]:
 
 def _package(text: str) -> Item:
     """One requirement, as the package's own metadata spells it."""
+    from importlib import metadata
+
     found = _REQUIREMENT.match(text)
     name, bounds, extra = (text, "", None) if found is None else found.groups()
     group = extra or CORE
@@ -149,7 +144,7 @@ def _main_path() -> Item:
 
     try:
         certificate = certify("paper-fixed")
-        works = certificate.verdict is Verdict.PROVED and verify(certificate, "paper-fixed").holds
+        works = certificate.verdict.value == "proved" and verify(certificate, "paper-fixed").holds
         detail = f"{certificate.verdict.value}, re-checked" if works else "not proved, or not confirmed"
     except (DobcError, ImportError) as error:
         works, detail = False, str(error)[:200]

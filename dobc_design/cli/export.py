@@ -1,16 +1,25 @@
-"""The body of ``dobc export``: what each target writes, and what is said about it."""
+"""``dobc export``: what each target writes, and what is said about it."""
 
 from __future__ import annotations
 
 import shlex
 from collections.abc import Callable
-from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
 
-from dobc_design.cli.output import check_target, read_certificate, refuse_option, write_file
+import typer
+
+from dobc_design.cli.output import (
+    Json,
+    Progress,
+    check_target,
+    print_json,
+    read_certificate,
+    refuse_option,
+    say,
+    write_file,
+)
 from dobc_design.errors import CertificateError, SpecError
-from dobc_design.problem.load import load_problem
 
 if TYPE_CHECKING:
     from dobc_design.certificate.claims import Claims
@@ -19,15 +28,9 @@ if TYPE_CHECKING:
 TARGETS = "--c DIR, --fmu FILE, --sdpa FILE, --python-control FILE or --rocq FILE"
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Asked:
-    """The options of ``dobc export``; exactly one of the first five is given."""
+class _Asked(NamedTuple):
+    """The options beside the target."""
 
-    c: Path | None
-    fmu: Path | None
-    sdpa: Path | None
-    python_control: Path | None
-    rocq: Path | None
     period: str | None
     precision: str | None
     agent: str | None
@@ -37,39 +40,60 @@ class Asked:
     force: bool
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Exported:
-    """What was written: the document of --json, and the same in words."""
-
-    document: dict[str, Any]
-    text: str
+Exported = tuple[dict[str, Any], str]  # the document of --json, and the same in words
+Stage = Callable[[str], None]
 
 
-def run_export(file: str, asked: Asked, *, progress: Callable[[str], None]) -> Exported:
-    """Write the one target that is asked for.  Raises: SpecError for wrong options, before anything is written."""
-    named = {
-        "--c": asked.c,
-        "--fmu": asked.fmu,
-        "--sdpa": asked.sdpa,
-        "--python-control": asked.python_control,
-        "--rocq": asked.rocq,
-    }
-    chosen = [key for key, value in named.items() if value is not None]
-    if len(chosen) != 1:
-        raise SpecError("exactly one target must be named.", key="export", cure=f"{TARGETS}.")
-    _check_options(asked, chosen[0])
-    if asked.c is not None:
-        return _c(file, asked.c, asked, progress)
-    if asked.fmu is not None:
-        return _fmu(file, asked.fmu, asked, progress)
-    if asked.sdpa is not None:
-        return _sdpa(file, asked.sdpa, asked, progress)
-    if asked.python_control is not None:
-        return _python(file, asked.python_control, asked)
-    return _rocq(Path(file), asked.rocq or Path(), asked)
+def export(
+    file: Annotated[str, typer.Argument(help="For --rocq a certificate.json or its folder, else a problem.")],
+    c: Annotated[Path | None, typer.Option("--c", help="Write C99 of the sampled agents into this folder.")] = None,
+    fmu: Annotated[Path | None, typer.Option("--fmu", help="Write one agent as an FMU (FMI 3.0).")] = None,
+    sdpa: Annotated[Path | None, typer.Option("--sdpa", help="Write the LMI for any SDP solver (.dat-s).")] = None,
+    python_control: Annotated[
+        Path | None, typer.Option("--python-control", help="Write the loop as a Python file for python-control.")
+    ] = None,
+    rocq: Annotated[Path | None, typer.Option(help="Write the proved theorem as a Rocq (Coq) file here.")] = None,
+    period: Annotated[str | None, typer.Option(help="With --c, --fmu: seconds from sample to sample.")] = None,
+    precision: Annotated[str | None, typer.Option(help="With --c: double (default) or float.")] = None,
+    agent: Annotated[str | None, typer.Option(help="With --c, --fmu: only the agent of this label.")] = None,
+    certificate: Annotated[
+        Path | None, typer.Option(help="With --c: say whether its proved sampling period covers this one.")
+    ] = None,
+    problem: Annotated[str | None, typer.Option(help="With --rocq: default problem.json beside it.")] = None,
+    rate: Annotated[bool, typer.Option("--rate", help="With --rocq: also state the certified rate.")] = False,
+    force: Annotated[bool, typer.Option("--force", help="Overwrite what is there.")] = False,
+    as_json: Json = False,
+) -> None:
+    """Write C code, an FMU, the LMI for other solvers, a python-control file, or a proof for Rocq (Coq 8.16)."""
+    asked = _Asked(
+        period=period,
+        precision=precision,
+        agent=agent,
+        certificate=certificate,
+        problem=problem,
+        rate=rate,
+        force=force,
+    )
+    targets = {"--c": c, "--fmu": fmu, "--sdpa": sdpa, "--python-control": python_control, "--rocq": rocq}
+    chosen = [(key, path) for key, path in targets.items() if path is not None]
+    with Progress() as progress:
+        if len(chosen) != 1:
+            raise SpecError("exactly one target must be named.", key="export", cure=f"{TARGETS}.")
+        key, path = chosen[0]
+        _check_options(asked, key)
+        if key == "--c":
+            refuse_option(path, key=key)
+        else:
+            check_target(path, force=force, key=key)
+        write = {"--c": _c, "--fmu": _fmu, "--sdpa": _sdpa, "--python-control": _python, "--rocq": _rocq}[key]
+        document, text = write(file, path, asked, progress)
+    if as_json:
+        print_json(document)
+    else:
+        say(text)
 
 
-def _check_options(asked: Asked, target: str) -> None:
+def _check_options(asked: _Asked, target: str) -> None:
     """Refuse options that the target has no use for: they would be a misunderstanding."""
     belongs = {
         "--period": (asked.period, ("--c", "--fmu")),
@@ -84,11 +108,11 @@ def _check_options(asked: Asked, target: str) -> None:
             raise SpecError(f"{key} has no meaning with {target}.", key=key, cure=f"It is for {' and '.join(targets)}.")
 
 
-def _c(file: str, folder: Path, asked: Asked, progress: Callable[[str], None]) -> Exported:
+def _c(file: str, folder: Path, asked: _Asked, progress: Stage) -> Exported:
     from dobc_design.export.c_folder import COMPILE, check_free
     from dobc_design.export.interchange import to_c
+    from dobc_design.problem.load import load_problem
 
-    refuse_option(folder, key="--c")
     check_free(folder, force=asked.force)
     problem = load_problem(file)
     claims = None if asked.certificate is None else _checked_claims(asked.certificate, problem, progress)
@@ -113,13 +137,13 @@ def _c(file: str, folder: Path, asked: Asked, progress: Callable[[str], None]) -
     }
     test = f"compile and test it: cd {shlex.quote(str(folder))} && {COMPILE}"
     lines = [str(found), *(f"wrote {path}" for path in written), test]
-    return Exported(document=document, text="\n".join(lines))
+    return document, "\n".join(lines)
 
 
-def _fmu(file: str, target: Path, asked: Asked, progress: Callable[[str], None]) -> Exported:
+def _fmu(file: str, target: Path, asked: _Asked, progress: Stage) -> Exported:
     from dobc_design.export.interchange import to_fmu
+    from dobc_design.problem.load import load_problem
 
-    check_target(target, force=asked.force, key="--fmu")
     problem = load_problem(file)
     progress("discretising and compiling")
     found = to_fmu(problem, period=asked.period, agent=asked.agent)
@@ -129,42 +153,39 @@ def _fmu(file: str, target: Path, asked: Asked, progress: Callable[[str], None])
         if found.platform
         else "with sources only: no C compiler was found, so the importer has to compile them"
     )
-    return Exported(document={"fmu": str(target), "platform": found.platform}, text=f"wrote {target}, {words}")
+    return {"fmu": str(target), "platform": found.platform}, f"wrote {target}, {words}"
 
 
-def _sdpa(file: str, target: Path, asked: Asked, progress: Callable[[str], None]) -> Exported:
+def _sdpa(file: str, target: Path, asked: _Asked, progress: Stage) -> Exported:
     from dobc_design.export.interchange import to_sdpa
+    from dobc_design.problem.load import load_problem
 
-    check_target(target, force=asked.force, key="--sdpa")
     problem = load_problem(file)
     progress("deciding the theorem")
     write_file(target, to_sdpa(problem).encode("ascii"), key="--sdpa")
-    text = f"wrote {target}\nsolve it with, say: {shlex.join(['csdp', str(target)])}"
-    return Exported(document={"sdpa": str(target)}, text=text)
+    return {"sdpa": str(target)}, f"wrote {target}\nsolve it with, say: {shlex.join(['csdp', str(target)])}"
 
 
-def _python(file: str, target: Path, asked: Asked) -> Exported:
+def _python(file: str, target: Path, asked: _Asked, progress: Stage) -> Exported:
     from dobc_design.export.interchange import python_script
 
-    check_target(target, force=asked.force, key="--python-control")
     write_file(target, python_script(file).encode("utf-8"), key="--python-control")
-    return Exported(document={"python_control": str(target)}, text=f"wrote {target}")
+    return {"python_control": str(target)}, f"wrote {target}"
 
 
-def _rocq(certificate: Path, target: Path, asked: Asked) -> Exported:
+def _rocq(file: str, target: Path, asked: _Asked, progress: Stage) -> Exported:
     from dobc_design.certificate.certificate import Certificate
     from dobc_design.certificate.files import write_atomically
     from dobc_design.export.rocq import rocq_proof
+    from dobc_design.problem.load import load_problem
 
-    check_target(target, force=asked.force, key="--rocq")
+    certificate = Path(file)
     folder = certificate if certificate.is_dir() else certificate.parent
     claims = _claims(certificate)
     trusted = load_problem(str(folder / "problem.json") if asked.problem is None else asked.problem)
     text = rocq_proof(Certificate(problem=trusted, claims=claims), rate=asked.rate)
     write_atomically(target, text.encode("ascii"))
-    return Exported(
-        document={"rocq": str(target)}, text=f"wrote {target}\ncheck it with: {shlex.join(['coqc', str(target)])}"
-    )
+    return {"rocq": str(target)}, f"wrote {target}\ncheck it with: {shlex.join(['coqc', str(target)])}"
 
 
 def _claims(certificate: Path) -> Claims:
@@ -177,7 +198,7 @@ def _claims(certificate: Path) -> Claims:
         raise SpecError(error.message, key=error.key, cure=error.cure) from error
 
 
-def _checked_claims(certificate: Path, problem: Problem, progress: Callable[[str], None]) -> Claims:
+def _checked_claims(certificate: Path, problem: Problem, progress: Stage) -> Claims:
     """The claims, after every one of them was decided again for this problem.  Raises: SpecError otherwise."""
     from dobc_design.certification.certify import verify
 

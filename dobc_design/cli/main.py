@@ -2,38 +2,46 @@
 
 Exit codes: 0 proved or done, 1 refuted, 3 undecided, 2 the caller's mistake, 4 the machine failed,
 130 interrupted.  With --json standard output holds one JSON document and nothing else.
+
+Short commands stand here, the others in files of their names, which import what they need when they are called.
 """
 
 from __future__ import annotations
 
+import errno
 import io
 import os
 import sys
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import Annotated, NoReturn
+from typing import Annotated, Any, NoReturn
 
 import typer
 
-from dobc_design.cli.completion import COMPLETING, completion, ids, problem_names
-from dobc_design.cli.guard import abandon_output, guarded
+from dobc_design._signals import SENTENCE
+from dobc_design.cli import certify, design, doctor, export, new, region, report, simulate, sweep
 from dobc_design.cli.output import (
+    INTERRUPTED,
     MACHINE,
     MISTAKE,
-    Manner,
+    File,
+    Json,
     NoOutput,
-    Progress,
     check_target,
     complain,
-    fail_with,
-    manner_of,
+    error_bodies,
+    fail,
+    ids,
     print_json,
     read_certificate,
-    refuse_option,
     say,
     write_file,
 )
-from dobc_design.errors import CertificateError
+from dobc_design.errors import CertificateError, DobcError, SpecError
+
+COMPLETING = "_DOBC_COMPLETE"  # set by a shell that wants to know how a word may go on
+TOLD = ("title", "statement", "plain", "meaning", "proved", "refuted", "source")  # of a condition
+_NO_ROOM = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO, errno.EBADF, errno.EPIPE)
 
 app = typer.Typer(
     # typer's own options for it cost a tenth of the time of --help; those of ``options`` load them when they are used.
@@ -42,13 +50,6 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
     help="Certify disturbance-observer-based consensus control: from a problem file to a proof.",
 )
-
-Json = Annotated[bool, typer.Option("--json", help="One JSON document on standard output.")]
-Quiet = Annotated[bool, typer.Option("--quiet", "-q", help="Say nothing but errors; the exit code is the answer.")]
-Verbose = Annotated[bool, typer.Option("--verbose", "-v", help="Every stage as a line on standard error.")]
-File = Annotated[
-    str, typer.Argument(help="A problem file, or the name of a built-in problem.", autocompletion=problem_names)
-]
 
 
 def _show_version(wanted: bool) -> None:
@@ -59,16 +60,35 @@ def _show_version(wanted: bool) -> None:
         raise typer.Exit(0)
 
 
+def _completion(context: typer.Context, parameter: typer.CallbackParam, wanted: bool) -> None:
+    """Print or install the completion for the shell that is running."""
+    if wanted and not context.resilient_parsing:
+        from typer import completion as shells
+
+        action = shells.install_callback if parameter.name == "install_completion" else shells.show_callback
+        shells.get_completion_inspect_parameters()  # prepares the shells' scripts
+        try:
+            action(context, parameter, wanted)
+        except SystemExit as error:
+            if error.code in (0, None):
+                raise typer.Exit(0) from error
+            raise SpecError(
+                "the shell that is running is none that can be completed.",
+                key="--show-completion",
+                cure="Run this in bash, zsh, fish or PowerShell.",
+            ) from error
+
+
 @app.callback()
 def options(
     version: Annotated[
         bool, typer.Option("--version", is_eager=True, callback=_show_version, help="Print the version.")
     ] = False,
     install_completion: Annotated[
-        bool, typer.Option("--install-completion", callback=completion, help="Let your shell complete with tab.")
+        bool, typer.Option("--install-completion", callback=_completion, help="Let your shell complete with tab.")
     ] = False,
     show_completion: Annotated[
-        bool, typer.Option("--show-completion", callback=completion, help="Print what that adds to your shell.")
+        bool, typer.Option("--show-completion", callback=_completion, help="Print what that adds to your shell.")
     ] = False,
 ) -> None:
     """Certify disturbance-observer-based consensus control: from a problem file to a proof."""
@@ -88,27 +108,7 @@ def problems(as_json: Json = False) -> None:
         say(f"{row['name']:<{width}}  {row['summary']}")
 
 
-@app.command()
-def new(
-    name: Annotated[str, typer.Argument(metavar="NAME", help="Name of the problem, of its files and of the folder.")],
-    source: Annotated[
-        Path | None,
-        typer.Option(
-            "--from",
-            help="Make the problem from a MATPOWER case (.m), a pandapower network (.json), a MATLAB file (.mat) or"
-            " arcs (.csv, .graphml, .edges; needs --arrow).",
-        ),
-    ] = None,
-    arrow: Annotated[
-        str | None, typer.Option(help="With --from: what an arc [a, b] means, listens_to or sends_to.")
-    ] = None,
-    out: Annotated[Path | None, typer.Option(help="Folder for the files; default ./NAME.")] = None,
-    as_json: Json = False,
-) -> None:
-    """Begin a project: a problem file to be changed, a notebook and a test, all of which work as they stand."""
-    from dobc_design.cli.new import run_new
-
-    raise typer.Exit(run_new(name, out=out, source=source, arrow=arrow, as_json=as_json))
+app.command()(new.new)
 
 
 @app.command()
@@ -136,45 +136,7 @@ def check(
     say(describe(problem))
 
 
-@app.command()
-def certify(
-    file: File,
-    out: Annotated[Path | None, typer.Option(help="Folder for the files; default ./NAME-certificate.")] = None,
-    everything: Annotated[bool, typer.Option("--all", help="Run every condition, also when one suffices.")] = False,
-    theorem: Annotated[
-        str | None, typer.Option(help="Show and judge only this condition, e.g. lemma1.", autocompletion=ids)
-    ] = None,
-    settling: Annotated[
-        str | None, typer.Option(metavar="TOL", help="Also prove from when on every |e_i| stays below TOL.")
-    ] = None,
-    search: Annotated[bool, typer.Option("--search", help="Also look for starts that do not converge.")] = False,
-    report: Annotated[bool, typer.Option("--report/--no-report", help="Write report.html and report.md.")] = True,
-    apply_fix: Annotated[
-        Path | None, typer.Option("--apply-fix", help="Write the cured problem here, a new .toml file.")
-    ] = None,
-    force: Annotated[bool, typer.Option("--force", help="Overwrite the file of --apply-fix.")] = False,
-    quiet: Quiet = False,
-    verbose: Verbose = False,
-    as_json: Json = False,
-) -> None:
-    """Decide every condition exactly; write certificate.json, problem.json and the report."""
-    from dobc_design.cli.certify import run_certify
-
-    raise typer.Exit(
-        run_certify(
-            file,
-            out=out,
-            everything=everything,
-            theorem=theorem,
-            report=report,
-            apply_fix=apply_fix,
-            force=force,
-            manner=manner_of(quiet=quiet, verbose=verbose),
-            as_json=as_json,
-            settling=settling,
-            search=search,
-        )
-    )
+app.command()(certify.certify)
 
 
 @app.command()
@@ -193,7 +155,7 @@ def verify(
         found = run(data, trusted)
     except CertificateError as error:
         # Unreadable: what was handed in is wrong, not the machine.
-        raise typer.Exit(fail_with(error, MISTAKE, as_json=as_json)) from error
+        raise typer.Exit(fail(error_bodies(error), MISTAKE, as_json=as_json)) from error
     if as_json:
         print_json(
             {
@@ -209,283 +171,10 @@ def verify(
     raise typer.Exit(0 if found.holds else 1)
 
 
-@app.command()
-def region(
-    file: File,
-    out: Annotated[Path | None, typer.Option(help="Folder for the files; default ./NAME-certificate.")] = None,
-    everything: Annotated[bool, typer.Option("--all", help="Try every method, also when one covers.")] = False,
-    settling: Annotated[
-        str | None, typer.Option(metavar="TOL", help="Also prove from when on every |e_i| stays below TOL.")
-    ] = None,
-    search: Annotated[bool, typer.Option("--search", help="Also look for starts that do not converge.")] = False,
-    quiet: Quiet = False,
-    verbose: Verbose = False,
-    as_json: Json = False,
-) -> None:
-    """Say from which starts consensus is proved: numbers and a picture, without a report."""
-    from dobc_design.cli.region import run_region
-
-    code = run_region(
-        file,
-        out=out,
-        everything=everything,
-        settling=settling,
-        search=search,
-        manner=manner_of(quiet=quiet, verbose=verbose),
-        as_json=as_json,
-    )
-    raise typer.Exit(code)
-
-
-@app.command()
-def design(
-    file: File,
-    out: Annotated[Path, typer.Option(help="Write the designed problem here, a new .toml file.")],
-    rate: Annotated[str | None, typer.Option(help="The certified decay rate to be reached, in 1/s.")] = None,
-    pins: Annotated[str | None, typer.Option(help="At most so many pinned agents; default as few as it takes.")] = None,
-    max_gain: Annotated[str | None, typer.Option("--max-gain", help="The largest pinning gain, in 1/s.")] = None,
-    noise: Annotated[
-        str | None, typer.Option(help="Bound on the gain from measurement noise to the estimated disturbance, in 1/s.")
-    ] = None,
-    allowed: Annotated[
-        list[str] | None, typer.Option(help="Labels of agents that may be pinned, with commas; may be repeated.")
-    ] = None,
-    digits: Annotated[int, typer.Option(help="Significant digits of W and of the gains.")] = 3,
-    keep_exosystem: Annotated[
-        bool, typer.Option("--keep-exosystem", help="Never put the observable part in the exosystem's place.")
-    ] = False,
-    force: Annotated[bool, typer.Option("--force", help="Overwrite the file of --out.")] = False,
-    quiet: Quiet = False,
-    verbose: Verbose = False,
-    as_json: Json = False,
-) -> None:
-    """Design observer gain, pinned agents and gains, proved for the problem; or prove that it is impossible."""
-    from dobc_design.cli.design import run_design
-
-    code = run_design(
-        file,
-        out,
-        rate=rate,
-        pins=pins,
-        max_gain=max_gain,
-        noise=noise,
-        allowed=allowed or [],
-        digits=digits,
-        keep_exosystem=keep_exosystem,
-        force=force,
-        manner=manner_of(quiet=quiet, verbose=verbose),
-        as_json=as_json,
-    )
-    raise typer.Exit(code)
-
-
-@app.command()
-def simulate(
-    file: File,
-    runs: Annotated[int | None, typer.Option(help="How many runs, with the seeds S, S + 1, ...")] = None,
-    seed: Annotated[int | None, typer.Option(help="Seed of starts and switches; default the problem's.")] = None,
-    t_final: Annotated[float | None, typer.Option("--t-final", help="Horizon in s; default the problem's.")] = None,
-    mode: Annotated[str | None, typer.Option(help="Stay in this mode, whatever [switching] says.")] = None,
-    start: Annotated[str | None, typer.Option(help="Start from a CSV or .npz file.")] = None,
-    observer: Annotated[
-        str, typer.Option(help="closed-form, full-loop (the reference), or off: d is not compensated.")
-    ] = "closed-form",
-    noise: Annotated[float, typer.Option(help="Stress: standard deviation of measured states.")] = 0.0,
-    disturbance: Annotated[float, typer.Option(help="Stress: amplitude of a sine that no exosystem knows.")] = 0.0,
-    saturation: Annotated[float | None, typer.Option(help="Stress: bound on every component of u.")] = None,
-    period: Annotated[float | None, typer.Option(help="Stress: sample and hold, every so many s.")] = None,
-    loss: Annotated[float, typer.Option(help="Stress: probability that a packet is lost.")] = 0.0,
-    fail: Annotated[
-        list[str] | None, typer.Option(help="Stress: LABEL@TIME or LABEL@TIME:freeze; may be repeated.")
-    ] = None,
-    breaking: Annotated[
-        bool, typer.Option("--what-breaks-first", help="Make every stress worse until the loop no longer converges.")
-    ] = False,
-    certificate: Annotated[Path | None, typer.Option(help="Show what this certificate proves beside the runs.")] = None,
-    out: Annotated[Path | None, typer.Option(help="Folder for arrays (.npz), figures and summary.json.")] = None,
-    force: Annotated[bool, typer.Option("--force", help="Overwrite files in --out.")] = False,
-    quiet: Quiet = False,
-    verbose: Verbose = False,
-    as_json: Json = False,
-) -> None:
-    """Simulate runs of the closed loop; a run that diverges is an answer and leaves with 0, too."""
-    from dobc_design.cli.simulate import read_stress, refuse_beside_breaking, run_breaking, run_simulation
-
-    if out is not None:
-        refuse_option(out, key="--out")
-    stress = read_stress(
-        noise=noise, disturbance=disturbance, saturation=saturation, period=period, loss=loss, fail=fail or []
-    )
-    if breaking:
-        refuse_beside_breaking(runs=runs, stress=stress, observer=observer)
-    manner = manner_of(quiet=quiet, verbose=verbose)
-    with Progress(manner) as progress:
-        if breaking:
-            answer = run_breaking(
-                file,
-                seed=seed,
-                t_final=t_final,
-                mode=mode,
-                start=start,
-                certificate=certificate,
-                out=out,
-                force=force,
-                progress=progress,
-            )
-        else:
-            answer = run_simulation(
-                file,
-                runs=runs,
-                seed=seed,
-                t_final=t_final,
-                mode=mode,
-                start=start,
-                observer=observer,
-                stress=stress,
-                out=out,
-                force=force,
-                progress=progress,
-                certificate=certificate,
-            )
-    if as_json:
-        print_json(answer.document)
-    elif manner is not Manner.QUIET:
-        say(answer.text)
-
-
-@app.command()
-def report(
-    certificates: Annotated[
-        list[Path], typer.Argument(metavar="CERT [CERT]", help="certificate.json, or its folder; one or two.")
-    ],
-    problem: Annotated[
-        list[str] | None, typer.Option(help="The problem, once for each; default problem.json beside it.")
-    ] = None,
-    out: Annotated[
-        Path | None, typer.Option(help="Folder; default that of CERT, or for two ./NAME-NAME-comparison.")
-    ] = None,
-    pdf: Annotated[Path | None, typer.Option("--pdf", help="Also as a PDF, to sign; needs dobc_design[pdf].")] = None,
-    latex: Annotated[
-        Path | None, typer.Option("--latex", metavar="DIR", help="Also as LaTeX fragments and BibTeX, into DIR.")
-    ] = None,
-    force: Annotated[bool, typer.Option("--force", help="Overwrite files there.")] = False,
-    quiet: Quiet = False,
-    verbose: Verbose = False,
-    as_json: Json = False,
-) -> None:
-    """Write the report of a certificate again, or two certificates side by side."""
-    from dobc_design.cli.report import run_report
-
-    raise typer.Exit(
-        run_report(
-            certificates,
-            problems=problem or [],
-            out=out,
-            force=force,
-            pdf=pdf,
-            latex=latex,
-            manner=manner_of(quiet=quiet, verbose=verbose),
-            as_json=as_json,
-        )
-    )
-
-
-@app.command(name="sweep")
-def sweep_command(
-    file: File,
-    axes: Annotated[
-        list[str],
-        typer.Argument(
-            metavar="KEY=VALUES...",
-            help="What is varied: KEY=1:5:9 (nine values from 1 to 5), KEY=1:100:5:log, KEY=a,b,c, KEY=~uniform(0,1);"
-            " KEY,KEY=VALUES sets both. Listed values make a grid.",
-        ),
-    ],
-    task: Annotated[str, typer.Option(help="certify or simulate every case.")] = "certify",
-    samples: Annotated[int | None, typer.Option(help="How many draws of the keys with ~, at every grid point.")] = None,
-    seed: Annotated[int, typer.Option(help="Seed of the draws.")] = 0,
-    runs: Annotated[int, typer.Option(help="With --task simulate: runs of every case.")] = 1,
-    everything: Annotated[bool, typer.Option("--all", help="With --task certify: run every condition.")] = False,
-    out: Annotated[Path | None, typer.Option(help="Folder of the sweep, new or begun; default ./NAME-sweep.")] = None,
-    jobs: Annotated[int | None, typer.Option(help="Processes; default one per processor.")] = None,
-    cluster: Annotated[
-        str | None, typer.Option(help="Address of a Dask scheduler, or local: a cluster on this machine.")
-    ] = None,
-    time_limit: Annotated[
-        str | None, typer.Option("--time-limit", help="Seconds after which a case is given up and the rest goes on.")
-    ] = None,
-    force: Annotated[bool, typer.Option("--force", help="Begin anew, also in the folder of another sweep.")] = False,
-    quiet: Quiet = False,
-    verbose: Verbose = False,
-    as_json: Json = False,
-) -> None:
-    """Certify or simulate a problem with some keys varied: in parallel, resumable, nothing done twice."""
-    from dobc_design.cli.sweep import run_sweep
-
-    raise typer.Exit(
-        run_sweep(
-            file,
-            axes,
-            task=task,
-            samples=samples,
-            seed=seed,
-            runs=runs,
-            everything=everything,
-            out=out,
-            jobs=jobs,
-            cluster=cluster,
-            force=force,
-            manner=manner_of(quiet=quiet, verbose=verbose),
-            as_json=as_json,
-            time_limit=time_limit,
-        )
-    )
-
-
-@app.command()
-def export(
-    file: Annotated[str, typer.Argument(help="For --rocq a certificate.json or its folder, else a problem.")],
-    c: Annotated[Path | None, typer.Option("--c", help="Write C99 of the sampled agents into this folder.")] = None,
-    fmu: Annotated[Path | None, typer.Option("--fmu", help="Write one agent as an FMU (FMI 3.0).")] = None,
-    sdpa: Annotated[Path | None, typer.Option("--sdpa", help="Write the LMI for any SDP solver (.dat-s).")] = None,
-    python_control: Annotated[
-        Path | None, typer.Option("--python-control", help="Write the loop as a Python file for python-control.")
-    ] = None,
-    rocq: Annotated[Path | None, typer.Option(help="Write the proved theorem as a Rocq (Coq) file here.")] = None,
-    period: Annotated[str | None, typer.Option(help="With --c, --fmu: seconds from sample to sample.")] = None,
-    precision: Annotated[str | None, typer.Option(help="With --c: double (default) or float.")] = None,
-    agent: Annotated[str | None, typer.Option(help="With --c, --fmu: only the agent of this label.")] = None,
-    certificate: Annotated[
-        Path | None, typer.Option(help="With --c: say whether its proved sampling period covers this one.")
-    ] = None,
-    problem: Annotated[str | None, typer.Option(help="With --rocq: default problem.json beside it.")] = None,
-    rate: Annotated[bool, typer.Option("--rate", help="With --rocq: also state the certified rate.")] = False,
-    force: Annotated[bool, typer.Option("--force", help="Overwrite what is there.")] = False,
-    as_json: Json = False,
-) -> None:
-    """Write C code, an FMU, the LMI for other solvers, a python-control file, or a proof for Rocq (Coq 8.16)."""
-    from dobc_design.cli.export import Asked, run_export
-
-    asked = Asked(
-        c=c,
-        fmu=fmu,
-        sdpa=sdpa,
-        python_control=python_control,
-        rocq=rocq,
-        period=period,
-        precision=precision,
-        agent=agent,
-        certificate=certificate,
-        problem=problem,
-        rate=rate,
-        force=force,
-    )
-    with Progress() as progress:
-        done = run_export(file, asked, progress=progress)
-    if as_json:
-        print_json(done.document)
-    else:
-        say(done.text)
+for _command in (region.region, design.design, simulate.simulate, report.report):
+    app.command()(_command)
+app.command(name="sweep")(sweep.sweep_command)
+app.command()(export.export)
 
 
 @app.command()
@@ -497,9 +186,27 @@ def explain(
     as_json: Json = False,
 ) -> None:
     """Say what a condition means: the theorem in words."""
-    from dobc_design.cli.explain import run_explain
+    from difflib import get_close_matches
 
-    raise typer.Exit(run_explain(id, as_json=as_json))
+    from dobc_design.conditions.kinds import KINDS
+
+    if id is None:
+        if as_json:
+            print_json({"conditions": [{"id": each, "title": text.title} for each, text in KINDS.items()]})
+            return
+        width = max(map(len, KINDS))
+        say("\n".join(f"{each:<{width}}  {text.title}" for each, text in KINDS.items()))
+        return
+    text = KINDS.get(id)
+    if text is None:
+        near = get_close_matches(id[:40], KINDS, n=1)
+        hint = f"Did you mean {near[0]}? " if near else ""
+        raise SpecError(f"{id[:40]!r} is not known.", key="id", cure=f"{hint}One of {', '.join(KINDS)}.")
+    if as_json:
+        print_json({"id": id, **{name: getattr(text, name) for name in TOLD}})
+        return
+    say(f"{text.title}\n\n  {text.plain}\n\n{text.meaning}")
+    say(f"Proved:  {text.proved}\nRefuted: {text.refuted}\nSource:  {text.source}")
 
 
 @app.command()
@@ -510,12 +217,61 @@ def schema(as_json: Json = True) -> None:
     print_json(json_schema())
 
 
-@app.command()
-def doctor(as_json: Json = False) -> None:
-    """Say what is installed, what is missing and how to install it, and whether the main path works."""
-    from dobc_design.cli.doctor import run_doctor
+app.command()(doctor.doctor)
 
-    raise typer.Exit(run_doctor(as_json=as_json))
+
+def _guarded(run: Callable[[], Any], *, as_json: bool) -> int:
+    """Run it and return the exit code, having said what went wrong.  Raises: NoOutput when that cannot be said.
+
+    No traceback reaches a user, and an uncaught exception is never 1, which means refuted.
+    """
+    from typer.exceptions import TyperException
+
+    def failed(kind: str, message: str, cure: str | None, code: int, key: str | None = None) -> int:
+        return fail([{"kind": kind, "key": key, "message": message, "cure": cure}], code, as_json=as_json)
+
+    try:
+        code = run()
+    except TyperException as error:  # a wrong option or a missing argument
+        context = getattr(error, "ctx", None)
+        command = "dobc" if context is None else context.command_path
+        return failed("usage", error.format_message(), f"See `{command} --help`.", MISTAKE)
+    except DobcError as error:
+        return fail(error_bodies(error), MISTAKE if isinstance(error, SpecError) else MACHINE, as_json=as_json)
+    except KeyboardInterrupt:
+        return failed("interrupted", SENTENCE, None, INTERRUPTED)
+    except SystemExit as error:  # help, too, goes to standard output
+        if error.code in (0, None) or COMPLETING in os.environ:  # typer's way to end after completion
+            return error.code if isinstance(error.code, int) else 0
+        raise NoOutput("nobody reads it") from error
+    except NoOutput:
+        raise
+    except MemoryError:
+        return failed("memory", "The machine ran out of memory.", "Try a smaller problem.", MACHINE)
+    except OSError as error:
+        if error.filename is None and error.errno in _NO_ROOM:  # typer's own output; our files are named
+            raise NoOutput(error.strerror) from error
+        place = None if error.filename is None else str(error.filename)
+        message = f"{error.strerror or error}{'' if place is None else f' ({place})'}."
+        return failed("io", message, "Check disk, paths and permissions.", MACHINE, place)
+    except Exception as error:  # noqa: BLE001 - the last line of defence: no traceback reaches a user
+        if os.environ.get("DOBC_TRACEBACK"):
+            import traceback
+
+            traceback.print_exc()
+        text = f"Internal error ({type(error).__name__}: {str(error)[:200]})."
+        return failed("internal", text, "Set DOBC_TRACEBACK=1 to see where, and report it.", MACHINE)
+    if code == INTERRUPTED:  # typer turns the interrupt into this
+        return failed("interrupted", SENTENCE, None, INTERRUPTED)
+    return code if isinstance(code, int) else 0
+
+
+def _abandon_output() -> None:
+    """Keep Python from complaining at exit about what can no longer be written."""
+    try:
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+    except (OSError, ValueError, AttributeError):
+        return
 
 
 def main(arguments: Sequence[str] | None = None) -> NoReturn:
@@ -527,10 +283,10 @@ def main(arguments: Sequence[str] | None = None) -> NoReturn:
     try:
         if sys.stdout is None:
             raise NoOutput("it is closed")
-        code = guarded(lambda: app(args=given, prog_name="dobc", standalone_mode=False), as_json="--json" in given)
+        code = _guarded(lambda: app(args=given, prog_name="dobc", standalone_mode=False), as_json="--json" in given)
         sys.stdout.flush()
     except (NoOutput, OSError) as error:  # nobody reads standard output, or there is no room for it
-        abandon_output()
+        _abandon_output()
         complain(
             f"error: standard output cannot be written: {getattr(error, 'strerror', None) or error}.\n"
             "       Send it to a file that has room, or to /dev/null; the exit code alone is no answer now."

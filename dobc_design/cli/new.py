@@ -1,4 +1,4 @@
-"""The body of ``dobc new``: a folder with a problem file, a notebook and a test, to start a project from.
+"""``dobc new``: a folder with a problem file, a notebook and a test, to start a project from.
 
 What is written works as it stands: the problem is certified, the notebook runs, the test passes.
 """
@@ -9,10 +9,11 @@ import json
 import re
 import shlex
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
-from dobc_design.certificate.files import make_folder, write_together
-from dobc_design.cli.output import print_json, refuse_option, say
+import typer
+
+from dobc_design.cli.output import Json, print_json, refuse_option, require_folder, say
 from dobc_design.errors import SpecError
 
 LONGEST = 60  # characters of a name
@@ -77,36 +78,55 @@ def test_{identifier}_is_certified_and_the_certificate_holds():
 '''
 
 
-def run_new(name: str, *, out: Path | None, source: Path | None, arrow: str | None, as_json: bool) -> int:
-    """Write the folder; return the exit code.  Raises: SpecError for a name that cannot be one, or what is there."""
-    _check_name(name)
-    if out is not None:
-        refuse_option(out, key="--out")
+def new(
+    name: Annotated[str, typer.Argument(metavar="NAME", help="Name of the problem, of its files and of the folder.")],
+    source: Annotated[
+        Path | None,
+        typer.Option(
+            "--from",
+            help="Make the problem from a MATPOWER case (.m), a pandapower network (.json), a MATLAB file (.mat) or"
+            " arcs (.csv, .graphml, .edges; needs --arrow).",
+        ),
+    ] = None,
+    arrow: Annotated[
+        str | None, typer.Option(help="With --from: what an arc [a, b] means, listens_to or sends_to.")
+    ] = None,
+    out: Annotated[Path | None, typer.Option(help="Folder for the files; default ./NAME.")] = None,
+    as_json: Json = False,
+) -> None:
+    """Begin a project: a problem file to be changed, a notebook and a test, all of which work as they stand."""
+    from dobc_design.certificate.files import make_folder, write_together
+
+    if _NAME.fullmatch(name) is None or len(name) > LONGEST:
+        raise SpecError(
+            f"NAME must be at most {LONGEST} letters, digits, dashes and underscores, and begin with a letter, because"
+            f" files are named after it; got {name[:70]!r}.",
+            key="NAME",
+            cure="For example my-swarm.",
+        )
+    refuse_option(out, key="--out")
     if source is None and arrow is not None:
         raise SpecError(
             "--arrow says what the arcs of --from mean; there is no --from.", key="--arrow", cure="Leave it out."
         )
-    folder = Path(name) if out is None else out
     files = scaffold(name, source=source, arrow=arrow)
-    if folder.exists() and not folder.is_dir():
-        raise SpecError(f"{str(folder)!r} is not a folder.", key="--out", cure="Choose another with --out.")
-    there = [each for each in files if (folder / each).exists()]
-    if there:
+    folder = require_folder(Path(name) if out is None else out)
+    there = next((each for each in files if (folder / each).exists()), None)
+    if there is not None:
         raise SpecError(
-            f"{str(folder / there[0])!r} exists already; nothing is overwritten.",
+            f"{str(folder / there)!r} exists already; nothing is overwritten.",
             key="NAME",
             cure="Choose another name, or another folder with --out.",
         )
-    target = make_folder(folder)
-    write_together({target / each: data for each, data in files.items()})
-    written = [str(target / each) for each in files]
+    make_folder(folder)
+    write_together({folder / each: data for each, data in files.items()})
+    written = [str(folder / each) for each in files]
     if as_json:
-        print_json({"name": name, "folder": str(target), "files": written})
+        print_json({"name": name, "folder": str(folder), "files": written})
     else:
         say("\n".join(f"wrote {path}" for path in written))
         file = shlex.quote(f"{name}.toml")
-        say(f"\nnext:  cd {shlex.quote(str(target))}\n       dobc check {file}\n       dobc certify {file}")
-    return 0
+        say(f"\nnext:  cd {shlex.quote(str(folder))}\n       dobc check {file}\n       dobc certify {file}")
 
 
 def scaffold(name: str, *, source: Path | None = None, arrow: str | None = None) -> dict[str, bytes]:
@@ -142,16 +162,6 @@ def _converted(name: str, source: Path, arrow: str | None) -> tuple[str, str]:
     text = re.sub(r"^(name = .*?)[ \t]*#.*$", r"\1", text, count=1, flags=re.MULTILINE)
     verdict = certify(problem).verdict.name
     return f"#:schema ./{SCHEMA}\n# Made by dobc new from {visible(source.name)}.\n\n{text}", verdict
-
-
-def _check_name(name: str) -> None:
-    if _NAME.fullmatch(name) is None or len(name) > LONGEST:
-        raise SpecError(
-            f"NAME must be at most {LONGEST} letters, digits, dashes and underscores, and begin with a letter, because"
-            f" files are named after it; got {name[:70]!r}.",
-            key="NAME",
-            cure="For example my-swarm.",
-        )
 
 
 def _notebook(name: str, file: str) -> str:

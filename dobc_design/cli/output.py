@@ -1,4 +1,5 @@
-"""What all commands share: standard output and error, exit codes, progress, and files that are not overwritten.
+"""What all commands share: their common options, standard output and error, exit codes, progress, and files that are
+not overwritten.
 
 Results go to standard output, everything else to standard error.
 """
@@ -9,11 +10,11 @@ import json
 import os
 import sys
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from enum import Enum
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
@@ -21,14 +22,62 @@ from dobc_design._signals import answer_begins
 from dobc_design.errors import CertificateError, DobcError, SpecError
 
 if TYPE_CHECKING:
-    from rich.console import Console
+    from rich.console import Console, RenderableType
+    from rich.table import Table
+    from rich.text import Text
+
+    from dobc_design.conditions.schedule.checks import StageTiming
+    from dobc_design.conditions.schedule.settling import Settling
+    from dobc_design.falsification.suspect import Falsification
 
 EXIT = {"proved": 0, "refuted": 1, "undecided": 3}
 MISTAKE, MACHINE, INTERRUPTED = 2, 4, 130
 COLOURS = {"proved": "bold green", "refuted": "bold red", "undecided": "bold yellow"}
-WIDE = 120  # columns from which reasons stand beside the verdicts
 PIPED = 160  # columns of output that no terminal limits
 LONGEST_FOLDER = 60  # characters of a problem's name that go into its folder's; file systems take 255 bytes
+
+
+# ------------------------------------------------------------------------------------------ options
+
+
+def problem_names(incomplete: str) -> list[str]:
+    """What the shell offers for a problem: built-in ones, problem files, and folders on the way to them."""
+    from dobc_design.problem.load import builtin_names
+
+    found = sorted(name for name in builtin_names() if name.startswith(incomplete))
+    folder, _, beginning = incomplete.rpartition("/")
+    head = f"{folder}/" if "/" in incomplete else ""
+    try:
+        entries = sorted(os.scandir(head or "."), key=lambda entry: entry.name)
+    except OSError:
+        return found
+    for entry in entries:
+        if entry.name.startswith(beginning) and not entry.name.startswith("."):
+            if entry.is_dir():
+                found.append(f"{head}{entry.name}/")
+            elif entry.name.endswith((".toml", ".json")):
+                found.append(f"{head}{entry.name}")
+    return found
+
+
+def ids(incomplete: str) -> list[str]:
+    """What the shell offers for the id of a condition."""
+    from dobc_design.conditions.kinds import KINDS
+
+    return [name for name in KINDS if name.startswith(incomplete)]
+
+
+Json = Annotated[bool, typer.Option("--json", help="One JSON document on standard output.")]
+Quiet = Annotated[bool, typer.Option("--quiet", "-q", help="Say nothing but errors; the exit code is the answer.")]
+Verbose = Annotated[bool, typer.Option("--verbose", "-v", help="Every stage as a line on standard error.")]
+File = Annotated[
+    str, typer.Argument(help="A problem file, or the name of a built-in problem.", autocompletion=problem_names)
+]
+CertificateFolder = Annotated[Path | None, typer.Option(help="Folder for the files; default ./NAME-certificate.")]
+Tolerance = Annotated[
+    str | None, typer.Option(metavar="TOL", help="Also prove from when on every |e_i| stays below TOL.")
+]
+Search = Annotated[bool, typer.Option("--search", help="Also look for starts that do not converge.")]
 
 
 class Manner(Enum):
@@ -42,6 +91,9 @@ def manner_of(*, quiet: bool, verbose: bool) -> Manner:
     if quiet and verbose:
         raise SpecError("--quiet and --verbose exclude each other.", key="--quiet", cure="Leave one of them out.")
     return Manner.QUIET if quiet else Manner.VERBOSE if verbose else Manner.NORMAL
+
+
+# ------------------------------------------------------------------------------------------ standard output and error
 
 
 class NoOutput(Exception):
@@ -72,6 +124,11 @@ def print_json(document: Any) -> None:
     say(json.dumps(document, ensure_ascii=False, indent=2, allow_nan=False))
 
 
+def json_bytes(document: Any) -> bytes:
+    """A document as a file."""
+    return (json.dumps(document, indent=2, ensure_ascii=False) + "\n").encode("utf-8")
+
+
 def complain(text: str) -> None:
     """Write to standard error; control characters become escapes."""
     from dobc_design._show.text import visible
@@ -82,31 +139,21 @@ def complain(text: str) -> None:
         return
 
 
-def fail_with(error: DobcError, code: int, *, as_json: bool) -> int:
-    """Say an error of the toolbox, or all that it consists of, and return the exit code."""
+def error_bodies(error: DobcError) -> list[dict[str, Any]]:
+    """An error of the toolbox, or all that it consists of, as JSON objects."""
     parts = error.errors if isinstance(error, SpecError) else (error,)
-    first = parts[0]
-    if as_json:
-        body: dict[str, Any] = {"kind": first.kind, "key": first.key, "message": first.message, "cure": first.cure}
-        if len(parts) > 1:
-            body["all"] = [
-                {"kind": each.kind, "key": each.key, "message": each.message, "cure": each.cure} for each in parts
-            ]
-        print_json({"error": body})
-        return code
-    for each in parts:
-        complain(f"error: {each.message}" + (f"\n       {each.cure}" if each.cure else ""))
-    if len(parts) > 1:
-        complain(f"{len(parts)} errors; nothing was written.")
-    return code
+    return [{"kind": each.kind, "key": each.key, "message": each.message, "cure": each.cure} for each in parts]
 
 
-def fail_as(kind: str, key: str | None, message: str, cure: str | None, code: int, *, as_json: bool) -> int:
+def fail(bodies: Sequence[dict[str, Any]], code: int, *, as_json: bool) -> int:
     """Say what went wrong and return the exit code."""
     if as_json:
-        print_json({"error": {"kind": kind, "key": key, "message": message, "cure": cure}})
-    else:
-        complain(f"error: {message}" + (f"\n       {cure}" if cure else ""))
+        print_json({"error": bodies[0] | ({"all": [*bodies]} if len(bodies) > 1 else {})})
+        return code
+    for each in bodies:
+        complain(f"error: {each['message']}" + (f"\n       {each['cure']}" if each["cure"] else ""))
+    if len(bodies) > 1:
+        complain(f"{len(bodies)} errors; nothing was written.")
     return code
 
 
@@ -118,23 +165,135 @@ def make_console() -> Console:
     return Console(width=None if limited else PIPED, highlight=False)
 
 
+class Progress:
+    """Names the current stage on standard error: on a terminal as a line that changes, silent elsewhere.
+
+    ``Manner.VERBOSE``: every stage as a line of its own with the seconds so far, wherever standard error goes;
+    ``Manner.QUIET``: nothing.
+    """
+
+    def __init__(self, manner: Manner = Manner.NORMAL) -> None:
+        self.manner = manner
+        self.status: Any = None
+        self.said = ""
+        self.began = time.monotonic()
+
+    def __enter__(self) -> Callable[[str], None]:
+        if on_terminal(self.manner):
+            from rich.console import Console
+
+            self.status = Console(stderr=True).status("starting")
+            self.status.start()
+        return self.stage
+
+    def stage(self, name: str) -> None:
+        """Show a stage."""
+        if self.status is not None:
+            self.status.update(name)
+        elif self.manner is Manner.VERBOSE and name != self.said:
+            self.said = name
+            complain(f"{time.monotonic() - self.began:8.1f} s  {name}")
+
+    def __exit__(self, *error: object) -> None:
+        if self.status is not None:
+            self.status.stop()
+
+
+def on_terminal(manner: Manner) -> bool:
+    """Whether progress is shown as something that moves."""
+    return manner is Manner.NORMAL and sys.stderr is not None and sys.stderr.isatty()
+
+
+# ------------------------------------------------------------------------------------------ parts of answers
+
+
+def verdict_line(name: str, verdict: str, reason: str) -> Text:
+    """The first line of an answer: the problem, the verdict, why."""
+    from rich.text import Text
+
+    head = Text(f"{name}: ", style="bold")
+    head.append(verdict.upper(), style=COLOURS[verdict])
+    return head.append(f". {reason}", style="not bold")
+
+
+def make_table(heads: Iterable[str] = (), rows: Iterable[Sequence[str]] = ()) -> Table:
+    """A table without a frame; the text of its cells is shown as it is."""
+    from rich.table import Table
+    from rich.text import Text
+
+    table = Table(show_edge=False, pad_edge=False, header_style="bold")
+    for head in heads:
+        table.add_column(head, overflow="fold")  # a cut number would be another number
+    for row in rows:
+        table.add_row(*map(Text, row))
+    return table
+
+
+def settling_parts(settling: Settling | None, timings: Sequence[StageTiming] = ()) -> Iterator[RenderableType]:
+    """The stages as a table, with what they allow; nothing without a proved settling time."""
+    from rich.text import Text
+
+    from dobc_design.report.region_words import NONE, settling_view
+
+    view = settling_view(settling, timings)
+    if view is None:
+        return
+    yield Text(f"\n{view['sentence']}\n")
+    cells = [row.cells for row in view["rows"]]
+    columns = [k for k in range(len(view["heads"])) if any(row[k] != NONE for row in cells)]
+    yield make_table([view["heads"][k] for k in columns], [[row[k] for k in columns] for row in cells])
+    if view["timing"]:
+        yield Text(f"\n{view['timing']}", style="dim")
+
+
+def search_parts(searches: Sequence[Falsification]) -> Iterator[RenderableType]:
+    """Every search: what was tried, what is suspect, what is proved."""
+    from rich.text import Text
+
+    from dobc_design.report.search_words import search_view
+
+    for view in search_view(searches):
+        yield Text(f"\n{view['title']}", style="bold")
+        yield Text(f"{view['tried']} {view['found']}")
+        yield from (Text(sentence) for sentence in view["proved"])
+        if view["rows"]:
+            yield Text("")
+            yield make_table(view["heads"], [row.cells for row in view["rows"]])
+        yield from (Text(f"\n{sentence}", style="dim") for sentence in (view["warning"], *view["notes"]) if sentence)
+
+
+# ------------------------------------------------------------------------------------------ files and folders
+
+
 def folder_name(name: str) -> str:
     """A problem's name as one folder name: letters and digits, with dots, dashes and underscores between them."""
     text = "".join(c if c.isalnum() or c in "._-" else "-" for c in name).lstrip("._-")
     return text[:LONGEST_FOLDER] or "problem"
 
 
-def results_folder(out: Path | None, name: str) -> Path:
-    """The folder for certificate, problem and report: ``out``, else ./NAME-certificate.  Raises: SpecError."""
-    folder = out if out is not None else Path(f"{folder_name(name)}-certificate")
+def results_folder(out: Path | None, name: str, *, suffix: str = "certificate") -> Path:
+    """The folder for what is found: ``out``, else ./NAME-SUFFIX.  Raises: SpecError."""
+    return require_folder(out if out is not None else Path(f"{folder_name(name)}-{suffix}"))
+
+
+def require_folder(folder: Path, *, key: str = "--out") -> Path:
+    """Refuse a folder that is something else already.  Raises: SpecError."""
     if os.path.lexists(folder) and not folder.is_dir():  # a link to nowhere counts
-        raise SpecError(f"{str(folder)!r} is not a folder.", key="--out", cure="Choose another with --out.")
+        raise SpecError(f"{str(folder)!r} is not a folder.", key=key, cure=f"Choose another with {key}.")
     return folder
 
 
-def refuse_option(path: Path, *, key: str) -> None:
+def require_free(folder: Path, names: Iterable[str], *, force: bool, key: str = "--out", other: str = "") -> None:
+    """Refuse a folder that holds one of these files already, unless ``force``; ``other``: what else would help."""
+    there = next((name for name in names if (folder / name).exists()), None)
+    if there is not None and not force:
+        cure = f"Add --force to replace it{other}."
+        raise SpecError(f"{str(folder / there)!r} exists already.", key=key, cure=cure)
+
+
+def refuse_option(path: Path | None, *, key: str) -> None:
     """Refuse an option that was taken for the value of another one, as in ``--out --json``."""
-    if str(path).startswith("--"):
+    if path is not None and str(path).startswith("--"):
         raise SpecError(f"{key} needs a value before {str(path)!r}.", key=key, cure=f"A path of that name is ./{path}.")
 
 
@@ -145,6 +304,13 @@ def check_target(path: Path, *, force: bool, key: str) -> None:
         raise SpecError(f"{str(path)!r} is a folder.", key=key, cure="Name a file in it.")
     if path.exists() and not force:
         raise SpecError(f"{str(path)!r} exists already.", key=key, cure="Add --force to replace it.")
+
+
+def require_toml(path: Path, *, key: str) -> None:
+    """Refuse a file to be written that is no .toml file.  Raises: SpecError."""
+    if path.suffix.lower() != ".toml":
+        cure = f"For example {path.with_suffix('.toml').name}."
+        raise SpecError(f"{key} must name a .toml file; got {str(path)!r}.", key=key, cure=cure)
 
 
 def write_file(path: Path, data: bytes, *, key: str) -> None:
@@ -167,37 +333,3 @@ def read_certificate(certificate: Path) -> bytes:
         return read_bytes(path, limit=MAX_BYTES, what="certificate")
     except SpecError as error:
         raise SpecError(error.message, key="certificate", cure=error.cure) from error
-
-
-class Progress:
-    """Names the current stage on standard error: on a terminal as a line that changes, silent elsewhere.
-
-    ``Manner.VERBOSE``: every stage as a line of its own with the seconds so far, wherever standard error goes;
-    ``Manner.QUIET``: nothing.
-    """
-
-    def __init__(self, manner: Manner = Manner.NORMAL) -> None:
-        self.manner = manner
-        self.status: Any = None
-        self.said = ""
-        self.began = time.monotonic()
-
-    def __enter__(self) -> Callable[[str], None]:
-        if self.manner is Manner.NORMAL and sys.stderr is not None and sys.stderr.isatty():
-            from rich.console import Console
-
-            self.status = Console(stderr=True).status("starting")
-            self.status.start()
-        return self.stage
-
-    def stage(self, name: str) -> None:
-        """Show a stage."""
-        if self.status is not None:
-            self.status.update(name)
-        elif self.manner is Manner.VERBOSE and name != self.said:
-            self.said = name
-            complain(f"{time.monotonic() - self.began:8.1f} s  {name}")
-
-    def __exit__(self, *error: object) -> None:
-        if self.status is not None:
-            self.status.stop()

@@ -1,177 +1,214 @@
-"""The body of ``dobc simulate``: runs, files, and the document that --json prints.
+"""``dobc simulate``: runs, files, and the document that --json prints.
 
 An ensemble of one run is a trajectory.  A run that diverges is an answer, not a failure.
 """
 
 from __future__ import annotations
 
-import json
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
 
-from dobc_design.certificate.certificate import Certificate
-from dobc_design.certificate.files import make_folder, write_atomically
-from dobc_design.certificate.text import read_claims
-from dobc_design.certification.certify import verify
-from dobc_design.cli.output import read_certificate
-from dobc_design.conditions.observer.gain import observer_gain
+import typer
+
+from dobc_design.cli.output import (
+    File,
+    Json,
+    Manner,
+    Progress,
+    Quiet,
+    Verbose,
+    json_bytes,
+    manner_of,
+    print_json,
+    read_certificate,
+    refuse_option,
+    require_folder,
+    require_free,
+    say,
+)
 from dobc_design.errors import SpecError
-from dobc_design.problem.load import load_problem
-from dobc_design.simulation.breaking import what_breaks_first
-from dobc_design.simulation.signals import Fixed
-from dobc_design.simulation.simulations import simulate
 
 if TYPE_CHECKING:
-    from dobc_design.conditions.schedule.envelopes import CertifiedBound
+    from dobc_design.certificate.bounds import CertifiedBound
+    from dobc_design.certificate.certificate import Certificate
     from dobc_design.problem.problem import Problem
     from dobc_design.simulation.ensemble import Ensemble
-    from dobc_design.simulation.stress import Stress
+    from dobc_design.simulation.stress import Failure
     from dobc_design.simulation.trajectory import Trajectory
 
-SUMMARY = "summary.json"
-FIGURE, NETWORK, BREAKING = "simulation.svg", "network.html", "breaking.svg"
+SUMMARY, FIGURE, NETWORK, BREAKING = "summary.json", "simulation.svg", "network.html", "breaking.svg"
 MOST_MOVING = 200  # agents whose motion is drawn
 SHOWN = 5  # reasons for early ends that are printed
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Answer:
-    """What was found: the contract's JSON document, and the same in words."""
+class _Call(NamedTuple):
+    """What is simulated, beside which certificate, and the folder for the files of these names."""
 
-    document: dict[str, Any]
-    text: str
+    problem: Problem
+    proof: Certificate | None
+    out: Path | None
+    names: tuple[str, ...]
+    progress: Callable[[str], None]
+
+    @property
+    def files(self) -> list[str]:
+        """The paths of the files, none without a folder."""
+        return [] if self.out is None else [str(self.out / name) for name in self.names]
 
 
-def run_simulation(
-    file: str,
-    *,
-    runs: int | None,
-    seed: int | None,
-    t_final: float | None,
-    mode: str | None,
-    start: str | None,
-    observer: str,
-    stress: Stress | None,
-    out: Path | None,
-    force: bool,
-    progress: Callable[[str], None],
-    certificate: Path | None = None,
-) -> Answer:
-    """Simulate a problem file, write the results into ``out`` if that is given.
+def simulate(
+    file: File,
+    runs: Annotated[int | None, typer.Option(help="How many runs, with the seeds S, S + 1, ...")] = None,
+    seed: Annotated[int | None, typer.Option(help="Seed of starts and switches; default the problem's.")] = None,
+    t_final: Annotated[float | None, typer.Option("--t-final", help="Horizon in s; default the problem's.")] = None,
+    mode: Annotated[str | None, typer.Option(help="Stay in this mode, whatever [switching] says.")] = None,
+    start: Annotated[str | None, typer.Option(help="Start from a CSV or .npz file.")] = None,
+    observer: Annotated[
+        str, typer.Option(help="closed-form, full-loop (the reference), or off: d is not compensated.")
+    ] = "closed-form",
+    noise: Annotated[float, typer.Option(help="Stress: standard deviation of measured states.")] = 0.0,
+    disturbance: Annotated[float, typer.Option(help="Stress: amplitude of a sine that no exosystem knows.")] = 0.0,
+    saturation: Annotated[float | None, typer.Option(help="Stress: bound on every component of u.")] = None,
+    period: Annotated[float | None, typer.Option(help="Stress: sample and hold, every so many s.")] = None,
+    loss: Annotated[float, typer.Option(help="Stress: probability that a packet is lost.")] = 0.0,
+    fail: Annotated[
+        list[str] | None, typer.Option(help="Stress: LABEL@TIME or LABEL@TIME:freeze; may be repeated.")
+    ] = None,
+    breaking: Annotated[
+        bool, typer.Option("--what-breaks-first", help="Make every stress worse until the loop no longer converges.")
+    ] = False,
+    certificate: Annotated[Path | None, typer.Option(help="Show what this certificate proves beside the runs.")] = None,
+    out: Annotated[Path | None, typer.Option(help="Folder for arrays (.npz), figures and summary.json.")] = None,
+    force: Annotated[bool, typer.Option("--force", help="Overwrite files in --out.")] = False,
+    quiet: Quiet = False,
+    verbose: Verbose = False,
+    as_json: Json = False,
+) -> None:
+    """Simulate runs of the closed loop; a run that diverges is an answer and leaves with 0, too."""
+    from dobc_design.problem.load import load_problem
+    from dobc_design.simulation.stress import Stress
 
-    ``certificate``: what it proves about |e| over time, after it was verified, is drawn into the figure.
-    Raises: SpecError for wrong arguments and for files that are there already (unless ``force``).
-    """
-    problem = load_problem(file)
-    single = runs is None or runs == 1
-    name = "trajectory.npz" if single else "ensemble.npz"
-    moving = single and problem.m > 1 and problem.n <= MOST_MOVING
-    names = (name, SUMMARY, FIGURE, *([NETWORK] if moving else []))
-    if out is not None:
-        check_folder(out, names, force=force)
-    given: dict[str, Any] = {
-        "mode": mode,
-        "t_final": t_final,
-        "seed": seed,
-        "start": start,
-        "observer": observer,
-        "stress": stress,
-    }
-    proof = None if certificate is None else _verified(certificate, problem, progress)
-    progress("simulating")
-    result = simulate(
-        problem, runs=None if single else runs, progress=lambda part: progress(f"simulating, {part:.0%}"), **given
+    refuse_option(out, key="--out")
+    failures = tuple(_failure(text) for text in fail or ())
+    stress = Stress(
+        noise=noise, disturbance=disturbance, saturation=saturation, period=period, loss=loss, failures=failures
     )
-    document = result.summary()
-    bound = None if proof is None else proof.envelope(result)
-    files: list[str] = []
-    if out is not None:
-        progress("writing")
-        make_folder(out)
-        files = [str(out / each) for each in names]
-        result.save(out / name, force=force)
-        write_atomically(out / FIGURE, result.plot(certificate=proof).file("svg"))
-        if moving:
-            _write_network(result, problem, out / NETWORK)
-    document |= {"problem": problem.name, "mode": result.mode, "reasons": _reasons(result), "notes": list(result.notes)}
-    if bound is not None:
-        document |= _certified(result, bound)
-    if not single:
-        document["intervals"] = _intervals(result)
-    document["files"] = files
-    if out is not None:
-        write_atomically(out / SUMMARY, _json(document))
-    return Answer(document=document, text=_words(result, document))
-
-
-def run_breaking(
-    file: str,
-    *,
-    seed: int | None,
-    t_final: float | None,
-    mode: str | None,
-    start: str | None,
-    certificate: Path | None,
-    out: Path | None,
-    force: bool,
-    progress: Callable[[str], None],
-) -> Answer:
-    """Find what breaks the loop of a problem file first; one figure and one table.
-
-    ``certificate``: its sampling period, after it was verified, stands beside the longest one that works.
-    Raises: as ``run_simulation``.
-    """
-    problem = load_problem(file)
-    if out is not None:
-        check_folder(out, (BREAKING, SUMMARY), force=force)
-    proof = None if certificate is None else _verified(certificate, problem, progress)
-    progress("what breaks first")
-    found = what_breaks_first(
-        problem,
-        signal=None if mode is None else Fixed(mode=mode),
-        start=start,
-        t_final=t_final,
-        seed=seed,
-        certificate=proof,
-        progress=lambda part: progress(f"what breaks first, {part:.0%}"),
-    )
-    calm = found.calm
-    notes = list(calm.notes)
-    if proof is not None and found.period is not None and found.period.certified is None:
-        notes.append("The certificate proves no sampling period.")
-    files = [] if out is None else [str(out / BREAKING), str(out / SUMMARY)]
-    document = calm.summary() | {
-        "problem": problem.name,
-        "mode": calm.mode,
-        "notes": notes,
-        "breaking": found.to_json(),
-        "files": files,
-    }
-    if out is not None:
-        progress("writing")
-        make_folder(out)
-        write_atomically(out / BREAKING, found.plot().file("svg"))
-        write_atomically(out / SUMMARY, _json(document))
-    lines = [str(found), *(f"  Note: {note}" for note in notes), *(f"wrote {file}" for file in files)]
-    return Answer(document=document, text="\n".join(lines))
-
-
-def refuse_beside_breaking(*, runs: int | None, stress: Stress | None, observer: str) -> None:
-    """Refuse options that --what-breaks-first chooses itself.  Raises: SpecError."""
-    if stress is not None or runs not in (None, 1) or observer != "closed-form":
-        what = "--observer" if observer != "closed-form" else "--runs" if stress is None else "a stress"
+    single = runs in (None, 1)
+    if breaking and (not stress.is_calm or not single or observer != "closed-form"):
+        what = "--observer" if observer != "closed-form" else "--runs" if stress.is_calm else "a stress"
         raise SpecError(
             f"{what} must be left out beside --what-breaks-first, which makes one run after another under every stress"
             " by itself.",
             key="--what-breaks-first",
             cure="Leave one of the two out.",
         )
+    manner = manner_of(quiet=quiet, verbose=verbose)
+    with Progress(manner) as progress:
+        problem = load_problem(file)
+        moving = (NETWORK,) if single and problem.m > 1 and problem.n <= MOST_MOVING else ()
+        names = ("trajectory.npz" if single else "ensemble.npz", SUMMARY, FIGURE, *moving)
+        names = (BREAKING, SUMMARY) if breaking else names
+        if out is not None:
+            require_free(require_folder(out), names, force=force, other=", or choose another folder")
+        proof = None if certificate is None else _verified(certificate, problem, progress)
+        call = _Call(problem=problem, proof=proof, out=out, names=names, progress=progress)
+        given: dict[str, Any] = {"seed": seed, "t_final": t_final, "start": start}
+        if breaking:
+            document, text = _break_first(call, mode, given)
+        else:
+            given |= {"mode": mode, "observer": observer, "stress": None if stress.is_calm else stress}
+            document, text = _run(call, None if single else runs, given, force=force)
+    if as_json:
+        print_json(document)
+    elif manner is not Manner.QUIET:
+        notes = [f"  Note: {note}" for note in document["notes"]]
+        say("\n".join([text, *notes, *(f"wrote {path}" for path in document["files"])]))
+
+
+def _failure(text: str) -> Failure:
+    """An agent that fails, as --fail says it.  Raises: SpecError."""
+    from dobc_design.simulation.stress import Failure
+
+    agent, found, when = text.rpartition("@")
+    time, _, kind = when.partition(":")
+    try:
+        return Failure(agent=agent, time=float(time if found else "none"), kind=kind or "vanish")
+    except ValueError:  # also a SpecError of Failure
+        raise SpecError(
+            f"--fail must be LABEL@TIME or LABEL@TIME:freeze; got {text[:40]!r}.",
+            key="--fail",
+            cure="For example 3@2.5.",
+        ) from None
+
+
+def _run(call: _Call, runs: int | None, given: dict[str, Any], *, force: bool) -> tuple[dict[str, Any], str]:
+    """Simulate, write the results; the document and the words.  What a certificate proves is drawn into the figure."""
+    from dobc_design.certificate.files import make_folder, write_atomically
+    from dobc_design.simulation.simulations import simulate
+
+    problem, out, progress = call.problem, call.out, call.progress
+    progress("simulating")
+    result = simulate(problem, runs=runs, progress=lambda part: progress(f"simulating, {part:.0%}"), **given)
+    document = result.summary()
+    bound = None if call.proof is None else call.proof.envelope(result)
+    if out is not None:
+        progress("writing")
+        make_folder(out)
+        result.save(out / call.names[0], force=force)
+        write_atomically(out / FIGURE, result.plot(certificate=call.proof).file("svg"))
+        if NETWORK in call.names:
+            _write_network(result, problem, out / NETWORK)
+    document |= {"problem": problem.name, "mode": result.mode, "reasons": _reasons(result), "notes": list(result.notes)}
+    if bound is not None:
+        document |= _certified(result, bound)
+    if runs is not None:
+        document["intervals"] = _intervals(result)
+    document["files"] = call.files
+    if out is not None:
+        write_atomically(out / SUMMARY, json_bytes(document))
+    return document, _words(result, document)
+
+
+def _break_first(call: _Call, mode: str | None, given: dict[str, Any]) -> tuple[dict[str, Any], str]:
+    """Find what breaks the loop first; the document and the words, with the certified sampling period beside."""
+    from dobc_design.certificate.files import make_folder, write_atomically
+    from dobc_design.simulation.breaking import what_breaks_first
+    from dobc_design.simulation.signals import Fixed
+
+    call.progress("what breaks first")
+    found = what_breaks_first(
+        call.problem,
+        signal=None if mode is None else Fixed(mode=mode),
+        certificate=call.proof,
+        progress=lambda part: call.progress(f"what breaks first, {part:.0%}"),
+        **given,
+    )
+    notes = list(found.calm.notes)
+    if call.proof is not None and found.period is not None and found.period.certified is None:
+        notes.append("The certificate proves no sampling period.")
+    document = found.calm.summary() | {
+        "problem": call.problem.name,
+        "mode": found.calm.mode,
+        "notes": notes,
+        "breaking": found.to_json(),
+        "files": call.files,
+    }
+    if call.out is not None:
+        call.progress("writing")
+        make_folder(call.out)
+        write_atomically(call.out / BREAKING, found.plot().file("svg"))
+        write_atomically(call.out / SUMMARY, json_bytes(document))
+    return document, str(found)
 
 
 def _verified(place: Path, problem: Problem, progress: Callable[[str], None]) -> Certificate:
     """The certificate at ``place``, every claim decided again.  Raises: SpecError unless all of them hold."""
+    from dobc_design.certificate.certificate import Certificate
+    from dobc_design.certificate.text import read_claims
+    from dobc_design.certification.certify import verify
+    from dobc_design.conditions.observer.gain import observer_gain
+
     progress("verifying the certificate")
     claims = read_claims(read_certificate(place))
     if not verify(claims, problem).holds:
@@ -202,55 +239,9 @@ def _certified(result: Trajectory | Ensemble, bound: CertifiedBound) -> dict[str
     return found
 
 
-def _json(document: dict[str, Any]) -> bytes:
-    return (json.dumps(document, indent=2, ensure_ascii=False) + "\n").encode("utf-8")
-
-
-def read_stress(
-    *,
-    noise: float,
-    disturbance: float,
-    saturation: float | None,
-    period: float | None,
-    loss: float,
-    fail: Sequence[str],
-) -> Stress | None:
-    """The stress that the options ask for; None for none.  Raises: SpecError, which names the option."""
-    from dobc_design.simulation.stress import Failure, Stress
-
-    failures = []
-    for text in fail:
-        agent, found, when = text.rpartition("@")
-        time, _, kind = when.partition(":")
-        try:
-            failures.append(Failure(agent=agent, time=float(time if found else "none"), kind=kind or "vanish"))
-        except ValueError:  # also a SpecError of Failure
-            raise SpecError(
-                f"--fail must be LABEL@TIME or LABEL@TIME:freeze; got {text[:40]!r}.",
-                key="--fail",
-                cure="For example 3@2.5.",
-            ) from None
-    stress = Stress(
-        noise=noise, disturbance=disturbance, saturation=saturation, period=period, loss=loss, failures=tuple(failures)
-    )
-    return None if stress.is_calm else stress
-
-
-def check_folder(out: Path, names: tuple[str, ...], *, force: bool) -> None:
-    """Refuse a target that is no folder, or that holds one of these files already.  Raises: SpecError."""
-    if out.exists() and not out.is_dir():
-        raise SpecError(f"{str(out)!r} is not a folder.", key="--out", cure="Choose another with --out.")
-    there = [name for name in names if (out / name).exists()]
-    if there and not force:
-        raise SpecError(
-            f"{str(out / there[0])!r} exists already.",
-            key="--out",
-            cure="Add --force to replace it, or choose another folder.",
-        )
-
-
 def _write_network(result: Any, problem: Problem, place: Path) -> None:
     """The agents in motion, with the arcs of the problem's modes, as a page."""
+    from dobc_design.certificate.files import write_atomically
     from dobc_design.plotting.animation import animation_page
 
     arcs = {
@@ -301,6 +292,4 @@ def _words(result: Trajectory | Ensemble, document: dict[str, Any]) -> str:
     lines += [f"  seed {each['seed']}: {each['reason']}." for each in reasons[:SHOWN]]
     if len(reasons) > SHOWN:
         lines.append(f"  ... and {len(reasons) - SHOWN} more.")
-    lines += [f"  Note: {note}" for note in document["notes"]]
-    lines += [f"wrote {file}" for file in document["files"]]
     return "\n".join(lines)

@@ -1,4 +1,4 @@
-"""The body of ``dobc sweep``: a bar with the time left on standard error, tables, a figure and a summary."""
+"""``dobc sweep``: a bar with the time left on standard error, tables, a figure and a summary."""
 
 from __future__ import annotations
 
@@ -7,51 +7,83 @@ import shlex
 import sys
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
 
 from dobc_design._signals import say_on_ending
-from dobc_design.cli.output import Manner, complain, folder_name, print_json, refuse_option, say
+from dobc_design.cli.output import (
+    File,
+    Json,
+    Manner,
+    Quiet,
+    Verbose,
+    complain,
+    manner_of,
+    on_terminal,
+    print_json,
+    refuse_option,
+    require_folder,
+    results_folder,
+    say,
+)
 from dobc_design.errors import DobcError, SpecError
-from dobc_design.sweeps.journal import HEAD, LINES
-from dobc_design.sweeps.result import SweepResult
-from dobc_design.sweeps.running import State, sweep
 
-FIGURE = "sweep.svg"
+if TYPE_CHECKING:
+    from dobc_design.sweeps.result import SweepResult
+    from dobc_design.sweeps.running import State
+
 SHOWN = 5  # failed cases that are told
 EVERY = 10  # lines that --verbose writes on the way: one for every tenth part
 
 
-def run_sweep(
-    file: str,
-    axes: Sequence[str],
-    *,
-    task: str,
-    samples: int | None,
-    seed: int,
-    runs: int,
-    everything: bool,
-    out: Path | None,
-    jobs: int | None,
-    cluster: str | None,
-    force: bool,
-    manner: Manner,
-    as_json: bool,
-    time_limit: str | None = None,
-) -> int:
-    """Do the sweep, or go on with it; write its files into ``out``; return the exit code.  Raises: SpecError."""
-    if out is not None:
-        refuse_option(out, key="--out")
-    folder = out if out is not None else _default_folder(file)
-    if os.path.lexists(folder) and not folder.is_dir():  # a link to nowhere counts
-        raise SpecError(f"{str(folder)!r} is not a folder.", key="--out", cure="Choose another with --out.")
-    say_on_ending(_interrupted(folder))
+def sweep_command(
+    file: File,
+    axes: Annotated[
+        list[str],
+        typer.Argument(
+            metavar="KEY=VALUES...",
+            help="What is varied: KEY=1:5:9 (nine values from 1 to 5), KEY=1:100:5:log, KEY=a,b,c, KEY=~uniform(0,1);"
+            " KEY,KEY=VALUES sets both. Listed values make a grid.",
+        ),
+    ],
+    task: Annotated[str, typer.Option(help="certify or simulate every case.")] = "certify",
+    samples: Annotated[int | None, typer.Option(help="How many draws of the keys with ~, at every grid point.")] = None,
+    seed: Annotated[int, typer.Option(help="Seed of the draws.")] = 0,
+    runs: Annotated[int, typer.Option(help="With --task simulate: runs of every case.")] = 1,
+    everything: Annotated[bool, typer.Option("--all", help="With --task certify: run every condition.")] = False,
+    out: Annotated[Path | None, typer.Option(help="Folder of the sweep, new or begun; default ./NAME-sweep.")] = None,
+    jobs: Annotated[int | None, typer.Option(help="Processes; default one per processor.")] = None,
+    cluster: Annotated[
+        str | None, typer.Option(help="Address of a Dask scheduler, or local: a cluster on this machine.")
+    ] = None,
+    time_limit: Annotated[
+        str | None, typer.Option("--time-limit", help="Seconds after which a case is given up and the rest goes on.")
+    ] = None,
+    force: Annotated[bool, typer.Option("--force", help="Begin anew, also in the folder of another sweep.")] = False,
+    quiet: Quiet = False,
+    verbose: Verbose = False,
+    as_json: Json = False,
+) -> None:
+    """Certify or simulate a problem with some keys varied: in parallel, resumable, nothing done twice."""
+    from dobc_design.certificate.files import write_atomically
+    from dobc_design.problem.load import load_problem
+    from dobc_design.sweeps.journal import HEAD, LINES
+    from dobc_design.sweeps.running import sweep
+
+    manner = manner_of(quiet=quiet, verbose=verbose)
+    refuse_option(out, key="--out")
+    folder = require_folder(out) if out is not None else results_folder(None, load_problem(file).name, suffix="sweep")
+    command = shlex.join(["dobc", *sys.argv[1:]])
+    kept = f"Interrupted; the finished cases are kept in {str(folder)!r}. The same command goes on with the others:"
+    say_on_ending(f"{kept}\n  {command}")
     # joblib's cleaner of shared memory is to do its work without a word when this process is killed.
     os.environ.setdefault("PYTHONWARNINGS", "ignore::UserWarning:joblib.externals.loky.backend.resource_tracker")
-    earlier: list[int] = []
+    resumed = [0]
     with _Bar(manner) as show:
 
         def progress(state: State) -> None:
-            earlier[:] = [state.resumed]
+            resumed[:] = [state.resumed]
             show(state)
 
         result = sweep(
@@ -69,45 +101,17 @@ def run_sweep(
             force=force,
             progress=progress,
         )
-    files = [
-        folder / HEAD,
-        folder / LINES,
-        *sorted(folder.glob("results.csv")),
-        *sorted(folder.glob("results.parquet")),
-    ]
-    files += _figure(result, folder)
-    resumed = earlier[0] if earlier else 0
-    if as_json:
-        print_json(_document(result, folder, files, resumed=resumed))
-    elif manner is not Manner.QUIET:
-        say(_words(result, files, resumed=resumed))
-    return 0
-
-
-def _default_folder(file: str) -> Path:
-    from dobc_design.problem.load import load_problem
-
-    return Path(f"{folder_name(load_problem(file).name)}-sweep")
-
-
-def _interrupted(folder: Path) -> str:
-    command = shlex.join(["dobc", *sys.argv[1:]])
-    return (
-        f"Interrupted; the finished cases are kept in {str(folder)!r}. The same command goes on with the others:"
-        f"\n  {command}"
-    )
-
-
-def _figure(result: SweepResult, folder: Path) -> list[Path]:
-    """The figure of the sweep, where there is something to be drawn."""
-    from dobc_design.certificate.files import write_atomically
-
+    tables = (folder / name for name in ("results.csv", "results.parquet"))
+    files = [folder / HEAD, folder / LINES, *(path for path in tables if path.exists())]
     try:
-        picture = result.plot().file("svg")
+        write_atomically(folder / "sweep.svg", result.plot().file("svg"))
+        files.append(folder / "sweep.svg")
     except SpecError:  # nothing numeric was varied or found
-        return []
-    write_atomically(folder / FIGURE, picture)
-    return [folder / FIGURE]
+        pass
+    if as_json:
+        print_json(_document(result, folder, files, resumed=resumed[0]))
+    elif manner is not Manner.QUIET:
+        say(_words(result, files, resumed=resumed[0]))
 
 
 def _document(result: SweepResult, folder: Path, files: Sequence[Path], *, resumed: int) -> dict[str, Any]:
@@ -152,7 +156,7 @@ class _Bar:
         self.told = -1
 
     def __enter__(self) -> Callable[[State], None]:
-        if self.manner is Manner.NORMAL and sys.stderr is not None and sys.stderr.isatty():
+        if on_terminal(self.manner):
             from rich.console import Console
             from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn
 

@@ -1,6 +1,8 @@
-"""One checked condition: its verdict, where it holds, with which margin, and why.
+"""One checked condition: its verdict, where it holds, with which margin, why, and the claim that is proved.
 
-A Check is what a certificate consists of; what confirms it is the problem, the gain W and the pair (P, Q).
+A Check is what a certificate consists of; what confirms it is the problem, the gain W and the pair (P, Q).  The claim
+is the noun of its topic.  It becomes JSON when a certificate is written; a check that was read from a file holds the
+values as they stand there, until ``certificate.claims`` reads them for a trusted problem.
 """
 
 from __future__ import annotations
@@ -8,18 +10,41 @@ from __future__ import annotations
 import math
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
+from fractions import Fraction
+from typing import Any, Protocol
 
 from dobc_design._show.cards import Card, Shown, listed
 from dobc_design._show.text import significant_towards_zero
 from dobc_design.conditions.kinds import KINDS, Kind
+from dobc_design.conditions.numbers import claimed, read_rational
+from dobc_design.problem.problem import Problem
 from dobc_design.verdict import Verdict
 
+#: Exact values that are no numbers.
+NAMES = ("block", "mode", "group", "unobservable_polynomial")
 #: Fields of a check in JSON: those that are always there, and the others.
 NEEDED = ("id", "verdict", "domain", "margin", "rate", "reason")
 OPTIONAL = ("mode", "group", "exact", "witness", "fix")
 
 Domain = str | Mapping[str, Any]  # "global", "consensus", or {"kind", "radius", "disturbance"}
+
+
+class Claim(Protocol):
+    """What a check proves, exactly: a noun of its topic."""
+
+    def to_json(self) -> dict[str, Any]:
+        """The exact values as text."""
+
+
+@dataclass(frozen=True, slots=True)
+class Values:
+    """A claim that consists of named values only, or one that was read from a file, as it stands there."""
+
+    values: Mapping[str, Any]
+
+    def to_json(self) -> dict[str, Any]:
+        """The values."""
+        return dict(self.values)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, repr=False)
@@ -57,13 +82,14 @@ class Fix(Shown):
         return {"kind": self.kind, "set": dict(self.set), "text": self.text}
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, repr=False)
+@dataclass(frozen=True, slots=True, kw_only=True, repr=False, eq=False)
 class Check(Shown):
     """One condition, decided.
 
-    ``margin`` and ``rate`` (1/s) are rounded towards the weaker claim.  ``exact`` holds exact values as text.
-    ``mode`` is None on checks that speak of all modes together.  ``group``, the label of its first agent, stands on
-    checks of one group of agents where these have different exosystems.
+    ``margin`` and ``rate`` (1/s) are rounded towards the weaker claim.  ``claim``: what is proved, exactly; ``exact``
+    is that as text.  ``mode`` is None on checks that speak of all modes together.  ``group``, the label of its first
+    agent, stands on checks of one group of agents where these have different exosystems.  ``applies``: False where an
+    undecided condition is not about such a problem at all.
     """
 
     id: str
@@ -74,13 +100,25 @@ class Check(Shown):
     group: str | None = None
     margin: float | None = None
     rate: float | None = None
-    exact: Mapping[str, Any] | None = None
+    claim: Claim | None = None
     witness: Witness | None = None
     fix: Fix | None = None
+    applies: bool = True
 
     def __post_init__(self) -> None:
         if self.id not in KINDS:
             raise ValueError(f"unknown check id {self.id!r}")
+
+    def __eq__(self, other: object) -> bool:
+        """Checks are equal if a certificate says the same of them."""
+        return self.to_json() == other.to_json() if isinstance(other, Check) else NotImplemented
+
+    __hash__ = None  # type: ignore[assignment]
+
+    @property
+    def exact(self) -> dict[str, Any] | None:
+        """The exact values as text, or None where nothing is claimed."""
+        return None if self.claim is None else self.claim.to_json()
 
     @property
     def kind(self) -> Kind:
@@ -93,6 +131,11 @@ class Check(Shown):
         if self.group is not None:
             return f"{self.id} (group of {self.group})"
         return self.id if self.mode is None else f"{self.id} ({self.mode})"
+
+    @property
+    def remark(self) -> str:
+        """The reason without its first sentence, which says what is proved; to be shown, never to be read."""
+        return self.reason.partition(". ")[2]
 
     def _card(self) -> Card:
         domain = self.domain if isinstance(self.domain, str) else ", ".join(f"{k} {v}" for k, v in self.domain.items())
@@ -120,13 +163,38 @@ class Check(Shown):
             "rate": self.rate,
             "reason": self.reason,
         }
-        if self.exact is not None:
-            result["exact"] = dict(self.exact)
+        if self.claim is not None:
+            result["exact"] = self.claim.to_json()
         if self.witness is not None:
             result["witness"] = self.witness.to_json()
         if self.fix is not None:
             result["fix"] = self.fix.to_json()
         return result
+
+
+def undecided_check(id: str, domain: str, reason: str, *, applies: bool = True) -> Check:
+    """A check of all modes that claims nothing."""
+    return Check(id=id, verdict=Verdict.UNDECIDED, domain=domain, reason=reason, applies=applies)
+
+
+def starts_in(kind: str, radius: float, disturbance: float) -> Domain:
+    """The domain |e|_inf <= radius ("box") or |e| <= radius ("ball", Euclidean), and |eps_i| <= disturbance."""
+    return {"kind": kind, "radius": radius, "disturbance": disturbance}
+
+
+def read_domain(domain: object, problem: Problem, *, kind: str) -> tuple[Fraction, Fraction]:
+    """Radius > 0 and disturbance >= 0 of a domain, ``kind`` "box" or "ball".
+
+    Raises: ValueError or TypeError for another one, and for a disturbance without an exosystem.
+    """
+    if not isinstance(domain, Mapping) or set(domain) != {"kind", "radius", "disturbance"} or domain["kind"] != kind:
+        raise ValueError(f"the domain must be a {kind} with radius and disturbance")
+    radius, disturbance = number_or_none(domain["radius"]), number_or_none(domain["disturbance"])
+    if radius is None or radius <= 0 or disturbance is None or disturbance < 0:
+        raise ValueError("the radius must be > 0 and the disturbance >= 0")
+    if disturbance and not problem.groups:
+        raise ValueError("without an exosystem the disturbance must be 0")
+    return claimed(radius), claimed(disturbance)
 
 
 def main_cure(checks: Sequence[Check]) -> Check | None:
@@ -173,10 +241,39 @@ def check_from_json(data: Any) -> Check:
         margin=number_or_none(data["margin"]),
         rate=number_or_none(data["rate"]),
         reason=_text(data["reason"]),
-        exact=_object(data["exact"], "exact") if "exact" in data else None,
+        claim=Values(_object(data["exact"], "exact")) if "exact" in data else None,
         witness=_witness(data["witness"]) if "witness" in data else None,
         fix=_fix(data["fix"]) if "fix" in data else None,
     )
+
+
+def differs(check: Check, own: Check) -> str | None:
+    """What a claimed check says otherwise than our own one for the same question; None if nothing."""
+    if own.verdict is not check.verdict:
+        return f"it is {own.verdict.value}"
+    if not agrees(check.exact, own.exact):
+        return "exact differs from what the problem gives"
+    return None if same_witness(check.witness, own.witness) else "witness differs from what the problem gives"
+
+
+def agrees(claim: object, own: object, *, as_text: bool = False) -> bool:
+    """Whether a part of a check says the same: rationals as numbers, names and polynomials as they are written."""
+    if isinstance(own, Mapping) and isinstance(claim, Mapping):
+        return set(claim) == set(own) and all(agrees(claim[key], own[key], as_text=key in NAMES) for key in own)
+    if isinstance(own, Sequence) and isinstance(claim, Sequence) and not isinstance(own, str):
+        same_length = not isinstance(claim, str) and len(claim) == len(own)
+        return same_length and all(agrees(a, b, as_text=as_text) for a, b in zip(claim, own, strict=True))
+    if claim == own or as_text or not isinstance(own, str):
+        return claim == own
+    return read_rational(claim) == read_rational(own)
+
+
+def same_witness(claim: Witness | None, own: Witness | None) -> bool:
+    """Whether two witnesses are the same, their values as numbers."""
+    if claim is None or own is None:
+        return claim is own
+    named = (claim.kind, claim.labels) == (own.kind, own.labels)
+    return named and agrees(claim.values, own.values, as_text=own.kind == "polynomial")
 
 
 def require_keys(data: Any, name: str, *, needed: Collection[str], allowed: Collection[str] = ()) -> None:
@@ -188,6 +285,12 @@ def require_keys(data: Any, name: str, *, needed: Collection[str], allowed: Coll
     unknown = [key for key in data if key not in needed and key not in allowed]
     if unknown:
         raise ValueError(f"{name} has unknown fields: {', '.join(unknown)[:100]}")
+
+
+def read_object(data: object, names: Collection[str]) -> Mapping[str, Any]:
+    """An object with exactly these keys.  Raises: KeyError, TypeError or ValueError for anything else."""
+    require_keys(data, "exact", needed=names)
+    return data if isinstance(data, Mapping) else {}
 
 
 def number_or_none(value: Any) -> float | None:

@@ -10,14 +10,16 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Final, Literal
 
+from dobc_design._show.cards import Card, Shown
+
 #: What a proof is worth.  "part": a fact of the network or of the exosystem alone, the same for every coupling.
 #: "paper": Lemma 1 and the theorems.  "given": a theorem with the P of the problem file.  "region": for a set of
 #: starts.  "timing": carries a region over to late or held messages.  "rest": refutes a region.  "settling": a time.
 Role = Literal["part", "paper", "given", "region", "timing", "rest", "settling"]
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Kind:
+@dataclass(frozen=True, slots=True, kw_only=True, repr=False)
+class Kind(Shown):
     """One kind of check.
 
     ``topic``: its folder in ``conditions/``.  ``name`` and ``decides`` are the words of reports, the fields from
@@ -39,6 +41,10 @@ class Kind:
     source: str
     decided_in: tuple[str, ...]
     checker: str
+
+    def _card(self) -> Card:
+        facts = [("proved", self.proved), ("refuted", self.refuted), ("source", self.source)]
+        return Card(title=self.title, text=f"{self.plain}. {self.meaning}", facts=facts)
 
     @property
     def is_consensus(self) -> bool:

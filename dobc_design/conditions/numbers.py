@@ -14,13 +14,15 @@ from fractions import Fraction
 import numpy as np
 from numpy.typing import NDArray
 
-from dobc_design.exact.matrix import Matrix
+from dobc_design.exact.matrix import Matrix, Vector
 from dobc_design.exact.number import MAX_CHARACTERS, MAX_EXPONENT, float_above, float_below, number_text, parse_number
+from dobc_design.exact.symmetric import Doubles
 
 SHRINK = (1e-9, 1e-6, 1e-3, 0.1, 0.5)
 LONGEST = 10_000  # characters of a rational in a certificate
 VECTOR_BITS, MATRIX_BITS = 65_536, 16_384  # of the common denominator of a vector; of P, and of a designed W
 LARGEST = Fraction(10) ** 300  # numbers above are no radii
+MANY_AGENTS = 1000  # from which on vectors travel as doubles
 _DIGITS = 12  # of a decimal that is rounded up
 _CHUNK = 4000  # Python refuses to read more than 4300 digits at once
 _QUOTIENT = re.compile(r"([+-]?)([0-9]+)/([+-]?)([0-9]+)")
@@ -47,6 +49,30 @@ def shorten(value: float | Fraction, *, digits: int = 9) -> float:
     return shorter if claimed(shorter) <= value else 0.0  # floats below 1e-307 have few digits
 
 
+def rounded_down(value: Fraction, *, digits: int = 9) -> Fraction:
+    """A decimal number of ``digits`` digits, at most ``value`` >= 0 and the same if that has no more."""
+    if value <= 0:
+        return Fraction(0)
+    unit = Fraction(10) ** (digits - len(str(value.numerator // value.denominator)))
+    while value * unit < 10 ** (digits - 1):
+        unit *= 10
+    return Fraction(math.floor(value * unit)) / unit
+
+
+def rounded_up(value: Fraction, *, digits: int) -> Fraction:
+    """A decimal number of ``digits`` digits, at least ``value`` >= 0 and the same if that has no more."""
+    below = rounded_down(value, digits=digits)
+    if below == value:
+        return below
+    return below + Fraction(10) ** (math.floor(math.log10(below)) - digits + 1) if below else below
+
+
+def decimal_below(value: Fraction) -> float:
+    """A decimal number of at most nine digits that does not exceed ``value`` > 0; the same if it has no more."""
+    found = float(rounded_down(value))
+    return found if claimed(found) <= value else shorten(value)
+
+
 def decimal_above(value: Fraction) -> float:
     """A decimal number >= ``value`` >= 0 of at most twelve digits; the same number if it has no more.
 
@@ -59,6 +85,11 @@ def decimal_above(value: Fraction) -> float:
     unit = Fraction(10) ** (_DIGITS - 1 - len(str(int(value))))
     found = float(math.ceil(value * unit) / unit)
     return found if claimed(found) >= value else float_above(claimed(found) * (1 + Fraction(1, 10**14)))
+
+
+def follows(rate: float | None, proved: Fraction) -> bool:
+    """Whether a claimed rate is > 0 and at most the proved one."""
+    return rate is not None and rate > 0 and claimed(rate) <= proved
 
 
 def largest_proved(estimate: float, holds: Callable[[Fraction], bool]) -> float | None:
@@ -135,6 +166,29 @@ def doubles_from_json(data: object) -> NDArray[np.float64]:
     if not np.all(np.isfinite(doubles)):
         raise ValueError("every number must be finite")
     return doubles
+
+
+def vector_to_json(v: Vector | Doubles) -> list[str] | dict[str, str]:
+    """A list of rationals, or for many agents the base64 of little-endian doubles where those are exact."""
+    if len(v) > MANY_AGENTS:
+        doubles = v.array if isinstance(v, Doubles) else np.array([float(x) for x in v])
+        if isinstance(v, Doubles) or all(Fraction(x) == y for x, y in zip(doubles.tolist(), v, strict=True)):
+            return doubles_to_json(doubles)
+    return [number_text(x) for x in v]
+
+
+def vector_from_json(data: object, size: int) -> Vector | Doubles:
+    """Read ``size`` numbers.  Raises: KeyError, TypeError or ValueError for anything else."""
+    v: Vector | Doubles
+    if isinstance(data, list):
+        v = tuple(read_rational(text) for text in data)
+        if not has_short_denominator(v, VECTOR_BITS):
+            raise ValueError("the vector needs too long a common denominator")
+    else:
+        v = Doubles(doubles_from_json(data))
+    if len(v) != size:
+        raise ValueError(f"expected {size} numbers, got {len(v)}")
+    return v
 
 
 def _integer(digits: str) -> int:

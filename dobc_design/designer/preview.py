@@ -12,9 +12,8 @@ import numpy as np
 from dobc_design.conditions.consensus.estimates import largest_eigenvalue
 from dobc_design.conditions.consensus.jacobian import float_lambda
 from dobc_design.conditions.separable.claim import acts_by_component
-from dobc_design.conditions.separable.field import field_of
 from dobc_design.conditions.separable.ordering import find_ordering
-from dobc_design.conditions.separable.propose import least_above
+from dobc_design.conditions.separable.propose import field_of, least_above
 from dobc_design.errors import DobcError
 from dobc_design.problem.problem import Problem
 from dobc_design.simulation.simulations import simulate

@@ -13,8 +13,8 @@ from dataclasses import dataclass
 from fractions import Fraction
 from typing import Any
 
-from dobc_design.certificate.claims import Claims
-from dobc_design.conditions.consensus.jacobians import ModeJacobian, jacobians_at_consensus
+from dobc_design.certificate.claims import Claims, certified_period
+from dobc_design.conditions.consensus.claim import ModeJacobian, jacobians_at_consensus
 from dobc_design.conditions.statement import Statement
 from dobc_design.errors import SpecError
 from dobc_design.exact.definite import decide_positive_definite, decide_positive_semidefinite
@@ -33,26 +33,25 @@ from dobc_design.problem.problem import Problem
 from dobc_design.verdict import Verdict
 
 
-def certified_sampling(claims: Claims, period: Fraction) -> Statement:
+def certified_sampling(problem: Problem, claims: Claims, period: Fraction) -> Statement:
     """State whether ``period`` (s) is within the one that the certificate proves: PROVED, or UNDECIDED."""
-    for check in claims.checks:
-        if check.id == "sampling" and check.verdict is Verdict.PROVED and check.exact and "period" in check.exact:
-            longest = Fraction(str(check.exact["period"]))
-            where = _domain(check.domain)
-            if period <= longest:
-                return _statement(
-                    check.verdict,
-                    f"the certificate's check `sampling` covers this period: couplings and pinning may be held for"
-                    f" {float(longest):.4g} s{where} (observer and estimate: those of (13), in continuous time).",
-                    longest,
-                )
-            return _statement(
-                Verdict.UNDECIDED,
-                f"the certificate's check `sampling` proves periods up to {float(longest):.4g} s{where};"
-                f" {float(period):.4g} s is longer.",
-                longest,
-            )
-    return _statement(Verdict.UNDECIDED, "the certificate has no proved check `sampling`.", None)
+    longest = certified_period(problem, claims)
+    if longest is None:
+        return _statement(Verdict.UNDECIDED, "the certificate has no proved check `sampling`.", None)
+    where = _domain(next(check.domain for check in claims.checks if check.id == "sampling"))
+    if period <= longest:
+        return _statement(
+            Verdict.PROVED,
+            f"the certificate's check `sampling` covers this period: couplings and pinning may be held for"
+            f" {float(longest):.4g} s{where} (observer and estimate: those of (13), in continuous time).",
+            longest,
+        )
+    return _statement(
+        Verdict.UNDECIDED,
+        f"the certificate's check `sampling` proves periods up to {float(longest):.4g} s{where};"
+        f" {float(period):.4g} s is longer.",
+        longest,
+    )
 
 
 def _statement(verdict: Verdict, text: str, longest: Fraction | None) -> Statement:

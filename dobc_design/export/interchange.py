@@ -101,7 +101,7 @@ def to_c(
         sampled_gain=sampled_gain,
         objection=recorder.objection,
     )
-    certified = None if claims is None else certified_sampling(claims, controller.period)
+    certified = None if claims is None else certified_sampling(problem, claims, controller.period)
     return c_code(controller, recorder.recorded(controller), certified=certified)
 
 

@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dobc_design._show.text import latex_matrix, latex_text
-from dobc_design.conditions.consensus.statements import state_theorems
+from dobc_design.conditions.consensus.claim import state_theorems
 from dobc_design.coupling.coupling import Coupling
 from dobc_design.errors import SpecError
 from dobc_design.exact.matrix import Matrix, to_float

@@ -17,8 +17,7 @@ from functools import cache
 from importlib.resources import files
 
 from dobc_design.certificate.certificate import Certificate
-from dobc_design.conditions.consensus.jacobians import Jacobians, ModeJacobian
-from dobc_design.conditions.consensus.statements import Statements, state_theorems
+from dobc_design.conditions.consensus.claim import Jacobians, ModeJacobian, Statements, state_theorems
 from dobc_design.conditions.kinds import KINDS
 from dobc_design.conditions.numbers import claimed
 from dobc_design.errors import SpecError

@@ -17,7 +17,7 @@ from fractions import Fraction
 import numpy as np
 
 from dobc_design import __version__
-from dobc_design.conditions.consensus.statements import Statements, state_theorems
+from dobc_design.conditions.consensus.claim import Statements, state_theorems
 from dobc_design.errors import SpecError
 from dobc_design.exact.matrix import Matrix, to_float
 from dobc_design.exact.pencil import Pencil, Place, below, positive

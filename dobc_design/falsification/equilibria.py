@@ -12,8 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dobc_design.conditions.check import Check
-from dobc_design.conditions.equilibrium.claim import Equilibrium
-from dobc_design.conditions.equilibrium.decide import LARGEST, enclose_equilibrium, refuting_check
+from dobc_design.conditions.equilibrium.claim import LARGEST, Equilibrium
+from dobc_design.conditions.equilibrium.decide import enclose_equilibrium, refuting_check
 from dobc_design.falsification.newton import find_roots
 from dobc_design.falsification.running import constant_signals, make_arena, run_starts, settling_horizon
 from dobc_design.falsification.starts import CORNERS, RANDOM, StartSet, asked_box

@@ -12,12 +12,11 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from dobc_design.conditions.boxes.checks import shell_from_json
+from dobc_design.certificate.claims import claim_of
 from dobc_design.conditions.boxes.claim import Shell
 from dobc_design.conditions.check import Check
+from dobc_design.conditions.kinds import ids_of
 from dobc_design.conditions.quadratic.claim import Lure
-from dobc_design.conditions.quadratic.json_text import lure_from_json
-from dobc_design.conditions.separable.checks import separable_from_json
 from dobc_design.conditions.separable.claim import Separable
 from dobc_design.conditions.separable.observer import composite_rate
 from dobc_design.errors import SpecError
@@ -165,8 +164,8 @@ def level_of(problem: Problem, certified: Certified, W: Matrix | None = None) ->
 
 def _claim_of(problem: Problem, check: Check, W: Matrix | None) -> Separable | Lure | Shell:
     """What a proved check of a region claims."""
-    known = ("max-separable", "lure", "exhaustive")
-    if check.verdict is not Verdict.PROVED or check.id not in known or check.exact is None:
+    known = ids_of("region")
+    if check.verdict is not Verdict.PROVED or check.id not in known or check.claim is None:
         raise SpecError(
             f"certified must be a proved check of a region ({', '.join(known)}); got {check.verdict.value}"
             f" {check.title}.",
@@ -174,13 +173,13 @@ def _claim_of(problem: Problem, check: Check, W: Matrix | None) -> Separable | L
             cure="Ask for a [region], or give certify everything=True.",
         )
     try:
-        if check.id == "max-separable":
-            return separable_from_json(check.exact, problem)
-        read = lure_from_json if check.id == "lure" else shell_from_json
-        return read(check.exact, problem, W)
+        claim = claim_of(check, problem, W)
     except (KeyError, TypeError, ValueError) as error:
         raise SpecError(
             f"certified: the check {check.title} does not fit this problem ({error}).",
             key="certified",
             cure="Give the certificate of this very problem.",
         ) from error
+    if not isinstance(claim, Separable | Lure | Shell):
+        raise SpecError(f"certified: the check {check.title} names no set of starts.", key="certified")
+    return claim

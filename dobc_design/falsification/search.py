@@ -15,8 +15,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dobc_design.conditions.check import Check
-from dobc_design.conditions.equilibrium.claim import Equilibrium
-from dobc_design.conditions.equilibrium.decide import LARGEST, refuting_check
+from dobc_design.conditions.equilibrium.claim import LARGEST, Equilibrium
+from dobc_design.conditions.equilibrium.decide import refuting_check
 from dobc_design.errors import SpecError
 from dobc_design.falsification.ascent import ascend, final_error, final_level
 from dobc_design.falsification.equilibria import MOST_PROVED, point_of, proved_equilibria

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 
 from dobc_design.certificate.certificate import Certificate
 from dobc_design.certificate.files import make_folder, write_together
-from dobc_design.conditions.consensus.statements import state_theorems
+from dobc_design.conditions.consensus.claim import state_theorems
 from dobc_design.conditions.schedule.checks import stage_timings
 from dobc_design.exact.matrix import Matrix
 from dobc_design.problem.problem import Problem

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
-from fractions import Fraction
 from os import PathLike
 from typing import TYPE_CHECKING, Any
 
@@ -16,6 +15,7 @@ import numpy as np
 
 from dobc_design._show.cards import Card, Shown
 from dobc_design.certificate.certificate import Certificate
+from dobc_design.certificate.claims import certified_period
 from dobc_design.conditions.observer.gain import observer_gain
 from dobc_design.errors import SpecError
 from dobc_design.problem.arrays import arc_groups
@@ -29,7 +29,6 @@ from dobc_design.simulation.setting import Given, make_setting
 from dobc_design.simulation.signals import Signal, signal_of
 from dobc_design.simulation.stress import Failure, Stress
 from dobc_design.simulation.trajectory import Trajectory
-from dobc_design.verdict import Verdict
 
 if TYPE_CHECKING:
     from dobc_design.plotting.sheet import Sheet
@@ -227,7 +226,7 @@ def what_breaks_first(
         report(number / len(options))
         sweeps.append(sweep := _sweep(late, tolerance, option, _grid(problem, option, calm, setting.loop)))
         if option == "period":
-            certified = None if certificate is None else certified_period(certificate)
+            certified = None if certificate is None else _certified(certificate)
             limit = _bisect(late, tolerance, sweep.survives, sweep.breaks, certified)
     report(1.0)
     return Breaking(
@@ -240,13 +239,9 @@ def what_breaks_first(
     )
 
 
-def certified_period(certificate: Certificate) -> float | None:
-    """The sampling period in s that a proved ``sampling`` check states; None without one."""
-    for check in certificate.checks:
-        exact = check.exact or {}
-        if check.id == "sampling" and check.verdict is Verdict.PROVED and "period" in exact:
-            return float(Fraction(exact["period"]))
-    return None
+def _certified(certificate: Certificate) -> float | None:
+    period = certified_period(certificate.problem, certificate.claims)
+    return None if period is None else float(period)
 
 
 def _late(run: Trajectory, stress: Stress) -> float:

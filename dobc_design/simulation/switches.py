@@ -18,6 +18,7 @@ from scipy.spatial import cKDTree
 
 from dobc_design.errors import ShapeError, SpecError
 from dobc_design.exact.reading import counted, is_list, shown
+from dobc_design.problem.arcs import places_at, split_by
 from dobc_design.problem.arrays import ArcGroup
 from dobc_design.problem.problem import Problem
 from dobc_design.simulation._arguments import Array
@@ -232,18 +233,15 @@ def _nearest(positions: Array, count: int, hysteresis: float, kept: IndexArray) 
 def groups_of(problem: Problem, codes: IndexArray) -> tuple[ArcGroup, ...]:
     """The links as arcs of weight 1, grouped by coupling."""
     n = problem.n
-    special = {i * n + j: coupling for (i, j), coupling in problem.exceptions.items()}
-    couplings = [special.get(code, problem.coupling) for code in codes.tolist()] if special else []
-    groups = []
-    for coupling in problem.couplings:
-        chosen = np.array([each == coupling for each in couplings], dtype=bool) if special else slice(None)
-        picked = codes[chosen]
-        if len(picked):
-            ones = np.ones(len(picked))
-            groups.append(ArcGroup(coupling=coupling, listeners=picked // n, speakers=picked % n, weights=ones))
-        if not special:
-            break
-    return tuple(groups)
+    return tuple(
+        ArcGroup(
+            coupling=problem.couplings[place],
+            listeners=codes[links] // n,
+            speakers=codes[links] % n,
+            weights=np.ones(len(links)),
+        )
+        for place, links in split_by(places_at(problem, codes))
+    )
 
 
 def first_change(

@@ -18,6 +18,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass
+from multiprocessing import TimeoutError as NoAnswer  # what joblib raises
 from os import PathLike
 from pathlib import Path
 from random import Random
@@ -103,8 +104,8 @@ def sweep(
     ``jobs``: processes, by default one per processor; 1 is this process.  A program that is run as a file needs
     ``if __name__ == "__main__":`` around the call for more than one.  ``cluster``: the address of a Dask scheduler, or
     "local" for a cluster of ``jobs`` processes here.  ``time_limit``: seconds after which a case is given up, recorded
-    as failed, and the rest goes on.  A later sweep with a longer limit does such cases again.  ``progress`` is called
-    with the state after every case.
+    as failed, and the rest goes on; with it one job is another process, too.  A later sweep with a longer limit does
+    such cases again.  ``progress`` is called with the state after every case.
     Returns: a SweepResult; a case that fails is in it with its error.
     Raises: SpecError for a wrong argument, and if no case at all gives a problem; CertificateError, SolverError when
     the machine or the cluster fails, what is finished being kept.
@@ -265,6 +266,7 @@ def outcomes(
     if not cases:
         return
     jobs = min(jobs or cpu_count(), len(cases))
+    apart = jobs == 1 and limit is not None  # in another process, which can be ended: two of which one is idle
 
     def calls(batch: Sequence[int], begun: list[int]) -> Iterator[Any]:
         for case in batch:
@@ -274,7 +276,8 @@ def outcomes(
     with _backend(cluster, jobs) as backend:
         with parallel_config(**backend):
             pool = Parallel(
-                n_jobs=jobs if cluster is None else -1,
+                n_jobs=-1 if cluster is not None else 2 if apart else jobs,
+                pre_dispatch=1 if apart else "2 * n_jobs",
                 return_as="generator_unordered",
                 batch_size=1,
                 timeout=None if limit is None else 2 * limit + GRACE,  # from one finished case to the next
@@ -290,10 +293,10 @@ def outcomes(
                 for line in lines:
                     del left[line["case"]]
                     yield line
-            except (BrokenProcessPool, TimeoutError) as error:
+            except (BrokenProcessPool, NoAnswer) as error:
                 suspects = begun
                 if len(batch) == 1:
-                    late = isinstance(error, TimeoutError)
+                    late = isinstance(error, NoAnswer)
                     lost = {"error": _too_long(limit), "seconds": limit} if late else {"error": _error("worker", DIED)}
                     del left[batch[0]]
                     yield _line(plan, batch[0]) | lost

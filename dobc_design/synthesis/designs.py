@@ -6,18 +6,14 @@ from collections.abc import Callable
 from os import PathLike
 from typing import TYPE_CHECKING, Any
 
-from dobc_design.certification.certify import certify
-from dobc_design.conditions.observer.gain import observer_gain
 from dobc_design.errors import SpecError
-from dobc_design.problem.exosystems import Exosystem
 from dobc_design.problem.load import load_problem
 from dobc_design.problem.problem import Problem
 
 if TYPE_CHECKING:
-    from dobc_design.synthesis.joint.designed import Design
-    from dobc_design.synthesis.joint.trade_off import TradeOff
-    from dobc_design.synthesis.observer.design import ObserverDesign
-    from dobc_design.synthesis.pinning.design import PinningDesign
+    from dobc_design.synthesis.joint.claim import Design, TradeOff
+    from dobc_design.synthesis.observer.claim import ObserverDesign
+    from dobc_design.synthesis.pinning.claim import PinningDesign
 
 Progress = Callable[[str], None]
 
@@ -27,18 +23,14 @@ def design_observer(
     *,
     rate: Any = None,
     region: Any = None,
-    max_gain: Any = None,
     noise: Any = None,
-    method: str = "lmi",
-    peak: Any = None,
     digits: int = 4,
     period: Any = None,
 ) -> ObserverDesign:
     """Design the observer gain W and prove that the rounded W does what was asked.
 
-    ``rate`` (1/s); ``region``: HalfPlane, Disk, Cone or a list; ``max_gain``: bound on |W|, the root of the sum of
-    squares; ``noise``: bound on the H-infinity norm from measurement noise to dhat, or NoiseLimit; ``peak`` of |eps|;
-    ``method``: "lmi", "kalman" or "place"; ``digits`` of W; ``period`` (s) of a sampled observer.  Where agents have
+    ``rate`` (1/s); ``region``: HalfPlane, Disk, Cone or a list; ``noise``: bound on the H-infinity norm from
+    measurement noise to dhat, or NoiseLimit; ``digits`` of W; ``period`` (s) of a sampled observer.  Where agents have
     different exosystems, the W of every group has to do it.
     Returns: an ObserverDesign: PROVED; REFUTED with the reason; UNDECIDED. The last two with the nearest request.
     Raises: SpecError for a wrong request or a problem without [exosystem].
@@ -48,12 +40,8 @@ def design_observer(
         >>> dd.design_observer("paper-fixed", noise="3/2").verdict.value
         'refuted'
     """
-    from dobc_design.synthesis.observer.candidates import propose_gains
-    from dobc_design.synthesis.observer.envelope import propose_envelopes
-    from dobc_design.synthesis.observer.estimates import estimate_observer
-    from dobc_design.synthesis.observer.gain_bound import propose_multipliers
-    from dobc_design.synthesis.observer.request import ObserverRequest
-    from dobc_design.synthesis.observer.search import Proposals, search_groups
+    from dobc_design.synthesis.observer.request import read_observer_request
+    from dobc_design.synthesis.observer.search import search_groups
 
     problem = problem if isinstance(problem, Problem) else load_problem(problem)
     if not problem.groups:
@@ -62,26 +50,9 @@ def design_observer(
             key="exosystem",
             cure="dobc_design.exosystems has common shapes, constant() among them.",
         )
-    request = ObserverRequest(
-        rate=problem.joint_observer.rate if rate is None else rate,
-        region=region,
-        max_gain=max_gain,
-        noise=noise,
-        peak=peak,
-        method=method,
-        digits=digits,
-        period=period,
-    )
-
-    def proposals_for(exosystem: Exosystem) -> Proposals:
-        return Proposals(
-            gains=propose_gains,
-            multipliers=propose_multipliers,
-            estimates=lambda W: estimate_observer(exosystem, W),
-            envelopes=lambda W, asked: propose_envelopes(exosystem, W, rate=asked.rate, peak=asked.peak),
-        )
-
-    return search_groups(problem.groups, request, proposals_for)
+    rate = problem.joint_observer.rate if rate is None else rate
+    request = read_observer_request(rate=rate, region=region, noise=noise, digits=digits, period=period)
+    return search_groups(problem.groups, request)
 
 
 def design_pinning(
@@ -94,18 +65,16 @@ def design_pinning(
     pins: Any = None,
     digits: int = 4,
     region: Any = None,
-    method: str | None = None,
     progress: Progress | None = None,
 ) -> PinningDesign:
     """Design the cheapest pinning gains for a decay rate, and prove what is said of them.
 
     ``rate`` (1/s): at the consensus Lambda < -2 rate I in every mode, so V = e'e of (22) with eps = 0 decays at it.
-    ``region``: a radius, or True for the problem's [region]; the gains then come with a certificate that covers it.
-    ``method``: "max-separable" (|e_i| <= radius; the default for couplings by component) or "lure" (V = e'e on |e| <=
-    radius, eps = 0).  ``allowed``: labels of agents that may be pinned (default all).  ``cost``: c_i > 0, a number or
-    label -> number, of sum c_i k_i.  ``max_gain`` (1/s): cap of every gain, likewise.  ``pins``: at most so many
-    agents, or "fewest".  ``digits`` of the gains, which are rounded up.  ``progress`` is called with what is being
-    done.  Gains that the problem has are not looked at.
+    ``region``: a radius of |e_i|, or True for the problem's [region]; the gains then come with a max-separable
+    certificate that covers it, and with no lower bound of their cost.  ``allowed``: labels of agents that may be pinned
+    (default all).  ``cost``: c_i > 0, a number or label -> number, of sum c_i k_i.  ``max_gain`` (1/s): cap of every
+    gain, likewise.  ``pins``: at most so many agents, or "fewest".  ``digits`` of the gains, which are rounded up.
+    ``progress`` is called with what is being done.  Gains that the problem has are not looked at.
     Returns: a PinningDesign: PROVED; REFUTED with the reason; UNDECIDED.  The last two with the nearest request.
     Raises: SpecError for a wrong request, or couplings without a derivative at the consensus.
     Source: theory, sections 4, 5 and 7.
@@ -114,14 +83,19 @@ def design_pinning(
         >>> found.verdict.value, list(found.gains)
         ('proved', ['gateway'])
     """
+    from dobc_design.synthesis.pinning.regions import search_region
     from dobc_design.synthesis.pinning.request import read_request
-    from dobc_design.synthesis.pinning.stage import designed_pinning
+    from dobc_design.synthesis.pinning.search import search_pinning
 
     problem = problem if isinstance(problem, Problem) else load_problem(problem)
     request = read_request(
         problem.network.labels, rate=rate, allowed=allowed, cost=cost, max_gain=max_gain, pins=pins, digits=digits
     )
-    return designed_pinning(problem, request, region=region, method=method, progress=progress or (lambda stage: None))
+    progress = progress or (lambda stage: None)
+    if region is None:
+        return search_pinning(problem, request, progress)
+    progress("looking for gains that do over the region")
+    return search_region(problem, request, region)
 
 
 def design(
@@ -148,9 +122,8 @@ def design(
     Returns: a Design: PROVED, with ``problem`` and ``certificate``; REFUTED with the reason; UNDECIDED.  The last two
     with the nearest possible request.  Raises: SpecError for a wrong argument.
     """
-    from dobc_design.synthesis.joint.ground import Tools
-    from dobc_design.synthesis.joint.joint import joint_design
     from dobc_design.synthesis.joint.request import read_design_request
+    from dobc_design.synthesis.joint.search import search_design
 
     problem = problem if isinstance(problem, Problem) else load_problem(problem)
     request = read_design_request(
@@ -163,10 +136,7 @@ def design(
         digits=digits,
         reduce=reduce,
     )
-    tools = Tools(
-        certify=certify, observer=design_observer, pinning=design_pinning, progress=progress or (lambda stage: None)
-    )
-    return joint_design(problem, request, tools)
+    return search_design(problem, request, progress or (lambda stage: None))
 
 
 def trade_off(
@@ -183,23 +153,19 @@ def trade_off(
 ) -> TradeOff:
     """One limit of a design in terms of another, as a curve.
 
-    ``curve``: "gain", the sum of the gains against the rate, with the pins of ``design``, or those that ``design()``
-    would begin with; "pins", the rate that gains approach against the number of pinned agents; "noise", the gain from
-    measurement noise to dhat against the decay of the estimate's error.  ``design``: one of this problem, whose point
-    is marked and whose W is used.  ``points``: how many.  ``pins``, ``max_gain``, ``allowed``, ``digits`` and
-    ``progress`` are as in ``design``; gains that the problem has are not looked at.  With a [region] the curves "gain"
-    and "pins" are about it, and are what floating point sees.
+    ``curve``: "gain", the sum of the gains of proved designs against the rate asked, with the pins of ``design``, or
+    those that ``design()`` would begin with; "pins", the rate that gains approach over the [region], or next to the
+    consensus, against the number of pinned agents, as floating point sees it; "noise", the gain from measurement noise
+    to dhat against the decay of the estimate's error.  ``design``: one of this problem, whose point is marked and whose
+    W is used.  ``points``: how many are tried.  ``pins``, ``max_gain``, ``allowed``, ``digits`` and ``progress`` are as
+    in ``design``; gains that the problem has are not looked at.
     Returns: a TradeOff with ``points``, ``plot()`` and ``to_pandas()``.  Raises: SpecError for a wrong argument.
     """
-    from dobc_design.synthesis.joint.curves import Terms, read_points, trade_off_of
-    from dobc_design.synthesis.joint.ground import Tools
     from dobc_design.synthesis.joint.request import read_design_request
+    from dobc_design.synthesis.joint.search import trade_off_of
 
     problem = problem if isinstance(problem, Problem) else load_problem(problem)
     request = read_design_request(problem.network.labels, pins=pins, max_gain=max_gain, allowed=allowed, digits=digits)
-    tools = Tools(
-        certify=certify, observer=design_observer, pinning=design_pinning, progress=progress or (lambda stage: None)
+    return trade_off_of(
+        problem, request, curve, design=design, points=points, progress=progress or (lambda stage: None)
     )
-    W = observer_gain(problem) if design is None or design.W is None else design.W
-    terms = Terms(problem=problem, request=request, W=W, design=design, points=read_points(points), tools=tools)
-    return trade_off_of(terms, curve)

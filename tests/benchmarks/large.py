@@ -21,11 +21,11 @@ from simulation import cpu
 
 from dobc_design.conditions.asked import read_region
 from dobc_design.conditions.check import Check
+from dobc_design.conditions.consensus.claim import state_theorems
 from dobc_design.conditions.consensus.decide import enclosed_lambda
 from dobc_design.conditions.consensus.dominating import dominating_vector, vector_at
 from dobc_design.conditions.consensus.jacobian import float_lambda
 from dobc_design.conditions.consensus.negative import shown_bound
-from dobc_design.conditions.consensus.statements import state_theorems
 from dobc_design.conditions.separable.decide import coupling_profiles
 from dobc_design.conditions.separable.large import arc_rows, float_kinds, open_rows
 from dobc_design.conditions.separable.observer import first_certificate, verify_composite

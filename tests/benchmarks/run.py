@@ -27,9 +27,8 @@ from pinning import large_design, pinning_bars, shared_design
 from simulation import simulation_bars, simulation_growth, whole_run
 
 from dobc_design.certification.certify import certify
-from dobc_design.conditions.consensus.claim import reduced
+from dobc_design.conditions.consensus.claim import reduced, state_theorems
 from dobc_design.conditions.consensus.reduced import solve_reduced
-from dobc_design.conditions.consensus.statements import state_theorems
 from dobc_design.exact.cholesky import Scaled, bad_direction, proves_by_integers, scaled
 from dobc_design.exact.definite import decide_quickly
 from dobc_design.exact.symmetric import SparseSymmetric

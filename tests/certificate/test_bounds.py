@@ -11,7 +11,7 @@ import pytest
 import dobc_design as dd
 from dobc_design.certificate.bounds import certified_bound
 from dobc_design.certificate.certificate import Certificate
-from dobc_design.conditions.check import Check
+from dobc_design.conditions.check import Check, Values
 from dobc_design.errors import CertificateError, SpecError
 from dobc_design.problem.exosystems import Exosystem
 from dobc_design.problem.groups import Observer
@@ -52,16 +52,18 @@ QUADRATIC = Check(
     domain={"kind": "ball", "radius": 0.5, "disturbance": 0.25},
     rate=0.25,
     reason="",
-    exact={
-        "method": "interval",
-        "level": "5/2",
-        "radius": "1",
-        "rate": "1/4",
-        "P": [["2"]],
-        "multipliers": {},
-        "P_e": [[0, 0, "2"], [0, 1, "1/2"], [1, 1, "1"], [2, 2, "3"]],
-        "ranges": [{"coupling": 0, "gains": [[["1", "4"]]]}],
-    },
+    claim=Values(
+        {
+            "method": "interval",
+            "level": "5/2",
+            "radius": "1",
+            "rate": "1/4",
+            "P": [["2"]],
+            "multipliers": {},
+            "P_e": [[0, 0, "2"], [0, 1, "1/2"], [1, 1, "1"], [2, 2, "3"]],
+            "ranges": [{"coupling": 0, "gains": [[["1", "4"]]]}],
+        }
+    ),
 )
 
 
@@ -175,7 +177,7 @@ def test_a_run_of_another_problem_is_refused(curved):
 def test_a_claim_that_cannot_be_read_is_no_bound(curved):
     problem, certificate = curved
     check = certificate.check("max-separable")
-    broken = replace(check, exact={**check.exact, "v": ["1", "2"]})
+    broken = replace(check, claim=Values({**check.exact, "v": ["1", "2"]}))
     claims = replace(certificate.claims, checks=(broken,))
     with pytest.raises(CertificateError, match="cannot be read"):
         replace(certificate, claims=claims).envelope(dd.simulate(problem, t_final=1))

@@ -16,9 +16,12 @@ import pytest
 from dobc_design.certificate.certificate import Certificate
 from dobc_design.certificate.claims import Claims
 from dobc_design.certificate.regions import RegionClaim, Regions
-from dobc_design.conditions.check import Check, Witness
+from dobc_design.conditions.boxes.claim import Shell
+from dobc_design.conditions.check import Check, Values, Witness
 from dobc_design.conditions.numbers import claimed
+from dobc_design.conditions.quadratic.claim import Lure
 from dobc_design.errors import CertificateError
+from dobc_design.exact.symmetric import SparseSymmetric
 from dobc_design.problem.exosystems import Exosystem
 from dobc_design.problem.groups import Observer
 from dobc_design.problem.network import Network
@@ -74,7 +77,7 @@ def max_separable(*, radius: float = 1.0, disturbance: float = 0.0, rate: float 
         rate=rate,
         domain={"kind": "box", "radius": radius, "disturbance": disturbance},
         reason="from every start V decays. The box stops there.",
-        exact={"v": ["1", "2"], "alpha": "1/2", "rho": "1", **exact},
+        claim=Values({"v": ["1", "2"], "alpha": "1/2", "rho": "1", **exact}),
     )
 
 
@@ -85,15 +88,13 @@ def lure(*, radius: float, P_e: list[list[Any]], level: str = "1", rate: float =
         rate=rate,
         domain={"kind": "ball", "radius": radius, "disturbance": 0.0},
         reason="from every start in a ball V decays.",
-        exact={
-            "method": "lure",
-            "P_e": P_e,
-            "level": level,
-            "radius": "1",
-            "ranges": [],
-            "multipliers": {},
-            "rate": "1",
-        },
+        claim=Lure(
+            P_e=SparseSymmetric(1 + max(j for _, j, _ in P_e), {(i, j): Fraction(x) for i, j, x in P_e}),
+            ranges=(),
+            radius=Fraction(1),
+            level=Fraction(level),
+            rate=Fraction(1),
+        ),
     )
 
 
@@ -154,7 +155,8 @@ def test_the_time_of_a_ball_takes_the_softest_direction_of_its_weights():
 def test_the_time_of_an_exhaustive_proof_starts_at_its_outer_level():
     """e'e <= 4, though the inner level is 1: |e| <= 2 exp(-t), which is 0.01 after ln(200) s."""
     inner = lure(radius=1.0, P_e=[[0, 0, "1"], [1, 1, "1"]])
-    outer = dataclasses.replace(inner, id="exhaustive", exact={**(inner.exact or {}), "outer": "4"})
+    shell = Shell(lure=inner.claim, outer=Fraction(4), half=Fraction(2), tree=".")
+    outer = dataclasses.replace(inner, id="exhaustive", claim=shell)
     claim = only(regions(chain(), outer))
     assert claim.time is not None
     assert 2 * math.exp(-claim.time) <= 0.01 < 2 * math.exp(-(claim.time - 0.01))
@@ -221,7 +223,7 @@ def test_a_proof_for_every_start_needs_no_radius():
         domain="global",
         rate=0.5,
         reason="from every start V decays.",
-        exact={"v": ["1", "2"], "alpha": "1/2", "rho": None},
+        claim=Values({"v": ["1", "2"], "alpha": "1/2", "rho": None}),
     )
     claim = only(regions(linear, everywhere))
     assert (claim.kind, claim.box, claim.covers, claim.limit) == ("everywhere", None, True, "")

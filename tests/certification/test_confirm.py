@@ -12,10 +12,9 @@ import pytest
 from regions import without_region
 
 from dobc_design.certification.certify import certify
-from dobc_design.certification.confirm import Trusted, confirm, expected_checks
-from dobc_design.certification.recheck import recheck
-from dobc_design.conditions.check import Check, Witness
-from dobc_design.conditions.consensus.statements import state_theorems
+from dobc_design.certification.recheck import Trusted, confirm, expected_checks, recheck
+from dobc_design.conditions.check import Check, Values, Witness
+from dobc_design.conditions.consensus.claim import state_theorems
 from dobc_design.problem.exosystems import Exosystem
 from dobc_design.problem.groups import Observer
 from dobc_design.problem.load import load_problem
@@ -59,7 +58,9 @@ def test_unstable_roots_cannot_be_slipped_into_another_check(local, verdict):
     """A proved or undecided Lemma 1 with "unstable_roots" must not make the whole refuted."""
     problem, certificate = local
     numbers = {} if verdict is PROVED else {"margin": None, "rate": None}
-    claims = bent(certificate, "lemma1", overall=REFUTED, verdict=verdict, exact={"unstable_roots": "1"}, **numbers)
+    claims = bent(
+        certificate, "lemma1", overall=REFUTED, verdict=verdict, claim=Values({"unstable_roots": "1"}), **numbers
+    )
     assert "lemma1 (G)" in failures(claims, problem)
     assert "refuted does not follow" in failures(claims, problem)
 
@@ -68,7 +69,7 @@ def test_a_bad_gain_of_the_certificate_cannot_refute_the_problem():
     """W is designed: the certificate may not bring a worse one and call consensus impossible."""
     problem = Problem(network=PAIR, coupling="abs(y)", gains={1: 1}, exosystem=Exosystem(A=[[0]], C=[[1]]))
     certificate = certify(problem)
-    claims = bent(certificate, "hurwitz", overall=REFUTED, verdict=UNDECIDED, exact=None, rate=None)
+    claims = bent(certificate, "hurwitz", overall=REFUTED, verdict=UNDECIDED, claim=None, rate=None)
     claims = replace(claims, W=((Fraction(-1),),))
     assert "refuted does not follow" in failures(claims, problem)
 
@@ -86,18 +87,18 @@ def test_a_bad_gain_of_the_certificate_cannot_refute_the_problem():
         ("theorem1", {"rate": -0.01}),
         ("theorem1", {"margin": None}),
         ("theorem1", {"witness": Witness(kind="vector", values=("1",))}),
-        ("lemma1", {"exact": {"value": "1"}}),
+        ("lemma1", {"claim": Values({"value": "1"})}),
         ("theorem1-printed", {"verdict": PROVED, "margin": 0.0, "witness": None}),
         ("theorem1-printed", {"margin": -5.0}),
         ("theorem1-printed", {"margin": 1.0}),
         ("theorem1-printed", {"rate": 0.1}),
         ("hurwitz", {"rate": 1.6}),
         ("hurwitz", {"verdict": REFUTED}),
-        ("hurwitz", {"exact": {"routh": ["1", "2", "3"]}}),
+        ("hurwitz", {"claim": Values({"routh": ["1", "2", "3"]})}),
         ("hurwitz", {"margin": 1.0}),
-        ("observability", {"exact": {"rank": "1"}}),
+        ("observability", {"claim": Values({"rank": "1"})}),
         ("observability", {"rate": 1.0}),
-        ("detectability", {"exact": {"unobservable_polynomial": "s + 1"}}),
+        ("detectability", {"claim": Values({"unobservable_polynomial": "s + 1"})}),
         ("reachability", {"verdict": REFUTED}),
         ("reachability", {"witness": Witness(kind="agents", labels=("1",))}),
         ("reachability", {"mode": "Gx"}),
@@ -119,15 +120,15 @@ def test_exact_values_have_to_be_the_ones_that_follow(paper, name):
         exact = dict(certificate.check(id).exact)
         wrong = "-9/9" if name == "bound" else [["1", "0"], ["0", "1"]]
         for value in ({**exact, name: wrong}, {key: x for key, x in exact.items() if key != name}):
-            assert f"{id}: exact" in failures(bent(certificate, id, exact=value), problem)
-        assert "exact" in failures(bent(certificate, id, exact={**exact, "more": "1"}), problem)
+            assert f"{id}: exact" in failures(bent(certificate, id, claim=Values(value)), problem)
+        assert "exact" in failures(bent(certificate, id, claim=Values({**exact, "more": "1"})), problem)
 
 
 def test_less_than_is_true_may_be_claimed(paper):
     """Smaller numbers, and "undecided" where the whole does not rest on it."""
     problem, certificate = paper
     assert failures(bent(certificate, "lemma1", margin=0.1, rate=0.01), problem) == ""
-    nothing = {"verdict": UNDECIDED, "margin": None, "rate": None, "exact": None, "witness": None}
+    nothing = {"verdict": UNDECIDED, "margin": None, "rate": None, "claim": None, "witness": None}
     assert failures(bent(certificate, "theorem1-printed", **nothing), problem) == ""
     claims = replace(bent(certificate, "theorem1", **nothing), P=None, Q=None)
     assert "proved does not follow" in failures(claims, problem)
@@ -187,8 +188,10 @@ def test_a_margin_of_a_refutation_must_follow_from_its_vector():
     assert (check.margin, check.witness.labels) == (-1.0, ("1",))
     assert failures(bent(certificate, "lemma1", margin=-0.5), problem) == ""
     assert "the margin" in failures(bent(certificate, "lemma1", margin=-1.001), problem)
-    assert "exact" in failures(bent(certificate, "lemma1", exact={**check.exact, "unstable_roots": "2"}), problem)
-    assert "exact" in failures(bent(certificate, "lemma1", exact={**check.exact, "value": "2"}), problem)
+    assert "exact" in failures(
+        bent(certificate, "lemma1", claim=Values({**check.exact, "unstable_roots": "2"})), problem
+    )
+    assert "exact" in failures(bent(certificate, "lemma1", claim=Values({**check.exact, "value": "2"})), problem)
 
 
 def test_one_failing_pair_refutes_the_printed_check_only(paper):
@@ -196,10 +199,10 @@ def test_one_failing_pair_refutes_the_printed_check_only(paper):
     problem, certificate = paper
     printed = certificate.check("theorem1-printed")
     refuted = {"verdict": REFUTED, "margin": None, "rate": None}
-    claims = bent(certificate, "theorem1", exact=printed.exact, witness=printed.witness, **refuted)
+    claims = bent(certificate, "theorem1", claim=Values(printed.exact), witness=printed.witness, **refuted)
     assert "theorem1: one pair failing" in failures(claims, problem)
     for block in ("hurwitz", "detectability"):
-        claims = bent(certificate, "theorem1", exact={"block": block}, **refuted)
+        claims = bent(certificate, "theorem1", claim=Values({"block": block}), **refuted)
         assert f"{block} is proved" in failures(claims, problem)
 
 
@@ -207,7 +210,7 @@ def test_a_designed_gain_that_fails_does_not_rule_out_every_pair():
     problem = Problem(network=PAIR, coupling="y", gains=1, exosystem=Exosystem(A=[[0]], C=[[1]]))
     bad = ((Fraction(-1),),)
     trusted = Trusted(problem=problem, statements=state_theorems(problem), W=bad, pair=None)
-    check = Check(id="theorem1", verdict=REFUTED, domain="global", reason="", exact={"block": "hurwitz"})
+    check = Check(id="theorem1", verdict=REFUTED, domain="global", reason="", claim=Values({"block": "hurwitz"}))
     assert confirm(check, trusted) == "another W can be designed, so no pair is ruled out"
 
 

@@ -10,9 +10,10 @@ import sympy as sp
 from groups_oracle import GroupsOracle
 
 from dobc_design.certification.certify import certify, verify
-from dobc_design.certification.confirm import expected_checks
-from dobc_design.conditions.consensus.decide import Pair, psi_is_negative
-from dobc_design.conditions.consensus.statements import state_theorems
+from dobc_design.certification.recheck import expected_checks
+from dobc_design.conditions.check import Values
+from dobc_design.conditions.consensus.claim import Pair, state_theorems
+from dobc_design.conditions.consensus.decide import psi_is_negative
 from dobc_design.conditions.quadratic.claim import Lure
 from dobc_design.conditions.quadratic.decide import verify_lure
 from dobc_design.exact.matrix import multiply, scale
@@ -240,7 +241,7 @@ def test_a_region_is_proved_with_the_observers_of_all_groups():
     claim = dict(certificate.check("max-separable").exact or {})
     least = min(Fraction(x) for x in claim["v"])
     kappa = str(1 / (Fraction(claim["beta"]) * least))
-    weaker = replace(certificate.check("max-separable"), exact=claim | {"kappa": kappa})
+    weaker = replace(certificate.check("max-separable"), claim=Values(claim | {"kappa": kappa}))
     checks = tuple(weaker if check.id == weaker.id else check for check in certificate.checks)
     assert not verify(replace(certificate.claims, checks=checks), problem).holds
 

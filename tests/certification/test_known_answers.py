@@ -14,8 +14,8 @@ from certified import certified
 from exact_oracle import Oracle
 
 from dobc_design.certification.certify import certify, verify
-from dobc_design.conditions.consensus.decide import Pair, pair_facts, schur_block
-from dobc_design.conditions.consensus.statements import state_theorems
+from dobc_design.conditions.consensus.claim import Pair, PairFacts, state_theorems
+from dobc_design.conditions.consensus.decide import schur_block
 from dobc_design.exact.matrix import multiply, scale
 from dobc_design.exact.number import number_text
 from dobc_design.problem.exosystems import Exosystem
@@ -115,7 +115,7 @@ def test_a_scaled_pair_needs_less_of_the_network(factor):
     Q = multiply(P, tuple(tuple(Fraction(x) for x in row) for row in PRINTED_W))
     assert Q == ((1,), (0,))
     pair = Pair(P=scale(factor, P), Q=scale(factor, Q))
-    assert pair_facts(pair, schur_block(pair, paper_exosystem()))["bound"] == str(Fraction(-9, 8) / factor)
+    assert PairFacts(pair=pair, S=schur_block(pair, paper_exosystem())).bound == Fraction(-9, 8) / factor
 
 
 def test_twice_the_printed_pair_proves_what_the_printed_pair_does_not():

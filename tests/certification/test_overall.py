@@ -11,6 +11,7 @@ from regions import at_the_consensus
 from dobc_design.certification.certify import certify, verify
 from dobc_design.certification.overall import decide_overall
 from dobc_design.conditions.check import Check
+from dobc_design.conditions.consensus.claim import Unstable
 from dobc_design.conditions.coverage import asked_radius, covers
 from dobc_design.problem.exosystems import Exosystem
 from dobc_design.problem.groups import Observer
@@ -243,7 +244,7 @@ def test_instability_is_believed_of_a_refuted_lemma_only(kind):
     """A certificate that says "unstable_roots" anywhere else must not turn the verdict."""
     asked = problem(h="tanh(y)", region=region(-1, 1))
     checks = [
-        replace(c, exact={"unstable_roots": "1"}, verdict=kind) if c.id == "lemma1" else c
+        replace(c, claim=Unstable(roots=1), verdict=kind) if c.id == "lemma1" else c
         for c in at_the_consensus(certify(asked).checks)
     ]
     assert decide_overall(asked, checks, None).verdict is UNDECIDED

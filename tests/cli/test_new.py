@@ -14,9 +14,9 @@ from pathlib import Path
 import pytest
 
 from dobc_design.certification.certify import certify, verify
-from dobc_design.cli.completion import ids, problem_names
 from dobc_design.cli.doctor import Item, examine, fits, install_command
 from dobc_design.cli.new import scaffold
+from dobc_design.cli.output import ids, problem_names
 from dobc_design.conditions.kinds import KINDS
 from dobc_design.problem.load import load_problem
 from dobc_design.problem.schema import json_schema

@@ -10,9 +10,10 @@ import pytest
 from problem_texts import listening_pair_text
 
 from dobc_design.certificate.certificate import Certificate
+from dobc_design.certification import certify as certification
+from dobc_design.certification import search as searching
 from dobc_design.certification.certify import certify
 from dobc_design.certification.search import Searched, search_certificate
-from dobc_design.cli import region as cli_region
 from dobc_design.problem.problem import Problem
 
 SINES = """\
@@ -54,8 +55,8 @@ def search_briefly(certificate: Certificate, *, progress: object) -> Searched:
 @pytest.fixture
 def dobc(command_line, tmp_path, monkeypatch):
     """Run the command line in an empty folder: exit code, standard output, standard error."""
-    monkeypatch.setattr(cli_region, "certify", certify_once)
-    monkeypatch.setattr(cli_region, "search_certificate", search_briefly)
+    monkeypatch.setattr(certification, "certify", certify_once)
+    monkeypatch.setattr(searching, "search_certificate", search_briefly)
     (tmp_path / "free.toml").write_text(SINES.replace("sin(y)", "tanh(y)"), encoding="utf-8")
     (tmp_path / "near.toml").write_text(ASKED.replace("HALF", "0.5"), encoding="utf-8")
     (tmp_path / "far.toml").write_text(ASKED.replace("HALF", "2"), encoding="utf-8")

@@ -116,6 +116,18 @@ def test_a_run_that_diverges_is_an_answer(dobc):
         (("no-such-problem",), "no-such-problem"),
         (("paper-fixed", "--out", "file"), "--out"),
         (("paper-fixed", "--out", "--json"), "--out"),
+        (("paper-fixed", "--fail", "3"), "--fail"),
+        (("paper-fixed", "--fail", "3@soon"), "--fail"),
+        (("paper-fixed", "--fail", "3@1:melt"), "--fail"),
+        (("paper-fixed", "--fail", "99@1"), "failures"),
+        (("paper-fixed", "--loss", "2"), "loss"),
+        (("paper-fixed", "--period", "-1"), "period"),
+        (("paper-fixed", "--noise", "nan"), "noise"),
+        (("paper-fixed", "--saturation", "0"), "saturation"),
+        (("paper-fixed", "--what-breaks-first", "--runs", 2), "--what-breaks-first"),
+        (("paper-fixed", "--what-breaks-first", "--noise", 0.1), "--what-breaks-first"),
+        (("paper-fixed", "--what-breaks-first", "--fail", "1@2"), "--what-breaks-first"),
+        (("paper-fixed", "--what-breaks-first", "--observer", "off"), "--what-breaks-first"),
     ],
 )
 def test_a_mistake_is_named_by_its_key_and_nothing_is_written(dobc, arguments, key: str):
@@ -153,25 +165,6 @@ def test_stress_options_reach_the_run_and_are_said(dobc):
     stress = Stress(noise=0.01, saturation=4, period=0.05, loss=0.1, disturbance=0.1, failures=failures)
     assert stress_from_json(stored.stress) == stress
     assert np.array_equal(stored.x, simulate("paper-fixed", t_final=2, stress=stress).x)
-
-
-@pytest.mark.parametrize(
-    ("arguments", "key"),
-    [
-        (("--fail", "3"), "--fail"),
-        (("--fail", "3@soon"), "--fail"),
-        (("--fail", "3@1:melt"), "--fail"),
-        (("--fail", "99@1"), "failures"),
-        (("--loss", "2"), "loss"),
-        (("--period", "-1"), "period"),
-        (("--noise", "nan"), "noise"),
-        (("--saturation", "0"), "saturation"),
-    ],
-)
-def test_a_wrong_stress_is_named_by_its_key(dobc, arguments, key: str):
-    code, out, _ = dobc("paper-fixed", *arguments, "--json")
-    assert code == 2
-    assert json.loads(out)["error"]["key"] == key
 
 
 def test_agents_that_move_in_space_are_written_as_a_page(dobc):
@@ -288,13 +281,6 @@ def test_without_its_observer_the_papers_example_keeps_a_residual_and_the_full_l
     ]
     assert ends[0] == pytest.approx(ends[1], abs=1e-7)
     assert dobc("paper-fixed", "--observer", "slow")[0] == 2
-
-
-@pytest.mark.parametrize("options", [("--runs", 2), ("--noise", 0.1), ("--fail", "1@2"), ("--observer", "off")])
-def test_options_that_what_breaks_first_chooses_itself_are_refused(dobc, options):
-    code, out, _ = dobc("paper-fixed", "--what-breaks-first", *options, "--json")
-    assert code == 2
-    assert json.loads(out)["error"]["key"] == "--what-breaks-first"
 
 
 def test_a_file_may_say_where_its_runs_start_and_who_is_near(dobc):

@@ -72,7 +72,6 @@ ITEMS = (
     Item(name="pins-of-fifty", run=pinning.gaps, count=20, seed=9600),
     Item(name="optimal", run=optimal.pinning, count=10_000, seed=9700),
     Item(name="optimal-boxes", run=optimal.boxes, count=10_000, seed=9750),
-    Item(name="optimal-observers", run=optimal.observers, count=10_000, seed=9800),
     Item(name="designs", run=designs.requests, count=100, seed=9900),
     Item(name="built-in-designs", run=designs.built_in, count=6, seed=0),
     Item(name="hadamard", run=hadamard.run, count=240, seed=7000),

@@ -14,8 +14,8 @@ import numpy as np
 import sympy
 from evidence.row import Row
 
-from dobc_design.conditions.consensus.jacobians import jacobians_at_consensus
-from dobc_design.coupling.functions import FUNCTIONS
+from dobc_design.conditions.consensus.claim import jacobians_at_consensus
+from dobc_design.coupling.tree import FUNCTIONS
 from dobc_design.model.model import build_model
 from dobc_design.problem.network import Network
 from dobc_design.problem.problem import Problem

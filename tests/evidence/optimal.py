@@ -17,7 +17,6 @@ from evidence.row import Row
 from exact_oracle import positive_definite
 
 import dobc_design as dd
-from dobc_design.problem import exosystems
 from dobc_design.problem.network import Network
 from dobc_design.problem.problem import Problem
 
@@ -36,11 +35,6 @@ def pinning(count: int, seed: int) -> Row:
 def boxes(count: int, seed: int) -> Row:
     """Gains of max-separable certificates, linear couplings: feasible iff a nonsymmetric Z-matrix is an M-matrix."""
     return _compare("gains of boxes: no feasible neighbour is cheaper by 1e-6", count, seed, _gains_of_boxes)
-
-
-def observers(count: int, seed: int) -> Row:
-    """The least |W| for a rate, and the Kalman gain's least variance (the H2 norm from noise to the error)."""
-    return _compare("observers: no feasible neighbour has less |W| or variance by 1e-6", count, seed, _observers)
 
 
 # One problem: how far its optimum may be undercut, a draw of a neighbour, and its exact value (None: not feasible).
@@ -123,59 +117,6 @@ def _gains_of_boxes(r: Random) -> Iterator[Case]:
     yield "box", design.cost, _neighbours(r, design.gains, allowed), value
 
 
-def _observers(r: Random) -> Iterator[Case]:
-    w = [r.uniform(0.5, 3) for _ in range(2)]
-    shape = r.choice(
-        (
-            exosystems.harmonics(round(w[0], 2)),
-            exosystems.ramp(),
-            exosystems.polynomial(2),
-            exosystems.harmonics([round(w[0], 2), round(w[0] + w[1], 2)]),
-        )
-    )
-    network = Network.from_arcs([[1, 2], [2, 1]], arrow="listens_to", agents=2)
-    problem = Problem(network=network, coupling="y", gains={1: 1}, exosystem=shape)
-    q, rate = shape.order, Fraction(r.randint(3, 12), 10)
-    if r.random() < 0.5:
-        own = dd.design_observer(problem, rate=rate, digits=12).W
-        inner = dd.design_observer(problem, rate=rate * Fraction(6, 5), digits=12).W
-        if own is None or inner is None:
-            return
-        name, size = "|W|", lambda W: sum((row[0] ** 2 for row in W), Fraction(0))
-
-        def value(W: Rows) -> Fraction | None:
-            shifted = [
-                [x + (rate if i == j else 0) for j, x in enumerate(row)] for i, row in enumerate(_error(shape, W))
-            ]
-            return size(W) if _is_hurwitz(shifted) else None
-
-    else:
-        own = dd.design_observer(problem, method="kalman", digits=12).W
-        inner = own
-        name = "variance"
-
-        def value(W: Rows) -> Fraction | None:
-            F = _error(shape, W)
-            return _variance(F, W) if _is_hurwitz(F) else None
-
-    if own is None or inner is None:
-        return
-    optimum = value([list(row) for row in own]) if name == "variance" else size(own)
-    if optimum is None:
-        return
-
-    def draw() -> Rows:
-        """Towards a gain well inside, and a random step besides that is no longer than that."""
-        part, width = r.random(), 10.0 ** r.uniform(-6, -1)
-        return [
-            [_short(float(x) + part * width * 10 * float(y - x) + width * r.gauss(0, 0.3))]
-            for x, y in zip((row[0] for row in own), (row[0] for row in inner), strict=True)
-        ]
-
-    # |W|^2 is compared, so a millionth of |W| is about two of it: the stricter test is made.
-    yield f"{name}, q = {q}", optimum, draw, value
-
-
 def _neighbours(r: Random, gains: Any, allowed: Sequence[str]) -> Callable[[], dict[str, Fraction]]:
     """Gains with some raised and some lowered, by steps of every size."""
     top = float(max(gains.values()))
@@ -220,71 +161,3 @@ def _pivots_are_positive(table: Rows) -> bool:
     if np.min(np.linalg.eigvals(np.array(table, dtype=float)).real) < -1e-6:
         return False  # not near: saves the exact elimination, and is not counted
     return positive_definite(table)
-
-
-def _error(shape: Any, W: Rows) -> Rows:
-    """A - W C for one measurement."""
-    return [[a - W[i][0] * c for a, c in zip(row, shape.C[0], strict=True)] for i, row in enumerate(shape.A)]
-
-
-def _is_hurwitz(F: Rows) -> bool:
-    """All leading minors of Hurwitz's matrix are positive; the polynomial by Faddeev and Le Verrier."""
-    q = len(F)
-    if np.max(np.linalg.eigvals(np.array(F, dtype=float)).real) > 1e-6:
-        return False  # not near, as above
-    unit = [[Fraction(int(i == j)) for j in range(q)] for i in range(q)]
-    M, coefficients = unit, [Fraction(1)]
-    for k in range(1, q + 1):
-        product = [[sum((F[i][x] * M[x][j] for x in range(q)), Fraction(0)) for j in range(q)] for i in range(q)]
-        coefficients.append(-sum((product[i][i] for i in range(q)), Fraction(0)) / k)
-        M = [[product[i][j] + coefficients[-1] * unit[i][j] for j in range(q)] for i in range(q)]
-
-    def entry(index: int) -> Fraction:
-        return coefficients[index] if 0 <= index <= q else Fraction(0)
-
-    table = [[entry(2 * (j + 1) - (i + 1)) for j in range(q)] for i in range(q)]
-    return all(_determinant([row[: k + 1] for row in table[: k + 1]]) > 0 for k in range(q))
-
-
-def _determinant(table: Rows) -> Fraction:
-    if len(table) == 1:
-        return table[0][0]
-    return sum(
-        (
-            (-1) ** j * table[0][j] * _determinant([row[:j] + row[j + 1 :] for row in table[1:]])
-            for j in range(len(table))
-            if table[0][j]
-        ),
-        Fraction(0),
-    )
-
-
-def _variance(F: Rows, W: Rows) -> Fraction:
-    """trace X with F X + X F' + I + W W' = 0: white noise of unit intensity on the state and on the measurement."""
-    q = len(F)
-    places = [(i, j) for i in range(q) for j in range(i, q)]
-    number = {place: k for k, place in enumerate(places)}
-    number |= {(j, i): k for (i, j), k in number.items()}
-    table: Rows = []
-    for i, j in places:
-        row = [Fraction(0)] * (len(places) + 1)
-        for x in range(q):
-            row[number[x, j]] += F[i][x]
-            row[number[i, x]] += F[j][x]
-        row[-1] = -Fraction(int(i == j)) - W[i][0] * W[j][0]
-        table.append(row)
-    X = _solved(table)
-    return sum((X[number[i, i]] for i in range(q)), Fraction(0))
-
-
-def _solved(table: Rows) -> list[Fraction]:
-    """Gauss and Jordan with exchanges; the last column is the right side."""
-    work = [row[:] for row in table]
-    for k in range(len(work)):
-        pivot = next(i for i in range(k, len(work)) if work[i][k])
-        work[k], work[pivot] = work[pivot], work[k]
-        work[k] = [x / work[k][k] for x in work[k]]
-        for i, row in enumerate(work):
-            if i != k and row[k]:
-                work[i] = [x - row[k] * y for x, y in zip(row, work[k], strict=True)]
-    return [row[-1] for row in work]

@@ -12,9 +12,9 @@ import numpy as np
 from evidence.networks import network_problem
 from evidence.row import Row
 
-from dobc_design.conditions.consensus.decide import Pair, psi_is_negative
+from dobc_design.conditions.consensus.claim import Pair, Statements, state_theorems
+from dobc_design.conditions.consensus.decide import psi_is_negative
 from dobc_design.conditions.consensus.reduced import solve_reduced
-from dobc_design.conditions.consensus.statements import Statements, state_theorems
 from dobc_design.conditions.observer.gain import design_gain
 from dobc_design.conditions.observer.pair import lyapunov
 from dobc_design.exact.definite import decide_positive_definite

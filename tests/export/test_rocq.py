@@ -15,7 +15,7 @@ from certified import certified
 from regions import without_region
 
 from dobc_design.certification.certify import certify
-from dobc_design.conditions.consensus.statements import state_theorems
+from dobc_design.conditions.consensus.claim import state_theorems
 from dobc_design.errors import SpecError
 from dobc_design.exact.matrix import scale
 from dobc_design.export.rocq import rocq_proof

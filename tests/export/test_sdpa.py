@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 import dobc_design as dd
-from dobc_design.conditions.consensus.statements import state_theorems
+from dobc_design.conditions.consensus.claim import state_theorems
 from dobc_design.errors import SpecError
 from dobc_design.export.sdpa import normalisation, sdpa_text
 from dobc_design.problem.exosystems import Exosystem

@@ -7,11 +7,11 @@ from fractions import Fraction
 import mpmath
 import numpy as np
 import pytest
+from confirming import confirmed
 from equilibrium_cases import exact, half_difference, listening_pair, random_folded
 from lure_cases import HARMONIC, PAPER_GAIN, field
 from separable_problems import PAPER, cycle
 
-from dobc_design.conditions.equilibrium.decide import confirm_equilibrium
 from dobc_design.conditions.separable.claim import Separable
 from dobc_design.conditions.separable.decide import largest_rate, verify_separable
 from dobc_design.conditions.separable.propose import propose_separable, rounded_vectors
@@ -35,7 +35,7 @@ def test_two_agents_with_far_starts_rest_at_the_false_equilibrium():
     problem = listening_pair()
     check = equilibrium_check(problem)
     assert check.verdict is Verdict.REFUTED
-    assert confirm_equilibrium(check, problem, None, "consensus") is None
+    assert confirmed(check, problem) is None
     e = start_of(check)
     assert abs(abs(e[1] - e[0]) - 2 * SADDLE) < F(1, 10**5)
 

@@ -17,8 +17,7 @@ import dobc_design as dd
 from dobc_design.conditions.boxes.claim import Shell
 from dobc_design.conditions.quadratic.claim import Lure
 from dobc_design.conditions.quadratic.propose import design_lure, raise_rate
-from dobc_design.conditions.separable.checks import separable_from_json
-from dobc_design.conditions.separable.claim import Separable
+from dobc_design.conditions.separable.claim import Separable, separable_from_json
 from dobc_design.conditions.separable.decide import largest_rate
 from dobc_design.conditions.separable.observer import first_certificate
 from dobc_design.conditions.separable.propose import design_separable, propose_separable, rounded_vectors
@@ -214,7 +213,7 @@ def test_a_certificate_without_a_region_and_a_check_that_is_not_proved_are_refus
     with pytest.raises(SpecError, match="proved check of a region"):
         dd.falsify(problem, certified=certificate.checks[0])
     other = dd.certify(cycle(3, h="tanh(y)", region={"initial_states": [-1, 1]}))
-    with pytest.raises(SpecError, match="does not fit this problem"):
+    with pytest.raises(SpecError, match="one v per agent"):
         dd.falsify(problem, certified=other)
 
 

@@ -21,8 +21,10 @@ from dobc_design.analysis.analysis import (
 )
 from dobc_design.certificate.certificate import Certificate
 from dobc_design.certificate.claims import Claims
-from dobc_design.conditions.check import Check, Fix, Witness
+from dobc_design.conditions.check import Check, Fix, Values, Witness
+from dobc_design.conditions.quadratic.claim import Lure
 from dobc_design.exact.matrix import matrix
+from dobc_design.exact.symmetric import SparseSymmetric
 from dobc_design.problem.exosystems import Exosystem
 from dobc_design.problem.groups import Observer
 from dobc_design.problem.network import Network
@@ -59,7 +61,7 @@ def ring_checks(problem: Problem) -> tuple[Check, ...]:
             domain="global",
             rate=1.59999,
             reason="A - WC is Hurwitz.",
-            exact={"routh": ["1", "16/5", "44/5"]},
+            claim=Values({"routh": ["1", "16/5", "44/5"]}),
         ),
         Check(
             id="reachability",
@@ -85,7 +87,7 @@ def ring_checks(problem: Problem) -> tuple[Check, ...]:
             domain="consensus",
             margin=-0.53678,
             reason="Psi is not negative definite for this P.",
-            exact={"bound": "-9/8", "S": [["9/8"]]},
+            claim=Values({"bound": "-9/8", "S": [["9/8"]]}),
             witness=Witness(kind="vector", values=tuple(str(i) for i in range(30))),
         ),
         Check(
@@ -95,7 +97,7 @@ def ring_checks(problem: Problem) -> tuple[Check, ...]:
             margin=0.5319,
             rate=0.2618,
             reason="Psi < 0 holds exactly for a rational P.",
-            exact={"bound": "-1/20", "S": [["1/20"]]},
+            claim=Values({"bound": "-1/20", "S": [["1/20"]]}),
         ),
         Check(
             id="max-separable",
@@ -240,15 +242,17 @@ def asked_for(problem_with, certificate_of) -> dict[str, Any]:
         domain=box,
         rate=0.2,
         reason="from every start V decays.",
-        exact={
-            "v": ["1", *["3/2"] * 9],
-            "alpha": "1/5",
-            "rho": "9/2",
-            "P": [["1", "0"], ["0", "1"]],
-            "beta": "3/2",
-            "kappa": "7/10",
-            "size": "1",
-        },
+        claim=Values(
+            {
+                "v": ["1", *["3/2"] * 9],
+                "alpha": "1/5",
+                "rho": "9/2",
+                "P": [["1", "0"], ["0", "1"]],
+                "beta": "3/2",
+                "kappa": "7/10",
+                "size": "1",
+            }
+        ),
     )
     ball = Check(
         id="lure",
@@ -256,7 +260,13 @@ def asked_for(problem_with, certificate_of) -> dict[str, Any]:
         domain={"kind": "ball", "radius": 1.079, "disturbance": 0.5},
         rate=0.0001234,
         reason="from every start in a ball V decays. Beyond, and this takes several lines, no quadratic V is found.",
-        exact={"method": "vertices", "P_e": [[i, i, str(1 + i)] for i in range(10)], "level": "2"},
+        claim=Lure(
+            method="vertices",
+            P_e=SparseSymmetric(10, {(i, i): Fraction(1 + i) for i in range(10)}),
+            ranges=(),
+            radius=Fraction(1),
+            level=Fraction(2),
+        ),
     )
     delay = Check(
         id="delay",
@@ -264,7 +274,7 @@ def asked_for(problem_with, certificate_of) -> dict[str, Any]:
         domain=box,
         rate=0.1,
         reason="late.",
-        exact={"delay": "1/50", "rate": "1/10"},
+        claim=Values({"delay": "1/50", "rate": "1/10"}),
     )
     checks = (separable, ball, delay)
     certificate = certificate_of(problem, checks=checks, covered_by="max-separable", rate=0.2)

@@ -11,7 +11,7 @@ from typing import Any
 import pytest
 from shown import Page, compare_html, html_report
 
-from dobc_design.conditions.check import Check, Fix, Witness
+from dobc_design.conditions.check import Check, Fix, Values, Witness
 from dobc_design.problem.network import Network
 from dobc_design.verdict import Verdict
 
@@ -144,7 +144,7 @@ def test_hostile_names_stay_text(problem_with, certificate_of, analysis_of, traj
         verdict=Verdict.REFUTED,
         domain="<i>d</i>",
         reason=HOSTILE,
-        exact={"bound": HOSTILE, "value": HOSTILE, "<u>": "<u>"},
+        claim=Values({"bound": HOSTILE, "value": HOSTILE, "<u>": "<u>"}),
         witness=Witness(kind=HOSTILE, labels=(HOSTILE,), values=(HOSTILE,)),
         fix=Fix(kind="x", set={HOSTILE: HOSTILE}, text=HOSTILE),
     )
@@ -170,7 +170,7 @@ def test_hostile_names_stay_text(problem_with, certificate_of, analysis_of, traj
 @pytest.mark.parametrize("exact", [{"bound": "1/0"}, {"bound": 3, "S": "9"}, {"bound": "x" * 9, "S": [["1", "z"], []]}])
 def test_exact_values_that_are_no_numbers_are_left_out(certificate_of, exact: dict[str, Any]):
     """A certificate read from a file may hold anything there."""
-    check = Check(id="theorem1", verdict=Verdict.PROVED, domain="consensus", reason="r", exact=exact)
+    check = Check(id="theorem1", verdict=Verdict.PROVED, domain="consensus", reason="r", claim=Values(exact))
     page = Page(html_report(certificate_of(checks=(check,))))
     assert page.wrong == []
     assert "For the P found" not in page.text
@@ -234,7 +234,7 @@ def test_a_large_problem_gives_a_page_of_bounded_size(problem_with, certificate_
             domain="consensus",
             reason="long " * 2000,
             witness=Witness(kind="vector", labels=network.labels, values=values),
-            exact={"value": values[0]},
+            claim=Values({"value": values[0]}),
         )
         for k in range(3000)
     )

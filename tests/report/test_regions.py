@@ -13,7 +13,7 @@ from matplotlib.figure import Figure
 from shown import html_report, markdown_report
 
 from dobc_design.certificate.regions import AgentBound, Asked, RegionClaim, Regions
-from dobc_design.conditions.check import Check, Witness
+from dobc_design.conditions.check import Check, Values, Witness
 from dobc_design.problem.network import Network
 from dobc_design.report.figures import plot_regions, plot_starts
 from dobc_design.report.pictures import region_pictures, region_sheet, svg_of
@@ -107,8 +107,8 @@ def test_where_nothing_is_asked_the_sentence_says_so():
 
 
 def test_delays_and_sampling_have_a_sentence_each():
-    delay = check("delay", rate=0.101989, exact={"delay": "1/50", "rate": "101989/1000000"})
-    sampling = check("sampling", exact={"period": "21/1000", "factor": "99/100"})
+    delay = check("delay", rate=0.101989, claim=Values({"delay": "1/50", "rate": "101989/1000000"}))
+    sampling = check("sampling", claim=Values({"period": "21/1000", "factor": "99/100"}))
     late, held = timing_sentences(make(claim(), delay=delay, sampling=sampling))
     assert "late by any bounded time" in late
     assert "up to 0.02 s" in late
@@ -118,14 +118,14 @@ def test_delays_and_sampling_have_a_sentence_each():
 
 
 def test_without_a_disturbance_nothing_is_added_to_the_fall_of_a_sample():
-    calm = check("sampling", domain={**BOX, "disturbance": 0.0}, exact={"period": "1/2", "factor": "1/2"})
+    calm = check("sampling", domain={**BOX, "disturbance": 0.0}, claim=Values({"period": "1/2", "factor": "1/2"}))
     (held,) = timing_sentences(make(claim(), sampling=calm))
     assert held.endswith("at least 50 % a sample.")
 
 
 def test_a_very_short_period_is_explained_and_one_of_a_hundredth_is_not():
-    short = check("sampling", exact={"period": "1/1000000", "factor": "999/1000"})
-    enough = check("sampling", exact={"period": "1/100", "factor": "999/1000"})
+    short = check("sampling", claim=Values({"period": "1/1000000", "factor": "999/1000"}))
+    enough = check("sampling", claim=Values({"period": "1/100", "factor": "999/1000"}))
     assert "That is short because" in timing_sentences(make(claim(), sampling=short))[0]
     assert "That is short because" not in timing_sentences(make(claim(), sampling=enough))[0]
 
@@ -238,7 +238,7 @@ def test_the_markdown_text_has_the_same_table(asked_for: dict[str, Any]):
 def test_a_proof_that_covers_delays_and_sampling_does_not_exclude_them(asked_for: dict[str, Any]):
     assert "messages without delay" in html_report(**asked_for)
     certificate = asked_for["certificate"]
-    sampling = check("sampling", exact={"period": "1/50", "factor": "99/100"})
+    sampling = check("sampling", claim=Values({"period": "1/50", "factor": "99/100"}))
     claims = dataclasses.replace(certificate.claims, checks=(*certificate.checks, sampling))
     page = html_report(dataclasses.replace(certificate, claims=claims))
     assert "messages without delay" not in page

@@ -11,7 +11,7 @@ from shown import html_report, markdown_report
 
 import dobc_design
 from dobc_design.checker.checker import FACTS, REGIONAL
-from dobc_design.conditions.check import Check
+from dobc_design.conditions.check import Check, Values
 from dobc_design.conditions.kinds import KINDS
 from dobc_design.report.checks import reproduction, trace_section
 from dobc_design.report.document import Name
@@ -62,7 +62,7 @@ def test_the_fingerprint_of_the_certificate_is_that_of_its_file(certificate, tmp
     ],
 )
 def test_the_command_asks_for_the_settling_time_that_is_proved(certificate_of, exact, verdict, command: str):
-    check = Check(id="settling", verdict=verdict, domain="global", reason="r", exact=exact)
+    check = Check(id="settling", verdict=verdict, domain="global", reason="r", claim=Values(exact))
     assert reproduction(certificate_of(checks=(check,))).certify == command
 
 
@@ -76,7 +76,9 @@ def test_the_command_asks_for_the_settling_time_that_is_proved(certificate_of, e
 )
 def test_the_command_has_the_options_of_the_certificate_that_are_known(certificate_of, options, command: str):
     """A file may say anything: only what can be an option is repeated."""
-    proved = Check(id="settling", verdict=Verdict.PROVED, domain="global", reason="r", exact={"tolerance": "1/7"})
+    proved = Check(
+        id="settling", verdict=Verdict.PROVED, domain="global", reason="r", claim=Values({"tolerance": "1/7"})
+    )
     certificate = certificate_of(checks=() if "--search" in options else (proved,), options=options)
     assert reproduction(certificate).certify == command
 

@@ -116,35 +116,10 @@ def test_a_rational_of_ten_megabytes_is_refused(valid, text):
 
 
 PLACES = {
-    "certificate.json": [
-        ("version",),
-        ("rate",),
-        ("reason",),
-        ("notes",),
-        ("checks",),
-        ("checks", 0, "margin"),
-        ("checks", 0, "exact"),
-        ("checks", 0, "domain"),
-        ("observer", "P"),
-        ("observer", "P", 0),
-        ("observer", "P", 0, 0),
-        ("problem_sha256",),
-    ],
-    "problem.json": [
-        ("version",),
-        ("name",),
-        ("labels",),
-        ("labels", 0),
-        ("dimension",),
-        ("modes", 0, "arcs"),
-        ("modes", 0, "arcs", 0),
-        ("modes", 0, "arcs", 0, 0),
-        ("modes", 0, "arcs", 0, 2),
-        ("coupling", "h"),
-        ("gains", 0, 1),
-        ("exosystem", "A", 0, 0),
-        ("simulation", "seed"),
-    ],
+    "certificate.json": "version, rate, reason, notes, checks, checks 0 margin, checks 0 exact, checks 0 domain,"
+    " observer P, observer P 0, observer P 0 0, problem_sha256",
+    "problem.json": "version, name, labels, labels 0, dimension, modes 0 arcs, modes 0 arcs 0, modes 0 arcs 0 0,"
+    " modes 0 arcs 0 2, coupling h, gains 0 1, exosystem A 0 0, simulation seed",
 }
 
 
@@ -152,7 +127,8 @@ PLACES = {
 @pytest.mark.parametrize("reader", PLACES)
 def test_a_hostile_part_of_a_good_document_is_refused_or_changes_no_proof(reader, name, valid, problem):
     """Some parts are text that nobody judges, and may be anything."""
-    for place in PLACES[reader]:
+    for text in PLACES[reader].split(", "):
+        place = [int(part) if part.isdigit() else part for part in text.split()]
         document = json.loads(json.dumps(valid[reader]))
         holder: Any = document
         for key in place[:-1]:
@@ -161,7 +137,7 @@ def test_a_hostile_part_of_a_good_document_is_refused_or_changes_no_proof(reader
         found = take(READERS[reader][0], json.dumps(document).replace('"@@"', TREES[name]).encode(), READERS[reader][1])
         if found is not None and reader == "certificate.json":
             with time_limit(LIMIT):
-                assert recheck(found, problem).holds is (place in (("reason",),))
+                assert recheck(found, problem).holds is (text == "reason")
 
 
 @pytest.mark.parametrize("reader", PLACES)

@@ -25,7 +25,7 @@ from dobc_design.simulation.setting import groups_for, make_setting, switches_fo
 from dobc_design.simulation.signals import Mobile, Periodic, RandomDwell
 from dobc_design.simulation.stress import Failure, Stress, stress_from_json, stress_to_json
 from dobc_design.simulation.trajectory import load_trajectory
-from dobc_design.synthesis.observer.spectrum import sampled_matrix
+from dobc_design.synthesis.observer.decide import sampled_matrix
 
 HARMONIC = Exosystem(A=[[0, 2], [-2, 0]], C=[[1, 0]])
 PRINTED = Observer(W=[["16/5"], ["12/5"]])

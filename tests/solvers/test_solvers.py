@@ -7,9 +7,8 @@ from fractions import Fraction
 import numpy as np
 import pytest
 
-from dobc_design.conditions.consensus.claim import omega, reduced
+from dobc_design.conditions.consensus.claim import omega, reduced, state_theorems
 from dobc_design.conditions.consensus.reduced import reduced_program, solve_reduced
-from dobc_design.conditions.consensus.statements import state_theorems
 from dobc_design.errors import SpecError
 from dobc_design.exact.definite import decide_positive_definite
 from dobc_design.exact.matrix import from_float

@@ -6,19 +6,19 @@ docs/certificate-format.md, "Regions", fixes the form.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import replace
-from typing import Any, Final
+from typing import Final
 
 from dobc_design.conditions.boxes.claim import Shell
 from dobc_design.conditions.boxes.decide import verify_shell
-from dobc_design.conditions.check import Check
+from dobc_design.conditions.check import Check, read_object, starts_in, undecided_check
 from dobc_design.conditions.numbers import claimed, read_rational
 from dobc_design.conditions.quadratic.checks import (
-    ball,
     ball_is_inside,
     function_in_words,
     in_every_mode,
+    lure_from_json,
+    names_of,
     not_shown,
     pace_in_words,
     quadratic_obstacle,
@@ -27,10 +27,7 @@ from dobc_design.conditions.quadratic.checks import (
     wrong_outside,
 )
 from dobc_design.conditions.quadratic.decide import covers
-from dobc_design.conditions.quadratic.json_text import lure_from_json, lure_to_json, names_of
-from dobc_design.conditions.separable.checks import read_object, undecided_check
 from dobc_design.exact.matrix import Matrix
-from dobc_design.exact.number import number_text
 from dobc_design.problem.problem import Problem
 from dobc_design.verdict import Verdict
 
@@ -51,7 +48,7 @@ def exhaustive_check(
     """Decide ``shell`` as a proof for every start with |e| <= radius and |eps_i| <= disturbance; see ``lure_check``."""
     reason = quadratic_obstacle(problem, W)
     if reason is not None:
-        return undecided_check("exhaustive", domain, reason)
+        return undecided_check("exhaustive", domain, reason, applies=False)
     decision = verify_shell(problem, shell)
     if decision.verdict is not Verdict.PROVED:
         return undecided_check("exhaustive", domain, decision.reason)
@@ -62,38 +59,32 @@ def exhaustive_check(
         id="exhaustive",
         verdict=Verdict.PROVED,
         rate=rate_of(shell.lure),
-        domain=ball(radius, disturbance),
-        exact=shell_to_json(shell),
+        domain=starts_in("ball", radius, disturbance),
+        claim=shell,
         reason=f"from {starts_in_words(problem, outer, radius, disturbance)} V = {function_in_words(outer)} decreases"
         f"{pace_in_words(shell.lure)}: near the target by a quadratic certificate, farther out in"
         f" {shell.tree.count('.')} boxes, one by one{in_every_mode(problem)}.{remark}",
     )
 
 
-def confirm_exhaustive(check: Check, problem: Problem, W: Matrix | None, domain: str) -> str | None:
-    """None if everything a proved ``exhaustive`` claims is confirmed, else what is not; see ``confirm_lure``."""
+def confirm(check: Check, problem: Problem, W: Matrix | None, *, domain: str) -> str | None:
+    """None if everything a proved ``exhaustive`` claims is confirmed, else what is not.
+
+    ``domain`` is not needed: boxes are always about a ball.  Raises what a malformed claim raises.
+    """
+    del domain
     reason = wrong_outside(check, problem, W)
     if reason is not None:
         return reason
-    shell = shell_from_json(read_object(check.exact, (*names_of(problem), *NAMES)), problem, W)
+    shell = read_claim(check, problem, W)
     if not ball_is_inside(problem, replace(shell.lure, level=shell.outer), check.domain):
         return "the ball is not inside the invariant set"
     return not_shown(check, problem, shell.lure, verify_shell(problem, shell))
 
 
-def shell_to_json(shell: Shell) -> dict[str, Any]:
-    """The exact values of a proved exhaustive check.  Raises: ValueError for a rate other than the inner one."""
-    if shell.rate != shell.lure.rate:
-        raise ValueError("a certificate has one rate for both")
-    return lure_to_json(shell.lure) | {
-        "outer": number_text(shell.outer),
-        "half": number_text(shell.half),
-        "tree": shell.tree,
-    }
-
-
-def shell_from_json(values: Mapping[str, Any], problem: Problem, W: Matrix | None) -> Shell:
-    """Read them back; raises as ``lure_from_json``."""
+def read_claim(check: Check, problem: Problem, W: Matrix | None) -> Shell:
+    """What a proved check claims, for this problem and the gain W (q, m); raises as ``lure_from_json``."""
+    values = read_object(check.exact, (*names_of(problem), *NAMES))
     lure = lure_from_json({name: values[name] for name in names_of(problem)}, problem, W)
     if not isinstance(values["tree"], str):
         raise TypeError("tree must be text")

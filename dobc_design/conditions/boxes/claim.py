@@ -14,7 +14,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from fractions import Fraction
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,6 +24,7 @@ from dobc_design.coupling.enclosures import Curve, slope_form, value_form
 from dobc_design.errors import ShapeError, SpecError
 from dobc_design.exact.interval import Interval, UndefinedError
 from dobc_design.exact.matrix import Matrix, add, multiply, scale, transpose
+from dobc_design.exact.number import number_text
 from dobc_design.problem.groups import agent_blocks, block_diagonal
 from dobc_design.problem.problem import Problem
 
@@ -61,6 +62,13 @@ class Shell:
             raise SpecError("outer must be at least the level of the inner certificate, and half > 0.", key="outer")
         if not 0 <= self.rate <= self.lure.rate:
             raise SpecError("rate must be >= 0 and at most that of the inner certificate.", key="rate")
+
+    def to_json(self) -> dict[str, Any]:
+        """The exact values of a proved check.  Raises: ValueError for a rate other than the inner one."""
+        if self.rate != self.lure.rate:
+            raise ValueError("a certificate has one rate for both")
+        outer = {"outer": number_text(self.outer), "half": number_text(self.half), "tree": self.tree}
+        return self.lure.to_json() | outer
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

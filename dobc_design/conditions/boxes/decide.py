@@ -8,7 +8,8 @@ from typing import Final
 import numpy as np
 
 from dobc_design.conditions.boxes.claim import LEAF, Boxes, Shell, build_forms, energy_bounds, first_box, upper_bounds
-from dobc_design.conditions.consensus.decide import Pair, schur_block
+from dobc_design.conditions.consensus.claim import Pair
+from dobc_design.conditions.consensus.decide import schur_block
 from dobc_design.conditions.quadratic.claim import Lure
 from dobc_design.conditions.quadratic.decide import LureDecision, verify_lure
 from dobc_design.conditions.quadratic.sectors import Enclose, gains_on

@@ -16,15 +16,13 @@ from dobc_design.conditions.boxes.checks import exhaustive_check
 from dobc_design.conditions.boxes.claim import LARGEST, Shell
 from dobc_design.conditions.boxes.decide import border_of
 from dobc_design.conditions.boxes.propose import grow_shell
-from dobc_design.conditions.check import Check
-from dobc_design.conditions.numbers import claimed
+from dobc_design.conditions.check import Check, undecided_check
+from dobc_design.conditions.numbers import claimed, rounded_down
 from dobc_design.conditions.quadratic.checks import certified_ball, quadratic_obstacle
 from dobc_design.conditions.quadratic.decide import eigenvalue_bound
 from dobc_design.conditions.quadratic.propose import linear_rate
 from dobc_design.conditions.quadratic.stage import propose
-from dobc_design.conditions.separable.checks import undecided_check
 from dobc_design.conditions.separable.claim import acts_by_component
-from dobc_design.conditions.separable.decide import rounded_down
 
 logger = logging.getLogger("dobc_design")
 
@@ -51,7 +49,7 @@ def exhaustive_stage(asked: Asked, report: Progress) -> list[Check]:
     if reason is None and not acts_by_component(problem):
         reason = "does not apply: boxes are counted out for couplings that act on each state component by itself."
     if reason is not None:
-        return [undecided_check("exhaustive", asked.domain, reason)] if asked.everything else []
+        return [undecided_check("exhaustive", asked.domain, reason, applies=False)] if asked.everything else []
     report("deciding the region (exhaustive)")
     needed = 0.0 if asked.everything else math.nextafter(asked.ball, 0.0)
     best = _shell(asked, "identity", beyond=needed)

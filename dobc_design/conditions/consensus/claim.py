@@ -1,27 +1,253 @@
-"""Lemma 1 and Theorems 1 and 2 of the paper, stated once, for any enclosed Jacobians.
+"""Enclosures of dh/de on a domain, arc by arc (eq. 11).
 
-    Lambda(J) = J + J' - (K + K')                                            (10), twice F
-    Omega0    = P A + A' P - C'Q' - Q C
-    Psi(J)    = [[Lambda(J), I (x) C], [(I (x) C)', I (x) Omega0]] < 0       (18), (28)
-
-With a rate beta > 0, 2 beta diag(I, I (x) P) is added, and V' <= -2 beta V follows.  Unknowns are P
-(symmetric, q x q) and Q (q x m); W = P^-1 Q.  Lemma 1 is Lambda < 0 and has no unknowns.
+Today the only domain is the consensus, e = 0, where each gain is h'(0) of the arc: a point when it is
+rational, else a narrow outward interval.  A region will give wider intervals in the same place; Psi is
+affine in J, so the theorems need nothing else.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import math
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
 from fractions import Fraction
+from typing import Any, Final, overload
 
-from dobc_design.conditions.consensus.arrays import is_large, lemma1_in_arrays
-from dobc_design.conditions.consensus.jacobians import Jacobians, ModeJacobian
-from dobc_design.exact.interval import Interval
+import numpy as np
+from numpy.typing import NDArray
+
+from dobc_design.conditions.check import Check, Claim
+from dobc_design.conditions.numbers import doubles_to_json, read_rational
+from dobc_design.errors import SpecError
+from dobc_design.exact.interval import Interval, UndefinedError
 from dobc_design.exact.matrix import Matrix
+from dobc_design.exact.number import number_text
 from dobc_design.exact.pencil import Deviation, Pencil, Place, Unknown
-from dobc_design.exact.symmetric import SparseSymmetric
+from dobc_design.exact.reading import is_scalar_matrix
+from dobc_design.exact.symmetric import (
+    DENOMINATOR_BITS,
+    Integers,
+    IntegerSymmetric,
+    Places,
+    SparseSymmetric,
+    as_integers,
+)
+from dobc_design.problem.arcs import arc_table
+from dobc_design.problem.canonical import matrix_text
 from dobc_design.problem.exosystems import Exosystem
 from dobc_design.problem.groups import Group, group_numbers
+from dobc_design.problem.network import Arcs
 from dobc_design.problem.pinning import Pinning
+from dobc_design.problem.problem import Problem
+
+Gain = tuple[tuple[Interval, ...], ...]  # m x m
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class ModeJacobian:
+    """dh/de of one mode: J has +gain at block (listener, speaker) and -gain at (listener, listener).
+
+    ``gains[kind[a]]`` is the m x m gain of arc a, weight included; arcs that are alike share it.
+    """
+
+    name: str
+    arcs: Arcs
+    kind: NDArray[np.int64]
+    gains: tuple[Gain, ...]
+
+    @property
+    def is_point(self) -> bool:
+        """Whether every gain is a single rational matrix."""
+        return all(entry.lo == entry.hi for gain in self.gains for row in gain for entry in row)
+
+    @property
+    def is_nonnegative_diagonal(self) -> bool:
+        """Whether every gain is diagonal and >= 0: then -Lambda is a Z-matrix and J - K cannot be unstable."""
+        return all(
+            entry.lo >= 0 if i == j else entry.lo == entry.hi == 0
+            for gain in self.gains
+            for i, row in enumerate(gain)
+            for j, entry in enumerate(row)
+        )
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Jacobians:
+    """The Jacobians of every mode on one domain ("consensus", or "global" for linear couplings)."""
+
+    domain: str
+    size: int  # n
+    dimension: int  # m
+    modes: tuple[ModeJacobian, ...]
+
+
+def jacobians_at_consensus(problem: Problem) -> Jacobians:
+    """Enclose J(0) of every mode.
+
+    For linear couplings J does not depend on e, so the domain is "global".
+    Raises: exact.interval.UndefinedError if a coupling has no derivative at 0.
+    """
+    modes = tuple(_mode_jacobian(problem, name, arcs) for name, arcs in problem.network.modes.items())
+    domain = "global" if problem.is_linear else "consensus"
+    return Jacobians(domain=domain, size=problem.n, dimension=problem.m, modes=modes)
+
+
+def _mode_jacobian(problem: Problem, name: str, arcs: Arcs) -> ModeJacobian:
+    slopes = [coupling.jacobian_at_zero() for coupling in problem.couplings]
+    table = arc_table(problem, name)
+    weights = table.weights
+    pairs, kinds = np.unique(table.coupling * max(1, len(weights)) + table.weight, return_inverse=True)
+    gains: list[Gain] = []
+    for coupling, place in (divmod(pair, max(1, len(weights))) for pair in pairs.tolist()):
+        scale = Interval(weights[place], weights[place])
+        gains.append(tuple(tuple(entry * scale for entry in row) for row in slopes[coupling]))
+    kinds.setflags(write=False)
+    return ModeJacobian(name=name, arcs=arcs, kind=kinds, gains=tuple(gains))
+
+
+#: Rows n m, and arcs times m^2, beyond which Lambda is stated in arrays.
+LARGE_ROWS: Final = 2000
+LARGE_ENTRIES: Final = 20_000
+Triplets = tuple[Places, Places, Integers]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Deviations(Sequence[Deviation]):
+    """Deviations of very many arcs: number a stands at rows[a], speakers[a], listeners[a] and has sizes[kinds[a]]."""
+
+    rows: Places
+    speakers: Places
+    listeners: Places
+    kinds: Places
+    sizes: tuple[Fraction, ...]
+
+    def __len__(self) -> int:
+        return len(self.rows)
+
+    @overload
+    def __getitem__(self, place: int) -> Deviation: ...
+
+    @overload
+    def __getitem__(self, place: slice) -> list[Deviation]: ...
+
+    def __getitem__(self, place: int | slice) -> Deviation | list[Deviation]:
+        if isinstance(place, slice):
+            return [self[k] for k in range(*place.indices(len(self)))]
+        row, speaker, listener = (int(each[place]) for each in (self.rows, self.speakers, self.listeners))
+        return Deviation(row, speaker, listener, self.sizes[int(self.kinds[place])])
+
+
+def is_large(jacobian: ModeJacobian, *, size: int, dimension: int) -> bool:
+    """Whether this mode is to be stated in arrays."""
+    return size * dimension > LARGE_ROWS or len(jacobian.arcs) * dimension**2 > LARGE_ENTRIES
+
+
+def lemma1_in_arrays(jacobian: ModeJacobian, pinning: Pinning, *, size: int, dimension: int) -> Pencil | None:
+    """``conditions.lemma1`` with an IntegerSymmetric; None if the gains have no common denominator of 512 bits.
+
+    Both forms enclose the same matrices; middles and deviations of inexact slopes may differ.
+    """
+    held = {id(k): _symmetric(k) for k in pinning.gains.values()}  # agents often share one matrix
+    below = _common((x for rows in held.values() for row in rows for x in row), 1)
+    if below is None:
+        return None
+    middles, spreads = _middles_and_spreads(jacobian, below)
+    common = math.lcm(below, *{x.denominator for each in middles for row in each for x in row})
+    parts = [*_pin_triplets(pinning, held, common, dimension), *_arc_triplets(jacobian, middles, common, dimension)]
+    rows, columns, values = (np.concatenate([part[k] for part in parts] or [_NOTHING]) for k in range(3))
+    return Pencil(
+        name=f"lemma1 ({jacobian.name})",
+        constant=IntegerSymmetric(size=size * dimension, rows=rows, columns=columns, values=values, denominator=common),
+        unknowns=(),
+        coefficients={},
+        deviations=_deviations(jacobian, spreads, dimension),
+    )
+
+
+_NOTHING: Final = np.zeros(0, dtype=np.int64)
+
+
+def _common(numbers: Iterable[Fraction], start: int) -> int | None:
+    """The least common denominator of these and of ``start``; None beyond 512 bits."""
+    common = start
+    for denominator in {x.denominator for x in numbers}:
+        common = math.lcm(common, denominator)
+        if common.bit_length() > DENOMINATOR_BITS:
+            return None
+    return common
+
+
+def _symmetric(k: Matrix) -> Matrix:
+    return tuple(tuple(x + k[d][c] for d, x in enumerate(row)) for c, row in enumerate(k))
+
+
+def _middles_and_spreads(jacobian: ModeJacobian, below: int) -> tuple[list[Matrix], list[Matrix]]:
+    """Middle and half width of every gain; exact ones are kept if that costs no long denominator."""
+    entries = [entry for gain in jacobian.gains for row in gain for entry in row]
+    exact = _common((entry.lo for entry in entries if entry.is_point), below) is not None
+    middles = [tuple(tuple(_middle(entry, exact) for entry in row) for row in gain) for gain in jacobian.gains]
+    spreads = [
+        tuple(
+            tuple(max(entry.hi - x, x - entry.lo) for entry, x in zip(row, own, strict=True))
+            for row, own in zip(gain, middle, strict=True)
+        )
+        for gain, middle in zip(jacobian.gains, middles, strict=True)
+    ]
+    return middles, spreads
+
+
+def _middle(entry: Interval, exact: bool) -> Fraction:
+    middle = entry.midpoint
+    try:
+        return middle if exact and entry.is_point else Fraction(float(middle))
+    except OverflowError:  # beyond the floats
+        return middle
+
+
+def _pin_triplets(pinning: Pinning, held: dict[int, Matrix], common: int, dimension: int) -> Iterable[Triplets]:
+    """-(K + K'), on and above the diagonal."""
+    agents = np.fromiter(pinning.gains, dtype=np.int64, count=len(pinning.gains)) * dimension
+    kinds = {key: kind for kind, key in enumerate(held)}
+    kind = np.fromiter((kinds[id(k)] for k in pinning.gains.values()), dtype=np.int64, count=len(agents))
+    for c in range(dimension):
+        for d in range(c, dimension):
+            table = as_integers([int(-common * rows[c][d]) for rows in held.values()])
+            if table.any():
+                yield agents + c, agents + d, table[kind]
+
+
+def _arc_triplets(jacobian: ModeJacobian, middles: Sequence[Matrix], common: int, dimension: int) -> Iterable[Triplets]:
+    """J + J' of every arc, on and above the diagonal: the slope at (row, speaker), minus it at (row, listener)."""
+    listeners, speakers = jacobian.arcs.listeners * dimension, jacobian.arcs.speakers * dimension
+    for c in range(dimension):
+        for d in range(dimension):
+            whole = [int(common * each[c][d]) for each in middles]
+            if any(whole):
+                row, off, own = listeners + c, speakers + d, listeners + d
+                yield np.minimum(row, off), np.maximum(row, off), as_integers(whole)[jacobian.kind]
+                twice = as_integers([-2 * x if c == d else -x for x in whole])
+                yield np.minimum(row, own), np.maximum(row, own), twice[jacobian.kind]
+
+
+def _deviations(jacobian: ModeJacobian, spreads: Sequence[Matrix], dimension: int) -> Sequence[Deviation]:
+    columns: list[tuple[Any, Any, Any, Any]] = []
+    for c in range(dimension):
+        for d in range(dimension):
+            chosen = np.array([bool(each[c][d]) for each in spreads], dtype=bool)[jacobian.kind]
+            listeners, speakers = jacobian.arcs.listeners[chosen], jacobian.arcs.speakers[chosen]
+            kinds = (jacobian.kind[chosen] * dimension + c) * dimension + d
+            columns.append((listeners * dimension + c, speakers * dimension + d, listeners * dimension + d, kinds))
+    rows, speakers, listeners, kinds = (np.concatenate(column) for column in zip(*columns, strict=True))
+    if not len(rows):
+        return ()
+    return Deviations(
+        rows=rows,
+        speakers=speakers,
+        listeners=listeners,
+        kinds=kinds,
+        sizes=tuple(x for each in spreads for row in each for x in row),
+    )
+
 
 ZERO = Fraction(0)
 Entries = dict[tuple[int, int], Fraction]
@@ -214,3 +440,142 @@ def with_gain(pencil: Pencil, W: Matrix) -> Pencil:
         coefficients=coefficients,
         deviations=pencil.deviations,
     )
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Shown:
+    """lambda_max(Lambda) <= bound, proved by the vector v > 0 (n m,) of floats; 1/s."""
+
+    vector: NDArray[np.float64]
+    bound: Fraction
+
+    def to_json(self) -> dict[str, Any]:
+        """The exact values of Lemma 1, proved for a large network."""
+        return {"v": doubles_to_json(self.vector)}
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Unstable:
+    """Of a refuted Lemma 1: a lower bound of the eigenvalues of J - K with positive real part, and perhaps v'Lambda v.
+
+    ``value``: a lower bound of v'Lambda v for the vector v of the witness; None where it is not rational.
+    """
+
+    roots: int
+    value: Fraction | None = None
+
+    def to_json(self) -> dict[str, Any]:
+        """The exact values."""
+        value = {} if self.value is None else {"value": number_text(self.value)}
+        return {**value, "unstable_roots": str(self.roots)}
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Pair:
+    """A proposed pair (P, Q) with W = P^-1 Q.  Shapes: P (q, q) symmetric, Q (q, m).
+
+    Where agents have different exosystems, here and below: block diagonal, for the joint one (``problem.groups``).
+    """
+
+    P: Matrix
+    Q: Matrix
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class PairFacts:
+    """What a decided pair says exactly, with S = C (-Omega0)^-1 C' (m, m), and the ``mode`` in which it fails."""
+
+    pair: Pair
+    S: Matrix
+    mode: str | None = None
+
+    @property
+    def bound(self) -> Fraction | None:
+        """What lambda_max(Lambda) must stay below, where S = s I: the number -s."""
+        return -self.S[0][0] if is_scalar_matrix(self.S) else None
+
+    def to_json(self) -> dict[str, Any]:
+        """The exact values."""
+        values: dict[str, Any] = {
+            "P": matrix_text(self.pair.P),
+            "Q": matrix_text(self.pair.Q),
+            "S": matrix_text(self.S),
+        }
+        if self.bound is not None:
+            values["bound"] = number_text(self.bound)
+        return values if self.mode is None else {**values, "mode": self.mode}
+
+
+def read_claim(check: Check, problem: Problem, W: Matrix | None) -> Claim | None:
+    """What Lemma 1 or a theorem claims; neither ``problem`` nor the gain W (q, m) is needed.
+
+    Raises: KeyError, TypeError, ValueError or SpecError for numbers that cannot be read.
+    """
+    exact = check.exact or {}
+    if "unstable_roots" in exact:
+        roots = read_rational(exact["unstable_roots"])
+        if roots.denominator != 1 or roots < 0 or not {"unstable_roots", "value"} >= set(exact):
+            raise ValueError("unstable_roots must be a whole number >= 0, with a value or alone")
+        return Unstable(roots=int(roots), value=read_rational(exact["value"]) if "value" in exact else None)
+    if "P" in exact:
+        P, Q, S = (tuple(tuple(read_rational(x) for x in row) for row in exact[name]) for name in "PQS")
+        return PairFacts(pair=Pair(P=P, Q=Q), S=S, mode=exact.get("mode"))
+    return check.claim
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Statements:
+    """The conditions of one problem on one domain.
+
+    ``lambdas``: mode -> Lambda(J), a Pencil without unknowns.  ``inapplicable``: why Lemma 1 and the
+    theorems say nothing here (couplings that are not C1), or None; then ``lambdas`` is empty.  ``shown``: for modes of
+    large networks, what a vector has proved about Lambda (``negative``).
+    """
+
+    problem: Problem
+    domain: str
+    jacobians: Jacobians | None
+    lambdas: Mapping[str, Pencil]
+    inapplicable: str | None
+    shown: Mapping[str, Shown] = field(default_factory=dict)
+
+    def psi(self, *, rate: Fraction = Fraction(0)) -> tuple[Pencil, ...]:
+        """Psi of every mode, in the order of the modes.  Raises SpecError without an exosystem."""
+        groups = self.problem.groups
+        if not groups:
+            raise SpecError(
+                "Psi of (18) needs an [exosystem].", key="exosystem", cure="Without one, Lemma 1 is the condition."
+            )
+        if self.problem.is_grouped:
+            labels = self.problem.network.labels
+            return tuple(theorem1_of_groups(each, groups, labels, rate=rate) for each in self.lambdas.values())
+        exosystem = groups[0].exosystem
+        return tuple(theorem1(each, exosystem, agents=self.problem.n, rate=rate) for each in self.lambdas.values())
+
+
+def state_theorems(problem: Problem) -> Statements:
+    """State Lemma 1, Theorem 1 and Theorem 2 for ``problem`` at the consensus."""
+    reason = _inapplicable(problem)
+    if reason is None:
+        try:
+            jacobians = jacobians_at_consensus(problem)
+        except UndefinedError as error:
+            reason = f"does not apply: the coupling has no bounded derivative at the consensus ({error})."
+    if reason is not None:
+        return Statements(problem=problem, domain="consensus", jacobians=None, lambdas={}, inapplicable=reason)
+    lambdas = {
+        mode.name: lemma1(mode, problem.pinning, size=problem.n, dimension=problem.m) for mode in jacobians.modes
+    }
+    return Statements(problem=problem, domain=jacobians.domain, jacobians=jacobians, lambdas=lambdas, inapplicable=None)
+
+
+def _inapplicable(problem: Problem) -> str | None:
+    for coupling in problem.couplings:
+        if coupling.nonsmooth:
+            names = ", ".join(coupling.nonsmooth)
+            return (
+                f'does not apply: h = "{coupling.texts[0]}" uses {names}; Lemma 1 and both theorems are for'
+                " continuously differentiable couplings, and that is not shown here; use a smooth one, such as tanh for"
+                " clip."
+            )
+    return None

@@ -9,31 +9,37 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from fractions import Fraction
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from dobc_design.conditions.check import Check, Witness
-from dobc_design.conditions.consensus.claim import omega
+from dobc_design.conditions.check import Check, Values, Witness, agrees, differs, same_witness
+from dobc_design.conditions.consensus.claim import Pair, PairFacts, Shown, Statements, Unstable, omega, read_claim
 from dobc_design.conditions.consensus.linearisation import unstable_roots
 from dobc_design.conditions.consensus.negative import (
     Enclosed,
     find_witness,
     is_negative,
+    lowest_quotient,
     refuted_margin,
+    refutes,
     shown_bound,
     why_undecided,
 )
-from dobc_design.conditions.consensus.statements import Shown, Statements
+from dobc_design.conditions.consensus.network import reachability_check
 from dobc_design.conditions.consensus.witness import carriers, group_directions, refutation
-from dobc_design.conditions.numbers import claimed, doubles_to_json, largest_proved, shorten
+from dobc_design.conditions.numbers import (
+    VECTOR_BITS,
+    claimed,
+    has_short_denominator,
+    largest_proved,
+    read_rational,
+    shorten,
+)
 from dobc_design.exact.definite import decide_positive_definite
 from dobc_design.exact.matrix import Matrix, Vector, inverse, multiply, transpose
 from dobc_design.exact.number import number_text
-from dobc_design.exact.reading import is_scalar_matrix
 from dobc_design.exact.symmetric import SparseSymmetric
-from dobc_design.problem.canonical import matrix_text
 from dobc_design.problem.exosystems import Exosystem
 from dobc_design.problem.groups import group_blocks, group_numbers
 from dobc_design.problem.reaching import unreached
@@ -41,17 +47,6 @@ from dobc_design.verdict import Verdict
 
 ZERO = Fraction(0)
 Candidates = Sequence[Sequence[float]]
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Pair:
-    """A proposed pair (P, Q) with W = P^-1 Q.  Shapes: P (q, q) symmetric, Q (q, m).
-
-    Where agents have different exosystems, here and below: block diagonal, for the joint one (``problem.groups``).
-    """
-
-    P: Matrix
-    Q: Matrix
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -82,12 +77,6 @@ def with_vectors(statements: Statements, vectors: Mapping[str, NDArray[np.float6
     return replace(statements, shown=shown)
 
 
-def shown_facts(statements: Statements, mode: str) -> dict[str, Any] | None:
-    """What a proved Lemma 1 of a large network says exactly: the vector that shows it."""
-    shown = statements.shown.get(mode)
-    return None if shown is None else {"v": doubles_to_json(shown.vector)}
-
-
 def lambda_with(statements: Statements, mode: str, S: Matrix) -> Enclosed:
     """Lambda(J) + I (x) S of one mode; where agents have different exosystems every agent has its own block of S."""
     problem = statements.problem
@@ -110,7 +99,7 @@ def lemma1_check(statements: Statements, mode: str, proposal: Proposal) -> Check
             domain=statements.domain,
             margin=margin,
             rate=shorten(claimed(margin) / 2) or None,
-            exact=shown_facts(statements, mode),
+            claim=statements.shown.get(mode),
             reason="Lambda(J) < 0"
             + (f", lambda_max <= {-shorten(margin, digits=6):.6g}" if margin else "")
             + f": V = e'e decreases{_where(statements)}.",
@@ -126,24 +115,18 @@ def lemma1_check(statements: Statements, mode: str, proposal: Proposal) -> Check
             domain=statements.domain,
             reason=f"lambda_max(Lambda) {why_undecided(matrix)}",
         )
-    exact = lambda_facts(statements, mode, vector)
+    value = matrix.value(vector)
+    claim = Unstable(roots=unstable_roots(statements, mode), value=value.lo if value.is_point else None)
     return Check(
         id="lemma1",
         mode=mode,
         verdict=Verdict.REFUTED,
         domain=statements.domain,
         margin=refuted_margin(matrix, vector),
-        reason=refutation(problem, vector, alone=alone, roots=int(exact["unstable_roots"])),
-        exact=exact,
+        reason=refutation(problem, vector, alone=alone, roots=claim.roots),
+        claim=claim,
         witness=lambda_witness(statements, vector),
     )
-
-
-def lambda_facts(statements: Statements, mode: str, vector: Vector) -> dict[str, str]:
-    """What a refuted Lemma 1 says exactly: the unstable roots, and v' Lambda v where no irrational slope enters it."""
-    value = enclosed_lambda(statements, mode).value(vector)
-    known = {"value": number_text(value.lo)} if value.is_point else {}
-    return known | {"unstable_roots": str(unstable_roots(statements, mode))}
 
 
 def theorem_check(
@@ -213,12 +196,12 @@ def _decide_pair(
     if S is None:  # unreachable: Omega0 < 0 was just proved
         return _not_found(id, statements)
     modes = {mode: lambda_with(statements, mode, S) for mode in statements.lambdas}
-    exact = pair_facts(pair, S)
+    facts = PairFacts(pair=pair, S=S)
     margin = largest_proved(
         proposal.margin, lambda shift: all(is_negative(each, shift=shift) for each in modes.values())
     )
     if margin is None:
-        return _refuted_pair(id, statements, modes, proposal, exact=exact, printed=printed)
+        return _refuted_pair(id, statements, modes, proposal, facts=facts, printed=printed)
     rate = largest_proved(proposal.rate, lambda b: psi_is_negative(statements, exosystem, pair, rate=b))
     name = "the P given" if printed else "a rational P"
     common = "" if len(modes) == 1 else f" with one P for all {len(modes)} modes"
@@ -228,7 +211,7 @@ def _decide_pair(
         domain=statements.domain,
         margin=margin,
         rate=rate or None,
-        exact=exact,
+        claim=facts,
         reason=f"Psi < 0 holds exactly for {name}{common}: V = e'e + sum eps_i' P eps_i decreases{_where(statements)}"
         + (f", V' <= -2 ({shorten(rate, digits=4):.4g}) V." if rate else "."),
     )
@@ -240,14 +223,14 @@ def _refuted_pair(
     modes: Mapping[str, Enclosed],
     proposal: Proposal,
     *,
-    exact: dict[str, Any],
+    facts: PairFacts,
     printed: bool,
 ) -> Check:
     for mode, matrix in modes.items():
         vector = find_witness(matrix, proposal.vectors)
         if vector is None:
             continue
-        bound = f" It needs lambda_max(Lambda) < {exact['bound']}." if "bound" in exact else ""
+        bound = "" if facts.bound is None else f" It needs lambda_max(Lambda) < {number_text(facts.bound)}."
         fix = " Another P may do: see the check for a new P." if printed else ""
         where = f" in mode {mode}" if len(modes) > 1 else ""
         return Check(
@@ -257,7 +240,7 @@ def _refuted_pair(
             margin=refuted_margin(matrix, vector),
             reason=f"Psi is not negative definite for this P{where}: v'(Lambda + I (x) S)v >= 0 for the vector shown."
             f"{bound}{fix}",
-            exact={**exact, "mode": mode},
+            claim=replace(facts, mode=mode),
             witness=lambda_witness(statements, vector),
         )
     return _not_found(id, statements)
@@ -273,7 +256,7 @@ def _refuted_block(id: str, statements: Statements, kind: str, witness: Vector) 
         verdict=Verdict.REFUTED,
         domain=statements.domain,
         reason=f"{what} Another P may do.",
-        exact={"block": kind},
+        claim=Values({"block": kind}),
         witness=vector_witness(witness),
     )
 
@@ -295,7 +278,7 @@ def _refuted_for_every_pair(
                 margin=lemma.margin,
                 reason=f"no P and Q satisfy Psi < 0, because Lambda(J) is not negative definite in mode {lemma.mode}: "
                 + lemma.reason,
-                exact={"block": "Lambda", "mode": lemma.mode},
+                claim=Values({"block": "Lambda", "mode": lemma.mode}),
                 witness=lemma.witness,
             )
     if obstacle is not None:
@@ -304,7 +287,7 @@ def _refuted_for_every_pair(
             verdict=Verdict.REFUTED,
             domain=statements.domain,
             reason=f"{_who_fails(obstacle)}: {obstacle.reason}",
-            exact={"block": obstacle.id} | ({} if obstacle.group is None else {"group": obstacle.group}),
+            claim=Values({"block": obstacle.id} | ({} if obstacle.group is None else {"group": obstacle.group})),
             witness=obstacle.witness,
             fix=obstacle.fix,
         )
@@ -317,14 +300,6 @@ def _refuted_for_every_pair(
             reason=f"Lambda(J) < 0 could not be decided: {undecided.reason}",
         )
     return None
-
-
-def pair_facts(pair: Pair, S: Matrix) -> dict[str, Any]:
-    """What a decided pair says exactly: P, Q, S and, where S = s I, the bound -s for lambda_max(Lambda)."""
-    values: dict[str, Any] = {"P": matrix_text(pair.P), "Q": matrix_text(pair.Q), "S": matrix_text(S)}
-    if is_scalar_matrix(S):
-        values["bound"] = number_text(-S[0][0])
-    return values
 
 
 def lambda_witness(statements: Statements, vector: Vector) -> Witness:
@@ -358,3 +333,125 @@ def _who_fails(obstacle: Check) -> str:
     if obstacle.id == "hurwitz":
         return "no P with Q = P W satisfies Psi < 0 for this W"
     return "no P and Q satisfy Psi < 0"
+
+
+def confirm(check: Check, statements: Statements, pair: Pair | None) -> str | None:
+    """None if everything that a proved or refuted check of this topic claims is confirmed, else what is not.
+
+    ``pair``: that of the certificate.  A theorem that is refuted by the observer is not for here.
+    Raises what a malformed claim raises.
+    """
+    problem = statements.problem
+    if check.id == "reachability":
+        numbers = "it claims a number that this check does not have"
+        wrong = differs(check, reachability_check(problem, str(check.mode)))
+        return wrong or (None if check.margin is check.rate is None else numbers)
+    if statements.inapplicable is not None:
+        return "the theorems do not apply to this coupling"
+    if check.kind.role == "given":
+        own = problem.joint_observer
+        pair = None if own.P is None or own.W is None else Pair(P=own.P, Q=multiply(own.P, own.W))
+    if check.verdict is Verdict.PROVED:
+        return _confirm_proved(check, statements, pair)
+    return _confirm_refuted(check, statements, pair)
+
+
+def _confirm_proved(check: Check, statements: Statements, pair: Pair | None) -> str | None:
+    if check.margin is None or check.margin < 0 or (check.rate is not None and check.rate <= 0):
+        return "a proof must claim a margin >= 0, and a rate > 0 or none"
+    if check.witness is not None:
+        return "a proof has no witness"
+    margin, rate = claimed(check.margin), claimed(check.rate or 0.0)
+    if check.id == "lemma1":
+        if check.exact is not None and str(check.mode) not in statements.shown:
+            return "the vector does not show that Lambda < 0"
+        proved = is_negative(enclosed_lambda(statements, str(check.mode)), shift=max(margin, 2 * rate))
+        return None if proved else "Lambda < 0 is not true with that margin and rate"
+    exosystem = _exosystem(statements)
+    if pair is None:
+        return "there is no pair (P, Q) to confirm it with"
+    if not psi_is_negative(statements, exosystem, pair, margin=margin):
+        return "Psi < 0 is not true with that margin"
+    if rate and not psi_is_negative(statements, exosystem, pair, rate=rate):
+        return f"the rate {check.rate} is not reached"
+    S = schur_block(pair, exosystem)
+    return None if S is not None and _says(check, PairFacts(pair=pair, S=S)) else "exact values are not what they say"
+
+
+def _confirm_refuted(check: Check, statements: Statements, pair: Pair | None) -> str | None:
+    if check.rate is not None or (check.margin is not None and check.margin > 0):
+        return "a refuted check must claim no rate and no positive margin"
+    exact = check.exact or {}
+    if check.id == "lemma1":
+        claim, mode, vector = read_claim(check, statements.problem, None), str(check.mode), _vector(check)
+        if not isinstance(claim, Unstable) or not _follows(claim, statements, mode, vector):
+            return "exact values are not what they say"
+        return _confirm_lambda(check, statements, mode, vector)
+    if check.kind.role == "given":
+        return _confirm_printed(check, statements, pair, _vector(check))
+    mode = str(exact.get("mode", check.mode))
+    if mode not in statements.lambdas or exact != {"block": "Lambda", "mode": mode}:
+        return "one pair failing says nothing about the others"
+    return _confirm_lambda(check, statements, mode, _vector(check))
+
+
+def _follows(claim: Unstable, statements: Statements, mode: str, vector: Vector) -> bool:
+    """Whether the lower bounds of the unstable roots and of v' Lambda v hold."""
+    if claim.roots and claim.roots > unstable_roots(statements, mode):
+        return False
+    return claim.value is None or claim.value <= enclosed_lambda(statements, mode).value(vector).lo
+
+
+def _confirm_lambda(
+    check: Check, statements: Statements, mode: str, vector: Vector, *, S: Matrix | None = None
+) -> str | None:
+    """The vector shows that Lambda, or Lambda + I (x) S, is not negative definite in that mode; so does the margin."""
+    matrix = enclosed_lambda(statements, mode) if S is None else lambda_with(statements, mode, S)
+    if not refutes(matrix, vector):
+        return "the vector does not refute Lambda < 0" if S is None else "the vector does not refute Psi < 0"
+    if not same_witness(check.witness, lambda_witness(statements, vector)):
+        return "the witness names other agents than the vector"
+    if check.margin is not None and -claimed(check.margin) > lowest_quotient(matrix, vector):
+        return "the margin does not follow from the vector"
+    return None
+
+
+def _confirm_printed(check: Check, statements: Statements, pair: Pair | None, vector: Vector) -> str | None:
+    """The given pair fails: P > 0, Omega0 < 0 or, in a named mode, Psi < 0 is refuted by the vector."""
+    exact, exosystem = check.exact or {}, _exosystem(statements)
+    if pair is None:
+        return "it needs the pair of the problem"
+    block = exact.get("block")
+    if block in ("P", "Omega0"):
+        if exact != {"block": block} or check.margin is not None:
+            return "it claims a number that this check does not have"
+        if not same_witness(check.witness, vector_witness(vector)):
+            return "it needs a vector without labels"
+        P_negated = SparseSymmetric.from_dense(pair.P).negated()
+        matrix = Enclosed(middle=P_negated if block == "P" else omega(pair.P, pair.Q, exosystem))
+        return None if refutes(matrix, vector) else f"the vector does not refute {block}"
+    S, mode = schur_block(pair, exosystem), exact.get("mode")
+    if S is None or mode not in list(statements.lambdas) or not _says(check, PairFacts(pair=pair, S=S, mode=mode)):
+        return "exact values are not what they say"
+    # Omega0 < 0 is proved by now, so that Lambda + I (x) S decides (theory, the Reduction).
+    return _confirm_lambda(check, statements, str(mode), vector, S=S)
+
+
+def _says(check: Check, facts: PairFacts) -> bool:
+    return agrees(check.exact, facts.to_json())
+
+
+def _exosystem(statements: Statements) -> Exosystem:
+    exosystem = statements.problem.joint_exosystem
+    if exosystem is None:
+        raise ValueError("there is no exosystem")
+    return exosystem
+
+
+def _vector(check: Check) -> Vector:
+    if check.witness is None or check.witness.kind != "vector" or check.witness.values is None:
+        raise ValueError("a refuted condition must bring a vector")
+    vector = tuple(read_rational(text) for text in check.witness.values)
+    if not has_short_denominator(vector, VECTOR_BITS):  # a forger's: evaluating it would take minutes
+        raise ValueError(f"the vector needs a common denominator of more than {VECTOR_BITS} bits")
+    return vector

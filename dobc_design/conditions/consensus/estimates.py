@@ -14,9 +14,9 @@ from typing import Any
 import numpy as np
 from scipy import linalg, sparse
 
+from dobc_design.conditions.consensus.claim import Statements
 from dobc_design.conditions.consensus.dominating import dominating_vector
 from dobc_design.conditions.consensus.jacobian import float_lambda
-from dobc_design.conditions.consensus.statements import Statements
 from dobc_design.exact.matrix import Matrix, to_float
 from dobc_design.problem.exosystems import Exosystem
 from dobc_design.solvers.program import GIVEN_UP, Array

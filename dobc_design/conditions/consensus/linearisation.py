@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from fractions import Fraction
 
-from dobc_design.conditions.consensus.statements import Statements
+from dobc_design.conditions.consensus.claim import Statements
 from dobc_design.conditions.numbers import has_short_denominator
 from dobc_design.exact.matrix import Matrix
 from dobc_design.exact.polynomial import characteristic_polynomial, right_half_plane_roots_at_least

@@ -13,7 +13,7 @@ from fractions import Fraction
 import numpy as np
 from numpy.typing import NDArray
 
-from dobc_design.conditions.consensus.arrays import Deviations
+from dobc_design.conditions.consensus.claim import Deviations
 from dobc_design.conditions.numbers import shorten
 from dobc_design.exact.definite import decide_positive_definite
 from dobc_design.exact.interval import Interval

@@ -14,19 +14,24 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 from fractions import Fraction
+from typing import Any, Final
 
+from dobc_design.conditions.check import Check, read_object
+from dobc_design.conditions.numbers import VECTOR_BITS, has_short_denominator, read_rational
 from dobc_design.coupling.algebra import GradientAlgebra, IntervalAlgebra
 from dobc_design.coupling.coupling import Coupling
 from dobc_design.coupling.tree import evaluate
 from dobc_design.errors import ShapeError, SpecError
 from dobc_design.exact.interval import Interval
-from dobc_design.exact.matrix import Vector
+from dobc_design.exact.matrix import Matrix, Vector
+from dobc_design.exact.number import number_text
 from dobc_design.problem.problem import Problem
 
 Box = tuple[Interval, ...]
 Slopes = Mapping[tuple[int, int], Interval]
 
 _ZERO = Interval.point(0)
+LARGEST: Final = 60  # rows n m
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -55,6 +60,34 @@ class Equilibrium:
     def half_widths(self) -> Vector:
         """Half the width of each side, (n m,)."""
         return tuple(side.width / 2 for side in self.box)
+
+    def to_json(self) -> dict[str, Any]:
+        """The exact values of a check that refutes."""
+        return {"mode": self.mode, "box": [[number_text(side.lo), number_text(side.hi)] for side in self.box]}
+
+
+def read_claim(check: Check, problem: Problem, W: Matrix | None) -> Equilibrium:
+    """What a check claims, for this problem; the gain ``W`` (q, m) is not needed.
+
+    Raises: KeyError, TypeError, ValueError or SpecError for anything that cannot be such a claim.
+    """
+    values = read_object(check.exact, ("mode", "box"))
+    mode, rows = values["mode"], values["box"]
+    if mode not in list(problem.network.modes) or not isinstance(rows, (list, tuple)):
+        raise ValueError("it needs a mode of this problem, and a list of intervals")
+    if problem.n * problem.m > LARGEST or len(rows) != problem.n * problem.m:
+        raise ValueError(f"the box must have one interval per component of e, at most {LARGEST}")
+    box = []
+    for row in rows:
+        if not isinstance(row, (list, tuple)) or len(row) != 2:
+            raise ValueError("the box is no list of intervals")
+        lo, hi = (read_rational(text) for text in row)
+        if lo >= hi or not has_short_denominator((lo, hi), VECTOR_BITS):
+            raise ValueError("the box is no list of intervals longer than 0")
+        box.append(Interval(lo, hi))
+    if not has_short_denominator((end for side in box for end in (side.lo, side.hi)), VECTOR_BITS):
+        raise ValueError("the box needs too long a common denominator")
+    return Equilibrium(mode=mode, box=tuple(box))
 
 
 def require_fitting(problem: Problem, claim: Equilibrium) -> None:

@@ -16,8 +16,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dobc_design.conditions.check import Check, Witness
-from dobc_design.conditions.equilibrium.claim import Box, Equilibrium, Slopes, field_at, require_fitting, slopes_on
-from dobc_design.conditions.numbers import VECTOR_BITS, has_short_denominator, read_rational
+from dobc_design.conditions.equilibrium.claim import (
+    LARGEST,
+    Box,
+    Equilibrium,
+    Slopes,
+    field_at,
+    read_claim,
+    require_fitting,
+    slopes_on,
+)
+from dobc_design.conditions.numbers import read_rational
 from dobc_design.exact.interval import Interval, UndefinedError
 from dobc_design.exact.matrix import Matrix, identity, multiply, subtract
 from dobc_design.exact.number import number_text
@@ -26,7 +35,6 @@ from dobc_design.verdict import Verdict
 
 Array = NDArray[np.float64]
 
-LARGEST: Final = 60  # rows n m
 # Half widths tried, relative to the size of the equilibrium, and the digits of the middle beyond them.
 HALF_WIDTHS: Final = (6, 8, 10, 4, 3)
 EXTRA_DIGITS: Final = 4
@@ -116,16 +124,16 @@ def refuting_check(problem: Problem, claim: Equilibrium) -> Check | None:
         verdict=Verdict.REFUTED,
         domain="consensus",
         reason=_reason(problem, claim),
-        exact={"mode": claim.mode, "box": [[number_text(side.lo), number_text(side.hi)] for side in claim.box]},
+        claim=claim,
         witness=Witness(kind="start", values=tuple(map(number_text, claim.middle))),
     )
 
 
-def confirm_equilibrium(check: Check, problem: Problem, W: Matrix | None, domain: str) -> str | None:
+def confirm(check: Check, problem: Problem, W: Matrix | None, *, domain: str) -> str | None:
     """None if everything a refuted ``equilibrium`` claims is confirmed, else what is not.
 
     ``W`` (q, m) has to be known where there is an exosystem; ``domain`` is that of Lemma 1.
-    Raises: ValueError, TypeError or SpecError for numbers that cannot be read.
+    Raises what a malformed claim raises.
     """
     if check.verdict is not Verdict.REFUTED or check.domain != domain:
         return f"an equilibrium can only refute, with the domain {domain!r}"
@@ -133,18 +141,10 @@ def confirm_equilibrium(check: Check, problem: Problem, W: Matrix | None, domain
         return "without W there is no loop that could rest"
     if check.margin is not None or check.rate is not None or check.mode is not None:
         return "it claims a number that this check does not have"
-    exact, witness = dict(check.exact or {}), check.witness
-    if set(exact) != {"mode", "box"} or witness is None or witness.kind != "start" or witness.labels is not None:
-        return "it needs a mode, a box and a start"
-    mode, rows = exact["mode"], exact["box"]
-    if mode not in list(problem.network.modes) or not isinstance(rows, (list, tuple)):
-        return "it needs a mode of this problem, and a list of intervals"
-    if problem.n * problem.m > LARGEST or len(rows) != problem.n * problem.m:
-        return f"the box must have one interval per component of e, at most {LARGEST}"
-    box = _read_box(rows)
-    if box is None:
-        return "the box is no list of intervals longer than 0"
-    claim = Equilibrium(mode=mode, box=box)
+    witness = check.witness
+    if witness is None or witness.kind != "start" or witness.labels is not None:
+        return "it needs a start"
+    claim = read_claim(check, problem, W)
     values = tuple(read_rational(text) for text in witness.values or ())
     if values != claim.middle:
         return "the start is not the middle of the box"
@@ -152,20 +152,6 @@ def confirm_equilibrium(check: Check, problem: Problem, W: Matrix | None, domain
         return "the box leaves the region asked for"
     decision = verify_equilibrium(problem, claim)
     return None if decision.verdict is Verdict.PROVED else decision.reason
-
-
-def _read_box(rows: Sequence[object]) -> Box | None:
-    box = []
-    for row in rows:
-        if not isinstance(row, (list, tuple)) or len(row) != 2:
-            return None
-        lo, hi = (read_rational(text) for text in row)
-        if lo >= hi or not has_short_denominator((lo, hi), VECTOR_BITS):
-            return None
-        box.append(Interval(lo, hi))
-    return (
-        tuple(box) if has_short_denominator((end for side in box for end in (side.lo, side.hi)), VECTOR_BITS) else None
-    )
 
 
 def _preconditioner(slopes: Slopes, size: int) -> Matrix | None:

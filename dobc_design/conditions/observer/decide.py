@@ -6,14 +6,15 @@ from fractions import Fraction
 from math import ceil, isqrt
 from typing import Any
 
-from dobc_design.conditions.check import Check, Fix, Witness
-from dobc_design.conditions.numbers import largest_proved, shorten
+from dobc_design.conditions.check import Check, Fix, Values, Witness, differs
+from dobc_design.conditions.numbers import claimed, largest_proved, shorten
 from dobc_design.exact.matrix import Matrix, add, identity, multiply, scale, subtract, transpose
 from dobc_design.exact.number import number_text
 from dobc_design.exact.observability import decide_detectable, decide_observable, observable_reduction
 from dobc_design.exact.polynomial import decide_hurwitz
 from dobc_design.problem.changes import typed_matrix, typed_number
 from dobc_design.problem.exosystems import Exosystem
+from dobc_design.problem.groups import blocks_of
 from dobc_design.problem.problem import Problem
 from dobc_design.verdict import Verdict
 
@@ -31,7 +32,7 @@ def observability_check(exosystem: Exosystem, problem: Problem | None = None) ->
             verdict=Verdict.PROVED,
             domain="global",
             reason=f"(A, C) is observable: its observability matrix has rank {found.rank} of {q}.",
-            exact={"rank": str(found.rank)},
+            claim=Values({"rank": str(found.rank)}),
         )
     direction = found.unobservable[0]
     return Check(
@@ -39,7 +40,7 @@ def observability_check(exosystem: Exosystem, problem: Problem | None = None) ->
         verdict=Verdict.REFUTED,
         domain="global",
         reason=f"(A, C) is not observable: rank {found.rank} of {q}; the states shown never reach the disturbance.",
-        exact={"rank": str(found.rank)},
+        claim=Values({"rank": str(found.rank)}),
         witness=Witness(kind="vector", values=tuple(number_text(x) for x in direction)),
         fix=_reduction(exosystem, problem),
     )
@@ -56,7 +57,7 @@ def detectability_check(exosystem: Exosystem, problem: Problem | None = None) ->
             verdict=Verdict.PROVED,
             domain="global",
             reason=f"(A, C) is detectable: {hidden}.",
-            exact={"unobservable_polynomial": polynomial},
+            claim=Values({"unobservable_polynomial": polynomial}),
         )
     return Check(
         id="detectability",
@@ -64,7 +65,7 @@ def detectability_check(exosystem: Exosystem, problem: Problem | None = None) ->
         domain="global",
         reason=f"(A, C) is not detectable: the part {polynomial} of the exosystem never reaches d = C xi and does"
         " not decay, so no gain W can estimate it. It does not act on the agents either: leave it out.",
-        exact={"unobservable_polynomial": polynomial},
+        claim=Values({"unobservable_polynomial": polynomial}),
         witness=Witness(kind="polynomial", values=(polynomial,)),
         fix=_reduction(exosystem, problem),
     )
@@ -77,10 +78,11 @@ def hurwitz_check(
     estimate: float = 0.0,
     source: str = "given",
     problem: Problem | None = None,
+    key: str = "observer.W",
 ) -> Check:
     """Decide whether A - WC is Hurwitz (Routh over the rationals) and certify a decay rate.
 
-    ``estimate`` (1/s) is a proposed rate from floating point; the exact test decides.
+    ``estimate`` (1/s) is a proposed rate from floating point; the exact test decides.  ``key``: where W is given.
     """
     if W is None:
         exists = decide_detectable(exosystem.A, exosystem.C).verdict is Verdict.PROVED
@@ -89,7 +91,7 @@ def hurwitz_check(
             verdict=Verdict.UNDECIDED,
             domain="global",
             reason="there is no observer gain W to test: none was given, and none "
-            + ("was found; give one as observer.W." if exists else "exists for this exosystem."),
+            + (f"was found; give one as {key}." if exists else "exists for this exosystem."),
             fix=None if exists else _reduction(exosystem, problem),
         )
     error = subtract(exosystem.A, multiply(W, exosystem.C))
@@ -118,8 +120,48 @@ def hurwitz_check(
         rate=rate or None,
         reason=f"A - WC is Hurwitz ({source} W): the estimation error decays"
         + (f" at least like exp(-{shorten(rate, digits=4):.4g} t)." if rate else "."),
-        exact={"routh": [number_text(x) for x in table.first_column]},
+        claim=Values({"routh": [number_text(x) for x in table.first_column]}),
     )
+
+
+def confirm(check: Check, problem: Problem, W: Matrix | None) -> str | None:
+    """None if everything that a proved or refuted check of the observer claims is confirmed, else what is not.
+
+    ``W`` (q, m): that of all groups.  Raises: ValueError for a group that is not there; what malformed numbers raise.
+    """
+    exosystem, own_gain = group_of(check.group, problem, W)
+    own = {"observability": observability_check, "detectability": detectability_check}.get(check.id)
+    wrong = differs(check, hurwitz_check(exosystem, own_gain) if own is None else own(exosystem))
+    if wrong is not None:
+        return wrong
+    if check.margin is not None or (check.rate is not None and check.id != "hurwitz"):
+        return "it claims a number that this check does not have"
+    if check.rate is None:
+        return None
+    if own_gain is None or check.verdict is not Verdict.PROVED or check.rate <= 0:
+        return "it claims a rate without ground"
+    error = subtract(exosystem.A, multiply(own_gain, exosystem.C))
+    return None if hurwitz_with_rate(error, claimed(check.rate)) else f"the rate {check.rate} is not reached"
+
+
+def group_of(name: object, problem: Problem, W: Matrix | None) -> tuple[Exosystem, Matrix | None]:
+    """The exosystem and the gain of the group with this name; of the only one without a name.
+
+    Raises: ValueError if there is none, or if W is not block diagonal.
+    """
+    groups = problem.groups
+    if not problem.is_grouped:
+        if name is not None or not groups:
+            raise ValueError("there are no groups" if groups else "there is no exosystem")
+        return groups[0].exosystem, W
+    place = [group.name for group in groups].index(str(name))
+    system = groups[place].exosystem
+    if W is None:
+        return system, None
+    blocks = blocks_of(W, [(group.exosystem.order, system.outputs) for group in groups])
+    if blocks is None:
+        raise ValueError("W is not block diagonal")
+    return system, blocks[place]
 
 
 def hurwitz_with_rate(error: Matrix, rate: Fraction) -> bool:

@@ -7,16 +7,28 @@ fixes the form.
 from __future__ import annotations
 
 import math
-from typing import Final
+from collections.abc import Mapping
+from fractions import Fraction
+from typing import Any, Final
 
-from dobc_design.conditions.check import Check, Domain
-from dobc_design.conditions.numbers import claimed, shorten
-from dobc_design.conditions.quadratic.claim import Lure
+from dobc_design.conditions.check import Check, read_domain, read_object, starts_in, undecided_check
+from dobc_design.conditions.numbers import (
+    MATRIX_BITS,
+    VECTOR_BITS,
+    claimed,
+    decimal_below,
+    follows,
+    has_short_denominator,
+    is_short,
+    read_rational,
+    shorten,
+)
+from dobc_design.conditions.quadratic.claim import METHODS, Lure, Method
 from dobc_design.conditions.quadratic.decide import LureDecision, covered_radius, covers, verify_lure
-from dobc_design.conditions.quadratic.json_text import lure_from_json, lure_to_json, names_of
-from dobc_design.conditions.quadratic.sectors import build_sectors
-from dobc_design.conditions.separable.checks import decimal_below, read_domain, read_object, undecided_check
-from dobc_design.exact.matrix import Matrix
+from dobc_design.conditions.quadratic.sectors import GainRange, build_sectors
+from dobc_design.exact.interval import Interval
+from dobc_design.exact.matrix import Matrix, is_symmetric, multiply
+from dobc_design.exact.symmetric import SparseSymmetric
 from dobc_design.problem.problem import Problem
 from dobc_design.verdict import Verdict
 
@@ -52,7 +64,7 @@ def lure_check(
     """
     reason = quadratic_obstacle(problem, W)
     if reason is not None:
-        return undecided_check("lure", domain, reason)
+        return undecided_check("lure", domain, reason, applies=False)
     decision = verify_lure(problem, lure)
     if decision.verdict is not Verdict.PROVED:
         return undecided_check("lure", domain, decision.reason)
@@ -62,15 +74,15 @@ def lure_check(
         id="lure",
         verdict=Verdict.PROVED,
         rate=rate_of(lure),
-        domain="global" if lure.level is None else ball(radius, disturbance),
-        exact=lure_to_json(lure),
+        domain="global" if lure.level is None else starts_in("ball", radius, disturbance),
+        claim=lure,
         reason=f"from {starts_in_words(problem, lure, radius, disturbance)} V = {function_in_words(lure)}"
         f" decreases{pace_in_words(lure)}, for all gains that the couplings have there ({_DEVICES[lure.method]},"
         f" {IN_WORDS[lure.shape]}){in_every_mode(problem)}.{remark}",
     )
 
 
-def confirm_lure(check: Check, problem: Problem, W: Matrix | None, domain: str) -> str | None:
+def confirm(check: Check, problem: Problem, W: Matrix | None, *, domain: str) -> str | None:
     """None if everything a proved ``lure`` claims is confirmed, else what is not; ``domain`` is that of Lemma 1.
 
     Raises what a malformed claim raises.
@@ -78,18 +90,13 @@ def confirm_lure(check: Check, problem: Problem, W: Matrix | None, domain: str) 
     reason = wrong_outside(check, problem, W)
     if reason is not None:
         return reason
-    lure = lure_from_json(read_object(check.exact, names_of(problem)), problem, W)
+    lure = read_claim(check, problem, W)
     if lure.level is None:
         if check.domain != "global" or domain != "global":
             return "without a level the domain must be global, and every coupling linear"
     elif not ball_is_inside(problem, lure, check.domain):
         return "the ball is not inside the invariant set"
     return not_shown(check, problem, lure, verify_lure(problem, lure))
-
-
-def ball(radius: float, disturbance: float) -> Domain:
-    """The domain |e| <= radius (Euclidean, all agents stacked) and |eps_i| <= disturbance."""
-    return {"kind": "ball", "radius": radius, "disturbance": disturbance}
 
 
 def wrong_outside(check: Check, problem: Problem, W: Matrix | None) -> str | None:
@@ -108,7 +115,7 @@ def not_shown(check: Check, problem: Problem, lure: Lure, decision: LureDecision
         return decision.reason
     if not _needless_are_zero(problem, lure):
         return "a multiplier of a channel without a range is not 0"
-    if check.rate is not None and not 0 < claimed(check.rate) <= lure.rate:
+    if check.rate is not None and not follows(check.rate, lure.rate):
         return f"the rate {check.rate} does not follow"
     return None
 
@@ -155,3 +162,101 @@ def pace_in_words(lure: Lure) -> str:
 def in_every_mode(problem: Problem) -> str:
     """What is added for several modes."""
     return ", in every mode" if len(problem.network.modes) > 1 else ""
+
+
+_LURE: Final = ("method", "P_e", "level", "radius", "ranges", "multipliers", "rate")
+
+
+def read_claim(check: Check, problem: Problem, W: Matrix | None) -> Lure:
+    """What a proved check claims, for this problem and the gain W (q, m); raises as ``lure_from_json``."""
+    return lure_from_json(read_object(check.exact, names_of(problem)), problem, W)
+
+
+def lure_from_json(values: Mapping[str, Any], problem: Problem, W: Matrix | None) -> Lure:
+    """Read them back for this problem and the gain W (q, m).
+
+    Raises: KeyError, TypeError, ValueError, ShapeError or SpecError for anything that cannot be such a claim.
+    """
+    radius, level = (_number_or_none(values[name]) for name in ("radius", "level"))
+    if (radius is None) is not (level is None):
+        raise ValueError("radius and level must both be null, or neither")
+    if radius is not None and radius <= 0:
+        raise ValueError("radius must be > 0")
+    P = _pair_matrix(values["P"], problem) if problem.groups else None
+    return Lure(
+        method=_method(values["method"]),
+        P_e=_sparse(values["P_e"], problem.n * problem.m),
+        level=level,
+        radius=radius,
+        ranges=_ranges(values["ranges"], problem, radius),
+        multipliers=_multipliers(values, problem),
+        rate=read_rational(values["rate"]),
+        P=P,
+        Q=None if P is None or W is None else multiply(P, W),
+    )
+
+
+def names_of(problem: Problem) -> tuple[str, ...]:
+    """The keys of ``exact``."""
+    return (*_LURE, "P") if problem.groups else _LURE
+
+
+def _number_or_none(text: object) -> Fraction | None:
+    return None if text is None else read_rational(text)
+
+
+def _method(name: object) -> Method:
+    for method in METHODS:
+        if name == method:
+            return method
+    raise ValueError(f"method must be one of {', '.join(METHODS)}")
+
+
+def _sparse(rows: object, size: int) -> SparseSymmetric:
+    """The nonzero entries [a, b, value], a <= b, each once."""
+    if not isinstance(rows, list):
+        raise TypeError("P_e must be a list")
+    entries: dict[tuple[int, int], Fraction] = {}
+    for row in rows:
+        i, j, text = row
+        if type(i) is not int or type(j) is not int or (i, j) in entries:
+            raise ValueError("P_e must list each entry once, with two whole numbers")
+        entries[i, j] = read_rational(text)
+    if not all(entries.values()) or not has_short_denominator(entries.values(), MATRIX_BITS):
+        raise ValueError("an entry of P_e is 0, or they need too long a common denominator")
+    return SparseSymmetric(size, entries)
+
+
+def _ranges(data: object, problem: Problem, radius: Fraction | None) -> tuple[GainRange, ...]:
+    if not isinstance(data, list):
+        raise TypeError("ranges must be a list")
+    found = []
+    for each in data:
+        values = read_object(each, ("coupling", "gains"))
+        if type(values["coupling"]) is not int:
+            raise TypeError("coupling must be a whole number")
+        entries = tuple(
+            tuple(Interval(read_rational(lo), read_rational(hi)) for lo, hi in row) for row in values["gains"]
+        )
+        found.append(GainRange(coupling=values["coupling"], radius=radius, entries=entries))
+    arcs = (arc for mode in problem.network.modes.values() for arc in mode)
+    used = {problem.coupling_place(i, j) for i, j, _ in arcs}
+    if len(found) != len(used) or {each.coupling for each in found} != used:
+        raise ValueError("ranges must name every coupling that an arc has, once")
+    return tuple(found)
+
+
+def _multipliers(values: Mapping[str, Any], problem: Problem) -> dict[str, tuple[Fraction, ...]]:
+    names = tuple(problem.network.modes) if values["method"] == "lure" else ()
+    taus = read_object(values["multipliers"], names)
+    found = {mode: tuple(map(read_rational, taus[mode])) for mode in names}
+    if not all(has_short_denominator(each, VECTOR_BITS) for each in found.values()):
+        raise ValueError("multipliers need too long a common denominator")
+    return found
+
+
+def _pair_matrix(rows: Any, problem: Problem) -> Matrix:
+    P = tuple(tuple(read_rational(entry) for entry in row) for row in rows)
+    if len(P) != problem.q or any(len(row) != problem.q for row in P) or not is_symmetric(P) or not is_short(P):
+        raise ValueError(f"P must be a symmetric matrix of {problem.q} rows, with a short common denominator")
+    return P

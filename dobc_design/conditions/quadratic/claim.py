@@ -18,12 +18,14 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from fractions import Fraction
 from types import MappingProxyType
-from typing import Final, Literal
+from typing import Any, Final, Literal
 
 from dobc_design.conditions.quadratic.sectors import Channel, GainRange, Sectors
 from dobc_design.errors import ShapeError, SpecError
 from dobc_design.exact.matrix import Matrix, multiply
+from dobc_design.exact.number import number_text
 from dobc_design.exact.symmetric import SparseSymmetric
+from dobc_design.problem.canonical import matrix_text
 from dobc_design.problem.groups import agent_blocks
 
 Method = Literal["lure", "interval", "vertices"]
@@ -71,6 +73,25 @@ class Lure:
             return "full"
         values = {self.P_e.entries.get((i, i), ZERO) for i in range(self.P_e.size)}
         return "identity" if len(values) == 1 else "diagonal"
+
+    def to_json(self) -> dict[str, Any]:
+        """The exact values of a proved check."""
+        values: dict[str, Any] = {
+            "method": self.method,
+            "P_e": [[i, j, number_text(value)] for (i, j), value in sorted(self.P_e.entries.items())],
+            "level": None if self.level is None else number_text(self.level),
+            "radius": None if self.radius is None else number_text(self.radius),
+            "ranges": [
+                {
+                    "coupling": each.coupling,
+                    "gains": [[[number_text(gain.lo), number_text(gain.hi)] for gain in row] for row in each.entries],
+                }
+                for each in self.ranges
+            ],
+            "multipliers": {mode: [number_text(tau) for tau in taus] for mode, taus in self.multipliers.items()},
+            "rate": number_text(self.rate),
+        }
+        return values if self.P is None else values | {"P": matrix_text(self.P)}
 
 
 def lure_matrix(

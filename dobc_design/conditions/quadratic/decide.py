@@ -13,7 +13,8 @@ from fractions import Fraction
 
 import numpy as np
 
-from dobc_design.conditions.consensus.decide import Pair, schur_block
+from dobc_design.conditions.consensus.claim import Pair
+from dobc_design.conditions.consensus.decide import schur_block
 from dobc_design.conditions.numbers import claimed, shorten
 from dobc_design.conditions.quadratic.claim import Lure, interval_matrix, lure_matrix, vertex_matrices
 from dobc_design.conditions.quadratic.sectors import Enclose, Sectors, build_sectors, gains_on, relied_differences

@@ -13,15 +13,13 @@ from fractions import Fraction
 from typing import Final
 
 from dobc_design.conditions.asked import Asked, Progress
-from dobc_design.conditions.check import Check
-from dobc_design.conditions.numbers import claimed
+from dobc_design.conditions.check import Check, undecided_check
+from dobc_design.conditions.numbers import claimed, rounded_down
 from dobc_design.conditions.quadratic.checks import IN_WORDS, certified_ball, lure_check, quadratic_obstacle
 from dobc_design.conditions.quadratic.claim import Lure, Method
 from dobc_design.conditions.quadratic.decide import verify_lure
 from dobc_design.conditions.quadratic.propose import LARGEST_FULL, bound_lure, design_lure, linear_rate, raise_rate
 from dobc_design.conditions.quadratic.sectors import Entries, gains_on
-from dobc_design.conditions.separable.checks import undecided_check
-from dobc_design.conditions.separable.decide import rounded_down
 from dobc_design.coupling.coupling import Coupling
 from dobc_design.exact.interval import Interval
 from dobc_design.exact.symmetric import SparseSymmetric
@@ -56,9 +54,10 @@ def quadratic_stage(asked: Asked, report: Progress) -> list[Check]:
     """The quadratic certificate: the first that covers the ball asked for, else the one with the largest ball."""
     problem, rows = asked.problem, asked.problem.n * asked.problem.m
     reason = quadratic_obstacle(problem, asked.W)
-    if reason is None and rows > MOST_ROWS:
-        reason = f"left out, because it takes long with {rows} rows n m; it is examined up to {MOST_ROWS}."
     if reason is not None:
+        return [undecided_check("lure", asked.domain, reason, applies=False)]
+    if rows > MOST_ROWS:
+        reason = f"left out, because it takes long with {rows} rows n m; it is examined up to {MOST_ROWS}."
         return [undecided_check("lure", asked.domain, reason)]
     found = _ladder(asked, report)
     if not found:

@@ -96,7 +96,7 @@ def _proved_box(checks: Sequence[Check]) -> tuple[Fraction, Fraction] | str | No
     if found is None:
         return None
     if found.verdict is not Verdict.PROVED:
-        prefix = "does not apply: " if found.reason.startswith("does not apply") else ""
+        prefix = "" if found.applies else "does not apply: "
         return f"{prefix}stages begin with a max-separable certificate, and there is none."
     if not isinstance(found.domain, Mapping):
         return None

@@ -7,44 +7,30 @@ one.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from fractions import Fraction
-from typing import Any, Final
+from typing import Final
 
-from dobc_design.conditions.check import Check
-from dobc_design.conditions.numbers import read_rational
+from dobc_design.conditions.check import Check, read_domain, read_object, starts_in, undecided_check
+from dobc_design.conditions.numbers import (
+    claimed,
+    decimal_below,
+    read_rational,
+    rounded_down,
+    vector_from_json,
+)
+from dobc_design.conditions.quadratic.checks import lure_from_json
 from dobc_design.conditions.quadratic.claim import Lure
-from dobc_design.conditions.quadratic.json_text import lure_from_json, lure_to_json
-from dobc_design.conditions.schedule.claim import ONE, ZERO, Stage, Staging
+from dobc_design.conditions.schedule.claim import ONE, QUADRATIC, SEPARABLE, ZERO, Stage, Staging
 from dobc_design.conditions.schedule.decide import proved_reason, verify_staging
 from dobc_design.conditions.schedule.settling import Settling
-from dobc_design.conditions.separable.checks import (
-    box,
-    decimal_below,
-    obstacle,
-    read_domain,
-    read_object,
-    separable_from_json,
-    separable_to_json,
-    undecided_check,
-    vector_from_json,
-    vector_to_json,
-)
-from dobc_design.conditions.separable.claim import Separable
-from dobc_design.conditions.separable.decide import rounded_down
-from dobc_design.conditions.separable.timing import (
-    DelayBound,
-    SamplingBound,
-    largest_delay_rate,
-    largest_period,
-    longest_delay,
-)
+from dobc_design.conditions.separable.checks import obstacle
+from dobc_design.conditions.separable.claim import DelayBound, SamplingBound, Separable, separable_from_json
+from dobc_design.conditions.separable.timing import largest_delay_rate, largest_period, longest_delay
 from dobc_design.exact.matrix import Matrix
-from dobc_design.exact.number import number_text
 from dobc_design.problem.problem import Problem
 from dobc_design.verdict import Verdict
 
-SEPARABLE, QUADRATIC = "max-separable", "quadratic"
 MOST_STAGES: Final = 100
 #: The part of a stage's rate that late messages are to leave.
 KEPT: Final = Fraction(1, 2)
@@ -69,19 +55,19 @@ def settling_check(problem: Problem, W: Matrix | None, settling: Settling, *, do
     """
     if settling.staging is None:
         return undecided_check("settling", domain, settling.reason)
-    shown = box(decimal_below(settling.radius), decimal_below(settling.disturbance))
+    radius, disturbance = decimal_below(settling.radius), decimal_below(settling.disturbance)
     check = Check(
         id="settling",
         verdict=Verdict.PROVED,
-        domain=shown,
+        domain=starts_in("box", radius, disturbance),
         reason=proved_reason(settling.staging),
-        exact=staging_to_json(settling.staging),
+        claim=replace(settling.staging, radius=claimed(radius), disturbance=claimed(disturbance)),
     )
-    wrong = confirm_settling(check, problem, W, domain)
+    wrong = confirm(check, problem, W, domain=domain)
     return check if wrong is None else undecided_check("settling", domain, wrong)
 
 
-def confirm_settling(check: Check, problem: Problem, W: Matrix | None, domain: str) -> str | None:
+def confirm(check: Check, problem: Problem, W: Matrix | None, *, domain: str) -> str | None:
     """None if everything a proved ``settling`` claims is confirmed, else what is not; ``domain`` is not needed.
 
     Raises what a malformed claim raises.
@@ -92,29 +78,17 @@ def confirm_settling(check: Check, problem: Problem, W: Matrix | None, domain: s
         return reason
     if check.verdict is not Verdict.PROVED or check.witness is not None or check.rate is not None:
         return "it can only be proved or undecided, and has no rate and no witness"
-    radius, disturbance = read_domain(check.domain, problem, kind="box")
-    staging = staging_from_json(check.exact, problem, W, radius=radius, disturbance=disturbance)
-    answer = verify_staging(problem, W, staging)
+    answer = verify_staging(problem, W, read_claim(check, problem, W))
     return None if answer.verdict is Verdict.PROVED else answer.reason
 
 
-def staging_to_json(staging: Staging) -> dict[str, Any]:
-    """The exact values of a proved settling check."""
-    return {
-        "tolerance": number_text(staging.tolerance),
-        "time": number_text(staging.time),
-        "stages": [_stage_to_json(stage) for stage in staging.stages],
-    }
-
-
-def staging_from_json(
-    exact: object, problem: Problem, W: Matrix | None, *, radius: Fraction, disturbance: Fraction
-) -> Staging:
-    """Read them back for this problem, the gain W (q, m) and the box.
+def read_claim(check: Check, problem: Problem, W: Matrix | None) -> Staging:
+    """What a proved check claims, for this problem and the gain W (q, m).
 
     Raises: KeyError, TypeError, ValueError, ShapeError or SpecError for anything that cannot be such a claim.
     """
-    values = read_object(exact, ("tolerance", "time", "stages"))
+    radius, disturbance = read_domain(check.domain, problem, kind="box")
+    values = read_object(check.exact, ("tolerance", "time", "stages"))
     rows = values["stages"]
     if not isinstance(rows, list) or not 0 < len(rows) <= MOST_STAGES:
         raise ValueError(f"stages must be a list of 1 to {MOST_STAGES} objects")
@@ -130,21 +104,14 @@ def staging_from_json(
     )
 
 
-def settling_of(check: Check | None, problem: Problem, W: Matrix | None) -> Settling | None:
-    """The settling time and the envelope that a proved ``settling`` claims; None without such a check.
-
-    The claim is taken as it is; ``confirm_settling`` decides it.  Raises what a malformed claim raises.
-    """
-    if check is None or check.verdict is not Verdict.PROVED:
-        return None
-    radius, disturbance = read_domain(check.domain, problem, kind="box")
-    staging = staging_from_json(check.exact, problem, W, radius=radius, disturbance=disturbance)
+def settling_of(problem: Problem, staging: Staging, reason: str) -> Settling:
+    """The settling time and the envelope of a proved claim, which is taken as it is; ``confirm`` decides it."""
     return Settling(
-        verdict=check.verdict,
-        reason=check.reason,
+        verdict=Verdict.PROVED,
+        reason=reason,
         problem_name=problem.name,
-        radius=radius,
-        disturbance=disturbance,
+        radius=staging.radius,
+        disturbance=staging.disturbance,
         tolerance=staging.tolerance,
         staging=staging,
     )
@@ -188,20 +155,6 @@ def delay_rates(problem: Problem, settling: Settling, *, delay: Fraction) -> tup
         else None
         for stage in settling.stages
     )
-
-
-def _stage_to_json(stage: Stage) -> dict[str, Any]:
-    certificate = stage.certificate
-    values: dict[str, Any] = {"kind": QUADRATIC if stage.is_quadratic else SEPARABLE}
-    values |= {name: number_text(getattr(stage, name)) for name in ("start", "level", "height", "noise", "stretch")}
-    if stage.diagonal is not None:
-        values["diagonal"] = vector_to_json(stage.diagonal)
-    if stage.factor is not None:
-        values["factor"] = number_text(stage.factor)
-    values["certificate"] = (
-        separable_to_json(certificate) if isinstance(certificate, Separable) else lure_to_json(certificate)
-    )
-    return values
 
 
 def _stage_from_json(row: object, problem: Problem, W: Matrix | None, before: Stage | None) -> Stage:

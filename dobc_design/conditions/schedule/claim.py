@@ -26,14 +26,17 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from fractions import Fraction
+from typing import Any
 
 from dobc_design._show.cards import Card, Shown
+from dobc_design.conditions.numbers import vector_to_json
 from dobc_design.conditions.quadratic.claim import Lure
 from dobc_design.conditions.separable.claim import Separable
 from dobc_design.errors import SpecError
 from dobc_design.exact.matrix import Vector
-from dobc_design.exact.number import float_above
+from dobc_design.exact.number import float_above, number_text
 
+SEPARABLE, QUADRATIC = "max-separable", "quadratic"
 ZERO = Fraction(0)
 ONE = Fraction(1)
 
@@ -82,6 +85,16 @@ class Stage(Shown):
         """Whether the certificate is a quadratic one."""
         return isinstance(self.certificate, Lure)
 
+    def to_json(self) -> dict[str, Any]:
+        """The exact values of a stage."""
+        values: dict[str, Any] = {"kind": QUADRATIC if self.is_quadratic else SEPARABLE}
+        values |= {name: number_text(getattr(self, name)) for name in ("start", "level", "height", "noise", "stretch")}
+        if self.diagonal is not None:
+            values["diagonal"] = vector_to_json(self.diagonal)
+        if self.factor is not None:
+            values["factor"] = number_text(self.factor)
+        return values | {"certificate": self.certificate.to_json()}
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Staging:
@@ -116,3 +129,11 @@ class Staging:
             raise SpecError("disturbance must be >= 0.", key="disturbance")
         if self.time < self.stages[-1].start:
             raise SpecError("time must not lie before the last stage.", key="time")
+
+    def to_json(self) -> dict[str, Any]:
+        """The exact values of a proved check."""
+        return {
+            "tolerance": number_text(self.tolerance),
+            "time": number_text(self.time),
+            "stages": [stage.to_json() for stage in self.stages],
+        }

@@ -17,8 +17,7 @@ from typing import Final
 import numpy as np
 
 from dobc_design.conditions.quadratic.claim import Lure
-from dobc_design.conditions.separable.field import field_of
-from dobc_design.conditions.separable.propose import LARGE, propose_vectors
+from dobc_design.conditions.separable.propose import LARGE, field_of, propose_vectors
 from dobc_design.exact.matrix import Vector, to_float
 from dobc_design.exact.symmetric import SparseSymmetric
 from dobc_design.problem.problem import Problem

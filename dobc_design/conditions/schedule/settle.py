@@ -13,6 +13,7 @@ from fractions import Fraction
 from itertools import chain
 from typing import Final
 
+from dobc_design.conditions.numbers import rounded_down
 from dobc_design.conditions.quadratic.claim import Lure
 from dobc_design.conditions.quadratic.decide import verify_lure
 from dobc_design.conditions.schedule.asked import Asked
@@ -38,7 +39,7 @@ from dobc_design.conditions.schedule.propose import (
 from dobc_design.conditions.schedule.propose_quadratic import propose_quadratic_stages
 from dobc_design.conditions.schedule.settling import Settling
 from dobc_design.conditions.separable.claim import ErrorBound, Separable, acts_by_component
-from dobc_design.conditions.separable.decide import largest_rate, rounded_down
+from dobc_design.conditions.separable.decide import largest_rate
 from dobc_design.conditions.separable.observer import first_certificate
 from dobc_design.conditions.separable.propose import SeparablePlan, design_separable, flatter_plans, rounded_vectors
 from dobc_design.exact.interval import Interval, log, sqrt

@@ -10,11 +10,11 @@ from collections.abc import Callable, Sequence
 from fractions import Fraction
 from typing import Final
 
-from dobc_design.conditions.check import Check
+from dobc_design.conditions.check import Check, undecided_check
 from dobc_design.conditions.schedule.asked import asked_beside
 from dobc_design.conditions.schedule.checks import settling_check
 from dobc_design.conditions.schedule.settle import settle
-from dobc_design.conditions.separable.checks import obstacle, undecided_check
+from dobc_design.conditions.separable.checks import obstacle
 from dobc_design.exact.matrix import Matrix
 from dobc_design.problem.problem import Problem
 

@@ -6,51 +6,38 @@ docs/certificate-format.md, "Regions".  A proved check is proved for the very nu
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from fractions import Fraction
-from typing import Any, Final
+from typing import Final
 
-import numpy as np
-
-from dobc_design.conditions.check import Check, Domain, Witness, number_or_none, require_keys
+from dobc_design.conditions.check import Check, Witness, read_domain, starts_in, undecided_check
 from dobc_design.conditions.consensus.network import name_agents
 from dobc_design.conditions.numbers import (
-    VECTOR_BITS,
     claimed,
-    doubles_from_json,
-    doubles_to_json,
-    has_short_denominator,
-    is_short,
-    read_rational,
+    decimal_below,
+    follows,
+    rounded_down,
     shorten,
 )
-from dobc_design.conditions.separable.claim import ErrorBound, Separable, acts_by_component
-from dobc_design.conditions.separable.decide import rounded_down
-from dobc_design.conditions.separable.observer import composite_rate, covers, verify_composite
-from dobc_design.conditions.separable.ordering import find_ordering
-from dobc_design.conditions.separable.timing import (
+from dobc_design.conditions.separable.claim import (
     DelayBound,
     SamplingBound,
-    largest_period,
-    sampled_factor,
-    verify_delay,
+    Separable,
+    acts_by_component,
+    read_claim,
+    separable_from_json,
 )
-from dobc_design.exact.matrix import Matrix, Vector
-from dobc_design.exact.number import number_text
-from dobc_design.exact.symmetric import Doubles
-from dobc_design.problem.canonical import matrix_text
+from dobc_design.conditions.separable.observer import composite_rate, covers, verify_composite
+from dobc_design.conditions.separable.ordering import find_ordering, is_stuck
+from dobc_design.conditions.separable.timing import largest_period, sampled_factor, verify_delay, verify_sampling
+from dobc_design.exact.matrix import Matrix
 from dobc_design.problem.problem import Problem
 from dobc_design.verdict import Verdict
 
-#: Agents from which on v travels as doubles.
-MANY_AGENTS: Final = 1000
 #: Sampling periods below are no use to anybody (s).
 SHORTEST: Final = Fraction(1, 10**30)
 #: The part of a sampling period that is kept in hand, for a second program with wider enclosures.
 IN_HAND: Final = Fraction(1, 1000)
-#: The key under which a sampling check holds weights of its own, where it has some.
-OWN: Final = "certificate"
-_OBSERVER: Final = ("P", "beta", "kappa", "size")
 _SHOWN: Final = 6  # stuck agents that a sentence tells with the mode that blocks them
 
 
@@ -83,7 +70,7 @@ def max_separable_check(
     """
     reason = obstacle(problem, W)
     if reason is not None:
-        return undecided_check("max-separable", domain, reason)
+        return undecided_check("max-separable", domain, reason, applies=False)
     answer = verify_composite(problem, W, claim)
     if answer.verdict is not Verdict.PROVED:
         return undecided_check("max-separable", domain, answer.reason)
@@ -99,9 +86,9 @@ def max_separable_check(
     return Check(
         id="max-separable",
         verdict=Verdict.PROVED,
-        domain="global" if claim.rho is None else box(radius, disturbance),
+        domain="global" if claim.rho is None else starts_in("box", radius, disturbance),
         rate=rate,
-        exact=separable_to_json(claim),
+        claim=claim,
         reason=f"from {starts}: V = {measure} decays at least like exp(-{shorten(rate, digits=4):.4g} t), because"
         f" on every face of every smaller box the field points inwards{_in_every_mode(problem)}.{remark}",
     )
@@ -140,7 +127,7 @@ def delay_check(problem: Problem, claim: Separable, bound: DelayBound, beside: C
         verdict=Verdict.PROVED,
         domain=beside.domain,
         rate=rate,
-        exact={"delay": number_text(bound.delay), "rate": number_text(bound.rate)},
+        claim=bound,
         reason=f"agents may hear each other late by up to {float(bound.delay):.4g} s, in any varying way: the error"
         f" still decays at every rate below {shorten(rate, digits=4):.4g} 1/s. Longer delays make it slower; none"
         " stops it.",
@@ -172,18 +159,15 @@ def sampling_check(
     period = rounded_down(
         longest.period * (1 - IN_HAND), digits=4
     )  # what is proved for a period holds for shorter ones
-    bound = SamplingBound(period=period, factor=1 - period * claim.alpha)
+    bound = SamplingBound(period=period, factor=1 - period * claim.alpha, own=own)
     fall = shorten(100 * (1 - sampled_factor(claim, bound)), digits=2)
-    exact: dict[str, Any] = {"period": number_text(bound.period), "factor": number_text(bound.factor)}
-    if own is not None:
-        exact[OWN] = separable_to_json(own)
     estimate = " (dhat is subtracted all the time)" if problem.groups else ""  # held, it leaves an error for ever
     what = "V still falls" if own is None else "a V of its own, with weights that differ less, falls"
     return Check(
         id="sampling",
         verdict=Verdict.PROVED,
         domain=beside.domain,
-        exact=exact,
+        claim=bound,
         reason=f"couplings and pinning may be held for {float(period):.4g} s from one sample to the next{estimate}:"
         f" {what}, by at least {fall:.2g} % a sample.",
     )
@@ -198,99 +182,83 @@ def _holds_box(problem: Problem, W: Matrix | None, claim: Separable, beside: Che
     return inside and verify_composite(problem, W, claim).verdict is Verdict.PROVED
 
 
-def undecided_check(id: str, domain: str, reason: str) -> Check:
-    """A regional check that claims nothing."""
-    return Check(id=id, verdict=Verdict.UNDECIDED, domain=domain, reason=reason)
-
-
-def decimal_below(value: Fraction) -> float:
-    """A decimal number of at most nine digits that does not exceed ``value`` > 0; the same if it has no more."""
-    found = float(rounded_down(value))
-    return found if claimed(found) <= value else shorten(value)
-
-
-def box(radius: float, disturbance: float) -> Domain:
-    """The domain |e|_inf <= radius and |eps_i| <= disturbance."""
-    return {"kind": "box", "radius": radius, "disturbance": disturbance}
-
-
-def read_domain(domain: object, problem: Problem, *, kind: str) -> tuple[Fraction, Fraction]:
-    """Radius > 0 and disturbance >= 0 of a domain, ``kind`` "box" or "ball".
-
-    Raises: ValueError or TypeError for another one, and for a disturbance without an exosystem.
-    """
-    if not isinstance(domain, Mapping) or set(domain) != {"kind", "radius", "disturbance"} or domain["kind"] != kind:
-        raise ValueError(f"the domain must be a {kind} with radius and disturbance")
-    radius, disturbance = number_or_none(domain["radius"]), number_or_none(domain["disturbance"])
-    if radius is None or radius <= 0 or disturbance is None or disturbance < 0:
-        raise ValueError("the radius must be > 0 and the disturbance >= 0")
-    if disturbance and not problem.groups:
-        raise ValueError("without an exosystem the disturbance must be 0")
-    return claimed(radius), claimed(disturbance)
-
-
-def separable_to_json(claim: Separable) -> dict[str, Any]:
-    """The exact values of a proved max-separable check."""
-    values: dict[str, Any] = {
-        "v": vector_to_json(claim.v),
-        "alpha": number_text(claim.alpha),
-        "rho": None if claim.rho is None else number_text(claim.rho),
-    }
-    if claim.error is not None:
-        values["P"] = matrix_text(claim.error.P)
-        values |= {name: number_text(getattr(claim.error, name)) for name in ("beta", "kappa", "size")}
-    return values
-
-
-def separable_from_json(exact: object, problem: Problem) -> Separable:
-    """Read them back for this problem.  Raises: KeyError, TypeError or ValueError for anything else."""
-    names = _OBSERVER if problem.groups else ()
-    values = read_object(exact, ("v", "alpha", "rho", *names))
-    error = None
-    if problem.groups:
-        P = tuple(tuple(read_rational(entry) for entry in row) for row in values["P"])
-        if not is_short(P):
-            raise ValueError("P needs too long a common denominator")
-        beta, kappa, size = (read_rational(values[name]) for name in ("beta", "kappa", "size"))
-        if min(beta, kappa, size) <= 0:
-            raise ValueError("beta, kappa and size must be > 0")
-        error = ErrorBound(P=P, beta=beta, kappa=kappa, size=size)
-    return Separable(
-        v=vector_from_json(values["v"], problem.n),
-        alpha=read_rational(values["alpha"]),
-        rho=None if values["rho"] is None else read_rational(values["rho"]),
-        error=error,
-    )
-
-
-def read_object(data: object, names: Sequence[str]) -> Mapping[str, Any]:
-    """An object with exactly these keys.  Raises: KeyError, TypeError or ValueError for anything else."""
-    require_keys(data, "exact", needed=names)
-    return data if isinstance(data, Mapping) else {}
-
-
-def vector_to_json(v: Vector | Doubles) -> list[str] | dict[str, str]:
-    """A list of rationals, or for many agents the base64 of little-endian doubles where those are exact."""
-    if len(v) > MANY_AGENTS:
-        doubles = v.array if isinstance(v, Doubles) else np.array([float(x) for x in v])
-        if isinstance(v, Doubles) or all(Fraction(x) == y for x, y in zip(doubles.tolist(), v, strict=True)):
-            return doubles_to_json(doubles)
-    return [number_text(x) for x in v]
-
-
-def vector_from_json(data: object, size: int) -> Vector | Doubles:
-    """Read ``size`` numbers.  Raises: KeyError, TypeError or ValueError for anything else."""
-    v: Vector | Doubles
-    if isinstance(data, list):
-        v = tuple(read_rational(text) for text in data)
-        if not has_short_denominator(v, VECTOR_BITS):
-            raise ValueError("the vector needs too long a common denominator")
-    else:
-        v = Doubles(doubles_from_json(data))
-    if len(v) != size:
-        raise ValueError(f"expected {size} numbers, got {len(v)}")
-    return v
-
-
 def _in_every_mode(problem: Problem) -> str:
     return ", in every mode" if len(problem.network.modes) > 1 else ""
+
+
+def confirm(check: Check, problem: Problem, W: Matrix | None, *, domain: str, proof: Check | None) -> str | None:
+    """None if everything that a proved or refuted check claims is confirmed, else what is not.
+
+    ``W`` (q, m): the gain of the loop; ``domain``: that of Lemma 1; ``proof``: the max-separable check of the same
+    certificate.  Rows, observer and box are decided again from the problem.  Raises what a malformed claim raises.
+    """
+    reason = obstacle(problem, W)
+    if reason is not None:
+        return reason
+    if check.id != "max-separable":
+        return _confirm_timing(check, problem, W, domain=domain, proof=proof)
+    if check.verdict is Verdict.REFUTED:
+        return _stuck(check, problem)
+    claim = separable_from_json(check.exact, problem)
+    if check.witness is not None:
+        return "a proof has no witness"
+    wrong = _not_proved(claim, check, problem, W, domain)
+    if wrong is not None:
+        return wrong
+    return None if follows(check.rate, composite_rate(claim)) else f"the rate {check.rate} does not follow"
+
+
+def _not_proved(claim: Separable, check: Check, problem: Problem, W: Matrix | None, domain: str) -> str | None:
+    """None if the claim is proved and holds all starts of the domain of the check, else what is wrong."""
+    if claim.rho is None:
+        if check.domain != "global" or domain != "global":
+            return "without rho the domain must be global, and every coupling linear"
+    else:
+        radius, disturbance = read_domain(check.domain, problem, kind="box")
+        if not covers(claim, radius=radius, disturbance=disturbance):
+            return "the box is not inside the invariant set"
+    answer = verify_composite(problem, W, claim)
+    return None if answer.verdict is Verdict.PROVED else answer.reason
+
+
+def _stuck(check: Check, problem: Problem) -> str | None:
+    """Some agents that no common v can hold."""
+    witness = check.witness
+    if check.rate is not None or check.exact is not None:
+        return "a refuted check must claim no rate and no exact values"
+    if witness is None or witness.kind != "agents" or witness.values is not None or not witness.labels:
+        return "it needs agents as its witness"
+    places = {label: agent for agent, label in enumerate(problem.network.labels)}
+    agents = [places[label] for label in witness.labels if label in places]
+    if len(agents) != len(witness.labels) or len(set(agents)) != len(agents):
+        return "the witness must name different agents of the problem"
+    if not is_stuck(problem, agents):
+        return "one of the agents is pinned or hears another agent in every mode"
+    return None
+
+
+def _confirm_timing(
+    check: Check, problem: Problem, W: Matrix | None, *, domain: str, proof: Check | None
+) -> str | None:
+    """Delays and sampling, beside the proof that they rest on."""
+    if check.verdict is not Verdict.PROVED or check.witness is not None:
+        return "it can only be proved or undecided, and has no witness"
+    if proof is None or proof.verdict is not Verdict.PROVED or proof.domain != check.domain:
+        return "it needs a proved max-separable check with its domain"
+    if check.domain != "global":
+        read_domain(check.domain, problem, kind="box")  # true equals 1 and is no number
+    claim, bound = separable_from_json(proof.exact, problem), read_claim(check, problem, W)
+    if isinstance(bound, DelayBound):
+        answer = verify_delay(problem, claim, bound)
+        if answer.verdict is Verdict.PROVED and not follows(check.rate, bound.rate):
+            return f"the rate {check.rate} does not follow"
+    elif isinstance(bound, SamplingBound):
+        if check.rate is not None:
+            return "it claims a number that this check does not have"
+        wrong = None if bound.own is None else _not_proved(bound.own, check, problem, W, domain)
+        if wrong is not None:
+            return f"its own certificate: {wrong}"
+        answer = verify_sampling(problem, bound.own or claim, bound)
+    else:
+        return "it is not known here"
+    return None if answer.verdict is Verdict.PROVED else answer.reason

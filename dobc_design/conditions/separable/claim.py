@@ -13,18 +13,24 @@ from __future__ import annotations
 from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
+from typing import Any, Final
 
 import numpy as np
 
+from dobc_design.conditions.check import Check, Claim, read_object
+from dobc_design.conditions.numbers import is_short, read_rational, vector_from_json, vector_to_json
 from dobc_design.errors import ShapeError, SpecError
 from dobc_design.exact.matrix import Matrix, Vector
-from dobc_design.exact.number import float_above
+from dobc_design.exact.number import float_above, number_text
 from dobc_design.exact.symmetric import Doubles, least
 from dobc_design.problem.arcs import coupling_places
+from dobc_design.problem.canonical import matrix_text
 from dobc_design.problem.problem import Problem
 
 UPPER, LOWER = 1, -1
 FACES = {UPPER: "upper", LOWER: "lower"}
+#: The key under which a check of sampling holds a certificate of its own, where it has one.
+OWN: Final = "certificate"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -64,6 +70,88 @@ class Separable:
     def least(self) -> Fraction:
         """Min v."""
         return least(self.v)
+
+    def to_json(self) -> dict[str, Any]:
+        """The exact values of a proved max-separable check."""
+        values: dict[str, Any] = {
+            "v": vector_to_json(self.v),
+            "alpha": number_text(self.alpha),
+            "rho": None if self.rho is None else number_text(self.rho),
+        }
+        if self.error is not None:
+            values["P"] = matrix_text(self.error.P)
+            values |= {name: number_text(getattr(self.error, name)) for name in ("beta", "kappa", "size")}
+        return values
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class DelayBound:
+    """For all delays up to ``delay`` (s) the error decays at ``rate`` (1/s); with an observer at every smaller rate."""
+
+    delay: Fraction
+    rate: Fraction
+
+    def to_json(self) -> dict[str, Any]:
+        """The exact values of a proved check of delays."""
+        return {"delay": number_text(self.delay), "rate": number_text(self.rate)}
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SamplingBound:
+    """A certified sampling period (s), and by how much N falls from one sample to the next at least.
+
+    ``own``: the certificate whose N that is, where it is not the one beside it.
+    """
+
+    period: Fraction
+    factor: Fraction
+    own: Separable | None = None
+
+    def to_json(self) -> dict[str, Any]:
+        """The exact values of a proved check of sampling."""
+        own = {} if self.own is None else {OWN: self.own.to_json()}
+        return {"period": number_text(self.period), "factor": number_text(self.factor), **own}
+
+
+def read_claim(check: Check, problem: Problem, W: Matrix | None) -> Claim:
+    """What a proved check of this topic claims, for this problem; the gain ``W`` (q, m) is not needed.
+
+    Raises: KeyError, TypeError, ValueError, ShapeError or SpecError for anything that cannot be such a claim.
+    """
+    exact = check.exact
+    if check.id == "delay":
+        values = read_object(exact, ("delay", "rate"))
+        return DelayBound(delay=read_rational(values["delay"]), rate=read_rational(values["rate"]))
+    if check.id == "sampling":
+        own = [OWN] if exact is not None and OWN in exact else []
+        values = read_object(exact, ("period", "factor", *own))
+        return SamplingBound(
+            period=read_rational(values["period"]),
+            factor=read_rational(values["factor"]),
+            own=separable_from_json(values[OWN], problem) if own else None,
+        )
+    return separable_from_json(exact, problem)
+
+
+def separable_from_json(exact: object, problem: Problem) -> Separable:
+    """Read the values of ``Separable.to_json`` back for this problem; raises as ``read_claim``."""
+    names = ("P", "beta", "kappa", "size") if problem.groups else ()
+    values = read_object(exact, ("v", "alpha", "rho", *names))
+    error = None
+    if problem.groups:
+        P = tuple(tuple(read_rational(entry) for entry in row) for row in values["P"])
+        if not is_short(P):
+            raise ValueError("P needs too long a common denominator")
+        beta, kappa, size = (read_rational(values[name]) for name in ("beta", "kappa", "size"))
+        if min(beta, kappa, size) <= 0:
+            raise ValueError("beta, kappa and size must be > 0")
+        error = ErrorBound(P=P, beta=beta, kappa=kappa, size=size)
+    return Separable(
+        v=vector_from_json(values["v"], problem.n),
+        alpha=read_rational(values["alpha"]),
+        rho=None if values["rho"] is None else read_rational(values["rho"]),
+        error=error,
+    )
 
 
 @dataclass(frozen=True, slots=True)

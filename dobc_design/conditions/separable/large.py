@@ -1,29 +1,274 @@
 """Rows of the max-separable certificate for very many arcs: float arithmetic with outward bounds.
 
-A row that is reported as proved is proved; what is left is for ``separable_rows``.  The subdivision of s and its bounds
-are the same as there, for all rows at once; where a coupling falls, ``separable_turns`` says what counts.
+A row that is reported as proved is proved; what is left is for the exact rows of ``decide``.  The subdivision of s and
+its bounds are the same as there, for all rows at once.  Gains come from tables whose cells hold exact enclosures
+(theory, section 1); off the middle of a cell the mean value theorem bounds g by two multiplications.  No floating-point
+function is trusted: only + - * and comparisons, whose results are rounded outwards.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
+from functools import lru_cache
 from typing import Any, Final
 
 import numpy as np
+from numpy.typing import NDArray
 
 from dobc_design.conditions.separable.claim import FACES, holding_gains
-from dobc_design.conditions.separable.table import CELLS, Array, GainTable, down, gain_table, up
-from dobc_design.conditions.separable.turns import Turning, turning
-from dobc_design.coupling.enclosures import Profile
-from dobc_design.exact.interval import UndefinedError
+from dobc_design.coupling.enclosures import Curve, Profile, secant
+from dobc_design.coupling.expression import Expression
+from dobc_design.exact.interval import Interval, UndefinedError
 from dobc_design.exact.number import float_above, float_below
 from dobc_design.exact.symmetric import Doubles
 from dobc_design.problem.arcs import coupling_places
 from dobc_design.problem.network import ONE
 from dobc_design.problem.problem import Problem
+
+Array = NDArray[np.float64]
+
+CELLS: Final = 512
+_KEPT: Final = 16  # tables
+# Cells overlap by this part of their width, far more than a float position can be wrong.
+_BEYOND: Final = Fraction(1, 2**20)
+# A result of one operation is within 2^-53 of itself of the truth (2^-1074 near 0).
+_RELATIVE: Final = 2.0**-51
+_TINY: Final = 2.0**-1060
+
+
+def up(x: Array) -> Array:
+    """A number above what x would be without its last rounding."""
+    return x + (np.abs(x) * _RELATIVE + _TINY)
+
+
+def down(x: Array) -> Array:
+    """A number below what x would be without its last rounding."""
+    return x - (np.abs(x) * _RELATIVE + _TINY)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class GainTable:
+    """Bounds of g and g' on [-radius, radius] in cells of equal width.
+
+    ``low`` and ``high`` bound g in the middle of each cell, slack for misplaced positions included; ``falls`` and
+    ``rises`` bound g' on it (0 where g' is not bounded: low and high then hold on the whole cell).
+    ``ranges``: least g, most g, least g', most g' over 1, 2, 4, ... cells from each on; shape (levels, cells) each.
+    """
+
+    radius: float
+    width: float
+    low: Array
+    high: Array
+    falls: Array
+    rises: Array
+    ranges: tuple[Array, Array, Array, Array]
+
+    def cell(self, y: Array) -> Any:
+        """The cell of each y, up to the overlap."""
+        return np.clip(((y + self.radius) / self.width).astype(np.int64), 0, len(self.low) - 1)
+
+    def at(self, y: Array) -> tuple[Array, Array]:
+        """Lower and upper bounds of g at y, where y may be wrong in its last digits."""
+        cell = self.cell(y)
+        beyond = y - ((cell + 0.5) * self.width - self.radius)
+        falls, rises = self.falls[cell] * beyond, self.rises[cell] * beyond
+        lower = down(self.low[cell] + down(np.minimum(falls, rises)))
+        return lower, up(self.high[cell] + up(np.maximum(falls, rises)))
+
+    def over(self, y: Array, z: Array) -> tuple[Array, Array, Array, Array]:
+        """Lower and upper bounds of g, then of g', between y and z."""
+        first, last = self.cell(np.minimum(y, z)), self.cell(np.maximum(y, z))
+        level = np.frexp((last - first + 1).astype(float))[1] - 1
+        second = last - (1 << level) + 1
+        least, most, falls, rises = self.ranges
+        return (
+            np.minimum(least[level, first], least[level, second]),
+            np.maximum(most[level, first], most[level, second]),
+            np.minimum(falls[level, first], falls[level, second]),
+            np.maximum(rises[level, first], rises[level, second]),
+        )
+
+
+def gain_table(curve: Curve, radius: Fraction, *, cells: int = CELLS) -> GainTable:
+    """Enclose g on [-radius, radius]; the table reaches a little further, so that its nodes are floats.
+
+    A few tables are kept, since one claim asks for the same several times; their arrays cannot be written to.
+    Raises: exact.interval.UndefinedError where g cannot be enclosed.
+    """
+    return _table(curve.expression, radius, cells)
+
+
+@lru_cache(maxsize=_KEPT)
+def _table(expression: Expression, radius: Fraction, cells: int) -> GainTable:
+    curve = Curve(expression)
+    unit = Fraction(2) ** (math.frexp(float_above(radius))[1] - 5 if radius > 0 else -20)
+    reach = unit * (radius // unit + 1)
+    width = 2 * reach / cells
+    cell = [_cell(curve, -reach + k * width, width, limit=radius) for k in range(cells)]
+    low, high, least, most, falls, rises = (np.array(column) for column in zip(*cell, strict=True))
+    bounded = np.isfinite(falls) & np.isfinite(rises)
+    ranges = (
+        _running(least, np.minimum),
+        _running(most, np.maximum),
+        _running(falls, np.minimum),
+        _running(rises, np.maximum),
+    )
+    falls, rises = np.where(bounded, falls, 0.0), np.where(bounded, rises, 0.0)
+    for array in (low, high, falls, rises, *ranges):
+        array.setflags(write=False)
+    return GainTable(
+        radius=float(reach), width=float(width), low=low, high=high, falls=falls, rises=rises, ranges=ranges
+    )
+
+
+def _cell(curve: Curve, start: Fraction, width: Fraction, *, limit: Fraction) -> tuple[float, ...]:
+    """(low, high) of g in the middle, then bounds of g and of g' on the cell; infinite beyond the limit."""
+    overlap = width * _BEYOND
+    nothing = (-math.inf, math.inf)
+    if start > limit + 2 * overlap or start + width < -limit - 2 * overlap:
+        return nothing * 3
+    place = Interval(start - overlap, start + width + overlap)
+    around = secant(curve, place)
+    values = around.value.floats()
+    if around.slope is None:
+        return values + values + nothing
+    node = secant(curve, Interval.point(start + width / 2)).value
+    slack = 4 * overlap * around.slope.magnitude
+    return float_below(node.lo - slack), float_above(node.hi + slack), *values, *around.slope.floats()
+
+
+def _running(values: Array, choose: Any) -> Array:
+    """Minima or maxima over 2^k cells from each place on; near the right end over those that are left."""
+    levels = [values]
+    span = 1
+    while 2 * span <= len(values):
+        shifted = np.concatenate([levels[-1][span:], np.repeat(levels[-1][-1:], span)])
+        levels.append(choose(levels[-1], shifted))
+        span *= 2
+    return np.stack(levels)
+
+
+#: A coupling that turns more often is left to the exact rows.
+MOST_TURNS: Final = 40
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Turning:
+    """One coupling that is not nondecreasing, for one face (the lower one has -h(-y) in place of h).
+
+    ``table`` reaches to the left ends.  ``falls``: where h is not shown to rise.  ``tops``: where it may have a
+    maximum, with an upper bound of what it takes there.
+    """
+
+    table: GainTable
+    face: int
+    falls: tuple[tuple[float, float], ...]
+    tops: tuple[tuple[float, float, float], ...]
+
+    def largest(
+        self, steps: Array, reaches: Array, right: tuple[Array, Array], s: float, t: float
+    ) -> tuple[Array, Any]:
+        """An upper bound of phi on [s, t] for every arc, and whether phi is the right end on all of it.
+
+        ``right``: lower and upper bounds of what the right end gives, step g(s step), on [s, t].
+        """
+        most, smooth = right[1].copy(), np.ones(len(steps), dtype=bool)
+        asked = np.flatnonzero(self._may_fall(-up(t * reaches), _right_end(steps, s, t)))
+        if len(asked):
+            others = self._others(steps[asked], reaches[asked], s, t)
+            smooth[asked] = others <= right[0][asked]
+            most[asked] = np.maximum(np.minimum(most[asked], self._end(steps[asked], s, t)), others)
+        return most, smooth
+
+    def _end(self, x: Array, s: float, t: float) -> Array:
+        """The largest x g(s x) on [s, t]: from the range of g, or from the middle and the range of g'."""
+        least, most, falls, rises = self.table.over(self.face * s * x, self.face * t * x)
+        middle = self.table.at(self.face * (s + t) / 2 * x)
+        there = up(np.where(x >= 0, x * middle[1], x * middle[0]))
+        half = (t - s) / 2 + t * 2.0**-50
+        swing = up(up(np.maximum(-falls, rises) * half) * up(x * x))
+        found = np.minimum(up(np.where(x >= 0, x * most, x * least)), up(there + np.maximum(swing, 0.0)))
+        return np.where(x == 0, 0.0, found)
+
+    def _may_fall(self, low: Array, high: Array) -> Any:
+        """Whether h may fall somewhere on [low, high]."""
+        found = np.zeros(len(low), dtype=bool)
+        for start, end in self.falls:
+            found |= (start <= high) & (low <= end)
+        return found
+
+    def _others(self, steps: Array, reaches: Array, s: float, t: float) -> Array:
+        """What the left end and the maxima inside give at most; everything where s is 0 and h turns there."""
+        there = self._may_fall(-up(t * reaches), -down(s * reaches))
+        found = np.where(there, self._end(-reaches, s, t), -np.inf)
+        for low, high, value in self.tops:
+            begin, end = _when(low, high, steps, reaches, s, t)
+            with np.errstate(divide="ignore"):
+                here = up(value / begin) if value > 0 else up(value / end)
+            found = np.where(begin <= end, np.maximum(found, here), found)
+        return found if s else np.minimum(found, self._whole(steps, reaches, t))
+
+    def _whole(self, steps: Array, reaches: Array, t: float) -> Array:
+        """The largest x g(s x), -reach <= x <= step, s in [0, t], from the range of g."""
+        end = np.maximum(_right_end(steps, 0.0, t), 0.0)
+        least, most, _, _ = self.table.over(-self.face * up(t * reaches), self.face * end)
+        left, right = np.maximum(-reaches * least, -reaches * most), np.maximum(steps * least, steps * most)
+        return up(np.maximum(left, right))
+
+
+def turning(kind: Profile, table: GainTable, face: int) -> Turning | None:
+    """Bring a coupling into floats; None if it turns too often."""
+    tops = kind.tops if face > 0 else kind.bottoms
+    falls = tuple(_joined(_outward(cell.place, face) for cell in kind.cells if cell.direction <= 0))
+    if len(tops) > MOST_TURNS or len(falls) > MOST_TURNS:
+        return None
+    values = [float_above(cell.values.hi if face > 0 else -cell.values.lo) for cell in tops]
+    places = [_outward(cell.place, face) for cell in tops]
+    return Turning(
+        table=table,
+        face=face,
+        falls=falls,
+        tops=tuple((low, high, value) for (low, high), value in zip(places, values, strict=True)),
+    )
+
+
+def _when(low: float, high: float, steps: Array, reaches: Array, s: float, t: float) -> tuple[Array, Array]:
+    """The s of [s, t] for which [low, high] may meet [-s reach, s step]; from above to nothing where there are none."""
+    begin, end = np.full(len(steps), s), np.full(len(steps), t)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        if low > 0:
+            begin = np.where(steps > 0, np.maximum(begin, down(low / steps)), np.inf)
+        elif high < 0:
+            begin = np.maximum(begin, down(-high / reaches))
+            end = np.where(steps < 0, np.minimum(end, up(low / steps)), end)
+    return begin, end
+
+
+def _right_end(steps: Array, s: float, t: float) -> Array:
+    return np.maximum(up(s * steps), up(t * steps))
+
+
+def _outward(place: Interval, face: int) -> tuple[float, float]:
+    mirrored = place if face > 0 else -place
+    return float_below(mirrored.lo), float_above(mirrored.hi)
+
+
+def _joined(places: Iterable[tuple[float, float]]) -> Iterator[tuple[float, float]]:
+    """Neighbours that touch as one."""
+    current: tuple[float, float] | None = None
+    for low, high in sorted(places):
+        if current is not None and low <= current[1]:
+            current = (current[0], max(current[1], high))
+        else:
+            if current is not None:
+                yield current
+            current = (low, high)
+    if current is not None:
+        yield current
+
 
 # Pieces of (0, rho] looked at before the remaining rows are given back, and the narrowest as a part of rho.
 _MOST_PIECES: Final = 600
@@ -117,7 +362,7 @@ def _shared_table(kind: Profile, radius: Fraction, cells: int) -> GainTable:
         return gain_table(kind.curve, radius, cells=cells)
 
 
-def _largest(count: int, parts: Sequence[tuple[Array, Array]]) -> list[Fraction]:
+def _largest(count: int, parts: Sequence[tuple[Any, Array]]) -> list[Fraction]:
     """The largest size of the values of each of ``count`` kinds, 0 where there are none; parts: (kinds, values)."""
     found = np.zeros(count)
     for kinds, values in parts:

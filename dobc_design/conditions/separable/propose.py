@@ -2,28 +2,304 @@
 
 The rows bound each v_i from below by the others: whoever is listened to may only raise a row.  So for a given alpha the
 solutions with v >= 1 have a least one, and Newton's method finds it (one sparse solve per step, for any size).  The
-largest alpha follows by bisection.  This needs no monotone coupling.  Nothing here is a proof.
+largest alpha follows by bisection.  The rows are taken in floating point for all agents at once: the largest over
+modes, faces and a grid of s, with its derivatives in v.  This needs no monotone coupling.  Nothing here is a proof.
 """
 
 from __future__ import annotations
 
 import logging
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from fractions import Fraction
+from typing import Any
 
 import numpy as np
+from scipy import sparse
 
 from dobc_design.conditions.consensus.estimates import decay_rate
-from dobc_design.conditions.separable.claim import ErrorBound
-from dobc_design.conditions.separable.field import Field, field_of
-from dobc_design.conditions.separable.newton import FEW_AGENTS, LOOSE, TIGHT, least_solution, linear_rate
+from dobc_design.conditions.separable.claim import ErrorBound, holding_gains
 from dobc_design.conditions.separable.ordering import find_ordering
 from dobc_design.conditions.separable.propose_observer import propose_error_bound, radius_needed
 from dobc_design.exact.matrix import Matrix, Vector
 from dobc_design.exact.symmetric import Doubles
+from dobc_design.problem.arcs import coupling_places, split_by
 from dobc_design.problem.problem import Problem
 from dobc_design.solvers.program import Array
+
+SAMPLES = 4001  # points of a coupling's table
+MOST_TURNS = 200  # of a coupling in it: sine as far as 300
+WORK = 1_000_000  # evaluations of h per pass that are worth a finer grid of s
+FINEST, COARSEST = 33, 5
+NEAREST = 1e-5  # the smallest s, as a part of rho
+STEP = 1e-6  # of central differences
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Shape:
+    """One coupling: h, and where it has maxima and minima on the sampled range."""
+
+    h: Callable[[Array], Array]
+    tops: tuple[Array, Array]  # places, values
+    bottoms: tuple[Array, Array]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Group:
+    """The arcs of one mode with one coupling."""
+
+    listeners: Any
+    speakers: Any
+    weights: Array
+    shape: Shape
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Field:
+    """All rows: ``modes`` holds the groups of every mode, ``grid`` the values of s."""
+
+    size: int
+    gains: Array
+    modes: tuple[tuple[Group, ...], ...]
+    grid: Array
+
+    def rows(self, v: Array, *, alpha: float) -> tuple[Array, Any, Array]:
+        """The largest row of every agent, its Jacobian in v (n, n), and the size of its terms."""
+        worst = np.full(self.size, -np.inf)
+        scale = (np.abs(self.gains) + alpha) * v
+        chosen = np.zeros(self.size, dtype=np.int64)
+        choices = [(m, f, k) for m in range(len(self.modes)) for f in (1, -1) for k in range(len(self.grid))]
+        for number, (mode, face, k) in enumerate(choices):
+            row = self._sum(mode, face, float(self.grid[k]), v)
+            chosen[row > worst] = number
+            worst = np.fmax(worst, row)  # a row that is no number is left out
+            scale = np.maximum(scale, np.abs(row))
+        residual = worst - (self.gains - alpha) * v
+        return residual, self._jacobian(chosen, choices, v, alpha), scale
+
+    def rates(self, v: Array) -> Array:
+        """The rate that v has at each s of the grid, (grid,): the least over agents, modes and faces."""
+        found = np.full(len(self.grid), np.inf)
+        for k, s in enumerate(self.grid.tolist()):
+            for mode in range(len(self.modes)):
+                for face in (1, -1):
+                    rate = self.gains - self._sum(mode, face, s, v) / v
+                    found[k] = min(found[k], float(np.min(rate)))
+        return found
+
+    def values(self, mode: int, face: int, v: Array) -> Array:
+        """One face of one mode: the largest sum of every agent at each s of the grid, without its gain, (grid, n)."""
+        return np.array([self._sum(mode, face, s, v) for s in self.grid.tolist()])
+
+    def slopes(self, mode: int, face: int, places: Any, v: Array) -> Any:
+        """The derivatives in v, (n, n), of these sums, each agent at its own place (n,) of the grid."""
+        choices = [(mode, face, k) for k in range(len(self.grid))]
+        return self._jacobian(np.asarray(places), choices, v, 0.0) + sparse.diags_array(self.gains)
+
+    def _sum(self, mode: int, face: int, s: float, v: Array) -> Array:
+        total = np.zeros(self.size)
+        for group in self.modes[mode]:
+            value, _ = _sup(group.shape, face, s, v[group.listeners], v[group.speakers])
+            total += np.bincount(group.listeners, weights=group.weights * value, minlength=self.size)
+        return total
+
+    def _jacobian(self, chosen: Any, choices: Sequence[tuple[int, int, int]], v: Array, alpha: float) -> Any:
+        """Each agent has the choice (mode, face, place in the grid) of its own number."""
+        parts_i, parts_j, parts_x = [np.arange(self.size)], [np.arange(self.size)], [alpha - self.gains]
+        for number in np.unique(chosen).tolist():
+            mode, face, k = choices[number]
+            mine = chosen == number
+            for group in self.modes[mode]:
+                here = mine[group.listeners]
+                i, j, w = group.listeners[here], group.speakers[here], group.weights[here]
+                own, other = _derivatives(group.shape, face, float(self.grid[k]), v[i], v[j])
+                parts_i += [i, i]
+                parts_j += [i, j]
+                parts_x += [w * own, w * other]
+        entries = (np.concatenate(parts_x), (np.concatenate(parts_i), np.concatenate(parts_j)))
+        return sparse.csr_array(sparse.coo_array(entries, shape=(self.size, self.size)))
+
+
+def field_of(problem: Problem, *, rho: float, modes: Sequence[str] | None = None, spread: float = 4.0) -> Field:
+    """Prepare the rows for s in (0, rho]; turning points of h are looked for on |y| <= 2 spread rho."""
+    shapes = [shape_of(_scalar(coupling), radius=2 * spread * rho) for coupling in problem.couplings]
+    names = list(problem.network.modes if modes is None else modes)
+    grouped = []
+    total = 1
+    for name in names:
+        arcs = problem.network.modes[name]
+        total += len(arcs)
+        weights = np.array([float(w) for w in arcs.weights])
+        grouped.append(
+            tuple(
+                Group(arcs.listeners[own], arcs.speakers[own], weights[own], shapes[kind])
+                for kind, own in split_by(coupling_places(problem, arcs))
+            )
+        )
+    count = int(np.clip(WORK // total, COARSEST, FINEST))
+    return Field(
+        size=problem.n,
+        gains=np.array([float(k) for k in holding_gains(problem)]),
+        modes=tuple(grouped),
+        grid=rho * np.concatenate([[NEAREST], np.linspace(0, 1, count)[1:]]),
+    )
+
+
+def shape_of(h: Callable[[Array], Array], *, radius: float) -> Shape:
+    """Sample h on [-radius, radius] for its turning points.  Raises: ArithmeticError if they are too many."""
+    y = np.linspace(-radius, radius, SAMPLES)
+    values = h(y)
+    values = np.where(np.isfinite(values), values, 0.0)
+    up = np.diff(values) > 0
+    down = np.diff(values) < 0
+    tops, bottoms = np.flatnonzero(up[:-1] & down[1:]) + 1, np.flatnonzero(down[:-1] & up[1:]) + 1
+    if len(tops) + len(bottoms) > MOST_TURNS:
+        raise ArithmeticError(f"the coupling has more than {MOST_TURNS} turning points within {radius:g}")
+    return Shape(h=h, tops=_refined(h, y, tops, +1.0), bottoms=_refined(h, y, bottoms, -1.0))
+
+
+def _refined(h: Callable[[Array], Array], y: Array, places: Any, sign: float) -> tuple[Array, Array]:
+    """Places and values of local extremes near the samples, by a finer sample around each."""
+    found = []
+    for place in places.tolist():
+        near = np.linspace(y[place - 1], y[place + 1], 2001)
+        values = sign * h(near)
+        best = int(np.argmax(values))
+        found.append((near[best], sign * values[best]))
+    pairs = np.array(found, dtype=float).reshape(-1, 2)
+    return pairs[:, 0], pairs[:, 1]
+
+
+def _sup(shape: Shape, face: int, s: float, own: Array, other: Array) -> tuple[Array, Any]:
+    """phi = sup { h(s t)/s : -(own + other) <= t <= other - own }; where: 0 right end, 1 left end, 2 inside."""
+    high, low = s * (other - own), -s * (other + own)
+    best = face * shape.h(face * high) / s
+    where = np.zeros(len(best), dtype=np.int64)
+    places, values = shape.tops if face > 0 else shape.bottoms
+    if not len(places):
+        return best, where
+    left = face * shape.h(face * low) / s
+    where[left > best] = 1
+    best = np.maximum(best, left)
+    for place, top in zip((face * places).tolist(), (face * values).tolist(), strict=True):
+        better = (low < place) & (place < high) & (top / s > best)
+        best = np.where(better, top / s, best)
+        where[better] = 2
+    return best, where
+
+
+def _derivatives(shape: Shape, face: int, s: float, own: Array, other: Array) -> tuple[Array, Array]:
+    """The derivatives of phi in own and other."""
+    where = _sup(shape, face, s, own, other)[1]
+    at = face * s * np.where(where == 1, -(own + other), other - own)
+    step = STEP * (1.0 + np.abs(at))
+    slope = (shape.h(at + step) - shape.h(at - step)) / (2 * step)
+    slope = np.where(where == 2, 0.0, np.where(where == 1, -slope, slope))
+    return np.where(where == 1, slope, -slope), slope
+
+
+def _scalar(coupling: Any) -> Callable[[Array], Array]:
+    from dobc_design.coupling.expression import numpy_function
+
+    return numpy_function(coupling.components[0])
+
+
+LARGEST_V = 1e6
+STEPS = 60
+# Networks of more agents are large: less accuracy is worth the time.
+FEW_AGENTS = 2000
+# A factorisation is cheap for few agents, and where the network is little more than lines and rings.
+FACTORED_AGENTS, FEW_ENTRIES = 500, 4
+# Accuracy and steps of the iteration elsewhere.  It converges slowly only at rates next to one that is out of reach.
+ACCURACY, ROUGH, MOST_ITERATIONS = 1e-4, 0.03, 150
+# Newton's residual as a part of the terms, and how far a step may fall where it has to rise, by rounding.
+TIGHT, LOOSE = (1e-12, 1e-9), (1e-6, 1e-2)
+# Steps of inverse iteration for the rate of linear couplings.
+INVERSE_STEPS = 4
+
+
+def linear_rate(field: Field) -> float:
+    """An estimate of the largest rate that the couplings would have if they were linear, with their slopes at 0 (1/s).
+
+    No v has more for any s: next to 0 the rows are those of these slopes.  Symmetric ones are estimated from above.
+    """
+    v = np.ones(field.size)
+    _, jacobian, _ = field.rows(v, alpha=0.0)
+    everybody = np.ones(field.size, dtype=bool)
+    found = float(np.max(field.gains))
+    for _ in range(INVERSE_STEPS):
+        step = _solve(jacobian, v, everybody, accuracy=ROUGH)
+        if step is None or not np.all(step > 0):
+            break
+        v = step / np.max(step)
+        found = min(found, float(-(v @ (jacobian @ v)) / (v @ v)))
+    return found
+
+
+def least_solution(
+    field: Field, *, alpha: float, start: Array, lower: Array | float = 1.0, accuracy: tuple[float, float] | None = None
+) -> Array | None:
+    """The least v >= ``lower`` whose rows hold with rate alpha, about; None if Newton's method finds none.
+
+    ``start`` lies below it: the solution for a smaller alpha does.
+    """
+    v = start.copy()
+    close, drop = accuracy or (TIGHT if field.size <= FACTORED_AGENTS else LOOSE)
+    for _ in range(STEPS):
+        residual, jacobian, scale = field.rows(v, alpha=alpha)
+        if np.all(residual <= close * scale):
+            return v
+        active = (residual > 0) | (v > lower)
+        step = _solve(jacobian, residual, active)
+        if step is None:
+            return None
+        proposed = np.maximum(lower, v + step)
+        raised = residual > 0
+        # A solution lies above: where a row fails, v has to rise; a step down there means there is none.
+        if np.any(proposed[raised] < v[raised] * (1 - drop)) or not np.all(np.isfinite(proposed)):
+            return None
+        proposed = np.minimum(proposed, 2 * v)
+        if np.max(proposed) > LARGEST_V:
+            return None
+        if np.allclose(proposed, v, rtol=1e-15, atol=0.0):
+            return v if np.all(residual <= 1e3 * close * scale) else None
+        v = proposed
+    return None
+
+
+def _solve(jacobian: Any, residual: Array, active: Any, *, accuracy: float = ACCURACY) -> Array | None:
+    """One Newton step on the active agents; None if their matrix is singular."""
+    places = np.flatnonzero(active)
+    block = sparse.csr_array(jacobian[places][:, places])
+    right = -residual[places]
+    with np.errstate(all="ignore"):
+        if len(places) > FACTORED_AGENTS and block.nnz > FEW_ENTRIES * len(places):
+            solution = _iterated(block, right, accuracy)
+        else:
+            solution = _factorised(block, right)
+    if solution is None:
+        return None
+    step = np.zeros(len(residual))
+    step[places] = solution
+    return step
+
+
+def _factorised(block: Any, right: Array) -> Array | None:
+    try:
+        return np.asarray(sparse.linalg.splu(sparse.csc_array(block)).solve(right))
+    except RuntimeError:  # exactly singular
+        return None
+
+
+def _iterated(block: Any, right: Array, accuracy: float) -> Array | None:
+    """Solve by BiCGSTAB with Jacobi scaling: factors of scale-free networks would fill in."""
+    diagonal = block.diagonal()
+    if np.any(diagonal >= 0):
+        return None
+    scaled = sparse.csr_array(sparse.diags_array(1 / diagonal) @ block)
+    solution, status = sparse.linalg.bicgstab(scaled, right / diagonal, rtol=accuracy, maxiter=MOST_ITERATIONS)
+    return np.asarray(solution) if status == 0 and np.all(np.isfinite(solution)) else None
+
 
 logger = logging.getLogger("dobc_design")
 DIGITS = (3, 4, 5, 6, 8, 11)

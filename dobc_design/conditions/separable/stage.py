@@ -13,18 +13,17 @@ from fractions import Fraction
 from itertools import pairwise
 
 from dobc_design.conditions.asked import Asked, Progress
-from dobc_design.conditions.check import Check
-from dobc_design.conditions.numbers import claimed
+from dobc_design.conditions.check import Check, undecided_check
+from dobc_design.conditions.numbers import claimed, rounded_down
 from dobc_design.conditions.separable.checks import (
     delay_check,
     max_separable_check,
     obstacle,
     sampling_check,
     stuck_check,
-    undecided_check,
 )
 from dobc_design.conditions.separable.claim import Separable
-from dobc_design.conditions.separable.decide import coupling_profiles, rounded_down, verify_separable
+from dobc_design.conditions.separable.decide import coupling_profiles, verify_separable
 from dobc_design.conditions.separable.observer import covers as box_is_inside
 from dobc_design.conditions.separable.observer import first_certificate
 from dobc_design.conditions.separable.propose import (
@@ -61,7 +60,7 @@ def separable_stage(asked: Asked, report: Progress) -> list[Check]:
     report("deciding the region (max-separable)")
     reason = obstacle(problem, W)
     if reason is not None:
-        return [undecided_check("max-separable", asked.domain, reason)]
+        return [undecided_check("max-separable", asked.domain, reason, applies=False)]
     stuck = stuck_check(problem, W, domain=asked.domain)
     if stuck is not None:
         return [stuck]

@@ -16,11 +16,19 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
 from fractions import Fraction
 
-from dobc_design.conditions.separable.claim import FACES, Separable, Term, acts_by_component, rows
-from dobc_design.conditions.separable.decide import SeparableAnswer, coupling_profiles, rounded_down, verify_separable
+from dobc_design.conditions.numbers import rounded_down
+from dobc_design.conditions.separable.claim import (
+    FACES,
+    DelayBound,
+    SamplingBound,
+    Separable,
+    Term,
+    acts_by_component,
+    rows,
+)
+from dobc_design.conditions.separable.decide import SeparableAnswer, coupling_profiles, verify_separable
 from dobc_design.coupling.enclosures import Profile, slope_bound
 from dobc_design.errors import SpecError
 from dobc_design.exact.interval import Interval, UndefinedError, exp
@@ -34,22 +42,6 @@ _CLOSE = Fraction(1, 1000)
 # Arcs from which on slopes are bounded on intervals that end at multiples of this part of rho, so that many share one.
 _MANY_ARCS = 100
 _GRID = Fraction(1, 64)
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class DelayBound:
-    """For all delays up to ``delay`` (s) the error decays at ``rate`` (1/s); with an observer at every smaller rate."""
-
-    delay: Fraction
-    rate: Fraction
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class SamplingBound:
-    """A certified sampling period (s), and by how much N falls from one sample to the next at least."""
-
-    period: Fraction
-    factor: Fraction
 
 
 def verify_delay(

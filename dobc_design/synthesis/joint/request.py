@@ -5,17 +5,18 @@ A noun, exact and checked; ``designing`` proposes for it, ``verify`` decides whe
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
-from typing import Any
+from typing import Any, TypeVar
 
 from dobc_design.errors import SpecError
 from dobc_design.exact.reading import counted, shown
 from dobc_design.problem.changes import typed_number
-from dobc_design.synthesis.observer.request import NoiseLimit, ObserverRequest
-from dobc_design.synthesis.pinning.request import FEWEST
+from dobc_design.synthesis.observer.request import NoiseLimit, read_noise
 from dobc_design.synthesis.pinning.request import read_request as read_pinning_request
+
+T = TypeVar("T")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -71,17 +72,17 @@ def read_design_request(
     Raises: SpecError that names every wrong argument.
     """
     errors: list[SpecError] = []
-    pinning, observer = None, None
-    try:
-        pinning = read_pinning_request(
-            labels, rate=1 if rate is None else rate, allowed=allowed, max_gain=max_gain, pins=pins, digits=digits
-        )
-    except SpecError as error:
-        errors += error.errors
-    try:
-        observer = ObserverRequest(noise=noise)
-    except SpecError as error:
-        errors += error.errors
+
+    def read(reader: Callable[[], T]) -> T | None:
+        try:
+            return reader()
+        except SpecError as error:
+            errors.extend(error.errors)
+            return None
+
+    asked = {"allowed": allowed, "max_gain": max_gain, "pins": pins, "digits": digits}
+    pinning = read(lambda: read_pinning_request(labels, rate=1 if rate is None else rate, **asked))
+    limits = read(lambda: read_noise(noise))
     if not isinstance(reduce, bool):
         errors.append(
             SpecError(
@@ -90,14 +91,14 @@ def read_design_request(
                 cure="True lets the observable part take the exosystem's place.",
             )
         )
-    if errors or pinning is None or observer is None:
+    if errors or pinning is None or limits is None:
         raise SpecError.several(errors)
     return DesignRequest(
         rate=None if rate is None else pinning.rate,
         allowed=pinning.allowed,
         caps=pinning.caps,
-        pins=None if pinning.pins == FEWEST or not isinstance(pinning.pins, int) else pinning.pins,
-        noise=observer.noise,
+        pins=pinning.pins if isinstance(pinning.pins, int) else None,
+        noise=limits,
         digits=pinning.digits,
         reduce=reduce,
     )

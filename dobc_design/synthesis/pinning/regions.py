@@ -1,268 +1,294 @@
-"""From a request over a region to a PinningDesign: gains whose certificate is proved, and what they cost at least.
+"""From a request over a region to a PinningDesign: the smallest gains whose max-separable certificate is proved.
 
-Two certificates: "max-separable" (a box, theory section 5) and "lure" (V = e'e on a ball, all arc gains in their
-sectors, section 4).  Proposals come from outside as functions; none of them is believed.
+Whether gains do is decided by ``conditions.separable``; that no gains on these agents do, for any v and any radius, by
+an order of the agents or by a direction that is too slow near the consensus.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from fractions import Fraction
 from typing import Any
 
 from dobc_design.conditions.consensus.network import name_agents
+from dobc_design.conditions.coverage import asked_radius
 from dobc_design.conditions.numbers import claimed, shorten
-from dobc_design.conditions.quadratic.claim import Lure
-from dobc_design.conditions.separable.claim import ErrorBound, Separable
+from dobc_design.conditions.separable.claim import ErrorBound, Separable, acts_by_component
+from dobc_design.conditions.separable.decide import coupling_profiles, verify_separable
 from dobc_design.conditions.separable.observer import composite_rate, covers, verify_composite
+from dobc_design.conditions.separable.ordering import find_ordering
+from dobc_design.conditions.separable.propose_observer import propose_error_bound, radius_needed
 from dobc_design.conditions.statement import Statement
+from dobc_design.errors import SpecError
+from dobc_design.exact.interval import UndefinedError
 from dobc_design.exact.matrix import Matrix
-from dobc_design.exact.number import number_text
+from dobc_design.exact.number import number_text, parse_number
 from dobc_design.exact.reading import counted, shown_number
-from dobc_design.synthesis.pinning.balls import BallGains, ProposeBall, gains_for_ball
-from dobc_design.synthesis.pinning.bound import Ground, bound_from
-from dobc_design.synthesis.pinning.boxes import BoxGains, NearProposals, Propose, gains_for_box
-from dobc_design.synthesis.pinning.choice import PinningProposals
-from dobc_design.synthesis.pinning.design import PinningDesign
-from dobc_design.synthesis.pinning.request import FEWEST, PinningRequest
-from dobc_design.synthesis.pinning.search import structural_obstacle, without_gains
-from dobc_design.synthesis.pinning.structure import structure_of
+from dobc_design.problem.changes import changed_problem
+from dobc_design.problem.problem import Problem
+from dobc_design.synthesis.pinning.claim import PinningDesign
+from dobc_design.synthesis.pinning.decide import structural_obstacle, structure_of, too_fast
+from dobc_design.synthesis.pinning.propose import slow_directions
+from dobc_design.synthesis.pinning.propose_regions import propose_for_box
+from dobc_design.synthesis.pinning.request import FEWEST, PinningRequest, cost_of, typed_gains
 from dobc_design.verdict import Verdict
 
-BOX, BALL = "max-separable", "lure"
+#: How much faster than asked a proposal is to be, one after the other.
+TILTS = (Fraction(1, 10**7), Fraction(1, 10**5), Fraction(1, 1000), Fraction(1, 50))
 SLOWER = 6  # halvings of the rate that are tried for the nearest request
+SMALLEST = Fraction(1, 10**9)  # radius of a box
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class RegionAsked:
-    """Starts |e|_inf <= radius ("max-separable") or |e| <= radius ("lure"), and |eps_i| <= disturbance.
+class Region:
+    """Starts |e|_inf <= radius and |eps_i| <= disturbance.
 
     ``rho``: the box of the certificate, with room for the observer; None for linear couplings, where every start is
     covered.  ``error`` and ``W``: the observer's part where disturbance > 0.
     """
 
-    method: str
     radius: Fraction
     rho: Fraction | None
     disturbance: Fraction = Fraction(0)
     error: ErrorBound | None = None
     W: Matrix | None = None
 
+    def __str__(self) -> str:
+        errors = f", |eps_i| <= {shown_number(self.disturbance)}" if self.disturbance else ""
+        return f"|e_i| <= {shown_number(self.radius)}{errors}"
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class RegionProposals:
-    """``box``, ``near``, ``ball``: see ``pinning_boxes`` and ``pinning_balls``.
+class BoxGains:
+    """Gains (1/s, by agent index) and the certificate that is PROVED for the ``problem`` with them."""
 
-    ``consensus``: those of the request at the consensus; None where the couplings have no derivative there.
+    gains: Mapping[int, Fraction]
+    certificate: Separable
+    problem: Problem
+
+
+def search_region(problem: Problem, request: PinningRequest, region: Any) -> PinningDesign:
+    """Decide a request over a region: PROVED with gains, REFUTED with the reason, or UNDECIDED; with a slower one.
+
+    ``region``: a radius, or True for the [region] of the problem.  Raises: SpecError for another one.
     """
-
-    box: Propose
-    near: NearProposals
-    ball: ProposeBall
-    consensus: Callable[[PinningRequest], PinningProposals] | None
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class _Answer:
-    """Gains that are proved, by the agents that were allowed; ``bound``: no gains on the allowed agents cost less."""
-
-    found: BoxGains | BallGains
-    bound: Fraction
-
-
-def search_region(ground: Ground, asked: RegionAsked, proposals: RegionProposals) -> PinningDesign:
-    """Decide a request over a region: PROVED with gains, REFUTED with the reason, or UNDECIDED; with a slower one."""
-    design = _attempt(ground, asked, proposals)
-    slow = {each.kind for each in design.statements} & {"gains", "rate"}
+    asked = _file_region(problem, request) if region is True else _ball(problem, region)
+    design = _attempt(problem, request, asked)
+    slow = {each.kind for each in design.statements} & {"gains", "rate", "max_gain"}
     for halvings in range(1, SLOWER + 1 if slow and design.verdict is not Verdict.PROVED else 1):
-        rate = claimed(shorten(ground.request.rate / 2**halvings, digits=3))
-        slower = replace(ground, request=replace(ground.request, rate=rate))
-        nearest = _attempt(slower, asked, proposals)
+        rate = claimed(shorten(request.rate / 2**halvings, digits=3))
+        nearest = _attempt(problem, replace(request, rate=rate), asked)
         if nearest.verdict is Verdict.PROVED:
             return replace(design, nearest=nearest)
     return design
 
 
-def _attempt(ground: Ground, asked: RegionAsked, proposals: RegionProposals) -> PinningDesign:
-    request = ground.request
-    structure = structure_of(ground.problem, request.allowed)
-    obstacle = structural_obstacle(ground, structure)
+def _ball(problem: Problem, region: Any) -> Region:
+    radius = parse_number(region, key="region")
+    if radius <= 0:
+        raise SpecError(
+            f"region must be > 0, because it is a radius; got {shown_number(radius)}.",
+            key="region",
+            cure="Give the largest |e_i| of a start, or True for the problem's [region].",
+        )
+    return Region(radius=radius, rho=None if problem.is_linear else radius)
+
+
+def _file_region(problem: Problem, request: PinningRequest) -> Region:
+    region = problem.region
+    if region is None:
+        raise SpecError(
+            "region = True means the [region] of the problem, and there is none.",
+            key="region",
+            cure="Give a radius, or a [region].",
+        )
+    radius, disturbance = max(*asked_radius(problem), SMALLEST), region.initial_disturbance or Fraction(0)
+    exosystem, W = problem.joint_exosystem, problem.joint_observer.W
+    if not disturbance or exosystem is None:
+        return Region(radius=radius, rho=None if problem.is_linear else radius)
+    if W is None:
+        raise SpecError(
+            "observer.W is needed, because the [region] has an initial_disturbance.",
+            key="observer.W",
+            cure="Design W first, with design_observer.",
+        )
+    error = propose_error_bound(exosystem, W, rate=float(request.rate))
+    if error is None:
+        raise SpecError(
+            f"rate must be below the decay rate of the observer, because V = N + kappa E is to reach it; got"
+            f" {shown_number(request.rate)}.",
+            key="rate",
+            cure="Ask for less, or for a faster W.",
+        )
+    rho = None if problem.is_linear else radius_needed(radius, error, disturbance)
+    return Region(radius=radius, rho=rho, disturbance=disturbance, error=error, W=W)
+
+
+def _attempt(problem: Problem, request: PinningRequest, asked: Region) -> PinningDesign:
+    structure = structure_of(problem, request.allowed)
     least = structure.least if structure.exact else None
-    if obstacle is not None:
-        return without_gains(ground, structure, obstacle)
-    answer = _on(ground, asked, proposals, request.allowed)
-    if isinstance(answer, Statement):
+
+    def without_gains(verdict: Verdict, reason: str, *statements: Statement) -> PinningDesign:
         return PinningDesign(
-            verdict=answer.verdict,
+            verdict=verdict,
             request=request,
             gains={},
             structural_minimum=least,
-            reason=answer.text,
-            statements=(answer,),
-            method=asked.method,
+            reason=reason,
+            statements=statements,
             radius=asked.radius,
         )
-    fewest: Statement | None = None
-    if request.pins is not None and not (isinstance(request.pins, int) and len(answer.found.gains) <= request.pins):
-        chosen, fewest = _with_fewer(ground, asked, proposals, answer, max(1, structure.least))
-        if chosen is None:
-            return PinningDesign(
-                verdict=Verdict.UNDECIDED,
-                request=request,
-                gains={},
-                structural_minimum=least,
-                method=asked.method,
-                radius=asked.radius,
-                reason=f"no {request.pins} of the allowed agents were found with which the certificate reaches the rate"
-                f" {shown_number(request.rate)} over the region; {len(answer.found.gains)} agents do.",
+
+    bare = changed_problem(problem, {"pinning.gains": None})
+    obstacle = structural_obstacle(problem, request.pins, structure) or _unordered(bare, request)
+    obstacle = obstacle or too_fast(
+        problem, request.rate, allowed=request.allowed, caps=request.caps, pins=request.pins, propose=slow_directions
+    )
+    if obstacle is not None:
+        return without_gains(obstacle.verdict, obstacle.text, obstacle)
+    found = _on(bare, request, asked, request.allowed)
+    if isinstance(found, Statement):
+        return without_gains(found.verdict, found.text, found)
+    if request.pins is None or (request.pins != FEWEST and len(found.gains) <= int(request.pins)):
+        return _designed(request, asked, found, least, ())
+    if request.pins != FEWEST:
+        fewer = _on(bare, request, asked, _heaviest(found, request, structure.groups, int(request.pins)))
+        if isinstance(fewer, Statement):
+            return without_gains(
+                Verdict.UNDECIDED,
+                f"no {request.pins} of the allowed agents were found with which the certificate reaches the rate"
+                f" {shown_number(request.rate)} over the region; {len(found.gains)} agents do.",
             )
-        answer = _Answer(found=chosen, bound=answer.bound)
-    return _designed(ground, asked, answer, least, () if fewest is None else (fewest,))
+        return _designed(request, asked, fewer, least, ())
+    low, high = max(1, structure.least), len(found.gains)
+    while low < high:
+        middle = (low + high) // 2
+        fewer = _on(bare, request, asked, _heaviest(found, request, structure.groups, middle))
+        if isinstance(fewer, Statement):
+            low = middle + 1
+        else:
+            found, high = fewer, len(fewer.gains)
+    pins = len(found.gains)
+    known = pins <= max(1, structure.least)
+    fewest = Statement(
+        kind="pins",
+        verdict=Verdict.PROVED if known else Verdict.UNDECIDED,
+        exact={"least": str(structure.least)},
+        text=f"No fewer than {counted(pins, 'pinned agent')} can do."
+        if known
+        else f"{pins} pinned agents do; at least {structure.least} are needed, and fewer than {pins} were not found.",
+    )
+    return _designed(request, asked, found, least, (fewest,))
 
 
-def _on(ground: Ground, asked: RegionAsked, proposals: RegionProposals, agents: Sequence[int]) -> _Answer | Statement:
-    """Gains on these agents, proved, with what gains on them cost at least."""
-    request = replace(ground.request, allowed=tuple(sorted(agents)))
-    if asked.method == BALL:
-        ball = gains_for_ball(ground.problem, request, radius=asked.radius, propose=proposals.ball)
-        if isinstance(ball, Statement):
-            return ball
-        return _Answer(found=ball, bound=_at_consensus(replace(ground, request=request), proposals))
-    box = gains_for_box(ground.problem, request, rho=asked.rho, propose=proposals.box, near=proposals.near)
-    if isinstance(box, Statement):
-        return box
-    certificate = replace(box.certificate, error=asked.error)
-    decided = verify_composite(box.problem, asked.W, certificate) if asked.error is not None else None
-    outside = not covers(certificate, radius=asked.radius, disturbance=asked.disturbance)
-    slow = composite_rate(certificate) < request.rate
-    if outside or slow or (decided is not None and decided.verdict is not Verdict.PROVED):
+def _unordered(bare: Problem, request: PinningRequest) -> Statement | None:
+    """A proof that no v exists for any radius, whatever the gains: agents that no order serves."""
+    if not acts_by_component(bare):
+        return None
+    labels = bare.network.labels
+    held = changed_problem(bare, {"pinning.gains": {labels[i]: Fraction(1) for i in request.allowed}})
+    ordering = find_ordering(held)
+    if ordering.exists:
+        return None
+    stuck = name_agents([labels[i] for i in ordering.stuck])
+    modes = f" ({', '.join(dict.fromkeys(ordering.blocking))})" if len(bare.network.modes) > 1 else ""
+    return Statement(
+        kind="ordering",
+        verdict=Verdict.REFUTED,
+        exact={"agents": ", ".join(labels[i] for i in ordering.stuck[:50])},
+        text="no gains on the allowed agents have a max-separable certificate, of any radius: each of"
+        f" {stuck} may not be pinned and in one of the modes hears nobody but these{modes}.",
+    )
+
+
+def _on(bare: Problem, request: PinningRequest, asked: Region, agents: Sequence[int]) -> BoxGains | Statement:
+    """Gains on these agents with the whole certificate of the region, or why not."""
+    found = gains_for_box(bare, replace(request, allowed=tuple(sorted(agents))), rho=asked.rho)
+    if isinstance(found, Statement) or asked.error is None:
+        return found
+    certificate = replace(found.certificate, error=asked.error)
+    decided = verify_composite(found.problem, asked.W, certificate)
+    reaches = covers(certificate, radius=asked.radius, disturbance=asked.disturbance)
+    if not reaches or composite_rate(certificate) < request.rate or decided.verdict is not Verdict.PROVED:
         return Statement(
             kind="observer",
             verdict=Verdict.UNDECIDED,
-            text="the observer's part is not proved" + ("." if decided is None else f": {decided.reason}"),
+            text=f"the observer's part is not proved: {decided.reason}",
         )
-    return _Answer(found=replace(box, certificate=certificate), bound=box.lower_bound)
+    return replace(found, certificate=certificate)
 
 
-def _at_consensus(ground: Ground, proposals: RegionProposals) -> Fraction:
-    """What gains cost at least with which V = e'e decays at the rate next to the consensus: proved, 0 if not found."""
-    if proposals.consensus is None:
-        return Fraction(0)
-    request = ground.request
-    vectors = proposals.consensus(request).relax(request.allowed, float(request.rate))[1]
-    return bound_from(ground, vectors, request.allowed, request.rate).value
+def gains_for_box(bare: Problem, request: PinningRequest, *, rho: Fraction | None) -> BoxGains | Statement:
+    """Cheap gains on the allowed agents of a problem without gains, with a max-separable certificate of the box rho.
+
+    It decays at ``request.rate`` for all s in (0, rho] (None: linear couplings, every s), for every switching among the
+    modes.  Returns: an UNDECIDED Statement where none were found.
+    """
+    if not acts_by_component(bare):
+        return Statement(
+            kind="method",
+            verdict=Verdict.UNDECIDED,
+            text="does not apply: the max-separable certificate is for couplings that act on each state component by"
+            " itself.",
+        )
+    try:  # whatever v is, |e_j - e_i| reaches 2 rho at least
+        coupling_profiles(bare, (Fraction(1),) * bare.n, rho=rho, modes=tuple(bare.network.modes))
+    except UndefinedError as error:
+        return Statement(kind="method", verdict=Verdict.UNDECIDED, text=f"does not apply: {error}")
+    labels = bare.network.labels
+    for tilt in TILTS:
+        for v, proposed in propose_for_box(bare, request, rho=rho, rate=float(request.rate * (1 + tilt))):
+            gains = typed_gains(dict(enumerate(proposed.tolist())), digits=request.digits, caps=request.caps)
+            held = changed_problem(bare, {"pinning.gains": {labels[i]: k for i, k in gains.items()}})
+            claim = Separable(v=v, alpha=request.rate, rho=rho)
+            if gains and verify_separable(held, claim).verdict is Verdict.PROVED:
+                return BoxGains(gains=gains, certificate=claim, problem=held)
+    where = "" if rho is None else f" over |e_i| <= {shown_number(rho)}"
+    return Statement(
+        kind="gains",
+        verdict=Verdict.UNDECIDED,
+        text="no gains on the allowed agents were found with which the max-separable certificate reaches the rate"
+        f" {shown_number(request.rate)}{where}, and no proof that there are none.",
+    )
 
 
-def _with_fewer(
-    ground: Ground, asked: RegionAsked, proposals: RegionProposals, whole: _Answer, least: int
-) -> tuple[BoxGains | BallGains | None, Statement | None]:
-    """Gains on at most so many agents, or on the fewest that are found, by bisection; with what is known of fewer."""
-    request = ground.request
-    if request.pins != FEWEST:
-        return _cheapest(ground, asked, proposals, whole, int(request.pins or 0)), None
-    best, low, high = whole.found, least, len(whole.found.gains)
-    while low < high:
-        middle = (low + high) // 2
-        found = _cheapest(ground, asked, proposals, whole, middle, first=True)
-        best, low, high = (best, middle + 1, high) if found is None else (found, low, len(found.gains))
-    pins = len(best.gains)
-    if pins <= least:
-        text, verdict = f"No fewer than {counted(pins, 'pinned agent')} can do.", Verdict.PROVED
-    else:
-        text = f"{pins} pinned agents do; at least {least} are needed, and fewer than {pins} were not found."
-        verdict = Verdict.UNDECIDED
-    return best, Statement(kind="pins", verdict=verdict, exact={"least": str(least)}, text=text)
-
-
-def _cheapest(
-    ground: Ground, asked: RegionAsked, proposals: RegionProposals, whole: _Answer, pins: int, *, first: bool = False
-) -> BoxGains | BallGains | None:
-    """The cheapest of the sets that are tried; the first one that does where the cost is not asked."""
-    best: BoxGains | BallGains | None = None
-    for agents in _sets(ground, proposals, whole, pins):
-        answer = _on(ground, asked, proposals, agents)
-        if isinstance(answer, _Answer) and (best is None or answer.found.cost < best.cost):
-            best = answer.found
-            if first:
-                break
-    return best
-
-
-def _sets(ground: Ground, proposals: RegionProposals, whole: _Answer, pins: int) -> Iterator[tuple[int, ...]]:
-    """Sets worth trying: those that carry most of the gains without the limit, here and at the consensus."""
-    request = ground.request
-    groups = structure_of(ground.problem, request.allowed).groups
-
-    def heaviest_of(gains: Mapping[int, Any]) -> tuple[int, ...]:
-        order = sorted(request.allowed, key=lambda i: (-gains.get(i, 0), i))
-        chosen: list[int] = []
-        for group in groups:  # each needs one
-            if not set(group) & set(chosen):
-                chosen.append(next(i for i in order if i in group))
-        return tuple(sorted((chosen + [i for i in order if i not in chosen])[:pins]))
-
-    heaviest = heaviest_of(whole.found.gains)
-    yield heaviest
-    if proposals.consensus is not None:
-        near = proposals.consensus(request).relax(request.allowed, float(request.rate))[0]
-        if near is not None:
-            others = heaviest_of(dict(enumerate(near)))
-            if others != heaviest:
-                yield others
+def _heaviest(found: BoxGains, request: PinningRequest, groups: Sequence[Sequence[int]], pins: int) -> tuple[int, ...]:
+    """The agents that carry most of the gains without the limit; each group needs one."""
+    order = sorted(request.allowed, key=lambda i: (-found.gains.get(i, 0), i))
+    chosen: list[int] = []
+    for group in groups:
+        if not set(group) & set(chosen):
+            chosen.append(next(i for i in order if i in group))
+    return tuple((chosen + [i for i in order if i not in chosen])[:pins])
 
 
 def _designed(
-    ground: Ground, asked: RegionAsked, answer: _Answer, least: int | None, more: tuple[Statement, ...]
+    request: PinningRequest, asked: Region, found: BoxGains, least: int | None, more: tuple[Statement, ...]
 ) -> PinningDesign:
-    request, found = ground.request, answer.found
-    labels = ground.problem.network.labels
-    gains = {labels[i]: k for i, k in found.gains.items()}
-    bound = claimed(shorten(answer.bound)) if answer.bound > 0 else Fraction(0)
+    labels = found.problem.network.labels
+    gains, cost = {labels[i]: k for i, k in found.gains.items()}, cost_of(request, found.gains)
+    weights = f"max_i |e_i|/v_i (v from 1 to {float(max(found.certificate.v)):.4g})"
+    errors = "" if asked.error is None else " plus the observer's part"
+    still = ", with eps = 0" if asked.error is None else ""
     reached = Statement(
         kind="region",
         verdict=Verdict.PROVED,
         exact={"rate": number_text(request.rate), "radius": number_text(asked.radius)},
-        text=f"{_in_words(asked, found.certificate)}, at the rate {number_text(request.rate)}, for the gains as they"
-        " are written.",
-    )
-    floor = Statement(
-        kind="bound",
-        verdict=Verdict.PROVED,
-        exact={"bound": number_text(bound)},
-        text=f"No gains on the allowed agents that cost less than {shorten(bound, digits=6):.6g} have such a"
-        " certificate, of any radius: next to the consensus already they do not suffice.",
+        text=f"{weights}{errors} decays from every start {asked}{still}, at the rate {number_text(request.rate)}, for"
+        " the gains as they are written.",
     )
     return PinningDesign(
         verdict=Verdict.PROVED,
         request=request,
         gains=gains,
         rate=request.rate,
-        cost=found.cost,
-        lower_bound=bound,
-        bound_for=tuple(labels[i] for i in request.allowed),
+        cost=cost,
         structural_minimum=least,
-        statements=(reached, floor, *more),
+        statements=(reached, *more),
         problem=found.problem,
         certificate=found.certificate,
-        method=asked.method,
         radius=asked.radius,
-        reason=f"gains on {name_agents(tuple(gains))} reach the rate {shown_number(request.rate)} over"
-        f" {_where(asked)} at the cost {float(found.cost):.6g}; nothing that does costs less than"
-        f" {shorten(bound, digits=6):.6g}.",
+        reason=f"gains on {name_agents(tuple(gains))} reach the rate {shown_number(request.rate)} over {asked} at the"
+        f" cost {float(cost):.6g}.",
     )
-
-
-def _where(asked: RegionAsked) -> str:
-    norm = "|e|" if asked.method == BALL else "|e_i|"
-    errors = f", |eps_i| <= {shown_number(asked.disturbance)}" if asked.disturbance else ""
-    return f"{norm} <= {shown_number(asked.radius)}{errors}"
-
-
-def _in_words(asked: RegionAsked, certificate: Separable | Lure) -> str:
-    if isinstance(certificate, Lure):
-        return f"V = e'e decays while {_where(asked)}, for all arc gains that occur there, with eps = 0"
-    weights = f"max_i |e_i|/v_i (v from 1 to {float(max(certificate.v)):.4g})"
-    if asked.error is None:
-        return f"{weights} decays from every start {_where(asked)}, with eps = 0"
-    return f"{weights} plus the observer's part decays from every start {_where(asked)}"

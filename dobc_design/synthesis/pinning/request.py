@@ -1,10 +1,11 @@
 """What is asked of pinning gains: a decay rate, agents that may be pinned, costs, caps, how many pins, digits.
 
-A noun, exact and checked; ``design`` proposes for it, ``verify`` decides whether gains meet it.
+A noun, exact and checked; and gains as it wants them, rounded up to its digits.
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
@@ -13,8 +14,10 @@ from typing import Any, TypeVar
 from dobc_design.errors import SpecError
 from dobc_design.exact.number import parse_number
 from dobc_design.exact.reading import is_list, named, shown, shown_number
+from dobc_design.synthesis.observer.request import check_digits
 
 FEWEST = "fewest"
+NOISE = 1e-9  # gains below this part of the largest are left out
 T = TypeVar("T")
 
 
@@ -58,7 +61,7 @@ def read_request(
             errors.extend(error.errors)
             return default
 
-    read(lambda: _check_digits(digits), None)
+    read(lambda: check_digits(digits), None)
     read(lambda: _check_pins(pins), None)
     because = "V is to decrease at that rate, V' <= -2 rate V"
     speed = read(lambda: _positive(rate, "rate", because), Fraction(0))
@@ -77,15 +80,6 @@ def read_request(
         pins=pins,
         digits=digits,
     )
-
-
-def _check_digits(digits: Any) -> None:
-    if isinstance(digits, bool) or not isinstance(digits, int) or not 1 <= digits <= 15:
-        raise SpecError(
-            f"digits must be an integer from 1 to 15; got {shown(digits)}.",
-            key="digits",
-            cure="Four digits are a good choice.",
-        )
 
 
 def _check_pins(pins: Any) -> None:
@@ -143,3 +137,21 @@ def _positive(value: Any, key: str, because: str) -> Fraction:
             cure="Give a positive number.",
         )
     return number
+
+
+def cost_of(request: PinningRequest, gains: Mapping[int, Fraction]) -> Fraction:
+    """sum c_i k_i."""
+    return sum((request.costs[i] * k for i, k in gains.items()), Fraction(0))
+
+
+def typed_gains(gains: Mapping[int, float], *, digits: int, caps: Mapping[int, Fraction]) -> dict[int, Fraction]:
+    """Gains rounded up to so many digits, or their caps where those are less; what is nearly 0 is left out."""
+    least = max(gains.values(), default=0.0) * NOISE
+    typed = {agent: rounded_up(Fraction(k), digits) for agent, k in sorted(gains.items()) if k > least}
+    return {agent: min(k, caps.get(agent, k)) for agent, k in typed.items()}
+
+
+def rounded_up(value: Fraction, digits: int) -> Fraction:
+    """The next number of so many digits; ``value`` > 0."""
+    unit = Fraction(10) ** (math.floor(math.log10(value)) - digits + 1)
+    return math.ceil(value / unit) * unit

@@ -1,97 +1,108 @@
-"""From a request to a PinningDesign: refute what is impossible, prove gains that do it, bound what is cheaper.
+"""From a request at the consensus to a PinningDesign: refute what is impossible, prove gains, bound what is cheaper.
 
-Proposals come from outside as functions, so that no solver is imported here; none of them is believed.
+Which agents to pin, at most so many: branch and bound in which every bound is exact.  A node fixes agents that are
+pinned and agents that are not; all other allowed agents may have a gain, which costs no more than any set of the node.
+Its bound is a proved one, or the node is proved impossible.
 """
 
 from __future__ import annotations
 
+import heapq
 import math
-from collections.abc import Callable, Sequence
-from dataclasses import replace
+from collections.abc import Callable, Collection, Iterator, Sequence
+from dataclasses import dataclass, replace
 from fractions import Fraction
 
+from dobc_design.conditions.consensus.claim import state_theorems
+from dobc_design.conditions.consensus.negative import Enclosed
 from dobc_design.conditions.consensus.network import name_agents
 from dobc_design.conditions.consensus.witness import carriers
 from dobc_design.conditions.numbers import claimed, shorten
 from dobc_design.conditions.statement import Statement
+from dobc_design.errors import SpecError
 from dobc_design.exact.number import number_text
 from dobc_design.exact.reading import counted, shown_number
 from dobc_design.problem.changes import changed_problem
-from dobc_design.synthesis.pinning.bound import Ground, bound_from, bound_holds, cost_of, obstacle_to, reaches
-from dobc_design.synthesis.pinning.choice import Choice, PinningProposals, choose
-from dobc_design.synthesis.pinning.count import pins_needed
-from dobc_design.synthesis.pinning.design import PinningDesign, prices_in_words
-from dobc_design.synthesis.pinning.nearest import weaker_requests
-from dobc_design.synthesis.pinning.request import PinningRequest
-from dobc_design.synthesis.pinning.structure import Structure, structure_of
+from dobc_design.problem.problem import Problem
+from dobc_design.synthesis.pinning.claim import PinningDesign, Structure, prices_in_words
+from dobc_design.synthesis.pinning.decide import (
+    Ground,
+    bound_from,
+    obstacle_to,
+    packing,
+    pins_needed,
+    reaches,
+    structural_obstacle,
+    structure_of,
+)
+from dobc_design.synthesis.pinning.propose import PinningProposer, make_proposer
+from dobc_design.synthesis.pinning.request import FEWEST, PinningRequest, cost_of, rounded_up, typed_gains
 from dobc_design.verdict import Verdict
 
 TILTS = (1, 10, 1000, Fraction(1, 100))  # of the last digit but two: how much faster a rate is designed for
-NOISE = 1e-9  # gains below this part of the largest are left out
 SHOWN = 5  # ties put into words
 LONGEST = 400  # entries of a witness that a statement writes out
+Progress = Callable[[str], None]
+WORK = 60_000  # nodes times agents, of few agents
+FEW, MOST_WORK = 300, 18_000_000  # up to so many; then nodes times squared agents, for a node takes a solve
+ALIKE = Fraction(1, 10**7)  # bounds this close (relatively) to the best cost close a node
+REPORTED = 20  # nodes between two reports
+MOST_RIVALS = 10_000  # sets whose cost is kept
+SIX_DIGITS = 1e-6  # costs that differ by less (relatively) are alike
+SUPPORT = 1e-7  # gains below this part of the largest pin nobody
 
 
-def search_pinning(ground: Ground, proposals_for: Callable[[PinningRequest], PinningProposals]) -> PinningDesign:
-    """Decide a request: PROVED with gains, REFUTED with the reason, or UNDECIDED; with the nearest possible request."""
-    proposals = proposals_for(ground.request)
-    found = _attempt(ground, proposals)
+def search_pinning(problem: Problem, request: PinningRequest, progress: Progress) -> PinningDesign:
+    """Decide a request: PROVED with gains, REFUTED with the reason, or UNDECIDED; with the nearest possible request.
+
+    Raises: SpecError for couplings without a derivative at the consensus.
+    """
+    bare = changed_problem(problem, {"pinning.gains": None})
+    statements = state_theorems(bare)
+    proposer = None if statements.inapplicable else make_proposer(bare, request)
+    if proposer is None:
+        raise SpecError(
+            "coupling must have a derivative at the consensus that floats can hold, because gains are designed for"
+            f" the linearisation; {statements.inapplicable or 'an entry of J + J is too large.'}",
+            key="coupling.h",
+            cure="Use a smooth coupling, such as tanh(y).",
+        )
+    lambdas = {
+        mode: Enclosed(middle=each.constant, deviations=each.deviations) for mode, each in statements.lambdas.items()
+    }
+    ground = Ground(problem=problem, request=request, lambdas=lambdas)
+    found = _attempt(ground, proposer, progress)
     if found.verdict is Verdict.PROVED:
         return found
     kind = found.statements[0].kind if found.statements else None
-    for weaker in weaker_requests(ground, proposals, kind):
-        nearest = _attempt(replace(ground, request=weaker), proposals_for(weaker))
+    for weaker in _weaker(ground, proposer, kind):
+        nearest = _attempt(replace(ground, request=weaker), proposer.asked(weaker), progress)
         if nearest.verdict is Verdict.PROVED:
             return replace(found, nearest=nearest)
     return found
 
 
-def _attempt(ground: Ground, proposals: PinningProposals) -> PinningDesign:
+def _attempt(ground: Ground, proposer: PinningProposer, progress: Progress) -> PinningDesign:
     request = ground.request
     structure = structure_of(ground.problem, request.allowed)
-    obstacle = structural_obstacle(ground, structure) or _too_fast(ground, proposals, structure)
+    obstacle = structural_obstacle(ground.problem, request.pins, structure) or _too_fast(ground, proposer)
     if obstacle is not None:
-        return without_gains(ground, structure, obstacle)
-    if request.pins is None:
-        return _designed(ground, proposals, structure, request.allowed, choice=None)
-    choice, statements = _chosen(ground, proposals, structure)
-    if choice is None or choice.agents is None:
-        refuted = next((each for each in statements if each.verdict is Verdict.REFUTED), None)
-        return without_gains(ground, structure, refuted)
-    return _designed(ground, proposals, structure, choice.agents, choice=choice, more=statements)
+        return _without_gains(ground, structure, obstacle)
+    agents, choice, statements = request.allowed, None, tuple[Statement, ...]()
+    if request.pins is not None:
+        choice, statements = _chosen(ground, proposer, structure, progress)
+        if choice is None or choice.agents is None:
+            refuted = next((each for each in statements if each.verdict is Verdict.REFUTED), None)
+            return _without_gains(ground, structure, refuted)
+        agents = choice.agents
+    progress("proving the gains and their bound")
+    return _designed(ground, proposer, structure, agents, choice=choice, more=statements)
 
 
-def structural_obstacle(ground: Ground, structure: Structure) -> Statement | None:
-    """A proof by the graph alone that the allowed agents, or so few pins, cannot do."""
-    labels, pins = ground.problem.network.labels, ground.request.pins
-    if structure.unmet is not None:
-        group = name_agents([labels[i] for i in structure.unmet])
-        return Statement(
-            kind="structure",
-            verdict=Verdict.REFUTED,
-            exact={"group": _names(ground, structure.unmet)},
-            text=f"no gains on the allowed agents can do: {group} listen{'s' if len(structure.unmet) == 1 else ''} to"
-            " nobody else in one of the modes, and none of them may be pinned, so moved together they stay moved.",
-        )
-    if isinstance(pins, int) and pins < structure.least:
-        groups = structure.apart if len(structure.apart) > pins else structure.groups
-        named = "; ".join(name_agents([labels[i] for i in group]) for group in groups[:8])
-        apart = "they have no agent in common" if len(structure.apart) > pins else f"no {pins} agents meet them all"
-        return Statement(
-            kind="pins",
-            verdict=Verdict.REFUTED,
-            exact={"least": str(structure.least), "groups": " | ".join(_names(ground, group) for group in groups)},
-            text=f"{pins} pin{'s' if pins > 1 else ''} cannot do, whatever the gains: at least {structure.least} are"
-            f" needed. Each of these groups listens to nobody outside in one of the modes and needs a pin of its own,"
-            f" and {apart}: {named}.",
-        )
-    return None
-
-
-def _too_fast(ground: Ground, proposals: PinningProposals, structure: Structure) -> Statement | None:
+def _too_fast(ground: Ground, proposer: PinningProposer) -> Statement | None:
     """A proof that even gains on all allowed agents, at their caps, do not reach the rate."""
     request = ground.request
-    gains, vectors = proposals.relax(request.allowed, float(request.rate))
+    gains, vectors = proposer.relax(request.allowed, float(request.rate))
     if gains is not None:
         return None
     obstacle = obstacle_to(ground, request.allowed, request.rate, vectors)
@@ -116,30 +127,30 @@ def _too_fast(ground: Ground, proposals: PinningProposals, structure: Structure)
 
 
 def _chosen(
-    ground: Ground, proposals: PinningProposals, structure: Structure
+    ground: Ground, proposer: PinningProposer, structure: Structure, progress: Progress
 ) -> tuple[Choice | None, tuple[Statement, ...]]:
     """The agents to pin: at most so many, or the fewest."""
     request, rate = ground.request, ground.request.rate
     groups = structure.groups
-    needed = max(structure.least, pins_needed(ground, rate, proposals.slow(float(rate))))
+    needed = max(structure.least, pins_needed(ground, rate, proposer.slow(float(rate))))
     if isinstance(request.pins, int):
         if request.pins < needed:
             return None, (_too_few(request.pins, needed),)
-        start = proposals.greedy(request.allowed, groups, float(rate), request.pins)
-        choice = choose(ground, proposals, rate, request.pins, groups, start)
+        start = proposer.greedy(request.allowed, groups, float(rate), request.pins)
+        choice = choose(ground, proposer, progress, rate, request.pins, groups, start)
         return choice, (_choice_statement(request.pins, choice),)
-    start = proposals.greedy(request.allowed, groups, float(rate), None)
+    start = proposer.greedy(request.allowed, groups, float(rate), None)
     enough = len(request.allowed) if start is None else len(start)
     for pins in range(max(1, needed), enough):
-        proposals.progress(f"looking for {counted(pins, 'agent')} that will do")
-        choice = choose(ground, proposals, rate, pins, groups)
+        progress(f"looking for {counted(pins, 'agent')} that will do")
+        choice = choose(ground, proposer, progress, rate, pins, groups)
         if choice.agents is not None:
             return choice, (_fewest_statement(len(choice.agents), needed), _choice_statement(pins, choice))
         if not choice.impossible:
             break
         needed = pins + 1
-    start = proposals.greedy(request.allowed, groups, float(rate), enough) if start is None else start
-    choice = choose(ground, proposals, rate, enough, groups, start)
+    start = proposer.greedy(request.allowed, groups, float(rate), enough) if start is None else start
+    choice = choose(ground, proposer, progress, rate, enough, groups, start)
     count = 0 if choice.agents is None else len(choice.agents)
     return choice, (_fewest_statement(count, needed), _choice_statement(enough, choice))
 
@@ -185,14 +196,14 @@ def _choice_statement(pins: int, choice: Choice) -> Statement:
     return Statement(
         kind="choice",
         verdict=Verdict.PROVED,
-        exact={"bound": number_text(_short(choice.bound))},
+        exact={"bound": number_text(claimed(shorten(choice.bound)))},
         text=f"No gains on {agents} cost less than {shorten(choice.bound, digits=6):.6g} ({how}).",
     )
 
 
 def _designed(
     ground: Ground,
-    proposals: PinningProposals,
+    proposer: PinningProposer,
     structure: Structure,
     agents: Sequence[int],
     *,
@@ -200,15 +211,12 @@ def _designed(
     more: tuple[Statement, ...] = (),
 ) -> PinningDesign:
     request, labels = ground.request, ground.problem.network.labels
-    proposals.progress("proving the gains and their bound")
-    gains = _proved_gains(ground, proposals, agents)
+    gains = _proved_gains(ground, proposer, agents)
     if gains is None:
-        return without_gains(ground, structure, None)
-    vectors = proposals.relax(agents, float(request.rate))[1]
+        return _without_gains(ground, structure, None)
+    vectors = proposer.relax(agents, float(request.rate))[1]
     bound = bound_from(ground, vectors, agents, request.rate)
-    if not bound_holds(ground, bound, agents):  # unreachable: it was made to fit
-        bound = bound_from(ground, (), agents, request.rate)
-    least = bound.value if choice is None else _short(choice.bound)
+    least = bound.value if choice is None else claimed(shorten(choice.bound))
     cost = cost_of(request, gains)
     pinned = tuple(labels[i] for i in gains)
     reached = Statement(
@@ -229,34 +237,25 @@ def _designed(
         structural_minimum=structure.least if structure.exact else None,
         statements=(reached, *_structure_statements(ground, structure), *more),
         prices=tuple(prices_in_words(ground.problem, request, bound, dict.fromkeys(agents))),
-        ties=() if choice is None else _ties(ground, proposals, tuple(gains), choice),
+        ties=() if choice is None else _ties(ground, proposer, tuple(gains), choice),
         problem=changed_problem(ground.problem, {"pinning.gains": {labels[i]: k for i, k in gains.items()}}),
         reason=f"gains on {name_agents(pinned)} reach the rate {shown_number(request.rate)} at the cost"
         f" {float(cost):.6g}, and nothing that does costs less than {shorten(least, digits=6):.6g}.",
     )
 
 
-def _proved_gains(ground: Ground, proposals: PinningProposals, agents: Sequence[int]) -> dict[int, Fraction] | None:
+def _proved_gains(ground: Ground, proposer: PinningProposer, agents: Sequence[int]) -> dict[int, Fraction] | None:
     """Gains for a rate a little faster, rounded up, that are proved for the rate asked."""
     request = ground.request
     for tilt in TILTS:
         part = max(Fraction(1, 10 ** (request.digits + 2)), Fraction(1, 10**10)) * tilt
-        gains, vectors = proposals.relax(agents, float(request.rate * (1 + part)))
+        gains, vectors = proposer.relax(agents, float(request.rate * (1 + part)))
         if gains is None:
             continue
-        least = max(gains) * NOISE
-        rounded = {i: _typed(gains[i], request, i) for i in sorted(agents) if gains[i] > least}
+        rounded = typed_gains({i: gains[i] for i in agents}, digits=request.digits, caps=request.caps)
         if reaches(ground, rounded, request.rate, hints=vectors):
             return rounded
     return None
-
-
-def _typed(gain: float, request: PinningRequest, agent: int) -> Fraction:
-    """The next number of so many digits, or the cap if that is less."""
-    exact = Fraction(gain)
-    exponent = math.floor(math.log10(gain)) - request.digits + 1
-    unit = Fraction(10) ** exponent
-    return min(math.ceil(exact / unit) * unit, request.caps.get(agent, math.ceil(exact / unit) * unit))
 
 
 def _structure_statements(ground: Ground, structure: Structure) -> tuple[Statement, ...]:
@@ -275,9 +274,9 @@ def _structure_statements(ground: Ground, structure: Structure) -> tuple[Stateme
     )
 
 
-def _ties(ground: Ground, proposals: PinningProposals, chosen: tuple[int, ...], choice: Choice) -> tuple[str, ...]:
+def _ties(ground: Ground, proposer: PinningProposer, chosen: tuple[int, ...], choice: Choice) -> tuple[str, ...]:
     labels = ground.problem.network.labels
-    pairs = proposals.replaceable(chosen, ground.request.allowed, float(ground.request.rate))
+    pairs = proposer.replaceable(chosen, ground.request.allowed, float(ground.request.rate))
     others: dict[int, list[str]] = {}
     for agent, other in pairs:
         others.setdefault(agent, []).append(labels[other])
@@ -295,7 +294,7 @@ def _ties(ground: Ground, proposals: PinningProposals, chosen: tuple[int, ...], 
     return tuple(single)
 
 
-def without_gains(ground: Ground, structure: Structure, obstacle: Statement | None) -> PinningDesign:
+def _without_gains(ground: Ground, structure: Structure, obstacle: Statement | None) -> PinningDesign:
     """REFUTED by the obstacle; UNDECIDED without one."""
     least = structure.least if structure.exact else None
     if obstacle is None:
@@ -316,10 +315,187 @@ def without_gains(ground: Ground, structure: Structure, obstacle: Statement | No
     )
 
 
-def _short(bound: Fraction) -> Fraction:
-    """The bound as a number of nine digits, not larger."""
-    return claimed(shorten(bound))
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Choice:
+    """``agents``: the cheapest set found, or None; ``cost`` about.  ``bound``: no set of so many costs less (proved).
+
+    ``rivals``: other sets that were met and cost the same to six digits.
+
+    ``impossible``: proved that no such set reaches the rate.  ``nodes``: how many were looked at; ``finished``: whether
+    none was left open.
+    """
+
+    agents: tuple[int, ...] | None
+    cost: float
+    bound: Fraction
+    impossible: bool
+    finished: bool
+    nodes: int
+    rivals: tuple[tuple[int, ...], ...] = ()
 
 
-def _names(ground: Ground, group: Sequence[int]) -> str:
-    return ", ".join(ground.problem.network.labels[i] for i in group[:50])
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Node:
+    inside: frozenset[int]
+    outside: frozenset[int]
+    bound: Fraction
+    support: tuple[int, ...]  # agents with a gain at the optimum of the node, the largest gain first
+
+
+def choose(
+    ground: Ground,
+    proposer: PinningProposer,
+    progress: Progress,
+    rate: Fraction,
+    pins: int,
+    groups: Sequence[Sequence[int]],
+    start: Collection[int] | None = None,
+) -> Choice:
+    """The cheapest set of at most ``pins`` allowed agents at this rate, with a proved bound.
+
+    ``start``: a set to begin with.  ``groups``: each needs a pin.
+    """
+    search = _Search(ground, proposer, progress, rate, pins, groups)
+    if start is not None:
+        search.try_set(start)
+    root = search.node(frozenset(), frozenset(), Fraction(0))
+    if root is not None:
+        search.add(root)
+    search.run(_nodes(ground.problem.n))
+    return search.result()
+
+
+def _nodes(agents: int) -> int:
+    """How many nodes are worth the time."""
+    return max(50, WORK // agents) if agents <= FEW else max(1, MOST_WORK // agents**2)
+
+
+class _Search:
+    """The open nodes, lowest bound first; what closed nodes proved."""
+
+    def __init__(
+        self,
+        ground: Ground,
+        proposer: PinningProposer,
+        progress: Progress,
+        rate: Fraction,
+        pins: int,
+        groups: Sequence[Sequence[int]],
+    ) -> None:
+        self.ground, self.rate, self.pins, self.groups = ground, rate, pins, groups
+        self.relax, self.progress = proposer.relax, progress
+        self.allowed = frozenset(ground.request.allowed)
+        self.heap: list[tuple[Fraction, int, _Node]] = []
+        self.best: tuple[float, tuple[int, ...]] | None = None
+        self.closed: Fraction | None = None  # the lowest bound of a closed node that is not impossible
+        self.count = 0
+        self.met: dict[tuple[int, ...], float] = {}
+
+    def try_set(self, agents: Collection[int]) -> None:
+        gains = self.relax(agents, float(self.rate))[0]
+        if gains is not None:
+            cost = sum(float(c) * k for c, k in zip(self.ground.request.costs, gains, strict=True))
+            if len(self.met) < MOST_RIVALS:
+                self.met[tuple(sorted(agents))] = cost
+            if self.best is None or cost < self.best[0]:
+                self.best = cost, tuple(sorted(agents))
+
+    def node(self, inside: frozenset[int], outside: frozenset[int], above: Fraction) -> _Node | None:
+        """The node with its exact bound; None if it is proved impossible.  ``above``: the bound of its parent."""
+        if len(inside) + packing([set(group) - outside for group in self.groups], inside) > self.pins:
+            return None
+        self.count += 1
+        left = inside if len(inside) >= self.pins else self.allowed - outside
+        gains, vectors = self.relax(left, float(self.rate))
+        if gains is None:
+            if obstacle_to(self.ground, left, self.rate, vectors) is not None:
+                return None
+            return _Node(inside=inside, outside=outside, bound=above, support=())
+        bound = max(above, bound_from(self.ground, vectors, left, self.rate).value)
+        top = max(gains)
+        support = [agent for agent in left if gains[agent] > SUPPORT * top]
+        order = tuple(sorted(support, key=lambda agent: (-gains[agent], agent)))
+        return _Node(inside=inside, outside=outside, bound=bound, support=order)
+
+    def add(self, node: _Node) -> None:
+        """Open a node, or close it: everything in it is known, or not better than the best set."""
+        free = [agent for agent in node.support if agent not in node.inside]
+        if node.support:
+            room = self.pins - len(node.inside)
+            self.try_set(node.inside | set(free[:room]) if len(node.support) > self.pins else node.support)
+        done = len(node.support) <= self.pins or len(node.inside) >= self.pins or not free
+        if done or self.is_beaten(node):
+            self.close(node)
+        else:
+            heapq.heappush(self.heap, (node.bound, self.count, node))
+
+    def close(self, node: _Node) -> None:
+        self.closed = node.bound if self.closed is None else min(self.closed, node.bound)
+
+    def is_beaten(self, node: _Node) -> bool:
+        return self.best is not None and node.bound >= Fraction(self.best[0]) * (1 - ALIKE)
+
+    def run(self, most: int) -> None:
+        while self.heap and self.count < most:
+            node = heapq.heappop(self.heap)[2]
+            if self.is_beaten(node):
+                self.close(node)
+                continue
+            if self.count % REPORTED == 0:
+                self.progress(f"comparing sets of agents ({self.count} parts of the choice so far)")
+            agent = next(agent for agent in node.support if agent not in node.inside)
+            for inside, outside in ((node.inside | {agent}, node.outside), (node.inside, node.outside | {agent})):
+                child = self.node(inside, outside, node.bound)
+                if child is not None:
+                    self.add(child)
+
+    def result(self) -> Choice:
+        bounds = [node.bound for _, _, node in self.heap] + ([] if self.closed is None else [self.closed])
+        cost, agents = (float("inf"), None) if self.best is None else self.best
+        rivals = tuple(sorted(x for x, value in self.met.items() if x != agents and value <= cost * (1 + SIX_DIGITS)))
+        return Choice(
+            agents=agents,
+            cost=cost,
+            bound=min(bounds, default=Fraction(0)),
+            nodes=self.count,
+            rivals=rivals,
+            impossible=not bounds and agents is None,
+            finished=not self.heap or all(self.is_beaten(node) for _, _, node in self.heap),
+        )
+
+
+def _weaker(ground: Ground, proposer: PinningProposer, kind: str | None) -> Iterator[PinningRequest]:
+    """Requests with one thing given up as far as needed, what is binding first.
+
+    ``kind``: what the refutation is about, "structure", "pins", "max_gain" or "rate"; None if nothing was refuted.
+    """
+    request = ground.request
+    if kind == "structure":
+        structure = structure_of(ground.problem, request.allowed)
+        free = set(request.allowed)
+        lacking = {i for group in structure.groups if not free & set(group) for i in group}
+        request = replace(request, allowed=tuple(sorted(free | lacking)))
+        yield request
+        yield replace(request, pins=None if request.pins is None else FEWEST)
+    if kind == "pins":
+        yield replace(request, pins=FEWEST)
+    if request.caps and (factor := _factor(request, proposer)) is not None:
+        yield replace(request, caps={i: rounded_up(cap * factor, 4) for i, cap in request.caps.items()})
+    fastest = proposer.fastest(request.allowed, 1.0)
+    for part in (0.99, 0.9) if 0 < fastest < math.inf else ():
+        rate = claimed(shorten(fastest * part, digits=3))
+        if 0 < rate < request.rate:
+            yield replace(request, rate=rate)
+    if len(request.allowed) < ground.problem.n:
+        yield replace(request, allowed=tuple(range(ground.problem.n)))
+
+
+def _factor(request: PinningRequest, proposer: PinningProposer) -> Fraction | None:
+    """By how much all caps must grow for the rate, about and a little more; None if that is of no use."""
+    low, high, rate = 1.0, 1e6, float(request.rate)
+    if not proposer.fastest(request.allowed, high) > rate:
+        return None
+    while high > low * 1.001:
+        middle = math.sqrt(low * high)
+        low, high = (low, middle) if proposer.fastest(request.allowed, middle) > rate else (middle, high)
+    return Fraction(high * 1.001)

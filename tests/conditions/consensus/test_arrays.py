@@ -9,10 +9,14 @@ import pytest
 from random_problems import random_problem
 from separable_problems import cycle
 
-from dobc_design.conditions.consensus.arrays import LARGE_ROWS, Deviations, lemma1_in_arrays
-from dobc_design.conditions.consensus.claim import lemma1
-from dobc_design.conditions.consensus.jacobians import jacobians_at_consensus
-from dobc_design.conditions.consensus.statements import state_theorems
+from dobc_design.conditions.consensus.claim import (
+    LARGE_ROWS,
+    Deviations,
+    jacobians_at_consensus,
+    lemma1,
+    lemma1_in_arrays,
+    state_theorems,
+)
 from dobc_design.exact.symmetric import IntegerSymmetric, SparseSymmetric
 from dobc_design.problem.network import Network
 from dobc_design.problem.problem import Problem

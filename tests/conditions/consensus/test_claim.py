@@ -14,9 +14,15 @@ import sympy as sp
 from campaigns import a_problem
 from exact_oracle import Oracle, dot, eye, form, plus, times, turned
 
-from dobc_design.conditions.consensus.claim import lemma1, omega, reduced, theorem2, with_gain
-from dobc_design.conditions.consensus.jacobians import jacobians_at_consensus
-from dobc_design.conditions.consensus.statements import state_theorems
+from dobc_design.conditions.consensus.claim import (
+    jacobians_at_consensus,
+    lemma1,
+    omega,
+    reduced,
+    state_theorems,
+    theorem2,
+    with_gain,
+)
 from dobc_design.errors import ShapeError, SpecError
 from dobc_design.exact.matrix import kronecker, multiply
 from dobc_design.exact.pencil import Unknown, below, positive

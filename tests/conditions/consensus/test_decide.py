@@ -12,8 +12,8 @@ from exact_oracle import Oracle, eye, negative_definite, plus, times
 
 from dobc_design.certification.certify import certify
 from dobc_design.certification.recheck import recheck
-from dobc_design.conditions.consensus.decide import Pair, Proposal, lemma1_check, psi_is_negative, theorem_check
-from dobc_design.conditions.consensus.statements import state_theorems
+from dobc_design.conditions.consensus.claim import Pair, state_theorems
+from dobc_design.conditions.consensus.decide import Proposal, lemma1_check, psi_is_negative, theorem_check
 from dobc_design.problem.exosystems import Exosystem
 from dobc_design.problem.groups import Observer
 from dobc_design.problem.network import Network

@@ -12,6 +12,7 @@ from scipy import sparse
 
 from dobc_design.certification.certify import certify
 from dobc_design.conditions.consensus import estimates
+from dobc_design.conditions.consensus.claim import state_theorems
 from dobc_design.conditions.consensus.estimates import (
     DENSE,
     Top,
@@ -23,7 +24,6 @@ from dobc_design.conditions.consensus.estimates import (
     pair_rate,
 )
 from dobc_design.conditions.consensus.jacobian import float_lambda
-from dobc_design.conditions.consensus.statements import state_theorems
 from dobc_design.exact.matrix import multiply, to_float
 from dobc_design.problem.network import Network
 from dobc_design.problem.problem import Problem

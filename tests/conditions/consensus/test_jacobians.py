@@ -8,8 +8,7 @@ import pytest
 from exact_oracle import key, slope
 from random_problems import CURVED, IRRATIONAL, LINEAR, PLANE_CURVED, PLANE_LINEAR, SPACE_LINEAR
 
-from dobc_design.conditions.consensus.jacobians import jacobians_at_consensus
-from dobc_design.conditions.consensus.statements import state_theorems
+from dobc_design.conditions.consensus.claim import jacobians_at_consensus, state_theorems
 from dobc_design.problem.network import Network
 from dobc_design.problem.problem import Problem
 

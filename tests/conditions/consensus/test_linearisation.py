@@ -9,8 +9,8 @@ from campaigns import a_problem
 from exact_oracle import Oracle
 from random_problems import WEIGHTS
 
+from dobc_design.conditions.consensus.claim import state_theorems
 from dobc_design.conditions.consensus.linearisation import LARGEST, linearisation, unstable_roots
-from dobc_design.conditions.consensus.statements import state_theorems
 from dobc_design.problem.network import Network
 from dobc_design.problem.problem import Problem
 

@@ -14,7 +14,7 @@ from dobc_design.conditions.consensus.pinning import fastest_rate, for_rate, net
 from dobc_design.conditions.consensus.pinning_shared import solve_shared
 from dobc_design.problem.network import Network
 from dobc_design.problem.problem import Problem
-from dobc_design.synthesis.pinning.greedy import greedy_set
+from dobc_design.synthesis.pinning.propose import greedy_set
 from dobc_design.verdict import Verdict
 
 

@@ -9,8 +9,8 @@ from exact_oracle import Oracle, form
 
 from dobc_design.certification.certify import certify
 from dobc_design.conditions.check import Check, Fix, main_cure, main_fix, other_cures
+from dobc_design.conditions.consensus.claim import state_theorems
 from dobc_design.conditions.consensus.decide import enclosed_lambda
-from dobc_design.conditions.consensus.statements import state_theorems
 from dobc_design.conditions.consensus.witness import carriers, group_directions, unpinned_witness
 from dobc_design.problem.network import Network
 from dobc_design.problem.problem import Problem

@@ -9,14 +9,14 @@ from random import Random
 import mpmath
 import numpy as np
 import pytest
+from confirming import confirmed
 from equilibrium_cases import FOLDED, exact, half_difference, listening_pair, random_folded
 from lure_cases import HARMONIC, PAPER_GAIN, field, random_problem
 from scipy.optimize import fsolve
 
-from dobc_design.conditions.check import Check, Witness, check_from_json
+from dobc_design.conditions.check import Check, Values, Witness, check_from_json
 from dobc_design.conditions.equilibrium.claim import Equilibrium, field_at, slopes_on
 from dobc_design.conditions.equilibrium.decide import (
-    confirm_equilibrium,
     enclose_equilibrium,
     krawczyk_holds,
     lies_in_region,
@@ -39,10 +39,6 @@ SMALL = F(1, 10**4)
 
 def boxed(*middle: F, half: F = SMALL, mode: str = "G") -> Equilibrium:
     return Equilibrium(mode=mode, box=tuple(Interval(c - half, c + half) for c in middle))
-
-
-def confirmed(check: Check, problem: Problem) -> str | None:
-    return confirm_equilibrium(check, problem, None, "consensus")
 
 
 def is_proved(problem: Problem, claim: Equilibrium) -> bool:
@@ -122,8 +118,8 @@ def test_an_observer_does_not_matter():
         region={"initial_states": [-5, 5], "initial_disturbance": 0},
     )
     check = refuting_check(problem, boxed(-SADDLE, SADDLE))
-    assert confirm_equilibrium(check, problem, PAPER_GAIN, "consensus") is None
-    assert "without W" in confirm_equilibrium(check, problem, None, "consensus")
+    assert confirmed(check, problem, W=PAPER_GAIN) is None
+    assert "without W" in confirmed(check, problem)
 
 
 def test_a_folded_line_has_its_equilibrium_at_ten_thirds_exactly():
@@ -240,32 +236,32 @@ def moved(check: Check, by: str) -> list[list[str]]:
     ("change", "complaint"),
     [
         (lambda c: {"verdict": Verdict.PROVED}, "only refute"),
-        (lambda c: {"domain": "global"}, "with the domain"),
-        (lambda c: {"margin": 0.0}, "a number"),
+        (lambda c: {"domain": "global"}, "the domain must be"),
+        (lambda c: {"margin": 0.0}, "no margin"),
         (lambda c: {"rate": 0.1}, "a number"),
-        (lambda c: {"mode": "G"}, "a number"),
+        (lambda c: {"mode": "G"}, "no mode"),
         (lambda c: {"witness": None}, "a start"),
         (lambda c: {"witness": replace(c.witness, kind="vector")}, "a start"),
         (lambda c: {"witness": replace(c.witness, labels=("1",))}, "a start"),
         (lambda c: {"witness": Witness(kind="start", values=("0", "0"))}, "not the middle"),
         (lambda c: {"witness": Witness(kind="start", values=c.witness.values[:1])}, "not the middle"),
-        (lambda c: {"exact": None}, "a mode, a box"),
-        (lambda c: {"exact": {**c.exact, "more": "1"}}, "a mode, a box"),
-        (lambda c: {"exact": {**c.exact, "mode": "H"}}, "a mode of this problem"),
-        (lambda c: {"exact": {**c.exact, "box": c.exact["box"][:1]}}, "one interval per component"),
-        (lambda c: {"exact": {**c.exact, "box": "text"}}, "a list of intervals"),
-        (lambda c: {"exact": {**c.exact, "box": [["1"], ["2"]]}}, "no list of intervals"),
-        (lambda c: {"exact": {**c.exact, "box": [["1", "1"], ["1", "1"]]}}, "no list of intervals"),
+        (lambda c: {"claim": None}, "must be an object"),
+        (lambda c: {"claim": Values({**c.exact, "more": "1"})}, "unknown fields"),
+        (lambda c: {"claim": Values({**c.exact, "mode": "H"})}, "a mode of this problem"),
+        (lambda c: {"claim": Values({**c.exact, "box": c.exact["box"][:1]})}, "one interval per component"),
+        (lambda c: {"claim": Values({**c.exact, "box": "text"})}, "a list of intervals"),
+        (lambda c: {"claim": Values({**c.exact, "box": [["1"], ["2"]]})}, "no list of intervals"),
+        (lambda c: {"claim": Values({**c.exact, "box": [["1", "1"], ["1", "1"]]})}, "no list of intervals"),
         (
             lambda c: {
-                "exact": {**c.exact, "box": moved(c, "1/1000")},
+                "claim": Values({**c.exact, "box": moved(c, "1/1000")}),
                 "witness": replace(c.witness, values=tuple(str(F(v) + F("1/1000")) for v in c.witness.values)),
             },
             "Krawczyk",
         ),
         (
             lambda c: {
-                "exact": {**c.exact, "box": moved(c, "4")},
+                "claim": Values({**c.exact, "box": moved(c, "4")}),
                 "witness": replace(c.witness, values=tuple(str(F(v) + 4) for v in c.witness.values)),
             },
             "leaves the region",
@@ -281,9 +277,8 @@ def test_a_changed_check_is_not_confirmed(change, complaint: str):
 def test_numbers_that_are_no_text_are_refused():
     problem = listening_pair()
     check = refuting_check(problem, boxed(-SADDLE, SADDLE))
-    changed = replace(check, exact={"mode": "G", "box": [[-1.7, -1.6], [1.6, 1.7]]})
-    with pytest.raises(ValueError, match="rational as text"):
-        confirmed(changed, problem)
+    changed = replace(check, claim=Values({"mode": "G", "box": [[-1.7, -1.6], [1.6, 1.7]]}))
+    assert "rational as text" in confirmed(changed, problem)
 
 
 def test_the_same_box_is_not_confirmed_for_another_problem():

@@ -9,16 +9,21 @@ from fractions import Fraction
 from typing import Any
 
 import pytest
+from confirming import confirmed, through_json
 from lure_cases import HARMONIC, PAPER, PAPER_GAIN, identity
 
-from dobc_design.conditions.boxes.checks import confirm_exhaustive, exhaustive_check, shell_from_json, shell_to_json
+from dobc_design.conditions.boxes import checks as boxes
+from dobc_design.conditions.boxes.checks import exhaustive_check
 from dobc_design.conditions.boxes.propose import grow_shell
-from dobc_design.conditions.check import Check
+from dobc_design.conditions.check import Check, Values
 from dobc_design.conditions.coverage import covers
-from dobc_design.conditions.quadratic.checks import certified_ball, confirm_lure, lure_check
+from dobc_design.conditions.quadratic.checks import (
+    certified_ball,
+    lure_check,
+    lure_from_json,
+)
 from dobc_design.conditions.quadratic.claim import Lure
 from dobc_design.conditions.quadratic.decide import verify_lure
-from dobc_design.conditions.quadratic.json_text import lure_from_json, lure_to_json
 from dobc_design.conditions.quadratic.propose import design_lure
 from dobc_design.conditions.quadratic.sectors import enclose_ranges
 from dobc_design.exact.matrix import multiply
@@ -77,13 +82,8 @@ def check_of(problem: Problem, lure: Lure, radius: float, disturbance: float = 0
 
 
 def refusal(problem: Problem, check: Check, *, domain: str = "consensus") -> str | None:
-    """What is wrong with a check after its way through JSON; errors count as refusals."""
-    exact = json.loads(json.dumps(check.exact))
-    confirm = confirm_lure if check.id == "lure" else confirm_exhaustive
-    try:
-        return confirm(replace(check, exact=exact), problem, problem.observer.W, domain)
-    except (ValueError, TypeError, KeyError, ArithmeticError) as error:
-        return str(error) or type(error).__name__
+    """What is wrong with a check after its way through JSON."""
+    return confirmed(check, problem, W=problem.observer.W, domain=domain)
 
 
 def test_the_largest_ball_is_proved_and_confirmed_and_the_next_number_is_not():
@@ -110,11 +110,11 @@ def test_with_the_observer_the_disturbance_takes_its_part_of_the_level():
     assert "not inside" in str(refusal(problem, replace(check, domain={**check.domain, "disturbance": 0.50001})))
     assert "P" in check.exact
     exact = {name: value for name, value in check.exact.items() if name != "P"}
-    assert "lacks P" in str(refusal(problem, replace(check, exact=exact)))
+    assert "lacks P" in str(refusal(problem, replace(check, claim=Values(exact))))
     smaller = {**check.exact, "P": [["1/8", "-1/16"], ["-1/16", "1/12"]]}
-    assert "matrix inequality fails" in str(refusal(problem, replace(check, exact=smaller)))
+    assert "matrix inequality fails" in str(refusal(problem, replace(check, claim=Values(smaller))))
     skew = {**check.exact, "P": [["1", "-1/2"], ["-1/3", "2/3"]]}
-    assert "symmetric" in str(refusal(problem, replace(check, exact=skew)))
+    assert "symmetric" in str(refusal(problem, replace(check, claim=Values(skew))))
 
 
 def test_without_a_gain_nothing_applies():
@@ -122,7 +122,7 @@ def test_without_a_gain_nothing_applies():
     check = lure_check(problem, None, lure, radius=1.0, disturbance=0.0, domain="consensus")
     assert (check.verdict, check.reason[:15]) == (Verdict.UNDECIDED, "does not apply:")
     proved = check_of(problem, lure, 1.0)
-    assert "does not apply" in str(confirm_lure(proved, problem, None, "consensus"))
+    assert "does not apply" in str(confirmed(proved, problem))
 
 
 CHANGES: tuple[tuple[str, Any, str], ...] = (
@@ -168,7 +168,7 @@ def test_every_part_of_the_claim_is_decided_again(name, value, words):
     mode = next(iter(problem.network.modes))
     value = dict.fromkeys([mode], *value.values()) if name == "multipliers" and value else value
     assert refusal(problem, check) is None
-    assert words in str(refusal(problem, replace(check, exact={**check.exact, name: value})))
+    assert words in str(refusal(problem, replace(check, claim=Values({**check.exact, name: value}))))
 
 
 @pytest.mark.parametrize(
@@ -180,7 +180,7 @@ def test_every_part_of_the_claim_is_decided_again(name, value, words):
         ({"domain": {"kind": "box", "radius": 1.0, "disturbance": 0.0}}, "must be a ball"),
         ({"domain": {"kind": "ball", "radius": 1.0, "disturbance": 0.1}}, "without an exosystem"),
         ({"domain": {"kind": "ball", "radius": 0.0, "disturbance": 0.0}}, "must be > 0"),
-        ({"verdict": Verdict.REFUTED}, "only be proved"),
+        ({"verdict": Verdict.REFUTED, "domain": "consensus"}, "only be proved"),
     ],
 )
 def test_what_stands_beside_the_exact_values_has_to_follow_too(changes, words):
@@ -207,7 +207,7 @@ def test_without_a_level_every_coupling_has_to_be_linear():
     )
     assert "need a radius" in str(refusal(ring(coupling="2*tanh(y)"), check, domain="global"))
     useless = {**check.exact, "multipliers": {mode: ["0", "0", "1"]}}
-    assert "is not 0" in str(refusal(linear, replace(check, exact=useless), domain="global"))
+    assert "is not 0" in str(refusal(linear, replace(check, claim=Values(useless)), domain="global"))
 
 
 def test_a_list_of_expressions_has_one_channel_for_every_gain():
@@ -226,15 +226,17 @@ def test_a_list_of_expressions_has_one_channel_for_every_gain():
     assert refusal(problem, check) is None
     gains = [[["1", "1"], ["0.1", "0.2"]], [["0", "0"], ["1", "1"]]]
     assert "not shown" in str(
-        refusal(problem, replace(check, exact={**check.exact, "ranges": [{"coupling": 0, "gains": gains}]}))
+        refusal(problem, replace(check, claim=Values({**check.exact, "ranges": [{"coupling": 0, "gains": gains}]})))
     )
 
 
 def test_a_claim_comes_back_from_json_as_it_went_in():
     problem, lure = observed()
-    assert lure_from_json(json.loads(json.dumps(lure_to_json(lure))), problem, PAPER_GAIN) == lure
+    assert lure_from_json(json.loads(json.dumps(lure.to_json())), problem, PAPER_GAIN) == lure
     full = replace(lure, P_e=SparseSymmetric(10, {**lure.P_e.entries, (0, 3): Fraction(-1, 7)}), rate=Fraction(2, 9))
-    assert lure_from_json(json.loads(json.dumps(lure_to_json(full))), problem, PAPER_GAIN) == full
+    assert lure_from_json(json.loads(json.dumps(full.to_json())), problem, PAPER_GAIN) == full
+    with pytest.raises(ValueError, match="one radius for all arcs"):
+        replace(lure, radii={(0, 1): Fraction(1)}).to_json()
 
 
 def test_a_ball_covers_the_region_iff_it_holds_its_corners():
@@ -266,7 +268,7 @@ def test_boxes_are_confirmed_and_the_next_larger_claims_are_not():
     check = exhaustive_check(problem, None, shell, radius=radius, disturbance=0.0, domain="consensus")
     assert check.verdict is Verdict.PROVED
     assert refusal(problem, check) is None
-    assert shell_from_json(json.loads(json.dumps(shell_to_json(shell))), problem, None) == shell
+    assert boxes.read_claim(through_json(check), problem, None) == shell
     larger = exhaustive_check(problem, None, shell, radius=radius * 1.01, disturbance=0.0, domain="consensus")
     assert larger.verdict is Verdict.UNDECIDED
     for name, value, words in (
@@ -281,9 +283,9 @@ def test_boxes_are_confirmed_and_the_next_larger_claims_are_not():
         ("level", str(shell.lure.level * SMALL), "reaches beyond"),
         ("level", None, "both be null"),
     ):
-        assert words in str(refusal(problem, replace(check, exact={**check.exact, name: value}))), (name, value)
+        assert words in str(refusal(problem, replace(check, claim=Values({**check.exact, name: value})))), (name, value)
     wider = {"outer": str(shell.outer * Fraction(103, 100)), "half": str(2 * shell.half)}
-    assert "not shown in some box" in str(refusal(problem, replace(check, exact={**check.exact, **wider})))
+    assert "not shown in some box" in str(refusal(problem, replace(check, claim=Values({**check.exact, **wider}))))
     nearer = {**check.domain, "radius": radius * 1.0001}
     assert "not inside" in str(refusal(problem, replace(check, domain=nearer)))
     assert refusal(problem, replace(check, rate=0.01)) is not None
@@ -296,9 +298,11 @@ def test_boxes_that_are_halved_too_often_are_refused():
     shell = shell_of(problem)
     check = exhaustive_check(problem, None, shell, radius=1.0, disturbance=0.0, domain="consensus")
     deep = "".join("0" if depth == 0 else "0." for depth in range(31)) + ".."
-    assert "does not describe boxes" in str(refusal(problem, replace(check, exact={**check.exact, "tree": deep})))
+    assert "does not describe boxes" in str(
+        refusal(problem, replace(check, claim=Values({**check.exact, "tree": deep})))
+    )
     fair = "".join("0" if depth == 0 else "0." for depth in range(30)) + ".."
-    assert "not shown in some box" in str(refusal(problem, replace(check, exact={**check.exact, "tree": fair})))
+    assert "not shown in some box" in str(refusal(problem, replace(check, claim=Values({**check.exact, "tree": fair}))))
 
 
 def test_numbers_that_floating_point_cannot_follow_are_refused_not_skipped():

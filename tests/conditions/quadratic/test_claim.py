@@ -10,7 +10,8 @@ import numpy as np
 import pytest
 from lure_cases import HARMONIC, PAPER_GAIN, cycle, identity, pins, random_problem
 
-from dobc_design.conditions.consensus.decide import Pair, schur_block
+from dobc_design.conditions.consensus.claim import Pair
+from dobc_design.conditions.consensus.decide import schur_block
 from dobc_design.conditions.quadratic.claim import Lure, interval_matrix, lure_matrix, vertex_matrices
 from dobc_design.conditions.quadratic.sectors import Sectors, build_sectors, enclose_ranges
 from dobc_design.errors import ShapeError, SpecError

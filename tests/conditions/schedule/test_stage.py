@@ -13,7 +13,7 @@ from equilibrium_cases import listening_pair
 
 import dobc_design as dd
 from dobc_design.certificate.text import certificate_bytes
-from dobc_design.conditions.check import Check
+from dobc_design.conditions.check import Check, Values
 from dobc_design.conditions.schedule.asked import asked_beside
 from dobc_design.conditions.schedule.stage import settling_stage
 from dobc_design.errors import CertificateError, SpecError
@@ -89,7 +89,7 @@ def test_times_of_the_table_are_about_the_same_tolerance():
 
 def test_a_claim_that_cannot_be_read_says_so():
     claims = certified().claims
-    checks = tuple(replace(c, exact={"time": "soon"}) if c.id == "settling" else c for c in claims.checks)
+    checks = tuple(replace(c, claim=Values({"time": "soon"})) if c.id == "settling" else c for c in claims.checks)
     broken = replace(certified(), claims=replace(claims, checks=checks))
     with pytest.raises(CertificateError, match="cannot be read"):
         _ = broken.settling
@@ -119,7 +119,7 @@ def test_without_starts_or_without_a_certificate_it_is_left_out():
     assert "nothing says where the agents start" in asked_beside(none, [], tolerance=None)
     open_one = box(1.0, Verdict.UNDECIDED)
     assert asked_beside(none, [open_one], tolerance=None).startswith("stages begin with")
-    apart = box(1.0, Verdict.UNDECIDED, "does not apply: vectors.")
+    apart = replace(open_one, applies=False)
     assert asked_beside(none, [apart], tolerance=None).startswith("does not apply")
     assert "the target alone" in asked_beside(listening_pair(reach=[0, 0]), [], tolerance=None)
 

@@ -10,13 +10,10 @@ import pytest
 from separable_problems import MONOTONE, TURNING, cycle, fractions, pair, random_problem, sampled_rows
 
 from dobc_design.conditions.separable.claim import FACES, Separable, rows
-from dobc_design.conditions.separable.decide import coupling_profiles, largest_rate, verify_separable
-from dobc_design.conditions.separable.large import arc_rows, float_kinds, open_rows
+from dobc_design.conditions.separable.decide import coupling_profiles, decide_row, largest_rate, verify_separable
+from dobc_design.conditions.separable.large import arc_rows, float_kinds, gain_table, open_rows, turning
 from dobc_design.conditions.separable.ordering import find_ordering
 from dobc_design.conditions.separable.propose import propose_separable, rounded_vectors
-from dobc_design.conditions.separable.rows import decide_row
-from dobc_design.conditions.separable.table import gain_table
-from dobc_design.conditions.separable.turns import turning
 from dobc_design.coupling.enclosures import Curve, profile
 from dobc_design.errors import ShapeError, SpecError
 from dobc_design.problem.network import Network

@@ -12,8 +12,6 @@ from separable_problems import MONOTONE, PAPER, TURNING, cycle, float_gains, pai
 
 from dobc_design.conditions.separable.claim import Separable
 from dobc_design.conditions.separable.decide import largest_rate
-from dobc_design.conditions.separable.field import field_of
-from dobc_design.conditions.separable.newton import linear_rate
 from dobc_design.conditions.separable.observer import (
     composite_rate,
     covers,
@@ -21,7 +19,13 @@ from dobc_design.conditions.separable.observer import (
     first_certificate,
     verify_composite,
 )
-from dobc_design.conditions.separable.propose import design_separable, propose_separable, rounded_vectors
+from dobc_design.conditions.separable.propose import (
+    design_separable,
+    field_of,
+    linear_rate,
+    propose_separable,
+    rounded_vectors,
+)
 from dobc_design.conditions.separable.propose_observer import propose_error_bound, radius_needed
 from dobc_design.exact.matrix import to_float
 from dobc_design.problem.exosystems import Exosystem
@@ -324,7 +328,7 @@ def test_the_search_for_many_agents_comes_near_the_rate_of_that_for_few(monkeypa
     problem = grid(9, pins=5, h=h)
     exact = propose_separable(problem, rho=1.2).rate
     monkeypatch.setattr(import_module("dobc_design.conditions.separable.propose"), "FEW_AGENTS", 0)
-    monkeypatch.setattr(import_module("dobc_design.conditions.separable.newton"), "FACTORED_AGENTS", 0)
+    monkeypatch.setattr(import_module("dobc_design.conditions.separable.propose"), "FACTORED_AGENTS", 0)
     for near in (None, 1.3 * exact, 0.5 * exact):
         proposal = propose_separable(problem, rho=1.2, near=near)
         assert 0.9 * exact <= proposal.rate <= exact * 1.001

@@ -9,21 +9,21 @@ from fractions import Fraction
 import numpy as np
 import pytest
 from certified import certified
+from confirming import confirmed
 from region_oracle import Regions
 from regions import without_region
 from separable_problems import cycle, pair
 
 from dobc_design.certificate.text import certificate_bytes, certificate_document
 from dobc_design.certification.certify import certify
-from dobc_design.certification.confirm_regions import Beside, confirm_region
 from dobc_design.certification.overall import decide_overall
 from dobc_design.certification.recheck import recheck
 from dobc_design.conditions.asked import decimal_above, read_region
-from dobc_design.conditions.check import check_from_json
+from dobc_design.conditions.check import Values
 from dobc_design.conditions.coverage import asked_radius
 from dobc_design.conditions.kinds import KINDS
 from dobc_design.conditions.numbers import claimed
-from dobc_design.conditions.separable.checks import separable_from_json
+from dobc_design.conditions.separable.claim import separable_from_json
 from dobc_design.conditions.separable.propose import design_separable, flatter_plans
 from dobc_design.conditions.separable.stage import separable_stage
 from dobc_design.conditions.separable.timing import largest_period
@@ -46,8 +46,7 @@ def stage(problem: Problem, *, W=None, domain="consensus", everything=False):
     """The checks of this stage alone, each confirmed after a way through JSON."""
     found = separable_stage(read_region(problem, W, domain=domain, everything=everything), lambda stage: None)
     for check in found:
-        read = check_from_json(json.loads(json.dumps(check.to_json())))
-        assert confirm_region(read, Beside(problem=problem, W=W, domain=domain, separable=found[0])) is None
+        assert confirmed(check, problem, W=W, domain=domain, beside=found[0]) is None
     return {check.id: check for check in found}
 
 
@@ -211,8 +210,8 @@ def test_claims_keep_a_part_in_hand_for_a_second_program():
     more = {"max-separable": ("alpha", "1.00009"), "delay": ("rate", "1.00009"), "sampling": ("period", "1.0009")}
     for id, (name, factor) in more.items():
         exact = dict(checks[id].exact) | {name: str(Fraction(checks[id].exact[name]) * Fraction(factor))}
-        beside = Beside(problem=problem, W=None, domain="consensus", separable=checks["max-separable"])
-        assert confirm_region(replace(checks[id], exact=exact), beside) is None
+        more_claimed = replace(checks[id], claim=Values(exact))
+        assert confirmed(more_claimed, problem, beside=checks["max-separable"]) is None
 
 
 def test_where_a_coupling_is_steep_sampling_has_flatter_weights_of_its_own():

@@ -9,17 +9,10 @@ import numpy as np
 import pytest
 from separable_problems import MONOTONE, PAPER, TURNING, cycle, float_gains, fractions, pair, random_problem
 
-from dobc_design.conditions.separable.claim import ErrorBound, Separable
+from dobc_design.conditions.separable.claim import DelayBound, ErrorBound, SamplingBound, Separable
 from dobc_design.conditions.separable.decide import largest_rate
 from dobc_design.conditions.separable.propose import propose_separable, rounded_vectors
-from dobc_design.conditions.separable.timing import (
-    DelayBound,
-    SamplingBound,
-    largest_delay_rate,
-    largest_period,
-    sampled_factor,
-    verify_delay,
-)
+from dobc_design.conditions.separable.timing import largest_delay_rate, largest_period, sampled_factor, verify_delay
 from dobc_design.errors import SpecError
 from dobc_design.problem.network import Network
 from dobc_design.problem.problem import Problem

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from fractions import Fraction
 from itertools import combinations
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -15,9 +14,8 @@ from dobc_design.errors import SpecError
 from dobc_design.problem.changes import changed_problem
 from dobc_design.problem.network import Network
 from dobc_design.problem.problem import Problem
-from dobc_design.synthesis.joint.refuting import network_obstacle
-from dobc_design.synthesis.joint.request import read_design_request
-from dobc_design.synthesis.pinning.structure import structure_of
+from dobc_design.synthesis.pinning.decide import structural_obstacle, structure_of
+from dobc_design.synthesis.pinning.propose_regions import RegionSearch
 from dobc_design.verdict import Verdict
 
 
@@ -162,18 +160,8 @@ def test_a_group_that_is_alone_in_one_mode_only_is_refuted_for_arbitrary_switchi
         problem = Problem(
             network=Network.from_arcs(modes, arrow="listens_to", agents=3), coupling="y", gains={1: 1}, target=0
         )
-        request = read_design_request(
-            problem.network.labels,
-            rate=None,
-            pins=pins,
-            max_gain=None,
-            allowed=None if pins else ["1"],
-            noise=None,
-            digits=3,
-            reduce=True,
-        )
-        ground = SimpleNamespace(problem=problem, request=request, structure=structure_of(problem, request.allowed))
-        found = network_obstacle(ground)
+        structure = structure_of(problem, range(3) if pins else (0,))
+        found = structural_obstacle(problem, pins, structure)
         assert (found is not None) is several
         assert found is None or "under arbitrary switching" in found.text
 
@@ -234,8 +222,6 @@ def test_a_design_says_what_was_decided_and_what_each_limit_costs():
 
 def test_the_price_of_the_rate_is_the_slope_of_the_smallest_gain():
     """By differences of the smallest gains at two rates (theory, section 7 for the linear star: k = b / (1 - b))."""
-    from dobc_design.synthesis.pinning.region_gains import RegionSearch
-
     bare = changed_problem(star(2, region=BOX), {"pinning.gains": None})
     search = RegionSearch(bare, None, radius=Fraction(1), disturbance=Fraction(0))
     for rate in (0.2, 0.5, 0.8):
@@ -247,8 +233,6 @@ def test_the_price_of_the_rate_is_the_slope_of_the_smallest_gain():
 
 def test_the_gains_of_a_linear_ring_are_those_of_the_closed_form():
     """Ring with one hard pin and h = y: v_j = (1 - b)^-(distance), k_1 = b + v_2 - 1."""
-    from dobc_design.synthesis.pinning.region_gains import RegionSearch
-
     search = RegionSearch(ring(5, coupling="y", region=BOX), None, radius=Fraction(1), disturbance=Fraction(0))
     rate = 0.1
     found = search.smallest([0], {}, rate)

@@ -9,15 +9,11 @@ import numpy as np
 import pytest
 from small_designs import ring, star
 
-from dobc_design.conditions.consensus.jacobians import jacobians_at_consensus
+from dobc_design.conditions.consensus.claim import jacobians_at_consensus
 from dobc_design.problem.network import Network
 from dobc_design.problem.problem import Problem
-from dobc_design.synthesis.joint.perron import slow_directions
-from dobc_design.synthesis.joint.rate_limit import limit_of, slow_direction, too_few_pins
-
-
-def propose_for(problem: Problem):
-    return lambda mode, component, pinned, caps: slow_directions(mode, component, pinned, caps, size=problem.n)
+from dobc_design.synthesis.pinning.decide import limit_of, slow_direction, too_fast
+from dobc_design.synthesis.pinning.propose import slow_directions
 
 
 def random_network(r: Random, n: int) -> Problem:
@@ -47,7 +43,7 @@ def test_no_gains_beat_the_limit_and_large_ones_come_close(seed: int):
     problem = random_network(r, 6)
     pinned = r.sample(range(6), 3)
     caps = {pinned[0]: Fraction(1, 2)}
-    found = slow_direction(jacobians_at_consensus(problem), pinned, caps, propose_for(problem))
+    found = slow_direction(jacobians_at_consensus(problem), pinned, caps, slow_directions)
     assert found is not None
     for _ in range(20):
         gains = {i: r.uniform(0, 0.5) if i in caps else 10 ** r.uniform(-2, 6) for i in pinned}
@@ -65,16 +61,14 @@ def test_a_direction_that_moves_a_free_agent_or_has_a_negative_entry_shows_nothi
 
 
 def test_a_coupling_that_falls_at_the_target_has_no_limit():
-    assert slow_direction(jacobians_at_consensus(ring(3, coupling="-y")), (0,), {}, propose_for(ring(3))) is None
+    assert slow_direction(jacobians_at_consensus(ring(3, coupling="-y")), (0,), {}, slow_directions) is None
 
 
 def test_two_pins_of_a_star_are_excluded_above_1_and_not_below():
     """Four leaves return at 1 unless held: six sets, all too slow for 1.01; none of them for 1."""
-    problem = star(4)
-    jacobians, propose = jacobians_at_consensus(problem), propose_for(star(4))
 
     def ask(rate: str):
-        return too_few_pins(problem, jacobians, Fraction(rate), 2, allowed=range(4), caps={}, propose=propose)
+        return too_fast(star(4), Fraction(rate), allowed=range(4), caps={}, pins=2, propose=slow_directions)
 
     refuted = ask("1.01")
     assert refuted is not None

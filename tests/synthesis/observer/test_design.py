@@ -12,10 +12,9 @@ import dobc_design as dd
 from dobc_design.errors import SpecError
 from dobc_design.exact.matrix import multiply, subtract, to_float, transpose
 from dobc_design.exact.polynomial import decide_hurwitz
-from dobc_design.solvers.rounding import round_matrix
-from dobc_design.synthesis.observer.candidates import make_plant, propose_gains
+from dobc_design.synthesis.observer.decide import rate_holds
+from dobc_design.synthesis.observer.propose import make_plant, propose_gains
 from dobc_design.synthesis.observer.request import ObserverRequest
-from dobc_design.synthesis.observer.spectrum import rate_holds
 from dobc_design.verdict import Verdict
 
 SHAPES = {
@@ -56,12 +55,11 @@ def digits_of(W) -> int:
     )
 
 
-@pytest.mark.parametrize("method", ["lmi", "kalman", "place"])
 @pytest.mark.parametrize("shape", SHAPES)
-def test_every_method_reaches_the_rate_with_the_digits_asked(shape, method):
+def test_the_rate_is_reached_with_the_digits_asked(shape):
     """The rate by Routh's test of A - WC + (rate - 1e-9) I, by floats, and the digits counted."""
     exosystem = SHAPES[shape]
-    found = design(exosystem, rate="3/2", method=method, digits=3)
+    found = design(exosystem, rate="3/2", digits=3)
     assert found.verdict is Verdict.PROVED
     assert all(statement.verdict is Verdict.PROVED for statement in found.statements)
     assert {"hurwitz", "rate"} <= {statement.kind for statement in found.statements}
@@ -90,8 +88,8 @@ def test_p_and_q_prove_the_envelope():
     assert np.max(np.linalg.eigvalsh(F.T @ P + P @ F + 2 * rate * P)) <= 1e-9 * upper
 
 
-def test_the_default_is_the_smallest_gain_for_half_the_kalman_rate():
-    """A harmonic of 2 rad/s: 2 rate, with the rate of control.lqe halved and rounded to three digits."""
+def test_the_default_is_half_the_kalman_rate():
+    """With the rate of control.lqe halved and rounded to three digits."""
     import control
 
     A, C = to_float(SHAPES["harmonic"].A), to_float(SHAPES["harmonic"].C)
@@ -99,27 +97,9 @@ def test_the_default_is_the_smallest_gain_for_half_the_kalman_rate():
     rate = float(f"{-np.max(closed.real) / 2:.3g}")
     found = design(SHAPES["harmonic"])
     assert found.verdict is Verdict.PROVED
-    assert found.measures["gain"] == pytest.approx(2 * rate, rel=1e-3)
+    assert found.measures["rate"] == pytest.approx(rate, rel=0.05)
 
 
-@pytest.mark.parametrize("shape", SHAPES)
-def test_the_kalman_gain_is_that_of_python_control_rounded(shape):
-    import control
-
-    exosystem = SHAPES[shape]
-    q, m = exosystem.order, exosystem.outputs
-    gain, _, _ = control.lqe(to_float(exosystem.A), np.eye(q), to_float(exosystem.C), np.eye(q), np.eye(m))
-    found = design(exosystem, method="kalman", digits=6)
-    assert round_matrix(np.asarray(gain), 6) == found.W
-
-
-def test_a_kalman_gain_that_is_too_slow_is_replaced_by_a_shifted_one():
-    found = design(SHAPES["harmonic"], method="kalman", rate=5)
-    assert found.verdict is Verdict.PROVED
-    assert "A + 1 rate I" in found.source
-
-
-@pytest.mark.parametrize("method", ["lmi", "place"])
 @pytest.mark.parametrize(
     "region",
     [
@@ -129,9 +109,9 @@ def test_a_kalman_gain_that_is_too_slow_is_replaced_by_a_shifted_one():
         [dd.Cone(damping="1/2"), dd.Disk(centre=-2, radius=1), dd.HalfPlane(left_of="-3/2")],
     ],
 )
-def test_regions_hold_for_the_rounded_gain(region, method):
+def test_regions_hold_for_the_rounded_gain(region):
     exosystem = SHAPES["periodic"]
-    found = design(exosystem, region=region, method=method)
+    found = design(exosystem, region=region)
     assert found.verdict is Verdict.PROVED
     regions = region if isinstance(region, list) else [region]
     assert len([s for s in found.statements if s.kind == "region"]) == len(regions)
@@ -145,43 +125,6 @@ def test_regions_hold_for_the_rounded_gain(region, method):
             assert np.max(spectrum.real) <= float(each.left_of) + 1e-3
         else:
             assert np.min(spectrum.real) >= float(each.right_of) - 1e-3
-
-
-def test_the_smallest_gain_for_a_rate_is_proved_to_be_smallest():
-    """|W| = 6.5 at the rate 3 for a harmonic of 2 rad/s, and no W has less."""
-    found = design(SHAPES["harmonic"], rate=3)
-    assert ((Fraction(6),), (Fraction(5, 2),)) == found.W
-    assert found.least_gain == pytest.approx(6.5, rel=1e-9)
-    assert found.least_gain <= 6.5
-
-
-def test_max_gain_alone_gives_the_fastest_observer():
-    """|W| <= 3 for a harmonic of 2 rad/s: rate 3/2."""
-    found = design(SHAPES["harmonic"], max_gain=3)
-    assert found.verdict is Verdict.PROVED
-    assert sum(x * x for row in found.W for x in row) <= 9
-    assert found.measures["rate"] == pytest.approx(1.5, rel=1e-3)
-
-
-def test_a_gain_limit_that_is_too_small_is_refuted_with_the_nearest_request():
-    found = design(SHAPES["harmonic"], rate=3, max_gain=3)
-    assert found.verdict is Verdict.REFUTED
-    assert "every one that does has |W| >= 6.5" in found.reason
-    assert found.W is None
-    near = found.nearest
-    assert near.verdict is Verdict.PROVED
-    assert near.request.max_gain == 3
-    assert float(near.request.rate) == pytest.approx(1.5, rel=1e-3)
-    again = design(SHAPES["harmonic"], rate=near.request.rate, max_gain=3)
-    assert again.verdict is Verdict.PROVED
-
-
-def test_what_no_proof_refutes_is_undecided_with_the_nearest_request():
-    """The cone needs |W| = 2.227, which the bound from the coefficients (2) does not show."""
-    found = design(SHAPES["harmonic"], rate=1, region=dd.Cone(damping="0.7"), max_gain="2.1")
-    assert found.verdict is Verdict.UNDECIDED
-    assert "no proof that there is none" in found.reason
-    assert found.nearest.verdict is Verdict.PROVED
 
 
 def test_an_undetectable_mode_is_refuted_by_its_polynomial():
@@ -245,13 +188,6 @@ def test_bounds_on_norms_hold_by_python_control(limit, kind):
     assert found.measures[name] == pytest.approx(value, rel=1e-6)
 
 
-def test_noise_and_rate_together_are_met_by_search():
-    """At the rate 1 the smallest gain has the norm 2.309; another W has less than 2.1."""
-    found = design(SHAPES["harmonic"], rate=1, noise="2.1")
-    assert found.verdict is Verdict.PROVED
-    assert found.measures["hinf measurement"] < 2.1
-
-
 def test_less_noise_than_the_exosystem_needs_is_refuted():
     found = design(SHAPES["harmonic"], noise="1.9")
     assert found.verdict is Verdict.REFUTED
@@ -259,21 +195,12 @@ def test_less_noise_than_the_exosystem_needs_is_refuted():
     assert found.nearest.request.noise[0].bound > 2
 
 
-def test_the_peak_is_proved_by_p():
-    found = design(SHAPES["harmonic"], rate=3, peak="1.1")
-    assert found.verdict is Verdict.PROVED
-    envelope = next(s for s in found.statements if s.kind == "lyapunov")
-    assert Fraction(envelope.exact["upper"]) <= Fraction("1.21") * Fraction(envelope.exact["lower"])
-    assert found.measures["peak_seen"] <= 1.1
-
-
-@pytest.mark.parametrize("method", ["lmi", "kalman", "place"])
-def test_a_sampled_observer_converges_at_its_rate(method):
+def test_a_sampled_observer_converges_at_its_rate():
     """Ad - W Cd by SciPy: the largest |z| is at most exp(-rate T)."""
     from scipy import linalg
 
     exosystem, period = SHAPES["periodic"], 0.2
-    found = design(exosystem, rate=1, period="0.2", method=method)
+    found = design(exosystem, rate=1, period="0.2")
     assert found.verdict is Verdict.PROVED
     A, C = to_float(exosystem.A), to_float(exosystem.C)
     block = linalg.expm(np.block([[A, np.eye(3)], [np.zeros((3, 6))]]) * period)
@@ -289,7 +216,7 @@ def test_a_sampled_observer_of_an_undetectable_pair_is_refuted():
 
 def test_sampling_that_hides_the_disturbance_is_undecided():
     """A sine of 2 rad/s has the mean 0 over the period pi, to 15 digits."""
-    found = design(SHAPES["harmonic"], rate=1, period="3.14159265358979", max_gain=100, method="kalman")
+    found = design(SHAPES["harmonic"], rate=1, period="3.14159265358979")
     assert found.verdict is Verdict.UNDECIDED
 
 
@@ -334,19 +261,19 @@ def test_a_design_shows_itself_and_goes_to_json():
     assert "proved: A - WC is Hurwitz." in text
     data = json.loads(json.dumps(found.to_json(), allow_nan=False))
     assert data["verdict"] == "proved"
-    assert data["W"] == [["2"], ["0"]]
     assert data["measures"]["h2 measurement"] is None
 
 
 def test_candidates_of_the_observable_part_are_lifted_to_all_states():
-    """One state is not seen; T has orthonormal rows, so |W| is that of the part."""
+    """One state is not seen; T has orthonormal rows, so W leaves it alone."""
     exosystem = dd.Exosystem(A=[[-9, 0, 0], [0, 0, 2], [0, -2, 0]], C=[[0, 1, 0]])
-    request = ObserverRequest(rate=1)
+    request = ObserverRequest(rate=Fraction(1))
     plant = make_plant(exosystem, request)
     assert plant.A.shape == (2, 2)
     assert pytest.approx(np.eye(2)) == plant.T @ plant.T.T
-    W, _ = next(iter(propose_gains(exosystem, request)))
-    assert W == ((0,), (2,), (0,))
+    gains = [W for W, _ in propose_gains(exosystem, request)]
+    assert all(W[0][0] == 0 for W in gains)
+    assert any(rate_holds(subtract(exosystem.A, multiply(W, exosystem.C)), Fraction(1)) for W in gains)
 
 
 def test_the_same_request_gets_the_same_answer():

@@ -14,7 +14,7 @@ from dobc_design.exact.matrix import matrix, to_float
 from dobc_design.exact.polynomial import decide_hurwitz
 from dobc_design.problem import exosystems
 from dobc_design.problem.exosystems import Exosystem
-from dobc_design.synthesis.observer.norms import (
+from dobc_design.synthesis.observer.decide import (
     StateSpace,
     channel,
     h2_squared,

@@ -10,7 +10,7 @@ import pytest
 from dobc_design.conditions.observer.norms import h2_norm, hinf_norm, transient_peak
 from dobc_design.exact.matrix import matrix
 from dobc_design.problem import exosystems
-from dobc_design.synthesis.observer.estimates import estimate_observer
+from dobc_design.synthesis.observer.propose import estimate_observer
 
 
 @pytest.mark.parametrize("seed", range(50))

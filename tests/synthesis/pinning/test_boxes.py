@@ -1,4 +1,4 @@
-"""Gains for a box or a ball: closed forms, a geometric program by cvxpy, rows and derivatives sampled by hand."""
+"""Gains for a box: closed forms, a geometric program by cvxpy, rows sampled by hand."""
 
 from __future__ import annotations
 
@@ -13,17 +13,11 @@ import pytest
 from separable_problems import cycle
 
 import dobc_design as dd
-from dobc_design.conditions.quadratic.decide import verify_lure
 from dobc_design.conditions.separable.decide import verify_separable
 from dobc_design.conditions.separable.observer import covers, verify_composite
 from dobc_design.errors import SpecError
 from dobc_design.problem.network import Network
 from dobc_design.problem.problem import Problem
-from dobc_design.synthesis.pinning.box_bound import BoxBound, bound_value, holds_nobody, is_balanced, near_rows
-from dobc_design.synthesis.pinning.boxes import gains_for_box
-from dobc_design.synthesis.pinning.flows import bounding_flows, hopeless_weights, near_optimum
-from dobc_design.synthesis.pinning.propose_boxes import propose_for_box
-from dobc_design.synthesis.pinning.request import read_request
 from dobc_design.verdict import Verdict
 
 RATE = Fraction(1, 10)
@@ -86,7 +80,6 @@ def test_one_pin_on_a_linear_cycle_has_its_gain_in_closed_form():
     assert design.verdict is Verdict.PROVED
     assert float(design.gains["1"]) == pytest.approx(k, rel=1e-6)
     assert float(design.cost) >= k * (1 - 1e-12)
-    assert k * (1 - 1e-6) <= design.lower_bound <= k
     assert abs(np.log10(float(max(design.certificate.v))) + 9 * np.log10(0.95)) < 1e-6
 
 
@@ -95,7 +88,6 @@ def test_all_pinned_on_a_balanced_graph_cost_the_rate_each():
     design = dd.design_pinning(cycle(6, gains={}), rate=RATE, region=2, digits=9)
     assert design.verdict is Verdict.PROVED
     assert float(design.cost) == pytest.approx(0.6, rel=1e-6)
-    assert 0.6 * (1 - 1e-6) <= design.lower_bound <= Fraction(6, 10)
 
 
 @pytest.mark.parametrize("seed", range(3))
@@ -111,7 +103,6 @@ def test_linear_gains_are_those_of_the_geometric_program_and_of_the_spectrum(see
         return
     optimal = geometric_program(problem, allowed, 0.05)
     assert float(design.cost) == pytest.approx(optimal, rel=1e-5)
-    assert design.lower_bound <= optimal * (1 + 1e-7)
     assert abscissa(problem, design.gains) <= -0.05
     assert abscissa(problem, {label: k * Fraction(999, 1000) for label, k in design.gains.items()}) > -0.05
 
@@ -150,39 +141,15 @@ def test_the_certificate_of_a_design_is_the_one_that_was_proved():
     assert verify_separable(Problem(**given | {"gains": weaker}), bare).verdict is Verdict.REFUTED
 
 
-def test_a_rate_that_the_others_cannot_have_is_refuted_by_weights_of_their_rows():
+def test_a_rate_that_the_others_cannot_have_is_refuted_by_a_slow_direction():
     """An agent that hears with the gain 2 alone follows with a rate below 2, for every v and radius."""
     problem = cycle(5, gains={}, h="2*y")
-    design = dd.design_pinning(problem, rate=2, allowed=[1], region=1)
+    design = dd.design_pinning(problem, rate="2.01", allowed=[1], region=1)
     assert (design.verdict, design.statements[0].kind) == (Verdict.REFUTED, "rate")
     assert design.nearest.verdict is Verdict.PROVED
-    assert design.nearest.rate == 1
+    assert 1 <= design.nearest.rate <= Fraction(201, 200)
     assert dd.design_pinning(problem, rate="3/2", allowed=[1], region=1).verdict is Verdict.PROVED
-
-
-def test_weights_and_flows_that_are_changed_prove_nothing():
-    problem = cycle(5, gains={}, h="2*y")
-    rows = near_rows(problem)
-    plain = {mode: (each.arcs, each.sums) for mode, each in rows.items()}
-    request = read_request(problem.network.labels, rate=RATE, allowed=[1])
-    flows = bounding_flows(plain, request, near_optimum(plain, request))
-    bound = BoxBound(weights=flows.weights, v=flows.v, flows=flows.flows)
-    value = bound_value(rows, request, bound)
-    assert float(value) == pytest.approx(0.1 - 2 + 2 / 0.95**4, rel=1e-6)
-    (arc, flow), *_ = bound.flows.items()
-    assert is_balanced(bound.flows, 5)
-    assert bound_value(rows, request, replace(bound, flows=dict(bound.flows) | {arc: flow * 2})) is None
-    raised = {pair: x * Fraction(1001, 1000) for pair, x in bound.flows.items()}
-    assert bound_value(rows, request, replace(bound, flows=raised)) is None
-    heavier = {mode: tuple(2 * x for x in q) for mode, q in bound.weights.items()}
-    assert bound_value(rows, request, replace(bound, weights=heavier)) is None
-
-    fast = replace(request, rate=Fraction(2))
-    weights = hopeless_weights(plain, fast)
-    assert holds_nobody(rows, fast, weights)
-    assert not holds_nobody(rows, replace(request, rate=Fraction(199, 100)), weights)
-    pinned = {mode: (Fraction(1), *p[1:]) for mode, p in weights.items()}
-    assert not holds_nobody(rows, fast, pinned)
+    assert dd.design_pinning(problem, rate=2, allowed=[1], region=1).verdict is Verdict.UNDECIDED
 
 
 def test_modes_in_which_no_order_serves_all_are_refuted_whatever_the_gains():
@@ -221,57 +188,24 @@ def test_the_region_of_the_file_leaves_room_for_the_observer():
     assert not covers(claim, radius=claim.rho, disturbance=Fraction(1, 2))
 
 
-def test_gains_for_a_ball_are_those_of_the_known_answers():
-    """Lur'e with P_e = I (theory, known answers): one k = 3 reaches the ball 0.503, all k = 3 reach 2.891."""
-    one = dd.design_pinning("paper-fixed", rate="1e-6", region="0.5025", allowed=[1], method="lure")
-    assert float(one.gains["1"]) == pytest.approx(3, abs=0.1)
-    every = dd.design_pinning("paper-fixed", rate="1e-6", region="2.891", method="lure")
-    assert float(every.cost) == pytest.approx(30, rel=1e-3)
-    for design in (one, every):
-        assert verify_lure(design.problem, design.certificate).verdict is Verdict.PROVED
-        assert 0 < design.lower_bound <= design.cost
-    weaker = dd.design_pinning("paper-fixed", rate="1e-6", region="0.5025", allowed=[1], method="lure", max_gain=2)
-    assert weaker.verdict is Verdict.UNDECIDED
-
-
-def test_v_decays_at_the_rate_at_random_points_of_the_ball_and_not_far_beyond():
-    design = dd.design_pinning("paper-fixed", rate="1/20", region="1/2", allowed=[1, 6], method="lure")
-    k = np.array([float(design.gains.get(str(i + 1), 0)) for i in range(10)])
-    rng = np.random.default_rng(0)
-    e = rng.normal(size=(20_000, 10))
-    e *= 0.5 / np.linalg.norm(e, axis=1)[:, None]
-
-    def slowest(points):
-        flow = paper(np.roll(points, -1, axis=1) - points) - k * points
-        return np.max(np.sum(points * flow, axis=1) / np.sum(points**2, axis=1))
-
-    assert slowest(e) <= -0.05
-    assert slowest(20 * e) > 0
-
-
 def test_too_large_a_radius_or_a_coupling_that_ends_is_no_error():
     problem = cycle(4, gains={}, h="sqrt(1 + y) - 1")
     design = dd.design_pinning(problem, rate="1/100", region=10, allowed=[1])
     assert design.verdict is Verdict.UNDECIDED
     assert dd.design_pinning(problem, rate="1/100", region="1/10", allowed=[1]).verdict is Verdict.PROVED
-    ball = dd.design_pinning(problem, rate="1/100", region=10, allowed=[1], method="lure")
-    assert ball.verdict is Verdict.UNDECIDED
 
 
-def test_without_help_near_the_consensus_gains_are_proved_and_not_bounded():
-    problem = cycle(4, gains={})
-    request = read_request(problem.network.labels, rate=RATE, allowed=[1])
-    found = gains_for_box(problem, request, rho=Fraction(1), propose=propose_for_box)
-    assert verify_separable(found.problem, found.certificate).verdict is Verdict.PROVED
-    assert (found.lower_bound, found.bound) == (0, None)
+def test_couplings_that_mix_components_have_no_box():
+    network = Network.from_arcs([[1, 2], [2, 1]], arrow="listens_to", agents=2)
+    mixed = Problem(network=network, coupling=["y1 + y2/2", "y2"])
+    design = dd.design_pinning(mixed, rate="1/10", region=1)
+    assert (design.verdict, design.statements[0].kind) == (Verdict.UNDECIDED, "method")
 
 
 @pytest.mark.parametrize(
     ("asked", "words"),
     [
         ({"region": 0}, "region must be > 0"),
-        ({"region": 1, "method": "best"}, "method must be"),
-        ({"method": "lure"}, "method is for a region"),
         ({"region": True}, "there is none"),
         ({"region": "wide"}, "region"),
     ],
@@ -285,5 +219,3 @@ def test_what_a_region_with_an_observer_needs_is_said():
     problem = dd.load_problem("paper-fixed")
     with pytest.raises(SpecError, match="below the decay rate of the observer"):
         dd.design_pinning(problem, rate=2, region=True)
-    with pytest.raises(SpecError, match="designs gains for eps = 0"):
-        dd.design_pinning(problem, rate="1/10", region=True, method="lure")

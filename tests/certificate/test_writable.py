@@ -9,10 +9,10 @@ from random import Random
 
 import pytest
 
+from dobc_design.certificate.text import LONGEST_COEFFICIENT, writable
 from dobc_design.certification.certify import certify, verify
-from dobc_design.conditions.check import Check, Fix, Witness
+from dobc_design.conditions.check import Check, Fix, Values, Witness
 from dobc_design.conditions.numbers import LONGEST
-from dobc_design.conditions.writable import LONGEST_COEFFICIENT, writable
 from dobc_design.exact.number import number_text
 from dobc_design.problem.exosystems import Exosystem
 from dobc_design.problem.groups import Observer
@@ -64,7 +64,7 @@ def vector_check(*values: str) -> Check:
         verdict=REFUTED,
         domain="consensus",
         reason="",
-        exact={"unstable_roots": "0"},
+        claim=Values({"unstable_roots": "0"}),
         witness=Witness(kind="vector", labels=("1",), values=values),
     )
 
@@ -91,7 +91,7 @@ def test_the_common_denominator_of_a_witness_is_bounded():
 def test_a_polynomial_may_be_long_and_its_coefficients_not(digits):
     text = " + ".join(f"{'7' * digits} s^{k}" for k in (9, 8, 7)) + " + 1"
     check = Check(
-        id="detectability", verdict=PROVED, domain="global", reason="", exact={"unobservable_polynomial": text}
+        id="detectability", verdict=PROVED, domain="global", reason="", claim=Values({"unobservable_polynomial": text})
     )
     assert (writable(check) == check) is (digits <= LONGEST_COEFFICIENT)
 
@@ -102,7 +102,7 @@ def test_what_is_no_number_may_be_long():
         verdict=PROVED,
         domain="global",
         reason="x" * 20_000,
-        exact={"mode": "G" * 20_000, "v": {"float64": "A" * 20_000}},
+        claim=Values({"mode": "G" * 20_000, "v": {"float64": "A" * 20_000}}),
         witness=Witness(kind="agents", labels=("9" * 20_000,)),
     )
     assert writable(check) == check

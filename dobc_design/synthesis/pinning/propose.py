@@ -1,23 +1,36 @@
-"""Proposals for designed pinning gains: gains, the multipliers that show how good they are, sets of agents.
+"""Proposals for pinning gains at the consensus: gains, the multipliers that show how good they are, sets of agents.
 
 Everything is floating point.  The multipliers are vectors v of every mode: sum of v v'/2 is the dual point of
-minimise sum c_i k_i subject to S + 2 sum k_i E_i >= 0 (theory, section 7); ``verify`` makes them rational.
+minimise sum c_i k_i subject to S + 2 sum k_i E_i >= 0 (theory, section 7); ``decide`` makes them rational.
+
+Of many agents a small set of pins is chosen greedily, with one solve per step and a factor that is updated, lazily
+evaluated.  With v = sqrt(c) on the pins and (S v)_i = 0 on the others, pinning agent a as well makes the gains
+cheaper by
+
+    (v_a - sqrt(c_a))^2 / (2 G_aa)          G the inverse of S on the others, G_aa >= 1 / S_aa
+
+exactly, as long as no gain falls to 0.  The bound orders the agents, so that few G_aa are computed in a step (fewer
+still, as the bound is known to be too large by about the same factor), and a pin takes a rank one away from G.  While
+the pins do not reach the rate, S is shifted as far as that takes.
 """
 
 from __future__ import annotations
 
-from collections.abc import Collection, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
+from fractions import Fraction
+from typing import Any
 
 import numpy as np
 from scipy import sparse
 
+from dobc_design.conditions.consensus.claim import ModeJacobian
 from dobc_design.conditions.consensus.pinning import (
     PROGRAM_ROWS,
     PROGRAM_SIZE,
     Blocks,
     Optimum,
-    fastest_rate,
+    factorised,
     for_rate,
     lowest_on,
     network_blocks,
@@ -29,17 +42,19 @@ from dobc_design.conditions.consensus.pinning_program import solve_program
 from dobc_design.conditions.consensus.pinning_shared import FEW_ROWS, solve_shared
 from dobc_design.problem.problem import Problem
 from dobc_design.solvers.program import Array
-from dobc_design.synthesis.pinning.greedy import greedy_set
 from dobc_design.synthesis.pinning.request import PinningRequest
 
 Vectors = list[tuple[str, Array]]  # mode, and a vector over the n m rows
-# Agents tried in one greedy step, the heaviest of the slowest direction, by the size of the network.
-LOOKED_AT = ((60, 40), (float("inf"), 8))
-WORK = 200_000  # closed forms spent on exchanges, and on what to add, times agents
-LARGEST = 5_000  # agents above which nothing is exchanged
-MANY = 200  # agents from which on greedy steps are quick ones
+WORK, LARGEST = 200_000, 5_000  # closed forms spent on ties, times agents; agents above which none are looked for
 NEARLY_ZERO = 1e-9
 CLOSE = 1e-6  # of the cost: a bound this close leaves nothing to look for
+UPDATES = 100  # pins between two factorisations
+SHIFTED, PART = 8, 300  # while S is shifted; of many agents one in so many
+ROOM = 0.05  # by how much more S is shifted than it has to be, as a part
+LOOKED_AT = 12  # agents whose saving is computed in one step at most
+CERTAIN, PESSIMISM = 2, 1.1  # after so many, bounds are taken to be too large by nearly the least factor seen
+DENSE = 400  # agents up to which all eigenvalues are computed
+STEPS = 3000  # of the power method above
 
 
 @dataclass(kw_only=True, eq=False)
@@ -102,35 +117,25 @@ class PinningProposer:
     ) -> tuple[int, ...] | None:
         """A small set that reaches the rate, or with ``pins`` a cheap one of at most so many; None if none was found.
 
-        One agent of each group first, then where the slowest direction is heaviest, then the cheapest to add,
-        then exchanges of one agent for another.
+        One agent of each group first, then where most is saved, or where the slowest direction is heaviest.
         """
-        chosen = self._hitting(allowed, groups)
-        blocks, free = self._at(rate), set(allowed)
-        if blocks.z and blocks.agents > MANY:
+        chosen, blocks, free = self._hitting(allowed, groups), self._at(rate), set(allowed)
+        if blocks.z:
             with np.errstate(all="ignore"):
                 many = greedy_set(blocks, chosen, free, self.costs, pins)
             return many if many is None or self._cost(many, rate) is not None else None
         while self._cost(chosen, rate) is None:
             if not free - set(chosen) or (pins is not None and len(chosen) >= pins):
                 return None
-            heavy = self._heaviest(blocks, chosen, free - set(chosen))
-            chosen.append(
-                heavy[0]
-                if len(heavy) == 1
-                else max(heavy, key=lambda agent: (fastest_rate(blocks, [*chosen, agent]), -agent))
-            )
-        while pins is not None and len(chosen) < pins and (left := sorted(free - set(chosen))):
-            costs = {agent: self._cost([*chosen, agent], rate) for agent in self._spread(left, pins)}
-            best = min(costs, key=lambda agent: (costs[agent] if costs[agent] is not None else np.inf, agent))
-            chosen.append(best)
-        return tuple(sorted(self._exchanged(chosen, sorted(free), rate)))
+            chosen.append(self._heaviest(blocks, chosen, free - set(chosen)))
+        return tuple(sorted(chosen))
 
     def replaceable(self, chosen: Sequence[int], allowed: Sequence[int], rate: float) -> list[tuple[int, int]]:
         """Pairs (pinned, other): with the other in its place the cost is the same to six digits."""
         own = self._cost(chosen, rate)
         found: list[tuple[int, int]] = []
-        if own is None or len(chosen) * len(allowed) > self._affordable():
+        most = WORK // len(self.costs) if len(self.costs) <= LARGEST else 0
+        if own is None or len(chosen) * len(allowed) > most:
             return found
         for agent in chosen:
             for other in sorted(set(allowed) - set(chosen)):
@@ -138,30 +143,6 @@ class PinningProposer:
                 if cost is not None and abs(cost - own) <= 1e-6 * own:
                     found.append((agent, other))
         return found
-
-    def _exchanged(self, chosen: list[int], allowed: Sequence[int], rate: float) -> list[int]:
-        cost, better = self._cost(chosen, rate), True
-        work = 0
-        while better and cost is not None:
-            better = False
-            for place in range(len(chosen)):
-                for other in allowed:
-                    work += 1
-                    if other in chosen or work > self._affordable():
-                        continue
-                    trial = [*chosen[:place], other, *chosen[place + 1 :]]
-                    value = self._cost(trial, rate)
-                    if value is not None and value < cost * (1 - 1e-9):
-                        chosen, cost, better = trial, value, True
-        return chosen
-
-    def _affordable(self) -> int:
-        return WORK // len(self.costs) if len(self.costs) <= LARGEST else 0
-
-    def _spread(self, agents: Sequence[int], steps: int) -> Sequence[int]:
-        """As many of these agents as can be tried in each of so many steps, evenly over the list."""
-        most = max(1, self._affordable() // max(1, steps))
-        return agents[:: -(-len(agents) // most)]
 
     def _cost(self, chosen: Collection[int], rate: float) -> float | None:
         gains = self.relax(chosen, rate)[0] if chosen else None
@@ -177,14 +158,13 @@ class PinningProposer:
             left = [group for group in left if best not in group]
         return [agent for agent in chosen if agent in free]
 
-    def _heaviest(self, blocks: Blocks, chosen: Sequence[int], free: Collection[int]) -> list[int]:
+    def _heaviest(self, blocks: Blocks, chosen: Sequence[int], free: Collection[int]) -> int:
         others = np.setdiff1d(np.arange(blocks.agents), list(chosen))
         rows = rows_of(others, blocks.width)
         vector = min((lowest_on(table, rows) for table in blocks.tables), key=lambda found: found[0])[1]
         weight = np.zeros(blocks.agents)
         weight[others] = np.max(np.abs(vector.reshape(len(others), blocks.width)), axis=1)
-        order = sorted(free, key=lambda agent: (-round(float(weight[agent]), 9), agent))
-        return order[: next(count for most, count in LOOKED_AT if blocks.agents <= most)]
+        return min(free, key=lambda agent: (-round(float(weight[agent]), 9), agent))
 
     def _at(self, rate: float) -> Blocks:
         if rate not in self._kept:
@@ -279,3 +259,146 @@ def _factors(Z: Array, *, z: bool) -> list[Array]:
     values, vectors = np.linalg.eigh((Z + Z.T) / 2)
     top = float(np.max(values, initial=0.0))
     return [np.sqrt(2 * value) * vectors[:, k] for k, value in enumerate(values) if value > 1e-10 * top > 0]
+
+
+def greedy_set(
+    blocks: Blocks, chosen: Sequence[int], free: Collection[int], costs: Array, pins: int | None
+) -> tuple[int, ...] | None:
+    """Agents of ``free`` added to ``chosen`` until the rate of the blocks is reached, or ``pins`` are chosen.
+
+    ``pins`` None: no more than reach it.  None if they do not reach it.  The blocks have to be Z-matrices.
+    """
+    found = list(chosen)
+    while True:
+        shift = _shift(blocks, found)
+        left = np.array(sorted(set(free) - set(found)), dtype=np.int64)
+        room = len(left) if pins is None else min(len(left), pins - len(found))
+        if (shift == 0 and pins is None) or room <= 0:
+            return tuple(sorted(found)) if shift == 0 else None
+        states = [_State.of(table, found, costs, shift) for table in blocks.tables]
+        for _ in range(min(room, max(SHIFTED, blocks.agents // PART) if shift else UPDATES)):
+            agent = _best(states, left, costs)
+            found.append(agent)
+            left = left[left != agent]
+            for state in states:
+                state.pin(agent, float(np.sqrt(costs[agent])))
+
+
+def _shift(blocks: Blocks, chosen: Sequence[int]) -> float:
+    """What has to be added to S for the pins to hold the others; 0 if they do."""
+    others = np.setdiff1d(np.arange(blocks.agents), chosen)
+    lowest = min(lowest_on(table, others)[0] for table in blocks.tables)
+    return 0.0 if lowest > 1e-9 * blocks.scale else (ROOM * blocks.scale * 1e-3 - lowest * (1 + ROOM))
+
+
+def _best(states: Sequence[_State], left: Any, costs: Array) -> int:
+    """The agent that saves most, among those whose bound is largest."""
+    bounds = np.sum([state.bounds(left, costs) for state in states], axis=0)
+    order = np.argsort(-bounds, kind="stable")[:LOOKED_AT]
+    best, agent, part = -1.0, int(left[order[0]]), 0.0
+    for count, place in enumerate(order.tolist()):
+        if bounds[place] * (min(1.0, PESSIMISM * part) if count >= CERTAIN else 1.0) <= best:
+            break
+        saving = sum(state.saving(int(left[place]), costs) for state in states)
+        part = max(part, saving / max(float(bounds[place]), 1e-300))
+        if saving > best:
+            best, agent = saving, int(left[place])
+    return agent
+
+
+@dataclass(kw_only=True, eq=False)
+class _State:
+    """One matrix with its pins: v (n,), the inverse on the others as a factor less ``rank`` columns."""
+
+    v: Array
+    diagonal: Array
+    place: Any
+    solve: Any
+    rank: list[Array]
+    column: dict[int, Array]
+
+    @classmethod
+    def of(cls, table: Any, chosen: Sequence[int], costs: Array, shift: float) -> _State:
+        n = len(costs)
+        matrix = sparse.csr_array(table + shift * sparse.eye_array(n))
+        mask = np.zeros(n, dtype=bool)
+        mask[list(chosen)] = True
+        v = np.where(mask, np.sqrt(costs), 0.0)
+        others, pins = np.flatnonzero(~mask), np.flatnonzero(mask)
+        place = np.full(n, -1)
+        place[others] = np.arange(len(others))
+        rows = matrix[others]
+        solve = factorised(rows[:, others])
+        # Where nobody is pinned yet: by how loosely everybody is held.
+        v[others] = solve(-(rows[:, pins] @ v[pins]) if len(pins) else np.ones(len(others)))
+        return cls(v=v, diagonal=matrix.diagonal(), place=place, solve=solve, rank=[], column={})
+
+    def bounds(self, agents: Any, costs: Array) -> Array:
+        above = np.maximum(self.v[agents] - np.sqrt(costs[agents]), 0.0)
+        return np.asarray(above**2 * self.diagonal[agents])
+
+    def saving(self, agent: int, costs: Array) -> float:
+        own = max(float(self.v[agent] - np.sqrt(costs[agent])), 0.0)
+        return own**2 / float(self._column(agent)[self.place[agent]])
+
+    def pin(self, agent: int, value: float) -> None:
+        """Hold v of one more agent at ``value``."""
+        column = self._column(agent)
+        own = self.place[agent]
+        others = self.place >= 0
+        self.v[others] += column[self.place[others]] * (value - self.v[agent]) / column[own]
+        self.v[agent] = value
+        self.rank.append(column / np.sqrt(column[own]))
+        self.column.clear()
+
+    def _column(self, agent: int) -> Array:
+        """The column of the inverse that belongs to an agent, after the pins since the factorisation."""
+        if agent not in self.column:
+            own = self.place[agent]
+            unit = np.zeros(int(np.max(self.place)) + 1)
+            unit[own] = 1.0
+            column = self.solve(unit)
+            for each in self.rank:
+                column -= each * each[own]
+            self.column[agent] = column
+        return self.column[agent]
+
+
+def slow_directions(
+    mode: ModeJacobian, component: int, pinned: Collection[int], caps: Mapping[int, Fraction], *, size: int
+) -> Iterator[list[float]]:
+    """Directions (n) >= 0 worth an exact look: the Perron vector, and the agent alone that is pulled least.
+
+    Gains without a cap hold their agents at 0; the others stand at their cap.  Nothing if nobody is left, or the gains
+    of the arcs are not finite.
+    """
+    slopes = np.array([float(gain[component][component].midpoint) for gain in mode.gains])
+    values = slopes[mode.kind] if len(slopes) else np.zeros(0)
+    listeners, speakers = mode.arcs.listeners, mode.arcs.speakers
+    pull = np.bincount(listeners, weights=values, minlength=size).astype(float)
+    for i in pinned:
+        pull[i] += float(caps[i]) if i in caps else np.inf
+    rows = np.flatnonzero(np.isfinite(pull))
+    if not len(rows) or not np.all(np.isfinite(values)):
+        return
+    heard = sparse.csr_array(sparse.coo_array((values, (listeners, speakers)), shape=(size, size)))
+    slowest, alone = np.zeros(size), np.zeros(size)
+    slowest[rows] = _perron(sparse.csr_array(heard[rows][:, rows] - sparse.diags_array(pull[rows])))
+    alone[int(np.argmin(pull))] = 1.0
+    yield slowest.tolist()
+    yield alone.tolist()
+
+
+def _perron(matrix: sparse.csr_array) -> Array:
+    """The vector >= 0 of the eigenvalue with the largest real part, of a matrix that is >= 0 off its diagonal."""
+    size = matrix.shape[0]
+    if size <= DENSE:
+        values, vectors = np.linalg.eig(matrix.toarray())
+        vector = np.abs(vectors[:, int(np.argmax(values.real))].real)
+        return np.where(vector > 1e-9 * np.max(vector, initial=0.0), vector, 0.0)
+    shift = float(np.max(-matrix.diagonal(), initial=0.0)) + 1.0
+    vector = np.ones(size)
+    for _ in range(STEPS):
+        vector = matrix @ vector + shift * vector
+        vector = vector / np.max(vector)
+    return np.asarray(vector)

@@ -1,25 +1,36 @@
-"""A whole design: what was decided and why, what each limit costs, and the problem that was proved."""
+"""A whole design, and a trade-off of designs: what was decided and why, what each limit costs, as text and table."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from fractions import Fraction
 from itertools import islice
-from typing import Any, Protocol
+from typing import TYPE_CHECKING, Any, Protocol
 
 from dobc_design._show.cards import MOST_ITEMS, Card, Shown, cut, listed
 from dobc_design._show.text import significant_towards_zero
 from dobc_design.conditions.check import Check
 from dobc_design.conditions.statement import Statement
+from dobc_design.errors import SpecError
 from dobc_design.exact.matrix import Matrix
 from dobc_design.exact.number import float_above, number_text
 from dobc_design.problem.canonical import matrix_text
 from dobc_design.problem.problem import Problem
 from dobc_design.synthesis.joint.request import DesignRequest
-from dobc_design.synthesis.observer.design import ObserverDesign
+from dobc_design.synthesis.observer.claim import ObserverDesign
 from dobc_design.verdict import Verdict
 
+if TYPE_CHECKING:
+    import pandas as pd
+
+    from dobc_design.plotting.sheet import Sheet
+
+AXES = {
+    "gain": ("rate, 1/s", "sum of the gains, 1/s"),
+    "pins": ("pinned agents", "rate, 1/s"),
+    "noise": ("decay of the estimate's error, 1/s", "largest gain from noise to dhat, 1/s"),
+}
 NO_LIMITS = "no limits, and every agent may be pinned"
 
 
@@ -123,22 +134,103 @@ class Design(Shown):
         return f"<Design {self.verdict.value}: {cut(self.reason)}>"
 
 
-def impossible(
-    request: DesignRequest, labels: Sequence[str], obstacle: Statement, *, observer: ObserverDesign | None = None
-) -> Design:
-    """A refuted request, with the statement that refutes it."""
-    return Design(
-        verdict=Verdict.REFUTED,
-        reason=obstacle.text,
-        request=request,
-        labels=tuple(labels),
-        gains={},
-        changes={},
-        statements=(obstacle,),
-        observer=observer,
-    )
+@dataclass(frozen=True, slots=True, kw_only=True)
+class TradePoint:
+    """One design of a curve.  ``pinned``: labels of the agents; ``proved``: whether y is a proved bound."""
+
+    x: float
+    y: float
+    pinned: tuple[str, ...] = ()
+    proved: bool = False
 
 
-def undecided(request: DesignRequest, labels: Sequence[str], reason: str) -> Design:
-    """A request for which neither a design nor a proof of impossibility was found."""
-    return Design(verdict=Verdict.UNDECIDED, reason=reason, request=request, labels=tuple(labels), gains={}, changes={})
+@dataclass(frozen=True, slots=True, kw_only=True, repr=False)
+class TradeOff(Shown):
+    """One limit of a design in terms of another.
+
+    ``curve``: "gain" (x: rate asked, y: sum of the gains), "pins" (x: how many agents, y: the rate that gains there
+    approach) or "noise" (x: decay rate of the estimate's error, y: largest gain from measurement noise to dhat); all in
+    1/s but the number of agents.  ``points``: by x.  ``chosen``: the point of the design that was handed in, or None.
+    ``sensitivity``: what the multipliers say, in sentences.
+    """
+
+    name: str
+    curve: str
+    points: tuple[TradePoint, ...]
+    chosen: TradePoint | None
+    sensitivity: tuple[str, ...]
+
+    @property
+    def x_name(self) -> str:
+        """What x is, with its unit."""
+        return AXES[self.curve][0]
+
+    @property
+    def y_name(self) -> str:
+        """What y is, with its unit."""
+        return AXES[self.curve][1]
+
+    def __str__(self) -> str:
+        lines = [f"{self.name}: {self.y_name} against {self.x_name}"]
+        for point in self._all():
+            marks = ", ".join(point.pinned[:8]) + (", ..." if len(point.pinned) > 8 else "")
+            lines.append(
+                f"  {point.x:<10.4g} {point.y:<10.4g} {'pinned ' + marks if marks else ''}".rstrip()
+                + ("   <- chosen" if point is self.chosen else "")
+            )
+        return "\n".join([*lines, *(f"  {sentence}" for sentence in self.sensitivity)])
+
+    def plot(self) -> Sheet:
+        """The curve as a figure, with the chosen point."""
+        from dobc_design.plotting.sweeps import trade_off_sheet
+
+        return trade_off_sheet(
+            [(point.x, point.y) for point in self.points],
+            x_name=self.x_name,
+            y_name=self.y_name,
+            chosen=None if self.chosen is None else (self.chosen.x, self.chosen.y),
+            name=self.name,
+            steps=self.curve == "pins",
+        )
+
+    def to_pandas(self) -> pd.DataFrame:
+        """One row per point: x, y, pinned, proved, chosen.  Raises: SpecError if pandas is not installed."""
+        try:
+            import pandas as pd
+        except ImportError:
+            raise SpecError(
+                "to_pandas needs the package pandas, which is not installed.",
+                key="pandas",
+                cure="Install it (pip install dobc_design[store]), or use the points themselves.",
+            ) from None
+        rows: list[dict[str, Any]] = [
+            {
+                self.x_name: point.x,
+                self.y_name: point.y,
+                "pinned": ", ".join(point.pinned),
+                "proved": point.proved,
+                "chosen": point is self.chosen,
+            }
+            for point in self._all()
+        ]
+        return pd.DataFrame(rows, columns=[self.x_name, self.y_name, "pinned", "proved", "chosen"])
+
+    def _all(self) -> Iterator[TradePoint]:
+        own = [] if self.chosen is None else [self.chosen]
+        yield from sorted([*self.points, *own], key=lambda point: (point.x, point.y))
+
+    def _card(self) -> Card:
+        rows = [
+            (f"{point.x:.4g}", f"{point.y:.4g}", listed(point.pinned), "chosen" if point is self.chosen else "")
+            for point in self._all()
+        ]
+        return Card(
+            title=self.name,
+            text=f"{self.y_name} against {self.x_name}",
+            rows=rows,
+            lines=self.sensitivity,
+            heads=(self.x_name, self.y_name, "pinned", ""),
+        )
+
+    def __repr__(self) -> str:
+        return f"<TradeOff of {self.name}: {self.y_name} against {self.x_name}, {len(self.points)} points>"

@@ -1,4 +1,4 @@
-"""Designed pinning gains: the noun, with what was proved about them, and the price of each limit in words."""
+"""Designed pinning gains, what was proved about them, and the price of each limit in words: the nouns."""
 
 from __future__ import annotations
 
@@ -11,17 +11,56 @@ from typing import Any
 from dobc_design._show.cards import Card, Shown, cut, listed, plain
 from dobc_design.conditions.consensus.network import name_agents
 from dobc_design.conditions.numbers import shorten
-from dobc_design.conditions.quadratic.claim import Lure
 from dobc_design.conditions.separable.claim import Separable
 from dobc_design.conditions.statement import Statement
-from dobc_design.exact.number import float_above, float_below, number_text, quotient_text
+from dobc_design.exact.matrix import Vector
+from dobc_design.exact.number import float_above, float_below, number_text
 from dobc_design.problem.problem import Problem
-from dobc_design.synthesis.pinning.bound import Bound
 from dobc_design.synthesis.pinning.request import PinningRequest
 from dobc_design.verdict import Verdict
 
 SHOWN = 5  # prices of one kind that are put into words
 SHORT = 12  # letters of a rational that is shown as it is
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Bound:
+    """A proved lower bound of the cost at a rate, and what shows it: exact, to be multiplied out by anybody.
+
+    ``vectors``: mode and v (n m).  ``loads``: sum_r |v_r,i|^2 of every agent.  ``cap_prices``: y_i > 0 by agent.
+    ``rate_price``: at any other rate b the cost is at least value + rate_price (b - rate), by the same vectors.
+    """
+
+    value: Fraction
+    rate: Fraction
+    vectors: tuple[tuple[str, Vector], ...]
+    loads: tuple[Fraction, ...]
+    cap_prices: Mapping[int, Fraction]
+    rate_price: Fraction
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Obstacle:
+    """A direction v (n m) of one mode, v'(Lambda0 - 2 K + 2 rate I) v >= 0 for all gains within the limits."""
+
+    mode: str
+    vector: Vector
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Structure:
+    """``groups``: agent indices, each group needs a pin.  ``least``: no fewer allowed agents meet all groups.
+
+    ``exact``: so many do (``agents`` are such); False where the groups overlap in too many ways.  ``apart``: groups
+    without a common agent.  ``unmet``: a group without an allowed agent, or None.
+    """
+
+    groups: tuple[tuple[int, ...], ...]
+    least: int
+    exact: bool
+    agents: tuple[int, ...]
+    apart: tuple[tuple[int, ...], ...]
+    unmet: tuple[int, ...] | None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, repr=False)
@@ -34,8 +73,8 @@ class PinningDesign(Shown):
     that show it for gains on the agents named in ``bound_for``.  ``prices``: what each limit costs, in words.
     ``structural_minimum``: so many pins are needed whatever the gains (None if it was not found).  ``ties``: agents
     that are as good.  ``problem``: the problem with these gains.  ``nearest``: the design for the nearest request that
-    was proved possible, where this one was not.  ``method``: "consensus" (Lambda alone), or over a region
-    "max-separable" or "lure", with its ``radius`` and the ``certificate`` that is proved for ``problem``.
+    was proved possible, where this one was not.  ``radius`` and ``certificate``: of a design over a region, what is
+    proved for ``problem`` there.
     """
 
     verdict: Verdict
@@ -53,9 +92,8 @@ class PinningDesign(Shown):
     ties: tuple[str, ...] = ()
     problem: Problem | None = None
     nearest: PinningDesign | None = None
-    method: str = "consensus"
     radius: Fraction | None = None
-    certificate: Separable | Lure | None = None
+    certificate: Separable | None = None
 
     @property
     def gap(self) -> float | None:
@@ -113,35 +151,13 @@ class PinningDesign(Shown):
             "cost": None if self.cost is None else float_above(self.cost),
             "lower_bound": None if self.lower_bound is None else float_below(self.lower_bound),
             "structural_minimum": self.structural_minimum,
-            "method": self.method,
+            "method": "consensus" if self.radius is None else "max-separable",
             "radius": None if self.radius is None else number_text(self.radius),
             "statements": [statement.to_json() for statement in self.statements],
             "prices": list(self.prices),
             "ties": list(self.ties),
             "nearest": None if self.nearest is None else self.nearest.to_json(),
         }
-
-    def dual_certificate(self) -> dict[str, Any] | None:
-        """The exact multipliers behind ``bound`` as JSON, all numbers as text; None without a bound.
-
-        Anybody can multiply it out: with v of every mode, cap prices y and the agents in "agents",
-        1/2 sum (v' (J + J') v + 2 rate v'v) - sum y_i cap_i >= value, and sum v_i^2 <= cost_i + y_i on these agents.
-        """
-        if self.bound is None:
-            return None
-        labels = self.request_labels
-        return {
-            "value": quotient_text(self.bound.value),
-            "rate": quotient_text(self.bound.rate),
-            "agents": list(self.bound_for),
-            "vectors": [{"mode": mode, "values": [quotient_text(x) for x in v]} for mode, v in self.bound.vectors],
-            "cap_prices": {labels[i]: quotient_text(y) for i, y in self.bound.cap_prices.items()},
-        }
-
-    @property
-    def request_labels(self) -> tuple[str, ...]:
-        """The labels of all agents, in the order of the request's indices."""
-        return () if self.problem is None else self.problem.network.labels
 
 
 def prices_in_words(problem: Problem, request: PinningRequest, bound: Bound, agents: Mapping[int, Any]) -> list[str]:

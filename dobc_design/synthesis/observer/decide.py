@@ -1,0 +1,472 @@
+"""Exact decisions about an observer gain W: the spectrum of F = A - W C, norms, envelopes, what is impossible.
+
+Spectrum: Routh's test and exact counts of the mapped characteristic polynomial (``exact.root_regions``).  For a sampled
+observer exp(A T) is enclosed by Arb, and what is proved holds for every matrix of the enclosure.
+
+Norms: measurement noise nu on x to dhat, C s (sI - F)^-1 W = C W + C F (sI - F)^-1 W;  an unmodelled d to dhat,
+C (sI - F)^-1 W;  an input of the exosystem to the error C eps, C (sI - F)^-1.  The square of an H2 norm is rational,
+C X C' with F X + X F' + B B' = 0.  For F Hurwitz the H-infinity norm is below gamma iff gamma^2 I - D'D > 0 and the
+Hamiltonian matrix has no eigenvalue on the imaginary axis; its characteristic polynomial is even, so that is a Sturm
+count in s^2 (Boyd, Balakrishnan, Kabamba 1989).
+
+Impossible: without a bound on noise the answer is complete.  The regions (closed, convex, symmetric) and Re s < 0 share
+a real point or nothing; W can put all observable eigenvalues into one real point (Ackermann), and the hidden ones are
+where they are.  So a W exists iff there is such a point and the hidden eigenvalues lie in the regions.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from fractions import Fraction
+
+from dobc_design.conditions.numbers import claimed, largest_proved
+from dobc_design.conditions.statement import Statement, decided
+from dobc_design.errors import SpecError
+from dobc_design.exact.definite import decide_positive_definite, decide_positive_semidefinite
+from dobc_design.exact.interval import Interval, exp
+from dobc_design.exact.matrix import (
+    Matrix,
+    add,
+    identity,
+    inverse,
+    is_symmetric,
+    multiply,
+    scale,
+    solve_lyapunov,
+    subtract,
+    transpose,
+    zeros,
+)
+from dobc_design.exact.matrix_exponential import (
+    IntervalMatrix,
+    discretise,
+    interval_characteristic_polynomial,
+    interval_routh,
+)
+from dobc_design.exact.number import float_above, number_text
+from dobc_design.exact.observability import decide_detectable, observable_reduction
+from dobc_design.exact.polynomial import (
+    Coefficients,
+    characteristic_polynomial,
+    cone_image,
+    count_right_half_plane,
+    decide_hurwitz,
+    decide_images,
+    disk_image,
+    has_root_up_to_zero,
+    polynomial_text,
+    reflected,
+    routh,
+    shifted,
+)
+from dobc_design.exact.reading import shown_number
+from dobc_design.exact.symmetric import SparseSymmetric
+from dobc_design.problem.exosystems import Exosystem
+from dobc_design.synthesis.observer.claim import Envelope
+from dobc_design.synthesis.observer.request import (
+    CHANNELS,
+    Cone,
+    Disk,
+    HalfPlane,
+    NoiseLimit,
+    ObserverRequest,
+    SpectralRegion,
+    common_interval,
+)
+from dobc_design.verdict import Verdict
+
+BISECTIONS = 40
+WIDENINGS = (1e-9, 1e-7, 1e-5, 1e-3)
+LARGEST_ORDER = 12  # beyond it exact norms take too long to be had by the way
+
+
+def gain_statements(exosystem: Exosystem, W: Matrix, request: ObserverRequest) -> tuple[Statement, ...]:
+    """Everything that the request asks of W (q, m), decided for W exactly."""
+    result: list[Statement] = []
+    if request.period is not None:
+        result += sampled_statements(exosystem, W, period=request.period, rate=request.rate, regions=request.regions)
+    else:
+        F = error_matrix(exosystem, W)
+        result.append(hurwitz_statement(F))
+        if request.rate is not None:
+            result.append(region_statement(F, request.all_regions[0], kind="rate"))
+        result += [region_statement(F, region) for region in request.regions]
+    result += [noise_statement(exosystem, W, limit) for limit in request.noise]
+    return tuple(result)
+
+
+def error_matrix(exosystem: Exosystem, W: Matrix) -> Matrix:
+    """F = A - W C, (q, q): the dynamics of the observer error (17)."""
+    return subtract(exosystem.A, multiply(W, exosystem.C))
+
+
+def images(region: SpectralRegion, polynomial: Coefficients) -> tuple[Coefficients, ...]:
+    """Polynomials that have no root with positive real part iff the roots of a monic one lie in the closed region."""
+    if isinstance(region, Disk):
+        return (disk_image(polynomial, centre=region.centre, radius=region.radius),)
+    if isinstance(region, Cone):
+        return (cone_image(polynomial, damping=region.damping),)
+    if region.left_of is not None:
+        return (shifted(polynomial, region.left_of),)
+    return (reflected(shifted(polynomial, region.right_of or Fraction(0))),)
+
+
+def spectrum_inside(F: Matrix, region: SpectralRegion) -> tuple[bool, bool]:
+    """Whether every eigenvalue of F (q, q) lies in the closed region, and whether in its interior: exact.
+
+    Raises: ShapeError if F is not square.
+    """
+    degree = len(F) * (2 if isinstance(region, Cone) else 1)
+    return decide_images(images(region, characteristic_polynomial(F)), degree=degree)
+
+
+def region_statement(F: Matrix, region: SpectralRegion, *, kind: str = "region") -> Statement:
+    """State whether the spectrum of F = A - W C lies in a closed region."""
+    inside, strictly = spectrum_inside(F, region)
+    where = "and none on its border" if strictly else "with one on its border"
+    text = f"every eigenvalue of A - WC lies in {region}"
+    return Statement(
+        kind=kind,
+        verdict=decided(inside),
+        text=f"{text}, {where}." if inside else f"it is false that {text}.",
+        exact={"polynomial": polynomial_text(characteristic_polynomial(F))},
+    )
+
+
+def hurwitz_statement(F: Matrix) -> Statement:
+    """State whether F = A - W C is Hurwitz, by Routh's first column."""
+    table = decide_hurwitz(F)
+    holds = table.verdict is Verdict.PROVED
+    return Statement(
+        kind="hurwitz",
+        verdict=table.verdict,
+        text="A - WC is Hurwitz." if holds else "A - WC is not Hurwitz: the estimate does not follow the disturbance.",
+        exact={"routh": ", ".join(number_text(x) for x in table.first_column)},
+    )
+
+
+def rate_holds(F: Matrix, rate: Fraction) -> bool:
+    """Whether every eigenvalue of F has a real part <= -rate: exact, the border included."""
+    return spectrum_inside(F, HalfPlane(left_of=-rate))[0]
+
+
+def damping_holds(F: Matrix, damping: Fraction) -> bool:
+    """Whether the damping ratio of F is at least ``damping``: exact; false outside (0, 1)."""
+    return 0 < damping < 1 and spectrum_inside(F, Cone(damping=damping))[0]
+
+
+def sampled_matrix(exosystem: Exosystem, W: Matrix, period: Fraction) -> IntervalMatrix:
+    """Enclose Ad - W Cd, with Ad = exp(A T) and Cd = C (1/T) int_0^T exp(A s) ds.
+
+    The sampled observer works with means over a period: (x_(k+1) - x_k)/T less the mean of couplings and inputs is
+    Cd xi_k.
+    """
+    found = discretise(exosystem.A, period)
+    q = exosystem.order
+    output = [[_sum([found.mean[r][j] * c for r, c in enumerate(row) if c]) for j in range(q)] for row in exosystem.C]
+    return tuple(
+        tuple(found.transition[i][j] - _sum([output[c][j] * w for c, w in enumerate(W[i]) if w]) for j in range(q))
+        for i in range(q)
+    )
+
+
+def sampled_statements(
+    exosystem: Exosystem, W: Matrix, *, period: Fraction, rate: Fraction | None, regions: Sequence[SpectralRegion]
+) -> tuple[Statement, ...]:
+    """Schur stability of the sampled error, its rate (|z| <= exp(-rate T)) and disks of the z-plane.
+
+    Decided for every matrix in an enclosure of the exact one; UNDECIDED where an eigenvalue is too close to the border.
+    """
+    polynomial = interval_characteristic_polynomial(sampled_matrix(exosystem, W, period))
+    asked: list[tuple[str, str, Fraction, Interval]] = [
+        (
+            "sampled",
+            "the sampled error converges: every eigenvalue lies inside the unit disk",
+            Fraction(0),
+            Interval.point(1),
+        )
+    ]
+    if rate is not None:
+        asked.append(
+            (
+                "rate",
+                f"the sampled error decays at the rate {shown_number(rate)} 1/s or faster",
+                Fraction(0),
+                exp(Interval.point(-rate * period)),
+            )
+        )
+    for region in regions:
+        if isinstance(region, Disk):
+            text = f"every eigenvalue of the sampled error lies in {region}".replace("|s", "|z")
+            asked.append(("region", text, region.centre, Interval.point(region.radius)))
+    result = []
+    for kind, text, centre, radius in asked:
+        verdict = _in_disk(polynomial, centre, radius)
+        words = {Verdict.REFUTED: "it is false that ", Verdict.UNDECIDED: "it stays open whether "}.get(verdict, "")
+        shown = {"period": number_text(period), "width": f"{float(max(x.width for x in polynomial)):.1e}"}
+        result.append(Statement(kind=kind, text=f"{words}{text}.", verdict=verdict, exact=shown))
+    return tuple(result)
+
+
+def _in_disk(polynomial: Sequence[Interval], centre: Fraction, radius: Interval) -> Verdict:
+    """Whether all roots lie in the open disk; the radius itself is enclosed."""
+    if interval_routh(disk_image(polynomial, centre=centre, radius=radius.lo)) is Verdict.PROVED:
+        return Verdict.PROVED
+    answer = interval_routh(disk_image(polynomial, centre=centre, radius=radius.hi))
+    return Verdict.REFUTED if answer is Verdict.REFUTED else Verdict.UNDECIDED
+
+
+def _sum(terms: Sequence[Interval]) -> Interval:
+    total = Interval.point(0)
+    for term in terms:
+        total = total + term
+    return total
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class StateSpace:
+    """Exact C (sI - F)^-1 B + D: F (q, q), B (q, u), C (y, q), D (y, u)."""
+
+    F: Matrix
+    B: Matrix
+    C: Matrix
+    D: Matrix
+
+
+def channel(exosystem: Exosystem, W: Matrix, name: str) -> StateSpace:
+    """The transfer function of one channel, "measurement", "disturbance" or "exosystem", exactly.
+
+    Raises: SpecError for another name.
+    """
+    F, C, m = error_matrix(exosystem, W), exosystem.C, exosystem.outputs
+    if name == "measurement":
+        return StateSpace(F=F, B=W, C=multiply(C, F), D=multiply(C, W))
+    if name == "disturbance":
+        return StateSpace(F=F, B=W, C=C, D=zeros(m, m))
+    if name == "exosystem":
+        return StateSpace(F=F, B=identity(exosystem.order), C=C, D=zeros(m, exosystem.order))
+    raise SpecError(f"channel must be one of {', '.join(CHANNELS)}; got {name!r}.", key="channel")
+
+
+def h2_squared(system: StateSpace) -> Fraction | None:
+    """The square of the H2 norm, exactly; None if it is infinite (F not Hurwitz or D not 0)."""
+    if any(x for row in system.D for x in row) or decide_hurwitz(system.F).verdict is not Verdict.PROVED:
+        return None
+    X = solve_lyapunov(transpose(system.F), multiply(system.B, transpose(system.B)))
+    if X is None:  # cannot be for a Hurwitz F
+        return None
+    return sum((row[i] for i, row in enumerate(multiply(multiply(system.C, X), transpose(system.C)))), Fraction(0))
+
+
+def hinf_below(system: StateSpace, gamma: Fraction) -> bool:
+    """Whether F is Hurwitz and the H-infinity norm is < gamma: exact both ways."""
+    if gamma <= 0 or decide_hurwitz(system.F).verdict is not Verdict.PROVED:
+        return False
+    F, B, C, D = system.F, system.B, system.C, system.D
+    room = subtract(scale(gamma * gamma, identity(len(B[0]))), multiply(transpose(D), D))
+    if decide_positive_definite(room).verdict is not Verdict.PROVED:
+        return False
+    R = inverse(room)
+    closed = add(F, multiply(multiply(B, R), multiply(transpose(D), C)))
+    inner = add(identity(len(C)), multiply(multiply(D, R), transpose(D)))
+    upper = multiply(multiply(B, R), transpose(B))
+    lower = scale(-1, multiply(multiply(transpose(C), inner), C))
+    hamiltonian = tuple(p + s for p, s in zip(closed, upper, strict=True)) + tuple(
+        p + s for p, s in zip(lower, scale(-1, transpose(closed)), strict=True)
+    )
+    return not has_root_up_to_zero(characteristic_polynomial(hamiltonian)[::2])  # a polynomial in s^2
+
+
+def root_above(square: Fraction) -> float:
+    """A float that is not below the root of a rational >= 0."""
+    if not square:
+        return 0.0
+    root = math.sqrt(float_above(square))
+    while math.isfinite(root) and Fraction(root) ** 2 < square:
+        root = math.nextafter(root, math.inf)
+    return root
+
+
+def noise_statement(exosystem: Exosystem, W: Matrix, limit: NoiseLimit) -> Statement:
+    """State whether a norm keeps its limit (H-infinity: stays below it)."""
+    system = channel(exosystem, W, limit.channel)
+    exact: dict[str, str] = {}
+    if limit.norm == "h2":
+        square = h2_squared(system)
+        holds = square is not None and square <= limit.bound**2
+        exact["h2_squared"] = "infinite" if square is None else number_text(square)
+    else:
+        holds = hinf_below(system, limit.bound)
+    return Statement(
+        kind="noise",
+        verdict=decided(holds),
+        text=f"{limit}." if holds else f"it is false that the {limit}.",
+        exact=exact,
+    )
+
+
+def gain_squared(W: Matrix) -> Fraction:
+    """|W|^2, the sum of the squares of its entries."""
+    return sum((x * x for row in W for x in row), Fraction(0))
+
+
+def envelope_statement(exosystem: Exosystem, W: Matrix, envelope: Envelope) -> Statement | None:
+    """State |eps(t)| <= k exp(-rate t) |eps(0)| with k = root of upper / lower, if P proves it; None if it does not.
+
+    P >= lower I > 0, P <= upper I, F'P + P F + 2 rate P <= 0: exact.
+    """
+    P, F, q = envelope.P, error_matrix(exosystem, W), exosystem.order
+    if envelope.lower <= 0 or not is_symmetric(P):
+        return None
+    product = multiply(P, F)
+    decay = scale(-1, add(add(product, transpose(product)), scale(2 * envelope.rate, P)))
+    parts = (subtract(P, scale(envelope.lower, identity(q))), subtract(scale(envelope.upper, identity(q)), P), decay)
+    if decide_positive_definite(SparseSymmetric.from_dense(P)).verdict is not Verdict.PROVED or any(
+        decide_positive_semidefinite(part).verdict is not Verdict.PROVED for part in parts
+    ):
+        return None
+    stretch = root_above(envelope.upper / envelope.lower)
+    values = {"rate": envelope.rate, "lower": envelope.lower, "upper": envelope.upper}
+    return Statement(
+        kind="lyapunov",
+        verdict=Verdict.PROVED,
+        text=f"P proves |eps(t)| <= {stretch:.4g} exp(-{float(envelope.rate):.4g} t) |eps(0)|.",
+        exact={name: number_text(value) for name, value in values.items()},
+    )
+
+
+def proved_measures(exosystem: Exosystem, W: Matrix, estimates: Mapping[str, float]) -> dict[str, float]:
+    """Gain, rate (1/s), damping and the norms of the three channels, "hinf measurement" and so on, for W (q, m)."""
+    F = error_matrix(exosystem, W)
+    result = {"gain": root_above(gain_squared(W))}
+    for name, holds in (("rate", rate_holds), ("damping", damping_holds)):
+        proved = _largest(estimates.get(name, 0.0), lambda x, holds=holds: holds(F, x))  # type: ignore[misc]
+        if proved:
+            result[name] = proved
+    if "peak" in estimates:
+        result["peak_seen"] = estimates["peak"]
+    if exosystem.order <= LARGEST_ORDER:
+        for name in CHANNELS:
+            result |= _norms(exosystem, W, name, estimates)
+    return result
+
+
+def _largest(estimate: float, holds: Callable[[Fraction], bool]) -> float | None:
+    """The estimate to nine digits if that is true, border included, else a little less."""
+    if 0 < estimate < math.inf:
+        short = float(f"{estimate:.9g}")
+        if holds(claimed(short)):
+            return short
+    return largest_proved(estimate, lambda x: x == 0 or holds(x))
+
+
+def _norms(exosystem: Exosystem, W: Matrix, name: str, estimates: Mapping[str, float]) -> dict[str, float]:
+    system = channel(exosystem, W, name)
+    square = h2_squared(system)
+    result = {f"h2 {name}": math.inf if square is None else root_above(square)}
+    estimate = estimates.get(f"hinf {name}", math.inf)
+    for widening in WIDENINGS:
+        bound = estimate * (1 + widening)
+        if 0 < bound < math.inf and hinf_below(system, claimed(bound)):
+            result[f"hinf {name}"] = bound
+            break
+    return result
+
+
+def why_impossible(exosystem: Exosystem, request: ObserverRequest) -> Statement | None:
+    """A proof that no W meets a request, or None if none was found; for a sampled observer that of detectability alone.
+
+    The kind of the refuted Statement says which part of the request fails: "detectable", "rate", "region" or "noise".
+    """
+    found = decide_detectable(exosystem.A, exosystem.C)
+    if found.verdict is not Verdict.PROVED:
+        return _refuted(
+            "detectable",
+            f"no W exists: (A, C) is not detectable; the part {found.unobservable_text} never reaches d = C xi and does"
+            " not decay. It does not act on the agents either: leave it out.",
+            polynomial=found.unobservable_text,
+        )
+    if request.period is not None:
+        return None
+    return (
+        _hidden_outside(found.unobservable_polynomial, request)
+        or _empty(request.all_regions)
+        or _too_quiet(exosystem, request)
+    )
+
+
+def largest_hidden_rate(polynomial: Coefficients) -> Fraction | None:
+    """A rate (1/s) that the hidden eigenvalues reach, proved, close to the largest; None if there is none."""
+    if len(polynomial) < 2 or routh(polynomial).verdict is not Verdict.PROVED:
+        return None
+    low, high = Fraction(0), 1 + sum((abs(x) for x in polynomial), Fraction(0))  # Cauchy's bound
+    for _ in range(BISECTIONS):
+        middle = (low + high) / 2
+        if count_right_half_plane(shifted(polynomial, -middle)) == 0:
+            low = middle
+        else:
+            high = middle
+    short = high.limit_denominator(1000)
+    if short >= low > 0 and count_right_half_plane(shifted(polynomial, -short)) == 0:
+        return short
+    return low or None
+
+
+def _hidden_outside(polynomial: Coefficients, request: ObserverRequest) -> Statement | None:
+    """The first region that does not hold the eigenvalues that W cannot move."""
+    for position, region in enumerate(request.all_regions):
+        degree = (len(polynomial) - 1) * (2 if isinstance(region, Cone) else 1)
+        if len(polynomial) > 1 and not decide_images(images(region, polynomial), degree=degree)[0]:
+            text = polynomial_text(polynomial)
+            return _refuted(
+                "rate" if position == 0 else "region",
+                f"no W meets {region}: C does not see the part {text} of the exosystem, so no gain moves its"
+                " eigenvalues, and they lie outside.",
+                polynomial=text,
+            )
+    return None
+
+
+def _empty(regions: tuple[SpectralRegion, ...]) -> Statement | None:
+    common = common_interval(regions)
+    if common is not None and (common[0] is None or common[0] < 0):
+        return None
+    names = " and ".join(str(region) for region in regions)
+    return _refuted("region", f"no W exists: no point with Re s < 0 lies in {names}.")
+
+
+def _too_quiet(exosystem: Exosystem, request: ObserverRequest) -> Statement | None:
+    """At an eigenvalue s of A with C v != 0 the estimate follows exactly: C (sI - F)^-1 W C v = C v.
+
+    So for Re s >= 0 (maximum principle) no W has a disturbance channel of norm below 1, or a measurement channel
+    below |s|.
+    """
+    A = observable_reduction(exosystem.A, exosystem.C)[0]
+    polynomial = characteristic_polynomial(A) if A else (Fraction(1),)
+    if len(polynomial) < 2 or routh(polynomial).verdict is Verdict.PROVED:
+        return None
+    # If none decays, all eigenvalues count, and one of them is not inside the open disk of the bound.
+    none_decays = count_right_half_plane(reflected(polynomial)) == 0
+    for limit in request.noise:
+        if limit.norm != "hinf":
+            continue
+        if limit.channel == "disturbance" and limit.bound <= 1:
+            return _noise(limit, "follows the exosystem's own disturbances exactly, which takes the gain 1")
+        if limit.channel == "measurement" and none_decays and _one_not_inside(polynomial, limit.bound):
+            return _noise(limit, "follows the exosystem's fastest frequency exactly, which takes at least that gain")
+    return None
+
+
+def _one_not_inside(polynomial: Coefficients, radius: Fraction) -> bool:
+    image = disk_image(polynomial, centre=Fraction(0), radius=radius)
+    return not decide_images((image,), degree=len(polynomial) - 1)[1]
+
+
+def _noise(limit: NoiseLimit, because: str) -> Statement:
+    return _refuted("noise", f"no W makes the {limit}: an estimate that converges {because}.")
+
+
+def _refuted(kind: str, text: str, **exact: str) -> Statement:
+    return Statement(kind=kind, text=text, verdict=Verdict.REFUTED, exact=exact)

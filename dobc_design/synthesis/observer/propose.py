@@ -1,0 +1,347 @@
+"""Candidates for an observer gain W and for the P of its envelope, in floating point: nothing here is believed.
+
+W: linear matrix inequalities for (P, Q) with W = P^-1 Q, and Kalman gains, the smallest |W| first, rounded to digits;
+at last exact pole placement.  With M = P A - Q C = P (A - W C) every condition is affine in (P, Q):
+
+    Re s <= a      M + M' - 2 a P <= 0                      (Chilali and Gahinet 1996, here and below)
+    |s - x| <= r   [[-r P, M - x P], [., -r P]] <= 0
+    damping z      [[s (M + M'), z (M - M')], [., s (M + M')]] <= 0,   s = root of 1 - z^2
+    H-infinity     [[M + M', B, C'], [., -g I, 0], [., ., -g I]] <= 0,  B = Q, or P for an input of the exosystem
+    H2             M + M' + C'C <= 0 and [[g^2/m I, Q'], [Q, P]] >= 0, or tr P <= g^2
+
+One P for all of them makes it sufficient, not necessary.  Noise on the measured x is not among them: its output matrix
+C (A - W C) is not affine; Kalman gains from fast to slow are tried for it.
+"""
+
+from __future__ import annotations
+
+import math
+import warnings
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from fractions import Fraction
+
+import numpy as np
+from scipy import linalg
+
+from dobc_design.conditions.observer.ackermann import placed_gains
+from dobc_design.conditions.observer.norms import h2_norm, hinf_norm, transient_peak
+from dobc_design.conditions.observer.scaling import natural_units
+from dobc_design.errors import SpecError
+from dobc_design.exact.matrix import Matrix, scale, to_float
+from dobc_design.exact.observability import decide_observable, observable_reduction
+from dobc_design.exact.pencil import Pencil, Unknown
+from dobc_design.exact.symmetric import SparseSymmetric
+from dobc_design.problem.exosystems import Exosystem
+from dobc_design.solvers.conic import solve_directly
+from dobc_design.solvers.program import Array, Program
+from dobc_design.solvers.rounding import round_matrix
+from dobc_design.synthesis.observer.claim import Envelope
+from dobc_design.synthesis.observer.decide import channel, error_matrix
+from dobc_design.synthesis.observer.request import (
+    CHANNELS,
+    Cone,
+    Disk,
+    HalfPlane,
+    NoiseLimit,
+    ObserverRequest,
+    SpectralRegion,
+    common_interval,
+)
+from dobc_design.verdict import Verdict
+
+SLACKS = (1e-6, 1e-3, 0.01, 0.1)  # how far inside the regions a gain is designed, so that rounding stays inside
+MORE_DIGITS = (6, 9, 12, 15)
+STEPS = 6  # halvings of the default rate
+SHIFTS = (1.0, 1.05, 1.5, 2.0)  # of the spectrum for a Kalman gain, in parts of the rate
+RATIOS = tuple(10.0 ** (k / 2) for k in range(6, -13, -1))  # of process to measurement noise, from fast to slow
+FLOORS = tuple(Fraction(10) ** k / 3**j for k in range(2, -7, -1) for j in (0, 1))  # of P
+PARTS = (1.0, 0.9, 0.5)  # of the rate asked, where the border cannot be reached with one P
+DIGITS = (4, 6, 9, 14)  # of P
+Block = Callable[..., Array]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Plant:
+    """The observable part of (A, C) in floats, T its orthonormal rows, and the regions: W = T' W_o."""
+
+    A: Array
+    C: Array
+    T: Array
+    regions: tuple[SpectralRegion, ...]
+    sampled: bool
+
+
+def propose_gains(exosystem: Exosystem, request: ObserverRequest) -> Iterator[tuple[Matrix, str]]:
+    """Rational W (q, m) and how each came about, for a request that has a rate or leaves it open.
+
+    Never raises for numbers that floats cannot hold: then only the exact placement is left.
+    """
+    try:
+        plant = make_plant(exosystem, request)
+        yield from _from_floats(exosystem, plant, request)
+    except (SpecError, linalg.LinAlgError, ValueError, ArithmeticError):
+        pass
+    if request.period is None:
+        for W in _placed(exosystem, _inner_point(request)):
+            yield W, "exact pole placement"
+
+
+def make_plant(exosystem: Exosystem, request: ObserverRequest) -> Plant:
+    """The pair in floats, sampled if there is a period.  Raises: SpecError if a number is beyond the floats."""
+    A, C = to_float(exosystem.A), to_float(exosystem.C)
+    regions = request.all_regions
+    if request.period is not None:
+        period = float(request.period)
+        q = len(A)
+        block = linalg.expm(np.block([[A, np.eye(q)], [np.zeros((q, 2 * q))]]) * period)  # Van Loan 1978
+        rate = float(request.rate if request.rate is not None else _default_rate(A, C))
+        A, C = block[:q, :q], C @ block[:q, q:] / period
+        radius = Fraction(math.exp(-rate * period))
+        regions = (Disk(centre=0, radius=radius.limit_denominator(10**15)), *request.regions)
+    T = np.eye(len(A))
+    if decide_observable(exosystem.A, exosystem.C).verdict is not Verdict.PROVED:
+        rows = observable_reduction(exosystem.A, exosystem.C)[2]
+        T = linalg.qr(to_float(rows).T, mode="economic")[0].T if rows else np.zeros((0, len(A)))
+    return Plant(A=T @ A @ T.T, C=C @ T.T, T=T, regions=regions, sampled=request.period is not None)
+
+
+def _from_floats(exosystem: Exosystem, plant: Plant, request: ObserverRequest) -> Iterator[tuple[Matrix, str]]:
+    if not len(plant.A):
+        yield tuple((Fraction(0),) * exosystem.outputs for _ in range(exosystem.order)), "nothing to correct"
+        return
+    exact: list[tuple[Array, str]] = []
+    for W, source in _gains(plant, request):
+        yield round_matrix(plant.T.T @ W, request.digits), source
+        if len(exact) < 2 * len(SLACKS):
+            exact.append((W, source))
+    for digits in MORE_DIGITS:
+        if digits > request.digits:
+            for W, source in exact:
+                yield round_matrix(plant.T.T @ W, digits), f"{source}, with {digits} digits"
+
+
+def _gains(plant: Plant, request: ObserverRequest) -> Iterator[tuple[Array, str]]:
+    """Gains for the regions with the smallest |W| of what the methods give first; then those for bounds on noise."""
+    inequalities = "linear matrix inequalities"
+    rates = [Fraction(0)]  # to be added where none was asked: half that of the Kalman gain, then smaller ones
+    if request.rate is None and not plant.sampled and (rate := _default_rate(plant.A, plant.C)):
+        rates = [*(rate / 2**k for k in range(STEPS if request.noise else 1)), Fraction(0)]
+    for rate in rates:
+        regions = (HalfPlane(left_of=-rate), *plant.regions) if rate else plant.regions
+        if common_interval(regions) is None:
+            continue
+        answers = (lmi_gain(plant.A, plant.C, regions, slack=slack) for slack in SLACKS)
+        found = [(W, inequalities) for W in answers if W is not None]
+        found += kalman_gains(plant.A, plant.C, regions, sampled=plant.sampled)
+        yield from sorted(found, key=lambda each: float(np.linalg.norm(each[0])))
+    if request.noise:
+        quiet = (lmi_gain(plant.A, plant.C, plant.regions, noise=request.noise, slack=slack) for slack in SLACKS)
+        yield from ((W, inequalities) for W in quiet if W is not None)
+        for ratio in RATIOS:
+            W = kalman_gain(plant.A, plant.C, process=ratio)
+            if W is not None:
+                yield W, f"Kalman gain, process noise {ratio:.3g} times that of the measurement"
+
+
+def _default_rate(A: Array, C: Array) -> Fraction:
+    """Half the decay rate of the Kalman gain with unit weights, to three digits; 0 if that fails."""
+    gain = kalman_gain(A, C)
+    if gain is None:
+        return Fraction(0)
+    decay = float(-np.max(np.linalg.eigvals(A - gain @ C).real))
+    return Fraction(f"{decay / 2:.3g}") if decay > 0 and math.isfinite(decay) else Fraction(0)
+
+
+def _placed(exosystem: Exosystem, point: Fraction) -> Iterator[Matrix]:
+    """All observable poles at one real point, exactly; in units in which the numbers are near 1."""
+    time, output = natural_units(exosystem, rate=abs(point))
+    units = Exosystem(A=scale(1 / time, exosystem.A), C=scale(1 / output, exosystem.C))
+    for W in placed_gains(units, rate=-point / time - 1):
+        yield scale(time / output, W)
+
+
+def _inner_point(request: ObserverRequest) -> Fraction:
+    """A real point of all regions, away from their ends where there is room."""
+    low, high = common_interval(request.all_regions) or (None, None)
+    high = Fraction(0) if high is None else high
+    if low is None:
+        return high - max(Fraction(1), abs(high) / 10)
+    return (low + high) / 2
+
+
+def lmi_gain(
+    A: Array, C: Array, regions: Sequence[SpectralRegion], *, noise: Sequence[NoiseLimit] = (), slack: float = 1e-6
+) -> Array | None:
+    """W = P^-1 Q (q, m) with the least tr P + |Q|^2 subject to the inequalities, or None.
+
+    Shapes: A (q, q) in 1/s, C (m, q).  ``slack`` keeps the answer inside, relative to P.  Time is in units of the
+    fastest rate in play, so that an H-infinity norm of the exosystem channel is so many times as large.
+    """
+    q, m = C.shape[1], C.shape[0]
+    ends = [abs(float(x)) for region in regions for x in region.real_ends if x is not None]
+    time = max(1e-12, float(np.max(np.abs(np.linalg.eigvals(A)), initial=0.0)), *ends)
+    unknowns = (
+        Unknown(name="P", rows=q, columns=q, symmetric=True),
+        Unknown(name="Q", rows=q, columns=m, symmetric=False),
+    )
+    blocks = [_of_region(A / time, C, region, time=time, slack=slack) for region in regions]
+    blocks += [block for limit in noise for block in _of_noise(A / time, C, limit, time=time)]
+    pencils = tuple(_pencil(block, unknowns) for block in blocks)
+    # A bound on a norm fixes the scale of P; the largest floor of P that has an answer keeps W = P^-1 Q small.
+    for floor in FLOORS if noise else (Fraction(1),):
+        answer = solve_directly(Program(pencils=pencils, floor=floor))
+        if answer.found:
+            W: Array = np.asarray(linalg.lstsq(answer.values["P"], time * answer.values["Q"])[0])
+            return W if np.all(np.isfinite(W)) else None
+    return None
+
+
+def _pencil(block: Block, unknowns: tuple[Unknown, ...]) -> Pencil:
+    """The pencil of an affine function of the unknowns' arrays, from its values at 0 and at unit entries."""
+
+    def sparse(matrix: Array) -> SparseSymmetric:
+        places = zip(*np.nonzero(np.triu(matrix)), strict=True)
+        return SparseSymmetric(len(matrix), {(int(i), int(j)): Fraction(float(matrix[i, j])) for i, j in places})
+
+    zeros = [np.zeros((u.rows, u.columns)) for u in unknowns]
+    constant = block(*zeros)
+    coefficients = {}
+    for number, unknown in enumerate(unknowns):
+        for place in unknown.places():
+            arrays = [each.copy() for each in zeros]
+            arrays[number][place[1], place[2]] = 1.0
+            if unknown.symmetric:
+                arrays[number][place[2], place[1]] = 1.0
+            coefficients[place] = sparse(block(*arrays) - constant)
+    return Pencil(name="observer", constant=sparse(constant), unknowns=unknowns, coefficients=coefficients)
+
+
+def _of_region(A: Array, C: Array, region: SpectralRegion, *, time: float, slack: float) -> Block:
+    def block(P: Array, Q: Array) -> Array:
+        M = P @ A - Q @ C
+        if isinstance(region, Disk):
+            x, r = float(region.centre) / time, float(region.radius) / time
+            return np.block([[(slack - r) * P, M - x * P], [(M - x * P).T, (slack - r) * P]])
+        if isinstance(region, Cone):
+            z = float(region.damping)
+            s = math.sqrt(1 - z * z)
+            symmetric, skew = s * (M + M.T) + slack * P, z * (M - M.T)
+            return np.block([[symmetric, skew], [skew.T, symmetric]])
+        low, high = region.real_ends
+        if high is not None:
+            return M + M.T + (slack - 2 * float(high) / time) * P
+        return -(M + M.T) + (slack + 2 * float(low or 0) / time) * P
+
+    return block
+
+
+def _of_noise(A: Array, C: Array, limit: NoiseLimit, *, time: float) -> list[Block]:
+    m, bound, exosystem = len(C), float(limit.bound), limit.channel == "exosystem"
+    if limit.channel == "measurement":
+        return []
+    if limit.norm == "hinf":
+        gain = bound * (time if exosystem else 1.0)
+
+        def real(P: Array, Q: Array) -> Array:
+            M, B = P @ A - Q @ C, P if exosystem else Q
+            u = B.shape[1]
+            rest = -gain * np.eye(u + m)
+            border = np.hstack([B, C.T])
+            return np.block([[M + M.T, border], [border.T, rest]])
+
+        return [real]
+    square = bound**2 * (time if exosystem else 1 / time)
+
+    def gramian(P: Array, Q: Array) -> Array:
+        M = P @ A - Q @ C
+        return M + M.T + C.T @ C
+
+    if exosystem:
+        return [gramian, lambda P, Q: np.array([[np.trace(P) - square]])]
+    return [gramian, lambda P, Q: -np.block([[square / m * np.eye(m), Q.T], [Q, P]])]
+
+
+def kalman_gain(A: Array, C: Array, *, process: float = 1.0, sampled: bool = False) -> Array | None:
+    """python-control's lqe (or dlqe) with G = I, process noise ``process`` I and measurement noise I; None if it fails.
+
+    Shapes: A (q, q), C (m, q), W (q, m).  For dlqe the gain is that of the predictor.
+    """
+    import control  # takes a second to import
+
+    q, m = len(A), len(C)
+    try:
+        with warnings.catch_warnings(), np.errstate(all="ignore"):
+            warnings.simplefilter("ignore")
+            solve = control.dlqe if sampled else control.lqe
+            gain = np.asarray(solve(A, np.eye(q), C, process * np.eye(q), np.eye(m))[0], dtype=float)
+    except (ValueError, ArithmeticError, linalg.LinAlgError):
+        return None
+    gain = gain.reshape(q, m)
+    return gain if np.all(np.isfinite(gain)) else None
+
+
+def kalman_gains(
+    A: Array, C: Array, regions: Sequence[SpectralRegion], *, sampled: bool
+) -> Iterator[tuple[Array, str]]:
+    """The Kalman gain with unit weights, then those of A + shift I, or of A / radius, which decay faster."""
+    plain = kalman_gain(A, C, sampled=sampled)
+    if plain is not None:
+        yield plain, "Kalman gain with unit weights"
+    if sampled:
+        radius = min((float(r.radius) for r in regions if isinstance(r, Disk) and not r.centre), default=1.0)
+        for factor in (1.0, 0.95, 0.7):
+            gain = kalman_gain(A / (radius * factor), C, sampled=True)
+            if gain is not None:
+                yield radius * factor * gain, "Kalman gain of A / exp(-rate T)"
+        return
+    common = common_interval(tuple(regions))
+    rate = 0.0 if common is None or common[1] is None else -float(common[1])
+    for shift in SHIFTS if rate else ():
+        gain = kalman_gain(A + shift * rate * np.eye(len(A)), C)
+        if gain is not None:
+            yield gain, f"Kalman gain of A + {shift:g} rate I"
+
+
+def propose_envelopes(exosystem: Exosystem, W: Matrix, rate: Fraction | None) -> Iterator[Envelope]:
+    """P with (F + rate I)'P + P (F + rate I) = -I for F = A - W C, rounded, to be tried in turn.
+
+    ``rate`` (1/s): the one asked, else half the decay rate of F; smaller ones follow, because F decays faster than that
+    of an equation.
+    """
+    try:
+        F = to_float(error_matrix(exosystem, W))
+        decay = float(-np.max(np.linalg.eigvals(F).real))
+        wanted = min(float(rate), decay) if rate is not None else decay / 2
+        for each in (wanted * part for part in PARTS if 0 < wanted * part <= decay * (1 - 1e-9)):
+            exact = rate if rate is not None and each == float(rate) else Fraction(f"{each:.6g}")
+            P = linalg.solve_continuous_lyapunov((F + float(exact) * np.eye(len(F))).T, -np.eye(len(F)))
+            for digits in DIGITS:
+                rounded = round_matrix((P + P.T) / 2, digits)
+                values = np.linalg.eigvalsh(to_float(rounded))
+                lower, upper = float(values[0]) * (1 - 1e-9), float(values[-1]) * (1 + 1e-9)
+                if lower > 0:
+                    bounds = Fraction(f"{lower:.12g}"), Fraction(f"{upper:.12g}")
+                    yield Envelope(P=rounded, rate=exact, lower=bounds[0], upper=bounds[1])
+    except (SpecError, ValueError, ArithmeticError, linalg.LinAlgError):
+        return
+
+
+def estimate_observer(exosystem: Exosystem, W: Matrix) -> dict[str, float]:
+    """Rate (1/s), damping, "hinf <channel>", "h2 <channel>", peak; nothing where floats fail."""
+    try:
+        F = to_float(error_matrix(exosystem, W))
+        poles = np.linalg.eigvals(F)
+        sizes = np.where(np.abs(poles) > 0, np.abs(poles), 1.0)
+        result = {
+            "rate": float(-np.max(poles.real)),
+            "peak": transient_peak(F),
+            "damping": float(np.min(-poles.real / sizes)),
+        }
+        for name in CHANNELS:
+            system = channel(exosystem, W, name)
+            parts = F, to_float(system.B), to_float(system.C), to_float(system.D)
+            result |= {f"hinf {name}": hinf_norm(*parts), f"h2 {name}": h2_norm(*parts)}
+    except (SpecError, ValueError, ArithmeticError, np.linalg.LinAlgError):
+        return {}
+    return result

@@ -1,0 +1,346 @@
+"""Proposals for gains over a region: the smallest ones with which a max-separable v exists (theory, section 5).
+
+Given v, a pinned agent needs k_i >= rate + (its largest row sum) / (s v_i), and the rows of the others have to hold as
+they are.  The other rows have a least v for every choice of v on the pins; that choice is improved by linear programs
+in log v with a trust region.  Which rates gains on given agents can reach is found by bisection.  Every row has a
+price: one linear solve gives what a faster rate costs and which other agent a gain would help most.  Floating point.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import dataclass, replace
+from fractions import Fraction
+from typing import Any
+
+import numpy as np
+from scipy import optimize, sparse
+
+from dobc_design.conditions.consensus.estimates import decay_rate
+from dobc_design.conditions.separable.claim import ErrorBound
+from dobc_design.conditions.separable.propose import LARGEST_RADIUS, Field, field_of, least_above
+from dobc_design.conditions.separable.propose_observer import propose_error_bound, radius_needed
+from dobc_design.exact.matrix import Matrix, Vector
+from dobc_design.problem.problem import Problem
+from dobc_design.solvers.program import Array
+from dobc_design.synthesis.pinning.request import PinningRequest
+
+HELD = 1e9  # a gain, times the size of the rows, that holds an agent whatever the others do
+FIRST_STEP, LAST_STEP = 0.3, 1e-5  # of log v: the trust region
+WIDER, NARROWER = 2.0, 0.25
+WORTH = 1e-7  # a relative gain in the cost that ends the search
+# (agents, linear programs): what is worth the time
+PROGRAMS = ((60, 60), (300, 40), (2000, 12))
+KEPT = 1e-6  # gains below this part of the largest are tried to be left out
+DIGITS = (4, 6, 9, 12)  # of v
+BITS = (20, 30)  # of v in large networks, whose arithmetic is binary
+LARGE = 400
+HARD = 1e7  # a gain that holds an agent as well as any, in units of the network's own gains
+LARGEST_V = 1e4  # what a v may span: beyond, gains are of no use to anybody
+CLOSE, ROUGH = 1e-3, 2e-2  # relative accuracy of the fastest rate, and where many sets are compared
+BISECTIONS = 14
+PARTS = (0.0, 0.02, 0.05, 0.1, 0.15, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9)  # of the observer's decay, for kappa
+COARSE = 8  # points of s while v is looked for and where many sets are compared; all of them for the gains
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Box:
+    """All rows without gains, and who may have one: ``allowed`` (n,), ``costs`` (n,), ``caps`` (n,) in 1/s."""
+
+    field: Field
+    allowed: Any
+    costs: Array
+    caps: Array
+    rate: float
+
+    def follow(self, lower: Array) -> Array | None:
+        """The least v at or above ``lower``; on pins without a cap it is ``lower``.  None if none is found."""
+        top = HELD * max(1.0, self.rate)
+        gains = np.where(self.allowed, np.minimum(self.caps, top), 0.0)
+        return least_above(replace(self.field, gains=gains), alpha=self.rate, lower=lower)
+
+    def needs(self, v: Array) -> Array:
+        """What every agent needs of a gain (1/s); negative where it needs none."""
+        values: Array = self.field.rows(v, alpha=self.rate)[0] / v
+        return values
+
+    def gains(self, v: Array) -> Array:
+        return np.where(self.allowed, np.maximum(self.needs(v), 0.0), 0.0)
+
+    def cost(self, v: Array) -> float:
+        return float(self.costs @ self.gains(v))
+
+
+def propose_for_box(
+    problem: Problem, request: PinningRequest, *, rho: Fraction | None, rate: float
+) -> list[tuple[Vector, Array]]:
+    """v (n,), exact with min v = 1, and gains (n,) for it with which the rows hold with ``rate`` for all s in (0, rho].
+
+    The cheapest found; the same v with more and more digits, as long as rounding makes the gains no dearer than their
+    own digits do, and the last in any case.  ``problem``: without gains.  ``rho`` None: couplings are linear.
+    """
+    if rho is not None and rho > LARGEST_RADIUS:
+        return []
+    try:
+        with np.errstate(all="ignore"):
+            field = field_of(problem, rho=1.0 if rho is None else float(rho))
+            costs = np.array([float(c) for c in request.costs])
+            best = cheapest(box_of(field, request.allowed, request.caps, rate=rate, costs=costs))
+            if best is None:
+                return []
+            box, v = best
+            units = [2**bits for bits in BITS] if len(v) > LARGE else [10**digits for digits in DIGITS]
+            typed = [tuple(Fraction(max(unit, round(float(x) * unit)), unit) for x in v) for unit in units]
+            found = [(each, box.gains(np.array([float(x) for x in each]))) for each in typed]
+            most = box.cost(v) * (1 + 10.0 ** (-request.digits))
+    except (ArithmeticError, ValueError):  # a coupling that is not defined so far out
+        return []
+    return [each for each in found[:-1] if box.costs @ each[1] <= most] + found[-1:]
+
+
+def box_of(
+    field: Field, agents: Collection[int], caps: Mapping[int, Fraction], *, rate: float, costs: Array | None = None
+) -> Box:
+    """The rows of ``field`` (whose gains are 0) with gains on these agents; every gain costs 1 without ``costs``."""
+    allowed = np.zeros(field.size, dtype=bool)
+    allowed[list(agents)] = True
+    return Box(
+        field=field,
+        allowed=allowed,
+        costs=np.ones(field.size) if costs is None else costs,
+        caps=np.array([float(caps.get(i, np.inf)) for i in range(field.size)]),
+        rate=rate,
+    )
+
+
+def cheapest(box: Box) -> tuple[Box, Array] | None:
+    """The best v found, min v = 1, and the box with those agents allowed that need a gain for it; None without one."""
+    most = next((count for size, count in PROGRAMS if box.field.size <= size), 0)
+    coarse = replace(box, field=replace(box.field, grid=box.field.grid[:: max(1, len(box.field.grid) // COARSE)]))
+    start = coarse.follow(np.ones(box.field.size))
+    if start is None:
+        return None
+    rough = _improved(coarse, start / np.min(start), most)
+    v = box.follow(np.where(box.allowed, rough, np.min(rough)))
+    if v is None:
+        return None
+    gains = box.gains(v)
+    kept = gains > KEPT * np.max(gains)
+    fewer = replace(box, allowed=kept)
+    less = fewer.follow(np.where(kept, v, 1.0))  # what the programs leave of gains that are not needed
+    if less is not None and fewer.cost(less) <= float(box.costs @ gains) * (1 + 10 * KEPT):
+        return fewer, less / np.min(less)
+    return box, v / np.min(v)
+
+
+def _improved(box: Box, v: Array, most: int) -> Array:
+    """Linear programs in log v: steps are taken while they make the gains cheaper."""
+    cost, step = box.cost(v), FIRST_STEP
+    for _ in range(most):
+        if step < LAST_STEP or not cost > 0:
+            break
+        change = _program(box, v, step)
+        if change is None:
+            step *= NARROWER
+            continue
+        moved = box.follow(np.where(box.allowed, v * np.exp(change), 1.0))
+        if moved is not None:
+            moved = moved / np.min(moved)  # the box shrinks with v: only cheaper
+        value = np.inf if moved is None else box.cost(moved)
+        if moved is None or not value < cost * (1 - WORTH / 10):
+            step *= NARROWER
+            continue
+        if value > cost * (1 - WORTH):
+            return moved
+        step = min(1.0, step * WIDER)
+        v, cost = moved, value
+    return v
+
+
+def _program(box: Box, v: Array, step: float) -> Array | None:
+    """The change of log v, at most ``step``, that makes the gains cheapest to first order; None without an answer."""
+    n = len(v)
+    agents, slopes, values = _linear_rows(box, v, step)
+    allowed = np.flatnonzero(box.allowed)
+    column = np.full(n, -1)
+    column[allowed] = np.arange(len(allowed))
+    own = column[agents]
+    mine = np.flatnonzero(own >= 0)
+    part = sparse.csr_array((np.full(len(mine), -1.0), (mine, own[mine])), shape=(len(agents), len(allowed)))
+    matrix = sparse.hstack([slopes, part], format="csr")
+    low = np.maximum(-step, -np.log(np.maximum(v, 1.0)))
+    bounds = np.concatenate(
+        [np.column_stack([low, np.full(n, step)]), np.column_stack([np.zeros(len(allowed)), box.caps[allowed]])]
+    )
+    linear = np.concatenate([np.zeros(n), box.costs[allowed]])
+    answer = optimize.linprog(linear, A_ub=matrix, b_ub=-(values + box.rate), bounds=bounds, method="highs")
+    return None if answer.x is None or not np.all(np.isfinite(answer.x)) else np.asarray(answer.x[:n])
+
+
+def _linear_rows(box: Box, v: Array, step: float) -> tuple[Any, Any, Array]:
+    """The rows divided by v that may matter within the step: their agents, slopes in log v, and values."""
+    field, n = box.field, len(v)
+    agents, slopes, values, reach = [], [], [], []
+    for mode in range(len(field.modes)):
+        for face in (1, -1):
+            table = field.values(mode, face, v) / v
+            best = np.argmax(table, axis=0)
+            other = np.where(best == len(table) - 1, 0, len(table) - 1)
+            for places in (best, other):
+                value = table[places, np.arange(n)]
+                slope = sparse.diags_array(1 / v) @ field.slopes(mode, face, places, v) @ sparse.diags_array(v)
+                slope = sparse.csr_array(slope - sparse.diags_array(value))
+                agents.append(np.arange(n))
+                slopes.append(slope)
+                values.append(value)
+                reach.append(step * np.asarray(abs(slope).sum(axis=1)).ravel())
+    who, value, move = np.concatenate(agents), np.concatenate(values), np.concatenate(reach)
+    least = np.full(n, -np.inf)
+    np.maximum.at(least, who, value - move)
+    active = value + move >= np.maximum(least[who], -box.rate)
+    return who[active], sparse.vstack(slopes, format="csr")[active], value[active]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class RegionGains:
+    """Gains (1/s) by agent index that reach ``rate`` (1/s), about, and v (n).
+
+    ``prices``: by agent, what the whole sum of gains would fall by for each 1/s of gain there (1 for pinned agents
+    that are at their optimum).  ``rate_price``: what the sum rises by for each 1/s of rate.
+    """
+
+    gains: dict[int, float]
+    rate: float
+    v: Array
+    prices: Array
+    rate_price: float
+
+    @property
+    def total(self) -> float:
+        """The sum of the gains (1/s)."""
+        return sum(self.gains.values())
+
+
+class RegionSearch:
+    """One problem (its gains are not looked at), one W (q, m), one region: |e|_inf <= radius, |eps_i| <= disturbance.
+
+    ``radius`` None: near the consensus, as close as need be.
+    """
+
+    def __init__(self, problem: Problem, W: Matrix | None, *, radius: Fraction, disturbance: Fraction) -> None:
+        self.problem, self.W, self.radius, self.disturbance = problem, W, radius, disturbance
+        self.exosystem = exosystem = problem.joint_exosystem
+        self.decay = math.inf if exosystem is None or W is None else decay_rate(exosystem, W)
+        self._bounds: dict[float, ErrorBound | None] = {}
+        self._fields: dict[float, Field] = {}
+
+    def reach(self, rate: float) -> Fraction | None:
+        """The rho that the region needs at a rate (1/s); None where the observer is too slow for it."""
+        if math.isinf(self.decay):
+            return self.radius
+        part = next((each for each in PARTS if each * self.decay >= rate), None)
+        if part is None or self.exosystem is None or self.W is None:
+            return None
+        if part not in self._bounds:
+            self._bounds[part] = propose_error_bound(self.exosystem, self.W, rate=part * self.decay)
+        bound = self._bounds[part]
+        return None if bound is None else radius_needed(self.radius, bound, self.disturbance)
+
+    def field(self, rate: float, *, coarse: bool = False) -> Field | None:
+        """All rows without gains, for the rho of a rate; fewer points of s with ``coarse``.  None as in ``reach``."""
+        rho = self.reach(rate)
+        if rho is None:
+            return None
+        if float(rho) not in self._fields:
+            self._fields[float(rho)] = replace(field_of(self.problem, rho=float(rho)), gains=np.zeros(self.problem.n))
+        field = self._fields[float(rho)]
+        if self.problem.is_linear:  # all s say the same
+            return replace(field, grid=field.grid[-1:])
+        return replace(field, grid=field.grid[:: max(1, len(field.grid) // COARSE)]) if coarse else field
+
+    def holds(
+        self,
+        pinned: Collection[int],
+        caps: Mapping[int, Fraction],
+        rate: float,
+        *,
+        coarse: bool = False,
+        start: Array | None = None,
+    ) -> Array | None:
+        """The least v >= 1 with the largest gains that are allowed; None if there is none.
+
+        ``start``: the answer for a lower rate, which lies below.
+        """
+        field = self.field(rate, coarse=coarse)
+        if field is None:
+            return None
+        limit = HARD * (1.0 + self._size(field))
+        gains = np.zeros(self.problem.n)
+        for i in pinned:
+            gains[i] = float(caps.get(i, Fraction(limit)))
+        v = least_above(replace(field, gains=gains), alpha=rate, lower=np.ones(self.problem.n), start=start)
+        return None if v is None or np.max(v) > LARGEST_V else v
+
+    def fastest(self, pinned: Collection[int], caps: Mapping[int, Fraction], *, coarse: bool = False) -> float:
+        """The largest rate (1/s), about, with gains on these agents; 0 if none is possible."""
+        best = self.holds(pinned, caps, 0.0, coarse=coarse) if pinned else None
+        if best is None:
+            return 0.0
+        low, high = 0.0, min(self.decay, self._most(pinned, caps))
+        for _ in range(BISECTIONS):
+            middle = (low + high) / 2 if low else high / 4
+            found = self.holds(pinned, caps, middle, coarse=coarse, start=best)
+            low, high, best = (low, middle, best) if found is None else (middle, high, found)
+            if low and high - low <= (ROUGH if coarse else CLOSE) * high:
+                break
+        return low
+
+    def smallest(self, pinned: Sequence[int], caps: Mapping[int, Fraction], rate: float) -> RegionGains | None:
+        """The smallest gains found on these agents for a rate (1/s), about; None if the rate is out of reach."""
+        field = self.field(rate)
+        with np.errstate(all="ignore"):
+            found = None if field is None else cheapest(box_of(field, pinned, caps, rate=rate))
+        if field is None or found is None:
+            return None
+        box, v = found
+        return self._priced(field, box.gains(v), v, rate)
+
+    def _priced(self, field: Field, gains: Array, v: Array, rate: float) -> RegionGains:
+        """The multipliers: l with J'l = 0 on the free v, l_i v_i = 1 on pinned agents, l_i = 0 on slack rows."""
+        agents = np.flatnonzero(gains)
+        residual, jacobian, scale = field.rows(v, alpha=rate)
+        prices = np.zeros(self.problem.n)
+        prices[agents] = 1 / v[agents]
+        others = np.setdiff1d(np.arange(self.problem.n), agents)
+        others = others[np.abs(residual[others]) <= 1e-6 * np.maximum(scale[others], 1e-300)]
+        pull = sparse.csr_array(jacobian[agents][:, others]).T @ prices[agents]
+        block = sparse.csc_array(sparse.csr_array(jacobian[others][:, others]).T)
+        try:
+            prices[others] = sparse.linalg.splu(block).solve(-pull) if len(others) else 0.0
+        except RuntimeError:  # exactly singular: no price
+            prices[others] = 0.0
+        prices = np.maximum(prices * v, 0.0)
+        return RegionGains(
+            gains=dict(zip(agents.tolist(), gains[agents].tolist(), strict=True)),
+            rate=rate,
+            v=v,
+            prices=prices,
+            rate_price=float(np.sum(prices)),
+        )
+
+    def _most(self, pinned: Collection[int], caps: Mapping[int, Fraction]) -> float:
+        """No rate is larger: an agent with the least v has at most its gain, or it hears others."""
+        field = self.field(0.0)
+        size = 0.0 if field is None else self._size(field)
+        if all(i in caps for i in pinned):
+            return max(float(caps[i]) for i in pinned)
+        return 4 * (1.0 + size)
+
+    def _size(self, field: Field) -> float:
+        """About the largest sum of arc gains of an agent."""
+        ones = np.ones(self.problem.n)
+        return float(np.max(field.rows(ones, alpha=0.0)[2], initial=0.0)) + max(
+            (float(np.max(np.bincount(arcs.listeners, minlength=1))) for arcs in self.problem.network.modes.values()),
+            default=0.0,
+        )

@@ -86,8 +86,8 @@ def test_the_command_has_the_options_of_the_certificate_that_are_known(certifica
 def test_both_reports_have_the_table_the_commands_and_lines_to_sign(certificate):
     again = reproduction(certificate)
     for text in (
-        html_report(certificate, analysis=None, trajectory=None),
-        markdown_report(certificate, analysis=None, trajectory=None),
+        html_report(certificate),
+        markdown_report(certificate),
     ):
         for words in ("Traceability", "Signatures", "Prepared by", "Checked by", "Approved by", "Signature"):
             assert words in text

@@ -123,7 +123,7 @@ def other_equilibria(
 def verify(certificate: Certificate | Claims | bytes, problem: Problem | str | PathLike[str]) -> Recheck:
     """Check every claim of a certificate exactly, against the problem, which is trusted and never taken from it.
 
-    Two programs written apart decide, the package's own exact arithmetic and ``certificate/checker.py``.
+    Two programs written apart decide, the package's own exact arithmetic and the folder ``checker``.
     Returns: a Recheck; ``holds`` is True iff both find that every claim holds and the verdict follows from them.
     Raises: CertificateError if the certificate cannot be read.
     Example:

@@ -267,7 +267,7 @@ def _end(view: Mapping[str, Any]) -> Iterable[str]:
     yield "## Check it yourself\n"
     yield f"```\n{again['verify']}\n```\n"
     yield "This decides every claim again in exact arithmetic, against the problem file, which it trusts."
-    yield "With nothing but Python, and none of this package, the lone checker (four files) does the same:\n"
+    yield "With nothing but Python, and none of this package, the lone checker (a folder) does the same:\n"
     yield f"```\n{again['alone']}\n```\n"
     yield "To make the certificate again, byte for byte with the same version:\n"
     yield f"```\n{again['certify']}\n```\n"

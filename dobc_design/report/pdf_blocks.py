@@ -250,7 +250,7 @@ def _again(view: View) -> Iterator[Block]:
     yield code_block(again["verify"])
     yield text_block(
         "It trusts the problem file and nothing of the certificate. With nothing but Python, and none of this package,"
-        " the lone checker (checker.py with its three other parts beside it) does the same:"
+        " the lone checker (the folder dobc_design/checker) does the same:"
     )
     yield code_block(again["alone"])
     yield text_block("This makes the certificate again, byte for byte with the same version:")

@@ -16,7 +16,7 @@ from dobc_design.report.formulas import rational
 from dobc_design.report.words import CHECKS
 from dobc_design.verdict import Verdict
 
-_CHECKER, _REGIONS, _QUADRATIC = "checker.py", "region_checker.py", "quadratic_checker.py"
+_TARGET, _REGIONS, _QUADRATIC = "checker/consensus.py", "checker/separable.py", "checker/quadratic.py"
 _OBSERVER, _CONSENSUS, _SEPARABLE = (
     "conditions/observer/decide.py",
     "conditions/consensus/decide.py",
@@ -25,22 +25,22 @@ _OBSERVER, _CONSENSUS, _SEPARABLE = (
 
 # id -> (modules: the one that makes the claim, then those whose decision it is; file of the lone checker)
 DECIDED_IN: Final[dict[str, tuple[tuple[str, ...], str]]] = {
-    "observability": ((_OBSERVER, "exact/observability.py"), _CHECKER),
-    "detectability": ((_OBSERVER, "exact/observability.py"), _CHECKER),
-    "hurwitz": ((_OBSERVER, "exact/polynomial.py"), _CHECKER),
-    "reachability": (("conditions/consensus/network.py",), _CHECKER),
-    "lemma1": ((_CONSENSUS, "exact/definite.py"), _CHECKER),
-    "theorem1": ((_CONSENSUS, "exact/definite.py"), _CHECKER),
-    "theorem2": ((_CONSENSUS, "exact/definite.py"), _CHECKER),
-    "theorem1-printed": ((_CONSENSUS, "exact/definite.py"), _CHECKER),
-    "theorem2-printed": ((_CONSENSUS, "exact/definite.py"), _CHECKER),
+    "observability": ((_OBSERVER, "exact/observability.py"), _TARGET),
+    "detectability": ((_OBSERVER, "exact/observability.py"), _TARGET),
+    "hurwitz": ((_OBSERVER, "exact/polynomial.py"), _TARGET),
+    "reachability": (("conditions/consensus/network.py",), _TARGET),
+    "lemma1": ((_CONSENSUS, "exact/definite.py"), _TARGET),
+    "theorem1": ((_CONSENSUS, "exact/definite.py"), _TARGET),
+    "theorem2": ((_CONSENSUS, "exact/definite.py"), _TARGET),
+    "theorem1-printed": ((_CONSENSUS, "exact/definite.py"), _TARGET),
+    "theorem2-printed": ((_CONSENSUS, "exact/definite.py"), _TARGET),
     "max-separable": ((_SEPARABLE, "conditions/separable/decide.py", "conditions/separable/observer.py"), _REGIONS),
     "delay": ((_SEPARABLE, "conditions/separable/timing.py"), _REGIONS),
     "sampling": ((_SEPARABLE, "conditions/separable/timing.py"), _REGIONS),
-    "equilibrium": (("conditions/equilibrium/decide.py",), _REGIONS),
+    "equilibrium": (("conditions/equilibrium/decide.py",), "checker/equilibrium.py"),
     "lure": (("conditions/quadratic/checks.py", "conditions/quadratic/decide.py"), _QUADRATIC),
     "exhaustive": (("conditions/boxes/checks.py", "conditions/boxes/decide.py"), _QUADRATIC),
-    "settling": (("conditions/schedule/checks.py", "conditions/schedule/decide.py"), _QUADRATIC),
+    "settling": (("conditions/schedule/checks.py", "conditions/schedule/decide.py"), "checker/schedule.py"),
 }
 #: Options of `dobc certify` that change a certificate or its report; what a file says beside them is not repeated.
 SWITCHES: Final = ("--all", "--search")
@@ -122,7 +122,7 @@ def reproduction(certificate: Certificate) -> dict[str, Any]:
         ],
         "certify": _certify_command(claims.options, certificate.checks),
         "verify": "dobc verify certificate.json --problem problem.json",
-        "alone": "python -I -S checker.py certificate.json problem.json",
+        "alone": "python -I -S dobc_design/checker certificate.json problem.json",
     }
 
 

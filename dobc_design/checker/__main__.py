@@ -9,9 +9,9 @@ arithmetic or on intervals that are rounded outward; "not shown" is no claim tha
 
 Exit code 0: every claim holds. 1: one does not, or could not be confirmed. 2: a file cannot be read.
 
-To read in this order: reading (the two files are read strictly), intervals and expressions (couplings), matrices;
-problem and certificate (what the files hold); examine (what is asked in which order, and the overall verdict); then one
-topic after the other: observer, consensus, curves and separable, equilibrium, quadratic, boxes, schedule.
+To read in this order: reading (how files are read, and ``need``, which every check calls), matrices; intervals and
+expressions (couplings); files (what the problem and the certificate hold); examine (what is asked in which order, and
+the overall verdict); then one topic after the other: consensus, separable, equilibrium, quadratic, schedule.
 """
 
 import sys

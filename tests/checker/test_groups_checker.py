@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from fractions import Fraction
 
 from campaigns import mutant_campaign, recheck_campaign
 from checker_cases import FAILS, HOLDS, UNREADABLE, alone, misjudged, outcome
@@ -66,6 +67,13 @@ def test_a_plain_problem_whose_texts_speak_of_groups_has_none():
         observer=Observer(W=[[1]]),
     )
     assert outcome(certificate_bytes(certify(problem).claims), canonical_bytes(problem)) == HOLDS
+
+
+def test_an_agent_has_the_block_of_its_own_group():
+    """Two components: S of two groups has four rows."""
+    read = checker.Problem(canonical_bytes(problems()["plane"]))
+    S = [[Fraction(10 * i + j) for j in range(4)] for i in range(4)]
+    assert [read.block(S, i) for i in (0, 1)] == [[[0, 1], [10, 11]], [[22, 23], [32, 33]]]
 
 
 def test_certificates_of_random_groups_are_accepted_by_both_and_true_for_the_oracle():

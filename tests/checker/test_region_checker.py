@@ -7,8 +7,10 @@ from __future__ import annotations
 
 import json
 import math
+import random
 import time
 from collections.abc import Callable
+from fractions import Fraction
 
 import mpmath
 import pytest
@@ -17,6 +19,10 @@ from region_cases import BENT, PAIR, SINE, certificate, changed, claim, doubles,
 
 from dobc_design.certificate.text import certificate_bytes
 from dobc_design.certification.certify import certify
+from dobc_design.checker import equilibrium
+from dobc_design.checker import examine as checker
+from dobc_design.checker.expressions import read_coupling
+from dobc_design.checker.separable import Curve, mean_slope, supremum
 from dobc_design.problem.canonical import canonical_bytes
 from dobc_design.problem.load import load_problem
 from dobc_design.problem.network import Network
@@ -89,6 +95,67 @@ def test_two_agents_that_hear_each_other_keep_their_alpha_to_nine_digits():
         for factor, code in ((1 - 1e-9, HOLDS), (1 + 1e-9, FAILS)):
             data = certificate(name, changed(check, alpha=f"{alpha * factor:.15f}"))
             assert outcome(data, canonical_bytes(problems()[name])) == code
+
+
+# --- Parts ----------------------------------------------------------------------------------------------------------
+def test_a_maximum_on_the_edge_of_two_cells_counts():
+    """2 y - y^2 on [-s, 2 s] is 1 from s = 1/2 on, and less at both ends."""
+    curve = Curve(read_coupling(("1 - (1 - y)**2",), 1), False, -1.0, 2.0)
+    assert [(cell.hi, cell.way) for cell in curve.table][-2:] == [(1.0, 1), (2.0, -1)]
+    bound = supremum(curve, (1.0, 1.0), (2.0, 2.0), 0.75, 1.0)
+    assert all(1 <= bound.at(s) < 1 + 1e-9 for s in (0.75, 0.8, 1.0))
+
+
+def test_slopes_of_a_coupling_that_also_falls_are_taken_from_the_whole_interval():
+    """h' = (1 - y) exp(-y)/2 - 1/4 falls; v_i = v_j: the supremum on [-2, 2 x] is h'(-2), whatever x."""
+    h = "y*exp(-y)/2 - y/4"
+    steepest = 3 * math.exp(2) / 2 - 1 / 4
+    for closely in (False, True):
+        mean = mean_slope(Curve(read_coupling((h,), 1), False, -2.0, 2.0), 1.0, (1, 1, 1), closely)
+        assert steepest <= mean < (1.001 if closely else 3) * steepest
+
+
+def test_a_slope_that_touches_0_is_known_not_to_be_negative():
+    """h' = 1 - sin(y) >= 0, since sin(y) <= 1."""
+    curve = Curve(read_coupling(("cos(y) - 1 + y",), 1), False, -7.0, 7.0)
+    assert {cell.way for cell in curve.table} == {1}
+
+
+def test_forces_and_their_slopes_hold_random_points():
+    """Three agents of two components, matrix gains, one arc with another coupling: h(e) - K e by mpmath at 100 bits."""
+    r = random.Random(5)
+    exceptions = {(2, 0): ["y1 + y2**2", "atan(y1*y2) + y2"]}
+    problem = Problem(
+        network=Network.from_arcs([[1, 2, 2], [2, 3], [3, 1]], arrow="listens_to", agents=3),
+        coupling=["sin(y1)", "2*sin(y2)"],
+        exceptions=exceptions,
+        gains={1: [[2, 1], [-1, 3]], 3: [[1, 0], [0, 5]]},
+        target=[0, 0],
+    )
+    read = checker.Problem(canonical_bytes(problem))
+    (mode,) = read.modes
+
+    def h(a: int, b: int) -> mpmath.mpf:
+        return [mpmath.sin(a), 2 * mpmath.sin(b)]
+
+    def forces(*e: mpmath.mpf) -> list[mpmath.mpf]:
+        x = [e[0:2], e[2:4], e[4:6]]
+        y = [[b - a for a, b in zip(x[i], x[j], strict=True)] for i, j in ((0, 1), (1, 2), (2, 0))]
+        third = [y[2][0] + y[2][1] ** 2, mpmath.atan(y[2][0] * y[2][1]) + y[2][1]]
+        held = [2 * e[0] + e[1], -e[0] + 3 * e[1], 0, 0, e[4], 5 * e[5]]
+        return [f - k for f, k in zip([*(2 * f for f in h(*y[0])), *h(*y[1]), *third], held, strict=True)]
+
+    for _ in range(10):
+        ends = [sorted((r.uniform(-2, 2), r.uniform(-2, 2))) for _ in range(6)]
+        values, slopes = equilibrium.forces(read, mode, [[Fraction(lo), Fraction(hi)] for lo, hi in ends])
+        with mpmath.workprec(100):
+            e = [mpmath.mpf(r.uniform(lo, hi)) for lo, hi in ends]
+            assert all(lo <= f <= hi for (lo, hi), f in zip(values, forces(*e), strict=True))
+            for a in range(6):
+                for b in range(6):
+                    lo, hi = slopes[a].get(b, (0, 0))
+                    slope = mpmath.diff(lambda *x, a=a: forces(*x)[a], tuple(e), tuple(int(k == b) for k in range(6)))
+                    assert lo - 1e-9 <= slope <= hi + 1e-9
 
 
 # --- Hostile claims -------------------------------------------------------------------------------------------------

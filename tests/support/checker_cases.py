@@ -250,6 +250,14 @@ def _bent_claims() -> Iterator[Case]:
         ("observer", dict.fromkeys(("W", "source", "P", "Q"))),
         what="hurwitz without W",
     )
+    yield bent(
+        "given",
+        ("hurwitz", NOTHING),
+        ("theorem1", NOTHING),
+        ("", OPEN),
+        ("observer", dict.fromkeys(("W", "source", "P", "Q"))),
+        what="no W where the problem has one",
+    )
     # Proofs.
     yield bent("plain", ("lemma1", {"exact": {}}))
     yield bent("plain", ("lemma1", _vector(["1"], ["1", "0"])))

@@ -95,8 +95,8 @@ def times(x: Interval[Real], y: Interval[Real]) -> Interval[Real]:
     if x == (-1, -1):
         return negative(y)
 
-    ends = (x[0] * y[0], x[0] * y[1], x[1] * y[0], x[1] * y[1])
-    lo, hi = outward(min(ends), max(ends))
+    same, cross = (x[0] * y[0], x[1] * y[1]), (x[0] * y[1], x[1] * y[0])
+    lo, hi = outward(*(same if x[0] >= 0 <= y[0] else (min(*same, *cross), max(*same, *cross))))
     if (x[0] >= 0 and y[0] >= 0) or (x[1] <= 0 and y[1] <= 0):
         lo = max(lo, lo * 0)
     elif (x[0] >= 0 and y[1] <= 0) or (x[1] <= 0 and y[0] >= 0):
@@ -204,7 +204,7 @@ def whole(x: Fraction | float, bits: int) -> int:
 
 def between(low: int, high: int, bits: int, kind: type[Real]) -> Interval[Real]:
     """From low to high units of 2^-bits."""
-    return outward(kind(Fraction(low, 1 << bits)), kind(Fraction(high, 1 << bits)))
+    return outward(kind(low) / (1 << bits), kind(high) / (1 << bits))  # by a power of 2: rounded once
 
 
 def arctangent_of(z: int, bits: int) -> int:

@@ -5,11 +5,11 @@ Lambda + the blocks of S(0) of the agents < 0.
 """
 
 from fractions import Fraction
-from functools import lru_cache, partial
+from functools import partial
 from operator import mul
 from typing import Any
 
-from .files import Certificate, Problem, bound, reach
+from .files import Certificate, Problem, reach
 from .intervals import outward
 from .matrices import (
     ZERO,
@@ -92,8 +92,10 @@ def fact(case: Certificate, check: Any) -> None:
         found, exact, witness = reachability(case.problem, check.mode)
     need(check.margin is None, "it has no margin to claim")
     need(check.rate is None or check.id == "hurwitz", "it has no rate to claim")
-    rate = check.rate
-    need(rate is None or (rate > 0 and stable(closed(group, W, rate))), "the rate is not shown")
+    need(
+        check.rate is None or (check.rate > 0 and stable(closed(group, W, check.rate))),
+        "the rate is not shown",
+    )
     need((check.verdict == "proved") == found, f"it is {'proved' if found else 'refuted'} here")
     need(same(check.exact, exact), "the exact value is another one here")
     need(same(check.witness, None if found else witness), "the witness is another one here")
@@ -190,7 +192,7 @@ def decreases(case: Certificate, mode: str, shift: Fraction, S: Matrix | None) -
     if left is not None:
         return all(definite(plus(identity(m, left - shift), -1, each)) for each in blocks)
 
-    rows = [{j: -x for j, x in row.items()} for row in bound(p, mode)]
+    rows = [{j: -x for j, x in row.items()} for row in p.bounds[mode]]
     for i, row in enumerate(rows):
         row[i] -= shift
         for d, x in enumerate(blocks[p.place[i // m]][i % m] if S else []):
@@ -200,7 +202,6 @@ def decreases(case: Certificate, mode: str, shift: Fraction, S: Matrix | None) -
     return positive(rows)
 
 
-@lru_cache(maxsize=8)
 def room(case: Certificate, mode: str) -> Fraction | None:
     """The least -(U v)_i / v_i for the vector v beside a proved Lemma 1, if there is one, where U >= Lambda has its
     entries beside the diagonal taken by their sizes: every eigenvalue of Lambda is at most minus that."""
@@ -209,7 +210,7 @@ def room(case: Certificate, mode: str) -> Fraction | None:
         return None
     v, _ = integers(read(lemma.exact, {"v": partial(weights, p.n * p.m)}).v)
     need(type(lemma.exact["v"]) is dict, "the vector is no block of doubles")
-    rows = enumerate(bound(p, mode))
+    rows = enumerate(p.bounds[mode])
     return min(sum((-abs(x) * v[j] for j, x in row.items() if j != i), -row[i] * v[i]) / v[i] for i, row in rows)
 
 

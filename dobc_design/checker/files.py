@@ -7,7 +7,7 @@ the problem are those of the joint exosystem: block diagonal, with the blocks of
 import hashlib
 from collections.abc import Collection, Iterable, Iterator
 from fractions import Fraction
-from functools import lru_cache, partial
+from functools import cached_property, partial
 from typing import Any, NamedTuple
 
 from .expressions import Coupling, read_coupling
@@ -166,6 +166,22 @@ class Problem:
         for i, k in self.gains.items():
             yield from ((i * m + c, self.n * m, i * m + d, (k[c][d], k[c][d])) for c in range(m) for d in range(m))
 
+    @cached_property
+    def bounds(self) -> dict[str, Rows]:
+        """The bound of Lambda in every mode."""
+        return {mode: self.bound(mode) for mode in self.modes}
+
+    def bound(self, mode: str) -> Rows:
+        """A rational U with Lambda <= U for every slope in its enclosure: one that is off by r moves v'Lambda v by at
+        most 2 r |v_a| |v_b - v_c| <= r (2 v_a^2 + v_b^2 + v_c^2)."""
+        rows: Rows = [{i: ZERO} for i in range(self.n * self.m + 1)]
+        for a, b, c, (lo, hi) in self.terms(mode):
+            x, r = (lo + hi) / 2, (hi - lo) / 2
+            wide = ((a, a, 2 * r), (b, b, r), (c, c, r)) if r else ()
+            for i, j, y in ((a, b, x), (b, a, x), (a, c, -x), (c, a, -x), *wide):
+                rows[i][j] = rows[i].get(j, ZERO) + y
+        return [{j: x for j, x in row.items() if j < self.n * self.m} for row in rows[:-1]]
+
     def low(self, mode: str, v: list[Fraction]) -> Fraction:
         """A lower bound of v'Lambda v, exact where the slopes that take part are; v ends with a 0."""
         weights = ((2 * v[a] * (v[b] - v[c]), slope) for a, b, c, slope in self.terms(mode))
@@ -215,19 +231,6 @@ class Problem:
             if across and (low < high or low == high != 0):
                 return True
         return False
-
-
-@lru_cache(maxsize=100)
-def bound(p: Problem, mode: str) -> Rows:
-    """A rational U with Lambda <= U for every slope in its enclosure: one that is off by r moves v'Lambda v by at most
-    2 r |v_a| |v_b - v_c| <= r (2 v_a^2 + v_b^2 + v_c^2)."""
-    rows: Rows = [{i: ZERO} for i in range(p.n * p.m + 1)]
-    for a, b, c, (lo, hi) in p.terms(mode):
-        x, r = (lo + hi) / 2, (hi - lo) / 2
-        wide = ((a, a, 2 * r), (b, b, r), (c, c, r)) if r else ()
-        for i, j, y in ((a, b, x), (b, a, x), (a, c, -x), (c, a, -x), *wide):
-            rows[i][j] = rows[i].get(j, ZERO) + y
-    return [{j: x for j, x in row.items() if j < p.n * p.m} for row in rows[:-1]]
 
 
 def reach(starts: Collection[int], edges: list[list[int]]) -> set[int]:

@@ -44,12 +44,12 @@ _BOTH_FILES: Final = (
 )
 _TRUSTS: Final = (
     "It trusts the problem file and believes nothing of the certificate: margins, rates, witnesses and the overall"
-    " verdict are all proved anew. With nothing but Python, and none of this package, the lone checker (checker.py with"
-    " region_checker.py, quadratic_checker.py and groups_checker.py beside it) does the same:"
+    " verdict are all proved anew. With nothing but Python, and none of this package, the lone checker (the folder"
+    " dobc_design/checker) does the same:"
 )
 _DECIDES: Final = (
     "This decides every claim again in exact arithmetic, against the problem file, which it trusts.\n"
-    "With nothing but Python, and none of this package, the lone checker (four files) does the same:"
+    "With nothing but Python, and none of this package, the lone checker (a folder) does the same:"
 )
 _SIGNING: Final = (
     "Who signs says which problem and which certificate it is about: the fingerprints above. What is proved needs no"
@@ -263,7 +263,7 @@ class Reproduction:
     versions: tuple[tuple[str, str], ...]
     certify: str
     verify: str = "dobc verify certificate.json --problem problem.json"
-    alone: str = "python -I -S checker.py certificate.json problem.json"
+    alone: str = "python -I -S dobc_design/checker certificate.json problem.json"
 
 
 def reproduction(certificate: Certificate) -> Reproduction:

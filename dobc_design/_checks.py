@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections.abc import Sized
 from typing import Protocol
 
-from dobc_design.errors import ShapeError
+from dobc_design.errors import ShapeError, wrong
 
 
 class Rows(Protocol):
@@ -28,15 +28,17 @@ def require_shape(
     widths = [len(matrix[i]) for i in range(len(matrix))]
     for number, width in enumerate(widths, start=1):
         if width != widths[0]:
-            raise ShapeError(
-                f"{name} must have rows of one length; got {widths[0]} in row 1 and {width} in row {number}.", key=name
+            raise wrong(
+                name,
+                f"must have rows of one length; got {widths[0]} in row 1 and {width} in row {number}.",
+                kind=ShapeError,
             )
     got = (len(widths), widths[0] if widths else 0)
     # Nested sequences cannot say how many columns no rows have, so those agree with any number.
     wrong_columns = shape[1] is not None and got[0] > 0 and got[1] != shape[1]
     if (shape[0] is not None and got[0] != shape[0]) or wrong_columns:
         reason = f", {because}" if because else ""
-        raise ShapeError(f"{name} must have {_wanted(shape)}{reason}; got shape {got}.", key=name)
+        raise wrong(name, f"must have {_wanted(shape)}{reason}; got shape {got}.", kind=ShapeError)
     return got
 
 
@@ -45,7 +47,7 @@ def require_square(matrix: Rows, *, name: str, because: str = "") -> int:
     rows, columns = require_shape(matrix, (None, None), name=name)
     if rows != columns:
         reason = f", {because}" if because else ""
-        raise ShapeError(f"{name} must be square{reason}; got shape ({rows}, {columns}).", key=name)
+        raise wrong(name, f"must be square{reason}; got shape ({rows}, {columns}).", kind=ShapeError)
     return rows
 
 

@@ -7,7 +7,8 @@ or CertificateError (also a RuntimeError). The mathematics' answer is never an e
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from typing import ClassVar
 
 
@@ -74,6 +75,31 @@ class ExpressionError(SpecError):
     """A coupling expression cannot be read, or does not mean what a coupling must mean."""
 
     kind: ClassVar[str] = "expression"
+
+
+def wrong(key: str, what: str, cure: str | None = None, *, kind: type[SpecError] = SpecError) -> SpecError:
+    """Return the error "KEY WHAT" about a key."""
+    return kind(f"{key} {what}", key=key, cure=cure)
+
+
+def about(key: str, what: str, cure: str | None = None, *, kind: type[SpecError] = SpecError) -> SpecError:
+    """Return the error "KEY: WHAT" about a key."""
+    return kind(f"{key}: {what}", key=key, cure=cure)
+
+
+@contextmanager
+def kept(errors: list[SpecError]) -> Iterator[None]:
+    """Put a SpecError among others instead of raising it."""
+    try:
+        yield
+    except SpecError as error:
+        errors.extend(error.errors)
+
+
+def raise_all(errors: Sequence[SpecError]) -> None:
+    """Raise the errors as one, if there are any."""
+    if errors:
+        raise SpecError.several(errors)
 
 
 class SolverError(DobcError, RuntimeError):

@@ -6,19 +6,22 @@ Everything here is floating point (but for the graphs) and explains; verdicts co
 from __future__ import annotations
 
 from collections import defaultdict
+from collections.abc import Sequence
 from dataclasses import dataclass
 from fractions import Fraction
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
+from scipy import sparse
+from scipy.sparse.csgraph import connected_components
 
 from dobc_design._checks import require_shape, require_square
 from dobc_design._show.cards import Card, Shown
 from dobc_design.exact.matrix import Matrix, multiply, subtract, to_float
+from dobc_design.problem.arcs import split_by
 from dobc_design.problem.arrays import Gain, chosen_gain, consensus_jacobian, pinning_matrix
-from dobc_design.problem.network import Arcs, Network
+from dobc_design.problem.network import Arcs
 from dobc_design.problem.problem import Problem
+from dobc_design.problem.reaching import closed_groups, unreached
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -102,17 +105,14 @@ def check_observability(A: Matrix, C: Matrix) -> ObservabilityResult:
         matrix = np.asarray(control.obsv(dynamics, output))
     finite = bool(np.isfinite(matrix).all())  # powers of A may overflow; the margins do not need them
     eigenvalues = np.linalg.eigvals(dynamics)
+    pencils = [np.vstack([dynamics - s * np.eye(q), output]) for s in eigenvalues]
+    seen = zip(eigenvalues, (np.linalg.svd(each, compute_uv=False)[-1] for each in pencils), strict=True)
     return ObservabilityResult(
         order=q,
         rank=int(np.linalg.matrix_rank(matrix)) if finite else None,
         singular_values=tuple(np.linalg.svd(matrix, compute_uv=False).tolist()) if finite else (),
-        modes=tuple(ModeMargin(eigenvalue=complex(s), margin=_margin(dynamics, output, s)) for s in eigenvalues),
+        modes=tuple(ModeMargin(eigenvalue=complex(s), margin=float(margin)) for s, margin in seen),
     )
-
-
-def _margin(A: NDArray[np.float64], C: NDArray[np.float64], eigenvalue: complex) -> float:
-    pencil = np.vstack([A - eigenvalue * np.eye(len(A)), C])
-    return float(np.linalg.svd(pencil, compute_uv=False)[-1])
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -154,48 +154,21 @@ def graph_facts(problem: Problem, mode: str) -> GraphFacts:
 
     Raises: KeyError if there is no such mode.
     """
-    import networkx as nx
-
-    arcs = problem.network.modes[mode]
-    labels = problem.network.labels
-    graph = information_graph(problem.network, mode)
-    components = sorted(sorted(part) for part in nx.strongly_connected_components(graph))
+    arcs, labels, n = problem.network.modes[mode], problem.network.labels, problem.n
+    hearing = sparse.csr_array((np.ones(len(arcs)), (arcs.speakers, arcs.listeners)), shape=(n, n))
+    _, numbers = connected_components(hearing, directed=True, connection="strong")
+    components = sorted(part.tolist() for _, part in split_by(numbers.astype(np.int64)))
+    closed = set(closed_groups(problem, [arcs]))
     return GraphFacts(
         mode=mode,
         arcs=len(arcs),
-        unreached=_labels(_unreached(graph, problem.pinning.agents), labels),
+        unreached=_labels(unreached(problem, [arcs]), labels),
         components=tuple(_labels(part, labels) for part in components),
-        sources=tuple(_labels(part, labels) for part in components if _hears_nobody_outside(graph, part)),
+        sources=tuple(_labels(part, labels) for part in components if tuple(part) in closed),
         balanced=_is_balanced(arcs),
-        heard=tuple(degree for _, degree in graph.in_degree(range(len(labels)))),
-        hearing=tuple(degree for _, degree in graph.out_degree(range(len(labels)))),
+        heard=tuple(np.bincount(arcs.listeners, minlength=n).tolist()),
+        hearing=tuple(np.bincount(arcs.speakers, minlength=n).tolist()),
     )
-
-
-def information_graph(network: Network, mode: str) -> Any:
-    """Return a networkx.DiGraph of agent indices with an edge from every speaker to its listener, 'weight' included."""
-    import networkx as nx
-
-    graph = nx.DiGraph()
-    graph.add_nodes_from(range(network.size))
-    arcs = network.modes[mode]
-    graph.add_weighted_edges_from((speaker, listener, weight) for listener, speaker, weight in arcs)
-    return graph
-
-
-def _unreached(graph: Any, pinned: tuple[int, ...]) -> list[int]:
-    reached = set(pinned)
-    waiting = list(pinned)
-    while waiting:
-        fresh = [listener for listener in graph.successors(waiting.pop()) if listener not in reached]
-        reached.update(fresh)
-        waiting.extend(fresh)
-    return [agent for agent in graph if agent not in reached]
-
-
-def _hears_nobody_outside(graph: Any, part: list[int]) -> bool:
-    inside = set(part)
-    return all(speaker in inside for agent in part for speaker in graph.predecessors(agent))
 
 
 def _is_balanced(arcs: Arcs) -> bool:
@@ -206,7 +179,7 @@ def _is_balanced(arcs: Arcs) -> bool:
     return not any(surplus.values())
 
 
-def _labels(agents: list[int], labels: tuple[str, ...]) -> tuple[str, ...]:
+def _labels(agents: Sequence[int], labels: tuple[str, ...]) -> tuple[str, ...]:
     return tuple(labels[agent] for agent in agents)
 
 

@@ -12,7 +12,7 @@ import json
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from fractions import Fraction
-from math import floor, isqrt
+from functools import partial
 from typing import Final, Protocol
 
 import numpy as np
@@ -32,7 +32,7 @@ from dobc_design.conditions.separable.claim import Separable
 from dobc_design.conditions.separable.observer import composite_rate
 from dobc_design.errors import SpecError
 from dobc_design.exact.matrix import Matrix
-from dobc_design.exact.number import float_above, float_below
+from dobc_design.exact.number import float_above, float_below, root_above
 from dobc_design.exact.symmetric import SparseSymmetric
 from dobc_design.problem.canonical import loop_sha256
 from dobc_design.problem.problem import Problem
@@ -47,6 +47,7 @@ ROUNDING: Final = Fraction(1, 10**12)
 #: Of the floats that evaluate height exp(-rate t): a thousand times what they can be off.
 IN_HAND: Final = 1e-12
 _UNIT: Final = 10**18
+_root = partial(root_above, unit=_UNIT)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -172,11 +173,6 @@ def tallest(P_e: SparseSymmetric) -> Fraction:
     if least <= 0:
         raise ValueError("P_e is too close to a singular matrix")
     return 1 / least
-
-
-def _root(square: Fraction) -> Fraction:
-    """A number with 18 decimals that is not below the root of ``square`` >= 0."""
-    return Fraction(isqrt(floor(square * _UNIT**2)) + 1, _UNIT) if square else ZERO
 
 
 class RunLike(Protocol):

@@ -10,7 +10,6 @@ import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from fractions import Fraction
-from math import isqrt
 from typing import Any, Final
 
 from dobc_design._show.cards import Card, Shown
@@ -28,6 +27,7 @@ from dobc_design.conditions.schedule.settling import Settling
 from dobc_design.conditions.separable.claim import Separable, largest_reach
 from dobc_design.coupling.enclosures import Curve, profile
 from dobc_design.exact.interval import UndefinedError
+from dobc_design.exact.number import root_above, root_below
 from dobc_design.problem.problem import Problem
 from dobc_design.verdict import Verdict
 
@@ -373,7 +373,7 @@ def _share(claim: Separable, disturbance: Fraction) -> Fraction:
     """What |eps_i| <= disturbance may take of V: kappa s sqrt(size), rounded up."""
     if claim.error is None:
         return Fraction(0)
-    return _root_above((claim.error.kappa * disturbance) ** 2 * claim.error.size)
+    return root_above((claim.error.kappa * disturbance) ** 2 * claim.error.size, unit=_UNIT)
 
 
 def _agents(problem: Problem, check: Check) -> tuple[AgentBound, ...]:
@@ -409,14 +409,9 @@ def _up(value: Fraction, digits: int = _DIGITS) -> float:
     return float(rounded_up(value, digits=digits))
 
 
-def _root_above(square: Fraction) -> Fraction:
-    root = isqrt(math.floor(square * _UNIT**2))
-    return Fraction(root + (root * root < square * _UNIT**2), _UNIT)
-
-
 def _up_root(square: Fraction) -> float:
-    return _up(_root_above(square), digits=9)
+    return _up(root_above(square, unit=_UNIT), digits=9)
 
 
 def _down_root(square: Fraction) -> float:
-    return _down(Fraction(isqrt(math.floor(square * _UNIT**2)), _UNIT))
+    return _down(root_below(square, unit=_UNIT))

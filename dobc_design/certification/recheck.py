@@ -1,8 +1,8 @@
 """Every claim of a certificate decided again, from the trusted problem and the certificate's matrices.
 
-Two programs written apart do so: ``recheck`` with the package's own exact arithmetic, and ``checker.py`` with the two
-files beside it, which shares no line with it.  A certificate holds if both accept it; that they disagree is itself a
-failure.
+Two programs written apart do so: ``recheck`` with the package's own exact arithmetic, and the lone
+checker, the folder ``checker``, which shares no line with it.  A certificate holds if both accept it; that they
+disagree is itself a failure.
 
 Not checked, because no verdict depends on them: the sentences (``reason``), the notes beyond those of the problem, the
 program's version, and the advice (``fix``).  Everything else has to be true.
@@ -21,7 +21,7 @@ from dobc_design._show.cards import Card, Shown
 from dobc_design.certificate.claims import Claims, claim_of
 from dobc_design.certificate.text import certificate_bytes, read_claims
 from dobc_design.certification.overall import decide_overall
-from dobc_design.checker import checker
+from dobc_design.checker import examine as checker
 from dobc_design.conditions.boxes import checks as boxes
 from dobc_design.conditions.check import Check, same_witness
 from dobc_design.conditions.consensus import decide as consensus
@@ -49,7 +49,7 @@ REGIONAL: Final[dict[str, Callable[..., str | None]]] = {
     "schedule": schedule.confirm,
     "equilibrium": equilibrium.confirm,
 }
-HOW = "python -I -S checker.py certificate.json problem.json, with its other parts beside it"
+HOW = "python -I -S dobc_design/checker certificate.json problem.json"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, repr=False)
@@ -57,7 +57,7 @@ class Recheck(Shown):
     """The outcome of checking a certificate.
 
     ``holds``: every claim holds and the claimed verdict follows.  ``confirmed`` and ``failures`` list
-    the checks by title, the failures with what is wrong.  ``lone_checker`` says what checker.py found.
+    the checks by title, the failures with what is wrong.  ``lone_checker`` says what the lone checker found.
     """
 
     verdict: Verdict

@@ -1,1 +1,1 @@
-"""The second program: decides every claim of a certificate again; imports nothing of the package."""
+"""The lone checker: decides every claim of a certificate again, and imports nothing of the package; see __main__.py."""

@@ -5,11 +5,11 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 from fractions import Fraction
-from math import ceil, isqrt
 
 from dobc_design.conditions.coverage import asked_radius
 from dobc_design.conditions.numbers import decimal_above
 from dobc_design.exact.matrix import Matrix
+from dobc_design.exact.number import root_above
 from dobc_design.problem.problem import Problem
 
 Progress = Callable[[str], None]
@@ -47,7 +47,7 @@ def read_region(problem: Problem, W: Matrix | None, *, domain: str, everything: 
         problem=problem,
         W=W,
         radius=decimal_above(max(reach)) or 1e-6,
-        ball=decimal_above(_root_above(square)) or 1e-6,
+        ball=decimal_above(root_above(square, unit=10**9)) or 1e-6,
         disturbance=decimal_above(disturbance),
         domain=domain,
         wanted=region is not None,
@@ -59,11 +59,4 @@ def _first_error(problem: Problem) -> Fraction:
     """The largest |xi_i(0)| of the simulation, about, where xihat begins at 0; 0 if the file names none."""
     rows = problem.simulation.xi0 or ()
     square = max((sum((x * x for x in row), Fraction(0)) for row in rows), default=Fraction(0))
-    return Fraction(isqrt(ceil(square * 10**12)) + bool(square), 10**6)
-
-
-def _root_above(square: Fraction) -> Fraction:
-    """A number whose square is not below: the root itself if it is a short decimal."""
-    unit = 10**9
-    root = isqrt(ceil(square * unit * unit))
-    return Fraction(root if root * root >= square * unit * unit else root + 1, unit)
+    return root_above(square, unit=10**6)

@@ -27,11 +27,8 @@ _DECIDED_IN: Final = {
     "equilibrium": ("conditions/equilibrium/decide.py",),
     "schedule": ("conditions/schedule/decide.py",),
 }
-_REGIONS, _QUADRATIC = "region_checker.py", "quadratic_checker.py"
-_CHECKERS: Final = {
-    **dict.fromkeys(("separable", "equilibrium"), _REGIONS),
-    **dict.fromkeys(("quadratic", "boxes", "schedule"), _QUADRATIC),
-}
+#: The file of the second program for a topic, where it is not one of the same name.
+_CHECKERS: Final = {"observer": "consensus", "boxes": "quadratic"}
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, repr=False)
@@ -67,7 +64,7 @@ class Kind(Shown):
     @property
     def checker(self) -> str:
         """The file of the second program that decides it again."""
-        return _CHECKERS.get(self.topic, "checker.py")
+        return f"checker/{_CHECKERS.get(self.topic, self.topic)}.py"
 
     @property
     def is_consensus(self) -> bool:

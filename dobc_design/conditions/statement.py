@@ -34,3 +34,13 @@ class Statement(Shown):
 def decided(holds: bool) -> Verdict:
     """PROVED or REFUTED, for what exact arithmetic answers by yes or no."""
     return Verdict.PROVED if holds else Verdict.REFUTED
+
+
+def refuted(kind: str, text: str, **exact: str) -> Statement:
+    """A statement that something cannot be."""
+    return Statement(kind=kind, text=text, verdict=Verdict.REFUTED, exact=exact)
+
+
+def proved(kind: str, text: str, **exact: str) -> Statement:
+    """A statement that holds."""
+    return Statement(kind=kind, text=text, verdict=Verdict.PROVED, exact=exact)

@@ -28,7 +28,7 @@ from dobc_design.coupling.expression import (
 from dobc_design.coupling.functions import NONSMOOTH
 from dobc_design.coupling.parser import excerpt
 from dobc_design.coupling.tree import Add, Constant, Node, Subtract, evaluate, names_in_words
-from dobc_design.errors import ExpressionError, ShapeError, SpecError
+from dobc_design.errors import ExpressionError, ShapeError, SpecError, kept, raise_all, wrong
 from dobc_design.exact.interval import Interval, UndefinedError
 from dobc_design.exact.number import number_text
 from dobc_design.exact.reading import NumberText, counted, is_list, shown
@@ -58,19 +58,17 @@ class Coupling(Shown):
         count = 1 if self.by_component else self.dimension
         dimensions = [expression.dimension for expression in self.components]
         if dimensions != [count] * count or (self.dimension == 1 and not self.by_component):
-            raise ShapeError(
-                f"{key} must be one expression in y, or {self.dimension} in"
+            raise wrong(
+                key,
+                f"must be one expression in y, or {self.dimension} in"
                 f" {names_in_words(self.dimension)}; got expressions in {dimensions} variables.",
-                key=key,
+                kind=ShapeError,
             )
         errors: list[SpecError] = []
         for position, expression in enumerate(self.components):
-            try:
+            with kept(errors):
                 _check_at_zero(expression, key=key if self.by_component else f"{key}[{position}]")
-            except SpecError as error:
-                errors.append(error)
-        if errors:
-            raise SpecError.several(errors)
+        raise_all(errors)
 
     @property
     def texts(self) -> tuple[str, ...]:
@@ -148,16 +146,18 @@ def make_coupling(h: str | Sequence[str], *, dimension: int, key: str = "couplin
         components: tuple[Expression, ...] = (parse_expression(h, key=key),)
         return Coupling(components=components, by_component=True, dimension=dimension, key=key)
     if not is_list(h):
-        raise ExpressionError(
-            f"{key} must be an expression in y, in quotes, or a list of them; got {shown(h)}.",
-            key=key,
-            cure='Write for example "tanh(y)".',
+        raise wrong(
+            key,
+            f"must be an expression in y, in quotes, or a list of them; got {shown(h)}.",
+            'Write for example "tanh(y)".',
+            kind=ExpressionError,
         )
     if len(h) != dimension:
-        raise ShapeError(
-            f"{key} must have {counted(dimension, 'expression')}, one per state component; got {len(h)}.",
-            key=key,
-            cure="Or give one expression in y, which is applied to each component.",
+        raise wrong(
+            key,
+            f"must have {counted(dimension, 'expression')}, one per state component; got {len(h)}.",
+            "Or give one expression in y, which is applied to each component.",
+            kind=ShapeError,
         )
     return Coupling(
         components=_read_components(h, dimension=dimension, key=key),
@@ -171,12 +171,9 @@ def _read_components(h: Sequence[str], *, dimension: int, key: str) -> tuple[Exp
     components: list[Expression] = []
     errors: list[SpecError] = []
     for position, text in enumerate(h):
-        try:
+        with kept(errors):
             components.append(parse_expression(text, dimension=dimension, key=f"{key}[{position}]"))
-        except SpecError as error:
-            errors.append(error)
-    if errors:
-        raise SpecError.several(errors)
+    raise_all(errors)
     return tuple(components)
 
 

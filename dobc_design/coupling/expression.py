@@ -18,7 +18,7 @@ from dobc_design.coupling.algebra import NumpyAlgebra
 from dobc_design.coupling.functions import FUNCTIONS, NONSMOOTH
 from dobc_design.coupling.parser import DEEPEST, Fault, Repair, excerpt, parse
 from dobc_design.coupling.tree import Call, Node, Variable, evaluate, postorder, run, variable_names
-from dobc_design.errors import ExpressionError, ShapeError
+from dobc_design.errors import ExpressionError, ShapeError, SpecError, wrong
 
 LARGEST_DECIMAL_EXPONENT = 400  # of a number in a problem file
 _LONGEST_PLAIN_NUMBER = 21
@@ -247,14 +247,17 @@ def parse_expression(text: str, *, dimension: int = 1, key: str = "coupling.h") 
     where it can be guessed, what was meant.
     """
     if not isinstance(text, str):
-        raise ExpressionError(
-            f"{key} must be an expression in text; got {type(text).__name__}.",
-            key=key,
-            cure='Write for example "tanh(y)".',
+        raise wrong(
+            key,
+            f"must be an expression in text; got {type(text).__name__}.",
+            'Write for example "tanh(y)".',
+            kind=ExpressionError,
         )
     if len(text) > LONGEST:
-        raise ExpressionError(
-            f"{key} must have at most {LONGEST} characters; {excerpt(text, width=30)} has {len(text)}.", key=key
+        raise wrong(
+            key,
+            f"must have at most {LONGEST} characters; {excerpt(text, width=30)} has {len(text)}.",
+            kind=ExpressionError,
         )
     try:
         expression = Expression(text, parse(text, dimension=dimension), dimension)
@@ -262,10 +265,11 @@ def parse_expression(text: str, *, dimension: int = 1, key: str = "coupling.h") 
         raise _refusal(text, fault, dimension=dimension, key=key) from None
     canonical = str(expression)
     if len(canonical) > LONGEST or _nesting(canonical) > DEEPEST:
-        raise ExpressionError(
-            f"{key} {excerpt(text, width=30)} must fit into {LONGEST} characters and {DEEPEST} nested"
+        raise wrong(
+            key,
+            f"{excerpt(text, width=30)} must fit into {LONGEST} characters and {DEEPEST} nested"
             " parentheses when **0.5 is written as sqrt.",
-            key=key,
+            kind=ExpressionError,
         )
     return expression
 
@@ -327,14 +331,15 @@ def _nesting(text: str) -> int:
     return deepest
 
 
-def _refusal(text: str, fault: Fault, *, dimension: int, key: str) -> ExpressionError:
+def _refusal(text: str, fault: Fault, *, dimension: int, key: str) -> SpecError:
     place = f"column {fault.start + 1}" if text.strip() else "an empty text"
     found = f"{fault.found} in {place}" if text.strip() else place
     guess = _repaired(text, fault.repair, dimension=dimension)
-    return ExpressionError(
-        f"{key} {excerpt(text, fault.start)}: found {found}; {fault.why}",
-        key=key,
-        cure=None if guess is None else f'did you mean "{guess}"?',
+    return wrong(
+        key,
+        f"{excerpt(text, fault.start)}: found {found}; {fault.why}",
+        None if guess is None else f'did you mean "{guess}"?',
+        kind=ExpressionError,
     )
 
 

@@ -49,7 +49,6 @@ from dobc_design.exact.polynomial import (
     count_right_half_plane,
     decide_hurwitz,
     polynomial_text,
-    right_half_plane_roots_at_least,
     routh,
 )
 from dobc_design.exact.symmetric import IntegerSymmetric, SparseSymmetric
@@ -91,7 +90,6 @@ __all__ = [
     "parse_number",
     "polynomial_text",
     "rank",
-    "right_half_plane_roots_at_least",
     "routh",
     "row_echelon",
     "scale",

@@ -27,7 +27,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dobc_design._show.cards import Shown
-from dobc_design.errors import CertificateError, ShapeError
+from dobc_design.errors import CertificateError, ShapeError, wrong
 from dobc_design.exact.cholesky import (
     FLINT_SIZE,
     Scaled,
@@ -333,11 +333,11 @@ def _read(given: object) -> Matrix | Symmetric:
         return given
     if isinstance(given, np.ndarray) and given.dtype != object:
         if given.ndim != 2 or given.shape[0] != given.shape[1]:
-            raise ShapeError(f"matrix must be square; got shape {given.shape}.", key="matrix")
+            raise wrong("matrix", f"must be square; got shape {given.shape}.", kind=ShapeError)
         large = len(given) >= FLINT_SIZE and given.dtype in (np.float32, np.float64)
         return IntegerSymmetric.from_floats(given) if large else from_float(given, None)
     if not isinstance(given, (Sequence, np.ndarray)):
-        raise ShapeError(f"matrix must be a list of rows; got {type(given).__name__}.", key="matrix")
+        raise wrong("matrix", f"must be a list of rows; got {type(given).__name__}.", kind=ShapeError)
     rows: list[Any] = [
         from_float(row[np.newaxis], None)[0]
         if isinstance(row, np.ndarray) and row.ndim == 1 and row.dtype != object

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Final
 
 from dobc_design._show.cards import Card, Shown
 from dobc_design.errors import SpecError
-from dobc_design.exact.number import float_above, float_below, number_text, to_fmpq
+from dobc_design.exact.number import float_above, float_below, number_text, root_above, root_below, to_fmpq
 
 if TYPE_CHECKING:
     from flint import arb
@@ -68,8 +68,7 @@ def sqrt_bounds(value: Fraction) -> tuple[Fraction, Fraction]:
         return Fraction(n, d), Fraction(n, d)
     exponent = value.numerator.bit_length() - value.denominator.bit_length()
     shift = max(0, BITS + 2 - exponent // 2)
-    root = math.isqrt((value.numerator << 2 * shift) // value.denominator)
-    return Fraction(root, 1 << shift), Fraction(root + 1, 1 << shift)
+    return root_below(value, unit=1 << shift), root_above(value, unit=1 << shift)
 
 
 # Working bits beyond the BITS that are kept, and the longest argument taken at full length.

@@ -1,7 +1,6 @@
 """Rational matrices as tuples of row tuples, and the linear algebra on them, without rounding.
 
-A matrix without rows is (); it stands for 0 x anything. Long sums go through python-flint, short
-ones stay with Fraction: the result is the same number either way.
+A matrix without rows is (); it stands for 0 x anything. Long products and eliminations are python-flint's.
 """
 
 from __future__ import annotations
@@ -14,11 +13,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dobc_design._checks import require_shape, require_square
-from dobc_design.errors import ShapeError, SpecError
+from dobc_design.errors import ShapeError, SpecError, wrong
 from dobc_design.exact.number import from_fmpq_mat, parse_number, to_fmpq_mat
 
 Matrix: TypeAlias = tuple[tuple[Fraction, ...], ...]
 Vector: TypeAlias = tuple[Fraction, ...]
+
 
 # Above this many scalar products the conversion to flint and back has paid for itself.
 _FLINT_WORK: Final = 1000
@@ -31,10 +31,10 @@ def matrix(rows: Sequence[Sequence[object]] | NDArray[Any], *, name: str = "matr
     the key ``name[i][j]``, counted from 0.
     """
     if not _is_list(rows):
-        raise ShapeError(f"{name} must be a list of rows; got {type(rows).__name__}.", key=name)
+        raise wrong(name, f"must be a list of rows; got {type(rows).__name__}.", kind=ShapeError)
     for row in rows:
         if not _is_list(row):
-            raise ShapeError(f"{name} must have lists as rows; got {str(row)[:40]!r} as one.", key=name)
+            raise wrong(name, f"must have lists as rows; got {str(row)[:40]!r} as one.", kind=ShapeError)
     require_shape(rows, (None, None), name=name)
     return tuple(
         tuple(
@@ -113,27 +113,11 @@ def inverse(M: Matrix) -> Matrix:
 
 def row_echelon(M: Matrix) -> tuple[Matrix, tuple[int, ...]]:
     """Return the nonzero rows of the reduced row echelon form, and the pivot column of each."""
-    rows, columns = shape(M)
-    if rows * rows * columns > _FLINT_WORK:
-        reduced, rank_found = to_fmpq_mat(M).rref()
-        kept = from_fmpq_mat(reduced)[:rank_found]
-        return kept, tuple(next(j for j, x in enumerate(row) if x) for row in kept)
-    work = [list(row) for row in M]
-    pivots: list[int] = []
-    for column in range(columns):
-        done = len(pivots)
-        chosen = next((i for i in range(done, rows) if work[i][column]), None)
-        if chosen is None:
-            continue
-        work[done], work[chosen] = work[chosen], work[done]
-        pivot = work[done][column]
-        work[done] = [x / pivot for x in work[done]]
-        for i in range(rows):
-            factor = work[i][column]
-            if i != done and factor:
-                work[i] = [x - factor * y for x, y in zip(work[i], work[done], strict=True)]
-        pivots.append(column)
-    return tuple(tuple(row) for row in work[: len(pivots)]), tuple(pivots)
+    if 0 in shape(M):
+        return (), ()
+    reduced, rank_found = to_fmpq_mat(M).rref()
+    kept = from_fmpq_mat(reduced)[:rank_found]
+    return kept, tuple(next(j for j, x in enumerate(row) if x) for row in kept)
 
 
 def rank(M: Matrix) -> int:

@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
-from dobc_design.errors import SpecError
+from dobc_design.errors import SpecError, wrong
 
 if TYPE_CHECKING:
     from flint import fmpq, fmpq_mat
@@ -106,6 +106,18 @@ def quotient_text(value: Fraction) -> str:
     return numerator if value.denominator == 1 else f"{numerator}/{fmpz(value.denominator).str()}"
 
 
+def root_above(square: Fraction | int, *, unit: int) -> Fraction:
+    """Return the least multiple of 1/unit that is not below the root of ``square`` >= 0."""
+    wanted = math.ceil(square * unit * unit)
+    root = math.isqrt(wanted)
+    return Fraction(root + (root * root < wanted), unit)
+
+
+def root_below(square: Fraction | int, *, unit: int) -> Fraction:
+    """Return the largest multiple of 1/unit that is not above the root of ``square`` >= 0."""
+    return Fraction(math.isqrt(math.floor(square * unit * unit)), unit)
+
+
 def float_below(value: Fraction) -> float:
     """Return the largest float <= value: the largest finite one, or -inf, on overflow."""
     nearest = _nearest(value)
@@ -158,7 +170,7 @@ def _refusal(key: str, value: object, must: str, shown: str | None = None) -> Sp
         except ValueError:  # an integer with more digits than Python prints
             shown = type(value).__name__
     shown = shown if len(shown) <= 60 else shown[:57] + "..."
-    return SpecError(f"{key} {must}; got {shown}.", key=key)
+    return wrong(key, f"{must}; got {shown}.")
 
 
 def _decimal_text(value: Fraction) -> str | None:

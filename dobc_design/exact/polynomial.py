@@ -13,18 +13,16 @@ from dataclasses import dataclass
 from fractions import Fraction
 from itertools import pairwise
 from math import comb
-from typing import Any, Final
+from typing import Any
 
 from dobc_design._checks import require_square
 from dobc_design._show.cards import Shown
 from dobc_design.errors import SpecError
-from dobc_design.exact.matrix import Matrix, identity, multiply
+from dobc_design.exact.matrix import Matrix
 from dobc_design.exact.number import from_fmpq, quotient_text, to_fmpq_mat
 from dobc_design.verdict import Verdict
 
 Coefficients = tuple[Fraction, ...]
-
-_FLINT_SIZE: Final = 9
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, repr=False)
@@ -47,7 +45,7 @@ def characteristic_polynomial(A: Matrix) -> Coefficients:
     Raises: ShapeError if A is not square.
     """
     size = require_square(A, name="A")
-    return _by_flint(A) if size >= _FLINT_SIZE else _by_traces(A)
+    return tuple(from_fmpq(x) for x in reversed(to_fmpq_mat(A).charpoly().coeffs())) if size else (Fraction(1),)
 
 
 def routh(coefficients: Sequence[Fraction | int]) -> RouthTable:
@@ -101,14 +99,6 @@ def count_right_half_plane(coefficients: Sequence[Fraction | int]) -> int:
     return (degree - paired - surplus) // 2 + (paired - _real_roots(symmetric)) // 2
 
 
-def right_half_plane_roots_at_least(coefficients: Sequence[Fraction | int]) -> int:
-    """Return a proven lower bound of the roots with positive real part; it is their exact number.
-
-    One or more proves that x' = A x is unstable. Raises: SpecError for the zero polynomial.
-    """
-    return count_right_half_plane(coefficients)
-
-
 def polynomial_text(coefficients: Sequence[Fraction | int], variable: str = "s") -> str:
     """Return a polynomial as text, "s^2 - 1/2 s + 4"; "0" for the zero polynomial."""
     text = ""
@@ -121,24 +111,6 @@ def polynomial_text(coefficients: Sequence[Fraction | int], variable: str = "s")
         sign = ("-" if value < 0 else "") if not text else (" - " if value < 0 else " + ")
         text += sign + " ".join(part for part in (size, name) if part)
     return text or "0"
-
-
-def _by_flint(A: Matrix) -> Coefficients:
-    lowest_first = to_fmpq_mat(A).charpoly().coeffs()
-    return tuple(from_fmpq(x) for x in reversed(lowest_first))
-
-
-def _by_traces(A: Matrix) -> Coefficients:
-    """Faddeev and LeVerrier: M_k = A M_(k-1) + c_(k-1) I, c_k = -trace(A M_k) / k."""
-    size = len(A)
-    coefficients = [Fraction(1)]
-    product = identity(size)
-    for k in range(1, size + 1):
-        image = multiply(A, product)
-        value = -sum((image[i][i] for i in range(size)), Fraction(0)) / k
-        coefficients.append(value)
-        product = tuple(tuple(x + value if i == j else x for j, x in enumerate(row)) for i, row in enumerate(image))
-    return tuple(coefficients)
 
 
 def _monic(coefficients: Sequence[Fraction | int]) -> Coefficients:

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from dobc_design._show.text import visible
-from dobc_design.errors import ShapeError
+from dobc_design.errors import ShapeError, wrong
 from dobc_design.exact.matrix import Matrix, Vector
 from dobc_design.exact.number import number_text, parse_number
 
@@ -55,30 +55,34 @@ def read_matrix(value: Any, *, key: str, shape: tuple[int, int] | None = None, b
     """
     rows = value.tolist() if isinstance(value, np.ndarray) else value
     if not is_list(rows) or not rows or not all(is_list(row) for row in rows):
-        raise ShapeError(
-            f"{key} must be a matrix, given as a list of rows; got {shown(value)}.",
-            key=key,
-            cure="For example [[1, 0], [0, 1]]; a column is [[1], [2]].",
+        raise wrong(
+            key,
+            f"must be a matrix, given as a list of rows; got {shown(value)}.",
+            "For example [[1, 0], [0, 1]]; a column is [[1], [2]].",
+            kind=ShapeError,
         )
     width = len(rows[0])
     if width == 0:
-        raise ShapeError(
-            f"{key}[0] must hold at least one number; got an empty row.",
-            key=f"{key}[0]",
-            cure="For example [[1, 0], [0, 1]]; a column is [[1], [2]].",
+        raise wrong(
+            f"{key}[0]",
+            "must hold at least one number; got an empty row.",
+            "For example [[1, 0], [0, 1]]; a column is [[1], [2]].",
+            kind=ShapeError,
         )
     for position, row in enumerate(rows):
         if len(row) != width:
-            raise ShapeError(
-                f"{key}[{position}] must have {counted(width, 'number')}, as many as the first row; got {len(row)}.",
-                key=f"{key}[{position}]",
-                cure="Make all rows equally long.",
+            raise wrong(
+                f"{key}[{position}]",
+                f"must have {counted(width, 'number')}, as many as the first row; got {len(row)}.",
+                "Make all rows equally long.",
+                kind=ShapeError,
             )
     if shape is not None and (len(rows), width) != shape:
-        raise ShapeError(
-            f"{key} must have shape {shape}{f', {because}' if because else ''}; got shape ({len(rows)}, {width}).",
-            key=key,
-            cure=f"Give {rows_of(shape)}.",
+        raise wrong(
+            key,
+            f"must have shape {shape}{f', {because}' if because else ''}; got shape ({len(rows)}, {width}).",
+            f"Give {rows_of(shape)}.",
+            kind=ShapeError,
         )
     return tuple(
         tuple(parse_number(entry, key=f"{key}[{i}][{j}]") for j, entry in enumerate(row)) for i, row in enumerate(rows)
@@ -90,10 +94,11 @@ def read_vector(value: Any, *, key: str, length: int, because: str) -> Vector:
     if not is_list(value):
         return (parse_number(value, key=key),) * length
     if len(value) != length:
-        raise ShapeError(
-            f"{key} must have {counted(length, 'number')}, {because}; got {len(value)}.",
-            key=key,
-            cure=f"Give a list of {counted(length, 'number')}.",
+        raise wrong(
+            key,
+            f"must have {counted(length, 'number')}, {because}; got {len(value)}.",
+            f"Give a list of {counted(length, 'number')}.",
+            kind=ShapeError,
         )
     return tuple(parse_number(entry, key=f"{key}[{i}]") for i, entry in enumerate(value))
 

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from dobc_design._checks import require_square
 from dobc_design._show.cards import Card, Shown, plain
 from dobc_design._show.text import MAX_SHOWN
-from dobc_design.errors import ShapeError, SpecError
+from dobc_design.errors import ShapeError, SpecError, wrong
 from dobc_design.exact.matrix import Matrix
 
 
@@ -60,10 +60,11 @@ class SparseSymmetric(Shown):
         for i in range(size):
             for j in range(i):
                 if M[i][j] != M[j][i]:
-                    raise ShapeError(
-                        f"{name} must be exactly symmetric; entries [{j}][{i}] and [{i}][{j}] differ.",
-                        key=name,
-                        cure="Take (M + M')/2 if its symmetric part is meant.",
+                    raise wrong(
+                        name,
+                        f"must be exactly symmetric; entries [{j}][{i}] and [{i}][{j}] differ.",
+                        "Take (M + M')/2 if its symmetric part is meant.",
+                        kind=ShapeError,
                     )
         return cls(size, {(i, j): M[i][j] for i in range(size) for j in range(i, size)})
 
@@ -238,11 +239,11 @@ class IntegerSymmetric(Shown):
         Raises: ShapeError if it is not square and exactly symmetric; SpecError for nan and inf.
         """
         if matrix.ndim != 2 or matrix.shape[0] != matrix.shape[1]:
-            raise ShapeError(f"matrix must be square; got shape {matrix.shape}.", key="matrix")
+            raise wrong("matrix", f"must be square; got shape {matrix.shape}.", kind=ShapeError)
         if not np.isfinite(matrix).all():
-            raise SpecError("matrix must have finite entries only; it holds nan or inf.", key="matrix")
+            raise wrong("matrix", "must have finite entries only; it holds nan or inf.")
         if not np.array_equal(matrix, matrix.T):
-            raise ShapeError("matrix must be exactly symmetric.", key="matrix", cure="Take (M + M')/2.")
+            raise wrong("matrix", "must be exactly symmetric.", "Take (M + M')/2.", kind=ShapeError)
         rows, columns = np.nonzero(np.triu(matrix))
         fractions, exponents = np.frexp(matrix[rows, columns].astype(np.float64))
         lowest = int(exponents.min(initial=_MANTISSA)) - _MANTISSA

@@ -171,8 +171,9 @@ class _Search:
         rng = np.random.default_rng(self.seed)
         uphill = min(MOST_ASCENTS, count // 5) if self.problem.n * self.problem.m <= LARGEST else 0
         self.say("simulating random starts, corners and edges")
-        first = self.simulate(*self.draw(rng, count - uphill), self.drawn(rng, count - uphill))
-        done = [first]
+        e, eps = self.draw(rng, count - uphill)
+        signals = drawn_signals(rng, count - uphill, len(self.arena.modes), self.horizon)
+        done = [first := self.simulate(e, eps, signals)]
         if uphill:
             self.say("climbing from the worst starts")
             done.append(self.climb(first, uphill))
@@ -190,9 +191,6 @@ class _Search:
         counts[RANDOM] = count - sum(counts.values())
         parts = [self.starts.draw(rng, each, kind) for kind, each in counts.items() if each]
         return np.concatenate([e for e, _ in parts], axis=1), np.concatenate([eps for _, eps in parts], axis=2)
-
-    def drawn(self, rng: np.random.Generator, count: int) -> Signals:
-        return drawn_signals(rng, count, len(self.arena.modes), self.horizon)
 
     def simulate(self, e: Array, eps: Array, signals: Signals, *, longer: float = 1.0) -> Runs:
         return run_starts(

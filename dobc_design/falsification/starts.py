@@ -292,7 +292,6 @@ def run_starts(
     tolerance: float,
     samples: int = SAMPLES,
     level: Level | None = None,
-    shown: Callable[[float], None] | None = None,
 ) -> Runs:
     """Simulate every start; V of ``level`` is followed where there is one.
 
@@ -332,6 +331,4 @@ def run_starts(
         )
         with np.errstate(all="ignore"):
             outcome[part] = integrate_stack(stack, times, tolerance=tolerance, visit=visit).states
-        if shown is not None:
-            shown((part.stop) / count)
     return Runs(times=times, error=error, values=values, ends=ends, states=outcome, e=e, eps=eps, signals=signals)

@@ -16,7 +16,7 @@ from dataclasses import dataclass
 from fractions import Fraction
 from typing import Any
 
-from dobc_design.errors import SpecError
+from dobc_design.errors import SpecError, wrong
 from dobc_design.exact.number import parse_number
 from dobc_design.exact.reading import named, shown, shown_number
 from dobc_design.problem.exosystems import constant
@@ -202,10 +202,10 @@ def _rows(body: str, table: str, name: str) -> list[list[str]]:
 
 def _bus(text: str, table: str, row: int) -> str:
     if not _BUS.fullmatch(text):
-        raise SpecError(
-            f"mpc.{table} row {row}: a bus must be a whole number; got {shown(text)}.",
-            key=f"mpc.{table}",
-            cure="Write the case with MATPOWER's savecase.",
+        raise wrong(
+            f"mpc.{table}",
+            f"row {row}: a bus must be a whole number; got {shown(text)}.",
+            "Write the case with MATPOWER's savecase.",
         )
     return str(int(text.partition(".")[0]))
 
@@ -227,10 +227,8 @@ def from_pandapower(net: Any, *, name: str | None = None, gain: Any = 1) -> Prob
     Raises: SpecError for what is no such network, and for what cannot be a positive susceptance.
     """
     if not all(hasattr(net, table) for table in ("bus", "line", "ext_grid")):
-        raise SpecError(
-            f"net must be a pandapower network; got {type(net).__name__}.",
-            key="net",
-            cure="Such as pandapower.networks.case14().",
+        raise wrong(
+            "net", f"must be a pandapower network; got {type(net).__name__}.", "Such as pandapower.networks.case14()."
         )
     tables = {table: _records(getattr(net, table, None)) for table in TABLES}
     title = name or str(getattr(net, "name", "") or "pandapower-grid")
@@ -245,10 +243,10 @@ def read_pandapower(data: bytes, *, name: str) -> Grid:
         tables = {table: _json_records(inside[table]) for table in TABLES if table in inside}
         base = inside.get("sn_mva", 1.0)
     except (ValueError, TypeError, KeyError, LookupError, RecursionError, AttributeError):
-        raise SpecError(
-            f"{name} must be a network written by pandapower.to_json; its tables cannot be read.",
-            key=name,
-            cure="Write it with pandapower.to_json(net, file).",
+        raise wrong(
+            name,
+            "must be a network written by pandapower.to_json; its tables cannot be read.",
+            "Write it with pandapower.to_json(net, file).",
         ) from None
     rows = {table: tables.get(table, []) for table in TABLES}
     return _checked(rows, base=base, source=f"the pandapower network {name}")

@@ -20,7 +20,7 @@ from typing import Any
 import numpy as np
 import scipy.sparse as sp
 
-from dobc_design.errors import SpecError
+from dobc_design.errors import SpecError, wrong
 from dobc_design.exact.reading import shown
 from dobc_design.problem.exosystems import Exosystem
 from dobc_design.problem.groups import Observer
@@ -57,14 +57,14 @@ def read_variables(data: bytes, *, name: str) -> dict[str, Value]:
     """
     cure = "Save it by save(file, '-v7')."
     if len(data) < HEADER or data[126:128] not in (b"IM", b"MI"):
-        raise SpecError(f"{name} is no MATLAB file of version 5 to 7.", key=name, cure=cure)
+        raise wrong(name, "is no MATLAB file of version 5 to 7.", cure)
     order = "<" if data[126:128] == b"IM" else ">"
     if struct.unpack(f"{order}H", data[124:126])[0] != 0x0100:
-        raise SpecError(f"{name} is a MATLAB file of version 7.3, which is not read.", key=name, cure=cure)
+        raise wrong(name, "is a MATLAB file of version 7.3, which is not read.", cure)
     try:
         found = dict(_array(each.data, order, 0) for each in _elements(data[HEADER:], order) if each.kind == MATRIX)
     except (_Broken, struct.error, ValueError, OverflowError, MemoryError) as error:
-        raise SpecError(f"{name} is a damaged MATLAB file: {str(error)[:80]}.", key=name, cure=cure) from None
+        raise wrong(name, f"is a damaged MATLAB file: {str(error)[:80]}.", cure) from None
     return {key: value for key, value in found.items() if value is not None}
 
 
@@ -223,9 +223,7 @@ def read_mat(data: bytes, *, file: str, name: str) -> Problem:
 
 def _matrix(value: Any, key: str) -> Any:
     if not isinstance(value, np.ndarray) or np.iscomplexobj(value):
-        raise SpecError(
-            f"{key} must be a real matrix; got {_kind(value)}.", key=key, cure="Save a matrix of real numbers."
-        )
+        raise wrong(key, f"must be a real matrix; got {_kind(value)}.", "Save a matrix of real numbers.")
     return value
 
 
@@ -243,11 +241,7 @@ def _rows(value: Any, key: str = "matrix") -> list[list[Any]]:
 def _layers(L: Any) -> list[Any]:
     array = _matrix(L, "L")
     if array.ndim > 3 or array.shape[0] != array.shape[1] or 0 in array.shape:
-        raise SpecError(
-            f"L must be n x n, or n x n x modes; got shape {array.shape}.",
-            key="L",
-            cure="One row and column per agent.",
-        )
+        raise wrong("L", f"must be n x n, or n x n x modes; got shape {array.shape}.", "One row and column per agent.")
     return [array] if array.ndim == 2 else [array[:, :, k] for k in range(array.shape[2])]
 
 
@@ -273,7 +267,7 @@ def _weights(L: Any, mode: str) -> Any:
 
 def _exosystem(found: Mapping[str, Any]) -> Exosystem | None:
     if ("A" in found) != ("C" in found):
-        raise SpecError("A and C must stand together: xi' = A xi, d = C xi.", key="A", cure="Give both or neither.")
+        raise wrong("A", "and C must stand together: xi' = A xi, d = C xi.", "Give both or neither.")
     return Exosystem(A=_rows(found["A"], "A"), C=_rows(found["C"], "C")) if "A" in found else None
 
 
@@ -289,10 +283,10 @@ def _gains(k: Any, labels: Sequence[str]) -> Any:
         return flat[0]
     if array.ndim == 2 and len(flat) == len(labels):
         return {label: gain for label, gain in zip(labels, flat, strict=True) if gain}
-    raise SpecError(
-        f"k must be one gain, {len(labels)} gains, or m x m x {len(labels)}; got shape {array.shape}.",
-        key="k",
-        cure="For example k = zeros(n, 1); k(1) = 5.",
+    raise wrong(
+        "k",
+        f"must be one gain, {len(labels)} gains, or m x m x {len(labels)}; got shape {array.shape}.",
+        "For example k = zeros(n, 1); k(1) = 5.",
     )
 
 
@@ -301,9 +295,7 @@ def _offsets(offsets: Any, labels: Sequence[str]) -> dict[str, list[Any]] | None
         return None
     rows = _rows(offsets, "offsets")
     if len(rows) != len(labels):
-        raise SpecError(
-            f"offsets must have {len(labels)} rows, one per agent; got {len(rows)}.", key="offsets", cure="n x m."
-        )
+        raise wrong("offsets", f"must have {len(labels)} rows, one per agent; got {len(rows)}.", "n x m.")
     return dict(zip(labels, rows, strict=True))
 
 
@@ -320,7 +312,7 @@ def _texts(value: Any, key: str, *, count: int) -> list[str] | None:
         return None
     texts = _all_texts(value, key)
     if len(texts) != count:
-        raise SpecError(f"{key} must hold {count} texts; got {len(texts)}.", key=key, cure="A cell array of text.")
+        raise wrong(key, f"must hold {count} texts; got {len(texts)}.", "A cell array of text.")
     return texts
 
 
@@ -330,7 +322,7 @@ def _all_texts(value: Any, key: str) -> list[str]:
     rows = [each[0] if isinstance(each, list) and len(each) == 1 else each for each in cells]
     for each in rows:
         if not isinstance(each, str):
-            raise SpecError(f"{key} must be text; got {shown(each)}.", key=key, cure="In quotes.")
+            raise wrong(key, f"must be text; got {shown(each)}.", "In quotes.")
     return [each.rstrip() for each in rows]
 
 

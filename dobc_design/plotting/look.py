@@ -13,7 +13,6 @@ from contextlib import contextmanager
 import numpy as np
 from matplotlib import style
 from matplotlib.axes import Axes
-from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 INK, MUTED, GRID, PAPER = "#1b1e24", "#5b6470", "#d8dce2", "#fefefe"
@@ -105,13 +104,6 @@ def shown_agents(n: int, first: set[int], most: int = MOST_AGENTS) -> list[int]:
 def thinned_rows(count: int, most: int = MOST_POINTS) -> NDArray[np.intp]:
     """Indices of at most ``most`` of ``count`` samples, first and last included."""
     return np.unique(np.linspace(0, count - 1, min(count, most)).round().astype(np.intp))
-
-
-def axes_or_new(ax: Axes | None) -> Axes:
-    """These axes, or those of a new figure."""
-    if ax is None:
-        return Figure(layout="constrained").add_subplot()
-    return ax
 
 
 def legend_above(ax: Axes, *, right: bool = False, widest: int = 3, least: int = 2) -> None:

@@ -14,15 +14,14 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from fractions import Fraction
 from pathlib import Path
-from typing import Any
 from xml.etree import ElementTree
 
 import numpy as np
 
-from dobc_design.errors import SpecError
+from dobc_design.errors import SpecError, about, wrong
 from dobc_design.exact.number import parse_number
 from dobc_design.exact.reading import named, shown, shown_number
-from dobc_design.problem.network import ONE, WANTED, Arcs, arcs_from_pairs, directed, is_label
+from dobc_design.problem.network import ONE, WANTED, Arcs, directed, is_label
 
 MAX_BYTES = 1_000_000_000
 HEADS = (["from", "to"], ["source", "target"])  # of a CSV file; a third column is "weight"
@@ -38,8 +37,10 @@ def read_arcs_file(name: str, *, folder: Path | None, index: Mapping[str, int], 
     Raises: SpecError with the line.
     """
     source, path, text = _opened(name, folder=folder, key=key)
-    lean = _lean_arcs(_rows(path, text, source, index), source, index=index, arrow=arrow)
-    return lean or _arcs(list(_rows(path, text, source, index)), source, index=index, arrow=arrow)
+    arcs = _lean_arcs(_rows(path, text, source, index), source, index=index, arrow=arrow)
+    if arcs is None:
+        raise _mistake(_rows(path, text, source, index), source, index=index)
+    return arcs
 
 
 def labels_in_file(name: str, *, folder: Path | None, key: str) -> tuple[str, ...]:
@@ -119,9 +120,7 @@ class _Source:
 
 def _resolve(name: str, *, folder: Path | None, key: str) -> Path:
     if folder is None:
-        raise SpecError(
-            f"{key}: {shown(name)} cannot be found, the problem has no folder.", key=key, cure="List the arcs instead."
-        )
+        raise about(key, f"{shown(name)} cannot be found, the problem has no folder.", "List the arcs instead.")
     root = folder.resolve()
     try:
         path = (root / name).resolve()
@@ -131,28 +130,24 @@ def _resolve(name: str, *, folder: Path | None, key: str) -> Path:
     except (OSError, ValueError, RuntimeError):  # RuntimeError: a link to itself
         inside, kind, size = True, "nothing", 0
     if not inside:
-        raise SpecError(
-            f"{key} must lie inside the problem file's folder; {shown(name)} leads outside.",
-            key=key,
-            cure="Copy the file beside the problem file.",
+        raise wrong(
+            key,
+            f"must lie inside the problem file's folder; {shown(name)} leads outside.",
+            "Copy the file beside the problem file.",
         )
     if kind != "file":
         found = "is a folder" if kind == "folder" else "does not exist"
-        raise SpecError(
-            f"{key} must name a file in the problem file's folder; {shown(name)} {found}.",
-            key=key,
-            cure="Name an existing file.",
+        raise wrong(
+            key, f"must name a file in the problem file's folder; {shown(name)} {found}.", "Name an existing file."
         )
     if size > MAX_BYTES:
-        raise SpecError(
-            f"{key}: {shown(name)} is too large: {size} bytes, at most {MAX_BYTES} are read.",
-            key=key,
-            cure="Leave out what is not needed.",
+        raise about(
+            key,
+            f"{shown(name)} is too large: {size} bytes, at most {MAX_BYTES} are read.",
+            "Leave out what is not needed.",
         )
     if path.suffix.lower() not in READERS:
-        raise SpecError(
-            f"{key}: {shown(name)} must end in one of {', '.join(READERS)}.", key=key, cure="Rename or convert it."
-        )
+        raise about(key, f"{shown(name)} must end in one of {', '.join(READERS)}.", "Rename or convert it.")
     return path
 
 
@@ -247,36 +242,24 @@ def _weight(text: str, source: _Source, *, row: int) -> Fraction:
     return weight
 
 
-def _arcs(rows: list[Row], source: _Source, *, index: Mapping[str, int], arrow: str) -> Arcs:
-    if not rows:
-        raise source.empty()
-    known: dict[str, Any] = {}
-    seen: set[tuple[str, str]] = set()
+def _mistake(rows: Iterator[Row], source: _Source, *, index: Mapping[str, int]) -> SpecError:
+    """The error about the first row that is wrong; some are known to be, or there are none."""
+    seen: set[tuple[str, ...]] = set()
     for row, cells in rows:
         if len(cells) not in (2, 3):
-            raise source.error(
-                f"must have 2 or 3 columns, from,to[,weight]; got {len(cells)}",
-                "Separate them by commas in CSV, else by blanks.",
-                row=row,
-            )
+            what = f"must have 2 or 3 columns, from,to[,weight]; got {len(cells)}"
+            return source.error(what, "Separate them by commas in CSV, else by blanks.", row=row)
         for label in cells[:2]:
             if label not in index:
-                raise source.error(
-                    f"names {shown(label)}; there is no such agent in network.agents",
-                    "Correct the label, or add the agent.",
-                    row=row,
-                )
-        pair = (cells[0], cells[1])
+                what = f"names {shown(label)}; there is no such agent in network.agents"
+                return source.error(what, "Correct the label, or add the agent.", row=row)
+        pair = tuple(cells[:2])
         if pair in seen:
-            raise source.error("repeats an arc; it is a duplicate", f"Remove that {source.unit}.", row=row)
+            return source.error("repeats an arc; it is a duplicate", f"Remove that {source.unit}.", row=row)
         if cells[0] == cells[1]:
-            raise source.error(
-                f"is a self-arc; agent {named(cells[0])} must not listen to itself",
-                f"Remove that {source.unit}.",
-                row=row,
-            )
+            what = f"is a self-arc; agent {named(cells[0])} must not listen to itself"
+            return source.error(what, f"Remove that {source.unit}.", row=row)
         seen.add(pair)
-        if len(cells) == 3 and cells[2] not in known:
-            known[cells[2]] = _weight(cells[2], source, row=row)
-    pairs = [[*cells[:2], known[cells[2]]] if len(cells) == 3 else cells for _, cells in rows]
-    return arcs_from_pairs(pairs, index=index, arrow=arrow, key=source.key)
+        if len(cells) == 3:
+            _weight(cells[2], source, row=row)
+    return source.empty()

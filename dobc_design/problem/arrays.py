@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from dobc_design._checks import require_shape
 from dobc_design.coupling.coupling import Coupling
-from dobc_design.errors import SpecError
+from dobc_design.errors import SpecError, wrong
 from dobc_design.exact.matrix import Matrix, matrix, to_float
 from dobc_design.problem.arcs import ArcTable, arc_table
 from dobc_design.problem.groups import group_numbers
@@ -64,10 +64,10 @@ def chosen_mode(problem: Problem, mode: str | None) -> str:
         return names[0]
     if mode not in names:
         known = ", ".join(names[:6]) + (", ..." if len(names) > 6 else "")
-        raise SpecError(
-            f"mode must be one of the problem's modes ({known}); got {str(mode)[:60]!r}.",
-            key="mode",
-            cure="Leave it out for the first one.",
+        raise wrong(
+            "mode",
+            f"must be one of the problem's modes ({known}); got {str(mode)[:60]!r}.",
+            "Leave it out for the first one.",
         )
     return mode
 
@@ -81,10 +81,10 @@ def chosen_gain(problem: Problem, gain: Gain | None) -> Matrix | None:
     if gain is None:
         return problem.joint_observer.W
     if not problem.groups:
-        raise SpecError(
-            "gain has no meaning without an [exosystem]: there is no disturbance to estimate.",
-            key="gain",
-            cure="Leave it out, or give the problem an exosystem.",
+        raise wrong(
+            "gain",
+            "has no meaning without an [exosystem]: there is no disturbance to estimate.",
+            "Leave it out, or give the problem an exosystem.",
         )
     W = matrix(gain, name="gain")
     because = "one row per exosystem state, one column per state component"
@@ -137,11 +137,11 @@ def disturbance_arrays(problem: Problem, gain: Gain | None) -> Disturbance:
         own[numbers == g, rows] = True
         rest[rows, columns], before = 0.0, rows.stop
     if rest.any():
-        raise SpecError(
-            "gain must be block diagonal, with one block per group of agents, because no agent feels the disturbance"
+        raise wrong(
+            "gain",
+            "must be block diagonal, with one block per group of agents, because no agent feels the disturbance"
             " of another group.",
-            key="gain",
-            cure="Set the entries outside of the blocks to 0.",
+            "Set the entries outside of the blocks to 0.",
         )
     return Disturbance(A=A, C=C, F=F, W=gains, own=own)
 

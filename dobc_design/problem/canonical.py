@@ -8,14 +8,15 @@ from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import fields
 from fractions import Fraction
 from typing import Any
 
 import numpy as np
 
 from dobc_design.coupling.coupling import Coupling
-from dobc_design.errors import SpecError
+from dobc_design.errors import SpecError, wrong
 from dobc_design.exact.matrix import Matrix
 from dobc_design.exact.number import number_text, parse_number
 from dobc_design.exact.reading import shown
@@ -23,7 +24,7 @@ from dobc_design.problem.exosystems import Exosystem
 from dobc_design.problem.groups import Group, Observer, group_key, renamed
 from dobc_design.problem.network import Arcs, Network, directed, labels_of
 from dobc_design.problem.problem import Problem
-from dobc_design.problem.settings import Simulation, Switching
+from dobc_design.problem.settings import Switching
 
 FORMAT = "dobc-problem"
 VERSION = 1
@@ -92,76 +93,53 @@ def canonical_document(problem: Problem) -> dict[str, Any]:
             ],
         },
         "gains": [[i, matrix_text(k)] for i, k in problem.pinning.gains.items()],
-        **_disturbance(problem),
         "offsets": [[i, _vector(offset)] for i, offset in problem.offsets.items()],
-        "region": None
-        if problem.region is None
-        else {
-            "initial_states": [_vector(pair) for pair in problem.region.initial_states],
-            "initial_disturbance": _number(problem.region.initial_disturbance),
-        },
-        "switching": None if problem.switching is None else _switching(problem.switching),
-        "simulation": _simulation(problem.simulation),
+        **converted(settings_of(problem), number_text),
     }
 
 
-def _switching(own: Switching) -> dict[str, Any]:
-    """Keys that later versions added stand there only where they were given: others keep their hash."""
-    document: dict[str, Any] = {"signal": own.signal, "dwell": _number(own.dwell)}
-    later = {
-        "sequence": None if own.sequence is None else list(own.sequence),
-        "period": _number(own.period),
-        "generator": None if own.generator is None else matrix_text(own.generator),
-        "schedule": None if own.schedule is None else [[number_text(time), mode] for time, mode in own.schedule],
-        "radius": _number(own.radius),
-        "neighbours": own.neighbours,
-        "hysteresis": _number(own.hysteresis),
-    }
-    return document | {key: value for key, value in later.items() if value is not None}
+def settings_of(problem: Problem) -> dict[str, Any]:
+    """Exosystem, observer, region, switching and simulation as tables; their numbers are exact, agents are indices.
 
-
-def _simulation(own: Simulation) -> dict[str, Any]:
-    document: dict[str, Any] = {
-        "t_final": _number(own.t_final),
-        "seed": own.seed,
-        "xi0": None if own.xi0 is None else matrix_text(own.xi0),
-    }
-    return document if own.x0 is None else document | {"x0": matrix_text(own.x0)}
-
-
-def _disturbance(problem: Problem) -> dict[str, Any]:
-    """The exosystem and the observer: those of all agents, or those of every group."""
+    Keys that later versions added stand there only where they were given: other problems keep their hash.
+    """
+    index, region, switching = problem.network.index, problem.region, problem.switching
+    exosystem: dict[str, Any] | None
     if problem.is_grouped:
-        index = problem.network.index
-        groups = [
-            {
-                "agents": [index[label] for label in group.agents],
-                "A": matrix_text(group.exosystem.A),
-                "C": matrix_text(group.exosystem.C),
-                "W": _matrix(group.observer.W),
-                "P": _matrix(group.observer.P),
-            }
+        keys = [
+            {"agents": [index[label] for label in group.agents], **_fields(group.exosystem), **_fields(group.observer)}
             for group in problem.groups
         ]
-        rate = _number(problem.groups[0].observer.rate)
-        return {"exosystem": {"groups": groups}, "observer": {"W": None, "P": None, "rate": rate}}
-    exosystem, observer = problem.exosystem, problem.observer
+        exosystem = {"groups": [{key: x for key, x in each.items() if key != "rate"} for each in keys]}
+        observer = Observer(rate=problem.groups[0].observer.rate)
+    else:
+        exosystem = None if problem.exosystem is None else _fields(problem.exosystem)
+        observer = problem.observer
     return {
-        "exosystem": None if exosystem is None else {"A": matrix_text(exosystem.A), "C": matrix_text(exosystem.C)},
-        "observer": {"W": _matrix(observer.W), "P": _matrix(observer.P), "rate": _number(observer.rate)},
+        "exosystem": exosystem,
+        "observer": _fields(observer),
+        "region": None if region is None else _fields(region),
+        "switching": None if switching is None else _fields(switching, later=_LATER_SWITCHING),
+        "simulation": _fields(problem.simulation, later=("x0",)),
     }
 
 
-def _matrix(matrix: Matrix | None) -> list[list[str]] | None:
-    return None if matrix is None else matrix_text(matrix)
+def _fields(own: Any, *, later: Sequence[str] = ()) -> dict[str, Any]:
+    found = {each.name: getattr(own, each.name) for each in fields(own)}
+    return {name: value for name, value in found.items() if value is not None or name not in later}
+
+
+def converted(value: Any, number: Callable[[Fraction], Any]) -> Any:
+    """Tables and lists with every Fraction in them replaced."""
+    if isinstance(value, Fraction):
+        return number(value)
+    if isinstance(value, Mapping):
+        return {key: converted(each, number) for key, each in value.items()}
+    return [converted(each, number) for each in value] if isinstance(value, (list, tuple)) else value
 
 
 def _vector(values: Sequence[Fraction]) -> list[str]:
     return [number_text(value) for value in values]
-
-
-def _number(value: Fraction | None) -> str | None:
-    return None if value is None else number_text(value)
 
 
 def _coupling(coupling: Coupling) -> str | list[str]:
@@ -185,7 +163,7 @@ def _load(data: bytes) -> dict[str, Any]:
         raise
     except (UnicodeDecodeError, ValueError, RecursionError) as error:
         reason = str(error) if isinstance(error, json.JSONDecodeError) else type(error).__name__
-        raise SpecError(f"problem.json is not valid JSON ({reason}).", key="problem.json", cure=_CURE) from None
+        raise wrong("problem.json", f"is not valid JSON ({reason}).", _CURE) from None
     if not isinstance(document, dict) or document.get("format") != FORMAT:
         raise SpecError(f'problem.json must hold an object with "format": "{FORMAT}".', key="format", cure=_CURE)
     version = document.get("version")
@@ -201,7 +179,7 @@ def _load(data: bytes) -> dict[str, Any]:
 def _no_duplicates(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
     result = dict(pairs)
     if len(result) != len(pairs):
-        raise SpecError("problem.json holds a key twice.", key="problem.json", cure=_CURE)
+        raise wrong("problem.json", "holds a key twice.", _CURE)
     return result
 
 

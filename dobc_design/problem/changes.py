@@ -21,12 +21,11 @@ from dobc_design.errors import SpecError
 from dobc_design.exact.matrix import Matrix
 from dobc_design.exact.number import number_text
 from dobc_design.exact.reading import is_scalar_matrix, shown
-from dobc_design.problem.canonical import canonical_bytes, canonical_document
+from dobc_design.problem.canonical import canonical_bytes, canonical_document, converted, settings_of
 from dobc_design.problem.exosystems import Exosystem
 from dobc_design.problem.file import read_problem_text
 from dobc_design.problem.groups import Group, Observer, gains_of
 from dobc_design.problem.problem import Problem
-from dobc_design.problem.settings import Switching
 from dobc_design.problem.toml_text import parse_toml
 
 INLINE = 10  # labels up to which a table of gains stands in one line
@@ -343,72 +342,17 @@ def problem_text(problem: Problem) -> str:
 
 def _settings(problem: Problem, labels: list[str]) -> dict[str, dict[str, Any]]:
     """The tables after [coupling], those that say something, with the keys that say something."""
-    region, switching, simulation = problem.region, problem.switching, problem.simulation
-    tables: dict[str, dict[str, Any]] = {
+    tables = converted(settings_of(problem), typed_number)
+    for group in (tables["exosystem"] or {}).get("groups", ()):
+        group["agents"] = [labels[i] for i in group["agents"]]
+    offsets = {labels[i]: [typed_number(x) for x in offset] for i, offset in problem.offsets.items()}
+    tables |= {
         "pinning": {"gains": gain_table(problem.pinning.gains, labels) or None},
-        **_disturbance(problem),
-        "formation": {
-            "offsets": {labels[i]: [typed_number(x) for x in offset] for i, offset in problem.offsets.items()} or None
-        },
-        "region": {}
-        if region is None
-        else {
-            "initial_states": _rows(region.initial_states),
-            "initial_disturbance": _number(region.initial_disturbance),
-        },
-        "switching": {} if switching is None else _switching(switching),
-        "simulation": {
-            "t_final": _number(simulation.t_final),
-            "seed": simulation.seed,
-            "xi0": _rows(simulation.xi0),
-            "x0": _rows(simulation.x0),
-        },
+        "formation": {"offsets": offsets or None},
     }
-    kept = {name: {key: x for key, x in table.items() if x is not None} for name, table in tables.items()}
+    order = ("pinning", "exosystem", "observer", "formation", "region", "switching", "simulation")
+    kept = {name: {key: x for key, x in (tables[name] or {}).items() if x is not None} for name in order}
     return {name: table for name, table in kept.items() if table}
-
-
-def _switching(own: Switching) -> dict[str, Any]:
-    return {
-        "signal": own.signal,
-        "dwell": _number(own.dwell),
-        "sequence": None if own.sequence is None else list(own.sequence),
-        "period": _number(own.period),
-        "generator": _rows(own.generator),
-        "schedule": None if own.schedule is None else [[typed_number(time), mode] for time, mode in own.schedule],
-        "radius": _number(own.radius),
-        "neighbours": own.neighbours,
-        "hysteresis": _number(own.hysteresis),
-    }
-
-
-def _disturbance(problem: Problem) -> dict[str, dict[str, Any]]:
-    """[exosystem] and [observer]; with groups every agent is in one of [[exosystem.groups]]."""
-    if problem.is_grouped:
-        groups = [
-            {
-                "agents": list(group.agents),
-                "A": _rows(group.exosystem.A),
-                "C": _rows(group.exosystem.C),
-                "W": _rows(group.observer.W),
-                "P": _rows(group.observer.P),
-            }
-            for group in problem.groups
-        ]
-        return {"exosystem": {"groups": groups}, "observer": {"rate": _number(problem.groups[0].observer.rate)}}
-    exosystem, observer = problem.exosystem, problem.observer
-    return {
-        "exosystem": {} if exosystem is None else {"A": _rows(exosystem.A), "C": _rows(exosystem.C)},
-        "observer": {"W": _rows(observer.W), "P": _rows(observer.P), "rate": _number(observer.rate)},
-    }
-
-
-def _number(value: Fraction | None) -> int | float | str | None:
-    return None if value is None else typed_number(value)
-
-
-def _rows(matrix: Sequence[Sequence[Fraction]] | None) -> list[list[Any]] | None:
-    return None if matrix is None else typed_matrix(matrix)
 
 
 def _table(content: Mapping[str, Any]) -> Any:

@@ -16,7 +16,7 @@ import numpy as np
 
 from dobc_design._checks import require_square
 from dobc_design._show.cards import Shown
-from dobc_design.errors import ShapeError, SpecError
+from dobc_design.errors import ShapeError, SpecError, wrong
 from dobc_design.exact.matrix import Matrix
 from dobc_design.exact.number import parse_number
 from dobc_design.exact.reading import counted, is_list, read_matrix, shown, shown_number
@@ -43,11 +43,12 @@ class Exosystem(Shown):
         require_square(dynamics, name="exosystem.A")
         q = len(dynamics)
         if len(output[0]) != q:
-            raise ShapeError(
-                f"exosystem.C must have {counted(q, 'column')}, one per exosystem state (A is {q}x{q});"
+            raise wrong(
+                "exosystem.C",
+                f"must have {counted(q, 'column')}, one per exosystem state (A is {q}x{q});"
                 f" got shape ({len(output)}, {len(output[0])}).",
-                key="exosystem.C",
-                cure="Each row of C picks one component of the disturbance.",
+                "Each row of C picks one component of the disturbance.",
+                kind=ShapeError,
             )
         object.__setattr__(self, "A", dynamics)
         object.__setattr__(self, "C", output)
@@ -69,16 +70,16 @@ class Exosystem(Shown):
         Raises: SpecError for a system in discrete time or without A and C.
         """
         if not hasattr(system, "A") or not hasattr(system, "C"):
-            raise SpecError(
-                f"exosystem must be a state-space system with A and C; got {type(system).__name__}.",
-                key="exosystem",
-                cure="For a transfer function: control.ss(system).",
+            raise wrong(
+                "exosystem",
+                f"must be a state-space system with A and C; got {type(system).__name__}.",
+                "For a transfer function: control.ss(system).",
             )
         if getattr(system, "dt", None):
-            raise SpecError(
-                f"exosystem must be in continuous time, xi' = A xi; got one with the time step {shown(system.dt)}.",
-                key="exosystem",
-                cure="Give the continuous-time system.",
+            raise wrong(
+                "exosystem",
+                f"must be in continuous time, xi' = A xi; got one with the time step {shown(system.dt)}.",
+                "Give the continuous-time system.",
             )
         return cls(A=np.asarray(system.A).tolist(), C=np.asarray(system.C).tolist())
 
@@ -93,18 +94,16 @@ def of_kind(kind: Any, *, frequencies: Any = None, components: int = 1) -> Exosy
     Raises: SpecError for an unknown kind, and for frequencies (rad/s) beside another kind than harmonics.
     """
     if kind not in KINDS:
-        raise SpecError(
-            f"exosystem.kind must be one of {', '.join(KINDS)}; got {shown(kind)}.",
-            key="exosystem.kind",
-            cure="For another shape give A and C.",
+        raise wrong(
+            "exosystem.kind",
+            f"must be one of {', '.join(KINDS)}; got {shown(kind)}.",
+            "For another shape give A and C.",
         )
     if (frequencies is not None) is not (kind == "harmonics"):
-        wrong = "has no meaning for this kind" if frequencies is not None else "is required for harmonics and missing"
-        raise SpecError(
-            f"exosystem.frequencies {wrong}.",
-            key="exosystem.frequencies",
-            cure="Remove it." if frequencies is not None else "Write frequencies = [2], in rad/s.",
-        )
+        if frequencies is not None:
+            raise wrong("exosystem.frequencies", "has no meaning for this kind.", "Remove it.")
+        cure = "Write frequencies = [2], in rad/s."
+        raise wrong("exosystem.frequencies", "is required for harmonics and missing.", cure)
     shape = harmonics(frequencies) if kind == "harmonics" else constant() if kind == "constant" else ramp()
     return shape if components == 1 else stacked(*[shape] * components)
 
@@ -125,10 +124,10 @@ def polynomial(degree: Any) -> Exosystem:
     Raises: SpecError unless ``degree`` is an integer from 0 to 20.
     """
     if isinstance(degree, bool) or not isinstance(degree, int) or not 0 <= degree <= LARGEST_DEGREE:
-        raise SpecError(
-            f"degree must be an integer from 0 to {LARGEST_DEGREE}; got {shown(degree)}.",
-            key="degree",
-            cure="0 is a constant, 1 a ramp.",
+        raise wrong(
+            "degree",
+            f"must be an integer from 0 to {LARGEST_DEGREE}; got {shown(degree)}.",
+            "0 is a constant, 1 a ramp.",
         )
     order = degree + 1
     A = [[int(j == i + 1) for j in range(order)] for i in range(order)]
@@ -146,25 +145,24 @@ def harmonics(frequencies: Any) -> Exosystem:
     """
     given = list(frequencies) if is_list(frequencies) else [frequencies]
     if not given:
-        raise SpecError(
-            "frequencies must hold at least one number (rad/s); got none.",
-            key="frequencies",
-            cure="For a constant disturbance use constant().",
+        raise wrong(
+            "frequencies",
+            "must hold at least one number (rad/s); got none.",
+            "For a constant disturbance use constant().",
         )
     values = [parse_number(w, key=f"frequencies[{k}]") for k, w in enumerate(given)]
     for k, w in enumerate(values):
         if w <= 0:
-            raise SpecError(
-                f"frequencies[{k}] must be > 0 (rad/s); got {shown_number(w)}.",
-                key=f"frequencies[{k}]",
-                cure="A constant part is added by total(constant(), harmonics(...)).",
+            raise wrong(
+                f"frequencies[{k}]",
+                f"must be > 0 (rad/s); got {shown_number(w)}.",
+                "A constant part is added by total(constant(), harmonics(...)).",
             )
         if w in values[:k]:
-            raise SpecError(
-                f"frequencies[{k}] must differ from the others, because equal sines cannot be told apart;"
-                f" got {shown_number(w)} twice.",
-                key=f"frequencies[{k}]",
-                cure="Name each frequency once; amplitude and phase are free.",
+            raise wrong(
+                f"frequencies[{k}]",
+                f"must differ from the others, because equal sines cannot be told apart; got {shown_number(w)} twice.",
+                "Name each frequency once; amplitude and phase are free.",
             )
     return total(*(Exosystem(A=[[0, w], [-w, 0]], C=[[1, 0]]) for w in values))
 
@@ -178,17 +176,13 @@ def periodic(fundamental: Any, *, harmonics_kept: Any, mean: bool = True) -> Exo
     """
     w = parse_number(fundamental, key="fundamental")
     if isinstance(harmonics_kept, bool) or not isinstance(harmonics_kept, int) or harmonics_kept < 1:
-        raise SpecError(
-            f"harmonics_kept must be an integer >= 1; got {shown(harmonics_kept)}.",
-            key="harmonics_kept",
-            cure="For a constant disturbance use constant().",
+        raise wrong(
+            "harmonics_kept",
+            f"must be an integer >= 1; got {shown(harmonics_kept)}.",
+            "For a constant disturbance use constant().",
         )
     if w <= 0:
-        raise SpecError(
-            f"fundamental must be > 0 (rad/s); got {shown_number(w)}.",
-            key="fundamental",
-            cure="It is 2 pi divided by the period.",
-        )
+        raise wrong("fundamental", f"must be > 0 (rad/s); got {shown_number(w)}.", "It is 2 pi divided by the period.")
     sines = harmonics([w * k for k in range(1, harmonics_kept + 1)])
     return total(constant(), sines) if mean else sines
 
@@ -225,11 +219,7 @@ def stacked(*parts: Exosystem) -> Exosystem:
 
 def _require_parts(parts: Sequence[Exosystem]) -> int:
     if not parts or not all(isinstance(part, Exosystem) for part in parts):
-        raise SpecError(
-            "parts must be at least one Exosystem.",
-            key="parts",
-            cure="For example total(constant(), harmonics([1, 2])).",
-        )
+        raise wrong("parts", "must be at least one Exosystem.", "For example total(constant(), harmonics([1, 2])).")
     return parts[0].outputs
 
 

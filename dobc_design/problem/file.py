@@ -17,7 +17,7 @@ from typing import Any, TypeVar
 from pydantic import ValidationError
 
 from dobc_design.coupling.coupling import Coupling, make_coupling
-from dobc_design.errors import SpecError
+from dobc_design.errors import SpecError, about, kept, raise_all, wrong
 from dobc_design.exact.reading import MOST_ERRORS, is_list, is_text, named, shown
 from dobc_design.problem import arcs_file, exosystems
 from dobc_design.problem.canonical import problem_from_canonical
@@ -65,12 +65,10 @@ def _explain(item: Any) -> SpecError:
     if item["type"] == "extra_forbidden":
         return _unknown_key(key, location)
     if item["type"] == "missing":
-        return SpecError(f"{key} is required and missing.", key=key, cure=f"Write {_example(key)}.")
+        return wrong(key, "is required and missing.", f"Write {_example(key)}.")
     if item["type"] == "list_type":
-        return SpecError(
-            f"{key} must be a list of tables; got {shown(value)}.", key=key, cure=f"Write {_example(key)}."
-        )
-    return SpecError(f"{key} must be a table; got {shown(value)}.", key=key, cure=f"Write {_example(key)}.")
+        return wrong(key, f"must be a list of tables; got {shown(value)}.", f"Write {_example(key)}.")
+    return wrong(key, f"must be a table; got {shown(value)}.", f"Write {_example(key)}.")
 
 
 def key_text(location: Location) -> str:
@@ -97,9 +95,7 @@ def _unknown_key(key: str, location: Location) -> SpecError:
     table, name = key_text(location[:-1]), str(location[-1])
     place = f" in [{table}]" if table else ""
     if _without_places(key) in RESERVED:
-        return SpecError(
-            f"{key} is an unknown key{place}: it is reserved for a later version.", key=key, cure="Remove it for now."
-        )
+        return wrong(key, f"is an unknown key{place}: it is reserved for a later version.", "Remove it for now.")
     known = known_keys(_without_places(table))
     near = [other for other in known if other.lower() == name.lower()]
     near += difflib.get_close_matches(name[:100], known, n=1, cutoff=0.7)
@@ -110,7 +106,7 @@ def _unknown_key(key: str, location: Location) -> SpecError:
         hint = f"; it belongs in {' or '.join(homes)}."
     else:
         hint = "."
-    return SpecError(f"{key} is an unknown key{place}{hint}", key=key, cure=f"Known keys{place}: {', '.join(known)}.")
+    return wrong(key, f"is an unknown key{place}{hint}", f"Known keys{place}: {', '.join(known)}.")
 
 
 @cache
@@ -155,8 +151,7 @@ def read_exosystem(
     errors: list[SpecError] = []
     own = _explicit(table, number=None, errors=errors)
     groups = [_explicit(group, number=number, errors=errors) for number, group in enumerate(table.groups)]
-    if errors:
-        raise SpecError.several(errors)
+    raise_all(errors)
     m = dimension_of(next((each for each in (own, *groups) if each is not None), None))
     own = own or _of_kind(table, number=None, components=m, errors=errors)
     result = []
@@ -169,8 +164,7 @@ def read_exosystem(
                 result.append(Group(agents=agents, exosystem=exosystem, observer=observer))
         except SpecError as error:
             errors.append(renamed(error, number))
-    if errors:
-        raise SpecError.several(errors)
+    raise_all(errors)
     return own, tuple(result)
 
 
@@ -179,15 +173,15 @@ def _explicit(table: ExosystemTable | GroupTable, *, number: int | None, errors:
     place = "exosystem" if number is None else group_key(number)
     matrices = [name for name in ("A", "C") if getattr(table, name) is not None]
     if table.kind is None and table.frequencies is not None:
-        errors.append(_wrong(f"{place}.frequencies", 'belongs to kind = "harmonics"', "Give the kind, or remove it."))
+        errors.append(wrong(f"{place}.frequencies", 'belongs to kind = "harmonics".', "Give the kind, or remove it."))
     if table.kind is not None and matrices:
-        both = f"stands beside {' and '.join(matrices)}, and one of them would be ignored"
-        errors.append(_wrong(f"{place}.kind", both, "Give either A and C or the kind."))
+        both = f"stands beside {' and '.join(matrices)}, and one of them would be ignored."
+        errors.append(wrong(f"{place}.kind", both, "Give either A and C or the kind."))
     if table.kind is not None or (isinstance(table, ExosystemTable) and table.groups and not matrices):
         return None
     for name in ("A", "C"):
         if name not in matrices:
-            errors.append(_wrong(f"{place}.{name}", "is required and missing", f"Write {_MATRIX_EXAMPLES[name]}."))
+            errors.append(wrong(f"{place}.{name}", "is required and missing.", f"Write {_MATRIX_EXAMPLES[name]}."))
     if len(matrices) < 2:
         return None
     try:
@@ -215,12 +209,8 @@ def _of_kind(
 
 def _labels(value: Any, *, key: str) -> list[Any]:
     if not is_list(value) or not value or not all(is_text(each) or isinstance(each, str | int) for each in value):
-        raise _wrong(key, f"must be a list of labels, at least one; got {shown(value)}", "For example agents = [1, 2].")
+        raise wrong(key, f"must be a list of labels, at least one; got {shown(value)}.", "For example agents = [1, 2].")
     return list(value)
-
-
-def _wrong(key: str, what: str, cure: str) -> SpecError:
-    return SpecError(f"{key} {what}.", key=key, cure=cure)
 
 
 T = TypeVar("T")
@@ -254,16 +244,16 @@ def read_problem_tables(document: Mapping[str, Any], *, folder: Path | None, def
 def _check_version(document: Mapping[str, Any]) -> None:
     version = document.get("schema", SCHEMA_VERSION)
     if isinstance(version, bool) or not isinstance(version, int) or version < 1:
-        raise SpecError(
-            f"schema must be the whole number {SCHEMA_VERSION}; got {shown(version)}.",
-            key="schema",
-            cure=f"Write schema = {SCHEMA_VERSION}.",
+        raise wrong(
+            "schema",
+            f"must be the whole number {SCHEMA_VERSION}; got {shown(version)}.",
+            f"Write schema = {SCHEMA_VERSION}.",
         )
     if version > SCHEMA_VERSION:
-        raise SpecError(
-            f"schema must be at most {SCHEMA_VERSION}, the newest this program knows; got {shown(version)}.",
-            key="schema",
-            cure="Update dobc_design.",
+        raise wrong(
+            "schema",
+            f"must be at most {SCHEMA_VERSION}, the newest this program knows; got {shown(version)}.",
+            "Update dobc_design.",
         )
 
 
@@ -346,10 +336,8 @@ def _network(tables: ProblemFile, *, folder: Path | None) -> Network:
     modes: dict[str, Arcs] = {}
     for name, value in table.modes.items():
         key = f"network.modes.{named(name)}"
-        try:
+        with kept(collect.errors):
             modes[name] = _mode(value, index=index, arrow=table.arrow, key=key, folder=folder)
-        except SpecError as error:
-            collect.errors.extend(error.errors)
         if len(collect.errors) >= MOST_ERRORS:
             break
     # With what can be read, so that further mistakes show at once.
@@ -373,42 +361,35 @@ def _mode(value: Any, *, index: Mapping[str, int], arrow: str, key: str, folder:
 
 def _exceptions(tables: ProblemFile, network: Network, *, dimension: int) -> dict[tuple[int, int], Coupling]:
     given = tables.coupling.exceptions
-    codes = network.arc_codes() if given else set()
+    codes, index = (network.arc_codes(), network.index) if given else (set(), {})
     result: dict[tuple[int, int], Coupling] = {}
     errors: list[SpecError] = []
     for position, table in enumerate(given):
         key = f"coupling.exceptions[{position}]"
         pairs: list[tuple[int, int]] = []
-        try:
-            pairs = _exception_arcs(table.arcs, key=f"{key}.arcs", network=network, arrow=tables.network.arrow)
+        with kept(errors):
+            pairs = _exception_arcs(table.arcs, key=f"{key}.arcs", index=index, arrow=tables.network.arrow)
             _check_exceptions(pairs, codes, taken=result, labels=network.labels, key=f"{key}.arcs")
-        except SpecError as error:
-            errors.extend(error.errors)
-        try:
+        with kept(errors):
             coupling = make_coupling(table.h, dimension=dimension, key=f"{key}.h")
             result |= dict.fromkeys(pairs, coupling)
-        except SpecError as error:
-            errors.extend(error.errors)
         if len(errors) >= MOST_ERRORS:
             break
-    if errors:
-        raise SpecError.several(errors)
+    raise_all(errors)
     return result
 
 
-def _exception_arcs(value: Any, *, key: str, network: Network, arrow: str) -> list[tuple[int, int]]:
+def _exception_arcs(value: Any, *, key: str, index: Mapping[str, int], arrow: str) -> list[tuple[int, int]]:
     if not is_list(value) or not value:
-        raise SpecError(
-            f"{key} must be a list of arcs; got {shown(value)}.", key=key, cure="For example [[1, 2], [2, 3]]."
-        )
+        raise wrong(key, f"must be a list of arcs; got {shown(value)}.", "For example [[1, 2], [2, 3]].")
     for place, arc in enumerate(value):
         if is_list(arc) and len(arc) == 3:
-            raise SpecError(
-                f"{key}[{place}] must be [a, b]; the weight stands with the arc in its mode.",
-                key=f"{key}[{place}]",
-                cure="Drop the third entry.",
+            raise wrong(
+                f"{key}[{place}]",
+                "must be [a, b]; the weight stands with the arc in its mode.",
+                "Drop the third entry.",
             )
-    arcs = arcs_from_pairs(value, index=network.index, arrow=arrow, key=key)
+    arcs = arcs_from_pairs(value, index=index, arrow=arrow, key=key)
     return list(zip(arcs.listeners.tolist(), arcs.speakers.tolist(), strict=True))
 
 
@@ -426,16 +407,11 @@ def _check_exceptions(
         names = f"{named(labels[listener])} listens to {named(labels[speaker])}"
         if listener * len(labels) + speaker not in codes:
             turned = speaker * len(labels) + listener in codes
-            raise SpecError(
-                f"{key}[{place}]: no mode has the arc in which {names}"
-                + ("; it is there the other way round." if turned else "."),
-                key=f"{key}[{place}]",
-                cure="Correct the arc, or remove the exception.",
+            raise about(
+                f"{key}[{place}]",
+                f"no mode has the arc in which {names}" + ("; it is there the other way round." if turned else "."),
+                "Correct the arc, or remove the exception.",
             )
         if (listener, speaker) in taken or (listener, speaker) in seen:
-            raise SpecError(
-                f"{key}[{place}]: the arc in which {names} has an exception already.",
-                key=f"{key}[{place}]",
-                cure="Keep one of them.",
-            )
+            raise about(f"{key}[{place}]", f"the arc in which {names} has an exception already.", "Keep one of them.")
         seen.add((listener, speaker))

@@ -20,7 +20,7 @@ from typing import Any
 
 from dobc_design._checks import require_square
 from dobc_design._show.cards import Card, Shown, listed
-from dobc_design.errors import ShapeError, SpecError
+from dobc_design.errors import ShapeError, SpecError, about, raise_all, wrong
 from dobc_design.exact.matrix import Matrix
 from dobc_design.exact.number import parse_number
 from dobc_design.exact.reading import counted, is_list, named, read_matrix, rows_of, shown, shown_number
@@ -47,18 +47,18 @@ class Observer(Shown):
         lyapunov = None if P is None else read_matrix(P, key="observer.P")
         speed = None if rate is None else parse_number(rate, key="observer.rate")
         if lyapunov is not None and gain is None:
-            raise SpecError(
-                "observer.P must stand beside observer.W, because P is tested for that W; got P alone.",
-                key="observer.P",
-                cure="Give W too, or leave P out: a P is then found for you.",
+            raise wrong(
+                "observer.P",
+                "must stand beside observer.W, because P is tested for that W; got P alone.",
+                "Give W too, or leave P out: a P is then found for you.",
             )
         if lyapunov is not None:
             _check_symmetric(lyapunov)
         if speed is not None and speed <= 0:
-            raise SpecError(
-                f"observer.rate must be > 0 (1/s), the decay asked of the estimate; got {shown_number(speed)}.",
-                key="observer.rate",
-                cure="Leave it out for the default.",
+            raise wrong(
+                "observer.rate",
+                f"must be > 0 (1/s), the decay asked of the estimate; got {shown_number(speed)}.",
+                "Leave it out for the default.",
             )
         object.__setattr__(self, "W", gain)
         object.__setattr__(self, "P", lyapunov)
@@ -70,11 +70,12 @@ def _check_symmetric(P: Matrix) -> None:
     for i, row in enumerate(P):
         for j in range(i):
             if row[j] != P[j][i]:
-                raise ShapeError(
-                    f"observer.P must be symmetric, because x'Px is its only use;"
+                raise wrong(
+                    "observer.P",
+                    f"must be symmetric, because x'Px is its only use;"
                     f" got {shown_number(P[j][i])} at [{j}][{i}] and {shown_number(row[j])} at [{i}][{j}].",
-                    key="observer.P",
-                    cure="Replace it by (P + P')/2.",
+                    "Replace it by (P + P')/2.",
+                    kind=ShapeError,
                 )
 
 
@@ -85,10 +86,11 @@ def check_observer(observer: Observer, *, q: int, m: int) -> None:
         ("P", observer.P, (q, q), "one row and column per exosystem state"),
     ):
         if matrix is not None and (len(matrix), len(matrix[0])) != shape:
-            raise ShapeError(
-                f"observer.{name} must have shape {shape}, {because}; got shape ({len(matrix)}, {len(matrix[0])}).",
-                key=f"observer.{name}",
-                cure=f"Give {rows_of(shape)}.",
+            raise wrong(
+                f"observer.{name}",
+                f"must have shape {shape}, {because}; got shape ({len(matrix)}, {len(matrix[0])}).",
+                f"Give {rows_of(shape)}.",
+                kind=ShapeError,
             )
 
 
@@ -113,17 +115,17 @@ class Group(Shown):
         if not all(type(each) is str for each in names):
             names = () if any(isinstance(each, bool) for each in names) else tuple(map(str, names))
         if not names:
-            raise SpecError(
-                f"agents must be a list of labels, at least one; got {shown(agents)}.",
-                key="agents",
-                cure="For example agents = [1, 2].",
+            raise wrong(
+                "agents",
+                f"must be a list of labels, at least one; got {shown(agents)}.",
+                "For example agents = [1, 2].",
             )
         for key, value, kind in (("exosystem", exosystem, Exosystem), ("observer", observer, Observer)):
             if not isinstance(value, kind) and (value is not None or kind is Exosystem):
-                raise SpecError(
-                    f"{key} of a group must be an {kind.__name__}; got {shown(value)}.",
-                    key=key,
-                    cure=f"Make one with {kind.__name__}(...).",
+                raise wrong(
+                    key,
+                    f"of a group must be an {kind.__name__}; got {shown(value)}.",
+                    f"Make one with {kind.__name__}(...).",
                 )
         object.__setattr__(self, "agents", names)
         object.__setattr__(self, "exosystem", exosystem)
@@ -169,8 +171,7 @@ def read_groups(
     rest = tuple(label for label in labels if label not in owner)
     if not errors:
         _check_rest(rest, exosystem, common, errors)
-    if errors:
-        raise SpecError.several(errors)
+    raise_all(errors)
     places: dict[int, list[str]] = {}
     for label in labels:
         places.setdefault(owner.get(label, -1), []).append(label)
@@ -220,19 +221,15 @@ def _owners(groups: Sequence[Group], labels: tuple[str, ...], errors: list[SpecE
             key = f"{group_key(number)}.agents[{place}]"
             if label not in known:
                 errors.append(
-                    SpecError(
-                        f"{key}: there is no agent {shown(label)} in network.agents.",
-                        key=key,
-                        cure="Use the label of an agent.",
-                    )
+                    about(key, f"there is no agent {shown(label)} in network.agents.", "Use the label of an agent.")
                 )
             elif label in owner:
                 where = "this group" if owner[label] == number else group_key(owner[label])
                 errors.append(
-                    SpecError(
-                        f"{key}: agent {shown(label)} is in {where} already, and an agent has one exosystem only.",
-                        key=key,
-                        cure="Keep it in one group.",
+                    about(
+                        key,
+                        f"agent {shown(label)} is in {where} already, and an agent has one exosystem only.",
+                        "Keep it in one group.",
                     )
                 )
             owner.setdefault(label, number)
@@ -243,19 +240,20 @@ def _check_group(group: Group, *, key: str, m: int, rate: Fraction | None, error
     outputs = group.exosystem.outputs
     if outputs != m:
         errors.append(
-            ShapeError(
-                f"{key}.C must have {counted(m, 'row')}, one per state component, as every C has; got {outputs}.",
-                key=f"{key}.C",
-                cure=f"Give {counted(m, 'row')}.",
+            wrong(
+                f"{key}.C",
+                f"must have {counted(m, 'row')}, one per state component, as every C has; got {outputs}.",
+                f"Give {counted(m, 'row')}.",
+                kind=ShapeError,
             )
         )
         return
     if group.observer.rate not in (None, rate):
         errors.append(
-            SpecError(
-                f"{key}: a group has no rate of its own; the rate asked of a designed W is observer.rate, for all.",
-                key=key,
-                cure="Give the rate in [observer], or W in the group.",
+            about(
+                key,
+                "a group has no rate of its own; the rate asked of a designed W is observer.rate, for all.",
+                "Give the rate in [observer], or W in the group.",
             )
         )
     try:
@@ -280,18 +278,18 @@ def _check_rest(rest: Sequence[str], exosystem: Exosystem | None, common: Observ
         check_observer(common, q=exosystem.order, m=exosystem.outputs)
     elif exosystem is not None:
         errors.append(
-            SpecError(
-                "exosystem.A and exosystem.C belong to nobody, because every agent is in a group of exosystem.groups.",
-                key="exosystem.A",
-                cure="Remove A and C (or kind) from [exosystem].",
+            wrong(
+                "exosystem.A",
+                "and exosystem.C belong to nobody, because every agent is in a group of exosystem.groups.",
+                "Remove A and C (or kind) from [exosystem].",
             )
         )
     elif common.W is not None or common.P is not None:
         errors.append(
-            SpecError(
-                "observer.W and observer.P belong to nobody, because every agent is in a group of exosystem.groups.",
-                key="observer.W",
-                cure="Give W and P in the groups.",
+            wrong(
+                "observer.W",
+                "and observer.P belong to nobody, because every agent is in a group of exosystem.groups.",
+                "Give W and P in the groups.",
             )
         )
 

@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dobc_design._show.cards import MOST_ROWS, Card, Shown, cut, listed
-from dobc_design.errors import SpecError
+from dobc_design.errors import SpecError, about, raise_all, wrong
 from dobc_design.exact.number import parse_number
 from dobc_design.exact.reading import MOST_ERRORS, NumberText, counted, is_list, named, shown, shown_number
 
@@ -55,21 +55,17 @@ def labels_of(agents: int | Iterable[Any]) -> tuple[str, ...]:
     if isinstance(agents, (int, np.integer)) and not isinstance(agents, bool) and 1 <= agents <= MOST_AGENTS:
         return tuple(map(str, range(1, int(agents) + 1)))
     if isinstance(agents, (int, np.integer, str, Mapping)) or not isinstance(agents, Iterable):
-        raise SpecError(
-            f"network.agents must be a count from 1 to {MOST_AGENTS} or a list of labels; got {shown(agents)}.",
-            key="network.agents",
-            cure="For example agents = 10.",
+        raise wrong(
+            "network.agents",
+            f"must be a count from 1 to {MOST_AGENTS} or a list of labels; got {shown(agents)}.",
+            "For example agents = 10.",
         )
     labels = tuple(
         label if type(label) is str and is_label(label) else label_text(label, place=f"network.agents[{position}]")
         for position, label in enumerate(agents)
     )
     if not labels:
-        raise SpecError(
-            "network.agents must name at least one agent; got none.",
-            key="network.agents",
-            cure="Give a count, or a list of labels.",
-        )
+        raise wrong("network.agents", "must name at least one agent; got none.", "Give a count, or a list of labels.")
     return labels
 
 
@@ -156,8 +152,7 @@ def arcs_from_pairs(pairs: Sequence[Sequence[Any]], *, index: Mapping[str, int],
         first.append(a)
         second.append(b)
         weights.append(weight)
-    if errors:
-        raise SpecError.several(errors)
+    raise_all(errors)
     listener, speaker = np.array(first, dtype=np.int64), np.array(second, dtype=np.int64)
     return directed(listener, speaker, parse_weights(weights, key=key), arrow=arrow)
 
@@ -187,36 +182,32 @@ def check_arcs(arcs: Arcs, labels: Sequence[str], *, mode: str) -> None:
     for ends in (arcs.listeners, arcs.speakers):
         outside = np.flatnonzero((ends < 0) | (ends >= n))
         if len(outside):
-            raise SpecError(
-                f"{key}[{outside[0]}]: index {ends[outside[0]]} leaves the graph; agents are numbered 0 to {n - 1}.",
-                key=f"{key}[{outside[0]}]",
-                cure="Correct the index.",
+            raise about(
+                f"{key}[{outside[0]}]",
+                f"index {ends[outside[0]]} leaves the graph; agents are numbered 0 to {n - 1}.",
+                "Correct the index.",
             )
     loops = np.flatnonzero(arcs.listeners == arcs.speakers)
     if len(loops):
         name = named(labels[int(arcs.listeners[loops[0]])])
-        raise SpecError(
-            f"{key}[{loops[0]}]: agent {name} must not listen to itself; got a self-arc.",
-            key=f"{key}[{loops[0]}]",
-            cure="Remove the arc.",
-        )
+        raise about(f"{key}[{loops[0]}]", f"agent {name} must not listen to itself; got a self-arc.", "Remove the arc.")
     codes = arcs.listeners * n + arcs.speakers
     order = np.argsort(codes, kind="stable")
     again = np.flatnonzero(np.diff(codes[order]) == 0)
     if len(again):
         position = int(order[again + 1].min())
-        raise SpecError(
-            f"{key}[{position}]: {_sentence(arcs, position, labels)} already; this arc is a duplicate.",
-            key=f"{key}[{position}]",
-            cure="Remove one of the two, or give one arc with the sum of the weights.",
+        raise about(
+            f"{key}[{position}]",
+            f"{_sentence(arcs, position, labels)} already; this arc is a duplicate.",
+            "Remove one of the two, or give one arc with the sum of the weights.",
         )
     if any(w is not ONE and w <= 0 for w in arcs.weights):
         position = next(i for i, w in enumerate(arcs.weights) if w <= 0)
-        raise SpecError(
-            f"{key}[{position}]: a weight must be > 0, because it multiplies h;"
+        raise about(
+            f"{key}[{position}]",
+            f"a weight must be > 0, because it multiplies h;"
             f" {_sentence(arcs, position, labels)} with {shown_number(arcs.weights[position])}.",
-            key=f"{key}[{position}]",
-            cure="Leave the arc out, or put the sign into h.",
+            "Leave the arc out, or put the sign into h.",
         )
 
 
@@ -227,10 +218,10 @@ def _sentence(arcs: Arcs, position: int, labels: Sequence[str]) -> str:
 
 def _read_pair(pair: Sequence[Any], index: Mapping[str, int], *, key: str) -> tuple[int, int, Any]:
     if not isinstance(pair, (list, tuple)) or len(pair) not in (2, 3):
-        raise SpecError(
-            f"{key} must be an arc [a, b] or [a, b, weight]; got {shown(pair)}.",
-            key=key,
-            cure="Write two labels and, if wanted, a weight.",
+        raise wrong(
+            key,
+            f"must be an arc [a, b] or [a, b, weight]; got {shown(pair)}.",
+            "Write two labels and, if wanted, a weight.",
         )
     ends = []
     for position, end in enumerate(pair[:2]):
@@ -239,10 +230,10 @@ def _read_pair(pair: Sequence[Any], index: Mapping[str, int], *, key: str) -> tu
         except SpecError as error:
             raise SpecError(error.message, key=f"{key}[{position}]", cure=error.cure) from None
         if text not in index:
-            raise SpecError(
-                f"{key}: arc {shown(list(pair))} leaves the graph; there is no agent {shown(text)}{_range(index)}.",
-                key=key,
-                cure="Use a label from network.agents.",
+            raise about(
+                key,
+                f"arc {shown(list(pair))} leaves the graph; there is no agent {shown(text)}{_range(index)}.",
+                "Use a label from network.agents.",
             )
         ends.append(index[text])
     return ends[0], ends[1], pair[2] if len(pair) == 3 else 1
@@ -268,36 +259,34 @@ class Network(Shown):
     def __post_init__(self) -> None:
         object.__setattr__(self, "modes", MappingProxyType(dict(self.modes)))
         if not self.labels:
-            raise SpecError(
-                "network.agents must name at least one agent; got none.",
-                key="network.agents",
-                cure="Give a count, or a list of labels.",
+            raise wrong(
+                "network.agents", "must name at least one agent; got none.", "Give a count, or a list of labels."
             )
         if not all(map(is_label, self.labels)):
-            wrong = next(label for label in self.labels if not is_label(label))
+            bad = next(label for label in self.labels if not is_label(label))
             raise SpecError(
-                f"a label must be {WANTED}; got {shown(wrong)}.", key="network.agents", cure="Rename that agent."
+                f"a label must be {WANTED}; got {shown(bad)}.", key="network.agents", cure="Rename that agent."
             )
         repeated = first_repeated(self.labels)
         if repeated is not None:
-            raise SpecError(
-                f"network.agents must be different from one another; {shown(repeated)} stands there twice"
+            raise wrong(
+                "network.agents",
+                f"must be different from one another; {shown(repeated)} stands there twice"
                 ' (labels are text: 1 and "1" are one label).',
-                key="network.agents",
-                cure="Rename one of the two.",
+                "Rename one of the two.",
             )
         if not self.modes:
-            raise SpecError(
-                "network.modes must hold at least one mode; got none.",
-                key="network.modes",
-                cure="Give one list of arcs for a fixed topology, several for switching.",
+            raise wrong(
+                "network.modes",
+                "must hold at least one mode; got none.",
+                "Give one list of arcs for a fixed topology, several for switching.",
             )
         for name, arcs in self.modes.items():
             if not is_label(name):
-                raise SpecError(
-                    f"network.modes: the name of a mode must be {WANTED}; got {shown(name)}.",
-                    key="network.modes",
-                    cure="Name it, for example Ga.",
+                raise about(
+                    "network.modes",
+                    f"the name of a mode must be {WANTED}; got {shown(name)}.",
+                    "Name it, for example Ga.",
                 )
             check_arcs(arcs, self.labels, mode=name)
 
@@ -394,18 +383,18 @@ class Network(Shown):
         for name, each in graphs.items():
             key = f"network.modes.{named(name)}"
             if not hasattr(each, "edges") or not hasattr(each, "is_directed"):
-                raise SpecError(
-                    f"{key} must be a networkx graph; got {type(each).__name__}.",
-                    key=key,
-                    cure="For lists of pairs there is Network.from_arcs, for matrices Network.from_sparse.",
+                raise wrong(
+                    key,
+                    f"must be a networkx graph; got {type(each).__name__}.",
+                    "For lists of pairs there is Network.from_arcs, for matrices Network.from_sparse.",
                 )
             nodes = _nodes(each)
             labels = labels or nodes
             if set(nodes) != set(labels):
-                raise SpecError(
-                    f"{key} must have the same nodes as the first mode.",
-                    key=key,
-                    cure="Add the missing nodes to the graph; a node without arcs is allowed.",
+                raise wrong(
+                    key,
+                    "must have the same nodes as the first mode.",
+                    "Add the missing nodes to the graph; a node without arcs is allowed.",
                 )
             pairs = list(each.edges(data="weight", default=1))
             if not each.is_directed():
@@ -434,11 +423,11 @@ class Network(Shown):
             key = f"network.modes.{named(name)}"
             table = _coordinates(each, key=key)
             if table.shape[0] != table.shape[1] or size not in (0, table.shape[0]):
-                raise SpecError(
-                    f"{key}: the matrix must be square, with one row and column per agent"
+                raise about(
+                    key,
+                    f"the matrix must be square, with one row and column per agent"
                     f"{f' ({size} x {size})' if size else ''}; got shape {table.shape}.",
-                    key=key,
-                    cure="Give an n x n matrix for every mode, and n labels or none.",
+                    "Give an n x n matrix for every mode, and n labels or none.",
                 )
             size = table.shape[0]
             keep = table.data != 0
@@ -476,10 +465,10 @@ def _modes(value: Any, several: bool) -> dict[str, Any]:
 def _coordinates(matrix: Any, *, key: str) -> Any:
     """The matrix in coordinate form, a copy, each place once."""
     if not hasattr(matrix, "tocoo") or len(matrix.shape) != 2:
-        raise SpecError(
-            f"{key} must be a SciPy sparse matrix; got {type(matrix).__name__}.",
-            key=key,
-            cure="Wrap it: scipy.sparse.coo_array(matrix).",
+        raise wrong(
+            key,
+            f"must be a SciPy sparse matrix; got {type(matrix).__name__}.",
+            "Wrap it: scipy.sparse.coo_array(matrix).",
         )
     table = matrix.tocoo(copy=True)
     table.sum_duplicates()

@@ -12,7 +12,7 @@ from types import MappingProxyType
 from typing import Any
 
 from dobc_design._show.cards import Card, Shown, plain
-from dobc_design.errors import SpecError
+from dobc_design.errors import SpecError, about, kept, raise_all, wrong
 from dobc_design.exact.definite import decide_positive_semidefinite
 from dobc_design.exact.matrix import Matrix, add, transpose
 from dobc_design.exact.number import parse_number
@@ -81,10 +81,10 @@ def read_pinning(gains: Any, *, labels: Sequence[str], dimension: int) -> Pinnin
     if gains is None:
         return Pinning(gains={})
     if is_list(gains):
-        raise SpecError(
-            f"pinning.gains must be a table of label = gain, or one number for all agents; got {shown(gains)}.",
-            key="pinning.gains",
-            cure="For example gains = { 1 = 5.0, 6 = 2 }.",
+        raise wrong(
+            "pinning.gains",
+            f"must be a table of label = gain, or one number for all agents; got {shown(gains)}.",
+            "For example gains = { 1 = 5.0, 6 = 2 }.",
         )
     if not isinstance(gains, Mapping):
         gain = _read_gain(gains, key="pinning.gains", dimension=dimension)
@@ -95,28 +95,23 @@ def read_pinning(gains: Any, *, labels: Sequence[str], dimension: int) -> Pinnin
     errors: list[SpecError] = []
     for label, value in gains.items():
         key = f"pinning.gains.{named(str(label))}"
-        try:
+        with kept(errors):
             place = index.get(str(label))
             if place is None or isinstance(label, bool):
-                raise SpecError(
-                    f"{key}: there is no agent {shown(str(label))} in network.agents.",
-                    key=key,
-                    cure="Use the label of an agent.",
+                raise about(
+                    key, f"there is no agent {shown(str(label))} in network.agents.", "Use the label of an agent."
                 )
             if place in result:
-                raise SpecError(f"{key} stands there twice (labels are text).", key=key, cure="Keep one.")
+                raise wrong(key, "stands there twice (labels are text).", "Keep one.")
             token = value if isinstance(value, (str, int, Fraction)) and not isinstance(value, bool) else None
             if token is None or token not in known:
                 gain = _read_gain(value, key=key, dimension=dimension)
                 if token is not None:
                     known[token] = gain
             result[place] = known[token] if token is not None else gain
-        except SpecError as error:
-            errors.append(error)
-            if len(errors) >= MOST_ERRORS:
-                break
-    if errors:
-        raise SpecError.several(errors)
+        if len(errors) >= MOST_ERRORS:
+            break
+    raise_all(errors)
     return Pinning(gains=result)
 
 
@@ -124,11 +119,11 @@ def _read_gain(value: Any, *, key: str, dimension: int) -> Matrix:
     if not is_list(value):
         number = parse_number(value, key=key)
         if number < 0:
-            raise SpecError(
-                f"{key} must be >= 0, because u_i = -k_i (x_i - xbar) has to pull towards the target;"
+            raise wrong(
+                key,
+                f"must be >= 0, because u_i = -k_i (x_i - xbar) has to pull towards the target;"
                 f" got {shown_number(number)}.",
-                key=key,
-                cure="Use a positive gain, or leave the agent out.",
+                "Use a positive gain, or leave the agent out.",
             )
         return scalar_matrix(number, dimension)
     gain = read_matrix(value, key=key, shape=(dimension, dimension), because="one row and column per state component")
@@ -139,9 +134,9 @@ def _read_gain(value: Any, *, key: str, dimension: int) -> Matrix:
 def _check_gain(gain: Matrix, *, key: str) -> None:
     symmetric = SparseSymmetric.from_dense(add(gain, transpose(gain)))
     if decide_positive_semidefinite(symmetric).verdict is not Verdict.PROVED:
-        raise SpecError(
-            f"{key}: a matrix gain k must satisfy k + k' >= 0, so that it never pushes away from the target;"
+        raise about(
+            key,
+            "a matrix gain k must satisfy k + k' >= 0, so that it never pushes away from the target;"
             " this one does not.",
-            key=key,
-            cure="Make its symmetric part positive semidefinite.",
+            "Make its symmetric part positive semidefinite.",
         )

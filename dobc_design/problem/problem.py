@@ -13,7 +13,7 @@ from typing import Any, TypeVar
 
 from dobc_design._show.cards import MOST_ITEMS, Card, Shown, listed, plain
 from dobc_design.coupling.coupling import Coupling, make_coupling
-from dobc_design.errors import ShapeError, SpecError
+from dobc_design.errors import ShapeError, SpecError, about, kept, raise_all, wrong
 from dobc_design.exact.matrix import Vector
 from dobc_design.exact.reading import (
     MOST_ERRORS,
@@ -118,8 +118,7 @@ class Problem(Shown):
             orders = _orders(divided, network.labels, exosystem)
             keep("simulation", lambda: _read_simulation(simulation, n=network.size, orders=orders, m=m))
         keep("notes", lambda: _read_notes(notes))
-        if errors:
-            raise SpecError.several(errors)
+        raise_all(errors)
         places = {each: place for place, each in enumerate(dict.fromkeys((self.coupling, *self.exceptions.values())))}
         object.__setattr__(self, "couplings", tuple(places))
         object.__setattr__(self, "exception_places", {arc: places[each] for arc, each in self.exceptions.items()})
@@ -211,11 +210,11 @@ class Problem(Shown):
     def require_one_exosystem(self) -> None:
         """Refuse a problem with several groups.  Raises: SpecError."""
         if self.is_grouped:
-            raise SpecError(
-                "exosystem.groups: this is not available yet for agents with different exosystems; it knows one"
+            raise about(
+                "exosystem.groups",
+                "this is not available yet for agents with different exosystems; it knows one"
                 " exosystem that all agents share.",
-                key="exosystem.groups",
-                cure="Use certify, verify, design, simulate, falsify or to_c, which know groups; or give every agent"
+                "Use certify, verify, design, simulate, falsify or to_c, which know groups; or give every agent"
                 " the same A and C.",
             )
 
@@ -249,10 +248,8 @@ class _Keeper:
         self.instance, self.errors = instance, errors
 
     def __call__(self, field: str, read: Callable[[], T]) -> None:
-        try:
+        with kept(self.errors):
             object.__setattr__(self.instance, field, read())
-        except SpecError as error:
-            self.errors.extend(error.errors)
 
 
 def dimension_of(exosystem: Exosystem | None, target: Any, coupling: Any) -> int:
@@ -266,10 +263,11 @@ def dimension_of(exosystem: Exosystem | None, target: Any, coupling: Any) -> int
     else:
         key, m = "coupling.h", len(coupling) if is_list(coupling) else 1
     if m > LARGEST_DIMENSION:
-        raise ShapeError(
-            f"{key}: an agent may have at most {LARGEST_DIMENSION} state components; got {m}.",
-            key=key,
-            cure="Components that do not act on each other can be problems of their own.",
+        raise about(
+            key,
+            f"an agent may have at most {LARGEST_DIMENSION} state components; got {m}.",
+            "Components that do not act on each other can be problems of their own.",
+            kind=ShapeError,
         )
     return max(1, m)
 
@@ -283,17 +281,15 @@ def _check_kinds(*, network: object, exosystem: object, observer: object, switch
     ):
         if not isinstance(value, kind) and (value is not None or kind is Network):
             name = kind.__name__
-            raise SpecError(
-                f"{key} must be {'an' if name[0] in 'EO' else 'a'} {name}; got {shown(value)}.", key=key, cure=cure
-            )
+            raise wrong(key, f"must be {'an' if name[0] in 'EO' else 'a'} {name}; got {shown(value)}.", cure)
 
 
 def _check_groups(groups: object) -> None:
     if groups is not None and not (is_list(groups) and all(isinstance(each, Group) for each in groups)):  # type: ignore[attr-defined]
-        raise SpecError(
-            f"groups must be a list of Groups; got {shown(groups)}.",
-            key="groups",
-            cure="Make one with Group(agents=[...], exosystem=Exosystem(...)).",
+        raise wrong(
+            "groups",
+            f"must be a list of Groups; got {shown(groups)}.",
+            "Make one with Group(agents=[...], exosystem=Exosystem(...)).",
         )
 
 
@@ -304,10 +300,10 @@ def is_name(name: object) -> bool:
 
 def _read_name(name: object) -> str:
     if not isinstance(name, str) or not is_name(name):
-        raise SpecError(
-            f"name must be text of 1 to 100 printable characters; got {shown(name)}.",
-            key="name",
-            cure='For example name = "my-network".',
+        raise wrong(
+            "name",
+            f"must be text of 1 to 100 printable characters; got {shown(name)}.",
+            'For example name = "my-network".',
         )
     return name
 
@@ -316,10 +312,10 @@ def _read_notes(notes: Any) -> tuple[str, ...]:
     texts = tuple(notes) if is_list(notes) else (notes,)
     for position, text in enumerate(texts):
         if not is_text(text) or len(text) > 1000 or not text.replace("\n", "").isprintable():
-            raise SpecError(
-                f"notes[{position}] must be text of at most 1000 printable characters; got {shown(text)}.",
-                key=f"notes[{position}]",
-                cure="Write a list of sentences.",
+            raise wrong(
+                f"notes[{position}]",
+                f"must be text of at most 1000 printable characters; got {shown(text)}.",
+                "Write a list of sentences.",
             )
     return texts
 
@@ -327,10 +323,11 @@ def _read_notes(notes: Any) -> tuple[str, ...]:
 def _read_coupling(value: Any, *, dimension: int, key: str) -> Coupling:
     if isinstance(value, Coupling):
         if value.dimension != dimension:
-            raise ShapeError(
-                f"{key} must have dimension {dimension}, one per state component; got {value.dimension}.",
-                key=key,
-                cure="Make it with the right dimension.",
+            raise wrong(
+                key,
+                f"must have dimension {dimension}, one per state component; got {value.dimension}.",
+                "Make it with the right dimension.",
+                kind=ShapeError,
             )
         return value
     return make_coupling(value, dimension=dimension, key=key)
@@ -344,20 +341,17 @@ def _read_exceptions(value: Any, *, network: Network, dimension: int) -> Mapping
     errors: list[SpecError] = []
     for position, (arc, h) in enumerate(_items(value, key="coupling.exceptions")):
         key = f"coupling.exceptions[{position}]"
-        try:
+        with kept(errors):
             if not _is_arc(arc, n) or arc[0] * n + arc[1] not in codes:
-                raise SpecError(
-                    f"{key}: no mode has the arc with the indices (listener, speaker) = {shown(arc)}.",
-                    key=key,
-                    cure="Correct the arc, or remove the exception; indices count from 0.",
+                raise about(
+                    key,
+                    f"no mode has the arc with the indices (listener, speaker) = {shown(arc)}.",
+                    "Correct the arc, or remove the exception; indices count from 0.",
                 )
             result[int(arc[0]), int(arc[1])] = _read_coupling(h, dimension=dimension, key=f"{key}.h")
-        except SpecError as error:
-            errors.extend(error.errors)
-            if len(errors) >= MOST_ERRORS:
-                break
-    if errors:
-        raise SpecError.several(errors)
+        if len(errors) >= MOST_ERRORS:
+            break
+    raise_all(errors)
     # Certificates number couplings in the order of the canonical problem, which is that of the arcs.
     return MappingProxyType(dict(sorted(result.items())))
 
@@ -368,7 +362,7 @@ def _is_arc(value: Any, n: int) -> bool:
 
 def _items(value: Any, *, key: str) -> Iterable[tuple[Any, Any]]:
     if not isinstance(value, Mapping):
-        raise SpecError(f"{key} must be a table; got {shown(value)}.", key=key, cure="Give a mapping, as a dict.")
+        raise wrong(key, f"must be a table; got {shown(value)}.", "Give a mapping, as a dict.")
     return value.items()
 
 
@@ -376,11 +370,7 @@ def _read_table(value: Any, keys: Sequence[str], *, key: str) -> Mapping[str, An
     """A mapping that has no other keys than these."""
     for name, _ in _items(value, key=key):
         if name not in keys:
-            raise SpecError(
-                f"{key}.{named(str(name))} is an unknown key.",
-                key=f"{key}.{named(str(name))}",
-                cure=f"Known keys: {', '.join(keys)}.",
-            )
+            raise wrong(f"{key}.{named(str(name))}", "is an unknown key.", f"Known keys: {', '.join(keys)}.")
     table: Mapping[str, Any] = value
     return table
 
@@ -397,23 +387,18 @@ def _read_offsets(value: Any, *, network: Network, dimension: int) -> Mapping[in
     errors: list[SpecError] = []
     for label, offset in _items(value, key="formation.offsets"):
         key = f"formation.offsets.{named(str(label))}"
-        try:
+        with kept(errors):
             place = None if isinstance(label, bool) else index.get(str(label))
             if place is None:
-                raise SpecError(
-                    f"{key}: there is no agent {shown(str(label))} in network.agents.",
-                    key=key,
-                    cure="Use the label of an agent.",
+                raise about(
+                    key, f"there is no agent {shown(str(label))} in network.agents.", "Use the label of an agent."
                 )
             if place in result:
-                raise SpecError(f"{key} stands there twice (labels are text).", key=key, cure="Keep one.")
+                raise wrong(key, "stands there twice (labels are text).", "Keep one.")
             result[place] = read_vector(offset, key=key, length=dimension, because="one per state component")
-        except SpecError as error:
-            errors.extend(error.errors)
-            if len(errors) >= MOST_ERRORS:
-                break
-    if errors:
-        raise SpecError.several(errors)
+        if len(errors) >= MOST_ERRORS:
+            break
+    raise_all(errors)
     return MappingProxyType({i: offset for i, offset in sorted(result.items()) if any(offset)})
 
 

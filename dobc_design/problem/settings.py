@@ -9,7 +9,7 @@ from itertools import pairwise
 from typing import Any
 
 from dobc_design._show.cards import Card, Shown, listed
-from dobc_design.errors import ShapeError, SpecError
+from dobc_design.errors import ShapeError, SpecError, kept, raise_all, wrong
 from dobc_design.exact.matrix import Matrix, Vector
 from dobc_design.exact.number import parse_number
 from dobc_design.exact.reading import counted, is_list, is_text, read_matrix, read_vector, shown, shown_number
@@ -39,16 +39,11 @@ def read_region(initial_states: Any, initial_disturbance: Any, *, dimension: int
     errors: list[SpecError] = []
     pairs: tuple[Pair, ...] = ()
     disturbance = None
-    try:
+    with kept(errors):
         pairs = _read_pairs(initial_states, key=key, dimension=dimension)
-    except SpecError as error:
-        errors.append(error)
-    try:
+    with kept(errors):
         disturbance = _read_disturbance(initial_disturbance, with_exosystem=with_exosystem)
-    except SpecError as error:
-        errors.append(error)
-    if errors:
-        raise SpecError.several(errors)
+    raise_all(errors)
     return Region(initial_states=pairs, initial_disturbance=disturbance)
 
 
@@ -57,22 +52,20 @@ def _read_pairs(value: Any, *, key: str, dimension: int) -> tuple[Pair, ...]:
     rows = list(value) if nested else [value] * dimension
     if not is_list(value) or len(rows) != dimension or (not nested and any(is_list(entry) for entry in value)):
         several = "" if dimension == 1 else f" for all state components, or {dimension} such pairs"
-        raise ShapeError(
-            f"{key} must be a pair [lo, hi]{several}; got {shown(value)}.", key=key, cure="For example [0, 5]."
+        raise wrong(
+            key, f"must be a pair [lo, hi]{several}; got {shown(value)}.", "For example [0, 5].", kind=ShapeError
         )
     pairs = []
     for position, row in enumerate(rows):
         place = f"{key}[{position}]" if nested else key
         if len(row) != 2:
-            raise ShapeError(
-                f"{place} must be a pair [lo, hi]; got {shown(row)}.", key=place, cure="For example [0, 5]."
-            )
+            raise wrong(place, f"must be a pair [lo, hi]; got {shown(row)}.", "For example [0, 5].", kind=ShapeError)
         lo, hi = (parse_number(entry, key=f"{place}[{i}]") for i, entry in enumerate(row))
         if lo > hi:
-            raise SpecError(
-                f"{place} must be a pair [lo, hi] with lo <= hi; got [{shown_number(lo)}, {shown_number(hi)}].",
-                key=place,
-                cure="Exchange the two numbers.",
+            raise wrong(
+                place,
+                f"must be a pair [lo, hi] with lo <= hi; got [{shown_number(lo)}, {shown_number(hi)}].",
+                "Exchange the two numbers.",
             )
         pairs.append((lo, hi))
     return tuple(pairs)
@@ -82,22 +75,18 @@ def _read_disturbance(value: Any, *, with_exosystem: bool) -> Fraction | None:
     key = "region.initial_disturbance"
     if value is None:
         if with_exosystem:
-            raise SpecError(
-                f"{key} is required when there is an [exosystem]: an e-ball alone is not invariant,"
+            raise wrong(
+                key,
+                "is required when there is an [exosystem]: an e-ball alone is not invariant,"
                 " because a large estimation error pushes the states out of it.",
-                key=key,
-                cure="Give the largest |xi_i(0) - xihat_i(0)|, for example 0.5; 0 if it is known.",
+                "Give the largest |xi_i(0) - xihat_i(0)|, for example 0.5; 0 if it is known.",
             )
         return None
     number = parse_number(value, key=key)
     if number < 0:
-        raise SpecError(
-            f"{key} must be >= 0, because it is a length; got {shown_number(number)}.", key=key, cure="Give 0 or more."
-        )
+        raise wrong(key, f"must be >= 0, because it is a length; got {shown_number(number)}.", "Give 0 or more.")
     if not with_exosystem:
-        raise SpecError(
-            f"{key} has no meaning without an [exosystem].", key=key, cure="Remove it, or give the exosystem."
-        )
+        raise wrong(key, "has no meaning without an [exosystem].", "Remove it, or give the exosystem.")
     return number
 
 
@@ -133,10 +122,8 @@ def read_simulation(
     if seed is None:
         seed = 0
     if isinstance(seed, bool) or not isinstance(seed, int) or not 0 <= seed < 2**63:
-        raise SpecError(
-            f"simulation.seed must be a whole number from 0 to 2^63 - 1; got {shown(seed)}.",
-            key="simulation.seed",
-            cure="For example seed = 0.",
+        raise wrong(
+            "simulation.seed", f"must be a whole number from 0 to 2^63 - 1; got {shown(seed)}.", "For example seed = 0."
         )
     return Simulation(
         t_final=time,
@@ -151,7 +138,7 @@ def _read_xi0(value: Any, *, n: int, orders: tuple[int, ...]) -> Rows:
     if len(orders) > 1:
         return _rows_of_orders(value, key=key, orders=orders)
     if q == 0:
-        raise SpecError(f"{key} has no meaning without an [exosystem].", key=key, cure="Remove it.")
+        raise wrong(key, "has no meaning without an [exosystem].", "Remove it.")
     return _rows(value, key=key, n=n, width=q, because="one per exosystem state")
 
 
@@ -160,10 +147,11 @@ def _read_x0(value: Any, *, n: int, m: int) -> Rows:
     key = "simulation.x0"
     if m == 1 and is_list(value) and len(value) > 1 and not any(is_list(row) for row in value):
         if len(value) != n:
-            raise ShapeError(
-                f"{key} must have {counted(n, 'number')}, one per agent, or 1 for all; got {len(value)}.",
-                key=key,
-                cure="Give one number per agent.",
+            raise wrong(
+                key,
+                f"must have {counted(n, 'number')}, one per agent, or 1 for all; got {len(value)}.",
+                "Give one number per agent.",
+                kind=ShapeError,
             )
         return tuple((parse_number(number, key=f"{key}[{i}]"),) for i, number in enumerate(value))
     return _rows(value, key=key, n=n, width=m, because="one per state component")
@@ -173,18 +161,20 @@ def _rows(value: Any, *, key: str, n: int, width: int, because: str) -> Rows:
     """One list of ``width`` numbers for all agents, or a list for each."""
     if is_list(value) and len(value) > 0 and all(is_list(row) for row in value):
         if len(value) not in (1, n):
-            raise ShapeError(
-                f"{key} must have {counted(n, 'row')}, one per agent, or be one list of {counted(width, 'number')};"
+            raise wrong(
+                key,
+                f"must have {counted(n, 'row')}, one per agent, or be one list of {counted(width, 'number')};"
                 f" got {counted(len(value), 'row')}.",
-                key=key,
-                cure="Give one row for all agents, or one each.",
+                "Give one row for all agents, or one each.",
+                kind=ShapeError,
             )
         return tuple(read_vector(row, key=f"{key}[{i}]", length=width, because=because) for i, row in enumerate(value))
     if not is_list(value):
-        raise ShapeError(
-            f"{key} must be a list of {counted(width, 'number')}; got {shown(value)}.",
-            key=key,
-            cure=f"Write {[1] + [0] * (width - 1)}." if width <= 6 else "Write [1, 0, ...].",
+        raise wrong(
+            key,
+            f"must be a list of {counted(width, 'number')}; got {shown(value)}.",
+            f"Write {[1] + [0] * (width - 1)}." if width <= 6 else "Write [1, 0, ...].",
+            kind=ShapeError,
         )
     return (read_vector(value, key=key, length=width, because=because),)
 
@@ -192,11 +182,12 @@ def _rows(value: Any, *, key: str, n: int, width: int, because: str) -> Rows:
 def _rows_of_orders(value: Any, *, key: str, orders: tuple[int, ...]) -> Rows:
     """One row per agent, as long as the order of its own exosystem."""
     if not is_list(value) or len(value) != len(orders) or not all(is_list(row) for row in value):
-        raise ShapeError(
-            f"{key} must have {counted(len(orders), 'row')}, one per agent, because the groups of exosystem.groups"
+        raise wrong(
+            key,
+            f"must have {counted(len(orders), 'row')}, one per agent, because the groups of exosystem.groups"
             f" differ in order; got {shown(value)}.",
-            key=key,
-            cure="Give every agent a row with one number per state of its own exosystem.",
+            "Give every agent a row with one number per state of its own exosystem.",
+            kind=ShapeError,
         )
     because = "one per state of this agent's exosystem"
     return tuple(
@@ -263,10 +254,10 @@ class Switching(Shown):
         hysteresis: Any = None,
     ) -> None:
         if not isinstance(signal, str) or signal not in SIGNALS:
-            raise SpecError(
-                f"switching.signal must be one of {', '.join(SIGNALS)}; got {shown(signal)}.",
-                key="switching.signal",
-                cure='For example signal = "random".',
+            raise wrong(
+                "switching.signal",
+                f"must be one of {', '.join(SIGNALS)}; got {shown(signal)}.",
+                'For example signal = "random".',
             )
         object.__setattr__(self, "signal", signal)
         given = {
@@ -281,14 +272,13 @@ class Switching(Shown):
         }
         errors: list[SpecError] = []
         for name, value in given.items():
-            found = None
+            object.__setattr__(self, name, None)
             if value is not None:
-                found = _kept(errors, signal, name, value)
-            object.__setattr__(self, name, found)
+                with kept(errors):
+                    object.__setattr__(self, name, _read(signal, name, value))
         if not errors:
             errors += _misfits(self)
-        if errors:
-            raise SpecError.several(errors)
+        raise_all(errors)
 
 
 def check_switching(switching: Switching, modes: Sequence[str]) -> None:
@@ -299,28 +289,18 @@ def check_switching(switching: Switching, modes: Sequence[str]) -> None:
     for key, mode in listed:
         if mode not in modes:
             names = ", ".join(list(modes)[:6]) + (", ..." if len(modes) > 6 else "")
-            wrong = f"{key} must be a mode of [network.modes]; got {shown(mode)}."
-            errors.append(SpecError(wrong, key=key, cure=f"One of {names}."))
+            errors.append(wrong(key, f"must be a mode of [network.modes]; got {shown(mode)}.", f"One of {names}."))
     rows = 0 if switching.generator is None else len(switching.generator)
     if rows and rows != len(modes):
         errors.append(
-            ShapeError(
-                f"switching.generator must have {counted(len(modes), 'row')}, one per mode; got {rows}.",
-                key="switching.generator",
-                cure="Give rows and columns in the order of [network.modes].",
+            wrong(
+                "switching.generator",
+                f"must have {counted(len(modes), 'row')}, one per mode; got {rows}.",
+                "Give rows and columns in the order of [network.modes].",
+                kind=ShapeError,
             )
         )
-    if errors:
-        raise SpecError.several(errors)
-
-
-def _kept(errors: list[SpecError], signal: str, name: str, value: Any) -> Any:
-    """The value of a key; None where it is wrong, and the error is kept."""
-    try:
-        return _read(signal, name, value)
-    except SpecError as error:
-        errors.extend(error.errors)
-        return None
+    raise_all(errors)
 
 
 def _read(signal: str, name: str, value: Any) -> Any:
@@ -379,11 +359,10 @@ def _misfits_of_rounds(own: Switching) -> list[SpecError]:
     last = own.schedule[-1][0]
     if own.period <= last:
         found.append(
-            SpecError(
-                f"switching.period must be > {shown_number(last)} s, the last instant of the schedule; got"
-                f" {shown_number(own.period)}.",
-                key="switching.period",
-                cure="Choose a longer one.",
+            wrong(
+                "switching.period",
+                f"must be > {shown_number(last)} s, the last instant of the schedule; got {shown_number(own.period)}.",
+                "Choose a longer one.",
             )
         )
     return found
@@ -398,9 +377,7 @@ def _missing(signal: str, name: str, why: str) -> SpecError:
 
 def _twice(name: str, other: str, why: str) -> SpecError:
     key = f"switching.{name}"
-    return SpecError(
-        f"{key} must be left out where switching.{other} is given, because {why}.", key=key, cure="Keep one of them."
-    )
+    return wrong(key, f"must be left out where switching.{other} is given, because {why}.", "Keep one of them.")
 
 
 def _read_sequence(value: Any, key: str) -> tuple[str, ...]:
@@ -412,26 +389,27 @@ def _read_sequence(value: Any, key: str) -> tuple[str, ...]:
 def _read_generator(value: Any, key: str) -> Matrix:
     matrix = read_matrix(value, key=key)
     if len(matrix) != len(matrix[0]):
-        raise ShapeError(
-            f"{key} must be square, one row and one column per mode; got shape ({len(matrix)}, {len(matrix[0])}).",
-            key=key,
-            cure=f"For two modes {_EXAMPLES['generator']}.",
+        raise wrong(
+            key,
+            f"must be square, one row and one column per mode; got shape ({len(matrix)}, {len(matrix[0])}).",
+            f"For two modes {_EXAMPLES['generator']}.",
+            kind=ShapeError,
         )
     for k, row in enumerate(matrix):
         for other, rate in enumerate(row):
             if other != k and rate < 0:
                 place = f"{key}[{k}][{other}]"
-                raise SpecError(
-                    f"{place} must be >= 0, because it is a rate (1/s); got {shown_number(rate)}.",
-                    key=place,
-                    cure="Only the diagonal is negative.",
+                raise wrong(
+                    place,
+                    f"must be >= 0, because it is a rate (1/s); got {shown_number(rate)}.",
+                    "Only the diagonal is negative.",
                 )
         if sum(row):
-            raise SpecError(
-                f"{key}[{k}] must add up to 0, because a chain that leaves a mode enters another; got"
+            raise wrong(
+                f"{key}[{k}]",
+                f"must add up to 0, because a chain that leaves a mode enters another; got"
                 f" {shown_number(sum(row, Fraction(0)))}.",
-                key=f"{key}[{k}]",
-                cure=f"Write {shown_number(row[k] - sum(row))} at place {k} of that row.",
+                f"Write {shown_number(row[k] - sum(row))} at place {k} of that row.",
             )
     return matrix
 
@@ -445,37 +423,35 @@ def _read_schedule(value: Any, key: str) -> Schedule:
             raise _no_list(f"{key}[{k}]", "[instant in s, mode]", row, "schedule")
         rows.append((parse_number(row[0], key=f"{key}[{k}][0]"), _mode(row[1], f"{key}[{k}][1]")))
     if rows[0][0] != 0:
-        raise SpecError(
-            f"{key}[0][0] must be 0, because something is active from the start; got {shown_number(rows[0][0])}.",
-            key=f"{key}[0][0]",
-            cure="Say which mode is active from 0 s on.",
+        raise wrong(
+            f"{key}[0][0]",
+            f"must be 0, because something is active from the start; got {shown_number(rows[0][0])}.",
+            "Say which mode is active from 0 s on.",
         )
     for k, ((before, _), (after, _)) in enumerate(pairwise(rows)):
         if after <= before:
             place = f"{key}[{k + 1}][0]"
-            raise SpecError(
-                f"{place} must be > {shown_number(before)}, because instants increase; got {shown_number(after)}.",
-                key=place,
-                cure="Sort the instants.",
+            raise wrong(
+                place,
+                f"must be > {shown_number(before)}, because instants increase; got {shown_number(after)}.",
+                "Sort the instants.",
             )
     return tuple(rows)
 
 
 def _read_neighbours(value: Any, key: str) -> int:
     if isinstance(value, bool) or not isinstance(value, int) or not 1 <= value < 2**31:
-        raise SpecError(
-            f"{key} must be a whole number >= 1; got {shown(value)}.", key=key, cure=f"Write {_EXAMPLES['neighbours']}."
-        )
+        raise wrong(key, f"must be a whole number >= 1; got {shown(value)}.", f"Write {_EXAMPLES['neighbours']}.")
     return value
 
 
 def _read_hysteresis(value: Any, key: str) -> Fraction:
     number = parse_number(value, key=key)
     if number < 0:
-        raise SpecError(
-            f"{key} must be >= 0 (a distance in the unit of x); got {shown_number(number)}.",
-            key=key,
-            cure=f"Write {_EXAMPLES['hysteresis']}.",
+        raise wrong(
+            key,
+            f"must be >= 0 (a distance in the unit of x); got {shown_number(number)}.",
+            f"Write {_EXAMPLES['hysteresis']}.",
         )
     return number
 
@@ -485,20 +461,18 @@ def positive_number(value: Any, *, key: str, unit: str) -> Fraction:
     number = parse_number(value, key=key)
     if number <= 0:
         cure = "Give a positive time." if unit == "s" else "Give a positive number."
-        raise SpecError(f"{key} must be > 0 ({unit}); got {shown_number(number)}.", key=key, cure=cure)
+        raise wrong(key, f"must be > 0 ({unit}); got {shown_number(number)}.", cure)
     return number
 
 
 def _mode(value: Any, key: str) -> str:
     if not is_text(value):
-        raise SpecError(
-            f"{key} must be the name of a mode; got {shown(value)}.", key=key, cure='In quotes, such as "Ga".'
-        )
+        raise wrong(key, f"must be the name of a mode; got {shown(value)}.", 'In quotes, such as "Ga".')
     return str(value)
 
 
 def _no_list(key: str, what: str, value: Any, name: str) -> SpecError:
-    return SpecError(f"{key} must be {what}; got {shown(value)}.", key=key, cure=f"For example {_EXAMPLES[name]}.")
+    return wrong(key, f"must be {what}; got {shown(value)}.", f"For example {_EXAMPLES[name]}.")
 
 
 def _quoted(name: str) -> str:

@@ -16,14 +16,13 @@ from dobc_design.problem import canonical
 from dobc_design.problem.changes import change_lines
 from dobc_design.report import document as doc
 from dobc_design.report.formulas import rational
-from dobc_design.report.words import capitalize_first, domain_words, mark_of, names_in_words
+from dobc_design.report.words import capitalize_first, domain_words, mark_of, names_in_words, shortened
 from dobc_design.verdict import Verdict
 
 CURE_COMMAND = "dobc certify problem.json --apply-fix cured.toml"
 MOST_ROWS = 150
 MOST_ENTRIES = 24  # of a vector
 LONGEST_NUMBER = 24
-LONGEST_TEXT = 1200
 POINTER = "named above."  # where the cure of a check is part of the main one
 _ORDER = {Verdict.REFUTED: 0, Verdict.UNDECIDED: 1, Verdict.PROVED: 2}
 _EXACT = {"bound": "λmax(Λ) must be below", "value": "v′Λv", "routh": "first column of Routh’s table"}
@@ -45,12 +44,12 @@ _BOTH_FILES: Final = (
 )
 _TRUSTS: Final = (
     "It trusts the problem file and believes nothing of the certificate: margins, rates, witnesses and the overall"
-    " verdict are all proved anew. With nothing but Python, and none of this package, the lone checker (checker.py with"
-    " region_checker.py, quadratic_checker.py and groups_checker.py beside it) does the same:"
+    " verdict are all proved anew. With nothing but Python, and none of this package, the lone checker (the folder"
+    " dobc_design/checker) does the same:"
 )
 _DECIDES: Final = (
     "This decides every claim again in exact arithmetic, against the problem file, which it trusts.\n"
-    "With nothing but Python, and none of this package, the lone checker (four files) does the same:"
+    "With nothing but Python, and none of this package, the lone checker (a folder) does the same:"
 )
 _SIGNING: Final = (
     "Who signs says which problem and which certificate it is about: the fingerprints above. What is proved needs no"
@@ -74,7 +73,7 @@ def cure_section(checks: Sequence[Check]) -> Iterator[doc.Section]:
         title=head,
         short="Cure",
         blocks=(
-            doc.Text(_cut(check.fix.text)),
+            doc.Text(shortened(check.fix.text)),
             *((doc.Text("In the problem file:"), doc.Code(lines)) if lines else ()),
             doc.Only(("markdown",), (doc.Text(doc.Own(told)),)),
             doc.Only(doc.PAGES, (doc.Text(decided), doc.Code((CURE_COMMAND,), command=True))),
@@ -146,15 +145,15 @@ def _reason(check: Check, own_cure: bool) -> doc.Reason:
     details = [*_exact(check)] + ([] if check.witness is None else [_witness(check.witness, check.id)])
     fix = check.fix
     return doc.Reason(
-        text=capitalize_first(_cut(check.reason)),
+        text=capitalize_first(shortened(check.reason)),
         details=tuple(details),
-        cure=None if fix is None else _cut(fix.text) if own_cure else POINTER,
+        cure=None if fix is None else shortened(fix.text) if own_cure else POINTER,
         lines=_fix_lines(fix) if fix is not None and own_cure else (),
     )
 
 
 def _brief_reason(check: Check) -> str:
-    return " ".join([capitalize_first(_cut(check.reason)), *(f"{key}: {value}." for key, value in _exact(check))])
+    return " ".join([capitalize_first(shortened(check.reason)), *(f"{key}: {value}." for key, value in _exact(check))])
 
 
 def _exact(check: Check) -> Iterator[tuple[str, str]]:
@@ -174,15 +173,15 @@ def _witness(witness: Witness, id: str) -> tuple[str, str]:
         case "agents":
             return "Agents that no pin reaches", names_in_words(witness.labels or (), 30)
         case "polynomial":
-            return "The factor that does not decay", _cut(", ".join(witness.values or ()))
+            return "The factor that does not decay", shortened(", ".join(witness.values or ()))
         case "routh_row":
             return "First column of Routh’s table", values
         case kind:
-            return f"Witness ({_cut(kind, 40)}){who}", values
+            return f"Witness ({shortened(kind, 40)}){who}", values
 
 
 def _fix_lines(fix: Fix) -> tuple[str, ...]:
-    return tuple(_cut(" ".join(line.split())) for line in change_lines(fix.set)[:20])
+    return tuple(shortened(" ".join(line.split())) for line in change_lines(fix.set)[:20])
 
 
 def _entries(values: Sequence[Any]) -> str:
@@ -200,11 +199,7 @@ def _number(text: str) -> str:
     try:
         return f"≈ {int(numerator) / int(denominator or 1):.6g}"
     except (ValueError, OverflowError, ZeroDivisionError):
-        return _cut(text, 80)
-
-
-def _cut(text: str, longest: int = LONGEST_TEXT) -> str:
-    return text if len(text) <= longest else text[: longest - 1] + "…"
+        return shortened(text, 80)
 
 
 def trace_section(checks: Sequence[Check]) -> doc.Section:
@@ -268,7 +263,7 @@ class Reproduction:
     versions: tuple[tuple[str, str], ...]
     certify: str
     verify: str = "dobc verify certificate.json --problem problem.json"
-    alone: str = "python -I -S checker.py certificate.json problem.json"
+    alone: str = "python -I -S dobc_design/checker certificate.json problem.json"
 
 
 def reproduction(certificate: Certificate) -> Reproduction:

@@ -22,6 +22,7 @@ from dobc_design.report.words import (
     domain_words,
     mark_of,
     pin_sentence,
+    shortened,
     size_sentence,
     typeset,
 )
@@ -56,8 +57,8 @@ def comparison_document(first: Certificate, second: Certificate) -> doc.Document
         "Keys of the problem file whose values differ",
         changed,
         (doc.Column(head="key", width=1.2), lambda each: each.key),
-        (doc.Column(head="A", style="why"), lambda each: each.first),
-        (doc.Column(head="B", style="why"), lambda each: each.second),
+        (doc.Column(head="A", style="why"), lambda each: shortened(each.first, LONGEST)),
+        (doc.Column(head="B", style="why"), lambda each: shortened(each.second, LONGEST)),
     )
     verdicts = tuple(
         (doc.Strong(letter), f", {each.problem.name}: {mark_of(each.verdict)}. {each.reason}")
@@ -75,9 +76,7 @@ def comparison_document(first: Certificate, second: Certificate) -> doc.Document
                     blocks=(
                         doc.Beside(tuple((_box(letter, each),) for letter, each in zip(SIDES, both, strict=True))),
                         replace(summary, marked=_different(summary)),
-                        doc.Text(
-                            "Marked rows differ. Rates are cut towards zero, so that they hold as printed.", "caption"
-                        ),
+                        doc.Only(("html",), (doc.Text("Marked rows differ. Rates are cut towards zero.", "caption"),)),
                         *_notes(both),
                     ),
                 ),
@@ -99,7 +98,7 @@ def comparison_document(first: Certificate, second: Certificate) -> doc.Document
         title=f"{a} and {b}, compared",
         verdict=doc.Box(mark=doc.Mark("", "compared"), word=conclusion(first, second), reason=told),
         identity=tuple(row for letter, each in zip(SIDES, both, strict=True) for row in _identity(letter, each)),
-        footer=f"A: {_short(a)} · B: {_short(b)}, compared",
+        footer=f"A: {shortened(a, LONGEST_NAME)} · B: {shortened(b, LONGEST_NAME)}, compared",
         blocks=blocks,
     )
 
@@ -273,10 +272,6 @@ def _renamed(picture: doc.Picture, letter: str) -> doc.Picture:
     return replace(picture, name=f"{letter}-{picture.name}", title=f"{letter}: {picture.title}")
 
 
-def _short(name: str) -> str:
-    return name if len(name) <= LONGEST_NAME else name[: LONGEST_NAME - 1] + "…"
-
-
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Difference:
     """One key whose value is not the same: as it stands in the first and in the second problem."""
@@ -290,10 +285,7 @@ def differences(first: Problem, second: Problem) -> tuple[list[Difference], int]
     """The differences in the order of the file, cut after 60 of them, and how many there are in all."""
     one, other = canonical_document(first), canonical_document(second)
     rows = [*_network(one, other), *_keys(dict(_flat(one)), dict(_flat(other)))]
-    cut = [
-        Difference(key=each.key, first=_cut(each.first), second=_cut(each.second)) for each in rows[:MOST_DIFFERENCES]
-    ]
-    return cut, len(rows)
+    return rows[:MOST_DIFFERENCES], len(rows)
 
 
 def _keys(a: Mapping[str, str], b: Mapping[str, str]) -> Iterator[Difference]:
@@ -361,7 +353,3 @@ def _text(value: Any) -> str:
     if isinstance(value, dict):
         return "; ".join(f"{key} {_text(each)}" for key, each in value.items() if each is not None)
     return str(value)
-
-
-def _cut(text: str) -> str:
-    return text if len(text) <= LONGEST else text[: LONGEST - 1] + "…"

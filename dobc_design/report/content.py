@@ -24,7 +24,7 @@ from dobc_design.report.checks import (
 )
 from dobc_design.report.region_words import region_section, settling_section
 from dobc_design.report.search_words import search_sections
-from dobc_design.report.words import number, typeset
+from dobc_design.report.words import number, shortened, typeset
 from dobc_design.verdict import Verdict
 
 if TYPE_CHECKING:
@@ -34,6 +34,7 @@ if TYPE_CHECKING:
     from dobc_design.simulation.trajectory import Trajectory
 
 MOST_NOTES = 60
+LONGEST_NAME = 70  # characters, in the footer of a printed page
 MOST_GRAPHS, MOST_SPECTRA = 12, 40  # rows
 MOST_EIGENVALUES, MOST_SAMPLES = 8, 9
 _WORDS = (
@@ -100,7 +101,7 @@ def report_document(
         title=f"{problem.name}: {verdict.value}",
         verdict=box,
         identity=identity,
-        footer=f"{verdict.value} · certificate {again.prints[1][1][:16]}…",
+        footer=f"{shortened(problem.name, LONGEST_NAME)}: {verdict.value} · certificate {again.prints[1][1][:16]}…",
         blocks=tuple(blocks),
     )
 
@@ -249,7 +250,7 @@ def _condition(certificate: Certificate, lambdas: Mapping[str, Matrix]) -> doc.S
     for name, bound in formulas.bounds_of(certificate).items():
         latex = rf"\lambda_{{\max}}(\Lambda) < {latex_number(bound)}"
         blocks.append(doc.Only(doc.TEXTS, (doc.Text(f"For {name}:"), doc.Formula(latex=latex))))
-        blocks.append(doc.Only(doc.PAGES, (doc.Formula(latex=latex, label=f"for {name}", typst=bound),)))
+        blocks.append(doc.Only(doc.PAGES, (doc.Formula(latex=latex, label=f"condition for {name}", typst=bound),)))
     blocks += [doc.Matrices((each,)) for each in formulas.lambda_matrices(lambdas)]
     title = "The condition and its matrices"
     return doc.Section(name="condition", title=title, short="Condition", blocks=tuple(blocks))

@@ -11,10 +11,11 @@ from dataclasses import dataclass, replace
 from fractions import Fraction
 from typing import TYPE_CHECKING, Final, Literal, TypeVar
 
+from dobc_design._show.text import latex_matrix
 from dobc_design.exact.matrix import Matrix
 
 if TYPE_CHECKING:
-    from matplotlib.figure import Figure
+    from matplotlib.axes import Axes
 
 Form = Literal["html", "markdown", "pdf", "latex"]
 PAGES: Final[tuple[Form, ...]] = ("html", "pdf")  # with pictures, and room for explanations
@@ -113,13 +114,22 @@ class Formula:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ShownMatrix:
-    """A matrix: its name (LaTeX), what it is, and its entries with their LaTeX (None when it is too large)."""
+    """A matrix with its name (LaTeX) and what it is."""
 
     name: str
     what: str
-    latex: str | None
-    size: str
-    entries: Matrix | None
+    matrix: Matrix
+
+    @property
+    def latex(self) -> str | None:
+        """LaTeX of "name = entries"; None where it is too large to be printed."""
+        entries = latex_matrix(self.matrix)
+        return None if entries is None else f"{self.name} = {entries}"
+
+    @property
+    def size(self) -> str:
+        """Rows and columns."""
+        return f"{len(self.matrix)} × {len(self.matrix[0]) if self.matrix else 0}"
 
 
 @dataclass(frozen=True, slots=True)
@@ -140,7 +150,7 @@ class Picture:
     title: str
     caption: str
     alt: str
-    draw: Callable[[Figure], object]
+    draw: Callable[[Axes], object]
     width: float = 4.6
     height: float = 2.9
 

@@ -13,7 +13,6 @@ from typing import Any
 import networkx as nx
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.figure import Figure
 from matplotlib.patches import PathPatch
 from matplotlib.path import Path
 from numpy.typing import NDArray
@@ -33,20 +32,19 @@ _INSIDE = 3  # letters that fit into a node
 
 
 def draw_network(
+    ax: Axes,
     *,
     labels: Sequence[str],
     arcs: Iterable[tuple[int, int]],
     places: Positions,
     pinned: Collection[int] = (),
     unreached: Collection[int] = (),
-    ax: Axes | None = None,
 ) -> Axes:
     """Draw one mode.
 
     ``arcs`` are (listener, speaker); the arrow starts at the speaker.  Pinned agents are filled blue squares, others
     circles, those that no pin reaches orange dashed circles.  Shapes: places (n, 2), within [-1, 1].
     """
-    ax = Figure(layout="constrained").add_subplot() if ax is None else ax
     radius = _radius(places)
     known = list(arcs)
     _draw_arcs(ax, known, places, radius)

@@ -30,7 +30,6 @@ from dobc_design.plotting.look import (
     SERIES,
     SMALLEST,
     VERMILLION,
-    axes_or_new,
     legend_above,
     power_of_ten,
     short,
@@ -43,12 +42,11 @@ from dobc_design.report.search_words import MOST_ROWS
 DASHES = {"dashed": DASHED, "dotted": DOTTED}  # of bounds, in their order
 
 
-def plot_spectrum(spectra: Mapping[str, ArrayLike], *, symbol: str = "λ", ax: Axes | None = None) -> Axes:
+def plot_spectrum(ax: Axes, spectra: Mapping[str, ArrayLike], *, symbol: str = "λ") -> Axes:
     """Eigenvalues in the complex plane, one marker per name; the half-plane that must stay empty is shaded.
 
     ``spectra``: name -> complex eigenvalues, in 1/s.
     """
-    ax = axes_or_new(ax)
     everything = np.concatenate([np.atleast_1d(np.asarray(each, dtype=complex)) for each in spectra.values()])
     reach = max(float(np.abs(everything.real).max(initial=0.0)), 1e-3)
     left, right = min(float(everything.real.min(initial=0.0)), 0.0), max(float(everything.real.max(initial=0.0)), 0.0)
@@ -78,14 +76,11 @@ def plot_spectrum(spectra: Mapping[str, ArrayLike], *, symbol: str = "λ", ax: A
     return ax
 
 
-def plot_lambda(
-    spectra: Mapping[str, ArrayLike], *, bounds: Mapping[str, float] | None = None, ax: Axes | None = None
-) -> Axes:
+def plot_lambda(ax: Axes, spectra: Mapping[str, ArrayLike], *, bounds: Mapping[str, float] | None = None) -> Axes:
     """Eigenvalues of Lambda(J), one row per mode, against 0 and against the ``bounds`` of given matrices P.
 
     ``spectra``: mode -> real eigenvalues, in 1/s.  ``bounds``: name -> number that the largest must stay below.
     """
-    ax = axes_or_new(ax)
     names = list(spectra)
     everything = np.concatenate([np.asarray(each, dtype=float).ravel() for each in spectra.values()])
     marks = [0.0, *(bounds or {}).values()]
@@ -121,12 +116,11 @@ _LONGEST: Final = 18  # letters of a line of a method's name
 _NOTES: Final = {"everywhere": "every start", "near": "near the target, no radius", "none": "nothing proved"}
 
 
-def plot_regions(regions: Regions, *, ax: Axes | None = None) -> Axes:
+def plot_regions(ax: Axes, regions: Regions) -> Axes:
     """One row per method: the |e|_inf that it proves for all agents at once, and for one agent alone.
 
     The dashed line is what was asked for.  Sizes in the unit of the states.
     """
-    ax = axes_or_new(ax)
     claims = regions.claims
     asked = None if regions.asked is None else regions.asked.box
     reach = _axis_end(claims, asked, regions.rest)
@@ -193,13 +187,12 @@ def _sizes(claim: RegionClaim) -> str:
     return f"{lower(claim.box)} … {lower(claim.ball)}"
 
 
-def plot_starts(regions: Regions, *, ax: Axes | None = None) -> Axes:
+def plot_starts(ax: Axes, regions: Regions) -> Axes:
     """From where each agent may start, all at once: a bar around its goal, pinned agents in blue.
 
     Bars are in the unit of x, around the goals; with several state components they show the error, around 0.  The
     band is what was asked for.  At most 24 agents are drawn.
     """
-    ax = axes_or_new(ax)
     agents, asked = regions.agents, _band(regions)
     pinned = {place for place, agent in enumerate(agents) if agent.pinned}
     chosen = shown_agents(len(agents), pinned, MOST_STARTS)
@@ -246,12 +239,11 @@ def _name_agents(ax: Axes, names: Sequence[str]) -> None:
     ax.set_xlabel("agent")
 
 
-def plot_envelope(settling: Settling, *, ax: Axes | None = None) -> Axes:
+def plot_envelope(ax: Axes, settling: Settling) -> Axes:
     """The certified bound of |e|_inf over time, on a logarithmic axis; a tick wherever another certificate takes over.
 
     Solid: no start of the box leaves it.  Dashed: the tolerance.
     """
-    ax = axes_or_new(ax)
     times, bounds = settling.curve(samples=ENVELOPE_SAMPLES)
     ax.set_yscale("log")
     ax.plot(times, bounds, color=BLUE, linewidth=1.6, zorder=3, label="certified bound")
@@ -281,9 +273,8 @@ def _axis_end(claims: Sequence[RegionClaim], *lines: float | None) -> float:
     return max([*ends, 1.15 * farthest]) or 1.0
 
 
-def plot_search(search: Falsification, *, ax: Axes | None = None) -> Axes:
+def plot_search(ax: Axes, search: Falsification) -> Axes:
     """|e|_inf of the worst suspects over time, at most eight; solid where an equilibrium is proved."""
-    ax = axes_or_new(ax)
     shown = search.suspects[:MOST_ROWS]
     runs = [suspect for suspect in shown if suspect.kind != RESTS]
     for rank, suspect in enumerate(runs):

@@ -48,13 +48,6 @@ def math(latex: str, *, display: bool = False) -> Fragment:
     return Fragment(_MATRIX.sub(r'<mtable class="matrix">\1</mtable>', text))
 
 
-def shown_matrix(name: str, what: str, matrix: Matrix) -> ShownMatrix:
-    """Prepare one matrix."""
-    size = f"{len(matrix)} × {len(matrix[0]) if matrix else 0}"
-    latex = latex_matrix(matrix)
-    return ShownMatrix(name=name, what=what, latex=latex, size=size, entries=None if latex is None else matrix)
-
-
 def matrices_of(certificate: Certificate) -> list[ShownMatrix]:
     """A, C, W, and P, Q, S where the theorem is proved, S of a printed P beside them."""
     problem, claims = certificate.problem, certificate.claims
@@ -72,7 +65,7 @@ def matrices_of(certificate: Certificate) -> list[ShownMatrix]:
         (r"P_{\text{given}}", "the P of the problem file, tested as it stands", problem.joint_observer.P),
         (r"S_{\text{given}}", "its S", _block(certificate, printed=True)),
     ]
-    return [shown_matrix(name, what, matrix) for name, what, matrix in wanted if matrix is not None]
+    return [ShownMatrix(name=name, what=what, matrix=matrix) for name, what, matrix in wanted if matrix is not None]
 
 
 def bounds_of(certificate: Certificate) -> dict[str, Fraction]:
@@ -107,16 +100,13 @@ def _block(certificate: Certificate, *, printed: bool) -> Matrix | None:
     return None
 
 
-def lambda_matrices(lambdas: Mapping[str, Matrix] | None, *, most: int = 6) -> list[ShownMatrix]:
+def lambda_matrices(lambdas: Mapping[str, Matrix], *, most: int = 6) -> list[ShownMatrix]:
     """Lambda of the first modes, those that are small enough to be read."""
-    shown = []
-    for position, (mode, matrix) in enumerate((lambdas or {}).items()):
-        if position == most:
-            break
-        prepared = shown_matrix(r"\Lambda", f"at the target, mode {mode}", matrix)
-        if prepared.latex is not None:
-            shown.append(prepared)
-    return shown
+    shown = [
+        ShownMatrix(name=r"\Lambda", what=f"at the target, mode {mode}", matrix=matrix)
+        for mode, matrix in list(lambdas.items())[:most]
+    ]
+    return [each for each in shown if each.latex is not None]
 
 
 def coupling_latex(coupling: Coupling) -> str:

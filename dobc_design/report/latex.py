@@ -9,6 +9,7 @@ from __future__ import annotations
 import re
 import unicodedata
 from collections.abc import Iterable, Iterator, Sequence
+from importlib.resources import files
 from itertools import zip_longest
 from typing import Final
 
@@ -112,9 +113,12 @@ def latex_fragments(document: doc.Document, version: str) -> dict[str, bytes]:
             _lines("traceability", report),
         ),
     }
-    files = {name: _fragment(what, list(lines)) for name, (what, lines) in parts.items()}
-    kept = {name: text for name, text in files.items() if text is not None}
-    kept[BIBLIOGRAPHY] = bibliography(version)
+    made = {name: _fragment(what, list(lines)) for name, (what, lines) in parts.items()}
+    kept = {name: text for name, text in made.items() if text is not None}
+    entries = (files("dobc_design.report") / "templates" / BIBLIOGRAPHY).read_text("utf-8")
+    kept[BIBLIOGRAPHY] = entries.replace(
+        "VERSION", "".join(each for each in version if each.isalnum() or each in ".+-")
+    )
     kept[MAIN] = _main(document.name, [name for name in kept if name.endswith(".tex")])
     return {name: text.encode("utf-8") for name, text in kept.items()}
 
@@ -210,7 +214,7 @@ def _matrix(item: doc.ShownMatrix) -> Iterator[str]:
         yield rf"{what} (${item.name}$) is {tex(item.size)}; see certificate.json."
     else:
         yield f"{what}:"
-        yield _displayed(f"{item.name} = {item.latex}")
+        yield _displayed(item.latex)
 
 
 def _cell(cell: doc.Cell, column: doc.Column) -> str:
@@ -233,41 +237,3 @@ def _table(heads: Sequence[str], rows: Iterable[Sequence[str]], widths: Sequence
         yield r"\toprule"
     yield from (rf"{' & '.join(map(tex, row))} \\" for row in rows)
     yield r"\bottomrule\end{longtable}}"
-
-
-_ENTRIES: Final = """\
-@misc{consensus-dobc,
-  key   = {Consensus},
-  title = {Consensus of mobile multiple agent systems with disturbance-observer-based control},
-  note  = {Theorems 1 and 2, Lemma 1; the copy used states no authors, journal, year or pages}
-}
-
-@article{rump2006,
-  author  = {Rump, Siegfried M.},
-  title   = {Verification of Positive Definiteness},
-  journal = {BIT Numerical Mathematics},
-  volume  = {46},
-  pages   = {433--452},
-  year    = {2006}
-}
-
-@article{dirr2015,
-  author  = {Dirr, Gunther and Ito, Hiroshi and Rantzer, Anders and R{\\"u}ffer, Bj{\\"o}rn S.},
-  title   = {Separable {Lyapunov} functions for monotone systems: Constructions and limitations},
-  journal = {Discrete and Continuous Dynamical Systems, Series B},
-  volume  = {20},
-  number  = {8},
-  pages   = {2497--2526},
-  year    = {2015}
-}
-"""
-
-
-def bibliography(version: str) -> str:
-    """The entries, with one for this program in the version that made the certificate."""
-    own = "".join(each for each in version if each.isalnum() or each in ".+-")
-    return _ENTRIES + (
-        "\n@misc{dobc-design,\n  author = {{dobc\\_design contributors}},\n"
-        "  title  = {dobc\\_design: design and exact certification of disturbance-observer-based consensus control},\n"
-        f"  note   = {{Version {own}}}\n}}\n"
-    )

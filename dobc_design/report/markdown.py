@@ -58,7 +58,7 @@ def _lines(block: doc.Block, *, top: bool = False) -> Iterator[str]:
         case doc.Matrices(items):
             for item in items:
                 yield f"{capitalize_first(escape(item.what))}:\n"
-                yield _formula(f"{item.name} = {item.latex}") if item.latex else f"{item.size}, see certificate.json.\n"
+                yield _formula(item.latex) if item.latex else f"{item.size}, see certificate.json.\n"
         case doc.Table():
             heads = [escape(column.head) for column in block.columns]
             yield from _table(heads, ([_cell(cell) for cell in row] for row in block.rows))

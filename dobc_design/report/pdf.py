@@ -147,7 +147,7 @@ def _leaf(block: doc.Block) -> Iterator[dict[str, Any]]:
         case doc.Formula(typst=Fraction() as bound):
             yield {
                 "kind": "bound",
-                "label": f"{capitalize_first(block.label)} the condition is",
+                "label": f"{capitalize_first(block.label)} is",
                 "number": number_parts(bound),
             }
         case doc.Formula():
@@ -186,7 +186,11 @@ def _table(heads: Iterable[str], rows: Iterable[Iterable[doc.Cell]], widths: Ite
 
 
 def _typeset(cell: doc.Cell, column: doc.Column) -> doc.Cell:
-    return typeset(cell) if column.style == "number" and isinstance(cell, str) else cell
+    if not isinstance(cell, str):
+        return cell
+    if column.style == "code":
+        return doc.Name(tuple(cell.split(", ")))
+    return typeset(cell) if column.style == "number" else cell
 
 
 def _cell(cell: doc.Cell) -> Any:
@@ -207,9 +211,9 @@ def _cell(cell: doc.Cell) -> Any:
 def _matrix(shown: doc.ShownMatrix) -> dict[str, Any]:
     """A matrix from its exact entries, or a sentence where it is too large."""
     name, label = MATRIX_NAMES.get(shown.name, shown.name), capitalize_first(shown.what)
-    if shown.entries is None:
+    if shown.latex is None:
         return _text(f"{label} ({name}) is {shown.size}, too large to be printed; see certificate.json.")
-    rows = [[number_parts(entry) for entry in row] for row in shown.entries]
+    rows = [[number_parts(entry) for entry in row] for row in shown.matrix]
     return {"kind": "matrix", "name": name, "label": soft(label), "rows": rows}
 
 

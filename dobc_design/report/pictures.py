@@ -108,13 +108,13 @@ def network_pictures(certificate: Certificate) -> tuple[tuple[Picture, ...], str
             title=f"Mode {name}",
             caption="",
             alt=f"{alt}; not reached: {names_in_words(away)}." if away else f"{alt}.",
-            draw=lambda figure: draw_network(
+            draw=lambda ax: draw_network(
+                ax,
                 labels=labels,
                 arcs=pairs[name],
                 places=places,
                 pinned=pinned,
                 unreached=lost[name],
-                ax=figure.add_subplot(),
             ),
             width=3.4,
             height=3.4 * proportions(places),
@@ -149,7 +149,7 @@ def eigenvalue_pictures(certificate: Certificate, analysis: Analysis | None) -> 
             caption="The estimation error decays when all lie left of the line; the slowest gives"
             f" {number(analysis.spectrum.rate)} 1/s.",
             alt=f"Eigenvalues of A minus W C in the complex plane: {_listed(values)}, in 1/s.",
-            draw=lambda figure: figures.plot_spectrum({"A − WC": values}, ax=figure.add_subplot()),
+            draw=lambda ax: figures.plot_spectrum(ax, {"A − WC": values}),
             height=_spectrum_height(values),
         )
     lambdas = {m.mode: np.array(m.lambda_eigenvalues) for m in analysis.modes if m.lambda_eigenvalues}
@@ -165,7 +165,7 @@ def eigenvalue_pictures(certificate: Certificate, analysis: Analysis | None) -> 
             caption="Small errors decay, with the disturbance known, when all lie left of the line."
             " This says more than Λ about one mode, and nothing about switching.",
             alt=f"Eigenvalues of J minus K in the complex plane; the rightmost real parts are {rightmost} 1/s.",
-            draw=lambda figure: figures.plot_spectrum(chosen, ax=figure.add_subplot()),
+            draw=lambda ax: figures.plot_spectrum(ax, chosen),
             height=_spectrum_height(*chosen.values()),
         )
 
@@ -183,7 +183,7 @@ def _lambda_picture(certificate: Certificate, lambdas: Mapping[str, Values]) -> 
         title="Network: eigenvalues of Λ(J) at the target",
         caption=caption,
         alt=f"Eigenvalues of Lambda; the largest are {largest} 1/s.",
-        draw=lambda figure: figures.plot_lambda(lambdas, bounds=known, ax=figure.add_subplot()),
+        draw=lambda ax: figures.plot_lambda(ax, lambdas, bounds=known),
         height=2.3 + 0.22 * max(0, len(lambdas) - 4),
     )
 
@@ -214,9 +214,9 @@ def _error_picture(certificate: Certificate, trajectory: Trajectory) -> Picture:
         caption=caption,
         alt=f"Largest error over time: {number(float(error[0]))} at the start, {number(float(error[-1]))} at the end"
         + ("." if bound is None else f"; proved to be at most {number(float(bound[-1]))} there."),
-        draw=lambda figure: in_time(
+        draw=lambda ax: in_time(
             plot_errors(
-                figure.add_subplot(),
+                ax,
                 trajectory.times,
                 {"|e|∞": error},
                 envelope=None if bound is None else np.stack([trajectory.times, bound], axis=1),
@@ -239,8 +239,8 @@ def _state_picture(certificate: Certificate, trajectory: Trajectory, c: int) -> 
         caption=f"{symbol}(t) of {who}; goals dashed.",
         alt=f"States over {number(float(trajectory.times[-1]))} s: at the end between {number(float(last.min()))} and"
         f" {number(float(last.max()))}.",
-        draw=lambda figure: in_time(
-            plot_agents(figure.add_subplot(), trajectory, component=c, pinned=problem.pinning.agents), trajectory.times
+        draw=lambda ax: in_time(
+            plot_agents(ax, trajectory, component=c, pinned=problem.pinning.agents), trajectory.times
         ),
     )
 
@@ -254,7 +254,7 @@ def _estimate_picture(trajectory: Trajectory) -> Picture:
         caption=f"Disturbance d (dotted) and its estimate d̂ of {agents} agents{which}.",
         alt="Disturbance and estimate over time; they differ at the end by at most "
         f"{number(float(np.abs(trajectory.d[-1] - trajectory.dhat[-1]).max()))} over all agents.",
-        draw=lambda figure: in_time(plot_estimates(figure.add_subplot(), trajectory), trajectory.times),
+        draw=lambda ax: in_time(plot_estimates(ax, trajectory), trajectory.times),
     )
 
 
@@ -277,7 +277,7 @@ def region_pictures(regions: Regions) -> Iterator[Picture]:
         title="How far each proof reaches",
         caption=_bars(regions),
         alt="Certified distance from the goals. " + " ".join(f"{_told(claim)}." for claim in regions.claims),
-        draw=lambda figure: figures.plot_regions(regions, ax=figure.add_subplot()),
+        draw=lambda ax: figures.plot_regions(ax, regions),
         height=_height(regions),
     )
     if regions.agents:
@@ -289,7 +289,7 @@ def region_pictures(regions: Regions) -> Iterator[Picture]:
             title="From where each agent may start",
             caption=sentence + (" Dashed: the starts asked for." if regions.asked is not None else ""),
             alt=sentence,
-            draw=lambda figure: figures.plot_starts(regions, ax=figure.add_subplot()),
+            draw=lambda ax: figures.plot_starts(ax, regions),
             height=_height(regions),
         )
 
@@ -300,9 +300,9 @@ def region_sheet(regions: Regions) -> Sheet:
     def draw(figure: Figure) -> None:
         figure.suptitle(regions.name, x=0.01, ha="left", fontsize=10, parse_math=False)
         spaces = figure.subplots(1, 2 if regions.agents else 1, squeeze=False)[0]
-        figures.plot_regions(regions, ax=spaces[0])
+        figures.plot_regions(spaces[0], regions)
         if regions.agents:
-            figures.plot_starts(regions, ax=spaces[1])
+            figures.plot_starts(spaces[1], regions)
 
     return Sheet(draw, width=2 * ALONE if regions.agents else ALONE, height=_height(regions) + 0.3)
 
@@ -340,7 +340,7 @@ def envelope_pictures(settling: Settling | None) -> Iterator[Picture]:
             title="How fast the error falls, proved",
             caption="Every start of the box stays below the curve. Marks: another certificate takes over.",
             alt=envelope_alt(settling),
-            draw=lambda figure: figures.plot_envelope(settling, ax=figure.add_subplot()),
+            draw=lambda ax: figures.plot_envelope(ax, settling),
             height=3.1,
         )
 
@@ -354,7 +354,7 @@ def search_picture(search: Falsification, place: int) -> Picture | None:
         title="What the search found",
         caption="Solid: the agents rest there, which is proved. Dashed: simulated runs, which refute nothing.",
         alt=search_alt(search),
-        draw=lambda figure: figures.plot_search(search, ax=figure.add_subplot()),
+        draw=lambda ax: figures.plot_search(ax, search),
     )
 
 
@@ -367,7 +367,7 @@ def search_sheet(searches: Sequence[Falsification]) -> Sheet | None:
     def draw(figure: Figure) -> None:
         figure.suptitle(found[0].name, x=0.01, ha="left", fontsize=10, parse_math=False)
         for space, search in zip(figure.subplots(1, len(found), squeeze=False)[0], found, strict=True):
-            figures.plot_search(search, ax=space)
+            figures.plot_search(space, search)
 
     return Sheet(draw, width=ALONE * len(found), height=3.3)
 
@@ -377,7 +377,7 @@ def svg_of(picture: Picture) -> Fragment:
     buffer = io.StringIO()
     with styled():
         figure = Figure(figsize=(picture.width, picture.height), layout="constrained")
-        picture.draw(figure)
+        picture.draw(figure.add_subplot())
         nothing = {"Date": None, "Creator": None, "Format": None, "Type": None}
         figure.savefig(buffer, format="svg", metadata=nothing, transparent=True)
     return Fragment(_inline(buffer.getvalue(), name=picture.name, alt=picture.alt))

@@ -7,11 +7,10 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from decimal import ROUND_UP, Context, Decimal
 from fractions import Fraction
 from typing import Any, Final
 
-from dobc_design._show.text import significant_towards_zero
+from dobc_design._show.text import significant_away_from_zero, significant_towards_zero
 from dobc_design.certificate.regions import RegionClaim, Regions
 from dobc_design.conditions.check import Check
 from dobc_design.conditions.kinds import KINDS
@@ -159,8 +158,7 @@ def lower(value: float | Fraction | None) -> str:
 
 def upper(value: float) -> str:
     """A certified time, rounded up to four digits."""
-    shown = Context(prec=4, rounding=ROUND_UP).plus(Decimal(repr(value)))
-    return typeset(f"{float(shown):.4g}")
+    return typeset(significant_away_from_zero(value))
 
 
 def asked_sentence(regions: Regions) -> str:

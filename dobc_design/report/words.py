@@ -73,6 +73,11 @@ def number(value: float | None) -> str:
     return typeset(significant(None if value is None else value + 0.0))  # no -0
 
 
+def shortened(text: str, longest: int = 1200) -> str:
+    """The text, or its beginning and an ellipsis."""
+    return text if len(text) <= longest else text[: longest - 1] + "…"
+
+
 def capitalize_first(text: str) -> str:
     """Make the first letter a capital and leave the others alone."""
     return text[:1].upper() + text[1:]

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from dobc_design.analysis.analysis import graph_facts, information_graph
+from dobc_design.analysis.analysis import graph_facts
 from dobc_design.problem.load import load_problem
 from dobc_design.problem.network import Network
 from dobc_design.problem.problem import Problem
@@ -56,11 +56,6 @@ def test_the_papers_cycle_is_balanced_and_strongly_connected():
     assert facts.is_strongly_connected
     assert facts.unreached == ()
     assert facts.heard == (1,) * 10
-
-
-def test_edges_run_with_the_information():
-    graph = information_graph(Network.from_arcs([[1, 2, 3]], arrow="listens_to"), "G")
-    assert list(graph.edges(data="weight")) == [(1, 0, 3)]
 
 
 def test_random_graphs_agree_with_the_transitive_closure():

@@ -11,7 +11,7 @@ from certified import certified
 from dobc_design.certificate.text import certificate_bytes, certificate_document, read_claims
 from dobc_design.certification.certify import certify, verify
 from dobc_design.certification.recheck import recheck
-from dobc_design.checker import checker
+from dobc_design.checker import examine as checker
 from dobc_design.conditions.check import number_or_none
 from dobc_design.conditions.observer.propose import lyapunov
 from dobc_design.errors import CertificateError

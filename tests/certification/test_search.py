@@ -8,6 +8,7 @@ from functools import cache
 
 import pytest
 from equilibrium_cases import half_difference, listening_pair
+from matplotlib.figure import Figure
 
 import dobc_design as dd
 from dobc_design.certification.search import Searched, search_certificate
@@ -108,7 +109,7 @@ def test_without_an_observer_gain_nothing_is_searched():
 
 def test_proved_equilibria_are_solid_and_suspects_are_dashed():
     region, certified = found().searches
-    ax = plot_search(region)
+    ax = plot_search(Figure().add_subplot(), region)
     solid = [line for line in ax.lines if line.get_linestyle() == "-"]
     assert len(solid) == sum(suspect.kind == RESTS for suspect in region.suspects)
     assert {round(float(line.get_ydata()[0]), 3) for line in solid} == {1.654, 2.99}

@@ -1,6 +1,6 @@
 """The lone checker's part about quadratic certificates: lure, boxes one by one, and settling times.
 
-Its cases are in tests/support/quadratic_cases.py; tests/certificate/test_checker_removals.py takes its checks away.
+Its cases are in tests/support/quadratic_cases.py; test_removals.py takes its checks away.
 """
 
 from __future__ import annotations
@@ -9,18 +9,15 @@ import itertools
 import json
 import math
 import random
-import shutil
-import subprocess
-import sys
 import time
 from fractions import Fraction
-from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import mpmath
 import numpy as np
 import pytest
-from checker_cases import FAILS, HOLDS, UNREADABLE, Case
+from checker_cases import FAILS, HOLDS, Case, alone, misjudged, outcome
 from lure_cases import PAPER_GAIN
 from quadratic_cases import ONCE, SHARP, TWICE, WAVY, chain, grid, quadratic_cases, timed, ways
 from region_cases import _frame_verdict, case, certificate, changed, problems
@@ -30,7 +27,8 @@ from staging_cases import problem as staged_problem
 
 from dobc_design.certificate.text import certificate_bytes
 from dobc_design.certification.certify import certify
-from dobc_design.checker import checker, quadratic_checker
+from dobc_design.checker import examine as checker
+from dobc_design.checker import quadratic
 from dobc_design.conditions.schedule.checks import settling_check
 from dobc_design.conditions.schedule.settling import Settling
 from dobc_design.problem.canonical import canonical_bytes
@@ -39,51 +37,19 @@ from dobc_design.problem.network import Network
 from dobc_design.problem.problem import Problem
 from dobc_design.verdict import Verdict
 
-FOLDER = Path(checker.__file__).parent
-PARTS = ("checker.py", "region_checker.py", "quadratic_checker.py")
-
-
-def outcome(certificate: bytes, problem: bytes) -> int:
-    try:
-        return HOLDS if all(holds for holds, _ in checker.examine(certificate, problem)) else FAILS
-    except checker.Refused:
-        return UNREADABLE
-
-
-def alone(folder: Path, files: tuple[str, ...], certificate: bytes, problem: bytes) -> tuple[int, str, str]:
-    """Exit code and output of copies of the files in an empty folder, without site packages and the package."""
-    for file in files:
-        shutil.copy(FOLDER / file, folder / file)
-    (folder / "certificate.json").write_bytes(certificate)
-    (folder / "problem.json").write_bytes(problem)
-    command = [sys.executable, "-I", "-S", "checker.py", "certificate.json", "problem.json"]
-    done = subprocess.run(command, cwd=folder, capture_output=True, text=True, check=False, timeout=120)
-    return done.returncode, done.stdout, done.stderr
-
 
 def test_every_case_gets_its_exit_code():
     """Claims whose truth is known, and twins that just fail in one place each."""
-    wrong = [case.name for case in quadratic_cases() if outcome(case.certificate, case.problem) != case.code]
-    assert wrong == []
+    assert misjudged(quadratic_cases()) == []
     assert sum(case.code == HOLDS for case in quadratic_cases()) >= 15
     assert sum(case.code == FAILS for case in quadratic_cases()) > 100
 
 
-def test_the_three_lone_files_confirm_boxes_and_two_of_them_say_which_is_missing(tmp_path):
+def test_the_lone_folder_confirms_boxes(tmp_path):
     boxes = quadratic_cases()[0]
-    code, said, _ = alone(tmp_path, PARTS[:2], boxes.certificate, boxes.problem)
-    assert code == UNREADABLE
-    assert "needs quadratic_checker.py beside it" in said
-    code, said, complaint = alone(tmp_path, PARTS, boxes.certificate, boxes.problem)
-    assert (code, complaint) == (HOLDS, "")
-    assert "holds  exhaustive : proved" in said
-
-
-def test_max_separable_alone_does_not_need_the_third_file(tmp_path):
-    line = {"v": ["1", "2"], "alpha": "1/2", "rho": None}
-    check = {**ONCE, "id": "max-separable", "domain": "global", "rate": 0.5, "exact": line}
-    data = certificate("line", check)
-    assert alone(tmp_path, PARTS[:2], data, canonical_bytes(problems()["line"]))[0] == HOLDS
+    done = alone(tmp_path, boxes.certificate, boxes.problem)
+    assert (done.returncode, done.stderr) == (HOLDS, "")
+    assert "holds  exhaustive : proved" in done.stdout
 
 
 # --- Settling times that the package finds --------------------------------------------------------------------------
@@ -227,13 +193,13 @@ def test_boxes_inside_and_outside_an_ellipsoid_are_told_apart(size):
         top = max(corner @ P @ corner for corner in corners)
         factor = np.linalg.cholesky(P).T
         least = 2 * lsq_linear(factor, np.zeros(size), bounds=box, tol=1e-14).cost
-        assert not quadratic_checker.within(form, box, top - 1e-6)
-        assert not quadratic_checker.beyond(form, box, least + 1e-6)
-        sharp += quadratic_checker.beyond(form, box, 0.999 * least - 1e-9)
+        assert not quadratic.within(form, box, top - 1e-6)
+        assert not quadratic.beyond(form, box, least + 1e-6)
+        sharp += quadratic.beyond(form, box, 0.999 * least - 1e-9)
         small = tuple(tuple(x * 1e-9 + 1 for x in side) for side in box)
         value = np.ones(size) @ P @ np.ones(size)
-        assert quadratic_checker.within(form, small, value * (1 + 1e-6) + 1e-6)
-        assert quadratic_checker.beyond(form, small, value * (1 - 1e-6) - 1e-6)
+        assert quadratic.within(form, small, value * (1 + 1e-6) + 1e-6)
+        assert quadratic.beyond(form, small, value * (1 - 1e-6) - 1e-6)
     assert sharp > 40
 
 
@@ -243,15 +209,14 @@ def test_phi_and_its_slopes_hold_random_points():
     arcs, K = [(0, 1, 1), (1, 2, 2), (2, 0, 1), (0, 2, "1/2")], [1, 2, 3]
     network = Network.from_arcs([[i + 1, j + 1, w] for i, j, w in arcs], arrow="listens_to", agents=3)
     problem = Problem(network=network, coupling="sin(y) + y**2/2", gains=dict(enumerate(K, 1)))
-    case = checker.Examination(certificate_bytes(certify(problem).claims), checker.Problem(canonical_bytes(problem)))
-    parts: Any = quadratic_checker.Decisions(case)
+    read = checker.Problem(canonical_bytes(problem))
+    zero = [[Fraction(0)] * 3] * 3
     for _ in range(20):
         P, _ = random_form(r, 3)
         rate = Fraction(r.randint(0, 8), 4)
-        zero = [[Fraction(0)]]
-        claim = type("Claim", (), {"form": [[Fraction(int(x)) for x in row] for row in P], "S": zero, "rate": rate})
-        (mode,) = case.problem.modes
-        field = parts.field(mode, claim)
+        claim = SimpleNamespace(P_e=[[Fraction(int(x)) for x in row] for row in P], rate=rate)
+        (mode,) = read.modes
+        field = quadratic.field(read, mode, claim, zero)
         box = random_box(r, 3)
         value, slopes = field.at(box)
 
@@ -274,7 +239,7 @@ def test_phi_and_its_slopes_hold_random_points():
 
 
 def test_a_tree_leaves_boxes_that_fill_the_whole_one():
-    boxes = quadratic_checker.leaves("01." + "10" + "....", ((-1.0, -1.0), (1.0, 1.0)))
+    boxes = quadratic.leaves("01." + "10" + "....", ((-1.0, -1.0), (1.0, 1.0)))
     volume = sum(math.prod(hi - lo for lo, hi in zip(*box, strict=True)) for box in boxes)
     assert len(boxes) == 5
     assert volume == 4.0
@@ -282,7 +247,7 @@ def test_a_tree_leaves_boxes_that_fill_the_whole_one():
 
 
 def test_the_lower_half_comes_first():
-    low, high = quadratic_checker.leaves("1..", ((-1.0, -1.0), (1.0, 1.0)))
+    low, high = quadratic.leaves("1..", ((-1.0, -1.0), (1.0, 1.0)))
     assert low == ((-1.0, -1.0), (1.0, 0.0))
     assert high == ((-1.0, 0.0), (1.0, 1.0))
 

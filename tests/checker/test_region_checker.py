@@ -1,6 +1,6 @@
-"""The lone checker's part about regions: accepts what is proved, refuses what just fails, encloses couplings outward.
+"""The lone checker's part about regions: accepts what is proved, refuses what just fails.
 
-Its cases are in tests/support/region_cases.py; tests/certificate/test_checker_removals.py takes its checks away.
+Its cases are in tests/support/region_cases.py; test_removals.py takes its checks away.
 """
 
 from __future__ import annotations
@@ -8,83 +8,42 @@ from __future__ import annotations
 import json
 import math
 import random
-import shutil
-import subprocess
-import sys
 import time
 from collections.abc import Callable
 from fractions import Fraction
-from pathlib import Path
 
 import mpmath
 import pytest
-from checker_cases import FAILS, HOLDS, UNREADABLE, Case
+from checker_cases import FAILS, HOLDS, alone, misjudged, outcome
 from region_cases import BENT, PAIR, SINE, certificate, changed, claim, doubles, problems, region_cases
 
 from dobc_design.certificate.text import certificate_bytes
 from dobc_design.certification.certify import certify
-from dobc_design.checker import checker, region_checker
+from dobc_design.checker import equilibrium
+from dobc_design.checker import examine as checker
+from dobc_design.checker.expressions import read_coupling
+from dobc_design.checker.separable import Curve, mean_slope, supremum
 from dobc_design.problem.canonical import canonical_bytes
 from dobc_design.problem.load import load_problem
 from dobc_design.problem.network import Network
 from dobc_design.problem.problem import Problem
 
-FOLDER = Path(checker.__file__).parent
-
-
-def outcome(case: Case) -> int:
-    try:
-        return HOLDS if all(holds for holds, _ in checker.examine(case.certificate, case.problem)) else FAILS
-    except checker.Refused:
-        return UNREADABLE
-
-
-def alone(folder: Path, files: list[str], certificate: bytes, problem: bytes) -> subprocess.CompletedProcess[str]:
-    """Run copies of the files in an empty folder, without site packages and without the package."""
-    for file in files:
-        shutil.copy(FOLDER / file, folder / file)
-    (folder / "certificate.json").write_bytes(certificate)
-    (folder / "problem.json").write_bytes(problem)
-    command = [sys.executable, "-I", "-S", "checker.py", "certificate.json", "problem.json"]
-    return subprocess.run(command, cwd=folder, capture_output=True, text=True, check=False, timeout=120)
-
 
 def test_every_case_gets_its_exit_code():
     """Claims whose truth is known, and twins that just fail in one place each."""
-    wrong = [case.name for case in region_cases() if outcome(case) != case.code]
-    assert wrong == []
+    assert misjudged(region_cases()) == []
     assert sum(case.code == HOLDS for case in region_cases()) > 25
     assert sum(case.code == FAILS for case in region_cases()) > 100
 
 
 @pytest.mark.parametrize("name", ["paper-fixed", "paper-switching"])
-def test_the_two_lone_files_confirm_a_region_of_the_paper(tmp_path, name):
+def test_the_lone_folder_confirms_a_region_of_the_paper(tmp_path, name):
     problem = load_problem(name)
     proof = certify(problem)
     assert "max-separable" in {check.id for check in proof.checks}
-    done = alone(
-        tmp_path, ["checker.py", "region_checker.py"], certificate_bytes(proof.claims), canonical_bytes(problem)
-    )
+    done = alone(tmp_path, certificate_bytes(proof.claims), canonical_bytes(problem))
     assert (done.returncode, done.stderr) == (0, "")
     assert "holds  max-separable : proved" in done.stdout
-
-
-def test_without_its_second_file_the_checker_says_what_it_needs(tmp_path):
-    """A certificate with regional claims cannot be read; one without them needs the one file only."""
-    case = region_cases()[0]
-    done = alone(tmp_path, ["checker.py"], case.certificate, case.problem)
-    assert (done.returncode, done.stderr) == (2, "")
-    assert "needs region_checker.py beside it" in done.stdout
-    done = alone(tmp_path, ["checker.py"], certificate("line"), canonical_bytes(problems()["line"]))
-    assert (done.returncode, done.stderr) == (0, "")
-
-
-def test_a_certificate_without_regional_claims_never_loads_the_second_file(monkeypatch):
-    def refuse() -> None:
-        raise AssertionError("it is not needed")
-
-    monkeypatch.setattr(checker, "sibling", refuse)
-    assert all(holds for holds, _ in checker.examine(certificate("line"), canonical_bytes(problems()["line"])))
 
 
 # --- Known answers: the largest alpha by closed forms and by sampling the rows --------------------------------------
@@ -126,7 +85,7 @@ def test_rows_are_accepted_below_the_sampled_rate_and_refused_above(h):
         check["exact"]["alpha"] = f"{alpha:.9f}"
         check["rate"] = round(alpha / 2, 9)
         data = json.dumps(frame | {"checks": [*frame["checks"], check]}).encode()
-        assert outcome(Case(h, data, canonical_bytes(problem), code)) == code
+        assert outcome(data, canonical_bytes(problem)) == code
 
 
 def test_two_agents_that_hear_each_other_keep_their_alpha_to_nine_digits():
@@ -135,7 +94,68 @@ def test_two_agents_that_hear_each_other_keep_their_alpha_to_nine_digits():
     for name, check, alpha in (("bent", BENT, 3.0), ("sine", SINE, float(sharp))):
         for factor, code in ((1 - 1e-9, HOLDS), (1 + 1e-9, FAILS)):
             data = certificate(name, changed(check, alpha=f"{alpha * factor:.15f}"))
-            assert outcome(Case(name, data, canonical_bytes(problems()[name]), code)) == code
+            assert outcome(data, canonical_bytes(problems()[name])) == code
+
+
+# --- Parts ----------------------------------------------------------------------------------------------------------
+def test_a_maximum_on_the_edge_of_two_cells_counts():
+    """2 y - y^2 on [-s, 2 s] is 1 from s = 1/2 on, and less at both ends."""
+    curve = Curve(read_coupling(("1 - (1 - y)**2",), 1), False, -1.0, 2.0)
+    assert [(cell.hi, cell.way) for cell in curve.table][-2:] == [(1.0, 1), (2.0, -1)]
+    bound = supremum(curve, (1.0, 1.0), (2.0, 2.0), 0.75, 1.0)
+    assert all(1 <= bound.at(s) < 1 + 1e-9 for s in (0.75, 0.8, 1.0))
+
+
+def test_slopes_of_a_coupling_that_also_falls_are_taken_from_the_whole_interval():
+    """h' = (1 - y) exp(-y)/2 - 1/4 falls; v_i = v_j: the supremum on [-2, 2 x] is h'(-2), whatever x."""
+    h = "y*exp(-y)/2 - y/4"
+    steepest = 3 * math.exp(2) / 2 - 1 / 4
+    for closely in (False, True):
+        mean = mean_slope(Curve(read_coupling((h,), 1), False, -2.0, 2.0), 1.0, (1, 1, 1), closely)
+        assert steepest <= mean < (1.001 if closely else 3) * steepest
+
+
+def test_a_slope_that_touches_0_is_known_not_to_be_negative():
+    """h' = 1 - sin(y) >= 0, since sin(y) <= 1."""
+    curve = Curve(read_coupling(("cos(y) - 1 + y",), 1), False, -7.0, 7.0)
+    assert {cell.way for cell in curve.table} == {1}
+
+
+def test_forces_and_their_slopes_hold_random_points():
+    """Three agents of two components, matrix gains, one arc with another coupling: h(e) - K e by mpmath at 100 bits."""
+    r = random.Random(5)
+    exceptions = {(2, 0): ["y1 + y2**2", "atan(y1*y2) + y2"]}
+    problem = Problem(
+        network=Network.from_arcs([[1, 2, 2], [2, 3], [3, 1]], arrow="listens_to", agents=3),
+        coupling=["sin(y1)", "2*sin(y2)"],
+        exceptions=exceptions,
+        gains={1: [[2, 1], [-1, 3]], 3: [[1, 0], [0, 5]]},
+        target=[0, 0],
+    )
+    read = checker.Problem(canonical_bytes(problem))
+    (mode,) = read.modes
+
+    def h(a: int, b: int) -> mpmath.mpf:
+        return [mpmath.sin(a), 2 * mpmath.sin(b)]
+
+    def forces(*e: mpmath.mpf) -> list[mpmath.mpf]:
+        x = [e[0:2], e[2:4], e[4:6]]
+        y = [[b - a for a, b in zip(x[i], x[j], strict=True)] for i, j in ((0, 1), (1, 2), (2, 0))]
+        third = [y[2][0] + y[2][1] ** 2, mpmath.atan(y[2][0] * y[2][1]) + y[2][1]]
+        held = [2 * e[0] + e[1], -e[0] + 3 * e[1], 0, 0, e[4], 5 * e[5]]
+        return [f - k for f, k in zip([*(2 * f for f in h(*y[0])), *h(*y[1]), *third], held, strict=True)]
+
+    for _ in range(10):
+        ends = [sorted((r.uniform(-2, 2), r.uniform(-2, 2))) for _ in range(6)]
+        values, slopes = equilibrium.forces(read, mode, [[Fraction(lo), Fraction(hi)] for lo, hi in ends])
+        with mpmath.workprec(100):
+            e = [mpmath.mpf(r.uniform(lo, hi)) for lo, hi in ends]
+            assert all(lo <= f <= hi for (lo, hi), f in zip(values, forces(*e), strict=True))
+            for a in range(6):
+                for b in range(6):
+                    lo, hi = slopes[a].get(b, (0, 0))
+                    slope = mpmath.diff(lambda *x, a=a: forces(*x)[a], tuple(e), tuple(int(k == b) for k in range(6)))
+                    assert lo - 1e-9 <= slope <= hi + 1e-9
 
 
 # --- Hostile claims -------------------------------------------------------------------------------------------------
@@ -170,130 +190,5 @@ def test_two_agents_that_hear_each_other_keep_their_alpha_to_nine_digits():
 def test_hostile_numbers_are_refused_at_once(change):
     data, problem = certificate("pair", changed(PAIR, **change)), canonical_bytes(problems()["pair"])
     start = time.process_time()
-    assert outcome(Case("", data, problem, FAILS)) == FAILS
+    assert outcome(data, problem) == FAILS
     assert time.process_time() - start < 10
-
-
-# --- Enclosures -----------------------------------------------------------------------------------------------------
-DERIVATIVES = {
-    "exp": (mpmath.exp, mpmath.exp),
-    "log": (mpmath.log, lambda x: 1 / x),
-    "sqrt": (mpmath.sqrt, lambda x: 1 / (2 * mpmath.sqrt(x))),
-    "sin": (mpmath.sin, mpmath.cos),
-    "cos": (mpmath.cos, lambda x: -mpmath.sin(x)),
-    "tan": (mpmath.tan, lambda x: 1 + mpmath.tan(x) ** 2),
-    "atan": (mpmath.atan, lambda x: 1 / (1 + x * x)),
-    "tanh": (mpmath.tanh, lambda x: 1 / mpmath.cosh(x) ** 2),
-    "sinh": (mpmath.sinh, mpmath.cosh),
-    "cosh": (mpmath.cosh, mpmath.sinh),
-    "abs": (abs, mpmath.sign),
-}
-
-
-def test_every_function_of_the_grammar_is_enclosed_here():
-    assert set(DERIVATIVES) | {"min", "max", "clip"} == set(checker.FUNCTIONS)
-    assert set(DERIVATIVES) == set(region_checker.FUNCTIONS)
-
-
-def intervals(name: str, count: int) -> list[tuple[float, float]]:
-    """Intervals of all sizes, single numbers among them."""
-    r, found = random.Random(name), []
-    for _ in range(count):
-        size = 10 ** r.uniform(-6, 1.5)
-        a, b = sorted((r.uniform(-size, size), r.uniform(-size, size)))
-        if name in ("log", "sqrt"):
-            a, b = sorted((abs(a) + 1e-9, abs(b) + 1e-9))
-        found.append((a, a if r.random() < 0.2 else b))
-    return found
-
-
-@pytest.mark.parametrize("name", sorted(DERIVATIVES))
-@pytest.mark.parametrize("count", [60, pytest.param(1000, marks=pytest.mark.slow)])
-def test_enclosures_of_values_and_slopes_hold_random_points(name, count):
-    """12 in each of up to 1000 intervals; the oracle is mpmath at 200 bits."""
-    r, (function, derivative) = random.Random(name + "points"), DERIVATIVES[name]
-    seen = 0
-    with mpmath.workprec(200):
-        for a, b in intervals(name, count):
-            try:
-                value, (slope,) = region_checker.function_jet(name, ((a, b), (region_checker.ONE,)))
-            except region_checker.Refused:
-                assert name == "tan"
-                continue
-            for x in (a, b, *(r.uniform(a, b) for _ in range(10))):
-                exact = mpmath.mpf(x)
-                assert value[0] <= function(exact) <= value[1]
-                assert slope[0] <= derivative(exact) <= slope[1]
-                seen += 1
-    assert seen > (9 if name == "tan" else 11) * count
-
-
-COMPOSED = {
-    "min(y, y**2, 1 - y)": lambda y: min(y, y**2, 1 - y),
-    "max(y**3 - y, -y/2)": lambda y: max(y**3 - y, -y / 2),
-    "clip(2*y, -1, y**2 + 1/3)": lambda y: max(-1, min(2 * y, y**2 + mpmath.mpf(1) / 3)),
-    "tanh(y)*exp(-y**2)/(2 + sin(3*y))": lambda y: mpmath.tanh(y) * mpmath.exp(-(y**2)) / (2 + mpmath.sin(3 * y)),
-    "(y + 1/10)**-3 + 0.1*pi*y": lambda y: (y + mpmath.mpf(1) / 10) ** -3 + mpmath.mpf("0.1") * mpmath.pi * y,
-    "-y**4 + 7*y**5 - 1e-3": lambda y: -(y**4) + 7 * y**5 - mpmath.mpf("1e-3"),
-}
-
-
-@pytest.mark.parametrize("source", sorted(COMPOSED))
-@pytest.mark.parametrize("count", [60, pytest.param(1000, marks=pytest.mark.slow)])
-def test_enclosures_of_compositions_hold_random_points_and_all_their_secants(source, count):
-    """Slopes of kinked functions are Clarke's: they bound every secant inside the interval."""
-    r, formula, h = random.Random(source), region_checker.Formula(source, ["y"]), COMPOSED[source]
-    seen = 0
-    with mpmath.workprec(200):
-        for a, b in intervals(source, count):
-            try:
-                value, slopes = formula.at(((a, b), (region_checker.ONE,)))
-            except region_checker.Refused:
-                continue
-            slope = slopes[0] if slopes else region_checker.NOTHING
-            points = [mpmath.mpf(r.uniform(a, b)) for _ in range(10)]
-            for x, y in zip(points, [mpmath.mpf(b), *points], strict=False):
-                assert value[0] <= h(x) <= value[1]
-                gap = mpmath.mpf(2) ** -150 * (1 + abs(h(x)))
-                assert min(slope[0] * (y - x), slope[1] * (y - x)) - gap <= h(y) - h(x)
-                assert h(y) - h(x) <= max(slope[0] * (y - x), slope[1] * (y - x)) + gap
-                seen += 1
-    assert seen > 5 * count
-
-
-@pytest.mark.parametrize("n", [0, 1, 2, 3, 4, 7, 10])
-def test_arithmetic_is_rounded_outward(n):
-    """Against exact rational arithmetic at the ends of random intervals."""
-    r = random.Random(n)
-    for _ in range(300):
-        x, y = (tuple(sorted((r.uniform(-3, 3), r.uniform(-3, 3)))) for _ in range(2))
-        ends = [Fraction(a) * Fraction(b) for a in x for b in y]
-        lo, hi = region_checker.times(x, y)
-        assert Fraction(lo) <= min(ends) <= max(ends) <= Fraction(hi)
-        lo, hi = region_checker.added(x, y)
-        assert Fraction(lo) <= Fraction(x[0]) + Fraction(y[0]) <= Fraction(x[1]) + Fraction(y[1]) <= Fraction(hi)
-        lo, hi = region_checker.power(x, n)
-        inside = [Fraction(a) ** n for a in (*x, *([0.0] if x[0] < 0 < x[1] else []))]
-        assert Fraction(lo) <= min(inside) <= max(inside) <= Fraction(hi)
-        if not y[0] <= 0 <= y[1]:
-            lo, hi = region_checker.divided(x, y)
-            assert Fraction(lo) <= min(Fraction(a) / Fraction(b) for a in x for b in y)
-            assert max(Fraction(a) / Fraction(b) for a in x for b in y) <= Fraction(hi)
-
-
-def test_products_of_known_signs_keep_them_where_floats_underflow():
-    tiny = 5e-324
-    assert region_checker.times((tiny, 1.0), (tiny, 1.0))[0] == 0
-    assert region_checker.times((-1.0, -tiny), (tiny, 1.0))[1] == 0
-    assert region_checker.times((-tiny, 0.0), (0.0, tiny))[0] < 0
-
-
-def test_the_table_of_a_coupling_names_its_rising_and_falling_stretches():
-    """sin rises on [-pi/2, pi/2] and falls to the left of it down to -3 pi/2."""
-    curve = region_checker.Curve(region_checker.Formula("sin(y)", ["y"]), False)
-    curve.prepare(-4.0, 1.0)
-    ways = [cell.way for cell in curve.table if cell.way]
-    assert ways == [-1, 1]
-    rising = next(cell for cell in curve.table if cell.way == 1)
-    assert rising.lo == pytest.approx(-mpmath.pi / 2, abs=2e-3)
-    assert rising.lo >= -mpmath.pi / 2

@@ -14,7 +14,7 @@ from separable_problems import cycle
 from dobc_design.certificate.text import certificate_bytes
 from dobc_design.certification.certify import certify
 from dobc_design.certification.recheck import recheck
-from dobc_design.checker import checker
+from dobc_design.checker import examine as checker
 from dobc_design.conditions.consensus import claim, propose
 from dobc_design.conditions.consensus.propose import float_lambda
 from dobc_design.problem.canonical import canonical_bytes

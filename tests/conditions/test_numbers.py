@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from dobc_design.checker.checker import rational
+from dobc_design.checker.reading import rational
 from dobc_design.conditions.numbers import LONGEST, claimed, largest_proved, read_rational, shorten
 from dobc_design.errors import SpecError
 from dobc_design.exact.number import number_text

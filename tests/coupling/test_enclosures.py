@@ -7,11 +7,23 @@ from fractions import Fraction
 from itertools import pairwise
 from random import Random
 
+import mpmath
 import pytest
-from random_couplings import OUTER, coupling_text, near_kink, true_values
+from random_couplings import BITS, OUTER, coupling_text, exact, near_kink, true_values, truth
 
-from dobc_design.coupling.enclosures import Curve, jet, secant, secant_range, slope_range, value_form, value_range
+from dobc_design.coupling.algebra import ONE, ZERO, GradientAlgebra, Jet
+from dobc_design.coupling.enclosures import (
+    Curve,
+    jet,
+    profile,
+    secant,
+    secant_range,
+    slope_range,
+    value_form,
+    value_range,
+)
 from dobc_design.coupling.expression import parse_expression
+from dobc_design.coupling.tree import evaluate
 from dobc_design.exact.interval import Interval, UndefinedError
 
 TWO = Interval(Fraction(-2), Fraction(2))
@@ -171,3 +183,96 @@ def test_derivatives_of_the_secant_gain_bound_its_differences(turn: int):
         gains = [true_values(text, y)[2] for y in places]
         for (y, g), (z, f) in pairwise(zip(places, gains, strict=True)):
             assert holds(slope, (f - g) / (z - y))
+
+
+def jet_of(text: str, Y: Interval, *, restricted: bool = False) -> Jet:
+    algebra = GradientAlgebra(1, second=True, restricted=restricted)
+    return evaluate(parse_expression(text).node, algebra.variables((Y,)), algebra)
+
+
+@pytest.mark.parametrize("pattern", OUTER)
+@pytest.mark.parametrize("inner", ["y", "sin(2*y) + y**2", "y/(2 + y)"])
+def test_jets_at_points_are_value_slope_and_curvature(pattern: str, inner: str):
+    """Every function of the grammar, alone and composed, at points off their kinks."""
+    text = pattern.replace("#", f"({inner})")
+    h, slope = truth(text)
+    for y in (Fraction(-3, 7), Fraction(2, 9), Fraction(5, 8)):
+        found = jet_of(text, Interval.point(y))
+        with mpmath.workprec(BITS):
+            at = mpmath.mpf(y.numerator) / y.denominator
+            second = mpmath.diff(slope, at)
+            wanted = [exact(mpmath.mpf(x)) for x in (h(at), slope(at), second)]
+        assert found.curvature is not None
+        for enclosure, value in zip((found.value, found.slope, found.curvature), wanted, strict=True):
+            slack = Fraction(1, 10**25) * (1 + abs(value))
+            assert enclosure.lo - slack <= value <= enclosure.hi + slack
+            assert enclosure.width <= slack
+
+
+@pytest.mark.parametrize("text", ["abs(y)", "max(y, 2*y)", "min(y, y/2)", "clip(y, 0, 1)"])
+def test_a_kink_leaves_the_curvature_open(text: str):
+    around = jet_of(text, Interval(Fraction(-1, 2), Fraction(1, 2)))
+    assert around.curvature is None
+    assert around.slope.width > 0
+
+
+def test_a_kink_at_the_end_is_seen_unless_the_interval_is_all_there_is():
+    right = Interval(0, 1)
+    assert jet_of("abs(y)", right).slope == Interval(-1, 1)
+    assert jet_of("abs(y)", right, restricted=True) == Jet(right, (ONE,), ZERO)
+
+
+def test_a_constant_has_slope_zero_where_its_function_has_none():
+    """sqrt(0)*y and (1 - 1)**(1/2) + y are fine."""
+    assert jet_of("sqrt(0)*y + y", Interval(-1, 1)).slope == Interval.point(1)
+
+
+def test_powers_zero_and_one_need_no_reciprocal():
+    """y**1 at y = 0, whose second derivative would be 0 * y**-1."""
+    Y = Interval(-1, 1)
+    assert jet_of("y**1 + y**0", Y) == Jet(Interval(0, 2), (ONE,), ZERO)
+    assert jet_of("y**2", Y).curvature == Interval.point(2)
+
+
+def profile_of(text: str, radius: str):
+    return profile(Curve(parse_expression(text)), Fraction(radius))
+
+
+@pytest.mark.parametrize("text", ["exp(y) - 1 + y", "tanh(y)", "y**3", "clip(y, -1, 1)", "y + sin(y)/2", "max(y, 2*y)"])
+def test_monotone_couplings_are_one_rising_cell(text: str):
+    found = profile_of(text, "9")
+    assert found.is_nondecreasing
+    assert found.tops == found.bottoms == ()
+
+
+def test_sin_turns_at_odd_multiples_of_half_pi():
+    """Maxima at -3 pi/2 and pi/2, minima at -pi/2 and 3 pi/2, each in a cell of 1e-6 with the value +-1 inside."""
+    found = profile_of("sin(y)", "5")
+    assert not found.is_nondecreasing
+    for cells, value, places in ((found.tops, 1, (-1.5, 0.5)), (found.bottoms, -1, (-0.5, 1.5))):
+        turning = [cell for cell in cells if cell.values.contains(value)]
+        assert [round(float(cell.place.midpoint) / math.pi, 5) for cell in turning] == list(places)
+        assert all(cell.values.width < 1e-9 for cell in turning)
+
+
+def test_just_inside_half_pi_sin_rises_and_just_outside_it_does_not():
+    assert profile_of("sin(y)", "1.5707963").is_nondecreasing
+    assert not profile_of("sin(y)", "1.5708").is_nondecreasing
+
+
+def test_a_corner_between_rising_and_falling_is_a_top():
+    """min(y, 1 - y) turns at 1/2; its kink may be met exactly or enclosed."""
+    found = profile_of("min(y, 1 - y)", "2")
+    assert any(cell.place.contains(Fraction(1, 2)) and cell.values.contains(Fraction(1, 2)) for cell in found.tops)
+
+
+def test_cells_cover_the_interval_without_gaps():
+    found = profile_of("sin(3*y)*exp(-y)", "2")
+    assert found.cells[0].place.lo == -2
+    assert found.cells[-1].place.hi == 2
+    assert all(left.place.hi == right.place.lo for left, right in zip(found.cells, found.cells[1:], strict=False))
+
+
+def test_a_coupling_that_is_not_defined_so_far_out_is_refused():
+    with pytest.raises(UndefinedError, match=r'h = "log\(1 \+ y\)" cannot be enclosed on \[-1, 1\]: log'):
+        profile_of("log(1 + y)", "1")

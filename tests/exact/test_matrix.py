@@ -1,13 +1,18 @@
 """Rational matrices against SymPy, NumPy and closed forms."""
 
+from __future__ import annotations
+
 from fractions import Fraction
+from random import Random
 
 import numpy as np
 import pytest
 import sympy
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from scipy import linalg
 
+from dobc_design._checks import require_shape, require_square
 from dobc_design.errors import ShapeError, SpecError
 from dobc_design.exact import (
     add,
@@ -27,7 +32,7 @@ from dobc_design.exact import (
     transpose,
     zeros,
 )
-from dobc_design.exact.matrix import matrix
+from dobc_design.exact.matrix import matrix, solve_lyapunov
 
 ENTRIES = st.sampled_from([Fraction(0), Fraction(1), Fraction(-1), Fraction(2), Fraction(1, 2), Fraction(-5, 3)])
 
@@ -170,3 +175,73 @@ def test_entries_beyond_the_floats_are_refused():
     """1e400 has no nearest finite float."""
     with pytest.raises(SpecError, match=r"below 1\.8e308"):
         to_float(((Fraction(10) ** 400,),))
+
+
+@pytest.mark.parametrize("seed", range(12))
+def test_the_solution_satisfies_the_equation_exactly_and_is_that_of_scipy(seed):
+    r = Random(seed)
+    q = r.randint(1, 5)
+    F = matrix([[r.randint(-4, 4) - (9 if i == j else 0) for j in range(q)] for i in range(q)])
+    root = matrix([[r.randint(-3, 3) for _ in range(q)] for _ in range(q)])
+    N = multiply(root, transpose(root))
+    X = solve_lyapunov(F, N)
+    assert add(add(multiply(transpose(F), X), multiply(X, F)), N) == zeros(q, q)
+    assert to_float(X) == pytest.approx(
+        linalg.solve_continuous_lyapunov(to_float(F).T, -to_float(N)), rel=1e-9, abs=1e-12
+    )
+
+
+def test_two_eigenvalues_that_add_up_to_zero_have_no_unique_solution():
+    identity = matrix([[1, 0], [0, 1]])
+    assert solve_lyapunov(matrix([[0, 1], [-1, 0]]), identity) is None
+    assert solve_lyapunov(matrix([[1, 0], [0, -1]]), identity) is None
+    assert solve_lyapunov(matrix([[Fraction(1, 10**9), 0], [0, -1]]), identity) is not None
+
+
+def test_shapes_have_to_fit():
+    with pytest.raises(ShapeError, match="N must have shape"):
+        solve_lyapunov(matrix([[1]]), matrix([[1, 0], [0, 1]]))
+
+
+def test_a_fitting_matrix_gives_its_shape():
+    """None leaves a side free; arrays and nested tuples alike."""
+    assert require_shape(((1, 2, 3), (4, 5, 6)), (2, None), name="C") == (2, 3)
+    assert require_shape(np.zeros((4, 1)), (None, 1), name="W") == (4, 1)
+    assert require_square(((1, 2), (3, 4)), name="A") == 2
+
+
+def test_the_error_names_matrix_shape_and_reason():
+    """Style page: "exosystem.C must have 2 columns, one per exosystem state ...; got shape (1, 3)."."""
+    with pytest.raises(ShapeError) as caught:
+        require_shape(((1, 2, 3),), (None, 2), name="exosystem.C", because="one per exosystem state (A is 2x2)")
+    assert str(caught.value) == (
+        "exosystem.C must have 2 columns, one per exosystem state (A is 2x2); got shape (1, 3)."
+    )
+    assert caught.value.key == "exosystem.C"
+
+
+@pytest.mark.parametrize(
+    ("matrix", "shape", "text"),
+    [
+        (((1, 2),), (2, 2), r"must have shape \(2, 2\); got shape \(1, 2\)"),
+        (((1, 2),), (2, None), r"must have 2 rows; got"),
+        (((1, 2),), (None, 1), r"must have 1 column; got"),
+        (((1, 2), (3,)), (None, None), r"rows of one length; got 2 in row 1 and 1 in row 2"),
+        ((), (1, 0), r"must have shape \(1, 0\); got shape \(0, 0\)"),
+    ],
+)
+def test_a_wrong_shape_is_refused(matrix, shape, text):
+    """Every error path is walked."""
+    with pytest.raises(ShapeError, match=text):
+        require_shape(matrix, shape, name="M")
+
+
+def test_a_matrix_that_is_not_square_is_refused():
+    """With its reason."""
+    with pytest.raises(ShapeError, match=r"A must be square, xi' = A xi; got shape \(1, 2\)"):
+        require_square(((1, 2),), name="A", because="xi' = A xi")
+
+
+def test_no_rows_fit_any_number_of_columns():
+    """Nested sequences cannot say how many columns no rows have."""
+    assert require_shape((), (None, 5), name="T") == (0, 0)

@@ -12,6 +12,7 @@ from hypothesis import strategies as st
 
 from dobc_design.errors import SpecError
 from dobc_design.exact import float_above, float_below, number_text, parse_number
+from dobc_design.exact.number import root_above, root_below
 
 TEXTS = st.from_regex(
     r"[+-]?[0-9]{1,90}(\.[0-9]{1,90})?([eE][+-]?(400|[0-3]?[0-9]{1,2}))?", fullmatch=True
@@ -215,3 +216,14 @@ def test_directed_rounding_at_the_ends_of_the_range():
     assert (float_below(Fraction(largest)), float_above(Fraction(largest))) == (largest, largest)
     assert float_above(Fraction(largest) + tiny) == math.inf
     assert math.copysign(1, float_above(-tiny)) == math.copysign(1, float_below(tiny)) == 1
+
+
+@given(st.fractions(min_value=0), st.integers(1, 10**12))
+def test_roots_are_rounded_outwards_to_the_nearest_multiple(square, unit):
+    """One unit less is below the root, one more above; squares of multiples come back."""
+    low, high = root_below(square, unit=unit), root_above(square, unit=unit)
+    step = Fraction(1, unit)
+    assert low**2 <= square <= high**2
+    assert (low + step) ** 2 > square
+    assert high == 0 or (high - step) ** 2 < square
+    assert root_above(low**2, unit=unit) == root_below(low**2, unit=unit) == low

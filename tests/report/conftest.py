@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from shown import HOSTILE
 
 from dobc_design.analysis.analysis import (
     Analysis,
@@ -278,3 +279,21 @@ def asked_for(problem_with, certificate_of) -> dict[str, Any]:
     checks = (separable, ball, delay)
     certificate = certificate_of(problem, checks=checks, covered_by="max-separable", rate=0.2)
     return {"certificate": certificate, "analysis": None, "trajectory": None}
+
+
+@pytest.fixture
+def wide(problem_with, certificate_of, analysis_of, trajectory_of) -> dict[str, Any]:
+    """Long names, hostile ones, six exosystem states, several modes: what is likely to be too wide."""
+    labels = [f"station-of-a-very-long-name-{i}-{HOSTILE[1 + i % 5][:40]}" for i in range(12)]
+    arcs = [(labels[i], labels[(i + 1) % 12]) for i in range(12)]
+    network = Network.from_arcs({"m" * 60: arcs, "#b": arcs[:-1], "$c": arcs[3:]}, arrow="listens_to", agents=labels)
+    A = [[f"{i + 1}/{j + 7}" for j in range(6)] for i in range(6)]
+    problem = problem_with(
+        name="a-name-without-any-space-" * 4,
+        network=network,
+        gains={labels[0]: 1},
+        observer=None,
+        exosystem=Exosystem(A=A, C=[[1, 0, 0, 0, 0, "123456/654321"]]),
+    )
+    certificate = certificate_of(problem, problem_sha256="f" * 64, notes=("W" * 200, *HOSTILE))
+    return {"certificate": certificate, "analysis": analysis_of(problem), "trajectory": trajectory_of(problem)}

@@ -1,25 +1,34 @@
-"""The page in a real browser: formulas and figures have a size, a phone does not scroll sideways, no errors.
+"""The page in a real browser: everything has a size, nothing is cut off, an audit by axe-core where it is at hand.
 
-The page runs no scripts, so a wrapper holds it in an iframe and measures from outside.
+The page runs no scripts, so a wrapper holds it in an iframe and measures from outside.  axe-core is not shipped;
+AXE_SCRIPT names its file (axe.min.js, for example from the package axe-playwright-python).
 """
 
 from __future__ import annotations
 
 import html
 import json
+import os
 import re
-import shutil
 import subprocess
 from pathlib import Path
 from typing import Any
 
 import pytest
-from shown import html_report
+from chromium import CHROMIUM, browser, until
+from shown import compare_html, html_report
 
-from dobc_design.problem.exosystems import Exosystem
-from dobc_design.problem.network import Network
-
-BROWSER = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
+AXE = os.environ.get("AXE_SCRIPT", "")
+RULES = '["wcag2a", "wcag2aa", "wcag21a", "wcag21aa", "wcag22aa", "best-practice"]'
+AUDIT = f"""axe.run(document, {{runOnly: {{type: "tag", values: {RULES}}}}}).then(found => ({{
+  rules: found.passes.length,
+  wrong: found.violations.map(each => each.id + ": " + each.nodes.map(node => node.target.join(" ")).join(", ")),
+}}))"""
+# The empty page that a tab begins with is complete, too.
+LOADED = "document.readyState === 'complete' && document.title !== ''"
+# How far to the right anything reaches, what would have to be scrolled included.
+WIDEST = """Math.max(...[...document.querySelectorAll("body *:not(svg *, .hidden)")].map(each => {
+  const box = each.getBoundingClientRect(); return Math.max(box.right, box.left + each.scrollWidth); }))"""
 OPTIONS = (
     "--headless",
     "--no-sandbox",
@@ -44,10 +53,86 @@ frame.onload = () => {{
 }};
 </script>"""
 
-pytestmark = [
-    pytest.mark.slow,
-    pytest.mark.skipif(BROWSER is None, reason="needs chromium, which is not installed here"),
-]
+needs_chromium = pytest.mark.skipif(CHROMIUM is None, reason="needs chromium, which is not installed here")
+
+pytestmark = pytest.mark.slow
+needs_axe = pytest.mark.skipif(not AXE, reason="needs axe-core: AXE_SCRIPT=/path/to/axe.min.js")
+
+
+@pytest.fixture
+def pages(everything: dict[str, Any], asked_for: dict[str, Any]) -> dict[str, str]:
+    """A full report with several modes, one on a region, and two certificates side by side."""
+    several = dict.fromkeys(("Ga", "Gb", "Gc"), everything["lambdas"]["Ga"])
+    return {
+        "full": html_report(**everything | {"lambdas": several}),
+        "region": html_report(**asked_for),
+        "comparison": compare_html(everything["certificate"], asked_for["certificate"]),
+    }
+
+
+def audit(text: str, folder: Path, *, scheme: str) -> dict[str, Any]:
+    """How many rules hold, and which do not, as the browser shows the page in ``scheme``."""
+    file = folder / "page.html"
+    file.write_text(text, encoding="utf-8")
+    with browser(folder, file.as_uri(), wanted="page.html") as page:
+        page.ask("Emulation.setEmulatedMedia", features=[{"name": "prefers-color-scheme", "value": scheme}])
+        until("the page", lambda: page.run(LOADED))
+        page.run(Path(AXE).read_text("utf-8") + "; true")
+        found: dict[str, Any] = page.run(AUDIT)
+    return found
+
+
+@needs_chromium
+@needs_axe
+@pytest.mark.parametrize("scheme", ["light", "dark"])
+@pytest.mark.parametrize("which", ["full", "region", "comparison"])
+def test_an_audit_by_axe_finds_nothing(pages: dict[str, str], which: str, scheme: str, tmp_path: Path):
+    found = audit(pages[which], tmp_path, scheme=scheme)
+    assert found["rules"] > 15
+    assert found["wrong"] == []
+
+
+@needs_chromium
+@needs_axe
+@pytest.mark.parametrize(("scheme", "good", "bad"), [("light", "#555e6a", "#c8c8c8"), ("dark", "#a8b1bc", "#404040")])
+def test_an_audit_finds_pale_text_and_a_heading_that_jumps(
+    everything: dict[str, Any], scheme: str, good: str, bad: str, tmp_path: Path
+):
+    text = html_report(**everything | {"analysis": None, "trajectory": None})
+    spoiled = text.replace(f"--muted: {good}", f"--muted: {bad}").replace("h2>", "h5>")
+    wrong = " ".join(audit(spoiled, tmp_path, scheme=scheme)["wrong"])
+    assert "color-contrast" in wrong
+    assert "heading-order" in wrong
+
+
+@needs_chromium
+def test_the_browser_asks_the_network_for_nothing(pages: dict[str, str], tmp_path: Path):
+    file = tmp_path / "page.html"
+    file.write_text(pages["full"], encoding="utf-8")
+    with browser(tmp_path, file.as_uri(), wanted="page.html") as page:
+        until("the page", lambda: page.run(LOADED))
+        page.ask("Network.enable")
+        page.ask("Page.enable")
+        page.ask("Page.reload")
+        until("the page", lambda: page.run(f"{LOADED} && document.fonts.status === 'loaded'"))
+        sent = [each["params"] for each in page.events if each["method"] == "Network.requestWillBeSent"]
+    assert [each["request"]["url"] for each in sent] == [file.as_uri()]
+
+
+@needs_chromium
+def test_printed_on_a4_nothing_is_cut_off(pages: dict[str, str], tmp_path: Path):
+    """210 mm less two margins of 10 mm are 718 CSS pixels; what is wider would not be on the paper."""
+    spoiled = pages["region"].replace("</h1>", "</h1><pre style='white-space: pre'>" + "x" * 300 + "</pre>")
+    assert spoiled != pages["region"]
+    (tmp_path / "page.html").write_text("", encoding="utf-8")
+    with browser(tmp_path, (tmp_path / "page.html").as_uri(), wanted="page.html") as page:
+        page.ask("Emulation.setDeviceMetricsOverride", width=718, height=1046, deviceScaleFactor=1, mobile=False)
+        page.ask("Emulation.setEmulatedMedia", media="print")
+        frame = page.ask("Page.getFrameTree")["frameTree"]["frame"]["id"]
+        for name, text, fits in [*((name, text, True) for name, text in pages.items()), ("spoiled", spoiled, False)]:
+            page.ask("Page.setDocumentContent", frameId=frame, html=text)
+            widest = page.run(WIDEST)
+            assert (widest <= 718) is fits, f"{name} is {widest} px wide"
 
 
 def measure(page: str, folder: Path, *, width: int) -> tuple[dict[str, Any], str]:
@@ -55,7 +140,7 @@ def measure(page: str, folder: Path, *, width: int) -> tuple[dict[str, Any], str
     file = folder / "wrapper.html"
     file.write_text(WRAPPER.format(width=width, page=html.escape(page)), encoding="utf-8")
     command = [
-        str(BROWSER),
+        str(CHROMIUM),
         *OPTIONS,
         f"--user-data-dir={folder / 'profile'}",
         f"--window-size={max(width, 600)},900",
@@ -69,29 +154,12 @@ def measure(page: str, folder: Path, *, width: int) -> tuple[dict[str, Any], str
     return json.loads(html.unescape(found.group(1))), run.stderr
 
 
-@pytest.fixture
-def wide_page(problem_with, certificate_of, analysis_of, trajectory_of) -> str:
-    """Long names, six exosystem states, several modes: what is likely to be too wide for a phone."""
-    labels = [f"station-of-a-very-long-name-{i}" for i in range(12)]
-    arcs = [(labels[i], labels[(i + 1) % 12]) for i in range(12)]
-    network = Network.from_arcs({"m" * 60: arcs, "b": arcs[:-1], "c": arcs[3:]}, arrow="listens_to", agents=labels)
-    A = [[f"{i + 1}/{j + 7}" for j in range(6)] for i in range(6)]
-    problem = problem_with(
-        name="a-name-without-any-space-" * 4,
-        network=network,
-        gains={labels[0]: 1},
-        observer=None,
-        exosystem=Exosystem(A=A, C=[[1, 0, 0, 0, 0, "123456/654321"]]),
-    )
-    certificate = certificate_of(problem, problem_sha256="f" * 64)
-    return html_report(certificate, analysis=analysis_of(problem), trajectory=trajectory_of(problem))
-
-
+@needs_chromium
 @pytest.mark.parametrize("width", [320, 390, 760, 1200])
 def test_everything_has_a_size_and_nothing_scrolls_sideways(
-    everything: dict[str, Any], wide_page: str, tmp_path: Path, width: int
+    everything: dict[str, Any], wide: dict[str, Any], tmp_path: Path, width: int
 ):
-    for page in (html_report(**everything), wide_page):
+    for page in (html_report(**everything), html_report(**wide)):
         sizes, log = measure(page, tmp_path, width=width)
         assert len(sizes["math"]) > 10
         assert all(w > 0 and h > 0 for w, h in sizes["math"])
@@ -102,6 +170,7 @@ def test_everything_has_a_size_and_nothing_scrolls_sideways(
         assert console == []
 
 
+@needs_chromium
 @pytest.mark.parametrize("width", [320, 760])
 def test_a_region_with_its_pictures_and_table_fits(asked_for: dict[str, Any], tmp_path: Path, width: int):
     sizes, log = measure(html_report(**asked_for), tmp_path, width=width)

@@ -6,6 +6,7 @@ from xml.etree import ElementTree
 
 import numpy as np
 import pytest
+from matplotlib.figure import Figure
 
 from dobc_design.plotting import look
 from dobc_design.report import figures
@@ -17,6 +18,10 @@ from dobc_design.report.words import common_offsets
 
 def svg_text(draw, *, name, alt):
     return svg_of(Picture(name=name, title="", caption="", alt=alt, draw=draw))
+
+
+def new_axes():
+    return Figure().add_subplot()
 
 
 def ring(n: int) -> list[tuple[int, int]]:
@@ -55,13 +60,15 @@ def test_positions_are_reproducible_for_large_networks():
 def test_the_arrow_points_at_the_listener():
     """Agent 0 listens to agent 1, so information runs from 1 to 0: the head is near 0."""
     places = np.array([[-1.0, 0.0], [1.0, 0.0]])
-    ax = draw_network(labels=["a", "b"], arcs=[(0, 1)], places=places)
+    ax = draw_network(new_axes(), labels=["a", "b"], arcs=[(0, 1)], places=places)
     heads = next(patch for patch in ax.patches if patch.get_edgecolor()[3] == 0)
     assert heads.get_path().vertices[:, 0].max() < -0.5
 
 
 def test_pinned_and_unreached_agents_look_different():
-    ax = draw_network(labels=["a", "b", "c"], arcs=[(0, 1)], places=positions(ring(3), 3), pinned=[0], unreached={2})
+    ax = draw_network(
+        new_axes(), labels=["a", "b", "c"], arcs=[(0, 1)], places=positions(ring(3), 3), pinned=[0], unreached={2}
+    )
     fills = {patch.get_facecolor()[:3] for patch in ax.patches}
     dashes = [patch.get_linestyle() for patch in ax.patches]
     assert len(fills) >= 2
@@ -77,13 +84,13 @@ def test_labels_lose_what_they_share():
 
 
 def test_functions_draw_on_the_axes_they_are_given_and_return_them():
-    figure_axes = figures.plot_spectrum({"G": np.array([-1 + 2j, -1 - 2j])})
-    assert figures.plot_lambda({"G": [-3.0, -1.0]}, bounds={"P": -1.125}, ax=figure_axes) is figure_axes
+    figure_axes = figures.plot_spectrum(new_axes(), {"G": np.array([-1 + 2j, -1 - 2j])})
+    assert figures.plot_lambda(figure_axes, {"G": [-3.0, -1.0]}, bounds={"P": -1.125}) is figure_axes
 
 
 def test_axes_name_their_units():
-    assert "1/s" in figures.plot_spectrum({"G": [-1 + 0j]}).get_xlabel()
-    assert "1/s" in figures.plot_lambda({"G": [-1.0]}).get_xlabel()
+    assert "1/s" in figures.plot_spectrum(new_axes(), {"G": [-1 + 0j]}).get_xlabel()
+    assert "1/s" in figures.plot_lambda(new_axes(), {"G": [-1.0]}).get_xlabel()
 
 
 def test_long_series_are_thinned_and_keep_their_ends():
@@ -96,7 +103,7 @@ def test_long_series_are_thinned_and_keep_their_ends():
 
 
 def test_an_svg_is_xml_with_own_identifiers_variables_and_its_alternative():
-    text = svg_text(lambda f: f.add_subplot().plot([1, 2], color="#0072b2"), name="one", alt='a "b" <c>')
+    text = svg_text(lambda ax: ax.plot([1, 2], color="#0072b2"), name="one", alt='a "b" <c>')
     root = ElementTree.fromstring(text)
     assert root.get("aria-label") == 'a "b" <c>'
     assert "var(--figure-blue, #0072b2)" in text
@@ -105,9 +112,7 @@ def test_an_svg_is_xml_with_own_identifiers_variables_and_its_alternative():
 
 
 def test_names_are_not_read_as_mathematics():
-    text = svg_text(
-        lambda f: figures.plot_lambda({"$\\frac{$": [-1.0], "<b>": [-2.0]}, ax=f.add_subplot()), name="x", alt="x"
-    )
+    text = svg_text(lambda ax: figures.plot_lambda(ax, {"$\\frac{$": [-1.0], "<b>": [-2.0]}), name="x", alt="x")
     assert "$\\frac{$" in text
     assert "&lt;b&gt;" in text
 

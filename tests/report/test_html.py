@@ -6,54 +6,16 @@ import dataclasses
 import itertools
 import re
 from collections import Counter
-from html.parser import HTMLParser
 from typing import Any
 
 import pytest
-from shown import html_report
+from shown import Page, compare_html, html_report
 
 from dobc_design.conditions.check import Check, Fix, Values, Witness
 from dobc_design.problem.network import Network
 from dobc_design.verdict import Verdict
 
-VOID = {"meta", "br", "link", "img", "hr", "input", "col", "wbr", "mspace"}
 HOSTILE = "<script>alert('\"&$x_1$')</script>"
-
-
-class Page(HTMLParser):
-    """Balance of tags, attributes, headings and texts of a page."""
-
-    def __init__(self, text: str) -> None:
-        super().__init__(convert_charrefs=True)
-        self.open: list[str] = []
-        self.elements: list[tuple[str, dict[str, str | None]]] = []
-        self.wrong: list[str] = []
-        self.texts: list[str] = []
-        self.feed(text)
-        self.close()
-        self.wrong += [f"never closed: {tag}" for tag in self.open]
-
-    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
-        self.elements.append((tag, dict(attrs)))
-        if tag not in VOID:
-            self.open.append(tag)
-
-    def handle_startendtag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
-        self.elements.append((tag, dict(attrs)))
-
-    def handle_endtag(self, tag: str) -> None:
-        if not self.open or self.open.pop() != tag:
-            self.wrong.append(f"</{tag}> at {self.getpos()}")
-
-    def handle_data(self, data: str) -> None:
-        self.texts.append(data)
-
-    @property
-    def text(self) -> str:
-        return " ".join(" ".join(self.texts).split())
-
-    def having(self, tag: str) -> list[dict[str, str | None]]:
-        return [attributes for name, attributes in self.elements if name == tag]
 
 
 @pytest.fixture
@@ -61,10 +23,44 @@ def page(everything: dict[str, Any]) -> Page:
     return Page(html_report(**everything))
 
 
-def test_the_page_is_well_formed(page: Page):
-    assert page.wrong == []
-    assert page.having("html") == [{"lang": "en"}]
-    assert len(page.having("title")) == len(page.having("h1")) == len(page.having("main")) == 1
+@pytest.fixture(params=["full", "region", "comparison"])
+def any_page(request: pytest.FixtureRequest, everything: dict[str, Any], asked_for: dict[str, Any]) -> Page:
+    if request.param == "comparison":
+        return Page(compare_html(everything["certificate"], asked_for["certificate"]))
+    several = {"lambdas": dict.fromkeys(("Ga", "Gb"), everything["lambdas"]["Ga"])}
+    return Page(html_report(**(everything | several if request.param == "full" else asked_for)))
+
+
+def test_pages_are_well_formed(any_page: Page):
+    assert any_page.wrong == []
+    assert any_page.having("html") == [{"lang": "en"}]
+    assert len(any_page.having("title")) == len(any_page.having("h1")) == len(any_page.having("main")) == 1
+
+
+def test_identifiers_are_unique_and_every_link_has_a_goal(any_page: Page):
+    ids = Counter(a["id"] for _, a in any_page.elements if "id" in a)
+    assert [name for name, count in ids.items() if count > 1] == []
+    links = [a["href"] for name, a in any_page.elements if name in ("a", "use")]
+    assert all(link.startswith("#") for link in links)
+    inside = {g for _, a in any_page.elements for v in a.values() for g in re.findall(r"url\(#([^)]+)\)", v or "")}
+    assert {link[1:] for link in links} | inside <= set(ids)
+
+
+def test_headings_do_not_jump(any_page: Page):
+    levels = [int(name[1]) for name, _ in any_page.elements if re.fullmatch(r"h[1-6]", name)]
+    assert levels[0] == 1
+    assert all(after <= before + 1 for before, after in itertools.pairwise(levels))
+
+
+def test_pictures_regions_and_tables_have_words_for_those_who_do_not_see_them(any_page: Page):
+    assert all(len(each["aria-label"] or "") > 10 and each["role"] == "img" for each in any_page.having("svg"))
+    regions = [each for _, each in any_page.elements if each.get("role") == "region"]
+    assert len({each["aria-label"] for each in regions}) == len(regions) > 2
+    assert all(
+        each.get("tabindex") == "0" for _, each in any_page.elements if "scroll" in (each.get("class") or "").split()
+    )
+    assert len(any_page.having("table")) == len(any_page.having("caption"))
+    assert all(each.get("scope") for each in any_page.having("th"))
 
 
 def test_nothing_comes_from_the_network_and_nothing_runs(everything: dict[str, Any]):
@@ -77,25 +73,9 @@ def test_nothing_comes_from_the_network_and_nothing_runs(everything: dict[str, A
     assert not names & {"script", "link", "img", "iframe", "object", "embed", "form", "base"}
 
 
-def test_identifiers_are_unique_and_every_link_has_a_goal(page: Page):
-    ids = Counter(a["id"] for _, a in page.elements if "id" in a)
-    assert [name for name, count in ids.items() if count > 1] == []
-    goals = {a["href"] for name, a in page.elements if name in ("a", "use")}
-    goals |= {"#" + g for _, a in page.elements for v in a.values() for g in re.findall(r"url\(#([^)]+)\)", v or "")}
-    assert {goal[1:] for goal in goals if goal} <= set(ids)
-
-
-def test_headings_are_in_order(page: Page):
-    levels = [int(name[1]) for name, _ in page.elements if re.fullmatch(r"h[1-6]", name)]
-    assert levels[0] == 1
-    assert all(after <= before + 1 for before, after in itertools.pairwise(levels))
-
-
-def test_every_picture_has_a_text_alternative(page: Page):
-    pictures = page.having("svg")
-    assert len(pictures) == 7  # network, three spectra, states, estimates, error
-    assert all(picture["role"] == "img" and len(picture["aria-label"] or "") > 20 for picture in pictures)
-    assert len({picture["aria-label"] for picture in pictures}) == len(pictures)
+def test_every_picture_is_there_and_has_words_of_its_own(page: Page):
+    words = [picture["aria-label"] for picture in page.having("svg")]
+    assert len(set(words)) == len(words) == 7  # network, three spectra, states, estimates, error
 
 
 def test_formulas_are_mathml(page: Page):
@@ -132,7 +112,7 @@ def test_numbers_are_cut_towards_the_weaker_claim(page: Page):
 def test_the_verdict_is_a_word_a_symbol_and_a_sentence(certificate_of, verdict: Verdict, symbol: str, words: str):
     covered = "theorem1" if verdict is Verdict.PROVED else None
     certificate = certificate_of(verdict=verdict, reason="Here is why.", covered_by=covered)
-    page = Page(html_report(certificate, analysis=None, trajectory=None))
+    page = Page(html_report(certificate))
     assert page.wrong == []
     assert f"{symbol} {verdict.value.capitalize()} Here is why." in page.text
     assert words in page.text
@@ -142,7 +122,7 @@ def test_a_regional_proof_names_its_set(certificate_of):
     certificate = certificate_of()
     regional = dataclasses.replace(certificate.checks[-1], verdict=Verdict.PROVED)
     certificate = certificate_of(checks=(regional,), covered_by="max-separable")
-    text = Page(html_report(certificate, analysis=None, trajectory=None)).text
+    text = Page(html_report(certificate)).text
     assert "from all starts with |e|∞ ≤ 4 and every |εᵢ| ≤ 0.5" in text
 
 
@@ -191,7 +171,7 @@ def test_hostile_names_stay_text(problem_with, certificate_of, analysis_of, traj
 def test_exact_values_that_are_no_numbers_are_left_out(certificate_of, exact: dict[str, Any]):
     """A certificate read from a file may hold anything there."""
     check = Check(id="theorem1", verdict=Verdict.PROVED, domain="consensus", reason="r", claim=Values(exact))
-    page = Page(html_report(certificate_of(checks=(check,)), analysis=None, trajectory=None))
+    page = Page(html_report(certificate_of(checks=(check,))))
     assert page.wrong == []
     assert "For the P found" not in page.text
 
@@ -213,7 +193,7 @@ def test_without_diagnostics_run_and_disturbance_the_page_still_stands(problem_w
     """Lemma 1 only: no exosystem, no observer, no matrices."""
     problem = problem_with(exosystem=None, observer=None)
     certificate = certificate_of(problem, W=None, P=None, Q=None, gain_source=None, notes=(), rate=None)
-    page = Page(html_report(certificate, analysis=None, trajectory=None))
+    page = Page(html_report(certificate))
     assert page.wrong == []
     assert "Lemma 1 asks" in page.text
     assert "Simulation" not in page.text
@@ -309,7 +289,7 @@ def cured(certificate_of, certificate):
 
 
 def test_the_main_cure_stands_once_above_the_table_with_its_lines_and_the_command(cured):
-    page = Page(html_report(cured, analysis=None, trajectory=None))
+    page = Page(html_report(cured))
     assert page.wrong == []
     assert page.text.count("Pin agent 3 too.") == 1
     assert page.text.index("What would cure it") < page.text.index("What was checked")
@@ -320,4 +300,4 @@ def test_the_main_cure_stands_once_above_the_table_with_its_lines_and_the_comman
 
 
 def test_without_a_cure_there_is_no_section_for_it(certificate):
-    assert 'id="cure"' not in html_report(certificate, analysis=None, trajectory=None)
+    assert 'id="cure"' not in html_report(certificate)

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from shown import latex_report, pdf_content
+from shown import HOSTILE, latex_report, pdf_content
 
 from dobc_design.problem.exosystems import Exosystem
 from dobc_design.problem.groups import Group
@@ -18,28 +18,6 @@ from dobc_design.problem.network import Network
 from dobc_design.report.latex import MAIN, PACKAGES, tex
 
 PDFLATEX = shutil.which("pdflatex")
-HOSTILE = (
-    r"\input{/etc/passwd}",
-    r"\write18{x}",
-    r"\end{document}",
-    "{",
-    "}",
-    "$",
-    "%",
-    "a_b^c",
-    "#1",
-    "&",
-    r"\\",
-    "~",
-    '"',
-    "^^41",
-    "ünïcödé ∞ λ ✓ ≤ ⁻¹⁸ 時計 🕰",
-    "\u202eright",
-    "a\nb\n\nc",
-    "x" * 200,
-    "-- ``quoted''",
-    "|<>|",
-)
 
 
 def tokens(text: str) -> list[str]:

@@ -39,7 +39,7 @@ def test_hostile_names_are_escaped(problem_with, certificate_of):
     labels = ["<script>", "a|b", "[x](y)", "$1$", "`c`"]
     network = Network.from_arcs([(labels[0], labels[1])], arrow="listens_to", agents=labels)
     problem = problem_with(network=network, gains={labels[2]: 1}, name="# <b>x</b>")
-    text = markdown_report(certificate_of(problem), analysis=None, trajectory=None)
+    text = markdown_report(certificate_of(problem))
     assert not re.search(r"(?<!\\)<(?!br>)(?=\w|/)", text)
     for label in ("\\<script\\>", "a\\|b", "\\[x\\](y)", "\\$1\\$", "\\`c\\`"):
         assert label in text
@@ -60,7 +60,7 @@ def test_the_same_arguments_give_the_same_text(everything: dict[str, Any]):
 def test_the_main_cure_stands_above_the_table_and_cannot_break_out_of_its_place(certificate_of, certificate):
     fix = Fix(kind="x", set={"pinning.gains": {"a\nb": 1}, "<b>\n# x": None}, text="Pin <b>agent</b> 3.")
     checks = tuple(dataclasses.replace(check, fix=fix) for check in certificate.checks)
-    text = markdown_report(certificate_of(checks=checks), analysis=None, trajectory=None)
+    text = markdown_report(certificate_of(checks=checks))
     section = text[text.index("## What would") : text.index("## What this says")]
     assert "Pin \\<b\\>agent\\</b\\> 3." in section
     lines = section.splitlines()

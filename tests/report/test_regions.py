@@ -9,6 +9,7 @@ from typing import Any
 from xml.etree import ElementTree
 
 import pytest
+from matplotlib.figure import Figure
 from shown import html_report, markdown_report
 
 from dobc_design.certificate.regions import AgentBound, Asked, RegionClaim, Regions
@@ -143,7 +144,7 @@ def test_an_undecided_delay_gives_its_reason():
 
 def test_bars_are_as_long_as_what_is_proved():
     """Solid bars end at the box, thin lines at the ball, the dashed line stands at what is asked."""
-    ax = plot_regions(make(claim(), BALL, NEAR))
+    ax = plot_regions(Figure().add_subplot(), make(claim(), BALL, NEAR))
     assert [bar.get_width() for bar in ax.patches] == [4.0, 0.35987]
     ends = [tuple(line.get_xdata()) for line in ax.lines]
     assert (0.35987, 1.13899) in ends
@@ -157,7 +158,7 @@ def test_bars_are_as_long_as_what_is_proved():
 def test_every_start_fills_the_axis_and_an_equilibrium_is_a_dotted_line():
     witness = Witness(kind="start", values=("33/20", "-33/20"))
     rest = check("equilibrium", verdict=Verdict.REFUTED, domain="consensus", witness=witness)
-    ax = plot_regions(make(EVERYWHERE, equilibrium=rest))
+    ax = plot_regions(Figure().add_subplot(), make(EVERYWHERE, equilibrium=rest))
     assert [bar.get_width() for bar in ax.patches] == [ax.get_xlim()[1]]
     assert (1.65, 1.65) in [tuple(line.get_xdata()) for line in ax.lines]
     assert "other equilibrium" in [text.get_text() for text in ax.get_legend().get_texts()]
@@ -166,7 +167,7 @@ def test_every_start_fills_the_axis_and_an_equilibrium_is_a_dotted_line():
 
 
 def test_agents_have_bars_around_their_goals_and_the_band_is_what_was_asked():
-    ax = plot_starts(make(claim()))
+    ax = plot_starts(Figure().add_subplot(), make(claim()))
     spans = [(bar.get_y(), bar.get_y() + bar.get_height()) for bar in ax.patches]
     assert spans[0] == (-3.0, 5.0)
     assert spans[1] == pytest.approx((-5.65, 7.65))
@@ -176,7 +177,9 @@ def test_agents_have_bars_around_their_goals_and_the_band_is_what_was_asked():
 
 def test_with_several_components_bars_show_the_error():
     agents = (AgentBound(label="a", bound=2.0, pinned=False),)
-    ax = plot_starts(make(claim(), agents=agents, asked=Asked(box=1.5, ball=3.0, disturbance=0.0)))
+    ax = plot_starts(
+        Figure().add_subplot(), make(claim(), agents=agents, asked=Asked(box=1.5, ball=3.0, disturbance=0.0))
+    )
     assert [(bar.get_y(), bar.get_height()) for bar in ax.patches] == [(-2.0, 4.0), (-1.5, 3.0)]
     assert ax.get_ylabel() == "error at the start"
     assert "pinned" not in [text.get_text() for text in ax.get_legend().get_texts()]
@@ -237,7 +240,7 @@ def test_a_proof_that_covers_delays_and_sampling_does_not_exclude_them(asked_for
     certificate = asked_for["certificate"]
     sampling = check("sampling", claim=Values({"period": "1/50", "factor": "99/100"}))
     claims = dataclasses.replace(certificate.claims, checks=(*certificate.checks, sampling))
-    page = html_report(dataclasses.replace(certificate, claims=claims), analysis=None, trajectory=None)
+    page = html_report(dataclasses.replace(certificate, claims=claims))
     assert "messages without delay" not in page
     assert "late messages and sampling as far as their checks say" in page
 
@@ -248,7 +251,7 @@ def test_without_a_region_there_is_no_section(problem_with, certificate_of):
     )
     local = check("theorem1", domain="consensus")
     certificate = certificate_of(problem, checks=(local,))
-    page = html_report(certificate, analysis=None, trajectory=None)
+    page = html_report(certificate)
     assert 'id="region"' not in page
     assert 'href="#region"' not in page
-    assert "From which starts" not in markdown_report(certificate, analysis=None, trajectory=None)
+    assert "From which starts" not in markdown_report(certificate)

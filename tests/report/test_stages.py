@@ -7,6 +7,7 @@ from functools import cache
 
 import numpy as np
 import pytest
+from matplotlib.figure import Figure
 from staging_cases import ASKED, chain, problem
 
 from dobc_design.conditions.schedule.checks import StageTiming, stage_timings
@@ -76,7 +77,7 @@ def test_what_the_stages_allow_is_told_apart_from_what_the_certificate_holds():
 
 
 def test_the_curve_drawn_is_the_certified_bound():
-    ax = plot_envelope(settling())
+    ax = plot_envelope(Figure().add_subplot(), settling())
     curve = ax.lines[0]
     assert curve.get_ydata()[0] >= 2
     assert curve.get_ydata()[-1] <= 0.001

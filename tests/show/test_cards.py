@@ -8,13 +8,13 @@ import re
 from collections.abc import Iterator
 from fractions import Fraction
 from functools import cache
-from html.parser import HTMLParser
 from importlib import import_module
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+from shown import Page
 
 import dobc_design as dd
 from dobc_design._show import cards as _display
@@ -23,7 +23,6 @@ from dobc_design._show.cards import Card, Formula, html_of, latex_of, listed, pl
 ROOT = Path(__file__).resolve().parents[1]
 HOSTILE = "<script>alert('\"&')</script>"
 LONGEST_HTML, LONGEST_TEXT = 30_000, 4_000  # characters
-VOID = {"br", "hr", "img", "input"}
 #: Classes of other packages, or of this one, that show themselves in a way of their own.
 OTHERWISE = {"Designer": "_repr_mimebundle_", "Sheet": "_repr_png_", "ConsensusLoop": "_repr_html_"}
 
@@ -93,24 +92,6 @@ def test_every_public_noun_and_result_shows_itself_in_jupyter():
 def silent(types: dict[str, type]) -> list[str]:
     """Those that a notebook would show as plain text."""
     return [name for name, each in types.items() if not hasattr(each, OTHERWISE.get(name, "_repr_html_"))]
-
-
-class Balanced(HTMLParser):
-    """Complains about tags that do not match."""
-
-    def __init__(self, text: str) -> None:
-        super().__init__(convert_charrefs=True)
-        self.open: list[str] = []
-        self.tags: list[str] = []
-        self.feed(text)
-
-    def handle_starttag(self, tag: str, attrs: object) -> None:
-        self.tags.append(tag)
-        if tag not in VOID:
-            self.open.append(tag)
-
-    def handle_endtag(self, tag: str) -> None:
-        assert self.open.pop() == tag
 
 
 @pytest.fixture(scope="module")
@@ -184,7 +165,7 @@ def checked(value: Any) -> str:
     """The page of a value, which is small, balanced, and free of foreign tags; its texts are short."""
     page: str = value._repr_html_()
     assert len(page) < LONGEST_HTML
-    assert Balanced(page).open == []
+    assert Page(page).wrong == []
     assert "<script" not in page
     assert _display.STYLE in page
     assert len(repr(value)) < LONGEST_TEXT

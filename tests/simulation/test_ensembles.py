@@ -188,6 +188,7 @@ def test_wrong_arguments_are_refused(arguments, message: str):
 MEMORY = """
 import resource, sys
 import numpy as np, scipy.sparse as sp
+from dobc_design import Exosystem, Network, Observer, Periodic, Problem
 from dobc_design.simulation.ensemble import simulate_many
 n, rng = 1000, np.random.default_rng(0)
 def graph():

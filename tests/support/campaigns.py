@@ -23,7 +23,7 @@ from scipy import linalg
 from dobc_design.certificate.text import certificate_bytes
 from dobc_design.certification.certify import certify, verify
 from dobc_design.certification.recheck import recheck
-from dobc_design.checker import checker
+from dobc_design.checker import examine as checker
 from dobc_design.conditions.consensus.claim import Pair, state_theorems
 from dobc_design.conditions.consensus.decide import psi_is_negative
 from dobc_design.errors import CertificateError

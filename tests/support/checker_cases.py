@@ -9,17 +9,22 @@ from __future__ import annotations
 import base64
 import hashlib
 import json
+import shutil
 import struct
+import subprocess
+import sys
 from collections.abc import Iterator
 from dataclasses import dataclass
 from fractions import Fraction
 from functools import cache
+from pathlib import Path
 from typing import Any
 
 from regions import without_region
 
 from dobc_design.certificate.text import certificate_bytes
 from dobc_design.certification.certify import certify
+from dobc_design.checker import examine as checker
 from dobc_design.problem.canonical import canonical_bytes
 from dobc_design.problem.exosystems import Exosystem
 from dobc_design.problem.groups import Observer
@@ -42,6 +47,28 @@ class Case:
     certificate: bytes
     problem: bytes
     code: int
+
+
+def outcome(certificate: bytes, problem: bytes) -> int:
+    """The exit code that the lone checker has for these files."""
+    try:
+        return HOLDS if all(holds for holds, _ in checker.examine(certificate, problem)) else FAILS
+    except checker.Refused:
+        return UNREADABLE
+
+
+def misjudged(cases: list[Case]) -> list[str]:
+    """The names of the cases that get another exit code."""
+    return [case.name for case in cases if outcome(case.certificate, case.problem) != case.code]
+
+
+def alone(folder: Path, certificate: bytes, problem: bytes) -> subprocess.CompletedProcess[str]:
+    """Run a copy of the checker's folder by another name, without site packages and without the package."""
+    shutil.copytree(Path(checker.__file__).parent, folder / "lone", ignore=shutil.ignore_patterns("__pycache__"))
+    (folder / "certificate.json").write_bytes(certificate)
+    (folder / "problem.json").write_bytes(problem)
+    command = [sys.executable, "-I", "-S", "lone", "certificate.json", "problem.json"]
+    return subprocess.run(command, cwd=folder, capture_output=True, text=True, check=False, timeout=120)
 
 
 def network(arcs: Any = EACH_OTHER, agents: Any = None) -> Network:
@@ -222,6 +249,14 @@ def _bent_claims() -> Iterator[Case]:
         ("", OPEN),
         ("observer", dict.fromkeys(("W", "source", "P", "Q"))),
         what="hurwitz without W",
+    )
+    yield bent(
+        "given",
+        ("hurwitz", NOTHING),
+        ("theorem1", NOTHING),
+        ("", OPEN),
+        ("observer", dict.fromkeys(("W", "source", "P", "Q"))),
+        what="no W where the problem has one",
     )
     # Proofs.
     yield bent("plain", ("lemma1", {"exact": {}}))

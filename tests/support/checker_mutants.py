@@ -1,4 +1,4 @@
-"""The lone checker, four files, with one of its checks taken away: every condition is forced to the accepting value.
+"""The lone checker with one of its checks taken away: every condition is forced to the accepting value.
 
 A check is the condition of ``need``, each part of it that ``and`` joins, the condition of an ``if`` that returns
 False, and each part of a returned conjunction.
@@ -13,10 +13,23 @@ from dataclasses import dataclass
 from pathlib import Path
 from types import ModuleType
 
-from dobc_design.checker import checker
+from dobc_design.checker import examine
 
-FOLDER = Path(checker.__file__).parent
-FILES = ("checker", "region_checker", "quadratic_checker", "groups_checker")  # each imports from those before it
+FOLDER = Path(examine.__file__).parent
+#: Each imports from those before it.
+FILES = (
+    "reading",
+    "intervals",
+    "expressions",
+    "matrices",
+    "files",
+    "consensus",
+    "separable",
+    "equilibrium",
+    "quadratic",
+    "schedule",
+    "examine",
+)
 SOURCES = {file: (FOLDER / f"{file}.py").read_text("utf-8") for file in FILES}
 
 
@@ -40,19 +53,21 @@ def removals(file: str) -> list[Removal]:
 
 
 def without(removal: Removal) -> ModuleType:
-    """The checker as a module of its own, beside its own other files, with that check taken away."""
+    """The module that examines, in a package of its own, with that check taken away."""
     trees = {file: ast.parse(SOURCES[file]) for file in FILES}
     _, replace = list(_conditions(trees[removal.file]))[removal.place]
     replace()
     package = f"{removal.file}_without_{removal.place}"
-    modules = {}
+    modules = {"": ModuleType(package)}
+    modules[""].__path__, sys.modules[package] = [], modules[""]
     for file in FILES:
         name = f"{package}.{file}"
-        modules[file] = sys.modules[name] = ModuleType(name)  # where dataclasses and the loader look them up
+        modules[file] = sys.modules[name] = ModuleType(name)  # where dataclasses and relative imports look them up
         modules[file].__dict__.update(__package__=package, __file__=str(FOLDER / f"{file}.py"))
         code = compile(ast.fix_missing_locations(trees[file]), name, "exec")
         exec(code, modules[file].__dict__)  # noqa: S102 - our own source
-    return modules["checker"]
+        setattr(modules[""], file, modules[file])
+    return modules["examine"]
 
 
 def _conditions(tree: ast.Module) -> Iterator[tuple[ast.expr, object]]:

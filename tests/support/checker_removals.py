@@ -8,24 +8,26 @@ from groups_cases import groups_cases
 from quadratic_cases import quadratic_cases
 from region_cases import region_cases
 
+#: The cases to try first.
+FIRST = {
+    "separable": region_cases,
+    "equilibrium": region_cases,
+    "quadratic": quadratic_cases,
+    "schedule": quadratic_cases,
+}
 #: Removals that no case can notice, each with the reason.
 EQUIVALENT = {
     "min(whole) > 0": "conjugate gradients stop at the first direction of curvature <= 0; as long as they run, M is"
     " positive on all they have seen, so that a v with M v > 0 comes out positive but for rounding errors.",
     "done > PIECES or not a < middle < b": "it ends the search: without it a row that is not shown is cut for ever.",
-    "path.is_file()": "no file is missing here; test_region_checker.py takes one away.",
-    "all((Path(name).is_file() or not Path(name).exists() for name in arguments))": "it is about the command line; the"
-    " test is in test_checker.py.",
     "size <= EQUATIONS": "it bounds the work; what is shown beyond it is true.",
     "size <= ROWS": "it bounds the work.",
     "len(X) <= 20": "it bounds the work.",
     "size <= COMPONENTS": "it bounds the work.",
     "len(tree) <= LETTERS": "it bounds the work; test_quadratic_checker.py has a longer one.",
     "halvings > 0": "it ends the search: without it a box that is not shown is cut for ever.",
-    "room > 0": "it bounds the work.",
+    "left > 0": "it bounds the work.",
     "len(free) <= 12": "it bounds the work.",
-    "abs(x) < WIDEST": "beyond it the sine of one number is off by more than is allowed for, but up to far larger"
-    " numbers by less than its rounding to a float; an interval of such numbers holds whole turns.",
 }
 
 
@@ -42,13 +44,10 @@ def outcome(examine: object, refused: type[Exception], case: Case) -> int | str:
 def noticed_by(removal: Removal) -> str | None:
     """The first case that comes out differently: accepted, with another exit code, or with a traceback."""
     module = without(removal)
-    own = {
-        "checker": cases,
-        "region_checker": region_cases,
-        "quadratic_checker": quadratic_cases,
-        "groups_checker": groups_cases,
-    }
-    for case in (case for file in (removal.file, *own) for case in own[file]()):
+    first = FIRST.get(removal.file, cases)
+    for case in (
+        case for each in dict.fromkeys((first, cases, region_cases, quadratic_cases, groups_cases)) for case in each()
+    ):
         if outcome(module.examine, module.Refused, case) != case.code:
             return case.name
     return None

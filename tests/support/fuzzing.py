@@ -26,7 +26,7 @@ from regions import without_region
 import dobc_design as dd
 from dobc_design.certificate.text import certificate_bytes, read_claims
 from dobc_design.certification.recheck import recheck
-from dobc_design.checker import checker
+from dobc_design.checker import examine as checker
 from dobc_design.coupling.algebra import GradientAlgebra, IntervalAlgebra
 from dobc_design.coupling.coupling import make_coupling
 from dobc_design.coupling.expression import Expression, numpy_function, parse_expression, polynomial_degree

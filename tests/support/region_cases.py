@@ -137,6 +137,8 @@ def _settings() -> dict[str, Document]:
         "second, curved list": given(
             network=pair, coupling=["sin(y1)", "y2"], gains="1/10", target=[0, 0], region=asked([[-5, 5], [-5, 5]])
         ),
+        "second, moved": given(network=pair, coupling="sin(y)", gains="1/10", target=10, region=asked([5, 15])),
+        "second, far": given(network=pair, coupling="sin(y)", gains="1/10", target=10, region=asked(5)),
         "second, no region": given(network=pair, coupling="sin(y)", gains="1/10"),
     }
 
@@ -547,6 +549,8 @@ def _bent_equilibria() -> Iterator[Case]:
     yield case("second", FAILS, second_box(shift="-2e-6"), **REFUTED, what="beside it on the other side")
     for name in ("second, left", "second, right"):
         yield case(name, FAILS, good, **REFUTED, what="outside the region")
+    yield case("second, moved", HOLDS, good, **REFUTED, what="a target that is not 0")
+    yield case("second, far", FAILS, good, **REFUTED, what="the region of another target")
     alone = _frame_verdict("second, no region")
     yield case("second, no region", HOLDS, good, what="the question is about the target", **alone)
     yield case("second, curved list", HOLDS, second_box(components=2), **REFUTED, what="a list")

@@ -37,7 +37,7 @@ from dobc_design.conditions.numbers import (
 from dobc_design.exact.definite import decide_positive_definite
 from dobc_design.exact.matrix import Matrix, Vector, inverse, multiply, transpose
 from dobc_design.exact.number import number_text
-from dobc_design.exact.polynomial import characteristic_polynomial, right_half_plane_roots_at_least
+from dobc_design.exact.polynomial import characteristic_polynomial, count_right_half_plane
 from dobc_design.exact.symmetric import SparseSymmetric
 from dobc_design.problem.exosystems import Exosystem
 from dobc_design.problem.groups import group_blocks, group_numbers
@@ -64,7 +64,7 @@ def unstable_roots(statements: Statements, mode: str) -> int:
     matrix = linearisation(statements, mode)
     if not has_short_denominator((x for row in matrix for x in row), MOST_COUNTING // len(matrix) ** 2):
         return 0
-    return right_half_plane_roots_at_least(characteristic_polynomial(matrix))
+    return count_right_half_plane(characteristic_polynomial(matrix))
 
 
 def linearisation(statements: Statements, mode: str) -> Matrix:

@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 from fractions import Fraction
-from math import ceil, isqrt
 from typing import Any
 
 from dobc_design.conditions.check import Check, Fix, Values, Witness, differs
 from dobc_design.conditions.numbers import claimed, largest_proved, shorten
 from dobc_design.exact.matrix import Matrix, add, identity, multiply, scale, subtract, transpose
-from dobc_design.exact.number import number_text
+from dobc_design.exact.number import number_text, root_above
 from dobc_design.exact.observability import decide_detectable, decide_observable, observable_reduction
 from dobc_design.exact.polynomial import decide_hurwitz
 from dobc_design.problem.changes import typed_matrix, typed_number
@@ -217,4 +216,4 @@ def _reduction(exosystem: Exosystem, problem: Problem | None) -> Fix:
 def _norm_above(T: Matrix) -> Fraction:
     """A rational number of six decimals that |T| does not exceed: the root of the sum of squares, rounded up."""
     squares = sum((x * x for row in T for x in row), Fraction(0))
-    return Fraction(isqrt(ceil(squares * 10**12)) + 1, 10**6)
+    return root_above(squares, unit=10**6)

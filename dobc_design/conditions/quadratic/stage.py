@@ -18,13 +18,7 @@ from dobc_design.conditions.numbers import claimed, rounded_down
 from dobc_design.conditions.quadratic.checks import IN_WORDS, certified_ball, lure_check, quadratic_obstacle
 from dobc_design.conditions.quadratic.claim import Lure, Method, Shape
 from dobc_design.conditions.quadratic.decide import verify_lure
-from dobc_design.conditions.quadratic.propose import (
-    bound_lure,
-    design_lure,
-    linear_rate,
-    raise_rate,
-    roomy_gains,
-)
+from dobc_design.conditions.quadratic.propose import bound_lure, design_lure, linear_rate, raise_rate, roomy_gains
 from dobc_design.exact.symmetric import SparseSymmetric
 from dobc_design.problem.problem import Problem
 from dobc_design.verdict import Verdict

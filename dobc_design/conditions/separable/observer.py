@@ -10,7 +10,6 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from fractions import Fraction
-from math import ceil, isqrt
 
 from dobc_design.conditions.separable.claim import ErrorBound, Separable
 from dobc_design.conditions.separable.decide import SeparableAnswer, largest_rate, verify_separable
@@ -28,6 +27,7 @@ from dobc_design.exact.matrix import (
     subtract,
     transpose,
 )
+from dobc_design.exact.number import root_above
 from dobc_design.exact.symmetric import Doubles
 from dobc_design.problem.exosystems import Exosystem
 from dobc_design.problem.problem import Problem
@@ -141,8 +141,7 @@ def covered_radius(claim: Separable, *, disturbance: Fraction) -> Fraction | Non
     taken = Fraction(0)
     if claim.error is not None:
         square = (claim.error.kappa * disturbance) ** 2 * claim.error.size
-        root = isqrt(ceil(square * _DECIMALS**2))
-        taken = Fraction(root + (root * root < square * _DECIMALS**2), _DECIMALS)
+        taken = root_above(square, unit=_DECIMALS)
     room = claim.rho - taken
     radius = room * claim.least
     return radius if radius >= 0 and covers(claim, radius=radius, disturbance=disturbance) else None

@@ -6,11 +6,11 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from fractions import Fraction
 from itertools import islice
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import TYPE_CHECKING, Any
 
 from dobc_design._show.cards import MOST_ITEMS, Card, Shown, cut, listed
 from dobc_design._show.text import significant_towards_zero
-from dobc_design.conditions.check import Check
+from dobc_design.certificate.certificate import Certificate
 from dobc_design.conditions.statement import Statement
 from dobc_design.errors import SpecError
 from dobc_design.exact.matrix import Matrix
@@ -32,23 +32,6 @@ AXES = {
     "noise": ("decay of the estimate's error, 1/s", "largest gain from noise to dhat, 1/s"),
 }
 NO_LIMITS = "no limits, and every agent may be pinned"
-
-
-class Proof(Protocol):
-    """A certificate, as far as a design looks at it."""
-
-    @property
-    def verdict(self) -> Verdict: ...
-    @property
-    def reason(self) -> str: ...
-    @property
-    def rate(self) -> float | None: ...
-    @property
-    def covered_by(self) -> str | None: ...
-    @property
-    def checks(self) -> tuple[Check, ...]: ...
-    @property
-    def claims(self) -> Any: ...  # P (q, q) or None among them
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, repr=False)
@@ -78,7 +61,7 @@ class Design(Shown):
     prices: tuple[str, ...] = ()
     changes: Mapping[str, Any]
     problem: Problem | None = None
-    certificate: Proof | None = None
+    certificate: Certificate | None = None
     observer: ObserverDesign | None = None
     nearest: Design | None = None
 

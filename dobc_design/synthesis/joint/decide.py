@@ -6,7 +6,7 @@ from collections.abc import Iterator, Mapping
 from typing import Any
 
 from dobc_design.conditions.observer.decide import detectability_check
-from dobc_design.conditions.statement import Statement
+from dobc_design.conditions.statement import Statement, refuted
 from dobc_design.problem.changes import value_text
 from dobc_design.problem.problem import Problem
 from dobc_design.synthesis.joint.request import DesignRequest
@@ -30,7 +30,7 @@ def reduced_exosystem(
     if check.fix is None or not request.reduce:
         exact = {} if check.exact is None else {name: str(value) for name, value in check.exact.items()}
         text = check.reason[0].lower() + check.reason[1:]
-        return {}, (), Statement(kind="detectable", verdict=Verdict.REFUTED, text=f"no W exists: {text}", exact=exact)
+        return {}, (), refuted("detectable", f"no W exists: {text}", **exact)
     return check.fix.set, (f"Exosystem: {check.fix.text}",), None
 
 
@@ -42,7 +42,7 @@ def _undetectable_groups(problem: Problem, request: DesignRequest) -> Iterator[S
         text = f"no W exists for the group of agent {group.name}: {check.reason[0].lower() + check.reason[1:]}"
         fix = check.fix
         if not request.reduce or fix is None:
-            yield Statement(kind="detectable", verdict=Verdict.REFUTED, text=text)
+            yield refuted("detectable", text)
             continue
         parts = "; ".join(f"{key.rpartition('.')[2]} = {value_text(value)}" for key, value in fix.set.items() if value)
         rest = f" ({parts})" if parts else ""

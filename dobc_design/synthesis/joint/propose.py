@@ -10,10 +10,11 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
+from functools import cache
 from typing import Any
 
 from dobc_design.conditions.consensus.network import name_agents
-from dobc_design.conditions.consensus.pinning import Blocks, fastest_rate, network_blocks
+from dobc_design.conditions.consensus.pinning import fastest_rate, network_blocks
 from dobc_design.conditions.coverage import asked_radius
 from dobc_design.conditions.numbers import claimed
 from dobc_design.conditions.separable.claim import acts_by_component
@@ -63,34 +64,29 @@ class Ground:
     decisions: tuple[str, ...]
     structure: Structure
     part: Fraction
-    observers: list[ObserverDesign]
+    observers: list[ObserverDesign | None]
 
-    def observer(self, place: int) -> ObserverDesign | None:
-        """The gain number ``place``, slow ones first, each designed when it is first asked for; None if there is none.
+    def every_observer(self) -> Iterator[ObserverDesign | None]:
+        """All gains worth trying, slow ones first, each designed when it is first asked for; None where none is needed.
 
         The first may be without a W: then it says why there is none.
         """
-        if place == 0 and not self.observers:
-            self.observers.append(self._first_observer())
-        while 0 < len(self.observers) <= place and self.observers[0].W is not None:
-            rate = claimed(float(f"{float(_pace(self.observers[0]) * SPEEDS[len(self.observers)]):.3g}"))
-            self.progress("designing a faster observer")
-            faster = observer_at(self.problem, self.request, rate) if rate > 0 else None
-            if faster is None or faster.W is None:
-                break
-            self.observers.append(faster)
-        return self.observers[place] if place < len(self.observers) else None
-
-    def gains_of_observers(self) -> Iterator[ObserverDesign | None]:
-        """All observers that there are; one None where the problem needs none."""
-        if not self.problem.groups:
-            yield None
+        if not self.observers:
+            self.observers.append(self._first_observer() if self.problem.groups else None)
+        first = self.observers[0]
+        yield first
+        if first is None or first.W is None:
             return
-        for place in range(len(SPEEDS)):
-            found = self.observer(place)
-            if found is None or found.W is None:
-                return
-            yield found
+        for place, speed in enumerate(SPEEDS):
+            if place == len(self.observers):
+                rate = claimed(float(f"{float(_pace(first) * speed):.3g}"))
+                self.progress("designing a faster observer")
+                faster = observer_at(self.problem, self.request, rate) if rate > 0 else None
+                if faster is None or faster.W is None:
+                    return
+                self.observers.append(faster)
+            if place:
+                yield self.observers[place]
 
     def pinning(self, rate: Fraction, agents: Sequence[int], pins: int | str | None = None) -> PinningDesign:
         """The cheapest gains on these agents near the consensus."""
@@ -159,10 +155,10 @@ def of_region(ground: Ground) -> Iterator[Proposal]:
         return searches.setdefault(id(observer), region_search(problem, observer))
 
     most = len(request.allowed) if request.pins is None else request.pins
-    first = search_with(ground.observer(0) if problem.groups else None)
+    first = search_with(next(ground.every_observer()))
     for pinned in pin_sets(ground.structure, request.allowed, search=first, caps=request.caps, most=most):
         ground.progress(f"looking for gains on {counted(len(pinned), 'agent')}")
-        observers = ground.gains_of_observers()
+        observers = ground.every_observer()
         if request.rate is None:  # from the slowest on that does not hold the network back
             every = list(observers)
             reached = [search_with(each).fastest(pinned, request.caps, coarse=True) for each in every]
@@ -206,7 +202,7 @@ def of_consensus(ground: Ground) -> Iterator[Proposal]:
         agents, rates = _slow_start(ground)
     else:
         rates = [request.rate * pad for pad in PADS]
-    for observer in ground.gains_of_observers():
+    for observer in ground.every_observer():
         for rate in rates:
             ground.progress("looking for gains near the consensus")
             found = ground.pinning(rate, agents, request.pins or FEWEST)
@@ -274,85 +270,44 @@ def pin_sets(
 
     ``one_by_one``: by one agent each time, however many there are.
     """
-    quick = _quick(network_blocks(search.problem))
-    chosen = _exchanged(list(structure.agents), structure, allowed, quick, search, caps)
+    blocks = network_blocks(search.problem)
+
+    @cache
+    def quick(agents: frozenset[int]) -> float:
+        return 0.0 if blocks is None else round(fastest_rate(blocks, agents), 9)
+
+    def best(rest: Sequence[int], others: Sequence[int], first: int) -> int:
+        """Of ``others`` the one that allows the fastest rate over the region, besides ``rest``; ``first`` in doubt."""
+        order = sorted(others, key=lambda i: (-quick(frozenset([*rest, i])), i))
+        found, rate = first, 0.0
+        close = order[:CLOSER] if first in order[:CLOSER] else [first, *order[: CLOSER - 1]]
+        for agent in sorted(close, key=order.index):
+            reached = search.fastest([*rest, agent], caps, coarse=True)
+            if reached > rate * DECISIVE:
+                found, rate = agent, reached
+        return found
+
+    chosen, work = list(structure.agents), 0
+    for place, agent in enumerate(chosen):  # each replaced by the best that meets the same groups
+        rest = chosen[:place] + chosen[place + 1 :]
+        missed = [group for group in structure.groups if not set(group) & set(rest)]
+        others = [i for i in allowed if i not in rest and all(i in group for group in missed)]
+        if len(others) > 1 and work + len(others) <= EXCHANGES:
+            work += len(others)
+            chosen[place] = best(rest, others, agent)
     yield tuple(sorted(chosen))
+    looked_at = next(count for size, count in LOOKED_AT if search.problem.n <= size)
     wanted, step = len(chosen), 1
     while len(chosen) < min(most, len(allowed)):
         step = 1 if one_by_one or wanted < len(structure.agents) + ONE_BY_ONE else 2 * step
         wanted = min(wanted + step, most, len(allowed))
         while len(chosen) < wanted:
-            chosen.append(_next(chosen, allowed, quick, search, caps))
+            left = [i for i in allowed if i not in chosen]
+            v = search.holds(chosen, caps, 0.0, coarse=True)
+            if v is not None:  # whoever is held least has the largest v
+                left.sort(key=lambda i, v=v: (-float(v[i]), i))  # type: ignore[misc]
+            chosen.append(best(chosen, left[:looked_at], left[0]))
         yield tuple(sorted(chosen))
-
-
-def _quick(blocks: Blocks | None) -> Callable[[Sequence[int]], float]:
-    known: dict[tuple[int, ...], float] = {}
-
-    def rate(agents: Sequence[int]) -> float:
-        key = tuple(sorted(agents))
-        if key not in known:
-            known[key] = 0.0 if blocks is None else round(fastest_rate(blocks, key), 9)
-        return known[key]
-
-    return rate
-
-
-def _exchanged(
-    chosen: list[int],
-    structure: Structure,
-    allowed: Sequence[int],
-    quick: Callable[[Sequence[int]], float],
-    search: RegionSearch,
-    caps: Mapping[int, Fraction],
-) -> list[int]:
-    """The first set, each agent replaced by the best that meets the same groups."""
-    work = 0
-    for place, agent in enumerate(chosen):
-        rest = chosen[:place] + chosen[place + 1 :]
-        others = [i for i in allowed if i not in rest and _meets([*rest, i], structure)]
-        if len(others) > 1 and work + len(others) <= EXCHANGES:
-            work += len(others)
-            chosen[place] = _best(rest, others, quick, search, caps, first=agent)
-    return chosen
-
-
-def _next(
-    chosen: Sequence[int],
-    allowed: Sequence[int],
-    quick: Callable[[Sequence[int]], float],
-    search: RegionSearch,
-    caps: Mapping[int, Fraction],
-) -> int:
-    left = [i for i in allowed if i not in chosen]
-    v = search.holds(chosen, caps, 0.0, coarse=True)
-    if v is not None:  # whoever is held least has the largest v
-        left.sort(key=lambda i: (-float(v[i]), i))
-    size = next(count for most, count in LOOKED_AT if search.problem.n <= most)
-    return _best(chosen, left[:size], quick, search, caps, first=left[0])
-
-
-def _best(
-    rest: Sequence[int],
-    others: Sequence[int],
-    quick: Callable[[Sequence[int]], float],
-    search: RegionSearch,
-    caps: Mapping[int, Fraction],
-    *,
-    first: int,
-) -> int:
-    order = sorted(others, key=lambda i: (-quick([*rest, i]), i))
-    best, rate = (first if first in others else order[0]), 0.0
-    close = order[:CLOSER] if first in order[:CLOSER] else [first, *order[: CLOSER - 1]]
-    for agent in sorted(set(close) & set(others), key=order.index):
-        found = search.fastest([*rest, agent], caps, coarse=True)
-        if found > rate * DECISIVE:
-            best, rate = agent, found
-    return best
-
-
-def _meets(chosen: Sequence[int], structure: Structure) -> bool:
-    return all(set(group) & set(chosen) for group in structure.groups)
 
 
 def observer_words(found: ObserverDesign) -> list[str]:

@@ -1,6 +1,6 @@
 """What is asked of a whole design: a decay rate, who may be pinned and how hard, noise, digits.
 
-A noun, exact and checked; ``designing`` proposes for it, ``verify`` decides whether a problem meets it.
+A noun, exact and checked.
 """
 
 from __future__ import annotations

@@ -12,7 +12,7 @@ import math
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from fractions import Fraction
-from itertools import pairwise
+from itertools import islice, pairwise
 from typing import Any
 
 from dobc_design.certification.certify import certify
@@ -64,13 +64,8 @@ def search_design(problem: Problem, request: DesignRequest, progress: Progress) 
 
 def _attempt(problem: Problem, request: DesignRequest, progress: Progress, *, part: Fraction = HALF) -> Design:
     """Decide one request: PROVED with a certificate, REFUTED with a statement, or UNDECIDED with the reason."""
-    labels = problem.network.labels
     progress("looking for what is impossible")
     changes, decisions, obstacle = reduced_exosystem(problem, request)
-    if obstacle is not None and obstacle.verdict is not Verdict.REFUTED:
-        return _undecided(request, labels, obstacle.text)
-    if obstacle is not None:
-        return _impossible(request, labels, obstacle)
     bare = changed_problem(problem, {"pinning.gains": None, **changes})
     if bare.groups:
         bare = changed_problem(bare, gain_changes(bare, None))
@@ -85,68 +80,56 @@ def _attempt(problem: Problem, request: DesignRequest, progress: Progress, *, pa
         part=part,
         observers=[],
     )
-    obstacle = structural_obstacle(bare, request.pins, structure)
+    obstacle = obstacle or structural_obstacle(bare, request.pins, structure)
     if obstacle is None and request.rate is not None:
         limits: dict[str, Any] = {"allowed": request.allowed, "caps": request.caps, "pins": request.pins}
         obstacle = too_fast(bare, request.rate, **limits, propose=slow_directions)
     if obstacle is not None:
-        return _impossible(request, labels, obstacle)
-    observer = ground.observer(0) if bare.groups else None
+        statements = (obstacle,) if obstacle.verdict is Verdict.REFUTED else ()
+        return _without_gains(ground, obstacle.verdict, obstacle.text, *statements)
+    observer = next(ground.every_observer())
     if observer is not None and observer.verdict is Verdict.REFUTED:
-        return _impossible(request, labels, observer.statements[0], observer=observer)
+        first = observer.statements[0]
+        return _without_gains(ground, Verdict.REFUTED, first.text, first, observer=observer)
     if observer is not None and observer.W is None:
-        return _undecided(
-            request, labels, "no observer gain was found that does what was asked, and no proof that there is none."
-        )
+        none = "no observer gain was found that does what was asked, and no proof that there is none."
+        return _without_gains(ground, Verdict.UNDECIDED, none)
     return _searched(ground, of_region(ground) if bare.region is not None else of_consensus(ground))
 
 
-def _impossible(
-    request: DesignRequest, labels: Sequence[str], obstacle: Statement, *, observer: ObserverDesign | None = None
+def _without_gains(
+    ground: Ground, verdict: Verdict, reason: str, *statements: Statement, observer: ObserverDesign | None = None
 ) -> Design:
-    """A refuted request, with the statement that refutes it."""
     return Design(
-        verdict=Verdict.REFUTED,
-        reason=obstacle.text,
-        request=request,
-        labels=tuple(labels),
+        verdict=verdict,
+        reason=reason,
+        request=ground.request,
+        labels=ground.problem.network.labels,
         gains={},
         changes={},
-        statements=(obstacle,),
+        statements=statements,
         observer=observer,
     )
 
 
-def _undecided(request: DesignRequest, labels: Sequence[str], reason: str) -> Design:
-    """A request for which neither a design nor a proof of impossibility was found."""
-    return Design(verdict=Verdict.UNDECIDED, reason=reason, request=request, labels=tuple(labels), gains={}, changes={})
-
-
 def _searched(ground: Ground, proposals: Iterator[Proposal]) -> Design:
     """The first proposal that is certified for what the problem asks; else how far the best of them came."""
-    request, labels = ground.request, ground.problem.network.labels
-    best: str | None = None
-    tries = 0
-    for proposal in proposals:
-        tries += 1
+    reason, tries = "", 0
+    for proposal in islice(proposals, MOST_TRIES):
         design = _certified(ground, proposal)
         if design.verdict is Verdict.PROVED:
             return design
-        best = design.reason
-        if tries >= MOST_TRIES:
-            break
-    if best is None:
-        asked = "" if request.rate is None else f" at {typed_number(request.rate)} 1/s"
+        reason, tries = design.reason, tries + 1
+    text = f"{counted(tries, 'design')} were tried, none was proved to do; the last: {reason}"
+    if not tries:
+        rate = ground.request.rate
+        asked = "" if rate is None else f" at {typed_number(rate)} 1/s"
         what = "the region asked for" if ground.problem.region is not None else "the consensus"
-        return _undecided(
-            request,
-            labels,
-            f"no gains on the allowed agents were found that a proof of {what} reaches"
-            f"{asked}, and no proof that there are none.",
+        text = (
+            f"no gains on the allowed agents were found that a proof of {what} reaches{asked}, and no proof that there"
+            " are none."
         )
-    return _undecided(
-        request, labels, f"{counted(tries, 'design')} were tried, none was proved to do; the last: {best}"
-    )
+    return _without_gains(ground, Verdict.UNDECIDED, text)
 
 
 def _certified(ground: Ground, proposal: Proposal) -> Design:

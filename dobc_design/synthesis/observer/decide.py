@@ -17,12 +17,12 @@ where they are.  So a W exists iff there is such a point and the hidden eigenval
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
 
 from dobc_design.conditions.numbers import claimed, largest_proved
-from dobc_design.conditions.statement import Statement, decided
+from dobc_design.conditions.statement import Statement, decided, proved, refuted
 from dobc_design.errors import SpecError
 from dobc_design.exact.definite import decide_positive_definite, decide_positive_semidefinite
 from dobc_design.exact.interval import Interval, exp
@@ -62,7 +62,6 @@ from dobc_design.exact.polynomial import (
     shifted,
 )
 from dobc_design.exact.reading import shown_number
-from dobc_design.exact.symmetric import SparseSymmetric
 from dobc_design.problem.exosystems import Exosystem
 from dobc_design.synthesis.observer.claim import Envelope
 from dobc_design.synthesis.observer.request import (
@@ -165,9 +164,10 @@ def sampled_matrix(exosystem: Exosystem, W: Matrix, period: Fraction) -> Interva
     """
     found = discretise(exosystem.A, period)
     q = exosystem.order
-    output = [[_sum([found.mean[r][j] * c for r, c in enumerate(row) if c]) for j in range(q)] for row in exosystem.C]
+    zero = Interval.point(0)
+    Cd = [[sum((found.mean[r][j] * c for r, c in enumerate(row) if c), zero) for j in range(q)] for row in exosystem.C]
     return tuple(
-        tuple(found.transition[i][j] - _sum([output[c][j] * w for c, w in enumerate(W[i]) if w]) for j in range(q))
+        tuple(found.transition[i][j] - sum((Cd[c][j] * w for c, w in enumerate(W[i]) if w), zero) for j in range(q))
         for i in range(q)
     )
 
@@ -180,23 +180,11 @@ def sampled_statements(
     Decided for every matrix in an enclosure of the exact one; UNDECIDED where an eigenvalue is too close to the border.
     """
     polynomial = interval_characteristic_polynomial(sampled_matrix(exosystem, W, period))
-    asked: list[tuple[str, str, Fraction, Interval]] = [
-        (
-            "sampled",
-            "the sampled error converges: every eigenvalue lies inside the unit disk",
-            Fraction(0),
-            Interval.point(1),
-        )
-    ]
+    text = "the sampled error converges: every eigenvalue lies inside the unit disk"
+    asked = [("sampled", text, Fraction(0), Interval.point(1))]
     if rate is not None:
-        asked.append(
-            (
-                "rate",
-                f"the sampled error decays at the rate {shown_number(rate)} 1/s or faster",
-                Fraction(0),
-                exp(Interval.point(-rate * period)),
-            )
-        )
+        text = f"the sampled error decays at the rate {shown_number(rate)} 1/s or faster"
+        asked.append(("rate", text, Fraction(0), exp(Interval.point(-rate * period))))
     for region in regions:
         if isinstance(region, Disk):
             text = f"every eigenvalue of the sampled error lies in {region}".replace("|s", "|z")
@@ -216,13 +204,6 @@ def _in_disk(polynomial: Sequence[Interval], centre: Fraction, radius: Interval)
         return Verdict.PROVED
     answer = interval_routh(disk_image(polynomial, centre=centre, radius=radius.hi))
     return Verdict.REFUTED if answer is Verdict.REFUTED else Verdict.UNDECIDED
-
-
-def _sum(terms: Sequence[Interval]) -> Interval:
-    total = Interval.point(0)
-    for term in terms:
-        total = total + term
-    return total
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -323,18 +304,12 @@ def envelope_statement(exosystem: Exosystem, W: Matrix, envelope: Envelope) -> S
     product = multiply(P, F)
     decay = scale(-1, add(add(product, transpose(product)), scale(2 * envelope.rate, P)))
     parts = (subtract(P, scale(envelope.lower, identity(q))), subtract(scale(envelope.upper, identity(q)), P), decay)
-    if decide_positive_definite(SparseSymmetric.from_dense(P)).verdict is not Verdict.PROVED or any(
-        decide_positive_semidefinite(part).verdict is not Verdict.PROVED for part in parts
-    ):
+    if any(decide_positive_semidefinite(part).verdict is not Verdict.PROVED for part in parts):
         return None
     stretch = root_above(envelope.upper / envelope.lower)
     values = {"rate": envelope.rate, "lower": envelope.lower, "upper": envelope.upper}
-    return Statement(
-        kind="lyapunov",
-        verdict=Verdict.PROVED,
-        text=f"P proves |eps(t)| <= {stretch:.4g} exp(-{float(envelope.rate):.4g} t) |eps(0)|.",
-        exact={name: number_text(value) for name, value in values.items()},
-    )
+    text = f"P proves |eps(t)| <= {stretch:.4g} exp(-{float(envelope.rate):.4g} t) |eps(0)|."
+    return proved("lyapunov", text, **{name: number_text(value) for name, value in values.items()})
 
 
 def proved_measures(exosystem: Exosystem, W: Matrix, estimates: Mapping[str, float]) -> dict[str, float]:
@@ -342,36 +317,22 @@ def proved_measures(exosystem: Exosystem, W: Matrix, estimates: Mapping[str, flo
     F = error_matrix(exosystem, W)
     result = {"gain": root_above(gain_squared(W))}
     for name, holds in (("rate", rate_holds), ("damping", damping_holds)):
-        proved = _largest(estimates.get(name, 0.0), lambda x, holds=holds: holds(F, x))  # type: ignore[misc]
-        if proved:
-            result[name] = proved
+        estimate = estimates.get(name, 0.0)
+        found: float | None = float(f"{estimate:.9g}")
+        if not (found and math.isfinite(found) and holds(F, claimed(found))):  # the border is included; else less
+            found = largest_proved(estimate, lambda x, holds=holds: x == 0 or holds(F, x))  # type: ignore[misc]
+        if found:
+            result[name] = found
     if "peak" in estimates:
         result["peak_seen"] = estimates["peak"]
-    if exosystem.order <= LARGEST_ORDER:
-        for name in CHANNELS:
-            result |= _norms(exosystem, W, name, estimates)
-    return result
-
-
-def _largest(estimate: float, holds: Callable[[Fraction], bool]) -> float | None:
-    """The estimate to nine digits if that is true, border included, else a little less."""
-    if 0 < estimate < math.inf:
-        short = float(f"{estimate:.9g}")
-        if holds(claimed(short)):
-            return short
-    return largest_proved(estimate, lambda x: x == 0 or holds(x))
-
-
-def _norms(exosystem: Exosystem, W: Matrix, name: str, estimates: Mapping[str, float]) -> dict[str, float]:
-    system = channel(exosystem, W, name)
-    square = h2_squared(system)
-    result = {f"h2 {name}": math.inf if square is None else root_above(square)}
-    estimate = estimates.get(f"hinf {name}", math.inf)
-    for widening in WIDENINGS:
-        bound = estimate * (1 + widening)
-        if 0 < bound < math.inf and hinf_below(system, claimed(bound)):
-            result[f"hinf {name}"] = bound
-            break
+    for name in CHANNELS if exosystem.order <= LARGEST_ORDER else ():
+        system = channel(exosystem, W, name)
+        square = h2_squared(system)
+        result[f"h2 {name}"] = math.inf if square is None else root_above(square)
+        bounds = (estimates.get(f"hinf {name}", math.inf) * (1 + widening) for widening in WIDENINGS)
+        found = next((x for x in bounds if 0 < x < math.inf and hinf_below(system, claimed(x))), None)
+        if found is not None:
+            result[f"hinf {name}"] = found
     return result
 
 
@@ -382,7 +343,7 @@ def why_impossible(exosystem: Exosystem, request: ObserverRequest) -> Statement 
     """
     found = decide_detectable(exosystem.A, exosystem.C)
     if found.verdict is not Verdict.PROVED:
-        return _refuted(
+        return refuted(
             "detectable",
             f"no W exists: (A, C) is not detectable; the part {found.unobservable_text} never reaches d = C xi and does"
             " not decay. It does not act on the agents either: leave it out.",
@@ -420,7 +381,7 @@ def _hidden_outside(polynomial: Coefficients, request: ObserverRequest) -> State
         degree = (len(polynomial) - 1) * (2 if isinstance(region, Cone) else 1)
         if len(polynomial) > 1 and not decide_images(images(region, polynomial), degree=degree)[0]:
             text = polynomial_text(polynomial)
-            return _refuted(
+            return refuted(
                 "rate" if position == 0 else "region",
                 f"no W meets {region}: C does not see the part {text} of the exosystem, so no gain moves its"
                 " eigenvalues, and they lie outside.",
@@ -434,7 +395,7 @@ def _empty(regions: tuple[SpectralRegion, ...]) -> Statement | None:
     if common is not None and (common[0] is None or common[0] < 0):
         return None
     names = " and ".join(str(region) for region in regions)
-    return _refuted("region", f"no W exists: no point with Re s < 0 lies in {names}.")
+    return refuted("region", f"no W exists: no point with Re s < 0 lies in {names}.")
 
 
 def _too_quiet(exosystem: Exosystem, request: ObserverRequest) -> Statement | None:
@@ -465,8 +426,4 @@ def _one_not_inside(polynomial: Coefficients, radius: Fraction) -> bool:
 
 
 def _noise(limit: NoiseLimit, because: str) -> Statement:
-    return _refuted("noise", f"no W makes the {limit}: an estimate that converges {because}.")
-
-
-def _refuted(kind: str, text: str, **exact: str) -> Statement:
-    return Statement(kind=kind, text=text, verdict=Verdict.REFUTED, exact=exact)
+    return refuted("noise", f"no W makes the {limit}: an estimate that converges {because}.")

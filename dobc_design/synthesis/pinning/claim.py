@@ -160,6 +160,22 @@ class PinningDesign(Shown):
         }
 
 
+def without_gains(
+    request: PinningRequest, structure: Structure, obstacle: Statement | None, *, radius: Fraction | None = None
+) -> PinningDesign:
+    """REFUTED or UNDECIDED as the statement says; UNDECIDED without one."""
+    unknown = "no gains were found that are proved to reach the rate, and no proof that there are none."
+    return PinningDesign(
+        verdict=Verdict.UNDECIDED if obstacle is None else obstacle.verdict,
+        request=request,
+        gains={},
+        structural_minimum=structure.least if structure.exact else None,
+        reason=unknown if obstacle is None else obstacle.text,
+        statements=() if obstacle is None else (obstacle,),
+        radius=radius,
+    )
+
+
 def prices_in_words(problem: Problem, request: PinningRequest, bound: Bound, agents: Mapping[int, Any]) -> list[str]:
     """What each limit costs, from the exact multipliers: every sentence is a consequence of the lower bound.
 

@@ -24,18 +24,17 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from decimal import ROUND_CEILING, Context, Decimal
 from fractions import Fraction
 from itertools import combinations
 from math import comb
-from typing import Any, Final
+from typing import Any
 
 import numpy as np
 
 from dobc_design.conditions.consensus.claim import Jacobians, ModeJacobian, jacobians_at_consensus
 from dobc_design.conditions.consensus.negative import TOPS, Enclosed, find_witness, is_negative, refutes
 from dobc_design.conditions.consensus.network import name_agents
-from dobc_design.conditions.statement import Statement
+from dobc_design.conditions.statement import Statement, refuted
 from dobc_design.exact.definite import decide_positive_definite, decide_positive_semidefinite
 from dobc_design.exact.interval import UndefinedError
 from dobc_design.exact.matrix import Vector
@@ -47,7 +46,7 @@ from dobc_design.problem.changes import typed_number
 from dobc_design.problem.problem import Problem
 from dobc_design.problem.reaching import closed_groups
 from dobc_design.synthesis.pinning.claim import Bound, Obstacle, Structure
-from dobc_design.synthesis.pinning.request import PinningRequest
+from dobc_design.synthesis.pinning.request import PinningRequest, rounded_up
 from dobc_design.verdict import Verdict
 
 ZERO = Fraction(0)
@@ -60,7 +59,6 @@ MOST_STEPS = 50_000  # of the exhaustive search
 COARSE, FINE = 2**20, 10**12  # the largest entry of a rounded direction: one of a space, one alone
 MOST_SETS = 3000  # sets of agents that are excluded one by one
 LONGEST = 400  # entries of a direction that a statement writes out
-_UPWARDS: Final = Context(prec=4, rounding=ROUND_CEILING)
 #: (mode, state component, agents that may be pinned, caps, size=n) -> directions (n), in floating point.
 Directions = Callable[..., Iterable[Sequence[float]]]
 
@@ -95,18 +93,23 @@ def bound_from(ground: Ground, vectors: Vectors, allowed: Collection[int], rate:
         return Bound(
             value=ZERO, rate=rate, vectors=(), loads=(ZERO,) * ground.problem.n, cap_prices={}, rate_price=ZERO
         )
-    unit = Fraction(2) ** _exponent(top)
+    size = Fraction(top)
+    unit = Fraction(2) ** (size.numerator.bit_length() - size.denominator.bit_length() - BITS)
     rows = [(mode, [round(Fraction(x) / unit) for x in v]) for mode, v in vectors]
+
+    def load_of(agent: int) -> Fraction:
+        return sum(x * x for _, v in rows for x in v[agent * m : (agent + 1) * m]) * unit * unit
+
     loads, prices = [ZERO] * ground.problem.n, {}
     free = set(allowed)
     for i in range(ground.problem.n):
-        load = _load(rows, i, m) * unit * unit
+        load = load_of(i)
         if i in free and load > request.costs[i]:
             if i in request.caps:
                 prices[i] = load - request.costs[i]
             else:
                 _shrink(rows, i, m, request.costs[i] / load)
-                load = _load(rows, i, m) * unit * unit
+                load = load_of(i)
         loads[i] = load
     exact = tuple((mode, tuple(x * unit for x in v)) for mode, v in rows)
     squares = sum(loads, ZERO)
@@ -160,21 +163,12 @@ def _shown(upper: Symmetric, hints: Sequence[Sequence[float]]) -> bool:
     return proves(upper, [round(x / top * 2**HINT_BITS) for x in total])
 
 
-def _load(rows: Sequence[tuple[str, Sequence[int]]], agent: int, m: int) -> int:
-    return sum(x * x for _, v in rows for x in v[agent * m : (agent + 1) * m])
-
-
 def _shrink(rows: Sequence[tuple[str, list[int]]], agent: int, m: int, part: Fraction) -> None:
     """Multiply the rows of one agent by ``part`` < 1, towards 0: part <= sqrt(part), so that squares fit."""
     for _, v in rows:
         for row in range(agent * m, (agent + 1) * m):
             size = abs(v[row]) * part.numerator // part.denominator
             v[row] = size if v[row] > 0 else -size
-
-
-def _exponent(top: float) -> int:
-    fraction = Fraction(top)
-    return fraction.numerator.bit_length() - fraction.denominator.bit_length() - BITS
 
 
 def pins_needed(ground: Ground, rate: Fraction, directions: Vectors) -> int:
@@ -231,26 +225,22 @@ def structural_obstacle(problem: Problem, pins: int | str | None, structure: Str
     where, always = (" in one of the modes", " under arbitrary switching") if several else ("", "")
     if structure.unmet is not None:
         who = name_agents([labels[i] for i in structure.unmet])
-        return Statement(
-            kind="structure",
-            verdict=Verdict.REFUTED,
-            exact={"group": ", ".join(labels[i] for i in structure.unmet)},
-            text=f"consensus{always} is out of reach with pins on the allowed agents only: {who} listen"
+        return refuted(
+            "structure",
+            f"consensus{always} is out of reach with pins on the allowed agents only: {who} listen"
             f"{'s' if len(structure.unmet) == 1 else ''} to nobody else{where}, and no pin may be put there, so moved"
             f" together they stay moved{' while it lasts' if several else ''}.",
+            group=", ".join(labels[i] for i in structure.unmet),
         )
     if isinstance(pins, int) and pins < structure.least:
         groups = structure.apart if len(structure.apart) > pins else structure.groups
         named = "; ".join(name_agents([labels[i] for i in group]) for group in groups[:8])
-        return Statement(
-            kind="pins",
-            verdict=Verdict.REFUTED,
-            exact={
-                "least": str(structure.least),
-                "groups": " | ".join(", ".join(labels[i] for i in group) for group in groups[:50]),
-            },
-            text=f"{counted(pins, 'pin')} cannot do{always}, whatever the gains: at least {structure.least} are"
+        return refuted(
+            "pins",
+            f"{counted(pins, 'pin')} cannot do{always}, whatever the gains: at least {structure.least} are"
             f" needed, because each of these groups hears nobody outside{where} and needs a pin of its own: {named}.",
+            least=str(structure.least),
+            groups=" | ".join(", ".join(labels[i] for i in group) for group in groups[:50]),
         )
     return None
 
@@ -376,12 +366,14 @@ def too_fast(
     how = "with every gain at its cap" if every else "with the allowed agents held exactly at the target"
     pace = f"return{'s' if sum(map(bool, found.w)) == 1 else ''} no faster than {_above(found.limit)} 1/s"
     values = {"w": ", ".join(map(str, found.w))} if len(found.w) <= LONGEST else {}
-    return Statement(
-        kind="max_gain" if capped else "rate",
-        verdict=Verdict.REFUTED,
-        exact={"mode": found.mode, "component": str(found.component + 1), "limit": number_text(found.limit), **values},
-        text=f"no gains let the errors decay at {typed_number(rate)} 1/s{where}: even {how}, {moved} {pace}"
-        " near the target.",
+    return refuted(
+        "max_gain" if capped else "rate",
+        f"no gains let the errors decay at {typed_number(rate)} 1/s{where}: even {how}, {moved} {pace} near the"
+        " target.",
+        mode=found.mode,
+        component=str(found.component + 1),
+        limit=number_text(found.limit),
+        **values,
     )
 
 
@@ -413,19 +405,19 @@ def _too_few_pins(
         if found is None or found.limit >= rate:
             return None
         most = max(most, found.limit)
-    return Statement(
-        kind="pins",
-        verdict=Verdict.REFUTED,
-        exact={"sets": str(count), "limit": number_text(most)},
-        text=f"{counted(pins, 'pinned agent')} cannot give the rate {typed_number(rate)} 1/s, whatever the gains: all"
+    return refuted(
+        "pins",
+        f"{counted(pins, 'pinned agent')} cannot give the rate {typed_number(rate)} 1/s, whatever the gains: all"
         f" {counted(count, 'choice')} are excluded one by one, and the best of them reaches"
         f" {_above(most)} 1/s at most near the target.",
+        sets=str(count),
+        limit=number_text(most),
     )
 
 
 def _above(limit: Fraction) -> str:
     """At most four digits, not below."""
-    return f"{float(_UPWARDS.divide(Decimal(limit.numerator), Decimal(limit.denominator))):.4g}"
+    return f"{float(rounded_up(limit, 4)):.4g}" if limit else "0"
 
 
 def _components(mode: ModeJacobian) -> range:

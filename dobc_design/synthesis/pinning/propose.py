@@ -31,6 +31,7 @@ from dobc_design.conditions.consensus.pinning import (
     Blocks,
     Optimum,
     factorised,
+    fastest_rate,
     for_rate,
     lowest_on,
     network_blocks,
@@ -45,7 +46,8 @@ from dobc_design.solvers.program import Array
 from dobc_design.synthesis.pinning.request import PinningRequest
 
 Vectors = list[tuple[str, Array]]  # mode, and a vector over the n m rows
-WORK, LARGEST = 200_000, 5_000  # closed forms spent on ties, times agents; agents above which none are looked for
+WORK, LARGEST = 200_000, 5_000  # closed forms spent on exchanges and ties, times agents; agents above which: none
+MANY = 200  # agents from which on greedy steps are quick ones
 NEARLY_ZERO = 1e-9
 CLOSE = 1e-6  # of the cost: a bound this close leaves nothing to look for
 UPDATES = 100  # pins between two factorisations
@@ -67,12 +69,6 @@ class PinningProposer:
     caps: Array
     _kept: dict[float, Blocks] = field(default_factory=dict)
 
-    def asked(self, request: PinningRequest) -> PinningProposer:
-        """The same for the costs and caps of a request."""
-        caps = [float(request.caps.get(i, np.inf)) for i in range(self.blocks.agents)]
-        costs = np.array([float(c) for c in request.costs])
-        return PinningProposer(problem=self.problem, blocks=self.blocks, costs=costs, caps=np.array(caps))
-
     def relax(self, allowed: Collection[int], rate: float) -> tuple[list[float] | None, Vectors]:
         """Gains (n) of least cost on the ``allowed`` agents, about, and their multipliers.
 
@@ -90,7 +86,7 @@ class PinningProposer:
                 return known[0].gains.tolist(), self._named(blocks, [[known[0].v]])
             return self._shared(blocks, chosen, known)
         loose = self._loose(blocks, chosen)
-        if any(value <= NEARLY_ZERO * blocks.scale for value in self._margins(blocks, chosen)):
+        if any(value <= NEARLY_ZERO * blocks.scale for value, _ in self._lowest(blocks, chosen)):
             return None, loose
         gains, vectors = self._shared(blocks, chosen, [])
         return (gains, vectors) if gains is not None else (None, loose)
@@ -99,7 +95,7 @@ class PinningProposer:
         """The rate (1/s) that gains on these agents approach, about, with caps times ``factor``; inf without limit."""
         chosen = np.zeros(self.blocks.agents, dtype=bool)
         chosen[list(allowed)] = True
-        return min(self._margins(self.blocks, chosen, factor=factor), default=float("inf")) / 2
+        return min((value for value, _ in self._lowest(self.blocks, chosen, factor=factor)), default=float("inf")) / 2
 
     def slow(self, rate: float) -> Vectors:
         """Of every block the eigenvectors of S with eigenvalues below 0; nothing for large blocks."""
@@ -117,25 +113,30 @@ class PinningProposer:
     ) -> tuple[int, ...] | None:
         """A small set that reaches the rate, or with ``pins`` a cheap one of at most so many; None if none was found.
 
-        One agent of each group first, then where most is saved, or where the slowest direction is heaviest.
+        One agent of each group first, then where the slowest direction is heaviest, then the cheapest to add, then
+        exchanges of one agent for another; of many agents those that save most.
         """
         chosen, blocks, free = self._hitting(allowed, groups), self._at(rate), set(allowed)
-        if blocks.z:
+        if blocks.z and blocks.agents > MANY:
             with np.errstate(all="ignore"):
                 many = greedy_set(blocks, chosen, free, self.costs, pins)
             return many if many is None or self._cost(many, rate) is not None else None
         while self._cost(chosen, rate) is None:
             if not free - set(chosen) or (pins is not None and len(chosen) >= pins):
                 return None
-            chosen.append(self._heaviest(blocks, chosen, free - set(chosen)))
-        return tuple(sorted(chosen))
+            heavy = self._heaviest(blocks, chosen, free - set(chosen))
+            chosen.append(max(heavy, key=lambda agent: (fastest_rate(blocks, [*chosen, agent]), -agent)))
+        while pins is not None and len(chosen) < pins and (left := sorted(free - set(chosen))):
+            tried = left[:: -(-len(left) // max(1, self._affordable() // pins))]
+            costs = {agent: self._cost([*chosen, agent], rate) for agent in tried}
+            chosen.append(min(costs, key=lambda agent: (costs[agent] if costs[agent] is not None else np.inf, agent)))
+        return tuple(sorted(self._exchanged(chosen, sorted(free), rate)))
 
     def replaceable(self, chosen: Sequence[int], allowed: Sequence[int], rate: float) -> list[tuple[int, int]]:
         """Pairs (pinned, other): with the other in its place the cost is the same to six digits."""
         own = self._cost(chosen, rate)
         found: list[tuple[int, int]] = []
-        most = WORK // len(self.costs) if len(self.costs) <= LARGEST else 0
-        if own is None or len(chosen) * len(allowed) > most:
+        if own is None or len(chosen) * len(allowed) > self._affordable():
             return found
         for agent in chosen:
             for other in sorted(set(allowed) - set(chosen)):
@@ -143,6 +144,25 @@ class PinningProposer:
                 if cost is not None and abs(cost - own) <= 1e-6 * own:
                     found.append((agent, other))
         return found
+
+    def _exchanged(self, chosen: list[int], allowed: Sequence[int], rate: float) -> list[int]:
+        cost, better, work = self._cost(chosen, rate), True, 0
+        while better and cost is not None:
+            better = False
+            for place in range(len(chosen)):
+                for other in allowed:
+                    work += 1
+                    if other in chosen or work > self._affordable():
+                        continue
+                    trial = [*chosen[:place], other, *chosen[place + 1 :]]
+                    value = self._cost(trial, rate)
+                    if value is not None and value < cost * (1 - 1e-9):
+                        chosen, cost, better = trial, value, True
+        return chosen
+
+    def _affordable(self) -> int:
+        """How many closed forms are worth the time."""
+        return WORK // len(self.costs) if len(self.costs) <= LARGEST else 0
 
     def _cost(self, chosen: Collection[int], rate: float) -> float | None:
         gains = self.relax(chosen, rate)[0] if chosen else None
@@ -158,13 +178,14 @@ class PinningProposer:
             left = [group for group in left if best not in group]
         return [agent for agent in chosen if agent in free]
 
-    def _heaviest(self, blocks: Blocks, chosen: Sequence[int], free: Collection[int]) -> int:
+    def _heaviest(self, blocks: Blocks, chosen: Sequence[int], free: Collection[int]) -> list[int]:
         others = np.setdiff1d(np.arange(blocks.agents), list(chosen))
         rows = rows_of(others, blocks.width)
         vector = min((lowest_on(table, rows) for table in blocks.tables), key=lambda found: found[0])[1]
         weight = np.zeros(blocks.agents)
         weight[others] = np.max(np.abs(vector.reshape(len(others), blocks.width)), axis=1)
-        return min(free, key=lambda agent: (-round(float(weight[agent]), 9), agent))
+        order = sorted(free, key=lambda agent: (-round(float(weight[agent]), 9), agent))
+        return order[: 40 if blocks.agents <= 60 else 8]
 
     def _at(self, rate: float) -> Blocks:
         if rate not in self._kept:
@@ -205,23 +226,20 @@ class PinningProposer:
             return (None if gains is None else gains.tolist()), []
         return (None, []) if found is None else (found[0].tolist(), found[1])
 
-    def _held(self, blocks: Blocks, chosen: Array) -> tuple[Array, Array]:
-        """What caps add to the diagonal, and the rows that no gain without a cap holds."""
-        capped = chosen & np.isfinite(self.caps)
-        extra = np.repeat(2 * np.where(capped, self.caps, 0.0), blocks.width)
-        return extra, rows_of(np.flatnonzero(np.logical_not(chosen) | capped), blocks.width)
+    def _free_rows(self, blocks: Blocks, chosen: Array) -> Any:
+        """The rows that no gain without a cap holds."""
+        return rows_of(np.flatnonzero(np.logical_not(chosen) | np.isfinite(self.caps)), blocks.width)
 
     def _lowest(self, blocks: Blocks, chosen: Array, *, factor: float = 1.0) -> list[tuple[float, Array]]:
-        extra, rows = self._held(blocks, chosen)
-        added = sparse.diags_array(extra * factor)
+        """Of every block the lowest eigenvalue on these rows, with caps times ``factor`` on the diagonal."""
+        held = np.where(chosen & np.isfinite(self.caps), self.caps, 0.0)
+        added = sparse.diags_array(np.repeat(2 * held * factor, blocks.width))
+        rows = self._free_rows(blocks, chosen)
         return [lowest_on(sparse.csr_array(table + added), rows) for table in blocks.tables]
-
-    def _margins(self, blocks: Blocks, chosen: Array, *, factor: float = 1.0) -> list[float]:
-        return [value for value, _ in self._lowest(blocks, chosen, factor=factor)]
 
     def _loose(self, blocks: Blocks, chosen: Array) -> Vectors:
         """Of every block the direction that allowed gains hold least, zero on the rows of gains without a cap."""
-        rows = self._held(blocks, chosen)[1]
+        rows = self._free_rows(blocks, chosen)
         columns: list[list[Array]] = []
         for _, vector in self._lowest(blocks, chosen):
             whole = np.zeros(blocks.agents * blocks.width)
@@ -248,8 +266,9 @@ def make_proposer(problem: Problem, request: PinningRequest) -> PinningProposer 
     blocks = network_blocks(problem)
     if blocks is None:
         return None
-    nothing = np.zeros(problem.n)
-    return PinningProposer(problem=problem, blocks=blocks, costs=nothing, caps=nothing).asked(request)
+    caps = np.array([float(request.caps.get(i, np.inf)) for i in range(problem.n)])
+    costs = np.array([float(c) for c in request.costs])
+    return PinningProposer(problem=problem, blocks=blocks, costs=costs, caps=caps)
 
 
 def _factors(Z: Array, *, z: bool) -> list[Array]:

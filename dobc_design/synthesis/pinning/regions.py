@@ -19,7 +19,7 @@ from dobc_design.conditions.separable.decide import coupling_profiles, verify_se
 from dobc_design.conditions.separable.observer import composite_rate, covers, verify_composite
 from dobc_design.conditions.separable.ordering import find_ordering
 from dobc_design.conditions.separable.propose_observer import propose_error_bound, radius_needed
-from dobc_design.conditions.statement import Statement
+from dobc_design.conditions.statement import Statement, proved, refuted
 from dobc_design.errors import SpecError
 from dobc_design.exact.interval import UndefinedError
 from dobc_design.exact.matrix import Matrix
@@ -27,7 +27,7 @@ from dobc_design.exact.number import number_text, parse_number
 from dobc_design.exact.reading import counted, shown_number
 from dobc_design.problem.changes import changed_problem
 from dobc_design.problem.problem import Problem
-from dobc_design.synthesis.pinning.claim import PinningDesign
+from dobc_design.synthesis.pinning.claim import PinningDesign, Structure, without_gains
 from dobc_design.synthesis.pinning.decide import structural_obstacle, structure_of, too_fast
 from dobc_design.synthesis.pinning.propose import slow_directions
 from dobc_design.synthesis.pinning.propose_regions import propose_for_box
@@ -127,40 +127,28 @@ def _file_region(problem: Problem, request: PinningRequest) -> Region:
 
 def _attempt(problem: Problem, request: PinningRequest, asked: Region) -> PinningDesign:
     structure = structure_of(problem, request.allowed)
-    least = structure.least if structure.exact else None
-
-    def without_gains(verdict: Verdict, reason: str, *statements: Statement) -> PinningDesign:
-        return PinningDesign(
-            verdict=verdict,
-            request=request,
-            gains={},
-            structural_minimum=least,
-            reason=reason,
-            statements=statements,
-            radius=asked.radius,
-        )
-
     bare = changed_problem(problem, {"pinning.gains": None})
     obstacle = structural_obstacle(problem, request.pins, structure) or _unordered(bare, request)
     obstacle = obstacle or too_fast(
         problem, request.rate, allowed=request.allowed, caps=request.caps, pins=request.pins, propose=slow_directions
     )
     if obstacle is not None:
-        return without_gains(obstacle.verdict, obstacle.text, obstacle)
+        return without_gains(request, structure, obstacle, radius=asked.radius)
     found = _on(bare, request, asked, request.allowed)
     if isinstance(found, Statement):
-        return without_gains(found.verdict, found.text, found)
+        return without_gains(request, structure, found, radius=asked.radius)
     if request.pins is None or (request.pins != FEWEST and len(found.gains) <= int(request.pins)):
-        return _designed(request, asked, found, least, ())
+        return _designed(request, asked, found, structure, ())
     if request.pins != FEWEST:
         fewer = _on(bare, request, asked, _heaviest(found, request, structure.groups, int(request.pins)))
         if isinstance(fewer, Statement):
-            return without_gains(
-                Verdict.UNDECIDED,
+            text = (
                 f"no {request.pins} of the allowed agents were found with which the certificate reaches the rate"
-                f" {shown_number(request.rate)} over the region; {len(found.gains)} agents do.",
+                f" {shown_number(request.rate)} over the region; {len(found.gains)} agents do."
             )
-        return _designed(request, asked, fewer, least, ())
+            few = Statement(kind="pins", verdict=Verdict.UNDECIDED, text=text)
+            return without_gains(request, structure, few, radius=asked.radius)
+        return _designed(request, asked, fewer, structure, ())
     low, high = max(1, structure.least), len(found.gains)
     while low < high:
         middle = (low + high) // 2
@@ -179,7 +167,7 @@ def _attempt(problem: Problem, request: PinningRequest, asked: Region) -> Pinnin
         if known
         else f"{pins} pinned agents do; at least {structure.least} are needed, and fewer than {pins} were not found.",
     )
-    return _designed(request, asked, found, least, (fewest,))
+    return _designed(request, asked, found, structure, (fewest,))
 
 
 def _unordered(bare: Problem, request: PinningRequest) -> Statement | None:
@@ -193,12 +181,11 @@ def _unordered(bare: Problem, request: PinningRequest) -> Statement | None:
         return None
     stuck = name_agents([labels[i] for i in ordering.stuck])
     modes = f" ({', '.join(dict.fromkeys(ordering.blocking))})" if len(bare.network.modes) > 1 else ""
-    return Statement(
-        kind="ordering",
-        verdict=Verdict.REFUTED,
-        exact={"agents": ", ".join(labels[i] for i in ordering.stuck[:50])},
-        text="no gains on the allowed agents have a max-separable certificate, of any radius: each of"
-        f" {stuck} may not be pinned and in one of the modes hears nobody but these{modes}.",
+    return refuted(
+        "ordering",
+        f"no gains on the allowed agents have a max-separable certificate, of any radius: each of {stuck} may not be"
+        f" pinned and in one of the modes hears nobody but these{modes}.",
+        agents=", ".join(labels[i] for i in ordering.stuck[:50]),
     )
 
 
@@ -264,19 +251,19 @@ def _heaviest(found: BoxGains, request: PinningRequest, groups: Sequence[Sequenc
 
 
 def _designed(
-    request: PinningRequest, asked: Region, found: BoxGains, least: int | None, more: tuple[Statement, ...]
+    request: PinningRequest, asked: Region, found: BoxGains, structure: Structure, more: tuple[Statement, ...]
 ) -> PinningDesign:
     labels = found.problem.network.labels
     gains, cost = {labels[i]: k for i, k in found.gains.items()}, cost_of(request, found.gains)
     weights = f"max_i |e_i|/v_i (v from 1 to {float(max(found.certificate.v)):.4g})"
     errors = "" if asked.error is None else " plus the observer's part"
     still = ", with eps = 0" if asked.error is None else ""
-    reached = Statement(
-        kind="region",
-        verdict=Verdict.PROVED,
-        exact={"rate": number_text(request.rate), "radius": number_text(asked.radius)},
-        text=f"{weights}{errors} decays from every start {asked}{still}, at the rate {number_text(request.rate)}, for"
-        " the gains as they are written.",
+    reached = proved(
+        "region",
+        f"{weights}{errors} decays from every start {asked}{still}, at the rate {number_text(request.rate)}, for the"
+        " gains as they are written.",
+        rate=number_text(request.rate),
+        radius=number_text(asked.radius),
     )
     return PinningDesign(
         verdict=Verdict.PROVED,
@@ -284,7 +271,7 @@ def _designed(
         gains=gains,
         rate=request.rate,
         cost=cost,
-        structural_minimum=least,
+        structural_minimum=structure.least if structure.exact else None,
         statements=(reached, *more),
         problem=found.problem,
         certificate=found.certificate,

@@ -17,13 +17,13 @@ from dobc_design.conditions.consensus.claim import state_theorems
 from dobc_design.conditions.consensus.negative import Enclosed
 from dobc_design.conditions.consensus.network import carriers, name_agents
 from dobc_design.conditions.numbers import claimed, shorten
-from dobc_design.conditions.statement import Statement
+from dobc_design.conditions.statement import Statement, proved, refuted
 from dobc_design.errors import SpecError
 from dobc_design.exact.number import number_text
 from dobc_design.exact.reading import counted, shown_number
 from dobc_design.problem.changes import changed_problem
 from dobc_design.problem.problem import Problem
-from dobc_design.synthesis.pinning.claim import PinningDesign, Structure, prices_in_words
+from dobc_design.synthesis.pinning.claim import PinningDesign, Structure, prices_in_words, without_gains
 from dobc_design.synthesis.pinning.decide import (
     Ground,
     bound_from,
@@ -75,7 +75,8 @@ def search_pinning(problem: Problem, request: PinningRequest, progress: Progress
         return found
     kind = found.statements[0].kind if found.statements else None
     for weaker in _weaker(ground, proposer, kind):
-        nearest = _attempt(replace(ground, request=weaker), proposer.asked(weaker), progress)
+        other = make_proposer(bare, weaker) or proposer
+        nearest = _attempt(replace(ground, request=weaker), other, progress)
         if nearest.verdict is Verdict.PROVED:
             return replace(found, nearest=nearest)
     return found
@@ -86,13 +87,13 @@ def _attempt(ground: Ground, proposer: PinningProposer, progress: Progress) -> P
     structure = structure_of(ground.problem, request.allowed)
     obstacle = structural_obstacle(ground.problem, request.pins, structure) or _too_fast(ground, proposer)
     if obstacle is not None:
-        return _without_gains(ground, structure, obstacle)
+        return without_gains(ground.request, structure, obstacle)
     agents, choice, statements = request.allowed, None, tuple[Statement, ...]()
     if request.pins is not None:
         choice, statements = _chosen(ground, proposer, structure, progress)
         if choice is None or choice.agents is None:
             refuted = next((each for each in statements if each.verdict is Verdict.REFUTED), None)
-            return _without_gains(ground, structure, refuted)
+            return without_gains(ground.request, structure, refuted)
         agents = choice.agents
     progress("proving the gains and their bound")
     return _designed(ground, proposer, structure, agents, choice=choice, more=statements)
@@ -116,12 +117,12 @@ def _too_fast(ground: Ground, proposer: PinningProposer) -> Statement | None:
         else "the direction shown moves none of the agents that may be pinned, and decays more slowly by itself"
     )
     where = f" in mode {obstacle.mode}" if len(ground.lambdas) > 1 else ""
-    return Statement(
-        kind="max_gain" if capped else "rate",
-        verdict=Verdict.REFUTED,
-        exact={"mode": obstacle.mode, **values},
-        text=f"no gains reach the rate {shown_number(request.rate)}{where}: {because}. It is carried by"
+    return refuted(
+        "max_gain" if capped else "rate",
+        f"no gains reach the rate {shown_number(request.rate)}{where}: {because}. It is carried by"
         f" {name_agents(moved)}.",
+        mode=obstacle.mode,
+        **values,
     )
 
 
@@ -129,75 +130,39 @@ def _chosen(
     ground: Ground, proposer: PinningProposer, structure: Structure, progress: Progress
 ) -> tuple[Choice | None, tuple[Statement, ...]]:
     """The agents to pin: at most so many, or the fewest."""
-    request, rate = ground.request, ground.request.rate
-    groups = structure.groups
-    needed = max(structure.least, pins_needed(ground, rate, proposer.slow(float(rate))))
+    request, rate, groups = ground.request, float(ground.request.rate), structure.groups
+    needed = max(structure.least, pins_needed(ground, request.rate, proposer.slow(rate)))
     if isinstance(request.pins, int):
         if request.pins < needed:
-            return None, (_too_few(request.pins, needed),)
-        start = proposer.greedy(request.allowed, groups, float(rate), request.pins)
-        choice = choose(ground, proposer, progress, rate, request.pins, groups, start)
-        return choice, (_choice_statement(request.pins, choice),)
-    start = proposer.greedy(request.allowed, groups, float(rate), None)
+            pins = f"{request.pins} pin{'s' if request.pins > 1 else ''}"
+            text = (
+                f"{pins} cannot do at this rate: at least {needed} are needed. So many independent directions are"
+                " slower than that without gains, and each pin holds one of them."
+            )
+            return None, (refuted("pins", text, least=str(needed)),)
+        start = proposer.greedy(request.allowed, groups, rate, request.pins)
+        choice = Choice(ground, proposer, progress, request.pins, groups, start)
+        return choice, (choice.statement(),)
+    start = proposer.greedy(request.allowed, groups, rate, None)
     enough = len(request.allowed) if start is None else len(start)
-    for pins in range(max(1, needed), enough):
-        progress(f"looking for {counted(pins, 'agent')} that will do")
-        choice = choose(ground, proposer, progress, rate, pins, groups)
+    for number in range(max(1, needed), enough):
+        progress(f"looking for {counted(number, 'agent')} that will do")
+        choice = Choice(ground, proposer, progress, number, groups)
         if choice.agents is not None:
-            return choice, (_fewest_statement(len(choice.agents), needed), _choice_statement(pins, choice))
+            return choice, (_fewest(len(choice.agents), needed), choice.statement())
         if not choice.impossible:
             break
-        needed = pins + 1
-    start = proposer.greedy(request.allowed, groups, float(rate), enough) if start is None else start
-    choice = choose(ground, proposer, progress, rate, enough, groups, start)
-    count = 0 if choice.agents is None else len(choice.agents)
-    return choice, (_fewest_statement(count, needed), _choice_statement(enough, choice))
+        needed = number + 1
+    start = proposer.greedy(request.allowed, groups, rate, enough) if start is None else start
+    choice = Choice(ground, proposer, progress, enough, groups, start)
+    return choice, (_fewest(len(choice.agents or ()), needed), choice.statement())
 
 
-def _too_few(pins: int, needed: int) -> Statement:
-    return Statement(
-        kind="pins",
-        verdict=Verdict.REFUTED,
-        exact={"least": str(needed)},
-        text=f"{pins} pin{'s' if pins > 1 else ''} cannot do at this rate: at least {needed} are needed. So many"
-        " independent directions are slower than that without gains, and each pin holds one of them.",
-    )
-
-
-def _fewest_statement(pins: int, needed: int) -> Statement:
+def _fewest(pins: int, needed: int) -> Statement:
     if pins <= needed:
-        return Statement(
-            kind="pins",
-            verdict=Verdict.PROVED,
-            exact={"least": str(pins)},
-            text=f"No fewer than {counted(pins, 'pinned agent')} reach this rate.",
-        )
-    return Statement(
-        kind="pins",
-        verdict=Verdict.UNDECIDED,
-        exact={"least": str(needed)},
-        text=f"{pins} pinned agents do; whether fewer do was not decided, but at least {needed} are needed.",
-    )
-
-
-def _choice_statement(pins: int, choice: Choice) -> Statement:
-    if choice.impossible:
-        none = "none of the allowed agents alone reaches" if pins == 1 else f"no {pins} of the allowed agents reach"
-        return Statement(
-            kind="pins",
-            verdict=Verdict.REFUTED,
-            exact={"pins": str(pins), "nodes": str(choice.nodes)},
-            text=f"{none} this rate: every choice is excluded, {choice.nodes} parts of the choice one by one, each by a"
-            " direction that stays too slow or a group without a pin.",
-        )
-    how = "all choices compared" if choice.finished else f"{choice.nodes} parts of the choice looked at"
-    agents = "one agent" if pins == 1 else f"at most {pins} agents"
-    return Statement(
-        kind="choice",
-        verdict=Verdict.PROVED,
-        exact={"bound": number_text(claimed(shorten(choice.bound)))},
-        text=f"No gains on {agents} cost less than {shorten(choice.bound, digits=6):.6g} ({how}).",
-    )
+        return proved("pins", f"No fewer than {counted(pins, 'pinned agent')} reach this rate.", least=str(pins))
+    text = f"{pins} pinned agents do; whether fewer do was not decided, but at least {needed} are needed."
+    return Statement(kind="pins", verdict=Verdict.UNDECIDED, text=text, exact={"least": str(needed)})
 
 
 def _designed(
@@ -212,18 +177,24 @@ def _designed(
     request, labels = ground.request, ground.problem.network.labels
     gains = _proved_gains(ground, proposer, agents)
     if gains is None:
-        return _without_gains(ground, structure, None)
+        return without_gains(ground.request, structure, None)
     vectors = proposer.relax(agents, float(request.rate))[1]
     bound = bound_from(ground, vectors, agents, request.rate)
     least = bound.value if choice is None else claimed(shorten(choice.bound))
     cost = cost_of(request, gains)
     pinned = tuple(labels[i] for i in gains)
-    reached = Statement(
-        kind="rate",
-        verdict=Verdict.PROVED,
-        exact={"rate": number_text(request.rate)},
-        text=f"Lambda < -2 ({number_text(request.rate)}) I in every mode, for the gains as they are written.",
-    )
+    rate = number_text(request.rate)
+    statements = [
+        proved("rate", f"Lambda < -2 ({rate}) I in every mode, for the gains as they are written.", rate=rate)
+    ]
+    if structure.exact:
+        count = structure.least
+        example = name_agents([labels[i] for i in structure.agents])
+        text = (
+            f"Structural minimum: {count} pin{'s' if count > 1 else ''}, one for each group that listens to nobody"
+            f" outside ({len(structure.groups)} over all modes); {example} would do for that."
+        )
+        statements.append(proved("structure", text, least=str(count)))
     return PinningDesign(
         verdict=Verdict.PROVED,
         request=request,
@@ -234,7 +205,7 @@ def _designed(
         bound=bound,
         bound_for=tuple(labels[i] for i in agents),
         structural_minimum=structure.least if structure.exact else None,
-        statements=(reached, *_structure_statements(ground, structure), *more),
+        statements=(*statements, *more),
         prices=tuple(prices_in_words(ground.problem, request, bound, dict.fromkeys(agents))),
         ties=() if choice is None else _ties(ground, proposer, tuple(gains), choice),
         problem=changed_problem(ground.problem, {"pinning.gains": {labels[i]: k for i, k in gains.items()}}),
@@ -257,22 +228,6 @@ def _proved_gains(ground: Ground, proposer: PinningProposer, agents: Sequence[in
     return None
 
 
-def _structure_statements(ground: Ground, structure: Structure) -> tuple[Statement, ...]:
-    if not structure.exact:
-        return ()
-    count, agents = structure.least, ground.problem.network.labels
-    example = name_agents([agents[i] for i in structure.agents])
-    return (
-        Statement(
-            kind="structure",
-            verdict=Verdict.PROVED,
-            exact={"least": str(count)},
-            text=f"Structural minimum: {count} pin{'s' if count > 1 else ''}, one for each group that listens to nobody"
-            f" outside ({len(structure.groups)} over all modes); {example} would do for that.",
-        ),
-    )
-
-
 def _ties(ground: Ground, proposer: PinningProposer, chosen: tuple[int, ...], choice: Choice) -> tuple[str, ...]:
     labels = ground.problem.network.labels
     pairs = proposer.replaceable(chosen, ground.request.allowed, float(ground.request.rate))
@@ -293,46 +248,6 @@ def _ties(ground: Ground, proposer: PinningProposer, chosen: tuple[int, ...], ch
     return tuple(single)
 
 
-def _without_gains(ground: Ground, structure: Structure, obstacle: Statement | None) -> PinningDesign:
-    """REFUTED by the obstacle; UNDECIDED without one."""
-    least = structure.least if structure.exact else None
-    if obstacle is None:
-        return PinningDesign(
-            verdict=Verdict.UNDECIDED,
-            request=ground.request,
-            gains={},
-            structural_minimum=least,
-            reason="no gains were found that are proved to reach the rate, and no proof that there are none.",
-        )
-    return PinningDesign(
-        verdict=Verdict.REFUTED,
-        request=ground.request,
-        gains={},
-        structural_minimum=least,
-        reason=obstacle.text,
-        statements=(obstacle,),
-    )
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Choice:
-    """``agents``: the cheapest set found, or None; ``cost`` about.  ``bound``: no set of so many costs less (proved).
-
-    ``rivals``: other sets that were met and cost the same to six digits.
-
-    ``impossible``: proved that no such set reaches the rate.  ``nodes``: how many were looked at; ``finished``: whether
-    none was left open.
-    """
-
-    agents: tuple[int, ...] | None
-    cost: float
-    bound: Fraction
-    impossible: bool
-    finished: bool
-    nodes: int
-    rivals: tuple[tuple[int, ...], ...] = ()
-
-
 @dataclass(frozen=True, slots=True, kw_only=True)
 class _Node:
     inside: frozenset[int]
@@ -341,126 +256,109 @@ class _Node:
     support: tuple[int, ...]  # agents with a gain at the optimum of the node, the largest gain first
 
 
-def choose(
-    ground: Ground,
-    proposer: PinningProposer,
-    progress: Progress,
-    rate: Fraction,
-    pins: int,
-    groups: Sequence[Sequence[int]],
-    start: Collection[int] | None = None,
-) -> Choice:
-    """The cheapest set of at most ``pins`` allowed agents at this rate, with a proved bound.
+class Choice:
+    """The cheapest set of at most ``pins`` allowed agents at the rate asked, with a proved bound.
 
-    ``start``: a set to begin with.  ``groups``: each needs a pin.
+    ``agents``: the cheapest set found, or None; ``cost`` about.  ``bound``: no set of so many costs less (proved).
+    ``impossible``: proved that no such set reaches the rate.  ``rivals``: other sets that were met and cost the same to
+    six digits.  ``start``: a set to begin with.  ``groups``: each needs a pin.
     """
-    search = _Search(ground, proposer, progress, rate, pins, groups)
-    if start is not None:
-        search.try_set(start)
-    root = search.node(frozenset(), frozenset(), Fraction(0))
-    if root is not None:
-        search.add(root)
-    search.run(_nodes(ground.problem.n))
-    return search.result()
-
-
-def _nodes(agents: int) -> int:
-    """How many nodes are worth the time."""
-    return max(50, WORK // agents) if agents <= FEW else max(1, MOST_WORK // agents**2)
-
-
-class _Search:
-    """The open nodes, lowest bound first; what closed nodes proved."""
 
     def __init__(
         self,
         ground: Ground,
         proposer: PinningProposer,
         progress: Progress,
-        rate: Fraction,
         pins: int,
         groups: Sequence[Sequence[int]],
+        start: Collection[int] | None = None,
     ) -> None:
-        self.ground, self.rate, self.pins, self.groups = ground, rate, pins, groups
-        self.relax, self.progress = proposer.relax, progress
-        self.allowed = frozenset(ground.request.allowed)
-        self.heap: list[tuple[Fraction, int, _Node]] = []
-        self.best: tuple[float, tuple[int, ...]] | None = None
-        self.closed: Fraction | None = None  # the lowest bound of a closed node that is not impossible
-        self.count = 0
-        self.met: dict[tuple[int, ...], float] = {}
-
-    def try_set(self, agents: Collection[int]) -> None:
-        gains = self.relax(agents, float(self.rate))[0]
-        if gains is not None:
-            cost = sum(float(c) * k for c, k in zip(self.ground.request.costs, gains, strict=True))
-            if len(self.met) < MOST_RIVALS:
-                self.met[tuple(sorted(agents))] = cost
-            if self.best is None or cost < self.best[0]:
-                self.best = cost, tuple(sorted(agents))
-
-    def node(self, inside: frozenset[int], outside: frozenset[int], above: Fraction) -> _Node | None:
-        """The node with its exact bound; None if it is proved impossible.  ``above``: the bound of its parent."""
-        if len(inside) + packing([set(group) - outside for group in self.groups], inside) > self.pins:
-            return None
-        self.count += 1
-        left = inside if len(inside) >= self.pins else self.allowed - outside
-        gains, vectors = self.relax(left, float(self.rate))
-        if gains is None:
-            if obstacle_to(self.ground, left, self.rate, vectors) is not None:
-                return None
-            return _Node(inside=inside, outside=outside, bound=above, support=())
-        bound = max(above, bound_from(self.ground, vectors, left, self.rate).value)
-        top = max(gains)
-        support = [agent for agent in left if gains[agent] > SUPPORT * top]
-        order = tuple(sorted(support, key=lambda agent: (-gains[agent], agent)))
-        return _Node(inside=inside, outside=outside, bound=bound, support=order)
-
-    def add(self, node: _Node) -> None:
-        """Open a node, or close it: everything in it is known, or not better than the best set."""
-        free = [agent for agent in node.support if agent not in node.inside]
-        if node.support:
-            room = self.pins - len(node.inside)
-            self.try_set(node.inside | set(free[:room]) if len(node.support) > self.pins else node.support)
-        done = len(node.support) <= self.pins or len(node.inside) >= self.pins or not free
-        if done or self.is_beaten(node):
-            self.close(node)
-        else:
-            heapq.heappush(self.heap, (node.bound, self.count, node))
-
-    def close(self, node: _Node) -> None:
-        self.closed = node.bound if self.closed is None else min(self.closed, node.bound)
-
-    def is_beaten(self, node: _Node) -> bool:
-        return self.best is not None and node.bound >= Fraction(self.best[0]) * (1 - ALIKE)
-
-    def run(self, most: int) -> None:
-        while self.heap and self.count < most:
-            node = heapq.heappop(self.heap)[2]
-            if self.is_beaten(node):
-                self.close(node)
+        self.ground, self.proposer, self.pins, self.groups = ground, proposer, pins, groups
+        self.agents: tuple[int, ...] | None = None
+        self.cost = float("inf")
+        self._heap: list[tuple[Fraction, int, _Node]] = []  # open nodes, the lowest bound first
+        self._closed: list[Fraction] = []  # bounds of closed nodes that are not impossible
+        self._nodes = 0
+        self._met: dict[tuple[int, ...], float] = {}
+        if start is not None:
+            self._try_set(start)
+        self._add(frozenset(), frozenset(), Fraction(0))
+        n = ground.problem.n
+        most = max(50, WORK // n) if n <= FEW else max(1, MOST_WORK // n**2)
+        while self._heap and self._nodes < most:
+            node = heapq.heappop(self._heap)[2]
+            if self._is_beaten(node):
+                self._closed.append(node.bound)
                 continue
-            if self.count % REPORTED == 0:
-                self.progress(f"comparing sets of agents ({self.count} parts of the choice so far)")
+            if self._nodes % REPORTED == 0:
+                progress(f"comparing sets of agents ({self._nodes} parts of the choice so far)")
             agent = next(agent for agent in node.support if agent not in node.inside)
-            for inside, outside in ((node.inside | {agent}, node.outside), (node.inside, node.outside | {agent})):
-                child = self.node(inside, outside, node.bound)
-                if child is not None:
-                    self.add(child)
+            self._add(node.inside | {agent}, node.outside, node.bound)
+            self._add(node.inside, node.outside | {agent}, node.bound)
+        bounds = [node.bound for _, _, node in self._heap] + self._closed
+        self.bound = min(bounds, default=Fraction(0))
+        self.impossible = not bounds and self.agents is None
 
-    def result(self) -> Choice:
-        bounds = [node.bound for _, _, node in self.heap] + ([] if self.closed is None else [self.closed])
-        cost, agents = (float("inf"), None) if self.best is None else self.best
-        rivals = tuple(sorted(x for x, value in self.met.items() if x != agents and value <= cost * (1 + SIX_DIGITS)))
-        return Choice(
-            agents=agents,
-            cost=cost,
-            bound=min(bounds, default=Fraction(0)),
-            nodes=self.count,
-            rivals=rivals,
-            impossible=not bounds and agents is None,
-            finished=not self.heap or all(self.is_beaten(node) for _, _, node in self.heap),
-        )
+    @property
+    def rivals(self) -> list[tuple[int, ...]]:
+        most = self.cost * (1 + SIX_DIGITS)
+        return sorted(agents for agents, cost in self._met.items() if agents != self.agents and cost <= most)
+
+    def statement(self) -> Statement:
+        """What is proved of all sets of so many agents."""
+        if self.impossible:
+            none = f"no {self.pins} of the allowed agents reach"
+            none = "none of the allowed agents alone reaches" if self.pins == 1 else none
+            text = (
+                f"{none} this rate: every choice is excluded, {self._nodes} parts of the choice one by one, each by a"
+                " direction that stays too slow or a group without a pin."
+            )
+            return refuted("pins", text, pins=str(self.pins), nodes=str(self._nodes))
+        finished = all(self._is_beaten(node) for _, _, node in self._heap)
+        how = "all choices compared" if finished else f"{self._nodes} parts of the choice looked at"
+        agents = "one agent" if self.pins == 1 else f"at most {self.pins} agents"
+        text = f"No gains on {agents} cost less than {shorten(self.bound, digits=6):.6g} ({how})."
+        return proved("choice", text, bound=number_text(claimed(shorten(self.bound))))
+
+    def _try_set(self, agents: Collection[int]) -> None:
+        request = self.ground.request
+        gains = self.proposer.relax(agents, float(request.rate))[0]
+        if gains is not None:
+            cost = sum(float(c) * k for c, k in zip(request.costs, gains, strict=True))
+            if len(self._met) < MOST_RIVALS:
+                self._met[tuple(sorted(agents))] = cost
+            if cost < self.cost:
+                self.cost, self.agents = cost, tuple(sorted(agents))
+
+    def _add(self, inside: frozenset[int], outside: frozenset[int], above: Fraction) -> None:
+        """Open a node with its exact bound, at least that of its parent; or close it.
+
+        It is closed where it is proved impossible, or everything in it is known or not better than the best set.
+        """
+        request, pins = self.ground.request, self.pins
+        if len(inside) + packing([set(group) - outside for group in self.groups], inside) > pins:
+            return
+        self._nodes += 1
+        left = inside if len(inside) >= pins else frozenset(request.allowed) - outside
+        gains, vectors = self.proposer.relax(left, float(request.rate))
+        bound, support = above, tuple[int, ...]()
+        if gains is not None:
+            bound = max(above, bound_from(self.ground, vectors, left, request.rate).value)
+            kept = [agent for agent in left if gains[agent] > SUPPORT * max(gains)]
+            support = tuple(sorted(kept, key=lambda agent: (-gains[agent], agent)))
+        elif obstacle_to(self.ground, left, request.rate, vectors) is not None:
+            return
+        node = _Node(inside=inside, outside=outside, bound=bound, support=support)
+        free = [agent for agent in support if agent not in inside]
+        if support:
+            self._try_set(inside | set(free[: pins - len(inside)]) if len(support) > pins else support)
+        if len(support) <= pins or len(inside) >= pins or not free or self._is_beaten(node):
+            self._closed.append(bound)
+        else:
+            heapq.heappush(self._heap, (bound, self._nodes, node))
+
+    def _is_beaten(self, node: _Node) -> bool:
+        return self.agents is not None and node.bound >= Fraction(self.cost) * (1 - ALIKE)
 
 
 def _weaker(ground: Ground, proposer: PinningProposer, kind: str | None) -> Iterator[PinningRequest]:

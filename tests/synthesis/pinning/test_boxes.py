@@ -21,11 +21,6 @@ from dobc_design.problem.problem import Problem
 from dobc_design.verdict import Verdict
 
 RATE = Fraction(1, 10)
-H = np.expm1
-
-
-def paper(y):
-    return H(y) + y
 
 
 def digraph(r: Random, n: int, *, coupling: str = "y", modes: int = 1) -> Problem:
@@ -119,7 +114,8 @@ def test_rows_of_the_designed_gains_hold_on_a_grid_and_fail_for_smaller_gains():
             k[int(label) - 1] = factor * float(gain)
         step = v[np.arange(1, 11) % 10] - v  # agent i listens to i + 1
         rows = [
-            [face * paper(face * s * step) / s - (k - 0.05) * v for face in (1, -1)] for s in np.linspace(1e-3, 4, 200)
+            [face * (np.expm1(face * s * step) + face * s * step) / s - (k - 0.05) * v for face in (1, -1)]
+            for s in np.linspace(1e-3, 4, 200)
         ]
         return float(np.max(rows))
 

@@ -1,0 +1,153 @@
+"""What is asked of a certificate, in which order, and the verdict that follows from its confirmed claims."""
+
+from collections.abc import Callable
+from fractions import Fraction
+from functools import partial
+from typing import Any
+
+from .consensus import OF_GROUPS, closed, consensus, fact, observable, observer
+from .equilibrium import equilibrium
+from .files import Certificate, Problem
+from .matrices import product, stable
+from .quadratic import exhaustive, lure
+from .reading import MAX_BYTES, Refused, need, rational
+from .schedule import settling
+from .separable import delay, max_separable, sampling
+
+__all__ = ["MAX_BYTES", "Refused", "examine"]
+
+FACTS = (*OF_GROUPS, "reachability")
+REGIONAL: dict[str, Callable[[Certificate, Any], None]] = {
+    "max-separable": max_separable,
+    "delay": delay,
+    "sampling": sampling,
+    "equilibrium": equilibrium,
+    "lure": lure,
+    "exhaustive": exhaustive,
+    "settling": settling,
+}
+
+
+def examine(certificate: bytes, problem: bytes) -> list[tuple[bool, str]]:
+    """Every claim of a certificate: does it hold, what it is, and why it fails. It is confirmed iff all of them hold.
+
+    Raises: Refused if one of the two files is not what the format page describes.
+    """
+    case = Certificate(certificate, Problem(problem))
+    stages: list[list[tuple[str, Callable[[], None]]]] = [
+        [
+            ("it belongs to this problem", partial(belonging, case)),
+            ("its list of checks", partial(completeness, case)),
+            ("its observer gain and pair (P, Q)", partial(observer, case)),
+        ],
+        [(f"{check.id} {check.mode or ''}: {check.verdict}", partial(confirm, case, check)) for check in case.checks],
+        [(f"overall verdict: {case.claims.verdict}", partial(overall, case))],
+    ]
+    findings: list[tuple[bool, str]] = []
+    for title, step in (step for stage in stages if all(holds for holds, _ in findings) for step in stage):
+        try:
+            step()
+            findings.append((True, title))
+        except Refused as error:
+            findings.append((False, f"{title}: {error}"))
+    return findings
+
+
+def belonging(case: Certificate) -> None:
+    """The certificate is about this problem."""
+    claims, p = case.claims, case.problem
+    need(claims.problem == p.name, "the problem has another name")
+    need(claims.problem_sha256 == p.sha256, "the problem file has another hash")
+    need(claims.notes[: len(p.notes)] == p.notes, "the notes of the problem are not repeated")
+
+
+def completeness(case: Certificate) -> None:
+    """Every check that has to be there is there, once, and none that is not known."""
+    p = case.problem
+    wanted: list[Any] = [(id, mode, None) for mode in p.modes for id in ("reachability", "lemma1")]
+    wanted += [(id, None, group) for id in OF_GROUPS for group in p.names]
+    wanted += [(case.theorem, None, None)] if p.q else []
+    wanted += [(case.theorem + "-printed", None, None)] if p.P is not None else []
+    found = [(check.id, check.mode, check.group) for check in case.checks]
+    need(set(found) <= {*wanted, *((id, None, None) for id in REGIONAL)}, "there is a check that nobody asked for")
+    need(len(set(found)) == len(found), "a check stands there twice")
+    need(set(wanted) <= set(found), "a check is missing")
+
+
+def confirm(case: Certificate, check: Any) -> None:
+    """Decide one claim."""
+    about_region = check.id in REGIONAL and check.verdict != "undecided"
+    domain = "global" if check.id in FACTS else case.problem.domain
+    need(about_region or check.domain == domain, "the domain is wrong")
+    if check.verdict == "undecided":
+        claimed = (check.margin, check.rate, check.exact, check.witness)
+        need(claimed == (None,) * 4, "it is undecided and claims something")
+    elif about_region:
+        regional(case, check)
+    else:
+        need(check.verdict in ("proved", "refuted"), "the verdict is none of proved, refuted and undecided")
+        (fact if check.id in FACTS else consensus)(case, check)
+
+
+def regional(case: Certificate, check: Any) -> None:
+    """A claim about a region that is proved or refuted."""
+    p = case.problem
+    need(check.margin is None, "it has no margin to claim")
+    need(p.q == 0 or case.W is not None, "there is no observer gain")
+    if check.id not in ("lure", "equilibrium"):
+        need(all(coupling.single for coupling in p.couplings), "a coupling is a list")
+    if check.verdict == "proved":
+        need(check.witness is None, "it is proved and carries a witness")
+    else:
+        need(check.domain == p.domain, "the domain is wrong")
+        need(check.rate is None and check.verdict == "refuted", "it is refuted and claims a rate")
+        need(check.id in ("max-separable", "equilibrium"), "it cannot be refuted")
+    REGIONAL[check.id](case, check)
+
+
+# --- the overall verdict, once all checks are confirmed
+def overall(case: Certificate) -> None:
+    """The verdict, the rate and what covers it follow from the checks."""
+    claims, rate = case.claims, lambda check: check.rate or Fraction(0)
+    proofs = [check for check in case.checks if check.verdict == "proved" and covers(case, check)]
+    lemmas = [check for check in proofs if check.id == "lemma1"]
+    slowest = min(lemmas, key=rate, default=None) if len(lemmas) == len(case.problem.modes) else None
+    best = max((check for check in proofs if check.id != "lemma1" or check is slowest), key=rate, default=None)
+    verdict = "proved" if best else "refuted" if refuted(case) else "undecided"
+    need(claims.verdict == verdict, f"the verdict that follows is {verdict}")
+    need(claims.rate == (best and best.rate), "the rate is another one")
+    need(claims.covered_by == (best and best.id), "it is covered by another check")
+
+
+def covers(case: Certificate, check: Any) -> bool:
+    """True if what is proved holds from all starts that are asked for (lemma1: in its mode)."""
+    p, domain = case.problem, check.domain
+    if check.id in ((case.theorem, case.theorem + "-printed") if p.q else ("lemma1",)):
+        return p.region is None or p.domain == "global"
+    if p.region is None or check.id not in ("max-separable", "lure", "exhaustive"):
+        return False
+    if type(domain) is str:
+        return bool(domain == "global")
+    sides = enumerate(p.region.initial_states)
+    farthest = [max(abs(end - goal[c]) for goal in p.goals for end in side) for c, side in sides]
+    square = max(farthest) ** 2 if domain.kind == "box" else p.n * sum(side**2 for side in farthest)
+    return bool(domain.radius**2 >= square and domain.disturbance >= (p.region.initial_disturbance or 0))
+
+
+def refuted(case: Certificate) -> bool:
+    """True if a closed set of agents, an equilibrium, a group's own W or an unstable mode shows that it fails."""
+    p, found = case.problem, [check for check in case.checks if check.verdict == "refuted"]
+    if p.escapes() or (p.region is not None and any(check.id == "equilibrium" for check in found)):
+        return True
+    disturbed = p.region is None or (p.region.initial_disturbance or 0) > 0
+    if disturbed and any(lasting(group) for group in p.groups if group.W is not None):
+        return True
+    sides = [] if p.region is None else p.region.initial_states
+    inside = all(lo < goal[c] < hi for goal in p.goals for c, (lo, hi) in enumerate(sides))
+    return inside and any(rational(check.exact["unstable_roots"]) > 0 for check in found if check.id == "lemma1")
+
+
+def lasting(group: Any) -> bool:
+    """True if the own gain of the group leaves an observable error which does not decay."""
+    T, columns = observable(group)
+    return not stable([[row[k] for k in columns] for row in product(T, closed(group, group.W))])

@@ -1,0 +1,289 @@
+"""What the two files hold: the problem, which is trusted, and the claims of the certificate, read and not judged.
+
+Agents with the same exosystem are a group; a problem with one exosystem has one group of all agents. A, C, W and P of
+the problem are those of the joint exosystem: block diagonal, with the blocks of the groups. Without exosystem q = 0.
+"""
+
+import hashlib
+from collections.abc import Collection, Iterable, Iterator
+from fractions import Fraction
+from functools import cached_property, partial
+from typing import Any, NamedTuple
+
+from .expressions import Coupling, read_coupling
+from .intervals import Exact, times
+from .matrices import ZERO, Matrix, Rows, diagonal, echelon, nullspace, plus
+from .reading import (
+    MATRIX_BITS,
+    an_object,
+    document,
+    index,
+    integer,
+    json_number,
+    matrix,
+    maybe,
+    need,
+    rational,
+    read,
+    short,
+    text,
+)
+
+ROOTS_SIZE = 60  # largest matrix whose eigenvalues are counted
+
+
+class Arc(NamedTuple):
+    """Agent i listens to agent j."""
+
+    i: int
+    j: int
+    w: Fraction
+    coupling: Coupling
+
+
+class Problem:
+    """problem.json: agents, arcs, couplings, gains, exosystems, and the region that is asked for."""
+
+    def __init__(self, data: bytes) -> None:
+        source = document(data, "dobc-problem")
+        self.sha256, self.labels = hashlib.sha256(data).hexdigest(), read(source.get("labels"), [text])
+        self.n, self.m = n, m = len(self.labels), integer(source.get("dimension"))
+        need(0 < n == len(set(self.labels)), "labels have to be different, and at least one")
+        need(1 <= m <= 100, "the dimension is not between 1 and 100")
+
+        agent = partial(index, n)
+        file = read(
+            source,
+            {
+                "format": text,
+                "version": None,
+                "name": text,
+                "notes": [text],
+                "labels": None,
+                "dimension": None,
+                "target": (rational,) * m,
+                "modes": [{"name": text, "arcs": [(agent, agent, rational)]}],
+                "coupling": {"h": self.read_h, "exceptions": [{"arc": (agent, agent), "h": self.read_h}]},
+                "gains": [(agent, matrix(m, m))],
+                "exosystem": maybe(an_object),
+                "offsets": [(agent, (rational,) * m)],
+                "observer": {"W": None, "P": None, "rate": maybe(rational)},
+                "region": maybe({"initial_states": matrix(m, 2), "initial_disturbance": maybe(rational)}),
+                "switching": None,
+                "simulation": None,
+            },
+        )
+        self.name, self.notes, self.region = file.name, file.notes, file.region
+        self.gains: dict[int, Matrix] = dict(file.gains)
+        offsets = dict(file.offsets)
+        self.goals = [plus([file.target], 1, [offsets.get(i, [ZERO] * m)])[0] for i in range(n)]
+
+        h, exceptions = file.coupling.h, {tuple(each.arc): each.h for each in file.coupling.exceptions}
+        known = {each: read_coupling(each, m) for each in (h, *exceptions.values())}
+        self.couplings = list(known.values())  # all different, h first
+        self.kinked = any(coupling.kinked for coupling in self.couplings)
+        self.domain = "global" if all(coupling.straight for coupling in self.couplings) else "consensus"
+        self.modes = {
+            mode.name: [Arc(i, j, w, known[exceptions.get((i, j), h)]) for i, j, w in mode.arcs] for mode in file.modes
+        }
+        need(0 < len(file.modes) == len(self.modes), "modes have to be different, and at least one")
+        self.heard: dict[str, list[list[Arc]]] = {mode: [[] for _ in range(n)] for mode in self.modes}
+        for mode, arc in ((mode, arc) for mode, arcs in self.modes.items() for arc in arcs):
+            self.heard[mode][arc.i].append(arc)
+
+        self.groups = self.read_groups(file.exosystem, file.observer)
+        self.place = {i: k for k, group in enumerate(self.groups) for i in group.agents}
+        self.names = [self.labels[group.agents[0]] if len(self.groups) > 1 else None for group in self.groups]
+        self.A = diagonal([group.A for group in self.groups])
+        self.C = diagonal([group.C for group in self.groups]) or [[] for _ in range(m)]
+        own = ([group.W for group in self.groups], [group.P for group in self.groups])
+        self.W, self.P = (diagonal(blocks) if blocks and None not in blocks else None for blocks in own)
+        self.q = len(self.A)
+
+    def read_h(self, value: Any) -> tuple[str, ...]:
+        """One expression, or one per component."""
+        return (value,) if type(value) is str else tuple(read(value, (text,) * self.m))
+
+    # --- exosystems
+    def read_groups(self, exosystem: Any, observer: Any) -> list[Any]:
+        """One group of all agents, or those that the file has."""
+        if exosystem is None or "groups" in exosystem:
+            need(observer.W is None and observer.P is None, "W and P belong to the groups, or to no exosystem")
+        if exosystem is None:
+            return []
+        if "groups" not in exosystem:
+            read(exosystem, {"A": None, "C": None})
+            return [self.read_group(exosystem | {"agents": list(range(self.n)), "W": observer.W, "P": observer.P})]
+
+        groups = [self.read_group(value) for value in read(exosystem, {"groups": [an_object]}).groups]
+        need(len(groups) > 1, "there are fewer than two groups")
+        everybody = sorted(i for group in groups for i in group.agents)
+        need(everybody == list(range(self.n)), "an agent has not one group")
+        firsts = [group.agents[0] for group in groups]
+        need(firsts == sorted(firsts), "the groups are not ordered by their first agents")
+        need(len({group.P is None for group in groups}) == 1, "some groups have a P and some have none")
+        return groups
+
+    def read_group(self, value: Any) -> Any:
+        """The agents of one exosystem, and its A, C, W and P."""
+        rows, m = value.get("A"), self.m
+        q = len(rows) if type(rows) is list else 0
+        need(q > 0, "an exosystem has no state")
+        gain, P = maybe(matrix(q, m)), maybe(matrix(q, q))
+        shape = {"agents": [partial(index, self.n)], "A": matrix(q, q), "C": matrix(m, q), "W": gain, "P": P}
+        group = read(value, shape)
+        need(bool(group.agents) and group.agents == sorted(set(group.agents)), "the agents of a group are not in order")
+        need(group.P is None or group.W is not None, "there is a P without a W")
+        return group
+
+    def block(self, S: Matrix, i: int) -> Matrix:
+        """The block of S = C X C' that belongs to the group of agent i."""
+        k = self.place.get(i, 0) * self.m
+        return [row[k : k + self.m] for row in S[k : k + self.m]]
+
+    # --- gains
+    def least_gain(self, i: int) -> Fraction:
+        """The least of k_cc - sum over d != c of |k_cd|, 0 without a pin."""
+        k = self.gains.get(i, [])
+        return min((row[c] - sum(map(abs, row[:c] + row[c + 1 :])) for c, row in enumerate(k)), default=ZERO)
+
+    def largest_gain(self, i: int) -> Fraction:
+        """The largest k_cc, 0 without a pin."""
+        return max((row[c] for c, row in enumerate(self.gains.get(i, []))), default=ZERO)
+
+    def gain_matrix(self) -> Matrix:
+        """K of all agents."""
+        return diagonal([self.gains.get(i, [[ZERO] * self.m] * self.m) for i in range(self.n)])
+
+    # --- Lambda = J + J' - (K + K'), where J - K is the linearization at the target
+    def terms(self, mode: str) -> Iterator[tuple[int, int, int, Exact]]:
+        """(a, b, c, G): row a of J - K has +G in column b and -G in column c, the agent's own. A gain is an arc from
+        the target, where the error is 0: it has the column n m, which is dropped in the end."""
+        m = self.m
+        for i, j, w, coupling in self.modes[mode]:
+            for (c, d), slope in coupling.slopes.items():
+                yield i * m + c, j * m + d, i * m + d, times(slope, (w, w))
+        for i, k in self.gains.items():
+            yield from ((i * m + c, self.n * m, i * m + d, (k[c][d], k[c][d])) for c in range(m) for d in range(m))
+
+    @cached_property
+    def bounds(self) -> dict[str, Rows]:
+        """The bound of Lambda in every mode."""
+        return {mode: self.bound(mode) for mode in self.modes}
+
+    def bound(self, mode: str) -> Rows:
+        """A rational U with Lambda <= U for every slope in its enclosure: one that is off by r moves v'Lambda v by at
+        most 2 r |v_a| |v_b - v_c| <= r (2 v_a^2 + v_b^2 + v_c^2)."""
+        rows: Rows = [{i: ZERO} for i in range(self.n * self.m + 1)]
+        for a, b, c, (lo, hi) in self.terms(mode):
+            x, r = (lo + hi) / 2, (hi - lo) / 2
+            wide = ((a, a, 2 * r), (b, b, r), (c, c, r)) if r else ()
+            for i, j, y in ((a, b, x), (b, a, x), (a, c, -x), (c, a, -x), *wide):
+                rows[i][j] = rows[i].get(j, ZERO) + y
+        return [{j: x for j, x in row.items() if j < self.n * self.m} for row in rows[:-1]]
+
+    def low(self, mode: str, v: list[Fraction]) -> Fraction:
+        """A lower bound of v'Lambda v, exact where the slopes that take part are; v ends with a 0."""
+        weights = ((2 * v[a] * (v[b] - v[c]), slope) for a, b, c, slope in self.terms(mode))
+        return sum((weight * (lo if weight > 0 else hi) for weight, (lo, hi) in weights), ZERO)
+
+    def jacobian(self, mode: str) -> Matrix:
+        """J - K, if every slope is exact."""
+        size = self.n * self.m
+        need(size <= ROOTS_SIZE, f"unstable roots are counted up to size {ROOTS_SIZE} only")
+        X = [[ZERO] * (size + 1) for _ in range(size)]
+        for a, b, c, (lo, hi) in self.terms(mode):
+            need(lo == hi, "unstable roots are counted for exact slopes only")
+            X[a][b] += lo
+            X[a][c] -= lo
+        return [row[:-1] for row in X]
+
+    # --- who hears whom
+    def edges(self, modes: Iterable[str], hears: bool) -> list[list[int]]:
+        """Whom every agent listens to, or who listens to it."""
+        found: list[list[int]] = [[] for _ in self.labels]
+        for arc in (arc for mode in modes for arc in self.modes[mode]):
+            found[arc.i if hears else arc.j].append(arc.j if hears else arc.i)
+        return found
+
+    def escapes(self) -> bool:
+        """A closed set of agents (they listen to nobody outside) can stay away from the target, inside the region. The
+        smallest closed set around an agent has the fewest gains; a nonsingular gain in it holds the agent."""
+        nonsingular = [i for i, k in self.gains.items() if len(echelon(k)[0]) == self.m]
+        hears, held = self.edges(self.modes, True), reach(nonsingular, self.edges(self.modes, False))
+        return any(self.leaves_free(reach([i], hears)) for i in range(self.n) if i not in held)
+
+    def leaves_free(self, group: set[int]) -> bool:
+        """No gain of the group acts on some shift c other than 0, and the region holds such a shift."""
+        free, _ = nullspace([row for i in group for row in self.gains.get(i, [])], self.m)
+        if self.region is None or not free:
+            return bool(free)
+
+        box = []
+        for c, (lo, hi) in enumerate(self.region.initial_states):
+            box.append((lo - min(self.goals[i][c] for i in group), hi - max(self.goals[i][c] for i in group)))
+        if len(free) == self.m or any(lo > hi for lo, hi in box):
+            return all(lo <= hi for lo, hi in box) and any(lo or hi for lo, hi in box)
+        for shift in free:  # is t shift in the box for some t other than 0?
+            ends = [sorted((lo / x, hi / x)) for x, (lo, hi) in zip(shift, box, strict=True) if x]
+            low, high = max(end[0] for end in ends), min(end[1] for end in ends)
+            across = all(x or lo <= 0 <= hi for x, (lo, hi) in zip(shift, box, strict=True))
+            if across and (low < high or low == high != 0):
+                return True
+        return False
+
+
+def reach(starts: Collection[int], edges: list[list[int]]) -> set[int]:
+    """Everybody who is reached along the edges."""
+    found, stack = set(starts), list(starts)
+    while stack:
+        fresh = set(edges[stack.pop()]) - found
+        found |= fresh
+        stack += fresh
+    return found
+
+
+# --- certificate.json -------------------------------------------------------------------------------------------------
+STARTS = {"kind": text, "radius": maybe(json_number), "disturbance": maybe(json_number)}
+CHECK = {
+    "id": text,
+    "verdict": text,
+    "domain": lambda value: value if type(value) is str else read(value, STARTS),
+    "margin": maybe(json_number),
+    "rate": maybe(json_number),
+    "reason": text,
+    "mode?": text,
+    "group?": text,
+    "exact?": an_object,
+    "witness?": an_object,
+    "fix?": {"kind": text, "set": an_object, "text": text},
+}
+
+
+class Certificate:
+    """The claims of one certificate about one problem."""
+
+    def __init__(self, data: bytes, problem: Problem) -> None:
+        self.problem = problem
+        gain, P = maybe(matrix(problem.q, len(problem.C))), maybe(matrix(problem.q, problem.q))
+        self.claims = read(
+            document(data, "dobc-certificate"),
+            {
+                "format": text,
+                "version": None,
+                "program": {"name": text, "version": text, "options?": [text]},
+                "problem": text,
+                "problem_sha256": text,
+                "verdict": text,
+                "rate": maybe(json_number),
+                "covered_by": maybe(text),
+                "observer": {"W": gain, "source": maybe(text), "P": P, "Q": gain},
+                "checks": [CHECK],
+                "reason": text,
+                "notes": [text],
+            },
+        )
+        self.checks, self.W, self.P = self.claims.checks, self.claims.observer.W, self.claims.observer.P
+        for X in ([] if problem.W else self.W, self.P):
+            short((x for row in X or [] for x in row), MATRIX_BITS)
+        self.theorem = "theorem1" if len(problem.modes) == 1 else "theorem2"

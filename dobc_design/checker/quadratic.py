@@ -1,0 +1,385 @@
+"""lure and exhaustive: V = e'P_e e + sum eps_i'P eps_i decreases.
+
+lure: where the gains of all arcs are inside their ranges. exhaustive: farther out as well, in every box of a tree.
+"""
+
+import itertools
+import re
+from collections.abc import Iterator
+from fractions import Fraction
+from functools import partial
+from typing import Any, NamedTuple
+
+from .consensus import schur
+from .expressions import Coupling, variables
+from .files import Certificate, Problem
+from .intervals import NOTHING, Floats, added, dot, enclosed, negative, times, total
+from .matrices import (
+    ZERO,
+    Matrix,
+    definite,
+    diagonal,
+    identity,
+    largest,
+    nonnegative,
+    plus,
+    product,
+    transpose,
+)
+from .reading import MATRIX_BITS, Refused, an_object, index, integer, matrix, maybe, need, rational, read, short, text
+from .separable import CELLS, Curve, below, follow, starts, throughout
+
+ROWS, COMPONENTS = 100, 6  # of a quadratic certificate, of a tree of boxes at most
+LETTERS = 100_000  # of a tree at most: twice as many as it leaves boxes
+HALVINGS, FURTHER, PIECES = 30, 12, 20_000  # of a component; of a box that is not shown, and of all such boxes
+TWO = (2.0, 2.0)
+Box = tuple[tuple[float, ...], tuple[float, ...]]  # the lower and the upper ends
+Ranges = dict[Coupling, Any]  # the gains [lo, hi] of a coupling, m x m of them
+
+
+def lure(case: Certificate, check: Any) -> None:
+    """V decreases, and the level set holds all starts of the domain."""
+    claim = read_quadratic(case, check.exact, check.rate)
+    if claim.level is None:
+        need(check.domain == "global", "it has no level and is not global")
+    else:
+        holds_ball(case, check.domain, claim, claim.level)
+
+
+def holds_ball(case: Certificate, ball: Any, claim: Any, level: Fraction) -> None:
+    """Every start of the ball lies in {V <= level}."""
+    starts(case, ball, "ball")
+    need(largest(claim.P_e) * ball.radius**2 + cost(case, claim, ball) <= level, "the ball leaves the level set")
+
+
+def cost(case: Certificate, claim: Any, domain: Any) -> Fraction:
+    """An upper bound of sum eps_i'P eps_i at the starts of a domain."""
+    return case.problem.n * domain.disturbance**2 * largest(claim.P) if domain.disturbance else ZERO
+
+
+# --- what a quadratic certificate claims but for its domain
+def read_quadratic(case: Certificate, exact: Any, rate: Fraction | None = None, more: Any = None) -> Any:
+    """V decreases at the rate where V <= level (null: everywhere)."""
+    p, m, size = case.problem, case.problem.m, case.problem.n * case.problem.m
+    need(size <= ROWS, f"quadratic certificates are decided up to {ROWS} rows")
+    gains = (((rational, rational),) * m,) * m
+    shape: dict[str, Any] = {
+        "method": text,
+        "P_e": partial(read_form, size),
+        "level": maybe(rational),
+        "radius": maybe(rational),
+        "ranges": [{"coupling": integer, "gains": gains}],
+        "multipliers": an_object,
+        "rate": rational,
+    }
+    claim = read(exact, shape | ({"P": matrix(p.q, p.q)} if p.q else {}) | (more or {}))
+    need(claim.rate >= 0, "the rate is negative")
+    need(rate is None or 0 < rate <= claim.rate, "the rate is not between 0 and that of the inequality")
+    need((claim.level is None) == (claim.radius is None), "level and radius are not both there")
+    need(p.q == 0 or (transpose(claim.P) == claim.P and definite(claim.P)), "P > 0 is not shown")
+
+    ranges, costs = read_ranges(p, claim), noise(case, claim)
+    need(set(claim.multipliers) == set(p.modes if claim.method == "lure" else ()), "there are other multipliers")
+    for mode in p.modes:
+        forms = inequalities(p, claim, channels(p, mode, ranges), claim.multipliers.get(mode, []), costs)
+        need(all(definite(X, -1) for X in forms), "V is not shown to decrease")
+    if claim.level is None:
+        need(p.domain == "global", "it has no level, and the couplings are not all linear")
+    else:
+        need(claim.level > 0 and claim.radius > 0, "the level or the radius is not positive")
+        contained(p, claim.P_e, claim.level, claim.radius)
+    return claim
+
+
+def read_form(size: int, value: Any) -> Matrix:
+    """P_e from its entries on and above the diagonal."""
+    entries, P_e = read(value, [(partial(index, size), partial(index, size), rational)]), identity(size, 0)
+    short((x for _, _, x in entries), MATRIX_BITS)
+    need(all(a <= b and x != 0 for a, b, x in entries), "P_e does not list its entries that are not 0, a <= b")
+    need(len({(a, b) for a, b, _ in entries}) == len(entries), "an entry of P_e stands there twice")
+    for a, b, x in entries:
+        P_e[a][b] = P_e[b][a] = x
+    need(definite(P_e), "P_e > 0 is not shown")
+    return P_e
+
+
+def noise(case: Certificate, claim: Any) -> Matrix:
+    """I (x) S: what eps costs."""
+    p = case.problem
+    S = schur(case, claim.P, claim.rate) if p.q else identity(p.m, 0)
+    return diagonal([p.block(S, i) for i in range(p.n)])
+
+
+def inside(P_e: Matrix, z: list[Fraction], square: Fraction, limit: Fraction) -> bool:
+    """square z'P_e^-1 z <= limit^2: |z'e| <= limit where e'P_e e <= square."""
+    return nonnegative(plus(P_e, -square / limit**2, product(transpose([z]), [z])))
+
+
+def contained(p: Problem, P_e: Matrix, square: Fraction, radius: Fraction | None) -> None:
+    """{e'P_e e <= square} lies inside the radius (none: there is no limit)."""
+    for a, b in relied(p) if radius is not None else ():
+        z = [Fraction((k == b) - (k == a)) for k in range(len(P_e))]
+        need(inside(P_e, z, square, radius or ZERO), "the level set leaves the radius")
+
+
+def relied(p: Problem) -> set[tuple[int, int]]:
+    """The rows of e_id and e_jd for each difference e_jd - e_id that a coupling depends on, if it is not linear."""
+    arcs = [(arc, d) for heard in p.modes.values() for arc in heard for d in range(p.m) if not arc.coupling.straight]
+    return {(arc.i * p.m + d, arc.j * p.m + d) for arc, d in arcs if bends(arc.coupling, d)}
+
+
+def bends(h: Coupling, d: int) -> bool:
+    """Whether one of the expressions that are not linear holds y_d."""
+    bent = [each for each, part in zip(h.h, h.parts, strict=True) if part.degree > 1]
+    return h.single or any(re.search(rf"y{d + 1}(?![0-9])", each) for each in bent)
+
+
+# --- gains of the couplings
+def read_ranges(p: Problem, claim: Any) -> Ranges:
+    """The gains of every coupling that an arc has, shown on |y_c| <= radius."""
+    used = {arc.coupling for arcs in p.modes.values() for arc in arcs}
+    wanted = [k for k, h in enumerate(p.couplings) if h in used]
+    need(sorted(each.coupling for each in claim.ranges) == wanted, "the ranges are not those of the couplings")
+    found = {p.couplings[each.coupling]: each.gains for each in claim.ranges}
+    need(all(gains_hold(h, gains, claim.radius) for h, gains in found.items()), "the gains are not shown")
+    return found
+
+
+def gains_hold(h: Coupling, gains: Any, radius: Fraction | None) -> bool:
+    """h(y) = G(y) y with G(y) inside the gains, for |y_c| <= radius."""
+    m = len(gains)
+    places = [(c, d) for c in range(m) for d in range(m)]
+    if h.straight:
+        return all(gains[c][d][0] <= h.slope(c, d)[0] and h.slope(c, d)[1] <= gains[c][d][1] for c, d in places)
+    if radius is None or radius <= 0:
+        return False
+    r = enclosed(radius)[1]
+    if not h.single:
+        return slopes_inside(h, gains, [(-r, r)] * m, CELLS)
+    beside = [gains[c][d] for c, d in places if c != d]
+    return all(lo <= 0 <= hi for lo, hi in beside) and all(secants_inside(h, gains[c][c], r) for c in range(m))
+
+
+def secants_inside(h: Coupling, gain: list[Fraction], r: float) -> bool:
+    """lo y <= h(y) <= hi y for 0 < y <= r, and the other way round for -r <= y < 0."""
+
+    def shown(curve: Curve, side: float, slope: Floats) -> bool:
+        def settled(a: float, b: float) -> bool:
+            bound = follow(curve, (side, side), a, b)
+
+            def at(s: float) -> float:
+                return added((bound.at(s),) * 2, times((s, s), slope))[1]
+
+            return below(a, b, at, added(bound.slope, slope))
+
+        return throughout(r, settled)
+
+    sides = [(1.0, enclosed(-gain[1])), (-1.0, enclosed(gain[0]))]
+    return all(shown(Curve(h, face), *side) for face in (False, True) for side in sides)
+
+
+def slopes_inside(h: Coupling, gains: Any, box: list[Floats], halvings: int) -> bool:
+    """All slopes lie inside the gains on the box, or on both halves of it."""
+    m = len(box)
+    rows = [h.parts[c].at(*variables(box))[1] or (NOTHING,) * m for c in range(m)]
+    shown = all(
+        low <= Fraction(x) and Fraction(y) <= high
+        for row, gain in zip(rows, gains, strict=True)
+        for (x, y), (low, high) in zip(row, gain, strict=True)
+    )
+    lo, hi = side = max(box, key=lambda each: each[1] - each[0])
+    k, middle = box.index(side), (lo + hi) / 2
+    halves = [[*box[:k], half, *box[k + 1 :]] for half in ((lo, middle), (middle, hi))]
+    return shown or (halvings > 0 and all(slopes_inside(h, gains, half, halvings - 1) for half in halves))
+
+
+# --- the inequality
+def channels(p: Problem, mode: str, ranges: Ranges) -> list[tuple[int, int, int, Fraction, Fraction]]:
+    """(b, own, other, g0, D): a gain between g0 - D and g0 + D from e_other - e_own to row b."""
+    found, m = [], p.m
+    for arc, c, d in ((arc, c, d) for arc in p.modes[mode] for c in range(m) for d in range(m)):
+        lo, hi = (arc.w * x for x in ranges[arc.coupling][c][d])
+        if lo or hi:
+            found.append((arc.i * m + c, arc.i * m + d, arc.j * m + d, (lo + hi) / 2, (hi - lo) / 2))
+    return found
+
+
+def inequalities(p: Problem, claim: Any, gains: Any, multipliers: Any, costs: Matrix) -> Iterator[Matrix]:
+    """The matrices that have to be negative definite in a mode."""
+    P_e, size, method = claim.P_e, len(claim.P_e), claim.method
+    need(method in ("lure", "interval", "vertices"), "the method is none of lure, interval and vertices")
+    A, M, extra = plus(identity(size, 0), -1, p.gain_matrix()), identity(size, 0), identity(size, 0)
+    taus = read(multipliers, (rational,) * (len(gains) if method == "lure" else 0))
+    for k, (b, own, other, g0, D) in enumerate(gains):
+        A[b][other], A[b][own] = A[b][other] + g0, A[b][own] - g0
+        if method == "lure":
+            need(taus[k] > 0 if D else taus[k] == 0, "a multiplier is not positive")
+            M[b][b] += 1 / (2 * taus[k]) if D else 0
+            for x, y, sign in ((own, own, 1), (other, other, 1), (own, other, -1), (other, own, -1)):
+                extra[x][y] += sign * 2 * taus[k] * D**2
+        elif method == "interval" and D:
+            z = {own: -1, other: 1}
+            for x in range(size):
+                extra[x][x] += D * sum(abs(P_e[x][b] * z.get(y, 0) + z.get(x, 0) * P_e[y][b]) for y in range(size))
+
+    quadratic = plus(product(product(P_e, plus(M, 1, costs)), P_e), 1, extra)
+    free = [channel for channel in gains if channel[-1] and method == "vertices"]
+    need(len(free) <= 12, "there are too many vertices")
+    for signs in itertools.product((-1, 1), repeat=len(free)):
+        corner = [list(row) for row in A]
+        for sign, (b, own, other, _, D) in zip(signs, free, strict=True):
+            corner[b][other], corner[b][own] = corner[b][other] + sign * D, corner[b][own] - sign * D
+        half = plus(product(P_e, corner), claim.rate, P_e)
+        yield plus(plus(half, 1, transpose(half)), 1, quadratic)
+
+
+# --- exhaustive -------------------------------------------------------------------------------------------------------
+def exhaustive(case: Certificate, check: Any) -> None:
+    """V decreases in every box that meets the ring between the level and the outer level."""
+    p, size = case.problem, case.problem.n * case.problem.m
+    need(size <= COMPONENTS, f"boxes are followed for up to {COMPONENTS} components")
+    claim = read_quadratic(case, check.exact, check.rate, {"outer": rational, "half": rational, "tree": text})
+    half, costs = claim.half, noise(case, claim)
+    need(claim.level is not None, "there is no level")
+    need(claim.outer >= claim.level, "the outer level is below the level")
+    holds_ball(case, check.domain, claim, claim.outer)
+    need(half > 0, "half is not positive")
+    odd = half.numerator // (half.numerator & -half.numerator)
+    need(
+        odd.bit_length() <= 20 and half.denominator & (half.denominator - 1) == 0,
+        "half is no integer of 20 bits times a power of 2",
+    )
+    need(half < 2**200, "half leaves the range of numbers followed here")
+    need(
+        all(inside(claim.P_e, z, claim.outer, half) for z in identity(size)),
+        "the outer level set leaves the box",
+    )
+
+    fields, left = [field(p, mode, claim, costs) for mode in p.modes], PIECES
+    for box in leaves(claim.tree, ((-float(half),) * size, (float(half),) * size)):
+        left -= pieces(fields, box, enclosed(claim.level)[0], enclosed(claim.outer)[1])
+        need(left > 0, "too many boxes have to be cut further")
+
+
+# --- boxes
+def halves(box: Box, k: int) -> tuple[Box, Box]:
+    """Both halves across component k. The number between is rounded, so that together they are the box."""
+    lo, hi = box
+    middle = (lo[k] + hi[k]) / 2
+    return (lo, (*hi[:k], middle, *hi[k + 1 :])), ((*lo[:k], middle, *lo[k + 1 :]), hi)
+
+
+def leaves(tree: str, root: Box) -> list[Box]:
+    """The boxes that a tree leaves, by its letters, depth by depth."""
+    need(len(tree) <= LETTERS, f"trees of at most {LETTERS} letters are followed")
+    size, found, boxes, letters = len(root[0]), list[Box](), [root], iter(tree)
+    least = (root[1][0] - root[0][0]) / 2**HALVINGS
+    while boxes:
+        deeper: list[Box] = []
+        for box in boxes:
+            letter = next(letters, "")
+            if letter == ".":
+                found.append(box)
+            else:
+                k = "012345"[:size].find(letter) if letter else -1
+                need(k >= 0, "the tree ends too early, or holds a letter that is no component")
+                need(box[1][k] - box[0][k] > least, f"a component is halved more than {HALVINGS} times")
+                deeper += halves(box, k)
+        boxes = deeper
+    need(next(letters, "") == "", "the tree goes on after its last box")
+    return found
+
+
+def middle_and_steps(box: Box) -> tuple[Box, list[Floats]]:
+    """A point near the middle, as a box, and the differences to it."""
+    middle = tuple((lo + hi) / 2 for lo, hi in zip(*box, strict=True))
+    return (middle, middle), [added(side, (-x, -x)) for side, x in zip(zip(*box, strict=True), middle, strict=True)]
+
+
+# --- phi
+class Field(NamedTuple):
+    """phi in one mode: M and P_e, and the arcs a (listens to) b with their couplings and weights."""
+
+    M: list[list[Floats]]
+    P: list[list[Floats]]
+    arcs: list[tuple[Curve, Floats, int, int]]
+
+    def at(self, box: Box) -> tuple[Floats, list[Floats]]:
+        """phi on a box, and half its slopes there (Clarke's at a kink)."""
+        e = list(zip(*box, strict=True))
+        F, J = [NOTHING] * len(e), [[NOTHING] * len(e) for _ in e]
+        for curve, w, a, b in self.arcs:
+            value, slope = (times(w, x) for x in curve.at(added(e[b], negative(e[a]))))
+            F[a], J[a][b], J[a][a] = added(F[a], value), added(J[a][b], slope), added(J[a][a], negative(slope))
+        Pe, Me, PF = ([dot(row, x) for row in X] for X, x in ((self.P, e), (self.M, e), (self.P, F)))
+        JPe = [dot(column, Pe) for column in zip(*J, strict=True)]
+        phi = added(dot(e, Me), times(TWO, dot(Pe, F)))
+        return phi, [total(parts) for parts in zip(Me, PF, JPe, strict=True)]
+
+    def falls(self, box: Box) -> bool:
+        """True only if phi < 0 on the box: phi in the middle, plus half widths times slopes."""
+        middle, steps = middle_and_steps(box)
+        (phi, _), (_, slopes) = self.at(middle), self.at(box)
+        return added(phi, times(TWO, dot(slopes, steps)))[1] < 0
+
+
+def field(p: Problem, mode: str, claim: Any, costs: Matrix) -> Field:
+    """phi(e) = e'M e + sum over arcs and c of 2 w (P_e e)_ic h(e_jc - e_ic), enclosed."""
+    P_e, m = claim.P_e, p.m
+    half = plus(product(P_e, p.gain_matrix()), -claim.rate, P_e)
+    M = plus(product(product(P_e, costs), P_e), -1, plus(half, 1, transpose(half)))
+    arcs = [
+        (Curve(arc.coupling, False), enclosed(arc.w), arc.i * m + c, arc.j * m + c)
+        for arc in p.modes[mode]
+        for c in range(m)
+    ]
+    return Field(rounded(M), rounded(P_e), arcs)
+
+
+def rounded(X: Matrix) -> list[list[Floats]]:
+    """The matrix between floating-point numbers."""
+    return [[enclosed(x) for x in row] for row in X]
+
+
+# --- every box
+def pieces(fields: list[Field], whole: Box, level: float, outer: float) -> int:
+    """V is shown to decrease in a box, cut further where that is needed: into how many pieces more."""
+    left, cuts = [(whole, FURTHER)], 0
+    while left:
+        box, halvings = left.pop()
+        if not settled(fields, box, level, outer):
+            need(halvings > 0, "V is not shown to decrease in a box")
+            widths = [hi - lo for lo, hi in zip(*box, strict=True)]
+            left += [(part, halvings - 1) for part in halves(box, widths.index(max(widths)))]
+            cuts += 1
+    return cuts
+
+
+def settled(fields: list[Field], box: Box, level: float, outer: float) -> bool:
+    """True only if the box lies in {e'P_e e <= level} or beyond the outer level, or phi < 0 on it in every mode."""
+    P = fields[0].P
+    try:
+        return within(P, box, level) or beyond(P, box, outer) or all(each.falls(box) for each in fields)
+    except Refused:
+        return False  # a coupling is not defined on all of it, perhaps on its parts
+
+
+def beyond(P: list[list[Floats]], box: Box, level: float) -> bool:
+    """True only if e'P_e e >= level on the box: it is convex, so it lies above its tangent at any point. The point
+    where it is least is a good one; rounding errors in finding it do no harm."""
+    e = [max(lo, min(0.0, hi)) for lo, hi in zip(*box, strict=True)]
+    for k in [*range(len(e))] * 8:
+        rest = sum(P[k][j][0] * x for j, x in enumerate(e) if j != k)
+        e[k] = max(box[0][k], min(-rest / P[k][k][0], box[1][k]))
+    at = [(x, x) for x in e]
+    Pe = [dot(row, at) for row in P]
+    steps = [added(side, (-x, -x)) for side, x in zip(zip(*box, strict=True), e, strict=True)]
+    return added(dot(at, Pe), times(TWO, dot(Pe, steps)))[0] >= level
+
+
+def within(P: list[list[Floats]], box: Box, level: float) -> bool:
+    """True only if e'P_e e <= level on the box: the value in the middle, slopes there, and squares."""
+    point, steps = middle_and_steps(box)
+    middle = list(zip(*point, strict=True))
+    slopes = [added(times(TWO, dot(row, middle)), dot(row, steps)) for row in P]
+    return added(dot(middle, [dot(row, middle) for row in P]), dot(slopes, steps))[1] <= level

@@ -1,0 +1,256 @@
+"""The lone checker's reader of couplings: slopes at 0 are exact or enclosed, and intervals are rounded outward."""
+
+from __future__ import annotations
+
+import random
+from fractions import Fraction
+
+import mpmath
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from dobc_design.checker import intervals
+from dobc_design.checker.expressions import FUNCTIONS, SMOOTH, Expression, applied, read_coupling, variables
+from dobc_design.checker.intervals import ONE, Exact
+from dobc_design.checker.reading import Refused
+from dobc_design.checker.separable import Curve
+from dobc_design.problem.network import Network
+from dobc_design.problem.problem import Problem
+
+DERIVATIVES = {
+    "exp": (mpmath.exp, mpmath.exp),
+    "log": (mpmath.log, lambda x: 1 / x),
+    "sqrt": (mpmath.sqrt, lambda x: 1 / (2 * mpmath.sqrt(x))),
+    "sin": (mpmath.sin, mpmath.cos),
+    "cos": (mpmath.cos, lambda x: -mpmath.sin(x)),
+    "tan": (mpmath.tan, lambda x: 1 + mpmath.tan(x) ** 2),
+    "atan": (mpmath.atan, lambda x: 1 / (1 + x * x)),
+    "tanh": (mpmath.tanh, lambda x: 1 / mpmath.cosh(x) ** 2),
+    "sinh": (mpmath.sinh, mpmath.cosh),
+    "cosh": (mpmath.cosh, mpmath.sinh),
+    "abs": (abs, mpmath.sign),
+}
+RATIONALS = st.builds(Fraction, st.integers(-4000, 4000), st.integers(1, 500))
+
+
+def test_every_function_of_the_grammar_is_enclosed_here():
+    assert set(DERIVATIVES) == set(SMOOTH)
+    assert set(DERIVATIVES) | {"min", "max", "clip"} == set(FUNCTIONS)
+
+
+# --- On rationals ---------------------------------------------------------------------------------------------------
+def contains(enclosure: Exact, value: mpmath.mpf) -> bool:
+    """Up to the rounding of mpmath at 120 digits; the enclosures have about 77."""
+    low, high = (mpmath.mpf(x.numerator) / x.denominator for x in enclosure)
+    slack = mpmath.mpf(10) ** -110 * (1 + abs(value))
+    return bool(low - slack <= value <= high + slack)
+
+
+@pytest.mark.parametrize("name", sorted(DERIVATIVES))
+@given(x=RATIONALS)
+def test_values_and_derivatives_are_those_of_mpmath(name, x):
+    """At rational points: enclosed, and within 1e-60 of the size of the value."""
+    if name in ("log", "sqrt"):
+        x = abs(x) + Fraction(1, 1000)
+    elif name == "abs" and not x:
+        x = Fraction(1)
+    function, derivative = DERIVATIVES[name]
+    with mpmath.workdps(120):
+        at = mpmath.mpf(x.numerator) / x.denominator
+        value, (slope,) = applied(SMOOTH[name], *variables([(x, x)]))
+        for found, true in ((value, function(at)), (slope, derivative(at))):
+            assert contains(found, true)
+            assert found[1] - found[0] <= Fraction(1, 10**60) * (1 + abs(found[1]))
+
+
+@pytest.mark.parametrize("name", sorted(set(DERIVATIVES) - {"tan"}))
+@given(x=RATIONALS, width=st.fractions(0, 3), part=st.fractions(0, 1))
+def test_wide_intervals_enclose_what_lies_in_them(name, x, width, part):
+    if name in ("log", "sqrt"):
+        x = abs(x) + Fraction(1, 1000)
+    inside = x + part * width
+    with mpmath.workdps(120):
+        function, (found, _) = DERIVATIVES[name][0], applied(SMOOTH[name], ((x, x + width), ()))
+        assert contains(found, function(mpmath.mpf(inside.numerator) / inside.denominator))
+
+
+@pytest.mark.parametrize("x", [Fraction(10**20), 1e20, 1e60])
+def test_sines_of_large_numbers_have_as_many_places_as_they_need(x):
+    with mpmath.workdps(120):
+        lo, hi = intervals.wave((x, x), 0)
+        assert float(lo) - 1e-15 <= mpmath.sin(mpmath.mpf(int(x))) <= float(hi) + 1e-15
+        assert hi - lo < 1e-12
+
+
+@pytest.mark.parametrize(
+    ("h", "value", "slope"),
+    [
+        ("2*y", 0, 2),
+        ("y**3 - y/4", 0, "-1/4"),
+        ("-y**2 + 3*y", 0, 3),
+        ("exp(y) - 1 + y", 0, 2),
+        ("sin(2*y)*3", 0, 6),
+        ("tanh(y)/(1 + y**2)", 0, 1),
+        ("log(1 + y)", 0, 1),
+        ("sqrt(4 + y) - 2", 0, "1/4"),
+        ("(1 + y)**-2 - 1", 0, -2),
+        ("2**-1*y", 0, "1/2"),
+        ("sinh(y) + cosh(y) - 1", 0, 1),
+        ("atan(3*y)", 0, 3),
+        ("tan(y)*y + y", 0, 1),
+        ("max(2, 3)*y", 0, 3),
+        ("abs(-2)*y", 0, 2),
+        ("clip(5, 0, 1)*y", 0, 1),
+        ("sqrt(9/4)*y", 0, "3/2"),
+        ("--y", 0, 1),
+        ("y**0*y", 0, 1),
+        ("1e-3*y", 0, "1/1000"),
+        (" + ".join(["y"] * 400), 0, 400),
+    ],
+)
+def test_rational_slopes_are_exact(h, value, slope):
+    """Derivatives at 0, by hand."""
+    coupling = Expression(h, ["y"])
+    assert coupling.run(coupling.steps, variables([(Fraction(0), Fraction(0))])) == (
+        (value, value),
+        ((Fraction(slope), Fraction(slope)),),
+    )
+
+
+@pytest.mark.parametrize(
+    ("h", "linear", "kinked"),
+    [
+        ("2*y", True, False),
+        ("y + y**2", False, False),
+        ("2**-1*y", True, False),
+        ("y**1", True, False),
+        ("exp(1)*y", True, False),
+        ("exp(y) - 1", False, False),
+        ("y/2", True, False),
+        ("y/(1 + y)", False, False),
+        ("abs(-2)*y", True, False),
+        ("abs(y)", False, True),
+        ("y + 0*abs(y**0)", True, True),
+        ("y*y", False, False),
+        ("max(y, 2*y)", False, True),
+        ("clip(y, -1, 1)", False, True),
+    ],
+)
+def test_linear_and_kinked_are_read_as_written(h, linear, kinked):
+    """The two facts of the format page, and what the package reads."""
+    problem = Problem(network=Network.from_arcs([[1, 2]], arrow="listens_to"), coupling=h)
+    found = read_coupling((h,), 1)
+    assert (found.parts[0].degree <= 1, found.kinked) == (linear, kinked)
+    assert found.straight is (linear and not kinked)
+    assert (problem.is_linear, bool(problem.coupling.nonsmooth)) == (linear, kinked)
+
+
+def test_partial_derivatives_of_a_vector_coupling():
+    """h = (y1 + 3 y2, sin(y1) y2 - 2 y2): the matrix of slopes at 0 by hand."""
+    slopes = read_coupling(("y1 + 3*y2", "sin(y1)*y2 - 2*y2"), 2).slopes
+    assert slopes == {(0, 0): (1, 1), (0, 1): (3, 3), (1, 1): (-2, -2)}
+
+
+# --- On floating-point numbers --------------------------------------------------------------------------------------
+def pieces(name: str, count: int) -> list[tuple[float, float]]:
+    """Intervals of all sizes, single numbers among them."""
+    r, found = random.Random(name), []
+    for _ in range(count):
+        size = 10 ** r.uniform(-6, 1.5)
+        a, b = sorted((r.uniform(-size, size), r.uniform(-size, size)))
+        if name in ("log", "sqrt"):
+            a, b = sorted((abs(a) + 1e-9, abs(b) + 1e-9))
+        found.append((a, a if r.random() < 0.2 else b))
+    return found
+
+
+@pytest.mark.parametrize("name", sorted(DERIVATIVES))
+@pytest.mark.parametrize("count", [60, pytest.param(1000, marks=pytest.mark.slow)])
+def test_enclosures_of_values_and_slopes_hold_random_points(name, count):
+    """12 in each of up to 1000 intervals; the oracle is mpmath at 200 bits."""
+    r, (function, derivative) = random.Random(name + "points"), DERIVATIVES[name]
+    seen = 0
+    with mpmath.workprec(200):
+        for a, b in pieces(name, count):
+            try:
+                value, (slope,) = applied(SMOOTH[name], ((a, b), (ONE,)))
+            except Refused:
+                assert name == "tan"
+                continue
+            for x in (a, b, *(r.uniform(a, b) for _ in range(10))):
+                exact = mpmath.mpf(x)
+                assert value[0] <= function(exact) <= value[1]
+                assert slope[0] <= derivative(exact) <= slope[1]
+                seen += 1
+    assert seen > (9 if name == "tan" else 11) * count
+
+
+COMPOSED = {
+    "min(y, y**2, 1 - y)": lambda y: min(y, y**2, 1 - y),
+    "max(y**3 - y, -y/2)": lambda y: max(y**3 - y, -y / 2),
+    "clip(2*y, -1, y**2 + 1/3)": lambda y: max(-1, min(2 * y, y**2 + mpmath.mpf(1) / 3)),
+    "tanh(y)*exp(-y**2)/(2 + sin(3*y))": lambda y: mpmath.tanh(y) * mpmath.exp(-(y**2)) / (2 + mpmath.sin(3 * y)),
+    "(y + 1/10)**-3 + 0.1*pi*y": lambda y: (y + mpmath.mpf(1) / 10) ** -3 + mpmath.mpf("0.1") * mpmath.pi * y,
+    "-y**4 + 7*y**5 - 1e-3": lambda y: -(y**4) + 7 * y**5 - mpmath.mpf("1e-3"),
+}
+
+
+@pytest.mark.parametrize("source", sorted(COMPOSED))
+@pytest.mark.parametrize("count", [60, pytest.param(1000, marks=pytest.mark.slow)])
+def test_enclosures_of_compositions_hold_random_points_and_all_their_secants(source, count):
+    """Slopes of kinked functions are Clarke's: they bound every secant inside the interval."""
+    r, formula, h = random.Random(source), Expression(source, ["y"]), COMPOSED[source]
+    seen = 0
+    with mpmath.workprec(200):
+        for a, b in pieces(source, count):
+            try:
+                value, slopes = formula.at(((a, b), (ONE,)))
+            except Refused:
+                continue
+            slope = slopes[0] if slopes else (0.0, 0.0)
+            points = [mpmath.mpf(r.uniform(a, b)) for _ in range(10)]
+            for x, y in zip(points, [mpmath.mpf(b), *points], strict=False):
+                assert value[0] <= h(x) <= value[1]
+                gap = mpmath.mpf(2) ** -150 * (1 + abs(h(x)))
+                assert min(slope[0] * (y - x), slope[1] * (y - x)) - gap <= h(y) - h(x)
+                assert h(y) - h(x) <= max(slope[0] * (y - x), slope[1] * (y - x)) + gap
+                seen += 1
+    assert seen > 5 * count
+
+
+@pytest.mark.parametrize("n", [0, 1, 2, 3, 4, 7, 10])
+def test_arithmetic_is_rounded_outward(n):
+    """Against exact rational arithmetic at the ends of random intervals."""
+    r = random.Random(n)
+    for _ in range(300):
+        x, y = (tuple(sorted((r.uniform(-3, 3), r.uniform(-3, 3)))) for _ in range(2))
+        ends = [Fraction(a) * Fraction(b) for a in x for b in y]
+        lo, hi = intervals.times(x, y)
+        assert Fraction(lo) <= min(ends) <= max(ends) <= Fraction(hi)
+        lo, hi = intervals.added(x, y)
+        assert Fraction(lo) <= Fraction(x[0]) + Fraction(y[0]) <= Fraction(x[1]) + Fraction(y[1]) <= Fraction(hi)
+        lo, hi = intervals.power(x, n)
+        inside = [Fraction(a) ** n for a in (*x, *([0.0] if x[0] < 0 < x[1] else []))]
+        assert Fraction(lo) <= min(inside) <= max(inside) <= Fraction(hi)
+        if not y[0] <= 0 <= y[1]:
+            lo, hi = intervals.divided(x, y)
+            assert Fraction(lo) <= min(Fraction(a) / Fraction(b) for a in x for b in y)
+            assert max(Fraction(a) / Fraction(b) for a in x for b in y) <= Fraction(hi)
+
+
+def test_products_of_known_signs_keep_them_where_floats_underflow():
+    tiny = 5e-324
+    assert intervals.times((tiny, 1.0), (tiny, 1.0))[0] == 0
+    assert intervals.times((-1.0, -tiny), (tiny, 1.0))[1] == 0
+    assert intervals.times((-tiny, 0.0), (0.0, tiny))[0] < 0
+
+
+def test_the_table_of_a_coupling_names_its_rising_and_falling_stretches():
+    """sin rises on [-pi/2, pi/2] and falls to the left of it down to -3 pi/2."""
+    curve = Curve(read_coupling(("sin(y)",), 1), False, -4.0, 1.0)
+    ways = [cell.way for cell in curve.table if cell.way]
+    assert ways == [-1, 1]
+    rising = next(cell for cell in curve.table if cell.way == 1)
+    assert rising.lo == pytest.approx(-mpmath.pi / 2, abs=2e-3)
+    assert rising.lo >= -mpmath.pi / 2

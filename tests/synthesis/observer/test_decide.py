@@ -1,0 +1,338 @@
+"""Exact decisions: the paper's W at its borders, norms in closed form and by python-control, what no W can do."""
+
+from __future__ import annotations
+
+import math
+from fractions import Fraction
+from random import Random
+
+import numpy as np
+import pytest
+from scipy import linalg
+
+from dobc_design.errors import SpecError
+from dobc_design.exact.matrix import identity, matrix, to_float
+from dobc_design.exact.polynomial import characteristic_polynomial, decide_hurwitz
+from dobc_design.problem import exosystems
+from dobc_design.problem.exosystems import Exosystem
+from dobc_design.synthesis.observer.decide import (
+    StateSpace,
+    channel,
+    damping_holds,
+    error_matrix,
+    h2_squared,
+    hinf_below,
+    hurwitz_statement,
+    images,
+    largest_hidden_rate,
+    noise_statement,
+    rate_holds,
+    region_statement,
+    root_above,
+    sampled_matrix,
+    sampled_statements,
+    spectrum_inside,
+    why_impossible,
+)
+from dobc_design.synthesis.observer.request import CHANNELS, Cone, Disk, HalfPlane, NoiseLimit, read_observer_request
+from dobc_design.verdict import Verdict
+
+PAPER = Exosystem(A=[[0, 2], [-2, 0]], C=[[1, 0]])
+W = matrix([["16/5"], ["12/5"]])
+F = error_matrix(PAPER, W)
+TINY = Fraction(1, 10**12)
+
+
+def test_the_paper_gain_decays_at_eight_fifths_and_no_faster():
+    """Theory, known answers: eigenvalues -8/5 +- (2/5) sqrt(39) i."""
+    assert rate_holds(F, Fraction(8, 5))
+    assert not rate_holds(F, Fraction(8, 5) + TINY)
+
+
+def test_a_border_is_reported():
+    assert "with one on its border" in region_statement(F, HalfPlane(left_of="-8/5")).text
+    assert "none on its border" in region_statement(F, HalfPlane(left_of="-1.5")).text
+    refuted = region_statement(F, HalfPlane(left_of="-1.7"))
+    assert refuted.verdict is Verdict.REFUTED
+    assert refuted.exact["polynomial"] == "s^2 + 16/5 s + 44/5"
+
+
+def test_the_paper_gain_has_the_damping_four_over_root_fifty_five():
+    """|s|^2 = 44/5 and Re s = -8/5, so damping^2 = 16/55; the bound is irrational, so both neighbours are tested."""
+    below = Fraction(math.isqrt(16 * 10**24 // 55), 10**12)
+    assert below**2 < Fraction(16, 55) < (below + TINY) ** 2
+    assert damping_holds(F, below)
+    assert not damping_holds(F, below + TINY)
+
+
+def test_the_paper_gain_lies_in_its_disk_exactly():
+    """|s|^2 = 44/5 about 0; about -8/5 the radius is (2/5) sqrt(39)."""
+    radius = Fraction(math.isqrt(156 * 10**24 // 25), 10**12)
+    assert spectrum_inside(F, Disk(centre="-8/5", radius=radius + TINY)) == (True, True)
+    assert spectrum_inside(F, Disk(centre="-8/5", radius=radius)) == (False, False)
+    assert spectrum_inside(F, HalfPlane(right_of="-8/5")) == (True, False)
+    assert spectrum_inside(F, HalfPlane(right_of=Fraction(-8, 5) + TINY)) == (False, False)
+
+
+def test_each_region_has_its_image():
+    polynomial = characteristic_polynomial(identity(2))
+    assert [len(images(region, polynomial)[0]) for region in (HalfPlane(left_of=0), Disk(centre=0, radius=2))] == [3, 3]
+    assert len(images(Cone(damping="1/2"), polynomial)[0]) == 5
+
+
+def test_hurwitz_is_strict():
+    assert hurwitz_statement(F).verdict is Verdict.PROVED
+    refuted = hurwitz_statement(PAPER.A)
+    assert refuted.verdict is Verdict.REFUTED
+    assert "does not follow" in refuted.text
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_random_gains_agree_with_floating_point_away_from_the_border(seed):
+    r = Random(seed)
+    q = r.randint(1, 5)
+    E = matrix([[Fraction(r.randint(-30, 10), 10) for _ in range(q)] for _ in range(q)])
+    poles = np.linalg.eigvals(to_float(E))
+    for region, inside in (
+        (HalfPlane(left_of="-0.3"), np.max(poles.real) - (-0.3)),
+        (Disk(centre=-2, radius="2.5"), np.max(np.abs(poles + 2)) - 2.5),
+        (Cone(damping="0.4"), np.max(poles.real + 0.4 * np.abs(poles))),
+    ):
+        if abs(inside) > 1e-6:
+            assert spectrum_inside(E, region)[0] == (inside < 0)
+
+
+def sampled_in_floats(exosystem, gain, period):
+    A, C = to_float(exosystem.A), to_float(exosystem.C)
+    q = len(A)
+    block = linalg.expm(np.block([[A, np.eye(q)], [np.zeros((q, 2 * q))]]) * period)
+    return block[:q, :q] - to_float(gain) @ (C @ block[:q, q:] / period)
+
+
+def test_the_sampled_error_is_that_of_scipy():
+    exosystem = exosystems.total(exosystems.ramp(), exosystems.harmonics(3))
+    gain = matrix([["0.3"], ["0.2"], ["0.1"], ["-0.4"]])
+    found = sampled_matrix(exosystem, gain, Fraction(1, 4))
+    expected = sampled_in_floats(exosystem, gain, 0.25)
+    assert [[float(x.midpoint) for x in row] for row in found] == pytest.approx(expected)
+    assert max(x.width for row in found for x in row) < Fraction(1, 2**100)
+
+
+def test_a_sampled_constant_converges_for_gains_between_zero_and_two():
+    """Ad = 1, Cd = 1: the error is multiplied by 1 - W."""
+    constant = exosystems.constant()
+    for gain, verdict in (
+        ("1", Verdict.PROVED),
+        ("1.999999", Verdict.PROVED),
+        ("2.000001", Verdict.REFUTED),
+        ("-0.1", Verdict.REFUTED),
+    ):
+        found = sampled_statements(constant, matrix([[gain]]), period=Fraction(1), rate=None, regions=())
+        assert [statement.verdict for statement in found] == [verdict]
+
+
+def test_the_sampled_rate_is_decided_to_many_digits():
+    """1 - W = exp(-rate T) with rate T = 1: W on either side of 1 - 1/e."""
+    edge = Fraction(1 - math.exp(-1))
+    for gain, verdict in ((edge + TINY, Verdict.PROVED), (edge - TINY, Verdict.REFUTED)):
+        found = sampled_statements(
+            exosystems.constant(), ((gain,),), period=Fraction(1, 2), rate=Fraction(2), regions=()
+        )
+        assert [s.verdict for s in found] == [Verdict.PROVED, verdict]
+
+
+def test_a_pole_on_the_circle_is_never_proved():
+    """W = 0 leaves the harmonic on the unit circle, where an enclosure cannot decide."""
+    found = sampled_statements(PAPER, matrix([[0], [0]]), period=Fraction(1, 10), rate=None, regions=())
+    assert found[0].verdict is not Verdict.PROVED
+
+
+def test_disks_of_the_sampled_plane_are_decided():
+    disk = [Disk(centre="1/2", radius="1/4")]
+    for gain, verdict in (("1/2", Verdict.PROVED), ("0.8", Verdict.REFUTED)):
+        found = sampled_statements(exosystems.constant(), matrix([[gain]]), period=Fraction(1), rate=None, regions=disk)
+        assert found[-1].verdict is verdict
+
+
+CONSTANT = exosystems.constant()
+
+
+def control_norm(system: StateSpace, kind) -> float:
+    """python-control's norm; it wants as many inputs as outputs, so zeros are added, which change no norm."""
+    import control
+
+    F, B, C, D = (to_float(x) for x in (system.F, system.B, system.C, system.D))
+    size = max(B.shape[1], C.shape[0])
+    wide, tall, both = np.zeros((len(F), size)), np.zeros((size, len(F))), np.zeros((size, size))
+    wide[:, : B.shape[1]], tall[: C.shape[0]], both[: D.shape[0], : D.shape[1]] = B, C, D
+    return float(control.norm(control.ss(F, wide, tall, both, remove_useless_states=False), kind, tol=1e-10))
+
+
+def random_system(seed: int) -> StateSpace:
+    r = Random(seed)
+    while True:
+        q, u, y = r.randint(1, 5), r.randint(1, 3), r.randint(1, 3)
+
+        def draw(rows, columns, shift=0):
+            return matrix(
+                [[Fraction(r.randint(-20, 20), 10) - shift * (i == j) for j in range(columns)] for i in range(rows)]
+            )
+
+        feedthrough = draw(y, u) if seed % 2 else matrix([[0] * u] * y)
+        system = StateSpace(F=draw(q, q, shift=3), B=draw(q, u), C=draw(y, q), D=feedthrough)
+        if decide_hurwitz(system.F).verdict is Verdict.PROVED:
+            return system
+
+
+@pytest.mark.parametrize("seed", range(50))
+def test_fifty_random_systems_have_the_norms_of_python_control(seed):
+    """H-infinity is proved just above python-control's value and refuted just below; H2 is exact."""
+    system = random_system(seed)
+    expected = control_norm(system, "inf")
+    assert hinf_below(system, Fraction(expected * (1 + 1e-6)))
+    assert not hinf_below(system, Fraction(expected * (1 - 1e-6)))
+    square = h2_squared(system)
+    if seed % 2:
+        assert square is None or not any(x for row in system.D for x in row)
+    else:
+        assert math.sqrt(square) == pytest.approx(control_norm(system, 2), rel=1e-6)
+
+
+@pytest.mark.parametrize("w", ["1/3", "1", "7"])
+def test_the_norms_of_a_constant_are_known(w):
+    """F = -w: w/(s+w) has H2^2 = w/2 and norm 1; w s/(s+w) has norm w; 1/(s+w) has H2^2 = 1/(2w) and norm 1/w."""
+    gain, x = matrix([[w]]), Fraction(w)
+    d, e, n = (channel(CONSTANT, gain, name) for name in ("disturbance", "exosystem", "measurement"))
+    assert h2_squared(d) == x / 2
+    assert h2_squared(e) == 1 / (2 * x)
+    assert h2_squared(n) is None
+    for system, norm in ((d, Fraction(1)), (e, 1 / x), (n, x)):
+        assert hinf_below(system, norm + TINY)
+        assert not hinf_below(system, norm)
+        assert not hinf_below(system, norm - TINY)
+
+
+def test_the_measurement_channel_of_a_harmonic_peaks_where_calculus_says():
+    """W = (2, 0) at 2 rad/s: |G|^2 = 4 x^2/(x^2 - 4x + 16), x = w^2, is largest at x = 8: 16/3."""
+    system = channel(exosystems.harmonics(2), matrix([[2], [0]]), "measurement")
+    square = Fraction(16, 3)
+    below = Fraction(math.isqrt(int(square * 10**24)), 10**12)
+    assert not hinf_below(system, below)
+    assert hinf_below(system, below + TINY)
+
+
+def test_an_error_that_does_not_decay_has_no_norm():
+    system = channel(CONSTANT, matrix([[0]]), "disturbance")
+    assert h2_squared(system) is None
+    assert not hinf_below(system, Fraction(10**9))
+    assert not hinf_below(channel(CONSTANT, matrix([[1]]), "disturbance"), Fraction(-1))
+
+
+def test_statements_say_what_holds_and_what_does_not():
+    gain = matrix([[2]])
+    cases = (
+        (NoiseLimit(channel="disturbance", norm="h2", bound=1), Verdict.PROVED),
+        (NoiseLimit(channel="disturbance", norm="h2", bound="0.999999999"), Verdict.REFUTED),
+        (NoiseLimit(channel="measurement", bound="2.000000001"), Verdict.PROVED),
+        (NoiseLimit(channel="measurement", bound=2), Verdict.REFUTED),
+        (NoiseLimit(channel="measurement", norm="h2", bound=1000), Verdict.REFUTED),
+    )
+    for limit, verdict in cases:
+        found = noise_statement(CONSTANT, gain, limit)
+        assert found.verdict is verdict
+        assert ("it is false" in found.text) == (verdict is Verdict.REFUTED)
+    assert noise_statement(CONSTANT, gain, cases[0][0]).exact["h2_squared"] == "1"
+
+
+def test_channels_are_transfer_functions_of_the_simulated_observer():
+    """At one frequency: C (sI - F)^-1 W, s times it, and C (sI - F)^-1, computed directly."""
+    exosystem = Exosystem(A=[[0, 2], [-2, 0]], C=[[1, 1], [0, 1]])
+    gain = matrix([[2, "1/2"], ["1/3", 3]])
+    A, C, W = to_float(exosystem.A), to_float(exosystem.C), to_float(gain)
+    s = 1.7j
+    resolvent = np.linalg.inv(s * np.eye(2) - (A - W @ C))
+    expected = {"measurement": s * C @ resolvent @ W, "disturbance": C @ resolvent @ W, "exosystem": C @ resolvent}
+    for name in CHANNELS:
+        x = channel(exosystem, gain, name)
+        value = to_float(x.C) @ np.linalg.inv(s * np.eye(2) - to_float(x.F)) @ to_float(x.B) + to_float(x.D)
+        assert value == pytest.approx(expected[name])
+    with pytest.raises(SpecError, match="channel must be one of"):
+        channel(exosystem, gain, "wind")
+
+
+@pytest.mark.parametrize("square", ["0", "1/9", "2", "1e-30", "1e30"])
+def test_roots_are_rounded_up(square):
+    root = root_above(Fraction(square))
+    assert Fraction(root) ** 2 >= Fraction(square)
+    assert Fraction(root) ** 2 <= Fraction(square) * (1 + Fraction(1, 10**14))
+
+
+HARMONIC = exosystems.harmonics(2)
+HALF_SEEN = Exosystem(A=[[-1, 0], [0, -1]], C=[[1, 0]])
+
+
+def reason(exosystem, **asked):
+    return why_impossible(exosystem, read_observer_request(**asked))
+
+
+@pytest.mark.parametrize(
+    ("exosystem", "possible", "impossible", "kind"),
+    [
+        (HALF_SEEN, {"rate": 1}, {"rate": "1.000000000001"}, "rate"),
+        (HALF_SEEN, {"region": Disk(centre=-2, radius=1)}, {"region": Disk(centre=-2, radius="0.999999")}, "region"),
+        (
+            HARMONIC,
+            {"rate": 2, "region": Disk(centre=0, radius=2)},
+            {"rate": "2.000001", "region": Disk(centre=0, radius=2)},
+            "region",
+        ),
+        (HARMONIC, {"region": HalfPlane(right_of="-1e-9")}, {"region": HalfPlane(right_of=0)}, "region"),
+        (HARMONIC, {"noise": "2.000001"}, {"noise": 2}, "noise"),
+        (
+            HARMONIC,
+            {"noise": NoiseLimit(channel="disturbance", bound="1.000001")},
+            {"noise": NoiseLimit(channel="disturbance", bound=1)},
+            "noise",
+        ),
+    ],
+)
+def test_a_request_is_refuted_beyond_its_border_and_not_before(exosystem, possible, impossible, kind):
+    """The borders: the hidden eigenvalue -1; empty intersections; |s| = 2; G(2i) = 1."""
+    assert reason(exosystem, **possible) is None
+    found = reason(exosystem, **impossible)
+    assert found.verdict is Verdict.REFUTED
+    assert found.kind == kind
+
+
+def test_an_undetectable_mode_is_named_by_its_polynomial():
+    """Theory, known answers: two equal oscillators seen as one hide s^2 + 4."""
+    two = Exosystem(A=[[0, 2, 0, 0], [-2, 0, 0, 0], [0, 0, 0, 2], [0, 0, -2, 0]], C=[[1, 0, 1, 0]])
+    found = reason(two, rate=1)
+    assert found.kind == "detectable"
+    assert found.exact["polynomial"] == "s^2 + 4"
+
+
+def test_a_decaying_exosystem_allows_small_norms():
+    """With A Hurwitz W = 0 is a good observer, so nothing is impossible."""
+    assert reason(Exosystem(A=[[-1]], C=[[1]]), noise=NoiseLimit(channel="disturbance", bound="1/10")) is None
+
+
+def test_a_cone_alone_is_never_impossible():
+    assert reason(exosystems.harmonics([1, 2, 3]), region=Cone(damping="0.99"), rate=100) is None
+
+
+@pytest.mark.parametrize(
+    ("polynomial", "expected"),
+    [((1,), None), ((1, 1), 1), ((1, 3, 2), 1), ((1, 0, 4), None), ((1, "1/3"), "1/3"), ((1, 2, 5), 1)],
+)
+def test_the_hidden_rate_is_found(polynomial, expected):
+    found = largest_hidden_rate(tuple(Fraction(x) for x in polynomial))
+    assert found == (None if expected is None else Fraction(expected))
+
+
+def test_an_irrational_hidden_rate_is_bounded_from_below():
+    """s^2 + 3 s + 1: the slower root is (3 - sqrt 5)/2 = 0.381966."""
+    found = largest_hidden_rate((Fraction(1), Fraction(3), Fraction(1)))
+    assert found**2 - 3 * found + 1 >= 0
+    assert float(found) == pytest.approx(0.3819660113, rel=1e-8)
+    assert found < Fraction("0.38196601126")

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from fractions import Fraction
 from typing import Any, Final
 
@@ -68,19 +68,7 @@ class RegionClaim:
 
     def to_json(self) -> dict[str, Any]:
         """JSON object."""
-        return {
-            "id": self.id,
-            "variant": self.variant,
-            "verdict": self.verdict.value,
-            "kind": self.kind,
-            "box": self.box,
-            "ball": self.ball,
-            "disturbance": self.disturbance,
-            "rate": self.rate,
-            "time": self.time,
-            "covers": self.covers,
-            "limit": self.limit,
-        }
+        return {**asdict(self), "verdict": self.verdict.value}
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -22,7 +22,6 @@ from dobc_design.certificate.text import writable
 from dobc_design.certification.cures import Findings, with_cures
 from dobc_design.certification.overall import decide_overall
 from dobc_design.certification.recheck import Recheck, verify_twice
-from dobc_design.conditions.asked import Asked, Progress, read_region
 from dobc_design.conditions.boxes.stage import exhaustive_stage
 from dobc_design.conditions.check import Check
 from dobc_design.conditions.consensus.claim import Pair, Statements, state_theorems
@@ -44,7 +43,7 @@ from dobc_design.conditions.consensus.propose import (
     pair_rate,
     witness_directions,
 )
-from dobc_design.conditions.coverage import covers
+from dobc_design.conditions.coverage import Asked, Progress, covers, read_region
 from dobc_design.conditions.numbers import is_writable
 from dobc_design.conditions.observer.decide import detectability_check, hurwitz_check, observability_check
 from dobc_design.conditions.observer.propose import GainDesign, chosen_gains, design_gains, observer_gain, propose_pairs

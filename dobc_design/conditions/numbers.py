@@ -49,8 +49,9 @@ def shorten(value: float | Fraction, *, digits: int = 9) -> float:
     return shorter if claimed(shorter) <= value else 0.0  # floats below 1e-307 have few digits
 
 
-def rounded_down(value: Fraction, *, digits: int = 9) -> Fraction:
+def rounded_down(value: Fraction | float, *, digits: int = 9) -> Fraction:
     """A decimal number of ``digits`` digits, at most ``value`` >= 0 and the same if that has no more."""
+    value = Fraction(value)
     if value <= 0:
         return Fraction(0)
     unit = Fraction(10) ** (digits - len(str(value.numerator // value.denominator)))

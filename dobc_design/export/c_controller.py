@@ -15,6 +15,7 @@ from typing import Any
 
 from dobc_design.certificate.claims import Claims, certified_period
 from dobc_design.conditions.consensus.claim import ModeJacobian, jacobians_at_consensus
+from dobc_design.conditions.numbers import rounded_down
 from dobc_design.conditions.statement import Statement
 from dobc_design.errors import SpecError
 from dobc_design.exact.definite import decide_positive_definite, decide_positive_semidefinite
@@ -149,7 +150,7 @@ def longest_period(works: Callable[[Fraction], bool], asked: Fraction) -> Fracti
     for _ in range(_BISECTIONS):
         middle = (low + above) / 2
         low, above = (middle, above) if works(middle) else (low, middle)
-    short = _rounded_down(low)
+    short = rounded_down(low, digits=3)
     return short if works(short) else low
 
 
@@ -189,17 +190,6 @@ def _in_unit_disk(F: Matrix) -> Verdict:
     image = disk_image(characteristic_polynomial(F), centre=Fraction(0), radius=Fraction(1))
     inside, strictly = decide_images([image], degree=len(F))
     return Verdict.PROVED if strictly else Verdict.UNDECIDED if inside else Verdict.REFUTED
-
-
-def _rounded_down(value: Fraction) -> Fraction:
-    """Three significant digits, not above ``value`` > 0."""
-    exponent = 0
-    while value * 10**exponent < 100:
-        exponent += 1
-    while value * Fraction(10) ** exponent >= 1000:
-        exponent -= 1
-    scale = Fraction(10) ** exponent
-    return (value * scale).__floor__() / scale
 
 
 SHORTEST, LONGEST = Fraction(1, 10**6), Fraction(10**6)  # periods, s

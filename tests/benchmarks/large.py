@@ -19,12 +19,12 @@ import scipy.sparse as sp
 from scipy.spatial import cKDTree
 from simulation import cpu
 
-from dobc_design.conditions.asked import read_region
 from dobc_design.conditions.check import Check
 from dobc_design.conditions.consensus.claim import state_theorems
 from dobc_design.conditions.consensus.decide import enclosed_lambda
 from dobc_design.conditions.consensus.negative import shown_bound
 from dobc_design.conditions.consensus.propose import dominating_vector, float_lambda, vector_at
+from dobc_design.conditions.coverage import read_region
 from dobc_design.conditions.separable.decide import coupling_profiles
 from dobc_design.conditions.separable.large import arc_rows, float_kinds, open_rows
 from dobc_design.conditions.separable.observer import first_certificate, verify_composite

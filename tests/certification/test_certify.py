@@ -2,13 +2,24 @@
 
 from __future__ import annotations
 
+import math
+from fractions import Fraction
+
 import numpy as np
+import pytest
 from campaigns import outside_campaign
 from certified import certified
+from exact_oracle import Oracle
 
 from dobc_design.certification.certify import certify, verify
+from dobc_design.conditions.consensus.claim import Pair, PairFacts, state_theorems
+from dobc_design.conditions.consensus.decide import schur_block
 from dobc_design.conditions.observer.propose import observer_gain
+from dobc_design.exact.matrix import multiply, scale
+from dobc_design.exact.number import number_text
 from dobc_design.problem.exosystems import Exosystem
+from dobc_design.problem.groups import Observer
+from dobc_design.problem.load import load_problem
 from dobc_design.problem.network import Network
 from dobc_design.problem.problem import Problem
 from dobc_design.verdict import Verdict
@@ -69,3 +80,156 @@ def test_wrong_estimates_change_numbers_and_never_verdicts(monkeypatch):
     certificate = certify("paper-switching")
     assert [(c.id, c.mode, c.verdict) for c in certificate.checks] == true
     assert verify(certificate, "paper-switching").holds
+
+
+PRINTED_P = [["1/2", "-1/4"], ["-1/4", "1/3"]]
+PRINTED_W = [["16/5"], ["12/5"]]
+
+
+def paper_exosystem():
+    return Exosystem(A=[[0, 2], [-2, 0]], C=[[1, 0]])
+
+
+def cycle(gains, *, factor=1):
+    """The paper's Example 1 on the directed 10-cycle, with the printed W and a multiple of the printed P."""
+    arcs = [[i, i % 10 + 1] for i in range(1, 11)]
+    P = [[number_text(factor * Fraction(x)) for x in row] for row in PRINTED_P]
+    return Problem(
+        network=Network.from_arcs(arcs, arrow="listens_to", agents=10),
+        coupling="exp(y) - 1 + y",
+        target=1,
+        gains=gains,
+        exosystem=paper_exosystem(),
+        observer=Observer(W=PRINTED_W, P=P),
+    )
+
+
+def lambda_max(problem, mode="G"):
+    return float(np.linalg.eigvalsh(np.array(Oracle(problem).lambda_(mode), dtype=float))[-1])
+
+
+@pytest.mark.parametrize(
+    ("gains", "top", "printed"),
+    [
+        ({1: 3}, -0.153544, False),
+        ({1: 10**9}, 4 * (math.cos(math.pi / 10) - 1), False),
+        ({1: 10, 6: 10}, -0.6637, False),
+        (dict.fromkeys(range(1, 11, 2), 5), -2.5969, True),
+        (3, -6.0, True),
+        ("1/2", -1.0, False),
+    ],
+)
+def test_the_table_of_the_directed_ten_cycle(gains, top, printed):
+    """lambda_max(Lambda) at e = 0, and whether the printed P proves it: iff lambda_max < -9/8."""
+    problem = cycle(gains)
+    certificate = certify(problem)
+    assert lambda_max(problem) == pytest.approx(top, abs=6e-5)
+    lemma, theorem = certificate.check("lemma1"), certificate.check("theorem1")
+    assert lemma.verdict is theorem.verdict is certificate.verdict is Verdict.PROVED
+    assert 0 <= -lambda_max(problem) - lemma.margin < 1e-6
+    found = certificate.check("theorem1-printed")
+    assert found.verdict is (Verdict.PROVED if printed else Verdict.REFUTED)
+    assert found.exact["bound"] == "-9/8"
+    assert found.exact["S"] == [["9/8"]]
+    assert found.exact["Q"] == [["1"], ["0"]]
+    assert verify(certificate, problem).holds
+
+
+def test_no_single_pin_however_strong_lets_the_printed_p_prove_it():
+    """One pin: lambda_max > 4 (cos(pi/10) - 1) = -0.195774 > -9/8 for every k."""
+    assert 4 * (math.cos(math.pi / 10) - 1) == pytest.approx(-0.195774, abs=1e-6)
+    assert certify(cycle({1: 10**15})).check("theorem1-printed").verdict is Verdict.REFUTED
+
+
+def test_printed_p_is_refuted_at_the_boundary_gain_and_proved_just_above_it():
+    """All pinned: lambda_max = -2 k, so k = 9/16 makes Psi singular."""
+    at, above = certify(cycle("9/16")), certify(cycle(Fraction(9, 16) + Fraction(1, 10**12)))
+    assert at.check("theorem1-printed").verdict is Verdict.REFUTED
+    assert at.check("theorem1-printed").margin == 0.0
+    assert above.check("theorem1-printed").verdict is Verdict.PROVED
+    assert at.verdict is above.verdict is Verdict.PROVED  # with another P
+    assert verify(at, cycle("9/16")).holds
+
+
+def test_nobody_pinned_is_refuted_by_the_vector_that_moves_everybody_alike():
+    """Lambda 1 = 0: witness v = 1, lambda_max = 0 and consensus fails."""
+    problem = cycle(None)
+    certificate = certify(problem)
+    assert certificate.verdict is Verdict.REFUTED
+    for id in ("lemma1", "theorem1"):
+        check = certificate.check(id)
+        assert check.verdict is Verdict.REFUTED
+        assert len(set(check.witness.values)) == 1
+        assert len(check.witness.labels) == 10
+        assert check.margin == 0.0
+    assert certificate.check("lemma1").exact == {"value": "0", "unstable_roots": "0"}
+
+
+@pytest.mark.parametrize("factor", [Fraction(1, 3), 1, 2, 1000])
+def test_a_scaled_pair_needs_less_of_the_network(factor):
+    """(a P, a Q) has the bound -9/(8 a) and the same W."""
+    P = tuple(tuple(Fraction(x) for x in row) for row in PRINTED_P)
+    Q = multiply(P, tuple(tuple(Fraction(x) for x in row) for row in PRINTED_W))
+    assert Q == ((1,), (0,))
+    pair = Pair(P=scale(factor, P), Q=scale(factor, Q))
+    assert PairFacts(pair=pair, S=schur_block(pair, paper_exosystem())).bound == Fraction(-9, 8) / factor
+
+
+def test_twice_the_printed_pair_proves_what_the_printed_pair_does_not():
+    """Two opposite pins, k = 10: -9/8 < lambda_max = -0.6637 < -9/16."""
+    gains = {1: 10, 6: 10}
+    assert certify(cycle(gains)).check("theorem1-printed").verdict is Verdict.REFUTED
+    assert certify(cycle(gains, factor=2)).check("theorem1-printed").verdict is Verdict.PROVED
+
+
+def test_stand_in_modes_have_the_stated_eigenvalues_and_theorem_2_needs_a_scaled_p():
+    """Example 2 with stand-ins: -0.582300, -0.924166, -1.055728, -1.055728, all above -9/8."""
+    problem = load_problem("paper-switching")
+    tops = [lambda_max(problem, mode) for mode in problem.network.modes]
+    assert tops == pytest.approx([-0.582300, -0.924166, -1.055728, -1.055728], abs=1e-6)
+    certificate = certified("paper-switching")
+    assert certificate.check("theorem2-printed").verdict is Verdict.REFUTED
+    assert certificate.check("theorem2").verdict is certificate.verdict is Verdict.PROVED
+    assert [check.verdict for check in certificate.checks if check.id == "lemma1"] == [Verdict.PROVED] * 4
+
+
+def test_error_spectrum_of_the_paper_is_at_minus_eight_fifths():
+    """A - WC has the eigenvalues -8/5 +- (2/5) sqrt(39) i: rates below 1.6 only."""
+    rate = certified("paper-fixed").check("hurwitz").rate
+    assert 1.599 < rate < 1.6
+
+
+@pytest.mark.parametrize(
+    ("A", "C", "polynomial"),
+    [([[0]], [[0]], "s"), ([[0, 1, 0, 0], [-4, 0, 0, 0], [0, 0, 0, 1], [0, 0, -4, 0]], [[1, 0, 1, 0]], "s^2 + 4")],
+)
+def test_undetectable_pairs_refute_the_theorem_and_leave_the_whole_undecided(A, C, polynomial):
+    """A defect of the model, never of the network: the fix is the reduced exosystem."""
+    problem = Problem(
+        network=Network.from_arcs([[1, 2]], arrow="listens_to"),
+        coupling="y",
+        gains={1: 1, 2: 1},
+        exosystem=Exosystem(A=A, C=C),
+    )
+    certificate = certify(problem)
+    detectability, theorem = certificate.check("detectability"), certificate.check("theorem1")
+    assert detectability.verdict is theorem.verdict is Verdict.REFUTED
+    assert detectability.witness.values == (polynomial,)
+    assert theorem.fix.kind == "exosystem"
+    assert certificate.verdict is Verdict.UNDECIDED
+    assert verify(certificate, problem).holds
+
+
+def test_the_printed_pair_on_other_numbers_of_agents_has_the_same_bound():
+    """The bound is a fact of (A, C, W, P): n does not enter it."""
+    for n in (1, 2, 25):
+        arcs = [[i, i % n + 1] for i in range(1, n + 1)] if n > 1 else []
+        problem = Problem(
+            network=Network.from_arcs(arcs, arrow="listens_to", agents=n),
+            coupling="exp(y) - 1 + y",
+            gains=1,
+            exosystem=paper_exosystem(),
+            observer=Observer(W=PRINTED_W, P=PRINTED_P),
+        )
+        assert state_theorems(problem).domain == "consensus"
+        assert certify(problem).check("theorem1-printed").exact["bound"] == "-9/8"

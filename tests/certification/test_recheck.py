@@ -1,19 +1,274 @@
-"""``verify`` accepts what is true and nothing else: random problems, random changes, an independent oracle.
+"""Claims that are not true are not confirmed, whatever else in the certificate is right.
 
-The oracle (tests/support/exact_oracle.py) shares no code with theorems, verify and exact.
+Each test bends one claim of a true certificate; the campaigns do the same at random.
 """
 
 from __future__ import annotations
 
 from dataclasses import replace
+from fractions import Fraction
 
+import pytest
 from campaigns import a_problem, mutant_campaign
+from regions import without_region
 
 from dobc_design.certificate.certificate import Certificate
 from dobc_design.certificate.text import certificate_bytes
 from dobc_design.certification.certify import certify, verify
+from dobc_design.certification.recheck import Trusted, confirm, expected_checks, recheck
+from dobc_design.conditions.check import Check, Values, Witness
+from dobc_design.conditions.consensus.claim import state_theorems
+from dobc_design.problem.exosystems import Exosystem
+from dobc_design.problem.groups import Observer
 from dobc_design.problem.load import load_problem
+from dobc_design.problem.network import Network
+from dobc_design.problem.problem import Problem
 from dobc_design.verdict import Verdict
+
+PROVED, REFUTED, UNDECIDED = Verdict.PROVED, Verdict.REFUTED, Verdict.UNDECIDED
+PAIR = Network.from_arcs([[1, 2], [2, 1]], arrow="listens_to")
+
+
+def bent(certificate, which, *, overall=None, **changes):
+    """The claims with one check (and perhaps the verdict) changed."""
+    old = certificate.check(which)
+    checks = tuple(replace(old, **changes) if check is old else check for check in certificate.checks)
+    claims = replace(certificate.claims, checks=checks)
+    if overall is None:
+        return claims
+    return replace(claims, verdict=overall, rate=None, covered_by=None)
+
+
+def failures(claims, problem):
+    return " | ".join(recheck(claims, problem).failures)
+
+
+@pytest.fixture(scope="module")
+def local():
+    """Proved at the consensus, and in the region asked for: consensus holds from everywhere."""
+    problem = Problem(network=PAIR, coupling="tanh(y)", gains={1: 1}, region={"initial_states": [-1, 1]})
+    return problem, certify(problem)
+
+
+@pytest.fixture(scope="module")
+def paper():
+    problem = without_region("paper-fixed")
+    return problem, certify(problem)
+
+
+@pytest.mark.parametrize("verdict", [PROVED, UNDECIDED])
+def test_unstable_roots_cannot_be_slipped_into_another_check(local, verdict):
+    """A proved or undecided Lemma 1 with "unstable_roots" must not make the whole refuted."""
+    problem, certificate = local
+    numbers = {} if verdict is PROVED else {"margin": None, "rate": None}
+    claims = bent(
+        certificate, "lemma1", overall=REFUTED, verdict=verdict, claim=Values({"unstable_roots": "1"}), **numbers
+    )
+    assert "lemma1 (G)" in failures(claims, problem)
+    assert "refuted does not follow" in failures(claims, problem)
+
+
+def test_a_bad_gain_of_the_certificate_cannot_refute_the_problem():
+    """W is designed: the certificate may not bring a worse one and call consensus impossible."""
+    problem = Problem(network=PAIR, coupling="abs(y)", gains={1: 1}, exosystem=Exosystem(A=[[0]], C=[[1]]))
+    certificate = certify(problem)
+    claims = bent(certificate, "hurwitz", overall=REFUTED, verdict=UNDECIDED, claim=None, rate=None)
+    claims = replace(claims, W=((Fraction(-1),),))
+    assert "refuted does not follow" in failures(claims, problem)
+
+
+@pytest.mark.parametrize(
+    ("id", "changes"),
+    [
+        ("lemma1", {"domain": "global"}),
+        ("theorem1", {"domain": "global"}),
+        ("theorem1", {"domain": {"kind": "ball", "radius": 1.0, "disturbance": 1.0}}),
+        ("lemma1", {"margin": 0.59}),
+        ("lemma1", {"rate": 0.3}),
+        ("theorem1", {"margin": 1.0}),
+        ("theorem1", {"rate": 0.2}),
+        ("theorem1", {"rate": -0.01}),
+        ("theorem1", {"margin": None}),
+        ("theorem1", {"witness": Witness(kind="vector", values=("1",))}),
+        ("lemma1", {"claim": Values({"value": "1"})}),
+        ("theorem1-printed", {"verdict": PROVED, "margin": 0.0, "witness": None}),
+        ("theorem1-printed", {"margin": -5.0}),
+        ("theorem1-printed", {"margin": 1.0}),
+        ("theorem1-printed", {"rate": 0.1}),
+        ("hurwitz", {"rate": 1.6}),
+        ("hurwitz", {"verdict": REFUTED}),
+        ("hurwitz", {"claim": Values({"routh": ["1", "2", "3"]})}),
+        ("hurwitz", {"margin": 1.0}),
+        ("observability", {"claim": Values({"rank": "1"})}),
+        ("observability", {"rate": 1.0}),
+        ("detectability", {"claim": Values({"unobservable_polynomial": "s + 1"})}),
+        ("reachability", {"verdict": REFUTED}),
+        ("reachability", {"witness": Witness(kind="agents", labels=("1",))}),
+        ("reachability", {"mode": "Gx"}),
+        ("observability", {"mode": "Ga"}),
+        ("theorem1", {"id": "theorem2"}),
+        ("theorem1", {"id": "max-separable"}),
+    ],
+)
+def test_bent_claims_of_the_paper_example_are_refused(paper, id, changes):
+    problem, certificate = paper
+    assert recheck(certificate.claims, problem).holds
+    assert failures(bent(certificate, id, **changes), problem)
+
+
+@pytest.mark.parametrize("name", ["P", "Q", "S", "bound"])
+def test_exact_values_have_to_be_the_ones_that_follow(paper, name):
+    problem, certificate = paper
+    for id in ("theorem1", "theorem1-printed"):
+        exact = dict(certificate.check(id).exact)
+        wrong = "-9/9" if name == "bound" else [["1", "0"], ["0", "1"]]
+        for value in ({**exact, name: wrong}, {key: x for key, x in exact.items() if key != name}):
+            assert f"{id}: exact" in failures(bent(certificate, id, claim=Values(value)), problem)
+        assert "exact" in failures(bent(certificate, id, claim=Values({**exact, "more": "1"})), problem)
+
+
+def test_less_than_is_true_may_be_claimed(paper):
+    """Smaller numbers, and "undecided" where the whole does not rest on it."""
+    problem, certificate = paper
+    assert failures(bent(certificate, "lemma1", margin=0.1, rate=0.01), problem) == ""
+    nothing = {"verdict": UNDECIDED, "margin": None, "rate": None, "claim": None, "witness": None}
+    assert failures(bent(certificate, "theorem1-printed", **nothing), problem) == ""
+    claims = replace(bent(certificate, "theorem1", **nothing), P=None, Q=None)
+    assert "proved does not follow" in failures(claims, problem)
+
+
+def test_sentences_and_advice_are_not_checked_and_change_nothing(paper):
+    """The documented limit: texts are free."""
+    problem, certificate = paper
+    claims = bent(certificate, "theorem1", reason="")
+    free = (*problem.notes, "anything")
+    assert recheck(replace(claims, reason="", notes=free, version="?"), problem).holds
+
+
+def test_the_notes_of_the_problem_have_to_stand_in_its_certificate(paper):
+    """What stands in must be labelled wherever a result is shown."""
+    problem, certificate = paper
+    assert not recheck(replace(bent(certificate, "theorem1"), notes=("anything",)), problem).holds
+
+
+def refuted_pair():
+    problem = Problem(network=PAIR, coupling="y", gains=None)
+    return problem, certify(problem)
+
+
+@pytest.mark.parametrize(
+    "witness",
+    [
+        Witness(kind="vector", labels=("1", "2"), values=("0", "0")),
+        Witness(kind="vector", labels=("1", "2"), values=("1", "-1")),
+        Witness(kind="vector", labels=("1",), values=("1", "1")),
+        Witness(kind="vector", values=("1", "1")),
+        Witness(kind="vector", labels=("1", "2"), values=("1",)),
+        Witness(kind="vector", labels=("1", "2"), values=("1", "1", "0")),
+        Witness(kind="vector", labels=("1", "2"), values=("1", "nan")),
+        Witness(kind="vector", labels=("1", "2")),
+        Witness(kind="agents", labels=("1", "2"), values=("1", "1")),
+        None,
+    ],
+)
+def test_a_refuted_lemma_needs_its_vector(witness):
+    problem, certificate = refuted_pair()
+    assert recheck(certificate.claims, problem).holds
+    assert "lemma1" in failures(bent(certificate, "lemma1", witness=witness), problem)
+
+
+def test_another_vector_that_refutes_is_as_good():
+    problem, certificate = refuted_pair()
+    witness = Witness(kind="vector", labels=("1", "2"), values=("5/7", "5/7"))
+    assert failures(bent(certificate, "lemma1", witness=witness), problem) == ""
+
+
+def test_a_margin_of_a_refutation_must_follow_from_its_vector():
+    """h = -y: lambda_max = 4 - 2 k = 3 along (1, -1); agent 1 alone shows 2 - 2 k = 1."""
+    problem = Problem(network=PAIR, coupling="-y", gains={1: "1/2", 2: "1/2"})
+    certificate = certify(problem)
+    check = certificate.check("lemma1")
+    assert (check.margin, check.witness.labels) == (-1.0, ("1",))
+    assert failures(bent(certificate, "lemma1", margin=-0.5), problem) == ""
+    assert "the margin" in failures(bent(certificate, "lemma1", margin=-1.001), problem)
+    assert "exact" in failures(
+        bent(certificate, "lemma1", claim=Values({**check.exact, "unstable_roots": "2"})), problem
+    )
+    assert "exact" in failures(bent(certificate, "lemma1", claim=Values({**check.exact, "value": "2"})), problem)
+
+
+def test_one_failing_pair_refutes_the_printed_check_only(paper):
+    """Theorem 1 asks for any P: the printed vector says nothing about the others."""
+    problem, certificate = paper
+    printed = certificate.check("theorem1-printed")
+    refuted = {"verdict": REFUTED, "margin": None, "rate": None}
+    claims = bent(certificate, "theorem1", claim=Values(printed.exact), witness=printed.witness, **refuted)
+    assert "theorem1: one pair failing" in failures(claims, problem)
+    for block in ("hurwitz", "detectability"):
+        claims = bent(certificate, "theorem1", claim=Values({"block": block}), **refuted)
+        assert f"{block} is proved" in failures(claims, problem)
+
+
+def test_a_designed_gain_that_fails_does_not_rule_out_every_pair():
+    problem = Problem(network=PAIR, coupling="y", gains=1, exosystem=Exosystem(A=[[0]], C=[[1]]))
+    bad = ((Fraction(-1),),)
+    trusted = Trusted(problem=problem, statements=state_theorems(problem), W=bad, pair=None)
+    check = Check(id="theorem1", verdict=REFUTED, domain="global", reason="", claim=Values({"block": "hurwitz"}))
+    assert confirm(check, trusted) == "another W can be designed, so no pair is ruled out"
+
+
+def test_theorems_that_do_not_apply_are_neither_proved_nor_refuted():
+    problem = Problem(network=PAIR, coupling="abs(y)", gains=1)
+    certificate = certify(problem)
+    assert recheck(certificate.claims, problem).holds
+    for verdict in (PROVED, REFUTED):
+        claims = bent(certificate, "lemma1", verdict=verdict, margin=0.0)
+        assert "do not apply" in failures(claims, problem)
+
+
+def test_every_check_that_a_problem_calls_for_has_to_be_there(paper):
+    problem, certificate = paper
+    for left_out in certificate.checks:
+        claims = replace(certificate.claims, checks=tuple(c for c in certificate.checks if c is not left_out))
+        assert f"lacks {left_out.title}" in failures(claims, problem)
+    doubled = replace(certificate.claims, checks=(*certificate.checks, certificate.checks[0]))
+    assert "twice" in failures(doubled, problem)
+
+
+def test_expected_checks_follow_the_contract():
+    """Several modes: theorem2; without an exosystem Lemma 1 alone; a P given: the printed check as well."""
+    switching = [id for id, *_ in expected_checks(load_problem("paper-switching"))]
+    assert switching.count("lemma1") == 4
+    assert {"theorem2", "theorem2-printed"} <= set(switching)
+    assert "theorem1" not in switching
+    assert expected_checks(Problem(network=PAIR, coupling="y")) == (("reachability", "G", None), ("lemma1", "G", None))
+
+
+def test_w_p_and_q_have_to_belong_together(paper):
+    problem, certificate = paper
+    claims = certificate.claims
+    other = ((Fraction(1),), (Fraction(1),))
+    square = ((Fraction(1), Fraction(2)), (Fraction(3), Fraction(4)))
+    assert "W: not the gain" in failures(replace(claims, W=other), problem)
+    assert "W: its source" in failures(replace(claims, gain_source="designed"), problem)
+    assert "W: not the gain" in failures(replace(claims, W=None, gain_source=None), problem)
+    assert "Q: not equal to P W" in failures(replace(claims, Q=other), problem)
+    assert "one of them is missing" in failures(replace(claims, Q=None), problem)
+    assert "P: not symmetric" in failures(replace(claims, P=square), problem)
+    assert "expected shape" in failures(replace(claims, P=other), problem)
+    assert "name" in failures(replace(claims, problem_name="another"), problem)
+    assert "another problem" in failures(replace(claims, problem_sha256="0" * 64), problem)
+
+
+def test_a_pair_that_proves_nothing_may_not_stand_in_the_certificate():
+    """P and Q belong to a proof of Theorem 1 or 2."""
+    problem = Problem(
+        network=PAIR, coupling="abs(y)", gains=1, exosystem=Exosystem(A=[[0]], C=[[1]]), observer=Observer(W=[[1]])
+    )
+    claims = certify(problem).claims
+    one = ((Fraction(1),),)
+    assert recheck(claims, problem).holds
+    assert "belong to no proof" in failures(replace(claims, P=one, Q=one), problem)
 
 
 def test_accepted_mutants_are_true():

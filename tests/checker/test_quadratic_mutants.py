@@ -13,8 +13,8 @@ from dobc_design.certificate.text import certificate_bytes
 from dobc_design.certification.certify import certify
 from dobc_design.certification.recheck import recheck
 from dobc_design.checker import examine as checker
-from dobc_design.conditions.asked import read_region
 from dobc_design.conditions.boxes.stage import exhaustive_stage
+from dobc_design.conditions.coverage import read_region
 from dobc_design.conditions.quadratic.stage import quadratic_stage
 from dobc_design.errors import CertificateError
 from dobc_design.problem.canonical import canonical_bytes

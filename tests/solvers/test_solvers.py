@@ -6,7 +6,7 @@ from fractions import Fraction
 
 import numpy as np
 import pytest
-from dobc_design.conditions.consensus.reduced import reduced_program, solve_reduced
+from reduced import reduced_program, solve_reduced
 
 from dobc_design.conditions.consensus.claim import omega, reduced, state_theorems, with_gain
 from dobc_design.errors import SpecError

@@ -23,8 +23,8 @@ from dobc_design.conditions.boxes.claim import (
     first_box,
     upper_bounds,
 )
+from dobc_design.conditions.numbers import rounded_down
 from dobc_design.conditions.quadratic.claim import Lure
-from dobc_design.conditions.quadratic.propose import round_down
 from dobc_design.coupling.expression import numpy_function
 from dobc_design.exact.matrix import Matrix
 from dobc_design.problem.problem import Problem
@@ -73,7 +73,7 @@ def grow_shell(
         half = _dyadic_above(widest * math.sqrt(outer) * (1 + 1e-9))
         limits = _Limits(open=budget, left=most, last=part == SHORT_OF[-1])
         found = _cut(forms, P_e, first_box(len(P_e), half), level, outer, limits)
-        exact = Fraction(0) if found is None else round_down(found[1] * (1 - 1e-9), 9)
+        exact = Fraction(0) if found is None else rounded_down(found[1] * (1 - 1e-9), digits=9)
         if found is not None and exact > lure.level:
             return Shell(lure=lure, outer=exact, half=half, tree=found[0], rate=lure.rate)
     return None

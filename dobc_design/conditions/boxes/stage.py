@@ -11,11 +11,11 @@ from dataclasses import replace
 from fractions import Fraction
 from typing import Final
 
-from dobc_design.conditions.asked import Asked, Progress
 from dobc_design.conditions.boxes.checks import exhaustive_check
 from dobc_design.conditions.boxes.claim import LARGEST, Shell
 from dobc_design.conditions.boxes.propose import grow_shell
 from dobc_design.conditions.check import Check, undecided_check
+from dobc_design.conditions.coverage import Asked, Progress
 from dobc_design.conditions.numbers import claimed, rounded_down
 from dobc_design.conditions.quadratic.checks import certified_ball, quadratic_obstacle
 from dobc_design.conditions.quadratic.claim import Shape

@@ -17,6 +17,7 @@ import numpy as np
 from scipy import linalg, optimize
 
 from dobc_design.conditions.consensus.claim import omega
+from dobc_design.conditions.numbers import rounded_down
 from dobc_design.conditions.quadratic.claim import Lure, Method, Shape, lure_matrix
 from dobc_design.conditions.quadratic.propose_program import (
     FloatLoop,
@@ -130,7 +131,7 @@ def bound_lure(
     metric = SparseSymmetric(size, {(i, i): Fraction(1) for i in range(size)}) if P_e is None else P_e
 
     def at(radius: float) -> Lure | None:
-        exact = round_down(radius)
+        exact = rounded_down(radius, digits=6)
         try:
             ranges = enclose_ranges(problem, radius=exact, enclose=enclose)
         except UndefinedError:
@@ -164,14 +165,14 @@ def _level(P_e: SparseSymmetric, problem: Problem, radius: Fraction) -> Fraction
         for listener, speaker, _ in arcs
         for i, j in zip(range(listener * m, listener * m + m), range(speaker * m, speaker * m + m), strict=True)
     )
-    return round_down(float(radius) ** 2 / float(largest) * (1 - _SHORTFALL), 10)
+    return rounded_down(float(radius) ** 2 / float(largest) * (1 - _SHORTFALL), digits=10)
 
 
 def raise_rate(problem: Problem, lure: Lure, *, holds: Holds) -> Lure:
     """The same certificate with the largest rate that ``holds`` accepts, in steps below an estimate."""
     estimate = rate_estimate(problem, lure)
     for part in (1e-6, 1e-3, 0.01, 0.1, 0.5):
-        rate = round_down(estimate * (1 - part)) if estimate > 0 else ZERO
+        rate = rounded_down(estimate * (1 - part), digits=6) if estimate > 0 else ZERO
         if rate > lure.rate:
             faster = replace(lure, rate=rate)
             if holds(faster):
@@ -267,13 +268,6 @@ def _border(problem: Problem, P: Matrix, Q: Matrix, *, rate: float) -> Array | N
     return np.asarray((whole + whole.T) / 2)
 
 
-def round_down(value: float, digits: int = 6) -> Fraction:
-    """A positive number rounded down to some significant digits."""
-    exact = Fraction(value)
-    unit = Fraction(10) ** (digits - 1 - math.floor(math.log10(value)))
-    return math.floor(exact * unit) / unit
-
-
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class _Point:
     """A point inside at a radius (None: couplings are linear); ``value``: the ball it covers, where that was sought."""
@@ -309,7 +303,7 @@ class _Search:
 
     def loop(self, radius: float | None) -> FloatLoop | None:
         """The numbers at a radius; None where the couplings have no bounded gains."""
-        exact = None if radius is None else round_down(radius)
+        exact = None if radius is None else rounded_down(radius, digits=6)
         gains = self._gains(exact)
         if gains is None:
             return None
@@ -482,7 +476,7 @@ def _roundings(search: _Search, point: _Point) -> Iterator[Lure]:
     problem, loop = search.problem, search.loop(point.radius)
     if loop is None:
         return
-    radius = None if point.radius is None else round_down(point.radius)
+    radius = None if point.radius is None else rounded_down(point.radius, digits=6)
     try:
         ranges = enclose_ranges(problem, radius=radius, enclose=search.enclose)
     except UndefinedError:  # the samples have not met the place where it is not defined
@@ -497,13 +491,13 @@ def _roundings(search: _Search, point: _Point) -> Iterator[Lure]:
             continue
         if radius is not None:  # a level and a radius belong together
             reach = min(reach, _NOT_NEEDED * float(radius) ** 2)
-        a = Fraction(1) if search.pair is None or not point.kappa else round_down(unit / point.kappa, digits)
+        a = Fraction(1) if search.pair is None or not point.kappa else rounded_down(unit / point.kappa, digits=digits)
         P = None if search.pair is None else scale(a, search.pair.P)
         yield Lure(
             P_e=SparseSymmetric.from_dense(P_e),
             ranges=ranges,
             radius=radius,
-            level=None if math.isinf(reach) else round_down(reach * (1 - _SHORTFALL), 10),
+            level=None if math.isinf(reach) else rounded_down(reach * (1 - _SHORTFALL), digits=10),
             multipliers=_multipliers(sectors, loop, point, unit, digits),
             rate=search.rate,
             P=P,
@@ -527,7 +521,7 @@ def _multipliers(sectors: Sectors, loop: FloatLoop, point: _Point, unit: float, 
         places = zip(mode.target.tolist(), mode.plus.tolist(), mode.minus.tolist(), strict=True)
         taus = dict(zip(places, values.tolist(), strict=True))
         result[mode.name] = tuple(
-            round_down(taus[channel.target, channel.plus, channel.minus], digits) if channel.spread else ZERO
+            rounded_down(taus[channel.target, channel.plus, channel.minus], digits=digits) if channel.spread else ZERO
             for channel in sectors.modes[mode.name]
         )
         start += len(mode.d)

@@ -12,8 +12,8 @@ from dataclasses import dataclass
 from fractions import Fraction
 from typing import Final
 
-from dobc_design.conditions.asked import Asked, Progress
 from dobc_design.conditions.check import Check, undecided_check
+from dobc_design.conditions.coverage import Asked, Progress
 from dobc_design.conditions.numbers import claimed, rounded_down
 from dobc_design.conditions.quadratic.checks import IN_WORDS, certified_ball, lure_check, quadratic_obstacle
 from dobc_design.conditions.quadratic.claim import Lure, Method, Shape

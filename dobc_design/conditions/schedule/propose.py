@@ -27,8 +27,9 @@ from typing import Final
 
 import numpy as np
 
+from dobc_design.conditions.numbers import rounded_down
 from dobc_design.conditions.quadratic.claim import Lure, linear_part
-from dobc_design.conditions.quadratic.propose import raise_rate, roomy_gains, round_down, scaled_pair
+from dobc_design.conditions.quadratic.propose import raise_rate, roomy_gains, scaled_pair
 from dobc_design.conditions.quadratic.sectors import GainRange, Sectors, build_sectors, enclose_ranges
 from dobc_design.conditions.separable.propose import LARGE, field_of, propose_vectors
 from dobc_design.exact.interval import UndefinedError
@@ -347,7 +348,9 @@ class _Loop:
         """Certificates with few digits first, and the observer's pair scaled so that its border is small."""
         problem, W, pair = self.problem, self.W, None
         if problem.groups and W is not None:
-            pair = scaled_pair(problem, W, rate=round_down(_observer_rate(problem, W)), disturbance=Fraction(0))
+            pair = scaled_pair(
+                problem, W, rate=rounded_down(_observer_rate(problem, W), digits=6), disturbance=Fraction(0)
+            )
             if pair is None:
                 return
         for digits in DIGITS:
@@ -358,15 +361,15 @@ class _Loop:
             P = level = None
             if pair is not None:
                 border = float(np.linalg.norm(pair.S, 2)) * float(values[-1])
-                P = scale(round_down(max(border / (MARGIN * rate), 1e-6), 3), pair.P)
+                P = scale(rounded_down(max(border / (MARGIN * rate), 1e-6), digits=3), pair.P)
             if self.radius is not None:  # |e_i - e_j|^2 <= 4 V/lambda_min(P_e)
-                level = round_down(float(self.radius) ** 2 * float(values[0]) / 4, 6)
+                level = rounded_down(float(self.radius) ** 2 * float(values[0]) / 4, digits=6)
             yield Lure(
                 P_e=SparseSymmetric.from_dense(P_e),
                 ranges=self.ranges,
                 radius=self.radius,
                 level=level,
-                rate=round_down(rate),
+                rate=rounded_down(rate, digits=6),
                 multipliers={name: self._multipliers(name, theta, digits) for name, theta in thetas.items()},
                 P=P,
                 Q=None if P is None or W is None else multiply(P, W),
@@ -376,7 +379,7 @@ class _Loop:
         """Tau = theta / (2 d^2) of every channel with a range, 0 elsewhere."""
         values = iter(theta.tolist())
         return tuple(
-            round_down(max(next(values) / (2 * float(channel.spread) ** 2), 1e-12), digits)
+            rounded_down(max(next(values) / (2 * float(channel.spread) ** 2), 1e-12), digits=digits)
             if channel.spread
             else Fraction(0)
             for channel in self.sectors.modes[name]

@@ -12,8 +12,8 @@ from dataclasses import replace
 from fractions import Fraction
 from itertools import pairwise
 
-from dobc_design.conditions.asked import Asked, Progress
 from dobc_design.conditions.check import Check, undecided_check
+from dobc_design.conditions.coverage import Asked, Progress
 from dobc_design.conditions.numbers import claimed, rounded_down
 from dobc_design.conditions.separable.checks import (
     delay_check,

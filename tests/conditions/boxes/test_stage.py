@@ -13,10 +13,10 @@ from lure_cases import PAPER
 from dobc_design.certificate.text import certificate_bytes
 from dobc_design.certification.certify import certify, verify
 from dobc_design.certification.recheck import recheck
-from dobc_design.conditions.asked import read_region
 from dobc_design.conditions.boxes import stage as boxes
 from dobc_design.conditions.boxes.stage import exhaustive_stage
 from dobc_design.conditions.check import Check
+from dobc_design.conditions.coverage import read_region
 from dobc_design.problem.network import Network
 from dobc_design.problem.problem import Problem
 from dobc_design.problem.settings import Region

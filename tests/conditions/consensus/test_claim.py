@@ -5,6 +5,7 @@ The oracle builds J from Kronecker products and SymPy's derivatives, and shares 
 
 from __future__ import annotations
 
+import tracemalloc
 from fractions import Fraction
 from itertools import islice
 from random import Random
@@ -12,11 +13,16 @@ from random import Random
 import pytest
 import sympy as sp
 from campaigns import a_problem
-from exact_oracle import Oracle, dot, eye, form, plus, times, turned
+from exact_oracle import Oracle, dot, eye, form, key, plus, slope, times, turned
+from random_problems import CURVED, IRRATIONAL, LINEAR, PLANE_CURVED, PLANE_LINEAR, SPACE_LINEAR, random_problem
+from separable_problems import cycle
 
 from dobc_design.conditions.consensus.claim import (
+    LARGE_ROWS,
+    Deviations,
     jacobians_at_consensus,
     lemma1,
+    lemma1_in_arrays,
     omega,
     reduced,
     state_theorems,
@@ -26,6 +32,7 @@ from dobc_design.conditions.consensus.claim import (
 from dobc_design.errors import ShapeError, SpecError
 from dobc_design.exact.matrix import kronecker, multiply
 from dobc_design.exact.pencil import Unknown, below, positive
+from dobc_design.exact.symmetric import IntegerSymmetric, SparseSymmetric
 from dobc_design.problem.exosystems import Exosystem
 from dobc_design.problem.network import Network
 from dobc_design.problem.problem import Problem
@@ -244,3 +251,144 @@ def test_transposing_the_arcs_changes_psi():
     assert rows(state_theorems(forth).lambdas["G"].constant.to_dense()) == plus(J, turned(J))
     assert state_theorems(forth).lambdas["G"].constant != state_theorems(back).lambdas["G"].constant
     assert dot(J, [[Fraction(1)]] * 3) == [[0]] * 3
+
+
+EVERY = [(h, 1) for h in (*LINEAR, *CURVED, *IRRATIONAL)]
+EVERY += [(h, 2) for h in (*PLANE_LINEAR, *PLANE_CURVED, *CURVED)] + [(h, 3) for h in (*SPACE_LINEAR, *IRRATIONAL)]
+
+
+def one_arc(h, m, weight=1):
+    network = Network.from_arcs([[1, 2, weight]], arrow="listens_to")
+    return Problem(network=network, coupling=h, target=[0] * m)
+
+
+@pytest.mark.parametrize(("h", "m"), EVERY)
+def test_slopes_enclose_the_derivative_and_are_points_where_it_is_rational(h, m):
+    """h'(0) times the weight; SymPy's value to 80 digits lies inside, the width is below 2^-100."""
+    weight = Fraction(7, 5)
+    jacobians = jacobians_at_consensus(one_arc(h, m, weight))
+    expected, linear, rational = slope(key(h), m)
+    (gain,) = jacobians.modes[0].gains
+    for c in range(m):
+        for d in range(m):
+            entry = gain[c][d]
+            true = weight * expected[c][d]
+            assert entry.lo - Fraction(1, 10**70) <= true <= entry.hi + Fraction(1, 10**70)
+            assert entry.width < Fraction(1, 2**100)
+    assert jacobians.modes[0].is_point is rational
+    assert jacobians.domain == ("global" if linear else "consensus")
+
+
+def test_only_exactly_linear_couplings_are_global():
+    """One nonlinear exception among linear arcs makes the statement local."""
+    network = Network.from_arcs([[1, 2], [2, 1]], arrow="listens_to")
+    linear = Problem(network=network, coupling="y*exp(1)", exceptions={(0, 1): "pi*y"})
+    curved = Problem(network=network, coupling="y", exceptions={(0, 1): "y + y**3/1000000"})
+    hidden = Problem(network=network, coupling="y + y**2 - y**2")
+    assert state_theorems(linear).domain == "global"
+    assert state_theorems(curved).domain == "consensus"
+    assert state_theorems(hidden).domain == "consensus"  # linear, but not recognised: the safe side
+
+
+def test_arcs_that_are_alike_share_a_gain_and_exceptions_have_their_own():
+    network = Network.from_arcs({"A": [[1, 2], [2, 3], [3, 1, 2]], "B": [[1, 2]]}, arrow="listens_to")
+    problem = Problem(network=network, coupling="2*y", exceptions={(0, 1): "3*y"})
+    first, second = jacobians_at_consensus(problem).modes
+    assert [first.gains[kind][0][0].lo for kind in first.kind] == [3, 2, 4]
+    assert [second.gains[kind][0][0].lo for kind in second.kind] == [3]
+
+
+@pytest.mark.parametrize("h", ["abs(y)", "min(y, 2*y)", "max(y, 0)", "clip(y, -1, 1)"])
+def test_couplings_with_kinks_are_outside_the_theorems(h):
+    """Lemma 1 asks for a continuously differentiable h (deviations, 9)."""
+    statements = state_theorems(one_arc(h, 1))
+    assert statements.inapplicable.startswith("does not apply:")
+    assert not statements.lambdas
+    assert statements.domain == "consensus"
+
+
+def test_one_exception_with_a_kink_is_enough():
+    network = Network.from_arcs([[1, 2], [2, 1]], arrow="listens_to")
+    problem = Problem(network=network, coupling="y", exceptions={(0, 1): "abs(y)"})
+    assert state_theorems(problem).inapplicable is not None
+
+
+@pytest.mark.parametrize(
+    ("h", "m", "answer"),
+    [("y", 1, True), ("y**3", 1, True), ("-y", 1, False), ("sin(pi*y)", 2, True), (["y1 + y2", "y2"], 2, False)],
+)
+def test_nonnegative_diagonal_slopes_are_recognised(h, m, answer):
+    assert jacobians_at_consensus(one_arc(h, m)).modes[0].is_nonnegative_diagonal is answer
+
+
+def both_forms(problem):
+    """Every mode entry by entry and in arrays."""
+    for mode in jacobians_at_consensus(problem).modes:
+        sizes = {"size": problem.n, "dimension": problem.m}
+        yield lemma1(mode, problem.pinning, **sizes), lemma1_in_arrays(mode, problem.pinning, **sizes)
+
+
+def reach(pencil):
+    """The largest size of what the deviations add at each place."""
+    found: dict[tuple[int, int], Fraction] = {}
+    for d in pencil.deviations:
+        for other, factor in ((d.speaker, 1), (d.listener, 2 if d.listener == d.row else 1)):
+            place = min(d.row, other), max(d.row, other)
+            found[place] = found.get(place, Fraction(0)) + factor * d.size
+    return found
+
+
+@pytest.mark.parametrize("seed", range(30))
+def test_both_forms_enclose_the_same_matrix(seed):
+    """Weights, exceptions, matrix gains, vectors, irrational slopes: every entry agrees up to the deviations."""
+    for plain, lean in both_forms(random_problem(seed)):
+        first, second = plain.constant.entries, lean.constant.entries
+        wide = [reach(plain), reach(lean)]
+        for place in {*first, *second}:
+            room = sum((each.get(place, Fraction(0)) for each in wide), Fraction(0))
+            assert abs(first.get(place, Fraction(0)) - second.get(place, Fraction(0))) <= room
+        if not plain.deviations:
+            assert lean.constant.to_sparse() == plain.constant
+            assert not lean.deviations
+
+
+def test_slopes_without_a_common_denominator_become_floats_with_deviations():
+    """Weights 1/p for 200 odd p: the exact ones need over 512 bits together."""
+    arcs = [[1, i, f"1/{2 * i + 1}"] for i in range(2, 202)]
+    problem = Problem(network=Network.from_arcs(arcs, arrow="listens_to", agents=201), coupling="y", gains={1: 3})
+    ((plain, lean),) = both_forms(problem)
+    assert isinstance(lean.deviations, Deviations)
+    assert lean.constant.denominator.bit_length() < 100
+    room = reach(lean)
+    for place, value in plain.constant.entries.items():
+        assert abs(lean.constant.entries.get(place, 0) - value) <= room.get(place, 0)
+    assert lean.deviations[0].size < Fraction(1, 2**50)
+    assert len(lean.deviations[:3]) == 3
+
+
+def test_gains_without_a_common_denominator_are_left_to_the_other_form():
+    problem = cycle(200, gains={i: f"1/{2 * i + 1}" for i in range(1, 201)})
+    ((plain, lean),) = both_forms(problem)
+    assert lean is None
+    assert isinstance(plain.constant, SparseSymmetric)
+
+
+@pytest.mark.parametrize("n", [LARGE_ROWS, LARGE_ROWS + 1])
+def test_networks_beyond_the_limit_are_stated_in_arrays(n):
+    (pencil,) = state_theorems(cycle(n)).lambdas.values()
+    assert isinstance(pencil.constant, IntegerSymmetric) is (n > LARGE_ROWS)
+    assert pencil.constant.entries[0, 0] == -14
+    assert pencil.constant.entries[0, 1] == 2
+
+
+def test_the_memory_of_the_statement_is_linear_in_the_arcs():
+    """Entry by entry it is about 1000 bytes for each."""
+    peaks = []
+    for n in (5000, 10_000):
+        problem = cycle(n)
+        tracemalloc.start()
+        state_theorems(problem)
+        peaks.append(tracemalloc.get_traced_memory()[1])
+        tracemalloc.stop()
+    assert peaks[1] < 2.3 * peaks[0]
+    assert peaks[1] < 500 * 10_000

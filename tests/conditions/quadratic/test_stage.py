@@ -11,8 +11,8 @@ import pytest
 from lure_cases import HARMONIC, PAPER, PAPER_GAIN
 
 import dobc_design as dd
-from dobc_design.conditions.asked import Asked, read_region
 from dobc_design.conditions.check import Check
+from dobc_design.conditions.coverage import Asked, read_region
 from dobc_design.conditions.quadratic import stage as quadratic
 from dobc_design.conditions.quadratic.propose import roomy_gains
 from dobc_design.conditions.quadratic.sectors import gains_on

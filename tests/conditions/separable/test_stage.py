@@ -18,9 +18,8 @@ from dobc_design.certificate.text import certificate_bytes, certificate_document
 from dobc_design.certification.certify import certify
 from dobc_design.certification.overall import decide_overall
 from dobc_design.certification.recheck import recheck
-from dobc_design.conditions.asked import read_region
 from dobc_design.conditions.check import Values
-from dobc_design.conditions.coverage import asked_radius
+from dobc_design.conditions.coverage import asked_radius, read_region
 from dobc_design.conditions.kinds import KINDS
 from dobc_design.conditions.numbers import claimed, decimal_above
 from dobc_design.conditions.separable.claim import separable_from_json

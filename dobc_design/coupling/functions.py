@@ -149,6 +149,15 @@ _ROWS: Final = (
         other_names=("ch",),
     ),
     Function(
+        name="asinh",
+        interval=lambda x: interval.increasing("asinh", x),
+        slope=lambda x, value: 1 / interval.sqrt(1 + x**2),
+        curvature=lambda x, value, slope: -x * slope**3,
+        latex=r"\operatorname{arsinh}",
+        numpy="arcsinh",
+        other_names=("arcsinh", "arsinh"),
+    ),
+    Function(
         name="sqrt",
         interval=interval.sqrt,
         slope=_root_slope,

@@ -93,7 +93,7 @@ def test_the_slope_that_errors_are_carried_on_with_is_not_exceeded(name: str):
         assert most <= (1.0 if row.steepest is None else row.steepest(np.asarray(x), np.asarray(x + 0.05))) + 1e-9
 
 
-@pytest.mark.parametrize("name", ["tanh", "atan", "sinh", "tan"])
+@pytest.mark.parametrize("name", ["tanh", "atan", "sinh", "asinh", "tan"])
 def test_increasing_functions_are_found_increasing(name: str):
     assert profile(Curve(parse_expression(f"{name}(y)")), Fraction(1)).is_nondecreasing
 

@@ -27,7 +27,8 @@ from dobc_design.problem.problem import Problem
 from dobc_design.simulation.stressed import LOSS
 from dobc_design.verdict import Verdict
 
-EVERY = "2*tanh(y1) + min(y2, 0, y1) + y2/3 + 0*(exp(y1) + log(y2**2 + 2) + sin(y1)*cos(y1) + atan(y2) + cosh(y1))"
+SMOOTH = "exp(y1) + log(y2**2 + 2) + sin(y1)*cos(y1) + atan(y2) + cosh(y1) + asinh(y2)"
+EVERY = f"2*tanh(y1) + min(y2, 0, y1) + y2/3 + 0*({SMOOTH})"
 OTHER = "y2**3 + clip(y2, -1, 1) - y1/3 - abs(0.25*y1) + sqrt(4 + y1**2) - 2 + max(y1, y2)*0 + tan(y1/9) - sinh(0*y1)"
 
 

@@ -92,6 +92,7 @@ SMOOTH: dict[str, Operation] = {
     "cos": (lambda x: intervals.wave(x, 1), lambda x, f: (negative(intervals.wave(x, 0)),)),
     "tan": (intervals.tangent, lambda x, f: (added(like(x, 1), power(f, 2)),)),
     "atan": (intervals.arctangent, lambda x, f: (divided(like(x, 1), added(like(x, 1), power(x, 2))),)),
+    "asinh": (intervals.inverse_sine, lambda x, f: (divided(like(x, 1), intervals.hyperbolic(f, True)),)),
     "tanh": (intervals.hyperbolic_tangent, lambda x, f: (rest(power(f, 2)),)),
     "sinh": (lambda x: intervals.hyperbolic(x, False), lambda x, f: (intervals.hyperbolic(x, True),)),
     "cosh": (lambda x: intervals.hyperbolic(x, True), lambda x, f: (intervals.hyperbolic(x, False),)),

@@ -142,6 +142,11 @@ def absolute(x: Interval[Real]) -> Interval[Real]:
     return max(x[0], -x[1], x[0] * 0), max(-x[0], x[1])
 
 
+def odd(at: Callable[[Real], Interval[Real]]) -> Callable[[Real], Interval[Real]]:
+    """The odd function that is ``at`` for z >= 0."""
+    return lambda z: at(z) if z >= 0 else negative(at(-z))
+
+
 def growing(at: Callable[[Real], Interval[Real]], x: Interval[Real]) -> Interval[Real]:
     """A nondecreasing function on x, from its values at points."""
     low = at(x[0])
@@ -153,8 +158,7 @@ def exactly(name: str, x: Fraction | float) -> Fraction | None:
     """The values that are rational by the rules of the format page: exp 0, ln 1, and roots of squares."""
     top, bottom = x.as_integer_ratio()
     root = Fraction(math.isqrt(max(0, top)), math.isqrt(bottom)) if name == "sqrt" else Fraction(0)
-    pairs = {"exp": (Fraction(0), Fraction(1)), "ln": (Fraction(1), Fraction(0)), "sqrt": (root**2, root)}
-    where, value = pairs[name]
+    where, value = {"exp": (Fraction(0), Fraction(1)), "ln": (Fraction(1), Fraction(0)), "sqrt": (root**2, root)}[name]
     return value if x == where else None
 
 
@@ -165,8 +169,8 @@ def by_decimal(name: str, x: Interval[Real]) -> Interval[Real]:
     if value is not None:
         return like(x, value)
 
-    inside = {"exp": hi < FAR, "ln": lo > 0, "sqrt": lo >= 0}[name]
-    need(inside, f"a coupling leaves the numbers for which {name} is known")
+    known = {"exp": hi < FAR, "ln": lo > 0, "sqrt": lo >= 0}
+    need(known[name], f"a coupling leaves the numbers for which {name} is known")
     down, up = CONTEXTS[kind]
     low = down.next_minus(getattr(down, name)(down.divide(*lo.as_integer_ratio())))
     high = up.next_plus(getattr(up, name)(up.divide(*hi.as_integer_ratio())))
@@ -178,11 +182,17 @@ def hyperbolic_tangent(x: Interval[Real]) -> Interval[Real]:
     """tanh, from t = exp(-2 |x|)."""
 
     def at(z: Real) -> Interval[Real]:
-        t = by_decimal("exp", (-2 * abs(z), -2 * abs(z)))  # a product with 2 is exact
-        value = divided(added(like(t, 1), negative(t)), added(like(t, 1), t))
-        return value if z >= 0 else negative(value)
+        t = by_decimal("exp", (-2 * z, -2 * z))  # a product with 2 is exact
+        return divided(added(like(t, 1), negative(t)), added(like(t, 1), t))
 
-    return growing(at, x)
+    return growing(odd(at), x)
+
+
+def inverse_sine(x: Interval[Real]) -> Interval[Real]:
+    """asinh, log(z + sqrt(1 + z^2)) for z >= 0."""
+    return growing(
+        odd(lambda z: by_decimal("ln", added((z, z), by_decimal("sqrt", added(like((z, z), 1), power((z, z), 2)))))), x
+    )
 
 
 def hyperbolic(x: Interval[Real], cosine: bool) -> Interval[Real]:
@@ -227,11 +237,10 @@ def arctangent(x: Interval[Real]) -> Interval[Real]:
         kind, bits, slack = type(z), PLACES[type(z)], 1 << SLACK
         if z == 0:
             return z, z
-        value = arctangent_of(whole(abs(z), bits), bits)
-        found = between(value - slack, value + slack, bits, kind)
-        return found if z > 0 else negative(found)
+        value = arctangent_of(whole(z, bits), bits)
+        return between(value - slack, value + slack, bits, kind)
 
-    return growing(at, x)
+    return growing(odd(at), x)
 
 
 @lru_cache(maxsize=1000)

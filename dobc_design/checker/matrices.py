@@ -151,9 +151,8 @@ def positive(M: Rows) -> bool:
         return False
     M = [{j: x / top for j, x in row.items() if x} for row in M]
     signs = ((x > 0) == (i == j) for i, row in enumerate(M) for j, x in row.items())
-    if len(M) > 20 and all(signs) and by_vector(M):
-        return True
-    return any(by_factor(M, bits) for bits in (60, 250, 1000, 4000) if bits * len(M) < 80_000)  # else it takes minutes
+    lengths = (bits for bits in (60, 250, 1000, 4000) if bits * len(M) < 80_000)  # else it takes minutes
+    return (len(M) > 20 and all(signs) and by_vector(M)) or any(by_factor(M, bits) for bits in lengths)
 
 
 def by_vector(M: Rows) -> bool:

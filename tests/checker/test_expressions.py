@@ -29,6 +29,7 @@ DERIVATIVES = {
     "tanh": (mpmath.tanh, lambda x: 1 / mpmath.cosh(x) ** 2),
     "sinh": (mpmath.sinh, mpmath.cosh),
     "cosh": (mpmath.cosh, mpmath.sinh),
+    "asinh": (mpmath.asinh, lambda x: 1 / mpmath.sqrt(1 + x * x)),
     "abs": (abs, mpmath.sign),
 }
 RATIONALS = st.builds(Fraction, st.integers(-4000, 4000), st.integers(1, 500))

@@ -139,9 +139,13 @@ def recheck(certificate: Claims | bytes, problem: Problem) -> Recheck:
     if not failures:
         trusted = _trusted(claims, problem)
         for check in claims.checks:
-            reason = _reason(check, trusted)
+            try:
+                reason = confirm(check, trusted)
+                read = replace(check, claim=claim_of(check, problem, claims.W)) if reason is None else check
+            except (DobcError, ArithmeticError, ValueError, TypeError, KeyError, IndexError, AttributeError) as error:
+                reason = f"it cannot be evaluated ({type(error).__name__}: {str(error)[:120]})"
             if reason is None:
-                confirmed.append(replace(check, claim=claim_of(check, problem, claims.W)))
+                confirmed.append(read)
             else:
                 failures.append(f"{check.title}: {reason}")
         failures += _overall_failures(claims, problem, confirmed)
@@ -206,13 +210,6 @@ def expected_checks(problem: Problem) -> tuple[tuple[str, str | None, str | None
             result.append((f"{theorem}-printed", None, None))
         result.append((theorem, None, None))
     return tuple(result)
-
-
-def _reason(check: Check, trusted: Trusted) -> str | None:
-    try:
-        return confirm(check, trusted)
-    except (DobcError, ArithmeticError, ValueError, TypeError, KeyError, IndexError, AttributeError) as error:
-        return f"it cannot be evaluated ({type(error).__name__}: {str(error)[:120]})"
 
 
 def confirm(check: Check, trusted: Trusted) -> str | None:

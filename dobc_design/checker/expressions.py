@@ -76,7 +76,7 @@ OPERATIONS: dict[type, Operation] = {
     ast.Add: (added, lambda x, y, f: (like(x, 1), like(y, 1))),
     ast.Sub: (lambda x, y: added(x, negative(y)), lambda x, y, f: (like(x, 1), like(y, -1))),
     ast.Mult: (times, lambda x, y, f: (y, x)),
-    ast.Div: (divided, lambda x, y, f: (divided(like(y, 1), y), times(x, negative(power(y, -2))))),
+    ast.Div: (divided, lambda x, y, f: (divided(like(y, 1), y), negative(divided(f, y)))),
 }
 DEGREES: dict[type, Callable[[float, float], float]] = {
     ast.Add: max,

@@ -153,6 +153,15 @@ def test_partial_derivatives_of_a_vector_coupling():
     assert slopes == {(0, 0): (1, 1), (0, 1): (3, 3), (1, 1): (-2, -2)}
 
 
+def test_a_divisor_far_from_1_is_no_obstacle_for_doubles():
+    """Its square, which a derivative by the divisor would need, is beyond the range of doubles."""
+    for h in ("1e160*y/1e160", "y*1e-160/1e-160"):
+        coupling = Expression(h, ["y"])
+        (lo, hi), ((low, high),) = coupling.run(coupling.steps, variables([(1.0, 2.0)]))
+        assert 0.999 < lo <= 1 and 2 <= hi < 2.001
+        assert 0.999 < low <= 1 <= high < 1.001
+
+
 # --- On floating-point numbers --------------------------------------------------------------------------------------
 def pieces(name: str, count: int) -> list[tuple[float, float]]:
     """Intervals of all sizes, single numbers among them."""

@@ -192,17 +192,17 @@ def _unordered(bare: Problem, request: PinningRequest) -> Statement | None:
 def _on(bare: Problem, request: PinningRequest, asked: Region, agents: Sequence[int]) -> BoxGains | Statement:
     """Gains on these agents with the whole certificate of the region, or why not."""
     found = gains_for_box(bare, replace(request, allowed=tuple(sorted(agents))), rho=asked.rho)
-    if isinstance(found, Statement) or asked.error is None:
+    if isinstance(found, Statement):
         return found
     certificate = replace(found.certificate, error=asked.error)
-    decided = verify_composite(found.problem, asked.W, certificate)
+    wrong = ""
+    if asked.error is not None:
+        decided = verify_composite(found.problem, asked.W, certificate)
+        wrong = "" if decided.verdict is Verdict.PROVED else f": {decided.reason}"
     reaches = covers(certificate, radius=asked.radius, disturbance=asked.disturbance)
-    if not reaches or composite_rate(certificate) < request.rate or decided.verdict is not Verdict.PROVED:
-        return Statement(
-            kind="observer",
-            verdict=Verdict.UNDECIDED,
-            text=f"the observer's part is not proved: {decided.reason}",
-        )
+    if wrong or not reaches or composite_rate(certificate) < request.rate:
+        text = f"the observer's part is not proved{wrong or '.'}"
+        return Statement(kind="observer", verdict=Verdict.UNDECIDED, text=text)
     return replace(found, certificate=certificate)
 
 

@@ -18,6 +18,7 @@ from dobc_design.conditions.separable.observer import covers, verify_composite
 from dobc_design.errors import SpecError
 from dobc_design.problem.network import Network
 from dobc_design.problem.problem import Problem
+from dobc_design.synthesis.pinning import regions
 from dobc_design.verdict import Verdict
 
 RATE = Fraction(1, 10)
@@ -172,6 +173,16 @@ def test_pins_are_limited_and_the_fewest_are_found():
 
 
 @pytest.mark.slow
+def test_a_box_that_does_not_hold_the_region_is_no_proof(monkeypatch):
+    """Halved weights prove the same rows, and a box of half the size."""
+    propose = regions.propose_for_box
+    cheaper = lambda *given, **more: ((tuple(x / 2 for x in v), k) for v, k in propose(*given, **more))  # noqa: E731
+    problem = cycle(4, gains={})
+    assert dd.design_pinning(problem, rate="1/10", region=1).verdict is Verdict.PROVED
+    monkeypatch.setattr(regions, "propose_for_box", cheaper)
+    assert dd.design_pinning(problem, rate="1/10", region=1).verdict is Verdict.UNDECIDED
+
+
 def test_the_region_of_the_file_leaves_room_for_the_observer():
     """Printed W, |eps_i| <= 1/2: rho is larger than 4, and the composite is proved for the designed gains."""
     problem = dd.load_problem("paper-switching")

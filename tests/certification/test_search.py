@@ -77,7 +77,7 @@ def test_a_suspect_alone_refutes_nothing(monkeypatch):
     runs = tuple(each for each in region.suspects if each.kind == STAYS_AWAY)
     assert runs
     bare = replace(region, suspects=runs, proved=(), check=None)
-    monkeypatch.setattr("dobc_design.certification.search.falsify", lambda *args, **settings: bare)
+    monkeypatch.setattr("dobc_design.certification.search.search_starts", lambda *args, **settings: bare)
     after = search_certificate(overlooked(), runs=RUNS)
     assert after.certificate == overlooked()
     view = search_view([bare])[0]
@@ -90,7 +90,7 @@ def test_a_proof_is_not_shaken_by_a_check_from_the_search(monkeypatch):
     proved = dd.certify(listening_pair(reach=0.5))
     check = found().searches[0].check
     contradicting = replace(found().searches[0], check=check)
-    monkeypatch.setattr("dobc_design.certification.search.falsify", lambda *args, **settings: contradicting)
+    monkeypatch.setattr("dobc_design.certification.search.search_starts", lambda *args, **settings: contradicting)
     assert isinstance(check, Check)
     after = search_certificate(proved).certificate
     assert (after.verdict, after.checks) == (proved.verdict, proved.checks)

@@ -282,7 +282,7 @@ def without_modules(path: Path) -> bytes:
     """What stands in a file, without the names of the modules that the table of a report gives."""
     text = path.read_bytes()
     if path.suffix == ".md":
-        return re.sub(rb"[a-z_/\\]+\.py", b"MODULE", text)
+        return re.sub(rb"[a-z_/\\]+\.py(, [a-z_/\\]+\.py)*", b"MODULES", text)
     return text
 
 

@@ -172,7 +172,6 @@ def test_pins_are_limited_and_the_fewest_are_found():
     assert dd.design_pinning(apart, rate="1/10", region=1, pins=1).verdict is Verdict.REFUTED
 
 
-@pytest.mark.slow
 def test_a_box_that_does_not_hold_the_region_is_no_proof(monkeypatch):
     """Halved weights prove the same rows, and a box of half the size."""
     propose = regions.propose_for_box
@@ -183,6 +182,7 @@ def test_a_box_that_does_not_hold_the_region_is_no_proof(monkeypatch):
     assert dd.design_pinning(problem, rate="1/10", region=1).verdict is Verdict.UNDECIDED
 
 
+@pytest.mark.slow
 def test_the_region_of_the_file_leaves_room_for_the_observer():
     """Printed W, |eps_i| <= 1/2: rho is larger than 4, and the composite is proved for the designed gains."""
     problem = dd.load_problem("paper-switching")

@@ -30,9 +30,9 @@ _HOMES = {
     "Design": "synthesis.joint.claim",
     "Designer": "designer.widget",
     "Disk": "synthesis.observer.request",
-    "Ensemble": "simulation.ensemble",
+    "Ensemble": "simulation.runs",
     "Exosystem": "problem.exosystems",
-    "Failure": "simulation.stress",
+    "Failure": "simulation.setting",
     "Falsification": "falsification.suspect",
     "Fixed": "simulation.signals",
     "Group": "problem.groups",
@@ -52,7 +52,7 @@ _HOMES = {
     "Region": "problem.settings",
     "Schedule": "simulation.signals",
     "Settling": "conditions.schedule.settling",
-    "Stress": "simulation.stress",
+    "Stress": "simulation.setting",
     "Suspect": "falsification.suspect",
     "SweepResult": "sweeps.result",
     "Switching": "problem.settings",
@@ -76,7 +76,7 @@ _HOMES = {
     "plot_regions": "report.write",
     "problem_from_file": "export.interchange",
     "search_certificate": "certification.search",
-    "simulate": "simulation.simulations",
+    "simulate": "simulation.runs",
     "sweep": "sweeps.running",
     "to_c": "export.interchange",
     "to_casadi": "export.interchange",
@@ -204,10 +204,9 @@ if TYPE_CHECKING:
     from dobc_design.problem.settings import Region, Switching
     from dobc_design.report.write import plot_regions, write_comparison, write_report
     from dobc_design.simulation.breaking import what_breaks_first
-    from dobc_design.simulation.ensemble import Ensemble
+    from dobc_design.simulation.runs import Ensemble, simulate
+    from dobc_design.simulation.setting import Failure, Stress
     from dobc_design.simulation.signals import Fixed, Markov, Mobile, Periodic, RandomDwell, Schedule, Waypoints
-    from dobc_design.simulation.simulations import simulate
-    from dobc_design.simulation.stress import Failure, Stress
     from dobc_design.simulation.trajectory import Trajectory, load_trajectory
     from dobc_design.sweeps.result import SweepResult
     from dobc_design.sweeps.running import sweep

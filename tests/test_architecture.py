@@ -41,7 +41,7 @@ THIRD_PARTY = {
     "plotting": PLOTS,
     "problem": {"pydantic", "tomlkit", *NUMBERS},
     "report": {"jinja2", "networkx", "typst", *PLOTS},
-    "simulation": {"pandas", "pyarrow", *NUMBERS},
+    "simulation": {"pandas", *NUMBERS},
     "solvers": {"clarabel", "cvxpy", *NUMBERS},
     "sweeps": {"distributed", "joblib", "numpy", "pandas", "pyarrow"},
     "synthesis": {"clarabel", "control", "pandas", *NUMBERS},

@@ -119,7 +119,7 @@ def test_public_functions_stay_functions_whatever_room_is_loaded_first():
     """Importing a room sets an attribute of the package, which would hide a function of the same name."""
     script = f"""
 import sys
-import dobc_design.simulation.run, dobc_design.certification.certify, dobc_design.sweeps.running
+import dobc_design.simulation.runs, dobc_design.certification.certify, dobc_design.sweeps.running
 import dobc_design as dd
 sys.exit(" ".join(name for name in {FUNCTIONS} if not callable(getattr(dd, name))) or None)
 """

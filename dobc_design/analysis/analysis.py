@@ -1,4 +1,4 @@
-"""All diagnostics of a problem in one noun: observability, spectrum, graphs, eigenvalues at the consensus.
+"""Diagnostics of a problem: observability, spectrum, graphs, eigenvalues at the consensus.
 
 Everything here is floating point (but for the graphs) and explains; verdicts come from ``verify``.
 """
@@ -19,7 +19,6 @@ from dobc_design._show.cards import Card, Shown
 from dobc_design.exact.matrix import Matrix, multiply, subtract, to_float
 from dobc_design.problem.arcs import split_by
 from dobc_design.problem.arrays import Gain, chosen_gain, consensus_jacobian, pinning_matrix
-from dobc_design.problem.network import Arcs
 from dobc_design.problem.problem import Problem
 from dobc_design.problem.reaching import closed_groups, unreached
 
@@ -37,12 +36,9 @@ class SpectrumResult:
 
 
 def check_spectrum(A: Matrix, C: Matrix, W: Matrix) -> SpectrumResult:
-    """Compute the eigenvalues of A - W C and the decay rate they give.
+    """Compute the eigenvalues of A - W C (17) and the decay rate -max Re they give; negative means divergence.
 
-    Shapes: A (q, q), C (m, q), W (q, m).  Units: 1/s.
-    Returns: eigenvalues and rate = -max Re; negative means divergence.
-    Raises: ShapeError if the shapes do not fit.
-    Source: paper, eq. (17).  A diagnostic, not a proof.
+    Shapes: A (q, q), C (m, q), W (q, m).  Raises: ShapeError if the shapes do not fit.
     """
     import control  # takes a second to import
 
@@ -89,30 +85,27 @@ class ObservabilityResult:
 
 
 def check_observability(A: Matrix, C: Matrix) -> ObservabilityResult:
-    """Compute rank, singular values and mode margins of the pair (A, C).
+    """Compute rank, singular values and mode margins of the pair A (q, q), C (m, q) of (12).
 
-    Shapes: A (q, q), C (m, q).
-    Raises: ShapeError if the shapes do not fit.
-    Source: paper, (12) and (17); the margins are those of the Popov-Belevitch-Hautus test.  A diagnostic, not a
-    proof: eigenvalues that coincide are found with an error much larger than rounding.
+    Eigenvalues that coincide are found with an error much larger than rounding.  Raises: ShapeError.
     """
     import control  # takes a second to import
 
     q = require_square(A, name="A")
     require_shape(C, (None, q), name="C", because="one column per exosystem state")
-    dynamics, output = to_float(A), to_float(C)
+    dynamics, output, rank, values = to_float(A), to_float(C), None, ()
     with np.errstate(all="ignore"):
         matrix = np.asarray(control.obsv(dynamics, output))
-    finite = bool(np.isfinite(matrix).all())  # powers of A may overflow; the margins do not need them
-    eigenvalues = np.linalg.eigvals(dynamics)
-    pencils = [np.vstack([dynamics - s * np.eye(q), output]) for s in eigenvalues]
-    seen = zip(eigenvalues, (np.linalg.svd(each, compute_uv=False)[-1] for each in pencils), strict=True)
-    return ObservabilityResult(
-        order=q,
-        rank=int(np.linalg.matrix_rank(matrix)) if finite else None,
-        singular_values=tuple(np.linalg.svd(matrix, compute_uv=False).tolist()) if finite else (),
-        modes=tuple(ModeMargin(eigenvalue=complex(s), margin=float(margin)) for s, margin in seen),
-    )
+    if np.isfinite(matrix).all():  # powers of A may overflow; the margins do not need them
+        rank = int(np.linalg.matrix_rank(matrix))
+        values = tuple(np.linalg.svd(matrix, compute_uv=False).tolist())
+
+    def margin(s: complex) -> ModeMargin:
+        pencil = np.vstack([dynamics - s * np.eye(q), output])
+        return ModeMargin(eigenvalue=s, margin=float(np.linalg.svd(pencil, compute_uv=False)[-1]))
+
+    modes = tuple(margin(complex(s)) for s in np.linalg.eigvals(dynamics))
+    return ObservabilityResult(order=q, rank=rank, singular_values=values, modes=modes)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -143,10 +136,8 @@ class GraphFacts:
         reached = f"not reached: {', '.join(self.unreached[:10])}" if self.unreached else "all agents reached"
         if len(self.unreached) > 10:
             reached += f" and {len(self.unreached) - 10} more"
-        return (
-            f'mode "{self.mode}": {self.arcs} arcs, {len(self.components)} strongly connected component(s),'
-            f" {'balanced' if self.balanced else 'not balanced'}, {reached}"
-        )
+        parts, balance = f"{len(self.components)} strongly connected component(s)", "" if self.balanced else "not "
+        return f'mode "{self.mode}": {self.arcs} arcs, {parts}, {balance}balanced, {reached}'
 
 
 def graph_facts(problem: Problem, mode: str) -> GraphFacts:
@@ -158,29 +149,24 @@ def graph_facts(problem: Problem, mode: str) -> GraphFacts:
     hearing = sparse.csr_array((np.ones(len(arcs)), (arcs.speakers, arcs.listeners)), shape=(n, n))
     _, numbers = connected_components(hearing, directed=True, connection="strong")
     components = sorted(part.tolist() for _, part in split_by(numbers.astype(np.int64)))
-    closed = set(closed_groups(problem, [arcs]))
-    return GraphFacts(
-        mode=mode,
-        arcs=len(arcs),
-        unreached=_labels(unreached(problem, [arcs]), labels),
-        components=tuple(_labels(part, labels) for part in components),
-        sources=tuple(_labels(part, labels) for part in components if tuple(part) in closed),
-        balanced=_is_balanced(arcs),
-        heard=tuple(np.bincount(arcs.listeners, minlength=n).tolist()),
-        hearing=tuple(np.bincount(arcs.speakers, minlength=n).tolist()),
-    )
-
-
-def _is_balanced(arcs: Arcs) -> bool:
-    surplus: defaultdict[int, Fraction] = defaultdict(Fraction)
+    closed, surplus = set(closed_groups(problem, [arcs])), defaultdict[int, Fraction](Fraction)
     for listener, speaker, weight in arcs:
         surplus[listener] += weight
         surplus[speaker] -= weight
-    return not any(surplus.values())
 
+    def named(agents: Sequence[int]) -> tuple[str, ...]:
+        return tuple(labels[agent] for agent in agents)
 
-def _labels(agents: Sequence[int], labels: tuple[str, ...]) -> tuple[str, ...]:
-    return tuple(labels[agent] for agent in agents)
+    return GraphFacts(
+        mode=mode,
+        arcs=len(arcs),
+        unreached=named(unreached(problem, [arcs])),
+        components=tuple(map(named, components)),
+        sources=tuple(named(part) for part in components if tuple(part) in closed),
+        balanced=not any(surplus.values()),
+        heard=tuple(np.bincount(arcs.listeners, minlength=n).tolist()),
+        hearing=tuple(np.bincount(arcs.speakers, minlength=n).tolist()),
+    )
 
 
 MAX_DENSE = 2000  # rows of the largest matrix whose eigenvalues are computed
@@ -210,10 +196,8 @@ class ModeSpectrum:
     def __str__(self) -> str:
         if self.lambda_max is None or self.decay_rate is None:
             return f'mode "{self.mode}": eigenvalues at the consensus not computed'
-        return (
-            f'mode "{self.mode}": lambda_max(Lambda) = {self.lambda_max:.4g},'
-            f" small errors decay at {self.decay_rate:.4g} 1/s"
-        )
+        decay = f"small errors decay at {self.decay_rate:.4g} 1/s"
+        return f'mode "{self.mode}": lambda_max(Lambda) = {self.lambda_max:.4g}, {decay}'
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, repr=False)
@@ -251,9 +235,7 @@ def analyse(problem: Problem, *, gain: Gain | None = None) -> Analysis:
 
     Raises: SpecError or ShapeError for a gain that does not fit.
     """
-    W = chosen_gain(problem, gain)
-    exosystem = problem.joint_exosystem
-    modes = tuple(problem.network.modes)
+    W, exosystem, modes = chosen_gain(problem, gain), problem.joint_exosystem, tuple(problem.network.modes)
     return Analysis(
         name=problem.name,
         observability=None if exosystem is None else check_observability(exosystem.A, exosystem.C),
@@ -269,10 +251,6 @@ def mode_spectrum(problem: Problem, mode: str) -> ModeSpectrum:
     if jacobian is None:
         return ModeSpectrum(mode=mode, lambda_eigenvalues=None, loop_eigenvalues=None)
     loop = (jacobian - pinning_matrix(problem)).toarray()
-    eigenvalues = np.linalg.eigvals(loop)
-    slowest_first = np.lexsort((eigenvalues.imag, -eigenvalues.real))
-    return ModeSpectrum(
-        mode=mode,
-        lambda_eigenvalues=tuple(np.linalg.eigvalsh(loop + loop.T).tolist()),
-        loop_eigenvalues=tuple(complex(s) for s in eigenvalues[slowest_first]),
-    )
+    slowest_first = tuple(sorted(np.linalg.eigvals(loop).astype(complex).tolist(), key=lambda s: (-s.real, s.imag)))
+    ascending = tuple(np.linalg.eigvalsh(loop + loop.T).tolist())
+    return ModeSpectrum(mode=mode, lambda_eigenvalues=ascending, loop_eigenvalues=slowest_first)

@@ -176,7 +176,7 @@ def tallest(P_e: SparseSymmetric) -> Fraction:
 
 
 class RunLike(Protocol):
-    """See ``simulation.trajectory.Trajectory`` and ``simulation.ensemble.Ensemble``."""
+    """See ``simulation.trajectory.Trajectory`` and ``simulation.runs.Ensemble``."""
 
     @property
     def name(self) -> str: ...

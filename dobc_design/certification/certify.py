@@ -205,7 +205,7 @@ def other_equilibria(
     if problem.region is None or problem.is_linear or (problem.groups and W is None):
         return
     if decide_overall(problem, checks, W).verdict is Verdict.UNDECIDED:
-        from dobc_design.falsification.equilibria import equilibrium_check
+        from dobc_design.falsification.search import equilibrium_check
 
         report("looking for another equilibrium")
         found = equilibrium_check(problem)

@@ -14,8 +14,8 @@ from dobc_design._show.cards import Card, Shown
 from dobc_design.certificate.certificate import Certificate
 from dobc_design.certification.overall import decide_overall
 from dobc_design.conditions.check import Check
-from dobc_design.falsification.levels import regional_check
 from dobc_design.falsification.search import RUNS, search_starts
+from dobc_design.falsification.starts import regional_check
 from dobc_design.falsification.suspect import Falsification
 from dobc_design.verdict import Verdict
 

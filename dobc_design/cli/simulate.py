@@ -33,8 +33,8 @@ if TYPE_CHECKING:
     from dobc_design.certificate.bounds import CertifiedBound
     from dobc_design.certificate.certificate import Certificate
     from dobc_design.problem.problem import Problem
-    from dobc_design.simulation.ensemble import Ensemble
-    from dobc_design.simulation.stress import Failure
+    from dobc_design.simulation.runs import Ensemble
+    from dobc_design.simulation.setting import Failure
     from dobc_design.simulation.trajectory import Trajectory
 
 SUMMARY, FIGURE, NETWORK, BREAKING = "summary.json", "simulation.svg", "network.html", "breaking.svg"
@@ -87,7 +87,7 @@ def simulate(
 ) -> None:
     """Simulate runs of the closed loop; a run that diverges is an answer and leaves with 0, too."""
     from dobc_design.problem.load import load_problem
-    from dobc_design.simulation.stress import Stress
+    from dobc_design.simulation.setting import Stress
 
     refuse_option(out, key="--out")
     failures = tuple(_failure(text) for text in fail or ())
@@ -128,7 +128,7 @@ def simulate(
 
 def _failure(text: str) -> Failure:
     """An agent that fails, as --fail says it.  Raises: SpecError."""
-    from dobc_design.simulation.stress import Failure
+    from dobc_design.simulation.setting import Failure
 
     agent, found, when = text.rpartition("@")
     time, _, kind = when.partition(":")
@@ -145,7 +145,7 @@ def _failure(text: str) -> Failure:
 def _run(call: _Call, runs: int | None, given: dict[str, Any], *, force: bool) -> tuple[dict[str, Any], str]:
     """Simulate, write the results; the document and the words.  What a certificate proves is drawn into the figure."""
     from dobc_design.certificate.files import make_folder, write_atomically
-    from dobc_design.simulation.simulations import simulate
+    from dobc_design.simulation.runs import simulate
 
     problem, out, progress = call.problem, call.out, call.progress
     progress("simulating")

@@ -15,7 +15,7 @@ from dobc_design.conditions.separable.ordering import find_ordering
 from dobc_design.conditions.separable.propose import field_of, least_above
 from dobc_design.errors import DobcError
 from dobc_design.problem.problem import Problem
-from dobc_design.simulation.simulations import simulate
+from dobc_design.simulation.runs import simulate
 
 HALVINGS = 7
 SCALES = 8  # sizes of the box, down to the smallest, at which it has to shrink

@@ -26,9 +26,9 @@ from dobc_design.export.c_text import comment, literal
 from dobc_design.export.rounding_bound import Array, Recorded, felt_with_error, rounding_bound
 from dobc_design.problem.arrays import Gain
 from dobc_design.problem.problem import Problem
-from dobc_design.simulation.run import simulate
+from dobc_design.simulation.runs import run_once
+from dobc_design.simulation.setting import Stress, make_setting
 from dobc_design.simulation.signals import Mobile, Signal
-from dobc_design.simulation.stress import Stress
 from dobc_design.simulation.trajectory import Trajectory
 
 SECONDS = 10.0
@@ -60,7 +60,7 @@ class Recorder:
             period = float(controller.period)
             count = min(MOST_SAMPLES, int(SECONDS / period)) + 1
             times = [k * period for k in range(max(2, count))]
-            done = simulate(
+            setting = make_setting(
                 controller.problem,
                 mode=next(iter(controller.problem.network.modes)) if self.signal is None else None,
                 signal=self.signal,
@@ -69,7 +69,7 @@ class Recorder:
                 gain=self.gain,
                 stress=Stress(period=period, sampled_gain=self.sampled),
             )
-            self.last = controller.period, done
+            self.last = controller.period, run_once(setting)
         return self.last[1]
 
     def recorded(self, controller: Controller) -> Recorded:

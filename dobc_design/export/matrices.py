@@ -70,7 +70,7 @@ def sympy_matrices(found: Mapping[str, Matrix], problem: Problem) -> dict[str, A
     """The same as SymPy matrices of rationals, and the default coupling "h" as a column in y, or y1 to ym."""
     import sympy
 
-    from dobc_design.model.symbolic import to_sympy
+    from dobc_design.model.model import to_sympy
 
     def rational(value: Fraction) -> Any:
         return sympy.Rational(value.numerator, value.denominator)

@@ -3,50 +3,37 @@
 Two questions.  Without a certificate: does every start asked for converge?  With one: does V of the certified set decay
 as certified from its whole boundary?  What is found is a suspect; only a proved equilibrium refutes, and only a region.
 
-The ascent makes larger whatever is large after some time, by the derivatives of CasADi's RK4 (``model.flow``); where it
-ends is simulated again by others.
+The ascent makes larger whatever is large after some time, by the derivatives of CasADi's RK4 (``model.build_flow``);
+where it ends is simulated again by others.  Roots of h(e) - K e: Levenberg and Marquardt's damping around Newton's
+method, from given points.
 """
 
 from __future__ import annotations
 
+import logging
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
-from functools import cache
+from itertools import islice
 from os import PathLike
+from typing import Any
 
 import numpy as np
 
 from dobc_design.certificate.certificate import Certificate
+from dobc_design.conditions.check import Check
 from dobc_design.conditions.equilibrium.claim import LARGEST, Equilibrium
-from dobc_design.conditions.equilibrium.decide import refuting_check
+from dobc_design.conditions.equilibrium.decide import enclose_equilibrium, refuting_check
 from dobc_design.conditions.observer.propose import observer_gain
-from dobc_design.errors import SpecError
-from dobc_design.falsification.equilibria import MOST_PROVED, point_of, proved_equilibria
-from dobc_design.falsification.levels import Certified, Level, level_of, needed_check
-from dobc_design.falsification.starts import (
-    CORNERS,
-    EDGES,
-    RANDOM,
-    Arena,
-    Boundary,
-    Pair,
-    Runs,
-    Signals,
-    StartSet,
-    asked_box,
-    constant_signals,
-    drawn_signals,
-    make_arena,
-    run_starts,
-    settling_horizon,
-)
+from dobc_design.errors import wrong
+from dobc_design.falsification import starts as sets
+from dobc_design.falsification.starts import CORNERS, EDGES, RANDOM, Certified, Level, Pair, Runs, Signals, StartSet
 from dobc_design.falsification.suspect import LEAVES, RESTS, STAYS_AWAY, Falsification, Suspect
-from dobc_design.model.model import Flow, build_flow
-from dobc_design.problem.arrays import Gain, chosen_gain
+from dobc_design.model.model import Flow, build_flow, build_model
+from dobc_design.problem.arrays import Array, Gain, chosen_gain, no_gain, pinning_matrix
 from dobc_design.problem.load import load_problem
 from dobc_design.problem.problem import Problem
-from dobc_design.simulation._arguments import Array, positive, seconds, whole
+from dobc_design.simulation._arguments import positive, seconds, whole
 from dobc_design.simulation.integrate import fastest_decay
 
 Objective = Callable[[Array], tuple[float, Array]]
@@ -97,18 +84,12 @@ def falsify(
     problem = problem if isinstance(problem, Problem) else load_problem(problem)
     gain = observer_gain(problem)
     if isinstance(certified, Certificate):
-        gain, certified = certified.claims.W, needed_check(certified)
-    return search_starts(
-        problem,
-        runs=runs,
-        seed=seed,
-        radius=radius,
-        disturbance=disturbance,
-        certified=certified,
-        t_final=t_final,
-        gain=gain,
-        progress=progress,
-    )
+        gain, certified = certified.claims.W, sets.regional_check(certified)
+        if certified is None:
+            message = "must hold a proved check of a region; this certificate has none."
+            raise wrong("certified", message, "Ask for a [region], or give certify everything=True.")
+    given: dict[str, Any] = {"radius": radius, "disturbance": disturbance, "certified": certified, "t_final": t_final}
+    return search_starts(problem, runs=runs, seed=seed, gain=gain, progress=progress, **given)
 
 
 def search_starts(
@@ -130,31 +111,24 @@ def search_starts(
     whole(runs, "runs", least=1)
     seed = problem.simulation.seed if seed is None else whole(seed, "seed", least=0)
     if certified is not None and (radius is not None or disturbance is not None):
-        raise SpecError(
-            "certified says where to start; radius and disturbance must be left out with it.",
-            key="certified",
-            cure="Leave one of them out.",
-        )
+        message = "says where to start; radius and disturbance must be left out with it."
+        raise wrong("certified", message, "Leave one of them out.")
     radius = None if radius is None else positive(radius, "radius", example="2")
-    horizon = settling_horizon(problem) if t_final is None else seconds(t_final, "t_final", example="20")
+    horizon = sets.settling_horizon(problem) if t_final is None else seconds(t_final, "t_final", example="20")
     say = progress or (lambda stage: None)
     with np.errstate(all="ignore"):
-        arena = make_arena(problem, gain)
-        level = None if certified is None else level_of(problem, certified, chosen_gain(problem, gain))
-        starts: StartSet
-        if level is None:
-            starts = asked_box(problem, arena.loop, radius=radius, disturbance=disturbance)
-        else:
-            size = problem.n * problem.m
-            words = f"the boundary of the {level.name} set"
-            starts = Boundary(words=words, level=level, rows=size, n=problem.n, q=arena.loop.q, own=arena.loop.own)
+        arena = sets.make_arena(problem, gain)
+        level = None if certified is None else sets.level_of(problem, certified, chosen_gain(problem, gain))
+        starts: StartSet = sets.asked_box(problem, arena.loop, radius=radius, disturbance=disturbance)
+        if level is not None:
+            starts = sets.Boundary(level=level, loop=arena.loop)
         search = _Search(arena=arena, starts=starts, level=level, horizon=horizon, gain=gain, seed=seed, say=say)
         return search.run(runs)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class _Search:
-    arena: Arena
+    arena: sets.Arena
     starts: StartSet
     level: Level | None
     horizon: float
@@ -167,12 +141,11 @@ class _Search:
         return self.arena.problem
 
     def run(self, count: int) -> Falsification:
-        """All stages, in order."""
         rng = np.random.default_rng(self.seed)
         uphill = min(MOST_ASCENTS, count // 5) if self.problem.n * self.problem.m <= LARGEST else 0
         self.say("simulating random starts, corners and edges")
         e, eps = self.draw(rng, count - uphill)
-        signals = drawn_signals(rng, count - uphill, len(self.arena.modes), self.horizon)
+        signals = sets.drawn_signals(rng, count - uphill, len(self.arena.modes), self.horizon)
         done = [first := self.simulate(e, eps, signals)]
         if uphill:
             self.say("climbing from the worst starts")
@@ -186,16 +159,14 @@ class _Search:
         return self.result(done, suspects[:MOST_SUSPECTS], proved)
 
     def draw(self, rng: np.random.Generator, count: int) -> tuple[Array, Array]:
-        """Corners, edges, then random starts."""
         counts = {kind: int(share * count) for kind, share in SHARES.items()}
         counts[RANDOM] = count - sum(counts.values())
         parts = [self.starts.draw(rng, each, kind) for kind, each in counts.items() if each]
         return np.concatenate([e for e, _ in parts], axis=1), np.concatenate([eps for _, eps in parts], axis=2)
 
     def simulate(self, e: Array, eps: Array, signals: Signals, *, longer: float = 1.0) -> Runs:
-        return run_starts(
-            self.arena, e, eps, signals, horizon=longer * self.horizon, tolerance=TOLERANCE, level=self.level
-        )
+        horizon = longer * self.horizon
+        return sets.run_starts(self.arena, e, eps, signals, horizon=horizon, tolerance=TOLERANCE, level=self.level)
 
     def badness(self, runs: Runs) -> Array:
         """What the ascent begins with: how far V is above its bound, or |e| at the end; (R,)."""
@@ -209,32 +180,25 @@ class _Search:
     def climb(self, runs: Runs, count: int) -> Runs:
         """Gradient ascent from the worst starts, each in the mode that it began in; simulated again."""
         worst = np.argsort(-self.badness(runs), kind="stable")[:count]
-        flow = self.flows()
-        rows, q = len(runs.e), self.arena.loop.q
+        rows, q, modes = len(runs.e), self.arena.loop.q, runs.signals.modes[worst, 0]
         objective = final_error(rows) if self.level is None else final_level(self.level, rows, q)
-        modes = runs.signals.modes[worst, 0]
+        flows = {mode: self.flow(mode) for mode in dict.fromkeys(modes.tolist())}
         found = [
-            ascend(flow(int(mode)), self.starts, (runs.e[:, run], runs.eps[:, :, run]), objective)
+            ascend(flows[mode], self.starts, (runs.e[:, run], runs.eps[:, :, run]), objective)
             for run, mode in zip(worst.tolist(), modes.tolist(), strict=True)
         ]
         e, eps = np.stack([e for e, _ in found], axis=1), np.stack([eps for _, eps in found], axis=2)
-        return self.simulate(e, eps, constant_signals(modes))
+        return self.simulate(e, eps, sets.constant_signals(modes))
 
-    def flows(self) -> Callable[[int], Flow]:
-        """The flow of a mode by its index, made when it is needed."""
+    def flow(self, mode: int) -> Flow:
         loop = self.arena.loop
-
-        @cache
-        def flow(mode: int) -> Flow:
-            fastest = STEEPER * fastest_decay(loop, self.arena.networks(mode).groups)
-            if loop.q:
-                fastest = max(fastest, float(np.linalg.norm(loop.F, 2)))
-            most = max(LEAST_STEPS, min(MOST_STEPS, MOST_WORK // (loop.n * (loop.m + loop.q))))
-            horizon = min(ASCENT_PART * self.horizon, most / fastest)
-            steps = min(most, max(LEAST_STEPS, math.ceil(horizon * fastest)))
-            return build_flow(self.problem, self.arena.modes[mode], horizon=horizon, steps=steps, gain=self.gain)
-
-        return flow
+        fastest = STEEPER * fastest_decay(loop, self.arena.networks(mode).groups)
+        if loop.q:
+            fastest = max(fastest, float(np.linalg.norm(loop.F, 2)))
+        most = max(LEAST_STEPS, min(MOST_STEPS, MOST_WORK // (loop.n * (loop.m + loop.q))))
+        horizon = min(ASCENT_PART * self.horizon, most / fastest)
+        steps = min(most, max(LEAST_STEPS, math.ceil(horizon * fastest)))
+        return build_flow(self.problem, self.arena.modes[mode], horizon=horizon, steps=steps, gain=self.gain)
 
     def beyond(self, runs: Runs) -> list[Suspect]:
         """Runs on which V exceeds what is certified."""
@@ -253,9 +217,8 @@ class _Search:
             chosen = worst[runs.stalled[worst]][:MOST_AGAIN]
             if not len(chosen):
                 continue
-            longer = self.simulate(
-                runs.e[:, chosen], runs.eps[:, :, chosen], runs.signals.chosen(chosen), longer=LONGER
-            )
+            signals = runs.signals.chosen(chosen)
+            longer = self.simulate(runs.e[:, chosen], runs.eps[:, :, chosen], signals, longer=LONGER)
             ends: list[Array] = []
             for run in np.flatnonzero(longer.stalled).tolist():
                 end = longer.ends[:, run]
@@ -275,20 +238,18 @@ class _Search:
         for mode in self.arena.modes:
             others = np.concatenate([self.starts.draw(rng, count, kind)[0] for kind in (CORNERS, RANDOM)], axis=1)
             points = [*stalled[:count], *others.T]
-            found += proved_equilibria(problem, mode, points, starts=self.starts, within_region=False, most=MOST_PROVED)
+            found += proved_equilibria(problem, mode, points, starts=self.starts)
         return sorted(found, key=lambda claim: float(np.max(np.abs(point_of(claim)))))
 
     def suspect(self, kind: str, runs: Runs, run: int) -> Suspect:
-        """One run as a suspect."""
         loop, error = self.arena.loop, runs.error[:, run]
-        known = np.flatnonzero(~np.isnan(error))
-        final = float("inf") if runs.diverged[run] else float(error[known[-1]])
+        known = error[~np.isnan(error)]
         end = runs.ends[:, run] if np.isfinite(runs.ends[:, run]).all() else runs.e[:, run]
         return Suspect(
             kind=kind,
             start=runs.e[:, run].reshape(loop.n, loop.m) + loop.goal,
             eps=runs.eps[:, :, run].copy(),
-            final_error=final,
+            final_error=float("inf") if runs.diverged[run] else float(known[-1]),
             times=runs.times.copy(),
             error=error.copy(),
             labels=self.farthest(end),
@@ -321,6 +282,8 @@ class _Search:
         unfinished = sum(int(runs.unfinished.sum()) for runs in done)
         if unfinished:
             notes.append(f"{unfinished} runs took too many steps; nothing is said about them.")
+        if self.starts.reach[1].any() and not any(runs.eps.any() for runs in done):
+            notes.append("The observer is too fast for its closed form: every run starts with xihat = xi.")
         checks = (refuting_check(self.problem, claim) for claim in proved)
         return Falsification(
             name=self.problem.name,
@@ -412,3 +375,132 @@ def _gradient(flow: Flow, start: Array, weight: Array) -> Array:
     """The gradient by the start; 0 where it is not finite, which ends the ascent."""
     gradient = flow.pull(start, weight)[1]
     return gradient if np.isfinite(gradient).all() else np.zeros_like(start)
+
+
+Vectors = Callable[[Array], Array]
+logger = logging.getLogger("dobc_design")
+STARTS, LEAST_STARTS = 48, 8  # of each kind: shared among the modes at most, in every mode at least
+MOST_ROWS, MOST_ARCS = 1500, 60_000  # starts of one kind times rows, or times arcs: a second or so in all
+MOST_PROVED = 4  # roots of one mode for which a proof is tried, the nearest to the target first
+TOLERANCE = 1e-6  # of the runs, whose ends are only points to begin with
+SAMPLES = 21
+STEPS = 60
+CLOSE = 1e-11  # |F|_inf of a root, relative to the slopes and to the size of e
+AT_TARGET = 1e-4  # |e|_inf below which a root is the target, relative to the farthest point
+SAME = 1e-6  # relative distance of roots that are one
+MOST_DAMPING = 1e8
+
+
+def equilibrium_check(problem: Problem, *, seed: int = 0) -> Check | None:
+    """Look for a second equilibrium in the region asked for, in every mode; the check that refutes, or None.
+
+    None also without a region, for linear couplings and above 60 rows n m; it never says that there is none.
+    Of those proved the one nearest to the target is taken.  The same seed gives the same answer.  A numerical library
+    that breaks down costs the answer, never more.
+    """
+    size = problem.n * problem.m
+    if problem.region is None or problem.is_linear or size > LARGEST:
+        return None
+    try:
+        with np.errstate(all="ignore"):
+            best = _nearest(problem, seed)
+    except (ArithmeticError, RuntimeError, ValueError) as error:
+        logger.warning("the search for equilibria failed: %s", error)
+        return None
+    return None if best is None else refuting_check(problem, best)
+
+
+def _nearest(problem: Problem, seed: int) -> Equilibrium | None:
+    """The nearest proved equilibrium over all modes."""
+    arena = sets.make_arena(problem, no_gain(problem))  # eps = 0
+    box = sets.asked_box(problem, arena.loop, disturbance=0.0)
+    arcs = sum(len(each) for each in problem.network.modes.values())
+    shared = min(STARTS, MOST_ROWS // (problem.n * problem.m)) // len(arena.modes)
+    count = max(LEAST_STARTS, min(shared, MOST_ARCS // max(1, arcs)))  # of one kind in one mode
+    horizon, rng, found = sets.settling_horizon(problem), np.random.default_rng(seed), list[Equilibrium]()
+    for number, mode in enumerate(arena.modes):
+        e = np.concatenate([box.draw(rng, count, kind)[0] for kind in (sets.CORNERS, sets.RANDOM)], axis=1)
+        none, constant = np.zeros((problem.n, problem.q, 2 * count)), sets.constant_signals(np.full(2 * count, number))
+        runs = sets.run_starts(arena, e, none, constant, horizon=horizon, tolerance=TOLERANCE, samples=SAMPLES)
+        points = [*runs.ends.T[runs.stalled & ~runs.diverged], *e.T]
+        found += proved_equilibria(problem, mode, points, starts=box, within_region=True, most=1)
+    return min(found, key=lambda claim: float(np.max(np.abs(point_of(claim)))), default=None)
+
+
+def proved_equilibria(
+    problem: Problem,
+    mode: str,
+    points: Sequence[Array],
+    *,
+    starts: sets.StartSet,
+    within_region: bool = False,
+    most: int = MOST_PROVED,
+) -> list[Equilibrium]:
+    """Proved equilibria of one mode that the points lead to, the nearest to the target first.
+
+    Only roots that are starts of the set are looked at, and at most ``most`` are proved.
+    """
+    roots = [root for root in find_roots(problem, mode, points) if starts.holds(root)]
+    roots.sort(key=lambda root: float(np.max(np.abs(root))))
+    nearest = roots[:MOST_PROVED]
+    claims = (enclose_equilibrium(problem, mode, root.tolist(), within_region=within_region) for root in nearest)
+    return list(islice((claim for claim in claims if claim is not None), most))
+
+
+def point_of(claim: Equilibrium) -> Array:
+    """The middle of the box as floats, (n m,)."""
+    return np.array([float(c) for c in claim.middle])
+
+
+def find_roots(problem: Problem, mode: str, points: Sequence[Array]) -> Iterator[Array]:
+    """Roots other than the target that the points lead to, each once, as they are found."""
+    model, K = build_model(problem, mode, gain=no_gain(problem)), pinning_matrix(problem).toarray()  # eps = 0
+    known = list[Array]()
+
+    def value(e: Array) -> Array:
+        return np.asarray(np.asarray(model.h(e)).ravel() - K @ e)
+
+    def slope(e: Array) -> Array:
+        return np.asarray(model.jacobian(e).full() - K)
+
+    least = AT_TARGET * max((float(np.max(np.abs(point))) for point in points), default=0.0)
+    for point in points:
+        root = _root(value, slope, point, least)
+        if root is not None and all(np.max(np.abs(root - other)) > SAME * np.max(np.abs(root)) for other in known):
+            known.append(root)
+            yield root
+
+
+def _root(value: Vectors, slope: Vectors, start: Array, least: float) -> Array | None:
+    """A root with |e|_inf > ``least`` of a function with this derivative, or None."""
+    e, here = start, value(start)
+    size, damping = float(np.linalg.norm(here)), 1e-3
+    for _ in range(STEPS):
+        reach = float(np.max(np.abs(e)))
+        if not np.isfinite(size) or reach <= least:
+            return None
+        J = slope(e)
+        if not np.isfinite(J).all():
+            return None
+        if np.max(np.abs(here)) <= CLOSE * np.abs(J).sum(axis=1).max() * reach:
+            return e
+        moved = e - _step(J, here, damping * size)
+        there = value(moved)
+        found = float(np.linalg.norm(there))
+        if found < size:
+            e, here, size, damping = moved, there, found, damping / 5
+        elif damping > MOST_DAMPING:
+            return None
+        else:
+            damping *= 5
+    return None
+
+
+def _step(J: Array, value: Array, damping: float) -> Array:
+    """(J'J + damping I)^-1 J' value; the damping goes to 0 with the residual, so that the end is Newton's."""
+    normal = J.T @ J
+    normal[np.diag_indices_from(normal)] += max(damping, 1e-15 * float(np.trace(normal)) / len(normal), 1e-300)
+    try:
+        return np.asarray(np.linalg.solve(normal, J.T @ value))
+    except np.linalg.LinAlgError:
+        return np.zeros_like(value)

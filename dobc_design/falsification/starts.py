@@ -1,33 +1,44 @@
-"""Sets of starts, how they are searched, and many starts run side by side, each with its own switches.
+"""Certified sets and other sets of starts, how they are searched, and many starts run side by side.
 
-Starts are e (n m, R) and eps (n, q, R), one column for each of R runs: at random, at corners, at edges, and projected
-back into the set after a step.
+Starts are e (n m, R) and eps (n, q, R), one column for each of R runs.  These are floats, to search with: whether a
+certificate holds is decided in ``verify``.  Both kinds of V are positive homogeneous of degree 1 in (e, eps), so that
+every start but 0 is brought to the boundary of a certified set by a factor.
 """
 
 from __future__ import annotations
 
 import itertools
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache
 
 import numpy as np
 from numpy.typing import NDArray
 
-from dobc_design.exact.matrix import to_float
-from dobc_design.falsification.levels import Level
-from dobc_design.problem.arrays import Gain, arc_groups, consensus_jacobian, pinning_matrix
+from dobc_design.certificate.certificate import Certificate
+from dobc_design.certificate.claims import claim_of
+from dobc_design.conditions.boxes.claim import Shell
+from dobc_design.conditions.check import Check
+from dobc_design.conditions.kinds import ids_of
+from dobc_design.conditions.quadratic.claim import Lure
+from dobc_design.conditions.separable.claim import Separable
+from dobc_design.conditions.separable.observer import composite_rate
+from dobc_design.errors import SpecError, wrong
+from dobc_design.exact.matrix import Matrix, to_float
+from dobc_design.problem.arrays import Array, Gain, arc_groups, consensus_jacobian, pinning_matrix
+from dobc_design.problem.network import IndexArray
 from dobc_design.problem.problem import Problem
-from dobc_design.simulation._arguments import Array
-from dobc_design.simulation.columns import COLLAPSED, ESCAPED, HANDED_BACK, Stack, integrate_stack
-from dobc_design.simulation.ensemble import COLUMN_NUMBERS
+from dobc_design.simulation.columns import COLLAPSED, COLUMN_NUMBERS, ESCAPED, HANDED_BACK, Stack
 from dobc_design.simulation.field import Loop, Network, make_closed_form, make_loop, network_of
-from dobc_design.simulation.switches import IndexArray
+from dobc_design.verdict import Verdict
 
 Pair = tuple[Array, Array]
 BoolArray = NDArray[np.bool_]
+Certified = Separable | Lure | Shell | Check
 
 RANDOM, CORNERS, EDGES = "random", "corners", "edges"
+EVERYWHERE = 1.0  # the level that stands for a certificate that holds everywhere
+TINY = 1e-300
 AWAY = 1.0  # without a region: at most this far from the goal, in every component
 MOST_ENUMERATED = 8  # components up to which all corners are taken in turn
 SAMPLES = 121
@@ -39,104 +50,225 @@ STALLED = 0.8  # the part of its error halfway that a run still has at the end
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Box:
-    """low <= e <= high, both (n m,), and |eps_i| <= radius for n agents with q numbers each.
+class BoxLevel:
+    """V = max_k |e_k| / height_k + max_i |eps_i|_P, height (n m,), scaled so that it is 1 on the boundary.
 
-    ``own`` (n, q): which of these are an agent's own, where agents have different exosystems; the others stay 0.
+    ``rate`` in 1/s: V(t) <= V(0) exp(-rate t) is certified while V <= 1.  ``P`` (q, q) is the observer's matrix, scaled
+    like V; None where the certificate is about eps = 0 only.
     """
 
+    name: str
+    rate: float
+    height: Array
+    P: Array | None
+
+    @property
+    def lengths(self) -> Array:
+        """How far the set reaches from side to side, about, by component of e: (n m,)."""
+        return np.asarray(2 * self.height)
+
+    def value(self, e: Array, eps: Array) -> Array:
+        """V of states e (n m, R) and eps (n, q, R): (R,)."""
+        sides = np.abs(e) / self.height[:, None]
+        return np.asarray(sides.max(axis=0) + observer_norms(self.P, eps).max(axis=0, initial=0.0))
+
+    def gradient(self, e: Array, eps: Array) -> Pair:
+        """A (sub)gradient of V at one state e (n m,), eps (n, q) with V > 0."""
+        along, along_eps = np.zeros_like(e), np.zeros_like(eps)
+        place = int(np.argmax(np.abs(e) / self.height))
+        along[place] = np.sign(e[place]) / self.height[place]
+        own = observer_norms(self.P, eps[:, :, None])[:, 0]
+        if self.P is not None and own.max(initial=0.0) > 0:
+            agent = int(np.argmax(own))
+            along_eps[agent] = self.P @ eps[agent] / own[agent]
+        return along, along_eps
+
+    def directions(self, standard: Array) -> Array:
+        """Errors (n m, R) that are spread over the set, from standard ones."""
+        return np.asarray(standard * self.height[:, None])
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Ellipsoid:
+    """V = root of e'P_e e + sum |eps_i|_P^2, P_e (n m, n m); everything else as in ``BoxLevel``."""
+
+    name: str
+    rate: float
+    P_e: Array
+    P: Array | None
+
+    @property
+    def lengths(self) -> Array:
+        return np.asarray(2 / np.sqrt(np.maximum(np.diag(self.P_e), TINY)))
+
+    def value(self, e: Array, eps: Array) -> Array:
+        squares = np.maximum(0.0, np.sum((self.P_e @ e) * e, axis=0))
+        return np.asarray(np.sqrt(squares + np.sum(observer_norms(self.P, eps) ** 2, axis=0)))
+
+    def gradient(self, e: Array, eps: Array) -> Pair:
+        size = float(self.value(e[:, None], eps[:, :, None])[0])
+        along_eps = np.zeros_like(eps) if self.P is None else eps @ self.P / size
+        return np.asarray(self.P_e @ e / size), np.asarray(along_eps)
+
+    def directions(self, standard: Array) -> Array:
+        values, vectors = np.linalg.eigh(self.P_e)
+        return np.asarray(vectors @ (standard / np.sqrt(np.maximum(values, TINY))[:, None]))
+
+
+Level = BoxLevel | Ellipsoid
+
+
+def observer_norms(P: Array | None, eps: Array) -> Array:
+    """|eps_i|_P of every agent and run, (n, R), for eps (n, q, R); 0 without a P."""
+    if P is None:
+        return np.zeros((eps.shape[0], eps.shape[2]))
+    return np.asarray(np.sqrt(np.maximum(0.0, np.einsum("nar,ab,nbr->nr", eps, P, eps))))
+
+
+def level_of(problem: Problem, certified: Certified, W: Matrix | None = None) -> Level:
+    """The set of a certificate; one that holds everywhere is looked at up to N = 1, or V = 1.
+
+    ``certified``: a claim, or a proved check of a region, which is about the gain ``W`` (q, m).
+    Raises: SpecError for one that does not fit the problem.
+    """
+    cure = "Give the certificate of this very problem."
+    if isinstance(certified, Check):
+        certified = _claim_of(problem, certified, W)
+    if isinstance(certified, Shell):
+        certified = replace(certified.lure, level=certified.outer, rate=certified.rate)
+    if isinstance(certified, Separable):
+        if len(certified.v) != problem.n:
+            raise wrong("certified", f"must have one v per agent ({problem.n}); got {len(certified.v)}.", cure)
+        rho, error, P = EVERYWHERE if certified.rho is None else float(certified.rho), certified.error, None
+        if error is not None:
+            P = to_float(error.P) * (float(error.kappa) / rho) ** 2
+        height = np.repeat([float(v) for v in certified.v], problem.m) * rho
+        return BoxLevel(name="max-separable", rate=float(composite_rate(certified)), height=height, P=P)
+    rows = problem.n * problem.m
+    if certified.P_e.size != rows:
+        raise wrong("certified", f"must have a P_e of {rows} rows; got {certified.P_e.size}.", cure)
+    size = EVERYWHERE if certified.level is None else float(certified.level)
+    P = None if certified.P is None else to_float(certified.P) / size
+    return Ellipsoid(name="lure", rate=float(certified.rate), P_e=to_float(certified.P_e.to_dense()) / size, P=P)
+
+
+def _claim_of(problem: Problem, check: Check, W: Matrix | None) -> Separable | Lure | Shell:
+    """What a proved check of a region claims."""
+    known = ids_of("region")
+    if check.verdict is not Verdict.PROVED or check.id not in known or check.claim is None:
+        message = f"must be a proved check of a region ({', '.join(known)}); got {check.verdict.value} {check.title}."
+        raise wrong("certified", message, "Ask for a [region], or give certify everything=True.")
+    try:
+        claim = claim_of(check, problem, W)
+    except (KeyError, TypeError, ValueError) as error:
+        message = f"certified: the check {check.title} does not fit this problem ({error})."
+        raise SpecError(message, key="certified", cure="Give the certificate of this very problem.") from error
+    if not isinstance(claim, Separable | Lure | Shell):
+        raise SpecError(f"certified: the check {check.title} names no set of starts.", key="certified")
+    return claim
+
+
+def regional_check(certificate: Certificate) -> Check | None:
+    """The proved check of a region that covers what is asked, else the first one; None without one."""
+    proved = [check for check in certificate.checks if check.verdict is Verdict.PROVED and check.kind.role == "region"]
+    covering = (check for check in proved if check.id == certificate.claims.covered_by)
+    return next(covering, proved[0] if proved else None)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Box:
+    """low <= e <= high, both (n m,), and |eps_i| <= radius for every agent of the loop."""
+
     words: str
+    loop: Loop
     low: Array
     high: Array
     radius: float
-    n: int
-    q: int
-    own: NDArray[np.bool_] | None = None
 
     @property
     def reach(self) -> Pair:
-        return self.high - self.low, 2 * self.radius * _owned(self)
+        """How far the set reaches from side to side, by number of e and of eps."""
+        return self.high - self.low, 2 * self.radius * _owned(self.loop)
 
     def draw(self, rng: np.random.Generator, count: int, kind: str) -> Pair:
-        part = unit_cube(rng, len(self.low), count, kind)
+        part, own = unit_cube(rng, len(self.low), count, kind), _owned(self.loop)
         e = self.low[:, None] + (self.high - self.low)[:, None] * (part + 1) / 2
-        sizes = np.maximum(1.0, _owned(self).sum(axis=1))[:, None, None]
-        lengths = rng.random((self.n, 1, count)) ** (1 / sizes) if kind == RANDOM else 1.0
-        return e, self.radius * lengths * sphere(rng, _owned(self), count)
+        sizes = np.maximum(1.0, own.sum(axis=1))[:, None, None]
+        lengths = rng.random((len(own), 1, count)) ** (1 / sizes) if kind == RANDOM else 1.0
+        return e, self.radius * lengths * sphere(rng, own, count)
 
     def project(self, e: Array, eps: Array) -> Pair:
-        eps = eps * _owned(self)[:, :, None]
+        eps = eps * _owned(self.loop)[:, :, None]
         lengths = np.linalg.norm(eps, axis=1, keepdims=True)
-        factor = np.minimum(1.0, self.radius / np.maximum(lengths, 1e-300))
+        factor = np.minimum(1.0, self.radius / np.maximum(lengths, TINY))
         return np.clip(e, self.low[:, None], self.high[:, None]), eps * factor
 
     def holds(self, e: Array) -> bool:
+        """Whether e (n m,) with eps = 0 is in the set, but for rounding."""
         slack = 1e-9 * (1 + np.abs(self.high) + np.abs(self.low))
         return bool(np.all((self.low - slack <= e) & (e <= self.high + slack)))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Boundary:
-    """V = 1 for a certified set; a third of the starts has eps = 0.  ``own`` as in ``Box``."""
+    """V = 1 for a certified set; a third of the starts has eps = 0.  Everything as in ``Box``."""
 
-    words: str
     level: Level
-    rows: int
-    n: int
-    q: int
-    own: NDArray[np.bool_] | None = None
+    loop: Loop
+
+    @property
+    def words(self) -> str:
+        return f"the boundary of the {self.level.name} set"
 
     @property
     def reach(self) -> Pair:
-        width = 0.0 if self.level.P is None else 2 / np.sqrt(max(1e-300, float(np.trace(self.level.P)) / self.q))
-        return self.level.lengths, width * _owned(self)
+        width = 0.0 if self.level.P is None else 2 / np.sqrt(max(TINY, float(np.trace(self.level.P)) / self.loop.q))
+        return self.level.lengths, width * _owned(self.loop)
 
     def draw(self, rng: np.random.Generator, count: int, kind: str) -> Pair:
-        part = rng.standard_normal((self.rows, count)) if kind == RANDOM else unit_cube(rng, self.rows, count, kind)
+        rows, own = self.loop.n * self.loop.m, _owned(self.loop)
+        part = rng.standard_normal((rows, count)) if kind == RANDOM else unit_cube(rng, rows, count, kind)
         e = self.level.directions(part)
-        eps = sphere(rng, _owned(self), count) * rng.random((self.n, 1, count))
-        none = np.zeros_like(eps)
-        sizes, own = self.level.value(e, none), self.level.value(np.zeros_like(e), eps)
+        eps = sphere(rng, own, count) * rng.random((self.loop.n, 1, count))
+        sizes, sizes_eps = self.level.value(e, 0 * eps), self.level.value(0 * e, eps)
         share = rng.random(count) * (rng.random(count) < 2 / 3)
         if self.level.P is None:
-            share, eps = np.zeros(count), none
-        e = e * ((1 - share) / np.maximum(sizes, 1e-300))
-        return self.project(e, eps * (share / np.maximum(own, 1e-300)))
+            share, eps = np.zeros(count), 0 * eps
+        e = e * ((1 - share) / np.maximum(sizes, TINY))
+        return self.project(e, eps * (share / np.maximum(sizes_eps, TINY)))
 
     def project(self, e: Array, eps: Array) -> Pair:
-        eps = np.zeros_like(eps) if self.level.P is None else eps * _owned(self)[:, :, None]
-        size = np.maximum(self.level.value(e, eps), 1e-300)
+        eps = np.zeros_like(eps) if self.level.P is None else eps * _owned(self.loop)[:, :, None]
+        size = np.maximum(self.level.value(e, eps), TINY)
         return e / size, eps / size
 
     def holds(self, e: Array) -> bool:
-        return bool(self.level.value(e[:, None], np.zeros((self.n, self.q, 1)))[0] <= 1 + 1e-9)
+        return bool(self.level.value(e[:, None], np.zeros((self.loop.n, self.loop.q, 1)))[0] <= 1 + 1e-9)
 
 
 StartSet = Box | Boundary
 
 
-def asked_box(problem: Problem, loop: Loop, *, radius: float | None, disturbance: float | None) -> Box:
+def asked_box(problem: Problem, loop: Loop, *, radius: float | None = None, disturbance: float | None = None) -> Box:
     """The box around the goals, |e|_inf <= radius; without a radius the region, without that |e|_inf <= 1.
 
     ``disturbance`` bounds |eps_i|; without it the region's, else 0.
     """
     region, goal = problem.region, loop.goal.ravel()
     if radius is None and region is not None:
-        pairs = np.tile(to_float(region.initial_states), (problem.n, 1))
-        low, high, words = pairs[:, 0] - goal, pairs[:, 1] - goal, "the region"
+        low, high = np.tile(to_float(region.initial_states), (problem.n, 1)).T - goal
+        words = "the region"
     else:
         far = AWAY if radius is None else radius
         low, high, words = np.full(len(goal), -far), np.full(len(goal), far), f"|e|_inf <= {far:.4g}"
     if disturbance is None:
-        disturbance = 0.0
-        if region is not None and region.initial_disturbance is not None:
-            disturbance = float(region.initial_disturbance)
-    return Box(words=words, low=low, high=high, radius=disturbance, n=problem.n, q=loop.q, own=loop.own)
+        disturbance = 0.0 if region is None else float(region.initial_disturbance or 0)
+    return Box(words=words, low=low, high=high, radius=disturbance, loop=loop)
 
 
-def _owned(starts: Box | Boundary) -> Array:
+def _owned(loop: Loop) -> Array:
     """1 where a number of eps is the agent's own, (n, q)."""
-    return np.ones((starts.n, starts.q)) if starts.own is None else starts.own.astype(np.float64)
+    return np.ones((loop.n, loop.q)) if loop.own is None else loop.own.astype(np.float64)
 
 
 def unit_cube(rng: np.random.Generator, rows: int, count: int, kind: str) -> Array:
@@ -163,7 +295,7 @@ def unit_cube(rng: np.random.Generator, rows: int, count: int, kind: str) -> Arr
 def sphere(rng: np.random.Generator, own: Array, count: int) -> Array:
     """Unit vectors of the numbers that are an agent's own, (n, q, count) for ``own`` (n, q)."""
     directions = rng.standard_normal((*own.shape, count)) * own[:, :, None]
-    return np.asarray(directions / np.maximum(np.linalg.norm(directions, axis=1, keepdims=True), 1e-300))
+    return np.asarray(directions / np.maximum(np.linalg.norm(directions, axis=1, keepdims=True), TINY))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -174,6 +306,14 @@ class Arena:
     loop: Loop
     modes: tuple[str, ...]
     networks: Callable[[int], Network]
+
+
+def make_arena(problem: Problem, gain: Gain | None) -> Arena:
+    """Prepare the loop; ``gain`` (q, m) is W.  Raises: SpecError if there is an exosystem and no W."""
+    loop, names = make_loop(problem, gain), tuple(problem.network.modes)
+    size = max(1, COLUMN_NUMBERS // (loop.n * loop.m))
+    networks = cache(lambda mode: network_of(loop, arc_groups(problem, names[mode]), runs=size))
+    return Arena(problem=problem, loop=loop, modes=names, networks=networks)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -189,7 +329,6 @@ class Signals:
         return tuple((time, names[mode]) for time, mode in pairs if time != np.inf)
 
     def chosen(self, runs: IndexArray) -> Signals:
-        """Some of the runs."""
         return Signals(times=self.times[runs], modes=self.modes[runs])
 
 
@@ -220,7 +359,6 @@ class Runs:
 
     @property
     def diverged(self) -> BoolArray:
-        """Runs that left every bound."""
         return np.asarray((self.states == ESCAPED) | (self.states == COLLAPSED))
 
     @property
@@ -234,31 +372,15 @@ class Runs:
         return np.asarray((self.diverged | away) & ~self.unfinished)
 
 
-def make_arena(problem: Problem, gain: Gain | None) -> Arena:
-    """Prepare the loop; ``gain`` (q, m) is W.  Raises: SpecError if there is an exosystem and no W."""
-    loop, names = make_loop(problem, gain), tuple(problem.network.modes)
-    size = max(1, COLUMN_NUMBERS // (loop.n * loop.m))
-
-    @cache
-    def networks(mode: int) -> Network:
-        return network_of(loop, arc_groups(problem, names[mode]), runs=size)
-
-    return Arena(problem=problem, loop=loop, modes=names, networks=networks)
-
-
 def settling_horizon(problem: Problem) -> float:
     """How long a run should last (s): the problem's horizon, or longer where the consensus is slow."""
     horizon = float(problem.simulation.t_final)
     if problem.n * problem.m > LARGEST_SPECTRUM:
         return horizon
-    K, slowest = pinning_matrix(problem).toarray(), np.inf
-    for mode in problem.network.modes:
-        jacobian = consensus_jacobian(problem, mode)
-        if jacobian is not None:
-            slowest = min(slowest, -float(np.linalg.eigvals(jacobian.toarray() - K).real.max()))
-    if not slowest > 0:
-        return horizon
-    return float(min(max(horizon, TIME_CONSTANTS / slowest), LONGEST * horizon))
+    jacobians = (consensus_jacobian(problem, mode) for mode in problem.network.modes)
+    loops = [each.toarray() - pinning_matrix(problem).toarray() for each in jacobians if each is not None]
+    slowest = min((-float(np.linalg.eigvals(each).real.max()) for each in loops), default=np.inf)
+    return float(min(max(horizon, TIME_CONSTANTS / slowest), LONGEST * horizon)) if slowest > 0 else horizon
 
 
 def constant_signals(modes: IndexArray) -> Signals:
@@ -295,40 +417,33 @@ def run_starts(
 ) -> Runs:
     """Simulate every start; V of ``level`` is followed where there is one.
 
-    eps decays in closed form; where the observer is too fast for that it counts as 0 from the start.
+    eps decays in closed form; where the observer is too fast for that, the runs that are made begin with eps = 0.
     """
     loop, count, times = arena.loop, e.shape[1], np.linspace(0.0, horizon, samples)
     closed = make_closed_form(loop.F, loop.C, horizon) if loop.q else None
     states = make_closed_form(loop.F, np.eye(loop.q), horizon) if loop.q else None
     if closed is None or states is None:
         eps = np.zeros_like(eps)
-    error, values = np.full((samples, count), np.nan), np.full((samples, count), np.nan)
+    error, values = np.full((2, samples, count), np.nan)
     ends, outcome = np.full_like(e, np.nan), np.zeros(count, dtype=np.int64)
     weights = None if states is None else np.moveaxis(states.many(times), 2, 0)
     size = max(1, COLUMN_NUMBERS // (loop.n * loop.m))
     for begin in range(0, count, size):
-        part = slice(begin, min(count, begin + size))
-        own = eps[:, :, part]
+        part = np.arange(begin, min(count, begin + size))
 
-        def visit(sample: IndexArray, run: IndexArray, state: Array, begin: int = begin, own: Array = own) -> None:
-            error[sample, begin + run] = np.abs(state).max(axis=0)
+        def visit(sample: IndexArray, run: IndexArray, state: Array, part: IndexArray = part) -> None:
+            run = part[run]
+            error[sample, run] = np.abs(state).max(axis=0)
             if level is not None:
-                there = own[:, :, run]
+                there = eps[:, :, run]
                 if weights is not None:
                     there = np.einsum("kab,nbk->nak", weights[sample], there)
-                values[sample, begin + run] = level.value(state, there)
+                values[sample, run] = level.value(state, there)
             last = sample == samples - 1
-            ends[:, begin + run[last]] = state[:, last]
+            ends[:, run[last]] = state[:, last]
 
-        stack = Stack(
-            loop=loop,
-            networks=arena.networks,
-            closed=closed,
-            e=e[:, part],
-            eps=own,
-            switch_times=signals.times[part],
-            switch_modes=signals.modes[part],
-        )
+        some, switches = eps[:, :, part], (signals.times[part], signals.modes[part])
+        stack = Stack(loop=loop, networks=arena.networks, closed=closed, e=e[:, part], eps=some, switches=switches)
         with np.errstate(all="ignore"):
-            outcome[part] = integrate_stack(stack, times, tolerance=tolerance, visit=visit).states
+            outcome[part] = stack.integrate(times, tolerance=tolerance, visit=visit).states
     return Runs(times=times, error=error, values=values, ends=ends, states=outcome, e=e, eps=eps, signals=signals)

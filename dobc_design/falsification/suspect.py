@@ -9,14 +9,12 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from dobc_design._show.cards import Card, Shown
 from dobc_design.conditions.check import Check
 from dobc_design.conditions.equilibrium.claim import Equilibrium
 from dobc_design.exact.number import number_text
-
-Array = NDArray[np.float64]
+from dobc_design.problem.arrays import Array
 
 STAYS_AWAY = "does not converge"
 LEAVES = "leaves the certified set"
@@ -104,17 +102,11 @@ class Falsification(Shown):
 
     def to_json(self) -> dict[str, Any]:
         """JSON object.  ``proved`` lists boxes that each hold an equilibrium, ends as exact rationals."""
+        boxes = [(claim.mode, [[number_text(x.lo), number_text(x.hi)] for x in claim.box]) for claim in self.proved]
         return {
-            "target": self.target,
-            "tried": self.tried,
-            "unfinished": self.unfinished,
-            "horizon": self.horizon,
-            "seed": self.seed,
+            **{name: getattr(self, name) for name in ("target", "tried", "unfinished", "horizon", "seed")},
             "suspects": [each.to_json() for each in self.suspects[:MOST_WRITTEN]],
-            "proved": [
-                {"mode": claim.mode, "box": [[number_text(x.lo), number_text(x.hi)] for x in claim.box]}
-                for claim in self.proved
-            ],
+            "proved": [{"mode": mode, "box": box} for mode, box in boxes],
             "refutes": self.check is not None,
             "certified_rate": self.certified_rate,
             "observed_rate": self.observed_rate,

@@ -1,8 +1,7 @@
 """The model of one mode as CasADi functions: h and dh/de of (9) and (11), (13), (19), the closed loop, (22).
 
-Vectors are stacked agent by agent: e = [e_1; ...; e_n] with m components each, xi, z and eps with q each.
-Without an exosystem q = 0 and these are empty.  The functions take and return NumPy arrays or CasADi's own types;
-they are float64 and prove nothing.
+Vectors are stacked agent by agent: e = [e_1; ...; e_n] with m components each, xi, z and eps with q each.  The
+functions take and return NumPy arrays or CasADi's own types; they are float64 and prove nothing.
 """
 
 from __future__ import annotations
@@ -17,23 +16,10 @@ import numpy as np
 import scipy.sparse as sp
 
 from dobc_design._show.cards import Card, Shown
-from dobc_design.coupling.coupling import Coupling
+from dobc_design.coupling.expression import Expression
 from dobc_design.coupling.functions import FUNCTIONS, by_twos
-from dobc_design.coupling.tree import Operators, evaluate
-from dobc_design.problem.arrays import (
-    ArcGroup,
-    Array,
-    Disturbance,
-    Gain,
-    arc_groups,
-    chosen_mode,
-    difference_matrix,
-    disturbance_arrays,
-    gathering_matrix,
-    goals,
-    pinning_matrix,
-    required_gain,
-)
+from dobc_design.coupling.tree import Operators, evaluate, variable_names
+from dobc_design.problem import arrays
 from dobc_design.problem.problem import Problem
 
 
@@ -51,6 +37,33 @@ class CasadiAlgebra(Operators):
 
     def call(self, name: str, arguments: tuple[Any, ...]) -> Any:
         return by_twos(name, arguments, lambda name, *operands: FUNCTIONS[name].found_in(ca, "casadi")(*operands))
+
+
+class SympyAlgebra(Operators):
+    """The same of SymPy expressions, number for number: 3.2 arrives as 16/5."""
+
+    def constant(self, value: Fraction) -> Any:
+        import sympy  # which nothing else here needs
+
+        return sympy.Rational(value.numerator, value.denominator)
+
+    def pi(self) -> Any:
+        import sympy
+
+        return sympy.pi
+
+    def call(self, name: str, arguments: tuple[Any, ...]) -> Any:
+        import sympy
+
+        return by_twos(name, arguments, lambda name, *operands: FUNCTIONS[name].found_in(sympy, "sympy")(*operands))
+
+
+def to_sympy(expression: Expression) -> tuple[Any, tuple[Any, ...]]:
+    """Return the expression in SymPy and its variables, real symbols: y, or y1 to ym.  No text is parsed."""
+    import sympy
+
+    variables = tuple(sympy.Symbol(name, real=True) for name in variable_names(expression.dimension))
+    return evaluate(expression.node, variables, SympyAlgebra()), variables
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False, repr=False)
@@ -74,7 +87,7 @@ class Model(Shown):
     n: int
     m: int
     q: int
-    W: Array
+    W: arrays.Array
     h: Any
     jacobian: Any
     observer: Any
@@ -95,103 +108,65 @@ class Model(Shown):
         return f"<Model of {self._title}>"
 
     def _card(self) -> Card:
-        return Card(
-            title=self._title,
-            heads=("function", "takes", "returns"),
-            rows=[_signature(each) for each in self.functions],
-        )
+        return Card(title=self._title, heads=("function", "takes", "returns"), rows=[*map(_signature, self.functions)])
 
     @property
     def _title(self) -> str:
         return f'{self.problem.name}, mode "{self.mode}": n = {self.n}, m = {self.m}, q = {self.q}'
 
 
-def build_model(problem: Problem, mode: str | None = None, *, gain: Gain | None = None) -> Model:
+def build_model(problem: Problem, mode: str | None = None, *, gain: arrays.Gain | None = None) -> Model:
     """Build the CasADi functions of one mode, the first one unless ``mode`` names another.
 
     ``gain`` (q, m) takes the place of problem.observer.W.  In a formation, couplings act on x - offset.
     Raises: SpecError for an unknown mode, or if there is an exosystem and no W; ShapeError for a wrong gain.
     """
-    name = chosen_mode(problem, mode)
-    W = required_gain(problem, gain)
+    name = arrays.chosen_mode(problem, mode)
+    W = arrays.required_gain(problem, gain)
     h, jacobian = _couplings(problem, name)
-    loop = _Loop(problem=problem, h=h, disturbance=disturbance_arrays(problem, gain))
-    return Model(
-        problem=problem,
-        mode=name,
-        n=problem.n,
-        m=problem.m,
-        q=problem.q,
-        W=W,
-        h=h,
-        jacobian=jacobian,
-        observer=loop.observer(),
-        controller=loop.controller(),
-        closed_loop=loop.closed_loop(),
-        error_dynamics=loop.error_dynamics(),
+    loop, sizes = (
+        _loop(problem, h, arrays.disturbance_arrays(problem, gain)),
+        {"n": problem.n, "m": problem.m, "q": problem.q},
     )
+    return Model(problem=problem, mode=name, W=W, h=h, jacobian=jacobian, **sizes, **loop)
 
 
-class _Loop:
-    """Builds the functions that need more than the couplings; matrices have one column per agent."""
+def _loop(problem: Problem, h: Any, disturbance: arrays.Disturbance) -> dict[str, Any]:
+    n, widths = problem.n, {"m": problem.m, "q": problem.q}
+    A, C, F = (ca.DM(each) for each in (disturbance.A, disturbance.C, disturbance.F))
+    K, goal = _constant(arrays.pinning_matrix(problem)), ca.DM(arrays.goals(problem).reshape(-1))
 
-    def __init__(self, *, problem: Problem, h: Any, disturbance: Disturbance) -> None:
-        self.n, self.m, self.q = problem.n, problem.m, problem.q
-        self.h = h
-        self.A, self.C, self.F = ca.DM(disturbance.A), ca.DM(disturbance.C), ca.DM(disturbance.F)
-        W = disturbance.W
-        self.W = _constant(sp.csr_array(sp.block_diag(list(W)))) if W.ndim == 3 else ca.DM(W)
-        self.K = _constant(pinning_matrix(problem))
-        self.goal = ca.DM(goals(problem).reshape(-1))
+    def per_agent(factor: Any, stacked: Any) -> Any:
+        """(I_n (x) factor) stacked."""
+        return ca.vec(factor @ ca.reshape(stacked, factor.size2(), n))
 
-    def observer(self) -> Any:
-        z, x, u = self._symbol("z", self.q), self._symbol("x", self.m), self._symbol("u", self.m)
-        outputs = [*self._observe(z, x, u), self._disturbance(self._estimate(z, x))]
-        return _function("observer", {"z": z, "x": x, "u": u}, outputs, ["z_dot", "xihat", "dhat"])
-
-    def controller(self) -> Any:
-        x, dhat = self._symbol("x", self.m), self._symbol("dhat", self.m)
-        return _function("controller", {"x": x, "dhat": dhat}, [self._control(x, dhat)], ["u"])
-
-    def closed_loop(self) -> Any:
-        x, xi, z = self._symbol("x", self.m), self._symbol("xi", self.q), self._symbol("z", self.q)
-        u = self._control(x, self._disturbance(self._estimate(z, x)))
-        x_dot = self.h(x - self.goal) + u + self._disturbance(xi)
-        outputs = [x_dot, self._per_agent(self.A, xi, self.q), self._observe(z, x, u)[0]]
-        return _function("closed_loop", {"x": x, "xi": xi, "z": z}, outputs, ["x_dot", "xi_dot", "z_dot"])
-
-    def error_dynamics(self) -> Any:
-        e, eps = self._symbol("e", self.m), self._symbol("eps", self.q)
-        e_dot = self.h(e) - self.K @ e + self._disturbance(eps)
-        eps_dot = self._per_agent(self.F, eps, self.q)
-        return _function("error_dynamics", {"e": e, "eps": eps}, [e_dot, eps_dot], ["e_dot", "eps_dot"])
-
-    def _observe(self, z: Any, x: Any, u: Any) -> tuple[Any, Any]:
-        """z_dot and xihat of (13)."""
-        xihat = self._estimate(z, x)
-        felt = self.h(x - self.goal) + u
-        return self._per_agent(self.F, xihat, self.q) - self._correction(felt), xihat
-
-    def _estimate(self, z: Any, x: Any) -> Any:
-        return z + self._correction(x)
-
-    def _correction(self, y: Any) -> Any:
+    def correction(y: Any) -> Any:
         """W y of every agent, whose gains are blocks of a large matrix where they differ."""
-        grouped = self.W.size1() != self.q
-        return self.W @ y if grouped else self._per_agent(self.W, y, self.m)
+        W = disturbance.W
+        return per_agent(ca.DM(W), y) if W.ndim == 2 else _constant(sp.csr_array(sp.block_diag(list(W)))) @ y
 
-    def _disturbance(self, xi: Any) -> Any:
-        return self._per_agent(self.C, xi, self.q)
+    def observe(z: Any, x: Any, u: Any) -> tuple[Any, Any, Any]:
+        """z_dot, xihat and dhat of (13)."""
+        xihat = z + correction(x)
+        return per_agent(F, xihat) - correction(h(x - goal) + u), xihat, per_agent(C, xihat)
 
-    def _control(self, x: Any, dhat: Any) -> Any:
-        return -self.K @ (x - self.goal) - dhat
+    def control(x: Any, dhat: Any) -> Any:
+        return -K @ (x - goal) - dhat
 
-    def _per_agent(self, factor: Any, stacked: Any, width: int) -> Any:
-        """(I_n (x) factor) stacked, for ``width`` entries per agent."""
-        return ca.vec(factor @ ca.reshape(stacked, width, self.n))
-
-    def _symbol(self, name: str, width: int) -> Any:
-        return ca.SX.sym(name, self.n * width)
+    kinds = {"z": "q", "x": "m", "u": "m", "xi": "q", "dhat": "m", "e": "m", "eps": "q"}
+    z, x, u, xi, dhat, e, eps = (ca.SX.sym(name, n * widths[kind]) for name, kind in kinds.items())
+    applied = control(x, per_agent(C, z + correction(x)))
+    x_dot = h(x - goal) + applied + per_agent(C, xi)
+    e_dot = h(e) - K @ e + per_agent(C, eps)
+    z_dot, xihat, estimate = observe(z, x, u)
+    closed = {"x_dot": x_dot, "xi_dot": per_agent(A, xi), "z_dot": observe(z, x, applied)[0]}
+    rows = {
+        "observer": ({"z": z, "x": x, "u": u}, {"z_dot": z_dot, "xihat": xihat, "dhat": estimate}),
+        "controller": ({"x": x, "dhat": dhat}, {"u": control(x, dhat)}),
+        "closed_loop": ({"x": x, "xi": xi, "z": z}, closed),
+        "error_dynamics": ({"e": e, "eps": eps}, {"e_dot": e_dot, "eps_dot": per_agent(F, eps)}),
+    }
+    return {name: _function(name, *each) for name, each in rows.items()}
 
 
 def _couplings(problem: Problem, mode: str) -> tuple[Any, Any]:
@@ -199,49 +174,36 @@ def _couplings(problem: Problem, mode: str) -> tuple[Any, Any]:
     n, m = problem.n, problem.m
     e = ca.SX.sym("e", n * m)
     h, jacobian = ca.SX(n * m, 1), ca.SX(n * m, n * m)
-    for group in arc_groups(problem, mode):
-        differences = [_component_columns(difference_matrix(group, n), c, m) for c in range(m)]
-        gather = [_component_rows(gathering_matrix(group, n), c, m) for c in range(m)]
+    for group in arrays.arc_groups(problem, mode):
+        differences = [_constant(sp.kron(arrays.difference_matrix(group, n), np.eye(m)[[c]])) for c in range(m)]
+        gather = [_constant(sp.kron(arrays.gathering_matrix(group, n), np.eye(m)[:, [c]])) for c in range(m)]
         values, slopes = _on_arcs(group, [difference @ e for difference in differences])
         for c in range(m):
             h += gather[c] @ values[c]
             for d in range(m):
                 if slopes[c][d] is not None:
                     jacobian += gather[c] @ ca.diag(slopes[c][d]) @ differences[d]
-    return _function("h", {"e": e}, [h], ["h"]), ca.Function("jacobian", [e], [jacobian], ["e"], ["dh_de"])
+    return _function("h", {"e": e}, {"h": h}), ca.Function("jacobian", [e], [jacobian], ["e"], ["dh_de"])
 
 
-def _on_arcs(group: ArcGroup, y: Sequence[Any]) -> tuple[list[Any], list[list[Any | None]]]:
+def _on_arcs(group: arrays.ArcGroup, y: Sequence[Any]) -> tuple[list[Any], list[list[Any | None]]]:
     """Components of h, and slopes[c][d] = dh_c/dy_d (None where it is 0), on every arc; y[c] has one row per arc."""
     count, m = len(group.weights), len(y)
     variables = [ca.SX.sym(f"y{c + 1}", count) for c in range(m)]
-    values = _evaluated(group.coupling, variables, count)
+    nodes, each = [expression.node for expression in group.coupling.components], [variables] * m
+    if group.coupling.by_component:
+        nodes, each = nodes[:1] * m, [[variable] for variable in variables]
+    found = (evaluate(node, given, CasadiAlgebra()) for node, given in zip(nodes, each, strict=True))
+    values = [ca.SX.zeros(count, 1) + value for value in found]  # a component may be a constant 0
     ones = ca.DM.ones(count, 1)
     pairs = [(c, d) for c in range(m) for d in range(m) if c == d or not group.coupling.by_component]
     # Each arc's value depends on that arc's y alone, so J times a vector of ones is the diagonal of J.
     slopes = [ca.jtimes(values[c], variables[d], ones) for c, d in pairs]
-    found = ca.Function("arcs", variables, [*values, *slopes])(*y)
+    arcs = ca.Function("arcs", variables, [*values, *slopes])(*y)
     table: list[list[Any | None]] = [[None] * m for _ in range(m)]
-    for (c, d), slope in zip(pairs, found[m:], strict=True):
+    for (c, d), slope in zip(pairs, arcs[m:], strict=True):
         table[c][d] = slope
-    return list(found[:m]), table
-
-
-def _evaluated(coupling: Coupling, variables: Sequence[Any], count: int) -> list[Any]:
-    algebra = CasadiAlgebra()
-    if coupling.by_component:
-        values = [evaluate(coupling.components[0].node, [variable], algebra) for variable in variables]
-    else:
-        values = [evaluate(expression.node, variables, algebra) for expression in coupling.components]
-    return [ca.SX.zeros(count, 1) + value for value in values]  # a component may be a constant 0
-
-
-def _component_columns(matrix: sp.csr_array, component: int, m: int) -> Any:
-    return _constant(sp.kron(matrix, np.eye(m)[[component]]))
-
-
-def _component_rows(matrix: sp.csr_array, component: int, m: int) -> Any:
-    return _constant(sp.kron(matrix, np.eye(m)[:, [component]]))
+    return list(arcs[:m]), table
 
 
 def _constant(matrix: sp.sparray) -> Any:
@@ -249,48 +211,45 @@ def _constant(matrix: sp.sparray) -> Any:
     return ca.sparsify(ca.DM(sp.csc_matrix(matrix)))
 
 
-def _function(name: str, inputs: dict[str, Any], outputs: Sequence[Any], names: Sequence[str]) -> Any:
-    return ca.Function(name, [*inputs.values()], [ca.densify(each) for each in outputs], [*inputs], [*names])
+def _function(name: str, inputs: dict[str, Any], outputs: dict[str, Any]) -> Any:
+    return ca.Function(name, [*inputs.values()], [*map(ca.densify, outputs.values())], [*inputs], [*outputs])
 
 
 def _signature(function: Any) -> tuple[str, str, str]:
     """Name, inputs and outputs with their shapes, for showing."""
-    inputs = ", ".join(f"{function.name_in(i)} {_shape(function.size_in(i))}" for i in range(function.n_in()))
-    outputs = ", ".join(f"{function.name_out(i)} {_shape(function.size_out(i))}" for i in range(function.n_out()))
-    return function.name(), inputs, outputs
-
-
-def _shape(size: tuple[int, int]) -> str:
-    return f"({size[0]})" if size[1] == 1 else f"({size[0]}, {size[1]})"
+    inputs = ((function.name_in(i), *function.size_in(i)) for i in range(function.n_in()))
+    outputs = ((function.name_out(i), *function.size_out(i)) for i in range(function.n_out()))
+    shown = (
+        ", ".join(f"{name} ({rows})" if columns == 1 else f"{name} ({rows}, {columns})" for name, rows, columns in each)
+        for each in (inputs, outputs)
+    )
+    return function.name(), *shown
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Flow:
-    """The error system (22) of one mode from 0 to ``horizon`` (s) in ``steps`` equal steps.
+    """The error system (22) of one mode from 0 to a horizon in equal steps.
 
     States are [e; eps], stacked agent by agent, ``rows`` numbers of e and ``size`` in all.
     """
 
-    mode: str
-    horizon: float
-    steps: int
     rows: int
     size: int
     end_function: Any
     pull_function: Any
 
-    def end(self, start: Array) -> Array:
+    def end(self, start: arrays.Array) -> arrays.Array:
         """The state at the horizon, (size,); not finite where the steps are too long for the loop."""
         return np.asarray(self.end_function(start)).ravel()
 
-    def pull(self, start: Array, weight: Array) -> tuple[Array, Array]:
+    def pull(self, start: arrays.Array, weight: arrays.Array) -> tuple[arrays.Array, arrays.Array]:
         """The state at the horizon and the gradient of weight'end by the start, both (size,)."""
         end, gradient = self.pull_function(start, weight)
         return np.asarray(end).ravel(), np.asarray(gradient).ravel()
 
 
 def build_flow(
-    problem: Problem, mode: str | None = None, *, horizon: float, steps: int, gain: Gain | None = None
+    problem: Problem, mode: str | None = None, *, horizon: float, steps: int, gain: arrays.Gain | None = None
 ) -> Flow:
     """Prepare the flow of one mode, the first one unless ``mode`` names another.
 
@@ -311,18 +270,10 @@ def build_flow(
     one = ca.Function("step", [state], [state + step / 6 * (first + 2 * second + 2 * third + fourth)])
     start, weight = ca.MX.sym("start", size), ca.MX.sym("weight", size)
     end = one.fold(steps)(start)
+    pull = [end, ca.jtimes(end, start, weight, True)]
     return Flow(
-        mode=model.mode,
-        horizon=horizon,
-        steps=steps,
         rows=rows,
         size=size,
         end_function=ca.Function("end", [start], [end], ["start"], ["end"]),
-        pull_function=ca.Function(
-            "pull",
-            [start, weight],
-            [end, ca.jtimes(end, start, weight, True)],
-            ["start", "weight"],
-            ["end", "gradient"],
-        ),
+        pull_function=ca.Function("pull", [start, weight], pull, ["start", "weight"], ["end", "gradient"]),
     )

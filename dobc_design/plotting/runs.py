@@ -75,7 +75,7 @@ class Run(Protocol):
 
 
 class Runs(Protocol):
-    """What a figure of many runs needs of them; see ``simulation.ensemble.Ensemble``."""
+    """What a figure of many runs needs of them; see ``simulation.runs.Ensemble``."""
 
     @property
     def times(self) -> Array: ...

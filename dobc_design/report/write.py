@@ -14,7 +14,6 @@ from dobc_design.conditions.consensus.claim import state_theorems
 from dobc_design.conditions.schedule.checks import stage_timings
 from dobc_design.exact.matrix import Matrix
 from dobc_design.problem.problem import Problem
-from dobc_design.simulation.simulations import fingerprint
 
 if TYPE_CHECKING:
     from dobc_design.falsification.suspect import Falsification
@@ -77,13 +76,15 @@ def render_report(
     analysis, trajectory = None, None
     if problem.n * problem.m <= DRAWN:
         from dobc_design.analysis.analysis import analyse as run_analysis
-        from dobc_design.simulation.run import simulate as run_simulation
+        from dobc_design.simulation.runs import fingerprint, run_once
+        from dobc_design.simulation.setting import make_setting
 
         say("computing diagnostics")
         analysis = run_analysis(problem, gain=gain)
         if not problem.groups or gain is not None:
             say("simulating")
-            trajectory = replace(run_simulation(problem, gain=gain), loop_sha256=fingerprint(problem, gain))
+            run = run_once(make_setting(problem, gain=gain))
+            trajectory = replace(run, loop_sha256=fingerprint(problem, gain))
     settling = certificate.settling
     if settling is not None:
         say("deciding delays and sampling, stage by stage")

@@ -6,22 +6,17 @@ import math
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from dobc_design.errors import ShapeError, SpecError
-
-Array = NDArray[np.float64]
+from dobc_design.errors import ShapeError, wrong
+from dobc_design.problem.arrays import Array
 
 
 def positive(value: Any, name: str, *, what: str = "a number > 0", example: str = "0.5") -> float:
     """Return ``value`` as a finite float > 0.  Raises: SpecError."""
     number = _float(value)
     if not (math.isfinite(number) and number > 0):
-        raise SpecError(
-            f"{name} must be {what}, within the range of floats; got {str(value)[:40]}.",
-            key=name,
-            cure=f"For example {example}.",
-        )
+        message = f"must be {what}, within the range of floats; got {str(value)[:40]}."
+        raise wrong(name, message, f"For example {example}.")
     return number
 
 
@@ -34,18 +29,15 @@ def not_negative(value: Any, name: str) -> float:
     """Return a finite float >= 0.  Raises: SpecError."""
     number = _float(value)
     if not (math.isfinite(number) and number >= 0):
-        raise SpecError(f"{name} must be a number >= 0; got {str(value)[:40]}.", key=name, cure="For example 0.1.")
+        raise wrong(name, f"must be a number >= 0; got {str(value)[:40]}.", "For example 0.1.")
     return number
 
 
 def whole(value: Any, name: str, *, least: int) -> int:
     """Return a whole number >= ``least``.  Raises: SpecError."""
     if isinstance(value, bool) or not isinstance(value, (int, np.integer)) or value < least:
-        raise SpecError(
-            f"{name} must be a whole number >= {least}; got {str(value)[:40]}.",
-            key=name,
-            cure=f"For example {max(least, 10)}.",
-        )
+        message = f"must be a whole number >= {least}; got {str(value)[:40]}."
+        raise wrong(name, message, f"For example {max(least, 10)}.")
     return int(value)
 
 
@@ -57,27 +49,28 @@ def finite_array(value: Any, name: str, *, shape: tuple[int, ...], because: str)
     try:
         array = np.array(value, dtype=np.float64)
     except (TypeError, ValueError, OverflowError):
-        raise SpecError(
-            f"{name} must be an array of numbers; got {str(value)[:40]}.", key=name, cure=f"Give shape {shape}."
-        ) from None
+        message = f"must be an array of numbers; got {str(value)[:40]}."
+        raise wrong(name, message, f"Give shape {shape}.") from None
     if array.shape != shape:
-        raise ShapeError(
-            f"{name} must have shape {shape}, {because}; got shape {array.shape}.", key=name, cure=f"Give {because}."
-        )
-    wrong = np.argwhere(~np.isfinite(array))
-    if len(wrong):
-        place = tuple(int(i) for i in wrong[0])
+        message = f"must have shape {shape}, {because}; got shape {array.shape}."
+        raise wrong(name, message, f"Give {because}.", kind=ShapeError)
+    for place in np.argwhere(~np.isfinite(array)).tolist():
         names = ("row", "column") if len(place) > 1 else ("entry",)
         where = ", ".join(f"{what} {i + 1}" for what, i in zip(names, place, strict=False))
-        raise SpecError(f"{name} must be finite; {where} is {array[place]}.", key=name, cure="Correct that entry.")
+        raise wrong(name, f"must be finite; {where} is {array[tuple(place)]}.", "Correct that entry.")
     return array
 
 
+def put(noun: object, **values: Any) -> None:
+    """Set fields of a frozen noun that is being made."""
+    for name, value in values.items():
+        object.__setattr__(noun, name, value)
+
+
 def _float(value: Any) -> float:
-    if isinstance(value, bool):
-        return math.nan
+    """Not a number for what is none, infinite beyond the range of floats."""
     try:
-        return float(value)
+        return math.nan if isinstance(value, bool) else float(value)
     except OverflowError:
         return math.inf
     except (TypeError, ValueError):

@@ -7,7 +7,7 @@ A run converges here if the largest error of the agents that work, over the last
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from os import PathLike
 from typing import TYPE_CHECKING, Any
 
@@ -17,17 +17,16 @@ from dobc_design._show.cards import Card, Shown
 from dobc_design.certificate.certificate import Certificate
 from dobc_design.certificate.claims import certified_period
 from dobc_design.conditions.observer.propose import observer_gain
-from dobc_design.errors import SpecError
-from dobc_design.problem.arrays import arc_groups
+from dobc_design.errors import SpecError, wrong
+from dobc_design.problem.arrays import Array, arc_groups
 from dobc_design.problem.load import load_problem
 from dobc_design.problem.problem import Problem
-from dobc_design.simulation._arguments import Array, positive
+from dobc_design.simulation._arguments import positive
 from dobc_design.simulation.field import Loop
 from dobc_design.simulation.integrate import Progress, fastest_decay, observer_decay
-from dobc_design.simulation.run import run_once
-from dobc_design.simulation.setting import Given, make_setting
+from dobc_design.simulation.runs import run_once
+from dobc_design.simulation.setting import Failure, Given, Stress, make_setting
 from dobc_design.simulation.signals import Signal, signal_of
-from dobc_design.simulation.stress import Failure, Stress
 from dobc_design.simulation.trajectory import Trajectory
 
 if TYPE_CHECKING:
@@ -108,14 +107,9 @@ class Breaking(Shown):
         """One panel per option, in one figure."""
         from dobc_design.plotting.sweeps import breaking_sheet
 
-        limit = self.period
-        return breaking_sheet(
-            self.sweeps,
-            tolerance=self.tolerance,
-            name=self.name,
-            period=None if limit is None else limit.converges,
-            certified=None if limit is None else limit.certified,
-        )
+        limit = self.period or PeriodLimit(converges=None, fails=None)
+        borders = {"period": limit.converges, "certified": limit.certified}
+        return breaking_sheet(self.sweeps, tolerance=self.tolerance, name=self.name, **borders)
 
     def _card(self) -> Card:
         text = f"late errors above {self.tolerance:.0%} of the start; first to break: "
@@ -142,26 +136,15 @@ class Breaking(Shown):
 
     def to_json(self) -> dict[str, Any]:
         """JSON types: late errors are null where a run diverged."""
-        limit = self.period
-        return {
-            "tolerance": self.tolerance,
-            "order": list(self.order),
-            "sweeps": [
-                {
-                    "option": each.option,
-                    "unit": each.unit,
-                    "survives": each.survives,
-                    "breaks": each.breaks,
-                    "severity": each.severity.tolist(),
-                    "relative": each.relative.tolist(),
-                    "late": [late if np.isfinite(late) else None for late in each.late.tolist()],
-                }
-                for each in self.sweeps
-            ],
-            "period": None
-            if limit is None
-            else {"converges": limit.converges, "fails": limit.fails, "certified": limit.certified},
-        }
+        words = ("option", "unit", "survives", "breaks")
+        sweeps = [
+            {name: getattr(each, name) for name in words}
+            | {"severity": each.severity.tolist(), "relative": each.relative.tolist()}
+            | {"late": [late if np.isfinite(late) else None for late in each.late.tolist()]}
+            for each in self.sweeps
+        ]
+        period = None if self.period is None else asdict(self.period)
+        return {"tolerance": self.tolerance, "order": list(self.order), "sweeps": sweeps, "period": period}
 
 
 def what_breaks_first(
@@ -191,30 +174,18 @@ def what_breaks_first(
     options, report = OPTIONS if options is None else options, progress or (lambda part: None)
     unknown = [option for option in options if option not in OPTIONS]
     if unknown or not options:
-        raise SpecError(
-            f"options must be among {', '.join(OPTIONS)}; got {str(unknown[0])[:40] if unknown else 'none'}.",
-            key="options",
-            cure="Leave it out for all of them.",
-        )
+        message = f"must be among {', '.join(OPTIONS)}; got {str(unknown[0])[:40] if unknown else 'none'}."
+        raise wrong("options", message, "Leave it out for all of them.")
     tolerance = positive(tolerance, "tolerance", example="0.1")
     problem = problem if isinstance(problem, Problem) else load_problem(problem)
     chosen, remark = (signal, None) if signal is not None else signal_of(problem)
-    gain = observer_gain(problem)
-    setting = make_setting(
-        problem,
-        gain=gain,
-        signal=chosen,
-        start=start,
-        t_final=t_final,
-        seed=seed,
-        samples=SAMPLES,
-        tolerance=COARSE,
-    )
+    given: dict[str, Any] = {"signal": chosen, "start": start, "t_final": t_final, "seed": seed}
+    setting = make_setting(problem, gain=observer_gain(problem), samples=SAMPLES, tolerance=COARSE, **given)
 
     def late(stress: Stress) -> float:
-        return _late(run_once(replace(setting, stress=None if stress.is_calm else stress), setting.seed), stress)
+        return _late(run_once(replace(setting, stress=None if stress.is_calm else stress)), stress)
 
-    calm = run_once(setting, setting.seed)
+    calm = run_once(setting)
     if not _late(calm, Stress()) <= tolerance:
         raise SpecError(
             f"the loop must converge before anything can break it; without stress it does not in {calm.t_final:g} s.",
@@ -226,22 +197,13 @@ def what_breaks_first(
         report(number / len(options))
         sweeps.append(sweep := _sweep(late, tolerance, option, _grid(problem, option, calm, setting.loop)))
         if option == "period":
-            certified = None if certificate is None else _certified(certificate)
-            limit = _bisect(late, tolerance, sweep.survives, sweep.breaks, certified)
+            certified = None if certificate is None else certified_period(certificate.problem, certificate.claims)
+            limit = _bisect(late, tolerance, sweep.survives, sweep.breaks)
+            limit = limit if certified is None else replace(limit, certified=float(certified))
     report(1.0)
-    return Breaking(
-        name=problem.name,
-        t_final=calm.t_final,
-        tolerance=tolerance,
-        sweeps=tuple(sweeps),
-        period=limit,
-        calm=calm if remark is None else replace(calm, notes=(remark, *calm.notes)),
-    )
-
-
-def _certified(certificate: Certificate) -> float | None:
-    period = certified_period(certificate.problem, certificate.claims)
-    return None if period is None else float(period)
+    calm = calm if remark is None else replace(calm, notes=(remark, *calm.notes))
+    found: dict[str, Any] = {"sweeps": tuple(sweeps), "period": limit, "calm": calm}
+    return Breaking(name=problem.name, t_final=calm.t_final, tolerance=tolerance, **found)
 
 
 def _late(run: Trajectory, stress: Stress) -> float:
@@ -282,35 +244,21 @@ def _grid(problem: Problem, option: str, calm: Trajectory, loop: Loop) -> Iterat
 
 def _sweep(late: Late, tolerance: float, option: str, grid: Iterator[tuple[float, float, Stress]]) -> Sweep:
     rows: list[tuple[float, float, float]] = []
-    survives = breaks = relative_break = None
+    found: dict[str, float | None] = dict.fromkeys(("survives", "breaks", "relative_break"))
     for severity, relative, stress in grid:
         rows.append((severity, relative, late(stress)))
         if not rows[-1][2] <= tolerance:
-            breaks, relative_break = severity, relative
+            found |= {"breaks": severity, "relative_break": relative}
             break
-        survives = severity
-    table = np.array(rows).reshape(-1, 3)
-    return Sweep(
-        option=option,
-        unit=UNITS[option],
-        severity=table[:, 0],
-        relative=table[:, 1],
-        late=table[:, 2],
-        survives=survives,
-        breaks=breaks,
-        relative_break=relative_break,
-    )
+        found["survives"] = severity
+    severities, relatives, errors = np.array(rows).reshape(-1, 3).T
+    return Sweep(option=option, unit=UNITS[option], severity=severities, relative=relatives, late=errors, **found)
 
 
-def _bisect(
-    late: Late, tolerance: float, low: float | None, high: float | None, certified: float | None
-) -> PeriodLimit:
+def _bisect(late: Late, tolerance: float, low: float | None, high: float | None) -> PeriodLimit:
     """Between a period that converged and one that did not; convergence need not be monotone in the period."""
     if low is not None and high is not None:
         for _ in range(BISECTIONS):
             middle = (low + high) / 2
-            if late(Stress(period=middle)) <= tolerance:
-                low = middle
-            else:
-                high = middle
-    return PeriodLimit(converges=low, fails=high, certified=certified)
+            low, high = (middle, high) if late(Stress(period=middle)) <= tolerance else (low, middle)
+    return PeriodLimit(converges=low, fails=high)

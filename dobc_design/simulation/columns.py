@@ -2,8 +2,6 @@
 
 The coefficients are SciPy's, and so are the rules for errors and steps; every run keeps its own step size, so it
 ends where it would have ended alone, to the tolerance, and one that diverges leaves the others in peace.
-All runs in one mode go through one call of what they obey; calm ones obey h(e) - K e + C eps, the observer's errors in
-closed form.
 """
 
 from __future__ import annotations
@@ -16,10 +14,11 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.integrate import DOP853
 
-from dobc_design.simulation._arguments import Array
+from dobc_design.problem.arrays import Array
+from dobc_design.problem.network import IndexArray
 from dobc_design.simulation.field import ClosedForm, Loop, Network
 from dobc_design.simulation.integrate import FARTHEST
-from dobc_design.simulation.switches import IndexArray, Switches
+from dobc_design.simulation.switches import Switches
 
 Visit = Callable[[IndexArray, IndexArray, Array], None]
 RightHandSide = Callable[[Array, Array], Array]
@@ -27,6 +26,7 @@ RightHandSide = Callable[[Array, Array], Array]
 STAGES, EXTENDED = DOP853.n_stages, DOP853.n_stages + 1 + len(DOP853.C_EXTRA)
 EXPONENT = -1 / (DOP853.error_estimator_order + 1)
 LEAST_FACTOR, MOST_FACTOR, SAFETY = 0.2, 10.0, 0.9  # those of SciPy
+COLUMN_NUMBERS = 1 << 15  # states n m of the runs of one chunk; some 60 arrays of this size are in use
 MOST_STEPS = 20_000  # of one run, tried ones included; one that needs more is handed back
 RUNNING, DONE, ESCAPED, COLLAPSED, HANDED_BACK = range(5)
 
@@ -48,26 +48,6 @@ class Columns(Protocol):
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Stretch:
-    """A stretch of time, in s, for runs side by side.
-
-    Shapes: e (N, R) at ``begin``; farthest (R,), |e|_inf that counts as divergence; switch_times, switch_modes (R, S)
-    padded with inf and 0; steps (R,), the first step sizes, or None for a guess.  ``most``: steps, tried ones included,
-    after which a run is handed back.
-    """
-
-    columns: Columns
-    begin: float
-    end: float
-    e: Array
-    farthest: Array
-    switch_times: Array
-    switch_modes: IndexArray
-    steps: Array | None
-    most: int
-
-
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Ends:
     """How every run ended, (R,), when it did, in s, where, e (N, R), and which step it would have made next, (R,)."""
 
@@ -76,10 +56,14 @@ class Ends:
     e: Array
     steps: Array
 
-
-def farthest_of(size: Array) -> Array:
-    """|e|_inf from which on a run that starts with ``size`` (R,) counts as diverged, (R,)."""
-    return np.asarray(FARTHEST * np.maximum(1.0, size))
+    def reasons(self) -> dict[int, str]:
+        """Why runs ended early; "" for those that are handed back."""
+        words = {
+            ESCAPED: f"|e|_inf exceeded {FARTHEST:.0e} times its start at",
+            COLLAPSED: "the step size collapsed or the state overflowed just after",
+        }
+        early = np.flatnonzero(self.states >= ESCAPED).tolist()
+        return {k: f"{words[s]} t = {self.times[k]:.6g} s" if (s := self.states[k]) in words else "" for k in early}
 
 
 def padded(switches: Sequence[Switches]) -> tuple[Array, IndexArray]:
@@ -91,44 +75,59 @@ def padded(switches: Sequence[Switches]) -> tuple[Array, IndexArray]:
     return times, modes
 
 
-def integrate_stretch(stretch: Stretch, times: Array, *, tolerance: float, visit: Visit) -> Ends:
-    """Integrate all runs to the end of a stretch; ``visit`` sees the samples after its begin, up to its end."""
-    worker = _Worker(stretch, times, tolerance=tolerance, visit=visit)
-    with np.errstate(all="ignore"):
-        worker.run()
-    return Ends(states=worker.ended, times=worker.ended_at, e=worker.last_e, steps=worker.last_steps)
+class Stretch:
+    """A stretch of time, in s, for runs side by side; those that are still under way have a column each.
 
+    Shapes: e (N, R) at ``begin``; times and modes of ``switches`` (R, S), padded with inf and 0; ``farthest`` (R,), the
+    |e|_inf that counts as divergence; ``steps`` (R,), the first step sizes, or None for a guess.  ``most``: steps,
+    tried ones included, after which a run is handed back.  ``visit`` sees the samples after the begin, up to the end.
+    """
 
-class _Worker:
-    """The runs that are still under way, one column each."""
-
-    def __init__(self, stretch: Stretch, times: Array, *, tolerance: float, visit: Visit) -> None:
-        self.stretch, self.columns, self.samples, self.visit = stretch, stretch.columns, times, visit
-        self.horizon, self.relative, self.absolute = stretch.end, tolerance, tolerance / 100
-        count = stretch.e.shape[1]
+    def __init__(
+        self,
+        columns: Columns,
+        e: Array,
+        samples: Array,
+        *,
+        begin: float,
+        end: float,
+        farthest: Array,
+        switches: tuple[Array, IndexArray],
+        steps: Array | None = None,
+        most: int,
+        tolerance: float,
+        visit: Visit,
+    ) -> None:
+        self.columns, self.samples, self.visit, self.most, self.first = columns, samples, visit, most, steps
+        self.horizon, self.relative, self.absolute = end, tolerance, tolerance / 100
+        count = e.shape[1]
         self.ended, self.ended_at = np.full(count, RUNNING), np.full(count, self.horizon)
-        self.last_e, self.last_steps = stretch.e.copy(), np.zeros(count)
-        self.switch_times = np.pad(stretch.switch_times, ((0, 0), (0, 1)), constant_values=np.inf)
-        self.run_of = np.arange(count)
-        self.y, self.t, self.farthest = stretch.e.copy(), np.full(count, stretch.begin), stretch.farthest
-        self.place = (stretch.switch_times <= stretch.begin).sum(axis=1) - 1
-        self.done = np.searchsorted(times, self.t, side="right")
+        self.last_e, self.last_steps = e.copy(), np.zeros(count)
+        self.switch_times = np.pad(switches[0], ((0, 0), (0, 1)), constant_values=np.inf)
+        self.switch_modes, self.run_of, self.farthest = switches[1], np.arange(count), farthest
+        self.y, self.t, self.h = e.copy(), np.full(count, begin), np.zeros(count)
+        self.place = (switches[0] <= begin).sum(axis=1) - 1
+        self.done = np.searchsorted(samples, self.t, side="right")
         self.steps, self.rejected = np.zeros(count, dtype=np.int64), np.zeros(count, dtype=bool)
-        self.mode, self.limit = self.next_switch()
-        self.K = np.empty((EXTENDED, *self.y.shape))
-        self.parts: list[tuple[IndexArray, RightHandSide]] = []
-        self.h = np.zeros(count)
+        self.arrange()
 
-    def run(self) -> None:
-        """Step until every run has ended."""
-        self.parts = self.grouped(np.arange(len(self.run_of)))
-        self.f = self.derivative(self.y, self.forces(self.t[None])[0])
-        self.h = self.first_steps() if self.stretch.steps is None else self.stretch.steps.copy()
-        wrong = ~np.isfinite(self.f).all(axis=0)
-        if wrong.any():
-            self.retire(np.where(wrong, COLLAPSED, RUNNING))
-        while len(self.run_of):
-            self.step()
+    def arrange(self) -> None:
+        """Active mode of every run, and until when."""
+        self.mode = self.switch_modes[self.run_of, self.place]
+        self.limit = np.minimum(self.switch_times[self.run_of, self.place + 1], self.horizon)
+
+    def run(self) -> Ends:
+        with np.errstate(all="ignore"):
+            self.K = np.empty((EXTENDED, *self.y.shape))
+            self.parts = self.grouped(np.arange(len(self.run_of)))
+            self.f = self.derivative(self.y, self.columns.forces(self.t[None], self.run_of)[0])
+            self.h = self.first_steps() if self.first is None else self.first.copy()
+            wrong = ~np.isfinite(self.f).all(axis=0)
+            if wrong.any():
+                self.retire(np.where(wrong, COLLAPSED, RUNNING))
+            while len(self.run_of):
+                self.step()
+        return Ends(states=self.ended, times=self.ended_at, e=self.last_e, steps=self.last_steps)
 
     def step(self) -> None:
         """Try one step of every run, and take over those that are accurate enough."""
@@ -143,8 +142,7 @@ class _Worker:
         shrunk = np.clip(factor, LEAST_FACTOR, SAFETY) * h
         self.record(good, h, ends, new, f_new)
         self.h = np.where(good, np.where(cut, np.maximum(self.h, grown), grown), shrunk)
-        self.y = np.where(good, new, self.y)
-        self.f = np.where(good, f_new, self.f)
+        self.y, self.f = np.where(good, new, self.y), np.where(good, f_new, self.f)
         self.t = np.where(good, ends, self.t)
         self.rejected = ~good
         self.steps += 1
@@ -153,7 +151,7 @@ class _Worker:
     def stages(self, h: Array, ends: Array) -> tuple[Array, Array, Array]:
         """The new states, their derivatives, and the norm of the error, 1 being the tolerance."""
         K, flat = self.K, self.K.reshape(EXTENDED, -1)
-        forces = self.forces(np.concatenate([self.t + DOP853.C[1:, None] * h, ends[None]]))
+        forces = self.columns.forces(np.concatenate([self.t + DOP853.C[1:, None] * h, ends[None]]), self.run_of)
         K[0] = self.f
         for s in range(1, STAGES):
             y = (DOP853.A[s, :s] @ flat[:s]).reshape(self.y.shape)
@@ -163,10 +161,8 @@ class _Worker:
         new = (DOP853.B @ flat[:STAGES]).reshape(self.y.shape) * h + self.y
         K[STAGES] = self.derivative(new, forces[STAGES - 1])
         scale = self.absolute + np.maximum(np.abs(self.y), np.abs(new)) * self.relative
-        fifth, third = (
-            np.square((E @ flat[: STAGES + 1]).reshape(self.y.shape) / scale).sum(axis=0)
-            for E in (DOP853.E5, DOP853.E3)
-        )
+        errors = ((E @ flat[: STAGES + 1]).reshape(self.y.shape) / scale for E in (DOP853.E5, DOP853.E3))
+        fifth, third = (np.square(each).sum(axis=0) for each in errors)
         below = np.sqrt((fifth + 0.01 * third) * len(self.y))
         norm = np.where(below == 0, 0.0, h * fifth / np.where(below == 0, 1.0, below))
         return new, K[STAGES], norm
@@ -195,10 +191,9 @@ class _Worker:
 
     def interpolant(self, chosen: IndexArray, h: Array, new: Array, f_new: Array) -> Array:
         """SciPy's polynomial of order 7 over the step, for some of the runs: (7, n m, k)."""
-        every = len(chosen) == len(self.run_of)
-        K = self.K if every else self.K.take(chosen, axis=2)
+        K = self.K if len(chosen) == len(self.run_of) else self.K.take(chosen, axis=2)
         flat, old = K.reshape(EXTENDED, -1), self.y[:, chosen]
-        forces = self.forces(self.t[chosen] + DOP853.C_EXTRA[:, None] * h, chosen)
+        forces = self.columns.forces(self.t[chosen] + DOP853.C_EXTRA[:, None] * h, self.run_of[chosen])
         for s, row in enumerate(DOP853.A_EXTRA, start=STAGES + 1):
             y = (row[:s] @ flat[:s]).reshape(old.shape) * h + old
             K[s] = self.derivative(y, forces[s - STAGES - 1], chosen)
@@ -214,22 +209,22 @@ class _Worker:
         """Switch the runs that have come to a switch, and retire those that have ended."""
         if switched.any():
             self.place = self.place + switched
-            self.mode, self.limit = self.next_switch()
+            self.arrange()
             some = np.flatnonzero(switched)
             self.columns.switched(self.run_of[some], self.mode[some])
             self.parts = self.grouped(np.arange(len(self.run_of)))
-            self.f[:, some] = self.derivative(self.y[:, some], self.forces(self.t[None, some], some)[0], some)
+            forces = self.columns.forces(self.t[None, some], self.run_of[some])
+            self.f[:, some] = self.derivative(self.y[:, some], forces[0], some)
         collapsed = ~good & (self.h < 10 * np.spacing(self.t))
         collapsed |= switched & ~np.isfinite(self.f).all(axis=0)
         state = np.where(collapsed, COLLAPSED, RUNNING)
         state = np.where(self.columns.size(self.y) > self.farthest, ESCAPED, state)
         state = np.where((state == RUNNING) & (self.t >= self.horizon), DONE, state)
-        state = np.where((state == RUNNING) & (self.steps >= self.stretch.most), HANDED_BACK, state)
+        state = np.where((state == RUNNING) & (self.steps >= self.most), HANDED_BACK, state)
         if (state != RUNNING).any():
             self.retire(state)
 
     def retire(self, state: IndexArray) -> None:
-        """Take the runs that are no longer running out of the stack."""
         out, keep = state != RUNNING, np.flatnonzero(state == RUNNING)
         self.ended[self.run_of[out]] = state[out]
         self.ended_at[self.run_of[out]] = self.t[out]
@@ -239,12 +234,6 @@ class _Worker:
             setattr(self, name, getattr(self, name)[keep])
         self.K = np.empty((EXTENDED, *self.y.shape))
         self.parts = self.grouped(np.arange(len(keep)))
-
-    def next_switch(self) -> tuple[IndexArray, Array]:
-        """Active mode and end of the present stretch, per run."""
-        rows = self.run_of
-        ends = self.switch_times[rows, self.place + 1]
-        return self.stretch.switch_modes[rows, self.place], np.minimum(ends, self.horizon)
 
     def grouped(self, chosen: IndexArray) -> list[tuple[IndexArray, RightHandSide]]:
         """Which of the chosen columns are in which mode, and what they obey there."""
@@ -262,10 +251,6 @@ class _Worker:
             result[:, columns] = right_hand_side(y.take(columns, axis=1), force.take(columns, axis=1))
         return result
 
-    def forces(self, times: Array, chosen: IndexArray | None = None) -> Array:
-        """What acts at times (S, k) on all runs, or on the chosen ones: (S, F, k)."""
-        return self.columns.forces(times, self.run_of if chosen is None else self.run_of[chosen])
-
     def first_steps(self) -> Array:
         """A hundredth of the time in which the state would change by its own size, as SciPy begins."""
         scale = self.absolute + np.abs(self.y) * self.relative
@@ -278,8 +263,7 @@ class _Worker:
 class Stack:
     """Calm runs side by side as columns: h(e) - K e + C eps.
 
-    Shapes: e (n m, R); eps (n, q, R); switch_times, switch_modes (R, S), padded with inf and 0.  ``networks`` gives
-    the right-hand side of a mode by its index.
+    Shapes: e (n m, R); eps (n, q, R); ``switches`` as in ``Stretch``.  ``networks``: right-hand sides by mode.
     """
 
     loop: Loop
@@ -287,11 +271,9 @@ class Stack:
     closed: ClosedForm | None
     e: Array
     eps: Array
-    switch_times: Array
-    switch_modes: IndexArray
+    switches: tuple[Array, IndexArray]
 
     def part(self, mode: int, runs: IndexArray) -> RightHandSide:
-        """The graph is the same for all runs."""
         network = self.networks(mode)
 
         def derivative(e: Array, force: Array) -> Array:
@@ -303,7 +285,6 @@ class Stack:
         return derivative
 
     def forces(self, times: Array, runs: IndexArray) -> Array:
-        """C eps: C exp(F t) as weights (S, p, q, R) times states (n, q, R)."""
         if self.closed is None:
             return np.zeros((len(times), 0, len(runs)))
         states, weights = self.eps.take(runs, axis=2), np.moveaxis(self.closed.many(times), 2, 0)
@@ -313,29 +294,28 @@ class Stack:
         return total.reshape(len(times), self.loop.n * self.loop.m, len(runs))
 
     def size(self, y: Array) -> Array:
-        """|e|_inf, (k,)."""
         return np.asarray(np.abs(y).max(axis=0, initial=0.0))
 
     def switched(self, runs: IndexArray, modes: IndexArray) -> None:
         """Nothing is kept from one mode to the next."""
 
+    def integrate(self, times: Array, *, tolerance: float, visit: Visit) -> Ends:
+        """Integrate all runs over ``times`` (from 0 to the horizon).
 
-def integrate_stack(stack: Stack, times: Array, *, tolerance: float, visit: Visit) -> Ends:
-    """Integrate all runs over ``times`` (from 0 to the horizon).
-
-    ``visit(sample, run, e)`` gets the places of samples and runs, both (k,), and the errors e (n m, k).
-    """
-    runs = np.arange(stack.e.shape[1])
-    visit(np.zeros_like(runs), runs, stack.e)
-    stretch = Stretch(
-        columns=stack,
-        begin=0.0,
-        end=float(times[-1]),
-        e=stack.e,
-        farthest=farthest_of(stack.size(stack.e)),
-        switch_times=stack.switch_times,
-        switch_modes=stack.switch_modes,
-        steps=None,
-        most=MOST_STEPS,
-    )
-    return integrate_stretch(stretch, times, tolerance=tolerance, visit=visit)
+        ``visit(sample, run, e)`` gets the places of samples and runs, both (k,), and the errors e (n m, k).
+        """
+        runs = np.arange(self.e.shape[1])
+        visit(np.zeros_like(runs), runs, self.e)
+        stretch = Stretch(
+            self,
+            self.e,
+            times,
+            begin=0.0,
+            end=float(times[-1]),
+            farthest=FARTHEST * np.maximum(1.0, self.size(self.e)),
+            switches=self.switches,
+            most=MOST_STEPS,
+            tolerance=tolerance,
+            visit=visit,
+        )
+        return stretch.run()

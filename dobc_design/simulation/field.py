@@ -1,14 +1,20 @@
-"""The right-hand sides of the closed loop in NumPy: the full loop as printed, and its errors alone.
+"""The right-hand sides of the closed loop in NumPy: the full loop as printed, its errors alone, and h(e) of (9).
 
 ``Field`` is the loop (1), (12), (13), (19) with the flat state [x; xi; z], each stacked agent by agent.  It is the same
 loop as ``model.model``'s ``closed_loop``, written a second time on purpose: tests hold the two together.
 ``Network`` gives e' of (22) when the observer's error is known in closed form: only e is left to be integrated.
+
+h(e) is fast enough for a million agents and for thousands of runs: arcs are sorted by listener and worked through in
+blocks that fit into the processor's cache, slot by slot: the first arcs of all agents, then the second ones.  A run of
+a stack is one more column.  Couplings are turned once into a list of NumPy calls.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import asdict, dataclass
+from functools import reduce
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -16,11 +22,281 @@ import scipy.sparse as sp
 from numpy.typing import NDArray
 from scipy.linalg import expm
 
-from dobc_design.problem.arrays import ArcGroup, Gain, arc_groups, disturbance_arrays, goals, pinning_matrix
+from dobc_design.coupling import tree
+from dobc_design.coupling.algebra import NumpyAlgebra
+from dobc_design.coupling.coupling import Coupling
+from dobc_design.coupling.functions import FUNCTIONS
+from dobc_design.problem.arrays import (
+    ArcGroup,
+    Array,
+    Gain,
+    arc_groups,
+    disturbance_arrays,
+    gathering_matrix,
+    goals,
+    pinning_matrix,
+)
+from dobc_design.problem.network import IndexArray
 from dobc_design.problem.problem import Problem
-from dobc_design.simulation.graph import Graph, graph_of, hears
 
-Array = NDArray[np.float64]
+BLOCK = 1 << 15  # differences held at once: a quarter of a MiB per array
+MOST_SLOTS = 32  # arcs of one agent up to which a block is worked through slot by slot
+LARGEST_PRODUCT = 8  # exponents up to which a power is computed by multiplication
+
+_BINARY: dict[type[tree.Node], Callable[..., Any]] = {
+    tree.Add: np.add,
+    tree.Subtract: np.subtract,
+    tree.Multiply: np.multiply,
+    tree.Divide: np.divide,
+}
+_VARIABLE, _CONSTANT = -1, 0  # in place of a number of operands
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class _Block:
+    """Some arcs of one coupling.  Agents ``rows`` listen; ``speakers`` (arcs,) slot by slot.
+
+    ``slots`` holds begin and end of every slot; the i-th arc of a slot ends at the i-th of ``rows``.  ``factor``
+    is the common weight, or one for every arc, (arcs,).  Without slots, where agents have very many arcs,
+    ``counts[i]`` arcs end at the i-th of ``rows``, and the matrix ``factor`` adds them.
+    """
+
+    h: Callable[[Array], Array]
+    vector: bool  # whether h needs to see the m components of a difference together
+    rows: slice | IndexArray
+    speakers: IndexArray
+    factor: float | Array | sp.csr_array
+    slots: tuple[tuple[int, int], ...] = ()
+    counts: IndexArray | None = None
+
+    def add(self, total: Array, e: Array, m: int) -> None:
+        """Add what the listeners feel; ``e`` and ``total`` have a row for every agent."""
+        own = e[self.rows]
+        y = e.take(self.speakers, axis=0)
+        if self.counts is not None:
+            y -= np.repeat(own, self.counts, axis=0)
+        for begin, end in self.slots:
+            y[begin:end] -= own[: end - begin]
+        felt = self.h(y.reshape(len(y), m, -1)).reshape(y.shape) if self.vector else self.h(y)
+        if isinstance(self.factor, sp.csr_array):
+            total[self.rows] += self.factor @ felt
+            return
+        if isinstance(self.factor, np.ndarray):
+            felt = felt * (self.factor if felt.ndim == 1 else self.factor[:, None])
+        first = self.slots[0][1]
+        found = felt[:first].copy()
+        for begin, end in self.slots[1:]:
+            found[: end - begin] += felt[begin:end]
+        if not isinstance(self.factor, np.ndarray) and self.factor != 1:
+            found *= self.factor
+        total[self.rows] += found
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Graph:
+    """The couplings of one graph as a function of the errors of n agents with m components."""
+
+    n: int
+    m: int
+    blocks: tuple[_Block, ...]
+
+    def __call__(self, e: Array) -> Array:
+        """h(e) of (9), in a new array.
+
+        Shapes: e (n m,) or (n m, R) with one column for each of R runs; rows agent by agent.
+        """
+        rows = np.ascontiguousarray(e).reshape((self.n, -1) if e.size > self.n else (self.n,))
+        total = np.zeros_like(rows)
+        for block in self.blocks:
+            block.add(total, rows, self.m)
+        return total.reshape(e.shape)
+
+
+def graph_of(groups: Sequence[ArcGroup], *, n: int, m: int, runs: int = 1) -> Graph:
+    """Prepare arcs that are grouped by coupling."""
+    size = max(1, BLOCK // (m * runs))
+    return Graph(n=n, m=m, blocks=tuple(block for group in groups for block in _blocks(group, size)))
+
+
+def _blocks(group: ArcGroup, size: int) -> Iterator[_Block]:
+    """Cut the arcs of one coupling into blocks of about ``size``."""
+    order = np.argsort(group.listeners, kind="stable")
+    listeners, speakers, weights = group.listeners[order], group.speakers[order], group.weights[order]
+    h, vector = compile_coupling(group.coupling), not group.coupling.by_component
+    first = 0
+    while first < len(listeners):
+        last = min(first + size, len(listeners))
+        if last < len(listeners):  # at the end of an agent's arcs, unless it has more than a block of them
+            end = int(np.searchsorted(listeners, listeners[last], side="left"))
+            last = end if end > first else last
+        ends, part = listeners[first:last], slice(first, last)
+        lowest, rows = int(ends[0]), int(ends[-1] - ends[0]) + 1
+        counts = np.bincount(ends - lowest, minlength=rows)
+        if counts.max() > MOST_SLOTS:
+            places = np.concatenate([[0], np.cumsum(counts)])
+            gather = sp.csr_array((weights[part], np.arange(len(ends)), places), shape=(rows, len(ends)))
+            heard, span = speakers[part].copy(), slice(lowest, lowest + rows)
+            yield _Block(h=h, vector=vector, rows=span, counts=counts, speakers=heard, factor=gather)
+        else:
+            yield _by_slots(h, vector, lowest, counts, speakers[part], weights[part])
+        first = last
+
+
+def _by_slots(
+    h: Callable[[Array], Array], vector: bool, lowest: int, counts: IndexArray, speakers: IndexArray, weights: Array
+) -> _Block:
+    """Order agents by their number of arcs, and the arcs by slots."""
+    agents = np.argsort(-counts, kind="stable")
+    begins = np.cumsum(counts) - counts
+    having = [int(np.count_nonzero(counts > slot)) for slot in range(int(counts.max()))]
+    arcs = np.concatenate([begins[agents[:many]] + slot for slot, many in enumerate(having)])
+    edges = np.concatenate([[0], np.cumsum(having)]).tolist()
+    listeners = lowest + agents[: having[0]]
+    in_order = having[0] == len(counts) and bool((np.diff(agents) == 1).all())
+    factor = weights[arcs] if (weights != weights[0]).any() else float(weights[0])
+    rows = slice(lowest, lowest + len(counts)) if in_order else listeners
+    return _Block(h=h, vector=vector, rows=rows, speakers=speakers[arcs], slots=tuple(pairwise(edges)), factor=factor)
+
+
+def hears(groups: Sequence[ArcGroup], n: int) -> sp.csr_array:
+    """Mark who may influence whose derivative: neighbours, and every agent itself."""
+    own = np.arange(n)
+    rows = np.concatenate([own, *(group.listeners for group in groups)])
+    columns = np.concatenate([own, *(group.speakers for group in groups)])
+    marks: Any = sp.csr_array((np.ones(len(rows)), (rows, columns)), shape=(n, n))
+    return sp.csr_array(marks != 0).astype(np.float64)
+
+
+class Links:
+    """The arcs of one graph as in (9), evaluated arc by arc: every arc may hold an older value of its speaker."""
+
+    def __init__(self, groups: Sequence[ArcGroup], n: int, m: int) -> None:
+        self.groups, self.n, self.m = groups, n, m
+        self.parts = [(compile_coupling(group.coupling), gathering_matrix(group, n)) for group in groups]
+        ends: list[Any] = [np.zeros((2, 0), dtype=np.int64), *((group.listeners, group.speakers) for group in groups)]
+        self.listeners, self.speakers = np.concatenate(ends, axis=1)
+        self.codes = self.listeners * n + self.speakers
+
+    def felt(self, own: Array, heard: Array) -> Array:
+        """Sum of h(heard - own) over the arcs of each listener; an arc that holds nan is silent.
+
+        Shapes: own (n, m, R), heard (arcs, m, R) for R runs.  Returns: as ``own``.
+        """
+        difference = heard - own[self.listeners]
+        silent: Any = np.isnan(heard).any(axis=1)
+        total = np.zeros_like(own)
+        begin = 0
+        for h, gather in self.parts:
+            end = begin + gather.shape[1]
+            value = np.array(h(difference[begin:end]))
+            np.moveaxis(value, 1, -1)[silent[begin:end]] = 0.0
+            total += (gather @ value.reshape(len(value), -1)).reshape(own.shape)
+            begin = end
+        return total
+
+
+def compile_coupling(coupling: Coupling) -> Callable[[Array], Array]:
+    """Return h as a function of differences y of shape (arcs, m, ...), or any shape where h acts by component.
+
+    Overflow gives inf and undefined places nan; silence NumPy around it with ``np.errstate(all="ignore")``.
+    """
+    programs = [_program(expression.node) for expression in coupling.components]
+    if coupling.by_component:
+
+        def by_component(y: Array) -> Array:
+            value = _run(programs[0], (y,))
+            return value if value.shape == y.shape else np.broadcast_to(value, y.shape)
+
+        return by_component
+
+    def by_vector(y: Array) -> Array:
+        variables = [y[:, c] for c in range(len(programs))]
+        result = np.empty_like(y)
+        for c, program in enumerate(programs):
+            result[:, c] = _run(program, variables)
+        return result
+
+    return by_vector
+
+
+_Program = list[tuple[Any, int, int]]
+
+
+def _program(node: tree.Node) -> _Program:
+    """(what to call or push, number of operands, which operand the result may overwrite or -1), in postorder.
+
+    A ufunc overwrites an operand that is an array of its own: not one of the variables, and no constant.
+    """
+    program: _Program = []
+    own: list[bool | None] = []  # of the values on the stack; None for a constant
+    for part in tree.postorder(node):
+        what, count = _step(part)
+        place = -1
+        if count > 0:
+            operands = own[-count:]
+            del own[-count:]
+            if isinstance(what, np.ufunc) and True in operands:
+                place = operands.index(True)
+            own.append(None if all(each is None for each in operands) else True)
+        else:
+            own.append(False if count == _VARIABLE else None)
+        program.append((what, count, place))
+    return program
+
+
+def _step(node: tree.Node) -> tuple[Any, int]:
+    """(what to call or push, number of operands)."""
+    match node:
+        case tree.Variable():
+            return node.index, _VARIABLE
+        case tree.Constant():
+            return np.float64(NumpyAlgebra().constant(node.value)), _CONSTANT
+        case tree.Pi():
+            return np.float64(np.pi), _CONSTANT
+        case tree.Negate():
+            return np.negative, 1
+        case tree.Power():
+            return _power(node.exponent), 1
+        case tree.Call():
+            function = FUNCTIONS[node.name].found_in(np, "numpy")
+            many = node.name in ("min", "max")
+            return (lambda *each: reduce(function, each)) if many else function, len(node.arguments)
+        case _:
+            return _BINARY[type(node)], 2
+
+
+def _power(exponent: int) -> Callable[[Any], Any]:
+    if exponent == 1:
+        return np.positive  # a copy: what follows may overwrite it, and must not overwrite the variable
+    if not 1 <= exponent <= LARGEST_PRODUCT:
+        return lambda base: base**exponent
+
+    def product(base: Any) -> Any:
+        result, square, rest = None, base, exponent
+        while rest:
+            if rest & 1:
+                result = square if result is None else result * square
+            rest >>= 1
+            square = square * square if rest else square
+        return result
+
+    return product
+
+
+def _run(program: _Program, variables: Sequence[Array]) -> Any:
+    stack: list[Any] = []
+    for what, count, place in program:
+        if count == _VARIABLE:
+            stack.append(variables[what])
+        elif count == _CONSTANT:
+            stack.append(what)
+        else:
+            operands = stack[-count:]
+            del stack[-count:]
+            stack.append(what(*operands) if place < 0 else what(*operands, out=operands[place]))
+    return np.asarray(stack[0])
+
+
 TERMS = 11  # (1/8)^11 / 11! < 2^-57: anchors are at most 1/(8 |F|) away
 TERMS_OF_STEP = 20  # (1/4)^20 / 20! < 2^-100
 MOST_ANCHORS = 100_000
@@ -54,13 +330,9 @@ class Loop:
 
     def split(self, state: Array) -> tuple[Array, Array, Array]:
         """Cut states (..., n (m + 2 q)) into x (..., n, m), xi and z (..., n, q)."""
-        states, inner = self.n * self.m, self.n * self.q
-        lead = state.shape[:-1]
-        return (
-            state[..., :states].reshape(*lead, self.n, self.m),
-            state[..., states : states + inner].reshape(*lead, self.n, self.q),
-            state[..., states + inner :].reshape(*lead, self.n, self.q),
-        )
+        x, xi, z = np.split(state, [self.n * self.m, self.n * (self.m + self.q)], axis=-1)
+        lead = (*state.shape[:-1], self.n)
+        return x.reshape(*lead, self.m), xi.reshape(*lead, self.q), z.reshape(*lead, self.q)
 
     def correction(self, y: Array) -> Array:
         """W y of every agent: (..., n, m) -> (..., n, q)."""
@@ -87,19 +359,8 @@ def make_loop(problem: Problem, gain: Gain | None) -> Loop:
 
     Raises: SpecError if there is an exosystem and no W, or for a gain that does not fit.
     """
-    found = disturbance_arrays(problem, gain)
-    return Loop(
-        n=problem.n,
-        m=problem.m,
-        q=problem.q,
-        A=found.A,
-        C=found.C,
-        F=found.F,
-        W=found.W,
-        own=found.own,
-        K=pinning_matrix(problem),
-        goal=goals(problem),
-    )
+    given = asdict(disturbance_arrays(problem, gain))
+    return Loop(n=problem.n, m=problem.m, q=problem.q, K=pinning_matrix(problem), goal=goals(problem), **given)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -120,10 +381,6 @@ class Field:
         felt = self.graph(e.ravel()).reshape(e.shape) + u
         z_dot = xihat @ loop.F.T - loop.correction(felt)
         return np.concatenate([(felt + xi @ loop.C.T).ravel(), (xi @ loop.A.T).ravel(), z_dot.ravel()])
-
-    def split(self, state: Array) -> tuple[Array, Array, Array]:
-        """x, xi and z of a state: see ``Loop.split``."""
-        return self.loop.split(state)
 
     def pattern(self) -> sp.csr_array:
         """Which derivative may depend on which state."""
@@ -159,28 +416,21 @@ def make_field(problem: Problem, mode: str, gain: Gain | None) -> Field:
 
 def field_of(loop: Loop, groups: Sequence[ArcGroup]) -> Field:
     """The full loop on arcs that are grouped by coupling."""
-    graph = graph_of(groups, n=loop.n, m=loop.m)
-    return Field(loop=loop, graph=graph, groups=groups)
+    return Field(loop=loop, graph=graph_of(groups, n=loop.n, m=loop.m), groups=groups)
 
 
 def network_of(loop: Loop, groups: Sequence[ArcGroup], *, runs: int = 1) -> Network:
     """h(e) - K e on arcs that are grouped by coupling."""
-    graph = graph_of(groups, n=loop.n, m=loop.m, runs=runs)
-    return Network(loop=loop, graph=graph, groups=groups)
+    return Network(loop=loop, graph=graph_of(groups, n=loop.n, m=loop.m, runs=runs), groups=groups)
 
 
 def full_pattern(loop: Loop, groups: Sequence[ArcGroup]) -> sp.csr_array:
     """Who may influence whom: agents by neighbourhood, and all states of one agent among themselves."""
     m, q = loop.m, loop.q
     neighbours, own = hears(groups, loop.n), sp.eye_array(loop.n, format="csr")
-    return sp.block_array(
-        [
-            [_block(neighbours, m, m), _block(own, m, q), _block(own, m, q)],
-            [None, _block(own, q, q), None],
-            [_block(neighbours, q, m), None, _block(own, q, q)],
-        ],
-        format="csr",
-    )
+    x_dot = [_block(neighbours, m, m), _block(own, m, q), _block(own, m, q)]
+    rows = [x_dot, [None, _block(own, q, q), None], [_block(neighbours, q, m), None, _block(own, q, q)]]
+    return sp.block_array(rows, format="csr")
 
 
 def _block(graph: sp.csr_array, rows: int, columns: int) -> sp.csr_array:
@@ -219,11 +469,7 @@ class ClosedForm:
 
 
 def make_closed_form(F: Array, C: Array, horizon: float) -> ClosedForm | None:
-    """Prepare C exp(F t) up to ``horizon`` in s; None where a table would be too long or not finite.
-
-    That happens when |F| times the horizon is very large: the observer is then stiff, and the caller
-    integrates the full loop instead.
-    """
+    """Prepare C exp(F t) up to ``horizon`` in s; None where |F| times the horizon is too large, or not finite."""
     if not (np.isfinite(F).all() and np.isfinite(C).all()):
         return None
     size = max(float(np.linalg.norm(F, 1)), 1e-6 / horizon)
@@ -248,12 +494,11 @@ def _powers(F: Array, spacing: float, count: int) -> Array:
     """
     with np.errstate(all="ignore"):
         small: Any = F.astype(np.longdouble) * np.longdouble(spacing)
-        term: Any = np.eye(len(F), dtype=np.longdouble)
-        step: Any = np.eye(len(F), dtype=np.longdouble)
+        one: Any = np.eye(len(F), dtype=np.longdouble)
+        term, step, powers = one, one, one[None]
         for k in range(1, TERMS_OF_STEP):
             term = term @ small / k
             step = step + term
-        powers: Any = np.eye(len(F), dtype=np.longdouble)[None]
         while len(powers) < count:
             powers = np.concatenate([powers, powers @ step])
             step = step @ step

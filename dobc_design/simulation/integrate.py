@@ -1,27 +1,27 @@
 """One run by SciPy's integrators, restarted at every switch: no step crosses one.
 
-A run ends at its horizon, or where it diverged; what is valid up to there is kept, with the reason in words.  An
-explicit method takes steps of a few times the fastest time constant, however smooth the solution is.  Where that would
-cost very many steps, an implicit one is cheaper: by an estimate before the run, and by Hairer's test while it runs.
+A run ends at its horizon, or where it diverged; what is valid up to there is kept, with the reason in words.  Where an
+explicit method would need very many steps, an implicit one is cheaper: by an estimate before the run, and by Hairer's
+test while it runs.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
-from functools import partial
-from typing import Any, Protocol
+from functools import cache, partial
+from typing import Any, NamedTuple
 
 import numpy as np
 import scipy.sparse as sp
 from scipy.integrate import DOP853, Radau
 
-from dobc_design.problem.arrays import ArcGroup
-from dobc_design.simulation._arguments import Array
-from dobc_design.simulation.field import ClosedForm, Field, Loop, Network, field_of, network_of
+from dobc_design.problem.arrays import ArcGroup, Array
+from dobc_design.simulation.field import ClosedForm, Loop, field_of, network_of
 from dobc_design.simulation.switches import LOOKS, Nearby, Switches
 
 Derivative = Callable[[float, Array], Array]
+Pattern = Callable[[], sp.csr_array]  # which derivative may depend on which state
 Change = Callable[[Array, Callable[[float], Array]], float | None]
 Progress = Callable[[float], None]
 Samples = dict[str, Any]  # x, d, dhat, u (T, n, m), xi, xihat (T, n, q) of a run, by name
@@ -35,8 +35,7 @@ PATIENCE = 15  # steps on that boundary after which the loop counts as stiff, if
 MANY = 3000  # ... so many steps would be left
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Stay:
+class Stay(NamedTuple):
     """The active mode by its index, and until when, in s; ``change`` may end it earlier.
 
     ``change`` gets times to look at within a step, and x (n, m) as a function of time; it returns the instant of a
@@ -48,6 +47,9 @@ class Stay:
     change: Change | None = None
 
 
+Piece = tuple[Derivative, Pattern, Stay]  # a stretch without a switch
+
+
 class Scheduled:
     """Modes that are known beforehand; ``groups`` gives the arcs of a mode by its index."""
 
@@ -55,10 +57,9 @@ class Scheduled:
         self.switches, self.groups, self.horizon = switches, groups, horizon
 
     def stay(self, time: float, positions: Array) -> Stay:
-        """What begins here."""
         place = int(np.searchsorted(self.switches.times, time, side="right"))
         end = float(self.switches.times[place]) if place < len(self.switches) else self.horizon
-        return Stay(mode=int(self.switches.modes[place - 1]), end=end)
+        return Stay(int(self.switches.modes[place - 1]), end)
 
 
 class Moving:
@@ -73,45 +74,26 @@ class Moving:
         return self.nearby.switches()
 
     def stay(self, time: float, positions: Array) -> Stay:
-        """What begins here, with the graph of these positions."""
-        return Stay(mode=self.nearby.look(time, positions), end=self.horizon, change=self.nearby.change)
+        return Stay(self.nearby.look(time, positions), self.horizon, self.nearby.change)
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Segment:
-    """One stretch without a switch: what is integrated, and until when; ``pattern`` marks what depends on what."""
+class Plan(NamedTuple):
+    """What is integrated: x (n, m) of a state, and the stretch without a switch that begins at a time and state."""
 
-    derivative: Derivative
-    pattern: Callable[[], sp.csr_array]
-    stay: Stay
-
-
-class Plan(Protocol):
-    """What is to be integrated."""
-
-    def segment(self, time: float, state: Array) -> Segment:
-        """The stretch that begins here."""
-
-    def positions(self, state: Array) -> Array:
-        """x (n, m)."""
+    goal: Array
+    positions: Callable[[Array], Array]
+    segment: Callable[[float, Array], Piece]
 
     def error(self, state: Array) -> float:
-        """|e|_inf of a state."""
+        return float(np.abs(self.positions(state) - self.goal).max())
 
 
-class Errors:
+def errors_alone(loop: Loop, modes: Scheduled | Moving, closed: ClosedForm | None, eps0: Array) -> Plan:
     """State e, flat (n m,); the observer's error is known in closed form (22)."""
+    shape = (loop.n, loop.m)
 
-    def __init__(self, loop: Loop, modes: Scheduled | Moving, closed: ClosedForm | None, eps0: Array) -> None:
-        self.loop, self.modes, self.closed, self.eps0 = loop, modes, closed, eps0
-        self.made: dict[int, Network] = {}
-
-    def segment(self, time: float, state: Array) -> Segment:
-        """The stretch that begins here."""
-        stay = self.modes.stay(time, self.positions(state))
-        if stay.mode not in self.made:
-            self.made[stay.mode] = network_of(self.loop, self.modes.groups(stay.mode))
-        network, closed, eps0, shape = self.made[stay.mode], self.closed, self.eps0, (self.loop.n, self.loop.m)
+    def right_hand_side(mode: int) -> tuple[Derivative, Pattern]:
+        network = network_of(loop, modes.groups(mode))
 
         def derivative(time: float, e: Array) -> Array:
             result = network(e)
@@ -119,39 +101,34 @@ class Errors:
                 result.reshape(shape)[...] += eps0 @ closed.at(time).T
             return result
 
-        return Segment(derivative=derivative, pattern=network.pattern, stay=stay)
+        return derivative, network.pattern
 
-    def positions(self, state: Array) -> Array:
-        """x (n, m)."""
-        return state.reshape(self.loop.n, self.loop.m) + self.loop.goal
-
-    def error(self, state: Array) -> float:
-        """|e|_inf."""
-        return float(np.abs(state).max())
+    return _by_mode(loop, modes, right_hand_side, lambda state: state.reshape(shape) + loop.goal)
 
 
-class Full:
+def full_loop(loop: Loop, modes: Scheduled | Moving) -> Plan:
     """State [x; xi; z]: the loop as printed, the reference."""
 
-    def __init__(self, loop: Loop, modes: Scheduled | Moving) -> None:
-        self.loop, self.modes = loop, modes
-        self.made: dict[int, Field] = {}
+    def right_hand_side(mode: int) -> tuple[Derivative, Pattern]:
+        field = field_of(loop, modes.groups(mode))
+        return field, field.pattern
 
-    def segment(self, time: float, state: Array) -> Segment:
-        """The stretch that begins here."""
-        stay = self.modes.stay(time, self.positions(state))
-        if stay.mode not in self.made:
-            self.made[stay.mode] = field_of(self.loop, self.modes.groups(stay.mode))
-        field = self.made[stay.mode]
-        return Segment(derivative=field, pattern=field.pattern, stay=stay)
+    return _by_mode(loop, modes, right_hand_side, lambda state: loop.split(state)[0])
 
-    def positions(self, state: Array) -> Array:
-        """x (n, m)."""
-        return self.loop.split(state)[0]
 
-    def error(self, state: Array) -> float:
-        """|e|_inf."""
-        return float(np.abs(self.positions(state) - self.loop.goal).max())
+def _by_mode(
+    loop: Loop,
+    modes: Scheduled | Moving,
+    right_hand_side: Callable[[int], tuple[Derivative, Pattern]],
+    positions: Callable[[Array], Array],
+) -> Plan:
+    made = cache(right_hand_side)
+
+    def segment(time: float, state: Array) -> Piece:
+        stay = modes.stay(time, positions(state))
+        return *made(stay.mode), stay
+
+    return Plan(loop.goal, positions, segment)
 
 
 @dataclass(slots=True, kw_only=True, eq=False)
@@ -164,6 +141,9 @@ class Run:
     method: str
     evaluations: int
     notes: list[str] = field(default_factory=list)
+
+
+Outcome = tuple[Run, Samples]
 
 
 class Integration:
@@ -180,29 +160,37 @@ class Integration:
         self.states[0] = start
         self.tolerance, self.implicit = tolerance, implicit
         self.report = progress or (lambda part: None)
-        self.farthest = FARTHEST * max(1.0, plan.error(start))
+        self.risen = max(1.0, plan.error(start))
+        self.farthest = FARTHEST * self.risen
         self.step: float | None = None
         self.evaluations = 0
         self.notes: list[str] = []
         self.methods = ["Radau" if implicit else "DOP853"]
         self.rise: list[tuple[float, Array]] = []  # steps since the last sample, each with a larger error
-        self.risen = self.farthest / FARTHEST
 
     def run(self) -> Run:
-        """To the horizon, or to where the run ends."""
+        """To the horizon, or to where the run ends; then also the steps since the last sample at which |e| grew."""
         self.report(0.0)
         reason = ""
         while self.time < self.horizon and not reason:
-            segment = self.plan.segment(self.time, self.state)
-            if not np.isfinite(segment.derivative(self.time, self.state)).all():
+            derivative, pattern, stay = self.plan.segment(self.time, self.state)
+            if not np.isfinite(derivative(self.time, self.state)).all():
                 reason = f"a coupling overflows or is undefined at t = {self.time:.6g} s"
                 break
-            reason = self.stretch(segment)
-        return self.finish(reason)
+            reason = self.stretch(derivative, pattern, stay)
+        times, states, method = self.times[: self.done], self.states[: self.done], ", then ".join(self.methods)
+        if reason:
+            late = {time: state for time, state in [(self.time, self.state), *self.rise[::-1]] if time > times[-1]}
+            times = np.concatenate([times, sorted(late)])
+            states = np.concatenate([states, *(late[time][None] for time in sorted(late))])
+        else:
+            self.report(1.0)
+        found: dict[str, Any] = {"times": times.copy(), "states": states, "reason": reason, "method": method}
+        return Run(**found, evaluations=self.evaluations, notes=self.notes)
 
-    def stretch(self, segment: Segment) -> str:
-        """Integrate to the end of the segment, or to the switch that ends it; return why that failed, or ""."""
-        solver, stiffness, stay = self.solver(segment), StiffnessTest(), segment.stay
+    def stretch(self, derivative: Derivative, pattern: Pattern, stay: Stay) -> str:
+        """Integrate to the end of the stay, or to the switch that ends it; return why that failed, or ""."""
+        solver, stiffness = self.solver(derivative, pattern, stay.end), StiffnessTest()
         while self.time < stay.end:
             before, old = solver.t, solver.y
             if not _stepped(solver) or not np.isfinite(solver.y).all():
@@ -210,31 +198,36 @@ class Integration:
                 return f"the step size collapsed or the state overflowed just after t = {before:.6g} s"
             end = solver.t
             if stay.change is not None:
-                looks = np.linspace(before, end, LOOKS + 1)
-                switch = stay.change(looks, partial(self.between, solver.dense_output()))
+                looks, states = np.linspace(before, end, LOOKS + 1), solver.dense_output()
+                switch = stay.change(looks, partial(self.between, states))
                 if switch is not None:
                     self.take(solver, switch)
-                    self.leave(solver, switch, solver.dense_output()(switch) if switch < end else solver.y)
+                    self.leave(solver, switch, states(switch) if switch < end else solver.y)
                     return ""
             error = self.plan.error(solver.y)
             if error > self.farthest:
                 self.leave(solver, solver.t, solver.y)
                 return f"|e|_inf exceeded {FARTHEST:.0e} times its start at t = {self.time:.6g} s"
             self.take(solver, end)
-            self.keep(end, solver.y, error)
+            if self.rise and self.rise[-1][0] <= self.times[self.done - 1]:
+                self.rise.clear()
+            if error > GROWTH * self.risen:
+                self.rise.append((end, solver.y))
+                self.risen = error
             self.time, self.state = end, solver.y
             self.report(self.time / self.horizon)
             if not self.implicit and stiffness.is_stiff(solver, stay.end):
                 self.leave(solver, solver.t, solver.y)
                 self.implicit, self.step = True, None
                 self.methods.append("Radau")
-                words = (
-                    f"The loop turned out to be stiff at t = {self.time:.4g} s: from there on by the implicit method"
-                )
-                self.notes.append(f"{words} Radau.")
-                solver = self.solver(segment)
+                words = f"The loop turned out to be stiff at t = {self.time:.4g} s: from there on by the"
+                self.notes.append(f"{words} implicit method Radau.")
+                solver = self.solver(derivative, pattern, stay.end)
         self.leave(solver, solver.t, solver.y)
         return ""
+
+    def between(self, states: Callable[[float], Array], time: float) -> Array:
+        return self.plan.positions(states(time))
 
     def take(self, solver: Any, until: float) -> None:
         """The samples up to ``until`` in the step that the solver has just made."""
@@ -245,27 +238,14 @@ class Integration:
             self.states[self.done : count][exact] = solver.y
             self.done = count
 
-    def between(self, states: Callable[[float], Array], time: float) -> Array:
-        """x (n, m) within a step."""
-        return self.plan.positions(states(time))
-
-    def keep(self, time: float, state: Array, error: float) -> None:
-        """Keep a step at which the error has grown, in case the run ends before the next sample."""
-        if self.rise and self.rise[-1][0] <= self.times[self.done - 1]:
-            self.rise.clear()
-        if error > GROWTH * self.risen:
-            self.rise.append((time, state))
-            self.risen = error
-
-    def solver(self, segment: Segment) -> Any:
-        """A solver that starts here and stops exactly at the end of the segment."""
-        end = segment.stay.end
+    def solver(self, derivative: Derivative, pattern: Pattern, end: float) -> Any:
+        """A solver that starts here and stops exactly at ``end``."""
         options: dict[str, Any] = {"first_step": None if self.step is None else min(self.step, end - self.time)}
         tolerance, method = self.tolerance, DOP853
         if self.implicit:
             tolerance, method = max(tolerance, LEAST_IMPLICIT), Radau
-            options["jac_sparsity"] = segment.pattern()
-        return method(segment.derivative, self.time, self.state, end, rtol=tolerance, atol=tolerance / 100, **options)
+            options["jac_sparsity"] = pattern()
+        return method(derivative, self.time, self.state, end, rtol=tolerance, atol=tolerance / 100, **options)
 
     def leave(self, solver: Any, time: float, state: Array) -> None:
         """Take over where a solver stands, and the step it would have made next."""
@@ -275,25 +255,6 @@ class Integration:
         if self.step is not None and solver.t_bound == time:  # the last step was cut short by the switch
             step = max(step, self.step)
         self.step = step if np.isfinite(step) and step > 0 else None
-
-    def finish(self, reason: str) -> Run:
-        """What was sampled, and of a run that ended early the steps at which its error grew."""
-        times, states = self.times[: self.done], self.states[: self.done]
-        if reason:
-            late = [(time, state) for time, state in [*self.rise, (self.time, self.state)] if time > times[-1]]
-            late = [each for k, each in enumerate(late) if k == 0 or each[0] > late[k - 1][0]]
-            times = np.concatenate([times, [time for time, _ in late]])
-            states = np.concatenate([states, *(state[None] for _, state in late)])
-        else:
-            self.report(1.0)
-        return Run(
-            times=times.copy(),
-            states=states,
-            reason=reason,
-            method=", then ".join(self.methods),
-            evaluations=self.evaluations,
-            notes=self.notes,
-        )
 
 
 def _stepped(solver: Any) -> bool:
@@ -321,18 +282,15 @@ def fastest_decay(loop: Loop, groups: Sequence[ArcGroup]) -> float:
 
 def observer_decay(loop: Loop) -> float:
     """The fastest decay of the observer's error, 1/s."""
-    observer = loop.F
-    if not loop.q or not np.isfinite(observer).all():
-        return 0.0
-    return float(-np.linalg.eigvals(observer).real.min())
+    known = loop.q > 0 and np.isfinite(loop.F).all()
+    return float(-np.linalg.eigvals(loop.F).real.min()) if known else 0.0
 
 
 class StiffnessTest:
     """Counts the steps of an explicit solver that end on the boundary of stability."""
 
     def __init__(self) -> None:
-        self.on_boundary = 0
-        self.inside = 0
+        self.on_boundary = self.inside = 0
 
     def is_stiff(self, solver: Any, end: float) -> bool:
         """Look at the step just taken; True once the loop has shown itself stiff and much is left to be done."""

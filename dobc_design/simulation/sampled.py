@@ -8,28 +8,26 @@ Cd = C (1/T) int_0^T exp(A s) ds, the measured mean (x_(k+1) - x_k)/T - v_k is C
 
 So eps_(k+1) = (Ad - L Cd) eps_k, free of the network as (17) is, and the mean of d - dhat over a period is Cd eps_k.
 L = int_0^T exp((A - W C) s) ds W, unless it is given.  Between samples d - dhat keeps a ripple that shrinks with T.
-All runs share the sampling instants and are the last axis; one run is a stack of one.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import expm
 
-from dobc_design.errors import ShapeError, SpecError
-from dobc_design.simulation._arguments import Array
+from dobc_design.errors import ShapeError, wrong
+from dobc_design.problem.arrays import Array
+from dobc_design.problem.network import IndexArray
 from dobc_design.simulation.field import Loop, act
-from dobc_design.simulation.integrate import FARTHEST, Progress, Run, Samples
+from dobc_design.simulation.integrate import FARTHEST, Outcome, Progress, Run, Samples
 from dobc_design.simulation.stressed import Crew, StressedRuns, sample_instants
-from dobc_design.simulation.switches import IndexArray
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Discrete:
+class Discrete(NamedTuple):
     """The discretised exosystem and observer.  Shapes: Ad (q, q), Cd (m, q), L (q, m), or (n, q, m)."""
 
     Ad: Array
@@ -40,85 +38,47 @@ class Discrete:
 def discretised(loop: Loop, period: float, gain: Array | None = None) -> Discrete:
     """Discretise the observer exactly over ``period`` in s.  Raises: ShapeError for a gain that does not fit."""
     q, m = loop.q, loop.m
-    mean = integral(loop.A, period)[1] / period
     if gain is None:
         gain = integral(loop.F, period)[1] @ loop.W
     elif loop.own is not None:
-        raise SpecError(
-            "sampled_gain is one gain for all agents, and the groups of exosystem.groups have different ones.",
-            key="sampled_gain",
-            cure="Leave it out: the W of every group is discretised.",
-        )
+        message = "is one gain for all agents, and the groups of exosystem.groups have different ones."
+        raise wrong("sampled_gain", message, "Leave it out: the W of every group is discretised.")
     elif gain.shape != (q, m):
-        raise ShapeError(
-            f"sampled_gain must have shape ({q}, {m}), one row per exosystem state; got {gain.shape}.",
-            key="sampled_gain",
-            cure="design_observer(problem, period=...).W has it.",
-        )
-    return Discrete(Ad=integral(loop.A, period)[0], Cd=loop.C @ mean, L=gain)
+        message = f"must have shape ({q}, {m}), one row per exosystem state; got {gain.shape}."
+        raise wrong("sampled_gain", message, "design_observer(problem, period=...).W has it.", kind=ShapeError)
+    transition, total = integral(loop.A, period)
+    return Discrete(transition, loop.C @ (total / period), gain)
 
 
 def integral(A: Array, times: float | Array) -> tuple[Array, Array]:
     """exp(A t) and its integral from 0 to t, (..., q, q) each (Van Loan 1978)."""
-    q = len(A)
+    q, t = len(A), np.asarray(times, dtype=np.float64)[..., None, None]
     block = np.zeros((2 * q, 2 * q))
     block[:q, :q], block[:q, q:] = A, np.eye(q)
-    both = (
-        expm(block * np.asarray(times, dtype=np.float64)[..., None, None]) if q else np.zeros((*np.shape(times), 0, 0))
-    )
+    both = expm(block * t) if q else np.zeros((*np.shape(times), 0, 0))
     return both[..., :q, :q], both[..., :q, q:]
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Sample:
-    """All runs at one time: x, d, dhat, u (n, m, R), xi, xihat (n, q, R)."""
-
-    x: Array
-    xi: Array
-    xihat: Array
-    d: Array
-    dhat: Array
-    u: Array
-
-
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class SampledEnds:
-    """How many of the samples each run reached, (R,), and why it ended early, by run."""
-
-    counts: IndexArray
-    reasons: dict[int, str]
+def run_sampled_alone(runs: StressedRuns, progress: Progress | None) -> Outcome:
+    """Step a stack of one run from sample to sample."""
+    seen: list[Samples] = []
+    stepper = Stepper(runs, lambda number, sample: seen.append(sample), progress or (lambda part: None))
+    counts, reasons = stepper.run()
+    count, method = int(counts[0]), f"exact steps of {stepper.period:g} s"
+    parts = {name: np.stack([each[name][..., 0] for each in seen[:count]]) for name in seen[0]}
+    times, evaluations = stepper.times[:count].copy(), len(stepper.instants)
+    states, reason = np.zeros((count, 0)), reasons.get(0, "")
+    return Run(times=times, states=states, reason=reason, method=method, evaluations=evaluations), parts
 
 
-def run_sampled(
-    runs: StressedRuns, *, visit: Callable[[int, Sample], None], progress: Progress | None = None
-) -> SampledEnds:
-    """Step all runs from sample to sample over the times of their setting.
+class Stepper:
+    """Steps all runs from sample to sample over the times of their setting.
 
-    ``visit`` gets the place of a time and all runs there, also those that ended before.
-    Raises: SpecError for too many samples.
+    ``visit`` gets the place of a time and all runs there, also those that ended before: x, d, dhat, u (n, m, R) and xi,
+    xihat (n, q, R) by name.
     """
-    return _Stepper(runs, visit, progress or (lambda part: None)).run()
 
-
-def run_sampled_alone(runs: StressedRuns, *, progress: Progress | None = None) -> tuple[Run, Samples]:
-    """The same for a stack of one run, with everything at these times."""
-    seen: list[Sample] = []
-    stepper = _Stepper(runs, lambda number, sample: seen.append(sample), progress or (lambda part: None))
-    ends = stepper.run()
-    count = int(ends.counts[0])
-    parts = {part: np.stack([getattr(each, part)[..., 0] for each in seen[:count]]) for part in Sample.__slots__}
-    run = Run(
-        times=stepper.times[:count].copy(),
-        states=np.zeros((count, 0)),
-        reason=ends.reasons.get(0, ""),
-        method=f"exact steps of {stepper.period:g} s",
-        evaluations=len(stepper.instants),
-    )
-    return run, parts
-
-
-class _Stepper:
-    def __init__(self, runs: StressedRuns, visit: Callable[[int, Sample], None], report: Progress) -> None:
+    def __init__(self, runs: StressedRuns, visit: Callable[[int, Samples], None], report: Progress) -> None:
         self.loop, self.times, self.nearby = runs.setting.loop, runs.setting.times, runs.nearby
         self.visit, self.report = visit, report
         self.period = float(runs.stress.period or 0.0)
@@ -136,13 +96,15 @@ class _Stepper:
         self.going: NDArray[np.bool_] = np.ones(len(runs.seeds), dtype=bool)
 
     def size(self) -> Array:
-        """|e|_inf, (R,)."""
         return np.asarray(np.abs(self.x - self.goal).max(axis=(0, 1)))
 
-    def run(self) -> SampledEnds:
-        """From the first sample to the last."""
+    def run(self) -> tuple[IndexArray, dict[int, str]]:
+        """How many of the samples each run reached, (R,), and why some ended early.
+
+        Raises: SpecError for too many samples.
+        """
         transition, mean = integral(self.loop.A, self.times - self.instants[self.owner])
-        done = 0
+        done, disturbed = 0, self.crew.stress.disturbance
         for k, instant in enumerate(self.instants.tolist()):
             measured, felt, u, dhat = self.compute(k, instant)
             held, last = felt + u, int(np.searchsorted(self.owner, k, side="right"))
@@ -150,15 +112,18 @@ class _Stepper:
                 time = float(self.times[s])
                 drift = act(self.loop.C, act(mean[s], self.xi))
                 x = self.x + (time - instant) * held + drift + self.pushed(instant, time)
-                wrong = self.going & ~np.isfinite(x).all(axis=(0, 1))
-                self.end(wrong, max(1, done), f"a coupling overflows or is undefined at t = {instant:.6g} s")
+                bad = self.going & ~np.isfinite(x).all(axis=(0, 1))
+                self.end(bad, max(1, done), f"a coupling overflows or is undefined at t = {instant:.6g} s")
                 xi, x = act(transition[s], self.xi), self.x if s == 0 else x
-                d = act(self.loop.C, xi) + (self.crew.extra(time) if self.crew.stress.disturbance else 0.0)
-                self.visit(s, Sample(x=x, xi=xi, d=d, u=u, **self.crew.heeded(self.xihat, dhat)))
+                d = act(self.loop.C, xi) + (self.crew.extra(time) if disturbed else 0.0)
+                self.visit(s, {"x": x, "xi": xi, "d": d, "u": u} | self.crew.heeded(self.xihat, dhat))
             done = last
             if k + 1 < len(self.instants):
                 until = float(self.instants[k + 1])
-                self.step(held, measured, until)
+                self.before, self.held = measured, held
+                drift = self.period * (held + act(self.discrete.Cd, self.xi))
+                self.x = self.x + drift + self.pushed(until - self.period, until)
+                self.xi = act(self.discrete.Ad, self.xi)
                 far = self.going & ~(self.size() <= self.farthest)
                 self.end(far, done, f"|e|_inf exceeded {FARTHEST:.0e} times its start at t = {until:.6g} s")
             if not self.going.any():
@@ -166,7 +131,7 @@ class _Stepper:
             if k % 64 == 0:
                 self.report(instant / float(self.times[-1]))
         self.report(1.0)
-        return SampledEnds(counts=self.counts, reasons=self.reasons)
+        return self.counts, self.reasons
 
     def compute(self, k: int, instant: float) -> tuple[Array, Array, Array, Array]:
         """Measured states, and what is held from this instant on: couplings, input, estimate."""
@@ -188,13 +153,6 @@ class _Stepper:
     def pushed(self, begin: float, end: float) -> Array | float:
         """What the unmodelled disturbance adds to x."""
         return self.crew.extra_integral(begin, end) if self.crew.stress.disturbance else 0.0
-
-    def step(self, held: Array, measured: Array, until: float) -> None:
-        """Go to the next instant."""
-        self.before, self.held = measured, held
-        drift = self.period * (held + act(self.discrete.Cd, self.xi))
-        self.x = self.x + drift + self.pushed(until - self.period, until)
-        self.xi = act(self.discrete.Ad, self.xi)
 
     def end(self, which: NDArray[np.bool_], count: int, reason: str) -> None:
         """Runs that end here keep their first ``count`` samples."""

@@ -1,13 +1,17 @@
-"""What a simulation was asked for: checked arguments, where runs start, and what follows before anything is integrated.
+"""What a simulation was asked for: a stress, checked arguments, where runs start, and what follows before integrating.
 
-xihat starts at 0 unless it is given.  Drawn starts are the same for the same seed.
+A stress is what the theorems leave out: noise, unmodelled disturbance, saturation, sampling, loss, failures.  All
+that an agent computes uses measured states and what it has received.  Drawn starts are the same for the same seed, and
+so is a run under stress; nothing of this enters a proof.
 """
 
 from __future__ import annotations
 
 import csv
+import json
+from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from functools import cache, partial
 from os import PathLike
 from pathlib import Path
@@ -16,17 +20,154 @@ from typing import Any, TypedDict, Unpack
 import numpy as np
 from numpy.typing import NDArray
 
-from dobc_design.errors import ShapeError, SpecError
+from dobc_design._show.cards import Card, Shown
+from dobc_design.errors import ShapeError, SpecError, wrong
 from dobc_design.exact.matrix import Vector, to_float
 from dobc_design.exact.reading import shown
-from dobc_design.problem.arrays import ArcGroup, Gain, arc_groups, no_gain
+from dobc_design.problem.arrays import ArcGroup, Array, Gain, arc_groups, no_gain
 from dobc_design.problem.problem import Problem
-from dobc_design.simulation._arguments import Array, finite_array, positive, seconds, whole
+from dobc_design.simulation._arguments import finite_array, not_negative, positive, put, seconds, whole
 from dobc_design.simulation.field import ClosedForm, Loop, make_closed_form, make_loop
 from dobc_design.simulation.integrate import STIFF, fastest_decay, observer_decay
 from dobc_design.simulation.signals import Fixed, Mobile, Signal
-from dobc_design.simulation.stress import Stress
 from dobc_design.simulation.switches import Switches, groups_of, mode_index, motion_switches, scheduled_switches
+
+EXCHANGE = 0.05  # s between two exchanges where neither a period nor an exchange is given
+KINDS = ("vanish", "freeze")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, repr=False)
+class Failure(Shown):
+    """Agent ``agent`` fails at ``time`` s.
+
+    "vanish": its input is 0 and nobody hears it any more.  "freeze": its input and what the others hear of it stay as
+    they are at that instant.  It goes on feeling the couplings, which are no part of its input in (1).
+    """
+
+    agent: str
+    time: float = 0.0
+    kind: str = "vanish"
+
+    def __post_init__(self) -> None:
+        put(self, agent=str(self.agent), time=not_negative(self.time, "failure.time"))
+        if self.kind not in KINDS:
+            message = f"must be one of {', '.join(KINDS)}; got {shown(self.kind)}."
+            raise wrong("failure.kind", message, '"vanish" is the default.')
+
+    def __str__(self) -> str:
+        return f"agent {self.agent} fails at {self.time:g} s ({self.kind})"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, repr=False)
+class Stress(Shown):
+    """Options that can be combined; what is left out does not happen.
+
+    ``noise``: standard deviation of every measured component, in the unit of x, drawn anew at every exchange (every
+    0.05 s without).
+    ``disturbance``: amplitude, in units of x per s, of a sine of ``frequency`` rad/s with random phases that acts
+    besides d and that no exosystem knows (frequency 0: a constant).  ``saturation``: bound on every component of u, in
+    units of x per s; the observer is told the input that is applied.  ``period`` (s): couplings, input and observer are
+    computed at its multiples and held between (see ``sampled``); ``sampled_gain`` (q, m) is then the observer's, as
+    ``design_observer(period=...)`` gives it, in place of the discretised W.  ``loss``: probability that a packet is
+    lost, on every arc and at every exchange; the listener keeps the last one it got.  ``exchange`` (s): time between
+    exchanges, the period where there is one, else 0.05 s.  ``failures``: agents that fail.
+    """
+
+    noise: float = 0.0
+    disturbance: float = 0.0
+    frequency: float = 1.0
+    saturation: float | None = None
+    period: float | None = None
+    sampled_gain: tuple[tuple[float, ...], ...] | None = None
+    loss: float = 0.0
+    exchange: float | None = None
+    failures: tuple[Failure, ...] = ()
+
+    def __post_init__(self) -> None:
+        numbers = ("noise", "disturbance", "frequency", "loss")
+        put(self, **{name: not_negative(getattr(self, name), name) for name in numbers})
+        if self.loss > 1:
+            raise wrong("loss", f"must be a probability, 0 to 1; got {self.loss:g}.", "Such as 0.1.")
+        if self.saturation is not None:
+            put(self, saturation=positive(self.saturation, "saturation"))
+        times = [name for name in ("period", "exchange") if getattr(self, name) is not None]
+        put(self, **{name: seconds(getattr(self, name), name, example="0.05") for name in times})
+        if self.period is not None and self.exchange not in (None, self.period):
+            message = "must be left out when a period is given, because a sampled agent exchanges when it samples."
+            raise wrong("exchange", message, "Leave one of them out.")
+        self._check_gain()
+        self._check_failures()
+
+    def _check_gain(self) -> None:
+        if self.sampled_gain is None:
+            return
+        if self.period is None:
+            message = "needs a period, because it is the gain of a sampled observer."
+            raise wrong("sampled_gain", message, "Give the period it was designed for.")
+        try:
+            shape = np.shape(self.sampled_gain)
+        except ValueError:  # rows of different lengths, which the next line refuses
+            shape = (0, 0)
+        gain = finite_array(self.sampled_gain, "sampled_gain", shape=shape, because="one row per exosystem state")
+        put(self, sampled_gain=tuple(map(tuple, np.atleast_2d(gain).tolist())))
+
+    def _check_failures(self) -> None:
+        given: Any = self.failures
+        failures = (given,) if isinstance(given, Failure) else tuple(given)
+        if not all(isinstance(each, Failure) for each in failures):
+            raise wrong("failures", "must be a list of Failure.", 'Such as [Failure(agent="3", time=2.0)].')
+        for agent, count in Counter(each.agent for each in failures).items():
+            if count > 1:
+                raise SpecError(f"agent {shown(agent)} fails twice.", key="failures", cure="Leave one of them out.")
+        put(self, failures=failures)
+
+    def _card(self) -> Card:
+        return Card(title="Stress", text=str(self))
+
+    @property
+    def is_calm(self) -> bool:
+        happening = (self.saturation, self.period, self.exchange)
+        return not (self.noise or self.disturbance or self.loss or self.failures) and happening == (None,) * 3
+
+    @property
+    def exchanges(self) -> float | None:
+        """Time in s between two exchanges; None where states are heard continuously."""
+        given = self.exchange if self.period is None else self.period
+        return EXCHANGE if given is None and self.loss else given
+
+    @property
+    def draws(self) -> float | None:
+        """Time in s between two draws of the measurement noise; None where nothing is ever drawn or exchanged."""
+        return EXCHANGE if self.noise and self.exchanges is None else self.exchanges
+
+    def failing(self, problem: Problem) -> dict[int, Failure]:
+        """Failures by the agent's index.  Raises: SpecError for an agent that is not there."""
+        places = {label: place for place, label in enumerate(problem.network.labels)}
+        for each in self.failures:
+            if each.agent not in places:
+                cure = f"Labels are {', '.join(problem.network.labels[:6])}, ..."
+                raise wrong("failures", f"names {shown(each.agent)}, and no agent has this label.", cure)
+        return {places[each.agent]: each for each in self.failures}
+
+    def __str__(self) -> str:
+        words = []
+        if self.noise:
+            words.append(f"measurement noise {self.noise:g}")
+        if self.disturbance:
+            words.append(f"unmodelled disturbance {self.disturbance:g} at {self.frequency:g} rad/s")
+        if self.saturation is not None:
+            words.append(f"|u| at most {self.saturation:g}")
+        if self.exchanges is not None:
+            words.append(f"{'exchanges' if self.period is None else 'sampled'} every {self.exchanges:g} s")
+        if self.loss:
+            words.append(f"{self.loss:.3g} of the packets lost")
+        return "; ".join([*words, *map(str, self.failures)]) or "no stress"
+
+
+def stress_to_json(stress: Stress) -> str:
+    """A stress as one JSON object."""
+    return json.dumps(asdict(stress), ensure_ascii=False)
+
 
 TOLERANCE = 1e-9  # relative, of the integrator; the absolute one is a hundredth of it
 SAMPLES = 401
@@ -90,24 +231,18 @@ def make_starts(problem: Problem, loop: Loop, given: Given | None) -> Starts:
     within 1 of the goal; xi from simulation.xi0, else from the ball region.initial_disturbance, else ones; xihat = 0.
     Raises: SpecError or ShapeError for what does not fit or is not finite.
     """
-    parts = _parts(given)
-    n, m, q = loop.n, loop.m, loop.q
-    x = None if parts.get("x") is None else _rows(parts["x"], "start.x", n, m, "component")
-    xi = None if parts.get("xi") is None else _rows(parts["xi"], "start.xi", n, q, "exosystem state")
-    xihat = np.zeros((n, q))
-    if parts.get("xihat") is not None:
-        xihat = _rows(parts["xihat"], "start.xihat", n, q, "exosystem state")
-    _refuse_foreign(loop, {"xi": xi, "xihat": xihat})
-    if x is None and problem.simulation.x0 is not None:
-        x = np.array(np.broadcast_to(to_float(problem.simulation.x0), (n, m)))
-    region = problem.region
-    if region is None:
-        low, high = loop.goal - AWAY, loop.goal + AWAY
-    else:
-        pairs = to_float(region.initial_states)
-        low, high = np.broadcast_to(pairs[:, 0], (n, m)), np.broadcast_to(pairs[:, 1], (n, m))
-    xi0 = problem.simulation.xi0
-    radius = 0.0
+    n, m, q, region, x0, xi0 = loop.n, loop.m, loop.q, problem.region, problem.simulation.x0, problem.simulation.xi0
+    parts = {name: value for name, value in _parts(given).items() if value is not None}
+    sizes = {"x": (m, "component"), "xi": (q, "exosystem state"), "xihat": (q, "exosystem state")}
+    rows = {name: _rows(value, f"start.{name}", n, *sizes[name]) for name, value in parts.items()}
+    for name in rows.keys() & {"xi", "xihat"}:
+        _refuse_foreign(loop, name, rows[name])
+    x, xi, xihat, radius = rows.get("x"), rows.get("xi"), rows.get("xihat", np.zeros((n, q))), 0.0
+    if x is None and x0 is not None:
+        x = np.array(np.broadcast_to(to_float(x0), (n, m)))
+    low, high = loop.goal - AWAY, loop.goal + AWAY
+    if region is not None:
+        low, high = (np.broadcast_to(side, (n, m)) for side in to_float(region.initial_states).T)
     if xi is None and xi0 is not None:
         xi = _placed(xi0, loop)
     if xi is None and region is not None and region.initial_disturbance is not None:
@@ -127,16 +262,12 @@ def _placed(rows: Sequence[Vector], loop: Loop) -> Array:
     return xi
 
 
-def _refuse_foreign(loop: Loop, parts: Mapping[str, Array | None]) -> None:
+def _refuse_foreign(loop: Loop, name: str, rows: Array) -> None:
     """No agent may start in a state of another group's exosystem, which it does not have."""
-    for name, rows in parts.items():
-        if loop.own is not None and rows is not None and rows[~loop.own].any():
-            agent = int(np.flatnonzero((rows * ~loop.own).any(axis=1))[0])
-            raise SpecError(
-                f"start.{name} must be 0 in the states that belong to other groups; row {agent} is not.",
-                key=f"start.{name}",
-                cure="Each row holds the states of all groups, in the order of problem.groups.",
-            )
+    if loop.own is not None and rows[~loop.own].any():
+        agent = int(np.flatnonzero((rows * ~loop.own).any(axis=1))[0])
+        cure = "Each row holds the states of all groups, in the order of problem.groups."
+        raise wrong(f"start.{name}", f"must be 0 in the states that belong to other groups; row {agent} is not.", cure)
 
 
 def _parts(given: Given | None) -> Mapping[str, Any]:
@@ -147,9 +278,7 @@ def _parts(given: Given | None) -> Mapping[str, Any]:
     if isinstance(given, Mapping):
         unknown = sorted(set(map(str, given)) - set(PARTS))
         if unknown:
-            raise SpecError(
-                f"start has an unknown part {shown(unknown[0])}.", key="start", cure=f"Known: {', '.join(PARTS)}."
-            )
+            raise wrong("start", f"has an unknown part {shown(unknown[0])}.", f"Known: {', '.join(PARTS)}.")
         return given
     return {"x": given}
 
@@ -160,7 +289,7 @@ def _rows(value: Any, name: str, n: int, width: int, what: str) -> Array:
     try:
         shape = np.shape(value)
     except ValueError:  # rows of different lengths
-        raise ShapeError(f"{name} must be {because}; its rows differ in length.", key=name, cure="Fill them.") from None
+        raise wrong(name, f"must be {because}; its rows differ in length.", "Fill them.", kind=ShapeError) from None
     if shape == (n,) and width == 1:
         value = np.reshape(value, (n, 1))
     elif shape == (width,):
@@ -178,15 +307,12 @@ def _read(path: Path) -> Mapping[str, Any]:
         with path.open(encoding="utf-8", newline="") as stream:
             return {"x": [[float(entry) for entry in row] for row in csv.reader(stream) if row]}
     except OSError as error:
-        raise SpecError(
-            f"start: {name} cannot be read: {error.strerror or error}.", key="start", cure="Check the path."
-        ) from None
+        message = f"start: {name} cannot be read: {error.strerror or error}."
+        raise SpecError(message, key="start", cure="Check the path.") from None
     except (ValueError, UnicodeDecodeError, EOFError) as error:
-        raise SpecError(
-            f"start: {name} does not hold a start ({str(error)[:80]}).",
-            key="start",
-            cure="Give a CSV file with one row of numbers per agent, or an .npz file with x, xi and xihat.",
-        ) from None
+        message = f"start: {name} does not hold a start ({str(error)[:80]})."
+        cure = "Give a CSV file with one row of numbers per agent, or an .npz file with x, xi and xihat."
+        raise SpecError(message, key="start", cure=cure) from None
 
 
 class Options(TypedDict, total=False):
@@ -223,20 +349,22 @@ class Setting:
 
 def make_setting(problem: Problem, *, gain: Gain | None, **given: Unpack[Options]) -> Setting:
     """Check the arguments of ``simulate``.  Raises: SpecError."""
-    mode, signal, stress = given.get("mode"), given.get("signal"), given.get("stress")
-    _refuse_other_kinds(signal, stress)
+    mode, untyped = given.get("mode"), dict[str, Any](given)
+    signal, stress = untyped.get("signal"), untyped.get("stress")
+    if not (signal is None or isinstance(signal, Signal)):
+        cure = "For example Periodic(dwell=0.5); names belong into [switching] of a problem file."
+        raise wrong("signal", f"must be a switching signal; got {str(signal)[:40]}.", cure)
+    if not (stress is None or isinstance(stress, Stress)):
+        raise wrong("stress", f"must be a Stress; got {str(stress)[:40]}.", "For example Stress(noise=0.1).")
     if mode is not None:
         if signal is not None:
             raise SpecError("mode and signal exclude each other.", key="signal", cure="Leave one of them out.")
         mode_index(mode, tuple(problem.network.modes))
     observer, t_final, seed = given.get("observer", OBSERVERS[0]), given.get("t_final"), given.get("seed")
     if observer not in OBSERVERS:
-        raise SpecError(
-            f"observer must be one of {', '.join(OBSERVERS)}; got {str(observer)[:40]}.",
-            key="observer",
-            cure='"closed-form" is the fast one.',
-        )
-    horizon = seconds(_horizon(problem) if t_final is None else t_final, "t_final", example="20")
+        message = f"must be one of {', '.join(OBSERVERS)}; got {str(observer)[:40]}."
+        raise wrong("observer", message, '"closed-form" is the fast one.')
+    horizon = seconds(problem.simulation.t_final if t_final is None else t_final, "t_final", example="20")
     loop = make_loop(problem, no_gain(problem) if observer == "off" and gain is None else gain)
     times, notes = _times(given.get("samples"), horizon, loop.n * (4 * loop.m + 2 * loop.q))
     if stress is not None:
@@ -257,29 +385,10 @@ def make_setting(problem: Problem, *, gain: Gain | None, **given: Unpack[Options
     )
 
 
-def _refuse_other_kinds(signal: Any, stress: Any) -> None:
-    """Raises: SpecError for a signal or a stress that is none, such as its name."""
-    if not (signal is None or isinstance(signal, Signal)):
-        raise SpecError(
-            f"signal must be a switching signal; got {str(signal)[:40]}.",
-            key="signal",
-            cure="For example Periodic(dwell=0.5); names belong into [switching] of a problem file.",
-        )
-    if not (stress is None or isinstance(stress, Stress)):
-        raise SpecError(
-            f"stress must be a Stress; got {str(stress)[:40]}.", key="stress", cure="For example Stress(noise=0.1)."
-        )
-
-
 def error_matrix(setting: Setting) -> Array:
     """The F of eps' = F eps: A - W C; A alone where the observer is off."""
     loop = setting.loop
     return loop.A if setting.observer == "off" else loop.F
-
-
-def moves_by_state(setting: Setting) -> bool:
-    """Whether the graphs follow from the states."""
-    return isinstance(setting.signal, Mobile) and setting.signal.motion is None
 
 
 def closed_form_of(setting: Setting) -> ClosedForm | None:
@@ -294,13 +403,9 @@ def is_stiff(setting: Setting, *, closed: bool) -> bool:
     names = tuple(setting.problem.network.modes)
     if isinstance(setting.signal, Fixed):
         names = (setting.signal.mode or names[0],)
-    elif isinstance(setting.signal, Mobile):
-        names = ()
-    decays = [fastest_decay(setting.loop, setting.groups(name)) for name in names]
-    fastest = max(decays, default=fastest_decay(setting.loop, ()))
-    if not closed:
-        fastest = max(fastest, observer_decay(setting.loop))
-    return setting.horizon * fastest > STIFF
+    arcs = [()] if isinstance(setting.signal, Mobile) else map(setting.groups, names)
+    fastest = max(fastest_decay(setting.loop, each) for each in arcs)
+    return setting.horizon * (fastest if closed else max(fastest, observer_decay(setting.loop))) > STIFF
 
 
 def switches_for(setting: Setting, seed: int) -> Switches:
@@ -315,12 +420,11 @@ def switches_for(setting: Setting, seed: int) -> Switches:
 
 def groups_for(setting: Setting, switches: Switches) -> Callable[[int], Sequence[ArcGroup]]:
     """The arcs of a mode by its index: the problem's own, or those of a mobile graph."""
-    problem = setting.problem
 
     def groups(mode: int) -> Sequence[ArcGroup]:
         if switches.graphs:
             listeners, speakers = switches.graphs[mode]
-            return groups_of(problem, listeners * problem.n + speakers)
+            return groups_of(setting.problem, listeners * setting.problem.n + speakers)
         return setting.groups(switches.names[mode])
 
     return groups
@@ -337,13 +441,6 @@ def describe(signal: Signal, problem: Problem) -> str:
     return f"{shown} ({signal})"
 
 
-def _horizon(problem: Problem) -> Any:
-    try:
-        return problem.simulation.horizon
-    except OverflowError:
-        return problem.simulation.t_final
-
-
 def _times(samples: int | Sequence[float] | None, horizon: float, width: int) -> tuple[Array, tuple[str, ...]]:
     if samples is None:
         count = int(min(SAMPLES, max(2, MOST_NUMBERS // max(1, width))))
@@ -353,9 +450,6 @@ def _times(samples: int | Sequence[float] | None, horizon: float, width: int) ->
         return np.linspace(0.0, horizon, whole(samples, "samples", least=2)), ()
     times = finite_array(samples, "samples", shape=np.shape(samples), because="one list of times")
     if times.ndim != 1 or len(times) < 2 or times[0] != 0 or times[-1] != horizon or (np.diff(times) <= 0).any():
-        raise SpecError(
-            f"samples must be a number, or times that increase from 0 to t_final, {horizon:g} s.",
-            key="samples",
-            cure="For example 401.",
-        )
+        message = f"must be a number, or times that increase from 0 to t_final, {horizon:g} s."
+        raise wrong("samples", message, "For example 401.")
     return times, ()

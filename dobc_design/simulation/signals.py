@@ -17,14 +17,14 @@ from typing import ClassVar
 import numpy as np
 
 from dobc_design._show.cards import Card, Shown
-from dobc_design.errors import ShapeError, SpecError
+from dobc_design.errors import ShapeError, SpecError, wrong
 from dobc_design.exact.reading import counted, is_list
+from dobc_design.problem.arrays import Array
 from dobc_design.problem.problem import Problem
 from dobc_design.problem.settings import Switching
-from dobc_design.simulation._arguments import Array, not_negative, positive, seconds, whole
+from dobc_design.simulation._arguments import not_negative, positive, put, seconds, whole
 
 DWELL = 0.5  # s, where [switching] gives none
-Times = float | Sequence[float]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, repr=False)
@@ -49,22 +49,21 @@ class Periodic(Shown):
     """
 
     kind: ClassVar[str] = "periodic"
-    dwell: Times
+    dwell: float | Sequence[float]
     order: tuple[str, ...] | None = None
 
     def __post_init__(self) -> None:
-        _set_order(self)
-        if is_list(self.dwell):
-            times = tuple(seconds(t, f"dwell[{i}]") for i, t in enumerate(self.dwell))  # type: ignore[arg-type]
-            if not times:
-                raise ShapeError("dwell must hold at least one time; got none.", key="dwell", cure="For example 0.5.")
-            object.__setattr__(self, "dwell", times)
-        else:
-            object.__setattr__(self, "dwell", seconds(self.dwell, "dwell"))
+        put(self, order=_order(self.order))
+        if not is_list(self.dwell):
+            put(self, dwell=seconds(self.dwell, "dwell"))
+            return
+        times = tuple(seconds(t, f"dwell[{i}]") for i, t in enumerate(self.dwell))  # type: ignore[arg-type]
+        if not times:
+            raise wrong("dwell", "must hold at least one time; got none.", "For example 0.5.", kind=ShapeError)
+        put(self, dwell=times)
 
     def __str__(self) -> str:
-        times = ", ".join(f"{t:g}" for t in np.atleast_1d(self.dwell))
-        return f"periodic, {times} s each"
+        return f"periodic, {', '.join(f'{t:g}' for t in np.atleast_1d(self.dwell))} s each"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, repr=False)
@@ -79,16 +78,12 @@ class RandomDwell(Shown):
     longest: float | None = None
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "dwell", seconds(self.dwell, "dwell"))
+        put(self, dwell=seconds(self.dwell, "dwell"))
         if self.longest is not None:
-            longest = seconds(self.longest, "longest")
-            if longest < self.dwell:
-                raise SpecError(
-                    f"longest must be >= dwell, {self.dwell:g} s; got {longest:g}.",
-                    key="longest",
-                    cure="Exchange the two.",
-                )
-            object.__setattr__(self, "longest", longest)
+            put(self, longest=seconds(self.longest, "longest"))
+            if self.longest < self.dwell:
+                message = f"must be >= dwell, {self.dwell:g} s; got {self.longest:g}."
+                raise wrong("longest", message, "Exchange the two.")
 
     def __str__(self) -> str:
         until = "" if self.longest is None else f" to {self.longest:g}"
@@ -109,26 +104,19 @@ class Markov(Shown):
     start: str | None = None
 
     def __post_init__(self) -> None:
-        _set_order(self)
         rows = tuple(tuple(float(x) for x in row) for row in self.generator)
-        object.__setattr__(self, "generator", rows)
+        put(self, order=_order(self.order), generator=rows)
         if not rows or any(len(row) != len(rows) for row in rows):
-            raise ShapeError(
-                "generator must be a square matrix, one row and column per mode.",
-                key="generator",
-                cure="For two modes [[-1, 1], [1, -1]].",
-            )
+            message = "must be a square matrix, one row and column per mode."
+            raise wrong("generator", message, "For two modes [[-1, 1], [1, -1]].", kind=ShapeError)
         for k, row in enumerate(rows):
             for other, rate in enumerate(row):
                 if other != k:
                     not_negative(rate, f"generator[{k}][{other}]")
             if not abs(sum(row)) <= 1e-9 * max(1.0, *map(abs, row)):
-                raise SpecError(
-                    f"generator[{k}] must add up to 0, because a chain that leaves a mode enters another;"
-                    f" got {sum(row):g}.",
-                    key=f"generator[{k}]",
-                    cure=f"Put minus the sum of the others at [{k}][{k}].",
-                )
+                message = "must add up to 0, because a chain that leaves a mode enters another; got"
+                cure = f"Put minus the sum of the others at [{k}][{k}]."
+                raise wrong(f"generator[{k}]", f"{message} {sum(row):g}.", cure)
 
     def __str__(self) -> str:
         stays = ", ".join("for ever" if row[k] == 0 else f"{-1 / row[k]:.3g} s" for k, row in enumerate(self.generator))
@@ -145,18 +133,12 @@ class Schedule(Shown):
 
     def __post_init__(self) -> None:
         times = tuple(not_negative(t, f"times[{i}]") for i, t in enumerate(self.times))
-        object.__setattr__(self, "times", times)
-        object.__setattr__(self, "modes", tuple(str(mode) for mode in self.modes))
+        put(self, times=times, modes=tuple(map(str, self.modes)))
         if len(times) != len(self.modes) or not times:
-            raise ShapeError(
-                f"times and modes must be equally long, at least 1; got {len(times)} and {len(self.modes)}.",
-                key="times",
-                cure="Give one mode for every instant.",
-            )
+            message = f"times and modes must be equally long, at least 1; got {len(times)} and {len(self.modes)}."
+            raise ShapeError(message, key="times", cure="Give one mode for every instant.")
         if times[0] != 0 or any(b <= a for a, b in pairwise(times)):
-            raise SpecError(
-                "times must begin with 0 and increase.", key="times", cure="Sort them, and say what is active at 0."
-            )
+            raise wrong("times", "must begin with 0 and increase.", "Sort them, and say what is active at 0.")
 
     def __str__(self) -> str:
         return f"schedule of {counted(len(self.times), 'instant')}"
@@ -176,15 +158,11 @@ class Waypoints(Shown):
         places = np.asarray(self.positions, dtype=np.float64)
         times = tuple(not_negative(t, f"times[{i}]") for i, t in enumerate(self.times))
         if places.ndim != 3 or len(places) != len(times) or 0 in places.shape:
-            raise ShapeError(
-                f"positions must have shape (times, agents, coordinates) with {len(times)} times; got {places.shape}.",
-                key="positions",
-                cure="Give one n x k array for every instant.",
-            )
+            message = f"must have shape (times, agents, coordinates) with {len(times)} times; got {places.shape}."
+            raise wrong("positions", message, "Give one n x k array for every instant.", kind=ShapeError)
         if not np.isfinite(places).all() or any(b <= a for a, b in pairwise(times)):
             raise SpecError("positions must be finite and times must increase.", key="times", cure="Sort the instants.")
-        object.__setattr__(self, "times", times)
-        object.__setattr__(self, "positions", tuple(tuple(map(tuple, rows)) for rows in places.tolist()))
+        put(self, times=times, positions=tuple(tuple(map(tuple, rows)) for rows in places.tolist()))
 
     def _card(self) -> Card:
         agents, coordinates = len(self.positions[0]), len(self.positions[0][0])
@@ -196,9 +174,9 @@ class Waypoints(Shown):
 
     def at(self, time: float, places: Array) -> Array:
         """Positions (n, k) at a time; ``places`` is ``positions`` as an array, made once by the caller."""
-        number = int(np.clip(np.searchsorted(self.times, time, side="right") - 1, 0, max(0, len(self.times) - 2)))
         if len(self.times) == 1:
             return np.asarray(places[0])
+        number = int(np.clip(np.searchsorted(self.times, time, side="right") - 1, 0, len(self.times) - 2))
         begin, end = self.times[number], self.times[number + 1]
         part = min(1.0, max(0.0, (time - begin) / (end - begin)))
         return np.asarray(places[number] + part * (places[number + 1] - places[number]))
@@ -221,16 +199,13 @@ class Mobile(Shown):
 
     def __post_init__(self) -> None:
         if (self.radius is None) == (self.neighbours is None):
-            raise SpecError(
-                "a mobile signal needs either radius or neighbours, and not both.",
-                key="radius",
-                cure="For example Mobile(radius=2.0, hysteresis=0.2).",
-            )
+            message = "a mobile signal needs either radius or neighbours, and not both."
+            raise SpecError(message, key="radius", cure="For example Mobile(radius=2.0, hysteresis=0.2).")
         if self.radius is not None:
-            object.__setattr__(self, "radius", positive(self.radius, "radius"))
+            put(self, radius=positive(self.radius, "radius"))
         if self.neighbours is not None:
-            object.__setattr__(self, "neighbours", whole(self.neighbours, "neighbours", least=1))
-        object.__setattr__(self, "hysteresis", not_negative(self.hysteresis, "hysteresis"))
+            put(self, neighbours=whole(self.neighbours, "neighbours", least=1))
+        put(self, hysteresis=not_negative(self.hysteresis, "hysteresis"))
 
     def _card(self) -> Card:
         return Card(title="Mobile", text=str(self))
@@ -244,9 +219,8 @@ Scheduled = Fixed | Periodic | RandomDwell | Markov | Schedule
 Signal = Scheduled | Mobile
 
 
-def _set_order(signal: Periodic | Markov) -> None:
-    if signal.order is not None:
-        object.__setattr__(signal, "order", tuple(str(mode) for mode in signal.order))
+def _order(given: Sequence[str] | None) -> tuple[str, ...] | None:
+    return None if given is None else tuple(map(str, given))
 
 
 def signal_to_json(signal: Signal) -> str:
@@ -261,8 +235,7 @@ def signal_of(problem: Problem) -> tuple[Signal, str | None]:
     """
     names, own = tuple(problem.network.modes), problem.switching
     if own is None:
-        remark = f"No signal was given: {names[0]} is active throughout." if len(names) > 1 else None
-        return Fixed(), remark
+        return Fixed(), f"No signal was given: {names[0]} is active throughout." if len(names) > 1 else None
     if own.signal in ("schedule", "mobile"):
         unused = None if own.dwell is None else f"switching.dwell is not used by a {own.signal} signal."
         return (_mobile(own) if own.signal == "mobile" else _schedule(own)), unused
@@ -279,17 +252,15 @@ def signal_of(problem: Problem) -> tuple[Signal, str | None]:
         return RandomDwell(dwell=dwell), remark
     if own.signal == "periodic":
         return Periodic(dwell=dwell, order=own.sequence), remark
-    rate = 1 / (dwell * (len(names) - 1))
-    table = tuple(tuple(-1 / dwell if k == other else rate for other in range(len(names))) for k in range(len(names)))
+    rate, count = 1 / (dwell * (len(names) - 1)), range(len(names))
+    table = tuple(tuple(-1 / dwell if k == other else rate for other in count) for k in count)
     return Markov(generator=table), "Markov: stays last switching.dwell on average, all other modes are equally likely."
 
 
 def _mobile(own: Switching) -> Mobile:
-    return Mobile(
-        radius=None if own.radius is None else _float(own.radius, "switching.radius"),
-        neighbours=own.neighbours,
-        hysteresis=_float(own.hysteresis or Fraction(0), "switching.hysteresis"),
-    )
+    radius = None if own.radius is None else _float(own.radius, "switching.radius")
+    hysteresis = _float(own.hysteresis or Fraction(0), "switching.hysteresis")
+    return Mobile(radius=radius, neighbours=own.neighbours, hysteresis=hysteresis)
 
 
 def _schedule(own: Switching) -> Schedule:
@@ -302,8 +273,8 @@ def _rounds(own: Switching, names: tuple[str, ...]) -> Periodic:
     """One round in a given time: equal stays, or those of a schedule."""
     whole = own.period or Fraction(0)
     if own.schedule is None:
-        order = own.sequence or names
-        return Periodic(dwell=_float(whole / len(order), "switching.period"), order=own.sequence)
+        stay = _float(whole / len(own.sequence or names), "switching.period")
+        return Periodic(dwell=stay, order=own.sequence)
     ends = [*(time for time, _ in own.schedule[1:]), whole]
     stays = [_float(end - time, "switching.schedule") for (time, _), end in zip(own.schedule, ends, strict=True)]
     return Periodic(dwell=tuple(stays), order=tuple(mode for _, mode in own.schedule))
@@ -316,5 +287,5 @@ def _float(value: Fraction, key: str) -> float:
     except OverflowError:
         number = math.inf
     if math.isinf(number) or (number == 0 and value):
-        raise SpecError(f"{key} is beyond the range of floats.", key=key, cure="Choose other units.")
+        raise wrong(key, "is beyond the range of floats.", "Choose other units.")
     return number

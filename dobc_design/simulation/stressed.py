@@ -2,12 +2,8 @@
 
 The runs are the last axis, and one run is a stack of one.  Random numbers come from streams of each run's own, so that
 noise, losses and phases do not depend on each other nor on the other runs.  A packet holds the measured state less the
-formation offset and target; a listener that got none feels nothing on that arc.  What is heard is kept by arc, for all
-modes together.  What fails, fails in all runs at one time.
-
-In continuous time the state is [x; xi; z] as in ``field``.  All runs wait for each other where noise is drawn, packets
-are exchanged or agents fail; in between everything is smooth but for saturation, which the step size control deals
-with, and every run has its own steps and switches.  Many runs go through ``columns``; one goes through ``integrate``,
+formation offset and target; a listener that got none feels nothing on that arc.  All runs wait for each other where
+noise is drawn, packets are exchanged or agents fail.  Many runs go through ``columns``; one goes through ``integrate``,
 for which a loop may be stiff, and graphs may follow from the states.
 """
 
@@ -20,24 +16,13 @@ from itertools import pairwise
 import numpy as np
 
 from dobc_design.errors import SpecError
-from dobc_design.problem.arrays import ArcGroup
-from dobc_design.simulation._arguments import Array
-from dobc_design.simulation.columns import (
-    DONE,
-    MOST_STEPS,
-    Ends,
-    RightHandSide,
-    Stretch,
-    farthest_of,
-    integrate_stretch,
-    padded,
-)
-from dobc_design.simulation.field import act, full_pattern
-from dobc_design.simulation.graph import Links
-from dobc_design.simulation.integrate import Integration, Moving, Progress, Run, Samples, Scheduled, Segment, Stay
-from dobc_design.simulation.setting import Setting, Start, is_stiff
-from dobc_design.simulation.stress import Stress
-from dobc_design.simulation.switches import IndexArray, Nearby, Switches
+from dobc_design.problem.arrays import ArcGroup, Array
+from dobc_design.problem.network import IndexArray
+from dobc_design.simulation.columns import DONE, MOST_STEPS, Ends, RightHandSide, Stretch, padded
+from dobc_design.simulation.field import Links, act, full_pattern
+from dobc_design.simulation.integrate import FARTHEST, Integration, Moving, Outcome, Piece, Plan, Progress, Scheduled
+from dobc_design.simulation.setting import Setting, Start, Stress, is_stiff
+from dobc_design.simulation.switches import Nearby, Switches
 
 NOISE, LOSS, PHASE = 2, 3, 4  # streams beside that of the switches
 BLOCK = 32  # instants whose random numbers are drawn at once
@@ -49,14 +34,10 @@ Visit = Callable[[IndexArray, IndexArray, Array, Array], None]
 
 def sample_instants(period: float, horizon: float, *, name: str = "period") -> Array:
     """The multiples of ``period``, the argument ``name``, up to the horizon, in s.  Raises: SpecError for too many."""
-    count = horizon / period
+    count, what = horizon / period, "samples" if name == "period" else "exchanges"
     if count > MOST_SAMPLES:
-        raise SpecError(
-            f"{count:.3g} {'samples' if name == 'period' else 'exchanges'} are too many, at most {MOST_SAMPLES} are"
-            " simulated.",
-            key=name,
-            cure=f"Choose a longer {name} or a shorter horizon.",
-        )
+        message = f"{count:.3g} {what} are too many, at most {MOST_SAMPLES} are simulated."
+        raise SpecError(message, key=name, cure=f"Choose a longer {name} or a shorter horizon.")
     instants = period * np.arange(int(count) + 2)
     return np.asarray(instants[instants <= horizon], dtype=np.float64)
 
@@ -69,12 +50,15 @@ class StressedRuns:
     """
 
     setting: Setting
-    stress: Stress
     groups: Callable[[int], Sequence[ArcGroup]]
     starts: Sequence[Start]
     seeds: Sequence[int]
     switches: Sequence[Switches]
     nearby: Nearby | None = None
+
+    @property
+    def stress(self) -> Stress:
+        return self.setting.stress or Stress()
 
     def stacked(self, part: str) -> Array:
         """x, xi or xihat of all starts, (n, m or q, R)."""
@@ -267,7 +251,6 @@ class Loops:
         return x.reshape(n, m, many), xi.reshape(n, q, many), z.reshape(n, q, many)
 
     def joined(self, *parts: Array) -> Array:
-        """The other way."""
         return np.concatenate([part.reshape(-1, part.shape[2]) for part in parts])
 
     def known(self, x: Array, z: Array, noise: Array) -> tuple[Array, Array]:
@@ -317,11 +300,9 @@ class Loops:
         return extra.reshape(len(times), -1, len(runs))
 
     def size(self, y: Array) -> Array:
-        """|e|_inf, (k,)."""
         return np.asarray(np.abs(self.split(y)[0] - self.goal).max(axis=(0, 1)))
 
     def switched(self, runs: IndexArray, modes: IndexArray) -> None:
-        """Nothing is kept of links that are gone."""
         self.crew.heard.tune(self.alive[runs], modes)
 
     def gap(self, y: Array, times: Array, chosen: IndexArray) -> Array:
@@ -333,16 +314,16 @@ class Loops:
         return np.asarray(d - act(self.loop.C, self.known(x, z, self.noise[..., chosen])[1]))
 
 
-def run_stressed(runs: StressedRuns, *, visit: Visit, progress: Progress | None = None) -> Ends:
+def run_stressed(runs: StressedRuns, *, visit: Visit, progress: Progress) -> Ends:
     """Integrate all runs over the times of their setting.
 
     ``visit(sample, run, e, gap)`` gets the places of samples and runs, both (k,), and there e and d - dhat (n, m, k).
     Raises: SpecError for too many exchanges.
     """
-    times, horizon, report = runs.setting.times, runs.setting.horizon, progress or (lambda part: None)
+    times, horizon = runs.setting.times, runs.setting.horizon
     loops, (switch_times, switch_modes) = Loops(runs, horizon), padded(runs.switches)
     y, everyone = loops.start, loops.alive
-    farthest = farthest_of(loops.size(y))
+    farthest = FARTHEST * np.maximum(1.0, loops.size(y))
     begins = np.unique([0.0, *loops.instants, *loops.failures])
     states, ended, steps = np.full(len(everyone), DONE), np.full(len(everyone), horizon), None
     place = np.zeros(len(everyone), dtype=np.int64)
@@ -363,78 +344,59 @@ def run_stressed(runs: StressedRuns, *, visit: Visit, progress: Progress | None 
             upto = upto + more
         columns = np.minimum(place[:, None] + np.arange((upto - place).max() + 2), switch_times.shape[1] - 1)[alive]
         stretch = Stretch(
-            columns=loops,
+            loops,
+            y[:, alive],
+            times,
             begin=begin,
             end=end,
-            e=y[:, alive],
             farthest=farthest[alive],
-            switch_times=switch_times[alive[:, None], columns],
-            switch_modes=switch_modes[alive[:, None], columns],
+            switches=(switch_times[alive[:, None], columns], switch_modes[alive[:, None], columns]),
             steps=steps,
             most=max(LEAST_STEPS, MOST_STEPS // len(begins)),
+            tolerance=runs.setting.tolerance,
+            visit=seen,
         )
-        found = integrate_stretch(stretch, times, tolerance=runs.setting.tolerance, visit=seen)
+        found = stretch.run()
         y[:, alive], states[alive], ended[alive] = found.e, found.states, found.times
         going = found.states == DONE
         loops.alive, steps = alive[going], found.steps[going]
-        report(end / horizon)
+        progress(end / horizon)
         if not going.any():
             break
     return Ends(states=states, times=ended, e=y, steps=np.zeros(len(states)))
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class _Alone:
-    """A stack of one run as a plan of ``integrate``."""
+def run_alone(runs: StressedRuns, modes: Scheduled | Moving, progress: Progress | None) -> Outcome:
+    """Integrate a stack of one run, and put down what happened at the times of its setting."""
+    setting, noise, noises = runs.setting, np.zeros(1), list[Array]()  # (n, m) each, in the order of the instants
+    loops = Loops(runs, setting.horizon)
+    crew, implicit = loops.crew, is_stiff(setting, closed=False)
 
-    loops: Loops
-    modes: Scheduled | Moving
-    noises: list[Array]  # (n, m) each, in the order of the instants
+    def positions(state: Array) -> Array:
+        return loops.loop.split(state)[0]
 
-    def segment(self, time: float, state: Array) -> Segment:
-        """The stretch that begins here, up to the next switch, exchange or failure."""
-        loops, heard = self.loops, self.loops.crew.heard
-        stay = self.modes.stay(time, self.positions(state))
-        if isinstance(self.modes, Moving):
-            heard.move(stay.mode, self.modes.groups(stay.mode), loops.next)
+    def segment(time: float, state: Array) -> Piece:
+        """Up to the next switch, exchange or failure."""
+        stay = modes.stay(time, positions(state))
+        if isinstance(modes, Moving):
+            crew.heard.move(stay.mode, modes.groups(stay.mode), loops.next)
         loops.wait(time, state[:, None], np.array([stay.mode]))
-        if loops.next > len(self.noises):
-            self.noises.append(loops.noise[..., 0])
-        part = loops.part(stay.mode, ALONE)
+        if loops.next > len(noises):
+            noises.append(loops.noise[..., 0])
+        part, links = loops.part(stay.mode, ALONE), crew.heard.links[stay.mode]
 
         def derivative(time: float, state: Array) -> Array:
             return part(state[:, None], loops.forces(np.array([[time]]), ALONE)[0])[:, 0]
 
         end = min([stay.end, *loops.instants[loops.next : loops.next + 1], *(t for t in loops.failures if t > time)])
-        links = heard.links[stay.mode]
-        return Segment(
-            derivative=derivative,
-            pattern=lambda: full_pattern(loops.loop, links.groups),
-            stay=Stay(mode=stay.mode, end=float(end), change=stay.change),
-        )
+        return derivative, lambda: full_pattern(loops.loop, links.groups), stay._replace(end=float(end))
 
-    def positions(self, state: Array) -> Array:
-        """x (n, m)."""
-        return self.loops.loop.split(state)[0]
-
-    def error(self, state: Array) -> float:
-        """|e|_inf."""
-        return float(self.loops.size(state[:, None])[0])
-
-
-def run_alone(
-    runs: StressedRuns, modes: Scheduled | Moving, *, progress: Progress | None = None
-) -> tuple[Run, Samples]:
-    """Integrate a stack of one run, and put down what happened at the times of its setting."""
-    setting, noise = runs.setting, np.zeros(1)
-    loops = Loops(runs, setting.horizon)
-    plan, crew, implicit = _Alone(loops=loops, modes=modes, noises=[]), loops.crew, is_stiff(setting, closed=False)
-    run = Integration(
-        plan, loops.start[:, 0], setting.times, tolerance=setting.tolerance, implicit=implicit, progress=progress
-    ).run()
+    plan = Plan(loops.loop.goal, positions, segment)
+    start, tolerance = loops.start[:, 0], setting.tolerance
+    run = Integration(plan, start, setting.times, tolerance=tolerance, implicit=implicit, progress=progress).run()
     x, xi, z = loops.split(run.states.T)  # samples in place of runs
     if runs.stress.noise:
-        noise = np.stack(plan.noises, axis=2)[..., np.searchsorted(loops.instants, run.times, side="right") - 1]
+        noise = np.stack(noises, axis=2)[..., np.searchsorted(loops.instants, run.times, side="right") - 1]
     e, xihat = loops.known(x, z, noise)
     dhat = act(loops.loop.C, xihat)
     u = crew.command(e, dhat)

@@ -14,18 +14,16 @@ from itertools import pairwise
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from dobc_design.errors import ShapeError, SpecError
+from dobc_design.errors import ShapeError, SpecError, wrong
 from dobc_design.exact.reading import counted, is_list, shown
 from dobc_design.problem.arcs import places_at, split_by
-from dobc_design.problem.arrays import ArcGroup
+from dobc_design.problem.arrays import ArcGroup, Array
+from dobc_design.problem.network import IndexArray
 from dobc_design.problem.problem import Problem
-from dobc_design.simulation._arguments import Array
 from dobc_design.simulation.signals import Fixed, Markov, Mobile, Periodic, RandomDwell, Schedule, Scheduled, Waypoints
 
-IndexArray = NDArray[np.int64]
 MOST_SWITCHES = 1_000_000  # of one run
 STREAM = 1  # starts are drawn from default_rng(seed), switches from default_rng([seed, STREAM])
 LOOKS = 8  # times at which the graph is looked at within one step of the integrator
@@ -57,13 +55,8 @@ class Switches:
     def __eq__(self, other: object) -> bool:
         if not isinstance(other, Switches):
             return NotImplemented
-        return (
-            self.names == other.names
-            and np.array_equal(self.times, other.times)
-            and np.array_equal(self.modes, other.modes)
-            and len(self.graphs) == len(other.graphs)
-            and all(np.array_equal(a, b) for a, b in zip(self.graphs, other.graphs, strict=True))
-        )
+        mine, theirs = ((each.times, each.modes, *each.graphs) for each in (self, other))
+        return self.names == other.names and len(mine) == len(theirs) and all(map(np.array_equal, mine, theirs))
 
     __hash__ = None  # type: ignore[assignment]  # arrays inside: equal ones need not be the same
 
@@ -77,61 +70,48 @@ def one_mode(name: str) -> Switches:
     return Switches(times=np.zeros(1), modes=np.zeros(1, dtype=np.int64), names=(name,))
 
 
-def merged(times: Array, modes: IndexArray, names: tuple[str, ...]) -> Switches:
-    """Leave out the instants at which nothing changes."""
-    keep = np.concatenate([[True], modes[1:] != modes[:-1]])
-    return Switches(times=times[keep].astype(np.float64), modes=modes[keep].astype(np.int64), names=names)
-
-
 def scheduled_switches(signal: Scheduled, names: tuple[str, ...], horizon: float, seed: int) -> Switches:
     """Draw the switches of one run over ``horizon`` s.  The same arguments give the same switches.
 
     Raises: SpecError for a mode that is not among ``names``, or for too many switches.
     """
-    if isinstance(signal, Fixed):
-        modes = np.array([0 if signal.mode is None else mode_index(signal.mode, names)])
-        return Switches(times=np.zeros(1), modes=modes, names=names)
-    if isinstance(signal, Schedule):
-        times = np.array([t for t in signal.times if t < horizon])
-        return merged(times, np.array([mode_index(mode, names) for mode in signal.modes[: len(times)]]), names)
-    if isinstance(signal, Periodic):
-        return merged(*_periodic(signal, names, horizon), names)
     rng = np.random.default_rng([seed, STREAM])
-    if isinstance(signal, RandomDwell):
-        return merged(*_random(signal, len(names), horizon, rng), names)
-    return merged(*_markov(signal, names, horizon, rng), names)
+    if isinstance(signal, Fixed):
+        times, modes = np.zeros(1), np.array([0 if signal.mode is None else mode_index(signal.mode, names)])
+    elif isinstance(signal, Schedule):
+        times = np.array([t for t in signal.times if t < horizon])
+        modes = np.array([mode_index(mode, names) for mode in signal.modes[: len(times)]])
+    elif isinstance(signal, Periodic):
+        times, modes = _periodic(signal, names, horizon)
+    elif isinstance(signal, RandomDwell):
+        times, modes = _random(signal, len(names), horizon, rng)
+    else:
+        times, modes = _markov(signal, names, horizon, rng)
+    changes = np.concatenate([[True], modes[1:] != modes[:-1]])
+    return Switches(times=times[changes].astype(np.float64), modes=modes[changes].astype(np.int64), names=names)
 
 
 def mode_index(mode: str, names: tuple[str, ...]) -> int:
     """The index of a mode.  Raises: SpecError if there is no such mode."""
     if mode not in names:
         known = ", ".join(names[:6]) + (", ..." if len(names) > 6 else "")
-        raise SpecError(
-            f"mode must be one of the problem's modes ({known}); got {shown(mode)}.",
-            key="mode",
-            cure="Leave it out for the first one.",
-        )
+        message = f"must be one of the problem's modes ({known}); got {shown(mode)}."
+        raise wrong("mode", message, "Leave it out for the first one.")
     return names.index(mode)
 
 
-def refuse_too_many(count: float, *, cure: str = "Choose a longer dwell time or a shorter horizon.") -> None:
+def refuse_too_many(count: float) -> None:
     """Refuse a signal that would switch more often than can be stored.  Raises: SpecError."""
     if not count <= MOST_SWITCHES:
-        raise SpecError(
-            f"the signal would switch about {count:.3g} times, and at most {MOST_SWITCHES} are simulated.",
-            key="signal",
-            cure=cure,
-        )
+        message = f"the signal would switch about {count:.3g} times, and at most {MOST_SWITCHES} are simulated."
+        raise SpecError(message, key="signal", cure="Choose a longer dwell time or a shorter horizon.")
 
 
 def _order(order: tuple[str, ...] | None, names: tuple[str, ...], length: int | None, key: str) -> IndexArray:
     found = np.array([mode_index(mode, names) for mode in (names if order is None else order)])
     if length is not None and length != len(found):
-        raise ShapeError(
-            f"{key} must have {counted(len(found), 'entry').replace('entrys', 'entries')}, one per mode; got {length}.",
-            key=key,
-            cure="Give one per mode, or name the modes with order.",
-        )
+        message = f"must have {counted(len(found), 'entry').replace('entrys', 'entries')}, one per mode; got {length}."
+        raise wrong(key, message, "Give one per mode, or name the modes with order.", kind=ShapeError)
     return found
 
 
@@ -171,9 +151,7 @@ def _markov(
     rates = np.array(signal.generator)
     start = order[0] if signal.start is None else mode_index(signal.start, names)
     if start not in order:
-        raise SpecError(
-            f"start must be one of order; got {shown(signal.start)}.", key="start", cure="Name one of them."
-        )
+        raise wrong("start", f"must be one of order; got {shown(signal.start)}.", "Name one of them.")
     now = int(np.flatnonzero(order == start)[0])
     time, times, modes = 0.0, [0.0], [now]
     while True:
@@ -261,11 +239,8 @@ class Nearby:
         graph, many = near(self.signal, positions, self.now), len(self.times)
         if self.now is None or not np.array_equal(graph, self.now):
             if many >= MOST_CHANGES or (many >= CHATTER and time - self.times[-CHATTER] < 1e-9 * max(1.0, time)):
-                raise SpecError(
-                    f"the graph changed {many} times up to t = {time:.6g} s: it chatters.",
-                    key="signal",
-                    cure="Give a (larger) hysteresis.",
-                )
+                message = f"the graph changed {many} times up to t = {time:.6g} s: it chatters."
+                raise SpecError(message, key="signal", cure="Give a (larger) hysteresis.")
             number = self.numbers.setdefault(graph.tobytes(), len(self.codes))
             if number == len(self.codes):
                 self.codes.append(graph)
@@ -275,7 +250,6 @@ class Nearby:
         return self.modes[-1]
 
     def groups(self, number: int) -> tuple[ArcGroup, ...]:
-        """The arcs of a graph."""
         return groups_of(self.problem, self.codes[number])
 
     def change(self, times: Array, positions_at: Callable[[float], Array]) -> float | None:
@@ -309,11 +283,8 @@ def motion_switches(signal: Mobile, motion: Waypoints, problem: Problem, horizon
     """The switches under a given motion.  Raises: ShapeError, SpecError."""
     places = np.asarray(motion.positions)
     if places.shape[1] != problem.n:
-        raise ShapeError(
-            f"motion must have one position per agent, {problem.n}; got {places.shape[1]}.",
-            key="motion",
-            cure="Give positions of shape (times, agents, coordinates).",
-        )
+        message = f"must have one position per agent, {problem.n}; got {places.shape[1]}."
+        raise wrong("motion", message, "Give positions of shape (times, agents, coordinates).", kind=ShapeError)
     refuse_too_many(len(motion.times) * LOOKS_OF_MOTION / MOST_SWITCHES)
     nearby, positions = Nearby(signal, problem), partial(motion.at, places=places)
     nearby.look(0.0, positions(0.0))

@@ -14,18 +14,20 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, fields
 from os import PathLike
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple, Protocol
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.special import bdtr, betaincinv
 
 from dobc_design._show.cards import Card, Shown
+from dobc_design.certificate.certificate import Certificate
 from dobc_design.certificate.files import write_atomically
 from dobc_design.errors import SpecError
 from dobc_design.exact.reading import shown
-from dobc_design.simulation._arguments import Array
-from dobc_design.simulation.switches import IndexArray, Switches, one_mode
+from dobc_design.problem.arrays import Array
+from dobc_design.problem.network import IndexArray
+from dobc_design.simulation.switches import Switches, one_mode
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -91,33 +93,23 @@ class Trajectory(Shown):
         if self.switches.names == ("",):
             object.__setattr__(self, "switches", one_mode(self.mode))
         object.__setattr__(self, "mode_index", self.switches.at(self.times))
-        for array in (self.times, self.x, self.xi, self.xihat, self.d, self.dhat, self.u, self.goal, self.mode_index):
-            array.setflags(write=False)
+        for name in ("times", "goal", "mode_index", *SAMPLED):
+            getattr(self, name).setflags(write=False)
 
     def __len__(self) -> int:
         return len(self.times)
 
     def __iter__(self) -> Iterator[Sample]:
-        names = self.switches.names
-        for k, time in enumerate(self.times.tolist()):
-            yield Sample(
-                time,
-                names[self.mode_index[k]],
-                self.x[k],
-                self.xi[k],
-                self.xihat[k],
-                self.d[k],
-                self.dhat[k],
-                self.u[k],
-            )
+        modes = (self.switches.names[place] for place in self.mode_index)
+        return map(Sample, self.times.tolist(), modes, *(getattr(self, name) for name in SAMPLED))
 
     def error(self) -> Array:
         """|e|_inf, the largest distance of any component from its goal, at every sample: (T,)."""
-        return _largest(self.x - self.goal)
+        return np.asarray(np.abs(self.x - self.goal).max(axis=(1, 2)))
 
     def estimation_error(self) -> Array:
         """The largest component of d - dhat at every sample: (T,)."""
-        return _largest(self.d - self.dhat)
+        return np.asarray(np.abs(self.d - self.dhat).max(axis=(1, 2)))
 
     def start_size(self) -> tuple[float, float, float]:
         """Of the start: |e|_inf, the Euclidean |e| of all agents stacked, and the largest |xi_i - xihat_i|."""
@@ -149,7 +141,7 @@ class Trajectory(Shown):
         return summary(self.times, self.error()[None], np.array([self.diverged]))
 
     def plot(
-        self, *, certificate: Bounding | None = None, envelope: Envelope | None = None, pinned: Sequence[int] = ()
+        self, *, certificate: Certificate | None = None, envelope: Envelope | None = None, pinned: Sequence[int] = ()
     ) -> Sheet:
         """States, disturbance and estimate, errors on a logarithmic axis, and the active mode, as one figure.
 
@@ -184,11 +176,9 @@ class Trajectory(Shown):
         try:
             import pandas as pd
         except ImportError:
-            raise SpecError(
-                "to_pandas needs the package pandas, which is not installed.",
-                key="pandas",
-                cure="Install it (pip install dobc_design[store]), or use the arrays themselves.",
-            ) from None
+            message = "to_pandas needs the package pandas, which is not installed."
+            cure = "Install it (pip install dobc_design[store]), or use the arrays themselves."
+            raise SpecError(message, key="pandas", cure=cure) from None
         modes = np.array(self.switches.names, dtype=object)
         columns: dict[tuple[str, str, int], Any] = {("mode", "", 0): modes[self.mode_index]}
         for name in SAMPLED:
@@ -205,9 +195,8 @@ class Trajectory(Shown):
         """
         place, switches = Path(path), self.switches
         if place.suffix.lower() != ".npz":
-            raise SpecError(
-                f"a trajectory is saved as .npz; got {shown(place.name)}.", key="path", cure="Choose that ending."
-            )
+            message = f"a trajectory is saved as .npz; got {shown(place.name)}."
+            raise SpecError(message, key="path", cure="Choose that ending.")
         facts = {name: getattr(self, name) for name in PLAIN}
         facts |= {"format": FORMAT, "version": VERSION, "labels": self.labels, "notes": self.notes}
         arrays: dict[str, Any] = {
@@ -226,7 +215,7 @@ class Trajectory(Shown):
         return f"{self.name}: {self._summary}"
 
     def __repr__(self) -> str:
-        return f"<Trajectory of {self.name}: {self._summary}>"
+        return f"<Trajectory of {self}>"
 
     def _card(self) -> Card:
         return Card(title=self.name, text=self._summary, lines=self.notes)
@@ -241,14 +230,7 @@ class Trajectory(Shown):
 PLAIN = tuple(each.name for each in fields(Trajectory) if each.type in {"str", "int", "float", "bool"})
 
 
-class Bounding(Protocol):
-    """What bounds runs: a ``certificate.certificate.Certificate``."""
-
-    def envelope(self, run: Any) -> Any:
-        """A function of times, whose ``sources`` are empty where nothing is proved about the run."""
-
-
-def bound_of(run: Any, certificate: Bounding | None, envelope: Envelope | None) -> Envelope | None:
+def bound_of(run: Any, certificate: Certificate | None, envelope: Envelope | None) -> Envelope | None:
     """The bound to be drawn with a run: that of the certificate, or the given one.  Raises: SpecError for both."""
     if certificate is None:
         return envelope
@@ -256,10 +238,6 @@ def bound_of(run: Any, certificate: Bounding | None, envelope: Envelope | None) 
         raise SpecError("certificate and envelope exclude each other.", key="envelope", cure="Leave one of them out.")
     found: Any = certificate.envelope(run)
     return found if found.sources else None
-
-
-def _largest(values: Array) -> Array:
-    return np.asarray(np.abs(values).max(axis=(1, 2)))
 
 
 def load_trajectory(path: str | PathLike[str]) -> Trajectory:
@@ -272,17 +250,13 @@ def load_trajectory(path: str | PathLike[str]) -> Trajectory:
         with np.load(path, allow_pickle=False) as stored:
             return _made(json.loads(str(stored["about"])), stored)
     except OSError as error:
-        raise SpecError(
-            f"{name} cannot be read: {error.strerror or error}.", key="path", cure="Check the path."
-        ) from None
+        message = f"{name} cannot be read: {error.strerror or error}."
+        raise SpecError(message, key="path", cure="Check the path.") from None
     except (ValueError, KeyError, TypeError, EOFError, zipfile.BadZipFile) as error:
         if isinstance(error, SpecError):
             raise
-        raise SpecError(
-            f"{name} does not hold a trajectory ({str(error)[:80]}).",
-            key="path",
-            cure="Give a file that Trajectory.save wrote.",
-        ) from None
+        message = f"{name} does not hold a trajectory ({str(error)[:80]})."
+        raise SpecError(message, key="path", cure="Give a file that Trajectory.save wrote.") from None
 
 
 def _made(facts: Any, arrays: Mapping[str, NDArray[Any]]) -> Trajectory:
@@ -298,12 +272,7 @@ def _made(facts: Any, arrays: Mapping[str, NDArray[Any]]) -> Trajectory:
     )
     given: dict[str, Any] = {name: facts[name] for name in PLAIN if name in facts}
     given |= {name: np.array(arrays[name]) for name in ("times", "goal", *SAMPLED)}
-    return Trajectory(
-        labels=tuple(facts["labels"]),
-        notes=tuple(facts["notes"]),
-        switches=switches,
-        **given,
-    )
+    return Trajectory(labels=tuple(facts["labels"]), notes=tuple(facts["notes"]), switches=switches, **given)
 
 
 def save_arrays(path: Path, arrays: Mapping[str, Any], *, force: bool) -> Path:
@@ -344,11 +313,9 @@ def final_errors(error: Array) -> Array:
 
 
 def summary(times: Array, error: Array, diverged: NDArray[np.bool_]) -> dict[str, Any]:
-    """The contract's numbers: medians and maxima over runs.
+    """Medians and maxima over runs, for times (T,), error (R, T), nan after the end of a run, and diverged (R,).
 
-    Shapes: times (T,), error (R, T) with nan after the end of a run that diverged, diverged (R,).  A run that never
-    settles counts as later than any time, so a median or maximum may be None.  Of rates the least is
-    given besides: it is the worst.
+    A run that never settles counts as later than any time, so a median or maximum may be None.
     """
     settled = [settling_time(times, row, None, diverged=bool(bad)) for row, bad in zip(error, diverged, strict=True)]
     rates = [rate for row in error if (rate := decay_rate(times, row)) is not None]

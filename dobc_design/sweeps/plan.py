@@ -98,7 +98,7 @@ class Task:
     def prepare(self) -> None:
         """Import what ``run`` needs, which takes seconds in a new process and is no part of a case."""
         from dobc_design.certification import certify  # noqa: F401 - for its imports
-        from dobc_design.simulation import ensemble  # noqa: F401 - likewise
+        from dobc_design.simulation import runs  # noqa: F401 - likewise
 
     def run(self, problem: Problem) -> dict[str, Any]:
         """Do it and return the columns."""
@@ -106,7 +106,7 @@ class Task:
             from dobc_design.certification.certify import certify
 
             return _facts(certify(problem, everything=self.everything))
-        from dobc_design.simulation.simulations import simulate
+        from dobc_design.simulation.runs import simulate
 
         summary = simulate(problem, runs=None if self.runs == 1 else self.runs).summary()
         error, settling, rate = summary["final_error"], summary["settling_time"], summary["decay_rate"]

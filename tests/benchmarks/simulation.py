@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 import scipy.sparse as sp
+from loops import simulate, simulate_many
 from scipy.integrate import solve_ivp
 
 from dobc_design.problem.arrays import arc_groups
@@ -19,11 +20,9 @@ from dobc_design.problem.groups import Observer
 from dobc_design.problem.load import load_problem
 from dobc_design.problem.network import Network
 from dobc_design.problem.problem import Problem
-from dobc_design.simulation.ensemble import simulate_many
 from dobc_design.simulation.field import make_loop, network_of
-from dobc_design.simulation.run import simulate
+from dobc_design.simulation.setting import Stress
 from dobc_design.simulation.signals import RandomDwell
-from dobc_design.simulation.stress import Stress
 
 DEGREE = 6
 RUNS, ALONE = 1000, 25  # runs side by side; runs one by one that are timed and scaled up
@@ -32,7 +31,7 @@ MEMORY = """
 import resource, sys
 sys.path.insert(0, {folder!r})
 from simulation import large
-from dobc_design.simulation.ensemble import simulate_many
+from loops import simulate_many
 from dobc_design.simulation.signals import Periodic
 many = simulate_many(large(1000, modes=2), runs=1000, signal=Periodic(dwell=0.25), t_final=1.0)
 assert len(many) == 1000 and not many.diverged.any()
@@ -68,41 +67,26 @@ def large(n: int, *, modes: int = 1, near: bool = False) -> Problem:
 
 def simulation_bars() -> Iterator[dict[str, Any]]:
     """The arguments of the bars."""
-    yield stacked()
-    yield stacked_under_stress(Stress(period=0.05, noise=0.05, loss=0.1), "sampled runs", bar=10)
-    yield stacked_under_stress(Stress(saturation=4.0, noise=0.05, loss=0.1), "runs in continuous time", bar=10)
+    yield stacked(None, "runs with 20 draws of the mode", bar=30)
+    noisy = "under noise and loss"
+    yield stacked(Stress(period=0.05, noise=0.05, loss=0.1), f"sampled runs {noisy}", bar=10)
+    yield stacked(Stress(saturation=4.0, noise=0.05, loss=0.1), f"continuous runs {noisy}", bar=10)
     yield right_hand_side()
     yield memory()
 
 
-def stacked() -> dict[str, Any]:
-    """Both with the same samples and the same tolerance; errors of all runs are compared."""
-    problem, signal = load_problem("paper-switching"), RandomDwell(dwell=0.5)
-    together, many = cpu(lambda: simulate_many(problem, runs=RUNS, signal=signal, t_final=10.0), repeats=5)
-    single, runs = cpu(
-        lambda: [simulate(problem, seed=k, signal=signal, t_final=10.0) for k in range(ALONE)], repeats=3
-    )
-    apart = max(float(np.abs(run.error() - many.error[k]).max()) for k, run in enumerate(runs))
-    alone = single * RUNS / ALONE
-    return {
-        "what": "1000 runs of n = 10 with 20 draws of the mode, stacked vs one by one",
-        "bar": 30,
-        "ratio": alone / together,
-        "note": f"{alone:.3g} s / {together:.3g} s; errors {apart:.0e} apart",
-    }
-
-
-def stacked_under_stress(stress: Stress, what: str, *, bar: float) -> dict[str, Any]:
-    """Noisy, with lost packets: the same random numbers side by side and one by one."""
+def stacked(stress: Stress | None, what: str, *, bar: float) -> dict[str, Any]:
+    """The same samples, tolerance and random numbers side by side and one by one; errors of all runs are compared."""
     problem, signal = load_problem("paper-switching"), RandomDwell(dwell=0.5)
     given: dict[str, Any] = {"signal": signal, "t_final": 10.0, "stress": stress}
-    many_repeats, count = (3, ALONE) if stress.period else (1, 5)  # continuous runs take their time one by one
-    together, many = cpu(lambda: simulate_many(problem, runs=RUNS, **given), repeats=many_repeats)
+    slow = stress is not None and stress.period is None  # such runs take their time one by one
+    together, many = cpu(lambda: simulate_many(problem, runs=RUNS, **given), repeats=1 if slow else 3)
+    count = 5 if slow else ALONE
     single, runs = cpu(lambda: [simulate(problem, seed=k, **given) for k in range(count)], repeats=1)
     apart = max(float(np.nanmax(np.abs(run.error() - many.error[k, : len(run)]))) for k, run in enumerate(runs))
     alone = single * RUNS / count
     return {
-        "what": f"1000 {what} of n = 10 under noise and loss, stacked vs one by one",
+        "what": f"1000 {what} of n = 10, stacked vs one by one",
         "bar": bar,
         "ratio": alone / together,
         "note": f"{alone:.3g} s / {together:.3g} s; errors {apart:.0e} apart",
@@ -187,39 +171,23 @@ def whole_run() -> str:
 
 
 def simulation_growth() -> Iterator[str]:
-    """Time of one run, problem object to trajectory, as a table and as a log-log plot with its slope.
+    """Time of one run, problem object to trajectory, and how the time of an evaluation grows.
 
     Twice: with speakers anywhere, where a million states no longer fit into the cache next to the processor, and with
     speakers next to their listeners, where that does not matter.
     """
     for near, what in ((False, "speakers drawn from all agents"), (True, "speakers next to their listeners")):
         yield f"{what}:"
-        yield from _growth(near=near)
-
-
-def _growth(*, near: bool) -> Iterator[str]:
-    points = []
-    for n in GROWTH:
-        problem = large(n, near=near)
-        seconds, run = cpu(lambda problem=problem: simulate(problem, t_final=0.2, samples=3), repeats=1)
-        each = 1e9 * seconds / (n * run.evaluations)
-        points.append((n, seconds / run.evaluations))
-        yield f"{n:>9} {DEGREE * n:>9} {run.evaluations:>12} {seconds:>9.3f} {each:>22.0f}"
-    yield from log_log(points)
-
-
-def log_log(points: list[tuple[int, float]], *, width: int = 60) -> Iterator[str]:
-    """Seconds per evaluation against n, both axes logarithmic: twelve columns a decade, two rows a decade of n."""
-    n, seconds = (np.log10(np.array(column, dtype=float)) for column in zip(*points, strict=True))
-    slopes = np.diff(seconds) / np.diff(n)
-    slope = float(np.polyfit(n[1:], seconds[1:], 1)[0])  # the first is small enough to show what every call costs
-    yield f"log-log plot of the time of an evaluation; o: measured, .: a slope of 1 through the last; slope {slope:.2f}"
-    yield f"slopes from one n to the next: {', '.join(f'{each:.2f}' for each in slopes)}"
-    for here, value in zip(n, seconds, strict=True):
-        line = [" "] * (width + 1)
-        for mark, where in ((".", seconds[-1] + here - n[-1]), ("o", value)):
-            line[min(width, max(0, round(width + 12 * (where - seconds[-1]))))] = mark
-        yield f"{10**here:>9.0f} |{''.join(line)} {10**value:.2e} s"
+        points = []
+        for n in GROWTH:
+            problem = large(n, near=near)
+            seconds, run = cpu(lambda problem=problem: simulate(problem, t_final=0.2, samples=3), repeats=1)
+            each = 1e9 * seconds / (n * run.evaluations)
+            points.append((n, seconds / run.evaluations))
+            yield f"{n:>9} {DEGREE * n:>9} {run.evaluations:>12} {seconds:>9.3f} {each:>22.0f}"
+        sizes, times = np.log10(np.array(points, dtype=float)).T
+        slopes = ", ".join(f"{slope:.2f}" for slope in np.diff(times) / np.diff(sizes))
+        yield f"slopes of the time of an evaluation, log-log, from one n to the next: {slopes}"
 
 
 def cpu(function: Callable[[], Any], *, repeats: int) -> tuple[float, Any]:

@@ -10,8 +10,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from dobc_design.simulation.simulations import simulate
-from dobc_design.simulation.stress import Failure, Stress, stress_to_json
+from dobc_design.simulation.runs import simulate
+from dobc_design.simulation.setting import Failure, Stress, stress_to_json
 from dobc_design.simulation.trajectory import load_trajectory
 
 DIVERGING = """\

@@ -9,6 +9,7 @@ from pathlib import Path
 import control
 import numpy as np
 import pytest
+from loops import simulate
 
 import dobc_design as dd
 from dobc_design.errors import SpecError
@@ -20,7 +21,6 @@ from dobc_design.problem.groups import Observer
 from dobc_design.problem.load import load_problem
 from dobc_design.problem.network import Network
 from dobc_design.problem.problem import Problem
-from dobc_design.simulation.run import simulate
 
 TIGHT = {"method": "DOP853", "rtol": 1e-10, "atol": 1e-12}
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from dataclasses import replace
 from fractions import Fraction
 from functools import cache
@@ -10,13 +9,10 @@ from functools import cache
 import pytest
 from equilibrium_cases import half_difference, listening_pair
 from lure_cases import HARMONIC
-from problem_texts import listening_pair_text
-from typer.testing import CliRunner
 
 import dobc_design as dd
 from dobc_design import Problem, Verdict
 from dobc_design.certification.overall import decide_overall
-from dobc_design.cli.main import app
 from dobc_design.conditions.check import Check
 from dobc_design.conditions.equilibrium.claim import Equilibrium
 from dobc_design.conditions.equilibrium.decide import refuting_check
@@ -85,14 +81,6 @@ def test_without_a_region_the_far_equilibrium_does_not_count():
     assert decide_overall(listening_pair(), [*undecided, check], None).verdict is Verdict.REFUTED
 
 
-def test_a_proof_that_covers_the_region_comes_first():
-    """Both cannot be true; the rules look for a proof before they look for a refutation."""
-    problem = listening_pair()
-    proof = Check(id="max-separable", verdict=Verdict.PROVED, domain="global", reason="", rate=0.1)
-    check = equilibrium_of(refuted())
-    assert decide_overall(problem, [check, proof], None).verdict is Verdict.PROVED
-
-
 def test_where_no_gain_of_the_observer_is_known_nothing_is_searched():
     """An undetectable pair: there is no W, so there is no loop to speak of."""
     network = listening_pair().network
@@ -135,20 +123,6 @@ def test_with_observers_it_is_refuted_all_the_same(disturbance):
     certificate = dd.certify(problem)
     assert certificate.verdict is Verdict.REFUTED
     assert dd.verify(certificate, problem).holds
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize(("reach", "code", "verdict"), [("5", 1, "refuted"), ("1.65", 0, "proved")])
-def test_the_command_line_says_so(tmp_path, reach: str, code: int, verdict: str):
-    file = tmp_path / "pair.toml"
-    file.write_text(listening_pair_text(reach), encoding="utf-8")
-    done = CliRunner().invoke(app, ["certify", str(file), "--out", str(tmp_path / "out"), "--json"])
-    assert done.exit_code == code
-    assert json.loads(done.stdout)["verdict"] == verdict
-    again = CliRunner().invoke(app, ["verify", str(tmp_path / "out" / "certificate.json"), "--problem", str(file)])
-    assert again.exit_code == 0
-    if code:
-        assert "1.65387" in (tmp_path / "out" / "report.html").read_text("utf-8")
 
 
 def test_the_box_that_refutes_a_region_does_not_refute_a_smaller_one():

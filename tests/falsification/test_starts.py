@@ -12,27 +12,13 @@ from equilibrium_cases import half_difference, listening_pair
 from lure_cases import HARMONIC, PAPER_GAIN, cycle, field, identity
 from lure_cases import random_problem as switched_problem
 from scipy.integrate import solve_ivp
-from separable_problems import random_problem
 
 from dobc_design import Exosystem, Group, Network, Observer, Problem
 from dobc_design.conditions.quadratic.claim import Lure
 from dobc_design.conditions.separable.claim import ErrorBound, Separable
 from dobc_design.errors import SpecError
 from dobc_design.exact.symmetric import SparseSymmetric
-from dobc_design.falsification.levels import level_of
-from dobc_design.falsification.starts import (
-    CORNERS,
-    EDGES,
-    RANDOM,
-    Boundary,
-    asked_box,
-    constant_signals,
-    drawn_signals,
-    make_arena,
-    run_starts,
-    settling_horizon,
-    unit_cube,
-)
+from dobc_design.falsification import starts as sets
 from dobc_design.simulation.field import make_loop
 
 F = Fraction
@@ -66,7 +52,7 @@ def lure_value(e: np.ndarray, eps: np.ndarray) -> float:
 
 @pytest.mark.parametrize(("claim", "truth"), [(SEPARABLE, separable_value), (LURE, lure_value)])
 def test_v_is_that_of_the_definition_and_its_gradient_that_of_differences(claim, truth):
-    level, rng = level_of(problem(), claim), np.random.default_rng(0)
+    level, rng = sets.level_of(problem(), claim), np.random.default_rng(0)
     e, eps = rng.normal(size=(3, 20)), rng.normal(size=(3, 2, 20))
     values = level.value(e, eps)
     for run in range(20):
@@ -77,10 +63,10 @@ def test_v_is_that_of_the_definition_and_its_gradient_that_of_differences(claim,
         assert 2 * (along @ step + np.sum(along_eps * other)) == pytest.approx(change, rel=1e-4, abs=1e-12)
 
 
-@pytest.mark.parametrize("kind", [RANDOM, CORNERS, EDGES])
+@pytest.mark.parametrize("kind", [sets.RANDOM, sets.CORNERS, sets.EDGES])
 @pytest.mark.parametrize(("claim", "truth"), [(SEPARABLE, separable_value), (LURE, lure_value)])
 def test_starts_lie_on_the_boundary_some_of_them_without_a_disturbance(claim, truth, kind: str):
-    starts = Boundary(words="", level=level_of(problem(), claim), rows=3, n=3, q=2)
+    starts = sets.Boundary(level=sets.level_of(problem(), claim), loop=make_loop(problem(), None))
     e, eps = starts.draw(np.random.default_rng(1), 60, kind)
     assert [truth(e[:, run], eps[:, :, run]) for run in range(60)] == pytest.approx([1.0] * 60, rel=1e-12)
     without = np.all(eps == 0, axis=(0, 1)).sum()
@@ -92,28 +78,22 @@ def test_starts_lie_on_the_boundary_some_of_them_without_a_disturbance(claim, tr
 
 def test_without_an_observers_matrix_starts_have_no_disturbance():
     claim = Lure(P_e=FULL, ranges=(), radius=F(1), level=F(5))
-    starts = Boundary(words="", level=level_of(problem(), claim), rows=3, n=3, q=2)
-    assert not np.any(starts.draw(np.random.default_rng(1), 10, RANDOM)[1])
-
-
-def test_rates_are_those_of_v():
-    """min(alpha, beta - 1/(kappa min v)) for the composite; V' <= -2 rate V is the rate of the root."""
-    assert level_of(problem(), SEPARABLE).rate == 1.0
-    assert level_of(problem(), LURE).rate == 0.25
+    starts = sets.Boundary(level=sets.level_of(problem(), claim), loop=make_loop(problem(), None))
+    assert not np.any(starts.draw(np.random.default_rng(1), 10, sets.RANDOM)[1])
 
 
 def test_what_holds_everywhere_is_looked_at_up_to_one():
     everywhere = Separable(v=(F(1), F(2), F(3)), alpha=F(1), rho=None)
-    assert level_of(problem(0), everywhere).value(np.array([[1.0], [0], [0]]), np.zeros((3, 0, 1))) == [1.0]
+    assert sets.level_of(problem(0), everywhere).value(np.array([[1.0], [0], [0]]), np.zeros((3, 0, 1))) == [1.0]
     linear = Lure(P_e=identity(3), ranges=(), radius=None, level=None)
-    assert level_of(problem(0), linear).value(np.array([[0.0], [0], [1]]), np.zeros((3, 0, 1))) == [1.0]
+    assert sets.level_of(problem(0), linear).value(np.array([[0.0], [0], [1]]), np.zeros((3, 0, 1))) == [1.0]
 
 
 def test_a_certificate_of_another_problem_is_refused():
     with pytest.raises(SpecError, match="one v per agent"):
-        level_of(cycle(5, 3), SEPARABLE)
+        sets.level_of(cycle(5, 3), SEPARABLE)
     with pytest.raises(SpecError, match="P_e of 5 rows"):
-        level_of(cycle(5, 3), LURE)
+        sets.level_of(cycle(5, 3), LURE)
 
 
 def boxed(**more) -> tuple[Problem, object]:
@@ -125,26 +105,26 @@ def boxed(**more) -> tuple[Problem, object]:
 def test_the_box_is_the_region_less_the_goals():
     """x in [0, 5], goals 1 and 3: e in [-1, 4] and [-3, 2]."""
     given, loop = boxed(region={"initial_states": [0, 5]})
-    box = asked_box(given, loop, radius=None, disturbance=None)
+    box = sets.asked_box(given, loop)
     assert box.low.tolist() == [-1.0, -3.0]
     assert box.high.tolist() == [4.0, 2.0]
     assert box.holds(np.array([4.0, -3.0]))
     assert not box.holds(np.array([4.001, 0.0]))
-    assert asked_box(given, loop, radius=2.0, disturbance=None).low.tolist() == [-2.0, -2.0]
+    assert sets.asked_box(given, loop, radius=2.0).low.tolist() == [-2.0, -2.0]
     given, loop = boxed()
-    assert asked_box(given, loop, radius=None, disturbance=None).high.tolist() == [1.0, 1.0]
+    assert sets.asked_box(given, loop).high.tolist() == [1.0, 1.0]
 
 
-@pytest.mark.parametrize("kind", [RANDOM, CORNERS, EDGES])
+@pytest.mark.parametrize("kind", [sets.RANDOM, sets.CORNERS, sets.EDGES])
 def test_starts_of_a_box_lie_in_it_and_steps_are_brought_back(kind: str):
     given = problem()
-    box = asked_box(given, make_loop(given, None), radius=2.0, disturbance=0.5)
+    box = sets.asked_box(given, make_loop(given, None), radius=2.0, disturbance=0.5)
     e, eps = box.draw(np.random.default_rng(2), 40, kind)
     lengths = np.linalg.norm(eps, axis=1)
     assert np.all(np.abs(e) <= 2)
     assert np.all(lengths <= 0.5 + 1e-12)
     at_end = np.abs(e) == 2
-    assert {RANDOM: not at_end.any(), CORNERS: at_end.all(), EDGES: at_end.any(axis=0).all()}[kind]
+    assert {sets.RANDOM: not at_end.any(), sets.CORNERS: at_end.all(), sets.EDGES: at_end.any(axis=0).all()}[kind]
     back, back_eps = box.project(5 * e, 5 * eps)
     assert np.all(np.abs(back) <= 2)
     assert np.all(np.linalg.norm(back_eps, axis=1) <= 0.5 + 1e-12)
@@ -161,11 +141,11 @@ def test_starts_keep_to_the_states_of_the_own_group():
     given = Problem(network=problem().network, coupling="tanh(y)", gains={1: 1}, groups=groups)
     P = np.diag([F(2), F(1), F(3)]).tolist()
     claim = replace(SEPARABLE, error=ErrorBound(P=P, beta=F(3), kappa=F(1), size=F(3)))
-    level, loop = level_of(given, claim), make_loop(given, None)
-    box = asked_box(given, loop, radius=2.0, disturbance=0.5)
-    edge = Boundary(words="", level=level, rows=3, n=3, q=3, own=loop.own)
+    level, loop = sets.level_of(given, claim), make_loop(given, None)
+    box = sets.asked_box(given, loop, radius=2.0, disturbance=0.5)
+    edge = sets.Boundary(level=level, loop=loop)
     for starts in (box, edge):
-        e, eps = starts.draw(np.random.default_rng(2), 30, RANDOM)
+        e, eps = starts.draw(np.random.default_rng(2), 30, sets.RANDOM)
         for kept in (eps, starts.project(2 * e, np.ones_like(eps))[1]):
             assert np.all(kept[~own] == 0)
             assert np.any(kept[own] != 0)
@@ -173,18 +153,11 @@ def test_starts_keep_to_the_states_of_the_own_group():
 
 
 def test_all_corners_are_taken_where_there_are_few():
-    corners = unit_cube(np.random.default_rng(0), 3, 10, CORNERS)
+    corners = sets.unit_cube(np.random.default_rng(0), 3, 10, sets.CORNERS)
     assert len({tuple(corner) for corner in corners.T[:8].tolist()}) == 8
-    many = unit_cube(np.random.default_rng(0), 30, 4, CORNERS)
+    many = sets.unit_cube(np.random.default_rng(0), 30, 4, sets.CORNERS)
     assert many[:, 0].tolist() == [-1.0] * 30
     assert many[:, 1].tolist() == [1.0] * 30
-
-
-def test_sets_of_random_problems_with_several_components_fit():
-    """v belongs to agents, not to components."""
-    given = random_problem(1, n=3)
-    claim = Separable(v=(F(1), F(2), F(3)), alpha=F(1), rho=F(2))
-    assert level_of(given, claim).lengths.tolist() == [4.0, 8.0, 12.0]
 
 
 SADDLE = float(half_difference(3.3))
@@ -193,16 +166,18 @@ SADDLE = float(half_difference(3.3))
 def settled(problem: Problem, *columns: list[float], horizon: float = 150.0):
     e = np.array(columns, dtype=float).T
     eps = np.zeros((problem.n, problem.q, e.shape[1]))
-    signals = constant_signals(np.zeros(e.shape[1], dtype=np.int64))
-    return run_starts(make_arena(problem, None), e, eps, signals, horizon=horizon, tolerance=1e-9)
+    signals = sets.constant_signals(np.zeros(e.shape[1], dtype=np.int64))
+    return sets.run_starts(sets.make_arena(problem, None), e, eps, signals, horizon=horizon, tolerance=1e-9)
 
 
 @pytest.mark.parametrize("seed", range(3))
 def test_every_start_goes_where_scipy_takes_it_through_its_switches(seed: int):
     problem, rng = switched_problem(seed, modes=3), np.random.default_rng(seed)
-    signals = drawn_signals(rng, 9, 3, 4.0)
+    signals = sets.drawn_signals(rng, 9, 3, 4.0)
     e = rng.uniform(-2, 2, (problem.n, 9))
-    runs = run_starts(make_arena(problem, None), e, np.zeros((problem.n, 0, 9)), signals, horizon=4.0, tolerance=1e-10)
+    runs = sets.run_starts(
+        sets.make_arena(problem, None), e, np.zeros((problem.n, 0, 9)), signals, horizon=4.0, tolerance=1e-10
+    )
     names = tuple(problem.network.modes)
     for run in range(9):
         state, switches = e[:, run], [*signals.of(run, names), (4.0, "")]
@@ -216,7 +191,7 @@ def test_every_start_goes_where_scipy_takes_it_through_its_switches(seed: int):
 def test_the_observers_error_decays_on_the_way():
     """V follows eps = exp((A - W C) t) eps(0); here V is a norm of eps alone, seen through a large P."""
     problem = cycle(3, 3, exosystem=HARMONIC)
-    arena = make_arena(problem, PAPER_GAIN)
+    arena = sets.make_arena(problem, PAPER_GAIN)
     A, C, W = np.array([[0, 2], [-2, 0]]), np.array([[1, 0]]), np.array(PAPER_GAIN, dtype=float)
     rng = np.random.default_rng(0)
     e, eps = rng.uniform(-1, 1, (3, 2)), rng.uniform(-1, 1, (3, 2, 2))
@@ -227,8 +202,8 @@ def test_the_observers_error_decays_on_the_way():
         def value(self, e: np.ndarray, eps: np.ndarray) -> np.ndarray:
             return np.abs(e).sum(axis=0) + np.abs(eps).sum(axis=(0, 1))
 
-    signals = constant_signals(np.zeros(2, dtype=np.int64))
-    runs = run_starts(arena, e, eps, signals, horizon=1.0, tolerance=1e-10, level=Norms(), samples=5)
+    signals = sets.constant_signals(np.zeros(2, dtype=np.int64))
+    runs = sets.run_starts(arena, e, eps, signals, horizon=1.0, tolerance=1e-10, level=Norms(), samples=5)
 
     def loop(t: float, state: np.ndarray) -> np.ndarray:
         own = state[3:].reshape(3, 2)
@@ -264,13 +239,13 @@ def test_slow_runs_do_not_stall():
 
 def test_runs_last_twelve_time_constants_of_the_consensus():
     """k = 1/10: the slowest rate is 1/10; a pair that is not held keeps the problem's horizon."""
-    assert settling_horizon(listening_pair()) == pytest.approx(120.0, rel=1e-6)
-    assert settling_horizon(listening_pair(gains=5)) == 20.0
-    assert settling_horizon(listening_pair(gains=None)) == 20.0
+    assert sets.settling_horizon(listening_pair()) == pytest.approx(120.0, rel=1e-6)
+    assert sets.settling_horizon(listening_pair(gains=5)) == 20.0
+    assert sets.settling_horizon(listening_pair(gains=None)) == 20.0
 
 
 def test_some_runs_keep_their_mode_and_the_others_switch_at_several_paces():
-    signals = drawn_signals(np.random.default_rng(0), 60, 2, 10.0)
+    signals = sets.drawn_signals(np.random.default_rng(0), 60, 2, 10.0)
     lengths = [len(signals.of(run, ("A", "B"))) for run in range(60)]
     assert 15 <= lengths.count(1) <= 25
     assert max(lengths) > 40

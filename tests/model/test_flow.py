@@ -7,7 +7,6 @@ import pytest
 from lure_cases import HARMONIC, PAPER_GAIN, cycle, field, random_problem
 from scipy.integrate import solve_ivp
 
-from dobc_design.errors import SpecError
 from dobc_design.model.model import build_flow
 
 
@@ -20,7 +19,7 @@ def test_the_end_is_where_scipy_ends(seed: int, m: int):
     start = np.random.default_rng(seed).uniform(-2, 2, problem.n * m)
     truth = solve_ivp(lambda t, e: field(problem, "G1", e), (0, 1.5), start, rtol=1e-11, atol=1e-12).y[:, -1]
     assert flow.end(start) == pytest.approx(truth, abs=1e-7)
-    assert (flow.mode, flow.rows, flow.size) == ("G1", problem.n * m, problem.n * m)
+    assert (flow.rows, flow.size) == (problem.n * m, problem.n * m)
 
 
 def test_the_observers_error_is_part_of_the_state():
@@ -49,8 +48,3 @@ def test_the_gradient_is_that_of_difference_quotients():
         step = 1e-5 * rng.normal(size=flow.size)
         change = (flow.end(start + step) - flow.end(start - step)) @ weight / 2
         assert gradient @ step == pytest.approx(change, rel=1e-5, abs=1e-12)
-
-
-def test_an_unknown_mode_is_refused():
-    with pytest.raises(SpecError, match="mode must be one"):
-        build_flow(cycle(3, 3), "no such", horizon=1.0, steps=10)

@@ -39,8 +39,9 @@ def test_one_agent_with_its_observer_breaks_where_its_matrices_do():
 
 def test_an_unmodelled_sine_breaks_one_agent_where_the_closed_form_says():
     """x' = -2 x + a sin(t + p) from 1: the late error is at most a/sqrt(5) and grows with a; it breaks beyond 0.1."""
-    from dobc_design.simulation.run import simulate
-    from dobc_design.simulation.stress import Stress
+    from loops import simulate
+
+    from dobc_design.simulation.setting import Stress
 
     found = what_breaks_first(single(), options=["disturbance"], start=[[1]], t_final=20)
     sweep = found.sweeps[0]

@@ -9,29 +9,17 @@ from concurrent.futures import ThreadPoolExecutor
 from functools import reduce
 
 import casadi as ca
-import control
 import mpmath
 import numpy as np
 import pytest
-from loops import HARMONIC, PRINTED, planar, ring
+from loops import HARMONIC, PRINTED, planar, ring, simulate
 from scipy.linalg import expm
 
-from dobc_design import (
-    Exosystem,
-    Network,
-    Observer,
-    Periodic,
-    Problem,
-    RandomDwell,
-    Schedule,
-    build_model,
-    load_problem,
-)
+import dobc_design as dd
 from dobc_design.errors import ShapeError, SpecError
 from dobc_design.problem.arrays import consensus_jacobian, pinning_matrix
 from dobc_design.simulation import integrate
 from dobc_design.simulation import setting as module
-from dobc_design.simulation.run import simulate
 
 ROUTES = ("closed-form", "full-loop")
 N = 12
@@ -44,16 +32,16 @@ def modes(order=range(N)) -> dict[str, list[list[int]]]:
     return {"a": first, "b": second}
 
 
-def loop(order=range(N), *, target=1, **settings) -> Problem:
+def loop(order=range(N), *, target=1, **settings) -> dd.Problem:
     defaults = {
         "coupling": "exp(y) - 1 + y",
         "target": target,
         "gains": {str(order[0] + 1): 5, str(order[4] + 1): 2},
-        "exosystem": Exosystem(A=[[0, 2], [-2, 0]], C=[[1, 0]]),
-        "observer": Observer(W=[["16/5"], ["12/5"]]),
+        "exosystem": dd.Exosystem(A=[[0, 2], [-2, 0]], C=[[1, 0]]),
+        "observer": dd.Observer(W=[["16/5"], ["12/5"]]),
     }
-    network = Network.from_arcs(modes(order), arrow="listens_to", agents=N)
-    return Problem(network=network, **(defaults | settings))
+    network = dd.Network.from_arcs(modes(order), arrow="listens_to", agents=N)
+    return dd.Problem(network=network, **(defaults | settings))
 
 
 def starts():
@@ -61,7 +49,7 @@ def starts():
     return rng.uniform(0, 3, size=(N, 1)), rng.normal(size=(N, 2))
 
 
-def error_system(problem: Problem, mode: str):
+def error_system(problem: dd.Problem, mode: str):
     """The matrix of (22)."""
     A, C, W = (np.array(M, float) for M in (problem.exosystem.A, problem.exosystem.C, problem.observer.W))
     n, m, q = problem.n, problem.m, problem.q
@@ -75,20 +63,10 @@ def errors(trajectory, k: int):
 
 
 @pytest.mark.parametrize("observer", ROUTES)
-def test_a_linear_loop_follows_the_matrix_exponential_to_a_billionth(observer: str):
-    """(22) in closed form, at every sample."""
-    problem = planar()
-    run = simulate(problem, mode="one", samples=41, observer=observer, tolerance=1e-12)
-    loop = error_system(problem, "one")
-    for k, t in enumerate(run.times):
-        np.testing.assert_allclose(errors(run, k), expm(loop * t) @ errors(run, 0), atol=1e-9)
-
-
-@pytest.mark.parametrize("observer", ROUTES)
 def test_a_switched_linear_loop_is_the_product_of_its_exponentials(observer: str):
     """Instants that no step of equal length would meet; a switch late by 1e-9 s would be seen."""
     problem = planar()
-    signal = Schedule(times=[0, 0.7390851, 1.6180339, 3.1415926], modes=["one", "two", "one", "two"])
+    signal = dd.Schedule(times=[0, 0.7390851, 1.6180339, 3.1415926], modes=["one", "two", "one", "two"])
     run = simulate(problem, signal=signal, samples=5, observer=observer, tolerance=1e-12)
     stays = np.diff([*signal.times, 4.0])
     product = reduce(
@@ -114,7 +92,7 @@ def test_no_step_crosses_a_switch(monkeypatch):
         return done
 
     monkeypatch.setattr(integrate, "_stepped", spy)
-    run = simulate(load_problem("paper-switching"), signal=Periodic(dwell=0.3), t_final=5.0)
+    run = simulate(dd.load_problem("paper-switching"), signal=dd.Periodic(dwell=0.3), t_final=5.0)
     instants = [*run.switches.times.tolist(), 5.0]
     assert len(instants) == 18
     ends = {end for _, end in steps}
@@ -125,7 +103,7 @@ def test_no_step_crosses_a_switch(monkeypatch):
 
 def test_the_observer_error_in_closed_form_is_that_of_the_full_loop():
     """(17), and what follows from it for x, d, dhat and u, on Example 2."""
-    problem, signal = load_problem("paper-switching"), Periodic(dwell=0.7)
+    problem, signal = dd.load_problem("paper-switching"), dd.Periodic(dwell=0.7)
     fast = simulate(problem, signal=signal, tolerance=1e-12)
     full = simulate(problem, signal=signal, tolerance=1e-12, observer="full-loop")
     for name in ("x", "xi", "xihat", "d", "dhat", "u"):
@@ -133,17 +111,17 @@ def test_the_observer_error_in_closed_form_is_that_of_the_full_loop():
     assert fast.method == full.method == "DOP853"
 
 
-def taylor(h_series, k1: float, start: tuple[float, float], t: float, *, steps: int = 100, order: int = 24):
+def taylor(k1: float, start: tuple[float, float], t: float, *, steps: int = 100, order: int = 24):
     """Two agents that hear each other, agent 1 pinned with k1, by a Taylor series at 40 digits.
 
-    e1' = h(e2 - e1) - k1 e1, e2' = h(e1 - e2); h_series(coefficients of y) gives those of h(y) one by one.
+    e1' = h(e2 - e1) - k1 e1, e2' = h(e1 - e2); h(y) = exp(y) - 1 + y.
     """
     with mpmath.workdps(40):
         e = [mpmath.mpf(s) for s in start]
         dt = mpmath.mpf(t) / steps
         for _ in range(steps):
             a, b = [e[0]], [e[1]]
-            forward, back = h_series(), h_series()
+            forward, back = exponential_series(), exponential_series()
             for k in range(order):
                 y = b[k] - a[k]
                 p, q = forward(y), back(-y)
@@ -166,37 +144,20 @@ def exponential_series():
     return next_coefficient
 
 
-def cubic_series():
-    """y + y**3 by Cauchy products."""
-    y, square = [], []
-
-    def next_coefficient(value):
-        y.append(value)
-        k = len(y) - 1
-        square.append(sum(y[j] * y[k - j] for j in range(k + 1)))
-        return value + sum(square[j] * y[k - j] for j in range(k + 1))
-
-    return next_coefficient
-
-
-@pytest.mark.parametrize(
-    ("coupling", "series", "start"),
-    [("exp(y) - 1 + y", exponential_series, (0.5, -1.0)), ("y + y**3", cubic_series, (1.0, -0.5))],
-)
-def test_two_agents_follow_the_taylor_series_at_high_precision(coupling: str, series, start):
-    network = Network.from_arcs([[1, 2], [2, 1]], arrow="listens_to")
-    problem = Problem(network=network, coupling=coupling, gains={"1": 3})
-    run = simulate(problem, start=[[start[0]], [start[1]]], t_final=1.0, tolerance=1e-13, samples=2)
-    wanted = taylor(series, 3, start, 1.0)
-    assert wanted == pytest.approx(taylor(series, 3, start, 1.0, steps=75), rel=1e-14, abs=0)
+def test_two_agents_follow_the_taylor_series_at_high_precision():
+    network = dd.Network.from_arcs([[1, 2], [2, 1]], arrow="listens_to")
+    problem = dd.Problem(network=network, coupling="exp(y) - 1 + y", gains={"1": 3})
+    run = simulate(problem, start=[[0.5], [-1.0]], t_final=1.0, tolerance=1e-13, samples=2)
+    wanted = taylor(3, (0.5, -1.0), 1.0)
+    assert wanted == pytest.approx(taylor(3, (0.5, -1.0), 1.0, steps=75), rel=1e-14, abs=0)
     np.testing.assert_allclose(run.x[-1, :, 0], wanted, rtol=2e-12)
 
 
 def test_the_error_falls_with_the_tolerance_at_the_order_of_the_method():
     """DOP853 has order 8: halving the steps makes the error at the end about 256 times smaller."""
-    network = Network.from_arcs([[1, 2], [2, 1]], arrow="listens_to")
-    problem = Problem(network=network, coupling="exp(y) - 1 + y", gains={"1": "1/2"})
-    wanted = np.array(taylor(exponential_series, 0.5, (0.5, -1.0), 4.0, steps=150))
+    network = dd.Network.from_arcs([[1, 2], [2, 1]], arrow="listens_to")
+    problem = dd.Problem(network=network, coupling="exp(y) - 1 + y", gains={"1": "1/2"})
+    wanted = np.array(taylor(0.5, (0.5, -1.0), 4.0, steps=150))
     work, off = [], []
     for tolerance in 10.0 ** -np.arange(4, 13):
         run = simulate(problem, start=[[0.5], [-1.0]], t_final=4.0, tolerance=tolerance, samples=2)
@@ -210,13 +171,13 @@ def test_the_error_falls_with_the_tolerance_at_the_order_of_the_method():
 
 def test_example_2_with_switching_agrees_with_cvodes():
     """Integrated mode by mode by CasADi's CVODES from the symbolic closed loop."""
-    problem = load_problem("paper-switching")
-    signal = Periodic(dwell=0.4)
+    problem = dd.load_problem("paper-switching")
+    signal = dd.Periodic(dwell=0.4)
     run = simulate(problem, signal=signal, t_final=2.0, samples=6)
     state = np.concatenate([run.x[0].ravel(), run.xi[0].ravel(), -np.kron(run.x[0].ravel(), [3.2, 2.4])])
     for k, mode in enumerate(["Ga", "Gb", "Gc", "Gd", "Ga"]):
         x, xi, z = (ca.SX.sym(name, size) for name, size in (("x", 10), ("xi", 20), ("z", 20)))
-        loop = {"x": ca.vertcat(x, xi, z), "ode": ca.vertcat(*build_model(problem, mode=mode).closed_loop(x, xi, z))}
+        loop = {"x": ca.vertcat(x, xi, z), "ode": ca.vertcat(*dd.build_model(problem, mode=mode).closed_loop(x, xi, z))}
         step = ca.integrator("loop", "cvodes", loop, 0, 0.4, {"abstol": 1e-12, "reltol": 1e-12})
         state = step(x0=state)["xf"].full().ravel()
         np.testing.assert_allclose(run.x[k + 1].ravel(), state[:10], atol=1e-8)
@@ -225,7 +186,7 @@ def test_example_2_with_switching_agrees_with_cvodes():
 
 def test_example_1_tracks_within_a_percent_after_three_seconds_and_reaches_the_target():
     """Figs. 2 and 3: the printed W, at every start in [0, 5]."""
-    problem = load_problem("paper-fixed")
+    problem = dd.load_problem("paper-fixed")
     for seed in range(5):
         start = np.random.default_rng(seed).uniform(0, 5, size=(10, 1))
         run = simulate(problem, start=start)
@@ -237,41 +198,18 @@ def test_example_1_tracks_within_a_percent_after_three_seconds_and_reaches_the_t
 
 def test_example_1_without_its_observer_stays_away_from_the_target():
     """The residual: about 0.3 for ever, with the amplitude 0.5 of the disturbance; nothing decays."""
-    run = simulate(load_problem("paper-fixed"), observer="off", t_final=60)
+    run = simulate(dd.load_problem("paper-fixed"), observer="off", t_final=60)
     assert not run.dhat.any()
     residual = run.error()[run.times >= 30]
     assert 0.25 < residual.max() < 0.35
     first, second = (run.error()[(run.times >= a) & (run.times < a + 5 * np.pi)].max() for a in (20, 40))
     assert second == pytest.approx(first, rel=1e-2)
-    assert simulate(load_problem("paper-fixed"), t_final=60).error()[-1] < 1e-9
-
-
-def test_the_linear_loop_agrees_with_python_control():
-    problem = ring("y", gains={"1": 5}, target=1)
-    trajectory = simulate(problem, t_final=8, samples=81)
-    J = consensus_jacobian(problem, "G").toarray() - pinning_matrix(problem).toarray()
-    system = control.ss(J, np.zeros((10, 1)), np.eye(10), np.zeros((10, 1)))
-    response = control.initial_response(system, T=trajectory.times, X0=trajectory.x[0].ravel() - 1)
-    np.testing.assert_allclose(trajectory.x[:, :, 0] - 1, response.outputs.T, atol=1e-6)
-
-
-def test_a_disturbance_that_nobody_compensates_agrees_with_python_control():
-    """W = 0: dhat stays 0 and d acts as an input of the linear loop."""
-    problem = ring("y", gains={"1": 5}, exosystem=HARMONIC, observer=Observer(W=[[0], [0]]))
-    trajectory = simulate(problem, t_final=6, samples=601)
-    assert not trajectory.dhat.any()
-    J = consensus_jacobian(problem, "G").toarray() - pinning_matrix(problem).toarray()
-    system = control.ss(J, np.eye(10), np.eye(10), np.zeros((10, 10)))
-    response = control.forced_response(
-        system, T=trajectory.times, U=trajectory.d[:, :, 0].T, X0=trajectory.x[0].ravel()
-    )
-    # python-control takes the input as piecewise linear, hence the tolerance.
-    np.testing.assert_allclose(trajectory.x[:, :, 0], response.outputs.T, atol=1e-4)
+    assert simulate(dd.load_problem("paper-fixed"), t_final=60).error()[-1] < 1e-9
 
 
 def test_the_disturbance_of_example_1_is_a_sine():
     """(12) with xi(0) = (0.5 sin 1, 0.5 cos 1): d = 0.5 sin(2 t + 1)."""
-    trajectory = simulate(load_problem("paper-fixed"))
+    trajectory = simulate(dd.load_problem("paper-fixed"))
     wanted = np.broadcast_to(0.5 * np.sin(2 * trajectory.times + 1)[:, None], (401, 10))
     np.testing.assert_allclose(trajectory.d[:, :, 0], wanted, atol=1e-6)
 
@@ -279,7 +217,7 @@ def test_the_disturbance_of_example_1_is_a_sine():
 @pytest.mark.parametrize("mode", ["Ga", "Gb", "Gc", "Gd"])
 def test_the_agents_of_the_examples_reach_the_target(mode: str):
     """Figs. 2 and 4, mode by mode."""
-    trajectory = simulate(load_problem("paper-switching"), mode=mode)
+    trajectory = simulate(dd.load_problem("paper-switching"), mode=mode)
     assert not trajectory.diverged
     assert trajectory.mode == mode
     assert trajectory.final_error < 1e-3
@@ -302,9 +240,9 @@ def test_starts_without_a_region_are_drawn_within_one_of_the_goal():
 
 
 def test_starts_are_drawn_in_the_region_component_by_component():
-    network = Network.from_arcs([[i + 1, i] for i in range(1, 50)], arrow="listens_to", agents=50)
+    network = dd.Network.from_arcs([[i + 1, i] for i in range(1, 50)], arrow="listens_to", agents=50)
     region = {"initial_states": [[10, 11], [-3, -2]]}
-    problem = Problem(network=network, coupling="y", target=[0, 0], region=region)
+    problem = dd.Problem(network=network, coupling="y", target=[0, 0], region=region)
     x = simulate(problem, t_final=0.1, samples=2).x[0]
     assert np.all((x[:, 0] >= 10) & (x[:, 0] <= 11) & (x[:, 1] >= -3) & (x[:, 1] <= -2))
 
@@ -315,19 +253,6 @@ def test_the_estimate_starts_at_zero_and_the_disturbance_where_the_problem_says(
     assert trajectory.xi[0].tolist() == [[1, 0, 2], [0, 1, -1], [3, 0, 0]]
     without = simulate(ring(exosystem=HARMONIC, observer=PRINTED, gains=1), samples=2, t_final=1)
     assert np.array_equal(without.xi[0], np.ones((10, 2)))
-
-
-def test_without_an_exosystem_the_disturbance_is_zero():
-    trajectory = simulate(ring(gains={"1": 5}), t_final=1, samples=3)
-    assert trajectory.xi.shape == (3, 10, 0)
-    assert not trajectory.d.any()
-    assert not trajectory.dhat.any()
-
-
-def test_a_start_at_rest_stays_at_rest():
-    """The consensus is an equilibrium (3)."""
-    trajectory = simulate(ring(gains=1, target=2, region={"initial_states": [2, 2]}))
-    assert not trajectory.error().any()
 
 
 def test_the_seed_decides_the_start():
@@ -341,38 +266,10 @@ def test_the_seed_decides_the_start():
 def test_the_input_is_that_of_the_controller():
     """(19)."""
     trajectory = simulate(planar(), samples=3)
-    controller = build_model(planar()).controller
+    controller = dd.build_model(planar()).controller
     for k in range(3):
         wanted = controller(trajectory.x[k].ravel(), trajectory.dhat[k].ravel()).full().ravel()
         np.testing.assert_allclose(trajectory.u[k].ravel(), wanted, atol=1e-12)
-
-
-def test_shapes_and_labels():
-    trajectory = simulate(planar(), samples=7)
-    assert trajectory.times.shape == (7,)
-    assert trajectory.times[-1] == 4
-    assert trajectory.x.shape == trajectory.d.shape == trajectory.dhat.shape == trajectory.u.shape == (7, 3, 2)
-    assert trajectory.xi.shape == trajectory.xihat.shape == (7, 3, 3)
-    assert trajectory.goal.tolist() == [[1, -2], [2, -2], [1, -2]]
-    assert trajectory.labels == ("1", "2", "3")
-
-
-def test_blow_up_comes_when_the_closed_form_says():
-    """x_1' = (x_1 - x_2)^3, where agent 2 is held at 0 almost at once: blow-up at 1/(2 x_1(0)^2)."""
-    network = Network.from_arcs([[1, 2]], arrow="listens_to", agents=2)
-    problem = Problem(network=network, coupling="-y**3", gains={"2": 2000}, region={"initial_states": [0, 2]})
-    trajectory = simulate(problem, t_final=5)
-    assert trajectory.diverged
-    assert trajectory.times[-1] == pytest.approx(1 / (2 * trajectory.x[0, 0, 0] ** 2), rel=5e-3)
-
-
-@pytest.mark.parametrize("region", [[0, 2000], [0, "1e308"], ["-1e308", "1e308"]])
-def test_a_start_at_which_the_field_overflows_is_kept_as_the_only_sample(region):
-    with warnings.catch_warnings():
-        warnings.simplefilter("error")
-        trajectory = simulate(ring(gains={"1": 5}, region={"initial_states": region}))
-    assert trajectory.diverged
-    assert trajectory.times.tolist() == [0]
 
 
 def test_trial_steps_that_overflow_are_rejected_and_the_run_goes_on():
@@ -384,28 +281,13 @@ def test_trial_steps_that_overflow_are_rejected_and_the_run_goes_on():
     assert trajectory.final_error < trajectory.error()[0]
 
 
-def test_leaving_the_domain_of_the_coupling_ends_the_run():
-    """log(1 + y) is undefined below y = -1."""
-    trajectory = simulate(ring("log(1 + y)", gains={"1": 5}, region={"initial_states": [0, 5]}))
-    assert trajectory.diverged
-
-
 def test_a_disturbance_that_grows_is_no_divergence():
     """xi' = xi grows to e^20 while the observer follows it."""
-    problem = ring("y", gains=1, exosystem=Exosystem(A=[[1]], C=[[1]]), observer=Observer(W=[[5]]))
+    problem = ring("y", gains=1, exosystem=dd.Exosystem(A=[[1]], C=[[1]]), observer=dd.Observer(W=[[5]]))
     trajectory = simulate(problem)
     assert not trajectory.diverged
     assert trajectory.final_error < 1e-6
     assert trajectory.xi[-1].min() == pytest.approx(np.exp(20), rel=1e-6)
-
-
-@pytest.mark.parametrize(
-    ("gains", "observer"), [({"1": 10**6}, PRINTED), ({"1": 5}, Observer(W=[[2 * 10**6], ["12/5"]]))]
-)
-def test_stiff_loops_are_simulated_in_reasonable_time(gains, observer: Observer):
-    trajectory = simulate(ring(gains=gains, exosystem=HARMONIC, observer=observer, target=1))
-    assert not trajectory.diverged
-    assert trajectory.final_error < 0.1
 
 
 def test_the_implicit_method_agrees_with_the_matrix_exponential():
@@ -447,7 +329,7 @@ def test_a_fixed_point_stays_fixed_to_rounding(observer: str):
     """e = 0 and eps = 0: (3), with a disturbance that the observer knows from the start."""
     xi = starts()[1]
     run = simulate(
-        loop(), start={"x": np.ones((N, 1)), "xi": xi, "xihat": xi}, signal=Periodic(dwell=0.5), observer=observer
+        loop(), start={"x": np.ones((N, 1)), "xi": xi, "xihat": xi}, signal=dd.Periodic(dwell=0.5), observer=observer
     )
     assert run.error().max() < (1e-15 if observer == "closed-form" else 1e-9)
     assert np.abs(run.d).max() > 1
@@ -456,10 +338,10 @@ def test_a_fixed_point_stays_fixed_to_rounding(observer: str):
 def test_permuting_the_agents_permutes_the_result():
     order = np.random.default_rng(0).permutation(N)
     x, xi = starts()
-    one = simulate(loop(), start={"x": x, "xi": xi}, signal=Periodic(dwell=0.5))
+    one = simulate(loop(), start={"x": x, "xi": xi}, signal=dd.Periodic(dwell=0.5))
     moved_x, moved_xi = np.empty_like(x), np.empty_like(xi)
     moved_x[order], moved_xi[order] = x, xi
-    other = simulate(loop(order.tolist()), start={"x": moved_x, "xi": moved_xi}, signal=Periodic(dwell=0.5))
+    other = simulate(loop(order.tolist()), start={"x": moved_x, "xi": moved_xi}, signal=dd.Periodic(dwell=0.5))
     np.testing.assert_allclose(other.x[:, order], one.x, atol=1e-9)
     np.testing.assert_allclose(other.u[:, order], one.u, atol=1e-8)
 
@@ -467,8 +349,8 @@ def test_permuting_the_agents_permutes_the_result():
 def test_shifting_the_target_shifts_the_states():
     """Only differences and x - xbar enter; the shift is a power of two, so that nothing rounds at the start."""
     x, xi = starts()
-    one = simulate(loop(), start={"x": x, "xi": xi}, signal=Periodic(dwell=0.5))
-    other = simulate(loop(target=65), start={"x": x + 64, "xi": xi}, signal=Periodic(dwell=0.5))
+    one = simulate(loop(), start={"x": x, "xi": xi}, signal=dd.Periodic(dwell=0.5))
+    other = simulate(loop(target=65), start={"x": x + 64, "xi": xi}, signal=dd.Periodic(dwell=0.5))
     np.testing.assert_allclose(other.x - 64, one.x, atol=1e-9)
     np.testing.assert_allclose(other.dhat, one.dhat, atol=1e-12)
 
@@ -476,9 +358,9 @@ def test_shifting_the_target_shifts_the_states():
 def test_an_unpinned_undisturbed_balanced_linear_network_keeps_its_average():
     """1' L = 0 in both modes, whose weights differ; unbalanced ones lose it."""
     balanced = {name: [[*arc[:2], k + 1] for arc in arcs] for k, (name, arcs) in enumerate(modes().items())}
-    network = Network.from_arcs(balanced, arrow="listens_to", agents=N)
-    problem = Problem(network=network, coupling="y")
-    run = simulate(problem, signal=RandomDwell(dwell=0.3), start=starts()[0])
+    network = dd.Network.from_arcs(balanced, arrow="listens_to", agents=N)
+    problem = dd.Problem(network=network, coupling="y")
+    run = simulate(problem, signal=dd.RandomDwell(dwell=0.3), start=starts()[0])
     assert np.ptp(run.x[:, :, 0].mean(axis=1)) < 1e-12
     assert np.ptp(run.x[-1]) < 1e-3
     lost = simulate(loop(coupling="y", gains={}, exosystem=None, observer=None), start=starts()[0])
@@ -486,7 +368,7 @@ def test_an_unpinned_undisturbed_balanced_linear_network_keeps_its_average():
 
 
 def test_the_active_mode_stands_at_every_sample():
-    run = simulate(loop(), signal=Periodic(dwell=0.5), t_final=2, samples=[0, 0.25, 0.5, 1.2, 1.75, 2])
+    run = simulate(loop(), signal=dd.Periodic(dwell=0.5), t_final=2, samples=[0, 0.25, 0.5, 1.2, 1.75, 2])
     assert run.mode_index.tolist() == [0, 0, 1, 0, 1, 1]
     assert [sample.mode for sample in run] == ["a", "a", "b", "a", "b", "b"]
     assert run.mode == "a, b (periodic, 0.5 s each)"
@@ -497,8 +379,8 @@ def test_the_active_mode_stands_at_every_sample():
 
 def test_a_run_that_blows_up_between_two_samples_keeps_its_rise():
     """x1' = (x1 - x2)^3 with x2 = 0: x1 = x0 / sqrt(1 - 2 x0^2 t), at every sample that is left."""
-    network = Network.from_arcs([[1, 2]], arrow="listens_to", agents=2)
-    run = simulate(Problem(network=network, coupling="-y**3"), start=[[1], [0]], t_final=10, samples=11)
+    network = dd.Network.from_arcs([[1, 2]], arrow="listens_to", agents=2)
+    run = simulate(dd.Problem(network=network, coupling="-y**3"), start=[[1], [0]], t_final=10, samples=11)
     assert run.diverged
     assert len(run) > 20
     assert (np.diff(run.times) > 0).all()
@@ -509,7 +391,7 @@ def test_a_run_that_blows_up_between_two_samples_keeps_its_rise():
 
 def test_switches_after_the_end_of_a_run_are_left_out():
     problem = loop(coupling="-y", exosystem=None, observer=None)
-    run = simulate(problem, signal=Periodic(dwell=0.5), t_final=60)
+    run = simulate(problem, signal=dd.Periodic(dwell=0.5), t_final=60)
     assert run.diverged
     assert run.switches.times[-1] <= run.times[-1] < 59
 
@@ -528,8 +410,8 @@ def test_a_loop_that_turns_stiff_is_taken_over_by_the_implicit_method():
 
     At rest it is in the middle, because h is odd.
     """
-    network = Network.from_arcs([[1, 2], [1, 3]], arrow="listens_to", agents=3)
-    problem = Problem(network=network, coupling="y + 100*y**3")
+    network = dd.Network.from_arcs([[1, 2], [1, 3]], arrow="listens_to", agents=3)
+    problem = dd.Problem(network=network, coupling="y + 100*y**3")
     run = simulate(problem, start=[[1], [40], [-30]], t_final=2.0)
     np.testing.assert_allclose(run.x[-1, :, 0], [5, 40, -30], rtol=1e-9)
     assert run.method == "DOP853, then Radau"
@@ -537,7 +419,7 @@ def test_a_loop_that_turns_stiff_is_taken_over_by_the_implicit_method():
 
 
 def test_an_observer_that_is_too_fast_for_the_closed_form_is_integrated_and_said():
-    observer = Observer(W=[[2 * 10**6], ["12/5"]])
+    observer = dd.Observer(W=[[2 * 10**6], ["12/5"]])
     run = simulate(loop(observer=observer), mode="a", t_final=1.0)
     assert "full loop was integrated" in " ".join(run.notes)
     assert not run.diverged
@@ -557,13 +439,14 @@ def test_large_networks_get_fewer_samples_unless_asked():
         (ring("-y**3", gains={"1": 1}), "collapsed|exceeded", 0, 5),
         (ring("1 - exp(y)", gains={"1": 1}), "collapsed|exceeded", 0, 5),
         (ring("-y**3", gains={"1": 10**7}), "collapsed|exceeded", 0, 5),
-        (ring(gains=1, exosystem=HARMONIC, observer=Observer(W=[[-6], [0]])), "exceeded", 1, 20),
+        (ring(gains=1, exosystem=HARMONIC, observer=dd.Observer(W=[[-6], [0]])), "exceeded", 1, 20),
         (ring("log(1 + y)", gains={"1": 1}, region={"initial_states": [0, 9]}), "undefined|collapsed", -1, 20),
         (ring(gains={"1": 1}, region={"initial_states": [0, 2000]}), "overflows or is undefined", -1, 1),
+        (ring(gains={"1": 5}, region={"initial_states": ["-1e308", "1e308"]}), "overflows or is undefined", -1, 1),
     ],
-    ids=["linear", "cubic", "exponential", "cubic and stiff", "observer", "domain", "start"],
+    ids=["linear", "cubic", "exponential", "cubic and stiff", "observer", "domain", "start", "far start"],
 )
-def test_a_run_that_diverges_keeps_what_is_valid_and_says_why(problem: Problem, reason: str, earliest, latest):
+def test_a_run_that_diverges_keeps_what_is_valid_and_says_why(problem: dd.Problem, reason: str, earliest, latest):
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         run = simulate(problem)
@@ -581,20 +464,17 @@ def test_a_run_that_diverges_keeps_what_is_valid_and_says_why(problem: Problem, 
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        ({"mode": "a", "signal": Periodic(dwell=1)}, "exclude each other"),
+        ({"mode": "a", "signal": dd.Periodic(dwell=1)}, "exclude each other"),
         ({"mode": "c"}, "mode must be one of"),
         ({"signal": "periodic"}, "signal must be a switching signal; got periodic"),
         ({"stress": "noise"}, "stress must be a Stress; got noise"),
         ({"observer": "slow"}, "observer must be one of"),
         ({"tolerance": 0}, "tolerance must be"),
         ({"samples": 1}, "samples must be a whole number >= 2"),
-        ({"samples": 2.5}, "samples must be a whole number"),
         ({"samples": [0, 1]}, "increase from 0 to t_final"),
         ({"samples": [0, float("nan"), 20]}, "must be finite"),
         ({"t_final": 0}, "t_final must be a time > 0"),
-        ({"t_final": float("nan")}, "t_final must be a time > 0"),
         ({"t_final": float("inf")}, "within the range of floats"),
-        ({"t_final": "soon"}, "got soon"),
         ({"seed": -1}, "seed must be a whole number >= 0"),
         ({"seed": True}, "seed must be a whole number"),
         ({"start": [[float("nan")]] * N}, "must be finite"),

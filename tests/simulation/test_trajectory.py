@@ -1,4 +1,4 @@
-"""What is asked of one run and of many, and their files: what is read back is what was saved."""
+"""What is asked of one run and of many, and their files; where runs start: drawn, given, or from a file."""
 
 from __future__ import annotations
 
@@ -7,12 +7,26 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from loops import simulate
 from scipy import stats
 
-from dobc_design import Failure, Mobile, Network, Periodic, Problem, Stress, Trajectory, load_problem, load_trajectory
-from dobc_design.errors import CertificateError, SpecError
+from dobc_design import (
+    Exosystem,
+    Failure,
+    Mobile,
+    Network,
+    Observer,
+    Periodic,
+    Problem,
+    Stress,
+    Trajectory,
+    load_problem,
+    load_trajectory,
+)
+from dobc_design.errors import CertificateError, ShapeError, SpecError
 from dobc_design.simulation import trajectory as measures
-from dobc_design.simulation.run import simulate
+from dobc_design.simulation.field import make_loop
+from dobc_design.simulation.setting import make_starts
 from dobc_design.simulation.trajectory import PLAIN, SAMPLED
 
 
@@ -48,55 +62,33 @@ def test_the_error_is_the_largest_distance_from_a_goal():
     assert trajectory.estimation_error().tolist() == [0.5] * 3
 
 
-def test_the_settling_time_is_when_the_error_stays_small():
-    trajectory = made([4, 0.1, 2, 0.4, 0.5, 0.2])
-    assert trajectory.settling_time(0.5) == 3
-    assert trajectory.settling_time(5) == 0
-    assert trajectory.settling_time(0.3) == 5
-    assert trajectory.settling_time(0.1) is None
-
-
-def test_a_run_that_diverged_never_settled():
-    assert made([0.1, 0.1], diverged=True).settling_time(1) is None
-
-
-def test_an_error_that_is_not_a_number_is_not_small():
-    assert made([1, np.nan]).settling_time(2) is None
+@pytest.mark.parametrize(
+    ("errors", "tolerance", "wanted"),
+    [
+        ([4, 0.1, 2, 0.4, 0.5, 0.2], 0.5, 3),
+        ([4, 0.1, 2, 0.4, 0.5, 0.2], 5, 0),
+        ([4, 0.1, 2, 0.4, 0.5, 0.2], 0.1, None),
+        ([1, np.nan], 2, None),
+        ([4, 0.05, 0.039, 0.03], None, 2),  # one percent of the start
+        ([4, 0.05], None, None),
+        ([0, 0], None, 0),
+    ],
+)
+def test_the_settling_time_is_when_the_error_stays_small(errors, tolerance, wanted):
+    assert made(errors).settling_time(tolerance) == wanted
+    assert made(errors, diverged=True).settling_time(tolerance) is None
 
 
 def test_the_decay_rate_is_the_slope_of_the_logarithm():
     times = np.linspace(0, 3, 20)
     assert made(5 * np.exp(-0.7 * times), times=times).decay_rate() == pytest.approx(0.7)
     assert made(5 * np.exp(0.7 * times), times=times).decay_rate() == pytest.approx(-0.7)
+    assert made([0, 0, 0, 0]).decay_rate() is None
 
 
 def test_the_decay_rate_leaves_out_what_is_integration_error():
     times = np.linspace(0, 40, 200)
     assert made(np.maximum(np.exp(-times), 1e-9), times=times).decay_rate() == pytest.approx(1)
-
-
-def test_an_error_of_zero_has_no_decay_rate():
-    assert made([0, 0, 0, 0]).decay_rate() is None
-
-
-def test_without_a_tolerance_settled_means_one_percent_of_the_start():
-    assert made([4, 0.05, 0.039, 0.03]).settling_time() == 2
-    assert made([4, 0.05]).settling_time() is None
-
-
-def test_a_trajectory_sums_itself_up_as_an_ensemble_of_one():
-    found = made([4, 2, 1]).summary()
-    assert found["runs"] == 1
-    assert found["final_error"] == {"median": 1, "max": 1}
-    assert found["decay_rate"]["median"] == pytest.approx(np.log(2))
-    assert found["settling_time"] == {"median": None, "max": None}
-
-
-def test_a_trajectory_is_a_row_of_samples():
-    samples = list(made([4, 2, 1]))
-    assert [sample.time for sample in samples] == [0, 1, 2]
-    assert {sample.mode for sample in samples} == {"G"}
-    assert samples[1].x.tolist() == [[3], [2]]
 
 
 def test_samples_cannot_be_written_to():
@@ -131,11 +123,7 @@ def test_order_statistics_hold_the_quantile_as_often_as_promised_and_tighter_one
     assert covered(a, b) >= 0.95
     assert stats.binom.cdf(a, count, level) > 0.025
     assert stats.binom.cdf(b - 2, count, level) < 0.975
-
-
-def test_few_values_hold_no_quantile():
-    assert measures.quantile_interval(np.arange(5.0), 0.5, 0.95) is None
-    assert measures.quantile_interval(np.arange(6.0), 0.5, 0.95) == (0, 5)
+    assert measures.quantile_interval(np.arange(5.0), 0.5, 0.95) is None  # too few
 
 
 def test_a_run_that_is_not_a_number_is_larger_than_every_number():
@@ -157,13 +145,6 @@ def test_the_summary_counts_and_says_never_where_a_run_does_not_settle():
     assert found["decay_rate"] == {"median": pytest.approx(0.1), "max": pytest.approx(1), "min": pytest.approx(-1)}
     found = measures.summary(times, np.stack([good, good, slow]), np.zeros(3, dtype=bool))
     assert found["settling_time"] == {"median": pytest.approx(4.7), "max": None}
-
-
-def test_the_default_of_settled_is_one_percent_of_the_start():
-    times = np.linspace(0, 10, 1001)
-    assert measures.settling_time(times, 7 * np.exp(-times), None, diverged=False) == pytest.approx(4.61)
-    assert measures.settling_time(times, 7 * np.exp(-times), 0.7, diverged=False) == pytest.approx(2.31)
-    assert measures.settling_time(times, np.zeros(1001), None, diverged=False) == 0
 
 
 def switching() -> Trajectory:
@@ -208,20 +189,10 @@ def test_a_pandas_table_can_be_grouped_by_what_it_names():
     frame = run.to_pandas()
     assert frame.columns.names == ["quantity", "agent", "component"]
     assert list(frame["x"].columns) == [(agent, c) for agent in run.labels for c in (1, 2)]
+    assert frame.index.tolist() == run.times.tolist()
     assert frame["x"].abs().max(axis=1).tolist() == np.abs(run.x).max(axis=(1, 2)).tolist()
     assert frame["mode", "", 0].tolist() == [run.switches.names[k] for k in run.mode_index]
     assert "xi" not in frame.columns.get_level_values("quantity")  # no disturbance, no columns
-
-
-def test_a_pandas_table_has_a_column_for_every_component():
-    pytest.importorskip("pandas", reason=STORE)
-    run = switching()
-    frame = run.to_pandas()
-    assert frame.index.tolist() == run.times.tolist()
-    assert frame["x", "3", 1].tolist() == run.x[:, 2, 0].tolist()
-    assert frame["xihat", "10", 2].tolist() == run.xihat[:, 9, 1].tolist()
-    assert frame["mode", "", 0].tolist() == [sample.mode for sample in run]
-    assert frame.shape == (9, 1 + 10 * (4 + 2 * 2))
 
 
 def test_without_pandas_the_way_out_is_said(monkeypatch):
@@ -279,3 +250,94 @@ def test_what_is_no_trajectory_is_refused(tmp_path, kind: str):
     broken(path, kind)
     with pytest.raises(SpecError, match=r"does not hold a trajectory|cannot be read"):
         load_trajectory(path)
+
+
+def problem(**settings) -> Problem:
+    network = Network.from_arcs([[1, 2], [2, 3]], arrow="listens_to")
+    defaults = {
+        "coupling": "y",
+        "target": [0, 1],
+        "gains": {"3": 1},
+        "exosystem": Exosystem(A=[[0, 1, 0], [-1, 0, 0], [0, 0, 0]], C=[[1, 0, 0], [0, 0, 1]]),
+        "observer": Observer(W=[[1, 0], [0, 0], [0, 1]]),
+    }
+    return Problem(network=network, **(defaults | settings))
+
+
+def drawn(given=None, seed: int = 0, **settings):
+    one = problem(**settings)
+    return make_starts(one, make_loop(one, None), given).draw(seed)
+
+
+def test_the_disturbance_of_a_region_is_drawn_in_its_ball_and_fills_it():
+    """region.initial_disturbance bounds |xi_i(0) - xihat_i(0)|, and xihat starts at 0."""
+    region = {"initial_states": [0, 5], "initial_disturbance": "1/2"}
+    lengths = np.concatenate([np.linalg.norm(drawn(seed=s, region=region).xi, axis=1) for s in range(200)])
+    assert lengths.max() <= 0.5
+    assert lengths.max() > 0.48
+    assert np.mean(lengths < 0.25) == pytest.approx(1 / 8, abs=0.06)  # the volume of the inner ball
+
+
+def test_a_given_initial_disturbance_wins_over_the_region():
+    region = {"initial_states": [0, 5], "initial_disturbance": 9}
+    start = drawn(region=region, simulation={"xi0": [1, 2, 3]})
+    assert start.xi.tolist() == [[1, 2, 3]] * 3
+    assert not start.xihat.any()
+
+
+def test_parts_of_a_start_can_be_given():
+    x = [[1, 2], [3, 4], [5, 6]]
+    assert drawn(x).x.tolist() == x
+    assert drawn([7, 8]).x.tolist() == [[7, 8]] * 3
+    assert drawn({"xihat": [1, 0, 0]}).xihat.tolist() == [[1, 0, 0]] * 3
+    assert drawn({"xi": np.ones((3, 3)), "x": x}).xi.tolist() == [[1, 1, 1]] * 3
+    assert np.array_equal(drawn({"xi": [1, 1, 1]}, seed=4).x, drawn(seed=4).x)
+
+
+def test_a_start_is_read_from_csv(tmp_path):
+    path = tmp_path / "x.csv"
+    path.write_text("1,2\n3,4\n\n5.5,-6e0\n", encoding="utf-8")
+    assert drawn(path).x.tolist() == [[1, 2], [3, 4], [5.5, -6]]
+    assert drawn(str(path)).x.tolist() == [[1, 2], [3, 4], [5.5, -6]]
+
+
+def test_a_run_goes_on_where_a_saved_one_stopped(tmp_path):
+    """Half a run, saved, then the other half: the same end as in one run."""
+    whole = simulate(problem(), t_final=4, tolerance=1e-11)
+    first = simulate(problem(), t_final=2, tolerance=1e-11)
+    second = simulate(problem(), t_final=2, tolerance=1e-11, start=first.save(tmp_path / "half.npz"))
+    np.testing.assert_allclose(second.x[-1], whole.x[-1], atol=1e-9)
+    np.testing.assert_allclose(second.xihat[-1], whole.xihat[-1], atol=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("given", "message"),
+    [
+        ([[1, 2]], r"start\.x must have shape \(3, 2\)"),
+        ([[1, 2], [3, 4], [5, float("nan")]], "row 3, column 2 is nan"),
+        ({"xi": [[1, 2, 3]] * 2}, r"start\.xi must have shape"),
+        ({"y": 1}, "unknown part 'y'"),
+        ({"x": [["a", "b"]] * 3}, "must be an array of numbers"),
+        ([1, float("inf")], "must be finite"),
+        ({"xihat": [1, None, 3]}, "must be"),
+        ("missing.csv", "cannot be read"),
+    ],
+)
+def test_a_wrong_start_is_refused(given, message: str):
+    with pytest.raises((SpecError, ShapeError), match=message):
+        drawn(given)
+
+
+@pytest.mark.parametrize("name", ["text.npz", "text.csv", "ragged.csv"])
+def test_a_file_that_is_no_start_is_refused(tmp_path, name: str):
+    path = tmp_path / name
+    path.write_text("1,2\n3\n5,6\n" if name == "ragged.csv" else "words\n", encoding="utf-8")
+    with pytest.raises(SpecError):
+        drawn(path)
+
+
+def test_pickled_arrays_are_never_executed(tmp_path):
+    path = tmp_path / "x.npz"
+    np.savez(path, x=np.array([{"a": 1}], dtype=object))
+    with pytest.raises(SpecError, match="does not hold a start"):
+        drawn(path)

@@ -1,8 +1,13 @@
-"""Small loops that several tests of simulations share."""
+"""Small loops that several tests of simulations share, and runs of them with a given gain."""
 
 from __future__ import annotations
 
-from dobc_design import Exosystem, Network, Observer, Problem
+from typing import Any
+
+from dobc_design import Ensemble, Exosystem, Network, Observer, Problem, Trajectory
+from dobc_design.problem.arrays import Gain
+from dobc_design.simulation.runs import run_many, run_once
+from dobc_design.simulation.setting import make_setting
 
 HARMONIC = Exosystem(A=[[0, 2], [-2, 0]], C=[[1, 0]])
 PRINTED = Observer(W=[["16/5"], ["12/5"]])
@@ -42,3 +47,13 @@ def planar(**settings) -> Problem:
         offsets={"2": [1, 0]},
         **(given | settings),
     )
+
+
+def simulate(problem: Problem, *, gain: Gain | None = None, progress: Any = None, **given: Any) -> Trajectory:
+    """One run with this gain; nothing is designed, and [switching] is not looked at."""
+    return run_once(make_setting(problem, gain=gain, **given), progress=progress)
+
+
+def simulate_many(problem: Problem, *, runs: int, gain: Gain | None = None, progress: Any = None, **given) -> Ensemble:
+    """The same for many runs."""
+    return run_many(make_setting(problem, gain=gain, **given), runs, progress=progress)

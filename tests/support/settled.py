@@ -9,7 +9,7 @@ import numpy as np
 from dobc_design.conditions.schedule.settling import Settling
 from dobc_design.exact.matrix import to_float
 from dobc_design.problem.problem import Problem
-from dobc_design.simulation.simulations import simulate
+from dobc_design.simulation.runs import simulate
 
 CORNERS = 8
 SAMPLES = 401

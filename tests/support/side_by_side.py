@@ -6,10 +6,9 @@ from typing import Any
 
 import loops
 import numpy as np
+from loops import simulate, simulate_many
 
 from dobc_design import Failure, Problem, Stress
-from dobc_design.simulation.ensemble import simulate_many
-from dobc_design.simulation.run import simulate
 
 FAILING = (Failure(agent="3", time=0.4, kind="freeze"), Failure(agent="2", time=0.5))
 
@@ -25,18 +24,16 @@ def planar() -> Problem:
 
 
 def require_the_same(problem: Problem, stress: Stress, *, runs: int, close: float, **given: Any) -> None:
-    """States, errors, estimates, switches, starts and early ends of runs 5, 6, ... to ``close`` times their size."""
+    """Errors, estimates, switches, starts and early ends of runs 5, 6, ... to ``close`` times their size."""
     given = {"t_final": 1.2, "samples": 23, "stress": stress} | given
-    many = simulate_many(problem, runs=runs, seed=5, states=True, **given)
+    many = simulate_many(problem, runs=runs, seed=5, **given)
     for k in range(runs):
         one = simulate(problem, seed=5 + k, **given)
         count = int(np.searchsorted(many.times, one.times[-1], side="right"))
         scale = close * (1 + np.abs(one.x).max())
-        np.testing.assert_allclose(many.states[k, :count], one.x[:count], atol=scale)
         np.testing.assert_allclose(many.estimation_error[k, :count], one.estimation_error()[:count], atol=10 * scale)
         np.testing.assert_allclose(many.error[k, :count], one.error()[:count], atol=scale)
         assert np.isnan(many.error[k, count:]).all()
-        assert np.isnan(many.states[k, count:]).all()
         assert many.diverged[k] == one.diverged == (k in many.reasons)
         np.testing.assert_allclose(many.ended[k], one.times[-1], rtol=1e-6)
         assert many.switches[k] == len(one.switches) - 1

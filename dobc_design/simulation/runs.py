@@ -1,0 +1,471 @@
+"""Runs of the closed loop (1), (12), (13), (19) with any switching signal: one, or many side by side.
+
+The observer's error is known in closed form, so by default only e is integrated; the full loop as printed is the
+reference, and is taken where the closed form is out of reach.  A run under stress is a stack of one.  Run r of an
+ensemble has the seed ``seed + r``, so it depends neither on how many runs there are nor on the chunks that bound the
+memory.  Nothing is proved here, however many runs converge.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, fields, replace
+from functools import cache, partial
+from os import PathLike
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Unpack, overload
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dobc_design._show.cards import Card, Shown
+from dobc_design.certificate.certificate import Certificate
+from dobc_design.conditions.observer.propose import observer_gain
+from dobc_design.exact.matrix import Matrix
+from dobc_design.problem.arrays import Array
+from dobc_design.problem.canonical import loop_sha256
+from dobc_design.problem.load import load_problem
+from dobc_design.problem.network import IndexArray
+from dobc_design.problem.problem import Problem
+from dobc_design.simulation import integrate
+from dobc_design.simulation import setting as settings
+from dobc_design.simulation import trajectory as measures
+from dobc_design.simulation._arguments import whole
+from dobc_design.simulation.columns import COLUMN_NUMBERS, Stack, padded
+from dobc_design.simulation.field import ClosedForm, Network, evolve, network_of
+from dobc_design.simulation.integrate import Moving, Progress, Scheduled
+from dobc_design.simulation.sampled import Stepper, run_sampled_alone
+from dobc_design.simulation.setting import Options, Setting, Stress
+from dobc_design.simulation.signals import Mobile, Signal, signal_of, signal_to_json
+from dobc_design.simulation.stressed import StressedRuns, run_alone, run_stressed
+from dobc_design.simulation.switches import Nearby, Switches
+from dobc_design.simulation.trajectory import Trajectory
+
+if TYPE_CHECKING:
+    from dobc_design.plotting.runs import Envelope
+    from dobc_design.plotting.sheet import Sheet
+
+MOST_ARCS_COMPARED = 5000  # of all modes, up to which a run records of which problem it is
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False, repr=False)
+class Ensemble(Shown):
+    """Runs that differ by their seeds: starts and switches.  Arrays cannot be written to.
+
+    Shapes: seeds (R,); times (T,) in s; error and estimation_error (R, T), |e|_inf and |d - dhat|_inf, nan from where
+    a run that diverged had ended; diverged (R,); ended (R,) in s; switches (R,), how often a run switched; goal (n, m);
+    lengths (R,), the Euclidean |e| of all agents at the start; disturbances (R,), the largest |xi_i - xihat_i| there.
+    ``reasons`` says by run why it ended early; ``signal`` and ``stress`` are JSON, ``observer`` as in ``simulate``.
+    ``simulate(problem, seed=seeds[r], ...)`` gives run r again, in full.
+    """
+
+    name: str
+    mode: str
+    labels: tuple[str, ...]
+    t_final: float
+    seeds: IndexArray
+    times: Array
+    error: Array
+    estimation_error: Array
+    diverged: NDArray[np.bool_]
+    ended: Array
+    switches: IndexArray
+    reasons: dict[int, str]
+    goal: Array
+    method: str
+    notes: tuple[str, ...]
+    signal: str
+    observer: str
+    stress: str
+    lengths: Array
+    disturbances: Array
+    loop_sha256: str = ""  # of the problem and W; "" where they were not recorded
+
+    def __post_init__(self) -> None:
+        for array in self._arrays().values():
+            array.setflags(write=False)
+
+    def _arrays(self) -> dict[str, Any]:
+        found = {each.name: getattr(self, each.name) for each in fields(self)}
+        return {name: value for name, value in found.items() if isinstance(value, np.ndarray)}
+
+    def __len__(self) -> int:
+        return len(self.seeds)
+
+    def start_size(self) -> tuple[float, float, float]:
+        """Over all starts the largest |e|_inf, Euclidean |e| of all agents stacked, and |xi_i - xihat_i|."""
+        return float(self.error[:, 0].max()), float(self.lengths.max()), float(self.disturbances.max())
+
+    @property
+    def final_error(self) -> Array:
+        """|e|_inf at the end of every run, (R,)."""
+        return measures.final_errors(self.error)
+
+    def quantiles(self, levels: Sequence[float] = (0.05, 0.5, 0.95)) -> Array:
+        """Quantiles of |e|_inf over the runs at every sample: (levels, T); a run that diverged counts as infinite."""
+        return np.stack([measures.quantile(self.error, level) for level in levels])
+
+    def summary(self) -> dict[str, Any]:
+        """The numbers of ``dobc simulate --json``, without its files."""
+        return measures.summary(self.times, self.error, self.diverged)
+
+    def plot(self, *, certificate: Certificate | None = None, envelope: Envelope | None = None) -> Sheet:
+        """Quantile bands of the errors over all runs.  ``certificate``, ``envelope``: as in ``Trajectory.plot``."""
+        from dobc_design.plotting.runs import ensemble_sheet
+
+        return ensemble_sheet(self, envelope=measures.bound_of(self, certificate, envelope))
+
+    def intervals(self, confidence: float = 0.95) -> dict[str, tuple[float, float] | None]:
+        """Confidence intervals for a random run: median final error, probability of divergence.
+
+        Free of assumptions on distributions (order statistics; Clopper and Pearson).  None: too few runs.
+        """
+        final, bad = np.where(self.diverged, np.inf, self.final_error), int(self.diverged.sum())
+        return {
+            "median_final_error": measures.quantile_interval(final, 0.5, confidence),
+            "probability_of_divergence": measures.proportion_interval(bad, len(self), confidence),
+        }
+
+    def save(self, path: str | PathLike[str], *, force: bool = False) -> Path:
+        """Write the arrays to ``path``, an .npz file for ``numpy.load``.  Raises: SpecError."""
+        words = ("name", "mode", "labels", "t_final", "notes", "signal", "method", "observer", "stress")
+        facts = {name: getattr(self, name) for name in words} | {"format": "dobc-ensemble", "version": 1}
+        about = np.array(json.dumps(facts, ensure_ascii=False))
+        return measures.save_arrays(Path(path), {"about": about} | self._arrays(), force=force)
+
+    def __str__(self) -> str:
+        return f"{self.name}: {self._summary}"
+
+    def __repr__(self) -> str:
+        return f"<Ensemble of {self}>"
+
+    def _card(self) -> Card:
+        return Card(title=self.name, text=self._summary, lines=self.notes)
+
+    @property
+    def _summary(self) -> str:
+        bad, final = int(self.diverged.sum()) or "none", np.sort(self.final_error)
+        return (
+            f'{len(self)} runs of {self.t_final:.4g} s, mode "{self.mode}",'
+            f" {bad} diverged, final |e|_inf {final[0]:.3g} to {final[-1]:.3g}"
+        )
+
+
+@overload
+def simulate(
+    problem: Problem | str | PathLike[str],
+    *,
+    runs: None = None,
+    progress: Progress | None = None,
+    **given: Unpack[Options],
+) -> Trajectory: ...
+
+
+@overload
+def simulate(
+    problem: Problem | str | PathLike[str],
+    *,
+    runs: int | None,
+    progress: Progress | None = None,
+    **given: Unpack[Options],
+) -> Trajectory | Ensemble: ...
+
+
+def simulate(
+    problem: Problem | str | PathLike[str],
+    *,
+    runs: int | None = None,
+    mode: str | None = None,
+    signal: Signal | None = None,
+    start: settings.Given | None = None,
+    t_final: float | None = None,
+    seed: int | None = None,
+    samples: int | Sequence[float] | None = None,
+    observer: str = "closed-form",
+    tolerance: float = 1e-9,
+    stress: Stress | None = None,
+    progress: Progress | None = None,
+) -> Trajectory | Ensemble:
+    """Simulate the closed loop (1), (12), (13), (19): one run, or ``runs`` of them with the seeds seed, seed + 1, ...
+
+    The modes follow ``signal``; without it ``mode``; without both the problem's [switching].  A missing W is designed
+    first, as ``certify`` does, and a note says so.  ``start``: x by agent and component, (n, m), or a mapping with
+    "x", "xi" and "xihat", or a .csv or .npz file; by default x is drawn from the region by ``seed``, and xihat = 0.
+    ``t_final`` (s) and ``seed`` default to the problem's.  ``samples``: how many, or the times from 0 on in s.
+    ``observer``: "closed-form" integrates e with eps known, "full-loop" all equations as printed, "off" leaves the
+    disturbance uncompensated.  ``tolerance`` of the integrator is relative.  ``stress``: noise, limits, losses and
+    failures.  ``progress`` is called with the part that is done, from 0 to 1.
+    Returns: a Trajectory, or with ``runs`` an Ensemble; ``diverged`` says what had to stop early, and ``reason`` why.
+    Raises: SpecError for a wrong argument.
+    Example:
+        >>> run = dd.simulate("clock-sync", t_final=30, samples=61)
+        >>> run.x.shape, run.diverged, run.final_error < 0.3
+        ((61, 10, 1), False, True)
+    """
+    problem = problem if isinstance(problem, Problem) else load_problem(problem)
+    remarks: list[str] = []
+    if signal is None and mode is None:
+        signal, remark = signal_of(problem)
+        remarks += [] if remark is None else [remark]
+    if problem.groups and problem.joint_observer.W is None and observer != "off":
+        remarks.append("No W was given: it was designed.")
+    gain = None if observer == "off" else observer_gain(problem)
+    given = Options(mode=mode, signal=signal, start=start, t_final=t_final, seed=seed, samples=samples, stress=stress)
+    given |= {"observer": observer, "tolerance": tolerance}
+    setting = settings.make_setting(problem, gain=gain, **given)
+    setting, mark = replace(setting, notes=(*remarks, *setting.notes)), fingerprint(problem, gain)
+    if runs is None:
+        return replace(run_once(setting, progress=progress), loop_sha256=mark)
+    return replace(run_many(setting, runs, progress=progress), loop_sha256=mark)
+
+
+def fingerprint(problem: Problem, gain: Matrix | None) -> str:
+    """What ties a run to certificates of its problem; "" for large networks, where it would cost more than the run."""
+    arcs = sum(len(each) for each in problem.network.modes.values())
+    return loop_sha256(problem, gain) if arcs <= MOST_ARCS_COMPARED else ""
+
+
+def run_once(setting: Setting, *, seed: int | None = None, progress: Progress | None = None) -> Trajectory:
+    """One run, with this seed for its start and its switches."""
+    problem, loop, signal, stress = setting.problem, setting.loop, setting.signal, setting.stress
+    seed = setting.seed if seed is None else seed
+    modes: Scheduled | Moving
+    nearby, known = None, list[Switches]()
+    # Trial steps overflow far from the target; the integrator rejects them, and nobody needs a warning.
+    with np.errstate(all="ignore"):
+        start = setting.starts.draw(seed)
+        if isinstance(signal, Mobile) and signal.motion is None:
+            nearby = Nearby(signal, problem)
+            modes = Moving(nearby, setting.horizon)
+        else:
+            known.append(settings.switches_for(setting, seed))
+            modes = Scheduled(known[0], settings.groups_for(setting, known[0]), setting.horizon)
+        if stress is None:
+            run, parts = _calm(setting, start, modes, progress)
+        else:
+            alone: dict[str, Any] = {"starts": [start], "seeds": [seed], "switches": known, "nearby": nearby}
+            runs = StressedRuns(setting=setting, groups=modes.groups, **alone)
+            sampled = stress.period is not None
+            run, parts = run_sampled_alone(runs, progress) if sampled else run_alone(runs, modes, progress)
+    switches = modes.switches
+    if run.reason:  # those up to where the run ended
+        count = int(np.searchsorted(switches.times, float(run.times[-1]), side="right"))
+        switches = replace(switches, times=switches.times[:count].copy(), modes=switches.modes[:count].copy())
+    return Trajectory(
+        name=problem.name,
+        mode=settings.describe(signal, problem),
+        labels=problem.network.labels,
+        t_final=setting.horizon,
+        seed=seed,
+        goal=loop.goal.copy(),
+        times=run.times,
+        diverged=bool(run.reason),
+        reason=run.reason,
+        method=run.method,
+        evaluations=run.evaluations,
+        notes=(*setting.notes, *run.notes, *(() if stress is None else (f"Stress: {stress}.",))),
+        signal=signal_to_json(signal),
+        observer=setting.observer,
+        stress="" if stress is None else settings.stress_to_json(stress),
+        switches=switches,
+        **parts,
+    )
+
+
+def _calm(
+    setting: Setting,
+    start: settings.Start,
+    modes: Scheduled | Moving,
+    progress: Progress | None,
+) -> integrate.Outcome:
+    """A run without stress: e alone with eps in closed form, or the full loop."""
+    loop, asked, eps0 = setting.loop, setting.observer == "full-loop", start.xi - start.xihat
+    closed = None if asked else settings.closed_form_of(setting)
+    full = asked or (loop.q > 0 and closed is None)
+    if full:
+        z = start.xihat - loop.correction(start.x)
+        plan, flat = integrate.full_loop(loop, modes), np.concatenate([start.x.ravel(), start.xi.ravel(), z.ravel()])
+    else:
+        plan, flat = integrate.errors_alone(loop, modes, closed, eps0), (start.x - loop.goal).ravel()
+    implicit, tolerance = settings.is_stiff(setting, closed=not full), setting.tolerance
+    run = integrate.Integration(
+        plan, flat, setting.times, tolerance=tolerance, implicit=implicit, progress=progress
+    ).run()
+    if full:
+        x, xi, z = (part.copy() for part in loop.split(run.states))
+        xihat = z + loop.correction(x)
+    else:
+        x = run.states.reshape(-1, loop.n, loop.m) + loop.goal
+        xi = evolve(loop.A, start.xi, run.times)
+        off = setting.observer == "off"
+        xihat = np.zeros_like(xi) if off else xi - evolve(settings.error_matrix(setting), eps0, run.times)
+    if run.method.startswith("Radau"):
+        run.notes.append("The loop is stiff: integrated by the implicit method Radau.")
+    if full and not asked:
+        run.notes.append("The observer is too fast for its closed form: the full loop was integrated.")
+    dhat = xihat @ loop.C.T
+    u = loop.control(x - loop.goal, dhat)
+    return run, {"x": x, "xi": xi, "xihat": xihat, "d": xi @ loop.C.T, "dhat": dhat, "u": u}
+
+
+def run_many(setting: Setting, runs: int, *, progress: Progress | None = None) -> Ensemble:
+    """``runs`` runs with the seeds seed, seed + 1, ...: each with its own start and its own switches."""
+    with np.errstate(all="ignore"):
+        return _Collector(setting, whole(runs, "runs", least=1), progress or (lambda part: None)).run()
+
+
+class _Collector:
+    """Puts what the runs come to into the arrays of an ensemble."""
+
+    def __init__(self, setting: Setting, runs: int, report: Progress) -> None:
+        self.setting, self.runs, self.report = setting, runs, report
+        self.error, self.estimation = np.full((2, runs, len(setting.times)), np.nan)
+        self.ended, self.count = np.full(runs, setting.horizon), np.zeros(runs, dtype=np.int64)
+        self.lengths, self.disturbances = np.zeros((2, runs))
+        self.reasons: dict[int, str] = {}
+        self.method = "DOP853, side by side"
+
+    def run(self) -> Ensemble:
+        setting, stress, problem = self.setting, self.setting.stress, self.setting.problem
+        notes = [*setting.notes, *([] if stress is None else [f"Stress: {stress}."])]
+        self.report(0.0)
+        closed = settings.closed_form_of(setting) if stress is None and setting.observer != "full-loop" else None
+        reason = self.reason_for_single_runs(closed)
+        if reason:
+            notes.append(f"The runs were made one by one, because {reason}.")
+            self.method = ""
+            for run in range(self.runs):
+                self.single(run)
+                self.report((run + 1) / self.runs)
+        else:
+            self.chunks(closed)
+        diverged = np.zeros(self.runs, dtype=bool)
+        diverged[list(self.reasons)] = True
+        return Ensemble(
+            name=problem.name,
+            mode=settings.describe(setting.signal, problem),
+            labels=problem.network.labels,
+            t_final=setting.horizon,
+            seeds=setting.seed + np.arange(self.runs),
+            times=setting.times,
+            error=self.error,
+            estimation_error=self.estimation,
+            diverged=diverged,
+            ended=self.ended,
+            switches=self.count,
+            reasons=dict(sorted(self.reasons.items())),
+            goal=setting.loop.goal,
+            method=self.method,
+            notes=tuple(notes),
+            signal=signal_to_json(setting.signal),
+            observer=setting.observer,
+            stress="" if stress is None else settings.stress_to_json(stress),
+            lengths=self.lengths,
+            disturbances=self.disturbances,
+        )
+
+    def reason_for_single_runs(self, closed: ClosedForm | None) -> str:
+        """Why the runs cannot be stacked; "" if they can."""
+        setting, stress = self.setting, self.setting.stress
+        if isinstance(setting.signal, Mobile) and setting.signal.motion is None:
+            return "every run has graphs of its own"
+        if stress is not None and stress.period is not None:
+            return ""
+        if stress is None and setting.observer == "full-loop":
+            return "the full loop was asked for"
+        if stress is None and setting.loop.q and closed is None:
+            return "the observer is too fast for its closed form"
+        return "the loop is stiff" if settings.is_stiff(setting, closed=stress is None) else ""
+
+    def chunks(self, closed: ClosedForm | None) -> None:
+        """Runs side by side, a bounded number at a time; a given motion gives all of them the same switches."""
+        setting, loop, stress = self.setting, self.setting.loop, self.setting.stress
+        shared = settings.switches_for(setting, setting.seed)
+        groups, room = settings.groups_for(setting, shared), COLUMN_NUMBERS // (loop.n * loop.m)
+        if stress is not None:
+            arcs = sum(each.shape[1] for each in shared.graphs) or sum(map(len, setting.problem.network.modes.values()))
+            room = min(room, 8 * COLUMN_NUMBERS // (max(1, arcs) * loop.m))
+        size = max(1, min(self.runs, room))
+        networks = cache(lambda mode: network_of(loop, groups(mode), runs=size))
+        for first in range(0, self.runs, size):
+            chosen = np.arange(first, min(self.runs, first + size))
+            seeds = (setting.seed + chosen).tolist()
+            starts = [setting.starts.draw(seed) for seed in seeds]
+            switches = [shared if shared.graphs else settings.switches_for(setting, seed) for seed in seeds]
+            runs = StressedRuns(setting=setting, groups=groups, starts=starts, seeds=seeds, switches=switches)
+            for run, start in zip(chosen, starts, strict=True):
+                self.lengths[run] = np.linalg.norm(start.x - loop.goal)
+                self.disturbances[run] = np.linalg.norm(start.xi - start.xihat, axis=1).max(initial=0.0)
+
+            def part(done: float, chosen: IndexArray = chosen) -> None:
+                self.report((int(chosen[0]) + done * len(chosen)) / self.runs)
+
+            if stress is None:
+                ended, reasons = self.calm(chosen, runs, closed, networks)
+                part(1.0)
+            elif stress.period is None:
+                ends = run_stressed(runs, visit=partial(self.put, chosen), progress=part)
+                ended, reasons = ends.times, ends.reasons()
+            else:
+                self.method = f"exact steps of {stress.period:g} s, side by side"
+                ended, reasons = self.sampled(chosen, runs, part)
+            for row, each in enumerate(switches):
+                self.count[chosen[row]] = np.searchsorted(each.times, ended[row], side="right") - 1
+            for row, reason in reasons.items():
+                if reason:
+                    late = setting.times > ended[row]
+                    self.ended[chosen[row]], self.reasons[int(chosen[row])] = ended[row], reason
+                    self.error[chosen[row], late] = self.estimation[chosen[row], late] = np.nan
+                else:
+                    self.single(int(chosen[row]))
+
+    def calm(
+        self,
+        chosen: IndexArray,
+        runs: StressedRuns,
+        closed: ClosedForm | None,
+        networks: Callable[[int], Network],
+    ) -> tuple[Array, dict[int, str]]:
+        """Runs without stress: when they ended, and why early."""
+        setting, loop = self.setting, self.setting.loop
+        e, eps = runs.stacked("x") - loop.goal[..., None], runs.stacked("xi") - runs.stacked("xihat")
+        columns = e.reshape(loop.n * loop.m, -1)
+        stack = Stack(loop=loop, networks=networks, closed=closed, e=columns, eps=eps, switches=padded(runs.switches))
+        self.estimation[chosen] = 0.0
+        for place, weight in enumerate([] if closed is None else np.moveaxis(closed.many(setting.times), 2, 0)):
+            self.estimation[chosen, place] = np.abs(np.tensordot(weight, eps, axes=(1, 1))).max(axis=(0, 1))
+
+        def visit(sample: IndexArray, run: IndexArray, e: Array) -> None:
+            self.error[chosen[run], sample] = np.abs(e).max(axis=0)
+
+        ends = stack.integrate(setting.times, tolerance=setting.tolerance, visit=visit)
+        return ends.times, ends.reasons()
+
+    def sampled(self, chosen: IndexArray, runs: StressedRuns, part: Progress) -> tuple[Array, dict[int, str]]:
+        """Sampled runs: the same."""
+        every, goal = np.arange(len(chosen)), self.setting.loop.goal[..., None]
+
+        def visit(number: int, sample: integrate.Samples) -> None:
+            self.put(chosen, np.full(len(every), number), every, sample["x"] - goal, sample["d"] - sample["dhat"])
+
+        counts, reasons = Stepper(runs, visit, part).run()
+        return self.setting.times[counts - 1], reasons
+
+    def put(self, chosen: IndexArray, sample: IndexArray, run: IndexArray, e: Array, gap: Array) -> None:
+        """Errors e and d - dhat (n, m, k) of runs at their samples, (k,) each."""
+        self.error[chosen[run], sample] = np.abs(e).max(axis=(0, 1))
+        self.estimation[chosen[run], sample] = np.abs(gap).max(axis=(0, 1))
+
+    def single(self, run: int) -> None:
+        done = run_once(self.setting, seed=self.setting.seed + run)
+        count = int(np.searchsorted(self.setting.times, done.times[-1], side="right"))
+        self.error[run], self.estimation[run] = np.nan, np.nan
+        self.error[run, :count] = done.error()[:count]
+        self.estimation[run, :count] = done.estimation_error()[:count]
+        self.ended[run], self.count[run] = done.times[-1], len(done.switches) - 1
+        _, self.lengths[run], self.disturbances[run] = done.start_size()
+        if done.diverged:
+            self.reasons[run] = done.reason
+        names = [name for name in (self.method, done.method) if name]
+        self.method = "; ".join(dict.fromkeys("; ".join(names).split("; ")))

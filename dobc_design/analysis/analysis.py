@@ -36,10 +36,7 @@ class SpectrumResult:
 
 
 def check_spectrum(A: Matrix, C: Matrix, W: Matrix) -> SpectrumResult:
-    """Compute the eigenvalues of A - W C (17) and the decay rate -max Re they give; negative means divergence.
-
-    Shapes: A (q, q), C (m, q), W (q, m).  Raises: ShapeError if the shapes do not fit.
-    """
+    """Eigenvalues of A - W C (17), A (q, q), C (m, q), W (q, m), and the rate -max Re in 1/s.  Raises: ShapeError."""
     import control  # takes a second to import
 
     q = require_square(A, name="A")
@@ -85,10 +82,7 @@ class ObservabilityResult:
 
 
 def check_observability(A: Matrix, C: Matrix) -> ObservabilityResult:
-    """Compute rank, singular values and mode margins of the pair A (q, q), C (m, q) of (12).
-
-    Eigenvalues that coincide are found with an error much larger than rounding.  Raises: ShapeError.
-    """
+    """Rank, singular values and mode margins of the pair A (q, q), C (m, q) of (12).  Raises: ShapeError."""
     import control  # takes a second to import
 
     q = require_square(A, name="A")
@@ -141,10 +135,7 @@ class GraphFacts:
 
 
 def graph_facts(problem: Problem, mode: str) -> GraphFacts:
-    """Collect the graph facts of one mode.  An agent counts as pinned if its gain is not zero.
-
-    Raises: KeyError if there is no such mode.
-    """
+    """Collect the graph facts of one mode; an agent counts as pinned if its gain is not zero.  Raises: KeyError."""
     arcs, labels, n = problem.network.modes[mode], problem.network.labels, problem.n
     hearing = sparse.csr_array((np.ones(len(arcs)), (arcs.speakers, arcs.listeners)), shape=(n, n))
     _, numbers = connected_components(hearing, directed=True, connection="strong")
@@ -231,10 +222,7 @@ class Analysis(Shown):
 
 
 def analyse(problem: Problem, *, gain: Gain | None = None) -> Analysis:
-    """Collect the diagnostics of a problem; ``gain`` (q, m) takes the place of problem.observer.W.
-
-    Raises: SpecError or ShapeError for a gain that does not fit.
-    """
+    """Collect the diagnostics; ``gain`` (q, m) takes the place of problem.observer.W.  Raises: SpecError."""
     W, exosystem, modes = chosen_gain(problem, gain), problem.joint_exosystem, tuple(problem.network.modes)
     return Analysis(
         name=problem.name,

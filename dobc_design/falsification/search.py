@@ -104,10 +104,7 @@ def search_starts(
     gain: Gain | None = None,
     progress: Progress | None = None,
 ) -> Falsification:
-    """The same with ``gain`` (q, m) in place of observer.W.
-
-    Modes are constant or switch at random; without ``t_final`` a run is long enough for the consensus to settle.
-    """
+    """The same with ``gain`` (q, m) in place of observer.W; modes are constant or switch at random."""
     whole(runs, "runs", least=1)
     seed = problem.simulation.seed if seed is None else whole(seed, "seed", least=0)
     if certified is not None and (radius is not None or disturbance is not None):
@@ -201,7 +198,6 @@ class _Search:
         return build_flow(self.problem, self.arena.modes[mode], horizon=horizon, steps=steps, gain=self.gain)
 
     def beyond(self, runs: Runs) -> list[Suspect]:
-        """Runs on which V exceeds what is certified."""
         if self.level is None:
             return []
         bound = runs.values[0] * np.exp(-self.level.rate * runs.times)[:, None] * (1 + BEYOND) + FLOOR
@@ -340,10 +336,7 @@ def final_level(level: Level, rows: int, q: int) -> Objective:
 
 
 def ascend(flow: Flow, starts: StartSet, start: Pair, objective: Objective) -> Pair:
-    """A start that ends farther away than ``start``, e (n m,) and eps (n, q); ``start`` itself if none is found.
-
-    Steps follow the gradient in units of the set's reach and are projected back into the set; deterministic.
-    """
+    """A start, e (n m,) and eps (n, q), that ends farther away than ``start``; ``start`` itself if none is found."""
     lengths = np.concatenate([part.ravel() for part in starts.reach])
     shape = start[1].shape
     best = np.concatenate([start[0], start[1].ravel()])
@@ -436,10 +429,7 @@ def proved_equilibria(
     within_region: bool = False,
     most: int = MOST_PROVED,
 ) -> list[Equilibrium]:
-    """Proved equilibria of one mode that the points lead to, the nearest to the target first.
-
-    Only roots that are starts of the set are looked at, and at most ``most`` are proved.
-    """
+    """Proved equilibria of one mode in the set of starts that the points lead to, the nearest to the target first."""
     roots = [root for root in find_roots(problem, mode, points) if starts.holds(root)]
     roots.sort(key=lambda root: float(np.max(np.abs(root))))
     nearest = roots[:MOST_PROVED]

@@ -250,10 +250,7 @@ StartSet = Box | Boundary
 
 
 def asked_box(problem: Problem, loop: Loop, *, radius: float | None = None, disturbance: float | None = None) -> Box:
-    """The box around the goals, |e|_inf <= radius; without a radius the region, without that |e|_inf <= 1.
-
-    ``disturbance`` bounds |eps_i|; without it the region's, else 0.
-    """
+    """|e|_inf <= radius, else the region, else |e|_inf <= 1; |eps_i| as asked, else the region's, else 0."""
     region, goal = problem.region, loop.goal.ravel()
     if radius is None and region is not None:
         low, high = np.tile(to_float(region.initial_states), (problem.n, 1)).T - goal
@@ -272,10 +269,7 @@ def _owned(loop: Loop) -> Array:
 
 
 def unit_cube(rng: np.random.Generator, rows: int, count: int, kind: str) -> Array:
-    """Points of [-1, 1]^rows, (rows, count): anywhere, at corners, or on sides of any dimension.
-
-    Corners: all low and all high first, and every one where there are few.
-    """
+    """Points of [-1, 1]^rows, (rows, count): anywhere, at corners (all where there are few), or on sides."""
     inside = rng.uniform(-1, 1, (rows, count))
     signs = rng.choice((-1.0, 1.0), (rows, count))
     if kind == RANDOM:
@@ -324,7 +318,6 @@ class Signals:
     modes: IndexArray
 
     def of(self, run: int, names: tuple[str, ...]) -> tuple[tuple[float, str], ...]:
-        """The switches of one run with the names of the modes."""
         pairs = zip(self.times[run].tolist(), self.modes[run].tolist(), strict=True)
         return tuple((time, names[mode]) for time, mode in pairs if time != np.inf)
 
@@ -415,10 +408,7 @@ def run_starts(
     samples: int = SAMPLES,
     level: Level | None = None,
 ) -> Runs:
-    """Simulate every start; V of ``level`` is followed where there is one.
-
-    eps decays in closed form; where the observer is too fast for that, the runs that are made begin with eps = 0.
-    """
+    """Simulate every start; V of ``level`` is followed.  Where the observer is too fast, eps = 0 from the start."""
     loop, count, times = arena.loop, e.shape[1], np.linspace(0.0, horizon, samples)
     closed = make_closed_form(loop.F, loop.C, horizon) if loop.q else None
     states = make_closed_form(loop.F, np.eye(loop.q), horizon) if loop.q else None

@@ -20,7 +20,6 @@ STAYS_AWAY = "does not converge"
 LEAVES = "leaves the certified set"
 RESTS = "equilibrium"
 MOST_WRITTEN = 10  # suspects of a JSON document
-KINDS = (STAYS_AWAY, LEAVES, RESTS)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False, repr=False)
@@ -28,7 +27,7 @@ class Suspect(Shown):
     """One start and what became of it.
 
     Shapes: start (n, m), x at t = 0; eps (n, q), xi - xihat there; times (T,) in s; error (T,), |e|_inf, nan from where
-    the run had ended.  ``final_error`` is the last of them.  ``kind`` is one of KINDS.  ``labels`` name the agents that
+    the run had ended.  ``final_error`` is the last of them.  ``labels`` name the agents that
     are farthest from the target at the end, ``modes`` the active mode by the time from which it is (s).
     ``equilibrium``: the proved box where there is one.
     """

@@ -124,11 +124,8 @@ def build_model(problem: Problem, mode: str | None = None, *, gain: arrays.Gain 
     name = arrays.chosen_mode(problem, mode)
     W = arrays.required_gain(problem, gain)
     h, jacobian = _couplings(problem, name)
-    loop, sizes = (
-        _loop(problem, h, arrays.disturbance_arrays(problem, gain)),
-        {"n": problem.n, "m": problem.m, "q": problem.q},
-    )
-    return Model(problem=problem, mode=name, W=W, h=h, jacobian=jacobian, **sizes, **loop)
+    found = _loop(problem, h, arrays.disturbance_arrays(problem, gain)) | {"W": W, "h": h, "jacobian": jacobian}
+    return Model(problem=problem, mode=name, n=problem.n, m=problem.m, q=problem.q, **found)
 
 
 def _loop(problem: Problem, h: Any, disturbance: arrays.Disturbance) -> dict[str, Any]:
@@ -228,10 +225,7 @@ def _signature(function: Any) -> tuple[str, str, str]:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Flow:
-    """The error system (22) of one mode from 0 to a horizon in equal steps.
-
-    States are [e; eps], stacked agent by agent, ``rows`` numbers of e and ``size`` in all.
-    """
+    """The error system (22) of one mode over a horizon: states [e; eps], ``rows`` numbers of e and ``size`` in all."""
 
     rows: int
     size: int
@@ -251,11 +245,7 @@ class Flow:
 def build_flow(
     problem: Problem, mode: str | None = None, *, horizon: float, steps: int, gain: arrays.Gain | None = None
 ) -> Flow:
-    """Prepare the flow of one mode, the first one unless ``mode`` names another.
-
-    ``gain`` (q, m) takes the place of problem.observer.W.
-    Raises: SpecError as ``build_model`` does.
-    """
+    """The flow of one mode, the first unless ``mode`` names another, with W = ``gain`` (q, m).  Raises: SpecError."""
     model = build_model(problem, mode, gain=gain)
     rows, size = model.n * model.m, model.n * (model.m + model.q)
     state, step = ca.SX.sym("state", size), horizon / steps

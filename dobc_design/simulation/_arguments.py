@@ -42,10 +42,7 @@ def whole(value: Any, name: str, *, least: int) -> int:
 
 
 def finite_array(value: Any, name: str, *, shape: tuple[int, ...], because: str) -> Array:
-    """Return ``value`` as a new float array of this shape, all entries finite.
-
-    Raises: ShapeError for another shape, SpecError for what is no number or not finite, naming the entry.
-    """
+    """Return ``value`` as a new finite float array of this shape.  Raises: ShapeError, SpecError naming the entry."""
     try:
         array = np.array(value, dtype=np.float64)
     except (TypeError, ValueError, OverflowError):

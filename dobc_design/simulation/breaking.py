@@ -71,10 +71,7 @@ class Sweep:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PeriodLimit:
-    """Sampling periods in s: the longest that converged, the shortest seen that did not, and the certified one.
-
-    None: every one tried converged, or nothing is certified.
-    """
+    """Sampling periods in s: the longest that converged, the shortest that did not, the certified one; or None."""
 
     converges: float | None
     fails: float | None

@@ -112,7 +112,6 @@ class Stretch:
         self.arrange()
 
     def arrange(self) -> None:
-        """Active mode of every run, and until when."""
         self.mode = self.switch_modes[self.run_of, self.place]
         self.limit = np.minimum(self.switch_times[self.run_of, self.place + 1], self.horizon)
 
@@ -130,7 +129,6 @@ class Stretch:
         return Ends(states=self.ended, times=self.ended_at, e=self.last_e, steps=self.last_steps)
 
     def step(self) -> None:
-        """Try one step of every run, and take over those that are accurate enough."""
         cut = self.h >= self.limit - self.t
         ends = np.where(cut, self.limit, self.t + self.h)
         h = ends - self.t
@@ -168,7 +166,6 @@ class Stretch:
         return new, K[STAGES], norm
 
     def record(self, good: NDArray[np.bool_], h: Array, ends: Array, new: Array, f_new: Array) -> None:
-        """Visit the samples within the steps that were accepted."""
         upto = np.searchsorted(self.samples, ends, side="right")
         chosen = np.flatnonzero(good & (upto > self.done))
         if not len(chosen):
@@ -261,10 +258,7 @@ class Stretch:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Stack:
-    """Calm runs side by side as columns: h(e) - K e + C eps.
-
-    Shapes: e (n m, R); eps (n, q, R); ``switches`` as in ``Stretch``.  ``networks``: right-hand sides by mode.
-    """
+    """Calm runs as columns: h(e) - K e + C eps, e (n m, R), eps (n, q, R); ``networks``: right-hand sides by mode."""
 
     loop: Loop
     networks: Callable[[int], Network]
@@ -300,10 +294,7 @@ class Stack:
         """Nothing is kept from one mode to the next."""
 
     def integrate(self, times: Array, *, tolerance: float, visit: Visit) -> Ends:
-        """Integrate all runs over ``times`` (from 0 to the horizon).
-
-        ``visit(sample, run, e)`` gets the places of samples and runs, both (k,), and the errors e (n m, k).
-        """
+        """Integrate all runs over ``times`` from 0; ``visit`` gets places of samples and runs (k,), and e (n m, k)."""
         runs = np.arange(self.e.shape[1])
         visit(np.zeros_like(runs), runs, self.e)
         stretch = Stretch(

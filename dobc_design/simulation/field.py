@@ -26,16 +26,8 @@ from dobc_design.coupling import tree
 from dobc_design.coupling.algebra import NumpyAlgebra
 from dobc_design.coupling.coupling import Coupling
 from dobc_design.coupling.functions import FUNCTIONS
-from dobc_design.problem.arrays import (
-    ArcGroup,
-    Array,
-    Gain,
-    arc_groups,
-    disturbance_arrays,
-    gathering_matrix,
-    goals,
-    pinning_matrix,
-)
+from dobc_design.problem import arrays
+from dobc_design.problem.arrays import ArcGroup, Array, Gain
 from dobc_design.problem.network import IndexArray
 from dobc_design.problem.problem import Problem
 
@@ -172,16 +164,13 @@ class Links:
 
     def __init__(self, groups: Sequence[ArcGroup], n: int, m: int) -> None:
         self.groups, self.n, self.m = groups, n, m
-        self.parts = [(compile_coupling(group.coupling), gathering_matrix(group, n)) for group in groups]
+        self.parts = [(compile_coupling(group.coupling), arrays.gathering_matrix(group, n)) for group in groups]
         ends: list[Any] = [np.zeros((2, 0), dtype=np.int64), *((group.listeners, group.speakers) for group in groups)]
         self.listeners, self.speakers = np.concatenate(ends, axis=1)
         self.codes = self.listeners * n + self.speakers
 
     def felt(self, own: Array, heard: Array) -> Array:
-        """Sum of h(heard - own) over the arcs of each listener; an arc that holds nan is silent.
-
-        Shapes: own (n, m, R), heard (arcs, m, R) for R runs.  Returns: as ``own``.
-        """
+        """Sum of h(heard - own) over the arcs of each listener; own (n, m, R), heard (arcs, m, R), nan if silent."""
         difference = heard - own[self.listeners]
         silent: Any = np.isnan(heard).any(axis=1)
         total = np.zeros_like(own)
@@ -196,10 +185,7 @@ class Links:
 
 
 def compile_coupling(coupling: Coupling) -> Callable[[Array], Array]:
-    """Return h as a function of differences y of shape (arcs, m, ...), or any shape where h acts by component.
-
-    Overflow gives inf and undefined places nan; silence NumPy around it with ``np.errstate(all="ignore")``.
-    """
+    """Return h as a function of differences y (arcs, m, ...), or of any shape where h acts by component."""
     programs = [_program(expression.node) for expression in coupling.components]
     if coupling.by_component:
 
@@ -223,10 +209,7 @@ _Program = list[tuple[Any, int, int]]
 
 
 def _program(node: tree.Node) -> _Program:
-    """(what to call or push, number of operands, which operand the result may overwrite or -1), in postorder.
-
-    A ufunc overwrites an operand that is an array of its own: not one of the variables, and no constant.
-    """
+    """(what to call or push, number of operands, which temporary one to overwrite or -1), in postorder."""
     program: _Program = []
     own: list[bool | None] = []  # of the values on the stack; None for a constant
     for part in tree.postorder(node):
@@ -323,11 +306,6 @@ class Loop:
     goal: Array
     own: NDArray[np.bool_] | None = None
 
-    @property
-    def width(self) -> int:
-        """Number of states of the full loop."""
-        return self.n * (self.m + 2 * self.q)
-
     def split(self, state: Array) -> tuple[Array, Array, Array]:
         """Cut states (..., n (m + 2 q)) into x (..., n, m), xi and z (..., n, q)."""
         x, xi, z = np.split(state, [self.n * self.m, self.n * (self.m + self.q)], axis=-1)
@@ -355,12 +333,11 @@ def act(matrix: Array, y: Array) -> Array:
 
 
 def make_loop(problem: Problem, gain: Gain | None) -> Loop:
-    """Read the problem's numbers as floats.
-
-    Raises: SpecError if there is an exosystem and no W, or for a gain that does not fit.
-    """
-    given = asdict(disturbance_arrays(problem, gain))
-    return Loop(n=problem.n, m=problem.m, q=problem.q, K=pinning_matrix(problem), goal=goals(problem), **given)
+    """Read the problem's numbers as floats.  Raises: SpecError without a W, or for a gain that does not fit."""
+    given = asdict(arrays.disturbance_arrays(problem, gain))
+    return Loop(
+        n=problem.n, m=problem.m, q=problem.q, K=arrays.pinning_matrix(problem), goal=arrays.goals(problem), **given
+    )
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -383,16 +360,12 @@ class Field:
         return np.concatenate([(felt + xi @ loop.C.T).ravel(), (xi @ loop.A.T).ravel(), z_dot.ravel()])
 
     def pattern(self) -> sp.csr_array:
-        """Which derivative may depend on which state."""
         return full_pattern(self.loop, self.groups)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Network:
-    """h(e) - K e of one graph: e' of (22) without the observer's error.
-
-    Shapes: e (n m,), or (n m, R) for R runs.
-    """
+    """h(e) - K e of one graph, e (n m,) or (n m, R): e' of (22) without the observer's error."""
 
     loop: Loop
     graph: Graph
@@ -405,13 +378,12 @@ class Network:
         return result
 
     def pattern(self) -> sp.csr_array:
-        """Which derivative may depend on which error."""
         return _block(hears(self.groups, self.loop.n), self.loop.m, self.loop.m)
 
 
 def make_field(problem: Problem, mode: str, gain: Gain | None) -> Field:
     """Build the right-hand side of the full loop in one mode."""
-    return field_of(make_loop(problem, gain), arc_groups(problem, mode))
+    return field_of(make_loop(problem, gain), arrays.arc_groups(problem, mode))
 
 
 def field_of(loop: Loop, groups: Sequence[ArcGroup]) -> Field:
@@ -439,10 +411,7 @@ def _block(graph: sp.csr_array, rows: int, columns: int) -> sp.csr_array:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class ClosedForm:
-    """C exp(F t) for 0 <= t <= the horizon it was made for.
-
-    Shapes: F (q, q) in 1/s, C (p, q).  ``table`` (TERMS, anchors, p q) holds the scaled derivatives at the anchors.
-    """
+    """C exp(F t), (p, q), up to a horizon; ``table`` (TERMS, anchors, p q): scaled derivatives at the anchors."""
 
     F: Array
     C: Array
@@ -488,10 +457,7 @@ def make_closed_form(F: Array, C: Array, horizon: float) -> ClosedForm | None:
 
 
 def _powers(F: Array, spacing: float, count: int) -> Array:
-    """exp(F spacing k) for k < count, (count, q, q), by doubling.
-
-    In extended precision where the machine has it: SciPy's expm alone is off by 1e-12 for |F t| of about 100.
-    """
+    """exp(F spacing k), k < count, in extended precision: SciPy's expm alone is off by 1e-12 for |F t| of about 100."""
     with np.errstate(all="ignore"):
         small: Any = F.astype(np.longdouble) * np.longdouble(spacing)
         one: Any = np.eye(len(F), dtype=np.longdouble)
@@ -506,10 +472,7 @@ def _powers(F: Array, spacing: float, count: int) -> Array:
 
 
 def evolve(F: Array, start: Array, times: Array) -> Array:
-    """exp(F t) applied to every row of ``start``: the solution of xi_i' = F xi_i.
-
-    Shapes: F (q, q), start (n, q), times (T,).  Returns: (T, n, q); entries beyond the floats are inf or nan.
-    """
+    """exp(F t) applied to every row of ``start`` (n, q) at times (T,): (T, n, q); inf or nan beyond the floats."""
     if len(F) == 0:
         return np.zeros((len(times), *start.shape))
     closed = make_closed_form(F, np.eye(len(F)), float(times[-1])) if times[-1] > 0 else None

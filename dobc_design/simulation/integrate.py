@@ -18,11 +18,10 @@ from scipy.integrate import DOP853, Radau
 
 from dobc_design.problem.arrays import ArcGroup, Array
 from dobc_design.simulation.field import ClosedForm, Loop, field_of, network_of
-from dobc_design.simulation.switches import LOOKS, Nearby, Switches
+from dobc_design.simulation.switches import LOOKS, Modes, Stay
 
 Derivative = Callable[[float, Array], Array]
 Pattern = Callable[[], sp.csr_array]  # which derivative may depend on which state
-Change = Callable[[Array, Callable[[float], Array]], float | None]
 Progress = Callable[[float], None]
 Samples = dict[str, Any]  # x, d, dhat, u (T, n, m), xi, xihat (T, n, q) of a run, by name
 
@@ -35,46 +34,7 @@ PATIENCE = 15  # steps on that boundary after which the loop counts as stiff, if
 MANY = 3000  # ... so many steps would be left
 
 
-class Stay(NamedTuple):
-    """The active mode by its index, and until when, in s; ``change`` may end it earlier.
-
-    ``change`` gets times to look at within a step, and x (n, m) as a function of time; it returns the instant of a
-    switch that depends on the state, or None.
-    """
-
-    mode: int
-    end: float
-    change: Change | None = None
-
-
 Piece = tuple[Derivative, Pattern, Stay]  # a stretch without a switch
-
-
-class Scheduled:
-    """Modes that are known beforehand; ``groups`` gives the arcs of a mode by its index."""
-
-    def __init__(self, switches: Switches, groups: Callable[[int], Sequence[ArcGroup]], horizon: float) -> None:
-        self.switches, self.groups, self.horizon = switches, groups, horizon
-
-    def stay(self, time: float, positions: Array) -> Stay:
-        place = int(np.searchsorted(self.switches.times, time, side="right"))
-        end = float(self.switches.times[place]) if place < len(self.switches) else self.horizon
-        return Stay(int(self.switches.modes[place - 1]), end)
-
-
-class Moving:
-    """The graph follows from the state."""
-
-    def __init__(self, nearby: Nearby, horizon: float) -> None:
-        self.nearby, self.groups, self.horizon = nearby, nearby.groups, horizon
-
-    @property
-    def switches(self) -> Switches:
-        """Those that the run has come to."""
-        return self.nearby.switches()
-
-    def stay(self, time: float, positions: Array) -> Stay:
-        return Stay(self.nearby.look(time, positions), self.horizon, self.nearby.change)
 
 
 class Plan(NamedTuple):
@@ -88,7 +48,7 @@ class Plan(NamedTuple):
         return float(np.abs(self.positions(state) - self.goal).max())
 
 
-def errors_alone(loop: Loop, modes: Scheduled | Moving, closed: ClosedForm | None, eps0: Array) -> Plan:
+def errors_alone(loop: Loop, modes: Modes, closed: ClosedForm | None, eps0: Array) -> Plan:
     """State e, flat (n m,); the observer's error is known in closed form (22)."""
     shape = (loop.n, loop.m)
 
@@ -106,19 +66,15 @@ def errors_alone(loop: Loop, modes: Scheduled | Moving, closed: ClosedForm | Non
     return _by_mode(loop, modes, right_hand_side, lambda state: state.reshape(shape) + loop.goal)
 
 
-def full_loop(loop: Loop, modes: Scheduled | Moving) -> Plan:
+def full_loop(loop: Loop, modes: Modes) -> Plan:
     """State [x; xi; z]: the loop as printed, the reference."""
-
-    def right_hand_side(mode: int) -> tuple[Derivative, Pattern]:
-        field = field_of(loop, modes.groups(mode))
-        return field, field.pattern
-
-    return _by_mode(loop, modes, right_hand_side, lambda state: loop.split(state)[0])
+    made = cache(lambda mode: field_of(loop, modes.groups(mode)))
+    return _by_mode(loop, modes, lambda mode: (made(mode), made(mode).pattern), lambda state: loop.split(state)[0])
 
 
 def _by_mode(
     loop: Loop,
-    modes: Scheduled | Moving,
+    modes: Modes,
     right_hand_side: Callable[[int], tuple[Derivative, Pattern]],
     positions: Callable[[Array], Array],
 ) -> Plan:
@@ -147,10 +103,7 @@ Outcome = tuple[Run, Samples]
 
 
 class Integration:
-    """From ``start`` at 0, sampled at ``times``, which begin with 0 and end with the horizon.
-
-    ``tolerance`` is the relative one; the absolute one is a hundredth of it.
-    """
+    """From ``start`` at 0, sampled at ``times``; ``tolerance`` is relative, the absolute one is a hundredth of it."""
 
     def __init__(
         self, plan: Plan, start: Array, times: Array, *, tolerance: float, implicit: bool, progress: Progress | None
@@ -190,7 +143,8 @@ class Integration:
 
     def stretch(self, derivative: Derivative, pattern: Pattern, stay: Stay) -> str:
         """Integrate to the end of the stay, or to the switch that ends it; return why that failed, or ""."""
-        solver, stiffness = self.solver(derivative, pattern, stay.end), StiffnessTest()
+        solver = self.solver(derivative, pattern, stay.end)
+        self.on_boundary = self.inside = 0
         while self.time < stay.end:
             before, old = solver.t, solver.y
             if not _stepped(solver) or not np.isfinite(solver.y).all():
@@ -216,7 +170,7 @@ class Integration:
                 self.risen = error
             self.time, self.state = end, solver.y
             self.report(self.time / self.horizon)
-            if not self.implicit and stiffness.is_stiff(solver, stay.end):
+            if not self.implicit and self.is_stiff(solver, stay.end):
                 self.leave(solver, solver.t, solver.y)
                 self.implicit, self.step = True, None
                 self.methods.append("Radau")
@@ -247,6 +201,22 @@ class Integration:
             options["jac_sparsity"] = pattern()
         return method(derivative, self.time, self.state, end, rtol=tolerance, atol=tolerance / 100, **options)
 
+    def is_stiff(self, solver: Any, end: float) -> bool:
+        """Whether many explicit steps ended on the boundary of stability, and much is left to be done."""
+        step = abs(solver.h_previous or 0.0)
+        if (end - solver.t) < MANY * step or not step:
+            return False
+        stages = solver.n_stages
+        last = solver.y_old + solver.h_previous * (solver.K[: stages - 1].T @ solver.A[stages - 1, : stages - 1])
+        distance = float(np.linalg.norm(solver.y - last))
+        change = float(np.linalg.norm(solver.f - solver.K[stages - 1]))
+        if distance > 0 and step * change > BOUNDARY * distance:
+            self.on_boundary, self.inside = self.on_boundary + 1, 0
+        else:
+            self.inside += 1
+            self.on_boundary = 0 if self.inside >= 6 else self.on_boundary
+        return self.on_boundary >= PATIENCE
+
     def leave(self, solver: Any, time: float, state: Array) -> None:
         """Take over where a solver stands, and the step it would have made next."""
         self.time, self.state = time, state
@@ -267,10 +237,7 @@ def _stepped(solver: Any) -> bool:
 
 
 def fastest_decay(loop: Loop, groups: Sequence[ArcGroup]) -> float:
-    """A bound on the fastest decay of e at the consensus, 1/s: the largest row sum of |J| + |K| (Gershgorin).
-
-    A coupling with a kink at 0 counts with the steeper side.
-    """
+    """A Gershgorin bound on the fastest decay of e at the consensus, 1/s; at a kink the steeper side counts."""
     rows = np.asarray(abs(loop.K).sum(axis=1)).reshape(loop.n, loop.m)
     for group in groups:
         slopes = group.coupling.jacobian_at_zero()
@@ -284,28 +251,3 @@ def observer_decay(loop: Loop) -> float:
     """The fastest decay of the observer's error, 1/s."""
     known = loop.q > 0 and np.isfinite(loop.F).all()
     return float(-np.linalg.eigvals(loop.F).real.min()) if known else 0.0
-
-
-class StiffnessTest:
-    """Counts the steps of an explicit solver that end on the boundary of stability."""
-
-    def __init__(self) -> None:
-        self.on_boundary = self.inside = 0
-
-    def is_stiff(self, solver: Any, end: float) -> bool:
-        """Look at the step just taken; True once the loop has shown itself stiff and much is left to be done."""
-        if not isinstance(solver, DOP853) or solver.h_previous is None:
-            return False
-        step = abs(solver.h_previous)
-        if (end - solver.t) < MANY * step:
-            return False
-        stages = solver.n_stages
-        last = solver.y_old + solver.h_previous * (solver.K[: stages - 1].T @ solver.A[stages - 1, : stages - 1])
-        distance = float(np.linalg.norm(solver.y - last))
-        change = float(np.linalg.norm(solver.f - solver.K[stages - 1]))
-        if distance > 0 and step * change > BOUNDARY * distance:
-            self.on_boundary, self.inside = self.on_boundary + 1, 0
-        else:
-            self.inside += 1
-            self.on_boundary = 0 if self.inside >= 6 else self.on_boundary
-        return self.on_boundary >= PATIENCE

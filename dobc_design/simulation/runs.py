@@ -19,7 +19,7 @@ from typing import TYPE_CHECKING, Any, Unpack, overload
 import numpy as np
 from numpy.typing import NDArray
 
-from dobc_design._show.cards import Card, Shown
+from dobc_design._show.cards import Card
 from dobc_design.certificate.certificate import Certificate
 from dobc_design.conditions.observer.propose import observer_gain
 from dobc_design.exact.matrix import Matrix
@@ -34,23 +34,24 @@ from dobc_design.simulation import trajectory as measures
 from dobc_design.simulation._arguments import whole
 from dobc_design.simulation.columns import COLUMN_NUMBERS, Stack, padded
 from dobc_design.simulation.field import ClosedForm, Network, evolve, network_of
-from dobc_design.simulation.integrate import Moving, Progress, Scheduled
+from dobc_design.simulation.integrate import Progress
 from dobc_design.simulation.sampled import Stepper, run_sampled_alone
 from dobc_design.simulation.setting import Options, Setting, Stress
 from dobc_design.simulation.signals import Mobile, Signal, signal_of, signal_to_json
 from dobc_design.simulation.stressed import StressedRuns, run_alone, run_stressed
-from dobc_design.simulation.switches import Nearby, Switches
+from dobc_design.simulation.switches import Modes, Nearby, Planned
 from dobc_design.simulation.trajectory import Trajectory
 
 if TYPE_CHECKING:
     from dobc_design.plotting.runs import Envelope
     from dobc_design.plotting.sheet import Sheet
 
+Source = Problem | str | PathLike[str]
 MOST_ARCS_COMPARED = 5000  # of all modes, up to which a run records of which problem it is
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False, repr=False)
-class Ensemble(Shown):
+class Ensemble(measures.Simulated):
     """Runs that differ by their seeds: starts and switches.  Arrays cannot be written to.
 
     Shapes: seeds (R,); times (T,) in s; error and estimation_error (R, T), |e|_inf and |d - dhat|_inf, nan from where
@@ -134,46 +135,27 @@ class Ensemble(Shown):
         about = np.array(json.dumps(facts, ensure_ascii=False))
         return measures.save_arrays(Path(path), {"about": about} | self._arrays(), force=force)
 
-    def __str__(self) -> str:
-        return f"{self.name}: {self._summary}"
-
-    def __repr__(self) -> str:
-        return f"<Ensemble of {self}>"
-
     def _card(self) -> Card:
-        return Card(title=self.name, text=self._summary, lines=self.notes)
-
-    @property
-    def _summary(self) -> str:
         bad, final = int(self.diverged.sum()) or "none", np.sort(self.final_error)
-        return (
-            f'{len(self)} runs of {self.t_final:.4g} s, mode "{self.mode}",'
-            f" {bad} diverged, final |e|_inf {final[0]:.3g} to {final[-1]:.3g}"
-        )
+        ends = f"{bad} diverged, final |e|_inf {final[0]:.3g} to {final[-1]:.3g}"
+        text = f'{len(self)} runs of {self.t_final:.4g} s, mode "{self.mode}", {ends}'
+        return Card(title=self.name, text=text, lines=self.notes)
 
 
 @overload
 def simulate(
-    problem: Problem | str | PathLike[str],
-    *,
-    runs: None = None,
-    progress: Progress | None = None,
-    **given: Unpack[Options],
+    problem: Source, *, runs: None = None, progress: Progress | None = None, **given: Unpack[Options]
 ) -> Trajectory: ...
 
 
 @overload
 def simulate(
-    problem: Problem | str | PathLike[str],
-    *,
-    runs: int | None,
-    progress: Progress | None = None,
-    **given: Unpack[Options],
+    problem: Source, *, runs: int | None, progress: Progress | None = None, **given: Unpack[Options]
 ) -> Trajectory | Ensemble: ...
 
 
 def simulate(
-    problem: Problem | str | PathLike[str],
+    problem: Source,
     *,
     runs: int | None = None,
     mode: str | None = None,
@@ -230,22 +212,21 @@ def run_once(setting: Setting, *, seed: int | None = None, progress: Progress | 
     """One run, with this seed for its start and its switches."""
     problem, loop, signal, stress = setting.problem, setting.loop, setting.signal, setting.stress
     seed = setting.seed if seed is None else seed
-    modes: Scheduled | Moving
-    nearby, known = None, list[Switches]()
+    modes: Modes
     # Trial steps overflow far from the target; the integrator rejects them, and nobody needs a warning.
     with np.errstate(all="ignore"):
         start = setting.starts.draw(seed)
         if isinstance(signal, Mobile) and signal.motion is None:
-            nearby = Nearby(signal, problem)
-            modes = Moving(nearby, setting.horizon)
+            modes = Nearby(signal, problem, setting.horizon)
         else:
-            known.append(settings.switches_for(setting, seed))
-            modes = Scheduled(known[0], settings.groups_for(setting, known[0]), setting.horizon)
+            drawn = settings.switches_for(setting, seed)
+            modes = Planned(drawn, settings.groups_for(setting, drawn), setting.horizon)
         if stress is None:
             run, parts = _calm(setting, start, modes, progress)
         else:
-            alone: dict[str, Any] = {"starts": [start], "seeds": [seed], "switches": known, "nearby": nearby}
-            runs = StressedRuns(setting=setting, groups=modes.groups, **alone)
+            moving = isinstance(modes, Nearby)
+            graphs: dict[str, Any] = {"nearby": modes} if moving else {"switches": [modes.switches]}
+            runs = StressedRuns(setting=setting, groups=modes.groups, starts=[start], seeds=[seed], **graphs)
             sampled = stress.period is not None
             run, parts = run_sampled_alone(runs, progress) if sampled else run_alone(runs, modes, progress)
     switches = modes.switches
@@ -273,12 +254,7 @@ def run_once(setting: Setting, *, seed: int | None = None, progress: Progress | 
     )
 
 
-def _calm(
-    setting: Setting,
-    start: settings.Start,
-    modes: Scheduled | Moving,
-    progress: Progress | None,
-) -> integrate.Outcome:
+def _calm(setting: Setting, start: settings.Start, modes: Modes, progress: Progress | None) -> integrate.Outcome:
     """A run without stress: e alone with eps in closed form, or the full loop."""
     loop, asked, eps0 = setting.loop, setting.observer == "full-loop", start.xi - start.xihat
     closed = None if asked else settings.closed_form_of(setting)
@@ -366,7 +342,6 @@ class _Collector:
         )
 
     def reason_for_single_runs(self, closed: ClosedForm | None) -> str:
-        """Why the runs cannot be stacked; "" if they can."""
         setting, stress = self.setting, self.setting.stress
         if isinstance(setting.signal, Mobile) and setting.signal.motion is None:
             return "every run has graphs of its own"
@@ -421,13 +396,8 @@ class _Collector:
                     self.single(int(chosen[row]))
 
     def calm(
-        self,
-        chosen: IndexArray,
-        runs: StressedRuns,
-        closed: ClosedForm | None,
-        networks: Callable[[int], Network],
+        self, chosen: IndexArray, runs: StressedRuns, closed: ClosedForm | None, networks: Callable[[int], Network]
     ) -> tuple[Array, dict[int, str]]:
-        """Runs without stress: when they ended, and why early."""
         setting, loop = self.setting, self.setting.loop
         e, eps = runs.stacked("x") - loop.goal[..., None], runs.stacked("xi") - runs.stacked("xihat")
         columns = e.reshape(loop.n * loop.m, -1)
@@ -443,7 +413,6 @@ class _Collector:
         return ends.times, ends.reasons()
 
     def sampled(self, chosen: IndexArray, runs: StressedRuns, part: Progress) -> tuple[Array, dict[int, str]]:
-        """Sampled runs: the same."""
         every, goal = np.arange(len(chosen)), self.setting.loop.goal[..., None]
 
         def visit(number: int, sample: integrate.Samples) -> None:

@@ -99,30 +99,27 @@ class Stepper:
         return np.asarray(np.abs(self.x - self.goal).max(axis=(0, 1)))
 
     def run(self) -> tuple[IndexArray, dict[int, str]]:
-        """How many of the samples each run reached, (R,), and why some ended early.
-
-        Raises: SpecError for too many samples.
-        """
+        """How many samples each run reached, (R,), and why some ended early.  Raises: SpecError for too many."""
         transition, mean = integral(self.loop.A, self.times - self.instants[self.owner])
-        done, disturbed = 0, self.crew.stress.disturbance
+        done = 0
         for k, instant in enumerate(self.instants.tolist()):
             measured, felt, u, dhat = self.compute(k, instant)
             held, last = felt + u, int(np.searchsorted(self.owner, k, side="right"))
             for s in range(done, last):
                 time = float(self.times[s])
                 drift = act(self.loop.C, act(mean[s], self.xi))
-                x = self.x + (time - instant) * held + drift + self.pushed(instant, time)
+                x = self.x + (time - instant) * held + drift + self.crew.extra_integral(instant, time)
                 bad = self.going & ~np.isfinite(x).all(axis=(0, 1))
                 self.end(bad, max(1, done), f"a coupling overflows or is undefined at t = {instant:.6g} s")
                 xi, x = act(transition[s], self.xi), self.x if s == 0 else x
-                d = act(self.loop.C, xi) + (self.crew.extra(time) if disturbed else 0.0)
+                d = act(self.loop.C, xi) + self.crew.extra(time)
                 self.visit(s, {"x": x, "xi": xi, "d": d, "u": u} | self.crew.heeded(self.xihat, dhat))
             done = last
             if k + 1 < len(self.instants):
                 until = float(self.instants[k + 1])
                 self.before, self.held = measured, held
                 drift = self.period * (held + act(self.discrete.Cd, self.xi))
-                self.x = self.x + drift + self.pushed(until - self.period, until)
+                self.x = self.x + drift + self.crew.extra_integral(until - self.period, until)
                 self.xi = act(self.discrete.Ad, self.xi)
                 far = self.going & ~(self.size() <= self.farthest)
                 self.end(far, done, f"|e|_inf exceeded {FARTHEST:.0e} times its start at t = {until:.6g} s")
@@ -149,10 +146,6 @@ class Stepper:
         for links, columns, held in crew.heard.exchange(k, crew.said(e)):
             felt[..., columns] = links.felt(e[..., columns], held)
         return measured, felt, crew.control(e, dhat), dhat
-
-    def pushed(self, begin: float, end: float) -> Array | float:
-        """What the unmodelled disturbance adds to x."""
-        return self.crew.extra_integral(begin, end) if self.crew.stress.disturbance else 0.0
 
     def end(self, which: NDArray[np.bool_], count: int, reason: str) -> None:
         """Runs that end here keep their first ``count`` samples."""

@@ -95,23 +95,8 @@ class Stress(Shown):
         if self.period is not None and self.exchange not in (None, self.period):
             message = "must be left out when a period is given, because a sampled agent exchanges when it samples."
             raise wrong("exchange", message, "Leave one of them out.")
-        self._check_gain()
-        self._check_failures()
-
-    def _check_gain(self) -> None:
-        if self.sampled_gain is None:
-            return
-        if self.period is None:
-            message = "needs a period, because it is the gain of a sampled observer."
-            raise wrong("sampled_gain", message, "Give the period it was designed for.")
-        try:
-            shape = np.shape(self.sampled_gain)
-        except ValueError:  # rows of different lengths, which the next line refuses
-            shape = (0, 0)
-        gain = finite_array(self.sampled_gain, "sampled_gain", shape=shape, because="one row per exosystem state")
-        put(self, sampled_gain=tuple(map(tuple, np.atleast_2d(gain).tolist())))
-
-    def _check_failures(self) -> None:
+        if self.sampled_gain is not None:
+            self._check_gain(self.sampled_gain)
         given: Any = self.failures
         failures = (given,) if isinstance(given, Failure) else tuple(given)
         if not all(isinstance(each, Failure) for each in failures):
@@ -120,6 +105,17 @@ class Stress(Shown):
             if count > 1:
                 raise SpecError(f"agent {shown(agent)} fails twice.", key="failures", cure="Leave one of them out.")
         put(self, failures=failures)
+
+    def _check_gain(self, given: Any) -> None:
+        if self.period is None:
+            message = "needs a period, because it is the gain of a sampled observer."
+            raise wrong("sampled_gain", message, "Give the period it was designed for.")
+        try:
+            shape = np.shape(given)
+        except ValueError:  # rows of different lengths, which the next line refuses
+            shape = (0, 0)
+        gain = finite_array(given, "sampled_gain", shape=shape, because="one row per exosystem state")
+        put(self, sampled_gain=tuple(map(tuple, np.atleast_2d(gain).tolist())))
 
     def _card(self) -> Card:
         return Card(title="Stress", text=str(self))

@@ -229,16 +229,19 @@ def signal_to_json(signal: Signal) -> str:
 
 
 def signal_of(problem: Problem) -> tuple[Signal, str | None]:
-    """The signal that a problem's [switching] section describes, and a remark where something had to be chosen.
-
-    Raises: SpecError for numbers beyond the range of floats.
-    """
+    """The signal of a problem's [switching], and a remark where something had to be chosen.  Raises: SpecError."""
     names, own = tuple(problem.network.modes), problem.switching
     if own is None:
         return Fixed(), f"No signal was given: {names[0]} is active throughout." if len(names) > 1 else None
     if own.signal in ("schedule", "mobile"):
         unused = None if own.dwell is None else f"switching.dwell is not used by a {own.signal} signal."
-        return (_mobile(own) if own.signal == "mobile" else _schedule(own)), unused
+        if own.signal == "mobile":
+            radius = None if own.radius is None else _float(own.radius, "switching.radius")
+            hysteresis = _float(own.hysteresis or Fraction(0), "switching.hysteresis")
+            return Mobile(radius=radius, neighbours=own.neighbours, hysteresis=hysteresis), unused
+        instants = own.schedule or ()
+        times = tuple(_float(time, f"switching.schedule[{k}][0]") for k, (time, _) in enumerate(instants))
+        return Schedule(times=times, modes=tuple(mode for _, mode in instants)), unused
     if len(names) == 1:
         return Fixed(), "There is one mode: nothing switches."
     if own.signal == "periodic" and (own.schedule or own.period):
@@ -255,18 +258,6 @@ def signal_of(problem: Problem) -> tuple[Signal, str | None]:
     rate, count = 1 / (dwell * (len(names) - 1)), range(len(names))
     table = tuple(tuple(-1 / dwell if k == other else rate for other in count) for k in count)
     return Markov(generator=table), "Markov: stays last switching.dwell on average, all other modes are equally likely."
-
-
-def _mobile(own: Switching) -> Mobile:
-    radius = None if own.radius is None else _float(own.radius, "switching.radius")
-    hysteresis = _float(own.hysteresis or Fraction(0), "switching.hysteresis")
-    return Mobile(radius=radius, neighbours=own.neighbours, hysteresis=hysteresis)
-
-
-def _schedule(own: Switching) -> Schedule:
-    instants = own.schedule or ()
-    times = tuple(_float(time, f"switching.schedule[{k}][0]") for k, (time, _) in enumerate(instants))
-    return Schedule(times=times, modes=tuple(mode for _, mode in instants))
 
 
 def _rounds(own: Switching, names: tuple[str, ...]) -> Periodic:

@@ -20,9 +20,9 @@ from dobc_design.problem.arrays import ArcGroup, Array
 from dobc_design.problem.network import IndexArray
 from dobc_design.simulation.columns import DONE, MOST_STEPS, Ends, RightHandSide, Stretch, padded
 from dobc_design.simulation.field import Links, act, full_pattern
-from dobc_design.simulation.integrate import FARTHEST, Integration, Moving, Outcome, Piece, Plan, Progress, Scheduled
+from dobc_design.simulation.integrate import FARTHEST, Integration, Outcome, Piece, Plan, Progress
 from dobc_design.simulation.setting import Setting, Start, Stress, is_stiff
-from dobc_design.simulation.switches import Nearby, Switches
+from dobc_design.simulation.switches import Modes, Nearby, Switches
 
 NOISE, LOSS, PHASE = 2, 3, 4  # streams beside that of the switches
 BLOCK = 32  # instants whose random numbers are drawn at once
@@ -44,16 +44,13 @@ def sample_instants(period: float, horizon: float, *, name: str = "period") -> A
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class StressedRuns:
-    """Runs side by side: a start, a seed and the switches of each; ``groups`` gives the arcs of a mode by its index.
-
-    ``nearby``, of a single run only: the graphs follow from its states, and no switches are known beforehand.
-    """
+    """Runs side by side; ``nearby``, of a single run only: graphs follow from its states instead of ``switches``."""
 
     setting: Setting
     groups: Callable[[int], Sequence[ArcGroup]]
     starts: Sequence[Start]
     seeds: Sequence[int]
-    switches: Sequence[Switches]
+    switches: Sequence[Switches] = ()
     nearby: Nearby | None = None
 
     @property
@@ -140,17 +137,13 @@ class Crew:
         return np.asarray(self.stress.disturbance * 2 * half * shrink * middle)
 
     def heeded(self, xihat: Array, dhat: Array) -> dict[str, Array]:
-        """The estimates by name; 0 where nobody uses them."""
         if not self.heeds:
             xihat, dhat = np.zeros_like(xihat), np.zeros_like(dhat)
         return {"xihat": xihat, "dhat": dhat}
 
 
 class Heard:
-    """What listeners hold of speakers, for the arcs of all modes at once: ``values`` (arcs, m, R), nan for nothing.
-
-    ``keep``: whether it is needed between the instants, also where no packet is lost.
-    """
+    """What listeners hold on all arcs: ``values`` (arcs, m, R), nan for nothing; ``keep``: also between instants."""
 
     def __init__(self, runs: StressedRuns, instants: Array, *, keep: bool) -> None:
         loop, self.loss, self.keep, many = runs.setting.loop, runs.stress.loss, keep, len(runs.seeds)
@@ -195,10 +188,7 @@ class Heard:
             self.drawn[used, run] = rng.random(int(counts[run].sum()))
 
     def exchange(self, k: int, said: Array) -> list[tuple[Links, IndexArray | slice, Array]]:
-        """At the k-th instant every speaker sends what it says, (n, m, R); instants come in order.
-
-        Returns: by mode the arcs, the runs, and what is held on these arcs in these runs, (arcs, m, runs).
-        """
+        """Every speaker sends what it says, (n, m, R); by mode arcs, runs, and what is held there, (arcs, m, runs)."""
         modes, found = self.modes[:, k], []
         if self.loss and k % self.block == 0:
             self.draw(k)
@@ -228,10 +218,7 @@ class Heard:
 
 
 class Loops:
-    """The loops of all runs between two instants at which they wait: the columns of ``columns``.
-
-    ``alive`` (k,): which of the runs still go; ``noise`` (n, m, R) holds since the last instant.
-    """
+    """The columns between instants at which all wait: the runs ``alive`` (k,), ``noise`` (n, m, R) since the last."""
 
     def __init__(self, runs: StressedRuns, horizon: float) -> None:
         draws, self.loop = runs.stress.draws, runs.setting.loop
@@ -308,18 +295,14 @@ class Loops:
     def gap(self, y: Array, times: Array, chosen: IndexArray) -> Array:
         """d - dhat of the chosen runs at these times, (n, m, k)."""
         x, xi, z = self.split(y)
-        d = act(self.loop.C, xi) + (self.crew.extra(times, chosen) if self.crew.stress.disturbance else 0.0)
+        d = act(self.loop.C, xi) + self.crew.extra(times, chosen)
         if not self.crew.heeds:
             return np.asarray(d)
         return np.asarray(d - act(self.loop.C, self.known(x, z, self.noise[..., chosen])[1]))
 
 
 def run_stressed(runs: StressedRuns, *, visit: Visit, progress: Progress) -> Ends:
-    """Integrate all runs over the times of their setting.
-
-    ``visit(sample, run, e, gap)`` gets the places of samples and runs, both (k,), and there e and d - dhat (n, m, k).
-    Raises: SpecError for too many exchanges.
-    """
+    """Integrate all runs; ``visit`` gets places of samples and runs (k,), e and d - dhat (n, m, k)."""
     times, horizon = runs.setting.times, runs.setting.horizon
     loops, (switch_times, switch_modes) = Loops(runs, horizon), padded(runs.switches)
     y, everyone = loops.start, loops.alive
@@ -366,7 +349,7 @@ def run_stressed(runs: StressedRuns, *, visit: Visit, progress: Progress) -> End
     return Ends(states=states, times=ended, e=y, steps=np.zeros(len(states)))
 
 
-def run_alone(runs: StressedRuns, modes: Scheduled | Moving, progress: Progress | None) -> Outcome:
+def run_alone(runs: StressedRuns, modes: Modes, progress: Progress | None) -> Outcome:
     """Integrate a stack of one run, and put down what happened at the times of its setting."""
     setting, noise, noises = runs.setting, np.zeros(1), list[Array]()  # (n, m) each, in the order of the instants
     loops = Loops(runs, setting.horizon)
@@ -378,7 +361,7 @@ def run_alone(runs: StressedRuns, modes: Scheduled | Moving, progress: Progress 
     def segment(time: float, state: Array) -> Piece:
         """Up to the next switch, exchange or failure."""
         stay = modes.stay(time, positions(state))
-        if isinstance(modes, Moving):
+        if isinstance(modes, Nearby):
             crew.heard.move(stay.mode, modes.groups(stay.mode), loops.next)
         loops.wait(time, state[:, None], np.array([stay.mode]))
         if loops.next > len(noises):
@@ -402,6 +385,6 @@ def run_alone(runs: StressedRuns, modes: Scheduled | Moving, progress: Progress 
     u = crew.command(e, dhat)
     for agent, (last, _) in crew.stopped.items():
         u[agent][:, run.times >= crew.failing[agent].time] = last
-    d = act(loops.loop.C, xi) + (crew.extra(run.times) if runs.stress.disturbance else 0.0)
+    d = act(loops.loop.C, xi) + crew.extra(run.times)
     parts = {"x": x, "xi": xi, "d": d, "u": u} | crew.heeded(xihat, dhat)
     return run, {name: np.moveaxis(array, 2, 0).copy() for name, array in parts.items()}

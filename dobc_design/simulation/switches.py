@@ -7,11 +7,11 @@ larger one, so that an agent at the edge does not make the graph chatter.  Arcs 
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
 from itertools import pairwise
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from scipy.spatial import cKDTree
@@ -52,14 +52,6 @@ class Switches:
     def __len__(self) -> int:
         return len(self.times)
 
-    def __eq__(self, other: object) -> bool:
-        if not isinstance(other, Switches):
-            return NotImplemented
-        mine, theirs = ((each.times, each.modes, *each.graphs) for each in (self, other))
-        return self.names == other.names and len(mine) == len(theirs) and all(map(np.array_equal, mine, theirs))
-
-    __hash__ = None  # type: ignore[assignment]  # arrays inside: equal ones need not be the same
-
     def at(self, times: Array) -> IndexArray:
         """Index of the active mode at each of the times, (T,); at an instant of switching the new one."""
         return np.asarray(self.modes[np.searchsorted(self.times, times, side="right") - 1])
@@ -71,10 +63,7 @@ def one_mode(name: str) -> Switches:
 
 
 def scheduled_switches(signal: Scheduled, names: tuple[str, ...], horizon: float, seed: int) -> Switches:
-    """Draw the switches of one run over ``horizon`` s.  The same arguments give the same switches.
-
-    Raises: SpecError for a mode that is not among ``names``, or for too many switches.
-    """
+    """Draw the switches of one run over ``horizon`` s.  Raises: SpecError for an unknown mode or too many switches."""
     rng = np.random.default_rng([seed, STREAM])
     if isinstance(signal, Fixed):
         times, modes = np.zeros(1), np.array([0 if signal.mode is None else mode_index(signal.mode, names)])
@@ -171,10 +160,7 @@ def _markov(
 
 
 def near(signal: Mobile, positions: Array, before: IndexArray | None) -> IndexArray:
-    """The links at these positions (n, k): sorted codes listener * n + speaker.
-
-    ``before`` holds the links so far, for the hysteresis; None at the start, when there are none.
-    """
+    """The links at positions (n, k) after those ``before``: sorted codes listener * n + speaker."""
     kept = np.zeros(0, dtype=np.int64) if before is None else before
     if signal.radius is not None:
         return _within(positions, signal.radius, signal.hysteresis, kept)
@@ -223,11 +209,34 @@ def groups_of(problem: Problem, codes: IndexArray) -> tuple[ArcGroup, ...]:
     )
 
 
+Change = Callable[[Array, Callable[[float], Array]], float | None]
+
+
+class Stay(NamedTuple):
+    """The active mode by index, and until when in s; ``change(times in a step, x by time)`` may find an earlier end."""
+
+    mode: int
+    end: float
+    change: Change | None = None
+
+
+class Planned:
+    """Modes that are known beforehand; ``groups`` gives the arcs of a mode by its index."""
+
+    def __init__(self, switches: Switches, groups: Callable[[int], Sequence[ArcGroup]], horizon: float) -> None:
+        self.switches, self.groups, self.horizon = switches, groups, horizon
+
+    def stay(self, time: float, positions: Array) -> Stay:
+        place = int(np.searchsorted(self.switches.times, time, side="right"))
+        end = float(self.switches.times[place]) if place < len(self.switches) else self.horizon
+        return Stay(int(self.switches.modes[place - 1]), end)
+
+
 class Nearby:
     """The graphs of one run as they follow from positions, each kept once."""
 
-    def __init__(self, signal: Mobile, problem: Problem) -> None:
-        self.signal, self.problem = signal, problem
+    def __init__(self, signal: Mobile, problem: Problem, horizon: float) -> None:
+        self.signal, self.problem, self.horizon = signal, problem, horizon
         self.now: IndexArray | None = None
         self.times: list[float] = []
         self.modes: list[int] = []
@@ -249,14 +258,14 @@ class Nearby:
             self.modes.append(number)
         return self.modes[-1]
 
+    def stay(self, time: float, positions: Array) -> Stay:
+        return Stay(self.look(time, positions), self.horizon, self.change)
+
     def groups(self, number: int) -> tuple[ArcGroup, ...]:
         return groups_of(self.problem, self.codes[number])
 
     def change(self, times: Array, positions_at: Callable[[float], Array]) -> float | None:
-        """The first float at which the graph is another one, looked for between the given times.
-
-        Found by bisection to neighbouring floats.  A change that is undone before the next of the times is not seen.
-        """
+        """The first float at which the graph is another one and still is at the next of the times."""
 
         def stays(time: float) -> bool:
             return self.now is not None and np.array_equal(near(self.signal, positions_at(time), self.now), self.now)
@@ -269,8 +278,9 @@ class Nearby:
                 return float(high)
         return None
 
+    @property
     def switches(self) -> Switches:
-        """What came up so far."""
+        """Those that the run has come to."""
         return Switches(
             times=np.array(self.times),
             modes=np.array(self.modes, dtype=np.int64),
@@ -279,14 +289,16 @@ class Nearby:
         )
 
 
+Modes = Planned | Nearby
+
+
 def motion_switches(signal: Mobile, motion: Waypoints, problem: Problem, horizon: float) -> Switches:
     """The switches under a given motion.  Raises: ShapeError, SpecError."""
     places = np.asarray(motion.positions)
     if places.shape[1] != problem.n:
         message = f"must have one position per agent, {problem.n}; got {places.shape[1]}."
         raise wrong("motion", message, "Give positions of shape (times, agents, coordinates).", kind=ShapeError)
-    refuse_too_many(len(motion.times) * LOOKS_OF_MOTION / MOST_SWITCHES)
-    nearby, positions = Nearby(signal, problem), partial(motion.at, places=places)
+    nearby, positions = Nearby(signal, problem, horizon), partial(motion.at, places=places)
     nearby.look(0.0, positions(0.0))
     corners = np.unique(np.clip([0.0, *motion.times, horizon], 0.0, horizon))
     for begin, end in pairwise(corners.tolist()):
@@ -294,4 +306,4 @@ def motion_switches(signal: Mobile, motion: Waypoints, problem: Problem, horizon
         while (change := nearby.change(looks, positions)) is not None and change < horizon:
             nearby.look(change, positions(change))
             looks = np.concatenate([[change], looks[looks > change]])
-    return nearby.switches()
+    return nearby.switches

@@ -54,8 +54,20 @@ class Sample(NamedTuple):
     u: Array
 
 
+class Simulated(Shown):
+    """How runs show themselves."""
+
+    __slots__ = ()
+
+    def __str__(self) -> str:
+        return f"{self._card().title}: {self._card().text}"
+
+    def __repr__(self) -> str:
+        return f"<{type(self).__name__} of {self}>"
+
+
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False, repr=False)
-class Trajectory(Shown):
+class Trajectory(Simulated):
     """Samples of a run; arrays cannot be written to.  Iterating gives one ``Sample`` after the other.
 
     Shapes: times (T,) in s; x, d, dhat, u (T, n, m); xi, xihat (T, n, q); goal (n, m); mode_index (T,), the active mode
@@ -211,20 +223,11 @@ class Trajectory(Shown):
         arrays |= {name: getattr(self, name) for name in SAMPLED}
         return save_arrays(place, arrays, force=force)
 
-    def __str__(self) -> str:
-        return f"{self.name}: {self._summary}"
-
-    def __repr__(self) -> str:
-        return f"<Trajectory of {self}>"
-
     def _card(self) -> Card:
-        return Card(title=self.name, text=self._summary, lines=self.notes)
-
-    @property
-    def _summary(self) -> str:
         end = f"diverged at about {self.times[-1]:.4g} s of" if self.diverged else "ran to"
         first, last = self.error()[[0, -1]]
-        return f'mode "{self.mode}", {end} {self.t_final:.4g} s, |e|_inf from {first:.4g} to {last:.4g}'
+        text = f'mode "{self.mode}", {end} {self.t_final:.4g} s, |e|_inf from {first:.4g} to {last:.4g}'
+        return Card(title=self.name, text=text, lines=self.notes)
 
 
 PLAIN = tuple(each.name for each in fields(Trajectory) if each.type in {"str", "int", "float", "bool"})
@@ -313,10 +316,7 @@ def final_errors(error: Array) -> Array:
 
 
 def summary(times: Array, error: Array, diverged: NDArray[np.bool_]) -> dict[str, Any]:
-    """Medians and maxima over runs, for times (T,), error (R, T), nan after the end of a run, and diverged (R,).
-
-    A run that never settles counts as later than any time, so a median or maximum may be None.
-    """
+    """Medians and maxima over runs; one that never settles counts as later than any time, which is None."""
     settled = [settling_time(times, row, None, diverged=bool(bad)) for row, bad in zip(error, diverged, strict=True)]
     rates = [rate for row in error if (rate := decay_rate(times, row)) is not None]
     return {
@@ -345,10 +345,7 @@ def quantile(values: Array, level: float) -> Array:
 
 
 def quantile_interval(values: Array, level: float, confidence: float) -> tuple[float, float] | None:
-    """Bounds that hold the distribution's quantile with at least this confidence, whatever the distribution is.
-
-    From order statistics and the binomial distribution; None if there are too few values.
-    """
+    """Bounds of a quantile with this confidence by order statistics, for any distribution; None for too few values."""
     ordered = np.sort(np.where(np.isnan(values), np.inf, values))
     count, tail = len(ordered), (1 - confidence) / 2
     below = bdtr(np.arange(count), count, level)  # P(at most k values lie below the quantile)

@@ -28,7 +28,7 @@ from large import falling_rows, lambda_rows, large_rows
 from peers import peer_table
 from pinning import large_design, pinning_bars, shared_design
 from reduced import solve_reduced
-from simulation import simulation_bars, simulation_growth, whole_run
+from simulation import simulation_bars, simulation_growth
 
 from dobc_design.certification.certify import certify
 from dobc_design.conditions.consensus.claim import reduced, state_theorems
@@ -79,7 +79,6 @@ def main() -> None:
         for line in growth(name, network):
             print(line, flush=True)
     print(f"\n{large_design()}\n{shared_design()}")
-    print(f"\n{whole_run()}")
     print("\nGrowth of one simulated run, problem object to trajectory (no bar):")
     print(f"{'n':>9} {'arcs':>9} {'evaluations':>12} {'seconds':>9} {'ns/(agent evaluation)':>22}")
     for line in simulation_growth():

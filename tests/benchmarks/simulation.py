@@ -12,7 +12,6 @@ from typing import Any
 import numpy as np
 import scipy.sparse as sp
 from loops import simulate, simulate_many
-from scipy.integrate import solve_ivp
 
 from dobc_design.problem.arrays import arc_groups
 from dobc_design.problem.exosystems import Exosystem
@@ -138,36 +137,6 @@ def memory() -> dict[str, Any]:
         "ceiling": True,
         "note": "GiB, not a ratio",
     }
-
-
-def whole_run() -> str:
-    """A run at n = 1e5 against the plain way, both by DOP853 with one tolerance."""
-    problem = large(100_000)
-    arcs = problem.network.modes["G0"]
-    weights = np.array([float(w) for w in arcs.weights])
-    K = make_loop(problem, None).K.diagonal()
-    start = simulate(problem, t_final=1e-9, samples=2)
-    e0, eps0 = start.x[0].ravel(), start.xi[0]
-    F, C = np.array([[-3.2, 2], [-4.4, 0]]), np.array([[1.0, 0]])
-    sigma, omega = -1.6, 0.4 * np.sqrt(39)
-    shifted = (F - sigma * np.eye(2)) / omega
-
-    def plain(t: float, e: Any) -> Any:
-        y = e[arcs.speakers] - e[arcs.listeners]
-        total = -K * e
-        np.add.at(total, arcs.listeners, weights * (np.exp(y) - 1 + y))
-        power = np.exp(sigma * t) * (np.cos(omega * t) * np.eye(2) + np.sin(omega * t) * shifted)
-        return total + eps0 @ (C @ power).ravel()
-
-    slow, solution = cpu(
-        lambda: solve_ivp(plain, (0, 1), e0, method="DOP853", rtol=1e-9, atol=1e-11, t_eval=[0.0, 1.0]), repeats=1
-    )
-    fast, run = cpu(lambda: simulate(problem, t_final=1.0, samples=2), repeats=1)
-    apart = float(np.abs(run.x[-1].ravel() - solution.y[:, -1]).max())
-    return (
-        f"whole run, n = 1e5, T = 1, degree 6: solve_ivp with np.add.at {slow:.3g} s, simulate {fast:.3g} s"
-        f" ({slow / fast:.2g}x); ends {apart:.0e} apart"
-    )
 
 
 def simulation_growth() -> Iterator[str]:

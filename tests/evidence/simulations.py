@@ -72,6 +72,10 @@ def errors_of(run: Any) -> Any:
     return np.concatenate(parts, axis=1)
 
 
+def apart(gap: float) -> str:
+    return f"largest difference {gap:.1e}"
+
+
 def row_of(what: str, count: int, failures: list[str], note: str) -> Row:
     return Row(what=what, count=count, failures=tuple(failures), notes=(note,), least=count)
 
@@ -98,12 +102,7 @@ def linear(count: int, seed: int) -> Row:
         worst = max(worst, gap)
         if not gap < CLOSE:
             failures.append(f"seed [{seed}, {number}], {route}: {gap:.1e} apart")
-    return row_of(
-        "switched linear loops, both routes, against matrix exponentials",
-        count,
-        failures,
-        f"largest difference {worst:.1e}",
-    )
+    return row_of("switched linear loops, both routes, against matrix exponentials", count, failures, apart(worst))
 
 
 def sampled(count: int, seed: int) -> Row:
@@ -129,9 +128,7 @@ def sampled(count: int, seed: int) -> Row:
         worst = max(worst, gap)
         if not gap < CLOSE:
             failures.append(f"seed [{seed}, {number}]: {gap:.1e} apart")
-    return row_of(
-        "sampled linear loops against powers of their matrices", count, failures, f"largest difference {worst:.1e}"
-    )
+    return row_of("sampled linear loops against powers of their matrices", count, failures, apart(worst))
 
 
 def stressed(count: int, seed: int) -> Row:
@@ -182,9 +179,7 @@ def stacked(count: int, seed: int) -> Row:
                 failures.append(f"seed [{seed}, {number}], {given['stress']}: {gap:.1e} apart")
     if 4 * alone > count:  # else the runs would have been held against themselves
         failures.append(f"{alone} of {count} ensembles were made one by one")
-    return row_of(
-        "random stresses, side by side against one by one", count, failures, f"largest difference {worst:.1e}"
-    )
+    return row_of("random stresses, side by side against one by one", count, failures, apart(worst))
 
 
 def random_stress(rng: np.random.Generator, problem: Problem) -> Stress:
@@ -214,9 +209,8 @@ def bounded(count: int, seed: int) -> Row:
         rng = np.random.default_rng([seed, number])
         problem = regional(rng)
         certificate = certify(problem)
-        many = simulate_problem(
-            problem, runs=50, signal=Periodic(dwell=float(rng.uniform(0.1, 0.9))), t_final=5.0, samples=101
-        )
+        signal = Periodic(dwell=float(rng.uniform(0.1, 0.9)))
+        many = simulate_problem(problem, runs=50, signal=signal, t_final=5.0, samples=101)
         bound = certificate.envelope(many)
         if not bound.sources:
             continue
@@ -228,12 +222,8 @@ def bounded(count: int, seed: int) -> Row:
             failures.append(f"seed [{seed}, {number}]: a run crosses the bound of {', '.join(bound.sources)}")
     if 4 * drawn < count:  # else the runs would have been held against nothing
         failures.append(f"only {drawn} of {count} certificates bound their runs")
-    return row_of(
-        "certified bounds of |e(t)| against 50 simulated runs each",
-        count,
-        failures,
-        f"{drawn} with a bound; a run came to {closest:.0%} of it",
-    )
+    note = f"{drawn} with a bound; a run came to {closest:.0%} of it"
+    return row_of("certified bounds of |e(t)| against 50 simulated runs each", count, failures, note)
 
 
 def regional(rng: np.random.Generator) -> Problem:

@@ -119,13 +119,8 @@ def test_a_certified_set_of_agents_with_different_exosystems_is_not_contradicted
     sine = dd.Group(agents=[1, 3], exosystem=dd.exosystems.harmonics(2))
     constant = dd.Group(agents=[2], exosystem=dd.exosystems.constant())
     network = dd.Network.from_arcs([[2, 1], [3, 2], [1, 3]], arrow="listens_to", agents=3)
-    problem = dd.Problem(
-        network=network,
-        coupling="tanh(y)",
-        gains=1,
-        groups=[sine, constant],
-        region={"initial_states": [-1, 1], "initial_disturbance": "1/2"},
-    )
+    region = {"initial_states": [-1, 1], "initial_disturbance": "1/2"}
+    problem = dd.Problem(network=network, coupling="tanh(y)", gains=1, groups=[sine, constant], region=region)
     certificate = dd.certify(problem)
     found = dd.falsify(problem, runs=30, certified=certificate)
     assert found.suspects == ()

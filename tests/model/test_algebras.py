@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import re
+
 import casadi as ca
 import numpy as np
 import pytest
@@ -11,14 +13,11 @@ from dobc_design.coupling.expression import numpy_function, parse_expression
 from dobc_design.coupling.tree import evaluate
 from dobc_design.model.model import CasadiAlgebra, to_sympy
 
-TEXTS = (
-    """
-exp(y) - 1 + y; log(1 + y**2); sin(y)*cos(3*y); tan(y/4); 2*tanh(y/2); atan(y)**3; sinh(y); cosh(y) - 1;
+TEXTS = re.split(
+    r";\s",
+    """exp(y) - 1 + y; log(1 + y**2); sin(y)*cos(3*y); tan(y/4); 2*tanh(y/2); atan(y)**3; sinh(y); cosh(y) - 1;
 sqrt(1 + y**2); abs(y); min(y, 2*y, 1); max(y, -1, -y/3); clip(y, -1, 1/2); y**-2; y**7 - y**64/1e12; -y**2;
-pi*y/3.2; (1 + y**2)**0.5 - 1; (y**2)**(1/2); 1e300*y*1e-300; y - 2/3*y/(4 + y**2)
-""".replace("\n", " ")
-    .strip()
-    .split("; ")
+pi*y/3.2; (1 + y**2)**0.5 - 1; (y**2)**(1/2); 1e300*y*1e-300; y - 2/3*y/(4 + y**2)""",
 )
 POINTS = np.array([-1.9, -1.0, -0.3, 0.2, 0.5, 1.0, 1.7])
 

@@ -19,19 +19,11 @@ def free(name: str, rows: int, columns: int = 1) -> sympy.Matrix:
 
 def loop(*, n: int, m: int, q: int) -> SimpleNamespace:
     """The error system (22): P is symmetric, K block diagonal with one m x m block per agent."""
-    return SimpleNamespace(
-        n=n,
-        m=m,
-        q=q,
-        J=free("J", n * m, n * m),
-        K=sympy.diag(*(free(f"k{i}", m, m) for i in range(n))),
-        A=free("A", q, q),
-        C=free("C", m, q),
-        P=sympy.Matrix(q, q, lambda i, j: sympy.Symbol(f"P_{min(i, j)}_{max(i, j)}", real=True)),
-        W=free("W", q, m),
-        e=free("e", n * m),
-        eps=free("eps", n * q),
-    )
+    s = SimpleNamespace(n=n, m=m, q=q, A=free("A", q, q), C=free("C", m, q), W=free("W", q, m))
+    s.P = sympy.Matrix(q, q, lambda i, j: sympy.Symbol(f"P_{min(i, j)}_{max(i, j)}", real=True))
+    s.J, s.K = free("J", n * m, n * m), sympy.diag(*(free(f"k{i}", m, m) for i in range(n)))
+    s.e, s.eps = free("e", n * m), free("eps", n * q)
+    return s
 
 
 def psi_of(s: SimpleNamespace, *, Q: Any = None) -> sympy.Matrix:

@@ -90,15 +90,6 @@ def test_links_are_broken_at_the_instant_of_the_closed_form():
     assert run.mode_index[run.times > instant].min() == 1
 
 
-def test_links_come_up_where_agents_approach():
-    """Both are pinned with k = 1: x = 2 exp(-t) and -2 exp(-t) come within 1 at t = ln 4; from there a faster decay."""
-    problem = alone(2, gains=1)
-    run = simulate(problem, signal=Mobile(radius=1), start=[[2], [-2]], t_final=3.0, tolerance=1e-12)
-    assert run.switches.times[1] == pytest.approx(np.log(4), rel=1e-11)
-    wanted = 0.5 * np.exp(-3 * (3 - np.log(4)))
-    np.testing.assert_allclose(run.x[-1, :, 0], [wanted, -wanted], rtol=1e-8)
-
-
 def test_without_hysteresis_a_graph_may_chatter_and_that_is_said():
     """Linked agents repel and single ones, pinned at 0, attract: a sliding motion at distance 1."""
     problem = alone(2, coupling="-2*y", gains=1)

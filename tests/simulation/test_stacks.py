@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
 import pytest
-from loops import simulate, simulate_many
+from loops import HARMONIC, PRINTED, simulate, simulate_many
 from scipy.integrate import solve_ivp
 from scipy.linalg import expm
 from side_by_side import FAILING, planar, require_the_same
@@ -33,9 +34,7 @@ SAMPLED = {
     "too slow": Stress(period=0.4),
     "noise": Stress(period=0.05, noise=0.1),
     "lost": Stress(period=0.05, loss=0.5),
-    "all at once": Stress(
-        period=0.05, noise=0.05, disturbance=0.3, frequency=2, saturation=2.0, loss=0.3, failures=FAILING
-    ),
+    "all at once": replace(EVERYTHING, exchange=None, period=0.05),
     "constant push": Stress(period=0.1, disturbance=0.3, frequency=0),
 }
 
@@ -86,13 +85,9 @@ class ByHand:
 
     @staticmethod
     def problem() -> dd.Problem:
-        return dd.Problem(
-            network=dd.Network.from_arcs([[i + 1, j + 1] for i, j in ByHand.arcs], arrow="listens_to", agents=3),
-            coupling="sinh(y)",
-            gains={"1": 1, "3": "1/2"},
-            exosystem=dd.Exosystem(A=[[0, 2], [-2, 0]], C=[[1, 0]]),
-            observer=dd.Observer(W=[["16/5"], ["12/5"]]),
-        )
+        network = dd.Network.from_arcs([[i + 1, j + 1] for i, j in ByHand.arcs], arrow="listens_to", agents=3)
+        given = {"gains": {"1": 1, "3": "1/2"}, "exosystem": HARMONIC, "observer": PRINTED}
+        return dd.Problem(network=network, coupling="sinh(y)", **given)
 
     def meet(self, time: float, x: np.ndarray, estimate, *, due: bool) -> None:
         """Draw and exchange where it is due, and fail; ``estimate`` gives dhat, once the new noise is there."""

@@ -108,7 +108,7 @@ def test_a_certified_set_is_never_contradicted(seed: int):
     problem = random_problem(70 + seed, couplings=(MONOTONE + TURNING)[seed % 6 :: 3], modes=2, n=4, held=True)
     turning = any(text in TURNING for c in problem.couplings for text in c.texts)
     claim = certificate_of(problem, F(1, 4) if turning else F(2))
-    found = dd.falsify(problem, runs=120, certified=claim, seed=seed)
+    found = dd.falsify(problem, runs=60, certified=claim, seed=seed)
     assert found.suspects == ()
     assert found.certified_rate == float(claim.alpha)
     assert found.observed_rate >= found.certified_rate * (1 - 1e-6)
@@ -234,8 +234,8 @@ def test_the_ascent_never_ends_lower_than_it_began(seed: int):
 
 def test_the_same_seed_gives_the_same_search_and_another_one_other_starts():
     problem = listening_pair()
-    first, again = (dd.falsify(problem, runs=60, seed=5) for _ in range(2))
-    other = dd.falsify(problem, runs=60, seed=6)
+    first, again = (dd.falsify(problem, runs=20, seed=5) for _ in range(2))
+    other = dd.falsify(problem, runs=20, seed=6)
     assert str(first) == str(again)
     assert all(np.array_equal(a.start, b.start) for a, b in zip(first.suspects, again.suspects, strict=True))
     assert [s.start.tolist() for s in first.suspects] != [s.start.tolist() for s in other.suspects]

@@ -58,12 +58,11 @@ class Coupling(Shown):
         count = 1 if self.by_component else self.dimension
         dimensions = [expression.dimension for expression in self.components]
         if dimensions != [count] * count or (self.dimension == 1 and not self.by_component):
-            raise wrong(
-                key,
+            what = (
                 f"must be one expression in y, or {self.dimension} in"
-                f" {names_in_words(self.dimension)}; got expressions in {dimensions} variables.",
-                kind=ShapeError,
+                f" {names_in_words(self.dimension)}; got expressions in {dimensions} variables."
             )
+            raise wrong(key, what, kind=ShapeError)
         errors: list[SpecError] = []
         for position, expression in enumerate(self.components):
             with kept(errors):
@@ -146,19 +145,11 @@ def make_coupling(h: str | Sequence[str], *, dimension: int, key: str = "couplin
         components: tuple[Expression, ...] = (parse_expression(h, key=key),)
         return Coupling(components=components, by_component=True, dimension=dimension, key=key)
     if not is_list(h):
-        raise wrong(
-            key,
-            f"must be an expression in y, in quotes, or a list of them; got {shown(h)}.",
-            'Write for example "tanh(y)".',
-            kind=ExpressionError,
-        )
+        what = f"must be an expression in y, in quotes, or a list of them; got {shown(h)}."
+        raise wrong(key, what, 'Write for example "tanh(y)".', kind=ExpressionError)
     if len(h) != dimension:
-        raise wrong(
-            key,
-            f"must have {counted(dimension, 'expression')}, one per state component; got {len(h)}.",
-            "Or give one expression in y, which is applied to each component.",
-            kind=ShapeError,
-        )
+        what = f"must have {counted(dimension, 'expression')}, one per state component; got {len(h)}."
+        raise wrong(key, what, "Or give one expression in y, which is applied to each component.", kind=ShapeError)
     return Coupling(
         components=_read_components(h, dimension=dimension, key=key),
         by_component=dimension == 1,
@@ -200,9 +191,8 @@ def _check_at_zero(expression: Expression, *, key: str) -> None:
     try:
         _gradient(expression, at=NEAR_ZERO)
     except UndefinedError as error:
-        raise ExpressionError(
-            f"{quoted} must be defined and have a bounded slope around y = 0 (seen on |y| <= 2^-40): {error}", key=key
-        ) from error
+        what = f"{quoted} must be defined and have a bounded slope around y = 0 (seen on |y| <= 2^-40): {error}"
+        raise ExpressionError(what, key=key) from error
 
 
 def _not_zero(expression: Expression, value: Interval, *, key: str) -> ExpressionError:
@@ -217,9 +207,8 @@ def _not_zero(expression: Expression, value: Interval, *, key: str) -> Expressio
     if not value.is_point or len(exact) > _LONGEST_NUMBER:
         return ExpressionError(f"{quoted} must vanish at y = 0 but is about {value.floats()[0]:.3g}.", key=key)
     if not variables_used(expression.node):
-        return ExpressionError(
-            f"{quoted} must vanish at y = 0 but is the constant {exact}.", key=key, cure='Write for example "tanh(y)".'
-        )
+        what = f"{quoted} must vanish at y = 0 but is the constant {exact}."
+        return ExpressionError(what, key=key, cure='Write for example "tanh(y)".')
     better = to_text(_lowered(expression.node, value.lo), dimension=expression.dimension)
     cure = f'did you mean "{better}"?' if len(better) <= _LONGEST_SUGGESTION else None
     return ExpressionError(f"{quoted} must vanish at y = 0 but equals {exact}", key=key, cure=cure)

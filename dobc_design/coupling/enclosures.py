@@ -195,9 +195,8 @@ def _tight(curve: Curve, form: Form, Y: Interval, *, tolerance: Fraction, what: 
             return Interval.point(highest)
         lowest = -_supremum(lambda piece: -form(piece), [(-values, piece) for values, piece in pieces], tolerance)
     except UndefinedError as error:
-        raise UndefinedError(
-            f'{what} of h = "{curve.expression}" cannot be enclosed on [{_shown(Y.lo)}, {_shown(Y.hi)}]: {error}'
-        ) from error
+        what = f'{what} of h = "{curve.expression}" cannot be enclosed on [{_shown(Y.lo)}, {_shown(Y.hi)}]: {error}'
+        raise UndefinedError(what) from error
     return Interval(lowest, highest)
 
 
@@ -277,9 +276,8 @@ def profile(curve: Curve, radius: Fraction) -> Profile:
     try:
         cells = _merged(curve, _split(curve, whole))
     except UndefinedError as error:
-        raise UndefinedError(
-            f'h = "{curve.expression}" cannot be enclosed on [-{float(radius):.6g}, {float(radius):.6g}]: {error}'
-        ) from error
+        what = f'h = "{curve.expression}" cannot be enclosed on [-{float(radius):.6g}, {float(radius):.6g}]: {error}'
+        raise UndefinedError(what) from error
     return Profile(curve, radius, cells, _turns(curve, cells, +1), _turns(curve, cells, -1))
 
 

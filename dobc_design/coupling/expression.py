@@ -247,30 +247,22 @@ def parse_expression(text: str, *, dimension: int = 1, key: str = "coupling.h") 
     where it can be guessed, what was meant.
     """
     if not isinstance(text, str):
-        raise wrong(
-            key,
-            f"must be an expression in text; got {type(text).__name__}.",
-            'Write for example "tanh(y)".',
-            kind=ExpressionError,
-        )
+        what = f"must be an expression in text; got {type(text).__name__}."
+        raise wrong(key, what, 'Write for example "tanh(y)".', kind=ExpressionError)
     if len(text) > LONGEST:
-        raise wrong(
-            key,
-            f"must have at most {LONGEST} characters; {excerpt(text, width=30)} has {len(text)}.",
-            kind=ExpressionError,
-        )
+        what = f"must have at most {LONGEST} characters; {excerpt(text, width=30)} has {len(text)}."
+        raise wrong(key, what, kind=ExpressionError)
     try:
         expression = Expression(text, parse(text, dimension=dimension), dimension)
     except Fault as fault:
         raise _refusal(text, fault, dimension=dimension, key=key) from None
     canonical = str(expression)
     if len(canonical) > LONGEST or _nesting(canonical) > DEEPEST:
-        raise wrong(
-            key,
+        what = (
             f"{excerpt(text, width=30)} must fit into {LONGEST} characters and {DEEPEST} nested"
-            " parentheses when **0.5 is written as sqrt.",
-            kind=ExpressionError,
+            " parentheses when **0.5 is written as sqrt."
         )
+        raise wrong(key, what, kind=ExpressionError)
     return expression
 
 
@@ -335,12 +327,8 @@ def _refusal(text: str, fault: Fault, *, dimension: int, key: str) -> SpecError:
     place = f"column {fault.start + 1}" if text.strip() else "an empty text"
     found = f"{fault.found} in {place}" if text.strip() else place
     guess = _repaired(text, fault.repair, dimension=dimension)
-    return wrong(
-        key,
-        f"{excerpt(text, fault.start)}: found {found}; {fault.why}",
-        None if guess is None else f'did you mean "{guess}"?',
-        kind=ExpressionError,
-    )
+    what = f"{excerpt(text, fault.start)}: found {found}; {fault.why}"
+    return wrong(key, what, None if guess is None else f'did you mean "{guess}"?', kind=ExpressionError)
 
 
 def _repaired(text: str, repair: Repair | None, *, dimension: int) -> str | None:

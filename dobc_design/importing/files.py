@@ -29,17 +29,11 @@ def problem_from_file(path: Path, *, arrow: str | None = None) -> Problem:
     """
     suffix = path.suffix.lower()
     if suffix not in SUFFIXES:
-        raise SpecError(
-            f"{shown(path.name)} must end in one of {', '.join(SUFFIXES)}, which say what kind of file it is.",
-            key=path.name,
-            cure="Rename or convert it.",
-        )
+        what = f"{shown(path.name)} must end in one of {', '.join(SUFFIXES)}, which say what kind of file it is."
+        raise SpecError(what, key=path.name, cure="Rename or convert it.")
     if arrow is not None and suffix not in READERS:
-        raise SpecError(
-            f"arrow is for files of arcs ({', '.join(READERS)}); {shown(path.name)} says itself who listens.",
-            key="--arrow",
-            cure="Leave it out.",
-        )
+        what = f"arrow is for files of arcs ({', '.join(READERS)}); {shown(path.name)} says itself who listens."
+        raise SpecError(what, key="--arrow", cure="Leave it out.")
     name = path.stem if is_name(path.stem) else "problem"
     if suffix in READERS:
         return _arcs_problem(path, name=name, arrow=arrow)
@@ -57,12 +51,11 @@ def problem_from_file(path: Path, *, arrow: str | None = None) -> Problem:
 
 def _arcs_problem(path: Path, *, name: str, arrow: str | None) -> Problem:
     if arrow is None:
-        raise SpecError(
+        what = (
             "arrow must say what a pair a, b of the file means; there is no default, because a wrong guess is never"
-            " noticed.",
-            key="--arrow",
-            cure="listens_to: a hears b.  sends_to: a is heard by b.",
+            " noticed."
         )
+        raise SpecError(what, key="--arrow", cure="listens_to: a hears b.  sends_to: a is heard by b.")
     folder = path.resolve().parent
     labels = labels_in_file(path.name, folder=folder, key="arcs")
     index = {label: place for place, label in enumerate(labels)}

@@ -63,11 +63,8 @@ def grid_problem(grid: Grid, *, name: str, gain: Any = 1) -> Problem:
         a, b = branch.ends
         for end in branch.ends:
             if end not in known:
-                raise SpecError(
-                    f"{branch.place} names bus {named(end)}, which is not there.",
-                    key=branch.place,
-                    cure="Add the bus, or take the branch out of service.",
-                )
+                what = f"{branch.place} names bus {named(end)}, which is not there."
+                raise SpecError(what, key=branch.place, cure="Add the bus, or take the branch out of service.")
         if a == b:
             raise SpecError(f"{branch.place} leads from bus {named(a)} to itself.", key=branch.place)
         if branch.reactance <= 0:
@@ -139,11 +136,8 @@ def read_matpower(text: str, *, name: str) -> Grid:
     tables = {table: _rows(body, table, name) for table, body in _tables(plain)}
     for table in ("bus", "branch"):
         if table not in tables:
-            raise SpecError(
-                f"{name} must hold the table mpc.{table} of a MATPOWER case, in numbers; it is not there.",
-                key=f"mpc.{table}",
-                cure="Write the case with MATPOWER's savecase.",
-            )
+            what = f"{name} must hold the table mpc.{table} of a MATPOWER case, in numbers; it is not there."
+            raise SpecError(what, key=f"mpc.{table}", cure="Write the case with MATPOWER's savecase.")
     kinds = {_bus(row[0], "bus", i): _number(row[1], f"mpc.bus({i},2)") for i, row in enumerate(tables["bus"], 1)}
     isolated = {bus for bus, kind in kinds.items() if kind == ISOLATED}
     generators = [
@@ -184,29 +178,22 @@ def _rows(body: str, table: str, name: str) -> list[list[str]]:
     rows = [row for row in rows if row]
     for i, row in enumerate(rows, 1):
         if len(row) < COLUMNS[table]:
-            raise SpecError(
-                f"{name}: mpc.{table} must have at least {COLUMNS[table]} columns; row {i} has {len(row)}.",
-                key=f"mpc.{table}",
-                cure="Write the case with MATPOWER's savecase.",
-            )
+            what = f"{name}: mpc.{table} must have at least {COLUMNS[table]} columns; row {i} has {len(row)}."
+            raise SpecError(what, key=f"mpc.{table}", cure="Write the case with MATPOWER's savecase.")
         for j, cell in enumerate(row, 1):
             if not _CELL.fullmatch(cell):
-                raise SpecError(
+                what = (
                     f"{name}: mpc.{table}({i},{j}) must be a number, because nothing in a case is computed;"
-                    f" got {shown(cell)}.",
-                    key=f"mpc.{table}({i},{j})",
-                    cure="Write the case with MATPOWER's savecase.",
+                    f" got {shown(cell)}."
                 )
+                raise SpecError(what, key=f"mpc.{table}({i},{j})", cure="Write the case with MATPOWER's savecase.")
     return rows
 
 
 def _bus(text: str, table: str, row: int) -> str:
     if not _BUS.fullmatch(text):
-        raise wrong(
-            f"mpc.{table}",
-            f"row {row}: a bus must be a whole number; got {shown(text)}.",
-            "Write the case with MATPOWER's savecase.",
-        )
+        what = f"row {row}: a bus must be a whole number; got {shown(text)}."
+        raise wrong(f"mpc.{table}", what, "Write the case with MATPOWER's savecase.")
     return str(int(text.partition(".")[0]))
 
 
@@ -227,9 +214,8 @@ def from_pandapower(net: Any, *, name: str | None = None, gain: Any = 1) -> Prob
     Raises: SpecError for what is no such network, and for what cannot be a positive susceptance.
     """
     if not all(hasattr(net, table) for table in ("bus", "line", "ext_grid")):
-        raise wrong(
-            "net", f"must be a pandapower network; got {type(net).__name__}.", "Such as pandapower.networks.case14()."
-        )
+        what = f"must be a pandapower network; got {type(net).__name__}."
+        raise wrong("net", what, "Such as pandapower.networks.case14().")
     tables = {table: _records(getattr(net, table, None)) for table in TABLES}
     title = name or str(getattr(net, "name", "") or "pandapower-grid")
     return grid_problem(_checked(tables, base=net.sn_mva, source="a pandapower network"), name=title, gain=gain)
@@ -243,11 +229,8 @@ def read_pandapower(data: bytes, *, name: str) -> Grid:
         tables = {table: _json_records(inside[table]) for table in TABLES if table in inside}
         base = inside.get("sn_mva", 1.0)
     except (ValueError, TypeError, KeyError, LookupError, RecursionError, AttributeError):
-        raise wrong(
-            name,
-            "must be a network written by pandapower.to_json; its tables cannot be read.",
-            "Write it with pandapower.to_json(net, file).",
-        ) from None
+        what = "must be a network written by pandapower.to_json; its tables cannot be read."
+        raise wrong(name, what, "Write it with pandapower.to_json(net, file).") from None
     rows = {table: tables.get(table, []) for table in TABLES}
     return _checked(rows, base=base, source=f"the pandapower network {name}")
 
@@ -279,20 +262,14 @@ def _checked(tables: Tables, *, base: Any, source: str) -> Grid:
     except SpecError:
         raise
     except (KeyError, TypeError, ValueError, ArithmeticError, AttributeError) as error:
-        raise SpecError(
-            f"{source} has a table with a column that is missing or holds no number ({str(error)[:60]}).",
-            key="pandapower",
-            cure="Write it anew with a current version of pandapower.",
-        ) from None
+        what = f"{source} has a table with a column that is missing or holds no number ({str(error)[:60]})."
+        raise SpecError(what, key="pandapower", cure="Write it anew with a current version of pandapower.") from None
 
 
 def _grid(tables: Tables, *, base: float, source: str) -> Grid:
     if any(_on(row) for row in tables["trafo3w"]):
-        raise SpecError(
-            "three-winding transformers cannot be imported: their star point may have a negative reactance.",
-            key="trafo3w",
-            cure="Replace them by two-winding transformers.",
-        )
+        what = "three-winding transformers cannot be imported: their star point may have a negative reactance."
+        raise SpecError(what, key="trafo3w", cure="Replace them by two-winding transformers.")
     buses = [str(row["index"]) for row in tables["bus"] if _on(row)]
     joined = [
         (str(row["bus"]), str(row["element"])) for row in tables["switch"] if row.get("et") == "b" and row.get("closed")

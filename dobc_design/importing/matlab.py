@@ -188,12 +188,11 @@ def read_mat(data: bytes, *, file: str, name: str) -> Problem:
     found = {key: value for key, value in read_variables(data, name=file).items() if key in KNOWN}
     L = found.get("L")
     if L is None:
-        raise SpecError(
+        what = (
             f"{file} must hold the variable L, the Laplacian of the graph (row i: -w_ij where i listens to j);"
-            f" it has {', '.join(found) or 'none of the known ones'}.",
-            key="L",
-            cure=f"Known variables are {', '.join(KNOWN)}.",
+            f" it has {', '.join(found) or 'none of the known ones'}."
         )
+        raise SpecError(what, key="L", cure=f"Known variables are {', '.join(KNOWN)}.")
     layers = _layers(L)
     n = layers[0].shape[0]
     labels = _texts(found.get("labels"), "labels", count=n)
@@ -249,19 +248,14 @@ def _weights(L: Any, mode: str) -> Any:
     """The weights -L_ij off the diagonal, after a look at signs and sums."""
     off = L - np.diag(np.diag(L))
     if not np.isfinite(L).all() or (off > 0).any():
-        raise SpecError(
-            f'L (mode "{mode}") must be finite, with entries <= 0 off the diagonal: they are -w_ij.',
-            key="L",
-            cure="Laplacian = degree matrix - adjacency matrix.",
-        )
+        what = f'L (mode "{mode}") must be finite, with entries <= 0 off the diagonal: they are -w_ij.'
+        raise SpecError(what, key="L", cure="Laplacian = degree matrix - adjacency matrix.")
     room = SUM_TOLERANCE * max(1.0, float(np.abs(L).max()))
     if np.abs(L.sum(axis=1)).max() > room:
         turned = np.abs(L.sum(axis=0)).max() <= room
-        raise SpecError(
-            f'L (mode "{mode}") must have rows that sum to 0: row i belongs to the listener i.',
-            key="L",
-            cure="Its columns do: give the transpose." if turned else "Laplacian = degree matrix - adjacency matrix.",
-        )
+        what = f'L (mode "{mode}") must have rows that sum to 0: row i belongs to the listener i.'
+        cure = "Its columns do: give the transpose." if turned else "Laplacian = degree matrix - adjacency matrix."
+        raise SpecError(what, key="L", cure=cure)
     return sp.coo_array(-off)
 
 
@@ -283,11 +277,8 @@ def _gains(k: Any, labels: Sequence[str]) -> Any:
         return flat[0]
     if array.ndim == 2 and len(flat) == len(labels):
         return {label: gain for label, gain in zip(labels, flat, strict=True) if gain}
-    raise wrong(
-        "k",
-        f"must be one gain, {len(labels)} gains, or m x m x {len(labels)}; got shape {array.shape}.",
-        "For example k = zeros(n, 1); k(1) = 5.",
-    )
+    what = f"must be one gain, {len(labels)} gains, or m x m x {len(labels)}; got shape {array.shape}."
+    raise wrong("k", what, "For example k = zeros(n, 1); k(1) = 5.")
 
 
 def _offsets(offsets: Any, labels: Sequence[str]) -> dict[str, list[Any]] | None:

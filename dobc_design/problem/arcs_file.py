@@ -130,22 +130,15 @@ def _resolve(name: str, *, folder: Path | None, key: str) -> Path:
     except (OSError, ValueError, RuntimeError):  # RuntimeError: a link to itself
         inside, kind, size = True, "nothing", 0
     if not inside:
-        raise wrong(
-            key,
-            f"must lie inside the problem file's folder; {shown(name)} leads outside.",
-            "Copy the file beside the problem file.",
-        )
+        what = f"must lie inside the problem file's folder; {shown(name)} leads outside."
+        raise wrong(key, what, "Copy the file beside the problem file.")
     if kind != "file":
         found = "is a folder" if kind == "folder" else "does not exist"
-        raise wrong(
-            key, f"must name a file in the problem file's folder; {shown(name)} {found}.", "Name an existing file."
-        )
+        what = f"must name a file in the problem file's folder; {shown(name)} {found}."
+        raise wrong(key, what, "Name an existing file.")
     if size > MAX_BYTES:
-        raise about(
-            key,
-            f"{shown(name)} is too large: {size} bytes, at most {MAX_BYTES} are read.",
-            "Leave out what is not needed.",
-        )
+        what = f"{shown(name)} is too large: {size} bytes, at most {MAX_BYTES} are read."
+        raise about(key, what, "Leave out what is not needed.")
     if path.suffix.lower() not in READERS:
         raise about(key, f"{shown(name)} must end in one of {', '.join(READERS)}.", "Rename or convert it.")
     return path

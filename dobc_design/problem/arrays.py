@@ -64,11 +64,8 @@ def chosen_mode(problem: Problem, mode: str | None) -> str:
         return names[0]
     if mode not in names:
         known = ", ".join(names[:6]) + (", ..." if len(names) > 6 else "")
-        raise wrong(
-            "mode",
-            f"must be one of the problem's modes ({known}); got {str(mode)[:60]!r}.",
-            "Leave it out for the first one.",
-        )
+        what = f"must be one of the problem's modes ({known}); got {str(mode)[:60]!r}."
+        raise wrong("mode", what, "Leave it out for the first one.")
     return mode
 
 
@@ -81,11 +78,8 @@ def chosen_gain(problem: Problem, gain: Gain | None) -> Matrix | None:
     if gain is None:
         return problem.joint_observer.W
     if not problem.groups:
-        raise wrong(
-            "gain",
-            "has no meaning without an [exosystem]: there is no disturbance to estimate.",
-            "Leave it out, or give the problem an exosystem.",
-        )
+        what = "has no meaning without an [exosystem]: there is no disturbance to estimate."
+        raise wrong("gain", what, "Leave it out, or give the problem an exosystem.")
     W = matrix(gain, name="gain")
     because = "one row per exosystem state, one column per state component"
     require_shape(W, (problem.q, problem.m * len(problem.groups)), name="gain", because=because)
@@ -137,12 +131,11 @@ def disturbance_arrays(problem: Problem, gain: Gain | None) -> Disturbance:
         own[numbers == g, rows] = True
         rest[rows, columns], before = 0.0, rows.stop
     if rest.any():
-        raise wrong(
-            "gain",
+        what = (
             "must be block diagonal, with one block per group of agents, because no agent feels the disturbance"
-            " of another group.",
-            "Set the entries outside of the blocks to 0.",
+            " of another group."
         )
+        raise wrong("gain", what, "Set the entries outside of the blocks to 0.")
     return Disturbance(A=A, C=C, F=F, W=gains, own=own)
 
 

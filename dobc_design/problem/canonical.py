@@ -168,11 +168,8 @@ def _load(data: bytes) -> dict[str, Any]:
         raise SpecError(f'problem.json must hold an object with "format": "{FORMAT}".', key="format", cure=_CURE)
     version = document.get("version")
     if version != VERSION or type(version) is not int:  # true and 1.0 equal 1
-        raise SpecError(
-            f"problem.json has version {shown(version)}; this program knows {VERSION}.",
-            key="version",
-            cure="Update dobc_design, or write the file again.",
-        )
+        what = f"problem.json has version {shown(version)}; this program knows {VERSION}."
+        raise SpecError(what, key="version", cure="Update dobc_design, or write the file again.")
     return document
 
 

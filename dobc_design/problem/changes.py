@@ -129,9 +129,8 @@ def changed_problem(problem: Problem, changes: Mapping[str, Any]) -> Problem:
     """
     for key in changes:
         if key not in CHANGEABLE:
-            raise SpecError(
-                f"{shown(key)} is no key that a change may set.", key=key, cure=f"One of {', '.join(CHANGEABLE)}."
-            )
+            what = f"{shown(key)} is no key that a change may set."
+            raise SpecError(what, key=key, cure=f"One of {', '.join(CHANGEABLE)}.")
     remake, (given,) = problem.__reduce__()  # everything that makes the problem, for a copy
     if problem.is_grouped:
         _require_no_key_of_all(changes)
@@ -157,11 +156,8 @@ def changed_problem(problem: Problem, changes: Mapping[str, Any]) -> Problem:
 
 def _require_no_key_of_all(changes: Mapping[str, Any]) -> None:
     if any(key.startswith(("exosystem", "observer")) and key != GROUP_GAINS for key in changes):
-        raise SpecError(
-            "exosystem and observer cannot be changed by key where agents have different ones.",
-            key="exosystem.groups",
-            cure="Make the problem anew with other groups.",
-        )
+        what = "exosystem and observer cannot be changed by key where agents have different ones."
+        raise SpecError(what, key="exosystem.groups", cure="Make the problem anew with other groups.")
 
 
 def _regrouped(problem: Problem, gains: Mapping[str, Any]) -> list[Group]:
@@ -294,11 +290,8 @@ def changed_file(
             return own
     whole = problem_text(wanted)
     if not _gives(whole, wanted, folder=folder):
-        raise SpecError(
-            "the changed problem cannot be written as a problem file: it is too large, or a number in it too long.",
-            key="problem",
-            cure="Make the change by hand.",
-        )
+        what = "the changed problem cannot be written as a problem file: it is too large, or a number in it too long."
+        raise SpecError(what, key="problem", cure="Make the change by hand.")
     return whole
 
 

@@ -244,17 +244,11 @@ def read_problem_tables(document: Mapping[str, Any], *, folder: Path | None, def
 def _check_version(document: Mapping[str, Any]) -> None:
     version = document.get("schema", SCHEMA_VERSION)
     if isinstance(version, bool) or not isinstance(version, int) or version < 1:
-        raise wrong(
-            "schema",
-            f"must be the whole number {SCHEMA_VERSION}; got {shown(version)}.",
-            f"Write schema = {SCHEMA_VERSION}.",
-        )
+        what = f"must be the whole number {SCHEMA_VERSION}; got {shown(version)}."
+        raise wrong("schema", what, f"Write schema = {SCHEMA_VERSION}.")
     if version > SCHEMA_VERSION:
-        raise wrong(
-            "schema",
-            f"must be at most {SCHEMA_VERSION}, the newest this program knows; got {shown(version)}.",
-            "Update dobc_design.",
-        )
+        what = f"must be at most {SCHEMA_VERSION}, the newest this program knows; got {shown(version)}."
+        raise wrong("schema", what, "Update dobc_design.")
 
 
 class _Collector:
@@ -351,11 +345,8 @@ def _mode(value: Any, *, index: Mapping[str, int], arrow: str, key: str, folder:
     if is_list(value):
         return arcs_from_pairs(value, index=index, arrow=arrow, key=key)
     if not isinstance(value, dict) or list(value) != ["file"] or not is_text(value["file"]):
-        raise SpecError(
-            f'{key} must be a list of arcs or {{ file = "arcs.csv" }}; got {shown(value)}.',
-            key=key,
-            cure="For example [[1, 2], [2, 3]].",
-        )
+        what = f'{key} must be a list of arcs or {{ file = "arcs.csv" }}; got {shown(value)}.'
+        raise SpecError(what, key=key, cure="For example [[1, 2], [2, 3]].")
     return arcs_file.read_arcs_file(value["file"], folder=folder, index=index, arrow=arrow, key=f"{key}.file")
 
 
@@ -384,11 +375,8 @@ def _exception_arcs(value: Any, *, key: str, index: Mapping[str, int], arrow: st
         raise wrong(key, f"must be a list of arcs; got {shown(value)}.", "For example [[1, 2], [2, 3]].")
     for place, arc in enumerate(value):
         if is_list(arc) and len(arc) == 3:
-            raise wrong(
-                f"{key}[{place}]",
-                "must be [a, b]; the weight stands with the arc in its mode.",
-                "Drop the third entry.",
-            )
+            what = "must be [a, b]; the weight stands with the arc in its mode."
+            raise wrong(f"{key}[{place}]", what, "Drop the third entry.")
     arcs = arcs_from_pairs(value, index=index, arrow=arrow, key=key)
     return list(zip(arcs.listeners.tolist(), arcs.speakers.tolist(), strict=True))
 
@@ -407,11 +395,8 @@ def _check_exceptions(
         names = f"{named(labels[listener])} listens to {named(labels[speaker])}"
         if listener * len(labels) + speaker not in codes:
             turned = speaker * len(labels) + listener in codes
-            raise about(
-                f"{key}[{place}]",
-                f"no mode has the arc in which {names}" + ("; it is there the other way round." if turned else "."),
-                "Correct the arc, or remove the exception.",
-            )
+            what = f"no mode has the arc in which {names}" + ("; it is there the other way round." if turned else ".")
+            raise about(f"{key}[{place}]", what, "Correct the arc, or remove the exception.")
         if (listener, speaker) in taken or (listener, speaker) in seen:
             raise about(f"{key}[{place}]", f"the arc in which {names} has an exception already.", "Keep one of them.")
         seen.add((listener, speaker))

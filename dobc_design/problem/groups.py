@@ -47,19 +47,13 @@ class Observer(Shown):
         lyapunov = None if P is None else read_matrix(P, key="observer.P")
         speed = None if rate is None else parse_number(rate, key="observer.rate")
         if lyapunov is not None and gain is None:
-            raise wrong(
-                "observer.P",
-                "must stand beside observer.W, because P is tested for that W; got P alone.",
-                "Give W too, or leave P out: a P is then found for you.",
-            )
+            what = "must stand beside observer.W, because P is tested for that W; got P alone."
+            raise wrong("observer.P", what, "Give W too, or leave P out: a P is then found for you.")
         if lyapunov is not None:
             _check_symmetric(lyapunov)
         if speed is not None and speed <= 0:
-            raise wrong(
-                "observer.rate",
-                f"must be > 0 (1/s), the decay asked of the estimate; got {shown_number(speed)}.",
-                "Leave it out for the default.",
-            )
+            what = f"must be > 0 (1/s), the decay asked of the estimate; got {shown_number(speed)}."
+            raise wrong("observer.rate", what, "Leave it out for the default.")
         object.__setattr__(self, "W", gain)
         object.__setattr__(self, "P", lyapunov)
         object.__setattr__(self, "rate", speed)
@@ -70,13 +64,11 @@ def _check_symmetric(P: Matrix) -> None:
     for i, row in enumerate(P):
         for j in range(i):
             if row[j] != P[j][i]:
-                raise wrong(
-                    "observer.P",
+                what = (
                     f"must be symmetric, because x'Px is its only use;"
-                    f" got {shown_number(P[j][i])} at [{j}][{i}] and {shown_number(row[j])} at [{i}][{j}].",
-                    "Replace it by (P + P')/2.",
-                    kind=ShapeError,
+                    f" got {shown_number(P[j][i])} at [{j}][{i}] and {shown_number(row[j])} at [{i}][{j}]."
                 )
+                raise wrong("observer.P", what, "Replace it by (P + P')/2.", kind=ShapeError)
 
 
 def check_observer(observer: Observer, *, q: int, m: int) -> None:
@@ -86,12 +78,8 @@ def check_observer(observer: Observer, *, q: int, m: int) -> None:
         ("P", observer.P, (q, q), "one row and column per exosystem state"),
     ):
         if matrix is not None and (len(matrix), len(matrix[0])) != shape:
-            raise wrong(
-                f"observer.{name}",
-                f"must have shape {shape}, {because}; got shape ({len(matrix)}, {len(matrix[0])}).",
-                f"Give {rows_of(shape)}.",
-                kind=ShapeError,
-            )
+            what = f"must have shape {shape}, {because}; got shape ({len(matrix)}, {len(matrix[0])})."
+            raise wrong(f"observer.{name}", what, f"Give {rows_of(shape)}.", kind=ShapeError)
 
 
 _SHOWN = 6  # agents in a sentence
@@ -115,18 +103,12 @@ class Group(Shown):
         if not all(type(each) is str for each in names):
             names = () if any(isinstance(each, bool) for each in names) else tuple(map(str, names))
         if not names:
-            raise wrong(
-                "agents",
-                f"must be a list of labels, at least one; got {shown(agents)}.",
-                "For example agents = [1, 2].",
-            )
+            what = f"must be a list of labels, at least one; got {shown(agents)}."
+            raise wrong("agents", what, "For example agents = [1, 2].")
         for key, value, kind in (("exosystem", exosystem, Exosystem), ("observer", observer, Observer)):
             if not isinstance(value, kind) and (value is not None or kind is Exosystem):
-                raise wrong(
-                    key,
-                    f"of a group must be an {kind.__name__}; got {shown(value)}.",
-                    f"Make one with {kind.__name__}(...).",
-                )
+                what = f"of a group must be an {kind.__name__}; got {shown(value)}."
+                raise wrong(key, what, f"Make one with {kind.__name__}(...).")
         object.__setattr__(self, "agents", names)
         object.__setattr__(self, "exosystem", exosystem)
         object.__setattr__(self, "observer", Observer() if observer is None else observer)
@@ -206,11 +188,8 @@ def renamed(error: SpecError, number: int) -> SpecError:
 
 def _refuse_lonely(observer: Observer | None) -> None:
     if observer is not None:
-        raise SpecError(
-            "[observer] has no meaning without an [exosystem]: there is no disturbance to estimate.",
-            key="observer",
-            cure="Remove it, or give the exosystem.",
-        )
+        what = "[observer] has no meaning without an [exosystem]: there is no disturbance to estimate."
+        raise SpecError(what, key="observer", cure="Remove it, or give the exosystem.")
 
 
 def _owners(groups: Sequence[Group], labels: tuple[str, ...], errors: list[SpecError]) -> dict[str, int]:
@@ -220,18 +199,12 @@ def _owners(groups: Sequence[Group], labels: tuple[str, ...], errors: list[SpecE
         for place, label in enumerate(group.agents):
             key = f"{group_key(number)}.agents[{place}]"
             if label not in known:
-                errors.append(
-                    about(key, f"there is no agent {shown(label)} in network.agents.", "Use the label of an agent.")
-                )
+                cure = "Use the label of an agent."
+                errors.append(about(key, f"there is no agent {shown(label)} in network.agents.", cure))
             elif label in owner:
                 where = "this group" if owner[label] == number else group_key(owner[label])
-                errors.append(
-                    about(
-                        key,
-                        f"agent {shown(label)} is in {where} already, and an agent has one exosystem only.",
-                        "Keep it in one group.",
-                    )
-                )
+                what = f"agent {shown(label)} is in {where} already, and an agent has one exosystem only."
+                errors.append(about(key, what, "Keep it in one group."))
             owner.setdefault(label, number)
     return owner
 
@@ -249,13 +222,8 @@ def _check_group(group: Group, *, key: str, m: int, rate: Fraction | None, error
         )
         return
     if group.observer.rate not in (None, rate):
-        errors.append(
-            about(
-                key,
-                "a group has no rate of its own; the rate asked of a designed W is observer.rate, for all.",
-                "Give the rate in [observer], or W in the group.",
-            )
-        )
+        what = "a group has no rate of its own; the rate asked of a designed W is observer.rate, for all."
+        errors.append(about(key, what, "Give the rate in [observer], or W in the group."))
     try:
         check_observer(group.observer, q=group.exosystem.order, m=m)
     except SpecError as error:
@@ -285,13 +253,8 @@ def _check_rest(rest: Sequence[str], exosystem: Exosystem | None, common: Observ
             )
         )
     elif common.W is not None or common.P is not None:
-        errors.append(
-            wrong(
-                "observer.W",
-                "and observer.P belong to nobody, because every agent is in a group of exosystem.groups.",
-                "Give W and P in the groups.",
-            )
-        )
+        what = "and observer.P belong to nobody, because every agent is in a group of exosystem.groups."
+        errors.append(wrong("observer.W", what, "Give W and P in the groups."))
 
 
 def _check_all_have_p(groups: Sequence[Group]) -> None:
@@ -368,12 +331,11 @@ def gains_of(groups: Sequence[Group], W: Matrix) -> tuple[Matrix, ...]:
     m = groups[0].exosystem.outputs if groups else 0
     found = blocks_of(W, [(order, m) for order in orders])
     if found is None:
-        raise SpecError(
+        what = (
             "W must be block diagonal, with one block per group of agents, because no agent feels the disturbance of"
-            " another group.",
-            key="gain",
-            cure="Set the entries outside of the blocks to 0.",
+            " another group."
         )
+        raise SpecError(what, key="gain", cure="Set the entries outside of the blocks to 0.")
     return found
 
 

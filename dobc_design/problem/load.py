@@ -56,11 +56,8 @@ def load_problem(source: str | PathLike[str]) -> Problem:
             return read_problem_text(builtin_text(source).encode("utf-8"), folder=None, default_name=source)
         near = get_close_matches(source[:100], builtin_names(), n=1)
         if near and not os.path.exists(source):
-            raise SpecError(
-                f"there is no file {shown(source)} and no built-in problem of that name.",
-                key=path.name,
-                cure=f"did you mean {near[0]}?",
-            )
+            what = f"there is no file {shown(source)} and no built-in problem of that name."
+            raise SpecError(what, key=path.name, cure=f"did you mean {near[0]}?")
     return read_problem_file(path)
 
 

@@ -34,19 +34,15 @@ def is_label(value: object) -> bool:
 def label_text(value: object, *, place: str = "network.agents") -> str:
     """Turn a label as given into its text; 1 and "1" are one label."""
     if isinstance(value, (bool, NumberText)) or not isinstance(value, (str, int, np.integer)):
-        raise SpecError(
-            f"{place}: a label must be text or a whole number; got {shown(value)}.",
-            key="network.agents",
-            cure="Write it in quotes.",
-        )
+        what = f"{place}: a label must be text or a whole number; got {shown(value)}."
+        raise SpecError(what, key="network.agents", cure="Write it in quotes.")
     try:
         text = str(value)
     except ValueError:  # a whole number with more digits than Python prints
         text = ""
     if not is_label(text):
-        raise SpecError(
-            f"{place}: a label must be {WANTED}; got {shown(value)}.", key="network.agents", cure="Rename that agent."
-        )
+        what = f"{place}: a label must be {WANTED}; got {shown(value)}."
+        raise SpecError(what, key="network.agents", cure="Rename that agent.")
     return text
 
 
@@ -55,11 +51,8 @@ def labels_of(agents: int | Iterable[Any]) -> tuple[str, ...]:
     if isinstance(agents, (int, np.integer)) and not isinstance(agents, bool) and 1 <= agents <= MOST_AGENTS:
         return tuple(map(str, range(1, int(agents) + 1)))
     if isinstance(agents, (int, np.integer, str, Mapping)) or not isinstance(agents, Iterable):
-        raise wrong(
-            "network.agents",
-            f"must be a count from 1 to {MOST_AGENTS} or a list of labels; got {shown(agents)}.",
-            "For example agents = 10.",
-        )
+        what = f"must be a count from 1 to {MOST_AGENTS} or a list of labels; got {shown(agents)}."
+        raise wrong("network.agents", what, "For example agents = 10.")
     labels = tuple(
         label if type(label) is str and is_label(label) else label_text(label, place=f"network.agents[{position}]")
         for position, label in enumerate(agents)
@@ -169,11 +162,8 @@ def directed(first: IndexArray, second: IndexArray, weights: tuple[Fraction, ...
 def check_arrow(arrow: object) -> None:
     """Refuse anything but "listens_to" and "sends_to"."""
     if arrow not in ARROWS:
-        raise SpecError(
-            f'network.arrow must be "listens_to" or "sends_to": it says what [a, b] means; got {shown(arrow)}.',
-            key="network.arrow",
-            cure='"listens_to": a hears b. "sends_to": a is heard by b.',
-        )
+        what = f'network.arrow must be "listens_to" or "sends_to": it says what [a, b] means; got {shown(arrow)}.'
+        raise SpecError(what, key="network.arrow", cure='"listens_to": a hears b. "sends_to": a is heard by b.')
 
 
 def check_arcs(arcs: Arcs, labels: Sequence[str], *, mode: str) -> None:
@@ -182,11 +172,8 @@ def check_arcs(arcs: Arcs, labels: Sequence[str], *, mode: str) -> None:
     for ends in (arcs.listeners, arcs.speakers):
         outside = np.flatnonzero((ends < 0) | (ends >= n))
         if len(outside):
-            raise about(
-                f"{key}[{outside[0]}]",
-                f"index {ends[outside[0]]} leaves the graph; agents are numbered 0 to {n - 1}.",
-                "Correct the index.",
-            )
+            what = f"index {ends[outside[0]]} leaves the graph; agents are numbered 0 to {n - 1}."
+            raise about(f"{key}[{outside[0]}]", what, "Correct the index.")
     loops = np.flatnonzero(arcs.listeners == arcs.speakers)
     if len(loops):
         name = named(labels[int(arcs.listeners[loops[0]])])
@@ -196,19 +183,15 @@ def check_arcs(arcs: Arcs, labels: Sequence[str], *, mode: str) -> None:
     again = np.flatnonzero(np.diff(codes[order]) == 0)
     if len(again):
         position = int(order[again + 1].min())
-        raise about(
-            f"{key}[{position}]",
-            f"{_sentence(arcs, position, labels)} already; this arc is a duplicate.",
-            "Remove one of the two, or give one arc with the sum of the weights.",
-        )
+        what = f"{_sentence(arcs, position, labels)} already; this arc is a duplicate."
+        raise about(f"{key}[{position}]", what, "Remove one of the two, or give one arc with the sum of the weights.")
     if any(w is not ONE and w <= 0 for w in arcs.weights):
         position = next(i for i, w in enumerate(arcs.weights) if w <= 0)
-        raise about(
-            f"{key}[{position}]",
+        what = (
             f"a weight must be > 0, because it multiplies h;"
-            f" {_sentence(arcs, position, labels)} with {shown_number(arcs.weights[position])}.",
-            "Leave the arc out, or put the sign into h.",
+            f" {_sentence(arcs, position, labels)} with {shown_number(arcs.weights[position])}."
         )
+        raise about(f"{key}[{position}]", what, "Leave the arc out, or put the sign into h.")
 
 
 def _sentence(arcs: Arcs, position: int, labels: Sequence[str]) -> str:
@@ -218,11 +201,8 @@ def _sentence(arcs: Arcs, position: int, labels: Sequence[str]) -> str:
 
 def _read_pair(pair: Sequence[Any], index: Mapping[str, int], *, key: str) -> tuple[int, int, Any]:
     if not isinstance(pair, (list, tuple)) or len(pair) not in (2, 3):
-        raise wrong(
-            key,
-            f"must be an arc [a, b] or [a, b, weight]; got {shown(pair)}.",
-            "Write two labels and, if wanted, a weight.",
-        )
+        what = f"must be an arc [a, b] or [a, b, weight]; got {shown(pair)}."
+        raise wrong(key, what, "Write two labels and, if wanted, a weight.")
     ends = []
     for position, end in enumerate(pair[:2]):
         try:
@@ -230,11 +210,8 @@ def _read_pair(pair: Sequence[Any], index: Mapping[str, int], *, key: str) -> tu
         except SpecError as error:
             raise SpecError(error.message, key=f"{key}[{position}]", cure=error.cure) from None
         if text not in index:
-            raise about(
-                key,
-                f"arc {shown(list(pair))} leaves the graph; there is no agent {shown(text)}{_range(index)}.",
-                "Use a label from network.agents.",
-            )
+            what = f"arc {shown(list(pair))} leaves the graph; there is no agent {shown(text)}{_range(index)}."
+            raise about(key, what, "Use a label from network.agents.")
         ends.append(index[text])
     return ends[0], ends[1], pair[2] if len(pair) == 3 else 1
 
@@ -259,35 +236,26 @@ class Network(Shown):
     def __post_init__(self) -> None:
         object.__setattr__(self, "modes", MappingProxyType(dict(self.modes)))
         if not self.labels:
-            raise wrong(
-                "network.agents", "must name at least one agent; got none.", "Give a count, or a list of labels."
-            )
+            what = "must name at least one agent; got none."
+            raise wrong("network.agents", what, "Give a count, or a list of labels.")
         if not all(map(is_label, self.labels)):
             bad = next(label for label in self.labels if not is_label(label))
-            raise SpecError(
-                f"a label must be {WANTED}; got {shown(bad)}.", key="network.agents", cure="Rename that agent."
-            )
+            what = f"a label must be {WANTED}; got {shown(bad)}."
+            raise SpecError(what, key="network.agents", cure="Rename that agent.")
         repeated = first_repeated(self.labels)
         if repeated is not None:
-            raise wrong(
-                "network.agents",
+            what = (
                 f"must be different from one another; {shown(repeated)} stands there twice"
-                ' (labels are text: 1 and "1" are one label).',
-                "Rename one of the two.",
+                ' (labels are text: 1 and "1" are one label).'
             )
+            raise wrong("network.agents", what, "Rename one of the two.")
         if not self.modes:
-            raise wrong(
-                "network.modes",
-                "must hold at least one mode; got none.",
-                "Give one list of arcs for a fixed topology, several for switching.",
-            )
+            what = "must hold at least one mode; got none."
+            raise wrong("network.modes", what, "Give one list of arcs for a fixed topology, several for switching.")
         for name, arcs in self.modes.items():
             if not is_label(name):
-                raise about(
-                    "network.modes",
-                    f"the name of a mode must be {WANTED}; got {shown(name)}.",
-                    "Name it, for example Ga.",
-                )
+                what = f"the name of a mode must be {WANTED}; got {shown(name)}."
+                raise about("network.modes", what, "Name it, for example Ga.")
             check_arcs(arcs, self.labels, mode=name)
 
     def __eq__(self, other: object) -> bool:
@@ -383,19 +351,13 @@ class Network(Shown):
         for name, each in graphs.items():
             key = f"network.modes.{named(name)}"
             if not hasattr(each, "edges") or not hasattr(each, "is_directed"):
-                raise wrong(
-                    key,
-                    f"must be a networkx graph; got {type(each).__name__}.",
-                    "For lists of pairs there is Network.from_arcs, for matrices Network.from_sparse.",
-                )
+                cure = "For lists of pairs there is Network.from_arcs, for matrices Network.from_sparse."
+                raise wrong(key, f"must be a networkx graph; got {type(each).__name__}.", cure)
             nodes = _nodes(each)
             labels = labels or nodes
             if set(nodes) != set(labels):
-                raise wrong(
-                    key,
-                    "must have the same nodes as the first mode.",
-                    "Add the missing nodes to the graph; a node without arcs is allowed.",
-                )
+                what = "must have the same nodes as the first mode."
+                raise wrong(key, what, "Add the missing nodes to the graph; a node without arcs is allowed.")
             pairs = list(each.edges(data="weight", default=1))
             if not each.is_directed():
                 pairs += [(b, a, w) for a, b, w in pairs]
@@ -423,12 +385,11 @@ class Network(Shown):
             key = f"network.modes.{named(name)}"
             table = _coordinates(each, key=key)
             if table.shape[0] != table.shape[1] or size not in (0, table.shape[0]):
-                raise about(
-                    key,
+                what = (
                     f"the matrix must be square, with one row and column per agent"
-                    f"{f' ({size} x {size})' if size else ''}; got shape {table.shape}.",
-                    "Give an n x n matrix for every mode, and n labels or none.",
+                    f"{f' ({size} x {size})' if size else ''}; got shape {table.shape}."
                 )
+                raise about(key, what, "Give an n x n matrix for every mode, and n labels or none.")
             size = table.shape[0]
             keep = table.data != 0
             first, second = table.row[keep].astype(np.int64), table.col[keep].astype(np.int64)
@@ -465,11 +426,8 @@ def _modes(value: Any, several: bool) -> dict[str, Any]:
 def _coordinates(matrix: Any, *, key: str) -> Any:
     """The matrix in coordinate form, a copy, each place once."""
     if not hasattr(matrix, "tocoo") or len(matrix.shape) != 2:
-        raise wrong(
-            key,
-            f"must be a SciPy sparse matrix; got {type(matrix).__name__}.",
-            "Wrap it: scipy.sparse.coo_array(matrix).",
-        )
+        what = f"must be a SciPy sparse matrix; got {type(matrix).__name__}."
+        raise wrong(key, what, "Wrap it: scipy.sparse.coo_array(matrix).")
     table = matrix.tocoo(copy=True)
     table.sum_duplicates()
     return table

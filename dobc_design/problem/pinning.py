@@ -81,11 +81,8 @@ def read_pinning(gains: Any, *, labels: Sequence[str], dimension: int) -> Pinnin
     if gains is None:
         return Pinning(gains={})
     if is_list(gains):
-        raise wrong(
-            "pinning.gains",
-            f"must be a table of label = gain, or one number for all agents; got {shown(gains)}.",
-            "For example gains = { 1 = 5.0, 6 = 2 }.",
-        )
+        what = f"must be a table of label = gain, or one number for all agents; got {shown(gains)}."
+        raise wrong("pinning.gains", what, "For example gains = { 1 = 5.0, 6 = 2 }.")
     if not isinstance(gains, Mapping):
         gain = _read_gain(gains, key="pinning.gains", dimension=dimension)
         return Pinning(gains=dict.fromkeys(range(len(labels)), gain))
@@ -98,9 +95,8 @@ def read_pinning(gains: Any, *, labels: Sequence[str], dimension: int) -> Pinnin
         with kept(errors):
             place = index.get(str(label))
             if place is None or isinstance(label, bool):
-                raise about(
-                    key, f"there is no agent {shown(str(label))} in network.agents.", "Use the label of an agent."
-                )
+                what = f"there is no agent {shown(str(label))} in network.agents."
+                raise about(key, what, "Use the label of an agent.")
             if place in result:
                 raise wrong(key, "stands there twice (labels are text).", "Keep one.")
             token = value if isinstance(value, (str, int, Fraction)) and not isinstance(value, bool) else None
@@ -119,12 +115,11 @@ def _read_gain(value: Any, *, key: str, dimension: int) -> Matrix:
     if not is_list(value):
         number = parse_number(value, key=key)
         if number < 0:
-            raise wrong(
-                key,
+            what = (
                 f"must be >= 0, because u_i = -k_i (x_i - xbar) has to pull towards the target;"
-                f" got {shown_number(number)}.",
-                "Use a positive gain, or leave the agent out.",
+                f" got {shown_number(number)}."
             )
+            raise wrong(key, what, "Use a positive gain, or leave the agent out.")
         return scalar_matrix(number, dimension)
     gain = read_matrix(value, key=key, shape=(dimension, dimension), because="one row and column per state component")
     _check_gain(gain, key=key)
@@ -134,9 +129,7 @@ def _read_gain(value: Any, *, key: str, dimension: int) -> Matrix:
 def _check_gain(gain: Matrix, *, key: str) -> None:
     symmetric = SparseSymmetric.from_dense(add(gain, transpose(gain)))
     if decide_positive_semidefinite(symmetric).verdict is not Verdict.PROVED:
-        raise about(
-            key,
-            "a matrix gain k must satisfy k + k' >= 0, so that it never pushes away from the target;"
-            " this one does not.",
-            "Make its symmetric part positive semidefinite.",
+        what = (
+            "a matrix gain k must satisfy k + k' >= 0, so that it never pushes away from the target; this one does not."
         )
+        raise about(key, what, "Make its symmetric part positive semidefinite.")

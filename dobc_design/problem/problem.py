@@ -263,12 +263,9 @@ def dimension_of(exosystem: Exosystem | None, target: Any, coupling: Any) -> int
     else:
         key, m = "coupling.h", len(coupling) if is_list(coupling) else 1
     if m > LARGEST_DIMENSION:
-        raise about(
-            key,
-            f"an agent may have at most {LARGEST_DIMENSION} state components; got {m}.",
-            "Components that do not act on each other can be problems of their own.",
-            kind=ShapeError,
-        )
+        what = f"an agent may have at most {LARGEST_DIMENSION} state components; got {m}."
+        cure = "Components that do not act on each other can be problems of their own."
+        raise about(key, what, cure, kind=ShapeError)
     return max(1, m)
 
 
@@ -286,11 +283,8 @@ def _check_kinds(*, network: object, exosystem: object, observer: object, switch
 
 def _check_groups(groups: object) -> None:
     if groups is not None and not (is_list(groups) and all(isinstance(each, Group) for each in groups)):  # type: ignore[attr-defined]
-        raise wrong(
-            "groups",
-            f"must be a list of Groups; got {shown(groups)}.",
-            "Make one with Group(agents=[...], exosystem=Exosystem(...)).",
-        )
+        what = f"must be a list of Groups; got {shown(groups)}."
+        raise wrong("groups", what, "Make one with Group(agents=[...], exosystem=Exosystem(...)).")
 
 
 def is_name(name: object) -> bool:
@@ -300,11 +294,8 @@ def is_name(name: object) -> bool:
 
 def _read_name(name: object) -> str:
     if not isinstance(name, str) or not is_name(name):
-        raise wrong(
-            "name",
-            f"must be text of 1 to 100 printable characters; got {shown(name)}.",
-            'For example name = "my-network".',
-        )
+        what = f"must be text of 1 to 100 printable characters; got {shown(name)}."
+        raise wrong("name", what, 'For example name = "my-network".')
     return name
 
 
@@ -312,23 +303,16 @@ def _read_notes(notes: Any) -> tuple[str, ...]:
     texts = tuple(notes) if is_list(notes) else (notes,)
     for position, text in enumerate(texts):
         if not is_text(text) or len(text) > 1000 or not text.replace("\n", "").isprintable():
-            raise wrong(
-                f"notes[{position}]",
-                f"must be text of at most 1000 printable characters; got {shown(text)}.",
-                "Write a list of sentences.",
-            )
+            what = f"must be text of at most 1000 printable characters; got {shown(text)}."
+            raise wrong(f"notes[{position}]", what, "Write a list of sentences.")
     return texts
 
 
 def _read_coupling(value: Any, *, dimension: int, key: str) -> Coupling:
     if isinstance(value, Coupling):
         if value.dimension != dimension:
-            raise wrong(
-                key,
-                f"must have dimension {dimension}, one per state component; got {value.dimension}.",
-                "Make it with the right dimension.",
-                kind=ShapeError,
-            )
+            what = f"must have dimension {dimension}, one per state component; got {value.dimension}."
+            raise wrong(key, what, "Make it with the right dimension.", kind=ShapeError)
         return value
     return make_coupling(value, dimension=dimension, key=key)
 
@@ -343,11 +327,8 @@ def _read_exceptions(value: Any, *, network: Network, dimension: int) -> Mapping
         key = f"coupling.exceptions[{position}]"
         with kept(errors):
             if not _is_arc(arc, n) or arc[0] * n + arc[1] not in codes:
-                raise about(
-                    key,
-                    f"no mode has the arc with the indices (listener, speaker) = {shown(arc)}.",
-                    "Correct the arc, or remove the exception; indices count from 0.",
-                )
+                what = f"no mode has the arc with the indices (listener, speaker) = {shown(arc)}."
+                raise about(key, what, "Correct the arc, or remove the exception; indices count from 0.")
             result[int(arc[0]), int(arc[1])] = _read_coupling(h, dimension=dimension, key=f"{key}.h")
         if len(errors) >= MOST_ERRORS:
             break
@@ -390,9 +371,8 @@ def _read_offsets(value: Any, *, network: Network, dimension: int) -> Mapping[in
         with kept(errors):
             place = None if isinstance(label, bool) else index.get(str(label))
             if place is None:
-                raise about(
-                    key, f"there is no agent {shown(str(label))} in network.agents.", "Use the label of an agent."
-                )
+                what = f"there is no agent {shown(str(label))} in network.agents."
+                raise about(key, what, "Use the label of an agent.")
             if place in result:
                 raise wrong(key, "stands there twice (labels are text).", "Keep one.")
             result[place] = read_vector(offset, key=key, length=dimension, because="one per state component")

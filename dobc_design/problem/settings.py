@@ -52,9 +52,8 @@ def _read_pairs(value: Any, *, key: str, dimension: int) -> tuple[Pair, ...]:
     rows = list(value) if nested else [value] * dimension
     if not is_list(value) or len(rows) != dimension or (not nested and any(is_list(entry) for entry in value)):
         several = "" if dimension == 1 else f" for all state components, or {dimension} such pairs"
-        raise wrong(
-            key, f"must be a pair [lo, hi]{several}; got {shown(value)}.", "For example [0, 5].", kind=ShapeError
-        )
+        what = f"must be a pair [lo, hi]{several}; got {shown(value)}."
+        raise wrong(key, what, "For example [0, 5].", kind=ShapeError)
     pairs = []
     for position, row in enumerate(rows):
         place = f"{key}[{position}]" if nested else key
@@ -62,11 +61,8 @@ def _read_pairs(value: Any, *, key: str, dimension: int) -> tuple[Pair, ...]:
             raise wrong(place, f"must be a pair [lo, hi]; got {shown(row)}.", "For example [0, 5].", kind=ShapeError)
         lo, hi = (parse_number(entry, key=f"{place}[{i}]") for i, entry in enumerate(row))
         if lo > hi:
-            raise wrong(
-                place,
-                f"must be a pair [lo, hi] with lo <= hi; got [{shown_number(lo)}, {shown_number(hi)}].",
-                "Exchange the two numbers.",
-            )
+            what = f"must be a pair [lo, hi] with lo <= hi; got [{shown_number(lo)}, {shown_number(hi)}]."
+            raise wrong(place, what, "Exchange the two numbers.")
         pairs.append((lo, hi))
     return tuple(pairs)
 
@@ -75,12 +71,11 @@ def _read_disturbance(value: Any, *, with_exosystem: bool) -> Fraction | None:
     key = "region.initial_disturbance"
     if value is None:
         if with_exosystem:
-            raise wrong(
-                key,
+            what = (
                 "is required when there is an [exosystem]: an e-ball alone is not invariant,"
-                " because a large estimation error pushes the states out of it.",
-                "Give the largest |xi_i(0) - xihat_i(0)|, for example 0.5; 0 if it is known.",
+                " because a large estimation error pushes the states out of it."
             )
+            raise wrong(key, what, "Give the largest |xi_i(0) - xihat_i(0)|, for example 0.5; 0 if it is known.")
         return None
     number = parse_number(value, key=key)
     if number < 0:
@@ -122,9 +117,8 @@ def read_simulation(
     if seed is None:
         seed = 0
     if isinstance(seed, bool) or not isinstance(seed, int) or not 0 <= seed < 2**63:
-        raise wrong(
-            "simulation.seed", f"must be a whole number from 0 to 2^63 - 1; got {shown(seed)}.", "For example seed = 0."
-        )
+        what = f"must be a whole number from 0 to 2^63 - 1; got {shown(seed)}."
+        raise wrong("simulation.seed", what, "For example seed = 0.")
     return Simulation(
         t_final=time,
         seed=seed,
@@ -147,12 +141,8 @@ def _read_x0(value: Any, *, n: int, m: int) -> Rows:
     key = "simulation.x0"
     if m == 1 and is_list(value) and len(value) > 1 and not any(is_list(row) for row in value):
         if len(value) != n:
-            raise wrong(
-                key,
-                f"must have {counted(n, 'number')}, one per agent, or 1 for all; got {len(value)}.",
-                "Give one number per agent.",
-                kind=ShapeError,
-            )
+            what = f"must have {counted(n, 'number')}, one per agent, or 1 for all; got {len(value)}."
+            raise wrong(key, what, "Give one number per agent.", kind=ShapeError)
         return tuple((parse_number(number, key=f"{key}[{i}]"),) for i, number in enumerate(value))
     return _rows(value, key=key, n=n, width=m, because="one per state component")
 
@@ -161,34 +151,27 @@ def _rows(value: Any, *, key: str, n: int, width: int, because: str) -> Rows:
     """One list of ``width`` numbers for all agents, or a list for each."""
     if is_list(value) and len(value) > 0 and all(is_list(row) for row in value):
         if len(value) not in (1, n):
-            raise wrong(
-                key,
+            what = (
                 f"must have {counted(n, 'row')}, one per agent, or be one list of {counted(width, 'number')};"
-                f" got {counted(len(value), 'row')}.",
-                "Give one row for all agents, or one each.",
-                kind=ShapeError,
+                f" got {counted(len(value), 'row')}."
             )
+            raise wrong(key, what, "Give one row for all agents, or one each.", kind=ShapeError)
         return tuple(read_vector(row, key=f"{key}[{i}]", length=width, because=because) for i, row in enumerate(value))
     if not is_list(value):
-        raise wrong(
-            key,
-            f"must be a list of {counted(width, 'number')}; got {shown(value)}.",
-            f"Write {[1] + [0] * (width - 1)}." if width <= 6 else "Write [1, 0, ...].",
-            kind=ShapeError,
-        )
+        cure = f"Write {[1] + [0] * (width - 1)}." if width <= 6 else "Write [1, 0, ...]."
+        raise wrong(key, f"must be a list of {counted(width, 'number')}; got {shown(value)}.", cure, kind=ShapeError)
     return (read_vector(value, key=key, length=width, because=because),)
 
 
 def _rows_of_orders(value: Any, *, key: str, orders: tuple[int, ...]) -> Rows:
     """One row per agent, as long as the order of its own exosystem."""
     if not is_list(value) or len(value) != len(orders) or not all(is_list(row) for row in value):
-        raise wrong(
-            key,
+        what = (
             f"must have {counted(len(orders), 'row')}, one per agent, because the groups of exosystem.groups"
-            f" differ in order; got {shown(value)}.",
-            "Give every agent a row with one number per state of its own exosystem.",
-            kind=ShapeError,
+            f" differ in order; got {shown(value)}."
         )
+        cure = "Give every agent a row with one number per state of its own exosystem."
+        raise wrong(key, what, cure, kind=ShapeError)
     because = "one per state of this agent's exosystem"
     return tuple(
         read_vector(row, key=f"{key}[{i}]", length=order, because=because)
@@ -254,11 +237,8 @@ class Switching(Shown):
         hysteresis: Any = None,
     ) -> None:
         if not isinstance(signal, str) or signal not in SIGNALS:
-            raise wrong(
-                "switching.signal",
-                f"must be one of {', '.join(SIGNALS)}; got {shown(signal)}.",
-                'For example signal = "random".',
-            )
+            what = f"must be one of {', '.join(SIGNALS)}; got {shown(signal)}."
+            raise wrong("switching.signal", what, 'For example signal = "random".')
         object.__setattr__(self, "signal", signal)
         given = {
             "dwell": dwell,
@@ -292,14 +272,9 @@ def check_switching(switching: Switching, modes: Sequence[str]) -> None:
             errors.append(wrong(key, f"must be a mode of [network.modes]; got {shown(mode)}.", f"One of {names}."))
     rows = 0 if switching.generator is None else len(switching.generator)
     if rows and rows != len(modes):
-        errors.append(
-            wrong(
-                "switching.generator",
-                f"must have {counted(len(modes), 'row')}, one per mode; got {rows}.",
-                "Give rows and columns in the order of [network.modes].",
-                kind=ShapeError,
-            )
-        )
+        what = f"must have {counted(len(modes), 'row')}, one per mode; got {rows}."
+        cure = "Give rows and columns in the order of [network.modes]."
+        errors.append(wrong("switching.generator", what, cure, kind=ShapeError))
     raise_all(errors)
 
 
@@ -307,11 +282,8 @@ def _read(signal: str, name: str, value: Any) -> Any:
     key = f"switching.{name}"
     if name != "dwell" and name not in KEYS[signal]:
         owners = [each for each, names in KEYS.items() if name in names]
-        raise SpecError(
-            f'{key} has no meaning for signal = "{signal}"; it belongs to {" and ".join(map(_quoted, owners))}.',
-            key=key,
-            cure=f"Remove it, or write signal = {_quoted(owners[-1])}.",
-        )
+        what = f'{key} has no meaning for signal = "{signal}"; it belongs to {" and ".join(map(_quoted, owners))}.'
+        raise SpecError(what, key=key, cure=f"Remove it, or write signal = {_quoted(owners[-1])}.")
     if name in ("dwell", "period"):
         return positive_number(value, key=key, unit="s")
     if name == "radius":
@@ -358,21 +330,15 @@ def _misfits_of_rounds(own: Switching) -> list[SpecError]:
         return [*found, _missing("periodic", "period", "it says when the schedule begins anew")]
     last = own.schedule[-1][0]
     if own.period <= last:
-        found.append(
-            wrong(
-                "switching.period",
-                f"must be > {shown_number(last)} s, the last instant of the schedule; got {shown_number(own.period)}.",
-                "Choose a longer one.",
-            )
-        )
+        what = f"must be > {shown_number(last)} s, the last instant of the schedule; got {shown_number(own.period)}."
+        found.append(wrong("switching.period", what, "Choose a longer one."))
     return found
 
 
 def _missing(signal: str, name: str, why: str) -> SpecError:
     key = f"switching.{name}"
-    return SpecError(
-        f'{key} is required and missing: with signal = "{signal}" {why}.', key=key, cure=f"Write {_EXAMPLES[name]}."
-    )
+    what = f'{key} is required and missing: with signal = "{signal}" {why}.'
+    return SpecError(what, key=key, cure=f"Write {_EXAMPLES[name]}.")
 
 
 def _twice(name: str, other: str, why: str) -> SpecError:
@@ -389,28 +355,20 @@ def _read_sequence(value: Any, key: str) -> tuple[str, ...]:
 def _read_generator(value: Any, key: str) -> Matrix:
     matrix = read_matrix(value, key=key)
     if len(matrix) != len(matrix[0]):
-        raise wrong(
-            key,
-            f"must be square, one row and one column per mode; got shape ({len(matrix)}, {len(matrix[0])}).",
-            f"For two modes {_EXAMPLES['generator']}.",
-            kind=ShapeError,
-        )
+        what = f"must be square, one row and one column per mode; got shape ({len(matrix)}, {len(matrix[0])})."
+        raise wrong(key, what, f"For two modes {_EXAMPLES['generator']}.", kind=ShapeError)
     for k, row in enumerate(matrix):
         for other, rate in enumerate(row):
             if other != k and rate < 0:
                 place = f"{key}[{k}][{other}]"
-                raise wrong(
-                    place,
-                    f"must be >= 0, because it is a rate (1/s); got {shown_number(rate)}.",
-                    "Only the diagonal is negative.",
-                )
+                what = f"must be >= 0, because it is a rate (1/s); got {shown_number(rate)}."
+                raise wrong(place, what, "Only the diagonal is negative.")
         if sum(row):
-            raise wrong(
-                f"{key}[{k}]",
+            what = (
                 f"must add up to 0, because a chain that leaves a mode enters another; got"
-                f" {shown_number(sum(row, Fraction(0)))}.",
-                f"Write {shown_number(row[k] - sum(row))} at place {k} of that row.",
+                f" {shown_number(sum(row, Fraction(0)))}."
             )
+            raise wrong(f"{key}[{k}]", what, f"Write {shown_number(row[k] - sum(row))} at place {k} of that row.")
     return matrix
 
 
@@ -423,19 +381,13 @@ def _read_schedule(value: Any, key: str) -> Schedule:
             raise _no_list(f"{key}[{k}]", "[instant in s, mode]", row, "schedule")
         rows.append((parse_number(row[0], key=f"{key}[{k}][0]"), _mode(row[1], f"{key}[{k}][1]")))
     if rows[0][0] != 0:
-        raise wrong(
-            f"{key}[0][0]",
-            f"must be 0, because something is active from the start; got {shown_number(rows[0][0])}.",
-            "Say which mode is active from 0 s on.",
-        )
+        what = f"must be 0, because something is active from the start; got {shown_number(rows[0][0])}."
+        raise wrong(f"{key}[0][0]", what, "Say which mode is active from 0 s on.")
     for k, ((before, _), (after, _)) in enumerate(pairwise(rows)):
         if after <= before:
             place = f"{key}[{k + 1}][0]"
-            raise wrong(
-                place,
-                f"must be > {shown_number(before)}, because instants increase; got {shown_number(after)}.",
-                "Sort the instants.",
-            )
+            what = f"must be > {shown_number(before)}, because instants increase; got {shown_number(after)}."
+            raise wrong(place, what, "Sort the instants.")
     return tuple(rows)
 
 
@@ -448,11 +400,8 @@ def _read_neighbours(value: Any, key: str) -> int:
 def _read_hysteresis(value: Any, key: str) -> Fraction:
     number = parse_number(value, key=key)
     if number < 0:
-        raise wrong(
-            key,
-            f"must be >= 0 (a distance in the unit of x); got {shown_number(number)}.",
-            f"Write {_EXAMPLES['hysteresis']}.",
-        )
+        what = f"must be >= 0 (a distance in the unit of x); got {shown_number(number)}."
+        raise wrong(key, what, f"Write {_EXAMPLES['hysteresis']}.")
     return number
 
 

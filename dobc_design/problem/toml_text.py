@@ -91,27 +91,22 @@ def parse_toml(data: bytes) -> dict[str, Any]:
     try:
         text = data.decode("utf-8-sig")
     except UnicodeDecodeError as error:
-        raise SpecError(
-            f"the problem file must be UTF-8 text; byte {error.start} is not.", cure="Save it as UTF-8."
-        ) from None
+        what = f"the problem file must be UTF-8 text; byte {error.start} is not."
+        raise SpecError(what, cure="Save it as UTF-8.") from None
     if not text.strip():
-        raise SpecError(
-            "the problem file is empty.", key="network", cure="Copy a built-in one to start from: `dobc problems`."
-        )
+        what = "the problem file is empty."
+        raise SpecError(what, key="network", cure="Copy a built-in one to start from: `dobc problems`.")
     _check_nesting(data)
     try:
         document = tomllib.loads(text, parse_float=NumberText)
     except RecursionError:
         raise _too_deep() from None
     except tomllib.TOMLDecodeError as error:
-        raise SpecError(
-            f"the problem file is not valid TOML: {error}.",
-            cure="Look at that line: a missing quote or bracket, or a key given twice.",
-        ) from None
+        what = f"the problem file is not valid TOML: {error}."
+        raise SpecError(what, cure="Look at that line: a missing quote or bracket, or a key given twice.") from None
     except ValueError:  # Python refuses to read a whole number of more than 4300 digits
-        raise SpecError(
-            "the problem file holds a whole number of thousands of digits.", cure="Numbers have at most 200 digits."
-        ) from None
+        what = "the problem file holds a whole number of thousands of digits."
+        raise SpecError(what, cure="Numbers have at most 200 digits.") from None
     _check_depth(document)
     return document
 
@@ -142,13 +137,10 @@ def _check_depth(document: Mapping[str, Any]) -> None:
 
 def _too_large(limit: int, what: str = PROBLEM) -> SpecError:
     arcs = 'Keep long lists of arcs in a CSV file: Ga = { file = "arcs.csv" }.'
-    return SpecError(
-        f"the {what} is too large: at most {limit} bytes are read.",
-        cure=arcs if what == PROBLEM else "It is not one of ours.",
-    )
+    cure = arcs if what == PROBLEM else "It is not one of ours."
+    return SpecError(f"the {what} is too large: at most {limit} bytes are read.", cure=cure)
 
 
 def _too_deep() -> SpecError:
-    return SpecError(
-        f"the problem file is nested too deeply: at most {MAX_NESTING} levels are read.", cure="Flatten it."
-    )
+    what = f"the problem file is nested too deeply: at most {MAX_NESTING} levels are read."
+    return SpecError(what, cure="Flatten it.")

@@ -14,9 +14,8 @@ from fractions import Fraction
 from itertools import pairwise
 from typing import Final
 
-from dobc_design.coupling.algebra import ZERO, GradientAlgebra, IntervalAlgebra, Jet
 from dobc_design.coupling.expression import Expression
-from dobc_design.coupling.tree import Node, postorder, run
+from dobc_design.coupling.tree import ZERO, GradientAlgebra, IntervalAlgebra, Jet, Node, postorder, run
 from dobc_design.exact.interval import Interval, UndefinedError
 
 #: How much wider than the truth a range may be at each end (relative to the value where that is above 1).

@@ -23,8 +23,8 @@ from dobc_design.exact.number import number_text
 from dobc_design.exact.reading import is_scalar_matrix, shown
 from dobc_design.problem.canonical import canonical_bytes, canonical_document, converted, settings_of
 from dobc_design.problem.exosystems import Exosystem
-from dobc_design.problem.file import read_problem_text
 from dobc_design.problem.groups import Group, Observer, gains_of
+from dobc_design.problem.load import read_problem_text
 from dobc_design.problem.problem import Problem
 from dobc_design.problem.toml_text import parse_toml
 

@@ -1,18 +1,409 @@
-"""Finding a problem by path or by built-in name."""
+"""Problem files and built-in problems: TOML in, a Problem out; every mistake named by its key, all at once.
+
+Nothing from the file is ever executed.  Numbers are read from their text.  Sizes are bounded before
+anything is parsed; see ``toml_text`` and, for arcs, ``arcs_file``.
+"""
 
 from __future__ import annotations
 
 import os
+import re
+from collections.abc import Callable, Mapping
 from difflib import get_close_matches
+from functools import cache
 from importlib.resources import files
+from itertools import islice
 from os import PathLike
 from pathlib import Path
+from typing import Any, TypeVar
 
-from dobc_design.errors import SpecError
-from dobc_design.exact.reading import shown
-from dobc_design.problem.file import read_problem_file, read_problem_text
-from dobc_design.problem.problem import Problem
-from dobc_design.problem.toml_text import read_bytes
+from pydantic import ValidationError
+
+from dobc_design.coupling.coupling import Coupling, make_coupling
+from dobc_design.errors import SpecError, about, kept, raise_all, wrong
+from dobc_design.exact.reading import MOST_ERRORS, is_list, is_text, named, shown
+from dobc_design.problem import arcs_file, exosystems
+from dobc_design.problem.canonical import problem_from_canonical
+from dobc_design.problem.exosystems import Exosystem
+from dobc_design.problem.groups import Group, Observer, group_key, renamed
+from dobc_design.problem.network import Arcs, Network, arcs_from_pairs, check_arrow, labels_of
+from dobc_design.problem.problem import Problem, dimension_of, is_name
+from dobc_design.problem.schema import RESERVED, SCHEMA_VERSION, ExosystemTable, GroupTable, ProblemFile
+from dobc_design.problem.settings import Switching
+from dobc_design.problem.toml_text import parse_toml, read_bytes
+
+Location = tuple[int | str, ...]
+
+_EXAMPLES = {
+    "network": "[network] with agents, arrow and, below it, [network.modes]",
+    "network.agents": "agents = 10",
+    "network.arrow": 'arrow = "listens_to" when [a, b] means that a hears b, else arrow = "sends_to"',
+    "network.modes": "[network.modes] and below it Ga = [[1, 2], [2, 3]]",
+    "coupling": '[coupling] and below it h = "exp(y) - 1 + y"',
+    "coupling.h": 'h = "exp(y) - 1 + y"',
+    "coupling.exceptions": '[[coupling.exceptions]] and below it arcs = [[1, 2]] and h = "2*y"',
+    "coupling.exceptions.arcs": "arcs = [[1, 2]]",
+    "coupling.exceptions.h": 'h = "2*y"',
+    "pinning": "[pinning] and below it gains = { 1 = 5.0, 6 = 2 }",
+    "exosystem": "[exosystem] and below it A = [[0, 2], [-2, 0]] and C = [[1, 0]]",
+    "exosystem.A": "A = [[0, 2], [-2, 0]]",
+    "exosystem.C": "C = [[1, 0]]",
+    "exosystem.groups": "[[exosystem.groups]] and below it agents = [1, 2], A = [[0]] and C = [[1]]",
+    "exosystem.groups.agents": "agents = [1, 2]",
+    "formation.offsets": "offsets = { 2 = 1.5, 3 = -1.5 }",
+    "region.initial_states": "initial_states = [0, 5]",
+    "switching.signal": 'signal = "random"',
+}
+
+
+def explain(error: ValidationError) -> SpecError:
+    """Turn what pydantic found into one error that names every key (the first twenty)."""
+    items = error.errors(include_url=False)
+    return SpecError.several([_explain(item) for item in islice(items, MOST_ERRORS)])
+
+
+def _explain(item: Any) -> SpecError:
+    location, value = item["loc"], item["input"]
+    key = key_text(location)
+    if item["type"] == "extra_forbidden":
+        return _unknown_key(key, location)
+    if item["type"] == "missing":
+        return wrong(key, "is required and missing.", f"Write {_example(key)}.")
+    if item["type"] == "list_type":
+        return wrong(key, f"must be a list of tables; got {shown(value)}.", f"Write {_example(key)}.")
+    return wrong(key, f"must be a table; got {shown(value)}.", f"Write {_example(key)}.")
+
+
+def key_text(location: Location) -> str:
+    """Write a location as the user would: tables dotted, places in a list as [0]."""
+    text = ""
+    for part in location:
+        if isinstance(part, int):
+            text += f"[{part}]"
+        else:
+            name = named(part)
+            text += f".{name}" if text else name
+    return text
+
+
+def _example(key: str) -> str:
+    return _EXAMPLES.get(_without_places(key), f"[{key}] and its keys below")
+
+
+def _without_places(key: str) -> str:
+    return re.sub(r"\[\d+\]", "", key)
+
+
+def _unknown_key(key: str, location: Location) -> SpecError:
+    table, name = key_text(location[:-1]), str(location[-1])
+    place = f" in [{table}]" if table else ""
+    if _without_places(key) in RESERVED:
+        return wrong(key, f"is an unknown key{place}: it is reserved for a later version.", "Remove it for now.")
+    known = known_keys(_without_places(table))
+    near = [other for other in known if other.lower() == name.lower()]
+    near += get_close_matches(name[:100], known, n=1, cutoff=0.7)
+    homes = [f"[{home}]" for home in _tables() if home and name in known_keys(home)]
+    if near:
+        hint = f'; did you mean "{near[0]}"?'
+    elif homes:
+        hint = f"; it belongs in {' or '.join(homes)}."
+    else:
+        hint = "."
+    return wrong(key, f"is an unknown key{place}{hint}", f"Known keys{place}: {', '.join(known)}.")
+
+
+@cache
+def _tables() -> dict[str, tuple[str, ...]]:
+    """The keys of every table, by its name; "" is the top of the file."""
+    schema = ProblemFile.model_json_schema(by_alias=True)
+    tables: dict[str, tuple[str, ...]] = {}
+
+    def walk(name: str, properties: dict[str, Any]) -> None:
+        tables[name] = tuple(properties)
+        for key, node in properties.items():
+            items = node.get("items", {})
+            for choice in (node, items, *node.get("anyOf", ())):
+                if "$ref" in choice:
+                    child = schema["$defs"][choice["$ref"].rsplit("/", 1)[1]]
+                    walk(f"{name}.{key}" if name else key, child["properties"])
+
+    walk("", schema["properties"])
+    return tables
+
+
+def known_keys(table: str) -> tuple[str, ...]:
+    """The keys that a table may have; "" is the top of the file."""
+    return _tables().get(table, ())
+
+
+_MATRIX_EXAMPLES = {"A": "A = [[0, 2], [-2, 0]]", "C": "C = [[1, 0]]"}
+
+
+def read_exosystem(
+    tables: ProblemFile, *, dimension_of: Callable[[Exosystem | None], int]
+) -> tuple[Exosystem | None, tuple[Group, ...]]:
+    """The exosystem of the agents in no group, and the groups.
+
+    ``dimension_of`` says how many state components there are, for the first exosystem given by A and C, or None;
+    an exosystem given by its kind has that many components.
+    Raises: SpecError naming the keys.
+    """
+    table = tables.exosystem
+    if table is None:
+        return None, ()
+    errors: list[SpecError] = []
+    own = _explicit(table, number=None, errors=errors)
+    groups = [_explicit(group, number=number, errors=errors) for number, group in enumerate(table.groups)]
+    raise_all(errors)
+    m = dimension_of(next((each for each in (own, *groups) if each is not None), None))
+    own = own or _of_kind(table, number=None, components=m, errors=errors)
+    result = []
+    for number, (each, found) in enumerate(zip(table.groups, groups, strict=True)):
+        exosystem = found or _of_kind(each, number=number, components=m, errors=errors)
+        try:
+            observer = Observer(W=each.W, P=each.P)
+            if exosystem is not None:
+                agents = _labels(each.agents, key=f"{group_key(number)}.agents")
+                result.append(Group(agents=agents, exosystem=exosystem, observer=observer))
+        except SpecError as error:
+            errors.append(renamed(error, number))
+    raise_all(errors)
+    return own, tuple(result)
+
+
+def _explicit(table: ExosystemTable | GroupTable, *, number: int | None, errors: list[SpecError]) -> Exosystem | None:
+    """The exosystem of A and C; None where a kind stands in their place, or where groups alone are given."""
+    place = "exosystem" if number is None else group_key(number)
+    matrices = [name for name in ("A", "C") if getattr(table, name) is not None]
+    if table.kind is None and table.frequencies is not None:
+        errors.append(wrong(f"{place}.frequencies", 'belongs to kind = "harmonics".', "Give the kind, or remove it."))
+    if table.kind is not None and matrices:
+        both = f"stands beside {' and '.join(matrices)}, and one of them would be ignored."
+        errors.append(wrong(f"{place}.kind", both, "Give either A and C or the kind."))
+    if table.kind is not None or (isinstance(table, ExosystemTable) and table.groups and not matrices):
+        return None
+    for name in ("A", "C"):
+        if name not in matrices:
+            errors.append(wrong(f"{place}.{name}", "is required and missing.", f"Write {_MATRIX_EXAMPLES[name]}."))
+    if len(matrices) < 2:
+        return None
+    try:
+        return Exosystem(A=table.A, C=table.C)
+    except SpecError as error:
+        errors.append(error if number is None else renamed(error, number))
+        return None
+
+
+def _of_kind(
+    table: ExosystemTable | GroupTable, *, number: int | None, components: int, errors: list[SpecError]
+) -> Exosystem | None:
+    if table.kind is None:
+        return None
+    try:
+        return exosystems.of_kind(table.kind, frequencies=table.frequencies, components=components)
+    except SpecError as error:
+        place = "exosystem" if number is None else group_key(number)
+        for each in error.errors:
+            key = f"{place}.{(each.key or 'kind').removeprefix('exosystem.')}"
+            message = each.message.replace(each.key or "", key, 1)
+            errors.append(type(each)(message, key=key, cure=each.cure))
+        return None
+
+
+def _labels(value: Any, *, key: str) -> list[Any]:
+    if not is_list(value) or not value or not all(is_text(each) or isinstance(each, str | int) for each in value):
+        raise wrong(key, f"must be a list of labels, at least one; got {shown(value)}.", "For example agents = [1, 2].")
+    return list(value)
+
+
+T = TypeVar("T")
+
+
+def read_problem_file(path: Path) -> Problem:
+    """Read a problem from a TOML file, or from a canonical problem.json.
+
+    Raises: SpecError naming the key and the cure.
+    """
+    if path.suffix.lower() == ".json":  # it holds the arcs, too
+        return problem_from_canonical(read_bytes(path, limit=arcs_file.MAX_BYTES))
+    return read_problem_text(read_bytes(path), folder=path.resolve().parent, default_name=path.stem)
+
+
+def read_problem_text(data: bytes, *, folder: Path | None, default_name: str = "problem") -> Problem:
+    """Read a problem from the bytes of a TOML file; ``folder`` is where ``file = `` may look."""
+    return read_problem_tables(parse_toml(data), folder=folder, default_name=default_name)
+
+
+def read_problem_tables(document: Mapping[str, Any], *, folder: Path | None, default_name: str) -> Problem:
+    """Read a problem from the tables of a TOML file, as ``parse_toml`` gives them."""
+    _check_version(document)
+    try:
+        tables = ProblemFile.model_validate(document)
+    except ValidationError as error:
+        raise explain(error) from None
+    return _build(tables, folder=folder, default_name=default_name if is_name(default_name) else "problem")
+
+
+def _check_version(document: Mapping[str, Any]) -> None:
+    version = document.get("schema", SCHEMA_VERSION)
+    if isinstance(version, bool) or not isinstance(version, int) or version < 1:
+        what = f"must be the whole number {SCHEMA_VERSION}; got {shown(version)}."
+        raise wrong("schema", what, f"Write schema = {SCHEMA_VERSION}.")
+    if version > SCHEMA_VERSION:
+        what = f"must be at most {SCHEMA_VERSION}, the newest this program knows; got {shown(version)}."
+        raise wrong("schema", what, "Update dobc_design.")
+
+
+class _Collector:
+    """Runs the parts of a file one after another and keeps their errors."""
+
+    def __init__(self) -> None:
+        self.errors: list[SpecError] = []
+
+    def read(self, part: Callable[[], T]) -> T | None:
+        """What ``part`` returns, or None when it raises a SpecError, which is kept."""
+        try:
+            return part()
+        except SpecError as error:
+            self.errors.extend(error.errors)
+            return None
+
+    def error(self) -> SpecError:
+        """All that was kept, as one error."""
+        return SpecError.several(self.errors)
+
+
+def _build(tables: ProblemFile, *, folder: Path | None, default_name: str) -> Problem:
+    collect = _Collector()
+    network = collect.read(lambda: _network(tables, folder=folder))
+    given = collect.read(
+        lambda: read_exosystem(tables, dimension_of=lambda found: dimension_of(found, tables.target, tables.coupling.h))
+    )
+    observer = collect.read(lambda: _observer(tables))
+    switching = collect.read(lambda: _switching(tables))
+    if given is None:
+        raise collect.error()
+    exosystem, groups = given
+    first = exosystem if exosystem is not None or not groups else groups[0].exosystem
+    dimension = collect.read(lambda: dimension_of(first, tables.target, tables.coupling.h))
+    if network is None or dimension is None:
+        raise collect.error()
+    exceptions = collect.read(lambda: _exceptions(tables, network, dimension=dimension))
+    problem = collect.read(
+        lambda: Problem(
+            name=default_name if tables.name is None else tables.name,
+            network=network,
+            coupling=tables.coupling.h,
+            exceptions=exceptions,
+            target=tables.target,
+            gains=None if tables.pinning is None else tables.pinning.gains,
+            exosystem=exosystem,
+            observer=observer,
+            groups=groups,
+            offsets=None if tables.formation is None else tables.formation.offsets,
+            region=None if tables.region is None else tables.region.model_dump(),
+            switching=switching,
+            notes=tables.notes,
+            simulation=None if tables.simulation is None else tables.simulation.model_dump(),
+        )
+    )
+    if problem is None or collect.errors:
+        raise collect.error()
+    return problem
+
+
+def _observer(tables: ProblemFile) -> Observer | None:
+    table = tables.observer
+    return None if table is None else Observer(W=table.W, P=table.P, rate=table.rate)
+
+
+def _switching(tables: ProblemFile) -> Switching | None:
+    table = tables.switching
+    return None if table is None else Switching(**table.model_dump())
+
+
+def _network(tables: ProblemFile, *, folder: Path | None) -> Network:
+    table = tables.network
+    collect = _Collector()
+    collect.read(lambda: check_arrow(table.arrow))
+    labels = collect.read(lambda: labels_of(table.agents))
+    if labels is None or collect.errors:
+        raise collect.error()
+    index = {label: i for i, label in enumerate(labels)}
+    modes: dict[str, Arcs] = {}
+    for name, value in table.modes.items():
+        key = f"network.modes.{named(name)}"
+        with kept(collect.errors):
+            modes[name] = _mode(value, index=index, arrow=table.arrow, key=key, folder=folder)
+        if len(collect.errors) >= MOST_ERRORS:
+            break
+    # With what can be read, so that further mistakes show at once.
+    network = collect.read(lambda: Network(labels=labels, modes=modes)) if modes or not collect.errors else None
+    if network is None or collect.errors:
+        raise collect.error()
+    return network
+
+
+def _mode(value: Any, *, index: Mapping[str, int], arrow: str, key: str, folder: Path | None) -> Arcs:
+    if is_list(value):
+        return arcs_from_pairs(value, index=index, arrow=arrow, key=key)
+    if not isinstance(value, dict) or list(value) != ["file"] or not is_text(value["file"]):
+        what = f'{key} must be a list of arcs or {{ file = "arcs.csv" }}; got {shown(value)}.'
+        raise SpecError(what, key=key, cure="For example [[1, 2], [2, 3]].")
+    return arcs_file.read_arcs_file(value["file"], folder=folder, index=index, arrow=arrow, key=f"{key}.file")
+
+
+def _exceptions(tables: ProblemFile, network: Network, *, dimension: int) -> dict[tuple[int, int], Coupling]:
+    given = tables.coupling.exceptions
+    codes, index = (network.arc_codes(), network.index) if given else (set(), {})
+    result: dict[tuple[int, int], Coupling] = {}
+    errors: list[SpecError] = []
+    for position, table in enumerate(given):
+        key = f"coupling.exceptions[{position}]"
+        pairs: list[tuple[int, int]] = []
+        with kept(errors):
+            pairs = _exception_arcs(table.arcs, key=f"{key}.arcs", index=index, arrow=tables.network.arrow)
+            _check_exceptions(pairs, codes, taken=result, labels=network.labels, key=f"{key}.arcs")
+        with kept(errors):
+            coupling = make_coupling(table.h, dimension=dimension, key=f"{key}.h")
+            result |= dict.fromkeys(pairs, coupling)
+        if len(errors) >= MOST_ERRORS:
+            break
+    raise_all(errors)
+    return result
+
+
+def _exception_arcs(value: Any, *, key: str, index: Mapping[str, int], arrow: str) -> list[tuple[int, int]]:
+    if not is_list(value) or not value:
+        raise wrong(key, f"must be a list of arcs; got {shown(value)}.", "For example [[1, 2], [2, 3]].")
+    for place, arc in enumerate(value):
+        if is_list(arc) and len(arc) == 3:
+            what = "must be [a, b]; the weight stands with the arc in its mode."
+            raise wrong(f"{key}[{place}]", what, "Drop the third entry.")
+    arcs = arcs_from_pairs(value, index=index, arrow=arrow, key=key)
+    return list(zip(arcs.listeners.tolist(), arcs.speakers.tolist(), strict=True))
+
+
+def _check_exceptions(
+    pairs: list[tuple[int, int]],
+    codes: set[int],
+    *,
+    taken: Mapping[tuple[int, int], Coupling],
+    labels: tuple[str, ...],
+    key: str,
+) -> None:
+    """Refuse arcs that no mode has, and arcs that have an exception already."""
+    seen: set[tuple[int, int]] = set()
+    for place, (listener, speaker) in enumerate(pairs):
+        names = f"{named(labels[listener])} listens to {named(labels[speaker])}"
+        if listener * len(labels) + speaker not in codes:
+            turned = speaker * len(labels) + listener in codes
+            what = f"no mode has the arc in which {names}" + ("; it is there the other way round." if turned else ".")
+            raise about(f"{key}[{place}]", what, "Correct the arc, or remove the exception.")
+        if (listener, speaker) in taken or (listener, speaker) in seen:
+            raise about(f"{key}[{place}]", f"the arc in which {names} has an exception already.", "Keep one of them.")
+        seen.add((listener, speaker))
+
 
 SUFFIX = ".toml"
 

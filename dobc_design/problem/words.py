@@ -9,10 +9,10 @@ from typing import Any
 from dobc_design.errors import SpecError
 from dobc_design.exact.number import number_text
 from dobc_design.exact.reading import counted, is_scalar_matrix
+from dobc_design.problem.arcs import unreached
 from dobc_design.problem.groups import Group
 from dobc_design.problem.network import Arcs
 from dobc_design.problem.problem import Problem
-from dobc_design.problem.reaching import unreached
 from dobc_design.problem.settings import Switching
 
 LISTED = 30

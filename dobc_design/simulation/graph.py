@@ -19,7 +19,6 @@ import numpy as np
 import scipy.sparse as sp
 from numpy.typing import NDArray
 
-from dobc_design.coupling.algebra import NumpyAlgebra
 from dobc_design.coupling.coupling import Coupling
 from dobc_design.coupling.functions import FUNCTIONS
 from dobc_design.coupling.tree import (
@@ -30,6 +29,7 @@ from dobc_design.coupling.tree import (
     Multiply,
     Negate,
     Node,
+    NumpyAlgebra,
     Pi,
     Power,
     Subtract,

@@ -11,7 +11,6 @@ import mpmath
 import pytest
 from random_couplings import BITS, OUTER, coupling_text, exact, near_kink, true_values, truth
 
-from dobc_design.coupling.algebra import ONE, ZERO, GradientAlgebra, Jet
 from dobc_design.coupling.enclosures import (
     Curve,
     jet,
@@ -23,7 +22,7 @@ from dobc_design.coupling.enclosures import (
     value_range,
 )
 from dobc_design.coupling.expression import parse_expression
-from dobc_design.coupling.tree import evaluate
+from dobc_design.coupling.tree import ONE, ZERO, GradientAlgebra, Jet, evaluate
 from dobc_design.exact.interval import Interval, UndefinedError
 
 TWO = Interval(Fraction(-2), Fraction(2))

@@ -20,7 +20,6 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from latex2mathml.converter import convert
 
-from dobc_design.coupling.algebra import GradientAlgebra, IntervalAlgebra
 from dobc_design.coupling.expression import (
     Expression,
     nonsmooth_functions,
@@ -37,6 +36,8 @@ from dobc_design.coupling.tree import (
     Call,
     Constant,
     Divide,
+    GradientAlgebra,
+    IntervalAlgebra,
     Multiply,
     Negate,
     Operators,

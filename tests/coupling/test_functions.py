@@ -12,11 +12,10 @@ import numpy as np
 import pytest
 import sympy
 
-from dobc_design.coupling.algebra import GradientAlgebra
 from dobc_design.coupling.enclosures import Curve, profile, slope_range, value_range
 from dobc_design.coupling.expression import numpy_function, parse_expression
 from dobc_design.coupling.functions import FUNCTIONS, NONSMOOTH
-from dobc_design.coupling.tree import evaluate
+from dobc_design.coupling.tree import GradientAlgebra, evaluate
 from dobc_design.exact.interval import Interval
 from dobc_design.export.c_text import CAlgebra, Piece
 from dobc_design.model.model import CasadiAlgebra

@@ -13,7 +13,7 @@ from bad_files import BAD_FILES, VALID_BUT_NASTY, listing, write_case
 
 from dobc_design.errors import SpecError
 from dobc_design.problem.canonical import canonical_bytes, problem_from_canonical
-from dobc_design.problem.file import read_problem_file, read_problem_text
+from dobc_design.problem.load import read_problem_file, read_problem_text
 
 
 @pytest.mark.parametrize("case", BAD_FILES, ids=lambda case: case.id)

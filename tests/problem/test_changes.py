@@ -22,8 +22,7 @@ from dobc_design.problem.changes import (
     typed_number,
     value_text,
 )
-from dobc_design.problem.file import read_problem_text
-from dobc_design.problem.load import builtin_names, builtin_text, load_problem, source_text
+from dobc_design.problem.load import builtin_names, builtin_text, load_problem, read_problem_text, source_text
 
 
 @pytest.mark.parametrize(

@@ -13,8 +13,8 @@ from dobc_design.problem import exosystems
 from dobc_design.problem.canonical import canonical_bytes, canonical_document, problem_from_canonical, problem_sha256
 from dobc_design.problem.changes import changed_problem, changed_text, problem_text
 from dobc_design.problem.exosystems import Exosystem
-from dobc_design.problem.file import read_problem_text
 from dobc_design.problem.groups import Group, Observer, block_diagonal, blocks_of, group_blocks, group_numbers
+from dobc_design.problem.load import read_problem_text
 from dobc_design.problem.network import Network
 from dobc_design.problem.problem import Problem
 from dobc_design.problem.words import describe, facts

@@ -21,8 +21,7 @@ from dobc_design.errors import ExpressionError, ShapeError, SpecError
 from dobc_design.problem.exosystems import Exosystem
 from dobc_design.problem.groups import Observer
 from dobc_design.problem.network import Network
-from dobc_design.problem.pinning import Pinning
-from dobc_design.problem.problem import Problem
+from dobc_design.problem.problem import Pinning, Problem
 from dobc_design.problem.settings import Region, Switching
 
 CHAIN = Network.from_arcs([("a", "b"), ("b", "c")], arrow="listens_to")

@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from dobc_design.errors import SpecError
 from dobc_design.problem.canonical import canonical_bytes, canonical_document, problem_from_canonical, problem_sha256
 from dobc_design.problem.changes import problem_text
-from dobc_design.problem.file import read_problem_text
+from dobc_design.problem.load import read_problem_text
 from dobc_design.problem.network import Network
 from dobc_design.problem.problem import Problem
 from dobc_design.problem.settings import KEYS, SIGNALS, Switching

@@ -20,8 +20,7 @@ from dobc_design.certification.recheck import recheck
 from dobc_design.errors import CertificateError, SpecError
 from dobc_design.exact.matrix import multiply
 from dobc_design.problem.canonical import canonical_bytes, problem_from_canonical
-from dobc_design.problem.file import read_problem_text
-from dobc_design.problem.load import load_problem
+from dobc_design.problem.load import load_problem, read_problem_text
 
 LIMIT = 5 * ALONE  # other programs beside it slow a processor's caches too; what hangs takes minutes
 MB = 1_000_000

@@ -27,16 +27,14 @@ import dobc_design as dd
 from dobc_design.certificate.text import certificate_bytes, read_claims
 from dobc_design.certification.recheck import recheck
 from dobc_design.checker import examine as checker
-from dobc_design.coupling.algebra import GradientAlgebra, IntervalAlgebra
 from dobc_design.coupling.coupling import make_coupling
 from dobc_design.coupling.expression import Expression, numpy_function, parse_expression, polynomial_degree
-from dobc_design.coupling.tree import evaluate, variable_names
+from dobc_design.coupling.tree import GradientAlgebra, IntervalAlgebra, evaluate, variable_names
 from dobc_design.errors import CertificateError, ExpressionError, SpecError
 from dobc_design.exact.interval import Interval, UndefinedError
 from dobc_design.problem.arcs_file import read_arcs_file
 from dobc_design.problem.canonical import canonical_bytes, problem_from_canonical
-from dobc_design.problem.file import read_problem_text
-from dobc_design.problem.load import builtin_names, builtin_text, load_problem
+from dobc_design.problem.load import builtin_names, builtin_text, load_problem, read_problem_text
 
 LONG = ("karate-club", "microgrid-ieee14", "uav-swarm")
 LIMIT = 2.0  # seconds of CPU time for one input

@@ -81,16 +81,8 @@ def grid_problem(grid: Grid, *, name: str, gain: Any = 1) -> Problem:
     arcs = [arc for (a, b), w in weights.items() for arc in ([a, b, w], [b, a, w])]
     generators = tuple(dict.fromkeys(bus for bus in grid.generators if bus in known))
     shown = ", ".join(generators[:SHOWN]) + (f" and {len(generators) - SHOWN} more" if len(generators) > SHOWN else "")
-    notes = [
-        note.format(
-            source=grid.source,
-            buses=len(grid.buses),
-            branches=len(grid.branches),
-            gain=gain,
-            generators=f"bus {shown}" if generators else "no bus",
-        )
-        for note in NOTES
-    ]
+    facts = {"source": grid.source, "buses": len(grid.buses), "branches": len(grid.branches), "gain": gain}
+    at = f"bus {shown}" if generators else "no bus"
     return Problem(
         name=name,
         network=Network.from_arcs({"grid": arcs}, arrow="listens_to", agents=list(grid.buses)),
@@ -98,7 +90,7 @@ def grid_problem(grid: Grid, *, name: str, gain: Any = 1) -> Problem:
         target=0,
         gains=dict.fromkeys(generators, gain),
         exosystem=constant(),
-        notes=notes,
+        notes=[note.format(**facts, generators=at) for note in NOTES],
     )
 
 
@@ -118,6 +110,7 @@ def merged(labels: Sequence[str], pairs: Sequence[tuple[str, str]]) -> dict[str,
     return {label: root(label) for label in labels}
 
 
+CURE = "Write the case with MATPOWER's savecase."
 ISOLATED = 4  # bus type
 COLUMNS = {"bus": 2, "gen": 8, "branch": 11}  # that have to be there
 _TABLE = re.compile(r"(?<![\w.])mpc\.(bus|gen|branch)[ \t]*=[ \t]*\[")
@@ -137,14 +130,11 @@ def read_matpower(text: str, *, name: str) -> Grid:
     for table in ("bus", "branch"):
         if table not in tables:
             what = f"{name} must hold the table mpc.{table} of a MATPOWER case, in numbers; it is not there."
-            raise SpecError(what, key=f"mpc.{table}", cure="Write the case with MATPOWER's savecase.")
+            raise SpecError(what, key=f"mpc.{table}", cure=CURE)
     kinds = {_bus(row[0], "bus", i): _number(row[1], f"mpc.bus({i},2)") for i, row in enumerate(tables["bus"], 1)}
     isolated = {bus for bus, kind in kinds.items() if kind == ISOLATED}
-    generators = [
-        _bus(row[0], "gen", i)
-        for i, row in enumerate(tables.get("gen", []), 1)
-        if _number(row[7], f"mpc.gen({i},8)") > 0
-    ]
+    gens = enumerate(tables.get("gen", []), 1)
+    generators = [_bus(row[0], "gen", i) for i, row in gens if _number(row[7], f"mpc.gen({i},8)") > 0]
     branches = []
     for i, row in enumerate(tables["branch"], 1):
         if _number(row[10], f"mpc.branch({i},11)") == 0:
@@ -179,21 +169,21 @@ def _rows(body: str, table: str, name: str) -> list[list[str]]:
     for i, row in enumerate(rows, 1):
         if len(row) < COLUMNS[table]:
             what = f"{name}: mpc.{table} must have at least {COLUMNS[table]} columns; row {i} has {len(row)}."
-            raise SpecError(what, key=f"mpc.{table}", cure="Write the case with MATPOWER's savecase.")
+            raise SpecError(what, key=f"mpc.{table}", cure=CURE)
         for j, cell in enumerate(row, 1):
             if not _CELL.fullmatch(cell):
                 what = (
                     f"{name}: mpc.{table}({i},{j}) must be a number, because nothing in a case is computed;"
                     f" got {shown(cell)}."
                 )
-                raise SpecError(what, key=f"mpc.{table}({i},{j})", cure="Write the case with MATPOWER's savecase.")
+                raise SpecError(what, key=f"mpc.{table}({i},{j})", cure=CURE)
     return rows
 
 
 def _bus(text: str, table: str, row: int) -> str:
     if not _BUS.fullmatch(text):
         what = f"row {row}: a bus must be a whole number; got {shown(text)}."
-        raise wrong(f"mpc.{table}", what, "Write the case with MATPOWER's savecase.")
+        raise wrong(f"mpc.{table}", what, CURE)
     return str(int(text.partition(".")[0]))
 
 
@@ -205,6 +195,7 @@ def _number(text: str, key: str) -> Fraction:
 
 Row = Mapping[str, Any]
 Tables = Mapping[str, list[Row]]
+BRANCHES = (("line", "from_bus", "to_bus"), ("trafo", "hv_bus", "lv_bus"), ("impedance", "from_bus", "to_bus"))
 TABLES = ("bus", "line", "trafo", "trafo3w", "impedance", "switch", "gen", "ext_grid")
 
 
@@ -271,20 +262,17 @@ def _grid(tables: Tables, *, base: float, source: str) -> Grid:
         what = "three-winding transformers cannot be imported: their star point may have a negative reactance."
         raise SpecError(what, key="trafo3w", cure="Replace them by two-winding transformers.")
     buses = [str(row["index"]) for row in tables["bus"] if _on(row)]
-    joined = [
-        (str(row["bus"]), str(row["element"])) for row in tables["switch"] if row.get("et") == "b" and row.get("closed")
-    ]
+    closed = [row for row in tables["switch"] if row.get("et") == "b" and row.get("closed")]
+    joined = [(str(row["bus"]), str(row["element"])) for row in closed]
     becomes = merged(buses, [pair for pair in joined if set(pair) <= set(buses)])
     opened = {(row.get("et"), row["element"]) for row in tables["switch"] if not row.get("closed")}
-    branches = [
-        Branch(ends=(becomes.get(a, a), becomes.get(b, b)), reactance=x, place=place)
-        for a, b, x, place in _branches(tables, base=base, opened=opened)
-    ]
-    generators = [str(row["bus"]) for table in ("ext_grid", "gen") for row in tables[table] if _on(row)]
-    kept = tuple(dict.fromkeys(becomes.values()))
+    found = (
+        (becomes.get(a, a), becomes.get(b, b), x, at) for a, b, x, at in _branches(tables, base=base, opened=opened)
+    )
+    generators = (str(row["bus"]) for table in ("ext_grid", "gen") for row in tables[table] if _on(row))
     return Grid(
-        buses=kept,
-        branches=tuple(each for each in branches if each.ends[0] != each.ends[1]),
+        buses=tuple(dict.fromkeys(becomes.values())),
+        branches=tuple(Branch(ends=(a, b), reactance=x, place=place) for a, b, x, place in found if a != b),
         generators=tuple(becomes.get(bus, bus) for bus in generators),
         source=source,
     )
@@ -294,24 +282,22 @@ def _branches(tables: Tables, *, base: float, opened: set[tuple[Any, Any]]) -> I
     """Ends, reactance in p.u. on ``base`` MVA and place of what is in service."""
     voltage = {row["index"]: float(row["vn_kv"]) for row in tables["bus"]}
     on = {row["index"] for row in tables["bus"] if _on(row)}
-    for row in tables["line"]:
-        ends = (row["from_bus"], row["to_bus"])
-        if _on(row) and ("l", row["index"]) not in opened and on >= set(ends):
-            ohm = float(row["x_ohm_per_km"]) * float(row["length_km"]) / float(row.get("parallel") or 1)
-            x = ohm * base / voltage[row["from_bus"]] ** 2
-            yield *map(str, ends), _exact(x, f"line {row['index']}"), f"line {row['index']}"  # type: ignore[misc]
-    for row in tables["trafo"]:
-        ends = (row["hv_bus"], row["lv_bus"])
-        if _on(row) and ("t", row["index"]) not in opened and on >= set(ends):
-            part = base / float(row["sn_mva"]) / float(row.get("parallel") or 1) / 100
-            z, r = float(row["vk_percent"]) * part, float(row["vkr_percent"]) * part
-            x = math.sqrt(max(0.0, z * z - r * r)) * _tap(row)
-            yield *map(str, ends), _exact(x, f"trafo {row['index']}"), f"trafo {row['index']}"  # type: ignore[misc]
-    for row in tables["impedance"]:
-        ends = (row["from_bus"], row["to_bus"])
-        if _on(row) and on >= set(ends):
-            x = float(row["xft_pu"]) * base / float(row["sn_mva"])
-            yield *map(str, ends), _exact(x, f"impedance {row['index']}"), f"impedance {row['index']}"  # type: ignore[misc]
+    for table, first, second in BRANCHES:
+        for row in tables[table]:
+            ends, place = (row[first], row[second]), f"{table} {row['index']}"
+            if not _on(row) or (table[0], row["index"]) in opened or not on >= set(ends):
+                continue
+            if table == "line":
+                ohm = float(row["x_ohm_per_km"]) * float(row["length_km"]) / float(row.get("parallel") or 1)
+                x = ohm * base / voltage[row["from_bus"]] ** 2
+            elif table == "trafo":
+                part = base / float(row["sn_mva"]) / float(row.get("parallel") or 1) / 100
+                z, r = float(row["vk_percent"]) * part, float(row["vkr_percent"]) * part
+                x = math.sqrt(max(0.0, z * z - r * r)) * _tap(row)
+            else:
+                x = float(row["xft_pu"]) * base / float(row["sn_mva"])
+            # Twelve digits: x was computed in floats, and 0.05917 should not read 0.059170000000000006.
+            yield str(ends[0]), str(ends[1]), parse_number(f"{x:.12g}", key=f"the reactance of {place}"), place
 
 
 def _tap(row: Row) -> float:
@@ -321,11 +307,6 @@ def _tap(row: Row) -> float:
         return 1.0
     ratio = 1 + (float(position or 0) - float(neutral or 0)) * float(step or 0) / 100
     return ratio if row.get("tap_side") in (None, "hv") else 1 / ratio
-
-
-def _exact(value: float, key: str) -> Fraction:
-    """Twelve digits: the reactance was computed in floats, and 0.05917 should not read 0.059170000000000006."""
-    return parse_number(f"{value:.12g}", key=f"the reactance of {key}")
 
 
 def _on(row: Row) -> bool:

@@ -13,7 +13,7 @@ from __future__ import annotations
 import math
 import struct
 import zlib
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -203,20 +203,21 @@ def read_mat(data: bytes, *, file: str, name: str) -> Problem:
         arrow="listens_to",
         labels=labels,
     )
-    exosystem = _exosystem(found)
-    W, P = (_rows(found[name], name) if name in found else None for name in ("W", "P"))
-    observer = None if W is None and P is None else Observer(W=W, P=P)
-    h = found.get("h")
+    if ("A" in found) != ("C" in found):
+        raise wrong("A", "and C must stand together: xi' = A xi, d = C xi.", "Give both or neither.")
+    A, C, W, P = (_rows(found[name], name) if name in found else None for name in ("A", "C", "W", "P"))
+    xbar = _matrix(found.get("xbar", np.zeros(1)), "xbar").ravel().tolist()
+    h, title = _all_texts(found.get("h", "y"), "h"), _all_texts(found.get("name", ""), "name")
     return Problem(
-        name=_name(found.get("name"), name),
+        name=title[0] if len(title) == 1 and title[0] else name,
         network=network,
-        coupling="y" if h is None else _coupling(h),
-        target=_target(found),
+        coupling=h[0] if len(h) == 1 else h,
+        target=xbar[0] if len(xbar) == 1 else xbar,
         gains=_gains(found.get("k"), network.labels),
-        exosystem=exosystem,
-        observer=observer,
+        exosystem=None if A is None or C is None else Exosystem(A=A, C=C),
+        observer=None if W is None and P is None else Observer(W=W, P=P),
         offsets=_offsets(found.get("offsets"), network.labels),
-        notes=[LINEAR] if h is None else [],
+        notes=[] if "h" in found else [LINEAR],
     )
 
 
@@ -259,12 +260,6 @@ def _weights(L: Any, mode: str) -> Any:
     return sp.coo_array(-off)
 
 
-def _exosystem(found: Mapping[str, Any]) -> Exosystem | None:
-    if ("A" in found) != ("C" in found):
-        raise wrong("A", "and C must stand together: xi' = A xi, d = C xi.", "Give both or neither.")
-    return Exosystem(A=_rows(found["A"], "A"), C=_rows(found["C"], "C")) if "A" in found else None
-
-
 def _gains(k: Any, labels: Sequence[str]) -> Any:
     """One number for all, n numbers, or one m x m matrix per agent."""
     if k is None:
@@ -290,13 +285,6 @@ def _offsets(offsets: Any, labels: Sequence[str]) -> dict[str, list[Any]] | None
     return dict(zip(labels, rows, strict=True))
 
 
-def _target(found: Mapping[str, Any]) -> Any:
-    if "xbar" not in found:
-        return 0
-    flat = _matrix(found["xbar"], "xbar").ravel().tolist()
-    return flat[0] if len(flat) == 1 else flat
-
-
 def _texts(value: Any, key: str, *, count: int) -> list[str] | None:
     """A cell array of text, or the rows of a character matrix."""
     if value is None:
@@ -315,13 +303,3 @@ def _all_texts(value: Any, key: str) -> list[str]:
         if not isinstance(each, str):
             raise wrong(key, f"must be text; got {shown(each)}.", "In quotes.")
     return [each.rstrip() for each in rows]
-
-
-def _coupling(h: Any) -> str | list[str]:
-    texts = _all_texts(h, "h")
-    return texts[0] if len(texts) == 1 else texts
-
-
-def _name(value: Any, default: str) -> str:
-    texts = [""] if value is None else _all_texts(value, "name")
-    return texts[0] if len(texts) == 1 and texts[0] else default

@@ -1,7 +1,6 @@
-"""Arcs from CSV, GraphML and edge-list files named by ``{ file = "..." }`` in a problem file.
+"""Arcs from CSV, GraphML and edge-list files named by ``{ file = "..." }`` in a problem file, inside its folder.
 
-The file must lie inside the problem file's folder.  Which column listens is said by ``network.arrow``,
-never by the format.  At most 1 GB is read.
+Which column listens is said by ``network.arrow``, never by the format.  At most 1 GB is read.
 """
 
 from __future__ import annotations
@@ -24,6 +23,7 @@ from dobc_design.exact.reading import named, shown, shown_number
 from dobc_design.problem.network import ONE, WANTED, Arcs, directed, is_label
 
 MAX_BYTES = 1_000_000_000
+EMPTY = "is empty: it holds no arcs", "Add arcs, one per line."
 HEADS = (["from", "to"], ["source", "target"])  # of a CSV file; a third column is "weight"
 READERS = (".csv", ".graphml", ".edges", ".edgelist", ".txt")
 
@@ -49,17 +49,18 @@ def labels_in_file(name: str, *, folder: Path | None, key: str) -> tuple[str, ..
     GraphML names its nodes, so that those without an arc are agents, too.
     """
     source, path, text = _opened(name, folder=folder, key=key)
-    nodes = _nodes(text, source) if path.suffix.lower() == ".graphml" else []
-    ends = dict.fromkeys(nodes)
+    ends: dict[str, None] = {}
+    if path.suffix.lower() == ".graphml":
+        _, graphs = _graphs(text, source)
+        ends |= {node.get("id", ""): None for graph in graphs for node in graph if _tag(node) == "node"}
     for row, cells in _rows(path, text, source, {}):
         for label in cells[:2]:
             if not is_label(label):
                 raise source.error(f"names {shown(label)}; a label must be {WANTED}", "Correct the label.", row=row)
             ends[label] = None
-    labels = tuple(ends)
-    if not labels:
-        raise source.empty()
-    return tuple(sorted(labels, key=int)) if all(re.fullmatch("[0-9]{1,9}", label) for label in labels) else labels
+    if not ends:
+        raise source.error(*EMPTY)
+    return tuple(sorted(ends, key=int) if all(re.fullmatch("[0-9]{1,9}", label) for label in ends) else ends)
 
 
 def _opened(name: str, *, folder: Path | None, key: str) -> tuple[_Source, Path, str]:
@@ -102,15 +103,11 @@ def _lean_arcs(rows: Iterator[Row], source: _Source, *, index: Mapping[str, int]
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class _Source:
-    """Where arcs come from, for messages."""
+    """Where arcs come from, for messages; ``unit``: what is counted, lines or edges."""
 
     name: str
     key: str
-    unit: str  # what is counted: lines, or edges
-
-    def empty(self) -> SpecError:
-        """An error about a file without arcs."""
-        return self.error("is empty: it holds no arcs", "Add arcs, one per line.")
+    unit: str
 
     def error(self, what: str, cure: str, *, row: int | None = None) -> SpecError:
         """An error about the file, or about one row of it."""
@@ -170,11 +167,6 @@ def _edge_list(text: str) -> Iterator[Row]:
         cells = line.split("#", 1)[0].split()
         if cells:
             yield number, cells
-
-
-def _nodes(text: str, source: _Source) -> list[str]:
-    _, graphs = _graphs(text, source)
-    return [node.get("id", "") for graph in graphs for node in graph if _tag(node) == "node"]
 
 
 def _graphs(text: str, source: _Source) -> tuple[ElementTree.Element, list[ElementTree.Element]]:
@@ -255,4 +247,4 @@ def _mistake(rows: Iterator[Row], source: _Source, *, index: Mapping[str, int]) 
         seen.add(pair)
         if len(cells) == 3:
             _weight(cells[2], source, row=row)
-    return source.empty()
+    return source.error(*EMPTY)

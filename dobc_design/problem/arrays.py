@@ -19,7 +19,7 @@ from dobc_design._checks import require_shape
 from dobc_design.coupling.coupling import Coupling
 from dobc_design.errors import SpecError, wrong
 from dobc_design.exact.matrix import Matrix, matrix, to_float
-from dobc_design.problem.arcs import ArcTable, arc_table
+from dobc_design.problem.arcs import arc_table, split_by
 from dobc_design.problem.groups import group_numbers
 from dobc_design.problem.network import IndexArray
 from dobc_design.problem.problem import Problem
@@ -159,20 +159,12 @@ def goals(problem: Problem) -> Array:
 
 def arc_groups(problem: Problem, mode: str) -> tuple[ArcGroup, ...]:
     """Split the arcs of one mode by coupling, in the order of ``couplings``; empty groups are left out."""
-    return groups_by_coupling(problem, arc_table(problem, mode))
-
-
-def groups_by_coupling(problem: Problem, table: ArcTable) -> tuple[ArcGroup, ...]:
-    """Split a table of arcs by coupling."""
+    table = arc_table(problem, mode)
     weights = to_float((table.weights,))[0][table.weight]
+    i, j = table.listeners, table.speakers
     return tuple(
-        ArcGroup(
-            coupling=problem.couplings[place],
-            listeners=table.listeners[arcs],
-            speakers=table.speakers[arcs],
-            weights=weights[arcs],
-        )
-        for place, arcs in table.by_coupling()
+        ArcGroup(coupling=problem.couplings[place], listeners=i[arcs], speakers=j[arcs], weights=weights[arcs])
+        for place, arcs in split_by(table.coupling)
     )
 
 
@@ -206,7 +198,7 @@ def consensus_jacobian(problem: Problem, mode: str) -> sp.csr_array | None:
     Slopes are the midpoints of their enclosures, which are narrow unless there is a kink.
     """
     n, table, slopes = problem.n, arc_table(problem, mode), {}
-    for place, _ in table.by_coupling():
+    for place in np.unique(table.coupling).tolist():
         enclosed = problem.couplings[place].jacobian_at_zero()
         if any(entry.width > WIDEST_SLOPE * (1 + entry.magnitude) for row in enclosed for entry in row):
             return None

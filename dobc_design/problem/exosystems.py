@@ -181,7 +181,7 @@ def total(*parts: Exosystem) -> Exosystem:
         )
         raise SpecError(what, key="parts", cure="stacked(...) gives every part components of its own.")
     C = [[x for part in parts for x in part.C[row]] for row in range(outputs)]
-    return Exosystem(A=_block_diagonal([part.A for part in parts]), C=C)
+    return Exosystem(A=block_diagonal([part.A for part in parts]), C=C)
 
 
 def stacked(*parts: Exosystem) -> Exosystem:
@@ -190,7 +190,7 @@ def stacked(*parts: Exosystem) -> Exosystem:
     Raises: SpecError without parts.
     """
     _require_parts(parts)
-    return Exosystem(A=_block_diagonal([part.A for part in parts]), C=_block_diagonal([part.C for part in parts]))
+    return Exosystem(A=block_diagonal([part.A for part in parts]), C=block_diagonal([part.C for part in parts]))
 
 
 def _require_parts(parts: Sequence[Exosystem]) -> int:
@@ -199,12 +199,12 @@ def _require_parts(parts: Sequence[Exosystem]) -> int:
     return parts[0].outputs
 
 
-def _block_diagonal(blocks: Sequence[Matrix]) -> list[list[Fraction]]:
-    width = sum(len(block[0]) for block in blocks)
-    rows: list[list[Fraction]] = []
-    before = 0
+def block_diagonal(blocks: Sequence[Matrix]) -> Matrix:
+    """Matrices along the diagonal, zeros elsewhere."""
+    width, before, zero = sum(len(block[0]) for block in blocks), 0, Fraction(0)
+    rows: list[tuple[Fraction, ...]] = []
     for block in blocks:
-        for row in block:
-            rows.append([Fraction(0)] * before + list(row) + [Fraction(0)] * (width - before - len(row)))
+        after = width - before - len(block[0])
+        rows += [(zero,) * before + tuple(row) + (zero,) * after for row in block]
         before += len(block[0])
-    return rows
+    return tuple(rows)

@@ -12,12 +12,12 @@ from collections.abc import Callable, Mapping
 from difflib import get_close_matches
 from functools import cache
 from importlib.resources import files
-from itertools import islice
+from itertools import islice, takewhile
 from os import PathLike
 from pathlib import Path
 from typing import Any, TypeVar
 
-from pydantic import ValidationError
+from pydantic import BaseModel, ValidationError
 
 from dobc_design.coupling.coupling import Coupling, make_coupling
 from dobc_design.errors import SpecError, about, kept, raise_all, wrong
@@ -33,6 +33,7 @@ from dobc_design.problem.settings import Switching
 from dobc_design.problem.toml_text import parse_toml, read_bytes
 
 Location = tuple[int | str, ...]
+T = TypeVar("T")
 
 _EXAMPLES = {
     "network": "[network] with agents, arrow and, below it, [network.modes]",
@@ -67,27 +68,19 @@ def _explain(item: Any) -> SpecError:
     key = key_text(location)
     if item["type"] == "extra_forbidden":
         return _unknown_key(key, location)
+    example = f"Write {_EXAMPLES.get(_without_places(key), f'[{key}] and its keys below')}."
     if item["type"] == "missing":
-        return wrong(key, "is required and missing.", f"Write {_example(key)}.")
-    if item["type"] == "list_type":
-        return wrong(key, f"must be a list of tables; got {shown(value)}.", f"Write {_example(key)}.")
-    return wrong(key, f"must be a table; got {shown(value)}.", f"Write {_example(key)}.")
+        return wrong(key, "is required and missing.", example)
+    kind = "list of tables" if item["type"] == "list_type" else "table"
+    return wrong(key, f"must be a {kind}; got {shown(value)}.", example)
 
 
 def key_text(location: Location) -> str:
     """Write a location as the user would: tables dotted, places in a list as [0]."""
     text = ""
     for part in location:
-        if isinstance(part, int):
-            text += f"[{part}]"
-        else:
-            name = named(part)
-            text += f".{name}" if text else name
+        text += f"[{part}]" if isinstance(part, int) else f"{'.' if text else ''}{named(part)}"
     return text
-
-
-def _example(key: str) -> str:
-    return _EXAMPLES.get(_without_places(key), f"[{key}] and its keys below")
 
 
 def _without_places(key: str) -> str:
@@ -103,12 +96,7 @@ def _unknown_key(key: str, location: Location) -> SpecError:
     near = [other for other in known if other.lower() == name.lower()]
     near += get_close_matches(name[:100], known, n=1, cutoff=0.7)
     homes = [f"[{home}]" for home in _tables() if home and name in known_keys(home)]
-    if near:
-        hint = f'; did you mean "{near[0]}"?'
-    elif homes:
-        hint = f"; it belongs in {' or '.join(homes)}."
-    else:
-        hint = "."
+    hint = f'; did you mean "{near[0]}"?' if near else f"; it belongs in {' or '.join(homes)}." if homes else "."
     return wrong(key, f"is an unknown key{place}{hint}", f"Known keys{place}: {', '.join(known)}.")
 
 
@@ -136,17 +124,13 @@ def known_keys(table: str) -> tuple[str, ...]:
     return _tables().get(table, ())
 
 
-_MATRIX_EXAMPLES = {"A": "A = [[0, 2], [-2, 0]]", "C": "C = [[1, 0]]"}
-
-
 def read_exosystem(
     tables: ProblemFile, *, dimension_of: Callable[[Exosystem | None], int]
 ) -> tuple[Exosystem | None, tuple[Group, ...]]:
-    """The exosystem of the agents in no group, and the groups.
+    """The exosystem of the agents in no group, and the groups.  Raises: SpecError naming the keys.
 
-    ``dimension_of`` says how many state components there are, for the first exosystem given by A and C, or None;
-    an exosystem given by its kind has that many components.
-    Raises: SpecError naming the keys.
+    ``dimension_of``: how many state components there are, for the first exosystem given by A and C, or None; an
+    exosystem given by its kind has that many.
     """
     table = tables.exosystem
     if table is None:
@@ -163,8 +147,11 @@ def read_exosystem(
         try:
             observer = Observer(W=each.W, P=each.P)
             if exosystem is not None:
-                agents = _labels(each.agents, key=f"{group_key(number)}.agents")
-                result.append(Group(agents=agents, exosystem=exosystem, observer=observer))
+                agents, key = each.agents, f"{group_key(number)}.agents"
+                if not is_list(agents) or not agents or not all(is_text(x) or isinstance(x, str | int) for x in agents):
+                    what = f"must be a list of labels, at least one; got {shown(agents)}."
+                    raise wrong(key, what, "For example agents = [1, 2].")
+                result.append(Group(agents=list(agents), exosystem=exosystem, observer=observer))
         except SpecError as error:
             errors.append(renamed(error, number))
     raise_all(errors)
@@ -182,9 +169,9 @@ def _explicit(table: ExosystemTable | GroupTable, *, number: int | None, errors:
         errors.append(wrong(f"{place}.kind", both, "Give either A and C or the kind."))
     if table.kind is not None or (isinstance(table, ExosystemTable) and table.groups and not matrices):
         return None
-    for name in ("A", "C"):
-        if name not in matrices:
-            errors.append(wrong(f"{place}.{name}", "is required and missing.", f"Write {_MATRIX_EXAMPLES[name]}."))
+    for name in sorted({"A", "C"} - set(matrices)):
+        example = _EXAMPLES[f"exosystem.{name}"]
+        errors.append(wrong(f"{place}.{name}", "is required and missing.", f"Write {example}."))
     if len(matrices) < 2:
         return None
     try:
@@ -205,18 +192,8 @@ def _of_kind(
         place = "exosystem" if number is None else group_key(number)
         for each in error.errors:
             key = f"{place}.{(each.key or 'kind').removeprefix('exosystem.')}"
-            message = each.message.replace(each.key or "", key, 1)
-            errors.append(type(each)(message, key=key, cure=each.cure))
+            errors.append(type(each)(each.message.replace(each.key or "", key, 1), key=key, cure=each.cure))
         return None
-
-
-def _labels(value: Any, *, key: str) -> list[Any]:
-    if not is_list(value) or not value or not all(is_text(each) or isinstance(each, str | int) for each in value):
-        raise wrong(key, f"must be a list of labels, at least one; got {shown(value)}.", "For example agents = [1, 2].")
-    return list(value)
-
-
-T = TypeVar("T")
 
 
 def read_problem_file(path: Path) -> Problem:
@@ -254,42 +231,39 @@ def _check_version(document: Mapping[str, Any]) -> None:
         raise wrong("schema", what, "Update dobc_design.")
 
 
-class _Collector:
-    """Runs the parts of a file one after another and keeps their errors."""
+def _tried(part: Callable[[], T], errors: list[SpecError]) -> T | None:
+    """What ``part`` returns, or None when it raises a SpecError, which is kept."""
+    try:
+        return part()
+    except SpecError as error:
+        errors.extend(error.errors)
+        return None
 
-    def __init__(self) -> None:
-        self.errors: list[SpecError] = []
 
-    def read(self, part: Callable[[], T]) -> T | None:
-        """What ``part`` returns, or None when it raises a SpecError, which is kept."""
-        try:
-            return part()
-        except SpecError as error:
-            self.errors.extend(error.errors)
-            return None
-
-    def error(self) -> SpecError:
-        """All that was kept, as one error."""
-        return SpecError.several(self.errors)
+def _given(table: BaseModel | None) -> dict[str, Any] | None:
+    return None if table is None else table.model_dump()
 
 
 def _build(tables: ProblemFile, *, folder: Path | None, default_name: str) -> Problem:
-    collect = _Collector()
-    network = collect.read(lambda: _network(tables, folder=folder))
-    given = collect.read(
-        lambda: read_exosystem(tables, dimension_of=lambda found: dimension_of(found, tables.target, tables.coupling.h))
-    )
-    observer = collect.read(lambda: _observer(tables))
-    switching = collect.read(lambda: _switching(tables))
+    errors: list[SpecError] = []
+
+    def dimension(exosystem: Exosystem | None) -> int:
+        return dimension_of(exosystem, tables.target, tables.coupling.h)
+
+    network = _tried(lambda: _network(tables, folder=folder), errors)
+    given = _tried(lambda: read_exosystem(tables, dimension_of=dimension), errors)
+    own, signal = _given(tables.observer), _given(tables.switching)
+    observer = None if own is None else _tried(lambda: Observer(**own), errors)
+    switching = None if signal is None else _tried(lambda: Switching(**signal), errors)
     if given is None:
-        raise collect.error()
+        raise SpecError.several(errors)
     exosystem, groups = given
     first = exosystem if exosystem is not None or not groups else groups[0].exosystem
-    dimension = collect.read(lambda: dimension_of(first, tables.target, tables.coupling.h))
-    if network is None or dimension is None:
-        raise collect.error()
-    exceptions = collect.read(lambda: _exceptions(tables, network, dimension=dimension))
-    problem = collect.read(
+    m = _tried(lambda: dimension(first), errors)
+    if network is None or m is None:
+        raise SpecError.several(errors)
+    exceptions = _tried(lambda: _exceptions(tables, network, dimension=m), errors)
+    problem = _tried(
         lambda: Problem(
             name=default_name if tables.name is None else tables.name,
             network=network,
@@ -301,46 +275,36 @@ def _build(tables: ProblemFile, *, folder: Path | None, default_name: str) -> Pr
             observer=observer,
             groups=groups,
             offsets=None if tables.formation is None else tables.formation.offsets,
-            region=None if tables.region is None else tables.region.model_dump(),
+            region=_given(tables.region),
             switching=switching,
             notes=tables.notes,
-            simulation=None if tables.simulation is None else tables.simulation.model_dump(),
-        )
+            simulation=_given(tables.simulation),
+        ),
+        errors,
     )
-    if problem is None or collect.errors:
-        raise collect.error()
+    if problem is None or errors:
+        raise SpecError.several(errors)
     return problem
 
 
-def _observer(tables: ProblemFile) -> Observer | None:
-    table = tables.observer
-    return None if table is None else Observer(W=table.W, P=table.P, rate=table.rate)
-
-
-def _switching(tables: ProblemFile) -> Switching | None:
-    table = tables.switching
-    return None if table is None else Switching(**table.model_dump())
-
-
 def _network(tables: ProblemFile, *, folder: Path | None) -> Network:
-    table = tables.network
-    collect = _Collector()
-    collect.read(lambda: check_arrow(table.arrow))
-    labels = collect.read(lambda: labels_of(table.agents))
-    if labels is None or collect.errors:
-        raise collect.error()
+    table, errors = tables.network, list[SpecError]()
+    _tried(lambda: check_arrow(table.arrow), errors)
+    labels = _tried(lambda: labels_of(table.agents), errors)
+    if labels is None or errors:
+        raise SpecError.several(errors)
     index = {label: i for i, label in enumerate(labels)}
     modes: dict[str, Arcs] = {}
     for name, value in table.modes.items():
         key = f"network.modes.{named(name)}"
-        with kept(collect.errors):
+        with kept(errors):
             modes[name] = _mode(value, index=index, arrow=table.arrow, key=key, folder=folder)
-        if len(collect.errors) >= MOST_ERRORS:
+        if len(errors) >= MOST_ERRORS:
             break
     # With what can be read, so that further mistakes show at once.
-    network = collect.read(lambda: Network(labels=labels, modes=modes)) if modes or not collect.errors else None
-    if network is None or collect.errors:
-        raise collect.error()
+    network = _tried(lambda: Network(labels=labels, modes=modes), errors) if modes or not errors else None
+    if network is None or errors:
+        raise SpecError.several(errors)
     return network
 
 
@@ -412,8 +376,7 @@ def builtin_names() -> tuple[str, ...]:
     """Names of the built-in problems, in the order they are best read."""
     folder = files("dobc_design.problems")
     names = sorted(item.name[: -len(SUFFIX)] for item in folder.iterdir() if item.name.endswith(SUFFIX))
-    first = [name for name in ("paper-fixed", "paper-switching") if name in names]
-    return (*first, *(name for name in names if name not in first))
+    return tuple(sorted(names, key=lambda name: name not in ("paper-fixed", "paper-switching")))
 
 
 def builtin_text(name: str) -> str:
@@ -423,13 +386,8 @@ def builtin_text(name: str) -> str:
 
 def builtin_summary(name: str) -> str:
     """The first sentence of the comment a built-in problem opens with."""
-    lines = []
-    for line in builtin_text(name).splitlines():
-        if not line.startswith("#"):
-            break
-        lines.append(line.lstrip("# ").strip())
-    text = " ".join(lines)
-    return text.split(". ", 1)[0].rstrip(".") + "."
+    lines = takewhile(lambda line: line.startswith("#"), builtin_text(name).splitlines())
+    return " ".join(line.lstrip("# ").strip() for line in lines).split(". ", 1)[0].rstrip(".") + "."
 
 
 def load_problem(source: str | PathLike[str]) -> Problem:

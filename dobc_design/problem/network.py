@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
+from functools import partial
 from itertools import islice
 from types import MappingProxyType
 from typing import Any
@@ -62,18 +63,6 @@ def labels_of(agents: int | Iterable[Any]) -> tuple[str, ...]:
     return labels
 
 
-def first_repeated(labels: Sequence[str]) -> str | None:
-    """The first label that stands there twice, or None."""
-    if len(set(labels)) == len(labels):
-        return None
-    seen: set[str] = set()
-    for label in labels:
-        if label in seen:
-            return label
-        seen.add(label)
-    return None
-
-
 ARROWS = ("listens_to", "sends_to")
 ONE = Fraction(1)
 IndexArray = NDArray[np.int64]
@@ -99,11 +88,8 @@ class Arcs:
     def __eq__(self, other: object) -> bool:
         if not isinstance(other, Arcs):
             return NotImplemented
-        return (
-            np.array_equal(self.listeners, other.listeners)
-            and np.array_equal(self.speakers, other.speakers)
-            and self.weights == other.weights
-        )
+        same = map(np.array_equal, (self.listeners, self.speakers), (other.listeners, other.speakers))
+        return all(same) and self.weights == other.weights
 
     def __hash__(self) -> int:
         return hash((self.listeners.tobytes(), self.speakers.tobytes(), self.weights))
@@ -118,45 +104,35 @@ def parse_weights(values: Sequence[Any], *, key: str) -> tuple[Fraction, ...]:
     known: dict[Any, Fraction] = {1: ONE}
     result = []
     for position, value in enumerate(values):
-        hashable = isinstance(value, (str, int, float)) and not isinstance(value, bool)
-        weight = known.get(value) if hashable else None
-        if weight is None:
-            weight = parse_number(value, key=f"{key}[{position}][2]")
-            if hashable:
-                known[value] = weight
-        result.append(weight)
+        token = value if isinstance(value, (str, int, float)) and not isinstance(value, bool) else object()
+        if token not in known:
+            known[token] = parse_number(value, key=f"{key}[{position}][2]")
+        result.append(known[token])
     return tuple(result)
 
 
 def arcs_from_pairs(pairs: Sequence[Sequence[Any]], *, index: Mapping[str, int], arrow: str, key: str) -> Arcs:
     """Turn [a, b] and [a, b, w] of labels into arcs; every wrong arc is reported, up to twenty."""
     errors: list[SpecError] = []
-    first: list[int] = []
-    second: list[int] = []
-    weights: list[Any] = []
+    found: list[tuple[int, int, Any]] = []
     for position, pair in enumerate(pairs):
         try:
-            a, b, weight = _read_pair(pair, index, key=f"{key}[{position}]")
+            found.append(_read_pair(pair, index, key=f"{key}[{position}]"))
         except SpecError as error:
             errors.append(error)
             if len(errors) >= MOST_ERRORS:
                 break
-            continue
-        first.append(a)
-        second.append(b)
-        weights.append(weight)
     raise_all(errors)
-    listener, speaker = np.array(first, dtype=np.int64), np.array(second, dtype=np.int64)
-    return directed(listener, speaker, parse_weights(weights, key=key), arrow=arrow)
+    first, second = (np.array([arc[end] for arc in found], dtype=np.int64) for end in (0, 1))
+    return directed(first, second, parse_weights([arc[2] for arc in found], key=key), arrow=arrow)
 
 
 def directed(first: IndexArray, second: IndexArray, weights: tuple[Fraction, ...], *, arrow: str) -> Arcs:
     """Apply ``arrow`` to pairs of indices: who of [a, b] is the listener."""
     check_arrow(arrow)
-    listener, speaker = (first, second) if arrow == "listens_to" else (second, first)
-    listener.setflags(write=False)
-    speaker.setflags(write=False)
-    return Arcs(listener, speaker, weights)
+    for ends in (first, second):
+        ends.setflags(write=False)
+    return Arcs(first, second, weights) if arrow == "listens_to" else Arcs(second, first, weights)
 
 
 def check_arrow(arrow: object) -> None:
@@ -238,12 +214,13 @@ class Network(Shown):
         if not self.labels:
             what = "must name at least one agent; got none."
             raise wrong("network.agents", what, "Give a count, or a list of labels.")
-        if not all(map(is_label, self.labels)):
-            bad = next(label for label in self.labels if not is_label(label))
-            what = f"a label must be {WANTED}; got {shown(bad)}."
+        bad = [label for label in self.labels if not is_label(label)]
+        if bad:
+            what = f"a label must be {WANTED}; got {shown(bad[0])}."
             raise SpecError(what, key="network.agents", cure="Rename that agent.")
-        repeated = first_repeated(self.labels)
-        if repeated is not None:
+        if len(set(self.labels)) < len(self.labels):
+            first: dict[str, int] = {}
+            repeated = next(label for i, label in enumerate(self.labels) if first.setdefault(label, i) != i)
             what = (
                 f"must be different from one another; {shown(repeated)} stands there twice"
                 ' (labels are text: 1 and "1" are one label).'
@@ -267,13 +244,11 @@ class Network(Shown):
         return hash((self.labels, tuple(self.modes.items())))
 
     def __reduce__(self) -> tuple[Any, ...]:
-        return _remake, (self.labels, dict(self.modes))  # the read-only mapping itself cannot be pickled
+        return partial(Network, labels=self.labels, modes=dict(self.modes)), ()
 
     def _card(self) -> Card:
-        rows = [
-            (name, len(arcs), cut(_listening(self.labels, arcs), 160))
-            for name, arcs in islice(self.modes.items(), MOST_ROWS)
-        ]
+        few = islice(self.modes.items(), MOST_ROWS)
+        rows = [(name, len(arcs), cut(_listening(self.labels, arcs), 160)) for name, arcs in few]
         return Card(
             title="Network",
             text=f"{counted(self.size, 'agent')}: {listed(self.labels)}",
@@ -283,10 +258,8 @@ class Network(Shown):
         )
 
     def __repr__(self) -> str:
-        modes = listed(
-            [f"{name} with {counted(len(arcs), 'arc')}" for name, arcs in islice(self.modes.items(), 13)],
-            count=len(self.modes),
-        )
+        few = [f"{name} with {counted(len(arcs), 'arc')}" for name, arcs in islice(self.modes.items(), 13)]
+        modes = listed(few, count=len(self.modes))
         return f"<Network of {counted(self.size, 'agent')}: {modes}>"
 
     @property
@@ -325,12 +298,10 @@ class Network(Shown):
         lists = {name: [tuple(arc) if is_list(arc) else arc for arc in pairs] for name, pairs in given.items()}
         labels = _labels_in(lists.values()) if agents is None else labels_of(agents)
         index = {label: i for i, label in enumerate(labels)}
+        keys = {name: f"network.modes.{named(name)}" for name in lists}
         return cls(
             labels=labels,
-            modes={
-                name: arcs_from_pairs(pairs, index=index, arrow=arrow, key=f"network.modes.{named(name)}")
-                for name, pairs in lists.items()
-            },
+            modes={n: arcs_from_pairs(each, index=index, arrow=arrow, key=keys[n]) for n, each in lists.items()},
         )
 
     @classmethod
@@ -413,10 +384,6 @@ def _listening(labels: tuple[str, ...], arcs: Arcs) -> str:
         heard.setdefault(listener, []).append(labels[speaker])
     few = [f"{labels[i]} to {', '.join(names)}" for i, names in islice(heard.items(), 4)]
     return "; ".join(few) + ("; ..." if len(heard) > len(few) else "")
-
-
-def _remake(labels: tuple[str, ...], modes: dict[str, Arcs]) -> Network:
-    return Network(labels=labels, modes=modes)
 
 
 def _modes(value: Any, several: bool) -> dict[str, Any]:

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, fields
 from fractions import Fraction
 from itertools import pairwise
 from typing import Any
@@ -12,7 +12,7 @@ from dobc_design._show.cards import Card, Shown, listed
 from dobc_design.errors import ShapeError, SpecError, kept, raise_all, wrong
 from dobc_design.exact.matrix import Matrix, Vector
 from dobc_design.exact.number import parse_number
-from dobc_design.exact.reading import counted, is_list, is_text, read_matrix, read_vector, shown, shown_number
+from dobc_design.exact.reading import counted, is_list, is_text, named, read_matrix, read_vector, shown, shown_number
 
 Pair = tuple[Fraction, Fraction]
 
@@ -33,18 +33,35 @@ class Region(Shown):
         return Card(title="Region", text="asked for", facts=[("initial states", listed(pairs)), *error])
 
 
-def read_region(initial_states: Any, initial_disturbance: Any, *, dimension: int, with_exosystem: bool) -> Region:
-    """Read one pair for all components, or m pairs.  Raises SpecError naming the key."""
-    key = "region.initial_states"
+def items(value: Any, *, key: str) -> Iterable[tuple[Any, Any]]:
+    """The items of a mapping.  Raises: SpecError for anything else."""
+    if not isinstance(value, Mapping):
+        raise wrong(key, f"must be a table; got {shown(value)}.", "Give a mapping, as a dict.")
+    return value.items()
+
+
+def _values(value: Any, keys: Sequence[str], *, key: str) -> list[Any]:
+    """What a table, which may have no other keys than these, or a noun has under them; None where it has nothing."""
+    if isinstance(value, (Region, Simulation)):
+        return [getattr(value, name) for name in keys]
+    for name, _ in items(value, key=key):
+        if name not in keys:
+            raise wrong(f"{key}.{named(str(name))}", "is an unknown key.", f"Known keys: {', '.join(keys)}.")
+    return [value.get(name) for name in keys]
+
+
+def read_region(value: Any, *, dimension: int, with_exosystem: bool) -> Region | None:
+    """Read the [region] table, with one pair for all components or m pairs.  Raises SpecError naming the key."""
+    if value is None:
+        return None
+    initial_states, disturbance = _values(value, ("initial_states", "initial_disturbance"), key="region")
     errors: list[SpecError] = []
-    pairs: tuple[Pair, ...] = ()
-    disturbance = None
     with kept(errors):
-        pairs = _read_pairs(initial_states, key=key, dimension=dimension)
+        initial_states = _read_pairs(initial_states, key="region.initial_states", dimension=dimension)
     with kept(errors):
-        disturbance = _read_disturbance(initial_disturbance, with_exosystem=with_exosystem)
+        disturbance = _read_disturbance(disturbance, with_exosystem=with_exosystem)
     raise_all(errors)
-    return Region(initial_states=pairs, initial_disturbance=disturbance)
+    return Region(initial_states=initial_states, initial_disturbance=disturbance)
 
 
 def _read_pairs(value: Any, *, key: str, dimension: int) -> tuple[Pair, ...]:
@@ -106,25 +123,19 @@ class Simulation:
         return float(self.t_final)
 
 
-def read_simulation(
-    t_final: Any, seed: Any, xi0: Any, x0: Any = None, *, n: int, orders: tuple[int, ...], m: int = 1
-) -> Simulation:
+def read_simulation(value: Any, *, n: int, orders: tuple[int, ...], m: int = 1) -> Simulation:
     """Read the [simulation] table.  Defaults: 20 s, seed 0, xi0 = None (ones are then used), x0 = None (drawn).
 
     ``orders``: that of the exosystem, or n of them where agents have different ones.
     """
+    t_final, seed, xi0, x0 = _values(value or {}, ("t_final", "seed", "xi0", "x0"), key="simulation")
     time = Fraction(20) if t_final is None else positive_number(t_final, key="simulation.t_final", unit="s")
-    if seed is None:
-        seed = 0
+    seed = 0 if seed is None else seed
     if isinstance(seed, bool) or not isinstance(seed, int) or not 0 <= seed < 2**63:
         what = f"must be a whole number from 0 to 2^63 - 1; got {shown(seed)}."
         raise wrong("simulation.seed", what, "For example seed = 0.")
-    return Simulation(
-        t_final=time,
-        seed=seed,
-        xi0=None if xi0 is None else _read_xi0(xi0, n=n, orders=orders),
-        x0=None if x0 is None else _read_x0(x0, n=n, m=m),
-    )
+    rows = None if xi0 is None else _read_xi0(xi0, n=n, orders=orders)
+    return Simulation(t_final=time, seed=seed, xi0=rows, x0=None if x0 is None else _read_x0(x0, n=n, m=m))
 
 
 def _read_xi0(value: Any, *, n: int, orders: tuple[int, ...]) -> Rows:
@@ -240,35 +251,25 @@ class Switching(Shown):
             what = f"must be one of {', '.join(SIGNALS)}; got {shown(signal)}."
             raise wrong("switching.signal", what, 'For example signal = "random".')
         object.__setattr__(self, "signal", signal)
-        given = {
-            "dwell": dwell,
-            "sequence": sequence,
-            "period": period,
-            "generator": generator,
-            "schedule": schedule,
-            "radius": radius,
-            "neighbours": neighbours,
-            "hysteresis": hysteresis,
-        }
+        given = (dwell, sequence, period, generator, schedule, radius, neighbours, hysteresis)
         errors: list[SpecError] = []
-        for name, value in given.items():
-            object.__setattr__(self, name, None)
-            if value is not None:
-                with kept(errors):
-                    object.__setattr__(self, name, _read(signal, name, value))
-        if not errors:
-            errors += _misfits(self)
-        raise_all(errors)
+        for each, value in zip(fields(self)[1:], given, strict=True):
+            object.__setattr__(self, each.name, None)
+            with kept(errors):
+                object.__setattr__(self, each.name, None if value is None else _read(signal, each.name, value))
+        raise_all(errors or _misfits(self))
 
 
-def check_switching(switching: Switching, modes: Sequence[str]) -> None:
+def check_switching(switching: Switching | None, modes: Sequence[str]) -> Switching | None:
     """Check what refers to the network's modes.  Raises: SpecError that names every wrong entry."""
+    if switching is None:
+        return None
     errors = []
     listed = [(f"switching.sequence[{k}]", mode) for k, mode in enumerate(switching.sequence or ())]
     listed += [(f"switching.schedule[{k}][1]", mode) for k, (_, mode) in enumerate(switching.schedule or ())]
+    names = ", ".join(modes[:6]) + (", ..." if len(modes) > 6 else "")
     for key, mode in listed:
         if mode not in modes:
-            names = ", ".join(list(modes)[:6]) + (", ..." if len(modes) > 6 else "")
             errors.append(wrong(key, f"must be a mode of [network.modes]; got {shown(mode)}.", f"One of {names}."))
     rows = 0 if switching.generator is None else len(switching.generator)
     if rows and rows != len(modes):
@@ -276,6 +277,7 @@ def check_switching(switching: Switching, modes: Sequence[str]) -> None:
         cure = "Give rows and columns in the order of [network.modes]."
         errors.append(wrong("switching.generator", what, cure, kind=ShapeError))
     raise_all(errors)
+    return switching
 
 
 def _read(signal: str, name: str, value: Any) -> Any:
@@ -298,52 +300,33 @@ def _read(signal: str, name: str, value: Any) -> Any:
     return readers[name](value, key)
 
 
-def _misfits(switching: Switching) -> list[SpecError]:
+def _misfits(own: Switching) -> list[SpecError]:
     """Keys that are missing, or that say the same thing twice."""
-    own, found = switching, []
-    if own.signal == "schedule" and own.schedule is None:
-        found.append(_missing("schedule", "schedule", "it says from when on which mode is active"))
-    if own.signal == "mobile" and own.radius is None and own.neighbours is None:
-        found.append(_missing("mobile", "radius", "it says how far an agent hears (or neighbours: how many)"))
-    if own.radius is not None and own.neighbours is not None:
-        found.append(_twice("neighbours", "radius", "either says who is near"))
-    if own.signal == "markov" and own.generator is not None and own.dwell is not None:
-        found.append(_twice("dwell", "generator", "its diagonal says how long stays last"))
-    if own.signal == "periodic":
-        found += _misfits_of_rounds(own)
-    return found
-
-
-def _misfits_of_rounds(own: Switching) -> list[SpecError]:
-    if own.schedule is None:
-        return (
-            []
-            if own.dwell is None or own.period is None
-            else [_twice("period", "dwell", "either says how long a mode stays")]
-        )
-    found = [
-        _twice(name, "schedule", "the schedule says it all")
-        for name in ("dwell", "sequence")
-        if getattr(own, name) is not None
-    ]
-    if own.period is None:
-        return [*found, _missing("periodic", "period", "it says when the schedule begins anew")]
-    last = own.schedule[-1][0]
-    if own.period <= last:
-        what = f"must be > {shown_number(last)} s, the last instant of the schedule; got {shown_number(own.period)}."
+    has = {each.name for each in fields(own) if getattr(own, each.name) is not None}
+    rounds = own.signal == "periodic" and "schedule" in has
+    found = []
+    for applies, name, other, why in (  # without another key: where it applies, the key is required
+        (own.signal == "schedule", "schedule", "", "it says from when on which mode is active"),
+        (not {"radius", "neighbours"} & has, "radius", "", "it says how far an agent hears (or neighbours: how many)"),
+        (True, "neighbours", "radius", "either says who is near"),
+        (own.signal == "markov", "dwell", "generator", "its diagonal says how long stays last"),
+        (own.signal == "periodic" and not rounds, "period", "dwell", "either says how long a mode stays"),
+        (rounds, "dwell", "schedule", "the schedule says it all"),
+        (rounds, "sequence", "schedule", "the schedule says it all"),
+        (rounds, "period", "", "it says when the schedule begins anew"),
+    ):
+        key = f"switching.{name}"
+        if applies and other and {name, other} <= has:
+            what = f"must be left out where switching.{other} is given, because {why}."
+            found.append(wrong(key, what, "Keep one of them."))
+        elif applies and not other and name not in has and name in KEYS[own.signal]:
+            what = f'is required and missing: with signal = "{own.signal}" {why}.'
+            found.append(wrong(key, what, f"Write {_EXAMPLES[name]}."))
+    if rounds and own.schedule and own.period is not None and own.period <= own.schedule[-1][0]:
+        last, got = shown_number(own.schedule[-1][0]), shown_number(own.period)
+        what = f"must be > {last} s, the last instant of the schedule; got {got}."
         found.append(wrong("switching.period", what, "Choose a longer one."))
     return found
-
-
-def _missing(signal: str, name: str, why: str) -> SpecError:
-    key = f"switching.{name}"
-    what = f'{key} is required and missing: with signal = "{signal}" {why}.'
-    return SpecError(what, key=key, cure=f"Write {_EXAMPLES[name]}.")
-
-
-def _twice(name: str, other: str, why: str) -> SpecError:
-    key = f"switching.{name}"
-    return wrong(key, f"must be left out where switching.{other} is given, because {why}.", "Keep one of them.")
 
 
 def _read_sequence(value: Any, key: str) -> tuple[str, ...]:

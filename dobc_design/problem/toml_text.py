@@ -79,9 +79,8 @@ def _read_at_most(count: int, descriptor: int) -> bytes:
 
 def _kind(mode: int) -> str:
     """What is no regular file, in a word; "" for a file."""
-    if stat.S_ISREG(mode):
-        return ""
-    return "folder" if stat.S_ISDIR(mode) else "pipe" if stat.S_ISFIFO(mode) else "device"
+    kinds = {stat.S_IFREG: "", stat.S_IFDIR: "folder", stat.S_IFIFO: "pipe"}
+    return kinds.get(stat.S_IFMT(mode), "device")
 
 
 def parse_toml(data: bytes) -> dict[str, Any]:

@@ -110,10 +110,7 @@ class Coupling(Shown):
         return tuple(tuple(rows[0][0] if i == j else tree.ZERO for j in m) for i in m)
 
     def numpy_function(self) -> Callable[[ArrayLike], NDArray[np.float64]]:
-        """Return h as a function of arrays, to be kept when it is called often.
-
-        Shapes: (..., m) gives (..., m).  Overflow gives inf, undefined places give nan.
-        """
+        """Return h as a function of arrays, (..., m) to (..., m); overflow gives inf, undefined places give nan."""
         functions = [numpy_function(expression) for expression in self.components]
         dimension, by_component = self.dimension, self.by_component
 

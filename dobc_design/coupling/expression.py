@@ -37,10 +37,7 @@ class _Piece:
 
 
 def to_text(node: tree.Node, *, dimension: int = 1, compact: bool = False) -> str:
-    """Write the tree in the language of the parser, with no parenthesis more than it needs.
-
-    ``compact`` leaves out the spaces and takes the shortest form of every number.
-    """
+    """Write the tree in the parser's language, with the fewest parentheses; ``compact``: in the fewest characters."""
     variables = [_Piece(name, ATOM) for name in tree.variable_names(dimension)]
     return tree.evaluate(node, variables, _TextAlgebra(compact=compact)).text
 
@@ -288,10 +285,7 @@ def polynomial_degree(node: tree.Node) -> int | None:
 
 
 def nonsmooth_functions(node: tree.Node) -> tuple[str, ...]:
-    """Return which of abs, min, max, clip are applied to something that is not constant.
-
-    They are Lipschitz but not C1 (theory, section 1); where sqrt is not smooth, intervals refuse it.
-    """
+    """Which of abs, min, max, clip, Lipschitz but not C1 (theory, section 1), are applied to what is not constant."""
     found = {part.name for part in tree.postorder(node) if isinstance(part, tree.Call) and variables_used(part)}
     return tuple(name for name in NONSMOOTH if name in found)
 

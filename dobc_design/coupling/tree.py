@@ -197,10 +197,7 @@ def postorder(node: Node) -> tuple[Node, ...]:
 
 
 def evaluate(node: Node, variables: Sequence[T], algebra: Algebra[T]) -> T:
-    """Evaluate the tree with ``variables[i]`` for y_(i + 1).
-
-    Raises: whatever the algebra raises; IndexError if there are fewer variables than the tree uses.
-    """
+    """Evaluate the tree with ``variables[i]`` for y_(i + 1).  Raises: whatever the algebra raises."""
     return run(postorder(node), variables, algebra)
 
 

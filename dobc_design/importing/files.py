@@ -23,10 +23,7 @@ ARCS_ONLY = (
 
 
 def problem_from_file(path: Path, *, arrow: str | None = None) -> Problem:
-    """Make the problem; ``arrow`` is for files of arcs, where it says what a pair means.
-
-    Raises: SpecError for a file that is not there, of an unknown kind, or with something wrong in it.
-    """
+    """Make the problem; ``arrow`` says what a pair of a file of arcs means.  Raises: SpecError."""
     suffix = path.suffix.lower()
     if suffix not in SUFFIXES:
         what = f"{shown(path.name)} must end in one of {', '.join(SUFFIXES)}, which say what kind of file it is."

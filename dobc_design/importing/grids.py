@@ -121,10 +121,7 @@ _BUS = re.compile(r"[0-9]{1,18}(\.0*)?")
 
 
 def read_matpower(text: str, *, name: str) -> Grid:
-    """Read the tables of a case file; ``name`` of the file is for messages.
-
-    Raises: SpecError that names table, row and column.
-    """
+    """Read a case file; its ``name`` is for messages.  Raises: SpecError that names table, row and column."""
     plain = _CONTINUED.sub(" ", _COMMENT.sub("", text))
     tables = {table: _rows(body, table, name) for table, body in _tables(plain)}
     for table in ("bus", "branch"):
@@ -200,10 +197,7 @@ TABLES = ("bus", "line", "trafo", "trafo3w", "impedance", "switch", "gen", "ext_
 
 
 def from_pandapower(net: Any, *, name: str | None = None, gain: Any = 1) -> Problem:
-    """The consensus problem of a pandapower network: see ``grids``.  Generators and external grids are pinned.
-
-    Raises: SpecError for what is no such network, and for what cannot be a positive susceptance.
-    """
+    """The consensus problem of a pandapower network; generators and external grids are pinned.  Raises: SpecError."""
     if not all(hasattr(net, table) for table in ("bus", "line", "ext_grid")):
         what = f"must be a pandapower network; got {type(net).__name__}."
         raise wrong("net", what, "Such as pandapower.networks.case14().")

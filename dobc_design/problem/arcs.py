@@ -68,10 +68,7 @@ def split_by(kinds: IndexArray) -> Iterator[tuple[int, IndexArray]]:
 
 
 def unreached(problem: Problem, arcs: Iterable[Arcs]) -> tuple[int, ...]:
-    """Agents to which no information flows from a pinned agent along the arcs of all given modes together.
-
-    Breadth first, linear in the arcs.  Exact, hence also the ground of the reachability verdict.
-    """
+    """Agents that nothing from a pinned agent reaches along the arcs of all given modes; exact, in linear time."""
     listeners, speakers = _ends(arcs)
     order = np.argsort(speakers, kind="stable")
     heard_by = listeners[order].tolist()

@@ -44,10 +44,7 @@ def read_arcs_file(name: str, *, folder: Path | None, index: Mapping[str, int], 
 
 
 def labels_in_file(name: str, *, folder: Path | None, key: str) -> tuple[str, ...]:
-    """The labels of a file of arcs, in the order they appear; whole numbers in order.  Raises: SpecError.
-
-    GraphML names its nodes, so that those without an arc are agents, too.
-    """
+    """The labels in the order they appear, whole numbers sorted; GraphML also names agents without an arc."""
     source, path, text = _opened(name, folder=folder, key=key)
     ends: dict[str, None] = {}
     if path.suffix.lower() == ".graphml":

@@ -1,8 +1,4 @@
-"""A problem's numbers as float64 arrays, and the choices a model needs: which mode, which observer gain.
-
-Arcs come grouped by coupling, so that everything downstream works on whole arrays of arcs.  Floats are
-rounded; nothing computed from them is a proof.
-"""
+"""A problem's numbers as float64 arrays: rounded, so that nothing computed from them is a proof."""
 
 from __future__ import annotations
 
@@ -93,10 +89,7 @@ def no_gain(problem: Problem) -> Matrix | None:
 
 
 def required_gain(problem: Problem, gain: Gain | None) -> Array:
-    """Return W (q, m) as floats, with no rows if there is no exosystem.
-
-    Raises: SpecError if there is an exosystem and no W, besides what ``chosen_gain`` raises.
-    """
+    """Return W (q, m) as floats, with no rows without an exosystem.  Raises: SpecError, also where there is no W."""
     W = chosen_gain(problem, gain)
     if W is not None:
         return to_float(W)
@@ -140,10 +133,7 @@ def disturbance_arrays(problem: Problem, gain: Gain | None) -> Disturbance:
 
 
 def exosystem_arrays(problem: Problem) -> tuple[Array, Array]:
-    """Return A (q, q) and C (m, q) of (12), with q = 0 if there is no exosystem.
-
-    Raises: SpecError if agents have different exosystems.
-    """
+    """Return A (q, q) and C (m, q) of (12), q = 0 without an exosystem.  Raises: SpecError where there are several."""
     if problem.exosystem is None:
         return np.zeros((0, 0)), np.zeros((problem.m, 0))
     return to_float(problem.exosystem.A), to_float(problem.exosystem.C)
@@ -193,10 +183,7 @@ def pinning_matrix(problem: Problem) -> sp.csr_array:
 
 
 def consensus_jacobian(problem: Problem, mode: str) -> sp.csr_array | None:
-    """Return dh/de at e = 0 (n m, n m); None where a coupling has a kink at 0.
-
-    Slopes are the midpoints of their enclosures, which are narrow unless there is a kink.
-    """
+    """Return dh/de at e = 0 (n m, n m), of midpoints of slopes; None where a coupling has a kink at 0."""
     n, table, slopes = problem.n, arc_table(problem, mode), {}
     for place in np.unique(table.coupling).tolist():
         enclosed = problem.couplings[place].jacobian_at_zero()

@@ -94,10 +94,7 @@ CHANGEABLE = ("target", "pinning.gains", *_OF_ALL, "region.initial_disturbance",
 
 
 def gain_changes(problem: Problem, W: Matrix | None) -> dict[str, Any]:
-    """The changes that make W (q, m) the observer gain, None that one is to be designed; P is removed.
-
-    Where agents have different exosystems, W is block diagonal with one block per group.
-    """
+    """The changes that make W (of groups: block diagonal) the observer gain, None: a designed one; P is removed."""
     if not problem.is_grouped:
         return {"observer.W": None if W is None else typed_matrix(W), "observer.P": None}
     if W is None:

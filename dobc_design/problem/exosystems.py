@@ -185,10 +185,7 @@ def total(*parts: Exosystem) -> Exosystem:
 
 
 def stacked(*parts: Exosystem) -> Exosystem:
-    """Each part drives components of its own: A and C block diagonal.  For m > 1.
-
-    Raises: SpecError without parts.
-    """
+    """Each part drives components of its own: A and C block diagonal.  For m > 1.  Raises: SpecError without parts."""
     _require_parts(parts)
     return Exosystem(A=block_diagonal([part.A for part in parts]), C=block_diagonal([part.C for part in parts]))
 

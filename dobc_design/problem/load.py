@@ -197,10 +197,7 @@ def _of_kind(
 
 
 def read_problem_file(path: Path) -> Problem:
-    """Read a problem from a TOML file, or from a canonical problem.json.
-
-    Raises: SpecError naming the key and the cure.
-    """
+    """Read a problem from a TOML file, or from a canonical problem.json.  Raises: SpecError naming key and cure."""
     if path.suffix.lower() == ".json":  # it holds the arcs, too
         return problem_from_canonical(read_bytes(path, limit=arcs_file.MAX_BYTES))
     return read_problem_text(read_bytes(path), folder=path.resolve().parent, default_name=path.stem)
@@ -411,10 +408,7 @@ def load_problem(source: str | PathLike[str]) -> Problem:
 
 
 def source_text(source: str | PathLike[str]) -> str | None:
-    """The TOML that ``load_problem`` reads for this source; None for a problem.json.
-
-    Raises: SpecError if there is no such file.
-    """
+    """The TOML that ``load_problem`` reads for this source; None for a problem.json.  Raises: SpecError."""
     path = Path(source)
     if isinstance(source, str) and not os.path.isfile(source) and source in builtin_names():
         return builtin_text(source)

@@ -73,10 +73,7 @@ class Pinning(Shown):
 
 
 def read_pinning(gains: Any, *, labels: Sequence[str], dimension: int) -> Pinning:
-    """Read label -> gain, or one number for all agents, into a Pinning.
-
-    Raises: SpecError, with every wrong gain by its key pinning.gains.LABEL.
-    """
+    """Read label -> gain, or one number for all agents.  Raises: SpecError with every wrong gain by its key."""
     if gains is None or isinstance(gains, Pinning):
         return gains or Pinning(gains={})
     if is_list(gains):
@@ -129,9 +126,8 @@ def _read_gain(value: Any, *, key: str, dimension: int) -> Matrix:
             )
             raise wrong(key, what, "Use a positive gain, or leave the agent out.")
         return reading.scalar_matrix(number, dimension)
-    gain = reading.read_matrix(
-        value, key=key, shape=(dimension, dimension), because="one row and column per state component"
-    )
+    because = "one row and column per state component"
+    gain = reading.read_matrix(value, key=key, shape=(dimension, dimension), because=because)
     _check_gain(gain, key=key)
     return gain
 

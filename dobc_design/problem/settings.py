@@ -128,7 +128,7 @@ def read_simulation(value: Any, *, n: int, orders: tuple[int, ...], m: int = 1) 
 
     ``orders``: that of the exosystem, or n of them where agents have different ones.
     """
-    t_final, seed, xi0, x0 = _values(value or {}, ("t_final", "seed", "xi0", "x0"), key="simulation")
+    t_final, seed, xi0, x0 = _values({} if value is None else value, ("t_final", "seed", "xi0", "x0"), key="simulation")
     time = Fraction(20) if t_final is None else positive_number(t_final, key="simulation.t_final", unit="s")
     seed = 0 if seed is None else seed
     if isinstance(seed, bool) or not isinstance(seed, int) or not 0 <= seed < 2**63:
@@ -283,21 +283,13 @@ def check_switching(switching: Switching | None, modes: Sequence[str]) -> Switch
 def _read(signal: str, name: str, value: Any) -> Any:
     key = f"switching.{name}"
     if name != "dwell" and name not in KEYS[signal]:
-        owners = [each for each, names in KEYS.items() if name in names]
-        what = f'{key} has no meaning for signal = "{signal}"; it belongs to {" and ".join(map(_quoted, owners))}.'
-        raise SpecError(what, key=key, cure=f"Remove it, or write signal = {_quoted(owners[-1])}.")
-    if name in ("dwell", "period"):
-        return positive_number(value, key=key, unit="s")
-    if name == "radius":
-        return positive_number(value, key=key, unit="a distance in the unit of x")
-    readers = {
-        "sequence": _read_sequence,
-        "generator": _read_generator,
-        "schedule": _read_schedule,
-        "neighbours": _read_neighbours,
-        "hysteresis": _read_hysteresis,
-    }
-    return readers[name](value, key)
+        owners = [f'"{each}"' for each, names in KEYS.items() if name in names]
+        what = f'{key} has no meaning for signal = "{signal}"; it belongs to {" and ".join(owners)}.'
+        raise SpecError(what, key=key, cure=f"Remove it, or write signal = {owners[-1]}.")
+    if name in ("dwell", "period", "radius"):
+        return positive_number(value, key=key, unit="a distance in the unit of x" if name == "radius" else "s")
+    readers = {"sequence": _read_sequence, "generator": _read_generator, "schedule": _read_schedule}
+    return (readers | {"neighbours": _read_neighbours, "hysteresis": _read_hysteresis})[name](value, key)
 
 
 def _misfits(own: Switching) -> list[SpecError]:
@@ -405,7 +397,3 @@ def _mode(value: Any, key: str) -> str:
 
 def _no_list(key: str, what: str, value: Any, name: str) -> SpecError:
     return wrong(key, f"must be {what}; got {shown(value)}.", f"For example {_EXAMPLES[name]}.")
-
-
-def _quoted(name: str) -> str:
-    return f'"{name}"'

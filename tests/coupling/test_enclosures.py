@@ -17,9 +17,9 @@ from dobc_design.coupling.enclosures import (
     profile,
     secant,
     secant_range,
-    slope_range,
+    slope_form,
+    tight_range,
     value_form,
-    value_range,
 )
 from dobc_design.coupling.expression import parse_expression
 from dobc_design.coupling.tree import ONE, ZERO, GradientAlgebra, Jet, evaluate
@@ -28,6 +28,15 @@ from dobc_design.exact.interval import Interval, UndefinedError
 TWO = Interval(Fraction(-2), Fraction(2))
 # What mpmath's 200 bits may be off by.
 SLACK = Fraction(1, 10**45)
+TOLERANCE = Fraction(1, 10**6)
+
+
+def value_range(h: Curve, Y: Interval, tolerance: Fraction = TOLERANCE) -> Interval:
+    return tight_range(h, value_form, Y, tolerance=tolerance)
+
+
+def slope_range(h: Curve, Y: Interval, tolerance: Fraction = TOLERANCE) -> Interval:
+    return tight_range(h, slope_form, Y, tolerance=tolerance, what="h'")
 
 
 def curve(text: str) -> Curve:

@@ -127,36 +127,28 @@ def unknown_name(token: Token, *, dimension: int, called: bool) -> Fault:
     """Return the fault of a name that means nothing; ``called`` tells that ( follows it."""
     names = tree.variable_names(dimension)
     word = token.text.lower()
-    hint = FOREIGN.get(word)
-    if hint is not None:
-        return Fault(token.start, quote(token), hint)
+    if word in FOREIGN:
+        return Fault(token.start, quote(token), FOREIGN[word])
     if word[0] == "y" and (word[1:].strip("_").isdigit() or word == "y"):
         guess = "y" + (word[1:].strip("_") or "1") if word != "y" or dimension > 1 else "y"
         repair = Repair(token.start, token.end, guess) if guess in names else None
         why = f"the variables are {tree.names_in_words(dimension)}" if dimension > 1 else "the only variable is y"
         return Fault(token.start, quote(token), why, repair=repair)
-    return Fault(
-        token.start,
-        quote(token),
-        f"the names are {tree.names_in_words(dimension)}, pi, and the functions {' '.join(FUNCTIONS)}",
-        repair=_guess_name(token, names=names, called=called),
-    )
+    why = f"the names are {tree.names_in_words(dimension)}, pi, and the functions {' '.join(FUNCTIONS)}"
+    return Fault(token.start, quote(token), why, repair=_guess_name(token, names=names, called=called))
 
 
 def _guess_name(token: Token, *, names: tuple[str, ...], called: bool) -> Repair | None:
     word = token.text.lower()
     allowed = ["pi", *FUNCTIONS]
+    close = get_close_matches(word[:LONGEST_QUOTE], allowed, cutoff=0.7) if len(word) > 2 else []
     if word in ("x", "z") and not called:
-        guess = names[0]
-    elif word in allowed:
-        guess = word
-    elif word in OTHER_NAMES:
-        guess = OTHER_NAMES[word]
-    elif len(word) > 2 and (close := get_close_matches(word[:LONGEST_QUOTE], allowed, cutoff=0.7)):
-        guess = max(close, key=lambda name: sorted(name) == sorted(word))
+        guess: str | None = names[0]
+    elif word in allowed or word in OTHER_NAMES:
+        guess = OTHER_NAMES.get(word, word)
     else:
-        return None
-    return Repair(token.start, token.end, guess)
+        guess = max(close, key=lambda name: sorted(name) == sorted(word), default=None)
+    return None if guess is None else Repair(token.start, token.end, guess)
 
 
 DEEPEST = 50

@@ -37,10 +37,35 @@ def read_arcs_file(name: str, *, folder: Path | None, index: Mapping[str, int], 
     Raises: SpecError with the line.
     """
     source, path, text = _opened(name, folder=folder, key=key)
-    arcs = _lean_arcs(_rows(path, text, source, index), source, index=index, arrow=arrow)
-    if arcs is None:
-        raise _mistake(_rows(path, text, source, index), source, index=index)
-    return arcs
+    columns = array("q"), array("q"), array("q")
+    known: dict[str, Fraction] = {}
+    weights: list[Fraction] = []
+    for row, cells in _rows(path, text, source, index):
+        if len(cells) not in (2, 3):
+            what = f"must have 2 or 3 columns, from,to[,weight]; got {len(cells)}"
+            raise source.error(what, "Separate them by commas in CSV, else by blanks.", row=row)
+        for label in cells[:2]:
+            if label not in index:
+                what = f"names {shown(label)}; there is no such agent in network.agents"
+                raise source.error(what, "Correct the label, or add the agent.", row=row)
+        if cells[0] == cells[1]:
+            what = f"is a self-arc; agent {named(cells[0])} must not listen to itself"
+            raise source.error(what, f"Remove that {source.unit}.", row=row)
+        if len(cells) == 3 and cells[2] not in known:
+            known[cells[2]] = _weight(cells[2], source, row=row)
+        weights.append(known[cells[2]] if len(cells) == 3 else ONE)
+        for column, value in zip(columns, (index[cells[0]], index[cells[1]], row), strict=True):
+            column.append(value)
+    a, b, places = (np.array(column, dtype=np.int64) for column in columns)
+    if not weights:
+        raise source.error(*EMPTY)
+    codes = a * len(index) + b
+    order = np.argsort(codes, kind="stable")
+    again = order[1:][np.diff(codes[order]) == 0]
+    if len(again):
+        what, row = "repeats an arc; it is a duplicate", int(places[again.min()])
+        raise source.error(what, f"Remove that {source.unit}.", row=row)
+    return directed(a, b, tuple(weights), arrow=arrow)
 
 
 def labels_in_file(name: str, *, folder: Path | None, key: str) -> tuple[str, ...]:
@@ -76,26 +101,6 @@ def _rows(path: Path, text: str, source: _Source, index: Mapping[str, int]) -> I
     if suffix == ".graphml":
         return _graphml(text, source)
     return _csv(text, source, index=index) if suffix == ".csv" else _edge_list(text)
-
-
-def _lean_arcs(rows: Iterator[Row], source: _Source, *, index: Mapping[str, int], arrow: str) -> Arcs | None:
-    """The arcs, none of their rows kept; None where something is wrong: it is then looked for again, with its row."""
-    ends = array("q"), array("q")
-    known: dict[str, Fraction] = {}
-    weights: list[Fraction] = []
-    for row, cells in rows:
-        first, second = (index.get(cells[0]), index.get(cells[1])) if len(cells) in (2, 3) else (None, None)
-        if first is None or second is None:
-            return None
-        if len(cells) == 3 and cells[2] not in known:
-            known[cells[2]] = _weight(cells[2], source, row=row)
-        ends[0].append(first)
-        ends[1].append(second)
-        weights.append(known[cells[2]] if len(cells) == 3 else ONE)
-    a, b = (np.array(each, dtype=np.int64) for each in ends)
-    if not len(a) or (a == b).any() or len(np.unique(a * len(index) + b)) < len(a):
-        return None
-    return directed(a, b, tuple(weights), arrow=arrow)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -222,26 +227,3 @@ def _weight(text: str, source: _Source, *, row: int) -> Fraction:
             row=row,
         )
     return weight
-
-
-def _mistake(rows: Iterator[Row], source: _Source, *, index: Mapping[str, int]) -> SpecError:
-    """The error about the first row that is wrong; some are known to be, or there are none."""
-    seen: set[tuple[str, ...]] = set()
-    for row, cells in rows:
-        if len(cells) not in (2, 3):
-            what = f"must have 2 or 3 columns, from,to[,weight]; got {len(cells)}"
-            return source.error(what, "Separate them by commas in CSV, else by blanks.", row=row)
-        for label in cells[:2]:
-            if label not in index:
-                what = f"names {shown(label)}; there is no such agent in network.agents"
-                return source.error(what, "Correct the label, or add the agent.", row=row)
-        pair = tuple(cells[:2])
-        if pair in seen:
-            return source.error("repeats an arc; it is a duplicate", f"Remove that {source.unit}.", row=row)
-        if cells[0] == cells[1]:
-            what = f"is a self-arc; agent {named(cells[0])} must not listen to itself"
-            return source.error(what, f"Remove that {source.unit}.", row=row)
-        seen.add(pair)
-        if len(cells) == 3:
-            _weight(cells[2], source, row=row)
-    return source.error(*EMPTY)

@@ -94,10 +94,6 @@ class Arcs:
     def __hash__(self) -> int:
         return hash((self.listeners.tobytes(), self.speakers.tobytes(), self.weights))
 
-    def has(self, listener: int, speaker: int) -> bool:
-        """Tell whether ``listener`` hears ``speaker`` in this mode."""
-        return bool(np.any((self.listeners == listener) & (self.speakers == speaker)))
-
 
 def parse_weights(values: Sequence[Any], *, key: str) -> tuple[Fraction, ...]:
     """Read weights exactly, each distinct value once."""

@@ -180,21 +180,6 @@ def test_a_link_in_place_of_a_file_is_replaced_and_its_target_left_alone(folder,
     assert dd.verify((folder / "certificate.json").read_bytes(), folder / "problem.json").holds
 
 
-@pytest.mark.parametrize(
-    ("command", "key"), [(("check", "paper-fixed", "--canonical"), "--canonical"), (("export", "made", "--rocq"), None)]
-)
-def test_other_files_are_written_whole_or_not_at_all(made, tmp_path, command, key):
-    arguments = [made if word == "made" else word for word in command]
-    before = listing(tmp_path)
-    ran = dobc(
-        *arguments, tmp_path / "new", "--json", preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_FSIZE, (100, 100))
-    )
-    error = refusal(ran, 4)
-    assert key in (None, error["key"])
-    assert "File too large" in error["message"]
-    assert listing(tmp_path) == before
-
-
 # ------------------------------------------------------------------------------------------ reading
 
 

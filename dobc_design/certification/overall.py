@@ -19,7 +19,7 @@ from dobc_design.conditions.numbers import shorten
 from dobc_design.conditions.observer.decide import observable_part_is_hurwitz
 from dobc_design.exact.matrix import Matrix, Vector
 from dobc_design.exact.number import number_text
-from dobc_design.problem.arcs import unreached_in_union
+from dobc_design.problem.arrays import unreached_in_union
 from dobc_design.problem.groups import Group
 from dobc_design.problem.problem import Problem
 from dobc_design.verdict import Verdict

@@ -9,10 +9,9 @@ from dobc_design.exact.reading import shown
 from dobc_design.importing.grids import grid_problem, is_pandapower, read_matpower, read_pandapower
 from dobc_design.importing.matlab import read_mat
 from dobc_design.problem.arcs_file import READERS, labels_in_file, read_arcs_file
-from dobc_design.problem.load import load_problem
+from dobc_design.problem.load import load_problem, read_bytes
 from dobc_design.problem.network import Network
 from dobc_design.problem.problem import Problem, is_name
-from dobc_design.problem.toml_text import read_bytes
 
 LARGEST = 256 * 1024 * 1024
 SUFFIXES = (".m", ".json", ".mat", *READERS, ".toml")

@@ -18,11 +18,11 @@ import numpy as np
 from dobc_design.coupling.coupling import Coupling
 from dobc_design.errors import SpecError, wrong
 from dobc_design.exact.matrix import Matrix
-from dobc_design.exact.number import number_text, parse_number
+from dobc_design.exact.number import number_text
 from dobc_design.exact.reading import shown
 from dobc_design.problem.exosystems import Exosystem
 from dobc_design.problem.groups import Group, Observer, group_key, renamed
-from dobc_design.problem.network import Arcs, Network, directed, labels_of
+from dobc_design.problem.network import Arcs, Network, directed, labels_of, parse_weights
 from dobc_design.problem.problem import Problem
 from dobc_design.problem.settings import Switching
 
@@ -284,19 +284,13 @@ def _wrong(key: str, wanted: str, value: object) -> SpecError:
 
 
 def _arcs(rows: list[Any], *, key: str) -> Arcs:
-    known: dict[str, Fraction] = {}
-    listeners, speakers, weights = [], [], []
     for position, row in enumerate(rows):
         if not isinstance(row, list) or len(row) != 3 or type(row[0]) is not int or type(row[1]) is not int:
             raise _wrong(f"{key}[{position}]", "[listener, speaker, weight] with indices", row)
-        weight = _text(row[2], key=f"{key}[{position}][2]")
-        if weight not in known:
-            known[weight] = parse_number(weight, key=f"{key}[{position}][2]")
-        listeners.append(row[0])
-        speakers.append(row[1])
-        weights.append(known[weight])
+        _text(row[2], key=f"{key}[{position}][2]")
+    weights = parse_weights([row[2] for row in rows], key=key)
     try:
-        pair = np.array(listeners, dtype=np.int64), np.array(speakers, dtype=np.int64)
+        listeners, speakers = (np.array([row[end] for row in rows], dtype=np.int64) for end in (0, 1))
     except OverflowError:
         raise _wrong(key, "arcs between the agents", "an index that is too large") from None
-    return directed(*pair, tuple(weights), arrow="listens_to")
+    return directed(listeners, speakers, weights, arrow="listens_to")

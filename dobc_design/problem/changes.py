@@ -8,6 +8,7 @@ Key paths are those of the problem file ("pinning.gains", "observer.W"); the val
 from __future__ import annotations
 
 import json
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from fractions import Fraction
@@ -23,9 +24,8 @@ from dobc_design.exact.number import number_text
 from dobc_design.exact.reading import is_scalar_matrix, shown
 from dobc_design.problem.canonical import canonical_bytes, canonical_document, converted, settings_of
 from dobc_design.problem.groups import Observer, gains_of
-from dobc_design.problem.load import read_problem_text
+from dobc_design.problem.load import parse_toml, read_problem_text
 from dobc_design.problem.problem import Problem
-from dobc_design.problem.toml_text import parse_toml
 
 INLINE = 10  # labels up to which a table of gains stands in one line
 
@@ -83,7 +83,7 @@ def _cut_text(value: Any) -> str:
 
 
 def _key(name: str) -> str:
-    bare = name.isascii() and name.replace("-", "").replace("_", "").isalnum()
+    bare = re.fullmatch(r"[\w-]*[A-Za-z0-9][\w-]*", name, re.ASCII)
     return name if bare else json.dumps(name, ensure_ascii=False)
 
 

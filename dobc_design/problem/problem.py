@@ -208,8 +208,7 @@ class Problem(Shown):
             with kept(errors):
                 object.__setattr__(self, field, read())
 
-        _check_kinds(network=network, exosystem=exosystem, observer=observer, switching=switching)
-        _check_groups(groups)
+        _check_kinds(network=network, exosystem=exosystem, observer=observer, switching=switching, groups=groups)
         first = exosystem if exosystem is not None or not groups else groups[0].exosystem
         m = dimension_of(first, target, coupling)
         keep("name", lambda: _read_name(name))
@@ -365,7 +364,7 @@ def dimension_of(exosystem: Exosystem | None, target: Any, coupling: Any) -> int
     return max(1, m)
 
 
-def _check_kinds(*, network: object, exosystem: object, observer: object, switching: object) -> None:
+def _check_kinds(*, network: object, exosystem: object, observer: object, switching: object, groups: object) -> None:
     for key, value, kind, cure in (
         ("network", network, Network, "Make one with Network.from_arcs, from_networkx or from_sparse."),
         ("exosystem", exosystem, Exosystem, "Make one with Exosystem(A=..., C=...) or Exosystem.from_control(system)."),
@@ -375,12 +374,9 @@ def _check_kinds(*, network: object, exosystem: object, observer: object, switch
         if not isinstance(value, kind) and (value is not None or kind is Network):
             name = kind.__name__
             raise wrong(key, f"must be {'an' if name[0] in 'EO' else 'a'} {name}; got {shown(value)}.", cure)
-
-
-def _check_groups(groups: object) -> None:
-    if groups is not None and not (is_list(groups) and all(isinstance(each, Group) for each in groups)):  # type: ignore[attr-defined]
-        what = f"must be a list of Groups; got {shown(groups)}."
-        raise wrong("groups", what, "Make one with Group(agents=[...], exosystem=Exosystem(...)).")
+    if groups is not None and not (isinstance(groups, list | tuple) and all(isinstance(x, Group) for x in groups)):
+        cure = "Make one with Group(agents=[...], exosystem=Exosystem(...))."
+        raise wrong("groups", f"must be a list of Groups; got {shown(groups)}.", cure)
 
 
 def is_name(name: object) -> bool:

@@ -139,9 +139,18 @@ def read_simulation(value: Any, *, n: int, orders: tuple[int, ...], m: int = 1) 
 
 
 def _read_xi0(value: Any, *, n: int, orders: tuple[int, ...]) -> Rows:
-    key, q = "simulation.xi0", orders[0]
-    if len(orders) > 1:
-        return _rows_of_orders(value, key=key, orders=orders)
+    key, q, n_rows = "simulation.xi0", orders[0], counted(len(orders), "row")
+    if len(orders) > 1:  # one row per agent, as long as the order of its own exosystem
+        if not is_list(value) or len(value) != len(orders) or not all(is_list(row) for row in value):
+            what = (
+                f"must have {n_rows}, one per agent, because the groups of exosystem.groups"
+                f" differ in order; got {shown(value)}."
+            )
+            cure = "Give every agent a row with one number per state of its own exosystem."
+            raise wrong(key, what, cure, kind=ShapeError)
+        because = "one per state of this agent's exosystem"
+        rows = enumerate(zip(value, orders, strict=True))
+        return tuple(read_vector(row, key=f"{key}[{i}]", length=m, because=because) for i, (row, m) in rows)
     if q == 0:
         raise wrong(key, "has no meaning without an [exosystem].", "Remove it.")
     return _rows(value, key=key, n=n, width=q, because="one per exosystem state")
@@ -172,22 +181,6 @@ def _rows(value: Any, *, key: str, n: int, width: int, because: str) -> Rows:
         cure = f"Write {[1] + [0] * (width - 1)}." if width <= 6 else "Write [1, 0, ...]."
         raise wrong(key, f"must be a list of {counted(width, 'number')}; got {shown(value)}.", cure, kind=ShapeError)
     return (read_vector(value, key=key, length=width, because=because),)
-
-
-def _rows_of_orders(value: Any, *, key: str, orders: tuple[int, ...]) -> Rows:
-    """One row per agent, as long as the order of its own exosystem."""
-    if not is_list(value) or len(value) != len(orders) or not all(is_list(row) for row in value):
-        what = (
-            f"must have {counted(len(orders), 'row')}, one per agent, because the groups of exosystem.groups"
-            f" differ in order; got {shown(value)}."
-        )
-        cure = "Give every agent a row with one number per state of its own exosystem."
-        raise wrong(key, what, cure, kind=ShapeError)
-    because = "one per state of this agent's exosystem"
-    return tuple(
-        read_vector(row, key=f"{key}[{i}]", length=order, because=because)
-        for i, (row, order) in enumerate(zip(value, orders, strict=True))
-    )
 
 
 Schedule = tuple[tuple[Fraction, str], ...]

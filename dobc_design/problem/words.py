@@ -9,7 +9,7 @@ from typing import Any
 from dobc_design.errors import SpecError
 from dobc_design.exact.number import number_text
 from dobc_design.exact.reading import counted, is_scalar_matrix
-from dobc_design.problem.arcs import unreached
+from dobc_design.problem.arrays import unreached
 from dobc_design.problem.groups import Group
 from dobc_design.problem.network import Arcs
 from dobc_design.problem.problem import Problem

@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from dobc_design.conditions.consensus.network import cure_in_words
-from dobc_design.problem.arcs import closed_groups, unreached_in_union
+from dobc_design.problem.arrays import closed_groups, unreached_in_union
 from dobc_design.problem.exosystems import Exosystem
 from dobc_design.problem.groups import Observer
 from dobc_design.problem.load import builtin_names, load_problem

@@ -20,7 +20,7 @@ from dobc_design.conditions.consensus.pinning import (
     valid_gains,
 )
 from dobc_design.conditions.consensus.propose import rows_of
-from dobc_design.problem.arcs import closed_groups
+from dobc_design.problem.arrays import closed_groups
 from dobc_design.problem.problem import Problem
 from dobc_design.solvers.program import Array
 

@@ -40,7 +40,7 @@ from dobc_design.exact.symmetric import (
     SparseSymmetric,
     as_integers,
 )
-from dobc_design.problem.arcs import arc_table
+from dobc_design.problem.arrays import arc_table
 from dobc_design.problem.canonical import matrix_text
 from dobc_design.problem.exosystems import Exosystem
 from dobc_design.problem.groups import Group, group_numbers

@@ -42,7 +42,7 @@ from dobc_design.exact.number import number_text
 from dobc_design.exact.reading import counted
 from dobc_design.exact.symmetric import SparseSymmetric, Symmetric
 from dobc_design.exact.zmatrix import proves
-from dobc_design.problem.arcs import closed_groups
+from dobc_design.problem.arrays import closed_groups
 from dobc_design.problem.changes import typed_number
 from dobc_design.problem.problem import Problem
 from dobc_design.synthesis.pinning.claim import Bound, Obstacle, Structure

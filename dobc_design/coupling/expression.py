@@ -61,14 +61,10 @@ def decimal_text(value: Fraction, *, compact: bool = False) -> str | None:
 
 
 def _plain(value: Fraction) -> str | None:
-    rest, twos, fives = value.denominator, 0, 0
-    while rest % 2 == 0:
-        rest, twos = rest // 2, twos + 1
-    while rest % 5 == 0:
-        rest, fives = rest // 5, fives + 1
-    if rest != 1:
+    denominator = value.denominator
+    places = next((k for k in range(denominator.bit_length()) if pow(10, k, denominator) == 0), None)
+    if places is None:
         return None
-    places = max(twos, fives)
     digits = str(value.numerator * 10**places // value.denominator).rjust(places + 1, "0")
     return digits if places == 0 else f"{digits[:-places]}.{digits[-places:]}"
 
@@ -258,11 +254,7 @@ def parse_expression(text: str, *, dimension: int = 1, key: str = "coupling.h") 
 
 
 def numpy_function(expression: Expression) -> Callable[[ArrayLike], NDArray[np.float64]]:
-    """Return the expression as a function of arrays.
-
-    Shapes: with dimension 1 any shape, element by element; else (..., m) gives (...).
-    Overflow gives inf and undefined places give nan, without warnings.
-    """
+    """Return the expression as a function of arrays; overflow gives inf, undefined places nan, without warnings."""
     order, dimension = tree.postorder(expression.node), expression.dimension
     algebra = tree.NumpyAlgebra()
 

@@ -91,22 +91,18 @@ class _Binary(Node):
         return (self.left, self.right)
 
 
-@dataclass(frozen=True, slots=True, eq=False)
 class Add(_Binary):
     """left + right."""
 
 
-@dataclass(frozen=True, slots=True, eq=False)
 class Subtract(_Binary):
     """left - right."""
 
 
-@dataclass(frozen=True, slots=True, eq=False)
 class Multiply(_Binary):
     """left * right."""
 
 
-@dataclass(frozen=True, slots=True, eq=False)
 class Divide(_Binary):
     """left / right."""
 

@@ -32,7 +32,16 @@ def problem_from_file(path: Path, *, arrow: str | None = None) -> Problem:
         raise SpecError(what, key="--arrow", cure="Leave it out.")
     name = path.stem if is_name(path.stem) else "problem"
     if suffix in READERS:
-        return _arcs_problem(path, name=name, arrow=arrow)
+        if arrow is None:
+            why = "there is no default, because a wrong guess is never noticed."
+            cure = "listens_to: a hears b.  sends_to: a is heard by b."
+            raise SpecError(f"arrow must say what a pair a, b of the file means; {why}", key="--arrow", cure=cure)
+        folder = path.resolve().parent
+        labels = labels_in_file(path.name, folder=folder, key="arcs")
+        index = {label: place for place, label in enumerate(labels)}
+        arcs = read_arcs_file(path.name, folder=folder, index=index, arrow=arrow, key="arcs")
+        notes = [note.format(file=path.name) for note in ARCS_ONLY]
+        return Problem(name=name, network=Network(labels=labels, modes={"G": arcs}), coupling="y", notes=notes)
     if suffix == ".toml":
         return load_problem(path)
     data = read_bytes(path, limit=LARGEST, what="file")
@@ -43,18 +52,3 @@ def problem_from_file(path: Path, *, arrow: str | None = None) -> Problem:
     if is_pandapower(data):
         return grid_problem(read_pandapower(data, name=path.name), name=name)
     return load_problem(path)
-
-
-def _arcs_problem(path: Path, *, name: str, arrow: str | None) -> Problem:
-    if arrow is None:
-        what = (
-            "arrow must say what a pair a, b of the file means; there is no default, because a wrong guess is never"
-            " noticed."
-        )
-        raise SpecError(what, key="--arrow", cure="listens_to: a hears b.  sends_to: a is heard by b.")
-    folder = path.resolve().parent
-    labels = labels_in_file(path.name, folder=folder, key="arcs")
-    index = {label: place for place, label in enumerate(labels)}
-    arcs = read_arcs_file(path.name, folder=folder, index=index, arrow=arrow, key="arcs")
-    notes = [note.format(file=path.name) for note in ARCS_ONLY]
-    return Problem(name=name, network=Network(labels=labels, modes={"G": arcs}), coupling="y", notes=notes)

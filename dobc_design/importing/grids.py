@@ -53,10 +53,7 @@ class Grid:
 
 
 def grid_problem(grid: Grid, *, name: str, gain: Any = 1) -> Problem:
-    """The consensus problem of a grid; generators are pinned with ``gain`` (1/s).
-
-    Raises: SpecError for a branch that leaves the grid, or whose reactance is not positive: it would push angles apart.
-    """
+    """The consensus problem of a grid; generators are pinned with ``gain`` (1/s).  Raises: SpecError."""
     known = set(grid.buses)
     weights: dict[tuple[str, str], Fraction] = {}
     for branch in grid.branches:

@@ -205,8 +205,11 @@ def read_mat(data: bytes, *, file: str, name: str) -> Problem:
     )
     if ("A" in found) != ("C" in found):
         raise wrong("A", "and C must stand together: xi' = A xi, d = C xi.", "Give both or neither.")
-    A, C, W, P = (_rows(found[name], name) if name in found else None for name in ("A", "C", "W", "P"))
+    A, C, W, P = (_matrix(found[name], name).tolist() if name in found else None for name in ("A", "C", "W", "P"))
     xbar = _matrix(found.get("xbar", np.zeros(1)), "xbar").ravel().tolist()
+    offsets = _matrix(found["offsets"], "offsets").tolist() if "offsets" in found else None
+    if offsets is not None and len(offsets) != n:
+        raise wrong("offsets", f"must have {n} rows, one per agent; got {len(offsets)}.", "n x m.")
     h, title = _all_texts(found.get("h", "y"), "h"), _all_texts(found.get("name", ""), "name")
     return Problem(
         name=title[0] if len(title) == 1 and title[0] else name,
@@ -216,26 +219,17 @@ def read_mat(data: bytes, *, file: str, name: str) -> Problem:
         gains=_gains(found.get("k"), network.labels),
         exosystem=None if A is None or C is None else Exosystem(A=A, C=C),
         observer=None if W is None and P is None else Observer(W=W, P=P),
-        offsets=_offsets(found.get("offsets"), network.labels),
+        offsets=None if offsets is None else dict(zip(network.labels, offsets, strict=True)),
         notes=[] if "h" in found else [LINEAR],
     )
 
 
 def _matrix(value: Any, key: str) -> Any:
-    if not isinstance(value, np.ndarray) or np.iscomplexobj(value):
-        raise wrong(key, f"must be a real matrix; got {_kind(value)}.", "Save a matrix of real numbers.")
-    return value
-
-
-def _kind(value: Any) -> str:
-    if isinstance(value, np.ndarray):
-        return "complex numbers"
-    return "text" if value and isinstance(value[0], str) else "a cell array"
-
-
-def _rows(value: Any, key: str = "matrix") -> list[list[Any]]:
-    rows: list[list[Any]] = _matrix(value, key).tolist()
-    return rows
+    if isinstance(value, np.ndarray) and not np.iscomplexobj(value):
+        return value
+    kind = "text" if len(value) and isinstance(value[0], str) else "a cell array"
+    kind = "complex numbers" if isinstance(value, np.ndarray) else kind
+    raise wrong(key, f"must be a real matrix; got {kind}.", "Save a matrix of real numbers.")
 
 
 def _layers(L: Any) -> list[Any]:
@@ -276,21 +270,10 @@ def _gains(k: Any, labels: Sequence[str]) -> Any:
     raise wrong("k", what, "For example k = zeros(n, 1); k(1) = 5.")
 
 
-def _offsets(offsets: Any, labels: Sequence[str]) -> dict[str, list[Any]] | None:
-    if offsets is None:
-        return None
-    rows = _rows(offsets, "offsets")
-    if len(rows) != len(labels):
-        raise wrong("offsets", f"must have {len(labels)} rows, one per agent; got {len(rows)}.", "n x m.")
-    return dict(zip(labels, rows, strict=True))
-
-
 def _texts(value: Any, key: str, *, count: int) -> list[str] | None:
     """A cell array of text, or the rows of a character matrix."""
-    if value is None:
-        return None
-    texts = _all_texts(value, key)
-    if len(texts) != count:
+    texts = None if value is None else _all_texts(value, key)
+    if texts is not None and len(texts) != count:
         raise wrong(key, f"must hold {count} texts; got {len(texts)}.", "A cell array of text.")
     return texts
 

@@ -1,7 +1,6 @@
-"""problem.json: the one text of a problem that a certificate is about, and its hash.
+"""problem.json: the one text of a problem that a certificate is about, and its hash; a function of the Problem alone.
 
-Arcs are [listener, speaker, weight] with indices from 0, whatever ``arrow`` the user wrote; numbers are
-rationals as strings; couplings are their canonical text.  The bytes are a function of the Problem alone.
+Arcs are [listener, speaker, weight] with indices from 0; numbers are rationals as strings.
 """
 
 from __future__ import annotations
@@ -274,9 +273,9 @@ def _list(value: Any, *, key: str, length: int | None = None) -> list[Any]:
 
 
 def _text(value: Any, *, key: str) -> str:
-    if not isinstance(value, str):
-        raise _wrong(key, "text", value)
-    return value
+    if isinstance(value, str):
+        return value
+    raise _wrong(key, "text", value)
 
 
 def _wrong(key: str, wanted: str, value: object) -> SpecError:

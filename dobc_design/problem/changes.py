@@ -104,11 +104,7 @@ def gain_changes(problem: Problem, W: Matrix | None) -> dict[str, Any]:
 
 
 def changed_problem(problem: Problem, changes: Mapping[str, Any]) -> Problem:
-    """Return the problem with these keys set, everything else as it was.
-
-    ``changes``: key path -> value as it would stand in the file, None to remove the key.
-    Raises: SpecError for a key path that cannot be changed here, and for values that the problem refuses.
-    """
+    """The problem with these keys (path -> value as in the file, None to remove it) set.  Raises: SpecError."""
     for key in changes:
         if key not in CHANGEABLE:
             what = f"{shown(key)} is no key that a change may set."
@@ -145,12 +141,10 @@ REMARK = "set by dobc certify --apply-fix"  # in place of a comment on the value
 
 
 def changed_text(text: str, changes: Mapping[str, Any], *, whole: bool = False, remark: str = REMARK) -> str | None:
-    """The text of a problem file with these keys set (None removes one); comments and order stay.
+    """The text of a problem file with these keys set; comments and order stay.  Raises: SpecError if it is no TOML.
 
     In a table with lines of its own ([pinning.gains]) only the lines change whose values do; ``whole``: all of them.
-    ``remark``: the comment on what was set.
-    Returns: None if the text is laid out in a way that cannot be changed key by key.
-    Raises: SpecError if the text is no TOML.
+    ``remark``: the comment on what was set.  Returns: None if the text cannot be changed key by key.
     """
     parse_toml(text.encode("utf-8"))  # bounds size and nesting before tomlkit sees it
     try:
@@ -193,10 +187,7 @@ def _set(document: Any, path: list[str], value: Any, *, whole: bool, remark: str
 
 
 def _set_group_gains(document: Any, gains: Mapping[str, Any], *, remark: str) -> None:
-    """W of every group where it stands: in its table, or in [observer] for the agents outside of all tables.
-
-    A group is found by its name, the label of one of its agents.
-    """
+    """W of every group in its table, found by the label of an agent, or in [observer] for those outside of all."""
     left = dict(gains)
     for table in document["exosystem"]["groups"]:
         name = next((name for name in gains if name in {str(agent) for agent in table["agents"]}), None)
@@ -228,10 +219,9 @@ def _item(value: Any) -> Any:
 def changed_file(
     problem: Problem, changes: Mapping[str, Any], *, text: str | None, folder: Path, remark: str = REMARK
 ) -> str:
-    """The text of a file in ``folder`` that holds the problem with these changes.
+    """The text of a file in ``folder`` that holds the problem with these changes.  Raises: SpecError.
 
     ``text``: the TOML the problem came from, or None; its comments and its order stay where that is possible.
-    Raises: SpecError if the changes do not fit the problem, or it cannot be written as a problem file.
     """
     wanted = changed_problem(problem, changes)
     for replacing in (False, True) if text is not None else ():

@@ -93,8 +93,8 @@ def of_kind(kind: Any, *, frequencies: Any = None, components: int = 1) -> Exosy
             raise wrong("exosystem.frequencies", "has no meaning for this kind.", "Remove it.")
         cure = "Write frequencies = [2], in rad/s."
         raise wrong("exosystem.frequencies", "is required for harmonics and missing.", cure)
-    shape = harmonics(frequencies) if kind == "harmonics" else constant() if kind == "constant" else ramp()
-    return shape if components == 1 else stacked(*[shape] * components)
+    shape = harmonics(frequencies) if kind == "harmonics" else polynomial(KINDS.index(kind))
+    return stacked(*[shape] * components)
 
 
 def constant() -> Exosystem:

@@ -451,10 +451,20 @@ def _exceptions(tables: ProblemFile, network: Network, *, dimension: int) -> dic
     errors: list[SpecError] = []
     for position, table in enumerate(given):
         key = f"coupling.exceptions[{position}]"
-        pairs: list[tuple[int, int]] = []
+        pairs, seen = list[tuple[int, int]](), set[tuple[int, int]]()
         with kept(errors):
             pairs = _exception_arcs(table.arcs, key=f"{key}.arcs", index=index, arrow=tables.network.arrow)
-            _check_exceptions(pairs, codes, taken=result, labels=network.labels, key=f"{key}.arcs")
+            for place, (listener, speaker) in enumerate(pairs):
+                names = f"{named(network.labels[listener])} listens to {named(network.labels[speaker])}"
+                if listener * network.size + speaker not in codes:
+                    turned = speaker * network.size + listener in codes
+                    end = "; it is there the other way round." if turned else "."
+                    what = f"no mode has the arc in which {names}{end}"
+                    raise about(f"{key}.arcs[{place}]", what, "Correct the arc, or remove the exception.")
+                if (listener, speaker) in result or (listener, speaker) in seen:
+                    what = f"the arc in which {names} has an exception already."
+                    raise about(f"{key}.arcs[{place}]", what, "Keep one of them.")
+                seen.add((listener, speaker))
         with kept(errors):
             coupling = make_coupling(table.h, dimension=dimension, key=f"{key}.h")
             result |= dict.fromkeys(pairs, coupling)
@@ -473,27 +483,6 @@ def _exception_arcs(value: Any, *, key: str, index: Mapping[str, int], arrow: st
             raise wrong(f"{key}[{place}]", what, "Drop the third entry.")
     arcs = arcs_from_pairs(value, index=index, arrow=arrow, key=key)
     return list(zip(arcs.listeners.tolist(), arcs.speakers.tolist(), strict=True))
-
-
-def _check_exceptions(
-    pairs: list[tuple[int, int]],
-    codes: set[int],
-    *,
-    taken: Mapping[tuple[int, int], Coupling],
-    labels: tuple[str, ...],
-    key: str,
-) -> None:
-    """Refuse arcs that no mode has, and arcs that have an exception already."""
-    seen: set[tuple[int, int]] = set()
-    for place, (listener, speaker) in enumerate(pairs):
-        names = f"{named(labels[listener])} listens to {named(labels[speaker])}"
-        if listener * len(labels) + speaker not in codes:
-            turned = speaker * len(labels) + listener in codes
-            what = f"no mode has the arc in which {names}" + ("; it is there the other way round." if turned else ".")
-            raise about(f"{key}[{place}]", what, "Correct the arc, or remove the exception.")
-        if (listener, speaker) in taken or (listener, speaker) in seen:
-            raise about(f"{key}[{place}]", f"the arc in which {names} has an exception already.", "Keep one of them.")
-        seen.add((listener, speaker))
 
 
 SUFFIX = ".toml"

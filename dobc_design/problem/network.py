@@ -292,7 +292,11 @@ class Network(Shown):
         """
         given = _modes(arcs, isinstance(arcs, Mapping))
         lists = {name: [tuple(arc) if is_list(arc) else arc for arc in pairs] for name, pairs in given.items()}
-        labels = _labels_in(lists.values()) if agents is None else labels_of(agents)
+        if agents is None:  # malformed arcs are reported later
+            ends = (end for pairs in lists.values() for arc in pairs if is_list(arc) for end in arc[:2])
+            labels = tuple(dict.fromkeys(map(label_text, ends)))
+        else:
+            labels = labels_of(agents)
         index = {label: i for i, label in enumerate(labels)}
         keys = {name: f"network.modes.{named(name)}" for name in lists}
         return cls(
@@ -320,7 +324,11 @@ class Network(Shown):
             if not hasattr(each, "edges") or not hasattr(each, "is_directed"):
                 cure = "For lists of pairs there is Network.from_arcs, for matrices Network.from_sparse."
                 raise wrong(key, f"must be a networkx graph; got {type(each).__name__}.", cure)
-            nodes = _nodes(each)
+            try:
+                nodes = labels_of(list(each.nodes))
+            except SpecError as error:  # grids of networkx have tuples
+                cure = "networkx.relabel_nodes(graph, str) gives text."
+                raise SpecError(error.message, key=error.key, cure=cure) from None
             labels = labels or nodes
             if set(nodes) != set(labels):
                 what = "must have the same nodes as the first mode."
@@ -350,7 +358,11 @@ class Network(Shown):
         modes = {}
         for name, each in matrices.items():
             key = f"network.modes.{named(name)}"
-            table = _coordinates(each, key=key)
+            if not hasattr(each, "tocoo") or len(each.shape) != 2:
+                what = f"must be a SciPy sparse matrix; got {type(each).__name__}."
+                raise wrong(key, what, "Wrap it: scipy.sparse.coo_array(matrix).")
+            table = each.tocoo(copy=True)
+            table.sum_duplicates()
             if table.shape[0] != table.shape[1] or size not in (0, table.shape[0]):
                 what = (
                     f"the matrix must be square, with one row and column per agent"
@@ -366,13 +378,6 @@ class Network(Shown):
         return cls(labels=labels_of(size) if names is None else names, modes=modes)
 
 
-def _nodes(graph: Any) -> tuple[str, ...]:
-    try:
-        return labels_of(list(graph.nodes))
-    except SpecError as error:  # grids of networkx have tuples
-        raise SpecError(error.message, key=error.key, cure="networkx.relabel_nodes(graph, str) gives text.") from None
-
-
 def _listening(labels: tuple[str, ...], arcs: Arcs) -> str:
     """What the first few agents hear, from the first arcs."""
     heard: dict[int, list[str]] = {}
@@ -384,19 +389,3 @@ def _listening(labels: tuple[str, ...], arcs: Arcs) -> str:
 
 def _modes(value: Any, several: bool) -> dict[str, Any]:
     return {str(name): each for name, each in value.items()} if several else {"G": value}
-
-
-def _coordinates(matrix: Any, *, key: str) -> Any:
-    """The matrix in coordinate form, a copy, each place once."""
-    if not hasattr(matrix, "tocoo") or len(matrix.shape) != 2:
-        what = f"must be a SciPy sparse matrix; got {type(matrix).__name__}."
-        raise wrong(key, what, "Wrap it: scipy.sparse.coo_array(matrix).")
-    table = matrix.tocoo(copy=True)
-    table.sum_duplicates()
-    return table
-
-
-def _labels_in(lists: Iterable[Sequence[Any]]) -> tuple[str, ...]:
-    """The labels of arcs in the order they appear; malformed arcs are reported later."""
-    pairs = (arc for arcs in lists for arc in arcs if is_list(arc))
-    return tuple(dict.fromkeys(label_text(end) for arc in pairs for end in arc[:2]))

@@ -124,10 +124,7 @@ class Simulation:
 
 
 def read_simulation(value: Any, *, n: int, orders: tuple[int, ...], m: int = 1) -> Simulation:
-    """Read the [simulation] table.  Defaults: 20 s, seed 0, xi0 = None (ones are then used), x0 = None (drawn).
-
-    ``orders``: that of the exosystem, or n of them where agents have different ones.
-    """
+    """Read the [simulation] table; ``orders``: that of the exosystem, or n of them where agents have different ones."""
     t_final, seed, xi0, x0 = _values({} if value is None else value, ("t_final", "seed", "xi0", "x0"), key="simulation")
     time = Fraction(20) if t_final is None else positive_number(t_final, key="simulation.t_final", unit="s")
     seed = 0 if seed is None else seed
@@ -281,8 +278,18 @@ def _read(signal: str, name: str, value: Any) -> Any:
         raise SpecError(what, key=key, cure=f"Remove it, or write signal = {owners[-1]}.")
     if name in ("dwell", "period", "radius"):
         return positive_number(value, key=key, unit="a distance in the unit of x" if name == "radius" else "s")
+    if name == "hysteresis":
+        number = parse_number(value, key=key)
+        if number < 0:
+            what = f"must be >= 0 (a distance in the unit of x); got {shown_number(number)}."
+            raise wrong(key, what, f"Write {_EXAMPLES[name]}.")
+        return number
+    if name == "neighbours":
+        if isinstance(value, bool) or not isinstance(value, int) or not 1 <= value < 2**31:
+            raise wrong(key, f"must be a whole number >= 1; got {shown(value)}.", f"Write {_EXAMPLES[name]}.")
+        return value
     readers = {"sequence": _read_sequence, "generator": _read_generator, "schedule": _read_schedule}
-    return (readers | {"neighbours": _read_neighbours, "hysteresis": _read_hysteresis})[name](value, key)
+    return readers[name](value, key)
 
 
 def _misfits(own: Switching) -> list[SpecError]:
@@ -357,20 +364,6 @@ def _read_schedule(value: Any, key: str) -> Schedule:
             what = f"must be > {shown_number(before)}, because instants increase; got {shown_number(after)}."
             raise wrong(place, what, "Sort the instants.")
     return tuple(rows)
-
-
-def _read_neighbours(value: Any, key: str) -> int:
-    if isinstance(value, bool) or not isinstance(value, int) or not 1 <= value < 2**31:
-        raise wrong(key, f"must be a whole number >= 1; got {shown(value)}.", f"Write {_EXAMPLES['neighbours']}.")
-    return value
-
-
-def _read_hysteresis(value: Any, key: str) -> Fraction:
-    number = parse_number(value, key=key)
-    if number < 0:
-        what = f"must be >= 0 (a distance in the unit of x); got {shown_number(number)}."
-        raise wrong(key, what, f"Write {_EXAMPLES['hysteresis']}.")
-    return number
 
 
 def positive_number(value: Any, *, key: str, unit: str) -> Fraction:

@@ -160,13 +160,6 @@ def test_random_points_lie_inside_the_enclosures(turn: int):
     assert check_containment(turn, 15) == []
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("turn", range(len(OUTER)))
-def test_more_random_points_lie_inside_the_enclosures(turn: int):
-    for round_number in (1, 2):
-        assert check_containment(turn + len(OUTER) * round_number, 15) == []
-
-
 @pytest.mark.parametrize("turn", range(0, len(OUTER), 2))
 def test_derivatives_of_the_secant_gain_bound_its_differences(turn: int):
     """g(b) - g(a) = g'(c) (b - a) for the g' that rows are decided with."""

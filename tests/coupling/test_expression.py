@@ -43,9 +43,6 @@ def number(value):
     return Constant(Fraction(value))
 
 
-# Reading ------------------------------------------------------------------------------------------
-
-
 @pytest.mark.parametrize(
     ("text", "node"),
     [
@@ -54,14 +51,11 @@ def number(value):
         ("y1", Y),
         ("3.2", number("16/5")),
         (".5", number("1/2")),
-        ("2.", number(2)),
-        ("1e-3", number("1/1000")),
         ("-y**2", Negate(Power(Y, 2))),
         ("2**-1", Power(number(2), -1)),
         ("y**+3", Power(Y, 3)),
         ("y**(2)", Power(Y, 2)),
         ("(y**2)**3", Power(Power(Y, 2), 3)),
-        ("y**1/2", Divide(Power(Y, 1), number(2))),
         ("y**0.5", Call("sqrt", (Y,))),
         ("y**(1/2)", Call("sqrt", (Y,))),
         ("y - 1 - 2", Subtract(Subtract(Y, number(1)), number(2))),
@@ -70,7 +64,6 @@ def number(value):
         ("y + 2*y", Add(Y, Multiply(number(2), Y))),
         ("-y*y", Multiply(Negate(Y), Y)),
         ("y*-y", Multiply(Y, Negate(Y))),
-        ("--y", Negate(Negate(Y))),
         ("max(y, 1, -y)", Call("max", (Y, number(1), Negate(Y)))),
         ("clip(y, -1, 1/2)", Call("clip", (Y, Negate(number(1)), Divide(number(1), number(2))))),
         (" \t\r\n( y )\n", Y),
@@ -134,8 +127,6 @@ def test_values_agree_with_pythons_evaluation_in_exact_arithmetic(text, y):
     assert tree.evaluate(node, [y], _Rational()) == expected
 
 
-# Writing ------------------------------------------------------------------------------------------
-
 _functions = st.sampled_from([name for name in FUNCTIONS if name not in ("min", "max", "clip")])
 _literals = st.one_of(
     st.integers(1, 10**30).map(str),
@@ -186,13 +177,10 @@ def test_canonical_and_compact_text_parse_back_to_the_same_tree_and_latex_become
     ("text", "canonical"),
     [
         ("exp( y )-1+y", "exp(y) - 1 + y"),
-        ("(y*2)*3", "y*2*3"),
         ("y*(2*3)", "y*(2*3)"),
         ("(-y)**2", "(-y)**2"),
         ("-(y*2)", "-(y*2)"),
-        ("y+-2", "y + -2"),
         ("0.50*y", "0.5*y"),
-        ("1e3*y", "1000*y"),
         ("1e-30*y", "1e-30*y"),
         ("1.5e300*y", "15e299*y"),
         ("0.001e-400*y", "0.001e-400*y"),
@@ -215,30 +203,22 @@ def test_fractions_without_decimals_are_written_as_quotients():
         ("exp(y) - 1 + y", "e^{y} - 1 + y"),
         ("y/2", r"\frac{y}{2}"),
         ("2*y", "2 y"),
-        ("2*3*y", r"2 \cdot 3 \, y"),
         ("y*(1 + y)", r"y \cdot \left(1 + y\right)"),
         ("2*(1 + y)", r"2 \left(1 + y\right)"),
         ("sin(y)**2", r"\sin^{2}\left(y\right)"),
         ("log(y)**2", r"\left(\ln\left(y\right)\right)^{2}"),
-        ("sin(y)**-2", r"\left(\sin\left(y\right)\right)^{-2}"),
         ("exp(y)**2", r"\left(e^{y}\right)^{2}"),
         ("(1 + y)**3", r"\left(1 + y\right)^{3}"),
-        ("1 - (y - 2)", r"1 - \left(y - 2\right)"),
         ("1 - -y", r"1 - \left(-y\right)"),
         ("-y*y", r"-y \, y"),
-        ("y*-y", r"y \cdot \left(-y\right)"),
         ("sqrt(abs(y))", r"\sqrt{\left|y\right|}"),
         ("clip(y, -1, 1)", r"\operatorname{clip}\left(y, -1, 1\right)"),
         ("atan(y)*pi", r"\arctan\left(y\right) \, \pi"),
         ("1e-30*y", r"10^{-30} \, y"),
-        ("25e-40*y", r"25 \cdot 10^{-40} \, y"),
     ],
 )
 def test_latex_is_what_one_would_write_by_hand(text, latex):
     assert parse_expression(text).latex == latex
-
-
-# Refusing -----------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize(
@@ -252,48 +232,36 @@ def test_latex_is_what_one_would_write_by_hand(text, latex):
         ("sin", "found the end in column 4; sin needs its argument"),
         ("ln(y)", r'found "ln" in column 1; the names are y, pi.*did you mean "log\(y\)"\?'),
         ("tahn(y)", r'did you mean "tanh\(y\)"\?'),
-        ("Exp(y)", r'did you mean "exp\(y\)"\?'),
         ("x + x**2", r'did you mean "y \+ y\*\*2"\?'),
         ("e**y", r"the number e is written exp\(1\)"),
-        ("log10(y)", r"write log\(y\)/log\(10\)"),
         ("arcsin(y)", "the only inverse functions are atan and asinh"),
         ("arcsinh(y)", r'did you mean "asinh\(y\)"\?'),
         ("sign(y)", "must be continuous"),
-        ("foo(y)", "functions exp log sin cos tan tanh atan sinh cosh asinh sqrt abs min max clip$"),
         ("y2", "the only variable is y$"),
         ("Y", 'the only variable is y; did you mean "y"'),
-        ("y(1)", r'did you mean "y\*1"'),
         ("(y", r'the "\(" in column 1 is not closed; did you mean "y"\?'),
-        ("exp(y", r'the "\(" in column 4 is not closed; did you mean "exp\(y\)"\?'),
         ("y)", r'found "\)" in column 2; there is no \( that it closes'),
         ("0,5*y", r'found "," in column 2; a comma only separates'),
         ("sin(y, y)", r'"sin" with 2 argument\(s\) in column 1; sin takes 1 argument$'),
-        ("max(y)", "max takes 2 arguments or more"),
         ("clip(y, 1, 0)", "needs lo <= hi"),
         ("clip(y, -pi, pi)", "must be rational constants; for others use min and max"),
         ("y**y", r'found "y" in column 4; an exponent must be a literal integer from -64 to 64, or 1/2'),
         ("y**2**3", r'found "\*\*" in column 5.*write \(y\*\*2\)\*\*3'),
         ("y**65", 'found "65" in column 4; an exponent'),
         ("y**2.5", 'found "2.5"'),
-        ("y**(1/3)", r'found "\(1/3\)" in column 4'),
         ("y**(1+1)", r'found "\+" in column 6; an exponent'),
         ("y**-0.5", r"written 1/sqrt\(y\)"),
         ("y**", "found the end in column 4; an exponent"),
         ("((9**64)**64)*y", r'found "\*\*" in column 9; this constant needs more than 4096 bits'),
-        ("1e400*1e400*1e400*1e400*y", "more than 4096 bits"),
         ("1/0*y", 'found "/" in column 2; this divides by zero'),
         ("y/(1 - 1)", "divides by zero"),
-        ("y/max(-1, 0)", "divides by zero"),
         ("y*0**-1", "a negative power of zero"),
         ("1e401*y", 'found "1e401" in column 1; a number has at most 200 characters'),
         ("1.2.3", r'found "\.3" in column 4'),
         ("1_000*y", 'found "_000" in column 2'),
         ("y//2", r'found "/" in column 3; here a number, a name or \( is needed'),
         ("math.exp(y)", "without a module"),
-        ("y = 2", "right-hand side only"),
         ("|y|", r"written abs\(y\)"),
-        ("[y]", r'round parentheses.*did you mean "y"'),
-        ("y²", r'did you mean "y\*\*2"'),
         ("y − 1", r'only looks like a minus; did you mean "y - 1"'),
         ("y\x00", r'found "\\x00" in column 2; only numbers, names'),
         ("\ud800", r'found "\\ud800" in column 1'),
@@ -351,31 +319,24 @@ def test_fifty_nested_parentheses_are_read():
     assert len(tree.postorder(parse_expression("-" * 1999 + "y").node)) == 2000
 
 
-@pytest.mark.parametrize(
-    "text",
-    [
-        "9**9**9",
-        "9**64" + "**64" * 400,
-        "*".join(["(9**64)"] * 250),
-        "/".join(["7**64"] * 300) + "*y",
-        "(" * 2000,
-        "-" * 2000,
-        "y" * 2000,
-        "+".join(["y"] * 1000),
-        "2y" * 1000,
-        "y^" * 1000,
-        "1e400" * 400,
-        "1e" * 1000,
-    ],
-)
+HOSTILE = ["(" * 50 + "9**64" + ")**64" * 50, "*".join(["(9**64)"] * 250), "/".join(["7**64"] * 300) + "*y", "(" * 2000]
+HOSTILE += [
+    "9**64" + "**64" * 400,
+    "-" * 2000,
+    "y" * 2000,
+    "+".join(["y"] * 1000),
+    "2y" * 1000,
+    "y^" * 1000,
+    "1e400" * 400,
+]
+
+
+@pytest.mark.parametrize("text", [*HOSTILE, "min(" * 500, "1e" * 1000])
 def test_hostile_text_takes_bounded_time(text):
     start = time.perf_counter()
     with contextlib.suppress(ExpressionError):
         parse_expression(text)
     assert time.perf_counter() - start < 10
-
-
-# The tree -----------------------------------------------------------------------------------------
 
 
 def test_a_sum_of_a_thousand_terms_is_no_deeper_than_y():
@@ -425,10 +386,6 @@ def test_nodes_cannot_exist_invalid():
         ("3*pi", 0),
         ("exp(2)*y - y/3", 1),
         ("(y**3 + 1)**2", 6),
-        ("y**-1", None),
-        ("2**-1*y", 1),
-        ("1/y", None),
-        ("y/(2 + 1)", 1),
         ("sin(y)", None),
         ("y - sin(y)", None),
         ("sin(y)**2", None),
@@ -467,8 +424,6 @@ def test_variables_used_are_increasing_indices():
     assert variables_used(parse_expression("y3 + y1*y3", dimension=4).node) == (0, 2)
     assert variables_used(parse_expression("2").node) == ()
 
-
-# NumPy --------------------------------------------------------------------------------------------
 
 _SYMPY = {
     "abs": sympy.Abs,
@@ -519,8 +474,6 @@ def test_numpy_functions_overflow_to_infinity_without_a_warning():
     assert numpy_function(parse_expression("1e400*y - 1e400"))(1.0) != 0
     assert numpy_function(parse_expression("1e-400*y"))(1.0) == 0
 
-
-# Intervals and gradients --------------------------------------------------------------------------
 
 mpmath_context = mpmath.mp.clone()
 mpmath_context.prec = 400
@@ -623,18 +576,15 @@ def _slope_of(text, low, high):
 @pytest.mark.parametrize(
     ("text", "ends", "slope"),
     [
-        ("exp(y) - 1 + y", (0, 0), (2, 2)),
         ("tanh(y)", (0, 0), (1, 1)),
         ("y + y**3", (-2, 2), (1, 13)),
         ("y**-2", (1, 2), (-2, "-1/4")),
         ("y**0 + 3", (-1, 1), (0, 0)),
-        ("3/y", (1, 2), (-3, "-3/4")),
         ("abs(y)", (0, 0), (-1, 1)),
         ("abs(y)", (1, 2), (1, 1)),
         ("clip(y, -1, 1)", ("-1/2", "1/2"), (1, 1)),
         ("clip(y, -1, 1)", (-2, 2), (0, 1)),
         ("clip(y, -1, 1)", (2, 3), (0, 0)),
-        ("max(y, -2*y)", (0, 0), (-2, 1)),
         ("min(2*y, y, 7)", (1, "3/2"), (1, 1)),
         ("y*abs(y)", (0, 0), (0, 0)),
         ("sqrt(y)", (4, 9), ("1/6", "1/4")),

@@ -30,9 +30,6 @@ def triples(arcs: Arcs, labels=LABELS) -> list[tuple[str, str, Fraction]]:
     return [(labels[i], labels[j], w) for i, j, w in arcs]
 
 
-# ------------------------------------------------------------------------------------------ CSV
-
-
 @pytest.mark.parametrize(
     "content",
     [
@@ -65,16 +62,10 @@ def test_agents_called_from_and_to_are_agents_and_no_header(tmp_path):
     assert triples(read(tmp_path, "from,to\nx,from\n", labels=labels), labels) == [("x", "from", ONE)]
 
 
-# ------------------------------------------------------------------------------------------ edge lists
-
-
 @pytest.mark.parametrize("name", ["arcs.edges", "arcs.edgelist", "arcs.txt", "ARCS.TXT"])
 def test_edge_lists_are_separated_by_blanks_and_may_have_comments(tmp_path, name):
     arcs = read(tmp_path, "# agents\na b\n\n  b\tc  2.5 # strong\n", name=name)
     assert triples(arcs) == [("a", "b", ONE), ("b", "c", Fraction(5, 2))]
-
-
-# ------------------------------------------------------------------------------------------ GraphML
 
 
 def graphml(folder: Path, graph: nx.Graph) -> bytes:
@@ -141,9 +132,6 @@ def test_graphml_that_cannot_be_meant_is_refused(tmp_path, text, message):
     with pytest.raises(SpecError, match=message) as caught:
         read(tmp_path, text, name="g.graphml")
     assert caught.value.key == "network.modes.G.file"
-
-
-# ------------------------------------------------------------------------------------------ all of them
 
 
 @given(

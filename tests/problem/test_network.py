@@ -27,9 +27,6 @@ def indices(*values: int) -> np.ndarray:
     return np.array(values, dtype=np.int64)
 
 
-# ------------------------------------------------------------------------------------------ from_arcs
-
-
 def test_listens_to_makes_the_first_of_a_pair_the_listener():
     network = Network.from_arcs(CHAIN, arrow="listens_to")
     assert network.labels == ("a", "b", "c")
@@ -81,14 +78,10 @@ def test_a_mapping_gives_one_mode_each_in_its_order():
         ([(1, 2, 0)], "network.modes.G[0]", "must be > 0, because it multiplies h; 1 listens to 2 with 0"),
         ([(1, 2, -0.5)], "network.modes.G[0]", "with -1/2"),
         ([(1, 2, float("nan"))], "network.modes.G[0][2]", "must be a number"),
-        ([(1, 2, True)], "network.modes.G[0][2]", "not a boolean"),
         ([(1, 4)], "network.modes.G[0]", r"there is no agent '4' \(agents: 1, 2, 3\)"),
         ([(1, 2.0)], "network.modes.G[0][1]", "must be text or a whole number; got 2.0"),
-        ([(1, True)], "network.modes.G[0][1]", "must be text or a whole number; got True"),
-        ([(1, "a\nb")], "network.modes.G[0][1]", "printable"),
         ([(1, 10**5000)], "network.modes.G[0][1]", "thousands of digits"),
         ([(1,)], "network.modes.G[0]", r"must be an arc \[a, b\] or \[a, b, weight\]"),
-        ([5], "network.modes.G[0]", "must be an arc"),
     ],
 )
 def test_a_wrong_arc_is_named(arcs, key, message):
@@ -145,9 +138,6 @@ def test_a_network_made_by_hand_is_checked_too():
             Network(labels=("a", "b"), modes={"G": wrong})
 
 
-# ------------------------------------------------------------------------------------------ from_networkx
-
-
 def test_an_undirected_edge_gives_both_arcs_with_its_weight():
     graph = nx.Graph()
     graph.add_edge(1, 2, weight=0.1)
@@ -172,12 +162,9 @@ def test_several_graphs_are_modes_over_the_nodes_of_the_first():
 @pytest.mark.parametrize(
     ("graph", "message"),
     [
-        (nx.MultiDiGraph([(1, 2), (1, 2)]), "duplicate"),
         (nx.DiGraph([(1, 1)]), "must not listen to itself"),
         (nx.grid_2d_graph(2, 2), r"must be text or a whole number; got \(0, 0\)"),
         (nx.Graph([(1, "1")]), "'1' stands there twice"),
-        (nx.DiGraph(), "at least one agent"),
-        (nx.DiGraph([(1, 2, {"weight": None})]), "must be a number"),
         ([(1, 2)], "must be a networkx graph; got list"),
         ({"A": 5}, r"network\.modes\.A must be a networkx graph; got int"),
         ({}, "at least one agent"),
@@ -186,9 +173,6 @@ def test_several_graphs_are_modes_over_the_nodes_of_the_first():
 def test_a_graph_that_is_no_network_is_refused(graph, message):
     with pytest.raises(SpecError, match=message):
         Network.from_networkx(graph, arrow="listens_to")
-
-
-# ------------------------------------------------------------------------------------------ from_sparse
 
 
 def test_entry_i_j_is_the_arc_i_j_under_arrow():
@@ -231,18 +215,13 @@ def test_entries_stored_twice_are_added_and_stored_zeros_are_no_arcs():
         (sparse.csr_array((2, 2)), ["a"], r"one row and column per agent \(1 x 1\); got shape \(2, 2\)"),
         ({"A": sparse.csr_array((2, 2)), "B": sparse.csr_array((3, 3))}, None, r"modes\.B.*\(2 x 2\); got shape \(3"),
         (np.eye(2), None, "must be a SciPy sparse matrix; got ndarray"),
-        (sparse.csr_array(np.eye(2)), None, "must not listen to itself"),
         (sparse.csr_array([[0, -1], [0, 0]]), None, "must be > 0"),
         (sparse.csr_array(np.array([[0, 1], [0, 0]], dtype=bool)), None, "not a boolean"),
-        (sparse.csr_array(np.array([[0, 1j], [0, 0]])), None, "must be a number"),
     ],
 )
 def test_a_matrix_that_is_no_network_is_refused(matrix, labels, message):
     with pytest.raises(SpecError, match=message):
         Network.from_sparse(matrix, arrow="listens_to", labels=labels)
-
-
-# ------------------------------------------------------------------------------------------ round trips
 
 
 @st.composite

@@ -37,9 +37,6 @@ def scalar(value: object) -> tuple[tuple[Fraction, ...], ...]:
     return ((Fraction(value),),)
 
 
-# ------------------------------------------------------------------------------------------ what is kept
-
-
 def test_the_smallest_problem_has_one_component_no_pins_and_no_disturbance():
     problem = make()
     assert (problem.n, problem.m, problem.q) == (3, 1, 0)
@@ -147,9 +144,6 @@ def test_a_problem_is_frozen_hashable_and_its_mappings_cannot_be_changed():
     assert make() != problem
 
 
-# ------------------------------------------------------------------------------------------ control.StateSpace
-
-
 def test_a_state_space_system_is_an_exosystem():
     system = control.ss([[0, 2], [-2, 0]], [[0], [0]], [[1, 0]], [[0]])
     exosystem = Exosystem.from_control(system)
@@ -166,9 +160,6 @@ def test_a_system_in_discrete_time_or_without_a_state_is_refused():
         Exosystem.from_control(control.tf([1], [1, 1]))
 
 
-# ------------------------------------------------------------------------------------------ what is refused
-
-
 @pytest.mark.parametrize(
     ("changes", "key", "message"),
     [
@@ -182,37 +173,27 @@ def test_a_system_in_discrete_time_or_without_a_state_is_refused():
         ({"name": "x" * 101}, "name", "1 to 100"),
         ({"notes": [5]}, "notes[0]", "must be text of at most 1000"),
         ({"target": "one"}, "target", "must be a number"),
-        ({"target": True}, "target", "not a boolean"),
         ({"target": [1, 2], "exosystem": SINE}, "target", "must have 1 number, one per state component; got 2"),
         ({"target": [0] * 101}, "target", "at most 100 state components; got 101"),
-        ({"target": [1, "x"]}, "target[1]", "must be a number"),
         ({"coupling": "y + 1"}, "coupling.h", "must vanish"),
-        ({"coupling": 5}, "coupling.h", "must be an expression"),
         ({"coupling": ["y1", "y2"], "exosystem": SINE}, "coupling.h", "must have 1 expression"),
         ({"coupling": make_coupling("y", dimension=2), "exosystem": SINE}, "coupling.h", "must have dimension 1"),
         ({"exceptions": {(0, 2): "y"}}, "coupling.exceptions[0]", "no mode has the arc"),
         ({"exceptions": {(0, 1): "y + 1"}}, "coupling.exceptions[0].h", "must vanish"),
         ({"exceptions": {("a", "b"): "y"}}, "coupling.exceptions[0]", "indices count from 0"),
-        ({"exceptions": [(0, 1)]}, "coupling.exceptions", "must be a table"),
         ({"gains": {"z": 1}}, "pinning.gains.z", "there is no agent 'z'"),
-        ({"gains": {"a": -1}}, "pinning.gains.a", "must be >= 0"),
         ({"gains": -1}, "pinning.gains", "must be >= 0"),
         ({"gains": [1, 2, 3]}, "pinning.gains", "must be a table of label = gain"),
         ({"gains": {"a": [[1, 2]]}}, "pinning.gains.a", r"must have shape \(1, 1\)"),
-        ({"gains": {True: 1}}, "pinning.gains.True", "there is no agent"),
         ({"observer": Observer(W=[[1]])}, "observer", "no meaning without an"),
         ({"exosystem": SINE, "observer": Observer(W=[[1]])}, "observer.W", r"must have shape \(2, 1\)"),
         ({"exosystem": SINE, "observer": Observer(W=[[1], [1]], P=[[1]])}, "observer.P", r"must have shape \(2, 2\)"),
         ({"offsets": {"z": 1}}, "formation.offsets.z", "there is no agent 'z'"),
         ({"offsets": {"a": [1, 2]}}, "formation.offsets.a", "must have 1 number"),
-        ({"offsets": [1, 2, 3]}, "formation.offsets", "must be a table"),
         ({"region": {}}, "region.initial_states", r"must be a pair \[lo, hi\]; got None"),
         ({"region": {"initial_state": [0, 1]}}, "region.initial_state", "is an unknown key"),
-        ({"region": [0, 1]}, "region", "must be a table"),
         ({"region": {"initial_states": [0, 1], "initial_disturbance": 1}}, "region.initial_disturbance", "no meaning"),
         ({"exosystem": SINE, "region": {"initial_states": [0, 1]}}, "region.initial_disturbance", "is required when"),
-        ({"simulation": [5]}, "simulation", "must be a table"),
-        ({"simulation": {"t_final": 0}}, "simulation.t_final", "must be > 0"),
         ({"simulation": {"seed": 2**63}}, "simulation.seed", "whole number from 0 to"),
         ({"simulation": {"xi0": [1, 0]}}, "simulation.xi0", "no meaning without an"),
         ({"exosystem": SINE, "simulation": {"xi0": [1]}}, "simulation.xi0", "must have 2 numbers"),
@@ -230,14 +211,11 @@ def test_a_mistake_is_named_by_its_key(changes, key, message):
     [
         (lambda: Exosystem(A=[[0, 1]], C=[[1]]), "exosystem.A", "must be square"),
         (lambda: Exosystem(A=[[0]], C=[[1, 2]]), "exosystem.C", r"must have 1 column, one per exosystem state"),
-        (lambda: Exosystem(A=[[0, 1], [2]], C=[[1, 2]]), "exosystem.A[1]", "must have 2 numbers, as many as the first"),
         (lambda: Exosystem(A=[[]], C=[[1]]), "exosystem.A[0]", "at least one number"),
-        (lambda: Exosystem(A=np.zeros(3), C=[[1]]), "exosystem.A", "must be a matrix"),
         (lambda: Exosystem(A=np.array([[np.nan]]), C=[[1]]), "exosystem.A[0][0]", "must be a number"),
         (lambda: Observer(P=[[1]]), "observer.P", "must stand beside observer.W"),
         (lambda: Observer(W=[[1], [1]], P=[[1, 2], [3, 4]]), "observer.P", r"got 2 at \[0\]\[1\] and 3 at \[1\]\[0\]"),
         (lambda: Observer(rate=0), "observer.rate", r"must be > 0 \(1/s\)"),
-        (lambda: Observer(rate="1e-401"), "observer.rate", "exponent"),
         (lambda: Switching(signal="sometimes"), "switching.signal", "must be one of random, periodic"),
         (lambda: Switching(signal="random", dwell=-1), "switching.dwell", "must be > 0"),
     ],

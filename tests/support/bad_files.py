@@ -102,70 +102,57 @@ CSV = b"from,to,weight\n1,2,1\n2,3,1\n3,4,1\n4,1,0.5\n"
 
 
 def swap(old: str, new: str) -> str:
-    """Exchange the one place where ``old`` stands in VALID."""
     if VALID.count(old) != 1:
         raise ValueError(f"{old!r} stands {VALID.count(old)} times in VALID; it must stand there once")
     return VALID.replace(old, new)
 
 
 def without(line: str) -> str:
-    """Drop one line."""
     return swap(line + "\n", "")
 
 
 def below(table: str, line: str) -> str:
-    """Add a line right below the header of a table."""
     return swap(f"\n{table}\n", f"\n{table}\n{line}\n")
 
 
 def top(line: str) -> str:
-    """Add a line above the first table."""
     return swap("schema = 1\n", f"schema = 1\n{line}\n")
 
 
 def end(lines: str) -> str:
-    """Add a table at the end."""
     return f"{VALID}\n{lines}\n"
 
 
 def signal(kind: str, *lines: str) -> str:
-    """Another [switching], with these lines."""
     table = "\n".join([f'signal = "{kind}"', *lines])
     return swap('signal = "random"\ndwell = 0.5\n', f"{table}\n")
 
 
 def target(value: str) -> str:
-    """Give ``target`` another value, as typed."""
     return swap("target = 1.0", f"target = {value}")
 
 
 def agents(value: str) -> str:
-    """Give ``network.agents`` another value, as typed."""
     return swap("agents = 4", f"agents = {value}")
 
 
 def group(*tables: str) -> str:
-    """Add groups of agents with an exosystem of their own."""
     return VALID + "".join(f"\n[[exosystem.groups]]\n{lines}\n" for lines in tables)
 
 
 def kind(lines: str) -> str:
-    """Give the exosystem by these lines in place of A and C."""
     return swap(f"{A}\n{C}\n", f"{lines}\n")
 
 
 def mode(value: str) -> str:
-    """Give mode Ga another value, as typed."""
     return swap(GA, f"Ga = {value}")
 
 
 def coupling(text: str) -> str:
-    """Give ``coupling.h`` another expression."""
     return swap(H, f"h = '{text}'")
 
 
 def exception(lines: str) -> str:
-    """Give the exception other keys."""
     return swap(EXCEPTION, f"[[coupling.exceptions]]\n{lines}\n")
 
 
@@ -199,21 +186,15 @@ def arcs_file(case: str, content: bytes | None, *words: str, name: str = "arcs.c
 
 TOML_AND_BYTES = [
     bad("empty", "", "network"),
-    bad("only-comments", "# nothing yet\n\n", "network"),
     bad("syntax-error", swap("seed = 0", "seed = "), "", "toml"),
-    bad("unclosed-table-header", swap("[pinning]", "[pinning"), "", "toml"),
     bad("duplicate-key", swap("seed = 0", "seed = 0\nseed = 1"), "", "toml"),
     bad("duplicate-gain-1-and-quoted-1", swap(GAINS, 'gains = { 1 = 5, "1" = 6 }'), "", "toml"),
     bad("truncated-in-a-matrix", VALID[: VALID.index("-2, 0]]")], "", "toml"),
-    bad("truncated-between-tables", VALID[: VALID.index("[coupling]")], "coupling"),
     bad("latin-1", VALID.replace("four-agents", "vier-Glühwürmchen").encode("latin-1"), "", "utf-8"),
-    bad("lone-surrogate", VALID.encode().replace(b"four-agents", b"\xed\xa0\x80"), "", "utf-8"),
     bad("nul-byte", VALID.encode().replace(b"four", b"fo\x00ur"), ""),
-    bad("nul-byte-escaped", swap("four-agents", r"four\u0000agents"), "name"),
     bad("over-16-megabytes", lambda: VALID + "#" * (16 * 1024 * 1024), "", "large"),
     bad("over-16-megabytes-of-arcs", lambda: mode("[" + "[1, 2], " * 2_100_000 + "]"), "", "large"),
     bad("nested-lists-60", target("[" * 60 + "1" + "]" * 60), "", "nest"),
-    bad("nested-lists-100000", target("[" * 100_000 + "]" * 100_000), "", "nest"),
     bad("nested-inline-tables-60", top("deep = " + "{ a = " * 60 + "1" + " }" * 60), "", "nest"),
     bad("nested-dotted-key", top(".".join("a" * 20_000) + " = 1"), "", "nest"),
     bad("nested-table-header-of-a-megabyte", lambda: end("[" + "a." * 500_000 + "a]"), "", "nest"),
@@ -231,14 +212,10 @@ TOML_AND_BYTES = [
 UNKNOWN_KEYS = [
     bad("unknown-top", top("targett = 2"), "targett", "target"),
     bad("unknown-network", below("[network]", "agent = 4"), "network.agent", "agents"),
-    bad("unknown-coupling", below("[coupling]", 'exception = "y"'), "coupling.exception", "exceptions"),
     bad("unknown-exception", exception('arcs = [[1, 2]]\nh = "2*y"\narc = 1'), "coupling.exceptions[0].arc", "arcs"),
     bad("unknown-exosystem", below("[exosystem]", "B = [[1]]"), "exosystem.B", "unknown"),
-    bad("unknown-switching", below("[switching]", "dwel = 1"), "switching.dwel", "dwell"),
     bad("unknown-table", end("[noise]\nlevel = 1"), "noise", "unknown"),
-    bad("unknown-in-mode-file", mode('{ fil = "arcs.csv" }'), "network.modes.Ga", "file"),
     bad("unknown-key-with-markup", top('"<b>target</b>" = 1'), "<b>target</b>", "unknown"),
-    bad("reserved-delays", end("[delays]\nlargest = 1"), "delays", "delays"),
 ]
 
 GROUPS_AND_KINDS = [
@@ -246,7 +223,6 @@ GROUPS_AND_KINDS = [
     bad("group-without-agents", group("A = [[0]]\nC = [[1]]"), f"{GROUPS}[0].agents", "required"),
     bad("group-of-nobody", group(f"agents = []\n{ONE}"), f"{GROUPS}[0].agents", "labels"),
     bad("group-of-a-stranger", group(f"agents = [1, 9]\n{ONE}"), f"{GROUPS}[0].agents[1]", "no agent"),
-    bad("group-with-a-twin", group(f"agents = [1, 1]\n{ONE}"), f"{GROUPS}[0].agents[1]", "already"),
     bad(
         "groups-share-an-agent",
         group(f"agents = [1]\n{ONE}", f"agents = [2, 1]\n{ONE}"),
@@ -255,34 +231,23 @@ GROUPS_AND_KINDS = [
     ),
     bad("group-of-everybody-beside-a-rest", group(f"agents = [1, 2, 3, 4]\n{ONE}"), "exosystem.A", "nobody"),
     bad("group-with-a-wrong-w", group(f"agents = [1]\n{ONE}\nW = [[1, 2]]"), f"{GROUPS}[0].W", "shape"),
-    bad("group-with-p-alone", group(f"agents = [1]\n{ONE}\nP = [[1]]"), f"{GROUPS}[0].P", "beside"),
     bad("group-without-the-p-of-others", group(f"agents = [1]\n{ONE}\nW = [[1]]"), "exosystem.groups", "tested"),
-    bad("group-with-a-rate", group(f"agents = [1]\n{ONE}\nrate = 1"), f"{GROUPS}[0].rate", "unknown"),
     bad("groups-as-a-table", end("[exosystem.groups]\nagents = [1]"), "exosystem.groups", "list of tables"),
     bad("xi0-of-groups-in-one-row", group(f"agents = [1]\n{ONE}\nW = [[1]]\nP = [[1]]"), "simulation.xi0", "row"),
     bad("kind-beside-matrices", below("[exosystem]", 'kind = "constant"'), "exosystem.kind", "ignored"),
     bad("kind-without-frequencies", kind('kind = "harmonics"'), "exosystem.frequencies", "required"),
-    bad("kind-with-frequencies", kind('kind = "ramp"\nfrequencies = [2]'), "exosystem.frequencies", "meaning"),
     bad("frequencies-alone", below("[exosystem]", "frequencies = [2]"), "exosystem.frequencies", "harmonics"),
 ]
 
 MISSING_OR_OF_A_WRONG_KIND = [
     bad("no-network", VALID[: VALID.index("[network]")] + VALID[VALID.index("[coupling]") :], "network"),
-    bad("no-agents", without("agents = 4"), "network.agents"),
     bad("no-modes", swap(f"[network.modes]\n{GA}\n{GB}\n", ""), "network.modes"),
-    bad("no-coupling", swap(f"[coupling]\n{H}\n\n{EXCEPTION}", ""), "coupling"),
     bad("no-h", without(H), "coupling.h"),
-    bad("no-arcs-in-exception", exception('h = "2*y"'), "coupling.exceptions[0].arcs"),
-    bad("no-A", without(A), "exosystem.A"),
     bad("no-exosystem", swap(f"[exosystem]\n{A}\n{C}\n", ""), "observer", "exosystem"),
     bad("no-W-beside-P", without(W), "observer.P", "w"),
     bad("no-initial-disturbance", without("initial_disturbance = 0.5"), "region.initial_disturbance"),
     bad("no-signal", without('signal = "random"'), "switching.signal"),
-    bad("schema-newer", swap("schema = 1", "schema = 2"), "schema", "2"),
-    bad("name-of-300-letters", swap("four-agents", "n" * 300), "name"),
-    bad("notes-with-escape-sequence", top(r'notes = ["\u001b[31mred"]'), "notes[0]"),
     bad("notes-of-2000-letters", top(f"notes = ['{'n' * 2000}']"), "notes[0]", "1000"),
-    bad("schema-of-5000-hexadecimal-digits", swap("schema = 1", "schema = 0x" + "f" * 5000), "schema"),
     bad("network-is-text", 'network = "ring"\n[coupling]\nh = "y"\n', "network", "table"),
     bad("coupling-is-text", 'coupling = "y"\n' + VALID[: VALID.index("[coupling]")], "coupling", "table"),
     bad("exceptions-is-table", swap("[[coupling.exceptions]]", "[coupling.exceptions]"), "coupling.exceptions"),
@@ -291,25 +256,13 @@ MISSING_OR_OF_A_WRONG_KIND = [
 ]
 
 NETWORK = [
-    bad("agents-zero", agents("0"), "network.agents", "0"),
-    bad("agents-text", agents('"four"'), "network.agents", "four"),
     bad("agents-huge", agents("1000000000000"), "network.agents"),
     bad("labels-twice", agents("[1, 2, 3, 4, 2]"), "network.agents", "2"),
-    bad("labels-float", agents("[1, 2, 3, 4, 5.5]"), "network.agents", "5.5"),
-    bad("labels-with-newline", agents(r'[1, 2, 3, 4, "a\nb"]'), "network.agents"),
-    bad("arrow-wrong", swap('"listens_to"', '"to"'), "network.arrow", "listens_to", "sends_to"),
     bad("modes-is-list", swap(f"[network.modes]\n{GA}\n{GB}\n", "modes = [[1, 2], [2, 3]]\n"), "network.modes"),
-    bad("mode-name-empty", swap(GB, GB.replace("Gb", '""')), "network.modes", "name"),
-    bad("mode-name-of-300-letters", swap(GB, GB.replace("Gb", "G" * 300)), "network.modes", "200"),
     bad("agents-of-5000-hexadecimal-digits", agents("0x" + "f" * 5000), "network.agents"),
-    bad("arc-is-number", mode("[1, 2]"), "network.modes.Ga[0]"),
-    bad("arc-to-itself", mode("[[1, 2], [2, 3], [3, 3]]"), "network.modes.Ga[2]", "3"),
     bad("arc-twice", mode("[[1, 2], [2, 3], [1, 2]]"), "network.modes.Ga[2]", "duplicate"),
     bad("arc-twice-mixed-labels", mode('[[1, 2], [2, 3], ["1", "2", 3]]'), "network.modes.Ga[2]"),
     bad("arc-unknown-agent", mode("[[1, 2], [2, 3], [3, 11]]"), "network.modes.Ga[2]", "11"),
-    bad("arc-boolean-label", mode("[[1, 2], [true, 3]]"), "network.modes.Ga[1][0]"),
-    bad("weight-negative", mode('[[1, 2], [2, 3, "-1/2"]]'), "network.modes.Ga[1]", "weight"),
-    bad("weight-tiny-underflow", mode('[[1, 2], [2, 3, "1e-9999"]]'), "network.modes.Ga[1][2]"),
 ]
 
 EXPRESSIONS = [
@@ -325,7 +278,6 @@ EXPRESSIONS = [
     expression("undefined-to-the-left", "sqrt(y)"),
     bad("h-number", swap(H, "h = 2"), "coupling.h"),
     bad("h-table", swap(H, 'h = { y = "y" }'), "coupling.h"),
-    bad("h-list-too-long", swap(H, 'h = ["y1", "y2"]'), "coupling.h"),
     bad("exception-h-does-not-vanish", swap('h = "2*y"', 'h = "2*y + 1"'), "coupling.exceptions[0].h", "vanish"),
     bad(
         "exception-h-of-the-second-table",
@@ -333,7 +285,6 @@ EXPRESSIONS = [
         "coupling.exceptions[1].h",
         "foo",
     ),
-    bad("exception-no-such-arc", exception('arcs = [[1, 2], [1, 3]]\nh = "2*y"'), "coupling.exceptions[0].arcs[1]"),
     bad("exception-wrong-way-round", exception('arcs = [[3, 1]]\nh = "2*y"'), "coupling.exceptions[0].arcs[0]"),
     bad("exception-stranger", exception('arcs = [[1, 2], [2, 11]]\nh = "2*y"'), "coupling.exceptions[0].arcs[1]", "11"),
     bad("exception-arc-twice", exception('arcs = [[1, 2], [1, 2]]\nh = "y"'), "coupling.exceptions[0].arcs[1]"),
@@ -342,38 +293,24 @@ EXPRESSIONS = [
         swap(EXCEPTION, f'{SECOND}arcs = [[3, 4], [2, 3]]\nh = "3*y"\n'),
         "coupling.exceptions[1].arcs[1]",
     ),
-    bad("exception-with-weight", exception('arcs = [[1, 2, 3]]\nh = "y"'), "coupling.exceptions[0].arcs[0]"),
 ]
 
 NUMBERS = [
     number("text", '"one"', "one"),
     number("over-zero", '"1/0"', "0"),
     number("nan", "nan", "nan"),
-    number("infinite", "-inf", "inf"),
-    number("boolean", "true", "boolean"),
-    number("table", "{ x = 1 }"),
-    number("exponent-minus-999", '"1e-999"'),
     number("exponent-of-a-million-digits", '"1e' + "9" * 1_000_000 + '"'),
-    number("300-digits", "3." + "1" * 300, "200"),
-    number("vulgar-fraction", '"\u00bd"', "number"),
-    number("decimal-comma", '"3,2"', "3,2"),
     bad("number-5000-digits", target("7" * 5000), ""),
     bad("number-leading-zero", target("007"), "", "toml"),
     bad("number-5000-hexadecimal-digits", target("0x" + "f" * 5000), "target", "200"),
     bad("target-of-600", target(str([0] * 600)).replace(f"[exosystem]\n{A}\n{C}\n", ""), "target", "100"),
-    bad("target-empty", target("[]"), "target"),
 ]
 
 MATRICES = [
     bad("A-not-square", swap(A, "A = [[0, 2, 0], [-2, 0, 0]]"), "exosystem.A", "square"),
-    bad("A-ragged", swap(A, "A = [[0, 2], [-2]]"), "exosystem.A[1]", "row"),
     bad("A-empty-rows", swap(A, "A = [[], []]"), "exosystem.A[0]"),
-    bad("A-nested", swap(A, "A = [[[0], 2], [-2, 0]]"), "exosystem.A[0][0]"),
-    bad("C-too-wide", swap(C, "C = [[1, 0, 0]]"), "exosystem.C", "column"),
     bad("C-of-two-rows-and-W-of-one-column", swap(C, "C = [[1, 0], [0, 1]]"), "observer.W", "shape"),
     bad("W-lying", swap(W, 'W = [["16/5", "12/5"]]'), "observer.W", "shape"),
-    bad("P-not-symmetric", swap(P, 'P = [["1/2", "-1/4"], ["1/4", "1/3"]]'), "observer.P", "symmetric"),
-    bad("rate-negative", swap(f"{W}\n{P}", "rate = -1"), "observer.rate", "-1"),
 ]
 
 PINS_AND_FORMATION = [
@@ -387,16 +324,9 @@ PINS_AND_FORMATION = [
         "agent",
     ),
     bad("gain-of-escape-sequence", swap(GAINS, r'gains = { "\u001b[31m" = 5 }'), r"pinning.gains.\x1b[31m", "agent"),
-    bad("gain-of-label-01", swap(GAINS, "gains = { 01 = 5 }"), "pinning.gains.01", "01"),
-    bad("gains-list", swap(GAINS, "gains = [5, 0, 0, 0]"), "pinning.gains"),
 ]
 
 REGION_AND_SETTINGS = [
-    bad("region-reversed", swap(STATES, "initial_states = [5, 0]"), "region.initial_states", "5"),
-    bad("region-one-number", swap(STATES, "initial_states = 5"), "region.initial_states", "pair"),
-    bad("disturbance-negative", swap("disturbance = 0.5", "disturbance = -0.5"), "region.initial_disturbance", "-1/2"),
-    bad("signal-unknown", swap('"random"', '"sometimes"'), "switching.signal", "random", "sometimes"),
-    bad("radius-of-random", below("[switching]", "radius = 1"), "switching.radius", "random", "mobile"),
     bad("radius-twice", signal("mobile", "radius = 1", "neighbours = 2"), "switching.neighbours", "radius"),
     bad("neighbours-fraction", signal("mobile", "neighbours = 1.5"), "switching.neighbours", "1.5"),
     bad("hysteresis-negative", signal("mobile", "radius = 1", "hysteresis = -0.1"), "switching.hysteresis", "-1/10"),
@@ -414,7 +344,6 @@ REGION_AND_SETTINGS = [
         "gx",
         "ga, gb",
     ),
-    bad("sequence-unknown", signal("periodic", 'sequence = ["Ga", "Gx"]'), "switching.sequence[1]", "gx"),
     bad("sequence-empty", signal("periodic", "sequence = []"), "switching.sequence", "list"),
     bad("period-and-dwell", signal("periodic", "period = 1", "dwell = 1"), "switching.period", "dwell"),
     bad(
@@ -424,7 +353,6 @@ REGION_AND_SETTINGS = [
         "> 2 s",
     ),
     bad("round-without-end", signal("periodic", 'schedule = [[0, "Ga"], [2, "Gb"]]'), "switching.period", "missing"),
-    bad("generator-not-square", signal("markov", "generator = [[0, 0]]"), "switching.generator", "square"),
     bad("generator-of-three", signal("markov", f"generator = {[[0] * 3] * 3}"), "switching.generator", "2 rows"),
     bad("generator-sum", signal("markov", "generator = [[-1, 0.9], [1, -1]]"), "switching.generator[0]", "-1/10"),
     bad("generator-negative", signal("markov", "generator = [[1, -1], [1, -1]]"), "switching.generator[0][1]", ">= 0"),
@@ -454,26 +382,16 @@ ARC_FILES = [
         "folder",
         files={"data/arcs.csv": CSV},
     ),
-    bad("arcs-file-absolute", mode('{ file = "/etc/passwd" }'), FILE, "folder"),
-    bad("arcs-file-address", mode('{ file = "https://example.org/arcs.csv" }'), FILE),
     bad("arcs-file-linked-outside", mode('{ file = "arcs.csv" }'), FILE, "arcs.csv", links={"arcs.csv": "/etc/passwd"}),
     bad("arcs-file-linked-to-itself", mode('{ file = "arcs.csv" }'), FILE, "arcs.csv", links={"arcs.csv": "arcs.csv"}),
     bad("arcs-file-with-nul", mode(r'{ file = "arcs.csv\u0000" }'), FILE),
-    bad("arcs-file-name-too-long", mode('{ file = "' + "a" * 5000 + '.csv" }'), FILE),
-    bad("arcs-file-name-number", mode("{ file = 5 }"), "network.modes.Ga"),
     bad("arcs-file-two-keys", mode('{ file = "arcs.csv", weight = 2 }'), "network.modes.Ga", files={"arcs.csv": CSV}),
     arcs_file("of-unknown-kind", CSV, "arcs.xlsx", name="arcs.xlsx"),
     arcs_file("empty", b"", "arcs.csv"),
-    arcs_file("only-header", b"from,to,weight\n", "arcs.csv"),
     arcs_file("one-column", b"1,2\n2\n3,4\n", "line 2"),
-    arcs_file("four-columns", b"1,2,1\n2,3,1,1\n", "line 2"),
-    arcs_file("weight-text", b"from,to,weight\n1,2,1\n2,3,heavy\n", "line 3", "heavy"),
     arcs_file("weight-empty", b"1,2,1\n2,3,\n", "line 2"),
     arcs_file("weight-zero", b"1,2,1\n2,3,0\n", "weight"),
-    arcs_file("weight-negative", b"1,2,1\n2,3,-4\n", "weight"),
-    arcs_file("unknown-agent", b"1,2\n2,3\n3,eleven\n", "line 3", "eleven"),
     arcs_file("header-in-the-middle", b"1,2\nfrom,to\n2,3\n", "line 2"),
-    arcs_file("self-arc", b"1,2\n2,2\n", "2"),
     arcs_file("arc-twice", b"1,2\n2,3\n1,2\n", "duplicate"),
     arcs_file("latin-1", "1,2\n2,Zürich\n".encode("latin-1"), "utf-8"),
     arcs_file("nul-byte", b"1,2\n2,3\x00\n", "line 2"),

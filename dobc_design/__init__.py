@@ -45,7 +45,7 @@ _HOMES = {
     "Observer": "problem.groups",
     "ObserverDesign": "synthesis.observer.claim",
     "Periodic": "simulation.signals",
-    "Pinning": "problem.pinning",
+    "Pinning": "problem.problem",
     "PinningDesign": "synthesis.pinning.claim",
     "Problem": "problem.problem",
     "RandomDwell": "simulation.signals",
@@ -199,8 +199,7 @@ if TYPE_CHECKING:
     from dobc_design.problem.groups import Group, Observer
     from dobc_design.problem.load import load_problem
     from dobc_design.problem.network import Network
-    from dobc_design.problem.pinning import Pinning
-    from dobc_design.problem.problem import Problem
+    from dobc_design.problem.problem import Pinning, Problem
     from dobc_design.problem.settings import Region, Switching
     from dobc_design.report.write import plot_regions, write_comparison, write_report
     from dobc_design.simulation.breaking import what_breaks_first

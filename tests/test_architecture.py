@@ -47,7 +47,7 @@ THIRD_PARTY = {
     "synthesis": {"clarabel", "control", "pandas", *NUMBERS},
 }
 # Packages that only some modules of their room may use.
-ONLY_IN = {"pydantic": ("problem.file", "problem.schema"), "typst": ("report.pdf",)}
+ONLY_IN = {"pydantic": ("problem.load", "problem.schema"), "typst": ("report.pdf",)}
 
 # What a proof rests on, by name: these rooms, and in every topic these files.
 TRUSTED_ROOMS = ("exact", "coupling", "problem", "certificate")
@@ -65,7 +65,7 @@ MOST_LOOSE, SHORT = 10, 100
 
 @dataclass(frozen=True)
 class House:
-    """The sources of the package by dotted name without the package: "problem.file", "exact.__init__", "errors"."""
+    """The sources of the package by dotted name without the package: "problem.load", "exact.__init__", "errors"."""
 
     sources: Mapping[str, str]
 
@@ -260,7 +260,7 @@ SOUND = {
     "errors": "",
     "exact.matrix": "import flint\nfrom ..errors import ShapeError",
     "problem.problem": "from dobc_design.exact.matrix import Matrix",
-    "problem.file": "import pydantic",
+    "problem.load": "import pydantic",
     "solvers.conic": "import clarabel",
     "conditions.check": "",
     "conditions.lure.claim": "from dobc_design.problem.problem import Problem",
@@ -307,7 +307,7 @@ def test_a_sound_house_is_left_in_peace():
         ("errors", "from dobc_design.exact.matrix import Matrix", "circle: "),
         ("exact.matrix", "from ..problem import problem", "circle: exact.matrix imports problem.problem"),
         ("conditions.check", "from dobc_design.conditions.lure.claim import Lure\nimport x", "third-party package x"),
-        ("problem.problem", "import pydantic", "allowed in problem.file and problem.schema only"),
+        ("problem.problem", "import pydantic", "allowed in problem.load and problem.schema only"),
         ("problem.problem", "import dobc_design as dd", "not from the facade"),
         ("cli.main", "from dobc_design import certify", "not from the facade"),
         ("checker.main", "from dobc_design.exact import matrix", "imports nothing of the package"),

@@ -17,79 +17,16 @@ import pytest
 
 import dobc_design
 
-PUBLIC = [
-    "Analysis",
-    "Certificate",
-    "Check",
-    "Cone",
-    "Coupling",
-    "Design",
-    "Disk",
-    "Ensemble",
-    "Exosystem",
-    "Failure",
-    "Falsification",
-    "Fixed",
-    "Group",
-    "HalfPlane",
-    "Markov",
-    "Mobile",
-    "Model",
-    "Network",
-    "NoiseLimit",
-    "Observer",
-    "ObserverDesign",
-    "Periodic",
-    "Pinning",
-    "PinningDesign",
-    "Problem",
-    "RandomDwell",
-    "Region",
-    "Schedule",
-    "Settling",
-    "Stress",
-    "Suspect",
-    "SweepResult",
-    "Switching",
-    "TradeOff",
-    "Trajectory",
-    "Verdict",
-    "Waypoints",
-    "__version__",
-    "analyse",
-    "build_model",
-    "certify",
-    "certify_settling",
-    "design",
-    "design_observer",
-    "design_pinning",
-    "exact",
-    "exosystems",
-    "falsify",
-    "from_pandapower",
-    "load_problem",
-    "load_trajectory",
-    "plot_regions",
-    "problem_from_file",
-    "search_certificate",
-    "simulate",
-    "sweep",
-    "to_c",
-    "to_casadi",
-    "to_control",
-    "to_fmu",
-    "to_latex",
-    "to_mat",
-    "to_numpy",
-    "to_sdpa",
-    "to_sympy",
-    "trade_off",
-    "verify",
-    "what_breaks_first",
-    "write_comparison",
-    "write_report",
-]
-
+_NAMES = """
+Analysis Certificate Check Cone Coupling Design Disk Ensemble Exosystem Failure Falsification Fixed Group HalfPlane
+Markov Mobile Model Network NoiseLimit Observer ObserverDesign Periodic Pinning PinningDesign Problem RandomDwell
+Region Schedule Settling Stress Suspect SweepResult Switching TradeOff Trajectory Verdict Waypoints __version__
+analyse build_model certify certify_settling design design_observer design_pinning exact exosystems falsify
+from_pandapower load_problem load_trajectory plot_regions problem_from_file search_certificate simulate sweep to_c
+to_casadi to_control to_fmu to_latex to_mat to_numpy to_sdpa to_sympy trade_off verify what_breaks_first
+write_comparison write_report
+"""
+PUBLIC = _NAMES.split()
 FUNCTIONS = [
     "analyse",
     "build_model",

@@ -17,10 +17,16 @@ from scipy.sparse.csgraph import connected_components
 from dobc_design._checks import require_shape, require_square
 from dobc_design._show.cards import Card, Shown
 from dobc_design.exact.matrix import Matrix, multiply, subtract, to_float
-from dobc_design.problem.arcs import split_by
-from dobc_design.problem.arrays import Gain, chosen_gain, consensus_jacobian, pinning_matrix
+from dobc_design.problem.arrays import (
+    Gain,
+    chosen_gain,
+    closed_groups,
+    consensus_jacobian,
+    pinning_matrix,
+    split_by,
+    unreached,
+)
 from dobc_design.problem.problem import Problem
-from dobc_design.problem.reaching import closed_groups, unreached
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

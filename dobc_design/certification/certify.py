@@ -57,8 +57,8 @@ from dobc_design.errors import DobcError
 from dobc_design.exact.matrix import Matrix, multiply, to_float
 from dobc_design.exact.number import number_text
 from dobc_design.problem.canonical import problem_sha256
-from dobc_design.problem.exosystems import Exosystem
-from dobc_design.problem.groups import Group, block_diagonal, join, name_some
+from dobc_design.problem.exosystems import Exosystem, block_diagonal
+from dobc_design.problem.groups import Group, join, name_some
 from dobc_design.problem.load import load_problem
 from dobc_design.problem.problem import Problem
 from dobc_design.verdict import Verdict

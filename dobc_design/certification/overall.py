@@ -19,9 +19,9 @@ from dobc_design.conditions.numbers import shorten
 from dobc_design.conditions.observer.decide import observable_part_is_hurwitz
 from dobc_design.exact.matrix import Matrix, Vector
 from dobc_design.exact.number import number_text
+from dobc_design.problem.arrays import unreached_in_union
 from dobc_design.problem.groups import Group
 from dobc_design.problem.problem import Problem
-from dobc_design.problem.reaching import unreached_in_union
 from dobc_design.verdict import Verdict
 
 MOST = Fraction(10) ** 300  # what a sentence can show of a number

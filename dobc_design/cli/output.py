@@ -326,7 +326,7 @@ def write_file(path: Path, data: bytes, *, key: str) -> None:
 def read_certificate(certificate: Path) -> bytes:
     """The bytes of a certificate, given as the file or as its folder.  Raises: SpecError."""
     from dobc_design.certificate.text import MAX_BYTES
-    from dobc_design.problem.toml_text import read_bytes
+    from dobc_design.problem.load import read_bytes
 
     path = certificate / "certificate.json" if certificate.is_dir() else certificate
     try:

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from dobc_design._show.cards import Card, Formula, Shown, cut
-from dobc_design.coupling.algebra import GradientAlgebra, IntervalAlgebra
+from dobc_design.coupling import tree
 from dobc_design.coupling.expression import (
     Expression,
     nonsmooth_functions,
@@ -27,14 +27,12 @@ from dobc_design.coupling.expression import (
 )
 from dobc_design.coupling.functions import NONSMOOTH
 from dobc_design.coupling.parser import excerpt
-from dobc_design.coupling.tree import Add, Constant, Node, Subtract, evaluate, names_in_words
 from dobc_design.errors import ExpressionError, ShapeError, SpecError, kept, raise_all, wrong
 from dobc_design.exact.interval import Interval, UndefinedError
 from dobc_design.exact.number import number_text
 from dobc_design.exact.reading import NumberText, counted, is_list, shown
 
-NEAR_ZERO = Interval(Fraction(-1, 2**40), Fraction(1, 2**40))
-_ZERO = Interval.point(0)
+NEARZERO = Interval(Fraction(-1, 2**40), Fraction(1, 2**40))
 _LONGEST_SUGGESTION = 100
 _LONGEST_NUMBER = 40
 
@@ -58,12 +56,11 @@ class Coupling(Shown):
         count = 1 if self.by_component else self.dimension
         dimensions = [expression.dimension for expression in self.components]
         if dimensions != [count] * count or (self.dimension == 1 and not self.by_component):
-            raise wrong(
-                key,
+            what = (
                 f"must be one expression in y, or {self.dimension} in"
-                f" {names_in_words(self.dimension)}; got expressions in {dimensions} variables.",
-                kind=ShapeError,
+                f" {tree.names_in_words(self.dimension)}; got expressions in {dimensions} variables."
             )
+            raise wrong(key, what, kind=ShapeError)
         errors: list[SpecError] = []
         for position, expression in enumerate(self.components):
             with kept(errors):
@@ -93,9 +90,8 @@ class Coupling(Shown):
         return tuple(name for name in NONSMOOTH if name in found)
 
     def _card(self) -> Card:
-        shown = [("coupling", Formula(f"h(y) = {text}")) for text in self.latex]
-        if not self.by_component:
-            shown = [("coupling", Formula(f"h_{{{k + 1}}}(y) = {text}")) for k, text in enumerate(self.latex)]
+        names = ["h"] if self.by_component else [f"h_{{{k + 1}}}" for k in range(self.dimension)]
+        shown = [("coupling", Formula(f"{h}(y) = {text}")) for h, text in zip(names, self.latex, strict=True)]
         every = f"applied to each of {self.dimension} components" if self.by_component and self.dimension > 1 else ""
         return Card(title="Coupling", text=every, facts=shown)
 
@@ -107,17 +103,14 @@ class Coupling(Shown):
 
         Shapes: (m, m), diagonal if h acts by component.  At a kink: the hull of the slopes.
         """
-        rows = [_gradient(expression, at=_ZERO) for expression in self.components]
+        rows = [_gradient(expression, at=tree.ZERO) for expression in self.components]
         if not self.by_component:
             return tuple(rows)
         m = range(self.dimension)
-        return tuple(tuple(rows[0][0] if i == j else _ZERO for j in m) for i in m)
+        return tuple(tuple(rows[0][0] if i == j else tree.ZERO for j in m) for i in m)
 
     def numpy_function(self) -> Callable[[ArrayLike], NDArray[np.float64]]:
-        """Return h as a function of arrays, to be kept when it is called often.
-
-        Shapes: (..., m) gives (..., m).  Overflow gives inf, undefined places give nan.
-        """
+        """Return h as a function of arrays, (..., m) to (..., m); overflow gives inf, undefined places give nan."""
         functions = [numpy_function(expression) for expression in self.components]
         dimension, by_component = self.dimension, self.by_component
 
@@ -137,44 +130,23 @@ class Coupling(Shown):
 
 
 def make_coupling(h: str | Sequence[str], *, dimension: int, key: str = "coupling.h") -> Coupling:
-    """Read a coupling: one text in y, applied by component, or m texts in y1..ym.
-
-    Raises: ExpressionError or ShapeError naming ``key`` (or ``key[i]``); several errors come as one.
-    """
+    """Read a coupling: one text in y, applied by component, or m texts in y1..ym."""
     if isinstance(h, str) and not isinstance(h, NumberText):
         _refuse_numbered_names(h, dimension=dimension, key=key)
-        components: tuple[Expression, ...] = (parse_expression(h, key=key),)
-        return Coupling(components=components, by_component=True, dimension=dimension, key=key)
+        return Coupling(components=(parse_expression(h, key=key),), by_component=True, dimension=dimension, key=key)
     if not is_list(h):
-        raise wrong(
-            key,
-            f"must be an expression in y, in quotes, or a list of them; got {shown(h)}.",
-            'Write for example "tanh(y)".',
-            kind=ExpressionError,
-        )
+        what = f"must be an expression in y, in quotes, or a list of them; got {shown(h)}."
+        raise wrong(key, what, 'Write for example "tanh(y)".', kind=ExpressionError)
     if len(h) != dimension:
-        raise wrong(
-            key,
-            f"must have {counted(dimension, 'expression')}, one per state component; got {len(h)}.",
-            "Or give one expression in y, which is applied to each component.",
-            kind=ShapeError,
-        )
-    return Coupling(
-        components=_read_components(h, dimension=dimension, key=key),
-        by_component=dimension == 1,
-        dimension=dimension,
-        key=key,
-    )
-
-
-def _read_components(h: Sequence[str], *, dimension: int, key: str) -> tuple[Expression, ...]:
-    components: list[Expression] = []
+        what = f"must have {counted(dimension, 'expression')}, one per state component; got {len(h)}."
+        raise wrong(key, what, "Or give one expression in y, which is applied to each component.", kind=ShapeError)
+    read: list[Expression] = []
     errors: list[SpecError] = []
     for position, text in enumerate(h):
         with kept(errors):
-            components.append(parse_expression(text, dimension=dimension, key=f"{key}[{position}]"))
+            read.append(parse_expression(text, dimension=dimension, key=f"{key}[{position}]"))
     raise_all(errors)
-    return tuple(components)
+    return Coupling(components=tuple(read), by_component=dimension == 1, dimension=dimension, key=key)
 
 
 def _refuse_numbered_names(text: str, *, dimension: int, key: str) -> None:
@@ -185,24 +157,23 @@ def _refuse_numbered_names(text: str, *, dimension: int, key: str) -> None:
             f" {found.start() + 1}; a single expression is applied to each component and uses y.",
             key=key,
             cure=f"For couplings between components give a list of {dimension} expressions in"
-            f" {names_in_words(dimension)}.",
+            f" {tree.names_in_words(dimension)}.",
         )
 
 
 def _check_at_zero(expression: Expression, *, key: str) -> None:
     quoted = f"{key} {excerpt(expression.text)}"
     try:
-        value = evaluate(expression.node, (_ZERO,) * expression.dimension, IntervalAlgebra())
+        value = tree.evaluate(expression.node, (tree.ZERO,) * expression.dimension, tree.IntervalAlgebra())
     except UndefinedError as error:
         raise ExpressionError(f"{quoted} must vanish at y = 0 but is undefined there: {error}", key=key) from error
-    if value != _ZERO:
+    if value != tree.ZERO:
         raise _not_zero(expression, value, key=key)
     try:
-        _gradient(expression, at=NEAR_ZERO)
+        _gradient(expression, at=NEARZERO)
     except UndefinedError as error:
-        raise ExpressionError(
-            f"{quoted} must be defined and have a bounded slope around y = 0 (seen on |y| <= 2^-40): {error}", key=key
-        ) from error
+        what = f"{quoted} must be defined and have a bounded slope around y = 0 (seen on |y| <= 2^-40): {error}"
+        raise ExpressionError(what, key=key) from error
 
 
 def _not_zero(expression: Expression, value: Interval, *, key: str) -> ExpressionError:
@@ -217,26 +188,25 @@ def _not_zero(expression: Expression, value: Interval, *, key: str) -> Expressio
     if not value.is_point or len(exact) > _LONGEST_NUMBER:
         return ExpressionError(f"{quoted} must vanish at y = 0 but is about {value.floats()[0]:.3g}.", key=key)
     if not variables_used(expression.node):
-        return ExpressionError(
-            f"{quoted} must vanish at y = 0 but is the constant {exact}.", key=key, cure='Write for example "tanh(y)".'
-        )
+        what = f"{quoted} must vanish at y = 0 but is the constant {exact}."
+        return ExpressionError(what, key=key, cure='Write for example "tanh(y)".')
     better = to_text(_lowered(expression.node, value.lo), dimension=expression.dimension)
     cure = f'did you mean "{better}"?' if len(better) <= _LONGEST_SUGGESTION else None
     return ExpressionError(f"{quoted} must vanish at y = 0 but equals {exact}", key=key, cure=cure)
 
 
-def _lowered(node: Node, value: Fraction) -> Node:
+def _lowered(node: tree.Node, value: Fraction) -> tree.Node:
     """Return the tree of node - value; where the value is the last term itself, without that term."""
-    offset = Constant(abs(value))
-    if isinstance(node, (Add, Subtract)) and not variables_used(node.right):
-        last = evaluate(node.right, (), IntervalAlgebra())
-        if (last if isinstance(node, Add) else -last) == Interval.point(value):
+    offset = tree.Constant(abs(value))
+    if isinstance(node, (tree.Add, tree.Subtract)) and not variables_used(node.right):
+        last = tree.evaluate(node.right, (), tree.IntervalAlgebra())
+        if (last if isinstance(node, tree.Add) else -last) == Interval.point(value):
             return node.left
-    return Subtract(node, offset) if value > 0 else Add(node, offset)
+    return tree.Subtract(node, offset) if value > 0 else tree.Add(node, offset)
 
 
 def _gradient(expression: Expression, *, at: Interval) -> tuple[Interval, ...]:
     """Enclose the partial derivatives where every variable lies in ``at``."""
-    algebra = GradientAlgebra(expression.dimension)
+    algebra = tree.GradientAlgebra(expression.dimension)
     variables = algebra.variables((at,) * expression.dimension)
-    return evaluate(expression.node, variables, algebra).partials
+    return tree.evaluate(expression.node, variables, algebra).partials

@@ -14,9 +14,8 @@ from fractions import Fraction
 from itertools import pairwise
 from typing import Final
 
-from dobc_design.coupling.algebra import ZERO, GradientAlgebra, IntervalAlgebra, Jet
 from dobc_design.coupling.expression import Expression
-from dobc_design.coupling.tree import Node, postorder, run
+from dobc_design.coupling.tree import ZERO, GradientAlgebra, IntervalAlgebra, Jet, Node, postorder, run
 from dobc_design.exact.interval import Interval, UndefinedError
 
 #: How much wider than the truth a range may be at each end (relative to the value where that is above 1).
@@ -39,10 +38,7 @@ Form = Callable[[Interval], Interval]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Curve:
-    """One scalar coupling function h with h(0) = 0, ready to be enclosed many times.
-
-    Raises: ValueError unless the expression is in y alone.
-    """
+    """One scalar coupling function h with h(0) = 0, in y alone, ready to be enclosed many times."""
 
     expression: Expression
     order: tuple[Node, ...] = field(init=False, repr=False)
@@ -116,28 +112,9 @@ def _from_both(curve: Curve, Y: Interval) -> tuple[Interval, Interval | None]:
     return known, rough
 
 
-def value_range(curve: Curve, Y: Interval, *, tolerance: Fraction = TOLERANCE) -> Interval:
-    """Enclose {h(y) : y in Y}, at most about ``tolerance`` too wide at each end.
-
-    Raises: UndefinedError naming h and the interval where h is not defined on the whole of Y.
-    """
-    return _tight(curve, lambda piece: value_form(curve, piece), Y, tolerance=tolerance, what="h")
-
-
-def slope_range(curve: Curve, Y: Interval, *, tolerance: Fraction = TOLERANCE) -> Interval:
-    """Enclose {h'(y) : y in Y} (Clarke's where h has a kink), at most about ``tolerance`` too wide at each end.
-
-    Raises: UndefinedError naming h and the interval where h' is not bounded on Y.
-    """
-    return _tight(curve, lambda piece: slope_form(curve, piece), Y, tolerance=tolerance, what="h'")
-
-
 def slope_bound(curve: Curve, Y: Interval, *, tolerance: Fraction = TOLERANCE) -> Fraction:
-    """A number that no h'(y), y in Y, exceeds; the upper end of ``slope_range`` in half the time.
-
-    Raises: UndefinedError naming h and the interval where h' is not bounded on Y.
-    """
-    return _tight(curve, lambda piece: slope_form(curve, piece), Y, tolerance=tolerance, what="h'", lower=False).hi
+    """A number that no h'(y), y in Y, exceeds.  Raises: UndefinedError where h' is not bounded on Y."""
+    return tight_range(curve, slope_form, Y, tolerance=tolerance, what="h'", lower=False).hi
 
 
 def secant_range(curve: Curve, Y: Interval, *, tolerance: Fraction = TOLERANCE) -> Interval:
@@ -145,7 +122,7 @@ def secant_range(curve: Curve, Y: Interval, *, tolerance: Fraction = TOLERANCE) 
 
     Raises: UndefinedError naming h and the interval where h is not defined between 0 and Y.
     """
-    return _tight(curve, lambda piece: secant(curve, piece).value, Y, tolerance=tolerance, what="h(y)/y")
+    return tight_range(curve, lambda h, piece: secant(h, piece).value, Y, tolerance=tolerance, what="h(y)/y")
 
 
 def value_form(curve: Curve, Y: Interval) -> Interval:
@@ -186,8 +163,20 @@ def _meet(known: Interval | None, other: Interval) -> Interval:
     return other if known is None else Interval(max(known.lo, other.lo), min(known.hi, other.hi))
 
 
-def _tight(curve: Curve, form: Form, Y: Interval, *, tolerance: Fraction, what: str, lower: bool = True) -> Interval:
-    """Both ends tight, or without ``lower`` the upper one only."""
+def tight_range(
+    curve: Curve,
+    enclosed: Callable[[Curve, Interval], Interval],
+    Y: Interval,
+    *,
+    tolerance: Fraction = TOLERANCE,
+    what: str = "h",
+    lower: bool = True,
+) -> Interval:
+    """The range of what a form encloses, at most about ``tolerance`` too wide at each end; or its upper end only."""
+
+    def form(piece: Interval) -> Interval:
+        return enclosed(curve, piece)
+
     try:
         pieces = _defined(form, Y)
         highest = _supremum(form, pieces, tolerance)
@@ -195,9 +184,8 @@ def _tight(curve: Curve, form: Form, Y: Interval, *, tolerance: Fraction, what: 
             return Interval.point(highest)
         lowest = -_supremum(lambda piece: -form(piece), [(-values, piece) for values, piece in pieces], tolerance)
     except UndefinedError as error:
-        raise UndefinedError(
-            f'{what} of h = "{curve.expression}" cannot be enclosed on [{_shown(Y.lo)}, {_shown(Y.hi)}]: {error}'
-        ) from error
+        what = f'{what} of h = "{curve.expression}" cannot be enclosed on [{_shown(Y.lo)}, {_shown(Y.hi)}]: {error}'
+        raise UndefinedError(what) from error
     return Interval(lowest, highest)
 
 
@@ -277,9 +265,8 @@ def profile(curve: Curve, radius: Fraction) -> Profile:
     try:
         cells = _merged(curve, _split(curve, whole))
     except UndefinedError as error:
-        raise UndefinedError(
-            f'h = "{curve.expression}" cannot be enclosed on [-{float(radius):.6g}, {float(radius):.6g}]: {error}'
-        ) from error
+        what = f'h = "{curve.expression}" cannot be enclosed on [-{float(radius):.6g}, {float(radius):.6g}]: {error}'
+        raise UndefinedError(what) from error
     return Profile(curve, radius, cells, _turns(curve, cells, +1), _turns(curve, cells, -1))
 
 

@@ -6,18 +6,20 @@ function means for the network (h(0) = 0, its slope) is the business of ``coupli
 
 from __future__ import annotations
 
+import operator
 from collections.abc import Callable
 from dataclasses import dataclass
 from fractions import Fraction
+from functools import partial
+from itertools import accumulate
 from math import inf
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from dobc_design.coupling.algebra import NumpyAlgebra
-from dobc_design.coupling.functions import FUNCTIONS, NONSMOOTH
+from dobc_design.coupling import tree
+from dobc_design.coupling.functions import LATEX, NONSMOOTH, WITHOUT_POWERS
 from dobc_design.coupling.parser import DEEPEST, Fault, Repair, excerpt, parse
-from dobc_design.coupling.tree import Call, Node, Variable, evaluate, postorder, run, variable_names
 from dobc_design.errors import ExpressionError, ShapeError, SpecError, wrong
 
 LARGEST_DECIMAL_EXPONENT = 400  # of a number in a problem file
@@ -34,27 +36,22 @@ class _Piece:
     number: bool = False
 
 
-def to_text(node: Node, *, dimension: int = 1, compact: bool = False) -> str:
-    """Write the tree in the language of the parser, with no parenthesis more than it needs.
-
-    ``compact`` leaves out the spaces and takes the shortest form of every number.
-    """
-    variables = [_Piece(name, ATOM) for name in variable_names(dimension)]
-    return evaluate(node, variables, _TextAlgebra(compact=compact)).text
+def to_text(node: tree.Node, *, dimension: int = 1, compact: bool = False) -> str:
+    """Write the tree in the parser's language, with the fewest parentheses; ``compact``: in the fewest characters."""
+    variables = [_Piece(name, ATOM) for name in tree.variable_names(dimension)]
+    return tree.evaluate(node, variables, _TextAlgebra(compact=compact)).text
 
 
-def to_latex(node: Node, *, dimension: int = 1) -> str:
+def to_latex(node: tree.Node, *, dimension: int = 1) -> str:
     r"""Write the tree as LaTeX mathematics: exp(y) - 1 + y becomes e^{y} - 1 + y."""
     names = ["y"] if dimension == 1 else [f"y_{{{index + 1}}}" for index in range(dimension)]
-    return evaluate(node, [_Piece(name, ATOM) for name in names], _LatexAlgebra()).text
+    return tree.evaluate(node, [_Piece(name, ATOM) for name in names], _LatexAlgebra()).text
 
 
 def decimal_text(value: Fraction, *, compact: bool = False) -> str | None:
     """Write a number >= 0 as an exact decimal; None if it has none (1/3)."""
     plain = _plain(value)
-    if plain is None:
-        return None
-    if not compact and len(plain) <= _LONGEST_PLAIN_NUMBER:
+    if plain is None or (not compact and len(plain) <= _LONGEST_PLAIN_NUMBER):
         return plain
     scientific = _scientific(plain)
     if not compact:
@@ -64,14 +61,10 @@ def decimal_text(value: Fraction, *, compact: bool = False) -> str | None:
 
 
 def _plain(value: Fraction) -> str | None:
-    rest, twos, fives = value.denominator, 0, 0
-    while rest % 2 == 0:
-        rest, twos = rest // 2, twos + 1
-    while rest % 5 == 0:
-        rest, fives = rest // 5, fives + 1
-    if rest != 1:
+    denominator = value.denominator
+    places = next((k for k in range(denominator.bit_length()) if pow(10, k, denominator) == 0), None)
+    if places is None:
         return None
-    places = max(twos, fives)
     digits = str(value.numerator * 10**places // value.denominator).rjust(places + 1, "0")
     return digits if places == 0 else f"{digits[:-places]}.{digits[-places:]}"
 
@@ -106,10 +99,10 @@ class _TextAlgebra:
         return _Piece("-" + _inside(operand, UNARY), UNARY)
 
     def add(self, left: _Piece, right: _Piece) -> _Piece:
-        return self._sum(left, "+", right)
+        return _Piece(f"{left.text}{self.space}+{self.space}{_inside(right, PRODUCT)}", SUM)
 
     def subtract(self, left: _Piece, right: _Piece) -> _Piece:
-        return self._sum(left, "-", right)
+        return _Piece(f"{left.text}{self.space}-{self.space}{_inside(right, PRODUCT)}", SUM)
 
     def multiply(self, left: _Piece, right: _Piece) -> _Piece:
         return _Piece(f"{_inside(left, PRODUCT)}*{_inside(right, UNARY)}", PRODUCT)
@@ -124,9 +117,6 @@ class _TextAlgebra:
         inside = f",{self.space}".join(argument.text for argument in arguments)
         return _Piece(f"{name}({inside})", ATOM)
 
-    def _sum(self, left: _Piece, sign: str, right: _Piece) -> _Piece:
-        return _Piece(f"{left.text}{self.space}{sign}{self.space}{_inside(right, PRODUCT)}", SUM)
-
 
 class _LatexAlgebra:
     """Algebra of LaTeX; see ``tree.Algebra``."""
@@ -134,7 +124,7 @@ class _LatexAlgebra:
     def constant(self, value: Fraction) -> _Piece:
         text = decimal_text(value)
         if text is None:
-            return _Piece(_fraction(str(value.numerator), str(value.denominator)), POWER)
+            return _Piece(rf"\frac{{{value.numerator}}}{{{value.denominator}}}", POWER)
         mantissa, _, exponent = text.partition("e")
         if not exponent:
             return _Piece(text, ATOM, number=True)
@@ -162,7 +152,7 @@ class _LatexAlgebra:
         return _Piece(_latex_inside(left, SIGN) + dot + factor, SIGN if left.level == SIGN else PRODUCT)
 
     def divide(self, left: _Piece, right: _Piece) -> _Piece:
-        return _Piece(_fraction(left.text, right.text), POWER)
+        return _Piece(rf"\frac{{{left.text}}}{{{right.text}}}", POWER)
 
     def power(self, base: _Piece, exponent: int) -> _Piece:
         if base.head and exponent > 0:
@@ -172,13 +162,12 @@ class _LatexAlgebra:
         return _Piece(f"{_latex_inside(base, ATOM)}^{{{exponent}}}", POWER)
 
     def call(self, name: str, arguments: tuple[_Piece, ...]) -> _Piece:
-        row = FUNCTIONS[name]
-        inside = ", ".join(argument.text for argument in arguments)
-        level = ATOM if row.powers else POWER
-        if "#" in row.latex:
-            return _Piece(row.latex.replace("#", inside), level)
+        inside, latex = ", ".join(argument.text for argument in arguments), LATEX.get(name, f"\\{name}")
+        level = POWER if name in WITHOUT_POWERS else ATOM
+        if "#" in latex:
+            return _Piece(latex.replace("#", inside), level)
         # Between the name and its argument an exponent is usual for some, and misleading for the others.
-        return _Piece(rf"{row.latex}\left({inside}\right)", level, head=row.latex if row.powers else "")
+        return _Piece(rf"{latex}\left({inside}\right)", level, head=latex if level == ATOM else "")
 
 
 def _inside(piece: _Piece, level: int) -> str:
@@ -187,10 +176,6 @@ def _inside(piece: _Piece, level: int) -> str:
 
 def _latex_inside(piece: _Piece, level: int) -> str:
     return piece.text if piece.level >= level else rf"\left({piece.text}\right)"
-
-
-def _fraction(numerator: str, denominator: str) -> str:
-    return rf"\frac{{{numerator}}}{{{denominator}}}"
 
 
 LONGEST = 2000
@@ -207,14 +192,12 @@ class Expression:
     """
 
     text: str
-    node: Node
+    node: tree.Node
     dimension: int
 
     def __str__(self) -> str:
         pretty = to_text(self.node, dimension=self.dimension)
-        if len(pretty) <= LONGEST:
-            return pretty
-        return to_text(self.node, dimension=self.dimension, compact=True)
+        return pretty if len(pretty) <= LONGEST else to_text(self.node, dimension=self.dimension, compact=True)
 
     def __repr__(self) -> str:
         return f"parse_expression({str(self)!r}, dimension={self.dimension})"
@@ -227,9 +210,9 @@ class Expression:
     def __hash__(self) -> int:
         return hash((self.dimension, self.node))
 
-    def __reduce__(self) -> tuple[Callable[..., Expression], tuple[str, int]]:
+    def __reduce__(self) -> tuple[Callable[..., Expression], tuple[str]]:
         # Long sums are deep trees, on which pickle and deepcopy would meet Python's recursion limit.
-        return _read_again, (self.text, self.dimension)
+        return partial(parse_expression, dimension=self.dimension), (self.text,)
 
     @property
     def latex(self) -> str:
@@ -254,34 +237,26 @@ def parse_expression(text: str, *, dimension: int = 1, key: str = "coupling.h") 
             kind=ExpressionError,
         )
     if len(text) > LONGEST:
-        raise wrong(
-            key,
-            f"must have at most {LONGEST} characters; {excerpt(text, width=30)} has {len(text)}.",
-            kind=ExpressionError,
-        )
+        what = f"must have at most {LONGEST} characters; {excerpt(text, width=30)} has {len(text)}."
+        raise wrong(key, what, kind=ExpressionError)
     try:
         expression = Expression(text, parse(text, dimension=dimension), dimension)
     except Fault as fault:
         raise _refusal(text, fault, dimension=dimension, key=key) from None
     canonical = str(expression)
     if len(canonical) > LONGEST or _nesting(canonical) > DEEPEST:
-        raise wrong(
-            key,
+        what = (
             f"{excerpt(text, width=30)} must fit into {LONGEST} characters and {DEEPEST} nested"
-            " parentheses when **0.5 is written as sqrt.",
-            kind=ExpressionError,
+            " parentheses when **0.5 is written as sqrt."
         )
+        raise wrong(key, what, kind=ExpressionError)
     return expression
 
 
 def numpy_function(expression: Expression) -> Callable[[ArrayLike], NDArray[np.float64]]:
-    """Return the expression as a function of arrays.
-
-    Shapes: with dimension 1 any shape, element by element; else (..., m) gives (...).
-    Overflow gives inf and undefined places give nan, without warnings.
-    """
-    order, dimension = postorder(expression.node), expression.dimension
-    algebra = NumpyAlgebra()
+    """Return the expression as a function of arrays; overflow gives inf, undefined places nan, without warnings."""
+    order, dimension = tree.postorder(expression.node), expression.dimension
+    algebra = tree.NumpyAlgebra()
 
     def function(y: ArrayLike) -> NDArray[np.float64]:
         array = np.asarray(y, dtype=np.float64)
@@ -289,58 +264,39 @@ def numpy_function(expression: Expression) -> Callable[[ArrayLike], NDArray[np.f
             raise ShapeError(f"the last axis of y must have length {dimension}; got shape {array.shape}.")
         variables = [array] if dimension == 1 else [array[..., index] for index in range(dimension)]
         with np.errstate(all="ignore"):
-            result = run(order, variables, algebra)
+            result = tree.run(order, variables, algebra)
         return np.array(np.broadcast_to(result, variables[0].shape), dtype=np.float64)
 
     return function
 
 
-def polynomial_degree(node: Node) -> int | None:
-    """Return a bound on the degree as written: 0 constant, 1 affine; None if it is not a polynomial.
-
-    Nothing is expanded or cancelled: y**2 - y**2 counts 2.  So 0 and 1 are proofs, larger values are not.
-    """
-    degree = evaluate(node, (1.0,) * (1 + max(variables_used(node), default=-1)), _DegreeAlgebra())
+def polynomial_degree(node: tree.Node) -> int | None:
+    """Return a bound on the degree as written (y**2 - y**2 counts 2), so that 0 and 1 are proofs; None without one."""
+    degree = tree.evaluate(node, (1.0,) * (1 + max(variables_used(node), default=-1)), _DegreeAlgebra())
     return None if degree == inf else int(degree)
 
 
-def nonsmooth_functions(node: Node) -> tuple[str, ...]:
-    """Return which of abs, min, max, clip are applied to something that is not constant.
-
-    These are Lipschitz but not C1, so the secant form applies and the pointwise Jacobian does not (theory,
-    section 1).  sqrt is not among them: where it is not smooth, intervals refuse it.
-    """
-    found = {part.name for part in postorder(node) if isinstance(part, Call) and variables_used(part)}
+def nonsmooth_functions(node: tree.Node) -> tuple[str, ...]:
+    """Which of abs, min, max, clip, Lipschitz but not C1 (theory, section 1), are applied to what is not constant."""
+    found = {part.name for part in tree.postorder(node) if isinstance(part, tree.Call) and variables_used(part)}
     return tuple(name for name in NONSMOOTH if name in found)
 
 
-def variables_used(node: Node) -> tuple[int, ...]:
+def variables_used(node: tree.Node) -> tuple[int, ...]:
     """Return the indices, from 0 and increasing, of the variables that occur."""
-    return tuple(sorted({part.index for part in postorder(node) if isinstance(part, Variable)}))
-
-
-def _read_again(text: str, dimension: int) -> Expression:
-    return parse_expression(text, dimension=dimension)
+    return tuple(sorted({part.index for part in tree.postorder(node) if isinstance(part, tree.Variable)}))
 
 
 def _nesting(text: str) -> int:
-    depth = deepest = 0
-    for character in text:
-        depth += (character == "(") - (character == ")")
-        deepest = max(deepest, depth)
-    return deepest
+    return max(accumulate(((character == "(") - (character == ")") for character in text), initial=0))
 
 
 def _refusal(text: str, fault: Fault, *, dimension: int, key: str) -> SpecError:
     place = f"column {fault.start + 1}" if text.strip() else "an empty text"
     found = f"{fault.found} in {place}" if text.strip() else place
     guess = _repaired(text, fault.repair, dimension=dimension)
-    return wrong(
-        key,
-        f"{excerpt(text, fault.start)}: found {found}; {fault.why}",
-        None if guess is None else f'did you mean "{guess}"?',
-        kind=ExpressionError,
-    )
+    what = f"{excerpt(text, fault.start)}: found {found}; {fault.why}"
+    return wrong(key, what, None if guess is None else f'did you mean "{guess}"?', kind=ExpressionError)
 
 
 def _repaired(text: str, repair: Repair | None, *, dimension: int) -> str | None:
@@ -359,6 +315,9 @@ def _repaired(text: str, repair: Repair | None, *, dimension: int) -> str | None
 class _DegreeAlgebra:
     """Algebra of degrees; infinite is "not a polynomial"."""
 
+    multiply = staticmethod(operator.add)
+    add = subtract = staticmethod(max)
+
     def constant(self, value: Fraction) -> float:
         return 0
 
@@ -367,14 +326,6 @@ class _DegreeAlgebra:
 
     def negate(self, operand: float) -> float:
         return operand
-
-    def add(self, left: float, right: float) -> float:
-        return max(left, right)
-
-    subtract = add
-
-    def multiply(self, left: float, right: float) -> float:
-        return left + right
 
     def divide(self, left: float, right: float) -> float:
         return left if right == 0 else inf

@@ -1,47 +1,27 @@
 """The whitelist parser of coupling expressions: text to tree, Python's precedence, never ``eval``.
 
-Bounded by construction: the text has at most 2000 characters and 50 nested parentheses, exponents are
-literal, and exact constants (which are computed only to be checked) have at most 4096 bits.
+Bounded by construction: at most 2000 characters and 50 nested parentheses, literal exponents, and exact constants
+(computed only to be checked) of at most 4096 bits.
 """
 
 from __future__ import annotations
 
+import operator
 import re
+from collections.abc import Callable
 from dataclasses import dataclass
 from difflib import get_close_matches
 from enum import Enum
 from fractions import Fraction
 
 from dobc_design._show.text import visible
+from dobc_design.coupling import tree
 from dobc_design.coupling.functions import FOREIGN, FUNCTIONS, NONSMOOTH, OTHER_NAMES, by_twos
-from dobc_design.coupling.tree import (
-    LARGEST_EXPONENT,
-    Add,
-    Call,
-    Constant,
-    Divide,
-    Multiply,
-    Negate,
-    Node,
-    Pi,
-    Power,
-    Subtract,
-    Variable,
-    names_in_words,
-    variable_names,
-)
 from dobc_design.errors import SpecError
 from dobc_design.exact.interval import Interval
 from dobc_design.exact.number import parse_number
 
-
-class Kind(Enum):
-    """The kinds of words."""
-
-    NUMBER = "a number"
-    NAME = "a name"
-    SIGN = "an operator"
-    END = "the end"
+Kind = Enum("Kind", "NUMBER NAME SIGN END")
 
 
 @dataclass(frozen=True, slots=True)
@@ -81,51 +61,44 @@ _WORD = re.compile(
     r"|(?P<name>[A-Za-z_][A-Za-z_0-9]*)"
     r"|(?P<sign>\*\*|[-+*/(),])"
 )
-_BLANK = re.compile(r"[ \t\r\n]*")
-_LOOKALIKES = {
-    "^": ("**", "a power is written y**2"),
-    "[": ("(", "only round parentheses are used"),
-    "]": (")", "only round parentheses are used"),
-    "{": ("(", "only round parentheses are used"),
-    "}": (")", "only round parentheses are used"),
-    "|": (None, "the absolute value is written abs(y)"),
-    "=": (None, "give the right-hand side only"),
-    ".": (None, "functions are written without a module, as in exp(y)"),
-    "\u2212": ("-", "it only looks like a minus"),
-    "\u2013": ("-", "it only looks like a minus"),
-    "\u00d7": ("*", "a product is written *"),
-    "\u00b7": ("*", "a product is written *"),
-    "\u22c5": ("*", "a product is written *"),
-    "\u00f7": ("/", "a quotient is written /"),
-    "\u03c0": ("pi", "the number is written pi"),
-    "\u00b2": ("**2", "a power is written y**2"),
-    "\u00b3": ("**3", "a power is written y**3"),
-    "\u221a": ("sqrt", "the square root is written sqrt(y)"),
-    "\u00a0": (" ", "it only looks like a space"),
+_BLANKS = " \t\r\n"
+_LOOKALIKES: dict[str, tuple[str | None, str]] = {
+    character: (replacement, why)
+    for characters, replacement, why in (
+        ("^", "**", "a power is written y**2"),
+        ("[{", "(", "only round parentheses are used"),
+        ("]}", ")", "only round parentheses are used"),
+        ("|", None, "the absolute value is written abs(y)"),
+        ("=", None, "give the right-hand side only"),
+        (".", None, "functions are written without a module, as in exp(y)"),
+        ("\u2212\u2013", "-", "it only looks like a minus"),
+        ("\u00d7\u00b7\u22c5", "*", "a product is written *"),
+        ("\u00f7", "/", "a quotient is written /"),
+        ("\u03c0", "pi", "the number is written pi"),
+        ("\u00b2", "**2", "a power is written y**2"),
+        ("\u00b3", "**3", "a power is written y**3"),
+        ("\u221a", "sqrt", "the square root is written sqrt(y)"),
+        ("\u00a0", " ", "it only looks like a space"),
+    )
+    for character in characters
 }
 _ALLOWED = "only numbers, names, + - * / ** ( ) and commas are allowed, in ASCII"
 
 
 def tokenize(text: str) -> list[Token]:
-    """Split the text into words; the last one is of kind END.
-
-    Raises: Fault at the first character that begins no word.
-    """
+    """Split the text into words; the last one is of kind END.  Raises: Fault where no word begins."""
     words: list[Token] = []
-    place = _skip_blank(text, 0)
+    place = 0
     while place < len(text):
+        if text[place] in _BLANKS:
+            place += 1
+            continue
         match = _WORD.match(text, place)
         if match is None:
             raise _stranger(text, place)
         words.append(Token(Kind[str(match.lastgroup).upper()], match.group(), place))
-        place = _skip_blank(text, match.end())
-    words.append(Token(Kind.END, "", len(text)))
-    return words
-
-
-def _skip_blank(text: str, place: int) -> int:
-    match = _BLANK.match(text, place)
-    return place if match is None else match.end()
+        place = match.end()
+    return [*words, Token(Kind.END, "", len(text))]
 
 
 def _stranger(text: str, place: int) -> Fault:
@@ -152,65 +125,54 @@ def excerpt(text: str, place: int | None = None, *, width: int = 70) -> str:
 
 def unknown_name(token: Token, *, dimension: int, called: bool) -> Fault:
     """Return the fault of a name that means nothing; ``called`` tells that ( follows it."""
-    names = variable_names(dimension)
+    names = tree.variable_names(dimension)
     word = token.text.lower()
-    hint = FOREIGN.get(word)
-    if hint is not None:
-        return Fault(token.start, quote(token), hint)
+    if word in FOREIGN:
+        return Fault(token.start, quote(token), FOREIGN[word])
     if word[0] == "y" and (word[1:].strip("_").isdigit() or word == "y"):
         guess = "y" + (word[1:].strip("_") or "1") if word != "y" or dimension > 1 else "y"
         repair = Repair(token.start, token.end, guess) if guess in names else None
-        why = f"the variables are {names_in_words(dimension)}" if dimension > 1 else "the only variable is y"
+        why = f"the variables are {tree.names_in_words(dimension)}" if dimension > 1 else "the only variable is y"
         return Fault(token.start, quote(token), why, repair=repair)
-    return Fault(
-        token.start,
-        quote(token),
-        f"the names are {names_in_words(dimension)}, pi, and the functions {' '.join(FUNCTIONS)}",
-        repair=_guess_name(token, names=names, called=called),
-    )
+    why = f"the names are {tree.names_in_words(dimension)}, pi, and the functions {' '.join(FUNCTIONS)}"
+    return Fault(token.start, quote(token), why, repair=_guess_name(token, names=names, called=called))
 
 
 def _guess_name(token: Token, *, names: tuple[str, ...], called: bool) -> Repair | None:
     word = token.text.lower()
     allowed = ["pi", *FUNCTIONS]
+    close = get_close_matches(word[:LONGEST_QUOTE], allowed, cutoff=0.7) if len(word) > 2 else []
     if word in ("x", "z") and not called:
-        guess = names[0]
-    elif word in allowed:
-        guess = word
-    elif word in OTHER_NAMES:
-        guess = OTHER_NAMES[word]
-    elif len(word) > 2 and (close := get_close_matches(word[:LONGEST_QUOTE], allowed, cutoff=0.7)):
-        guess = max(close, key=lambda name: sorted(name) == sorted(word))
+        guess: str | None = names[0]
+    elif word in allowed or word in OTHER_NAMES:
+        guess = OTHER_NAMES.get(word, word)
     else:
-        return None
-    return Repair(token.start, token.end, guess)
+        guess = max(close, key=lambda name: sorted(name) == sorted(word), default=None)
+    return None if guess is None else Repair(token.start, token.end, guess)
 
 
 DEEPEST = 50
 LARGEST_CONSTANT_BITS = 4096
 
-_BINARY: dict[str, type[Add] | type[Subtract] | type[Multiply] | type[Divide]] = {
-    "+": Add,
-    "-": Subtract,
-    "*": Multiply,
-    "/": Divide,
+_BINARY: dict[str, tuple[Callable[[tree.Node, tree.Node], tree.Node], Callable[[Fraction, Fraction], Fraction]]] = {
+    "+": (tree.Add, operator.add),
+    "-": (tree.Subtract, operator.sub),
+    "*": (tree.Multiply, operator.mul),
+    "/": (tree.Divide, operator.truediv),
 }
 _HALF = Fraction(1, 2)
-_INTEGERS = f"integer from -{LARGEST_EXPONENT} to {LARGEST_EXPONENT}"
+_INTEGERS = f"integer from -{tree.LARGEST_EXPONENT} to {tree.LARGEST_EXPONENT}"
 _EXPONENTS = f"an exponent must be a literal {_INTEGERS}, or 1/2 (written 0.5)"
 
 
 @dataclass(frozen=True, slots=True)
 class _Operand:
-    node: Node
+    node: tree.Node
     value: Fraction | None  # the exact value of a constant, where it is rational by arithmetic alone
 
 
-def parse(text: str, *, dimension: int) -> Node:
-    """Parse an expression in ``dimension`` variables.
-
-    Raises: Fault, which says where the text leaves the language.
-    """
+def parse(text: str, *, dimension: int) -> tree.Node:
+    """Parse an expression in ``dimension`` variables.  Raises: Fault, which says where the text leaves the language."""
     return _Parser(text, dimension=dimension).parse()
 
 
@@ -218,11 +180,9 @@ class _Parser:
     """Recursive descent; the only recursion is into parentheses, which are counted."""
 
     def __init__(self, text: str, *, dimension: int) -> None:
-        self.tokens = tokenize(text)
-        self.place = 0
-        self.depth = 0
-        self.dimension = dimension
-        self.names = {name: index for index, name in enumerate(variable_names(dimension))}
+        self.tokens, self.dimension = tokenize(text), dimension
+        self.place = self.depth = 0
+        self.names = {name: index for index, name in enumerate(tree.variable_names(dimension))}
         if dimension == 1:
             self.names["y1"] = 0
 
@@ -230,9 +190,9 @@ class _Parser:
     def token(self) -> Token:
         return self.tokens[self.place]
 
-    def parse(self) -> Node:
+    def parse(self) -> tree.Node:
         if self._at_end():
-            raise Fault(0, "nothing", f"write a function of {names_in_words(self.dimension)}")
+            raise Fault(0, "nothing", f"write a function of {tree.names_in_words(self.dimension)}")
         operand = self._sum()
         if not self._at_end():
             raise self._misplaced()
@@ -242,9 +202,8 @@ class _Parser:
         return self.token.kind is Kind.END
 
     def _advance(self) -> Token:
-        token = self.token
         self.place += 1
-        return token
+        return self.tokens[self.place - 1]
 
     def _at(self, *signs: str) -> bool:
         return self.token.kind is Kind.SIGN and self.token.text in signs
@@ -272,7 +231,7 @@ class _Parser:
             minuses += self._advance().text == "-"
         operand = self._power()
         for _ in range(minuses):
-            operand = _Operand(Negate(operand.node), None if operand.value is None else -operand.value)
+            operand = _Operand(tree.Negate(operand.node), None if operand.value is None else -operand.value)
         return operand
 
     def _power(self) -> _Operand:
@@ -283,8 +242,8 @@ class _Parser:
         if self._at("**"):
             raise self._fault(f"{_EXPONENTS}; for a power of a power write (y**2)**3")
         if exponent == _HALF:
-            return _Operand(Call("sqrt", (base.node,)), None)
-        node = Power(base.node, exponent.numerator)
+            return _Operand(tree.Call("sqrt", (base.node,)), None)
+        node = tree.Power(base.node, exponent.numerator)
         if base.value is None:
             return _Operand(node, None)
         if base.value == 0 and exponent < 0:
@@ -292,21 +251,21 @@ class _Parser:
         return _Operand(node, _bounded(base.value**exponent.numerator, sign))
 
     def _exponent(self) -> Fraction:
-        first = self.token
-        parenthesised = self._skip("(")
+        first, parenthesised = self.token, self._skip("(")
         negative = self._skip("-")
         if not negative:
             self._skip("+")
         value = self._exponent_number()
         if parenthesised:
             divisor = self._exponent_number() if self._skip("/") else Fraction(1)
-            value = value / divisor if divisor else Fraction(LARGEST_EXPONENT + 1)
+            value = value / divisor if divisor else Fraction(tree.LARGEST_EXPONENT + 1)
             if not self._skip(")"):
                 raise self._fault(_EXPONENTS)
         value = -value if negative else value
-        if value != _HALF and (value.denominator != 1 or abs(value) > LARGEST_EXPONENT):
+        if value != _HALF and (value.denominator != 1 or abs(value) > tree.LARGEST_EXPONENT):
             hint = "; y**-0.5 is written 1/sqrt(y)" if value == -_HALF else ""
-            raise Fault(first.start, self._quote_from(first), _EXPONENTS + hint)
+            used = "".join(token.text for token in self.tokens[: self.place] if token.start >= first.start)
+            raise Fault(first.start, f'"{used[:LONGEST_QUOTE]}"', _EXPONENTS + hint)
         return value
 
     def _exponent_number(self) -> Fraction:
@@ -318,7 +277,7 @@ class _Parser:
         token = self.token
         if token.kind is Kind.NUMBER:
             value = _number(self._advance())
-            return _Operand(Constant(value), value)
+            return _Operand(tree.Constant(value), value)
         if token.kind is Kind.NAME:
             return self._name()
         if self._at("("):
@@ -333,26 +292,24 @@ class _Parser:
         if token.text in FUNCTIONS:
             return self._call(token)
         if token.text == "pi":
-            return _Operand(Pi(), None)
+            return _Operand(tree.Pi(), None)
         if token.text in self.names:
-            return _Operand(Variable(self.names[token.text]), None)
+            return _Operand(tree.Variable(self.names[token.text]), None)
         raise unknown_name(token, dimension=self.dimension, called=self._at("("))
 
     def _call(self, name: Token) -> _Operand:
         if not self._at("("):
             follower = self.token
             wrapped = Repair(follower.start, follower.end, f"({follower.text})")
-            raise self._fault(
-                f"{name.text} needs its argument in parentheses",
-                repair=wrapped if follower.kind in (Kind.NAME, Kind.NUMBER) else None,
-            )
+            repair = wrapped if follower.kind in (Kind.NAME, Kind.NUMBER) else None
+            raise self._fault(f"{name.text} needs its argument in parentheses", repair=repair)
         parenthesis = self._open()
         arguments = [] if self._at(")") else [self._sum()]
         while self._skip(","):
             arguments.append(self._sum())
         self._close(parenthesis)
         _check_arguments(name, arguments)
-        node = Call(name.text, tuple(argument.node for argument in arguments))
+        node = tree.Call(name.text, tuple(argument.node for argument in arguments))
         return _Operand(node, _fold(name.text, [argument.value for argument in arguments]))
 
     def _open(self) -> Token:
@@ -383,10 +340,6 @@ class _Parser:
     def _fault(self, why: str, *, repair: Repair | None = None) -> Fault:
         return Fault(self.token.start, quote(self.token), why, repair=repair)
 
-    def _quote_from(self, first: Token) -> str:
-        used = [token.text for token in self.tokens[: self.place] if token.start >= first.start]
-        return f'"{"".join(used)[:LONGEST_QUOTE]}"'
-
 
 def _number(token: Token) -> Fraction:
     mantissa, mark, exponent = token.text.lower().partition("e")
@@ -400,18 +353,13 @@ def _number(token: Token) -> Fraction:
 
 
 def _join(left: _Operand, sign: Token, right: _Operand) -> _Operand:
-    node = _BINARY[sign.text](left.node, right.node)
+    make, compute = _BINARY[sign.text]
+    node = make(left.node, right.node)
     if sign.text == "/" and right.value == 0:
         raise Fault(sign.start, '"/"', "this divides by zero")
     if left.value is None or right.value is None:
         return _Operand(node, None)
-    if sign.text == "/":
-        value = left.value / right.value
-    elif sign.text == "*":
-        value = left.value * right.value
-    else:
-        value = left.value + right.value if sign.text == "+" else left.value - right.value
-    return _Operand(node, _bounded(value, sign))
+    return _Operand(node, _bounded(compute(left.value, right.value), sign))
 
 
 def _bounded(value: Fraction, token: Token) -> Fraction:

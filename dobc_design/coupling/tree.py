@@ -1,18 +1,24 @@
-"""The expression tree of a coupling function h, and the one walk over it.
+"""The expression tree of a coupling function h, the one walk over it, and its algebras.
 
-Every use of h (NumPy, intervals, CasADi, SymPy, text, LaTeX) is an ``Algebra`` handed to ``evaluate``; the
-tree itself knows no number type.  It is what the user wrote: nothing is folded, reordered or simplified.
-The walk keeps its own stack, so a sum of a thousand terms is no deeper for Python than y.
+Every use of h (NumPy, intervals, CasADi, SymPy, text, LaTeX) is an ``Algebra`` handed to ``evaluate``; the tree itself
+knows no number type and is what the user wrote: nothing is folded, reordered or simplified.  The walk keeps its own
+stack, so a sum of a thousand terms is no deeper for Python than y.  The interval algebras here are rigorous: what they
+return contains every value on the given box, or they raise UndefinedError.
 """
 
 from __future__ import annotations
 
+import operator
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
-from typing import Any, Protocol, TypeVar
+from typing import ClassVar, Final, Protocol, TypeVar
 
-from dobc_design.coupling.functions import FUNCTIONS
+import numpy as np
+
+from dobc_design.coupling.functions import FUNCTIONS, Array, by_twos
+from dobc_design.exact import interval
+from dobc_design.exact.interval import Interval
 
 T = TypeVar("T")
 
@@ -23,15 +29,11 @@ class Node:
     """A node of the tree; two are equal when the whole trees below them are."""
 
     __slots__ = ()
+    own: ClassVar[tuple[str, ...]] = ()  # what it holds besides its operands
 
     @property
     def children(self) -> tuple[Node, ...]:
         """The operands, from left to right."""
-        return ()
-
-    @property
-    def content(self) -> tuple[object, ...]:
-        """What the node holds besides its operands, for comparison."""
         return ()
 
     def __eq__(self, other: object) -> bool:
@@ -48,14 +50,11 @@ class Constant(Node):
     """An exact number, at least 0 (a negative one is Negate(Constant))."""
 
     value: Fraction
+    own: ClassVar[tuple[str, ...]] = ("value",)
 
     def __post_init__(self) -> None:
         if self.value < 0:
             raise ValueError(f"a Constant must be at least 0; got {self.value}: use Negate(Constant(...)).")
-
-    @property
-    def content(self) -> tuple[object, ...]:
-        return (self.value,)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -68,10 +67,7 @@ class Variable(Node):
     """y_(index + 1); the index counts from 0."""
 
     index: int
-
-    @property
-    def content(self) -> tuple[object, ...]:
-        return (self.index,)
+    own: ClassVar[tuple[str, ...]] = ("index",)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -95,22 +91,18 @@ class _Binary(Node):
         return (self.left, self.right)
 
 
-@dataclass(frozen=True, slots=True, eq=False)
 class Add(_Binary):
     """left + right."""
 
 
-@dataclass(frozen=True, slots=True, eq=False)
 class Subtract(_Binary):
     """left - right."""
 
 
-@dataclass(frozen=True, slots=True, eq=False)
 class Multiply(_Binary):
     """left * right."""
 
 
-@dataclass(frozen=True, slots=True, eq=False)
 class Divide(_Binary):
     """left / right."""
 
@@ -121,6 +113,7 @@ class Power(Node):
 
     base: Node
     exponent: int
+    own: ClassVar[tuple[str, ...]] = ("exponent",)
 
     def __post_init__(self) -> None:
         if abs(self.exponent) > LARGEST_EXPONENT:
@@ -130,10 +123,6 @@ class Power(Node):
     def children(self) -> tuple[Node, ...]:
         return (self.base,)
 
-    @property
-    def content(self) -> tuple[object, ...]:
-        return (self.exponent,)
-
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Call(Node):
@@ -141,6 +130,7 @@ class Call(Node):
 
     name: str
     arguments: tuple[Node, ...]
+    own: ClassVar[tuple[str, ...]] = ("name",)
 
     def __post_init__(self) -> None:
         fewest, most = FUNCTIONS[self.name].arguments if self.name in FUNCTIONS else (1, 0)
@@ -150,10 +140,6 @@ class Call(Node):
     @property
     def children(self) -> tuple[Node, ...]:
         return self.arguments
-
-    @property
-    def content(self) -> tuple[object, ...]:
-        return (self.name, len(self.arguments))
 
 
 class Algebra(Protocol[T]):
@@ -177,23 +163,12 @@ class Algebra(Protocol[T]):
 class Operators:
     """The arithmetic of an algebra whose values have Python's operators."""
 
-    def negate(self, operand: Any) -> Any:
-        return -operand
-
-    def add(self, left: Any, right: Any) -> Any:
-        return left + right
-
-    def subtract(self, left: Any, right: Any) -> Any:
-        return left - right
-
-    def multiply(self, left: Any, right: Any) -> Any:
-        return left * right
-
-    def divide(self, left: Any, right: Any) -> Any:
-        return left / right
-
-    def power(self, base: Any, exponent: int) -> Any:
-        return base**exponent
+    negate = staticmethod(operator.neg)
+    add = staticmethod(operator.add)
+    subtract = staticmethod(operator.sub)
+    multiply = staticmethod(operator.mul)
+    divide = staticmethod(operator.truediv)
+    power = staticmethod(operator.pow)
 
 
 def variable_names(dimension: int) -> tuple[str, ...]:
@@ -218,10 +193,7 @@ def postorder(node: Node) -> tuple[Node, ...]:
 
 
 def evaluate(node: Node, variables: Sequence[T], algebra: Algebra[T]) -> T:
-    """Evaluate the tree with ``variables[i]`` for y_(i + 1).
-
-    Raises: whatever the algebra raises; IndexError if there are fewer variables than the tree uses.
-    """
+    """Evaluate the tree with ``variables[i]`` for y_(i + 1).  Raises: whatever the algebra raises."""
     return run(postorder(node), variables, algebra)
 
 
@@ -254,4 +226,187 @@ def _apply(node: Node, operands: tuple[T, ...], algebra: Algebra[T]) -> T:
 
 
 def _signature(node: Node) -> tuple[object, ...]:
-    return tuple((type(part), *part.content) for part in postorder(node))
+    parts = postorder(node)
+    return tuple((type(part), len(part.children), *(getattr(part, name) for name in part.own)) for part in parts)
+
+
+ZERO: Final = Interval.point(0)
+ONE: Final = Interval.point(1)
+
+
+class NumpyAlgebra(Operators):
+    """Float64 arrays with broadcasting; a constant beyond the floats is infinite."""
+
+    def constant(self, value: Fraction) -> Array:
+        try:
+            return np.asarray(value.numerator / value.denominator, dtype=np.float64)
+        except OverflowError:
+            return np.asarray(np.inf if value > 0 else -np.inf)
+
+    def pi(self) -> Array:
+        return np.asarray(np.pi)
+
+    def call(self, name: str, arguments: tuple[Array, ...]) -> Array:
+        return by_twos(name, arguments, lambda name, *operands: FUNCTIONS[name].found_in(np, "numpy")(*operands))
+
+
+class IntervalAlgebra(Operators):
+    """Enclosures of the value; exact rationals stay points as long as they are short."""
+
+    def constant(self, value: Fraction) -> Interval:
+        return Interval.point(value)
+
+    def pi(self) -> Interval:
+        return interval.pi()
+
+    def call(self, name: str, arguments: tuple[Interval, ...]) -> Interval:
+        return by_twos(name, arguments, lambda name, *operands: FUNCTIONS[name].interval(*operands))
+
+
+@dataclass(frozen=True, slots=True)
+class Jet:
+    """Enclosures of a value and its partial derivatives (Clarke's at a kink) on a box, in one variable also of h''.
+
+    ``curvature`` is None where it is not asked for, or where there may be a kink and h'' is not defined everywhere.
+    """
+
+    value: Interval
+    partials: tuple[Interval, ...]
+    curvature: Interval | None
+
+    @property
+    def slope(self) -> Interval:
+        """The derivative in the only variable."""
+        return self.partials[0]
+
+
+class GradientAlgebra:
+    """Forward differentiation with intervals, for ``variable_count`` variables; ``second``: of one, twice.
+
+    Theory, sections 1 and 5: the signs of h' and h'' on an interval say where h and its secant gain are monotone.
+    Where abs, min, max or clip may have a kink, the hull of the slopes on both sides is taken, which contains
+    Clarke's generalized gradient.  ``restricted``: derivatives are those of the function on this box only, so that a
+    kink at an end point does not count.
+    Raises: UndefinedError where a value or a slope is not bounded on the box (sqrt at 0).
+    """
+
+    def __init__(self, variable_count: int, *, second: bool = False, restricted: bool = False) -> None:
+        self.no_slope = (ZERO,) * variable_count
+        self.second = second
+        self.restricted = restricted
+
+    def variables(self, box: Sequence[Interval]) -> tuple[Jet, ...]:
+        """Return the variables themselves, y_i in box[i]."""
+        indices = range(len(self.no_slope))
+        return tuple(
+            Jet(side, tuple(ONE if i == j else ZERO for j in indices), ZERO if self.second else None)
+            for i, side in zip(indices, box, strict=True)
+        )
+
+    def constant(self, value: Fraction) -> Jet:
+        return self._still(Interval.point(value))
+
+    def pi(self) -> Jet:
+        return self._still(interval.pi())
+
+    def negate(self, operand: Jet) -> Jet:
+        curvature = None if operand.curvature is None else -operand.curvature
+        return Jet(-operand.value, tuple(u if u is ZERO else -u for u in operand.partials), curvature)
+
+    def add(self, left: Jet, right: Jet) -> Jet:
+        curvature = None if left.curvature is None or right.curvature is None else left.curvature + right.curvature
+        pairs = zip(left.partials, right.partials, strict=True)
+        return Jet(left.value + right.value, tuple(_plus(u, v) for u, v in pairs), curvature)
+
+    def subtract(self, left: Jet, right: Jet) -> Jet:
+        return self.add(left, self.negate(right))
+
+    def multiply(self, left: Jet, right: Jet) -> Jet:
+        curvature = None
+        if left.curvature is not None and right.curvature is not None:
+            twice = left.slope * right.slope * 2
+            curvature = _times(left.curvature, right.value) + twice + _times(right.curvature, left.value)
+        partials = tuple(
+            _plus(_times(u, right.value), _times(v, left.value))
+            for u, v in zip(left.partials, right.partials, strict=True)
+        )
+        return Jet(left.value * right.value, partials, curvature)
+
+    def divide(self, left: Jet, right: Jet) -> Jet:
+        quotient = left.value / right.value
+        partials = tuple(
+            ZERO if u is v is ZERO else (u - _times(v, quotient)) / right.value
+            for u, v in zip(left.partials, right.partials, strict=True)
+        )
+        curvature = None
+        if left.curvature is not None and right.curvature is not None:
+            twice = _times(right.slope, partials[0]) * 2
+            curvature = (left.curvature - twice - _times(right.curvature, quotient)) / right.value
+        return Jet(quotient, partials, curvature)
+
+    def power(self, base: Jet, exponent: int) -> Jet:
+        x, value = base.value, base.value**exponent
+        if exponent in (0, 1):
+            return self._still(value) if exponent == 0 else base
+        return self._chain(
+            base,
+            value,
+            lambda: x ** (exponent - 1) * exponent,
+            lambda slope: x ** (exponent - 2) * (exponent * (exponent - 1)),
+        )
+
+    def call(self, name: str, arguments: tuple[Jet, ...]) -> Jet:
+        return by_twos(name, arguments, self._called)
+
+    def _called(self, name: str, *operands: Jet) -> Jet:
+        if len(operands) == 2:
+            return self._extreme(name, *operands)
+        (argument,) = operands
+        row, x = FUNCTIONS[name], argument.value
+        value, slope, curvature = row.interval(x), row.slope, row.curvature
+        if slope is None or curvature is None:  # abs
+            found = self._extreme("max", argument, self.negate(argument))
+            return Jet(value, found.partials, found.curvature)
+        return self._chain(argument, value, lambda: slope(x, value), lambda first: curvature(x, value, first))
+
+    def _still(self, value: Interval) -> Jet:
+        return Jet(value, self.no_slope, ZERO if self.second else None)
+
+    def _chain(
+        self, inner: Jet, value: Interval, outer: Callable[[], Interval], curved: Callable[[Interval], Interval]
+    ) -> Jet:
+        # A constant has slope 0 even where the function has none, as in sqrt(0)*y.
+        if all(u == ZERO for u in inner.partials) and (not self.second or inner.curvature == ZERO):
+            return self._still(value)
+        first = outer()
+        partials = tuple(_times(u, first) for u in inner.partials)
+        if inner.curvature is None:
+            return Jet(value, partials, None)
+        return Jet(value, partials, curved(first) * inner.slope**2 + _times(inner.curvature, first))
+
+    def _extreme(self, name: str, left: Jet, right: Jet) -> Jet:
+        below, above = (left, right) if name == "min" else (right, left)
+        if self._is_below(below, above):
+            return left
+        if self._is_below(above, below):
+            return right
+        still = left.curvature == ZERO == right.curvature and left.slope == right.slope == ZERO
+        value = FUNCTIONS[name].interval(left.value, right.value)
+        pairs = zip(left.partials, right.partials, strict=True)
+        return Jet(value, tuple(u.hull(v) for u, v in pairs), ZERO if still else None)
+
+    def _is_below(self, left: Jet, right: Jet) -> bool:
+        if left.value.hi < right.value.lo:
+            return True
+        return self.restricted and left.value.hi == right.value.lo
+
+
+def _plus(u: Interval, v: Interval) -> Interval:
+    # Most partial derivatives of a long expression in many variables are this very zero.
+    if u is ZERO:
+        return v
+    return u if v is ZERO else u + v
+
+
+def _times(derivative: Interval, factor: Interval) -> Interval:
+    return ZERO if derivative is ZERO else derivative * factor

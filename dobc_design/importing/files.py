@@ -9,10 +9,9 @@ from dobc_design.exact.reading import shown
 from dobc_design.importing.grids import grid_problem, is_pandapower, read_matpower, read_pandapower
 from dobc_design.importing.matlab import read_mat
 from dobc_design.problem.arcs_file import READERS, labels_in_file, read_arcs_file
-from dobc_design.problem.load import load_problem
+from dobc_design.problem.load import load_problem, read_bytes
 from dobc_design.problem.network import Network
 from dobc_design.problem.problem import Problem, is_name
-from dobc_design.problem.toml_text import read_bytes
 
 LARGEST = 256 * 1024 * 1024
 SUFFIXES = (".m", ".json", ".mat", *READERS, ".toml")
@@ -23,26 +22,26 @@ ARCS_ONLY = (
 
 
 def problem_from_file(path: Path, *, arrow: str | None = None) -> Problem:
-    """Make the problem; ``arrow`` is for files of arcs, where it says what a pair means.
-
-    Raises: SpecError for a file that is not there, of an unknown kind, or with something wrong in it.
-    """
+    """Make the problem; ``arrow`` says what a pair of a file of arcs means.  Raises: SpecError."""
     suffix = path.suffix.lower()
     if suffix not in SUFFIXES:
-        raise SpecError(
-            f"{shown(path.name)} must end in one of {', '.join(SUFFIXES)}, which say what kind of file it is.",
-            key=path.name,
-            cure="Rename or convert it.",
-        )
+        what = f"{shown(path.name)} must end in one of {', '.join(SUFFIXES)}, which say what kind of file it is."
+        raise SpecError(what, key=path.name, cure="Rename or convert it.")
     if arrow is not None and suffix not in READERS:
-        raise SpecError(
-            f"arrow is for files of arcs ({', '.join(READERS)}); {shown(path.name)} says itself who listens.",
-            key="--arrow",
-            cure="Leave it out.",
-        )
+        what = f"arrow is for files of arcs ({', '.join(READERS)}); {shown(path.name)} says itself who listens."
+        raise SpecError(what, key="--arrow", cure="Leave it out.")
     name = path.stem if is_name(path.stem) else "problem"
     if suffix in READERS:
-        return _arcs_problem(path, name=name, arrow=arrow)
+        if arrow is None:
+            why = "there is no default, because a wrong guess is never noticed."
+            cure = "listens_to: a hears b.  sends_to: a is heard by b."
+            raise SpecError(f"arrow must say what a pair a, b of the file means; {why}", key="--arrow", cure=cure)
+        folder = path.resolve().parent
+        labels = labels_in_file(path.name, folder=folder, key="arcs")
+        index = {label: place for place, label in enumerate(labels)}
+        arcs = read_arcs_file(path.name, folder=folder, index=index, arrow=arrow, key="arcs")
+        notes = [note.format(file=path.name) for note in ARCS_ONLY]
+        return Problem(name=name, network=Network(labels=labels, modes={"G": arcs}), coupling="y", notes=notes)
     if suffix == ".toml":
         return load_problem(path)
     data = read_bytes(path, limit=LARGEST, what="file")
@@ -53,19 +52,3 @@ def problem_from_file(path: Path, *, arrow: str | None = None) -> Problem:
     if is_pandapower(data):
         return grid_problem(read_pandapower(data, name=path.name), name=name)
     return load_problem(path)
-
-
-def _arcs_problem(path: Path, *, name: str, arrow: str | None) -> Problem:
-    if arrow is None:
-        raise SpecError(
-            "arrow must say what a pair a, b of the file means; there is no default, because a wrong guess is never"
-            " noticed.",
-            key="--arrow",
-            cure="listens_to: a hears b.  sends_to: a is heard by b.",
-        )
-    folder = path.resolve().parent
-    labels = labels_in_file(path.name, folder=folder, key="arcs")
-    index = {label: place for place, label in enumerate(labels)}
-    arcs = read_arcs_file(path.name, folder=folder, index=index, arrow=arrow, key="arcs")
-    notes = [note.format(file=path.name) for note in ARCS_ONLY]
-    return Problem(name=name, network=Network(labels=labels, modes={"G": arcs}), coupling="y", notes=notes)

@@ -53,21 +53,15 @@ class Grid:
 
 
 def grid_problem(grid: Grid, *, name: str, gain: Any = 1) -> Problem:
-    """The consensus problem of a grid; generators are pinned with ``gain`` (1/s).
-
-    Raises: SpecError for a branch that leaves the grid, or whose reactance is not positive: it would push angles apart.
-    """
+    """The consensus problem of a grid; generators are pinned with ``gain`` (1/s).  Raises: SpecError."""
     known = set(grid.buses)
     weights: dict[tuple[str, str], Fraction] = {}
     for branch in grid.branches:
         a, b = branch.ends
         for end in branch.ends:
             if end not in known:
-                raise SpecError(
-                    f"{branch.place} names bus {named(end)}, which is not there.",
-                    key=branch.place,
-                    cure="Add the bus, or take the branch out of service.",
-                )
+                what = f"{branch.place} names bus {named(end)}, which is not there."
+                raise SpecError(what, key=branch.place, cure="Add the bus, or take the branch out of service.")
         if a == b:
             raise SpecError(f"{branch.place} leads from bus {named(a)} to itself.", key=branch.place)
         if branch.reactance <= 0:
@@ -84,16 +78,8 @@ def grid_problem(grid: Grid, *, name: str, gain: Any = 1) -> Problem:
     arcs = [arc for (a, b), w in weights.items() for arc in ([a, b, w], [b, a, w])]
     generators = tuple(dict.fromkeys(bus for bus in grid.generators if bus in known))
     shown = ", ".join(generators[:SHOWN]) + (f" and {len(generators) - SHOWN} more" if len(generators) > SHOWN else "")
-    notes = [
-        note.format(
-            source=grid.source,
-            buses=len(grid.buses),
-            branches=len(grid.branches),
-            gain=gain,
-            generators=f"bus {shown}" if generators else "no bus",
-        )
-        for note in NOTES
-    ]
+    facts = {"source": grid.source, "buses": len(grid.buses), "branches": len(grid.branches), "gain": gain}
+    at = f"bus {shown}" if generators else "no bus"
     return Problem(
         name=name,
         network=Network.from_arcs({"grid": arcs}, arrow="listens_to", agents=list(grid.buses)),
@@ -101,7 +87,7 @@ def grid_problem(grid: Grid, *, name: str, gain: Any = 1) -> Problem:
         target=0,
         gains=dict.fromkeys(generators, gain),
         exosystem=constant(),
-        notes=notes,
+        notes=[note.format(**facts, generators=at) for note in NOTES],
     )
 
 
@@ -121,6 +107,7 @@ def merged(labels: Sequence[str], pairs: Sequence[tuple[str, str]]) -> dict[str,
     return {label: root(label) for label in labels}
 
 
+CURE = "Write the case with MATPOWER's savecase."
 ISOLATED = 4  # bus type
 COLUMNS = {"bus": 2, "gen": 8, "branch": 11}  # that have to be there
 _TABLE = re.compile(r"(?<![\w.])mpc\.(bus|gen|branch)[ \t]*=[ \t]*\[")
@@ -131,26 +118,17 @@ _BUS = re.compile(r"[0-9]{1,18}(\.0*)?")
 
 
 def read_matpower(text: str, *, name: str) -> Grid:
-    """Read the tables of a case file; ``name`` of the file is for messages.
-
-    Raises: SpecError that names table, row and column.
-    """
+    """Read a case file; its ``name`` is for messages.  Raises: SpecError that names table, row and column."""
     plain = _CONTINUED.sub(" ", _COMMENT.sub("", text))
     tables = {table: _rows(body, table, name) for table, body in _tables(plain)}
     for table in ("bus", "branch"):
         if table not in tables:
-            raise SpecError(
-                f"{name} must hold the table mpc.{table} of a MATPOWER case, in numbers; it is not there.",
-                key=f"mpc.{table}",
-                cure="Write the case with MATPOWER's savecase.",
-            )
+            what = f"{name} must hold the table mpc.{table} of a MATPOWER case, in numbers; it is not there."
+            raise SpecError(what, key=f"mpc.{table}", cure=CURE)
     kinds = {_bus(row[0], "bus", i): _number(row[1], f"mpc.bus({i},2)") for i, row in enumerate(tables["bus"], 1)}
     isolated = {bus for bus, kind in kinds.items() if kind == ISOLATED}
-    generators = [
-        _bus(row[0], "gen", i)
-        for i, row in enumerate(tables.get("gen", []), 1)
-        if _number(row[7], f"mpc.gen({i},8)") > 0
-    ]
+    gens = enumerate(tables.get("gen", []), 1)
+    generators = [_bus(row[0], "gen", i) for i, row in gens if _number(row[7], f"mpc.gen({i},8)") > 0]
     branches = []
     for i, row in enumerate(tables["branch"], 1):
         if _number(row[10], f"mpc.branch({i},11)") == 0:
@@ -184,29 +162,22 @@ def _rows(body: str, table: str, name: str) -> list[list[str]]:
     rows = [row for row in rows if row]
     for i, row in enumerate(rows, 1):
         if len(row) < COLUMNS[table]:
-            raise SpecError(
-                f"{name}: mpc.{table} must have at least {COLUMNS[table]} columns; row {i} has {len(row)}.",
-                key=f"mpc.{table}",
-                cure="Write the case with MATPOWER's savecase.",
-            )
+            what = f"{name}: mpc.{table} must have at least {COLUMNS[table]} columns; row {i} has {len(row)}."
+            raise SpecError(what, key=f"mpc.{table}", cure=CURE)
         for j, cell in enumerate(row, 1):
             if not _CELL.fullmatch(cell):
-                raise SpecError(
+                what = (
                     f"{name}: mpc.{table}({i},{j}) must be a number, because nothing in a case is computed;"
-                    f" got {shown(cell)}.",
-                    key=f"mpc.{table}({i},{j})",
-                    cure="Write the case with MATPOWER's savecase.",
+                    f" got {shown(cell)}."
                 )
+                raise SpecError(what, key=f"mpc.{table}({i},{j})", cure=CURE)
     return rows
 
 
 def _bus(text: str, table: str, row: int) -> str:
     if not _BUS.fullmatch(text):
-        raise wrong(
-            f"mpc.{table}",
-            f"row {row}: a bus must be a whole number; got {shown(text)}.",
-            "Write the case with MATPOWER's savecase.",
-        )
+        what = f"row {row}: a bus must be a whole number; got {shown(text)}."
+        raise wrong(f"mpc.{table}", what, CURE)
     return str(int(text.partition(".")[0]))
 
 
@@ -218,18 +189,15 @@ def _number(text: str, key: str) -> Fraction:
 
 Row = Mapping[str, Any]
 Tables = Mapping[str, list[Row]]
+BRANCHES = (("line", "from_bus", "to_bus"), ("trafo", "hv_bus", "lv_bus"), ("impedance", "from_bus", "to_bus"))
 TABLES = ("bus", "line", "trafo", "trafo3w", "impedance", "switch", "gen", "ext_grid")
 
 
 def from_pandapower(net: Any, *, name: str | None = None, gain: Any = 1) -> Problem:
-    """The consensus problem of a pandapower network: see ``grids``.  Generators and external grids are pinned.
-
-    Raises: SpecError for what is no such network, and for what cannot be a positive susceptance.
-    """
+    """The consensus problem of a pandapower network; generators and external grids are pinned.  Raises: SpecError."""
     if not all(hasattr(net, table) for table in ("bus", "line", "ext_grid")):
-        raise wrong(
-            "net", f"must be a pandapower network; got {type(net).__name__}.", "Such as pandapower.networks.case14()."
-        )
+        what = f"must be a pandapower network; got {type(net).__name__}."
+        raise wrong("net", what, "Such as pandapower.networks.case14().")
     tables = {table: _records(getattr(net, table, None)) for table in TABLES}
     title = name or str(getattr(net, "name", "") or "pandapower-grid")
     return grid_problem(_checked(tables, base=net.sn_mva, source="a pandapower network"), name=title, gain=gain)
@@ -243,11 +211,8 @@ def read_pandapower(data: bytes, *, name: str) -> Grid:
         tables = {table: _json_records(inside[table]) for table in TABLES if table in inside}
         base = inside.get("sn_mva", 1.0)
     except (ValueError, TypeError, KeyError, LookupError, RecursionError, AttributeError):
-        raise wrong(
-            name,
-            "must be a network written by pandapower.to_json; its tables cannot be read.",
-            "Write it with pandapower.to_json(net, file).",
-        ) from None
+        what = "must be a network written by pandapower.to_json; its tables cannot be read."
+        raise wrong(name, what, "Write it with pandapower.to_json(net, file).") from None
     rows = {table: tables.get(table, []) for table in TABLES}
     return _checked(rows, base=base, source=f"the pandapower network {name}")
 
@@ -279,35 +244,26 @@ def _checked(tables: Tables, *, base: Any, source: str) -> Grid:
     except SpecError:
         raise
     except (KeyError, TypeError, ValueError, ArithmeticError, AttributeError) as error:
-        raise SpecError(
-            f"{source} has a table with a column that is missing or holds no number ({str(error)[:60]}).",
-            key="pandapower",
-            cure="Write it anew with a current version of pandapower.",
-        ) from None
+        what = f"{source} has a table with a column that is missing or holds no number ({str(error)[:60]})."
+        raise SpecError(what, key="pandapower", cure="Write it anew with a current version of pandapower.") from None
 
 
 def _grid(tables: Tables, *, base: float, source: str) -> Grid:
     if any(_on(row) for row in tables["trafo3w"]):
-        raise SpecError(
-            "three-winding transformers cannot be imported: their star point may have a negative reactance.",
-            key="trafo3w",
-            cure="Replace them by two-winding transformers.",
-        )
+        what = "three-winding transformers cannot be imported: their star point may have a negative reactance."
+        raise SpecError(what, key="trafo3w", cure="Replace them by two-winding transformers.")
     buses = [str(row["index"]) for row in tables["bus"] if _on(row)]
-    joined = [
-        (str(row["bus"]), str(row["element"])) for row in tables["switch"] if row.get("et") == "b" and row.get("closed")
-    ]
+    closed = [row for row in tables["switch"] if row.get("et") == "b" and row.get("closed")]
+    joined = [(str(row["bus"]), str(row["element"])) for row in closed]
     becomes = merged(buses, [pair for pair in joined if set(pair) <= set(buses)])
     opened = {(row.get("et"), row["element"]) for row in tables["switch"] if not row.get("closed")}
-    branches = [
-        Branch(ends=(becomes.get(a, a), becomes.get(b, b)), reactance=x, place=place)
-        for a, b, x, place in _branches(tables, base=base, opened=opened)
-    ]
-    generators = [str(row["bus"]) for table in ("ext_grid", "gen") for row in tables[table] if _on(row)]
-    kept = tuple(dict.fromkeys(becomes.values()))
+    found = (
+        (becomes.get(a, a), becomes.get(b, b), x, at) for a, b, x, at in _branches(tables, base=base, opened=opened)
+    )
+    generators = (str(row["bus"]) for table in ("ext_grid", "gen") for row in tables[table] if _on(row))
     return Grid(
-        buses=kept,
-        branches=tuple(each for each in branches if each.ends[0] != each.ends[1]),
+        buses=tuple(dict.fromkeys(becomes.values())),
+        branches=tuple(Branch(ends=(a, b), reactance=x, place=place) for a, b, x, place in found if a != b),
         generators=tuple(becomes.get(bus, bus) for bus in generators),
         source=source,
     )
@@ -317,24 +273,22 @@ def _branches(tables: Tables, *, base: float, opened: set[tuple[Any, Any]]) -> I
     """Ends, reactance in p.u. on ``base`` MVA and place of what is in service."""
     voltage = {row["index"]: float(row["vn_kv"]) for row in tables["bus"]}
     on = {row["index"] for row in tables["bus"] if _on(row)}
-    for row in tables["line"]:
-        ends = (row["from_bus"], row["to_bus"])
-        if _on(row) and ("l", row["index"]) not in opened and on >= set(ends):
-            ohm = float(row["x_ohm_per_km"]) * float(row["length_km"]) / float(row.get("parallel") or 1)
-            x = ohm * base / voltage[row["from_bus"]] ** 2
-            yield *map(str, ends), _exact(x, f"line {row['index']}"), f"line {row['index']}"  # type: ignore[misc]
-    for row in tables["trafo"]:
-        ends = (row["hv_bus"], row["lv_bus"])
-        if _on(row) and ("t", row["index"]) not in opened and on >= set(ends):
-            part = base / float(row["sn_mva"]) / float(row.get("parallel") or 1) / 100
-            z, r = float(row["vk_percent"]) * part, float(row["vkr_percent"]) * part
-            x = math.sqrt(max(0.0, z * z - r * r)) * _tap(row)
-            yield *map(str, ends), _exact(x, f"trafo {row['index']}"), f"trafo {row['index']}"  # type: ignore[misc]
-    for row in tables["impedance"]:
-        ends = (row["from_bus"], row["to_bus"])
-        if _on(row) and on >= set(ends):
-            x = float(row["xft_pu"]) * base / float(row["sn_mva"])
-            yield *map(str, ends), _exact(x, f"impedance {row['index']}"), f"impedance {row['index']}"  # type: ignore[misc]
+    for table, first, second in BRANCHES:
+        for row in tables[table]:
+            ends, place = (row[first], row[second]), f"{table} {row['index']}"
+            if not _on(row) or (table[0], row["index"]) in opened or not on >= set(ends):
+                continue
+            if table == "line":
+                ohm = float(row["x_ohm_per_km"]) * float(row["length_km"]) / float(row.get("parallel") or 1)
+                x = ohm * base / voltage[row["from_bus"]] ** 2
+            elif table == "trafo":
+                part = base / float(row["sn_mva"]) / float(row.get("parallel") or 1) / 100
+                z, r = float(row["vk_percent"]) * part, float(row["vkr_percent"]) * part
+                x = math.sqrt(max(0.0, z * z - r * r)) * _tap(row)
+            else:
+                x = float(row["xft_pu"]) * base / float(row["sn_mva"])
+            # Twelve digits: x was computed in floats, and 0.05917 should not read 0.059170000000000006.
+            yield str(ends[0]), str(ends[1]), parse_number(f"{x:.12g}", key=f"the reactance of {place}"), place
 
 
 def _tap(row: Row) -> float:
@@ -344,11 +298,6 @@ def _tap(row: Row) -> float:
         return 1.0
     ratio = 1 + (float(position or 0) - float(neutral or 0)) * float(step or 0) / 100
     return ratio if row.get("tap_side") in (None, "hv") else 1 / ratio
-
-
-def _exact(value: float, key: str) -> Fraction:
-    """Twelve digits: the reactance was computed in floats, and 0.05917 should not read 0.059170000000000006."""
-    return parse_number(f"{value:.12g}", key=f"the reactance of {key}")
 
 
 def _on(row: Row) -> bool:

@@ -13,7 +13,7 @@ from __future__ import annotations
 import math
 import struct
 import zlib
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -188,12 +188,11 @@ def read_mat(data: bytes, *, file: str, name: str) -> Problem:
     found = {key: value for key, value in read_variables(data, name=file).items() if key in KNOWN}
     L = found.get("L")
     if L is None:
-        raise SpecError(
+        what = (
             f"{file} must hold the variable L, the Laplacian of the graph (row i: -w_ij where i listens to j);"
-            f" it has {', '.join(found) or 'none of the known ones'}.",
-            key="L",
-            cure=f"Known variables are {', '.join(KNOWN)}.",
+            f" it has {', '.join(found) or 'none of the known ones'}."
         )
+        raise SpecError(what, key="L", cure=f"Known variables are {', '.join(KNOWN)}.")
     layers = _layers(L)
     n = layers[0].shape[0]
     labels = _texts(found.get("labels"), "labels", count=n)
@@ -204,38 +203,33 @@ def read_mat(data: bytes, *, file: str, name: str) -> Problem:
         arrow="listens_to",
         labels=labels,
     )
-    exosystem = _exosystem(found)
-    W, P = (_rows(found[name], name) if name in found else None for name in ("W", "P"))
-    observer = None if W is None and P is None else Observer(W=W, P=P)
-    h = found.get("h")
+    if ("A" in found) != ("C" in found):
+        raise wrong("A", "and C must stand together: xi' = A xi, d = C xi.", "Give both or neither.")
+    A, C, W, P = (_matrix(found[name], name).tolist() if name in found else None for name in ("A", "C", "W", "P"))
+    xbar = _matrix(found.get("xbar", np.zeros(1)), "xbar").ravel().tolist()
+    offsets = _matrix(found["offsets"], "offsets").tolist() if "offsets" in found else None
+    if offsets is not None and len(offsets) != n:
+        raise wrong("offsets", f"must have {n} rows, one per agent; got {len(offsets)}.", "n x m.")
+    h, title = _all_texts(found.get("h", "y"), "h"), _all_texts(found.get("name", ""), "name")
     return Problem(
-        name=_name(found.get("name"), name),
+        name=title[0] if len(title) == 1 and title[0] else name,
         network=network,
-        coupling="y" if h is None else _coupling(h),
-        target=_target(found),
+        coupling=h[0] if len(h) == 1 else h,
+        target=xbar[0] if len(xbar) == 1 else xbar,
         gains=_gains(found.get("k"), network.labels),
-        exosystem=exosystem,
-        observer=observer,
-        offsets=_offsets(found.get("offsets"), network.labels),
-        notes=[LINEAR] if h is None else [],
+        exosystem=None if A is None or C is None else Exosystem(A=A, C=C),
+        observer=None if W is None and P is None else Observer(W=W, P=P),
+        offsets=None if offsets is None else dict(zip(network.labels, offsets, strict=True)),
+        notes=[] if "h" in found else [LINEAR],
     )
 
 
 def _matrix(value: Any, key: str) -> Any:
-    if not isinstance(value, np.ndarray) or np.iscomplexobj(value):
-        raise wrong(key, f"must be a real matrix; got {_kind(value)}.", "Save a matrix of real numbers.")
-    return value
-
-
-def _kind(value: Any) -> str:
-    if isinstance(value, np.ndarray):
-        return "complex numbers"
-    return "text" if value and isinstance(value[0], str) else "a cell array"
-
-
-def _rows(value: Any, key: str = "matrix") -> list[list[Any]]:
-    rows: list[list[Any]] = _matrix(value, key).tolist()
-    return rows
+    if isinstance(value, np.ndarray) and not np.iscomplexobj(value):
+        return value
+    kind = "text" if len(value) and isinstance(value[0], str) else "a cell array"
+    kind = "complex numbers" if isinstance(value, np.ndarray) else kind
+    raise wrong(key, f"must be a real matrix; got {kind}.", "Save a matrix of real numbers.")
 
 
 def _layers(L: Any) -> list[Any]:
@@ -249,26 +243,15 @@ def _weights(L: Any, mode: str) -> Any:
     """The weights -L_ij off the diagonal, after a look at signs and sums."""
     off = L - np.diag(np.diag(L))
     if not np.isfinite(L).all() or (off > 0).any():
-        raise SpecError(
-            f'L (mode "{mode}") must be finite, with entries <= 0 off the diagonal: they are -w_ij.',
-            key="L",
-            cure="Laplacian = degree matrix - adjacency matrix.",
-        )
+        what = f'L (mode "{mode}") must be finite, with entries <= 0 off the diagonal: they are -w_ij.'
+        raise SpecError(what, key="L", cure="Laplacian = degree matrix - adjacency matrix.")
     room = SUM_TOLERANCE * max(1.0, float(np.abs(L).max()))
     if np.abs(L.sum(axis=1)).max() > room:
         turned = np.abs(L.sum(axis=0)).max() <= room
-        raise SpecError(
-            f'L (mode "{mode}") must have rows that sum to 0: row i belongs to the listener i.',
-            key="L",
-            cure="Its columns do: give the transpose." if turned else "Laplacian = degree matrix - adjacency matrix.",
-        )
+        what = f'L (mode "{mode}") must have rows that sum to 0: row i belongs to the listener i.'
+        cure = "Its columns do: give the transpose." if turned else "Laplacian = degree matrix - adjacency matrix."
+        raise SpecError(what, key="L", cure=cure)
     return sp.coo_array(-off)
-
-
-def _exosystem(found: Mapping[str, Any]) -> Exosystem | None:
-    if ("A" in found) != ("C" in found):
-        raise wrong("A", "and C must stand together: xi' = A xi, d = C xi.", "Give both or neither.")
-    return Exosystem(A=_rows(found["A"], "A"), C=_rows(found["C"], "C")) if "A" in found else None
 
 
 def _gains(k: Any, labels: Sequence[str]) -> Any:
@@ -283,35 +266,14 @@ def _gains(k: Any, labels: Sequence[str]) -> Any:
         return flat[0]
     if array.ndim == 2 and len(flat) == len(labels):
         return {label: gain for label, gain in zip(labels, flat, strict=True) if gain}
-    raise wrong(
-        "k",
-        f"must be one gain, {len(labels)} gains, or m x m x {len(labels)}; got shape {array.shape}.",
-        "For example k = zeros(n, 1); k(1) = 5.",
-    )
-
-
-def _offsets(offsets: Any, labels: Sequence[str]) -> dict[str, list[Any]] | None:
-    if offsets is None:
-        return None
-    rows = _rows(offsets, "offsets")
-    if len(rows) != len(labels):
-        raise wrong("offsets", f"must have {len(labels)} rows, one per agent; got {len(rows)}.", "n x m.")
-    return dict(zip(labels, rows, strict=True))
-
-
-def _target(found: Mapping[str, Any]) -> Any:
-    if "xbar" not in found:
-        return 0
-    flat = _matrix(found["xbar"], "xbar").ravel().tolist()
-    return flat[0] if len(flat) == 1 else flat
+    what = f"must be one gain, {len(labels)} gains, or m x m x {len(labels)}; got shape {array.shape}."
+    raise wrong("k", what, "For example k = zeros(n, 1); k(1) = 5.")
 
 
 def _texts(value: Any, key: str, *, count: int) -> list[str] | None:
     """A cell array of text, or the rows of a character matrix."""
-    if value is None:
-        return None
-    texts = _all_texts(value, key)
-    if len(texts) != count:
+    texts = None if value is None else _all_texts(value, key)
+    if texts is not None and len(texts) != count:
         raise wrong(key, f"must hold {count} texts; got {len(texts)}.", "A cell array of text.")
     return texts
 
@@ -324,13 +286,3 @@ def _all_texts(value: Any, key: str) -> list[str]:
         if not isinstance(each, str):
             raise wrong(key, f"must be text; got {shown(each)}.", "In quotes.")
     return [each.rstrip() for each in rows]
-
-
-def _coupling(h: Any) -> str | list[str]:
-    texts = _all_texts(h, "h")
-    return texts[0] if len(texts) == 1 else texts
-
-
-def _name(value: Any, default: str) -> str:
-    texts = [""] if value is None else _all_texts(value, "name")
-    return texts[0] if len(texts) == 1 and texts[0] else default

@@ -1,7 +1,6 @@
-"""Arcs from CSV, GraphML and edge-list files named by ``{ file = "..." }`` in a problem file.
+"""Arcs from CSV, GraphML and edge-list files named by ``{ file = "..." }`` in a problem file, inside its folder.
 
-The file must lie inside the problem file's folder.  Which column listens is said by ``network.arrow``,
-never by the format.  At most 1 GB is read.
+Which column listens is said by ``network.arrow``, never by the format.  At most 1 GB is read.
 """
 
 from __future__ import annotations
@@ -24,6 +23,7 @@ from dobc_design.exact.reading import named, shown, shown_number
 from dobc_design.problem.network import ONE, WANTED, Arcs, directed, is_label
 
 MAX_BYTES = 1_000_000_000
+EMPTY = "is empty: it holds no arcs", "Add arcs, one per line."
 HEADS = (["from", "to"], ["source", "target"])  # of a CSV file; a third column is "weight"
 READERS = (".csv", ".graphml", ".edges", ".edgelist", ".txt")
 
@@ -37,29 +37,52 @@ def read_arcs_file(name: str, *, folder: Path | None, index: Mapping[str, int], 
     Raises: SpecError with the line.
     """
     source, path, text = _opened(name, folder=folder, key=key)
-    arcs = _lean_arcs(_rows(path, text, source, index), source, index=index, arrow=arrow)
-    if arcs is None:
-        raise _mistake(_rows(path, text, source, index), source, index=index)
-    return arcs
+    columns = array("q"), array("q"), array("q")
+    known: dict[str, Fraction] = {}
+    weights: list[Fraction] = []
+    for row, cells in _rows(path, text, source, index):
+        if len(cells) not in (2, 3):
+            what = f"must have 2 or 3 columns, from,to[,weight]; got {len(cells)}"
+            raise source.error(what, "Separate them by commas in CSV, else by blanks.", row=row)
+        for label in cells[:2]:
+            if label not in index:
+                what = f"names {shown(label)}; there is no such agent in network.agents"
+                raise source.error(what, "Correct the label, or add the agent.", row=row)
+        if cells[0] == cells[1]:
+            what = f"is a self-arc; agent {named(cells[0])} must not listen to itself"
+            raise source.error(what, f"Remove that {source.unit}.", row=row)
+        if len(cells) == 3 and cells[2] not in known:
+            known[cells[2]] = _weight(cells[2], source, row=row)
+        weights.append(known[cells[2]] if len(cells) == 3 else ONE)
+        for column, value in zip(columns, (index[cells[0]], index[cells[1]], row), strict=True):
+            column.append(value)
+    a, b, places = (np.array(column, dtype=np.int64) for column in columns)
+    if not weights:
+        raise source.error(*EMPTY)
+    codes = a * len(index) + b
+    order = np.argsort(codes, kind="stable")
+    again = order[1:][np.diff(codes[order]) == 0]
+    if len(again):
+        what, row = "repeats an arc; it is a duplicate", int(places[again.min()])
+        raise source.error(what, f"Remove that {source.unit}.", row=row)
+    return directed(a, b, tuple(weights), arrow=arrow)
 
 
 def labels_in_file(name: str, *, folder: Path | None, key: str) -> tuple[str, ...]:
-    """The labels of a file of arcs, in the order they appear; whole numbers in order.  Raises: SpecError.
-
-    GraphML names its nodes, so that those without an arc are agents, too.
-    """
+    """The labels in the order they appear, whole numbers sorted; GraphML also names agents without an arc."""
     source, path, text = _opened(name, folder=folder, key=key)
-    nodes = _nodes(text, source) if path.suffix.lower() == ".graphml" else []
-    ends = dict.fromkeys(nodes)
+    ends: dict[str, None] = {}
+    if path.suffix.lower() == ".graphml":
+        _, graphs = _graphs(text, source)
+        ends |= {node.get("id", ""): None for graph in graphs for node in graph if _tag(node) == "node"}
     for row, cells in _rows(path, text, source, {}):
         for label in cells[:2]:
             if not is_label(label):
                 raise source.error(f"names {shown(label)}; a label must be {WANTED}", "Correct the label.", row=row)
             ends[label] = None
-    labels = tuple(ends)
-    if not labels:
-        raise source.empty()
-    return tuple(sorted(labels, key=int)) if all(re.fullmatch("[0-9]{1,9}", label) for label in labels) else labels
+    if not ends:
+        raise source.error(*EMPTY)
+    return tuple(sorted(ends, key=int) if all(re.fullmatch("[0-9]{1,9}", label) for label in ends) else ends)
 
 
 def _opened(name: str, *, folder: Path | None, key: str) -> tuple[_Source, Path, str]:
@@ -80,37 +103,13 @@ def _rows(path: Path, text: str, source: _Source, index: Mapping[str, int]) -> I
     return _csv(text, source, index=index) if suffix == ".csv" else _edge_list(text)
 
 
-def _lean_arcs(rows: Iterator[Row], source: _Source, *, index: Mapping[str, int], arrow: str) -> Arcs | None:
-    """The arcs, none of their rows kept; None where something is wrong: it is then looked for again, with its row."""
-    ends = array("q"), array("q")
-    known: dict[str, Fraction] = {}
-    weights: list[Fraction] = []
-    for row, cells in rows:
-        first, second = (index.get(cells[0]), index.get(cells[1])) if len(cells) in (2, 3) else (None, None)
-        if first is None or second is None:
-            return None
-        if len(cells) == 3 and cells[2] not in known:
-            known[cells[2]] = _weight(cells[2], source, row=row)
-        ends[0].append(first)
-        ends[1].append(second)
-        weights.append(known[cells[2]] if len(cells) == 3 else ONE)
-    a, b = (np.array(each, dtype=np.int64) for each in ends)
-    if not len(a) or (a == b).any() or len(np.unique(a * len(index) + b)) < len(a):
-        return None
-    return directed(a, b, tuple(weights), arrow=arrow)
-
-
 @dataclass(frozen=True, slots=True, kw_only=True)
 class _Source:
-    """Where arcs come from, for messages."""
+    """Where arcs come from, for messages; ``unit``: what is counted, lines or edges."""
 
     name: str
     key: str
-    unit: str  # what is counted: lines, or edges
-
-    def empty(self) -> SpecError:
-        """An error about a file without arcs."""
-        return self.error("is empty: it holds no arcs", "Add arcs, one per line.")
+    unit: str
 
     def error(self, what: str, cure: str, *, row: int | None = None) -> SpecError:
         """An error about the file, or about one row of it."""
@@ -130,22 +129,15 @@ def _resolve(name: str, *, folder: Path | None, key: str) -> Path:
     except (OSError, ValueError, RuntimeError):  # RuntimeError: a link to itself
         inside, kind, size = True, "nothing", 0
     if not inside:
-        raise wrong(
-            key,
-            f"must lie inside the problem file's folder; {shown(name)} leads outside.",
-            "Copy the file beside the problem file.",
-        )
+        what = f"must lie inside the problem file's folder; {shown(name)} leads outside."
+        raise wrong(key, what, "Copy the file beside the problem file.")
     if kind != "file":
         found = "is a folder" if kind == "folder" else "does not exist"
-        raise wrong(
-            key, f"must name a file in the problem file's folder; {shown(name)} {found}.", "Name an existing file."
-        )
+        what = f"must name a file in the problem file's folder; {shown(name)} {found}."
+        raise wrong(key, what, "Name an existing file.")
     if size > MAX_BYTES:
-        raise about(
-            key,
-            f"{shown(name)} is too large: {size} bytes, at most {MAX_BYTES} are read.",
-            "Leave out what is not needed.",
-        )
+        what = f"{shown(name)} is too large: {size} bytes, at most {MAX_BYTES} are read."
+        raise about(key, what, "Leave out what is not needed.")
     if path.suffix.lower() not in READERS:
         raise about(key, f"{shown(name)} must end in one of {', '.join(READERS)}.", "Rename or convert it.")
     return path
@@ -177,11 +169,6 @@ def _edge_list(text: str) -> Iterator[Row]:
         cells = line.split("#", 1)[0].split()
         if cells:
             yield number, cells
-
-
-def _nodes(text: str, source: _Source) -> list[str]:
-    _, graphs = _graphs(text, source)
-    return [node.get("id", "") for graph in graphs for node in graph if _tag(node) == "node"]
 
 
 def _graphs(text: str, source: _Source) -> tuple[ElementTree.Element, list[ElementTree.Element]]:
@@ -240,26 +227,3 @@ def _weight(text: str, source: _Source, *, row: int) -> Fraction:
             row=row,
         )
     return weight
-
-
-def _mistake(rows: Iterator[Row], source: _Source, *, index: Mapping[str, int]) -> SpecError:
-    """The error about the first row that is wrong; some are known to be, or there are none."""
-    seen: set[tuple[str, ...]] = set()
-    for row, cells in rows:
-        if len(cells) not in (2, 3):
-            what = f"must have 2 or 3 columns, from,to[,weight]; got {len(cells)}"
-            return source.error(what, "Separate them by commas in CSV, else by blanks.", row=row)
-        for label in cells[:2]:
-            if label not in index:
-                what = f"names {shown(label)}; there is no such agent in network.agents"
-                return source.error(what, "Correct the label, or add the agent.", row=row)
-        pair = tuple(cells[:2])
-        if pair in seen:
-            return source.error("repeats an arc; it is a duplicate", f"Remove that {source.unit}.", row=row)
-        if cells[0] == cells[1]:
-            what = f"is a self-arc; agent {named(cells[0])} must not listen to itself"
-            return source.error(what, f"Remove that {source.unit}.", row=row)
-        seen.add(pair)
-        if len(cells) == 3:
-            _weight(cells[2], source, row=row)
-    return source.empty()

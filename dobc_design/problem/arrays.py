@@ -1,12 +1,8 @@
-"""A problem's numbers as float64 arrays, and the choices a model needs: which mode, which observer gain.
-
-Arcs come grouped by coupling, so that everything downstream works on whole arrays of arcs.  Floats are
-rounded; nothing computed from them is a proof.
-"""
+"""The arcs of a mode in arrays, which agents they reach, and a problem's numbers as (rounded) float64 arrays."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
 from typing import Any
@@ -14,15 +10,110 @@ from typing import Any
 import numpy as np
 import scipy.sparse as sp
 from numpy.typing import NDArray
+from scipy.sparse.csgraph import connected_components
 
 from dobc_design._checks import require_shape
 from dobc_design.coupling.coupling import Coupling
 from dobc_design.errors import SpecError, wrong
 from dobc_design.exact.matrix import Matrix, matrix, to_float
-from dobc_design.problem.arcs import ArcTable, arc_table
 from dobc_design.problem.groups import group_numbers
-from dobc_design.problem.network import IndexArray
+from dobc_design.problem.network import Arcs, IndexArray
 from dobc_design.problem.problem import Problem
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class ArcTable:
+    """Arc a: ``listeners[a]`` hears ``speakers[a]`` by the coupling at place ``coupling[a]`` of problem.couplings.
+
+    Its weight is ``weights[weight[a]]``; ``weights`` holds each different one once.  Arrays of one length.
+    """
+
+    listeners: IndexArray
+    speakers: IndexArray
+    coupling: IndexArray
+    weight: IndexArray
+    weights: tuple[Fraction, ...]
+
+
+def arc_table(problem: Problem, mode: str) -> ArcTable:
+    """Return the arcs of one mode."""
+    arcs = problem.network.modes[mode]
+    weight, weights = distinct_weights(arcs.weights)
+    places = coupling_places(problem, arcs)
+    return ArcTable(listeners=arcs.listeners, speakers=arcs.speakers, coupling=places, weight=weight, weights=weights)
+
+
+def coupling_places(problem: Problem, arcs: Arcs) -> IndexArray:
+    """For every arc the place of its coupling in problem.couplings."""
+    return places_at(problem, arcs.listeners * problem.n + arcs.speakers)
+
+
+def places_at(problem: Problem, codes: IndexArray) -> IndexArray:
+    """The same for arcs given by listener * n + speaker."""
+    places = problem.exception_places
+    if not places:
+        return np.zeros(len(codes), dtype=np.int64)
+    special = np.array([i * problem.n + j for i, j in places], dtype=np.int64)
+    order = np.argsort(special)
+    at = order[np.minimum(np.searchsorted(special, codes, sorter=order), len(order) - 1)]
+    return np.where(special[at] == codes, np.array(list(places.values()), dtype=np.int64)[at], 0)
+
+
+def distinct_weights(weights: Sequence[Fraction]) -> tuple[IndexArray, tuple[Fraction, ...]]:
+    """For every arc the place of its weight among the different ones, and these; arcs mostly share few objects."""
+    objects = {id(weight): weight for weight in weights}
+    table: dict[Fraction, int] = {}
+    place = {key: table.setdefault(weight, len(table)) for key, weight in objects.items()}
+    return np.fromiter(map(place.__getitem__, map(id, weights)), dtype=np.int64, count=len(weights)), tuple(table)
+
+
+def split_by(kinds: IndexArray) -> Iterator[tuple[int, IndexArray]]:
+    """Every number that occurs, rising, with its positions in their order."""
+    order = np.argsort(kinds, kind="stable")
+    numbers, starts = np.unique(kinds[order], return_index=True)
+    return zip(numbers.tolist(), np.split(order, starts[1:]), strict=True) if len(kinds) else iter(())
+
+
+def unreached(problem: Problem, arcs: Iterable[Arcs]) -> tuple[int, ...]:
+    """Agents that nothing from a pinned agent reaches along the arcs of all given modes; exact, in linear time."""
+    listeners, speakers = _ends(arcs)
+    order = np.argsort(speakers, kind="stable")
+    heard_by = listeners[order].tolist()
+    start = np.searchsorted(speakers[order], np.arange(problem.n + 1)).tolist()
+    left = set(range(problem.n)) - set(problem.pinning.agents)
+    waiting = list(problem.pinning.agents)
+    while waiting:
+        agent = waiting.pop()
+        found = left.intersection(heard_by[start[agent] : start[agent + 1]])
+        left -= found
+        waiting += found
+    return tuple(sorted(left))
+
+
+def _ends(arcs: Iterable[Arcs]) -> tuple[IndexArray, IndexArray]:
+    """Listeners and speakers of the arcs of several modes together."""
+    chosen, none = list(arcs), np.zeros(0, dtype=np.int64)
+    return np.concatenate([none, *(a.listeners for a in chosen)]), np.concatenate([none, *(a.speakers for a in chosen)])
+
+
+def unreached_in_union(problem: Problem) -> tuple[int, ...]:
+    """Agents that no pinned agent reaches even when the arcs of all modes are put together."""
+    return unreached(problem, problem.network.modes.values())
+
+
+def closed_groups(problem: Problem, arcs: Iterable[Arcs]) -> tuple[tuple[int, ...], ...]:
+    """The smallest sets of agents that listen to nobody outside themselves, all given modes together.
+
+    They are the strongly connected components without an arc to another one; every set that listens to nobody
+    outside contains one.  Sets and their agents in rising order.
+    """
+    listeners, speakers = _ends(arcs)
+    graph = sp.coo_array((np.ones(len(listeners)), (listeners, speakers)), shape=(problem.n, problem.n))
+    component = connected_components(graph, connection="strong")[1].astype(np.int64)
+    listening = set(component[listeners[component[listeners] != component[speakers]]].tolist())
+    closed = (members for number, members in split_by(component) if number not in listening)
+    return tuple(sorted(tuple(members.tolist()) for members in closed))
+
 
 Array = NDArray[np.float64]
 Gain = Sequence[Sequence[Any]] | NDArray[Any]
@@ -64,11 +155,8 @@ def chosen_mode(problem: Problem, mode: str | None) -> str:
         return names[0]
     if mode not in names:
         known = ", ".join(names[:6]) + (", ..." if len(names) > 6 else "")
-        raise wrong(
-            "mode",
-            f"must be one of the problem's modes ({known}); got {str(mode)[:60]!r}.",
-            "Leave it out for the first one.",
-        )
+        what = f"must be one of the problem's modes ({known}); got {str(mode)[:60]!r}."
+        raise wrong("mode", what, "Leave it out for the first one.")
     return mode
 
 
@@ -81,11 +169,8 @@ def chosen_gain(problem: Problem, gain: Gain | None) -> Matrix | None:
     if gain is None:
         return problem.joint_observer.W
     if not problem.groups:
-        raise wrong(
-            "gain",
-            "has no meaning without an [exosystem]: there is no disturbance to estimate.",
-            "Leave it out, or give the problem an exosystem.",
-        )
+        what = "has no meaning without an [exosystem]: there is no disturbance to estimate."
+        raise wrong("gain", what, "Leave it out, or give the problem an exosystem.")
     W = matrix(gain, name="gain")
     because = "one row per exosystem state, one column per state component"
     require_shape(W, (problem.q, problem.m * len(problem.groups)), name="gain", because=because)
@@ -99,10 +184,7 @@ def no_gain(problem: Problem) -> Matrix | None:
 
 
 def required_gain(problem: Problem, gain: Gain | None) -> Array:
-    """Return W (q, m) as floats, with no rows if there is no exosystem.
-
-    Raises: SpecError if there is an exosystem and no W, besides what ``chosen_gain`` raises.
-    """
+    """Return W (q, m) as floats, with no rows without an exosystem.  Raises: SpecError, also where there is no W."""
     W = chosen_gain(problem, gain)
     if W is not None:
         return to_float(W)
@@ -137,20 +219,16 @@ def disturbance_arrays(problem: Problem, gain: Gain | None) -> Disturbance:
         own[numbers == g, rows] = True
         rest[rows, columns], before = 0.0, rows.stop
     if rest.any():
-        raise wrong(
-            "gain",
+        what = (
             "must be block diagonal, with one block per group of agents, because no agent feels the disturbance"
-            " of another group.",
-            "Set the entries outside of the blocks to 0.",
+            " of another group."
         )
+        raise wrong("gain", what, "Set the entries outside of the blocks to 0.")
     return Disturbance(A=A, C=C, F=F, W=gains, own=own)
 
 
 def exosystem_arrays(problem: Problem) -> tuple[Array, Array]:
-    """Return A (q, q) and C (m, q) of (12), with q = 0 if there is no exosystem.
-
-    Raises: SpecError if agents have different exosystems.
-    """
+    """Return A (q, q) and C (m, q) of (12), q = 0 without an exosystem.  Raises: SpecError where there are several."""
     if problem.exosystem is None:
         return np.zeros((0, 0)), np.zeros((problem.m, 0))
     return to_float(problem.exosystem.A), to_float(problem.exosystem.C)
@@ -166,20 +244,12 @@ def goals(problem: Problem) -> Array:
 
 def arc_groups(problem: Problem, mode: str) -> tuple[ArcGroup, ...]:
     """Split the arcs of one mode by coupling, in the order of ``couplings``; empty groups are left out."""
-    return groups_by_coupling(problem, arc_table(problem, mode))
-
-
-def groups_by_coupling(problem: Problem, table: ArcTable) -> tuple[ArcGroup, ...]:
-    """Split a table of arcs by coupling."""
+    table = arc_table(problem, mode)
     weights = to_float((table.weights,))[0][table.weight]
+    i, j = table.listeners, table.speakers
     return tuple(
-        ArcGroup(
-            coupling=problem.couplings[place],
-            listeners=table.listeners[arcs],
-            speakers=table.speakers[arcs],
-            weights=weights[arcs],
-        )
-        for place, arcs in table.by_coupling()
+        ArcGroup(coupling=problem.couplings[place], listeners=i[arcs], speakers=j[arcs], weights=weights[arcs])
+        for place, arcs in split_by(table.coupling)
     )
 
 
@@ -208,12 +278,9 @@ def pinning_matrix(problem: Problem) -> sp.csr_array:
 
 
 def consensus_jacobian(problem: Problem, mode: str) -> sp.csr_array | None:
-    """Return dh/de at e = 0 (n m, n m); None where a coupling has a kink at 0.
-
-    Slopes are the midpoints of their enclosures, which are narrow unless there is a kink.
-    """
+    """Return dh/de at e = 0 (n m, n m), of midpoints of slopes; None where a coupling has a kink at 0."""
     n, table, slopes = problem.n, arc_table(problem, mode), {}
-    for place, _ in table.by_coupling():
+    for place in np.unique(table.coupling).tolist():
         enclosed = problem.couplings[place].jacobian_at_zero()
         if any(entry.width > WIDEST_SLOPE * (1 + entry.magnitude) for row in enclosed for entry in row):
             return None

@@ -1,7 +1,6 @@
-"""problem.json: the one text of a problem that a certificate is about, and its hash.
+"""problem.json: the one text of a problem that a certificate is about, and its hash; a function of the Problem alone.
 
-Arcs are [listener, speaker, weight] with indices from 0, whatever ``arrow`` the user wrote; numbers are
-rationals as strings; couplings are their canonical text.  The bytes are a function of the Problem alone.
+Arcs are [listener, speaker, weight] with indices from 0; numbers are rationals as strings.
 """
 
 from __future__ import annotations
@@ -18,35 +17,19 @@ import numpy as np
 from dobc_design.coupling.coupling import Coupling
 from dobc_design.errors import SpecError, wrong
 from dobc_design.exact.matrix import Matrix
-from dobc_design.exact.number import number_text, parse_number
+from dobc_design.exact.number import number_text
 from dobc_design.exact.reading import shown
 from dobc_design.problem.exosystems import Exosystem
 from dobc_design.problem.groups import Group, Observer, group_key, renamed
-from dobc_design.problem.network import Arcs, Network, directed, labels_of
+from dobc_design.problem.network import Arcs, Network, directed, labels_of, parse_weights
 from dobc_design.problem.problem import Problem
 from dobc_design.problem.settings import Switching
 
 FORMAT = "dobc-problem"
 VERSION = 1
 _CURE = "Write it again with `dobc check FILE --canonical OUT`."
-_KEYS = (
-    "format",
-    "version",
-    "name",
-    "notes",
-    "labels",
-    "dimension",
-    "target",
-    "modes",
-    "coupling",
-    "gains",
-    "exosystem",
-    "observer",
-    "offsets",
-    "region",
-    "switching",
-    "simulation",
-)
+_KEYS = ("format", "version", "name", "notes", "labels", "dimension", "target", "modes", "coupling", "gains")
+_TABLES = ("exosystem", "observer", "offsets", "region", "switching", "simulation")
 _LATER_SWITCHING = ("sequence", "period", "generator", "schedule", "radius", "neighbours", "hysteresis")
 
 
@@ -74,6 +57,7 @@ def matrix_text(matrix: Matrix) -> list[list[str]]:
 
 def canonical_document(problem: Problem) -> dict[str, Any]:
     """The document behind problem.json: JSON types only."""
+    exceptions = sorted(problem.exceptions.items())
     return {
         "format": FORMAT,
         "version": VERSION,
@@ -81,19 +65,17 @@ def canonical_document(problem: Problem) -> dict[str, Any]:
         "notes": list(problem.notes),
         "labels": list(problem.network.labels),
         "dimension": problem.m,
-        "target": _vector(problem.target),
+        "target": [number_text(x) for x in problem.target],
         "modes": [
             {"name": name, "arcs": [[i, j, number_text(w)] for i, j, w in arcs]}
             for name, arcs in problem.network.modes.items()
         ],
         "coupling": {
             "h": _coupling(problem.coupling),
-            "exceptions": [
-                {"arc": [i, j], "h": _coupling(coupling)} for (i, j), coupling in sorted(problem.exceptions.items())
-            ],
+            "exceptions": [{"arc": [i, j], "h": _coupling(coupling)} for (i, j), coupling in exceptions],
         },
         "gains": [[i, matrix_text(k)] for i, k in problem.pinning.gains.items()],
-        "offsets": [[i, _vector(offset)] for i, offset in problem.offsets.items()],
+        "offsets": [[i, [number_text(x) for x in offset]] for i, offset in problem.offsets.items()],
         **converted(settings_of(problem), number_text),
     }
 
@@ -103,29 +85,29 @@ def settings_of(problem: Problem) -> dict[str, Any]:
 
     Keys that later versions added stand there only where they were given: other problems keep their hash.
     """
-    index, region, switching = problem.network.index, problem.region, problem.switching
+    index = problem.network.index
     exosystem: dict[str, Any] | None
     if problem.is_grouped:
         keys = [
-            {"agents": [index[label] for label in group.agents], **_fields(group.exosystem), **_fields(group.observer)}
+            {"agents": [index[label] for label in group.agents], **_own(group.exosystem), **_own(group.observer)}
             for group in problem.groups
         ]
         exosystem = {"groups": [{key: x for key, x in each.items() if key != "rate"} for each in keys]}
         observer = Observer(rate=problem.groups[0].observer.rate)
     else:
-        exosystem = None if problem.exosystem is None else _fields(problem.exosystem)
+        exosystem = None if problem.exosystem is None else _own(problem.exosystem)
         observer = problem.observer
     return {
         "exosystem": exosystem,
-        "observer": _fields(observer),
-        "region": None if region is None else _fields(region),
-        "switching": None if switching is None else _fields(switching, later=_LATER_SWITCHING),
-        "simulation": _fields(problem.simulation, later=("x0",)),
+        "observer": _own(observer),
+        "region": problem.region and _own(problem.region),
+        "switching": problem.switching and _own(problem.switching, later=_LATER_SWITCHING),
+        "simulation": _own(problem.simulation, later=("x0",)),
     }
 
 
-def _fields(own: Any, *, later: Sequence[str] = ()) -> dict[str, Any]:
-    found = {each.name: getattr(own, each.name) for each in fields(own)}
+def _own(noun: Any, *, later: Sequence[str] = ()) -> dict[str, Any]:
+    found = {each.name: getattr(noun, each.name) for each in fields(noun)}
     return {name: value for name, value in found.items() if value is not None or name not in later}
 
 
@@ -138,10 +120,6 @@ def converted(value: Any, number: Callable[[Fraction], Any]) -> Any:
     return [converted(each, number) for each in value] if isinstance(value, (list, tuple)) else value
 
 
-def _vector(values: Sequence[Fraction]) -> list[str]:
-    return [number_text(value) for value in values]
-
-
 def _coupling(coupling: Coupling) -> str | list[str]:
     return coupling.texts[0] if coupling.by_component else list(coupling.texts)
 
@@ -149,8 +127,7 @@ def _coupling(coupling: Coupling) -> str | list[str]:
 def problem_from_canonical(data: bytes) -> Problem:
     """Read problem.json back.  Raises SpecError for anything that is not one."""
     document = _load(data)
-    reader = _Reader(document)
-    problem = reader.problem()
+    problem = _Reader(document).problem()
     if problem.m != document["dimension"] or type(document["dimension"]) is not int:
         raise _wrong("dimension", f"the number of state components, {problem.m}", document["dimension"])
     return problem
@@ -168,11 +145,8 @@ def _load(data: bytes) -> dict[str, Any]:
         raise SpecError(f'problem.json must hold an object with "format": "{FORMAT}".', key="format", cure=_CURE)
     version = document.get("version")
     if version != VERSION or type(version) is not int:  # true and 1.0 equal 1
-        raise SpecError(
-            f"problem.json has version {shown(version)}; this program knows {VERSION}.",
-            key="version",
-            cure="Update dobc_design, or write the file again.",
-        )
+        what = f"problem.json has version {shown(version)}; this program knows {VERSION}."
+        raise SpecError(what, key="version", cure="Update dobc_design, or write the file again.")
     return document
 
 
@@ -187,17 +161,19 @@ class _Reader:
     """Reads the document strictly: every key, no other, and no value of another kind."""
 
     def __init__(self, document: Mapping[str, Any]) -> None:
-        self.document = _object(document, _KEYS, key="problem.json")
+        self.document = _object(document, (*_KEYS, *_TABLES), key="problem.json")
         self.labels = [_text(label, key="labels") for label in _list(document["labels"], key="labels")]
 
     def problem(self) -> Problem:
         document = self.document
         groups = self.groups(document["exosystem"])
-        exosystem = _optional(None if groups else document["exosystem"], ("A", "C"), key="exosystem")
+        exosystem = None if groups else _object(document["exosystem"], ("A", "C"), key="exosystem", optional=True)
         observer = _object(document["observer"], ("W", "P", "rate"), key="observer")
-        switching = document["switching"]
-        if switching is not None:
-            switching = _object(switching, ("signal", "dwell"), _LATER_SWITCHING, key="switching")
+        wanted = ("signal", "dwell")
+        switching = _object(document["switching"], wanted, _LATER_SWITCHING, key="switching", optional=True)
+        wanted = ("initial_states", "initial_disturbance")
+        region = _object(document["region"], wanted, key="region", optional=True)
+        simulation = _object(document["simulation"], ("t_final", "seed", "xi0"), ("x0",), key="simulation")
         coupling = _object(document["coupling"], ("h", "exceptions"), key="coupling")
         return Problem(
             name=_text(document["name"], key="name"),
@@ -207,13 +183,13 @@ class _Reader:
             exceptions=self.exceptions(coupling["exceptions"]),
             target=_list(document["target"], key="target"),
             gains=self.by_label("gains"),
-            exosystem=None if exosystem is None else Exosystem(A=exosystem["A"], C=exosystem["C"]),
-            observer=None if all(value is None for value in observer.values()) else Observer(**observer),
+            exosystem=Exosystem(**exosystem) if exosystem else None,
+            observer=Observer(**observer) if any(value is not None for value in observer.values()) else None,
             groups=groups,
             offsets=self.by_label("offsets"),
-            region=_optional(document["region"], ("initial_states", "initial_disturbance"), key="region"),
-            switching=None if switching is None else Switching(**switching),
-            simulation=_object(document["simulation"], ("t_final", "seed", "xi0"), ("x0",), key="simulation"),
+            region=region or None,
+            switching=Switching(**switching) if switching else None,
+            simulation=simulation,
         )
 
     def groups(self, exosystem: Any) -> list[Group]:
@@ -226,10 +202,10 @@ class _Reader:
             key = group_key(position)
             group = _object(item, ("agents", "A", "C", "W", "P"), key=key)
             places = [self.index(place, key=f"{key}.agents") for place in _list(group["agents"], key=f"{key}.agents")]
+            agents = [self.labels[i] for i in places]
             try:
-                system = Exosystem(A=group["A"], C=group["C"])
-                observer = Observer(W=group["W"], P=group["P"])
-                result.append(Group(agents=[self.labels[i] for i in places], exosystem=system, observer=observer))
+                system, observer = Exosystem(A=group["A"], C=group["C"]), Observer(W=group["W"], P=group["P"])
+                result.append(Group(agents=agents, exosystem=system, observer=observer))
             except SpecError as error:
                 raise renamed(error, position) from None
         if len(result) < 2:
@@ -277,17 +253,17 @@ class _Reader:
         return value
 
 
-def _object(value: Any, keys: Sequence[str], later: Sequence[str] = (), *, key: str) -> dict[str, Any]:
-    """An object with all of ``keys``, and some of ``later``, which are not null where they stand."""
+def _object(
+    value: Any, keys: Sequence[str], later: Sequence[str] = (), *, key: str, optional: bool = False
+) -> dict[str, Any]:
+    """An object with all of ``keys``, and some of ``later``, which are not null where they stand; {} for no object."""
+    if optional and value is None:
+        return {}
     known = isinstance(value, dict) and set(keys) <= set(value) <= {*keys, *later}
     if not known or any(value[name] is None for name in later if name in value):
         raise _wrong(key, f"an object with the keys {', '.join(keys)}", value)
     found: dict[str, Any] = value
     return found
-
-
-def _optional(value: Any, keys: Sequence[str], *, key: str) -> dict[str, Any] | None:
-    return None if value is None else _object(value, keys, key=key)
 
 
 def _list(value: Any, *, key: str, length: int | None = None) -> list[Any]:
@@ -297,9 +273,9 @@ def _list(value: Any, *, key: str, length: int | None = None) -> list[Any]:
 
 
 def _text(value: Any, *, key: str) -> str:
-    if not isinstance(value, str):
-        raise _wrong(key, "text", value)
-    return value
+    if isinstance(value, str):
+        return value
+    raise _wrong(key, "text", value)
 
 
 def _wrong(key: str, wanted: str, value: object) -> SpecError:
@@ -307,19 +283,13 @@ def _wrong(key: str, wanted: str, value: object) -> SpecError:
 
 
 def _arcs(rows: list[Any], *, key: str) -> Arcs:
-    known: dict[str, Fraction] = {}
-    listeners, speakers, weights = [], [], []
     for position, row in enumerate(rows):
         if not isinstance(row, list) or len(row) != 3 or type(row[0]) is not int or type(row[1]) is not int:
             raise _wrong(f"{key}[{position}]", "[listener, speaker, weight] with indices", row)
-        weight = _text(row[2], key=f"{key}[{position}][2]")
-        if weight not in known:
-            known[weight] = parse_number(weight, key=f"{key}[{position}][2]")
-        listeners.append(row[0])
-        speakers.append(row[1])
-        weights.append(known[weight])
+        _text(row[2], key=f"{key}[{position}][2]")
+    weights = parse_weights([row[2] for row in rows], key=key)
     try:
-        pair = np.array(listeners, dtype=np.int64), np.array(speakers, dtype=np.int64)
+        listeners, speakers = (np.array([row[end] for row in rows], dtype=np.int64) for end in (0, 1))
     except OverflowError:
         raise _wrong(key, "arcs between the agents", "an index that is too large") from None
-    return directed(*pair, tuple(weights), arrow="listens_to")
+    return directed(listeners, speakers, weights, arrow="listens_to")

@@ -8,8 +8,9 @@ Key paths are those of the problem file ("pinning.gains", "observer.W"); the val
 from __future__ import annotations
 
 import json
+import re
 from collections.abc import Mapping, Sequence
-from dataclasses import fields
+from dataclasses import replace
 from fractions import Fraction
 from pathlib import Path
 from typing import Any
@@ -22,11 +23,9 @@ from dobc_design.exact.matrix import Matrix
 from dobc_design.exact.number import number_text
 from dobc_design.exact.reading import is_scalar_matrix, shown
 from dobc_design.problem.canonical import canonical_bytes, canonical_document, converted, settings_of
-from dobc_design.problem.exosystems import Exosystem
-from dobc_design.problem.file import read_problem_text
-from dobc_design.problem.groups import Group, Observer, gains_of
+from dobc_design.problem.groups import Observer, gains_of
+from dobc_design.problem.load import parse_toml, read_problem_text
 from dobc_design.problem.problem import Problem
-from dobc_design.problem.toml_text import parse_toml
 
 INLINE = 10  # labels up to which a table of gains stands in one line
 
@@ -68,14 +67,12 @@ def value_text(value: Any) -> str:
 def change_lines(changes: Mapping[str, Any]) -> list[str]:
     """Changes as lines of a problem file, for people: long tables are cut, what has to go stands in a comment."""
     lines: list[str] = []
-    tables = dict.fromkeys(path.split(".")[0] for path, value in changes.items() if value is not None and "." in path)
-    lines += [f"{path} = {value_text(x)}" for path, x in changes.items() if "." not in path and x is not None]
-    for table in tables:
+    kept = {path: value for path, value in changes.items() if value is not None}
+    lines += [f"{path} = {value_text(value)}" for path, value in kept.items() if "." not in path]
+    for table in dict.fromkeys(path.split(".")[0] for path in kept if "." in path):
         lines.append(f"[{table}]")
-        for path, value in changes.items():
-            if path.startswith(f"{table}.") and value is not None:
-                lines.append(f"{path.partition('.')[2]} = {_cut_text(value)}")
-    return [*lines, *(f"# remove {path}" for path, value in changes.items() if value is None)]
+        lines += [f"{name} = {_cut_text(value)}" for name, value in _below(table, kept).items()]
+    return [*lines, *(f"# remove {path}" for path in changes if path not in kept)]
 
 
 def _cut_text(value: Any) -> str:
@@ -86,33 +83,18 @@ def _cut_text(value: Any) -> str:
 
 
 def _key(name: str) -> str:
-    bare = name.isascii() and name.replace("-", "").replace("_", "").isalnum()
+    bare = re.fullmatch(r"[\w-]*[A-Za-z0-9][\w-]*", name, re.ASCII)
     return name if bare else json.dumps(name, ensure_ascii=False)
 
 
-#: The key paths that a change may name.
-CHANGEABLE = (
-    "target",
-    "pinning.gains",
-    "exosystem",
-    "exosystem.A",
-    "exosystem.C",
-    "observer",
-    "observer.W",
-    "observer.P",
-    "observer.rate",
-    "region.initial_disturbance",
-    "simulation.xi0",
-    "exosystem.groups.W",
-)
 GROUP_GAINS = "exosystem.groups.W"
+#: The key paths that a change may name; some of them only where all agents have one exosystem.
+_OF_ALL = ("exosystem", "exosystem.A", "exosystem.C", "observer", "observer.W", "observer.P", "observer.rate")
+CHANGEABLE = ("target", "pinning.gains", *_OF_ALL, "region.initial_disturbance", "simulation.xi0", GROUP_GAINS)
 
 
 def gain_changes(problem: Problem, W: Matrix | None) -> dict[str, Any]:
-    """The changes that make W (q, m) the observer gain, None that one is to be designed; P is removed.
-
-    Where agents have different exosystems, W is block diagonal with one block per group.
-    """
+    """The changes that make W (of groups: block diagonal) the observer gain, None: a designed one; P is removed."""
     if not problem.is_grouped:
         return {"observer.W": None if W is None else typed_matrix(W), "observer.P": None}
     if W is None:
@@ -122,86 +104,47 @@ def gain_changes(problem: Problem, W: Matrix | None) -> dict[str, Any]:
 
 
 def changed_problem(problem: Problem, changes: Mapping[str, Any]) -> Problem:
-    """Return the problem with these keys set, everything else as it was.
-
-    ``changes``: key path -> value as it would stand in the file, None to remove the key.
-    Raises: SpecError for a key path that cannot be changed here, and for values that the problem refuses.
-    """
+    """The problem with these keys (path -> value as in the file, None to remove it) set.  Raises: SpecError."""
     for key in changes:
         if key not in CHANGEABLE:
-            raise SpecError(
-                f"{shown(key)} is no key that a change may set.", key=key, cure=f"One of {', '.join(CHANGEABLE)}."
-            )
+            what = f"{shown(key)} is no key that a change may set."
+            raise SpecError(what, key=key, cure=f"One of {', '.join(CHANGEABLE)}.")
     remake, (given,) = problem.__reduce__()  # everything that makes the problem, for a copy
     if problem.is_grouped:
-        _require_no_key_of_all(changes)
-        if GROUP_GAINS in changes:
-            given["groups"] = _regrouped(problem, changes[GROUP_GAINS] or {})
+        if any(key in _OF_ALL for key in changes):
+            what = "exosystem and observer cannot be changed by key where agents have different ones."
+            raise SpecError(what, key="exosystem.groups", cure="Make the problem anew with other groups.")
+        if GROUP_GAINS in changes:  # a group without one gets its W designed
+            gains = changes[GROUP_GAINS] or {}
+            given["groups"] = [
+                replace(group, observer=Observer(W=gains.get(group.name), rate=group.observer.rate))
+                for group in problem.groups
+            ]
     else:
-        exosystem = _exosystem(problem, changes)
-        given["exosystem"] = exosystem
-        given["observer"] = None if exosystem is None else _observer(problem.observer, changes)
+        own = None if "exosystem" in changes and changes["exosystem"] is None else problem.exosystem
+        given["exosystem"] = own and replace(own, **_below("exosystem", changes))
+        observer = Observer() if "observer" in changes and changes["observer"] is None else problem.observer
+        given["observer"] = own and replace(observer, **_below("observer", changes))
     given["target"] = changes.get("target", problem.target)
     given["gains"] = changes.get("pinning.gains", problem.pinning)
-    if "simulation.xi0" in changes:
-        own = problem.simulation
-        given["simulation"] = {"t_final": own.t_final, "seed": own.seed, "xi0": changes["simulation.xi0"], "x0": own.x0}
-    if "region.initial_disturbance" in changes and problem.region is not None:
-        given["region"] = {
-            "initial_states": problem.region.initial_states,
-            "initial_disturbance": changes["region.initial_disturbance"],
-        }
+    given["simulation"] = replace(problem.simulation, **_below("simulation", changes))
+    given["region"] = problem.region and replace(problem.region, **_below("region", changes))
     changed: Problem = remake(given)
     return changed
 
 
-def _require_no_key_of_all(changes: Mapping[str, Any]) -> None:
-    if any(key.startswith(("exosystem", "observer")) and key != GROUP_GAINS for key in changes):
-        raise SpecError(
-            "exosystem and observer cannot be changed by key where agents have different ones.",
-            key="exosystem.groups",
-            cure="Make the problem anew with other groups.",
-        )
-
-
-def _regrouped(problem: Problem, gains: Mapping[str, Any]) -> list[Group]:
-    """The groups with these W, by name; a group without one gets its W designed."""
-    return [
-        Group(
-            agents=group.agents,
-            exosystem=group.exosystem,
-            observer=Observer(W=gains.get(group.name), rate=group.observer.rate),
-        )
-        for group in problem.groups
-    ]
-
-
-def _exosystem(problem: Problem, changes: Mapping[str, Any]) -> Exosystem | None:
-    own = problem.exosystem
-    if own is None or ("exosystem" in changes and changes["exosystem"] is None):
-        return None
-    if not {"exosystem.A", "exosystem.C"} & set(changes):
-        return own
-    return Exosystem(A=changes.get("exosystem.A", own.A), C=changes.get("exosystem.C", own.C))
-
-
-def _observer(own: Observer, changes: Mapping[str, Any]) -> Observer:
-    if "observer" in changes and changes["observer"] is None:
-        return Observer()
-    kept: dict[str, Any] = {each.name: getattr(own, each.name) for each in fields(own)}
-    return Observer(**{name: changes.get(f"observer.{name}", value) for name, value in kept.items()})
+def _below(table: str, changes: Mapping[str, Any]) -> dict[str, Any]:
+    return {key.removeprefix(f"{table}."): value for key, value in changes.items() if key.startswith(f"{table}.")}
 
 
 REMARK = "set by dobc certify --apply-fix"  # in place of a comment on the value that stood there
 
 
 def changed_text(text: str, changes: Mapping[str, Any], *, whole: bool = False, remark: str = REMARK) -> str | None:
-    """The text of a problem file with these keys set (None removes one); comments and order stay.
+    """The text of a problem file with these keys set; comments and order stay.  Raises: SpecError if it is no TOML.
 
     In a table with lines of its own ([pinning.gains]) only the lines change whose values do; ``whole``: all of them.
-    ``remark``: the comment on what was set.
-    Returns: None if the text is laid out in a way that cannot be changed key by key.
-    Raises: SpecError if the text is no TOML.
+    ``remark``: the comment on what was set.  Returns: None if the text cannot be changed key by key.
     """
     parse_toml(text.encode("utf-8"))  # bounds size and nesting before tomlkit sees it
     try:
@@ -234,10 +177,8 @@ def _set(document: Any, path: list[str], value: Any, *, whole: bool, remark: str
     if not whole and isinstance(value, Mapping) and isinstance(table.get(name), tomlkit.items.Table):
         _change_lines(table[name], value, remark)
         return
-    item = _item(value)
-    if name in table and isinstance(table[name], Mapping) is not isinstance(item, Mapping):
-        table.remove(name)
-    if isinstance(item, Mapping) and name in table and type(table[name]) is not type(item):
+    item, old = _item(value), table.get(name)
+    if name in table and (isinstance(old, Mapping) or isinstance(item, Mapping)) and type(old) is not type(item):
         table.remove(name)
     if isinstance(item, tomlkit.items.Table):
         item.add(tomlkit.nl())
@@ -246,10 +187,7 @@ def _set(document: Any, path: list[str], value: Any, *, whole: bool, remark: str
 
 
 def _set_group_gains(document: Any, gains: Mapping[str, Any], *, remark: str) -> None:
-    """W of every group where it stands: in its table, or in [observer] for the agents outside of all tables.
-
-    A group is found by its name, the label of one of its agents.
-    """
+    """W of every group in its table, found by the label of an agent, or in [observer] for those outside of all."""
     left = dict(gains)
     for table in document["exosystem"]["groups"]:
         name = next((name for name in gains if name in {str(agent) for agent in table["agents"]}), None)
@@ -281,11 +219,9 @@ def _item(value: Any) -> Any:
 def changed_file(
     problem: Problem, changes: Mapping[str, Any], *, text: str | None, folder: Path, remark: str = REMARK
 ) -> str:
-    """The text of a file in ``folder`` that holds the problem with these changes.
+    """The text of a file in ``folder`` that holds the problem with these changes.  Raises: SpecError.
 
     ``text``: the TOML the problem came from, or None; its comments and its order stay where that is possible.
-    ``remark``: the comment on what was set.
-    Raises: SpecError if the changes do not fit the problem, or it cannot be written as a problem file.
     """
     wanted = changed_problem(problem, changes)
     for replacing in (False, True) if text is not None else ():
@@ -294,11 +230,8 @@ def changed_file(
             return own
     whole = problem_text(wanted)
     if not _gives(whole, wanted, folder=folder):
-        raise SpecError(
-            "the changed problem cannot be written as a problem file: it is too large, or a number in it too long.",
-            key="problem",
-            cure="Make the change by hand.",
-        )
+        what = "the changed problem cannot be written as a problem file: it is too large, or a number in it too long."
+        raise SpecError(what, key="problem", cure="Make the change by hand.")
     return whole
 
 
@@ -327,15 +260,11 @@ def problem_text(problem: Problem) -> str:
         for mode, each in problem.network.modes.items()
     }
     document["network"] = _table({"agents": len(labels) if counted else labels, "arrow": "listens_to", "modes": arcs})
-    coupling: Any = tomlkit.table()
-    coupling["h"] = canonical["coupling"]["h"]
-    if problem.exceptions:
-        special = tomlkit.aot()
-        for each in canonical["coupling"]["exceptions"]:
-            special.append(_table({"arcs": [[labels[i] for i in each["arc"]]], "h": each["h"]}))
-        coupling["exceptions"] = special
-    document["coupling"] = coupling
-    for name, content in _settings(problem, labels).items():
+    special = canonical["coupling"]["exceptions"]
+    coupling = {"h": canonical["coupling"]["h"]}
+    if special:
+        coupling["exceptions"] = [{"arcs": [[labels[i] for i in each["arc"]]], "h": each["h"]} for each in special]
+    for name, content in {"coupling": coupling, **_settings(problem, labels)}.items():
         document[name] = _table(content)
     return tomlkit.dumps(document)
 
@@ -360,7 +289,7 @@ def _table(content: Mapping[str, Any]) -> Any:
     for key, value in content.items():
         if isinstance(value, Mapping) and key == "modes":
             table[key] = _table(value)
-        elif key == "groups":
+        elif key in ("groups", "exceptions"):
             table[key] = tomlkit.aot()
             for group in value:
                 table[key].append(_table({name: part for name, part in group.items() if part is not None}))

@@ -43,13 +43,11 @@ class Exosystem(Shown):
         require_square(dynamics, name="exosystem.A")
         q = len(dynamics)
         if len(output[0]) != q:
-            raise wrong(
-                "exosystem.C",
+            what = (
                 f"must have {counted(q, 'column')}, one per exosystem state (A is {q}x{q});"
-                f" got shape ({len(output)}, {len(output[0])}).",
-                "Each row of C picks one component of the disturbance.",
-                kind=ShapeError,
+                f" got shape ({len(output)}, {len(output[0])})."
             )
+            raise wrong("exosystem.C", what, "Each row of C picks one component of the disturbance.", kind=ShapeError)
         object.__setattr__(self, "A", dynamics)
         object.__setattr__(self, "C", output)
 
@@ -70,17 +68,11 @@ class Exosystem(Shown):
         Raises: SpecError for a system in discrete time or without A and C.
         """
         if not hasattr(system, "A") or not hasattr(system, "C"):
-            raise wrong(
-                "exosystem",
-                f"must be a state-space system with A and C; got {type(system).__name__}.",
-                "For a transfer function: control.ss(system).",
-            )
+            what = f"must be a state-space system with A and C; got {type(system).__name__}."
+            raise wrong("exosystem", what, "For a transfer function: control.ss(system).")
         if getattr(system, "dt", None):
-            raise wrong(
-                "exosystem",
-                f"must be in continuous time, xi' = A xi; got one with the time step {shown(system.dt)}.",
-                "Give the continuous-time system.",
-            )
+            what = f"must be in continuous time, xi' = A xi; got one with the time step {shown(system.dt)}."
+            raise wrong("exosystem", what, "Give the continuous-time system.")
         return cls(A=np.asarray(system.A).tolist(), C=np.asarray(system.C).tolist())
 
 
@@ -94,18 +86,15 @@ def of_kind(kind: Any, *, frequencies: Any = None, components: int = 1) -> Exosy
     Raises: SpecError for an unknown kind, and for frequencies (rad/s) beside another kind than harmonics.
     """
     if kind not in KINDS:
-        raise wrong(
-            "exosystem.kind",
-            f"must be one of {', '.join(KINDS)}; got {shown(kind)}.",
-            "For another shape give A and C.",
-        )
+        what = f"must be one of {', '.join(KINDS)}; got {shown(kind)}."
+        raise wrong("exosystem.kind", what, "For another shape give A and C.")
     if (frequencies is not None) is not (kind == "harmonics"):
         if frequencies is not None:
             raise wrong("exosystem.frequencies", "has no meaning for this kind.", "Remove it.")
         cure = "Write frequencies = [2], in rad/s."
         raise wrong("exosystem.frequencies", "is required for harmonics and missing.", cure)
-    shape = harmonics(frequencies) if kind == "harmonics" else constant() if kind == "constant" else ramp()
-    return shape if components == 1 else stacked(*[shape] * components)
+    shape = harmonics(frequencies) if kind == "harmonics" else polynomial(KINDS.index(kind))
+    return stacked(*[shape] * components)
 
 
 def constant() -> Exosystem:
@@ -124,11 +113,8 @@ def polynomial(degree: Any) -> Exosystem:
     Raises: SpecError unless ``degree`` is an integer from 0 to 20.
     """
     if isinstance(degree, bool) or not isinstance(degree, int) or not 0 <= degree <= LARGEST_DEGREE:
-        raise wrong(
-            "degree",
-            f"must be an integer from 0 to {LARGEST_DEGREE}; got {shown(degree)}.",
-            "0 is a constant, 1 a ramp.",
-        )
+        what = f"must be an integer from 0 to {LARGEST_DEGREE}; got {shown(degree)}."
+        raise wrong("degree", what, "0 is a constant, 1 a ramp.")
     order = degree + 1
     A = [[int(j == i + 1) for j in range(order)] for i in range(order)]
     return Exosystem(A=A, C=[[1] + [0] * degree])
@@ -145,19 +131,13 @@ def harmonics(frequencies: Any) -> Exosystem:
     """
     given = list(frequencies) if is_list(frequencies) else [frequencies]
     if not given:
-        raise wrong(
-            "frequencies",
-            "must hold at least one number (rad/s); got none.",
-            "For a constant disturbance use constant().",
-        )
+        what = "must hold at least one number (rad/s); got none."
+        raise wrong("frequencies", what, "For a constant disturbance use constant().")
     values = [parse_number(w, key=f"frequencies[{k}]") for k, w in enumerate(given)]
     for k, w in enumerate(values):
         if w <= 0:
-            raise wrong(
-                f"frequencies[{k}]",
-                f"must be > 0 (rad/s); got {shown_number(w)}.",
-                "A constant part is added by total(constant(), harmonics(...)).",
-            )
+            what = f"must be > 0 (rad/s); got {shown_number(w)}."
+            raise wrong(f"frequencies[{k}]", what, "A constant part is added by total(constant(), harmonics(...)).")
         if w in values[:k]:
             raise wrong(
                 f"frequencies[{k}]",
@@ -176,11 +156,8 @@ def periodic(fundamental: Any, *, harmonics_kept: Any, mean: bool = True) -> Exo
     """
     w = parse_number(fundamental, key="fundamental")
     if isinstance(harmonics_kept, bool) or not isinstance(harmonics_kept, int) or harmonics_kept < 1:
-        raise wrong(
-            "harmonics_kept",
-            f"must be an integer >= 1; got {shown(harmonics_kept)}.",
-            "For a constant disturbance use constant().",
-        )
+        what = f"must be an integer >= 1; got {shown(harmonics_kept)}."
+        raise wrong("harmonics_kept", what, "For a constant disturbance use constant().")
     if w <= 0:
         raise wrong("fundamental", f"must be > 0 (rad/s); got {shown_number(w)}.", "It is 2 pi divided by the period.")
     sines = harmonics([w * k for k in range(1, harmonics_kept + 1)])
@@ -198,23 +175,19 @@ def total(*parts: Exosystem) -> Exosystem:
     """
     outputs = _require_parts(parts)
     if len({part.outputs for part in parts}) > 1:
-        raise SpecError(
+        what = (
             "the parts of a total must have equally many components, because they are added;"
-            f" got {', '.join(str(part.outputs) for part in parts)}.",
-            key="parts",
-            cure="stacked(...) gives every part components of its own.",
+            f" got {', '.join(str(part.outputs) for part in parts)}."
         )
+        raise SpecError(what, key="parts", cure="stacked(...) gives every part components of its own.")
     C = [[x for part in parts for x in part.C[row]] for row in range(outputs)]
-    return Exosystem(A=_block_diagonal([part.A for part in parts]), C=C)
+    return Exosystem(A=block_diagonal([part.A for part in parts]), C=C)
 
 
 def stacked(*parts: Exosystem) -> Exosystem:
-    """Each part drives components of its own: A and C block diagonal.  For m > 1.
-
-    Raises: SpecError without parts.
-    """
+    """Each part drives components of its own: A and C block diagonal.  For m > 1.  Raises: SpecError without parts."""
     _require_parts(parts)
-    return Exosystem(A=_block_diagonal([part.A for part in parts]), C=_block_diagonal([part.C for part in parts]))
+    return Exosystem(A=block_diagonal([part.A for part in parts]), C=block_diagonal([part.C for part in parts]))
 
 
 def _require_parts(parts: Sequence[Exosystem]) -> int:
@@ -223,12 +196,12 @@ def _require_parts(parts: Sequence[Exosystem]) -> int:
     return parts[0].outputs
 
 
-def _block_diagonal(blocks: Sequence[Matrix]) -> list[list[Fraction]]:
-    width = sum(len(block[0]) for block in blocks)
-    rows: list[list[Fraction]] = []
-    before = 0
+def block_diagonal(blocks: Sequence[Matrix]) -> Matrix:
+    """Matrices along the diagonal, zeros elsewhere."""
+    width, before, zero = sum(len(block[0]) for block in blocks), 0, Fraction(0)
+    rows: list[tuple[Fraction, ...]] = []
     for block in blocks:
-        for row in block:
-            rows.append([Fraction(0)] * before + list(row) + [Fraction(0)] * (width - before - len(row)))
+        after = width - before - len(block[0])
+        rows += [(zero,) * before + tuple(row) + (zero,) * after for row in block]
         before += len(block[0])
-    return rows
+    return tuple(rows)

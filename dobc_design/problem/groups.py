@@ -1,14 +1,12 @@
 """Groups of agents with an exosystem and an observer of their own (eq. 12 and 13 with A, C, W, P by group).
 
-Every agent is in exactly one group.  One group is the paper's case; there is none without a disturbance.
-
-Side by side, the groups make one *joint* exosystem with block diagonal A and C.  For block diagonal W, P, Q
+Every agent is in exactly one group.  One group is the paper's case; there is none without a disturbance.  Side by side
+the groups make one *joint* exosystem with block diagonal A and C.  For block diagonal W, P, Q
 
     A - W C,   Omega0 = P A + A'P - Q C - C'Q',   S = C (-Omega0)^-1 C'
 
-are then block diagonal too, and the block that belongs to an agent is the one of its group: Psi of
-(18) has I (x) C and I (x) Omega0 replaced by the blocks of the agents, one after the other, and the Reduction reads
-Lambda + blockdiag(S of the agents) < 0.  Nothing is decided here.
+are block diagonal too: Psi of (18) has I (x) C and I (x) Omega0 replaced by the blocks of the agents' groups, and the
+Reduction reads Lambda + blockdiag(S of the agents) < 0.  Nothing is decided here.
 """
 
 from __future__ import annotations
@@ -20,11 +18,11 @@ from typing import Any
 
 from dobc_design._checks import require_square
 from dobc_design._show.cards import Card, Shown, listed
-from dobc_design.errors import ShapeError, SpecError, about, raise_all, wrong
+from dobc_design.errors import ShapeError, SpecError, about, kept, raise_all, wrong
 from dobc_design.exact.matrix import Matrix
 from dobc_design.exact.number import parse_number
 from dobc_design.exact.reading import counted, is_list, named, read_matrix, rows_of, shown, shown_number
-from dobc_design.problem.exosystems import Exosystem
+from dobc_design.problem.exosystems import Exosystem, block_diagonal
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, repr=False)
@@ -47,19 +45,13 @@ class Observer(Shown):
         lyapunov = None if P is None else read_matrix(P, key="observer.P")
         speed = None if rate is None else parse_number(rate, key="observer.rate")
         if lyapunov is not None and gain is None:
-            raise wrong(
-                "observer.P",
-                "must stand beside observer.W, because P is tested for that W; got P alone.",
-                "Give W too, or leave P out: a P is then found for you.",
-            )
+            what = "must stand beside observer.W, because P is tested for that W; got P alone."
+            raise wrong("observer.P", what, "Give W too, or leave P out: a P is then found for you.")
         if lyapunov is not None:
             _check_symmetric(lyapunov)
         if speed is not None and speed <= 0:
-            raise wrong(
-                "observer.rate",
-                f"must be > 0 (1/s), the decay asked of the estimate; got {shown_number(speed)}.",
-                "Leave it out for the default.",
-            )
+            what = f"must be > 0 (1/s), the decay asked of the estimate; got {shown_number(speed)}."
+            raise wrong("observer.rate", what, "Leave it out for the default.")
         object.__setattr__(self, "W", gain)
         object.__setattr__(self, "P", lyapunov)
         object.__setattr__(self, "rate", speed)
@@ -70,13 +62,11 @@ def _check_symmetric(P: Matrix) -> None:
     for i, row in enumerate(P):
         for j in range(i):
             if row[j] != P[j][i]:
-                raise wrong(
-                    "observer.P",
+                what = (
                     f"must be symmetric, because x'Px is its only use;"
-                    f" got {shown_number(P[j][i])} at [{j}][{i}] and {shown_number(row[j])} at [{i}][{j}].",
-                    "Replace it by (P + P')/2.",
-                    kind=ShapeError,
+                    f" got {shown_number(P[j][i])} at [{j}][{i}] and {shown_number(row[j])} at [{i}][{j}]."
                 )
+                raise wrong("observer.P", what, "Replace it by (P + P')/2.", kind=ShapeError)
 
 
 def check_observer(observer: Observer, *, q: int, m: int) -> None:
@@ -86,12 +76,8 @@ def check_observer(observer: Observer, *, q: int, m: int) -> None:
         ("P", observer.P, (q, q), "one row and column per exosystem state"),
     ):
         if matrix is not None and (len(matrix), len(matrix[0])) != shape:
-            raise wrong(
-                f"observer.{name}",
-                f"must have shape {shape}, {because}; got shape ({len(matrix)}, {len(matrix[0])}).",
-                f"Give {rows_of(shape)}.",
-                kind=ShapeError,
-            )
+            what = f"must have shape {shape}, {because}; got shape ({len(matrix)}, {len(matrix[0])})."
+            raise wrong(f"observer.{name}", what, f"Give {rows_of(shape)}.", kind=ShapeError)
 
 
 _SHOWN = 6  # agents in a sentence
@@ -115,27 +101,19 @@ class Group(Shown):
         if not all(type(each) is str for each in names):
             names = () if any(isinstance(each, bool) for each in names) else tuple(map(str, names))
         if not names:
-            raise wrong(
-                "agents",
-                f"must be a list of labels, at least one; got {shown(agents)}.",
-                "For example agents = [1, 2].",
-            )
+            what = f"must be a list of labels, at least one; got {shown(agents)}."
+            raise wrong("agents", what, "For example agents = [1, 2].")
         for key, value, kind in (("exosystem", exosystem, Exosystem), ("observer", observer, Observer)):
             if not isinstance(value, kind) and (value is not None or kind is Exosystem):
-                raise wrong(
-                    key,
-                    f"of a group must be an {kind.__name__}; got {shown(value)}.",
-                    f"Make one with {kind.__name__}(...).",
-                )
+                what = f"of a group must be an {kind.__name__}; got {shown(value)}."
+                raise wrong(key, what, f"Make one with {kind.__name__}(...).")
         object.__setattr__(self, "agents", names)
         object.__setattr__(self, "exosystem", exosystem)
         object.__setattr__(self, "observer", Observer() if observer is None else observer)
 
     def _card(self) -> Card:
-        observer = [(name, value) for name, value in self.observer._card().facts]
-        return Card(
-            title="Group", text=f"of agents {listed(self.agents)}", facts=[*self.exosystem._card().facts, *observer]
-        )
+        facts = [*self.exosystem._card().facts, *self.observer._card().facts]
+        return Card(title="Group", text=f"of agents {listed(self.agents)}", facts=facts)
 
     @property
     def name(self) -> str:
@@ -158,7 +136,9 @@ def read_groups(
     """
     if not groups:
         if exosystem is None:
-            _refuse_lonely(observer)
+            if observer is not None:
+                what = "[observer] has no meaning without an [exosystem]: there is no disturbance to estimate."
+                raise SpecError(what, key="observer", cure="Remove it, or give the exosystem.")
             return ()
         own = Observer() if observer is None else observer
         check_observer(own, q=exosystem.order, m=exosystem.outputs)
@@ -167,10 +147,10 @@ def read_groups(
     errors: list[SpecError] = []
     owner = _owners(groups, labels, errors)
     for number, group in enumerate(groups):
-        _check_group(group, key=group_key(number), m=m, rate=common.rate, errors=errors)
-    rest = tuple(label for label in labels if label not in owner)
+        with kept(errors):
+            _check_group(group, number, m=m, rate=common.rate)
     if not errors:
-        _check_rest(rest, exosystem, common, errors)
+        _check_rest([label for label in labels if label not in owner], exosystem, common)
     raise_all(errors)
     places: dict[int, list[str]] = {}
     for label in labels:
@@ -179,9 +159,7 @@ def read_groups(
     for number, agents in places.items():  # in the order of their first agents
         system = groups[number].exosystem if number >= 0 or exosystem is None else exosystem
         own = groups[number].observer if number >= 0 else common
-        result.append(
-            Group(agents=tuple(agents), exosystem=system, observer=Observer(W=own.W, P=own.P, rate=common.rate))
-        )
+        result.append(Group(agents=agents, exosystem=system, observer=Observer(W=own.W, P=own.P, rate=common.rate)))
     _check_all_have_p(result)
     return tuple(result)
 
@@ -204,15 +182,6 @@ def renamed(error: SpecError, number: int) -> SpecError:
     return SpecError.several(renewed)
 
 
-def _refuse_lonely(observer: Observer | None) -> None:
-    if observer is not None:
-        raise SpecError(
-            "[observer] has no meaning without an [exosystem]: there is no disturbance to estimate.",
-            key="observer",
-            cure="Remove it, or give the exosystem.",
-        )
-
-
 def _owners(groups: Sequence[Group], labels: tuple[str, ...], errors: list[SpecError]) -> dict[str, int]:
     """The number of the group of each agent that is in one."""
     known, owner = set(labels), dict[str, int]()
@@ -220,90 +189,59 @@ def _owners(groups: Sequence[Group], labels: tuple[str, ...], errors: list[SpecE
         for place, label in enumerate(group.agents):
             key = f"{group_key(number)}.agents[{place}]"
             if label not in known:
-                errors.append(
-                    about(key, f"there is no agent {shown(label)} in network.agents.", "Use the label of an agent.")
-                )
+                what = f"there is no agent {shown(label)} in network.agents."
+                errors.append(about(key, what, "Use the label of an agent."))
             elif label in owner:
                 where = "this group" if owner[label] == number else group_key(owner[label])
-                errors.append(
-                    about(
-                        key,
-                        f"agent {shown(label)} is in {where} already, and an agent has one exosystem only.",
-                        "Keep it in one group.",
-                    )
-                )
+                what = f"agent {shown(label)} is in {where} already, and an agent has one exosystem only."
+                errors.append(about(key, what, "Keep it in one group."))
             owner.setdefault(label, number)
     return owner
 
 
-def _check_group(group: Group, *, key: str, m: int, rate: Fraction | None, errors: list[SpecError]) -> None:
-    outputs = group.exosystem.outputs
+def _check_group(group: Group, number: int, *, m: int, rate: Fraction | None) -> None:
+    key, outputs, rows = group_key(number), group.exosystem.outputs, counted(m, "row")
     if outputs != m:
-        errors.append(
-            wrong(
-                f"{key}.C",
-                f"must have {counted(m, 'row')}, one per state component, as every C has; got {outputs}.",
-                f"Give {counted(m, 'row')}.",
-                kind=ShapeError,
-            )
-        )
-        return
+        what = f"must have {rows}, one per state component, as every C has; got {outputs}."
+        raise wrong(f"{key}.C", what, f"Give {rows}.", kind=ShapeError)
+    errors: list[SpecError] = []
     if group.observer.rate not in (None, rate):
-        errors.append(
-            about(
-                key,
-                "a group has no rate of its own; the rate asked of a designed W is observer.rate, for all.",
-                "Give the rate in [observer], or W in the group.",
-            )
-        )
+        what = "a group has no rate of its own; the rate asked of a designed W is observer.rate, for all."
+        errors.append(about(key, what, "Give the rate in [observer], or W in the group."))
     try:
         check_observer(group.observer, q=group.exosystem.order, m=m)
     except SpecError as error:
-        number = int(key[key.index("[") + 1 : -1])
         errors.append(renamed(error, number))
+    raise_all(errors)
 
 
-def _check_rest(rest: Sequence[str], exosystem: Exosystem | None, common: Observer, errors: list[SpecError]) -> None:
+def _check_rest(rest: Sequence[str], exosystem: Exosystem | None, common: Observer) -> None:
     """Those in no group have [exosystem]'s own A and C; where there is nobody, nothing may be said of them."""
+    nobody = "belong to nobody, because every agent is in a group of exosystem.groups."
     if rest and exosystem is None:
-        errors.append(
-            SpecError(
-                f"{name_some(rest)} {'is' if len(rest) == 1 else 'are'} in no group of exosystem.groups, and"
-                " [exosystem] has no A and C for the agents outside the groups.",
-                key="exosystem.A",
-                cure="Give A and C in [exosystem], or add them to a group.",
-            )
+        what = (
+            f"{name_some(rest)} {'is' if len(rest) == 1 else 'are'} in no group of exosystem.groups, and"
+            " [exosystem] has no A and C for the agents outside the groups."
         )
-    elif rest and exosystem is not None:
+        raise SpecError(what, key="exosystem.A", cure="Give A and C in [exosystem], or add them to a group.")
+    if exosystem is not None and not rest:
+        raise wrong("exosystem.A", f"and exosystem.C {nobody}", "Remove A and C (or kind) from [exosystem].")
+    if exosystem is not None:
         check_observer(common, q=exosystem.order, m=exosystem.outputs)
-    elif exosystem is not None:
-        errors.append(
-            wrong(
-                "exosystem.A",
-                "and exosystem.C belong to nobody, because every agent is in a group of exosystem.groups.",
-                "Remove A and C (or kind) from [exosystem].",
-            )
-        )
     elif common.W is not None or common.P is not None:
-        errors.append(
-            wrong(
-                "observer.W",
-                "and observer.P belong to nobody, because every agent is in a group of exosystem.groups.",
-                "Give W and P in the groups.",
-            )
-        )
+        raise wrong("observer.W", f"and observer.P {nobody}", "Give W and P in the groups.")
 
 
 def _check_all_have_p(groups: Sequence[Group]) -> None:
     given = [group for group in groups if group.observer.P is not None]
     missing = [group for group in groups if group.observer.P is None]
     if given and missing:
-        raise SpecError(
+        what = (
             f"P is given for the group of agent {shown(given[0].name)} and missing for that of agent"
-            f" {shown(missing[0].name)}; Psi holds the P of all groups at once, so that they are tested together.",
-            key="exosystem.groups",
-            cure="Give P (and W) for every group, or for none: a P is then found for you.",
+            f" {shown(missing[0].name)}; Psi holds the P of all groups at once, so that they are tested together."
         )
+        cure = "Give P (and W) for every group, or for none: a P is then found for you."
+        raise SpecError(what, key="exosystem.groups", cure=cure)
 
 
 def name_some(agents: Sequence[str]) -> str:
@@ -328,29 +266,14 @@ def joint_observer(groups: Sequence[Group]) -> Observer:
     """W (q, G m) and P (q, q) block diagonal, None where not every group has one; the observer itself for one group."""
     if len(groups) < 2:
         return groups[0].observer if groups else Observer()
-    rate = groups[0].observer.rate
-    return Observer(
-        W=join([group.observer.W for group in groups]), P=join([group.observer.P for group in groups]), rate=rate
-    )
+    own = [group.observer for group in groups]
+    return Observer(W=join([each.W for each in own]), P=join([each.P for each in own]), rate=own[0].rate)
 
 
 def join(matrices: Sequence[Matrix | None]) -> Matrix | None:
     """One matrix per group, block diagonal; None if one is missing."""
     known = [each for each in matrices if each is not None]
     return block_diagonal(known) if known and len(known) == len(matrices) else None
-
-
-def block_diagonal(blocks: Sequence[Matrix]) -> Matrix:
-    """Matrices along the diagonal, zeros elsewhere; the matrix itself if there is one."""
-    if len(blocks) == 1:
-        return blocks[0]
-    width, before, zero = sum(len(block[0]) for block in blocks), 0, Fraction(0)
-    rows = []
-    for block in blocks:
-        after = width - before - len(block[0])
-        rows += [(zero,) * before + tuple(row) + (zero,) * after for row in block]
-        before += len(block[0])
-    return tuple(rows)
 
 
 def blocks_of(matrix: Matrix, shapes: Sequence[tuple[int, int]]) -> tuple[Matrix, ...] | None:
@@ -368,12 +291,11 @@ def gains_of(groups: Sequence[Group], W: Matrix) -> tuple[Matrix, ...]:
     m = groups[0].exosystem.outputs if groups else 0
     found = blocks_of(W, [(order, m) for order in orders])
     if found is None:
-        raise SpecError(
+        what = (
             "W must be block diagonal, with one block per group of agents, because no agent feels the disturbance of"
-            " another group.",
-            key="gain",
-            cure="Set the entries outside of the blocks to 0.",
+            " another group."
         )
+        raise SpecError(what, key="gain", cure="Set the entries outside of the blocks to 0.")
     return found
 
 

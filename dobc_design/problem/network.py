@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
+from functools import partial
 from itertools import islice
 from types import MappingProxyType
 from typing import Any
@@ -34,19 +35,15 @@ def is_label(value: object) -> bool:
 def label_text(value: object, *, place: str = "network.agents") -> str:
     """Turn a label as given into its text; 1 and "1" are one label."""
     if isinstance(value, (bool, NumberText)) or not isinstance(value, (str, int, np.integer)):
-        raise SpecError(
-            f"{place}: a label must be text or a whole number; got {shown(value)}.",
-            key="network.agents",
-            cure="Write it in quotes.",
-        )
+        what = f"{place}: a label must be text or a whole number; got {shown(value)}."
+        raise SpecError(what, key="network.agents", cure="Write it in quotes.")
     try:
         text = str(value)
     except ValueError:  # a whole number with more digits than Python prints
         text = ""
     if not is_label(text):
-        raise SpecError(
-            f"{place}: a label must be {WANTED}; got {shown(value)}.", key="network.agents", cure="Rename that agent."
-        )
+        what = f"{place}: a label must be {WANTED}; got {shown(value)}."
+        raise SpecError(what, key="network.agents", cure="Rename that agent.")
     return text
 
 
@@ -55,11 +52,8 @@ def labels_of(agents: int | Iterable[Any]) -> tuple[str, ...]:
     if isinstance(agents, (int, np.integer)) and not isinstance(agents, bool) and 1 <= agents <= MOST_AGENTS:
         return tuple(map(str, range(1, int(agents) + 1)))
     if isinstance(agents, (int, np.integer, str, Mapping)) or not isinstance(agents, Iterable):
-        raise wrong(
-            "network.agents",
-            f"must be a count from 1 to {MOST_AGENTS} or a list of labels; got {shown(agents)}.",
-            "For example agents = 10.",
-        )
+        what = f"must be a count from 1 to {MOST_AGENTS} or a list of labels; got {shown(agents)}."
+        raise wrong("network.agents", what, "For example agents = 10.")
     labels = tuple(
         label if type(label) is str and is_label(label) else label_text(label, place=f"network.agents[{position}]")
         for position, label in enumerate(agents)
@@ -67,18 +61,6 @@ def labels_of(agents: int | Iterable[Any]) -> tuple[str, ...]:
     if not labels:
         raise wrong("network.agents", "must name at least one agent; got none.", "Give a count, or a list of labels.")
     return labels
-
-
-def first_repeated(labels: Sequence[str]) -> str | None:
-    """The first label that stands there twice, or None."""
-    if len(set(labels)) == len(labels):
-        return None
-    seen: set[str] = set()
-    for label in labels:
-        if label in seen:
-            return label
-        seen.add(label)
-    return None
 
 
 ARROWS = ("listens_to", "sends_to")
@@ -106,18 +88,11 @@ class Arcs:
     def __eq__(self, other: object) -> bool:
         if not isinstance(other, Arcs):
             return NotImplemented
-        return (
-            np.array_equal(self.listeners, other.listeners)
-            and np.array_equal(self.speakers, other.speakers)
-            and self.weights == other.weights
-        )
+        same = map(np.array_equal, (self.listeners, self.speakers), (other.listeners, other.speakers))
+        return all(same) and self.weights == other.weights
 
     def __hash__(self) -> int:
         return hash((self.listeners.tobytes(), self.speakers.tobytes(), self.weights))
-
-    def has(self, listener: int, speaker: int) -> bool:
-        """Tell whether ``listener`` hears ``speaker`` in this mode."""
-        return bool(np.any((self.listeners == listener) & (self.speakers == speaker)))
 
 
 def parse_weights(values: Sequence[Any], *, key: str) -> tuple[Fraction, ...]:
@@ -125,55 +100,42 @@ def parse_weights(values: Sequence[Any], *, key: str) -> tuple[Fraction, ...]:
     known: dict[Any, Fraction] = {1: ONE}
     result = []
     for position, value in enumerate(values):
-        hashable = isinstance(value, (str, int, float)) and not isinstance(value, bool)
-        weight = known.get(value) if hashable else None
-        if weight is None:
-            weight = parse_number(value, key=f"{key}[{position}][2]")
-            if hashable:
-                known[value] = weight
-        result.append(weight)
+        token = value if isinstance(value, (str, int, float)) and not isinstance(value, bool) else object()
+        if token not in known:
+            known[token] = parse_number(value, key=f"{key}[{position}][2]")
+        result.append(known[token])
     return tuple(result)
 
 
 def arcs_from_pairs(pairs: Sequence[Sequence[Any]], *, index: Mapping[str, int], arrow: str, key: str) -> Arcs:
     """Turn [a, b] and [a, b, w] of labels into arcs; every wrong arc is reported, up to twenty."""
     errors: list[SpecError] = []
-    first: list[int] = []
-    second: list[int] = []
-    weights: list[Any] = []
+    found: list[tuple[int, int, Any]] = []
     for position, pair in enumerate(pairs):
         try:
-            a, b, weight = _read_pair(pair, index, key=f"{key}[{position}]")
+            found.append(_read_pair(pair, index, key=f"{key}[{position}]"))
         except SpecError as error:
             errors.append(error)
             if len(errors) >= MOST_ERRORS:
                 break
-            continue
-        first.append(a)
-        second.append(b)
-        weights.append(weight)
     raise_all(errors)
-    listener, speaker = np.array(first, dtype=np.int64), np.array(second, dtype=np.int64)
-    return directed(listener, speaker, parse_weights(weights, key=key), arrow=arrow)
+    first, second = (np.array([arc[end] for arc in found], dtype=np.int64) for end in (0, 1))
+    return directed(first, second, parse_weights([arc[2] for arc in found], key=key), arrow=arrow)
 
 
 def directed(first: IndexArray, second: IndexArray, weights: tuple[Fraction, ...], *, arrow: str) -> Arcs:
     """Apply ``arrow`` to pairs of indices: who of [a, b] is the listener."""
     check_arrow(arrow)
-    listener, speaker = (first, second) if arrow == "listens_to" else (second, first)
-    listener.setflags(write=False)
-    speaker.setflags(write=False)
-    return Arcs(listener, speaker, weights)
+    for ends in (first, second):
+        ends.setflags(write=False)
+    return Arcs(first, second, weights) if arrow == "listens_to" else Arcs(second, first, weights)
 
 
 def check_arrow(arrow: object) -> None:
     """Refuse anything but "listens_to" and "sends_to"."""
     if arrow not in ARROWS:
-        raise SpecError(
-            f'network.arrow must be "listens_to" or "sends_to": it says what [a, b] means; got {shown(arrow)}.',
-            key="network.arrow",
-            cure='"listens_to": a hears b. "sends_to": a is heard by b.',
-        )
+        what = f'network.arrow must be "listens_to" or "sends_to": it says what [a, b] means; got {shown(arrow)}.'
+        raise SpecError(what, key="network.arrow", cure='"listens_to": a hears b. "sends_to": a is heard by b.')
 
 
 def check_arcs(arcs: Arcs, labels: Sequence[str], *, mode: str) -> None:
@@ -182,11 +144,8 @@ def check_arcs(arcs: Arcs, labels: Sequence[str], *, mode: str) -> None:
     for ends in (arcs.listeners, arcs.speakers):
         outside = np.flatnonzero((ends < 0) | (ends >= n))
         if len(outside):
-            raise about(
-                f"{key}[{outside[0]}]",
-                f"index {ends[outside[0]]} leaves the graph; agents are numbered 0 to {n - 1}.",
-                "Correct the index.",
-            )
+            what = f"index {ends[outside[0]]} leaves the graph; agents are numbered 0 to {n - 1}."
+            raise about(f"{key}[{outside[0]}]", what, "Correct the index.")
     loops = np.flatnonzero(arcs.listeners == arcs.speakers)
     if len(loops):
         name = named(labels[int(arcs.listeners[loops[0]])])
@@ -196,19 +155,15 @@ def check_arcs(arcs: Arcs, labels: Sequence[str], *, mode: str) -> None:
     again = np.flatnonzero(np.diff(codes[order]) == 0)
     if len(again):
         position = int(order[again + 1].min())
-        raise about(
-            f"{key}[{position}]",
-            f"{_sentence(arcs, position, labels)} already; this arc is a duplicate.",
-            "Remove one of the two, or give one arc with the sum of the weights.",
-        )
+        what = f"{_sentence(arcs, position, labels)} already; this arc is a duplicate."
+        raise about(f"{key}[{position}]", what, "Remove one of the two, or give one arc with the sum of the weights.")
     if any(w is not ONE and w <= 0 for w in arcs.weights):
         position = next(i for i, w in enumerate(arcs.weights) if w <= 0)
-        raise about(
-            f"{key}[{position}]",
+        what = (
             f"a weight must be > 0, because it multiplies h;"
-            f" {_sentence(arcs, position, labels)} with {shown_number(arcs.weights[position])}.",
-            "Leave the arc out, or put the sign into h.",
+            f" {_sentence(arcs, position, labels)} with {shown_number(arcs.weights[position])}."
         )
+        raise about(f"{key}[{position}]", what, "Leave the arc out, or put the sign into h.")
 
 
 def _sentence(arcs: Arcs, position: int, labels: Sequence[str]) -> str:
@@ -218,11 +173,8 @@ def _sentence(arcs: Arcs, position: int, labels: Sequence[str]) -> str:
 
 def _read_pair(pair: Sequence[Any], index: Mapping[str, int], *, key: str) -> tuple[int, int, Any]:
     if not isinstance(pair, (list, tuple)) or len(pair) not in (2, 3):
-        raise wrong(
-            key,
-            f"must be an arc [a, b] or [a, b, weight]; got {shown(pair)}.",
-            "Write two labels and, if wanted, a weight.",
-        )
+        what = f"must be an arc [a, b] or [a, b, weight]; got {shown(pair)}."
+        raise wrong(key, what, "Write two labels and, if wanted, a weight.")
     ends = []
     for position, end in enumerate(pair[:2]):
         try:
@@ -230,11 +182,8 @@ def _read_pair(pair: Sequence[Any], index: Mapping[str, int], *, key: str) -> tu
         except SpecError as error:
             raise SpecError(error.message, key=f"{key}[{position}]", cure=error.cure) from None
         if text not in index:
-            raise about(
-                key,
-                f"arc {shown(list(pair))} leaves the graph; there is no agent {shown(text)}{_range(index)}.",
-                "Use a label from network.agents.",
-            )
+            what = f"arc {shown(list(pair))} leaves the graph; there is no agent {shown(text)}{_range(index)}."
+            raise about(key, what, "Use a label from network.agents.")
         ends.append(index[text])
     return ends[0], ends[1], pair[2] if len(pair) == 3 else 1
 
@@ -259,35 +208,27 @@ class Network(Shown):
     def __post_init__(self) -> None:
         object.__setattr__(self, "modes", MappingProxyType(dict(self.modes)))
         if not self.labels:
-            raise wrong(
-                "network.agents", "must name at least one agent; got none.", "Give a count, or a list of labels."
-            )
-        if not all(map(is_label, self.labels)):
-            bad = next(label for label in self.labels if not is_label(label))
-            raise SpecError(
-                f"a label must be {WANTED}; got {shown(bad)}.", key="network.agents", cure="Rename that agent."
-            )
-        repeated = first_repeated(self.labels)
-        if repeated is not None:
-            raise wrong(
-                "network.agents",
+            what = "must name at least one agent; got none."
+            raise wrong("network.agents", what, "Give a count, or a list of labels.")
+        bad = [label for label in self.labels if not is_label(label)]
+        if bad:
+            what = f"a label must be {WANTED}; got {shown(bad[0])}."
+            raise SpecError(what, key="network.agents", cure="Rename that agent.")
+        if len(set(self.labels)) < len(self.labels):
+            first: dict[str, int] = {}
+            repeated = next(label for i, label in enumerate(self.labels) if first.setdefault(label, i) != i)
+            what = (
                 f"must be different from one another; {shown(repeated)} stands there twice"
-                ' (labels are text: 1 and "1" are one label).',
-                "Rename one of the two.",
+                ' (labels are text: 1 and "1" are one label).'
             )
+            raise wrong("network.agents", what, "Rename one of the two.")
         if not self.modes:
-            raise wrong(
-                "network.modes",
-                "must hold at least one mode; got none.",
-                "Give one list of arcs for a fixed topology, several for switching.",
-            )
+            what = "must hold at least one mode; got none."
+            raise wrong("network.modes", what, "Give one list of arcs for a fixed topology, several for switching.")
         for name, arcs in self.modes.items():
             if not is_label(name):
-                raise about(
-                    "network.modes",
-                    f"the name of a mode must be {WANTED}; got {shown(name)}.",
-                    "Name it, for example Ga.",
-                )
+                what = f"the name of a mode must be {WANTED}; got {shown(name)}."
+                raise about("network.modes", what, "Name it, for example Ga.")
             check_arcs(arcs, self.labels, mode=name)
 
     def __eq__(self, other: object) -> bool:
@@ -299,13 +240,11 @@ class Network(Shown):
         return hash((self.labels, tuple(self.modes.items())))
 
     def __reduce__(self) -> tuple[Any, ...]:
-        return _remake, (self.labels, dict(self.modes))  # the read-only mapping itself cannot be pickled
+        return partial(Network, labels=self.labels, modes=dict(self.modes)), ()
 
     def _card(self) -> Card:
-        rows = [
-            (name, len(arcs), cut(_listening(self.labels, arcs), 160))
-            for name, arcs in islice(self.modes.items(), MOST_ROWS)
-        ]
+        few = islice(self.modes.items(), MOST_ROWS)
+        rows = [(name, len(arcs), cut(_listening(self.labels, arcs), 160)) for name, arcs in few]
         return Card(
             title="Network",
             text=f"{counted(self.size, 'agent')}: {listed(self.labels)}",
@@ -315,10 +254,8 @@ class Network(Shown):
         )
 
     def __repr__(self) -> str:
-        modes = listed(
-            [f"{name} with {counted(len(arcs), 'arc')}" for name, arcs in islice(self.modes.items(), 13)],
-            count=len(self.modes),
-        )
+        few = [f"{name} with {counted(len(arcs), 'arc')}" for name, arcs in islice(self.modes.items(), 13)]
+        modes = listed(few, count=len(self.modes))
         return f"<Network of {counted(self.size, 'agent')}: {modes}>"
 
     @property
@@ -355,14 +292,16 @@ class Network(Shown):
         """
         given = _modes(arcs, isinstance(arcs, Mapping))
         lists = {name: [tuple(arc) if is_list(arc) else arc for arc in pairs] for name, pairs in given.items()}
-        labels = _labels_in(lists.values()) if agents is None else labels_of(agents)
+        if agents is None:  # malformed arcs are reported later
+            ends = (end for pairs in lists.values() for arc in pairs if is_list(arc) for end in arc[:2])
+            labels = tuple(dict.fromkeys(map(label_text, ends)))
+        else:
+            labels = labels_of(agents)
         index = {label: i for i, label in enumerate(labels)}
+        keys = {name: f"network.modes.{named(name)}" for name in lists}
         return cls(
             labels=labels,
-            modes={
-                name: arcs_from_pairs(pairs, index=index, arrow=arrow, key=f"network.modes.{named(name)}")
-                for name, pairs in lists.items()
-            },
+            modes={n: arcs_from_pairs(each, index=index, arrow=arrow, key=keys[n]) for n, each in lists.items()},
         )
 
     @classmethod
@@ -383,19 +322,17 @@ class Network(Shown):
         for name, each in graphs.items():
             key = f"network.modes.{named(name)}"
             if not hasattr(each, "edges") or not hasattr(each, "is_directed"):
-                raise wrong(
-                    key,
-                    f"must be a networkx graph; got {type(each).__name__}.",
-                    "For lists of pairs there is Network.from_arcs, for matrices Network.from_sparse.",
-                )
-            nodes = _nodes(each)
+                cure = "For lists of pairs there is Network.from_arcs, for matrices Network.from_sparse."
+                raise wrong(key, f"must be a networkx graph; got {type(each).__name__}.", cure)
+            try:
+                nodes = labels_of(list(each.nodes))
+            except SpecError as error:  # grids of networkx have tuples
+                cure = "networkx.relabel_nodes(graph, str) gives text."
+                raise SpecError(error.message, key=error.key, cure=cure) from None
             labels = labels or nodes
             if set(nodes) != set(labels):
-                raise wrong(
-                    key,
-                    "must have the same nodes as the first mode.",
-                    "Add the missing nodes to the graph; a node without arcs is allowed.",
-                )
+                what = "must have the same nodes as the first mode."
+                raise wrong(key, what, "Add the missing nodes to the graph; a node without arcs is allowed.")
             pairs = list(each.edges(data="weight", default=1))
             if not each.is_directed():
                 pairs += [(b, a, w) for a, b, w in pairs]
@@ -421,14 +358,17 @@ class Network(Shown):
         modes = {}
         for name, each in matrices.items():
             key = f"network.modes.{named(name)}"
-            table = _coordinates(each, key=key)
+            if not hasattr(each, "tocoo") or len(each.shape) != 2:
+                what = f"must be a SciPy sparse matrix; got {type(each).__name__}."
+                raise wrong(key, what, "Wrap it: scipy.sparse.coo_array(matrix).")
+            table = each.tocoo(copy=True)
+            table.sum_duplicates()
             if table.shape[0] != table.shape[1] or size not in (0, table.shape[0]):
-                raise about(
-                    key,
+                what = (
                     f"the matrix must be square, with one row and column per agent"
-                    f"{f' ({size} x {size})' if size else ''}; got shape {table.shape}.",
-                    "Give an n x n matrix for every mode, and n labels or none.",
+                    f"{f' ({size} x {size})' if size else ''}; got shape {table.shape}."
                 )
+                raise about(key, what, "Give an n x n matrix for every mode, and n labels or none.")
             size = table.shape[0]
             keep = table.data != 0
             first, second = table.row[keep].astype(np.int64), table.col[keep].astype(np.int64)
@@ -436,13 +376,6 @@ class Network(Shown):
             weights = list(table.data[keep]) if table.data.dtype == np.float32 else table.data[keep].tolist()
             modes[name] = directed(first, second, parse_weights(weights, key=key), arrow=arrow)
         return cls(labels=labels_of(size) if names is None else names, modes=modes)
-
-
-def _nodes(graph: Any) -> tuple[str, ...]:
-    try:
-        return labels_of(list(graph.nodes))
-    except SpecError as error:  # grids of networkx have tuples
-        raise SpecError(error.message, key=error.key, cure="networkx.relabel_nodes(graph, str) gives text.") from None
 
 
 def _listening(labels: tuple[str, ...], arcs: Arcs) -> str:
@@ -454,28 +387,5 @@ def _listening(labels: tuple[str, ...], arcs: Arcs) -> str:
     return "; ".join(few) + ("; ..." if len(heard) > len(few) else "")
 
 
-def _remake(labels: tuple[str, ...], modes: dict[str, Arcs]) -> Network:
-    return Network(labels=labels, modes=modes)
-
-
 def _modes(value: Any, several: bool) -> dict[str, Any]:
     return {str(name): each for name, each in value.items()} if several else {"G": value}
-
-
-def _coordinates(matrix: Any, *, key: str) -> Any:
-    """The matrix in coordinate form, a copy, each place once."""
-    if not hasattr(matrix, "tocoo") or len(matrix.shape) != 2:
-        raise wrong(
-            key,
-            f"must be a SciPy sparse matrix; got {type(matrix).__name__}.",
-            "Wrap it: scipy.sparse.coo_array(matrix).",
-        )
-    table = matrix.tocoo(copy=True)
-    table.sum_duplicates()
-    return table
-
-
-def _labels_in(lists: Iterable[Sequence[Any]]) -> tuple[str, ...]:
-    """The labels of arcs in the order they appear; malformed arcs are reported later."""
-    pairs = (arc for arcs in lists for arc in arcs if is_list(arc))
-    return tuple(dict.fromkeys(label_text(end) for arc in pairs for end in arc[:2]))

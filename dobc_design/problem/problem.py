@@ -5,8 +5,10 @@ A Problem is frozen, exact and cannot exist invalid.  It holds no solver's answe
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
+from fractions import Fraction
+from functools import partial
 from itertools import islice
 from types import MappingProxyType
 from typing import Any, TypeVar
@@ -14,26 +16,129 @@ from typing import Any, TypeVar
 from dobc_design._show.cards import MOST_ITEMS, Card, Shown, listed, plain
 from dobc_design.coupling.coupling import Coupling, make_coupling
 from dobc_design.errors import ShapeError, SpecError, about, kept, raise_all, wrong
-from dobc_design.exact.matrix import Vector
-from dobc_design.exact.reading import (
-    MOST_ERRORS,
-    counted,
-    is_list,
-    is_scalar_matrix,
-    is_text,
-    named,
-    read_vector,
-    shown,
-)
+from dobc_design.exact import reading
+from dobc_design.exact.definite import decide_positive_semidefinite
+from dobc_design.exact.matrix import Matrix, Vector, add, transpose
+from dobc_design.exact.number import parse_number
+from dobc_design.exact.reading import counted, is_list, is_scalar_matrix, is_text, named, shown, shown_number
+from dobc_design.exact.symmetric import SparseSymmetric
+from dobc_design.problem import settings
 from dobc_design.problem.exosystems import Exosystem
 from dobc_design.problem.groups import Group, Observer, group_numbers, joint_exosystem, joint_observer, read_groups
 from dobc_design.problem.network import Network
-from dobc_design.problem.pinning import Pinning, read_pinning
-from dobc_design.problem.settings import Region, Simulation, Switching, check_switching, read_region, read_simulation
+from dobc_design.problem.settings import Region, Simulation, Switching
+from dobc_design.verdict import Verdict
 
 T = TypeVar("T")
 Arc = tuple[int, int]
 LARGEST_DIMENSION = 100  # every gain is an m x m matrix
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, repr=False)
+class Pinning(Shown):
+    """Gains by agent index (from 0), each an m x m matrix; zero gains are left out."""
+
+    gains: Mapping[int, Matrix]
+
+    def __post_init__(self) -> None:
+        for gain in {id(k): k for k in self.gains.values()}.values():  # agents often share one matrix
+            _check_gain(gain, key="pinning.gains")
+        kept = {i: k for i, k in sorted(self.gains.items()) if any(any(row) for row in k)}
+        object.__setattr__(self, "gains", MappingProxyType(kept))
+
+    def _card(self) -> Card:
+        return Card(title="Pinning", text=f"of {counted(len(self.gains), 'agent')}, by index", facts=self._gains())
+
+    def __repr__(self) -> str:
+        return f"Pinning(gains={plain({int(i): k for i, k in self._gains()})})"
+
+    def _gains(self) -> list[tuple[str, Any]]:
+        return [(str(i), k[0][0] if is_scalar_matrix(k) else k) for i, k in self.gains.items()]
+
+    def __hash__(self) -> int:
+        return hash(tuple(self.gains.items()))
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return partial(Pinning, gains=dict(self.gains)), ()  # the read-only mapping itself cannot be pickled
+
+    @property
+    def agents(self) -> tuple[int, ...]:
+        """Indices of the agents with a gain that is not zero."""
+        return tuple(self.gains)
+
+    @property
+    def is_scalar(self) -> bool:
+        """Whether every gain is a multiple of the identity."""
+        return all(is_scalar_matrix(k) for k in self.gains.values())
+
+
+def read_pinning(gains: Any, *, labels: Sequence[str], dimension: int) -> Pinning:
+    """Read label -> gain, or one number for all agents.  Raises: SpecError with every wrong gain by its key."""
+    if gains is None or isinstance(gains, Pinning):
+        return gains or Pinning(gains={})
+    if is_list(gains):
+        what = f"must be a table of label = gain, or one number for all agents; got {shown(gains)}."
+        raise wrong("pinning.gains", what, "For example gains = { 1 = 5.0, 6 = 2 }.")
+    if not isinstance(gains, Mapping):
+        gain = _read_gain(gains, key="pinning.gains", dimension=dimension)
+        return Pinning(gains=dict.fromkeys(range(len(labels)), gain))
+    known: dict[Any, Matrix] = {}
+
+    def read(value: Any, key: str) -> Matrix:
+        """The gain; of equal numbers the same object."""
+        if isinstance(value, bool) or not isinstance(value, (str, int, Fraction)):
+            return _read_gain(value, key=key, dimension=dimension)
+        if value not in known:
+            known[value] = _read_gain(value, key=key, dimension=dimension)
+        return known[value]
+
+    return Pinning(gains=_by_label(gains, read, labels=labels, key="pinning.gains"))
+
+
+def _by_label(value: Any, read: Callable[[Any, str], T], *, labels: Sequence[str], key: str) -> dict[int, T]:
+    """Agent index -> what ``read(value, key)`` makes of a table by label; every wrong entry is named."""
+    index = {label: i for i, label in enumerate(labels)}
+    result: dict[int, T] = {}
+    errors: list[SpecError] = []
+    for label, entry in settings.items(value, key=key):
+        own = f"{key}.{named(str(label))}"
+        with kept(errors):
+            place = None if isinstance(label, bool) else index.get(str(label))
+            if place is None:
+                what = f"there is no agent {shown(str(label))} in network.agents."
+                raise about(own, what, "Use the label of an agent.")
+            if place in result:
+                raise wrong(own, "stands there twice (labels are text).", "Keep one.")
+            result[place] = read(entry, own)
+        if len(errors) >= reading.MOST_ERRORS:
+            break
+    raise_all(errors)
+    return result
+
+
+def _read_gain(value: Any, *, key: str, dimension: int) -> Matrix:
+    if not is_list(value):
+        number = parse_number(value, key=key)
+        if number < 0:
+            what = (
+                f"must be >= 0, because u_i = -k_i (x_i - xbar) has to pull towards the target;"
+                f" got {shown_number(number)}."
+            )
+            raise wrong(key, what, "Use a positive gain, or leave the agent out.")
+        return reading.scalar_matrix(number, dimension)
+    because = "one row and column per state component"
+    gain = reading.read_matrix(value, key=key, shape=(dimension, dimension), because=because)
+    _check_gain(gain, key=key)
+    return gain
+
+
+def _check_gain(gain: Matrix, *, key: str) -> None:
+    symmetric = SparseSymmetric.from_dense(add(gain, transpose(gain)))
+    if decide_positive_semidefinite(symmetric).verdict is not Verdict.PROVED:
+        what = (
+            "a matrix gain k must satisfy k + k' >= 0, so that it never pushes away from the target; this one does not."
+        )
+        raise about(key, what, "Make its symmetric part positive semidefinite.")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, repr=False)
@@ -98,25 +203,28 @@ class Problem(Shown):
         notes: Sequence[str] = (),
     ) -> None:
         errors: list[SpecError] = []
-        keep = _Keeper(self, errors)
-        _check_kinds(network=network, exosystem=exosystem, observer=observer, switching=switching)
-        _check_groups(groups)
+
+        def keep(field: str, read: Callable[[], Any]) -> None:
+            with kept(errors):
+                object.__setattr__(self, field, read())
+
+        _check_kinds(network=network, exosystem=exosystem, observer=observer, switching=switching, groups=groups)
         first = exosystem if exosystem is not None or not groups else groups[0].exosystem
         m = dimension_of(first, target, coupling)
         keep("name", lambda: _read_name(name))
         keep("network", lambda: network)
         keep("groups", lambda: read_groups(groups, exosystem=exosystem, observer=observer, labels=network.labels, m=m))
         divided: tuple[Group, ...] | None = getattr(self, "groups", None)  # None: there is a mistake in them
-        keep("target", lambda: read_vector(target, key="target", length=m, because="one per state component"))
+        keep("target", lambda: reading.read_vector(target, key="target", length=m, because="one per state component"))
         keep("coupling", lambda: _read_coupling(coupling, dimension=m, key="coupling.h"))
         keep("exceptions", lambda: _read_exceptions(exceptions, network=network, dimension=m))
-        keep("pinning", lambda: _read_pinning(gains, network=network, dimension=m))
-        keep("offsets", lambda: _read_offsets(offsets, network=network, dimension=m))
-        keep("region", lambda: _read_region(region, dimension=m, with_exosystem=first is not None))
-        keep("switching", lambda: _read_switching(switching, network=network))
+        keep("pinning", lambda: read_pinning(gains, labels=network.labels, dimension=m))
+        keep("offsets", lambda: _read_offsets(offsets, labels=network.labels, dimension=m))
+        keep("region", lambda: settings.read_region(region, dimension=m, with_exosystem=first is not None))
+        keep("switching", lambda: settings.check_switching(switching, tuple(network.modes)))
         if divided is not None or not groups:  # else nobody knows how long the rows of xi0 have to be
             orders = _orders(divided, network.labels, exosystem)
-            keep("simulation", lambda: _read_simulation(simulation, n=network.size, orders=orders, m=m))
+            keep("simulation", lambda: settings.read_simulation(simulation, n=network.size, orders=orders, m=m))
         keep("notes", lambda: _read_notes(notes))
         raise_all(errors)
         places = {each: place for place, each in enumerate(dict.fromkeys((self.coupling, *self.exceptions.values())))}
@@ -127,18 +235,16 @@ class Problem(Shown):
         return hash((self.name, self.network, self.coupling, self.target, self.pinning))
 
     def __reduce__(self) -> tuple[Any, ...]:
-        # Made anew, since the read-only mappings cannot be pickled.
-        given = {
-            name: getattr(self, name)
-            for name in ("name", "network", "coupling", "target", "region", "switching", "simulation", "notes")
-        }
-        given |= {"gains": self.pinning, "exceptions": dict(self.exceptions)}
+        # Made anew from its arguments, since the read-only mappings cannot be pickled.
+        names = ("name", "network", "coupling", "target", "region", "switching", "simulation", "notes")
+        found = {name: getattr(self, name) for name in names}
+        found |= {"gains": self.pinning, "exceptions": dict(self.exceptions)}
         if self.is_grouped:
-            given |= {"groups": self.groups, "observer": Observer(rate=self.groups[0].observer.rate)}
+            found |= {"groups": self.groups, "observer": Observer(rate=self.groups[0].observer.rate)}
         else:
-            given |= {"exosystem": self.exosystem, "observer": self.observer if self.groups else None}
-        given["offsets"] = {self.network.labels[i]: offset for i, offset in self.offsets.items()}
-        return _remake, (given,)
+            found |= {"exosystem": self.exosystem, "observer": self.observer if self.groups else None}
+        found["offsets"] = {self.network.labels[i]: offset for i, offset in self.offsets.items()}
+        return _remake, (found,)
 
     def _card(self) -> Card:
         labels, modes = self.network.labels, self.network.modes
@@ -241,17 +347,6 @@ def _remake(given: dict[str, Any]) -> Problem:
     return Problem(**given)
 
 
-class _Keeper:
-    """Sets fields of a frozen instance one by one and collects what goes wrong."""
-
-    def __init__(self, instance: object, errors: list[SpecError]) -> None:
-        self.instance, self.errors = instance, errors
-
-    def __call__(self, field: str, read: Callable[[], T]) -> None:
-        with kept(self.errors):
-            object.__setattr__(self.instance, field, read())
-
-
 def dimension_of(exosystem: Exosystem | None, target: Any, coupling: Any) -> int:
     """m: the rows of C, else the length of target, else of h, else 1 (the contract's order)."""
     if exosystem is not None:
@@ -263,16 +358,13 @@ def dimension_of(exosystem: Exosystem | None, target: Any, coupling: Any) -> int
     else:
         key, m = "coupling.h", len(coupling) if is_list(coupling) else 1
     if m > LARGEST_DIMENSION:
-        raise about(
-            key,
-            f"an agent may have at most {LARGEST_DIMENSION} state components; got {m}.",
-            "Components that do not act on each other can be problems of their own.",
-            kind=ShapeError,
-        )
+        what = f"an agent may have at most {LARGEST_DIMENSION} state components; got {m}."
+        cure = "Components that do not act on each other can be problems of their own."
+        raise about(key, what, cure, kind=ShapeError)
     return max(1, m)
 
 
-def _check_kinds(*, network: object, exosystem: object, observer: object, switching: object) -> None:
+def _check_kinds(*, network: object, exosystem: object, observer: object, switching: object, groups: object) -> None:
     for key, value, kind, cure in (
         ("network", network, Network, "Make one with Network.from_arcs, from_networkx or from_sparse."),
         ("exosystem", exosystem, Exosystem, "Make one with Exosystem(A=..., C=...) or Exosystem.from_control(system)."),
@@ -282,15 +374,9 @@ def _check_kinds(*, network: object, exosystem: object, observer: object, switch
         if not isinstance(value, kind) and (value is not None or kind is Network):
             name = kind.__name__
             raise wrong(key, f"must be {'an' if name[0] in 'EO' else 'a'} {name}; got {shown(value)}.", cure)
-
-
-def _check_groups(groups: object) -> None:
-    if groups is not None and not (is_list(groups) and all(isinstance(each, Group) for each in groups)):  # type: ignore[attr-defined]
-        raise wrong(
-            "groups",
-            f"must be a list of Groups; got {shown(groups)}.",
-            "Make one with Group(agents=[...], exosystem=Exosystem(...)).",
-        )
+    if groups is not None and not (isinstance(groups, list | tuple) and all(isinstance(x, Group) for x in groups)):
+        cure = "Make one with Group(agents=[...], exosystem=Exosystem(...))."
+        raise wrong("groups", f"must be a list of Groups; got {shown(groups)}.", cure)
 
 
 def is_name(name: object) -> bool:
@@ -298,13 +384,10 @@ def is_name(name: object) -> bool:
     return isinstance(name, str) and is_text(name) and len(name) <= 100 and name.isprintable() and bool(name.strip())
 
 
-def _read_name(name: object) -> str:
-    if not isinstance(name, str) or not is_name(name):
-        raise wrong(
-            "name",
-            f"must be text of 1 to 100 printable characters; got {shown(name)}.",
-            'For example name = "my-network".',
-        )
+def _read_name(name: str) -> str:
+    if not is_name(name):
+        what = f"must be text of 1 to 100 printable characters; got {shown(name)}."
+        raise wrong("name", what, 'For example name = "my-network".')
     return name
 
 
@@ -312,114 +395,45 @@ def _read_notes(notes: Any) -> tuple[str, ...]:
     texts = tuple(notes) if is_list(notes) else (notes,)
     for position, text in enumerate(texts):
         if not is_text(text) or len(text) > 1000 or not text.replace("\n", "").isprintable():
-            raise wrong(
-                f"notes[{position}]",
-                f"must be text of at most 1000 printable characters; got {shown(text)}.",
-                "Write a list of sentences.",
-            )
+            what = f"must be text of at most 1000 printable characters; got {shown(text)}."
+            raise wrong(f"notes[{position}]", what, "Write a list of sentences.")
     return texts
 
 
 def _read_coupling(value: Any, *, dimension: int, key: str) -> Coupling:
     if isinstance(value, Coupling):
         if value.dimension != dimension:
-            raise wrong(
-                key,
-                f"must have dimension {dimension}, one per state component; got {value.dimension}.",
-                "Make it with the right dimension.",
-                kind=ShapeError,
-            )
+            what = f"must have dimension {dimension}, one per state component; got {value.dimension}."
+            raise wrong(key, what, "Make it with the right dimension.", kind=ShapeError)
         return value
     return make_coupling(value, dimension=dimension, key=key)
 
 
 def _read_exceptions(value: Any, *, network: Network, dimension: int) -> Mapping[Arc, Coupling]:
-    if not value:
-        return MappingProxyType({})
-    codes, n = network.arc_codes(), network.size
+    codes, n = network.arc_codes() if value else set(), network.size
     result: dict[Arc, Coupling] = {}
     errors: list[SpecError] = []
-    for position, (arc, h) in enumerate(_items(value, key="coupling.exceptions")):
+    for position, (arc, h) in enumerate(settings.items(value or {}, key="coupling.exceptions")):
         key = f"coupling.exceptions[{position}]"
         with kept(errors):
-            if not _is_arc(arc, n) or arc[0] * n + arc[1] not in codes:
-                raise about(
-                    key,
-                    f"no mode has the arc with the indices (listener, speaker) = {shown(arc)}.",
-                    "Correct the arc, or remove the exception; indices count from 0.",
-                )
+            inside = is_list(arc) and len(arc) == 2 and all(type(i) is int and 0 <= i < n for i in arc)
+            if not inside or arc[0] * n + arc[1] not in codes:
+                what = f"no mode has the arc with the indices (listener, speaker) = {shown(arc)}."
+                raise about(key, what, "Correct the arc, or remove the exception; indices count from 0.")
             result[int(arc[0]), int(arc[1])] = _read_coupling(h, dimension=dimension, key=f"{key}.h")
-        if len(errors) >= MOST_ERRORS:
+        if len(errors) >= reading.MOST_ERRORS:
             break
     raise_all(errors)
     # Certificates number couplings in the order of the canonical problem, which is that of the arcs.
     return MappingProxyType(dict(sorted(result.items())))
 
 
-def _is_arc(value: Any, n: int) -> bool:
-    return is_list(value) and len(value) == 2 and all(type(i) is int and 0 <= i < n for i in value)
+def _read_offsets(value: Any, *, labels: Sequence[str], dimension: int) -> Mapping[int, Vector]:
+    def read(offset: Any, key: str) -> Vector:
+        return reading.read_vector(offset, key=key, length=dimension, because="one per state component")
 
-
-def _items(value: Any, *, key: str) -> Iterable[tuple[Any, Any]]:
-    if not isinstance(value, Mapping):
-        raise wrong(key, f"must be a table; got {shown(value)}.", "Give a mapping, as a dict.")
-    return value.items()
-
-
-def _read_table(value: Any, keys: Sequence[str], *, key: str) -> Mapping[str, Any]:
-    """A mapping that has no other keys than these."""
-    for name, _ in _items(value, key=key):
-        if name not in keys:
-            raise wrong(f"{key}.{named(str(name))}", "is an unknown key.", f"Known keys: {', '.join(keys)}.")
-    table: Mapping[str, Any] = value
-    return table
-
-
-def _read_pinning(gains: Any, *, network: Network, dimension: int) -> Pinning:
-    return gains if isinstance(gains, Pinning) else read_pinning(gains, labels=network.labels, dimension=dimension)
-
-
-def _read_offsets(value: Any, *, network: Network, dimension: int) -> Mapping[int, Vector]:
-    if value is None:
-        return MappingProxyType({})
-    index = network.index
-    result: dict[int, Vector] = {}
-    errors: list[SpecError] = []
-    for label, offset in _items(value, key="formation.offsets"):
-        key = f"formation.offsets.{named(str(label))}"
-        with kept(errors):
-            place = None if isinstance(label, bool) else index.get(str(label))
-            if place is None:
-                raise about(
-                    key, f"there is no agent {shown(str(label))} in network.agents.", "Use the label of an agent."
-                )
-            if place in result:
-                raise wrong(key, "stands there twice (labels are text).", "Keep one.")
-            result[place] = read_vector(offset, key=key, length=dimension, because="one per state component")
-        if len(errors) >= MOST_ERRORS:
-            break
-    raise_all(errors)
-    return MappingProxyType({i: offset for i, offset in sorted(result.items()) if any(offset)})
-
-
-def _read_region(value: Any, *, dimension: int, with_exosystem: bool) -> Region | None:
-    if value is None:
-        return None
-    if isinstance(value, Region):
-        value = {"initial_states": value.initial_states, "initial_disturbance": value.initial_disturbance}
-    table = _read_table(value, ("initial_states", "initial_disturbance"), key="region")
-    return read_region(
-        table.get("initial_states"),
-        table.get("initial_disturbance"),
-        dimension=dimension,
-        with_exosystem=with_exosystem,
-    )
-
-
-def _read_switching(switching: Switching | None, *, network: Network) -> Switching | None:
-    if switching is not None:
-        check_switching(switching, tuple(network.modes))
-    return switching
+    found = {} if value is None else _by_label(value, read, labels=labels, key="formation.offsets")
+    return MappingProxyType({i: offset for i, offset in sorted(found.items()) if any(offset)})
 
 
 def _orders(groups: tuple[Group, ...] | None, labels: Sequence[str], exosystem: Exosystem | None) -> tuple[int, ...]:
@@ -428,11 +442,3 @@ def _orders(groups: tuple[Group, ...] | None, labels: Sequence[str], exosystem: 
         return (0 if exosystem is None else exosystem.order,)
     orders = [group.exosystem.order for group in groups] or [0]
     return tuple(orders[g] for g in group_numbers(groups, labels)) if len(set(orders)) > 1 else (orders[0],)
-
-
-def _read_simulation(value: Any, *, n: int, orders: tuple[int, ...], m: int) -> Simulation:
-    if isinstance(value, Simulation):
-        return read_simulation(value.t_final, value.seed, value.xi0, value.x0, n=n, orders=orders, m=m)
-    table = {} if value is None else _read_table(value, ("t_final", "seed", "xi0", "x0"), key="simulation")
-    given = [table.get(key) for key in ("t_final", "seed", "xi0", "x0")]
-    return read_simulation(*given, n=n, orders=orders, m=m)

@@ -1,7 +1,6 @@
 """The tables and keys of the problem file, as pydantic models: one place for the reader and the JSON Schema.
 
-The models check which keys exist and of what kind their values are.  What the values mean together is
-checked by the nouns (``problem``); numbers stay as they were typed until ``parse_number`` reads them.
+They check which keys exist.  Values are read by the nouns; numbers stay as they were typed until then.
 """
 
 from __future__ import annotations
@@ -20,13 +19,25 @@ _NUMBER = {
     "description": "An exact number: 3.2 means 16/5; fractions are written in quotes.",
     "anyOf": [{"type": "number"}, {"type": "string", "pattern": r"^[+-]?[0-9.eE+/-]+$", "maxLength": 200}],
 }
-_MATRIX = {"type": "array", "items": {"type": "array", "items": _NUMBER, "minItems": 1}, "minItems": 1}
-_NUMBERS = {"type": "array", "items": _NUMBER, "minItems": 1}
-_INTERVAL = {"type": "array", "items": _NUMBER, "minItems": 2, "maxItems": 2}
-_LABEL = {"anyOf": [{"type": "string", "minLength": 1, "maxLength": LONGEST_LABEL}, {"type": "integer"}]}
-_LABELS = {"type": "array", "items": _LABEL, "minItems": 1}
-_COUNT = {"type": "integer", "minimum": 1, "maximum": MOST_AGENTS}
-_PAIR = {"type": "array", "items": _LABEL, "minItems": 2, "maxItems": 2}
+
+
+def _list_of(items: Any, least: int | None = 1, most: int | None = None) -> dict[str, Any]:
+    sizes = {"minItems": least, "maxItems": most}
+    return {"type": "array", "items": items} | {key: size for key, size in sizes.items() if size is not None}
+
+
+def _either(*choices: dict[str, Any]) -> dict[str, Any]:
+    return {"anyOf": list(choices)}
+
+
+def _table_of(*values: dict[str, Any]) -> dict[str, Any]:
+    return {"type": "object", "additionalProperties": _either(*values)}
+
+
+_TEXT = {"type": "string"}
+_NUMBERS, _INTERVAL = _list_of(_NUMBER), _list_of(_NUMBER, 2, 2)
+_MATRIX = _list_of(_NUMBERS)
+_LABEL = _either({"type": "string", "minLength": 1, "maxLength": LONGEST_LABEL}, {"type": "integer"})
 _ARC = {
     "type": "array",
     "minItems": 2,
@@ -34,33 +45,9 @@ _ARC = {
     "description": "[a, b] or [a, b, weight]; network.arrow says who listens.",
     "prefixItems": [_LABEL, _LABEL, _NUMBER],
 }
-_FILE = {
-    "type": "object",
-    "properties": {"file": {"type": "string"}},
-    "required": ["file"],
-    "additionalProperties": False,
-}
-_MODES = {
-    "type": "object",
-    "minProperties": 1,
-    "additionalProperties": {"anyOf": [{"type": "array", "items": _ARC}, _FILE]},
-}
-_MODE_NAMES = {"type": "array", "items": {"type": "string"}, "minItems": 1}
-_INSTANT = {"type": "array", "minItems": 2, "maxItems": 2, "prefixItems": [_NUMBER, {"type": "string"}]}
+_FILE = {"type": "object", "properties": {"file": _TEXT}, "required": ["file"], "additionalProperties": False}
+_INSTANT = {"type": "array", "minItems": 2, "maxItems": 2, "prefixItems": [_NUMBER, _TEXT]}
 _NOTE = {"type": "string", "maxLength": 1000}
-_COUPLING = {
-    "description": "In y, applied by component; or a list of m expressions in y1..ym.",
-    "anyOf": [{"type": "string"}, {"type": "array", "items": {"type": "string"}, "minItems": 1}],
-}
-
-
-def _table_of(*values: dict[str, Any]) -> dict[str, Any]:
-    return {"type": "object", "additionalProperties": {"anyOf": list(values)}}
-
-
-def _as_given(value: Any) -> Any:
-    """Any value will do here: the nouns read it and name the key."""
-    return value
 
 
 def _table(value: Any) -> Any:
@@ -69,30 +56,32 @@ def _table(value: Any) -> Any:
     return value
 
 
-_GIVEN = PlainValidator(_as_given)
+_GIVEN = PlainValidator(lambda value: value)  # any value will do here: the nouns read it and name the key
 _TABLE = PlainValidator(_table)
 
 Number = Annotated[Any, _GIVEN, WithJsonSchema(_NUMBER)]
 NumberMatrix = Annotated[Any, _GIVEN, WithJsonSchema(_MATRIX)]
-NumberOrList = Annotated[Any, _GIVEN, WithJsonSchema({"anyOf": [_NUMBER, _NUMBERS]})]
-CouplingText = Annotated[Any, _GIVEN, WithJsonSchema(_COUPLING)]
-ArcList = Annotated[Any, _GIVEN, WithJsonSchema({"type": "array", "items": _PAIR, "minItems": 1})]
-Texts = Annotated[Any, _GIVEN, WithJsonSchema({"anyOf": [_NOTE, {"type": "array", "items": _NOTE}]})]
+NumberOrList = Annotated[Any, _GIVEN, WithJsonSchema(_either(_NUMBER, _NUMBERS))]
+_COUPLING = {"description": "In y, applied by component; or a list of m expressions in y1..ym."}
+CouplingText = Annotated[Any, _GIVEN, WithJsonSchema(_COUPLING | _either(_TEXT, _list_of(_TEXT)))]
+ArcList = Annotated[Any, _GIVEN, WithJsonSchema(_list_of(_list_of(_LABEL, 2, 2)))]
+Texts = Annotated[Any, _GIVEN, WithJsonSchema(_either(_NOTE, _list_of(_NOTE, None)))]
 Name = Annotated[Any, _GIVEN, WithJsonSchema({"type": "string", "minLength": 1, "maxLength": 100})]
 Version = Annotated[Any, _GIVEN, WithJsonSchema({"type": "integer", "const": SCHEMA_VERSION})]
 Seed = Annotated[Any, _GIVEN, WithJsonSchema({"type": "integer", "minimum": 0, "maximum": 2**63 - 1})]
 Arrow = Annotated[Any, _GIVEN, WithJsonSchema({"enum": list(ARROWS)})]
 Signal = Annotated[Any, _GIVEN, WithJsonSchema({"enum": list(SIGNALS)})]
-Agents = Annotated[Any, _GIVEN, WithJsonSchema({"anyOf": [_COUNT, _LABELS]})]
-Pairs = Annotated[Any, _GIVEN, WithJsonSchema({"anyOf": [_INTERVAL, {"type": "array", "items": _INTERVAL}]})]
-Rows = Annotated[Any, _GIVEN, WithJsonSchema({"anyOf": [_NUMBERS, {"type": "array", "items": _NUMBERS}]})]
-ModeNames = Annotated[Any, _GIVEN, WithJsonSchema(_MODE_NAMES)]
-Instants = Annotated[Any, _GIVEN, WithJsonSchema({"type": "array", "items": _INSTANT, "minItems": 1})]
+_COUNT = {"type": "integer", "minimum": 1, "maximum": MOST_AGENTS}
+Agents = Annotated[Any, _GIVEN, WithJsonSchema(_either(_COUNT, _list_of(_LABEL)))]
+Pairs = Annotated[Any, _GIVEN, WithJsonSchema(_either(_INTERVAL, _list_of(_INTERVAL, None)))]
+Rows = Annotated[Any, _GIVEN, WithJsonSchema(_either(_NUMBERS, _list_of(_NUMBERS, None)))]
+ModeNames = Annotated[Any, _GIVEN, WithJsonSchema(_list_of(_TEXT))]
+Instants = Annotated[Any, _GIVEN, WithJsonSchema(_list_of(_INSTANT))]
 Count = Annotated[Any, _GIVEN, WithJsonSchema({"type": "integer", "minimum": 1})]
-Modes = Annotated[Any, _TABLE, WithJsonSchema(_MODES)]
-Gains = Annotated[Any, _GIVEN, WithJsonSchema({"anyOf": [_NUMBER, _table_of(_NUMBER, _MATRIX)]})]
+Modes = Annotated[Any, _TABLE, WithJsonSchema(_table_of(_list_of(_ARC, None), _FILE) | {"minProperties": 1})]
+Gains = Annotated[Any, _GIVEN, WithJsonSchema(_either(_NUMBER, _table_of(_NUMBER, _MATRIX)))]
 Kind = Annotated[Any, _GIVEN, WithJsonSchema({"enum": list(KINDS)})]
-Members = Annotated[Any, _GIVEN, WithJsonSchema(_LABELS)]
+Members = Annotated[Any, _GIVEN, WithJsonSchema(_list_of(_LABEL))]
 Offsets = Annotated[Any, _TABLE, WithJsonSchema(_table_of(_NUMBER, _NUMBERS))]
 
 

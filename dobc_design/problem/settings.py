@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, fields
 from fractions import Fraction
 from itertools import pairwise
 from typing import Any
@@ -12,7 +12,7 @@ from dobc_design._show.cards import Card, Shown, listed
 from dobc_design.errors import ShapeError, SpecError, kept, raise_all, wrong
 from dobc_design.exact.matrix import Matrix, Vector
 from dobc_design.exact.number import parse_number
-from dobc_design.exact.reading import counted, is_list, is_text, read_matrix, read_vector, shown, shown_number
+from dobc_design.exact.reading import counted, is_list, is_text, named, read_matrix, read_vector, shown, shown_number
 
 Pair = tuple[Fraction, Fraction]
 
@@ -33,18 +33,35 @@ class Region(Shown):
         return Card(title="Region", text="asked for", facts=[("initial states", listed(pairs)), *error])
 
 
-def read_region(initial_states: Any, initial_disturbance: Any, *, dimension: int, with_exosystem: bool) -> Region:
-    """Read one pair for all components, or m pairs.  Raises SpecError naming the key."""
-    key = "region.initial_states"
+def items(value: Any, *, key: str) -> Iterable[tuple[Any, Any]]:
+    """The items of a mapping.  Raises: SpecError for anything else."""
+    if not isinstance(value, Mapping):
+        raise wrong(key, f"must be a table; got {shown(value)}.", "Give a mapping, as a dict.")
+    return value.items()
+
+
+def _values(value: Any, keys: Sequence[str], *, key: str) -> list[Any]:
+    """What a table, which may have no other keys than these, or a noun has under them; None where it has nothing."""
+    if isinstance(value, (Region, Simulation)):
+        return [getattr(value, name) for name in keys]
+    for name, _ in items(value, key=key):
+        if name not in keys:
+            raise wrong(f"{key}.{named(str(name))}", "is an unknown key.", f"Known keys: {', '.join(keys)}.")
+    return [value.get(name) for name in keys]
+
+
+def read_region(value: Any, *, dimension: int, with_exosystem: bool) -> Region | None:
+    """Read the [region] table, with one pair for all components or m pairs.  Raises SpecError naming the key."""
+    if value is None:
+        return None
+    initial_states, disturbance = _values(value, ("initial_states", "initial_disturbance"), key="region")
     errors: list[SpecError] = []
-    pairs: tuple[Pair, ...] = ()
-    disturbance = None
     with kept(errors):
-        pairs = _read_pairs(initial_states, key=key, dimension=dimension)
+        initial_states = _read_pairs(initial_states, key="region.initial_states", dimension=dimension)
     with kept(errors):
-        disturbance = _read_disturbance(initial_disturbance, with_exosystem=with_exosystem)
+        disturbance = _read_disturbance(disturbance, with_exosystem=with_exosystem)
     raise_all(errors)
-    return Region(initial_states=pairs, initial_disturbance=disturbance)
+    return Region(initial_states=initial_states, initial_disturbance=disturbance)
 
 
 def _read_pairs(value: Any, *, key: str, dimension: int) -> tuple[Pair, ...]:
@@ -52,9 +69,8 @@ def _read_pairs(value: Any, *, key: str, dimension: int) -> tuple[Pair, ...]:
     rows = list(value) if nested else [value] * dimension
     if not is_list(value) or len(rows) != dimension or (not nested and any(is_list(entry) for entry in value)):
         several = "" if dimension == 1 else f" for all state components, or {dimension} such pairs"
-        raise wrong(
-            key, f"must be a pair [lo, hi]{several}; got {shown(value)}.", "For example [0, 5].", kind=ShapeError
-        )
+        what = f"must be a pair [lo, hi]{several}; got {shown(value)}."
+        raise wrong(key, what, "For example [0, 5].", kind=ShapeError)
     pairs = []
     for position, row in enumerate(rows):
         place = f"{key}[{position}]" if nested else key
@@ -62,11 +78,8 @@ def _read_pairs(value: Any, *, key: str, dimension: int) -> tuple[Pair, ...]:
             raise wrong(place, f"must be a pair [lo, hi]; got {shown(row)}.", "For example [0, 5].", kind=ShapeError)
         lo, hi = (parse_number(entry, key=f"{place}[{i}]") for i, entry in enumerate(row))
         if lo > hi:
-            raise wrong(
-                place,
-                f"must be a pair [lo, hi] with lo <= hi; got [{shown_number(lo)}, {shown_number(hi)}].",
-                "Exchange the two numbers.",
-            )
+            what = f"must be a pair [lo, hi] with lo <= hi; got [{shown_number(lo)}, {shown_number(hi)}]."
+            raise wrong(place, what, "Exchange the two numbers.")
         pairs.append((lo, hi))
     return tuple(pairs)
 
@@ -75,12 +88,11 @@ def _read_disturbance(value: Any, *, with_exosystem: bool) -> Fraction | None:
     key = "region.initial_disturbance"
     if value is None:
         if with_exosystem:
-            raise wrong(
-                key,
+            what = (
                 "is required when there is an [exosystem]: an e-ball alone is not invariant,"
-                " because a large estimation error pushes the states out of it.",
-                "Give the largest |xi_i(0) - xihat_i(0)|, for example 0.5; 0 if it is known.",
+                " because a large estimation error pushes the states out of it."
             )
+            raise wrong(key, what, "Give the largest |xi_i(0) - xihat_i(0)|, for example 0.5; 0 if it is known.")
         return None
     number = parse_number(value, key=key)
     if number < 0:
@@ -111,32 +123,31 @@ class Simulation:
         return float(self.t_final)
 
 
-def read_simulation(
-    t_final: Any, seed: Any, xi0: Any, x0: Any = None, *, n: int, orders: tuple[int, ...], m: int = 1
-) -> Simulation:
-    """Read the [simulation] table.  Defaults: 20 s, seed 0, xi0 = None (ones are then used), x0 = None (drawn).
-
-    ``orders``: that of the exosystem, or n of them where agents have different ones.
-    """
+def read_simulation(value: Any, *, n: int, orders: tuple[int, ...], m: int = 1) -> Simulation:
+    """Read the [simulation] table; ``orders``: that of the exosystem, or n of them where agents have different ones."""
+    t_final, seed, xi0, x0 = _values({} if value is None else value, ("t_final", "seed", "xi0", "x0"), key="simulation")
     time = Fraction(20) if t_final is None else positive_number(t_final, key="simulation.t_final", unit="s")
-    if seed is None:
-        seed = 0
+    seed = 0 if seed is None else seed
     if isinstance(seed, bool) or not isinstance(seed, int) or not 0 <= seed < 2**63:
-        raise wrong(
-            "simulation.seed", f"must be a whole number from 0 to 2^63 - 1; got {shown(seed)}.", "For example seed = 0."
-        )
-    return Simulation(
-        t_final=time,
-        seed=seed,
-        xi0=None if xi0 is None else _read_xi0(xi0, n=n, orders=orders),
-        x0=None if x0 is None else _read_x0(x0, n=n, m=m),
-    )
+        what = f"must be a whole number from 0 to 2^63 - 1; got {shown(seed)}."
+        raise wrong("simulation.seed", what, "For example seed = 0.")
+    rows = None if xi0 is None else _read_xi0(xi0, n=n, orders=orders)
+    return Simulation(t_final=time, seed=seed, xi0=rows, x0=None if x0 is None else _read_x0(x0, n=n, m=m))
 
 
 def _read_xi0(value: Any, *, n: int, orders: tuple[int, ...]) -> Rows:
-    key, q = "simulation.xi0", orders[0]
-    if len(orders) > 1:
-        return _rows_of_orders(value, key=key, orders=orders)
+    key, q, n_rows = "simulation.xi0", orders[0], counted(len(orders), "row")
+    if len(orders) > 1:  # one row per agent, as long as the order of its own exosystem
+        if not is_list(value) or len(value) != len(orders) or not all(is_list(row) for row in value):
+            what = (
+                f"must have {n_rows}, one per agent, because the groups of exosystem.groups"
+                f" differ in order; got {shown(value)}."
+            )
+            cure = "Give every agent a row with one number per state of its own exosystem."
+            raise wrong(key, what, cure, kind=ShapeError)
+        because = "one per state of this agent's exosystem"
+        rows = enumerate(zip(value, orders, strict=True))
+        return tuple(read_vector(row, key=f"{key}[{i}]", length=m, because=because) for i, (row, m) in rows)
     if q == 0:
         raise wrong(key, "has no meaning without an [exosystem].", "Remove it.")
     return _rows(value, key=key, n=n, width=q, because="one per exosystem state")
@@ -147,12 +158,8 @@ def _read_x0(value: Any, *, n: int, m: int) -> Rows:
     key = "simulation.x0"
     if m == 1 and is_list(value) and len(value) > 1 and not any(is_list(row) for row in value):
         if len(value) != n:
-            raise wrong(
-                key,
-                f"must have {counted(n, 'number')}, one per agent, or 1 for all; got {len(value)}.",
-                "Give one number per agent.",
-                kind=ShapeError,
-            )
+            what = f"must have {counted(n, 'number')}, one per agent, or 1 for all; got {len(value)}."
+            raise wrong(key, what, "Give one number per agent.", kind=ShapeError)
         return tuple((parse_number(number, key=f"{key}[{i}]"),) for i, number in enumerate(value))
     return _rows(value, key=key, n=n, width=m, because="one per state component")
 
@@ -161,39 +168,16 @@ def _rows(value: Any, *, key: str, n: int, width: int, because: str) -> Rows:
     """One list of ``width`` numbers for all agents, or a list for each."""
     if is_list(value) and len(value) > 0 and all(is_list(row) for row in value):
         if len(value) not in (1, n):
-            raise wrong(
-                key,
+            what = (
                 f"must have {counted(n, 'row')}, one per agent, or be one list of {counted(width, 'number')};"
-                f" got {counted(len(value), 'row')}.",
-                "Give one row for all agents, or one each.",
-                kind=ShapeError,
+                f" got {counted(len(value), 'row')}."
             )
+            raise wrong(key, what, "Give one row for all agents, or one each.", kind=ShapeError)
         return tuple(read_vector(row, key=f"{key}[{i}]", length=width, because=because) for i, row in enumerate(value))
     if not is_list(value):
-        raise wrong(
-            key,
-            f"must be a list of {counted(width, 'number')}; got {shown(value)}.",
-            f"Write {[1] + [0] * (width - 1)}." if width <= 6 else "Write [1, 0, ...].",
-            kind=ShapeError,
-        )
+        cure = f"Write {[1] + [0] * (width - 1)}." if width <= 6 else "Write [1, 0, ...]."
+        raise wrong(key, f"must be a list of {counted(width, 'number')}; got {shown(value)}.", cure, kind=ShapeError)
     return (read_vector(value, key=key, length=width, because=because),)
-
-
-def _rows_of_orders(value: Any, *, key: str, orders: tuple[int, ...]) -> Rows:
-    """One row per agent, as long as the order of its own exosystem."""
-    if not is_list(value) or len(value) != len(orders) or not all(is_list(row) for row in value):
-        raise wrong(
-            key,
-            f"must have {counted(len(orders), 'row')}, one per agent, because the groups of exosystem.groups"
-            f" differ in order; got {shown(value)}.",
-            "Give every agent a row with one number per state of its own exosystem.",
-            kind=ShapeError,
-        )
-    because = "one per state of this agent's exosystem"
-    return tuple(
-        read_vector(row, key=f"{key}[{i}]", length=order, because=because)
-        for i, (row, order) in enumerate(zip(value, orders, strict=True))
-    )
 
 
 Schedule = tuple[tuple[Fraction, str], ...]
@@ -254,130 +238,87 @@ class Switching(Shown):
         hysteresis: Any = None,
     ) -> None:
         if not isinstance(signal, str) or signal not in SIGNALS:
-            raise wrong(
-                "switching.signal",
-                f"must be one of {', '.join(SIGNALS)}; got {shown(signal)}.",
-                'For example signal = "random".',
-            )
+            what = f"must be one of {', '.join(SIGNALS)}; got {shown(signal)}."
+            raise wrong("switching.signal", what, 'For example signal = "random".')
         object.__setattr__(self, "signal", signal)
-        given = {
-            "dwell": dwell,
-            "sequence": sequence,
-            "period": period,
-            "generator": generator,
-            "schedule": schedule,
-            "radius": radius,
-            "neighbours": neighbours,
-            "hysteresis": hysteresis,
-        }
+        given = (dwell, sequence, period, generator, schedule, radius, neighbours, hysteresis)
         errors: list[SpecError] = []
-        for name, value in given.items():
-            object.__setattr__(self, name, None)
-            if value is not None:
-                with kept(errors):
-                    object.__setattr__(self, name, _read(signal, name, value))
-        if not errors:
-            errors += _misfits(self)
-        raise_all(errors)
+        for each, value in zip(fields(self)[1:], given, strict=True):
+            object.__setattr__(self, each.name, None)
+            with kept(errors):
+                object.__setattr__(self, each.name, None if value is None else _read(signal, each.name, value))
+        raise_all(errors or _misfits(self))
 
 
-def check_switching(switching: Switching, modes: Sequence[str]) -> None:
+def check_switching(switching: Switching | None, modes: Sequence[str]) -> Switching | None:
     """Check what refers to the network's modes.  Raises: SpecError that names every wrong entry."""
+    if switching is None:
+        return None
     errors = []
     listed = [(f"switching.sequence[{k}]", mode) for k, mode in enumerate(switching.sequence or ())]
     listed += [(f"switching.schedule[{k}][1]", mode) for k, (_, mode) in enumerate(switching.schedule or ())]
+    names = ", ".join(modes[:6]) + (", ..." if len(modes) > 6 else "")
     for key, mode in listed:
         if mode not in modes:
-            names = ", ".join(list(modes)[:6]) + (", ..." if len(modes) > 6 else "")
             errors.append(wrong(key, f"must be a mode of [network.modes]; got {shown(mode)}.", f"One of {names}."))
     rows = 0 if switching.generator is None else len(switching.generator)
     if rows and rows != len(modes):
-        errors.append(
-            wrong(
-                "switching.generator",
-                f"must have {counted(len(modes), 'row')}, one per mode; got {rows}.",
-                "Give rows and columns in the order of [network.modes].",
-                kind=ShapeError,
-            )
-        )
+        what = f"must have {counted(len(modes), 'row')}, one per mode; got {rows}."
+        cure = "Give rows and columns in the order of [network.modes]."
+        errors.append(wrong("switching.generator", what, cure, kind=ShapeError))
     raise_all(errors)
+    return switching
 
 
 def _read(signal: str, name: str, value: Any) -> Any:
     key = f"switching.{name}"
     if name != "dwell" and name not in KEYS[signal]:
-        owners = [each for each, names in KEYS.items() if name in names]
-        raise SpecError(
-            f'{key} has no meaning for signal = "{signal}"; it belongs to {" and ".join(map(_quoted, owners))}.',
-            key=key,
-            cure=f"Remove it, or write signal = {_quoted(owners[-1])}.",
-        )
-    if name in ("dwell", "period"):
-        return positive_number(value, key=key, unit="s")
-    if name == "radius":
-        return positive_number(value, key=key, unit="a distance in the unit of x")
-    readers = {
-        "sequence": _read_sequence,
-        "generator": _read_generator,
-        "schedule": _read_schedule,
-        "neighbours": _read_neighbours,
-        "hysteresis": _read_hysteresis,
-    }
+        owners = [f'"{each}"' for each, names in KEYS.items() if name in names]
+        what = f'{key} has no meaning for signal = "{signal}"; it belongs to {" and ".join(owners)}.'
+        raise SpecError(what, key=key, cure=f"Remove it, or write signal = {owners[-1]}.")
+    if name in ("dwell", "period", "radius"):
+        return positive_number(value, key=key, unit="a distance in the unit of x" if name == "radius" else "s")
+    if name == "hysteresis":
+        number = parse_number(value, key=key)
+        if number < 0:
+            what = f"must be >= 0 (a distance in the unit of x); got {shown_number(number)}."
+            raise wrong(key, what, f"Write {_EXAMPLES[name]}.")
+        return number
+    if name == "neighbours":
+        if isinstance(value, bool) or not isinstance(value, int) or not 1 <= value < 2**31:
+            raise wrong(key, f"must be a whole number >= 1; got {shown(value)}.", f"Write {_EXAMPLES[name]}.")
+        return value
+    readers = {"sequence": _read_sequence, "generator": _read_generator, "schedule": _read_schedule}
     return readers[name](value, key)
 
 
-def _misfits(switching: Switching) -> list[SpecError]:
+def _misfits(own: Switching) -> list[SpecError]:
     """Keys that are missing, or that say the same thing twice."""
-    own, found = switching, []
-    if own.signal == "schedule" and own.schedule is None:
-        found.append(_missing("schedule", "schedule", "it says from when on which mode is active"))
-    if own.signal == "mobile" and own.radius is None and own.neighbours is None:
-        found.append(_missing("mobile", "radius", "it says how far an agent hears (or neighbours: how many)"))
-    if own.radius is not None and own.neighbours is not None:
-        found.append(_twice("neighbours", "radius", "either says who is near"))
-    if own.signal == "markov" and own.generator is not None and own.dwell is not None:
-        found.append(_twice("dwell", "generator", "its diagonal says how long stays last"))
-    if own.signal == "periodic":
-        found += _misfits_of_rounds(own)
+    has = {each.name for each in fields(own) if getattr(own, each.name) is not None}
+    rounds = own.signal == "periodic" and "schedule" in has
+    found = []
+    for applies, name, other, why in (  # without another key: where it applies, the key is required
+        (own.signal == "schedule", "schedule", "", "it says from when on which mode is active"),
+        (not {"radius", "neighbours"} & has, "radius", "", "it says how far an agent hears (or neighbours: how many)"),
+        (True, "neighbours", "radius", "either says who is near"),
+        (own.signal == "markov", "dwell", "generator", "its diagonal says how long stays last"),
+        (own.signal == "periodic" and not rounds, "period", "dwell", "either says how long a mode stays"),
+        (rounds, "dwell", "schedule", "the schedule says it all"),
+        (rounds, "sequence", "schedule", "the schedule says it all"),
+        (rounds, "period", "", "it says when the schedule begins anew"),
+    ):
+        key = f"switching.{name}"
+        if applies and other and {name, other} <= has:
+            what = f"must be left out where switching.{other} is given, because {why}."
+            found.append(wrong(key, what, "Keep one of them."))
+        elif applies and not other and name not in has and name in KEYS[own.signal]:
+            what = f'is required and missing: with signal = "{own.signal}" {why}.'
+            found.append(wrong(key, what, f"Write {_EXAMPLES[name]}."))
+    if rounds and own.schedule and own.period is not None and own.period <= own.schedule[-1][0]:
+        last, got = shown_number(own.schedule[-1][0]), shown_number(own.period)
+        what = f"must be > {last} s, the last instant of the schedule; got {got}."
+        found.append(wrong("switching.period", what, "Choose a longer one."))
     return found
-
-
-def _misfits_of_rounds(own: Switching) -> list[SpecError]:
-    if own.schedule is None:
-        return (
-            []
-            if own.dwell is None or own.period is None
-            else [_twice("period", "dwell", "either says how long a mode stays")]
-        )
-    found = [
-        _twice(name, "schedule", "the schedule says it all")
-        for name in ("dwell", "sequence")
-        if getattr(own, name) is not None
-    ]
-    if own.period is None:
-        return [*found, _missing("periodic", "period", "it says when the schedule begins anew")]
-    last = own.schedule[-1][0]
-    if own.period <= last:
-        found.append(
-            wrong(
-                "switching.period",
-                f"must be > {shown_number(last)} s, the last instant of the schedule; got {shown_number(own.period)}.",
-                "Choose a longer one.",
-            )
-        )
-    return found
-
-
-def _missing(signal: str, name: str, why: str) -> SpecError:
-    key = f"switching.{name}"
-    return SpecError(
-        f'{key} is required and missing: with signal = "{signal}" {why}.', key=key, cure=f"Write {_EXAMPLES[name]}."
-    )
-
-
-def _twice(name: str, other: str, why: str) -> SpecError:
-    key = f"switching.{name}"
-    return wrong(key, f"must be left out where switching.{other} is given, because {why}.", "Keep one of them.")
 
 
 def _read_sequence(value: Any, key: str) -> tuple[str, ...]:
@@ -389,28 +330,20 @@ def _read_sequence(value: Any, key: str) -> tuple[str, ...]:
 def _read_generator(value: Any, key: str) -> Matrix:
     matrix = read_matrix(value, key=key)
     if len(matrix) != len(matrix[0]):
-        raise wrong(
-            key,
-            f"must be square, one row and one column per mode; got shape ({len(matrix)}, {len(matrix[0])}).",
-            f"For two modes {_EXAMPLES['generator']}.",
-            kind=ShapeError,
-        )
+        what = f"must be square, one row and one column per mode; got shape ({len(matrix)}, {len(matrix[0])})."
+        raise wrong(key, what, f"For two modes {_EXAMPLES['generator']}.", kind=ShapeError)
     for k, row in enumerate(matrix):
         for other, rate in enumerate(row):
             if other != k and rate < 0:
                 place = f"{key}[{k}][{other}]"
-                raise wrong(
-                    place,
-                    f"must be >= 0, because it is a rate (1/s); got {shown_number(rate)}.",
-                    "Only the diagonal is negative.",
-                )
+                what = f"must be >= 0, because it is a rate (1/s); got {shown_number(rate)}."
+                raise wrong(place, what, "Only the diagonal is negative.")
         if sum(row):
-            raise wrong(
-                f"{key}[{k}]",
+            what = (
                 f"must add up to 0, because a chain that leaves a mode enters another; got"
-                f" {shown_number(sum(row, Fraction(0)))}.",
-                f"Write {shown_number(row[k] - sum(row))} at place {k} of that row.",
+                f" {shown_number(sum(row, Fraction(0)))}."
             )
+            raise wrong(f"{key}[{k}]", what, f"Write {shown_number(row[k] - sum(row))} at place {k} of that row.")
     return matrix
 
 
@@ -423,37 +356,14 @@ def _read_schedule(value: Any, key: str) -> Schedule:
             raise _no_list(f"{key}[{k}]", "[instant in s, mode]", row, "schedule")
         rows.append((parse_number(row[0], key=f"{key}[{k}][0]"), _mode(row[1], f"{key}[{k}][1]")))
     if rows[0][0] != 0:
-        raise wrong(
-            f"{key}[0][0]",
-            f"must be 0, because something is active from the start; got {shown_number(rows[0][0])}.",
-            "Say which mode is active from 0 s on.",
-        )
+        what = f"must be 0, because something is active from the start; got {shown_number(rows[0][0])}."
+        raise wrong(f"{key}[0][0]", what, "Say which mode is active from 0 s on.")
     for k, ((before, _), (after, _)) in enumerate(pairwise(rows)):
         if after <= before:
             place = f"{key}[{k + 1}][0]"
-            raise wrong(
-                place,
-                f"must be > {shown_number(before)}, because instants increase; got {shown_number(after)}.",
-                "Sort the instants.",
-            )
+            what = f"must be > {shown_number(before)}, because instants increase; got {shown_number(after)}."
+            raise wrong(place, what, "Sort the instants.")
     return tuple(rows)
-
-
-def _read_neighbours(value: Any, key: str) -> int:
-    if isinstance(value, bool) or not isinstance(value, int) or not 1 <= value < 2**31:
-        raise wrong(key, f"must be a whole number >= 1; got {shown(value)}.", f"Write {_EXAMPLES['neighbours']}.")
-    return value
-
-
-def _read_hysteresis(value: Any, key: str) -> Fraction:
-    number = parse_number(value, key=key)
-    if number < 0:
-        raise wrong(
-            key,
-            f"must be >= 0 (a distance in the unit of x); got {shown_number(number)}.",
-            f"Write {_EXAMPLES['hysteresis']}.",
-        )
-    return number
 
 
 def positive_number(value: Any, *, key: str, unit: str) -> Fraction:
@@ -473,7 +383,3 @@ def _mode(value: Any, key: str) -> str:
 
 def _no_list(key: str, what: str, value: Any, name: str) -> SpecError:
     return wrong(key, f"must be {what}; got {shown(value)}.", f"For example {_EXAMPLES[name]}.")
-
-
-def _quoted(name: str) -> str:
-    return f'"{name}"'

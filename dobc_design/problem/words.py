@@ -9,10 +9,10 @@ from typing import Any
 from dobc_design.errors import SpecError
 from dobc_design.exact.number import number_text
 from dobc_design.exact.reading import counted, is_scalar_matrix
+from dobc_design.problem.arrays import unreached
 from dobc_design.problem.groups import Group
 from dobc_design.problem.network import Arcs
 from dobc_design.problem.problem import Problem
-from dobc_design.problem.reaching import unreached
 from dobc_design.problem.settings import Switching
 
 LISTED = 30
@@ -21,20 +21,22 @@ LISTED = 30
 def describe(problem: Problem) -> str:
     """Several lines that an engineer can compare with the drawing on the wall."""
     labels = problem.network.labels
+    order = f"disturbance of order {problem.q}." if problem.q else "no disturbance."
+    if problem.is_grouped:
+        order = f"disturbances of {counted(len(problem.groups), 'group')} of agents."
+    others = f" ({counted(len(problem.exceptions), 'arc')} with another)" if problem.exceptions else ""
     lines = [
-        f"{problem.name}: {counted(problem.n, 'agent')}, {counted(problem.m, 'state component')} each, "
-        + _order(problem),
-        f"Target: {_vector(problem.target)}. Coupling: h = {_coupling(problem)}.",
+        f"{problem.name}: {counted(problem.n, 'agent')}, {counted(problem.m, 'state component')} each, {order}",
+        f"Target: {_vector(problem.target)}. Coupling: h = {'; '.join(problem.coupling.texts)}{others}.",
     ]
     for mode, arcs in problem.network.modes.items():
         lines.append(f'Mode "{mode}": {counted(len(arcs), "arc")}.')
         lines += [f"  {text}" for text in _listening(labels, arcs)]
-        missing = [labels[i] for i in unreached(problem, [arcs])]
-        if missing:
-            lines.append(f"  NOT REACHED from a pinned agent: {_some(missing)}.")
-        else:
-            lines.append("  Every agent is reached from a pinned agent.")
-    pins = [f"{labels[i]} (k = {_gain(k)})" for i, k in problem.pinning.gains.items()]
+        missing = _some([labels[i] for i in unreached(problem, [arcs])])
+        yes = "  Every agent is reached from a pinned agent."
+        lines.append(f"  NOT REACHED from a pinned agent: {missing}." if missing else yes)
+    gains = problem.pinning.gains.items()
+    pins = [f"{labels[i]} (k = {number_text(k[0][0]) if is_scalar_matrix(k) else 'matrix'})" for i, k in gains]
     lines.append(f"Pinned: {_some(pins)}." if pins else "Pinned: nobody.")
     if problem.offsets:
         lines.append(f"Formation offsets: {_some([f'{labels[i]}: {_vector(o)}' for i, o in problem.offsets.items()])}.")
@@ -52,12 +54,6 @@ def describe(problem: Problem) -> str:
         lines.append(f"Simulations start at x0, {where}.")
     lines += [f"Note: {note}" for note in problem.notes]
     return "\n".join(lines)
-
-
-def _order(problem: Problem) -> str:
-    if problem.is_grouped:
-        return f"disturbances of {counted(len(problem.groups), 'group')} of agents."
-    return f"disturbance of order {problem.q}." if problem.q else "no disturbance."
 
 
 def _observer(problem: Problem, group: Group) -> str:
@@ -130,16 +126,6 @@ def _listening(labels: Sequence[str], arcs: Arcs) -> list[str]:
             break
     rows = [f"{labels[i]} listens to {', '.join(names[:LISTED])}" for i, names in list(heard.items())[:LISTED]]
     return [*rows, "..."] if len(heard) > LISTED else rows
-
-
-def _coupling(problem: Problem) -> str:
-    text = "; ".join(problem.coupling.texts)
-    extra = len(problem.exceptions)
-    return text + (f" ({counted(extra, 'arc')} with another)" if extra else "")
-
-
-def _gain(matrix: Any) -> str:
-    return number_text(matrix[0][0]) if is_scalar_matrix(matrix) else "matrix"
 
 
 def _vector(values: Sequence[Any]) -> str:

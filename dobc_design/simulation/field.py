@@ -23,9 +23,9 @@ from numpy.typing import NDArray
 from scipy.linalg import expm
 
 from dobc_design.coupling import tree
-from dobc_design.coupling.algebra import NumpyAlgebra
 from dobc_design.coupling.coupling import Coupling
 from dobc_design.coupling.functions import FUNCTIONS
+from dobc_design.coupling.tree import NumpyAlgebra
 from dobc_design.problem import arrays
 from dobc_design.problem.arrays import ArcGroup, Array, Gain
 from dobc_design.problem.network import IndexArray

@@ -18,8 +18,7 @@ from scipy.spatial import cKDTree
 
 from dobc_design.errors import ShapeError, SpecError, wrong
 from dobc_design.exact.reading import counted, is_list, shown
-from dobc_design.problem.arcs import places_at, split_by
-from dobc_design.problem.arrays import ArcGroup, Array
+from dobc_design.problem.arrays import ArcGroup, Array, places_at, split_by
 from dobc_design.problem.network import IndexArray
 from dobc_design.problem.problem import Problem
 from dobc_design.simulation.signals import Fixed, Markov, Mobile, Periodic, RandomDwell, Schedule, Scheduled, Waypoints

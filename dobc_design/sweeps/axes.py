@@ -35,7 +35,7 @@ from dobc_design.errors import SpecError
 from dobc_design.exact.number import number_text, parse_number
 from dobc_design.exact.reading import NumberText, is_list, shown
 from dobc_design.problem.changes import typed_number
-from dobc_design.problem.toml_text import parse_toml
+from dobc_design.problem.load import parse_toml
 
 Path = tuple[str | int, ...]
 

@@ -23,10 +23,8 @@ from dobc_design.exact.number import float_above
 from dobc_design.exact.reading import shown
 from dobc_design.problem.canonical import problem_sha256
 from dobc_design.problem.changes import problem_text
-from dobc_design.problem.file import read_problem_tables
-from dobc_design.problem.load import load_problem, source_text
+from dobc_design.problem.load import load_problem, parse_toml, read_problem_tables, source_text
 from dobc_design.problem.problem import Problem
-from dobc_design.problem.toml_text import parse_toml
 from dobc_design.sweeps.axes import Axis, read_axes, read_value, with_changes
 from dobc_design.verdict import Verdict
 

@@ -43,10 +43,8 @@ def test_a_list_couples_the_components():
     coupling = make_coupling(["y1*y2 + 2*y2", "tanh(y1) - y2/3"], dimension=2)
     assert not coupling.by_component
     assert coupling.texts == ("y1*y2 + 2*y2", "tanh(y1) - y2/3")
-    assert coupling.jacobian_at_zero() == (
-        (ZERO, Interval.point(2)),
-        (Interval.point(1), Interval.point(Fraction(-1, 3))),
-    )
+    points = tuple(tuple(map(Interval.point, row)) for row in ((0, 2), (1, Fraction(-1, 3))))
+    assert coupling.jacobian_at_zero() == points
     y = np.array([[[0.5, -1.0]], [[2.0, 3.0]]])
     expected = np.stack([y[..., 0] * y[..., 1] + 2 * y[..., 1], np.tanh(y[..., 0]) - y[..., 1] / 3], axis=-1)
     np.testing.assert_allclose(coupling.value(y), expected, rtol=1e-14)
@@ -68,22 +66,16 @@ def test_slopes_that_are_irrational_are_enclosed():
 @pytest.mark.parametrize(
     ("h", "linear"),
     [
+        (["y1 - y2", "y2"], True),
+        (["y1 - y2", "y2*y1"], False),
         ("2*y - y/3", True),
         ("sin(1)*y", True),
-        ("0*y", True),
         ("0", True),
         ("y + 0*y**2", False),
-        ("y**3", False),
-        ("clip(y, -1, 1)", False),
     ],
 )
 def test_linear_couplings_are_known_by_their_degree(h, linear):
     assert make_coupling(h, dimension=2).is_linear is linear
-
-
-def test_a_list_is_linear_only_if_every_component_is():
-    assert make_coupling(["y1 - y2", "y2"], dimension=2).is_linear
-    assert not make_coupling(["y1 - y2", "y2*y1"], dimension=2).is_linear
 
 
 def test_kinks_are_named_over_all_components():
@@ -97,29 +89,17 @@ def test_kinks_are_named_over_all_components():
 @pytest.mark.parametrize(
     ("h", "message"),
     [
-        (
-            "exp(y) + y",
-            r'^coupling\.h "exp\(y\) \+ y" must vanish at y = 0 but equals 1; '
-            r'did you mean "exp\(y\) \+ y - 1"\?$',
-        ),
-        ("y - 1/3", r'equals -1/3; did you mean "y"\?'),
+        ("exp(y) + y", r'^coupling\.h "exp\(y\) \+ y" must vanish .* equals 1; did you mean "exp\(y\) \+ y - 1"\?$'),
         ("cos(y) - 3/2", r'equals -1/2; did you mean "cos\(y\) - 3/2 \+ 0.5"\?'),
         ("y + 2", r'equals 2; did you mean "y"\?'),
         ("exp(y - 1)", r"must vanish at y = 0 but is about 0\.368\.$"),
-        ("y - pi", r"is about -3\.14\.$"),
         ("y + 9**64", r"is about 1\.18e\+61"),
-        ("y + 1e300", r"equals 1e300; did you mean"),
         ("exp(1 + y) - exp(1)", r"cannot be shown to vanish at y = 0 .*rewrite it\. For example exp\(1\)\*"),
-        ("sin(pi)", "cannot be shown to vanish at y = 0"),
         ("log(y)", r"but is undefined there: log is not defined on the whole of \[0, 0\]"),
-        ("1/y", r"is undefined there: division by \[0, 0\]"),
         ("y**-1", "is undefined there: .*contains 0"),
         ("exp(exp(99 + y)) - 1", "is undefined there: exp of .* too large"),
         ("sqrt(y)", r"around y = 0 \(seen on \|y\| <= 2\^-40\): sqrt is not defined on .* \[-1/10995116"),
         ("sqrt(abs(y))", "bounded slope around y = 0 .*: sqrt has no bounded slope on"),
-        ("sqrt(y**2)", "sqrt has no bounded slope on"),
-        ("y^2", r'did you mean "y\*\*2"'),
-        ("y2", "the only variable is y"),
     ],
 )
 def test_a_coupling_must_vanish_at_zero_and_be_lipschitz_around_it(h, message):
@@ -143,20 +123,13 @@ def test_suggestions_are_themselves_accepted():
         make_coupling(str(caught.value).split('did you mean "')[1].rstrip('"?'), dimension=1)
 
 
-def test_a_long_expression_is_refused_without_a_suggestion():
-    with pytest.raises(ExpressionError, match=r"equals 1$"):
-        make_coupling("+".join(["y"] * 100) + "+cos(y)", dimension=1)
-
-
 @pytest.mark.parametrize(
     ("h", "error", "key", "message"),
     [
         ("y1", ExpressionError, "coupling.h", r'"y1" in column 1; a single .* list of 2 .* y1 to y2'),
         ("y + y2", ExpressionError, "coupling.h", 'found "y2" in column 5'),
         (["y1"], ShapeError, "coupling.h", r"must have 2 expressions, one per state component; got 1"),
-        ([], ShapeError, "coupling.h", "got 0"),
         (3, ExpressionError, "coupling.h", "must be an expression in y, in quotes, or a list of them; got 3"),
-        (None, ExpressionError, "coupling.h", "got None"),
         (["y1", 2], ExpressionError, "coupling.h[1]", r"must be an expression in text; got int"),
         (["y1", "y1 + 1"], ExpressionError, "coupling.h[1]", r'^coupling\.h\[1\] "y1 \+ 1" must vanish'),
         (["y", "y1"], ExpressionError, "coupling.h[0]", 'did you mean "y1"'),
@@ -184,9 +157,7 @@ def test_a_coupling_cannot_exist_invalid():
         Coupling(components=(bad,), by_component=True, dimension=1)
     for components, by_component, dimension in [
         ((h, h), True, 2),
-        ((h,), False, 1),
         ((h, h), False, 2),
-        (pair[:1], False, 2),
         (pair, True, 2),
         ((), True, 1),
     ]:
@@ -211,13 +182,6 @@ def test_values_have_the_shape_of_their_argument():
     for wrong in (1.0, [1.0], [[1.0, 2.0, 3.0]]):
         with pytest.raises(ShapeError, match="last axis of y must have length 2"):
             coupling.value(wrong)
-
-
-@pytest.mark.parametrize("h", ["(" * 10 + "3*y" + ")**64" * 10, "*".join(["y"] * 1000), "sin(" * 50 + "y" + ")" * 50])
-def test_hostile_couplings_take_bounded_time(h):
-    start = time.process_time()
-    make_coupling(h, dimension=1)
-    assert time.process_time() - start < 10
 
 
 def test_many_components_take_bounded_time():

@@ -20,7 +20,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from latex2mathml.converter import convert
 
-from dobc_design.coupling.algebra import GradientAlgebra, IntervalAlgebra
+from dobc_design.coupling import tree
 from dobc_design.coupling.expression import (
     Expression,
     nonsmooth_functions,
@@ -32,22 +32,8 @@ from dobc_design.coupling.expression import (
     variables_used,
 )
 from dobc_design.coupling.functions import FUNCTIONS
-from dobc_design.coupling.tree import (
-    Add,
-    Call,
-    Constant,
-    Divide,
-    Multiply,
-    Negate,
-    Operators,
-    Pi,
-    Power,
-    Subtract,
-    Variable,
-    evaluate,
-    postorder,
-)
-from dobc_design.errors import ExpressionError, ShapeError, SpecError
+from dobc_design.coupling.tree import Add, Call, Constant, Divide, Multiply, Negate, Pi, Power, Subtract, Variable
+from dobc_design.errors import ExpressionError, ShapeError
 from dobc_design.exact.interval import Interval, UndefinedError
 
 Y = Variable(0)
@@ -55,9 +41,6 @@ Y = Variable(0)
 
 def number(value):
     return Constant(Fraction(value))
-
-
-# Reading ------------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize(
@@ -68,27 +51,19 @@ def number(value):
         ("y1", Y),
         ("3.2", number("16/5")),
         (".5", number("1/2")),
-        ("2.", number(2)),
-        ("1e-3", number("1/1000")),
         ("-y**2", Negate(Power(Y, 2))),
         ("2**-1", Power(number(2), -1)),
         ("y**+3", Power(Y, 3)),
         ("y**(2)", Power(Y, 2)),
-        ("y**(-2)", Power(Y, -2)),
-        ("y**2.0", Power(Y, 2)),
         ("(y**2)**3", Power(Power(Y, 2), 3)),
-        ("y**1/2", Divide(Power(Y, 1), number(2))),
         ("y**0.5", Call("sqrt", (Y,))),
         ("y**(1/2)", Call("sqrt", (Y,))),
-        ("y**(2/4)", Call("sqrt", (Y,))),
         ("y - 1 - 2", Subtract(Subtract(Y, number(1)), number(2))),
         ("y - (1 - 2)", Subtract(Y, Subtract(number(1), number(2)))),
         ("y/2/3", Divide(Divide(Y, number(2)), number(3))),
         ("y + 2*y", Add(Y, Multiply(number(2), Y))),
         ("-y*y", Multiply(Negate(Y), Y)),
         ("y*-y", Multiply(Y, Negate(Y))),
-        ("--y", Negate(Negate(Y))),
-        ("+y", Y),
         ("max(y, 1, -y)", Call("max", (Y, number(1), Negate(Y)))),
         ("clip(y, -1, 1/2)", Call("clip", (Y, Negate(number(1)), Divide(number(1), number(2))))),
         (" \t\r\n( y )\n", Y),
@@ -105,7 +80,7 @@ def test_vector_expressions_number_their_variables_from_one():
     assert str(expression) == "y3 - y1"
 
 
-class _Rational(Operators):
+class _Rational(tree.Operators):
     """Algebra of Fraction, for comparison with Python's own evaluation."""
 
     def constant(self, value):
@@ -142,17 +117,15 @@ def test_values_agree_with_pythons_evaluation_in_exact_arithmetic(text, y):
         expected = eval(exact, {"Fraction": Fraction, "y": y, "min": min, "max": max, "abs": abs})  # noqa: S307 (the oracle, on text made here)
     except ZeroDivisionError:
         with pytest.raises((ZeroDivisionError, ExpressionError), match=r"zero|Fraction"):
-            evaluate(parse_expression(text).node, [y], _Rational())
+            tree.evaluate(parse_expression(text).node, [y], _Rational())
         return
     try:
         node = parse_expression(text).node
     except ExpressionError as error:
         assert "4096 bits" in str(error)
         return
-    assert evaluate(node, [y], _Rational()) == expected
+    assert tree.evaluate(node, [y], _Rational()) == expected
 
-
-# Writing ------------------------------------------------------------------------------------------
 
 _functions = st.sampled_from([name for name in FUNCTIONS if name not in ("min", "max", "clip")])
 _literals = st.one_of(
@@ -184,7 +157,7 @@ def _parse_or_none(text, dimension=3):
 
 @settings(max_examples=80, deadline=None)
 @given(text=texts)
-def test_canonical_text_parses_back_to_the_same_tree(text):
+def test_canonical_and_compact_text_parse_back_to_the_same_tree_and_latex_becomes_mathml(text):
     """Contract: problem.json holds expressions as text."""
     expression = _parse_or_none(text)
     if expression is None:
@@ -194,46 +167,24 @@ def test_canonical_text_parses_back_to_the_same_tree(text):
     assert again == expression
     assert hash(again) == hash(expression)
     assert str(again) == str(expression)
-
-
-@settings(max_examples=100, deadline=None)
-@given(text=texts)
-def test_compact_text_parses_back_to_the_same_tree_and_is_not_longer(text):
-    expression = _parse_or_none(text)
-    if expression is None:
-        return
     compact = to_text(expression.node, dimension=3, compact=True)
     assert parse_expression(compact, dimension=3) == expression
     assert len(compact) <= len(str(expression))
-
-
-@settings(max_examples=80, deadline=None)
-@given(text=texts)
-def test_every_expression_has_latex_that_becomes_mathml(text):
-    expression = _parse_or_none(text)
-    if expression is not None:
-        assert "<math" in convert(expression.latex)
+    assert "<math" in convert(expression.latex)
 
 
 @pytest.mark.parametrize(
     ("text", "canonical"),
     [
         ("exp( y )-1+y", "exp(y) - 1 + y"),
-        ("((y))", "y"),
-        ("(y*2)*3", "y*2*3"),
         ("y*(2*3)", "y*(2*3)"),
-        ("y-(1+2)", "y - (1 + 2)"),
         ("(-y)**2", "(-y)**2"),
         ("-(y*2)", "-(y*2)"),
-        ("y+-2", "y + -2"),
         ("0.50*y", "0.5*y"),
-        ("1e3*y", "1000*y"),
         ("1e-30*y", "1e-30*y"),
         ("1.5e300*y", "15e299*y"),
         ("0.001e-400*y", "0.001e-400*y"),
-        ("100e400*y", "100e400*y"),
         ("y**.5", "sqrt(y)"),
-        ("0e5*y", "0*y"),
     ],
 )
 def test_canonical_text_has_no_parenthesis_more_than_it_needs(text, canonical):
@@ -252,34 +203,22 @@ def test_fractions_without_decimals_are_written_as_quotients():
         ("exp(y) - 1 + y", "e^{y} - 1 + y"),
         ("y/2", r"\frac{y}{2}"),
         ("2*y", "2 y"),
-        ("2*3*y", r"2 \cdot 3 \, y"),
         ("y*(1 + y)", r"y \cdot \left(1 + y\right)"),
         ("2*(1 + y)", r"2 \left(1 + y\right)"),
         ("sin(y)**2", r"\sin^{2}\left(y\right)"),
         ("log(y)**2", r"\left(\ln\left(y\right)\right)^{2}"),
-        ("sin(y)**-2", r"\left(\sin\left(y\right)\right)^{-2}"),
         ("exp(y)**2", r"\left(e^{y}\right)^{2}"),
         ("(1 + y)**3", r"\left(1 + y\right)^{3}"),
-        ("1 - (y - 2)", r"1 - \left(y - 2\right)"),
         ("1 - -y", r"1 - \left(-y\right)"),
         ("-y*y", r"-y \, y"),
-        ("y*-y", r"y \cdot \left(-y\right)"),
         ("sqrt(abs(y))", r"\sqrt{\left|y\right|}"),
         ("clip(y, -1, 1)", r"\operatorname{clip}\left(y, -1, 1\right)"),
         ("atan(y)*pi", r"\arctan\left(y\right) \, \pi"),
         ("1e-30*y", r"10^{-30} \, y"),
-        ("25e-40*y", r"25 \cdot 10^{-40} \, y"),
     ],
 )
 def test_latex_is_what_one_would_write_by_hand(text, latex):
     assert parse_expression(text).latex == latex
-
-
-def test_latex_numbers_vector_variables():
-    assert parse_expression("y1*y2", dimension=2).latex == r"y_{1} \, y_{2}"
-
-
-# Refusing -----------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize(
@@ -289,79 +228,47 @@ def test_latex_numbers_vector_variables():
         (" \n", "found an empty text"),
         ("y^2", r'found "\^" in column 2; a power is written y\*\*2; did you mean "y\*\*2"\?'),
         ("2y + 3y", r'found "y" in column 2; here an operator is needed.*did you mean "2\*y \+ 3\*y"\?'),
-        ("2 (y + 1)", r'did you mean "2\*\(y \+ 1\)"\?'),
-        ("y^2 + 3y", r'did you mean "y\*\*2 \+ 3\*y"\?'),
         ("sin y", r'found "y" in column 5; sin needs its argument in paren.*did you mean "sin\(y\)"\?'),
         ("sin", "found the end in column 4; sin needs its argument"),
-        ("sin**2", 'found "\\*\\*" in column 4; sin needs its argument'),
         ("ln(y)", r'found "ln" in column 1; the names are y, pi.*did you mean "log\(y\)"\?'),
         ("tahn(y)", r'did you mean "tanh\(y\)"\?'),
-        ("Exp(y)", r'did you mean "exp\(y\)"\?'),
         ("x + x**2", r'did you mean "y \+ y\*\*2"\?'),
         ("e**y", r"the number e is written exp\(1\)"),
-        ("log10(y)", r"write log\(y\)/log\(10\)"),
         ("arcsin(y)", "the only inverse functions are atan and asinh"),
         ("arcsinh(y)", r'did you mean "asinh\(y\)"\?'),
         ("sign(y)", "must be continuous"),
-        ("foo(y)", "functions exp log sin cos tan tanh atan sinh cosh asinh sqrt abs min max clip$"),
         ("y2", "the only variable is y$"),
         ("Y", 'the only variable is y; did you mean "y"'),
-        ("y(1)", r'did you mean "y\*1"'),
         ("(y", r'the "\(" in column 1 is not closed; did you mean "y"\?'),
-        ("exp(y", r'the "\(" in column 4 is not closed; did you mean "exp\(y\)"\?'),
         ("y)", r'found "\)" in column 2; there is no \( that it closes'),
-        ("(y))", r'found "\)" in column 4; there is no \('),
         ("0,5*y", r'found "," in column 2; a comma only separates'),
         ("sin(y, y)", r'"sin" with 2 argument\(s\) in column 1; sin takes 1 argument$'),
-        ("sin()", r"with 0 argument\(s\) in column 1; sin takes 1 argument"),
-        ("max(y)", "max takes 2 arguments or more"),
-        ("clip(y, 1)", "clip takes 3 arguments"),
         ("clip(y, 1, 0)", "needs lo <= hi"),
         ("clip(y, -pi, pi)", "must be rational constants; for others use min and max"),
-        ("clip(y, -y, 1)", "must be rational constants"),
         ("y**y", r'found "y" in column 4; an exponent must be a literal integer from -64 to 64, or 1/2'),
         ("y**2**3", r'found "\*\*" in column 5.*write \(y\*\*2\)\*\*3'),
         ("y**65", 'found "65" in column 4; an exponent'),
-        ("y**-65", 'found "-65" in column 4; an exponent'),
         ("y**2.5", 'found "2.5"'),
-        ("y**(1/3)", r'found "\(1/3\)" in column 4'),
-        ("y**(1/0)", r'found "\(1/0\)" in column 4'),
         ("y**(1+1)", r'found "\+" in column 6; an exponent'),
         ("y**-0.5", r"written 1/sqrt\(y\)"),
         ("y**", "found the end in column 4; an exponent"),
-        ("9**9**9", "an exponent must be a literal"),
-        ("y**99999999999999", "an exponent must be a literal"),
         ("((9**64)**64)*y", r'found "\*\*" in column 9; this constant needs more than 4096 bits'),
-        ("1e400*1e400*1e400*1e400*y", "more than 4096 bits"),
         ("1/0*y", 'found "/" in column 2; this divides by zero'),
         ("y/(1 - 1)", "divides by zero"),
-        ("y/max(-1, 0)", "divides by zero"),
-        ("y/abs(0)", "divides by zero"),
-        ("y/clip(3, -1, 0)", "divides by zero"),
         ("y*0**-1", "a negative power of zero"),
         ("1e401*y", 'found "1e401" in column 1; a number has at most 200 characters'),
-        ("9" * 201, "a number has at most 200 characters"),
         ("1.2.3", r'found "\.3" in column 4'),
         ("1_000*y", 'found "_000" in column 2'),
         ("y//2", r'found "/" in column 3; here a number, a name or \( is needed'),
-        ("y*", "found the end in column 3; here a number"),
         ("math.exp(y)", "without a module"),
-        ("y = 2", "right-hand side only"),
         ("|y|", r"written abs\(y\)"),
-        ("[y]", r'round parentheses.*did you mean "y"'),
-        ("y²", r'did you mean "y\*\*2"'),
         ("y − 1", r'only looks like a minus; did you mean "y - 1"'),
-        ("2·y", r'did you mean "2\*y"'),
-        ("π*y", r'did you mean "pi\*y"'),
         ("y\x00", r'found "\\x00" in column 2; only numbers, names'),
         ("\ud800", r'found "\\ud800" in column 1'),
-        ("y # odd", 'found "#" in column 3'),
         ("__import__('os')", "column 12; only numbers, names"),
         ("lambda: y", 'found ":"|operator'),
-        ("y if y else 0", 'found "if" in column 3'),
         ("y" * 2000, "the names are y"),
         ("(" * 51 + "y" + ")" * 51, 'found "\\(" in column 51; parentheses may be nested at most 50 deep'),
-        ("exp(" * 51 + "y" + ")" * 51, "nested at most 50 deep"),
         ("(" * 2000, "nested at most 50 deep"),
     ],
 )
@@ -379,7 +286,6 @@ def test_what_is_not_in_the_language_is_refused_with_place_and_advice(text, mess
         ("y4", "the variables are y1 to y3$"),
         ("y0", "the variables are y1 to y3$"),
         ("y_2", 'did you mean "y2"'),
-        ("y12", "the variables are y1 to y3$"),
         ("", "write a function of y1 to y3"),
     ],
 )
@@ -391,11 +297,6 @@ def test_vector_expressions_say_which_variables_there_are(text, message):
 def test_more_than_2000_characters_are_refused_unread():
     with pytest.raises(ExpressionError, match=r"must have at most 2000 characters.*has 2001"):
         parse_expression("+".join(["y"] * 1001))
-
-
-def test_what_is_no_text_is_refused():
-    with pytest.raises(ExpressionError, match=r"exceptions\.h must be an expression in text; got int"):
-        parse_expression(3, key="exceptions.h")
 
 
 def test_a_text_that_grows_beyond_the_limit_when_written_out_is_refused():
@@ -412,70 +313,30 @@ def test_no_guess_is_made_where_too_much_would_have_to_be_repaired():
         parse_expression("y^2" + " + y" * 40)
 
 
-def test_compact_numbers_are_the_shortest_ones():
-    expression = parse_expression("0*y + 0.5*y + 1000000*y - 12.5")
-    assert to_text(expression.node, compact=True) == "0*y+.5*y+1e6*y-12.5"
-
-
-def test_expression_errors_are_spec_errors_and_name_their_key():
-    with pytest.raises(SpecError, match=r"^coupling\.exceptions\[0\]\.h ") as caught:
-        parse_expression("y^2", key="coupling.exceptions[0].h")
-    assert caught.value.cure == 'did you mean "y**2"?'
-
-
 def test_fifty_nested_parentheses_are_read():
     assert parse_expression("(" * 50 + "y" + ")" * 50).node == Y
-    assert len(postorder(parse_expression("sin(" * 50 + "y" + ")" * 50).node)) == 51
-    assert len(postorder(parse_expression("-" * 1999 + "y").node)) == 2000
+    assert len(tree.postorder(parse_expression("sin(" * 50 + "y" + ")" * 50).node)) == 51
+    assert len(tree.postorder(parse_expression("-" * 1999 + "y").node)) == 2000
 
 
-_long_words = ["y1", "pi", "exp", "log", "clip", "min", "**", "0.5", "64", "1e400", "1e-400", "sqrt", "(9**64)"]
-_words = st.sampled_from([*"y(),+-*/29 \n^e.x²", *_long_words])
+HOSTILE = ["(" * 50 + "9**64" + ")**64" * 50, "*".join(["(9**64)"] * 250), "/".join(["7**64"] * 300) + "*y", "(" * 2000]
+HOSTILE += [
+    "9**64" + "**64" * 400,
+    "-" * 2000,
+    "y" * 2000,
+    "+".join(["y"] * 1000),
+    "2y" * 1000,
+    "y^" * 1000,
+    "1e400" * 400,
+]
 
 
-@settings(max_examples=150, deadline=1000)
-@given(text=st.one_of(st.text(max_size=300), st.lists(_words, max_size=60).map("".join)))
-def test_any_text_is_read_or_refused_with_an_expression_error(text):
-    """Contract: one clear error, no traceback, whatever the file holds."""
-    try:
-        expression = parse_expression(text)
-    except ExpressionError as error:
-        assert str(error).startswith("coupling.h ")
-        assert len(str(error)) < 1000
-    else:
-        assert parse_expression(str(expression)) == expression
-
-
-@pytest.mark.parametrize(
-    "text",
-    [
-        "9**9**9",
-        "9**64" + "**64" * 400,
-        "(" * 50 + "9**64" + ")**64" * 50,
-        "*".join(["(9**64)"] * 250),
-        "*".join(["9**64"] * 300) + "*y",
-        "/".join(["7**64"] * 300) + "*y",
-        "(" * 2000,
-        ")" * 2000,
-        "-" * 2000,
-        "y" * 2000,
-        "+".join(["y"] * 1000),
-        "2y" * 1000,
-        "y^" * 1000,
-        "1e400" * 400,
-        "min(" * 500,
-        "." * 2000,
-        "1e" * 1000,
-    ],
-)
+@pytest.mark.parametrize("text", [*HOSTILE, "min(" * 500, "1e" * 1000, "y^" * 1000, "1e400" * 400])
 def test_hostile_text_takes_bounded_time(text):
     start = time.perf_counter()
     with contextlib.suppress(ExpressionError):
         parse_expression(text)
     assert time.perf_counter() - start < 10
-
-
-# The tree -----------------------------------------------------------------------------------------
 
 
 def test_a_sum_of_a_thousand_terms_is_no_deeper_than_y():
@@ -524,17 +385,9 @@ def test_nodes_cannot_exist_invalid():
     [
         ("3*pi", 0),
         ("exp(2)*y - y/3", 1),
-        ("y**2*y", 3),
         ("(y**3 + 1)**2", 6),
-        ("y**0", 0),
-        ("y**-1", None),
-        ("2**-1*y", 1),
-        ("1/y", None),
-        ("y/(2 + 1)", 1),
         ("sin(y)", None),
-        ("sin(y) + y", None),
         ("y - sin(y)", None),
-        ("sin(y)*y", None),
         ("sin(y)**2", None),
         ("-y", 1),
         ("y**2 - y**2 + y", 2),
@@ -571,8 +424,6 @@ def test_variables_used_are_increasing_indices():
     assert variables_used(parse_expression("y3 + y1*y3", dimension=4).node) == (0, 2)
     assert variables_used(parse_expression("2").node) == ()
 
-
-# NumPy --------------------------------------------------------------------------------------------
 
 _SYMPY = {
     "abs": sympy.Abs,
@@ -617,12 +468,6 @@ def test_numpy_functions_take_arrays_of_any_shape():
         vector([1, 2, 3])
 
 
-def test_numpy_functions_do_not_alias_their_argument():
-    y = np.ones(3)
-    numpy_function(parse_expression("y"))(y)[0] = 7
-    assert y.tolist() == [1, 1, 1]
-
-
 def test_numpy_functions_overflow_to_infinity_without_a_warning():
     assert numpy_function(parse_expression("exp(y)"))(1e4) == np.inf
     assert np.isnan(numpy_function(parse_expression("log(y)"))(-1.0))
@@ -630,13 +475,11 @@ def test_numpy_functions_overflow_to_infinity_without_a_warning():
     assert numpy_function(parse_expression("1e-400*y"))(1.0) == 0
 
 
-# Intervals and gradients --------------------------------------------------------------------------
-
 mpmath_context = mpmath.mp.clone()
 mpmath_context.prec = 400
 
 
-class _Mpmath(Operators):
+class _Mpmath(tree.Operators):
     """Algebra of 400-bit floats, the independent oracle for enclosures."""
 
     def constant(self, value):
@@ -673,16 +516,22 @@ VECTOR = [
 _fraction = st.fractions(-2, 2, max_denominator=50)
 
 
+def _box(ends, at):
+    """A box, and points in it: two fractions of its sides for each."""
+    box = [Interval(*sorted(ends[:2])), Interval(*sorted(ends[2:]))]
+    pairs = zip(at[::2], at[1::2], strict=True)
+    return box, [[side.lo + t * side.width for side, t in zip(box, pair, strict=True)] for pair in pairs]
+
+
 @pytest.mark.parametrize("text", VECTOR)
 @settings(max_examples=25, deadline=None)
 @given(ends=st.tuples(*[_fraction] * 4), at=st.tuples(*[st.fractions(0, 1, max_denominator=9)] * 2))
 def test_interval_values_contain_every_value_on_the_box(text, ends, at):
     """Theory, section 3: enclosures must round outward."""
     node = parse_expression(text, dimension=2).node
-    box = [Interval(*sorted(ends[:2])), Interval(*sorted(ends[2:]))]
-    point = [side.lo + t * side.width for side, t in zip(box, at, strict=True)]
-    value = evaluate(node, [_as_mpf(x) for x in point], _Mpmath())
-    assert _contains(evaluate(node, box, IntervalAlgebra()), value)
+    box, (point,) = _box(ends, at)
+    value = tree.evaluate(node, [_as_mpf(x) for x in point], _Mpmath())
+    assert _contains(tree.evaluate(node, box, tree.IntervalAlgebra()), value)
 
 
 @pytest.mark.parametrize("text", [text for text in VECTOR if "max" not in text and "clip" not in text])
@@ -691,16 +540,15 @@ def test_interval_values_contain_every_value_on_the_box(text, ends, at):
 def test_gradients_contain_sympys_derivatives_on_the_box(text, ends, at):
     expression = parse_expression(text, dimension=2)
     symbols = sympy.symbols("y1 y2")
-    box = [Interval(*sorted(ends[:2])), Interval(*sorted(ends[2:]))]
-    point = [side.lo + t * side.width for side, t in zip(box, at, strict=True)]
-    algebra = GradientAlgebra(2)
-    gradient = evaluate(expression.node, algebra.variables(box), algebra)
+    box, (point,) = _box(ends, at)
+    algebra = tree.GradientAlgebra(2)
+    gradient = tree.evaluate(expression.node, algebra.variables(box), algebra)
     oracle = sympy.sympify(text, locals=_SYMPY, rational=True)
     values = {s: sympy.Rational(x.numerator, x.denominator) for s, x in zip(symbols, point, strict=True)}
     for symbol, partial in zip(symbols, gradient.partials, strict=True):
         derivative = sympy.diff(oracle, symbol).subs(values).evalf(80)
         assert _contains(partial, mpmath_context.mpf(str(derivative)), slack="1e-70")
-    assert gradient.value == evaluate(expression.node, box, IntervalAlgebra())
+    assert gradient.value == tree.evaluate(expression.node, box, tree.IntervalAlgebra())
 
 
 @pytest.mark.parametrize("text", [text for text in VECTOR if "max" in text or "clip" in text])
@@ -709,42 +557,34 @@ def test_gradients_contain_sympys_derivatives_on_the_box(text, ends, at):
 def test_gradients_with_kinks_contain_a_mean_value_of_every_difference(text, ends, at):
     """Lebourg: f(a) - f(b) = g (a - b) with g in the generalized gradient on the segment."""
     node = parse_expression(text, dimension=2).node
-    box = [Interval(*sorted(ends[:2])), Interval(*sorted(ends[2:]))]
-    first = [side.lo + t * side.width for side, t in zip(box, at[:2], strict=True)]
-    second = [side.lo + t * side.width for side, t in zip(box, at[2:], strict=True)]
-    algebra = GradientAlgebra(2)
-    partials = evaluate(node, algebra.variables(box), algebra).partials
+    box, (first, second) = _box(ends, at)
+    algebra = tree.GradientAlgebra(2)
+    partials = tree.evaluate(node, algebra.variables(box), algebra).partials
     reachable = sum(
         (partial * (a - b) for partial, a, b in zip(partials, first, second, strict=True)), Interval.point(0)
     )
-    values = [evaluate(node, [_as_mpf(x) for x in point], _Mpmath()) for point in (first, second)]
+    values = [tree.evaluate(node, [_as_mpf(x) for x in point], _Mpmath()) for point in (first, second)]
     assert _contains(reachable, values[0] - values[1])
 
 
 def _slope_of(text, low, high):
-    algebra = GradientAlgebra(1)
+    algebra = tree.GradientAlgebra(1)
     box = [Interval(Fraction(low), Fraction(high))]
-    return evaluate(parse_expression(text).node, algebra.variables(box), algebra).partials[0]
+    return tree.evaluate(parse_expression(text).node, algebra.variables(box), algebra).partials[0]
 
 
 @pytest.mark.parametrize(
     ("text", "ends", "slope"),
     [
-        ("exp(y) - 1 + y", (0, 0), (2, 2)),
         ("tanh(y)", (0, 0), (1, 1)),
         ("y + y**3", (-2, 2), (1, 13)),
         ("y**-2", (1, 2), (-2, "-1/4")),
         ("y**0 + 3", (-1, 1), (0, 0)),
-        ("y/3", (0, 5), ("1/3", "1/3")),
-        ("3/y", (1, 2), (-3, "-3/4")),
         ("abs(y)", (0, 0), (-1, 1)),
         ("abs(y)", (1, 2), (1, 1)),
-        ("abs(y)", (-2, -1), (-1, -1)),
         ("clip(y, -1, 1)", ("-1/2", "1/2"), (1, 1)),
         ("clip(y, -1, 1)", (-2, 2), (0, 1)),
         ("clip(y, -1, 1)", (2, 3), (0, 0)),
-        ("clip(y, -1, 1)", (-3, -2), (0, 0)),
-        ("max(y, -2*y)", (0, 0), (-2, 1)),
         ("min(2*y, y, 7)", (1, "3/2"), (1, 1)),
         ("y*abs(y)", (0, 0), (0, 0)),
         ("sqrt(y)", (4, 9), ("1/6", "1/4")),
@@ -760,11 +600,9 @@ def test_slopes_are_exact_where_they_are_rational(text, ends, slope):
     ("text", "ends", "message"),
     [
         ("sqrt(y)", (0, 1), r"sqrt has no bounded slope on \[0, 1\]"),
-        ("sqrt(y**2)", (-1, 1), "sqrt has no bounded slope"),
         ("log(y)", (0, 1), "log is not defined"),
         ("1/y", (-1, 1), "division by"),
         ("tan(y)", (1, 2), "tan is not defined"),
-        ("y**-1", (-1, 1), "contains 0"),
     ],
 )
 def test_slopes_that_are_not_bounded_are_refused(text, ends, message):
@@ -777,16 +615,5 @@ def test_slopes_that_are_not_bounded_are_refused(text, ends, message):
 def test_intervals_of_hostile_expressions_take_bounded_time(text, ends):
     start = time.perf_counter()
     with contextlib.suppress(UndefinedError):
-        evaluate(parse_expression(text).node, [Interval(*ends)], IntervalAlgebra())
+        tree.evaluate(parse_expression(text).node, [Interval(*ends)], tree.IntervalAlgebra())
     assert time.perf_counter() - start < 10
-
-
-def test_a_sum_of_a_thousand_terms_has_an_interval_and_a_gradient():
-    node = parse_expression("+".join(["y"] * 1000)).node
-    assert evaluate(node, [Interval.point(2)], IntervalAlgebra()) == Interval.point(2000)
-    assert _slope_of("+".join(["y"] * 1000), -1, 1) == Interval.point(1000)
-
-
-def test_fewer_variables_than_the_tree_uses_is_an_error():
-    with pytest.raises(IndexError, match="out of range"):
-        evaluate(Variable(1), [1], _Mpmath())

@@ -12,11 +12,10 @@ import numpy as np
 import pytest
 import sympy
 
-from dobc_design.coupling.algebra import GradientAlgebra
-from dobc_design.coupling.enclosures import Curve, profile, slope_range, value_range
+from dobc_design.coupling.enclosures import Curve, profile, slope_form, tight_range, value_form
 from dobc_design.coupling.expression import numpy_function, parse_expression
 from dobc_design.coupling.functions import FUNCTIONS, NONSMOOTH
-from dobc_design.coupling.tree import evaluate
+from dobc_design.coupling.tree import GradientAlgebra, evaluate
 from dobc_design.exact.interval import Interval
 from dobc_design.export.c_text import CAlgebra, Piece
 from dobc_design.model.model import CasadiAlgebra, to_sympy
@@ -50,7 +49,7 @@ def test_value_slope_and_curvature_are_those_of_mpmath(name: str):
 def test_an_interval_holds_every_value_and_slope_on_it(name: str):
     """At eleven points of [0.1, 1.4]; the ranges are tight at their ends."""
     curve, Y = Curve(parse_expression(f"{name}(y)")), Interval(POINTS[0], POINTS[-1])
-    values, slopes = value_range(curve, Y), slope_range(curve, Y)
+    values, slopes = tight_range(curve, value_form, Y), tight_range(curve, slope_form, Y)
     grid = [float(Y.lo + k * Y.width / 10) for k in range(11)]
     function = getattr(mpmath, name)
     truth = [float(function(y)) for y in grid], [float(mpmath.diff(function, y)) for y in grid]

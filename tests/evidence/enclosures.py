@@ -9,7 +9,7 @@ from random import Random
 from evidence.row import Row
 from random_couplings import OUTER, coupling_text, near_kink, true_values
 
-from dobc_design.coupling.enclosures import Curve, jet, secant, secant_range, slope_range, value_form, value_range
+from dobc_design.coupling.enclosures import Curve, jet, secant, secant_range, slope_form, tight_range, value_form
 from dobc_design.coupling.expression import parse_expression
 from dobc_design.coupling.functions import FUNCTIONS
 from dobc_design.exact.interval import Interval, UndefinedError
@@ -47,8 +47,8 @@ def _compare(text: str, r: Random, points: int) -> tuple[int, list[str]]:
     start = Fraction(r.randint(-2000, 1500), 1000)
     Y = Interval(start, min(start + Fraction(r.randint(1, 9), 3) / 10 ** r.choice((0, 0, 1, 3)), Fraction(2)))
     enclosures = (
-        (*_tried(lambda: value_form(curve, Y)), value_range(curve, Y, tolerance=CLOSE)),
-        (*_tried(lambda: jet(curve, Y).slope), slope_range(curve, Y, tolerance=CLOSE)),
+        (*_tried(lambda: value_form(curve, Y)), tight_range(curve, value_form, Y, tolerance=CLOSE)),
+        (*_tried(lambda: jet(curve, Y).slope), tight_range(curve, slope_form, Y, tolerance=CLOSE)),
         (*_tried(lambda: secant(curve, Y).value), secant_range(curve, Y, tolerance=CLOSE)),
     )
     wrong = []

@@ -387,8 +387,7 @@ def test_the_error_bound_of_a_coupling_holds_for_single_precision(h: str):
 
 
 def single_precision(coupling, y: np.ndarray) -> np.ndarray:
-    from dobc_design.coupling.algebra import NumpyAlgebra
-    from dobc_design.coupling.tree import evaluate
+    from dobc_design.coupling.tree import NumpyAlgebra, evaluate
 
     class Single(NumpyAlgebra):
         def constant(self, value):

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-import json
 import random
 
 import pytest
+from grid_tables import tables
 
 import dobc_design as dd
 from dobc_design.errors import SpecError
@@ -84,21 +84,7 @@ mpc.branch = [ 1 2 0 0.1 0 0 0 0 0.98 0 1; ];
 def healthy(kind: str, tmp_path) -> bytes:
     if kind == "mat":
         return dd.to_mat("clock-sync", tmp_path / "healthy.mat").read_bytes()
-    if kind == "m":
-        return CASE.encode()
-
-    def frame(columns, rows):
-        return {"_object": json.dumps({"columns": columns, "index": list(range(len(rows))), "data": rows})}
-
-    inside = {
-        "sn_mva": 1.0,
-        "bus": frame(["vn_kv", "in_service"], [[10.0, True], [10.0, True]]),
-        "line": frame(
-            ["from_bus", "to_bus", "length_km", "x_ohm_per_km", "parallel", "in_service"], [[0, 1, 2.0, 5.0, 2, True]]
-        ),
-        "ext_grid": frame(["bus", "in_service"], [[0, True]]),
-    }
-    return json.dumps({"_module": "pandapower.auxiliary", "_object": inside}).encode()
+    return CASE.encode() if kind == "m" else tables()
 
 
 def damaged(data: bytes, rng: random.Random) -> bytes:

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-import json
 from fractions import Fraction
 
 import numpy as np
 import pytest
+from grid_tables import tables
 
 import dobc_design as dd
 from dobc_design.errors import SpecError
@@ -50,12 +50,8 @@ def test_a_matpower_case_becomes_angles_with_exact_susceptances(tmp_path):
     """Parallel branches add up: 1/0.05 + 1/(0.1 * 0.5) = 40; out of service and isolated ones are left out."""
     problem = imported(tmp_path, CASE)
     assert problem.network.labels == ("10", "20", "30")
-    assert sorted(problem.network.modes["grid"]) == [
-        (0, 1, 40),
-        (1, 0, 40),
-        (1, 2, Fraction(5, 2)),
-        (2, 1, Fraction(5, 2)),
-    ]
+    half = Fraction(5, 2)
+    assert sorted(problem.network.modes["grid"]) == [(0, 1, 40), (1, 0, 40), (1, 2, half), (2, 1, half)]
     assert problem.coupling.texts == ("sin(y)",)
     assert problem.pinning.agents == (0, 2)
     assert problem.name == "three"
@@ -69,13 +65,10 @@ def test_a_matpower_case_becomes_angles_with_exact_susceptances(tmp_path):
     [
         ("mpc.branch = [", "mpc.lines = [", "must hold the table mpc.branch"),
         ("4e-1", "1/3+0.1", r"mpc.branch\(3,4\) must be a number"),
-        ("4e-1", "pi", r"mpc.branch\(3,4\)"),
         ("4e-1", "-0.4", "must have a reactance > 0; got -2/5"),
-        ("4e-1", "0", "must have a reactance > 0; got 0"),
         ("20, 30", "20, 31", "names bus 31, which is not there"),
         ("20, 30", "20, 20", "from bus 20 to itself"),
         ("\t40\t4\t0\t0;", "\t40\t;\n", "at least 2 columns; row 4 has 1"),
-        ("\t10\t3\t0\t0;", "\tone\t3\t0\t0;", "must be a number"),
         ("\t10\t3\t0\t0;", "\t1.5\t3\t0\t0;", "bus must be a whole number"),
         ("\t10\t30\t0\t0.2\t0\t0\t0\t0\t0\t0\t0;", "\t10\t30\t0;", "at least 11 columns; row 4 has 3"),
     ],
@@ -140,29 +133,6 @@ def test_the_ieee_14_bus_network_is_that_of_the_built_in_problem():
     for pair, w in lines.items():
         if frozenset(pair) not in taps:
             assert same[pair] == pytest.approx(w, rel=1e-6)
-
-
-def tables(**changes) -> bytes:
-    """A network of two buses as pandapower writes it, by hand."""
-
-    def frame(columns, rows):
-        return {
-            "_module": "pandas.core.frame",
-            "_class": "DataFrame",
-            "_object": json.dumps({"columns": columns, "index": list(range(len(rows))), "data": rows}),
-        }
-
-    inside = {
-        "sn_mva": 1.0,
-        "bus": frame(["vn_kv", "in_service"], [[10.0, True], [10.0, True], [10.0, True]]),
-        "line": frame(
-            ["from_bus", "to_bus", "length_km", "x_ohm_per_km", "parallel", "in_service"],
-            [[0, 1, 2.0, 5.0, 2, True], [1, 2, 1.0, 10.0, 1, True]],
-        ),
-        "ext_grid": frame(["bus", "in_service"], [[0, True]]),
-        **{name: frame(*value) for name, value in changes.items()},
-    }
-    return json.dumps({"_module": "pandapower.auxiliary", "_class": "pandapowerNet", "_object": inside}).encode()
 
 
 def net_of(tmp_path, data: bytes):

@@ -61,16 +61,6 @@ def test_a_designed_gain_may_have_more_digits_than_a_problem_file_may():
     assert chosen_gain(triangle(exosystem=EXOSYSTEM), ((long,), (long,))) == ((long,), (long,))
 
 
-def test_a_gain_of_the_wrong_shape_is_refused():
-    with pytest.raises(ShapeError, match=r"gain must have shape \(2, 1\), one row per exosystem state"):
-        chosen_gain(triangle(exosystem=EXOSYSTEM), [[1, 2]])
-
-
-def test_a_gain_without_an_exosystem_is_refused():
-    with pytest.raises(SpecError, match="gain has no meaning without an"):
-        chosen_gain(triangle(), [[1]])
-
-
 def test_a_missing_gain_is_refused_with_a_cure():
     with pytest.raises(SpecError, match=r"observer.W must be known .* no W\. Give W in \[observer\], or design one"):
         required_gain(triangle(exosystem=EXOSYSTEM), None)
@@ -129,10 +119,6 @@ def test_matrix_gains_stand_on_the_diagonal():
     assert np.array_equal(pinning_matrix(problem).toarray(), expected)
 
 
-def test_without_pins_k_is_zero():
-    assert pinning_matrix(triangle()).nnz == 0
-
-
 def test_the_jacobian_at_the_consensus_is_minus_the_laplacian_of_the_gains():
     """(11) at e = 0, by hand: gains 6, 2 and 1."""
     expected = [[-7, 6, 1], [0, -2, 2], [0, 0, 0]]
@@ -150,3 +136,11 @@ def test_the_jacobian_of_a_vector_coupling_has_full_blocks():
 def test_a_kink_at_zero_leaves_no_jacobian():
     assert consensus_jacobian(triangle(exceptions={(0, 2): "y + abs(y)"}), "G") is None
     assert consensus_jacobian(triangle(exceptions={(0, 2): "clip(y, -1, 1)"}), "G") is not None
+
+
+def test_a_gain_of_the_wrong_shape_or_without_an_exosystem_is_refused():
+    with pytest.raises(ShapeError, match=r"gain must have shape \(2, 1\), one row per exosystem state"):
+        chosen_gain(triangle(exosystem=EXOSYSTEM), [[1, 2]])
+    with pytest.raises(SpecError, match="gain has no meaning without an"):
+        chosen_gain(triangle(), [[1]])
+    assert pinning_matrix(triangle()).nnz == 0

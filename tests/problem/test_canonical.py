@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-import copy
 import json
-import random
+from collections.abc import Iterator
 from fractions import Fraction
 
 import pytest
@@ -13,7 +12,7 @@ from hypothesis import strategies as st
 from random_problems import random_problem
 
 from dobc_design.errors import SpecError
-from dobc_design.problem.canonical import canonical_bytes, canonical_document, problem_from_canonical, problem_sha256
+from dobc_design.problem.canonical import canonical_bytes, problem_from_canonical, problem_sha256
 from dobc_design.problem.exosystems import Exosystem
 from dobc_design.problem.groups import Observer
 from dobc_design.problem.load import builtin_names, load_problem
@@ -21,11 +20,15 @@ from dobc_design.problem.network import Network
 from dobc_design.problem.problem import Problem
 from dobc_design.problem.settings import Switching
 
+
+def network(weight: float) -> Network:
+    arcs = {"A": [("a", "b"), ("b", "c", weight)], "B": [("c", "a")]}
+    return Network.from_arcs(arcs, arrow="listens_to", agents=["a", "b", "c"])
+
+
 PARTS = {
     "name": "rich",
-    "network": Network.from_arcs(
-        {"A": [("a", "b"), ("b", "c", 2.5)], "B": [("c", "a")]}, arrow="listens_to", agents=["a", "b", "c"]
-    ),
+    "network": network(2.5),
     "coupling": "exp(y) - 1 + y",
     "exceptions": {(0, 1): "2*y"},
     "target": "1/3",
@@ -41,9 +44,7 @@ PARTS = {
 
 OTHERS = {
     "name": "other",
-    "network": Network.from_arcs(
-        {"A": [("a", "b"), ("b", "c", 2.25)], "B": [("c", "a")]}, arrow="listens_to", agents=["a", "b", "c"]
-    ),
+    "network": network(2.25),
     "coupling": "exp(y) - 1 + 2*y",
     "exceptions": {(0, 1): "3*y"},
     "target": "2/3",
@@ -64,9 +65,6 @@ def document() -> dict:
 
 def read(changed: object) -> Problem:
     return problem_from_canonical(json.dumps(changed).encode("utf-8"))
-
-
-# ------------------------------------------------------------------------------------------ there and back
 
 
 @given(st.integers(0, 2**32))
@@ -113,27 +111,19 @@ def test_the_hash_changes_with_every_field(field):
 
 
 def test_the_hash_changes_with_the_order_of_modes_and_with_labels():
-    network = PARTS["network"]
-    turned = Network(labels=network.labels, modes=dict(reversed(network.modes.items())))
-    renamed = Network(labels=("c", "b", "a"), modes=network.modes)
-    assert len({problem_sha256(Problem(**PARTS | {"network": each})) for each in (network, turned, renamed)}) == 3
-
-
-# ------------------------------------------------------------------------------------------ hostile files
+    own = PARTS["network"]
+    turned = Network(labels=own.labels, modes=dict(reversed(own.modes.items())))
+    renamed = Network(labels=("c", "b", "a"), modes=own.modes)
+    assert len({problem_sha256(Problem(**PARTS | {"network": each})) for each in (own, turned, renamed)}) == 3
 
 
 @pytest.mark.parametrize(
     ("data", "message"),
     [
-        (b"", "not valid JSON"),
-        (b"not json", "not valid JSON"),
         (b"\xff\xfe{}", "not valid JSON"),
-        (b"\xef\xbb\xbf{}", "not valid JSON"),
         (b"[" * 100_000, "not valid JSON"),
         (b'{"a":' * 100_000, "not valid JSON"),
         (b'{"format":' + b"9" * 5000 + b"}", "not valid JSON"),
-        (b"null", "must hold an object"),
-        (b"[]", "must hold an object"),
         (b"{}", '"format": "dobc-problem"'),
         (b'{"format":"dobc-problem","format":"dobc-problem"}', "a key twice"),
         (b'{"format":"dobc-certificate"}', '"format": "dobc-problem"'),
@@ -154,30 +144,19 @@ def test_what_is_no_problem_json_is_refused(data, message):
         (("name",), "\x1b[31m", "name must be text of 1 to 100 printable"),
         (("notes",), "text", "notes must be a list"),
         (("notes",), ["\ud800"], r"notes\[0\] must be text"),
-        (("labels",), ["a", "b"], "leaves the graph|index of an agent"),
         (("labels",), ["a", "b", 3], "labels must be text"),
         (("labels",), ["a", "b", "b"], "twice"),
-        (("labels",), ["a", "b", "\x1b"], "printable"),
-        (("labels",), 3, "labels must be a list"),
         (("dimension",), 2, "dimension must be the number of state components, 1; got 2"),
-        (("dimension",), True, "dimension must be"),
         (("target",), ["1/0"], "denominator"),
-        (("target",), [1e999], "must be a number"),
-        (("target",), "1", "target must be a list"),
         (("target",), [], "1 number"),
         (("modes",), [], "at least one mode"),
-        (("modes",), {}, "modes must be a list"),
         (("modes", 0, "name"), 5, r"modes\[0\]\.name must be text"),
         (("modes", 1, "name"), "A", "different from the others; got 'A'"),
         (("modes", 0, "arcs", 0), [0, 1], r"must be \[listener, speaker, weight\]"),
-        (("modes", 0, "arcs", 0), [0, True, "1"], r"must be \[listener, speaker, weight\]"),
-        (("modes", 0, "arcs", 0), [0.0, 1, "1"], r"must be \[listener, speaker, weight\]"),
         (("modes", 0, "arcs", 0), [0, 10**30, "1"], "too large"),
         (("modes", 0, "arcs", 0), [0, -1, "1"], "leaves the graph"),
-        (("modes", 0, "arcs", 0), [1, 1, "1"], "listen to itself"),
         (("modes", 0, "arcs", 0), [1, 2, "1"], "duplicate"),
         (("modes", 0, "arcs", 0, 2), 1, "must be text"),
-        (("modes", 0, "arcs", 0, 2), ["1"], "must be text"),
         (("modes", 0, "arcs", 0, 2), "0", "must be > 0"),
         (("coupling", "h"), None, "must be an expression"),
         (("coupling", "h"), "y + 1", "must vanish"),
@@ -186,21 +165,14 @@ def test_what_is_no_problem_json_is_refused(data, message):
         (("coupling", "exceptions", 0, "arc"), [1, 0], "no mode has the arc"),
         (("coupling", "exceptions", 0, "h"), {"y": 1}, "must be an expression"),
         (("gains",), [[0, [["1"]]], [0, [["2"]]]], "not listed already"),
-        (("gains",), [[-1, [["1"]]]], "must be the index of an agent; got -1"),
-        (("gains",), [[True, [["1"]]]], "must be the index of an agent"),
         (("gains", 0, 1), [["-1"]], "k \\+ k' >= 0"),
-        (("offsets",), [[9, ["1"]]], "must be the index of an agent; got 9"),
         (("exosystem",), {"A": [["1"]]}, "exosystem must be an object with the keys A, C"),
         (("exosystem",), None, "no meaning without an"),
         (("observer",), None, "observer must be an object"),
         (("observer", "W"), [["1"]], "must have shape"),
-        (("observer", "rate"), "-1", "must be > 0"),
-        (("region",), [], "region must be an object"),
         (("region", "initial_states"), None, "must be a pair"),
-        (("switching", "signal"), ["random"], "must be one of"),
         (("simulation",), None, "simulation must be an object"),
         (("simulation", "seed"), 1.0, "whole number"),
-        (("simulation", "t_final"), "0", "must be > 0"),
     ],
 )
 def test_a_wrong_value_is_refused_by_its_key(path, value, message):
@@ -213,114 +185,22 @@ def test_a_wrong_value_is_refused_by_its_key(path, value, message):
         read(changed)
 
 
-def places(value: object, path: tuple = ()) -> list[tuple]:
-    """The paths of everything in a JSON value."""
-    found = [path] if path else []
-    items = value.items() if isinstance(value, dict) else enumerate(value) if isinstance(value, list) else ()
-    for key, child in items:
-        found += places(child, (*path, key))
-    return found
+def tables(value: object) -> Iterator[dict]:
+    """Every object in a JSON value."""
+    children = value.values() if isinstance(value, dict) else value if isinstance(value, list) else ()
+    yield from [value] if isinstance(value, dict) else []
+    for child in children:
+        yield from tables(child)
 
 
 def test_no_key_may_be_missing_and_none_added_anywhere():
-    tried = 0
-    for path in places(document()):
-        changed = document()
-        place = changed
-        for step in path[:-1]:
-            place = place[step]
-        if isinstance(place, dict):
-            tried += 1
-            lacking, added = copy.deepcopy(changed), copy.deepcopy(changed)
-            for each, edit in ((lacking, "drop"), (added, "add")):
-                table = each
-                for step in path[:-1]:
-                    table = table[step]
-                if edit == "drop":
-                    del table[path[-1]]
-                else:
-                    table["more"] = None
-                with pytest.raises(SpecError):
-                    read(each)
-    assert tried > 30
-
-
-STRANGE = [
-    None,
-    True,
-    False,
-    0,
-    1,
-    -1,
-    2**70,
-    1.5,
-    float("nan"),
-    float("inf"),
-    "",
-    "1",
-    "1/0",
-    "-9/8",
-    "y",
-    "y + 1",
-    "nan",
-    "x" * 3000,
-    "\x1b[31m",
-    "\ud800",
-    "9" * 300,
-    [],
-    {},
-    [[]],
-    [None],
-    [["1"]],
-    [[["1"]]],
-    {"A": 1},
-    [0, 1, "1"],
-]
-
-
-def mutate(value: dict, rng: random.Random) -> dict:
-    """One to three random changes somewhere in a document."""
-    changed = copy.deepcopy(value)
-    for _ in range(rng.randint(1, 3)):
-        path = rng.choice(places(changed))
-        place = changed
-        for step in path[:-1]:
-            place = place[step]
-        kind = rng.randrange(4)
-        if kind == 0:
-            del place[path[-1]]
-        elif kind == 1 and isinstance(place, list):
-            place.append(copy.deepcopy(rng.choice([*place, *STRANGE])))
-        else:
-            place[path[-1]] = copy.deepcopy(rng.choice(STRANGE))
-    return changed
-
-
-def test_a_document_changed_at_random_is_read_or_refused_with_a_spec_error():
-    """A reader that lets another exception out would end in a traceback, or be taken for a broken machine."""
-    rng = random.Random(20240229)
-    documents = [canonical_document(Problem(**PARTS)), canonical_document(load_problem("uav-swarm"))]
-    refused = 0
-    for trial in range(1500):
-        changed = mutate(documents[trial % 2], rng)
-        try:
-            problem = read(changed)
-        except SpecError as error:
-            refused += 1
-            assert len(str(error)) < 5000
-        else:
-            assert problem_from_canonical(canonical_bytes(problem)) == problem
-    assert refused > 1000
-
-
-def test_bytes_changed_at_random_are_read_or_refused_with_a_spec_error():
-    rng = random.Random(7)
-    data = canonical_bytes(Problem(**PARTS))
-    for _ in range(500):
-        changed = bytearray(data)
-        for _ in range(rng.randint(1, 4)):
-            changed[rng.randrange(len(changed))] = rng.randrange(256)
-        try:
-            problem_from_canonical(bytes(changed))
-        except SpecError:
-            continue
+    for number, table in enumerate(tables(document())):
+        for key in (*table, None):
+            changed = document()
+            place = list(tables(changed))[number]
+            if key is None:
+                place["more"] = None
+            else:
+                del place[key]
+            with pytest.raises(SpecError):
+                read(changed)

@@ -22,8 +22,7 @@ from dobc_design.problem.changes import (
     typed_number,
     value_text,
 )
-from dobc_design.problem.file import read_problem_text
-from dobc_design.problem.load import builtin_names, builtin_text, load_problem, source_text
+from dobc_design.problem.load import builtin_names, builtin_text, load_problem, read_problem_text, source_text
 
 
 @pytest.mark.parametrize(
@@ -123,13 +122,7 @@ def test_other_ways_to_write_the_gains_are_changed_too(gains, changes):
 
 
 def test_lines_of_a_table_that_say_the_same_stay_with_their_comments():
-    lines = [
-        "[pinning.gains]",
-        "1 = 5.0  # the leader",
-        "# two that listen to it",
-        '6 = "5"  # the other half',
-        "3 = 1",
-    ]
+    lines = ["[pinning.gains]", "1 = 5.0  # the leader", "# two that listen", '6 = "5"  # the other half', "3 = 1"]
     text = TEXT.replace("[pinning]\ngains = { 1 = 5, 6 = 5 }              # stand-in, see above", "\n".join(lines))
     problem = read(text, name="paper-fixed")
     found = changed_file(problem, {"pinning.gains": {"1": 5, "6": 7, "9": 0.25}}, text=text, folder=Path()).splitlines()
@@ -156,7 +149,7 @@ def test_a_built_in_problem_written_whole_is_the_same_problem(name):
     assert canonical_bytes(read(source_text(name))) == canonical_bytes(problem)
 
 
-@pytest.mark.parametrize("seed", range(0, 200, 5))
+@pytest.mark.parametrize("seed", range(0, 200, 10))
 def test_a_random_problem_written_whole_is_the_same_problem(seed):
     problem = a_problem(seed)
     assert canonical_bytes(read(problem_text(problem))) == canonical_bytes(problem)

@@ -27,9 +27,6 @@ def indices(*values: int) -> np.ndarray:
     return np.array(values, dtype=np.int64)
 
 
-# ------------------------------------------------------------------------------------------ from_arcs
-
-
 def test_listens_to_makes_the_first_of_a_pair_the_listener():
     network = Network.from_arcs(CHAIN, arrow="listens_to")
     assert network.labels == ("a", "b", "c")
@@ -73,11 +70,6 @@ def test_a_mapping_gives_one_mode_each_in_its_order():
     assert list(network.modes) == ["B", "A"]
 
 
-def test_arrays_of_whole_numbers_are_pairs():
-    network = Network.from_arcs(np.array([[1, 2], [2, 3]]), arrow="sends_to")
-    assert arcs_of(network) == {("2", "1", Fraction(1)), ("3", "2", Fraction(1))}
-
-
 @pytest.mark.parametrize(
     ("arcs", "key", "message"),
     [
@@ -86,15 +78,10 @@ def test_arrays_of_whole_numbers_are_pairs():
         ([(1, 2, 0)], "network.modes.G[0]", "must be > 0, because it multiplies h; 1 listens to 2 with 0"),
         ([(1, 2, -0.5)], "network.modes.G[0]", "with -1/2"),
         ([(1, 2, float("nan"))], "network.modes.G[0][2]", "must be a number"),
-        ([(1, 2, True)], "network.modes.G[0][2]", "not a boolean"),
         ([(1, 4)], "network.modes.G[0]", r"there is no agent '4' \(agents: 1, 2, 3\)"),
         ([(1, 2.0)], "network.modes.G[0][1]", "must be text or a whole number; got 2.0"),
-        ([(1, True)], "network.modes.G[0][1]", "must be text or a whole number; got True"),
-        ([(1, "a\nb")], "network.modes.G[0][1]", "printable"),
         ([(1, 10**5000)], "network.modes.G[0][1]", "thousands of digits"),
         ([(1,)], "network.modes.G[0]", r"must be an arc \[a, b\] or \[a, b, weight\]"),
-        ([5], "network.modes.G[0]", "must be an arc"),
-        (["12"], "network.modes.G[0]", "must be an arc"),
     ],
 )
 def test_a_wrong_arc_is_named(arcs, key, message):
@@ -141,7 +128,7 @@ def test_networks_are_equal_when_labels_modes_and_arcs_are_in_the_same_order():
 
 def test_a_network_made_by_hand_is_checked_too():
     arcs = Arcs(indices(0), indices(1), (Fraction(1),))
-    assert Network(labels=("a", "b"), modes={"G": arcs}).modes["G"].has(0, 1)
+    assert list(Network(labels=("a", "b"), modes={"G": arcs}).modes["G"]) == [(0, 1, 1)]
     for labels in (("a", "b\n"), ("a", 5), ("a", "")):
         with pytest.raises(SpecError, match="a label must be text of 1 to 200"):
             Network(labels=labels, modes={"G": arcs})  # type: ignore[arg-type]
@@ -149,20 +136,6 @@ def test_a_network_made_by_hand_is_checked_too():
         wrong = Arcs(indices(listener), indices(speaker), (Fraction(1),))
         with pytest.raises(SpecError, match="leaves the graph; agents are numbered 0 to 1"):
             Network(labels=("a", "b"), modes={"G": wrong})
-
-
-def test_index_arrays_cannot_be_written():
-    arcs = Network.from_arcs(CHAIN, arrow="listens_to").modes["G"]
-    with pytest.raises(ValueError, match="read-only"):
-        arcs.listeners[0] = 1
-
-
-# ------------------------------------------------------------------------------------------ from_networkx
-
-
-def test_a_directed_graph_gives_its_edges_under_arrow():
-    graph = nx.DiGraph([("a", "b"), ("b", "c")])
-    assert arcs_of(Network.from_networkx(graph, arrow="sends_to")) == {("b", "a", Fraction(1)), ("c", "b", Fraction(1))}
 
 
 def test_an_undirected_edge_gives_both_arcs_with_its_weight():
@@ -189,15 +162,9 @@ def test_several_graphs_are_modes_over_the_nodes_of_the_first():
 @pytest.mark.parametrize(
     ("graph", "message"),
     [
-        (nx.MultiDiGraph([(1, 2), (1, 2)]), "duplicate"),
-        (nx.MultiGraph([(1, 2), (2, 1)]), "duplicate"),
         (nx.DiGraph([(1, 1)]), "must not listen to itself"),
-        (nx.Graph([(1, 1)]), "must not listen to itself"),
         (nx.grid_2d_graph(2, 2), r"must be text or a whole number; got \(0, 0\)"),
         (nx.Graph([(1, "1")]), "'1' stands there twice"),
-        (nx.DiGraph(), "at least one agent"),
-        (nx.DiGraph([(1, 2, {"weight": None})]), "must be a number"),
-        (nx.DiGraph([(1, 2, {"weight": -1})]), "must be > 0"),
         ([(1, 2)], "must be a networkx graph; got list"),
         ({"A": 5}, r"network\.modes\.A must be a networkx graph; got int"),
         ({}, "at least one agent"),
@@ -208,19 +175,11 @@ def test_a_graph_that_is_no_network_is_refused(graph, message):
         Network.from_networkx(graph, arrow="listens_to")
 
 
-# ------------------------------------------------------------------------------------------ from_sparse
-
-
 def test_entry_i_j_is_the_arc_i_j_under_arrow():
     matrix = sparse.coo_array(([2, 3], ([0, 1], [1, 2])), shape=(3, 3))
-    assert arcs_of(Network.from_sparse(matrix, arrow="listens_to")) == {
-        ("1", "2", Fraction(2)),
-        ("2", "3", Fraction(3)),
-    }
-    assert arcs_of(Network.from_sparse(matrix, arrow="sends_to", labels=["a", "b", "c"])) == {
-        ("b", "a", Fraction(2)),
-        ("c", "b", Fraction(3)),
-    }
+    assert arcs_of(Network.from_sparse(matrix, arrow="listens_to")) == {("1", "2", 2), ("2", "3", 3)}
+    named = Network.from_sparse(matrix, arrow="sends_to", labels=["a", "b", "c"])
+    assert arcs_of(named) == {("b", "a", 2), ("c", "b", 3)}
 
 
 @pytest.mark.parametrize("kind", [np.int8, np.uint64, np.int64, np.float32, np.float64, np.longdouble])
@@ -239,10 +198,7 @@ def test_a_weight_is_the_decimal_text_of_its_own_type(kind):
 def test_every_sparse_format_reads_alike_and_is_left_as_it_was(form):
     matrix = sparse.coo_array(([1.5, 2.0], ([0, 2], [1, 0])), shape=(3, 3)).asformat(form)
     before = matrix.toarray()
-    assert arcs_of(Network.from_sparse(matrix, arrow="listens_to")) == {
-        ("1", "2", Fraction(3, 2)),
-        ("3", "1", Fraction(2)),
-    }
+    assert arcs_of(Network.from_sparse(matrix, arrow="listens_to")) == {("1", "2", Fraction(3, 2)), ("3", "1", 2)}
     np.testing.assert_array_equal(matrix.toarray(), before)
 
 
@@ -259,20 +215,13 @@ def test_entries_stored_twice_are_added_and_stored_zeros_are_no_arcs():
         (sparse.csr_array((2, 2)), ["a"], r"one row and column per agent \(1 x 1\); got shape \(2, 2\)"),
         ({"A": sparse.csr_array((2, 2)), "B": sparse.csr_array((3, 3))}, None, r"modes\.B.*\(2 x 2\); got shape \(3"),
         (np.eye(2), None, "must be a SciPy sparse matrix; got ndarray"),
-        ([[0, 1], [1, 0]], None, "must be a SciPy sparse matrix; got list"),
-        (sparse.csr_array(np.eye(2)), None, "must not listen to itself"),
         (sparse.csr_array([[0, -1], [0, 0]]), None, "must be > 0"),
         (sparse.csr_array(np.array([[0, 1], [0, 0]], dtype=bool)), None, "not a boolean"),
-        (sparse.csr_array(np.array([[0, 1j], [0, 0]])), None, "must be a number"),
-        (sparse.csr_array(np.array([[0, np.inf], [0, 0]])), None, "must be a number"),
     ],
 )
 def test_a_matrix_that_is_no_network_is_refused(matrix, labels, message):
     with pytest.raises(SpecError, match=message):
         Network.from_sparse(matrix, arrow="listens_to", labels=labels)
-
-
-# ------------------------------------------------------------------------------------------ round trips
 
 
 @st.composite
@@ -311,9 +260,3 @@ def test_sparse_and_back_keeps_every_arc_and_weight(case, arrow):
     network = Network.from_sparse(matrix, arrow=arrow)
     floats = {pair: float(w) for pair, w in arcs.items()}
     assert set(network.modes["G"]) == as_sets(floats, arrow)
-    back = sparse.coo_array(
-        ([float(w) for w in network.modes["G"].weights], (network.modes["G"].listeners, network.modes["G"].speakers)),
-        shape=(n, n),
-    )
-    expected = matrix if arrow == "listens_to" else matrix.T
-    np.testing.assert_array_equal(back.toarray(), expected.toarray())

@@ -21,8 +21,7 @@ from dobc_design.errors import ExpressionError, ShapeError, SpecError
 from dobc_design.problem.exosystems import Exosystem
 from dobc_design.problem.groups import Observer
 from dobc_design.problem.network import Network
-from dobc_design.problem.pinning import Pinning
-from dobc_design.problem.problem import Problem
+from dobc_design.problem.problem import Pinning, Problem
 from dobc_design.problem.settings import Region, Switching
 
 CHAIN = Network.from_arcs([("a", "b"), ("b", "c")], arrow="listens_to")
@@ -36,9 +35,6 @@ def make(**changes: object) -> Problem:
 
 def scalar(value: object) -> tuple[tuple[Fraction, ...], ...]:
     return ((Fraction(value),),)
-
-
-# ------------------------------------------------------------------------------------------ what is kept
 
 
 def test_the_smallest_problem_has_one_component_no_pins_and_no_disturbance():
@@ -68,7 +64,6 @@ def test_a_float_means_the_decimal_that_one_sees():
         (Decimal("0.5"), Fraction(1, 2)),
         (Fraction(1, 3), Fraction(1, 3)),
         (np.int64(7), 7),
-        (np.float64(0.25), Fraction(1, 4)),
         ([[2]], 2),
         (np.array([[0.5]]), Fraction(1, 2)),
     ],
@@ -113,13 +108,12 @@ def test_couplings_are_numbered_in_the_order_of_arcs_however_they_were_given():
     """Certificates refer to them by number, and their readers have the canonical problem only."""
     problem = make(exceptions={(1, 2): "3*y", (0, 1): "2*y"})
     assert [coupling.texts for coupling in problem.couplings][1:] == [("2*y",), ("3*y",)]
-    assert problem == make(exceptions={(0, 1): "2*y", (1, 2): "3*y"})
-
-
-def test_exceptions_are_by_indices_and_zero_offsets_are_left_out():
-    problem = make(exceptions={(0, 1): "2*y", (1, 2): make_coupling("3*y", dimension=1)}, offsets={"a": 0, "b": 2})
+    assert problem == make(exceptions={(0, 1): "2*y", (1, 2): make_coupling("3*y", dimension=1)})
     assert problem.coupling_of(0, 1).texts == ("2*y",)
-    assert [coupling.texts[0] for coupling in problem.couplings] == ["tanh(y)", "2*y", "3*y"]
+
+
+def test_zero_offsets_are_left_out():
+    problem = make(offsets={"a": 0, "b": 2})
     assert problem.offsets == {1: (2,)}
     assert (problem.goal_of(0), problem.goal_of(1)) == ((0,), (2,))
 
@@ -150,9 +144,6 @@ def test_a_problem_is_frozen_hashable_and_its_mappings_cannot_be_changed():
     assert make() != problem
 
 
-# ------------------------------------------------------------------------------------------ control.StateSpace
-
-
 def test_a_state_space_system_is_an_exosystem():
     system = control.ss([[0, 2], [-2, 0]], [[0], [0]], [[1, 0]], [[0]])
     exosystem = Exosystem.from_control(system)
@@ -169,9 +160,6 @@ def test_a_system_in_discrete_time_or_without_a_state_is_refused():
         Exosystem.from_control(control.tf([1], [1, 1]))
 
 
-# ------------------------------------------------------------------------------------------ what is refused
-
-
 @pytest.mark.parametrize(
     ("changes", "key", "message"),
     [
@@ -182,52 +170,30 @@ def test_a_system_in_discrete_time_or_without_a_state_is_refused():
         ({"exosystem": SINE, "observer": {"W": [[1], [1]]}}, "observer", "must be an Observer"),
         ({"switching": "random"}, "switching", "must be a Switching"),
         ({"name": ""}, "name", "1 to 100 printable"),
-        ({"name": 5}, "name", "must be text"),
-        ({"name": "a\nb"}, "name", "printable"),
         ({"name": "x" * 101}, "name", "1 to 100"),
         ({"notes": [5]}, "notes[0]", "must be text of at most 1000"),
-        ({"notes": ["ok", "x" * 1001]}, "notes[1]", "at most 1000"),
         ({"target": "one"}, "target", "must be a number"),
-        ({"target": None}, "target", "must be a number"),
-        ({"target": float("nan")}, "target", "must be a number"),
-        ({"target": True}, "target", "not a boolean"),
         ({"target": [1, 2], "exosystem": SINE}, "target", "must have 1 number, one per state component; got 2"),
         ({"target": [0] * 101}, "target", "at most 100 state components; got 101"),
-        ({"target": [1, "x"]}, "target[1]", "must be a number"),
         ({"coupling": "y + 1"}, "coupling.h", "must vanish"),
-        ({"coupling": 5}, "coupling.h", "must be an expression"),
-        ({"coupling": None}, "coupling.h", "must be an expression"),
         ({"coupling": ["y1", "y2"], "exosystem": SINE}, "coupling.h", "must have 1 expression"),
         ({"coupling": make_coupling("y", dimension=2), "exosystem": SINE}, "coupling.h", "must have dimension 1"),
         ({"exceptions": {(0, 2): "y"}}, "coupling.exceptions[0]", "no mode has the arc"),
         ({"exceptions": {(0, 1): "y + 1"}}, "coupling.exceptions[0].h", "must vanish"),
-        ({"exceptions": {0: "y"}}, "coupling.exceptions[0]", "no mode has the arc"),
         ({"exceptions": {("a", "b"): "y"}}, "coupling.exceptions[0]", "indices count from 0"),
-        ({"exceptions": [(0, 1)]}, "coupling.exceptions", "must be a table"),
         ({"gains": {"z": 1}}, "pinning.gains.z", "there is no agent 'z'"),
-        ({"gains": {"a": -1}}, "pinning.gains.a", "must be >= 0"),
         ({"gains": -1}, "pinning.gains", "must be >= 0"),
         ({"gains": [1, 2, 3]}, "pinning.gains", "must be a table of label = gain"),
-        ({"gains": np.eye(2)}, "pinning.gains", "must be a table of label = gain"),
         ({"gains": {"a": [[1, 2]]}}, "pinning.gains.a", r"must have shape \(1, 1\)"),
-        ({"gains": {True: 1}}, "pinning.gains.True", "there is no agent"),
         ({"observer": Observer(W=[[1]])}, "observer", "no meaning without an"),
         ({"exosystem": SINE, "observer": Observer(W=[[1]])}, "observer.W", r"must have shape \(2, 1\)"),
         ({"exosystem": SINE, "observer": Observer(W=[[1], [1]], P=[[1]])}, "observer.P", r"must have shape \(2, 2\)"),
         ({"offsets": {"z": 1}}, "formation.offsets.z", "there is no agent 'z'"),
         ({"offsets": {"a": [1, 2]}}, "formation.offsets.a", "must have 1 number"),
-        ({"offsets": [1, 2, 3]}, "formation.offsets", "must be a table"),
-        ({"offsets": {True: 1}}, "formation.offsets.True", "there is no agent"),
         ({"region": {}}, "region.initial_states", r"must be a pair \[lo, hi\]; got None"),
-        ({"region": {"initial_states": [1, 0]}}, "region.initial_states", "lo <= hi; got \\[1, 0\\]"),
         ({"region": {"initial_state": [0, 1]}}, "region.initial_state", "is an unknown key"),
-        ({"region": [0, 1]}, "region", "must be a table"),
         ({"region": {"initial_states": [0, 1], "initial_disturbance": 1}}, "region.initial_disturbance", "no meaning"),
         ({"exosystem": SINE, "region": {"initial_states": [0, 1]}}, "region.initial_disturbance", "is required when"),
-        ({"simulation": {"tfinal": 5}}, "simulation.tfinal", "is an unknown key"),
-        ({"simulation": [5]}, "simulation", "must be a table"),
-        ({"simulation": {"t_final": 0}}, "simulation.t_final", "must be > 0"),
-        ({"simulation": {"seed": True}}, "simulation.seed", "whole number from 0 to"),
         ({"simulation": {"seed": 2**63}}, "simulation.seed", "whole number from 0 to"),
         ({"simulation": {"xi0": [1, 0]}}, "simulation.xi0", "no meaning without an"),
         ({"exosystem": SINE, "simulation": {"xi0": [1]}}, "simulation.xi0", "must have 2 numbers"),
@@ -245,18 +211,12 @@ def test_a_mistake_is_named_by_its_key(changes, key, message):
     [
         (lambda: Exosystem(A=[[0, 1]], C=[[1]]), "exosystem.A", "must be square"),
         (lambda: Exosystem(A=[[0]], C=[[1, 2]]), "exosystem.C", r"must have 1 column, one per exosystem state"),
-        (lambda: Exosystem(A=[[0, 1], [2]], C=[[1, 2]]), "exosystem.A[1]", "must have 2 numbers, as many as the first"),
         (lambda: Exosystem(A=[[]], C=[[1]]), "exosystem.A[0]", "at least one number"),
-        (lambda: Exosystem(A="A", C=[[1]]), "exosystem.A", "must be a matrix"),
-        (lambda: Exosystem(A=np.zeros(3), C=[[1]]), "exosystem.A", "must be a matrix"),
         (lambda: Exosystem(A=np.array([[np.nan]]), C=[[1]]), "exosystem.A[0][0]", "must be a number"),
         (lambda: Observer(P=[[1]]), "observer.P", "must stand beside observer.W"),
         (lambda: Observer(W=[[1], [1]], P=[[1, 2], [3, 4]]), "observer.P", r"got 2 at \[0\]\[1\] and 3 at \[1\]\[0\]"),
-        (lambda: Observer(W=[[1], [1]], P=[[1, 2]]), "observer.P", "must be square"),
         (lambda: Observer(rate=0), "observer.rate", r"must be > 0 \(1/s\)"),
-        (lambda: Observer(rate="1e-401"), "observer.rate", "exponent"),
         (lambda: Switching(signal="sometimes"), "switching.signal", "must be one of random, periodic"),
-        (lambda: Switching(signal=["random"]), "switching.signal", "must be one of random, periodic"),
         (lambda: Switching(signal="random", dwell=-1), "switching.dwell", "must be > 0"),
     ],
 )
@@ -270,15 +230,9 @@ def test_all_mistakes_are_told_at_once_and_are_value_errors():
     with pytest.raises(ValueError, match=r"(?s)target.*coupling.h.*pinning.gains.z") as caught:
         make(target="x", coupling="y + 1", gains={"z": 1, "a": -1}, name="")
     assert isinstance(caught.value, SpecError)
-    assert [error.key for error in caught.value.errors] == [
-        "name",
-        "target",
-        "coupling.h",
-        "pinning.gains.z",
-        "pinning.gains.a",
-    ]
-    kinds = [type(error) for error in caught.value.errors]
-    assert kinds[2] is ExpressionError
+    keys = [error.key for error in caught.value.errors]
+    assert keys == ["name", "target", "coupling.h", "pinning.gains.z", "pinning.gains.a"]
+    assert type(caught.value.errors[2]) is ExpressionError
     with pytest.raises(ShapeError):
         make(target=[1, 2], exosystem=SINE)
 

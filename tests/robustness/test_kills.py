@@ -112,13 +112,8 @@ def test_a_pair_of_files_of_two_runs_is_found_out_and_cured_by_running_again(tmp
 
 def test_what_killed_writers_left_is_removed_by_a_later_one(tmp_path):
     """After an hour, when no writer can be at work on it any more; other files are never touched."""
-    names = [
-        ".certificate.json.0123.dobc-tmp",
-        ".certificate.json.4567.dobc-tmp",
-        ".other.json.0123.dobc-tmp",
-        ".certificate.json.mine",
-        "certificate.json.dobc-tmp",
-    ]
+    left = [f".{name}.dobc-tmp" for name in ("certificate.json.0123", "certificate.json.4567", "other.json.0123")]
+    names = [*left, ".certificate.json.mine", "certificate.json.dobc-tmp"]
     for name in names:
         (tmp_path / name).write_bytes(b"x")
         if name != ".certificate.json.4567.dobc-tmp":

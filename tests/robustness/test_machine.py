@@ -82,9 +82,6 @@ def unprivileged() -> list[str]:
     return AS_ANYBODY
 
 
-# ------------------------------------------------------------------------------------------ writing
-
-
 @pytest.mark.parametrize("size", [0, 1, 1000])
 def test_no_room_for_a_file_leaves_the_old_ones(folder, size):
     """A limit on the size of files does to a process what a full disk does; the write fails after ``size`` bytes."""
@@ -180,24 +177,6 @@ def test_a_link_in_place_of_a_file_is_replaced_and_its_target_left_alone(folder,
     assert dd.verify((folder / "certificate.json").read_bytes(), folder / "problem.json").holds
 
 
-@pytest.mark.parametrize(
-    ("command", "key"), [(("check", "paper-fixed", "--canonical"), "--canonical"), (("export", "made", "--rocq"), None)]
-)
-def test_other_files_are_written_whole_or_not_at_all(made, tmp_path, command, key):
-    arguments = [made if word == "made" else word for word in command]
-    before = listing(tmp_path)
-    ran = dobc(
-        *arguments, tmp_path / "new", "--json", preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_FSIZE, (100, 100))
-    )
-    error = refusal(ran, 4)
-    assert key in (None, error["key"])
-    assert "File too large" in error["message"]
-    assert listing(tmp_path) == before
-
-
-# ------------------------------------------------------------------------------------------ reading
-
-
 def bound_socket(path: Path) -> None:
     here = Path.cwd()
     os.chdir(path.parent)  # the path of a socket must be short
@@ -255,8 +234,6 @@ def test_files_that_may_not_be_read_are_mistakes(folder, tmp_path):
     error = refusal(dobc("verify", folder, "--problem", "paper-fixed", "--json", before=before), 2)
     assert "cannot be read: Permission denied" in error["message"]
 
-
-# ------------------------------------------------------------------------------------------ streams
 
 COMMANDS = [
     ("problems",),

@@ -16,8 +16,7 @@ from dobc_design.conditions.consensus.claim import reduced
 from dobc_design.conditions.observer import propose
 from dobc_design.conditions.observer.propose import propose_pairs
 from dobc_design.problem.exosystems import Exosystem
-from dobc_design.problem.file import read_problem_text
-from dobc_design.problem.load import builtin_text
+from dobc_design.problem.load import builtin_text, read_problem_text
 from dobc_design.solvers import conic
 from dobc_design.solvers.conic import solve_directly
 from dobc_design.solvers.dense import solve_dense

@@ -18,7 +18,7 @@ from dobc_design.certification.certify import certify, verify
 from dobc_design.conditions.check import main_fix
 from dobc_design.problem.changes import changed_file, problem_text
 from dobc_design.problem.exosystems import Exosystem
-from dobc_design.problem.file import read_problem_text
+from dobc_design.problem.load import read_problem_text
 from dobc_design.problem.network import Network
 from dobc_design.problem.problem import Problem
 from dobc_design.verdict import Verdict

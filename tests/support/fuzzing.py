@@ -27,177 +27,39 @@ import dobc_design as dd
 from dobc_design.certificate.text import certificate_bytes, read_claims
 from dobc_design.certification.recheck import recheck
 from dobc_design.checker import examine as checker
-from dobc_design.coupling.algebra import GradientAlgebra, IntervalAlgebra
 from dobc_design.coupling.coupling import make_coupling
 from dobc_design.coupling.expression import Expression, numpy_function, parse_expression, polynomial_degree
-from dobc_design.coupling.tree import evaluate, variable_names
+from dobc_design.coupling.tree import GradientAlgebra, IntervalAlgebra, evaluate, variable_names
 from dobc_design.errors import CertificateError, ExpressionError, SpecError
 from dobc_design.exact.interval import Interval, UndefinedError
 from dobc_design.problem.arcs_file import read_arcs_file
 from dobc_design.problem.canonical import canonical_bytes, problem_from_canonical
-from dobc_design.problem.file import read_problem_text
-from dobc_design.problem.load import builtin_names, builtin_text, load_problem
+from dobc_design.problem.load import builtin_names, builtin_text, load_problem, read_problem_text
 
 LONG = ("karate-club", "microgrid-ieee14", "uav-swarm")
 LIMIT = 2.0  # seconds of CPU time for one input
 LARGEST = 200_000  # bytes of a mutant
 
-_TEXTS = tuple(
-    text.encode("utf-8", "surrogatepass")
-    for text in (
-        "0",
-        "1",
-        "-1",
-        "1e400",
-        "1e-400",
-        "1e401",
-        "1e999999999",
-        "9" * 300,
-        "9" * 5000,
-        "0.1",
-        "1/0",
-        "1/3",
-        "-9/8",
-        "nan",
-        "inf",
-        "NaN",
-        "Infinity",
-        "true",
-        "false",
-        "null",
-        "1_000",
-        "0x1F",
-        "1e5",
-        "٣",
-        "+1",
-        "--1",
-        "1.",
-        ".5",
-        '"',
-        "'",
-        '"""',
-        "'''",
-        "\\",
-        "\\u0000",
-        "\\ud800",
-        "\\uD83D",
-        "\x00",
-        "\ufeff",
-        "\u202e",
-        "\u2028",
-        "\r\n",
-        "\n",
-        "\r",
-        "\t",
-        " ",
-        "#",
-        ",",
-        ":",
-        "=",
-        ".",
-        ";",
-        "[",
-        "]",
-        "{",
-        "}",
-        "[[",
-        "]]",
-        "(",
-        ")",
-        "<",
-        ">",
-        "&",
-        "[" * 60,
-        "{" * 60,
-        "(" * 60,
-        "a.b.c.d",
-        "a." * 60,
-        "[1,2]",
-        "[1,2,3]",
-        "[]",
-        "{}",
-        "[[]]",
-        '""',
-        '"\\n"',
-        "y",
-        "y1",
-        "y2",
-        "y3",
-        "pi",
-        "exp(",
-        "log(",
-        "sqrt(",
-        "tan(",
-        "abs(",
-        "min(",
-        "max(",
-        "clip(",
-        "sinh(",
-        "**",
-        "**64",
-        "**-64",
-        "**0.5",
-        "**2",
-        "*",
-        "/",
-        "+",
-        "-",
-        "1e300",
-        "1e-300",
-        "exp(exp(exp(y)))",
-        "y**64**2",
-        "1970-01-01",
-        "12:00:00",
-        "1970-01-01T00:00:00Z",
-        "\x1b[31m",
-        "__import__",
-        "proved",
-        "refuted",
-        "undecided",
-        "theorem1",
-        "vector",
-        "global",
-        "dobc-problem",
-        "version",
-        "1,2,1",
-        "from,to,weight",
-        "<edge source='1'/>",
-        "\ud800",
-        "é",
-        "東",
-        "\x7f",
-        "\x85",
-        "\xa0",
-    )
-)
-TOKENS = (*_TEXTS, b"\xff", b"\xc0\x80", b"\xed\xa0\x80", b"\x1f\x8b\x08\x00", b"\xef\xbb\xbf")
+_WORDS = r"""
+0 1 -1 1e400 1e-400 1e401 1e999999999 0.1 1/0 1/3 -9/8 nan inf NaN Infinity true false null 1_000 0x1F
+1e5 ٣ +1 --1 1. .5
+" ' \ \u0000 \ud800 \uD83D # , : = . ; [ ] { } [[ ]] ( ) < > & a.b.c.d [1,2] [1,2,3] [] {} [[]] "" "\n"
+y y1 y2 y3 pi exp( log( sqrt( tan( abs( min( max( clip( sinh( ** **64 **-64 **0.5 **2 * / + - 1e300 1e-300
+exp(exp(exp(y))) y**64**2 1970-01-01 12:00:00 1970-01-01T00:00:00Z __import__ proved refuted undecided theorem1 vector
+global dobc-problem version 1,2,1 from,to,weight
+"""
+_QUOTES = ('"""', "'''", "\r\n", "\x1b[31m", "<edge source='1'/>")
+_LONG = ("9" * 300, "9" * 5000, "[" * 60, "{" * 60, "(" * 60, "a." * 60)
+_TEXTS = (*_WORDS.split(), *_QUOTES, *_LONG, *"\x00\ufeff\u202e\u2028\n\r\t \ud800é東\x7f\x85\xa0")
+_BYTES = (b"\xff", b"\xc0\x80", b"\xed\xa0\x80", b"\x1f\x8b\x08\x00", b"\xef\xbb\xbf")
+TOKENS = (*(text.encode("utf-8", "surrogatepass") for text in _TEXTS), *_BYTES)
 
-EXPRESSIONS = (
-    "y",
-    "exp(y) - 1 + y",
-    "tanh(y)",
-    "2*y - y**3",
-    "sin(y)/2 + 1e-3*y",
-    "clip(y, -1, 1) + y/3",
-    "y*abs(y)",
-    "log(1 + y/9)",
-    "(1 + y**2)**(1/2) - 1",
-    "min(y, 1/2, 3*y)",
-    "max(-3/4, y)",
-    "tan(y/4)",
-    "atan(y) - y**5/7",
-    "cosh(y) - 1 + 2*y",
-    "y/(2 + y**2)",
-    "sqrt(4 + y) - 2",
-    "sin(pi*y)",
-    "((((y))))**-2*y**3",
-    "1e-400*y",
-    "-y - -y",
-    "sinh(y)*exp(-y**2)",
-    "y1*cos(y2)",
-    "log(1 + y2/9) + abs(y1 - 1) - 1",
-    "max(y1, y2/2 - 1) - y2/2",
-)
+_EXPRESSIONS = """
+y; exp(y) - 1 + y; tanh(y); 2*y - y**3; sin(y)/2 + 1e-3*y; clip(y, -1, 1) + y/3; y*abs(y); log(1 + y/9)
+sinh(y)*exp(-y**2); (1 + y**2)**(1/2) - 1; min(y, 1/2, 3*y); max(-3/4, y); tan(y/4); atan(y) - y**5/7; cosh(y) - 1 + 2*y
+y/(2 + y**2); sqrt(4 + y) - 2; sin(pi*y); ((((y))))**-2*y**3; 1e-400*y; -y - -y; y1*cos(y2)
+log(1 + y2/9) + abs(y1 - 1) - 1; max(y1, y2/2 - 1) - y2/2"""
+EXPRESSIONS = [text for line in _EXPRESSIONS.strip().splitlines() for text in line.split("; ")]
 
 GRAPHML = b"""<graphml><key id="w" for="edge" attr.name="weight"><default>2</default></key>
 <graph edgedefault="directed"><edge source="1" target="2"><data key="w">1/2</data></edge>

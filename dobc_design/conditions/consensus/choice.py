@@ -20,8 +20,8 @@ from dobc_design.conditions.consensus.pinning import (
     valid_gains,
 )
 from dobc_design.conditions.consensus.propose import rows_of
+from dobc_design.problem.arrays import closed_groups
 from dobc_design.problem.problem import Problem
-from dobc_design.problem.reaching import closed_groups
 from dobc_design.solvers.program import Array
 
 CANDIDATES = 200  # agents that are tried one by one, if a try is cheap

@@ -40,13 +40,12 @@ from dobc_design.exact.symmetric import (
     SparseSymmetric,
     as_integers,
 )
-from dobc_design.problem.arcs import arc_table
+from dobc_design.problem.arrays import arc_table
 from dobc_design.problem.canonical import matrix_text
 from dobc_design.problem.exosystems import Exosystem
 from dobc_design.problem.groups import Group, group_numbers
 from dobc_design.problem.network import Arcs
-from dobc_design.problem.pinning import Pinning
-from dobc_design.problem.problem import Problem
+from dobc_design.problem.problem import Pinning, Problem
 
 Gain = tuple[tuple[Interval, ...], ...]  # m x m
 

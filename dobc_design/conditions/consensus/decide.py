@@ -39,9 +39,9 @@ from dobc_design.exact.matrix import Matrix, Vector, inverse, multiply, transpos
 from dobc_design.exact.number import number_text
 from dobc_design.exact.polynomial import characteristic_polynomial, count_right_half_plane
 from dobc_design.exact.symmetric import SparseSymmetric
+from dobc_design.problem.arrays import unreached
 from dobc_design.problem.exosystems import Exosystem
 from dobc_design.problem.groups import group_blocks, group_numbers
-from dobc_design.problem.reaching import unreached
 from dobc_design.verdict import Verdict
 
 LARGEST_EXAMINED = 60  # rows; counting roots takes seconds there, minutes at twice the size

@@ -13,9 +13,9 @@ from fractions import Fraction
 from dobc_design.conditions.check import Check, Witness
 from dobc_design.conditions.consensus.negative import Enclosed, find_witness
 from dobc_design.exact.matrix import Vector, identity, nullspace
+from dobc_design.problem.arrays import closed_groups, unreached
 from dobc_design.problem.network import Arcs
 from dobc_design.problem.problem import Problem
-from dobc_design.problem.reaching import closed_groups, unreached
 from dobc_design.verdict import Verdict
 
 SHOWN = 8

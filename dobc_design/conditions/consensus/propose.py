@@ -23,7 +23,7 @@ from scipy.sparse import csgraph
 from dobc_design.conditions.consensus.claim import Statements
 from dobc_design.exact.interval import Interval
 from dobc_design.exact.matrix import Matrix, to_float
-from dobc_design.problem.arcs import coupling_places
+from dobc_design.problem.arrays import coupling_places
 from dobc_design.problem.exosystems import Exosystem
 from dobc_design.problem.problem import Problem
 from dobc_design.solvers.program import GIVEN_UP, Array

@@ -18,9 +18,8 @@ from typing import Any, Final
 
 from dobc_design.conditions.check import Check, read_object
 from dobc_design.conditions.numbers import VECTOR_BITS, has_short_denominator, read_rational
-from dobc_design.coupling.algebra import GradientAlgebra, IntervalAlgebra
 from dobc_design.coupling.coupling import Coupling
-from dobc_design.coupling.tree import evaluate
+from dobc_design.coupling.tree import GradientAlgebra, IntervalAlgebra, evaluate
 from dobc_design.errors import ShapeError, SpecError
 from dobc_design.exact.interval import Interval
 from dobc_design.exact.matrix import Matrix, Vector

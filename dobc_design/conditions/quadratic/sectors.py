@@ -14,11 +14,10 @@ from dataclasses import dataclass
 from fractions import Fraction
 from typing import Final
 
-from dobc_design.coupling.algebra import GradientAlgebra
 from dobc_design.coupling.coupling import Coupling
 from dobc_design.coupling.enclosures import Curve, secant_range
 from dobc_design.coupling.expression import polynomial_degree, variables_used
-from dobc_design.coupling.tree import evaluate
+from dobc_design.coupling.tree import GradientAlgebra, evaluate
 from dobc_design.errors import SpecError
 from dobc_design.exact.interval import Interval
 from dobc_design.problem.problem import Problem

@@ -23,7 +23,7 @@ from dobc_design.errors import ShapeError, SpecError
 from dobc_design.exact.matrix import Matrix, Vector
 from dobc_design.exact.number import float_above, number_text
 from dobc_design.exact.symmetric import Doubles, least
-from dobc_design.problem.arcs import coupling_places
+from dobc_design.problem.arrays import coupling_places
 from dobc_design.problem.canonical import matrix_text
 from dobc_design.problem.problem import Problem
 

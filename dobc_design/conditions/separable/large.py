@@ -24,7 +24,7 @@ from dobc_design.coupling.expression import Expression
 from dobc_design.exact.interval import Interval, UndefinedError
 from dobc_design.exact.number import float_above, float_below
 from dobc_design.exact.symmetric import Doubles
-from dobc_design.problem.arcs import coupling_places
+from dobc_design.problem.arrays import coupling_places
 from dobc_design.problem.network import ONE
 from dobc_design.problem.problem import Problem
 

@@ -23,7 +23,7 @@ from dobc_design.conditions.separable.ordering import find_ordering
 from dobc_design.conditions.separable.propose_observer import propose_error_bound, radius_needed
 from dobc_design.exact.matrix import Matrix, Vector
 from dobc_design.exact.symmetric import Doubles
-from dobc_design.problem.arcs import coupling_places, split_by
+from dobc_design.problem.arrays import coupling_places, split_by
 from dobc_design.problem.problem import Problem
 from dobc_design.solvers.program import Array
 

@@ -264,11 +264,8 @@ def make_controller(
     observer's error does not die out, or to which there is an objection; the message says which period works.
     """
     if precision not in PRECISIONS:
-        raise SpecError(
-            f"precision must be double or float; got {shown(precision)}.",
-            key="--precision",
-            cure="double is the default.",
-        )
+        cure = "double is the default."
+        raise SpecError(f"precision must be double or float; got {shown(precision)}.", key="--precision", cure=cure)
     W = chosen_gain(problem, gain)
     if problem.groups and W is None:
         raise SpecError("observer.W must be known to write the observer.", key="observer.W", cure="Give or design W.")
@@ -346,18 +343,13 @@ def _middles(enclosed: Sequence[Sequence[Interval]]) -> Matrix:
 
 def _read_period(given: Any) -> Fraction:
     if given is None:
-        raise SpecError(
-            "a period must be given: the code computes at its multiples and holds in between.",
-            key="--period",
-            cure="For example --period 0.05; one that is too long is refused with one that works.",
-        )
+        message = "a period must be given: the code computes at its multiples and holds in between."
+        cure = "For example --period 0.05; one that is too long is refused with one that works."
+        raise SpecError(message, key="--period", cure=cure)
     period = parse_number(given, key="--period")
     if not SHORTEST <= period <= LONGEST:
-        raise SpecError(
-            f"--period must be a positive number of seconds, 1e-6 to 1e6; got {shown(given)}.",
-            key="--period",
-            cure="For example --period 0.05.",
-        )
+        message = f"--period must be a positive number of seconds, 1e-6 to 1e6; got {shown(given)}."
+        raise SpecError(message, key="--period", cure="For example --period 0.05.")
     return period
 
 
@@ -380,37 +372,25 @@ def _too_long(period: Fraction, why: str, works: Fraction | None) -> SpecError:
 
 def _check_sampled_gain(problem: Problem, L: Matrix | None) -> None:
     if L is not None and problem.is_grouped:
-        raise SpecError(
-            "sampled_gain is one gain for all agents, and the groups of exosystem.groups have different ones.",
-            key="sampled_gain",
-            cure="Leave it out: the W of every group is discretised.",
-        )
+        message = "sampled_gain is one gain for all agents, and the groups of exosystem.groups have different ones."
+        raise SpecError(message, key="sampled_gain", cure="Leave it out: the W of every group is discretised.")
     if L is not None and shape(L) != (problem.q, problem.m):
-        raise SpecError(
-            f"sampled_gain must have shape ({problem.q}, {problem.m}); got {shape(L)}.",
-            key="sampled_gain",
-            cure="design_observer(problem, period=...).W has it.",
-        )
+        message = f"sampled_gain must have shape ({problem.q}, {problem.m}); got {shape(L)}."
+        raise SpecError(message, key="sampled_gain", cure="design_observer(problem, period=...).W has it.")
 
 
 def _chosen(problem: Problem, agents: Sequence[Any] | None) -> list[int]:
     index = problem.network.index
     if agents is None:
         if problem.n > MOST_AGENTS:
-            raise SpecError(
-                f"the code holds the numbers of at most {MOST_AGENTS} agents; the problem has {problem.n}.",
-                key="--agent",
-                cure="Name the agent whose code you want: --agent LABEL.",
-            )
+            message = f"the code holds the numbers of at most {MOST_AGENTS} agents; the problem has {problem.n}."
+            raise SpecError(message, key="--agent", cure="Name the agent whose code you want: --agent LABEL.")
         return list(range(problem.n))
     unknown = [str(agent) for agent in agents if str(agent) not in index]
     if unknown or not agents:
         first = ", ".join(map(named, problem.network.labels[:6]))
-        raise SpecError(
-            f"there is no agent {shown(unknown[0] if unknown else '')} in the network.",
-            key="--agent",
-            cure=f"Labels are {first}{', ...' if problem.n > 6 else ''}.",
-        )
+        message = f"there is no agent {shown(unknown[0] if unknown else '')} in the network."
+        raise SpecError(message, key="--agent", cure=f"Labels are {first}{', ...' if problem.n > 6 else ''}.")
     return [index[str(agent)] for agent in agents]
 
 

@@ -124,11 +124,8 @@ def vectors_header(controller: Controller, recorded: Recorded) -> str:
     modes = ", ".join(str(int(mode)) for mode in recorded.modes)
     tolerance = rounding_bound(controller, recorded)
     if not np.isfinite(tolerance):
-        raise SpecError(
-            "the rounding errors of the test vectors have no finite bound: a coupling is near a singularity.",
-            key="export",
-            cure="Simulate from other starts ([region]), or use --precision double.",
-        )
+        message = "the rounding errors of the test vectors have no finite bound: a coupling is near a singularity."
+        raise SpecError(message, key="export", cure="Simulate from other starts ([region]), or use --precision double.")
     lines = [
         f"/* Test vectors of agent {comment(agent.label)}: what it measures and hears, and what it has to answer. */",
         "#ifndef DOBC_VECTORS_H",
@@ -223,11 +220,8 @@ def check_free(folder: Path, *, force: bool) -> None:
         raise SpecError(f"{str(folder)!r} is not a folder.", key="--c", cure="Choose another.")
     there = [name for name in FILES if (folder / name).exists()]
     if there and not force:
-        raise SpecError(
-            f"{str(folder / there[0])!r} exists already.",
-            key="--c",
-            cure="Add --force to replace it, or choose another folder.",
-        )
+        cure = "Add --force to replace it, or choose another folder."
+        raise SpecError(f"{str(folder / there[0])!r} exists already.", key="--c", cure=cure)
 
 
 def c_code(controller: Controller, recorded: Recorded, *, certified: Statement | None = None) -> CCode:

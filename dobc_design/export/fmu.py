@@ -182,11 +182,8 @@ def _of_one_agent(controller: Controller, agent: str | None) -> Controller:
     pinned = [each for each in controller.agents if any(map(any, each.gain))]
     wanted = [each for each in controller.agents if each.label == agent]
     if agent is not None and not wanted:
-        raise SpecError(
-            f"there is no agent {agent[:60]!r} in the network.",
-            key="--agent",
-            cure=f"Labels are {', '.join(each.label for each in controller.agents[:6])}, ...",
-        )
+        cure = f"Labels are {', '.join(each.label for each in controller.agents[:6])}, ..."
+        raise SpecError(f"there is no agent {agent[:60]!r} in the network.", key="--agent", cure=cure)
     return replace(controller, agents=((wanted or pinned or list(controller.agents))[0],))
 
 
@@ -296,9 +293,6 @@ def _compiled(files: Mapping[str, bytes]) -> tuple[bytes | None, str | None]:
             raise SolverError(f"the C compiler could not be run: {error}.", key="--fmu", cure=cure) from error
         if done.returncode != 0 or not library.exists():
             first = next(iter(done.stderr.strip().splitlines()), "no message")
-            raise SolverError(
-                f"the C compiler refused the FMU's code: {first[:200]}.",
-                key="--fmu",
-                cure="`dobc export --c DIR` writes the sources alone.",
-            )
+            message = f"the C compiler refused the FMU's code: {first[:200]}."
+            raise SolverError(message, key="--fmu", cure="`dobc export --c DIR` writes the sources alone.")
         return library.read_bytes(), f"{machine}-{_system()[0]}"

@@ -85,11 +85,8 @@ def to_c(
     problem = _loaded(problem)
     claims = certificate.claims if isinstance(certificate, Certificate) else certificate
     if claims is not None and claims.problem_sha256 != problem_sha256(problem):
-        raise SpecError(
-            "certificate must be one of this problem; it is about another one.",
-            key="certificate",
-            cure="Certify this problem.",
-        )
+        message = "certificate must be one of this problem; it is about another one."
+        raise SpecError(message, key="certificate", cure="Certify this problem.")
     gain = observer_gain(problem) if claims is None else claims.W
     recorder = Recorder(gain=gain, sampled_gain=sampled_gain, signal=_signal(problem))
     controller = make_controller(
@@ -285,11 +282,8 @@ def to_control(
     if signal is None and mode is None:
         signal = signal_of(problem)[0]
     if isinstance(signal, Mobile):
-        raise SpecError(
-            "signal must not depend on the states, because python-control keeps no graph between calls.",
-            key="signal",
-            cure="Give a mode, or another signal.",
-        )
+        message = "signal must not depend on the states, because python-control keeps no graph between calls."
+        raise SpecError(message, key="signal", cure="Give a mode, or another signal.")
     settings = problem.simulation
     return run(
         problem,

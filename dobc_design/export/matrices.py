@@ -41,11 +41,8 @@ def exact_matrices(
     """
     n, m = problem.n, problem.m
     if n * m > MOST_ROWS:
-        raise SpecError(
-            f"dense matrices are written for at most {MOST_ROWS} rows; this problem has {n * m}.",
-            key="problem",
-            cure="model.arrays has them as SciPy sparse matrices.",
-        )
+        message = f"dense matrices are written for at most {MOST_ROWS} rows; this problem has {n * m}."
+        raise SpecError(message, key="problem", cure="model.arrays has them as SciPy sparse matrices.")
     found: dict[str, Matrix] = {}
     exosystem = problem.joint_exosystem  # of several groups: block diagonal, as in certificates
     if exosystem is not None:
@@ -143,11 +140,8 @@ def mat_bytes(problem: Problem) -> bytes:
             cure="Write the problem file instead.",
         )
     if problem.n > MOST_AGENTS:
-        raise SpecError(
-            f"L is written for at most {MOST_AGENTS} agents; the problem has {problem.n}.",
-            key="to_mat",
-            cure="Write the problem file instead.",
-        )
+        message = f"L is written for at most {MOST_AGENTS} agents; the problem has {problem.n}."
+        raise SpecError(message, key="to_mat", cure="Write the problem file instead.")
     stream = io.BytesIO()
     savemat(stream, _variables(problem), do_compression=True)
     return stream.getvalue()

@@ -116,11 +116,9 @@ def python_script(problem: Problem, *, gain: Any = None) -> str:
     """
     arcs = sum(len(each) for each in problem.network.modes.values())
     if arcs > MOST_ARCS:
-        raise SpecError(
-            f"a Python file holds at most {MOST_ARCS} arcs; the problem has {arcs}.",
-            key="--python-control",
-            cure="Use dobc_design.to_control(problem) in Python: it needs no file.",
-        )
+        message = f"a Python file holds at most {MOST_ARCS} arcs; the problem has {arcs}."
+        cure = "Use dobc_design.to_control(problem) in Python: it needs no file."
+        raise SpecError(message, key="--python-control", cure=cure)
     mode = next(iter(problem.network.modes))
     title = _inside_docstring(problem.name)
     text = HEAD.replace("{title}", title).replace("{mode}", _inside_docstring(mode)).replace("{imports}", _imports())

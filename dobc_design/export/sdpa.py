@@ -49,11 +49,9 @@ def sdpa_text(problem: Problem, *, pair: tuple[Matrix, Matrix] | None = None, ve
         raise _too_large(rows, "rows")
     statements = state_theorems(problem)
     if statements.inapplicable is not None:
-        raise SpecError(
-            f"there is no linear matrix inequality to write: {statements.inapplicable}",
-            key="--sdpa",
-            cure="The max-separable certificate has linear rows instead: see `dobc certify`.",
-        )
+        message = f"there is no linear matrix inequality to write: {statements.inapplicable}"
+        cure = "The max-separable certificate has linear rows instead: see `dobc certify`."
+        raise SpecError(message, key="--sdpa", cure=cure)
     if any(not isinstance(each.constant, SparseSymmetric) for each in statements.lambdas.values()):
         raise _too_large(len(problem.network.labels), "agents with so many arcs")
     pencils = tuple(statements.lambdas.values()) if problem.exosystem is None else statements.psi()

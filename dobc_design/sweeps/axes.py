@@ -105,11 +105,8 @@ def read_axes(over: Mapping[str, Any] | Sequence[str]) -> tuple[Axis, ...]:
     """
     given = list(over.items()) if isinstance(over, Mapping) else [split_axis(text) for text in over]
     if not given:
-        raise SpecError(
-            "nothing is varied: a sweep needs at least one KEY=VALUES.",
-            key="over",
-            cure="For example pinning.gains.1=1:5:9.",
-        )
+        cure = "For example pinning.gains.1=1:5:9."
+        raise SpecError("nothing is varied: a sweep needs at least one KEY=VALUES.", key="over", cure=cure)
     axes: list[Axis] = []
     errors: list[SpecError] = []
     for key, values in given:
@@ -121,11 +118,8 @@ def read_axes(over: Mapping[str, Any] | Sequence[str]) -> tuple[Axis, ...]:
         raise SpecError.several(errors)
     paths = [path for axis in axes for path in axis.keys]
     if any(path is not other and path == other[: len(path)] for path in paths for other in paths):
-        raise SpecError(
-            "two axes set the same place, and one would undo the other.",
-            key=axes[0].name,
-            cure="Put keys that go together on one side: KEY,KEY=VALUES.",
-        )
+        cure = "Put keys that go together on one side: KEY,KEY=VALUES."
+        raise SpecError("two axes set the same place, and one would undo the other.", key=axes[0].name, cure=cure)
     return tuple(axes)
 
 
@@ -133,11 +127,8 @@ def split_axis(text: str) -> tuple[str, str]:
     """Split "KEY=VALUES" at the first "=" outside quotes.  Raises: SpecError."""
     found = _ASSIGNED.fullmatch(text)
     if found is None:
-        raise SpecError(
-            f"what is varied must be given as KEY=VALUES; got {shown(text)}.",
-            key=text[:60],
-            cure="For example pinning.gains.1=1:5:9.",
-        )
+        cure = "For example pinning.gains.1=1:5:9."
+        raise SpecError(f"what is varied must be given as KEY=VALUES; got {shown(text)}.", key=text[:60], cure=cure)
     return found[1].strip(), found[2].strip()
 
 
@@ -170,16 +161,13 @@ def _listed(text: str) -> tuple[str, ...]:
     a, b = parse_number(found[1].strip(), key="start"), parse_number(found[2].strip(), key="end")
     count = int(found[3])
     if count < 2 or a == b or count > MOST_VALUES:
-        raise SpecError(
-            f"START:END:COUNT needs two different ends and a count from 2 to {MOST_VALUES}; got {shown(count)}.",
-            cure=_CURE,
-        )
+        message = f"START:END:COUNT needs two different ends and a count from 2 to {MOST_VALUES}; got {shown(count)}."
+        raise SpecError(message, cure=_CURE)
     if not found[4]:
         return tuple(exact_text(a + (b - a) * k / (count - 1)) for k in range(count))
     if a <= 0 or b <= 0:
-        raise SpecError(
-            "START:END:COUNT:log needs ends > 0, because ratios are even.", cure="For example 0.01:10:7:log."
-        )
+        cure = "For example 0.01:10:7:log."
+        raise SpecError("START:END:COUNT:log needs ends > 0, because ratios are even.", cure=cure)
     low, step = math.log(a), (math.log(b) - math.log(a)) / (count - 1)
     inner = (_rounded(math.exp(low + step * k)) for k in range(1, count - 1))
     return (exact_text(a), *inner, exact_text(b))
@@ -220,11 +208,8 @@ def _rounded(value: float) -> str:
 def read_keys(text: str) -> tuple[Path, ...]:
     """The key paths of an axis: one, or several that get the same value, separated by commas.  Raises: SpecError."""
     if len(text) > LONGEST or _KEYS.fullmatch(text) is None:
-        raise SpecError(
-            f"{shown(text)} is no key of a problem file: names between dots, places of lists in brackets.",
-            key=text[:60],
-            cure=_EXAMPLE,
-        )
+        message = f"{shown(text)} is no key of a problem file: names between dots, places of lists in brackets."
+        raise SpecError(message, key=text[:60], cure=_EXAMPLE)
     paths = tuple(tuple(_step(*step.groups()) for step in _STEP.finditer(path)) for path in re.findall(_PATH, text))
     if len(set(paths)) < len(paths):
         raise SpecError(f"{shown(text)} names a key twice.", key=text[:60], cure="Name each key once.")
@@ -336,9 +321,8 @@ def value_text(value: Any) -> str:
     if isinstance(value, str):
         return value if _reads_back(value) else json.dumps(value, ensure_ascii=False)
     if isinstance(value, bool):
-        raise SpecError(
-            f"a value must be a number, text, list or table; got {value}.", key="values", cure="Use 0 or 1."
-        )
+        cure = "Use 0 or 1."
+        raise SpecError(f"a value must be a number, text, list or table; got {value}.", key="values", cure=cure)
     return exact_text(parse_number(value, key="values"))
 
 
@@ -363,9 +347,8 @@ def split(text: str) -> list[str]:
     """
     parts = [part.strip() for part in _parts(text)] if text.strip() else []
     if not all(parts):
-        raise SpecError(
-            f"a value is missing between commas in {shown(text)}.", key="values", cure="Drop the comma, or add it."
-        )
+        cure = "Drop the comma, or add it."
+        raise SpecError(f"a value is missing between commas in {shown(text)}.", key="values", cure=cure)
     return parts
 
 
@@ -390,9 +373,8 @@ def _parts(text: str) -> Iterator[str]:
 
 
 def _unbalanced(text: str) -> SpecError:
-    return SpecError(
-        f"a bracket or quote is left open, or closed too often, in {shown(text)}.", key="values", cure="Close it."
-    )
+    message = f"a bracket or quote is left open, or closed too often, in {shown(text)}."
+    return SpecError(message, key="values", cure="Close it.")
 
 
 def _in_table(value: Any) -> str:

@@ -91,11 +91,9 @@ class Journal:
         self.done[line["case"]] = line
 
     def _refused(self, error: OSError) -> CertificateError:
-        return CertificateError(
-            f"{LINES} cannot be written: {error.strerror or error}.",
-            key=f"{self.folder}/{LINES}",
-            cure="What is there is kept: make room, or check the permissions, and run the same command again.",
-        )
+        message = f"{LINES} cannot be written: {error.strerror or error}."
+        cure = "What is there is kept: make room, or check the permissions, and run the same command again."
+        return CertificateError(message, key=f"{self.folder}/{LINES}", cure=cure)
 
     def __enter__(self) -> Journal:
         return self
@@ -116,11 +114,8 @@ def _require_same(folder: Path, plan: Plan) -> None:
     head, lines = folder / HEAD, folder / LINES
     if not head.exists():
         if lines.exists() and lines.stat().st_size:
-            raise SpecError(
-                f"{str(folder)!r} holds {LINES} without {HEAD}, which says what it is about.",
-                key="--out",
-                cure="Choose another folder, or add --force to begin anew there.",
-            )
+            message = f"{str(folder)!r} holds {LINES} without {HEAD}, which says what it is about."
+            raise SpecError(message, key="--out", cure="Choose another folder, or add --force to begin anew there.")
         return
     try:
         found: Any = json.loads(head.read_bytes().decode("utf-8"))
@@ -139,11 +134,8 @@ def _require_same(folder: Path, plan: Plan) -> None:
     }
     known = found if isinstance(found, dict) else plan.document
     other = dict.fromkeys(f" another {word}" for name, word in words.items() if known.get(name) != plan.document[name])
-    raise SpecError(
-        f"{str(folder)!r} was made for another sweep{', with' if other else ''}{' and'.join([*other][:2])}.",
-        key="--out",
-        cure="Choose another folder with --out, or add --force to begin anew there.",
-    )
+    message = f"{str(folder)!r} was made for another sweep{', with' if other else ''}{' and'.join([*other][:2])}."
+    raise SpecError(message, key="--out", cure="Choose another folder with --out, or add --force to begin anew there.")
 
 
 def _lock(stream: IO[bytes], folder: Path) -> None:
@@ -155,8 +147,5 @@ def _lock(stream: IO[bytes], folder: Path) -> None:
     try:
         fcntl.flock(stream, fcntl.LOCK_EX | fcntl.LOCK_NB)
     except BlockingIOError:
-        raise SpecError(
-            f"another process is at work on the sweep in {str(folder)!r}.",
-            key="--out",
-            cure="Wait for it, or choose another folder with --out.",
-        ) from None
+        message = f"another process is at work on the sweep in {str(folder)!r}."
+        raise SpecError(message, key="--out", cure="Wait for it, or choose another folder with --out.") from None

@@ -76,9 +76,8 @@ class Task:
 
     def __post_init__(self) -> None:
         if self.kind not in COLUMNS:
-            raise SpecError(
-                f"task must be one of {', '.join(COLUMNS)}; got {shown(self.kind)}.", key="task", cure="Choose one."
-            )
+            cure = "Choose one."
+            raise SpecError(f"task must be one of {', '.join(COLUMNS)}; got {shown(self.kind)}.", key="task", cure=cure)
         require_whole("runs", self.runs, least=1)
         if self.kind == "certify" and self.runs != 1:
             raise SpecError("runs is for simulations; a proof is made once.", key="runs", cure='Take task="simulate".')
@@ -217,15 +216,11 @@ def make_plan(
     axes = read_axes(over)
     drawn = [axis.name for axis in axes if axis.draw is not None]
     if drawn and samples is None:
-        raise SpecError(
-            f"samples must say how many times {drawn[0]} is drawn.", key="samples", cure="For example --samples 100."
-        )
+        cure = "For example --samples 100."
+        raise SpecError(f"samples must say how many times {drawn[0]} is drawn.", key="samples", cure=cure)
     if not drawn and samples is not None:
-        raise SpecError(
-            "samples must be left out when nothing is drawn; the grid is gone through once.",
-            key="samples",
-            cure="Draw a key, such as KEY=~uniform(0,1), or leave samples out.",
-        )
+        message = "samples must be left out when nothing is drawn; the grid is gone through once."
+        raise SpecError(message, key="samples", cure="Draw a key, such as KEY=~uniform(0,1), or leave samples out.")
     samples = 1 if samples is None else samples
     require_whole("samples", samples, least=1)
     require_whole("seed", seed, least=0)
@@ -241,11 +236,8 @@ def make_plan(
         task=task,
     )
     if len(plan) > MOST_CASES:
-        raise SpecError(
-            f"a sweep may have at most {MOST_CASES} cases; these axes give {len(plan)}.",
-            key="over",
-            cure="Take fewer values, or split it into several sweeps.",
-        )
+        message = f"a sweep may have at most {MOST_CASES} cases; these axes give {len(plan)}."
+        raise SpecError(message, key="over", cure="Take fewer values, or split it into several sweeps.")
     return plan
 
 

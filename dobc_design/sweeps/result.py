@@ -86,9 +86,8 @@ class SweepResult(Shown):
     def column(self, name: str) -> list[Any]:
         """One column, case by case.  Raises: SpecError for a name that is none."""
         if name not in self.columns:
-            raise SpecError(
-                f"{shown(name)} is no column of this sweep.", key="column", cure=f"One of {', '.join(self.columns)}."
-            )
+            cure = f"One of {', '.join(self.columns)}."
+            raise SpecError(f"{shown(name)} is no column of this sweep.", key="column", cure=cure)
         return [row[name] for row in self.rows]
 
     @property
@@ -123,11 +122,8 @@ class SweepResult(Shown):
         target = Path(path)
         make = {".csv": self._csv, ".jsonl": self._jsonl, ".parquet": self._parquet}.get(target.suffix.lower())
         if make is None:
-            raise SpecError(
-                f"a table is saved as .csv, .jsonl, .parquet; got {target.name[:40]!r}.",
-                key="path",
-                cure="Choose one of these.",
-            )
+            message = f"a table is saved as .csv, .jsonl, .parquet; got {target.name[:40]!r}."
+            raise SpecError(message, key="path", cure="Choose one of these.")
         if target.exists() and not force:
             raise SpecError(f"{str(target)!r} exists already.", key="path", cure="Replace it with force=True.")
         write_atomically(target, make())
@@ -164,9 +160,8 @@ class SweepResult(Shown):
             raise SpecError(f"{shown(name)} is no numeric column.", key="value", cure=f"One of {', '.join(meanings)}.")
         numbers = np.array([math.nan if each is None else float(each) for each in self.column(name)])
         if not np.isfinite(numbers).any():
-            raise SpecError(
-                f"no case has a {name}, so there is nothing to be drawn.", key="value", cure="Choose another column."
-            )
+            cure = "Choose another column."
+            raise SpecError(f"no case has a {name}, so there is nothing to be drawn.", key="value", cure=cure)
         chosen = self._drawn_axes(x, y)
         outcome = [outcome_of(line) for line in self.lines]
         title, label = f"{self.plan.name}: {meanings[name]}", meanings[name]
@@ -183,9 +178,8 @@ class SweepResult(Shown):
         """One axis, or two for a heat map: those named, else the first two that are listed, else the first."""
         for key, name in (("x", x), ("y", y)):
             if name is not None and name not in self.axes:
-                raise SpecError(
-                    f"{shown(name)} is no axis of this sweep.", key=key, cure=f"One of {', '.join(self.axes)}."
-                )
+                cure = f"One of {', '.join(self.axes)}."
+                raise SpecError(f"{shown(name)} is no axis of this sweep.", key=key, cure=cure)
         if x is not None and x == y:
             raise SpecError("x and y must be different axes.", key="y", cure="Leave y out for lines.")
         listed = {axis.name: len(axis.values) for axis in self.plan.axes if len(axis.values) > 1}

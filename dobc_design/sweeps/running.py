@@ -134,11 +134,9 @@ def _read_limit(given: Any) -> float | None:
         return None
     limit = parse_number(given, key="time_limit")
     if not 0 < limit <= LONGEST:
-        raise SpecError(
-            f"time_limit must be a number of seconds > 0, at most {LONGEST} (a year); got {shown(given)}.",
-            key="time_limit",
-            cure="For example 600; without it a case may take as long as it does.",
-        )
+        message = f"time_limit must be a number of seconds > 0, at most {LONGEST} (a year); got {shown(given)}."
+        cure = "For example 600; without it a case may take as long as it does."
+        raise SpecError(message, key="time_limit", cure=cure)
     return float(limit)
 
 
@@ -341,11 +339,9 @@ def _backend(cluster: str | None, jobs: int) -> Iterator[dict[str, Any]]:
     try:
         from distributed import Client, LocalCluster
     except ImportError:
-        raise SpecError(
-            "a cluster needs the extra packages of dobc_design[cluster], which are not installed.",
-            key="--cluster",
-            cure="`dobc doctor` says how to install them; without --cluster this machine's processors are used.",
-        ) from None
+        message = "a cluster needs the extra packages of dobc_design[cluster], which are not installed."
+        cure = "`dobc doctor` says how to install them; without --cluster this machine's processors are used."
+        raise SpecError(message, key="--cluster", cure=cure) from None
     with ExitStack() as stack:
         try:
             address: Any = cluster
@@ -356,18 +352,14 @@ def _backend(cluster: str | None, jobs: int) -> Iterator[dict[str, Any]]:
             client = stack.enter_context(Client(address, timeout="10s"))
             client.wait_for_workers(1, timeout=30)
         except (OSError, ValueError) as error:  # a TimeoutError among them
-            raise SpecError(
-                f"there is no Dask scheduler at {cluster[:100]!r} ({type(error).__name__}).",
-                key="--cluster",
-                cure="Start one with `dask scheduler`, or say --cluster local.",
-            ) from error
+            message = f"there is no Dask scheduler at {cluster[:100]!r} ({type(error).__name__})."
+            cure = "Start one with `dask scheduler`, or say --cluster local."
+            raise SpecError(message, key="--cluster", cure=cure) from error
         for worker, version in client.run(_version, on_error="return").items():
             if version != __version__:  # its numbers would be others
-                raise SpecError(
-                    f"the worker {worker} has another dobc_design, or none; this program is {__version__}.",
-                    key="--cluster",
-                    cure="Install the same version on all machines of the cluster.",
-                )
+                message = f"the worker {worker} has another dobc_design, or none; this program is {__version__}."
+                cure = "Install the same version on all machines of the cluster."
+                raise SpecError(message, key="--cluster", cure=cure)
         yield {"backend": "dask"}
 
 

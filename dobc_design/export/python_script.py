@@ -13,100 +13,11 @@ import numpy as np
 from dobc_design.coupling.coupling import Coupling
 from dobc_design.coupling.functions import FUNCTIONS
 from dobc_design.errors import SpecError
+from dobc_design.export.c_text import template
 from dobc_design.problem.arrays import Gain, arc_groups, exosystem_arrays, goals, pinning_matrix, required_gain
 from dobc_design.problem.problem import Problem
 
 MOST_ARCS = 20_000  # of all modes: a file of a few MB
-
-HEAD = '''\
-"""{title}: closed loop (1), (12), (13), (19) as python-control objects.
-
-    system = make_system("{mode}")
-    response = control.input_output_response(system, times, 0, start(x0, xi0))
-
-States: x, xi, z agent by agent; inputs: a disturbance besides d; outputs: x, dhat and u.
-Written by dobc_design; needs NumPy and python-control only.
-"""
-
-import functools
-
-import control
-import numpy as np
-{imports}
-
-
-def min(*values):
-    return functools.reduce(np.minimum, values)
-
-
-def max(*values):
-    return functools.reduce(np.maximum, values)
-
-'''
-
-BODY = '''\
-
-
-def felt(mode, e):
-    """h(e) of (9); e has the shape (n, m)."""
-    total = np.zeros_like(e)
-    for h, listeners, speakers, weights in ARCS[mode]:
-        np.add.at(total, listeners, weights[:, None] * h(e[speakers] - e[listeners]))
-    return total
-
-
-def control_law(e, dhat):
-    """u of (19)."""
-    return -(K @ e[..., None])[..., 0] - dhat
-
-
-def derivative(mode, state, w):
-    """x', xi' and z' of the flat state; w (n m) acts besides d."""
-    x, xi, z = cut(state)
-    e, xihat = x - GOALS, z + x @ W.T
-    v = felt(mode, e) + control_law(e, xihat @ C.T)
-    z_dot = xihat @ (A - W @ C).T - v @ W.T
-    return np.concatenate([(v + xi @ C.T).ravel() + w, (xi @ A.T).ravel(), z_dot.ravel()])
-
-
-def outputs(state):
-    x, _, z = cut(state)
-    dhat = (z + x @ W.T) @ C.T
-    return np.concatenate([x.ravel(), dhat.ravel(), control_law(x - GOALS, dhat).ravel()])
-
-
-def cut(state):
-    """x (n, m), xi and z (n, q) of a flat state."""
-    return (
-        state[: N * M].reshape(N, M), state[N * M : N * M + N * Q].reshape(N, Q), state[N * M + N * Q :].reshape(N, Q)
-    )
-
-
-def start(x, xi=None, xihat=0.0):
-    """The flat state for x (n, m), xi (n, q) and the estimate xihat."""
-    x = np.asarray(x, dtype=float).reshape(N, M)
-    xi = np.zeros((N, Q)) if xi is None else np.asarray(xi, dtype=float).reshape(N, Q)
-    return np.concatenate([x.ravel(), xi.ravel(), (xihat - x @ W.T).ravel()])
-
-
-def make_system(mode):
-    """The closed loop in one mode: control.NonlinearIOSystem."""
-    return control.NonlinearIOSystem(
-        lambda t, state, w, params: derivative(mode, state, w), lambda t, state, w, params: outputs(state),
-        states=N * (M + 2 * Q), inputs=N * M, outputs=3 * N * M, dt=0, name="loop",
-    )
-
-
-def make_exosystem():
-    """(12) of one agent: output d; its input does nothing."""
-    return control.ss(A, np.zeros((Q, 1)), C, np.zeros((M, 1)))
-
-
-def make_observer():
-    """(13) of one agent: inputs x and v = couplings + u, output dhat."""
-    F = A - W @ C
-    return control.ss(F, np.hstack([F @ W, -W]), C, np.hstack([C @ W, np.zeros((M, M))]))
-'''
 
 
 def python_script(problem: Problem, *, gain: Any = None) -> str:
@@ -119,20 +30,19 @@ def python_script(problem: Problem, *, gain: Any = None) -> str:
         message = f"a Python file holds at most {MOST_ARCS} arcs; the problem has {arcs}."
         cure = "Use dobc_design.to_control(problem) in Python: it needs no file."
         raise SpecError(message, key="--python-control", cure=cure)
-    mode = next(iter(problem.network.modes))
-    title = _inside_docstring(problem.name)
-    text = HEAD.replace("{title}", title).replace("{mode}", _inside_docstring(mode)).replace("{imports}", _imports())
-    couplings = list(problem.couplings)
-    text += "".join(_function(number, each) for number, each in enumerate(couplings))
-    return text + _numbers(problem, gain) + _arcs(problem, couplings) + BODY
-
-
-def _imports() -> str:
-    """The functions of couplings, from NumPy; min and max of several have definitions of their own."""
+    # The functions of couplings come from NumPy; min and max of several have definitions of their own.
     plain = sorted(["pi", *(row.name for row in FUNCTIONS.values() if not row.numpy)])
     renamed = [row for row in FUNCTIONS.values() if row.numpy and row.name not in ("min", "max")]
-    lines = [f"from numpy import {row.numpy} as {row.name}" for row in renamed]
-    return "\n".join([f"from numpy import {', '.join(plain)}", *lines])
+    imports = [f"from numpy import {', '.join(plain)}", *(f"from numpy import {r.numpy} as {r.name}" for r in renamed)]
+    couplings = list(problem.couplings)
+    return template("loop.py.j2").render(
+        title=_inside_docstring(problem.name),
+        mode=_inside_docstring(next(iter(problem.network.modes))),
+        imports="\n".join(imports),
+        couplings="".join(_function(number, each) for number, each in enumerate(couplings)),
+        numbers=_numbers(problem, gain),
+        arcs=_arcs(problem, couplings),
+    )
 
 
 def _function(number: int, coupling: Coupling) -> str:

@@ -21,7 +21,7 @@ from dobc_design.conditions.numbers import claimed
 from dobc_design.errors import SpecError
 from dobc_design.exact.matrix import Matrix, multiply
 from dobc_design.exact.symmetric import SparseSymmetric
-from dobc_design.export.c_code import template
+from dobc_design.export.c_text import template
 from dobc_design.problem.canonical import problem_sha256
 from dobc_design.verdict import Verdict
 

@@ -15,9 +15,8 @@ from scipy.linalg import expm
 import dobc_design as dd
 from dobc_design.coupling.coupling import make_coupling
 from dobc_design.errors import SpecError
-from dobc_design.export.c_code import source_text
 from dobc_design.export.c_controller import make_controller
-from dobc_design.export.c_folder import FILES
+from dobc_design.export.c_folder import FILES, source_text
 from dobc_design.export.rounding_bound import Erring, ErringAlgebra, coupling_with_error
 from dobc_design.problem.exosystems import Exosystem
 from dobc_design.problem.groups import Observer

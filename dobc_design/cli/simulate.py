@@ -99,8 +99,8 @@ def simulate(
         else:
             progress("simulating")
             given |= {"mode": mode, "observer": observer, "stress": None if stress.is_calm else stress}
-            told = {"progress": lambda part: progress(f"simulating, {part:.0%}")}
-            result = simulate_runs(problem, runs=None if single else runs, **given, **told)
+            given["progress"] = lambda part: progress(f"simulating, {part:.0%}")
+            result = simulate_runs(problem, runs=None if single else runs, **given)
             document = _document(result, problem, proof, single=single)
         document["files"] = [] if out is None else [str(out / name) for name in names]
         if out is not None:
@@ -138,8 +138,8 @@ def _failure(text: str) -> Failure:
 def _document(result: Any, problem: Problem, proof: Certificate | None, *, single: bool) -> dict[str, Any]:
     """What --json prints of runs, with what the certificate bounds; a note where it bounds nothing here."""
     notes = list(result.notes)
-    document = result.summary() | {"problem": problem.name, "mode": result.mode, "reasons": _reasons(result)}
-    document["notes"] = notes
+    document: dict[str, Any] = result.summary() | {"problem": problem.name, "mode": result.mode}
+    document |= {"reasons": _reasons(result), "notes": notes}
     if proof is not None:
         from dobc_design.plotting.look import RESOLVED
 

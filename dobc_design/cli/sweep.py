@@ -55,7 +55,7 @@ def sweep_command(
     """Certify or simulate a problem with some keys varied: in parallel, resumable, nothing done twice."""
     from dobc_design.certificate.files import write_atomically
     from dobc_design.problem.load import load_problem
-    from dobc_design.sweeps.journal import HEAD, LINES
+    from dobc_design.sweeps.result import HEAD, LINES
     from dobc_design.sweeps.running import sweep
 
     manner = output.manner_of(quiet=quiet, verbose=verbose)

@@ -26,8 +26,8 @@ from dobc_design._show.cards import Card, Shown
 from dobc_design.certificate.files import write_atomically
 from dobc_design.errors import SolverError
 from dobc_design.export.c_controller import Controller
-from dobc_design.export.c_folder import header_text, source_text, template
-from dobc_design.export.c_text import string
+from dobc_design.export.c_folder import header_text, source_text
+from dobc_design.export.c_text import string, template
 
 MODEL = "dobc_agent"
 COMPILERS = ("cc", "gcc", "clang")

@@ -148,7 +148,8 @@ def rocq_proof(certificate: Certificate, *, rate: bool = False) -> str:
     statements = state_theorems(problem)
     jacobians = _rational_jacobians(statements)
     W, P, Q, exosystem = claims.W, claims.P, claims.Q, problem.exosystem
-    pair, matrices, P_squares = None, {}, ()
+    pair, matrices = None, dict[str, Matrix]()
+    P_squares: Factors = ()
     if exosystem is not None:
         if W is None or P is None or Q is None or multiply(P, W) != Q:
             raise _unsound("the certificate must hold W, P and Q with Q = P W.")

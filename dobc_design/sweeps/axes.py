@@ -31,7 +31,7 @@ from typing import Any
 
 import numpy as np
 
-from dobc_design.errors import SpecError
+from dobc_design.errors import SpecError, about, raise_all
 from dobc_design.exact.number import number_text, parse_number
 from dobc_design.exact.reading import NumberText, is_list, shown
 from dobc_design.problem.changes import typed_number
@@ -113,9 +113,8 @@ def read_axes(over: Mapping[str, Any] | Sequence[str]) -> tuple[Axis, ...]:
         try:
             axes.append(_axis(key, values))
         except SpecError as error:
-            errors.extend(SpecError(f"{key}: {each.message}", key=key, cure=each.cure) for each in error.errors)
-    if errors:
-        raise SpecError.several(errors)
+            errors.extend(about(key, each.message, each.cure) for each in error.errors)
+    raise_all(errors)
     paths = [path for axis in axes for path in axis.keys]
     if any(path is not other and path == other[: len(path)] for path in paths for other in paths):
         cure = "Put keys that go together on one side: KEY,KEY=VALUES."
@@ -154,10 +153,7 @@ def _axis(key: str, given: Any) -> Axis:
 def _listed(text: str) -> tuple[str, ...]:
     found = _RANGE.fullmatch(text.strip())
     if found is None:
-        values = tuple(split(text))
-        for value in values:
-            read_value(value)  # what cannot be read is said before anything runs
-        return values
+        return _readable(text)
     a, b = parse_number(found[1].strip(), key="start"), parse_number(found[2].strip(), key="end")
     count = int(found[3])
     if count < 2 or a == b or count > MOST_VALUES:
@@ -173,18 +169,22 @@ def _listed(text: str) -> tuple[str, ...]:
     return (exact_text(a), *inner, exact_text(b))
 
 
+def _readable(text: str) -> tuple[str, ...]:
+    """The values between commas; what cannot be read is said before anything runs."""
+    values = tuple(split(text))
+    for value in values:
+        read_value(value)
+    return values
+
+
 def _draw(kind: str, text: str) -> Draw:
+    if kind == "choice" and text.strip():
+        return Draw(kind=kind, arguments=_readable(text))
     arguments = tuple(split(text))
-    if kind == "choice" and arguments:
-        for each in arguments:
-            read_value(each)
-        return Draw(kind=kind, arguments=arguments)
     if kind not in KINDS or len(arguments) != 2:
-        raise SpecError(
-            f"a draw must be uniform(a,b), loguniform(a,b), normal(mean,deviation), integers(a,b) or choice(x,y,...);"
-            f" got {shown(f'{kind}({text})')}.",
-            cure="For example ~uniform(0.1,1).",
-        )
+        kinds = "uniform(a,b), loguniform(a,b), normal(mean,deviation), integers(a,b) or choice(x,y,...)"
+        message = f"a draw must be {kinds}; got {shown(f'{kind}({text})')}."
+        raise SpecError(message, cure="For example ~uniform(0.1,1).")
     a, b = (parse_number(each, key=f"~{kind}") for each in arguments)
     fits, rule = {
         "normal": (b > 0, "the second number must be > 0"),

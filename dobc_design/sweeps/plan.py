@@ -108,17 +108,10 @@ class Task:
         from dobc_design.simulation.simulations import simulate
 
         summary = simulate(problem, runs=None if self.runs == 1 else self.runs).summary()
-        error, settling, rate = summary["final_error"], summary["settling_time"], summary["decay_rate"]
-        return {
-            "diverged": summary["diverged"],
-            "diverged_runs": summary["diverged_runs"],
-            "final_error": error["median"],
-            "final_error_max": error["max"],
-            "settling_time": settling["median"],
-            "settling_time_max": settling["max"],
-            "decay_rate": rate["median"],
-            "decay_rate_min": rate["min"],
-        }
+        found = {name: summary[name] for name in ("diverged", "diverged_runs")}
+        for name, extreme in (("final_error", "max"), ("settling_time", "max"), ("decay_rate", "min")):
+            found |= {name: summary[name]["median"], f"{name}_{extreme}": summary[name][extreme]}
+        return found
 
 
 def _facts(certificate: Certificate) -> dict[str, Any]:

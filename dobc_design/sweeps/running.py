@@ -30,9 +30,8 @@ from dobc_design.exact.number import parse_number
 from dobc_design.exact.reading import shown
 from dobc_design.problem.canonical import problem_sha256
 from dobc_design.problem.problem import Problem
-from dobc_design.sweeps.journal import TIME, Journal, Outcome, to_be_done_again
 from dobc_design.sweeps.plan import Plan, Task, make_plan, require_whole
-from dobc_design.sweeps.result import SweepResult
+from dobc_design.sweeps.result import TIME, Journal, Outcome, SweepResult, to_be_done_again
 
 LONGEST = 366 * 24 * 3600  # s
 LOCAL = "local"  # the name of a cluster on this machine
@@ -57,12 +56,9 @@ class State:
     left: tuple[float, float] | None
 
     def __str__(self) -> str:
-        parts = [f"{self.done} of {self.total} cases"]
-        if self.resumed:
-            parts.append(f"{self.resumed} of them from before")
-        if self.failed:
-            parts.append(f"{self.failed} failed")
-        return f"{', '.join(parts)}; {self.time_left}"
+        before = f", {self.resumed} of them from before" if self.resumed else ""
+        failed = f", {self.failed} failed" if self.failed else ""
+        return f"{self.done} of {self.total} cases{before}{failed}; {self.time_left}"
 
     @property
     def time_left(self) -> str:
@@ -115,29 +111,21 @@ def sweep(
     """
     if jobs is not None:
         require_whole("jobs", jobs, least=1)
-    limit = _read_limit(time_limit)
+    limit = None if time_limit is None else parse_number(time_limit, key="time_limit")
+    if limit is not None and not 0 < limit <= LONGEST:
+        message = f"time_limit must be a number of seconds > 0, at most {LONGEST} (a year); got {shown(time_limit)}."
+        cure = "For example 600; without it a case may take as long as it does."
+        raise SpecError(message, key="time_limit", cure=cure)
     plan = make_plan(problem, over, task=Task(kind=task, everything=everything, runs=runs), samples=samples, seed=seed)
     _require_one(plan)
     with Journal(None if out is None else Path(out), plan, anew=force) as journal:
-        _run(journal, jobs=jobs, cluster=cluster, limit=limit, progress=progress)
+        _run(journal, jobs=jobs, cluster=cluster, limit=None if limit is None else float(limit), progress=progress)
         result = SweepResult(plan=plan, lines=journal.lines, folder=journal.folder)
         if journal.folder is not None:
             result.save(journal.folder / "results.csv", force=True)
             with suppress(SpecError):  # without the extra "store" the CSV file holds everything
                 result.save(journal.folder / "results.parquet", force=True)
     return result
-
-
-def _read_limit(given: Any) -> float | None:
-    """The time limit of a case in s.  Raises: SpecError."""
-    if given is None:
-        return None
-    limit = parse_number(given, key="time_limit")
-    if not 0 < limit <= LONGEST:
-        message = f"time_limit must be a number of seconds > 0, at most {LONGEST} (a year); got {shown(given)}."
-        cure = "For example 600; without it a case may take as long as it does."
-        raise SpecError(message, key="time_limit", cure=cure)
-    return float(limit)
 
 
 def _require_one(plan: Plan) -> None:

@@ -14,7 +14,7 @@ from pathlib import Path
 import pytest
 
 from dobc_design.certification.certify import certify, verify
-from dobc_design.cli.doctor import Item, examine, fits, install_command
+from dobc_design.cli.doctor import Item, examine, install_command
 from dobc_design.cli.new import scaffold
 from dobc_design.cli.output import ids, problem_names
 from dobc_design.conditions.kinds import KINDS
@@ -177,25 +177,6 @@ def test_doctor_without_programs_names_their_packages(monkeypatch):
         "chromium": "sudo apt-get install chromium",
         "csdp": "sudo apt-get install coinor-csdp",
     }
-
-
-@pytest.mark.parametrize(
-    ("version", "bounds", "yes"),
-    [
-        ("2.4", ">=2.4", True),
-        ("2.4.0", ">=2.4", True),
-        ("2.10", ">=2.4", True),
-        ("2.3.9", ">=2.4", False),
-        ("0.12", "<0.12,>=0.11", False),
-        ("0.11.9", "<0.12,>=0.11", True),
-        ("3.0rc1", ">=3", True),
-        ("1", "", True),
-        ("1.5", "!=1.5", False),
-        ("1.5", "==1.5.0", True),
-    ],
-)
-def test_versions_are_compared_as_numbers(version, bounds, yes):
-    assert fits(version, bounds) is yes
 
 
 # ------------------------------------------------------------------------------------------ explain, completion

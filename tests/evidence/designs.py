@@ -31,9 +31,7 @@ def built_in(count: int, seed: int) -> Row:
         if not again.holds or again.verdict is not Verdict.PROVED or len(found.gains) > MOST_PINS.get(name, 99):
             failures.append(f"{name}: {again.verdict.value}, pins {', '.join(found.gains)}")
         notes.append(f"{name}: {len(found.gains)} pins, rate {found.rate or 0:.3g} 1/s")
-    return Row(
-        what="built-in problems designed and proved", count=len(names), failures=tuple(failures), notes=tuple(notes)
-    )
+    return Row("built-in problems designed and proved", len(names), failures, notes)
 
 
 def requests(count: int, seed: int) -> Row:
@@ -53,7 +51,7 @@ def requests(count: int, seed: int) -> Row:
         elif found.verdict is Verdict.REFUTED and _found_one(r, problem, asked):
             failures.append(f"{seed + number}: refused, yet possible")
     notes = (", ".join(f"{n} {verdict.value}" for verdict, n in counts.items()),)
-    return Row(what="random requests for a design", count=count, failures=tuple(failures), notes=notes)
+    return Row("random requests for a design", count, failures, notes)
 
 
 def _case(r: Random) -> tuple[Problem, dict]:

@@ -32,15 +32,9 @@ def run(count: int, seed: int) -> Row:
             else:
                 failures.append(f"seed {k}: exact {exact}, numerical {numerical}, distance {distance:.1e}")
     listed = [", ".join(borderline[start : start + 8]) for start in range(0, len(borderline), 8)]
-    return Row(
-        what="detectability: exact = numerical PBH, integer pairs, q = 1 to 6, m = 1 or 2",
-        count=count,
-        failures=tuple(failures),
-        notes=(
-            f"{detectable} detectable; {len(borderline)} disagree within {TINY:g} of zero (seed: distance):",
-            *listed,
-        ),
-    )
+    what = "detectability: exact = numerical PBH, integer pairs, q = 1 to 6, m = 1 or 2"
+    notes = [f"{detectable} detectable; {len(borderline)} disagree within {TINY:g} of zero (seed: distance):", *listed]
+    return Row(what, count, failures, notes)
 
 
 def pbh(A: np.ndarray, C: np.ndarray) -> tuple[bool, float]:

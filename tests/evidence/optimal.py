@@ -60,13 +60,7 @@ def _compare(what: str, count: int, seed: int, cases: Callable[[Random], Iterato
                 met += 1
                 if found < optimum * (1 - BETTER):
                     failures.append(f"{seed + number}, {name}: {float(found):.9g} in place of {float(optimum):.9g}")
-    return Row(
-        what=what,
-        count=met,
-        failures=tuple(failures),
-        least=count,
-        notes=(f"{designs} designs, feasible neighbours only",),
-    )
+    return Row(what, met, failures, [f"{designs} designs, feasible neighbours only"], least=count)
 
 
 def _gains_at_the_consensus(r: Random) -> Iterator[Case]:

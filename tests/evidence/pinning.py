@@ -49,13 +49,8 @@ def closed_form(count: int, seed: int) -> Row:
         f"solved to full accuracy: {solved['CLARABEL']} by Clarabel, {solved['SCS']} by SCS",
         f"largest difference {worst:.1e}",
     )
-    return Row(
-        what="smallest gains: closed form = semidefinite program to 1e-6",
-        count=min(solved.values()),
-        failures=tuple(failures),
-        notes=notes,
-        least=count * 9 // 10,
-    )
+    what = "smallest gains: closed form = semidefinite program to 1e-6"
+    return Row(what, min(solved.values()), failures, notes, least=count * 9 // 10)
 
 
 def choices(count: int, seed: int) -> Row:
@@ -73,9 +68,7 @@ def choices(count: int, seed: int) -> Row:
                 failures.append(f"{seed + number}: {design.verdict.value}, by exhaustive search {best}")
         elif not (best * (1 - AGREE) <= design.lower_bound and design.cost <= best * (1 + AGREE)):
             failures.append(f"{seed + number}: cost {float(design.cost):.9g}, by exhaustive search {best:.9g}")
-    return Row(
-        what="agents to pin: as exhaustive search, n to 12, with a proved bound", count=count, failures=tuple(failures)
-    )
+    return Row("agents to pin: as exhaustive search, n to 12, with a proved bound", count, failures)
 
 
 def gaps(count: int, seed: int) -> Row:
@@ -100,13 +93,9 @@ def gaps(count: int, seed: int) -> Row:
         for name, values in (("chosen", proved), ("greedy alone", greedy))
         if values
     ]
-    return Row(
-        what="agents to pin, n = 50: gap to the proved bound",
-        count=count,
-        failures=(),
-        notes=(f"{len(proved)} proved, {refuted} refuted, {undecided} undecided", *notes),
-        least=count if len(proved) >= 0.8 * count else count + 1,
-    )
+    what = "agents to pin, n = 50: gap to the proved bound"
+    notes = [f"{len(proved)} proved, {refuted} refuted, {undecided} undecided", *notes]
+    return Row(what, count, (), notes, least=count if len(proved) >= 0.8 * count else count + 1)
 
 
 def _case(r: Random, n: int) -> tuple[Blocks, list[int], list[float]]:

@@ -48,12 +48,8 @@ def verdicts(count: int, seed: int) -> Row:
             if psi_is_negative(state, problem.exosystem, pair) is not whole:
                 failures.append(f"seed {seed + k - 1}")
             proved, refuted = proved + whole, refuted + (not whole)
-    return Row(
-        what="Psi < 0: LDL' of the whole pencil = the Reduction, m = 1 and 2, 1 to 4 modes",
-        count=problems,
-        failures=tuple(failures),
-        notes=(f"{proved + refuted} pairs (P, Q): {proved} proved, {refuted} refuted",),
-    )
+    what = "Psi < 0: LDL' of the whole pencil = the Reduction, m = 1 and 2, 1 to 4 modes"
+    return Row(what, problems, failures, [f"{proved + refuted} pairs (P, Q): {proved} proved, {refuted} refuted"])
 
 
 def _pairs(statements: Statements) -> list[Pair]:
@@ -95,12 +91,12 @@ def objectives(count: int, seed: int) -> Row:
                     failures.append(text)
     sizes = ", ".join(f"{error:.1e} ({name})" for name, error in worst.items())
     return Row(
-        what="optimal values: block LMI in cvxpy = small SDP, to 1e-5 relative (t: of at least 0.1)",
-        count=agreed,
-        failures=tuple(failures),
-        least=count,
-        notes=(
+        "optimal values: block LMI in cvxpy = small SDP, to 1e-5 relative (t: of at least 0.1)",
+        agreed,
+        failures,
+        [
             f"{count} problems, 2 objectives: both solved {agreed}, worst {sizes}; both infeasible {infeasible};"
-            f" a solver gave up {unsolved}",
-        ),
+            f" a solver gave up {unsolved}"
+        ],
+        least=count,
     )

@@ -41,7 +41,7 @@ def interrupts(count: int, seed: int) -> Row:
 
 def _row(what: str, count: int, outcome: Outcome) -> Row:
     counts = ", ".join(f"{number} {name}" for name, number in sorted(outcome.counts.items()))
-    return Row(what=what, count=count, failures=tuple(outcome.wrong), notes=(counts,))
+    return Row(what, count, outcome.wrong, [counts])
 
 
 def fuzz(seconds: int, seed: int) -> Row:
@@ -56,13 +56,8 @@ def fuzz(seconds: int, seed: int) -> Row:
             _slice(target, streams[target.name], min(1.0, seconds / len(TARGETS)), counts, accepted, failures)
     spent = time.process_time() - started
     notes = [f"{name}: {counts[name]} inputs, {accepted[name]} of them read" for name in counts]
-    return Row(
-        what="broken input for every reader: no crash, no hang over 2 s, no traceback",
-        count=sum(counts.values()),
-        failures=tuple(failures),
-        notes=(f"{spent:.0f} s of CPU time", *notes),
-        least=1000,
-    )
+    what = "broken input for every reader: no crash, no hang over 2 s, no traceback"
+    return Row(what, sum(counts.values()), failures, [f"{spent:.0f} s of CPU time", *notes], least=1000)
 
 
 def _slice(

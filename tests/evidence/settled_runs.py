@@ -38,7 +38,7 @@ def run(count: int, seed: int) -> Row:
             f" slowest simulated {found.settled:.1f} s, ratio {settling.time / found.settled:.2f}"
         )
     what = "certified settling times: no simulated run crosses the envelope"
-    return Row(what=what, count=runs, failures=tuple(failures), notes=tuple(notes), least=count)
+    return Row(what, runs, failures, notes, least=count)
 
 
 def _wrong_in_the_certificate(certificate: Certificate, name: str) -> Iterator[str]:

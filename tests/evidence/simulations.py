@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -67,11 +68,22 @@ def errors_of(run: Any) -> Any:
     return np.concatenate(parts, axis=1)
 
 
-def linear(count: int, seed: int) -> Row:
-    """Switched linear loops by both routes against the product of their exponentials."""
+def compared(what: str, count: int, seed: int, case: Callable[[np.random.Generator, int], tuple[Any, Any]]) -> Row:
+    """``case`` gives the errors of a run and what they have to be."""
     failures, worst = [], 0.0
     for number in range(count):
-        rng = np.random.default_rng([seed, number])
+        found, wanted = case(np.random.default_rng([seed, number]), number)
+        gap = float(np.abs(found - wanted).max() / max(1.0, np.abs(wanted).max()))
+        worst = max(worst, gap)
+        if not gap < CLOSE:
+            failures.append(f"seed [{seed}, {number}]: {gap:.1e} apart")
+    return Row(what, count, failures, [f"largest difference {worst:.1e}"], least=count)
+
+
+def linear(count: int, seed: int) -> Row:
+    """Switched linear loops by both routes (odd numbers: the full loop) against the product of their exponentials."""
+
+    def case(rng: np.random.Generator, number: int) -> tuple[Any, Any]:
         problem = loop(rng)
         dwell, start = float(rng.uniform(0.1, 0.9)), start_of(problem, rng)
         route = ("closed-form", "full-loop")[number % 2]
@@ -95,25 +107,16 @@ def linear(count: int, seed: int) -> Row:
                 )
                 state, now = expm(block * (end - now)) @ state, end
             wanted = np.concatenate([wanted, state[None]])
-        gap = float(np.abs(errors_of(run) - wanted).max() / max(1.0, np.abs(wanted).max()))
-        worst = max(worst, gap)
-        if not gap < CLOSE:
-            failures.append(f"seed [{seed}, {number}], {route}: {gap:.1e} apart")
-    return Row(
-        what="switched linear loops, both routes, against matrix exponentials",
-        count=count,
-        failures=tuple(failures),
-        notes=(f"largest difference {worst:.1e}",),
-        least=count,
-    )
+        return errors_of(run), wanted
+
+    return compared("switched linear loops, both routes, against matrix exponentials", count, seed, case)
 
 
 def sampled(count: int, seed: int) -> Row:
     """Sampled linear loops against the powers of their matrices; Ad, Cd and L by Gauss quadrature."""
-    failures, worst = [], 0.0
     nodes, weights = np.polynomial.legendre.leggauss(16)
-    for number in range(count):
-        rng = np.random.default_rng([seed, number])
+
+    def case(rng: np.random.Generator, number: int) -> tuple[Any, Any]:
         problem, period = loop(rng), float(rng.choice([1 / 4, 1 / 8, 1 / 16, 1 / 32]))
         run = simulate(
             problem,
@@ -138,17 +141,9 @@ def sampled(count: int, seed: int) -> Row:
         wanted = [found[0]]
         for _ in found[1:]:
             wanted.append(block @ wanted[-1])
-        gap = float(np.abs(found - wanted).max() / max(1.0, np.abs(wanted).max()))
-        worst = max(worst, gap)
-        if not gap < CLOSE:
-            failures.append(f"seed [{seed}, {number}]: {gap:.1e} apart")
-    return Row(
-        what="sampled linear loops against powers of their matrices",
-        count=count,
-        failures=tuple(failures),
-        notes=(f"largest difference {worst:.1e}",),
-        least=count,
-    )
+        return found, np.array(wanted)
+
+    return compared("sampled linear loops against powers of their matrices", count, seed, case)
 
 
 def stressed(count: int, seed: int) -> Row:
@@ -175,13 +170,8 @@ def stressed(count: int, seed: int) -> Row:
             if late.size and (np.ptp(late, axis=0).any() if each.agent in frozen else late.any()):
                 wrong.append(f"agent {each.agent} still acts")
         failures += [f"seed [{seed}, {number}], {stress}: {each}" for each in wrong]
-    return Row(
-        what="random stresses in any combination",
-        count=count,
-        failures=tuple(failures),
-        notes=(f"{ended} of them ended early, with a reason",),
-        least=count,
-    )
+    what = "random stresses in any combination"
+    return Row(what, count, failures, [f"{ended} of them ended early, with a reason"], least=count)
 
 
 def stacked(count: int, seed: int) -> Row:
@@ -212,13 +202,8 @@ def stacked(count: int, seed: int) -> Row:
                 failures.append(f"seed [{seed}, {number}], {given['stress']}: {gap:.1e} apart")
     if 4 * alone > count:  # else the runs would have been held against themselves
         failures.append(f"{alone} of {count} ensembles were made one by one")
-    return Row(
-        what="random stresses, side by side against one by one",
-        count=count,
-        failures=tuple(failures),
-        notes=(f"largest difference {worst:.1e}",),
-        least=count,
-    )
+    what = "random stresses, side by side against one by one"
+    return Row(what, count, failures, [f"largest difference {worst:.1e}"], least=count)
 
 
 def random_stress(rng: np.random.Generator, problem: Problem) -> Stress:
@@ -262,13 +247,8 @@ def bounded(count: int, seed: int) -> Row:
             failures.append(f"seed [{seed}, {number}]: a run crosses the bound of {', '.join(bound.sources)}")
     if 4 * drawn < count:  # else the runs would have been held against nothing
         failures.append(f"only {drawn} of {count} certificates bound their runs")
-    return Row(
-        what="certified bounds of |e(t)| against 50 simulated runs each",
-        count=count,
-        failures=tuple(failures),
-        notes=(f"{drawn} with a bound; a run came to {closest:.0%} of it",),
-        least=count,
-    )
+    what = "certified bounds of |e(t)| against 50 simulated runs each"
+    return Row(what, count, failures, [f"{drawn} with a bound; a run came to {closest:.0%} of it"], least=count)
 
 
 def regional(rng: np.random.Generator) -> Problem:

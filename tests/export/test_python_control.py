@@ -12,8 +12,8 @@ import pytest
 
 import dobc_design as dd
 from dobc_design.errors import SpecError
+from dobc_design.export.interchange import python_script
 from dobc_design.export.python_control import to_control
-from dobc_design.export.python_script import python_script
 from dobc_design.model.model import build_model
 from dobc_design.problem.exosystems import Exosystem
 from dobc_design.problem.groups import Observer

@@ -12,7 +12,7 @@ import pytest
 import dobc_design as dd
 from dobc_design.conditions.consensus.claim import state_theorems
 from dobc_design.errors import SpecError
-from dobc_design.export.sdpa import normalisation, sdpa_text
+from dobc_design.export.matrices import normalisation, sdpa_text
 from dobc_design.problem.exosystems import Exosystem
 from dobc_design.problem.load import load_problem
 from dobc_design.problem.network import Network

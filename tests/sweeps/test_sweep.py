@@ -19,8 +19,8 @@ import dobc_design as dd
 from dobc_design.errors import SpecError
 from dobc_design.problem.load import load_problem
 from dobc_design.sweeps import running
-from dobc_design.sweeps.journal import Journal
 from dobc_design.sweeps.plan import Plan, Task, make_plan
+from dobc_design.sweeps.result import Journal
 from dobc_design.sweeps.running import Clock, State, TooLong, duration, outcomes, run_case, sweep, within
 from dobc_design.verdict import Verdict
 

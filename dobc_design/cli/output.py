@@ -38,9 +38,6 @@ PIPED = 160  # columns of output that no terminal limits
 LONGEST_FOLDER = 60  # characters of a problem's name that go into its folder's; file systems take 255 bytes
 
 
-# ------------------------------------------------------------------------------------------ options
-
-
 def problem_names(incomplete: str) -> list[str]:
     """What the shell offers for a problem: built-in ones, problem files, and folders on the way to them."""
     from dobc_design.problem.load import builtin_names
@@ -92,9 +89,6 @@ def manner_of(*, quiet: bool, verbose: bool) -> Manner:
     if quiet and verbose:
         raise SpecError("--quiet and --verbose exclude each other.", key="--quiet", cure="Leave one of them out.")
     return Manner.QUIET if quiet else Manner.VERBOSE if verbose else Manner.NORMAL
-
-
-# ------------------------------------------------------------------------------------------ standard output and error
 
 
 class NoOutput(Exception):
@@ -214,9 +208,6 @@ class Progress:
             self.moving.stop()
 
 
-# ------------------------------------------------------------------------------------------ parts of answers
-
-
 def verdict_line(name: str, verdict: str, reason: str) -> Text:
     """The first line of an answer: the problem, the verdict, why."""
     from rich.text import Text
@@ -284,9 +275,6 @@ def search_parts(searches: Sequence[Falsification]) -> Iterator[RenderableType]:
             yield Text("")
             yield make_table(view["heads"], [row.cells for row in view["rows"]])
         yield from (Text(f"\n{sentence}", style="dim") for sentence in (view["warning"], *view["notes"]) if sentence)
-
-
-# ------------------------------------------------------------------------------------------ files and folders
 
 
 def folder_name(name: str) -> str:

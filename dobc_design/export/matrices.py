@@ -169,8 +169,6 @@ def _cells(texts: tuple[str, ...]) -> Any:
     return cells
 
 
-# ------------------------------------------------------------------------------------------ SDPA
-
 MOST_SDPA_ROWS = 4000
 DEFAULT = Fraction(100)  # rho and r where no pair is known
 ROOM = 2  # rho and r beyond what a proved pair needs

@@ -202,9 +202,6 @@ def _rounded(value: float) -> str:
     return exact_text(parse_number(float(f"{value:.{DIGITS}g}"), key="values"))
 
 
-# ------------------------------------------------------------------------------------------ keys
-
-
 def read_keys(text: str) -> tuple[Path, ...]:
     """The key paths of an axis: one, or several that get the same value, separated by commas.  Raises: SpecError."""
     if len(text) > LONGEST or _KEYS.fullmatch(text) is None:
@@ -285,9 +282,6 @@ def _require_place(inner: Any, path: Path, depth: int) -> None:
         if not isinstance(inner, (dict, list)):
             cure = f"Vary {so_far} itself, or write it as a table in the problem file."
     raise SpecError(f"{path_text(path)}: {so_far} {problem}.", key=path_text(path), cure=cure)
-
-
-# ------------------------------------------------------------------------------------------ values
 
 
 def read_value(text: str) -> Any:

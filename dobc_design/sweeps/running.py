@@ -170,9 +170,6 @@ def _run(
         report()
 
 
-# ------------------------------------------------------------------------------------------ one case
-
-
 class TooLong(KeyboardInterrupt):
     """A case is over its time.  An interrupt, because handlers of errors on the way let interrupts pass."""
 
@@ -234,9 +231,6 @@ def _error(kind: str, message: str, *, key: str | None = None, cure: str | None 
 def _too_long(limit: float | None) -> dict[str, Any]:
     cure = "The same sweep with a longer time limit, or none, does it again."
     return _error(TIME, f"The case was given up after {limit:g} s, the time limit.", cure=cure)
-
-
-# ------------------------------------------------------------------------------------------ many cases
 
 
 def outcomes(
@@ -353,9 +347,6 @@ def _backend(cluster: str | None, jobs: int) -> Iterator[dict[str, Any]]:
 
 def _version() -> str:
     return __version__
-
-
-# ------------------------------------------------------------------------------------------ time left
 
 
 class Clock:

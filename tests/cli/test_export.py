@@ -9,6 +9,7 @@ from pathlib import Path
 import pytest
 
 from dobc_design.export.c_folder import FILES
+from dobc_design.export.interchange import python_script
 
 
 @pytest.fixture
@@ -45,6 +46,7 @@ def test_a_period_that_is_too_long_is_refused_with_one_that_works_and_nothing_is
     [
         (["--c", "code"], "a period must be given"),
         (["--c", "code", "--fmu", "a.fmu", "--period", "1"], "exactly one target"),
+        ([], "exactly one target"),
         (["--sdpa", "a.dat-s", "--period", "1"], "--period has no meaning with --sdpa"),
         (["--fmu", "a.fmu", "--precision", "float"], "--precision has no meaning with --fmu"),
         (["--python-control", "a.py", "--rate"], "--rate has no meaning with --python-control"),
@@ -66,6 +68,13 @@ def test_the_lmi_is_written_for_other_solvers(dobc):
     assert Path("lmi.dat-s").read_text().startswith('"clock-sync: Theorem 1')
     assert dobc("clock-sync", "--sdpa", "lmi.dat-s")[0] == 2
     assert dobc("clock-sync", "--sdpa", "lmi.dat-s", "--force")[0] == 0
+
+
+def test_a_python_file_is_written_and_overwritten_with_force_only(dobc):
+    assert dobc("paper-fixed", "--python-control", "loop.py")[0] == 0
+    assert Path("loop.py").read_text("utf-8") == python_script("paper-fixed")
+    assert dobc("paper-fixed", "--python-control", "loop.py")[0] == 2
+    assert dobc("paper-fixed", "--python-control", "loop.py", "--force")[0] == 0
 
 
 @pytest.mark.slow

@@ -9,16 +9,13 @@ from evidence import (
     bad_files,
     certificates,
     designs,
-    detectability,
     enclosures,
     falsified,
     hadamard,
     jacobians,
     optimal,
     pinning,
-    reduction,
     robustness,
-    settled_runs,
     simulations,
     sweeps,
 )
@@ -39,9 +36,6 @@ class Item:
 
 
 ITEMS = (
-    Item(name="reduction", run=reduction.verdicts, count=200, seed=1000),
-    Item(name="objectives", run=reduction.objectives, count=200, seed=2000),
-    Item(name="detectability", run=detectability.run, count=1000, seed=3000),
     Item(name="jacobians", run=jacobians.run, count=200, seed=4000),
     Item(name="bad-files", run=bad_files.run, count=10_000, seed=5000),
     Item(name="recheck", run=certificates.recheck, count=500, seed=6000, share=20),
@@ -63,8 +57,6 @@ ITEMS = (
     Item(name="decided", run=certificates.decided, count=500, seed=9000, share=20),
     Item(name="enclosures", run=enclosures.run, count=1_000_000, seed=8100, share=20),  # points
     Item(name="falsified", run=falsified.run, count=10_000, seed=8600, share=40),  # the count is starts
-    Item(name="settled", run=settled_runs.run, count=200, seed=8700, share=20),  # the count is starts
-    Item(name="pinning", run=pinning.closed_form, count=200, seed=9400),
     Item(name="pins", run=pinning.choices, count=100, seed=9500),
     Item(name="pins-of-fifty", run=pinning.gaps, count=20, seed=9600),
     Item(name="optimal", run=optimal.pinning, count=10_000, seed=9700),

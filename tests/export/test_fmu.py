@@ -16,6 +16,7 @@ import pytest
 import dobc_design as dd
 from dobc_design.errors import SolverError, SpecError
 from dobc_design.export import fmu
+from dobc_design.export.c_text import template
 from dobc_design.problem.exosystems import Exosystem
 from dobc_design.problem.groups import Observer
 from dobc_design.problem.network import Network
@@ -70,15 +71,8 @@ def simulated(problem: Problem, *, agent: str, period: float, seconds: float, pa
             goal = 0.0 if word[1] == "x" else run.goal[who, c]
             table[name] = run.x[:, who, c] - goal
     outputs = [each.name for each in found.modelVariables if each.causality == "output"]
-    answer = fmpy().simulate_fmu(
-        str(path),
-        start_time=0,
-        stop_time=times[-1],
-        step_size=period,
-        output_interval=period,
-        input=table,
-        output=outputs,
-    )
+    steps = {"start_time": 0, "stop_time": times[-1], "step_size": period, "output_interval": period}
+    answer = fmpy().simulate_fmu(str(path), input=table, output=outputs, **steps)
     return run, answer, index
 
 

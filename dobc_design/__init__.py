@@ -70,7 +70,7 @@ _HOMES = {
     "exact": "exact",
     "exosystems": "problem.exosystems",
     "falsify": "falsification.search",
-    "from_pandapower": "export.interchange",
+    "from_pandapower": "importing.grids",
     "load_problem": "problem.load",
     "load_trajectory": "simulation.trajectory",
     "plot_regions": "report.write",
@@ -179,7 +179,6 @@ if TYPE_CHECKING:
     from dobc_design.export.interchange import (
         analyse,
         build_model,
-        from_pandapower,
         problem_from_file,
         to_c,
         to_casadi,
@@ -193,6 +192,7 @@ if TYPE_CHECKING:
     )
     from dobc_design.falsification.search import falsify
     from dobc_design.falsification.suspect import Falsification, Suspect
+    from dobc_design.importing.grids import from_pandapower
     from dobc_design.model.model import Model
     from dobc_design.problem import exosystems
     from dobc_design.problem.exosystems import Exosystem

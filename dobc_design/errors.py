@@ -40,9 +40,7 @@ class SpecError(DobcError, ValueError):
 
     kind: ClassVar[str] = "spec"
 
-    def __init__(self, message: str, *, key: str | None = None, cure: str | None = None) -> None:
-        super().__init__(message, key=key, cure=cure)
-        self._parts: tuple[SpecError, ...] = ()
+    _parts: tuple[SpecError, ...] = ()
 
     @property
     def errors(self) -> tuple[SpecError, ...]:

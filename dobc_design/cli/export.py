@@ -105,13 +105,8 @@ def _c(file: str, folder: Path, asked: _Asked, progress: Stage) -> Exported:
     problem = load_problem(file)
     claims = None if asked.certificate is None else _checked_claims(asked.certificate, problem, progress)
     progress("discretising and simulating")
-    found = to_c(
-        problem,
-        period=asked.period,
-        precision=asked.precision or "double",
-        agents=None if asked.agent is None else [asked.agent],
-        certificate=claims,
-    )
+    agents, precision = None if asked.agent is None else [asked.agent], asked.precision or "double"
+    found = to_c(problem, period=asked.period, precision=precision, agents=agents, certificate=claims)
     written = found.save(folder, force=asked.force)
     controller = found.controller
     document = {
@@ -136,11 +131,8 @@ def _fmu(file: str, target: Path, asked: _Asked, progress: Stage) -> Exported:
     progress("discretising and compiling")
     found = to_fmu(problem, period=asked.period, agent=asked.agent)
     output.write_file(target, found.data, key="--fmu")
-    words = (
-        f"with a library for {found.platform}"
-        if found.platform
-        else "with sources only: no C compiler was found, so the importer has to compile them"
-    )
+    words = "with sources only: no C compiler was found, so the importer has to compile them"
+    words = f"with a library for {found.platform}" if found.platform else words
     return {"fmu": str(target), "platform": found.platform}, f"wrote {target}, {words}"
 
 

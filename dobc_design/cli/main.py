@@ -138,15 +138,9 @@ def verify(
         # Unreadable: what was handed in is wrong, not the machine.
         raise typer.Exit(output.fail(output.error_bodies(error), output.MISTAKE, as_json=as_json)) from error
     if as_json:
-        output.print_json(
-            {
-                "holds": found.holds,
-                "verdict": found.verdict.value,
-                "confirmed": list(found.confirmed),
-                "failures": list(found.failures),
-                "lone_checker": found.lone_checker,
-            }
-        )
+        listed = {"confirmed": list(found.confirmed), "failures": list(found.failures)}
+        verdict = {"holds": found.holds, "verdict": found.verdict.value}
+        output.print_json(verdict | listed | {"lone_checker": found.lone_checker})
     else:
         output.say(str(found))
     raise typer.Exit(0 if found.holds else 1)

@@ -35,7 +35,6 @@ if TYPE_CHECKING:
     from dobc_design.export.fmu import Fmu
     from dobc_design.export.python_control import ConsensusLoop
     from dobc_design.model.model import Model
-    from dobc_design.simulation.signals import Signal
 
 MOST_ARCS = 20_000  # of all modes in a Python file: a few MB
 
@@ -52,17 +51,6 @@ def problem_from_file(path: str | PathLike[str], *, arrow: str | None = None) ->
     from dobc_design.importing.files import problem_from_file as run
 
     return run(Path(path), arrow=arrow)
-
-
-def from_pandapower(net: Any, *, name: str | None = None, gain: Any = 1) -> Problem:
-    """The consensus problem of a pandapower network: angles coupled by sines, generators pinned with ``gain`` (1/s).
-
-    ``name`` of the problem, by default that of the network.
-    Returns: a Problem whose notes say what was left out.  Raises: SpecError.
-    """
-    from dobc_design.importing.grids import from_pandapower as run
-
-    return run(net, name=name, gain=gain)
 
 
 def to_c(
@@ -89,23 +77,17 @@ def to_c(
     """
     from dobc_design.export.c_controller import certified_sampling, make_controller
     from dobc_design.export.c_folder import Recorder, c_code
+    from dobc_design.simulation.signals import signal_of
 
     problem = _loaded(problem)
     claims = certificate.claims if isinstance(certificate, Certificate) else certificate
     if claims is not None and claims.problem_sha256 != problem_sha256(problem):
         message = "certificate must be one of this problem; it is about another one."
         raise SpecError(message, key="certificate", cure="Certify this problem.")
-    gain = observer_gain(problem) if claims is None else claims.W
-    recorder = Recorder(gain=gain, sampled_gain=sampled_gain, signal=_signal(problem))
-    controller = make_controller(
-        problem,
-        period=period,
-        precision=precision,
-        agents=[agents] if isinstance(agents, (str, int)) else agents,
-        gain=gain,
-        sampled_gain=sampled_gain,
-        objection=recorder.objection,
-    )
+    gains = {"gain": observer_gain(problem) if claims is None else claims.W, "sampled_gain": sampled_gain}
+    recorder = Recorder(**gains, signal=signal_of(problem)[0])
+    given = {"agents": [agents] if isinstance(agents, (str, int)) else agents, "objection": recorder.objection}
+    controller = make_controller(problem, period=period, precision=precision, **gains, **given)
     certified = None if claims is None else certified_sampling(problem, claims, controller.period)
     return c_code(controller, recorder.recorded(controller), certified=certified)
 
@@ -120,18 +102,16 @@ def to_fmu(problem: Source, *, period: Any, agent: Any = None, sampled_gain: Any
     from dobc_design.export.c_controller import make_controller
     from dobc_design.export.c_folder import Recorder
     from dobc_design.export.fmu import make_fmu
+    from dobc_design.simulation.signals import signal_of
 
     problem = _loaded(problem)
     label = None if agent is None else str(agent)
     if agent is None:
         pinned = problem.pinning.agents
         label = problem.network.labels[pinned[0] if pinned else 0]
-    gain = observer_gain(problem)
-    recorder = Recorder(gain=gain, sampled_gain=sampled_gain, signal=_signal(problem))
-    controller = make_controller(
-        problem, period=period, agents=[label], gain=gain, sampled_gain=sampled_gain, objection=recorder.objection
-    )
-    return make_fmu(controller)
+    gains = {"gain": observer_gain(problem), "sampled_gain": sampled_gain}
+    recorder = Recorder(**gains, signal=signal_of(problem)[0])
+    return make_fmu(make_controller(problem, period=period, agents=[label], objection=recorder.objection, **gains))
 
 
 def to_sdpa(problem: Source) -> str:
@@ -236,12 +216,6 @@ def _loaded(problem: Source) -> Problem:
     return problem if isinstance(problem, Problem) else load_problem(problem)
 
 
-def _signal(problem: Problem) -> Signal | None:
-    from dobc_design.simulation.signals import signal_of
-
-    return signal_of(problem)[0]
-
-
 def analyse(problem: Source) -> Analysis:
     """Compute the diagnostics shown beside a certificate: spectra, margins, graph facts.  Never a proof.
 
@@ -291,14 +265,8 @@ def to_control(
         message = "signal must not depend on the states, because python-control keeps no graph between calls."
         raise SpecError(message, key="signal", cure="Give a mode, or another signal.")
     settings = problem.simulation
-    return run(
-        problem,
-        mode=mode,
-        signal=signal,
-        horizon=float(settings.horizon),
-        seed=settings.seed if seed is None else seed,
-        gain=observer_gain(problem),
-    )
+    given = {"horizon": float(settings.horizon), "seed": settings.seed if seed is None else seed}
+    return run(problem, mode=mode, signal=signal, gain=observer_gain(problem), **given)
 
 
 def python_script(problem: Source) -> str:
@@ -360,10 +328,8 @@ def _arcs(problem: Problem, couplings: list[Coupling]) -> str:
         lines.append(f"    {mode!r}: [")
         for group in arc_groups(problem, mode):
             weights = np.asarray(group.weights).tolist()
-            lines.append(
-                f"        (h{couplings.index(group.coupling)}, np.array({group.listeners.tolist()}),"
-                f" np.array({group.speakers.tolist()}), np.array({weights})),"
-            )
+            pairs = f"np.array({group.listeners.tolist()}), np.array({group.speakers.tolist()})"
+            lines.append(f"        (h{couplings.index(group.coupling)}, {pairs}, np.array({weights})),")
         lines.append("    ],")
     return "\n".join([*lines, "}", ""])
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 import re
 import shutil
 import subprocess
-from dataclasses import replace
 from fractions import Fraction
 
 import numpy as np
@@ -177,7 +176,8 @@ def test_the_numbers_are_the_exact_discretisation_rounded():
     steps = np.linspace(0, 1 / 20, 2001)
     mean = np.trapezoid([expm((A - W @ C) * s) for s in steps], steps, axis=0) @ W
     np.testing.assert_allclose(np.array(made.L, dtype=float), mean, rtol=1e-6)
-    constant = replace(alone(1), exosystem=dd.exosystems.constant(), observer=Observer(W=[[3]]))
+    known = {"exosystem": dd.exosystems.constant(), "observer": Observer(W=[[3]])}
+    constant = Problem(network=alone(1).network, coupling="y", gains={"2": 1}, **known)
     slow = make_controller(constant, period="1/2")
     assert (slow.Ad, slow.Cd) == (((1,),), ((1,),))
     assert float(slow.L[0][0]) == pytest.approx(1 - np.exp(-1.5), rel=1e-15)

@@ -13,6 +13,7 @@ import io
 import os
 import sys
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from pathlib import Path
 from typing import Annotated, Any, NoReturn
 
@@ -245,14 +246,6 @@ def _guarded(run: Callable[[], Any], *, as_json: bool) -> int:
     return code if isinstance(code, int) else 0
 
 
-def _abandon_output() -> None:
-    """Keep Python from complaining at exit about what can no longer be written."""
-    try:
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-    except (OSError, ValueError, AttributeError):
-        return
-
-
 def main(arguments: Sequence[str] | None = None) -> NoReturn:
     """Run the command line and leave with its exit code.  No exception gets out of here."""
     given = list(sys.argv[1:] if arguments is None else arguments)
@@ -265,7 +258,8 @@ def main(arguments: Sequence[str] | None = None) -> NoReturn:
         code = _guarded(lambda: app(args=given, prog_name="dobc", standalone_mode=False), as_json="--json" in given)
         sys.stdout.flush()
     except (output.NoOutput, OSError) as error:  # nobody reads standard output, or there is no room for it
-        _abandon_output()
+        with suppress(OSError, ValueError, AttributeError):  # Python is not to complain at exit
+            os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         output.complain(
             f"error: standard output cannot be written: {getattr(error, 'strerror', None) or error}.\n"
             "       Send it to a file that has room, or to /dev/null; the exit code alone is no answer now."

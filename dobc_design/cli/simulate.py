@@ -64,18 +64,20 @@ def simulate(
 
     output.refuse_option(out, key="--out")
     failures = tuple(_failure(text) for text in fail or ())
-    stress = Stress(
-        noise=noise, disturbance=disturbance, saturation=saturation, period=period, loss=loss, failures=failures
-    )
+    given: dict[str, Any] = {
+        "noise": noise,
+        "disturbance": disturbance,
+        "saturation": saturation,
+        "period": period,
+        "loss": loss,
+    }
+    stress = Stress(**given, failures=failures)
     single = runs in (None, 1)
     if breaking and (not stress.is_calm or not single or observer != "closed-form"):
         what = "--observer" if observer != "closed-form" else "--runs" if stress.is_calm else "a stress"
-        raise SpecError(
-            f"{what} must be left out beside --what-breaks-first, which makes one run after another under every stress"
-            " by itself.",
-            key="--what-breaks-first",
-            cure="Leave one of the two out.",
-        )
+        does = "makes one run after another under every stress by itself"
+        message = f"{what} must be left out beside --what-breaks-first, which {does}."
+        raise SpecError(message, key="--what-breaks-first", cure="Leave one of the two out.")
     manner = output.manner_of(quiet=quiet, verbose=verbose)
     with output.Progress(manner) as progress:
         problem = load_problem(file)
@@ -85,7 +87,7 @@ def simulate(
         if out is not None:
             output.require_free(output.require_folder(out), names, force=force, other=", or choose another folder")
         proof = None if certificate is None else _verified(certificate, problem, progress)
-        given: dict[str, Any] = {"seed": seed, "t_final": t_final, "start": start}
+        given = {"seed": seed, "t_final": t_final, "start": start}
         if breaking:
             progress("what breaks first")
             found = what_breaks_first(
@@ -112,7 +114,11 @@ def simulate(
                 result.save(out / names[0], force=force)
                 write_atomically(out / FIGURE, result.plot(certificate=proof).file("svg"))
             if NETWORK in names:
-                _write_network(result, problem, out / NETWORK)
+                from dobc_design.plotting.animation import animation_page
+
+                modes = problem.network.modes.items()
+                arcs = {name: list(zip(x.listeners.tolist(), x.speakers.tolist(), strict=True)) for name, x in modes}
+                write_atomically(out / NETWORK, animation_page(result, arcs=arcs).encode("utf-8"))
             write_atomically(out / SUMMARY, output.json_bytes(document))
     if as_json:
         output.print_json(document)
@@ -187,18 +193,6 @@ def _verified(place: Path, problem: Problem, progress: Callable[[str], None]) ->
         cure = "Certify the problem anew, or give the W of the certificate in [observer]."
         raise SpecError(message, key="--certificate", cure=cure)
     return Certificate(problem=problem, claims=claims)
-
-
-def _write_network(result: Any, problem: Problem, place: Path) -> None:
-    """The agents in motion, with the arcs of the problem's modes, as a page."""
-    from dobc_design.certificate.files import write_atomically
-    from dobc_design.plotting.animation import animation_page
-
-    arcs = {
-        mode: list(zip(each.listeners.tolist(), each.speakers.tolist(), strict=True))
-        for mode, each in problem.network.modes.items()
-    }
-    write_atomically(place, animation_page(result, arcs=arcs).encode("utf-8"))
 
 
 def _reasons(result: Trajectory | Ensemble) -> list[dict[str, Any]]:

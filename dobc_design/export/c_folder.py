@@ -21,7 +21,7 @@ from dobc_design.certificate.files import make_folder, write_together
 from dobc_design.conditions.statement import Statement
 from dobc_design.errors import SpecError
 from dobc_design.export.c_controller import AgentNumbers, Controller
-from dobc_design.export.c_text import HELPERS, CAlgebra, array, bare, comment, coupling_function, row, string, template
+from dobc_design.export.c_text import CAlgebra, array, bare, comment, coupling_function, row, string, template
 from dobc_design.export.c_text import literal as c_literal
 from dobc_design.export.rounding_bound import Array, Recorded, felt_with_error, rounding_bound
 from dobc_design.problem.arrays import Gain
@@ -88,18 +88,10 @@ class Recorder:
         if run.switches is not None:
             modes = np.array([names.index(name) for name in run.switches.names])[run.switches.at(run.times)]
         heard = run.x[:, others] - run.goal[others]
-        bare = Recorded(
-            agent=agent,
-            modes=modes,
-            x=run.x[:, i],
-            heard=heard,
-            xihat=run.xihat[:, i, controller.states],
-            dhat=run.dhat[:, i],
-            u=run.u[:, i],
-            v=run.u[:, i],
-        )
+        u, own = run.u[:, i], {"x": run.x[:, i], "dhat": run.dhat[:, i], "xihat": run.xihat[:, i, controller.states]}
+        bare = Recorded(agent=agent, modes=modes, heard=heard, u=u, v=u, **own)
         e = run.x[:, i] - run.goal[i]
-        return replace(bare, v=felt_with_error(controller, bare, e, np.zeros_like(e), 0.0)[0] + run.u[:, i])
+        return replace(bare, v=felt_with_error(controller, bare, e, np.zeros_like(e), 0.0)[0] + u)
 
 
 def vectors_csv(controller: Controller, recorded: Recorded) -> str:
@@ -231,7 +223,8 @@ def source_text(controller: Controller) -> str:
         Cd=array(controller.Cd, precision),
         L=array(controller.L, precision),
         tables="".join(_tables(controller)),
-        functions=[*(text for name, text in HELPERS.items() if name in algebra.used), *couplings],
+        used=algebra.used,
+        functions=couplings,
         couplings=len(couplings),
     )
 

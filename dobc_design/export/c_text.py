@@ -22,17 +22,7 @@ from dobc_design.errors import SpecError
 
 PRECISIONS = ("double", "float")
 SUM, PRODUCT, UNARY, ATOM = range(4)
-HELPERS = {
-    "abs": "static dobc_real dobc_abs(dobc_real a)\n{\n    return a < 0 ? -a : a;\n}\n",
-    "min": "static dobc_real dobc_min(dobc_real a, dobc_real b)\n{\n    return b < a ? b : a;\n}\n",
-    "max": "static dobc_real dobc_max(dobc_real a, dobc_real b)\n{\n    return b > a ? b : a;\n}\n",
-    "power": (
-        "static dobc_real dobc_power(dobc_real base, int exponent)\n{\n    dobc_real result = 1;\n    int left;\n\n"
-        "    for (left = exponent < 0 ? -exponent : exponent; left > 0; left /= 2) {\n"
-        "        if (left % 2 == 1) {\n            result *= base;\n        }\n        base *= base;\n    }\n"
-        "    return exponent < 0 ? 1 / result : result;\n}\n"
-    ),
-}
+HELPERS = ("abs", "min", "max")  # functions that templates/agent.c.j2 has, beside power
 
 
 def template(name: str) -> Template:

@@ -30,7 +30,9 @@ WIDTH = 110  # characters of a line, where numbers allow it
 
 def comment(*paragraphs: str) -> str:
     """A comment, whatever the text: it can neither end the comment nor open a comment or string in it."""
-    lines = [line for text in paragraphs for line in textwrap.wrap(_harmless(text), WIDTH - 6)]
+    harmless = (text.replace('"', "'").replace("(*", "( *").replace("*)", "* )") for text in paragraphs)
+    plain = (text.encode("ascii", "backslashreplace").decode("ascii") for text in harmless)
+    lines = [line for text in plain for line in textwrap.wrap(text, WIDTH - 6)]
     return "(* " + "\n   ".join(lines) + " *)"
 
 
@@ -64,11 +66,6 @@ def square_list(squares: Iterable[Square]) -> str:
         terms = [f"Term {i} {number(x)}" for i, x in each.others.items()]
         items.append(f"Square {number(each.weight)} {each.pivot}" + ("\n  " + wrapped_list(terms) if terms else " []"))
     return "  [" + ";\n   ".join(items) + "]"
-
-
-def _harmless(text: str) -> str:
-    text = text.replace('"', "'").replace("(*", "( *").replace("*)", "* )")
-    return text.encode("ascii", "backslashreplace").decode("ascii")
 
 
 @dataclass(frozen=True, slots=True)
@@ -237,9 +234,8 @@ def _rational_jacobians(statements: Statements) -> Jacobians:
     problem, jacobians = statements.problem, statements.jacobians
     size = problem.n * (problem.m + problem.q)
     if size > LARGEST_SIZE:
-        raise _too_large(
-            f"Psi must have at most {LARGEST_SIZE} rows, so that Coq ends within a quarter of an hour; it has {size}."
-        )
+        limit = f"at most {LARGEST_SIZE} rows, so that Coq ends within a quarter of an hour"
+        raise _too_large(f"Psi must have {limit}; it has {size}.")
     if jacobians is None:
         cure = "Check the certificate with `dobc verify`."
         raise SpecError(f"the theorem cannot be exported: {statements.inapplicable}", key="coupling.h", cure=cure)
@@ -249,12 +245,10 @@ def _rational_jacobians(statements: Statements) -> Jacobians:
             for each in problem.couplings
             if not all(entry.is_point for row in each.jacobian_at_zero() for entry in row)
         )
-        raise SpecError(
-            f'coupling "{"; ".join(texts)}": its slope h\'(0) must be a rational number, because Coq is given Psi in'
-            " rationals; it is known as an interval only.",
-            key="coupling.h",
-            cure="Use a coupling with a rational slope at 0, or rely on `dobc verify`.",
-        )
+        name = f'coupling "{"; ".join(texts)}"'
+        why = "because Coq is given Psi in rationals; it is known as an interval only."
+        cure = "Use a coupling with a rational slope at 0, or rely on `dobc verify`."
+        raise SpecError(f"{name}: its slope h'(0) must be a rational number, {why}", key="coupling.h", cure=cure)
     return jacobians
 
 
@@ -295,13 +289,10 @@ def _work(factors: Factors) -> int:
     """How many bits have to be multiplied with how many to multiply L D L' out, roughly."""
     total = 0
     for each in factors:
-        longest = max(_bits(x) for x in (each.weight, *each.others.values()))
+        numbers = (each.weight, *each.others.values())
+        longest = max(x.numerator.bit_length() + x.denominator.bit_length() for x in numbers)
         total += (len(each.others) + 1) ** 2 * longest**2
     return total
-
-
-def _bits(x: Fraction) -> int:
-    return x.numerator.bit_length() + x.denominator.bit_length()
 
 
 def _too_large(message: str) -> SpecError:

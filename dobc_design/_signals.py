@@ -1,13 +1,11 @@
 """What happens when somebody wants the program to stop: Ctrl-C, SIGTERM, SIGHUP.
 
-The command line ends at once, from the signal handler, with one line and 128 + the number of the signal.
-Unwinding by KeyboardInterrupt would do less: an interrupt inside a destructor, a callback or a library that is
-just being imported gets lost or turns into another error.  Ending at once loses nothing, because files are
-replaced as a whole (``certificate.files``), and while that happens the signal waits (``Postponed``).
+The command line ends at once, from the signal handler, with one line and 128 + the number of the signal: unwinding by
+KeyboardInterrupt gets lost inside a destructor, a callback or a library that is just being imported.  Nothing is lost,
+because files are replaced as a whole (``certificate.files``), and while that happens the signal waits (``Postponed``).
 
-Only the command line calls ``end_at_once``; ``Postponed`` serves any program.  Python runs signal handlers in
-the main thread; called from another thread, all of this does nothing.  The imports are few and light, because
-this is loaded before anything else.
+Python runs signal handlers in the main thread; called from another thread, all of this does nothing.  The imports are
+few and light, because this is loaded before anything else.
 """
 
 from __future__ import annotations

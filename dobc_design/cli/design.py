@@ -5,7 +5,7 @@ from __future__ import annotations
 import shlex
 from collections.abc import Iterator, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
@@ -50,17 +50,9 @@ def design(
     whole = pins is not None and pins.isascii() and pins.isdigit() and len(pins) < 10
     labels = [label.strip() for text in allowed or () for label in text.split(",") if label.strip()]
     with output.Progress(manner) as progress:
-        found = designs.design(
-            problem,
-            rate=rate,
-            pins=int(pins or "") if whole else pins,
-            max_gain=max_gain,
-            noise=noise,
-            allowed=labels or None,
-            digits=digits,
-            reduce=not keep_exosystem,
-            progress=progress,
-        )
+        limits: dict[str, Any] = {"rate": rate, "max_gain": max_gain, "noise": noise, "allowed": labels or None}
+        how: dict[str, Any] = {"digits": digits, "reduce": not keep_exosystem, "progress": progress}
+        found = designs.design(problem, pins=int(pins or "") if whole else pins, **limits, **how)
     written = None
     if found.verdict.value == "proved":
         text, folder = source_text(file), out.resolve().parent

@@ -1,8 +1,4 @@
-"""What all commands share: their common options, standard output and error, exit codes, progress, and files that are
-not overwritten.
-
-Results go to standard output, everything else to standard error.
-"""
+"""What all commands share: options, standard output (results) and error (the rest), exit codes, progress, files."""
 
 from __future__ import annotations
 
@@ -49,13 +45,9 @@ def problem_names(incomplete: str) -> list[str]:
         entries = sorted(os.scandir(head or "."), key=lambda entry: entry.name)
     except OSError:
         return found
-    for entry in entries:
-        if entry.name.startswith(beginning) and not entry.name.startswith("."):
-            if entry.is_dir():
-                found.append(f"{head}{entry.name}/")
-            elif entry.name.endswith((".toml", ".json")):
-                found.append(f"{head}{entry.name}")
-    return found
+    own = [entry for entry in entries if entry.name.startswith(beginning) and not entry.name.startswith(".")]
+    known = [entry for entry in own if entry.is_dir() or entry.name.endswith((".toml", ".json"))]
+    return found + [f"{head}{entry.name}{'/' if entry.is_dir() else ''}" for entry in known]
 
 
 def ids(incomplete: str) -> list[str]:

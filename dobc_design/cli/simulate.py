@@ -88,6 +88,7 @@ def simulate(
             output.require_free(output.require_folder(out), names, force=force, other=", or choose another folder")
         proof = None if certificate is None else _verified(certificate, problem, progress)
         given = {"seed": seed, "t_final": t_final, "start": start}
+        result: Any
         if breaking:
             progress("what breaks first")
             found = what_breaks_first(

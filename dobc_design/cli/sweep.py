@@ -73,21 +73,15 @@ def sweep_command(
             resumed[:] = [state.resumed]
             show(state)
 
-        result = sweep(
-            file,
-            axes,
-            task=task,
-            samples=samples,
-            seed=seed,
-            runs=runs,
-            everything=everything,
-            out=folder,
-            jobs=jobs,
-            cluster=cluster,
-            time_limit=time_limit,
-            force=force,
-            progress=progress,
-        )
+        options: dict[str, Any] = {
+            "task": task,
+            "samples": samples,
+            "seed": seed,
+            "runs": runs,
+            "everything": everything,
+        }
+        how: dict[str, Any] = {"jobs": jobs, "cluster": cluster, "time_limit": time_limit, "force": force}
+        result = sweep(file, axes, out=folder, progress=progress, **options, **how)
     tables = (folder / name for name in ("results.csv", "results.parquet"))
     files = [folder / HEAD, folder / LINES, *(path for path in tables if path.exists())]
     try:

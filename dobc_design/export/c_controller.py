@@ -260,7 +260,12 @@ def make_controller(
     if problem.groups and W is None:
         raise SpecError("observer.W must be known to write the observer.", key="observer.W", cure="Give or design W.")
     L = None if sampled_gain is None else matrix(sampled_gain, name="sampled_gain")
-    _check_sampled_gain(problem, L)
+    if L is not None and problem.is_grouped:
+        message = "sampled_gain is one gain for all agents, and the groups of exosystem.groups have different ones."
+        raise SpecError(message, key="sampled_gain", cure="Leave it out: the W of every group is discretised.")
+    if L is not None and shape(L) != (problem.q, problem.m):
+        message = f"sampled_gain must have shape ({problem.q}, {problem.m}); got {shape(L)}."
+        raise SpecError(message, key="sampled_gain", cure="design_observer(problem, period=...).W has it.")
     asked, chosen = _read_period(period), _chosen(problem, agents)
     numbers = tuple(_numbers(problem, agent) for agent in chosen)
     exosystem, own, states = _observed(problem, W, chosen)
@@ -290,13 +295,10 @@ def _observed(
     found = {numbers[agent] for agent in agents}
     if len(found) > 1:
         names = ", ".join(named(group.name) for group in problem.groups[:6])
-        raise SpecError(
-            "the code of one folder is for agents with one exosystem, and these have different ones"
-            " (exosystem.groups).",
-            key="--agent",
-            cure="Name an agent, --agent LABEL, or in Python agents=[...] of one group, and write a folder for each"
-            f" group; the groups begin with agent {names}.",
-        )
+        message = "the code of one folder is for agents with one exosystem, and these have different ones"
+        cure = "Name an agent, --agent LABEL, or in Python agents=[...] of one group, and write a folder for each group"
+        cure += f"; the groups begin with agent {names}."
+        raise SpecError(f"{message} (exosystem.groups).", key="--agent", cure=cure)
     place = found.pop()
     before = sum(group.exosystem.order for group in problem.groups[:place])
     exosystem = problem.groups[place].exosystem
@@ -342,15 +344,6 @@ def _obstacle(controller: Controller, objection: Objection | None) -> str:
         if each.verdict is Verdict.REFUTED or (each.kind == "sampled" and each.verdict is not Verdict.PROVED):
             return each.text
     return "" if objection is None else objection(controller)
-
-
-def _check_sampled_gain(problem: Problem, L: Matrix | None) -> None:
-    if L is not None and problem.is_grouped:
-        message = "sampled_gain is one gain for all agents, and the groups of exosystem.groups have different ones."
-        raise SpecError(message, key="sampled_gain", cure="Leave it out: the W of every group is discretised.")
-    if L is not None and shape(L) != (problem.q, problem.m):
-        message = f"sampled_gain must have shape ({problem.q}, {problem.m}); got {shape(L)}."
-        raise SpecError(message, key="sampled_gain", cure="design_observer(problem, period=...).W has it.")
 
 
 def _chosen(problem: Problem, agents: Sequence[Any] | None) -> list[int]:

@@ -10,6 +10,7 @@ import textwrap
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from fractions import Fraction
+from functools import partial
 from os import PathLike
 from pathlib import Path
 
@@ -195,15 +196,12 @@ def header_text(controller: Controller) -> str:
     """dobc_agent.h."""
     problem = controller.problem
     return template("agent.h.j2").render(
+        controller=controller,
+        problem=problem,
         title=comment(problem.name),
         period=f"{float(controller.period):.10g}",
         version=__version__,
-        precision=controller.precision,
         literal=c_literal(controller.period, controller.precision),
-        m=problem.m,
-        q=controller.q,
-        agents=len(controller.agents),
-        modes=len(problem.network.modes),
         names=comment(", ".join(list(problem.network.modes)[:12])),
         estimate="\n    dobc_real estimate[DOBC_ORDER]; /* xihat */" if controller.q else "",
         neighbours=max(1, *(len(agent.neighbours) for agent in controller.agents)),
@@ -285,29 +283,21 @@ def readme(controller: Controller, recorded: Recorded, statements: Sequence[Stat
     proved = [each.text for each in statements if each.verdict.value == "proved"]
     undecided = [each.text for each in statements if each.verdict.value == "undecided"]
     certified = any(each.kind == "certified-sampling" for each in statements)
-    held = (
-        "anything for physical couplings between samples: code and statements hold couplings over a period, so choose"
-        " it so short that they hardly change in it."
-    )
-    floor = "anything about ranges, overflow and timing on the target; the vectors are a test, not a proof."
-    far = "convergence from far away with couplings held; a certificate's check `sampling` states how long they may be."
     return template("README.txt.j2").render(
         name=problem.name,
         rule="=" * (len(problem.name) + 45),
-        intro=textwrap.fill(
-            f"Equations (13) and (19), sampled every {float(controller.period):.6g} s. No heap, no global that changes,"
-            " and of <math.h> only what the coupling needs. One struct dobc_agent holds all memory of an agent."
-            f"{'' if controller.q else ' Without an exosystem there is no observer.'}",
-            WIDTH,
-        ),
         who=f"{len(labels)} agent{'s' if len(labels) != 1 else ''} ({names})",
         samples=len(recorded.x),
         agent=recorded.agent.label,
         neighbours=", ".join(problem.network.labels[index] for index in recorded.agent.neighbours) or "none",
         compile=COMPILE,
         period=f"{float(controller.period):.6g}",
-        proved=_items(proved or ["nothing"]),
-        open=_items([*undecided, *([] if certified else [far]), held, floor]),
+        observes=controller.q > 0,
+        proved=proved or ["nothing"],
+        undecided=undecided,
+        certified=certified,
+        items=_items,
+        fill=partial(textwrap.fill, width=WIDTH),
         precision=controller.precision,
         bound=f"{rounding_bound(controller, recorded):.1e}",
         version=__version__,

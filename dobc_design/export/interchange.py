@@ -86,7 +86,10 @@ def to_c(
         raise SpecError(message, key="certificate", cure="Certify this problem.")
     gains = {"gain": observer_gain(problem) if claims is None else claims.W, "sampled_gain": sampled_gain}
     recorder = Recorder(**gains, signal=signal_of(problem)[0])
-    given = {"agents": [agents] if isinstance(agents, (str, int)) else agents, "objection": recorder.objection}
+    given: dict[str, Any] = {
+        "agents": [agents] if isinstance(agents, (str, int)) else agents,
+        "objection": recorder.objection,
+    }
     controller = make_controller(problem, period=period, precision=precision, **gains, **given)
     certified = None if claims is None else certified_sampling(problem, claims, controller.period)
     return c_code(controller, recorder.recorded(controller), certified=certified)
@@ -265,8 +268,8 @@ def to_control(
         message = "signal must not depend on the states, because python-control keeps no graph between calls."
         raise SpecError(message, key="signal", cure="Give a mode, or another signal.")
     settings = problem.simulation
-    given = {"horizon": float(settings.horizon), "seed": settings.seed if seed is None else seed}
-    return run(problem, mode=mode, signal=signal, gain=observer_gain(problem), **given)
+    seed, horizon = settings.seed if seed is None else seed, float(settings.horizon)
+    return run(problem, mode=mode, signal=signal, horizon=horizon, seed=seed, gain=observer_gain(problem))
 
 
 def python_script(problem: Source) -> str:

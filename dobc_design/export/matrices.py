@@ -7,13 +7,10 @@
 With several modes L and Lambda stand once for each, as L_MODE and Lambda_MODE.  In a MATLAB file numbers are doubles;
 arcs with a coupling of their own have no place in a Laplacian and are refused there.
 
-The inequality of Lemma 1, Theorem 1 or Theorem 2 as a file in SDPA's sparse format, for any SDP solver:
-
-    minimise t   subject to   Psi_mode(P, Q) <= t I for every mode,   I <= P <= rho I,   |Q| <= r
-
-Solvers read it as: minimise c'x subject to x_1 F_1 + ... + x_k F_k - F_0 >= 0.  The unknowns are the upper triangle of
-P row by row, then Q row by row, then t.  t* < 0 proposes a pair (P, Q); t* >= 0 alone says nothing, because rho and r
-bound the search (theory, section 2).  Where there is a proved pair both are taken from it, so that t* < 0 is then sure.
+The inequality of Lemma 1, Theorem 1 or 2 in SDPA's sparse format: minimise t subject to Psi_mode(P, Q) <= t I for every
+mode, I <= P <= rho I, |Q| <= r.  Unknowns: the upper triangle of P row by row, Q row by row, t; solvers read minimise
+c'x subject to x_1 F_1 + ... + x_k F_k - F_0 >= 0.  t* < 0 proposes a pair (P, Q); t* >= 0 alone says nothing, because
+rho and r bound the search (theory, section 2); where there is a proved pair both are taken from it.
 """
 
 from __future__ import annotations

@@ -184,11 +184,7 @@ def rocq_proof(certificate: Certificate, *, rate: bool = False) -> str:
         pair=matrices,
         P_squares=P_squares,
         rate=claimed_rate,
-        comment=comment,
-        number=number,
-        matrix=matrix,
-        wrapped_list=wrapped_list,
-        square_list=square_list,
+        **{each.__name__: each for each in (comment, number, matrix, wrapped_list, square_list)},
     )
 
 

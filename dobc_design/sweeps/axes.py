@@ -10,10 +10,9 @@ Draws: uniform(a, b), loguniform(a, b), normal(mean, deviation), integers(a, b),
 rounded to six significant digits, so that every case can be typed into a file.  Draw number k of an axis depends on
 the seed, the axis and k alone: every point of the grid sees the same draws, and more samples keep the first ones.
 
-A key is a path in a problem file: names between dots, in quotes where they hold other characters, and places of lists,
-from 0, in brackets: ``exosystem.A[0][1]``, ``pinning.gains."s 1"``.  A value is a number (3.2, 9/16), a list in
-brackets, an inline table in braces, text in quotes, the word none (the key is left out), or, failing all that, text as
-it stands: expressions need no quotes.  Every value has one text, and reading that text gives the value.
+A key is a path in a problem file: names between dots, places of lists, from 0, in brackets: ``exosystem.A[0][1]``,
+``pinning.gains."s 1"``.  A value is a number (3.2, 9/16), a list, an inline table, text in quotes, the word none (the
+key is left out), or text as it stands.  Every value has one text, and reading that text gives the value.
 """
 
 from __future__ import annotations

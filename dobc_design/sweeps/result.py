@@ -1,11 +1,9 @@
 """What a sweep found: the journal, in which every case is a line, and the result with its tables and figures.
 
-The folder of a journal holds sweep.json, which says what is swept, and results.jsonl, to which one line of JSON is
-appended per finished case, on the disk before the next one is counted.  A kill at any moment loses at most the line
-that was being written: a torn last line is cut off, and its case is done again.  Lines that cannot be read, or that
-belong to no case, count as not done.  One process at a time works on a folder.
-
-CSV and JSON lines need the standard library alone; Parquet and ``frame`` need pandas (dobc_design[store]).
+The folder of a journal holds sweep.json (what is swept) and results.jsonl, to which a line of JSON is appended per
+finished case, on the disk before the next one is counted.  A torn last line is cut off and its case is done again, as
+for lines that cannot be read or belong to no case.  One process at a time works on a folder.  CSV and JSON lines need
+the standard library alone; Parquet and ``frame`` need pandas (dobc_design[store]).
 """
 
 from __future__ import annotations
@@ -231,12 +229,9 @@ class SweepResult(Shown):
             import pandas as pd
             import pyarrow  # noqa: F401 - which writes Parquet for pandas
         except ImportError:
-            raise SpecError(
-                "the extra packages of dobc_design[store] (pandas, pyarrow) are needed for this, and are not"
-                " installed.",
-                key="frame",
-                cure="`dobc doctor` says how to install them; .csv and .jsonl need none.",
-            ) from None
+            message = "this needs the extra packages of dobc_design[store] (pandas, pyarrow), which are not installed."
+            cure = "`dobc doctor` says how to install them; .csv and .jsonl need none."
+            raise SpecError(message, key="frame", cure=cure) from None
         columns = self.columns
         table = pd.DataFrame(self.rows, columns=list(columns))
         return table.astype({name: DTYPES[kind] for name, kind in columns.items()})

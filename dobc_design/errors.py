@@ -1,8 +1,7 @@
 """The exceptions of the toolbox: what went wrong, at which key, and what cures it.
 
-The caller's mistake raises a SpecError (also a ValueError); a broken machine raises a SolverError
-or CertificateError (also a RuntimeError). The mathematics' answer is never an exception: that is a
-``Verdict``.
+The caller's mistake raises a SpecError (also a ValueError), a broken machine a SolverError or CertificateError (also a
+RuntimeError); the mathematics' answer is never an exception but a ``Verdict``.
 """
 
 from __future__ import annotations

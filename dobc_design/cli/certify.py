@@ -77,7 +77,8 @@ def certify(
     checks = tuple(each for each in certificate.checks if theorem in (None, each.id))
     verdict, reason = certificate.verdict.value, certificate.reason
     if theorem is not None:
-        verdict, reason = _judge(checks), f"This is about {theorem} alone."
+        values, reason = {each.verdict.value for each in checks}, f"This is about {theorem} alone."
+        verdict = "proved" if values == {"proved"} else "refuted" if "refuted" in values else "undecided"
         if not checks:
             others = ", ".join(dict.fromkeys(each.id for each in certificate.checks))
             reason = f"does not apply: {theorem} is not among the conditions of this problem ({others})."
@@ -200,11 +201,6 @@ def _cured_file(certificate: Certificate, source: str, target: Path) -> bytes:
         raise SpecError(message, key="--apply-fix", cure=cure)
     text = changed_file(certificate.problem, fix.set, text=source_text(source), folder=target.resolve().parent)
     return text.encode("utf-8")
-
-
-def _judge(checks: Sequence[Check]) -> str:
-    values = {each.verdict.value for each in checks}
-    return "proved" if values == {"proved"} else "refuted" if "refuted" in values else "undecided"
 
 
 def _show(head: RenderableType, certificate: Certificate, checks: Sequence[Check], *, file: str | None) -> None:

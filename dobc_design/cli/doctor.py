@@ -140,11 +140,8 @@ def _words(items: Sequence[Item]) -> str:
 
 def _conclusion(items: Sequence[Item]) -> Iterator[str]:
     broken = sum(each.group == CORE and not each.ok for each in items)
-    yield (
-        f"{broken} of the things that are needed are missing or broken."
-        if broken
-        else "Everything that is needed is there and works."
-    )
+    bad = f"{broken} of the things that are needed are missing or broken."
+    yield bad if broken else "Everything that is needed is there and works."
     for group in dict.fromkeys(each.group for each in items if not each.ok and each.group not in DEVELOPERS):
         missing = [each for each in items if each.group == group and not each.ok and each.install is not None]
         if group == PROGRAMS:

@@ -155,7 +155,6 @@ def _python(file: str, target: Path, asked: _Asked, progress: Stage) -> Exported
 
 def _rocq(file: str, target: Path, asked: _Asked, progress: Stage) -> Exported:
     from dobc_design.certificate.certificate import Certificate
-    from dobc_design.certificate.files import write_atomically
     from dobc_design.export.rocq import rocq_proof
     from dobc_design.problem.load import load_problem
 
@@ -164,7 +163,7 @@ def _rocq(file: str, target: Path, asked: _Asked, progress: Stage) -> Exported:
     claims = _claims(certificate)
     trusted = load_problem(str(folder / "problem.json") if asked.problem is None else asked.problem)
     text = rocq_proof(Certificate(problem=trusted, claims=claims), rate=asked.rate)
-    write_atomically(target, text.encode("ascii"))
+    output.write_file(target, text.encode("ascii"), key="--rocq")
     return {"rocq": str(target)}, f"wrote {target}\ncheck it with: {shlex.join(['coqc', str(target)])}"
 
 

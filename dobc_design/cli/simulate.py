@@ -172,8 +172,8 @@ def _breaking(found: Any, problem: Problem, proof: Certificate | None) -> dict[s
     notes = list(found.calm.notes)
     if proof is not None and found.period is not None and found.period.certified is None:
         notes.append("The certificate proves no sampling period.")
-    own = {"problem": problem.name, "mode": found.calm.mode, "notes": notes, "breaking": found.to_json()}
-    return {**found.calm.summary(), **own}
+    document: dict[str, Any] = found.calm.summary() | {"problem": problem.name, "mode": found.calm.mode}
+    return document | {"notes": notes, "breaking": found.to_json()}
 
 
 def _verified(place: Path, problem: Problem, progress: Callable[[str], None]) -> Certificate:

@@ -232,9 +232,6 @@ class Controller:
         return len(self.states)
 
 
-Objection = Callable[[Controller], str]
-
-
 def make_controller(
     problem: Problem,
     *,
@@ -243,7 +240,7 @@ def make_controller(
     agents: Sequence[Any] | None = None,
     gain: Gain | None = None,
     sampled_gain: Gain | None = None,
-    objection: Objection | None = None,
+    objection: Callable[[Controller], str] | None = None,
 ) -> Controller:
     """Discretise the observer of ``problem`` and collect the numbers of ``agents`` (labels; default all, at most 200).
 
@@ -338,7 +335,7 @@ def _read_period(given: Any) -> Fraction:
     return period
 
 
-def _obstacle(controller: Controller, objection: Objection | None) -> str:
+def _obstacle(controller: Controller, objection: Callable[[Controller], str] | None) -> str:
     """Why a period cannot be used, or ""."""
     for each in controller.statements:
         if each.verdict is Verdict.REFUTED or (each.kind == "sampled" and each.verdict is not Verdict.PROVED):

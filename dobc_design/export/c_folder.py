@@ -175,8 +175,7 @@ class CCode(Shown):
         return f"<CCode: {str(self).partition(chr(10))[0]}>"
 
     def __str__(self) -> str:
-        count = len(self.controller.agents)
-        controller = self.controller
+        controller, count = self.controller, len(self.controller.agents)
         head = f"C99 of {count} agent{'s' if count != 1 else ''} of {controller.problem.name}, {controller.precision}"
         head += f", every {float(controller.period):g} s"
         return "\n".join([head, *(f"  {each}" for each in self.statements)])

@@ -1,9 +1,4 @@
-"""In from other programs, out to other programs and to targets: one function for each.
-
-In:  problem_from_file (MATPOWER, pandapower, MATLAB, arcs), from_pandapower.
-Out: to_c, to_fmu, to_sdpa, to_mat, to_casadi, to_numpy, to_sympy, to_latex, to_control, python_script, build_model,
-analyse.
-"""
+"""In from other programs, out to other programs and to targets: one function for each."""
 
 from __future__ import annotations
 

@@ -32,7 +32,6 @@ from dobc_design.exact.matrix import Matrix, to_float
 from dobc_design.exact.pencil import Pencil, Place, below, positive
 from dobc_design.exact.symmetric import SparseSymmetric
 from dobc_design.problem.arrays import exosystem_arrays, goals
-from dobc_design.problem.network import Arcs
 from dobc_design.problem.problem import Problem
 from dobc_design.verdict import Verdict
 
@@ -64,7 +63,11 @@ def exact_matrices(
     found["xbar"] = tuple((x,) for x in problem.target)
     ending = {mode: f"_{mode}" if len(problem.network.modes) > 1 else "" for mode in problem.network.modes}
     for mode, arcs in problem.network.modes.items():
-        found[f"L{ending[mode]}"] = _laplacian(arcs, n)
+        L = [[Fraction(0)] * n for _ in range(n)]
+        for listener, speaker, weight in arcs:
+            L[listener][speaker] -= weight
+            L[listener][listener] += weight
+        found[f"L{ending[mode]}"] = tuple(map(tuple, L))
     for mode, pencil in state_theorems(problem).lambdas.items():
         if isinstance(pencil.constant, SparseSymmetric) and not pencil.deviations:
             found[f"Lambda{ending[mode]}"] = pencil.constant.to_dense()
@@ -100,14 +103,6 @@ def latex_of(found: Mapping[str, Matrix], problem: Problem) -> str:
         size = rf" \in \mathbb{{R}}^{{{len(each)} \times {len(each[0])}}}"
         lines.append(shown + (size if entries is None else f" = {entries}"))
     return "\n".join(f"\\[ {line} \\]" for line in lines) + "\n"
-
-
-def _laplacian(arcs: Arcs, n: int) -> Matrix:
-    rows = [[Fraction(0)] * n for _ in range(n)]
-    for listener, speaker, weight in arcs:
-        rows[listener][speaker] -= weight
-        rows[listener][listener] += weight
-    return tuple(map(tuple, rows))
 
 
 MOST_AGENTS = 2000  # L is dense

@@ -111,6 +111,5 @@ def observer_of(loop: Loop) -> Any:
 
 def _names(letter: str, n: int, width: int) -> list[str]:
     """Signals agent by agent, counted from 1: x[3], or x[3,2] with several components."""
-    if width == 1:
-        return [f"{letter}[{i + 1}]" for i in range(n)]
-    return [f"{letter}[{i + 1},{c + 1}]" for i in range(n) for c in range(width)]
+    endings = [f",{c + 1}" for c in range(width)] if width > 1 else [""] * width
+    return [f"{letter}[{i + 1}{ending}]" for i in range(n) for ending in endings]

@@ -1,9 +1,8 @@
 """A certificate's Theorem 1, 2 or Lemma 1 as a file that the kernel of Coq checks.
 
-The file states the problem in rationals, builds Psi from it inside Coq, and proves x' Psi x < 0 for every
-vector x other than 0, rational or real, from Psi = -L D L' multiplied out by the kernel.  It needs nothing
-but Coq's standard library: ``coqc FILE.v``.  Nothing is taken from a solver, and nothing here is trusted:
-a wrong number makes a file that Coq refuses.  What Coq does not see is h: the slopes h'(0) enter as numbers.
+The file states the problem in rationals, builds Psi from it inside Coq, and proves x' Psi x < 0 for every x other than
+0, rational or real, from Psi = -L D L' multiplied out by the kernel; it needs Coq's standard library alone.
+Nothing here is trusted: a wrong number makes a file that Coq refuses.  Coq does not see h: h'(0) enter as numbers.
 """
 
 from __future__ import annotations

@@ -1,8 +1,7 @@
 """A sweep before anything runs: the base problem, the axes, the task; and every case, by its number.
 
-A plan is a value: the same problem, axes, task, seed and version of the toolbox give the same cases in the same order,
-and ``sha256`` names them all.  Every case is one change of the base document, read by the reader of problem files, so
-that it means what the same change in a file would mean.
+The same problem, axes, task, seed and version of the toolbox give the same cases in the same order, and ``sha256``
+names them all.  Every case is one change of the base document, read by the reader of problem files.
 """
 
 from __future__ import annotations

@@ -77,25 +77,17 @@ def main() -> None:
     networks = (("directed cycle, 10 % pinned", cycle), ("random, degree 4, 10 % pinned", random_balanced))
     simulated = f"{'n':>9} {'arcs':>9} {'evaluations':>12} {'seconds':>9} {'ns/(agent evaluation)':>22}"
     certified = f"{'network':<34} {'n':>5} {'arcs':>6} {'seconds':>9} {'us/arc':>8}  verdict"
-    for title, lines in (
-        ("Growth of certify, problem object to verdict (no bar):", chain([certified], *starmap(growth, networks))),
-        ("Designs and a whole run (no bar):", (each() for each in (large_design, shared_design, whole_run))),
-        (
-            "Growth of one simulated run, problem object to trajectory (no bar):",
-            chain([simulated], simulation_growth()),
-        ),
-        (
-            "Max-separable certificates of large networks, in products of the n x n matrix (no bar):",
-            large_rows(),
-        ),
-        ("Max-separable certificates where a coupling falls again (no bar):", falling_rows()),
-        ("Certified radii of small cycles, beside other tools:", peer_table()),
-        (
-            "Large networks: products of the n x n matrix, the whole way in CPU time, peak memory of its processes:",
-            lambda_rows(),
-        ),
-    ):
-        print(f"\n{title}")
+    sections = {
+        "Growth of certify, problem object to verdict": chain([certified], *starmap(growth, networks)),
+        "Designs and a whole run": (each() for each in (large_design, shared_design, whole_run)),
+        "Growth of one simulated run, problem object to trajectory": chain([simulated], simulation_growth()),
+        "Max-separable certificates of large networks, in products of the n x n matrix": large_rows(),
+        "Max-separable certificates where a coupling falls again": falling_rows(),
+        "Certified radii of small cycles, beside other tools": peer_table(),
+        "Large networks: products of the n x n matrix, CPU time and peak memory of the whole way": lambda_rows(),
+    }
+    for title, lines in sections.items():
+        print(f"\n{title} (no bar):")
         for line in lines:
             print(line, flush=True)
 

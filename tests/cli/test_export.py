@@ -27,9 +27,7 @@ def test_c_code_is_written_with_what_is_proved_about_it(dobc):
     assert [each["kind"] for each in document["statements"]] == ["sampled", "sampled-network"]
     assert {each["verdict"] for each in document["statements"]} == {"proved"}
     assert sorted(path.name for path in Path("code").iterdir()) == sorted(FILES)
-    code, _, err = dobc("paper-fixed", "--c", "code", "--period", "0.05")
-    assert code == 2
-    assert "exists already" in err
+    assert dobc("paper-fixed", "--c", "code", "--period", "0.05")[0] == 2  # it exists already
 
 
 def test_a_period_that_is_too_long_is_refused_with_one_that_works_and_nothing_is_written(dobc):
@@ -94,9 +92,8 @@ def test_a_certificate_says_whether_its_sampling_period_covers_the_one_of_the_co
     longest = next(check.exact["period"] for check in certificate.checks if check.id == "sampling")
     certificate.save(tmp_path / "cert")
     for period, verdict in ((longest, "proved"), ("1/3", "undecided")):
-        code, out, _ = dobc(
-            "clock-sync", "--c", f"code-{verdict}", "--period", period, "--certificate", "cert", "--json"
-        )
+        options = ("--c", f"code-{verdict}", "--period", period, "--certificate", "cert", "--json")
+        code, out, _ = dobc("clock-sync", *options)
         assert code == 0
         last = json.loads(out)["statements"][-1]
         assert (last["kind"], last["verdict"]) == ("certified-sampling", verdict)

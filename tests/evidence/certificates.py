@@ -6,6 +6,7 @@ Certificates are checked by ``verify`` and by an oracle that shares no code with
 from __future__ import annotations
 
 from collections import Counter
+from collections.abc import Callable
 from statistics import median
 
 import campaigns
@@ -24,59 +25,58 @@ KINDS = ("lemma1", "theorem", "linear loop", "undirected")
 GROUPS = {"make": random_grouped_problem, "know": GroupsOracle}
 
 
-def recheck(count: int, seed: int) -> Row:
-    tally = campaigns.recheck_campaign(range(seed, seed + count))
-    return _row("certify: verify accepts, an independent exact oracle confirms every claim", count, tally)
+def _counted(counts: Counter[str]) -> str:
+    return ", ".join(f"{number} {name}" for name, number in sorted(counts.items()))
 
 
-def mutants(count: int, seed: int) -> Row:
-    tally = campaigns.mutant_campaign(range(seed, seed + count // MUTANTS), each=MUTANTS)
-    what = "changed certificates: refused, or true for the oracle; both checkers agree"
-    return _row(what, count // MUTANTS * MUTANTS, tally)
+def _row(what: str, count: int, tally: Tally, *notes: str) -> Row:
+    return Row(what, count, tally.wrong, [_counted(tally.counts), *notes])
 
 
-def region_recheck(count: int, seed: int) -> Row:
-    tally = region_recheck_campaign(range(seed, seed + count))
-    return _row("certify with a region: both checkers accept, an independent oracle finds nothing false", count, tally)
+def _campaign(what: str, run: Callable[..., Tally], **more: object) -> Callable[[int, int], Row]:
+    """One case for every seed."""
+    return lambda count, seed: _row(what, count, run(range(seed, seed + count), **more))
+
+
+def _mutants(what: str, **more: object) -> Callable[[int, int], Row]:
+    def run(count: int, seed: int) -> Row:
+        tally = campaigns.mutant_campaign(range(seed, seed + count // MUTANTS), each=MUTANTS, **more)
+        return _row(f"{what}: refused, or true for the oracle; both checkers agree", count // MUTANTS * MUTANTS, tally)
+
+    return run
+
+
+recheck = _campaign(
+    "certify: verify accepts, an independent exact oracle confirms every claim", campaigns.recheck_campaign
+)
+region_recheck = _campaign(
+    "certify with a region: both checkers accept, an independent oracle finds nothing false", region_recheck_campaign
+)
+groups_recheck = _campaign(
+    "groups of agents: both checkers accept, an oracle with the whole Psi finds nothing false",
+    campaigns.recheck_campaign,
+    **GROUPS,
+)
+mutants, groups_mutants = _mutants("changed certificates"), _mutants("groups of agents, changed", **GROUPS)
+whole_psi = _campaign(
+    "Psi < 0: the Reduction = the oracle's own (18), pairs at the boundary", campaigns.reduction_campaign
+)
+decision = _campaign(
+    "Decision: badly scaled, Lambda < 0: theorem proved iff (A, C) is detectable", campaigns.decision_campaign
+)
+outside = _campaign(
+    "linear problems: verdicts and rates against eigenvalues and matrix exponentials", campaigns.outside_campaign
+)
+cures = _campaign(
+    "refuted: the oracle confirms the witness, a cure is offered, and written and read it is proved",
+    cured.cure_campaign,
+)
 
 
 def region_mutants(count: int, seed: int) -> Row:
     tally = region_mutant_campaign(range(seed, seed + count // REGION_MUTANTS), each=REGION_MUTANTS)
     changed = sum(tally.counts.values()) - tally.counts["nothing to change"]
     return _row("changed regional claims: refused, or true for the oracle; both checkers agree", changed, tally)
-
-
-def groups_recheck(count: int, seed: int) -> Row:
-    tally = campaigns.recheck_campaign(range(seed, seed + count), **GROUPS)
-    what = "groups of agents: both checkers accept, an oracle with the whole Psi finds nothing false"
-    return _row(what, count, tally)
-
-
-def groups_mutants(count: int, seed: int) -> Row:
-    tally = campaigns.mutant_campaign(range(seed, seed + count // MUTANTS), each=MUTANTS, **GROUPS)
-    what = "groups of agents, changed: refused, or true for the oracle; both checkers agree"
-    return _row(what, count // MUTANTS * MUTANTS, tally)
-
-
-def whole_psi(count: int, seed: int) -> Row:
-    tally = campaigns.reduction_campaign(range(seed, seed + count))
-    return _row("Psi < 0: the Reduction = the oracle's own (18), pairs at the boundary", count, tally)
-
-
-def decision(count: int, seed: int) -> Row:
-    tally = campaigns.decision_campaign(range(seed, seed + count))
-    return _row("Decision: badly scaled, Lambda < 0: theorem proved iff (A, C) is detectable", count, tally)
-
-
-def outside(count: int, seed: int) -> Row:
-    tally = campaigns.outside_campaign(range(seed, seed + count))
-    return _row("linear problems: verdicts and rates against eigenvalues and matrix exponentials", count, tally)
-
-
-def cures(count: int, seed: int) -> Row:
-    tally = cured.cure_campaign(range(seed, seed + count))
-    what = "refuted: the oracle confirms the witness, a cure is offered, and written and read it is proved"
-    return _row(what, count, tally)
 
 
 def decided(count: int, seed: int) -> Row:
@@ -111,11 +111,3 @@ def removals(count: int, seed: int) -> Row:
     tried, missed = unnoticed(count)
     notes = [f"{len(EQUIVALENT)} removals that nothing can notice are listed with their reasons"]
     return Row("the lone checker with one of its checks removed: noticed", tried, missed, notes)
-
-
-def _row(what: str, count: int, tally: Tally, *notes: str) -> Row:
-    return Row(what, count, tally.wrong, [_counted(tally.counts), *notes])
-
-
-def _counted(counts: Counter[str]) -> str:
-    return ", ".join(f"{number} {name}" for name, number in sorted(counts.items()))

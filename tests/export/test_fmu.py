@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 
 import dobc_design as dd
-from dobc_design.errors import SolverError, SpecError
+from dobc_design.errors import SolverError
 from dobc_design.export import fmu
 from dobc_design.export.c_text import template
 from dobc_design.problem.exosystems import Exosystem
@@ -201,8 +201,3 @@ def test_a_compiler_that_refuses_is_the_machines_failure(monkeypatch, tmp_path):
     monkeypatch.setattr(fmu.shutil, "which", lambda name: str(broken))
     with pytest.raises(SolverError, match="refused the FMU's code: no room"):
         dd.to_fmu("paper-fixed", period="1/50")
-
-
-def test_an_unknown_agent_is_refused():
-    with pytest.raises(SpecError, match="no agent '33'"):
-        dd.to_fmu("paper-fixed", period="1/50", agent="33")

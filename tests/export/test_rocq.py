@@ -280,6 +280,13 @@ def test_a_rate_that_is_not_claimed_is_refused():
         rocq_proof(replace(certificate, claims=replace(certificate.claims, checks=checks)), rate=True)
 
 
+def refused_by_the_kernel(text, folder):
+    """Refused where the kernel computes, not because the file cannot be read."""
+    outcome = run_coq(text, folder)
+    assert outcome.returncode != 0
+    assert "vm_cast_no_check" in text.splitlines()[int(re.search(r"line (\d+)", outcome.stderr)[1]) - 1]
+
+
 def run_coq(text, folder):
     (folder / "proof.v").write_text(text, encoding="ascii")
     return subprocess.run([COQC, "-q", "proof.v"], cwd=folder, capture_output=True, text=True, timeout=600, check=False)
@@ -360,11 +367,7 @@ def test_coq_rejects_the_file_when_one_number_is_another(what, tmp_path):
     pattern, new = MUTANTS[what]
     wrong, count = re.subn(pattern, new, text)
     assert count == 1
-    outcome = run_coq(wrong, tmp_path)
-    assert outcome.returncode != 0
-    # Refused where the kernel computes, not because the file cannot be read.
-    line = int(re.search(r"line (\d+)", outcome.stderr)[1])
-    assert "vm_cast_no_check" in wrong.splitlines()[line - 1]
+    refused_by_the_kernel(wrong, tmp_path)
 
 
 @pytest.mark.slow
@@ -377,9 +380,7 @@ def test_coq_rejects_an_indefinite_matrix_with_its_own_l_d_l(tmp_path):
     lines = changed(lines, "Square 8 0", "Square 2 0")
     lines = changed(lines, "Term 1 (-1 # 4)", "Term 1 (-1)")
     lines = changed(lines, "Square (15 # 2) 1", "Square 0 1")
-    outcome = run_coq(lines, tmp_path)
-    assert outcome.returncode != 0
-    assert "vm_cast_no_check" in lines.splitlines()[int(re.search(r"line (\d+)", outcome.stderr)[1]) - 1]
+    refused_by_the_kernel(lines, tmp_path)
 
 
 @st.composite

@@ -58,7 +58,6 @@ ITEMS = (
     Item(name="enclosures", run=enclosures.run, count=1_000_000, seed=8100, share=20),  # points
     Item(name="falsified", run=falsified.run, count=10_000, seed=8600, share=40),  # the count is starts
     Item(name="pins", run=pinning.choices, count=100, seed=9500),
-    Item(name="pins-of-fifty", run=pinning.gaps, count=20, seed=9600),
     Item(name="optimal", run=optimal.pinning, count=10_000, seed=9700),
     Item(name="optimal-boxes", run=optimal.boxes, count=10_000, seed=9750),
     Item(name="designs", run=designs.requests, count=100, seed=9900),

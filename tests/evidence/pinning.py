@@ -1,8 +1,7 @@
-"""Designed pinning: the choice of agents against exhaustive search, and how far the proved bound is from the cost."""
+"""Designed pinning: the choice of agents and its proved bound against exhaustive search."""
 
 from __future__ import annotations
 
-import statistics
 from itertools import combinations
 from random import Random
 
@@ -35,33 +34,6 @@ def choices(count: int, seed: int) -> Row:
     return Row("agents to pin: as exhaustive search, n to 12, with a proved bound", count, failures)
 
 
-def gaps(count: int, seed: int) -> Row:
-    """Fifty agents, ten pins: how far the proved bound is from the cost; the greedy start alone beside it.
-
-    Too few if fewer than four in five are designed: the others need more pins, or nothing was found.
-    """
-    proved, greedy, undecided, refuted = [], [], 0, 0
-    for number in range(count):
-        problem = _digraph(Random(seed + number), 50, density=3 / 50)
-        design = dd.design_pinning(problem, rate="3/10", pins=10, digits=9)
-        if design.gap is None or design.cost is None or design.lower_bound is None:
-            undecided += design.verdict is Verdict.UNDECIDED
-            refuted += design.verdict is Verdict.REFUTED
-            continue
-        proved.append(design.gap)
-        start = _greedy(problem, 0.3, 10)
-        if start is not None:
-            greedy.append(start / float(design.lower_bound) - 1)
-    notes = [
-        f"{name}: median {statistics.median(values):.1e}, at most {max(values):.1e} above the proved bound"
-        for name, values in (("chosen", proved), ("greedy alone", greedy))
-        if values
-    ]
-    what = "agents to pin, n = 50: gap to the proved bound"
-    notes = [f"{len(proved)} proved, {refuted} refuted, {undecided} undecided", *notes]
-    return Row(what, count, (), notes, least=count if len(proved) >= 0.8 * count else count + 1)
-
-
 def _digraph(r: Random, n: int, *, density: float, cycle: bool = False) -> Problem:
     pairs = {(i, i % n + 1) for i in range(1, n + 1)} if cycle else set()
     pairs |= {(i, j) for i in range(1, n + 1) for j in range(1, n + 1) if i != j and r.random() < density}
@@ -77,16 +49,3 @@ def _best_of_all(problem: Problem, rate: float, pins: int) -> float | None:
         if (gains := smallest_gains(blocks, chosen)) is not None
     ]
     return min(costs, default=None)
-
-
-def _greedy(problem: Problem, rate: float, pins: int) -> float | None:
-    """The cost of the greedy set alone, before branch and bound."""
-    from dobc_design.synthesis.pinning.decide import structure_of
-    from dobc_design.synthesis.pinning.propose import make_proposer
-    from dobc_design.synthesis.pinning.request import read_request
-
-    proposer = make_proposer(problem, read_request(problem.network.labels, rate=str(rate), pins=pins))
-    everybody = range(problem.n)
-    chosen = proposer.greedy(everybody, structure_of(problem, everybody).groups, rate, pins)
-    gains = None if chosen is None else proposer.relax(chosen, rate)[0]
-    return None if gains is None else float(sum(gains))

@@ -70,7 +70,7 @@ _HOMES = {
     "exact": "exact",
     "exosystems": "problem.exosystems",
     "falsify": "falsification.search",
-    "from_pandapower": "export.interchange",
+    "from_pandapower": "importing.grids",
     "load_problem": "problem.load",
     "load_trajectory": "simulation.trajectory",
     "plot_regions": "report.write",
@@ -94,127 +94,7 @@ _HOMES = {
     "write_report": "report.write",
 }
 
-__all__ = [
-    "Analysis",
-    "Certificate",
-    "Check",
-    "Cone",
-    "Coupling",
-    "Design",
-    "Disk",
-    "Ensemble",
-    "Exosystem",
-    "Failure",
-    "Falsification",
-    "Fixed",
-    "Group",
-    "HalfPlane",
-    "Markov",
-    "Mobile",
-    "Model",
-    "Network",
-    "NoiseLimit",
-    "Observer",
-    "ObserverDesign",
-    "Periodic",
-    "Pinning",
-    "PinningDesign",
-    "Problem",
-    "RandomDwell",
-    "Region",
-    "Schedule",
-    "Settling",
-    "Stress",
-    "Suspect",
-    "SweepResult",
-    "Switching",
-    "TradeOff",
-    "Trajectory",
-    "Verdict",
-    "Waypoints",
-    "__version__",
-    "analyse",
-    "build_model",
-    "certify",
-    "certify_settling",
-    "design",
-    "design_observer",
-    "design_pinning",
-    "exact",
-    "exosystems",
-    "falsify",
-    "from_pandapower",
-    "load_problem",
-    "load_trajectory",
-    "plot_regions",
-    "problem_from_file",
-    "search_certificate",
-    "simulate",
-    "sweep",
-    "to_c",
-    "to_casadi",
-    "to_control",
-    "to_fmu",
-    "to_latex",
-    "to_mat",
-    "to_numpy",
-    "to_sdpa",
-    "to_sympy",
-    "trade_off",
-    "verify",
-    "what_breaks_first",
-    "write_comparison",
-    "write_report",
-]
-
-if TYPE_CHECKING:
-    from dobc_design import exact
-    from dobc_design.analysis.analysis import Analysis
-    from dobc_design.certificate.certificate import Certificate
-    from dobc_design.certification.certify import certify, certify_settling, verify
-    from dobc_design.certification.search import search_certificate
-    from dobc_design.conditions.check import Check
-    from dobc_design.conditions.schedule.settling import Settling
-    from dobc_design.coupling.coupling import Coupling
-    from dobc_design.export.interchange import (
-        analyse,
-        build_model,
-        from_pandapower,
-        problem_from_file,
-        to_c,
-        to_casadi,
-        to_control,
-        to_fmu,
-        to_latex,
-        to_mat,
-        to_numpy,
-        to_sdpa,
-        to_sympy,
-    )
-    from dobc_design.falsification.search import falsify
-    from dobc_design.falsification.suspect import Falsification, Suspect
-    from dobc_design.model.model import Model
-    from dobc_design.problem import exosystems
-    from dobc_design.problem.exosystems import Exosystem
-    from dobc_design.problem.groups import Group, Observer
-    from dobc_design.problem.load import load_problem
-    from dobc_design.problem.network import Network
-    from dobc_design.problem.problem import Pinning, Problem
-    from dobc_design.problem.settings import Region, Switching
-    from dobc_design.report.write import plot_regions, write_comparison, write_report
-    from dobc_design.simulation.breaking import what_breaks_first
-    from dobc_design.simulation.runs import Ensemble, simulate
-    from dobc_design.simulation.setting import Failure, Stress
-    from dobc_design.simulation.signals import Fixed, Markov, Mobile, Periodic, RandomDwell, Schedule, Waypoints
-    from dobc_design.simulation.trajectory import Trajectory, load_trajectory
-    from dobc_design.sweeps.result import SweepResult
-    from dobc_design.sweeps.running import sweep
-    from dobc_design.synthesis.designs import design, design_observer, design_pinning, trade_off
-    from dobc_design.synthesis.joint.claim import Design, TradeOff
-    from dobc_design.synthesis.observer.claim import ObserverDesign
-    from dobc_design.synthesis.observer.request import Cone, Disk, HalfPlane, NoiseLimit
-    from dobc_design.synthesis.pinning.claim import PinningDesign
-    from dobc_design.verdict import Verdict
+__all__ = sorted({"__version__", *_HOMES} - {"Designer"})  # noqa: PLE0605 - the widget needs an extra
 
 
 def __getattr__(name: str) -> Any:

@@ -21,12 +21,8 @@ except KeyboardInterrupt:  # in the millisecond before the handler stands
 # It has to be said before NumPy is imported, and whoever has chosen a number keeps it.
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
-TYPE_CHECKING = False
-if TYPE_CHECKING:
-    from typing import NoReturn
 
-
-def main() -> NoReturn:
+def main() -> None:
     """Run the command line; see ``cli.main``."""
     _open_standard_streams()
     from dobc_design.cli.main import main as run

@@ -28,11 +28,8 @@ def require_shape(
     widths = [len(matrix[i]) for i in range(len(matrix))]
     for number, width in enumerate(widths, start=1):
         if width != widths[0]:
-            raise wrong(
-                name,
-                f"must have rows of one length; got {widths[0]} in row 1 and {width} in row {number}.",
-                kind=ShapeError,
-            )
+            what = f"must have rows of one length; got {widths[0]} in row 1 and {width} in row {number}."
+            raise wrong(name, what, kind=ShapeError)
     got = (len(widths), widths[0] if widths else 0)
     # Nested sequences cannot say how many columns no rows have, so those agree with any number.
     wrong_columns = shape[1] is not None and got[0] > 0 and got[1] != shape[1]
@@ -52,13 +49,7 @@ def require_square(matrix: Rows, *, name: str, because: str = "") -> int:
 
 
 def _wanted(shape: tuple[int | None, int | None]) -> str:
-    rows, columns = shape
-    if rows is None:
-        return _count(columns, "column")
-    if columns is None:
-        return _count(rows, "row")
-    return f"shape ({rows}, {columns})"
-
-
-def _count(number: int | None, word: str) -> str:
+    if None not in shape:
+        return f"shape {shape}"
+    number, word = (shape[1], "column") if shape[0] is None else (shape[0], "row")
     return f"{number} {word}" if number == 1 else f"{number} {word}s"

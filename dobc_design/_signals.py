@@ -1,13 +1,11 @@
 """What happens when somebody wants the program to stop: Ctrl-C, SIGTERM, SIGHUP.
 
-The command line ends at once, from the signal handler, with one line and 128 + the number of the signal.
-Unwinding by KeyboardInterrupt would do less: an interrupt inside a destructor, a callback or a library that is
-just being imported gets lost or turns into another error.  Ending at once loses nothing, because files are
-replaced as a whole (``certificate.files``), and while that happens the signal waits (``Postponed``).
+The command line ends at once, from the signal handler, with one line and 128 + the number of the signal: unwinding by
+KeyboardInterrupt gets lost inside a destructor, a callback or a library that is just being imported.  Nothing is lost,
+because files are replaced as a whole (``certificate.files``), and while that happens the signal waits (``Postponed``).
 
-Only the command line calls ``end_at_once``; ``Postponed`` serves any program.  Python runs signal handlers in
-the main thread; called from another thread, all of this does nothing.  The imports are few and light, because
-this is loaded before anything else.
+Python runs signal handlers in the main thread; called from another thread, all of this does nothing.  The imports are
+few and light, because this is loaded before anything else.
 """
 
 from __future__ import annotations
@@ -17,7 +15,6 @@ import signal
 
 TYPE_CHECKING = False  # typing takes longer to import than all of this
 if TYPE_CHECKING:
-    from collections.abc import Callable
     from types import FrameType
     from typing import Any
 
@@ -37,17 +34,15 @@ _DOCUMENT = """{{
 class Ending:
     """A signal handler that says so and leaves, by os.write and os._exit only: the interpreter may be anywhere.
 
-    ``as_json``: the error is a document on standard output, else a line on standard error.  ``before``: called first.
+    ``as_json``: the error is a document on standard output, else a line on standard error.
     """
 
-    def __init__(self, *, as_json: bool, sentence: str = SENTENCE, before: Callable[[], object] | None = None) -> None:
-        self.as_json, self.sentence, self.before = as_json, sentence, before
+    def __init__(self, *, as_json: bool) -> None:
+        self.as_json, self.sentence = as_json, SENTENCE
 
     def __call__(self, number: int, frame: FrameType | None) -> None:
         """End the process."""
         try:
-            if self.before is not None:
-                self.before()
             text = _DOCUMENT.format(_escaped(self.sentence)) if self.as_json else f"{self.sentence}\n"
             if not self.as_json and os.isatty(2):
                 text = f"\x1b[?25h\n{text}"  # a progress line hides the cursor
@@ -66,20 +61,20 @@ def end_at_once(*, as_json: bool) -> None:
             _set(number, Ending(as_json=as_json))
 
 
+def _endings() -> list[Ending]:
+    return [each for each in map(signal.getsignal, STOPPING) if isinstance(each, Ending)]
+
+
 def answer_begins() -> None:
     """From now on a signal puts nothing more on standard output, where the answer stands or begins to."""
-    for number in STOPPING:
-        handler = signal.getsignal(number)
-        if isinstance(handler, Ending):
-            _set(number, Ending(as_json=False, sentence=handler.sentence, before=handler.before))
+    for handler in _endings():
+        handler.as_json = False
 
 
-def say_on_ending(sentence: str, *, before: Callable[[], object] | None = None) -> None:
-    """From now on a signal says this instead, after calling ``before``; nothing without ``end_at_once``."""
-    for number in STOPPING:
-        handler = signal.getsignal(number)
-        if isinstance(handler, Ending):
-            _set(number, Ending(as_json=handler.as_json, sentence=sentence, before=before))
+def say_on_ending(sentence: str) -> None:
+    """From now on a signal says this instead; nothing without ``end_at_once``."""
+    for handler in _endings():
+        handler.sentence = sentence
 
 
 def _escaped(text: str) -> str:

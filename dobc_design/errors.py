@@ -1,8 +1,7 @@
 """The exceptions of the toolbox: what went wrong, at which key, and what cures it.
 
-The caller's mistake raises a SpecError (also a ValueError); a broken machine raises a SolverError
-or CertificateError (also a RuntimeError). The mathematics' answer is never an exception: that is a
-``Verdict``.
+The caller's mistake raises a SpecError (also a ValueError), a broken machine a SolverError or CertificateError (also a
+RuntimeError); the mathematics' answer is never an exception but a ``Verdict``.
 """
 
 from __future__ import annotations
@@ -40,9 +39,7 @@ class SpecError(DobcError, ValueError):
 
     kind: ClassVar[str] = "spec"
 
-    def __init__(self, message: str, *, key: str | None = None, cure: str | None = None) -> None:
-        super().__init__(message, key=key, cure=cure)
-        self._parts: tuple[SpecError, ...] = ()
+    _parts: tuple[SpecError, ...] = ()
 
     @property
     def errors(self) -> tuple[SpecError, ...]:

@@ -29,7 +29,7 @@ THIRD_PARTY = {
     "analysis": {"control", "networkx", *NUMBERS},
     "certificate": {"numpy"},
     "certification": {"numpy"},
-    "cli": {"rich", "typer"},
+    "cli": {"packaging", "rich", "typer"},
     "conditions": NUMBERS,
     "coupling": {"numpy"},
     "designer": {"anywidget", "numpy", "traitlets"},

@@ -1,100 +1,68 @@
-"""``dobc certify``: certificate, problem and report in a folder, and the answer in words or as JSON."""
+"""``dobc certify`` and ``dobc region``: what is proved, in files, in words or as JSON; ``region`` with numbers and a
+picture of the starts in place of the report."""
 
 from __future__ import annotations
 
 import shlex
 import textwrap
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from dobc_design.cli.output import (
-    COLOURS,
-    EXIT,
-    PIPED,
-    CertificateFolder,
-    File,
-    Json,
-    Manner,
-    Progress,
-    Quiet,
-    Search,
-    Tolerance,
-    Verbose,
-    answering,
-    check_target,
-    folder_name,
-    ids,
-    make_console,
-    make_table,
-    manner_of,
-    print_json,
-    refuse_option,
-    require_toml,
-    results_folder,
-    say,
-    search_parts,
-    settling_parts,
-    verdict_line,
-    write_file,
-)
+from dobc_design.cli import output
 from dobc_design.errors import SpecError
 
 if TYPE_CHECKING:
-    from rich.console import Console
-    from rich.table import Table
+    from rich.console import RenderableType
 
     from dobc_design.certificate.certificate import Certificate
+    from dobc_design.certificate.regions import Regions
     from dobc_design.conditions.check import Check
     from dobc_design.falsification.suspect import Falsification
+    from dobc_design.problem.problem import Problem
 
-WIDE = 120  # columns from which reasons stand beside the verdicts
+REASONS_BESIDE = 120  # columns from which reasons stand beside the verdicts
+WIDE = 110  # columns from which the table of regions has its last column and bars
+BAR = 24  # columns of a bar
 
 
 def certify(
-    file: File,
-    out: CertificateFolder = None,
+    file: output.File,
+    out: output.CertificateFolder = None,
     everything: Annotated[bool, typer.Option("--all", help="Run every condition, also when one suffices.")] = False,
     theorem: Annotated[
-        str | None, typer.Option(help="Show and judge only this condition, e.g. lemma1.", autocompletion=ids)
+        str | None, typer.Option(help="Show and judge only this condition, e.g. lemma1.", autocompletion=output.ids)
     ] = None,
-    settling: Tolerance = None,
-    search: Search = False,
+    settling: output.Tolerance = None,
+    search: output.Search = False,
     report: Annotated[bool, typer.Option("--report/--no-report", help="Write report.html and report.md.")] = True,
     apply_fix: Annotated[
         Path | None, typer.Option("--apply-fix", help="Write the cured problem here, a new .toml file.")
     ] = None,
     force: Annotated[bool, typer.Option("--force", help="Overwrite the file of --apply-fix.")] = False,
-    quiet: Quiet = False,
-    verbose: Verbose = False,
-    as_json: Json = False,
+    quiet: output.Quiet = False,
+    verbose: output.Verbose = False,
+    as_json: output.Json = False,
 ) -> None:
     """Decide every condition exactly; write certificate.json, problem.json and the report."""
-    from dobc_design.certification import certify as certification
-    from dobc_design.certification.search import search_certificate
     from dobc_design.conditions.kinds import KINDS
-    from dobc_design.conditions.schedule.asked import read_tolerance
     from dobc_design.problem.load import load_problem
     from dobc_design.report.write import PAGE, render_report
 
-    manner = manner_of(quiet=quiet, verbose=verbose)
+    manner = output.manner_of(quiet=quiet, verbose=verbose)
     if theorem is not None and theorem not in KINDS:
         raise SpecError(f"{theorem!r} is not known.", key="--theorem", cure=f"One of {', '.join(KINDS)}.")
-    refuse_option(out, key="--out")
+    output.refuse_option(out, key="--out")
     if apply_fix is not None:
-        check_target(apply_fix, force=force, key="--apply-fix")
-    tolerance = None if settling is None else read_tolerance(settling, key="--settling")
+        output.check_target(apply_fix, force=force, key="--apply-fix")
+    tolerance = _tolerance(settling)
     problem = load_problem(file)
-    folder = results_folder(out, problem.name)
-    searches: tuple[Falsification, ...] = ()
+    folder = output.results_folder(out, problem.name)
     pages: dict[str, bytes] = {}
-    with Progress(manner) as progress:
-        certificate = certification.certify(problem, everything=everything, settling=tolerance, progress=progress)
-        if search:
-            found = search_certificate(certificate, progress=progress)
-            certificate, searches = found.certificate, found.searches
+    with output.Progress(manner) as progress:
+        certificate, searches = _certified(problem, tolerance, progress, everything=everything, search=search)
         cured = None if apply_fix is None else _cured_file(certificate, file, apply_fix)
         if report:
             try:
@@ -104,11 +72,19 @@ def certify(
                 raise
         path, own, *_ = certificate.save(folder, beside=pages)
         if apply_fix is not None and cured is not None:
-            write_file(apply_fix, cured, key="--apply-fix")
+            output.write_file(apply_fix, cured, key="--apply-fix")
     page = folder / PAGE if pages else None
+    checks = tuple(each for each in certificate.checks if theorem in (None, each.id))
+    verdict, reason = certificate.verdict.value, certificate.reason
+    if theorem is not None:
+        values, reason = {each.verdict.value for each in checks}, f"This is about {theorem} alone."
+        verdict = "proved" if values == {"proved"} else "refuted" if "refuted" in values else "undecided"
+        if not checks:
+            others = ", ".join(dict.fromkeys(each.id for each in certificate.checks))
+            reason = f"does not apply: {theorem} is not among the conditions of this problem ({others})."
     if as_json:
-        document = answer_head(certificate) | {
-            "checks": [each.to_json() for each in certificate.checks],
+        document = _head(certificate) | {
+            "checks": [each.to_json() for each in checks],
             "notes": list(certificate.claims.notes),
             "certificate": str(path),
             "report": None if page is None else str(page),
@@ -117,27 +93,89 @@ def certify(
             document["applied"] = str(apply_fix)
         if search:
             document["searches"] = [each.to_json() for each in searches]
-        print_json(document if theorem is None else document | _one_condition(certificate, theorem))
-    elif manner is not Manner.QUIET:
-        with answering():
-            console = make_console()
-            _show(console, certificate, theorem, file=None if apply_fix else file)
-            for part in (*settling_parts(certificate.settling if theorem is None else None), *search_parts(searches)):
-                console.print(part, soft_wrap=console.width == PIPED)
-        say(f"\ncertificate  {path}\nproblem      {own}")
+        if theorem is not None:
+            rates = [each.rate for each in checks if each.rate is not None]
+            rate = min(rates) if verdict == "proved" and len(rates) == len(checks) else None
+            document |= {"verdict": verdict, "reason": reason, "rate": rate}
+            document |= {"covered_by": theorem if verdict == "proved" else None, "theorem": theorem}
+        output.print_json(document)
+    elif manner is not output.Manner.QUIET:
+        head = output.verdict_line(problem.name, verdict, reason.removeprefix("Undecided: "))
+        settled = certificate.settling if theorem is None else None
+        _show(head, certificate, checks, file=None if apply_fix else file)
+        output.show([*output.settling_parts(settled), *output.search_parts(searches)])
+        output.say(f"\ncertificate  {path}\nproblem      {own}")
         if page is not None:
-            say(f"report       {page}")
-        say(f"re-check     {shlex.join(['dobc', 'verify', str(path), '--problem', file])}")
+            output.say(f"report       {page}")
+        output.say(f"re-check     {shlex.join(['dobc', 'verify', str(path), '--problem', file])}")
         if apply_fix is not None:
-            say(f"cured        {apply_fix}\ncertify it   {shlex.join(['dobc', 'certify', str(apply_fix)])}")
-            if problem.notes:
-                say("look at      its notes: they are kept as they were and may speak of what has changed")
-    verdict = certificate.verdict.value if theorem is None else _judge(_chosen(certificate, theorem))
-    raise typer.Exit(EXIT[verdict])
+            output.say(f"cured        {output.certify_it(str(apply_fix), problem.notes)}")
+    raise typer.Exit(output.EXIT[verdict])
 
 
-def answer_head(certificate: Certificate) -> dict[str, Any]:
-    """What the documents of certify and region begin with."""
+def region(
+    file: output.File,
+    out: output.CertificateFolder = None,
+    everything: Annotated[bool, typer.Option("--all", help="Try every method, also when one covers.")] = False,
+    settling: output.Tolerance = None,
+    search: output.Search = False,
+    quiet: output.Quiet = False,
+    verbose: output.Verbose = False,
+    as_json: output.Json = False,
+) -> None:
+    """Say from which starts consensus is proved: numbers and a picture, without a report."""
+    from dobc_design.certificate.files import make_folder, write_together
+    from dobc_design.problem.load import load_problem
+    from dobc_design.report.write import plot_regions, search_sheet
+
+    manner = output.manner_of(quiet=quiet, verbose=verbose)
+    output.refuse_option(out, key="--out")
+    problem = load_problem(file)
+    folder = output.results_folder(out, problem.name)
+    with output.Progress(manner) as progress:
+        largest = everything or problem.region is None
+        certificate, searches = _certified(problem, _tolerance(settling), progress, everything=largest, search=search)
+        document = _head(certificate) | certificate.regions.to_json()
+        if search:
+            document["searches"] = [each.to_json() for each in searches]
+        progress("drawing")
+        files = {folder / "region.json": output.json_bytes(document)}
+        for name, picture in (("region", plot_regions(certificate)), ("search", search_sheet(searches))):
+            if picture is not None:
+                files |= {folder / f"{name}.{kind}": picture.file(kind) for kind in ("svg", "png")}
+        make_folder(folder)
+        write_together(files)
+    written = [str(path) for path in files]
+    if as_json:
+        output.print_json(document | {"files": written})
+    elif manner is not output.Manner.QUIET:
+        output.show(_shown(certificate, searches, wide=output.make_console().width >= WIDE))
+        output.say("\n" + "\n".join(f"wrote {path}" for path in written))
+    raise typer.Exit(output.EXIT[certificate.verdict.value])
+
+
+def _tolerance(settling: str | None) -> Any:
+    from dobc_design.conditions.schedule.asked import read_tolerance
+
+    return None if settling is None else read_tolerance(settling, key="--settling")
+
+
+def _certified(
+    problem: Problem, tolerance: Any, progress: Callable[[str], None], *, everything: bool, search: bool
+) -> tuple[Certificate, tuple[Falsification, ...]]:
+    """The certificate, and with ``search`` what a search for starts that do not converge found."""
+    from dobc_design.certification import certify as certification
+    from dobc_design.certification.search import search_certificate
+
+    certificate = certification.certify(problem, everything=everything, settling=tolerance, progress=progress)
+    if not search:
+        return certificate, ()
+    found = search_certificate(certificate, progress=progress)
+    return found.certificate, found.searches
+
+
+def _head(certificate: Certificate) -> dict[str, Any]:
+    """What both documents begin with."""
     return {
         "verdict": certificate.verdict.value,
         "reason": certificate.reason,
@@ -155,79 +193,49 @@ def _cured_file(certificate: Certificate, source: str, target: Path) -> bytes:
     from dobc_design.problem.load import source_text
 
     fix = main_fix(certificate.checks)
-    require_toml(target, key="--apply-fix")
+    output.require_toml(target, key="--apply-fix")
     if fix is None:
+        message, cure = "no cure is known for this problem.", "The reasons of the checks say what fails."
         if certificate.verdict.value == "proved":
             message, cure = "there is nothing to cure: everything asked for is proved.", "Leave --apply-fix out."
-        else:
-            message, cure = "no cure is known for this problem.", "The reasons of the checks say what fails."
         raise SpecError(message, key="--apply-fix", cure=cure)
     text = changed_file(certificate.problem, fix.set, text=source_text(source), folder=target.resolve().parent)
     return text.encode("utf-8")
 
 
-def _one_condition(certificate: Certificate, theorem: str) -> dict[str, Any]:
-    """What ``--theorem`` changes in the document: the verdict is that of one condition, in all modes."""
-    chosen = _chosen(certificate, theorem)
-    rates = [each.rate for each in chosen]
-    verdict = _judge(chosen)
-    return {
-        "verdict": verdict,
-        "reason": _reason(certificate, chosen, theorem),
-        "rate": None if verdict != "proved" or None in rates else min(rate for rate in rates if rate is not None),
-        "covered_by": theorem if verdict == "proved" else None,
-        "theorem": theorem,
-        "checks": [each.to_json() for each in chosen],
-    }
-
-
-def _chosen(certificate: Certificate, theorem: str | None) -> tuple[Check, ...]:
-    return tuple(each for each in certificate.checks if theorem in (None, each.id))
-
-
-def _reason(certificate: Certificate, chosen: Sequence[Check], theorem: str) -> str:
-    if chosen:
-        return f"This is about {theorem} alone."
-    others = ", ".join(dict.fromkeys(each.id for each in certificate.checks))
-    return f"does not apply: {theorem} is not among the conditions of this problem ({others})."
-
-
-def _judge(checks: Sequence[Check]) -> str:
-    values = {each.verdict.value for each in checks}
-    return "proved" if values == {"proved"} else "refuted" if "refuted" in values else "undecided"
-
-
-def _show(console: Console, certificate: Certificate, theorem: str | None, *, file: str | None) -> None:
+def _show(head: RenderableType, certificate: Certificate, checks: Sequence[Check], *, file: str | None) -> None:
     """The verdict, the checks with their reasons, and what would cure it.  Text of the user is shown as it is.
 
     ``file``: what the problem was read from, for the command that writes the cured one.
     """
     from rich.text import Text
 
-    checks = _chosen(certificate, theorem)
-    verdict = certificate.verdict.value if theorem is None else _judge(checks)
-    reason = certificate.reason.removeprefix("Undecided: ")
-    if theorem is not None:
-        reason = _reason(certificate, checks, theorem)
-    console.print(verdict_line(certificate.problem.name, verdict, reason), soft_wrap=console.width == PIPED)
-    beside = console.width >= WIDE
-    if checks:
-        console.print()
-        console.print(_table(checks, reasons=beside))
-    if not beside:
-        for each in checks:
-            console.print()
-            console.print(Text(each.title, style="bold"))
-            lines = textwrap.wrap(each.reason, console.width, initial_indent="  ", subsequent_indent="  ")
-            console.print(Text("\n".join(lines)))
-    name = f"{folder_name(certificate.problem.name)}-cured.toml"
-    for cure in _cures(checks, width=None if console.width == PIPED else console.width, file=file, name=name):
-        console.print(Text(cure), soft_wrap=True)
-    for place, note in enumerate(certificate.claims.notes):
-        console.print(Text(f"{'' if place else chr(10)}Note: {note}"), soft_wrap=console.width == PIPED)
+    from dobc_design._show.text import significant_towards_zero
+
+    output.show([head])
+    width = output.make_console().width
+    beside = width >= REASONS_BESIDE
+    table = output.make_table(["check"])
+    for name in ("verdict", "margin", "rate 1/s"):
+        table.add_column(name, no_wrap=True)
+    if beside:
+        table.add_column("reason", overflow="fold")
+    for each in checks:
+        numbers = [(each.margin, 6), (each.rate, 4)]
+        texts = ["" if value is None else significant_towards_zero(value, digits) for value, digits in numbers]
+        texts += [each.reason] if beside else []
+        table.add_row(Text(each.title), output.verdict_text(each.verdict.value), *map(Text, texts))
+    parts: list[RenderableType] = [Text(""), table] if checks else []
+    for each in () if beside else checks:
+        lines = textwrap.wrap(each.reason, width, initial_indent="  ", subsequent_indent="  ")
+        parts += [Text.assemble("\n", (each.title, "bold")), Text("\n".join(lines))]
+    output.show(parts, wrapped=True)
+    output.show(_cures(checks, width=width, file=file, name=certificate.problem.name))
+    notes = certificate.claims.notes
+    output.show(Text(f"{'' if place else chr(10)}Note: {note}") for place, note in enumerate(notes))
 
 
-def _cures(checks: Sequence[Check], *, width: int | None, file: str | None, name: str) -> Iterator[str]:
+def _cures(checks: Sequence[Check], *, width: int, file: str | None, name: str) -> Iterator[str]:
     """What would cure what failed: in words, as lines of the problem file, and the command that writes them."""
     from dobc_design.conditions.check import main_cure, other_cures
     from dobc_design.problem.changes import change_lines
@@ -240,29 +248,68 @@ def _cures(checks: Sequence[Check], *, width: int | None, file: str | None, name
         if each.verdict.value != "refuted" or each.id == "observability":
             head = f"What would help {each.id}:"
         words = f"{head} {each.fix.text}"
-        lines = [words] if width is None else textwrap.wrap(words, width, subsequent_indent="  ")
+        lines = [words] if width == output.PIPED else textwrap.wrap(words, width, subsequent_indent="  ")
         yield "\n".join(["", *lines, *(f"    {line}" for line in change_lines(each.fix.set))])
         if each is main and file is not None:
-            command = shlex.join(["dobc", "certify", file, "--apply-fix", name])
+            command = shlex.join(["dobc", "certify", file, "--apply-fix", f"{output.folder_name(name)}-cured.toml"])
             yield f"  To write the cured problem to a new file:\n    {command}"
 
 
-def _table(checks: Sequence[Check], *, reasons: bool) -> Table:
+def _shown(certificate: Certificate, searches: Sequence[Falsification], *, wide: bool) -> Iterator[RenderableType]:
+    """The regions on a terminal: the verdict, one row per method, delays and sampling."""
+    from rich.padding import Padding
     from rich.text import Text
 
-    from dobc_design._show.text import significant_towards_zero
+    from dobc_design.conditions.schedule.checks import stage_timings
+    from dobc_design.report.region_words import asked_sentence, region_rows, rest_sentence, timing_sentences
+    from dobc_design.report.words import capitalize_first
 
-    table = make_table(["check"])
-    for name in ("verdict", "margin", "rate 1/s"):
-        table.add_column(name, no_wrap=True)
-    if reasons:
-        table.add_column("reason", overflow="fold")
-    for each in checks:
-        row = [
-            Text(each.title),
-            Text(each.verdict.value, style=COLOURS[each.verdict.value]),
-            Text("" if each.margin is None else significant_towards_zero(each.margin, 6)),
-            Text("" if each.rate is None else significant_towards_zero(each.rate, 4)),
-        ]
-        table.add_row(*row, *([Text(each.reason)] if reasons else []))
+    regions, settling = certificate.regions, certificate.settling
+    reason = capitalize_first(certificate.reason.removeprefix("Undecided: "))
+    yield output.verdict_line(certificate.problem.name, certificate.verdict.value, reason)
+    yield Text("")
+    if not regions.claims:
+        yield Text("Nothing is said about starts: no condition applies.")
+        return
+    yield Text(f"{asked_sentence(regions)}\n")
+    yield _regions_table(regions, wide=wide)
+    for row in () if wide else region_rows(regions):  # the last column stands below the table
+        yield Text(f"\n{row.name}", style="bold")
+        yield Padding(Text(row.limit), (0, 0, 0, 2))
+    sentences = [*filter(None, [rest_sentence(regions)]), *timing_sentences(regions)]
+    yield from (Text(f"\n{sentence}") for sentence in sentences)
+    yield from output.settling_parts(settling, () if settling is None else stage_timings(certificate.problem, settling))
+    yield from output.search_parts(searches)
+
+
+def _regions_table(regions: Regions, *, wide: bool) -> RenderableType:
+    from rich.text import Text
+
+    from dobc_design.report.region_words import region_rows, time_head
+
+    sizes = ["|e|∞ ≤", "|e|₂ ≤"] if wide else ["|e|∞ ≤"]
+    table = output.make_table(["method", "verdict", *sizes, "rate 1/s", time_head(regions), "covers"])
+    if wide:
+        table.add_column("all at once" + ("" if regions.asked is None else ", ┊ asked for"), no_wrap=True)
+        table.add_column("why not further", overflow="fold")
+    for claim, row, bar in zip(regions.claims, region_rows(regions), _bars(regions), strict=True):
+        size = "local" if claim.kind == "near" else row.box
+        cells = [size, *([row.ball] if wide else []), row.rate, row.time, row.covers]
+        last = [Text(bar, style="blue"), Text(row.limit)] if wide else []
+        table.add_row(Text(row.name), output.verdict_text(row.verdict), *map(Text, cells), *last)
     return table
+
+
+def _bars(regions: Regions) -> list[str]:
+    """|e|_inf of every method as a bar of text; the dotted line is what was asked for."""
+    asked = 0.0 if regions.asked is None else regions.asked.box
+    full = max([asked, *(claim.box or 0.0 for claim in regions.claims)]) or 1.0
+    bars = []
+    for claim in regions.claims:
+        part = 1.0 if claim.kind == "everywhere" else (claim.box or 0.0) / full
+        bar = "▏" if 0 < part * BAR < 1 else "█" * int(part * BAR)
+        if asked:
+            marked = min(BAR, round(asked / full * BAR))
+            bar = f"{bar:<{BAR}}"[:marked] + "┊" + f"{bar:<{BAR}}"[marked:]
+        bars.append(bar.rstrip())
+    return bars

@@ -38,8 +38,6 @@ PROGRAM_TABLE = (
     (("chromium", "chromium-browser", "google-chrome"), "the tests of the report's page", "chromium", "chromium"),
     (("csdp",), "a second solver for the files of dobc export --sdpa", "coinor-csdp", "csdp"),
 )
-_REQUIREMENT = re.compile(r"([A-Za-z0-9._-]+)\s*([^;]*)(?:;.*extra\s*==\s*[\"']([a-z]+)[\"'])?")
-_BOUND = re.compile(r"(>=|<=|==|!=|<|>|~=)\s*([0-9][0-9.]*)")
 
 
 class Item(NamedTuple):
@@ -66,16 +64,15 @@ def examine() -> list[Item]:
     """Everything that is needed, and everything that could be."""
     from importlib import metadata  # slow to import
 
-    items = [Item(item="dobc_design", group=CORE, detail=f"{__version__}, Python {platform.python_version()}", ok=True)]
+    items = [Item("dobc_design", CORE, f"{__version__}, Python {platform.python_version()}", True)]
     try:
         requirements = metadata.requires("dobc_design") or []
     except metadata.PackageNotFoundError:
         detail = "not installed as a package, so its requirements are not known"
-        return [*items, Item(item="requirements", group=CORE, detail=detail, ok=False), _main_path(), *_programs()]
+        return [*items, Item("requirements", CORE, detail, False), _main_path(), *_programs()]
     items += [_package(text) for text in requirements]
     items.sort(key=lambda each: each.group != CORE)
-    last_core = sum(each.group == CORE for each in items)
-    items.insert(last_core, _main_path())
+    items.insert(sum(each.group == CORE for each in items), _main_path())
     return [*items, *_programs()]
 
 
@@ -83,36 +80,18 @@ def _package(text: str) -> Item:
     """One requirement, as the package's own metadata spells it."""
     from importlib import metadata
 
-    found = _REQUIREMENT.match(text)
-    name, bounds, extra = (text, "", None) if found is None else found.groups()
-    group = extra or CORE
-    wanted = bounds.strip().replace(" ", "")
-    command = install_command([f"{name}{wanted}"])
+    from packaging.requirements import Requirement
+
+    required, typed = Requirement(text), text.partition(";")[0].replace(" ", "")
+    extra = re.search(r"extra == ['\"]([a-z]+)", str(required.marker))
+    missing = Item(required.name, extra[1] if extra else CORE, "not installed", False, install_command([typed]))
     try:
-        version = metadata.version(name)
+        version = metadata.version(required.name)
     except metadata.PackageNotFoundError:
-        return Item(item=name, group=group, detail="not installed", ok=False, install=command)
-    if not fits(version, wanted):
-        return Item(item=name, group=group, detail=f"{version}, needs {wanted}", ok=False, install=command)
-    return Item(item=name, group=group, detail=version, ok=True)
-
-
-def fits(version: str, bounds: str) -> bool:
-    """Whether a version like 2.4.1 keeps bounds like ">=2.4,<3".  Letters in a version are left out of account."""
-    own = _numbers(version)
-    for sign, text in _BOUND.findall(bounds):
-        other = _numbers(text)
-        length = max(len(own), len(other))
-        a, b = own + (0,) * (length - len(own)), other + (0,) * (length - len(other))
-        holds = {"<": a < b, "<=": a <= b, ">": a > b, ">=": a >= b, "==": a == b, "!=": a != b, "~=": a >= b}
-        if not holds[sign]:
-            return False
-    return True
-
-
-def _numbers(version: str) -> tuple[int, ...]:
-    found = re.match(r"[0-9]+(?:\.[0-9]+)*", version)
-    return tuple(int(part) for part in found[0].split(".")) if found else ()
+        return missing
+    if not required.specifier.contains(version, prereleases=True):
+        return missing._replace(detail=f"{version}, needs {typed.removeprefix(required.name)}")
+    return missing._replace(detail=version, ok=True, install=None)
 
 
 def install_command(requirements: Sequence[str]) -> str:
@@ -125,17 +104,12 @@ def install_command(requirements: Sequence[str]) -> str:
 def _programs() -> Iterator[Item]:
     for names, purpose, debian, brew in PROGRAM_TABLE:
         place = next(filter(None, map(shutil.which, names)), None)
-        command = _system_command(debian, brew)
         if place is not None:
-            yield Item(item=names[0], group=PROGRAMS, detail=f"{place}: {purpose}", ok=True)
-        else:
-            yield Item(item=names[0], group=PROGRAMS, detail=f"not found; for {purpose}", ok=False, install=command)
-
-
-def _system_command(debian: str, brew: str) -> str | None:
-    if shutil.which("apt-get"):
-        return f"sudo apt-get install {debian}"
-    return f"brew install {brew}" if shutil.which("brew") else None
+            yield Item(names[0], PROGRAMS, f"{place}: {purpose}", True)
+            continue
+        command = f"brew install {brew}" if shutil.which("brew") else None
+        command = f"sudo apt-get install {debian}" if shutil.which("apt-get") else command
+        yield Item(names[0], PROGRAMS, f"not found; for {purpose}", False, command)
 
 
 def _main_path() -> Item:
@@ -148,7 +122,7 @@ def _main_path() -> Item:
         detail = f"{certificate.verdict.value}, re-checked" if works else "not proved, or not confirmed"
     except (DobcError, ImportError) as error:
         works, detail = False, str(error)[:200]
-    return Item(item="paper-fixed", group=CORE, detail=detail, ok=works)
+    return Item("paper-fixed", CORE, detail, works)
 
 
 def _words(items: Sequence[Item]) -> str:
@@ -165,21 +139,14 @@ def _words(items: Sequence[Item]) -> str:
 
 
 def _conclusion(items: Sequence[Item]) -> Iterator[str]:
-    broken = [each for each in items if each.group == CORE and not each.ok]
-    if not broken:
-        yield "Everything that is needed is there and works."
-    else:
-        yield f"{len(broken)} of the things that are needed are missing or broken."
-    groups = dict.fromkeys(each.group for each in items if not each.ok and each.group not in DEVELOPERS)
-    for group in groups:
+    broken = sum(each.group == CORE and not each.ok for each in items)
+    bad = f"{broken} of the things that are needed are missing or broken."
+    yield bad if broken else "Everything that is needed is there and works."
+    for group in dict.fromkeys(each.group for each in items if not each.ok and each.group not in DEVELOPERS):
         missing = [each for each in items if each.group == group and not each.ok and each.install is not None]
         if group == PROGRAMS:
             yield from (f"To install {each.item}:\n  {each.install}" for each in missing)
         elif missing:
             head = "To install what is missing:" if group == CORE else f"To install the extra {group}:"
-            yield f"{head}\n  {install_command([_wanted(each) for each in missing])}"
-
-
-def _wanted(item: Item) -> str:
-    """The requirement at the end of an item's command."""
-    return shlex.split(item.install or item.item)[-1]
+            # the requirement stands at the end of an item's command
+            yield f"{head}\n  {install_command([shlex.split(each.install or '')[-1] for each in missing])}"

@@ -9,16 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
 
 import typer
 
-from dobc_design.cli.output import (
-    Json,
-    Progress,
-    check_target,
-    print_json,
-    read_certificate,
-    refuse_option,
-    say,
-    write_file,
-)
+from dobc_design.cli import output
 from dobc_design.errors import CertificateError, SpecError
 
 if TYPE_CHECKING:
@@ -62,35 +53,32 @@ def export(
     problem: Annotated[str | None, typer.Option(help="With --rocq: default problem.json beside it.")] = None,
     rate: Annotated[bool, typer.Option("--rate", help="With --rocq: also state the certified rate.")] = False,
     force: Annotated[bool, typer.Option("--force", help="Overwrite what is there.")] = False,
-    as_json: Json = False,
+    as_json: output.Json = False,
 ) -> None:
     """Write C code, an FMU, the LMI for other solvers, a python-control file, or a proof for Rocq (Coq 8.16)."""
-    asked = _Asked(
-        period=period,
-        precision=precision,
-        agent=agent,
-        certificate=certificate,
-        problem=problem,
-        rate=rate,
-        force=force,
-    )
-    targets = {"--c": c, "--fmu": fmu, "--sdpa": sdpa, "--python-control": python_control, "--rocq": rocq}
-    chosen = [(key, path) for key, path in targets.items() if path is not None]
-    with Progress() as progress:
+    asked = _Asked(period, precision, agent, certificate, problem, rate, force)
+    targets = {
+        "--c": (c, _c),
+        "--fmu": (fmu, _fmu),
+        "--sdpa": (sdpa, _sdpa),
+        "--python-control": (python_control, _python),
+        "--rocq": (rocq, _rocq),
+    }
+    chosen = [(key, path, write) for key, (path, write) in targets.items() if path is not None]
+    with output.Progress() as progress:
         if len(chosen) != 1:
             raise SpecError("exactly one target must be named.", key="export", cure=f"{TARGETS}.")
-        key, path = chosen[0]
+        key, path, write = chosen[0]
         _check_options(asked, key)
         if key == "--c":
-            refuse_option(path, key=key)
+            output.refuse_option(path, key=key)
         else:
-            check_target(path, force=force, key=key)
-        write = {"--c": _c, "--fmu": _fmu, "--sdpa": _sdpa, "--python-control": _python, "--rocq": _rocq}[key]
+            output.check_target(path, force=force, key=key)
         document, text = write(file, path, asked, progress)
     if as_json:
-        print_json(document)
+        output.print_json(document)
     else:
-        say(text)
+        output.say(text)
 
 
 def _check_options(asked: _Asked, target: str) -> None:
@@ -117,13 +105,8 @@ def _c(file: str, folder: Path, asked: _Asked, progress: Stage) -> Exported:
     problem = load_problem(file)
     claims = None if asked.certificate is None else _checked_claims(asked.certificate, problem, progress)
     progress("discretising and simulating")
-    found = to_c(
-        problem,
-        period=asked.period,
-        precision=asked.precision or "double",
-        agents=None if asked.agent is None else [asked.agent],
-        certificate=claims,
-    )
+    agents, precision = None if asked.agent is None else [asked.agent], asked.precision or "double"
+    found = to_c(problem, period=asked.period, precision=precision, agents=agents, certificate=claims)
     written = found.save(folder, force=asked.force)
     controller = found.controller
     document = {
@@ -147,12 +130,9 @@ def _fmu(file: str, target: Path, asked: _Asked, progress: Stage) -> Exported:
     problem = load_problem(file)
     progress("discretising and compiling")
     found = to_fmu(problem, period=asked.period, agent=asked.agent)
-    write_file(target, found.data, key="--fmu")
-    words = (
-        f"with a library for {found.platform}"
-        if found.platform
-        else "with sources only: no C compiler was found, so the importer has to compile them"
-    )
+    output.write_file(target, found.data, key="--fmu")
+    words = "with sources only: no C compiler was found, so the importer has to compile them"
+    words = f"with a library for {found.platform}" if found.platform else words
     return {"fmu": str(target), "platform": found.platform}, f"wrote {target}, {words}"
 
 
@@ -162,20 +142,19 @@ def _sdpa(file: str, target: Path, asked: _Asked, progress: Stage) -> Exported:
 
     problem = load_problem(file)
     progress("deciding the theorem")
-    write_file(target, to_sdpa(problem).encode("ascii"), key="--sdpa")
+    output.write_file(target, to_sdpa(problem).encode("ascii"), key="--sdpa")
     return {"sdpa": str(target)}, f"wrote {target}\nsolve it with, say: {shlex.join(['csdp', str(target)])}"
 
 
 def _python(file: str, target: Path, asked: _Asked, progress: Stage) -> Exported:
     from dobc_design.export.interchange import python_script
 
-    write_file(target, python_script(file).encode("utf-8"), key="--python-control")
+    output.write_file(target, python_script(file).encode("utf-8"), key="--python-control")
     return {"python_control": str(target)}, f"wrote {target}"
 
 
 def _rocq(file: str, target: Path, asked: _Asked, progress: Stage) -> Exported:
     from dobc_design.certificate.certificate import Certificate
-    from dobc_design.certificate.files import write_atomically
     from dobc_design.export.rocq import rocq_proof
     from dobc_design.problem.load import load_problem
 
@@ -184,7 +163,7 @@ def _rocq(file: str, target: Path, asked: _Asked, progress: Stage) -> Exported:
     claims = _claims(certificate)
     trusted = load_problem(str(folder / "problem.json") if asked.problem is None else asked.problem)
     text = rocq_proof(Certificate(problem=trusted, claims=claims), rate=asked.rate)
-    write_atomically(target, text.encode("ascii"))
+    output.write_file(target, text.encode("ascii"), key="--rocq")
     return {"rocq": str(target)}, f"wrote {target}\ncheck it with: {shlex.join(['coqc', str(target)])}"
 
 
@@ -193,7 +172,7 @@ def _claims(certificate: Path) -> Claims:
     from dobc_design.certificate.text import read_claims
 
     try:
-        return read_claims(read_certificate(certificate))
+        return read_claims(output.read_certificate(certificate))
     except CertificateError as error:
         raise SpecError(error.message, key=error.key, cure=error.cure) from error
 
@@ -205,9 +184,6 @@ def _checked_claims(certificate: Path, problem: Problem, progress: Stage) -> Cla
     claims = _claims(certificate)
     progress("checking the certificate")
     if not verify(claims, problem).holds:
-        raise SpecError(
-            "--certificate must be one of this problem that holds; this one does not.",
-            key="--certificate",
-            cure="`dobc verify` says why; `dobc certify` makes a new one.",
-        )
+        message = "--certificate must be one of this problem that holds; this one does not."
+        raise SpecError(message, key="--certificate", cure="`dobc verify` says why; `dobc certify` makes a new one.")
     return claims

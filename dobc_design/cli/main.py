@@ -13,30 +13,14 @@ import io
 import os
 import sys
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from pathlib import Path
 from typing import Annotated, Any, NoReturn
 
 import typer
 
 from dobc_design._signals import SENTENCE
-from dobc_design.cli import certify, design, doctor, export, new, region, report, simulate, sweep
-from dobc_design.cli.output import (
-    INTERRUPTED,
-    MACHINE,
-    MISTAKE,
-    File,
-    Json,
-    NoOutput,
-    check_target,
-    complain,
-    error_bodies,
-    fail,
-    ids,
-    print_json,
-    read_certificate,
-    say,
-    write_file,
-)
+from dobc_design.cli import certify, design, doctor, export, new, output, report, simulate, sweep
 from dobc_design.errors import CertificateError, DobcError, SpecError
 
 COMPLETING = "_DOBC_COMPLETE"  # set by a shell that wants to know how a word may go on
@@ -56,7 +40,7 @@ def _show_version(wanted: bool) -> None:
     if wanted:
         from dobc_design import __version__
 
-        say(f"dobc {__version__}")
+        output.say(f"dobc {__version__}")
         raise typer.Exit(0)
 
 
@@ -72,11 +56,9 @@ def _completion(context: typer.Context, parameter: typer.CallbackParam, wanted: 
         except SystemExit as error:
             if error.code in (0, None):
                 raise typer.Exit(0) from error
-            raise SpecError(
-                "the shell that is running is none that can be completed.",
-                key="--show-completion",
-                cure="Run this in bash, zsh, fish or PowerShell.",
-            ) from error
+            message = "the shell that is running is none that can be completed."
+            cure = "Run this in bash, zsh, fish or PowerShell."
+            raise SpecError(message, key="--show-completion", cure=cure) from error
 
 
 @app.callback()
@@ -95,17 +77,17 @@ def options(
 
 
 @app.command()
-def problems(as_json: Json = False) -> None:
+def problems(as_json: output.Json = False) -> None:
     """List the built-in problems."""
     from dobc_design.problem.load import builtin_names, builtin_summary
 
     rows = [{"name": name, "summary": builtin_summary(name)} for name in builtin_names()]
     if as_json:
-        print_json({"problems": rows})
+        output.print_json({"problems": rows})
         return
     width = max(len(row["name"]) for row in rows)
     for row in rows:
-        say(f"{row['name']:<{width}}  {row['summary']}")
+        output.say(f"{row['name']:<{width}}  {row['summary']}")
 
 
 app.command()(new.new)
@@ -113,10 +95,10 @@ app.command()(new.new)
 
 @app.command()
 def check(
-    file: File,
+    file: output.File,
     canonical: Annotated[Path | None, typer.Option(help="Write the canonical problem.json here.")] = None,
     force: Annotated[bool, typer.Option("--force", help="Overwrite --canonical.")] = False,
-    as_json: Json = False,
+    as_json: output.Json = False,
 ) -> None:
     """Validate a problem and say in words what it means."""
     from dobc_design.problem.canonical import canonical_bytes, problem_sha256
@@ -124,16 +106,16 @@ def check(
     from dobc_design.problem.words import describe, facts
 
     if canonical is not None:
-        check_target(canonical, force=force, key="--canonical")
+        output.check_target(canonical, force=force, key="--canonical")
     problem = load_problem(file)
     if canonical is not None:
-        write_file(canonical, canonical_bytes(problem), key="--canonical")
+        output.write_file(canonical, canonical_bytes(problem), key="--canonical")
     if as_json:
         written = None if canonical is None else str(canonical)
         sha256 = problem_sha256(problem)
-        print_json({"valid": True, **facts(problem), "problem_sha256": sha256, "canonical": written})
+        output.print_json({"valid": True, **facts(problem), "problem_sha256": sha256, "canonical": written})
         return
-    say(describe(problem))
+    output.say(describe(problem))
 
 
 app.command()(certify.certify)
@@ -143,35 +125,29 @@ app.command()(certify.certify)
 def verify(
     certificate: Annotated[Path, typer.Argument(help="certificate.json, or the folder it lies in.")],
     problem: Annotated[str, typer.Option(help="The trusted problem: TOML, problem.json or a built-in name.")],
-    as_json: Json = False,
+    as_json: output.Json = False,
 ) -> None:
     """Check every claim of a certificate against the trusted problem, exactly."""
     from dobc_design.certification.certify import verify as run
     from dobc_design.problem.load import load_problem
 
-    data = read_certificate(certificate)
+    data = output.read_certificate(certificate)
     trusted = load_problem(problem)
     try:
         found = run(data, trusted)
     except CertificateError as error:
         # Unreadable: what was handed in is wrong, not the machine.
-        raise typer.Exit(fail(error_bodies(error), MISTAKE, as_json=as_json)) from error
+        raise typer.Exit(output.fail(output.error_bodies(error), output.MISTAKE, as_json=as_json)) from error
     if as_json:
-        print_json(
-            {
-                "holds": found.holds,
-                "verdict": found.verdict.value,
-                "confirmed": list(found.confirmed),
-                "failures": list(found.failures),
-                "lone_checker": found.lone_checker,
-            }
-        )
+        listed = {"confirmed": list(found.confirmed), "failures": list(found.failures)}
+        verdict = {"holds": found.holds, "verdict": found.verdict.value}
+        output.print_json(verdict | listed | {"lone_checker": found.lone_checker})
     else:
-        say(str(found))
+        output.say(str(found))
     raise typer.Exit(0 if found.holds else 1)
 
 
-for _command in (region.region, design.design, simulate.simulate, report.report):
+for _command in (certify.region, design.design, simulate.simulate, report.report):
     app.command()(_command)
 app.command(name="sweep")(sweep.sweep_command)
 app.command()(export.export)
@@ -181,9 +157,9 @@ app.command()(export.export)
 def explain(
     id: Annotated[
         str | None,
-        typer.Argument(help="The id of a check, e.g. theorem1; without it all are listed.", autocompletion=ids),
+        typer.Argument(help="The id of a check, e.g. theorem1; without it all are listed.", autocompletion=output.ids),
     ] = None,
-    as_json: Json = False,
+    as_json: output.Json = False,
 ) -> None:
     """Say what a condition means: the theorem in words."""
     from difflib import get_close_matches
@@ -192,10 +168,10 @@ def explain(
 
     if id is None:
         if as_json:
-            print_json({"conditions": [{"id": each, "title": text.title} for each, text in KINDS.items()]})
+            output.print_json({"conditions": [{"id": each, "title": text.title} for each, text in KINDS.items()]})
             return
         width = max(map(len, KINDS))
-        say("\n".join(f"{each:<{width}}  {text.title}" for each, text in KINDS.items()))
+        output.say("\n".join(f"{each:<{width}}  {text.title}" for each, text in KINDS.items()))
         return
     text = KINDS.get(id)
     if text is None:
@@ -203,18 +179,18 @@ def explain(
         hint = f"Did you mean {near[0]}? " if near else ""
         raise SpecError(f"{id[:40]!r} is not known.", key="id", cure=f"{hint}One of {', '.join(KINDS)}.")
     if as_json:
-        print_json({"id": id, **{name: getattr(text, name) for name in TOLD}})
+        output.print_json({"id": id, **{name: getattr(text, name) for name in TOLD}})
         return
-    say(f"{text.title}\n\n  {text.plain}\n\n{text.meaning}")
-    say(f"Proved:  {text.proved}\nRefuted: {text.refuted}\nSource:  {text.source}")
+    output.say(f"{text.title}\n\n  {text.plain}\n\n{text.meaning}")
+    output.say(f"Proved:  {text.proved}\nRefuted: {text.refuted}\nSource:  {text.source}")
 
 
 @app.command()
-def schema(as_json: Json = True) -> None:
+def schema(as_json: output.Json = True) -> None:
     """Print the JSON Schema of the problem file."""
     from dobc_design.problem.schema import json_schema
 
-    print_json(json_schema())
+    output.print_json(json_schema())
 
 
 app.command()(doctor.doctor)
@@ -228,50 +204,46 @@ def _guarded(run: Callable[[], Any], *, as_json: bool) -> int:
     from typer.exceptions import TyperException
 
     def failed(kind: str, message: str, cure: str | None, code: int, key: str | None = None) -> int:
-        return fail([{"kind": kind, "key": key, "message": message, "cure": cure}], code, as_json=as_json)
+        return output.fail([{"kind": kind, "key": key, "message": message, "cure": cure}], code, as_json=as_json)
 
     try:
         code = run()
     except TyperException as error:  # a wrong option or a missing argument
         context = getattr(error, "ctx", None)
         command = "dobc" if context is None else context.command_path
-        return failed("usage", error.format_message(), f"See `{command} --help`.", MISTAKE)
+        return failed("usage", error.format_message(), f"See `{command} --help`.", output.MISTAKE)
     except DobcError as error:
-        return fail(error_bodies(error), MISTAKE if isinstance(error, SpecError) else MACHINE, as_json=as_json)
+        return output.fail(
+            output.error_bodies(error),
+            output.MISTAKE if isinstance(error, SpecError) else output.MACHINE,
+            as_json=as_json,
+        )
     except KeyboardInterrupt:
-        return failed("interrupted", SENTENCE, None, INTERRUPTED)
+        return failed("interrupted", SENTENCE, None, output.INTERRUPTED)
     except SystemExit as error:  # help, too, goes to standard output
         if error.code in (0, None) or COMPLETING in os.environ:  # typer's way to end after completion
             return error.code if isinstance(error.code, int) else 0
-        raise NoOutput("nobody reads it") from error
-    except NoOutput:
+        raise output.NoOutput("nobody reads it") from error
+    except output.NoOutput:
         raise
     except MemoryError:
-        return failed("memory", "The machine ran out of memory.", "Try a smaller problem.", MACHINE)
+        return failed("memory", "The machine ran out of memory.", "Try a smaller problem.", output.MACHINE)
     except OSError as error:
         if error.filename is None and error.errno in _NO_ROOM:  # typer's own output; our files are named
-            raise NoOutput(error.strerror) from error
+            raise output.NoOutput(error.strerror) from error
         place = None if error.filename is None else str(error.filename)
         message = f"{error.strerror or error}{'' if place is None else f' ({place})'}."
-        return failed("io", message, "Check disk, paths and permissions.", MACHINE, place)
+        return failed("io", message, "Check disk, paths and permissions.", output.MACHINE, place)
     except Exception as error:  # noqa: BLE001 - the last line of defence: no traceback reaches a user
         if os.environ.get("DOBC_TRACEBACK"):
             import traceback
 
             traceback.print_exc()
         text = f"Internal error ({type(error).__name__}: {str(error)[:200]})."
-        return failed("internal", text, "Set DOBC_TRACEBACK=1 to see where, and report it.", MACHINE)
-    if code == INTERRUPTED:  # typer turns the interrupt into this
-        return failed("interrupted", SENTENCE, None, INTERRUPTED)
+        return failed("internal", text, "Set DOBC_TRACEBACK=1 to see where, and report it.", output.MACHINE)
+    if code == output.INTERRUPTED:  # typer turns the interrupt into this
+        return failed("interrupted", SENTENCE, None, output.INTERRUPTED)
     return code if isinstance(code, int) else 0
-
-
-def _abandon_output() -> None:
-    """Keep Python from complaining at exit about what can no longer be written."""
-    try:
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-    except (OSError, ValueError, AttributeError):
-        return
 
 
 def main(arguments: Sequence[str] | None = None) -> NoReturn:
@@ -282,16 +254,17 @@ def main(arguments: Sequence[str] | None = None) -> NoReturn:
             stream.reconfigure(encoding="utf-8", errors="backslashreplace")
     try:
         if sys.stdout is None:
-            raise NoOutput("it is closed")
+            raise output.NoOutput("it is closed")
         code = _guarded(lambda: app(args=given, prog_name="dobc", standalone_mode=False), as_json="--json" in given)
         sys.stdout.flush()
-    except (NoOutput, OSError) as error:  # nobody reads standard output, or there is no room for it
-        _abandon_output()
-        complain(
+    except (output.NoOutput, OSError) as error:  # nobody reads standard output, or there is no room for it
+        with suppress(OSError, ValueError, AttributeError):  # Python is not to complain at exit
+            os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        output.complain(
             f"error: standard output cannot be written: {getattr(error, 'strerror', None) or error}.\n"
             "       Send it to a file that has room, or to /dev/null; the exit code alone is no answer now."
         )
-        code = MACHINE
+        code = output.MACHINE
     sys.exit(code)
 
 

@@ -1,13 +1,10 @@
-"""What all commands share: their common options, standard output and error, exit codes, progress, and files that are
-not overwritten.
-
-Results go to standard output, everything else to standard error.
-"""
+"""What all commands share: options, standard output (results) and error (the rest), exit codes, progress, files."""
 
 from __future__ import annotations
 
 import json
 import os
+import shlex
 import sys
 import time
 from collections.abc import Callable, Iterable, Iterator, Sequence
@@ -37,9 +34,6 @@ PIPED = 160  # columns of output that no terminal limits
 LONGEST_FOLDER = 60  # characters of a problem's name that go into its folder's; file systems take 255 bytes
 
 
-# ------------------------------------------------------------------------------------------ options
-
-
 def problem_names(incomplete: str) -> list[str]:
     """What the shell offers for a problem: built-in ones, problem files, and folders on the way to them."""
     from dobc_design.problem.load import builtin_names
@@ -51,13 +45,9 @@ def problem_names(incomplete: str) -> list[str]:
         entries = sorted(os.scandir(head or "."), key=lambda entry: entry.name)
     except OSError:
         return found
-    for entry in entries:
-        if entry.name.startswith(beginning) and not entry.name.startswith("."):
-            if entry.is_dir():
-                found.append(f"{head}{entry.name}/")
-            elif entry.name.endswith((".toml", ".json")):
-                found.append(f"{head}{entry.name}")
-    return found
+    own = [entry for entry in entries if entry.name.startswith(beginning) and not entry.name.startswith(".")]
+    known = [entry for entry in own if entry.is_dir() or entry.name.endswith((".toml", ".json"))]
+    return found + [f"{head}{entry.name}{'/' if entry.is_dir() else ''}" for entry in known]
 
 
 def ids(incomplete: str) -> list[str]:
@@ -91,9 +81,6 @@ def manner_of(*, quiet: bool, verbose: bool) -> Manner:
     if quiet and verbose:
         raise SpecError("--quiet and --verbose exclude each other.", key="--quiet", cure="Leave one of them out.")
     return Manner.QUIET if quiet else Manner.VERBOSE if verbose else Manner.NORMAL
-
-
-# ------------------------------------------------------------------------------------------ standard output and error
 
 
 class NoOutput(Exception):
@@ -165,55 +152,75 @@ def make_console() -> Console:
     return Console(width=None if limited else PIPED, highlight=False)
 
 
+def show(parts: Iterable[RenderableType], *, wrapped: bool = False) -> None:
+    """Write parts of an answer to standard output; a str as it is, the rest ``wrapped`` also where no terminal is."""
+    from rich.text import Text
+
+    console = make_console()
+    with answering():
+        for part in parts:
+            whole = isinstance(part, str) or (console.width == PIPED and not wrapped)
+            console.print(Text(part) if isinstance(part, str) else part, soft_wrap=whole)
+
+
 class Progress:
     """Names the current stage on standard error: on a terminal as a line that changes, silent elsewhere.
 
-    ``Manner.VERBOSE``: every stage as a line of its own with the seconds so far, wherever standard error goes;
-    ``Manner.QUIET``: nothing.
+    ``Manner.VERBOSE``: every stage as a line of its own with the seconds so far, wherever standard error goes.
     """
 
     def __init__(self, manner: Manner = Manner.NORMAL) -> None:
         self.manner = manner
-        self.status: Any = None
-        self.said = ""
+        self.moving: Any = None  # rich's, where standard error is a terminal
+        self.said: object = ""
         self.began = time.monotonic()
 
-    def __enter__(self) -> Callable[[str], None]:
-        if on_terminal(self.manner):
+    def __enter__(self) -> Callable[[Any], None]:
+        if self.manner is Manner.NORMAL and sys.stderr is not None and sys.stderr.isatty():
             from rich.console import Console
 
-            self.status = Console(stderr=True).status("starting")
-            self.status.start()
+            self.moving = self.begin(Console(stderr=True))
+            self.moving.start()
         return self.stage
 
-    def stage(self, name: str) -> None:
+    def begin(self, console: Console) -> Any:
+        """What moves on a terminal."""
+        return console.status("starting")
+
+    def stage(self, name: Any) -> None:
         """Show a stage."""
-        if self.status is not None:
-            self.status.update(name)
+        if self.moving is not None:
+            self.moving.update(name)
         elif self.manner is Manner.VERBOSE and name != self.said:
             self.said = name
             complain(f"{time.monotonic() - self.began:8.1f} s  {name}")
 
     def __exit__(self, *error: object) -> None:
-        if self.status is not None:
-            self.status.stop()
-
-
-def on_terminal(manner: Manner) -> bool:
-    """Whether progress is shown as something that moves."""
-    return manner is Manner.NORMAL and sys.stderr is not None and sys.stderr.isatty()
-
-
-# ------------------------------------------------------------------------------------------ parts of answers
+        if self.moving is not None:
+            self.moving.stop()
 
 
 def verdict_line(name: str, verdict: str, reason: str) -> Text:
     """The first line of an answer: the problem, the verdict, why."""
     from rich.text import Text
 
-    head = Text(f"{name}: ", style="bold")
-    head.append(verdict.upper(), style=COLOURS[verdict])
+    head = Text(f"{name}: ", style="bold").append(verdict.upper(), style=COLOURS[verdict])
     return head.append(f". {reason}", style="not bold")
+
+
+def verdict_text(verdict: str) -> Text:
+    """A verdict in a table, in its colour."""
+    from rich.text import Text
+
+    return Text(verdict, style=COLOURS[verdict])
+
+
+def certify_it(path: str, notes: Sequence[str]) -> str:
+    """What to do with a problem that was written to ``path``."""
+    text = f"{path}\ncertify it   {shlex.join(['dobc', 'certify', path])}"
+    return text + (
+        "\nlook at      its notes: they are kept as they were and may speak of what has changed" if notes else ""
+    )
 
 
 def make_table(heads: Iterable[str] = (), rows: Iterable[Sequence[str]] = ()) -> Table:
@@ -260,9 +267,6 @@ def search_parts(searches: Sequence[Falsification]) -> Iterator[RenderableType]:
             yield Text("")
             yield make_table(view["heads"], [row.cells for row in view["rows"]])
         yield from (Text(f"\n{sentence}", style="dim") for sentence in (view["warning"], *view["notes"]) if sentence)
-
-
-# ------------------------------------------------------------------------------------------ files and folders
 
 
 def folder_name(name: str) -> str:

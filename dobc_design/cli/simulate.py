@@ -7,30 +7,14 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from dobc_design.cli.output import (
-    File,
-    Json,
-    Manner,
-    Progress,
-    Quiet,
-    Verbose,
-    json_bytes,
-    manner_of,
-    print_json,
-    read_certificate,
-    refuse_option,
-    require_folder,
-    require_free,
-    say,
-)
+from dobc_design.cli import output
 from dobc_design.errors import SpecError
 
 if TYPE_CHECKING:
-    from dobc_design.certificate.bounds import CertifiedBound
     from dobc_design.certificate.certificate import Certificate
     from dobc_design.problem.problem import Problem
     from dobc_design.simulation.runs import Ensemble
@@ -42,23 +26,8 @@ MOST_MOVING = 200  # agents whose motion is drawn
 SHOWN = 5  # reasons for early ends that are printed
 
 
-class _Call(NamedTuple):
-    """What is simulated, beside which certificate, and the folder for the files of these names."""
-
-    problem: Problem
-    proof: Certificate | None
-    out: Path | None
-    names: tuple[str, ...]
-    progress: Callable[[str], None]
-
-    @property
-    def files(self) -> list[str]:
-        """The paths of the files, none without a folder."""
-        return [] if self.out is None else [str(self.out / name) for name in self.names]
-
-
 def simulate(
-    file: File,
+    file: output.File,
     runs: Annotated[int | None, typer.Option(help="How many runs, with the seeds S, S + 1, ...")] = None,
     seed: Annotated[int | None, typer.Option(help="Seed of starts and switches; default the problem's.")] = None,
     t_final: Annotated[float | None, typer.Option("--t-final", help="Horizon in s; default the problem's.")] = None,
@@ -81,49 +50,83 @@ def simulate(
     certificate: Annotated[Path | None, typer.Option(help="Show what this certificate proves beside the runs.")] = None,
     out: Annotated[Path | None, typer.Option(help="Folder for arrays (.npz), figures and summary.json.")] = None,
     force: Annotated[bool, typer.Option("--force", help="Overwrite files in --out.")] = False,
-    quiet: Quiet = False,
-    verbose: Verbose = False,
-    as_json: Json = False,
+    quiet: output.Quiet = False,
+    verbose: output.Verbose = False,
+    as_json: output.Json = False,
 ) -> None:
     """Simulate runs of the closed loop; a run that diverges is an answer and leaves with 0, too."""
+    from dobc_design.certificate.files import make_folder, write_atomically
     from dobc_design.problem.load import load_problem
+    from dobc_design.simulation.breaking import what_breaks_first
+    from dobc_design.simulation.runs import simulate as simulate_runs
     from dobc_design.simulation.setting import Stress
+    from dobc_design.simulation.signals import Fixed
 
-    refuse_option(out, key="--out")
+    output.refuse_option(out, key="--out")
     failures = tuple(_failure(text) for text in fail or ())
-    stress = Stress(
-        noise=noise, disturbance=disturbance, saturation=saturation, period=period, loss=loss, failures=failures
-    )
+    given: dict[str, Any] = {
+        "noise": noise,
+        "disturbance": disturbance,
+        "saturation": saturation,
+        "period": period,
+        "loss": loss,
+    }
+    stress = Stress(**given, failures=failures)
     single = runs in (None, 1)
     if breaking and (not stress.is_calm or not single or observer != "closed-form"):
         what = "--observer" if observer != "closed-form" else "--runs" if stress.is_calm else "a stress"
-        raise SpecError(
-            f"{what} must be left out beside --what-breaks-first, which makes one run after another under every stress"
-            " by itself.",
-            key="--what-breaks-first",
-            cure="Leave one of the two out.",
-        )
-    manner = manner_of(quiet=quiet, verbose=verbose)
-    with Progress(manner) as progress:
+        does = "makes one run after another under every stress by itself"
+        message = f"{what} must be left out beside --what-breaks-first, which {does}."
+        raise SpecError(message, key="--what-breaks-first", cure="Leave one of the two out.")
+    manner = output.manner_of(quiet=quiet, verbose=verbose)
+    with output.Progress(manner) as progress:
         problem = load_problem(file)
         moving = (NETWORK,) if single and problem.m > 1 and problem.n <= MOST_MOVING else ()
         names = ("trajectory.npz" if single else "ensemble.npz", SUMMARY, FIGURE, *moving)
         names = (BREAKING, SUMMARY) if breaking else names
         if out is not None:
-            require_free(require_folder(out), names, force=force, other=", or choose another folder")
+            output.require_free(output.require_folder(out), names, force=force, other=", or choose another folder")
         proof = None if certificate is None else _verified(certificate, problem, progress)
-        call = _Call(problem=problem, proof=proof, out=out, names=names, progress=progress)
-        given: dict[str, Any] = {"seed": seed, "t_final": t_final, "start": start}
+        given = {"seed": seed, "t_final": t_final, "start": start}
+        result: Any
         if breaking:
-            document, text = _break_first(call, mode, given)
+            progress("what breaks first")
+            found = what_breaks_first(
+                problem,
+                signal=None if mode is None else Fixed(mode=mode),
+                certificate=proof,
+                progress=lambda part: progress(f"what breaks first, {part:.0%}"),
+                **given,
+            )
+            result, document = found.calm, _breaking(found, problem, proof)
         else:
+            progress("simulating")
             given |= {"mode": mode, "observer": observer, "stress": None if stress.is_calm else stress}
-            document, text = _run(call, None if single else runs, given, force=force)
+            given["progress"] = lambda part: progress(f"simulating, {part:.0%}")
+            result = simulate_runs(problem, runs=None if single else runs, **given)
+            document = _document(result, problem, proof, single=single)
+        document["files"] = [] if out is None else [str(out / name) for name in names]
+        if out is not None:
+            progress("writing")
+            make_folder(out)
+            if breaking:
+                write_atomically(out / BREAKING, found.plot().file("svg"))
+            else:
+                result.save(out / names[0], force=force)
+                write_atomically(out / FIGURE, result.plot(certificate=proof).file("svg"))
+            if NETWORK in names:
+                from dobc_design.plotting.animation import animation_page
+
+                modes = problem.network.modes.items()
+                arcs = {name: list(zip(x.listeners.tolist(), x.speakers.tolist(), strict=True)) for name, x in modes}
+                write_atomically(out / NETWORK, animation_page(result, arcs=arcs).encode("utf-8"))
+            write_atomically(out / SUMMARY, output.json_bytes(document))
     if as_json:
-        print_json(document)
-    elif manner is not Manner.QUIET:
+        output.print_json(document)
+    elif manner is not output.Manner.QUIET:
         notes = [f"  Note: {note}" for note in document["notes"]]
-        say("\n".join([text, *notes, *(f"wrote {path}" for path in document["files"])]))
+        text = str(found) if breaking else _words(result, document)
+        output.say("\n".join([text, *notes, *(f"wrote {path}" for path in document["files"])]))
 
 
 def _failure(text: str) -> Failure:
@@ -135,71 +138,42 @@ def _failure(text: str) -> Failure:
     try:
         return Failure(agent=agent, time=float(time if found else "none"), kind=kind or "vanish")
     except ValueError:  # also a SpecError of Failure
-        raise SpecError(
-            f"--fail must be LABEL@TIME or LABEL@TIME:freeze; got {text[:40]!r}.",
-            key="--fail",
-            cure="For example 3@2.5.",
-        ) from None
+        message = f"--fail must be LABEL@TIME or LABEL@TIME:freeze; got {text[:40]!r}."
+        raise SpecError(message, key="--fail", cure="For example 3@2.5.") from None
 
 
-def _run(call: _Call, runs: int | None, given: dict[str, Any], *, force: bool) -> tuple[dict[str, Any], str]:
-    """Simulate, write the results; the document and the words.  What a certificate proves is drawn into the figure."""
-    from dobc_design.certificate.files import make_folder, write_atomically
-    from dobc_design.simulation.runs import simulate
+def _document(result: Any, problem: Problem, proof: Certificate | None, *, single: bool) -> dict[str, Any]:
+    """What --json prints of runs, with what the certificate bounds; a note where it bounds nothing here."""
+    notes = list(result.notes)
+    document: dict[str, Any] = result.summary() | {"problem": problem.name, "mode": result.mode}
+    document |= {"reasons": _reasons(result), "notes": notes}
+    if proof is not None:
+        from dobc_design.plotting.look import RESOLVED
 
-    problem, out, progress = call.problem, call.out, call.progress
-    progress("simulating")
-    result = simulate(problem, runs=runs, progress=lambda part: progress(f"simulating, {part:.0%}"), **given)
-    document = result.summary()
-    bound = None if call.proof is None else call.proof.envelope(result)
-    if out is not None:
-        progress("writing")
-        make_folder(out)
-        result.save(out / call.names[0], force=force)
-        write_atomically(out / FIGURE, result.plot(certificate=call.proof).file("svg"))
-        if NETWORK in call.names:
-            _write_network(result, problem, out / NETWORK)
-    document |= {"problem": problem.name, "mode": result.mode, "reasons": _reasons(result), "notes": list(result.notes)}
-    if bound is not None:
-        document |= _certified(result, bound)
-    if runs is not None:
-        document["intervals"] = _intervals(result)
-    document["files"] = call.files
-    if out is not None:
-        write_atomically(out / SUMMARY, json_bytes(document))
-    return document, _words(result, document)
+        bound = proof.envelope(result)
+        document["certified"] = None
+        if bound.sources:
+            first, last = (float(x) for x in bound([0.0, result.t_final]))
+            document["certified"] = {"sources": list(bound.sources), "final_error": last}
+            if last < RESOLVED * first:
+                notes.append("The certified bound falls below what the integration resolves.")
+        else:
+            notes.append(f"No certified bound: {bound.reason}.")
+    if not single:  # confidence intervals at 95 %; null where there are too few runs, or no bound
+        document["intervals"] = {
+            name: None if interval is None or interval[1] == float("inf") else list(interval)
+            for name, interval in result.intervals(0.95).items()
+        }
+    return document
 
 
-def _break_first(call: _Call, mode: str | None, given: dict[str, Any]) -> tuple[dict[str, Any], str]:
-    """Find what breaks the loop first; the document and the words, with the certified sampling period beside."""
-    from dobc_design.certificate.files import make_folder, write_atomically
-    from dobc_design.simulation.breaking import what_breaks_first
-    from dobc_design.simulation.signals import Fixed
-
-    call.progress("what breaks first")
-    found = what_breaks_first(
-        call.problem,
-        signal=None if mode is None else Fixed(mode=mode),
-        certificate=call.proof,
-        progress=lambda part: call.progress(f"what breaks first, {part:.0%}"),
-        **given,
-    )
+def _breaking(found: Any, problem: Problem, proof: Certificate | None) -> dict[str, Any]:
+    """What --json prints of what breaks the loop first, with the certified sampling period beside."""
     notes = list(found.calm.notes)
-    if call.proof is not None and found.period is not None and found.period.certified is None:
+    if proof is not None and found.period is not None and found.period.certified is None:
         notes.append("The certificate proves no sampling period.")
-    document = found.calm.summary() | {
-        "problem": call.problem.name,
-        "mode": found.calm.mode,
-        "notes": notes,
-        "breaking": found.to_json(),
-        "files": call.files,
-    }
-    if call.out is not None:
-        call.progress("writing")
-        make_folder(call.out)
-        write_atomically(call.out / BREAKING, found.plot().file("svg"))
-        write_atomically(call.out / SUMMARY, json_bytes(document))
-    return document, str(found)
+    document: dict[str, Any] = found.calm.summary() | {"problem": problem.name, "mode": found.calm.mode}
+    return document | {"notes": notes, "breaking": found.to_json()}
 
 
 def _verified(place: Path, problem: Problem, progress: Callable[[str], None]) -> Certificate:
@@ -210,45 +184,16 @@ def _verified(place: Path, problem: Problem, progress: Callable[[str], None]) ->
     from dobc_design.conditions.observer.propose import observer_gain
 
     progress("verifying the certificate")
-    claims = read_claims(read_certificate(place))
+    claims = read_claims(output.read_certificate(place))
     if not verify(claims, problem).holds:
-        raise SpecError(
-            "the certificate does not hold for this problem, so nothing of it is shown.",
-            key="--certificate",
-            cure=f"`dobc verify {place}` with --problem says which claim fails.",
-        )
+        message = "the certificate does not hold for this problem, so nothing of it is shown."
+        cure = f"`dobc verify {place}` with --problem says which claim fails."
+        raise SpecError(message, key="--certificate", cure=cure)
     if claims.W is not None and observer_gain(problem) != claims.W:
-        raise SpecError(
-            "the certificate is about another observer gain W than the one that is designed here.",
-            key="--certificate",
-            cure="Certify the problem anew, or give the W of the certificate in [observer].",
-        )
+        message = "the certificate is about another observer gain W than the one that is designed here."
+        cure = "Certify the problem anew, or give the W of the certificate in [observer]."
+        raise SpecError(message, key="--certificate", cure=cure)
     return Certificate(problem=problem, claims=claims)
-
-
-def _certified(result: Trajectory | Ensemble, bound: CertifiedBound) -> dict[str, Any]:
-    """What the certificate bounds, for --json; a note where it bounds nothing here."""
-    from dobc_design.plotting.look import RESOLVED
-
-    if not bound.sources:
-        return {"certified": None, "notes": [*result.notes, f"No certified bound: {bound.reason}."]}
-    first, last = (float(x) for x in bound([0.0, result.t_final]))
-    found: dict[str, Any] = {"certified": {"sources": list(bound.sources), "final_error": last}}
-    if last < RESOLVED * first:
-        found["notes"] = [*result.notes, "The certified bound falls below what the integration resolves."]
-    return found
-
-
-def _write_network(result: Any, problem: Problem, place: Path) -> None:
-    """The agents in motion, with the arcs of the problem's modes, as a page."""
-    from dobc_design.certificate.files import write_atomically
-    from dobc_design.plotting.animation import animation_page
-
-    arcs = {
-        mode: list(zip(each.listeners.tolist(), each.speakers.tolist(), strict=True))
-        for mode, each in problem.network.modes.items()
-    }
-    write_atomically(place, animation_page(result, arcs=arcs).encode("utf-8"))
 
 
 def _reasons(result: Trajectory | Ensemble) -> list[dict[str, Any]]:
@@ -258,14 +203,6 @@ def _reasons(result: Trajectory | Ensemble) -> list[dict[str, Any]]:
     if isinstance(result, Trajectory):
         return [{"seed": result.seed, "reason": result.reason}] if result.diverged else []
     return [{"seed": int(result.seeds[run]), "reason": reason} for run, reason in result.reasons.items()]
-
-
-def _intervals(result: Any) -> dict[str, Any]:
-    """Confidence intervals at 95 %, as lists; null where there are too few runs, or no bound."""
-    found = {}
-    for name, interval in result.intervals(0.95).items():
-        found[name] = None if interval is None or interval[1] == float("inf") else list(interval)
-    return found
 
 
 def _words(result: Trajectory | Ensemble, document: dict[str, Any]) -> str:

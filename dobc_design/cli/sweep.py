@@ -5,40 +5,27 @@ from __future__ import annotations
 import os
 import shlex
 import sys
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from dobc_design._signals import say_on_ending
-from dobc_design.cli.output import (
-    File,
-    Json,
-    Manner,
-    Quiet,
-    Verbose,
-    complain,
-    manner_of,
-    on_terminal,
-    print_json,
-    refuse_option,
-    require_folder,
-    results_folder,
-    say,
-)
+from dobc_design.cli import output
 from dobc_design.errors import DobcError, SpecError
 
 if TYPE_CHECKING:
+    from rich.console import Console
+
     from dobc_design.sweeps.result import SweepResult
     from dobc_design.sweeps.running import State
 
 SHOWN = 5  # failed cases that are told
-EVERY = 10  # lines that --verbose writes on the way: one for every tenth part
 
 
 def sweep_command(
-    file: File,
+    file: output.File,
     axes: Annotated[
         list[str],
         typer.Argument(
@@ -61,19 +48,19 @@ def sweep_command(
         str | None, typer.Option("--time-limit", help="Seconds after which a case is given up and the rest goes on.")
     ] = None,
     force: Annotated[bool, typer.Option("--force", help="Begin anew, also in the folder of another sweep.")] = False,
-    quiet: Quiet = False,
-    verbose: Verbose = False,
-    as_json: Json = False,
+    quiet: output.Quiet = False,
+    verbose: output.Verbose = False,
+    as_json: output.Json = False,
 ) -> None:
     """Certify or simulate a problem with some keys varied: in parallel, resumable, nothing done twice."""
     from dobc_design.certificate.files import write_atomically
     from dobc_design.problem.load import load_problem
-    from dobc_design.sweeps.journal import HEAD, LINES
+    from dobc_design.sweeps.result import HEAD, LINES
     from dobc_design.sweeps.running import sweep
 
-    manner = manner_of(quiet=quiet, verbose=verbose)
-    refuse_option(out, key="--out")
-    folder = require_folder(out) if out is not None else results_folder(None, load_problem(file).name, suffix="sweep")
+    manner = output.manner_of(quiet=quiet, verbose=verbose)
+    output.refuse_option(out, key="--out")
+    folder = output.results_folder(out, "" if out is not None else load_problem(file).name, suffix="sweep")
     command = shlex.join(["dobc", *sys.argv[1:]])
     kept = f"Interrupted; the finished cases are kept in {str(folder)!r}. The same command goes on with the others:"
     say_on_ending(f"{kept}\n  {command}")
@@ -86,21 +73,15 @@ def sweep_command(
             resumed[:] = [state.resumed]
             show(state)
 
-        result = sweep(
-            file,
-            axes,
-            task=task,
-            samples=samples,
-            seed=seed,
-            runs=runs,
-            everything=everything,
-            out=folder,
-            jobs=jobs,
-            cluster=cluster,
-            time_limit=time_limit,
-            force=force,
-            progress=progress,
-        )
+        options: dict[str, Any] = {
+            "task": task,
+            "samples": samples,
+            "seed": seed,
+            "runs": runs,
+            "everything": everything,
+        }
+        how: dict[str, Any] = {"jobs": jobs, "cluster": cluster, "time_limit": time_limit, "force": force}
+        result = sweep(file, axes, out=folder, progress=progress, **options, **how)
     tables = (folder / name for name in ("results.csv", "results.parquet"))
     files = [folder / HEAD, folder / LINES, *(path for path in tables if path.exists())]
     try:
@@ -109,9 +90,9 @@ def sweep_command(
     except SpecError:  # nothing numeric was varied or found
         pass
     if as_json:
-        print_json(_document(result, folder, files, resumed=resumed[0]))
-    elif manner is not Manner.QUIET:
-        say(_words(result, files, resumed=resumed[0]))
+        output.print_json(_document(result, folder, files, resumed=resumed[0]))
+    elif manner is not output.Manner.QUIET:
+        output.say(_words(result, files, resumed=resumed[0]))
 
 
 def _document(result: SweepResult, folder: Path, files: Sequence[Path], *, resumed: int) -> dict[str, Any]:
@@ -146,38 +127,24 @@ def _words(result: SweepResult, files: Sequence[Path], *, resumed: int) -> str:
     return "\n".join([*lines, *(f"wrote {path}" for path in files)])
 
 
-class _Bar:
-    """Progress on standard error: a bar on a terminal; with --verbose lines; else nothing."""
+class _Bar(output.Progress):
+    """Progress on standard error: a bar on a terminal; with --verbose ten lines or so; else nothing."""
 
-    def __init__(self, manner: Manner) -> None:
-        self.manner = manner
-        self.bar: Any = None
-        self.task: Any = None
-        self.told = -1
+    def begin(self, console: Console) -> Any:
+        """A bar with the counts and the time left."""
+        from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn
 
-    def __enter__(self) -> Callable[[State], None]:
-        if on_terminal(self.manner):
-            from rich.console import Console
-            from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn
+        bar = Progress(BarColumn(), MofNCompleteColumn(), TextColumn("{task.description}"), console=console)
+        bar.add_task("starting", total=None)
+        return bar
 
-            self.bar = Progress(
-                BarColumn(), MofNCompleteColumn(), TextColumn("{task.description}"), console=Console(stderr=True)
-            )
-            self.bar.start()
-            self.task = self.bar.add_task("starting", total=None)
-        return self.show
-
-    def show(self, state: State) -> None:
+    def stage(self, state: State) -> None:
         """Show where the sweep stands."""
-        failed = f", {state.failed} failed" if state.failed else ""
-        if self.bar is not None:
-            self.bar.update(
-                self.task, total=state.total, completed=state.done, description=f"{state.time_left}{failed}"
-            )
-        elif self.manner is Manner.VERBOSE and (state.done * EVERY) // state.total != self.told:
-            self.told = (state.done * EVERY) // state.total
-            complain(str(state))
-
-    def __exit__(self, *error: object) -> None:
-        if self.bar is not None:
-            self.bar.stop()
+        tenth = (state.done * 10) // state.total
+        if self.moving is not None:
+            failed = f", {state.failed} failed" if state.failed else ""
+            words = f"{state.time_left}{failed}"
+            self.moving.update(self.moving.task_ids[0], total=state.total, completed=state.done, description=words)
+        elif self.manner is output.Manner.VERBOSE and tenth != self.said:
+            self.said = tenth
+            output.complain(str(state))

@@ -19,7 +19,7 @@ from dobc_design.conditions.numbers import rounded_down
 from dobc_design.conditions.statement import Statement
 from dobc_design.errors import SpecError
 from dobc_design.exact.definite import decide_positive_definite, decide_positive_semidefinite
-from dobc_design.exact.interval import Interval, UndefinedError
+from dobc_design.exact.interval import UndefinedError
 from dobc_design.exact.matrix import Matrix, add, identity, matrix, multiply, scale, shape, subtract, transpose
 from dobc_design.exact.matrix_exponential import discretise
 from dobc_design.exact.number import number_text, parse_number
@@ -38,33 +38,29 @@ def certified_sampling(problem: Problem, claims: Claims, period: Fraction) -> St
     """State whether ``period`` (s) is within the one that the certificate proves: PROVED, or UNDECIDED."""
     longest = certified_period(problem, claims)
     if longest is None:
-        return _statement(Verdict.UNDECIDED, "the certificate has no proved check `sampling`.", None)
-    where = _domain(next(check.domain for check in claims.checks if check.id == "sampling"))
-    if period <= longest:
-        return _statement(
-            Verdict.PROVED,
-            f"the certificate's check `sampling` covers this period: couplings and pinning may be held for"
-            f" {float(longest):.4g} s{where} (observer and estimate: those of (13), in continuous time).",
-            longest,
-        )
-    return _statement(
-        Verdict.UNDECIDED,
-        f"the certificate's check `sampling` proves periods up to {float(longest):.4g} s{where};"
-        f" {float(period):.4g} s is longer.",
-        longest,
-    )
-
-
-def _statement(verdict: Verdict, text: str, longest: Fraction | None) -> Statement:
-    exact = {} if longest is None else {"period": number_text(longest)}
-    return Statement(kind="certified-sampling", verdict=verdict, text=text, exact=exact)
-
-
-def _domain(domain: object) -> str:
+        text = "the certificate has no proved check `sampling`."
+        return Statement(kind="certified-sampling", verdict=Verdict.UNDECIDED, text=text)
+    domain = next(check.domain for check in claims.checks if check.id == "sampling")
+    where = ", from every start" if domain == "global" else ""
     if isinstance(domain, dict) and "radius" in domain:
         rest = f" and |eps_i| <= {domain['disturbance']:g}" if domain.get("disturbance") else ""
-        return f", from every start with |e|_inf <= {domain['radius']:g}{rest}"
-    return ", from every start" if domain == "global" else ""
+        where = f", from every start with |e|_inf <= {domain['radius']:g}{rest}"
+    verdict, text = (
+        Verdict.PROVED,
+        (
+            f"the certificate's check `sampling` covers this period: couplings and pinning may be held for"
+            f" {float(longest):.4g} s{where} (observer and estimate: those of (13), in continuous time)."
+        ),
+    )
+    if period > longest:
+        verdict, text = (
+            Verdict.UNDECIDED,
+            (
+                f"the certificate's check `sampling` proves periods up to {float(longest):.4g} s{where};"
+                f" {float(period):.4g} s is longer."
+            ),
+        )
+    return Statement(kind="certified-sampling", verdict=verdict, text=text, exact={"period": number_text(longest)})
 
 
 MOST_ROWS = 40  # n m up to which a sampled network is decided by its characteristic polynomial
@@ -85,12 +81,8 @@ def sampled_observer_statement(Ad: Matrix, Cd: Matrix, L: Matrix, *, period: Fra
         Verdict.REFUTED: "the sampled observer diverges: an eigenvalue is outside the unit disk",
         Verdict.UNDECIDED: "the error of the sampled observer does not die out: an eigenvalue is on the unit circle",
     }[verdict]
-    return Statement(
-        kind="sampled",
-        verdict=verdict,
-        text=f"{words} (period {float(period):.4g} s).",
-        exact={"period": number_text(period)},
-    )
+    text = f"{words} (period {float(period):.4g} s)."
+    return Statement(kind="sampled", verdict=verdict, text=text, exact={"period": number_text(period)})
 
 
 def sampled_network_statement(problem: Problem, period: Fraction) -> Statement:
@@ -99,10 +91,9 @@ def sampled_network_statement(problem: Problem, period: Fraction) -> Statement:
     UNDECIDED for n m > 40 (200 where J - K is symmetric), for slopes that are not rational, and where an agent that
     nothing pins keeps its error.
     """
-    kind, exact = "sampled-network", {"period": number_text(period)}
 
     def answer(verdict: Verdict, text: str) -> Statement:
-        return Statement(kind=kind, verdict=verdict, text=text, exact=exact)
+        return Statement(kind="sampled-network", verdict=verdict, text=text, exact={"period": number_text(period)})
 
     if problem.n * problem.m > MOST_SYMMETRIC:
         return answer(Verdict.UNDECIDED, f"the sampled network is not decided for more than {MOST_SYMMETRIC} rows.")
@@ -111,18 +102,17 @@ def sampled_network_statement(problem: Problem, period: Fraction) -> Statement:
     except UndefinedError:
         return answer(Verdict.UNDECIDED, "the coupling has no derivative at the consensus.")
     found = {mode.name: _mode_verdict(problem, mode, period) for mode in modes}
-    bad = [name for name, verdict in found.items() if verdict is Verdict.REFUTED]
+    bad, unknown = ([n for n, each in found.items() if each is v] for v in (Verdict.REFUTED, Verdict.UNDECIDED))
     if bad:
         return answer(
             Verdict.REFUTED,
             f'held over {float(period):.4g} s, couplings and pinning drive the agents apart in mode "{bad[0]}": an'
             " eigenvalue of I + T (J - K) lies outside the unit disk.",
         )
-    open_modes = [name for name, verdict in found.items() if verdict is Verdict.UNDECIDED]
-    if open_modes:
+    if unknown:
         return answer(
             Verdict.UNDECIDED,
-            f'in mode "{open_modes[0]}" it stays open whether the sampled network converges at the consensus: an agent'
+            f'in mode "{unknown[0]}" it stays open whether the sampled network converges at the consensus: an agent'
             f" that nothing reaches keeps its error, a slope is not rational, or there are more than {MOST_ROWS} rows.",
         )
     return answer(
@@ -242,9 +232,6 @@ class Controller:
         return len(self.states)
 
 
-Objection = Callable[[Controller], str]
-
-
 def make_controller(
     problem: Problem,
     *,
@@ -253,7 +240,7 @@ def make_controller(
     agents: Sequence[Any] | None = None,
     gain: Gain | None = None,
     sampled_gain: Gain | None = None,
-    objection: Objection | None = None,
+    objection: Callable[[Controller], str] | None = None,
 ) -> Controller:
     """Discretise the observer of ``problem`` and collect the numbers of ``agents`` (labels; default all, at most 200).
 
@@ -264,39 +251,34 @@ def make_controller(
     observer's error does not die out, or to which there is an objection; the message says which period works.
     """
     if precision not in PRECISIONS:
-        raise SpecError(
-            f"precision must be double or float; got {shown(precision)}.",
-            key="--precision",
-            cure="double is the default.",
-        )
+        cure = "double is the default."
+        raise SpecError(f"precision must be double or float; got {shown(precision)}.", key="--precision", cure=cure)
     W = chosen_gain(problem, gain)
     if problem.groups and W is None:
         raise SpecError("observer.W must be known to write the observer.", key="observer.W", cure="Give or design W.")
     L = None if sampled_gain is None else matrix(sampled_gain, name="sampled_gain")
-    _check_sampled_gain(problem, L)
+    if L is not None and problem.is_grouped:
+        message = "sampled_gain is one gain for all agents, and the groups of exosystem.groups have different ones."
+        raise SpecError(message, key="sampled_gain", cure="Leave it out: the W of every group is discretised.")
+    if L is not None and shape(L) != (problem.q, problem.m):
+        message = f"sampled_gain must have shape ({problem.q}, {problem.m}); got {shape(L)}."
+        raise SpecError(message, key="sampled_gain", cure="design_observer(problem, period=...).W has it.")
     asked, chosen = _read_period(period), _chosen(problem, agents)
     numbers = tuple(_numbers(problem, agent) for agent in chosen)
     exosystem, own, states = _observed(problem, W, chosen)
 
     def made(value: Fraction) -> Controller:
-        Ad, Cd, correction, statements = _decided(problem, exosystem, own, L, value, precision)
-        return Controller(
-            problem=problem,
-            period=value,
-            precision=precision,
-            Ad=Ad,
-            Cd=Cd,
-            L=correction,
-            statements=statements,
-            agents=numbers,
-            states=states,
-        )
+        decided = _decided(problem, exosystem, own, L, value, precision)
+        return Controller(problem=problem, period=value, precision=precision, agents=numbers, states=states, **decided)
 
     controller = made(asked)
     failed = _obstacle(controller, objection)
     if failed:
         works = longest_period(lambda value: _obstacle(made(value), objection) == "", asked)
-        raise _too_long(asked, failed, works)
+        cure = "No shorter period that was tried works either: look at the gains and at W."
+        if works is not None:
+            cure = f"The longest of those tried that works: --period {float(works):.4g}."
+        raise SpecError(f"a period of {float(asked):.4g} s is too long: {failed}", key="--period", cure=cure)
     return controller
 
 
@@ -310,13 +292,10 @@ def _observed(
     found = {numbers[agent] for agent in agents}
     if len(found) > 1:
         names = ", ".join(named(group.name) for group in problem.groups[:6])
-        raise SpecError(
-            "the code of one folder is for agents with one exosystem, and these have different ones"
-            " (exosystem.groups).",
-            key="--agent",
-            cure="Name an agent, --agent LABEL, or in Python agents=[...] of one group, and write a folder for each"
-            f" group; the groups begin with agent {names}.",
-        )
+        message = "the code of one folder is for agents with one exosystem, and these have different ones"
+        cure = "Name an agent, --agent LABEL, or in Python agents=[...] of one group, and write a folder for each group"
+        cure += f"; the groups begin with agent {names}."
+        raise SpecError(f"{message} (exosystem.groups).", key="--agent", cure=cure)
     place = found.pop()
     before = sum(group.exosystem.order for group in problem.groups[:place])
     exosystem = problem.groups[place].exosystem
@@ -325,43 +304,38 @@ def _observed(
 
 def _decided(
     problem: Problem, exosystem: Exosystem | None, W: Matrix | None, L: Matrix | None, period: Fraction, precision: str
-) -> tuple[Matrix, Matrix, Matrix, tuple[Statement, ...]]:
+) -> dict[str, Any]:
     """The rounded matrices of this period, and what is decided about them and about the network."""
     network = sampled_network_statement(problem, period)
     if exosystem is None or W is None:
-        return (), (), (), (network,)
+        return {"Ad": (), "Cd": (), "L": (), "statements": (network,)}
     A, C = exosystem.A, exosystem.C
     found = discretise(A, period)
-    if L is None:
-        error = discretise(subtract(A, multiply(W, C)), period)
-        L = multiply(scale(period, _middles(error.mean)), W)
-    Ad, Cd = _middles(found.transition), multiply(C, _middles(found.mean))
-    Ad, Cd, L = (tuple(tuple(rounded(x, precision) for x in row) for row in each) for each in (Ad, Cd, L))
-    return Ad, Cd, L, (sampled_observer_statement(Ad, Cd, L, period=period), network)
-
-
-def _middles(enclosed: Sequence[Sequence[Interval]]) -> Matrix:
-    return tuple(tuple(entry.midpoint for entry in row) for row in enclosed)
+    transition, mean, error = (
+        tuple(tuple(entry.midpoint for entry in row) for row in enclosed)
+        for enclosed in (found.transition, found.mean, discretise(subtract(A, multiply(W, C)), period).mean)
+    )
+    L = multiply(scale(period, error), W) if L is None else L
+    Ad, Cd, L = (
+        tuple(tuple(rounded(x, precision) for x in row) for row in each) for each in (transition, multiply(C, mean), L)
+    )
+    statements = (sampled_observer_statement(Ad, Cd, L, period=period), network)
+    return {"Ad": Ad, "Cd": Cd, "L": L, "statements": statements}
 
 
 def _read_period(given: Any) -> Fraction:
     if given is None:
-        raise SpecError(
-            "a period must be given: the code computes at its multiples and holds in between.",
-            key="--period",
-            cure="For example --period 0.05; one that is too long is refused with one that works.",
-        )
+        message = "a period must be given: the code computes at its multiples and holds in between."
+        cure = "For example --period 0.05; one that is too long is refused with one that works."
+        raise SpecError(message, key="--period", cure=cure)
     period = parse_number(given, key="--period")
     if not SHORTEST <= period <= LONGEST:
-        raise SpecError(
-            f"--period must be a positive number of seconds, 1e-6 to 1e6; got {shown(given)}.",
-            key="--period",
-            cure="For example --period 0.05.",
-        )
+        message = f"--period must be a positive number of seconds, 1e-6 to 1e6; got {shown(given)}."
+        raise SpecError(message, key="--period", cure="For example --period 0.05.")
     return period
 
 
-def _obstacle(controller: Controller, objection: Objection | None) -> str:
+def _obstacle(controller: Controller, objection: Callable[[Controller], str] | None) -> str:
     """Why a period cannot be used, or ""."""
     for each in controller.statements:
         if each.verdict is Verdict.REFUTED or (each.kind == "sampled" and each.verdict is not Verdict.PROVED):
@@ -369,48 +343,18 @@ def _obstacle(controller: Controller, objection: Objection | None) -> str:
     return "" if objection is None else objection(controller)
 
 
-def _too_long(period: Fraction, why: str, works: Fraction | None) -> SpecError:
-    cure = (
-        "No shorter period that was tried works either: look at the gains and at W."
-        if works is None
-        else f"The longest of those tried that works: --period {float(works):.4g}."
-    )
-    return SpecError(f"a period of {float(period):.4g} s is too long: {why}", key="--period", cure=cure)
-
-
-def _check_sampled_gain(problem: Problem, L: Matrix | None) -> None:
-    if L is not None and problem.is_grouped:
-        raise SpecError(
-            "sampled_gain is one gain for all agents, and the groups of exosystem.groups have different ones.",
-            key="sampled_gain",
-            cure="Leave it out: the W of every group is discretised.",
-        )
-    if L is not None and shape(L) != (problem.q, problem.m):
-        raise SpecError(
-            f"sampled_gain must have shape ({problem.q}, {problem.m}); got {shape(L)}.",
-            key="sampled_gain",
-            cure="design_observer(problem, period=...).W has it.",
-        )
-
-
 def _chosen(problem: Problem, agents: Sequence[Any] | None) -> list[int]:
     index = problem.network.index
     if agents is None:
         if problem.n > MOST_AGENTS:
-            raise SpecError(
-                f"the code holds the numbers of at most {MOST_AGENTS} agents; the problem has {problem.n}.",
-                key="--agent",
-                cure="Name the agent whose code you want: --agent LABEL.",
-            )
+            message = f"the code holds the numbers of at most {MOST_AGENTS} agents; the problem has {problem.n}."
+            raise SpecError(message, key="--agent", cure="Name the agent whose code you want: --agent LABEL.")
         return list(range(problem.n))
     unknown = [str(agent) for agent in agents if str(agent) not in index]
     if unknown or not agents:
         first = ", ".join(map(named, problem.network.labels[:6]))
-        raise SpecError(
-            f"there is no agent {shown(unknown[0] if unknown else '')} in the network.",
-            key="--agent",
-            cure=f"Labels are {first}{', ...' if problem.n > 6 else ''}.",
-        )
+        message = f"there is no agent {shown(unknown[0] if unknown else '')} in the network."
+        raise SpecError(message, key="--agent", cure=f"Labels are {first}{', ...' if problem.n > 6 else ''}.")
     return [index[str(agent)] for agent in agents]
 
 

@@ -7,9 +7,10 @@ have to come out, within a bound derived for the precision.
 from __future__ import annotations
 
 import textwrap
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from fractions import Fraction
+from functools import partial
 from os import PathLike
 from pathlib import Path
 
@@ -20,12 +21,11 @@ from dobc_design._show.cards import Card, Shown
 from dobc_design.certificate.files import make_folder, write_together
 from dobc_design.conditions.statement import Statement
 from dobc_design.errors import SpecError
-from dobc_design.export.c_code import header_text, source_text, template
-from dobc_design.export.c_controller import Controller
-from dobc_design.export.c_text import comment, literal
+from dobc_design.export.c_controller import AgentNumbers, Controller
+from dobc_design.export.c_text import CAlgebra, array, bare, comment, coupling_function, row, string, template
+from dobc_design.export.c_text import literal as c_literal
 from dobc_design.export.rounding_bound import Array, Recorded, felt_with_error, rounding_bound
 from dobc_design.problem.arrays import Gain
-from dobc_design.problem.problem import Problem
 from dobc_design.simulation.runs import run_once
 from dobc_design.simulation.setting import Stress, make_setting
 from dobc_design.simulation.signals import Mobile, Signal
@@ -46,7 +46,9 @@ class Recorder:
         self, *, gain: Gain | None = None, sampled_gain: Gain | None = None, signal: Signal | None = None
     ) -> None:
         self.gain, self.signal = gain, None if isinstance(signal, Mobile) else signal
-        self.sampled = None if sampled_gain is None else _rows(sampled_gain)
+        self.sampled = (
+            None if sampled_gain is None else tuple(tuple(float(entry) for entry in row) for row in sampled_gain)
+        )
         self.last: tuple[Fraction, Trajectory] | None = None
 
     def objection(self, controller: Controller) -> str:
@@ -87,18 +89,10 @@ class Recorder:
         if run.switches is not None:
             modes = np.array([names.index(name) for name in run.switches.names])[run.switches.at(run.times)]
         heard = run.x[:, others] - run.goal[others]
-        bare = Recorded(
-            agent=agent,
-            modes=modes,
-            x=run.x[:, i],
-            heard=heard,
-            xihat=run.xihat[:, i, controller.states],
-            dhat=run.dhat[:, i],
-            u=run.u[:, i],
-            v=run.u[:, i],
-        )
+        u, own = run.u[:, i], {"x": run.x[:, i], "dhat": run.dhat[:, i], "xihat": run.xihat[:, i, controller.states]}
+        bare = Recorded(agent=agent, modes=modes, heard=heard, u=u, v=u, **own)
         e = run.x[:, i] - run.goal[i]
-        return replace(bare, v=felt_with_error(controller, bare, e, np.zeros_like(e), 0.0)[0] + run.u[:, i])
+        return replace(bare, v=felt_with_error(controller, bare, e, np.zeros_like(e), 0.0)[0] + u)
 
 
 def vectors_csv(controller: Controller, recorded: Recorded) -> str:
@@ -119,57 +113,28 @@ def vectors_header(controller: Controller, recorded: Recorded) -> str:
     """vectors.h: the same as constant arrays, with the tolerance that is derived for this precision."""
     problem, agent = controller.problem, recorded.agent
     place = next(i for i, each in enumerate(controller.agents) if each.index == agent.index)
-    count, neighbours = len(recorded.x), max(1, len(agent.neighbours))
+    count = len(recorded.x)
     heard = recorded.heard if agent.neighbours else np.zeros((count, 1, problem.m))
-    modes = ", ".join(str(int(mode)) for mode in recorded.modes)
     tolerance = rounding_bound(controller, recorded)
     if not np.isfinite(tolerance):
-        raise SpecError(
-            "the rounding errors of the test vectors have no finite bound: a coupling is near a singularity.",
-            key="export",
-            cure="Simulate from other starts ([region]), or use --precision double.",
-        )
-    lines = [
-        f"/* Test vectors of agent {comment(agent.label)}: what it measures and hears, and what it has to answer. */",
-        "#ifndef DOBC_VECTORS_H",
-        "#define DOBC_VECTORS_H",
-        "",
-        '#include "dobc_agent.h"',
-        "",
-        f"#define VECTOR_AGENT {place} /* its place in dobc_agents[] */",
-        f"#define VECTOR_SAMPLES {count}",
-        f"#define VECTOR_NEIGHBOURS {len(agent.neighbours)}",
-        f"#define VECTOR_TOLERANCE {tolerance:.3e} /* derived for {controller.precision}: u, v and dhat */",
-        "",
-        f"static const int vector_mode[VECTOR_SAMPLES] = {{{modes}}};",
-        "",
-    ]
-    for name, values in (("x", recorded.x), ("u", recorded.u), ("v", recorded.v), ("dhat", recorded.dhat)):
-        body = ",\n".join(f"    {_initial(value, controller)}" for value in values)
-        lines.append(f"static const dobc_real vector_{name}[VECTOR_SAMPLES][DOBC_COMPONENTS] = {{\n{body}\n}};\n")
-    rows = ",\n".join("    {" + ", ".join(_initial(value, controller) for value in each) + "}" for each in heard)
-    lines.append(
-        f"static const dobc_real vector_heard[VECTOR_SAMPLES][{neighbours}][DOBC_COMPONENTS] = {{\n{rows}\n}};\n"
+        message = "the rounding errors of the test vectors have no finite bound: a coupling is near a singularity."
+        raise SpecError(message, key="export", cure="Simulate from other starts ([region]), or use --precision double.")
+
+    def entries(values: Array) -> str:
+        return ", ".join(bare(Fraction(float(value)), controller.precision) for value in values)
+
+    return template("vectors.h.j2").render(
+        label=comment(agent.label),
+        place=place,
+        count=count,
+        neighbours=len(agent.neighbours),
+        tolerance=f"{tolerance:.3e}",
+        precision=controller.precision,
+        modes=", ".join(str(int(mode)) for mode in recorded.modes),
+        vectors={"x": recorded.x, "u": recorded.u, "v": recorded.v, "dhat": recorded.dhat},
+        heard=heard,
+        entries=entries,
     )
-    return "\n".join([*lines, "#endif", ""])
-
-
-def _initial(values: Array, controller: Controller) -> str:
-    texts = [_number(float(value), controller.precision) for value in values]
-    return "{" + ", ".join(texts) + "}"
-
-
-def _number(value: float, precision: str) -> str:
-    return literal(Fraction(value), precision).strip("()")
-
-
-def _rows(gain: Gain) -> tuple[tuple[float, ...], ...]:
-    return tuple(tuple(float(entry) for entry in row) for row in gain)
-
-
-def labels_of_neighbours(problem: Problem, recorded: Recorded) -> Sequence[str]:
-    """Whose packets are neighbours 0, 1, ... of the recorded agent."""
-    return [problem.network.labels[index] for index in recorded.agent.neighbours]
 
 
 FILES = ("dobc_agent.h", "dobc_agent.c", "main.c", "vectors.h", "vectors.csv", "README.txt")
@@ -210,8 +175,7 @@ class CCode(Shown):
         return f"<CCode: {str(self).partition(chr(10))[0]}>"
 
     def __str__(self) -> str:
-        count = len(self.controller.agents)
-        controller = self.controller
+        controller, count = self.controller, len(self.controller.agents)
         head = f"C99 of {count} agent{'s' if count != 1 else ''} of {controller.problem.name}, {controller.precision}"
         head += f", every {float(controller.period):g} s"
         return "\n".join([head, *(f"  {each}" for each in self.statements)])
@@ -223,11 +187,72 @@ def check_free(folder: Path, *, force: bool) -> None:
         raise SpecError(f"{str(folder)!r} is not a folder.", key="--c", cure="Choose another.")
     there = [name for name in FILES if (folder / name).exists()]
     if there and not force:
-        raise SpecError(
-            f"{str(folder / there[0])!r} exists already.",
-            key="--c",
-            cure="Add --force to replace it, or choose another folder.",
-        )
+        cure = "Add --force to replace it, or choose another folder."
+        raise SpecError(f"{str(folder / there[0])!r} exists already.", key="--c", cure=cure)
+
+
+def header_text(controller: Controller) -> str:
+    """dobc_agent.h."""
+    problem = controller.problem
+    return template("agent.h.j2").render(
+        controller=controller,
+        problem=problem,
+        title=comment(problem.name),
+        period=f"{float(controller.period):.10g}",
+        version=__version__,
+        literal=c_literal(controller.period, controller.precision),
+        names=comment(", ".join(list(problem.network.modes)[:12])),
+        estimate="\n    dobc_real estimate[DOBC_ORDER]; /* xihat */" if controller.q else "",
+        neighbours=max(1, *(len(agent.neighbours) for agent in controller.agents)),
+    )
+
+
+def source_text(controller: Controller) -> str:
+    """dobc_agent.c."""
+    problem, precision = controller.problem, controller.precision
+    algebra = CAlgebra(precision)
+    couplings = [coupling_function(each, number, algebra) for number, each in enumerate(problem.couplings)]
+    return template("agent.c.j2").render(
+        title=comment(problem.name),
+        uses_math=algebra.library,
+        q=controller.q,
+        Ad=array(controller.Ad, precision),
+        Cd=array(controller.Cd, precision),
+        L=array(controller.L, precision),
+        tables="".join(_tables(controller)),
+        used=algebra.used,
+        functions=couplings,
+        couplings=len(couplings),
+    )
+
+
+def _tables(controller: Controller) -> Iterator[str]:
+    """Arcs and neighbours of every agent, then the table of agents."""
+    precision, labels = controller.precision, controller.problem.network.labels
+    for place, agent in enumerate(controller.agents):
+        for mode, hearings in enumerate(agent.modes):
+            if hearings:
+                arcs = ", ".join(
+                    f"{{{arc.neighbour}, {arc.coupling}, {c_literal(arc.weight, precision)}}}" for arc in hearings
+                )
+                yield f"static const dobc_arc arcs_{place}_{mode}[] = {{{arcs}}};\n"
+        if agent.neighbours:
+            names = ", ".join(string(labels[index]) for index in agent.neighbours)
+            yield f"static const char *const neighbours_{place}[] = {{{names}}};\n"
+    yield "\nconst dobc_config dobc_agents[DOBC_AGENTS] = {\n"
+    yield ",\n".join(_config(place, agent, precision) for place, agent in enumerate(controller.agents))
+    yield "\n};\n"
+
+
+def _config(place: int, agent: AgentNumbers, precision: str) -> str:
+    counts = ", ".join(str(len(hearings)) for hearings in agent.modes)
+    arcs = ", ".join(f"arcs_{place}_{mode}" if hearings else "0" for mode, hearings in enumerate(agent.modes))
+    gain = ", ".join(row(each, precision) for each in agent.gain)
+    neighbours = f"neighbours_{place}" if agent.neighbours else "0"
+    return (
+        f"    {{{string(agent.label)}, {row(agent.goal, precision)}, {{{gain}}}, {len(agent.neighbours)},"
+        f" {neighbours}, {{{counts}}}, {{{arcs}}}}}"
+    )
 
 
 def c_code(controller: Controller, recorded: Recorded, *, certified: Statement | None = None) -> CCode:
@@ -257,29 +282,21 @@ def readme(controller: Controller, recorded: Recorded, statements: Sequence[Stat
     proved = [each.text for each in statements if each.verdict.value == "proved"]
     undecided = [each.text for each in statements if each.verdict.value == "undecided"]
     certified = any(each.kind == "certified-sampling" for each in statements)
-    held = (
-        "anything for physical couplings between samples: code and statements hold couplings over a period, so choose"
-        " it so short that they hardly change in it."
-    )
-    floor = "anything about ranges, overflow and timing on the target; the vectors are a test, not a proof."
-    far = "convergence from far away with couplings held; a certificate's check `sampling` states how long they may be."
     return template("README.txt.j2").render(
         name=problem.name,
         rule="=" * (len(problem.name) + 45),
-        intro=textwrap.fill(
-            f"Equations (13) and (19), sampled every {float(controller.period):.6g} s. No heap, no global that changes,"
-            " and of <math.h> only what the coupling needs. One struct dobc_agent holds all memory of an agent."
-            f"{'' if controller.q else ' Without an exosystem there is no observer.'}",
-            WIDTH,
-        ),
         who=f"{len(labels)} agent{'s' if len(labels) != 1 else ''} ({names})",
         samples=len(recorded.x),
         agent=recorded.agent.label,
-        neighbours=", ".join(labels_of_neighbours(problem, recorded)) or "none",
+        neighbours=", ".join(problem.network.labels[index] for index in recorded.agent.neighbours) or "none",
         compile=COMPILE,
         period=f"{float(controller.period):.6g}",
-        proved=_items(proved or ["nothing"]),
-        open=_items([*undecided, *([] if certified else [far]), held, floor]),
+        observes=controller.q > 0,
+        proved=proved or ["nothing"],
+        undecided=undecided,
+        certified=certified,
+        items=_items,
+        fill=partial(textwrap.fill, width=WIDTH),
         precision=controller.precision,
         bound=f"{rounding_bound(controller, recorded):.1e}",
         version=__version__,

@@ -8,9 +8,11 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from fractions import Fraction
+from importlib.resources import files
 from typing import Any
 
 import numpy as np
+from jinja2 import Template
 
 from dobc_design.coupling.coupling import Coupling
 from dobc_design.coupling.expression import variables_used
@@ -20,17 +22,14 @@ from dobc_design.errors import SpecError
 
 PRECISIONS = ("double", "float")
 SUM, PRODUCT, UNARY, ATOM = range(4)
-HELPERS = {
-    "abs": "static dobc_real dobc_abs(dobc_real a)\n{\n    return a < 0 ? -a : a;\n}\n",
-    "min": "static dobc_real dobc_min(dobc_real a, dobc_real b)\n{\n    return b < a ? b : a;\n}\n",
-    "max": "static dobc_real dobc_max(dobc_real a, dobc_real b)\n{\n    return b > a ? b : a;\n}\n",
-    "power": (
-        "static dobc_real dobc_power(dobc_real base, int exponent)\n{\n    dobc_real result = 1;\n    int left;\n\n"
-        "    for (left = exponent < 0 ? -exponent : exponent; left > 0; left /= 2) {\n"
-        "        if (left % 2 == 1) {\n            result *= base;\n        }\n        base *= base;\n    }\n"
-        "    return exponent < 0 ? 1 / result : result;\n}\n"
-    ),
-}
+HELPERS = ("abs", "min", "max")  # functions that templates/agent.c.j2 has, beside power
+
+
+def template(name: str) -> Template:
+    """A file of ``templates/``: text with places for text that is C already: nothing is escaped here."""
+    text = (files("dobc_design.export") / "templates" / name).read_text("utf-8")
+    made: Template = Template(text, trim_blocks=True, lstrip_blocks=True, keep_trailing_newline=True)
+    return made
 
 
 def rounded(value: Fraction, precision: str) -> Fraction:
@@ -62,16 +61,17 @@ def literal(value: Fraction, precision: str) -> str:
 
 def array(rows: Sequence[Sequence[Fraction]], precision: str) -> str:
     """A two-dimensional initializer, one row a line."""
-    inside = ",\n".join("    {" + ", ".join(_bare(entry, precision) for entry in row) + "}" for row in rows)
+    inside = ",\n".join("    {" + ", ".join(bare(entry, precision) for entry in row) + "}" for row in rows)
     return "{\n" + inside + "\n}"
 
 
 def row(values: Sequence[Fraction], precision: str) -> str:
     """A one-dimensional initializer."""
-    return "{" + ", ".join(_bare(value, precision) for value in values) + "}"
+    return "{" + ", ".join(bare(value, precision) for value in values) + "}"
 
 
-def _bare(value: Fraction, precision: str) -> str:
+def bare(value: Fraction, precision: str) -> str:
+    """A literal where no sign can be misread, without parentheses."""
     return literal(value, precision).strip("()")
 
 

@@ -1,9 +1,4 @@
-"""In from other programs, out to other programs and to targets: one function for each, all thin.
-
-In:  problem_from_file (MATPOWER, pandapower, MATLAB, arcs), from_pandapower.
-Out: to_c, to_fmu, to_sdpa, to_mat, to_casadi, to_numpy, to_sympy, to_latex, to_control, python_script, build_model,
-analyse.
-"""
+"""In from other programs, out to other programs and to targets: one function for each."""
 
 from __future__ import annotations
 
@@ -12,12 +7,18 @@ from os import PathLike
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
 from dobc_design.certificate.certificate import Certificate
 from dobc_design.certificate.claims import Claims
 from dobc_design.certificate.files import write_atomically
 from dobc_design.conditions.observer.propose import observer_gain
+from dobc_design.coupling.coupling import Coupling
+from dobc_design.coupling.functions import FUNCTIONS
 from dobc_design.errors import SpecError
-from dobc_design.exact.matrix import Matrix
+from dobc_design.exact.matrix import Matrix, to_float
+from dobc_design.export.c_text import template
+from dobc_design.problem.arrays import Gain, arc_groups, exosystem_arrays, goals, pinning_matrix, required_gain
 from dobc_design.problem.canonical import problem_sha256
 from dobc_design.problem.load import load_problem
 from dobc_design.problem.problem import Problem
@@ -29,7 +30,8 @@ if TYPE_CHECKING:
     from dobc_design.export.fmu import Fmu
     from dobc_design.export.python_control import ConsensusLoop
     from dobc_design.model.model import Model
-    from dobc_design.simulation.signals import Signal
+
+MOST_ARCS = 20_000  # of all modes in a Python file: a few MB
 
 Source = Problem | str | PathLike[str]
 
@@ -44,17 +46,6 @@ def problem_from_file(path: str | PathLike[str], *, arrow: str | None = None) ->
     from dobc_design.importing.files import problem_from_file as run
 
     return run(Path(path), arrow=arrow)
-
-
-def from_pandapower(net: Any, *, name: str | None = None, gain: Any = 1) -> Problem:
-    """The consensus problem of a pandapower network: angles coupled by sines, generators pinned with ``gain`` (1/s).
-
-    ``name`` of the problem, by default that of the network.
-    Returns: a Problem whose notes say what was left out.  Raises: SpecError.
-    """
-    from dobc_design.importing.grids import from_pandapower as run
-
-    return run(net, name=name, gain=gain)
 
 
 def to_c(
@@ -81,26 +72,20 @@ def to_c(
     """
     from dobc_design.export.c_controller import certified_sampling, make_controller
     from dobc_design.export.c_folder import Recorder, c_code
+    from dobc_design.simulation.signals import signal_of
 
     problem = _loaded(problem)
     claims = certificate.claims if isinstance(certificate, Certificate) else certificate
     if claims is not None and claims.problem_sha256 != problem_sha256(problem):
-        raise SpecError(
-            "certificate must be one of this problem; it is about another one.",
-            key="certificate",
-            cure="Certify this problem.",
-        )
-    gain = observer_gain(problem) if claims is None else claims.W
-    recorder = Recorder(gain=gain, sampled_gain=sampled_gain, signal=_signal(problem))
-    controller = make_controller(
-        problem,
-        period=period,
-        precision=precision,
-        agents=[agents] if isinstance(agents, (str, int)) else agents,
-        gain=gain,
-        sampled_gain=sampled_gain,
-        objection=recorder.objection,
-    )
+        message = "certificate must be one of this problem; it is about another one."
+        raise SpecError(message, key="certificate", cure="Certify this problem.")
+    gains = {"gain": observer_gain(problem) if claims is None else claims.W, "sampled_gain": sampled_gain}
+    recorder = Recorder(**gains, signal=signal_of(problem)[0])
+    given: dict[str, Any] = {
+        "agents": [agents] if isinstance(agents, (str, int)) else agents,
+        "objection": recorder.objection,
+    }
+    controller = make_controller(problem, period=period, precision=precision, **gains, **given)
     certified = None if claims is None else certified_sampling(problem, claims, controller.period)
     return c_code(controller, recorder.recorded(controller), certified=certified)
 
@@ -115,18 +100,16 @@ def to_fmu(problem: Source, *, period: Any, agent: Any = None, sampled_gain: Any
     from dobc_design.export.c_controller import make_controller
     from dobc_design.export.c_folder import Recorder
     from dobc_design.export.fmu import make_fmu
+    from dobc_design.simulation.signals import signal_of
 
     problem = _loaded(problem)
     label = None if agent is None else str(agent)
     if agent is None:
         pinned = problem.pinning.agents
         label = problem.network.labels[pinned[0] if pinned else 0]
-    gain = observer_gain(problem)
-    recorder = Recorder(gain=gain, sampled_gain=sampled_gain, signal=_signal(problem))
-    controller = make_controller(
-        problem, period=period, agents=[label], gain=gain, sampled_gain=sampled_gain, objection=recorder.objection
-    )
-    return make_fmu(controller)
+    gains = {"gain": observer_gain(problem), "sampled_gain": sampled_gain}
+    recorder = Recorder(**gains, signal=signal_of(problem)[0])
+    return make_fmu(make_controller(problem, period=period, agents=[label], objection=recorder.objection, **gains))
 
 
 def to_sdpa(problem: Source) -> str:
@@ -140,7 +123,7 @@ def to_sdpa(problem: Source) -> str:
         ('3', '20 1 1 2')
     """
     from dobc_design.certification.certify import decide
-    from dobc_design.export.sdpa import sdpa_text
+    from dobc_design.export.matrices import sdpa_text
 
     problem = _loaded(problem)
     problem.require_one_exosystem()
@@ -189,9 +172,7 @@ def to_numpy(source: Source | Certificate) -> dict[str, Any]:
         >>> dd.to_numpy("paper-fixed")["W"].tolist()
         [[3.2], [2.4]]
     """
-    from dobc_design.export.matrices import numpy_matrices
-
-    return numpy_matrices(_matrices(source)[0])
+    return {name: to_float(each) for name, each in _matrices(source)[0].items()}
 
 
 def to_sympy(source: Source | Certificate) -> dict[str, Any]:
@@ -231,12 +212,6 @@ def _matrices(source: Source | Certificate) -> tuple[dict[str, Matrix], Problem]
 
 def _loaded(problem: Source) -> Problem:
     return problem if isinstance(problem, Problem) else load_problem(problem)
-
-
-def _signal(problem: Problem) -> Signal | None:
-    from dobc_design.simulation.signals import signal_of
-
-    return signal_of(problem)[0]
 
 
 def analyse(problem: Source) -> Analysis:
@@ -285,25 +260,78 @@ def to_control(
     if signal is None and mode is None:
         signal = signal_of(problem)[0]
     if isinstance(signal, Mobile):
-        raise SpecError(
-            "signal must not depend on the states, because python-control keeps no graph between calls.",
-            key="signal",
-            cure="Give a mode, or another signal.",
-        )
+        message = "signal must not depend on the states, because python-control keeps no graph between calls."
+        raise SpecError(message, key="signal", cure="Give a mode, or another signal.")
     settings = problem.simulation
-    return run(
-        problem,
-        mode=mode,
-        signal=signal,
-        horizon=float(settings.horizon),
-        seed=settings.seed if seed is None else seed,
-        gain=observer_gain(problem),
-    )
+    seed, horizon = settings.seed if seed is None else seed, float(settings.horizon)
+    return run(problem, mode=mode, signal=signal, horizon=horizon, seed=seed, gain=observer_gain(problem))
 
 
 def python_script(problem: Source) -> str:
-    """The closed loop as the text of a Python file that needs NumPy and python-control only.  Raises: SpecError."""
-    from dobc_design.export.python_script import python_script as run
+    """The closed loop as the text of a Python file that needs NumPy and python-control only.
 
+    Numbers are floats in their shortest exact form, couplings the text of the problem, which is Python once its
+    functions are named; text of users appears in strings only.  Raises: SpecError for more than 20 000 arcs.
+    """
     problem = _loaded(problem)
-    return run(problem, gain=observer_gain(problem))
+    gain = observer_gain(problem)
+    arcs = sum(len(each) for each in problem.network.modes.values())
+    if arcs > MOST_ARCS:
+        message = f"a Python file holds at most {MOST_ARCS} arcs; the problem has {arcs}."
+        cure = "Use dobc_design.to_control(problem) in Python: it needs no file."
+        raise SpecError(message, key="--python-control", cure=cure)
+    # The functions of couplings come from NumPy; min and max of several have definitions of their own.
+    plain = sorted(["pi", *(row.name for row in FUNCTIONS.values() if not row.numpy)])
+    renamed = [row for row in FUNCTIONS.values() if row.numpy and row.name not in ("min", "max")]
+    imports = [f"from numpy import {', '.join(plain)}", *(f"from numpy import {r.numpy} as {r.name}" for r in renamed)]
+    couplings = list(problem.couplings)
+    return template("loop.py.j2").render(
+        title=_inside_docstring(problem.name),
+        mode=_inside_docstring(next(iter(problem.network.modes))),
+        imports="\n".join(imports),
+        couplings="".join(_function(number, each) for number, each in enumerate(couplings)),
+        numbers=_numbers(problem, gain),
+        arcs=_arcs(problem, couplings),
+    )
+
+
+def _function(number: int, coupling: Coupling) -> str:
+    """h of (9) on differences y (arcs, m)."""
+    head = f"\n\ndef h{number}(y):\n"
+    if coupling.by_component:
+        return f"{head}    return {coupling.components[0]} + 0 * y\n"
+    m = len(coupling.components)
+    names = ", ".join(f"y{c + 1}" for c in range(m))
+    parts = ", ".join(f"{each} + 0 * y1" for each in coupling.components)
+    return f"{head}    {names}{',' if m == 1 else ''} = y.T\n    return np.stack([{parts}], axis=1)\n"
+
+
+def _numbers(problem: Problem, gain: Gain | None) -> str:
+    A, C = exosystem_arrays(problem)
+    n, m, q = problem.n, problem.m, problem.q
+    K = pinning_matrix(problem).tocoo()
+    lines = [f"\n\nN, M, Q = {n}, {m}, {q}", f"LABELS = {list(problem.network.labels)!r}"]
+    for name, array in (("A", A), ("C", C), ("W", required_gain(problem, gain)), ("GOALS", goals(problem))):
+        lines.append(f"{name} = np.array({array.tolist()!r}, dtype=float).reshape{array.shape}")
+    lines.append(f"K = np.zeros(({n}, {m}, {m}))  # 1/s, one matrix per agent")
+    entries = zip(K.row.tolist(), K.col.tolist(), K.data.tolist(), strict=True)
+    lines += [f"K[{row // m}, {row % m}, {column % m}] = {value!r}" for row, column, value in entries]
+    return "\n".join(lines) + "\n"
+
+
+def _arcs(problem: Problem, couplings: list[Coupling]) -> str:
+    """By mode and coupling: listeners, speakers and weights."""
+    lines = ["ARCS = {  # mode: (coupling, listeners, speakers, weights)"]
+    for mode in problem.network.modes:
+        lines.append(f"    {mode!r}: [")
+        for group in arc_groups(problem, mode):
+            weights = np.asarray(group.weights).tolist()
+            pairs = f"np.array({group.listeners.tolist()}), np.array({group.speakers.tolist()})"
+            lines.append(f"        (h{couplings.index(group.coupling)}, {pairs}, np.array({weights})),")
+        lines.append("    ],")
+    return "\n".join([*lines, "}", ""])
+
+
+def _inside_docstring(text: str) -> str:
+    """User text that cannot end the docstring it stands in."""
+    return ascii(text)[1:-1].replace('"', "'").replace("\\", "/")

@@ -6,27 +6,34 @@
 
 With several modes L and Lambda stand once for each, as L_MODE and Lambda_MODE.  In a MATLAB file numbers are doubles;
 arcs with a coupling of their own have no place in a Laplacian and are refused there.
+
+The inequality of Lemma 1, Theorem 1 or 2 in SDPA's sparse format: minimise t subject to Psi_mode(P, Q) <= t I for every
+mode, I <= P <= rho I, |Q| <= r.  Unknowns: the upper triangle of P row by row, Q row by row, t; solvers read minimise
+c'x subject to x_1 F_1 + ... + x_k F_k - F_0 >= 0.  t* < 0 proposes a pair (P, Q); t* >= 0 alone says nothing, because
+rho and r bound the search (theory, section 2); where there is a proved pair both are taken from it.
 """
 
 from __future__ import annotations
 
 import io
-from collections.abc import Mapping
+import math
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
 from fractions import Fraction
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from dobc_design import __version__
 from dobc_design._show.text import latex_matrix, latex_text
-from dobc_design.conditions.consensus.claim import state_theorems
-from dobc_design.coupling.coupling import Coupling
+from dobc_design.conditions.consensus.claim import Statements, state_theorems
 from dobc_design.errors import SpecError
 from dobc_design.exact.matrix import Matrix, to_float
+from dobc_design.exact.pencil import Pencil, Place, below, positive
 from dobc_design.exact.symmetric import SparseSymmetric
 from dobc_design.problem.arrays import exosystem_arrays, goals
-from dobc_design.problem.network import Arcs
 from dobc_design.problem.problem import Problem
+from dobc_design.verdict import Verdict
 
 MOST_ROWS = 500  # of a dense matrix
 _LATEX_NAMES = {"xbar": r"\bar{x}", "Lambda": r"\Lambda"}
@@ -41,29 +48,30 @@ def exact_matrices(
     """
     n, m = problem.n, problem.m
     if n * m > MOST_ROWS:
-        raise SpecError(
-            f"dense matrices are written for at most {MOST_ROWS} rows; this problem has {n * m}.",
-            key="problem",
-            cure="model.arrays has them as SciPy sparse matrices.",
-        )
+        message = f"dense matrices are written for at most {MOST_ROWS} rows; this problem has {n * m}."
+        raise SpecError(message, key="problem", cure="model.arrays has them as SciPy sparse matrices.")
     found: dict[str, Matrix] = {}
     exosystem = problem.joint_exosystem  # of several groups: block diagonal, as in certificates
     if exosystem is not None:
         found |= {"A": exosystem.A, "C": exosystem.C}
     found |= {name: each for name, each in (("W", W), ("P", P), ("Q", Q)) if each is not None}
-    found["K"] = _pins(problem)
+    K = [[Fraction(0)] * (n * m) for _ in range(n * m)]
+    for agent, gain in problem.pinning.gains.items():
+        for c in range(m):
+            K[agent * m + c][agent * m : agent * m + m] = gain[c]
+    found["K"] = tuple(map(tuple, K))
     found["xbar"] = tuple((x,) for x in problem.target)
+    ending = {mode: f"_{mode}" if len(problem.network.modes) > 1 else "" for mode in problem.network.modes}
     for mode, arcs in problem.network.modes.items():
-        found[_of_mode("L", mode, problem)] = _laplacian(arcs, n)
+        L = [[Fraction(0)] * n for _ in range(n)]
+        for listener, speaker, weight in arcs:
+            L[listener][speaker] -= weight
+            L[listener][listener] += weight
+        found[f"L{ending[mode]}"] = tuple(map(tuple, L))
     for mode, pencil in state_theorems(problem).lambdas.items():
         if isinstance(pencil.constant, SparseSymmetric) and not pencil.deviations:
-            found[_of_mode("Lambda", mode, problem)] = pencil.constant.to_dense()
+            found[f"Lambda{ending[mode]}"] = pencil.constant.to_dense()
     return found
-
-
-def numpy_matrices(found: Mapping[str, Matrix]) -> dict[str, NDArray[np.float64]]:
-    """The same as float64 arrays."""
-    return {name: to_float(each) for name, each in found.items()}
 
 
 def sympy_matrices(found: Mapping[str, Matrix], problem: Problem) -> dict[str, Any]:
@@ -72,11 +80,9 @@ def sympy_matrices(found: Mapping[str, Matrix], problem: Problem) -> dict[str, A
 
     from dobc_design.model.model import to_sympy
 
-    def rational(value: Fraction) -> Any:
-        return sympy.Rational(value.numerator, value.denominator)
-
     result: dict[str, Any] = {
-        name: sympy.Matrix([[rational(x) for x in row] for row in each]) for name, each in found.items()
+        name: sympy.Matrix([[sympy.Rational(x.numerator, x.denominator) for x in row] for row in each])
+        for name, each in found.items()
     }
     result["h"] = sympy.Matrix([to_sympy(each)[0] for each in problem.coupling.components])
     return result
@@ -87,7 +93,9 @@ def latex_of(found: Mapping[str, Matrix], problem: Problem) -> str:
 
     Rationals of more than 12 digits are rounded to four.
     """
-    lines = [_coupling(problem.coupling)]
+    h = problem.coupling.latex
+    column = h[0] if problem.coupling.by_component else r"\begin{pmatrix} " + r" \\ ".join(h) + r" \end{pmatrix}"
+    lines = [f"h(y) = {column}"]
     for name, each in found.items():
         head, _, mode = name.partition("_")
         shown = _LATEX_NAMES.get(head, head) + (rf"_{{{latex_text(mode)}}}" if mode else "")
@@ -95,34 +103,6 @@ def latex_of(found: Mapping[str, Matrix], problem: Problem) -> str:
         size = rf" \in \mathbb{{R}}^{{{len(each)} \times {len(each[0])}}}"
         lines.append(shown + (size if entries is None else f" = {entries}"))
     return "\n".join(f"\\[ {line} \\]" for line in lines) + "\n"
-
-
-def _coupling(coupling: Coupling) -> str:
-    if coupling.by_component:
-        return f"h(y) = {coupling.latex[0]}"
-    return r"h(y) = \begin{pmatrix} " + r" \\ ".join(coupling.latex) + r" \end{pmatrix}"
-
-
-def _of_mode(name: str, mode: str, problem: Problem) -> str:
-    return name if len(problem.network.modes) == 1 else f"{name}_{mode}"
-
-
-def _pins(problem: Problem) -> Matrix:
-    m = problem.m
-    rows = [[Fraction(0)] * (problem.n * m) for _ in range(problem.n * m)]
-    for agent, gain in problem.pinning.gains.items():
-        for c in range(m):
-            for d in range(m):
-                rows[agent * m + c][agent * m + d] = gain[c][d]
-    return tuple(map(tuple, rows))
-
-
-def _laplacian(arcs: Arcs, n: int) -> Matrix:
-    rows = [[Fraction(0)] * n for _ in range(n)]
-    for listener, speaker, weight in arcs:
-        rows[listener][speaker] -= weight
-        rows[listener][listener] += weight
-    return tuple(map(tuple, rows))
 
 
 MOST_AGENTS = 2000  # L is dense
@@ -136,18 +116,11 @@ def mat_bytes(problem: Problem) -> bytes:
     from scipy.io import savemat
 
     if problem.exceptions:
-        raise SpecError(
-            "a .mat file has no place for arcs with a coupling of their own; this problem has"
-            f" {len(problem.exceptions)}.",
-            key="to_mat",
-            cure="Write the problem file instead.",
-        )
+        message = f"a .mat file has no place for the {len(problem.exceptions)} arcs with a coupling of their own."
+        raise SpecError(message, key="to_mat", cure="Write the problem file instead.")
     if problem.n > MOST_AGENTS:
-        raise SpecError(
-            f"L is written for at most {MOST_AGENTS} agents; the problem has {problem.n}.",
-            key="to_mat",
-            cure="Write the problem file instead.",
-        )
+        message = f"L is written for at most {MOST_AGENTS} agents; the problem has {problem.n}."
+        raise SpecError(message, key="to_mat", cure="Write the problem file instead.")
     stream = io.BytesIO()
     savemat(stream, _variables(problem), do_compression=True)
     return stream.getvalue()
@@ -186,3 +159,124 @@ def _cells(texts: tuple[str, ...]) -> Any:
     cells = np.empty((len(texts), 1), dtype=object)
     cells[:, 0] = texts
     return cells
+
+
+MOST_SDPA_ROWS = 4000
+DEFAULT = Fraction(100)  # rho and r where no pair is known
+ROOM = 2  # rho and r beyond what a proved pair needs
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Normalisation:
+    """I <= P <= ratio I and |Q| <= radius (Frobenius); ``why`` says where they come from."""
+
+    ratio: Fraction
+    radius: Fraction
+    why: str
+
+
+def sdpa_text(problem: Problem, *, pair: tuple[Matrix, Matrix] | None = None, verdict: Verdict | None = None) -> str:
+    """The file's text.  ``pair``: a proved (P, Q); ``verdict``: what was decided exactly, for the file's first lines.
+
+    Raises: SpecError where the theorems say nothing (couplings that are not C1), and above 4000 rows.
+    """
+    rows = problem.n * (problem.m + problem.q) * len(problem.network.modes)
+    if rows > MOST_SDPA_ROWS:
+        raise _too_large(rows, "rows")
+    statements = state_theorems(problem)
+    if statements.inapplicable is not None:
+        message = f"there is no linear matrix inequality to write: {statements.inapplicable}"
+        cure = "The max-separable certificate has linear rows instead: see `dobc certify`."
+        raise SpecError(message, key="--sdpa", cure=cure)
+    if any(not isinstance(each.constant, SparseSymmetric) for each in statements.lambdas.values()):
+        raise _too_large(len(problem.network.labels), "agents with so many arcs")
+    pencils = tuple(statements.lambdas.values()) if problem.exosystem is None else statements.psi()
+    limits = normalisation(pair)
+    places = [place for unknown in pencils[0].unknowns for place in unknown.places()]
+    blocks = list(_blocks(pencils, limits, places))
+    lines = [f'"{line}' for line in _remarks(problem, statements, limits, verdict)]
+    lines += [f"{len(places) + 1}", f"{len(blocks)}", " ".join(str(size) for size, _ in blocks)]
+    lines.append(" ".join(["0.0"] * len(places) + ["1.0"]))
+    for number, (_, entries) in enumerate(blocks, start=1):
+        for (variable, i, j), value in sorted(entries.items()):
+            if value:
+                lines.append(f"{variable} {number} {i + 1} {j + 1} {float(value)!r}")
+    return "\n".join([*lines, ""])
+
+
+def _too_large(count: int, what: str) -> SpecError:
+    limit = f"a file of at most {MOST_SDPA_ROWS} rows is written, because no SDP solver takes more"
+    cure = "`dobc certify` decides large networks without an SDP."
+    return SpecError(f"{limit}; this has {count} {what}.", key="--sdpa", cure=cure)
+
+
+def normalisation(pair: tuple[Matrix, Matrix] | None) -> Normalisation:
+    """Bounds that leave room for a pair, scaled up until P >= I; a hundred without one."""
+    if pair is not None:
+        P, Q = (to_float(each) for each in pair)
+        with np.errstate(all="ignore"):
+            eigenvalues = np.linalg.eigvalsh(P)
+            scale = max(1.0, 1.0 / float(eigenvalues[0])) if eigenvalues[0] > 0 else math.inf
+            ratio, radius = ROOM * scale * float(eigenvalues[-1]), ROOM * scale * float(np.linalg.norm(Q))
+        if math.isfinite(ratio) and math.isfinite(radius):
+            return Normalisation(ratio=_above(ratio), radius=_above(radius), why="twice what the proved pair needs")
+    return Normalisation(ratio=DEFAULT, radius=DEFAULT, why="chosen; no pair is known")
+
+
+def _above(value: float) -> Fraction:
+    """A power of ten or twice or five times one, not below ``value``."""
+    exponent = math.floor(math.log10(max(value, 1.0)))
+    return next(
+        bound
+        for factor in (1, 2, 5, 10, 20)
+        if (bound := factor * Fraction(10) ** exponent) >= Fraction(max(value, 1.0))
+    )
+
+
+Entries = dict[tuple[int, int, int], Fraction]  # number of F, row, column (upper triangle)
+
+
+def _blocks(pencils: tuple[Pencil, ...], limits: Normalisation, places: list[Place]) -> Iterator[tuple[int, Entries]]:
+    """Size and entries of every block; F_0 has the number 0."""
+    last = len(places) + 1
+    for pencil in pencils:
+        entries = _negated(pencil, places)
+        entries |= {(last, i, i): Fraction(1) for i in range(pencil.size)}
+        yield pencil.size, entries
+    if not pencils[0].unknowns:
+        return
+    P = pencils[0].unknowns[0]
+    for pencil in (positive(P, floor=Fraction(1)), below(P, ceiling=limits.ratio)):
+        yield pencil.size, _negated(pencil, places)
+    gains = [number for number, place in enumerate(places, start=1) if place[0] == "Q"]
+    size = len(gains) + 1
+    ball: Entries = {(0, i, i): -limits.radius for i in range(size)}
+    ball |= {(number, 0, k): Fraction(1) for k, number in enumerate(gains, start=1)}
+    yield size, ball
+
+
+def _negated(pencil: Pencil, places: list[Place]) -> Entries:
+    """-F(x) >= 0 of a pencil F(x) <= 0: F_0 is its constant, every F_k minus its coefficient."""
+    constant = pencil.constant
+    entries = {(0, i, j): x for (i, j), x in constant.entries.items()} if isinstance(constant, SparseSymmetric) else {}
+    for number, place in enumerate(places, start=1):
+        coefficient = pencil.coefficients.get(place, SparseSymmetric(pencil.size, {}))
+        entries |= {(number, i, j): -value for (i, j), value in coefficient.entries.items()}
+    return entries
+
+
+def _remarks(problem: Problem, statements: Statements, limits: Normalisation, verdict: Verdict | None) -> Iterator[str]:
+    modes = len(problem.network.modes)
+    name = "Lemma 1" if problem.exosystem is None else "Theorem 1" if modes == 1 else "Theorem 2"
+    title = "".join(each if 32 <= ord(each) < 127 and each != '"' else "?" for each in problem.name)
+    yield f"{title}: {name} ({statements.domain}), written by dobc_design {__version__}"
+    if problem.exosystem is None:
+        yield "minimise t subject to Lambda(J) <= t I in every mode; holds iff t* < 0"
+    else:
+        yield "minimise t subject to Psi(J) <= t I in every mode, I <= P <= rho I, |Q| <= r; x = P (upper), Q, t"
+        yield f"rho = {float(limits.ratio):g}, r = {float(limits.radius):g} ({limits.why})"
+        yield "t* < 0 proposes a pair (P, Q); t* >= 0 alone says nothing, because rho and r bound the search"
+    if any(each.deviations for each in statements.lambdas.values()):
+        yield "slopes of the coupling are irrational: midpoints of their enclosures stand here"
+    if verdict is not None:
+        yield f"decided exactly by dobc_design: {verdict.value}"

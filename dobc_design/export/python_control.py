@@ -93,16 +93,10 @@ def _system(problem: Problem, loop: Loop, field_at: Callable[[float], Field]) ->
 
 def exosystem_of(loop: Loop) -> Any:
     """(12) of one agent as control.StateSpace: output d_i; the input is a dummy that does nothing."""
-    return control.ss(
-        loop.A,
-        np.zeros((loop.q, 1)),
-        loop.C,
-        np.zeros((loop.m, 1)),
-        name="exosystem",
-        states=[f"xi[{k + 1}]" for k in range(loop.q)],
-        inputs=["none"],
-        outputs=[f"d[{c + 1}]" for c in range(loop.m)],
-    )
+    states, outputs = ([f"{letter}[{k + 1}]" for k in range(size)] for letter, size in (("xi", loop.q), ("d", loop.m)))
+    nothing = np.zeros((loop.q, 1)), np.zeros((loop.m, 1))
+    names = {"name": "exosystem", "states": states, "inputs": ["none"], "outputs": outputs}
+    return control.ss(loop.A, nothing[0], loop.C, nothing[1], **names)
 
 
 def observer_of(loop: Loop) -> Any:
@@ -111,20 +105,11 @@ def observer_of(loop: Loop) -> Any:
     B = np.hstack([F @ loop.W, -loop.W])
     D = np.hstack([loop.C @ loop.W, np.zeros((m, m))])
     inputs = [f"{name}[{c + 1}]" for name in ("x", "v") for c in range(m)]
-    return control.ss(
-        F,
-        B,
-        loop.C,
-        D,
-        name="observer",
-        states=[f"z[{k + 1}]" for k in range(loop.q)],
-        inputs=inputs,
-        outputs=[f"dhat[{c + 1}]" for c in range(m)],
-    )
+    states, outputs = [f"z[{k + 1}]" for k in range(loop.q)], [f"dhat[{c + 1}]" for c in range(m)]
+    return control.ss(F, B, loop.C, D, name="observer", states=states, inputs=inputs, outputs=outputs)
 
 
 def _names(letter: str, n: int, width: int) -> list[str]:
     """Signals agent by agent, counted from 1: x[3], or x[3,2] with several components."""
-    if width == 1:
-        return [f"{letter}[{i + 1}]" for i in range(n)]
-    return [f"{letter}[{i + 1},{c + 1}]" for i in range(n) for c in range(width)]
+    endings = [f",{c + 1}" for c in range(width)] if width > 1 else [""] * width
+    return [f"{letter}[{i + 1}{ending}]" for i in range(n) for ending in endings]

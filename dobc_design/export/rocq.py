@@ -1,20 +1,17 @@
 """A certificate's Theorem 1, 2 or Lemma 1 as a file that the kernel of Coq checks.
 
-The file states the problem in rationals, builds Psi from it inside Coq, and proves x' Psi x < 0 for every
-vector x other than 0, rational or real, from Psi = -L D L' multiplied out by the kernel.  It needs nothing
-but Coq's standard library: ``coqc FILE.v``.  Nothing is taken from a solver, and nothing here is trusted:
-a wrong number makes a file that Coq refuses.  What Coq does not see is h: the slopes h'(0) enter as numbers.
+The file states the problem in rationals, builds Psi from it inside Coq, and proves x' Psi x < 0 for every x other than
+0, rational or real, from Psi = -L D L' multiplied out by the kernel; it needs Coq's standard library alone.
+Nothing here is trusted: a wrong number makes a file that Coq refuses.  Coq does not see h: h'(0) enter as numbers.
 """
 
 from __future__ import annotations
 
 import heapq
 import textwrap
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from fractions import Fraction
-from functools import cache
-from importlib.resources import files
 
 from dobc_design.certificate.certificate import Certificate
 from dobc_design.conditions.consensus.claim import Jacobians, ModeJacobian, Statements, state_theorems
@@ -23,30 +20,19 @@ from dobc_design.conditions.numbers import claimed
 from dobc_design.errors import SpecError
 from dobc_design.exact.matrix import Matrix, multiply
 from dobc_design.exact.symmetric import SparseSymmetric
+from dobc_design.export.c_text import template
 from dobc_design.problem.canonical import problem_sha256
-from dobc_design.problem.exosystems import Exosystem
-from dobc_design.problem.problem import Problem
 from dobc_design.verdict import Verdict
 
 WIDTH = 110  # characters of a line, where numbers allow it
 
 
-@cache
-def theory(name: str) -> str:
-    """A part of templates/theory.v: what does not depend on the problem, written for Coq 8.16's standard library."""
-    text = (files("dobc_design.export") / "templates" / "theory.v").read_text("utf-8")
-    return text.partition(f"(*** {name} ***)\n")[2].partition("(*** ")[0].rstrip("\n") + "\n"
-
-
-def section(title: str) -> str:
-    """A heading between the parts of a file."""
-    return f"\n(* ---- {title} ---- *)\n"
-
-
 def comment(*paragraphs: str) -> str:
     """A comment, whatever the text: it can neither end the comment nor open a comment or string in it."""
-    lines = [line for text in paragraphs for line in textwrap.wrap(_harmless(text), WIDTH - 6)]
-    return "\n(* " + "\n   ".join(lines) + " *)"
+    harmless = (text.replace('"', "'").replace("(*", "( *").replace("*)", "* )") for text in paragraphs)
+    plain = (text.encode("ascii", "backslashreplace").decode("ascii") for text in harmless)
+    lines = [line for text in plain for line in textwrap.wrap(text, WIDTH - 6)]
+    return "(* " + "\n   ".join(lines) + " *)"
 
 
 def number(x: Fraction) -> str:
@@ -79,11 +65,6 @@ def square_list(squares: Iterable[Square]) -> str:
         terms = [f"Term {i} {number(x)}" for i, x in each.others.items()]
         items.append(f"Square {number(each.weight)} {each.pivot}" + ("\n  " + wrapped_list(terms) if terms else " []"))
     return "  [" + ";\n   ".join(items) + "]"
-
-
-def _harmless(text: str) -> str:
-    text = text.replace('"', "'").replace("(*", "( *").replace("*)", "* )")
-    return text.encode("ascii", "backslashreplace").decode("ascii")
 
 
 @dataclass(frozen=True, slots=True)
@@ -146,61 +127,85 @@ LARGEST_WORK = 10**10
 Factors = tuple[Square, ...]
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class PairClaim:
-    """The part of a claim that the observer adds: its matrices, and P = LDL'."""
+def rocq_proof(certificate: Certificate, *, rate: bool = False) -> str:
+    """Return the text of a Coq file that proves the certificate's theorem.
 
-    exosystem: Exosystem
-    W: Matrix
-    P: Matrix
-    Q: Matrix
-    P_factors: Factors
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class RocqClaim:
-    """Psi < 0 in every mode, and with a rate also Psi + 2 rate V < 0; each by the LDL' of its negative.
-
-    ``factors`` and ``rate_factors`` go by the name of the mode; the latter is empty without a rate.
-    Without a ``pair`` Psi is Lambda.
+    With an exosystem: theorem1 or theorem2, with the certificate's P and Q = P W, for all modes.  Without:
+    lemma1 of every mode.  ``rate`` adds the claimed decay rate.  The same certificate gives the same text.
+    Raises: SpecError if that is not proved in the certificate, if a slope h'(0) is irrational, if the
+    problem is too large for Coq, or if the numbers in the certificate do not prove what it claims.
+    Source: theory, sections 2 and 3.  Tested with Coq 8.16.
     """
-
-    id: str
-    problem: Problem
-    jacobians: Jacobians
-    pair: PairClaim | None
-    rate: Fraction | None
-    factors: dict[str, Factors]
-    rate_factors: dict[str, Factors]
-
-
-def read_claim(certificate: Certificate, *, rate: bool) -> RocqClaim:
-    """Read what the certificate proves, and factor its matrices.
-
-    Raises: SpecError if nothing is proved, if it cannot be stated in rationals or is too large, or if the
-    numbers in the certificate do not prove what it claims.
-    """
-    problem = certificate.problem
-    if certificate.claims.problem_sha256 != problem_sha256(problem):
-        raise SpecError(
-            "the certificate is about another problem: its hash differs.",
-            key="problem_sha256",
-            cure="Give the problem it was made for.",
-        )
+    problem, claims = certificate.problem, certificate.claims
+    if claims.problem_sha256 != problem_sha256(problem):
+        message = "the certificate is about another problem: its hash differs."
+        raise SpecError(message, key="problem_sha256", cure="Give the problem it was made for.")
     id = _proved_id(certificate)
     statements = state_theorems(problem)
     jacobians = _rational_jacobians(statements)
-    pair = None if problem.exosystem is None else _pair(certificate, problem.exosystem)
+    W, P, Q, exosystem = claims.W, claims.P, claims.Q, problem.exosystem
+    pair, matrices = None, dict[str, Matrix]()
+    P_squares: Factors = ()
+    if exosystem is not None:
+        if W is None or P is None or Q is None or multiply(P, W) != Q:
+            raise _unsound("the certificate must hold W, P and Q with Q = P W.")
+        pair, matrices = {"P": P, "Q": Q}, {"A": exosystem.A, "C": exosystem.C, "W": W, "P": P, "Qm": Q}
+        P_squares = _factored(SparseSymmetric.from_dense(P, name="P"), "P")
     claimed_rate = _rate(certificate, id) if rate else None
-    return RocqClaim(
+    factors = _factors(statements, pair, Fraction(0))
+    rate_factors = factors if claimed_rate is None else _factors(statements, pair, claimed_rate)
+    slopes = dict.fromkeys(_slope(mode, kind) for mode in jacobians.modes for kind in range(len(mode.gains)))
+    slopes = {slope: f"slope_{place}" for place, slope in enumerate(slopes, start=1)}
+    modes = [
+        {
+            "name": mode.name,
+            "arcs": [
+                f"Arc {listener} {speaker} {slopes[_slope(mode, kind)]}"
+                for (listener, speaker, _), kind in zip(mode.arcs, mode.kind.tolist(), strict=True)
+            ],
+            "squares": factors[mode.name],
+            "rate_squares": rate_factors[mode.name],
+        }
+        for mode in jacobians.modes
+    ]
+    gains = {gain: f"gain_{place}" for place, gain in enumerate(dict.fromkeys(problem.pinning.gains.values()), start=1)}
+    return template("theorem.v.j2").render(
+        head=_head(certificate, KINDS[id].short),
         id=id,
+        title=KINDS[id].short,
         problem=problem,
-        jacobians=jacobians,
-        pair=pair,
+        agents=", ".join(f"{i} is {label}" for i, label in enumerate(problem.network.labels)),
+        couplings=", and ".join("; ".join(coupling.texts) for coupling in problem.couplings),
+        slopes=slopes,
+        modes=modes,
+        gains=gains,
+        pins=[f"Pin {agent} {gains[gain]}" for agent, gain in problem.pinning.gains.items()],
+        pair=matrices,
+        P_squares=P_squares,
         rate=claimed_rate,
-        factors=_factors(statements, pair, Fraction(0)),
-        rate_factors={} if claimed_rate is None else _factors(statements, pair, claimed_rate),
+        **{each.__name__: each for each in (comment, number, matrix, wrapped_list, square_list)},
     )
+
+
+def _head(certificate: Certificate, title: str) -> str:
+    problem, claims = certificate.problem, certificate.claims
+    modes = len(problem.network.modes)
+    linear = "" if problem.is_linear else ", linearised at the consensus"
+    return comment(
+        f"{title} for the problem {problem.name}, to be checked by Coq.",
+        f"Claim: Psi is negative definite{'' if modes == 1 else f' in each of the {modes} modes'}, and so V = e'e"
+        + ("" if problem.exosystem is None else " + sum over i of eps_i' P eps_i")
+        + f" decreases along the closed loop{linear}.",
+        "Check it by: coqc FILE.v (standard library only; tested with Coq 8.16).",
+        "What is proved stands in parts 1, 2 and 5; parts 3 and 4 are proofs, which only Coq has to read. Coq does not"
+        " see the coupling h: its slopes h'(0) stand in part 2 as numbers.",
+        f"Made by dobc_design {claims.version}. SHA-256 of the problem: {claims.problem_sha256}.",
+        *(f"Note: {note}" for note in problem.notes),
+    )
+
+
+def _slope(mode: ModeJacobian, kind: int) -> Matrix:
+    return tuple(tuple(entry.lo for entry in row) for row in mode.gains[kind])
 
 
 def _proved_id(certificate: Certificate) -> str:
@@ -215,11 +220,8 @@ def _proved_id(certificate: Certificate) -> str:
         if verdict is not Verdict.PROVED:
             title = id if mode is None else f"{id} ({mode})"
             said = "missing" if verdict is None else verdict.value
-            raise SpecError(
-                f"only a proved theorem can be exported; {title} is {said} in this certificate.",
-                key="checks",
-                cure="Certify a problem for which it is proved.",
-            )
+            message = f"only a proved theorem can be exported; {title} is {said} in this certificate."
+            raise SpecError(message, key="checks", cure="Certify a problem for which it is proved.")
     return id
 
 
@@ -227,37 +229,22 @@ def _rational_jacobians(statements: Statements) -> Jacobians:
     problem, jacobians = statements.problem, statements.jacobians
     size = problem.n * (problem.m + problem.q)
     if size > LARGEST_SIZE:
-        raise _too_large(
-            f"Psi must have at most {LARGEST_SIZE} rows, so that Coq ends within a quarter of an hour; it has {size}."
-        )
+        limit = f"at most {LARGEST_SIZE} rows, so that Coq ends within a quarter of an hour"
+        raise _too_large(f"Psi must have {limit}; it has {size}.")
     if jacobians is None:
-        raise SpecError(
-            f"the theorem cannot be exported: {statements.inapplicable}",
-            key="coupling.h",
-            cure="Check the certificate with `dobc verify`.",
-        )
+        cure = "Check the certificate with `dobc verify`."
+        raise SpecError(f"the theorem cannot be exported: {statements.inapplicable}", key="coupling.h", cure=cure)
     if not all(mode.is_point for mode in jacobians.modes):
         texts = next(
             each.texts
             for each in problem.couplings
             if not all(entry.is_point for row in each.jacobian_at_zero() for entry in row)
         )
-        raise SpecError(
-            f'coupling "{"; ".join(texts)}": its slope h\'(0) must be a rational number, because Coq is given Psi in'
-            " rationals; it is known as an interval only.",
-            key="coupling.h",
-            cure="Use a coupling with a rational slope at 0, or rely on `dobc verify`.",
-        )
+        name = f'coupling "{"; ".join(texts)}"'
+        why = "because Coq is given Psi in rationals; it is known as an interval only."
+        cure = "Use a coupling with a rational slope at 0, or rely on `dobc verify`."
+        raise SpecError(f"{name}: its slope h'(0) must be a rational number, {why}", key="coupling.h", cure=cure)
     return jacobians
-
-
-def _pair(certificate: Certificate, exosystem: Exosystem) -> PairClaim:
-    claims = certificate.claims
-    W, P, Q = claims.W, claims.P, claims.Q
-    if W is None or P is None or Q is None or multiply(P, W) != Q:
-        raise _unsound("the certificate must hold W, P and Q with Q = P W.")
-    factors = _factored(SparseSymmetric.from_dense(P, name="P"), "P")
-    return PairClaim(exosystem=exosystem, W=W, P=P, Q=Q, P_factors=factors)
 
 
 def _rate(certificate: Certificate, id: str) -> Fraction:
@@ -269,14 +256,14 @@ def _rate(certificate: Certificate, id: str) -> Fraction:
     return min(known)
 
 
-def _factors(statements: Statements, pair: PairClaim | None, rate: Fraction) -> dict[str, Factors]:
+def _factors(statements: Statements, pair: dict[str, Matrix] | None, rate: Fraction) -> dict[str, Factors]:
     """Mode -> LDL' of -(Psi + 2 rate V)."""
     constants = [each.constant for each in statements.lambdas.values()]
     matrices = [each.shifted(2 * rate) for each in constants if isinstance(each, SparseSymmetric)]
     if len(matrices) < len(constants):
         raise _too_large("Lambda of so large a network would take Coq hours.")
     if pair is not None:
-        matrices = [each.at({"P": pair.P, "Q": pair.Q}) for each in statements.psi(rate=rate)]
+        matrices = [each.at(pair) for each in statements.psi(rate=rate)]
     result = {
         mode: _factored(matrix.negated(), f"-Psi of mode {mode}")
         for mode, matrix in zip(statements.lambdas, matrices, strict=True)
@@ -297,13 +284,10 @@ def _work(factors: Factors) -> int:
     """How many bits have to be multiplied with how many to multiply L D L' out, roughly."""
     total = 0
     for each in factors:
-        longest = max(_bits(x) for x in (each.weight, *each.others.values()))
+        numbers = (each.weight, *each.others.values())
+        longest = max(x.numerator.bit_length() + x.denominator.bit_length() for x in numbers)
         total += (len(each.others) + 1) ** 2 * longest**2
     return total
-
-
-def _bits(x: Fraction) -> int:
-    return x.numerator.bit_length() + x.denominator.bit_length()
 
 
 def _too_large(message: str) -> SpecError:
@@ -312,191 +296,3 @@ def _too_large(message: str) -> SpecError:
 
 def _unsound(message: str) -> SpecError:
     return SpecError(message, key="observer", cure="Check the certificate with `dobc verify`, and make it again.")
-
-
-# The kernel computes, once, when it comes to Qed.
-COMPUTED = "Proof. vm_cast_no_check (eq_refl true). Qed."
-
-
-def rocq_proof(certificate: Certificate, *, rate: bool = False) -> str:
-    """Return the text of a Coq file that proves the certificate's theorem.
-
-    With an exosystem: theorem1 or theorem2, with the certificate's P and Q = P W, for all modes.  Without:
-    lemma1 of every mode.  ``rate`` adds the claimed decay rate.  The same certificate gives the same text.
-    Raises: SpecError if that is not proved in the certificate, if a slope h'(0) is irrational, if the
-    problem is too large for Coq, or if the numbers in the certificate do not prove what it claims.
-    Source: theory, sections 2 and 3.  Tested with Coq 8.16.
-    """
-    claim = read_claim(certificate, rate=rate)
-    parts = [
-        _head(certificate, claim),
-        section("1. What the words mean"),
-        theory("DEFINITIONS"),
-        section("2. The problem, and Psi"),
-        *_data(claim),
-        section("3. From L D L' to definiteness: proved once, for every matrix"),
-        theory("CHECKER"),
-        theory("OVER_Q"),
-        theory("OVER_R"),
-        section("4. The witnesses L and D, multiplied out by the kernel"),
-        *_witnesses(claim),
-        section(f"5. {KINDS[claim.id].short}"),
-        *_conclusions(claim),
-    ]
-    return "\n".join(part.strip("\n") + "\n" for part in parts)
-
-
-def _head(certificate: Certificate, claim: RocqClaim) -> str:
-    problem, claims = claim.problem, certificate.claims
-    modes = len(problem.network.modes)
-    linear = "" if problem.is_linear else ", linearised at the consensus"
-    return comment(
-        f"{KINDS[claim.id].short} for the problem {problem.name}, to be checked by Coq.",
-        f"Claim: Psi is negative definite{'' if modes == 1 else f' in each of the {modes} modes'}, and so V = e'e"
-        + ("" if claim.pair is None else " + sum over i of eps_i' P eps_i")
-        + f" decreases along the closed loop{linear}.",
-        "Check it by: coqc FILE.v (standard library only; tested with Coq 8.16).",
-        "What is proved stands in parts 1, 2 and 5; parts 3 and 4 are proofs, which only Coq has to read. Coq does not"
-        " see the coupling h: its slopes h'(0) stand in part 2 as numbers.",
-        f"Made by dobc_design {claims.version}. SHA-256 of the problem: {claims.problem_sha256}.",
-        *(f"Note: {note}" for note in problem.notes),
-    )
-
-
-def _data(claim: RocqClaim) -> Iterator[str]:
-    problem = claim.problem
-    agents = ", ".join(f"{i} is {label}" for i, label in enumerate(problem.network.labels))
-    yield comment(f"Agents by number and label: {agents}.")
-    yield f"Definition n : nat := {problem.n}. (* agents *)"
-    yield f"Definition m : nat := {problem.m}. (* state components of an agent *)"
-    yield from _arcs(problem, claim.jacobians)
-    yield from _pins(problem)
-    yield theory("NETWORK")
-    if claim.pair is None:
-        yield theory("ALONE")
-    else:
-        yield from _observer(claim.pair)
-    yield theory("DERIVATIVE")
-    if claim.rate is not None:
-        yield comment("The decay rate, in 1/s.")
-        yield f"Definition rate : Q := {number(claim.rate)}."
-        yield theory("RATE")
-
-
-def _arcs(problem: Problem, jacobians: Jacobians) -> Iterator[str]:
-    slopes = dict.fromkeys(_slope(mode, kind) for mode in jacobians.modes for kind in range(len(mode.gains)))
-    names = {slope: f"slope_{place}" for place, slope in enumerate(slopes, start=1)}
-    texts = ", and ".join("; ".join(coupling.texts) for coupling in problem.couplings)
-    yield comment(f"Slopes h'(0), weight of the arc included. The couplings h are {texts}.")
-    for slope, name in names.items():
-        yield f"Definition {name} := {matrix(slope)}."
-    for place, mode in enumerate(jacobians.modes, start=1):
-        arcs = [
-            f"Arc {listener} {speaker} {names[_slope(mode, kind)]}"
-            for (listener, speaker, _), kind in zip(mode.arcs, mode.kind.tolist(), strict=True)
-        ]
-        yield comment(f"Mode {mode.name}: Arc i j says that agent i listens to agent j.")
-        yield f"Definition arcs_{place} : list arc :=\n{wrapped_list(arcs)}."
-    modes = "; ".join(f"arcs_{place}" for place in range(1, len(jacobians.modes) + 1))
-    yield f"Definition modes : list (list arc) := [{modes}]."
-
-
-def _slope(mode: ModeJacobian, kind: int) -> Matrix:
-    return tuple(tuple(entry.lo for entry in row) for row in mode.gains[kind])
-
-
-def _pins(problem: Problem) -> Iterator[str]:
-    gains = dict.fromkeys(problem.pinning.gains.values())
-    names = {gain: f"gain_{place}" for place, gain in enumerate(gains, start=1)}
-    yield comment("Who is pinned, and how strongly; the others have the gain 0.")
-    for gain, name in names.items():
-        yield f"Definition {name} := {matrix(gain)}."
-    pins = [f"Pin {agent} {names[gain]}" for agent, gain in problem.pinning.gains.items()]
-    yield f"Definition pins : list pin :=\n{wrapped_list(pins)}."
-
-
-def _observer(pair: PairClaim) -> Iterator[str]:
-    yield comment("The disturbance d = C xi with xi' = A xi, the observer gain W, and the pair P, Q of the theorem.")
-    yield f"Definition q : nat := {pair.exosystem.order}. (* order of the exosystem *)"
-    named = {"A": pair.exosystem.A, "C": pair.exosystem.C, "W": pair.W, "P": pair.P, "Qm": pair.Q}
-    for name, value in named.items():
-        yield f"Definition {name} := {matrix(value)}."
-    yield theory("OBSERVER")
-
-
-def _witnesses(claim: RocqClaim) -> Iterator[str]:
-    for place, (mode, factors) in enumerate(claim.factors.items(), start=1):
-        yield comment(f"-Psi = L D L' in mode {mode}; and Psi = F' V + V F.")
-        yield from _witness("Psi", place, factors)
-        yield (
-            f"Lemma derivative_checked_{place} :"
-            f" check_derivative size (F arcs_{place}) V (Psi arcs_{place}) = true.\n{COMPUTED}"
-        )
-    for place, (mode, factors) in enumerate(claim.rate_factors.items(), start=1):
-        yield comment(f"-(Psi + 2 rate V) = L D L' in mode {mode}.")
-        yield from _witness("Psi_rate", place, factors)
-    if claim.pair is not None:
-        yield comment("P = L D L'; and Q = P W.")
-        yield f"Definition P_squares : list square :=\n{square_list(claim.pair.P_factors)}."
-        yield f"Lemma P_checked : check q P P_squares = true.\n{COMPUTED}"
-        yield (
-            "Lemma Q_checked : all_below q (fun i => all_below m (fun j =>\n"
-            f"  Qeq_bool (Qm i j) (sum q (fun k => P i k * W k j)))) = true.\n{COMPUTED}"
-        )
-
-
-def _witness(name: str, place: int, factors: Factors) -> Iterator[str]:
-    yield f"Definition {name}_squares_{place} : list square :=\n{square_list(factors)}."
-    yield (
-        f"Lemma {name}_checked_{place} :"
-        f" check size (fun i j => - {name} arcs_{place} i j) {name}_squares_{place} = true.\n{COMPUTED}"
-    )
-
-
-def _conclusions(claim: RocqClaim) -> Iterator[str]:
-    id, places = claim.id, range(1, len(claim.factors) + 1)
-    if claim.pair is not None:
-        yield from _pair_conclusions()
-    yield comment("x' Psi x < 0 for every rational vector x other than 0, in every mode.")
-    yield _theorem(id, "negative_definite size (Psi arcs)", [f"check_negative _ _ _ Psi_checked_{k}" for k in places])
-    yield comment("The same for vectors written as lists of rationals.")
-    yield (
-        f"Theorem {id}_lists : forall arcs, In arcs modes -> forall x : list Q,\n"
-        "  length x = size -> Exists (fun a => ~ a == 0) x -> form size (Psi arcs) (fun i => nth i x 0) < 0.\n"
-        f"Proof. intros arcs H. exact (negative_lists size _ ({id} arcs H)). Qed."
-    )
-    yield comment("The same for every real vector x other than 0.")
-    steps = [f"check_negative_R _ _ _ Psi_checked_{k}" for k in places]
-    yield _theorem(f"{id}_R", "negative_definite_R size (Psi arcs)", steps)
-    yield comment(
-        "What that means: Psi = F' V + V F, so along z' = F z the derivative of z' V z is negative for every real z"
-        " other than 0."
-    )
-    steps = [f"derivative_negative_R _ _ _ _ derivative_checked_{k} ({step})" for k, step in enumerate(steps, start=1)]
-    yield _theorem("V_decreases", "negative_definite_R size (derivative arcs)", steps)
-    if claim.rate is not None:
-        yield comment("Psi + 2 rate V < 0: the derivative of z' V z is below -2 rate z' V z for every real z but 0.")
-        steps = [f"check_negative_R _ _ _ Psi_rate_checked_{k}" for k in places]
-        yield _theorem("rate_holds", "negative_definite_R size (Psi_rate arcs)", steps)
-    yield comment("What the proofs assume: over the rationals nothing; over the reals the axioms of Coq's reals.")
-    yield f"Print Assumptions {id}.\nPrint Assumptions V_decreases."
-
-
-def _pair_conclusions() -> Iterator[str]:
-    yield comment("P > 0, over the rationals and over the reals, and Q = P W.")
-    yield "Theorem P_positive : positive_definite q P.\nProof. exact (check_positive _ _ _ P_checked). Qed."
-    yield "Theorem P_positive_R : positive_definite_R q P.\nProof. exact (check_positive_R _ _ _ P_checked). Qed."
-    yield (
-        "Theorem Q_is_P_W : forall i j, (i < q)%nat -> (j < m)%nat -> Qm i j == sum q (fun k => P i k * W k j).\n"
-        "Proof.\n  intros i j Hi Hj. apply Qeq_bool_iff.\n"
-        "  exact (all_below_spec m _ (all_below_spec q _ Q_checked i Hi) j Hj).\nQed."
-    )
-
-
-def _theorem(name: str, claim: str, steps: Sequence[str]) -> str:
-    """A statement about every mode, with the proof for each."""
-    proof = "".join(f"  apply Forall_cons; [exact ({step})|].\n" for step in steps)
-    return (
-        f"Theorem {name} : forall arcs, In arcs modes -> {claim}.\n"
-        f"Proof.\n  apply Forall_forall. unfold modes.\n{proof}  apply Forall_nil.\nQed."
-    )

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from fractions import Fraction
+from itertools import accumulate, repeat
 
 import numpy as np
 from numpy.typing import NDArray
@@ -129,17 +130,9 @@ def _bound(controller: Controller, recorded: Recorded, u: float) -> float:
     surprise = np.abs(np.diff(recorded.x, axis=0) / period - recorded.v[:-1] - recorded.dhat[:-1])
     local = mean + u * (steps / period + np.abs(recorded.v[:-1])) + (q + 2) * u * size[:-1]
     estimate = (q + m + 3) * u * (np.abs(recorded.xihat[:-1]) @ Ad.T + surprise @ L.T) + local @ L.T
-    carried = _powers(to_float(controller.Ad), len(steps)) @ np.max(estimate, axis=0, initial=0.0)
+    powers = accumulate(repeat(to_float(controller.Ad), len(steps) - 1), np.matmul, initial=np.eye(q))
+    carried = sum(map(np.abs, powers), np.zeros((q, q))) @ np.max(estimate, axis=0, initial=0.0)
     return float(np.max(held) + np.max(Cd @ carried))
-
-
-def _powers(Ad: Array, count: int) -> Array:
-    """The sum of |Ad^p| for p < count, (q, q)."""
-    total, power = np.zeros_like(Ad), np.eye(len(Ad))
-    for _ in range(count):
-        total += np.abs(power)
-        power = power @ Ad
-    return total
 
 
 def felt_with_error(controller: Controller, recorded: Recorded, e: Array, own: Array, u: float) -> tuple[Array, Array]:

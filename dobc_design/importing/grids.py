@@ -194,7 +194,11 @@ TABLES = ("bus", "line", "trafo", "trafo3w", "impedance", "switch", "gen", "ext_
 
 
 def from_pandapower(net: Any, *, name: str | None = None, gain: Any = 1) -> Problem:
-    """The consensus problem of a pandapower network; generators and external grids are pinned.  Raises: SpecError."""
+    """The consensus problem of a pandapower network: angles coupled by sines, generators pinned with ``gain`` (1/s).
+
+    ``name`` of the problem, by default that of the network.  Returns: a Problem whose notes say what was left out.
+    Raises: SpecError for what is no such network, and for what cannot be a positive susceptance.
+    """
     if not all(hasattr(net, table) for table in ("bus", "line", "ext_grid")):
         what = f"must be a pandapower network; got {type(net).__name__}."
         raise wrong("net", what, "Such as pandapower.networks.case14().")

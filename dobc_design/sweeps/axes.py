@@ -10,10 +10,9 @@ Draws: uniform(a, b), loguniform(a, b), normal(mean, deviation), integers(a, b),
 rounded to six significant digits, so that every case can be typed into a file.  Draw number k of an axis depends on
 the seed, the axis and k alone: every point of the grid sees the same draws, and more samples keep the first ones.
 
-A key is a path in a problem file: names between dots, in quotes where they hold other characters, and places of lists,
-from 0, in brackets: ``exosystem.A[0][1]``, ``pinning.gains."s 1"``.  A value is a number (3.2, 9/16), a list in
-brackets, an inline table in braces, text in quotes, the word none (the key is left out), or, failing all that, text as
-it stands: expressions need no quotes.  Every value has one text, and reading that text gives the value.
+A key is a path in a problem file: names between dots, places of lists, from 0, in brackets: ``exosystem.A[0][1]``,
+``pinning.gains."s 1"``.  A value is a number (3.2, 9/16), a list, an inline table, text in quotes, the word none (the
+key is left out), or text as it stands.  Every value has one text, and reading that text gives the value.
 """
 
 from __future__ import annotations
@@ -31,7 +30,7 @@ from typing import Any
 
 import numpy as np
 
-from dobc_design.errors import SpecError
+from dobc_design.errors import SpecError, about, raise_all
 from dobc_design.exact.number import number_text, parse_number
 from dobc_design.exact.reading import NumberText, is_list, shown
 from dobc_design.problem.changes import typed_number
@@ -105,27 +104,20 @@ def read_axes(over: Mapping[str, Any] | Sequence[str]) -> tuple[Axis, ...]:
     """
     given = list(over.items()) if isinstance(over, Mapping) else [split_axis(text) for text in over]
     if not given:
-        raise SpecError(
-            "nothing is varied: a sweep needs at least one KEY=VALUES.",
-            key="over",
-            cure="For example pinning.gains.1=1:5:9.",
-        )
+        cure = "For example pinning.gains.1=1:5:9."
+        raise SpecError("nothing is varied: a sweep needs at least one KEY=VALUES.", key="over", cure=cure)
     axes: list[Axis] = []
     errors: list[SpecError] = []
     for key, values in given:
         try:
             axes.append(_axis(key, values))
         except SpecError as error:
-            errors.extend(SpecError(f"{key}: {each.message}", key=key, cure=each.cure) for each in error.errors)
-    if errors:
-        raise SpecError.several(errors)
+            errors.extend(about(key, each.message, each.cure) for each in error.errors)
+    raise_all(errors)
     paths = [path for axis in axes for path in axis.keys]
     if any(path is not other and path == other[: len(path)] for path in paths for other in paths):
-        raise SpecError(
-            "two axes set the same place, and one would undo the other.",
-            key=axes[0].name,
-            cure="Put keys that go together on one side: KEY,KEY=VALUES.",
-        )
+        cure = "Put keys that go together on one side: KEY,KEY=VALUES."
+        raise SpecError("two axes set the same place, and one would undo the other.", key=axes[0].name, cure=cure)
     return tuple(axes)
 
 
@@ -133,11 +125,8 @@ def split_axis(text: str) -> tuple[str, str]:
     """Split "KEY=VALUES" at the first "=" outside quotes.  Raises: SpecError."""
     found = _ASSIGNED.fullmatch(text)
     if found is None:
-        raise SpecError(
-            f"what is varied must be given as KEY=VALUES; got {shown(text)}.",
-            key=text[:60],
-            cure="For example pinning.gains.1=1:5:9.",
-        )
+        cure = "For example pinning.gains.1=1:5:9."
+        raise SpecError(f"what is varied must be given as KEY=VALUES; got {shown(text)}.", key=text[:60], cure=cure)
     return found[1].strip(), found[2].strip()
 
 
@@ -163,40 +152,38 @@ def _axis(key: str, given: Any) -> Axis:
 def _listed(text: str) -> tuple[str, ...]:
     found = _RANGE.fullmatch(text.strip())
     if found is None:
-        values = tuple(split(text))
-        for value in values:
-            read_value(value)  # what cannot be read is said before anything runs
-        return values
+        return _readable(text)
     a, b = parse_number(found[1].strip(), key="start"), parse_number(found[2].strip(), key="end")
     count = int(found[3])
     if count < 2 or a == b or count > MOST_VALUES:
-        raise SpecError(
-            f"START:END:COUNT needs two different ends and a count from 2 to {MOST_VALUES}; got {shown(count)}.",
-            cure=_CURE,
-        )
+        message = f"START:END:COUNT needs two different ends and a count from 2 to {MOST_VALUES}; got {shown(count)}."
+        raise SpecError(message, cure=_CURE)
     if not found[4]:
         return tuple(exact_text(a + (b - a) * k / (count - 1)) for k in range(count))
     if a <= 0 or b <= 0:
-        raise SpecError(
-            "START:END:COUNT:log needs ends > 0, because ratios are even.", cure="For example 0.01:10:7:log."
-        )
+        cure = "For example 0.01:10:7:log."
+        raise SpecError("START:END:COUNT:log needs ends > 0, because ratios are even.", cure=cure)
     low, step = math.log(a), (math.log(b) - math.log(a)) / (count - 1)
     inner = (_rounded(math.exp(low + step * k)) for k in range(1, count - 1))
     return (exact_text(a), *inner, exact_text(b))
 
 
+def _readable(text: str) -> tuple[str, ...]:
+    """The values between commas; what cannot be read is said before anything runs."""
+    values = tuple(split(text))
+    for value in values:
+        read_value(value)
+    return values
+
+
 def _draw(kind: str, text: str) -> Draw:
+    if kind == "choice" and text.strip():
+        return Draw(kind=kind, arguments=_readable(text))
     arguments = tuple(split(text))
-    if kind == "choice" and arguments:
-        for each in arguments:
-            read_value(each)
-        return Draw(kind=kind, arguments=arguments)
     if kind not in KINDS or len(arguments) != 2:
-        raise SpecError(
-            f"a draw must be uniform(a,b), loguniform(a,b), normal(mean,deviation), integers(a,b) or choice(x,y,...);"
-            f" got {shown(f'{kind}({text})')}.",
-            cure="For example ~uniform(0.1,1).",
-        )
+        kinds = "uniform(a,b), loguniform(a,b), normal(mean,deviation), integers(a,b) or choice(x,y,...)"
+        message = f"a draw must be {kinds}; got {shown(f'{kind}({text})')}."
+        raise SpecError(message, cure="For example ~uniform(0.1,1).")
     a, b = (parse_number(each, key=f"~{kind}") for each in arguments)
     fits, rule = {
         "normal": (b > 0, "the second number must be > 0"),
@@ -214,17 +201,11 @@ def _rounded(value: float) -> str:
     return exact_text(parse_number(float(f"{value:.{DIGITS}g}"), key="values"))
 
 
-# ------------------------------------------------------------------------------------------ keys
-
-
 def read_keys(text: str) -> tuple[Path, ...]:
     """The key paths of an axis: one, or several that get the same value, separated by commas.  Raises: SpecError."""
     if len(text) > LONGEST or _KEYS.fullmatch(text) is None:
-        raise SpecError(
-            f"{shown(text)} is no key of a problem file: names between dots, places of lists in brackets.",
-            key=text[:60],
-            cure=_EXAMPLE,
-        )
+        message = f"{shown(text)} is no key of a problem file: names between dots, places of lists in brackets."
+        raise SpecError(message, key=text[:60], cure=_EXAMPLE)
     paths = tuple(tuple(_step(*step.groups()) for step in _STEP.finditer(path)) for path in re.findall(_PATH, text))
     if len(set(paths)) < len(paths):
         raise SpecError(f"{shown(text)} names a key twice.", key=text[:60], cure="Name each key once.")
@@ -302,9 +283,6 @@ def _require_place(inner: Any, path: Path, depth: int) -> None:
     raise SpecError(f"{path_text(path)}: {so_far} {problem}.", key=path_text(path), cure=cure)
 
 
-# ------------------------------------------------------------------------------------------ values
-
-
 def read_value(text: str) -> Any:
     """What a document holds for this text; None for the word none.  Raises: SpecError."""
     text = text.strip()
@@ -336,9 +314,8 @@ def value_text(value: Any) -> str:
     if isinstance(value, str):
         return value if _reads_back(value) else json.dumps(value, ensure_ascii=False)
     if isinstance(value, bool):
-        raise SpecError(
-            f"a value must be a number, text, list or table; got {value}.", key="values", cure="Use 0 or 1."
-        )
+        cure = "Use 0 or 1."
+        raise SpecError(f"a value must be a number, text, list or table; got {value}.", key="values", cure=cure)
     return exact_text(parse_number(value, key="values"))
 
 
@@ -363,9 +340,8 @@ def split(text: str) -> list[str]:
     """
     parts = [part.strip() for part in _parts(text)] if text.strip() else []
     if not all(parts):
-        raise SpecError(
-            f"a value is missing between commas in {shown(text)}.", key="values", cure="Drop the comma, or add it."
-        )
+        cure = "Drop the comma, or add it."
+        raise SpecError(f"a value is missing between commas in {shown(text)}.", key="values", cure=cure)
     return parts
 
 
@@ -390,9 +366,8 @@ def _parts(text: str) -> Iterator[str]:
 
 
 def _unbalanced(text: str) -> SpecError:
-    return SpecError(
-        f"a bracket or quote is left open, or closed too often, in {shown(text)}.", key="values", cure="Close it."
-    )
+    message = f"a bracket or quote is left open, or closed too often, in {shown(text)}."
+    return SpecError(message, key="values", cure="Close it.")
 
 
 def _in_table(value: Any) -> str:

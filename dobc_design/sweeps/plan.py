@@ -1,8 +1,7 @@
 """A sweep before anything runs: the base problem, the axes, the task; and every case, by its number.
 
-A plan is a value: the same problem, axes, task, seed and version of the toolbox give the same cases in the same order,
-and ``sha256`` names them all.  Every case is one change of the base document, read by the reader of problem files, so
-that it means what the same change in a file would mean.
+The same problem, axes, task, seed and version of the toolbox give the same cases in the same order, and ``sha256``
+names them all.  Every case is one change of the base document, read by the reader of problem files.
 """
 
 from __future__ import annotations
@@ -74,9 +73,8 @@ class Task:
 
     def __post_init__(self) -> None:
         if self.kind not in COLUMNS:
-            raise SpecError(
-                f"task must be one of {', '.join(COLUMNS)}; got {shown(self.kind)}.", key="task", cure="Choose one."
-            )
+            cure = "Choose one."
+            raise SpecError(f"task must be one of {', '.join(COLUMNS)}; got {shown(self.kind)}.", key="task", cure=cure)
         require_whole("runs", self.runs, least=1)
         if self.kind == "certify" and self.runs != 1:
             raise SpecError("runs is for simulations; a proof is made once.", key="runs", cure='Take task="simulate".')
@@ -107,17 +105,10 @@ class Task:
         from dobc_design.simulation.runs import simulate
 
         summary = simulate(problem, runs=None if self.runs == 1 else self.runs).summary()
-        error, settling, rate = summary["final_error"], summary["settling_time"], summary["decay_rate"]
-        return {
-            "diverged": summary["diverged"],
-            "diverged_runs": summary["diverged_runs"],
-            "final_error": error["median"],
-            "final_error_max": error["max"],
-            "settling_time": settling["median"],
-            "settling_time_max": settling["max"],
-            "decay_rate": rate["median"],
-            "decay_rate_min": rate["min"],
-        }
+        found = {name: summary[name] for name in ("diverged", "diverged_runs")}
+        for name, extreme in (("final_error", "max"), ("settling_time", "max"), ("decay_rate", "min")):
+            found |= {name: summary[name]["median"], f"{name}_{extreme}": summary[name][extreme]}
+        return found
 
 
 def _facts(certificate: Certificate) -> dict[str, Any]:
@@ -215,15 +206,11 @@ def make_plan(
     axes = read_axes(over)
     drawn = [axis.name for axis in axes if axis.draw is not None]
     if drawn and samples is None:
-        raise SpecError(
-            f"samples must say how many times {drawn[0]} is drawn.", key="samples", cure="For example --samples 100."
-        )
+        cure = "For example --samples 100."
+        raise SpecError(f"samples must say how many times {drawn[0]} is drawn.", key="samples", cure=cure)
     if not drawn and samples is not None:
-        raise SpecError(
-            "samples must be left out when nothing is drawn; the grid is gone through once.",
-            key="samples",
-            cure="Draw a key, such as KEY=~uniform(0,1), or leave samples out.",
-        )
+        message = "samples must be left out when nothing is drawn; the grid is gone through once."
+        raise SpecError(message, key="samples", cure="Draw a key, such as KEY=~uniform(0,1), or leave samples out.")
     samples = 1 if samples is None else samples
     require_whole("samples", samples, least=1)
     require_whole("seed", seed, least=0)
@@ -239,11 +226,8 @@ def make_plan(
         task=task,
     )
     if len(plan) > MOST_CASES:
-        raise SpecError(
-            f"a sweep may have at most {MOST_CASES} cases; these axes give {len(plan)}.",
-            key="over",
-            cure="Take fewer values, or split it into several sweeps.",
-        )
+        message = f"a sweep may have at most {MOST_CASES} cases; these axes give {len(plan)}."
+        raise SpecError(message, key="over", cure="Take fewer values, or split it into several sweeps.")
     return plan
 
 

@@ -1,6 +1,9 @@
-"""What a sweep found: one row per case, with what the task gave or the error it ended with; its tables and figures.
+"""What a sweep found: the journal, in which every case is a line, and the result with its tables and figures.
 
-CSV and JSON lines need the standard library alone; Parquet and ``frame`` need pandas (dobc_design[store]).
+The folder of a journal holds sweep.json (what is swept) and results.jsonl, to which a line of JSON is appended per
+finished case, on the disk before the next one is counted.  A torn last line is cut off and its case is done again, as
+for lines that cannot be read or belong to no case.  One process at a time works on a folder.  CSV and JSON lines need
+the standard library alone; Parquet and ``frame`` need pandas (dobc_design[store]).
 """
 
 from __future__ import annotations
@@ -9,21 +12,21 @@ import csv
 import io
 import json
 import math
+import os
 from collections import Counter
 from dataclasses import dataclass
 from os import PathLike
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import IO, TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from dobc_design._show.cards import MOST_ROWS, Card, Shown
-from dobc_design.certificate.files import write_atomically
-from dobc_design.errors import SpecError
+from dobc_design.certificate.files import make_folder, write_atomically
+from dobc_design.errors import CertificateError, SpecError
 from dobc_design.exact.reading import shown
 from dobc_design.sweeps.axes import number_of
-from dobc_design.sweeps.journal import Outcome
 from dobc_design.sweeps.plan import Plan
 
 if TYPE_CHECKING:
@@ -32,9 +35,135 @@ if TYPE_CHECKING:
     from dobc_design.plotting.sheet import Sheet
     from dobc_design.plotting.sweeps import Places
 
+Outcome = dict[str, Any]  # a line: what is kept of a case
+HEAD, LINES = "sweep.json", "results.jsonl"
+FIELDS = {"case", "id", "values", "result", "error", "seconds"}
+TIME = "time"  # kind of error of a case that was given up
 OUTCOMES = ("proved", "refuted", "undecided", "converged", "diverged", "failed")
 DRAWN = {"certify": "rate", "simulate": "settling_time"}  # the column of a figure, if none is named
 DTYPES = {"text": "string", "number": "float64", "truth": "boolean", "count": "Int64"}  # of pandas
+
+
+class Journal:
+    """An open journal; ``done`` holds the lines of cases by number, those from earlier runs included.
+
+    Use it as a context: the folder is locked until it is left; without a folder nothing is written.
+    Raises: SpecError for a folder of another sweep, or one at which another process is at work; CertificateError when
+    the machine refuses.
+    """
+
+    def __init__(self, folder: Path | None, plan: Plan, *, anew: bool = False) -> None:
+        self.folder, self.plan = folder, plan
+        self.done: dict[int, Outcome] = {}
+        self.stream: IO[bytes] | None = None
+        if folder is None:
+            return
+        make_folder(folder)
+        if not anew:
+            _require_same(folder, plan)
+        try:
+            self.stream = open(folder / LINES, "ab+")  # noqa: SIM115 - closed by __exit__
+            _lock(self.stream, folder)
+            if anew:
+                self.stream.truncate(0)
+            head = json.dumps(plan.document | {"sha256": plan.sha256}, indent=2, ensure_ascii=False)
+            write_atomically(folder / HEAD, f"{head}\n".encode())
+            self.stream.seek(0)
+            data = self.stream.read()
+            whole = data.rfind(b"\n") + 1
+            if whole < len(data):
+                self.stream.truncate(whole)
+            self._read(data[:whole])
+        except OSError as error:
+            self.__exit__()
+            raise self._refused(error) from error
+        except SpecError:
+            self.__exit__()
+            raise
+
+    def _read(self, data: bytes) -> None:
+        """Take the lines that belong to cases of the plan; of several for a case the first that was not given up."""
+        for text in data.split(b"\n"):
+            try:
+                line = json.loads(text.decode("utf-8"))
+            except (ValueError, RecursionError):
+                continue
+            if not isinstance(line, dict) or set(line) != FIELDS or type(line["case"]) is not int:
+                continue
+            case = line["case"]
+            if not 0 <= case < len(self.plan) or line["values"] != list(self.plan.values(case)):
+                continue
+            if case not in self.done or to_be_done_again(self.done[case], None):
+                self.done[case] = line
+
+    @property
+    def lines(self) -> tuple[Outcome, ...]:
+        """The lines in the order of the cases."""
+        return tuple(self.done[case] for case in sorted(self.done))
+
+    def append(self, line: Outcome) -> None:
+        """Keep the line of one case, written down to the disk."""
+        if self.stream is not None:
+            try:
+                self.stream.write(json.dumps(line, ensure_ascii=False, allow_nan=False).encode("utf-8") + b"\n")
+                self.stream.flush()
+                os.fsync(self.stream.fileno())
+            except OSError as error:
+                raise self._refused(error) from error
+        self.done[line["case"]] = line
+
+    def _refused(self, error: OSError) -> CertificateError:
+        message = f"{LINES} cannot be written: {error.strerror or error}."
+        cure = "What is there is kept: make room, or check the permissions, and run the same command again."
+        return CertificateError(message, key=f"{self.folder}/{LINES}", cure=cure)
+
+    def __enter__(self) -> Journal:
+        return self
+
+    def __exit__(self, *error: object) -> None:
+        if self.stream is not None:
+            self.stream.close()  # which also unlocks it
+
+
+def to_be_done_again(line: Outcome, limit: float | None) -> bool:
+    """Whether a case was given up for its time, and would get more of it now."""
+    given_up = line["error"] is not None and line["error"].get("kind") == TIME
+    return given_up and (limit is None or limit > line["seconds"])
+
+
+def _require_same(folder: Path, plan: Plan) -> None:
+    """Refuse a folder that holds another sweep, or lines of which nobody knows what they are about."""
+    head, lines = folder / HEAD, folder / LINES
+    if not head.exists():
+        if lines.exists() and lines.stat().st_size:
+            message = f"{str(folder)!r} holds {LINES} without {HEAD}, which says what it is about."
+            raise SpecError(message, key="--out", cure="Choose another folder, or add --force to begin anew there.")
+        return
+    try:
+        found: Any = json.loads(head.read_bytes().decode("utf-8"))
+    except (OSError, ValueError, RecursionError):
+        found = None
+    if found == plan.document | {"sha256": plan.sha256}:  # all of it, so that a change by hand is not overwritten
+        return
+    same = {"problem_sha256": "problem", "axes": "choice of values", "samples": "number of samples"}
+    words = {"problem": "problem", **same, "seed": "seed", "task": "task", "made_by": "version of dobc_design"}
+    known = found if isinstance(found, dict) else plan.document
+    other = dict.fromkeys(f" another {word}" for name, word in words.items() if known.get(name) != plan.document[name])
+    message = f"{str(folder)!r} was made for another sweep{', with' if other else ''}{' and'.join([*other][:2])}."
+    raise SpecError(message, key="--out", cure="Choose another folder with --out, or add --force to begin anew there.")
+
+
+def _lock(stream: IO[bytes], folder: Path) -> None:
+    """Let one process at a time work here.  The system unlocks a file when its process ends, however it ends."""
+    try:
+        import fcntl
+    except ImportError:  # Windows: two drivers at once would do cases twice, and lose none
+        return
+    try:
+        fcntl.flock(stream, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except BlockingIOError:
+        message = f"another process is at work on the sweep in {str(folder)!r}."
+        raise SpecError(message, key="--out", cure="Wait for it, or choose another folder with --out.") from None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False, repr=False)
@@ -70,25 +199,17 @@ class SweepResult(Shown):
         rows = []
         for line in self.lines:
             values = [number_of(text) if yes else text for text, yes in zip(line["values"], numeric, strict=True)]
-            found = line["result"] or {}
-            rows.append(
-                {
-                    "case": line["case"],
-                    **dict(zip(self.axes, values, strict=True)),
-                    **{name: found.get(name) for name, _, _ in self.plan.task.columns},
-                    "error": None if line["error"] is None else line["error"]["message"],
-                    "seconds": line["seconds"],
-                    "id": line["id"],
-                }
-            )
+            found = [(line["result"] or {}).get(name) for name, _, _ in self.plan.task.columns]
+            error = None if line["error"] is None else line["error"]["message"]
+            cells = [line["case"], *values, *found, error, line["seconds"], line["id"]]
+            rows.append(dict(zip(self.columns, cells, strict=True)))
         return rows
 
     def column(self, name: str) -> list[Any]:
         """One column, case by case.  Raises: SpecError for a name that is none."""
         if name not in self.columns:
-            raise SpecError(
-                f"{shown(name)} is no column of this sweep.", key="column", cure=f"One of {', '.join(self.columns)}."
-            )
+            cure = f"One of {', '.join(self.columns)}."
+            raise SpecError(f"{shown(name)} is no column of this sweep.", key="column", cure=cure)
         return [row[name] for row in self.rows]
 
     @property
@@ -108,12 +229,9 @@ class SweepResult(Shown):
             import pandas as pd
             import pyarrow  # noqa: F401 - which writes Parquet for pandas
         except ImportError:
-            raise SpecError(
-                "the extra packages of dobc_design[store] (pandas, pyarrow) are needed for this, and are not"
-                " installed.",
-                key="frame",
-                cure="`dobc doctor` says how to install them; .csv and .jsonl need none.",
-            ) from None
+            message = "this needs the extra packages of dobc_design[store] (pandas, pyarrow), which are not installed."
+            cure = "`dobc doctor` says how to install them; .csv and .jsonl need none."
+            raise SpecError(message, key="frame", cure=cure) from None
         columns = self.columns
         table = pd.DataFrame(self.rows, columns=list(columns))
         return table.astype({name: DTYPES[kind] for name, kind in columns.items()})
@@ -121,33 +239,25 @@ class SweepResult(Shown):
     def save(self, path: str | PathLike[str], *, force: bool = False) -> Path:
         """Write the rows to ``path``: .csv, .jsonl, or .parquet (needs dobc_design[store]).  Raises: SpecError."""
         target = Path(path)
-        make = {".csv": self._csv, ".jsonl": self._jsonl, ".parquet": self._parquet}.get(target.suffix.lower())
-        if make is None:
-            raise SpecError(
-                f"a table is saved as .csv, .jsonl, .parquet; got {target.name[:40]!r}.",
-                key="path",
-                cure="Choose one of these.",
-            )
+        suffix = target.suffix.lower()
+        if suffix not in (".csv", ".jsonl", ".parquet"):
+            message = f"a table is saved as .csv, .jsonl, .parquet; got {target.name[:40]!r}."
+            raise SpecError(message, key="path", cure="Choose one of these.")
         if target.exists() and not force:
             raise SpecError(f"{str(target)!r} exists already.", key="path", cure="Replace it with force=True.")
-        write_atomically(target, make())
+        if suffix == ".parquet":
+            data: bytes = self.frame().to_parquet(compression="zstd", index=False)
+        elif suffix == ".jsonl":
+            data = "".join(f"{json.dumps(row, ensure_ascii=False)}\n" for row in self.rows).encode("utf-8")
+        else:  # UTF-8 with a header; nothing stands for what is not there
+            text = io.StringIO(newline="")
+            writer = csv.writer(text)
+            writer.writerow(self.columns)
+            for row in self.rows:
+                writer.writerow([str(value).lower() if isinstance(value, bool) else value for value in row.values()])
+            data = text.getvalue().encode("utf-8")
+        write_atomically(target, data)
         return target
-
-    def _csv(self) -> bytes:
-        """UTF-8 with a header; nothing stands for what is not there."""
-        text = io.StringIO(newline="")
-        writer = csv.writer(text)
-        writer.writerow(self.columns)
-        for row in self.rows:
-            writer.writerow([str(value).lower() if isinstance(value, bool) else value for value in row.values()])
-        return text.getvalue().encode("utf-8")
-
-    def _jsonl(self) -> bytes:
-        return "".join(f"{json.dumps(row, ensure_ascii=False)}\n" for row in self.rows).encode("utf-8")
-
-    def _parquet(self) -> bytes:
-        data: bytes = self.frame().to_parquet(compression="zstd", index=False)
-        return data
 
     def plot(self, value: str | None = None, *, x: str | None = None, y: str | None = None) -> Sheet:
         """A column against what was varied: a heat map over two listed axes, lines or points over one.
@@ -164,9 +274,8 @@ class SweepResult(Shown):
             raise SpecError(f"{shown(name)} is no numeric column.", key="value", cure=f"One of {', '.join(meanings)}.")
         numbers = np.array([math.nan if each is None else float(each) for each in self.column(name)])
         if not np.isfinite(numbers).any():
-            raise SpecError(
-                f"no case has a {name}, so there is nothing to be drawn.", key="value", cure="Choose another column."
-            )
+            cure = "Choose another column."
+            raise SpecError(f"no case has a {name}, so there is nothing to be drawn.", key="value", cure=cure)
         chosen = self._drawn_axes(x, y)
         outcome = [outcome_of(line) for line in self.lines]
         title, label = f"{self.plan.name}: {meanings[name]}", meanings[name]
@@ -183,9 +292,8 @@ class SweepResult(Shown):
         """One axis, or two for a heat map: those named, else the first two that are listed, else the first."""
         for key, name in (("x", x), ("y", y)):
             if name is not None and name not in self.axes:
-                raise SpecError(
-                    f"{shown(name)} is no axis of this sweep.", key=key, cure=f"One of {', '.join(self.axes)}."
-                )
+                cure = f"One of {', '.join(self.axes)}."
+                raise SpecError(f"{shown(name)} is no axis of this sweep.", key=key, cure=cure)
         if x is not None and x == y:
             raise SpecError("x and y must be different axes.", key="y", cure="Leave y out for lines.")
         listed = {axis.name: len(axis.values) for axis in self.plan.axes if len(axis.values) > 1}
@@ -224,11 +332,8 @@ class SweepResult(Shown):
             if axis.name != x and len(axis.values) > 1 and count * len(axis.values) <= MOST_SERIES:
                 used.append(place)
                 count *= len(axis.values)
-        heads = [""] if len(used) == 1 else [f"{self.axes[place]}=" for place in used]
-        names = [
-            ", ".join(head + line["values"][place] for head, place in zip(heads, used, strict=True))
-            for line in self.lines
-        ]
+        heads = {place: "" if len(used) == 1 else f"{self.axes[place]}=" for place in used}
+        names = [", ".join(head + line["values"][place] for place, head in heads.items()) for line in self.lines]
         return names, [self.axes[place] for place in used]
 
     def _note(self, shown_axes: list[str]) -> str:
@@ -259,7 +364,8 @@ class SweepResult(Shown):
 
     def _card(self) -> Card:
         names = [name for name in self.columns if name not in ("id", "seconds", "reason", "error")]
-        rows = [[_cell(row[name]) for name in names] for row in self.rows[:MOST_ROWS]]
+        found = [[row[name] for name in names] for row in self.rows[:MOST_ROWS]]
+        rows = [["" if x is None else f"{x:.6g}" if isinstance(x, float) else str(x) for x in row] for row in found]
         return Card(title=self.plan.name, text=self._summary, heads=names, rows=rows, hidden=len(self) - len(rows))
 
 
@@ -270,10 +376,6 @@ def outcome_of(line: Outcome) -> str:
     if "verdict" in line["result"]:
         return str(line["result"]["verdict"])
     return "diverged" if line["result"]["diverged"] else "converged"
-
-
-def _cell(value: Any) -> str:
-    return "" if value is None else f"{value:.6g}" if isinstance(value, float) else str(value)
 
 
 def _has_even_ratios(ticks: NDArray[np.float64]) -> bool:

@@ -30,9 +30,8 @@ from dobc_design.exact.number import parse_number
 from dobc_design.exact.reading import shown
 from dobc_design.problem.canonical import problem_sha256
 from dobc_design.problem.problem import Problem
-from dobc_design.sweeps.journal import TIME, Journal, Outcome, to_be_done_again
 from dobc_design.sweeps.plan import Plan, Task, make_plan, require_whole
-from dobc_design.sweeps.result import SweepResult
+from dobc_design.sweeps.result import TIME, Journal, Outcome, SweepResult, to_be_done_again
 
 LONGEST = 366 * 24 * 3600  # s
 LOCAL = "local"  # the name of a cluster on this machine
@@ -57,12 +56,9 @@ class State:
     left: tuple[float, float] | None
 
     def __str__(self) -> str:
-        parts = [f"{self.done} of {self.total} cases"]
-        if self.resumed:
-            parts.append(f"{self.resumed} of them from before")
-        if self.failed:
-            parts.append(f"{self.failed} failed")
-        return f"{', '.join(parts)}; {self.time_left}"
+        before = f", {self.resumed} of them from before" if self.resumed else ""
+        failed = f", {self.failed} failed" if self.failed else ""
+        return f"{self.done} of {self.total} cases{before}{failed}; {self.time_left}"
 
     @property
     def time_left(self) -> str:
@@ -115,31 +111,21 @@ def sweep(
     """
     if jobs is not None:
         require_whole("jobs", jobs, least=1)
-    limit = _read_limit(time_limit)
+    limit = None if time_limit is None else parse_number(time_limit, key="time_limit")
+    if limit is not None and not 0 < limit <= LONGEST:
+        message = f"time_limit must be a number of seconds > 0, at most {LONGEST} (a year); got {shown(time_limit)}."
+        cure = "For example 600; without it a case may take as long as it does."
+        raise SpecError(message, key="time_limit", cure=cure)
     plan = make_plan(problem, over, task=Task(kind=task, everything=everything, runs=runs), samples=samples, seed=seed)
     _require_one(plan)
     with Journal(None if out is None else Path(out), plan, anew=force) as journal:
-        _run(journal, jobs=jobs, cluster=cluster, limit=limit, progress=progress)
+        _run(journal, jobs=jobs, cluster=cluster, limit=None if limit is None else float(limit), progress=progress)
         result = SweepResult(plan=plan, lines=journal.lines, folder=journal.folder)
         if journal.folder is not None:
             result.save(journal.folder / "results.csv", force=True)
             with suppress(SpecError):  # without the extra "store" the CSV file holds everything
                 result.save(journal.folder / "results.parquet", force=True)
     return result
-
-
-def _read_limit(given: Any) -> float | None:
-    """The time limit of a case in s.  Raises: SpecError."""
-    if given is None:
-        return None
-    limit = parse_number(given, key="time_limit")
-    if not 0 < limit <= LONGEST:
-        raise SpecError(
-            f"time_limit must be a number of seconds > 0, at most {LONGEST} (a year); got {shown(given)}.",
-            key="time_limit",
-            cure="For example 600; without it a case may take as long as it does.",
-        )
-    return float(limit)
 
 
 def _require_one(plan: Plan) -> None:
@@ -182,9 +168,6 @@ def _run(
         clock.add(line["seconds"])
         failed += line["error"] is not None
         report()
-
-
-# ------------------------------------------------------------------------------------------ one case
 
 
 class TooLong(KeyboardInterrupt):
@@ -248,9 +231,6 @@ def _error(kind: str, message: str, *, key: str | None = None, cure: str | None 
 def _too_long(limit: float | None) -> dict[str, Any]:
     cure = "The same sweep with a longer time limit, or none, does it again."
     return _error(TIME, f"The case was given up after {limit:g} s, the time limit.", cure=cure)
-
-
-# ------------------------------------------------------------------------------------------ many cases
 
 
 def outcomes(
@@ -341,11 +321,9 @@ def _backend(cluster: str | None, jobs: int) -> Iterator[dict[str, Any]]:
     try:
         from distributed import Client, LocalCluster
     except ImportError:
-        raise SpecError(
-            "a cluster needs the extra packages of dobc_design[cluster], which are not installed.",
-            key="--cluster",
-            cure="`dobc doctor` says how to install them; without --cluster this machine's processors are used.",
-        ) from None
+        message = "a cluster needs the extra packages of dobc_design[cluster], which are not installed."
+        cure = "`dobc doctor` says how to install them; without --cluster this machine's processors are used."
+        raise SpecError(message, key="--cluster", cure=cure) from None
     with ExitStack() as stack:
         try:
             address: Any = cluster
@@ -356,26 +334,19 @@ def _backend(cluster: str | None, jobs: int) -> Iterator[dict[str, Any]]:
             client = stack.enter_context(Client(address, timeout="10s"))
             client.wait_for_workers(1, timeout=30)
         except (OSError, ValueError) as error:  # a TimeoutError among them
-            raise SpecError(
-                f"there is no Dask scheduler at {cluster[:100]!r} ({type(error).__name__}).",
-                key="--cluster",
-                cure="Start one with `dask scheduler`, or say --cluster local.",
-            ) from error
+            message = f"there is no Dask scheduler at {cluster[:100]!r} ({type(error).__name__})."
+            cure = "Start one with `dask scheduler`, or say --cluster local."
+            raise SpecError(message, key="--cluster", cure=cure) from error
         for worker, version in client.run(_version, on_error="return").items():
             if version != __version__:  # its numbers would be others
-                raise SpecError(
-                    f"the worker {worker} has another dobc_design, or none; this program is {__version__}.",
-                    key="--cluster",
-                    cure="Install the same version on all machines of the cluster.",
-                )
+                message = f"the worker {worker} has another dobc_design, or none; this program is {__version__}."
+                cure = "Install the same version on all machines of the cluster."
+                raise SpecError(message, key="--cluster", cure=cure)
         yield {"backend": "dask"}
 
 
 def _version() -> str:
     return __version__
-
-
-# ------------------------------------------------------------------------------------------ time left
 
 
 class Clock:

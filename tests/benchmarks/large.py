@@ -8,7 +8,6 @@ from __future__ import annotations
 import subprocess
 import sys
 from collections.abc import Iterator
-from dataclasses import dataclass
 from fractions import Fraction
 from pathlib import Path
 from random import Random
@@ -79,34 +78,13 @@ LAMBDA_HEADER = (
 )
 
 
-@dataclass(frozen=True, kw_only=True)
-class Row:
-    """One network: seconds of a product, of proposing v, of the first proof, of the same proof again, and of its rows
-    alone, once the problem and v stand in arrays."""
-
-    kind: str
-    n: int
-    arcs: int
-    product: float
-    propose: float
-    decide: float
-    recheck: float
-    rows: float
-    rate: float
-
-    def __str__(self) -> str:
-        parts = [f"{round(each / self.product):>9}" for each in (self.propose, self.decide, self.recheck, self.rows)]
-        head = f"{self.kind:<12} {self.n:>8} {self.arcs:>8} {1e3 * self.product:>6.2f} ms"
-        return f"{head} {' '.join(parts)}  {self.rate:.4g}"
-
-
 def large_rows() -> Iterator[str]:
     """Max-separable certificates of four networks, then their growth with n for the ring; times in products."""
     yield HEADER
     for kind in KINDS:
-        yield str(measured(kind, SIZE))
+        yield measured(kind, SIZE)
     for n in GROWTH:
-        yield str(measured("ring", n))
+        yield measured("ring", n)
 
 
 def falling_rows() -> Iterator[str]:
@@ -134,8 +112,10 @@ def _examined(kind: str, n: int, h: str, radius: str) -> Check:
     return separable_stage(asked, lambda message: None)[0]
 
 
-def measured(kind: str, n: int) -> Row:
-    """Raises: RuntimeError where nothing is proved."""
+def measured(kind: str, n: int) -> str:
+    """One network: seconds of a product, and in products the time of proposing v, of the first proof, of the same proof
+    again, and of its rows alone, once the problem and v stand in arrays.  Raises: RuntimeError where nothing is proved.
+    """
     problem = large(kind, n)
     W = problem.observer.W
     arcs = problem.network.modes["G"]
@@ -145,12 +125,8 @@ def measured(kind: str, n: int) -> Row:
     propose, plan = cpu(lambda: design_separable(problem, radius=Fraction(1), disturbance=DISTURBANCE, W=W), repeats=1)
     if plan is None:
         raise RuntimeError(f"{kind}, n = {n}: no v is found")
-    decide, claim = cpu(
-        lambda: first_certificate(
-            problem, W, rounded_vectors(plan.proposal), rho=plan.rho, error=plan.error, wanted=plan.proposal.rate
-        ),
-        repeats=1,
-    )
+    how = {"rho": plan.rho, "error": plan.error, "wanted": plan.proposal.rate}
+    decide, claim = cpu(lambda: first_certificate(problem, W, rounded_vectors(plan.proposal), **how), repeats=1)
     if claim is None:
         raise RuntimeError(f"{kind}, n = {n}: nothing is proved")
     recheck, _ = cpu(lambda: verify_composite(problem, W, claim), repeats=3)
@@ -158,17 +134,9 @@ def measured(kind: str, n: int) -> Row:
     profiles = coupling_profiles(problem, claim.v, rho=claim.rho, modes=["G"])
     kinds = float_kinds(profiles, [arrays], rho=claim.rho)
     rows, _ = cpu(lambda: open_rows(arrays, kinds, alpha=claim.alpha, rho=claim.rho), repeats=3)
-    return Row(
-        kind=kind,
-        n=n,
-        arcs=len(arcs),
-        product=product / 20,
-        propose=propose,
-        decide=decide,
-        recheck=recheck,
-        rows=rows,
-        rate=float(claim.alpha),
-    )
+    parts = [f"{round(20 * each / product):>9}" for each in (propose, decide, recheck, rows)]
+    head = f"{kind:<12} {n:>8} {len(arcs):>8} {1e3 * product / 20:>6.2f} ms"
+    return f"{head} {' '.join(parts)}  {float(claim.alpha):.4g}"
 
 
 def lambda_rows() -> Iterator[str]:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import statistics
 import time
 from collections.abc import Callable, Iterator
 from random import Random
@@ -10,6 +9,7 @@ from typing import Any
 
 import cvxpy as cp
 import numpy as np
+from simulation import cpu
 
 import dobc_design as dd
 from dobc_design.conditions.consensus.pinning import for_rate, network_blocks, smallest_gains
@@ -58,14 +58,8 @@ def pinning_bars() -> Iterator[dict[str, Any]]:
     def by_formula() -> float:
         return float(np.sum(smallest_gains(blocks, allowed)))
 
-    apart = abs(by_program() - by_formula()) / by_formula()
-    slow, fast = _median(by_program, 3), _median(by_formula, 21)
-    yield {
-        "what": "smallest pinning gains, closed form vs SDP (cvxpy, Clarabel), n = 100",
-        "bar": 30,
-        "ratio": slow / fast,
-        "note": f"{slow:.3g} s / {1e3 * fast:.3g} ms; optima {apart:.0e} apart",
-    }
+    what = "smallest pinning gains, closed form vs SDP (cvxpy, Clarabel), n = 100"
+    yield _bar(what, 30, by_program, by_formula, repeats=(3, 21))
     yield _shared_bar()
 
 
@@ -76,21 +70,22 @@ def _shared_bar() -> dict[str, Any]:
     costs = np.ones(n)
 
     def by_program() -> float:
-        return float(
-            solve_program(blocks.tables, np.flatnonzero(chosen), costs, width=1, scale=blocks.scale).gains.sum()
-        )
+        found = solve_program(blocks.tables, np.flatnonzero(chosen), costs, width=1, scale=blocks.scale)
+        return float(found.gains.sum())
 
     def by_dual() -> float:
         return float(solve_shared(blocks.tables, chosen, costs).gains.sum())
 
-    apart = abs(by_program() - by_dual()) / by_dual()
-    slow, fast = _median(by_program, 1), _median(by_dual, 5)
-    return {
-        "what": "gains shared by four modes, dual vs SDP (Clarabel directly), n = 60",
-        "bar": 5,
-        "ratio": slow / fast,
-        "note": f"{slow:.3g} s / {1e3 * fast:.3g} ms; optima {apart:.0e} apart",
-    }
+    what = "gains shared by four modes, dual vs SDP (Clarabel directly), n = 60"
+    return _bar(what, 5, by_program, by_dual, repeats=(1, 5))
+
+
+def _bar(
+    what: str, bar: float, slow: Callable[[], float], fast: Callable[[], float], *, repeats: tuple[int, int]
+) -> dict[str, Any]:
+    (long, other), (short, own) = (cpu(each, repeats=n) for each, n in zip((slow, fast), repeats, strict=True))
+    note = f"{long:.3g} s / {1e3 * short:.3g} ms; optima {abs(other - own) / own:.0e} apart"
+    return {"what": what, "bar": bar, "ratio": long / short, "note": note}
 
 
 def shared_design() -> str:
@@ -123,12 +118,3 @@ def large_design() -> str:
         f" {middle - before:.2g} s ({int(np.count_nonzero(gains))} pins), with everything proved {after - middle:.3g} s"
         f" ({design.verdict.value}, gap {design.gap:.1e}); CPU time"
     )
-
-
-def _median(function: Callable[[], float], repeats: int) -> float:
-    samples = []
-    for _ in range(repeats):
-        start = time.process_time()
-        function()
-        samples.append(time.process_time() - start)
-    return statistics.median(samples)

@@ -15,6 +15,7 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from fractions import Fraction
 from functools import partial
+from itertools import chain, starmap
 from pathlib import Path
 from random import Random
 from typing import Any
@@ -73,28 +74,22 @@ def main() -> None:
     print(f"{'what':<72} {'bar':>9}  {'measured':>9}")
     for bar in bars():
         print(bar, flush=True)
-    print("\nGrowth of certify, problem object to verdict (no bar):")
-    print(f"{'network':<34} {'n':>5} {'arcs':>6} {'seconds':>9} {'us/arc':>8}  verdict")
-    for name, network in (("directed cycle, 10 % pinned", cycle), ("random, degree 4, 10 % pinned", random_balanced)):
-        for line in growth(name, network):
+    networks = (("directed cycle, 10 % pinned", cycle), ("random, degree 4, 10 % pinned", random_balanced))
+    simulated = f"{'n':>9} {'arcs':>9} {'evaluations':>12} {'seconds':>9} {'ns/(agent evaluation)':>22}"
+    certified = f"{'network':<34} {'n':>5} {'arcs':>6} {'seconds':>9} {'us/arc':>8}  verdict"
+    sections = {
+        "Growth of certify, problem object to verdict": chain([certified], *starmap(growth, networks)),
+        "Designs": (each() for each in (large_design, shared_design)),
+        "Growth of one simulated run, problem object to trajectory": chain([simulated], simulation_growth()),
+        "Max-separable certificates of large networks, in products of the n x n matrix": large_rows(),
+        "Max-separable certificates where a coupling falls again": falling_rows(),
+        "Certified radii of small cycles, beside other tools": peer_table(),
+        "Large networks: products of the n x n matrix, CPU time and peak memory of the whole way": lambda_rows(),
+    }
+    for title, lines in sections.items():
+        print(f"\n{title} (no bar):")
+        for line in lines:
             print(line, flush=True)
-    print(f"\n{large_design()}\n{shared_design()}")
-    print("\nGrowth of one simulated run, problem object to trajectory (no bar):")
-    print(f"{'n':>9} {'arcs':>9} {'evaluations':>12} {'seconds':>9} {'ns/(agent evaluation)':>22}")
-    for line in simulation_growth():
-        print(line, flush=True)
-    print("\nMax-separable certificates of large networks, in products of the n x n matrix (no bar):")
-    for line in large_rows():
-        print(line, flush=True)
-    print("\nMax-separable certificates where a coupling falls again (no bar):")
-    for line in falling_rows():
-        print(line, flush=True)
-    print("\nCertified radii of small cycles, beside other tools:")
-    for line in peer_table():
-        print(line, flush=True)
-    print("\nLarge networks: products of the n x n matrix, the whole way in CPU time, peak memory of its processes:")
-    for line in lambda_rows():
-        print(line, flush=True)
 
 
 def bars() -> Iterator[Bar]:

@@ -9,6 +9,7 @@ from pathlib import Path
 import pytest
 
 from dobc_design.export.c_folder import FILES
+from dobc_design.export.interchange import python_script
 
 
 @pytest.fixture
@@ -26,9 +27,7 @@ def test_c_code_is_written_with_what_is_proved_about_it(dobc):
     assert [each["kind"] for each in document["statements"]] == ["sampled", "sampled-network"]
     assert {each["verdict"] for each in document["statements"]} == {"proved"}
     assert sorted(path.name for path in Path("code").iterdir()) == sorted(FILES)
-    code, _, err = dobc("paper-fixed", "--c", "code", "--period", "0.05")
-    assert code == 2
-    assert "exists already" in err
+    assert dobc("paper-fixed", "--c", "code", "--period", "0.05")[0] == 2  # it exists already
 
 
 def test_a_period_that_is_too_long_is_refused_with_one_that_works_and_nothing_is_written(dobc):
@@ -45,6 +44,7 @@ def test_a_period_that_is_too_long_is_refused_with_one_that_works_and_nothing_is
     [
         (["--c", "code"], "a period must be given"),
         (["--c", "code", "--fmu", "a.fmu", "--period", "1"], "exactly one target"),
+        ([], "exactly one target"),
         (["--sdpa", "a.dat-s", "--period", "1"], "--period has no meaning with --sdpa"),
         (["--fmu", "a.fmu", "--precision", "float"], "--precision has no meaning with --fmu"),
         (["--python-control", "a.py", "--rate"], "--rate has no meaning with --python-control"),
@@ -68,6 +68,13 @@ def test_the_lmi_is_written_for_other_solvers(dobc):
     assert dobc("clock-sync", "--sdpa", "lmi.dat-s", "--force")[0] == 0
 
 
+def test_a_python_file_is_written_and_overwritten_with_force_only(dobc):
+    assert dobc("paper-fixed", "--python-control", "loop.py")[0] == 0
+    assert Path("loop.py").read_text("utf-8") == python_script("paper-fixed")
+    assert dobc("paper-fixed", "--python-control", "loop.py")[0] == 2
+    assert dobc("paper-fixed", "--python-control", "loop.py", "--force")[0] == 0
+
+
 @pytest.mark.slow
 def test_an_fmu_is_written(dobc):
     code, out, _ = dobc("paper-fixed", "--fmu", "agent.fmu", "--period", "1/20", "--json")
@@ -85,9 +92,8 @@ def test_a_certificate_says_whether_its_sampling_period_covers_the_one_of_the_co
     longest = next(check.exact["period"] for check in certificate.checks if check.id == "sampling")
     certificate.save(tmp_path / "cert")
     for period, verdict in ((longest, "proved"), ("1/3", "undecided")):
-        code, out, _ = dobc(
-            "clock-sync", "--c", f"code-{verdict}", "--period", period, "--certificate", "cert", "--json"
-        )
+        options = ("--c", f"code-{verdict}", "--period", period, "--certificate", "cert", "--json")
+        code, out, _ = dobc("clock-sync", *options)
         assert code == 0
         last = json.loads(out)["statements"][-1]
         assert (last["kind"], last["verdict"]) == ("certified-sampling", verdict)

@@ -92,9 +92,7 @@ def test_a_folder_of_another_sweep_is_refused_with_the_way_out(dobc):
 def test_without_dask_the_message_says_what_to_install(dobc, monkeypatch):
     monkeypatch.setitem(sys.modules, "distributed", None)
     code, _, err = dobc("chain.toml", "coupling.h=y", "--cluster", "local")
-    assert code == 2
-    assert "dobc_design[cluster]" in err
-    assert "dobc doctor" in err
+    assert (code, "dobc_design[cluster]" in err, "dobc doctor" in err) == (2, True, True)
 
 
 @pytest.mark.slow

@@ -30,10 +30,10 @@ def run(count: int, seed: int) -> Row:
         f"{case.id}: {text}" for case, text in zip(cases, results, strict=True) if text not in ("", "skipped")
     )
     return Row(
-        what="bad problem files through `dobc certify --json`: exit 2, the key, nothing written",
-        count=len(cases) - skipped,
-        failures=failures,
-        notes=(f"{skipped} skipped for want of symbolic links",),
+        "bad problem files through `dobc certify --json`: exit 2, the key, nothing written",
+        len(cases) - skipped,
+        failures,
+        [f"{skipped} skipped for want of symbolic links"],
     )
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from fractions import Fraction
+from itertools import permutations
 from random import Random
 
 import numpy as np
@@ -31,9 +32,7 @@ def built_in(count: int, seed: int) -> Row:
         if not again.holds or again.verdict is not Verdict.PROVED or len(found.gains) > MOST_PINS.get(name, 99):
             failures.append(f"{name}: {again.verdict.value}, pins {', '.join(found.gains)}")
         notes.append(f"{name}: {len(found.gains)} pins, rate {found.rate or 0:.3g} 1/s")
-    return Row(
-        what="built-in problems designed and proved", count=len(names), failures=tuple(failures), notes=tuple(notes)
-    )
+    return Row("built-in problems designed and proved", len(names), failures, notes)
 
 
 def requests(count: int, seed: int) -> Row:
@@ -53,17 +52,13 @@ def requests(count: int, seed: int) -> Row:
         elif found.verdict is Verdict.REFUTED and _found_one(r, problem, asked):
             failures.append(f"{seed + number}: refused, yet possible")
     notes = (", ".join(f"{n} {verdict.value}" for verdict, n in counts.items()),)
-    return Row(what="random requests for a design", count=count, failures=tuple(failures), notes=notes)
+    return Row("random requests for a design", count, failures, notes)
 
 
 def _case(r: Random) -> tuple[Problem, dict]:
     n = r.randint(2, 5)
-    arcs = [
-        [i, j, round(r.uniform(0.2, 2), 1)]
-        for i in range(1, n + 1)
-        for j in range(1, n + 1)
-        if i != j and r.random() < 0.5
-    ] or [[1, 2]]
+    pairs = permutations(range(1, n + 1), 2)
+    arcs = [[i, j, round(r.uniform(0.2, 2), 1)] for i, j in pairs if r.random() < 0.5] or [[1, 2]]
     network = Network.from_arcs(arcs, arrow="listens_to", agents=n)
     problem = Problem(network=network, coupling="y", region={"initial_states": [-1, 1]})
     labels = list(network.labels)
@@ -98,11 +93,8 @@ def _found_one(r: Random, problem: Problem, asked: dict) -> bool:
     for _ in range(TRIALS):
         K = np.zeros(problem.n)
         for i in r.sample(allowed, min(len(allowed), asked.get("pins", problem.n))):
-            K[i] = (
-                min(10 ** r.uniform(-2, 4), asked.get("max_gain", 1e9))
-                if r.random() < 0.7
-                else asked.get("max_gain", 1e6)
-            )
+            drawn = min(10 ** r.uniform(-2, 4), asked.get("max_gain", 1e9)) if r.random() < 0.7 else None
+            K[i] = asked.get("max_gain", 1e6) if drawn is None else drawn
         if -np.max(np.linalg.eigvals(J - np.diag(K)).real) > asked.get("rate", 0) + 1e-9:
             return True
     return False

@@ -34,12 +34,8 @@ def run(count: int, seed: int) -> Row:
     missing = set(FUNCTIONS) - used
     if missing and turn >= 3 * len(OUTER):
         failures.append(f"never used: {sorted(missing)}")
-    return Row(
-        what="enclosures of h, h' and the secant gain contain the values at random points (200 bits)",
-        count=done,
-        failures=tuple(failures),
-        notes=(f"{turn} couplings, {len(used)} of {len(FUNCTIONS)} functions",),
-    )
+    what = "enclosures of h, h' and the secant gain contain the values at random points (200 bits)"
+    return Row(what, done, failures, [f"{turn} couplings, {len(used)} of {len(FUNCTIONS)} functions"])
 
 
 def _compare(text: str, r: Random, points: int) -> tuple[int, list[str]]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Iterator
 from fractions import Fraction
 from random import Random
@@ -35,14 +36,8 @@ def run(count: int, seed: int) -> Row:
     tried = unfinished = 0
     each = max(10, -(-count // PROBLEMS))
     for number, (name, problem, certified) in enumerate(_proved(seed)):
-        found = search_starts(
-            problem,
-            runs=each,
-            seed=seed + number,
-            certified=certified,
-            t_final=HORIZON,
-            gain=None if problem.exosystem is None else W,
-        )
+        how = {"certified": certified, "t_final": HORIZON, "gain": None if problem.exosystem is None else W}
+        found = search_starts(problem, runs=each, seed=seed + number, **how)
         tried, unfinished = tried + found.tried, unfinished + found.unfinished
         failures += [f"{name}: {suspect}" for suspect in found.suspects]
         if found.observed_rate is None or not found.certified_rate:
@@ -59,29 +54,18 @@ def run(count: int, seed: int) -> Row:
         *(f"{kind}: {median(own):.3f} ({min(own):.3f} to {max(own):.3f})" for kind, own in ratios.items() if own),
         f"{unfinished} runs took too many steps",
     )
-    return Row(
-        what="starts on the boundary of certified sets: none leaves, all decay at least as certified",
-        count=tried - unfinished,
-        failures=tuple(failures),
-        notes=notes,
-        least=count * 99 // 100,
-    )
+    what = "starts on the boundary of certified sets: none leaves, all decay at least as certified"
+    return Row(what, tried - unfinished, failures, notes, least=count * 99 // 100)
 
 
 def _proved(seed: int) -> Iterator[tuple[str, Problem, Separable | Lure]]:
     """Random problems with a proved certificate, of four kinds in turn; draws without one are passed over."""
-    turn = 0
-    while True:
+    made = dict(zip(KINDS, (_monotone, _turning, _observed, _quadratic), strict=True))
+    for turn in itertools.count():
         kind = KINDS[turn % 4]
-        problem, certified = {
-            "monotone": _monotone,
-            "turning": _turning,
-            "observer": _observed,
-            "quadratic": _quadratic,
-        }[kind](seed + turn)
+        problem, certified = made[kind](seed + turn)
         if certified is not None:
             yield f"{kind} {seed + turn}", problem, certified
-        turn += 1
 
 
 def _monotone(seed: int) -> tuple[Problem, Separable | None]:

@@ -42,12 +42,12 @@ def run(count: int, seed: int) -> Row:
         opinions = {"cholesky": numpy_cholesky(floats), "eigvalsh > 0": lowest > 0, "eigvalsh > 1e-10": lowest > 1e-10}
         wrong.update(f"{name} {'rejects' if truth else 'accepts'}" for name, each in opinions.items() if each != truth)
     return Row(
-        what="definiteness of Hadamard edge matrices, n = 4, 16, 64, by every path",
-        count=len(chosen),
-        failures=tuple(failures),
-        least=min(count, 240),
-        notes=(
+        "definiteness of Hadamard edge matrices, n = 4, 16, 64, by every path",
+        len(chosen),
+        failures,
+        [
             "decided: " + ", ".join(f"{name} {decided[name]} of {asked[name]}" for name in PATHS),
             "NumPy is wrong: " + ", ".join(f"{name} {times}" for name, times in sorted(wrong.items())),
-        ),
+        ],
+        least=min(count, 240),
     )

@@ -8,20 +8,14 @@ from dataclasses import dataclass
 from evidence import (
     bad_files,
     certificates,
-    cures,
     designs,
-    detectability,
     enclosures,
     falsified,
     hadamard,
     jacobians,
-    known_regions,
     optimal,
     pinning,
-    reduction,
-    removals,
     robustness,
-    settled_runs,
     simulations,
     sweeps,
 )
@@ -42,19 +36,16 @@ class Item:
 
 
 ITEMS = (
-    Item(name="reduction", run=reduction.verdicts, count=200, seed=1000),
-    Item(name="objectives", run=reduction.objectives, count=200, seed=2000),
-    Item(name="detectability", run=detectability.run, count=1000, seed=3000),
     Item(name="jacobians", run=jacobians.run, count=200, seed=4000),
     Item(name="bad-files", run=bad_files.run, count=10_000, seed=5000),
     Item(name="recheck", run=certificates.recheck, count=500, seed=6000, share=20),
     Item(name="mutants", run=certificates.mutants, count=10_000, seed=6000, share=20),
     Item(name="groups-recheck", run=certificates.groups_recheck, count=200, seed=6000, share=20),
     Item(name="groups-mutants", run=certificates.groups_mutants, count=4000, seed=6000, share=20),
-    Item(name="removals", run=removals.run, count=300, seed=0, share=20),
+    Item(name="removals", run=certificates.removals, count=300, seed=0, share=20),
     Item(name="region-recheck", run=certificates.region_recheck, count=60, seed=0, share=30),
     Item(name="region-mutants", run=certificates.region_mutants, count=2000, seed=3, share=40),
-    Item(name="known-regions", run=known_regions.run, count=100, seed=0),
+    Item(name="known-regions", run=certificates.regions, count=100, seed=0),
     Item(name="whole-psi", run=certificates.whole_psi, count=100, seed=6000),
     Item(name="decision", run=certificates.decision, count=200, seed=6000, share=20),
     Item(name="outside", run=certificates.outside, count=300, seed=6000),
@@ -62,14 +53,11 @@ ITEMS = (
     Item(name="writers", run=robustness.writers, count=200, seed=8000),
     Item(name="interrupts", run=robustness.interrupts, count=30, seed=8000),
     Item(name=FUZZ, run=robustness.fuzz, count=60, seed=8000),  # the count is seconds of CPU time
-    Item(name="cures", run=cures.cures, count=500, seed=8000, share=20),
-    Item(name="decided", run=cures.decided, count=500, seed=9000, share=20),
+    Item(name="cures", run=certificates.cures, count=500, seed=8000, share=20),
+    Item(name="decided", run=certificates.decided, count=500, seed=9000, share=20),
     Item(name="enclosures", run=enclosures.run, count=1_000_000, seed=8100, share=20),  # points
     Item(name="falsified", run=falsified.run, count=10_000, seed=8600, share=40),  # the count is starts
-    Item(name="settled", run=settled_runs.run, count=200, seed=8700, share=20),  # the count is starts
-    Item(name="pinning", run=pinning.closed_form, count=200, seed=9400),
     Item(name="pins", run=pinning.choices, count=100, seed=9500),
-    Item(name="pins-of-fifty", run=pinning.gaps, count=20, seed=9600),
     Item(name="optimal", run=optimal.pinning, count=10_000, seed=9700),
     Item(name="optimal-boxes", run=optimal.boxes, count=10_000, seed=9750),
     Item(name="designs", run=designs.requests, count=100, seed=9900),

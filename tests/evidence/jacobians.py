@@ -6,6 +6,7 @@ little away from where the couplings have kinks.
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from functools import cache
 from random import Random
 from typing import Any
@@ -21,28 +22,12 @@ from dobc_design.problem.network import Network
 from dobc_design.problem.problem import Problem
 
 # Smooth at 0 and defined on |y| <= 3, so that J(0) exists; with kinks elsewhere where a function has them.
-SCALAR = (
-    "exp(y) - 1",
-    "log(1 + y/9)",
-    "sin(y) + y",
-    "1 - cos(y) + y/2",
-    "tan(y/4)",
-    "tanh(3*y)",
-    "atan(y)/2",
-    "sinh(y)",
-    "cosh(y) - 1 + 2*y",
-    "sqrt(4 + y) - 2",
-    "y*abs(y) + y",
-    "abs(y - 1) - 1 + 3*y",
-    "min(y, 1/2)",
-    "max(-3/4, y)",
-    "clip(2*y, -1, 1)",
-    "y**3 - y/3",
-    "y/(2 + y**2)",
-    "(1 + y**2)**(1/2) - 1",
-    "(1 + y/8)**-2 - 1",
-    "sin(pi*y)",
+_SMOOTH = (
+    "exp(y) - 1; log(1 + y/9); sin(y) + y; 1 - cos(y) + y/2; tan(y/4); tanh(3*y); atan(y)/2; sinh(y); "
+    "cosh(y) - 1 + 2*y; sqrt(4 + y) - 2; y*abs(y) + y; abs(y - 1) - 1 + 3*y; min(y, 1/2); max(-3/4, y); "
+    "clip(2*y, -1, 1); y**3 - y/3; y/(2 + y**2); (1 + y**2)**(1/2) - 1; (1 + y/8)**-2 - 1; sin(pi*y)"
 )
+SCALAR = tuple(_SMOOTH.split("; "))
 PLANE = (
     ("sin(y1) + y2**2", "3*y2 - y1*y2"),
     ("exp(y1 - y2) - 1", "tanh(y1) + y2"),
@@ -79,12 +64,8 @@ def run(count: int, seed: int) -> Row:
     if missing and count >= 100:
         failures.append(f"never used: {sorted(missing)}")
     sizes = ", ".join(f"{name} {error:.1e}" for name, error in worst.items())
-    return Row(
-        what="dh/de: CasADi = SymPy = finite differences; at 0 = the pencil's J(0)",
-        count=count,
-        failures=tuple(failures),
-        notes=(f"{len(used)} of {len(FUNCTIONS)} functions; worst: {sizes}",),
-    )
+    what = "dh/de: CasADi = SymPy = finite differences; at 0 = the pencil's J(0)"
+    return Row(what, count, failures, [f"{len(used)} of {len(FUNCTIONS)} functions; worst: {sizes}"])
 
 
 def _problem(seed: int) -> Problem:
@@ -106,27 +87,33 @@ def _point(problem: Problem, r: Random) -> np.ndarray:
     """A random e at which no arc lies near a kink (they are at multiples of 1/4 apart from those of vectors)."""
     while True:
         e = np.array([r.uniform(-1.4, 1.4) for _ in range(problem.n * problem.m)])
-        steps = [np.abs(_symbolic(problem, e + shift) - _symbolic(problem, e)) for shift in _nudges(len(e), r)]
+        # Shifts small enough to change slopes by less than 0.1 unless there is a kink in between.
+        shifts = [CLEARANCE * np.array([r.choice((-1, 1)) for _ in e]) for _ in range(8)]
+        steps = [np.abs(_symbolic(problem, e + shift) - _symbolic(problem, e)) for shift in shifts]
         if max(float(np.max(step)) for step in steps) < 0.1:
             return e
 
 
-def _nudges(size: int, r: Random) -> list[np.ndarray]:
-    """Shifts small enough to change slopes by less than 0.1 unless there is a kink in between."""
-    return [CLEARANCE * np.array([r.choice((-1, 1)) for _ in range(size)]) for _ in range(8)]
+def _assembled(problem: Problem, blocks: Iterable[tuple[int, int, np.ndarray]]) -> np.ndarray:
+    """J from the slope of every arc (i, j)."""
+    n, m = problem.n, problem.m
+    J = np.zeros((n, m, n, m))
+    for i, j, block in blocks:
+        J[i, :, j] += block
+        J[i, :, i] -= block
+    return J.reshape(n * m, n * m)
 
 
 def _symbolic(problem: Problem, e: np.ndarray) -> np.ndarray:
     """J from SymPy's partial derivatives, arc by arc."""
-    m = problem.m
-    J = np.zeros((problem.n * m, problem.n * m))
-    for i, j, weight in next(iter(problem.network.modes.values())):
-        y = e[j * m : (j + 1) * m] - e[i * m : (i + 1) * m]
-        partials = _partials(problem.coupling_of(i, j).texts, m)
-        block = float(weight) * np.array([[float(f(*y)) for f in row] for row in partials])
-        J[i * m : (i + 1) * m, j * m : (j + 1) * m] += block
-        J[i * m : (i + 1) * m, i * m : (i + 1) * m] -= block
-    return J
+    z = e.reshape(problem.n, problem.m)
+
+    def block(i: int, j: int, weight: Any) -> np.ndarray:
+        partials = _partials(problem.coupling_of(i, j).texts, problem.m)
+        return float(weight) * np.array([[float(f(*(z[j] - z[i]))) for f in row] for row in partials])
+
+    arcs = next(iter(problem.network.modes.values()))
+    return _assembled(problem, ((i, j, block(i, j, weight)) for i, j, weight in arcs))
 
 
 @cache
@@ -145,21 +132,13 @@ def _partials(texts: tuple[str, ...], m: int) -> list[list[Any]]:
 
 def _differences(h: Any, e: np.ndarray) -> np.ndarray:
     """Central differences of h itself."""
-    columns = []
-    for k in range(len(e)):
-        step = np.zeros_like(e)
-        step[k] = STEP
-        columns.append((np.array(h(e + step).full()).ravel() - np.array(h(e - step).full()).ravel()) / (2 * STEP))
-    return np.array(columns).T
+    steps = STEP * np.eye(len(e))
+    return np.array([np.ravel(h(e + step).full() - h(e - step).full()) for step in steps]).T / (2 * STEP)
 
 
 def _stated(problem: Problem) -> np.ndarray:
     """J(0) as the theorems state it, the middle of each enclosure."""
-    m = problem.m
     mode = jacobians_at_consensus(problem).modes[0]
-    J = np.zeros((problem.n * m, problem.n * m))
-    for (i, j, _), kind in zip(mode.arcs, mode.kind.tolist(), strict=True):
-        block = np.array([[float((entry.lo + entry.hi) / 2) for entry in row] for row in mode.gains[kind]])
-        J[i * m : (i + 1) * m, j * m : (j + 1) * m] += block
-        J[i * m : (i + 1) * m, i * m : (i + 1) * m] -= block
-    return J
+    slopes = [np.array([[float((x.lo + x.hi) / 2) for x in row] for row in gains]) for gains in mode.gains]
+    arcs = zip(mode.arcs, mode.kind.tolist(), strict=True)
+    return _assembled(problem, ((i, j, slopes[kind]) for (i, j, _), kind in arcs))

@@ -60,13 +60,7 @@ def _compare(what: str, count: int, seed: int, cases: Callable[[Random], Iterato
                 met += 1
                 if found < optimum * (1 - BETTER):
                     failures.append(f"{seed + number}, {name}: {float(found):.9g} in place of {float(optimum):.9g}")
-    return Row(
-        what=what,
-        count=met,
-        failures=tuple(failures),
-        least=count,
-        notes=(f"{designs} designs, feasible neighbours only",),
-    )
+    return Row(what, met, failures, [f"{designs} designs, feasible neighbours only"], least=count)
 
 
 def _gains_at_the_consensus(r: Random) -> Iterator[Case]:
@@ -124,15 +118,10 @@ def _neighbours(r: Random, gains: Any, allowed: Sequence[str]) -> Callable[[], d
     def draw() -> dict[str, Fraction]:
         width = top * 10.0 ** r.uniform(-7, -0.3)
         lift = r.random()
-        return {
-            label: _short(max(0.0, float(gains.get(label, 0)) + width * (r.gauss(0, 1) + lift))) for label in allowed
-        }
+        drawn = {each: max(0.0, float(gains.get(each, 0)) + width * (r.gauss(0, 1) + lift)) for each in allowed}
+        return {label: Fraction(round(x * 10**9), 10**9) for label, x in drawn.items()}
 
     return draw
-
-
-def _short(x: float) -> Fraction:
-    return Fraction(round(x * 10**9), 10**9)
 
 
 def _rows_of_arcs(problem: Problem, mode: str) -> Rows:

@@ -5,7 +5,6 @@ from __future__ import annotations
 import signal
 import tempfile
 import time
-from collections.abc import Iterator
 from pathlib import Path
 
 from evidence.row import Row
@@ -41,7 +40,7 @@ def interrupts(count: int, seed: int) -> Row:
 
 def _row(what: str, count: int, outcome: Outcome) -> Row:
     counts = ", ".join(f"{number} {name}" for name, number in sorted(outcome.counts.items()))
-    return Row(what=what, count=count, failures=tuple(outcome.wrong), notes=(counts,))
+    return Row(what, count, outcome.wrong, [counts])
 
 
 def fuzz(seconds: int, seed: int) -> Row:
@@ -53,33 +52,18 @@ def fuzz(seconds: int, seed: int) -> Row:
     started = time.process_time()
     while time.process_time() - started < seconds:
         for target in TARGETS:
-            _slice(target, streams[target.name], min(1.0, seconds / len(TARGETS)), counts, accepted, failures)
+            taken: list[bool] = []
+            counting = Target(
+                name=target.name, run=lambda data, t=target, taken=taken: taken.append(t.run(data)), seeds=target.seeds
+            )
+            end = time.process_time() + min(1.0, seconds / len(TARGETS))
+            while time.process_time() < end:
+                data = next(streams[target.name])
+                wrong = defect(counting, data)
+                counts[target.name] += 1
+                failures += [f"{target.name}: {wrong}: {as_text(data)}"] if wrong else []
+            accepted[target.name] += sum(taken)
     spent = time.process_time() - started
     notes = [f"{name}: {counts[name]} inputs, {accepted[name]} of them read" for name in counts]
-    return Row(
-        what="broken input for every reader: no crash, no hang over 2 s, no traceback",
-        count=sum(counts.values()),
-        failures=tuple(failures),
-        notes=(f"{spent:.0f} s of CPU time", *notes),
-        least=1000,
-    )
-
-
-def _slice(
-    target: Target,
-    stream: Iterator[bytes],
-    seconds: float,
-    counts: dict[str, int],
-    accepted: dict[str, int],
-    failures: list[str],
-) -> None:
-    taken: list[bool] = []
-    counting = Target(name=target.name, run=lambda data: taken.append(target.run(data)), seeds=target.seeds)
-    end = time.process_time() + seconds
-    while time.process_time() < end:
-        data = next(stream)
-        wrong = defect(counting, data)
-        counts[target.name] += 1
-        if wrong:
-            failures.append(f"{target.name}: {wrong}: {as_text(data)}")
-    accepted[target.name] += sum(taken)
+    what = "broken input for every reader: no crash, no hang over 2 s, no traceback"
+    return Row(what, sum(counts.values()), failures, [f"{spent:.0f} s of CPU time", *notes], least=1000)

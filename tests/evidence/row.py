@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True)
 class Row:
     """What was compared, how often, how often it failed; ``notes`` are sentences with the numbers behind it.
 
@@ -14,8 +15,8 @@ class Row:
 
     what: str
     count: int
-    failures: tuple[str, ...]
-    notes: tuple[str, ...] = ()
+    failures: Sequence[str]
+    notes: Sequence[str] = ()
     least: int = 0  # a count below this is a failure too
 
     @property

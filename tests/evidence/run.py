@@ -17,8 +17,7 @@ for _threads in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
 TESTS = Path(__file__).resolve().parents[1]
 sys.path[:0] = [str(TESTS), str(TESTS / "support")]
 
-from evidence.items import FUZZ, ITEMS, Item  # noqa: E402 - found through the paths above
-from evidence.row import Row  # noqa: E402
+from evidence.items import FUZZ, ITEMS  # noqa: E402 - found through the paths above
 
 
 def main() -> int:
@@ -36,23 +35,16 @@ def main() -> int:
         longer = item.name == FUZZ and options.fuzz_minutes is not None
         row = item.run(int(60 * options.fuzz_minutes) if longer else item.count, item.seed)
         rows.append(row)
-        show(item, row, time.perf_counter() - before)
+        outcome, seconds = "ok    " if row.ok else "FAILED", time.perf_counter() - before
+        print(f"{outcome} {row.count:>5}  {len(row.failures):>3} wrong  {seconds:>5.0f} s  {row.what}")
+        few = [f"too few: at least {row.least} are wanted"] if row.count < row.least else []
+        for note in (*row.notes, *few, *(f"WRONG {failure}" for failure in row.failures[:20])):
+            print(f"{'':>14}{note}")
+        sys.stdout.flush()
     bad = sum(not row.ok for row in rows)
     total, seconds = sum(row.count for row in rows), time.perf_counter() - started
     print(f"\n{len(rows)} items, {total} cases, {bad} item(s) failed, {seconds:.0f} s")
     return 1 if bad else 0
-
-
-def show(item: Item, row: Row, seconds: float) -> None:
-    outcome = "ok    " if row.ok else "FAILED"
-    print(f"{outcome} {row.count:>5}  {len(row.failures):>3} wrong  {seconds:>5.0f} s  {row.what}")
-    for note in row.notes:
-        print(f"{'':>14}{note}")
-    if row.count < row.least:
-        print(f"{'':>14}too few: at least {row.least} are wanted")
-    for failure in row.failures[:20]:
-        print(f"{'':>14}WRONG {failure}")
-    sys.stdout.flush()
 
 
 if __name__ == "__main__":

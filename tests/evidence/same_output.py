@@ -21,33 +21,12 @@ from random import Random
 
 ROOT = Path(__file__).resolve().parents[2]
 BUILT_IN = ("clock-sync", "karate-club", "microgrid-ieee14", "paper-fixed", "paper-switching", "uav-swarm")
-SCALAR = (
-    "y",
-    "2*y",
-    "y/3",
-    "tanh(y)",
-    "exp(y) - 1 + y",
-    "y + y**3",
-    "sin(y)",
-    "atan(y)/2",
-    "sinh(y)",
-    "y**3",
-    "y - y**2",
-    "sin(pi*y)",
-    "exp(1)*(exp(y) - 1)",
-    "log(1 + y*pi)",
-    "abs(y)",
-    "clip(y, -1, 1)",
-    "max(y, 2*y)",
-    "cos(y) - 1 + y",
-    "y/sqrt(1 + y**2)",
-    "-y/8",
-    "tan(y/4)",
-    "min(y, 2*y)",
-    "y*exp(-y**2) + y/5",
-    "cosh(y) - 1 + y",
-    "pi*y/2",
+_COUPLINGS = (
+    "y; 2*y; y/3; tanh(y); exp(y) - 1 + y; y + y**3; sin(y); atan(y)/2; sinh(y); y**3; y - y**2; "
+    "sin(pi*y); exp(1)*(exp(y) - 1); log(1 + y*pi); abs(y); clip(y, -1, 1); max(y, 2*y); cos(y) - 1 + y; "
+    "y/sqrt(1 + y**2); -y/8; tan(y/4); min(y, 2*y); y*exp(-y**2) + y/5; cosh(y) - 1 + y; pi*y/2"
 )
+SCALAR = tuple(_COUPLINGS.split("; "))
 PLANE = (["y1 + y2/2", "y2 - y1/2"], ["sin(y1) + y2**2", "3*y2"], ["y1 - y2/4", "tanh(y2) + sin(pi*y1)/5"])
 SINGLE = (
     ([[0]], [[1]], [[2]]),
@@ -142,14 +121,27 @@ def random_text(seed: int) -> str:
     return text_of(tables)
 
 
+def small_text(name: str, h: str, gains: object, starts: list[int]) -> str:
+    """Two agents that listen to each other."""
+    return text_of(
+        {
+            "": {"name": name},
+            "network": {"agents": 2, "arrow": "listens_to"},
+            "network.modes": {"a": [[1, 2], [2, 1]]},
+            "coupling": {"h": h},
+            "pinning": {"gains": gains},
+            "region": {"initial_states": starts},
+        }
+    )
+
+
 def ring_text(n: int, h: str, *, every: int) -> str:
     """A large ring with a pin at every so many agents and a region."""
-    arcs = [[i, i % n + 1] for i in range(1, n + 1)]
     return text_of(
         {
             "": {"name": f"ring-{n}", "target": 1},
             "network": {"agents": n, "arrow": "listens_to"},
-            "network.modes": {"ring": arcs},
+            "network.modes": {"ring": [[i, i % n + 1] for i in range(1, n + 1)]},
             "coupling": {"h": h},
             "pinning": {"gains": dict.fromkeys(range(1, n + 1, every), 3)},
             "exosystem": {"A": [[0, 2], [-2, 0]], "C": [[1, 0]]},
@@ -160,75 +152,49 @@ def ring_text(n: int, h: str, *, every: int) -> str:
 
 def problems() -> dict[str, str]:
     """All problem files by name."""
-    found = {f"random-{seed}": random_text(seed) for seed in range(1, 71)}
-    found["ring-300"] = ring_text(300, "tanh(y)", every=3)
-    found["ring-2500"] = ring_text(2500, "exp(y) - 1 + y", every=5)
-    found["ring-150-sin"] = ring_text(150, "sin(y)", every=1)
-    small = {"network": {"agents": 2, "arrow": "listens_to"}, "network.modes": {"a": [[1, 2], [2, 1]]}}
-    found["equilibrium"] = text_of(
-        {
-            "": {"name": "equilibrium"},
-            **small,
-            "coupling": {"h": "sin(y)"},
-            "pinning": {"gains": {1: "1/10"}},
-            "region": {"initial_states": [-5, 5]},
-        }
-    )
-    found["boxes"] = text_of(
-        {
-            "": {"name": "boxes"},
-            **small,
-            "coupling": {"h": "exp(y) - 1 + y"},
-            "pinning": {"gains": 3},
-            "region": {"initial_states": [-3, 3]},
-        }
-    )
-    return found
+    return {f"random-{seed}": random_text(seed) for seed in range(1, 71)} | {
+        "ring-300": ring_text(300, "tanh(y)", every=3),
+        "ring-2500": ring_text(2500, "exp(y) - 1 + y", every=5),
+        "ring-150-sin": ring_text(150, "sin(y)", every=1),
+        "equilibrium": small_text("equilibrium", "sin(y)", {1: "1/10"}, [-5, 5]),
+        "boxes": small_text("boxes", "exp(y) - 1 + y", 3, [-3, 3]),
+    }
 
 
 def commands() -> dict[str, tuple[str | None, list[str]]]:
     """Name -> (problem file to write beside it or None, arguments of dobc)."""
-    found: dict[str, tuple[str | None, list[str]]] = {}
+    lines: dict[str, tuple[str | None, str]] = {}
     for name in BUILT_IN:
-        found[f"certify {name}"] = (None, ["certify", name, "--out", "out", "--json"])
-        found[f"check {name}"] = (None, ["check", name, "--canonical", "problem.json"])
-        found[f"simulate {name}"] = (None, ["simulate", name, "--t-final", "4", "--json"])
-    for name, text in problems().items():
-        more = ["--all"] if name in ("boxes", "random-3", "random-8", "random-21", "random-30", "random-41") else []
-        more += ["--settling", "1/100"] if name in ("random-5", "random-12", "random-14", "boxes") else []
-        found[f"certify {name}"] = (text, ["certify", f"{name}.toml", "--out", "out", "--json", *more])
-    for seed in (2, 9, 16, 23, 33, 44):
-        text = problems()[f"random-{seed}"]
-        name = f"random-{seed}.toml"
-        found[f"certify-text random-{seed}"] = (text, ["certify", name, "--apply-fix", "cured.toml", "--out", "out"])
-        found[f"region random-{seed}"] = (text, ["region", name, "--out", "out", "--json"])
-        found[f"design random-{seed}"] = (text, ["design", name, "--out", "new.toml", "--json"])
-        found[f"export random-{seed}"] = (text, ["export", name, "--sdpa", "lmi.dat-s", "--json"])
+        lines[f"certify {name}"] = (None, f"certify {name} --out out --json")
+        lines[f"check {name}"] = (None, f"check {name} --canonical problem.json")
+        lines[f"simulate {name}"] = (None, f"simulate {name} --t-final 4 --json")
+    texts = problems()
+    for name, text in texts.items():
+        more = " --all" if name in ("boxes", "random-3", "random-8", "random-21", "random-30", "random-41") else ""
+        more += " --settling 1/100" if name in ("random-5", "random-12", "random-14", "boxes") else ""
+        lines[f"certify {name}"] = (text, f"certify {name}.toml --out out --json{more}")
+    for name in (f"random-{seed}" for seed in (2, 9, 16, 23, 33, 44)):
+        lines[f"certify-text {name}"] = (texts[name], f"certify {name}.toml --apply-fix cured.toml --out out")
+        lines[f"region {name}"] = (texts[name], f"region {name}.toml --out out --json")
+        lines[f"design {name}"] = (texts[name], f"design {name}.toml --out new.toml --json")
+        lines[f"export {name}"] = (texts[name], f"export {name}.toml --sdpa lmi.dat-s --json")
     for name in ("clock-sync", "paper-fixed", "paper-switching"):
-        found[f"region {name}"] = (None, ["region", name, "--out", "out"])
-        found[f"certify-text {name}"] = (None, ["certify", name, "--out", "out", "--search"])
-        found[f"design {name}"] = (None, ["design", name, "--out", "new.toml", "--json"])
-        found[f"settling {name}"] = (None, ["certify", name, "--settling", "1/100", "--out", "out", "--json"])
-        found[f"export {name}"] = (None, ["export", name, "--python-control", "loop.py", "--json"])
-        found[f"c {name}"] = (None, ["export", name, "--c", "code", "--period", "1/100", "--json"])
-        found[f"stress {name}"] = (
-            None,
-            ["simulate", name, "--runs", "4", "--t-final", "3", "--noise", "0.01", "--json", "--out", "runs"],
-        )
-        found[f"sampled {name}"] = (None, ["simulate", name, "--period", "0.02", "--t-final", "3", "--json"])
-    found["breaks"] = (None, ["simulate", "clock-sync", "--what-breaks-first", "--t-final", "5", "--json"])
-    found["sweep"] = (
-        None,
-        ["sweep", "paper-fixed", "pinning.gains.1=1:5:3", "--out", "sweep", "--jobs", "1", "--json"],
-    )
-    found["problems"] = (None, ["problems", "--json"])
-    found["schema"] = (None, ["schema"])
-    found["help"] = (None, ["--help"])
+        lines[f"region {name}"] = (None, f"region {name} --out out")
+        lines[f"certify-text {name}"] = (None, f"certify {name} --out out --search")
+        lines[f"design {name}"] = (None, f"design {name} --out new.toml --json")
+        lines[f"settling {name}"] = (None, f"certify {name} --settling 1/100 --out out --json")
+        lines[f"export {name}"] = (None, f"export {name} --python-control loop.py --json")
+        lines[f"c {name}"] = (None, f"export {name} --c code --period 1/100 --json")
+        lines[f"stress {name}"] = (None, f"simulate {name} --runs 4 --t-final 3 --noise 0.01 --json --out runs")
+        lines[f"sampled {name}"] = (None, f"simulate {name} --period 0.02 --t-final 3 --json")
+    lines["breaks"] = (None, "simulate clock-sync --what-breaks-first --t-final 5 --json")
+    lines["sweep"] = (None, "sweep paper-fixed pinning.gains.1=1:5:3 --out sweep --jobs 1 --json")
+    lines |= {"problems": (None, "problems --json"), "schema": (None, "schema"), "help": (None, "--help")}
     for name in ("certify", "simulate", "design", "export", "sweep", "report"):
-        found[f"help {name}"] = (None, [name, "--help"])
+        lines[f"help {name}"] = (None, f"{name} --help")
     for name in ("theorem1", "lure", "max-separable", "hurwitz"):
-        found[f"explain {name}"] = (None, ["explain", name])
-    return found
+        lines[f"explain {name}"] = (None, f"explain {name}")
+    return {name: (text, line.split()) for name, (text, line) in lines.items()}
 
 
 def record(folder: Path, package: Path, only: str) -> None:
@@ -244,31 +210,17 @@ def record(folder: Path, package: Path, only: str) -> None:
         place.mkdir(parents=True)
         if text is not None:
             (place / next(word for word in arguments if word.endswith(".toml"))).write_text(text, encoding="utf-8")
-        command = [sys.executable, "-m", "dobc_design", *arguments]
+        program = [sys.executable, "-m", "dobc_design"]
+        how = {"cwd": place, "env": environment, "capture_output": True, "timeout": 600, "stdin": subprocess.DEVNULL}
         try:
-            ended = subprocess.run(
-                command,
-                cwd=place,
-                env=environment,
-                capture_output=True,
-                check=False,
-                timeout=600,
-                stdin=subprocess.DEVNULL,
-            )
+            ended = subprocess.run([*program, *arguments], check=False, **how)
             (place / "exit-code").write_text(f"{ended.returncode}\n", encoding="utf-8")
             (place / "standard-output").write_bytes(ended.stdout)
             (place / "standard-error").write_bytes(re.sub(rb"\d+\.\d+ s\b", b"# s", ended.stderr))
         except subprocess.TimeoutExpired:
             (place / "exit-code").write_text("more than 600 s\n", encoding="utf-8")
         if (place / "out" / "certificate.json").exists():
-            ended = subprocess.run(
-                [sys.executable, "-m", "dobc_design", "verify", "out", "--problem", "out/problem.json"],
-                cwd=place,
-                env=environment,
-                capture_output=True,
-                check=False,
-                timeout=600,
-            )
+            ended = subprocess.run([*program, *["verify", "out", "--problem", "out/problem.json"]], check=False, **how)
             (place / "verified").write_bytes(b"%d\n" % ended.returncode + ended.stdout)
         done += 1
         sys.stderr.write(f"\r{done} of {len(chosen)}  {name:40}")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -61,74 +62,87 @@ def matrices(problem: Problem, mode: str) -> tuple[Any, ...]:
     return J, *(np.array(M, float) for M in (problem.exosystem.A, problem.exosystem.C, problem.observer.W))
 
 
-def system(n: int, network: Any, output: Any, observer: Any) -> Any:
-    """[network, I (x) output; 0, I (x) observer]."""
-    below = np.zeros((n * len(observer), len(network)))
-    return np.block([[network, np.kron(np.eye(n), output)], [below, np.kron(np.eye(n), observer)]])
-
-
 def errors_of(run: Any) -> Any:
     parts = [(run.x - run.goal).reshape(len(run.times), -1), (run.xi - run.xihat).reshape(len(run.times), -1)]
     return np.concatenate(parts, axis=1)
 
 
-def apart(gap: float) -> str:
-    return f"largest difference {gap:.1e}"
-
-
-def row_of(what: str, count: int, failures: list[str], note: str) -> Row:
-    return Row(what=what, count=count, failures=tuple(failures), notes=(note,), least=count)
+def compared(what: str, count: int, seed: int, case: Callable[[np.random.Generator, int], tuple[Any, Any]]) -> Row:
+    """``case`` gives the errors of a run and what they have to be."""
+    failures, worst = [], 0.0
+    for number in range(count):
+        found, wanted = case(np.random.default_rng([seed, number]), number)
+        gap = float(np.abs(found - wanted).max() / max(1.0, np.abs(wanted).max()))
+        worst = max(worst, gap)
+        if not gap < CLOSE:
+            failures.append(f"seed [{seed}, {number}]: {gap:.1e} apart")
+    return Row(what, count, failures, [f"largest difference {worst:.1e}"], least=count)
 
 
 def linear(count: int, seed: int) -> Row:
-    """Switched linear loops by both routes against the product of their exponentials."""
-    failures, worst = [], 0.0
-    for number in range(count):
-        rng = np.random.default_rng([seed, number])
+    """Switched linear loops by both routes (odd numbers: the full loop) against the product of their exponentials."""
+
+    def case(rng: np.random.Generator, number: int) -> tuple[Any, Any]:
         problem = loop(rng)
         dwell, start = float(rng.uniform(0.1, 0.9)), start_of(problem, rng)
         route = ("closed-form", "full-loop")[number % 2]
-        given = {"signal": Periodic(dwell=dwell), "start": start, "observer": route, "tolerance": 1e-12}
-        run = simulate(problem, t_final=HORIZON, samples=9, **given)
+        run = simulate(
+            problem,
+            signal=Periodic(dwell=dwell),
+            start=start,
+            t_final=HORIZON,
+            samples=9,
+            observer=route,
+            tolerance=1e-12,
+        )
         n, wanted = problem.n, errors_of(run)[:1]
         for t in run.times[1:]:
             state, now = wanted[0], 0.0
             for stretch in range(int(t / dwell) + 1):
                 J, A, C, W = matrices(problem, "ab"[stretch % 2])
                 end = min(t, (stretch + 1) * dwell)
-                state, now = expm(system(n, J, C, A - W @ C) * (end - now)) @ state, end
+                block = np.block(
+                    [[J, np.kron(np.eye(n), C)], [np.zeros((n * len(A), len(J))), np.kron(np.eye(n), A - W @ C)]]
+                )
+                state, now = expm(block * (end - now)) @ state, end
             wanted = np.concatenate([wanted, state[None]])
-        gap = float(np.abs(errors_of(run) - wanted).max() / max(1.0, np.abs(wanted).max()))
-        worst = max(worst, gap)
-        if not gap < CLOSE:
-            failures.append(f"seed [{seed}, {number}], {route}: {gap:.1e} apart")
-    return row_of("switched linear loops, both routes, against matrix exponentials", count, failures, apart(worst))
+        return errors_of(run), wanted
+
+    return compared("switched linear loops, both routes, against matrix exponentials", count, seed, case)
 
 
 def sampled(count: int, seed: int) -> Row:
     """Sampled linear loops against the powers of their matrices; Ad, Cd and L by Gauss quadrature."""
-    failures, worst = [], 0.0
     nodes, weights = np.polynomial.legendre.leggauss(16)
-    for number in range(count):
-        rng = np.random.default_rng([seed, number])
+
+    def case(rng: np.random.Generator, number: int) -> tuple[Any, Any]:
         problem, period = loop(rng), float(rng.choice([1 / 4, 1 / 8, 1 / 16, 1 / 32]))
-        given = {"start": start_of(problem, rng), "samples": int(HORIZON / period) + 1, "stress": Stress(period=period)}
-        run = simulate(problem, mode="a", t_final=HORIZON, **given)
+        run = simulate(
+            problem,
+            mode="a",
+            start=start_of(problem, rng),
+            t_final=HORIZON,
+            samples=int(HORIZON / period) + 1,
+            stress=Stress(period=period),
+        )
         J, A, C, W = matrices(problem, "a")
         n, F = problem.n, A - W @ C
         spots = list(zip(period * (nodes + 1) / 2, weights / 2, strict=True))
         Cd = C @ sum((w * expm(A * s) for s, w in spots), np.zeros_like(A))
         L = period * sum((w * expm(F * s) for s, w in spots), np.zeros_like(A)) @ W
-        block = system(n, np.eye(len(J)) + period * J, period * Cd, expm(A * period) - L @ Cd)
+        block = np.block(
+            [
+                [np.eye(len(J)) + period * J, period * np.kron(np.eye(n), Cd)],
+                [np.zeros((n * len(A), len(J))), np.kron(np.eye(n), expm(A * period) - L @ Cd)],
+            ]
+        )
         found = errors_of(run)
         wanted = [found[0]]
         for _ in found[1:]:
             wanted.append(block @ wanted[-1])
-        gap = float(np.abs(found - wanted).max() / max(1.0, np.abs(wanted).max()))
-        worst = max(worst, gap)
-        if not gap < CLOSE:
-            failures.append(f"seed [{seed}, {number}]: {gap:.1e} apart")
-    return row_of("sampled linear loops against powers of their matrices", count, failures, apart(worst))
+        return found, np.array(wanted)
+
+    return compared("sampled linear loops against powers of their matrices", count, seed, case)
 
 
 def stressed(count: int, seed: int) -> Row:
@@ -155,7 +169,8 @@ def stressed(count: int, seed: int) -> Row:
             if late.size and (np.ptp(late, axis=0).any() if each.agent in frozen else late.any()):
                 wrong.append(f"agent {each.agent} still acts")
         failures += [f"seed [{seed}, {number}], {stress}: {each}" for each in wrong]
-    return row_of("random stresses in any combination", count, failures, f"{ended} of them ended early, with a reason")
+    what = "random stresses in any combination"
+    return Row(what, count, failures, [f"{ended} of them ended early, with a reason"], least=count)
 
 
 def stacked(count: int, seed: int) -> Row:
@@ -164,22 +179,30 @@ def stacked(count: int, seed: int) -> Row:
     for number in range(count):
         rng = np.random.default_rng([seed, number])
         problem = loop(rng, coupling="exp(y) - 1 + y" if number % 2 else "2*tanh(y/2)")
-        given = {"signal": RandomDwell(dwell=0.11), "start": start_of(problem, rng), "t_final": 1.0, "samples": 14}
-        given["stress"] = random_stress(rng, problem)
-        many = simulate_many(problem, runs=2, seed=number, **given)
+        given = {
+            "signal": RandomDwell(dwell=0.11),
+            "start": start_of(problem, rng),
+            "t_final": 1.0,
+            "samples": 14,
+            "stress": random_stress(rng, problem),
+        }
+        many = simulate_many(problem, runs=2, seed=number, states=True, **given)
         alone += "side by side" not in many.method
         for row in range(2):
             run = simulate(problem, seed=number + row, **given)
             kept = int(np.searchsorted(many.times, run.times[-1], side="right"))
-            off = np.abs(many.estimation_error[row, :kept] - run.estimation_error()[:kept]).max()
-            gap = np.abs(many.error[row, :kept] - run.error()[:kept]).max() / (1 + np.abs(run.x).max())
-            gap = max(gap, off / (1 + np.abs(run.d).max()))
+            gap = max(
+                np.abs(many.states[row, :kept] - run.x[:kept]).max() / (1 + np.abs(run.x).max()),
+                np.abs(many.estimation_error[row, :kept] - run.estimation_error()[:kept]).max()
+                / (1 + np.abs(run.d).max()),
+            )
             worst = max(worst, float(gap))
             if not (gap < 1e-5 and many.diverged[row] == run.diverged and many.switches[row] == len(run.switches) - 1):
                 failures.append(f"seed [{seed}, {number}], {given['stress']}: {gap:.1e} apart")
     if 4 * alone > count:  # else the runs would have been held against themselves
         failures.append(f"{alone} of {count} ensembles were made one by one")
-    return row_of("random stresses, side by side against one by one", count, failures, apart(worst))
+    what = "random stresses, side by side against one by one"
+    return Row(what, count, failures, [f"largest difference {worst:.1e}"], least=count)
 
 
 def random_stress(rng: np.random.Generator, problem: Problem) -> Stress:
@@ -209,8 +232,9 @@ def bounded(count: int, seed: int) -> Row:
         rng = np.random.default_rng([seed, number])
         problem = regional(rng)
         certificate = certify(problem)
-        signal = Periodic(dwell=float(rng.uniform(0.1, 0.9)))
-        many = simulate_problem(problem, runs=50, signal=signal, t_final=5.0, samples=101)
+        many = simulate_problem(
+            problem, runs=50, signal=Periodic(dwell=float(rng.uniform(0.1, 0.9))), t_final=5.0, samples=101
+        )
         bound = certificate.envelope(many)
         if not bound.sources:
             continue
@@ -222,8 +246,8 @@ def bounded(count: int, seed: int) -> Row:
             failures.append(f"seed [{seed}, {number}]: a run crosses the bound of {', '.join(bound.sources)}")
     if 4 * drawn < count:  # else the runs would have been held against nothing
         failures.append(f"only {drawn} of {count} certificates bound their runs")
-    note = f"{drawn} with a bound; a run came to {closest:.0%} of it"
-    return row_of("certified bounds of |e(t)| against 50 simulated runs each", count, failures, note)
+    what = "certified bounds of |e(t)| against 50 simulated runs each"
+    return Row(what, count, failures, [f"{drawn} with a bound; a run came to {closest:.0%} of it"], least=count)
 
 
 def regional(rng: np.random.Generator) -> Problem:

@@ -58,13 +58,8 @@ def run(count: int, seed: int) -> Row:
         for name in ("proved", "refuted", "undecided", "failed")
     }
     notes.append(", ".join(f"{number} {name}" for name, number in outcomes.items()))
-    return Row(
-        what="cases of a sweep with killed drivers and workers, against a serial run",
-        count=len(numbers),
-        failures=tuple(failures),
-        notes=tuple(notes),
-        least=count,
-    )
+    what = "cases of a sweep with killed drivers and workers, against a serial run"
+    return Row(what, len(numbers), failures, notes, least=count)
 
 
 def _on_dask(file: Path, out: Path, count: int, failures: list[str], notes: list[str]) -> None:

@@ -9,15 +9,14 @@ from fractions import Fraction
 
 import numpy as np
 import pytest
-from c_harness import CompiledAgents, compile_and_test, needs_gcc, write_all
+from c_harness import EVERY, CompiledAgents, compile_and_test, needs_gcc, planar, write_all
 from scipy.linalg import expm
 
 import dobc_design as dd
 from dobc_design.coupling.coupling import make_coupling
 from dobc_design.errors import SpecError
-from dobc_design.export.c_code import source_text
 from dobc_design.export.c_controller import make_controller
-from dobc_design.export.c_folder import FILES
+from dobc_design.export.c_folder import FILES, source_text
 from dobc_design.export.rounding_bound import Erring, ErringAlgebra, coupling_with_error
 from dobc_design.problem.exosystems import Exosystem
 from dobc_design.problem.groups import Observer
@@ -26,32 +25,6 @@ from dobc_design.problem.network import Network
 from dobc_design.problem.problem import Problem
 from dobc_design.simulation.stressed import LOSS
 from dobc_design.verdict import Verdict
-
-SMOOTH = "exp(y1) + log(y2**2 + 2) + sin(y1)*cos(y1) + atan(y2) + cosh(y1) + asinh(y2)"
-EVERY = f"2*tanh(y1) + min(y2, 0, y1) + y2/3 + 0*({SMOOTH})"
-OTHER = "y2**3 + clip(y2, -1, 1) - y1/3 - abs(0.25*y1) + sqrt(4 + y1**2) - 2 + max(y1, y2)*0 + tan(y1/9) - sinh(0*y1)"
-
-
-def planar() -> Problem:
-    """m = 2, q = 3, every function of the grammar, matrix gains, a formation, two modes, names that need care."""
-    return Problem(
-        network=Network.from_arcs(
-            {
-                'mode "one" */': [["a.b", "c??/"], ["c??/", 'd"\\', 2], ['d"\\', "a.b"]],
-                "two": [["a.b", 'd"\\'], ["c??/", "a.b"]],
-            },
-            arrow="listens_to",
-        ),
-        coupling=[EVERY, OTHER],
-        target=[1, -2],
-        gains={"a.b": 3, 'd"\\': [[2, 1], [-1, 2]]},
-        exceptions={(0, 1): ["y1", "2*y2"]},
-        exosystem=Exosystem(A=[[0, 1, 0], [-1, 0, 0], [0, 0, 0]], C=[[1, 0, 1], [0, 1, 0]]),
-        observer=Observer(W=[[2, 0], [0, 2], [1, 0]]),
-        offsets={"c??/": [1, 0]},
-        name='trouble */ *\\ """ here ???/ \\',
-        simulation={"t_final": 4, "seed": 3, "xi0": [[1, 0, 2], [0, 1, -1], [3, 0, 0]]},
-    )
 
 
 def alone(k: object, *, h: str = "y") -> Problem:
@@ -72,7 +45,7 @@ def seen(theta: float = 1.0, W: float = 2.0) -> Problem:
 
 
 def problem_named(name: str) -> Problem:
-    return {"planar": planar, "alone": lambda: alone(3)}[name]() if name in ("planar", "alone") else load_problem(name)
+    return planar() if name == "planar" else alone(3) if name == "alone" else load_problem(name)
 
 
 def closed_loop(problem: Problem, run, agents: CompiledAgents, *, period: float, **options):
@@ -95,24 +68,18 @@ def closed_loop(problem: Problem, run, agents: CompiledAgents, *, period: float,
     return [np.array(part) for part in zip(*found, strict=True)]
 
 
-def run_of(problem: Problem, *, period: float, seconds: float, **stress):
-    count = round(seconds / period)
-    times = [k * period for k in range(count + 1)]
-    return dd.simulate(problem, t_final=times[-1], samples=times, stress=dd.Stress(period=period, **stress))
+def run_of(problem: Problem, *, period: float, seed: int | None = None, **stress):
+    """Ten seconds."""
+    times = [k * period for k in range(round(10 / period) + 1)]
+    return dd.simulate(problem, t_final=times[-1], samples=times, seed=seed, stress=dd.Stress(period=period, **stress))
 
 
 SLOW = pytest.mark.slow
 
 
 @needs_gcc
-@pytest.mark.parametrize(
-    ("name", "precision"),
-    [
-        ("planar", "float"),
-        *(pytest.param(*each, marks=SLOW) for each in [("planar", "double"), ("alone", "float"), ("alone", "double")]),
-        *(pytest.param("paper-fixed", each, marks=SLOW) for each in ("double", "float")),
-    ],
-)
+@pytest.mark.parametrize("precision", ["float", "double"])
+@pytest.mark.parametrize("name", ["planar", *(pytest.param(each, marks=SLOW) for each in ("alone", "paper-fixed"))])
 def test_the_code_compiles_without_a_warning_and_passes_its_own_vectors(name: str, precision: str, tmp_path):
     found = dd.to_c(problem_named(name), period="1/50", precision=precision)
     assert tuple(found.files) == FILES
@@ -124,28 +91,18 @@ def test_the_code_compiles_without_a_warning_and_passes_its_own_vectors(name: st
     assert found.tolerance <= (1e-9 if precision == "double" else 1.0)
 
 
+PERIODS = {"paper-fixed": 0.05, "paper-switching": 0.05, "clock-sync": 0.1, "karate-club": 0.1, "uav-swarm": 0.1}
+PERIODS["microgrid-ieee14"] = 0.01
+
+
 @needs_gcc
 @pytest.mark.parametrize(
-    ("name", "period"),
-    [
-        ("planar", 0.02),
-        *(
-            pytest.param(name, period, marks=SLOW)
-            for name, period in (
-                ("paper-fixed", 0.05),
-                ("paper-switching", 0.05),
-                ("clock-sync", 0.1),
-                ("karate-club", 0.1),
-                ("microgrid-ieee14", 0.01),
-                ("uav-swarm", 0.1),
-            )
-        ),
-    ],
+    ("name", "period"), [("planar", 0.02), *(pytest.param(*each, marks=SLOW) for each in PERIODS.items())]
 )
 def test_all_agents_in_c_are_the_simulated_loop_to_1e_12_over_10_s(name: str, period: float, tmp_path):
     """Equations (1), (12), (13), (19), sampled: C agents and an exact plant against ``simulate``."""
     problem = problem_named(name)
-    run = run_of(problem, period=period, seconds=10)
+    run = run_of(problem, period=period)
     agents = CompiledAgents(dd.to_c(problem, period=str(period)).files, tmp_path, n=problem.n, m=problem.m)
     x, u, dhat = closed_loop(problem, run, agents, period=period)
     for found, wanted in ((x, run.x), (u, run.u), (dhat, run.dhat)):
@@ -167,18 +124,11 @@ def test_a_program_in_c_plus_plus_calls_the_same_code(tmp_path):
 def test_limited_actuators_and_lost_packets_are_those_of_the_simulation(tmp_path):
     """dobc_applied tells the observer the applied input; dobc_receive is not called for a lost packet."""
     problem, period, limit, loss, seed = load_problem("paper-fixed"), 0.05, 1.5, 0.3, 7
-    times = [k * period for k in range(201)]
-    run = dd.simulate(
-        problem,
-        t_final=times[-1],
-        samples=times,
-        seed=seed,
-        stress=dd.Stress(period=period, saturation=limit, loss=loss),
-    )
+    run = run_of(problem, period=period, seed=seed, saturation=limit, loss=loss)
     arcs = problem.network.modes["Ga"]
     rng = np.random.default_rng([seed, LOSS])
     arrivals = []
-    for _ in times:
+    for _ in run.times:
         arrived = np.zeros((10, 10), dtype=bool)
         arrived[arcs.listeners, arcs.speakers] = rng.random(len(arcs)) >= loss
         arrivals.append(arrived)
@@ -226,13 +176,8 @@ def test_the_numbers_are_the_exact_discretisation_rounded():
     steps = np.linspace(0, 1 / 20, 2001)
     mean = np.trapezoid([expm((A - W @ C) * s) for s in steps], steps, axis=0) @ W
     np.testing.assert_allclose(np.array(made.L, dtype=float), mean, rtol=1e-6)
-    constant = Problem(
-        network=Network.from_arcs([[1, 2]], arrow="listens_to"),
-        coupling="y",
-        gains={"2": 1},
-        exosystem=dd.exosystems.constant(),
-        observer=Observer(W=[[3]]),
-    )
+    known = {"exosystem": dd.exosystems.constant(), "observer": Observer(W=[[3]])}
+    constant = Problem(network=alone(1).network, coupling="y", gains={"2": 1}, **known)
     slow = make_controller(constant, period="1/2")
     assert (slow.Ad, slow.Cd) == (((1,),), ((1,),))
     assert float(slow.L[0][0]) == pytest.approx(1 - np.exp(-1.5), rel=1e-15)
@@ -308,13 +253,8 @@ def grouped() -> Problem:
 def test_the_code_of_a_group_is_that_of_a_network_with_its_exosystem_alone(label: int):
     problem = grouped()
     own = next(group for group in problem.groups if str(label) in group.agents)
-    single = Problem(
-        network=problem.network,
-        coupling="tanh(y) + y",
-        gains={1: 3, 2: 1},
-        exosystem=own.exosystem,
-        observer=own.observer,
-    )
+    loop = {"network": problem.network, "coupling": "tanh(y) + y", "gains": {1: 3, 2: 1}}
+    single = Problem(**loop, exosystem=own.exosystem, observer=own.observer)
     made, wanted = (make_controller(each, period="1/50", agents=[label]) for each in (problem, single))
     assert (made.Ad, made.Cd, made.L) == (wanted.Ad, wanted.Cd, wanted.L)
     assert source_text(made) == source_text(wanted)
@@ -376,12 +316,8 @@ def test_the_error_bound_of_a_coupling_holds_for_single_precision(h: str):
     y = rng.uniform(-1.4, 1.4, size=(400, 2))
     y[:, 1] = np.abs(y[:, 1])
     coupling = make_coupling([h, "y2"], dimension=2)
-    single = y.astype(np.float32)
-    algebra = ErringAlgebra(2.0**-24)
-    bound = coupling_with_error(coupling, Erring(y, np.abs(y) * 2.0**-24), algebra)
-    exact = coupling.value(y)
-    found = single_precision(coupling, single)
-    difference = np.abs(found - exact)
+    bound = coupling_with_error(coupling, Erring(y, np.abs(y) * 2.0**-24), ErringAlgebra(2.0**-24))
+    difference = np.abs(single_precision(coupling, y.astype(np.float32)) - coupling.value(y))
     assert (difference <= 2 * bound.error).all()
     assert bound.error[:, 0].max() <= 1e4 * max(difference[:, 0].max(), 1e-9)
 

@@ -4,44 +4,24 @@ from __future__ import annotations
 
 import subprocess
 import sys
-from pathlib import Path
 
 import control
 import numpy as np
 import pytest
+from c_harness import planar
 from loops import simulate
 
 import dobc_design as dd
 from dobc_design.errors import SpecError
+from dobc_design.export.interchange import python_script
 from dobc_design.export.python_control import to_control
-from dobc_design.export.python_script import python_script
 from dobc_design.model.model import build_model
 from dobc_design.problem.exosystems import Exosystem
-from dobc_design.problem.groups import Observer
 from dobc_design.problem.load import load_problem
 from dobc_design.problem.network import Network
 from dobc_design.problem.problem import Problem
 
 TIGHT = {"method": "DOP853", "rtol": 1e-10, "atol": 1e-12}
-
-
-def planar() -> Problem:
-    """m = 2, q = 3, a coupling of its own for one arc, formation, matrix gains, two modes, names that need care."""
-    return Problem(
-        network=Network.from_arcs(
-            {'mode "one"': [["a.b", "c"], ["c", "d", 2], ["d", "a.b"]], "two' \\": [["a.b", "d"], ["c", "a.b"]]},
-            arrow="listens_to",
-        ),
-        coupling=["2*tanh(y1) + min(y2, 0) + y2", "y2**3 + clip(y2, -1, 1) - y1/3"],
-        target=[1, -2],
-        gains={"a.b": 3, "d": [[2, 1], [-1, 2]]},
-        exceptions={(0, 1): ["y1", "2*y2"]},
-        exosystem=Exosystem(A=[[0, 1, 0], [-1, 0, 0], [0, 0, 0]], C=[[1, 0, 1], [0, 1, 0]]),
-        observer=Observer(W=[[2, 0], [0, 2], [1, 0]]),
-        offsets={"c": [1, 0]},
-        name='trouble""" here\\',
-        simulation={"t_final": 4, "seed": 3, "xi0": [[1, 0, 2], [0, 1, -1], [3, 0, 0]]},
-    )
 
 
 def response(system, trajectory, w=0.0):
@@ -165,23 +145,3 @@ def test_a_loop_with_groups_of_agents_is_refused():
     problem = Problem(network=network, coupling="y", gains=1, exosystem=Exosystem(A=[[-1]], C=[[1]]), groups=[group])
     with pytest.raises(SpecError, match=r"exosystem\.groups: this is not available yet"):
         dd.to_control(problem)
-
-
-def test_the_command_writes_the_file_and_asks_for_exactly_one_target(tmp_path, monkeypatch, capsys):
-    from dobc_design.cli.main import main
-
-    monkeypatch.chdir(tmp_path)
-
-    def dobc(*arguments: str) -> int:
-        with pytest.raises(SystemExit) as caught:
-            main(["export", *arguments])
-        return int(str(caught.value.code))
-
-    assert dobc("paper-fixed", "--python-control", "loop.py") == 0
-    text = Path("loop.py").read_text("utf-8")
-    assert text == python_script(load_problem("paper-fixed"))
-    assert dobc("paper-fixed", "--python-control", "loop.py") == 2
-    assert dobc("paper-fixed", "--python-control", "loop.py", "--force") == 0
-    assert dobc("paper-fixed") == 2
-    assert dobc("paper-fixed", "--python-control", "a.py", "--rocq", "b.v") == 2
-    capsys.readouterr()

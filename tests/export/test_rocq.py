@@ -12,13 +12,17 @@ from functools import cache
 import pytest
 from campaigns import a_problem
 from certified import certified
+from hypothesis import given
+from hypothesis import strategies as st
 from regions import without_region
 
 from dobc_design.certification.certify import certify
 from dobc_design.conditions.consensus.claim import state_theorems
 from dobc_design.errors import SpecError
+from dobc_design.exact.definite import decide_positive_definite
 from dobc_design.exact.matrix import scale
-from dobc_design.export.rocq import rocq_proof
+from dobc_design.exact.symmetric import SparseSymmetric
+from dobc_design.export.rocq import Square, factor, rocq_proof
 from dobc_design.problem.canonical import problem_sha256
 from dobc_design.problem.exosystems import Exosystem
 from dobc_design.problem.network import Network
@@ -109,7 +113,10 @@ def matrices(certificate, rate=Fraction(0)):
 
 
 def assert_ldl(text, name, expected):
-    factors = factors_in(text, name)
+    assert_factors(factors_in(text, name), expected)
+
+
+def assert_factors(factors, expected):
     pivots = [pivot for _, pivot, _ in factors]
     assert sorted(pivots) == list(range(len(expected)))
     assert all(weight > 0 for weight, _, _ in factors)
@@ -154,6 +161,7 @@ def test_without_a_disturbance_it_is_lemma_1_in_every_mode():
 def test_the_problem_stands_in_the_file_number_by_number():
     """Example 1: n, m, q, arcs, pins, h'(0) = 2, A, C, W, P and Q."""
     text = rocq_proof(certificate_of("paper-fixed"))
+    assert problem_sha256(certificate_of("paper-fixed").problem) in text
     code = re.sub(r"\s+", " ", bare(text))
     for line in (
         "Definition n : nat := 10.",
@@ -204,9 +212,7 @@ def test_an_irrational_slope_is_refused():
     assert certificate.verdict is Verdict.PROVED
     with pytest.raises(SpecError, match=r'coupling "sin\(pi\*y\)": its slope .* must be a rational number'):
         rocq_proof(certificate)
-
-
-def test_an_irrational_coupling_that_no_arc_uses_does_no_harm():
+    # one that no arc uses does no harm
     exceptions = {(i, (i + 1) % 3): "y" for i in range(3)}
     assert rocq_proof(certify(cycle(exosystem=EXOSYSTEM, coupling="sin(pi*y)", exceptions=exceptions)))
 
@@ -215,6 +221,8 @@ def test_an_irrational_coupling_that_no_arc_uses_does_no_harm():
     ("problem", "what"),
     [
         (cycle(exosystem=EXOSYSTEM, coupling="y", gains=None), "theorem1 is refuted"),
+        # undetectable: Lemma 1 is proved, Theorem 1 is not
+        (cycle(exosystem=Exosystem(A=((0,),), C=((0,),)), coupling="y"), "theorem1 is refuted"),
         (cycle(coupling="y", gains=None), r"lemma1 \(G\) is refuted"),
         (cycle(exosystem=EXOSYSTEM, coupling="clip(y, -1, 1)"), "theorem1 is undecided"),
     ],
@@ -222,14 +230,6 @@ def test_an_irrational_coupling_that_no_arc_uses_does_no_harm():
 def test_only_what_is_proved_is_exported(problem, what):
     with pytest.raises(SpecError, match=f"only a proved theorem can be exported; {what}"):
         rocq_proof(certify(problem))
-
-
-def test_lemma_1_alone_is_not_exported_where_there_is_a_disturbance():
-    """An undetectable pair: Lemma 1 is proved, Theorem 1 is not."""
-    certificate = certify(cycle(exosystem=Exosystem(A=((0,),), C=((0,),)), coupling="y"))
-    assert certificate.check("lemma1").verdict is Verdict.PROVED
-    with pytest.raises(SpecError, match="theorem1 is refuted"):
-        rocq_proof(certificate)
 
 
 def test_a_certificate_of_another_problem_is_refused():
@@ -278,6 +278,13 @@ def test_a_rate_that_is_not_claimed_is_refused():
     checks = tuple(replace(check, rate=None) for check in certificate.checks)
     with pytest.raises(SpecError, match="claims no decay rate for theorem1"):
         rocq_proof(replace(certificate, claims=replace(certificate.claims, checks=checks)), rate=True)
+
+
+def refused_by_the_kernel(text, folder):
+    """Refused where the kernel computes, not because the file cannot be read."""
+    outcome = run_coq(text, folder)
+    assert outcome.returncode != 0
+    assert "vm_cast_no_check" in text.splitlines()[int(re.search(r"line (\d+)", outcome.stderr)[1]) - 1]
 
 
 def run_coq(text, folder):
@@ -360,11 +367,7 @@ def test_coq_rejects_the_file_when_one_number_is_another(what, tmp_path):
     pattern, new = MUTANTS[what]
     wrong, count = re.subn(pattern, new, text)
     assert count == 1
-    outcome = run_coq(wrong, tmp_path)
-    assert outcome.returncode != 0
-    # Refused where the kernel computes, not because the file cannot be read.
-    line = int(re.search(r"line (\d+)", outcome.stderr)[1])
-    assert "vm_cast_no_check" in wrong.splitlines()[line - 1]
+    refused_by_the_kernel(wrong, tmp_path)
 
 
 @pytest.mark.slow
@@ -377,11 +380,42 @@ def test_coq_rejects_an_indefinite_matrix_with_its_own_l_d_l(tmp_path):
     lines = changed(lines, "Square 8 0", "Square 2 0")
     lines = changed(lines, "Term 1 (-1 # 4)", "Term 1 (-1)")
     lines = changed(lines, "Square (15 # 2) 1", "Square 0 1")
-    outcome = run_coq(lines, tmp_path)
-    assert outcome.returncode != 0
-    assert "vm_cast_no_check" in lines.splitlines()[int(re.search(r"line (\d+)", outcome.stderr)[1]) - 1]
+    refused_by_the_kernel(lines, tmp_path)
 
 
-def test_the_hash_of_the_problem_stands_in_the_head():
-    certificate = certificate_of("paper-fixed")
-    assert problem_sha256(certificate.problem) in rocq_proof(certificate)
+@st.composite
+def symmetric(draw):
+    size = draw(st.integers(1, 5))
+    entry = st.fractions(-3, 3, max_denominator=4)
+    entries = {(i, j): draw(entry) for i in range(size) for j in range(i, size)}
+    lift = draw(st.integers(0, 12))
+    return SparseSymmetric(size, {(i, j): x + (lift if i == j else 0) for (i, j), x in entries.items()})
+
+
+@given(symmetric())
+def test_factors_exist_exactly_for_positive_definite_matrices_and_multiply_out(M):
+    squares = factor(M)
+    assert (squares is not None) == (decide_positive_definite(M).verdict is Verdict.PROVED)
+    if squares is not None:
+        assert_factors(
+            [(each.weight, each.pivot, each.others) for each in squares], [list(row) for row in M.to_dense()]
+        )
+
+
+def test_a_semidefinite_matrix_or_a_zero_row_has_no_factors_and_the_empty_matrix_the_empty_sum():
+    assert factor(SparseSymmetric(2, {(0, 0): Fraction(1), (0, 1): Fraction(1), (1, 1): Fraction(1)})) is None
+    assert factor(SparseSymmetric(2, {(0, 0): Fraction(1)})) is None
+    assert factor(SparseSymmetric(0, {})) == ()
+
+
+def test_the_leaves_of_a_star_go_first():
+    """Least degree first: no fill-in."""
+    leaves = {(i, i): Fraction(1) for i in (1, 2, 3)} | {(0, i): Fraction(1) for i in (1, 2, 3)}
+    M = SparseSymmetric(4, {(0, 0): Fraction(4)} | leaves)
+    squares = factor(M)
+    assert squares == (
+        Square(Fraction(1), 1, {0: Fraction(1)}),
+        Square(Fraction(1), 2, {0: Fraction(1)}),
+        Square(Fraction(2), 0, {3: Fraction(1, 2)}),
+        Square(Fraction(1, 2), 3, {}),
+    )

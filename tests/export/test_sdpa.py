@@ -12,7 +12,7 @@ import pytest
 import dobc_design as dd
 from dobc_design.conditions.consensus.claim import state_theorems
 from dobc_design.errors import SpecError
-from dobc_design.export.sdpa import normalisation, sdpa_text
+from dobc_design.export.matrices import normalisation, sdpa_text
 from dobc_design.problem.exosystems import Exosystem
 from dobc_design.problem.load import load_problem
 from dobc_design.problem.network import Network
@@ -25,24 +25,15 @@ needs_csdp = pytest.mark.skipif(
 )
 
 
-def pair_problem(*, k: object = 1, A: object = 0, modes: int = 1) -> Problem:
-    """Two agents that hear each other; agent 1 pinned with k; a disturbance xi' = A xi."""
+def pair_problem(*, k: object = 1, A: object = 0, modes: int = 1, unseen: bool = False, h: str = "y") -> Problem:
+    """Two agents that hear each other; agent 1 pinned with k; a disturbance xi' = A xi, or a growing state unseen."""
     arcs = {f"G{i}": [[1, 2], [2, 1, i + 1]] for i in range(modes)}
+    hidden = Exosystem(A=[[0, 0], [0, 1]], C=[[1, 0]])  # not detectable
     return Problem(
         network=Network.from_arcs(arcs, arrow="listens_to"),
-        coupling="y",
+        coupling=h,
         gains={"1": k} if k else {},
-        exosystem=Exosystem(A=[[A]], C=[[1]]),
-    )
-
-
-def unseen() -> Problem:
-    """The growing state of the exosystem is not seen: (A, C) is not detectable."""
-    return Problem(
-        network=Network.from_arcs([[1, 2], [2, 1]], arrow="listens_to"),
-        coupling="y",
-        gains={"1": 1},
-        exosystem=Exosystem(A=[[0, 0], [0, 1]], C=[[1, 0]]),
+        exosystem=hidden if unseen else None if A is None else Exosystem(A=[[A]], C=[[1]]),
     )
 
 
@@ -85,28 +76,27 @@ def csdp(text: str, folder) -> float:
 
 
 CASES = [
-    ("one mode", pair_problem, "proved"),
-    ("two modes", lambda: pair_problem(modes=2), "proved"),
-    ("growing disturbance", lambda: pair_problem(A="1/2"), "proved"),
-    ("nobody pinned", lambda: pair_problem(k=0), "refuted"),
-    ("undetectable", unseen, "refuted"),
+    ("one mode", {}, "proved"),
+    ("two modes", {"modes": 2}, "proved"),
+    ("growing disturbance", {"A": "1/2"}, "proved"),
+    ("nobody pinned", {"k": 0}, "refuted"),
+    ("undetectable", {"unseen": True}, "refuted"),
 ]
 
 
-@pytest.mark.parametrize(("name", "make", "verdict"), CASES, ids=[case[0] for case in CASES])
-def test_clarabel_finds_a_negative_t_exactly_where_the_theorem_is_proved(name: str, make, verdict: str):
+@pytest.mark.parametrize(("name", "given", "verdict"), CASES, ids=[case[0] for case in CASES])
+def test_clarabel_finds_a_negative_t_exactly_where_the_theorem_is_proved(name: str, given, verdict: str):
     """The Decision theorem: a pair exists iff Lambda < 0 and (A, C) is detectable."""
-    problem = make()
-    text = dd.to_sdpa(problem)
+    text = dd.to_sdpa(pair_problem(**given))
     assert f"decided exactly by dobc_design: {verdict}" in text
     optimum = SdpaFile(text).solved()
     assert (optimum < -1e-4) if verdict == "proved" else (optimum > -1e-6)
 
 
 @needs_csdp
-@pytest.mark.parametrize(("name", "make", "verdict"), CASES, ids=[case[0] for case in CASES])
-def test_csdp_gives_the_same_verdict(name: str, make, verdict: str, tmp_path):
-    optimum = csdp(dd.to_sdpa(make()), tmp_path)
+@pytest.mark.parametrize(("name", "given", "verdict"), CASES, ids=[case[0] for case in CASES])
+def test_csdp_gives_the_same_verdict(name: str, given, verdict: str, tmp_path):
+    optimum = csdp(dd.to_sdpa(pair_problem(**given)), tmp_path)
     assert (optimum < -1e-4) if verdict == "proved" else (optimum > -1e-6)
 
 
@@ -132,8 +122,7 @@ def test_the_file_states_the_same_program_as_the_dense_lmi():
 
 def test_without_an_exosystem_the_file_is_lemma_1():
     """min t is lambda_max(Lambda): two agents, one pinned with 1: eigenvalues of [[-4, 2], [2, -2]]."""
-    problem = Problem(network=Network.from_arcs([[1, 2], [2, 1]], arrow="listens_to"), coupling="y", gains={"1": 1})
-    text = dd.to_sdpa(problem)
+    text = dd.to_sdpa(pair_problem(A=None))
     assert "Lemma 1" in text
     found = SdpaFile(text)
     assert len(found.c) == 1
@@ -151,9 +140,8 @@ def test_the_bounds_leave_room_for_a_pair_that_is_small_or_large():
 
 
 def test_couplings_with_a_kink_have_no_lmi():
-    problem = Problem(network=Network.from_arcs([[1, 2]], arrow="listens_to"), coupling="y + abs(y)/2", gains={"2": 1})
     with pytest.raises(SpecError, match="no linear matrix inequality"):
-        dd.to_sdpa(problem)
+        dd.to_sdpa(pair_problem(A=None, h="y + abs(y)/2"))
 
 
 def test_a_file_that_no_solver_could_take_is_not_written():
@@ -164,8 +152,5 @@ def test_a_file_that_no_solver_could_take_is_not_written():
 
 
 def test_irrational_slopes_are_named_in_the_file():
-    problem = Problem(
-        network=Network.from_arcs([[1, 2], [2, 1]], arrow="listens_to"), coupling="exp(1)*y", gains={"1": 1}
-    )
-    assert "irrational" in sdpa_text(problem)
+    assert "irrational" in sdpa_text(pair_problem(A=None, h="exp(1)*y"))
     assert "irrational" not in sdpa_text(pair_problem())

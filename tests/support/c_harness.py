@@ -12,19 +12,16 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-STRICT = (
-    "-std=c99",
-    "-O2",
-    "-Wall",
-    "-Wextra",
-    "-Werror",
-    "-pedantic",
-    "-Wshadow",
-    "-Wconversion",
-    "-Wdouble-promotion",
-    "-Wstrict-prototypes",
-    "-Wmissing-prototypes",
+from dobc_design.problem.exosystems import Exosystem
+from dobc_design.problem.groups import Observer
+from dobc_design.problem.network import Network
+from dobc_design.problem.problem import Problem
+
+_WARNINGS = (
+    "-std=c99 -O2 -Wall -Wextra -Werror -pedantic -Wshadow -Wconversion -Wdouble-promotion -Wstrict-prototypes"
+    " -Wmissing-prototypes"
 )
+STRICT = _WARNINGS.split(" ")
 SANITIZED = ("-fsanitize=address,undefined", "-fno-sanitize-recover=all")
 needs_gcc = pytest.mark.skipif(shutil.which("gcc") is None, reason="gcc is not installed (Debian: apt install gcc)")
 
@@ -95,6 +92,33 @@ void settle(int mode, const double *x, const unsigned char *arrived, double limi
 """
 
 
+SMOOTH = "exp(y1) + log(y2**2 + 2) + sin(y1)*cos(y1) + atan(y2) + cosh(y1) + asinh(y2)"
+EVERY = f"2*tanh(y1) + min(y2, 0, y1) + y2/3 + 0*({SMOOTH})"
+OTHER = "y2**3 + clip(y2, -1, 1) - y1/3 - abs(0.25*y1) + sqrt(4 + y1**2) - 2 + max(y1, y2)*0 + tan(y1/9) - sinh(0*y1)"
+
+
+def planar() -> Problem:
+    """m = 2, q = 3, every function of the grammar, matrix gains, a formation, two modes, names that need care."""
+    return Problem(
+        network=Network.from_arcs(
+            {
+                'mode "one" */': [["a.b", "c??/"], ["c??/", 'd"\\', 2], ['d"\\', "a.b"]],
+                "two' \\": [["a.b", 'd"\\'], ["c??/", "a.b"]],
+            },
+            arrow="listens_to",
+        ),
+        coupling=[EVERY, OTHER],
+        target=[1, -2],
+        gains={"a.b": 3, 'd"\\': [[2, 1], [-1, 2]]},
+        exceptions={(0, 1): ["y1", "2*y2"]},
+        exosystem=Exosystem(A=[[0, 1, 0], [-1, 0, 0], [0, 0, 0]], C=[[1, 0, 1], [0, 1, 0]]),
+        observer=Observer(W=[[2, 0], [0, 2], [1, 0]]),
+        offsets={"c??/": [1, 0]},
+        name='trouble */ *\\ """ here ???/ \\',
+        simulation={"t_final": 4, "seed": 3, "xi0": [[1, 0, 2], [0, 1, -1], [3, 0, 0]]},
+    )
+
+
 def write_all(files: Mapping[str, bytes], folder: Path) -> Path:
     folder.mkdir(parents=True, exist_ok=True)
     for name, data in files.items():
@@ -107,15 +131,9 @@ def compile_and_test(folder: Path, *, library: bool = True) -> subprocess.Comple
     command = ["gcc", *STRICT, *SANITIZED, "dobc_agent.c", "main.c", "-o", "selftest", *(["-lm"] if library else [])]
     done = subprocess.run(command, cwd=folder, capture_output=True, check=False, text=True, timeout=120)
     assert done.returncode == 0, done.stderr
-    return subprocess.run(
-        ["./selftest"],
-        cwd=folder,
-        capture_output=True,
-        check=False,
-        text=True,
-        timeout=60,
-        env=os.environ | {"ASAN_OPTIONS": "detect_leaks=0"},  # looking for leaks needs ptrace, and there is no heap
-    )
+    quiet = os.environ | {"ASAN_OPTIONS": "detect_leaks=0"}  # looking for leaks needs ptrace, and there is no heap
+    how = {"cwd": folder, "capture_output": True, "text": True, "timeout": 60, "env": quiet}
+    return subprocess.run(["./selftest"], check=False, **how)
 
 
 class CompiledAgents:

@@ -28,16 +28,8 @@ def made(over, tmp_path: Path, *, task: str = "certify", samples=None, missing=(
         else:
             found |= {"diverged": number % 2 == 1, "diverged_runs": number % 2, "settling_time": None}
         error = {"kind": "k", "key": None, "message": "it broke", "cure": "mend it"} if number in missing else None
-        lines.append(
-            {
-                "case": number,
-                "id": f"{number:064x}",
-                "values": list(plan.values(number)),
-                "seconds": 0.5,
-                "result": None if error else found,
-                "error": error,
-            }
-        )
+        about = {"case": number, "id": f"{number:064x}", "values": list(plan.values(number)), "seconds": 0.5}
+        lines.append(about | {"result": None if error else found, "error": error})
     return SweepResult(plan=plan, lines=tuple(lines))
 
 
@@ -72,6 +64,7 @@ def test_parquet_holds_the_same_rows_with_their_types(tmp_path):
         result = made(GRID, tmp_path, task=task, missing=missing)
         table = parquet.read_table(result.save(tmp_path / f"{task}.parquet"))
         assert table.to_pylist() == result.rows
+        assert list(result.frame().columns) == list(result.columns)
         kinds = {field.name: str(field.type) for field in table.schema}
         names = {"text": "string", "number": "double", "truth": "bool", "count": "int64"}
         assert kinds == {name: names[kind] for name, kind in result.columns.items()}
@@ -85,14 +78,6 @@ def test_without_the_extra_the_message_says_what_is_missing_and_what_works(tmp_p
     assert ".csv and .jsonl need none" in str(caught.value.cure)
 
 
-def test_a_frame_has_the_columns(tmp_path):
-    pytest.importorskip("pandas", reason="needs dobc_design[store]")
-    result = made(GRID, tmp_path)
-    frame = result.frame()
-    assert list(frame.columns) == list(result.columns)
-    assert frame["rate"].tolist() == result.column("rate")
-
-
 def test_a_result_shows_itself_with_user_text_escaped(tmp_path):
     result = made({"name": '"<b>",x'}, tmp_path, missing=(1,))
     assert "2 cases of name: 1 proved, 1 failed" in str(result)
@@ -102,19 +87,17 @@ def test_a_result_shows_itself_with_user_text_escaped(tmp_path):
         result.column("rat")
 
 
+RATE = "certified rate in 1/s"
+
+
 @pytest.mark.parametrize(
     ("over", "samples", "options", "axes"),
     [
         (GRID, None, {}, ("pinning.gains.3", "coupling.h")),
-        (GRID, None, {"x": "coupling.h"}, ("coupling.h", "certified rate in 1/s")),
-        (
-            {"pinning.gains.3": "1:3:3", "coupling.h": "y,tanh(y)"},
-            None,
-            {},
-            ("pinning.gains.3", "certified rate in 1/s"),
-        ),
-        ({"coupling.h": "y,tanh(y)", "target": "~uniform(0,1)"}, 6, {}, ("target", "certified rate in 1/s")),
-        ({"target": "~loguniform(1,1000)"}, 6, {"value": "rate"}, ("target", "certified rate in 1/s")),
+        (GRID, None, {"x": "coupling.h"}, ("coupling.h", RATE)),
+        ({"pinning.gains.3": "1:3:3", "coupling.h": "y,tanh(y)"}, None, {}, ("pinning.gains.3", RATE)),
+        ({"coupling.h": "y,tanh(y)", "target": "~uniform(0,1)"}, 6, {}, ("target", RATE)),
+        ({"target": "~loguniform(1,1000)"}, 6, {"value": "rate"}, ("target", RATE)),
         ({"target": "~uniform(0,1)", "coupling.h": "~choice(y,sin(y))"}, 6, {"x": "coupling.h"}, ("coupling.h", None)),
     ],
 )

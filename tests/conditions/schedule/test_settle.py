@@ -78,7 +78,7 @@ def test_example_2_settles_three_times_sooner_than_one_rate_says_and_no_run_cros
     assert settling.single_time / settling.time >= 3
     assert any(stage.is_quadratic for stage in settling.stages)
     assert not any(isinstance(stage.certificate, Separable) for stage in settling.stages[-2:])
-    found = compare(dd.load_problem("paper-switching"), settling, runs=10)  # more in the evidence
+    found = compare(dd.load_problem("paper-switching"), settling, runs=10)
     assert not found.crossings
     assert found.settled <= settling.time
 

@@ -25,23 +25,23 @@ _HOMES = {
     "Analysis": "analysis.analysis",
     "Certificate": "certificate.certificate",
     "Check": "conditions.check",
-    "Cone": "synthesis.observer.request",
+    "Cone": "synthesis.observer.claim",
     "Coupling": "coupling.coupling",
     "Design": "synthesis.joint.claim",
     "Designer": "designer.widget",
-    "Disk": "synthesis.observer.request",
+    "Disk": "synthesis.observer.claim",
     "Ensemble": "simulation.ensemble",
     "Exosystem": "problem.exosystems",
     "Failure": "simulation.stress",
     "Falsification": "falsification.suspect",
     "Fixed": "simulation.signals",
     "Group": "problem.groups",
-    "HalfPlane": "synthesis.observer.request",
+    "HalfPlane": "synthesis.observer.claim",
     "Markov": "simulation.signals",
     "Mobile": "simulation.signals",
     "Model": "model.model",
     "Network": "problem.network",
-    "NoiseLimit": "synthesis.observer.request",
+    "NoiseLimit": "synthesis.observer.claim",
     "Observer": "problem.groups",
     "ObserverDesign": "synthesis.observer.claim",
     "Periodic": "simulation.signals",
@@ -213,8 +213,7 @@ if TYPE_CHECKING:
     from dobc_design.sweeps.running import sweep
     from dobc_design.synthesis.designs import design, design_observer, design_pinning, trade_off
     from dobc_design.synthesis.joint.claim import Design, TradeOff
-    from dobc_design.synthesis.observer.claim import ObserverDesign
-    from dobc_design.synthesis.observer.request import Cone, Disk, HalfPlane, NoiseLimit
+    from dobc_design.synthesis.observer.claim import Cone, Disk, HalfPlane, NoiseLimit, ObserverDesign
     from dobc_design.synthesis.pinning.claim import PinningDesign
     from dobc_design.verdict import Verdict
 

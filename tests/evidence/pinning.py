@@ -155,9 +155,9 @@ def _best_of_all(problem: Problem, rate: float, pins: int) -> float | None:
 
 def _greedy(problem: Problem, rate: float, pins: int) -> float | None:
     """The cost of the greedy set alone, before branch and bound."""
+    from dobc_design.synthesis.pinning.claim import read_request
     from dobc_design.synthesis.pinning.decide import structure_of
     from dobc_design.synthesis.pinning.propose import make_proposer
-    from dobc_design.synthesis.pinning.request import read_request
 
     proposer = make_proposer(problem, read_request(problem.network.labels, rate=str(rate), pins=pins))
     everybody = range(problem.n)

@@ -15,9 +15,10 @@ from reduced import solve_reduced
 
 from dobc_design.conditions.consensus.claim import Pair, Statements, state_theorems
 from dobc_design.conditions.consensus.decide import psi_is_negative
-from dobc_design.conditions.observer.propose import design_gain, lyapunov
+from dobc_design.conditions.observer.decide import error_matrix
+from dobc_design.conditions.observer.propose import design_gain
 from dobc_design.exact.definite import decide_positive_definite
-from dobc_design.exact.matrix import multiply, scale, subtract, to_float
+from dobc_design.exact.matrix import identity, multiply, scale, solve_lyapunov, to_float
 from dobc_design.solvers.dense import solve_dense
 from dobc_design.solvers.program import Program
 from dobc_design.verdict import Verdict
@@ -61,7 +62,7 @@ def _pairs(statements: Statements) -> list[Pair]:
     exosystem = statements.problem.exosystem
     assert exosystem is not None
     W = design_gain(exosystem).W
-    P = None if W is None else lyapunov(subtract(exosystem.A, multiply(W, exosystem.C)))
+    P = None if W is None else solve_lyapunov(error_matrix(exosystem, W), identity(exosystem.order))
     if W is None or P is None:
         return []
     top = max(float(np.linalg.eigvalsh(to_float(each.constant.to_dense()))[-1]) for each in statements.lambdas.values())

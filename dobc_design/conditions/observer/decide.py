@@ -93,7 +93,7 @@ def hurwitz_check(
             + (f"was found; give one as {key}." if exists else "exists for this exosystem."),
             fix=None if exists else _reduction(exosystem, problem),
         )
-    error = subtract(exosystem.A, multiply(W, exosystem.C))
+    error = error_matrix(exosystem, W)
     table = decide_hurwitz(error)
     if table.verdict is not Verdict.PROVED:
         exists = decide_detectable(exosystem.A, exosystem.C).verdict is Verdict.PROVED
@@ -139,8 +139,8 @@ def confirm(check: Check, problem: Problem, W: Matrix | None) -> str | None:
         return None
     if own_gain is None or check.verdict is not Verdict.PROVED or check.rate <= 0:
         return "it claims a rate without ground"
-    error = subtract(exosystem.A, multiply(own_gain, exosystem.C))
-    return None if hurwitz_with_rate(error, claimed(check.rate)) else f"the rate {check.rate} is not reached"
+    reached = hurwitz_with_rate(error_matrix(exosystem, own_gain), claimed(check.rate))
+    return None if reached else f"the rate {check.rate} is not reached"
 
 
 def group_of(name: object, problem: Problem, W: Matrix | None) -> tuple[Exosystem, Matrix | None]:
@@ -161,6 +161,11 @@ def group_of(name: object, problem: Problem, W: Matrix | None) -> tuple[Exosyste
     if blocks is None:
         raise ValueError("W is not block diagonal")
     return system, blocks[place]
+
+
+def error_matrix(exosystem: Exosystem, W: Matrix) -> Matrix:
+    """A - WC, (q, q): the dynamics of the observer error (17)."""
+    return subtract(exosystem.A, multiply(W, exosystem.C))
 
 
 def hurwitz_with_rate(error: Matrix, rate: Fraction) -> bool:

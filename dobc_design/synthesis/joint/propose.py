@@ -21,13 +21,11 @@ from dobc_design.conditions.separable.claim import acts_by_component
 from dobc_design.exact.reading import counted
 from dobc_design.problem.changes import typed_number, value_text
 from dobc_design.problem.problem import Problem
-from dobc_design.synthesis.joint.request import DesignRequest
-from dobc_design.synthesis.observer.claim import ObserverDesign
-from dobc_design.synthesis.observer.request import ObserverRequest
+from dobc_design.synthesis.joint.claim import DesignRequest
+from dobc_design.synthesis.observer.claim import ObserverDesign, ObserverRequest
 from dobc_design.synthesis.observer.search import search_groups
-from dobc_design.synthesis.pinning.claim import PinningDesign, Structure
+from dobc_design.synthesis.pinning.claim import FEWEST, PinningDesign, PinningRequest, Structure, typed_gains
 from dobc_design.synthesis.pinning.propose_regions import RegionGains, RegionSearch
-from dobc_design.synthesis.pinning.request import FEWEST, PinningRequest, typed_gains
 from dobc_design.synthesis.pinning.search import search_pinning
 from dobc_design.verdict import Verdict
 

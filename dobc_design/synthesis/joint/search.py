@@ -23,8 +23,7 @@ from dobc_design.exact.matrix import Matrix
 from dobc_design.exact.reading import counted, shown
 from dobc_design.problem.changes import changed_problem, gain_changes, typed_number
 from dobc_design.problem.problem import Problem
-from dobc_design.synthesis.joint.claim import AXES, Design, TradeOff, TradePoint
-from dobc_design.synthesis.joint.decide import reduced_exosystem
+from dobc_design.synthesis.joint.claim import AXES, Design, DesignRequest, TradeOff, TradePoint
 from dobc_design.synthesis.joint.propose import (
     HALF,
     Ground,
@@ -36,10 +35,11 @@ from dobc_design.synthesis.joint.propose import (
     pin_sets,
     region_search,
 )
-from dobc_design.synthesis.joint.request import DesignRequest
 from dobc_design.synthesis.observer.claim import ObserverDesign
+from dobc_design.synthesis.observer.decide import reduced_exosystem
 from dobc_design.synthesis.pinning.decide import structural_obstacle, structure_of, too_fast
 from dobc_design.synthesis.pinning.propose import slow_directions
+from dobc_design.synthesis.pinning.search import with_lacking
 from dobc_design.verdict import Verdict
 
 NEARLY = 0.98  # of the rate that is aimed at: a proof with less is looked for again
@@ -65,7 +65,7 @@ def search_design(problem: Problem, request: DesignRequest, progress: Progress) 
 def _attempt(problem: Problem, request: DesignRequest, progress: Progress, *, part: Fraction = HALF) -> Design:
     """Decide one request: PROVED with a certificate, REFUTED with a statement, or UNDECIDED with the reason."""
     progress("looking for what is impossible")
-    changes, decisions, obstacle = reduced_exosystem(problem, request)
+    changes, decisions, obstacle = reduced_exosystem(problem, reduce=request.reduce)
     bare = changed_problem(problem, {"pinning.gains": None, **changes})
     if bare.groups:
         bare = changed_problem(bare, gain_changes(bare, None))
@@ -180,10 +180,7 @@ def _weaker(problem: Problem, request: DesignRequest, found: Design) -> Iterator
         yield replace(request, reduce=True), HALF
         return
     if kind == "structure":
-        structure = structure_of(problem, request.allowed)
-        free = set(request.allowed)
-        lacking = {i for group in structure.groups if not free & set(group) for i in group}
-        request = replace(request, allowed=tuple(sorted(free | lacking)))
+        request = replace(request, allowed=with_lacking(problem, request.allowed))
         yield request, HALF
         yield replace(request, pins=None), HALF
         return

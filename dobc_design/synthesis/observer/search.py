@@ -14,7 +14,7 @@ from dobc_design.exact.matrix import Matrix, multiply
 from dobc_design.exact.observability import decide_detectable
 from dobc_design.problem.exosystems import Exosystem
 from dobc_design.problem.groups import Group, join
-from dobc_design.synthesis.observer.claim import ObserverDesign
+from dobc_design.synthesis.observer.claim import NoiseLimit, ObserverDesign, ObserverRequest
 from dobc_design.synthesis.observer.decide import (
     channel,
     envelope_statement,
@@ -27,7 +27,6 @@ from dobc_design.synthesis.observer.decide import (
     why_impossible,
 )
 from dobc_design.synthesis.observer.propose import estimate_observer, propose_envelopes, propose_gains
-from dobc_design.synthesis.observer.request import NoiseLimit, ObserverRequest
 from dobc_design.verdict import Verdict
 
 

@@ -43,7 +43,7 @@ from dobc_design.conditions.consensus.pinning_shared import FEW_ROWS, solve_shar
 from dobc_design.conditions.consensus.propose import rows_of
 from dobc_design.problem.problem import Problem
 from dobc_design.solvers.program import Array
-from dobc_design.synthesis.pinning.request import PinningRequest
+from dobc_design.synthesis.pinning.claim import PinningRequest
 
 Vectors = list[tuple[str, Array]]  # mode, and a vector over the n m rows
 WORK, LARGEST = 200_000, 5_000  # closed forms spent on exchanges and ties, times agents; agents above which: none

@@ -24,7 +24,7 @@ from dobc_design.conditions.separable.propose_observer import propose_error_boun
 from dobc_design.exact.matrix import Matrix, Vector
 from dobc_design.problem.problem import Problem
 from dobc_design.solvers.program import Array
-from dobc_design.synthesis.pinning.request import PinningRequest
+from dobc_design.synthesis.pinning.claim import PinningRequest
 
 HELD = 1e9  # a gain, times the size of the rows, that holds an agent whatever the others do
 FIRST_STEP, LAST_STEP = 0.3, 1e-5  # of log v: the trust region

@@ -258,7 +258,8 @@ def _of_size(groups: Sequence[frozenset[int]], size: int, steps: list[int]) -> t
         return ()
     if steps[0] <= 0 or len(_apart(groups)) > size:
         return None
-    for agent in sorted(min(groups, key=len)):
+    smallest: frozenset[int] = min(groups, key=len)
+    for agent in sorted(smallest):
         rest = _of_size([group for group in groups if agent not in group], size - 1, steps)
         if rest is not None:
             return (agent, *rest)

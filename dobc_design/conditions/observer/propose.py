@@ -1,8 +1,7 @@
-"""Observer gains W and pairs (P, Q) worth trying, and norms of the error system that designs are judged by.
+"""Observer gains W for (17) and pairs (P, Q = P W) for (18) that are worth trying, and norms of the error system.
 
-Paper: W with A - WC Hurwitz (17), and P, Q = P W for (18).  Small programs and Kalman gains come first, but feasible
-problems never depend on a solver: the last rung of the ladder for W is Ackermann's formula over the rationals, that
-for P an exact Lyapunov equation, scaled up until the border term is small enough.  Nothing here is a proof.
+Programs and Kalman gains come first, but feasible problems never depend on a solver: the last rung for W is Ackermann's
+formula over the rationals, that for P an exact Lyapunov equation, scaled up.  Nothing here is a proof.
 """
 
 from __future__ import annotations
@@ -107,11 +106,8 @@ def placed_gains(exosystem: Exosystem, *, rate: Fraction) -> Iterator[Matrix]:
         error, output = subtract(A, multiply(first, C)), multiply(mix, C)
         if decide_observable(error, output).verdict is Verdict.PROVED:
             gain = multiply(back, add(first, multiply(_ackermann(error, output, pole=rate + 1), mix)))
-            for digits in (6, 12):
-                try:
-                    yield round_matrix(to_float(gain), digits)
-                except GIVEN_UP:  # beyond the floats; the exact one is still there
-                    break
+            with suppress(*GIVEN_UP):  # beyond the floats; the exact one is still there
+                yield from (round_matrix(to_float(gain), digits) for digits in (6, 12))
             yield gain
             return
 
@@ -263,23 +259,17 @@ def _square(exosystem: Exosystem) -> Fraction:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class GainDesign:
-    """A designed W (q, m), or None with the reason.
-
-    ``rate`` (1/s) is the decay that was asked for and that A - WC has, proved by Routh's test;
-    ``note`` says in a sentence how it came about; ``status`` is the solver's, for the record only.
-    """
+    """A designed W (q, m), or None; the proved decay rate (1/s) it was designed for; and how it came about."""
 
     W: Matrix | None
     rate: Fraction | None
     note: str
-    status: str = ""
 
 
 def design_gain(exosystem: Exosystem, *, rate: Fraction | None = None, time_limit: float = TIME_LIMIT) -> GainDesign:
-    """Design W so that A - WC decays at least at ``rate`` (1/s).
+    """Design W (q, m) so that A - WC decays at least at ``rate`` (1/s): Theorem 1 with the rate added, W = P^-1 Q.
 
     ``time_limit`` in s, for one call of a solver; the ladder ends with a gain that needs no solver.
-    Shapes: A (q, q), C (m, q), W (q, m).  Source: Theorem 1 with the rate added; W = P^-1 Q.
     """
     if decide_detectable(exosystem.A, exosystem.C).verdict is not Verdict.PROVED:
         return GainDesign(W=None, rate=None, note="no W exists: (A, C) is not detectable.")
@@ -287,34 +277,29 @@ def design_gain(exosystem: Exosystem, *, rate: Fraction | None = None, time_limi
     if wanted is not None:
         shifted = add(exosystem.A, scale(wanted, identity(exosystem.order)))
         if decide_detectable(shifted, exosystem.C).verdict is not Verdict.PROVED:
-            prefix = (
-                f"the rate asked, {_short(wanted)} 1/s, cannot be reached: a part of the exosystem that C does not see"
-                " decays no faster. "
-            )
+            reason = "a part of the exosystem that C does not see decays no faster."
+            prefix = f"the rate asked, {_short(wanted)} 1/s, cannot be reached: {reason} "
     if wanted is None or prefix:
         kalman, wanted = _kalman(exosystem), Fraction(0)
         if kalman is not None:
             wanted = half_rate(to_float(exosystem.A), to_float(exosystem.C), kalman)
         asked = "half that of the Kalman gain with unit weights" if wanted else "the least that can be asked"
-    status = ""
-    for W, how, status in _candidates(exosystem, wanted, kalman, time_limit=time_limit):
+    for W, how in _candidates(exosystem, wanted, kalman, time_limit=time_limit):
         if hurwitz_with_rate(error_matrix(exosystem, W), wanted):
             note = f"{prefix}W was designed ({how}) for the decay rate {_short(wanted)} 1/s, {asked}."
-            return GainDesign(W=W, rate=wanted, note=note, status=status)
-    cure = "ask for a lower observer.rate, or give one as observer.W." if wanted else "give one as observer.W."
-    return GainDesign(
-        W=None,
-        rate=wanted,
-        status=status,
-        note=f"{prefix}no W was found for the decay rate {_short(wanted)} 1/s, neither by the small SDP (Clarabel, then"
-        f" {SECOND}) nor as a Kalman gain nor by exact pole placement; {cure}",
+            return GainDesign(W=W, rate=wanted, note=note)
+    cure = f"{'ask for a lower observer.rate, or ' if wanted else ''}give one as observer.W."
+    note = (
+        f"{prefix}no W was found for the decay rate {_short(wanted)} 1/s, neither by the small SDP (Clarabel, then"
+        f" {SECOND}) nor as a Kalman gain nor by exact pole placement; {cure}"
     )
+    return GainDesign(W=None, rate=wanted, note=note)
 
 
 def _candidates(
     exosystem: Exosystem, rate: Fraction, kalman: Array | None, *, time_limit: float
-) -> Iterator[tuple[Matrix, str, str]]:
-    """Proposals W for a rate, each in several roundings: gain matrix, how it came about, the solver's status."""
+) -> Iterator[tuple[Matrix, str]]:
+    """Proposals W for a rate, each in several roundings, and how they came about."""
     time, output = natural_units(exosystem, rate=rate)
     # Large C alone would ask for a far faster observer than the rate does, hence max(1, output).
     units = scaled_exosystem(exosystem, time=time, output=output)
@@ -324,14 +309,12 @@ def _candidates(
     programs = ((_program(each, rate / each.time * slack), each.gain) for each in systems for slack in SLACK)
     for answer, unit, how in climb(programs, time_limit=time_limit):
         for W in _roundings(_gain_of(answer)):
-            yield scale(unit, W), f"small SDP {how}".rstrip(), answer.status
-    for W in _roundings(kalman):
-        yield W, "Kalman gain", ""
+            yield scale(unit, W), f"small SDP {how}".rstrip()
+    yield from ((W, "Kalman gain") for W in _roundings(kalman))
     for slack in SLACK:
         for W in _roundings(_kalman(units.exosystem, shift=float(rate / units.time * slack))):
-            yield scale(units.gain, W), "Kalman gain of A + rate I", ""
-    for W in placed_gains(exosystem, rate=rate):
-        yield W, "exact pole placement", ""
+            yield scale(units.gain, W), "Kalman gain of A + rate I"
+    yield from ((W, "exact pole placement") for W in placed_gains(exosystem, rate=rate))
 
 
 def _program(units: Scaled, rate: Fraction) -> Program:
@@ -341,34 +324,27 @@ def _program(units: Scaled, rate: Fraction) -> Program:
 
 def _gain_of(answer: Solution) -> Array | None:
     """P^-1 Q, or None."""
-    if not answer.found:
-        return None
-    try:
-        gain = np.asarray(np.linalg.solve(answer.values["P"], answer.values["Q"]), dtype=np.float64)
-    except GIVEN_UP:
-        return None
-    return gain if np.all(np.isfinite(gain)) else None
+    with suppress(*GIVEN_UP):
+        if answer.found:
+            return np.asarray(np.linalg.solve(answer.values["P"], answer.values["Q"]), dtype=np.float64)
+    return None
 
 
 def _roundings(gain: Array | None) -> Iterator[Matrix]:
-    if gain is not None:
-        for digits in DIGITS:
-            yield round_matrix(gain, digits)
+    if gain is not None and np.all(np.isfinite(gain)):
+        yield from (round_matrix(gain, digits) for digits in DIGITS)
 
 
 def _kalman(exosystem: Exosystem, *, shift: float = 0.0) -> Array | None:
     """The Kalman gain of (A + shift I, C) with unit weights; A - WC then decays faster than ``shift``."""
-    try:
+    with suppress(ValueError):  # beyond the floats
         return kalman_gain(to_float(exosystem.A) + shift * np.eye(exosystem.order), to_float(exosystem.C))
-    except ValueError:  # beyond the floats
-        return None
+    return None
 
 
 def _short(rate: Fraction) -> str:
     """A rate for a sentence; beyond the floats as a power of ten."""
-    if not rate:
-        return "0"
-    exponent = decimal_exponent(rate)
+    exponent = decimal_exponent(rate) if rate else 0
     return f"{float(rate):.4g}" if abs(exponent) < 300 else f"about 1e{exponent}"
 
 

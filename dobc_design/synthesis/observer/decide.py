@@ -1,13 +1,9 @@
 """Exact decisions about an observer gain W: the spectrum of F = A - W C, norms, envelopes, what is impossible.
 
-Spectrum: Routh's test and exact counts of the mapped characteristic polynomial (``exact.polynomial``).  For a sampled
-observer exp(A T) is enclosed by Arb, and what is proved holds for every matrix of the enclosure.
-
-Norms: measurement noise nu on x to dhat, C s (sI - F)^-1 W = C W + C F (sI - F)^-1 W;  an unmodelled d to dhat,
-C (sI - F)^-1 W;  an input of the exosystem to the error C eps, C (sI - F)^-1.  The square of an H2 norm is rational,
+Spectrum: Routh's test and exact counts of the mapped characteristic polynomial.  For a sampled observer exp(A T) is
+enclosed by Arb, and what is proved holds for every matrix of the enclosure.  The square of an H2 norm is rational,
 C X C' with F X + X F' + B B' = 0.  For F Hurwitz the H-infinity norm is below gamma iff gamma^2 I - D'D > 0 and the
-Hamiltonian matrix has no eigenvalue on the imaginary axis; its characteristic polynomial is even, so that is a Sturm
-count in s^2 (Boyd, Balakrishnan, Kabamba 1989).
+Hamiltonian matrix has no imaginary eigenvalue, a Sturm count in s^2 (Boyd, Balakrishnan, Kabamba 1989).
 
 Impossible: without a bound on noise the answer is complete.  The regions (closed, convex, symmetric) and Re s < 0 share
 a real point or nothing; W can put all observable eigenvalues into one real point (Ackermann), and the hidden ones are
@@ -134,7 +130,7 @@ def hurwitz_statement(F: Matrix) -> Statement:
 
 
 def rate_holds(F: Matrix, rate: Fraction) -> bool:
-    """Whether every eigenvalue of F has a real part <= -rate: exact, the border included."""
+    """Whether every eigenvalue of F has a real part <= -rate, the border included."""
     return roots_inside(characteristic_polynomial(F), HalfPlane(left_of=-rate))[0]
 
 
@@ -164,7 +160,7 @@ def sampled_statements(
 ) -> tuple[Statement, ...]:
     """Schur stability of the sampled error, its rate (|z| <= exp(-rate T)) and disks of the z-plane.
 
-    Decided for every matrix in an enclosure of the exact one; UNDECIDED where an eigenvalue is too close to the border.
+    UNDECIDED where an eigenvalue is too close to the border for the enclosure.
     """
     polynomial = interval_characteristic_polynomial(sampled_matrix(exosystem, W, period))
     text = "the sampled error converges: every eigenvalue lies inside the unit disk"
@@ -203,14 +199,13 @@ def channel(exosystem: Exosystem, W: Matrix, name: str) -> StateSpace:
 
     Raises: SpecError for another name.
     """
-    F, C, m = error_matrix(exosystem, W), exosystem.C, exosystem.outputs
+    if name not in CHANNELS:
+        raise SpecError(f"channel must be one of {', '.join(CHANNELS)}; got {name!r}.", key="channel")
+    F, C = error_matrix(exosystem, W), exosystem.C
     if name == "measurement":
         return StateSpace(F=F, B=W, C=multiply(C, F), D=multiply(C, W))
-    if name == "disturbance":
-        return StateSpace(F=F, B=W, C=C, D=zeros(m, m))
-    if name == "exosystem":
-        return StateSpace(F=F, B=identity(exosystem.order), C=C, D=zeros(m, exosystem.order))
-    raise SpecError(f"channel must be one of {', '.join(CHANNELS)}; got {name!r}.", key="channel")
+    B = W if name == "disturbance" else identity(exosystem.order)
+    return StateSpace(F=F, B=B, C=C, D=zeros(len(C), len(B[0])))
 
 
 def h2_squared(system: StateSpace) -> Fraction | None:
@@ -265,9 +260,9 @@ def noise_statement(exosystem: Exosystem, W: Matrix, limit: NoiseLimit) -> State
     )
 
 
-def gain_squared(W: Matrix) -> Fraction:
-    """|W|^2, the sum of the squares of its entries."""
-    return sum((x * x for row in W for x in row), Fraction(0))
+def size_above(W: Matrix) -> float:
+    """|W|, rounded up: the root of the sum of the squares of its entries."""
+    return root_above(sum((x * x for row in W for x in row), Fraction(0)))
 
 
 def envelope_statement(exosystem: Exosystem, W: Matrix, envelope: Envelope) -> Statement | None:
@@ -292,7 +287,7 @@ def envelope_statement(exosystem: Exosystem, W: Matrix, envelope: Envelope) -> S
 def proved_measures(exosystem: Exosystem, W: Matrix, estimates: Mapping[str, float]) -> dict[str, float]:
     """Gain, rate (1/s), damping and the norms of the three channels, "hinf measurement" and so on, for W (q, m)."""
     F = error_matrix(exosystem, W)
-    result = {"gain": root_above(gain_squared(W))}
+    result = {"gain": size_above(W)}
     for name, holds in (("rate", rate_holds), ("damping", damping_holds)):
         estimate = estimates.get(name, 0.0)
         found: float | None = float(f"{estimate:.9g}")
@@ -319,17 +314,23 @@ def why_impossible(exosystem: Exosystem, request: ObserverRequest) -> Statement 
     The kind of the refuted Statement says which part of the request fails: "detectable", "rate", "region" or "noise".
     """
     found = decide_detectable(exosystem.A, exosystem.C)
+    hidden, regions = found.unobservable_text, request.all_regions
     if found.verdict is not Verdict.PROVED:
-        return refuted(
-            "detectable",
-            f"no W exists: (A, C) is not detectable; the part {found.unobservable_text} never reaches d = C xi and does"
-            " not decay. It does not act on the agents either: leave it out.",
-            polynomial=found.unobservable_text,
-        )
+        text = f"no W exists: (A, C) is not detectable; the part {hidden} never reaches d = C xi and does not decay."
+        text += " It does not act on the agents either: leave it out."
+        return refuted("detectable", text, polynomial=hidden)
     if request.period is not None:
         return None
-    outside = _hidden_outside(found.unobservable_polynomial, request)
-    return outside or _empty(request.all_regions) or _too_quiet(exosystem, request)
+    for position, region in enumerate(regions if len(found.unobservable_polynomial) > 1 else ()):
+        if not roots_inside(found.unobservable_polynomial, region)[0]:
+            text = f"no W meets {region}: C does not see the part {hidden} of the exosystem, so no gain moves its"
+            text += " eigenvalues, and they lie outside."
+            return refuted("region" if position else "rate", text, polynomial=hidden)
+    common = common_interval(regions)
+    if common is None or (common[0] is not None and common[0] >= 0):
+        names = " and ".join(str(region) for region in regions)
+        return refuted("region", f"no W exists: no point with Re s < 0 lies in {names}.")
+    return _too_quiet(exosystem, request)
 
 
 def reduced_exosystem(problem: Problem, *, reduce: bool) -> tuple[Mapping[str, Any], tuple[str, ...], Statement | None]:
@@ -380,28 +381,6 @@ def largest_hidden_rate(polynomial: Coefficients) -> Fraction | None:
     if short >= low > 0 and count_right_half_plane(shifted(polynomial, -short)) == 0:
         return short
     return low or None
-
-
-def _hidden_outside(polynomial: Coefficients, request: ObserverRequest) -> Statement | None:
-    """The first region that does not hold the eigenvalues that W cannot move."""
-    for position, region in enumerate(request.all_regions):
-        if len(polynomial) > 1 and not roots_inside(polynomial, region)[0]:
-            text = polynomial_text(polynomial)
-            return refuted(
-                "rate" if position == 0 else "region",
-                f"no W meets {region}: C does not see the part {text} of the exosystem, so no gain moves its"
-                " eigenvalues, and they lie outside.",
-                polynomial=text,
-            )
-    return None
-
-
-def _empty(regions: tuple[SpectralRegion, ...]) -> Statement | None:
-    common = common_interval(regions)
-    if common is not None and (common[0] is None or common[0] < 0):
-        return None
-    names = " and ".join(str(region) for region in regions)
-    return refuted("region", f"no W exists: no point with Re s < 0 lies in {names}.")
 
 
 def _too_quiet(exosystem: Exosystem, request: ObserverRequest) -> Statement | None:

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
+from functools import partial
 from itertools import islice
 from typing import Any
 
@@ -56,10 +57,7 @@ def read_request(
     pins: Any = None,
     digits: Any = 4,
 ) -> PinningRequest:
-    """Read the arguments of ``design_pinning``; agents by label, numbers exactly.
-
-    Raises: SpecError that names every wrong argument.
-    """
+    """Read the arguments of ``design_pinning``, exactly.  Raises: SpecError that names every wrong one."""
     index = {label: i for i, label in enumerate(labels)}
     because = ", because V is to decrease at that rate, V' <= -2 rate V"
     _, _, speed, agents, caps, costs = read_all(
@@ -89,11 +87,8 @@ def read_all(*readers: Callable[[], Any]) -> list[Any]:
 
 def _check_pins(pins: Any) -> None:
     if pins is not None and pins != FEWEST and (isinstance(pins, bool) or not isinstance(pins, int) or pins < 1):
-        raise SpecError(
-            f'pins must be an integer >= 1 or "{FEWEST}"; got {shown(pins)}.',
-            key="pins",
-            cure="Leave it out for any number of pinned agents.",
-        )
+        text = f'pins must be an integer >= 1 or "{FEWEST}"; got {shown(pins)}.'
+        raise SpecError(text, key="pins", cure="Leave it out for any number of pinned agents.")
 
 
 def _agents(allowed: Any, index: Mapping[str, int]) -> tuple[int, ...]:
@@ -117,13 +112,10 @@ def _agent(label: Any, index: Mapping[str, int], *, key: str) -> int:
 
 def _by_agent(value: Any, index: Mapping[str, int], *, key: str, why: str) -> dict[int, Fraction]:
     """A number for all agents, or label -> number."""
-    why = f", because {why}"
+    read = partial(read_positive, why=f", because {why}", cure=POSITIVE)
     if not isinstance(value, Mapping):
-        return dict.fromkeys(range(len(index)), read_positive(value, key, why=why, cure=POSITIVE))
-    return {
-        _agent(label, index, key=key): read_positive(x, f"{key}.{named(str(label))}", why=why, cure=POSITIVE)
-        for label, x in value.items()
-    }
+        return dict.fromkeys(range(len(index)), read(value, key))
+    return {_agent(label, index, key=key): read(x, f"{key}.{named(str(label))}") for label, x in value.items()}
 
 
 def cost_of(request: PinningRequest, gains: Mapping[int, Fraction]) -> Fraction:
@@ -280,28 +272,26 @@ def without_gains(
     )
 
 
-def prices_in_words(problem: Problem, request: PinningRequest, bound: Bound, agents: Mapping[int, Any]) -> list[str]:
+def prices_in_words(problem: Problem, request: PinningRequest, bound: Bound, agents: Collection[int]) -> Iterator[str]:
     """What each limit costs, from the exact multipliers: every sentence is a consequence of the lower bound.
 
     ``agents``: those that may have a gain in the bound.
     """
     labels = problem.network.labels
     if not bound.vectors:
-        return []
-    words = [
-        f"Rate: a larger rate b costs at least {_down(bound.value)} + {_down(bound.rate_price)}"
-        f" (b - {number_text(bound.rate)}) with gains on these agents."
-    ]
+        return
+    value, price = _down(bound.value), _down(bound.rate_price)
+    base = number_text(bound.rate)
+    yield f"Rate: a larger rate b costs at least {value} + {price} (b - {base}) with gains on these agents."
     for i in sorted(bound.cap_prices, key=lambda i: (-bound.cap_prices[i], i))[:SHOWN]:
-        words.append(f"Cap of agent {labels[i]}: each 1/s more of it saves at most {_up(bound.cap_prices[i])}.")
+        yield f"Cap of agent {labels[i]}: each 1/s more of it saves at most {_up(bound.cap_prices[i])}."
     gain = {i: load - request.costs[i] for i, load in enumerate(bound.loads) if i not in agents}
     best = [i for i in sorted(gain, key=lambda i: (-gain[i], i)) if gain[i] > 0][:SHOWN]
     if best:
         most = ", ".join(f"agent {labels[i]} at most {_up(gain[i])}" for i in best)
-        words.append(f"Agents left out: each 1/s of gain would save, after its own cost, {most}.")
+        yield f"Agents left out: each 1/s of gain would save, after its own cost, {most}."
     elif gain:
-        words.append("Agents left out: a gain on any one of them would save nothing.")
-    return words
+        yield "Agents left out: a gain on any one of them would save nothing."
 
 
 def _down(value: Fraction) -> str:

@@ -201,26 +201,21 @@ def structural_obstacle(problem: Problem, pins: int | str | None, structure: Str
     """A proof by the graph alone that the allowed agents, or so few pins, cannot do."""
     labels = problem.network.labels
     several = len(problem.network.modes) > 1  # signals that leave a mode often enough may do with fewer pins
-    where, always = (" in one of the modes", " under arbitrary switching") if several else ("", "")
+    words = (" in one of the modes", " under arbitrary switching", " while it lasts")
+    where, always, lasts = words if several else ("", "", "")
     if structure.unmet is not None:
-        who = name_agents([labels[i] for i in structure.unmet])
-        return refuted(
-            "structure",
-            f"consensus{always} is out of reach with pins on the allowed agents only: {who} listen"
-            f"{'s' if len(structure.unmet) == 1 else ''} to nobody else{where}, and no pin may be put there, so moved"
-            f" together they stay moved{' while it lasts' if several else ''}.",
-            group=", ".join(labels[i] for i in structure.unmet),
-        )
+        listen = "listens" if len(structure.unmet) == 1 else "listen"
+        group = [labels[i] for i in structure.unmet]
+        text = f"consensus{always} is out of reach with pins on the allowed agents only: {name_agents(group)} {listen}"
+        text += f" to nobody else{where}, and no pin may be put there, so moved together they stay moved{lasts}."
+        return refuted("structure", text, group=", ".join(group))
     if isinstance(pins, int) and pins < structure.least:
         groups = structure.apart if len(structure.apart) > pins else structure.groups
         named = "; ".join(name_agents([labels[i] for i in group]) for group in groups[:8])
-        return refuted(
-            "pins",
-            f"{counted(pins, 'pin')} cannot do{always}, whatever the gains: at least {structure.least} are"
-            f" needed, because each of these groups hears nobody outside{where} and needs a pin of its own: {named}.",
-            least=str(structure.least),
-            groups=" | ".join(", ".join(labels[i] for i in group) for group in groups[:50]),
-        )
+        text = f"{counted(pins, 'pin')} cannot do{always}, whatever the gains: at least {structure.least} are needed,"
+        text += f" because each of these groups hears nobody outside{where} and needs a pin of its own: {named}."
+        every = " | ".join(", ".join(labels[i] for i in group) for group in groups[:50])
+        return refuted("pins", text, least=str(structure.least), groups=every)
     return None
 
 
@@ -346,21 +341,16 @@ def too_fast(
         return _too_few_pins(rate, pins, allowed, slowest) if isinstance(pins, int) else None
     labels = problem.network.labels
     capped = bool(caps) and slowest(allowed, {}) is None
-    moved = name_agents([labels[i] for i, x in enumerate(found.w) if x])
+    moved = [labels[i] for i, x in enumerate(found.w) if x]
     where = f" in mode {found.mode}" if len(problem.network.modes) > 1 else ""
-    every = capped or len(allowed) == problem.n
-    how = "with every gain at its cap" if every else "with the allowed agents held exactly at the target"
-    pace = f"return{'s' if sum(map(bool, found.w)) == 1 else ''} no faster than {_above(found.limit)} 1/s"
+    how = "with the allowed agents held exactly at the target"
+    if capped or len(allowed) == problem.n:
+        how = "with every gain at its cap"
+    pace = f"return{'s' if len(moved) == 1 else ''} no faster than {_above(found.limit)} 1/s"
+    text = f"no gains let the errors decay at {typed_number(rate)} 1/s{where}: even {how}, {name_agents(moved)} {pace}"
     values = {"w": ", ".join(map(str, found.w))} if len(found.w) <= LONGEST else {}
-    return refuted(
-        "max_gain" if capped else "rate",
-        f"no gains let the errors decay at {typed_number(rate)} 1/s{where}: even {how}, {moved} {pace} near the"
-        " target.",
-        mode=found.mode,
-        component=str(found.component + 1),
-        limit=number_text(found.limit),
-        **values,
-    )
+    values = {"mode": found.mode, "component": str(found.component + 1), "limit": number_text(found.limit), **values}
+    return refuted("max_gain" if capped else "rate", f"{text} near the target.", **values)
 
 
 def _too_few_pins(
@@ -375,14 +365,9 @@ def _too_few_pins(
         if found is None:
             return None
         most = max(most, found.limit)
-    return refuted(
-        "pins",
-        f"{counted(pins, 'pinned agent')} cannot give the rate {typed_number(rate)} 1/s, whatever the gains: all"
-        f" {counted(count, 'choice')} are excluded one by one, and the best of them reaches"
-        f" {_above(most)} 1/s at most near the target.",
-        sets=str(count),
-        limit=number_text(most),
-    )
+    text = f"{counted(pins, 'pinned agent')} cannot give the rate {typed_number(rate)} 1/s, whatever the gains: all"
+    text += f" {counted(count, 'choice')} are excluded one by one, and the best of them reaches {_above(most)} 1/s at"
+    return refuted("pins", f"{text} most near the target.", sets=str(count), limit=number_text(most))
 
 
 def _above(limit: Fraction) -> str:

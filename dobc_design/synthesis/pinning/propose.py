@@ -188,7 +188,7 @@ class PinningProposer:
         rows = blocks.agents * blocks.width
 
         def is_cheap(gains: Array) -> bool:
-            return found is None or float(self.costs @ gains) < self.costs @ found[0] * 1.000001
+            return found is None or bool(self.costs @ gains < self.costs @ found[0] * 1.000001)
 
         if known:
             best = max(range(len(known)), key=lambda k: self.costs @ known[k].gains)
@@ -203,8 +203,8 @@ class PinningProposer:
                 return found[0].tolist(), found[1]
         agents = np.flatnonzero(chosen)
         if rows <= PROGRAM_ROWS and rows * rows * len(blocks.tables) <= PROGRAM_SIZE:
-            shape = {"width": blocks.width, "scale": blocks.scale, "caps": self.caps}
-            program = solve_program(blocks.tables, agents, self.costs, **shape)
+            width, scale = blocks.width, blocks.scale
+            program = solve_program(blocks.tables, agents, self.costs, width=width, scale=scale, caps=self.caps)
             if program is not None and is_cheap(program.gains):
                 columns = [_factors(each, z=blocks.z) for each in program.multipliers]
                 return program.gains.tolist(), self._named(blocks, columns)

@@ -87,12 +87,9 @@ def search_pinning(problem: Problem, request: PinningRequest, progress: Progress
     statements = state_theorems(bare)
     proposer = None if statements.inapplicable else make_proposer(bare, request)
     if proposer is None:
-        raise SpecError(
-            "coupling must have a derivative at the consensus that floats can hold, because gains are designed for"
-            f" the linearisation; {statements.inapplicable or 'an entry of J + J is too large.'}",
-            key="coupling.h",
-            cure="Use a smooth coupling, such as tanh(y).",
-        )
+        text = "coupling must have a derivative at the consensus that floats can hold, because gains are designed for"
+        text += f" the linearisation; {statements.inapplicable or 'an entry of J + J is too large.'}"
+        raise SpecError(text, key="coupling.h", cure="Use a smooth coupling, such as tanh(y).")
     lambdas = {name: Enclosed(middle=x.constant, deviations=x.deviations) for name, x in statements.lambdas.items()}
     ground = Ground(problem=problem, request=request, lambdas=lambdas)
     found = _attempt(ground, proposer, progress)
@@ -132,19 +129,13 @@ def _too_fast(ground: Ground, proposer: PinningProposer) -> Statement | None:
     moved = carriers(ground.problem, obstacle.vector)
     capped = {ground.problem.network.labels[i] for i in set(request.allowed) & set(request.caps)} & set(moved)
     values = {"v": ", ".join(map(number_text, obstacle.vector))} if len(obstacle.vector) <= LONGEST else {}
-    because = (
-        "even with every gain at its cap the direction shown decays more slowly"
-        if capped
-        else "the direction shown moves none of the agents that may be pinned, and decays more slowly by itself"
-    )
+    kind, because = "rate", "moves none of the agents that may be pinned, and decays more slowly by itself"
+    if capped:
+        kind, because = "max_gain", "decays more slowly"
+    even = "even with every gain at its cap " if capped else ""
     where = f" in mode {obstacle.mode}" if len(ground.lambdas) > 1 else ""
-    return refuted(
-        "max_gain" if capped else "rate",
-        f"no gains reach the rate {shown_number(request.rate)}{where}: {because}. It is carried by"
-        f" {name_agents(moved)}.",
-        mode=obstacle.mode,
-        **values,
-    )
+    text = f"no gains reach the rate {shown_number(request.rate)}{where}: {even}the direction shown {because}. It is"
+    return refuted(kind, f"{text} carried by {name_agents(moved)}.", mode=obstacle.mode, **values)
 
 
 def _chosen(
@@ -155,10 +146,8 @@ def _chosen(
     needed = max(structure.least, pins_needed(ground, request.rate, proposer.slow(rate)))
     if isinstance(request.pins, int):
         if request.pins < needed:
-            text = (
-                f"{counted(request.pins, 'pin')} cannot do at this rate: at least {needed} are needed. So many"
-                " independent directions are slower than that without gains, and each pin holds one of them."
-            )
+            text = f"{counted(request.pins, 'pin')} cannot do at this rate: at least {needed} are needed. So many"
+            text += " independent directions are slower than that without gains, and each pin holds one of them."
             return None, (refuted("pins", text, least=str(needed)),)
         start = proposer.greedy(request.allowed, groups, rate, request.pins)
         choice = Choice(ground, proposer, progress, request.pins, groups, start)
@@ -205,10 +194,8 @@ def _designed(
     statements = [proved("rate", text, rate=rate)]
     if structure.exact:
         example = name_agents([labels[i] for i in structure.agents])
-        text = (
-            f"Structural minimum: {counted(structure.least, 'pin')}, one for each group that listens to nobody outside"
-            f" ({len(structure.groups)} over all modes); {example} would do for that."
-        )
+        text = f"Structural minimum: {counted(structure.least, 'pin')}, one for each group that listens to nobody"
+        text += f" outside ({len(structure.groups)} over all modes); {example} would do for that."
         statements.append(proved("structure", text, least=str(structure.least)))
     return PinningDesign(
         verdict=Verdict.PROVED,
@@ -221,7 +208,7 @@ def _designed(
         bound_for=tuple(labels[i] for i in agents),
         structural_minimum=structure.least if structure.exact else None,
         statements=(*statements, *more),
-        prices=tuple(prices_in_words(ground.problem, request, bound, dict.fromkeys(agents))),
+        prices=tuple(prices_in_words(ground.problem, request, bound, set(agents))),
         ties=() if choice is None else _ties(ground, proposer, tuple(gains), choice),
         problem=changed_problem(ground.problem, {"pinning.gains": named}),
         reason=f"gains on {name_agents(tuple(named))} reach the rate {shown_number(request.rate)} at the cost"
@@ -318,12 +305,10 @@ class Choice:
     def statement(self) -> Statement:
         """What is proved of all sets of so many agents."""
         if self.impossible:
-            none = f"no {self.pins} of the allowed agents reach"
-            none = "none of the allowed agents alone reaches" if self.pins == 1 else none
-            text = (
-                f"{none} this rate: every choice is excluded, {self._nodes} parts of the choice one by one, each by a"
-                " direction that stays too slow or a group without a pin."
-            )
+            several = f"no {self.pins} of the allowed agents reach"
+            none = "none of the allowed agents alone reaches" if self.pins == 1 else several
+            text = f"{none} this rate: every choice is excluded, {self._nodes} parts of the choice one by one, each by"
+            text += " a direction that stays too slow or a group without a pin."
             return refuted("pins", text, pins=str(self.pins), nodes=str(self._nodes))
         finished = all(self._is_beaten(node) for _, _, node in self._heap)
         how = "all choices compared" if finished else f"{self._nodes} parts of the choice looked at"
@@ -469,12 +454,8 @@ def _file_region(problem: Problem, request: PinningRequest) -> Region:
         raise SpecError(text, key="observer.W", cure="Design W first, with design_observer.")
     error = propose_error_bound(exosystem, W, rate=float(request.rate))
     if error is None:
-        raise SpecError(
-            f"rate must be below the decay rate of the observer, because V = N + kappa E is to reach it; got"
-            f" {shown_number(request.rate)}.",
-            key="rate",
-            cure="Ask for less, or for a faster W.",
-        )
+        text = "rate must be below the decay rate of the observer, because V = N + kappa E is to reach it; got"
+        raise SpecError(f"{text} {shown_number(request.rate)}.", key="rate", cure="Ask for less, or for a faster W.")
     rho = None if problem.is_linear else radius_needed(radius, error, disturbance)
     return Region(radius=radius, rho=rho, disturbance=disturbance, error=error, W=W)
 
@@ -495,10 +476,8 @@ def _region_attempt(problem: Problem, request: PinningRequest, asked: Region) ->
         fewer = _on(bare, request, asked, _heaviest(found, request, structure.groups, int(most)))
         if isinstance(fewer, BoxGains):
             return _region_design(request, asked, fewer, structure)
-        text = (
-            f"no {most} of the allowed agents were found with which the certificate reaches the rate"
-            f" {shown_number(request.rate)} over the region; {len(found.gains)} agents do."
-        )
+        text = f"no {most} of the allowed agents were found with which the certificate reaches the rate"
+        text += f" {shown_number(request.rate)} over the region; {len(found.gains)} agents do."
         return without_gains(request, structure, undecided("pins", text), radius=asked.radius)
     low, high, least = max(1, structure.least), len(found.gains), str(structure.least)
     while low < high:
@@ -528,12 +507,9 @@ def _unordered(bare: Problem, request: PinningRequest) -> Statement | None:
         return None
     stuck = name_agents([labels[i] for i in ordering.stuck])
     modes = f" ({', '.join(dict.fromkeys(ordering.blocking))})" if len(bare.network.modes) > 1 else ""
-    return refuted(
-        "ordering",
-        f"no gains on the allowed agents have a max-separable certificate, of any radius: each of {stuck} may not be"
-        f" pinned and in one of the modes hears nobody but these{modes}.",
-        agents=", ".join(labels[i] for i in ordering.stuck[:50]),
-    )
+    text = f"no gains on the allowed agents have a max-separable certificate, of any radius: each of {stuck} may not be"
+    text += f" pinned and in one of the modes hears nobody but these{modes}."
+    return refuted("ordering", text, agents=", ".join(labels[i] for i in ordering.stuck[:50]))
 
 
 def _on(bare: Problem, request: PinningRequest, asked: Region, agents: Sequence[int]) -> BoxGains | Statement:
@@ -599,13 +575,9 @@ def _region_design(
     weights = f"max_i |e_i|/v_i (v from 1 to {float(max(found.certificate.v)):.4g})"
     errors = "" if asked.error is None else " plus the observer's part"
     still = ", with eps = 0" if asked.error is None else ""
-    reached = proved(
-        "region",
-        f"{weights}{errors} decays from every start {asked}{still}, at the rate {number_text(request.rate)}, for the"
-        " gains as they are written.",
-        rate=number_text(request.rate),
-        radius=number_text(asked.radius),
-    )
+    rate, radius = number_text(request.rate), number_text(asked.radius)
+    text = f"{weights}{errors} decays from every start {asked}{still}, at the rate {rate}, for the gains as they are"
+    reached = proved("region", f"{text} written.", rate=rate, radius=radius)
     return PinningDesign(
         verdict=Verdict.PROVED,
         request=request,

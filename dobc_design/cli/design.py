@@ -12,8 +12,7 @@ import typer
 from dobc_design.cli import output
 
 if TYPE_CHECKING:
-    from dobc_design.synthesis.joint.claim import Design
-    from dobc_design.synthesis.joint.request import DesignRequest
+    from dobc_design.synthesis.joint.claim import Design, DesignRequest
 
 
 def design(
@@ -83,10 +82,7 @@ def _lines(found: Design, *, file: str, out: Path) -> Iterator[str]:
         yield f"\nThe limit that fails: --{option}."
     nearest = found.nearest
     if nearest is not None:
-        from dobc_design.synthesis.joint.claim import NO_LIMITS
-
-        limits = "; ".join(words for _, words in nearest.request.limits(nearest.labels)) or NO_LIMITS
-        yield f"\nThe nearest request that was proved possible: {limits}."
+        yield f"\nThe nearest request that was proved possible: {nearest.limits}."
         yield from nearest.decisions
         command = ["dobc", "design", file, "--out", str(out), *_option_texts(nearest.request, nearest.labels)]
         yield f"    {shlex.join(command)}"

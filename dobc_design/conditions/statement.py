@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from functools import partial
 from typing import Any
 
 from dobc_design._show.cards import Shown
@@ -36,11 +37,10 @@ def decided(holds: bool) -> Verdict:
     return Verdict.PROVED if holds else Verdict.REFUTED
 
 
-def refuted(kind: str, text: str, **exact: str) -> Statement:
-    """A statement that something cannot be."""
-    return Statement(kind=kind, text=text, verdict=Verdict.REFUTED, exact=exact)
+def _stated(verdict: Verdict, kind: str, text: str, /, **exact: str) -> Statement:
+    return Statement(kind=kind, text=text, verdict=verdict, exact=exact)
 
 
-def proved(kind: str, text: str, **exact: str) -> Statement:
-    """A statement that holds."""
-    return Statement(kind=kind, text=text, verdict=Verdict.PROVED, exact=exact)
+proved = partial(_stated, Verdict.PROVED)
+refuted = partial(_stated, Verdict.REFUTED)
+undecided = partial(_stated, Verdict.UNDECIDED)

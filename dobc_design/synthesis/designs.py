@@ -40,7 +40,7 @@ def design_observer(
         >>> dd.design_observer("paper-fixed", noise="3/2").verdict.value
         'refuted'
     """
-    from dobc_design.synthesis.observer.request import read_observer_request
+    from dobc_design.synthesis.observer.claim import read_observer_request
     from dobc_design.synthesis.observer.search import search_groups
 
     problem = problem if isinstance(problem, Problem) else load_problem(problem)
@@ -83,9 +83,8 @@ def design_pinning(
         >>> found.verdict.value, list(found.gains)
         ('proved', ['gateway'])
     """
-    from dobc_design.synthesis.pinning.regions import search_region
-    from dobc_design.synthesis.pinning.request import read_request
-    from dobc_design.synthesis.pinning.search import search_pinning
+    from dobc_design.synthesis.pinning.claim import read_request
+    from dobc_design.synthesis.pinning.search import search_pinning, search_region
 
     problem = problem if isinstance(problem, Problem) else load_problem(problem)
     request = read_request(
@@ -122,7 +121,7 @@ def design(
     Returns: a Design: PROVED, with ``problem`` and ``certificate``; REFUTED with the reason; UNDECIDED.  The last two
     with the nearest possible request.  Raises: SpecError for a wrong argument.
     """
-    from dobc_design.synthesis.joint.request import read_design_request
+    from dobc_design.synthesis.joint.claim import read_design_request
     from dobc_design.synthesis.joint.search import search_design
 
     problem = problem if isinstance(problem, Problem) else load_problem(problem)
@@ -161,7 +160,7 @@ def trade_off(
     in ``design``; gains that the problem has are not looked at.
     Returns: a TradeOff with ``points``, ``plot()`` and ``to_pandas()``.  Raises: SpecError for a wrong argument.
     """
-    from dobc_design.synthesis.joint.request import read_design_request
+    from dobc_design.synthesis.joint.claim import read_design_request
     from dobc_design.synthesis.joint.search import trade_off_of
 
     problem = problem if isinstance(problem, Problem) else load_problem(problem)

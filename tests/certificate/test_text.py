@@ -24,9 +24,8 @@ from dobc_design.certification.recheck import recheck
 from dobc_design.checker import examine as checker
 from dobc_design.conditions.check import Check, Fix, Values, Witness, number_or_none
 from dobc_design.conditions.numbers import LONGEST
-from dobc_design.conditions.observer.propose import lyapunov
 from dobc_design.errors import CertificateError
-from dobc_design.exact.matrix import multiply, scale
+from dobc_design.exact.matrix import identity, multiply, scale, solve_lyapunov
 from dobc_design.exact.number import number_text
 from dobc_design.problem.canonical import canonical_bytes
 from dobc_design.problem.exosystems import Exosystem
@@ -79,7 +78,7 @@ def test_numbers_longer_than_anybody_types_are_read_back(monkeypatch):
     )
 
     def exact_only(exosystem, W, *, bound, decay):
-        P = scale(10**40, lyapunov(exosystem.A))
+        P = scale(10**40, solve_lyapunov(exosystem.A, identity(exosystem.order)))
         yield P, multiply(P, W), ""
 
     monkeypatch.setattr("dobc_design.certification.certify.propose_pairs", exact_only)

@@ -274,7 +274,7 @@ def test_when_every_rung_fails_the_answer_is_undecided_and_says_why(without_solv
 
 
 def test_a_pair_that_nobody_finds_leaves_the_theorem_undecided(without_solvers, monkeypatch):
-    monkeypatch.setattr(propose, "lyapunov", lambda error: None)
+    monkeypatch.setattr(propose, "solve_lyapunov", lambda F, N: None)
     text = builtin_text("paper-fixed").replace("P = ", "# P = ")
     problem = read_problem_text(text.encode(), folder=None)
     certificate = dd.certify(problem)

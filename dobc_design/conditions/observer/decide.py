@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from fractions import Fraction
+from functools import partial
 from typing import Any
 
 from dobc_design.conditions.check import Check, Fix, Values, Witness, differs
@@ -17,6 +18,8 @@ from dobc_design.problem.groups import blocks_of
 from dobc_design.problem.problem import Problem
 from dobc_design.verdict import Verdict
 
+_check = partial(Check, domain="global")
+
 
 def observability_check(exosystem: Exosystem, problem: Problem | None = None) -> Check:
     """Decide whether (A, C) is observable.  A gain of any speed exists iff it is.
@@ -24,23 +27,16 @@ def observability_check(exosystem: Exosystem, problem: Problem | None = None) ->
     ``problem``, here and below, lets the cure project what it says of the exosystem's states.
     """
     found = decide_observable(exosystem.A, exosystem.C)
-    q = exosystem.order
+    q, claim = exosystem.order, Values({"rank": str(found.rank)})
     if found.verdict is Verdict.PROVED:
-        return Check(
-            id="observability",
-            verdict=Verdict.PROVED,
-            domain="global",
-            reason=f"(A, C) is observable: its observability matrix has rank {found.rank} of {q}.",
-            claim=Values({"rank": str(found.rank)}),
-        )
-    direction = found.unobservable[0]
-    return Check(
+        reason = f"(A, C) is observable: its observability matrix has rank {found.rank} of {q}."
+        return _check(id="observability", verdict=Verdict.PROVED, reason=reason, claim=claim)
+    return _check(
         id="observability",
         verdict=Verdict.REFUTED,
-        domain="global",
         reason=f"(A, C) is not observable: rank {found.rank} of {q}; the states shown never reach the disturbance.",
-        claim=Values({"rank": str(found.rank)}),
-        witness=Witness(kind="vector", values=tuple(number_text(x) for x in direction)),
+        claim=claim,
+        witness=Witness(kind="vector", values=tuple(number_text(x) for x in found.unobservable[0])),
         fix=_reduction(exosystem, problem),
     )
 
@@ -49,22 +45,17 @@ def detectability_check(exosystem: Exosystem, problem: Problem | None = None) ->
     """Decide whether (A, C) is detectable: what C never sees has to die out by itself."""
     found = decide_detectable(exosystem.A, exosystem.C)
     polynomial = found.unobservable_text
+    claim = Values({"unobservable_polynomial": polynomial})
     if found.verdict is Verdict.PROVED:
         hidden = "nothing is hidden from C" if polynomial == "1" else f"the hidden part {polynomial} decays"
-        return Check(
-            id="detectability",
-            verdict=Verdict.PROVED,
-            domain="global",
-            reason=f"(A, C) is detectable: {hidden}.",
-            claim=Values({"unobservable_polynomial": polynomial}),
-        )
-    return Check(
+        reason = f"(A, C) is detectable: {hidden}."
+        return _check(id="detectability", verdict=Verdict.PROVED, reason=reason, claim=claim)
+    return _check(
         id="detectability",
         verdict=Verdict.REFUTED,
-        domain="global",
         reason=f"(A, C) is not detectable: the part {polynomial} of the exosystem never reaches d = C xi and does"
         " not decay, so no gain W can estimate it. It does not act on the agents either: leave it out.",
-        claim=Values({"unobservable_polynomial": polynomial}),
+        claim=claim,
         witness=Witness(kind="polynomial", values=(polynomial,)),
         fix=_reduction(exosystem, problem),
     )
@@ -83,43 +74,36 @@ def hurwitz_check(
 
     ``estimate`` (1/s) is a proposed rate from floating point; the exact test decides.  ``key``: where W is given.
     """
-    if W is None:
-        exists = decide_detectable(exosystem.A, exosystem.C).verdict is Verdict.PROVED
-        return Check(
+    error = None if W is None else error_matrix(exosystem, W)
+    table = None if error is None else decide_hurwitz(error)
+    if error is not None and table is not None and table.verdict is Verdict.PROVED:
+        rate = largest_proved(estimate, lambda a: hurwitz_with_rate(error, a))
+        decay = f" at least like exp(-{shorten(rate, digits=4):.4g} t)" if rate else ""
+        return _check(
             id="hurwitz",
-            verdict=Verdict.UNDECIDED,
-            domain="global",
-            reason="there is no observer gain W to test: none was given, and none "
-            + (f"was found; give one as {key}." if exists else "exists for this exosystem."),
-            fix=None if exists else _reduction(exosystem, problem),
+            verdict=Verdict.PROVED,
+            rate=rate or None,
+            reason=f"A - WC is Hurwitz ({source} W): the estimation error decays{decay}.",
+            claim=Values({"routh": [number_text(x) for x in table.first_column]}),
         )
-    error = subtract(exosystem.A, multiply(W, exosystem.C))
-    table = decide_hurwitz(error)
-    if table.verdict is not Verdict.PROVED:
-        exists = decide_detectable(exosystem.A, exosystem.C).verdict is Verdict.PROVED
-        advice = "Choose another W, or leave W out to have one designed." if exists else "No W does: see detectability."
+    exists = decide_detectable(exosystem.A, exosystem.C).verdict is Verdict.PROVED
+    fix = None if exists else _reduction(exosystem, problem)
+    if table is None:
+        none = f"was found; give one as {key}." if exists else "exists for this exosystem."
+        reason = f"there is no observer gain W to test: none was given, and none {none}"
+        return _check(id="hurwitz", verdict=Verdict.UNDECIDED, reason=reason, fix=fix)
+    advice = "Choose another W, or leave W out to have one designed." if exists else "No W does: see detectability."
+    if fix is None:
         given_p = problem is not None and problem.observer.P is not None
         removal = {"observer.W": None} | ({"observer.P": None} if given_p else {})
-        return Check(
-            id="hurwitz",
-            verdict=Verdict.REFUTED,
-            domain="global",
-            reason=f"A - WC is not Hurwitz: entry {len(table.first_column)} of the first column of Routh's table is"
-            f" not positive, so the estimation error does not decay. {advice}",
-            witness=Witness(kind="routh_row", values=tuple(number_text(x) for x in table.first_column)),
-            fix=Fix(kind="gain", set=removal, text="Remove observer.W (and P, if given): a gain is then designed.")
-            if exists
-            else _reduction(exosystem, problem),
-        )
-    rate = largest_proved(estimate, lambda a: hurwitz_with_rate(error, a))
-    return Check(
+        fix = Fix(kind="gain", set=removal, text="Remove observer.W (and P, if given): a gain is then designed.")
+    return _check(
         id="hurwitz",
-        verdict=Verdict.PROVED,
-        domain="global",
-        rate=rate or None,
-        reason=f"A - WC is Hurwitz ({source} W): the estimation error decays"
-        + (f" at least like exp(-{shorten(rate, digits=4):.4g} t)." if rate else "."),
-        claim=Values({"routh": [number_text(x) for x in table.first_column]}),
+        verdict=Verdict.REFUTED,
+        reason=f"A - WC is not Hurwitz: entry {len(table.first_column)} of the first column of Routh's table is"
+        f" not positive, so the estimation error does not decay. {advice}",
+        witness=Witness(kind="routh_row", values=tuple(number_text(x) for x in table.first_column)),
+        fix=fix,
     )
 
 
@@ -139,8 +123,8 @@ def confirm(check: Check, problem: Problem, W: Matrix | None) -> str | None:
         return None
     if own_gain is None or check.verdict is not Verdict.PROVED or check.rate <= 0:
         return "it claims a rate without ground"
-    error = subtract(exosystem.A, multiply(own_gain, exosystem.C))
-    return None if hurwitz_with_rate(error, claimed(check.rate)) else f"the rate {check.rate} is not reached"
+    reached = hurwitz_with_rate(error_matrix(exosystem, own_gain), claimed(check.rate))
+    return None if reached else f"the rate {check.rate} is not reached"
 
 
 def group_of(name: object, problem: Problem, W: Matrix | None) -> tuple[Exosystem, Matrix | None]:
@@ -163,6 +147,11 @@ def group_of(name: object, problem: Problem, W: Matrix | None) -> tuple[Exosyste
     return system, blocks[place]
 
 
+def error_matrix(exosystem: Exosystem, W: Matrix) -> Matrix:
+    """A - WC, (q, q): the dynamics of the observer error (17)."""
+    return subtract(exosystem.A, multiply(W, exosystem.C))
+
+
 def hurwitz_with_rate(error: Matrix, rate: Fraction) -> bool:
     """Whether every eigenvalue of A - WC has real part < -rate: exact."""
     return decide_hurwitz(add(error, scale(rate, identity(len(error))))).verdict is Verdict.PROVED
@@ -179,41 +168,35 @@ def observable_part_is_hurwitz(exosystem: Exosystem, W: Matrix) -> bool:
 def _reduction(exosystem: Exosystem, problem: Problem | None) -> Fix:
     """The observable part in place of the exosystem; what the problem says of the old states is projected along."""
     A_o, C_o, T = observable_reduction(exosystem.A, exosystem.C)
-    observer = None if problem is None else problem.observer
-    xi0 = None if problem is None else problem.simulation.xi0
     change: dict[str, Any] = {}
     if not A_o:
         change["exosystem"] = None
-        if observer is not None and (observer.W or observer.P or observer.rate):
-            change["observer"] = None
-        if xi0 is not None:
-            change["simulation.xi0"] = None
-        if problem is not None and problem.region is not None and problem.region.initial_disturbance is not None:
-            change["region.initial_disturbance"] = None
-        if problem is not None and problem.m > 1:  # C no longer says how many components there are
-            change["target"] = [typed_number(x) for x in problem.target]
-        return Fix(
-            kind="exosystem", set=change, text="Remove [exosystem]: C sees nothing of it, so there is no disturbance."
-        )
+        if problem is not None:
+            observer, region = problem.observer, problem.region
+            if observer.W or observer.P or observer.rate:
+                change["observer"] = None
+            if problem.simulation.xi0 is not None:
+                change["simulation.xi0"] = None
+            if region is not None and region.initial_disturbance is not None:
+                change["region.initial_disturbance"] = None
+            if problem.m > 1:  # C no longer says how many components there are
+                change["target"] = [typed_number(x) for x in problem.target]
+        text = "Remove [exosystem]: C sees nothing of it, so there is no disturbance."
+        return Fix(kind="exosystem", set=change, text=text)
     change |= {"exosystem.A": typed_matrix(A_o), "exosystem.C": typed_matrix(C_o)}
-    if observer is not None and observer.W is not None:
-        change["observer.W"] = typed_matrix(multiply(T, observer.W))
-    if observer is not None and observer.P is not None:
-        change["observer.P"] = None
-    if xi0 is not None:
-        rows = typed_matrix(tuple(tuple(row) for row in multiply(xi0, transpose(T))))
-        change["simulation.xi0"] = rows[0] if len(rows) == 1 else rows
-    if problem is not None and problem.region is not None and problem.region.initial_disturbance:
-        change["region.initial_disturbance"] = typed_number(problem.region.initial_disturbance * _norm_above(T))
-    return Fix(
-        kind="exosystem",
-        set=change,
-        text=f"Use the observable part of the exosystem (order {len(A_o)} instead of {exosystem.order}):"
-        " it generates the same disturbances.",
-    )
-
-
-def _norm_above(T: Matrix) -> Fraction:
-    """A rational number of six decimals that |T| does not exceed: the root of the sum of squares, rounded up."""
-    squares = sum((x * x for row in T for x in row), Fraction(0))
-    return root_above(squares, unit=10**6)
+    if problem is not None:
+        observer, region, xi0 = problem.observer, problem.region, problem.simulation.xi0
+        if observer.W is not None:
+            change["observer.W"] = typed_matrix(multiply(T, observer.W))
+        if observer.P is not None:
+            change["observer.P"] = None
+        if xi0 is not None:
+            rows = typed_matrix(tuple(tuple(row) for row in multiply(xi0, transpose(T))))
+            change["simulation.xi0"] = rows[0] if len(rows) == 1 else rows
+        if region is not None and region.initial_disturbance:
+            squares = sum((x * x for row in T for x in row), Fraction(0))  # |T| to six decimals, rounded up
+            norm = root_above(squares, unit=10**6)
+            change["region.initial_disturbance"] = typed_number(region.initial_disturbance * norm)
+    order = f"order {len(A_o)} instead of {exosystem.order}"
+    text = f"Use the observable part of the exosystem ({order}): it generates the same disturbances."
+    return Fix(kind="exosystem", set=change, text=text)

@@ -1,14 +1,15 @@
-"""Observer gains W and pairs (P, Q) worth trying, and norms of the error system that designs are judged by.
+"""Observer gains W for (17) and pairs (P, Q = P W) for (18) that are worth trying, and norms of the error system.
 
-Paper: W with A - WC Hurwitz (17), and P, Q = P W for (18).  Small programs and Kalman gains come first, but feasible
-problems never depend on a solver: the last rung of the ladder for W is Ackermann's formula over the rationals, that
-for P an exact Lyapunov equation, scaled up until the border term is small enough.  Nothing here is a proof.
+Programs and Kalman gains come first, but feasible problems never depend on a solver: the last rung for W is Ackermann's
+formula over the rationals, that for P an exact Lyapunov equation, scaled up.  Nothing here is a proof.
 """
 
 from __future__ import annotations
 
 import math
+import warnings
 from collections.abc import Iterator, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from fractions import Fraction
 from math import comb
@@ -19,14 +20,15 @@ import numpy as np
 from scipy import linalg
 
 from dobc_design.conditions.consensus.claim import reduced, with_gain
+from dobc_design.conditions.observer.decide import error_matrix, hurwitz_with_rate
 from dobc_design.exact.matrix import (
     Matrix,
-    Vector,
     add,
     identity,
     inverse,
     multiply,
     scale,
+    solve_lyapunov,
     subtract,
     to_float,
     transpose,
@@ -38,7 +40,6 @@ from dobc_design.exact.observability import (
     observability_matrix,
     observable_reduction,
 )
-from dobc_design.exact.polynomial import decide_hurwitz
 from dobc_design.problem.exosystems import Exosystem
 from dobc_design.problem.groups import join
 from dobc_design.problem.problem import Problem
@@ -46,6 +47,15 @@ from dobc_design.solvers.conic import SECOND, TIME_LIMIT, climb
 from dobc_design.solvers.program import GIVEN_UP, Array, Program, Solution
 from dobc_design.solvers.rounding import round_matrix
 from dobc_design.verdict import Verdict
+
+# Of W: random choices (each fails with probability zero; small integers may need a few), digits, and how much more
+# than the rate is asked of a proposal.
+TRIES, DIGITS, SLACK = 20, (3, 4, 6, 9, 15), (Fraction(21, 20), Fraction(1001, 1000))
+# Of P: digits, parts of the rate, the work for an exact equation, and powers of ten (the last for an unknown bound).
+PAIR_DIGITS, PAIR_SLACK, MOST_WORK, LADDER = (3, 4, 6, 9, 14), (0.9, 0.5, 0.1), 300_000, (0, 2, 6, 15, 40, 400)
+# Of norms: steps to a relative accuracy, the least one (its square is still a float), points of t, and frequencies that
+# are tried, in parts of the size of each pole.
+STEPS, TOLERANCE, SMALLEST, SAMPLES, AROUND = 60, 1e-10, 1e-140, 400, (0.3, 0.7, 1.0, 1.4, 3.0, 10.0)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -63,11 +73,12 @@ def natural_units(exosystem: Exosystem, *, rate: Fraction) -> tuple[Fraction, Fr
 
 
 def scaled_exosystem(exosystem: Exosystem, *, time: Fraction, output: Fraction) -> Scaled:
-    """(A / time, C / output); the exosystem itself where both are 1."""
-    if time == output == 1:
-        return Scaled(exosystem=exosystem, time=time, gain=time)
-    copy = Exosystem(A=_rounded(exosystem.A, time), C=_rounded(exosystem.C, output))
-    return Scaled(exosystem=copy, time=time, gain=time / output)
+    """(A / time, C / output), rounded to floats; the exosystem itself where both are 1."""
+    if not time == output == 1:
+        units = {"A": (exosystem.A, time), "C": (exosystem.C, output)}
+        copies = {key: [[repr(float(x / unit)) for x in row] for row in M] for key, (M, unit) in units.items()}
+        exosystem = Exosystem(**copies)
+    return Scaled(exosystem=exosystem, time=time, gain=time / output)
 
 
 def _unit(numbers: list[Fraction]) -> Fraction:
@@ -78,15 +89,7 @@ def _unit(numbers: list[Fraction]) -> Fraction:
 
 def decimal_exponent(x: Fraction) -> int:
     """The e with 10^e about x > 0, within one or two; for numbers of any length."""
-    bits = x.numerator.bit_length() - x.denominator.bit_length()
-    return round(bits * 0.30103)
-
-
-def _rounded(matrix: Matrix, unit: Fraction) -> list[list[str]]:
-    return [[repr(float(x / unit)) for x in row] for row in matrix]
-
-
-TRIES = 20  # a random choice fails with probability zero; small integers may need a few
+    return round((x.numerator.bit_length() - x.denominator.bit_length()) * 0.30103)
 
 
 def placed_gains(exosystem: Exosystem, *, rate: Fraction) -> Iterator[Matrix]:
@@ -103,11 +106,8 @@ def placed_gains(exosystem: Exosystem, *, rate: Fraction) -> Iterator[Matrix]:
         error, output = subtract(A, multiply(first, C)), multiply(mix, C)
         if decide_observable(error, output).verdict is Verdict.PROVED:
             gain = multiply(back, add(first, multiply(_ackermann(error, output, pole=rate + 1), mix)))
-            for digits in (6, 12):
-                try:
-                    yield round_matrix(to_float(gain), digits)
-                except OverflowError:  # beyond the floats; the exact one is still there
-                    break
+            with suppress(*GIVEN_UP):  # beyond the floats; the exact one is still there
+                yield from (round_matrix(to_float(gain), digits) for digits in (6, 12))
             yield gain
             return
 
@@ -131,22 +131,27 @@ def _small(random: Random, rows: int, columns: int, size: int) -> Matrix:
     )
 
 
-TOLERANCE = 1e-10
-STEPS = 60
-SMALLEST = 1e-140  # its square is still a float
-SAMPLES = 400
-AROUND = (0.3, 0.7, 1.0, 1.4, 3.0, 10.0)  # frequencies tried, in parts of the size of each pole
+def kalman_gain(A: Array, C: Array, *, process: float = 1.0, sampled: bool = False) -> Array | None:
+    """The gain W (q, m) for process noise ``process`` I and measurement noise I, of the predictor where ``sampled``."""
+    m, q = C.shape
+    try:
+        with warnings.catch_warnings(), np.errstate(all="ignore"):
+            warnings.simplefilter("ignore")
+            solve = linalg.solve_discrete_are if sampled else linalg.solve_continuous_are
+            X = solve(A.T, C.T, process * np.eye(q), np.eye(m))
+            gain = np.linalg.solve(C @ X @ C.T + np.eye(m), C @ X @ A.T).T if sampled else X @ C.T
+    except GIVEN_UP:
+        return None
+    return gain if np.all(np.isfinite(gain)) else None
 
 
-def h2_norm(F: Array, B: Array, C: Array, D: Array) -> float:
-    """The H2 norm of C (sI - F)^-1 B + D; inf if D is not 0 or F is not Hurwitz.
-
-    Shapes: F (q, q), B (q, u), C (y, q), D (y, u).
-    """
-    if np.any(D) or not _hurwitz(F):
-        return math.inf
-    X = linalg.solve_continuous_lyapunov(F, -B @ B.T)
-    return math.sqrt(max(0.0, float(np.trace(C @ X @ C.T))))
+def half_rate(A: Array, C: Array, gain: Array | None) -> Fraction:
+    """Half the decay rate of A - gain C, to three digits; 0 if that fails (any W that decays will do)."""
+    try:
+        decay = 0.0 if gain is None else float(-np.max(np.linalg.eigvals(A - gain @ C).real))
+    except GIVEN_UP:
+        return Fraction(0)
+    return Fraction(f"{decay / 2:.3g}") if 0 < decay < np.inf else Fraction(0)
 
 
 def hinf_norm(F: Array, B: Array, C: Array, D: Array) -> float:
@@ -205,12 +210,6 @@ def _crossings(F: Array, B: Array, C: Array, D: Array, level: float) -> Array:
     return np.sort(values.imag[(np.abs(values.real) < 1e-8 * scale) & (values.imag >= 0)])
 
 
-PAIR_DIGITS = (3, 4, 6, 9, 14)
-PAIR_SLACK = (0.9, 0.5, 0.1)
-MOST_WORK = 300_000
-LADDER = (0, 2, 6, 15, 40, 400)  # powers of ten, the last ones for a bound that is not known
-
-
 def propose_pairs(
     exosystem: Exosystem, W: Matrix, *, bound: float, decay: float, time_limit: float = TIME_LIMIT
 ) -> Iterator[tuple[Matrix, Matrix, str]]:
@@ -227,146 +226,95 @@ def propose_pairs(
                 for digits in PAIR_DIGITS:
                     P = round_matrix(answer.values["P"], digits)
                     yield P, multiply(P, W), f"P was found {how}." if how else ""
-    error = subtract(exosystem.A, multiply(W, exosystem.C))
-    exact = lyapunov(error) if _is_solvable(error) else None
-    if exact is not None:
-        for P, Q in _scaled_until_small(exact, W, exosystem, bound=bound):
-            yield P, Q, f"P solves a Lyapunov equation exactly, because {why}."
+    error = error_matrix(exosystem, W)
+    common = math.lcm(*(x.denominator for row in error for x in row))
+    # Beyond so much work the exact equation takes hours, and P has more digits than a certificate can hold in any case.
+    if len(error) * (len(error) + 1) // 2 * common.bit_length() > MOST_WORK:
+        return
+    exact = solve_lyapunov(error, identity(len(error)))
+    if exact is not None:  # a (P, P W) has Omega0 = -a I and S = C C' / a, so every a large enough will do
+        size = _square(exosystem)  # at least lambda_max(C C')
+        wanted = 2 * size / Fraction(-bound) if bound < 0 and math.isfinite(bound) else size
+        start = max(0, decimal_exponent(wanted) + 2) if wanted else 0
+        for step in LADDER:
+            P = scale(Fraction(10) ** (start + step), exact)
+            yield P, multiply(P, W), f"P solves a Lyapunov equation exactly, because {why}."
 
 
 def _programs(exosystem: Exosystem, W: Matrix, *, bound: float, decay: float) -> Iterator[tuple[Program, None]]:
-    floor = _floor(exosystem, bound, decay)
+    # P is kept away from singular where C sees nothing, and the bound has a little slack for the rounding of P.
+    natural = _square(exosystem) / (Fraction(-bound) * Fraction(max(decay, -bound))) / 1000
+    floor = natural.limit_denominator(10**12) or Fraction(1, 10**12)
     for part in PAIR_SLACK:
         rate = Fraction(part * min(-bound / 2, decay)).limit_denominator(10**6)
-        pencil = with_gain(reduced(_tightened(bound, rate), exosystem, rate=rate), W)
+        total = bound + 2 * float(rate)
+        tightened = Fraction(bound - 0.05 * total) if total < 0 else Fraction(bound)
+        pencil = with_gain(reduced(tightened, exosystem, rate=rate), W)
         yield Program(pencils=(pencil,), floor=floor), None
 
 
-def lyapunov(error: Matrix) -> Matrix | None:
-    """The exact P with error' P + P error = -I, or None if there is no unique one.  Shape (q, q)."""
-    q = len(error)
-    places = [(i, j) for i in range(q) for j in range(i, q)]
-    index = {place: k for k, place in enumerate(places)}
-    rows: list[Vector] = []
-    for i, j in places:
-        row = [Fraction(0)] * len(places)
-        for r in range(q):  # (E'P + PE)_ij = sum_r E_ri P_rj + P_ir E_rj
-            row[index[min(r, j), max(r, j)]] += error[r][i]
-            row[index[min(i, r), max(i, r)]] += error[r][j]
-        rows.append(tuple(row))
-    try:
-        solution = multiply(inverse(tuple(rows)), tuple((Fraction(-1 if i == j else 0),) for i, j in places))
-    except (ArithmeticError, ValueError):
-        return None
-    return tuple(tuple(solution[index[min(i, j), max(i, j)]][0] for j in range(q)) for i in range(q))
-
-
-def _is_solvable(error: Matrix) -> bool:
-    """Whether the exact equation takes seconds, not hours: unknowns times bits of the common denominator.
-
-    Beyond that the solution has more digits than a certificate can hold in any case.
-    """
-    common = math.lcm(*(x.denominator for row in error for x in row))
-    return len(error) * (len(error) + 1) // 2 * common.bit_length() <= MOST_WORK
-
-
-def _scaled_until_small(P: Matrix, W: Matrix, exosystem: Exosystem, *, bound: float) -> Iterator[tuple[Matrix, Matrix]]:
-    """a (P, P W) with S = C C' / a well below |bound|: Omega0 = -a I, so every a large enough will do."""
-    size = sum((x * x for row in exosystem.C for x in row), Fraction(0))  # at least lambda_max(C C')
-    wanted = 2 * size / Fraction(-bound) if bound < 0 and math.isfinite(bound) else size
-    start = max(0, decimal_exponent(wanted) + 2) if wanted else 0
-    for step in LADDER:
-        larger = scale(Fraction(10) ** (start + step), P)
-        yield larger, multiply(larger, W)
-
-
-def _floor(exosystem: Exosystem, bound: float, decay: float) -> Fraction:
-    """A lower bound for P that keeps it away from singular where C sees nothing."""
-    size = sum((x * x for row in exosystem.C for x in row), Fraction(0))
-    natural = size / (Fraction(-bound) * Fraction(max(decay, -bound))) / 1000
-    return natural.limit_denominator(10**12) or Fraction(1, 10**12)
-
-
-def _tightened(bound: float, rate: Fraction) -> Fraction:
-    """The bound with a little slack, so that rounding P cannot cross it."""
-    total = bound + 2 * float(rate)
-    return Fraction(bound - 0.05 * total) if total < 0 else Fraction(bound)
-
-
-DIGITS = (3, 4, 6, 9, 15)
-SLACK = (Fraction(21, 20), Fraction(1001, 1000))  # how much more than the rate is asked of a proposal
+def _square(exosystem: Exosystem) -> Fraction:
+    return sum((x * x for row in exosystem.C for x in row), Fraction(0))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class GainDesign:
-    """A designed W (q, m), or None with the reason.
-
-    ``rate`` (1/s) is the decay that was asked for and that A - WC has, proved by Routh's test;
-    ``note`` says in a sentence how it came about; ``status`` is the solver's, for the record only.
-    """
+    """A designed W (q, m), or None; the proved decay rate (1/s) it was designed for; and how it came about."""
 
     W: Matrix | None
     rate: Fraction | None
     note: str
-    status: str = ""
 
 
 def design_gain(exosystem: Exosystem, *, rate: Fraction | None = None, time_limit: float = TIME_LIMIT) -> GainDesign:
-    """Design W so that A - WC decays at least at ``rate`` (1/s).
+    """Design W (q, m) so that A - WC decays at least at ``rate`` (1/s): Theorem 1 with the rate added, W = P^-1 Q.
 
     ``time_limit`` in s, for one call of a solver; the ladder ends with a gain that needs no solver.
-    Shapes: A (q, q), C (m, q), W (q, m).  Source: Theorem 1 with the rate added; W = P^-1 Q.
     """
     if decide_detectable(exosystem.A, exosystem.C).verdict is not Verdict.PROVED:
         return GainDesign(W=None, rate=None, note="no W exists: (A, C) is not detectable.")
-    prefix, asked = "", "as asked"
-    if rate is not None and not _reachable(exosystem, rate):
-        prefix = (
-            f"the rate asked, {_short(rate)} 1/s, cannot be reached: a part of the exosystem that C does not see"
-            " decays no faster. "
-        )
-    kalman = None if rate is not None and not prefix else _kalman(exosystem)
-    wanted = rate
+    prefix, asked, kalman, wanted = "", "as asked", None, rate
+    if wanted is not None:
+        shifted = add(exosystem.A, scale(wanted, identity(exosystem.order)))
+        if decide_detectable(shifted, exosystem.C).verdict is not Verdict.PROVED:
+            reason = "a part of the exosystem that C does not see decays no faster."
+            prefix = f"the rate asked, {_short(wanted)} 1/s, cannot be reached: {reason} "
     if wanted is None or prefix:
-        wanted = _default_rate(exosystem, kalman)
+        kalman, wanted = _kalman(exosystem), Fraction(0)
+        if kalman is not None:
+            wanted = half_rate(to_float(exosystem.A), to_float(exosystem.C), kalman)
         asked = "half that of the Kalman gain with unit weights" if wanted else "the least that can be asked"
-    status = ""
-    for W, how, status in _candidates(exosystem, wanted, kalman, time_limit=time_limit):
-        if _decays(exosystem, W, wanted):
+    for W, how in _candidates(exosystem, wanted, kalman, time_limit=time_limit):
+        if hurwitz_with_rate(error_matrix(exosystem, W), wanted):
             note = f"{prefix}W was designed ({how}) for the decay rate {_short(wanted)} 1/s, {asked}."
-            return GainDesign(W=W, rate=wanted, note=note, status=status)
-    cure = "ask for a lower observer.rate, or give one as observer.W." if wanted else "give one as observer.W."
-    return GainDesign(
-        W=None,
-        rate=wanted,
-        status=status,
-        note=f"{prefix}no W was found for the decay rate {_short(wanted)} 1/s, neither by the small SDP (Clarabel, then"
-        f" {SECOND}) nor as a Kalman gain nor by exact pole placement; {cure}",
+            return GainDesign(W=W, rate=wanted, note=note)
+    cure = f"{'ask for a lower observer.rate, or ' if wanted else ''}give one as observer.W."
+    note = (
+        f"{prefix}no W was found for the decay rate {_short(wanted)} 1/s, neither by the small SDP (Clarabel, then"
+        f" {SECOND}) nor as a Kalman gain nor by exact pole placement; {cure}"
     )
+    return GainDesign(W=None, rate=wanted, note=note)
 
 
 def _candidates(
     exosystem: Exosystem, rate: Fraction, kalman: Array | None, *, time_limit: float
-) -> Iterator[tuple[Matrix, str, str]]:
-    """Proposals W for a rate, each in several roundings: gain matrix, how it came about, the solver's status."""
+) -> Iterator[tuple[Matrix, str]]:
+    """Proposals W for a rate, each in several roundings, and how they came about."""
     time, output = natural_units(exosystem, rate=rate)
     # Large C alone would ask for a far faster observer than the rate does, hence max(1, output).
     units = scaled_exosystem(exosystem, time=time, output=output)
-    programs = (
-        (_program(each, rate / each.time * slack), each.gain)
-        for each in (*_in_own_time(exosystem, max(Fraction(1), output)), units)
-        for slack in SLACK
-    )
+    systems = [units]
+    with suppress(OverflowError):  # A is beyond the floats
+        systems.insert(0, scaled_exosystem(exosystem, time=Fraction(1), output=max(Fraction(1), output)))
+    programs = ((_program(each, rate / each.time * slack), each.gain) for each in systems for slack in SLACK)
     for answer, unit, how in climb(programs, time_limit=time_limit):
         for W in _roundings(_gain_of(answer)):
-            yield scale(unit, W), f"small SDP {how}".rstrip(), answer.status
-    for W in _roundings(kalman):
-        yield W, "Kalman gain", ""
+            yield scale(unit, W), f"small SDP {how}".rstrip()
+    yield from ((W, "Kalman gain") for W in _roundings(kalman))
     for slack in SLACK:
         for W in _roundings(_kalman(units.exosystem, shift=float(rate / units.time * slack))):
-            yield scale(units.gain, W), "Kalman gain of A + rate I", ""
-    for W in placed_gains(exosystem, rate=rate):
-        yield W, "exact pole placement", ""
+            yield scale(units.gain, W), "Kalman gain of A + rate I"
+    yield from ((W, "exact pole placement") for W in placed_gains(exosystem, rate=rate))
 
 
 def _program(units: Scaled, rate: Fraction) -> Program:
@@ -374,69 +322,30 @@ def _program(units: Scaled, rate: Fraction) -> Program:
     return Program(pencils=(reduced(-1 - 2 * rate, units.exosystem, rate=rate),), floor=Fraction(1))
 
 
-def _in_own_time(exosystem: Exosystem, output: Fraction) -> Iterator[Scaled]:
-    try:
-        yield scaled_exosystem(exosystem, time=Fraction(1), output=output)
-    except OverflowError:  # A is beyond the floats
-        return
-
-
 def _gain_of(answer: Solution) -> Array | None:
     """P^-1 Q, or None."""
-    if not answer.found:
-        return None
-    try:
-        gain = np.asarray(np.linalg.solve(answer.values["P"], answer.values["Q"]), dtype=np.float64)
-    except GIVEN_UP:
-        return None
-    return gain if np.all(np.isfinite(gain)) else None
+    with suppress(*GIVEN_UP):
+        if answer.found:
+            return np.asarray(np.linalg.solve(answer.values["P"], answer.values["Q"]), dtype=np.float64)
+    return None
 
 
 def _roundings(gain: Array | None) -> Iterator[Matrix]:
-    if gain is not None:
-        for digits in DIGITS:
-            yield round_matrix(gain, digits)
+    if gain is not None and np.all(np.isfinite(gain)):
+        yield from (round_matrix(gain, digits) for digits in DIGITS)
 
 
 def _kalman(exosystem: Exosystem, *, shift: float = 0.0) -> Array | None:
     """The Kalman gain of (A + shift I, C) with unit weights; A - WC then decays faster than ``shift``."""
-    try:
-        A, C = to_float(exosystem.A) + shift * np.eye(exosystem.order), to_float(exosystem.C)
-        with np.errstate(all="ignore"):
-            covariance = linalg.solve_continuous_are(A.T, C.T, np.eye(len(A)), np.eye(len(C)))
-            gain = np.asarray(covariance @ C.T, dtype=np.float64)
-    except GIVEN_UP:
-        return None
-    return gain if np.all(np.isfinite(gain)) else None
-
-
-def _default_rate(exosystem: Exosystem, kalman: Array | None) -> Fraction:
-    """Half the Kalman gain's decay rate, to three digits; 0 if that fails (any W that decays will do)."""
-    if kalman is None:
-        return Fraction(0)
-    try:
-        decay = float(-np.max(np.linalg.eigvals(to_float(exosystem.A) - kalman @ to_float(exosystem.C)).real))
-    except GIVEN_UP:
-        return Fraction(0)
-    return Fraction(f"{decay / 2:.3g}") if 0 < decay < np.inf else Fraction(0)
+    with suppress(ValueError):  # beyond the floats
+        return kalman_gain(to_float(exosystem.A) + shift * np.eye(exosystem.order), to_float(exosystem.C))
+    return None
 
 
 def _short(rate: Fraction) -> str:
     """A rate for a sentence; beyond the floats as a power of ten."""
-    if not rate:
-        return "0"
-    exponent = decimal_exponent(rate)
+    exponent = decimal_exponent(rate) if rate else 0
     return f"{float(rate):.4g}" if abs(exponent) < 300 else f"about 1e{exponent}"
-
-
-def _reachable(exosystem: Exosystem, rate: Fraction) -> bool:
-    shifted = add(exosystem.A, scale(rate, identity(exosystem.order)))
-    return decide_detectable(shifted, exosystem.C).verdict is Verdict.PROVED
-
-
-def _decays(exosystem: Exosystem, W: Matrix, rate: Fraction) -> bool:
-    error = subtract(exosystem.A, multiply(W, exosystem.C))
-    return decide_hurwitz(add(error, scale(rate, identity(len(error))))).verdict is Verdict.PROVED
 
 
 def design_gains(problem: Problem) -> tuple[GainDesign | None, ...]:

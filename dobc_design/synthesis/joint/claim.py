@@ -1,24 +1,25 @@
-"""A whole design, and a trade-off of designs: what was decided and why, what each limit costs, as text and table."""
+"""A whole design, and a trade-off of designs: what is asked, what was decided and why, what each limit costs."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
 from itertools import islice
 from typing import TYPE_CHECKING, Any
 
-from dobc_design._show.cards import MOST_ITEMS, Card, Shown, cut, listed
+from dobc_design._show.cards import MOST_ITEMS, Card, Shown, listed
 from dobc_design._show.text import significant_towards_zero
 from dobc_design.certificate.certificate import Certificate
-from dobc_design.conditions.statement import Statement
 from dobc_design.errors import SpecError
 from dobc_design.exact.matrix import Matrix
 from dobc_design.exact.number import float_above, number_text
+from dobc_design.exact.reading import counted, shown
 from dobc_design.problem.canonical import matrix_text
+from dobc_design.problem.changes import typed_number
 from dobc_design.problem.problem import Problem
-from dobc_design.synthesis.joint.request import DesignRequest
-from dobc_design.synthesis.observer.claim import ObserverDesign
+from dobc_design.synthesis.observer.claim import Answer, NoiseLimit, ObserverDesign, read_noise
+from dobc_design.synthesis.pinning.claim import read_all, read_request
 from dobc_design.verdict import Verdict
 
 if TYPE_CHECKING:
@@ -34,8 +35,83 @@ AXES = {
 NO_LIMITS = "no limits, and every agent may be pinned"
 
 
+@dataclass(frozen=True, slots=True, kw_only=True)
+class DesignRequest:
+    """What W and the gains k_i have to do together, so that everything the problem asks is proved.
+
+    ``rate`` (1/s): the certified rate has to be at least that; None leaves it open.  ``allowed``: agent indices,
+    rising.  ``caps``: the largest k_i (1/s) of agents that have one.  ``pins``: at most so many agents, None for as few
+    as it takes.  ``noise``: bounds on norms of the observer.  ``digits``: significant digits of W and of the gains.
+    ``reduce``: an exosystem that C does not see whole may be replaced by its observable part.
+    """
+
+    rate: Fraction | None
+    allowed: tuple[int, ...]
+    caps: Mapping[int, Fraction]
+    pins: int | None
+    noise: tuple[NoiseLimit, ...]
+    digits: int
+    reduce: bool
+
+    def limits(self, labels: Sequence[str]) -> Iterator[tuple[str, str]]:
+        """Every limit that was set, as the name of the argument and its value in words."""
+        if self.rate is not None:
+            yield "rate", f"a certified rate of at least {typed_number(self.rate)} 1/s"
+        if self.pins is not None:
+            yield "pins", f"at most {counted(self.pins, 'pinned agent')}"
+        if self.caps:
+            ends = sorted({min(self.caps.values()), max(self.caps.values())})
+            yield "max_gain", f"gains up to {' to '.join(str(typed_number(k)) for k in ends)}"
+        if len(self.allowed) < len(labels):
+            named = ", ".join(labels[i] for i in self.allowed[:8]) + (", ..." if len(self.allowed) > 8 else "")
+            yield "allowed", f"pins on {named} only"
+        for limit in self.noise:
+            yield "noise", str(limit)
+        if not self.reduce:
+            yield "reduce", "the exosystem kept as it is"
+
+
+def read_design_request(
+    labels: Sequence[str],
+    *,
+    rate: Any = None,
+    allowed: Any = None,
+    max_gain: Any = None,
+    pins: Any = None,
+    noise: Any = None,
+    digits: Any = 3,
+    reduce: Any = True,
+) -> DesignRequest:
+    """Read the arguments of ``design``; agents by label, numbers exactly.
+
+    Raises: SpecError that names every wrong argument.
+    """
+    asked = {"allowed": allowed, "max_gain": max_gain, "pins": pins, "digits": digits}
+    pinning, limits, reduce = read_all(
+        lambda: read_request(labels, rate=1 if rate is None else rate, **asked),
+        lambda: read_noise(noise),
+        lambda: _read_reduce(reduce),
+    )
+    return DesignRequest(
+        rate=None if rate is None else pinning.rate,
+        allowed=pinning.allowed,
+        caps=pinning.caps,
+        pins=pinning.pins if isinstance(pinning.pins, int) else None,
+        noise=limits,
+        digits=pinning.digits,
+        reduce=reduce,
+    )
+
+
+def _read_reduce(reduce: Any) -> bool:
+    if not isinstance(reduce, bool):
+        cure = "True lets the observable part take the exosystem's place."
+        raise SpecError(f"reduce must be True or False; got {shown(reduce)}.", key="reduce", cure=cure)
+    return reduce
+
+
 @dataclass(frozen=True, slots=True, kw_only=True, repr=False)
-class Design(Shown):
+class Design(Answer):
     """An observer gain, pinned agents and gains, and what is known of them.
 
     ``verdict``: PROVED, everything that the problem asks is proved for ``problem``, with these rounded numbers, and
@@ -47,8 +123,6 @@ class Design(Shown):
     not.
     """
 
-    verdict: Verdict
-    reason: str
     request: DesignRequest
     labels: tuple[str, ...]
     W: Matrix | None = None
@@ -56,7 +130,6 @@ class Design(Shown):
     gains: Mapping[str, Fraction]
     rate: float | None = None
     cost: Fraction | None = None
-    statements: tuple[Statement, ...] = ()
     decisions: tuple[str, ...] = ()
     prices: tuple[str, ...] = ()
     changes: Mapping[str, Any]
@@ -72,12 +145,16 @@ class Design(Shown):
         kind = self.statements[0].kind if self.verdict is Verdict.REFUTED and self.statements else None
         return None if kind is None else names.get(kind, kind)
 
+    @property
+    def limits(self) -> str:
+        """The limits that were set, in words."""
+        return "; ".join(words for _, words in self.request.limits(self.labels)) or NO_LIMITS
+
     def __str__(self) -> str:
         lines = [f"{self.verdict.value}: {self.reason}"]
         lines += [f"  {sentence}" for sentence in (*self.decisions, *self.prices)]
         if self.nearest is not None:
-            limits = "; ".join(words for _, words in self.nearest.request.limits(self.labels)) or NO_LIMITS
-            lines.append(f"  Nearest possible request: {limits}.")
+            lines.append(f"  Nearest possible request: {self.nearest.limits}.")
         return "\n".join(lines)
 
     def to_json(self) -> dict[str, Any]:
@@ -109,12 +186,8 @@ class Design(Shown):
             facts.append(("certified rate in 1/s", significant_towards_zero(self.rate, 6)))
         facts += [("decided", sentence) for sentence in self.decisions]
         if self.nearest is not None:
-            limits = "; ".join(words for _, words in self.nearest.request.limits(self.labels))
-            facts.append(("nearest possible", limits or NO_LIMITS))
+            facts.append(("nearest possible", self.nearest.limits))
         return Card(title="Design", verdict=self.verdict.value, text=self.reason, facts=facts, lines=self.prices)
-
-    def __repr__(self) -> str:
-        return f"<Design {self.verdict.value}: {cut(self.reason)}>"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -186,34 +259,17 @@ class TradeOff(Shown):
                 key="pandas",
                 cure="Install it (pip install dobc_design[store]), or use the points themselves.",
             ) from None
-        rows: list[dict[str, Any]] = [
-            {
-                self.x_name: point.x,
-                self.y_name: point.y,
-                "pinned": ", ".join(point.pinned),
-                "proved": point.proved,
-                "chosen": point is self.chosen,
-            }
-            for point in self._all()
-        ]
+        rows = [(p.x, p.y, ", ".join(p.pinned), p.proved, p is self.chosen) for p in self._all()]
         return pd.DataFrame(rows, columns=[self.x_name, self.y_name, "pinned", "proved", "chosen"])
 
-    def _all(self) -> Iterator[TradePoint]:
+    def _all(self) -> list[TradePoint]:
         own = [] if self.chosen is None else [self.chosen]
-        yield from sorted([*self.points, *own], key=lambda point: (point.x, point.y))
+        return sorted([*self.points, *own], key=lambda point: (point.x, point.y))
 
     def _card(self) -> Card:
-        rows = [
-            (f"{point.x:.4g}", f"{point.y:.4g}", listed(point.pinned), "chosen" if point is self.chosen else "")
-            for point in self._all()
-        ]
-        return Card(
-            title=self.name,
-            text=f"{self.y_name} against {self.x_name}",
-            rows=rows,
-            lines=self.sensitivity,
-            heads=(self.x_name, self.y_name, "pinned", ""),
-        )
+        rows = [(f"{p.x:.4g}", f"{p.y:.4g}", listed(p.pinned), "chosen" * (p is self.chosen)) for p in self._all()]
+        text, heads = f"{self.y_name} against {self.x_name}", (self.x_name, self.y_name, "pinned", "")
+        return Card(title=self.name, text=text, rows=rows, lines=self.sensitivity, heads=heads)
 
     def __repr__(self) -> str:
         return f"<TradeOff of {self.name}: {self.y_name} against {self.x_name}, {len(self.points)} points>"

@@ -1,45 +1,42 @@
-"""The joint design: a request decided, and where it is not possible, the nearest request that is; trade-offs of both.
+"""The joint design: W, pins and gains for one request, rounded and certified; the nearest possible one; trade-offs.
 
 The order is that of the cost: facts of exosystem and graph, rates that no gains reach, the observer, then pins and
-gains for the region asked for, or near the consensus where none is.  Whatever is proposed is rounded and certified.
-Then what is given up first is what the refutation names; how far is found by designing without that limit and reading
-off what the design reaches.
+gains for the region asked for, or near the consensus where none is.  Every group that listens to nobody outside gets a
+pin (without one nothing can work); further pins go where the region allows the largest rate.  What is left of a network
+without its pins is compared quickly, by the slowest direction of J + J', and the best few by the rows of the region.
+Then what is given up first is what the refutation names; how far is read off a design without that limit.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
-from dataclasses import replace
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from fractions import Fraction
+from functools import cache
 from itertools import islice, pairwise
 from typing import Any
 
 from dobc_design.certification.certify import certify
+from dobc_design.conditions.consensus.network import name_agents
+from dobc_design.conditions.consensus.pinning import fastest_rate, network_blocks
+from dobc_design.conditions.coverage import asked_radius
 from dobc_design.conditions.numbers import claimed, shorten
+from dobc_design.conditions.separable.claim import acts_by_component
 from dobc_design.conditions.statement import Statement
 from dobc_design.errors import SpecError
-from dobc_design.exact.matrix import Matrix
 from dobc_design.exact.reading import counted, shown
-from dobc_design.problem.changes import changed_problem, gain_changes, typed_number
+from dobc_design.problem.changes import changed_problem, gain_changes, typed_matrix, typed_number, value_text
 from dobc_design.problem.problem import Problem
-from dobc_design.synthesis.joint.claim import AXES, Design, TradeOff, TradePoint
-from dobc_design.synthesis.joint.decide import reduced_exosystem
-from dobc_design.synthesis.joint.propose import (
-    HALF,
-    Ground,
-    Progress,
-    Proposal,
-    observer_at,
-    of_consensus,
-    of_region,
-    pin_sets,
-    region_search,
-)
-from dobc_design.synthesis.joint.request import DesignRequest
-from dobc_design.synthesis.observer.claim import ObserverDesign
+from dobc_design.synthesis.joint.claim import AXES, Design, DesignRequest, TradeOff, TradePoint
+from dobc_design.synthesis.observer.claim import ObserverDesign, ObserverRequest
+from dobc_design.synthesis.observer.decide import reduced_exosystem
+from dobc_design.synthesis.observer.search import search_groups
+from dobc_design.synthesis.pinning.claim import FEWEST, PinningDesign, PinningRequest, Structure, typed_gains
 from dobc_design.synthesis.pinning.decide import structural_obstacle, structure_of, too_fast
 from dobc_design.synthesis.pinning.propose import slow_directions
+from dobc_design.synthesis.pinning.propose_regions import RegionGains, RegionSearch
+from dobc_design.synthesis.pinning.search import search_pinning, with_lacking
 from dobc_design.verdict import Verdict
 
 NEARLY = 0.98  # of the rate that is aimed at: a proof with less is looked for again
@@ -47,6 +44,100 @@ NEAREST = Fraction(9, 10)  # of the fastest rate, where the one asked for cannot
 MOST_TRIES = 4  # proposals that are certified
 SLOWEST, QUICKEST = 0.25, 4.0  # rates of a curve, of the design's own or of its observer's
 FASTEST = 1.9  # of a design that aims at half of the fastest rate
+SPEEDS = (2, 4)  # of further observers, in units of the slowest that is worth trying
+MARGIN = 3  # how much faster than the rate asked the observer is to be
+PADS = (Fraction(1005, 1000), Fraction(102, 100), Fraction(11, 10), Fraction(3, 2))  # faster than asked, tried in turn
+START = Fraction(1, 10**6)  # of the largest slope: a rate that every network which can do at all can do
+COMFORT = 0.75  # of the fastest rate: beyond, one more pin saves very large gains
+FALLBACKS = (Fraction(1, 2), Fraction(9, 10))  # parts of the fastest rate near the consensus, where rows do not apply
+HALF = Fraction(1, 2)  # of the fastest rate: what is aimed at where none is asked for
+ENOUGH, ALMOST = 0.6, 0.95  # of the fastest rate with any observer: slower ones are left out; where more is aimed at
+SMALL = Fraction(1, 10**4)  # the radius of a region that is one point
+LOOKED_AT = ((60, 60), (400, 12), (10**9, 3))  # agents compared quickly in one step, by the size of the network
+CLOSER = 4  # of these compared by the rows of the region
+EXCHANGES = 120  # quick comparisons spent on exchanges of the first set
+ONE_BY_ONE = 4  # pins more than needed that are tried one by one; then twice as many each time
+DECISIVE = 1.02  # rates that are closer than this do not decide
+SHOWN, BUYS = 6, 3  # gains in a sentence, and agents in the one on what a further pin buys
+Progress = Callable[[str], None]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Ground:
+    """One request and its problem without W and gains; ``changes`` took the exosystem's hidden part out.
+
+    ``part``: of the fastest rate, what is aimed at where no rate is asked for.
+    """
+
+    problem: Problem
+    request: DesignRequest
+    progress: Progress
+    changes: Mapping[str, Any]
+    decisions: tuple[str, ...]
+    structure: Structure
+    part: Fraction
+    observers: list[ObserverDesign | None] = field(default_factory=list)
+
+    def every_observer(self) -> Iterator[ObserverDesign | None]:
+        """All gains worth trying, slow ones first, each designed when it is first asked for; None where none is needed.
+
+        The first may be without a W: then it says why there is none.
+        """
+        if not self.observers:
+            self.observers.append(self._first_observer() if self.problem.groups else None)
+        first = self.observers[0]
+        yield first
+        for place, speed in enumerate(SPEEDS, start=1):
+            if first is None or first.W is None:
+                return
+            if place == len(self.observers):
+                rate = _three_digits(_pace(first) * speed)
+                self.progress("designing a faster observer")
+                self.observers.append(observer_at(self.problem, self.request, rate) if rate > 0 else None)
+            faster = self.observers[place]
+            if faster is None or faster.W is None:
+                return
+            yield faster
+
+    def _first_observer(self) -> ObserverDesign:
+        """The slowest observer worth trying: of the usual rate, or faster than the rate asked for."""
+        self.progress("designing the observer")
+        first, asked = observer_at(self.problem, self.request, None), self.request.rate
+        if asked is None or first.W is None or _pace(first) >= MARGIN * asked:
+            return first
+        first = observer_at(self.problem, self.request, MARGIN * asked)
+        return observer_at(self.problem, self.request, asked * Fraction(101, 100)) if first.W is None else first
+
+    def pinning(self, rate: Fraction, agents: Sequence[int], pins: int | str | None = None) -> PinningDesign:
+        """The cheapest gains on these agents near the consensus."""
+        request = PinningRequest(
+            rate=rate,
+            allowed=tuple(agents),
+            costs=(Fraction(1),) * self.problem.n,
+            caps=self.request.caps,
+            pins=pins,
+            digits=self.request.digits,
+        )
+        return search_pinning(self.problem, request, self.progress)
+
+    def nothing(
+        self, verdict: Verdict, reason: str, *statements: Statement, observer: ObserverDesign | None = None
+    ) -> Design:
+        """The answer without gains."""
+        found: dict[str, Any] = {"gains": {}, "changes": {}, "statements": statements, "observer": observer}
+        labels = self.problem.network.labels
+        return Design(verdict=verdict, reason=reason, request=self.request, labels=labels, **found)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Proposal:
+    """W and gains (1/s, rounded) meant for the rate ``aim`` (1/s), with what is to be said of them."""
+
+    observer: ObserverDesign | None
+    gains: Mapping[int, Fraction]
+    aim: float
+    decisions: tuple[str, ...]
+    prices: tuple[str, ...]
 
 
 def search_design(problem: Problem, request: DesignRequest, progress: Progress) -> Design:
@@ -65,94 +156,64 @@ def search_design(problem: Problem, request: DesignRequest, progress: Progress) 
 def _attempt(problem: Problem, request: DesignRequest, progress: Progress, *, part: Fraction = HALF) -> Design:
     """Decide one request: PROVED with a certificate, REFUTED with a statement, or UNDECIDED with the reason."""
     progress("looking for what is impossible")
-    changes, decisions, obstacle = reduced_exosystem(problem, request)
+    changes, decisions, obstacle = reduced_exosystem(problem, reduce=request.reduce)
     bare = changed_problem(problem, {"pinning.gains": None, **changes})
     if bare.groups:
         bare = changed_problem(bare, gain_changes(bare, None))
     structure = structure_of(bare, request.allowed)
-    ground = Ground(
-        problem=bare,
-        request=request,
-        progress=progress,
-        changes=changes,
-        decisions=decisions,
-        structure=structure,
-        part=part,
-        observers=[],
-    )
+    own: dict[str, Any] = {"changes": changes, "decisions": decisions, "structure": structure, "part": part}
+    ground = Ground(problem=bare, request=request, progress=progress, **own)
     obstacle = obstacle or structural_obstacle(bare, request.pins, structure)
     if obstacle is None and request.rate is not None:
         limits: dict[str, Any] = {"allowed": request.allowed, "caps": request.caps, "pins": request.pins}
         obstacle = too_fast(bare, request.rate, **limits, propose=slow_directions)
     if obstacle is not None:
         statements = (obstacle,) if obstacle.verdict is Verdict.REFUTED else ()
-        return _without_gains(ground, obstacle.verdict, obstacle.text, *statements)
+        return ground.nothing(obstacle.verdict, obstacle.text, *statements)
     observer = next(ground.every_observer())
     if observer is not None and observer.verdict is Verdict.REFUTED:
         first = observer.statements[0]
-        return _without_gains(ground, Verdict.REFUTED, first.text, first, observer=observer)
+        return ground.nothing(Verdict.REFUTED, first.text, first, observer=observer)
     if observer is not None and observer.W is None:
         none = "no observer gain was found that does what was asked, and no proof that there is none."
-        return _without_gains(ground, Verdict.UNDECIDED, none)
-    return _searched(ground, of_region(ground) if bare.region is not None else of_consensus(ground))
-
-
-def _without_gains(
-    ground: Ground, verdict: Verdict, reason: str, *statements: Statement, observer: ObserverDesign | None = None
-) -> Design:
-    return Design(
-        verdict=verdict,
-        reason=reason,
-        request=ground.request,
-        labels=ground.problem.network.labels,
-        gains={},
-        changes={},
-        statements=statements,
-        observer=observer,
-    )
-
-
-def _searched(ground: Ground, proposals: Iterator[Proposal]) -> Design:
-    """The first proposal that is certified for what the problem asks; else how far the best of them came."""
+        return ground.nothing(Verdict.UNDECIDED, none)
     reason, tries = "", 0
-    for proposal in islice(proposals, MOST_TRIES):
+    for proposal in islice(of_region(ground), MOST_TRIES):
         design = _certified(ground, proposal)
         if design.verdict is Verdict.PROVED:
             return design
         reason, tries = design.reason, tries + 1
-    text = f"{counted(tries, 'design')} were tried, none was proved to do; the last: {reason}"
-    if not tries:
-        rate = ground.request.rate
-        asked = "" if rate is None else f" at {typed_number(rate)} 1/s"
-        what = "the region asked for" if ground.problem.region is not None else "the consensus"
-        text = (
-            f"no gains on the allowed agents were found that a proof of {what} reaches{asked}, and no proof that there"
-            " are none."
-        )
-    return _without_gains(ground, Verdict.UNDECIDED, text)
+    if tries:
+        text = f"{counted(tries, 'design')} were tried, none was proved to do; the last: {reason}"
+        return ground.nothing(Verdict.UNDECIDED, text)
+    asked = "" if request.rate is None else f" at {typed_number(request.rate)} 1/s"
+    what = "the consensus" if bare.region is None else "the region asked for"
+    text = f"no gains on the allowed agents were found that a proof of {what} reaches{asked}, and no proof that there"
+    return ground.nothing(Verdict.UNDECIDED, f"{text} are none.")
 
 
 def _certified(ground: Ground, proposal: Proposal) -> Design:
     problem, request = ground.problem, ground.request
     labels = problem.network.labels
     gains = {labels[i]: k for i, k in sorted(proposal.gains.items())}
-    W: Matrix | None = None if proposal.observer is None else proposal.observer.W
+    W = None if proposal.observer is None else proposal.observer.W
     wanted: dict[str, Any] = {"pinning.gains": {label: typed_number(k) for label, k in gains.items()}}
     if W is not None:
         wanted |= gain_changes(problem, W)
-    changes, designed = {**ground.changes, **wanted}, changed_problem(problem, wanted)
+    designed = changed_problem(problem, wanted)
     ground.progress("certifying the design")
     proof, whole = certify(designed), ""
     hoped = proposal.aim * NEARLY if request.rate is not None or ground.part > HALF else 0.0
     if proof.verdict is Verdict.PROVED and (proof.rate or 0.0) < hoped and designed.is_linear and designed.region:
         proof = certify(designed, everything=True)  # a proof of every start came first, with a lower rate
         whole = " That rate is proved when every condition is run (dobc certify --all)."
-    slow = request.rate is not None and (proof.rate is None or claimed(proof.rate) < request.rate)
-    verdict = Verdict.PROVED if proof.verdict is Verdict.PROVED and not slow else Verdict.UNDECIDED
-    reason = proof.reason
-    if proof.verdict is Verdict.PROVED and slow and request.rate is not None:
-        reason = f"the rate proved is {proof.rate or 0:.4g} 1/s, {typed_number(request.rate)} was asked for."
-    by = f"Proved by: {proof.covered_by}." if proof.covered_by else "Proved by: nothing yet."
+    verdict, reason = Verdict.UNDECIDED, proof.reason
+    if proof.verdict is Verdict.PROVED:
+        if request.rate is None or (proof.rate is not None and claimed(proof.rate) >= request.rate):
+            verdict = Verdict.PROVED
+        else:
+            asked = f"{typed_number(request.rate)} was asked for."
+            reason = f"the rate proved is {proof.rate or 0:.4g} 1/s, {asked}"
     return Design(
         verdict=verdict,
         reason=reason,
@@ -163,9 +224,9 @@ def _certified(ground: Ground, proposal: Proposal) -> Design:
         gains=gains,
         rate=proof.rate,
         cost=sum(gains.values(), Fraction(0)),
-        decisions=(*proposal.decisions, by + whole),
+        decisions=(*proposal.decisions, f"Proved by: {proof.covered_by or 'nothing yet'}.{whole}"),
         prices=proposal.prices,
-        changes=changes,
+        changes={**ground.changes, **wanted},
         problem=designed,
         certificate=proof,
         observer=proposal.observer,
@@ -180,10 +241,7 @@ def _weaker(problem: Problem, request: DesignRequest, found: Design) -> Iterator
         yield replace(request, reduce=True), HALF
         return
     if kind == "structure":
-        structure = structure_of(problem, request.allowed)
-        free = set(request.allowed)
-        lacking = {i for group in structure.groups if not free & set(group) for i in group}
-        request = replace(request, allowed=tuple(sorted(free | lacking)))
+        request = replace(request, allowed=with_lacking(problem, request.allowed))
         yield request, HALF
         yield replace(request, pins=None), HALF
         return
@@ -196,13 +254,10 @@ def _weaker(problem: Problem, request: DesignRequest, found: Design) -> Iterator
         yield replace(request, caps={}), HALF
     if slower is not None:
         yield slower, NEAREST
-    for name, weaker in (
-        ("pins", replace(request, pins=None)),
-        ("caps", replace(request, caps={})),
-        ("allowed", replace(request, allowed=tuple(range(problem.n)))),
-        ("noise", replace(request, noise=())),
-    ):
-        if getattr(weaker, name) != getattr(request, name):
+    without = replace(request, pins=None), replace(request, caps={}), replace(request, noise=())
+    everybody = replace(request, allowed=tuple(range(problem.n)))
+    for weaker in (*without[:2], everybody, *without[2:]):
+        if weaker != request:
             yield weaker, HALF
 
 
@@ -213,13 +268,263 @@ def _tightened(asked: DesignRequest, found: Design) -> Design:
         request = replace(request, rate=claimed(shorten(found.rate, digits=3)))
     if asked.pins is not None and request.pins is None:
         request = replace(request, pins=max(asked.pins, len(found.gains)))
-    if asked.caps and not request.caps and found.problem is not None:
-        index = found.problem.network.index
-        reached = {index[label]: k for label, k in found.gains.items()}
+    if asked.caps and not request.caps:
+        reached = {found.labels.index(label): k for label, k in found.gains.items()}
         if len(set(asked.caps.values())) == 1:  # one cap for all was asked for, so one for all is the answer
             reached = dict.fromkeys(asked.caps, max(reached.values()))
         request = replace(request, caps={i: max(cap, reached.get(i, cap)) for i, cap in asked.caps.items()})
     return replace(found, request=request)
+
+
+def observer_at(problem: Problem, request: DesignRequest, rate: Fraction | None) -> ObserverDesign:
+    """A W for every group within the request's bounds on noise; without a ``rate`` (1/s) for that of the file."""
+    rate = problem.joint_observer.rate if rate is None else rate
+    return search_groups(problem.groups, ObserverRequest(rate=rate, noise=request.noise, digits=request.digits))
+
+
+def _pace(observer: ObserverDesign) -> Fraction:
+    return claimed(observer.measures.get("rate", 0.0))
+
+
+def _three_digits(rate: Fraction) -> Fraction:
+    return claimed(float(f"{float(rate):.3g}"))
+
+
+def region_search(problem: Problem, observer: ObserverDesign | None) -> RegionSearch:
+    """The rows of the region asked for, or next to the consensus, of a problem without gains."""
+    region = problem.region
+    radius = Fraction(0) if region is None else max(asked_radius(problem))
+    disturbance = Fraction(0) if region is None else region.initial_disturbance or Fraction(0)
+    W = None if observer is None else observer.W
+    return RegionSearch(problem, W, radius=radius or SMALL, disturbance=disturbance)
+
+
+def of_region(ground: Ground) -> Iterator[Proposal]:
+    """Pins and gains with which max-separable rows cover the region; without one those near the consensus."""
+    problem, request = ground.problem, ground.request
+    if problem.region is None or not acts_by_component(problem):
+        yield from of_consensus(ground)
+        return
+    searches: dict[int, RegionSearch] = {}
+
+    def search_with(observer: ObserverDesign | None) -> RegionSearch:
+        return searches.setdefault(id(observer), region_search(problem, observer))
+
+    most = len(request.allowed) if request.pins is None else request.pins
+    first = search_with(next(ground.every_observer()))
+    for pinned in pin_sets(ground.structure, request.allowed, search=first, caps=request.caps, most=most):
+        ground.progress(f"looking for gains on {counted(len(pinned), 'agent')}")
+        observers = ground.every_observer()
+        if request.rate is None:  # from the slowest on that does not hold the network back
+            every = list(observers)
+            reached = [search_with(each).fastest(pinned, request.caps, coarse=True) for each in every]
+            least = (ENOUGH if ground.part <= HALF else ALMOST) * max(reached)
+            observers = iter(every[next(place for place, rate in enumerate(reached) if rate >= least) :])
+        for observer in observers:
+            yield from _over_region(ground, observer, search_with(observer), pinned)
+
+
+def _over_region(
+    ground: Ground, observer: ObserverDesign | None, search: RegionSearch, pinned: Sequence[int]
+) -> Iterator[Proposal]:
+    request, caps = ground.request, ground.request.caps
+    if request.rate is not None and search.holds(pinned, caps, float(request.rate), coarse=True) is None:
+        return
+    fastest = search.fastest(pinned, caps)
+    target = float(request.rate) if request.rate is not None else float(ground.part) * fastest
+    more = request.pins is None and len(pinned) < len(request.allowed)
+    if not 0 < target < fastest * (COMFORT if more else 1.0):
+        return
+    for pad in PADS:
+        found = search.smallest(pinned, caps, min(target * float(pad), (target + fastest) / 2))
+        if found is None:
+            return
+        gains = typed_gains(found.gains, digits=request.digits, caps=caps)
+        prices = tuple(price_words(ground.problem, found, request.allowed, caps))
+        yield _proposal(ground, observer, gains, pinned, aim=target, prices=prices)
+
+
+def of_consensus(ground: Ground) -> Iterator[Proposal]:
+    """The cheapest gains for V = e'e near the consensus."""
+    request, agents = ground.request, ground.request.allowed
+    if request.rate is None:
+        agents, rates = _slow_start(ground)
+    else:
+        rates = [request.rate * pad for pad in PADS]
+    for observer in ground.every_observer():
+        for rate in rates:
+            ground.progress("looking for gains near the consensus")
+            found = ground.pinning(rate, agents, request.pins or FEWEST)
+            if found.verdict is not Verdict.PROVED:
+                break
+            gains = {ground.problem.network.index[label]: k for label, k in found.gains.items()}
+            prices = (*found.prices, *found.ties)
+            yield _proposal(ground, observer, gains, tuple(gains), aim=float(rate), prices=prices)
+
+
+def _slow_start(ground: Ground) -> tuple[tuple[int, ...], list[Fraction]]:
+    """The agents that do at a very low rate, and the parts of the fastest rate with them."""
+    problem, request = ground.problem, ground.request
+    blocks = network_blocks(problem)
+    scale = Fraction(1) if blocks is None or not blocks.scale else claimed(float(f"{blocks.scale:.1g}"))
+    start = ground.pinning(scale * START, request.allowed, request.pins or FEWEST)
+    if start.verdict is not Verdict.PROVED:
+        return request.allowed, [scale * START]
+    pinned = tuple(sorted(problem.network.index[label] for label in start.gains))
+    fastest, high = Fraction(0), scale
+    for _ in range(24):  # by bisection, since caps and modes are in it; the first steps may lie above
+        middle = (fastest + high) / 2
+        reached = ground.pinning(_three_digits(middle), pinned).verdict is Verdict.PROVED
+        fastest, high = (middle, high) if reached else (fastest, middle)
+        if fastest and high - fastest <= fastest / 20:
+            break
+    parts = (ground.part, *(part for part in FALLBACKS if part > ground.part and problem.region is not None))
+    return pinned, [_three_digits(fastest * part) for part in parts]
+
+
+def pin_sets(
+    structure: Structure,
+    allowed: Sequence[int],
+    *,
+    search: RegionSearch,
+    caps: Mapping[int, Fraction],
+    most: int,
+    one_by_one: bool = False,
+) -> Iterator[tuple[int, ...]]:
+    """Sets of at most ``most`` allowed agents, growing; each holds the one before it, the last all that are allowed.
+
+    ``one_by_one``: by one agent each time, however many there are.
+    """
+    blocks = network_blocks(search.problem)
+
+    @cache
+    def quick(agents: frozenset[int]) -> float:
+        return 0.0 if blocks is None else round(fastest_rate(blocks, agents), 9)
+
+    def best(rest: Sequence[int], others: Sequence[int], first: int) -> int:
+        """Of ``others`` the one that allows the fastest rate over the region, besides ``rest``; ``first`` in doubt."""
+        order = sorted(others, key=lambda i: (-quick(frozenset([*rest, i])), i))
+        found, rate = first, 0.0
+        close = order[:CLOSER] if first in order[:CLOSER] else [first, *order[: CLOSER - 1]]
+        for agent in sorted(close, key=order.index):
+            reached = search.fastest([*rest, agent], caps, coarse=True)
+            if reached > rate * DECISIVE:
+                found, rate = agent, reached
+        return found
+
+    chosen, work = list(structure.agents), 0
+    for place, agent in enumerate(chosen):  # each replaced by the best that meets the same groups
+        rest = chosen[:place] + chosen[place + 1 :]
+        missed = [group for group in structure.groups if not set(group) & set(rest)]
+        others = [i for i in allowed if i not in rest and all(i in group for group in missed)]
+        if len(others) > 1 and work + len(others) <= EXCHANGES:
+            work += len(others)
+            chosen[place] = best(rest, others, agent)
+    yield tuple(sorted(chosen))
+    looked_at = next(count for size, count in LOOKED_AT if search.problem.n <= size)
+    wanted, step = len(chosen), 1
+    while len(chosen) < min(most, len(allowed)):
+        step = 1 if one_by_one or wanted < len(structure.agents) + ONE_BY_ONE else 2 * step
+        wanted = min(wanted + step, most, len(allowed))
+        while len(chosen) < wanted:
+            left = [i for i in allowed if i not in chosen]
+            v = search.holds(chosen, caps, 0.0, coarse=True)
+            if v is not None:  # whoever is held least has the largest v
+                left.sort(key=lambda i, v=v: (-float(v[i]), i))  # type: ignore[misc]
+            chosen.append(best(chosen, left[:looked_at], left[0]))
+        yield tuple(sorted(chosen))
+
+
+def _proposal(
+    ground: Ground,
+    observer: ObserverDesign | None,
+    gains: Mapping[int, Fraction],
+    pinned: Sequence[int],
+    *,
+    aim: float,
+    prices: tuple[str, ...],
+) -> Proposal:
+    request = ground.request
+    fixed = request.pins is not None and len(pinned) >= request.pins
+    decisions = (
+        *ground.decisions,
+        *([] if observer is None else observer_words(observer)),
+        pins_words(ground.problem, ground.structure, sorted(gains), fixed=fixed),
+        gains_words(ground.problem, gains, digits=request.digits, part=None if request.rate else ground.part),
+    )
+    return Proposal(observer=observer, gains=gains, aim=aim, decisions=decisions, prices=prices)
+
+
+def observer_words(found: ObserverDesign) -> list[str]:
+    """W, how fast its error decays, how it came about; a sentence for every group of agents."""
+    if not found.groups:
+        return [f"Observer: {_gain_words(found)}"]
+    return [f"Observer of the group of agent {name}: {_gain_words(each)}" for name, each in found.groups.items()]
+
+
+def _gain_words(found: ObserverDesign) -> str:
+    rate, gain, noise = (found.measures.get(name) for name in ("rate", "gain", "hinf measurement"))
+    pace = f" at {rate:.4g} 1/s" if rate else ""
+    loud = f", noise on the measured x reaches dhat with a gain of at most {noise:.4g} 1/s" if noise else ""
+    size = f" |W| = {gain:.4g}." if gain else ""
+    rows = value_text(typed_matrix(found.W or ()))
+    return f"W = {rows} ({found.source}): the error of the estimate decays{pace}{loud}.{size}"
+
+
+def pins_words(problem: Problem, structure: Structure, pinned: Sequence[int], *, fixed: bool) -> str:
+    """Which agents are pinned, and why so many."""
+    labels, groups = problem.network.labels, structure.groups
+    if len(pinned) == structure.least:
+        if len(groups) > 1:
+            why = f"{len(groups)} groups listen to nobody outside, so fewer pins cannot do"
+        elif len(groups[0]) == problem.n:
+            why = "one pin has to be: moved together, unpinned agents stay moved. No more were needed"
+        else:
+            hears = "listens" if len(groups[0]) == 1 else "listen"
+            who = name_agents([labels[i] for i in groups[0]])
+            why = f"{who} {hears} to nobody outside, so there has to be a pin"
+    elif fixed:
+        why = "as many as were allowed"
+    else:
+        least = f"{structure.least} {'is' if structure.least == 1 else 'are'} the least that the arcs allow"
+        why = f"{least}, but with fewer than {len(pinned)} very large gains or no proof were left"
+    return f"Pinned: {name_agents([labels[i] for i in pinned])}; {why}."
+
+
+def gains_words(problem: Problem, gains: Mapping[int, Fraction], *, digits: int, part: Fraction | None) -> str:
+    """The gains, rounded up, and what they are for."""
+    labels = problem.network.labels
+    each = ", ".join(f"k = {typed_number(k)} for agent {labels[i]}" for i, k in islice(gains.items(), SHOWN))
+    more = f" and {len(gains) - SHOWN} more" if len(gains) > SHOWN else ""
+    total = f", in total {typed_number(sum(gains.values(), Fraction(0)))}" if len(gains) > 1 else ""
+    aim = "" if part is None else f" They are meant for {float(part):.0%} of the fastest rate that pins there allow."
+    return f"Gains: {each}{more}{total} (1/s), rounded up to {counted(digits, 'digit')}.{aim}"
+
+
+def price_words(
+    problem: Problem, found: RegionGains, allowed: Sequence[int], caps: Mapping[int, Fraction]
+) -> Iterator[str]:
+    """The multipliers of a design over a region: what more rate costs, and where a further pin buys most."""
+    labels, total = problem.network.labels, sum(found.gains.values())
+    if not total or not found.rate:
+        return
+    share = found.rate_price * found.rate / total
+    yield f"Price of the rate: near {found.rate:.4g} 1/s, each 1 % more takes about {share:.3g} % more gain."
+    capped = [labels[i] for i, k in found.gains.items() if i in caps and k >= 0.999 * float(caps[i])]
+    if capped:
+        stand = "stands" if len(capped) == 1 else "stand"
+        yield f"Price of the caps: {name_agents(capped)} {stand} at the largest gain allowed."
+    others = [i for i in range(problem.n) if i not in found.gains]
+    best = sorted(others, key=lambda i: (-round(float(found.prices[i]), 6), i))[:BUYS]
+    if best and found.prices[best[0]] > 1:
+        named = ", ".join(f"agent {labels[i]} {found.prices[i]:.3g}" for i in best if found.prices[i] > 1)
+        kept = "" if best[0] in set(allowed) else f" (pins there are not allowed on agent {labels[best[0]]})"
+        yield (
+            f"Price of so few pins: agent {labels[best[0]]} would buy most. Each 1/s of gain there would save"
+            f" about so much elsewhere: {named}{kept}."
+        )
+    elif others:
+        yield "Price of so few pins: none; a gain on any other agent would cost more than it saves."
 
 
 def trade_off_of(
@@ -227,39 +532,27 @@ def trade_off_of(
 ) -> TradeOff:
     """The curve of that name.  Raises: SpecError for another name or number of points, and where there is no curve."""
     if curve not in AXES:
-        raise SpecError(
-            f"curve must be one of {', '.join(AXES)}; got {shown(curve)}.",
-            key="curve",
-            cure='"gain" is the sum of the gains against the rate.',
-        )
+        text = f"curve must be one of {', '.join(AXES)}; got {shown(curve)}."
+        raise SpecError(text, key="curve", cure='"gain" is the sum of the gains against the rate.')
     if isinstance(points, bool) or not isinstance(points, int) or not 2 <= points <= 200:
-        raise SpecError(
-            f"points must be an integer from 2 to 200; got {shown(points)}.",
-            key="points",
-            cure="Ten are a good choice.",
-        )
+        text = f"points must be an integer from 2 to 200; got {shown(points)}."
+        raise SpecError(text, key="points", cure="Ten are a good choice.")
     if curve == "noise" and not problem.groups:
-        raise SpecError(
-            "the noise curve needs an exosystem: without one there is no observer.",
-            key="curve",
-            cure='Ask for "gain" or "pins".',
-        )
+        text = "the noise curve needs an exosystem: without one there is no observer."
+        raise SpecError(text, key="curve", cure='Ask for "gain" or "pins".')
     bare = changed_problem(problem, {"pinning.gains": None})
-    own = design
-    if own is None and curve == "gain":
-        own = _attempt(bare, request, progress)
+    own = _attempt(bare, request, progress) if design is None and curve == "gain" else design
     observer = None if own is None else own.observer
     if observer is None and bare.groups:
         observer = observer_at(bare, request, None)
-    said: Sequence[str] = ()
+    said: Iterable[str] = ()
     if curve == "gain" and own is not None:
         found, said = _gain_points(bare, request, own, points, progress), own.prices if own.gains else (own.reason,)
     elif curve == "pins":
         found = _pin_points(bare, request, observer, points, progress)
         said = _largest_step(found)
     else:
-        middle = 1.0 if observer is None else observer.measures.get("rate", 1.0)
-        rates = _spread(middle, SLOWEST, QUICKEST, points)
+        rates = _spread(1.0 if observer is None else observer.measures.get("rate", 1.0), QUICKEST, points)
         found = sorted((p for r in rates for p in _noise_point(observer_at(bare, request, r))), key=lambda p: p.x)
     chosen: TradePoint | None = None
     if design is not None and curve == "noise" and observer is not None:
@@ -274,10 +567,9 @@ def _gain_points(
     problem: Problem, request: DesignRequest, own: Design, points: int, progress: Progress
 ) -> list[TradePoint]:
     """Designs for many rates, all with the pins of one."""
-    index = problem.network.index
-    pinned = tuple(sorted(index[label] for label in own.gains)) or request.allowed
+    pinned = tuple(sorted(problem.network.index[label] for label in own.gains)) or request.allowed
     found: list[TradePoint] = []
-    for rate in _spread(own.rate or 0.0, SLOWEST, FASTEST, points):
+    for rate in _spread(own.rate or 0.0, FASTEST, points):
         each = _attempt(problem, replace(request, rate=rate, allowed=pinned), progress)
         if each.verdict is Verdict.PROVED and each.cost is not None:
             found.append(TradePoint(x=float(rate), y=float(each.cost), pinned=tuple(each.gains), proved=True))
@@ -290,11 +582,8 @@ def _pin_points(
     """The rate that gains approach on growing sets of agents, as floating point sees it."""
     structure, labels = structure_of(problem, request.allowed), problem.network.labels
     if structure.unmet is not None:
-        raise SpecError(
-            "allowed must leave every group that listens to nobody outside an agent to pin.",
-            key="allowed",
-            cure="dobc_design.design says which agents are missing.",
-        )
+        text = "allowed must leave every group that listens to nobody outside an agent to pin."
+        raise SpecError(text, key="allowed", cure="dobc_design.design says which agents are missing.")
     search = region_search(problem, observer)
     most = min(len(request.allowed) if request.pins is None else request.pins, len(structure.agents) + points - 1)
     found: list[TradePoint] = []
@@ -306,16 +595,15 @@ def _pin_points(
     return found
 
 
-def _largest_step(points: Sequence[TradePoint]) -> list[str]:
+def _largest_step(points: Sequence[TradePoint]) -> Iterator[str]:
     """Which further pin buys most."""
-    if len(points) < 2:
-        return []
-    before, after = max(pairwise(points), key=lambda step: step[1].y / step[0].y)
-    new = ", ".join(label for label in after.pinned if label not in before.pinned)
-    return [
-        f"The step that buys most: from {before.x:g} to {after.x:g} pins, with agent {new} the rate grows"
-        f" {after.y / before.y:.3g} times."
-    ]
+    if len(points) > 1:
+        before, after = max(pairwise(points), key=lambda step: step[1].y / step[0].y)
+        new = ", ".join(label for label in after.pinned if label not in before.pinned)
+        yield (
+            f"The step that buys most: from {before.x:g} to {after.x:g} pins, with agent {new} the rate grows"
+            f" {after.y / before.y:.3g} times."
+        )
 
 
 def _noise_point(observer: ObserverDesign) -> list[TradePoint]:
@@ -323,7 +611,7 @@ def _noise_point(observer: ObserverDesign) -> list[TradePoint]:
     return [] if noise is None or pace is None else [TradePoint(x=pace, y=noise, proved=True)]
 
 
-def _spread(middle: float, first: float, last: float, count: int) -> list[Fraction]:
+def _spread(middle: float, last: float, count: int) -> list[Fraction]:
     """Rates (1/s) of four digits around one; none around 0."""
-    parts = (first + (last - first) * k / (count - 1) for k in range(count))
+    parts = (SLOWEST + (last - SLOWEST) * k / (count - 1) for k in range(count))
     return [claimed(float(f"{middle * part:.4g}")) for part in parts] if middle > 0 else []

@@ -1,18 +1,247 @@
-"""A designed observer gain, and the bound on its transient that a matrix P proves: the nouns."""
+"""An observer gain W on request: what is asked (speed, region of the spectrum, noise, digits), and what was found.
+
+The regions (half plane, disk, cone) are closed, convex and symmetric about the real axis.  So an intersection of them
+that is not empty contains a real point, and whether it is empty is seen on the real axis.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from fractions import Fraction
 from typing import Any
 
 from dobc_design._show.cards import Card, Shown, cut
 from dobc_design.conditions.statement import Statement
+from dobc_design.errors import SpecError
 from dobc_design.exact.matrix import Matrix
+from dobc_design.exact.number import parse_number
+from dobc_design.exact.reading import is_list, shown, shown_number
 from dobc_design.problem.canonical import matrix_text
-from dobc_design.synthesis.observer.request import ObserverRequest
+from dobc_design.problem.changes import typed_number
 from dobc_design.verdict import Verdict
+
+CHANNELS = ("measurement", "disturbance", "exosystem")
+NORMS = {"hinf": "H-infinity", "h2": "H2"}
+Ends = tuple[Fraction | None, Fraction | None]  # on the real axis; None is infinite
+
+
+class _Asked(Shown):
+    """What shows itself by its sentence."""
+
+    __slots__ = ()
+
+    def _card(self) -> Card:
+        return Card(title=type(self).__name__, text=str(self))
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, repr=False)
+class HalfPlane(_Asked):
+    """Re s <= left_of, or Re s >= right_of (1/s); exactly one of them is given.
+
+    HalfPlane(left_of=-2) asks for decay at the rate 2 or more, HalfPlane(right_of=-50) for none above 50.
+    Example:
+        >>> design = dd.design_observer("paper-fixed", region=[dd.HalfPlane(left_of=-2), dd.Disk(centre=-4, radius=3)])
+        >>> design.verdict.value
+        'proved'
+    """
+
+    left_of: Fraction | None
+    right_of: Fraction | None
+
+    def __init__(self, *, left_of: Any = None, right_of: Any = None) -> None:
+        if (left_of is None) == (right_of is None):
+            got = "neither" if left_of is None else "both"
+            raise SpecError(
+                f"a HalfPlane must have one side, left_of or right_of; got {got}.",
+                key="region",
+                cure="For a strip give two half planes in a list.",
+            )
+        for name, value in (("left_of", left_of), ("right_of", right_of)):
+            object.__setattr__(self, name, None if value is None else parse_number(value, key=f"region.{name}"))
+
+    def __str__(self) -> str:
+        low, high = self.real_ends
+        return f"Re s >= {shown_number(low or Fraction(0))}" if high is None else f"Re s <= {shown_number(high)}"
+
+    @property
+    def real_ends(self) -> Ends:
+        """Where the region begins and ends on the real axis."""
+        return self.right_of, self.left_of
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, repr=False)
+class Disk(_Asked):
+    """|s - centre| <= radius, with a real centre; both in 1/s."""
+
+    centre: Fraction
+    radius: Fraction
+
+    def __init__(self, *, centre: Any, radius: Any) -> None:
+        object.__setattr__(self, "centre", parse_number(centre, key="region.centre"))
+        why, cure = ", so that the disk holds something", "Give a positive radius (1/s)."
+        object.__setattr__(self, "radius", read_positive(radius, "region.radius", why=why, cure=cure))
+
+    def __str__(self) -> str:
+        return f"|s - ({shown_number(self.centre)})| <= {shown_number(self.radius)}"
+
+    @property
+    def real_ends(self) -> Ends:
+        """Where the region begins and ends on the real axis."""
+        return self.centre - self.radius, self.centre + self.radius
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, repr=False)
+class Cone(_Asked):
+    """Damping ratio at least ``damping``: Re s <= 0 and -Re s >= damping |s|; 0 < damping < 1."""
+
+    damping: Fraction
+
+    def __init__(self, *, damping: Any) -> None:
+        object.__setattr__(self, "damping", parse_number(damping, key="region.damping"))
+        if not 0 < self.damping < 1:
+            raise SpecError(
+                "region.damping must lie between 0 and 1, as the cosine of the cone's half angle; got"
+                f" {shown_number(self.damping)}.",
+                key="region.damping",
+                cure="For real eigenvalues only, ask for 0.999.",
+            )
+
+    def __str__(self) -> str:
+        return f"damping >= {shown_number(self.damping)}"
+
+    @property
+    def real_ends(self) -> Ends:
+        """Where the region begins and ends on the real axis."""
+        return None, Fraction(0)
+
+
+SpectralRegion = HalfPlane | Disk | Cone
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, repr=False)
+class NoiseLimit(_Asked):
+    """An upper bound on the norm of one transfer function of the observer, with F = A - W C.
+
+    ``channel``: "measurement", noise on the measured x to the estimate dhat, C s (sI - F)^-1 W, in 1/s;
+    "disturbance", an unmodelled d to dhat, C (sI - F)^-1 W, no unit; "exosystem", an input of xi' = A xi to the
+    error C eps, C (sI - F)^-1.  ``norm``: "hinf", the largest gain over the frequencies, or "h2", the
+    root of the variance under white noise of unit intensity (infinite for "measurement" unless C W = 0).
+    An H2 norm may equal its bound, an H-infinity norm has to stay below.
+    """
+
+    channel: str
+    norm: str
+    bound: Fraction
+
+    def __init__(self, *, bound: Any, channel: str = "measurement", norm: str = "hinf") -> None:
+        for name, value, words in (("channel", channel, CHANNELS), ("norm", norm, sorted(NORMS))):
+            if value not in words:
+                raise SpecError(
+                    f"noise.{name} must be one of {', '.join(words)}; got {shown(value)}.",
+                    key=f"noise.{name}",
+                    cure=f'For example {name}="{words[0]}".',
+                )
+            object.__setattr__(self, name, value)
+        object.__setattr__(self, "bound", read_positive(bound, "noise"))
+
+    def __str__(self) -> str:
+        sign = "<=" if self.norm == "h2" else "<"
+        return f"{NORMS[self.norm]} norm of the {self.channel} channel {sign} {typed_number(self.bound)}"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ObserverRequest:
+    """What a gain W has to do.  Absent limits are None or empty.
+
+    ``rate`` (1/s): every eigenvalue has Re <= -rate.  ``regions``: where else the spectrum must lie.  ``noise``: bounds
+    on norms.  ``digits``: significant digits of W.  ``period`` (s): sampled observer.
+    """
+
+    rate: Fraction | None = None
+    regions: tuple[SpectralRegion, ...] = ()
+    noise: tuple[NoiseLimit, ...] = ()
+    digits: int = 4
+    period: Fraction | None = None
+
+    @property
+    def all_regions(self) -> tuple[SpectralRegion, ...]:
+        """The regions and the half planes of the rate and of convergence, in continuous time."""
+        return (HalfPlane(left_of=-(self.rate or Fraction(0))), *self.regions)
+
+
+def read_observer_request(
+    *, rate: Any = None, region: Any = None, noise: Any = None, digits: Any = 4, period: Any = None
+) -> ObserverRequest:
+    """Read the arguments of ``design_observer``; numbers exactly.  Raises: SpecError for a wrong one."""
+    check_digits(digits)
+    request = ObserverRequest(
+        rate=None if rate is None else read_positive(rate, "rate"),
+        regions=_read_regions(region),
+        noise=read_noise(noise),
+        digits=digits,
+        period=None if period is None else read_positive(period, "period"),
+    )
+    if request.period is not None and request.noise:
+        raise SpecError(
+            "noise cannot be asked of a sampled observer yet; got it together with period.",
+            key="noise",
+            cure="Leave noise out, or design in continuous time.",
+        )
+    if request.period is not None and not all(isinstance(region, Disk) for region in request.regions):
+        raise SpecError(
+            "region must be a Disk for a sampled observer: its eigenvalues belong in the unit disk.",
+            key="region",
+            cure="Use rate for a decay rate in 1/s.",
+        )
+    return request
+
+
+def check_digits(digits: Any) -> None:
+    """Raises: SpecError if ``digits`` is not a number of significant digits."""
+    if isinstance(digits, bool) or not isinstance(digits, int) or not 1 <= digits <= 15:
+        text = f"digits must be an integer from 1 to 15; got {shown(digits)}."
+        raise SpecError(text, key="digits", cure="Four digits are a good choice.")
+
+
+def read_positive(value: Any, key: str, *, why: str = "", cure: str = "Leave it out for no limit.") -> Fraction:
+    """A number > 0, exactly.  Raises: SpecError for another one."""
+    number = parse_number(value, key=key)
+    if number <= 0:
+        raise SpecError(f"{key} must be > 0{why}; got {shown_number(number)}.", key=key, cure=cure)
+    return number
+
+
+def read_noise(value: Any) -> tuple[NoiseLimit, ...]:
+    """A limit or a list of them; a number bounds the H-infinity norm from measurement noise to dhat."""
+    return tuple(each if isinstance(each, NoiseLimit) else NoiseLimit(bound=each) for each in _given(value))
+
+
+def _read_regions(value: Any) -> tuple[SpectralRegion, ...]:
+    regions = _given(value)
+    for region in regions:
+        if not isinstance(region, (HalfPlane, Disk, Cone)):
+            raise SpecError(
+                f"region must be a HalfPlane, a Disk or a Cone, or a list of them; got {shown(region)}.",
+                key="region",
+                cure="For example region=dd.Cone(damping=0.7).",
+            )
+    return regions
+
+
+def _given(value: Any) -> tuple[Any, ...]:
+    """None, one, or a list of them."""
+    return () if value is None else tuple(value) if is_list(value) else (value,)
+
+
+def common_interval(regions: tuple[SpectralRegion, ...]) -> Ends | None:
+    """The common part of the regions on the real axis; None if it is empty, and then the regions have no common point.
+
+    A common point z would bring its conjugate and, by convexity, Re z along.
+    """
+    low = max((left for left, _ in (region.real_ends for region in regions) if left is not None), default=None)
+    high = min((right for _, right in (region.real_ends for region in regions) if right is not None), default=None)
+    return None if low is not None and high is not None and low > high else (low, high)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -26,7 +255,24 @@ class Envelope:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, repr=False)
-class ObserverDesign(Shown):
+class Answer(Shown):
+    """What every design on request has: the verdict, the reason in words, and what was decided on the way."""
+
+    verdict: Verdict
+    reason: str
+    statements: tuple[Statement, ...] = ()
+
+    def _card_of(self, title: str, facts: Sequence[tuple[str, Any]], lines: Sequence[str] = ()) -> Card:
+        rows = [(each.verdict, each.text) for each in self.statements]
+        heads, verdict = ("verdict", "statement"), self.verdict.value
+        return Card(title=title, verdict=verdict, text=self.reason, facts=facts, heads=heads, rows=rows, lines=lines)
+
+    def __repr__(self) -> str:
+        return f"<{type(self).__name__} {self.verdict.value}: {cut(self.reason)}>"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, repr=False)
+class ObserverDesign(Answer):
     """An observer gain and what is known of it.
 
     ``verdict``: PROVED, ``W`` does everything that was asked; REFUTED, nothing can, and ``reason`` is the proof in
@@ -38,14 +284,11 @@ class ObserverDesign(Shown):
     block diagonal, and a measure is that of the worst group.
     """
 
-    verdict: Verdict
-    reason: str
     request: ObserverRequest
     W: Matrix | None = None
     P: Matrix | None = None
     Q: Matrix | None = None
     source: str | None = None
-    statements: tuple[Statement, ...] = ()
     measures: Mapping[str, float]
     nearest: ObserverDesign | None = None
     groups: Mapping[str, ObserverDesign] = field(default_factory=dict)
@@ -53,29 +296,19 @@ class ObserverDesign(Shown):
     def __str__(self) -> str:
         lines = [f"{self.verdict.value}: {self.reason}"]
         if self.groups:
-            own = [f"Group of agent {name}: {design}" for name, design in self.groups.items()]
-            return "\n".join([*lines, *own])
-        if self.W is not None:
-            lines.append(f"W = {matrix_text(self.W)} ({self.source})")
-        lines += [f"  {statement}" for statement in self.statements]
+            lines += [f"Group of agent {name}: {design}" for name, design in self.groups.items()]
+        else:
+            lines += [] if self.W is None else [f"W = {matrix_text(self.W)} ({self.source})"]
+            lines += [f"  {statement}" for statement in self.statements]
         return "\n".join(lines)
 
-    def _card(self) -> Card:
-        matrices = (("W", self.W), ("P", self.P), ("Q", self.Q))
-        facts: list[tuple[str, Any]] = [(name, M) for name, M in matrices if M is not None]
-        facts += [(name.replace("_", " "), repr(value)) for name, value in self.measures.items()]  # bounds: no rounding
-        rows = [(each.verdict, each.text) for each in self.statements]
-        return Card(
-            title="Observer design",
-            verdict=self.verdict.value,
-            text=self.reason,
-            facts=facts,
-            heads=("verdict", "statement"),
-            rows=rows,
-        )
+    def _matrices(self) -> tuple[tuple[str, Matrix | None], ...]:
+        return ("W", self.W), ("P", self.P), ("Q", self.Q)
 
-    def __repr__(self) -> str:
-        return f"<ObserverDesign {self.verdict.value}: {cut(self.reason)}>"
+    def _card(self) -> Card:
+        facts: list[tuple[str, Any]] = [(name, M) for name, M in self._matrices() if M is not None]
+        facts += [(name.replace("_", " "), repr(value)) for name, value in self.measures.items()]  # bounds: no rounding
+        return self._card_of("Observer design", facts)
 
     def to_json(self) -> dict[str, Any]:
         """JSON object; exact numbers as text, infinite ones as null."""
@@ -84,9 +317,7 @@ class ObserverDesign(Shown):
             "verdict": self.verdict.value,
             "reason": self.reason,
             "source": self.source,
-            "W": None if self.W is None else matrix_text(self.W),
-            "P": None if self.P is None else matrix_text(self.P),
-            "Q": None if self.Q is None else matrix_text(self.Q),
+            **{name: None if M is None else matrix_text(M) for name, M in self._matrices()},
             "statements": [statement.to_json() for statement in self.statements],
             "measures": {name: finite.get(name) for name in self.measures},
             "nearest": None if self.nearest is None else self.nearest.to_json(),

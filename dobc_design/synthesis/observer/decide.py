@@ -1,13 +1,9 @@
 """Exact decisions about an observer gain W: the spectrum of F = A - W C, norms, envelopes, what is impossible.
 
-Spectrum: Routh's test and exact counts of the mapped characteristic polynomial (``exact.root_regions``).  For a sampled
-observer exp(A T) is enclosed by Arb, and what is proved holds for every matrix of the enclosure.
-
-Norms: measurement noise nu on x to dhat, C s (sI - F)^-1 W = C W + C F (sI - F)^-1 W;  an unmodelled d to dhat,
-C (sI - F)^-1 W;  an input of the exosystem to the error C eps, C (sI - F)^-1.  The square of an H2 norm is rational,
+Spectrum: Routh's test and exact counts of the mapped characteristic polynomial.  For a sampled observer exp(A T) is
+enclosed by Arb, and what is proved holds for every matrix of the enclosure.  The square of an H2 norm is rational,
 C X C' with F X + X F' + B B' = 0.  For F Hurwitz the H-infinity norm is below gamma iff gamma^2 I - D'D > 0 and the
-Hamiltonian matrix has no eigenvalue on the imaginary axis; its characteristic polynomial is even, so that is a Sturm
-count in s^2 (Boyd, Balakrishnan, Kabamba 1989).
+Hamiltonian matrix has no imaginary eigenvalue, a Sturm count in s^2 (Boyd, Balakrishnan, Kabamba 1989).
 
 Impossible: without a bound on noise the answer is complete.  The regions (closed, convex, symmetric) and Re s < 0 share
 a real point or nothing; W can put all observable eigenvalues into one real point (Ackermann), and the hidden ones are
@@ -17,12 +13,14 @@ where they are.  So a W exists iff there is such a point and the hidden eigenval
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
+from typing import Any
 
 from dobc_design.conditions.numbers import claimed, largest_proved
-from dobc_design.conditions.statement import Statement, decided, proved, refuted
+from dobc_design.conditions.observer.decide import detectability_check, error_matrix
+from dobc_design.conditions.statement import Statement, proved, refuted, undecided
 from dobc_design.errors import SpecError
 from dobc_design.exact.definite import decide_positive_definite, decide_positive_semidefinite
 from dobc_design.exact.interval import Interval, exp
@@ -62,12 +60,14 @@ from dobc_design.exact.polynomial import (
     shifted,
 )
 from dobc_design.exact.reading import shown_number
+from dobc_design.problem.changes import value_text
 from dobc_design.problem.exosystems import Exosystem
-from dobc_design.synthesis.observer.claim import Envelope
-from dobc_design.synthesis.observer.request import (
+from dobc_design.problem.problem import Problem
+from dobc_design.synthesis.observer.claim import (
     CHANNELS,
     Cone,
     Disk,
+    Envelope,
     HalfPlane,
     NoiseLimit,
     ObserverRequest,
@@ -83,77 +83,60 @@ LARGEST_ORDER = 12  # beyond it exact norms take too long to be had by the way
 
 def gain_statements(exosystem: Exosystem, W: Matrix, request: ObserverRequest) -> tuple[Statement, ...]:
     """Everything that the request asks of W (q, m), decided for W exactly."""
-    result: list[Statement] = []
     if request.period is not None:
-        result += sampled_statements(exosystem, W, period=request.period, rate=request.rate, regions=request.regions)
-    else:
-        F = error_matrix(exosystem, W)
-        result.append(hurwitz_statement(F))
-        if request.rate is not None:
-            result.append(region_statement(F, request.all_regions[0], kind="rate"))
-        result += [region_statement(F, region) for region in request.regions]
-    result += [noise_statement(exosystem, W, limit) for limit in request.noise]
-    return tuple(result)
+        return sampled_statements(exosystem, W, period=request.period, rate=request.rate, regions=request.regions)
+    F = error_matrix(exosystem, W)
+    rate = [] if request.rate is None else [region_statement(F, request.all_regions[0], kind="rate")]
+    regions = [region_statement(F, region) for region in request.regions]
+    noise = [noise_statement(exosystem, W, limit) for limit in request.noise]
+    return hurwitz_statement(F), *rate, *regions, *noise
 
 
-def error_matrix(exosystem: Exosystem, W: Matrix) -> Matrix:
-    """F = A - W C, (q, q): the dynamics of the observer error (17)."""
-    return subtract(exosystem.A, multiply(W, exosystem.C))
-
-
-def images(region: SpectralRegion, polynomial: Coefficients) -> tuple[Coefficients, ...]:
-    """Polynomials that have no root with positive real part iff the roots of a monic one lie in the closed region."""
+def image(region: SpectralRegion, polynomial: Coefficients) -> Coefficients:
+    """A polynomial that has no root with positive real part iff the roots of a monic one lie in the closed region."""
     if isinstance(region, Disk):
-        return (disk_image(polynomial, centre=region.centre, radius=region.radius),)
+        return disk_image(polynomial, centre=region.centre, radius=region.radius)
     if isinstance(region, Cone):
-        return (cone_image(polynomial, damping=region.damping),)
+        return cone_image(polynomial, damping=region.damping)
     if region.left_of is not None:
-        return (shifted(polynomial, region.left_of),)
-    return (reflected(shifted(polynomial, region.right_of or Fraction(0))),)
+        return shifted(polynomial, region.left_of)
+    return reflected(shifted(polynomial, region.right_of or Fraction(0)))
 
 
-def spectrum_inside(F: Matrix, region: SpectralRegion) -> tuple[bool, bool]:
-    """Whether every eigenvalue of F (q, q) lies in the closed region, and whether in its interior: exact.
-
-    Raises: ShapeError if F is not square.
-    """
-    degree = len(F) * (2 if isinstance(region, Cone) else 1)
-    return decide_images(images(region, characteristic_polynomial(F)), degree=degree)
+def roots_inside(polynomial: Coefficients, region: SpectralRegion) -> tuple[bool, bool]:
+    """Whether every root lies in the closed region, and whether in its interior: exact."""
+    degree = (len(polynomial) - 1) * (2 if isinstance(region, Cone) else 1)
+    return decide_images((image(region, polynomial),), degree=degree)
 
 
 def region_statement(F: Matrix, region: SpectralRegion, *, kind: str = "region") -> Statement:
     """State whether the spectrum of F = A - W C lies in a closed region."""
-    inside, strictly = spectrum_inside(F, region)
-    where = "and none on its border" if strictly else "with one on its border"
+    polynomial = characteristic_polynomial(F)
+    inside, strictly = roots_inside(polynomial, region)
     text = f"every eigenvalue of A - WC lies in {region}"
-    return Statement(
-        kind=kind,
-        verdict=decided(inside),
-        text=f"{text}, {where}." if inside else f"it is false that {text}.",
-        exact={"polynomial": polynomial_text(characteristic_polynomial(F))},
-    )
+    shown = {"polynomial": polynomial_text(polynomial)}
+    if not inside:
+        return refuted(kind, f"it is false that {text}.", **shown)
+    return proved(kind, f"{text}, {'and none' if strictly else 'with one'} on its border.", **shown)
 
 
 def hurwitz_statement(F: Matrix) -> Statement:
     """State whether F = A - W C is Hurwitz, by Routh's first column."""
     table = decide_hurwitz(F)
-    holds = table.verdict is Verdict.PROVED
-    return Statement(
-        kind="hurwitz",
-        verdict=table.verdict,
-        text="A - WC is Hurwitz." if holds else "A - WC is not Hurwitz: the estimate does not follow the disturbance.",
-        exact={"routh": ", ".join(number_text(x) for x in table.first_column)},
-    )
+    column = ", ".join(number_text(x) for x in table.first_column)
+    if table.verdict is Verdict.PROVED:
+        return proved("hurwitz", "A - WC is Hurwitz.", routh=column)
+    return refuted("hurwitz", "A - WC is not Hurwitz: the estimate does not follow the disturbance.", routh=column)
 
 
 def rate_holds(F: Matrix, rate: Fraction) -> bool:
-    """Whether every eigenvalue of F has a real part <= -rate: exact, the border included."""
-    return spectrum_inside(F, HalfPlane(left_of=-rate))[0]
+    """Whether every eigenvalue of F has a real part <= -rate, the border included."""
+    return roots_inside(characteristic_polynomial(F), HalfPlane(left_of=-rate))[0]
 
 
 def damping_holds(F: Matrix, damping: Fraction) -> bool:
     """Whether the damping ratio of F is at least ``damping``: exact; false outside (0, 1)."""
-    return 0 < damping < 1 and spectrum_inside(F, Cone(damping=damping))[0]
+    return 0 < damping < 1 and roots_inside(characteristic_polynomial(F), Cone(damping=damping))[0]
 
 
 def sampled_matrix(exosystem: Exosystem, W: Matrix, period: Fraction) -> IntervalMatrix:
@@ -177,7 +160,7 @@ def sampled_statements(
 ) -> tuple[Statement, ...]:
     """Schur stability of the sampled error, its rate (|z| <= exp(-rate T)) and disks of the z-plane.
 
-    Decided for every matrix in an enclosure of the exact one; UNDECIDED where an eigenvalue is too close to the border.
+    UNDECIDED where an eigenvalue is too close to the border for the enclosure.
     """
     polynomial = interval_characteristic_polynomial(sampled_matrix(exosystem, W, period))
     text = "the sampled error converges: every eigenvalue lies inside the unit disk"
@@ -189,21 +172,16 @@ def sampled_statements(
         if isinstance(region, Disk):
             text = f"every eigenvalue of the sampled error lies in {region}".replace("|s", "|z")
             asked.append(("region", text, region.centre, Interval.point(region.radius)))
-    result = []
-    for kind, text, centre, radius in asked:
-        verdict = _in_disk(polynomial, centre, radius)
-        words = {Verdict.REFUTED: "it is false that ", Verdict.UNDECIDED: "it stays open whether "}.get(verdict, "")
-        shown = {"period": number_text(period), "width": f"{float(max(x.width for x in polynomial)):.1e}"}
-        result.append(Statement(kind=kind, text=f"{words}{text}.", verdict=verdict, exact=shown))
-    return tuple(result)
+    shown = {"period": number_text(period), "width": f"{float(max(x.width for x in polynomial)):.1e}"}
 
+    def state(kind: str, text: str, centre: Fraction, radius: Interval) -> Statement:  # the radius is enclosed as well
+        if interval_routh(disk_image(polynomial, centre=centre, radius=radius.lo)) is Verdict.PROVED:
+            return proved(kind, f"{text}.", **shown)
+        if interval_routh(disk_image(polynomial, centre=centre, radius=radius.hi)) is Verdict.REFUTED:
+            return refuted(kind, f"it is false that {text}.", **shown)
+        return undecided(kind, f"it stays open whether {text}.", **shown)
 
-def _in_disk(polynomial: Sequence[Interval], centre: Fraction, radius: Interval) -> Verdict:
-    """Whether all roots lie in the open disk; the radius itself is enclosed."""
-    if interval_routh(disk_image(polynomial, centre=centre, radius=radius.lo)) is Verdict.PROVED:
-        return Verdict.PROVED
-    answer = interval_routh(disk_image(polynomial, centre=centre, radius=radius.hi))
-    return Verdict.REFUTED if answer is Verdict.REFUTED else Verdict.UNDECIDED
+    return tuple(state(*each) for each in asked)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -221,14 +199,13 @@ def channel(exosystem: Exosystem, W: Matrix, name: str) -> StateSpace:
 
     Raises: SpecError for another name.
     """
-    F, C, m = error_matrix(exosystem, W), exosystem.C, exosystem.outputs
+    if name not in CHANNELS:
+        raise SpecError(f"channel must be one of {', '.join(CHANNELS)}; got {name!r}.", key="channel")
+    F, C = error_matrix(exosystem, W), exosystem.C
     if name == "measurement":
         return StateSpace(F=F, B=W, C=multiply(C, F), D=multiply(C, W))
-    if name == "disturbance":
-        return StateSpace(F=F, B=W, C=C, D=zeros(m, m))
-    if name == "exosystem":
-        return StateSpace(F=F, B=identity(exosystem.order), C=C, D=zeros(m, exosystem.order))
-    raise SpecError(f"channel must be one of {', '.join(CHANNELS)}; got {name!r}.", key="channel")
+    B = W if name == "disturbance" else identity(exosystem.order)
+    return StateSpace(F=F, B=B, C=C, D=zeros(len(C), len(B[0])))
 
 
 def h2_squared(system: StateSpace) -> Fraction | None:
@@ -254,9 +231,8 @@ def hinf_below(system: StateSpace, gamma: Fraction) -> bool:
     inner = add(identity(len(C)), multiply(multiply(D, R), transpose(D)))
     upper = multiply(multiply(B, R), transpose(B))
     lower = scale(-1, multiply(multiply(transpose(C), inner), C))
-    hamiltonian = tuple(p + s for p, s in zip(closed, upper, strict=True)) + tuple(
-        p + s for p, s in zip(lower, scale(-1, transpose(closed)), strict=True)
-    )
+    halves = ((closed, upper), (lower, scale(-1, transpose(closed))))
+    hamiltonian = tuple(p + s for left, right in halves for p, s in zip(left, right, strict=True))
     return not has_root_up_to_zero(characteristic_polynomial(hamiltonian)[::2])  # a polynomial in s^2
 
 
@@ -272,25 +248,21 @@ def root_above(square: Fraction) -> float:
 
 def noise_statement(exosystem: Exosystem, W: Matrix, limit: NoiseLimit) -> Statement:
     """State whether a norm keeps its limit (H-infinity: stays below it)."""
-    system = channel(exosystem, W, limit.channel)
-    exact: dict[str, str] = {}
+    system, exact = channel(exosystem, W, limit.channel), dict[str, str]()
     if limit.norm == "h2":
         square = h2_squared(system)
         holds = square is not None and square <= limit.bound**2
         exact["h2_squared"] = "infinite" if square is None else number_text(square)
     else:
         holds = hinf_below(system, limit.bound)
-    return Statement(
-        kind="noise",
-        verdict=decided(holds),
-        text=f"{limit}." if holds else f"it is false that the {limit}.",
-        exact=exact,
+    return (
+        proved("noise", f"{limit}.", **exact) if holds else refuted("noise", f"it is false that the {limit}.", **exact)
     )
 
 
-def gain_squared(W: Matrix) -> Fraction:
-    """|W|^2, the sum of the squares of its entries."""
-    return sum((x * x for row in W for x in row), Fraction(0))
+def size_above(W: Matrix) -> float:
+    """|W|, rounded up: the root of the sum of the squares of its entries."""
+    return root_above(sum((x * x for row in W for x in row), Fraction(0)))
 
 
 def envelope_statement(exosystem: Exosystem, W: Matrix, envelope: Envelope) -> Statement | None:
@@ -315,7 +287,7 @@ def envelope_statement(exosystem: Exosystem, W: Matrix, envelope: Envelope) -> S
 def proved_measures(exosystem: Exosystem, W: Matrix, estimates: Mapping[str, float]) -> dict[str, float]:
     """Gain, rate (1/s), damping and the norms of the three channels, "hinf measurement" and so on, for W (q, m)."""
     F = error_matrix(exosystem, W)
-    result = {"gain": root_above(gain_squared(W))}
+    result = {"gain": size_above(W)}
     for name, holds in (("rate", rate_holds), ("damping", damping_holds)):
         estimate = estimates.get(name, 0.0)
         found: float | None = float(f"{estimate:.9g}")
@@ -342,20 +314,58 @@ def why_impossible(exosystem: Exosystem, request: ObserverRequest) -> Statement 
     The kind of the refuted Statement says which part of the request fails: "detectable", "rate", "region" or "noise".
     """
     found = decide_detectable(exosystem.A, exosystem.C)
+    hidden, regions = found.unobservable_text, request.all_regions
     if found.verdict is not Verdict.PROVED:
-        return refuted(
-            "detectable",
-            f"no W exists: (A, C) is not detectable; the part {found.unobservable_text} never reaches d = C xi and does"
-            " not decay. It does not act on the agents either: leave it out.",
-            polynomial=found.unobservable_text,
-        )
+        text = f"no W exists: (A, C) is not detectable; the part {hidden} never reaches d = C xi and does not decay."
+        text += " It does not act on the agents either: leave it out."
+        return refuted("detectable", text, polynomial=hidden)
     if request.period is not None:
         return None
-    return (
-        _hidden_outside(found.unobservable_polynomial, request)
-        or _empty(request.all_regions)
-        or _too_quiet(exosystem, request)
-    )
+    for position, region in enumerate(regions if len(found.unobservable_polynomial) > 1 else ()):
+        if not roots_inside(found.unobservable_polynomial, region)[0]:
+            text = f"no W meets {region}: C does not see the part {hidden} of the exosystem, so no gain moves its"
+            text += " eigenvalues, and they lie outside."
+            return refuted("region" if position else "rate", text, polynomial=hidden)
+    common = common_interval(regions)
+    if common is None or (common[0] is not None and common[0] >= 0):
+        names = " and ".join(str(region) for region in regions)
+        return refuted("region", f"no W exists: no point with Re s < 0 lies in {names}.")
+    return _too_quiet(exosystem, request)
+
+
+def reduced_exosystem(problem: Problem, *, reduce: bool) -> tuple[Mapping[str, Any], tuple[str, ...], Statement | None]:
+    """The observable part in place of an undetectable exosystem, and its sentence; or why there is no W at all.
+
+    That of one group of agents among several is named, and left to the caller.
+    """
+    if problem.is_grouped:
+        return {}, (), next(_undetectable_groups(problem, reduce=reduce), None)
+    check = None if problem.exosystem is None else detectability_check(problem.exosystem, problem)
+    if check is None or check.verdict is Verdict.PROVED:
+        return {}, (), None
+    if check.fix is None or not reduce:
+        exact = {} if check.exact is None else {name: str(value) for name, value in check.exact.items()}
+        text = check.reason[0].lower() + check.reason[1:]
+        return {}, (), refuted("detectable", f"no W exists: {text}", **exact)
+    return check.fix.set, (f"Exosystem: {check.fix.text}",), None
+
+
+def _undetectable_groups(problem: Problem, *, reduce: bool) -> Iterator[Statement]:
+    for group in problem.groups:
+        check = detectability_check(group.exosystem)
+        if check.verdict is Verdict.PROVED:
+            continue
+        text = f"no W exists for the group of agent {group.name}: {check.reason[0].lower() + check.reason[1:]}"
+        if not reduce or check.fix is None:
+            yield refuted("detectable", text)
+            continue
+        kept = [(key.rpartition(".")[2], value_text(value)) for key, value in check.fix.set.items() if value]
+        rest = f" ({'; '.join(f'{name} = {value}' for name, value in kept)})" if kept else ""
+        yield undecided(
+            "detectable",
+            f"{text} Write its observable part in its place{rest}, and design again; that is done by itself only"
+            " where all agents have one exosystem.",
+        )
 
 
 def largest_hidden_rate(polynomial: Coefficients) -> Fraction | None:
@@ -365,37 +375,12 @@ def largest_hidden_rate(polynomial: Coefficients) -> Fraction | None:
     low, high = Fraction(0), 1 + sum((abs(x) for x in polynomial), Fraction(0))  # Cauchy's bound
     for _ in range(BISECTIONS):
         middle = (low + high) / 2
-        if count_right_half_plane(shifted(polynomial, -middle)) == 0:
-            low = middle
-        else:
-            high = middle
+        reached = count_right_half_plane(shifted(polynomial, -middle)) == 0
+        low, high = (middle, high) if reached else (low, middle)
     short = high.limit_denominator(1000)
     if short >= low > 0 and count_right_half_plane(shifted(polynomial, -short)) == 0:
         return short
     return low or None
-
-
-def _hidden_outside(polynomial: Coefficients, request: ObserverRequest) -> Statement | None:
-    """The first region that does not hold the eigenvalues that W cannot move."""
-    for position, region in enumerate(request.all_regions):
-        degree = (len(polynomial) - 1) * (2 if isinstance(region, Cone) else 1)
-        if len(polynomial) > 1 and not decide_images(images(region, polynomial), degree=degree)[0]:
-            text = polynomial_text(polynomial)
-            return refuted(
-                "rate" if position == 0 else "region",
-                f"no W meets {region}: C does not see the part {text} of the exosystem, so no gain moves its"
-                " eigenvalues, and they lie outside.",
-                polynomial=text,
-            )
-    return None
-
-
-def _empty(regions: tuple[SpectralRegion, ...]) -> Statement | None:
-    common = common_interval(regions)
-    if common is not None and (common[0] is None or common[0] < 0):
-        return None
-    names = " and ".join(str(region) for region in regions)
-    return refuted("region", f"no W exists: no point with Re s < 0 lies in {names}.")
 
 
 def _too_quiet(exosystem: Exosystem, request: ObserverRequest) -> Statement | None:
@@ -410,20 +395,17 @@ def _too_quiet(exosystem: Exosystem, request: ObserverRequest) -> Statement | No
         return None
     # If none decays, all eigenvalues count, and one of them is not inside the open disk of the bound.
     none_decays = count_right_half_plane(reflected(polynomial)) == 0
-    for limit in request.noise:
-        if limit.norm != "hinf":
-            continue
+    for limit in (each for each in request.noise if each.norm == "hinf"):
+        because = ""
         if limit.channel == "disturbance" and limit.bound <= 1:
-            return _noise(limit, "follows the exosystem's own disturbances exactly, which takes the gain 1")
-        if limit.channel == "measurement" and none_decays and _one_not_inside(polynomial, limit.bound):
-            return _noise(limit, "follows the exosystem's fastest frequency exactly, which takes at least that gain")
+            because = "own disturbances exactly, which takes the gain 1"
+        elif limit.channel == "measurement" and none_decays and not _inside_disk(polynomial, limit.bound):
+            because = "fastest frequency exactly, which takes at least that gain"
+        if because:
+            text = f"no W makes the {limit}: an estimate that converges follows the exosystem's {because}."
+            return refuted("noise", text)
     return None
 
 
-def _one_not_inside(polynomial: Coefficients, radius: Fraction) -> bool:
-    image = disk_image(polynomial, centre=Fraction(0), radius=radius)
-    return not decide_images((image,), degree=len(polynomial) - 1)[1]
-
-
-def _noise(limit: NoiseLimit, because: str) -> Statement:
-    return refuted("noise", f"no W makes the {limit}: an estimate that converges {because}.")
+def _inside_disk(polynomial: Coefficients, radius: Fraction) -> bool:
+    return roots_inside(polynomial, Disk(centre=0, radius=radius))[1]

@@ -16,36 +16,43 @@ C (A - W C) is not affine; Kalman gains from fast to slow are tried for it.
 from __future__ import annotations
 
 import math
-import warnings
 from collections.abc import Callable, Iterator, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from fractions import Fraction
 
 import numpy as np
 from scipy import linalg
 
-from dobc_design.conditions.observer.propose import h2_norm, hinf_norm, natural_units, placed_gains, transient_peak
-from dobc_design.errors import SpecError
-from dobc_design.exact.matrix import Matrix, scale, to_float
+from dobc_design.conditions.observer.decide import error_matrix
+from dobc_design.conditions.observer.propose import (
+    half_rate,
+    hinf_norm,
+    kalman_gain,
+    natural_units,
+    placed_gains,
+    transient_peak,
+)
+from dobc_design.exact.matrix import Matrix, scale, to_float, zeros
 from dobc_design.exact.observability import decide_observable, observable_reduction
 from dobc_design.exact.pencil import Pencil, Unknown
 from dobc_design.exact.symmetric import SparseSymmetric
 from dobc_design.problem.exosystems import Exosystem
 from dobc_design.solvers.conic import solve_directly
-from dobc_design.solvers.program import Array, Program
+from dobc_design.solvers.program import GIVEN_UP, Array, Program
 from dobc_design.solvers.rounding import round_matrix
-from dobc_design.synthesis.observer.claim import Envelope
-from dobc_design.synthesis.observer.decide import channel, error_matrix
-from dobc_design.synthesis.observer.request import (
+from dobc_design.synthesis.observer.claim import (
     CHANNELS,
     Cone,
     Disk,
+    Envelope,
     HalfPlane,
     NoiseLimit,
     ObserverRequest,
     SpectralRegion,
     common_interval,
 )
+from dobc_design.synthesis.observer.decide import channel
 from dobc_design.verdict import Verdict
 
 SLACKS = (1e-6, 1e-3, 0.01, 0.1)  # how far inside the regions a gain is designed, so that rounding stays inside
@@ -56,7 +63,6 @@ RATIOS = tuple(10.0 ** (k / 2) for k in range(6, -13, -1))  # of process to meas
 FLOORS = tuple(Fraction(10) ** k / 3**j for k in range(2, -7, -1) for j in (0, 1))  # of P
 PARTS = (1.0, 0.9, 0.5)  # of the rate asked, where the border cannot be reached with one P
 DIGITS = (4, 6, 9, 14)  # of P
-Block = Callable[..., Array]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -75,14 +81,14 @@ def propose_gains(exosystem: Exosystem, request: ObserverRequest) -> Iterator[tu
 
     Never raises for numbers that floats cannot hold: then only the exact placement is left.
     """
-    try:
-        plant = make_plant(exosystem, request)
-        yield from _from_floats(exosystem, plant, request)
-    except (SpecError, linalg.LinAlgError, ValueError, ArithmeticError):
-        pass
-    if request.period is None:
-        for W in _placed(exosystem, _inner_point(request)):
-            yield W, "exact pole placement"
+    with suppress(*GIVEN_UP):
+        yield from _from_floats(exosystem, make_plant(exosystem, request), request)
+    if request.period is None:  # all observable poles at one real point, in units in which the numbers are near 1
+        point = _inner_point(request)
+        time, output = natural_units(exosystem, rate=abs(point))
+        units = Exosystem(A=scale(1 / time, exosystem.A), C=scale(1 / output, exosystem.C))
+        for W in placed_gains(units, rate=-point / time - 1):
+            yield scale(time / output, W), "exact pole placement"
 
 
 def make_plant(exosystem: Exosystem, request: ObserverRequest) -> Plant:
@@ -93,7 +99,7 @@ def make_plant(exosystem: Exosystem, request: ObserverRequest) -> Plant:
         period = float(request.period)
         q = len(A)
         block = linalg.expm(np.block([[A, np.eye(q)], [np.zeros((q, 2 * q))]]) * period)  # Van Loan 1978
-        rate = float(request.rate if request.rate is not None else _default_rate(A, C))
+        rate = float(request.rate if request.rate is not None else half_rate(A, C, kalman_gain(A, C)))
         A, C = block[:q, :q], C @ block[:q, q:] / period
         radius = Fraction(math.exp(-rate * period))
         regions = (Disk(centre=0, radius=radius.limit_denominator(10**15)), *request.regions)
@@ -106,7 +112,7 @@ def make_plant(exosystem: Exosystem, request: ObserverRequest) -> Plant:
 
 def _from_floats(exosystem: Exosystem, plant: Plant, request: ObserverRequest) -> Iterator[tuple[Matrix, str]]:
     if not len(plant.A):
-        yield tuple((Fraction(0),) * exosystem.outputs for _ in range(exosystem.order)), "nothing to correct"
+        yield zeros(exosystem.order, exosystem.outputs), "nothing to correct"
         return
     exact: list[tuple[Array, str]] = []
     for W, source in _gains(plant, request):
@@ -123,7 +129,11 @@ def _gains(plant: Plant, request: ObserverRequest) -> Iterator[tuple[Array, str]
     """Gains for the regions with the smallest |W| of what the methods give first; then those for bounds on noise."""
     inequalities = "linear matrix inequalities"
     rates = [Fraction(0)]  # to be added where none was asked: half that of the Kalman gain, then smaller ones
-    if request.rate is None and not plant.sampled and (rate := _default_rate(plant.A, plant.C)):
+    if (
+        request.rate is None
+        and not plant.sampled
+        and (rate := half_rate(plant.A, plant.C, kalman_gain(plant.A, plant.C)))
+    ):
         rates = [*(rate / 2**k for k in range(STEPS if request.noise else 1)), Fraction(0)]
     for rate in rates:
         regions = (HalfPlane(left_of=-rate), *plant.regions) if rate else plant.regions
@@ -140,23 +150,6 @@ def _gains(plant: Plant, request: ObserverRequest) -> Iterator[tuple[Array, str]
             W = kalman_gain(plant.A, plant.C, process=ratio)
             if W is not None:
                 yield W, f"Kalman gain, process noise {ratio:.3g} times that of the measurement"
-
-
-def _default_rate(A: Array, C: Array) -> Fraction:
-    """Half the decay rate of the Kalman gain with unit weights, to three digits; 0 if that fails."""
-    gain = kalman_gain(A, C)
-    if gain is None:
-        return Fraction(0)
-    decay = float(-np.max(np.linalg.eigvals(A - gain @ C).real))
-    return Fraction(f"{decay / 2:.3g}") if decay > 0 and math.isfinite(decay) else Fraction(0)
-
-
-def _placed(exosystem: Exosystem, point: Fraction) -> Iterator[Matrix]:
-    """All observable poles at one real point, exactly; in units in which the numbers are near 1."""
-    time, output = natural_units(exosystem, rate=abs(point))
-    units = Exosystem(A=scale(1 / time, exosystem.A), C=scale(1 / output, exosystem.C))
-    for W in placed_gains(units, rate=-point / time - 1):
-        yield scale(time / output, W)
 
 
 def _inner_point(request: ObserverRequest) -> Fraction:
@@ -183,9 +176,13 @@ def lmi_gain(
         Unknown(name="P", rows=q, columns=q, symmetric=True),
         Unknown(name="Q", rows=q, columns=m, symmetric=False),
     )
-    blocks = [_of_region(A / time, C, region, time=time, slack=slack) for region in regions]
-    blocks += [block for limit in noise for block in _of_noise(A / time, C, limit, time=time)]
-    pencils = tuple(_pencil(block, unknowns) for block in blocks)
+
+    def blocks(P: Array, Q: Array) -> list[Array]:
+        M = P @ (A / time) - Q @ C
+        result = [_region_block(M, P, region, time=time, slack=slack) for region in regions]
+        return result + [block for limit in noise for block in _noise_blocks(M, P, Q, C, limit, time=time)]
+
+    pencils = _pencils(blocks, unknowns)
     # A bound on a norm fixes the scale of P; the largest floor of P that has an answer keeps W = P^-1 Q small.
     for floor in FLOORS if noise else (Fraction(1),):
         answer = solve_directly(Program(pencils=pencils, floor=floor))
@@ -195,110 +192,78 @@ def lmi_gain(
     return None
 
 
-def _pencil(block: Block, unknowns: tuple[Unknown, ...]) -> Pencil:
-    """The pencil of an affine function of the unknowns' arrays, from its values at 0 and at unit entries."""
+def _pencils(blocks: Callable[..., list[Array]], unknowns: tuple[Unknown, ...]) -> tuple[Pencil, ...]:
+    """The pencils of affine functions of the unknowns' arrays, from their values at 0 and at unit entries."""
 
     def sparse(matrix: Array) -> SparseSymmetric:
         places = zip(*np.nonzero(np.triu(matrix)), strict=True)
         return SparseSymmetric(len(matrix), {(int(i), int(j)): Fraction(float(matrix[i, j])) for i, j in places})
 
-    zeros = [np.zeros((u.rows, u.columns)) for u in unknowns]
-    constant = block(*zeros)
-    coefficients = {}
+    constants = blocks(*(np.zeros((u.rows, u.columns)) for u in unknowns))
+    values = {}
     for number, unknown in enumerate(unknowns):
         for place in unknown.places():
-            arrays = [each.copy() for each in zeros]
+            arrays = [np.zeros((u.rows, u.columns)) for u in unknowns]
             arrays[number][place[1], place[2]] = 1.0
             if unknown.symmetric:
                 arrays[number][place[2], place[1]] = 1.0
-            coefficients[place] = sparse(block(*arrays) - constant)
-    return Pencil(name="observer", constant=sparse(constant), unknowns=unknowns, coefficients=coefficients)
+            values[place] = blocks(*arrays)
+    return tuple(
+        Pencil(
+            name="observer",
+            constant=sparse(constant),
+            unknowns=unknowns,
+            coefficients={place: sparse(value[k] - constant) for place, value in values.items()},
+        )
+        for k, constant in enumerate(constants)
+    )
 
 
-def _of_region(A: Array, C: Array, region: SpectralRegion, *, time: float, slack: float) -> Block:
-    def block(P: Array, Q: Array) -> Array:
-        M = P @ A - Q @ C
-        if isinstance(region, Disk):
-            x, r = float(region.centre) / time, float(region.radius) / time
-            return np.block([[(slack - r) * P, M - x * P], [(M - x * P).T, (slack - r) * P]])
-        if isinstance(region, Cone):
-            z = float(region.damping)
-            s = math.sqrt(1 - z * z)
-            symmetric, skew = s * (M + M.T) + slack * P, z * (M - M.T)
-            return np.block([[symmetric, skew], [skew.T, symmetric]])
-        low, high = region.real_ends
-        if high is not None:
-            return M + M.T + (slack - 2 * float(high) / time) * P
-        return -(M + M.T) + (slack + 2 * float(low or 0) / time) * P
-
-    return block
+def _region_block(M: Array, P: Array, region: SpectralRegion, *, time: float, slack: float) -> Array:
+    if isinstance(region, Disk):
+        x, r = float(region.centre) / time, float(region.radius) / time
+        return np.block([[(slack - r) * P, M - x * P], [(M - x * P).T, (slack - r) * P]])
+    if isinstance(region, Cone):
+        z = float(region.damping)
+        s = math.sqrt(1 - z * z)
+        symmetric, skew = s * (M + M.T) + slack * P, z * (M - M.T)
+        return np.block([[symmetric, skew], [skew.T, symmetric]])
+    low, high = region.real_ends
+    if high is not None:
+        return M + M.T + (slack - 2 * float(high) / time) * P
+    return -(M + M.T) + (slack + 2 * float(low or 0) / time) * P
 
 
-def _of_noise(A: Array, C: Array, limit: NoiseLimit, *, time: float) -> list[Block]:
+def _noise_blocks(M: Array, P: Array, Q: Array, C: Array, limit: NoiseLimit, *, time: float) -> list[Array]:
     m, bound, exosystem = len(C), float(limit.bound), limit.channel == "exosystem"
     if limit.channel == "measurement":
         return []
     if limit.norm == "hinf":
-        gain = bound * (time if exosystem else 1.0)
-
-        def real(P: Array, Q: Array) -> Array:
-            M, B = P @ A - Q @ C, P if exosystem else Q
-            u = B.shape[1]
-            rest = -gain * np.eye(u + m)
-            border = np.hstack([B, C.T])
-            return np.block([[M + M.T, border], [border.T, rest]])
-
-        return [real]
-    square = bound**2 * (time if exosystem else 1 / time)
-
-    def gramian(P: Array, Q: Array) -> Array:
-        M = P @ A - Q @ C
-        return M + M.T + C.T @ C
-
+        border = np.hstack([P if exosystem else Q, C.T])
+        rest = -(bound * (time if exosystem else 1.0)) * np.eye(border.shape[1])
+        return [np.block([[M + M.T, border], [border.T, rest]])]
+    square, gramian = bound**2 * (time if exosystem else 1 / time), M + M.T + C.T @ C
     if exosystem:
-        return [gramian, lambda P, Q: np.array([[np.trace(P) - square]])]
-    return [gramian, lambda P, Q: -np.block([[square / m * np.eye(m), Q.T], [Q, P]])]
-
-
-def kalman_gain(A: Array, C: Array, *, process: float = 1.0, sampled: bool = False) -> Array | None:
-    """python-control's lqe (or dlqe) with G = I, process noise ``process`` I and measurement noise I; None if it fails.
-
-    Shapes: A (q, q), C (m, q), W (q, m).  For dlqe the gain is that of the predictor.
-    """
-    import control  # takes a second to import
-
-    q, m = len(A), len(C)
-    try:
-        with warnings.catch_warnings(), np.errstate(all="ignore"):
-            warnings.simplefilter("ignore")
-            solve = control.dlqe if sampled else control.lqe
-            gain = np.asarray(solve(A, np.eye(q), C, process * np.eye(q), np.eye(m))[0], dtype=float)
-    except (ValueError, ArithmeticError, linalg.LinAlgError):
-        return None
-    gain = gain.reshape(q, m)
-    return gain if np.all(np.isfinite(gain)) else None
+        return [gramian, np.array([[np.trace(P) - square]])]
+    return [gramian, -np.block([[square / m * np.eye(m), Q.T], [Q, P]])]
 
 
 def kalman_gains(
     A: Array, C: Array, regions: Sequence[SpectralRegion], *, sampled: bool
 ) -> Iterator[tuple[Array, str]]:
     """The Kalman gain with unit weights, then those of A + shift I, or of A / radius, which decay faster."""
-    plain = kalman_gain(A, C, sampled=sampled)
-    if plain is not None:
-        yield plain, "Kalman gain with unit weights"
+    tried = [(kalman_gain(A, C, sampled=sampled), 1.0, "Kalman gain with unit weights")]
     if sampled:
         radius = min((float(r.radius) for r in regions if isinstance(r, Disk) and not r.centre), default=1.0)
-        for factor in (1.0, 0.95, 0.7):
-            gain = kalman_gain(A / (radius * factor), C, sampled=True)
-            if gain is not None:
-                yield radius * factor * gain, "Kalman gain of A / exp(-rate T)"
-        return
-    common = common_interval(tuple(regions))
-    rate = 0.0 if common is None or common[1] is None else -float(common[1])
-    for shift in SHIFTS if rate else ():
-        gain = kalman_gain(A + shift * rate * np.eye(len(A)), C)
-        if gain is not None:
-            yield gain, f"Kalman gain of A + {shift:g} rate I"
+        for size in (radius * 1.0, radius * 0.95, radius * 0.7):
+            tried.append((kalman_gain(A / size, C, sampled=True), size, "Kalman gain of A / exp(-rate T)"))
+    else:
+        common = common_interval(tuple(regions))
+        rate = 0.0 if common is None or common[1] is None else -float(common[1])
+        for shift in SHIFTS if rate else ():
+            faster = kalman_gain(A + shift * rate * np.eye(len(A)), C)
+            tried.append((faster, 1.0, f"Kalman gain of A + {shift:g} rate I"))
+    yield from ((size * gain, source) for gain, size, source in tried if gain is not None)
 
 
 def propose_envelopes(exosystem: Exosystem, W: Matrix, rate: Fraction | None) -> Iterator[Envelope]:
@@ -321,25 +286,21 @@ def propose_envelopes(exosystem: Exosystem, W: Matrix, rate: Fraction | None) ->
                 if lower > 0:
                     bounds = Fraction(f"{lower:.12g}"), Fraction(f"{upper:.12g}")
                     yield Envelope(P=rounded, rate=exact, lower=bounds[0], upper=bounds[1])
-    except (SpecError, ValueError, ArithmeticError, linalg.LinAlgError):
+    except GIVEN_UP:
         return
 
 
 def estimate_observer(exosystem: Exosystem, W: Matrix) -> dict[str, float]:
-    """Rate (1/s), damping, "hinf <channel>", "h2 <channel>", peak; nothing where floats fail."""
+    """Rate (1/s), damping, "hinf <channel>", peak; nothing where floats fail."""
     try:
         F = to_float(error_matrix(exosystem, W))
         poles = np.linalg.eigvals(F)
         sizes = np.where(np.abs(poles) > 0, np.abs(poles), 1.0)
-        result = {
-            "rate": float(-np.max(poles.real)),
-            "peak": transient_peak(F),
-            "damping": float(np.min(-poles.real / sizes)),
-        }
+        result = {"rate": float(-np.max(poles.real)), "damping": float(np.min(-poles.real / sizes))}
+        result["peak"] = transient_peak(F)
         for name in CHANNELS:
             system = channel(exosystem, W, name)
-            parts = F, to_float(system.B), to_float(system.C), to_float(system.D)
-            result |= {f"hinf {name}": hinf_norm(*parts), f"h2 {name}": h2_norm(*parts)}
-    except (SpecError, ValueError, ArithmeticError, np.linalg.LinAlgError):
+            result[f"hinf {name}"] = hinf_norm(F, to_float(system.B), to_float(system.C), to_float(system.D))
+    except GIVEN_UP:
         return {}
     return result

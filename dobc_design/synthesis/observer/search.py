@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
+from functools import partial
 
 from dobc_design.conditions.numbers import claimed, shorten
 from dobc_design.conditions.statement import Statement
@@ -14,20 +15,19 @@ from dobc_design.exact.matrix import Matrix, multiply
 from dobc_design.exact.observability import decide_detectable
 from dobc_design.problem.exosystems import Exosystem
 from dobc_design.problem.groups import Group, join
-from dobc_design.synthesis.observer.claim import ObserverDesign
+from dobc_design.synthesis.observer.claim import NoiseLimit, ObserverDesign, ObserverRequest
 from dobc_design.synthesis.observer.decide import (
     channel,
     envelope_statement,
-    gain_squared,
     gain_statements,
     h2_squared,
     largest_hidden_rate,
     proved_measures,
     root_above,
+    size_above,
     why_impossible,
 )
 from dobc_design.synthesis.observer.propose import estimate_observer, propose_envelopes, propose_gains
-from dobc_design.synthesis.observer.request import NoiseLimit, ObserverRequest
 from dobc_design.verdict import Verdict
 
 
@@ -42,17 +42,18 @@ def search_groups(groups: Sequence[Group], request: ObserverRequest) -> Observer
         return found[0]
     names = [group.name for group in groups]
     verdict = Verdict.all_of([design.verdict for design in found])
-    reason = "W of every group, as it is written with its rounded entries, does everything that was asked."
-    if verdict is not Verdict.PROVED:
-        name, worst = next((n, d) for n, d in zip(names, found, strict=True) if d.verdict is verdict)
-        reason = f"group of agent {name}: {worst.reason}"
+    if verdict is Verdict.PROVED:
+        reason = "W of every group, as it is written with its rounded entries, does everything that was asked."
+        return _side_by_side(names, found, request, verdict, reason)
+    name, worst = next((n, d) for n, d in zip(names, found, strict=True) if d.verdict is verdict)
     near = [design if design.verdict is Verdict.PROVED else design.nearest for design in found]
     known = [design for design in near if design is not None]
     nearest = None
-    if verdict is not Verdict.PROVED and len(known) == len(near):
+    if len(known) == len(near):
         loosest = _loosest(request, [design.request for design in known])
         nearest = _side_by_side(names, known, loosest, Verdict.PROVED, "every group meets this request.")
-    return replace(_side_by_side(names, found, request, verdict, reason), nearest=nearest)
+    whole = _side_by_side(names, found, request, verdict, f"group of agent {name}: {worst.reason}")
+    return replace(whole, nearest=nearest)
 
 
 def search_observer(exosystem: Exosystem, request: ObserverRequest) -> ObserverDesign:
@@ -108,21 +109,16 @@ def _loosest(asked: ObserverRequest, requests: Sequence[ObserverRequest]) -> Obs
 
 
 def _attempt(exosystem: Exosystem, request: ObserverRequest) -> ObserverDesign:
+    without = partial(ObserverDesign, request=request, measures={})
     obstacle = why_impossible(exosystem, request)
     if obstacle is not None:
-        return ObserverDesign(
-            verdict=Verdict.REFUTED, request=request, reason=obstacle.text, statements=(obstacle,), measures={}
-        )
+        return without(verdict=Verdict.REFUTED, reason=obstacle.text, statements=(obstacle,))
     for W, source in propose_gains(exosystem, request):
         statements = gain_statements(exosystem, W, request)
         if all(statement.verdict is Verdict.PROVED for statement in statements):
             return _proved(exosystem, request, W, source, statements)
-    return ObserverDesign(
-        verdict=Verdict.UNDECIDED,
-        request=request,
-        measures={},
-        reason="no W was found that does everything that was asked, and no proof that there is none.",
-    )
+    none = "no W was found that does everything that was asked, and no proof that there is none."
+    return without(verdict=Verdict.UNDECIDED, reason=none)
 
 
 def _proved(
@@ -130,7 +126,7 @@ def _proved(
 ) -> ObserverDesign:
     """The design of a W that does what was asked, with a P where one is proved, and with measures."""
     P: Matrix | None = None
-    measures = {"gain": root_above(gain_squared(W))}
+    measures = {"gain": size_above(W)}
     if request.period is None:
         for envelope in propose_envelopes(exosystem, W, request.rate):
             bound = envelope_statement(exosystem, W, envelope)
@@ -157,8 +153,7 @@ def _weaker(exosystem: Exosystem, request: ObserverRequest, found: ObserverDesig
     """Requests with one thing given up, what is most likely the binding one first."""
     kind = found.statements[0].kind if found.statements else None
     if kind == "rate":
-        hidden = decide_detectable(exosystem.A, exosystem.C).unobservable_polynomial
-        rate = largest_hidden_rate(hidden)
+        rate = largest_hidden_rate(decide_detectable(exosystem.A, exosystem.C).unobservable_polynomial)
         if rate is not None:
             yield replace(request, rate=rate)
     elif request.noise and kind != "detectable":

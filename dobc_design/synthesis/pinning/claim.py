@@ -1,26 +1,139 @@
-"""Designed pinning gains, what was proved about them, and the price of each limit in words: the nouns."""
+"""Pinning gains on request: what is asked, what was found and proved, and the price of each limit in words."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import math
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
+from functools import partial
 from itertools import islice
 from typing import Any
 
-from dobc_design._show.cards import Card, Shown, cut, listed, plain
+from dobc_design._show.cards import Card, listed, plain
 from dobc_design.conditions.consensus.network import name_agents
 from dobc_design.conditions.numbers import shorten
 from dobc_design.conditions.separable.claim import Separable
 from dobc_design.conditions.statement import Statement
+from dobc_design.errors import SpecError
 from dobc_design.exact.matrix import Vector
 from dobc_design.exact.number import float_above, float_below, number_text
+from dobc_design.exact.reading import is_list, named, shown
 from dobc_design.problem.problem import Problem
-from dobc_design.synthesis.pinning.request import PinningRequest
+from dobc_design.synthesis.observer.claim import Answer, check_digits, read_positive
 from dobc_design.verdict import Verdict
 
+FEWEST = "fewest"
+POSITIVE = "Give a positive number."
+NOISE = 1e-9  # gains below this part of the largest are left out
 SHOWN = 5  # prices of one kind that are put into words
 SHORT = 12  # letters of a rational that is shown as it is
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class PinningRequest:
+    """What gains k_i have to do: Lambda(K) < -2 rate I in every mode, at the least sum of cost_i k_i.
+
+    ``rate`` (1/s) > 0.  ``allowed``: agent indices, rising.  ``costs``: c_i > 0 of every agent.  ``caps``: the largest
+    k_i (1/s) of agents that have one.  ``pins``: at most so many agents, "fewest", or None for any number.
+    ``digits``: significant digits of the gains.
+    """
+
+    rate: Fraction
+    allowed: tuple[int, ...]
+    costs: tuple[Fraction, ...]
+    caps: Mapping[int, Fraction]
+    pins: int | str | None
+    digits: int
+
+
+def read_request(
+    labels: Sequence[str],
+    *,
+    rate: Any,
+    allowed: Any = None,
+    cost: Any = None,
+    max_gain: Any = None,
+    pins: Any = None,
+    digits: Any = 4,
+) -> PinningRequest:
+    """Read the arguments of ``design_pinning``, exactly.  Raises: SpecError that names every wrong one."""
+    index = {label: i for i, label in enumerate(labels)}
+    because = ", because V is to decrease at that rate, V' <= -2 rate V"
+    _, _, speed, agents, caps, costs = read_all(
+        lambda: check_digits(digits),
+        lambda: _check_pins(pins),
+        lambda: read_positive(rate, "rate", why=because, cure=POSITIVE),
+        lambda: tuple(index.values()) if allowed is None else _agents(allowed, index),
+        lambda: {} if max_gain is None else _by_agent(max_gain, index, key="max_gain", why="a gain of 0 is no pin"),
+        lambda: {} if cost is None else _by_agent(cost, index, key="cost", why="a gain without cost has no best value"),
+    )
+    costs = tuple(costs.get(i, Fraction(1)) for i in range(len(labels)))
+    return PinningRequest(rate=speed, allowed=agents, costs=costs, caps=caps, pins=pins, digits=digits)
+
+
+def read_all(*readers: Callable[[], Any]) -> list[Any]:
+    """What every reader returns.  Raises: SpecError with what each of them raises."""
+    found, errors = [], list[SpecError]()
+    for reader in readers:
+        try:
+            found.append(reader())
+        except SpecError as error:
+            errors.append(error)
+    if errors:
+        raise SpecError.several(errors)
+    return found
+
+
+def _check_pins(pins: Any) -> None:
+    if pins is not None and pins != FEWEST and (isinstance(pins, bool) or not isinstance(pins, int) or pins < 1):
+        text = f'pins must be an integer >= 1 or "{FEWEST}"; got {shown(pins)}.'
+        raise SpecError(text, key="pins", cure="Leave it out for any number of pinned agents.")
+
+
+def _agents(allowed: Any, index: Mapping[str, int]) -> tuple[int, ...]:
+    wrong = ""
+    if not is_list(allowed) and not isinstance(allowed, (set, frozenset, range)):
+        wrong = f"allowed must be a list of labels of agents; got {shown(allowed)}."
+    elif not len(allowed):
+        wrong = "allowed must name at least one agent; got none."
+    if wrong:
+        raise SpecError(wrong, key="allowed", cure="Leave it out to allow every agent.")
+    return tuple(sorted({_agent(label, index, key="allowed") for label in allowed}))
+
+
+def _agent(label: Any, index: Mapping[str, int], *, key: str) -> int:
+    place = None if isinstance(label, bool) else index.get(str(label))
+    if place is None:
+        text = f"{key}: there is no agent {shown(str(label))} in network.agents."
+        raise SpecError(text, key=key, cure="Use the label of an agent.")
+    return place
+
+
+def _by_agent(value: Any, index: Mapping[str, int], *, key: str, why: str) -> dict[int, Fraction]:
+    """A number for all agents, or label -> number."""
+    read = partial(read_positive, why=f", because {why}", cure=POSITIVE)
+    if not isinstance(value, Mapping):
+        return dict.fromkeys(range(len(index)), read(value, key))
+    return {_agent(label, index, key=key): read(x, f"{key}.{named(str(label))}") for label, x in value.items()}
+
+
+def cost_of(request: PinningRequest, gains: Mapping[int, Fraction]) -> Fraction:
+    """sum c_i k_i."""
+    return sum((request.costs[i] * k for i, k in gains.items()), Fraction(0))
+
+
+def typed_gains(gains: Mapping[int, float], *, digits: int, caps: Mapping[int, Fraction]) -> dict[int, Fraction]:
+    """Gains rounded up to so many digits, or their caps where those are less; what is nearly 0 is left out."""
+    least = max(gains.values(), default=0.0) * NOISE
+    typed = {agent: rounded_up(Fraction(k), digits) for agent, k in sorted(gains.items()) if k > least}
+    return {agent: min(k, caps.get(agent, k)) for agent, k in typed.items()}
+
+
+def rounded_up(value: Fraction, digits: int) -> Fraction:
+    """The next number of so many digits; ``value`` > 0."""
+    unit = Fraction(10) ** (math.floor(math.log10(value)) - digits + 1)
+    return math.ceil(value / unit) * unit
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -64,7 +177,7 @@ class Structure:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, repr=False)
-class PinningDesign(Shown):
+class PinningDesign(Answer):
     """Pinning gains and what is known of them.
 
     ``verdict``: PROVED, ``gains`` (1/s, exact, by label) do what was asked, Lambda < -2 ``rate`` I in every mode;
@@ -77,8 +190,6 @@ class PinningDesign(Shown):
     proved for ``problem`` there.
     """
 
-    verdict: Verdict
-    reason: str
     request: PinningRequest
     gains: Mapping[str, Fraction]
     rate: Fraction | None = None
@@ -87,7 +198,6 @@ class PinningDesign(Shown):
     bound: Bound | None = None
     bound_for: tuple[str, ...] = ()
     structural_minimum: int | None = None
-    statements: tuple[Statement, ...] = ()
     prices: tuple[str, ...] = ()
     ties: tuple[str, ...] = ()
     problem: Problem | None = None
@@ -106,8 +216,7 @@ class PinningDesign(Shown):
         lines = [f"{self.verdict.value}: {self.reason}"]
         if self.gains:
             lines.append(f"pinned: {name_agents(tuple(self.gains))}")
-        lines += [f"  {statement}" for statement in self.statements]
-        lines += [f"  {sentence}" for sentence in (*self.prices, *self.ties)]
+        lines += [f"  {each}" for each in (*self.statements, *self.prices, *self.ties)]
         return "\n".join(lines)
 
     def _card(self) -> Card:
@@ -115,31 +224,18 @@ class PinningDesign(Shown):
         if self.gains:
             pairs = [f"{label}: {plain(k)}" for label, k in islice(self.gains.items(), 13)]
             facts.append(("gains in 1/s", listed(pairs, count=len(self.gains))))
-        named = (
+        numbers = (
             ("rate in 1/s", self.rate, float_below),
             ("cost at most", self.cost, float_above),
             ("no cheaper than", self.lower_bound, float_below),
             ("radius", self.radius, float_below),
         )
-        facts += [
-            (name, str(value) if len(str(value)) < SHORT else repr(rounded(value)))
-            for name, value, rounded in named
-            if value is not None
-        ]
+        for name, value, rounded in numbers:
+            if value is not None:
+                facts.append((name, str(value) if len(str(value)) < SHORT else repr(rounded(value))))
         if self.structural_minimum is not None:
             facts.append(("pins needed at least", self.structural_minimum))
-        return Card(
-            title="Pinning design",
-            verdict=self.verdict.value,
-            text=self.reason,
-            facts=facts,
-            heads=("verdict", "statement"),
-            rows=[(each.verdict, each.text) for each in self.statements],
-            lines=(*self.prices, *self.ties),
-        )
-
-    def __repr__(self) -> str:
-        return f"<PinningDesign {self.verdict.value}: {cut(self.reason)}>"
+        return self._card_of("Pinning design", facts, (*self.prices, *self.ties))
 
     def to_json(self) -> dict[str, Any]:
         """JSON object; exact numbers as text, bounds as numbers rounded towards the weaker claim."""
@@ -176,28 +272,26 @@ def without_gains(
     )
 
 
-def prices_in_words(problem: Problem, request: PinningRequest, bound: Bound, agents: Mapping[int, Any]) -> list[str]:
+def prices_in_words(problem: Problem, request: PinningRequest, bound: Bound, agents: Collection[int]) -> Iterator[str]:
     """What each limit costs, from the exact multipliers: every sentence is a consequence of the lower bound.
 
     ``agents``: those that may have a gain in the bound.
     """
     labels = problem.network.labels
     if not bound.vectors:
-        return []
-    words = [
-        f"Rate: a larger rate b costs at least {_down(bound.value)} + {_down(bound.rate_price)}"
-        f" (b - {number_text(bound.rate)}) with gains on these agents."
-    ]
+        return
+    value, price = _down(bound.value), _down(bound.rate_price)
+    base = number_text(bound.rate)
+    yield f"Rate: a larger rate b costs at least {value} + {price} (b - {base}) with gains on these agents."
     for i in sorted(bound.cap_prices, key=lambda i: (-bound.cap_prices[i], i))[:SHOWN]:
-        words.append(f"Cap of agent {labels[i]}: each 1/s more of it saves at most {_up(bound.cap_prices[i])}.")
+        yield f"Cap of agent {labels[i]}: each 1/s more of it saves at most {_up(bound.cap_prices[i])}."
     gain = {i: load - request.costs[i] for i, load in enumerate(bound.loads) if i not in agents}
     best = [i for i in sorted(gain, key=lambda i: (-gain[i], i)) if gain[i] > 0][:SHOWN]
     if best:
         most = ", ".join(f"agent {labels[i]} at most {_up(gain[i])}" for i in best)
-        words.append(f"Agents left out: each 1/s of gain would save, after its own cost, {most}.")
+        yield f"Agents left out: each 1/s of gain would save, after its own cost, {most}."
     elif gain:
-        words.append("Agents left out: a gain on any one of them would save nothing.")
-    return words
+        yield "Agents left out: a gain on any one of them would save nothing."
 
 
 def _down(value: Fraction) -> str:

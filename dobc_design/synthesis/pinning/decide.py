@@ -1,28 +1,22 @@
 """Exact decisions about pinning gains: do they reach a rate, can none, what do they cost at least, how many pins.
 
-Cost.  With Lambda0 = J + J', any gains k with Lambda0 - 2 K < -2 rate I satisfy, for all v_r and y >= 0 with
-sum_r |v_r,i|^2 <= c_i + y_i on allowed agents (y_i = 0 without a cap),
+Cost: with Lambda0 = J + J', gains k with Lambda0 - 2 K < -2 rate I cost at least
+1/2 sum_r (v_r' Lambda0 v_r + 2 rate v_r' v_r) - sum y_i cap_i for all v_r and y >= 0 with sum_r |v_r,i|^2 <= c_i + y_i
+on allowed agents, y_i = 0 without a cap (weak duality; theory, section 7).  The vectors are proposals; the inequality
+is multiplied out over the rationals.
 
-    sum c_i k_i >= 1/2 sum_r (v_r' Lambda0 v_r + 2 rate v_r' v_r) - sum y_i cap_i
+Count: every set that listens to nobody outside, in one of the modes, needs a pin (theory, section 2).  And if Lambda0 +
+2 rate I >= 0 on a space of dimension d, and fewer than d / m agents are pinned, a direction of it is 0 on all of them.
 
-(weak duality: the multiplier Z = sum_r v_r v_r'/2 is semidefinite by its form).  The vectors are proposals; the
-inequality is multiplied out over the rationals.
-
-Count.  Every set that listens to nobody outside, in one of the modes, needs a pin: e_S = c is an equilibrium without
-one (theory, section 2); the smallest ones are the source components of each mode.  And if Lambda0 + 2 rate I >= 0 on a
-space of dimension d, and fewer than d / m agents are pinned, a direction of that space is 0 on all of them, and no gain
-holds it.
-
-Rates that nothing reaches, whatever V proves it.  With arc gains >= 0 the linearisation M = J - K at the consensus has
-no negative entry off its diagonal.  For w >= 0, w != 0, M w >= -r w shows an eigenvalue >= -r (Perron and Frobenius).
-Where w = 0 on agents whose gain has no limit, this holds for all their gains, so no error in that mode decays faster
-than exp(-r t).
+Rates that nothing reaches, whatever V proves it: M = J - K has no negative entry off its diagonal, so M w >= -r w for a
+w >= 0, w != 0, shows an eigenvalue >= -r (Perron and Frobenius); where w = 0 on agents whose gain has no limit, for all
+their gains.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
 from itertools import combinations
@@ -47,6 +41,8 @@ from dobc_design.problem.changes import typed_number
 from dobc_design.problem.problem import Problem
 from dobc_design.synthesis.pinning.claim import Bound, Obstacle, Structure
 from dobc_design.synthesis.pinning.request import PinningRequest, rounded_up
+from dobc_design.problem.reaching import closed_groups
+from dobc_design.synthesis.pinning.claim import Bound, Obstacle, PinningRequest, Structure, rounded_up
 from dobc_design.verdict import Verdict
 
 ZERO = Fraction(0)
@@ -87,12 +83,10 @@ def reaches(ground: Ground, gains: Mapping[int, Fraction], rate: Fraction, *, hi
 
 def bound_from(ground: Ground, vectors: Vectors, allowed: Collection[int], rate: Fraction) -> Bound:
     """The lower bound that proposed vectors prove, for gains on the ``allowed`` agents; each made to fit first."""
-    request, m = ground.request, ground.problem.m
+    request, m, n = ground.request, ground.problem.m, ground.problem.n
     top = max((abs(x) for _, v in vectors for x in v), default=0.0)
     if not 0 < top < float("inf"):
-        return Bound(
-            value=ZERO, rate=rate, vectors=(), loads=(ZERO,) * ground.problem.n, cap_prices={}, rate_price=ZERO
-        )
+        return Bound(value=ZERO, rate=rate, vectors=(), loads=(ZERO,) * n, cap_prices={}, rate_price=ZERO)
     size = Fraction(top)
     unit = Fraction(2) ** (size.numerator.bit_length() - size.denominator.bit_length() - BITS)
     rows = [(mode, [round(Fraction(x) / unit) for x in v]) for mode, v in vectors]
@@ -100,17 +94,14 @@ def bound_from(ground: Ground, vectors: Vectors, allowed: Collection[int], rate:
     def load_of(agent: int) -> Fraction:
         return sum(x * x for _, v in rows for x in v[agent * m : (agent + 1) * m]) * unit * unit
 
-    loads, prices = [ZERO] * ground.problem.n, {}
-    free = set(allowed)
-    for i in range(ground.problem.n):
-        load = load_of(i)
+    loads, prices, free = list(map(load_of, range(n))), {}, set(allowed)
+    for i, load in enumerate(loads):
         if i in free and load > request.costs[i]:
             if i in request.caps:
                 prices[i] = load - request.costs[i]
             else:
                 _shrink(rows, i, m, request.costs[i] / load)
-                load = load_of(i)
-        loads[i] = load
+                loads[i] = load_of(i)
     exact = tuple((mode, tuple(x * unit for x in v)) for mode, v in rows)
     squares = sum(loads, ZERO)
     value = sum((ground.lambdas[mode].value(v).lo for mode, v in exact), ZERO) / 2 + rate * squares
@@ -135,7 +126,7 @@ def obstacle_to(ground: Ground, allowed: Collection[int], rate: Fraction, candid
         matrix = Enclosed(middle=enclosed.middle + added, deviations=enclosed.deviations)
         own = [v for name, v in candidates if name == mode and len(v) == size]
         fitting = [[x if row // m not in free else 0.0 for row, x in enumerate(v)] for v in own]
-        vector = _rounded(matrix, fitting)
+        vector = next((v for v in _rounded(fitting) if refutes(matrix, v)), None)
         if vector is None and len(rows) <= LARGEST:
             vector = find_witness(matrix, fitting, rows=rows)
         if vector is not None:
@@ -143,24 +134,19 @@ def obstacle_to(ground: Ground, allowed: Collection[int], rate: Fraction, candid
     return None
 
 
-def _rounded(matrix: Enclosed, candidates: Iterable[Sequence[float]]) -> Vector | None:
+def _rounded(candidates: Iterable[Sequence[float]]) -> Iterator[Vector]:
     for candidate in candidates:
         largest = max((abs(x) for x in candidate), default=0.0)
         for top in (*TOPS, 10**9) if 0 < largest < float("inf") else ():
-            vector = tuple(Fraction(round(x / largest * top)) for x in candidate)
-            if refutes(matrix, vector):
-                return vector
-    return None
+            yield tuple(Fraction(round(x / largest * top)) for x in candidate)
 
 
 def _shown(upper: Symmetric, hints: Sequence[Sequence[float]]) -> bool:
-    if not hints or any(len(each) != upper.size for each in hints):
+    if any(len(each) != upper.size for each in hints):
         return False
     total = [sum(column) for column in zip(*hints, strict=True)]
     top = max(total, default=0.0)
-    if not 0 < top < float("inf"):
-        return False
-    return proves(upper, [round(x / top * 2**HINT_BITS) for x in total])
+    return 0 < top < float("inf") and proves(upper, [round(x / top * 2**HINT_BITS) for x in total])
 
 
 def _shrink(rows: Sequence[tuple[str, list[int]]], agent: int, m: int, part: Fraction) -> None:
@@ -203,45 +189,36 @@ def _symmetric(table: Any) -> SparseSymmetric:
 
 def structure_of(problem: Problem, allowed: Collection[int]) -> Structure:
     """The groups of all modes and the least number of allowed agents that meet them."""
-    found: dict[tuple[int, ...], None] = {}
-    for arcs in problem.network.modes.values():
-        found |= dict.fromkeys(closed_groups(problem, [arcs]))
+    found = {group for arcs in problem.network.modes.values() for group in closed_groups(problem, [arcs])}
     groups = tuple(sorted(found, key=lambda group: (len(group), group)))
-    free = set(allowed)
-    open_ = [frozenset(group) & free for group in groups]
+    open_ = [frozenset(group) & frozenset(allowed) for group in groups]
     unmet = next((group for group, left in zip(groups, open_, strict=True) if not left), None)
     apart = tuple(groups[k] for k in _apart(open_))
-    if unmet is not None:
-        return Structure(groups=groups, least=len(apart), exact=False, agents=(), apart=apart, unmet=unmet)
-    agents, exact = _fewest(open_, len(apart))
-    least = len(agents) if exact else len(apart)
-    return Structure(groups=groups, least=least, exact=exact, agents=agents, apart=apart, unmet=None)
+    agents = _fewest(open_, len(apart)) if unmet is None else None
+    least = len(apart) if agents is None else len(agents)
+    exact = agents is not None
+    return Structure(groups=groups, least=least, exact=exact, agents=agents or (), apart=apart, unmet=unmet)
 
 
 def structural_obstacle(problem: Problem, pins: int | str | None, structure: Structure) -> Statement | None:
     """A proof by the graph alone that the allowed agents, or so few pins, cannot do."""
     labels = problem.network.labels
     several = len(problem.network.modes) > 1  # signals that leave a mode often enough may do with fewer pins
-    where, always = (" in one of the modes", " under arbitrary switching") if several else ("", "")
+    words = (" in one of the modes", " under arbitrary switching", " while it lasts")
+    where, always, lasts = words if several else ("", "", "")
     if structure.unmet is not None:
-        who = name_agents([labels[i] for i in structure.unmet])
-        return refuted(
-            "structure",
-            f"consensus{always} is out of reach with pins on the allowed agents only: {who} listen"
-            f"{'s' if len(structure.unmet) == 1 else ''} to nobody else{where}, and no pin may be put there, so moved"
-            f" together they stay moved{' while it lasts' if several else ''}.",
-            group=", ".join(labels[i] for i in structure.unmet),
-        )
+        listen = "listens" if len(structure.unmet) == 1 else "listen"
+        group = [labels[i] for i in structure.unmet]
+        text = f"consensus{always} is out of reach with pins on the allowed agents only: {name_agents(group)} {listen}"
+        text += f" to nobody else{where}, and no pin may be put there, so moved together they stay moved{lasts}."
+        return refuted("structure", text, group=", ".join(group))
     if isinstance(pins, int) and pins < structure.least:
         groups = structure.apart if len(structure.apart) > pins else structure.groups
         named = "; ".join(name_agents([labels[i] for i in group]) for group in groups[:8])
-        return refuted(
-            "pins",
-            f"{counted(pins, 'pin')} cannot do{always}, whatever the gains: at least {structure.least} are"
-            f" needed, because each of these groups hears nobody outside{where} and needs a pin of its own: {named}.",
-            least=str(structure.least),
-            groups=" | ".join(", ".join(labels[i] for i in group) for group in groups[:50]),
-        )
+        text = f"{counted(pins, 'pin')} cannot do{always}, whatever the gains: at least {structure.least} are needed,"
+        text += f" because each of these groups hears nobody outside{where} and needs a pin of its own: {named}."
+        every = " | ".join(", ".join(labels[i] for i in group) for group in groups[:50])
+        return refuted("pins", text, least=str(structure.least), groups=every)
     return None
 
 
@@ -251,8 +228,7 @@ def packing(groups: Sequence[Collection[int]], inside: Collection[int]) -> int:
 
 
 def _apart(groups: Sequence[Collection[int]]) -> list[int]:
-    used: set[int] = set()
-    kept = []
+    used, kept = set[int](), list[int]()
     for k in sorted(range(len(groups)), key=lambda k: (len(groups[k]), k)):
         if not used & set(groups[k]):
             used |= set(groups[k])
@@ -260,18 +236,18 @@ def _apart(groups: Sequence[Collection[int]]) -> list[int]:
     return kept
 
 
-def _fewest(groups: Sequence[frozenset[int]], least: int) -> tuple[tuple[int, ...], bool]:
-    """The smallest set that meets all groups, by search in growing size; False if that was given up."""
+def _fewest(groups: Sequence[frozenset[int]], least: int) -> tuple[int, ...] | None:
+    """The smallest set that meets all groups, by search in growing size; None if that was given up."""
     if len(_apart(groups)) == len(groups):
-        return tuple(sorted(min(group) for group in groups)), True
+        return tuple(sorted(min(group) for group in groups))
     steps = [MOST_STEPS]
     for size in range(least, len(groups) + 1):
         found = _of_size(groups, size, steps)
         if steps[0] <= 0:
-            return (), False
+            return None
         if found is not None:
-            return tuple(sorted(found)), True
-    return (), False
+            return tuple(sorted(found))
+    return None
 
 
 def _of_size(groups: Sequence[frozenset[int]], size: int, steps: list[int]) -> tuple[int, ...] | None:
@@ -328,9 +304,10 @@ def limit_of(
     free = set(pinned) - set(caps)
     if not any(w) or min(w) < 0 or any(w[i] for i in free) or not mode.is_nonnegative_diagonal:
         return None
-    pull = {i: x * (caps[i] if i in caps and i in set(pinned) else Fraction(0)) for i, x in enumerate(w) if x}
-    listeners, speakers, kinds = mode.arcs.listeners.tolist(), mode.arcs.speakers.tolist(), mode.kind.tolist()
-    for i, j, kind in zip(listeners, speakers, kinds, strict=True):
+    held = set(pinned) & set(caps)
+    pull = {i: x * (caps[i] if i in held else Fraction(0)) for i, x in enumerate(w) if x}
+    arcs = (mode.arcs.listeners.tolist(), mode.arcs.speakers.tolist(), mode.kind.tolist())
+    for i, j, kind in zip(*arcs, strict=True):
         if w[i] and w[i] != w[j]:
             gain = mode.gains[kind][component][component]
             pull[i] += (gain.hi if w[i] > w[j] else gain.lo) * (w[i] - w[j])
@@ -351,68 +328,49 @@ def too_fast(
     Whatever proves it; None if there is none.  Its kind is "pins" where every set of so many is excluded, "max_gain"
     where gains without caps are not excluded by the same means, else "rate".
     """
-    jacobians = _jacobians(problem)
-    if jacobians is None:
-        return None
-    found = slow_direction(jacobians, allowed, caps, propose)
-    if found is None or found.limit >= rate:
-        return _too_few_pins(problem, jacobians, rate, pins, allowed, caps, propose) if isinstance(pins, int) else None
-    labels = problem.network.labels
-    free = None if not caps else slow_direction(jacobians, allowed, {}, propose)
-    capped = bool(caps) and (free is None or free.limit >= rate)
-    moved = name_agents([labels[i] for i, x in enumerate(found.w) if x])
-    where = f" in mode {found.mode}" if len(problem.network.modes) > 1 else ""
-    every = capped or len(allowed) == problem.n
-    how = "with every gain at its cap" if every else "with the allowed agents held exactly at the target"
-    pace = f"return{'s' if sum(map(bool, found.w)) == 1 else ''} no faster than {_above(found.limit)} 1/s"
-    values = {"w": ", ".join(map(str, found.w))} if len(found.w) <= LONGEST else {}
-    return refuted(
-        "max_gain" if capped else "rate",
-        f"no gains let the errors decay at {typed_number(rate)} 1/s{where}: even {how}, {moved} {pace} near the"
-        " target.",
-        mode=found.mode,
-        component=str(found.component + 1),
-        limit=number_text(found.limit),
-        **values,
-    )
-
-
-def _jacobians(problem: Problem) -> Jacobians | None:
     if any(coupling.nonsmooth for coupling in problem.couplings):
         return None
     try:
-        return jacobians_at_consensus(problem)
+        jacobians = jacobians_at_consensus(problem)
     except UndefinedError:
         return None
 
+    def slowest(agents: Sequence[int], caps: Mapping[int, Fraction] = caps) -> SlowDirection | None:
+        direction = slow_direction(jacobians, agents, caps, propose)
+        return None if direction is None or direction.limit >= rate else direction
+
+    found = slowest(allowed)
+    if found is None:
+        return _too_few_pins(rate, pins, allowed, slowest) if isinstance(pins, int) else None
+    labels = problem.network.labels
+    capped = bool(caps) and slowest(allowed, {}) is None
+    moved = [labels[i] for i, x in enumerate(found.w) if x]
+    where = f" in mode {found.mode}" if len(problem.network.modes) > 1 else ""
+    how = "with the allowed agents held exactly at the target"
+    if capped or len(allowed) == problem.n:
+        how = "with every gain at its cap"
+    pace = f"return{'s' if len(moved) == 1 else ''} no faster than {_above(found.limit)} 1/s"
+    text = f"no gains let the errors decay at {typed_number(rate)} 1/s{where}: even {how}, {name_agents(moved)} {pace}"
+    values = {"w": ", ".join(map(str, found.w))} if len(found.w) <= LONGEST else {}
+    values = {"mode": found.mode, "component": str(found.component + 1), "limit": number_text(found.limit), **values}
+    return refuted("max_gain" if capped else "rate", f"{text} near the target.", **values)
+
 
 def _too_few_pins(
-    problem: Problem,
-    jacobians: Jacobians,
-    rate: Fraction,
-    pins: int,
-    allowed: Sequence[int],
-    caps: Mapping[int, Fraction],
-    propose: Directions,
+    rate: Fraction, pins: int, allowed: Sequence[int], slowest: Callable[[Sequence[int]], SlowDirection | None]
 ) -> Statement | None:
     """A proof that no ``pins`` of the allowed agents reach the rate: every set is excluded; None if one is not."""
-    count = comb(len(allowed), pins)
+    count, most = comb(len(allowed), pins), Fraction(0)
     if pins >= len(allowed) or count > MOST_SETS:
         return None
-    most = Fraction(0)
     for chosen in combinations(allowed, pins):
-        found = slow_direction(jacobians, chosen, caps, propose)
-        if found is None or found.limit >= rate:
+        found = slowest(chosen)
+        if found is None:
             return None
         most = max(most, found.limit)
-    return refuted(
-        "pins",
-        f"{counted(pins, 'pinned agent')} cannot give the rate {typed_number(rate)} 1/s, whatever the gains: all"
-        f" {counted(count, 'choice')} are excluded one by one, and the best of them reaches"
-        f" {_above(most)} 1/s at most near the target.",
-        sets=str(count),
-        limit=number_text(most),
-    )
+    text = f"{counted(pins, 'pinned agent')} cannot give the rate {typed_number(rate)} 1/s, whatever the gains: all"
+    text += f" {counted(count, 'choice')} are excluded one by one, and the best of them reaches {_above(most)} 1/s at"
+    return refuted("pins", f"{text} most near the target.", sets=str(count), limit=number_text(most))
 
 
 def _above(limit: Fraction) -> str:
@@ -423,8 +381,7 @@ def _above(limit: Fraction) -> str:
 def _components(mode: ModeJacobian) -> range:
     """State components whose gains differ; one stands for all where h acts by component."""
     width = len(mode.gains[0]) if mode.gains else 1
-    alike = all(gain[c][c] == gain[0][0] for gain in mode.gains for c in range(width))
-    return range(1 if alike else width)
+    return range(1 if all(gain[c][c] == gain[0][0] for gain in mode.gains for c in range(width)) else width)
 
 
 def _nonnegative(proposed: Sequence[float], free: Collection[int]) -> tuple[int, ...]:

@@ -3,15 +3,10 @@
 Everything is floating point.  The multipliers are vectors v of every mode: sum of v v'/2 is the dual point of
 minimise sum c_i k_i subject to S + 2 sum k_i E_i >= 0 (theory, section 7); ``decide`` makes them rational.
 
-Of many agents a small set of pins is chosen greedily, with one solve per step and a factor that is updated, lazily
-evaluated.  With v = sqrt(c) on the pins and (S v)_i = 0 on the others, pinning agent a as well makes the gains
-cheaper by
-
-    (v_a - sqrt(c_a))^2 / (2 G_aa)          G the inverse of S on the others, G_aa >= 1 / S_aa
-
-exactly, as long as no gain falls to 0.  The bound orders the agents, so that few G_aa are computed in a step (fewer
-still, as the bound is known to be too large by about the same factor), and a pin takes a rank one away from G.  While
-the pins do not reach the rate, S is shifted as far as that takes.
+Of many agents a small set of pins is chosen greedily.  With v = sqrt(c) on the pins and (S v)_i = 0 on the others,
+pinning agent a as well makes the gains cheaper by (v_a - sqrt(c_a))^2 / (2 G_aa), G the inverse of S on the others,
+exactly, as long as no gain falls to 0.  G_aa >= 1 / S_aa orders the agents, so that few G_aa are computed in a step,
+and a pin takes a rank one away from G.  While the pins do not reach the rate, S is shifted as far as that takes.
 """
 
 from __future__ import annotations
@@ -19,6 +14,7 @@ from __future__ import annotations
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from fractions import Fraction
+from itertools import product
 from typing import Any
 
 import numpy as np
@@ -43,7 +39,7 @@ from dobc_design.conditions.consensus.pinning_shared import FEW_ROWS, solve_shar
 from dobc_design.conditions.consensus.propose import rows_of
 from dobc_design.problem.problem import Problem
 from dobc_design.solvers.program import Array
-from dobc_design.synthesis.pinning.request import PinningRequest
+from dobc_design.synthesis.pinning.claim import PinningRequest
 
 Vectors = list[tuple[str, Array]]  # mode, and a vector over the n m rows
 WORK, LARGEST = 200_000, 5_000  # closed forms spent on exchanges and ties, times agents; agents above which: none
@@ -74,9 +70,7 @@ class PinningProposer:
 
         None if no gains can do: then the vectors are directions that no allowed gain holds.
         """
-        blocks = self._at(rate)
-        chosen = np.zeros(blocks.agents, dtype=bool)
-        chosen[list(allowed)] = True
+        blocks, chosen = self._at(rate), self._mask(allowed)
         if blocks.z:
             single = [optimum(table, chosen, self.costs, self.caps) for table in blocks.tables]
             known = [each for each in single if each is not None]
@@ -85,28 +79,24 @@ class PinningProposer:
             if len(known) == 1:
                 return known[0].gains.tolist(), self._named(blocks, [[known[0].v]])
             return self._shared(blocks, chosen, known)
-        loose = self._loose(blocks, chosen)
-        if any(value <= NEARLY_ZERO * blocks.scale for value, _ in self._lowest(blocks, chosen)):
-            return None, loose
-        gains, vectors = self._shared(blocks, chosen, [])
-        return (gains, vectors) if gains is not None else (None, loose)
+        if all(value > NEARLY_ZERO * blocks.scale for value, _ in self._lowest(blocks, chosen)):
+            gains, vectors = self._shared(blocks, chosen, [])
+            if gains is not None:
+                return gains, vectors
+        return None, self._loose(blocks, chosen)
 
     def fastest(self, allowed: Collection[int], factor: float = 1.0) -> float:
         """The rate (1/s) that gains on these agents approach, about, with caps times ``factor``; inf without limit."""
-        chosen = np.zeros(self.blocks.agents, dtype=bool)
-        chosen[list(allowed)] = True
-        return min((value for value, _ in self._lowest(self.blocks, chosen, factor=factor)), default=float("inf")) / 2
+        lowest = self._lowest(self.blocks, self._mask(allowed), factor=factor)
+        return min((value for value, _ in lowest), default=float("inf")) / 2
 
     def slow(self, rate: float) -> Vectors:
         """Of every block the eigenvectors of S with eigenvalues below 0; nothing for large blocks."""
         blocks = self._at(rate)
         if blocks.agents * blocks.width > PROGRAM_ROWS * 3:
             return []
-        columns = []
-        for table in blocks.tables:
-            values, vectors = np.linalg.eigh(table.toarray())
-            columns.append([vectors[:, k] for k in np.flatnonzero(values < -1e-7 * blocks.scale)])
-        return self._named(blocks, columns)
+        pairs = [np.linalg.eigh(table.toarray()) for table in blocks.tables]
+        return self._named(blocks, [list(vectors.T[values < -1e-7 * blocks.scale]) for values, vectors in pairs])
 
     def greedy(
         self, allowed: Sequence[int], groups: Sequence[Sequence[int]], rate: float, pins: int | None
@@ -135,29 +125,24 @@ class PinningProposer:
     def replaceable(self, chosen: Sequence[int], allowed: Sequence[int], rate: float) -> list[tuple[int, int]]:
         """Pairs (pinned, other): with the other in its place the cost is the same to six digits."""
         own = self._cost(chosen, rate)
-        found: list[tuple[int, int]] = []
         if own is None or len(chosen) * len(allowed) > self._affordable():
-            return found
-        for agent in chosen:
-            for other in sorted(set(allowed) - set(chosen)):
-                cost = self._cost([x for x in chosen if x != agent] + [other], rate)
-                if cost is not None and abs(cost - own) <= 1e-6 * own:
-                    found.append((agent, other))
-        return found
+            return []
+        pairs = product(chosen, sorted(set(allowed) - set(chosen)))
+        costs = {(a, b): self._cost([x for x in chosen if x != a] + [b], rate) for a, b in pairs}
+        return [pair for pair, cost in costs.items() if cost is not None and abs(cost - own) <= 1e-6 * own]
 
     def _exchanged(self, chosen: list[int], allowed: Sequence[int], rate: float) -> list[int]:
         cost, better, work = self._cost(chosen, rate), True, 0
         while better and cost is not None:
             better = False
-            for place in range(len(chosen)):
-                for other in allowed:
-                    work += 1
-                    if other in chosen or work > self._affordable():
-                        continue
-                    trial = [*chosen[:place], other, *chosen[place + 1 :]]
-                    value = self._cost(trial, rate)
-                    if value is not None and value < cost * (1 - 1e-9):
-                        chosen, cost, better = trial, value, True
+            for place, other in product(range(len(chosen)), allowed):
+                work += 1
+                if other in chosen or work > self._affordable():
+                    continue
+                trial = [*chosen[:place], other, *chosen[place + 1 :]]
+                value = self._cost(trial, rate)
+                if value is not None and value < cost * (1 - 1e-9):
+                    chosen, cost, better = trial, value, True
         return chosen
 
     def _affordable(self) -> int:
@@ -169,14 +154,18 @@ class PinningProposer:
         return None if gains is None else float(self.costs @ np.array(gains))
 
     def _hitting(self, allowed: Sequence[int], groups: Sequence[Sequence[int]]) -> list[int]:
-        left, chosen, free = [set(group) & set(allowed) for group in groups], [], set(allowed)
-        left = [group for group in left if group]
+        left, chosen = [met for group in groups if (met := set(group) & set(allowed))], list[int]()
         while left:
             count = {agent: sum(agent in group for group in left) for group in left for agent in group}
             best = min(count, key=lambda agent: (-count[agent], self.costs[agent], agent))
             chosen.append(best)
             left = [group for group in left if best not in group]
-        return [agent for agent in chosen if agent in free]
+        return chosen
+
+    def _mask(self, agents: Collection[int]) -> Array:
+        mask = np.zeros(self.blocks.agents, dtype=bool)
+        mask[list(agents)] = True
+        return mask
 
     def _heaviest(self, blocks: Blocks, chosen: Sequence[int], free: Collection[int]) -> list[int]:
         others = np.setdiff1d(np.arange(blocks.agents), list(chosen))
@@ -196,33 +185,31 @@ class PinningProposer:
     def _shared(self, blocks: Blocks, chosen: Array, known: Sequence[Optimum]) -> tuple[list[float] | None, Vectors]:
         """Several blocks: their dual or a conic program; else the largest gain of each agent over the blocks."""
         found: tuple[Array, Vectors] | None = None
+        rows = blocks.agents * blocks.width
+
+        def is_cheap(gains: Array) -> bool:
+            return found is None or bool(self.costs @ gains < self.costs @ found[0] * 1.000001)
+
         if known:
             best = max(range(len(known)), key=lambda k: self.costs @ known[k].gains)
             columns = [[each.v] if k == best else [] for k, each in enumerate(known)]
             found = np.max([each.gains for each in known], axis=0), self._named(blocks, columns)
-        rows = blocks.agents * blocks.width
-        if known and rows > FEW_ROWS:
-            shared = solve_shared(blocks.tables, chosen, self.costs, self.caps)
-            if shared is not None:
-                cost = float(self.costs @ shared.gains)
-                if found is None or cost < self.costs @ found[0] * 1.000001:
-                    found = shared.gains, self._named(blocks, [[v] for v in shared.vectors])
-                if cost - shared.bound <= CLOSE * cost:
-                    return found[0].tolist(), found[1]
+        shared = solve_shared(blocks.tables, chosen, self.costs, self.caps) if known and rows > FEW_ROWS else None
+        if shared is not None and found is not None:
+            if is_cheap(shared.gains):
+                found = shared.gains, self._named(blocks, [[v] for v in shared.vectors])
+            cost = float(self.costs @ shared.gains)
+            if cost - shared.bound <= CLOSE * cost:
+                return found[0].tolist(), found[1]
+        agents = np.flatnonzero(chosen)
         if rows <= PROGRAM_ROWS and rows * rows * len(blocks.tables) <= PROGRAM_SIZE:
-            program = solve_program(
-                blocks.tables,
-                np.flatnonzero(chosen),
-                self.costs,
-                width=blocks.width,
-                scale=blocks.scale,
-                caps=self.caps,
-            )
-            if program is not None and (found is None or self.costs @ program.gains < self.costs @ found[0] * 1.000001):
+            width, scale = blocks.width, blocks.scale
+            program = solve_program(blocks.tables, agents, self.costs, width=width, scale=scale, caps=self.caps)
+            if program is not None and is_cheap(program.gains):
                 columns = [_factors(each, z=blocks.z) for each in program.multipliers]
                 return program.gains.tolist(), self._named(blocks, columns)
         if found is None and not np.any(np.isfinite(self.caps)):
-            gains = smallest_gains(blocks, np.flatnonzero(chosen).tolist(), costs=self.costs.tolist())
+            gains = smallest_gains(blocks, agents.tolist(), costs=self.costs.tolist())
             return (None if gains is None else gains.tolist()), []
         return (None, []) if found is None else (found[0].tolist(), found[1])
 
@@ -240,12 +227,10 @@ class PinningProposer:
     def _loose(self, blocks: Blocks, chosen: Array) -> Vectors:
         """Of every block the direction that allowed gains hold least, zero on the rows of gains without a cap."""
         rows = self._free_rows(blocks, chosen)
-        columns: list[list[Array]] = []
-        for _, vector in self._lowest(blocks, chosen):
-            whole = np.zeros(blocks.agents * blocks.width)
-            whole[rows] = np.abs(vector) if blocks.z else vector
-            columns.append([whole])
-        return self._named(blocks, columns)
+        columns = [np.zeros(blocks.agents * blocks.width) for _ in blocks.tables]
+        for column, (_, vector) in zip(columns, self._lowest(blocks, chosen), strict=True):
+            column[rows] = np.abs(vector) if blocks.z else vector
+        return self._named(blocks, [[column] for column in columns])
 
     def _named(self, blocks: Blocks, columns: Sequence[Sequence[Array]]) -> Vectors:
         """The vectors of every block with its mode, on all n m rows."""
@@ -253,10 +238,8 @@ class PinningProposer:
         result: Vectors = []
         for (mode, component), own in zip(blocks.sources, columns, strict=True):
             for vector in own:
-                whole = vector
-                if blocks.width != m:
-                    whole = np.zeros(blocks.agents * m)
-                    whole[component::m] = vector
+                whole = np.zeros(blocks.agents * m)
+                whole[slice(None) if blocks.width == m else slice(component, None, m)] = vector
                 result.append((mode, whole))
         return result
 
@@ -294,7 +277,7 @@ def greedy_set(
         room = len(left) if pins is None else min(len(left), pins - len(found))
         if (shift == 0 and pins is None) or room <= 0:
             return tuple(sorted(found)) if shift == 0 else None
-        states = [_State.of(table, found, costs, shift) for table in blocks.tables]
+        states = [_State(table, found, costs, shift) for table in blocks.tables]
         for _ in range(min(room, max(SHIFTED, blocks.agents // PART) if shift else UPDATES)):
             agent = _best(states, left, costs)
             found.append(agent)
@@ -325,32 +308,22 @@ def _best(states: Sequence[_State], left: Any, costs: Array) -> int:
     return agent
 
 
-@dataclass(kw_only=True, eq=False)
 class _State:
     """One matrix with its pins: v (n,), the inverse on the others as a factor less ``rank`` columns."""
 
-    v: Array
-    diagonal: Array
-    place: Any
-    solve: Any
-    rank: list[Array]
-    column: dict[int, Array]
-
-    @classmethod
-    def of(cls, table: Any, chosen: Sequence[int], costs: Array, shift: float) -> _State:
-        n = len(costs)
-        matrix = sparse.csr_array(table + shift * sparse.eye_array(n))
-        mask = np.zeros(n, dtype=bool)
-        mask[list(chosen)] = True
-        v = np.where(mask, np.sqrt(costs), 0.0)
-        others, pins = np.flatnonzero(~mask), np.flatnonzero(mask)
-        place = np.full(n, -1)
-        place[others] = np.arange(len(others))
+    def __init__(self, table: Any, chosen: Sequence[int], costs: Array, shift: float) -> None:
+        matrix = sparse.csr_array(table + shift * sparse.eye_array(len(costs)))
+        pins = np.array(sorted(chosen), dtype=np.int64)
+        others = np.setdiff1d(np.arange(len(costs)), pins)
         rows = matrix[others]
-        solve = factorised(rows[:, others])
+        self.solve = factorised(rows[:, others])
+        self.diagonal, self.place = matrix.diagonal(), np.full(len(costs), -1)
+        self.place[others] = np.arange(len(others))
+        self.v = np.sqrt(costs)
         # Where nobody is pinned yet: by how loosely everybody is held.
-        v[others] = solve(-(rows[:, pins] @ v[pins]) if len(pins) else np.ones(len(others)))
-        return cls(v=v, diagonal=matrix.diagonal(), place=place, solve=solve, rank=[], column={})
+        self.v[others] = self.solve(-(rows[:, pins] @ self.v[pins]) if len(pins) else np.ones(len(others)))
+        self.rank: list[Array] = []
+        self.column: dict[int, Array] = {}
 
     def bounds(self, agents: Any, costs: Array) -> Array:
         above = np.maximum(self.v[agents] - np.sqrt(costs[agents]), 0.0)

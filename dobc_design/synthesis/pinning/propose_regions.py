@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Collection, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from fractions import Fraction
 from typing import Any
@@ -24,7 +25,7 @@ from dobc_design.conditions.separable.propose_observer import propose_error_boun
 from dobc_design.exact.matrix import Matrix, Vector
 from dobc_design.problem.problem import Problem
 from dobc_design.solvers.program import Array
-from dobc_design.synthesis.pinning.request import PinningRequest
+from dobc_design.synthesis.pinning.claim import PinningRequest
 
 HELD = 1e9  # a gain, times the size of the rows, that holds an agent whatever the others do
 FIRST_STEP, LAST_STEP = 0.3, 1e-5  # of log v: the trust region
@@ -60,13 +61,8 @@ class Box:
         gains = np.where(self.allowed, np.minimum(self.caps, top), 0.0)
         return least_above(replace(self.field, gains=gains), alpha=self.rate, lower=lower)
 
-    def needs(self, v: Array) -> Array:
-        """What every agent needs of a gain (1/s); negative where it needs none."""
-        values: Array = self.field.rows(v, alpha=self.rate)[0] / v
-        return values
-
     def gains(self, v: Array) -> Array:
-        return np.where(self.allowed, np.maximum(self.needs(v), 0.0), 0.0)
+        return np.where(self.allowed, np.maximum(self.field.rows(v, alpha=self.rate)[0] / v, 0.0), 0.0)
 
     def cost(self, v: Array) -> float:
         return float(self.costs @ self.gains(v))
@@ -141,10 +137,7 @@ def _improved(box: Box, v: Array, most: int) -> Array:
         if step < LAST_STEP or not cost > 0:
             break
         change = _program(box, v, step)
-        if change is None:
-            step *= NARROWER
-            continue
-        moved = box.follow(np.where(box.allowed, v * np.exp(change), 1.0))
+        moved = None if change is None else box.follow(np.where(box.allowed, v * np.exp(change), 1.0))
         if moved is not None:
             moved = moved / np.min(moved)  # the box shrinks with v: only cheaper
         value = np.inf if moved is None else box.cost(moved)
@@ -153,26 +146,18 @@ def _improved(box: Box, v: Array, most: int) -> Array:
             continue
         if value > cost * (1 - WORTH):
             return moved
-        step = min(1.0, step * WIDER)
-        v, cost = moved, value
+        v, cost, step = moved, value, min(1.0, step * WIDER)
     return v
 
 
 def _program(box: Box, v: Array, step: float) -> Array | None:
     """The change of log v, at most ``step``, that makes the gains cheapest to first order; None without an answer."""
-    n = len(v)
+    n, allowed = len(v), np.flatnonzero(box.allowed)
     agents, slopes, values = _linear_rows(box, v, step)
-    allowed = np.flatnonzero(box.allowed)
-    column = np.full(n, -1)
-    column[allowed] = np.arange(len(allowed))
-    own = column[agents]
-    mine = np.flatnonzero(own >= 0)
-    part = sparse.csr_array((np.full(len(mine), -1.0), (mine, own[mine])), shape=(len(agents), len(allowed)))
-    matrix = sparse.hstack([slopes, part], format="csr")
-    low = np.maximum(-step, -np.log(np.maximum(v, 1.0)))
-    bounds = np.concatenate(
-        [np.column_stack([low, np.full(n, step)]), np.column_stack([np.zeros(len(allowed)), box.caps[allowed]])]
-    )
+    gains = -sparse.eye_array(n, format="csc")[:, allowed].tocsr()[agents]
+    matrix = sparse.hstack([slopes, gains], format="csr")
+    low = np.concatenate([np.maximum(-step, -np.log(np.maximum(v, 1.0))), np.zeros(len(allowed))])
+    bounds = np.column_stack([low, np.concatenate([np.full(n, step), box.caps[allowed]])])
     linear = np.concatenate([np.zeros(n), box.costs[allowed]])
     answer = optimize.linprog(linear, A_ub=matrix, b_ub=-(values + box.rate), bounds=bounds, method="highs")
     return None if answer.x is None or not np.all(np.isfinite(answer.x)) else np.asarray(answer.x[:n])
@@ -204,7 +189,7 @@ def _linear_rows(box: Box, v: Array, step: float) -> tuple[Any, Any, Array]:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class RegionGains:
-    """Gains (1/s) by agent index that reach ``rate`` (1/s), about, and v (n).
+    """Gains (1/s) by agent index that reach ``rate`` (1/s), about.
 
     ``prices``: by agent, what the whole sum of gains would fall by for each 1/s of gain there (1 for pinned agents
     that are at their optimum).  ``rate_price``: what the sum rises by for each 1/s of rate.
@@ -212,14 +197,8 @@ class RegionGains:
 
     gains: dict[int, float]
     rate: float
-    v: Array
     prices: Array
     rate_price: float
-
-    @property
-    def total(self) -> float:
-        """The sum of the gains (1/s)."""
-        return sum(self.gains.values())
 
 
 class RegionSearch:
@@ -275,10 +254,8 @@ class RegionSearch:
         field = self.field(rate, coarse=coarse)
         if field is None:
             return None
-        limit = HARD * (1.0 + self._size(field))
-        gains = np.zeros(self.problem.n)
-        for i in pinned:
-            gains[i] = float(caps.get(i, Fraction(limit)))
+        limit, gains = HARD * (1.0 + self._size(field)), np.zeros(self.problem.n)
+        gains[list(pinned)] = [float(caps.get(i, limit)) for i in pinned]
         v = least_above(replace(field, gains=gains), alpha=rate, lower=np.ones(self.problem.n), start=start)
         return None if v is None or np.max(v) > LARGEST_V else v
 
@@ -287,7 +264,10 @@ class RegionSearch:
         best = self.holds(pinned, caps, 0.0, coarse=coarse) if pinned else None
         if best is None:
             return 0.0
-        low, high = 0.0, min(self.decay, self._most(pinned, caps))
+        # No rate is larger: an agent with the least v has at most its gain, or it hears others.
+        capped = all(i in caps for i in pinned)
+        most = max(float(caps[i]) for i in pinned) if capped else 4 * (1.0 + self._size(self.field(0.0)))
+        low, high = 0.0, min(self.decay, most)
         for _ in range(BISECTIONS):
             middle = (low + high) / 2 if low else high / 4
             found = self.holds(pinned, caps, middle, coarse=coarse, start=best)
@@ -303,11 +283,8 @@ class RegionSearch:
             found = None if field is None else cheapest(box_of(field, pinned, caps, rate=rate))
         if field is None or found is None:
             return None
-        box, v = found
-        return self._priced(field, box.gains(v), v, rate)
-
-    def _priced(self, field: Field, gains: Array, v: Array, rate: float) -> RegionGains:
-        """The multipliers: l with J'l = 0 on the free v, l_i v_i = 1 on pinned agents, l_i = 0 on slack rows."""
+        gains, v = found[0].gains(found[1]), found[1]
+        # The multipliers: l with J'l = 0 on the free v, l_i v_i = 1 on pinned agents, l_i = 0 on slack rows.
         agents = np.flatnonzero(gains)
         residual, jacobian, scale = field.rows(v, alpha=rate)
         prices = np.zeros(self.problem.n)
@@ -316,31 +293,15 @@ class RegionSearch:
         others = others[np.abs(residual[others]) <= 1e-6 * np.maximum(scale[others], 1e-300)]
         pull = sparse.csr_array(jacobian[agents][:, others]).T @ prices[agents]
         block = sparse.csc_array(sparse.csr_array(jacobian[others][:, others]).T)
-        try:
+        with suppress(RuntimeError):  # exactly singular: no price
             prices[others] = sparse.linalg.splu(block).solve(-pull) if len(others) else 0.0
-        except RuntimeError:  # exactly singular: no price
-            prices[others] = 0.0
         prices = np.maximum(prices * v, 0.0)
-        return RegionGains(
-            gains=dict(zip(agents.tolist(), gains[agents].tolist(), strict=True)),
-            rate=rate,
-            v=v,
-            prices=prices,
-            rate_price=float(np.sum(prices)),
-        )
+        held = dict(zip(agents.tolist(), gains[agents].tolist(), strict=True))
+        return RegionGains(gains=held, rate=rate, prices=prices, rate_price=float(np.sum(prices)))
 
-    def _most(self, pinned: Collection[int], caps: Mapping[int, Fraction]) -> float:
-        """No rate is larger: an agent with the least v has at most its gain, or it hears others."""
-        field = self.field(0.0)
-        size = 0.0 if field is None else self._size(field)
-        if all(i in caps for i in pinned):
-            return max(float(caps[i]) for i in pinned)
-        return 4 * (1.0 + size)
-
-    def _size(self, field: Field) -> float:
+    def _size(self, field: Field | None) -> float:
         """About the largest sum of arc gains of an agent."""
-        ones = np.ones(self.problem.n)
-        return float(np.max(field.rows(ones, alpha=0.0)[2], initial=0.0)) + max(
-            (float(np.max(np.bincount(arcs.listeners, minlength=1))) for arcs in self.problem.network.modes.values()),
-            default=0.0,
-        )
+        if field is None:
+            return 0.0
+        most = [float(np.max(np.bincount(arcs.listeners, minlength=1))) for arcs in self.problem.network.modes.values()]
+        return float(np.max(field.rows(np.ones(self.problem.n), alpha=0.0)[2], initial=0.0)) + max(most, default=0.0)

@@ -1,29 +1,51 @@
-"""From a request at the consensus to a PinningDesign: refute what is impossible, prove gains, bound what is cheaper.
+"""From a request to a PinningDesign: refute what is impossible, prove gains, bound what is cheaper.
 
 Which agents to pin, at most so many: branch and bound in which every bound is exact.  A node fixes agents that are
 pinned and agents that are not; all other allowed agents may have a gain, which costs no more than any set of the node.
 Its bound is a proved one, or the node is proved impossible.
+
+Over a region: the smallest gains whose max-separable certificate is proved by ``conditions.separable``.
 """
 
 from __future__ import annotations
 
 import heapq
 import math
-from collections.abc import Callable, Collection, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from fractions import Fraction
+from typing import Any
 
 from dobc_design.conditions.consensus.claim import state_theorems
 from dobc_design.conditions.consensus.negative import Enclosed
 from dobc_design.conditions.consensus.network import carriers, name_agents
+from dobc_design.conditions.coverage import asked_radius
 from dobc_design.conditions.numbers import claimed, shorten
-from dobc_design.conditions.statement import Statement, proved, refuted
+from dobc_design.conditions.separable.claim import ErrorBound, Separable, acts_by_component
+from dobc_design.conditions.separable.decide import coupling_profiles, verify_separable
+from dobc_design.conditions.separable.observer import composite_rate, covers, verify_composite
+from dobc_design.conditions.separable.ordering import find_ordering
+from dobc_design.conditions.separable.propose_observer import propose_error_bound, radius_needed
+from dobc_design.conditions.statement import Statement, proved, refuted, undecided
 from dobc_design.errors import SpecError
+from dobc_design.exact.interval import UndefinedError
+from dobc_design.exact.matrix import Matrix
 from dobc_design.exact.number import number_text
 from dobc_design.exact.reading import counted, shown_number
 from dobc_design.problem.changes import changed_problem
 from dobc_design.problem.problem import Problem
-from dobc_design.synthesis.pinning.claim import PinningDesign, Structure, prices_in_words, without_gains
+from dobc_design.synthesis.observer.claim import read_positive
+from dobc_design.synthesis.pinning.claim import (
+    FEWEST,
+    PinningDesign,
+    PinningRequest,
+    Structure,
+    cost_of,
+    prices_in_words,
+    rounded_up,
+    typed_gains,
+    without_gains,
+)
 from dobc_design.synthesis.pinning.decide import (
     Ground,
     bound_from,
@@ -33,9 +55,10 @@ from dobc_design.synthesis.pinning.decide import (
     reaches,
     structural_obstacle,
     structure_of,
+    too_fast,
 )
-from dobc_design.synthesis.pinning.propose import PinningProposer, make_proposer
-from dobc_design.synthesis.pinning.request import FEWEST, PinningRequest, cost_of, rounded_up, typed_gains
+from dobc_design.synthesis.pinning.propose import PinningProposer, make_proposer, slow_directions
+from dobc_design.synthesis.pinning.propose_regions import propose_for_box
 from dobc_design.verdict import Verdict
 
 TILTS = (1, 10, 1000, Fraction(1, 100))  # of the last digit but two: how much faster a rate is designed for
@@ -49,6 +72,10 @@ REPORTED = 20  # nodes between two reports
 MOST_RIVALS = 10_000  # sets whose cost is kept
 SIX_DIGITS = 1e-6  # costs that differ by less (relatively) are alike
 SUPPORT = 1e-7  # gains below this part of the largest pin nobody
+MOST_CAPS = 1e6  # times the caps that were asked for
+BOX_TILTS = (Fraction(1, 10**7), Fraction(1, 10**5), Fraction(1, 1000), Fraction(1, 50))  # rates faster than asked
+SLOWER = 6  # halvings of the rate that are tried for the nearest request
+SMALLEST = Fraction(1, 10**9)  # radius of a box
 
 
 def search_pinning(problem: Problem, request: PinningRequest, progress: Progress) -> PinningDesign:
@@ -60,21 +87,15 @@ def search_pinning(problem: Problem, request: PinningRequest, progress: Progress
     statements = state_theorems(bare)
     proposer = None if statements.inapplicable else make_proposer(bare, request)
     if proposer is None:
-        raise SpecError(
-            "coupling must have a derivative at the consensus that floats can hold, because gains are designed for"
-            f" the linearisation; {statements.inapplicable or 'an entry of J + J is too large.'}",
-            key="coupling.h",
-            cure="Use a smooth coupling, such as tanh(y).",
-        )
-    lambdas = {
-        mode: Enclosed(middle=each.constant, deviations=each.deviations) for mode, each in statements.lambdas.items()
-    }
+        text = "coupling must have a derivative at the consensus that floats can hold, because gains are designed for"
+        text += f" the linearisation; {statements.inapplicable or 'an entry of J + J is too large.'}"
+        raise SpecError(text, key="coupling.h", cure="Use a smooth coupling, such as tanh(y).")
+    lambdas = {name: Enclosed(middle=x.constant, deviations=x.deviations) for name, x in statements.lambdas.items()}
     ground = Ground(problem=problem, request=request, lambdas=lambdas)
     found = _attempt(ground, proposer, progress)
     if found.verdict is Verdict.PROVED:
         return found
-    kind = found.statements[0].kind if found.statements else None
-    for weaker in _weaker(ground, proposer, kind):
+    for weaker in _weaker(ground, proposer, found.statements[0].kind if found.statements else None):
         other = make_proposer(bare, weaker) or proposer
         nearest = _attempt(replace(ground, request=weaker), other, progress)
         if nearest.verdict is Verdict.PROVED:
@@ -88,42 +109,33 @@ def _attempt(ground: Ground, proposer: PinningProposer, progress: Progress) -> P
     obstacle = structural_obstacle(ground.problem, request.pins, structure) or _too_fast(ground, proposer)
     if obstacle is not None:
         return without_gains(ground.request, structure, obstacle)
-    agents, choice, statements = request.allowed, None, tuple[Statement, ...]()
+    choice, statements = None, tuple[Statement, ...]()
     if request.pins is not None:
         choice, statements = _chosen(ground, proposer, structure, progress)
         if choice is None or choice.agents is None:
-            refuted = next((each for each in statements if each.verdict is Verdict.REFUTED), None)
-            return without_gains(ground.request, structure, refuted)
-        agents = choice.agents
+            none = next((each for each in statements if each.verdict is Verdict.REFUTED), None)
+            return without_gains(ground.request, structure, none)
     progress("proving the gains and their bound")
-    return _designed(ground, proposer, structure, agents, choice=choice, more=statements)
+    return _designed(ground, proposer, structure, choice, statements)
 
 
 def _too_fast(ground: Ground, proposer: PinningProposer) -> Statement | None:
     """A proof that even gains on all allowed agents, at their caps, do not reach the rate."""
     request = ground.request
     gains, vectors = proposer.relax(request.allowed, float(request.rate))
-    if gains is not None:
-        return None
-    obstacle = obstacle_to(ground, request.allowed, request.rate, vectors)
+    obstacle = None if gains is not None else obstacle_to(ground, request.allowed, request.rate, vectors)
     if obstacle is None:
         return None
     moved = carriers(ground.problem, obstacle.vector)
     capped = {ground.problem.network.labels[i] for i in set(request.allowed) & set(request.caps)} & set(moved)
     values = {"v": ", ".join(map(number_text, obstacle.vector))} if len(obstacle.vector) <= LONGEST else {}
-    because = (
-        "even with every gain at its cap the direction shown decays more slowly"
-        if capped
-        else "the direction shown moves none of the agents that may be pinned, and decays more slowly by itself"
-    )
+    kind, because = "rate", "moves none of the agents that may be pinned, and decays more slowly by itself"
+    if capped:
+        kind, because = "max_gain", "decays more slowly"
+    even = "even with every gain at its cap " if capped else ""
     where = f" in mode {obstacle.mode}" if len(ground.lambdas) > 1 else ""
-    return refuted(
-        "max_gain" if capped else "rate",
-        f"no gains reach the rate {shown_number(request.rate)}{where}: {because}. It is carried by"
-        f" {name_agents(moved)}.",
-        mode=obstacle.mode,
-        **values,
-    )
+    text = f"no gains reach the rate {shown_number(request.rate)}{where}: {even}the direction shown {because}. It is"
+    return refuted(kind, f"{text} carried by {name_agents(moved)}.", mode=obstacle.mode, **values)
 
 
 def _chosen(
@@ -134,11 +146,8 @@ def _chosen(
     needed = max(structure.least, pins_needed(ground, request.rate, proposer.slow(rate)))
     if isinstance(request.pins, int):
         if request.pins < needed:
-            pins = f"{request.pins} pin{'s' if request.pins > 1 else ''}"
-            text = (
-                f"{pins} cannot do at this rate: at least {needed} are needed. So many independent directions are"
-                " slower than that without gains, and each pin holds one of them."
-            )
+            text = f"{counted(request.pins, 'pin')} cannot do at this rate: at least {needed} are needed. So many"
+            text += " independent directions are slower than that without gains, and each pin holds one of them."
             return None, (refuted("pins", text, least=str(needed)),)
         start = proposer.greedy(request.allowed, groups, rate, request.pins)
         choice = Choice(ground, proposer, progress, request.pins, groups, start)
@@ -162,43 +171,36 @@ def _fewest(pins: int, needed: int) -> Statement:
     if pins <= needed:
         return proved("pins", f"No fewer than {counted(pins, 'pinned agent')} reach this rate.", least=str(pins))
     text = f"{pins} pinned agents do; whether fewer do was not decided, but at least {needed} are needed."
-    return Statement(kind="pins", verdict=Verdict.UNDECIDED, text=text, exact={"least": str(needed)})
+    return undecided("pins", text, least=str(needed))
 
 
 def _designed(
     ground: Ground,
     proposer: PinningProposer,
     structure: Structure,
-    agents: Sequence[int],
-    *,
     choice: Choice | None,
-    more: tuple[Statement, ...] = (),
+    more: tuple[Statement, ...],
 ) -> PinningDesign:
     request, labels = ground.request, ground.problem.network.labels
+    agents = request.allowed if choice is None or choice.agents is None else choice.agents
     gains = _proved_gains(ground, proposer, agents)
     if gains is None:
         return without_gains(ground.request, structure, None)
     vectors = proposer.relax(agents, float(request.rate))[1]
     bound = bound_from(ground, vectors, agents, request.rate)
     least = bound.value if choice is None else claimed(shorten(choice.bound))
-    cost = cost_of(request, gains)
-    pinned = tuple(labels[i] for i in gains)
-    rate = number_text(request.rate)
-    statements = [
-        proved("rate", f"Lambda < -2 ({rate}) I in every mode, for the gains as they are written.", rate=rate)
-    ]
+    cost, rate, named = cost_of(request, gains), number_text(request.rate), {labels[i]: k for i, k in gains.items()}
+    text = f"Lambda < -2 ({rate}) I in every mode, for the gains as they are written."
+    statements = [proved("rate", text, rate=rate)]
     if structure.exact:
-        count = structure.least
         example = name_agents([labels[i] for i in structure.agents])
-        text = (
-            f"Structural minimum: {count} pin{'s' if count > 1 else ''}, one for each group that listens to nobody"
-            f" outside ({len(structure.groups)} over all modes); {example} would do for that."
-        )
-        statements.append(proved("structure", text, least=str(count)))
+        text = f"Structural minimum: {counted(structure.least, 'pin')}, one for each group that listens to nobody"
+        text += f" outside ({len(structure.groups)} over all modes); {example} would do for that."
+        statements.append(proved("structure", text, least=str(structure.least)))
     return PinningDesign(
         verdict=Verdict.PROVED,
         request=request,
-        gains={labels[i]: k for i, k in gains.items()},
+        gains=named,
         rate=request.rate,
         cost=cost,
         lower_bound=least,
@@ -206,10 +208,10 @@ def _designed(
         bound_for=tuple(labels[i] for i in agents),
         structural_minimum=structure.least if structure.exact else None,
         statements=(*statements, *more),
-        prices=tuple(prices_in_words(ground.problem, request, bound, dict.fromkeys(agents))),
+        prices=tuple(prices_in_words(ground.problem, request, bound, set(agents))),
         ties=() if choice is None else _ties(ground, proposer, tuple(gains), choice),
-        problem=changed_problem(ground.problem, {"pinning.gains": {labels[i]: k for i, k in gains.items()}}),
-        reason=f"gains on {name_agents(pinned)} reach the rate {shown_number(request.rate)} at the cost"
+        problem=changed_problem(ground.problem, {"pinning.gains": named}),
+        reason=f"gains on {name_agents(tuple(named))} reach the rate {shown_number(request.rate)} at the cost"
         f" {float(cost):.6g}, and nothing that does costs less than {shorten(least, digits=6):.6g}.",
     )
 
@@ -231,9 +233,7 @@ def _proved_gains(ground: Ground, proposer: PinningProposer, agents: Sequence[in
 def _ties(ground: Ground, proposer: PinningProposer, chosen: tuple[int, ...], choice: Choice) -> tuple[str, ...]:
     labels = ground.problem.network.labels
     pairs = proposer.replaceable(chosen, ground.request.allowed, float(ground.request.rate))
-    others: dict[int, list[str]] = {}
-    for agent, other in pairs:
-        others.setdefault(agent, []).append(labels[other])
+    others = {agent: [labels[other] for own, other in pairs if own == agent] for agent, _ in pairs}
     single = [
         f"In place of agent {labels[agent]}, {name_agents(names)} would cost the same (to six digits)."
         for agent, names in others.items()
@@ -241,10 +241,8 @@ def _ties(ground: Ground, proposer: PinningProposer, chosen: tuple[int, ...], ch
     known = {tuple(sorted({*chosen, other} - {agent})) for agent, other in pairs}
     rest = [name_agents([labels[i] for i in rival]) for rival in choice.rivals if rival not in known]
     if rest:
-        single.append(
-            f"As good (to six digits) among the sets that were met: {'; '.join(rest[:SHOWN])}"
-            + (f"; and {len(rest) - SHOWN} more." if len(rest) > SHOWN else ".")
-        )
+        more = f"; and {len(rest) - SHOWN} more." if len(rest) > SHOWN else "."
+        single.append(f"As good (to six digits) among the sets that were met: {'; '.join(rest[:SHOWN])}{more}")
     return tuple(single)
 
 
@@ -307,12 +305,10 @@ class Choice:
     def statement(self) -> Statement:
         """What is proved of all sets of so many agents."""
         if self.impossible:
-            none = f"no {self.pins} of the allowed agents reach"
-            none = "none of the allowed agents alone reaches" if self.pins == 1 else none
-            text = (
-                f"{none} this rate: every choice is excluded, {self._nodes} parts of the choice one by one, each by a"
-                " direction that stays too slow or a group without a pin."
-            )
+            several = f"no {self.pins} of the allowed agents reach"
+            none = "none of the allowed agents alone reaches" if self.pins == 1 else several
+            text = f"{none} this rate: every choice is excluded, {self._nodes} parts of the choice one by one, each by"
+            text += " a direction that stays too slow or a group without a pin."
             return refuted("pins", text, pins=str(self.pins), nodes=str(self._nodes))
         finished = all(self._is_beaten(node) for _, _, node in self._heap)
         how = "all choices compared" if finished else f"{self._nodes} parts of the choice looked at"
@@ -321,14 +317,14 @@ class Choice:
         return proved("choice", text, bound=number_text(claimed(shorten(self.bound))))
 
     def _try_set(self, agents: Collection[int]) -> None:
-        request = self.ground.request
+        request, agents = self.ground.request, tuple(sorted(agents))
         gains = self.proposer.relax(agents, float(request.rate))[0]
         if gains is not None:
             cost = sum(float(c) * k for c, k in zip(request.costs, gains, strict=True))
             if len(self._met) < MOST_RIVALS:
-                self._met[tuple(sorted(agents))] = cost
+                self._met[agents] = cost
             if cost < self.cost:
-                self.cost, self.agents = cost, tuple(sorted(agents))
+                self.cost, self.agents = cost, agents
 
     def _add(self, inside: frozenset[int], outside: frozenset[int], above: Fraction) -> None:
         """Open a node with its exact bound, at least that of its parent; or close it.
@@ -368,15 +364,18 @@ def _weaker(ground: Ground, proposer: PinningProposer, kind: str | None) -> Iter
     """
     request = ground.request
     if kind == "structure":
-        structure = structure_of(ground.problem, request.allowed)
-        free = set(request.allowed)
-        lacking = {i for group in structure.groups if not free & set(group) for i in group}
-        request = replace(request, allowed=tuple(sorted(free | lacking)))
+        request = replace(request, allowed=with_lacking(ground.problem, request.allowed))
         yield request
         yield replace(request, pins=None if request.pins is None else FEWEST)
     if kind == "pins":
         yield replace(request, pins=FEWEST)
-    if request.caps and (factor := _factor(request, proposer)) is not None:
+    if request.caps and proposer.fastest(request.allowed, MOST_CAPS) > float(request.rate):
+        low, high = 1.0, MOST_CAPS  # by how much all caps have to grow, about and a little more
+        while high > low * 1.001:
+            middle = math.sqrt(low * high)
+            enough = proposer.fastest(request.allowed, middle) > float(request.rate)
+            low, high = (low, middle) if enough else (middle, high)
+        factor = Fraction(high * 1.001)
         yield replace(request, caps={i: rounded_up(cap * factor, 4) for i, cap in request.caps.items()})
     fastest = proposer.fastest(request.allowed, 1.0)
     for part in (0.99, 0.9) if 0 < fastest < math.inf else ():
@@ -387,12 +386,209 @@ def _weaker(ground: Ground, proposer: PinningProposer, kind: str | None) -> Iter
         yield replace(request, allowed=tuple(range(ground.problem.n)))
 
 
-def _factor(request: PinningRequest, proposer: PinningProposer) -> Fraction | None:
-    """By how much all caps must grow for the rate, about and a little more; None if that is of no use."""
-    low, high, rate = 1.0, 1e6, float(request.rate)
-    if not proposer.fastest(request.allowed, high) > rate:
+def with_lacking(problem: Problem, allowed: Sequence[int]) -> tuple[int, ...]:
+    """The ``allowed`` agents, and all of every group that has none of them."""
+    groups = structure_of(problem, allowed).groups
+    return tuple(sorted({*allowed, *(i for group in groups if not set(allowed) & set(group) for i in group)}))
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Region:
+    """Starts |e|_inf <= radius and |eps_i| <= disturbance.
+
+    ``rho``: the box of the certificate, with room for the observer; None for linear couplings, where every start is
+    covered.  ``error`` and ``W``: the observer's part where disturbance > 0.
+    """
+
+    radius: Fraction
+    rho: Fraction | None
+    disturbance: Fraction = Fraction(0)
+    error: ErrorBound | None = None
+    W: Matrix | None = None
+
+    def __str__(self) -> str:
+        errors = f", |eps_i| <= {shown_number(self.disturbance)}" if self.disturbance else ""
+        return f"|e_i| <= {shown_number(self.radius)}{errors}"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class BoxGains:
+    """Gains (1/s, by agent index) and the certificate that is PROVED for the ``problem`` with them."""
+
+    gains: Mapping[int, Fraction]
+    certificate: Separable
+    problem: Problem
+
+
+def search_region(problem: Problem, request: PinningRequest, region: Any) -> PinningDesign:
+    """Decide a request over a region: PROVED with gains, REFUTED with the reason, or UNDECIDED; with a slower one.
+
+    ``region``: a radius, or True for the [region] of the problem.  Raises: SpecError for another one.
+    """
+    if region is True:
+        asked = _file_region(problem, request)
+    else:
+        cure = "Give the largest |e_i| of a start, or True for the problem's [region]."
+        radius = read_positive(region, "region", why=", because it is a radius", cure=cure)
+        asked = Region(radius=radius, rho=None if problem.is_linear else radius)
+    design = _region_attempt(problem, request, asked)
+    slow = {each.kind for each in design.statements} & {"gains", "rate", "max_gain"}
+    for halvings in range(1, SLOWER + 1 if slow and design.verdict is not Verdict.PROVED else 1):
+        rate = claimed(shorten(request.rate / 2**halvings, digits=3))
+        nearest = _region_attempt(problem, replace(request, rate=rate), asked)
+        if nearest.verdict is Verdict.PROVED:
+            return replace(design, nearest=nearest)
+    return design
+
+
+def _file_region(problem: Problem, request: PinningRequest) -> Region:
+    if problem.region is None:
+        text = "region = True means the [region] of the problem, and there is none."
+        raise SpecError(text, key="region", cure="Give a radius, or a [region].")
+    radius, disturbance = max(*asked_radius(problem), SMALLEST), problem.region.initial_disturbance or Fraction(0)
+    exosystem, W = problem.joint_exosystem, problem.joint_observer.W
+    if not disturbance or exosystem is None:
+        return Region(radius=radius, rho=None if problem.is_linear else radius)
+    if W is None:
+        text = "observer.W is needed, because the [region] has an initial_disturbance."
+        raise SpecError(text, key="observer.W", cure="Design W first, with design_observer.")
+    error = propose_error_bound(exosystem, W, rate=float(request.rate))
+    if error is None:
+        text = "rate must be below the decay rate of the observer, because V = N + kappa E is to reach it; got"
+        raise SpecError(f"{text} {shown_number(request.rate)}.", key="rate", cure="Ask for less, or for a faster W.")
+    rho = None if problem.is_linear else radius_needed(radius, error, disturbance)
+    return Region(radius=radius, rho=rho, disturbance=disturbance, error=error, W=W)
+
+
+def _region_attempt(problem: Problem, request: PinningRequest, asked: Region) -> PinningDesign:
+    structure = structure_of(problem, request.allowed)
+    bare = changed_problem(problem, {"pinning.gains": None})
+    limits: dict[str, Any] = {"allowed": request.allowed, "caps": request.caps, "pins": request.pins}
+    obstacle = structural_obstacle(problem, request.pins, structure) or _unordered(bare, request)
+    obstacle = obstacle or too_fast(problem, request.rate, **limits, propose=slow_directions)
+    found = obstacle or _on(bare, request, asked, request.allowed)
+    if isinstance(found, Statement):
+        return without_gains(request, structure, found, radius=asked.radius)
+    most = request.pins
+    if most is None or (most != FEWEST and len(found.gains) <= int(most)):
+        return _region_design(request, asked, found, structure)
+    if most != FEWEST:
+        fewer = _on(bare, request, asked, _heaviest(found, request, structure.groups, int(most)))
+        if isinstance(fewer, BoxGains):
+            return _region_design(request, asked, fewer, structure)
+        text = f"no {most} of the allowed agents were found with which the certificate reaches the rate"
+        text += f" {shown_number(request.rate)} over the region; {len(found.gains)} agents do."
+        return without_gains(request, structure, undecided("pins", text), radius=asked.radius)
+    low, high, least = max(1, structure.least), len(found.gains), str(structure.least)
+    while low < high:
+        middle = (low + high) // 2
+        fewer = _on(bare, request, asked, _heaviest(found, request, structure.groups, middle))
+        if isinstance(fewer, Statement):
+            low = middle + 1
+        else:
+            found, high = fewer, len(fewer.gains)
+    pins = len(found.gains)
+    if pins <= max(1, structure.least):
+        fewest = proved("pins", f"No fewer than {counted(pins, 'pinned agent')} can do.", least=least)
+    else:
+        text = f"{pins} pinned agents do; at least {least} are needed, and fewer than {pins} were not found."
+        fewest = undecided("pins", text, least=least)
+    return _region_design(request, asked, found, structure, fewest)
+
+
+def _unordered(bare: Problem, request: PinningRequest) -> Statement | None:
+    """A proof that no v exists for any radius, whatever the gains: agents that no order serves."""
+    if not acts_by_component(bare):
         return None
-    while high > low * 1.001:
-        middle = math.sqrt(low * high)
-        low, high = (low, middle) if proposer.fastest(request.allowed, middle) > rate else (middle, high)
-    return Fraction(high * 1.001)
+    labels = bare.network.labels
+    held = changed_problem(bare, {"pinning.gains": {labels[i]: Fraction(1) for i in request.allowed}})
+    ordering = find_ordering(held)
+    if ordering.exists:
+        return None
+    stuck = name_agents([labels[i] for i in ordering.stuck])
+    modes = f" ({', '.join(dict.fromkeys(ordering.blocking))})" if len(bare.network.modes) > 1 else ""
+    text = f"no gains on the allowed agents have a max-separable certificate, of any radius: each of {stuck} may not be"
+    text += f" pinned and in one of the modes hears nobody but these{modes}."
+    return refuted("ordering", text, agents=", ".join(labels[i] for i in ordering.stuck[:50]))
+
+
+def _on(bare: Problem, request: PinningRequest, asked: Region, agents: Sequence[int]) -> BoxGains | Statement:
+    """Gains on these agents with the whole certificate of the region, or why not."""
+    found = gains_for_box(bare, replace(request, allowed=tuple(sorted(agents))), rho=asked.rho)
+    if isinstance(found, Statement):
+        return found
+    certificate = replace(found.certificate, error=asked.error)
+    wrong = ""
+    if asked.error is not None:
+        decided = verify_composite(found.problem, asked.W, certificate)
+        wrong = "" if decided.verdict is Verdict.PROVED else f": {decided.reason}"
+    reaches = covers(certificate, radius=asked.radius, disturbance=asked.disturbance)
+    if wrong or not reaches or composite_rate(certificate) < request.rate:
+        return undecided("observer", f"the observer's part is not proved{wrong or '.'}")
+    return replace(found, certificate=certificate)
+
+
+def gains_for_box(bare: Problem, request: PinningRequest, *, rho: Fraction | None) -> BoxGains | Statement:
+    """Cheap gains on the allowed agents of a problem without gains, with a max-separable certificate of the box rho.
+
+    It decays at ``request.rate`` for all s in (0, rho] (None: linear couplings, every s), for every switching among the
+    modes.  Returns: an UNDECIDED Statement where none were found.
+    """
+    if not acts_by_component(bare):
+        text = "does not apply: the max-separable certificate is for couplings that act on each state component by"
+        return undecided("method", f"{text} itself.")
+    try:  # whatever v is, |e_j - e_i| reaches 2 rho at least
+        coupling_profiles(bare, (Fraction(1),) * bare.n, rho=rho, modes=tuple(bare.network.modes))
+    except UndefinedError as error:
+        return undecided("method", f"does not apply: {error}")
+    labels = bare.network.labels
+    for tilt in BOX_TILTS:
+        for v, proposed in propose_for_box(bare, request, rho=rho, rate=float(request.rate * (1 + tilt))):
+            gains = typed_gains(dict(enumerate(proposed.tolist())), digits=request.digits, caps=request.caps)
+            held = changed_problem(bare, {"pinning.gains": {labels[i]: k for i, k in gains.items()}})
+            claim = Separable(v=v, alpha=request.rate, rho=rho)
+            if gains and verify_separable(held, claim).verdict is Verdict.PROVED:
+                return BoxGains(gains=gains, certificate=claim, problem=held)
+    where = "" if rho is None else f" over |e_i| <= {shown_number(rho)}"
+    return undecided(
+        "gains",
+        "no gains on the allowed agents were found with which the max-separable certificate reaches the rate"
+        f" {shown_number(request.rate)}{where}, and no proof that there are none.",
+    )
+
+
+def _heaviest(found: BoxGains, request: PinningRequest, groups: Sequence[Sequence[int]], pins: int) -> tuple[int, ...]:
+    """The agents that carry most of the gains without the limit; each group needs one."""
+    order = sorted(request.allowed, key=lambda i: (-found.gains.get(i, 0), i))
+    chosen: list[int] = []
+    for group in groups:
+        if not set(group) & set(chosen):
+            chosen.append(next(i for i in order if i in group))
+    return tuple((chosen + [i for i in order if i not in chosen])[:pins])
+
+
+def _region_design(
+    request: PinningRequest, asked: Region, found: BoxGains, structure: Structure, *more: Statement
+) -> PinningDesign:
+    labels = found.problem.network.labels
+    gains, cost = {labels[i]: k for i, k in found.gains.items()}, cost_of(request, found.gains)
+    weights = f"max_i |e_i|/v_i (v from 1 to {float(max(found.certificate.v)):.4g})"
+    errors = "" if asked.error is None else " plus the observer's part"
+    still = ", with eps = 0" if asked.error is None else ""
+    rate, radius = number_text(request.rate), number_text(asked.radius)
+    text = f"{weights}{errors} decays from every start {asked}{still}, at the rate {rate}, for the gains as they are"
+    reached = proved("region", f"{text} written.", rate=rate, radius=radius)
+    return PinningDesign(
+        verdict=Verdict.PROVED,
+        request=request,
+        gains=gains,
+        rate=request.rate,
+        cost=cost,
+        structural_minimum=structure.least if structure.exact else None,
+        statements=(reached, *more),
+        problem=found.problem,
+        certificate=found.certificate,
+        radius=asked.radius,
+        reason=f"gains on {name_agents(tuple(gains))} reach the rate {shown_number(request.rate)} over {asked} at the"
+        f" cost {float(cost):.6g}.",
+    )

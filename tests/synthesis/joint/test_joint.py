@@ -227,7 +227,7 @@ def test_the_price_of_the_rate_is_the_slope_of_the_smallest_gain():
     for rate in (0.2, 0.5, 0.8):
         found = search.smallest([0], {}, rate)
         assert found is not None
-        assert found.total == pytest.approx(rate)  # agent 1 hears nobody: k = b
+        assert sum(found.gains.values()) == pytest.approx(rate)  # agent 1 hears nobody: k = b
         assert found.rate_price == pytest.approx(1)
 
 
@@ -237,6 +237,6 @@ def test_the_gains_of_a_linear_ring_are_those_of_the_closed_form():
     rate = 0.1
     found = search.smallest([0], {}, rate)
     assert found is not None
-    assert found.total == pytest.approx(rate + (1 - rate) ** -4 - 1)
+    assert sum(found.gains.values()) == pytest.approx(rate + (1 - rate) ** -4 - 1)
     slope = 1 + 4 * (1 - rate) ** -5
     assert found.rate_price == pytest.approx(slope)

@@ -12,9 +12,7 @@ import dobc_design as dd
 from dobc_design.errors import SpecError
 from dobc_design.exact.matrix import multiply, subtract, to_float, transpose
 from dobc_design.exact.polynomial import decide_hurwitz
-from dobc_design.synthesis.observer.decide import rate_holds
-from dobc_design.synthesis.observer.propose import make_plant, propose_gains
-from dobc_design.synthesis.observer.request import (
+from dobc_design.synthesis.observer.claim import (
     Cone,
     Disk,
     HalfPlane,
@@ -23,6 +21,8 @@ from dobc_design.synthesis.observer.request import (
     common_interval,
     read_observer_request,
 )
+from dobc_design.synthesis.observer.decide import rate_holds
+from dobc_design.synthesis.observer.propose import make_plant, propose_gains
 from dobc_design.verdict import Verdict
 
 SHAPES = {

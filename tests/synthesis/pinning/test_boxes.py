@@ -18,7 +18,7 @@ from dobc_design.conditions.separable.observer import covers, verify_composite
 from dobc_design.errors import SpecError
 from dobc_design.problem.network import Network
 from dobc_design.problem.problem import Problem
-from dobc_design.synthesis.pinning import regions
+from dobc_design.synthesis.pinning import search
 from dobc_design.verdict import Verdict
 
 RATE = Fraction(1, 10)
@@ -174,11 +174,11 @@ def test_pins_are_limited_and_the_fewest_are_found():
 
 def test_a_box_that_does_not_hold_the_region_is_no_proof(monkeypatch):
     """Halved weights prove the same rows, and a box of half the size."""
-    propose = regions.propose_for_box
+    propose = search.propose_for_box
     cheaper = lambda *given, **more: ((tuple(x / 2 for x in v), k) for v, k in propose(*given, **more))  # noqa: E731
     problem = cycle(4, gains={})
     assert dd.design_pinning(problem, rate="1/10", region=1).verdict is Verdict.PROVED
-    monkeypatch.setattr(regions, "propose_for_box", cheaper)
+    monkeypatch.setattr(search, "propose_for_box", cheaper)
     assert dd.design_pinning(problem, rate="1/10", region=1).verdict is Verdict.UNDECIDED
 
 

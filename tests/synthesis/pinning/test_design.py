@@ -23,6 +23,7 @@ from dobc_design.conditions.consensus.pinning import for_rate, network_blocks, o
 from dobc_design.errors import SpecError
 from dobc_design.problem.network import Network
 from dobc_design.problem.problem import Problem
+from dobc_design.synthesis.pinning.claim import read_request
 from dobc_design.synthesis.pinning.decide import (
     Ground,
     limit_of,
@@ -33,7 +34,6 @@ from dobc_design.synthesis.pinning.decide import (
     too_fast,
 )
 from dobc_design.synthesis.pinning.propose import make_proposer, slow_directions
-from dobc_design.synthesis.pinning.request import read_request
 from dobc_design.verdict import Verdict
 
 

@@ -20,9 +20,8 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from dobc_design.errors import SpecError
-from dobc_design.plotting.look import BLUE, GRID, INK, MUTED, PAPER, VERMILLION, short, styled
+from dobc_design.plotting.look import BLUE, GRID, INK, MUTED, PAPER, VERMILLION, short, styled, write_new
 from dobc_design.plotting.runs import Run
-from dobc_design.plotting.sheet import write_new
 
 Array = NDArray[np.float64]
 Arcs = Mapping[str, Sequence[tuple[int, int]]]

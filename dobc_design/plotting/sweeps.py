@@ -15,20 +15,8 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter, LogLocator, MaxNLocator, StrMethodFormatter
 from numpy.typing import NDArray
 
-from dobc_design.plotting.look import (
-    BLUE,
-    DASHED,
-    GREEN,
-    INK,
-    MARKERS,
-    MUTED,
-    PURPLE,
-    SERIES,
-    VERMILLION,
-    power_of_ten,
-    short,
-)
-from dobc_design.plotting.sheet import Sheet
+from dobc_design.plotting import look
+from dobc_design.plotting.look import BLUE, DASHED, GREEN, INK, MUTED, PURPLE, SERIES, VERMILLION, Sheet, short
 
 Array = NDArray[np.float64]
 MOST_SERIES = len(SERIES)
@@ -119,7 +107,7 @@ def _line(ax: Axes, x: Places, value: Array, own: NDArray[np.bool_], *, name: st
         if len(found):
             middle[tick], low[tick], high[tick] = np.median(found), found.min(), found.max()
     colour = SERIES[place % len(SERIES)]
-    ax.plot(x.ticks, middle, color=colour, marker=MARKERS[place % len(MARKERS)], label=short(name) or None)
+    ax.plot(x.ticks, middle, color=colour, marker=look.MARKERS[place % len(look.MARKERS)], label=short(name) or None)
     if np.nanmax(high - low, initial=0.0) > 0:
         ax.fill_between(x.ticks, low, high, color=colour, alpha=0.15, linewidth=0)
 
@@ -280,7 +268,7 @@ def _panel(ax: Axes, sweep: SweepLike, *, tolerance: float, bottom: float, top: 
         ax.invert_xaxis()  # severe is to the right, as everywhere
     ax.set_title(TITLES.get(sweep.option, sweep.option))
     ax.set_xlabel(("never breaks; " if sweep.breaks is None else "") + UNITS.get(sweep.unit, f"in {sweep.unit}"))
-    ax.yaxis.set_major_formatter(FuncFormatter(power_of_ten))
+    ax.yaxis.set_major_formatter(FuncFormatter(look.power_of_ten))
     if sweep.option not in LINEAR:
         ax.xaxis.set_major_locator(LogLocator(subs=(1, 2, 5)))
         ax.xaxis.set_major_formatter(StrMethodFormatter("{x:g}"))
@@ -298,7 +286,7 @@ def _periods(ax: Axes, period: float | None, certified: float | None) -> None:
         low, high = sorted(ax.get_xlim())
         if high > MOST_FINE_TICKS * low:
             ax.xaxis.set_major_locator(LogLocator(numticks=5))
-            ax.xaxis.set_major_formatter(FuncFormatter(power_of_ten))
+            ax.xaxis.set_major_formatter(FuncFormatter(look.power_of_ten))
             ax.minorticks_off()
     if period is not None or certified is not None:
         ax.legend(loc="center left", bbox_to_anchor=(0.06, 0.45), handlelength=1.4, frameon=True, edgecolor="none")

@@ -55,8 +55,8 @@ from dobc_design.simulation.trajectory import (
 )
 
 if TYPE_CHECKING:
+    from dobc_design.plotting.look import Sheet
     from dobc_design.plotting.runs import Envelope
-    from dobc_design.plotting.sheet import Sheet
 
 COLUMN_NUMBERS = 1 << 15  # states n m of the runs of one chunk; some 60 arrays of this size are in use
 MOST_STORED = 1 << 28  # numbers of an ensemble that keeps its states: 2 GiB

@@ -7,7 +7,7 @@ Runs come as anything that has a Trajectory's or an Ensemble's arrays.  A certif
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 from matplotlib import colormaps
@@ -22,6 +22,8 @@ from dobc_design.plotting.look import BLUE, DASHED, DOTTED, GREEN, INK, MUTED, P
 
 Array = NDArray[np.float64]
 Envelope = ArrayLike | Callable[[Array], Array]
+Run = Any  # a simulation.trajectory.Trajectory, or what has its arrays; that room rests on this one
+Runs = Any  # a simulation.ensemble.Ensemble
 MOST_COMPONENTS = 3
 MOST_ESTIMATES = 3
 MOST_BOUNDS = 200  # points at which a certified bound is asked for
@@ -30,45 +32,6 @@ FEW_DECADES = 3
 WIDTH, PANEL, BAND = 7.0, 1.75, 0.32  # inches
 LEVELS = (0.05, 0.25, 0.5, 0.75, 0.95)
 _SUBSCRIPTS = str.maketrans("0123456789", "₀₁₂₃₄₅₆₇₈₉")
-
-
-class Run(Protocol):
-    """What a figure of one run needs of a ``simulation.trajectory.Trajectory``."""
-
-    @property
-    def name(self) -> str: ...
-    @property
-    def times(self) -> Array: ...
-    @property
-    def x(self) -> Array: ...
-    @property
-    def d(self) -> Array: ...
-    @property
-    def dhat(self) -> Array: ...
-    @property
-    def xi(self) -> Array: ...
-    @property
-    def goal(self) -> Array: ...
-    @property
-    def labels(self) -> tuple[str, ...]: ...
-    @property
-    def switches(self) -> Any: ...
-    @property
-    def diverged(self) -> bool: ...
-
-
-class Runs(Protocol):
-    """What a figure of many runs needs of a ``simulation.ensemble.Ensemble``."""
-
-    @property
-    def times(self) -> Array: ...
-    @property
-    def error(self) -> Array: ...
-    @property
-    def estimation_error(self) -> Array: ...
-    @property
-    def diverged(self) -> NDArray[np.bool_]: ...
-    def __len__(self) -> int: ...
 
 
 def trajectory_sheet(run: Run, *, envelope: Envelope | None = None, pinned: Sequence[int] = ()) -> Sheet:
@@ -114,7 +77,7 @@ def ensemble_sheet(runs: Runs, *, envelope: Envelope | None = None) -> Sheet:
         rows = np.atleast_1d(figure.subplots(1 + has_estimate, 1, sharex=True))
         plot_quantiles(rows[0], runs.times, runs.error, colour=BLUE, what="|e|∞, in the unit of x")
         if points is not None:
-            _draw_bound(rows[0], points[:, 0], look.resolved(points[:, 1]), "certified bound on |e|∞")
+            _draw_bound(rows[0], points[:, 0], look.resolved(points[:, 1]))
         bad = int(np.count_nonzero(runs.diverged))
         rows[0].set_title(f"{len(runs)} runs" + (f", {bad} diverged" if bad else ""))
         look.legend_above(rows[0], right=True, widest=4)
@@ -183,7 +146,7 @@ def plot_errors(
         shown = np.where(values[rows] > look.SMALLEST, values[rows], np.nan)
         ax.plot(times[rows], shown, color=colour, label=name, marker=_marker(rows))
     if envelope is not None:
-        _draw_bound(ax, envelope[:, 0], look.resolved(envelope[:, 1]), "certified bound on |e|∞")
+        _draw_bound(ax, envelope[:, 0], look.resolved(envelope[:, 1]))
     elif rate is not None:
         error = next(iter(errors.values()))
         slope = error[0] * np.exp(np.clip(-rate * (times[rows] - times[0]), -700, 0))
@@ -217,7 +180,7 @@ def plot_modes(ax: Axes, switches: Any, end: float) -> Axes:
     """A band that shows which mode is active when: names for few modes, shades for many."""
     times, modes = np.asarray(switches.times), np.asarray(switches.modes)
     ends = np.minimum(np.append(times[1:], end), end)
-    used = sorted(set(modes.tolist()))
+    used = np.unique(modes).tolist()
     named = len(used) <= MOST_NAMED_MODES
     shades = [*SERIES[:4], INK, MUTED] if named else list(colormaps["cividis"](np.linspace(0, 1, len(used))))
     for place, mode in enumerate(used):
@@ -250,7 +213,7 @@ def checked_envelope(envelope: Envelope | None, times: Array) -> Array | None:
     return points
 
 
-def _draw_bound(ax: Axes, times: Array, values: Array, label: str) -> None:
+def _draw_bound(ax: Axes, times: Array, values: Array, label: str = "certified bound on |e|∞") -> None:
     ax.plot(times, values, color=INK, linestyle=DASHED, linewidth=1.2, label=label)
 
 

@@ -41,17 +41,8 @@ Values = NDArray[Any]
 MOST_MODES = 6
 MOST_AGENTS, MOST_ARCS = 300, 1500  # of a network that is drawn; beyond, it would be a grey ball
 ALONE: Final = 5.2  # inches, of one drawing in a file
-VARIABLES = {
-    look.INK: "ink",
-    look.MUTED: "muted",
-    look.GRID: "grid",
-    look.PAPER: "paper",
-    look.BLUE: "blue",
-    look.VERMILLION: "vermillion",
-    look.GREEN: "green",
-    look.PURPLE: "purple",
-}
-
+_NAMES = ("ink", "muted", "grid", "paper", "blue", "vermillion", "green", "purple")
+VARIABLES = {getattr(look, name.upper()): name for name in _NAMES}
 _FONT = re.compile(r"font-family:[^;]*")
 _LONG_DECIMAL = re.compile(r"-?\d+\.\d{3,}")
 _REFERENCE = re.compile(r"url\(#([^)]+)\)")

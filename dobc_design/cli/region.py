@@ -62,7 +62,8 @@ def region(
     from dobc_design.certification import search as searching
     from dobc_design.conditions.schedule.asked import read_tolerance
     from dobc_design.problem.load import load_problem
-    from dobc_design.report.write import plot_regions, search_sheet
+    from dobc_design.report.pictures import search_sheet
+    from dobc_design.report.write import plot_regions
 
     manner = manner_of(quiet=quiet, verbose=verbose)
     refuse_option(out, key="--out")

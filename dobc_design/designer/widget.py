@@ -27,6 +27,7 @@ from dobc_design.conditions.separable.ordering import find_ordering
 from dobc_design.conditions.separable.propose import field_of, least_above
 from dobc_design.errors import DobcError, SpecError
 from dobc_design.exact.number import parse_number
+from dobc_design.exact.reading import is_scalar_matrix
 from dobc_design.problem.changes import problem_text
 from dobc_design.problem.load import load_problem
 from dobc_design.problem.problem import Problem
@@ -171,18 +172,12 @@ def exact(value: float) -> Fraction:
 
 def _require_drawable(problem: Problem) -> None:
     if problem.n > LARGEST:
-        raise SpecError(
-            f"the network has {problem.n} agents; the drawing holds {LARGEST}.",
-            key="network.agents",
-            cure="Use certify and design for it.",
-        )
+        told = f"the network has {problem.n} agents; the drawing holds {LARGEST}."
+        raise SpecError(told, key="network.agents", cure="Use certify and design for it.")
     for agent, k in problem.pinning.gains.items():
-        if any(k[c][d] != (k[0][0] if c == d else 0) for c in range(problem.m) for d in range(problem.m)):
-            raise SpecError(
-                f"agent {problem.network.labels[agent]} has a matrix as its gain; sliders move numbers only.",
-                key="pinning.gains",
-                cure="Give one number per agent.",
-            )
+        if not is_scalar_matrix(k):
+            told = f"agent {problem.network.labels[agent]} has a matrix as its gain; sliders move numbers only."
+            raise SpecError(told, key="pinning.gains", cure="Give one number per agent.")
 
 
 def _drawn(problem: Problem) -> dict[str, Any]:

@@ -297,8 +297,7 @@ def trade_off_sheet(
             ax.minorticks_off()
         else:
             ax.set_ylim(bottom=0)
-        ax.set_xlabel(x_name)
-        ax.set_ylabel(y_name)
+        ax.set(xlabel=x_name, ylabel=y_name)
         ax.set_title(short(name, 60), parse_math=False)
 
     return Sheet(draw, width=5.2, height=3.4)

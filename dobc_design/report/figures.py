@@ -28,14 +28,22 @@ from dobc_design.plotting.look import BLUE, DASHED, DOTTED, INK, MUTED, PAPER, P
 from dobc_design.report.region_words import KINDS_OF_STARTS, MOST_SUSPECTS, lower, method_name
 from dobc_design.report.words import common_offsets
 
+Positions = NDArray[np.float64]
+Pair = tuple[int, int]
 DASHES = {"dashed": DASHED, "dotted": DOTTED}  # of bounds, in their order
 MOST_STARTS: Final = 24  # agents
 ENVELOPE_SAMPLES: Final = 201
 BELOW: Final = 0.5  # of the least bound, at the foot of its picture
+LEGEND = "An arrow from j to i: i listens to j, so information runs along the arrow."
+MOST_LABELLED = 60
+LARGEST_BY_DISTANCE = 150  # Kamada and Kawai's method takes all pairs
 _LONGEST: Final = 18  # letters of a line of a method's name
+_SIDES = ((0, -1), (0, 1), (1, 0), (-1, 0))
+_INSIDE = 3  # letters that fit into a node
+_SQUARE = Path(np.array([(-0.9, -0.9), (0.9, -0.9), (0.9, 0.9), (-0.9, 0.9), (-0.9, -0.9)]), closed=True)
 
 
-def plot_spectrum(ax: Axes, spectra: Mapping[str, ArrayLike], *, symbol: str = "λ") -> Axes:
+def plot_spectrum(ax: Axes, spectra: Mapping[str, ArrayLike]) -> Axes:
     """Eigenvalues in the complex plane, one marker per name; the half-plane that must stay empty is shaded.
 
     ``spectra``: name -> complex eigenvalues, in 1/s.  At most 400 of each are drawn, rightmost and leftmost included.
@@ -63,8 +71,7 @@ def plot_spectrum(ax: Axes, spectra: Mapping[str, ArrayLike], *, symbol: str = "
         ax.set_yticks([0])
     else:
         ax.margins(y=0.15)
-    ax.set_xlabel(f"Re {symbol} in 1/s")
-    ax.set_ylabel(f"Im {symbol} in 1/s")
+    ax.set(xlabel="Re λ in 1/s", ylabel="Im λ in 1/s")
     look.legend_above(ax)
     return ax
 
@@ -168,17 +175,10 @@ def plot_starts(ax: Axes, regions: Regions) -> Axes:
     chosen = drawn_agents(regions)
     for column, agent in enumerate(chosen):
         goal = agent.goal or 0.0
-        ax.bar(
-            column,
-            2 * agent.bound,
-            bottom=goal - agent.bound,
-            width=0.56,
-            zorder=2,
-            linewidth=1.2,
-            color=BLUE if agent.pinned else "none",
-            edgecolor=BLUE if agent.pinned else MUTED,
-            label="pinned" if agent.pinned else "not pinned",
-        )
+        fill, edge, label = (BLUE, BLUE, "pinned") if agent.pinned else ("none", MUTED, "not pinned")
+        low, size = goal - agent.bound, 2 * agent.bound
+        bar = ax.bar(column, size, bottom=low, width=0.56, zorder=2, linewidth=1.2, color=fill, edgecolor=edge)
+        bar.set_label(label)
         ax.plot([column - 0.36, column + 0.36], [goal, goal], color=INK, linewidth=1.3, zorder=3, label="goal")
     if asked is not None:
         band = asked.interval or (-asked.box, asked.box)
@@ -217,12 +217,10 @@ def plot_envelope(ax: Axes, settling: Settling) -> Axes:
         at, told = [settling.envelope(when)], f"next {kind}"
         ax.plot([when], at, zorder=4, markersize=4.5, linestyle="", marker=marker, color=colour, label=told)
     ax.axhline(tolerance, color=VERMILLION, linewidth=1.2, linestyle=DASHED, zorder=2, label="tolerance")
-    ax.set_ylim(foot, float(bounds.max()) * 1.6)
-    ax.set_xlim(0, float(times[-1]))
+    ax.set(ylim=(foot, float(bounds.max()) * 1.6), xlim=(0, float(times[-1])))
     ax.yaxis.set_major_formatter(FuncFormatter(look.power_of_ten))
     ax.minorticks_off()
-    ax.set_xlabel("time t in s")
-    ax.set_ylabel("|e|∞, in the unit of x")
+    ax.set(xlabel="time t in s", ylabel="|e|∞, in the unit of x")
     look.legend_above(ax, widest=2)
     return ax
 
@@ -239,27 +237,12 @@ def plot_search(ax: Axes, search: Falsification) -> Axes:
         label = None if rank else "another equilibrium, proved"
         ax.axhline(float(suspect.error[0]), color=INK, linewidth=1.8, label=label)
     end = max((float(suspect.times[-1]) for suspect in shown), default=search.horizon)
-    ax.set_xlim(0, end or 1.0)
-    ax.set_ylim(bottom=0)
-    ax.set_xlabel("time t in s")
-    ax.set_ylabel("|e|∞, in the unit of x")
+    ax.set(xlim=(0, end or 1.0), ylim=(0, None))
+    ax.set(xlabel="time t in s", ylabel="|e|∞, in the unit of x")
     ax.set_title(short(f"from {search.target}", 44).replace("|e|_inf <=", "|e|∞ ≤"), parse_math=False)
     if shown:
         ax.legend(loc="best")
     return ax
-
-
-# ------------------------------------------------------------------------------------------ the network
-
-Positions = NDArray[np.float64]
-Pair = tuple[int, int]
-
-LEGEND = "An arrow from j to i: i listens to j, so information runs along the arrow."
-MOST_LABELLED = 60
-LARGEST_BY_DISTANCE = 150  # Kamada and Kawai's method takes all pairs
-_SIDES = ((0, -1), (0, 1), (1, 0), (-1, 0))
-_INSIDE = 3  # letters that fit into a node
-_SQUARE = Path(np.array([(-0.9, -0.9), (0.9, -0.9), (0.9, 0.9), (-0.9, 0.9), (-0.9, -0.9)]), closed=True)
 
 
 def draw_network(
@@ -293,8 +276,7 @@ def draw_network(
     ax.set_aspect("equal")
     ax.set_axis_off()
     (left, low), (right, high) = places.min(axis=0) - 3 * radius, places.max(axis=0) + 3 * radius
-    ax.set_xlim(float(left), float(right))
-    ax.set_ylim(float(low), float(high))
+    ax.set(xlim=(float(left), float(right)), ylim=(float(low), float(high)))
     return ax
 
 

@@ -49,11 +49,8 @@ def require_typst() -> None:
     try:
         import typst  # noqa: F401 - only whether it is there
     except ImportError as error:
-        raise SpecError(
-            "a PDF needs the package typst, which is not installed.",
-            key="pdf",
-            cure="Install it (pip install dobc_design[pdf]), or print report.html from a browser.",
-        ) from error
+        cure = "Install it (pip install dobc_design[pdf]), or print report.html from a browser."
+        raise SpecError("a PDF needs the package typst, which is not installed.", key="pdf", cure=cure) from error
 
 
 def content(document: doc.Document) -> dict[str, Any]:
@@ -83,11 +80,15 @@ def compile_pdf(content: Mapping[str, Any]) -> bytes:
     known = FT2Font(str(folder / "DejaVuSans.ttf")).get_charmap()
     shipped = all(ord(each) in known or each in _INVISIBLE for each in text)
 
-    settings = {"sys_inputs": {"data": text}, "font_paths": [str(folder)], "ignore_system_fonts": shipped}
+    settings: dict[str, Any] = {
+        "sys_inputs": {"data": text},
+        "font_paths": [str(folder)],
+        "ignore_system_fonts": shipped,
+    }
     try:
-        made: bytes = typst.compile(source, format="pdf", pdf_standards=STANDARD, **settings)
+        made: bytes = typst.compile(source, pdf_standards=STANDARD, **settings)
     except typst.TypstError:  # the standard forbids some letters that a label may have; the report is still wanted
-        made = typst.compile(source, format="pdf", pdf_standards=None, **settings)
+        made = typst.compile(source, pdf_standards=None, **settings)
     return made
 
 
@@ -115,41 +116,33 @@ def _blocks(blocks: Iterable[doc.Block], level: int = 1) -> Iterator[dict[str, A
                 yield {"kind": "heading", "level": level, "text": soft(title)}
                 yield from _blocks(inner, level + 1)
             case doc.Beside(parts):
-                for part in parts:
-                    yield from _blocks(part, level)
+                yield from chain.from_iterable(_blocks(part, level) for part in parts)
             case doc.Box():
                 yield {"kind": "heading", "level": level, "text": soft(block.title)}
                 yield _text(f"{block.mark.symbol} {block.word}. {block.reason}")
                 yield _text(block.note)
             case doc.Text(words, style):
                 yield _text(words, "lead" if doc.leads(block, after) else style)
-            case _:
-                yield from _leaf(block)
-
-
-def _leaf(block: doc.Block) -> Iterator[dict[str, Any]]:
-    """What stands for a block without others inside: one part for the template, or none, or a few."""
-    match block:
-        case doc.List(items) if items:
-            yield {"kind": "list", "items": [soft(doc.plain(item), 40) for item in items]}
-        case doc.Code(lines):
-            yield {"kind": "code", "lines": [soft(line, 60) for line in lines]}
-        case doc.Formula(typst=Fraction() as bound):
-            yield {"kind": "bound", "label": f"{capitalize_first(block.label)} is", "number": number_parts(bound)}
-        case doc.Formula():
-            yield {"kind": "formula", "name": block.typst, "label": block.label, "number": block.number}
-        case doc.Matrices(items):
-            yield from map(_matrix, items)
-        case doc.Pictures(items) if items:
-            yield {"kind": "pictures", "items": [picture_parts(item) for item in items]}
-        case doc.Facts(rows):
-            yield _table(("", ""), rows)
-        case doc.Terms(items):
-            yield _table(("word", "meaning"), [(word, capitalize_first(meaning)) for word, _, meaning in items])
-        case doc.Table(columns=columns, rows=rows):
-            yield _table([each.head for each in columns], rows, columns)
-        case doc.Signatures(heads, roles):
-            yield {"kind": "signatures", "heads": ["role", *heads], "roles": list(roles)}
+            case doc.List(items) if items:
+                yield {"kind": "list", "items": [soft(doc.plain(item), 40) for item in items]}
+            case doc.Code(lines):
+                yield {"kind": "code", "lines": [soft(line, 60) for line in lines]}
+            case doc.Formula(typst=Fraction() as bound):
+                yield {"kind": "bound", "label": f"{capitalize_first(block.label)} is", "number": number_parts(bound)}
+            case doc.Formula():
+                yield {"kind": "formula", "name": block.typst, "label": block.label, "number": block.number}
+            case doc.Matrices(items):
+                yield from map(_matrix, items)
+            case doc.Pictures(items) if items:
+                yield {"kind": "pictures", "items": [picture_parts(item) for item in items]}
+            case doc.Facts(rows):
+                yield _table(("", ""), rows)
+            case doc.Terms(items):
+                yield _table(("word", "meaning"), [(word, capitalize_first(meaning)) for word, _, meaning in items])
+            case doc.Table(columns=columns, rows=rows):
+                yield _table([each.head for each in columns], rows, columns)
+            case doc.Signatures(heads, roles):
+                yield {"kind": "signatures", "heads": ["role", *heads], "roles": list(roles)}
 
 
 def _text(words: doc.Words, style: str = "plain") -> dict[str, Any]:

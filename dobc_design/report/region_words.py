@@ -55,9 +55,6 @@ def upper(value: float | None) -> str:
     return typeset(significant_away_from_zero(value))
 
 
-# ------------------------------------------------------------------------------------------ certified regions
-
-
 def region_section(problem: Problem, regions: Regions, pictures: Sequence[doc.Picture]) -> Iterator[doc.Section]:
     """From which starts each method proves consensus; nothing where nothing is said about a region."""
     if not regions.tried:
@@ -221,9 +218,6 @@ def agents_sentence(regions: Regions, *, drawn: int | None = None) -> str:
     return text if drawn is None else f"{text} {drawn} of {len(bounds)} agents are drawn."
 
 
-# ------------------------------------------------------------------------------------------ settling times
-
-
 def settling_section(
     settling: Settling | None, timings: Sequence[StageTiming], pictures: Sequence[doc.Picture]
 ) -> Iterator[doc.Section]:
@@ -298,9 +292,6 @@ def envelope_alt(settling: Settling) -> str:
         f"Certified bound of |e|∞ over time: from {upper(float(settling.envelope(0.0)))} down to"
         f" {lower(settling.tolerance)} at {upper(settling.time)} s, in {len(settling.stages)} stage(s)."
     )
-
-
-# ------------------------------------------------------------------------------------------ searches
 
 
 def search_sections(

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 from dobc_design.certificate.certificate import Certificate
 from dobc_design.certificate.files import make_folder, write_together
 from dobc_design.conditions.consensus.claim import state_theorems
-from dobc_design.conditions.schedule.checks import stage_timings
+from dobc_design.conditions.schedule.checks import StageTiming, stage_timings
 from dobc_design.exact.matrix import Matrix
 from dobc_design.problem.problem import Problem
 from dobc_design.simulation.simulations import fingerprint
@@ -81,7 +81,7 @@ def render_report(
         if not problem.groups or gain is not None:
             say("simulating")
             trajectory = replace(run_simulation(problem, gain=gain), loop_sha256=fingerprint(problem, gain))
-    settling, timings = certificate.settling, ()
+    settling, timings = certificate.settling, tuple[StageTiming, ...]()
     if settling is not None:
         say("deciding delays and sampling, stage by stage")
         timings = stage_timings(problem, settling)
@@ -152,10 +152,3 @@ def plot_regions(certificate: Certificate) -> Sheet:
     from dobc_design.report.pictures import region_sheet
 
     return region_sheet(certificate.regions)
-
-
-def search_sheet(searches: Sequence[Falsification]) -> Sheet | None:
-    """What searches found as a figure, one drawing each; None where nothing was found."""
-    from dobc_design.report.pictures import search_sheet as run
-
-    return run(searches)

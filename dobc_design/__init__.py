@@ -29,7 +29,7 @@ _HOMES = {
     "Coupling": "coupling.coupling",
     "Design": "synthesis.joint.claim",
     "Designer": "designer.widget",
-    "Disk": "synthesis.observer.request",
+    "Disk": "synthesis.observer.claim",
     "Ensemble": "simulation.runs",
     "Exosystem": "problem.exosystems",
     "Failure": "simulation.setting",

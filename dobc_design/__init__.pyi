@@ -64,11 +64,11 @@ from dobc_design.synthesis.designs import design_pinning as design_pinning
 from dobc_design.synthesis.designs import trade_off as trade_off
 from dobc_design.synthesis.joint.claim import Design as Design
 from dobc_design.synthesis.joint.claim import TradeOff as TradeOff
+from dobc_design.synthesis.observer.claim import Cone as Cone
+from dobc_design.synthesis.observer.claim import Disk as Disk
+from dobc_design.synthesis.observer.claim import HalfPlane as HalfPlane
+from dobc_design.synthesis.observer.claim import NoiseLimit as NoiseLimit
 from dobc_design.synthesis.observer.claim import ObserverDesign as ObserverDesign
-from dobc_design.synthesis.observer.request import Cone as Cone
-from dobc_design.synthesis.observer.request import Disk as Disk
-from dobc_design.synthesis.observer.request import HalfPlane as HalfPlane
-from dobc_design.synthesis.observer.request import NoiseLimit as NoiseLimit
 from dobc_design.synthesis.pinning.claim import PinningDesign as PinningDesign
 from dobc_design.verdict import Verdict as Verdict
 

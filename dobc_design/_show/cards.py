@@ -7,7 +7,6 @@ Nothing is computed here.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from collections.abc import Set as AbstractSet
 from dataclasses import dataclass, fields
@@ -16,16 +15,8 @@ from fractions import Fraction
 from itertools import islice
 from typing import Any
 
-from dobc_design._show.text import (
-    MAX_SHOWN,
-    Fragment,
-    escape_html,
-    latex_decimal,
-    latex_number,
-    latex_text,
-    mathml,
-    significant,
-)
+from dobc_design._show import text as _text
+from dobc_design._show.text import Fragment, escape_html, mathml
 
 MOST_ITEMS, MOST_ROWS, MOST_FACTS = 12, 40, 60
 LONGEST_TEXT, LONGEST_REPR = 600, 900  # characters
@@ -104,10 +95,8 @@ def html_of(card: Card) -> str:
         parts.append(_facts_html(card.facts))
     if card.rows or card.hidden:
         parts.append(_table_html(card))
-    shown = list(islice(card.lines, MOST_ITEMS))
-    parts += [f"<p>{escape_html(cut(line))}</p>" for line in shown]
-    if len(card.lines) > len(shown):
-        parts.append(f"<p>and {len(card.lines) - len(shown)} more</p>")
+    parts += [f"<p>{escape_html(cut(line))}</p>" for line in card.lines[:MOST_ITEMS]]
+    parts.append(_more(len(card.lines) - MOST_ITEMS))
     return f'<div class="dobc-shown">{STYLE}{"".join(parts)}</div>'
 
 
@@ -117,15 +106,14 @@ def latex_of(card: Card) -> str | None:
     for name, value in card.facts:
         if isinstance(value, Formula):
             lines.append(str(value))
-        elif is_matrix(value) and (entries := _matrix_latex(value)) is not None:
-            lines.append(f"{name if len(name) == 1 else latex_text(name)} = {entries}")
+        elif is_matrix(value) and (entries := _text.latex_matrix(value)) is not None:
+            lines.append(f"{name if len(name) == 1 else _text.latex_text(name)} = {entries}")
     return "\n".join(f"$$ {line} $$" for line in lines) or None
 
 
 def verdict_html(verdict: object) -> str:
     """A verdict with its sign, framed in its colour."""
-    word = escape_html(verdict)
-    sign = SIGNS.get(str(verdict), "")
+    word, sign = escape_html(verdict), SIGNS.get(str(verdict), "")
     return f'<span class="dobc-verdict dobc-{word}"><span aria-hidden="true">{sign}</span> {word}</span>'
 
 
@@ -159,20 +147,18 @@ def plain(value: object, *, quoted: bool = True) -> str:
     if isinstance(value, str):
         return repr(cut(value, 80)) if quoted else cut(value, 80)
     if isinstance(value, Fraction):
-        return significant(value, 6) if len(str(value)) > 2 * MAX_SHOWN else str(value)
+        return _text.significant(value, 6) if len(str(value)) > 2 * _text.MAX_SHOWN else str(value)
     if isinstance(value, float):
         return f"{value:.6g}"
-    if isinstance(value, Mapping):
-        items = [f"{plain(k, quoted=quoted)}: {plain(v, quoted=quoted)}" for k, v in islice(value.items(), MOST_ITEMS)]
-        return "{" + ", ".join([*items, *_rest(value)]) + "}"
-    if isinstance(value, (tuple, list, frozenset, set)):
-        items = [plain(item, quoted=quoted) for item in islice(value, MOST_ITEMS)]
-        return "[" + ", ".join([*items, *_rest(value)]) + "]"
+    if isinstance(value, (Mapping, tuple, list, frozenset, set)):
+        first = list(islice(value, MOST_ITEMS))
+        items = [plain(item, quoted=quoted) for item in first]
+        if isinstance(value, Mapping):
+            items = [f"{key}: {plain(value[own], quoted=quoted)}" for key, own in zip(items, first, strict=True)]
+        if len(value) > MOST_ITEMS:
+            items.append(f"and {len(value) - MOST_ITEMS} more")
+        return f"{{{', '.join(items)}}}" if isinstance(value, Mapping) else f"[{', '.join(items)}]"
     return cut(repr(value) if quoted else str(value), 200)
-
-
-def _rest(items: Mapping[Any, Any] | Sequence[Any] | AbstractSet[Any]) -> list[str]:
-    return [] if len(items) <= MOST_ITEMS else [f"and {len(items) - MOST_ITEMS} more"]
 
 
 def value_html(value: object) -> str:
@@ -186,9 +172,10 @@ def value_html(value: object) -> str:
     if isinstance(value, Enum) and value.value in SIGNS:
         return verdict_html(value.value)
     if isinstance(value, Fraction):
-        return mathml(latex_number(value))
+        return mathml(_text.latex_number(value))
     if is_matrix(value):
-        return _matrix_html(value)
+        entries = _text.latex_matrix(value)
+        return f"{len(value)} × {len(value[0])} matrix, too large to be shown" if entries is None else mathml(entries)
     if isinstance(value, Shown):
         card = value._card()
         return _facts_html(card.facts) if card.facts else escape_html(cut(card.text or card.title))
@@ -200,11 +187,8 @@ def value_html(value: object) -> str:
 
 
 def _facts_html(facts: Sequence[tuple[str, Any]]) -> str:
-    rows = "".join(
-        f'<tr><th scope="row">{escape_html(name)}</th><td>{value_html(value)}</td></tr>'
-        for name, value in facts[:MOST_FACTS]
-    )
-    return f"<table><tbody>{rows}</tbody></table>{_more(len(facts) - MOST_FACTS)}"
+    rows = [f'<tr><th scope="row">{escape_html(x)}</th><td>{value_html(y)}</td></tr>' for x, y in facts[:MOST_FACTS]]
+    return f"<table><tbody>{''.join(rows)}</tbody></table>{_more(len(facts) - MOST_FACTS)}"
 
 
 def _table_html(card: Card) -> str:
@@ -218,23 +202,3 @@ def _table_html(card: Card) -> str:
 
 def _more(count: int) -> str:
     return f"<p>and {count} more</p>" if count > 0 else ""
-
-
-def _matrix_latex(value: Any) -> str | None:
-    if len(value) > MAX_SHOWN or len(value[0]) > MAX_SHOWN:
-        return None
-    rows = r" \\ ".join(" & ".join(_entry(x) for x in row) for row in value)
-    return rf"\begin{{pmatrix}} {rows} \end{{pmatrix}}"
-
-
-def _entry(x: Any) -> str:
-    if isinstance(x, float):
-        return latex_decimal(x) if math.isfinite(x) else rf"\text{{{x}}}"
-    return latex_number(Fraction(x))
-
-
-def _matrix_html(value: Any) -> str:
-    entries = _matrix_latex(value)
-    if entries is None:
-        return f"{len(value)} × {len(value[0])} matrix, too large to be shown"
-    return mathml(entries)

@@ -13,20 +13,7 @@ from fractions import Fraction
 
 MAX_SHOWN = 12
 # Written outside \text{}: inside, converters to MathML take a backslash literally and end at the first brace.
-_SPECIAL = {
-    "\\": r"\backslash",
-    "{": r"\{",
-    "}": r"\}",
-    "$": r"\$",
-    "&": r"\&",
-    "#": r"\#",
-    "%": r"\%",
-    "_": r"\_",
-    "^": r"\wedge",
-    "~": r"\sim",
-    "<": "<",
-    ">": ">",
-}
+_SPECIAL = {"\\": r"\backslash", "^": r"\wedge", "~": r"\sim", "<": "<", ">": ">"} | {c: rf"\{c}" for c in "{}$&#%_"}
 
 
 def escape_html(text: object) -> str:
@@ -82,23 +69,19 @@ def _directed(value: float | Fraction | None, digits: int, rounding: str) -> str
 
 def latex_number(value: Fraction, *, longest: int = 12) -> str:
     """LaTeX of a rational: 16/5 as a fraction, long ones as a decimal marked approximate."""
-    if max(value.numerator.bit_length(), value.denominator.bit_length()) > 4 * longest:
-        return latex_decimal(value)
-    if value.denominator == 1 and len(str(value.numerator)) <= longest:
-        return str(value.numerator)
-    if len(str(value.numerator)) + len(str(value.denominator)) <= longest:
-        sign = "-" if value < 0 else ""
-        return rf"{sign}\frac{{{abs(value.numerator)}}}{{{value.denominator}}}"
+    top, bottom = value.numerator, value.denominator
+    if max(top.bit_length(), bottom.bit_length()) <= 4 * longest:
+        if bottom == 1 and len(str(top)) <= longest:
+            return str(top)
+        if len(str(top)) + len(str(bottom)) <= longest:
+            return rf"{'-' if top < 0 else ''}\frac{{{abs(top)}}}{{{bottom}}}"
     return latex_decimal(value)
 
 
 def latex_decimal(value: float | Fraction, *, digits: int = 4) -> str:
     """LaTeX of a rounded decimal, powers of ten written out."""
-    text = significant(value, digits)
-    if "e" in text:
-        mantissa, exponent = text.split("e")
-        return rf"{mantissa}\cdot 10^{{{int(exponent)}}}"
-    return text
+    mantissa, _, exponent = significant(value, digits).partition("e")
+    return rf"{mantissa}\cdot 10^{{{int(exponent)}}}" if exponent else mantissa
 
 
 def latex_text(text: str) -> str:
@@ -107,12 +90,18 @@ def latex_text(text: str) -> str:
     return rf"\text{{{inside}}}".replace(r"\text{}", "").strip()
 
 
-def latex_matrix(matrix: Sequence[Sequence[Fraction]]) -> str | None:
-    """LaTeX of a rational matrix, or None above 12 x 12."""
+def latex_matrix(matrix: Sequence[Sequence[Fraction | float]]) -> str | None:
+    """LaTeX of a matrix, or None above 12 x 12."""
     if len(matrix) > MAX_SHOWN or (matrix and len(matrix[0]) > MAX_SHOWN):
         return None
-    rows = r" \\ ".join(" & ".join(latex_number(entry) for entry in row) for row in matrix)
+    rows = r" \\ ".join(" & ".join(map(_entry, row)) for row in matrix)
     return rf"\begin{{pmatrix}} {rows} \end{{pmatrix}}"
+
+
+def _entry(x: Fraction | float) -> str:
+    if isinstance(x, float):
+        return latex_decimal(x) if math.isfinite(x) else rf"\text{{{x}}}"
+    return latex_number(Fraction(x))
 
 
 def mathml(latex: str, *, display: bool = False) -> str:
@@ -124,7 +113,4 @@ def mathml(latex: str, *, display: bool = False) -> str:
 
 def visible(text: str) -> str:
     """Show control characters and lone surrogates as escapes."""
-    return "".join(
-        character if character.isprintable() else character.encode("unicode_escape").decode("ascii")
-        for character in text
-    )
+    return "".join(each if each.isprintable() else each.encode("unicode_escape").decode("ascii") for each in text)

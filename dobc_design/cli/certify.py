@@ -126,7 +126,8 @@ def region(
     """Say from which starts consensus is proved: numbers and a picture, without a report."""
     from dobc_design.certificate.files import make_folder, write_together
     from dobc_design.problem.load import load_problem
-    from dobc_design.report.write import plot_regions, search_sheet
+    from dobc_design.report.pictures import search_sheet
+    from dobc_design.report.write import plot_regions
 
     manner = output.manner_of(quiet=quiet, verbose=verbose)
     output.refuse_option(out, key="--out")
@@ -261,7 +262,13 @@ def _shown(certificate: Certificate, searches: Sequence[Falsification], *, wide:
     from rich.text import Text
 
     from dobc_design.conditions.schedule.checks import stage_timings
-    from dobc_design.report.region_words import asked_sentence, region_rows, rest_sentence, timing_sentences
+    from dobc_design.report.region_words import (
+        asked_sentence,
+        limit_words,
+        method_name,
+        rest_sentence,
+        timing_sentences,
+    )
     from dobc_design.report.words import capitalize_first
 
     regions, settling = certificate.regions, certificate.settling
@@ -273,9 +280,9 @@ def _shown(certificate: Certificate, searches: Sequence[Falsification], *, wide:
         return
     yield Text(f"{asked_sentence(regions)}\n")
     yield _regions_table(regions, wide=wide)
-    for row in () if wide else region_rows(regions):  # the last column stands below the table
-        yield Text(f"\n{row.name}", style="bold")
-        yield Padding(Text(row.limit), (0, 0, 0, 2))
+    for claim in () if wide else regions.claims:  # the last column stands below the table
+        yield Text(f"\n{method_name(claim)}", style="bold")
+        yield Padding(Text(limit_words(claim)), (0, 0, 0, 2))
     sentences = [*filter(None, [rest_sentence(regions)]), *timing_sentences(regions)]
     yield from (Text(f"\n{sentence}") for sentence in sentences)
     yield from output.settling_parts(settling, () if settling is None else stage_timings(certificate.problem, settling))
@@ -285,18 +292,19 @@ def _shown(certificate: Certificate, searches: Sequence[Falsification], *, wide:
 def _regions_table(regions: Regions, *, wide: bool) -> RenderableType:
     from rich.text import Text
 
-    from dobc_design.report.region_words import region_rows, time_head
+    from dobc_design.report import region_words as told
 
     sizes = ["|e|∞ ≤", "|e|₂ ≤"] if wide else ["|e|∞ ≤"]
-    table = output.make_table(["method", "verdict", *sizes, "rate 1/s", time_head(regions), "covers"])
+    table = output.make_table(["method", "verdict", *sizes, "rate 1/s", told.time_head(regions), "covers"])
     if wide:
         table.add_column("all at once" + ("" if regions.asked is None else ", ┊ asked for"), no_wrap=True)
         table.add_column("why not further", overflow="fold")
-    for claim, row, bar in zip(regions.claims, region_rows(regions), _bars(regions), strict=True):
-        size = "local" if claim.kind == "near" else row.box
-        cells = [size, *([row.ball] if wide else []), row.rate, row.time, row.covers]
-        last = [Text(bar, style="blue"), Text(row.limit)] if wide else []
-        table.add_row(Text(row.name), output.verdict_text(row.verdict), *map(Text, cells), *last)
+    for claim, bar in zip(regions.claims, _bars(regions), strict=True):
+        size = "local" if claim.kind == "near" else told.size_words(claim, claim.box)
+        more = [told.lower(claim.rate), told.time_words(claim), told.covers_words(claim, regions)]
+        cells = [size, *([told.size_words(claim, claim.ball)] if wide else []), *more]
+        last = [Text(bar, style="blue"), Text(told.limit_words(claim))] if wide else []
+        table.add_row(Text(told.method_name(claim)), output.verdict_text(claim.verdict.value), *map(Text, cells), *last)
     return table
 
 

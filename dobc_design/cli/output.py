@@ -240,33 +240,36 @@ def settling_parts(settling: Settling | None, timings: Sequence[StageTiming] = (
     """The stages as a table, with what they allow; nothing without a proved settling time."""
     from rich.text import Text
 
-    from dobc_design.report.region_words import NONE, settling_view
+    from dobc_design.report.region_words import NONE, settling_sentence, stages_table, timing_notes
 
-    view = settling_view(settling, timings)
-    if view is None:
+    if settling is None or settling.time is None:
         return
-    yield Text(f"\n{view['sentence']}\n")
-    cells = [row.cells for row in view["rows"]]
-    columns = [k for k in range(len(view["heads"])) if any(row[k] != NONE for row in cells)]
-    yield make_table([view["heads"][k] for k in columns], [[row[k] for k in columns] for row in cells])
-    if view["timing"]:
-        yield Text(f"\n{view['timing']}", style="dim")
+    yield Text(f"\n{settling_sentence(settling)}\n")
+    table = stages_table(settling, timings)
+    columns = [k for k in range(len(table.columns)) if any(row[k] != NONE for row in table.rows)]
+    yield make_table([table.columns[k].head for k in columns], [[str(row[k]) for k in columns] for row in table.rows])
+    yield from (Text(f"\n{note}", style="dim") for note in timing_notes(timings))
 
 
 def search_parts(searches: Sequence[Falsification]) -> Iterator[RenderableType]:
     """Every search: what was tried, what is suspect, what is proved."""
     from rich.text import Text
 
-    from dobc_design.report.search_words import search_view
+    from dobc_design.report.document import List, Table, plain
+    from dobc_design.report.document import Text as Paragraph
+    from dobc_design.report.region_words import search_sections
 
-    for view in search_view(searches):
-        yield Text(f"\n{view['title']}", style="bold")
-        yield Text(f"{view['tried']} {view['found']}")
-        yield from (Text(sentence) for sentence in view["proved"])
-        if view["rows"]:
-            yield Text("")
-            yield make_table(view["heads"], [row.cells for row in view["rows"]])
-        yield from (Text(f"\n{sentence}", style="dim") for sentence in (view["warning"], *view["notes"]) if sentence)
+    for section in search_sections(searches):
+        yield Text(f"\n{section.title}", style="bold")
+        for place, block in enumerate(section.blocks):
+            match block:
+                case Paragraph(words):
+                    yield Text(plain(words)) if place == 0 else Text(f"\n{plain(words)}", style="dim")
+                case List(items):
+                    yield from (Text(plain(item)) for item in items)
+                case Table(columns=columns, rows=rows):
+                    yield Text("")
+                    yield make_table([column.head for column in columns], [list(map(str, row)) for row in rows])
 
 
 def folder_name(name: str) -> str:

@@ -1,25 +1,38 @@
-"""The widget: what it shows follows from the problem it was made of and from what was moved since."""
+"""The widget: what it shows follows from the problem it was made of and from what was moved since.
+
+While the hand still moves it shows estimates in floating point; when it rests, the exact verdict.
+"""
 
 from __future__ import annotations
 
+import math
 import threading
 import time
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass, replace
 from fractions import Fraction
 from os import PathLike
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from dobc_design._show.text import significant_towards_zero
 from dobc_design.certificate.certificate import Certificate
 from dobc_design.certificate.files import write_atomically
 from dobc_design.certification.certify import certify
-from dobc_design.designer.preview import Preview, preview, remade
+from dobc_design.conditions.consensus.propose import float_lambda, largest_eigenvalue
+from dobc_design.conditions.separable.claim import acts_by_component
+from dobc_design.conditions.separable.ordering import find_ordering
+from dobc_design.conditions.separable.propose import field_of, least_above
 from dobc_design.errors import DobcError, SpecError
 from dobc_design.exact.number import parse_number
+from dobc_design.exact.reading import is_scalar_matrix
 from dobc_design.problem.changes import problem_text
 from dobc_design.problem.load import load_problem
 from dobc_design.problem.problem import Problem
-from dobc_design.report.drawing import positions
+from dobc_design.report.figures import positions
+from dobc_design.simulation.runs import simulate
 
 try:
     import anywidget
@@ -33,6 +46,10 @@ FOLDER = Path(__file__).parent
 LARGEST = 200  # agents that a drawing to be clicked holds
 GAIN = 5.0  # 1/s, of an agent that is clicked
 DIGITS = 6  # of what a slider says
+HALVINGS = 7
+SCALES = 8  # sizes of the box, down to the smallest, at which it has to shrink
+SMALLEST = 1 / 64  # of the radius asked for: below that nothing is shown
+POINTS = 120  # of a curve
 
 
 class Designer(anywidget.AnyWidget):  # type: ignore[misc]
@@ -115,33 +132,29 @@ class Designer(anywidget.AnyWidget):  # type: ignore[misc]
         started = time.perf_counter()
         gains, radius = dict(self.gains), self.radius
         before = self._seen  # what a drag leaves as it is need not be computed again
-        same = before is not None and before[0] == gains
+        same_gains = before[2] if before is not None and before[0] == gains else None
+        same_start = same_gains if before is not None and before[1] == radius else None
+        t_final = float(self._base.simulation.t_final)
+        same = {"same_gains": same_gains, "same_start": same_start}
         try:
-            seen = preview(
-                self.problem,
-                radius=radius,
-                rate=self.rate,
-                t_final=float(self._base.simulation.t_final),
-                same_gains=before[2] if before is not None and same else None,
-                same_start=before[2] if before is not None and same and before[1] == radius else None,
-            )
-            self._seen, found = (gains, radius, seen), seen.to_json()
+            seen = preview(self.problem, radius=radius, rate=self.rate, t_final=t_final, **same)
+            self._seen = gains, radius, seen
         except DobcError as error:
-            self._seen = None
-            found = {"note": str(error), "lambda_max": None, "reach": 0.0, "times": [], "errors": []}
-        self.numbers = found | {"version": self.version, "milliseconds": round(1000 * (time.perf_counter() - started))}
+            self._seen, seen = None, Preview(note=str(error))
+        taken = {"version": self.version, "milliseconds": round(1000 * (time.perf_counter() - started))}
+        self.numbers = asdict(seen) | taken
 
     def _asked(self, _widget: Any, content: Any, _buffers: Any) -> None:
         kind = content.get("kind") if isinstance(content, dict) else None
         if kind == "certify" and content.get("version") == self.version:
             threading.Thread(target=self._certify_quietly, daemon=True).start()
         elif kind == "save":
-            path, replace = str(content.get("path", "")), content.get("replace") is True
+            path, force = str(content.get("path", "")), content.get("replace") is True
             try:
-                if Path(path).exists() and not replace:
+                if Path(path).exists() and not force:
                     cure = "Choose another name, or tick replace."
                     raise SpecError(f"{path} is there already.", key="path", cure=cure)
-                self.send({"kind": "saved", "text": f"Saved as {self.save(path, force=replace)}."})
+                self.send({"kind": "saved", "text": f"Saved as {self.save(path, force=force)}."})
             except (DobcError, OSError) as error:
                 self.send({"kind": "saved", "text": str(error)})
 
@@ -159,18 +172,12 @@ def exact(value: float) -> Fraction:
 
 def _require_drawable(problem: Problem) -> None:
     if problem.n > LARGEST:
-        raise SpecError(
-            f"the network has {problem.n} agents; the drawing holds {LARGEST}.",
-            key="network.agents",
-            cure="Use certify and design for it.",
-        )
+        told = f"the network has {problem.n} agents; the drawing holds {LARGEST}."
+        raise SpecError(told, key="network.agents", cure="Use certify and design for it.")
     for agent, k in problem.pinning.gains.items():
-        if any(k[c][d] != (k[0][0] if c == d else 0) for c in range(problem.m) for d in range(problem.m)):
-            raise SpecError(
-                f"agent {problem.network.labels[agent]} has a matrix as its gain; sliders move numbers only.",
-                key="pinning.gains",
-                cure="Give one number per agent.",
-            )
+        if not is_scalar_matrix(k):
+            told = f"agent {problem.network.labels[agent]} has a matrix as its gain; sliders move numbers only."
+            raise SpecError(told, key="pinning.gains", cure="Give one number per agent.")
 
 
 def _drawn(problem: Problem) -> dict[str, Any]:
@@ -208,3 +215,99 @@ def _said(certificate: Certificate) -> dict[str, Any]:
         "text": certificate.reason,
         "rate": None if certificate.rate is None else significant_towards_zero(certificate.rate),
     }
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Preview:
+    """Estimates for one problem: numbers in floating point, in a fraction of a second, and no proofs.
+
+    ``lambda_max``: the largest eigenvalue of Lambda over all modes in 1/s, None where h may have a kink.  ``reach``:
+    the largest box |e|_inf <= reach, up to the radius asked for, that seems to shrink at the rate asked for (the
+    network alone, without the observer); 0 if none does.  ``errors`` (agents, times): |x_i - goal_i|_inf at ``times``
+    in s.  ``note``: why something is missing.
+    """
+
+    lambda_max: float | None = None
+    reach: float = 0.0
+    times: Sequence[float] = ()
+    errors: Sequence[Sequence[float]] = ()
+    note: str
+
+
+def preview(
+    problem: Problem,
+    *,
+    radius: float,
+    rate: float,
+    t_final: float,
+    same_gains: Preview | None = None,
+    same_start: Preview | None = None,
+) -> Preview:
+    """Estimate everything.  ``radius`` in the unit of x, ``rate`` in 1/s, ``t_final`` in s.
+
+    ``same_gains``: of this problem with another radius or rate, whose lambda_max is taken over; ``same_start``: with
+    another rate only, whose response is taken over too.
+    """
+    seen = _response(problem, radius, t_final) if same_start is None else same_start
+    top = _lambda_max(problem) if same_gains is None else same_gains.lambda_max
+    return replace(seen, lambda_max=top, reach=_reach(problem, radius, rate))
+
+
+def _lambda_max(problem: Problem) -> float | None:
+    if any(coupling.nonsmooth for coupling in problem.couplings):
+        return None
+    tops = []
+    for mode in problem.network.modes:
+        try:
+            tops.append(largest_eigenvalue(float_lambda(problem, mode)).value)
+        except (ArithmeticError, DobcError):
+            return None
+    return float(max(tops)) if all(math.isfinite(top) for top in tops) else None
+
+
+def _reach(problem: Problem, radius: float, rate: float) -> float:
+    if not acts_by_component(problem) or not find_ordering(problem).exists:
+        return 0.0
+    if _shrinks(problem, radius, rate):
+        return radius
+    low, high = 0.0, radius
+    for _ in range(HALVINGS):
+        middle = (low + high) / 2
+        low, high = (middle, high) if _shrinks(problem, middle, rate) else (low, middle)
+        if high < SMALLEST * radius:
+            return 0.0
+        if high - low < 0.02 * high:
+            break
+    return low
+
+
+def _shrinks(problem: Problem, radius: float, rate: float) -> bool:
+    try:
+        field = field_of(problem, rho=radius)
+    except (ArithmeticError, DobcError):
+        return False
+    field = replace(field, grid=field.grid[:: max(1, len(field.grid) // SCALES)])  # enough for an estimate
+    return least_above(field, alpha=rate, lower=np.ones(problem.n)) is not None
+
+
+def _response(problem: Problem, radius: float, t_final: float) -> Preview:
+    """The network without disturbances, from a start on the box's boundary that is the same every time."""
+    goals = np.array([[float(value) for value in problem.goal_of(agent)] for agent in range(problem.n)])
+    start = goals + radius * np.random.default_rng(0).choice((-1.0, -0.5, 0.5, 1.0), size=goals.shape)
+    alone = remade(problem, dict.fromkeys(("exosystem", "observer", "groups", "region", "switching", "simulation")))
+    mode = next(iter(problem.network.modes))
+    try:
+        run = simulate(alone, mode=mode, start={"x": start}, t_final=t_final, samples=POINTS, tolerance=1e-5)
+    except DobcError as error:
+        return Preview(note=str(error))
+    errors = np.abs(run.x - goals).max(axis=2)  # (times, agents)
+    rows = [[float(f"{value:.4g}") for value in row] for row in errors.T]
+    times = [float(f"{t:.4g}") for t in run.times]
+    return Preview(times=times, errors=rows, note=run.reason if run.diverged else "")
+
+
+def remade(problem: Problem, changes: Mapping[str, Any]) -> Problem:
+    """The problem with some arguments of its constructor replaced.  Raises: SpecError as that does."""
+    remake, (given,) = problem.__reduce__()
+    made: Problem = remake(given | dict(changes))
+    return made

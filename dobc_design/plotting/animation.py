@@ -20,9 +20,8 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from dobc_design.errors import SpecError
-from dobc_design.plotting.look import BLUE, GRID, INK, MUTED, PAPER, VERMILLION, short, styled
+from dobc_design.plotting.look import BLUE, GRID, INK, MUTED, PAPER, VERMILLION, short, styled, thinned_rows, write_new
 from dobc_design.plotting.runs import Run
-from dobc_design.plotting.sheet import write_new
 
 Array = NDArray[np.float64]
 Arcs = Mapping[str, Sequence[tuple[int, int]]]
@@ -38,27 +37,23 @@ def write_animation(run: Run, path: Path, *, arcs: Arcs | None = None, force: bo
     Raises: SpecError for another ending, a network that is too large, or a GIF without Pillow.
     """
     kind = path.suffix.lower()
-    if kind == ".html":
-        return write_new(path, animation_page(run, arcs=arcs).encode("utf-8"), force=force)
-    if kind == ".gif":
-        return write_new(path, animation_gif(run, arcs=arcs), force=force)
-    raise SpecError(
-        f"an animation is saved as .html or .gif; got {path.name[:40]!r}.", key="path", cure="Choose one of the two."
-    )
+    if kind not in (".html", ".gif"):
+        told = f"an animation is saved as .html or .gif; got {path.name[:40]!r}."
+        raise SpecError(told, key="path", cure="Choose one of the two.")
+    data = animation_page(run, arcs=arcs).encode("utf-8") if kind == ".html" else animation_gif(run, arcs=arcs)
+    return write_new(path, data, force=force)
 
 
 def animation_page(run: Run, *, arcs: Arcs | None = None) -> str:
     """The page: agents on their first two components, or one component against the agents' numbers."""
-    frames = _frames(run, MOST_FRAMES)
-    links = _links(run, arcs)
-    places = _places(run)[frames]
+    frames = thinned_rows(len(run.times), MOST_FRAMES)
     data = {
         "title": run.name,
         "labels": [short(label, 12) for label in run.labels],
         "times": run.times[frames].tolist(),
-        "places": _rounded(places),
-        "goals": _rounded(_goals(run)),
-        "links": [pairs.tolist() for pairs in links],
+        "places": _rounded(_in_plane(run.x)[frames]),
+        "goals": _rounded(_in_plane(run.goal)),
+        "links": [pairs.tolist() for pairs in _links(run, arcs)],
         "mode": run.switches.at(run.times[frames]).tolist(),
         "modes": list(run.switches.names),
         "axes": _axis_names(run),
@@ -80,22 +75,24 @@ def animation_gif(run: Run, *, arcs: Arcs | None = None) -> bytes:
             key="path",
             cure="Install it (pip install pillow), or save as .html.",
         ) from None
-    links, places = _links(run, arcs), _places(run)
-    chosen = _frames(run, MOST_GIF_FRAMES)
+    links, places, goals = _links(run, arcs), _in_plane(run.x), _in_plane(run.goal)
+    chosen = thinned_rows(len(run.times), MOST_GIF_FRAMES)
     modes = run.switches.at(run.times[chosen])
+    every = np.concatenate([places.reshape(-1, 2), goals])
+    low, high = every.min(axis=0), every.max(axis=0)
+    room = 0.06 * np.maximum(high - low, 1e-9)
+    low, high = low - room, high + room
     pictures = []
     with styled():
         figure = Figure(figsize=(4.6, 4.0), layout="constrained", facecolor="white", dpi=100)
         ax = figure.add_subplot()
-        low, high = _limits(places, _goals(run))
         for frame, mode in zip(chosen.tolist(), modes.tolist(), strict=True):
             ax.clear()
             ax.add_collection(LineCollection(places[frame][links[mode]].tolist(), colors=MUTED, linewidths=0.7))
-            ax.plot(*_goals(run).T, linestyle="none", marker="x", color=VERMILLION, label="goal")
+            ax.plot(*goals.T, linestyle="none", marker="x", color=VERMILLION, label="goal")
             ax.plot(*places[frame].T, linestyle="none", marker="o", color=BLUE, label="agent")
-            ax.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]))
-            ax.set_xlabel(_axis_names(run)[0])
-            ax.set_ylabel(_axis_names(run)[1])
+            xlabel, ylabel = _axis_names(run)
+            ax.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]), xlabel=xlabel, ylabel=ylabel)
             title = f"{short(run.name)}, t = {run.times[frame]:.2f} s, {short(run.switches.names[mode])}"
             ax.set_title(title, parse_math=False)
             buffer = io.BytesIO()
@@ -106,23 +103,11 @@ def animation_gif(run: Run, *, arcs: Arcs | None = None) -> bytes:
     return out.getvalue()
 
 
-def _frames(run: Run, most: int) -> NDArray[np.intp]:
-    count = len(run.times)
-    return np.unique(np.linspace(0, count - 1, min(count, most)).round().astype(np.intp))
-
-
-def _places(run: Run) -> Array:
-    """Positions (T, n, 2)."""
-    if run.x.shape[2] >= 2:
-        return np.asarray(run.x[:, :, :2])
-    numbers = np.broadcast_to(np.arange(1.0, run.x.shape[1] + 1), run.x.shape[:2])
-    return np.stack([run.x[:, :, 0], numbers], axis=2)
-
-
-def _goals(run: Run) -> Array:
-    if run.goal.shape[1] >= 2:
-        return np.asarray(run.goal[:, :2])
-    return np.stack([run.goal[:, 0], np.arange(1.0, len(run.goal) + 1)], axis=1)
+def _in_plane(values: Array) -> Array:
+    """Positions (..., n, 2): the first two components, or the only one against the agents' numbers."""
+    if values.shape[-1] >= 2:
+        return np.asarray(values[..., :2])
+    return np.stack([values[..., 0], np.broadcast_to(np.arange(1.0, values.shape[-2] + 1), values.shape[:-1])], axis=-1)
 
 
 def _axis_names(run: Run) -> tuple[str, str]:
@@ -133,29 +118,17 @@ def _axis_names(run: Run) -> tuple[str, str]:
 
 def _links(run: Run, arcs: Arcs | None) -> list[NDArray[np.int64]]:
     """Pairs of agents (k, 2) by mode, each pair once.  Raises: SpecError for a network that is too large."""
-    n = len(run.labels)
-    if run.switches.graphs:
-        found = [np.asarray(graph).T for graph in run.switches.graphs]
-    else:
-        empty: Sequence[tuple[int, int]] = ()
-        given = [(arcs or {}).get(name, empty) for name in run.switches.names]
-        found = [np.array(pairs, dtype=np.int64).reshape(-1, 2) for pairs in given]
+    known = arcs or {}
+    found = [np.asarray(graph).T for graph in run.switches.graphs] or [
+        np.array(known.get(name, ()), dtype=np.int64).reshape(-1, 2) for name in run.switches.names
+    ]
     pairs = [np.unique(np.sort(each, axis=1), axis=0) for each in found]
-    if n > MOST_AGENTS or sum(map(len, pairs)) > MOST_LINKS:
-        raise SpecError(
-            f"an animation shows at most {MOST_AGENTS} agents and {MOST_LINKS} links; there are {n} agents and"
-            f" {sum(map(len, pairs))} links.",
-            key="animation",
-            cure="Draw a part of them yourself.",
-        )
+    agents, links = len(run.labels), sum(map(len, pairs))
+    if agents > MOST_AGENTS or links > MOST_LINKS:
+        most = f"an animation shows at most {MOST_AGENTS} agents and {MOST_LINKS} links"
+        told = f"{most}; there are {agents} agents and {links} links."
+        raise SpecError(told, key="animation", cure="Draw a part of them yourself.")
     return pairs
-
-
-def _limits(places: Array, goals: Array) -> tuple[Array, Array]:
-    every = np.concatenate([places.reshape(-1, 2), goals])
-    low, high = every.min(axis=0), every.max(axis=0)
-    room = 0.06 * np.maximum(high - low, 1e-9)
-    return low - room, high + room
 
 
 def _rounded(values: Array) -> Any:

@@ -1,4 +1,4 @@
-"""The one look of all figures, and what several plots share: thinning, names, ticks, legends.
+"""The one look of all figures, the sheet that saves itself, and what plots share: thinning, names, ticks, legends.
 
 The colours are those of Okabe and Ito that keep a contrast of 3:1 on white: they can be told apart by people with any
 colour vision.  Names of users are never read as mathematics.  pyplot is never imported.
@@ -6,14 +6,20 @@ colour vision.  Names of users are never read as mathematics.  pyplot is never i
 
 from __future__ import annotations
 
+import io
 import threading
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from os import PathLike
+from pathlib import Path
 
 import numpy as np
 from matplotlib import style
 from matplotlib.axes import Axes
+from matplotlib.figure import Figure
 from numpy.typing import NDArray
+
+from dobc_design.errors import SpecError
 
 INK, MUTED, GRID, PAPER = "#1b1e24", "#5b6470", "#d8dce2", "#fefefe"
 BLUE, VERMILLION, GREEN, PURPLE = "#0072b2", "#d55e00", "#009e73", "#cc79a7"
@@ -25,6 +31,13 @@ MOST_AGENTS = 30  # lines in one plot
 SHOWN_NAME = 18  # letters
 SMALLEST = 1e-14  # below it an error on a logarithmic axis is rounding
 RESOLVED = 1e-9  # of its start: where a bound is below, a simulated error is that of the integration, and no comparison
+DOTS = 160  # per inch, of pictures in pixels
+#: What a file says about its making: nothing, by its kind.
+NOTHING: dict[str, dict[str, None]] = {
+    "png": {"Software": None},
+    "pdf": {"CreationDate": None},
+    "svg": {"Date": None, "Creator": None, "Format": None, "Type": None},
+}
 _RAISED = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 
 STYLE = {
@@ -72,6 +85,42 @@ def styled() -> Iterator[None]:
         yield
 
 
+class Sheet:
+    """A finished figure that shows itself in a notebook; ``figure`` is Matplotlib's, for changes before it is saved."""
+
+    def __init__(self, draw: Callable[[Figure], object], *, width: float, height: float) -> None:
+        with styled(), np.errstate(all="ignore"):
+            self.figure = Figure(figsize=(width, height), layout="constrained")
+            draw(self.figure)
+
+    def file(self, kind: str) -> bytes:
+        """The figure as a file: "png", "svg" or "pdf"; no dates in it."""
+        buffer = io.BytesIO()
+        with styled(), np.errstate(all="ignore"):  # an axis that ends at 1e300 has ticks beyond the floats
+            self.figure.savefig(buffer, format=kind, dpi=DOTS, facecolor="white", metadata=NOTHING[kind])
+        return buffer.getvalue()
+
+    def save(self, path: str | PathLike[str], *, force: bool = False) -> Path:
+        """Write the figure to ``path``, .png, .svg or .pdf.  Raises: SpecError."""
+        place = Path(path)
+        kind = place.suffix.lower().removeprefix(".")
+        if kind not in NOTHING:
+            told = f"a figure is saved as .png, .svg or .pdf; got {place.name[:40]!r}."
+            raise SpecError(told, key="path", cure="Choose one of these endings.")
+        return write_new(place, self.file(kind), force=force)
+
+    def _repr_png_(self) -> bytes:
+        return self.file("png")
+
+
+def write_new(place: Path, data: bytes, *, force: bool) -> Path:
+    """Write a file that must not be there yet, unless ``force``.  Raises: SpecError."""
+    if place.exists() and not force:
+        raise SpecError(f"{str(place)!r} exists already.", key="path", cure="Replace it with force=True.")
+    place.write_bytes(data)
+    return place
+
+
 def resolved(bound: NDArray[np.float64]) -> NDArray[np.float64]:
     """A falling bound as far as a simulated error can be held against it; nan beyond."""
     return np.where(bound >= RESOLVED * bound[0], bound, np.nan)
@@ -95,10 +144,9 @@ def shown_agents(n: int, first: set[int], most: int = MOST_AGENTS) -> list[int]:
     """The agents that are drawn: those in ``first`` (at most half), then others, evenly taken."""
     if n <= most:
         return list(range(n))
-    kept = sorted(first)[: most // 2]
-    others = [agent for agent in range(n) if agent not in first]
-    room = most - len(kept)
-    return sorted([*kept, *(others[i] for i in np.linspace(0, len(others) - 1, min(room, len(others))).astype(int))])
+    kept, others = sorted(first)[: most // 2], [agent for agent in range(n) if agent not in first]
+    count = min(most - len(kept), len(others))
+    return sorted([*kept, *(others[i] for i in np.linspace(0, len(others) - 1, count).astype(int))])
 
 
 def thinned_rows(count: int, most: int = MOST_POINTS) -> NDArray[np.intp]:

@@ -7,7 +7,7 @@ Runs come as anything that has a Trajectory's or an Ensemble's arrays.  A certif
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 from matplotlib import colormaps
@@ -17,28 +17,13 @@ from matplotlib.ticker import FuncFormatter, LogLocator, MaxNLocator, StrMethodF
 from numpy.typing import ArrayLike, NDArray
 
 from dobc_design.errors import ShapeError
-from dobc_design.plotting.look import (
-    BLUE,
-    DASHED,
-    DOTTED,
-    GREEN,
-    INK,
-    MUTED,
-    PURPLE,
-    SERIES,
-    SMALLEST,
-    VERMILLION,
-    legend_above,
-    power_of_ten,
-    resolved,
-    short,
-    shown_agents,
-    thinned_rows,
-)
-from dobc_design.plotting.sheet import Sheet
+from dobc_design.plotting import look
+from dobc_design.plotting.look import BLUE, DASHED, DOTTED, GREEN, INK, MUTED, PURPLE, SERIES, VERMILLION, Sheet
 
 Array = NDArray[np.float64]
 Envelope = ArrayLike | Callable[[Array], Array]
+Run = Any  # a simulation.trajectory.Trajectory, or what has its arrays; that room rests on this one
+Runs = Any  # a simulation.ensemble.Ensemble
 MOST_COMPONENTS = 3
 MOST_ESTIMATES = 3
 MOST_BOUNDS = 200  # points at which a certified bound is asked for
@@ -47,45 +32,6 @@ FEW_DECADES = 3
 WIDTH, PANEL, BAND = 7.0, 1.75, 0.32  # inches
 LEVELS = (0.05, 0.25, 0.5, 0.75, 0.95)
 _SUBSCRIPTS = str.maketrans("0123456789", "₀₁₂₃₄₅₆₇₈₉")
-
-
-class Run(Protocol):
-    """What a figure of one run needs of it; see ``simulation.trajectory.Trajectory``."""
-
-    @property
-    def name(self) -> str: ...
-    @property
-    def times(self) -> Array: ...
-    @property
-    def x(self) -> Array: ...
-    @property
-    def d(self) -> Array: ...
-    @property
-    def dhat(self) -> Array: ...
-    @property
-    def xi(self) -> Array: ...
-    @property
-    def goal(self) -> Array: ...
-    @property
-    def labels(self) -> tuple[str, ...]: ...
-    @property
-    def switches(self) -> Any: ...
-    @property
-    def diverged(self) -> bool: ...
-
-
-class Runs(Protocol):
-    """What a figure of many runs needs of them; see ``simulation.runs.Ensemble``."""
-
-    @property
-    def times(self) -> Array: ...
-    @property
-    def error(self) -> Array: ...
-    @property
-    def estimation_error(self) -> Array: ...
-    @property
-    def diverged(self) -> NDArray[np.bool_]: ...
-    def __len__(self) -> int: ...
 
 
 def trajectory_sheet(run: Run, *, envelope: Envelope | None = None, pinned: Sequence[int] = ()) -> Sheet:
@@ -108,17 +54,13 @@ def trajectory_sheet(run: Run, *, envelope: Envelope | None = None, pinned: Sequ
             plot_agents(rows.pop(0), run, component=c, pinned=pinned)
         if has_estimate:
             plot_estimates(rows.pop(0), run)
-        last = rows.pop(0)
-        plot_errors(
-            last,
-            run.times,
-            {"|e|∞": _largest(run.x - run.goal)}
-            | ({"|d − d̂|∞, per s": _largest(run.d - run.dhat)} if has_estimate else {}),
-            envelope=points,
-        )
+        errors = {"|e|∞": _largest(run.x - run.goal)}
+        if has_estimate:
+            errors["|d − d̂|∞, per s"] = _largest(run.d - run.dhat)
+        plot_errors(rows[0], run.times, errors, envelope=points)
         if run.diverged:
-            last.set_title(f"ended early, at t = {run.times[-1]:.4g} s")
-        in_time(last, run.times)
+            rows[0].set_title(f"ended early, at t = {run.times[-1]:.4g} s")
+        in_time(rows[0], run.times)
 
     return Sheet(draw, width=WIDTH, height=sum(heights) + 0.5 + 0.25 * len(heights))
 
@@ -135,10 +77,10 @@ def ensemble_sheet(runs: Runs, *, envelope: Envelope | None = None) -> Sheet:
         rows = np.atleast_1d(figure.subplots(1 + has_estimate, 1, sharex=True))
         plot_quantiles(rows[0], runs.times, runs.error, colour=BLUE, what="|e|∞, in the unit of x")
         if points is not None:
-            _draw_bound(rows[0], points[:, 0], resolved(points[:, 1]), "certified bound on |e|∞")
+            _draw_bound(rows[0], points[:, 0], look.resolved(points[:, 1]))
         bad = int(np.count_nonzero(runs.diverged))
         rows[0].set_title(f"{len(runs)} runs" + (f", {bad} diverged" if bad else ""))
-        legend_above(rows[0], right=True, widest=4)
+        look.legend_above(rows[0], right=True, widest=4)
         if has_estimate:
             plot_quantiles(rows[1], runs.times, runs.estimation_error, colour=PURPLE, what="|d − d̂|∞, unit of x per s")
         in_time(rows[-1], runs.times)
@@ -148,100 +90,80 @@ def ensemble_sheet(runs: Runs, *, envelope: Envelope | None = None) -> Sheet:
 
 def plot_agents(ax: Axes, run: Run, *, component: int, pinned: Sequence[int] = ()) -> Axes:
     """One component of the states of at most 30 agents, and their goals (dashed); ``pinned`` ones are blue."""
-    rows, held = thinned_rows(len(run.times)), set(pinned)
-    chosen = shown_agents(run.x.shape[1], held)
+    rows, held = look.thinned_rows(len(run.times)), set(pinned)
+    chosen = look.shown_agents(run.x.shape[1], held)
     few = len(chosen) <= len(SERIES)
     shades = SERIES if few else colormaps["cividis"](np.linspace(0.05, 0.8, len(chosen)))
-    for rank, agent in enumerate(chosen):
-        colour, label = shades[rank], f"agent {short(run.labels[agent])}"
-        if held:
-            colour = BLUE if agent in held else MUTED
-            label = "pinned" if agent in held else "not pinned"
-        ax.plot(
-            run.times[rows],
-            run.x[rows, agent, component],
-            color=colour,
-            linewidth=1.7 if agent in held else 1.0,
-            zorder=2.1 if agent in held else 2,
-            label=label,
-            marker=_marker(rows),
-        )
-    goals = sorted({float(run.goal[agent, component]) for agent in chosen})
-    for goal in goals[:12]:
+    for agent, shade in zip(chosen, shades, strict=False):
+        (line,) = ax.plot(run.times[rows], run.x[rows, agent, component], linewidth=1.0, marker=_marker(rows))
+        if agent in held:
+            line.set(color=BLUE, label="pinned", linewidth=1.7, zorder=2.1)
+        elif held:
+            line.set(color=MUTED, label="not pinned")
+        else:
+            line.set(color=shade, label=f"agent {look.short(run.labels[agent])}")
+    for goal in sorted({float(run.goal[agent, component]) for agent in chosen})[:12]:
         ax.axhline(goal, color=VERMILLION, linewidth=1.1, linestyle=DASHED, label="goal", zorder=1.5)
-    symbol = "xᵢ" if run.x.shape[2] == 1 else f"xᵢ,{component + 1}".translate(_SUBSCRIPTS)
-    ax.set_ylabel(f"{symbol}\nin its own unit")
+    ax.set_ylabel(f"{state_symbol(component, run.x.shape[2])}\nin its own unit")
     if component == 0 and (few or held):
-        legend_above(ax, right=True, widest=7)
+        look.legend_above(ax, right=True, widest=7)
     elif component == 0:
-        dark, light = (short(run.labels[agent]) for agent in (chosen[0], chosen[-1]))
+        dark, light = (look.short(run.labels[agent]) for agent in (chosen[0], chosen[-1]))
         ax.set_title(f"agents {dark} (dark) to {light} (light); goals dashed", loc="right", parse_math=False)
     return ax
 
 
+def state_symbol(component: int, m: int) -> str:
+    """The letter of a state component; with a single one it has no number."""
+    return "xᵢ" if m == 1 else f"xᵢ,{component + 1}".translate(_SUBSCRIPTS)
+
+
 def plot_estimates(ax: Axes, run: Run) -> Axes:
     """The first component of the disturbance (dotted) and its estimate (solid) of at most three agents."""
-    rows = thinned_rows(len(run.times))
-    chosen = shown_agents(run.d.shape[1], set(), MOST_ESTIMATES)
+    rows = look.thinned_rows(len(run.times))
+    chosen = look.shown_agents(run.d.shape[1], set(), MOST_ESTIMATES)
+    times = run.times[rows]
     for rank, agent in enumerate(chosen):
-        ax.plot(
-            run.times[rows],
-            run.dhat[rows, agent, 0],
-            color=SERIES[rank],
-            linewidth=3.2 - rank,
-            marker=_marker(rows),
-            label=f"d̂, agent {short(run.labels[agent])}",
-        )
+        values, label = run.dhat[rows, agent, 0], f"d̂, agent {look.short(run.labels[agent])}"
+        ax.plot(times, values, color=SERIES[rank], linewidth=3.2 - rank, marker=_marker(rows), label=label)
     for agent in chosen:  # on top of all estimates
-        ax.plot(
-            run.times[rows],
-            run.d[rows, agent, 0],
-            color=INK,
-            linestyle=DOTTED,
-            linewidth=1.3,
-            label="d",
-        )
+        ax.plot(times, run.d[rows, agent, 0], color=INK, linestyle=DOTTED, linewidth=1.3, label="d")
     ax.set_ylabel("d and estimate d̂\nin units of x per s")
-    legend_above(ax, right=True, widest=4)
+    look.legend_above(ax, right=True, widest=4)
     return ax
 
 
 def plot_errors(
-    ax: Axes,
-    times: Array,
-    errors: dict[str, Array],
-    *,
-    envelope: Array | None = None,
-    rate: float | None = None,
+    ax: Axes, times: Array, errors: dict[str, Array], *, envelope: Array | None = None, rate: float | None = None
 ) -> Axes:
     """Errors on a logarithmic axis, each (T,) with its name, and the certified envelope.
 
     Without one ``rate`` (1/s) adds a line that falls like exp(-rate t) from the first error, a slope and no bound.
     """
-    rows = thinned_rows(len(times))
+    rows = look.thinned_rows(len(times))
     ax.set_yscale("log")
     for (name, values), colour in zip(errors.items(), (BLUE, PURPLE, GREEN), strict=False):
-        shown = np.where(values[rows] > SMALLEST, values[rows], np.nan)
+        shown = np.where(values[rows] > look.SMALLEST, values[rows], np.nan)
         ax.plot(times[rows], shown, color=colour, label=name, marker=_marker(rows))
     if envelope is not None:
-        _draw_bound(ax, envelope[:, 0], resolved(envelope[:, 1]), "certified bound on |e|∞")
+        _draw_bound(ax, envelope[:, 0], look.resolved(envelope[:, 1]))
     elif rate is not None:
         error = next(iter(errors.values()))
         slope = error[0] * np.exp(np.clip(-rate * (times[rows] - times[0]), -700, 0))
-        visible = slope > max(0.5 * float(np.nanmin(error)), SMALLEST)
+        visible = slope > max(0.5 * float(np.nanmin(error)), look.SMALLEST)
         _draw_bound(ax, times[rows], np.where(visible, slope, np.nan), "slope of the certified rate")
     _decades(ax)
     ax.set_ylabel("errors\nin the unit of x")
-    legend_above(ax, right=True)
+    look.legend_above(ax, right=True)
     return ax
 
 
 def plot_quantiles(ax: Axes, times: Array, errors: Array, *, colour: str, what: str) -> Axes:
     """Bands of 5 to 95 and of 25 to 75 percent, and the median; errors (R, T) with nan counted as infinite."""
-    rows = thinned_rows(len(times))
+    rows = look.thinned_rows(len(times))
     ordered = np.sort(np.where(np.isnan(errors[:, rows]), np.inf, errors[:, rows]), axis=0)
     places = [max(0, int(np.ceil(level * len(ordered))) - 1) for level in LEVELS]
-    bands = np.clip(ordered[places], SMALLEST, None)
+    bands = np.clip(ordered[places], look.SMALLEST, None)
     finite = bands[np.isfinite(bands)]
     top = 10 * float(finite.max()) if len(finite) else 1.0
     shown = np.where(np.isfinite(bands), bands, top)
@@ -258,26 +180,20 @@ def plot_modes(ax: Axes, switches: Any, end: float) -> Axes:
     """A band that shows which mode is active when: names for few modes, shades for many."""
     times, modes = np.asarray(switches.times), np.asarray(switches.modes)
     ends = np.minimum(np.append(times[1:], end), end)
-    used = sorted(set(modes.tolist()))
+    used = np.unique(modes).tolist()
     named = len(used) <= MOST_NAMED_MODES
     shades = [*SERIES[:4], INK, MUTED] if named else list(colormaps["cividis"](np.linspace(0, 1, len(used))))
     for place, mode in enumerate(used):
         here = modes == mode
         spans = list(zip(times[here].tolist(), (ends - times)[here].tolist(), strict=True))
-        ax.broken_barh(
-            spans,
-            (0, 1),
-            facecolors=shades[place],
-            alpha=0.75 if named else 1.0,
-            linewidth=0,
-            label=short(switches.names[mode]) if named else None,
-        )
+        alpha, label = (0.75, look.short(switches.names[mode])) if named else (1.0, None)
+        ax.broken_barh(spans, (0, 1), facecolors=shades[place], alpha=alpha, linewidth=0, label=label)
     ax.set_yticks([])
     ax.set_ylim(0, 1)
     ax.grid(visible=False)
     ax.set_ylabel("mode", rotation=0, ha="right", va="center")
     if named:
-        legend_above(ax, right=True, widest=MOST_NAMED_MODES)
+        look.legend_above(ax, right=True, widest=MOST_NAMED_MODES)
     else:
         ax.set_title(f"{len(used)} graphs, {len(times) - 1} switches")
     return ax
@@ -288,19 +204,16 @@ def checked_envelope(envelope: Envelope | None, times: Array) -> Array | None:
     if envelope is None:
         return None
     if callable(envelope):
-        chosen = times[thinned_rows(len(times), MOST_BOUNDS)]
+        chosen = times[look.thinned_rows(len(times), MOST_BOUNDS)]
         envelope = np.stack([chosen, np.asarray(envelope(chosen), dtype=np.float64)], axis=1)
     points = np.asarray(envelope, dtype=np.float64)
     if points.ndim != 2 or points.shape[1] != 2 or len(points) < 2:
-        raise ShapeError(
-            f"envelope must be points (t, bound), shape (k, 2) with k >= 2; got {points.shape}.",
-            key="envelope",
-            cure="For example [[0, 4.0], [10, 0.5]].",
-        )
+        told = f"envelope must be points (t, bound), shape (k, 2) with k >= 2; got {points.shape}."
+        raise ShapeError(told, key="envelope", cure="For example [[0, 4.0], [10, 0.5]].")
     return points
 
 
-def _draw_bound(ax: Axes, times: Array, values: Array, label: str) -> None:
+def _draw_bound(ax: Axes, times: Array, values: Array, label: str = "certified bound on |e|∞") -> None:
     ax.plot(times, values, color=INK, linestyle=DASHED, linewidth=1.2, label=label)
 
 
@@ -309,7 +222,7 @@ def _decades(ax: Axes) -> None:
     low, high = ax.get_ylim()
     decades = float(np.log10(high) - np.log10(max(low, 1e-300)))
     if decades >= FEW_DECADES:
-        ax.yaxis.set_major_formatter(FuncFormatter(power_of_ten))
+        ax.yaxis.set_major_formatter(FuncFormatter(look.power_of_ten))
     else:
         ax.yaxis.set_major_locator(MaxNLocator(4) if decades < 0.5 else LogLocator(subs=(1, 2, 5)))
         ax.yaxis.set_major_formatter(StrMethodFormatter("{x:g}"))

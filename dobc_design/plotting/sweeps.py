@@ -5,9 +5,10 @@ Handed arrays; where several cases fall on one place their median is drawn, and 
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Protocol
+from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -15,20 +16,8 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter, LogLocator, MaxNLocator, StrMethodFormatter
 from numpy.typing import NDArray
 
-from dobc_design.plotting.look import (
-    BLUE,
-    DASHED,
-    GREEN,
-    INK,
-    MARKERS,
-    MUTED,
-    PURPLE,
-    SERIES,
-    VERMILLION,
-    power_of_ten,
-    short,
-)
-from dobc_design.plotting.sheet import Sheet
+from dobc_design.plotting import look
+from dobc_design.plotting.look import BLUE, DASHED, GREEN, INK, MUTED, PURPLE, SERIES, VERMILLION, Sheet, short
 
 Array = NDArray[np.float64]
 MOST_SERIES = len(SERIES)
@@ -73,8 +62,11 @@ def heat_map(x: Places, y: Places, value: Array, outcome: Sequence[str], *, labe
         _name_axis(ax, y, along="y")
         if grid.size <= MOST_MARKS:
             _sign(ax, x, y, grid, signs)
-        empty = any(each in ("proved", "undecided", "converged") for each in _where_empty(grid, signs))
-        _title(figure, title, "; ".join(filter(None, [_with_signs(note, signs), "white: none" if empty else ""])))
+        present = {each for row in signs for each in row}
+        told = ", ".join(f"{sign} {name}" for name, (sign, _, _) in MARKS.items() if sign and name in present)
+        white = {signs[row][column] for row, column in np.argwhere(~np.isfinite(grid)).tolist()}
+        empty = "white: none" if white & {"proved", "undecided", "converged"} else ""
+        _title(figure, title, "; ".join(filter(None, [note, told, empty])))
 
     return Sheet(draw, width=6.2, height=4.4)
 
@@ -99,10 +91,8 @@ def lines(
             ax.set_xscale("log")
         if drawn:
             _points(ax, x.position, value, outcome, series)
-        else:
-            for place, name in enumerate(names):
-                own = np.array([each == name for each in series])
-                _line(ax, x, value, own, name=name, place=place)
+        for place, name in enumerate(() if drawn else names):
+            _line(ax, x, value, np.array([each == name for each in series]), name=name, place=place)
         _name_axis(ax, x, along="x")
         ax.set_ylabel(label)
         if drawn or len(names) > 1:
@@ -119,7 +109,7 @@ def _line(ax: Axes, x: Places, value: Array, own: NDArray[np.bool_], *, name: st
         if len(found):
             middle[tick], low[tick], high[tick] = np.median(found), found.min(), found.max()
     colour = SERIES[place % len(SERIES)]
-    ax.plot(x.ticks, middle, color=colour, marker=MARKERS[place % len(MARKERS)], label=short(name) or None)
+    ax.plot(x.ticks, middle, color=colour, marker=look.MARKERS[place % len(look.MARKERS)], label=short(name) or None)
     if np.nanmax(high - low, initial=0.0) > 0:
         ax.fill_between(x.ticks, low, high, color=colour, alpha=0.15, linewidth=0)
 
@@ -141,50 +131,33 @@ def _points(ax: Axes, position: Array, value: Array, outcome: Sequence[str], ser
 
 def _on_grid(x: Places, y: Places, value: Array, outcome: Sequence[str]) -> tuple[Array, list[list[str]]]:
     """Medians by place, (y, x), nan where there is none; and the worst outcome of each place."""
-    worst = list(MARKS)
     grid = np.full((len(y.ticks), len(x.ticks)), np.nan)
     signs = [["" for _ in x.ticks] for _ in y.ticks]
     columns, rows = np.searchsorted(x.ticks, x.position), np.searchsorted(y.ticks, y.position)
-    for row in range(len(y.ticks)):
-        for column in range(len(x.ticks)):
-            own = np.flatnonzero((rows == row) & (columns == column)).tolist()
-            found = value[own][np.isfinite(value[own])]
-            if len(found):
-                grid[row, column] = np.median(found)
-            if len(own):
-                signs[row][column] = max((outcome[k] for k in own), key=worst.index)
+    for row, column in np.ndindex(grid.shape):
+        own = np.flatnonzero((rows == row) & (columns == column)).tolist()
+        found = value[own][np.isfinite(value[own])]
+        if len(found):
+            grid[row, column] = np.median(found)
+        signs[row][column] = max((outcome[k] for k in own), key=list(MARKS).index, default="")
     return grid, signs
 
 
 def _edges(axis: Places) -> Array:
     """Borders of the cells around the ticks."""
     ticks = np.log(axis.ticks) if axis.even_ratios else axis.ticks
-    if len(ticks) == 1:
-        borders = np.array([ticks[0] - 0.5, ticks[0] + 0.5])
-    else:
-        middle = (ticks[1:] + ticks[:-1]) / 2
-        borders = np.concatenate([[2 * ticks[0] - middle[0]], middle, [2 * ticks[-1] - middle[-1]]])
+    middle = (ticks[1:] + ticks[:-1]) / 2
+    first, last = (middle[0], middle[-1]) if len(ticks) > 1 else (ticks[0] + 0.5, ticks[0] - 0.5)
+    borders = np.concatenate([[2 * ticks[0] - first], middle, [2 * ticks[-1] - last]])
     return np.exp(borders) if axis.even_ratios else borders
 
 
 def _sign(ax: Axes, x: Places, y: Places, grid: Array, signs: Sequence[Sequence[str]]) -> None:
     bright = np.nanmean([np.nanmin(grid), np.nanmax(grid)]) if np.isfinite(grid).any() else 0.0
-    for row, v in enumerate(y.ticks):
-        for column, u in enumerate(x.ticks):
-            sign = MARKS[signs[row][column]][0] if signs[row][column] else ""
-            dark = np.isfinite(grid[row, column]) and grid[row, column] < bright
-            if sign:
-                ax.text(u, v, sign, ha="center", va="center", color="white" if dark else INK, fontsize=8)
-
-
-def _where_empty(grid: Array, signs: Sequence[Sequence[str]]) -> list[str]:
-    return [signs[row][column] for row, column in np.argwhere(~np.isfinite(grid)).tolist()]
-
-
-def _with_signs(note: str, signs: Sequence[Sequence[str]]) -> str:
-    present = {each for row in signs for each in row if each}
-    told = [f"{MARKS[name][0]} {name}" for name in MARKS if name in present and MARKS[name][0]]
-    return "; ".join(filter(None, [note, ", ".join(told)]))
+    for (row, v), (column, u) in itertools.product(enumerate(y.ticks), enumerate(x.ticks)):
+        if signs[row][column] and MARKS[signs[row][column]][0]:
+            colour = "white" if grid[row, column] < bright else INK
+            ax.text(u, v, MARKS[signs[row][column]][0], ha="center", va="center", color=colour, fontsize=8)
 
 
 def _name_axis(ax: Axes, axis: Places, *, along: str) -> None:
@@ -225,25 +198,10 @@ TITLES = {
 }
 
 
-class SweepLike(Protocol):
-    """See ``simulation.breaking.Sweep``."""
-
-    @property
-    def option(self) -> str: ...
-    @property
-    def unit(self) -> str: ...
-    @property
-    def severity(self) -> NDArray[np.float64]: ...
-    @property
-    def late(self) -> NDArray[np.float64]: ...
-    @property
-    def breaks(self) -> float | None: ...
-
-
 def breaking_sheet(
-    sweeps: Sequence[SweepLike], *, tolerance: float, period: float | None, certified: float | None, name: str
+    sweeps: Sequence[Any], *, tolerance: float, period: float | None, certified: float | None, name: str
 ) -> Sheet:
-    """The panels in the order given; ``period`` and ``certified`` are the longest sampling periods, in s."""
+    """A panel for each ``simulation.breaking.Sweep``; ``period``, ``certified``: the longest sampling periods, in s."""
     rows = -(-len(sweeps) // COLUMNS)
 
     def draw(figure: Figure) -> None:
@@ -264,7 +222,7 @@ def breaking_sheet(
     return Sheet(draw, width=7.4, height=0.5 + 2.1 * rows)
 
 
-def _panel(ax: Axes, sweep: SweepLike, *, tolerance: float, bottom: float, top: float) -> None:
+def _panel(ax: Axes, sweep: Any, *, tolerance: float, bottom: float, top: float) -> None:
     late = np.where(np.isfinite(sweep.late), sweep.late, top)
     good = late <= tolerance
     ax.set_yscale("log")
@@ -280,7 +238,7 @@ def _panel(ax: Axes, sweep: SweepLike, *, tolerance: float, bottom: float, top: 
         ax.invert_xaxis()  # severe is to the right, as everywhere
     ax.set_title(TITLES.get(sweep.option, sweep.option))
     ax.set_xlabel(("never breaks; " if sweep.breaks is None else "") + UNITS.get(sweep.unit, f"in {sweep.unit}"))
-    ax.yaxis.set_major_formatter(FuncFormatter(power_of_ten))
+    ax.yaxis.set_major_formatter(FuncFormatter(look.power_of_ten))
     if sweep.option not in LINEAR:
         ax.xaxis.set_major_locator(LogLocator(subs=(1, 2, 5)))
         ax.xaxis.set_major_formatter(StrMethodFormatter("{x:g}"))
@@ -298,7 +256,7 @@ def _periods(ax: Axes, period: float | None, certified: float | None) -> None:
         low, high = sorted(ax.get_xlim())
         if high > MOST_FINE_TICKS * low:
             ax.xaxis.set_major_locator(LogLocator(numticks=5))
-            ax.xaxis.set_major_formatter(FuncFormatter(power_of_ten))
+            ax.xaxis.set_major_formatter(FuncFormatter(look.power_of_ten))
             ax.minorticks_off()
     if period is not None or certified is not None:
         ax.legend(loc="center left", bbox_to_anchor=(0.06, 0.45), handlelength=1.4, frameon=True, edgecolor="none")
@@ -320,11 +278,18 @@ def trade_off_sheet(
 
     def draw(figure: Figure) -> None:
         ax = figure.subplots()
-        _curve(ax, points, steps=steps)
+        xs, ys = [x for x, _ in points], [y for _, y in points]
+        if steps:
+            ax.vlines(xs, 0, ys, color=MUTED, linewidth=0.8)
+            ax.plot(xs, ys, linestyle="none", marker="o", color=BLUE)
+            ax.xaxis.set_major_locator(MaxNLocator(integer=True))
+            ax.set_xlim(0, max(xs, default=1.0) + 1)
+        else:
+            ax.plot(xs, ys, marker="o", markersize=4, color=BLUE)
         if chosen is not None:
             ax.plot(*chosen, linestyle="none", marker="D", markersize=8, color=VERMILLION, zorder=3)
             ax.annotate("chosen", chosen, xytext=(8, -3), textcoords="offset points", color=VERMILLION, va="top")
-        heights = [y for _, y in (*points, *([] if chosen is None else [chosen])) if y > 0]
+        heights = [y for y in (*ys, *([] if chosen is None else chosen[1:])) if y > 0]
         if heights and max(heights) > STEEP * min(heights):
             ax.set_yscale("log")
             ax.yaxis.set_major_locator(LogLocator(subs=(1, 2, 5)))
@@ -332,19 +297,7 @@ def trade_off_sheet(
             ax.minorticks_off()
         else:
             ax.set_ylim(bottom=0)
-        ax.set_xlabel(x_name)
-        ax.set_ylabel(y_name)
+        ax.set(xlabel=x_name, ylabel=y_name)
         ax.set_title(short(name, 60), parse_math=False)
 
     return Sheet(draw, width=5.2, height=3.4)
-
-
-def _curve(ax: Axes, points: Sequence[tuple[float, float]], *, steps: bool) -> None:
-    xs, ys = [x for x, _ in points], [y for _, y in points]
-    if steps:
-        ax.vlines(xs, 0, ys, color=MUTED, linewidth=0.8)
-        ax.plot(xs, ys, linestyle="none", marker="o", color=BLUE)
-        ax.xaxis.set_major_locator(MaxNLocator(integer=True))
-        ax.set_xlim(0, max(xs, default=1.0) + 1)
-    else:
-        ax.plot(xs, ys, marker="o", markersize=4, color=BLUE)

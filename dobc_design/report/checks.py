@@ -15,8 +15,15 @@ from dobc_design.conditions.kinds import KINDS
 from dobc_design.problem import canonical
 from dobc_design.problem.changes import change_lines
 from dobc_design.report import document as doc
-from dobc_design.report.formulas import rational
-from dobc_design.report.words import capitalize_first, domain_words, mark_of, names_in_words, shortened
+from dobc_design.report.words import (
+    capitalize_first,
+    domain_words,
+    mark_of,
+    names_in_words,
+    rational,
+    shortened,
+    verdict_counts,
+)
 from dobc_design.verdict import Verdict
 
 CURE_COMMAND = "dobc certify problem.json --apply-fix cured.toml"
@@ -24,11 +31,13 @@ MOST_ROWS = 150
 MOST_ENTRIES = 24  # of a vector
 LONGEST_NUMBER = 24
 POINTER = "named above."  # where the cure of a check is part of the main one
-_ORDER = {Verdict.REFUTED: 0, Verdict.UNDECIDED: 1, Verdict.PROVED: 2}
+_ORDER = (Verdict.REFUTED, Verdict.UNDECIDED, Verdict.PROVED)
 _EXACT = {"bound": "λmax(Λ) must be below", "value": "v′Λv", "routh": "first column of Routh’s table"}
 #: Options of `dobc certify` that change a certificate or its report; what a file says beside them is not repeated.
 SWITCHES: Final = ("--all", "--search")
 SETTLING: Final = "--settling "
+VERIFY: Final = "dobc verify certificate.json --problem problem.json"
+ALONE: Final = "python -I -S dobc_design/checker certificate.json problem.json"
 _TRACED: Final = (
     "Every condition that was checked: what it says, where it stands in the paper or in the theory beside it, which"
     " module of dobc_design decided it here, and which file of the lone checker decides it once more, in plain Python"
@@ -68,70 +77,55 @@ def cure_section(checks: Sequence[Check]) -> Iterator[doc.Section]:
     lines = _fix_lines(check.fix)
     told = f"Proved with the very conditions that failed. To write the cured problem: `{CURE_COMMAND}`"
     decided = "The cured problem was decided by the very conditions that failed. This command writes it to a file:"
-    yield doc.Section(
-        name="cure",
-        title=head,
-        short="Cure",
-        blocks=(
-            doc.Text(shortened(check.fix.text)),
-            *((doc.Text("In the problem file:"), doc.Code(lines)) if lines else ()),
-            doc.Only(("markdown",), (doc.Text(doc.Own(told)),)),
-            doc.Only(doc.PAGES, (doc.Text(decided), doc.Code((CURE_COMMAND,), command=True))),
-        ),
+    blocks = (
+        doc.Text(shortened(check.fix.text)),
+        *((doc.Text("In the problem file:"), doc.Code(lines)) if lines else ()),
+        doc.in_markdown(doc.Text(doc.Own(told))),
+        doc.on_pages(doc.Text(decided), doc.Code((CURE_COMMAND,), command=True)),
     )
+    yield doc.Section(head, blocks, "cure", "Cure")
 
 
 def checks_section(checks: Sequence[Check]) -> doc.Section:
     """Every check with its verdict, numbers and reason, and what the conditions decide."""
-    table, hidden = checks_table(checks)
-    present = [KINDS[id] for id in dict.fromkeys(check.id for check in checks)]
     rests = "“Proved” and “refuted” rest on exact arithmetic alone.\n"
     cut = "Margins and rates are in 1/s and cut towards zero: they hold as printed."
-    terms = doc.Terms(tuple((kind.name, kind.id, f"{kind.decides}.") for kind in present))
-    return doc.Section(
-        name="checks",
-        title="What was checked",
-        short="Checks",
-        blocks=(
-            doc.Only(doc.READ, (doc.Text(doc.Own(rests + cut)),)),
-            table,
-            *((doc.Text(hidden),) if hidden else ()),
-            doc.Only(("html", "markdown"), (doc.Section(title="What the conditions decide", blocks=(terms,)),)),
-        ),
+    terms = doc.Terms([(kind.name, kind.id, f"{kind.decides}.") for kind in _kinds(checks)])
+    blocks = (
+        doc.Only(doc.READ, (doc.Text(doc.Own(rests + cut)),)),
+        *_checks_table(checks),
+        doc.Only(("html", "markdown"), (doc.Section("What the conditions decide", (terms,)),)),
     )
+    return doc.Section("What was checked", blocks, "checks", "Checks")
 
 
-def checks_table(checks: Sequence[Check], *, most: int = MOST_ROWS) -> tuple[doc.Table, str | None]:
+def _kinds(checks: Sequence[Check]) -> list[Any]:
+    """The kinds of checks that there are, each once."""
+    return [KINDS[id] for id in dict.fromkeys(check.id for check in checks)]
+
+
+def _checks_table(checks: Sequence[Check]) -> Iterator[doc.Block]:
     """The checks as rows; of very many, those not proved first, and a sentence about the others."""
     own_cures = {id(each) for each in other_cures(checks)}
-    chosen = sorted(sorted(range(len(checks)), key=lambda i: (_ORDER[checks[i].verdict], i))[:most])
-    hidden = [check for i, check in enumerate(checks) if i not in set(chosen)]
-    counts = [(verdict, sum(check.verdict is verdict for check in hidden)) for verdict in _ORDER]
-    told = ", ".join(f"{count} {verdict.value}" for verdict, count in counts if count)
-    note = f"{len(checks)} checks were made; {len(hidden)} of them ({told}) are in certificate.json only."
-    table = doc.table_of(
+    ordered = sorted(range(len(checks)), key=lambda i: (_ORDER.index(checks[i].verdict), i))
+    yield doc.table_of(
         "Checks with verdict, domain, margin, rate and reason",
-        [checks[i] for i in chosen],
-        (doc.Column(head="verdict", width=0), lambda check: mark_of(check.verdict)),
-        (doc.Column(head="condition", width=1.5), _name),
-        (doc.Column(head="id", only=("markdown",)), lambda check: check.id),
-        (doc.Column(head="where", width=1.1), lambda check: domain_words(check.domain)),
-        (
-            doc.Column(head="margin", unit="1/s", width=0.8, style="number"),
-            lambda check: significant_towards_zero(check.margin),
-        ),
-        (
-            doc.Column(head="rate", unit="1/s", width=0.8, style="number"),
-            lambda check: significant_towards_zero(check.rate),
-        ),
-        (
-            doc.Column(head="reason", width=3, style="why", only=doc.READ),
-            lambda check: _reason(check, id(check) in own_cures),
-        ),
-        (doc.Column(head="reason", width=3, only=("latex",)), _brief_reason),
+        [checks[i] for i in sorted(ordered[:MOST_ROWS])],
+        doc.Column("verdict", lambda check: mark_of(check.verdict), 0),
+        doc.Column("condition", _name, 1.5),
+        doc.Column("id", lambda check: check.id, only=("markdown",)),
+        doc.Column("where", lambda check: domain_words(check.domain), 1.1),
+        doc.Column("margin", lambda check: significant_towards_zero(check.margin), 0.8, unit="1/s", style="number"),
+        doc.Column("rate", lambda check: significant_towards_zero(check.rate), 0.8, unit="1/s", style="number"),
+        doc.Column("reason", lambda check: _reason(check, id(check) in own_cures), 3, style="why", only=doc.READ),
+        doc.Column("reason", _brief_reason, 3, only=("latex",)),
         cards=True,
     )
-    return table, note if hidden else None
+    hidden = [checks[i] for i in ordered[MOST_ROWS:]]
+    if hidden:
+        told = verdict_counts(hidden, _ORDER)
+        note = f"{len(checks)} checks were made; {len(hidden)} of them ({told}) are in certificate.json only."
+        yield doc.Text(note)
 
 
 def _name(check: Check) -> doc.Name:
@@ -146,7 +140,7 @@ def _reason(check: Check, own_cure: bool) -> doc.Reason:
     fix = check.fix
     return doc.Reason(
         text=capitalize_first(shortened(check.reason)),
-        details=tuple(details),
+        details=details,
         cure=None if fix is None else shortened(fix.text) if own_cure else POINTER,
         lines=_fix_lines(fix) if fix is not None and own_cure else (),
     )
@@ -163,8 +157,8 @@ def _exact(check: Check) -> Iterator[tuple[str, str]]:
 
 
 def _witness(witness: Witness, id: str) -> tuple[str, str]:
-    who = "" if not witness.labels else f" (agents {names_in_words(witness.labels)})"
-    values = "" if not witness.values else _entries(witness.values)
+    who = f" (agents {names_in_words(witness.labels)})" if witness.labels else ""
+    values = _entries(witness.values) if witness.values else ""
     match witness.kind:
         case "vector" if id == "observability":
             return "A state that C never sees, ξ", values
@@ -206,17 +200,17 @@ def trace_section(checks: Sequence[Check]) -> doc.Section:
     """One row per condition of the certificate, in its order."""
     table = doc.table_of(
         "Every condition, its source, and where it is decided",
-        [KINDS[id] for id in dict.fromkeys(check.id for check in checks)],
-        (doc.Column(head="check", width=1.2, only=doc.TEXTS), lambda kind: f"{kind.name} ({kind.id})"),
-        (doc.Column(head="check", width=1.2, only=doc.PAGES), lambda kind: doc.Name((kind.name,), id=kind.id)),
-        (doc.Column(head="condition in words", width=1.9), lambda kind: kind.meaning),
-        (doc.Column(head="where it stands", width=1.2), lambda kind: kind.source),
-        (doc.Column(head="decided in", width=1.4, style="code"), lambda kind: ", ".join(kind.decided_in)),
-        (doc.Column(head="decided again in", width=1.1, style="code"), lambda kind: kind.checker),
-        (doc.Column(head="found here", width=0.8), lambda kind: _found(kind.id, checks)),
+        _kinds(checks),
+        doc.Column("check", lambda kind: f"{kind.name} ({kind.id})", 1.2, only=doc.TEXTS),
+        doc.Column("check", lambda kind: doc.Name((kind.name,), id=kind.id), 1.2, only=doc.PAGES),
+        doc.Column("condition in words", lambda kind: kind.meaning, 1.9),
+        doc.Column("where it stands", lambda kind: kind.source, 1.2),
+        doc.Column("decided in", lambda kind: ", ".join(kind.decided_in), 1.4, style="code"),
+        doc.Column("decided again in", lambda kind: kind.checker, 1.1, style="code"),
+        doc.Column("found here", lambda kind: _found(kind.id, checks), 0.8),
     )
     blocks = (doc.Only(doc.READ, (doc.Text(doc.Own(_TRACED)),)), table)
-    return doc.Section(name="traceability", title="Traceability", short="Traceability", blocks=blocks)
+    return doc.Section("Traceability", blocks, "traceability")
 
 
 def _found(id: str, checks: Sequence[Check]) -> str:
@@ -226,62 +220,50 @@ def _found(id: str, checks: Sequence[Check]) -> str:
 
 def recheck_section(certificate: Certificate, again: Reproduction) -> doc.Section:
     """The commands that decide the certificate again and make it again, and what it was made from."""
-    verify, alone, certify = (doc.Code((line,), command=True) for line in (again.verify, again.alone, again.certify))
-    identity = (("problem", certificate.claims.problem_name), *again.prints, *again.versions)
-    return doc.Section(
-        name="recheck",
-        title="Check it yourself",
-        short="Check it yourself",
-        blocks=(
-            doc.Only(doc.PAGES, (doc.Text(_BOTH_FILES),)),
-            verify,
-            doc.Only(("markdown",), (doc.Text(doc.Own(_DECIDES)),)),
-            doc.Only(doc.PAGES, (doc.Text(_TRUSTS),)),
-            alone,
-            doc.Text("To make the certificate again, byte for byte with the same version:"),
-            certify,
-            doc.Text(doc.Own(_MADE_WITH)),
-            doc.Only(
-                doc.PAGES, (doc.Text("Compare the problem with the one you meant. The fingerprints and versions are"),)
-            ),
-            doc.Facts(identity),
-        ),
+    blocks = (
+        doc.on_pages(doc.Text(_BOTH_FILES)),
+        doc.Code((VERIFY,), command=True),
+        doc.in_markdown(doc.Text(doc.Own(_DECIDES))),
+        doc.on_pages(doc.Text(_TRUSTS)),
+        doc.Code((ALONE,), command=True),
+        doc.Text("To make the certificate again, byte for byte with the same version:"),
+        doc.Code((again.certify,), command=True),
+        doc.Text(doc.Own(_MADE_WITH)),
+        doc.on_pages(doc.Text("Compare the problem with the one you meant. The fingerprints and versions are")),
+        doc.Facts((("problem", certificate.claims.problem_name), *again.prints, *again.versions)),
     )
+    return doc.Section("Check it yourself", blocks, "recheck")
 
 
 def signatures_section() -> doc.Section:
     """Lines for the people who sign a printed report."""
     lines = doc.Signatures(("Name", "Date", "Signature"), ("Prepared by", "Checked by", "Approved by"))
-    return doc.Section(name="signatures", title="Signatures", short="Signatures", blocks=(doc.Text(_SIGNING), lines))
+    return doc.Section("Signatures", (doc.Text(_SIGNING), lines), "signatures")
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@dataclass(frozen=True, slots=True)
 class Reproduction:
-    """What somebody needs to make and to check a certificate again: fingerprints, versions, commands."""
+    """What somebody needs to make a certificate again: fingerprints, versions, the command."""
 
     prints: tuple[tuple[str, str], ...]
     versions: tuple[tuple[str, str], ...]
     certify: str
-    verify: str = "dobc verify certificate.json --problem problem.json"
-    alone: str = "python -I -S dobc_design/checker certificate.json problem.json"
 
 
 def reproduction(certificate: Certificate) -> Reproduction:
-    """How to make and to check the same certificate again."""
+    """How to make the same certificate again."""
     claims = certificate.claims
     data = certificate_text.certificate_bytes(claims)
-    return Reproduction(
-        prints=(
-            ("SHA-256 of problem.json", claims.problem_sha256),
-            ("SHA-256 of certificate.json", hashlib.sha256(data).hexdigest()),
-        ),
-        versions=(
-            ("program", f"dobc_design {claims.version}"),
-            ("certificate format", f"{certificate_text.FORMAT} {certificate_text.VERSION}"),
-            ("problem format", f"{canonical.FORMAT} {canonical.VERSION}"),
-        ),
-        certify=_certify_command(claims.options, certificate.checks),
+    prints = (
+        ("SHA-256 of problem.json", claims.problem_sha256),
+        ("SHA-256 of certificate.json", hashlib.sha256(data).hexdigest()),
     )
+    versions = (
+        ("program", f"dobc_design {claims.version}"),
+        ("certificate format", f"{certificate_text.FORMAT} {certificate_text.VERSION}"),
+        ("problem format", f"{canonical.FORMAT} {canonical.VERSION}"),
+    )
+    return Reproduction(prints, versions, _certify_command(claims.options, certificate.checks))
 
 
 def _certify_command(options: Sequence[str], checks: Sequence[Check]) -> str:

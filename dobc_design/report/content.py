@@ -5,26 +5,16 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 from typing import TYPE_CHECKING
 
-from dobc_design._show.text import latex_number, significant_towards_zero
+from dobc_design._show.text import latex_matrix, latex_number, significant_towards_zero
 from dobc_design.certificate.certificate import Certificate
 from dobc_design.conditions.kinds import KINDS
 from dobc_design.exact.matrix import Matrix
 from dobc_design.plotting.look import thinned_rows
 from dobc_design.problem.problem import Problem
+from dobc_design.report import checks, pictures, words
 from dobc_design.report import document as doc
-from dobc_design.report import formulas, pictures, words
-from dobc_design.report.checks import (
-    checks_section,
-    cure_section,
-    recheck_section,
-    reproduction,
-    signatures_section,
-    title_block,
-    trace_section,
-)
-from dobc_design.report.region_words import region_section, settling_section
-from dobc_design.report.search_words import search_sections
-from dobc_design.report.words import number, shortened, typeset
+from dobc_design.report.region_words import region_section, search_sections, settling_section
+from dobc_design.report.words import number
 from dobc_design.verdict import Verdict
 
 if TYPE_CHECKING:
@@ -36,7 +26,8 @@ if TYPE_CHECKING:
 MOST_NOTES = 60
 LONGEST_NAME = 70  # characters, in the footer of a printed page
 MOST_GRAPHS, MOST_SPECTRA = 12, 40  # rows
-MOST_EIGENVALUES, MOST_SAMPLES = 8, 9
+MOST_EIGENVALUES, MOST_SAMPLES, MOST_LAMBDAS = 8, 9, 6
+LONGEST_VECTOR = 12
 _WORDS = (
     (
         "margin",
@@ -52,6 +43,27 @@ _WORDS = (
         "An agent with a gain k > 0 knows the target and is pulled there; the others know their neighbours only.",
     ),
 )
+#: The equations of the loop: what each is, its LaTeX, its number in the paper.
+_COUPLED = r"\dot x_i = \sum_{j \in N_i} w_{ij}\, h_{ij}(x_j - x_i) + u_i"
+LOOP = (("each agent", _COUPLED, "(1)"), ("control", r"u_i = -k_i (x_i - \bar{x})", "(4)"))
+LOOP_DISTURBED = (
+    ("each agent", rf"{_COUPLED} + d_i", "(1)"),
+    ("its disturbance", r"\dot \xi_i = A \xi_i, \quad d_i = C \xi_i", "(12)"),
+    (
+        "its observer",
+        r"\dot z_i = (A - WC)(z_i + W x_i) - W \left( \sum_{j \in N_i} w_{ij}\, h_{ij}(x_j - x_i) + u_i \right)",
+        "(13)",
+    ),
+    ("the estimate", r"\hat{\xi}_i = z_i + W x_i, \quad \hat{d}_i = C \hat{\xi}_i", "(13)"),
+    ("control", r"u_i = -k_i (x_i - \bar{x}) - \hat{d}_i", "(19)"),
+)
+_LAMBDA = r"\Lambda(J) = J + J' - (K + K'), \quad K = \operatorname{blockdiag}(k_1 I_m, \dots, k_n I_m)"
+_PSI = r"\Psi = \begin{pmatrix} \Lambda(J) & I_n \otimes C \\ (I_n \otimes C)' & I_n \otimes \Omega_0 \end{pmatrix} < 0"
+_OMEGA = r"\Omega_0 = P A + A' P - C' Q' - Q C"
+_REDUCED = (
+    r"\Psi < 0 \;\iff\; \Omega_0 < 0 \text{ and } \Lambda(J) + I_n \otimes S < 0, \qquad S = C (-\Omega_0)^{-1} C'"
+)
+_BY_EXISTENCE = r"\text{some } P, Q \text{ exist} \;\iff\; \Lambda(J) < 0 \text{ and } (A, C) \text{ is detectable}"
 
 
 def report_document(
@@ -69,109 +81,98 @@ def report_document(
     printed up to 12 x 12.  ``timings``: sampling and delays of the stages of a settling time; ``searches`` for
     counterexamples.
     """
-    problem, again, verdict = certificate.problem, reproduction(certificate), certificate.verdict
-    box = doc.Box(
-        mark=words.mark_of(verdict),
-        word=verdict.value.capitalize(),
-        reason=certificate.reason,
-        facts=_facts(certificate),
-    )
-    identity = title_block(certificate, again)
-    blocks: list[doc.Block] = [
-        doc.Only(("markdown",), (doc.Facts((*identity, *box.facts)),)),
-        *cure_section(certificate.checks),
-        *_meaning(certificate),
-        _problem(problem),
-        _network(certificate, analysis),
-        *region_section(problem, certificate.regions, tuple(pictures.region_pictures(certificate.regions))),
-        *settling_section(certificate.settling, timings, tuple(pictures.envelope_pictures(certificate.settling))),
-        *_searches(searches),
-        checks_section(certificate.checks),
-        _condition(certificate, lambdas or {}),
-        *_eigenvalues(certificate, analysis),
-        *_simulation(certificate, trajectory),
-        trace_section(certificate.checks),
-        recheck_section(certificate, again),
-        _glossary(),
-        signatures_section(),
-    ]
+    problem, again, verdict = certificate.problem, checks.reproduction(certificate), certificate.verdict
+    mark, facts = words.mark_of(verdict), tuple(_facts(certificate))
+    identity = checks.title_block(certificate, again)
     return doc.Document(
         kind="Certificate of consensus",
         name=problem.name,
         title=f"{problem.name}: {verdict.value}",
-        verdict=box,
+        verdict=doc.Box(mark=mark, word=verdict.value.capitalize(), reason=certificate.reason, facts=facts),
         identity=identity,
-        footer=f"{shortened(problem.name, LONGEST_NAME)}: {verdict.value} · certificate {again.prints[1][1][:16]}…",
-        blocks=tuple(blocks),
+        footer=f"{words.shortened(problem.name, LONGEST_NAME)}: {verdict.value}"
+        f" · certificate {again.prints[1][1][:16]}…",
+        blocks=(
+            doc.in_markdown(doc.Facts((*identity, *facts))),
+            *checks.cure_section(certificate.checks),
+            *_meaning(certificate),
+            _problem(problem),
+            _network(certificate, analysis),
+            *region_section(problem, certificate.regions, tuple(pictures.region_pictures(certificate.regions))),
+            *settling_section(certificate.settling, timings, tuple(pictures.envelope_pictures(certificate.settling))),
+            *_searches(searches),
+            checks.checks_section(certificate.checks),
+            _condition(certificate, lambdas or {}),
+            *_eigenvalues(certificate, analysis),
+            *_simulation(certificate, trajectory),
+            checks.trace_section(certificate.checks),
+            checks.recheck_section(certificate, again),
+            _glossary(),
+            checks.signatures_section(),
+        ),
     )
 
 
-def _facts(certificate: Certificate) -> tuple[tuple[str, str], ...]:
-    facts = []
+def _facts(certificate: Certificate) -> Iterator[tuple[str, str]]:
     if certificate.verdict is Verdict.PROVED:
-        domain = words.covering_domain(certificate)
-        facts.append(("Holds", words.domain_words(domain) if domain is not None else "–"))
-        rate = certificate.rate
-        facts.append(("Certified rate", "–" if rate is None else f"{typeset(significant_towards_zero(rate))} 1/s"))
-        facts.append(("Carried by", KINDS[certificate.covered_by].name if certificate.covered_by in KINDS else "–"))
-    counts = [(v, sum(check.verdict is v for check in certificate.checks)) for v in Verdict]
-    facts.append(("Checks", ", ".join(f"{count} {v.value}" for v, count in counts if count) or "none"))
-    facts.append(("Agents", str(certificate.problem.n)))
-    facts.append(("Modes", str(len(certificate.problem.network.modes))))
-    return tuple(facts)
+        domain, rate = words.covering_domain(certificate), certificate.rate
+        yield "Holds", words.domain_words(domain) if domain is not None else "–"
+        yield "Certified rate", "–" if rate is None else f"{words.typeset(significant_towards_zero(rate))} 1/s"
+        yield "Carried by", KINDS[certificate.covered_by].name if certificate.covered_by in KINDS else "–"
+    yield "Checks", words.verdict_counts(certificate.checks) or "none"
+    yield "Agents", str(certificate.problem.n)
+    yield "Modes", str(len(certificate.problem.network.modes))
 
 
 def _meaning(certificate: Certificate) -> Iterator[doc.Section]:
     yes, no = words.what_it_means(certificate)
-    says = doc.Section(title="It says", blocks=(doc.List(tuple(yes)),))
-    says_not = doc.Section(title="It does not say", blocks=(doc.List(tuple(no)),))
-    title = "What this says, and what it does not"
-    yield doc.Section(name="meaning", title=title, short="Meaning", blocks=(doc.Beside(((says,), (says_not,))),))
+    says, says_not = doc.Section("It says", (doc.List(yes),)), doc.Section("It does not say", (doc.List(no),))
+    both = (doc.Beside(((says,), (says_not,))),)
+    yield doc.Section("What this says, and what it does not", both, "meaning", "Meaning")
     notes = certificate.claims.notes[:MOST_NOTES] or ("Nothing was assumed or designed beyond the problem file.",)
-    title = "What was given, assumed and designed"
-    yield doc.Section(name="assumptions", title=title, short="Assumptions", blocks=(doc.List(notes),))
+    yield doc.Section("What was given, assumed and designed", (doc.List(notes),), "assumptions", "Assumptions")
 
 
 def _problem(problem: Problem) -> doc.Section:
     """The problem in a few sentences, and its equations with the numbers of the paper."""
-    given = (
-        words.size_sentence(problem),
-        words.pin_sentence(problem),
-        words.region_sentence(problem),
-        words.switching_sentence(problem),
-    )
     disturbed = ", disturbed" if problem.groups else ""
-    loop = formulas.LOOP_DISTURBED if problem.groups else formulas.LOOP
-    coupling, target = formulas.coupling_latex(problem.coupling), formulas.target_latex(problem)
+    coupling, target = _coupling(problem), _target(problem)
     letters = "h(y)" if problem.coupling.by_component else "h(y) by components"
-    plain = f"{letters} = {', '.join(problem.coupling.texts)}"
-    lists: list[doc.Block] = []
+    plain = (("coupling", f"{letters} = {', '.join(problem.coupling.texts)}"),)
+    blocks: list[doc.Block] = [
+        doc.Text(words.problem_words(problem)),
+        *(
+            doc.Formula(latex, name, equation, name + disturbed)
+            for name, latex, equation in (LOOP_DISTURBED if problem.groups else LOOP)
+        ),
+        doc.in_markdown(doc.Text("Coupling and target:")),
+        doc.Only(doc.TEXTS, (doc.Formula(coupling), doc.Formula(target))),
+        doc.Only(("html",), (doc.Formula(coupling, "coupling"), doc.Formula(target, "target"))),
+        doc.Only(("pdf",), (doc.Facts((*plain, ("target", words.vector_text(problem.target)))),)),
+        doc.Text(_letters(problem)),
+    ]
     for head, sentences in (
         ("Each agent has the A, C and W of its group:", words.group_sentences(problem)),
         ("Arcs with a coupling of their own:", words.exception_sentences(problem)),
     ):
         if sentences:
-            lists += [doc.Text(head), doc.List(tuple(sentences))]
-    return doc.Section(
-        name="problem",
-        title="The problem",
-        short="Problem",
-        blocks=(
-            doc.Text(" ".join(filter(None, given))),
-            *(
-                doc.Formula(latex=latex, label=name, number=equation, typst=name + disturbed)
-                for name, latex, equation in loop
-            ),
-            doc.Only(("markdown",), (doc.Text("Coupling and target:"),)),
-            doc.Only(doc.TEXTS, (doc.Formula(latex=coupling), doc.Formula(latex=target))),
-            doc.Only(
-                ("html",), (doc.Formula(latex=coupling, label="coupling"), doc.Formula(latex=target, label="target"))
-            ),
-            doc.Only(("pdf",), (doc.Facts((("coupling", plain), ("target", words.vector_text(problem.target)))),)),
-            doc.Text(_letters(problem)),
-            *lists,
-        ),
-    )
+            blocks += [doc.Text(head), doc.List(sentences)]
+    return doc.Section("The problem", blocks, "problem", "Problem")
+
+
+def _coupling(problem: Problem) -> str:
+    """LaTeX of h: one function of y, or a column of functions of y_1 to y_m."""
+    latex = problem.coupling.latex
+    column = r"\begin{pmatrix} " + r" \\ ".join(latex) + r" \end{pmatrix}"
+    return f"h_{{ij}}(y) = {latex[0] if problem.coupling.by_component else column}"
+
+
+def _target(problem: Problem) -> str:
+    """LaTeX of the target, as a number if it has one entry, else as a transposed row."""
+    target = problem.target
+    if len(target) > LONGEST_VECTOR:
+        return rf"\bar{{x}} \in \mathbb{{R}}^{{{len(target)}}}"
+    return rf"\bar{{x}} = {latex_number(target[0])}" if len(target) == 1 else rf"\bar{{x}} = {latex_matrix([target])}'"
 
 
 def _letters(problem: Problem) -> doc.Words:
@@ -194,19 +195,15 @@ def _network(certificate: Certificate, analysis: Analysis | None) -> doc.Section
     sentences, agents = words.mode_sentences(problem), words.agents_table(problem)
     hidden = len(problem.network.modes) - len(sentences)
     drawn, legend = pictures.network_pictures(certificate)
-    shown = doc.Only(doc.PAGES, (doc.Pictures(drawn, small=True), doc.Text(legend, "caption")))
+    shown = doc.on_pages(doc.Pictures(drawn, small=True), doc.Text(legend, "caption"))
     table = () if agents is None else (agents,)
-    return doc.Section(
-        name="network",
-        title="Who listens to whom",
-        short="Network",
-        blocks=(
-            doc.List(tuple(f"{name}: {sentence}" for name, sentence in sentences)),
-            *((doc.Only(doc.PAGES, (doc.Text(f"And {hidden} more modes."),)),) if hidden else ()),
-            *((doc.Beside(((shown,), table), second_wider=True),) if len(drawn) == 1 and table else (shown, *table)),
-            *_graphs(analysis),
-        ),
+    blocks = (
+        doc.List(sentences),
+        *((doc.on_pages(doc.Text(f"And {hidden} more modes.")),) if hidden else ()),
+        *((doc.Beside(((shown,), table), second_wider=True),) if len(drawn) == 1 and table else (shown, *table)),
+        *_graphs(analysis),
     )
+    return doc.Section("Who listens to whom", blocks, "network", "Network")
 
 
 def _graphs(analysis: Analysis | None) -> Iterator[doc.Block]:
@@ -214,19 +211,17 @@ def _graphs(analysis: Analysis | None) -> Iterator[doc.Block]:
         yield doc.table_of(
             "Facts about the graph of each mode; eigenvalues in floating point, for orientation",
             list(zip(analysis.graphs, analysis.modes, strict=False))[:MOST_GRAPHS],
-            (doc.Column(head="mode", width=1.4), lambda each: each[0].mode),
-            (doc.Column(head="arcs"), lambda each: str(each[0].arcs)),
-            (
-                doc.Column(head="strong components", width=1.2),
+            doc.Column("mode", lambda each: each[0].mode, 1.4),
+            doc.Column("arcs", lambda each: str(each[0].arcs)),
+            doc.Column(
+                "strong components",
                 lambda each: "one" if each[0].is_strongly_connected else str(len(each[0].components)),
+                1.2,
             ),
-            (doc.Column(head="balanced"), lambda each: "yes" if each[0].balanced else "no"),
-            (doc.Column(head="not reached", width=1.2), lambda each: words.names_in_words(each[0].unreached, 6)),
-            (
-                doc.Column(head="λmax(Λ) in 1/s", width=1.2, style="number"),
-                lambda each: number(each[1].lambda_max),
-            ),
-            (doc.Column(head="decay in 1/s", width=1.2, style="number"), lambda each: number(each[1].decay_rate)),
+            doc.Column("balanced", lambda each: "yes" if each[0].balanced else "no"),
+            doc.Column("not reached", lambda each: words.names_in_words(each[0].unreached, 6), 1.2),
+            doc.Column("λmax(Λ) in 1/s", lambda each: number(each[1].lambda_max), 1.2, style="number"),
+            doc.Column("decay in 1/s", lambda each: number(each[1].decay_rate), 1.2, style="number"),
         )
 
 
@@ -234,57 +229,69 @@ def _searches(searches: Sequence[Falsification]) -> Iterator[doc.Block]:
     if searches:
         drawn = [pictures.search_picture(search, place) for place, search in enumerate(searches)]
         sections = search_sections(searches, drawn)
-        yield doc.Only(("markdown",), sections)
-        title = "What a search for counterexamples found"
-        yield doc.Only(doc.PAGES, (doc.Section(name="search", title=title, short="Search", blocks=sections),))
+        yield doc.in_markdown(*sections)
+        yield doc.on_pages(doc.Section("What a search for counterexamples found", sections, "search", "Search"))
 
 
 def _condition(certificate: Certificate, lambdas: Mapping[str, Matrix]) -> doc.Section:
     """The condition that is decided, and the matrices of the certificate."""
-    problem = certificate.problem
     rounded = "Entries with a decimal point are rounded for this page; certificate.json holds them exactly."
-    matrices = doc.Matrices(tuple(formulas.matrices_of(certificate)))
-    blocks = [*_disturbed(problem)] if problem.groups else [*_undisturbed()]
+    matrices = doc.Matrices(tuple(_matrices(certificate)))
+    blocks = list(_disturbed(certificate.problem) if certificate.problem.groups else _undisturbed())
     if matrices.items:
-        blocks += [matrices, doc.Only(doc.PAGES, (doc.Text(rounded, "caption"),))]
-    for name, bound in formulas.bounds_of(certificate).items():
+        blocks += [matrices, doc.on_pages(doc.Text(rounded, "caption"))]
+    for name, bound in words.bounds_of(certificate).items():
         latex = rf"\lambda_{{\max}}(\Lambda) < {latex_number(bound)}"
-        blocks.append(doc.Only(doc.TEXTS, (doc.Text(f"For {name}:"), doc.Formula(latex=latex))))
-        blocks.append(doc.Only(doc.PAGES, (doc.Formula(latex=latex, label=f"condition for {name}", typst=bound),)))
-    blocks += [doc.Matrices((each,)) for each in formulas.lambda_matrices(lambdas)]
-    title = "The condition and its matrices"
-    return doc.Section(name="condition", title=title, short="Condition", blocks=tuple(blocks))
+        blocks.append(doc.Only(doc.TEXTS, (doc.Text(f"For {name}:"), doc.Formula(latex))))
+        blocks.append(doc.on_pages(doc.Formula(latex, f"condition for {name}", typst=bound)))
+    shown = [
+        doc.ShownMatrix(r"\Lambda", f"at the target, mode {mode}", matrix)
+        for mode, matrix in list(lambdas.items())[:MOST_LAMBDAS]
+    ]
+    blocks += [doc.Matrices((each,)) for each in shown if each.latex is not None]
+    return doc.Section("The condition and its matrices", blocks, "condition", "Condition")
+
+
+def _matrices(certificate: Certificate) -> Iterator[doc.ShownMatrix]:
+    """A, C, W, and P, Q, S where the theorem is proved, S of a printed P beside them."""
+    problem, claims = certificate.problem, certificate.claims
+    exosystem = problem.joint_exosystem
+    if exosystem is None:
+        return
+    source = f" ({claims.gain_source})" if claims.gain_source else ""
+    blocks = words.observer_blocks(certificate)
+    for name, what, matrix in (
+        ("A", "generator of the disturbance", exosystem.A),
+        ("C", "what of it acts on an agent", exosystem.C),
+        ("W", f"observer gain{source}", claims.W),
+        ("P", "Lyapunov matrix of the estimation error, found and proved", claims.P),
+        ("Q", "P W", claims.Q),
+        ("S", "what the observer costs: Λ + I ⊗ S has to be negative definite", blocks.get(words.FOUND)),
+        (r"P_{\text{given}}", "the P of the problem file, tested as it stands", problem.joint_observer.P),
+        (r"S_{\text{given}}", "its S", blocks.get(words.GIVEN)),
+    ):
+        if matrix is not None:
+            yield doc.ShownMatrix(name, what, matrix)
 
 
 def _undisturbed() -> Iterator[doc.Block]:
-    yield doc.Only(doc.PAGES, (doc.Text("Without a disturbance, Lemma 1 asks in every mode for"),))
-    yield doc.Formula(latex=formulas.LAMBDA + " < 0", typst="lemma 1")
-    yield doc.Only(doc.PAGES, (doc.Text(("where ", doc.Math("J", "J"), " is the Jacobian of the couplings.")),))
+    yield doc.on_pages(doc.Text("Without a disturbance, Lemma 1 asks in every mode for"))
+    yield doc.Formula(_LAMBDA + " < 0", typst="lemma 1")
+    yield doc.on_pages(doc.Text(("where ", doc.Math("J", "J"), " is the Jacobian of the couplings.")))
 
 
 def _disturbed(problem: Problem) -> Iterator[doc.Block]:
-    asks: doc.Words = (
-        "Theorems 1 and 2 ask for matrices ",
-        doc.Math("P > 0", "P > 0"),
-        " and ",
-        doc.Math("Q", "Q"),
-        ", with ",
-        doc.Math("W = P⁻¹ Q", "W = P^{-1} Q"),
-        ", such that in every mode",
-    )
-    jacobian: doc.Words = (
-        "where ",
-        doc.Math("J", "J"),
-        " is the Jacobian of the couplings. The size of the condition does not matter, because exactly",
-    )
-    yield doc.Only(doc.PAGES, (doc.Text(asks),))
-    yield doc.Formula(latex=formulas.PSI, number="(18)", typst="psi")
-    yield doc.Formula(latex=formulas.LAMBDA, typst="lambda")
-    yield doc.Formula(latex=formulas.OMEGA, typst="omega")
-    yield doc.Only(doc.PAGES, (doc.Text(jacobian),))
-    yield doc.Formula(latex=formulas.REDUCED, typst="reduced")
-    yield doc.Only(doc.PAGES, (doc.Text("and, when nothing is said about P and Q,"),))
-    yield doc.Formula(latex=formulas.BY_EXISTENCE, typst="existence")
+    P, Q, W = doc.Math("P > 0", "P > 0"), doc.Math("Q", "Q"), doc.Math("W = P⁻¹ Q", "W = P^{-1} Q")
+    asks = ("Theorems 1 and 2 ask for matrices ", P, " and ", Q, ", with ", W, ", such that in every mode")
+    exactly = " is the Jacobian of the couplings. The size of the condition does not matter, because exactly"
+    yield doc.on_pages(doc.Text(asks))
+    yield doc.Formula(_PSI, number="(18)", typst="psi")
+    yield doc.Formula(_LAMBDA, typst="lambda")
+    yield doc.Formula(_OMEGA, typst="omega")
+    yield doc.on_pages(doc.Text(("where ", doc.Math("J", "J"), exactly)))
+    yield doc.Formula(_REDUCED, typst="reduced")
+    yield doc.on_pages(doc.Text("and, when nothing is said about P and Q,"))
+    yield doc.Formula(_BY_EXISTENCE, typst="existence")
     if problem.is_grouped:
         yield doc.Text(words.BY_GROUP)
 
@@ -296,24 +303,17 @@ def _eigenvalues(certificate: Certificate, analysis: Analysis | None) -> Iterato
     seen = _observability(analysis)
     drawn = tuple(pictures.eigenvalue_pictures(certificate, analysis))
     computed = "Computed in floating point, to show how far things are from the edge. No verdict rests on them."
+    told = doc.Text("Computed in floating point, for orientation. No verdict rests on them.")
     table = doc.table_of(
         "Eigenvalues",
         list(_spectra(analysis))[:MOST_SPECTRA],
-        (doc.Column(head="matrix"), lambda row: row[0]),
-        (doc.Column(head="eigenvalues in 1/s, the rightmost first"), lambda row: _values(row[1])),
+        doc.Column("matrix", lambda row: row[0]),
+        doc.Column("eigenvalues in 1/s, the rightmost first", lambda row: _values(row[1])),
     )
-    blocks = (
-        doc.Only(
-            ("markdown",),
-            (
-                doc.Text("Computed in floating point, for orientation. No verdict rests on them."),
-                *((doc.Text(seen),) if seen else ()),
-                table,
-            ),
-        ),
-        doc.Only(doc.PAGES, (doc.Text(" ".join(filter(None, (computed, seen)))), doc.Pictures(drawn)) if drawn else ()),
+    page = (doc.Text(" ".join([computed, *seen])), doc.Pictures(drawn)) if drawn else ()
+    yield doc.Section(
+        "Eigenvalues", (doc.in_markdown(told, *map(doc.Text, seen), table), doc.on_pages(*page)), "eigenvalues"
     )
-    yield doc.Section(name="eigenvalues", title="Eigenvalues", short="Eigenvalues", blocks=blocks)
 
 
 def _spectra(analysis: Analysis) -> Iterator[tuple[str, Sequence[complex]]]:
@@ -335,17 +335,16 @@ def _values(values: Sequence[complex]) -> str:
     return ", ".join(shown) + (f" and {hidden} more" if hidden else "")
 
 
-def _observability(analysis: Analysis) -> str | None:
+def _observability(analysis: Analysis) -> list[str]:
     found = analysis.observability
     if found is None:
-        return None
-    margins = [
-        f"{number(each.margin)} at {_eigenvalue(each.eigenvalue)}" for each in found.modes if each.eigenvalue.imag >= 0
-    ]
-    return (
+        return []
+    seen = [each for each in found.modes if each.eigenvalue.imag >= 0]
+    margins = ", ".join(f"{number(each.margin)} at {_eigenvalue(each.eigenvalue)}" for each in seen[:12])
+    return [
         f"In floating point the observability matrix has rank {found.rank} of {found.order}. The smallest singular"
-        f" value of [A − λI; C] at the eigenvalues λ of A, 0 meaning unseen: {', '.join(margins[:12])}."
-    )
+        f" value of [A − λI; C] at the eigenvalues λ of A, 0 meaning unseen: {margins}."
+    ]
 
 
 def _eigenvalue(value: complex) -> str:
@@ -357,34 +356,25 @@ def _simulation(certificate: Certificate, trajectory: Trajectory | None) -> Iter
     """As pictures on pages, as a few samples in Markdown."""
     if trajectory is None or len(trajectory.times) == 0:
         return
-    told = f"An illustration, not a proof. {_run_sentence(trajectory)}"
-    error = trajectory.error()
+    error, times = trajectory.error(), trajectory.times
+    first, last, end = float(error[0]), float(error[-1]), number(float(times[-1]))
+    told = f"An illustration, not a proof. One run of {end} s in mode {trajectory.mode}, seed {trajectory.seed}:"
+    told += f" the largest error {'falls' if last < first else 'grows'} from {number(first)} to {number(last)}."
+    if trajectory.diverged:
+        told += f" The run diverged and could not be carried to {number(trajectory.t_final)} s."
     table = doc.table_of(
         "Largest error over time",
-        thinned_rows(len(trajectory.times), MOST_SAMPLES).tolist(),
-        (doc.Column(head="time in s"), lambda i: number(float(trajectory.times[i]))),
-        (doc.Column(head="largest error"), lambda i: number(float(error[i]))),
+        thinned_rows(len(times), MOST_SAMPLES).tolist(),
+        doc.Column("time in s", lambda i: number(float(times[i]))),
+        doc.Column("largest error", lambda i: number(float(error[i]))),
     )
     drawn = tuple(pictures.simulation_pictures(certificate, trajectory))
     note = doc.Text(f"{told} One run shows one start; the verdict above does not use it.")
-    blocks = (
-        doc.Only(("markdown",), (doc.Text(told), table)),
-        doc.Only(doc.PAGES, (note, doc.Pictures(drawn)) if drawn else ()),
-    )
-    yield doc.Section(name="simulation", title="A simulation", short="Simulation", blocks=blocks)
-
-
-def _run_sentence(trajectory: Trajectory) -> str:
-    error = trajectory.error()
-    first, last = float(error[0]), float(error[-1])
-    text = f"One run of {number(float(trajectory.times[-1]))} s in mode {trajectory.mode}, seed {trajectory.seed}:"
-    text += f" the largest error {'falls' if last < first else 'grows'} from {number(first)} to {number(last)}."
-    if trajectory.diverged:
-        text += f" The run diverged and could not be carried to {number(trajectory.t_final)} s."
-    return text
+    page = (note, doc.Pictures(drawn)) if drawn else ()
+    blocks = (doc.in_markdown(doc.Text(told), table), doc.on_pages(*page))
+    yield doc.Section("A simulation", blocks, "simulation", "Simulation")
 
 
 def _glossary() -> doc.Section:
-    verdicts = doc.Terms(tuple((words.mark_of(verdict), "", words.MEANINGS[verdict]) for verdict in Verdict))
-    blocks = (verdicts, doc.Only(doc.PAGES, (doc.Terms(_WORDS),)))
-    return doc.Section(name="glossary", title="Glossary", short="Glossary", blocks=blocks)
+    verdicts = doc.Terms([(words.mark_of(verdict), "", words.MEANINGS[verdict]) for verdict in Verdict])
+    return doc.Section("Glossary", (verdicts, doc.on_pages(doc.Terms(_WORDS))), "glossary")

@@ -1,15 +1,16 @@
 """The nouns of a report: a tree of titled blocks, built once and shown by four renderers.
 
-``content`` and ``comparison`` build documents; ``html``, ``markdown``, ``pdf`` and ``latex`` show them.  All text is
-plain text: a renderer escapes it.  What not every form shows says so with ``Only`` or with a column's ``only``.
+``content`` and ``comparison`` build documents; ``pages``, ``pdf`` and ``latex`` show them.  All text is plain text: a
+renderer escapes it.  What not every form shows says so with ``Only`` or with a column's ``only``.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import KW_ONLY, dataclass, replace
 from fractions import Fraction
-from typing import TYPE_CHECKING, Final, Literal, TypeVar
+from itertools import compress
+from typing import TYPE_CHECKING, Any, Final, Literal
 
 from dobc_design._show.text import latex_matrix
 from dobc_design.exact.matrix import Matrix
@@ -18,12 +19,10 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
 Form = Literal["html", "markdown", "pdf", "latex"]
+EVERY: Final[tuple[Form, ...]] = ("html", "markdown", "pdf", "latex")
 PAGES: Final[tuple[Form, ...]] = ("html", "pdf")  # with pictures, and room for explanations
 TEXTS: Final[tuple[Form, ...]] = ("markdown", "latex")
 READ: Final[tuple[Form, ...]] = ("html", "markdown", "pdf")  # whole documents; LaTeX fragments are parts of a paper
-EVERY: Final[tuple[Form, ...]] = ("html", "markdown", "pdf", "latex")
-
-Row = TypeVar("Row")
 
 
 class Own(str):
@@ -43,26 +42,33 @@ class Math:
         return self.plain
 
 
-@dataclass(frozen=True, slots=True)
-class Strong:
+class Strong(str):
     """Words inside a sentence that stand out."""
 
-    text: str
-
-    def __str__(self) -> str:
-        return self.text
+    __slots__ = ()
 
 
-Words = str | tuple[str | Math | Strong, ...]
+Words = str | tuple[str | Math, ...]
 
 
-def pieces(words: Words) -> tuple[str | Math | Strong, ...]:
+def pieces(words: Words) -> tuple[str | Math, ...]:
     """The words as pieces, also where they are a single text."""
     return (words,) if isinstance(words, str) else words
 
 
+def plain(words: Words) -> str:
+    """The words as one text."""
+    return "".join(map(str, pieces(words)))
+
+
+class Block:
+    """Whatever a document shows, one below the other."""
+
+    __slots__ = ()
+
+
 @dataclass(frozen=True, slots=True)
-class Text:
+class Text(Block):
     """A paragraph."""
 
     words: Words
@@ -70,36 +76,36 @@ class Text:
 
 
 @dataclass(frozen=True, slots=True)
-class List:
+class List(Block):
     """A list of sentences."""
 
-    items: tuple[Words, ...]
+    items: Sequence[Words]
 
 
 @dataclass(frozen=True, slots=True)
-class Facts:
+class Facts(Block):
     """Names and values side by side."""
 
-    rows: tuple[tuple[str, str], ...]
+    rows: Sequence[tuple[str, str]]
 
 
 @dataclass(frozen=True, slots=True)
-class Terms:
+class Terms(Block):
     """Words and what they mean: (word, id that stands behind it, meaning)."""
 
-    items: tuple[tuple[str | Mark, str, str], ...]
+    items: Sequence[tuple[str | Mark, str, str]]
 
 
 @dataclass(frozen=True, slots=True)
-class Code:
+class Code(Block):
     """Lines of a file, or with ``command`` one line to be typed."""
 
-    lines: tuple[str, ...]
+    lines: Sequence[str]
     command: bool = False
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Formula:
+@dataclass(frozen=True, slots=True)
+class Formula(Block):
     """A displayed formula.
 
     ``label`` says what it is, ``number`` is that of the paper.  ``typst``: its name in the template of the PDF, which
@@ -112,7 +118,7 @@ class Formula:
     typst: str | Fraction = ""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@dataclass(frozen=True, slots=True)
 class ShownMatrix:
     """A matrix with its name (LaTeX) and what it is."""
 
@@ -133,10 +139,10 @@ class ShownMatrix:
 
 
 @dataclass(frozen=True, slots=True)
-class Matrices:
+class Matrices(Block):
     """Matrices beside each other."""
 
-    items: tuple[ShownMatrix, ...]
+    items: Sequence[ShownMatrix]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -148,7 +154,7 @@ class Picture:
 
     name: str
     title: str
-    caption: str
+    caption: str = ""
     alt: str
     draw: Callable[[Axes], object]
     width: float = 4.6
@@ -156,10 +162,10 @@ class Picture:
 
 
 @dataclass(frozen=True, slots=True)
-class Pictures:
+class Pictures(Block):
     """Figures beside each other; ``small`` ones need less room."""
 
-    items: tuple[Picture, ...]
+    items: Sequence[Picture]
     small: bool = False
 
 
@@ -176,7 +182,7 @@ class Mark:
 
 @dataclass(frozen=True, slots=True)
 class Name:
-    """What a row is about, in a few parts; ``id`` and ``code`` lines stand below it on a page only."""
+    """What a row is about, in a few parts; ``id`` stands below it on a page only."""
 
     parts: tuple[str, ...]
     id: str = ""
@@ -190,102 +196,86 @@ class Reason:
     """Why a verdict was reached: a sentence, values with their names, and a cure with its lines of the problem file."""
 
     text: str
-    details: tuple[tuple[str, str], ...] = ()
+    details: Sequence[tuple[str, str]] = ()
     cure: str | None = None
-    lines: tuple[str, ...] = ()
+    lines: Sequence[str] = ()
 
 
 Cell = str | Mark | Name | Reason
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@dataclass(frozen=True, slots=True)
 class Column:
-    """One column: its head, its part of the width of a printed page (0: what it needs), and the forms that show it.
+    """One column: its head, what ``table_of`` shows of a row, and its part of a page's width (0: what it needs).
 
     ``unit`` is named where the head stands alone, on a phone.  ``style``: "number" for numbers in columns, "why" for
-    sentences, "code" for names of files, "plain" for the rest.
+    sentences, "code" for names of files, "plain" for the rest.  ``only``: the forms that have it.
     """
 
     head: str
+    shown: Callable[[Any], Cell] = str
     width: float = 1.0
+    _: KW_ONLY
     unit: str = ""
     style: Literal["plain", "number", "why", "code"] = "plain"
-    only: tuple[Form, ...] = EVERY
+    only: Sequence[Form] = EVERY
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Table:
+class Table(Block):
     """A table; ``cards``: on a phone every row is a card.  ``marked`` rows stand out."""
 
     caption: str
-    columns: tuple[Column, ...]
-    rows: tuple[tuple[Cell, ...], ...]
+    columns: Sequence[Column]
+    rows: Sequence[Sequence[Cell]]
     cards: bool = False
     marked: frozenset[int] = frozenset()
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Box:
+class Box(Block):
     """A verdict in a frame: its word and reason, facts, and for one of several its title and a note."""
 
     mark: Mark
     word: str
     reason: str
-    facts: tuple[tuple[str, str], ...] = ()
+    facts: Sequence[tuple[str, str]] = ()
     title: str = ""
     note: str = ""
 
 
 @dataclass(frozen=True, slots=True)
-class Signatures:
+class Signatures(Block):
     """Lines to be signed on paper: one for each role."""
 
-    heads: tuple[str, ...]
-    roles: tuple[str, ...]
+    heads: Sequence[str]
+    roles: Sequence[str]
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Section:
-    """A titled part; ``name`` is its anchor, ``short`` its words in the list of sections."""
+@dataclass(frozen=True, slots=True)
+class Section(Block):
+    """A titled part; ``name`` is its anchor, ``short`` its words in the list of sections where the title is long."""
 
     title: str
-    blocks: tuple[Block, ...]
+    blocks: Sequence[Block]
     name: str = ""
     short: str = ""
 
 
 @dataclass(frozen=True, slots=True)
-class Beside:
+class Beside(Block):
     """Parts beside each other where there is room, as equals or the second one wider."""
 
-    parts: tuple[tuple[Block, ...], ...]
+    parts: Sequence[Sequence[Block]]
     second_wider: bool = False
 
 
 @dataclass(frozen=True, slots=True)
-class Only:
+class Only(Block):
     """Blocks that only some forms show."""
 
-    forms: tuple[Form, ...]
-    blocks: tuple[Block, ...]
-
-
-Block = (
-    Text
-    | List
-    | Facts
-    | Terms
-    | Code
-    | Formula
-    | Matrices
-    | Pictures
-    | Table
-    | Box
-    | Signatures
-    | Section
-    | Beside
-    | Only
-)
+    forms: Sequence[Form]
+    blocks: Sequence[Block]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -296,25 +286,29 @@ class Document:
     name: str
     title: str
     verdict: Box
-    identity: tuple[tuple[str, str], ...]
+    identity: Sequence[tuple[str, str]]
     footer: str
-    blocks: tuple[Block, ...]
+    blocks: Sequence[Block]
 
-    def section(self, name: str) -> tuple[Block, ...]:
+    def section(self, name: str) -> Sequence[Block]:
         """The blocks of the section of this name; empty where there is none."""
         return next((each.blocks for each in self.blocks if isinstance(each, Section) and each.name == name), ())
 
 
-def table_of(
-    caption: str,
-    rows: Iterable[Row],
-    *columns: tuple[Column, Callable[[Row], Cell]],
-    cards: bool = False,
-    marked: frozenset[int] = frozenset(),
-) -> Table:
+def on_pages(*blocks: Block) -> Only:
+    """Blocks for HTML and PDF."""
+    return Only(PAGES, blocks)
+
+
+def in_markdown(*blocks: Block) -> Only:
+    """Blocks for Markdown."""
+    return Only(("markdown",), blocks)
+
+
+def table_of(caption: str, rows: Iterable[Any], *columns: Column, cards: bool = False) -> Table:
     """A table from its rows, each column with what it shows of a row."""
-    cells = tuple(tuple(shown(row) for _, shown in columns) for row in rows)
-    return Table(caption=caption, columns=tuple(each for each, _ in columns), rows=cells, cards=cards, marked=marked)
+    cells = tuple(tuple(column.shown(row) for column in columns) for row in rows)
+    return Table(caption=caption, columns=columns, rows=cells, cards=cards)
 
 
 def in_form(document: Document, form: Form) -> Document:
@@ -334,14 +328,14 @@ def _chosen(blocks: Sequence[Block], form: Form) -> Iterator[Block]:
             case Beside():
                 yield replace(block, parts=tuple(tuple(_chosen(part, form)) for part in block.parts))
             case Table():
-                kept = [place for place, column in enumerate(block.columns) if form in column.only]
-                columns = tuple(block.columns[place] for place in kept)
-                yield replace(block, columns=columns, rows=tuple(tuple(row[k] for k in kept) for row in block.rows))
+                kept = [form in column.only for column in block.columns]
+                rows = tuple(tuple(compress(row, kept)) for row in block.rows)
+                yield replace(block, columns=tuple(compress(block.columns, kept)), rows=rows)
             case _:
                 yield block
 
 
 def leads(block: Block, after: Block | None) -> bool:
     """Whether a paragraph introduces what comes after it and should stay on its page."""
-    plain = isinstance(block, Text) and block.style == "plain"
-    return plain and after is not None and not isinstance(after, (Section, Text))
+    paragraph = isinstance(block, Text) and block.style == "plain"
+    return paragraph and after is not None and not isinstance(after, (Section, Text))

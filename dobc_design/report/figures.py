@@ -1,65 +1,66 @@
-"""Plots of eigenvalues, runs, certified regions and searches: functions that take data and axes, and return the axes.
+"""Plots of the report: functions that take data and axes, and return the axes.
 
-They compute nothing but what a drawing needs: thinning of long data, limits, ticks.  What is drawn solid about a region
-is proved.  Names given by users are never read as mathematics by Matplotlib.
+Eigenvalues, certified regions, settling times, searches, and the network: arrows point the way information flows,
+pinned agents are squares; positions say nothing, only who is joined to whom does.  They compute nothing but what a
+drawing needs.  What is drawn solid about a region is proved.  Names given by users are never read as mathematics.
 """
 
 from __future__ import annotations
 
 import itertools
-from collections.abc import Mapping, Sequence
-from typing import Final
+import math
+from collections.abc import Collection, Iterable, Mapping, Sequence
+from typing import Any, Final
 
+import networkx as nx
 import numpy as np
 from matplotlib.axes import Axes
+from matplotlib.patches import PathPatch
+from matplotlib.path import Path
 from matplotlib.ticker import FuncFormatter
 from numpy.typing import ArrayLike, NDArray
 
-from dobc_design.certificate.regions import RegionClaim, Regions
+from dobc_design.certificate.regions import AgentBound, RegionClaim, Regions
 from dobc_design.conditions.schedule.settling import Settling
 from dobc_design.falsification.suspect import RESTS, Falsification
-from dobc_design.plotting.look import (
-    BLUE,
-    DASHED,
-    DOTTED,
-    INK,
-    MARKERS,
-    MUTED,
-    PAPER,
-    PURPLE,
-    SERIES,
-    SMALLEST,
-    VERMILLION,
-    legend_above,
-    power_of_ten,
-    short,
-    shown_agents,
-    thinned_rows,
-)
-from dobc_design.report.region_words import lower, method_name
-from dobc_design.report.search_words import MOST_ROWS
+from dobc_design.plotting import look
+from dobc_design.plotting.look import BLUE, DASHED, DOTTED, INK, MUTED, PAPER, PURPLE, SERIES, VERMILLION, short
+from dobc_design.report.region_words import KINDS_OF_STARTS, MOST_SUSPECTS, lower, method_name
+from dobc_design.report.words import common_offsets
 
+Positions = NDArray[np.float64]
+Pair = tuple[int, int]
 DASHES = {"dashed": DASHED, "dotted": DOTTED}  # of bounds, in their order
+MOST_STARTS: Final = 24  # agents
+ENVELOPE_SAMPLES: Final = 201
+BELOW: Final = 0.5  # of the least bound, at the foot of its picture
+LEGEND = "An arrow from j to i: i listens to j, so information runs along the arrow."
+MOST_LABELLED = 60
+LARGEST_BY_DISTANCE = 150  # Kamada and Kawai's method takes all pairs
+_LONGEST: Final = 18  # letters of a line of a method's name
+_SIDES = ((0, -1), (0, 1), (1, 0), (-1, 0))
+_INSIDE = 3  # letters that fit into a node
+_SQUARE = Path(np.array([(-0.9, -0.9), (0.9, -0.9), (0.9, 0.9), (-0.9, 0.9), (-0.9, -0.9)]), closed=True)
 
 
-def plot_spectrum(ax: Axes, spectra: Mapping[str, ArrayLike], *, symbol: str = "λ") -> Axes:
+def plot_spectrum(ax: Axes, spectra: Mapping[str, ArrayLike]) -> Axes:
     """Eigenvalues in the complex plane, one marker per name; the half-plane that must stay empty is shaded.
 
-    ``spectra``: name -> complex eigenvalues, in 1/s.
+    ``spectra``: name -> complex eigenvalues, in 1/s.  At most 400 of each are drawn, rightmost and leftmost included.
     """
-    everything = np.concatenate([np.atleast_1d(np.asarray(each, dtype=complex)) for each in spectra.values()])
+    known = {name: np.atleast_1d(np.asarray(each, dtype=complex)) for name, each in spectra.items()}
+    everything = np.concatenate(list(known.values()))
     reach = max(float(np.abs(everything.real).max(initial=0.0)), 1e-3)
     left, right = min(float(everything.real.min(initial=0.0)), 0.0), max(float(everything.real.max(initial=0.0)), 0.0)
     ax.set_xlim(left - 0.12 * reach, right + 0.2 * reach)
-    ax.axvspan(0, right + 10 * reach, color=VERMILLION, alpha=0.13, linewidth=0)
-    ax.axvline(0, color=VERMILLION, linewidth=1.0)
-    for place, (name, values) in enumerate(spectra.items()):
-        points = _thinned_points(np.atleast_1d(np.asarray(values, dtype=complex)))
+    _shade(ax, right + 10 * reach)
+    for place, (name, values) in enumerate(known.items()):
+        points = values[np.argsort(values.real, kind="stable")][look.thinned_rows(len(values))]
         ax.plot(
             points.real,
             points.imag,
             linestyle="none",
-            marker=MARKERS[place % len(MARKERS)],
+            marker=look.MARKERS[place % len(look.MARKERS)],
             color=SERIES[place % len(SERIES)],
             markerfacecolor="none",
             markeredgewidth=1.3,
@@ -70,9 +71,8 @@ def plot_spectrum(ax: Axes, spectra: Mapping[str, ArrayLike], *, symbol: str = "
         ax.set_yticks([0])
     else:
         ax.margins(y=0.15)
-    ax.set_xlabel(f"Re {symbol} in 1/s")
-    ax.set_ylabel(f"Im {symbol} in 1/s")
-    legend_above(ax)
+    ax.set(xlabel="Re λ in 1/s", ylabel="Im λ in 1/s")
+    look.legend_above(ax)
     return ax
 
 
@@ -81,39 +81,34 @@ def plot_lambda(ax: Axes, spectra: Mapping[str, ArrayLike], *, bounds: Mapping[s
 
     ``spectra``: mode -> real eigenvalues, in 1/s.  ``bounds``: name -> number that the largest must stay below.
     """
-    names = list(spectra)
-    everything = np.concatenate([np.asarray(each, dtype=float).ravel() for each in spectra.values()])
+    known = {name: np.sort(np.asarray(each, dtype=float).ravel()) for name, each in spectra.items()}
+    everything = np.concatenate(list(known.values()))
     marks = [0.0, *(bounds or {}).values()]
     low, high = min(everything.min(initial=0.0), *marks), max(everything.max(initial=0.0), *marks)
     reach = max(high - low, 1e-3)
     ax.set_xlim(low - 0.06 * reach, high + 0.14 * reach)
-    ax.axvspan(0, high + 10 * reach, color=VERMILLION, alpha=0.13, linewidth=0)
-    ax.axvline(0, color=VERMILLION, linewidth=1.0)
-    for row, name in enumerate(names):
-        values = np.sort(np.asarray(spectra[name], dtype=float).ravel())
-        values = values[thinned_rows(len(values))]
-        ax.plot(values, np.full(len(values), row), linestyle="none", marker="|", markersize=9, color=BLUE)
-        ax.plot(values[-1:], [row], linestyle="none", marker="D", markersize=4.5, color=BLUE)
+    _shade(ax, high + 10 * reach)
+    for row, values in enumerate(known.values()):
+        shown = values[look.thinned_rows(len(values))]
+        ax.plot(shown, np.full(len(shown), row), linestyle="none", marker="|", markersize=9, color=BLUE)
+        ax.plot(shown[-1:], [row], linestyle="none", marker="D", markersize=4.5, color=BLUE)
     for bound, dashes in zip((bounds or {}).values(), itertools.cycle(DASHES.values()), strict=False):
         ax.axvline(bound, color=INK, linewidth=1.1, linestyle=dashes)
-    ax.set_yticks(range(len(names)), [short(name) for name in names], parse_math=False)
-    ax.set_ylim(len(names) - 0.4, -0.6)
-    ax.grid(visible=False, axis="y")
+    _name_rows(ax, [short(name) for name in known])
     ax.set_xlabel("eigenvalues of Λ(J) in 1/s")
     return ax
 
 
-def _thinned_points(values: NDArray[np.complex128]) -> NDArray[np.complex128]:
-    """At most 400 points, the rightmost and leftmost among them."""
-    ordered = values[np.argsort(values.real, kind="stable")]
-    return ordered[thinned_rows(len(ordered))]
+def _shade(ax: Axes, end: float) -> None:
+    """What must stay empty, right of 0."""
+    ax.axvspan(0, end, color=VERMILLION, alpha=0.13, linewidth=0)
+    ax.axvline(0, color=VERMILLION, linewidth=1.0)
 
 
-MOST_STARTS: Final = 24  # agents
-ENVELOPE_SAMPLES: Final = 201
-BELOW: Final = 0.5  # of the least bound, at the foot of its picture
-_LONGEST: Final = 18  # letters of a line of a method's name
-_NOTES: Final = {"everywhere": "every start", "near": "near the target, no radius", "none": "nothing proved"}
+def _name_rows(ax: Axes, names: Sequence[str]) -> None:
+    ax.set_yticks(range(len(names)), names, parse_math=False)
+    ax.set_ylim(len(names) - 0.4, -0.6)
+    ax.grid(visible=False, axis="y")
 
 
 def plot_regions(ax: Axes, regions: Regions) -> Axes:
@@ -123,7 +118,10 @@ def plot_regions(ax: Axes, regions: Regions) -> Axes:
     """
     claims = regions.claims
     asked = None if regions.asked is None else regions.asked.box
-    reach = _axis_end(claims, asked, regions.rest)
+    # Room for every bar with its numbers, two for a ball, and for the lines.
+    ends = [claim.ball * (1.45 if claim.kind == "ball" else 1.2) for claim in claims if claim.ball is not None]
+    farthest = max((line for line in (asked, regions.rest) if line is not None), default=0.0)
+    reach = max([*ends, 1.15 * farthest]) or 1.0
     for row, claim in enumerate(claims):
         _draw_reach(ax, row, claim, reach)
     if asked is not None:
@@ -131,60 +129,40 @@ def plot_regions(ax: Axes, regions: Regions) -> Axes:
     if regions.rest is not None:
         ax.axvline(regions.rest, color=INK, linewidth=1.4, linestyle=DOTTED, zorder=3, label="other equilibrium")
     ax.set_xlim(0, reach)
-    ax.set_ylim(len(claims) - 0.4, -0.6)
-    names = [_two_lines(method_name(claim)) for claim in claims]
-    ax.set_yticks(range(len(claims)), names, parse_math=False)
+    # The method above its variant, so that names leave room for bars.
+    names = (method_name(claim).partition(", ") for claim in claims)
+    _name_rows(ax, ["\n".join(short(part, _LONGEST) for part in (first, rest) if part) for first, _, rest in names])
     ax.tick_params(axis="y", length=0)
-    ax.grid(visible=False, axis="y")
     ax.set_xlabel("distance from the goals at the start, in the unit of x")
-    legend_above(ax, least=1)
+    look.legend_above(ax, least=1)
     return ax
 
 
 def _draw_reach(ax: Axes, row: int, claim: RegionClaim, reach: float) -> None:
     """The bar of one method; where there is no radius, words in its place."""
-    note = _NOTES.get(claim.kind, "")
+    begin, colour, ground = reach * 0.02, MUTED, PAPER
+    note = "nothing proved" if claim.kind == "none" else KINDS_OF_STARTS[claim.kind]
     if claim.kind == "everywhere":
         ax.barh(row, reach, height=0.52, color=BLUE)
-        _write(ax, reach * 0.02, row, note, colour=PAPER)
-    elif claim.box is None or claim.ball is None:
-        _write(ax, reach * 0.02, row, note, colour=MUTED, ground=PAPER)
-    else:
+        colour, ground = PAPER, ""
+    elif claim.box is not None and claim.ball is not None:
         ax.barh(row, claim.box, height=0.52, color=BLUE, zorder=2, label="all at once")
         if claim.ball > claim.box:
-            (end,) = ax.plot(
-                [claim.box, claim.ball], [row, row], color=BLUE, linewidth=1.3, zorder=2, label="one alone"
-            )
+            ends = [claim.box, claim.ball]
+            (end,) = ax.plot(ends, [row, row], color=BLUE, linewidth=1.3, zorder=2, label="one alone")
             end.set(marker="|", markersize=9, markeredgewidth=1.6, markevery=[1])
-        _write(ax, claim.ball + reach * 0.02, row, _sizes(claim), colour=INK, ground=PAPER)
+        begin, colour = claim.ball + reach * 0.02, INK
+        note = lower(claim.box) + ("" if claim.box == claim.ball else f" … {lower(claim.ball)}")
+    # readable where a line runs behind it
+    box = {"facecolor": ground, "edgecolor": "none", "alpha": 0.85, "pad": 0.8} if ground else None
+    text = ax.text(begin, row, note, va="center_baseline", fontsize=8.5, color=colour, parse_math=False, bbox=box)
+    text.set_zorder(4)
 
 
-def _write(ax: Axes, x: float, y: float, text: str, *, colour: str, ground: str = "none") -> None:
-    """Text that begins at x, readable where a line runs behind it."""
-    box = {"facecolor": ground, "edgecolor": "none", "alpha": 0.85, "pad": 0.8}
-    ax.text(
-        x,
-        y,
-        text,
-        va="center_baseline",
-        fontsize=8.5,
-        color=colour,
-        parse_math=False,
-        zorder=4,
-        bbox=None if ground == "none" else box,
-    )
-
-
-def _two_lines(name: str) -> str:
-    """The method above its variant, so that names leave room for bars."""
-    first, _, rest = name.partition(", ")
-    return short(first, _LONGEST) + (f"\n{short(rest, _LONGEST)}" if rest else "")
-
-
-def _sizes(claim: RegionClaim) -> str:
-    if claim.box == claim.ball:
-        return lower(claim.box)
-    return f"{lower(claim.box)} … {lower(claim.ball)}"
+def drawn_agents(regions: Regions) -> list[AgentBound]:
+    """The agents whose starts are drawn."""
+    pinned = {place for place, agent in enumerate(regions.agents) if agent.pinned}
+    return [regions.agents[place] for place in look.shown_agents(len(regions.agents), pinned, MOST_STARTS)]
 
 
 def plot_starts(ax: Axes, regions: Regions) -> Axes:
@@ -193,41 +171,21 @@ def plot_starts(ax: Axes, regions: Regions) -> Axes:
     Bars are in the unit of x, around the goals; with several state components they show the error, around 0.  The
     band is what was asked for.  At most 24 agents are drawn.
     """
-    agents, asked = regions.agents, _band(regions)
-    pinned = {place for place, agent in enumerate(agents) if agent.pinned}
-    chosen = shown_agents(len(agents), pinned, MOST_STARTS)
-    for column, place in enumerate(chosen):
-        agent, goal = agents[place], agents[place].goal or 0.0
-        ax.bar(
-            column,
-            2 * agent.bound,
-            bottom=goal - agent.bound,
-            width=0.56,
-            zorder=2,
-            linewidth=1.2,
-            color=BLUE if agent.pinned else "none",
-            edgecolor=BLUE if agent.pinned else MUTED,
-            label="pinned" if agent.pinned else "not pinned",
-        )
+    agents, asked = regions.agents, regions.asked
+    chosen = drawn_agents(regions)
+    for column, agent in enumerate(chosen):
+        goal = agent.goal or 0.0
+        fill, edge, label = (BLUE, BLUE, "pinned") if agent.pinned else ("none", MUTED, "not pinned")
+        low, size = goal - agent.bound, 2 * agent.bound
+        bar = ax.bar(column, size, bottom=low, width=0.56, zorder=2, linewidth=1.2, color=fill, edgecolor=edge)
+        bar.set_label(label)
         ax.plot([column - 0.36, column + 0.36], [goal, goal], color=INK, linewidth=1.3, zorder=3, label="goal")
     if asked is not None:
-        ax.axhspan(*asked, facecolor=VERMILLION, alpha=0.16, linewidth=0, zorder=1)
-        for edge in asked:
+        band = asked.interval or (-asked.box, asked.box)
+        ax.axhspan(*band, facecolor=VERMILLION, alpha=0.16, linewidth=0, zorder=1)
+        for edge in band:
             ax.axhline(edge, color=VERMILLION, linewidth=1.2, linestyle=DASHED, zorder=4, label="asked for")
-    _name_agents(ax, [short(agents[place].label, 10) for place in chosen])
-    in_states = all(agent.goal is not None for agent in agents)
-    ax.set_ylabel("xᵢ(0), in its own unit" if in_states else "error at the start")
-    legend_above(ax, widest=4, least=1)
-    return ax
-
-
-def _band(regions: Regions) -> tuple[float, float] | None:
-    if regions.asked is None:
-        return None
-    return regions.asked.interval or (-regions.asked.box, regions.asked.box)
-
-
-def _name_agents(ax: Axes, names: Sequence[str]) -> None:
+    names = [short(agent.label, 10) for agent in chosen]
     ax.set_xticks(range(len(names)), names, parse_math=False)
     if max(map(len, names), default=0) > 3:
         ax.tick_params(axis="x", labelrotation=90)
@@ -237,6 +195,10 @@ def _name_agents(ax: Axes, names: Sequence[str]) -> None:
     ax.use_sticky_edges = False  # room below the longest bar
     ax.margins(y=0.06)
     ax.set_xlabel("agent")
+    in_states = all(agent.goal is not None for agent in agents)
+    ax.set_ylabel("xᵢ(0), in its own unit" if in_states else "error at the start")
+    look.legend_above(ax, widest=4, least=1)
+    return ax
 
 
 def plot_envelope(ax: Axes, settling: Settling) -> Axes:
@@ -245,40 +207,29 @@ def plot_envelope(ax: Axes, settling: Settling) -> Axes:
     Solid: no start of the box leaves it.  Dashed: the tolerance.
     """
     times, bounds = settling.curve(samples=ENVELOPE_SAMPLES)
+    foot, tolerance = float(bounds.min()) * BELOW, float(settling.tolerance)
     ax.set_yscale("log")
     ax.plot(times, bounds, color=BLUE, linewidth=1.6, zorder=3, label="certified bound")
-    ax.fill_between(times, bounds, float(bounds.min()) * BELOW, color=BLUE, alpha=0.10, linewidth=0)
+    ax.fill_between(times, bounds, foot, color=BLUE, alpha=0.10, linewidth=0)
     for stage in settling.stages[1:]:
         when = float(stage.start)
         marker, colour, kind = ("s", PURPLE, "quadratic") if stage.is_quadratic else ("o", BLUE, "max-separable")
         at, told = [settling.envelope(when)], f"next {kind}"
         ax.plot([when], at, zorder=4, markersize=4.5, linestyle="", marker=marker, color=colour, label=told)
-    ax.axhline(
-        float(settling.tolerance), color=VERMILLION, linewidth=1.2, linestyle=DASHED, zorder=2, label="tolerance"
-    )
-    ax.set_ylim(float(bounds.min()) * BELOW, float(bounds.max()) * 1.6)
-    ax.set_xlim(0, float(times[-1]))
-    ax.yaxis.set_major_formatter(FuncFormatter(power_of_ten))
+    ax.axhline(tolerance, color=VERMILLION, linewidth=1.2, linestyle=DASHED, zorder=2, label="tolerance")
+    ax.set(ylim=(foot, float(bounds.max()) * 1.6), xlim=(0, float(times[-1])))
+    ax.yaxis.set_major_formatter(FuncFormatter(look.power_of_ten))
     ax.minorticks_off()
-    ax.set_xlabel("time t in s")
-    ax.set_ylabel("|e|∞, in the unit of x")
-    legend_above(ax, widest=2)
+    ax.set(xlabel="time t in s", ylabel="|e|∞, in the unit of x")
+    look.legend_above(ax, widest=2)
     return ax
-
-
-def _axis_end(claims: Sequence[RegionClaim], *lines: float | None) -> float:
-    """Room for every bar with its numbers, two for a ball, and for the lines."""
-    ends = (claim.ball * (1.45 if claim.kind == "ball" else 1.2) for claim in claims if claim.ball is not None)
-    farthest = max((line for line in lines if line is not None), default=0.0)
-    return max([*ends, 1.15 * farthest]) or 1.0
 
 
 def plot_search(ax: Axes, search: Falsification) -> Axes:
     """|e|_inf of the worst suspects over time, at most eight; solid where an equilibrium is proved."""
-    shown = search.suspects[:MOST_ROWS]
-    runs = [suspect for suspect in shown if suspect.kind != RESTS]
-    for rank, suspect in enumerate(runs):
-        error = np.where(suspect.error > SMALLEST, suspect.error, np.nan)
+    shown = search.suspects[:MOST_SUSPECTS]
+    for rank, suspect in enumerate(each for each in shown if each.kind != RESTS):
+        error = np.where(suspect.error > look.SMALLEST, suspect.error, np.nan)
         label = None if rank else "suspect, simulated"
         colour = SERIES[rank % len(SERIES)]
         ax.plot(suspect.times, error, color=colour, linestyle=DASHED, linewidth=1.1, label=label)
@@ -286,11 +237,187 @@ def plot_search(ax: Axes, search: Falsification) -> Axes:
         label = None if rank else "another equilibrium, proved"
         ax.axhline(float(suspect.error[0]), color=INK, linewidth=1.8, label=label)
     end = max((float(suspect.times[-1]) for suspect in shown), default=search.horizon)
-    ax.set_xlim(0, end or 1.0)
-    ax.set_ylim(bottom=0)
-    ax.set_xlabel("time t in s")
-    ax.set_ylabel("|e|∞, in the unit of x")
+    ax.set(xlim=(0, end or 1.0), ylim=(0, None))
+    ax.set(xlabel="time t in s", ylabel="|e|∞, in the unit of x")
     ax.set_title(short(f"from {search.target}", 44).replace("|e|_inf <=", "|e|∞ ≤"), parse_math=False)
     if shown:
         ax.legend(loc="best")
     return ax
+
+
+def draw_network(
+    ax: Axes,
+    *,
+    labels: Sequence[str],
+    arcs: Iterable[Pair],
+    places: Positions,
+    pinned: Collection[int] = (),
+    unreached: Collection[int] = (),
+) -> Axes:
+    """Draw one mode, as a few compound paths in data coordinates, so that a large network stays a small file.
+
+    ``arcs`` are (listener, speaker); the arrow starts at the speaker.  Pinned agents are filled blue squares, others
+    circles, those that no pin reaches orange dashed circles.  Shapes: places (n, 2), within [-1, 1].
+    """
+    radius, known = _radius(places), list(arcs)
+    _draw_arcs(ax, known, places, radius)
+    free = [i for i in range(len(labels)) if i not in pinned]
+    for shape, agents, face, edge, width, style in (
+        (Path.unit_circle(), [i for i in free if i not in unreached], PAPER, INK, 1.1, "solid"),
+        (Path.unit_circle(), [i for i in free if i in unreached], PAPER, VERMILLION, 1.6, (0, (2, 1.2))),
+        (_SQUARE, sorted(pinned), BLUE, BLUE, 1.1, "solid"),
+    ):
+        copies = [Path(np.asarray(shape.vertices) * radius + places[agent], shape.codes) for agent in agents]
+        if copies:
+            path = Path.make_compound_path(*copies)
+            ax.add_patch(PathPatch(path, facecolor=face, edgecolor=edge, linewidth=width, linestyle=style, zorder=2))
+    if len(labels) <= MOST_LABELLED:
+        _draw_labels(ax, labels, places, radius, set(pinned), known)
+    ax.set_aspect("equal")
+    ax.set_axis_off()
+    (left, low), (right, high) = places.min(axis=0) - 3 * radius, places.max(axis=0) + 3 * radius
+    ax.set(xlim=(float(left), float(right)), ylim=(float(low), float(high)))
+    return ax
+
+
+def drawn_labels(labels: Sequence[str]) -> tuple[list[str], str]:
+    """Labels as they are drawn, and the beginning that was left out because all but a few letters are alike."""
+    first, last = min(labels), max(labels)
+    same = itertools.takewhile(lambda pair: pair[0] == pair[1], zip(first, last, strict=False))
+    alike = "".join(letter for letter, _ in same).rstrip("0123456789") if first != last else ""
+    rest = [label[len(alike) :] for label in labels]
+    if alike and all(1 <= len(each) <= _INSIDE for each in rest):
+        return rest, alike
+    return [short(label, 14) for label in labels], ""
+
+
+def proportions(places: Positions) -> float:
+    """Height over width that suits the places."""
+    width, height = np.ptp(places, axis=0) + 6 * _radius(places)
+    return float(np.clip(height / width, 0.3, 1.1))
+
+
+def _radius(places: Positions) -> float:
+    if len(places) == 1:
+        return 0.14
+    apart = np.hypot(*(places[:, None, :] - places[None, :, :]).transpose(2, 0, 1))
+    nearest = float(apart[~np.eye(len(places), dtype=bool)].min())
+    return float(np.clip(0.3 * nearest, 0.012, 0.12))
+
+
+def _draw_arcs(ax: Axes, arcs: Sequence[Pair], places: Positions, radius: float) -> None:
+    known, shafts, heads = set(arcs), list[Path](), list[Path]()
+    size = max(0.75 * radius, 0.03)
+    for listener, speaker in arcs:
+        start, end = places[speaker], places[listener]
+        length = float(np.hypot(*(end - start)))
+        if length <= 2.3 * radius:
+            continue
+        forward = (end - start) / length
+        side = np.array([-forward[1], forward[0]])
+        tip = end - forward * radius * 1.22
+        back = tip - forward * size
+        both = (speaker, listener) in known
+        if not both or listener < speaker:
+            tail = start + forward * (radius * 1.22 + size * 0.9 if both else radius * 1.1)
+            shafts.append(Path(np.array([tail, back + forward * size * 0.1])))
+        heads.append(Path(np.array([tip, back + side * size * 0.45, back - side * size * 0.45, tip]), closed=True))
+    if shafts:
+        shaft = Path.make_compound_path(*shafts)
+        ax.add_patch(PathPatch(shaft, facecolor="none", edgecolor=MUTED, linewidth=0.9))
+    if heads:
+        ax.add_patch(PathPatch(Path.make_compound_path(*heads), facecolor=INK, edgecolor="none"))
+
+
+def _draw_labels(
+    ax: Axes, labels: Sequence[str], places: Positions, radius: float, pinned: set[int], arcs: Sequence[Pair]
+) -> None:
+    """Short labels inside the nodes, where there is room; the others on the side with the fewest arrows."""
+    drawn, _ = drawn_labels(labels)
+    for agent, ((x, y), (right, up)) in enumerate(zip(places, _free_sides(places, arcs), strict=True)):
+        if len(drawn[agent]) <= _INSIDE and radius > 0.05:
+            size = float(np.clip(78 * radius, 5.5, 9.0))
+            text = ax.text(x, y, drawn[agent], ha="center", va="center_baseline", parse_math=False, fontsize=size)
+            text.set(zorder=3, color=PAPER if agent in pinned else INK)
+        else:
+            ax.text(
+                x + 1.35 * radius * right,
+                y + 1.35 * radius * up,
+                drawn[agent],
+                ha=("right", "center", "left")[right + 1],
+                va=("top", "center", "bottom")[up + 1],
+                zorder=3,
+                parse_math=False,
+                fontsize=8.0 if len(drawn) <= 30 else 6.0,
+                color=INK,
+                bbox={"facecolor": PAPER, "edgecolor": "none", "alpha": 0.85, "pad": 0.6},
+            )
+
+
+def _free_sides(places: Positions, arcs: Sequence[Pair]) -> list[Pair]:
+    """For every agent the side, below first, that is farthest from the directions of its arrows."""
+    directions: list[list[Positions]] = [[] for _ in places]
+    for one, other in arcs:
+        step = (places[other] - places[one]) / max(float(np.hypot(*(places[other] - places[one]))), 1e-9)
+        directions[one].append(step)
+        directions[other].append(-step)
+    chosen = []
+    for own in directions:
+        nearest = [max((float(step @ side) for step in own), default=-1.0) for side in np.array(_SIDES)]
+        chosen.append(_SIDES[int(np.argmin(np.round(nearest, 3)))])
+    return chosen
+
+
+def positions(pairs: Iterable[Pair], n: int) -> Positions:
+    """Places (n, 2) within [-1, 1] of agents joined by ``pairs``: circulants on a circle, others by their distances."""
+    known = set(pairs)
+    graph = nx.Graph()
+    graph.add_nodes_from(range(n))
+    graph.add_edges_from(known)
+    components = [sorted(part) for part in nx.connected_components(graph)]
+    if common_offsets(known, n) is not None:
+        return _circle(range(n))
+    if len(components) == 1 and n > 2 and all(degree == 2 for _, degree in graph.degree):
+        return _circle([0, *(end for _, end in nx.dfs_edges(graph, 0))])
+    if n > LARGEST_BY_DISTANCE:
+        return _scaled(nx.spring_layout(graph, seed=1, iterations=60), range(n))
+    return _packed(graph, components, n)
+
+
+def _circle(order: Sequence[int]) -> Positions:
+    """Clockwise from the top."""
+    places = np.zeros((len(order), 2))
+    for rank, agent in enumerate(order):
+        angle = math.pi / 2 - 2 * math.pi * rank / len(order)
+        places[agent] = math.cos(angle), math.sin(angle)
+    return places
+
+
+def _packed(graph: Any, components: Sequence[Sequence[int]], n: int) -> Positions:
+    """Every component by itself, larger ones first and drawn larger, side by side in rows."""
+    places = np.zeros((n, 2))
+    ordered = sorted(components, key=lambda part: (-len(part), part))
+    sizes = [max(math.sqrt(len(part) / len(ordered[0])), 0.15) for part in ordered]
+    widest = 2.5 * max(1.0, math.sqrt(sum(size**2 for size in sizes)))
+    x = y = height = 0.0
+    for part, size in zip(ordered, sizes, strict=True):
+        if x > 0 and x + 2 * size > widest:
+            x, y, height = 0.0, y - height - 0.4, 0.0
+        own = np.zeros((1, 2))
+        if len(part) > 1:
+            start = nx.circular_layout(graph.subgraph(part))
+            own = _scaled(nx.kamada_kawai_layout(graph.subgraph(part), pos=start), part)
+        places[list(part)] = own * size + np.array([x + size, y - size])
+        x, height = x + 2 * size + 0.4, max(height, 2 * size)
+    return _fitted(places)
+
+
+def _scaled(layout: Mapping[int, Any], agents: Iterable[int]) -> Positions:
+    return _fitted(np.array([layout[agent] for agent in agents], dtype=np.float64))
+
+
+def _fitted(places: Positions) -> Positions:
+    low, high = places.min(axis=0), places.max(axis=0)
+    size = float((high - low).max()) or 1.0
+    fitted = (places - (low + high) / 2) * (2 / size)
+    return np.asarray(np.round(fitted, 3), dtype=np.float64)

@@ -10,7 +10,7 @@ import re
 import unicodedata
 from collections.abc import Iterable, Iterator, Sequence
 from importlib.resources import files
-from itertools import zip_longest
+from itertools import chain, zip_longest
 from typing import Final
 
 from dobc_design.report import document as doc
@@ -24,59 +24,19 @@ _HEAD = r"""% Needs \usepackage{{{packages}}}. {what}
 \providecommand{{\dobcunicode}}[2]{{\ifdefined\Umathcode #2\else\texttt{{U+#1}}\fi}}
 """
 _SPECIAL: Final = {
-    "\\": r"\textbackslash{}",
-    "{": r"\{",
-    "}": r"\}",
-    "$": r"\$",
-    "&": r"\&",
-    "#": r"\#",
-    "%": r"\%",
-    "_": r"\_",
-    "^": r"\textasciicircum{}",
-    "~": r"\textasciitilde{}",
-    "|": r"\textbar{}",
-    '"': r"\textquotedbl{}",
-    "’": "'",
-    "‘": "`",
-    "“": "``",
-    "”": "''",
-    "–": "--",
-    "—": "---",
-    "…": r"\dots{}",
-    "\u00a0": "~",
-    "\u200b": "",
+    **{each: rf"\{each}" for each in "{}$&#%_"},
+    **{"\\": r"\textbackslash{}", "^": r"\textasciicircum{}", "~": r"\textasciitilde{}", "|": r"\textbar{}"},
+    **{'"': r"\textquotedbl{}", "’": "'", "‘": "`", "“": "``", "”": "''", "–": "--", "—": "---", "…": r"\dots{}"},
+    **{"\u00a0": "~", "\u200b": ""},
 }
+_LETTERS: Final = "≤≥≈±·×⊗√→∞∈✓✗αβεκλμξρτΛΨΩΣ"
+_COMMANDS: Final = (
+    "le ge approx pm cdot times otimes surd to infty in checkmark times alpha beta varepsilon kappa lambda mu xi rho"
+    " tau Lambda Psi Omega Sigma"
+)
 _SIGNS: Final = {
-    "<": "<",
-    ">": ">",
-    "≤": r"\le",
-    "≥": r"\ge",
-    "≈": r"\approx",
-    "±": r"\pm",
-    "−": "-",
-    "·": r"\cdot",
-    "×": r"\times",
-    "⊗": r"\otimes",
-    "√": r"\surd",
-    "→": r"\to",
-    "∞": r"\infty",
-    "∈": r"\in",
-    "′": "'",
-    "✓": r"\checkmark",
-    "✗": r"\times",
-    "α": r"\alpha",
-    "β": r"\beta",
-    "ε": r"\varepsilon",
-    "κ": r"\kappa",
-    "λ": r"\lambda",
-    "μ": r"\mu",
-    "ξ": r"\xi",
-    "ρ": r"\rho",
-    "τ": r"\tau",
-    "Λ": r"\Lambda",
-    "Ψ": r"\Psi",
-    "Ω": r"\Omega",
-    "Σ": r"\Sigma",
+    **{"<": "<", ">": ">", "−": "-", "′": "'"},
+    **{sign: rf"\{name}" for sign, name in zip(_LETTERS, _COMMANDS.split(), strict=True)},
     **{raised: f"^{{{plain}}}" for raised, plain in zip("⁰¹²³⁴⁵⁶⁷⁸⁹⁻", "0123456789-", strict=True)},
     **{low: f"_{{{plain}}}" for low, plain in zip("₀₁₂₃₄₅₆₇₈₉ᵢⱼₑ", "0123456789ije", strict=True)},
 }
@@ -97,29 +57,27 @@ def latex_fragments(document: doc.Document, version: str) -> dict[str, bytes]:
     report = doc.in_form(document, "latex")
     condition = report.section("condition")
     matrices = [block for block in condition if isinstance(block, doc.Matrices)]
+    formulas = [block for block in condition if not isinstance(block, doc.Matrices)]
     width = (r"\setcounter{MaxMatrixCols}{12}",) if matrices else ()
-    parts: dict[str, tuple[str, Iterable[str]]] = {
-        "verdict.tex": ("The verdict and what it says.", _verdict(report)),
-        "model.tex": ("The equations with the paper's numbers, couplings, target and pins.", _lines("problem", report)),
-        "condition.tex": (
-            "The condition that is decided.",
-            _shown([block for block in condition if not isinstance(block, doc.Matrices)]),
-        ),
-        "matrices.tex": ("The matrices; entries with a decimal point are rounded.", (*width, *_shown(matrices))),
-        "checks.tex": ("Every condition that was decided; numbers hold as printed.", _lines("checks", report)),
-        "regions.tex": ("From which starts consensus is proved.", _lines("region", report)),
-        "traceability.tex": (
-            "Where each condition stands and which module decided it.",
-            _lines("traceability", report),
-        ),
-    }
-    made = {name: _fragment(what, list(lines)) for name, (what, lines) in parts.items()}
-    kept = {name: text for name, text in made.items() if text is not None}
-    entries = (files("dobc_design.report") / "templates" / BIBLIOGRAPHY).read_text("utf-8")
-    kept[BIBLIOGRAPHY] = entries.replace(
-        "VERSION", "".join(each for each in version if each.isalnum() or each in ".+-")
+    problem, checks, region, trace = map(report.section, ("problem", "checks", "region", "traceability"))
+    parts: tuple[tuple[str, str, Iterable[str]], ...] = (
+        ("verdict", "The verdict and what it says.", _verdict(report)),
+        ("model", "The equations with the paper's numbers, couplings, target and pins.", _shown(problem)),
+        ("condition", "The condition that is decided.", _shown(formulas)),
+        ("matrices", "The matrices; entries with a decimal point are rounded.", (*width, *_shown(matrices))),
+        ("checks", "Every condition that was decided; numbers hold as printed.", _shown(checks)),
+        ("regions", "From which starts consensus is proved.", _shown(region)),
+        ("traceability", "Where each condition stands and which module decided it.", _shown(trace)),
     )
-    kept[MAIN] = _main(document.name, [name for name in kept if name.endswith(".tex")])
+    kept = {}
+    for name, what, lines in parts:
+        text = "\n".join(lines)
+        if text:
+            kept[f"{name}.tex"] = _HEAD.format(packages=",".join(PACKAGES), what=what) + text + "\n"
+    entries = (files("dobc_design.report") / "templates" / BIBLIOGRAPHY).read_text("utf-8")
+    safe = "".join(each for each in version if each.isalnum() or each in ".+-")
+    inputs = [name.removesuffix(".tex") for name in kept]
+    kept |= {BIBLIOGRAPHY: entries.replace("VERSION", safe), MAIN: _main(document.name, inputs)}
     return {name: text.encode("utf-8") for name, text in kept.items()}
 
 
@@ -151,14 +109,8 @@ def _letter(letter: str) -> str:
     return rf"\dobcunicode{{{ord(letter):04X}}}{{{letter}}}"
 
 
-def _fragment(what: str, lines: Sequence[str]) -> str | None:
-    if not lines:
-        return None
-    return _HEAD.format(packages=",".join(PACKAGES), what=what) + "\n".join(lines) + "\n"
-
-
 def _main(name: str, fragments: Sequence[str]) -> str:
-    inputs = "\n".join(rf"\input{{{each.removesuffix('.tex')}}}" for each in fragments)
+    inputs = "\n".join(rf"\input{{{each}}}" for each in fragments)
     return (
         "\\documentclass[a4paper]{article}\n\\usepackage[T1]{fontenc}\n\\usepackage[margin=22mm]{geometry}\n"
         f"\\usepackage{{{','.join(PACKAGES)}}}\n\\usepackage{{textcomp}}\n\\title{{{tex(name)}}}\\author{{}}\\date{{}}\n"
@@ -173,11 +125,7 @@ def _verdict(report: doc.Document) -> Iterator[str]:
     yield rf"\paragraph{{{tex(report.name)}: {tex(verdict.mark.verdict)}.}} {tex(verdict.reason)}"
     yield ""
     yield from _table(("", ""), (*verdict.facts, *report.identity), (0.9, 2.4))
-    yield from _lines("meaning", report)
-
-
-def _lines(name: str, report: doc.Document) -> Iterator[str]:
-    return _shown(report.section(name))
+    yield from _shown(report.section("meaning"))
 
 
 def _shown(blocks: Sequence[doc.Block]) -> Iterator[str]:
@@ -187,10 +135,9 @@ def _shown(blocks: Sequence[doc.Block]) -> Iterator[str]:
                 yield f"{tex(title)}:"
                 yield from _shown(inner)
             case doc.Beside(parts):
-                for part in parts:
-                    yield from _shown(part)
+                yield from chain.from_iterable(map(_shown, parts))
             case doc.Text(words):
-                yield tex("".join(map(str, doc.pieces(words))))
+                yield tex(doc.plain(words))
                 if isinstance(after, (doc.Text, doc.Table)):
                     yield ""
             case doc.List(items):
@@ -200,12 +147,14 @@ def _shown(blocks: Sequence[doc.Block]) -> Iterator[str]:
             case doc.Formula(latex=latex, number=number):
                 yield rf"\[ {latex} \tag{{{number.strip('()')}}} \]" if number else _displayed(latex)
             case doc.Matrices(items):
-                for item in items:
-                    yield from _matrix(item)
+                yield from chain.from_iterable(map(_matrix, items))
             case doc.Table(columns=columns, rows=rows):
-                heads = [column.head for column in columns]
-                cells = [[_cell(cell, column) for cell, column in zip(row, columns, strict=True)] for row in rows]
-                yield from _table(heads, cells, [column.width or AUTOMATIC for column in columns])
+                numbers = [column.style == "number" for column in columns]
+                cells = [
+                    [typeset(str(x)) if is_number else str(x) for x, is_number in zip(row, numbers, strict=True)]
+                    for row in rows
+                ]
+                yield from _table([each.head for each in columns], cells, [each.width or AUTOMATIC for each in columns])
 
 
 def _matrix(item: doc.ShownMatrix) -> Iterator[str]:
@@ -217,10 +166,6 @@ def _matrix(item: doc.ShownMatrix) -> Iterator[str]:
         yield _displayed(item.latex)
 
 
-def _cell(cell: doc.Cell, column: doc.Column) -> str:
-    return typeset(str(cell)) if column.style == "number" else str(cell)
-
-
 def _displayed(latex: str) -> str:
     return rf"\[ \dobcfit{{{latex}}} \]"
 
@@ -230,10 +175,8 @@ def _table(heads: Sequence[str], rows: Iterable[Sequence[str]], widths: Sequence
     parts = [round(FILLED * width / sum(widths), 3) for width in widths]
     columns = " ".join(rf">{{\raggedright\arraybackslash}}p{{{part}\linewidth}}" for part in parts)
     yield rf"{{\footnotesize\setlength{{\tabcolsep}}{{3pt}}\begin{{longtable}}{{@{{}}{columns}@{{}}}}"
+    yield r"\toprule"
     if any(heads):
-        yield r"\toprule"
         yield rf"{' & '.join(map(tex, heads))} \\ \midrule\endhead"
-    else:
-        yield r"\toprule"
     yield from (rf"{' & '.join(map(tex, row))} \\" for row in rows)
     yield r"\bottomrule\end{longtable}}"

@@ -8,11 +8,11 @@ from __future__ import annotations
 
 import json
 import re
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from decimal import Decimal
 from fractions import Fraction
 from importlib.resources import files
-from itertools import zip_longest
+from itertools import chain, zip_longest
 from pathlib import Path
 from typing import Any, Final, Literal
 from xml.etree import ElementTree
@@ -49,11 +49,8 @@ def require_typst() -> None:
     try:
         import typst  # noqa: F401 - only whether it is there
     except ImportError as error:
-        raise SpecError(
-            "a PDF needs the package typst, which is not installed.",
-            key="pdf",
-            cure="Install it (pip install dobc_design[pdf]), or print report.html from a browser.",
-        ) from error
+        cure = "Install it (pip install dobc_design[pdf]), or print report.html from a browser."
+        raise SpecError("a PDF needs the package typst, which is not installed.", key="pdf", cure=cure) from error
 
 
 def content(document: doc.Document) -> dict[str, Any]:
@@ -83,21 +80,16 @@ def compile_pdf(content: Mapping[str, Any]) -> bytes:
     known = FT2Font(str(folder / "DejaVuSans.ttf")).get_charmap()
     shipped = all(ord(each) in known or each in _INVISIBLE for each in text)
 
-    def compiled(standard: Literal["ua-1"] | None) -> bytes:
-        made: bytes = typst.compile(
-            source,
-            sys_inputs={"data": text},
-            font_paths=[str(folder)],
-            format="pdf",
-            pdf_standards=standard,
-            ignore_system_fonts=shipped,
-        )
-        return made
-
+    settings: dict[str, Any] = {
+        "sys_inputs": {"data": text},
+        "font_paths": [str(folder)],
+        "ignore_system_fonts": shipped,
+    }
     try:
-        return compiled(STANDARD)
+        made: bytes = typst.compile(source, pdf_standards=STANDARD, **settings)
     except typst.TypstError:  # the standard forbids some letters that a label may have; the report is still wanted
-        return compiled(None)
+        made = typst.compile(source, pdf_standards=None, **settings)
+    return made
 
 
 def soft(text: object, longest: int = LONGEST_WORD) -> str:
@@ -110,10 +102,10 @@ def _soft_word(word: str, longest: int) -> str:
         return word
     parts = _JOINT.sub(rf"\1{_SOFT}", word).split(_SOFT)
     short = longest // 2
-    return _SOFT.join(
-        _SOFT.join(part[k : k + short] for k in range(0, len(part), short)) if len(part) > longest else part
-        for part in parts
-    )
+    pieces = [
+        [part[k : k + short] for k in range(0, len(part), short)] if len(part) > longest else [part] for part in parts
+    ]
+    return _SOFT.join(chain.from_iterable(pieces))
 
 
 def _blocks(blocks: Iterable[doc.Block], level: int = 1) -> Iterator[dict[str, Any]]:
@@ -124,78 +116,59 @@ def _blocks(blocks: Iterable[doc.Block], level: int = 1) -> Iterator[dict[str, A
                 yield {"kind": "heading", "level": level, "text": soft(title)}
                 yield from _blocks(inner, level + 1)
             case doc.Beside(parts):
-                for part in parts:
-                    yield from _blocks(part, level)
+                yield from chain.from_iterable(_blocks(part, level) for part in parts)
             case doc.Box():
                 yield {"kind": "heading", "level": level, "text": soft(block.title)}
                 yield _text(f"{block.mark.symbol} {block.word}. {block.reason}")
                 yield _text(block.note)
             case doc.Text(words, style):
                 yield _text(words, "lead" if doc.leads(block, after) else style)
-            case _:
-                yield from _leaf(block)
-
-
-def _leaf(block: doc.Block) -> Iterator[dict[str, Any]]:
-    """What stands for a block without others inside: one part for the template, or none, or a few."""
-    match block:
-        case doc.List(items):
-            if items:
-                yield {"kind": "list", "items": [soft(_plain(item), 40) for item in items]}
-        case doc.Code(lines):
-            yield {"kind": "code", "lines": [soft(line, 60) for line in lines]}
-        case doc.Formula(typst=Fraction() as bound):
-            yield {
-                "kind": "bound",
-                "label": f"{capitalize_first(block.label)} is",
-                "number": number_parts(bound),
-            }
-        case doc.Formula():
-            yield {"kind": "formula", "name": block.typst, "label": block.label, "number": block.number}
-        case doc.Matrices(items):
-            yield from map(_matrix, items)
-        case doc.Pictures(items):
-            if items:
+            case doc.List(items) if items:
+                yield {"kind": "list", "items": [soft(doc.plain(item), 40) for item in items]}
+            case doc.Code(lines):
+                yield {"kind": "code", "lines": [soft(line, 60) for line in lines]}
+            case doc.Formula(typst=Fraction() as bound):
+                yield {"kind": "bound", "label": f"{capitalize_first(block.label)} is", "number": number_parts(bound)}
+            case doc.Formula():
+                yield {"kind": "formula", "name": block.typst, "label": block.label, "number": block.number}
+            case doc.Matrices(items):
+                yield from map(_matrix, items)
+            case doc.Pictures(items) if items:
                 yield {"kind": "pictures", "items": [picture_parts(item) for item in items]}
-        case doc.Facts(rows):
-            yield _table(("", ""), rows, (0, 1))
-        case doc.Terms(items):
-            yield _table(("word", "meaning"), ((word, capitalize_first(meaning)) for word, _, meaning in items), (0, 1))
-        case doc.Table(columns=columns, rows=rows):
-            shown = ([_typeset(cell, column) for cell, column in zip(row, columns, strict=True)] for row in rows)
-            yield _table((each.head for each in columns), shown, (each.width for each in columns))
-        case doc.Signatures(heads, roles):
-            yield {"kind": "signatures", "heads": ["role", *heads], "roles": list(roles)}
+            case doc.Facts(rows):
+                yield _table(("", ""), rows)
+            case doc.Terms(items):
+                yield _table(("word", "meaning"), [(word, capitalize_first(meaning)) for word, _, meaning in items])
+            case doc.Table(columns=columns, rows=rows):
+                yield _table([each.head for each in columns], rows, columns)
+            case doc.Signatures(heads, roles):
+                yield {"kind": "signatures", "heads": ["role", *heads], "roles": list(roles)}
 
 
 def _text(words: doc.Words, style: str = "plain") -> dict[str, Any]:
-    return {"kind": "text", "text": soft(_plain(words), 40), "style": style}
+    return {"kind": "text", "text": soft(doc.plain(words), 40), "style": style}
 
 
-def _plain(words: doc.Words) -> str:
-    return "".join(map(str, doc.pieces(words)))
-
-
-def _table(heads: Iterable[str], rows: Iterable[Iterable[doc.Cell]], widths: Iterable[float]) -> dict[str, Any]:
+def _table(
+    heads: Iterable[str], rows: Iterable[Sequence[doc.Cell]], columns: Sequence[doc.Column] = ()
+) -> dict[str, Any]:
+    """A table; without ``columns`` of names and what stands beside them."""
+    styles = [each.style for each in columns] or ["plain", "plain"]
     return {
         "kind": "table",
         "heads": [soft(head) for head in heads],
-        "rows": [[_cell(cell) for cell in row] for row in rows],
-        "widths": list(widths),
+        "rows": [[_cell(cell, style) for cell, style in zip(row, styles, strict=True)] for row in rows],
+        "widths": [each.width for each in columns] or [0, 1],
     }
 
 
-def _typeset(cell: doc.Cell, column: doc.Column) -> doc.Cell:
-    if not isinstance(cell, str):
-        return cell
-    if column.style == "code":
-        return doc.Name(tuple(cell.split(", ")))
-    return typeset(cell) if column.style == "number" else cell
-
-
-def _cell(cell: doc.Cell) -> Any:
+def _cell(cell: doc.Cell, style: str = "plain") -> Any:
     """A list of lines, or a coloured verdict."""
     match cell:
+        case str() if style == "code":
+            return [soft(part) for part in cell.split(", ") if part]
+        case str() if style == "number":
+            return [soft(typeset(cell))]
         case doc.Mark(_, verdict):
             return {"mark": verdict, "text": str(cell)}
         case doc.Name(parts, id):

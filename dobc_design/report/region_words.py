@@ -1,74 +1,85 @@
-"""Certified regions and settling times in words and rows, for the report and the terminal.
+"""Certified regions, settling times and searches for counterexamples in words and tables, for report and terminal.
 
-Handed over by whoever has proved them; nothing is computed but what a number needs to be shown.
+Handed over by whoever has proved or found them; nothing is computed but what a number needs to be shown.
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
 from fractions import Fraction
-from typing import Any, Final
+from itertools import zip_longest
+from typing import Final
 
 from dobc_design._show.text import significant_away_from_zero, significant_towards_zero
 from dobc_design.certificate.regions import RegionClaim, Regions
 from dobc_design.conditions.check import Check
 from dobc_design.conditions.kinds import KINDS
+from dobc_design.conditions.numbers import read_rational
 from dobc_design.conditions.schedule.checks import StageTiming
 from dobc_design.conditions.schedule.decide import stage_rate
 from dobc_design.conditions.schedule.settling import Settling
 from dobc_design.exact.number import float_above, float_below
+from dobc_design.falsification.suspect import LEAVES, RESTS, STAYS_AWAY, Falsification, Suspect
 from dobc_design.problem.problem import Problem
 from dobc_design.report import document as doc
-from dobc_design.report.words import SYMBOLS, capitalize_first, typeset
+from dobc_design.report.words import capitalize_first, mark_of, names_in_words, number, typeset
 from dobc_design.verdict import Verdict
 
-_FAST = 100  # samples a second from which a certified period is called pessimistic
+NONE: Final = "–"
+KINDS_OF_STARTS: Final = {
+    "everywhere": "every start",
+    "box": "box",
+    "ball": "ball",
+    "near": "near the target, no radius",
+    "none": NONE,
+}
+MOST_SUSPECTS: Final = 8
+MOST_STATES: Final = 6  # agents whose states a sentence tells
+_SEVERAL: Final = 3  # modes that are named
+_FAST: Final = 100  # samples a second from which a certified period is called pessimistic
+WARNING: Final = (
+    "A suspect is a simulated run in floating point. It refutes nothing: the run may be too short, or the integrator"
+    " wrong. It says where a proof will be hard to find."
+)
+_WHAT: Final = {STAYS_AWAY: "does not converge", LEAVES: "leaves the certified set", RESTS: "rests there (proved)"}
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class RegionRow:
-    """One method, ready to be shown; everything is plain text."""
-
-    id: str
-    name: str
-    verdict: str
-    symbol: str
-    kind: str
-    starts: str
-    box: str
-    ball: str
-    disturbance: str
-    rate: str
-    time: str
-    covers: str
-    limit: str
+def lower(value: float | Fraction | None) -> str:
+    """A certified size or rate, cut towards zero."""
+    return typeset(significant_towards_zero(value))
 
 
-def region_section(problem: Problem, regions: Regions, pictures: tuple[doc.Picture, ...]) -> Iterator[doc.Section]:
+def upper(value: float | None) -> str:
+    """A certified time, rounded up to four digits."""
+    return typeset(significant_away_from_zero(value))
+
+
+def region_section(problem: Problem, regions: Regions, pictures: Sequence[doc.Picture]) -> Iterator[doc.Section]:
     """From which starts each method proves consensus; nothing where nothing is said about a region."""
     if not regions.tried:
         return
-    asked, norms, rest = asked_sentence(regions), norms_sentence(problem), rest_sentence(regions)
-    bounds = () if rest is None else (doc.Text(rest),)
-    timing = doc.List(tuple(timing_sentences(regions)))
-    told = doc.Section(title="Time, late messages and sampling", blocks=(timing,))
-    yield doc.Section(
-        name="region",
-        title="From which starts it is proved",
-        short="Region",
-        blocks=(
-            doc.Only(("markdown",), (doc.Text(f"{asked} {norms}"),)),
-            doc.Only(("html", "pdf", "latex"), (doc.Text(asked),)),
-            doc.Only(doc.PAGES, (doc.Pictures(pictures),)),
-            regions_table(regions, disturbed=bool(problem.groups)),
-            doc.Only(doc.PAGES, (doc.Text(norms, "caption"),)),
-            doc.Only(("markdown",), (doc.Text(agents_sentence(regions)),) if regions.agents else ()),
-            doc.Only(doc.READ, bounds),
-            doc.Only(doc.PAGES, (told,) if timing.items else ()),
-            doc.Only(("markdown",), (timing,)),
-        ),
+    asked, rest = asked_sentence(regions), rest_sentence(regions)
+    size = problem.n * problem.m
+    norms = (
+        "|e|∞ is the largest error of all agents, |e|₂ the root of the sum of all squares. A box |e|∞ ≤ R holds the"
+        f" ball |e|₂ ≤ R. A ball |e|₂ ≤ R holds only the box |e|∞ ≤ R/√{size}, where all {size} components may be off"
+        " at once."
     )
+    timing = doc.List(timing_sentences(regions))
+    told = (doc.Section("Time, late messages and sampling", (timing,)),)
+    blocks = (
+        doc.in_markdown(doc.Text(f"{asked} {norms}")),
+        doc.Only(("html", "pdf", "latex"), (doc.Text(asked),)),
+        doc.on_pages(doc.Pictures(pictures)),
+        regions_table(regions, disturbed=bool(problem.groups)),
+        doc.on_pages(doc.Text(norms, "caption")),
+        doc.in_markdown(*((doc.Text(agents_sentence(regions)),) if regions.agents else ())),
+        doc.Only(doc.READ, () if rest is None else (doc.Text(rest),)),
+        doc.on_pages(*(told if timing.items else ())),
+        doc.in_markdown(timing),
+    )
+    yield doc.Section("From which starts it is proved", blocks, "region", "Region")
 
 
 def regions_table(regions: Regions, *, disturbed: bool) -> doc.Table:
@@ -76,45 +87,20 @@ def regions_table(regions: Regions, *, disturbed: bool) -> doc.Table:
     markdown: tuple[doc.Form, ...] = ("markdown",)
     return doc.table_of(
         "Certified regions, method by method",
-        region_rows(regions),
-        (doc.Column(head="method", width=1.1), lambda row: doc.Name((row.name,), id=row.id)),
-        (doc.Column(head="verdict", width=0), lambda row: doc.Mark(row.symbol, row.verdict)),
-        (doc.Column(head="certified", only=markdown), lambda row: row.kind),
-        (doc.Column(head="|e|∞ ≤", only=markdown), lambda row: row.box),
-        (doc.Column(head="|e|₂ ≤", only=markdown), lambda row: row.ball),
-        (doc.Column(head="|εᵢ| ≤", only=markdown if disturbed else ()), lambda row: row.disturbance),
-        (doc.Column(head="certified starts", width=1.3, only=("html", "pdf", "latex")), lambda row: row.starts),
-        (doc.Column(head="rate in 1/s", width=0.8, style="number"), lambda row: row.rate),
-        (doc.Column(head=time_head(regions), width=0.8, style="number"), lambda row: row.time),
-        (doc.Column(head="covers it", width=0.7), lambda row: row.covers),
-        (doc.Column(head="why not further", width=1.7, style="why", only=doc.READ), lambda row: row.limit),
+        regions.claims,
+        doc.Column("method", lambda claim: doc.Name((method_name(claim),), id=claim.id), 1.1),
+        doc.Column("verdict", lambda claim: mark_of(claim.verdict), 0),
+        doc.Column("certified", lambda claim: KINDS_OF_STARTS[claim.kind], only=markdown),
+        doc.Column("|e|∞ ≤", lambda claim: size_words(claim, claim.box), only=markdown),
+        doc.Column("|e|₂ ≤", lambda claim: size_words(claim, claim.ball), only=markdown),
+        doc.Column("|εᵢ| ≤", lambda claim: lower(claim.disturbance), only=markdown if disturbed else ()),
+        doc.Column("certified starts", starts_words, 1.3, only=("html", "pdf", "latex")),
+        doc.Column("rate in 1/s", lambda claim: lower(claim.rate), 0.8, style="number"),
+        doc.Column(time_head(regions), time_words, 0.8, style="number"),
+        doc.Column("covers it", lambda claim: covers_words(claim, regions), 0.7),
+        doc.Column("why not further", limit_words, 1.7, style="why", only=doc.READ),
         cards=True,
     )
-
-
-def region_rows(regions: Regions) -> list[RegionRow]:
-    """One row per method, in the order in which they were tried."""
-    return [
-        RegionRow(
-            id=claim.id,
-            name=method_name(claim),
-            verdict=claim.verdict.value,
-            symbol=SYMBOLS[claim.verdict],
-            kind=_KINDS[claim.kind],
-            starts=_starts(claim),
-            box=_size(claim, claim.box),
-            ball=_size(claim, claim.ball),
-            disturbance=lower(claim.disturbance),
-            rate=lower(claim.rate),
-            time="–" if claim.time is None else f"{upper(claim.time)} s",
-            covers=_covers(claim, regions),
-            limit=capitalize_first(claim.limit) or _no_limit(claim),
-        )
-        for claim in regions.claims
-    ]
-
-
-_KINDS = {"everywhere": "every start", "box": "box", "ball": "ball", "near": "near the target, no radius", "none": "–"}
 
 
 def method_name(claim: RegionClaim) -> str:
@@ -123,63 +109,48 @@ def method_name(claim: RegionClaim) -> str:
     return f"{name}, {claim.variant.replace('P_e', 'Pₑ')}" if claim.variant else name
 
 
-def _starts(claim: RegionClaim) -> str:
+def starts_words(claim: RegionClaim) -> str:
     """The certified starts in a few words."""
     errors = f", every |εᵢ| ≤ {lower(claim.disturbance)}" if claim.disturbance else ""
-    match claim.kind:
-        case "box":
-            return f"box |e|∞ ≤ {lower(claim.box)}{errors}"
-        case "ball":
-            return f"ball |e|₂ ≤ {lower(claim.ball)}{errors}; it holds the box |e|∞ ≤ {lower(claim.box)}"
-        case kind:
-            return _KINDS[kind]
+    if claim.kind == "box":
+        return f"box |e|∞ ≤ {lower(claim.box)}{errors}"
+    if claim.kind == "ball":
+        return f"ball |e|₂ ≤ {lower(claim.ball)}{errors}; it holds the box |e|∞ ≤ {lower(claim.box)}"
+    return KINDS_OF_STARTS[claim.kind]
 
 
-def _size(claim: RegionClaim, value: float | None) -> str:
+def size_words(claim: RegionClaim, value: float | None) -> str:
+    """A certified size."""
     return "any" if claim.kind == "everywhere" else lower(value)
 
 
-def _covers(claim: RegionClaim, regions: Regions) -> str:
-    if regions.asked is None:
-        return "–"
-    return "yes" if claim.covers else "no"
+def time_words(claim: RegionClaim) -> str:
+    """A certified settling time."""
+    return NONE if claim.time is None else f"{upper(claim.time)} s"
 
 
-def _no_limit(claim: RegionClaim) -> str:
-    if claim.kind == "everywhere":
-        return "There is none: it holds for every start."
-    return "It covers what was asked for; more was not tried." if claim.covers else "–"
+def covers_words(claim: RegionClaim, regions: Regions) -> str:
+    """Whether what was asked for is covered."""
+    return NONE if regions.asked is None else "yes" if claim.covers else "no"
 
 
-def lower(value: float | Fraction | None) -> str:
-    """A certified size or rate, cut towards zero."""
-    return typeset(significant_towards_zero(value))
-
-
-def upper(value: float) -> str:
-    """A certified time, rounded up to four digits."""
-    return typeset(significant_away_from_zero(value))
+def limit_words(claim: RegionClaim) -> str:
+    """Why no more is certified."""
+    if claim.limit or claim.kind != "everywhere":
+        none = "It covers what was asked for; more was not tried." if claim.covers else NONE
+        return capitalize_first(claim.limit) or none
+    return "There is none: it holds for every start."
 
 
 def asked_sentence(regions: Regions) -> str:
     """What was asked for, as one number for boxes and one for balls."""
-    if regions.asked is None:
+    asked = regions.asked
+    if asked is None:
         found = any(claim.box for claim in regions.claims)
         return "No region was asked for" + (": the largest that was found is shown." if found else ".")
-    asked = regions.asked
-    text = f"Asked for: every start with |e|∞ ≤ {upper(asked.box)}"
-    text += f" and |εᵢ| ≤ {upper(asked.disturbance)} for every agent i" if asked.disturbance else ""
-    return f"{text}. A ball covers these only if its radius is at least {upper(asked.ball)}."
-
-
-def norms_sentence(problem: Problem) -> str:
-    """Why a ball and a box are hard to compare."""
-    size = problem.n * problem.m
-    return (
-        "|e|∞ is the largest error of all agents, |e|₂ the root of the sum of all squares. A box |e|∞ ≤ R holds the"
-        f" ball |e|₂ ≤ R. A ball |e|₂ ≤ R holds only the box |e|∞ ≤ R/√{size}, where all {size} components may be off"
-        " at once."
-    )
+    errors = f" and |εᵢ| ≤ {upper(asked.disturbance)} for every agent i" if asked.disturbance else ""
+    text = f"Asked for: every start with |e|∞ ≤ {upper(asked.box)}{errors}."
+    return f"{text} A ball covers these only if its radius is at least {upper(asked.ball)}."
 
 
 def time_head(regions: Regions) -> str:
@@ -199,19 +170,12 @@ def timing_sentences(regions: Regions) -> list[str]:
     return sentences
 
 
-def rest_sentence(regions: Regions) -> str | None:
-    """Where else the agents may come to rest."""
-    if regions.equilibrium is None or regions.rest is None:
-        return None
-    return f"There is another equilibrium, at |e|∞ ≈ {regions.rest:.4g}. No proof of consensus can reach it."
-
-
 def _delay(check: Check) -> str:
     late = _exact(check, "delay")
     text = (
         "Information may be late by any bounded time: from every start in the max-separable box the agents still reach"
+        " the target."
     )
-    text += " the target."
     if late and check.rate:
         text += f" Late by up to {lower(late)} s, the error still decays at every rate below {lower(check.rate)} 1/s."
     return text
@@ -233,113 +197,70 @@ def _sampling(check: Check) -> str:
 
 
 def _exact(check: Check, key: str) -> Fraction:
-    return Fraction(str((check.exact or {}).get(key, "0")))
+    return read_rational((check.exact or {}).get(key, "0"))
+
+
+def rest_sentence(regions: Regions) -> str | None:
+    """Where else the agents may come to rest."""
+    if regions.rest is None:
+        return None
+    return f"There is another equilibrium, at |e|∞ ≈ {regions.rest:.4g}. No proof of consensus can reach it."
 
 
 def agents_sentence(regions: Regions, *, drawn: int | None = None) -> str:
     """What the picture of single agents shows; ``drawn``: how many of them, if not all."""
     bounds = [agent.bound for agent in regions.agents]
+    least, most = lower(min(bounds)), lower(max(bounds))
     text = (
         "By the max-separable certificate every agent may start anywhere in its bar, all of them at once:"
-        f" |eᵢ| may be up to {_between(lower(min(bounds)), lower(max(bounds)))}."
+        f" |eᵢ| may be up to {least if least == most else f'{least}, for some agents up to {most}'}."
     )
     return text if drawn is None else f"{text} {drawn} of {len(bounds)} agents are drawn."
 
 
-def _between(least: str, most: str) -> str:
-    return least if least == most else f"{least}, for some agents up to {most}"
-
-
-STAGE_HEADS: Final = (
-    "stage",
-    "certificate",
-    "from t =",
-    "level V ≤",
-    "so |e|∞ ≤",
-    "rate in 1/s",
-    "held for",
-    "late by",
-)
-NONE: Final = "–"
-_STAGES: Final = {False: "max-separable", True: "quadratic"}
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class StageRow:
-    """One stage, ready to be shown; everything is plain text."""
-
-    number: str
-    kind: str
-    start: str
-    level: str
-    bound: str
-    rate: str
-    held: str
-    late: str
-
-    @property
-    def cells(self) -> tuple[str, ...]:
-        """In the order of STAGE_HEADS."""
-        return (self.number, self.kind, self.start, self.level, self.bound, self.rate, self.held, self.late)
-
-
-def stage_rows(settling: Settling, timings: Sequence[StageTiming]) -> list[StageRow]:
-    """The stages in the order in which they take over; ``timings``: one per stage, or none at all."""
-    timings = timings or [StageTiming()] * len(settling.stages)
-    return [
-        StageRow(
-            number=str(place + 1),
-            kind=_STAGES[stage.is_quadratic],
-            start=f"{upper(float_above(stage.start))} s",
-            level=upper(float_above(stage.level)),
-            bound=upper(float_above(stage.level * stage.height)),
-            rate=lower(float_below(stage_rate(stage.certificate))),
-            held=NONE if timing.sampling is None else f"{lower(timing.sampling.period)} s",
-            late=NONE if timing.delay is None else f"{lower(timing.delay.delay)} s",
-        )
-        for place, (stage, timing) in enumerate(zip(settling.stages, timings, strict=True))
-    ]
-
-
 def settling_section(
-    settling: Settling | None, timings: Sequence[StageTiming], pictures: tuple[doc.Picture, ...]
+    settling: Settling | None, timings: Sequence[StageTiming], pictures: Sequence[doc.Picture]
 ) -> Iterator[doc.Section]:
     """The proved settling time, stage by stage; nothing without one."""
-    view = settling_view(settling, timings)
-    if view is None:
+    if settling is None or settling.time is None:
         return
-    sentence, stages = view["sentence"], view["stages"]
-    columns = tuple(
-        doc.Column(head=head, style="number" if place > 1 else "plain") for place, head in enumerate(STAGE_HEADS)
+    sentence, stages = settling_sentence(settling), "One certificate serves all the way."
+    if len(settling.stages) > 1:
+        stages = (
+            "Each stage is a certificate of its own. It takes over at the time given, when the one before has brought"
+            " the error so far down that this is inside its own region; every bound goes on to hold afterwards."
+        )
+    blocks = (
+        doc.in_markdown(doc.Text(f"{sentence} {stages}")),
+        doc.on_pages(doc.Text(sentence), doc.Pictures(pictures), doc.Text(stages)),
+        stages_table(settling, timings),
+        *(doc.Text(each, "caption") for each in timing_notes(timings)),
     )
-    yield doc.Section(
-        name="settling",
-        title="How fast it is proved to settle",
-        short="Settling",
-        blocks=(
-            doc.Only(("markdown",), (doc.Text(f"{sentence} {stages}"),)),
-            doc.Only(doc.PAGES, (doc.Text(sentence), doc.Pictures(pictures), doc.Text(stages))),
-            doc.Table(
-                caption="Stages of the certified settling time",
-                columns=columns,
-                rows=tuple(row.cells for row in view["rows"]),
-            ),
-            *((doc.Text(view["timing"], "caption"),) if view["timing"] else ()),
+    yield doc.Section("How fast it is proved to settle", blocks, "settling", "Settling")
+
+
+def stages_table(settling: Settling, timings: Sequence[StageTiming]) -> doc.Table:
+    """The stages in the order in which they take over; ``timings``: one per stage, or none at all."""
+    stages = settling.stages
+    timings = timings or [StageTiming()] * len(stages)
+    return doc.table_of(
+        "Stages of the certified settling time",
+        [(place, *pair) for place, pair in enumerate(zip(stages, timings, strict=True), 1)],
+        doc.Column("stage", lambda row: str(row[0])),
+        doc.Column("certificate", lambda row: "quadratic" if row[1].is_quadratic else "max-separable"),
+        doc.Column("from t =", lambda row: f"{upper(float_above(row[1].start))} s", style="number"),
+        doc.Column("level V ≤", lambda row: upper(float_above(row[1].level)), style="number"),
+        doc.Column("so |e|∞ ≤", lambda row: upper(float_above(row[1].level * row[1].height)), style="number"),
+        doc.Column("rate in 1/s", lambda row: lower(float_below(stage_rate(row[1].certificate))), style="number"),
+        doc.Column(
+            "held for",
+            lambda row: NONE if row[2].sampling is None else f"{lower(row[2].sampling.period)} s",
+            style="number",
+        ),
+        doc.Column(
+            "late by", lambda row: NONE if row[2].delay is None else f"{lower(row[2].delay.delay)} s", style="number"
         ),
     )
-
-
-def settling_view(settling: Settling | None, timings: Sequence[StageTiming]) -> dict[str, Any] | None:
-    """What the page and the Markdown text show; None without a proved settling time."""
-    if settling is None or settling.time is None:
-        return None
-    return {
-        "heads": STAGE_HEADS,
-        "rows": stage_rows(settling, timings),
-        "sentence": settling_sentence(settling),
-        "stages": _stages_sentence(settling),
-        "timing": timing_sentence(timings),
-    }
 
 
 def settling_sentence(settling: Settling) -> str:
@@ -353,31 +274,119 @@ def settling_sentence(settling: Settling) -> str:
     )
 
 
-def _stages_sentence(settling: Settling) -> str:
-    if len(settling.stages) == 1:
-        return "One certificate serves all the way."
-    return (
-        "Each stage is a certificate of its own. It takes over at the time given, when the one before has brought the"
-        " error so far down that this is inside its own region; every bound goes on to hold afterwards."
-    )
-
-
-def timing_sentence(timings: Sequence[StageTiming]) -> str | None:
-    """What the last two columns mean, and how far they are proved; None where nothing is said."""
+def timing_notes(timings: Sequence[StageTiming]) -> list[str]:
+    """What the last two columns of the stages mean, and how far they are proved; nothing where nothing is said."""
     if not any(timing.sampling or timing.delay for timing in timings):
-        return None
-    return (
+        return []
+    return [
         "Held for: couplings and pinning may be held so long between samples while the error is in that stage’s box."
         " Late by: messages may be late by so much, and half of that stage’s rate is left. Both hold for a loop that is"
         " in the box and were decided exactly when this was written; the certificate holds them for its whole region"
         " only. Quadratic stages say nothing about either."
-    )
+    ]
 
 
 def envelope_alt(settling: Settling) -> str:
     """The picture of the envelope in words."""
-    time = settling.time
     return (
         f"Certified bound of |e|∞ over time: from {upper(float(settling.envelope(0.0)))} down to"
-        f" {lower(settling.tolerance)} at {'–' if time is None else upper(time)} s, in {len(settling.stages)} stage(s)."
+        f" {lower(settling.tolerance)} at {upper(settling.time)} s, in {len(settling.stages)} stage(s)."
     )
+
+
+def search_sections(
+    searches: Sequence[Falsification], pictures: Sequence[doc.Picture | None] = ()
+) -> tuple[doc.Section, ...]:
+    """One section for each search: what was tried and found, what is proved, the worst suspects, a warning, notes."""
+    sections = []
+    for search, picture in zip_longest(searches, pictures):
+        proved, suspects = equilibrium_sentences(search), suspects_table(search)
+        warned = any(each.kind != RESTS for each in search.suspects)
+        blocks = (
+            doc.Text(f"{_tried(search)} {found_sentence(search)}"),
+            *((doc.List(proved),) if proved else ()),
+            *((doc.on_pages(doc.Pictures((picture,))),) if picture is not None else ()),
+            *((suspects,) if suspects.rows else ()),
+            *((doc.Text(WARNING, "warning"),) if warned else ()),
+            *map(doc.Text, search.notes),
+        )
+        sections.append(doc.Section(f"Search: {search.target}", blocks))
+    return tuple(sections)
+
+
+def _tried(search: Falsification) -> str:
+    """How much was looked at."""
+    where = search.target.replace("|e|_inf", "|e|∞").replace("<=", "≤")
+    return (
+        f"{search.tried} starts from {where} were simulated for {number(search.horizon)} s (seed"
+        f" {search.seed}): corners, edges, random ones, and the worst of them made worse by following the gradient."
+    )
+
+
+def found_sentence(search: Falsification) -> str:
+    """What came out, in one sentence."""
+    runs = sum(each.kind != RESTS for each in search.suspects)
+    if runs:
+        return f"{runs} suspect{'s' if runs > 1 else ''} stayed."
+    if search.proved:
+        return "No run is suspect but those that rest at another equilibrium."
+    text = "No suspect was found, which proves nothing."
+    if search.certified_rate and search.observed_rate is not None:
+        text += (
+            f" V fell at {number(search.observed_rate)} 1/s or faster in every run; certified are"
+            f" {lower(search.certified_rate)} 1/s."
+        )
+    return text
+
+
+def equilibrium_sentences(search: Falsification) -> list[str]:
+    """The proved equilibria, each with its place, and what follows from them."""
+    told = []
+    for claim in search.proved:
+        size = max(abs(float(x)) for x in claim.middle)
+        resting = next((each for each in search.suspects if each.equilibrium is claim), None)
+        place = "" if resting is None else f", x = {_states(resting)}"
+        told.append(f"Proved: in mode {claim.mode} the agents may also rest at |e|∞ ≈ {number(size)}{place}.")
+    if told:
+        told.append("No proof of consensus can reach there, and none of this certificate does.")
+        if search.check is not None:
+            told.append("The region asked for holds such a place and is therefore refuted.")
+    return told
+
+
+def _states(suspect: Suspect) -> str:
+    """The first states, agent by agent."""
+    shown = [", ".join(number(x) for x in row) for row in suspect.start[:MOST_STATES].tolist()]
+    return f"({'; '.join(shown)}{', …' if len(suspect.start) > MOST_STATES else ''})"
+
+
+def suspects_table(search: Falsification) -> doc.Table:
+    """The worst suspects first, at most eight."""
+    return doc.table_of(
+        "Suspects",
+        search.suspects[:MOST_SUSPECTS],
+        doc.Column("what", lambda each: _WHAT[each.kind]),
+        doc.Column("|e|∞ at the start", lambda each: number(float(each.error[0]))),
+        doc.Column(
+            "|e|∞ at the end", lambda each: "unbounded" if math.isinf(each.final_error) else number(each.final_error)
+        ),
+        doc.Column("after", lambda each: f"{number(float(each.times[-1]))} s"),
+        doc.Column("farthest from the target", lambda each: names_in_words(list(each.labels), 6)),
+        doc.Column("mode", _modes),
+    )
+
+
+def _modes(suspect: Suspect) -> str:
+    names = list(dict.fromkeys(name for _, name in suspect.modes))
+    return ", ".join(names) if len(names) <= _SEVERAL else f"{len(names)} modes in turn"
+
+
+def search_alt(search: Falsification) -> str:
+    """The picture of a search in words."""
+    shown = search.suspects[:MOST_SUSPECTS]
+    told = "; ".join(
+        f"{_WHAT[each.kind]}, from {number(float(each.error[0]))} to"
+        f" {'infinity' if math.isinf(each.final_error) else number(each.final_error)}"
+        for each in shown
+    )
+    return f"Largest error over time of {len(shown)} run(s): {told}."

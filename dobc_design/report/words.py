@@ -3,15 +3,18 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from fractions import Fraction
+from typing import Any, Final
 
 from dobc_design._show.text import significant, significant_towards_zero
 from dobc_design.certificate.certificate import Certificate
-from dobc_design.conditions.check import Domain
+from dobc_design.conditions.check import Check, Domain
 from dobc_design.conditions.kinds import ids_of
-from dobc_design.exact.matrix import Matrix, Vector
+from dobc_design.conditions.numbers import read_rational
+from dobc_design.exact.matrix import Matrix, Vector, matrix
 from dobc_design.exact.number import number_text
+from dobc_design.exact.reading import counted, is_scalar_matrix
 from dobc_design.problem.network import Arcs
 from dobc_design.problem.problem import Problem
 from dobc_design.problem.words import switching_words
@@ -21,8 +24,8 @@ from dobc_design.verdict import Verdict
 MOST_LISTED = 40  # agents listed one by one
 MOST_MODES = 6
 MOST_NAMES = 12
+GIVEN, FOUND = "the P given", "the P found"
 SYMBOLS = {Verdict.PROVED: "✓", Verdict.REFUTED: "✗", Verdict.UNDECIDED: "?"}
-
 MEANINGS = {
     Verdict.PROVED: "Shown by exact arithmetic on rational numbers. No solver and no rounding is trusted: what a solver"
     " proposed was rounded to rationals and then decided. Anybody can repeat the decision.",
@@ -32,10 +35,14 @@ MEANINGS = {
     Verdict.UNDECIDED: "Neither proved nor refuted here: the condition does not apply, or nothing was found that"
     " decides it. It never means that consensus fails.",
 }
-
+#: What the formulas mean where agents have different exosystems.
+BY_GROUP: Final = (
+    "Agents differ in their exosystem. A, C and W in the equations of an agent are those of its group. I ⊗ C, I ⊗ Ω₀"
+    " and I ⊗ S stand for matrices with the C, Ω₀ and S of each agent's group along the diagonal. The matrices below"
+    " hold all groups along their diagonal, in this order."
+)
 _POWER = re.compile(r"e([+-]\d+)")
 _RAISED = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
-
 _IDEAL = "messages without delay, noise or quantisation"
 _TIMED = "messages without noise or quantisation; late messages and sampling as far as their checks say"
 
@@ -48,19 +55,16 @@ def mark_of(verdict: Verdict) -> doc.Mark:
 def domain_words(domain: Domain) -> str:
     """Where a check holds, in a few words."""
     if isinstance(domain, Mapping):
-        radius, disturbance = domain.get("radius"), domain.get("disturbance")
-        size = "|e|∞" if domain.get("kind") == "box" else "|e|₂"
-        text = f"starts with {size} ≤ {_number(radius)}"
+        disturbance = domain.get("disturbance")
+        text = f"starts with {'|e|∞' if domain.get('kind') == 'box' else '|e|₂'} ≤ {_number(domain.get('radius'))}"
         return text if disturbance is None else f"{text} and every |εᵢ| ≤ {_number(disturbance)}"
     return {"global": "everywhere", "consensus": "near the target"}.get(domain, domain)
 
 
 def covering_domain(certificate: Certificate) -> Domain | None:
     """The domain of the proof that carries the verdict."""
-    for check in certificate.checks:
-        if check.id == certificate.covered_by and check.verdict is Verdict.PROVED:
-            return check.domain
-    return None
+    proved = (each for each in certificate.checks if each.verdict is Verdict.PROVED)
+    return next((each.domain for each in proved if each.id == certificate.covered_by), None)
 
 
 def typeset(text: str) -> str:
@@ -71,6 +75,48 @@ def typeset(text: str) -> str:
 def number(value: float | None) -> str:
     """A rounded number as people write it."""
     return typeset(significant(None if value is None else value + 0.0))  # no -0
+
+
+def _number(value: object) -> str:
+    return typeset(significant_towards_zero(value)) if isinstance(value, (int, float, Fraction)) else "?"
+
+
+def rational(value: object) -> Fraction | None:
+    """The number that a certificate holds as text; None for anything else, since certificates come from files."""
+    try:
+        return read_rational(value)
+    except ValueError:
+        return None
+
+
+def bounds_of(certificate: Certificate) -> dict[str, Fraction]:
+    """What the largest eigenvalue of Lambda must stay below, exactly, by the name of the P."""
+    known = {name: rational(bound) for name, bound in _of_theorems(certificate, "bound")}
+    return {name: bound for name, bound in known.items() if bound is not None}
+
+
+def observer_blocks(certificate: Certificate) -> dict[str, Matrix]:
+    """S, what the observer costs, by the name of the P; only what can be read."""
+    found: dict[str, Matrix] = {}
+    for name, rows in _of_theorems(certificate, "S"):
+        try:
+            found.setdefault(name, matrix([[read_rational(entry) for entry in row] for row in rows]))
+        except (TypeError, ValueError):
+            continue
+    return found
+
+
+def _of_theorems(certificate: Certificate, key: str) -> Iterator[tuple[str, Any]]:
+    for check in certificate.checks:
+        values = (check.exact or {}) if check.id.startswith("theorem") else {}
+        if key in values:
+            yield GIVEN if check.id.endswith("printed") else FOUND, values[key]
+
+
+def verdict_counts(checks: Iterable[Check], order: Iterable[Verdict] = Verdict) -> str:
+    """How many checks have each verdict, as far as there are any."""
+    found = [check.verdict for check in checks]
+    return ", ".join(f"{found.count(each)} {each.value}" for each in order if each in found)
 
 
 def shortened(text: str, longest: int = 1200) -> str:
@@ -87,40 +133,57 @@ def what_it_means(certificate: Certificate) -> tuple[list[str], list[str]]:
     """What the overall verdict says, and what it does not."""
     if certificate.verdict is Verdict.PROVED:
         return _proved(certificate)
+    checks = certificate.checks
     if certificate.verdict is Verdict.REFUTED:
-        return _refuted(certificate.problem)
-    return _undecided(certificate)
+        yes = [
+            "Consensus on the target fails for this network, these pins and this observer, and the checks below say"
+            " why.",
+            "The reason is exact. More accuracy, another solver or more time cannot change it.",
+        ]
+        no = [
+            "It does not say that the task is impossible: another pin, arc, gain or observer may cure it."
+            " Where a cure is known, it is named here.",
+            "It does not say that every start fails; some may still converge.",
+        ]
+    else:
+        proved = sum(check.verdict is Verdict.PROVED for check in checks)
+        yes = [
+            "What was asked is neither proved nor refuted.",
+            f"{proved} of {len(checks)} checks are proved, and these hold by themselves.",
+        ]
+        no = [
+            "It does not say that consensus fails. A sufficient condition that is not met says nothing.",
+            "It does not say that consensus holds, even if a simulation below shows it.",
+        ]
+    return yes, [*no, _about_the_model(certificate.problem, _IDEAL)]
 
 
 def _proved(certificate: Certificate) -> tuple[list[str], list[str]]:
-    switching = len(certificate.problem.network.modes) > 1
-    domain = covering_domain(certificate)
-    yes = [_from_where(domain)]
-    if certificate.problem.groups:
-        yes.append("The estimates converge to the true disturbances, wherever observer and disturbance start.")
-    if switching:
-        yes.append("The modes may switch at any times and in any order, arbitrarily fast: one V serves them all.")
-    if certificate.rate:
-        yes.append(
-            f"The errors decay at least like exp(−{_number(certificate.rate)} t), t in seconds."
-            " The real decay may be faster."
-        )
-    no = []
+    problem, domain, no = certificate.problem, covering_domain(certificate), []
+    if domain == "global":
+        yes = ["Every agent goes to its goal from every start, however far: the proof is global."]
+    elif isinstance(domain, Mapping):
+        yes = [f"Every agent goes to its goal from all {domain_words(domain)}."]
+        no = ["It says nothing about starts outside that set. They may converge or not."]
+    else:
+        yes = ["There is a neighbourhood of the target from which every agent goes to its goal."]
     if domain == "consensus":
-        no.append(
+        no = [
             "It is local, a statement at the consensus. It names no radius: nothing is said about starts at a"
             " given distance, not even when simulations from there look well."
-        )
-    elif isinstance(domain, Mapping):
-        no.append("It says nothing about starts outside that set. They may converge or not.")
-    timed = [
-        check.id for check in certificate.checks if check.kind.role == "timing" and check.verdict is Verdict.PROVED
-    ]
-    no.append(_about_the_model(certificate.problem, _TIMED if len(timed) == len(ids_of("timing")) else _IDEAL))
-    return yes, no
+        ]
+    if problem.groups:
+        yes.append("The estimates converge to the true disturbances, wherever observer and disturbance start.")
+    if len(problem.network.modes) > 1:
+        yes.append("The modes may switch at any times and in any order, arbitrarily fast: one V serves them all.")
+    if certificate.rate:
+        rate = _number(certificate.rate)
+        yes.append(f"The errors decay at least like exp(−{rate} t), t in seconds. The real decay may be faster.")
+    proved = [each for each in certificate.checks if each.kind.role == "timing" and each.verdict is Verdict.PROVED]
+    return yes, [*no, _about_the_model(problem, _TIMED if len(proved) == len(ids_of("timing")) else _IDEAL)]
 
 
-def _about_the_model(problem: Problem, messages: str = _IDEAL) -> str:
+def _about_the_model(problem: Problem, messages: str) -> str:
     disturbances = "one (A, C) for all agents, " if problem.groups else ""
     disturbances = "one (A, C) for each group of agents, " if problem.is_grouped else disturbances
     return (
@@ -129,70 +192,97 @@ def _about_the_model(problem: Problem, messages: str = _IDEAL) -> str:
     )
 
 
-def _from_where(domain: Domain | None) -> str:
-    if domain == "global":
-        return "Every agent goes to its goal from every start, however far: the proof is global."
-    if isinstance(domain, Mapping):
-        return f"Every agent goes to its goal from all {domain_words(domain)}."
-    return "There is a neighbourhood of the target from which every agent goes to its goal."
-
-
-def _refuted(problem: Problem) -> tuple[list[str], list[str]]:
-    yes = [
-        "Consensus on the target fails for this network, these pins and this observer, and the checks below say why.",
-        "The reason is exact. More accuracy, another solver or more time cannot change it.",
-    ]
-    no = [
-        "It does not say that the task is impossible: another pin, arc, gain or observer may cure it."
-        " Where a cure is known, it is named here.",
-        "It does not say that every start fails; some may still converge.",
-        _about_the_model(problem),
-    ]
-    return yes, no
-
-
-def _undecided(certificate: Certificate) -> tuple[list[str], list[str]]:
-    proved = sum(check.verdict is Verdict.PROVED for check in certificate.checks)
-    yes = [
-        "What was asked is neither proved nor refuted.",
-        f"{proved} of {len(certificate.checks)} checks are proved, and these hold by themselves.",
-    ]
-    no = [
-        "It does not say that consensus fails. A sufficient condition that is not met says nothing.",
-        "It does not say that consensus holds, even if a simulation below shows it.",
-        _about_the_model(certificate.problem),
-    ]
-    return yes, no
-
-
-def _number(value: object) -> str:
-    return typeset(significant_towards_zero(value)) if isinstance(value, (int, float, Fraction)) else "?"
-
-
 def agents_table(problem: Problem) -> doc.Table | None:
     """One row per agent: its gain, goal, and whom it hears in each listed mode; None for networks too large to list."""
     if problem.n > MOST_LISTED:
         return None
     labels, gains = problem.network.labels, problem.pinning.gains
-    goals = doc.EVERY if problem.offsets else ("markdown",)
-    heard = [(name, _heard(arcs, problem.n)) for name, arcs in list(problem.network.modes.items())[:MOST_MODES]]
+    heard = [(name, _heard(arcs, labels)) for name, arcs in list(problem.network.modes.items())[:MOST_MODES]]
     return doc.table_of(
         f"Gain k of the pins{', goals' if problem.offsets else ''}, and whom each agent listens to",
         range(problem.n),
-        (doc.Column(head="agent", width=1.2), lambda i: labels[i]),
-        (doc.Column(head="k in 1/s", width=0.8), lambda i: _gain(gains.get(i))),
-        (doc.Column(head="goal", only=goals), lambda i: vector_text(problem.goal_of(i))),
-        *(
-            (doc.Column(head=f"listens to in {name}", width=2), lambda i, each=each: _names(problem, each[i]))
-            for name, each in heard
+        doc.Column("agent", lambda i: labels[i], 1.2),
+        doc.Column("k in 1/s", lambda i: _gain(gains[i]) if i in gains else "–", 0.8),
+        doc.Column(
+            "goal", lambda i: vector_text(problem.goal_of(i)), only=doc.EVERY if problem.offsets else ("markdown",)
         ),
+        *(doc.Column(f"listens to in {name}", lambda i, each=each: each[i], 2) for name, each in heard),  # type: ignore[misc]
     )
 
 
-def mode_sentences(problem: Problem) -> list[tuple[str, str]]:
-    """(mode, sentence) for the first modes; a rest is counted by the caller."""
+def _heard(arcs: Arcs, labels: Sequence[str]) -> list[str]:
+    """Whom each agent listens to, with what weight."""
+    heard: list[list[tuple[int, str]]] = [[] for _ in labels]
+    for listener, speaker, weight in arcs:
+        heard[listener].append((speaker, labels[speaker] + ("" if weight == 1 else f" ({number_text(weight)}×)")))
+    named = [[name for _, name in sorted(own)] for own in heard]
+    more = [f" and {len(own) - MOST_NAMES} more" if len(own) > MOST_NAMES else "" for own in named]
+    return [(", ".join(own[:MOST_NAMES]) + rest) or "–" for own, rest in zip(named, more, strict=True)]
+
+
+def _gain(gain: Matrix) -> str:
+    if is_scalar_matrix(gain):
+        return number_text(gain[0][0])
+    return "[" + "; ".join(", ".join(number_text(x) for x in row) for row in gain) + "]"
+
+
+def mode_sentences(problem: Problem) -> list[str]:
+    """A sentence on each of the first modes; a rest is counted by the caller."""
     shown = list(problem.network.modes.items())[: 2 * MOST_MODES]
-    return [(name, _mode_sentence(arcs, problem)) for name, arcs in shown]
+    return [f"{name}: {_mode_sentence(arcs, problem)}" for name, arcs in shown]
+
+
+def _mode_sentence(arcs: Arcs, problem: Problem) -> str:
+    weights = {(listener, speaker): weight for listener, speaker, weight in arcs}
+    if not weights:
+        return "nobody listens to anybody."
+    count = counted(len(weights), "arc") + ("" if set(weights.values()) == {1} else ", with weights")
+    steps = common_offsets(weights, problem.n)
+    if steps is not None and problem.n > 2 and len(steps) <= 4 and len(steps) < problem.n - 1:
+        whom = names_in_words([f"i + {s}" if 2 * s <= problem.n else f"i − {problem.n - s}" for s in steps])
+        return f"{count}; every agent i listens to {whom}, counted around a circle of {problem.n}."
+    if all((j, i) in weights for i, j in weights):
+        alike = all(weights[i, j] == weights[j, i] for i, j in weights) and not problem.exceptions
+        return f"{count}; whoever listens is also listened to{' (undirected)' if alike else ''}."
+    return f"{count}."
+
+
+def common_offsets(pairs: Iterable[tuple[int, int]], n: int) -> tuple[int, ...] | None:
+    """The steps s with "every agent i listens to i + s (mod n)" when they are all there is, else None.
+
+    ``pairs`` are (listener, speaker), each once.
+    """
+    known = list(pairs)
+    steps = {(speaker - listener) % n for listener, speaker in known}
+    return tuple(sorted(steps)) if known and len(known) == n * len(steps) else None
+
+
+def problem_words(problem: Problem) -> str:
+    """The size of the problem, its pins, its region and its switching, each in a sentence."""
+    told = [size_sentence(problem), pin_sentence(problem)]
+    if problem.region is not None:
+        pairs = [f"[{number_text(lo)}, {number_text(hi)}]" for lo, hi in problem.region.initial_states]
+        inside = pairs[0] if len(set(pairs)) == 1 else " × ".join(pairs)
+        errors = problem.region.initial_disturbance
+        noise = "" if errors is None else f" and every estimation error |ξᵢ(0) − ξ̂ᵢ(0)| ≤ {number_text(errors)}"
+        told.append(f"The proof has to cover all starts with every state component in {inside}{noise}.")
+    if problem.switching is not None:
+        allowed = "are about the arcs of the modes" if problem.switching.signal == "mobile" else "allow any signal"
+        told.append(f"Switching in simulations: {switching_words(problem)}.")
+        told.append(f"The run shown here stays in one mode, and the proofs {allowed}.")
+    return " ".join(told)
+
+
+def size_sentence(problem: Problem) -> str:
+    """n, m, q and the number of modes."""
+    modes, disturbance = len(problem.network.modes), "no disturbance"
+    if problem.is_grouped:
+        disturbance = f"a disturbance on every agent, of {len(problem.groups)} kinds"
+    elif problem.groups:
+        disturbance = f"a disturbance on every agent, generated by {counted(problem.q, 'exosystem state')}"
+    topology = "one fixed topology" if modes == 1 else f"{modes} modes between which the topology switches"
+    size = f"{counted(problem.n, 'agent')}; {counted(problem.m, 'state component')} each"
+    return f"{size}; {topology}; {disturbance}."
 
 
 def pin_sentence(problem: Problem) -> str:
@@ -206,87 +296,29 @@ def pin_sentence(problem: Problem) -> str:
     return f"{len(pinned)} of {problem.n} agents {'is' if len(pinned) == 1 else 'are'} pinned: {names}."
 
 
-#: What the formulas mean where agents have different exosystems.
-BY_GROUP = (
-    "Agents differ in their exosystem. A, C and W in the equations of an agent are those of its group. I ⊗ C, I ⊗ Ω₀"
-    " and I ⊗ S stand for matrices with the C, Ω₀ and S of each agent's group along the diagonal. The matrices below"
-    " hold all groups along their diagonal, in this order."
-)
-
-
-def size_sentence(problem: Problem) -> str:
-    """n, m, q and the number of modes."""
-    modes = len(problem.network.modes)
-    parts = [
-        _count(problem.n, "agent"),
-        f"{_count(problem.m, 'state component')} each",
-        "one fixed topology" if modes == 1 else f"{modes} modes between which the topology switches",
-    ]
-    if problem.is_grouped:
-        parts.append(f"a disturbance on every agent, of {len(problem.groups)} kinds")
-    elif problem.groups:
-        parts.append(f"a disturbance on every agent, generated by {_count(problem.q, 'exosystem state')}")
-    else:
-        parts.append("no disturbance")
-    return "; ".join(parts) + "."
-
-
 def group_sentences(problem: Problem) -> list[str]:
     """Which agents have which exosystem, where they have different ones."""
-    if not problem.is_grouped:
-        return []
-    rows = [
+    told = [
         f"group of agent {group.name}: {names_in_words(group.agents)};"
-        f" {_count(group.exosystem.order, 'exosystem state')}"
-        for group in problem.groups[:MOST_NAMES]
+        f" {counted(group.exosystem.order, 'exosystem state')}"
+        for group in problem.groups
     ]
-    hidden = len(problem.groups) - len(rows)
-    return [*rows, f"and {hidden} more"] if hidden else rows
+    return _first(told) if problem.is_grouped else []
 
 
 def exception_sentences(problem: Problem) -> list[str]:
     """Arcs with a coupling of their own, in words."""
     labels = problem.network.labels
-    rows = [
-        f"{labels[i]} listening to {labels[j]}: h = {', '.join(coupling.texts)}"
-        for (i, j), coupling in list(problem.exceptions.items())[:MOST_NAMES]
-    ]
-    hidden = len(problem.exceptions) - len(rows)
-    return [*rows, f"and {hidden} more"] if hidden else rows
-
-
-def region_sentence(problem: Problem) -> str | None:
-    """What was asked to be covered."""
-    if problem.region is None:
-        return None
-    pairs = [f"[{number_text(lo)}, {number_text(hi)}]" for lo, hi in problem.region.initial_states]
-    inside = pairs[0] if len(set(pairs)) == 1 else " × ".join(pairs)
-    text = f"The proof has to cover all starts with every state component in {inside}"
-    if problem.region.initial_disturbance is not None:
-        text += f" and every estimation error |ξᵢ(0) − ξ̂ᵢ(0)| ≤ {number_text(problem.region.initial_disturbance)}"
-    return text + "."
-
-
-def switching_sentence(problem: Problem) -> str | None:
-    """The signal that simulations use."""
-    if problem.switching is None:
-        return None
-    moving = problem.switching.signal == "mobile"
-    allowed = "are about the arcs of the modes" if moving else "allow any signal"
-    return (
-        f"Switching in simulations: {switching_words(problem)}. The run shown here stays in one mode, and the proofs"
-        f" {allowed}."
+    return _first(
+        [
+            f"{labels[i]} listening to {labels[j]}: h = {', '.join(coupling.texts)}"
+            for (i, j), coupling in problem.exceptions.items()
+        ]
     )
 
 
-def common_offsets(pairs: Iterable[tuple[int, int]], n: int) -> tuple[int, ...] | None:
-    """The steps s with "every agent i listens to i + s (mod n)" when they are all there is, else None.
-
-    ``pairs`` are (listener, speaker), each once.
-    """
-    known = list(pairs)
-    steps = {(speaker - listener) % n for listener, speaker in known}
-    return tuple(sorted(steps)) if known and len(known) == n * len(steps) else None
+def _first(rows: list[str]) -> list[str]:
+    return rows if len(rows) <= MOST_NAMES else [*rows[:MOST_NAMES], f"and {len(rows) - MOST_NAMES} more"]
 
 
 def unreached_agents(certificate: Certificate, mode: str) -> set[int]:
@@ -308,49 +340,4 @@ def names_in_words(names: Sequence[str], most: int = MOST_NAMES) -> str:
 def vector_text(vector: Vector) -> str:
     """A vector as text."""
     entries = [number_text(x) for x in vector[:MOST_NAMES]]
-    if len(vector) == 1:
-        return entries[0]
-    return f"({', '.join(entries)}{', …' if len(vector) > MOST_NAMES else ''})"
-
-
-def _mode_sentence(arcs: Arcs, problem: Problem) -> str:
-    pairs = list(zip(arcs.listeners.tolist(), arcs.speakers.tolist(), strict=True))
-    if not pairs:
-        return "nobody listens to anybody."
-    weighted = "" if all(weight == 1 for weight in arcs.weights) else ", with weights"
-    count = f"{_count(len(pairs), 'arc')}{weighted}"
-    steps = common_offsets(pairs, problem.n)
-    if steps is not None and problem.n > 2 and len(steps) <= 4 and len(steps) < problem.n - 1:
-        whom = names_in_words([f"i + {s}" if 2 * s <= problem.n else f"i − {problem.n - s}" for s in steps])
-        return f"{count}; every agent i listens to {whom}, counted around a circle of {problem.n}."
-    back = set(pairs)
-    if all((j, i) in back for i, j in pairs):
-        weights = dict(zip(pairs, arcs.weights, strict=True))
-        alike = all(weights[i, j] == weights[j, i] for i, j in pairs) and not problem.exceptions
-        return f"{count}; whoever listens is also listened to{' (undirected)' if alike else ''}."
-    return f"{count}."
-
-
-def _heard(arcs: Arcs, n: int) -> list[list[tuple[int, str]]]:
-    heard: list[list[tuple[int, str]]] = [[] for _ in range(n)]
-    for listener, speaker, weight in arcs:
-        heard[listener].append((speaker, "" if weight == 1 else f" ({number_text(weight)}×)"))
-    return heard
-
-
-def _names(problem: Problem, heard: Sequence[tuple[int, str]]) -> str:
-    names = [f"{problem.network.labels[speaker]}{weight}" for speaker, weight in sorted(heard)[:MOST_NAMES]]
-    hidden = len(heard) - len(names)
-    return (", ".join(names) + (f" and {hidden} more" if hidden else "")) or "–"
-
-
-def _gain(gain: Matrix | None) -> str:
-    if gain is None:
-        return "–"
-    if all(entry == (gain[0][0] if i == j else 0) for i, row in enumerate(gain) for j, entry in enumerate(row)):
-        return number_text(gain[0][0])
-    return "[" + "; ".join(", ".join(number_text(x) for x in row) for row in gain) + "]"
-
-
-def _count(number: int, noun: str) -> str:
-    return f"{number} {noun}{'' if number == 1 else 's'}"
+    return entries[0] if len(vector) == 1 else f"({', '.join(entries)}{', …' if len(vector) > MOST_NAMES else ''})"

@@ -11,13 +11,13 @@ from typing import TYPE_CHECKING
 from dobc_design.certificate.certificate import Certificate
 from dobc_design.certificate.files import make_folder, write_together
 from dobc_design.conditions.consensus.claim import state_theorems
-from dobc_design.conditions.schedule.checks import stage_timings
+from dobc_design.conditions.schedule.checks import StageTiming, stage_timings
 from dobc_design.exact.matrix import Matrix
 from dobc_design.problem.problem import Problem
 
 if TYPE_CHECKING:
     from dobc_design.falsification.suspect import Falsification
-    from dobc_design.plotting.sheet import Sheet
+    from dobc_design.plotting.look import Sheet
 
 Progress = Callable[[str], None]
 DRAWN = 2000  # rows (n m) up to which diagnostics and a simulation go into the report
@@ -41,13 +41,12 @@ def write_report(
     ``progress`` is called with the name of each stage.
     Raises: CertificateError when the machine refuses, SpecError without the extra.
     """
-    pages = render_report(certificate, searches=searches, pdf=pdf, progress=progress)
+    files = render_report(certificate, searches=searches, pdf=pdf, progress=progress)
     target = make_folder(Path(folder))
-    files = {target / name: data for name, data in pages.items()}
     if latex:
-        inner = make_folder(target / "latex")
-        files |= {inner / name: data for name, data in render_latex(certificate).items()}
-    write_together(files)
+        inner = make_folder(target / "latex").name
+        files |= {f"{inner}/{name}": data for name, data in render_latex(certificate).items()}
+    write_together({target / name: data for name, data in files.items()})
     return target / PAGE
 
 
@@ -61,12 +60,10 @@ def render_report(
     """The bytes of report.html and report.md by name, and with ``pdf`` of report.pdf.
 
     Diagnostics, one simulation and what the stages of a settling time say about sampling and delays are computed here
-    and handed to the report, which computes nothing.  ``searches`` for counterexamples are shown where they are
-    given.
+    and handed to the report, which computes nothing.
     """
     from dobc_design.report.content import report_document
-    from dobc_design.report.html import html_page
-    from dobc_design.report.markdown import markdown_page
+    from dobc_design.report.pages import html_page, markdown_page
     from dobc_design.report.pdf import pdf_page, require_typst
 
     if pdf:
@@ -85,10 +82,10 @@ def render_report(
             say("simulating")
             run = run_once(make_setting(problem, gain=gain))
             trajectory = replace(run, loop_sha256=fingerprint(problem, gain))
-    settling = certificate.settling
+    settling, timings = certificate.settling, tuple[StageTiming, ...]()
     if settling is not None:
         say("deciding delays and sampling, stage by stage")
-    timings = () if settling is None else stage_timings(problem, settling)
+        timings = stage_timings(problem, settling)
     say("writing the report")
     document = report_document(
         certificate,
@@ -123,14 +120,13 @@ def write_comparison(
 def render_comparison(first: Certificate, second: Certificate, *, pdf: bool = False) -> dict[str, bytes]:
     """The bytes of comparison.html and comparison.md by name, and with ``pdf`` of comparison.pdf."""
     from dobc_design.report.comparison import comparison_document
-    from dobc_design.report.html import html_page
-    from dobc_design.report.markdown import markdown_page
+    from dobc_design.report.pages import html_page, markdown_page
     from dobc_design.report.pdf import pdf_page
 
     document = comparison_document(first, second)
+    html, text = html_page(document).encode("utf-8"), markdown_page(document).encode("utf-8")
     printed = {"comparison.pdf": pdf_page(document)} if pdf else {}
-    html, text = html_page(document), markdown_page(document)
-    return {"comparison.html": html.encode("utf-8"), "comparison.md": text.encode("utf-8")} | printed
+    return {"comparison.html": html, "comparison.md": text} | printed
 
 
 def render_latex(certificate: Certificate) -> dict[str, bytes]:
@@ -157,10 +153,3 @@ def plot_regions(certificate: Certificate) -> Sheet:
     from dobc_design.report.pictures import region_sheet
 
     return region_sheet(certificate.regions)
-
-
-def search_sheet(searches: Sequence[Falsification]) -> Sheet | None:
-    """What searches found as a figure, one drawing each; None where nothing was found."""
-    from dobc_design.report.pictures import search_sheet as run
-
-    return run(searches)

@@ -30,7 +30,7 @@ from dobc_design.simulation.signals import Signal, signal_of
 from dobc_design.simulation.trajectory import Trajectory
 
 if TYPE_CHECKING:
-    from dobc_design.plotting.sheet import Sheet
+    from dobc_design.plotting.look import Sheet
 
 Late = Callable[[Stress], float]
 UNITS = {

@@ -43,8 +43,8 @@ from dobc_design.simulation.switches import Modes, Nearby, Planned
 from dobc_design.simulation.trajectory import Trajectory
 
 if TYPE_CHECKING:
+    from dobc_design.plotting.look import Sheet
     from dobc_design.plotting.runs import Envelope
-    from dobc_design.plotting.sheet import Sheet
 
 Source = Problem | str | PathLike[str]
 MOST_ARCS_COMPARED = 5000  # of all modes, up to which a run records of which problem it is

@@ -32,8 +32,8 @@ from dobc_design.simulation.switches import Switches, one_mode
 if TYPE_CHECKING:
     import pandas as pd
 
+    from dobc_design.plotting.look import Sheet
     from dobc_design.plotting.runs import Envelope
-    from dobc_design.plotting.sheet import Sheet
 
 FORMAT, VERSION = "dobc-trajectory", 1
 SAMPLED = ("x", "xi", "xihat", "d", "dhat", "u")  # (T, n, width)

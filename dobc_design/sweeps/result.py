@@ -32,7 +32,7 @@ from dobc_design.sweeps.plan import Plan
 if TYPE_CHECKING:
     import pandas as pd
 
-    from dobc_design.plotting.sheet import Sheet
+    from dobc_design.plotting.look import Sheet
     from dobc_design.plotting.sweeps import Places
 
 Outcome = dict[str, Any]  # a line: what is kept of a case

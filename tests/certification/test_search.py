@@ -14,9 +14,16 @@ import dobc_design as dd
 from dobc_design.certification.search import Searched, search_certificate
 from dobc_design.conditions.check import Check
 from dobc_design.falsification.suspect import RESTS, STAYS_AWAY
+from dobc_design.report.document import Text
 from dobc_design.report.figures import plot_search
 from dobc_design.report.pictures import search_picture, search_sheet
-from dobc_design.report.search_words import WARNING, search_view
+from dobc_design.report.region_words import (
+    WARNING,
+    equilibrium_sentences,
+    found_sentence,
+    search_sections,
+    suspects_table,
+)
 from dobc_design.verdict import Verdict
 
 RUNS = 24
@@ -43,10 +50,10 @@ def test_the_false_equilibria_are_found_proved_and_shown():
     region, _ = found().searches
     sizes = sorted({round(max(abs(float(x)) for x in claim.middle), 6) for claim in region.proved})
     assert sizes == [pytest.approx(float(half_difference(guess)), abs=1e-5) for guess in (3.3, 6.0)]
-    view = search_view([region])[0]
-    assert any("x = (1.654; −1.654)" in sentence for sentence in view["proved"])
-    assert view["proved"][-1].endswith("is therefore refuted.")
-    assert view["rows"][0].what == "rests there (proved)"
+    told = equilibrium_sentences(region)
+    assert any("x = (1.654; −1.654)" in sentence for sentence in told)
+    assert told[-1].endswith("is therefore refuted.")
+    assert suspects_table(region).rows[0][0] == "rests there (proved)"
 
 
 def test_nothing_that_is_certified_is_contradicted_by_the_search():
@@ -80,9 +87,8 @@ def test_a_suspect_alone_refutes_nothing(monkeypatch):
     monkeypatch.setattr("dobc_design.certification.search.search_starts", lambda *args, **settings: bare)
     after = search_certificate(overlooked(), runs=RUNS)
     assert after.certificate == overlooked()
-    view = search_view([bare])[0]
-    assert view["warning"] == WARNING and "refutes nothing" in WARNING
-    assert view["proved"] == []
+    assert Text(WARNING, "warning") in search_sections([bare])[0].blocks and "refutes nothing" in WARNING
+    assert equilibrium_sentences(bare) == []
 
 
 def test_a_proof_is_not_shaken_by_a_check_from_the_search(monkeypatch):
@@ -126,6 +132,6 @@ def test_the_document_is_plain_json_without_infinities():
 
 
 def test_no_suspect_proves_nothing_and_the_words_say_so():
-    view = search_view([found().searches[1]])[0]
-    assert "No suspect was found, which proves nothing." in view["found"]
-    assert view["warning"] is None
+    nothing = found().searches[1]
+    assert "No suspect was found, which proves nothing." in found_sentence(nothing)
+    assert Text(WARNING, "warning") not in search_sections([nothing])[0].blocks

@@ -10,7 +10,7 @@ import pytest
 pytest.importorskip("anywidget", reason="needs the extra `notebook`: pip install 'dobc_design[notebook]'")
 
 import dobc_design as dd
-from dobc_design.designer.preview import preview
+from dobc_design.designer.widget import preview
 from dobc_design.errors import SpecError
 from dobc_design.problem.canonical import canonical_bytes
 

@@ -10,16 +10,15 @@ from shown import Page
 
 from dobc_design.exact.matrix import matrix
 from dobc_design.report import document as doc
-from dobc_design.report.html import html_page
 from dobc_design.report.latex import latex_fragments
-from dobc_design.report.markdown import markdown_page
+from dobc_design.report.pages import html_page, markdown_page
 from dobc_design.report.pdf import content
 
 BLOCKS = {
     "text": doc.Text(("kept ", doc.Math("word", r"\text{word}"))),
     "list": doc.List(("kept word",)),
-    "matrix": doc.Matrices((doc.ShownMatrix(name="A", what="kept word", matrix=matrix([[Fraction(1, 2)]])),)),
-    "section": doc.Section(title="kept word", blocks=(doc.List(("x",)),)),
+    "matrix": doc.Matrices((doc.ShownMatrix("A", "kept word", matrix([[Fraction(1, 2)]])),)),
+    "section": doc.Section("kept word", (doc.List(("x",)),)),
     "beside": doc.Beside(((doc.Text("kept"),), (doc.Text("word"),))),
 }
 
@@ -33,7 +32,7 @@ def forms(*blocks: doc.Block) -> dict[str, str]:
         verdict=doc.Box(mark=doc.Mark("✓", "proved"), word="Proved", reason="r"),
         identity=(),
         footer="f",
-        blocks=(doc.Section(name="checks", title="Checks", short="Checks", blocks=blocks),),
+        blocks=(doc.Section("Checks", blocks, "checks"),),
     )
     page = Page(html_page(made))
     assert page.wrong == []
@@ -43,12 +42,12 @@ def forms(*blocks: doc.Block) -> dict[str, str]:
 
 def test_a_new_column_is_one_line_and_stands_in_every_form_that_shows_it():
     def table(*more):
-        return doc.table_of("c", ["a"], (doc.Column(head="head"), str), *more)
+        return doc.table_of("c", ["a"], doc.Column("head"), *more)
 
     assert all("added" not in text for text in forms(table()).values())
-    everywhere = forms(table((doc.Column(head="added"), lambda row: f"cell {row}")))
+    everywhere = forms(table(doc.Column("added", lambda row: f"cell {row}")))
     assert all("added" in text and "cell a" in text for text in everywhere.values())
-    printed = forms(table((doc.Column(head="added", only=("pdf",)), lambda row: f"cell {row}")))
+    printed = forms(table(doc.Column("added", lambda row: f"cell {row}", only=("pdf",))))
     assert {form for form, text in printed.items() if "added" in text or "cell" in text} == {"pdf"}
 
 
@@ -61,7 +60,7 @@ def test_every_form_shows_every_block_and_only_says_which_do(name: str):
 
 
 def test_a_section_that_a_form_leaves_empty_is_not_there():
-    found = forms(doc.Section(title="nested", blocks=(doc.Only(("html",), (doc.Text("inside"),)),)))
+    found = forms(doc.Section("nested", (doc.Only(("html",), (doc.Text("inside"),)),)))
     assert {form for form, text in found.items() if "nested" in text} == {"html"}
 
 
@@ -69,10 +68,10 @@ def test_a_section_that_a_form_leaves_empty_is_not_there():
 def test_text_is_escaped_in_every_place_of_every_form(text: str):
     cells: list[doc.Cell] = [text, doc.Name((text, text), id=text), doc.Mark("?", "undecided")]
     reason = doc.Reason(text=text, details=((text, text),), cure=text, lines=(text,))
-    columns = tuple(doc.Column(head=text) for _ in range(4))
+    columns = tuple(doc.Column(text) for _ in range(4))
     table = doc.Table(caption=text, columns=columns, rows=((*cells, reason),))
     blocks = (doc.Text(text), doc.List((text,)), doc.Terms(((text, "", text),)), doc.Facts(((text, text),)), table)
-    found = forms(*blocks, doc.Section(title=text, blocks=blocks))
+    found = forms(*blocks, doc.Section(text, blocks))
     assert found["html"].count(text) >= 20
     assert "\\end{document}" not in found["latex"]
     assert not re.search(r"(?<!\\)" + re.escape(text.lstrip("ab")), found["markdown"])

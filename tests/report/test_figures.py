@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 from dobc_design.plotting import look
 from dobc_design.report import figures
 from dobc_design.report.document import Picture
-from dobc_design.report.drawing import draw_network, drawn_labels, positions
+from dobc_design.report.figures import draw_network, drawn_labels, positions
 from dobc_design.report.pictures import svg_of
 from dobc_design.report.words import common_offsets
 

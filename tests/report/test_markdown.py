@@ -11,7 +11,7 @@ from shown import markdown_report
 
 from dobc_design.conditions.check import Fix
 from dobc_design.problem.network import Network
-from dobc_design.report.markdown import escape
+from dobc_design.report.pages import escape
 
 
 def test_every_check_stands_in_the_table(everything: dict[str, Any]):

@@ -21,7 +21,7 @@ from dobc_design.problem.exosystems import Exosystem
 from dobc_design.problem.groups import Group, Observer
 from dobc_design.problem.network import Network
 from dobc_design.problem.problem import Problem
-from dobc_design.report import formulas
+from dobc_design.report import content as of_report
 from dobc_design.report.content import report_document
 from dobc_design.report.document import Picture
 from dobc_design.report.pdf import compile_pdf, number_parts, pdf_page, picture_parts, soft
@@ -140,11 +140,9 @@ def test_a_figure_keeps_its_colours_and_gets_its_alternative():
 
 
 def test_every_equation_of_the_loop_has_its_formula():
-    template = (Path(formulas.__file__).parent / "templates" / "report.typ").read_text("utf-8")
-    for name, _, _ in formulas.LOOP:
-        assert f'"{name}": (' in template
-    for name, _, _ in formulas.LOOP_DISTURBED:
-        assert f'"{name}, disturbed": (' in template
+    template = (Path(of_report.__file__).parent / "templates" / "report.typ").read_text("utf-8")
+    assert all(f'"{name}": (' in template for name, _, _ in of_report.LOOP)
+    assert all(f'"{name}, disturbed": (' in template for name, _, _ in of_report.LOOP_DISTURBED)
 
 
 def test_without_typst_the_message_names_the_extra(certificate, monkeypatch):

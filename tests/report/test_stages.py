@@ -15,7 +15,7 @@ from dobc_design.conditions.schedule.settling import Settling
 from dobc_design.conditions.separable.claim import DelayBound, SamplingBound
 from dobc_design.report.figures import plot_envelope
 from dobc_design.report.pictures import envelope_pictures
-from dobc_design.report.region_words import STAGE_HEADS, settling_view, stage_rows
+from dobc_design.report.region_words import settling_section, settling_sentence, stages_table, timing_notes
 from dobc_design.verdict import Verdict
 
 F = Fraction
@@ -42,38 +42,37 @@ def timing(period: str, delay: str) -> StageTiming:
 
 def test_every_stage_is_a_row_and_quadratic_ones_say_nothing_about_sampling():
     timings = [timing("0.0123456", "1/20"), timing("1/8", "1/5"), StageTiming(), StageTiming()]
-    rows = stage_rows(settling(), timings)
-    assert [row.kind for row in rows] == ["max-separable", "max-separable", "quadratic", "quadratic"]
-    assert [(row.held, row.late) for row in rows] == [
-        ("0.01234 s", "0.05 s"),
-        ("0.125 s", "0.2 s"),
-        ("–", "–"),
-        ("–", "–"),
+    rows = stages_table(settling(), timings).rows
+    assert [(kind, held, late) for _, kind, *_, held, late in rows] == [
+        ("max-separable", "0.01234 s", "0.05 s"),
+        ("max-separable", "0.125 s", "0.2 s"),
+        ("quadratic", "–", "–"),
+        ("quadratic", "–", "–"),
     ]
-    assert all(len(row.cells) == len(STAGE_HEADS) for row in rows)
 
 
 def test_bounds_and_times_are_raised_and_rates_are_cut():
-    for row, stage in zip(stage_rows(settling(), ()), settling().stages, strict=True):
-        assert F(row.start.removesuffix(" s")) >= stage.start
-        assert F(row.bound) >= stage.level * stage.height
-        assert F(row.level) >= stage.level
-        assert F(row.rate) <= F(settling().rows()[int(row.number) - 1][4]) * F(1001, 1000)
+    for row, stage in zip(stages_table(settling(), ()).rows, settling().stages, strict=True):
+        number, _, start, level, bound, rate, *_ = row
+        assert F(start.removesuffix(" s")) >= stage.start
+        assert F(bound) >= stage.level * stage.height
+        assert F(level) >= stage.level
+        assert F(rate) <= F(settling().rows()[int(number) - 1][4]) * F(1001, 1000)
 
 
 def test_the_sentence_claims_no_more_than_is_proved():
-    view = settling_view(settling(), ())
-    assert "|e|∞ ≤ 2 and |εᵢ| ≤ 0.5 for every i" in view["sentence"]
-    assert "|e(t)|∞ ≤ 0.001" in view["sentence"]
-    told = float(view["sentence"].partition("t ≥ ")[2].partition(" s")[0])
+    sentence = settling_sentence(settling())
+    assert "|e|∞ ≤ 2 and |εᵢ| ≤ 0.5 for every i" in sentence
+    assert "|e(t)|∞ ≤ 0.001" in sentence
+    told = float(sentence.partition("t ≥ ")[2].partition(" s")[0])
     assert settling().time <= told <= settling().time * 1.001
-    assert view["timing"] is None
-    assert settling_view(None, ()) is None
+    assert timing_notes(()) == []
+    assert list(settling_section(None, (), ())) == []
 
 
 def test_what_the_stages_allow_is_told_apart_from_what_the_certificate_holds():
-    view = settling_view(settling(), [timing("1/8", "1/5")] * 2 + [StageTiming()] * 2)
-    assert "the certificate holds them for its whole region only" in view["timing"]
+    (note,) = timing_notes([timing("1/8", "1/5")] * 2 + [StageTiming()] * 2)
+    assert "the certificate holds them for its whole region only" in note
 
 
 def test_the_curve_drawn_is_the_certified_bound():

@@ -69,9 +69,7 @@ def test_what_is_not_said_names_the_disturbances_that_the_problem_has(problem_wi
 
 def test_a_ring_is_said_in_words(problem_with):
     problem = problem_with()
-    assert mode_sentences(problem) == [
-        ("Ga", "10 arcs; every agent i listens to i + 1, counted around a circle of 10.")
-    ]
+    assert mode_sentences(problem) == ["Ga: 10 arcs; every agent i listens to i + 1, counted around a circle of 10."]
     assert pin_sentence(problem) == "2 of 10 agents are pinned: 1 and 6."
     assert agents_table(problem).rows[0] == ("1", "5", "1", "2")
 
@@ -79,7 +77,7 @@ def test_a_ring_is_said_in_words(problem_with):
 def test_weights_and_undirected_arcs_are_said_in_words(problem_with):
     network = Network.from_arcs([(1, 2, "1/3"), (2, 1), (3, 1), (1, 3)], arrow="sends_to", agents=4)
     problem = problem_with(network=network, gains=None)
-    assert mode_sentences(problem)[0][1].startswith("4 arcs, with weights; whoever listens is also listened to")
+    assert mode_sentences(problem)[0].startswith("G: 4 arcs, with weights; whoever listens is also listened to")
     assert agents_table(problem).rows[1][3:] == ("1 (1/3×)",)
     assert agents_table(problem).rows[3][3:] == ("–",)
     assert pin_sentence(problem) == "No agent is pinned."

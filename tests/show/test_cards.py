@@ -181,7 +181,7 @@ def test_nouns_of_a_thousand_agents_are_shown_on_less_than_a_page(large: dd.Prob
     page = checked(large)
     assert "14 × 14 matrix, too large to be shown" in page
     assert "and 988 more" in page
-    rooms = ("dobc_design.spec", "dobc_design.exact")
+    rooms = ("dobc_design.problem", "dobc_design.coupling", "dobc_design.exact")
     assert {name for name, each in shown_types().items() if each.__module__.startswith(rooms)} <= seen
 
 

@@ -8,9 +8,8 @@ from typing import Any
 from dobc_design.certificate.certificate import Certificate
 from dobc_design.report.comparison import comparison_document
 from dobc_design.report.content import report_document
-from dobc_design.report.html import html_page
 from dobc_design.report.latex import latex_fragments
-from dobc_design.report.markdown import markdown_page
+from dobc_design.report.pages import html_page, markdown_page
 from dobc_design.report.pdf import content
 
 #: What a user may write that means something to HTML, Markdown, Typst or LaTeX, or that a font does not have.

@@ -25,7 +25,7 @@ from dobc_design.verdict import Verdict
 if TYPE_CHECKING:
     import pandas as pd
 
-    from dobc_design.plotting.sheet import Sheet
+    from dobc_design.plotting.look import Sheet
 
 AXES = {
     "gain": ("rate, 1/s", "sum of the gains, 1/s"),

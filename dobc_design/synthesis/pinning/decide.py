@@ -39,9 +39,6 @@ from dobc_design.exact.zmatrix import proves
 from dobc_design.problem.arrays import closed_groups
 from dobc_design.problem.changes import typed_number
 from dobc_design.problem.problem import Problem
-from dobc_design.synthesis.pinning.claim import Bound, Obstacle, Structure
-from dobc_design.synthesis.pinning.request import PinningRequest, rounded_up
-from dobc_design.problem.reaching import closed_groups
 from dobc_design.synthesis.pinning.claim import Bound, Obstacle, PinningRequest, Structure, rounded_up
 from dobc_design.verdict import Verdict
 

@@ -1,15 +1,50 @@
-"""A document as Markdown: text and tables, formulas in LaTeX, no pictures."""
+"""A document as one HTML page and as Markdown.
+
+HTML: no script, no network, readable on paper, on a phone and in the dark.  Markdown: text and tables, formulas in
+LaTeX, no pictures.
+"""
 
 from __future__ import annotations
 
 import re
 from collections.abc import Iterable, Iterator, Sequence
+from itertools import chain
 
+from jinja2 import Environment, PackageLoader, StrictUndefined
+
+from dobc_design._show.text import Fragment, mathml
 from dobc_design.report import document as doc
-from dobc_design.report.words import capitalize_first
+from dobc_design.report.pictures import svg_of
+from dobc_design.report.words import capitalize_first, typeset
 
+_MATRIX = re.compile(r"<mo>&#x00028;</mo><mtable>(.*?)</mtable><mo>&#x00029;</mo>", re.DOTALL)
 _SPECIAL = re.compile(r"[\\`*_\[\]|<>~$&#]")
 _OPENING = re.compile(r"^(\d*)([-+=.)])(?=\s|$)")  # would begin a list or underline a heading
+
+
+def html_page(document: doc.Document) -> str:
+    """The page.  The same document gives the same text."""
+    loader = PackageLoader("dobc_design.report")
+    environment = Environment(
+        loader=loader, autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True
+    )
+    environment.filters |= {
+        "capitalize_first": capitalize_first,
+        "kind": lambda value: type(value).__name__,
+        "math": _math,
+        "pieces": doc.pieces,
+        "svg": svg_of,
+        "typeset": typeset,
+    }
+    template = environment.get_template("document.html.j2")
+    return template.render(document=doc.in_form(document, "html"), leads=doc.leads) + "\n"
+
+
+def _math(latex: str, *, display: bool = False) -> Fragment:
+    """MathML as a safe fragment; only for LaTeX made by this package, never for user text."""
+    text = mathml(latex.replace("'", r"^{\top}"), display=display)
+    # Parentheses grow with a matrix only in fonts made for mathematics; the page draws them as borders instead.
+    return Fragment(_MATRIX.sub(r'<mtable class="matrix">\1</mtable>', text))
 
 
 def markdown_page(document: doc.Document) -> str:
@@ -35,9 +70,8 @@ def _lines(block: doc.Block, *, top: bool = False) -> Iterator[str]:
             for each in blocks:
                 yield from _lines(each)
         case doc.Beside(parts):
-            for part in parts:
-                for each in part:
-                    yield from _lines(each)
+            for each in chain.from_iterable(parts):
+                yield from _lines(each)
         case doc.Text(words):
             yield _words(words) + "\n"
         case doc.List(items):
@@ -49,7 +83,7 @@ def _lines(block: doc.Block, *, top: bool = False) -> Iterator[str]:
                 yield f"- {escape(f'{name} ({id})' if id else name)}: {escape(meaning)}"
             yield ""
         case doc.Facts(rows):
-            yield from _table(("", ""), ((escape(name), escape(value)) for name, value in rows))
+            yield from _table(("", ""), (map(escape, row) for row in rows))
         case doc.Code(lines, command):
             yield f"```\n{lines[0]}\n```\n" if command else "\n".join(f"    {line}" for line in lines) + "\n"
         case doc.Formula():
@@ -60,8 +94,9 @@ def _lines(block: doc.Block, *, top: bool = False) -> Iterator[str]:
                 yield f"{capitalize_first(escape(item.what))}:\n"
                 yield _formula(item.latex) if item.latex else f"{item.size}, see certificate.json.\n"
         case doc.Table():
-            heads = [escape(column.head) for column in block.columns]
-            yield from _table(heads, ([_cell(cell) for cell in row] for row in block.rows))
+            yield from _table(
+                [escape(column.head) for column in block.columns], (map(_cell, row) for row in block.rows)
+            )
         case doc.Signatures(heads, roles):
             yield from _table(("", *heads), ((role, *("&nbsp;" * 24 for _ in heads)) for role in roles))
 
@@ -71,12 +106,8 @@ def _words(words: doc.Words) -> str:
     if isinstance(words, doc.Own):
         return str(words)
     if isinstance(words, tuple) and isinstance(words[0], doc.Strong):
-        return f"**{escape(words[0])}**{escape(_plain(words[1:]))}"
-    return escape(_plain(doc.pieces(words)))
-
-
-def _plain(words: Iterable[object]) -> str:
-    return "".join(map(str, words))
+        return f"**{escape(words[0])}**{escape(doc.plain(words[1:]))}"
+    return escape(doc.plain(words))
 
 
 def _cell(cell: doc.Cell) -> str:
@@ -87,7 +118,7 @@ def _cell(cell: doc.Cell) -> str:
     return "<br>".join([*parts, *(escape(line) + ";" for line in cell.lines)])
 
 
-def _table(heads: Sequence[str], rows: Iterable[Sequence[str]]) -> Iterator[str]:
+def _table(heads: Sequence[str], rows: Iterable[Iterable[str]]) -> Iterator[str]:
     yield f"| {' | '.join(heads)} |"
     yield f"|{' --- |' * len(heads)}"
     yield from (f"| {' | '.join(row)} |" for row in rows)

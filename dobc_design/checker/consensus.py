@@ -92,10 +92,7 @@ def fact(case: Certificate, check: Any) -> None:
         found, exact, witness = reachability(case.problem, check.mode)
     need(check.margin is None, "it has no margin to claim")
     need(check.rate is None or check.id == "hurwitz", "it has no rate to claim")
-    need(
-        check.rate is None or (check.rate > 0 and stable(closed(group, W, check.rate))),
-        "the rate is not shown",
-    )
+    need(check.rate is None or (check.rate > 0 and stable(closed(group, W, check.rate))), "the rate is not shown")
     need((check.verdict == "proved") == found, f"it is {'proved' if found else 'refuted'} here")
     need(same(check.exact, exact), "the exact value is another one here")
     need(same(check.witness, None if found else witness), "the witness is another one here")

@@ -14,18 +14,7 @@ from .consensus import schur
 from .expressions import Coupling, variables
 from .files import Certificate, Problem
 from .intervals import NOTHING, Floats, added, dot, enclosed, negative, times, total
-from .matrices import (
-    ZERO,
-    Matrix,
-    definite,
-    diagonal,
-    identity,
-    largest,
-    nonnegative,
-    plus,
-    product,
-    transpose,
-)
+from .matrices import ZERO, Matrix, definite, diagonal, identity, largest, nonnegative, plus, product, transpose
 from .reading import MATRIX_BITS, Refused, an_object, index, integer, matrix, maybe, need, rational, read, short, text
 from .separable import CELLS, Curve, below, follow, starts, throughout
 
@@ -250,10 +239,7 @@ def exhaustive(case: Certificate, check: Any) -> None:
         "half is no integer of 20 bits times a power of 2",
     )
     need(half < 2**200, "half leaves the range of numbers followed here")
-    need(
-        all(inside(claim.P_e, z, claim.outer, half) for z in identity(size)),
-        "the outer level set leaves the box",
-    )
+    need(all(inside(claim.P_e, z, claim.outer, half) for z in identity(size)), "the outer level set leaves the box")
 
     fields, left = [field(p, mode, claim, costs) for mode in p.modes], PIECES
     for box in leaves(claim.tree, ((-float(half),) * size, (float(half),) * size)):

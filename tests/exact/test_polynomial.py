@@ -27,14 +27,7 @@ from dobc_design.exact import (
     zeros,
 )
 from dobc_design.exact.matrix import matrix
-from dobc_design.exact.polynomial import (
-    cone_image,
-    decide_images,
-    disk_image,
-    has_root_up_to_zero,
-    reflected,
-    shifted,
-)
+from dobc_design.exact.polynomial import cone_image, decide_images, disk_image, has_root_up_to_zero, reflected, shifted
 from dobc_design.verdict import Verdict
 
 PROVED, REFUTED = Verdict.PROVED, Verdict.REFUTED

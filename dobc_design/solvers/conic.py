@@ -8,6 +8,7 @@ asked again for the same design.
 from __future__ import annotations
 
 import math
+import warnings
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
 from typing import Any, Final, Literal, TypeVar
@@ -16,7 +17,6 @@ import numpy as np
 from scipy import sparse
 
 from dobc_design.exact.pencil import Pencil, below, positive
-from dobc_design.solvers.dense import solve_dense
 from dobc_design.solvers.program import (
     FAILED,
     Array,
@@ -32,6 +32,7 @@ T = TypeVar("T")
 
 ROOT2: Final = math.sqrt(2.0)
 SOLVER, SECOND = "Clarabel", "SCS"
+TIME_LIMITS: Final = {"CLARABEL": "time_limit", "SCS": "time_limit_secs"}  # cvxpy's option by solver, in s
 TIME_LIMIT: Final = 20.0  # seconds for one call of one solver; the programs of the ladder take milliseconds
 
 
@@ -200,6 +201,70 @@ def solve_directly(program: Program, *, time_limit: float = 60.0) -> Solution:
         return without_values(answer.status, solver=SOLVER)
     values = assemble(program.pencils[0], answer.x.tolist())
     return Solution(status=answer.status, solver=SOLVER, objective=answer.objective, values=values)
+
+
+def build_dense(program: Program) -> tuple[Any, dict[str, Any]]:
+    """The cvxpy problem of a Program and its variables by name (P, Q and, for "margin", t).
+
+    P is declared symmetric, because X >> 0 looks at the symmetric part of X only.
+    """
+    import cvxpy as cp
+
+    first = program.pencils[0]
+    variables: dict[str, Any] = {
+        unknown.name: cp.Variable((unknown.rows, unknown.columns), symmetric=unknown.symmetric, name=unknown.name)
+        for unknown in first.unknowns
+    }
+    P, Q = variables["P"], variables.get("Q")
+    q = first.unknowns[0].rows
+    constraints = []
+    if program.objective == "margin":
+        t = variables["t"] = cp.Variable(name="t")
+        constraints += [_affine(cp, each, variables) << t * np.eye(each.size) for each in program.pencils]
+        constraints += [P >> np.eye(q) * float(1 + program.floor), P << np.eye(q) * float(program.ratio)]
+        if Q is not None:
+            constraints.append(cp.norm(Q, "fro") <= float(program.radius))
+        objective = cp.Minimize(t)
+    else:
+        constraints += [_affine(cp, each, variables) << 0 for each in program.pencils]
+        constraints.append(P >> np.eye(q) * float(program.floor))
+        objective = cp.Minimize(cp.trace(P) + (cp.sum_squares(Q) if Q is not None else 0))
+    return cp.Problem(objective, constraints), variables
+
+
+def solve_dense(program: Program, *, solver: str = "CLARABEL", time_limit: float = 60.0) -> Solution:
+    """Solve the block LMI through cvxpy.  A solver's failure is a Solution without values.
+
+    ``solver`` is one of cvxpy's names, "CLARABEL" or "SCS"; ``time_limit`` in s, for these two.
+    """
+    try:
+        problem, variables = build_dense(program)
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # that an answer is inaccurate stands in the status
+            problem.solve(solver=solver, **{TIME_LIMITS[solver]: time_limit} if solver in TIME_LIMITS else {})
+        return _read_dense(program, problem, variables, solver=solver)
+    except BaseException as error:  # a panic in Rust is no Exception
+        if not is_solver_failure(error):
+            raise
+        return without_values(f"{FAILED}{type(error).__name__}", solver=solver)
+
+
+def _read_dense(program: Program, problem: Any, variables: dict[str, Any], *, solver: str) -> Solution:
+    """What the solver answered.  Raises what comes of it if that is no point at all."""
+    unknowns = program.pencils[0].unknowns
+    missing = problem.value is None or any(variables[unknown.name].value is None for unknown in unknowns)
+    if missing or not math.isfinite(problem.value):
+        return without_values(str(problem.status), solver=solver)
+    numbers = [float(variables[unknown.name].value[i, j]) for unknown in unknowns for _, i, j in unknown.places()]
+    values = assemble(program.pencils[0], numbers)
+    return Solution(status=str(problem.status), solver=solver, objective=float(problem.value), values=values)
+
+
+def _affine(cp: Any, pencil: Pencil, variables: dict[str, Any]) -> Any:
+    total = cp.Constant(as_sparse(pencil.constant))
+    for (name, i, j), coefficient in pencil.coefficients.items():
+        total = total + variables[name][i, j] * as_sparse(coefficient)
+    return total
 
 
 def climb(

@@ -18,6 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import sparse
 
+from dobc_design.exact.matrix import Matrix
 from dobc_design.exact.pencil import Pencil
 from dobc_design.exact.symmetric import Symmetric
 
@@ -105,3 +106,11 @@ def assemble(pencil: Pencil, numbers: Sequence[float]) -> dict[str, Array]:
             position += 1
         result[unknown.name] = array
     return result
+
+
+def round_matrix(array: Array, digits: int) -> Matrix:
+    """Round to ``digits`` significant decimal digits of the largest entry; symmetry is kept."""
+    largest = float(np.max(np.abs(array))) if array.size else 0.0
+    places = digits - 1 - math.floor(math.log10(largest)) if 0 < largest < math.inf else 0
+    unit = Fraction(10) ** places
+    return tuple(tuple(Fraction(round(Fraction(float(x)) * unit)) / unit for x in row) for row in array)

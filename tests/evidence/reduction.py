@@ -18,7 +18,7 @@ from dobc_design.conditions.consensus.decide import psi_is_negative
 from dobc_design.conditions.observer.propose import design_gain, lyapunov
 from dobc_design.exact.definite import decide_positive_definite
 from dobc_design.exact.matrix import multiply, scale, subtract, to_float
-from dobc_design.solvers.dense import solve_dense
+from dobc_design.solvers.conic import solve_dense
 from dobc_design.solvers.program import Program
 from dobc_design.verdict import Verdict
 

@@ -10,9 +10,16 @@ import numpy as np
 import pytest
 
 from dobc_design.errors import SpecError
-from dobc_design.exact.interval import Interval, cos, exp, sin
+from dobc_design.exact.interval import (
+    Interval,
+    cos,
+    discretise,
+    exp,
+    interval_characteristic_polynomial,
+    interval_routh,
+    sin,
+)
 from dobc_design.exact.matrix import matrix
-from dobc_design.exact.matrix_exponential import discretise, interval_characteristic_polynomial, interval_routh
 from dobc_design.exact.polynomial import characteristic_polynomial
 from dobc_design.verdict import Verdict
 

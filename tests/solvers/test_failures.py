@@ -19,8 +19,7 @@ from dobc_design.problem.exosystems import Exosystem
 from dobc_design.problem.file import read_problem_text
 from dobc_design.problem.load import builtin_text
 from dobc_design.solvers import conic
-from dobc_design.solvers.conic import solve_directly
-from dobc_design.solvers.dense import solve_dense
+from dobc_design.solvers.conic import solve_dense, solve_directly
 from dobc_design.solvers.program import Program, Solution, is_solver_failure, without_values
 from dobc_design.verdict import Verdict
 

@@ -10,8 +10,7 @@ from scipy import sparse
 
 from dobc_design.conditions.consensus.claim import reduced
 from dobc_design.solvers.conic import smat, svec, symmetric_basis
-from dobc_design.solvers.program import Solution, assemble, without_values
-from dobc_design.solvers.rounding import round_matrix
+from dobc_design.solvers.program import Solution, assemble, round_matrix, without_values
 
 
 @pytest.mark.parametrize("size", [1e-300, 1e-9, 1.0, 12345.678, 1e300])

@@ -15,8 +15,7 @@ from dobc_design.exact.matrix import from_float
 from dobc_design.problem.exosystems import Exosystem
 from dobc_design.problem.network import Network
 from dobc_design.problem.problem import Problem
-from dobc_design.solvers.conic import solve_directly
-from dobc_design.solvers.dense import build_dense, solve_dense
+from dobc_design.solvers.conic import build_dense, solve_dense, solve_directly
 from dobc_design.solvers.program import Program
 from dobc_design.verdict import Verdict
 

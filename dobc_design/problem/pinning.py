@@ -14,7 +14,7 @@ from typing import Any
 from dobc_design._show.cards import Card, Shown, plain
 from dobc_design.errors import SpecError, about, kept, raise_all, wrong
 from dobc_design.exact.definite import decide_positive_semidefinite
-from dobc_design.exact.matrix import Matrix, add, transpose
+from dobc_design.exact.matrix import Matrix, add, identity, scale, transpose
 from dobc_design.exact.number import parse_number
 from dobc_design.exact.reading import (
     MOST_ERRORS,
@@ -23,7 +23,6 @@ from dobc_design.exact.reading import (
     is_scalar_matrix,
     named,
     read_matrix,
-    scalar_matrix,
     shown,
     shown_number,
 )
@@ -125,7 +124,7 @@ def _read_gain(value: Any, *, key: str, dimension: int) -> Matrix:
                 f" got {shown_number(number)}.",
                 "Use a positive gain, or leave the agent out.",
             )
-        return scalar_matrix(number, dimension)
+        return scale(number, identity(dimension))
     gain = read_matrix(value, key=key, shape=(dimension, dimension), because="one row and column per state component")
     _check_gain(gain, key=key)
     return gain

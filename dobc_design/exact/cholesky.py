@@ -49,9 +49,7 @@ def bad_direction(
     for (i, j), value in M.entries.items():
         rows[i][j] = rows[j][i] = to_fmpq(value) if long else value
     found = _eliminate(rows, strict=strict, most_work=most_work)
-    if found is None:
-        return None
-    return {i: Fraction(int(x.numerator), int(x.denominator)) for i, x in found.items()}
+    return found and {i: Fraction(int(x.numerator), int(x.denominator)) for i, x in found.items()}
 
 
 def _eliminate(rows: list[dict[int, Scalar]], *, strict: bool, most_work: int | None) -> dict[int, Scalar] | None:
@@ -60,9 +58,9 @@ def _eliminate(rows: list[dict[int, Scalar]], *, strict: bool, most_work: int | 
     ``rows`` hold both triangles without zeros, and are consumed. After each step the rows still
     open hold the Schur complement, so a bad diagonal entry there refutes as a bad pivot does.
     """
-    for i in range(len(rows)):
-        if (bad := _bad_diagonal(rows, i, strict=strict)) is not None:
-            return bad
+    bad_rows = (_bad_diagonal(rows, i, strict=strict) for i in range(len(rows)))
+    if (bad := next(filter(None, bad_rows), None)) is not None:
+        return bad
     steps: list[tuple[int, dict[int, Scalar]]] = []
     queue = [(len(row), i) for i, row in enumerate(rows)]
     heapq.heapify(queue)
@@ -157,17 +155,13 @@ class Scaled:
     2^-53 |floats| + 2^-bits per entry.
     """
 
+    size: int  # n
     exponents: Whole
     low_bits: int
     high: Whole
     middle: Whole
     low: Whole
     floats: Floats
-
-    @property
-    def size(self) -> int:
-        """Return n."""
-        return len(self.floats)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -200,6 +194,7 @@ def scaled(M: SparseSymmetric | IntegerSymmetric) -> Scaled | list[int] | None:
 
     mask = (1 << low_bits) - 1
     return Scaled(
+        size=M.size,
         exponents=exponents,
         low_bits=low_bits,
         high=dense((whole >> 2 * low_bits).astype(np.int64)),
@@ -214,9 +209,9 @@ def _whole_entries(M: SparseSymmetric | IntegerSymmetric, bits: int) -> tuple[Wh
 
     Of an IntegerSymmetric the denominator is left out: it changes no sign.
     """
-    denominators: Any = 1
     if isinstance(M, IntegerSymmetric):
         rows, columns, numerators = M.rows, M.columns, M.values.astype(object)
+        denominators = np.ones(len(rows), dtype=object)
     else:
         rows, columns = (np.array([place[k] for place in M.entries], dtype=np.int64) for k in (0, 1))
         numerators = np.array([x.numerator for x in M.entries.values()], dtype=object)
@@ -224,7 +219,7 @@ def _whole_entries(M: SparseSymmetric | IntegerSymmetric, bits: int) -> tuple[Wh
     on = rows == columns
     if np.count_nonzero(on) < M.size or not (numerators[on] > 0).all():
         return None
-    below = denominators[on].tolist() if isinstance(denominators, np.ndarray) else [1] * M.size
+    below = denominators[on].tolist()
     # M_ii lies in (2^(e-1), 2^(e+1)), e the difference of the bit lengths; hence (D M D)_ii in [1/8, 1).
     lengths = [x.bit_length() - y.bit_length() for x, y in zip(numerators[on].tolist(), below, strict=True)]
     exponents = np.zeros(M.size, dtype=np.int64)
@@ -292,11 +287,15 @@ def leaves_dominated_rest(S: Scaled, factor: IntegerFactor) -> bool:
     if max(longest, shortest) ** 2 * _UPWARDS >= _EXACT:
         return False
     n, shift = S.size, S.low_bits
+
+    def product(left: Floats, right: Floats) -> Whole:
+        return (left @ right.T).astype(np.int64)
+
     for start in range(0, n, _BLOCK):
         rows = slice(start, min(start + _BLOCK, n))
-        rest = (S.low[rows] - _product(low[rows], low)) >> shift
-        rest += S.middle[rows] - _product(high[rows], low) - _product(low[rows], high)
-        top = S.high[rows] - _product(high[rows], high)
+        rest = (S.low[rows] - product(low[rows], low)) >> shift
+        rest += S.middle[rows] - product(high[rows], low) - product(low[rows], high)
+        top = S.high[rows] - product(high[rows], high)
         # Beyond these limits the rest is not small, and the sums below might leave 64 bits.
         if int(np.abs(top).max()) >= 1 << (60 - shift - n.bit_length()):
             return False
@@ -320,10 +319,6 @@ def low_directions(S: Scaled, eigenvectors: Floats) -> list[list[int]]:
         [int(x) << e for x, e in zip(np.rint(np.ldexp(w, _DIRECTION_BITS)).tolist(), lift, strict=True)]
         for w in eigenvectors.T
     ]
-
-
-def _product(left: Floats, right: Floats) -> Whole:
-    return (left @ right.T).astype(np.int64)
 
 
 def _factor(A: Floats, shift: float) -> Floats | None:
@@ -361,8 +356,7 @@ def decide_lifted(
     )
     if not proves_by_integers(B):
         return None
-    solution = _solved(M, S, square, lift)
-    Z = from_fmpq_mat(solution)
+    Z = from_fmpq_mat(_solved(M, S, square, lift))
     unit = Fraction(1, 2**_LIFT_BITS)
     V = [[unit * x for x in row] for row in lift.tolist()]
     G = {

@@ -10,8 +10,7 @@
 | 13 and more | any | LDL' over the rationals (python-flint) |
 
 A path answers or passes on; the last one always answers, unless the caller bounds its work. "Proved" comes from
-exact or outward-rounded arithmetic, "refuted" only from a vector that is multiplied out exactly (``decision``).
-``_PATHS`` is this table and ``_decide`` walks it, for both questions. The answer's ``method`` names path and size.
+exact or outward-rounded arithmetic, "refuted" only from a vector that is multiplied out exactly.
 """
 
 from __future__ import annotations
@@ -65,25 +64,13 @@ class Definiteness(Shown):
     vector: tuple[int, ...] | None = None
 
 
-def proved(method: str, *, vector: tuple[int, ...] | None = None) -> Definiteness:
-    """Return the decision PROVED."""
-    return Definiteness(verdict=Verdict.PROVED, method=method, vector=vector)
-
-
-def undecided(method: str) -> Definiteness:
-    """Return the decision UNDECIDED; ``method`` says which path gave up."""
-    return Definiteness(verdict=Verdict.UNDECIDED, method=method)
-
-
 def refuted(M: Symmetric, direction: Mapping[int, Fraction], *, strict: bool, method: str) -> Definiteness:
     """Return the decision REFUTED by an integer multiple or rounding of an exact direction, by its entries.
 
     Raises: CertificateError if it does not refute, which would be a mistake in the path that gave it.
     """
     common = math.lcm(*(x.denominator for x in direction.values()))
-    exact = [0] * M.size
-    for i, x in direction.items():
-        exact[i] = x.numerator * (common // x.denominator)
+    exact = [int(direction.get(i, 0) * common) for i in range(M.size)]
     decision = first_refuting(M, (*roundings(exact), exact), strict=strict, method=method)
     if decision is None:
         raise CertificateError("the elimination gave a witness that does not refute; nothing is claimed.")
@@ -94,10 +81,10 @@ def first_refuting(
     M: Symmetric, candidates: Iterable[Sequence[int]], *, strict: bool, method: str
 ) -> Definiteness | None:
     """Return the decision REFUTED by the first candidate, a vector of integers, that refutes; else None."""
-    for candidate in candidates:
-        if not any(candidate):
-            continue
-        witness = _primitive(candidate)
+    for candidate in filter(any, candidates):
+        # Without a common factor, and the first entry that is not 0 positive.
+        factor = math.gcd(*candidate) * (1 if next(filter(None, candidate)) > 0 else -1)
+        witness = tuple(Fraction(x // factor) for x in candidate)
         value = M.quadratic_form(witness)
         if value < 0 or (strict and value == 0):
             return Definiteness(verdict=Verdict.REFUTED, method=method, witness=witness, value=value)
@@ -110,14 +97,6 @@ def roundings(vector: Sequence[int]) -> Iterator[list[int]]:
     for bits in _WITNESS_BITS:
         if largest.bit_length() > bits:
             yield [(2 * x * 2**bits + largest) // (2 * largest) for x in vector]
-
-
-def _primitive(vector: Sequence[int]) -> Vector:
-    """Divide by the common factor and make the first entry that is not 0 positive."""
-    factor = math.gcd(*vector) or 1
-    if next((x for x in vector if x), 1) < 0:
-        factor = -factor
-    return tuple(Fraction(x // factor) for x in vector)
 
 
 # The borders, as ratios of CPU times measured in one run, one BLAS thread; dense: Gram matrices of random integers
@@ -168,13 +147,9 @@ def decide_quickly(M: Matrix | Symmetric) -> Definiteness:
     """
     case = _Case(given=_symmetric(M), strict=True)
     if case.size == 0:
-        return proved(case.named("no rows"))
-    return (
-        _by_diagonal(case)
-        or _by_shift(case)
-        or _by_eigenvector(case)
-        or undecided(case.named("shifted Cholesky in doubles"))
-    )
+        return case.proved("no rows")
+    unknown = Definiteness(verdict=Verdict.UNDECIDED, method=case.named("shifted Cholesky in doubles"))
+    return _by_diagonal(case) or _by_shift(case) or _by_eigenvector(case) or unknown
 
 
 def definiteness(matrix: object) -> Verdict:
@@ -208,9 +183,7 @@ class _Case:
     @cached_property
     def matrix(self) -> Symmetric:
         """The same matrix, in arrays of integers where these are not long: they multiply out faster."""
-        if isinstance(self.given, IntegerSymmetric) or self.size < FLINT_SIZE:
-            return self.given
-        return in_integers(self.given) or self.given
+        return self.given if self.size < FLINT_SIZE else in_integers(self.given) or self.given
 
     @cached_property
     def entries(self) -> int:
@@ -235,31 +208,29 @@ class _Case:
         """Say by which path, and of what size and structure M is."""
         return f"{method}; {self.size} rows, {self.entries} entries on and above the diagonal"
 
+    def proved(self, method: str, *, vector: tuple[int, ...] | None = None) -> Definiteness:
+        return Definiteness(verdict=Verdict.PROVED, method=self.named(method), vector=vector)
+
 
 def _decide(case: _Case) -> Definiteness:
-    for row in _PATHS:
-        if row.least <= case.size <= row.most and row.suits(case) and (decision := row.path(case)) is not None:
+    for most, path in _PATHS if case.size >= FLINT_SIZE else ():
+        if case.size <= most and (decision := path(case)) is not None:
             return decision
-    raise CertificateError("no path decided the matrix, although the last one always does; nothing is claimed.")
+    return _by_elimination(case)
 
 
-def _by_fractions(case: _Case) -> Definiteness | None:
-    return _eliminated(case, case.named("LDL' over the rationals"), flint=False)
-
-
-def _by_flint(case: _Case) -> Definiteness | None:
-    method = case.named("LDL' over the rationals (python-flint)")
-    try:
-        return _eliminated(case, method, flint=True)
-    except UnfinishedError as error:
-        return undecided(f"{method}; {error}, because it was taking too much work")
-
-
-def _eliminated(case: _Case, method: str, *, flint: bool) -> Definiteness:
+def _by_elimination(case: _Case) -> Definiteness:
+    method = "LDL' over the rationals" if case.size < FLINT_SIZE else "LDL' over the rationals (python-flint)"
     M = case.given.to_sparse() if isinstance(case.given, IntegerSymmetric) else case.given
     most_work = case.most_work if case.size > _DENSE_SIZE else None
-    direction = bad_direction(M, strict=case.strict, flint=flint, most_work=most_work)
-    return proved(method) if direction is None else refuted(case.matrix, direction, strict=case.strict, method=method)
+    try:
+        direction = bad_direction(M, strict=case.strict, most_work=most_work)
+    except UnfinishedError as error:
+        what = f"{case.named(method)}; {error}, because it was taking too much work"
+        return Definiteness(verdict=Verdict.UNDECIDED, method=what)
+    if direction is None:
+        return case.proved(method)
+    return refuted(case.matrix, direction, strict=case.strict, method=case.named(method))
 
 
 def _by_diagonal(case: _Case) -> Definiteness | None:
@@ -269,33 +240,35 @@ def _by_diagonal(case: _Case) -> Definiteness | None:
 
 
 def _by_vector(case: _Case) -> Definiteness | None:
+    """Of a Z-matrix, or one with few entries, or with too many rows for dense work in any case."""
+    few = _SPARSE * case.entries <= case.size * case.size // 2
+    if not (few or case.size > _DENSE_SIZE or is_z_matrix(case.matrix)):
+        return None
     found = search(case.matrix, strict=case.strict)
     if found.vector is None:
         return _first(case, found.directions, found.kind)
     sign = ">" if case.strict else ">="
     beside = "Z-matrix" if is_z_matrix(case.matrix) else "M with negative sizes beside the diagonal"
-    return proved(case.named(f"{beside}: integers v > 0 with M v {sign} 0"), vector=found.vector)
+    return case.proved(f"{beside}: integers v > 0 with M v {sign} 0", vector=found.vector)
 
 
 def _by_shift(case: _Case) -> Definiteness | None:
     if not isinstance(case.scaled, Scaled) or not shifted_cholesky(case.scaled):
         return None
-    return proved(case.named("shifted Cholesky in doubles (Rump)"))
+    return case.proved("shifted Cholesky in doubles (Rump)")
 
 
 def _by_integers(case: _Case) -> Definiteness | None:
     if not isinstance(case.scaled, Scaled) or not proves_by_integers(case.scaled):
         return None
-    return proved(case.named("Cholesky factor in integers, its exact rest dominated by the diagonal"))
+    return case.proved("Cholesky factor in integers, its exact rest dominated by the diagonal")
 
 
 def _by_eigenvector(case: _Case) -> Definiteness | None:
     """Refute by a pair of rows with a large entry, or by the lowest eigenvectors."""
-    if case.scaled is None:
-        return None
-    if not isinstance(case.scaled, Scaled):
+    if isinstance(case.scaled, list):
         return _first(case, (case.scaled,), "an entry too large beside the diagonal")
-    if case.spectrum is None:
+    if case.scaled is None or case.spectrum is None:
         return None
     values, vectors = case.spectrum
     low = vectors[:, : min(_EIGENVECTORS, int(np.count_nonzero(values < margin(case.scaled))))]
@@ -307,25 +280,15 @@ def _by_lift(case: _Case) -> Definiteness | None:
         return None
     values, vectors = case.spectrum
     direction = decide_lifted(case.matrix, case.scaled, values, vectors, strict=case.strict)
-    method = case.named("small eigenvalues lifted, exact linear solve (python-flint)")
-    if direction is None:
-        return None
-    return refuted(case.matrix, direction, strict=case.strict, method=method) if direction else proved(method)
+    method = "small eigenvalues lifted, exact linear solve (python-flint)"
+    if direction:
+        return refuted(case.matrix, direction, strict=case.strict, method=case.named(method))
+    return None if direction is None else case.proved(method)
 
 
 def _first(case: _Case, directions: Iterable[list[int]], method: str) -> Definiteness | None:
     candidates = (each for d in directions for each in (*roundings(d), d))
     return first_refuting(case.matrix, candidates, strict=case.strict, method=case.named(method))
-
-
-def _is_any(case: _Case) -> bool:
-    return True
-
-
-def _is_sparse(case: _Case) -> bool:
-    """A Z-matrix, or few entries, or too many rows for dense work in any case."""
-    few = _SPARSE * case.entries <= case.size * case.size // 2
-    return few or case.size > _DENSE_SIZE or is_z_matrix(case.matrix)
 
 
 def _read(given: object) -> Matrix | Symmetric:
@@ -338,12 +301,8 @@ def _read(given: object) -> Matrix | Symmetric:
         return IntegerSymmetric.from_floats(given) if large else from_float(given, None)
     if not isinstance(given, (Sequence, np.ndarray)):
         raise wrong("matrix", f"must be a list of rows; got {type(given).__name__}.", kind=ShapeError)
-    rows: list[Any] = [
-        from_float(row[np.newaxis], None)[0]
-        if isinstance(row, np.ndarray) and row.ndim == 1 and row.dtype != object
-        else row
-        for row in given
-    ]
+    numeric = [isinstance(row, np.ndarray) and row.ndim == 1 and row.dtype != object for row in given]
+    rows: list[Any] = [from_float(row[None], None)[0] if x else row for row, x in zip(given, numeric, strict=True)]
     return matrix(rows)
 
 
@@ -351,23 +310,12 @@ def _symmetric(M: Matrix | Symmetric) -> Symmetric:
     return M if isinstance(M, SparseSymmetric | IntegerSymmetric) else SparseSymmetric.from_dense(M)
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class _Row:
-    """One row of the table: for ``least`` to ``most`` rows of the structure ``suits``, try ``path``."""
-
-    least: int
-    most: float
-    suits: Callable[[_Case], bool]
-    path: Callable[[_Case], Definiteness | None]
-
-
-_PATHS: Final = (
-    _Row(least=0, most=FLINT_SIZE - 1, suits=_is_any, path=_by_fractions),
-    _Row(least=FLINT_SIZE, most=math.inf, suits=_is_any, path=_by_diagonal),
-    _Row(least=FLINT_SIZE, most=math.inf, suits=_is_sparse, path=_by_vector),
-    _Row(least=FLINT_SIZE, most=_RUMP_SIZE, suits=_is_any, path=_by_shift),
-    _Row(least=FLINT_SIZE, most=_DENSE_SIZE, suits=_is_any, path=_by_integers),
-    _Row(least=FLINT_SIZE, most=_DENSE_SIZE, suits=_is_any, path=_by_eigenvector),
-    _Row(least=FLINT_SIZE, most=_DENSE_SIZE, suits=_is_any, path=_by_lift),
-    _Row(least=FLINT_SIZE, most=math.inf, suits=_is_any, path=_by_flint),
+# The paths from FLINT_SIZE rows on, each with the most rows that it is tried for.
+_PATHS: Final[tuple[tuple[float, Callable[[_Case], Definiteness | None]], ...]] = (
+    (math.inf, _by_diagonal),
+    (math.inf, _by_vector),
+    (_RUMP_SIZE, _by_shift),
+    (_DENSE_SIZE, _by_integers),
+    (_DENSE_SIZE, _by_eigenvector),
+    (_DENSE_SIZE, _by_lift),
 )

@@ -22,7 +22,7 @@ from dobc_design.exact.symmetric import (
     IntegerSymmetric,
     Places,
     Rows,
-    SparseSymmetric,
+    Symmetric,
     both_triangles,
     in_integers,
     signs_of_product,
@@ -54,19 +54,18 @@ class Found:
     kind: str = "search direction of conjugate gradients"
 
 
-def proves(M: SparseSymmetric | IntegerSymmetric, vector: Sequence[int], *, strict: bool = True) -> bool:
+def proves(M: Symmetric, vector: Sequence[int], *, strict: bool = True) -> bool:
     """Tell whether integers v > 0 prove M > 0 (strict), or M >= 0: m_ii v_i > sum over j of |m_ij| v_j, or >=.
 
     Exact; for a Z-matrix this is M v > 0, or M v >= 0.
     """
     if len(vector) != M.size or any(x <= 0 for x in vector):
         return False
-    whole = _weakened(M)
-    rows = both_triangles(whole)
+    rows = both_triangles(_weakened(M))
     if rows is None:
         return M.size == 0
-    signs = signs_of_product(_comparison(rows), _as_array(vector))
-    return bool((signs > 0).all()) if strict else bool((signs >= 0).all())
+    v = np.array(vector, dtype=np.int64 if max(vector) < 1 << 62 else object)
+    return bool((signs_of_product(_comparison(rows), v) >= int(strict)).all())
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -139,26 +138,24 @@ def _in_floats(M: IntegerSymmetric) -> Floats | None:
         return None
 
 
-def is_z_matrix(M: SparseSymmetric | IntegerSymmetric) -> bool:
+def is_z_matrix(M: Symmetric) -> bool:
     """Tell whether every entry beside the diagonal is <= 0."""
     if isinstance(M, IntegerSymmetric):
         return bool((M.values[M.rows != M.columns] < 0).all())
     return all(i == j or value < 0 for (i, j), value in M.entries.items())
 
 
-def search(M: SparseSymmetric | IntegerSymmetric, *, strict: bool) -> Found:
+def search(M: Symmetric, *, strict: bool) -> Found:
     """Look for a vector that proves M > 0 (strict) or M >= 0, checked exactly, or directions that may refute."""
-    whole = _weakened(M)
-    rows = both_triangles(whole)
+    rows = both_triangles(_weakened(M))
     if rows is None:
         return Found()
     diagonal = rows.values[rows.rows == rows.columns]
     if len(diagonal) < M.size or not (diagonal > 0).all():
         return Found()  # elimination finds the bad entry at its first glance
-    compared = _comparison(rows)
-    ones = np.ones(M.size, dtype=np.int64)
-    signs = signs_of_product(compared, ones)
-    if (signs > 0).all() or (not strict and (signs >= 0).all()):
+    compared, least = _comparison(rows), int(strict)
+    signs = signs_of_product(compared, np.ones(M.size, dtype=np.int64))
+    if (signs >= least).all():
         return Found(vector=(1,) * M.size)
     z_matrix = is_z_matrix(M)
     if z_matrix and (group := _unheld(rows, signs, strict=strict)) is not None:
@@ -167,20 +164,17 @@ def search(M: SparseSymmetric | IntegerSymmetric, *, strict: bool) -> Found:
     if x is not None and (x > 0).all():
         for bits in _VECTOR_BITS:
             v = _rounded(x, bits)
-            signs = signs_of_product(compared, v)
-            if (v > 0).all() and ((signs > 0).all() or (not strict and (signs >= 0).all())):
+            if (v > 0).all() and (signs_of_product(compared, v) >= least).all():
                 return Found(vector=tuple(v.tolist()))
     if not z_matrix:
         x, p = _conjugate_gradients(rows)
     return Found(directions=tuple(_directions(x, p, z_matrix=z_matrix)))
 
 
-def _weakened(M: SparseSymmetric | IntegerSymmetric) -> IntegerSymmetric:
+def _weakened(M: Symmetric) -> IntegerSymmetric:
     """Return M in integers, exactly or with every entry rounded to where domination is harder."""
-    if isinstance(M, IntegerSymmetric):
-        return M
-    if (exact := in_integers(M)) is not None:
-        return exact
+    if (exact := in_integers(M)) is not None or isinstance(M, IntegerSymmetric):
+        return exact or M
     # The diagonal keeps as many bits as a common denominator may have.
     smallest = min((x for (i, j), x in M.entries.items() if i == j and x > 0), default=Fraction(1))
     lift = max(0, smallest.denominator.bit_length() - smallest.numerator.bit_length())
@@ -201,9 +195,7 @@ def _unheld(rows: Rows, signs: Places, *, strict: bool) -> list[int] | None:
     unheld = sizes > 0
     unheld[labels[signs > 0]] = False
     if not strict:
-        negative = np.zeros_like(unheld)
-        negative[labels[signs < 0]] = True
-        unheld &= negative
+        unheld &= np.isin(np.arange(len(labels)), labels[signs < 0])
     groups = np.flatnonzero(unheld)
     return [int(x) for x in labels == groups[np.argmin(sizes[groups])]] if len(groups) else None
 
@@ -235,11 +227,6 @@ def _rounded(x: Floats, bits: int) -> Places:
     return np.rint(np.ldexp(x, bits - math.frexp(float(np.abs(x).max()))[1])).astype(np.int64)
 
 
-def _as_array(vector: Sequence[int]) -> NDArray[np.int64] | NDArray[np.object_]:
-    short = max(vector, default=0) < 1 << 62
-    return np.array(vector, dtype=np.int64 if short else object)
-
-
 def _conjugate_gradients(M: Rows) -> tuple[Floats | None, Floats | None]:
     """Solve M x = diag(M) until every row is met by half; return x or None, and a direction p if p'Mp is about <= 0.
 
@@ -251,8 +238,9 @@ def _conjugate_gradients(M: Rows) -> tuple[Floats | None, Floats | None]:
     if not (root > 0).all():
         return None, None
     with np.errstate(over="ignore", invalid="ignore"):
-        x, p = _iterate(M, values, root)
-    return x / root if np.isfinite(x).all() else None, p / root if p is not None and np.isfinite(p).all() else None
+        found = _iterate(M, values, root)
+    x, p = (None if each is None or not np.isfinite(each).all() else each / root for each in found)
+    return x, p
 
 
 def _iterate(M: Rows, values: Floats, root: Floats) -> tuple[Floats, Floats | None]:

@@ -107,27 +107,25 @@ class Block:
     """One matrix inequality F > 0 of N rows; see above.
 
     ``plain``: a multiple of Y that is added (then N = n, and Y occurs in no other way).
-    ``left``, ``right`` (N, n), or None where Y does not occur.  ``columns`` (N, k), ``signs`` (k,), ``scalars`` (k,):
+    ``sides``: L and R (N, n), or None where Y does not occur.  ``columns`` (N, k), ``signs`` (k,), ``scalars`` (k,):
     which scalar multiplies which column; ``dense``: scalar -> M_k (N, N).
     """
 
     constant: Array
     plain: float = 0.0
-    left: Array | None = None
-    right: Array | None = None
-    columns: Array | None = None
-    signs: Array | None = None
-    scalars: Indices | None = None
+    sides: tuple[Array, Array] | None = None
+    columns: tuple[Array, Array, Indices] | None = None  # with their signs and scalars
     dense: Mapping[int, Array] = field(default_factory=dict)
 
     def value(self, Y: Array, x: Array) -> Array:
         """F at a point."""
         F = self.constant + self.plain * Y if self.plain else self.constant.copy()
-        if self.left is not None and self.right is not None:
-            product = self.left @ Y @ self.right.T
+        if self.sides is not None:
+            product = self.sides[0] @ Y @ self.sides[1].T
             F -= product + product.T
-        if self.columns is not None and self.signs is not None and self.scalars is not None:
-            F += (self.columns * (self.signs * x[self.scalars])) @ self.columns.T
+        if self.columns is not None:
+            U, signs, scalars = self.columns
+            F += (U * (signs * x[scalars])) @ U.T
         for k, M in self.dense.items():
             F += x[k] * M
         return F
@@ -164,8 +162,12 @@ class Inequalities:
                 return math.inf
             total -= float(np.sum(np.log(room)))
         for block in self.blocks:
-            factor = _factor(block.value(Y, x))
-            if factor is None:
+            F = block.value(Y, x)
+            if not np.all(np.isfinite(F)):
+                return math.inf
+            try:
+                factor = np.linalg.cholesky((F + F.T) / 2)
+            except np.linalg.LinAlgError:
                 return math.inf
             total -= 2 * float(np.sum(np.log(np.diag(factor))))
         return total
@@ -209,10 +211,14 @@ def centre(
         if not decrement > CENTRED**2:
             break
         length = 1.0 if decrement < 0.1 else 1 / (1 + math.sqrt(decrement))
-        moved, after = _line_search(problem, point, step, cost, value, decrement, length)
-        if moved is None:
+        for trial in (1.0, length, *(length * 0.5**k for k in range(1, 20))):  # until the value falls
+            candidate = point - trial * step
+            after = float(cost @ candidate) + problem.barrier(candidate)
+            if after < value - 1e-3 * trial * decrement:
+                break
+        else:
             break
-        point, value = moved, after
+        point, value = candidate, after
     return point
 
 
@@ -242,18 +248,6 @@ def minimise(
     return point
 
 
-def _line_search(
-    problem: Inequalities, point: Array, step: Array, cost: Array, value: float, decrement: float, length: float
-) -> tuple[Array | None, float]:
-    """Try the whole step, then shorter ones, until the value falls."""
-    for trial in (1.0, length, *(length * 0.5**k for k in range(1, 20))):
-        candidate = point - trial * step
-        after = float(cost @ candidate) + problem.barrier(candidate)
-        if after < value - 1e-3 * trial * decrement:
-            return candidate, after
-    return None, value
-
-
 def _solve(hessian: Array, gradient: Array) -> Array | None:
     """The Newton step, scaled to a unit diagonal."""
     root = np.sqrt(np.maximum(np.diag(hessian), 1e-300))
@@ -269,53 +263,45 @@ def _solve(hessian: Array, gradient: Array) -> Array | None:
     return None
 
 
-def _factor(F: Array) -> Array | None:
-    if not np.all(np.isfinite(F)):
-        return None
-    try:
-        return np.asarray(np.linalg.cholesky((F + F.T) / 2))
-    except np.linalg.LinAlgError:
-        return None
-
-
 def _add_block(block: Block, basis: Basis, G: Array, gradient: Array, hessian: Array) -> None:
     """Add what -log det F gives, G = F^-1."""
     size = basis.size
-    L, R = block.left, block.right
     if block.plain:
         gradient[:size] -= block.plain * basis.traces(G)
         hessian[:size, :size] += block.plain**2 * basis.quadratic((G, G))
-    if L is not None and R is not None:
+    if block.sides is not None:
+        L, R = block.sides
         GL, GR = G @ L, G @ R
         b = R.T @ GL
         gradient[:size] += 2 * basis.traces(b)
         hessian[:size, :size] += 2 * basis.quadratic((b, b), (L.T @ GL, R.T @ GR))
-    if block.columns is not None and block.signs is not None and block.scalars is not None:
-        _add_columns(block, basis, G, gradient, hessian)
+    if block.columns is not None:
+        _add_columns(block, block.columns, basis, G, gradient, hessian)
     dense = [(k, G @ M @ G) for k, M in block.dense.items()]
     for k, GMG in dense:
         gradient[size + k] -= float(np.sum(G * block.dense[k]))
         for l, M in block.dense.items():  # noqa: E741  k, l as in matrix entries
             hessian[size + k, size + l] += float(np.sum(GMG * M))
-        if (L is not None and R is not None) or block.plain:
-            inner = block.plain * GMG if L is None or R is None else -2 * (R.T @ GMG @ L)
+        if block.sides is not None or block.plain:
+            inner = block.plain * GMG if block.sides is None else -2 * (block.sides[1].T @ GMG @ block.sides[0])
             cross = basis.traces(inner)
             hessian[:size, size + k] += cross
             hessian[size + k, :size] += cross
 
 
-def _add_columns(block: Block, basis: Basis, G: Array, gradient: Array, hessian: Array) -> None:
+def _add_columns(
+    block: Block, columns: tuple[Array, Array, Indices], basis: Basis, G: Array, gradient: Array, hessian: Array
+) -> None:
     """The scalars that multiply columns: gradient, Hessian among themselves, with Y and with dense scalars."""
-    U, signs, scalars, size = block.columns, block.signs, block.scalars, basis.size
-    if U is None or signs is None or scalars is None:
-        return
+    (U, signs, scalars), size = columns, basis.size
     GU = G @ U
     table = U.T @ GU
     rows = size + scalars
     np.add.at(gradient, rows, -signs * np.diag(table))
     np.add.at(hessian, np.ix_(rows, rows), table**2 * signs[:, None] * signs)
-    if block.left is not None and block.right is not None:
-        cross = -2 * basis.products(block.left.T @ GU, block.right.T @ GU) * signs
+    if block.sides is not None:
+        L, R = block.sides
+        cross = -2 * basis.products(L.T @ GU, R.T @ GU) * signs
         summed = np.zeros((size, hessian.shape[0]))
         np.add.at(summed.T, rows, cross.T)
         hessian[:size] += summed

@@ -82,6 +82,12 @@ def solve_cones(
     """
     import clarabel
 
+    def kind(cone: Cone) -> Any:
+        size = len(cone.right)
+        if cone.kind == "semidefinite":
+            return clarabel.PSDTriangleConeT(_order(size))
+        return clarabel.NonnegativeConeT(size) if cone.kind == "nonnegative" else clarabel.SecondOrderConeT(size)
+
     try:
         settings = clarabel.DefaultSettings()
         settings.verbose = False
@@ -93,7 +99,7 @@ def solve_cones(
             cost,
             sparse.csc_matrix(sparse.vstack([sparse.csc_array(each.rows) for each in cones])),
             np.concatenate([each.right for each in cones]),
-            [_clarabels(clarabel, each) for each in cones],
+            [kind(each) for each in cones],
             settings,
         ).solve()
         return _read(answer, len(cost))
@@ -101,13 +107,6 @@ def solve_cones(
         if not is_solver_failure(error):
             raise
         return ConeAnswer(status=f"{FAILED}{type(error).__name__}")
-
-
-def _clarabels(clarabel: Any, cone: Cone) -> Any:
-    size = len(cone.right)
-    if cone.kind == "semidefinite":
-        return clarabel.PSDTriangleConeT((math.isqrt(8 * size + 1) - 1) // 2)
-    return clarabel.NonnegativeConeT(size) if cone.kind == "nonnegative" else clarabel.SecondOrderConeT(size)
 
 
 def _read(answer: Any, size: int) -> ConeAnswer:
@@ -138,11 +137,15 @@ def svec(matrix: Any) -> Array:
 
 def smat(vector: Array) -> Array:
     """The symmetric matrix (n, n) that ``svec`` writes as ``vector`` (n (n + 1)/2,)."""
-    size = (math.isqrt(8 * len(vector) + 1) - 1) // 2
+    size = _order(len(vector))
     columns, rows = np.tril_indices(size)
     result = np.zeros((size, size))
     result[rows, columns] = result[columns, rows] = np.where(rows == columns, vector, vector / ROOT2)
     return result
+
+
+def _order(length: int) -> int:
+    return (math.isqrt(8 * length + 1) - 1) // 2
 
 
 def svec_diagonal(size: int) -> Any:
@@ -153,13 +156,7 @@ def svec_diagonal(size: int) -> Any:
 
 def symmetric_basis(size: int) -> list[Array]:
     """The symmetric matrices (n, n) with one entry 1 in the upper triangle, column by column."""
-    found = []
-    for j in range(size):
-        for i in range(j + 1):
-            unit = np.zeros((size, size))
-            unit[i, j] = unit[j, i] = 1.0
-            found.append(unit)
-    return found
+    return [np.where(unit > 0, 1.0, 0.0) for unit in map(smat, np.eye(size * (size + 1) // 2))]
 
 
 def solve_directly(program: Program, *, time_limit: float = 60.0) -> Solution:

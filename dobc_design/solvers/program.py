@@ -79,9 +79,8 @@ def is_solver_failure(error: BaseException) -> bool:
     A panic inside a solver written in Rust arrives as pyo3_runtime.PanicException, a BaseException that
     cannot be imported, hence the comparison by name.  MemoryError, KeyboardInterrupt and SystemExit go on.
     """
-    if type(error).__name__ == "PanicException":
-        return True
-    return isinstance(error, Exception) and not isinstance(error, MemoryError)
+    ordinary = isinstance(error, Exception) and not isinstance(error, MemoryError)
+    return ordinary or type(error).__name__ == "PanicException"
 
 
 def as_sparse(matrix: Symmetric) -> Any:
@@ -92,19 +91,14 @@ def as_sparse(matrix: Symmetric) -> Any:
 
 def assemble(pencil: Pencil, numbers: Sequence[float]) -> dict[str, Array]:
     """Turn the vector of independent entries into one array per unknown.  Raises ValueError if there are too few."""
-    wanted = sum(1 for unknown in pencil.unknowns for _ in unknown.places())
-    if len(numbers) < wanted:
-        raise ValueError(f"a solver answered with {len(numbers)} numbers, not {wanted}")
-    result: dict[str, Array] = {}
-    position = 0
-    for unknown in pencil.unknowns:
-        array = np.zeros((unknown.rows, unknown.columns))
-        for _, i, j in unknown.places():
-            array[i, j] = numbers[position]
-            if unknown.symmetric:
-                array[j, i] = numbers[position]
-            position += 1
-        result[unknown.name] = array
+    places = [(unknown, i, j) for unknown in pencil.unknowns for _, i, j in unknown.places()]
+    if len(numbers) < len(places):
+        raise ValueError(f"a solver answered with {len(numbers)} numbers, not {len(places)}")
+    result = {unknown.name: np.zeros((unknown.rows, unknown.columns)) for unknown in pencil.unknowns}
+    for (unknown, i, j), number in zip(places, numbers, strict=False):
+        result[unknown.name][i, j] = number
+        if unknown.symmetric:
+            result[unknown.name][j, i] = number
     return result
 
 

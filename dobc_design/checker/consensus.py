@@ -185,7 +185,7 @@ def decreases(case: Certificate, mode: str, shift: Fraction, S: Matrix | None) -
     show this, with room for every block."""
     p, m = case.problem, case.problem.m
     blocks = [p.block(S, group.agents[0]) for group in p.groups] if S else [identity(m, 0)]
-    left = room(case, mode)
+    left = case.rooms[mode] if mode in case.rooms else case.rooms.setdefault(mode, room(case, mode))
     if left is not None:
         return all(definite(plus(identity(m, left - shift), -1, each)) for each in blocks)
 

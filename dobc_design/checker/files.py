@@ -83,9 +83,8 @@ class Problem:
         self.couplings = list(known.values())  # all different, h first
         self.kinked = any(coupling.kinked for coupling in self.couplings)
         self.domain = "global" if all(coupling.straight for coupling in self.couplings) else "consensus"
-        self.modes = {
-            mode.name: [Arc(i, j, w, known[exceptions.get((i, j), h)]) for i, j, w in mode.arcs] for mode in file.modes
-        }
+        arcs = {mode.name: mode.arcs for mode in file.modes}
+        self.modes = {mode: [Arc(i, j, w, known[exceptions.get((i, j), h)]) for i, j, w in arcs[mode]] for mode in arcs}
         need(0 < len(file.modes) == len(self.modes), "modes have to be different, and at least one")
         self.heard: dict[str, list[list[Arc]]] = {mode: [[] for _ in range(n)] for mode in self.modes}
         for mode, arc in ((mode, arc) for mode, arcs in self.modes.items() for arc in arcs):
@@ -245,15 +244,10 @@ def reach(starts: Collection[int], edges: list[list[int]]) -> set[int]:
 
 # --- certificate.json -------------------------------------------------------------------------------------------------
 STARTS = {"kind": text, "radius": maybe(json_number), "disturbance": maybe(json_number)}
-CHECK = {
-    "id": text,
-    "verdict": text,
+CHECK = dict.fromkeys(("id", "verdict", "reason", "mode?", "group?"), text) | {
     "domain": lambda value: value if type(value) is str else read(value, STARTS),
     "margin": maybe(json_number),
     "rate": maybe(json_number),
-    "reason": text,
-    "mode?": text,
-    "group?": text,
     "exact?": an_object,
     "witness?": an_object,
     "fix?": {"kind": text, "set": an_object, "text": text},
@@ -287,3 +281,4 @@ class Certificate:
         for X in ([] if problem.W else self.W, self.P):
             short((x for row in X or [] for x in row), MATRIX_BITS)
         self.theorem = "theorem1" if len(problem.modes) == 1 else "theorem2"
+        self.rooms: dict[str, Fraction | None] = {}  # of the modes, once they are known (consensus.room)

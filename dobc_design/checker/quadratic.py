@@ -94,9 +94,8 @@ def read_form(size: int, value: Any) -> Matrix:
 
 def noise(case: Certificate, claim: Any) -> Matrix:
     """I (x) S: what eps costs."""
-    p = case.problem
-    S = schur(case, claim.P, claim.rate) if p.q else identity(p.m, 0)
-    return diagonal([p.block(S, i) for i in range(p.n)])
+    S = schur(case, claim.P, claim.rate) if case.problem.q else identity(case.problem.m, 0)
+    return diagonal([case.problem.block(S, i) for i in range(case.problem.n)])
 
 
 def inside(P_e: Matrix, z: list[Fraction], square: Fraction, limit: Fraction) -> bool:
@@ -171,11 +170,8 @@ def slopes_inside(h: Coupling, gains: Any, box: list[Floats], halvings: int) -> 
     """All slopes lie inside the gains on the box, or on both halves of it."""
     m = len(box)
     rows = [h.parts[c].at(*variables(box))[1] or (NOTHING,) * m for c in range(m)]
-    shown = all(
-        low <= Fraction(x) and Fraction(y) <= high
-        for row, gain in zip(rows, gains, strict=True)
-        for (x, y), (low, high) in zip(row, gain, strict=True)
-    )
+    pairs = [pair for row, gain in zip(rows, gains, strict=True) for pair in zip(row, gain, strict=True)]
+    shown = all(low <= Fraction(x) and Fraction(y) <= high for (x, y), (low, high) in pairs)
     lo, hi = side = max(box, key=lambda each: each[1] - each[0])
     k, middle = box.index(side), (lo + hi) / 2
     halves = [[*box[:k], half, *box[k + 1 :]] for half in ((lo, middle), (middle, hi))]
@@ -233,11 +229,8 @@ def exhaustive(case: Certificate, check: Any) -> None:
     need(claim.outer >= claim.level, "the outer level is below the level")
     holds_ball(case, check.domain, claim, claim.outer)
     need(half > 0, "half is not positive")
-    odd = half.numerator // (half.numerator & -half.numerator)
-    need(
-        odd.bit_length() <= 20 and half.denominator & (half.denominator - 1) == 0,
-        "half is no integer of 20 bits times a power of 2",
-    )
+    odd, binary = half.numerator // (half.numerator & -half.numerator), half.denominator & (half.denominator - 1) == 0
+    need(odd.bit_length() <= 20 and binary, "half is no integer of 20 bits times a power of 2")
     need(half < 2**200, "half leaves the range of numbers followed here")
     need(all(inside(claim.P_e, z, claim.outer, half) for z in identity(size)), "the outer level set leaves the box")
 
@@ -314,17 +307,9 @@ def field(p: Problem, mode: str, claim: Any, costs: Matrix) -> Field:
     P_e, m = claim.P_e, p.m
     half = plus(product(P_e, p.gain_matrix()), -claim.rate, P_e)
     M = plus(product(product(P_e, costs), P_e), -1, plus(half, 1, transpose(half)))
-    arcs = [
-        (Curve(arc.coupling, False), enclosed(arc.w), arc.i * m + c, arc.j * m + c)
-        for arc in p.modes[mode]
-        for c in range(m)
-    ]
-    return Field(rounded(M), rounded(P_e), arcs)
-
-
-def rounded(X: Matrix) -> list[list[Floats]]:
-    """The matrix between floating-point numbers."""
-    return [[enclosed(x) for x in row] for row in X]
+    pairs = [(arc, arc.i * m + c, arc.j * m + c) for arc in p.modes[mode] for c in range(m)]
+    arcs = [(Curve(arc.coupling, False), enclosed(arc.w), a, b) for arc, a, b in pairs]
+    return Field(*([[enclosed(x) for x in row] for row in X] for X in (M, P_e)), arcs)
 
 
 # --- every box

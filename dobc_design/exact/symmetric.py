@@ -190,7 +190,7 @@ class IntegerSymmetric(Shown):
         return cls._of(M, [x.numerator * (denominator // x.denominator) for x in M.entries.values()], denominator)
 
     @classmethod
-    def weakened(cls, M: SparseSymmetric, *, bits: int) -> IntegerSymmetric:
+    def weakened(cls, M: Symmetric, *, bits: int) -> IntegerSymmetric:
         """Return a matrix with denominator 2^bits, rounded downwards on the diagonal and away from 0 beside it.
 
         If v > 0 shows this one to be dominated by its diagonal, v shows the same for M (``zmatrix``).
@@ -202,7 +202,7 @@ class IntegerSymmetric(Shown):
         return cls._of(M, rounded, 1 << bits)
 
     @classmethod
-    def _of(cls, M: SparseSymmetric, values: list[int], denominator: int) -> IntegerSymmetric:
+    def _of(cls, M: Symmetric, values: list[int], denominator: int) -> IntegerSymmetric:
         count = len(M.entries)
         rows = np.fromiter((i for i, _ in M.entries), dtype=np.int64, count=count)
         columns = np.fromiter((j for _, j in M.entries), dtype=np.int64, count=count)

@@ -173,8 +173,8 @@ def search(M: Symmetric, *, strict: bool) -> Found:
 
 def _weakened(M: Symmetric) -> IntegerSymmetric:
     """Return M in integers, exactly or with every entry rounded to where domination is harder."""
-    if (exact := in_integers(M)) is not None or isinstance(M, IntegerSymmetric):
-        return exact or M
+    if (exact := in_integers(M)) is not None:
+        return exact
     # The diagonal keeps as many bits as a common denominator may have.
     smallest = min((x for (i, j), x in M.entries.items() if i == j and x > 0), default=Fraction(1))
     lift = max(0, smallest.denominator.bit_length() - smallest.numerator.bit_length())

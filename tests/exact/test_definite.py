@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from fractions import Fraction
 
+import flint
 import numpy as np
 import pytest
 import sympy
@@ -15,19 +16,23 @@ from dobc_design.errors import CertificateError, ShapeError, SpecError
 from dobc_design.exact import (
     IntegerSymmetric,
     SparseSymmetric,
-    add,
     decide_positive_definite,
     decide_positive_semidefinite,
     definiteness,
     from_float,
-    identity,
     multiply,
-    scale,
-    subtract,
-    transpose,
 )
-from dobc_design.exact.definite import first_refuting, refuted, roundings
+from dobc_design.exact.cholesky import (
+    Scaled,
+    bad_direction,
+    decide_lifted,
+    proves_by_integers,
+    scaled,
+    shifted_cholesky,
+)
+from dobc_design.exact.definite import decide_quickly, first_refuting, refuted, roundings
 from dobc_design.exact.matrix import matrix
+from dobc_design.exact.zmatrix import proves, search
 from dobc_design.verdict import Verdict
 
 IDENTITY = SparseSymmetric(2, {(0, 0): Fraction(1), (1, 1): Fraction(1)})
@@ -48,8 +53,6 @@ def test_the_witness_is_primitive_and_begins_with_a_positive_entry():
     decision = refuted(SINGULAR, {0: Fraction(-1, 3), 1: Fraction(-1, 3)}, strict=True, method="m")
     assert (decision.verdict, decision.witness, decision.value, decision.method) == (Verdict.REFUTED, (1, 1), 0, "m")
 
-
-def test_the_first_candidate_that_refutes_is_taken():
     assert first_refuting(SINGULAR, ([0, 0], [1, 0], [5, 5], [1, 1]), strict=True, method="").witness == (1, 1)
 
 
@@ -60,6 +63,18 @@ def test_roundings_grow_finer_and_drop_small_entries():
 
 
 PROVED, REFUTED = Verdict.PROVED, Verdict.REFUTED
+
+
+def gram(n, columns, *, seed=0):
+    """G G' with small integers in G (n, columns)."""
+    G = np.random.default_rng(seed).integers(-3, 4, (n, columns))
+    return from_float((G @ G.T).astype(float), None)
+
+
+def band(n, diagonal, beside):
+    """A symmetric tridiagonal matrix."""
+    entries = {(i, i): Fraction(diagonal) for i in range(n)} | {(i, i + 1): Fraction(beside) for i in range(n - 1)}
+    return SparseSymmetric(n, entries)
 
 
 def value_of(M, v):
@@ -98,24 +113,6 @@ def test_small_matrices_agree_with_sylvesters_criterion(M):
         assert_refutes(M, weak, strict=False)
 
 
-GRAMS = st.lists(st.lists(st.integers(-2, 2), min_size=3, max_size=3).map(tuple), min_size=5, max_size=5).map(
-    lambda rows: tuple(tuple(Fraction(x) for x in row) for row in rows)
-)
-
-
-@settings(max_examples=80, deadline=None)
-@given(GRAMS)
-def test_a_gram_matrix_of_low_rank_is_semidefinite_and_never_definite(G):
-    """G G' with G (5, 3): closed form; a shift down by any amount refutes."""
-    M = multiply(G, transpose(G))
-    assert decide_positive_semidefinite(M).verdict is PROVED
-    assert_refutes(M, decide_positive_definite(M), strict=True)
-    lower = subtract(M, scale(Fraction(1, 10**30), identity(5)))
-    assert_refutes(lower, decide_positive_semidefinite(lower), strict=False)
-    upper = add(M, scale(Fraction(1, 10**30), identity(5)))
-    assert decide_positive_definite(upper).verdict is PROVED
-
-
 def test_a_zero_pivot_with_a_full_row_has_a_strictly_negative_witness():
     """Semidefinite: a zero on the diagonal asks for a zero row."""
     M = matrix([[0, 1], [1, 5]])
@@ -127,12 +124,7 @@ def test_a_zero_pivot_with_a_full_row_has_a_strictly_negative_witness():
 
 def test_the_directed_ten_cycle_without_pins_is_refuted_by_all_ones():
     """Theory, section 9: none pinned, lambda_max = 0, witness v = 1."""
-    cycle = SparseSymmetric(
-        10,
-        {(i, i): Fraction(4) for i in range(10)}
-        | {(i, i + 1): Fraction(-2) for i in range(9)}
-        | {(0, 9): Fraction(-2)},
-    )
+    cycle = band(10, 4, -2) + SparseSymmetric(10, {(0, 9): Fraction(-2)})
     decision = decide_positive_definite(cycle)
     assert decision.witness == (Fraction(1),) * 10
     assert decision.value == 0
@@ -141,12 +133,7 @@ def test_the_directed_ten_cycle_without_pins_is_refuted_by_all_ones():
 
 def test_the_ten_cycle_with_one_pin_has_its_printed_eigenvalue():
     """Theory, section 9: one pin k = 3 gives lambda_max(Lambda) = -0.153544."""
-    cycle = SparseSymmetric(
-        10,
-        {(i, i): Fraction(4) for i in range(10)}
-        | {(i, i + 1): Fraction(-2) for i in range(9)}
-        | {(0, 9): Fraction(-2)},
-    ) + SparseSymmetric(10, {(0, 0): Fraction(6)})
+    cycle = band(10, 4, -2) + SparseSymmetric(10, {(0, 9): Fraction(-2), (0, 0): Fraction(6)})
     assert decide_positive_definite(cycle.shifted(Fraction("-0.153543"))).verdict is PROVED
     assert decide_positive_definite(cycle.shifted(Fraction("-0.153545"))).verdict is REFUTED
 
@@ -164,9 +151,7 @@ def test_the_papers_p_is_definite_and_its_determinant_is_five_48ths():
 
 def test_a_readable_witness_is_preferred():
     """Strictly negative forms leave room for rounding: no entry beyond 4 bits is needed here."""
-    n = 40
-    entries = {(i, i): Fraction(19, 10) for i in range(n)} | {(i, i + 1): Fraction(-1) for i in range(n - 1)}
-    decision = decide_positive_definite(SparseSymmetric(n, entries))
+    decision = decide_positive_definite(band(40, "19/10", -1))
     assert decision.value < 0
     assert max(abs(x) for x in decision.witness) <= 16
 
@@ -209,25 +194,10 @@ def test_a_numpy_float_is_its_binary_value_and_a_listed_one_its_decimal_text():
 @pytest.mark.parametrize(
     "bad",
     [
-        [[1, 2]],
-        [[]],
-        [[1], [2]],
-        [[1, 2], [2]],
-        [[1, 2], [3, 1]],
-        np.array([[1.0, 1.0], [1.0 + 2**-52, 2.0]]),
-        np.zeros((2, 3)),
-        np.zeros((0, 3)),
-        np.zeros(4),
-        np.zeros((2, 2, 2)),
-        np.array(1.0),
-        5,
-        None,
-        "12",
-        ["12", "21"],
-        {(0, 0): 1},
-        [1, 2],
-        np.triu(np.ones((20, 20))),
-        np.zeros((20, 21)),
+        *([[1, 2]], [[]], [[1], [2]], [[1, 2], [2]], [[1, 2], [3, 1]]),
+        *(5, None, "12", ["12", "21"], {(0, 0): 1}, [1, 2], np.array(1.0)),
+        *(np.zeros(shape) for shape in ((2, 3), (0, 3), 4, (2, 2, 2), (20, 21))),
+        *(np.array([[1.0, 1.0], [1.0 + 2**-52, 2.0]]), np.triu(np.ones((20, 20)))),
     ],
 )
 def test_what_is_not_square_and_symmetric_is_refused(bad):
@@ -239,35 +209,15 @@ def test_what_is_not_square_and_symmetric_is_refused(bad):
 @pytest.mark.parametrize(
     "bad",
     [
-        [[float("nan")]],
-        [[float("inf")]],
-        np.array([[np.nan]]),
-        np.array([[1.0, np.inf], [np.inf, 1.0]]),
-        np.full((20, 20), np.nan),
-        np.diag([np.inf] * 20),
-        np.array([[1j]]),
-        np.array([[True]]),
-        [[True]],
-        [["x"]],
-        [[None]],
+        *([[x]] for x in (float("nan"), float("inf"), True, "x", None)),
+        *(np.array([[x]]) for x in (np.nan, 1j, True)),
+        *(np.array([[1.0, np.inf], [np.inf, 1.0]]), np.full((20, 20), np.nan), np.diag([np.inf] * 20)),
     ],
 )
 def test_what_is_no_number_is_refused(bad):
     """np.linalg.cholesky accepts inf and nan; this must not."""
     with pytest.raises(SpecError, match="must"):
         definiteness(bad)
-
-
-def gram(n, columns, *, seed=0):
-    """G G' with small integers in G (n, columns)."""
-    G = np.random.default_rng(seed).integers(-3, 4, (n, columns))
-    return from_float((G @ G.T).astype(float), None)
-
-
-def band(n, diagonal, beside):
-    """A symmetric tridiagonal matrix."""
-    entries = {(i, i): Fraction(diagonal) for i in range(n)} | {(i, i + 1): Fraction(beside) for i in range(n - 1)}
-    return SparseSymmetric(n, entries)
 
 
 @pytest.mark.parametrize(
@@ -296,8 +246,7 @@ def signed_ring(size: int) -> SparseSymmetric:
 
     For even sizes the least one is positive, but without the signs it would be 0: no v > 0 shows it.
     """
-    entries = {(i, i): Fraction(2) for i in range(size)} | {(i, i + 1): Fraction(1) for i in range(size - 1)}
-    return SparseSymmetric(size, entries | {(0, size - 1): Fraction(-1)})
+    return band(size, 2, 1) + SparseSymmetric(size, {(0, size - 1): Fraction(-1)})
 
 
 @pytest.mark.parametrize(
@@ -317,3 +266,78 @@ def test_a_large_sparse_matrix_is_left_undecided_only_by_a_bound_of_its_work(siz
 
 def test_up_to_2000_rows_no_bound_leaves_anything_undecided():
     assert decide_positive_definite(signed_ring(100), most_work=1).verdict is Verdict.PROVED
+
+
+# All paths on the same random rational matrices; the oracle is flint's characteristic polynomial: real roots only, so
+# det(sI - M) = sum c_k s^k has only positive roots iff the signs of the c_k alternate strictly.
+
+
+def oracle(M: SparseSymmetric) -> tuple[bool, bool]:
+    """Whether M > 0 and whether M >= 0."""
+    whole = [flint.fmpq(x.numerator, x.denominator) for row in M.to_dense() for x in row]
+    coefficients = flint.fmpq_mat(M.size, M.size, whole).charpoly().coeffs()
+    signed = [c * (-1) ** (M.size - k) for k, c in enumerate(coefficients)]
+    return all(c > 0 for c in signed), all(c >= 0 for c in signed)
+
+
+@st.composite
+def matrices(draw: st.DrawFn) -> SparseSymmetric:
+    """Gram matrices of any rank, shifted by little or nothing, some scaled badly, some Z-matrices; 2 to 24 rows."""
+    n = draw(st.integers(2, 24))
+    r = np.random.default_rng(draw(st.integers(0, 2**32)))
+    kind = draw(st.sampled_from(["gram", "laplacian", "sparse"]))
+    if kind == "gram":
+        G = r.integers(-4, 5, (n, draw(st.integers(max(1, n - 3), n + 2))))
+        whole = (G @ G.T).tolist()
+    else:
+        A = np.triu(r.integers(0, 4, (n, n)) * (r.random((n, n)) < 0.4), 1)
+        signs = -1 if kind == "laplacian" else r.choice([-1, 1], (n, n))
+        whole = (np.triu(signs * A) + np.triu(signs * A).T + np.diag((A + A.T).sum(axis=1))).tolist()
+    shift = draw(st.sampled_from([Fraction(0), Fraction(1), Fraction(-1), Fraction(1, 10**9), Fraction(-1, 10**20)]))
+    denominator = draw(st.sampled_from([1, 7, 2**40]))
+    D = [Fraction(2) ** int(k) for k in r.integers(-20, 20, n)] if draw(st.booleans()) else [Fraction(1)] * n
+    return SparseSymmetric(
+        n,
+        {
+            (i, j): D[i] * D[j] * (Fraction(whole[i][j], denominator) + (i == j) * shift)
+            for i in range(n)
+            for j in range(i, n)
+        },
+    )
+
+
+@settings(max_examples=80, deadline=None)
+@given(matrices())
+def test_no_path_contradicts_the_characteristic_polynomial(M: SparseSymmetric):
+    """Paths that decide agree with the oracle; those that may pass on do not contradict it."""
+    definite, semidefinite = oracle(M)
+    for form in (M, IntegerSymmetric.from_sparse(M)):
+        strict, weak = decide_positive_definite(form), decide_positive_semidefinite(form)
+        assert strict.verdict is (PROVED if definite else REFUTED)
+        assert weak.verdict is (PROVED if semidefinite else REFUTED)
+        assert decide_quickly(form).verdict is not (REFUTED if definite else PROVED)
+        for decision, most in ((strict, 0), (weak, -1)):
+            if decision.verdict is REFUTED:
+                value = value_of(M.to_dense(), decision.witness)
+                assert decision.value == value <= 0 and (value < 0 or most == 0)
+                assert any(decision.witness)
+            elif decision.vector is not None:
+                assert proves(M, decision.vector, strict=most == 0)
+    for flint_numbers in (True, False):
+        assert (bad_direction(M, strict=True, flint=flint_numbers) is None) == definite
+        assert (bad_direction(M, strict=False, flint=flint_numbers) is None) == semidefinite
+    assert_cautious_paths(M, definite=definite, semidefinite=semidefinite)
+
+
+def assert_cautious_paths(M: SparseSymmetric, *, definite: bool, semidefinite: bool) -> None:
+    S = scaled(M)
+    if isinstance(S, Scaled):
+        assert definite or not (shifted_cholesky(S) or proves_by_integers(S))
+        for strict, truth in ((True, definite), (False, semidefinite)):
+            assert decide_lifted(M, S, *np.linalg.eigh(S.floats), strict=strict) is None or (
+                (decide_lifted(M, S, *np.linalg.eigh(S.floats), strict=strict) == {}) == truth
+            )
+    elif S is not None:
+        assert not semidefinite
+    for strict, truth in ((True, definite), (False, semidefinite)):
+        assert truth or search(M, strict=strict).vector is None

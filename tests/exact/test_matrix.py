@@ -121,12 +121,6 @@ def test_long_and_short_sums_give_the_same_numbers():
     assert multiply(inverse(square), square) == identity(12)
 
 
-def test_the_hilbert_matrix_inverts_to_its_known_integers():
-    """Closed form: the last entry of the inverse of the 5x5 Hilbert matrix is 44100."""
-    hilbert = tuple(tuple(Fraction(1, i + j + 1) for j in range(5)) for i in range(5))
-    assert inverse(hilbert)[4][4] == 44100
-
-
 def test_shapes_that_do_not_fit_are_refused():
     """Every error path."""
     with pytest.raises(ShapeError, match="must have 2 rows"):
@@ -137,6 +131,8 @@ def test_shapes_that_do_not_fit_are_refused():
         subtract(identity(2), zeros(2, 3))
     with pytest.raises(ShapeError, match="must be square"):
         inverse(zeros(2, 3))
+    with pytest.raises(ShapeError, match="N must have shape"):
+        solve_lyapunov(identity(1), identity(2))
 
 
 def test_symmetry_is_exact():
@@ -198,13 +194,9 @@ def test_two_eigenvalues_that_add_up_to_zero_have_no_unique_solution():
     assert solve_lyapunov(matrix([[Fraction(1, 10**9), 0], [0, -1]]), identity) is not None
 
 
-def test_shapes_have_to_fit():
-    with pytest.raises(ShapeError, match="N must have shape"):
-        solve_lyapunov(matrix([[1]]), matrix([[1, 0], [0, 1]]))
-
-
 def test_a_fitting_matrix_gives_its_shape():
-    """None leaves a side free; arrays and nested tuples alike."""
+    """None leaves a side free; nested sequences cannot say how many columns no rows have."""
+    assert require_shape((), (None, 5), name="T") == (0, 0)
     assert require_shape(((1, 2, 3), (4, 5, 6)), (2, None), name="C") == (2, 3)
     assert require_shape(np.zeros((4, 1)), (None, 1), name="W") == (4, 1)
     assert require_square(((1, 2), (3, 4)), name="A") == 2
@@ -234,14 +226,5 @@ def test_a_wrong_shape_is_refused(matrix, shape, text):
     """Every error path is walked."""
     with pytest.raises(ShapeError, match=text):
         require_shape(matrix, shape, name="M")
-
-
-def test_a_matrix_that_is_not_square_is_refused():
-    """With its reason."""
     with pytest.raises(ShapeError, match=r"A must be square, xi' = A xi; got shape \(1, 2\)"):
         require_square(((1, 2),), name="A", because="xi' = A xi")
-
-
-def test_no_rows_fit_any_number_of_columns():
-    """Nested sequences cannot say how many columns no rows have."""
-    assert require_shape((), (None, 5), name="T") == (0, 0)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from fractions import Fraction
+from functools import reduce
 from random import Random
 
 import numpy as np
@@ -45,10 +46,7 @@ def times(p, q):
 
 def from_factors(factors):
     """The polynomial of factors, and its number of roots with positive real part."""
-    polynomial, right = (Fraction(1),), 0
-    for factor, count in factors:
-        polynomial, right = times(polynomial, factor), right + count
-    return polynomial, right
+    return reduce(times, (factor for factor, _ in factors), (Fraction(1),)), sum(count for _, count in factors)
 
 
 def real_root(r):
@@ -243,21 +241,13 @@ def test_polynomials_read_as_in_the_book(coefficients, text):
     assert polynomial_text((1, 1), "z") == "z + 1"
 
 
+def product(*factors) -> tuple[Fraction, ...]:
+    return reduce(times, factors, (Fraction(1),))
+
+
 def quadratic(re, im) -> tuple[Fraction, ...]:
     """The real polynomial with the roots re +- i im."""
-    a, b = Fraction(re), Fraction(im)
-    return (Fraction(1), -2 * a, a * a + b * b)
-
-
-def product(*factors) -> tuple[Fraction, ...]:
-    result = [Fraction(1)]
-    for factor in factors:
-        longer = [Fraction(0)] * (len(result) + len(factor) - 1)
-        for i, x in enumerate(result):
-            for j, y in enumerate(factor):
-                longer[i + j] += x * y
-        result = longer
-    return tuple(result)
+    return complex_pair(Fraction(re), Fraction(im))[0]
 
 
 @pytest.mark.parametrize(
@@ -327,16 +317,8 @@ def test_random_polynomials_agree_with_their_roots(seed):
 @pytest.mark.parametrize(
     ("coefficients", "expected"),
     [
-        ((1, 0), True),
-        ((1, 1), True),
-        ((1, -1), False),
-        ((1, 0, 1), False),
-        ((1, 2, 1), True),
-        ((5,), False),
-        ((1, -3, 2), False),
-        ((1, -1, -2), True),
-        ((1, 0, 0), True),
-        ((1, -2, 2), False),
+        *((p, True) for p in ((1, 0), (1, 1), (1, 2, 1), (1, -1, -2), (1, 0, 0))),
+        *((p, False) for p in ((1, -1), (1, 0, 1), (5,), (1, -3, 2), (1, -2, 2))),
     ],
 )
 def test_roots_up_to_zero_are_found_by_sturm(coefficients, expected):

@@ -137,14 +137,10 @@ def refuted(case: Certificate) -> bool:
     if p.escapes() or (p.region is not None and any(check.id == "equilibrium" for check in found)):
         return True
     disturbed = p.region is None or (p.region.initial_disturbance or 0) > 0
-    if disturbed and any(lasting(group) for group in p.groups if group.W is not None):
-        return True
+    for group in (each for each in p.groups if disturbed and each.W is not None):  # an observable error does not decay
+        T, columns = observable(group)
+        if not stable([[row[k] for k in columns] for row in product(T, closed(group, group.W))]):
+            return True
     sides = [] if p.region is None else p.region.initial_states
     inside = all(lo < goal[c] < hi for goal in p.goals for c, (lo, hi) in enumerate(sides))
     return inside and any(rational(check.exact["unstable_roots"]) > 0 for check in found if check.id == "lemma1")
-
-
-def lasting(group: Any) -> bool:
-    """True if the own gain of the group leaves an observable error which does not decay."""
-    T, columns = observable(group)
-    return not stable([[row[k] for k in columns] for row in product(T, closed(group, group.W))])

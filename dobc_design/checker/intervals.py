@@ -152,19 +152,14 @@ def growing(at: Callable[[Real], Interval[Real]], x: Interval[Real]) -> Interval
 
 
 # --- exp, ln and sqrt: the decimal module rounds them correctly, so that one unit further out is outside --------------
-def exactly(name: str, x: Fraction | float) -> Fraction | None:
-    """The values that are rational by the rules of the format page: exp 0, ln 1, and roots of squares."""
-    top, bottom = x.as_integer_ratio()
-    root = Fraction(math.isqrt(max(0, top)), math.isqrt(bottom)) if name == "sqrt" else Fraction(0)
-    where, value = {"exp": (Fraction(0), Fraction(1)), "ln": (Fraction(1), Fraction(0)), "sqrt": (root**2, root)}[name]
-    return value if x == where else None
-
-
 def by_decimal(name: str, x: Interval[Real]) -> Interval[Real]:
-    """exp, ln or sqrt, all of which are nondecreasing."""
+    """exp, ln or sqrt, all of which are nondecreasing. Rational by the rules of the format page are exp 0, ln 1, and
+    roots of squares."""
     (lo, hi), kind = x, type(x[0])
-    value = exactly(name, lo) if lo == hi else None
-    if value is not None:
+    top, bottom = lo.as_integer_ratio()
+    root = Fraction(math.isqrt(max(0, top)), math.isqrt(bottom)) if name == "sqrt" else Fraction(0)
+    where, value = {"exp": (0, Fraction(1)), "ln": (1, Fraction(0)), "sqrt": (root**2, root)}[name]
+    if lo == hi == where:
         return like(x, value)
 
     known = {"exp": hi < FAR, "ln": lo > 0, "sqrt": lo >= 0}

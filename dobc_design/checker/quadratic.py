@@ -29,9 +29,8 @@ Ranges = dict[Coupling, Any]  # the gains [lo, hi] of a coupling, m x m of them
 def lure(case: Certificate, check: Any) -> None:
     """V decreases, and the level set holds all starts of the domain."""
     claim = read_quadratic(case, check.exact, check.rate)
-    if claim.level is None:
-        need(check.domain == "global", "it has no level and is not global")
-    else:
+    need(claim.level is not None or check.domain == "global", "it has no level and is not global")
+    if claim.level is not None:
         holds_ball(case, check.domain, claim, claim.level)
 
 
@@ -112,14 +111,12 @@ def contained(p: Problem, P_e: Matrix, square: Fraction, radius: Fraction | None
 
 def relied(p: Problem) -> set[tuple[int, int]]:
     """The rows of e_id and e_jd for each difference e_jd - e_id that a coupling depends on, if it is not linear."""
-    arcs = [(arc, d) for heard in p.modes.values() for arc in heard for d in range(p.m) if not arc.coupling.straight]
-    return {(arc.i * p.m + d, arc.j * p.m + d) for arc, d in arcs if bends(arc.coupling, d)}
-
-
-def bends(h: Coupling, d: int) -> bool:
-    """Whether one of the expressions that are not linear holds y_d."""
-    bent = [each for each, part in zip(h.h, h.parts, strict=True) if part.degree > 1]
-    return h.single or any(re.search(rf"y{d + 1}(?![0-9])", each) for each in bent)
+    found = set()
+    for (i, j, _, h), d in ((arc, d) for heard in p.modes.values() for arc in heard for d in range(p.m)):
+        bent = [each for each, part in zip(h.h, h.parts, strict=True) if part.degree > 1]
+        if not h.straight and (h.single or any(re.search(rf"y{d + 1}(?![0-9])", each) for each in bent)):
+            found.add((i * p.m + d, j * p.m + d))
+    return found
 
 
 # --- gains of the couplings

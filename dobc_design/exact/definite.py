@@ -121,10 +121,9 @@ _EIGENVECTORS: Final = 2
 def decide_positive_definite(M: Matrix | Symmetric, *, most_work: int | None = None) -> Definiteness:
     """Decide M > 0 for a symmetric M (n, n); the empty matrix is positive definite.
 
-    ``most_work`` bounds the last path above 2000 rows, where no other is without a bound (``elimination``).
-    Returns: PROVED, or REFUTED with an integer witness v != 0, v'Mv <= 0; UNDECIDED only beyond ``most_work``.
-    Raises: ShapeError if M is not square and exactly symmetric.
-    Source: theory, sections 3 and 8; the table above.
+    ``most_work`` bounds the last path above 2000 rows, where no other is without a bound (``elimination``). Returns:
+    PROVED, or REFUTED with an integer witness v != 0, v'Mv <= 0; UNDECIDED only beyond ``most_work``. Raises:
+    ShapeError if M is not square and exactly symmetric. Source: theory, sections 3 and 8; the table above.
     """
     return _decide(_Case(given=_symmetric(M), strict=True, most_work=most_work))
 

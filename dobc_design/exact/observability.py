@@ -93,10 +93,9 @@ def decide_detectable(A: Matrix, C: Matrix) -> Detectability:
 def observable_reduction(A: Matrix, C: Matrix) -> tuple[Matrix, Matrix, Matrix]:
     """Return (A_o, C_o, T): the observable part xi_o = T xi, with T A = A_o T and C = C_o T.
 
-    Shapes: A (q, q), C (m, q); with r = rank of the observability matrix, A_o (r, r), C_o (m, r),
-    T (r, q) of full row rank; (A_o, C_o) is observable. An observable pair comes back with T = I;
-    with r = 0, A_o and T have no rows and C_o has empty rows.
-    Raises: ShapeError if the shapes do not fit. Source: Kalman decomposition.
+    Shapes: A (q, q), C (m, q); with r = rank of the observability matrix, A_o (r, r), C_o (m, r), T (r, q) of full row
+    rank; (A_o, C_o) is observable. An observable pair comes back with T = I; with r = 0, A_o and T have no rows and C_o
+    has empty rows. Raises: ShapeError if the shapes do not fit. Source: Kalman decomposition.
     """
     _require_pair(A, C)
     T = row_echelon(observability_matrix(A, C))[0]

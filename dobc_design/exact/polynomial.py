@@ -1,8 +1,7 @@
 """Characteristic polynomials, the Routh test and exact root counts, over the rationals.
 
-Theory, section 3: A is Hurwitz iff Routh's first column, started with a positive number, stays
-positive; a zero in it means not Hurwitz. Polynomials are coefficient tuples, highest power first.
-No root is ever computed.
+Theory, section 3: A is Hurwitz iff Routh's first column, started with a positive number, stays positive; a zero in it
+means not Hurwitz. Polynomials are coefficient tuples, highest power first. No root is ever computed.
 """
 
 from __future__ import annotations
@@ -41,10 +40,7 @@ class RouthTable(Shown):
 
 
 def characteristic_polynomial(A: Matrix) -> Coefficients:
-    """Return det(s I - A) for A (q, q): q + 1 coefficients, the first is 1.
-
-    Raises: ShapeError if A is not square.
-    """
+    """Return det(s I - A) for A (q, q): q + 1 coefficients, the first is 1. Raises: ShapeError if A is not square."""
     size = require_square(A, name="A")
     return tuple(from_fmpq(x) for x in reversed(to_fmpq_mat(A).charpoly().coeffs())) if size else (Fraction(1),)
 

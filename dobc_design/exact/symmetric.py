@@ -48,10 +48,7 @@ class SparseSymmetric(Shown):
 
     @classmethod
     def from_dense(cls, M: Matrix, *, name: str = "matrix") -> SparseSymmetric:
-        """Return the sparse form of M (n, n).
-
-        Raises: ShapeError if M is not square, or not exactly symmetric.
-        """
+        """Return the sparse form of M (n, n). Raises: ShapeError if M is not square, or not exactly symmetric."""
         size = require_square(M, name=name)
         places = [(i, j) for i in range(size) for j in range(i, size)]
         for i, j in ((i, j) for i, j in places if M[i][j] != M[j][i]):

@@ -101,7 +101,6 @@ def test_sines_of_large_numbers_have_as_many_places_as_they_need(x):
     ],
 )
 def test_rational_slopes_are_exact(slope, texts):
-    """Derivatives at 0, by hand."""
     zero, exact = Fraction(0), Fraction(slope)
     for coupling in (Expression(h, ["y"]) for h in texts.split("; ")):
         assert coupling.run(coupling.steps, variables([(zero, zero)])) == ((0, 0), ((exact, exact),))

@@ -27,6 +27,5 @@ def test_the_checks_are_found():
     ],
 )
 def test_a_removed_check_is_missed(file, text):
-    """Seven of them, in the fast tests."""
     (removal,) = [each for each in removals(file) if each.text == text]
     assert noticed_by(removal) is not None

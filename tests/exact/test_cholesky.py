@@ -43,7 +43,6 @@ def test_both_arithmetics_give_the_same_direction(size: int):
 
 @pytest.mark.parametrize("flint", [True, False])
 def test_a_zero_row_is_semidefinite_and_not_definite(flint: bool):
-    """diag(1, 0)."""
     M = SparseSymmetric(2, {(0, 0): Fraction(1)})
     assert bad_direction(M, strict=False, flint=flint) is None
     assert bad_direction(M, strict=True, flint=flint) == {1: 1}

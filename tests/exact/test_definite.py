@@ -40,7 +40,6 @@ SINGULAR = SparseSymmetric(2, {(0, 0): Fraction(1), (0, 1): Fraction(-1), (1, 1)
 
 
 def test_a_direction_that_does_not_refute_is_never_returned():
-    """A mistake in a path surfaces as an error."""
     with pytest.raises(CertificateError, match="nothing is claimed"):
         refuted(IDENTITY, {0: Fraction(1)}, strict=True, method="")
     with pytest.raises(CertificateError, match="nothing is claimed"):
@@ -72,13 +71,11 @@ def gram(n, columns, *, seed=0):
 
 
 def band(n, diagonal, beside):
-    """A symmetric tridiagonal matrix."""
     entries = {(i, i): Fraction(diagonal) for i in range(n)} | {(i, i + 1): Fraction(beside) for i in range(n - 1)}
     return SparseSymmetric(n, entries)
 
 
 def value_of(M, v):
-    """v' M v, by dense rational products."""
     return multiply((tuple(v),), multiply(M, tuple((x,) for x in v)))[0][0]
 
 

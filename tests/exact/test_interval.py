@@ -64,7 +64,6 @@ def assert_contains(enclosure, value):
 
 
 def enclosed(name, x):
-    """The enclosure, or None where it is refused."""
     try:
         return FUNCTIONS[name].interval(x)
     except UndefinedError:
@@ -156,7 +155,6 @@ def test_rational_values_are_exact(name, x, value):
     ],
 )
 def test_functions_refuse_where_they_are_not_defined(name, x):
-    """The error names function and interval."""
     with pytest.raises(UndefinedError, match=rf"^{name} is not defined on the whole of \["):
         FUNCTIONS[name].interval(Interval(*map(Fraction, x)))
 
@@ -171,7 +169,6 @@ def test_tan_is_defined_right_up_to_its_poles():
 
 
 def test_pi_is_enclosed_narrowly():
-    """Against mpmath."""
     assert interval.pi().lo < true_value("acos", Fraction(-1)) < interval.pi().hi
     assert interval.pi().width < Fraction(1, 2**120)
 
@@ -225,7 +222,6 @@ def test_zero_to_the_zero_is_one():
 
 
 def test_numbers_mix_with_intervals_on_both_sides():
-    """int and Fraction; floats would hide a rounding."""
     x = Interval(1, 2)
     assert 1 + x == x + 1 == Interval(2, 3)
     assert 1 - x == Interval(-1, 0)
@@ -238,13 +234,11 @@ def test_numbers_mix_with_intervals_on_both_sides():
 
 @pytest.mark.parametrize("ends", [(2, 1), (0.5, 1), (0, float("nan")), (True, 2), ("0", 1)])
 def test_what_is_no_interval_is_refused(ends):
-    """Ends in order, exact."""
     with pytest.raises(SpecError, match="interval"):
         Interval(*ends)
 
 
 def test_an_interval_tells_its_measures():
-    """Width, midpoint, magnitude, halves, floats."""
     x = Interval(-1, Fraction(1, 3))
     assert (x.width, x.midpoint, x.magnitude, x.is_point) == (Fraction(4, 3), Fraction(-1, 3), 1, False)
     assert x.halves() == (Interval(-1, Fraction(-1, 3)), Interval(Fraction(-1, 3), Fraction(1, 3)))
@@ -291,7 +285,6 @@ def test_values_beyond_the_largest_bound_are_refused():
 @pytest.mark.parametrize("name", ["exp", "sinh", "cosh"])
 @pytest.mark.parametrize("size", [10**6, 10**300])
 def test_huge_arguments_are_refused_at_once(name, size):
-    """exp(1e6) must not hang."""
     start = time.process_time()
     with pytest.raises(UndefinedError, match=rf"^{name} of \[.*too large to enclose"):
         FUNCTIONS[name].interval(Interval(0, size))
@@ -302,7 +295,6 @@ def test_huge_arguments_are_refused_at_once(name, size):
 
 
 def test_the_largest_arguments_of_exp_are_enclosed():
-    """The twin, just inside."""
     assert interval.exp(Interval(-45_000, -45_000)).lo > 0
     assert interval.exp(Interval(575, 575)).hi < Fraction(10) ** 250 < interval.exp(Interval(575, 575)).hi * 10
     with pytest.raises(UndefinedError, match="at most 575"):
@@ -329,7 +321,6 @@ def test_a_long_point_stays_a_point():
 
 
 def test_rounding_is_outward_to_the_bits_asked():
-    """For consumers that want short rationals."""
     x = Interval(Fraction(1, 3), Fraction(2, 3)).rounded(8)
     assert x.lo == Fraction(85, 256)
     assert x.hi == Fraction(171, 256)
@@ -399,7 +390,6 @@ def test_rounding_beyond_the_largest_exponent_keeps_its_direction():
 
 @given(st.fractions(min_value=0))
 def test_root_bounds_hold_and_are_narrow(x):
-    """Squares compared exactly."""
     low, high = sqrt_bounds(x)
     assert low * low <= x <= high * high
     assert high - low <= high / 2**120

@@ -102,7 +102,6 @@ def test_oversized_numbers_are_refused_at_once(bad, reason):
 
 
 def test_the_largest_numbers_of_the_contract_are_accepted():
-    """The twin of the refusals above, just inside."""
     assert parse_number("9" * 200, key="k") == 10**200 - 1
     assert parse_number(int("9" * 200), key="k") == 10**200 - 1
     assert parse_number("1e400", key="k") == 10**400
@@ -133,7 +132,6 @@ def test_text_of_a_long_decimal_keeps_to_the_exponents_that_can_be_read(given_te
 
 
 def test_a_long_number_that_is_no_decimal_is_written_as_quotient():
-    """Too long to be read back, but never wrong."""
     assert number_text(Fraction(1, 3**600)) == f"1/{3**600}"
     assert number_text(Fraction(1, 2**9990)) == f"1/{2**9990}"
 
@@ -163,7 +161,6 @@ def test_directed_roundings_are_the_neighbouring_floats(x):
 
 
 def test_directed_rounding_at_the_ends_of_the_range():
-    """Overflow and underflow, both signs."""
     largest, smallest = math.nextafter(math.inf, 0), 5e-324
     huge, tiny = Fraction(10) ** 400, Fraction(1, 10**400)
     assert (float_below(huge), float_above(huge)) == (largest, math.inf)

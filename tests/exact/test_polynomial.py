@@ -36,7 +36,6 @@ RATIONALS = st.fractions(min_value=-3, max_value=3, max_denominator=4)
 
 
 def times(p, q):
-    """The product of two polynomials."""
     product = [Fraction(0)] * (len(p) + len(q) - 1)
     for i, x in enumerate(p):
         for j, y in enumerate(q):
@@ -131,7 +130,6 @@ def test_a_margin_of_ten_to_the_minus_fifty_decides():
 
 
 def test_the_zero_polynomial_is_refused():
-    """Every number is a root of it."""
     for function in (routh, count_right_half_plane):
         with pytest.raises(SpecError, match="a coefficient that is not 0"):
             function((0, 0))
@@ -145,7 +143,6 @@ MATRICES = st.lists(st.lists(RATIONALS, min_size=4, max_size=4), min_size=4, max
 @settings(max_examples=50, deadline=None)
 @given(MATRICES)
 def test_the_characteristic_polynomial_agrees_with_sympy(A):
-    """An independent oracle, and Cayley and Hamilton."""
     expected = sympy.Matrix([[sympy.Rational(x.numerator, x.denominator) for x in row] for row in A])
     found = characteristic_polynomial(A)
     assert [sympy.Rational(x.numerator, x.denominator) for x in found] == expected.charpoly().all_coeffs()
@@ -156,7 +153,6 @@ def test_the_characteristic_polynomial_agrees_with_sympy(A):
 
 
 def test_the_companion_matrix_gives_its_polynomial_back():
-    """Closed form."""
     A = matrix([[0, 1, 0], [0, 0, 1], [-6, -11, -6]])
     assert characteristic_polynomial(A) == (1, 6, 11, 6)
     assert decide_hurwitz(A).verdict is PROVED
@@ -186,7 +182,6 @@ def test_the_papers_omega_has_eigenvalues_minus_two_and_four_thirds():
 
 
 def test_matrices_that_are_not_square_are_refused_and_none_is_hurwitz():
-    """The empty matrix has no eigenvalue."""
     with pytest.raises(ShapeError, match="A must be square"):
         characteristic_polynomial(zeros(2, 3))
     assert characteristic_polynomial(()) == (1,)

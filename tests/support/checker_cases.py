@@ -191,11 +191,8 @@ def _bent_claims() -> Iterator[Case]:
     yield bent("paper", ("observability", {"rate": 1}))
     yield bent("paper", ("observability", {"domain": "consensus"}))
     yield bent("paper", ("observability", {"witness": {"kind": "vector", "values": ["1", "0"]}}))
-    yield bent("paper", ("hurwitz", {"rate": 1.7}))
-    yield bent("paper", ("hurwitz", {"rate": -1}))
-    yield bent("paper", ("hurwitz", {"rate": 0}))
-    yield bent("paper", ("hurwitz", {"exact": {"routh": ["1", "16/5"]}}))
-    yield bent("paper", ("hurwitz", {"exact": GONE}))
+    for changes in ({"rate": 1.7}, {"rate": -1}, {"rate": 0}, {"exact": {"routh": ["1", "16/5"]}}, {"exact": GONE}):
+        yield bent("paper", ("hurwitz", changes))
     yield bent("paper", ("detectability", {"exact": {"unobservable_polynomial": "1.0"}}))
     yield bent("paper", ("reachability", {"verdict": "refuted", "witness": {"kind": "agents", "labels": []}}))
     yield bent("hidden", ("observability", {"verdict": "proved"}))
@@ -204,9 +201,8 @@ def _bent_claims() -> Iterator[Case]:
     yield bent("bad W", ("hurwitz", {"rate": 1}))
     yield bent("far", ("reachability", {"verdict": "perhaps"}))
     yield bent("far", ("reachability", {"witness": {"kind": "agents", "labels": []}}))
-    yield bent("designed", ("hurwitz", NOTHING | {"rate": 1}))
-    yield bent("designed", ("hurwitz", NOTHING | {"margin": 1}))
-    yield bent("designed", ("hurwitz", NOTHING | {"exact": {}}))
+    for changes in (NOTHING | {"rate": 1}, NOTHING | {"margin": 1}, NOTHING | {"exact": {}}):
+        yield bent("designed", ("hurwitz", changes))
     open_theorem = ("theorem1", NOTHING)
     yield bent("designed", open_theorem, LEFT_OPEN, NO_GAIN, what="hurwitz without W")
     yield bent("given", ("hurwitz", NOTHING), open_theorem, LEFT_OPEN, NO_GAIN, what="no W where the problem has one")
@@ -252,14 +248,12 @@ def _bent_claims() -> Iterator[Case]:
     yield bent("designed", ("observer", {"source": "given"}))
     yield from _forged_pairs()
     # Refutations.
-    yield bent("loose", ("lemma1", {"rate": 1}))
-    yield bent("loose", ("lemma1", {"margin": 0.5}))
-    yield bent("loose", ("lemma1", {"witness": GONE}))
-    yield bent("loose", ("lemma1", {"exact": GONE}))
-    yield bent("loose", ("lemma1", {"exact": {"unstable_roots": "1"}}))
-    yield bent("loose", ("lemma1", {"exact": {"unstable_roots": "0", "value": "1/1000"}}))
-    yield bent("loose", ("lemma1", {"exact": {"unstable_roots": "-1"}}))
-    yield bent("loose", ("lemma1", {"exact": {"unstable_roots": "1/2"}}))
+    for changes in (
+        *({"rate": 1}, {"margin": 0.5}, {"witness": GONE}, {"exact": GONE}, {"exact": {"unstable_roots": "1"}}),
+        *({"exact": {"unstable_roots": "0", "value": "1/1000"}}, {"exact": {"unstable_roots": "-1"}}),
+        {"exact": {"unstable_roots": "1/2"}},
+    ):
+        yield bent("loose", ("lemma1", changes))
     yield bent("loose", ("lemma1", _vector(["1", "2"], ["1", "-1"])))
     yield bent("loose", ("lemma1", _vector([], ["0", "0"])))
     yield bent("loose", ("lemma1", _vector(["1"], ["1", "1"])))
@@ -430,19 +424,15 @@ def _bent_frames() -> Iterator[Case]:
     yield bent("two modes", ("", {"checks": swapped}), what="one mode twice")
     yield bent("two modes", ("", {"rate": max(each["rate"] for each in lemmas)}), what="the larger rate")
     # What cannot be read.
-    yield bent("plain", ("", {"extra": 1}), code=UNREADABLE)
-    yield bent("plain", ("", {"reason": GONE}), code=UNREADABLE)
-    yield bent("plain", ("", {"reason": 5}), code=UNREADABLE)
+    for changes in ({"extra": 1}, {"reason": GONE}, {"reason": 5}):
+        yield bent("plain", ("", changes), code=UNREADABLE)
     yield bent("loose", ("", {"notes": "text"}), code=UNREADABLE)
-    yield bent("plain", ("", {"observer": []}), code=UNREADABLE)
-    yield bent("plain", ("", {"rate": "0.5"}), code=UNREADABLE)
-    yield bent("plain", ("", {"rate": True}), code=UNREADABLE)
-    yield bent("plain", ("", {"format": "dobc-problem"}), code=UNREADABLE)
+    for changes in ({"observer": []}, {"rate": "0.5"}, {"rate": True}, {"format": "dobc-problem"}):
+        yield bent("plain", ("", changes), code=UNREADABLE)
     for version in (True, 1.0, 2, "1"):
         yield bent("plain", ("", {"version": version}), code=UNREADABLE, what=f"version {version}")
-    yield bent("plain", ("lemma1", {"mode": None}), code=UNREADABLE)
-    yield bent("plain", ("lemma1", {"exact": "text"}), code=UNREADABLE)
-    yield bent("plain", ("lemma1", {"fix": {"kind": "x"}}), code=UNREADABLE)
+    for changes in ({"mode": None}, {"exact": "text"}, {"fix": {"kind": "x"}}):
+        yield bent("plain", ("lemma1", changes), code=UNREADABLE)
     for number in (1, "0x1", "1/0", "nan", "Infinity", "1e401", "1." + "0" * 10_000, " 2", "1_0", "\u0662"):
         yield bent("given", ("observer", {"W": [[number]]}), code=UNREADABLE, what=f"W = {str(number)[:10]}")
     yield bent("given", ("observer", {"W": [["2", "0"]]}), code=UNREADABLE)

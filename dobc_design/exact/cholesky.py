@@ -1,10 +1,7 @@
 """Dense matrices decided by a floating-point Cholesky factor: bounded (Rump), or checked in exact integers.
 
-Both work on D M D, D powers of two that bring the diagonal into [1/8, 1); M > 0 iff D M D > 0.
-``shifted_cholesky``: Rump, "Verification of positive definiteness", BIT 2006 (theory, section 3).
-``integer_factor`` proposes a factor L in integers, ``leaves_dominated_rest`` proves: D M D - L L' is computed in
-integers and has to be dominated by its diagonal, hence D M D = L L' + (positive definite).
-Neither ever answers "not positive definite"; eigenvectors that may show it come from ``low_directions``.
+Both work on D M D, D powers of two that bring the diagonal into [1/8, 1); M > 0 iff D M D > 0. Neither ever answers
+"not positive definite"; eigenvectors that may show it come from ``low_directions``.
 """
 
 from __future__ import annotations
@@ -38,11 +35,10 @@ class UnfinishedError(Exception):
 def bad_direction(
     M: SparseSymmetric, *, strict: bool, flint: bool | None = None, most_work: int | None = None
 ) -> dict[int, Fraction] | None:
-    """Return None if M > 0 (strict) or M >= 0, else a direction v, by its entries, that shows the contrary.
+    """Return None if M > 0 (strict) or M >= 0, else a direction v, by its entries, with v'Mv <= 0 (< 0).
 
-    v'Mv <= 0 if strict, else < 0. ``flint`` chooses the arithmetic; by default the size does. ``most_work``: products
-    of numbers of 64 bits, about, None for any number; counted, not timed, so that every machine answers the same.
-    Raises: UnfinishedError beyond ``most_work``.
+    ``flint`` chooses the arithmetic; by default the size does. ``most_work``: products of numbers of 64 bits, about;
+    counted, not timed, so that every machine answers the same. Raises: UnfinishedError beyond it.
     """
     long = M.size >= FLINT_SIZE if flint is None else flint
     rows: list[dict[int, Scalar]] = [{} for _ in range(M.size)]
@@ -55,8 +51,7 @@ def bad_direction(
 def _eliminate(rows: list[dict[int, Scalar]], *, strict: bool, most_work: int | None) -> dict[int, Scalar] | None:
     """Eliminate in minimum-degree order; return None if every pivot passes, else a witness.
 
-    ``rows`` hold both triangles without zeros, and are consumed. After each step the rows still
-    open hold the Schur complement, so a bad diagonal entry there refutes as a bad pivot does.
+    ``rows`` hold both triangles without zeros, and are consumed: the open ones hold the Schur complement.
     """
     bad_rows = (_bad_diagonal(rows, i, strict=strict) for i in range(len(rows)))
     if (bad := next(filter(None, bad_rows), None)) is not None:
@@ -239,11 +234,11 @@ def _against(i: int, j: int, entry: int, exponents: Whole) -> list[int]:
 
 
 def shifted_cholesky(S: Scaled) -> bool:
-    """Tell whether M > 0 is proved by a Cholesky factorisation of fl(A - c I) that completes (Rump).
+    """Tell whether M > 0 is proved by a Cholesky factorisation of fl(A - c I) that completes (Rump, BIT 2006).
 
-    c >= g/(1 - g) tr A + 2u max a_ii + |radius| + underflow, u = 2^-53. Rump's g is (n + 3) u; (n + 10) u also
-    covers implementations that multiply by rounded reciprocals of the pivots. The radius is a norm: what
-    the doubles leave out of D M D, by its largest row sum. The underflow term covers flush to zero.
+    c >= g/(1 - g) tr A + 2u max a_ii + |radius| + underflow, u = 2^-53. Rump's g is (n + 3) u; (n + 10) u also covers
+    implementations that multiply by rounded reciprocals of the pivots. The radius is a norm of what the doubles leave
+    out of D M D. The underflow term covers flush to zero.
     """
     n, A = S.size, S.floats
     diagonal = A.diagonal()
@@ -275,10 +270,9 @@ def integer_factors(S: Scaled) -> Iterator[IntegerFactor]:
 
 
 def leaves_dominated_rest(S: Scaled, factor: IntegerFactor) -> bool:
-    """Tell whether D M D - L L' > 0 is proved: every diagonal entry exceeds the sum of the others' sizes.
+    """Tell whether D M D - L L' > 0 is proved, for any L of integers: it is dominated by its diagonal.
 
     Matrix products of integers in doubles, bounded by Cauchy and Schwarz to stay below 2^53; the rest in int64.
-    Any L of integers will do; what it has to do with a Cholesky factor does not matter.
     """
     high, low = factor.high, factor.low
     if not all(np.array_equal(part, np.rint(part)) for part in (high, low)):
@@ -341,10 +335,9 @@ _SHARE: Final = 8
 def decide_lifted(
     M: SparseSymmetric | IntegerSymmetric, S: Scaled, values: Floats, vectors: Floats, *, strict: bool
 ) -> dict[int, Fraction] | None:
-    """Decide M > 0 (strict) or M >= 0 exactly, or return None where the method does not get through.
+    """Decide M > 0 (strict) or M >= 0 exactly: {} if proved, else a direction; None if it does not get through.
 
     S: M scaled; values, vectors: the eigenvalues, rising, and eigenvectors of its floats, as guesses only.
-    Returns: {} if proved, else a direction v, by its entries, with v'Mv <= 0 (< 0 if not strict).
     """
     few = int(np.count_nonzero(values < 2**10 * margin(S)))
     if not 0 < few <= max(4, S.size // _SHARE):

@@ -1,16 +1,8 @@
 """Definiteness of symmetric rational matrices: decided exactly at every size, by the path that fits.
 
-| rows | structure | paths, in this order |
-|---|---|---|
-| 0 to 12 | any | LDL' over the rationals (Fraction) |
-| 13 and more | any | an entry of the diagonal that is not positive |
-| 13 and more | Z-matrix, or sparse | integers v > 0 with M v > 0; directions from the same search |
-| 13 to 99 | any | shifted Cholesky in doubles (Rump) |
-| 13 to 2000 | any | integer factor with an exact rest; eigenvectors; lifted small eigenvalues |
-| 13 and more | any | LDL' over the rationals (python-flint) |
-
-A path answers or passes on; the last one always answers, unless the caller bounds its work. "Proved" comes from
-exact or outward-rounded arithmetic, "refuted" only from a vector that is multiplied out exactly.
+Up to 12 rows LDL' over the rationals; from 13 on the paths of ``_PATHS``, in this order, then LDL' by python-flint.
+A path answers or passes on; the last one always answers, unless the caller bounds its work. "Proved" comes from exact
+or outward-rounded arithmetic, "refuted" only from a vector that is multiplied out exactly.
 """
 
 from __future__ import annotations
@@ -52,9 +44,8 @@ _WITNESS_BITS: Final = (1, 2, 4, 8, 16, 32, 64)
 class Definiteness(Shown):
     """A decision with its proof method, a short sentence that names the path by size and structure.
 
-    Refuted: an integer ``witness`` v and the ``value`` v'Mv, <= 0 against "positive definite" and < 0
-    against "positive semidefinite". Proved by a vector: the positive integers v, with M v > 0 (>= 0 for
-    "semidefinite"); where M has positive entries beside the diagonal, with those taken as negative.
+    Refuted: an integer ``witness`` v and the ``value`` v'Mv, <= 0, or < 0 against "semidefinite". Proved by a vector:
+    the positive integers v, with M v > 0 (>= 0), positive entries beside the diagonal taken as negative.
     """
 
     verdict: Verdict
@@ -99,17 +90,10 @@ def roundings(vector: Sequence[int]) -> Iterator[list[int]]:
             yield [(2 * x * 2**bits + largest) // (2 * largest) for x in vector]
 
 
-# The borders, as ratios of CPU times measured in one run, one BLAS thread; dense: Gram matrices of random integers
-# and doubles; ring: with half as many random chords as rows.
-# - 12 rows: Fractions take 10 to 20 times as long as the shifted Cholesky when dense, twice as long on a ring, and 2 ms
-#   at most. They stay for small matrices because nothing is easier to trust.
-# - LDL' with flint against the shift, dense: 14 to 60 times at 32 rows, 50 to 300 times at 64. Against the vector on
-#   a ring: 4 times at 32 rows, 25 times at 100, 100 times at 200, over 1000 times at 400.
-# - The integer rest against the shift, dense: 1.0 to 1.3 times from 20 to 400 rows, as reading the entries costs most;
-#   3 times at 1000 rows that come as arrays. From 100 rows on it goes alone all the same: it needs no bound of LAPACK's
-#   rounding, and at 1000 rows it shows smaller eigenvalues.
-# - The vector against the integer rest where one entry in eight is there: 1/10 (1000 rows) to 1/3 (200 rows) of the
-#   time when it succeeds, 1/3 to 4/3 when it fails.
+# The borders, by CPU times measured in one run (Gram matrices of random integers; rings with chords): up to 12 rows
+# Fractions take 2 ms at most, and nothing is easier to trust. LDL' with flint takes 14 to 60 times as long as the shift
+# at 32 rows, over 1000 times as long as the vector on a ring of 400. The integer rest takes 1.0 to 1.3 times as long as
+# the shift; from 100 rows on it goes alone: it needs no bound of LAPACK's rounding and shows smaller eigenvalues.
 _RUMP_SIZE: Final = 99
 _DENSE_SIZE: Final = 2000
 # Sparse: at most one entry of the upper triangle in so many.
@@ -154,12 +138,10 @@ def decide_quickly(M: Matrix | Symmetric) -> Definiteness:
 def definiteness(matrix: object) -> Verdict:
     """Decide exactly whether a symmetric matrix is positive definite.
 
-    Accepts a SparseSymmetric or IntegerSymmetric, or nested sequences of int, Fraction, float (its decimal
-    text: 0.1 is 1/10) and text ("9/16"), or a two-dimensional NumPy array (numeric data: each float is its
-    exact binary value, 0.1 is 3602879701896397/2^55). The empty matrix is positive definite.
-    Returns: PROVED iff matrix > 0, REFUTED iff not; never UNDECIDED.
-    Raises: ShapeError if not square or not exactly symmetric; SpecError for nan, inf and what is
-    no number.
+    Accepts a SparseSymmetric or IntegerSymmetric, or nested sequences of int, Fraction, float (its decimal text: 0.1 is
+    1/10) and text ("9/16"), or a two-dimensional NumPy array (each float is its exact binary value). The empty matrix
+    is positive definite.  Returns: PROVED iff matrix > 0, REFUTED iff not; never UNDECIDED.
+    Raises: ShapeError if not square or not exactly symmetric; SpecError for nan, inf and what is no number.
     Example:
         >>> dd.exact.definiteness([[2, 1], [1, "1/2"]]).value, dd.exact.definiteness([[2, 1], [1, 0.51]]).value
         ('refuted', 'proved')

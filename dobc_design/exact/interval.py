@@ -34,9 +34,8 @@ def height(value: Fraction) -> int:
 
 
 def round_down(value: Fraction, bits: int = BITS) -> Fraction:
-    """Return a number <= value of at most ``bits`` significant bits, the same if it is that short.
+    """Return a number <= value of at most ``bits`` significant bits; beyond 2^65536 that power, below 2^-65536 zero.
 
-    Beyond 2^65536 a positive value becomes that power, and below 2^-65536 zero.
     Raises: OverflowError for values below -2^65536.
     """
     if not value:
@@ -56,10 +55,7 @@ def round_down(value: Fraction, bits: int = BITS) -> Fraction:
 
 
 def round_up(value: Fraction, bits: int = BITS) -> Fraction:
-    """Return a number >= value of at most ``bits`` significant bits; see ``round_down``.
-
-    Raises: OverflowError for values above 2^65536.
-    """
+    """Return a number >= value of at most ``bits`` significant bits. Raises: OverflowError for values above 2^65536."""
     return -round_down(-value, bits)
 
 
@@ -89,10 +85,9 @@ _GREATEST: Final = {"sin": 1, "cos": 1, "tanh": 1}
 
 
 def bounds(name: str, x: Fraction) -> tuple[Fraction, Fraction]:
-    """Return lower and upper bounds of exp, log, sin, cos, tan, atan, sinh, cosh or tanh at x.
+    """Return bounds of exp, log, sin, cos, tan, atan, sinh, cosh or tanh at x, equal where the value is rational.
 
-    They differ by about 2^-128 of the value (of 1 near the zeros of sin, cos, tan) and are equal
-    where the value is rational. Raises: OverflowError if there is no finite enclosure.
+    They differ by about 2^-128 of the value, or of 1. Raises: OverflowError if there is no finite enclosure.
     """
     known = _EXACT.get((name, int(x))) if x.denominator == 1 else None
     if known is not None:
@@ -122,10 +117,8 @@ def _ends(ball: arb) -> tuple[Fraction, Fraction]:
 
 
 def _dyadic(number: arb) -> tuple[Fraction, Fraction]:
-    """Return an exact ball's value and the error made by leaving out exponents below any use.
-
-    A radius can have an exponent of -2^15000 (tanh far out), for which fmpq() ends the process.
-    """
+    """Return an exact ball's value and the error made by leaving out exponents below any use: fmpq() ends the process
+    where a radius has an exponent of -2^15000 (tanh far out)."""
     mantissa, exponent = (int(part) for part in number.man_exp())
     if exponent < -_MAX_EXPONENT and mantissa.bit_length() + exponent < 0:
         return Fraction(0), Fraction(1, 1 << min(_MAX_EXPONENT, -exponent - mantissa.bit_length()))
@@ -150,9 +143,8 @@ class UndefinedError(ArithmeticError):
 
 @dataclass(frozen=True, slots=True, repr=False)
 class Interval(Shown):
-    """The closed interval from lo to hi; integers are taken as Fractions.
+    """The closed interval from lo to hi; integers are taken as Fractions, by its operators too.
 
-    Operators take Interval, Fraction and int; ``**`` takes an int.
     Raises: SpecError if lo > hi or an end is not an int or Fraction.
     """
 
@@ -249,10 +241,7 @@ class Interval(Shown):
         return _enclose(min(quotients), max(quotients), "/", self, y)
 
     def __pow__(self, exponent: int) -> Interval:
-        """Return the integer power; 0 ** 0 is 1.
-
-        Raises: UndefinedError for a negative exponent if the interval contains 0.
-        """
+        """Return the integer power; 0 ** 0 is 1. Raises: UndefinedError for a negative one if 0 lies inside."""
         if exponent < 0:
             return Interval.point(1) / self**-exponent
         low, high = _power(abs(self.lo), exponent), _power(abs(self.hi), exponent)
@@ -421,10 +410,7 @@ def _wave(name: str, x: Interval, *, shift: Fraction) -> Interval:
 
 
 def _multiples_of_pi(x: Interval, *, shift: Fraction) -> tuple[int, int] | None:
-    """Return first and last k for which (k + shift) pi may lie in x (first > last: none does).
-
-    None for arguments so large that nothing can be said.
-    """
+    """Return first and last k for which (k + shift) pi may lie in x (first > last: none does); None far out."""
     if x.magnitude > _MAX_ANGLE:
         return None
     low, high = pi_bounds(BITS + int(x.magnitude).bit_length())

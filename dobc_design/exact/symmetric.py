@@ -20,10 +20,9 @@ from dobc_design.exact.matrix import Matrix
 
 @dataclass(frozen=True, slots=True, repr=False)
 class SparseSymmetric(Shown):
-    """A symmetric matrix (size, size), by the entries (i, j), i <= j, of its upper triangle.
+    """A symmetric matrix (size, size), by the entries (i, j), i <= j, of its upper triangle; for reading only.
 
-    Zero entries are dropped, so equal matrices are equal objects. ``entries`` is for reading only.
-    Raises: ShapeError for a negative size or an index outside the upper triangle.
+    Zeros are dropped: equal matrices are equal objects. Raises: ShapeError for an index outside the upper triangle.
     """
 
     size: int
@@ -143,10 +142,10 @@ _LIMIT: Final = 1 << 62
 class IntegerSymmetric(Shown):
     """A symmetric matrix (size, size): values / denominator at the places (rows, columns), rows <= columns.
 
-    ``values`` are int64, or an object array of int. The constructor takes the places in any order, adds up
-    what is given for one place, drops zeros, and sorts by row, then column. The arrays are for reading only.
-    Raises: ShapeError for places outside the upper triangle or arrays of different lengths; SpecError
-    for values that are no integers or a denominator below 1.
+    ``values`` are int64, or an object array of int. The constructor takes the places in any order, adds up what is
+    given for one place, drops zeros, and sorts by row, then column. The arrays are for reading only.
+    Raises: ShapeError for places outside the upper triangle or arrays of different lengths; SpecError for values that
+    are no integers or a denominator below 1.
     """
 
     size: int
@@ -188,10 +187,7 @@ class IntegerSymmetric(Shown):
 
     @classmethod
     def weakened(cls, M: Symmetric, *, bits: int) -> IntegerSymmetric:
-        """Return a matrix with denominator 2^bits, rounded downwards on the diagonal and away from 0 beside it.
-
-        If v > 0 shows this one to be dominated by its diagonal, v shows the same for M (``zmatrix``).
-        """
+        """Return a matrix over 2^bits, rounded to where domination by the diagonal is harder (``zmatrix``)."""
         rounded = [
             (x.numerator << bits) // x.denominator if i == j or x < 0 else -((-x.numerator << bits) // x.denominator)
             for (i, j), x in M.entries.items()
@@ -343,10 +339,7 @@ def both_triangles(M: IntegerSymmetric) -> Rows | None:
 
 
 def signs_of_product(M: Rows, vector: Integers) -> NDArray[np.int64]:
-    """Return the sign, -1, 0 or 1, of every entry of M v, exactly; v integers.
-
-    Every sum stays below 2^62: limbs of b bits, at most ``degree`` products per row, at most 16 pairs per level.
-    """
+    """Return the sign of every entry of M v, exactly, v integers: sums of limbs stay below 2^62, 16 pairs per level."""
     degree = int(np.diff(M.starts, append=len(M.rows)).max())
     bits = (58 - degree.bit_length()) // 2
     left, right = limbs(M.values, bits), limbs(vector, bits)
@@ -368,10 +361,7 @@ def signs_of_product(M: Rows, vector: Integers) -> NDArray[np.int64]:
 
 
 def limbs(values: Integers, bits: int) -> list[NDArray[np.int64]]:
-    """Cut integers into limbs, low first: values = sum limb_k 2^(bits k).
-
-    All are in [0, 2^bits) but the last, which has the sign and is in [-2^bits, 2^bits).
-    """
+    """Cut integers into limbs in [0, 2^bits), low first; the last one has the sign, and is in [-2^bits, 2^bits)."""
     found: list[NDArray[np.int64]] = []
     while True:
         found.append((values & ((1 << bits) - 1)).astype(np.int64))

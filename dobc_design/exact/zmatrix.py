@@ -1,9 +1,8 @@
 """Sparse matrices decided by a vector: v > 0 with M v > 0 for Z-matrices, a direction p with p'Mp <= 0 against.
 
-A symmetric matrix whose entries beside the diagonal are <= 0 (Z-matrix) is positive definite iff such a v exists
-(theory, sections 3 and 8), and semidefinite if M v >= 0. For other signs the same is asked of the matrix with
--|m_ij| beside its diagonal: enough, not necessary. Finding v is floating point (conjugate gradients,
-Jacobi scaling) and may fail; checking it is exact. Time per step and memory are linear in the entries.
+A Z-matrix (no positive entry beside the diagonal) is positive definite iff such a v exists (theory, sections 3 and 8).
+For other signs the same is asked with -|m_ij| beside the diagonal: enough, not necessary. Finding v is floating point
+and may fail; checking it is exact. Time per step and memory are linear in the entries.
 """
 
 from __future__ import annotations
@@ -44,10 +43,7 @@ _FLAT: Final = 1e-15
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Found:
-    """A vector that proves M definite, or directions, as integers, that may refute it: not multiplied out.
-
-    ``kind`` says in words what the directions are.
-    """
+    """A vector that proves M definite, or directions of a kind, as integers, that may refute it."""
 
     vector: tuple[int, ...] | None = None
     directions: tuple[list[int], ...] = ()
@@ -55,10 +51,7 @@ class Found:
 
 
 def proves(M: Symmetric, vector: Sequence[int], *, strict: bool = True) -> bool:
-    """Tell whether integers v > 0 prove M > 0 (strict), or M >= 0: m_ii v_i > sum over j of |m_ij| v_j, or >=.
-
-    Exact; for a Z-matrix this is M v > 0, or M v >= 0.
-    """
+    """Tell, exactly, whether integers v > 0 prove M > 0 (strict) or M >= 0: m_ii v_i > sum |m_ij| v_j, or >=."""
     if len(vector) != M.size or any(x <= 0 for x in vector):
         return False
     rows = both_triangles(_weakened(M))
@@ -70,11 +63,8 @@ def proves(M: Symmetric, vector: Sequence[int], *, strict: bool = True) -> bool:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class FloatRows:
-    """A matrix made ready for ``bound``: its diagonal, and the sizes of what stands above it.
-
-    ``own`` (n,) is rounded up; ``sizes`` of the entries at (``rows``, ``columns``) so far that every rounding in the
-    sums of both its rows is covered.
-    """
+    """A matrix made ready for ``bound``: its diagonal ``own`` (n,), rounded up, and ``sizes`` of what is above it at
+    (``rows``, ``columns``), so far up that every rounding in the sums of both its rows is covered."""
 
     own: Floats
     largest: float  # of |own|
@@ -85,8 +75,7 @@ class FloatRows:
     def bound(self, vector: Floats) -> float:
         """Return an upper bound of the largest eigenvalue: the largest (m_ii v_i + sum |m_ij| v_j) / v_i; v > 0 (n,).
 
-        It is rounded up, and inf where floats do not hold it.  One product with M and a few passes over v.
-        Source: theory, section 8, for any signs: |x|'M'|x| >= x'M x with the sizes of M beside the diagonal in M'.
+        It is rounded up, and inf where floats do not hold it.  Source: theory, section 8, for any signs.
         """
         if len(vector) != len(self.own) or not len(vector) or not vector.min() > _SMALLEST:
             return math.inf

@@ -1,9 +1,7 @@
 """Certified bounds of |e(t)|_inf over time that follow from proved checks, and the one that belongs to a simulated run.
 
-Each of the functions V that a certificate is about falls like exp(-rate t) from its largest value over a set of starts,
-and |e|_inf is at most a height times V (max-separable) or times sqrt(V) (quadratic).  Theory, sections 2, 4 and 5.
-Nothing is decided here: the claims are taken as they are, ``dobc verify`` decides them.  A run counts only if it is a
-run of the loop that the claims are about.
+Each V of a certificate falls like exp(-rate t) from its largest value over a set of starts, and |e|_inf is at most a
+height times V (max-separable) or sqrt(V) (quadratic): theory, sections 2, 4 and 5.  Nothing is decided here.
 """
 
 from __future__ import annotations
@@ -68,10 +66,7 @@ class Envelope:
 
 @dataclass(frozen=True, slots=True, kw_only=True, repr=False)
 class CertifiedBound(Shown):
-    """The least of several proved bounds of |e(t)|_inf, a function of times in s; without any, ``reason`` says why.
-
-    ``settling``: staged bounds, where they hold for the same starts.
-    """
+    """The least of several proved bounds of |e(t)|_inf, a function of times in s; without any, ``reason`` says why."""
 
     envelopes: tuple[Envelope, ...] = ()
     settling: Settling | None = None
@@ -106,11 +101,8 @@ class CertifiedBound(Shown):
 
 
 def envelopes_of(problem: Problem, claims: Claims, starts: Starts) -> Iterator[Envelope]:
-    """The bounds that hold for all of ``starts``, from every proved check whose domain holds them.
-
-    Regional checks bound every start of their region, the others every start of ``starts``.
-    Raises: what a check raises that cannot be read.
-    """
+    """Bounds that hold for all of ``starts``, from every proved check whose domain holds them: regional checks bound
+    every start of their region.  Raises: what a check raises that cannot be read."""
     for check in claims.checks:
         if check.verdict is Verdict.PROVED and check.kind.is_consensus and is_inside(check.domain, starts):
             found = _envelope(problem, check, claim_of(check, problem, claims.W), starts)
@@ -192,7 +184,6 @@ class RunLike(Protocol):
 def certified_bound(problem: Problem, claims: Claims, run: RunLike) -> CertifiedBound:
     """What ``claims``, which are about ``problem``, prove about |e(t)|_inf of a run, or of all runs of an ensemble.
 
-    Returns: a CertifiedBound, a function of times; without a bound its ``reason`` says why.
     Raises: SpecError for a run of another problem or with another W, CertificateError for claims that cannot be read.
     """
     if reason := _other_loop(run):

@@ -1,9 +1,8 @@
-"""Writing files so that a reader sees the old one or the new one, never a part.
+"""Writing files so that a reader sees the old one or the new one, never a part, whatever happens at any moment.
 
-Every file is written under another name beside its place, flushed to disk and renamed; then the folder is
-flushed.  A kill or a power cut at any moment leaves each file old or new.  Of several files written together
-some may then be old and some new, if it falls between two renames; a certificate names the hash of its problem,
-so that such a pair is found out.  Ctrl-C and SIGTERM wait until all are renamed.
+Every file is written under another name beside its place, flushed to disk and renamed; then the folder is flushed.  Of
+several files some may be old and some new, if a kill falls between two renames; a certificate names the hash of its
+problem, so that such a pair is found out.  Ctrl-C and SIGTERM wait until all are renamed.
 """
 
 from __future__ import annotations

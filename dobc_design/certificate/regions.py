@@ -1,7 +1,7 @@
 """From which starts a certificate proves consensus: its regional claims side by side, with what was asked for.
 
-Nothing is decided here, and nothing is shown that does not follow from the proved claims.  Sizes and rates are rounded
-down, times and what is asked up, so that what is shown stays a claim that holds.  Theory, sections 1, 4 and 5.
+Nothing is decided here.  Sizes and rates are rounded down, times and what is asked up: what is shown stays a claim that
+holds.  Theory, sections 1, 4 and 5.
 """
 
 from __future__ import annotations
@@ -89,8 +89,7 @@ class Regions(Shown):
     """The certified regions of one problem, in the order in which they were tried.
 
     ``tolerance`` belongs to the times of ``claims`` (same unit as the states); ``agents`` to the max-separable
-    certificate, empty without one or above 2000 agents.  ``delay``, ``sampling``, ``settling`` and ``equilibrium``
-    are the checks of these ids.
+    certificate, empty without one or above 2000 agents.  The others are the checks of these ids.
     """
 
     name: str
@@ -170,9 +169,8 @@ _DIGITS, _UNIT = 6, 10**9
 
 
 def certified_regions(problem: Problem, claims: Claims) -> Regions:
-    """Gather what ``claims``, which are about ``problem``, say about starts.
+    """Gather what ``claims``, which are about ``problem``, say about starts, taken as they are.
 
-    The claims are taken as they are; ``dobc verify`` decides them.
     Raises: CertificateError for claims that cannot be read, as in a file that somebody else wrote.
     """
     asked, by_id = _asked(problem), {check.id: check for check in claims.checks}

@@ -1,8 +1,7 @@
 """Analytic centres and linear objectives over matrix inequalities in one symmetric unknown Y and some scalars.
 
 Every block is F(Y, x) = F0 - L Y R' - R Y L' + sum x_k U_k signs_k U_k' + sum x_k M_k > 0.  Newton's method on
--log det, with the structure of Y used: a Lur'e inequality of n rows and many arcs takes a fraction of a second where a
-general solver, which sees one cone of (n + arcs)^2/2 rows, takes minutes.  A proposal, as everything here.
+-log det uses the structure of Y: fractions of a second for a Lur'e inequality that takes a general solver minutes.
 """
 
 from __future__ import annotations
@@ -28,10 +27,7 @@ _RIDGES: Final = (1e-14, 1e-11, 1e-8)
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Basis:
-    """Which symmetric Y (n, n) are allowed: entries (rows, columns) of the upper triangle, perhaps all equal.
-
-    ``tied``: one number for the whole diagonal.
-    """
+    """Which symmetric Y (n, n) are allowed: entries (rows, columns) above; ``tied``: one number for the diagonal."""
 
     n: int
     rows: Indices
@@ -133,10 +129,7 @@ class Block:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Inequalities:
-    """Blocks, and bounds weights Y-traces: ``limits`` - sum of Y over ``forms`` > 0, linear in the unknowns of Y.
-
-    ``forms`` (bounds, basis.size), ``limits`` (bounds,).  ``count``: number of scalars.
-    """
+    """Blocks, and bounds ``limits`` (bounds,) - ``forms`` (bounds, basis.size) y > 0 on Y; ``count`` of scalars."""
 
     basis: Basis
     blocks: tuple[Block, ...]
@@ -194,10 +187,7 @@ class Inequalities:
 def centre(
     problem: Inequalities, point: Array, *, cost: Array | None = None, stop: Callable[[Array], bool] | None = None
 ) -> Array:
-    """Minimise cost'x + barrier by damped Newton steps from a point inside; the best point reached.
-
-    ``stop``: leave as soon as it holds.
-    """
+    """Minimise cost'x + barrier by damped Newton steps from inside, or until ``stop``; the best point reached."""
     cost = np.zeros(len(point)) if cost is None else cost
     value = float(cost @ point) + problem.barrier(point)
     for _ in range(MOST_STEPS):
@@ -231,10 +221,8 @@ def minimise(
     stop: Callable[[Array], bool] | None = None,
     hopeless: float = math.inf,
 ) -> Array:
-    """Follow the central path of cost'x from a point inside until the gap is ``accuracy`` |cost'x|.  A point inside.
-
-    ``stop``: leave as soon as it holds.  ``hopeless``: leave when cost'x cannot come below it.
-    """
+    """Follow the central path of cost'x from inside until the gap is ``accuracy`` |cost'x|, or ``stop`` holds, or it
+    cannot come below ``hopeless``.  A point inside."""
     order = len(problem.limits) + sum(len(block.constant) for block in problem.blocks)
     gradient, _ = problem.derivatives(point)
     size = float(cost @ cost)

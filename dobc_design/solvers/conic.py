@@ -1,8 +1,7 @@
 """Clarabel, asked in one place: linear objectives over cones, the programs of pencils, and the ladder down to SCS.
 
-Whatever a solver answers is a proposal that exact arithmetic decides about, so a wrong answer costs time and
-nothing else.  A solver that breaks (raises, runs out of time, answers with something that is no point) is not
-asked again for the same design.
+Whatever a solver answers is a proposal that exact arithmetic decides about: a wrong answer costs time and nothing else.
+A solver that breaks (raises, runs out of time, answers with something that is no point) is not asked again.
 """
 
 from __future__ import annotations
@@ -38,11 +37,8 @@ TIME_LIMIT: Final = 20.0  # seconds for one call of one solver; the programs of 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Cone:
-    """``right`` - ``rows`` x lies in a cone; rows (r, k) a NumPy or SciPy array, right (r,).
-
-    ``kind``: "semidefinite" (the svec of a matrix), "nonnegative", or "ball" (the norm of the others is at most the
-    first).
-    """
+    """``right`` - ``rows`` x lies in a cone: the svec of a matrix, or a ball: others at most as long as the first;
+    rows (r, k) a NumPy or SciPy array, right (r,)."""
 
     kind: Literal["semidefinite", "nonnegative", "ball"]
     rows: Any
@@ -75,9 +71,8 @@ def solve_cones(
     time_limit: float = math.inf,
     accuracy: float | None = None,
 ) -> ConeAnswer:
-    """Minimise cost'x + x'diag(squares)x / 2 over x (k,) in all ``cones``, by Clarabel.
+    """Minimise cost'x + x'diag(squares)x / 2 over x (k,) in all ``cones``, by Clarabel; ``time_limit`` in s.
 
-    ``time_limit`` in s; ``accuracy``: absolute and relative, where it is not Clarabel's own.
     Returns: an answer without values where the solver fails in any way; it never raises for that.
     """
     import clarabel
@@ -122,10 +117,7 @@ def _read(answer: Any, size: int) -> ConeAnswer:
 
 
 def svec(matrix: Any) -> Array:
-    """The upper triangle, column by column, off-diagonal entries times sqrt 2 (Clarabel's order).
-
-    ``matrix``: symmetric (n, n), a NumPy or SciPy array.  Shape: (n (n + 1)/2,).
-    """
+    """The upper triangle (n (n + 1)/2,) of a NumPy or SciPy array (n, n), column by column, others times sqrt 2."""
     table = sparse.coo_array(matrix)
     size = table.shape[0]
     upper = table.row <= table.col
@@ -160,10 +152,7 @@ def symmetric_basis(size: int) -> list[Array]:
 
 
 def solve_directly(program: Program, *, time_limit: float = 60.0) -> Solution:
-    """Solve a Program by Clarabel, without a modelling layer.  A failure is a Solution without values.
-
-    ``time_limit`` in s.
-    """
+    """Solve a Program by Clarabel, without a modelling layer.  A failure is a Solution without values."""
     places = [place for unknown in program.pencils[0].unknowns for place in unknown.places()]
     gains = [k for k, place in enumerate(places) if place[0] == "Q"]
     P, margin = program.pencils[0].unknowns[0], program.objective == "margin"
@@ -201,10 +190,8 @@ def solve_directly(program: Program, *, time_limit: float = 60.0) -> Solution:
 
 
 def build_dense(program: Program) -> tuple[Any, dict[str, Any]]:
-    """The cvxpy problem of a Program and its variables by name (P, Q and, for "margin", t).
-
-    P is declared symmetric, because X >> 0 looks at the symmetric part of X only.
-    """
+    """The cvxpy problem of a Program and its variables by name (P, declared symmetric, Q and perhaps t): the block LMI
+    of Theorems 1 and 2 as the paper writes it, size n (m + q) per mode; the oracle of the reduced form."""
     import cvxpy as cp
 
     first = program.pencils[0]
@@ -230,10 +217,7 @@ def build_dense(program: Program) -> tuple[Any, dict[str, Any]]:
 
 
 def solve_dense(program: Program, *, solver: str = "CLARABEL", time_limit: float = 60.0) -> Solution:
-    """Solve the block LMI through cvxpy.  A solver's failure is a Solution without values.
-
-    ``solver`` is one of cvxpy's names, "CLARABEL" or "SCS"; ``time_limit`` in s, for these two.
-    """
+    """Solve the block LMI through cvxpy by one of its solvers.  A failure is a Solution without values."""
     try:
         problem, variables = build_dense(program)
         with warnings.catch_warnings():
@@ -269,7 +253,6 @@ def climb(
 ) -> Iterator[tuple[Solution, T, str]]:
     """Solve each program by Clarabel and, where that gave no point for one of them, by SCS through cvxpy.
 
-    ``programs``: each with a label.  ``time_limit``: seconds for one call.
     Returns: the answer (perhaps without values), the label, and how it came about: "" for Clarabel, else such as
     "by SCS, after Clarabel gave no point (MaxTime)".
     """

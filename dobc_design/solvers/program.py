@@ -33,10 +33,7 @@ OUT_OF_TIME = ("MaxTime", "user_limit")  # Clarabel's and cvxpy's words
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Program:
-    """Which program to solve for which pencils (all with the same unknowns).
-
-    ``ratio`` and ``radius`` belong to "margin", ``floor`` to "size".
-    """
+    """Which program to solve for which pencils, all with the same unknowns; ``ratio``, ``radius``: of "margin"."""
 
     pencils: tuple[Pencil, ...]
     objective: str = "size"
@@ -47,10 +44,7 @@ class Program:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Solution:
-    """What a solver answered.  ``status`` is kept and never decides anything.
-
-    ``values``: unknown -> array, empty when the solver gave none; ``objective`` is nan then.
-    """
+    """What a solver answered; ``status`` never decides anything.  Without a point no ``values``, ``objective`` nan."""
 
     status: str
     solver: str
@@ -76,8 +70,7 @@ def without_values(status: str, *, solver: str) -> Solution:
 def is_solver_failure(error: BaseException) -> bool:
     """Whether an exception out of a solver means that it gave up, not that the program is to stop.
 
-    A panic inside a solver written in Rust arrives as pyo3_runtime.PanicException, a BaseException that
-    cannot be imported, hence the comparison by name.  MemoryError, KeyboardInterrupt and SystemExit go on.
+    A panic inside a solver written in Rust arrives as a BaseException that cannot be imported: it is known by name.
     """
     ordinary = isinstance(error, Exception) and not isinstance(error, MemoryError)
     return ordinary or type(error).__name__ == "PanicException"

@@ -1,7 +1,6 @@
 """The lone checker: accepts what is proved, refuses everything else, as one folder without any package.
 
-Its cases are in tests/support/checker_cases.py; test_removals.py takes its checks away.
-"""
+Its cases are in tests/support/checker_cases.py; at the end one of its checks at a time is taken away."""
 
 from __future__ import annotations
 
@@ -12,6 +11,8 @@ import checker_cases
 import pytest
 from certified import certified
 from checker_cases import FAILS, HOLDS, NOTHING, OPEN, UNREADABLE, alone, bend, cases, check, misjudged, outcome
+from checker_mutants import FILES, removals
+from checker_removals import EQUIVALENT, noticed_by
 
 from dobc_design.certificate.text import certificate_bytes
 from dobc_design.certification.certify import certify, verify
@@ -156,3 +157,27 @@ def test_what_is_too_large_for_plain_python_is_left_to_the_user(monkeypatch, nam
     else:
         assert found.holds
         assert "left to you" in str(found)
+
+
+def test_the_checks_are_found():
+    texts = {file: [each.text for each in removals(file)] for file in FILES}
+    assert sum(map(len, texts.values())) > 250
+    assert all(len(texts[file]) > 25 for file in ("reading", "consensus", "separable", "quadratic", "schedule"))
+    assert set(EQUIVALENT) <= {text for found in texts.values() for text in found}
+
+
+@pytest.mark.parametrize(
+    ("file", "text"),
+    [
+        ("consensus", "product(P, W) == Q"),
+        ("examine", "claims.problem_sha256 == p.sha256"),
+        ("consensus", "not case.problem.kinked"),
+        ("separable", "left >= 0"),
+        ("separable", "exact.delay >= 0"),
+        ("schedule", "top <= exact.tolerance"),
+        ("quadratic", "claim.outer >= claim.level"),
+    ],
+)
+def test_a_removed_check_is_missed(file, text):
+    (removal,) = [each for each in removals(file) if each.text == text]
+    assert noticed_by(removal) is not None

@@ -383,11 +383,11 @@ def test_no_path_is_wrong_at_the_edge(name: str):
 
 def test_the_semidefinite_twin_is_right_at_the_edge_and_witnesses_refute():
     """A zero eigenvalue is allowed there and only there; witnesses are multiplied out in Python integers."""
-    for small, matrix in edges()[:240] + edges()[240::7]:  # of 64 rows, a few of each sign
-        M = IntegerSymmetric.from_floats(matrix)
+    for small, table in edges()[:240] + edges()[240::7]:  # of 64 rows, a few of each sign
+        M = IntegerSymmetric.from_floats(table)
         strict, weak = decide_positive_definite(M), decide_positive_semidefinite(M)
         assert (weak.verdict is PROVED) == (small >= 0)
-        whole = [[Fraction(x) for x in row] for row in matrix.tolist()]
+        whole = [[Fraction(x) for x in row] for row in table.tolist()]
         for decision, bound in ((strict, 0), (weak, -1)):
             if decision.witness is None:
                 continue

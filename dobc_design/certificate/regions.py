@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import asdict, dataclass, replace
 from fractions import Fraction
 from typing import Any, Final
@@ -300,13 +301,10 @@ class _Gatherer:
         return _up(Fraction(max(0.0, math.log(ratio)) * slowness / check.rate * (1 + 1e-9)), digits=4)
 
     def _limit(self, check: Check, kind: str, *, covering: bool) -> str:
-        if covering or kind == "everywhere":
-            return ""
-        if kind == "near":
-            return "It is local: it holds close enough to the target and names no radius."
-        if kind == "none":
-            return check.reason
-        return " ".join(filter(None, [check.remark, self._turning(check)]))
+        if kind in ("box", "ball") and not covering:
+            return " ".join(filter(None, [check.remark, self._turning(check)]))
+        near = "It is local: it holds close enough to the target and names no radius."
+        return "" if covering else {"near": near, "none": check.reason}.get(kind, "")
 
     def _turning(self, check: Check) -> str:
         """Where a coupling does not rise with the distance, neighbours pull less the farther they are."""
@@ -314,18 +312,16 @@ class _Gatherer:
         if not isinstance(claim, Separable) or claim.rho is None:
             return ""
         reaches = largest_reach(self.problem, claim.v, modes=list(self.problem.network.modes))
-        for coupling, reach in zip(self.problem.couplings, reaches, strict=True):
-            if not reach or not coupling.by_component:
-                continue
-            try:
-                if profile(Curve(coupling.components[0]), claim.rho * reach).is_nondecreasing:
-                    continue
-            except UndefinedError:
-                return ""
-            return (
-                f"Two agents in this box may differ by {significant(float(claim.rho * reach))}, and on such distances"
-                f" h = {coupling.texts[0]} does not rise throughout: a neighbour farther away pulls less."
-            )
+        used = [
+            (h, reach) for h, reach in zip(self.problem.couplings, reaches, strict=True) if reach and h.by_component
+        ]
+        with suppress(UndefinedError):
+            for h, gap in ((h, claim.rho * reach) for h, reach in used):
+                if not profile(Curve(h.components[0]), gap).is_nondecreasing:
+                    return (
+                        f"Two agents in this box may differ by {significant(float(gap))}, and on such distances"
+                        f" h = {h.texts[0]} does not rise throughout: a neighbour farther away pulls less."
+                    )
         return ""
 
 
@@ -333,9 +329,8 @@ def _variant(check: Check) -> str:
     """Which quadratic certificate a ``lure`` check holds."""
     if not isinstance(check.claim, Lure):
         return ""
-    shape = "= c I" if check.claim.shape == "identity" else check.claim.shape
-    method = {"interval": "interval bound", "vertices": "corners"}.get(check.claim.method, "")
-    return ", ".join(filter(None, [method, f"P_e {shape}"]))
+    method = {"interval": "interval bound, ", "vertices": "corners, "}.get(check.claim.method, "")
+    return f"{method}P_e {'= c I' if check.claim.shape == 'identity' else check.claim.shape}"
 
 
 def error_share(claim: Separable, disturbance: Fraction, *, unit: int) -> Fraction:
@@ -352,9 +347,9 @@ def lure_and_level(claim: Lure | Shell) -> tuple[Lure, Fraction | None]:
 
 def _agents(problem: Problem, check: Check) -> tuple[AgentBound, ...]:
     claim, domain = check.claim, check.domain
-    if problem.n > MOST_AGENTS or not isinstance(domain, Mapping) or not isinstance(claim, Separable):
+    if not isinstance(domain, Mapping) or not isinstance(claim, Separable) or claim.rho is None:
         return ()
-    if claim.rho is None:
+    if problem.n > MOST_AGENTS:
         return ()
     room = claim.rho - error_share(claim, claimed(domain["disturbance"]), unit=_UNIT)
     pinned = set(problem.pinning.agents)

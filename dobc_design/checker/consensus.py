@@ -73,13 +73,6 @@ def hurwitz(group: Any, W: Matrix | None) -> Fact:
     return end == 0, None if end else {"routh": column}, {"kind": "routh_row", "values": column[: end + 1]}
 
 
-def reachability(p: Problem, mode: str) -> Fact:
-    """Every agent is pinned, or hears a pinned one, directly or through others."""
-    reached = reach(p.gains, p.edges([mode], False))
-    rest = [label for i, label in enumerate(p.labels) if i not in reached]
-    return not rest, None, {"kind": "agents", "labels": rest}
-
-
 OF_GROUPS = {"observability": observability, "detectability": detectability, "hurwitz": hurwitz}
 
 
@@ -88,8 +81,11 @@ def fact(case: Certificate, check: Any) -> None:
     if check.id in OF_GROUPS:
         group, W = own(case, check.group)
         found, exact, witness = OF_GROUPS[check.id](group, W)
-    else:
-        found, exact, witness = reachability(case.problem, check.mode)
+    else:  # every agent is pinned, or hears a pinned one, directly or through others
+        p, group, W = case.problem, None, None
+        reached = reach(p.gains, p.edges([check.mode], False))
+        rest = [label for i, label in enumerate(p.labels) if i not in reached]
+        found, exact, witness = not rest, None, {"kind": "agents", "labels": rest}
     need(check.margin is None, "it has no margin to claim")
     need(check.rate is None or check.id == "hurwitz", "it has no rate to claim")
     need(check.rate is None or (check.rate > 0 and stable(closed(group, W, check.rate))), "the rate is not shown")

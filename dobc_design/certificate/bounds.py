@@ -1,9 +1,7 @@
 """Certified bounds of |e(t)|_inf over time that follow from proved checks, and the one that belongs to a simulated run.
 
-Each of the functions V that a certificate is about falls like exp(-rate t) from its largest value over a set of starts,
-and |e|_inf is at most a height times V (max-separable) or times sqrt(V) (quadratic).  Theory, sections 2, 4 and 5.
-Nothing is decided here: the claims are taken as they are, ``dobc verify`` decides them.  A run counts only if it is a
-run of the loop that the claims are about.
+Each V of a certificate falls like exp(-rate t) from its largest value over a set of starts, and |e|_inf is at most a
+height times V (max-separable) or sqrt(V) (quadratic): theory, sections 2, 4 and 5.  Nothing is decided here.
 """
 
 from __future__ import annotations
@@ -20,7 +18,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from dobc_design._show.cards import Card, Shown, listed
 from dobc_design.certificate.claims import Claims, claim_of, reading_claims
-from dobc_design.certificate.regions import certified_settling
+from dobc_design.certificate.regions import certified_settling, error_share, lure_and_level
 from dobc_design.conditions.boxes.claim import Shell
 from dobc_design.conditions.check import Check, Claim
 from dobc_design.conditions.consensus.claim import PairFacts
@@ -39,15 +37,13 @@ from dobc_design.problem.problem import Problem
 from dobc_design.verdict import Verdict
 
 Array = NDArray[np.float64]
-ZERO: Final = Fraction(0)
 #: Rows of a full P_e up to which the diagonal of its inverse is computed; beyond, its least eigenvalue is used.
 MOST_INVERTED: Final = 40
 #: Starts count as inside a region when they exceed it by rounding only; floats of a run are what they are.
 ROUNDING: Final = Fraction(1, 10**12)
 #: Of the floats that evaluate height exp(-rate t): a thousand times what they can be off.
 IN_HAND: Final = 1e-12
-_UNIT: Final = 10**18
-_root = partial(root_above, unit=_UNIT)
+_root = partial(root_above, unit=10**18)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -70,10 +66,7 @@ class Envelope:
 
 @dataclass(frozen=True, slots=True, kw_only=True, repr=False)
 class CertifiedBound(Shown):
-    """The least of several proved bounds of |e(t)|_inf, a function of times in s; without any, ``reason`` says why.
-
-    ``settling``: staged bounds, where they hold for the same starts.
-    """
+    """The least of several proved bounds of |e(t)|_inf, a function of times in s; without any, ``reason`` says why."""
 
     envelopes: tuple[Envelope, ...] = ()
     settling: Settling | None = None
@@ -108,21 +101,18 @@ class CertifiedBound(Shown):
 
 
 def envelopes_of(problem: Problem, claims: Claims, starts: Starts) -> Iterator[Envelope]:
-    """The bounds that hold for all of ``starts``, from every proved check whose domain holds them.
-
-    Regional checks bound every start of their region, the others every start of ``starts``.
-    Raises: what a check raises that cannot be read.
-    """
+    """Bounds that hold for all of ``starts``, from every proved check whose domain holds them: regional checks bound
+    every start of their region.  Raises: what a check raises that cannot be read."""
     for check in claims.checks:
         if check.verdict is Verdict.PROVED and check.kind.is_consensus and is_inside(check.domain, starts):
             found = _envelope(problem, check, claim_of(check, problem, claims.W), starts)
             if found is not None:
                 yield found
     lemmas = [check for check in claims.checks if check.id == "lemma1"]
-    rates = [check.rate for check in lemmas if check.verdict is Verdict.PROVED and check.domain == "global"]
-    known = [rate for rate in rates if rate is not None]
-    if not problem.groups and lemmas and len(known) == len(lemmas):
-        yield Envelope(id="lemma1", height=starts.ball, rate=claimed(min(known)))
+    proved = [check for check in lemmas if check.verdict is Verdict.PROVED and check.domain == "global"]
+    rates = [check.rate for check in proved if check.rate is not None]
+    if not problem.groups and lemmas and len(rates) == len(lemmas):
+        yield Envelope(id="lemma1", height=starts.ball, rate=claimed(min(rates)))
 
 
 def is_inside(domain: object, starts: Starts) -> bool:
@@ -141,12 +131,10 @@ def _envelope(problem: Problem, check: Check, claim: Claim | None, starts: Start
     if isinstance(domain, Mapping):  # the largest value over the whole region
         radius, disturbance = (claimed(domain[name]) * (1 + ROUNDING) for name in ("radius", "disturbance"))
     if isinstance(claim, Separable):
-        first = radius / claim.least
-        if claim.error is not None:
-            first += _root((claim.error.kappa * disturbance) ** 2 * claim.error.size)
+        first = radius / claim.least + error_share(claim, disturbance, unit=10**18)
         return Envelope(id=check.id, height=first * max(claim.v), rate=composite_rate(claim))
     if isinstance(claim, Lure | Shell):
-        lure, level = (claim.lure, claim.outer) if isinstance(claim, Shell) else (claim, claim.level)
+        lure, level = lure_and_level(claim)
         first = eigenvalue_bound(lure.P_e) * radius**2 + _errors(problem, lure.P, disturbance)
         if level is not None and isinstance(domain, Mapping):  # the level is a bound as well
             first = min(first, level)
@@ -160,7 +148,7 @@ def _envelope(problem: Problem, check: Check, claim: Claim | None, starts: Start
 def _errors(problem: Problem, P: Matrix | None, disturbance: Fraction) -> Fraction:
     """What |eps_i| <= disturbance add to a quadratic V at most."""
     if P is None:
-        return ZERO
+        return Fraction(0)
     return problem.n * eigenvalue_bound(SparseSymmetric.from_dense(P)) * disturbance**2
 
 
@@ -196,11 +184,9 @@ class RunLike(Protocol):
 def certified_bound(problem: Problem, claims: Claims, run: RunLike) -> CertifiedBound:
     """What ``claims``, which are about ``problem``, prove about |e(t)|_inf of a run, or of all runs of an ensemble.
 
-    Returns: a CertifiedBound, a function of times; without a bound its ``reason`` says why.
     Raises: SpecError for a run of another problem or with another W, CertificateError for claims that cannot be read.
     """
-    reason = _other_loop(run)
-    if reason:
+    if reason := _other_loop(run):
         return CertifiedBound(reason=reason)
     other = (run.name, run.labels) != (problem.name, problem.network.labels)
     if other or run.loop_sha256 != loop_sha256(problem, claims.W):
@@ -210,10 +196,10 @@ def certified_bound(problem: Problem, claims: Claims, run: RunLike) -> Certified
             key="certificate",
             cure="Certify the problem that was simulated, or simulate this one.",
         )
-    reach, length, disturbance = map(Fraction, run.start_size())
-    starts = Starts(box=reach, ball=length, disturbance=disturbance)
+    box, ball, disturbance = map(Fraction, run.start_size())
+    starts, room = Starts(box=box, ball=ball, disturbance=disturbance), 1 + ROUNDING
     settling = certified_settling(problem, claims)
-    if settling is not None and not _begins_in(settling, starts):
+    if settling is not None and (box > settling.radius * room or disturbance > settling.disturbance * room):
         settling = None
     with reading_claims():
         found = tuple(envelopes_of(problem, claims, starts))
@@ -234,11 +220,6 @@ def _other_loop(run: RunLike) -> str:
     return ""
 
 
-def _begins_in(settling: Settling, starts: Starts) -> bool:
-    room = 1 + ROUNDING
-    return starts.box <= settling.radius * room and starts.disturbance <= settling.disturbance * room
-
-
 def _nothing(claims: Claims, starts: Starts) -> str:
     """Why no check bounds these starts."""
     where = f"|e|_inf = {float(starts.box):.4g} and |eps_i| = {float(starts.disturbance):.4g}"
@@ -247,7 +228,5 @@ def _nothing(claims: Claims, starts: Starts) -> str:
         return "the certificate proves nothing about starts away from the target; ask for a [region]"
     held = max(regions, key=lambda domain: (domain["kind"] == "box", domain["radius"]))
     edge = "|e|_inf" if held["kind"] == "box" else "|e|"
-    return (
-        f"the run starts outside what is certified: {where}, and proved is {edge} <= {held['radius']:.6g} with"
-        f" |eps_i| <= {held['disturbance']:.6g}"
-    )
+    proved = f"{edge} <= {held['radius']:.6g} with |eps_i| <= {held['disturbance']:.6g}"
+    return f"the run starts outside what is certified: {where}, and proved is {proved}"

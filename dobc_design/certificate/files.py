@@ -1,9 +1,8 @@
-"""Writing files so that a reader sees the old one or the new one, never a part.
+"""Writing files so that a reader sees the old one or the new one, never a part, whatever happens at any moment.
 
-Every file is written under another name beside its place, flushed to disk and renamed; then the folder is
-flushed.  A kill or a power cut at any moment leaves each file old or new.  Of several files written together
-some may then be old and some new, if it falls between two renames; a certificate names the hash of its problem,
-so that such a pair is found out.  Ctrl-C and SIGTERM wait until all are renamed.
+Every file is written under another name beside its place, flushed to disk and renamed; then the folder is flushed.  Of
+several files some may be old and some new, if a kill falls between two renames; a certificate names the hash of its
+problem, so that such a pair is found out.  Ctrl-C and SIGTERM wait until all are renamed.
 """
 
 from __future__ import annotations
@@ -13,6 +12,7 @@ import os
 import secrets
 import time
 from collections.abc import Mapping
+from contextlib import ExitStack, suppress
 from pathlib import Path
 
 from dobc_design._signals import Postponed
@@ -22,8 +22,7 @@ STALE = 3600.0  # seconds after which a temporary file belongs to nobody; no wri
 _LONGEST_NAME = 40  # characters of the file's own name in that of its temporary file; systems allow 255 bytes
 _SUFFIX = ".dobc-tmp"
 _CURES = {
-    errno.ENOSPC: "Free some space there, or choose another folder with --out.",
-    errno.EDQUOT: "Free some space there, or choose another folder with --out.",
+    **dict.fromkeys((errno.ENOSPC, errno.EDQUOT), "Free some space there, or choose another folder with --out."),
     errno.EFBIG: "Raise the limit on the size of files, or choose another folder with --out.",
     errno.EISDIR: "Move that folder away, or choose another with --out.",
 }
@@ -41,51 +40,33 @@ def write_together(files: Mapping[Path, bytes]) -> None:
     """
     path = Path()
     try:
-        with Postponed(), _Staged() as staged:
+        with Postponed(), ExitStack() as stack:
+            names: dict[Path, str] = {}
             for path, data in files.items():
                 if path.is_dir():
                     raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR))
                 _remove_stale(path)
-                staged.write(path, data)
-            for path in files:
-                staged.rename(path)
+                names[path] = str(path.parent / f"{_prefix(path)}{secrets.token_hex(8)}{_SUFFIX}")
+                stack.callback(_remove, names[path])  # what is not renamed is removed at the end
+                _write_down(names[path], data)
+            for path, name in names.items():
+                os.replace(name, path)
             for folder in dict.fromkeys(path.parent for path in files):
                 _flush_folder(folder)
     except (OSError, ValueError) as error:  # ValueError: a NUL in the name
-        reason, number = getattr(error, "strerror", None) or error, getattr(error, "errno", None)
-        raise CertificateError(
-            f"{path.name} cannot be written: {reason}.",
-            key=str(path),
-            cure=_CURES.get(number or 0, "Choose another folder with --out."),
-        ) from error
+        cure = _CURES.get(getattr(error, "errno", None) or 0, "Choose another folder with --out.")
+        reason = getattr(error, "strerror", None) or error
+        raise CertificateError(f"{path.name} cannot be written: {reason}.", key=str(path), cure=cure) from error
 
 
-class _Staged:
-    """Complete files under other names beside their places; what is not renamed is removed at the end."""
-
-    def __init__(self) -> None:
-        self.names: dict[Path, str] = {}
-
-    def __enter__(self) -> _Staged:
-        return self
-
-    def write(self, path: Path, data: bytes) -> None:
-        """Write the file that is to take the place of ``path``, down to the disk."""
-        self.names[path] = name = str(path.parent / f"{_prefix(path)}{secrets.token_hex(8)}{_SUFFIX}")
-        # Not tempfile: its files are for the owner's eyes only, and these get the permissions of any new file.
-        descriptor = os.open(name, os.O_WRONLY | os.O_CREAT | os.O_EXCL | getattr(os, "O_BINARY", 0), 0o666)
-        with os.fdopen(descriptor, "wb") as stream:
-            stream.write(data)
-            stream.flush()
-            os.fsync(stream.fileno())
-
-    def rename(self, path: Path) -> None:
-        """Put the file in its place."""
-        os.replace(self.names[path], path)
-
-    def __exit__(self, *error: object) -> None:
-        for name in self.names.values():
-            _remove(name)
+def _write_down(name: str, data: bytes) -> None:
+    """Write a new file, down to the disk."""
+    # Not tempfile: its files are for the owner's eyes only, and these get the permissions of any new file.
+    descriptor = os.open(name, os.O_WRONLY | os.O_CREAT | os.O_EXCL | getattr(os, "O_BINARY", 0), 0o666)
+    with os.fdopen(descriptor, "wb") as stream:
+        stream.write(data)
+        stream.flush()
+        os.fsync(stream.fileno())
 
 
 def make_folder(path: Path) -> Path:
@@ -93,11 +74,8 @@ def make_folder(path: Path) -> Path:
     try:
         path.mkdir(parents=True, exist_ok=True)
     except (OSError, ValueError) as error:
-        raise CertificateError(
-            f"the folder {str(path)!r} cannot be made: {getattr(error, 'strerror', None) or error}.",
-            key=str(path),
-            cure="Choose another with --out.",
-        ) from error
+        what = f"the folder {str(path)!r} cannot be made: {getattr(error, 'strerror', None) or error}."
+        raise CertificateError(what, key=str(path), cure="Choose another with --out.") from error
     return path
 
 
@@ -107,32 +85,23 @@ def _prefix(path: Path) -> str:
 
 def _flush_folder(folder: Path) -> None:
     """Make the renames last through a power cut, where the system lets folders be opened."""
-    try:
+    # Windows, a folder that may be written and not read, a file system without it: the files themselves are complete.
+    with suppress(OSError), ExitStack() as stack:
         descriptor = os.open(folder, os.O_RDONLY)
-    except OSError:  # Windows, or a folder that may be written and not read
-        return
-    try:
+        stack.callback(os.close, descriptor)
         os.fsync(descriptor)
-    except OSError:  # a file system without it; the files themselves are complete
-        return
-    finally:
-        os.close(descriptor)
 
 
 def _remove_stale(path: Path) -> None:
     """Remove what writers of this file left behind that were killed long ago."""
-    try:
-        with os.scandir(path.parent) as entries:
-            for entry in entries:
-                ours = entry.name.startswith(_prefix(path)) and entry.name.endswith(_SUFFIX)
-                if ours and time.time() - entry.stat(follow_symlinks=False).st_mtime > STALE:
-                    _remove(entry.path)
-    except OSError:  # a folder that cannot be listed, or another process was faster: not worth a failure
-        return
+    # A folder that cannot be listed, or another process that was faster: not worth a failure.
+    with suppress(OSError), os.scandir(path.parent) as entries:
+        for entry in entries:
+            ours = entry.name.startswith(_prefix(path)) and entry.name.endswith(_SUFFIX)
+            if ours and time.time() - entry.stat(follow_symlinks=False).st_mtime > STALE:
+                _remove(entry.path)
 
 
 def _remove(name: str) -> None:
-    try:
+    with suppress(OSError):  # renamed already, never made, or the disk is gone
         os.unlink(name)
-    except OSError:  # renamed already, never made, or the disk is gone
-        return

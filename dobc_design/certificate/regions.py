@@ -1,13 +1,14 @@
 """From which starts a certificate proves consensus: its regional claims side by side, with what was asked for.
 
-Nothing is decided here, and nothing is shown that does not follow from the proved claims.  Sizes and rates are rounded
-down, times and what is asked up, so that what is shown stays a claim that holds.  Theory, sections 1, 4 and 5.
+Nothing is decided here.  Sizes and rates are rounded down, times and what is asked up: what is shown stays a claim that
+holds.  Theory, sections 1, 4 and 5.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import asdict, dataclass, replace
 from fractions import Fraction
 from typing import Any, Final
@@ -89,8 +90,7 @@ class Regions(Shown):
     """The certified regions of one problem, in the order in which they were tried.
 
     ``tolerance`` belongs to the times of ``claims`` (same unit as the states); ``agents`` to the max-separable
-    certificate, empty without one or above 2000 agents.  ``delay``, ``sampling``, ``settling`` and ``equilibrium``
-    are the checks of these ids.
+    certificate, empty without one or above 2000 agents.  The others are the checks of these ids.
     """
 
     name: str
@@ -126,31 +126,32 @@ class Regions(Shown):
 
     def to_json(self) -> dict[str, Any]:
         """JSON object: numbers rounded towards the weaker claim."""
-        asked = self.asked
+        a, checks = self.asked, (self.settling, self.delay, self.sampling, self.equilibrium)
+        settling, delay, sampling, equilibrium = (None if check is None else check.to_json() for check in checks)
         return {
-            "asked": None
-            if asked is None
-            else {"box": asked.box, "ball": asked.ball, "disturbance": asked.disturbance},
+            "asked": None if a is None else {"box": a.box, "ball": a.ball, "disturbance": a.disturbance},
             "tolerance": self.tolerance,
             "regions": [claim.to_json() for claim in self.claims],
             "agents": [{"label": a.label, "bound": a.bound, "pinned": a.pinned} for a in self.agents],
-            **{name: None if check is None else check.to_json() for name, check in self._others()},
+            "settling": settling,
+            "delay": delay,
+            "sampling": sampling,
+            "equilibrium": equilibrium,
         }
 
-    def _others(self) -> Iterator[tuple[str, Check | None]]:
-        yield from (("settling", self.settling), ("delay", self.delay), ("sampling", self.sampling))
-        yield "equilibrium", self.equilibrium
-
     def __str__(self) -> str:
-        head = f"{self.name}: {self.verdict.value.upper()}. {self.reason}"
-        return "\n".join([head, *("  " + "  ".join(cells).rstrip() for cells in _aligned(self._cells()))])
+        rows = self._cells()
+        widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
+        aligned = ("  ".join(map(str.ljust, row, widths)).rstrip() for row in rows)
+        return "\n  ".join([f"{self.name}: {self.verdict.value.upper()}. {self.reason}", *aligned])
 
     def _cells(self) -> list[list[str]]:
         rows = [["method", "kind", "|e|_inf <=", "|e| <=", "rate 1/s", "covers"]]
         for claim in self.claims:
             sizes = [significant_towards_zero(claim.box), significant_towards_zero(claim.ball)]
             yes = "yes" if claim.covers else "no" if self.asked is not None else ""
-            rows.append([title_of(claim), claim.kind, *sizes, significant_towards_zero(claim.rate), yes])
+            title = ", ".join(filter(None, [claim.id, claim.variant]))
+            rows.append([title, claim.kind, *sizes, significant_towards_zero(claim.rate), yes])
         return rows
 
     def _card(self) -> Card:
@@ -161,32 +162,37 @@ class Regions(Shown):
         return f"<Regions of {self.name}: {self.verdict.value}, {len(self.claims)} methods>"
 
 
-def title_of(claim: RegionClaim) -> str:
-    """The id, and the variant where there is one."""
-    return claim.id if not claim.variant else f"{claim.id}, {claim.variant}"
-
-
-def _aligned(rows: list[list[str]]) -> Iterator[list[str]]:
-    widths = [max(len(row[column]) for row in rows) for column in range(len(rows[0]))]
-    return ([cell.ljust(width) for cell, width in zip(row, widths, strict=True)] for row in rows)
-
-
 #: A start counts as settled when every |e_ic| is below this part of the radius.
 SETTLED: Final = Fraction(1, 100)
 #: Agents up to which the bound of each is listed.
 MOST_AGENTS: Final = 2000
-_DIGITS: Final = 6
-_UNIT: Final = 10**9
+_DIGITS, _UNIT = 6, 10**9
 
 
 def certified_regions(problem: Problem, claims: Claims) -> Regions:
-    """Gather what ``claims``, which are about ``problem``, say about starts.
+    """Gather what ``claims``, which are about ``problem``, say about starts, taken as they are.
 
-    The claims are taken as they are; ``dobc verify`` decides them.
     Raises: CertificateError for claims that cannot be read, as in a file that somebody else wrote.
     """
+    asked, by_id = _asked(problem), {check.id: check for check in claims.checks}
     with reading_claims():
-        return _gathered(problem, claims)
+        known = tuple(replace(check, claim=claim_of(check, problem, claims.W)) for check in claims.checks)
+        tolerance = _tolerance(known, asked)
+        gatherer = _Gatherer(problem, known, asked, tolerance)
+        chosen = list(_chosen(problem, known))
+        return Regions(
+            name=problem.name,
+            verdict=claims.verdict,
+            reason=claims.reason,
+            asked=asked,
+            tolerance=tolerance,
+            claims=tuple(gatherer.claim(check) for check in chosen),
+            agents=next((_agents(problem, check) for check in chosen if isinstance(check.claim, Separable)), ()),
+            delay=by_id.get("delay"),
+            sampling=by_id.get("sampling"),
+            settling=by_id.get("settling"),
+            equilibrium=by_id.get("equilibrium"),
+        )
 
 
 def certified_settling(problem: Problem, claims: Claims) -> Settling | None:
@@ -199,41 +205,15 @@ def certified_settling(problem: Problem, claims: Claims) -> Settling | None:
         return settling_of(problem, staging, found.reason) if isinstance(staging, Staging) else None
 
 
-def _gathered(problem: Problem, claims: Claims) -> Regions:
-    asked = _asked(problem)
-    known = tuple(replace(check, claim=claim_of(check, problem, claims.W)) for check in claims.checks)
-    tolerance = _tolerance(known, asked)
-    gatherer = _Gatherer(problem, known, asked, tolerance)
-    chosen = list(_chosen(problem, known))
-    by_id = {check.id: check for check in claims.checks}
-    return Regions(
-        name=problem.name,
-        verdict=claims.verdict,
-        reason=claims.reason,
-        asked=asked,
-        tolerance=tolerance,
-        claims=tuple(gatherer.claim(check) for check in chosen),
-        agents=next((_agents(problem, check) for check in chosen if isinstance(check.claim, Separable)), ()),
-        delay=by_id.get("delay"),
-        sampling=by_id.get("sampling"),
-        settling=by_id.get("settling"),
-        equilibrium=by_id.get("equilibrium"),
-    )
-
-
 def _tolerance(checks: Sequence[Check], asked: Asked | None) -> float | None:
     """That of a proved settling time, so that all times are about the same; else a part of the radius."""
     for check in checks:
         if check.verdict is Verdict.PROVED and isinstance(check.claim, Staging):
             return _down(check.claim.tolerance)
-    size = _smallest_radius(checks) if asked is None else claimed(asked.box)
-    return _down(size * SETTLED) if size else None
-
-
-def _smallest_radius(checks: Sequence[Check]) -> Fraction | None:
     proved = [check for check in checks if check.verdict is Verdict.PROVED and check.kind.is_consensus]
     radii = [claimed(check.domain["radius"]) for check in proved if isinstance(check.domain, Mapping)]
-    return min(radii, default=None)
+    size = min(radii, default=None) if asked is None else claimed(asked.box)
+    return _down(size * SETTLED) if size else None
 
 
 def _chosen(problem: Problem, checks: Sequence[Check]) -> Iterator[Check]:
@@ -254,11 +234,13 @@ def _asked(problem: Problem) -> Asked | None:
     if problem.region is None:
         return None
     reach = asked_radius(problem)
+    low, high = problem.region.initial_states[0]
+    length = root_above(problem.n * sum((r * r for r in reach), Fraction(0)), unit=_UNIT)
     return Asked(
         box=_up(max(reach)),
-        ball=_up_root(problem.n * sum((r * r for r in reach), Fraction(0))),
+        ball=_up(length, digits=9),
         disturbance=_up(problem.region.initial_disturbance or Fraction(0)),
-        interval=None if problem.m > 1 else _floats(problem.region.initial_states[0]),
+        interval=None if problem.m > 1 else (float(low), float(high)),
     )
 
 
@@ -278,7 +260,7 @@ class _Gatherer:
                 kind, disturbance = str(check.domain["kind"]), float(check.domain["disturbance"])
                 box = ball = float(check.domain["radius"])
                 if kind == "ball":  # the corners of a box are the farthest from its middle
-                    box = _down_root(claimed(ball) ** 2 / (self.problem.n * self.problem.m))
+                    box = _down(root_below(claimed(ball) ** 2 / (self.problem.n * self.problem.m), unit=_UNIT))
         covering = kind != "none" and self.asked is not None and covers(self.problem, check, self.checks)
         return RegionClaim(
             id=check.id,
@@ -300,13 +282,16 @@ class _Gatherer:
         if check.verdict is not Verdict.PROVED or not check.rate or self.tolerance is None:
             return None
         if isinstance(claim, Separable):
-            start = domain if isinstance(domain, Mapping) else self._asked_box()
-            if start is None:
+            if isinstance(domain, Mapping):
+                radius, disturbance = domain["radius"], domain["disturbance"]
+            elif self.asked is not None:
+                radius, disturbance = self.asked.box, self.asked.disturbance
+            else:
                 return None
-            first = claimed(start["radius"]) / claim.least + _share(claim, claimed(start["disturbance"]))
+            first = claimed(radius) / claim.least + error_share(claim, claimed(disturbance), unit=_UNIT)
             ratio, slowness = first * max(claim.v) / claimed(self.tolerance), 1.0
         elif isinstance(claim, Lure | Shell):
-            lure, level = (claim.lure, claim.outer) if isinstance(claim, Shell) else (claim, claim.level)
+            lure, level = lure_and_level(claim)
             least = -eigenvalue_bound(lure.P_e.negated())
             if level is None or least <= 0:
                 return None
@@ -315,36 +300,28 @@ class _Gatherer:
             return None
         return _up(Fraction(max(0.0, math.log(ratio)) * slowness / check.rate * (1 + 1e-9)), digits=4)
 
-    def _asked_box(self) -> Mapping[str, float] | None:
-        return None if self.asked is None else {"radius": self.asked.box, "disturbance": self.asked.disturbance}
-
     def _limit(self, check: Check, kind: str, *, covering: bool) -> str:
-        if covering or kind == "everywhere":
-            return ""
-        if kind == "near":
-            return "It is local: it holds close enough to the target and names no radius."
-        if kind == "none":
-            return check.reason
-        return " ".join(filter(None, [check.remark, self._turning(check)]))
+        if kind in ("box", "ball") and not covering:
+            return " ".join(filter(None, [check.remark, self._turning(check)]))
+        near = "It is local: it holds close enough to the target and names no radius."
+        return "" if covering else {"near": near, "none": check.reason}.get(kind, "")
 
     def _turning(self, check: Check) -> str:
         """Where a coupling does not rise with the distance, neighbours pull less the farther they are."""
         claim = check.claim
-        if not isinstance(claim, Separable):
+        if not isinstance(claim, Separable) or claim.rho is None:
             return ""
         reaches = largest_reach(self.problem, claim.v, modes=list(self.problem.network.modes))
-        for coupling, reach in zip(self.problem.couplings, reaches, strict=True):
-            if claim.rho is None or not reach or not coupling.by_component:
-                continue
-            try:
-                if profile(Curve(coupling.components[0]), claim.rho * reach).is_nondecreasing:
-                    continue
-            except UndefinedError:
-                return ""
-            return (
-                f"Two agents in this box may differ by {significant(float(claim.rho * reach))}, and on such distances"
-                f" h = {coupling.texts[0]} does not rise throughout: a neighbour farther away pulls less."
-            )
+        used = [
+            (h, reach) for h, reach in zip(self.problem.couplings, reaches, strict=True) if reach and h.by_component
+        ]
+        with suppress(UndefinedError):
+            for h, gap in ((h, claim.rho * reach) for h, reach in used):
+                if not profile(Curve(h.components[0]), gap).is_nondecreasing:
+                    return (
+                        f"Two agents in this box may differ by {significant(float(gap))}, and on such distances"
+                        f" h = {h.texts[0]} does not rise throughout: a neighbour farther away pulls less."
+                    )
         return ""
 
 
@@ -352,41 +329,35 @@ def _variant(check: Check) -> str:
     """Which quadratic certificate a ``lure`` check holds."""
     if not isinstance(check.claim, Lure):
         return ""
-    shape = "= c I" if check.claim.shape == "identity" else check.claim.shape
-    method = {"interval": "interval bound", "vertices": "corners"}.get(check.claim.method, "")
-    return ", ".join(filter(None, [method, f"P_e {shape}"]))
+    method = {"interval": "interval bound, ", "vertices": "corners, "}.get(check.claim.method, "")
+    return f"{method}P_e {'= c I' if check.claim.shape == 'identity' else check.claim.shape}"
 
 
-def _share(claim: Separable, disturbance: Fraction) -> Fraction:
-    """What |eps_i| <= disturbance may take of V: kappa s sqrt(size), rounded up."""
+def error_share(claim: Separable, disturbance: Fraction, *, unit: int) -> Fraction:
+    """What |eps_i| <= disturbance may take of V of a max-separable: kappa s sqrt(size), rounded up to 1/unit."""
     if claim.error is None:
         return Fraction(0)
-    return root_above((claim.error.kappa * disturbance) ** 2 * claim.error.size, unit=_UNIT)
+    return root_above((claim.error.kappa * disturbance) ** 2 * claim.error.size, unit=unit)
+
+
+def lure_and_level(claim: Lure | Shell) -> tuple[Lure, Fraction | None]:
+    """The quadratic V of a claim, and the level that holds its starts."""
+    return (claim.lure, claim.outer) if isinstance(claim, Shell) else (claim, claim.level)
 
 
 def _agents(problem: Problem, check: Check) -> tuple[AgentBound, ...]:
-    claim = check.claim
-    if problem.n > MOST_AGENTS or not isinstance(check.domain, Mapping) or not isinstance(claim, Separable):
+    claim, domain = check.claim, check.domain
+    if not isinstance(domain, Mapping) or not isinstance(claim, Separable) or claim.rho is None:
         return ()
-    if claim.rho is None:
+    if problem.n > MOST_AGENTS:
         return ()
-    room = claim.rho - _share(claim, claimed(check.domain["disturbance"]))
+    room = claim.rho - error_share(claim, claimed(domain["disturbance"]), unit=_UNIT)
     pinned = set(problem.pinning.agents)
     # Rounding may not take back what the domain claims.
-    least = float(check.domain["radius"])
-    return tuple(
-        AgentBound(
-            label=label,
-            bound=max(least, _down(room * weight)),
-            pinned=agent in pinned,
-            goal=None if problem.m > 1 else float(problem.goal_of(agent)[0]),
-        )
-        for agent, (label, weight) in enumerate(zip(problem.network.labels, claim.v, strict=True))
-    )
-
-
-def _floats(pair: tuple[Fraction, Fraction]) -> tuple[float, float]:
-    return float(pair[0]), float(pair[1])
+    bounds = [max(float(domain["radius"]), _down(room * weight)) for weight in claim.v]
+    goals = [None if problem.m > 1 else float(problem.goal_of(agent)[0]) for agent in range(problem.n)]
+    rows = enumerate(zip(problem.network.labels, bounds, goals, strict=True))
+    return tuple(AgentBound(label=a, bound=bound, pinned=k in pinned, goal=goal) for k, (a, bound, goal) in rows)
 
 
 def _down(value: Fraction) -> float:
@@ -395,11 +366,3 @@ def _down(value: Fraction) -> float:
 
 def _up(value: Fraction, digits: int = _DIGITS) -> float:
     return float(rounded_up(value, digits=digits))
-
-
-def _up_root(square: Fraction) -> float:
-    return _up(root_above(square, unit=_UNIT), digits=9)
-
-
-def _down_root(square: Fraction) -> float:
-    return _down(root_below(square, unit=_UNIT))

@@ -12,6 +12,7 @@ import re
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from decimal import Decimal
+from functools import partial
 from typing import Any
 
 from dobc_design._show.text import visible
@@ -27,40 +28,23 @@ from dobc_design.verdict import Verdict
 FORMAT = "dobc-certificate"
 VERSION = 1
 MAX_BYTES = 256 * 1024 * 1024
-KEYS = (
-    "format",
-    "version",
-    "program",
-    "problem",
-    "problem_sha256",
-    "verdict",
-    "reason",
-    "rate",
-    "covered_by",
-    "observer",
-    "notes",
-    "checks",
-)
 
 
 def certificate_document(claims: Claims) -> dict[str, Any]:
     """The JSON document of certificate.json."""
+    W, P, Q = (None if each is None else matrix_text(each) for each in (claims.W, claims.P, claims.Q))
+    options = {"options": list(claims.options)} if claims.options else {}
     return {
         "format": FORMAT,
         "version": VERSION,
-        "program": {"name": "dobc_design", "version": claims.version, **_options(claims)},
+        "program": {"name": "dobc_design", "version": claims.version, **options},
         "problem": claims.problem_name,
         "problem_sha256": claims.problem_sha256,
         "verdict": claims.verdict.value,
         "reason": claims.reason,
         "rate": claims.rate,
         "covered_by": claims.covered_by,
-        "observer": {
-            "W": _matrix(claims.W),
-            "source": claims.gain_source,
-            "P": _matrix(claims.P),
-            "Q": _matrix(claims.Q),
-        },
+        "observer": {"W": W, "source": claims.gain_source, "P": P, "Q": Q},
         "notes": list(claims.notes),
         "checks": [check.to_json() for check in claims.checks],
     }
@@ -77,12 +61,8 @@ def read_claims(data: bytes) -> Claims:
     if len(data) > MAX_BYTES:
         raise CertificateError(f"the certificate is too large ({len(data)} bytes).", cure="It is not one of ours.")
     try:
-        document = json.loads(
-            data.decode("utf-8"),
-            parse_float=_claimed_float,
-            parse_constant=_no_constant,
-            object_pairs_hook=_no_duplicates,
-        )
+        numbers = partial(json.loads, parse_float=_claimed_float, parse_constant=_no_constant)
+        document = numbers(data.decode("utf-8"), object_pairs_hook=_no_duplicates)
         if not isinstance(document, dict) or document.get("format") != FORMAT:
             raise ValueError(f'it must hold an object with "format": "{FORMAT}"')
         if type(document["version"]) is not int or document["version"] != VERSION:  # true and 1.0 equal 1
@@ -99,7 +79,8 @@ def read_claims(data: bytes) -> Claims:
 
 
 def _claims(document: dict[str, Any]) -> Claims:
-    require_keys(document, "the certificate", needed=KEYS)
+    keys = "format version program problem problem_sha256 verdict reason rate covered_by observer notes checks"
+    require_keys(document, "the certificate", needed=keys.split())
     program, observer, checks = document["program"], document["observer"], document["checks"]
     require_keys(program, "program", needed=("name", "version"), allowed=("options",))
     require_keys(observer, "observer", needed=("W", "source", "P", "Q"))
@@ -116,28 +97,18 @@ def _claims(document: dict[str, Any]) -> Claims:
         rate=number_or_none(document["rate"]),
         covered_by=None if document["covered_by"] is None else _text(document["covered_by"], "covered_by"),
         checks=tuple(check_from_json(item) for item in checks),
-        W=_read_matrix(observer["W"], "observer.W"),
         gain_source=None if observer["source"] is None else _text(observer["source"], "observer.source"),
-        P=_read_matrix(observer["P"], "observer.P"),
-        Q=_read_matrix(observer["Q"], "observer.Q"),
+        **{name: _read_matrix(observer[name], f"observer.{name}") for name in ("W", "P", "Q")},
         notes=tuple(_text(note, "notes") for note in notes),
         version=_text(program["version"], "program.version"),
         options=tuple(_text(option, "program.options") for option in options),
     )
 
 
-def _options(claims: Claims) -> dict[str, list[str]]:
-    return {"options": list(claims.options)} if claims.options else {}
-
-
 def _text(value: Any, key: str) -> str:
     if not isinstance(value, str):
         raise TypeError(f"{key} must be text")
     return value
-
-
-def _matrix(matrix: Matrix | None) -> list[list[str]] | None:
-    return None if matrix is None else matrix_text(matrix)
 
 
 def _read_matrix(value: Any, key: str) -> Matrix | None:
@@ -182,12 +153,11 @@ def writable(check: Check) -> Check:
 
     Nothing untrue comes of it: a check may always claim less.
     """
-    if _fits(check):
-        return check
-    if isinstance(check.claim, Unstable):  # with a lower bound that Lemma 1 may leave out
-        shorter = replace(check, claim=Unstable(roots=check.claim.roots))
-        if _fits(shorter):
-            return shorter
+    claim = check.claim  # Lemma 1 may leave out its lower bound
+    shorter = replace(check, claim=Unstable(roots=claim.roots)) if isinstance(claim, Unstable) else check
+    for each in (check, shorter):
+        if _fits(each):
+            return each
     return Check(
         id=check.id,
         mode=check.mode,
@@ -203,8 +173,10 @@ def writable(check: Check) -> Check:
 def _fits(check: Check) -> bool:
     witness = check.witness
     values = () if witness is None or witness.values is None else witness.values
-    if not all(_is_short_text(text) for text in _numbers_in([check.exact, values])):
-        return False
+    for text in _numbers_in([check.exact, values]):
+        long = [digits for digits in _DIGITS.findall(text) if len(digits) > LONGEST_COEFFICIENT]
+        if long if "s" in text else len(text) > LONGEST:  # s: a polynomial
+            return False
     if witness is None or witness.kind != "vector":
         return True
     broken = (text for text in values if not text.lstrip("-").isdigit())
@@ -221,9 +193,3 @@ def _numbers_in(part: object) -> Iterator[str]:
     elif isinstance(part, Sequence):
         for each in part:
             yield from _numbers_in(each)
-
-
-def _is_short_text(text: str) -> bool:
-    if "s" in text:  # a polynomial
-        return all(len(digits) <= LONGEST_COEFFICIENT for digits in _DIGITS.findall(text))
-    return len(text) <= LONGEST

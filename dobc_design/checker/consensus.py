@@ -73,13 +73,6 @@ def hurwitz(group: Any, W: Matrix | None) -> Fact:
     return end == 0, None if end else {"routh": column}, {"kind": "routh_row", "values": column[: end + 1]}
 
 
-def reachability(p: Problem, mode: str) -> Fact:
-    """Every agent is pinned, or hears a pinned one, directly or through others."""
-    reached = reach(p.gains, p.edges([mode], False))
-    rest = [label for i, label in enumerate(p.labels) if i not in reached]
-    return not rest, None, {"kind": "agents", "labels": rest}
-
-
 OF_GROUPS = {"observability": observability, "detectability": detectability, "hurwitz": hurwitz}
 
 
@@ -88,14 +81,14 @@ def fact(case: Certificate, check: Any) -> None:
     if check.id in OF_GROUPS:
         group, W = own(case, check.group)
         found, exact, witness = OF_GROUPS[check.id](group, W)
-    else:
-        found, exact, witness = reachability(case.problem, check.mode)
+    else:  # every agent is pinned, or hears a pinned one, directly or through others
+        p, group, W = case.problem, None, None
+        reached = reach(p.gains, p.edges([check.mode], False))
+        rest = [label for i, label in enumerate(p.labels) if i not in reached]
+        found, exact, witness = not rest, None, {"kind": "agents", "labels": rest}
     need(check.margin is None, "it has no margin to claim")
     need(check.rate is None or check.id == "hurwitz", "it has no rate to claim")
-    need(
-        check.rate is None or (check.rate > 0 and stable(closed(group, W, check.rate))),
-        "the rate is not shown",
-    )
+    need(check.rate is None or (check.rate > 0 and stable(closed(group, W, check.rate))), "the rate is not shown")
     need((check.verdict == "proved") == found, f"it is {'proved' if found else 'refuted'} here")
     need(same(check.exact, exact), "the exact value is another one here")
     need(same(check.witness, None if found else witness), "the witness is another one here")
@@ -188,7 +181,7 @@ def decreases(case: Certificate, mode: str, shift: Fraction, S: Matrix | None) -
     show this, with room for every block."""
     p, m = case.problem, case.problem.m
     blocks = [p.block(S, group.agents[0]) for group in p.groups] if S else [identity(m, 0)]
-    left = room(case, mode)
+    left = case.rooms[mode] if mode in case.rooms else case.rooms.setdefault(mode, room(case, mode))
     if left is not None:
         return all(definite(plus(identity(m, left - shift), -1, each)) for each in blocks)
 

@@ -6,15 +6,15 @@ from functools import partial
 from typing import Any
 
 from .consensus import OF_GROUPS, closed, consensus, fact, observable, observer
-from .equilibrium import equilibrium
 from .files import Certificate, Problem
 from .matrices import product, stable
 from .quadratic import exhaustive, lure
 from .reading import MAX_BYTES, Refused, need, rational
 from .schedule import settling
-from .separable import delay, max_separable, sampling
+from .separable import delay, equilibrium, max_separable, sampling
 
 __all__ = ["MAX_BYTES", "Refused", "examine"]
+
 
 FACTS = (*OF_GROUPS, "reachability")
 REGIONAL: dict[str, Callable[[Certificate, Any], None]] = {
@@ -34,17 +34,15 @@ def examine(certificate: bytes, problem: bytes) -> list[tuple[bool, str]]:
     Raises: Refused if one of the two files is not what the format page describes.
     """
     case = Certificate(certificate, Problem(problem))
-    stages: list[list[tuple[str, Callable[[], None]]]] = [
-        [
-            ("it belongs to this problem", partial(belonging, case)),
-            ("its list of checks", partial(completeness, case)),
-            ("its observer gain and pair (P, Q)", partial(observer, case)),
-        ],
-        [(f"{check.id} {check.mode or ''}: {check.verdict}", partial(confirm, case, check)) for check in case.checks],
-        [(f"overall verdict: {case.claims.verdict}", partial(overall, case))],
+    first: list[tuple[str, Callable[[], None]]] = [
+        ("it belongs to this problem", partial(belonging, case)),
+        ("its list of checks", partial(completeness, case)),
+        ("its observer gain and pair (P, Q)", partial(observer, case)),
     ]
+    each = [(f"{check.id} {check.mode or ''}: {check.verdict}", partial(confirm, case, check)) for check in case.checks]
+    last = [(f"overall verdict: {case.claims.verdict}", partial(overall, case))]
     findings: list[tuple[bool, str]] = []
-    for title, step in (step for stage in stages if all(holds for holds, _ in findings) for step in stage):
+    for title, step in (step for stage in (first, each, last) if all(ok for ok, _ in findings) for step in stage):
         try:
             step()
             findings.append((True, title))
@@ -66,8 +64,7 @@ def completeness(case: Certificate) -> None:
     p = case.problem
     wanted: list[Any] = [(id, mode, None) for mode in p.modes for id in ("reachability", "lemma1")]
     wanted += [(id, None, group) for id in OF_GROUPS for group in p.names]
-    wanted += [(case.theorem, None, None)] if p.q else []
-    wanted += [(case.theorem + "-printed", None, None)] if p.P is not None else []
+    wanted += [(case.theorem, None, None)] * (p.q > 0) + [(case.theorem + "-printed", None, None)] * (p.P is not None)
     found = [(check.id, check.mode, check.group) for check in case.checks]
     need(set(found) <= {*wanted, *((id, None, None) for id in REGIONAL)}, "there is a check that nobody asked for")
     need(len(set(found)) == len(found), "a check stands there twice")
@@ -140,14 +137,10 @@ def refuted(case: Certificate) -> bool:
     if p.escapes() or (p.region is not None and any(check.id == "equilibrium" for check in found)):
         return True
     disturbed = p.region is None or (p.region.initial_disturbance or 0) > 0
-    if disturbed and any(lasting(group) for group in p.groups if group.W is not None):
-        return True
+    for group in (each for each in p.groups if disturbed and each.W is not None):  # an observable error does not decay
+        T, columns = observable(group)
+        if not stable([[row[k] for k in columns] for row in product(T, closed(group, group.W))]):
+            return True
     sides = [] if p.region is None else p.region.initial_states
     inside = all(lo < goal[c] < hi for goal in p.goals for c, (lo, hi) in enumerate(sides))
     return inside and any(rational(check.exact["unstable_roots"]) > 0 for check in found if check.id == "lemma1")
-
-
-def lasting(group: Any) -> bool:
-    """True if the own gain of the group leaves an observable error which does not decay."""
-    T, columns = observable(group)
-    return not stable([[row[k] for k in columns] for row in product(T, closed(group, group.W))])

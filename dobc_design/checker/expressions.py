@@ -79,10 +79,8 @@ OPERATIONS: dict[type, Operation] = {
     ast.Div: (divided, lambda x, y, f: (divided(like(y, 1), y), negative(divided(f, y)))),
 }
 DEGREES: dict[type, Callable[[float, float], float]] = {
-    ast.Add: max,
-    ast.Sub: max,
-    ast.Mult: add,
-    ast.Div: lambda a, b: math.inf if b else a,
+    **dict.fromkeys((ast.Add, ast.Sub), max),
+    **{ast.Mult: add, ast.Div: lambda a, b: math.inf if b else a},
 }
 SMOOTH: dict[str, Operation] = {
     "exp": (partial(intervals.by_decimal, "exp"), lambda x, f: (f,)),
@@ -156,10 +154,8 @@ class Expression:
 
     def read_power(self, base: ast.expr, exponent: str) -> int:
         """An expression to an integer power."""
-        need(
-            re.fullmatch(r"-?[0-9]{1,2}", exponent) is not None and abs(int(exponent)) <= 64,
-            "an exponent is no integer up to 64",
-        )
+        short = re.fullmatch(r"-?[0-9]{1,2}", exponent) is not None
+        need(short and abs(int(exponent)) <= 64, "an exponent is no integer up to 64")
         n, place = int(exponent), self.read(base)
         degree = self.steps[place].degree
         polynomial = degree < math.inf and (n >= 0 or degree == 0)

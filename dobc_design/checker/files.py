@@ -52,27 +52,20 @@ class Problem:
         need(1 <= m <= 100, "the dimension is not between 1 and 100")
 
         agent = partial(index, n)
-        file = read(
-            source,
-            {
-                "format": text,
-                "version": None,
-                "name": text,
-                "notes": [text],
-                "labels": None,
-                "dimension": None,
-                "target": (rational,) * m,
-                "modes": [{"name": text, "arcs": [(agent, agent, rational)]}],
-                "coupling": {"h": self.read_h, "exceptions": [{"arc": (agent, agent), "h": self.read_h}]},
-                "gains": [(agent, matrix(m, m))],
-                "exosystem": maybe(an_object),
-                "offsets": [(agent, (rational,) * m)],
-                "observer": {"W": None, "P": None, "rate": maybe(rational)},
-                "region": maybe({"initial_states": matrix(m, 2), "initial_disturbance": maybe(rational)}),
-                "switching": None,
-                "simulation": None,
-            },
-        )
+        shape = dict.fromkeys(("version", "labels", "dimension", "switching", "simulation")) | {
+            "format": text,
+            "name": text,
+            "notes": [text],
+            "target": (rational,) * m,
+            "modes": [{"name": text, "arcs": [(agent, agent, rational)]}],
+            "coupling": {"h": self.read_h, "exceptions": [{"arc": (agent, agent), "h": self.read_h}]},
+            "gains": [(agent, matrix(m, m))],
+            "exosystem": maybe(an_object),
+            "offsets": [(agent, (rational,) * m)],
+            "observer": {"W": None, "P": None, "rate": maybe(rational)},
+            "region": maybe({"initial_states": matrix(m, 2), "initial_disturbance": maybe(rational)}),
+        }
+        file = read(source, shape)
         self.name, self.notes, self.region = file.name, file.notes, file.region
         self.gains: dict[int, Matrix] = dict(file.gains)
         offsets = dict(file.offsets)
@@ -83,9 +76,8 @@ class Problem:
         self.couplings = list(known.values())  # all different, h first
         self.kinked = any(coupling.kinked for coupling in self.couplings)
         self.domain = "global" if all(coupling.straight for coupling in self.couplings) else "consensus"
-        self.modes = {
-            mode.name: [Arc(i, j, w, known[exceptions.get((i, j), h)]) for i, j, w in mode.arcs] for mode in file.modes
-        }
+        arcs = {mode.name: mode.arcs for mode in file.modes}
+        self.modes = {mode: [Arc(i, j, w, known[exceptions.get((i, j), h)]) for i, j, w in arcs[mode]] for mode in arcs}
         need(0 < len(file.modes) == len(self.modes), "modes have to be different, and at least one")
         self.heard: dict[str, list[list[Arc]]] = {mode: [[] for _ in range(n)] for mode in self.modes}
         for mode, arc in ((mode, arc) for mode, arcs in self.modes.items() for arc in arcs):
@@ -168,19 +160,18 @@ class Problem:
 
     @cached_property
     def bounds(self) -> dict[str, Rows]:
-        """The bound of Lambda in every mode."""
-        return {mode: self.bound(mode) for mode in self.modes}
-
-    def bound(self, mode: str) -> Rows:
-        """A rational U with Lambda <= U for every slope in its enclosure: one that is off by r moves v'Lambda v by at
-        most 2 r |v_a| |v_b - v_c| <= r (2 v_a^2 + v_b^2 + v_c^2)."""
-        rows: Rows = [{i: ZERO} for i in range(self.n * self.m + 1)]
-        for a, b, c, (lo, hi) in self.terms(mode):
-            x, r = (lo + hi) / 2, (hi - lo) / 2
-            wide = ((a, a, 2 * r), (b, b, r), (c, c, r)) if r else ()
-            for i, j, y in ((a, b, x), (b, a, x), (a, c, -x), (c, a, -x), *wide):
-                rows[i][j] = rows[i].get(j, ZERO) + y
-        return [{j: x for j, x in row.items() if j < self.n * self.m} for row in rows[:-1]]
+        """In every mode a rational U with Lambda <= U for every slope in its enclosure: one that is off by r moves
+        v'Lambda v by at most 2 r |v_a| |v_b - v_c| <= r (2 v_a^2 + v_b^2 + v_c^2)."""
+        size, found = self.n * self.m, dict[str, Rows]()
+        for mode in self.modes:
+            rows: Rows = [{i: ZERO} for i in range(size + 1)]
+            for a, b, c, (lo, hi) in self.terms(mode):
+                x, r = (lo + hi) / 2, (hi - lo) / 2
+                wide = ((a, a, 2 * r), (b, b, r), (c, c, r)) if r else ()
+                for i, j, y in ((a, b, x), (b, a, x), (a, c, -x), (c, a, -x), *wide):
+                    rows[i][j] = rows[i].get(j, ZERO) + y
+            found[mode] = [{j: x for j, x in row.items() if j < size} for row in rows[:-1]]
+        return found
 
     def low(self, mode: str, v: list[Fraction]) -> Fraction:
         """A lower bound of v'Lambda v, exact where the slopes that take part are; v ends with a 0."""
@@ -245,15 +236,10 @@ def reach(starts: Collection[int], edges: list[list[int]]) -> set[int]:
 
 # --- certificate.json -------------------------------------------------------------------------------------------------
 STARTS = {"kind": text, "radius": maybe(json_number), "disturbance": maybe(json_number)}
-CHECK = {
-    "id": text,
-    "verdict": text,
+CHECK = dict.fromkeys(("id", "verdict", "reason", "mode?", "group?"), text) | {
     "domain": lambda value: value if type(value) is str else read(value, STARTS),
     "margin": maybe(json_number),
     "rate": maybe(json_number),
-    "reason": text,
-    "mode?": text,
-    "group?": text,
     "exact?": an_object,
     "witness?": an_object,
     "fix?": {"kind": text, "set": an_object, "text": text},
@@ -266,24 +252,18 @@ class Certificate:
     def __init__(self, data: bytes, problem: Problem) -> None:
         self.problem = problem
         gain, P = maybe(matrix(problem.q, len(problem.C))), maybe(matrix(problem.q, problem.q))
-        self.claims = read(
-            document(data, "dobc-certificate"),
-            {
-                "format": text,
-                "version": None,
-                "program": {"name": text, "version": text, "options?": [text]},
-                "problem": text,
-                "problem_sha256": text,
-                "verdict": text,
-                "rate": maybe(json_number),
-                "covered_by": maybe(text),
-                "observer": {"W": gain, "source": maybe(text), "P": P, "Q": gain},
-                "checks": [CHECK],
-                "reason": text,
-                "notes": [text],
-            },
-        )
+        shape = dict.fromkeys(("format", "problem", "problem_sha256", "verdict", "reason"), text) | {
+            "version": None,
+            "program": {"name": text, "version": text, "options?": [text]},
+            "rate": maybe(json_number),
+            "covered_by": maybe(text),
+            "observer": {"W": gain, "source": maybe(text), "P": P, "Q": gain},
+            "checks": [CHECK],
+            "notes": [text],
+        }
+        self.claims = read(document(data, "dobc-certificate"), shape)
         self.checks, self.W, self.P = self.claims.checks, self.claims.observer.W, self.claims.observer.P
         for X in ([] if problem.W else self.W, self.P):
             short((x for row in X or [] for x in row), MATRIX_BITS)
         self.theorem = "theorem1" if len(problem.modes) == 1 else "theorem2"
+        self.rooms: dict[str, Fraction | None] = {}  # of the modes, once they are known (consensus.room)

@@ -23,10 +23,8 @@ NOTHING, ONE = (0.0, 0.0), (1.0, 1.0)
 
 EXACT_BITS, PRECISION = 1536, 256  # a longer rational is enclosed; bits of an enclosure
 LARGEST = 1e300  # of the floating-point numbers followed here
-CONTEXTS = {
-    kind: [decimal.Context(digits, way) for way in (decimal.ROUND_FLOOR, decimal.ROUND_CEILING)]
-    for kind, digits in ((float, 22), (Fraction, 80))
-}
+WAYS = decimal.ROUND_FLOOR, decimal.ROUND_CEILING
+CONTEXTS = {kind: [decimal.Context(digits, way) for way in WAYS] for kind, digits in ((float, 22), (Fraction, 80))}
 PLACES: dict[type, int] = {float: 160, Fraction: 330}  # binary places of the integers that sin and atan are made of
 SLACK = 60  # the error of such an integer is at most 2^SLACK units
 FAR = 2**14  # exp is followed up to there
@@ -154,19 +152,14 @@ def growing(at: Callable[[Real], Interval[Real]], x: Interval[Real]) -> Interval
 
 
 # --- exp, ln and sqrt: the decimal module rounds them correctly, so that one unit further out is outside --------------
-def exactly(name: str, x: Fraction | float) -> Fraction | None:
-    """The values that are rational by the rules of the format page: exp 0, ln 1, and roots of squares."""
-    top, bottom = x.as_integer_ratio()
-    root = Fraction(math.isqrt(max(0, top)), math.isqrt(bottom)) if name == "sqrt" else Fraction(0)
-    where, value = {"exp": (Fraction(0), Fraction(1)), "ln": (Fraction(1), Fraction(0)), "sqrt": (root**2, root)}[name]
-    return value if x == where else None
-
-
 def by_decimal(name: str, x: Interval[Real]) -> Interval[Real]:
-    """exp, ln or sqrt, all of which are nondecreasing."""
+    """exp, ln or sqrt, all of which are nondecreasing. Rational by the rules of the format page are exp 0, ln 1, and
+    roots of squares."""
     (lo, hi), kind = x, type(x[0])
-    value = exactly(name, lo) if lo == hi else None
-    if value is not None:
+    top, bottom = lo.as_integer_ratio()
+    root = Fraction(math.isqrt(max(0, top)), math.isqrt(bottom)) if name == "sqrt" else Fraction(0)
+    where, value = {"exp": (0, Fraction(1)), "ln": (1, Fraction(0)), "sqrt": (root**2, root)}[name]
+    if lo == hi == where:
         return like(x, value)
 
     known = {"exp": hi < FAR, "ln": lo > 0, "sqrt": lo >= 0}
@@ -191,7 +184,10 @@ def hyperbolic_tangent(x: Interval[Real]) -> Interval[Real]:
 def inverse_sine(x: Interval[Real]) -> Interval[Real]:
     """asinh, log(z + sqrt(1 + z^2)) for z >= 0."""
     return growing(
-        odd(lambda z: by_decimal("ln", added((z, z), by_decimal("sqrt", added(like((z, z), 1), power((z, z), 2)))))), x
+        odd(
+            lambda z: by_decimal("ln", added((z, z), by_decimal("sqrt", added(like((z, z), 1), times((z, z), (z, z))))))
+        ),
+        x,
     )
 
 
@@ -250,7 +246,7 @@ def half_turn(bits: int) -> int:
 
 
 PI: Exact = between(
-    half_turn(PLACES[Fraction]) - 2**SLACK, half_turn(PLACES[Fraction]) + 2**SLACK, PLACES[Fraction], Fraction
+    *(half_turn(PLACES[Fraction]) + slack for slack in (-(2**SLACK), 2**SLACK)), PLACES[Fraction], Fraction
 )
 
 

@@ -14,18 +14,7 @@ from .consensus import schur
 from .expressions import Coupling, variables
 from .files import Certificate, Problem
 from .intervals import NOTHING, Floats, added, dot, enclosed, negative, times, total
-from .matrices import (
-    ZERO,
-    Matrix,
-    definite,
-    diagonal,
-    identity,
-    largest,
-    nonnegative,
-    plus,
-    product,
-    transpose,
-)
+from .matrices import ZERO, Matrix, definite, diagonal, identity, largest, nonnegative, plus, product, transpose
 from .reading import MATRIX_BITS, Refused, an_object, index, integer, matrix, maybe, need, rational, read, short, text
 from .separable import CELLS, Curve, below, follow, starts, throughout
 
@@ -40,9 +29,8 @@ Ranges = dict[Coupling, Any]  # the gains [lo, hi] of a coupling, m x m of them
 def lure(case: Certificate, check: Any) -> None:
     """V decreases, and the level set holds all starts of the domain."""
     claim = read_quadratic(case, check.exact, check.rate)
-    if claim.level is None:
-        need(check.domain == "global", "it has no level and is not global")
-    else:
+    need(claim.level is not None or check.domain == "global", "it has no level and is not global")
+    if claim.level is not None:
         holds_ball(case, check.domain, claim, claim.level)
 
 
@@ -105,9 +93,8 @@ def read_form(size: int, value: Any) -> Matrix:
 
 def noise(case: Certificate, claim: Any) -> Matrix:
     """I (x) S: what eps costs."""
-    p = case.problem
-    S = schur(case, claim.P, claim.rate) if p.q else identity(p.m, 0)
-    return diagonal([p.block(S, i) for i in range(p.n)])
+    S = schur(case, claim.P, claim.rate) if case.problem.q else identity(case.problem.m, 0)
+    return diagonal([case.problem.block(S, i) for i in range(case.problem.n)])
 
 
 def inside(P_e: Matrix, z: list[Fraction], square: Fraction, limit: Fraction) -> bool:
@@ -124,14 +111,12 @@ def contained(p: Problem, P_e: Matrix, square: Fraction, radius: Fraction | None
 
 def relied(p: Problem) -> set[tuple[int, int]]:
     """The rows of e_id and e_jd for each difference e_jd - e_id that a coupling depends on, if it is not linear."""
-    arcs = [(arc, d) for heard in p.modes.values() for arc in heard for d in range(p.m) if not arc.coupling.straight]
-    return {(arc.i * p.m + d, arc.j * p.m + d) for arc, d in arcs if bends(arc.coupling, d)}
-
-
-def bends(h: Coupling, d: int) -> bool:
-    """Whether one of the expressions that are not linear holds y_d."""
-    bent = [each for each, part in zip(h.h, h.parts, strict=True) if part.degree > 1]
-    return h.single or any(re.search(rf"y{d + 1}(?![0-9])", each) for each in bent)
+    found = set()
+    for (i, j, _, h), d in ((arc, d) for heard in p.modes.values() for arc in heard for d in range(p.m)):
+        bent = [each for each, part in zip(h.h, h.parts, strict=True) if part.degree > 1]
+        if not h.straight and (h.single or any(re.search(rf"y{d + 1}(?![0-9])", each) for each in bent)):
+            found.add((i * p.m + d, j * p.m + d))
+    return found
 
 
 # --- gains of the couplings
@@ -182,11 +167,8 @@ def slopes_inside(h: Coupling, gains: Any, box: list[Floats], halvings: int) -> 
     """All slopes lie inside the gains on the box, or on both halves of it."""
     m = len(box)
     rows = [h.parts[c].at(*variables(box))[1] or (NOTHING,) * m for c in range(m)]
-    shown = all(
-        low <= Fraction(x) and Fraction(y) <= high
-        for row, gain in zip(rows, gains, strict=True)
-        for (x, y), (low, high) in zip(row, gain, strict=True)
-    )
+    pairs = [pair for row, gain in zip(rows, gains, strict=True) for pair in zip(row, gain, strict=True)]
+    shown = all(low <= Fraction(x) and Fraction(y) <= high for (x, y), (low, high) in pairs)
     lo, hi = side = max(box, key=lambda each: each[1] - each[0])
     k, middle = box.index(side), (lo + hi) / 2
     halves = [[*box[:k], half, *box[k + 1 :]] for half in ((lo, middle), (middle, hi))]
@@ -244,16 +226,10 @@ def exhaustive(case: Certificate, check: Any) -> None:
     need(claim.outer >= claim.level, "the outer level is below the level")
     holds_ball(case, check.domain, claim, claim.outer)
     need(half > 0, "half is not positive")
-    odd = half.numerator // (half.numerator & -half.numerator)
-    need(
-        odd.bit_length() <= 20 and half.denominator & (half.denominator - 1) == 0,
-        "half is no integer of 20 bits times a power of 2",
-    )
+    odd, binary = half.numerator // (half.numerator & -half.numerator), half.denominator & (half.denominator - 1) == 0
+    need(odd.bit_length() <= 20 and binary, "half is no integer of 20 bits times a power of 2")
     need(half < 2**200, "half leaves the range of numbers followed here")
-    need(
-        all(inside(claim.P_e, z, claim.outer, half) for z in identity(size)),
-        "the outer level set leaves the box",
-    )
+    need(all(inside(claim.P_e, z, claim.outer, half) for z in identity(size)), "the outer level set leaves the box")
 
     fields, left = [field(p, mode, claim, costs) for mode in p.modes], PIECES
     for box in leaves(claim.tree, ((-float(half),) * size, (float(half),) * size)):
@@ -328,17 +304,9 @@ def field(p: Problem, mode: str, claim: Any, costs: Matrix) -> Field:
     P_e, m = claim.P_e, p.m
     half = plus(product(P_e, p.gain_matrix()), -claim.rate, P_e)
     M = plus(product(product(P_e, costs), P_e), -1, plus(half, 1, transpose(half)))
-    arcs = [
-        (Curve(arc.coupling, False), enclosed(arc.w), arc.i * m + c, arc.j * m + c)
-        for arc in p.modes[mode]
-        for c in range(m)
-    ]
-    return Field(rounded(M), rounded(P_e), arcs)
-
-
-def rounded(X: Matrix) -> list[list[Floats]]:
-    """The matrix between floating-point numbers."""
-    return [[enclosed(x) for x in row] for row in X]
+    pairs = [(arc, arc.i * m + c, arc.j * m + c) for arc in p.modes[mode] for c in range(m)]
+    arcs = [(Curve(arc.coupling, False), enclosed(arc.w), a, b) for arc, a, b in pairs]
+    return Field(*([[enclosed(x) for x in row] for row in X] for X in (M, P_e)), arcs)
 
 
 # --- every box

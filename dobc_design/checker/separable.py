@@ -1,6 +1,6 @@
 """max-separable, delay and sampling: N = max |e_ic| / v_i decreases, shown row by row on every face of a box.
 
-With an exosystem V = N + kappa max sqrt(eps_i'P eps_i) decreases.
+With an exosystem V = N + kappa max sqrt(eps_i'P eps_i) decreases. At the end: equilibrium, another place of rest.
 """
 
 import heapq
@@ -14,12 +14,13 @@ from operator import itemgetter
 from typing import Any, NamedTuple
 
 from .consensus import omega
-from .expressions import Coupling
+from .expressions import Coupling, variables
 from .files import Arc, Certificate, Problem
-from .intervals import NOTHING, ONE, Floats, added, by_decimal, enclosed, hull, negative, times, total
-from .matrices import ZERO, definite, identity, integers, plus, product, semidefinite, transpose
-from .reading import MATRIX_BITS, an_object, matrix, maybe, need, rational, read, short, text, weights
+from .intervals import NOTHING, ONE, Floats, added, by_decimal, dot, enclosed, hull, negative, times, total
+from .matrices import ZERO, Matrix, definite, echelon, identity, integers, plus, product, semidefinite, transpose
+from .reading import MATRIX_BITS, an_object, matrix, maybe, need, rational, read, same, short, text, weights
 
+EQUATIONS = 60  # of an equilibrium at most
 PIECES = 20_000  # into which one row is cut at most
 CELLS = 12  # halvings of an interval on which the sign of a slope is sought
 
@@ -218,19 +219,15 @@ def composite(case: Certificate, claim: Any) -> None:
         need(transpose(P) == P and definite(P), "P > 0 is not shown")
         zeros = identity(case.problem.q, 0)
         need(semidefinite(plus(zeros, -1, omega(case, P, claim.beta))), "beta is not shown")
-        need(
-            all(semidefinite(plus(P, -1, product(transpose([c]), [c]))) for c in case.problem.C),
-            "c'c <= P is not shown",
-        )
+        squares = [product(transpose([c]), [c]) for c in case.problem.C]
+        need(all(semidefinite(plus(P, -1, square)) for square in squares), "c'c <= P is not shown")
         need(semidefinite(plus(identity(case.problem.q, claim.size), -1, P)), "P <= size I is not shown")
 
 
 def starts(case: Certificate, domain: Any, kind: str) -> None:
     """The domain is a box or ball of starts."""
-    need(
-        type(domain) is not str and domain.kind == kind and None not in (domain.radius, domain.disturbance),
-        f"the domain is no {kind}",
-    )
+    whole = type(domain) is not str and None not in (domain.radius, domain.disturbance)
+    need(whole and domain.kind == kind, f"the domain is no {kind}")
     need(domain.radius > 0 and domain.disturbance >= 0, f"the {kind} is empty")
     need(case.problem.q > 0 or domain.disturbance == 0, "there is a disturbance, but no exosystem")
 
@@ -286,26 +283,17 @@ def tables(claim: Any, arcs: Iterable[tuple[Coupling, int, int]], bottom: int, w
 
 def linear_row(row: Row) -> bool:
     """True if a row of linear couplings holds: its two faces are the same, and s does not matter."""
-    suprema = (
-        w * max(g * y for g in h.slope(0, 0) for y in (top - row.own, -top - row.own)) for h, w, top in row.terms
-    )
+    ends = [(h.slope(0, 0), w, (top - row.own, -top - row.own)) for h, w, top in row.terms]
+    suprema = (w * max(g * y for g in slopes for y in sides) for slopes, w, sides in ends)
     return all(h.straight for h, _, _ in row.terms) and sum(suprema, ZERO) <= row.c
 
 
 def curved_row(row: Row, bottom: int, rho: Fraction, curves: Curves, mirrored: bool) -> bool:
     """One face of a row, on pieces of (0, rho]."""
-    unit = max(
-        Fraction(1), *(x / 2**400 for x in (abs(row.c) / bottom, *(w for _, w, _ in row.terms)))
-    )  # for huge ones
-    c = enclosed(row.c / bottom / unit)
+    unit = max(Fraction(2**400), abs(row.c) / bottom, *(w for _, w, _ in row.terms)) / 2**400  # for huge ones
+    c, side = enclosed(row.c / bottom / unit), lambda x: enclosed(Fraction(x, bottom))
     terms = [
-        (
-            curves[h, mirrored],
-            enclosed(w / unit),
-            enclosed(Fraction(top + row.own, bottom)),
-            enclosed(Fraction(top - row.own, bottom)),
-        )
-        for h, w, top in row.terms
+        (curves[h, mirrored], enclosed(w / unit), side(top + row.own), side(top - row.own)) for h, w, top in row.terms
     ]
 
     def settled(a: float, b: float) -> bool:
@@ -354,24 +342,16 @@ def sampling(case: Certificate, check: Any) -> None:
 
     @cache
     def slope(h: Coupling, mirrored: bool, own: int, other: int, closely: bool) -> Fraction:
-        return (
-            max(ZERO, h.slope(0, 0)[1])
-            if claim.rho is None
-            else mean_slope(curves[h, mirrored], enclosed(claim.rho)[1], (own, other, bottom), closely)
-        )
+        rho, v = claim.rho and enclosed(claim.rho)[1], (own, other, bottom)
+        return mean_slope(curves[h, mirrored], rho, v, closely) if rho else max(ZERO, h.slope(0, 0)[1])
 
     def short(i: int, heard: list[Arc], mirrored: bool, closely: bool) -> bool:
         slopes = (arc.w * slope(arc.coupling, mirrored, v[i], v[arc.j], closely) for arc in heard)
-        return bool(
-            exact.period * sum(slopes, p.largest_gain(i)) <= 1
-        )  # in rationals: periods like 1 are often the largest
+        return bool(exact.period * sum(slopes, p.largest_gain(i)) <= 1)  # exact: a period of 1 is often the largest
 
-    for i, heard in agents:
-        for mirrored in (False, True):
-            need(
-                any(short(i, heard, mirrored, closely) for closely in (False, True)),
-                f"the period is too long for agent {p.labels[i]}",
-            )
+    for i, heard, mirrored in ((*agent, mirrored) for agent in agents for mirrored in (False, True)):
+        shown = any(short(i, heard, mirrored, closely) for closely in (False, True))
+        need(shown, f"the period is too long for agent {p.labels[i]}")
 
 
 def mean_slope(curve: Curve, rho: float, v: tuple[int, int, int], closely: bool) -> Fraction:
@@ -387,3 +367,57 @@ def mean_slope(curve: Curve, rho: float, v: tuple[int, int, int], closely: bool)
         mean += Fraction(slope) / 8 if k else 0
         left = right
     return mean
+
+
+# --- equilibrium: a box that holds one of h(e) - K e other than 0, by the test of Krawczyk ----------------------------
+def equilibrium(case: Certificate, check: Any) -> None:
+    """c - Y f(c) + (I - Y F'(X)) (X - c) lies inside X, so that f vanishes somewhere in X."""
+    p, size = case.problem, case.problem.n * case.problem.m
+    need(size <= EQUATIONS, f"an equilibrium is looked at up to {EQUATIONS} equations")
+    exact = read(check.exact, {"mode": text, "box": ((rational, rational),) * size})
+    mode, box = exact.mode, exact.box
+    need(mode in p.modes, "there is no such mode")
+    middle = [(lo + hi) / 2 for lo, hi in box]
+    need(same(check.witness, {"kind": "start", "values": middle}), "the witness is not the middle of the box")
+    need(any(lo > 0 or hi < 0 for lo, hi in box), "the box contains the target")
+    if p.region is not None:
+        sides = [(side, goal[c]) for goal in p.goals for c, side in enumerate(p.region.initial_states)]
+        for (lo, hi), ((low, high), goal) in zip(box, sides, strict=True):
+            need(low <= lo + goal and hi + goal <= high, "the box leaves the region")
+
+    (_, slopes), (values, _) = forces(p, mode, box), forces(p, mode, [[x, x] for x in middle])
+    rough = [[Fraction(round(sum(row.get(k, NOTHING)) * 2**30), 2**31) for k in range(size)] for row in slopes]
+    rows, _ = echelon([x + unit for x, unit in zip(rough, identity(size), strict=True)])
+    for a, (lo, hi) in enumerate(box):
+        factors = [enclosed(-x) for x in rows[a][size:]]
+        rest = {k: [ONE] * (k == a) for k in range(size)}
+        for factor, row in zip(factors, slopes, strict=True):
+            for k, slope in row.items():
+                rest[k].append(times(factor, slope))
+        halves = [enclosed((hi - lo) / 2)[1] for lo, hi in box]
+        spread = dot(map(total, rest.values()), ((-half, half) for half in halves))
+        image = total([enclosed(middle[a]), dot(factors, values), spread])
+        need(lo < Fraction(image[0]) and Fraction(image[1]) < hi, "the box is not shown to hold an equilibrium")
+
+
+def forces(p: Problem, mode: str, e: Matrix) -> tuple[list[Floats], list[dict[int, Floats]]]:
+    """h(e) - K e and its slopes for all e in a box."""
+    m, values = p.m, [NOTHING] * len(e)
+    slopes: list[dict[int, Floats]] = [{} for _ in e]
+
+    def act(row: int, w: Floats, value: Floats, parts: list[tuple[int, Floats]]) -> None:
+        values[row] = added(values[row], times(w, value))
+        for column, slope in parts:
+            slopes[row][column] = added(slopes[row].get(column, NOTHING), times(w, slope))
+
+    for arc, c in ((arc, c) for arc in p.modes[mode] for c in range(m)):
+        own, other = ([i * m + d for d in ([c] if arc.coupling.single else range(m))] for i in (arc.i, arc.j))
+        y = [(enclosed(e[b][0] - e[a][1])[0], enclosed(e[b][1] - e[a][0])[1]) for a, b in zip(own, other, strict=True)]
+        value, found = arc.coupling.parts[c % len(arc.coupling.parts)].at(*variables(y))
+        parts = found or (NOTHING,) * len(y)
+        act(arc.i * m + c, enclosed(arc.w), value, list(zip(other, parts, strict=True)))
+        act(arc.i * m + c, enclosed(arc.w), NOTHING, list(zip(own, map(negative, parts), strict=True)))
+    for i, c, d in ((i, c, d) for i in p.gains for c in range(m) for d in range(m)):
+        a = i * m + d
+        act(i * m + c, enclosed(-p.gains[i][c][d]), hull(*map(enclosed, e[a])), [(a, ONE)])
+    return values, slopes

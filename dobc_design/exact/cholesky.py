@@ -1,10 +1,7 @@
 """Dense matrices decided by a floating-point Cholesky factor: bounded (Rump), or checked in exact integers.
 
-Both work on D M D, D powers of two that bring the diagonal into [1/8, 1); M > 0 iff D M D > 0.
-``shifted_cholesky``: Rump, "Verification of positive definiteness", BIT 2006 (theory, section 3).
-``integer_factor`` proposes a factor L in integers, ``leaves_dominated_rest`` proves: D M D - L L' is computed in
-integers and has to be dominated by its diagonal, hence D M D = L L' + (positive definite).
-Neither ever answers "not positive definite"; eigenvectors that may show it come from ``low_directions``.
+Both work on D M D, D powers of two that bring the diagonal into [1/8, 1); M > 0 iff D M D > 0. Neither ever answers
+"not positive definite"; eigenvectors that may show it come from ``low_directions``.
 """
 
 from __future__ import annotations
@@ -38,31 +35,27 @@ class UnfinishedError(Exception):
 def bad_direction(
     M: SparseSymmetric, *, strict: bool, flint: bool | None = None, most_work: int | None = None
 ) -> dict[int, Fraction] | None:
-    """Return None if M > 0 (strict) or M >= 0, else a direction v, by its entries, that shows the contrary.
+    """Return None if M > 0 (strict) or M >= 0, else a direction v, by its entries, with v'Mv <= 0 (< 0).
 
-    v'Mv <= 0 if strict, else < 0. ``flint`` chooses the arithmetic; by default the size does. ``most_work``: products
-    of numbers of 64 bits, about, None for any number; counted, not timed, so that every machine answers the same.
-    Raises: UnfinishedError beyond ``most_work``.
+    ``flint`` chooses the arithmetic; by default the size does. ``most_work``: products of numbers of 64 bits, about;
+    counted, not timed, so that every machine answers the same. Raises: UnfinishedError beyond it.
     """
     long = M.size >= FLINT_SIZE if flint is None else flint
     rows: list[dict[int, Scalar]] = [{} for _ in range(M.size)]
     for (i, j), value in M.entries.items():
         rows[i][j] = rows[j][i] = to_fmpq(value) if long else value
     found = _eliminate(rows, strict=strict, most_work=most_work)
-    if found is None:
-        return None
-    return {i: Fraction(int(x.numerator), int(x.denominator)) for i, x in found.items()}
+    return found and {i: Fraction(int(x.numerator), int(x.denominator)) for i, x in found.items()}
 
 
 def _eliminate(rows: list[dict[int, Scalar]], *, strict: bool, most_work: int | None) -> dict[int, Scalar] | None:
     """Eliminate in minimum-degree order; return None if every pivot passes, else a witness.
 
-    ``rows`` hold both triangles without zeros, and are consumed. After each step the rows still
-    open hold the Schur complement, so a bad diagonal entry there refutes as a bad pivot does.
+    ``rows`` hold both triangles without zeros, and are consumed: the open ones hold the Schur complement.
     """
-    for i in range(len(rows)):
-        if (bad := _bad_diagonal(rows, i, strict=strict)) is not None:
-            return bad
+    bad_rows = (_bad_diagonal(rows, i, strict=strict) for i in range(len(rows)))
+    if (bad := next(filter(None, bad_rows), None)) is not None:
+        return bad
     steps: list[tuple[int, dict[int, Scalar]]] = []
     queue = [(len(row), i) for i, row in enumerate(rows)]
     heapq.heapify(queue)
@@ -157,17 +150,13 @@ class Scaled:
     2^-53 |floats| + 2^-bits per entry.
     """
 
+    size: int  # n
     exponents: Whole
     low_bits: int
     high: Whole
     middle: Whole
     low: Whole
     floats: Floats
-
-    @property
-    def size(self) -> int:
-        """Return n."""
-        return len(self.floats)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -200,6 +189,7 @@ def scaled(M: SparseSymmetric | IntegerSymmetric) -> Scaled | list[int] | None:
 
     mask = (1 << low_bits) - 1
     return Scaled(
+        size=M.size,
         exponents=exponents,
         low_bits=low_bits,
         high=dense((whole >> 2 * low_bits).astype(np.int64)),
@@ -214,9 +204,9 @@ def _whole_entries(M: SparseSymmetric | IntegerSymmetric, bits: int) -> tuple[Wh
 
     Of an IntegerSymmetric the denominator is left out: it changes no sign.
     """
-    denominators: Any = 1
     if isinstance(M, IntegerSymmetric):
         rows, columns, numerators = M.rows, M.columns, M.values.astype(object)
+        denominators = np.ones(len(rows), dtype=object)
     else:
         rows, columns = (np.array([place[k] for place in M.entries], dtype=np.int64) for k in (0, 1))
         numerators = np.array([x.numerator for x in M.entries.values()], dtype=object)
@@ -224,7 +214,7 @@ def _whole_entries(M: SparseSymmetric | IntegerSymmetric, bits: int) -> tuple[Wh
     on = rows == columns
     if np.count_nonzero(on) < M.size or not (numerators[on] > 0).all():
         return None
-    below = denominators[on].tolist() if isinstance(denominators, np.ndarray) else [1] * M.size
+    below = denominators[on].tolist()
     # M_ii lies in (2^(e-1), 2^(e+1)), e the difference of the bit lengths; hence (D M D)_ii in [1/8, 1).
     lengths = [x.bit_length() - y.bit_length() for x, y in zip(numerators[on].tolist(), below, strict=True)]
     exponents = np.zeros(M.size, dtype=np.int64)
@@ -244,11 +234,11 @@ def _against(i: int, j: int, entry: int, exponents: Whole) -> list[int]:
 
 
 def shifted_cholesky(S: Scaled) -> bool:
-    """Tell whether M > 0 is proved by a Cholesky factorisation of fl(A - c I) that completes (Rump).
+    """Tell whether M > 0 is proved by a Cholesky factorisation of fl(A - c I) that completes (Rump, BIT 2006).
 
-    c >= g/(1 - g) tr A + 2u max a_ii + |radius| + underflow, u = 2^-53. Rump's g is (n + 3) u; (n + 10) u also
-    covers implementations that multiply by rounded reciprocals of the pivots. The radius is a norm: what
-    the doubles leave out of D M D, by its largest row sum. The underflow term covers flush to zero.
+    c >= g/(1 - g) tr A + 2u max a_ii + |radius| + underflow, u = 2^-53. Rump's g is (n + 3) u; (n + 10) u also covers
+    implementations that multiply by rounded reciprocals of the pivots. The radius is a norm of what the doubles leave
+    out of D M D. The underflow term covers flush to zero.
     """
     n, A = S.size, S.floats
     diagonal = A.diagonal()
@@ -280,10 +270,9 @@ def integer_factors(S: Scaled) -> Iterator[IntegerFactor]:
 
 
 def leaves_dominated_rest(S: Scaled, factor: IntegerFactor) -> bool:
-    """Tell whether D M D - L L' > 0 is proved: every diagonal entry exceeds the sum of the others' sizes.
+    """Tell whether D M D - L L' > 0 is proved, for any L of integers: it is dominated by its diagonal.
 
     Matrix products of integers in doubles, bounded by Cauchy and Schwarz to stay below 2^53; the rest in int64.
-    Any L of integers will do; what it has to do with a Cholesky factor does not matter.
     """
     high, low = factor.high, factor.low
     if not all(np.array_equal(part, np.rint(part)) for part in (high, low)):
@@ -292,11 +281,15 @@ def leaves_dominated_rest(S: Scaled, factor: IntegerFactor) -> bool:
     if max(longest, shortest) ** 2 * _UPWARDS >= _EXACT:
         return False
     n, shift = S.size, S.low_bits
+
+    def product(left: Floats, right: Floats) -> Whole:
+        return (left @ right.T).astype(np.int64)
+
     for start in range(0, n, _BLOCK):
         rows = slice(start, min(start + _BLOCK, n))
-        rest = (S.low[rows] - _product(low[rows], low)) >> shift
-        rest += S.middle[rows] - _product(high[rows], low) - _product(low[rows], high)
-        top = S.high[rows] - _product(high[rows], high)
+        rest = (S.low[rows] - product(low[rows], low)) >> shift
+        rest += S.middle[rows] - product(high[rows], low) - product(low[rows], high)
+        top = S.high[rows] - product(high[rows], high)
         # Beyond these limits the rest is not small, and the sums below might leave 64 bits.
         if int(np.abs(top).max()) >= 1 << (60 - shift - n.bit_length()):
             return False
@@ -322,10 +315,6 @@ def low_directions(S: Scaled, eigenvectors: Floats) -> list[list[int]]:
     ]
 
 
-def _product(left: Floats, right: Floats) -> Whole:
-    return (left @ right.T).astype(np.int64)
-
-
 def _factor(A: Floats, shift: float) -> Floats | None:
     """Return the Cholesky factor of A - shift I in doubles, or None. It is finite; it proves nothing by itself."""
     shifted = A.copy()
@@ -346,10 +335,9 @@ _SHARE: Final = 8
 def decide_lifted(
     M: SparseSymmetric | IntegerSymmetric, S: Scaled, values: Floats, vectors: Floats, *, strict: bool
 ) -> dict[int, Fraction] | None:
-    """Decide M > 0 (strict) or M >= 0 exactly, or return None where the method does not get through.
+    """Decide M > 0 (strict) or M >= 0 exactly: {} if proved, else a direction; None if it does not get through.
 
     S: M scaled; values, vectors: the eigenvalues, rising, and eigenvectors of its floats, as guesses only.
-    Returns: {} if proved, else a direction v, by its entries, with v'Mv <= 0 (< 0 if not strict).
     """
     few = int(np.count_nonzero(values < 2**10 * margin(S)))
     if not 0 < few <= max(4, S.size // _SHARE):
@@ -361,8 +349,7 @@ def decide_lifted(
     )
     if not proves_by_integers(B):
         return None
-    solution = _solved(M, S, square, lift)
-    Z = from_fmpq_mat(solution)
+    Z = from_fmpq_mat(_solved(M, S, square, lift))
     unit = Fraction(1, 2**_LIFT_BITS)
     V = [[unit * x for x in row] for row in lift.tolist()]
     G = {

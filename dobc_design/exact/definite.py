@@ -1,17 +1,8 @@
 """Definiteness of symmetric rational matrices: decided exactly at every size, by the path that fits.
 
-| rows | structure | paths, in this order |
-|---|---|---|
-| 0 to 12 | any | LDL' over the rationals (Fraction) |
-| 13 and more | any | an entry of the diagonal that is not positive |
-| 13 and more | Z-matrix, or sparse | integers v > 0 with M v > 0; directions from the same search |
-| 13 to 99 | any | shifted Cholesky in doubles (Rump) |
-| 13 to 2000 | any | integer factor with an exact rest; eigenvectors; lifted small eigenvalues |
-| 13 and more | any | LDL' over the rationals (python-flint) |
-
-A path answers or passes on; the last one always answers, unless the caller bounds its work. "Proved" comes from
-exact or outward-rounded arithmetic, "refuted" only from a vector that is multiplied out exactly (``decision``).
-``_PATHS`` is this table and ``_decide`` walks it, for both questions. The answer's ``method`` names path and size.
+Up to 12 rows LDL' over the rationals; from 13 on the paths of ``_PATHS``, in this order, then LDL' by python-flint.
+A path answers or passes on; the last one always answers, unless the caller bounds its work. "Proved" comes from exact
+or outward-rounded arithmetic, "refuted" only from a vector that is multiplied out exactly.
 """
 
 from __future__ import annotations
@@ -53,9 +44,8 @@ _WITNESS_BITS: Final = (1, 2, 4, 8, 16, 32, 64)
 class Definiteness(Shown):
     """A decision with its proof method, a short sentence that names the path by size and structure.
 
-    Refuted: an integer ``witness`` v and the ``value`` v'Mv, <= 0 against "positive definite" and < 0
-    against "positive semidefinite". Proved by a vector: the positive integers v, with M v > 0 (>= 0 for
-    "semidefinite"); where M has positive entries beside the diagonal, with those taken as negative.
+    Refuted: an integer ``witness`` v and the ``value`` v'Mv, <= 0, or < 0 against "semidefinite". Proved by a vector:
+    the positive integers v, with M v > 0 (>= 0), positive entries beside the diagonal taken as negative.
     """
 
     verdict: Verdict
@@ -65,25 +55,13 @@ class Definiteness(Shown):
     vector: tuple[int, ...] | None = None
 
 
-def proved(method: str, *, vector: tuple[int, ...] | None = None) -> Definiteness:
-    """Return the decision PROVED."""
-    return Definiteness(verdict=Verdict.PROVED, method=method, vector=vector)
-
-
-def undecided(method: str) -> Definiteness:
-    """Return the decision UNDECIDED; ``method`` says which path gave up."""
-    return Definiteness(verdict=Verdict.UNDECIDED, method=method)
-
-
 def refuted(M: Symmetric, direction: Mapping[int, Fraction], *, strict: bool, method: str) -> Definiteness:
     """Return the decision REFUTED by an integer multiple or rounding of an exact direction, by its entries.
 
     Raises: CertificateError if it does not refute, which would be a mistake in the path that gave it.
     """
     common = math.lcm(*(x.denominator for x in direction.values()))
-    exact = [0] * M.size
-    for i, x in direction.items():
-        exact[i] = x.numerator * (common // x.denominator)
+    exact = [int(direction.get(i, 0) * common) for i in range(M.size)]
     decision = first_refuting(M, (*roundings(exact), exact), strict=strict, method=method)
     if decision is None:
         raise CertificateError("the elimination gave a witness that does not refute; nothing is claimed.")
@@ -94,10 +72,10 @@ def first_refuting(
     M: Symmetric, candidates: Iterable[Sequence[int]], *, strict: bool, method: str
 ) -> Definiteness | None:
     """Return the decision REFUTED by the first candidate, a vector of integers, that refutes; else None."""
-    for candidate in candidates:
-        if not any(candidate):
-            continue
-        witness = _primitive(candidate)
+    for candidate in filter(any, candidates):
+        # Without a common factor, and the first entry that is not 0 positive.
+        factor = math.gcd(*candidate) * (1 if next(filter(None, candidate)) > 0 else -1)
+        witness = tuple(Fraction(x // factor) for x in candidate)
         value = M.quadratic_form(witness)
         if value < 0 or (strict and value == 0):
             return Definiteness(verdict=Verdict.REFUTED, method=method, witness=witness, value=value)
@@ -112,25 +90,10 @@ def roundings(vector: Sequence[int]) -> Iterator[list[int]]:
             yield [(2 * x * 2**bits + largest) // (2 * largest) for x in vector]
 
 
-def _primitive(vector: Sequence[int]) -> Vector:
-    """Divide by the common factor and make the first entry that is not 0 positive."""
-    factor = math.gcd(*vector) or 1
-    if next((x for x in vector if x), 1) < 0:
-        factor = -factor
-    return tuple(Fraction(x // factor) for x in vector)
-
-
-# The borders, as ratios of CPU times measured in one run, one BLAS thread; dense: Gram matrices of random integers
-# and doubles; ring: with half as many random chords as rows.
-# - 12 rows: Fractions take 10 to 20 times as long as the shifted Cholesky when dense, twice as long on a ring, and 2 ms
-#   at most. They stay for small matrices because nothing is easier to trust.
-# - LDL' with flint against the shift, dense: 14 to 60 times at 32 rows, 50 to 300 times at 64. Against the vector on
-#   a ring: 4 times at 32 rows, 25 times at 100, 100 times at 200, over 1000 times at 400.
-# - The integer rest against the shift, dense: 1.0 to 1.3 times from 20 to 400 rows, as reading the entries costs most;
-#   3 times at 1000 rows that come as arrays. From 100 rows on it goes alone all the same: it needs no bound of LAPACK's
-#   rounding, and at 1000 rows it shows smaller eigenvalues.
-# - The vector against the integer rest where one entry in eight is there: 1/10 (1000 rows) to 1/3 (200 rows) of the
-#   time when it succeeds, 1/3 to 4/3 when it fails.
+# The borders, by CPU times measured in one run (Gram matrices of random integers; rings with chords): up to 12 rows
+# Fractions take 2 ms at most, and nothing is easier to trust. LDL' with flint takes 14 to 60 times as long as the shift
+# at 32 rows, over 1000 times as long as the vector on a ring of 400. The integer rest takes 1.0 to 1.3 times as long as
+# the shift; from 100 rows on it goes alone: it needs no bound of LAPACK's rounding and shows smaller eigenvalues.
 _RUMP_SIZE: Final = 99
 _DENSE_SIZE: Final = 2000
 # Sparse: at most one entry of the upper triangle in so many.
@@ -142,10 +105,9 @@ _EIGENVECTORS: Final = 2
 def decide_positive_definite(M: Matrix | Symmetric, *, most_work: int | None = None) -> Definiteness:
     """Decide M > 0 for a symmetric M (n, n); the empty matrix is positive definite.
 
-    ``most_work`` bounds the last path above 2000 rows, where no other is without a bound (``elimination``).
-    Returns: PROVED, or REFUTED with an integer witness v != 0, v'Mv <= 0; UNDECIDED only beyond ``most_work``.
-    Raises: ShapeError if M is not square and exactly symmetric.
-    Source: theory, sections 3 and 8; the table above.
+    ``most_work`` bounds the last path above 2000 rows, where no other is without a bound (``elimination``). Returns:
+    PROVED, or REFUTED with an integer witness v != 0, v'Mv <= 0; UNDECIDED only beyond ``most_work``. Raises:
+    ShapeError if M is not square and exactly symmetric. Source: theory, sections 3 and 8; the table above.
     """
     return _decide(_Case(given=_symmetric(M), strict=True, most_work=most_work))
 
@@ -168,24 +130,18 @@ def decide_quickly(M: Matrix | Symmetric) -> Definiteness:
     """
     case = _Case(given=_symmetric(M), strict=True)
     if case.size == 0:
-        return proved(case.named("no rows"))
-    return (
-        _by_diagonal(case)
-        or _by_shift(case)
-        or _by_eigenvector(case)
-        or undecided(case.named("shifted Cholesky in doubles"))
-    )
+        return case.proved("no rows")
+    unknown = Definiteness(verdict=Verdict.UNDECIDED, method=case.named("shifted Cholesky in doubles"))
+    return _by_diagonal(case) or _by_shift(case) or _by_eigenvector(case) or unknown
 
 
 def definiteness(matrix: object) -> Verdict:
     """Decide exactly whether a symmetric matrix is positive definite.
 
-    Accepts a SparseSymmetric or IntegerSymmetric, or nested sequences of int, Fraction, float (its decimal
-    text: 0.1 is 1/10) and text ("9/16"), or a two-dimensional NumPy array (numeric data: each float is its
-    exact binary value, 0.1 is 3602879701896397/2^55). The empty matrix is positive definite.
-    Returns: PROVED iff matrix > 0, REFUTED iff not; never UNDECIDED.
-    Raises: ShapeError if not square or not exactly symmetric; SpecError for nan, inf and what is
-    no number.
+    Accepts a SparseSymmetric or IntegerSymmetric, or nested sequences of int, Fraction, float (its decimal text: 0.1 is
+    1/10) and text ("9/16"), or a two-dimensional NumPy array (each float is its exact binary value). The empty matrix
+    is positive definite.  Returns: PROVED iff matrix > 0, REFUTED iff not; never UNDECIDED.
+    Raises: ShapeError if not square or not exactly symmetric; SpecError for nan, inf and what is no number.
     Example:
         >>> dd.exact.definiteness([[2, 1], [1, "1/2"]]).value, dd.exact.definiteness([[2, 1], [1, 0.51]]).value
         ('refuted', 'proved')
@@ -208,9 +164,7 @@ class _Case:
     @cached_property
     def matrix(self) -> Symmetric:
         """The same matrix, in arrays of integers where these are not long: they multiply out faster."""
-        if isinstance(self.given, IntegerSymmetric) or self.size < FLINT_SIZE:
-            return self.given
-        return in_integers(self.given) or self.given
+        return self.given if self.size < FLINT_SIZE else in_integers(self.given) or self.given
 
     @cached_property
     def entries(self) -> int:
@@ -235,31 +189,29 @@ class _Case:
         """Say by which path, and of what size and structure M is."""
         return f"{method}; {self.size} rows, {self.entries} entries on and above the diagonal"
 
+    def proved(self, method: str, *, vector: tuple[int, ...] | None = None) -> Definiteness:
+        return Definiteness(verdict=Verdict.PROVED, method=self.named(method), vector=vector)
+
 
 def _decide(case: _Case) -> Definiteness:
-    for row in _PATHS:
-        if row.least <= case.size <= row.most and row.suits(case) and (decision := row.path(case)) is not None:
+    for most, path in _PATHS if case.size >= FLINT_SIZE else ():
+        if case.size <= most and (decision := path(case)) is not None:
             return decision
-    raise CertificateError("no path decided the matrix, although the last one always does; nothing is claimed.")
+    return _by_elimination(case)
 
 
-def _by_fractions(case: _Case) -> Definiteness | None:
-    return _eliminated(case, case.named("LDL' over the rationals"), flint=False)
-
-
-def _by_flint(case: _Case) -> Definiteness | None:
-    method = case.named("LDL' over the rationals (python-flint)")
-    try:
-        return _eliminated(case, method, flint=True)
-    except UnfinishedError as error:
-        return undecided(f"{method}; {error}, because it was taking too much work")
-
-
-def _eliminated(case: _Case, method: str, *, flint: bool) -> Definiteness:
+def _by_elimination(case: _Case) -> Definiteness:
+    method = "LDL' over the rationals" if case.size < FLINT_SIZE else "LDL' over the rationals (python-flint)"
     M = case.given.to_sparse() if isinstance(case.given, IntegerSymmetric) else case.given
     most_work = case.most_work if case.size > _DENSE_SIZE else None
-    direction = bad_direction(M, strict=case.strict, flint=flint, most_work=most_work)
-    return proved(method) if direction is None else refuted(case.matrix, direction, strict=case.strict, method=method)
+    try:
+        direction = bad_direction(M, strict=case.strict, most_work=most_work)
+    except UnfinishedError as error:
+        what = f"{case.named(method)}; {error}, because it was taking too much work"
+        return Definiteness(verdict=Verdict.UNDECIDED, method=what)
+    if direction is None:
+        return case.proved(method)
+    return refuted(case.matrix, direction, strict=case.strict, method=case.named(method))
 
 
 def _by_diagonal(case: _Case) -> Definiteness | None:
@@ -269,33 +221,35 @@ def _by_diagonal(case: _Case) -> Definiteness | None:
 
 
 def _by_vector(case: _Case) -> Definiteness | None:
+    """Of a Z-matrix, or one with few entries, or with too many rows for dense work in any case."""
+    few = _SPARSE * case.entries <= case.size * case.size // 2
+    if not (few or case.size > _DENSE_SIZE or is_z_matrix(case.matrix)):
+        return None
     found = search(case.matrix, strict=case.strict)
     if found.vector is None:
         return _first(case, found.directions, found.kind)
     sign = ">" if case.strict else ">="
     beside = "Z-matrix" if is_z_matrix(case.matrix) else "M with negative sizes beside the diagonal"
-    return proved(case.named(f"{beside}: integers v > 0 with M v {sign} 0"), vector=found.vector)
+    return case.proved(f"{beside}: integers v > 0 with M v {sign} 0", vector=found.vector)
 
 
 def _by_shift(case: _Case) -> Definiteness | None:
     if not isinstance(case.scaled, Scaled) or not shifted_cholesky(case.scaled):
         return None
-    return proved(case.named("shifted Cholesky in doubles (Rump)"))
+    return case.proved("shifted Cholesky in doubles (Rump)")
 
 
 def _by_integers(case: _Case) -> Definiteness | None:
     if not isinstance(case.scaled, Scaled) or not proves_by_integers(case.scaled):
         return None
-    return proved(case.named("Cholesky factor in integers, its exact rest dominated by the diagonal"))
+    return case.proved("Cholesky factor in integers, its exact rest dominated by the diagonal")
 
 
 def _by_eigenvector(case: _Case) -> Definiteness | None:
     """Refute by a pair of rows with a large entry, or by the lowest eigenvectors."""
-    if case.scaled is None:
-        return None
-    if not isinstance(case.scaled, Scaled):
+    if isinstance(case.scaled, list):
         return _first(case, (case.scaled,), "an entry too large beside the diagonal")
-    if case.spectrum is None:
+    if case.scaled is None or case.spectrum is None:
         return None
     values, vectors = case.spectrum
     low = vectors[:, : min(_EIGENVECTORS, int(np.count_nonzero(values < margin(case.scaled))))]
@@ -307,25 +261,15 @@ def _by_lift(case: _Case) -> Definiteness | None:
         return None
     values, vectors = case.spectrum
     direction = decide_lifted(case.matrix, case.scaled, values, vectors, strict=case.strict)
-    method = case.named("small eigenvalues lifted, exact linear solve (python-flint)")
-    if direction is None:
-        return None
-    return refuted(case.matrix, direction, strict=case.strict, method=method) if direction else proved(method)
+    method = "small eigenvalues lifted, exact linear solve (python-flint)"
+    if direction:
+        return refuted(case.matrix, direction, strict=case.strict, method=case.named(method))
+    return None if direction is None else case.proved(method)
 
 
 def _first(case: _Case, directions: Iterable[list[int]], method: str) -> Definiteness | None:
     candidates = (each for d in directions for each in (*roundings(d), d))
     return first_refuting(case.matrix, candidates, strict=case.strict, method=case.named(method))
-
-
-def _is_any(case: _Case) -> bool:
-    return True
-
-
-def _is_sparse(case: _Case) -> bool:
-    """A Z-matrix, or few entries, or too many rows for dense work in any case."""
-    few = _SPARSE * case.entries <= case.size * case.size // 2
-    return few or case.size > _DENSE_SIZE or is_z_matrix(case.matrix)
 
 
 def _read(given: object) -> Matrix | Symmetric:
@@ -338,12 +282,8 @@ def _read(given: object) -> Matrix | Symmetric:
         return IntegerSymmetric.from_floats(given) if large else from_float(given, None)
     if not isinstance(given, (Sequence, np.ndarray)):
         raise wrong("matrix", f"must be a list of rows; got {type(given).__name__}.", kind=ShapeError)
-    rows: list[Any] = [
-        from_float(row[np.newaxis], None)[0]
-        if isinstance(row, np.ndarray) and row.ndim == 1 and row.dtype != object
-        else row
-        for row in given
-    ]
+    numeric = [isinstance(row, np.ndarray) and row.ndim == 1 and row.dtype != object for row in given]
+    rows: list[Any] = [from_float(row[None], None)[0] if x else row for row, x in zip(given, numeric, strict=True)]
     return matrix(rows)
 
 
@@ -351,23 +291,12 @@ def _symmetric(M: Matrix | Symmetric) -> Symmetric:
     return M if isinstance(M, SparseSymmetric | IntegerSymmetric) else SparseSymmetric.from_dense(M)
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class _Row:
-    """One row of the table: for ``least`` to ``most`` rows of the structure ``suits``, try ``path``."""
-
-    least: int
-    most: float
-    suits: Callable[[_Case], bool]
-    path: Callable[[_Case], Definiteness | None]
-
-
-_PATHS: Final = (
-    _Row(least=0, most=FLINT_SIZE - 1, suits=_is_any, path=_by_fractions),
-    _Row(least=FLINT_SIZE, most=math.inf, suits=_is_any, path=_by_diagonal),
-    _Row(least=FLINT_SIZE, most=math.inf, suits=_is_sparse, path=_by_vector),
-    _Row(least=FLINT_SIZE, most=_RUMP_SIZE, suits=_is_any, path=_by_shift),
-    _Row(least=FLINT_SIZE, most=_DENSE_SIZE, suits=_is_any, path=_by_integers),
-    _Row(least=FLINT_SIZE, most=_DENSE_SIZE, suits=_is_any, path=_by_eigenvector),
-    _Row(least=FLINT_SIZE, most=_DENSE_SIZE, suits=_is_any, path=_by_lift),
-    _Row(least=FLINT_SIZE, most=math.inf, suits=_is_any, path=_by_flint),
+# The paths from FLINT_SIZE rows on, each with the most rows that it is tried for.
+_PATHS: Final[tuple[tuple[float, Callable[[_Case], Definiteness | None]], ...]] = (
+    (math.inf, _by_diagonal),
+    (math.inf, _by_vector),
+    (_RUMP_SIZE, _by_shift),
+    (_DENSE_SIZE, _by_integers),
+    (_DENSE_SIZE, _by_eigenvector),
+    (_DENSE_SIZE, _by_lift),
 )

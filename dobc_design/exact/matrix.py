@@ -5,7 +5,8 @@ A matrix without rows is (); it stands for 0 x anything. Long products and elimi
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import operator
+from collections.abc import Callable, Sequence
 from fractions import Fraction
 from typing import Any, Final, TypeAlias
 
@@ -19,7 +20,6 @@ from dobc_design.exact.number import from_fmpq_mat, parse_number, to_fmpq_mat
 Matrix: TypeAlias = tuple[tuple[Fraction, ...], ...]
 Vector: TypeAlias = tuple[Fraction, ...]
 
-
 # Above this many scalar products the conversion to flint and back has paid for itself.
 _FLINT_WORK: Final = 1000
 
@@ -32,9 +32,8 @@ def matrix(rows: Sequence[Sequence[object]] | NDArray[Any], *, name: str = "matr
     """
     if not _is_list(rows):
         raise wrong(name, f"must be a list of rows; got {type(rows).__name__}.", kind=ShapeError)
-    for row in rows:
-        if not _is_list(row):
-            raise wrong(name, f"must have lists as rows; got {str(row)[:40]!r} as one.", kind=ShapeError)
+    for row in (row for row in rows if not _is_list(row)):
+        raise wrong(name, f"must have lists as rows; got {str(row)[:40]!r} as one.", kind=ShapeError)
     require_shape(rows, (None, None), name=name)
     return tuple(
         tuple(
@@ -67,14 +66,12 @@ def transpose(M: Matrix) -> Matrix:
 
 def add(M: Matrix, N: Matrix) -> Matrix:
     """Return M + N, both (a, b). Raises: ShapeError if the shapes differ."""
-    _require_same(M, N)
-    return tuple(tuple(x + y for x, y in zip(p, q, strict=True)) for p, q in zip(M, N, strict=True))
+    return _entrywise(operator.add, M, N)
 
 
 def subtract(M: Matrix, N: Matrix) -> Matrix:
     """Return M - N, both (a, b). Raises: ShapeError if the shapes differ."""
-    _require_same(M, N)
-    return tuple(tuple(x - y for x, y in zip(p, q, strict=True)) for p, q in zip(M, N, strict=True))
+    return _entrywise(operator.sub, M, N)
 
 
 def scale(factor: Fraction | int, M: Matrix) -> Matrix:
@@ -104,11 +101,10 @@ def inverse(M: Matrix) -> Matrix:
     Raises: ShapeError if it is not square, SpecError if it is singular.
     """
     size = require_square(M, name="matrix to invert")
-    augmented = tuple(row + unit for row, unit in zip(M, identity(size), strict=True))
-    reduced, pivots = row_echelon(augmented)
-    if pivots != tuple(range(size)):
-        raise SpecError(f"the {size}x{size} matrix must be invertible; it is singular.")
-    return tuple(row[size:] for row in reduced)
+    try:
+        return from_fmpq_mat(to_fmpq_mat(M).inv()) if size else ()
+    except ZeroDivisionError:
+        raise SpecError(f"the {size}x{size} matrix must be invertible; it is singular.") from None
 
 
 def row_echelon(M: Matrix) -> tuple[Matrix, tuple[int, ...]]:
@@ -131,14 +127,12 @@ def nullspace(M: Matrix) -> tuple[Vector, ...]:
     Each vector is 1 at its own free column and 0 at the free columns of the others.
     """
     reduced, pivots = row_echelon(M)
-    columns = shape(M)[1]
-    basis = []
-    for free in (j for j in range(columns) if j not in pivots):
-        vector = [Fraction(int(j == free)) for j in range(columns)]
-        for row, pivot in zip(reduced, pivots, strict=True):
-            vector[pivot] = -row[free]
-        basis.append(tuple(vector))
-    return tuple(basis)
+    row, columns = dict(zip(pivots, reduced, strict=True)), range(shape(M)[1])
+    return tuple(
+        tuple(-row[j][free] if j in row else Fraction(int(j == free)) for j in columns)
+        for free in columns
+        if free not in row
+    )
 
 
 def is_symmetric(M: Matrix) -> bool:
@@ -169,27 +163,22 @@ def from_float(array: NDArray[Any], digits: int | None) -> Matrix:
     if not np.isfinite(array).all():
         i, j = np.argwhere(~np.isfinite(array))[0]
         raise SpecError(f"array entry [{i}][{j}] must be finite; got {array[i, j]}.")
-    return tuple(tuple(_from_scalar(entry, digits) for entry in row) for row in array)
-
-
-def _from_scalar(entry: Any, digits: int | None) -> Fraction:
     if digits is not None:
-        return Fraction(f"{float(entry):.{digits - 1}e}")
-    if isinstance(entry, np.integer):
-        return Fraction(int(entry))
+        return tuple(tuple(Fraction(f"{float(x):.{digits - 1}e}") for x in row) for row in array)
     # as_integer_ratio also for longdouble, which float() would round.
-    return Fraction(*entry.as_integer_ratio())
+    kind = int if array.dtype.kind in "iu" else lambda x: Fraction(*x.as_integer_ratio())
+    return tuple(tuple(Fraction(kind(x)) for x in row) for row in array)
 
 
 def _is_list(value: object) -> bool:
-    if isinstance(value, np.ndarray):
-        return value.ndim > 0
-    return isinstance(value, Sequence) and not isinstance(value, (str, bytes))
+    array = isinstance(value, np.ndarray) and value.ndim > 0
+    return array or (isinstance(value, Sequence) and not isinstance(value, (str, bytes)))
 
 
-def _require_same(M: Matrix, N: Matrix) -> None:
+def _entrywise(operation: Callable[[Fraction, Fraction], Fraction], M: Matrix, N: Matrix) -> Matrix:
     if shape(M) != shape(N):
         raise ShapeError(f"both matrices must have one shape; got {shape(M)} and {shape(N)}.")
+    return tuple(tuple(map(operation, p, q)) for p, q in zip(M, N, strict=True))
 
 
 def solve_lyapunov(F: Matrix, N: Matrix) -> Matrix | None:
@@ -201,16 +190,13 @@ def solve_lyapunov(F: Matrix, N: Matrix) -> Matrix | None:
     q = require_square(F, name="F")
     require_shape(N, (q, q), name="N", because="as F")
     places = [(i, j) for i in range(q) for j in range(i, q)]
-    index = {place: k for k, place in enumerate(places)}
-    rows: list[Vector] = []
-    for i, j in places:
-        row = [Fraction(0)] * (len(places) + 1)
+    index = {place: k for k, (i, j) in enumerate(places) for place in ((i, j), (j, i))}
+    rows = [[Fraction(0)] * len(places) + [-N[i][j]] for i, j in places]
+    for row, (i, j) in zip(rows, places, strict=True):
         for r in range(q):  # (F'X + XF)_ij = sum_r F_ri X_rj + X_ir F_rj
-            row[index[min(r, j), max(r, j)]] += F[r][i]
-            row[index[min(i, r), max(i, r)]] += F[r][j]
-        row[-1] = -N[i][j]
-        rows.append(tuple(row))
-    reduced, pivots = row_echelon(tuple(rows))
+            row[index[r, j]] += F[r][i]
+            row[index[i, r]] += F[r][j]
+    reduced, pivots = row_echelon(tuple(map(tuple, rows)))
     if pivots != tuple(range(len(places))):
         return None
-    return tuple(tuple(reduced[index[min(i, j), max(i, j)]][-1] for j in range(q)) for i in range(q))
+    return tuple(tuple(reduced[index[i, j]][-1] for j in range(q)) for i in range(q))

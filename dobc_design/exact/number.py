@@ -68,7 +68,12 @@ def parse_number(value: object, *, key: str) -> Fraction:
     if isinstance(value, (bool, np.bool_)):
         raise _refusal(key, value, f"must be {_EXAMPLES}, not a boolean")
     if isinstance(value, (int, Fraction)):
-        return _of_rational(Fraction(value), value, key)
+        number = Fraction(value)
+        bits = max(number.numerator.bit_length(), number.denominator.bit_length())
+        if bits > _MAX_BITS or len(number_text(number)) > MAX_CHARACTERS:
+            shown = f"a number of {bits} bits" if bits > _MAX_BITS else None
+            raise _refusal(key, value, f"must be writable in {MAX_CHARACTERS} characters", shown)
+        return number
     if isinstance(value, np.integer):
         return Fraction(int(value))
     if isinstance(value, float):
@@ -87,13 +92,9 @@ def number_text(value: Fraction) -> str:
     Where the quotient would be too long for ``parse_number`` and the number is a decimal, the
     decimal is returned ("1e-300"); reading the text always gives the number back.
     """
-    if max(value.numerator.bit_length(), value.denominator.bit_length()) > _PLAIN_BITS:
-        return quotient_text(value)
     quotient = quotient_text(value)
-    if len(quotient) <= MAX_CHARACTERS:
-        return quotient
-    decimal = _decimal_text(value)
-    return quotient if decimal is None else decimal
+    long = max(value.numerator.bit_length(), value.denominator.bit_length()) > _PLAIN_BITS
+    return quotient if long or len(quotient) <= MAX_CHARACTERS else _decimal_text(value) or quotient
 
 
 def quotient_text(value: Fraction) -> str:
@@ -120,30 +121,16 @@ def root_below(square: Fraction | int, *, unit: int) -> Fraction:
 
 def float_below(value: Fraction) -> float:
     """Return the largest float <= value: the largest finite one, or -inf, on overflow."""
-    nearest = _nearest(value)
-    if math.isinf(nearest):
-        return nearest if nearest < 0 else math.nextafter(math.inf, 0.0)
+    try:
+        nearest = value.numerator / value.denominator
+    except OverflowError:
+        return -math.inf if value < 0 else math.nextafter(math.inf, 0.0)
     return math.nextafter(nearest, -math.inf) if Fraction(nearest) > value else nearest + 0.0
 
 
 def float_above(value: Fraction) -> float:
     """Return the smallest float >= value: the most negative finite one, or inf, on overflow."""
     return 0.0 - float_below(-value)
-
-
-def _nearest(value: Fraction) -> float:
-    try:
-        return value.numerator / value.denominator
-    except OverflowError:
-        return math.inf if value > 0 else -math.inf
-
-
-def _of_rational(number: Fraction, value: object, key: str) -> Fraction:
-    bits = max(number.numerator.bit_length(), number.denominator.bit_length())
-    if bits > _MAX_BITS or len(number_text(number)) > MAX_CHARACTERS:
-        shown = f"a number of {bits} bits" if bits > _MAX_BITS else None
-        raise _refusal(key, value, f"must be writable in {MAX_CHARACTERS} characters", shown)
-    return number
 
 
 def _of_text(text: str, value: object, key: str) -> Fraction:
@@ -175,17 +162,12 @@ def _refusal(key: str, value: object, must: str, shown: str | None = None) -> Sp
 
 def _decimal_text(value: Fraction) -> str | None:
     """Return the value with an exponent that parse_number takes, or None if it is no decimal."""
-    twos = (value.denominator & -value.denominator).bit_length() - 1
-    rest, fives = value.denominator >> twos, 0
-    while rest % 5 == 0:
-        rest //= 5
-        fives += 1
-    if rest != 1 or max(twos, fives) > MAX_CHARACTERS + MAX_EXPONENT:  # no text gives that many places
+    places = MAX_CHARACTERS + MAX_EXPONENT  # no text gives more
+    scaled = abs(value) * 10**places
+    if scaled.denominator != 1:
         return None
-    exponent = -max(twos, fives)
-    digits = str(abs(value.numerator) * 10**-exponent // value.denominator)
-    exponent += len(digits) - len(digits.rstrip("0"))
-    digits = digits.rstrip("0")
+    digits = str(scaled.numerator).rstrip("0")
+    exponent = len(str(scaled.numerator)) - len(digits) - places
     if exponent > MAX_EXPONENT:
         digits, exponent = digits + "0" * (exponent - MAX_EXPONENT), MAX_EXPONENT
     if exponent < -MAX_EXPONENT:

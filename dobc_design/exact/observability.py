@@ -68,10 +68,7 @@ def decide_observable(A: Matrix, C: Matrix) -> Observability:
     Raises: ShapeError if the shapes do not fit. Source: Kalman 1963; paper, below (16).
     """
     size = _require_pair(A, C)
-    if not C:
-        unobservable: tuple[Vector, ...] = identity(size)
-    else:
-        unobservable = nullspace(observability_matrix(A, C))
+    unobservable = nullspace(observability_matrix(A, C)) if C else identity(size)
     found = size - len(unobservable)
     verdict = Verdict.PROVED if found == size else Verdict.REFUTED
     return Observability(rank=found, size=size, verdict=verdict, unobservable=unobservable)
@@ -83,8 +80,12 @@ def decide_detectable(A: Matrix, C: Matrix) -> Detectability:
     Shapes: A (q, q) in 1/s, C (m, q). Returns: PROVED or REFUTED, with the polynomial of the
     undetected modes. Raises: ShapeError if the shapes do not fit. Source: theory, section 2.
     """
-    basis = decide_observable(A, C).unobservable
-    polynomial = characteristic_polynomial(_restriction(A, basis))
+    basis: Matrix = decide_observable(A, C).unobservable
+    R: Matrix = ()
+    if basis:  # A N = N R: the subspace that the columns N of the basis span is invariant
+        N = transpose(basis)
+        R = multiply(multiply(inverse(multiply(basis, N)), basis), multiply(A, N))
+    polynomial = characteristic_polynomial(R)
     table = routh(polynomial)
     return Detectability(verdict=table.verdict, unobservable_polynomial=polynomial, table=table)
 
@@ -92,10 +93,9 @@ def decide_detectable(A: Matrix, C: Matrix) -> Detectability:
 def observable_reduction(A: Matrix, C: Matrix) -> tuple[Matrix, Matrix, Matrix]:
     """Return (A_o, C_o, T): the observable part xi_o = T xi, with T A = A_o T and C = C_o T.
 
-    Shapes: A (q, q), C (m, q); with r = rank of the observability matrix, A_o (r, r), C_o (m, r),
-    T (r, q) of full row rank; (A_o, C_o) is observable. An observable pair comes back with T = I;
-    with r = 0, A_o and T have no rows and C_o has empty rows.
-    Raises: ShapeError if the shapes do not fit. Source: Kalman decomposition.
+    Shapes: A (q, q), C (m, q); with r = rank of the observability matrix, A_o (r, r), C_o (m, r), T (r, q) of full row
+    rank; (A_o, C_o) is observable. An observable pair comes back with T = I; with r = 0, A_o and T have no rows and C_o
+    has empty rows. Raises: ShapeError if the shapes do not fit. Source: Kalman decomposition.
     """
     _require_pair(A, C)
     T = row_echelon(observability_matrix(A, C))[0]
@@ -106,17 +106,7 @@ def observable_reduction(A: Matrix, C: Matrix) -> tuple[Matrix, Matrix, Matrix]:
     return multiply(multiply(T, A), right), multiply(C, right), T
 
 
-def _restriction(A: Matrix, basis: tuple[Vector, ...]) -> Matrix:
-    """Return R with A N = N R for the invariant subspace spanned by the columns N of the basis."""
-    if not basis:
-        return ()
-    N = transpose(basis)
-    left = multiply(inverse(multiply(basis, N)), basis)
-    return multiply(left, multiply(A, N))
-
-
 def _require_pair(A: Matrix, C: Matrix) -> int:
     size = require_square(A, name="A")
-    because = f"one per row of A (A is {size}x{size})"
-    require_shape(C, (None, size), name="C", because=because)
+    require_shape(C, (None, size), name="C", because=f"one per row of A (A is {size}x{size})")
     return size

@@ -70,13 +70,11 @@ class Pencil:
         """F at rational values of the unknowns.  Raises ShapeError if one is missing or has a wrong shape."""
         entries = dict(self.constant.entries)
         for unknown in self.unknowns:
-            value = values.get(unknown.name)
-            if value is None or (len(value), len(value[0])) != (unknown.rows, unknown.columns):
-                raise ShapeError(
-                    f"{self.name}: {unknown.name} must have shape ({unknown.rows}, {unknown.columns});"
-                    f" got {'nothing' if value is None else (len(value), len(value[0]))}.",
-                    key=unknown.name,
-                )
+            value, wanted = values.get(unknown.name), (unknown.rows, unknown.columns)
+            got = None if value is None else (len(value), len(value[0]))
+            if value is None or got != wanted:
+                what = f"{self.name}: {unknown.name} must have shape {wanted}; got {got or 'nothing'}."
+                raise ShapeError(what, key=unknown.name)
             for place in unknown.places():
                 x = value[place[1]][place[2]]
                 if x:
@@ -87,21 +85,16 @@ class Pencil:
 
 def positive(unknown: Unknown, *, floor: Fraction = ZERO) -> Pencil:
     """floor I - X < 0 for a symmetric unknown X, as a pencil."""
-    n = unknown.rows
-    return Pencil(
-        name=f"{unknown.name} > {floor}",
-        constant=SparseSymmetric(n, {(i, i): floor for i in range(n)}),
-        unknowns=(unknown,),
-        coefficients={place: SparseSymmetric(n, {(place[1], place[2]): Fraction(-1)}) for place in unknown.places()},
-    )
+    return _beside(unknown, floor, factor=-1, name=f"{unknown.name} > {floor}")
 
 
 def below(unknown: Unknown, *, ceiling: Fraction) -> Pencil:
     """X - ceiling I < 0 for a symmetric unknown X, as a pencil."""
+    return _beside(unknown, -ceiling, factor=1, name=f"{unknown.name} < {ceiling}")
+
+
+def _beside(unknown: Unknown, shift: Fraction, *, factor: int, name: str) -> Pencil:
+    """Return shift I + factor X < 0."""
     n = unknown.rows
-    return Pencil(
-        name=f"{unknown.name} < {ceiling}",
-        constant=SparseSymmetric(n, {(i, i): -ceiling for i in range(n)}),
-        unknowns=(unknown,),
-        coefficients={place: SparseSymmetric(n, {(place[1], place[2]): Fraction(1)}) for place in unknown.places()},
-    )
+    units = {place: SparseSymmetric(n, {place[1:]: Fraction(factor)}) for place in unknown.places()}
+    return Pencil(name=name, constant=SparseSymmetric(n, {}).shifted(shift), unknowns=(unknown,), coefficients=units)

@@ -1,26 +1,26 @@
 """Characteristic polynomials, the Routh test and exact root counts, over the rationals.
 
-Theory, section 3: A is Hurwitz iff Routh's first column, started with a positive number, stays
-positive; a zero in it means not Hurwitz. Polynomials are coefficient tuples, highest power first.
-No root is ever computed.
+Theory, section 3: A is Hurwitz iff Routh's first column, started with a positive number, stays positive; a zero in it
+means not Hurwitz. Polynomials are coefficient tuples, highest power first. No root is ever computed.
 """
 
 from __future__ import annotations
 
-import math
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
 from itertools import pairwise
-from math import comb
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from dobc_design._checks import require_square
 from dobc_design._show.cards import Shown
 from dobc_design.errors import SpecError
 from dobc_design.exact.matrix import Matrix
-from dobc_design.exact.number import from_fmpq, quotient_text, to_fmpq_mat
+from dobc_design.exact.number import from_fmpq, quotient_text, to_fmpq, to_fmpq_mat
 from dobc_design.verdict import Verdict
+
+if TYPE_CHECKING:
+    from flint import fmpq_poly
 
 Coefficients = tuple[Fraction, ...]
 
@@ -40,10 +40,7 @@ class RouthTable(Shown):
 
 
 def characteristic_polynomial(A: Matrix) -> Coefficients:
-    """Return det(s I - A) for A (q, q): q + 1 coefficients, the first is 1.
-
-    Raises: ShapeError if A is not square.
-    """
+    """Return det(s I - A) for A (q, q): q + 1 coefficients, the first is 1. Raises: ShapeError if A is not square."""
     size = require_square(A, name="A")
     return tuple(from_fmpq(x) for x in reversed(to_fmpq_mat(A).charpoly().coeffs())) if size else (Fraction(1),)
 
@@ -87,16 +84,17 @@ def count_right_half_plane(coefficients: Sequence[Fraction | int]) -> int:
     monic = _monic(coefficients)
     degree = len(monic) - 1
     # i^k runs through 1, i, -1, -i: split by parity of the power k, with signs alternating.
-    real = [x * (0, 1, 0, -1)[(degree - n + 1) % 4] for n, x in enumerate(monic)]
-    imaginary = [x * (0, 1, 0, -1)[(degree - n) % 4] for n, x in enumerate(monic)]
+    real, imaginary = ([x * (0, 1, 0, -1)[(degree - n + k) % 4] for n, x in enumerate(monic)] for k in (1, 0))
     high, low = (real, imaginary) if degree % 2 == 0 else (imaginary, real)
-    chain = _sturm_chain(_integers(high), _integers(low))
-    index = _changes_at_minus_infinity(chain) - _changes_at_plus_infinity(chain)
+    chain = _sturm_chain(_flint(high), _flint(low))
     # The argument of p(iw) grows by pi (left - right) and falls by pi at each step up of V/U.
-    surplus = -index if degree % 2 == 0 else index
+    surplus = _real_roots(chain) if degree % 2 else -_real_roots(chain)
     symmetric = chain[-1]
-    paired = len(symmetric) - 1
-    return (degree - paired - surplus) // 2 + (paired - _real_roots(symmetric)) // 2
+    paired, on_axis = symmetric.degree(), 0
+    while symmetric.degree() > 0:  # gcd(p, p') has every root of p once less: the others are counted again and again
+        chain = _sturm_chain(symmetric, symmetric.derivative())
+        on_axis, symmetric = on_axis + _real_roots(chain), chain[-1]
+    return (degree - paired - surplus) // 2 + (paired - on_axis) // 2
 
 
 def polynomial_text(coefficients: Sequence[Fraction | int], variable: str = "s") -> str:
@@ -121,63 +119,33 @@ def _monic(coefficients: Sequence[Fraction | int]) -> Coefficients:
     return tuple(x / values[start] for x in values[start:])
 
 
-def _integers(polynomial: Sequence[Fraction]) -> list[int]:
-    """Return a positive multiple with coprime integer coefficients, leading zeros dropped."""
-    common = math.lcm(*(x.denominator for x in polynomial))
-    return _primitive([int(x * common) for x in polynomial])
+def _flint(coefficients: Sequence[Fraction]) -> fmpq_poly:
+    from flint import fmpq_poly
+
+    return fmpq_poly([to_fmpq(x) for x in reversed(coefficients)])
 
 
-def _primitive(polynomial: list[int]) -> list[int]:
-    """Drop leading zeros and divide by the positive content; [] is the zero polynomial."""
-    start = next((n for n, x in enumerate(polynomial) if x), len(polynomial))
-    content = math.gcd(*polynomial) or 1
-    return [x // content for x in polynomial[start:]]
-
-
-def _remainder(dividend: list[int], divisor: list[int]) -> list[int]:
-    """Return a positive multiple of the remainder of the division."""
-    rest, lead = dividend, divisor[0]
-    while len(rest) >= len(divisor):
-        factor = rest[0] if lead > 0 else -rest[0]
-        padded = divisor + [0] * (len(rest) - len(divisor))
-        rest = _primitive([abs(lead) * x - factor * y for x, y in zip(rest, padded, strict=True)])
-    return rest
-
-
-def _sturm_chain(first: list[int], second: list[int]) -> list[list[int]]:
-    """Return the chain of negated remainders; its last member is the greatest common divisor."""
+def _sturm_chain(first: fmpq_poly, second: fmpq_poly) -> list[fmpq_poly]:
+    """Return the chain of negated remainders, but for positive factors; it ends in the greatest common divisor."""
     chain = [first]
     while second:
         chain.append(second)
-        second = [-x for x in _remainder(chain[-2], chain[-1])]
+        rest = chain[-2] % second
+        second = rest / -abs(rest.leading_coefficient()) if rest else rest
     return chain
 
 
-def _changes(signs: list[bool]) -> int:
+def _changes(signs: Iterable[bool]) -> int:
     return sum(x != y for x, y in pairwise(signs))
 
 
-def _changes_at_plus_infinity(chain: list[list[int]]) -> int:
-    return _changes([polynomial[0] > 0 for polynomial in chain])
+def _changes_at_minus_infinity(chain: list[fmpq_poly]) -> int:
+    return _changes((each.leading_coefficient() > 0) == (each.degree() % 2 == 0) for each in chain)
 
 
-def _changes_at_minus_infinity(chain: list[list[int]]) -> int:
-    return _changes([(polynomial[0] > 0) == (len(polynomial) % 2 == 1) for polynomial in chain])
-
-
-def _real_roots(polynomial: list[int]) -> int:
-    """Return the number of real roots, each as often as it occurs.
-
-    gcd(p, p') has every root of p once less, so the distinct ones are counted again and again.
-    """
-    total = 0
-    while len(polynomial) > 1:
-        degree = len(polynomial) - 1
-        derivative = _primitive([x * (degree - n) for n, x in enumerate(polynomial[:-1])])
-        chain = _sturm_chain(polynomial, derivative)
-        total += _changes_at_minus_infinity(chain) - _changes_at_plus_infinity(chain)
-        polynomial = chain[-1]
-    return total
+def _real_roots(chain: list[fmpq_poly]) -> int:
+    """Return the sign changes that the chain loses from -infinity to infinity: of p and p' the real roots of p."""
+    return _changes_at_minus_infinity(chain) - _changes(each.leading_coefficient() > 0 for each in chain)
 
 
 def shifted(coefficients: Sequence[Any], by: Fraction) -> tuple[Any, ...]:
@@ -200,15 +168,17 @@ def disk_image(coefficients: Sequence[Any], *, centre: Fraction, radius: Fractio
     With w = (v + 1)/(v - 1), |w| < 1 iff Re v < 0. A root w = 1 makes the first coefficient 0.
     Raises: SpecError unless radius > 0.
     """
+    from flint import fmpz_poly
+
     if radius <= 0:
         raise SpecError(f"the radius of a disk must be > 0; got {radius}.")
     moved = shifted(coefficients, centre)
     degree = len(moved) - 1
     result: list[Any] = [Fraction(0)] * (degree + 1)
     for k, x in enumerate(moved):  # x w^(degree - k), multiplied by (v - 1)^degree
-        factor = radius ** (degree - k)
-        for j, binomial in enumerate(_binomials(degree - k, k)):
-            result[j] = result[j] + x * (factor * binomial)
+        binomials = fmpz_poly([1, 1]) ** (degree - k) * fmpz_poly([-1, 1]) ** k
+        for j, binomial in enumerate(reversed(binomials.coeffs())):
+            result[j] = result[j] + x * (radius ** (degree - k) * int(binomial))
     return tuple(result)
 
 
@@ -250,26 +220,11 @@ def has_root_up_to_zero(coefficients: Sequence[Fraction]) -> bool:
 
     Raises: SpecError for the zero polynomial.
     """
-    integers = _integers([Fraction(x) for x in coefficients])
-    if not integers:
-        raise SpecError("the polynomial must have a coefficient that is not 0.")
-    if integers[-1] == 0:
+    polynomial = _flint(_monic(coefficients))
+    if polynomial[0] == 0:
         return True
-    if len(integers) == 1:
-        return False
-    degree = len(integers) - 1
-    chain = _sturm_chain(integers, _integers([Fraction(x * (degree - n)) for n, x in enumerate(integers[:-1])]))
-    at_minus_infinity = _changes([(x[0] > 0) == (len(x) % 2 == 1) for x in chain])
-    return at_minus_infinity > _changes([x[-1] > 0 for x in chain if x[-1] != 0])
-
-
-def _binomials(plus: int, minus: int) -> list[int]:
-    """Coefficients of (v + 1)^plus (v - 1)^minus, highest power first."""
-    result = [0] * (plus + minus + 1)
-    for i in range(plus + 1):
-        for j in range(minus + 1):
-            result[i + j] += comb(plus, i) * comb(minus, j) * (-1) ** j
-    return result
+    chain = _sturm_chain(polynomial, polynomial.derivative())
+    return _changes_at_minus_infinity(chain) > _changes(each[0] > 0 for each in chain if each[0] != 0)
 
 
 def _cosines(count: int, squared: Fraction) -> list[Fraction]:

@@ -54,36 +54,20 @@ def read_matrix(value: Any, *, key: str, shape: tuple[int, int] | None = None, b
     Raises: ShapeError for ragged, empty or wrongly shaped input; SpecError for a bad number.
     """
     rows = value.tolist() if isinstance(value, np.ndarray) else value
+    example = "For example [[1, 0], [0, 1]]; a column is [[1], [2]]."
     if not is_list(rows) or not rows or not all(is_list(row) for row in rows):
-        raise wrong(
-            key,
-            f"must be a matrix, given as a list of rows; got {shown(value)}.",
-            "For example [[1, 0], [0, 1]]; a column is [[1], [2]].",
-            kind=ShapeError,
-        )
+        what = f"must be a matrix, given as a list of rows; got {shown(value)}."
+        raise wrong(key, what, example, kind=ShapeError)
     width = len(rows[0])
     if width == 0:
-        raise wrong(
-            f"{key}[0]",
-            "must hold at least one number; got an empty row.",
-            "For example [[1, 0], [0, 1]]; a column is [[1], [2]].",
-            kind=ShapeError,
-        )
+        raise wrong(f"{key}[0]", "must hold at least one number; got an empty row.", example, kind=ShapeError)
     for position, row in enumerate(rows):
         if len(row) != width:
-            raise wrong(
-                f"{key}[{position}]",
-                f"must have {counted(width, 'number')}, as many as the first row; got {len(row)}.",
-                "Make all rows equally long.",
-                kind=ShapeError,
-            )
+            what = f"must have {counted(width, 'number')}, as many as the first row; got {len(row)}."
+            raise wrong(f"{key}[{position}]", what, "Make all rows equally long.", kind=ShapeError)
     if shape is not None and (len(rows), width) != shape:
-        raise wrong(
-            key,
-            f"must have shape {shape}{f', {because}' if because else ''}; got shape ({len(rows)}, {width}).",
-            f"Give {rows_of(shape)}.",
-            kind=ShapeError,
-        )
+        what = f"must have shape {shape}{because and f', {because}'}; got shape ({len(rows)}, {width})."
+        raise wrong(key, what, f"Give {rows_of(shape)}.", kind=ShapeError)
     return tuple(
         tuple(parse_number(entry, key=f"{key}[{i}][{j}]") for j, entry in enumerate(row)) for i, row in enumerate(rows)
     )
@@ -94,12 +78,9 @@ def read_vector(value: Any, *, key: str, length: int, because: str) -> Vector:
     if not is_list(value):
         return (parse_number(value, key=key),) * length
     if len(value) != length:
-        raise wrong(
-            key,
-            f"must have {counted(length, 'number')}, {because}; got {len(value)}.",
-            f"Give a list of {counted(length, 'number')}.",
-            kind=ShapeError,
-        )
+        numbers = counted(length, "number")
+        what = f"must have {numbers}, {because}; got {len(value)}."
+        raise wrong(key, what, f"Give a list of {numbers}.", kind=ShapeError)
     return tuple(parse_number(entry, key=f"{key}[{i}]") for i, entry in enumerate(value))
 
 
@@ -131,11 +112,6 @@ def counted(number: int, word: str) -> str:
 def rows_of(shape: tuple[int, int]) -> str:
     """Write "2 rows of 1 number"."""
     return f"{counted(shape[0], 'row')} of {counted(shape[1], 'number')}"
-
-
-def scalar_matrix(value: Fraction, size: int) -> Matrix:
-    """Return ``value`` times the identity."""
-    return tuple(tuple(value if i == j else Fraction(0) for j in range(size)) for i in range(size))
 
 
 def is_scalar_matrix(matrix: Sequence[Sequence[Fraction]]) -> bool:

@@ -20,10 +20,9 @@ from dobc_design.exact.matrix import Matrix
 
 @dataclass(frozen=True, slots=True, repr=False)
 class SparseSymmetric(Shown):
-    """A symmetric matrix (size, size), by the entries (i, j), i <= j, of its upper triangle.
+    """A symmetric matrix (size, size), by the entries (i, j), i <= j, of its upper triangle; for reading only.
 
-    Zero entries are dropped, so equal matrices are equal objects. ``entries`` is for reading only.
-    Raises: ShapeError for a negative size or an index outside the upper triangle.
+    Zeros are dropped: equal matrices are equal objects. Raises: ShapeError for an index outside the upper triangle.
     """
 
     size: int
@@ -35,11 +34,7 @@ class SparseSymmetric(Shown):
         for i, j in self.entries:
             if not 0 <= i <= j < self.size:
                 raise ShapeError(f"entry ({i}, {j}) must lie in the upper triangle, 0 <= i <= j < {self.size}.")
-        kept = {
-            place: value if type(value) is Fraction else Fraction(value)
-            for place, value in self.entries.items()
-            if value
-        }
+        kept = {place: x if type(x) is Fraction else Fraction(x) for place, x in self.entries.items() if x}
         object.__setattr__(self, "entries", kept)
 
     def _card(self) -> Card:
@@ -52,21 +47,13 @@ class SparseSymmetric(Shown):
 
     @classmethod
     def from_dense(cls, M: Matrix, *, name: str = "matrix") -> SparseSymmetric:
-        """Return the sparse form of M (n, n).
-
-        Raises: ShapeError if M is not square, or not exactly symmetric.
-        """
+        """Return the sparse form of M (n, n). Raises: ShapeError if M is not square, or not exactly symmetric."""
         size = require_square(M, name=name)
-        for i in range(size):
-            for j in range(i):
-                if M[i][j] != M[j][i]:
-                    raise wrong(
-                        name,
-                        f"must be exactly symmetric; entries [{j}][{i}] and [{i}][{j}] differ.",
-                        "Take (M + M')/2 if its symmetric part is meant.",
-                        kind=ShapeError,
-                    )
-        return cls(size, {(i, j): M[i][j] for i in range(size) for j in range(i, size)})
+        places = [(i, j) for i in range(size) for j in range(i, size)]
+        for i, j in ((i, j) for i, j in places if M[i][j] != M[j][i]):
+            what = f"must be exactly symmetric; entries [{i}][{j}] and [{j}][{i}] differ."
+            raise wrong(name, what, "Take (M + M')/2 if its symmetric part is meant.", kind=ShapeError)
+        return cls(size, {(i, j): M[i][j] for i, j in places})
 
     def to_dense(self) -> Matrix:
         """Return the full matrix (n, n)."""
@@ -105,14 +92,8 @@ class SparseSymmetric(Shown):
     def restricted(self, rows: Sequence[int]) -> SparseSymmetric:
         """Return the matrix of these rows and columns, in their order."""
         place = {row: k for k, row in enumerate(rows)}
-        return SparseSymmetric(
-            len(place),
-            {
-                (min(place[i], place[j]), max(place[i], place[j])): value
-                for (i, j), value in self.entries.items()
-                if i in place and j in place
-            },
-        )
+        kept = {(place[i], place[j]): x for (i, j), x in self.entries.items() if i in place and j in place}
+        return SparseSymmetric(len(place), {(min(p), max(p)): x for p, x in kept.items()})
 
     def quadratic_form(self, vector: Sequence[Fraction | int]) -> Fraction:
         """Return v' M v for a vector of length n. Raises: ShapeError if the length differs."""
@@ -131,15 +112,10 @@ class SparseSymmetric(Shown):
 
     def triplets(self) -> tuple[NDArray[np.intp], NDArray[np.intp], NDArray[np.float64]]:
         """Return rows, columns and nearest floats of the full matrix, both triangles."""
-        places = [
-            (i, j, float(value))
-            for (a, b), value in self.entries.items()
-            for i, j in ({(a, b), (b, a)} if a != b else {(a, b)})
-        ]
-        places.sort()
-        rows = np.array([place[0] for place in places], dtype=np.intp)
-        columns = np.array([place[1] for place in places], dtype=np.intp)
-        return rows, columns, np.array([place[2] for place in places], dtype=np.float64)
+        upper = {place: float(x) for place, x in self.entries.items()}
+        full = sorted((upper | {(j, i): x for (i, j), x in upper.items()}).items())
+        rows, columns = (np.array([place[k] for place, _ in full], dtype=np.intp) for k in (0, 1))
+        return rows, columns, np.array([x for _, x in full], dtype=np.float64)
 
 
 def _pairwise_sum(terms: list[Fraction]) -> Fraction:
@@ -158,8 +134,6 @@ _CHUNK: Final = 1 << 16
 DENOMINATOR_BITS: Final = 512
 # A double is an integer below 2^53 times a power of two.
 _MANTISSA: Final = 53
-# Places of matrices with fewer rows are numbered in 64 bits.
-_ROWS: Final = 1 << 31
 # int64 is used for numbers below this, so that the sum of two still fits.
 _LIMIT: Final = 1 << 62
 
@@ -168,10 +142,10 @@ _LIMIT: Final = 1 << 62
 class IntegerSymmetric(Shown):
     """A symmetric matrix (size, size): values / denominator at the places (rows, columns), rows <= columns.
 
-    ``values`` are int64, or an object array of int. The constructor takes the places in any order, adds up
-    what is given for one place, drops zeros, and sorts by row, then column. The arrays are for reading only.
-    Raises: ShapeError for places outside the upper triangle or arrays of different lengths; SpecError
-    for values that are no integers or a denominator below 1.
+    ``values`` are int64, or an object array of int. The constructor takes the places in any order, adds up what is
+    given for one place, drops zeros, and sorts by row, then column. The arrays are for reading only.
+    Raises: ShapeError for places outside the upper triangle or arrays of different lengths; SpecError for values that
+    are no integers or a denominator below 1.
     """
 
     size: int
@@ -187,14 +161,12 @@ class IntegerSymmetric(Shown):
         if self.denominator < 1:
             raise SpecError(f"denominator must be at least 1; got {self.denominator}.")
         rows, columns = (np.asarray(x, dtype=np.int64) for x in (self.rows, self.columns))
-        if self.size < 0 or (
-            len(rows) and not (rows.min() >= 0 and columns.max() < self.size and (rows <= columns).all())
-        ):
+        inside = not len(rows) or (rows.min() >= 0 and columns.max() < self.size and (rows <= columns).all())
+        if self.size < 0 or not inside:
             raise ShapeError(f"every entry must lie in the upper triangle, 0 <= i <= j < {self.size}.")
         values = _integers(self.values)
-        order = (
-            np.argsort(rows * self.size + columns, kind="stable") if self.size < _ROWS else np.lexsort((columns, rows))
-        )
+        numbered = self.size < 1 << 31  # then places are numbers of 64 bits
+        order = np.argsort(rows * self.size + columns, kind="stable") if numbered else np.lexsort((columns, rows))
         rows, columns, values = _added_up(rows[order], columns[order], values[order])
         for name, array in (("rows", rows), ("columns", columns), ("values", values)):
             array.flags.writeable = False
@@ -214,11 +186,8 @@ class IntegerSymmetric(Shown):
         return cls._of(M, [x.numerator * (denominator // x.denominator) for x in M.entries.values()], denominator)
 
     @classmethod
-    def weakened(cls, M: SparseSymmetric, *, bits: int) -> IntegerSymmetric:
-        """Return a matrix with denominator 2^bits, rounded downwards on the diagonal and away from 0 beside it.
-
-        If v > 0 shows this one to be dominated by its diagonal, v shows the same for M (``zmatrix``).
-        """
+    def weakened(cls, M: Symmetric, *, bits: int) -> IntegerSymmetric:
+        """Return a matrix over 2^bits, rounded to where domination by the diagonal is harder (``zmatrix``)."""
         rounded = [
             (x.numerator << bits) // x.denominator if i == j or x < 0 else -((-x.numerator << bits) // x.denominator)
             for (i, j), x in M.entries.items()
@@ -226,7 +195,7 @@ class IntegerSymmetric(Shown):
         return cls._of(M, rounded, 1 << bits)
 
     @classmethod
-    def _of(cls, M: SparseSymmetric, values: list[int], denominator: int) -> IntegerSymmetric:
+    def _of(cls, M: Symmetric, values: list[int], denominator: int) -> IntegerSymmetric:
         count = len(M.entries)
         rows = np.fromiter((i for i, _ in M.entries), dtype=np.int64, count=count)
         columns = np.fromiter((j for _, j in M.entries), dtype=np.int64, count=count)
@@ -250,20 +219,13 @@ class IntegerSymmetric(Shown):
         whole = np.ldexp(fractions, _MANTISSA).astype(np.int64)
         shifts = exponents - _MANTISSA - lowest
         values = whole << shifts if shifts.max(initial=0) < 10 else whole.astype(object) << shifts.astype(object)
-        scale = 1 << max(lowest, 0)
-        return cls(
-            size=len(matrix),
-            rows=rows,
-            columns=columns,
-            values=as_integers(values * scale) if scale > 1 else values,
-            denominator=1 << max(-lowest, 0),
-        )
+        values = as_integers(values * (1 << lowest)) if lowest > 0 else values
+        return cls(size=len(matrix), rows=rows, columns=columns, values=values, denominator=1 << max(-lowest, 0))
 
     def to_sparse(self) -> SparseSymmetric:
         """Return the same matrix entry by entry."""
-        places = zip(self.rows.tolist(), self.columns.tolist(), strict=True)
-        numbers = (Fraction(x, self.denominator) for x in self.values.tolist())
-        return SparseSymmetric(self.size, dict(zip(places, numbers, strict=True)))
+        listed = zip(self.rows.tolist(), self.columns.tolist(), self.values.tolist(), strict=True)
+        return SparseSymmetric(self.size, {(i, j): Fraction(x, self.denominator) for i, j, x in listed})
 
     def to_dense(self) -> Matrix:
         """Return the full matrix (n, n)."""
@@ -285,11 +247,9 @@ class IntegerSymmetric(Shown):
     def shifted(self, shift: Fraction | int) -> IntegerSymmetric:
         """Return M + shift * I."""
         places = np.arange(self.size)
-        shift = Fraction(shift)
-        ones = np.full(self.size, shift.numerator, dtype=np.int64 if abs(shift.numerator) < _LIMIT else object)
-        return self + IntegerSymmetric(
-            size=self.size, rows=places, columns=places, values=ones, denominator=shift.denominator
-        )
+        top, bottom = Fraction(shift).as_integer_ratio()
+        ones = np.full(self.size, top, dtype=np.int64 if abs(top) < _LIMIT else object)
+        return self + IntegerSymmetric(size=self.size, rows=places, columns=places, values=ones, denominator=bottom)
 
     def __add__(self, other: SparseSymmetric | IntegerSymmetric) -> IntegerSymmetric:
         """Return the sum.  Raises: ShapeError if the sizes differ."""
@@ -315,17 +275,14 @@ class IntegerSymmetric(Shown):
         place[list(rows)] = np.arange(len(rows))
         i, j = place[self.rows], place[self.columns]
         chosen = (i >= 0) & (j >= 0)
-        low, high = np.minimum(i, j)[chosen].tolist(), np.maximum(i, j)[chosen].tolist()
-        numbers = (Fraction(x, self.denominator) for x in self.values[chosen].tolist())
-        return SparseSymmetric(len(rows), dict(zip(zip(low, high, strict=True), numbers, strict=True)))
+        part = zip(i[chosen].tolist(), j[chosen].tolist(), self.values[chosen].tolist(), strict=True)
+        return SparseSymmetric(len(rows), {(min(p), max(p)): Fraction(x, self.denominator) for *p, x in part})
 
     def diagonal(self) -> list[Fraction]:
         """Return the n entries of the diagonal."""
-        entries = [Fraction(0)] * self.size
         on = self.rows == self.columns
-        for i, x in zip(self.rows[on].tolist(), self.values[on].tolist(), strict=True):
-            entries[i] = Fraction(x, self.denominator)
-        return entries
+        found = dict(zip(self.rows[on].tolist(), self.values[on].tolist(), strict=True))
+        return [Fraction(found.get(i, 0), self.denominator) for i in range(self.size)]
 
     def quadratic_form(self, vector: Any) -> Fraction:
         """Return v' M v for integers or fractions v, n of them. Raises: ShapeError if the length differs."""
@@ -346,8 +303,10 @@ class IntegerSymmetric(Shown):
 Symmetric: TypeAlias = SparseSymmetric | IntegerSymmetric
 
 
-def in_integers(M: SparseSymmetric) -> IntegerSymmetric | None:
+def in_integers(M: Symmetric) -> IntegerSymmetric | None:
     """Return the same matrix in arrays, or None if its least common denominator is longer than 512 bits."""
+    if isinstance(M, IntegerSymmetric):
+        return M
     common = 1
     for denominator in {x.denominator for x in M.entries.values()}:
         common = math.lcm(common, denominator)
@@ -380,10 +339,7 @@ def both_triangles(M: IntegerSymmetric) -> Rows | None:
 
 
 def signs_of_product(M: Rows, vector: Integers) -> NDArray[np.int64]:
-    """Return the sign, -1, 0 or 1, of every entry of M v, exactly; v integers.
-
-    Every sum stays below 2^62: limbs of b bits, at most ``degree`` products per row, at most 16 pairs per level.
-    """
+    """Return the sign of every entry of M v, exactly, v integers: sums of limbs stay below 2^62, 16 pairs per level."""
     degree = int(np.diff(M.starts, append=len(M.rows)).max())
     bits = (58 - degree.bit_length()) // 2
     left, right = limbs(M.values, bits), limbs(vector, bits)
@@ -405,10 +361,7 @@ def signs_of_product(M: Rows, vector: Integers) -> NDArray[np.int64]:
 
 
 def limbs(values: Integers, bits: int) -> list[NDArray[np.int64]]:
-    """Cut integers into limbs, low first: values = sum limb_k 2^(bits k).
-
-    All are in [0, 2^bits) but the last, which has the sign and is in [-2^bits, 2^bits).
-    """
+    """Cut integers into limbs in [0, 2^bits), low first; the last one has the sign, and is in [-2^bits, 2^bits)."""
     found: list[NDArray[np.int64]] = []
     while True:
         found.append((values & ((1 << bits) - 1)).astype(np.int64))
@@ -484,9 +437,8 @@ class Doubles(Sequence[Fraction]):
     def __getitem__(self, place: slice) -> tuple[Fraction, ...]: ...
 
     def __getitem__(self, place: int | slice) -> Fraction | tuple[Fraction, ...]:
-        if isinstance(place, slice):
-            return tuple(Fraction(x) for x in self.array[place].tolist())
-        return Fraction(float(self.array[place]))
+        found = self.array[place].tolist()
+        return tuple(map(Fraction, found)) if isinstance(found, list) else Fraction(found)
 
     def __iter__(self) -> Iterator[Fraction]:
         return map(Fraction, self.array.tolist())

@@ -1,9 +1,8 @@
 """Sparse matrices decided by a vector: v > 0 with M v > 0 for Z-matrices, a direction p with p'Mp <= 0 against.
 
-A symmetric matrix whose entries beside the diagonal are <= 0 (Z-matrix) is positive definite iff such a v exists
-(theory, sections 3 and 8), and semidefinite if M v >= 0. For other signs the same is asked of the matrix with
--|m_ij| beside its diagonal: enough, not necessary. Finding v is floating point (conjugate gradients,
-Jacobi scaling) and may fail; checking it is exact. Time per step and memory are linear in the entries.
+A Z-matrix (no positive entry beside the diagonal) is positive definite iff such a v exists (theory, sections 3 and 8).
+For other signs the same is asked with -|m_ij| beside the diagonal: enough, not necessary. Finding v is floating point
+and may fail; checking it is exact. Time per step and memory are linear in the entries.
 """
 
 from __future__ import annotations
@@ -22,7 +21,7 @@ from dobc_design.exact.symmetric import (
     IntegerSymmetric,
     Places,
     Rows,
-    SparseSymmetric,
+    Symmetric,
     both_triangles,
     in_integers,
     signs_of_product,
@@ -44,38 +43,28 @@ _FLAT: Final = 1e-15
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Found:
-    """A vector that proves M definite, or directions, as integers, that may refute it: not multiplied out.
-
-    ``kind`` says in words what the directions are.
-    """
+    """A vector that proves M definite, or directions of a kind, as integers, that may refute it."""
 
     vector: tuple[int, ...] | None = None
     directions: tuple[list[int], ...] = ()
     kind: str = "search direction of conjugate gradients"
 
 
-def proves(M: SparseSymmetric | IntegerSymmetric, vector: Sequence[int], *, strict: bool = True) -> bool:
-    """Tell whether integers v > 0 prove M > 0 (strict), or M >= 0: m_ii v_i > sum over j of |m_ij| v_j, or >=.
-
-    Exact; for a Z-matrix this is M v > 0, or M v >= 0.
-    """
+def proves(M: Symmetric, vector: Sequence[int], *, strict: bool = True) -> bool:
+    """Tell, exactly, whether integers v > 0 prove M > 0 (strict) or M >= 0: m_ii v_i > sum |m_ij| v_j, or >=."""
     if len(vector) != M.size or any(x <= 0 for x in vector):
         return False
-    whole = _weakened(M)
-    rows = both_triangles(whole)
+    rows = both_triangles(_weakened(M))
     if rows is None:
         return M.size == 0
-    signs = signs_of_product(_comparison(rows), _as_array(vector))
-    return bool((signs > 0).all()) if strict else bool((signs >= 0).all())
+    v = np.array(vector, dtype=np.int64 if max(vector) < 1 << 62 else object)
+    return bool((signs_of_product(_comparison(rows), v) >= int(strict)).all())
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class FloatRows:
-    """A matrix made ready for ``bound``: its diagonal, and the sizes of what stands above it.
-
-    ``own`` (n,) is rounded up; ``sizes`` of the entries at (``rows``, ``columns``) so far that every rounding in the
-    sums of both its rows is covered.
-    """
+    """A matrix made ready for ``bound``: its diagonal ``own`` (n,), rounded up, and ``sizes`` of what is above it at
+    (``rows``, ``columns``), so far up that every rounding in the sums of both its rows is covered."""
 
     own: Floats
     largest: float  # of |own|
@@ -86,8 +75,7 @@ class FloatRows:
     def bound(self, vector: Floats) -> float:
         """Return an upper bound of the largest eigenvalue: the largest (m_ii v_i + sum |m_ij| v_j) / v_i; v > 0 (n,).
 
-        It is rounded up, and inf where floats do not hold it.  One product with M and a few passes over v.
-        Source: theory, section 8, for any signs: |x|'M'|x| >= x'M x with the sizes of M beside the diagonal in M'.
+        It is rounded up, and inf where floats do not hold it.  Source: theory, section 8, for any signs.
         """
         if len(vector) != len(self.own) or not len(vector) or not vector.min() > _SMALLEST:
             return math.inf
@@ -139,26 +127,24 @@ def _in_floats(M: IntegerSymmetric) -> Floats | None:
         return None
 
 
-def is_z_matrix(M: SparseSymmetric | IntegerSymmetric) -> bool:
+def is_z_matrix(M: Symmetric) -> bool:
     """Tell whether every entry beside the diagonal is <= 0."""
     if isinstance(M, IntegerSymmetric):
         return bool((M.values[M.rows != M.columns] < 0).all())
     return all(i == j or value < 0 for (i, j), value in M.entries.items())
 
 
-def search(M: SparseSymmetric | IntegerSymmetric, *, strict: bool) -> Found:
+def search(M: Symmetric, *, strict: bool) -> Found:
     """Look for a vector that proves M > 0 (strict) or M >= 0, checked exactly, or directions that may refute."""
-    whole = _weakened(M)
-    rows = both_triangles(whole)
+    rows = both_triangles(_weakened(M))
     if rows is None:
         return Found()
     diagonal = rows.values[rows.rows == rows.columns]
     if len(diagonal) < M.size or not (diagonal > 0).all():
         return Found()  # elimination finds the bad entry at its first glance
-    compared = _comparison(rows)
-    ones = np.ones(M.size, dtype=np.int64)
-    signs = signs_of_product(compared, ones)
-    if (signs > 0).all() or (not strict and (signs >= 0).all()):
+    compared, least = _comparison(rows), int(strict)
+    signs = signs_of_product(compared, np.ones(M.size, dtype=np.int64))
+    if (signs >= least).all():
         return Found(vector=(1,) * M.size)
     z_matrix = is_z_matrix(M)
     if z_matrix and (group := _unheld(rows, signs, strict=strict)) is not None:
@@ -167,18 +153,15 @@ def search(M: SparseSymmetric | IntegerSymmetric, *, strict: bool) -> Found:
     if x is not None and (x > 0).all():
         for bits in _VECTOR_BITS:
             v = _rounded(x, bits)
-            signs = signs_of_product(compared, v)
-            if (v > 0).all() and ((signs > 0).all() or (not strict and (signs >= 0).all())):
+            if (v > 0).all() and (signs_of_product(compared, v) >= least).all():
                 return Found(vector=tuple(v.tolist()))
     if not z_matrix:
         x, p = _conjugate_gradients(rows)
     return Found(directions=tuple(_directions(x, p, z_matrix=z_matrix)))
 
 
-def _weakened(M: SparseSymmetric | IntegerSymmetric) -> IntegerSymmetric:
+def _weakened(M: Symmetric) -> IntegerSymmetric:
     """Return M in integers, exactly or with every entry rounded to where domination is harder."""
-    if isinstance(M, IntegerSymmetric):
-        return M
     if (exact := in_integers(M)) is not None:
         return exact
     # The diagonal keeps as many bits as a common denominator may have.
@@ -201,9 +184,7 @@ def _unheld(rows: Rows, signs: Places, *, strict: bool) -> list[int] | None:
     unheld = sizes > 0
     unheld[labels[signs > 0]] = False
     if not strict:
-        negative = np.zeros_like(unheld)
-        negative[labels[signs < 0]] = True
-        unheld &= negative
+        unheld &= np.isin(np.arange(len(labels)), labels[signs < 0])
     groups = np.flatnonzero(unheld)
     return [int(x) for x in labels == groups[np.argmin(sizes[groups])]] if len(groups) else None
 
@@ -235,11 +216,6 @@ def _rounded(x: Floats, bits: int) -> Places:
     return np.rint(np.ldexp(x, bits - math.frexp(float(np.abs(x).max()))[1])).astype(np.int64)
 
 
-def _as_array(vector: Sequence[int]) -> NDArray[np.int64] | NDArray[np.object_]:
-    short = max(vector, default=0) < 1 << 62
-    return np.array(vector, dtype=np.int64 if short else object)
-
-
 def _conjugate_gradients(M: Rows) -> tuple[Floats | None, Floats | None]:
     """Solve M x = diag(M) until every row is met by half; return x or None, and a direction p if p'Mp is about <= 0.
 
@@ -251,8 +227,9 @@ def _conjugate_gradients(M: Rows) -> tuple[Floats | None, Floats | None]:
     if not (root > 0).all():
         return None, None
     with np.errstate(over="ignore", invalid="ignore"):
-        x, p = _iterate(M, values, root)
-    return x / root if np.isfinite(x).all() else None, p / root if p is not None and np.isfinite(p).all() else None
+        found = _iterate(M, values, root)
+    x, p = (None if each is None or not np.isfinite(each).all() else each / root for each in found)
+    return x, p
 
 
 def _iterate(M: Rows, values: Floats, root: Floats) -> tuple[Floats, Floats | None]:

@@ -19,9 +19,8 @@ from dobc_design.conditions.numbers import rounded_down
 from dobc_design.conditions.statement import Statement
 from dobc_design.errors import SpecError
 from dobc_design.exact.definite import decide_positive_definite, decide_positive_semidefinite
-from dobc_design.exact.interval import UndefinedError
+from dobc_design.exact.interval import UndefinedError, discretise
 from dobc_design.exact.matrix import Matrix, add, identity, matrix, multiply, scale, shape, subtract, transpose
-from dobc_design.exact.matrix_exponential import discretise
 from dobc_design.exact.number import number_text, parse_number
 from dobc_design.exact.polynomial import characteristic_polynomial, decide_images, disk_image
 from dobc_design.exact.reading import named, shown

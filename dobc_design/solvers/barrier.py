@@ -1,8 +1,7 @@
 """Analytic centres and linear objectives over matrix inequalities in one symmetric unknown Y and some scalars.
 
 Every block is F(Y, x) = F0 - L Y R' - R Y L' + sum x_k U_k signs_k U_k' + sum x_k M_k > 0.  Newton's method on
--log det, with the structure of Y used: a Lur'e inequality of n rows and many arcs takes a fraction of a second where a
-general solver, which sees one cone of (n + arcs)^2/2 rows, takes minutes.  A proposal, as everything here.
+-log det uses the structure of Y: fractions of a second for a Lur'e inequality that takes a general solver minutes.
 """
 
 from __future__ import annotations
@@ -28,10 +27,7 @@ _RIDGES: Final = (1e-14, 1e-11, 1e-8)
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Basis:
-    """Which symmetric Y (n, n) are allowed: entries (rows, columns) of the upper triangle, perhaps all equal.
-
-    ``tied``: one number for the whole diagonal.
-    """
+    """Which symmetric Y (n, n) are allowed: entries (rows, columns) above; ``tied``: one number for the diagonal."""
 
     n: int
     rows: Indices
@@ -107,27 +103,25 @@ class Block:
     """One matrix inequality F > 0 of N rows; see above.
 
     ``plain``: a multiple of Y that is added (then N = n, and Y occurs in no other way).
-    ``left``, ``right`` (N, n), or None where Y does not occur.  ``columns`` (N, k), ``signs`` (k,), ``scalars`` (k,):
+    ``sides``: L and R (N, n), or None where Y does not occur.  ``columns`` (N, k), ``signs`` (k,), ``scalars`` (k,):
     which scalar multiplies which column; ``dense``: scalar -> M_k (N, N).
     """
 
     constant: Array
     plain: float = 0.0
-    left: Array | None = None
-    right: Array | None = None
-    columns: Array | None = None
-    signs: Array | None = None
-    scalars: Indices | None = None
+    sides: tuple[Array, Array] | None = None
+    columns: tuple[Array, Array, Indices] | None = None  # with their signs and scalars
     dense: Mapping[int, Array] = field(default_factory=dict)
 
     def value(self, Y: Array, x: Array) -> Array:
         """F at a point."""
         F = self.constant + self.plain * Y if self.plain else self.constant.copy()
-        if self.left is not None and self.right is not None:
-            product = self.left @ Y @ self.right.T
+        if self.sides is not None:
+            product = self.sides[0] @ Y @ self.sides[1].T
             F -= product + product.T
-        if self.columns is not None and self.signs is not None and self.scalars is not None:
-            F += (self.columns * (self.signs * x[self.scalars])) @ self.columns.T
+        if self.columns is not None:
+            U, signs, scalars = self.columns
+            F += (U * (signs * x[scalars])) @ U.T
         for k, M in self.dense.items():
             F += x[k] * M
         return F
@@ -135,10 +129,7 @@ class Block:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Inequalities:
-    """Blocks, and bounds weights Y-traces: ``limits`` - sum of Y over ``forms`` > 0, linear in the unknowns of Y.
-
-    ``forms`` (bounds, basis.size), ``limits`` (bounds,).  ``count``: number of scalars.
-    """
+    """Blocks, and bounds ``limits`` (bounds,) - ``forms`` (bounds, basis.size) y > 0 on Y; ``count`` of scalars."""
 
     basis: Basis
     blocks: tuple[Block, ...]
@@ -164,8 +155,12 @@ class Inequalities:
                 return math.inf
             total -= float(np.sum(np.log(room)))
         for block in self.blocks:
-            factor = _factor(block.value(Y, x))
-            if factor is None:
+            F = block.value(Y, x)
+            if not np.all(np.isfinite(F)):
+                return math.inf
+            try:
+                factor = np.linalg.cholesky((F + F.T) / 2)
+            except np.linalg.LinAlgError:
                 return math.inf
             total -= 2 * float(np.sum(np.log(np.diag(factor))))
         return total
@@ -192,10 +187,7 @@ class Inequalities:
 def centre(
     problem: Inequalities, point: Array, *, cost: Array | None = None, stop: Callable[[Array], bool] | None = None
 ) -> Array:
-    """Minimise cost'x + barrier by damped Newton steps from a point inside; the best point reached.
-
-    ``stop``: leave as soon as it holds.
-    """
+    """Minimise cost'x + barrier by damped Newton steps from inside, or until ``stop``; the best point reached."""
     cost = np.zeros(len(point)) if cost is None else cost
     value = float(cost @ point) + problem.barrier(point)
     for _ in range(MOST_STEPS):
@@ -209,10 +201,14 @@ def centre(
         if not decrement > CENTRED**2:
             break
         length = 1.0 if decrement < 0.1 else 1 / (1 + math.sqrt(decrement))
-        moved, after = _line_search(problem, point, step, cost, value, decrement, length)
-        if moved is None:
+        for trial in (1.0, length, *(length * 0.5**k for k in range(1, 20))):  # until the value falls
+            candidate = point - trial * step
+            after = float(cost @ candidate) + problem.barrier(candidate)
+            if after < value - 1e-3 * trial * decrement:
+                break
+        else:
             break
-        point, value = moved, after
+        point, value = candidate, after
     return point
 
 
@@ -225,10 +221,8 @@ def minimise(
     stop: Callable[[Array], bool] | None = None,
     hopeless: float = math.inf,
 ) -> Array:
-    """Follow the central path of cost'x from a point inside until the gap is ``accuracy`` |cost'x|.  A point inside.
-
-    ``stop``: leave as soon as it holds.  ``hopeless``: leave when cost'x cannot come below it.
-    """
+    """Follow the central path of cost'x from inside until the gap is ``accuracy`` |cost'x|, or ``stop`` holds, or it
+    cannot come below ``hopeless``.  A point inside."""
     order = len(problem.limits) + sum(len(block.constant) for block in problem.blocks)
     gradient, _ = problem.derivatives(point)
     size = float(cost @ cost)
@@ -240,18 +234,6 @@ def minimise(
             break
         weight *= 8
     return point
-
-
-def _line_search(
-    problem: Inequalities, point: Array, step: Array, cost: Array, value: float, decrement: float, length: float
-) -> tuple[Array | None, float]:
-    """Try the whole step, then shorter ones, until the value falls."""
-    for trial in (1.0, length, *(length * 0.5**k for k in range(1, 20))):
-        candidate = point - trial * step
-        after = float(cost @ candidate) + problem.barrier(candidate)
-        if after < value - 1e-3 * trial * decrement:
-            return candidate, after
-    return None, value
 
 
 def _solve(hessian: Array, gradient: Array) -> Array | None:
@@ -269,53 +251,45 @@ def _solve(hessian: Array, gradient: Array) -> Array | None:
     return None
 
 
-def _factor(F: Array) -> Array | None:
-    if not np.all(np.isfinite(F)):
-        return None
-    try:
-        return np.asarray(np.linalg.cholesky((F + F.T) / 2))
-    except np.linalg.LinAlgError:
-        return None
-
-
 def _add_block(block: Block, basis: Basis, G: Array, gradient: Array, hessian: Array) -> None:
     """Add what -log det F gives, G = F^-1."""
     size = basis.size
-    L, R = block.left, block.right
     if block.plain:
         gradient[:size] -= block.plain * basis.traces(G)
         hessian[:size, :size] += block.plain**2 * basis.quadratic((G, G))
-    if L is not None and R is not None:
+    if block.sides is not None:
+        L, R = block.sides
         GL, GR = G @ L, G @ R
         b = R.T @ GL
         gradient[:size] += 2 * basis.traces(b)
         hessian[:size, :size] += 2 * basis.quadratic((b, b), (L.T @ GL, R.T @ GR))
-    if block.columns is not None and block.signs is not None and block.scalars is not None:
-        _add_columns(block, basis, G, gradient, hessian)
+    if block.columns is not None:
+        _add_columns(block, block.columns, basis, G, gradient, hessian)
     dense = [(k, G @ M @ G) for k, M in block.dense.items()]
     for k, GMG in dense:
         gradient[size + k] -= float(np.sum(G * block.dense[k]))
         for l, M in block.dense.items():  # noqa: E741  k, l as in matrix entries
             hessian[size + k, size + l] += float(np.sum(GMG * M))
-        if (L is not None and R is not None) or block.plain:
-            inner = block.plain * GMG if L is None or R is None else -2 * (R.T @ GMG @ L)
+        if block.sides is not None or block.plain:
+            inner = block.plain * GMG if block.sides is None else -2 * (block.sides[1].T @ GMG @ block.sides[0])
             cross = basis.traces(inner)
             hessian[:size, size + k] += cross
             hessian[size + k, :size] += cross
 
 
-def _add_columns(block: Block, basis: Basis, G: Array, gradient: Array, hessian: Array) -> None:
+def _add_columns(
+    block: Block, columns: tuple[Array, Array, Indices], basis: Basis, G: Array, gradient: Array, hessian: Array
+) -> None:
     """The scalars that multiply columns: gradient, Hessian among themselves, with Y and with dense scalars."""
-    U, signs, scalars, size = block.columns, block.signs, block.scalars, basis.size
-    if U is None or signs is None or scalars is None:
-        return
+    (U, signs, scalars), size = columns, basis.size
     GU = G @ U
     table = U.T @ GU
     rows = size + scalars
     np.add.at(gradient, rows, -signs * np.diag(table))
     np.add.at(hessian, np.ix_(rows, rows), table**2 * signs[:, None] * signs)
-    if block.left is not None and block.right is not None:
-        cross = -2 * basis.products(block.left.T @ GU, block.right.T @ GU) * signs
+    if block.sides is not None:
+        L, R = block.sides
+        cross = -2 * basis.products(L.T @ GU, R.T @ GU) * signs
         summed = np.zeros((size, hessian.shape[0]))
         np.add.at(summed.T, rows, cross.T)
         hessian[:size] += summed

@@ -1,13 +1,13 @@
 """Clarabel, asked in one place: linear objectives over cones, the programs of pencils, and the ladder down to SCS.
 
-Whatever a solver answers is a proposal that exact arithmetic decides about, so a wrong answer costs time and
-nothing else.  A solver that breaks (raises, runs out of time, answers with something that is no point) is not
-asked again for the same design.
+Whatever a solver answers is a proposal that exact arithmetic decides about: a wrong answer costs time and nothing else.
+A solver that breaks (raises, runs out of time, answers with something that is no point) is not asked again.
 """
 
 from __future__ import annotations
 
 import math
+import warnings
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
 from typing import Any, Final, Literal, TypeVar
@@ -16,7 +16,6 @@ import numpy as np
 from scipy import sparse
 
 from dobc_design.exact.pencil import Pencil, below, positive
-from dobc_design.solvers.dense import solve_dense
 from dobc_design.solvers.program import (
     FAILED,
     Array,
@@ -32,16 +31,14 @@ T = TypeVar("T")
 
 ROOT2: Final = math.sqrt(2.0)
 SOLVER, SECOND = "Clarabel", "SCS"
+TIME_LIMITS: Final = {"CLARABEL": "time_limit", "SCS": "time_limit_secs"}  # cvxpy's option by solver, in s
 TIME_LIMIT: Final = 20.0  # seconds for one call of one solver; the programs of the ladder take milliseconds
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Cone:
-    """``right`` - ``rows`` x lies in a cone; rows (r, k) a NumPy or SciPy array, right (r,).
-
-    ``kind``: "semidefinite" (the svec of a matrix), "nonnegative", or "ball" (the norm of the others is at most the
-    first).
-    """
+    """``right`` - ``rows`` x lies in a cone: the svec of a matrix, or a ball: others at most as long as the first;
+    rows (r, k) a NumPy or SciPy array, right (r,)."""
 
     kind: Literal["semidefinite", "nonnegative", "ball"]
     rows: Any
@@ -74,12 +71,17 @@ def solve_cones(
     time_limit: float = math.inf,
     accuracy: float | None = None,
 ) -> ConeAnswer:
-    """Minimise cost'x + x'diag(squares)x / 2 over x (k,) in all ``cones``, by Clarabel.
+    """Minimise cost'x + x'diag(squares)x / 2 over x (k,) in all ``cones``, by Clarabel; ``time_limit`` in s.
 
-    ``time_limit`` in s; ``accuracy``: absolute and relative, where it is not Clarabel's own.
     Returns: an answer without values where the solver fails in any way; it never raises for that.
     """
     import clarabel
+
+    def kind(cone: Cone) -> Any:
+        size = len(cone.right)
+        if cone.kind == "semidefinite":
+            return clarabel.PSDTriangleConeT(_order(size))
+        return clarabel.NonnegativeConeT(size) if cone.kind == "nonnegative" else clarabel.SecondOrderConeT(size)
 
     try:
         settings = clarabel.DefaultSettings()
@@ -92,7 +94,7 @@ def solve_cones(
             cost,
             sparse.csc_matrix(sparse.vstack([sparse.csc_array(each.rows) for each in cones])),
             np.concatenate([each.right for each in cones]),
-            [_clarabels(clarabel, each) for each in cones],
+            [kind(each) for each in cones],
             settings,
         ).solve()
         return _read(answer, len(cost))
@@ -100,13 +102,6 @@ def solve_cones(
         if not is_solver_failure(error):
             raise
         return ConeAnswer(status=f"{FAILED}{type(error).__name__}")
-
-
-def _clarabels(clarabel: Any, cone: Cone) -> Any:
-    size = len(cone.right)
-    if cone.kind == "semidefinite":
-        return clarabel.PSDTriangleConeT((math.isqrt(8 * size + 1) - 1) // 2)
-    return clarabel.NonnegativeConeT(size) if cone.kind == "nonnegative" else clarabel.SecondOrderConeT(size)
 
 
 def _read(answer: Any, size: int) -> ConeAnswer:
@@ -122,10 +117,7 @@ def _read(answer: Any, size: int) -> ConeAnswer:
 
 
 def svec(matrix: Any) -> Array:
-    """The upper triangle, column by column, off-diagonal entries times sqrt 2 (Clarabel's order).
-
-    ``matrix``: symmetric (n, n), a NumPy or SciPy array.  Shape: (n (n + 1)/2,).
-    """
+    """The upper triangle (n (n + 1)/2,) of a NumPy or SciPy array (n, n), column by column, others times sqrt 2."""
     table = sparse.coo_array(matrix)
     size = table.shape[0]
     upper = table.row <= table.col
@@ -137,11 +129,15 @@ def svec(matrix: Any) -> Array:
 
 def smat(vector: Array) -> Array:
     """The symmetric matrix (n, n) that ``svec`` writes as ``vector`` (n (n + 1)/2,)."""
-    size = (math.isqrt(8 * len(vector) + 1) - 1) // 2
+    size = _order(len(vector))
     columns, rows = np.tril_indices(size)
     result = np.zeros((size, size))
     result[rows, columns] = result[columns, rows] = np.where(rows == columns, vector, vector / ROOT2)
     return result
+
+
+def _order(length: int) -> int:
+    return (math.isqrt(8 * length + 1) - 1) // 2
 
 
 def svec_diagonal(size: int) -> Any:
@@ -152,20 +148,11 @@ def svec_diagonal(size: int) -> Any:
 
 def symmetric_basis(size: int) -> list[Array]:
     """The symmetric matrices (n, n) with one entry 1 in the upper triangle, column by column."""
-    found = []
-    for j in range(size):
-        for i in range(j + 1):
-            unit = np.zeros((size, size))
-            unit[i, j] = unit[j, i] = 1.0
-            found.append(unit)
-    return found
+    return [np.where(unit > 0, 1.0, 0.0) for unit in map(smat, np.eye(size * (size + 1) // 2))]
 
 
 def solve_directly(program: Program, *, time_limit: float = 60.0) -> Solution:
-    """Solve a Program by Clarabel, without a modelling layer.  A failure is a Solution without values.
-
-    ``time_limit`` in s.
-    """
+    """Solve a Program by Clarabel, without a modelling layer.  A failure is a Solution without values."""
     places = [place for unknown in program.pencils[0].unknowns for place in unknown.places()]
     gains = [k for k, place in enumerate(places) if place[0] == "Q"]
     P, margin = program.pencils[0].unknowns[0], program.objective == "margin"
@@ -202,12 +189,70 @@ def solve_directly(program: Program, *, time_limit: float = 60.0) -> Solution:
     return Solution(status=answer.status, solver=SOLVER, objective=answer.objective, values=values)
 
 
+def build_dense(program: Program) -> tuple[Any, dict[str, Any]]:
+    """The cvxpy problem of a Program and its variables by name (P, declared symmetric, Q and perhaps t): the block LMI
+    of Theorems 1 and 2 as the paper writes it, size n (m + q) per mode; the oracle of the reduced form."""
+    import cvxpy as cp
+
+    first = program.pencils[0]
+    variables: dict[str, Any] = {
+        unknown.name: cp.Variable((unknown.rows, unknown.columns), symmetric=unknown.symmetric, name=unknown.name)
+        for unknown in first.unknowns
+    }
+    P, Q = variables["P"], variables.get("Q")
+    q = first.unknowns[0].rows
+    constraints = []
+    if program.objective == "margin":
+        t = variables["t"] = cp.Variable(name="t")
+        constraints += [_affine(cp, each, variables) << t * np.eye(each.size) for each in program.pencils]
+        constraints += [P >> np.eye(q) * float(1 + program.floor), P << np.eye(q) * float(program.ratio)]
+        if Q is not None:
+            constraints.append(cp.norm(Q, "fro") <= float(program.radius))
+        objective = cp.Minimize(t)
+    else:
+        constraints += [_affine(cp, each, variables) << 0 for each in program.pencils]
+        constraints.append(P >> np.eye(q) * float(program.floor))
+        objective = cp.Minimize(cp.trace(P) + (cp.sum_squares(Q) if Q is not None else 0))
+    return cp.Problem(objective, constraints), variables
+
+
+def solve_dense(program: Program, *, solver: str = "CLARABEL", time_limit: float = 60.0) -> Solution:
+    """Solve the block LMI through cvxpy by one of its solvers.  A failure is a Solution without values."""
+    try:
+        problem, variables = build_dense(program)
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # that an answer is inaccurate stands in the status
+            problem.solve(solver=solver, **{TIME_LIMITS[solver]: time_limit} if solver in TIME_LIMITS else {})
+        return _read_dense(program, problem, variables, solver=solver)
+    except BaseException as error:  # a panic in Rust is no Exception
+        if not is_solver_failure(error):
+            raise
+        return without_values(f"{FAILED}{type(error).__name__}", solver=solver)
+
+
+def _read_dense(program: Program, problem: Any, variables: dict[str, Any], *, solver: str) -> Solution:
+    """What the solver answered.  Raises what comes of it if that is no point at all."""
+    unknowns = program.pencils[0].unknowns
+    missing = problem.value is None or any(variables[unknown.name].value is None for unknown in unknowns)
+    if missing or not math.isfinite(problem.value):
+        return without_values(str(problem.status), solver=solver)
+    numbers = [float(variables[unknown.name].value[i, j]) for unknown in unknowns for _, i, j in unknown.places()]
+    values = assemble(program.pencils[0], numbers)
+    return Solution(status=str(problem.status), solver=solver, objective=float(problem.value), values=values)
+
+
+def _affine(cp: Any, pencil: Pencil, variables: dict[str, Any]) -> Any:
+    total = cp.Constant(as_sparse(pencil.constant))
+    for (name, i, j), coefficient in pencil.coefficients.items():
+        total = total + variables[name][i, j] * as_sparse(coefficient)
+    return total
+
+
 def climb(
     programs: Iterable[tuple[Program, T]], *, time_limit: float = TIME_LIMIT
 ) -> Iterator[tuple[Solution, T, str]]:
     """Solve each program by Clarabel and, where that gave no point for one of them, by SCS through cvxpy.
 
-    ``programs``: each with a label.  ``time_limit``: seconds for one call.
     Returns: the answer (perhaps without values), the label, and how it came about: "" for Clarabel, else such as
     "by SCS, after Clarabel gave no point (MaxTime)".
     """

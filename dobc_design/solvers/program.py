@@ -18,6 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import sparse
 
+from dobc_design.exact.matrix import Matrix
 from dobc_design.exact.pencil import Pencil
 from dobc_design.exact.symmetric import Symmetric
 
@@ -32,10 +33,7 @@ OUT_OF_TIME = ("MaxTime", "user_limit")  # Clarabel's and cvxpy's words
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Program:
-    """Which program to solve for which pencils (all with the same unknowns).
-
-    ``ratio`` and ``radius`` belong to "margin", ``floor`` to "size".
-    """
+    """Which program to solve for which pencils, all with the same unknowns; ``ratio``, ``radius``: of "margin"."""
 
     pencils: tuple[Pencil, ...]
     objective: str = "size"
@@ -46,10 +44,7 @@ class Program:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Solution:
-    """What a solver answered.  ``status`` is kept and never decides anything.
-
-    ``values``: unknown -> array, empty when the solver gave none; ``objective`` is nan then.
-    """
+    """What a solver answered; ``status`` never decides anything.  Without a point no ``values``, ``objective`` nan."""
 
     status: str
     solver: str
@@ -75,12 +70,10 @@ def without_values(status: str, *, solver: str) -> Solution:
 def is_solver_failure(error: BaseException) -> bool:
     """Whether an exception out of a solver means that it gave up, not that the program is to stop.
 
-    A panic inside a solver written in Rust arrives as pyo3_runtime.PanicException, a BaseException that
-    cannot be imported, hence the comparison by name.  MemoryError, KeyboardInterrupt and SystemExit go on.
+    A panic inside a solver written in Rust arrives as a BaseException that cannot be imported: it is known by name.
     """
-    if type(error).__name__ == "PanicException":
-        return True
-    return isinstance(error, Exception) and not isinstance(error, MemoryError)
+    ordinary = isinstance(error, Exception) and not isinstance(error, MemoryError)
+    return ordinary or type(error).__name__ == "PanicException"
 
 
 def as_sparse(matrix: Symmetric) -> Any:
@@ -91,17 +84,20 @@ def as_sparse(matrix: Symmetric) -> Any:
 
 def assemble(pencil: Pencil, numbers: Sequence[float]) -> dict[str, Array]:
     """Turn the vector of independent entries into one array per unknown.  Raises ValueError if there are too few."""
-    wanted = sum(1 for unknown in pencil.unknowns for _ in unknown.places())
-    if len(numbers) < wanted:
-        raise ValueError(f"a solver answered with {len(numbers)} numbers, not {wanted}")
-    result: dict[str, Array] = {}
-    position = 0
-    for unknown in pencil.unknowns:
-        array = np.zeros((unknown.rows, unknown.columns))
-        for _, i, j in unknown.places():
-            array[i, j] = numbers[position]
-            if unknown.symmetric:
-                array[j, i] = numbers[position]
-            position += 1
-        result[unknown.name] = array
+    places = [(unknown, i, j) for unknown in pencil.unknowns for _, i, j in unknown.places()]
+    if len(numbers) < len(places):
+        raise ValueError(f"a solver answered with {len(numbers)} numbers, not {len(places)}")
+    result = {unknown.name: np.zeros((unknown.rows, unknown.columns)) for unknown in pencil.unknowns}
+    for (unknown, i, j), number in zip(places, numbers, strict=False):
+        result[unknown.name][i, j] = number
+        if unknown.symmetric:
+            result[unknown.name][j, i] = number
     return result
+
+
+def round_matrix(array: Array, digits: int) -> Matrix:
+    """Round to ``digits`` significant decimal digits of the largest entry; symmetry is kept."""
+    largest = float(np.max(np.abs(array))) if array.size else 0.0
+    places = digits - 1 - math.floor(math.log10(largest)) if 0 < largest < math.inf else 0
+    unit = Fraction(10) ** places
+    return tuple(tuple(Fraction(round(Fraction(float(x)) * unit)) / unit for x in row) for row in array)

@@ -40,8 +40,7 @@ from dobc_design.exact.zmatrix import search
 from dobc_design.problem.exosystems import Exosystem
 from dobc_design.problem.network import Network
 from dobc_design.problem.problem import Problem
-from dobc_design.solvers.conic import solve_directly
-from dobc_design.solvers.dense import solve_dense
+from dobc_design.solvers.conic import solve_dense, solve_directly
 from dobc_design.solvers.program import Program, Solution
 from dobc_design.verdict import Verdict
 

@@ -53,16 +53,9 @@ QUADRATIC = Check(
     rate=0.25,
     reason="",
     claim=Values(
-        {
-            "method": "interval",
-            "level": "5/2",
-            "radius": "1",
-            "rate": "1/4",
-            "P": [["2"]],
-            "multipliers": {},
-            "P_e": [[0, 0, "2"], [0, 1, "1/2"], [1, 1, "1"], [2, 2, "3"]],
-            "ranges": [{"coupling": 0, "gains": [[["1", "4"]]]}],
-        }
+        {"method": "interval", "level": "5/2", "radius": "1", "rate": "1/4", "P": [["2"]], "multipliers": {}}
+        | {"P_e": [[0, 0, "2"], [0, 1, "1/2"], [1, 1, "1"], [2, 2, "3"]]}
+        | {"ranges": [{"coupling": 0, "gains": [[["1", "4"]]]}]}
     ),
 )
 

@@ -44,19 +44,14 @@ def as_bytes(document):
     return json.dumps(document).encode()
 
 
-def test_claims_come_back_as_they_were_written():
-    for seed in range(15):
+def test_claims_come_back_as_they_were_written_and_the_same_problem_gives_the_same_bytes():
+    """No time stamps; same input and versions give the same claims."""
+    for seed in range(10):
         claims = certify(a_problem(seed)).claims
         data = certificate_bytes(claims)
         assert read_claims(data) == claims
         assert certificate_bytes(read_claims(data)) == data
-
-
-def test_the_same_problem_gives_the_same_bytes():
-    """No time stamps; same input and versions give the same claims."""
-    for seed in range(4):
-        first, second = (certificate_bytes(certify(a_problem(seed)).claims) for _ in range(2))
-        assert first == second
+        assert seed > 2 or certificate_bytes(certify(a_problem(seed)).claims) == data
 
 
 def test_the_document_has_the_fields_of_the_contract(document):
@@ -98,51 +93,36 @@ def changed(document, *path, value):
     return copy
 
 
-@pytest.mark.parametrize(
-    ("path", "value"),
-    [
-        (("extra",), 1),
-        (("checks", 0, "evidence"), {}),
-        (("checks", 0, "witness"), {"kind": "vector", "note": "x"}),
-        (("observer", "K"), None),
-        (("program", "path"), "x"),
-        (("version",), 2),
-        (("version",), "1"),
-        (("version",), 1.0),
-        (("version",), True),
-        (("format",), "other"),
-        (("verdict",), "perhaps"),
-        (("verdict",), None),
-        (("rate",), "0.5"),
-        (("rate",), True),
-        (("rate",), 10**400),
-        (("covered_by",), 3),
-        (("reason",), None),
-        (("notes",), "text"),
-        (("notes",), [1]),
-        (("checks",), {}),
-        (("checks", 0), []),
-        (("checks", 0, "id"), "theorem9"),
-        (("checks", 0, "id"), ["lemma1"]),
-        (("checks", 0, "verdict"), "Proved"),
-        (("checks", 0, "margin"), False),
-        (("checks", 0, "domain"), None),
-        (("checks", 0, "domain"), ["global"]),
-        (("checks", 0, "exact"), None),
-        (("checks", 0, "exact"), "abc"),
-        (("checks", 0, "mode"), 7),
-        (("checks", 0, "fix"), {"kind": "x"}),
-        (("checks", 0, "witness"), {"kind": "vector", "values": "12"}),
-        (("checks", 0, "witness"), {"kind": "vector", "values": [1]}),
-        (("observer", "W"), [["1"], ["2", "3"]]),
-        (("observer", "W"), [[1.5], [2]]),
-        (("observer", "W"), [["nan"], ["1"]]),
-        (("observer", "W"), [["1/0"], ["1"]]),
-        (("observer", "W"), []),
-        (("observer", "W"), "W"),
-        (("observer",), None),
+OTHERS = {
+    ("extra",): [1],
+    ("program", "path"): ["x"],
+    ("version",): [2, "1", 1.0, True],
+    ("format",): ["other"],
+    ("verdict",): ["perhaps", None],
+    ("rate",): ["0.5", True, 10**400],
+    ("covered_by",): [3],
+    ("reason",): [None],
+    ("notes",): ["text", [1]],
+    ("observer",): [None],
+    ("observer", "K"): [None],
+    ("observer", "W"): [[["1"], ["2", "3"]], [[1.5], [2]], [["nan"], ["1"]], [["1/0"], ["1"]], [], "W"],
+    ("checks",): [{}],
+    ("checks", 0): [[]],
+    ("checks", 0, "id"): ["theorem9", ["lemma1"]],
+    ("checks", 0, "mode"): [7],
+    ("checks", 0, "verdict"): ["Proved"],
+    ("checks", 0, "margin"): [False],
+    ("checks", 0, "domain"): [None, ["global"]],
+    ("checks", 0, "exact"): [None, "abc"],
+    ("checks", 0, "evidence"): [{}],
+    ("checks", 0, "fix"): [{"kind": "x"}],
+    ("checks", 0, "witness"): [
+        {"kind": "vector"} | each for each in ({"note": "x"}, {"values": "12"}, {"values": [1]})
     ],
-)
+}
+
+
+@pytest.mark.parametrize(("path", "value"), [(path, value) for path in OTHERS for value in OTHERS[path]])
 def test_other_documents_are_refused(document, path, value):
     """Unknown, missing, doubled and mistyped fields: never a guess, never another exception."""
     with pytest.raises(CertificateError, match="cannot be read"):
@@ -159,19 +139,14 @@ def test_missing_fields_are_refused(document):
             read_claims(as_bytes(changed(document, "checks", 0, value=check)))
 
 
+HEAD = b'"format": "dobc-certificate"'
+
+
 @pytest.mark.parametrize(
     "data",
     [
-        b"",
-        b"[]",
-        b"null",
-        b"1",
-        b"{",
-        b"\xff\xfe",
-        b"[" * 100_000,
-        b'{"format": "dobc-certificate"}',
-        b'{"format": "dobc-certificate", "format": "dobc-certificate", "version": 1}',
-        b"9" * 5000,
+        *(b"", b"[]", b"null", b"1", b"{", b"\xff\xfe", b"[" * 100_000, b"9" * 5000),
+        *(b"{" + HEAD + b"}", b"{" + HEAD + b", " + HEAD + b', "version": 1}'),
     ],
 )
 def test_other_bytes_are_refused(data):
@@ -217,12 +192,8 @@ def with_margin(text: str) -> tuple[bytes, Problem]:
 @pytest.mark.parametrize(
     ("text", "true"),
     [
-        ("0.2", True),
-        ("0.2000000000000000000000000000000", True),
-        ("20000000000000000000000000000000000000000000000000e-50", True),
-        ("0.200000000000000000000000000002", False),
-        ("0.2000000000000000000000000000021", False),
-        ("1", False),
+        *((text, True) for text in ("0.2", f"0.2{'0' * 30}", f"2{'0' * 49}e-50")),
+        *((text, False) for text in (f"0.2{'0' * 28}2", f"0.2{'0' * 28}21", "1")),
     ],
 )
 def test_a_number_with_more_digits_than_a_float_is_not_read_as_a_smaller_claim(text, true):
@@ -300,13 +271,10 @@ def test_a_number_of_a_witness_may_be_as_long_as_a_checker_reads_and_no_longer(d
     assert writable(check) == check if digits <= LONGEST else writable(check).verdict is UNDECIDED
 
 
-def quotient(prime: int, power: int) -> str:
-    return number_text(Fraction(1, prime**power))
-
-
 def test_the_common_denominator_of_a_witness_is_bounded():
     """docs/certificate-format.md: 65 536 bits; each of these numbers may stand there alone."""
-    two, three, five = quotient(2, 30_000), quotient(3, 18_000), quotient(5, 4000)
+    powers = ((2, 30_000), (3, 18_000), (5, 4000))
+    two, three, five = (number_text(Fraction(1, prime**power)) for prime, power in powers)
     assert (2**30_000 * 3**18_000).bit_length() < 2**16 < (2**30_000 * 3**18_000 * 5**4000).bit_length()
     assert writable(vector_check(two, three)) == vector_check(two, three)
     assert writable(vector_check(two, three, five)).verdict is UNDECIDED

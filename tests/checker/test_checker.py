@@ -1,30 +1,18 @@
 """The lone checker: accepts what is proved, refuses everything else, as one folder without any package.
 
-Its cases are in tests/support/checker_cases.py; test_removals.py takes its checks away.
-"""
+Its cases are in tests/support/checker_cases.py; at the end one of its checks at a time is taken away."""
 
 from __future__ import annotations
 
 import json
 import os
 
+import checker_cases
 import pytest
 from certified import certified
-from checker_cases import (
-    FAILS,
-    HOLDS,
-    NOTHING,
-    OPEN,
-    UNREADABLE,
-    alone,
-    bend,
-    cases,
-    check,
-    document,
-    misjudged,
-    outcome,
-    problems,
-)
+from checker_cases import FAILS, HOLDS, NOTHING, OPEN, UNREADABLE, alone, bend, cases, check, misjudged, outcome
+from checker_mutants import FILES, removals
+from checker_removals import EQUIVALENT, noticed_by
 
 from dobc_design.certificate.text import certificate_bytes
 from dobc_design.certification.certify import certify, verify
@@ -57,11 +45,7 @@ def test_a_built_in_problem_is_certified_and_confirmed_by_both_programs(tmp_path
 def test_every_case_gets_its_exit_code():
     """Some 250 certificates and problems, each wrong in one place, and 30 that are right."""
     assert misjudged(cases()) == []
-    assert {code: sum(case.code == code for case in cases()) > 25 for code in (HOLDS, FAILS, UNREADABLE)} == {
-        HOLDS: True,
-        FAILS: True,
-        UNREADABLE: True,
-    }
+    assert all(sum(case.code == code for case in cases()) > 25 for code in (HOLDS, FAILS, UNREADABLE))
 
 
 @pytest.mark.parametrize("code", [FAILS, UNREADABLE])
@@ -72,18 +56,14 @@ def test_the_lone_folder_says_why_it_refuses_and_never_shows_a_traceback(tmp_pat
     assert ("FAILS  " if code == FAILS else "unreadable: ") in done.stdout
 
 
-def test_a_missing_file_or_argument_is_unreadable(tmp_path, capsys):
-    assert main([str(tmp_path / "no.json")] * 2) == 2
-    assert main([]) == 2
-    assert "unreadable: [Errno 2]" in capsys.readouterr().out
-
-
-def test_what_is_no_regular_file_is_refused_at_once(tmp_path, capsys):
+def test_what_is_missing_or_no_regular_file_is_unreadable_at_once(tmp_path, capsys):
     """A pipe would make it wait for ever."""
     os.mkfifo(tmp_path / "pipe")
-    assert main([str(tmp_path / "pipe"), str(tmp_path / "pipe")]) == 2
-    assert main([str(tmp_path), str(tmp_path)]) == 2
-    assert capsys.readouterr().out.count("it is no regular file") == 2
+    assert [main(2 * [str(path)]) for path in (tmp_path / "pipe", tmp_path, tmp_path / "no.json")] == [2, 2, 2]
+    assert main([]) == 2
+    shown = capsys.readouterr().out
+    assert shown.count("it is no regular file") == 2
+    assert "unreadable: [Errno 2]" in shown
 
 
 def test_the_output_cannot_steer_a_terminal(capsys, tmp_path):
@@ -101,7 +81,8 @@ def test_the_output_cannot_steer_a_terminal(capsys, tmp_path):
 @pytest.mark.parametrize("keep", ["verdict", "nothing"])
 def test_a_certificate_stripped_of_its_claims_proves_nothing(keep):
     """All checks undecided: "proved" does not follow; without the verdict it claims nothing, and is no proof."""
-    stripped, problem = document("paper"), canonical_bytes(problems()["paper"])
+    stripped = checker_cases.document("paper")
+    problem = canonical_bytes(checker_cases.problems()["paper"])
     for each in stripped["checks"]:
         bend(each, NOTHING)
     stripped["observer"] |= {"P": None, "Q": None}
@@ -141,8 +122,7 @@ def test_the_printed_p_is_refuted_at_nine_sixteenths_and_proved_just_above(k, pr
 @pytest.mark.parametrize("refusals", [[(False, "lemma1: no")], None])
 def test_two_programs_that_disagree_confirm_nothing(monkeypatch, refusals):
     """``verify`` asks the package and the lone checker; either alone is not enough."""
-    problem = load_problem("paper-fixed")
-    claims = certify(problem).claims
+    problem, claims = load_problem("paper-fixed"), certified("paper-fixed").claims
     honest = verify(claims, problem)
     assert (honest.holds, honest.lone_checker) == (True, "it accepts every claim")
     if refusals is None:
@@ -162,21 +142,42 @@ def test_what_the_lone_checker_cannot_read_is_refused(monkeypatch):
         raise checker.Refused("too deep")
 
     monkeypatch.setattr(checker, "examine", refuse)
-    found = verify_twice(certify(problem).claims, problem)
+    found = verify_twice(certified("paper-fixed").claims, problem)
     assert "it cannot read the files: too deep" in found.lone_checker
     assert "the package accepts, the lone checker refuses" in found.failures[-1]
 
 
-@pytest.mark.parametrize(("name", "value", "said"), [("LONE_ARCS", 5, "left to you"), ("LONE_ROWS", 5, "left to you")])
-def test_a_network_that_is_too_large_for_plain_python_is_left_to_the_user(monkeypatch, name, value, said):
-    monkeypatch.setattr(f"dobc_design.certification.recheck.{name}", value)
+@pytest.mark.parametrize("name", ["LONE_ARCS", "LONE_ROWS", "checker.MAX_BYTES"])
+def test_what_is_too_large_for_plain_python_is_left_to_the_user(monkeypatch, name):
+    monkeypatch.setattr(f"dobc_design.certification.recheck.{name}", 5)
     problem = load_problem("paper-fixed")
-    found = verify_twice(certify(problem).claims, problem)
-    assert found.holds
-    assert said in str(found)
+    found = verify_twice(certified("paper-fixed").claims, problem)
+    if name == "checker.MAX_BYTES":
+        assert "at most 5 bytes" in found.lone_checker
+    else:
+        assert found.holds
+        assert "left to you" in str(found)
 
 
-def test_a_file_that_is_too_large_for_the_lone_checker_is_said_to_be(monkeypatch):
-    problem = load_problem("paper-fixed")
-    monkeypatch.setattr(checker, "MAX_BYTES", 100)
-    assert "at most 100 bytes" in verify_twice(certify(problem).claims, problem).lone_checker
+def test_the_checks_are_found():
+    texts = {file: [each.text for each in removals(file)] for file in FILES}
+    assert sum(map(len, texts.values())) > 250
+    assert all(len(texts[file]) > 25 for file in ("reading", "consensus", "separable", "quadratic", "schedule"))
+    assert set(EQUIVALENT) <= {text for found in texts.values() for text in found}
+
+
+@pytest.mark.parametrize(
+    ("file", "text"),
+    [
+        ("consensus", "product(P, W) == Q"),
+        ("examine", "claims.problem_sha256 == p.sha256"),
+        ("consensus", "not case.problem.kinked"),
+        ("separable", "left >= 0"),
+        ("separable", "exact.delay >= 0"),
+        ("schedule", "top <= exact.tolerance"),
+        ("quadratic", "claim.outer >= claim.level"),
+    ],
+)
+def test_a_removed_check_is_missed(file, text):
+    (removal,) = [each for each in removals(file) if each.text == text]
+    assert noticed_by(removal) is not None

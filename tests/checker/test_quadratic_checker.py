@@ -1,7 +1,4 @@
-"""The lone checker's part about quadratic certificates: lure, boxes one by one, and settling times.
-
-Its cases are in tests/support/quadratic_cases.py; test_removals.py takes its checks away.
-"""
+"""The lone checker's part about quadratic certificates: lure, boxes one by one, settling times, and changed claims."""
 
 from __future__ import annotations
 
@@ -10,6 +7,7 @@ import json
 import math
 import random
 import time
+from contextlib import suppress
 from fractions import Fraction
 from types import SimpleNamespace
 from typing import Any
@@ -18,7 +16,8 @@ import mpmath
 import numpy as np
 import pytest
 from checker_cases import FAILS, HOLDS, Case, alone, misjudged, outcome
-from lure_cases import PAPER_GAIN
+from lure_cases import HARMONIC, PAPER_GAIN
+from mutants import mutate
 from quadratic_cases import ONCE, SHARP, TWICE, WAVY, chain, grid, quadratic_cases, timed, ways
 from region_cases import _frame_verdict, case, certificate, changed, problems
 from staging_cases import ASKED
@@ -27,14 +26,20 @@ from staging_cases import problem as staged_problem
 
 from dobc_design.certificate.text import certificate_bytes
 from dobc_design.certification.certify import certify
+from dobc_design.certification.recheck import recheck
 from dobc_design.checker import examine as checker
 from dobc_design.checker import quadratic
+from dobc_design.conditions.boxes.stage import exhaustive_stage
+from dobc_design.conditions.coverage import read_region
+from dobc_design.conditions.quadratic.stage import quadratic_stage
 from dobc_design.conditions.schedule.checks import settling_check
 from dobc_design.conditions.schedule.settling import Settling
+from dobc_design.errors import CertificateError
 from dobc_design.problem.canonical import canonical_bytes
 from dobc_design.problem.groups import Observer
 from dobc_design.problem.network import Network
 from dobc_design.problem.problem import Problem
+from dobc_design.problem.settings import Region
 from dobc_design.verdict import Verdict
 
 
@@ -57,22 +62,10 @@ def test_the_lone_folder_confirms_boxes(tmp_path):
 def staged() -> tuple[dict[str, Any], bytes]:
     """Two max-separable stages and two quadratic ones with an observer, every number as small as it may be."""
     bare = staged_problem()
-    problem = Problem(
-        network=bare.network,
-        coupling="exp(y) - 1 + y",
-        gains={1: 5},
-        exosystem=bare.exosystem,
-        observer=Observer(W=[list(row) for row in PAPER_GAIN]),
-    )
-    found = Settling(
-        verdict=Verdict.PROVED,
-        reason="",
-        problem_name=problem.name,
-        radius=ASKED.radius,
-        disturbance=ASKED.disturbance,
-        tolerance=ASKED.tolerance,
-        staging=staging(),
-    )
+    observed = {"exosystem": bare.exosystem, "observer": Observer(W=[list(row) for row in PAPER_GAIN])}
+    problem = Problem(network=bare.network, coupling="exp(y) - 1 + y", gains={1: 5}, **observed)
+    asked = {name: getattr(ASKED, name) for name in ("radius", "disturbance", "tolerance")}
+    found = Settling(verdict=Verdict.PROVED, reason="", problem_name=problem.name, staging=staging(), **asked)
     check = settling_check(problem, PAPER_GAIN, found, domain="consensus").to_json()
     document = json.loads(certificate_bytes(certify(problem).claims))
     document["checks"] = [each for each in document["checks"] if each["id"] != "settling"] + [check]
@@ -86,21 +79,17 @@ def test_a_settling_time_that_the_package_finds_is_confirmed(staged):
 
 @pytest.mark.parametrize(
     ("k", "key"),
-    [(k, key) for k in range(4) for key in ("level", "height", "noise")] + [(1, "stretch"), (2, "stretch")],
+    [
+        *((k, key) for k in range(4) for key in ("level", "height", "noise")),
+        *((1, "stretch"), (2, "stretch"), (None, "time"), (None, "tolerance")),
+    ],
 )
 def test_every_number_of_its_stages_is_as_small_as_it_may_be(staged, k, key):
     """One part in a thousand less is refused; heights of max-separable stages are the largest v."""
     document, problem = json.loads(json.dumps(staged[0])), staged[1]
-    part = document["checks"][-1]["exact"]["stages"][k]
-    part[key] = str(Fraction(part[key]) * Fraction(999, 1000))
-    assert outcome(json.dumps(document).encode(), problem) == FAILS
-
-
-@pytest.mark.parametrize("key", ["time", "tolerance"])
-def test_its_time_and_tolerance_are_as_small_as_they_may_be(staged, key):
-    document, problem = json.loads(json.dumps(staged[0])), staged[1]
     exact = document["checks"][-1]["exact"]
-    exact[key] = str(Fraction(exact[key]) * Fraction(999, 1000))
+    part = exact if k is None else exact["stages"][k]
+    part[key] = str(Fraction(part[key]) * Fraction(999, 1000))
     assert outcome(json.dumps(document).encode(), problem) == FAILS
 
 
@@ -113,39 +102,28 @@ def sampled_rate(h: Any, k: float, outer: float) -> float:
     return float(np.min(-change / r**2))
 
 
-FIELDS = {
-    "sin(y)": np.sin,
-    "y*cos(y)": lambda y: y * np.cos(y),
-    "min(y, 1 + sin(3*y)/4)": lambda y: np.minimum(y, 1 + np.sin(3 * y) / 4),
-    "clip(2*y, -1, 1) - abs(y)/4": lambda y: np.clip(2 * y, -1, 1) - np.abs(y) / 4,
-}
-
-
-@pytest.mark.parametrize("h", sorted(FIELDS))
-def test_boxes_are_accepted_below_the_sampled_rate_and_refused_above(h):
+@pytest.mark.parametrize(
+    ("h", "function", "slopes"),
+    [
+        ("sin(y)", np.sin, ["0.95", "1.001"]),
+        ("y*cos(y)", lambda y: y * np.cos(y), ["0.87", "1.001"]),
+        ("min(y, 1 + sin(3*y)/4)", lambda y: np.minimum(y, 1 + np.sin(3 * y) / 4), ["0.999", "1.001"]),
+        ("clip(2*y, -1, 1) - abs(y)/4", lambda y: np.clip(2 * y, -1, 1) - np.abs(y) / 4, ["1.7", "2.3"]),
+    ],
+)
+def test_boxes_are_accepted_below_the_sampled_rate_and_refused_above(h, function, slopes):
     """Couplings that are not monotone, or have kinks; near the target a ball so small that their slopes there do."""
-    slopes = {
-        "sin(y)": ("0.95", "1.001"),
-        "y*cos(y)": ("0.87", "1.001"),
-        "min(y, 1 + sin(3*y)/4)": ("0.999", "1.001"),
-        "clip(2*y, -1, 1) - abs(y)/4": ("1.7", "2.3"),
-    }
     outer, k = 4, 5
-    best = sampled_rate(FIELDS[h], k, outer)
+    best = sampled_rate(function, k, outer)
     arcs = Network.from_arcs([[1, 2], [2, 1]], arrow="listens_to", agents=2)
     problem = Problem(network=arcs, coupling=h, gains=k)
     frame = json.loads(certificate_bytes(certify(problem).claims))
     for room, code in ((-0.1, HOLDS), (0.02, FAILS)):
         check = changed(
             WAVY,
-            rate=None,
             domain={"kind": "ball", "radius": 1.99, "disturbance": 0},
-            outer=str(outer),
-            half="2",
-            tree=grid(2, 4),
-            level="1/10",
-            radius="1/2",
-            ranges=[{"coupling": 0, "gains": [[list(slopes[h])]]}],
+            ranges=[{"coupling": 0, "gains": [[slopes]]}],
+            **{"rate": None, "outer": str(outer), "half": "2", "tree": grid(2, 4), "level": "1/10", "radius": "1/2"},
         )
         check["exact"]["rate"] = f"{best + room:.6f}"
         check["rate"] = round(best / 2, 6)
@@ -167,9 +145,8 @@ def test_the_sharp_rate_is_where_the_paper_and_pencil_put_it():
 # --- Boxes ----------------------------------------------------------------------------------------------------------
 def random_form(r: random.Random, size: int) -> tuple[np.ndarray, list[list[Any]]]:
     """A positive definite matrix of small integers, as numbers and as intervals."""
-    L = np.array(
-        [[r.randint(-2, 2) if j < i else int(i == j) * r.randint(1, 3) for j in range(size)] for i in range(size)]
-    )
+    rows = range(size)
+    L = np.array([[r.randint(-2, 2) if j < i else int(i == j) * r.randint(1, 3) for j in rows] for i in rows])
     P = L @ L.T
     return P, [[(float(x), float(x)) for x in row] for row in P]
 
@@ -244,9 +221,6 @@ def test_a_tree_leaves_boxes_that_fill_the_whole_one():
     assert len(boxes) == 5
     assert volume == 4.0
     assert boxes[0] == ((0.0, -1.0), (1.0, 1.0))
-
-
-def test_the_lower_half_comes_first():
     low, high = quadratic.leaves("1..", ((-1.0, -1.0), (1.0, 1.0)))
     assert low == ((-1.0, -1.0), (1.0, 0.0))
     assert high == ((-1.0, 0.0), (1.0, 1.0))
@@ -308,3 +282,54 @@ def test_a_time_beyond_all_exponents_is_followed():
     held = case("line", HOLDS, timed(check, time="2e400", tolerance="1e-350"), what="late", **_frame_verdict("line"))
     assert isinstance(held, Case)
     assert outcome(held.certificate, held.problem) == HOLDS
+
+
+def ring(n: int, *, coupling: str, gains: object, s: Fraction | None = None) -> Problem:
+    arcs = [[i, i % n + 1] for i in range(1, n + 1)]
+    region = Region(initial_states=((Fraction(-1, 2), Fraction(1, 2)),), initial_disturbance=s)
+    observed = {} if s is None else {"exosystem": HARMONIC, "observer": Observer(W=PAPER_GAIN)}
+    network = Network.from_arcs(arcs, arrow="listens_to", agents=n)
+    return Problem(network=network, coupling=coupling, gains=gains, target=0, region=region, **observed)
+
+
+def accepted_by(document: dict[str, object], problem: Problem) -> tuple[bool, bool]:
+    """Whether the package and the lone checker accept; what cannot be read is refused."""
+    data = json.dumps(document).encode()
+    package = False
+    with suppress(CertificateError):
+        package = recheck(data, problem).holds
+    return package, outcome(data, canonical_bytes(problem)) == HOLDS
+
+
+@pytest.mark.parametrize(
+    ("id", "problem", "count"),
+    [
+        ("lure", ring(3, coupling="exp(y) - 1 + y", gains=3), 40),
+        pytest.param(
+            "lure", ring(3, coupling="exp(y) - 1 + y", gains=3, s=Fraction(1, 10)), 250, marks=pytest.mark.slow
+        ),
+        pytest.param("exhaustive", ring(2, coupling="sin(y)", gains={1: 3}), 120, marks=pytest.mark.slow),
+    ],
+)
+def test_what_one_program_refuses_the_other_refuses(id, problem, count):
+    document = json.loads(certificate_bytes(certify(problem).claims))
+    stage = quadratic_stage if id == "lure" else exhaustive_stage
+    asked = read_region(problem, problem.observer.W, domain="consensus", everything=id == "exhaustive")
+    check = json.loads(json.dumps(stage(asked, lambda _: None)[0].to_json()))
+    regional = ("max-separable", "delay", "sampling", "lure", "exhaustive")
+    document["checks"] = [*(each for each in document["checks"] if each["id"] not in regional), check]
+    document |= {"verdict": "proved", "rate": check["rate"], "covered_by": id}
+    assert accepted_by(document, problem) == (True, True)
+    refused = 0
+    for seed in range(count):
+        changed = mutate({"it": check}, seed, other={"it": document["checks"][0]}).get("it")
+        if not isinstance(changed, dict) or changed == check:
+            continue
+        mutant = document | {
+            "checks": [changed if each is check else each for each in document["checks"]],
+            "rate": changed.get("rate"),
+        }
+        package, lone = accepted_by(mutant, problem)
+        assert package is lone, (seed, changed)
+        refused += not package
+    assert refused > 0.7 * count

@@ -1,7 +1,4 @@
-"""The lone checker's part about regions: accepts what is proved, refuses what just fails.
-
-Its cases are in tests/support/region_cases.py; test_removals.py takes its checks away.
-"""
+"""The lone checker's part about regions: accepts what is proved, refuses what just fails; random problems."""
 
 from __future__ import annotations
 
@@ -13,14 +10,19 @@ from collections.abc import Callable
 from fractions import Fraction
 
 import mpmath
+import numpy as np
 import pytest
 from checker_cases import FAILS, HOLDS, alone, misjudged, outcome
+from exact_oracle import Oracle
+from known_regions import equilibria, equilibrium_campaign, linear_campaign, linear_problem
+from region_campaigns import change_region, region_mutant_campaign, region_problem, region_recheck_campaign
 from region_cases import BENT, PAIR, SINE, certificate, changed, claim, doubles, problems, region_cases
 
 from dobc_design.certificate.text import certificate_bytes
 from dobc_design.certification.certify import certify
-from dobc_design.checker import equilibrium
+from dobc_design.certification.recheck import recheck
 from dobc_design.checker import examine as checker
+from dobc_design.checker import separable
 from dobc_design.checker.expressions import read_coupling
 from dobc_design.checker.separable import Curve, mean_slope, supremum
 from dobc_design.problem.canonical import canonical_bytes
@@ -147,7 +149,7 @@ def test_forces_and_their_slopes_hold_random_points():
 
     for _ in range(10):
         ends = [sorted((r.uniform(-2, 2), r.uniform(-2, 2))) for _ in range(6)]
-        values, slopes = equilibrium.forces(read, mode, [[Fraction(lo), Fraction(hi)] for lo, hi in ends])
+        values, slopes = separable.forces(read, mode, [[Fraction(lo), Fraction(hi)] for lo, hi in ends])
         with mpmath.workprec(100):
             e = [mpmath.mpf(r.uniform(lo, hi)) for lo, hi in ends]
             assert all(lo <= f <= hi for (lo, hi), f in zip(values, forces(*e), strict=True))
@@ -162,29 +164,12 @@ def test_forces_and_their_slopes_hold_random_points():
 @pytest.mark.parametrize(
     "change",
     [
-        {"v": ["1e400", "1e-400"]},
-        {"v": ["1e-400", "1e-400"]},
-        {"rho": "1e400"},
-        {"alpha": "1e400"},
-        {"alpha": "-1e400"},
-        {"v": {"float64": "AAAA"}},
-        {"v": {"float64": "A" * 100_000}},
-        {"v": doubles(float("nan"), 1.0)},
-        {"v": doubles(5e-324, 1.7e308)},
-        {"v": {"float64": ""}},
-        {"v": {"float32": "AAAA"}},
-        {"v": [1, 1]},
-        {"v": "11"},
-        {"v": [["1"], ["1"]]},
-        {"v": None},
-        {"rho": 1},
-        {"rho": "1/0"},
-        {"rho": "nan"},
-        {"alpha": ["1"]},
-        {"v": ["1", "1" * 9999]},
-        {"rho": "1" * 9999},
-        {"alpha": "1/" + "3" * 9000},
-        {"v": ["\u0661", "1"]},
+        *({"v": {"float64": text}} for text in ("AAAA", "A" * 100_000, "")),
+        *({"v": v} for v in (doubles(float("nan"), 1.0), doubles(5e-324, 1.7e308), {"float32": "AAAA"})),
+        *({"v": ["1", text]} for text in ("1" * 9999, "\u0661")),
+        *({"v": v} for v in (["1e400", "1e-400"], ["1e-400", "1e-400"], [1, 1], "11", [["1"], ["1"]], None)),
+        *({"rho": rho} for rho in ("1e400", 1, "1/0", "nan", "1" * 9999)),
+        *({"alpha": alpha} for alpha in ("1e400", "-1e400", ["1"], "1/" + "3" * 9000)),
     ],
 )
 def test_hostile_numbers_are_refused_at_once(change):
@@ -192,3 +177,78 @@ def test_hostile_numbers_are_refused_at_once(change):
     start = time.process_time()
     assert outcome(data, problem) == FAILS
     assert time.process_time() - start < 10
+
+
+QUICK = 8  # a seed with a region that max-separable covers, in well under a second
+FAST_PAIR = 3
+
+
+def test_a_region_of_a_random_problem_is_confirmed_by_both_checkers_and_the_oracle():
+    tally = region_recheck_campaign([QUICK])
+    assert not tally.wrong, tally.wrong
+    assert tally.counts["max-separable proved"] == 1
+
+
+def test_changed_regional_claims_are_refused_or_true():
+    tally = region_mutant_campaign([QUICK], each=25)
+    assert not tally.wrong, tally.wrong
+    assert tally.counts["refused"] + tally.counts["unreadable"] >= 5
+
+
+@pytest.mark.parametrize("sign", [0, -1])
+@pytest.mark.parametrize("name", ["radius", "rate"])
+def test_a_radius_or_a_rate_that_is_not_positive_is_refused_and_false(name: str, sign: int):
+    """A max-separable claim with 0 or less for what has to be above 0."""
+    problem = region_problem(QUICK)
+    document = json.loads(certificate_bytes(certify(problem).claims))
+    assert recheck(json.dumps(document).encode(), problem).holds
+    assert Oracle(problem).false_claims(document) == []
+    check = next(each for each in document["checks"] if each["id"] == "max-separable")
+    holder = check["domain"] if name == "radius" else check
+    holder[name] = sign * holder[name]
+    assert not recheck(json.dumps(document).encode(), problem).holds
+    assert any(text.startswith("max-separable") for text in Oracle(problem).false_claims(document))
+
+
+def test_random_changes_of_regional_claims_reach_the_domain_and_every_exact_value():
+    domain = {"kind": "box", "radius": 1.0, "disturbance": 0.5}
+    exact = {"v": ["1", "2"], "alpha": "1/2", "rho": "3"}
+    check = {"id": "max-separable", "verdict": "proved", "domain": domain, "rate": 0.25, "exact": exact}
+    reached = set()
+    for seed in range(300):
+        changed = change_region({"checks": [check]}, seed)["checks"][0]
+        reached |= {name for name in ("verdict", "rate") if changed[name] != check[name]}
+        if isinstance(changed["domain"], dict):
+            reached |= {name for name in domain if changed["domain"].get(name) != domain[name]}
+        reached |= {name for name in exact if changed["exact"].get(name) != exact[name]}
+    assert reached == {"verdict", "rate", *domain, *exact}
+
+
+def test_equilibria_of_two_agents_are_those_of_the_closed_form():
+    """One way: h(-e_2) = 0, the zeros of sin; both ways, pinned with 1/10: 2 sin y + y/10 = 0 near 3.31."""
+    one_way = [e for e in equilibria(math.sin, 1.0, back=False) if abs(e[1]) < 4]
+    assert np.allclose(sorted(one_way), [(0, -math.pi), (0, math.pi)])
+    nearest = min((e for e in equilibria(math.sin, 0.1, back=True)), key=lambda e: abs(e[1] - e[0]))
+    assert math.isclose(abs(nearest[1] - nearest[0]), 3.3077, rel_tol=1e-3)
+    for e in equilibria(math.sin, 0.1, back=True):
+        assert abs(math.sin(e[1] - e[0]) - 0.1 * e[0]) < 1e-9
+        assert abs(math.sin(e[0] - e[1]) - 0.1 * e[1]) < 1e-9
+
+
+def test_no_region_of_two_agents_holds_another_equilibrium():
+    tally = equilibrium_campaign([FAST_PAIR])
+    assert not tally.wrong, tally.wrong
+    assert sum(map(len, tally.ratios.values())) >= 1
+
+
+def test_linear_networks_are_proved_where_the_eigenvalues_are_stable_and_never_too_fast():
+    tally = linear_campaign(range(6))
+    assert not tally.wrong, tally.wrong
+    assert {name.rpartition(":")[0] for name in tally.counts} == {"linear stable", "linear not stable"}
+
+
+def test_the_matrix_of_a_linear_network_annihilates_what_nobody_holds():
+    """Rows of M sum to -k_i."""
+    problem, M = linear_problem(1)
+    gains = [float(problem.pinning.gains[i][0][0]) if i in problem.pinning.gains else 0.0 for i in range(problem.n)]
+    assert np.allclose(M.sum(axis=1), -np.array(gains))

@@ -199,13 +199,8 @@ def test_a_quadratic_rate_is_false_just_above_the_eigenvalue(method: str):
     ],
 )
 def test_every_condition_of_a_quadratic_claim_counts(change: dict[str, Any], wrong: list[str]):
-    claim = {
-        "P_e": BALL,
-        "gains": (math.tanh(1) * (1 - TINY), 1),
-        "level": 0.5,
-        "radius": 1,
-        "ball": math.sqrt(0.5) * (1 - TINY),
-    }
+    claim = {"P_e": BALL, "gains": (math.tanh(1) * (1 - TINY), 1), "level": 0.5, "radius": 1}
+    claim["ball"] = math.sqrt(0.5) * (1 - TINY)
     assert found(pair("tanh(y)"), lure(**(claim | change))) == wrong
 
 
@@ -242,15 +237,8 @@ def test_a_tree_that_does_not_end_is_none():
 @pytest.fixture(scope="module")
 def staged() -> dict[str, Any]:
     """Two max-separable stages and two quadratic ones, every number as small as ten digits let it be."""
-    settling = Settling(
-        verdict=Verdict.PROVED,
-        reason="",
-        problem_name="three",
-        radius=ASKED.radius,
-        disturbance=ASKED.disturbance,
-        tolerance=ASKED.tolerance,
-        staging=chain(),
-    )
+    asked = {name: getattr(ASKED, name) for name in ("radius", "disturbance", "tolerance")}
+    settling = Settling(verdict=Verdict.PROVED, reason="", problem_name="three", staging=chain(), **asked)
     return settling_check(three_agents(), PAPER_GAIN, settling, domain="consensus").to_json()
 
 
@@ -306,13 +294,6 @@ def test_an_equilibrium_is_true_where_the_closed_form_has_one():
     root = optimize.brentq(lambda y: 2 * math.sin(y) + y / 10, 3, 3.6) / 2
     for shift, reach, true in ((0.0, 1e-6, True), (2e-6, 1e-6, False), (0.0, 4.0, False)):
         box = [[text(x - reach), text(x + reach)] for x in (-root + shift, root + shift)]
-        check = {
-            "id": "equilibrium",
-            "verdict": "refuted",
-            "domain": "consensus",
-            "margin": None,
-            "rate": None,
-            "exact": {"mode": "G", "box": box},
-            "witness": {"kind": "start", "values": []},
-        }
+        check = {"id": "equilibrium", "verdict": "refuted", "domain": "consensus", "margin": None, "rate": None}
+        check |= {"exact": {"mode": "G", "box": box}, "witness": {"kind": "start", "values": []}}
         assert (found(problem, check) == []) is true

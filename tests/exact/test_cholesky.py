@@ -43,21 +43,17 @@ def test_both_arithmetics_give_the_same_direction(size: int):
 
 @pytest.mark.parametrize("flint", [True, False])
 def test_a_zero_row_is_semidefinite_and_not_definite(flint: bool):
-    """diag(1, 0)."""
     M = SparseSymmetric(2, {(0, 0): Fraction(1)})
     assert bad_direction(M, strict=False, flint=flint) is None
     assert bad_direction(M, strict=True, flint=flint) == {1: 1}
 
 
-@pytest.mark.parametrize("most_work", [1 + 2, 3 + 1])
-def test_the_work_is_counted_and_not_timed(most_work):
+def test_the_work_is_counted_and_not_timed():
     """A full matrix of three rows: three products at the first pivot, one at the second."""
     M = SparseSymmetric(3, {(i, j): Fraction(3 if i == j else 1) for i in range(3) for j in range(i, 3)})
-    if most_work >= 4:
-        assert bad_direction(M, strict=True, most_work=most_work) is None
-    else:
-        with pytest.raises(UnfinishedError, match="stopped at pivot 2 of 3"):
-            bad_direction(M, strict=True, most_work=most_work)
+    assert bad_direction(M, strict=True, most_work=3 + 1) is None
+    with pytest.raises(UnfinishedError, match="stopped at pivot 2 of 3"):
+        bad_direction(M, strict=True, most_work=3)
 
 
 def spectral(eigenvalues: list[float], *, seed: int = 0) -> IntegerSymmetric:
@@ -71,30 +67,20 @@ def ladder(n: int, lowest: float) -> list[float]:
     return [lowest, *np.linspace(1, 2, n - 1)]
 
 
-def form(M: IntegerSymmetric) -> Scaled:
+def form(M: IntegerSymmetric | SparseSymmetric) -> Scaled:
     S = scaled(M)
     assert isinstance(S, Scaled)
     return S
 
 
-@pytest.mark.parametrize("n", [1, 2, 14, 100, 300])
+@pytest.mark.parametrize("n", [2, 14, 100, 300])
 def test_a_matrix_well_inside_is_proved_by_both(n: int):
-    """Smallest eigenvalue 1e-6; the twin at -1e-6 is proved by neither."""
-    inside, outside = (form(spectral(ladder(n, lowest))) if n > 1 else None for lowest in (1e-6, -1e-6))
-    if inside is None or outside is None:
-        inside = form(IntegerSymmetric.from_floats(np.array([[1e-6]])))
-        assert shifted_cholesky(inside) and proves_by_integers(inside)
-        return
-    assert shifted_cholesky(inside) and proves_by_integers(inside)
-    assert not shifted_cholesky(outside) and not proves_by_integers(outside)
-
-
-@pytest.mark.parametrize("n", [20, 150])
-def test_neither_proves_what_the_rounding_hides(n: int):
-    """1e-17 is positive, or not, below what doubles resolve: both pass on."""
-    for lowest in (1e-17, -1e-17, 0.0):
+    """Smallest eigenvalue 1e-6; neither proves the twin at -1e-6, nor what doubles do not resolve."""
+    for lowest in (1e-6, -1e-6, 1e-17, -1e-17, 0.0) if n < 300 else (1e-6, -1e-6):
         S = form(spectral(ladder(n, lowest)))
-        assert not shifted_cholesky(S) and not proves_by_integers(S)
+        assert shifted_cholesky(S) is proves_by_integers(S) is (lowest == 1e-6)
+    one = form(IntegerSymmetric.from_floats(np.array([[1e-6]])))
+    assert shifted_cholesky(one) and proves_by_integers(one)
 
 
 def test_the_scaled_form_holds_the_matrix_to_its_last_bit():
@@ -102,16 +88,11 @@ def test_the_scaled_form_holds_the_matrix_to_its_last_bit():
     r = np.random.default_rng(5)
     n = 6
     size = [Fraction(10) ** int(k) for k in r.integers(-200, 200, n)]
-    M = SparseSymmetric(
-        n,
-        {
-            (i, j): size[i] * size[j] * Fraction(int(r.integers(1, 99)) if i == j else int(r.integers(-9, 9)), 101)
-            for i in range(n)
-            for j in range(i, n)
-        },
-    )
-    S = scaled(M)
-    assert isinstance(S, Scaled)
+    numbers = [
+        [Fraction(int(r.integers(1, 99) if i == j else r.integers(-9, 9)), 101) for j in range(n)] for i in range(n)
+    ]
+    M = SparseSymmetric(n, {(i, j): size[i] * size[j] * numbers[i][j] for i in range(n) for j in range(i, n)})
+    S = form(M)
     bits = 2 * (HIGH_BITS + S.low_bits)
     for i in range(n):
         for j in range(n):
@@ -143,8 +124,7 @@ def rest_is_dominated(R: list[list[Fraction]], low: int = 0) -> bool:
     unit = Fraction(1, 2 ** (HIGH_BITS + low_bits))
     L = [[Fraction(3, 4) * (j == 0) + low * unit * (i == j) for j in range(n)] for i in range(n)]
     M = {(i, j): sum(x * y for x, y in zip(L[i], L[j], strict=True)) + R[i][j] for i in range(n) for j in range(i, n)}
-    S = scaled(SparseSymmetric(n, M))
-    assert isinstance(S, Scaled)
+    S = form(SparseSymmetric(n, M))
     assert not S.exponents.any()
     return leaves_dominated_rest(S, factor)
 
@@ -156,12 +136,9 @@ def rest_is_dominated(R: list[list[Fraction]], low: int = 0) -> bool:
 @pytest.mark.parametrize("low", [0, 2**25, -(2**25)])
 def test_the_rest_has_to_be_dominated_row_by_row(diagonal: int, beside: int, dominated: bool, low: int):
     """M = L L' + R is built in fractions, L almost of rank one, so that R decides; 3 rows, R from 2^-30 to 2^-60."""
-    for power in (30, 45, 60):
-        unit = Fraction(1, 2**power)
-        assert (
-            rest_is_dominated([[unit * (diagonal if i == j else beside) for j in range(3)] for i in range(3)], low)
-            == dominated
-        )
+    for unit in (Fraction(1, 2**power) for power in (30, 45, 60)):
+        R = [[unit * (diagonal if i == j else beside) for j in range(3)] for i in range(3)]
+        assert rest_is_dominated(R, low) is dominated
 
 
 def test_the_last_bits_of_the_factor_count():
@@ -227,8 +204,7 @@ def test_the_quick_answer_has_three_values():
 def test_directions_undo_the_scaling():
     """For M = D^-1 N D^-1 the eigenvector of D M D, times D, gives the same form but for a factor."""
     M = SparseSymmetric(2, {(0, 0): Fraction(1), (0, 1): Fraction(-(2**50)), (1, 1): Fraction(2**100)})
-    S = scaled(M)
-    assert isinstance(S, Scaled)
+    S = form(M)
     values, vectors = np.linalg.eigh(S.floats)
     (v,) = low_directions(S, vectors[:, :1])
     assert values[0] < margin(S)
@@ -243,8 +219,7 @@ def gram(n: int, columns: int, *, seed: int) -> np.ndarray:
 
 
 def lifted(M: IntegerSymmetric | SparseSymmetric, *, strict: bool) -> dict[int, Fraction] | None:
-    S = scaled(M)
-    assert isinstance(S, Scaled)
+    S = form(M)
     return decide_lifted(M, S, *np.linalg.eigh(S.floats), strict=strict)
 
 
@@ -271,20 +246,6 @@ def test_the_sign_of_a_shift_far_below_the_doubles_is_seen(shift: Fraction):
             assert M.quadratic_form([direction.get(i, Fraction(0)) for i in range(n)]) < 0
 
 
-def test_it_agrees_with_elimination_on_badly_scaled_matrices():
-    """D G G' D + shift with entries from 2^-60 to 2^60."""
-    n = 24
-    D = [Fraction(2) ** int(k) for k in np.random.default_rng(2).integers(-30, 30, n)]
-    whole = gram(n, n - 1, seed=3)
-    for shift in (Fraction(-1, 2**90), Fraction(0), Fraction(1, 2**90)):
-        entries = {
-            (i, j): D[i] * D[j] * (Fraction(whole[i, j]) + (i == j) * shift) for i in range(n) for j in range(i, n)
-        }
-        M = SparseSymmetric(n, entries)
-        for strict in (True, False):
-            assert (lifted(M, strict=strict) == {}) == (bad_direction(M, strict=strict) is None)
-
-
 def test_it_passes_on_where_nothing_or_too_much_is_small():
     """No eigenvalue near 0: nothing to lift. Half of them 0: elimination is as good."""
     assert lifted(IntegerSymmetric.from_floats(gram(20, 60, seed=0) + 100 * np.eye(20)), strict=True) is None
@@ -295,8 +256,7 @@ def test_wrong_eigenvectors_never_give_a_wrong_answer():
     """The guesses are random directions: it passes on, or is right all the same."""
     n = 20
     M = IntegerSymmetric.from_floats(gram(n, n - 1, seed=4))
-    S = scaled(M)
-    assert isinstance(S, Scaled)
+    S = form(M)
     values = np.linalg.eigh(S.floats)[0]
     for seed in range(5):
         Q, _ = np.linalg.qr(np.random.default_rng(seed).standard_normal((n, n)))
@@ -310,7 +270,6 @@ def test_what_is_left_after_the_lift_has_to_be_proved_definite():
     Q, _ = np.linalg.qr(np.random.default_rng(0).standard_normal((n, n)))
     A = (Q * np.array([-0.5, *range(2, n + 1)])) @ Q.T
     M = IntegerSymmetric.from_floats((A + A.T) / 2)
-    S = scaled(M)
-    assert isinstance(S, Scaled)
+    S = form(M)
     vectors = np.linalg.eigh(S.floats)[1]
     assert decide_lifted(M, S, np.array([0.0] + [1.0] * (n - 1)), vectors[:, ::-1], strict=True) is None

@@ -1,12 +1,18 @@
-"""Definiteness: decided without a mistake where floating point makes them."""
+"""Definiteness: decided without a mistake where floating point makes them, at the edge too."""
 
 from __future__ import annotations
 
+from collections import Counter
 from fractions import Fraction
+from functools import cache
+from random import Random
 
+import flint
 import numpy as np
 import pytest
 import sympy
+from definiteness_paths import EXACT, PATHS, by_choice, by_integers, by_lift, by_quick, by_vector, numpy_cholesky
+from edge_matrices import POWERS, edge_matrices, edge_matrix, z_edge_matrix
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -15,19 +21,23 @@ from dobc_design.errors import CertificateError, ShapeError, SpecError
 from dobc_design.exact import (
     IntegerSymmetric,
     SparseSymmetric,
-    add,
     decide_positive_definite,
     decide_positive_semidefinite,
     definiteness,
     from_float,
-    identity,
     multiply,
-    scale,
-    subtract,
-    transpose,
 )
-from dobc_design.exact.definite import first_refuting, refuted, roundings
+from dobc_design.exact.cholesky import (
+    Scaled,
+    bad_direction,
+    decide_lifted,
+    proves_by_integers,
+    scaled,
+    shifted_cholesky,
+)
+from dobc_design.exact.definite import decide_quickly, first_refuting, refuted, roundings
 from dobc_design.exact.matrix import matrix
+from dobc_design.exact.zmatrix import proves, search
 from dobc_design.verdict import Verdict
 
 IDENTITY = SparseSymmetric(2, {(0, 0): Fraction(1), (1, 1): Fraction(1)})
@@ -35,7 +45,6 @@ SINGULAR = SparseSymmetric(2, {(0, 0): Fraction(1), (0, 1): Fraction(-1), (1, 1)
 
 
 def test_a_direction_that_does_not_refute_is_never_returned():
-    """A mistake in a path surfaces as an error."""
     with pytest.raises(CertificateError, match="nothing is claimed"):
         refuted(IDENTITY, {0: Fraction(1)}, strict=True, method="")
     with pytest.raises(CertificateError, match="nothing is claimed"):
@@ -48,8 +57,6 @@ def test_the_witness_is_primitive_and_begins_with_a_positive_entry():
     decision = refuted(SINGULAR, {0: Fraction(-1, 3), 1: Fraction(-1, 3)}, strict=True, method="m")
     assert (decision.verdict, decision.witness, decision.value, decision.method) == (Verdict.REFUTED, (1, 1), 0, "m")
 
-
-def test_the_first_candidate_that_refutes_is_taken():
     assert first_refuting(SINGULAR, ([0, 0], [1, 0], [5, 5], [1, 1]), strict=True, method="").witness == (1, 1)
 
 
@@ -62,8 +69,18 @@ def test_roundings_grow_finer_and_drop_small_entries():
 PROVED, REFUTED = Verdict.PROVED, Verdict.REFUTED
 
 
+def gram(n, columns, *, seed=0):
+    """G G' with small integers in G (n, columns)."""
+    G = np.random.default_rng(seed).integers(-3, 4, (n, columns))
+    return from_float((G @ G.T).astype(float), None)
+
+
+def band(n, diagonal, beside):
+    entries = {(i, i): Fraction(diagonal) for i in range(n)} | {(i, i + 1): Fraction(beside) for i in range(n - 1)}
+    return SparseSymmetric(n, entries)
+
+
 def value_of(M, v):
-    """v' M v, by dense rational products."""
     return multiply((tuple(v),), multiply(M, tuple((x,) for x in v)))[0][0]
 
 
@@ -98,24 +115,6 @@ def test_small_matrices_agree_with_sylvesters_criterion(M):
         assert_refutes(M, weak, strict=False)
 
 
-GRAMS = st.lists(st.lists(st.integers(-2, 2), min_size=3, max_size=3).map(tuple), min_size=5, max_size=5).map(
-    lambda rows: tuple(tuple(Fraction(x) for x in row) for row in rows)
-)
-
-
-@settings(max_examples=80, deadline=None)
-@given(GRAMS)
-def test_a_gram_matrix_of_low_rank_is_semidefinite_and_never_definite(G):
-    """G G' with G (5, 3): closed form; a shift down by any amount refutes."""
-    M = multiply(G, transpose(G))
-    assert decide_positive_semidefinite(M).verdict is PROVED
-    assert_refutes(M, decide_positive_definite(M), strict=True)
-    lower = subtract(M, scale(Fraction(1, 10**30), identity(5)))
-    assert_refutes(lower, decide_positive_semidefinite(lower), strict=False)
-    upper = add(M, scale(Fraction(1, 10**30), identity(5)))
-    assert decide_positive_definite(upper).verdict is PROVED
-
-
 def test_a_zero_pivot_with_a_full_row_has_a_strictly_negative_witness():
     """Semidefinite: a zero on the diagonal asks for a zero row."""
     M = matrix([[0, 1], [1, 5]])
@@ -127,12 +126,7 @@ def test_a_zero_pivot_with_a_full_row_has_a_strictly_negative_witness():
 
 def test_the_directed_ten_cycle_without_pins_is_refuted_by_all_ones():
     """Theory, section 9: none pinned, lambda_max = 0, witness v = 1."""
-    cycle = SparseSymmetric(
-        10,
-        {(i, i): Fraction(4) for i in range(10)}
-        | {(i, i + 1): Fraction(-2) for i in range(9)}
-        | {(0, 9): Fraction(-2)},
-    )
+    cycle = band(10, 4, -2) + SparseSymmetric(10, {(0, 9): Fraction(-2)})
     decision = decide_positive_definite(cycle)
     assert decision.witness == (Fraction(1),) * 10
     assert decision.value == 0
@@ -141,12 +135,7 @@ def test_the_directed_ten_cycle_without_pins_is_refuted_by_all_ones():
 
 def test_the_ten_cycle_with_one_pin_has_its_printed_eigenvalue():
     """Theory, section 9: one pin k = 3 gives lambda_max(Lambda) = -0.153544."""
-    cycle = SparseSymmetric(
-        10,
-        {(i, i): Fraction(4) for i in range(10)}
-        | {(i, i + 1): Fraction(-2) for i in range(9)}
-        | {(0, 9): Fraction(-2)},
-    ) + SparseSymmetric(10, {(0, 0): Fraction(6)})
+    cycle = band(10, 4, -2) + SparseSymmetric(10, {(0, 9): Fraction(-2), (0, 0): Fraction(6)})
     assert decide_positive_definite(cycle.shifted(Fraction("-0.153543"))).verdict is PROVED
     assert decide_positive_definite(cycle.shifted(Fraction("-0.153545"))).verdict is REFUTED
 
@@ -164,9 +153,7 @@ def test_the_papers_p_is_definite_and_its_determinant_is_five_48ths():
 
 def test_a_readable_witness_is_preferred():
     """Strictly negative forms leave room for rounding: no entry beyond 4 bits is needed here."""
-    n = 40
-    entries = {(i, i): Fraction(19, 10) for i in range(n)} | {(i, i + 1): Fraction(-1) for i in range(n - 1)}
-    decision = decide_positive_definite(SparseSymmetric(n, entries))
+    decision = decide_positive_definite(band(40, "19/10", -1))
     assert decision.value < 0
     assert max(abs(x) for x in decision.witness) <= 16
 
@@ -209,25 +196,10 @@ def test_a_numpy_float_is_its_binary_value_and_a_listed_one_its_decimal_text():
 @pytest.mark.parametrize(
     "bad",
     [
-        [[1, 2]],
-        [[]],
-        [[1], [2]],
-        [[1, 2], [2]],
-        [[1, 2], [3, 1]],
-        np.array([[1.0, 1.0], [1.0 + 2**-52, 2.0]]),
-        np.zeros((2, 3)),
-        np.zeros((0, 3)),
-        np.zeros(4),
-        np.zeros((2, 2, 2)),
-        np.array(1.0),
-        5,
-        None,
-        "12",
-        ["12", "21"],
-        {(0, 0): 1},
-        [1, 2],
-        np.triu(np.ones((20, 20))),
-        np.zeros((20, 21)),
+        *([[1, 2]], [[]], [[1], [2]], [[1, 2], [2]], [[1, 2], [3, 1]]),
+        *(5, None, "12", ["12", "21"], {(0, 0): 1}, [1, 2], np.array(1.0)),
+        *(np.zeros(shape) for shape in ((2, 3), (0, 3), 4, (2, 2, 2), (20, 21))),
+        *(np.array([[1.0, 1.0], [1.0 + 2**-52, 2.0]]), np.triu(np.ones((20, 20)))),
     ],
 )
 def test_what_is_not_square_and_symmetric_is_refused(bad):
@@ -239,35 +211,15 @@ def test_what_is_not_square_and_symmetric_is_refused(bad):
 @pytest.mark.parametrize(
     "bad",
     [
-        [[float("nan")]],
-        [[float("inf")]],
-        np.array([[np.nan]]),
-        np.array([[1.0, np.inf], [np.inf, 1.0]]),
-        np.full((20, 20), np.nan),
-        np.diag([np.inf] * 20),
-        np.array([[1j]]),
-        np.array([[True]]),
-        [[True]],
-        [["x"]],
-        [[None]],
+        *([[x]] for x in (float("nan"), float("inf"), True, "x", None)),
+        *(np.array([[x]]) for x in (np.nan, 1j, True)),
+        *(np.array([[1.0, np.inf], [np.inf, 1.0]]), np.full((20, 20), np.nan), np.diag([np.inf] * 20)),
     ],
 )
 def test_what_is_no_number_is_refused(bad):
     """np.linalg.cholesky accepts inf and nan; this must not."""
     with pytest.raises(SpecError, match="must"):
         definiteness(bad)
-
-
-def gram(n, columns, *, seed=0):
-    """G G' with small integers in G (n, columns)."""
-    G = np.random.default_rng(seed).integers(-3, 4, (n, columns))
-    return from_float((G @ G.T).astype(float), None)
-
-
-def band(n, diagonal, beside):
-    """A symmetric tridiagonal matrix."""
-    entries = {(i, i): Fraction(diagonal) for i in range(n)} | {(i, i + 1): Fraction(beside) for i in range(n - 1)}
-    return SparseSymmetric(n, entries)
 
 
 @pytest.mark.parametrize(
@@ -296,8 +248,7 @@ def signed_ring(size: int) -> SparseSymmetric:
 
     For even sizes the least one is positive, but without the signs it would be 0: no v > 0 shows it.
     """
-    entries = {(i, i): Fraction(2) for i in range(size)} | {(i, i + 1): Fraction(1) for i in range(size - 1)}
-    return SparseSymmetric(size, entries | {(0, size - 1): Fraction(-1)})
+    return band(size, 2, 1) + SparseSymmetric(size, {(0, size - 1): Fraction(-1)})
 
 
 @pytest.mark.parametrize(
@@ -317,3 +268,177 @@ def test_a_large_sparse_matrix_is_left_undecided_only_by_a_bound_of_its_work(siz
 
 def test_up_to_2000_rows_no_bound_leaves_anything_undecided():
     assert decide_positive_definite(signed_ring(100), most_work=1).verdict is Verdict.PROVED
+
+
+# All paths on the same random rational matrices; the oracle is flint's characteristic polynomial: real roots only, so
+# det(sI - M) = sum c_k s^k has only positive roots iff the signs of the c_k alternate strictly.
+
+
+def oracle(M: SparseSymmetric) -> tuple[bool, bool]:
+    """Whether M > 0 and whether M >= 0."""
+    whole = [flint.fmpq(x.numerator, x.denominator) for row in M.to_dense() for x in row]
+    coefficients = flint.fmpq_mat(M.size, M.size, whole).charpoly().coeffs()
+    signed = [c * (-1) ** (M.size - k) for k, c in enumerate(coefficients)]
+    return all(c > 0 for c in signed), all(c >= 0 for c in signed)
+
+
+@st.composite
+def matrices(draw: st.DrawFn) -> SparseSymmetric:
+    """Gram matrices of any rank, shifted by little or nothing, some scaled badly, some Z-matrices; 2 to 24 rows."""
+    n = draw(st.integers(2, 24))
+    r = np.random.default_rng(draw(st.integers(0, 2**32)))
+    kind = draw(st.sampled_from(["gram", "laplacian", "sparse"]))
+    if kind == "gram":
+        G = r.integers(-4, 5, (n, draw(st.integers(max(1, n - 3), n + 2))))
+        whole = (G @ G.T).tolist()
+    else:
+        A = np.triu(r.integers(0, 4, (n, n)) * (r.random((n, n)) < 0.4), 1)
+        signs = -1 if kind == "laplacian" else r.choice([-1, 1], (n, n))
+        whole = (np.triu(signs * A) + np.triu(signs * A).T + np.diag((A + A.T).sum(axis=1))).tolist()
+    shift = draw(st.sampled_from([Fraction(0), Fraction(1), Fraction(-1), Fraction(1, 10**9), Fraction(-1, 10**20)]))
+    denominator = draw(st.sampled_from([1, 7, 2**40]))
+    D = [Fraction(2) ** int(k) for k in r.integers(-20, 20, n)] if draw(st.booleans()) else [Fraction(1)] * n
+    return SparseSymmetric(
+        n,
+        {
+            (i, j): D[i] * D[j] * (Fraction(whole[i][j], denominator) + (i == j) * shift)
+            for i in range(n)
+            for j in range(i, n)
+        },
+    )
+
+
+@settings(max_examples=80, deadline=None)
+@given(matrices())
+def test_no_path_contradicts_the_characteristic_polynomial(M: SparseSymmetric):
+    """Paths that decide agree with the oracle; those that may pass on do not contradict it."""
+    definite, semidefinite = oracle(M)
+    for form in (M, IntegerSymmetric.from_sparse(M)):
+        strict, weak = decide_positive_definite(form), decide_positive_semidefinite(form)
+        assert strict.verdict is (PROVED if definite else REFUTED)
+        assert weak.verdict is (PROVED if semidefinite else REFUTED)
+        assert decide_quickly(form).verdict is not (REFUTED if definite else PROVED)
+        for decision, most in ((strict, 0), (weak, -1)):
+            if decision.verdict is REFUTED:
+                value = value_of(M.to_dense(), decision.witness)
+                assert decision.value == value <= 0 and (value < 0 or most == 0)
+                assert any(decision.witness)
+            elif decision.vector is not None:
+                assert proves(M, decision.vector, strict=most == 0)
+    for flint_numbers in (True, False):
+        assert (bad_direction(M, strict=True, flint=flint_numbers) is None) == definite
+        assert (bad_direction(M, strict=False, flint=flint_numbers) is None) == semidefinite
+    assert_cautious_paths(M, definite=definite, semidefinite=semidefinite)
+
+
+def assert_cautious_paths(M: SparseSymmetric, *, definite: bool, semidefinite: bool) -> None:
+    S = scaled(M)
+    if isinstance(S, Scaled):
+        assert definite or not (shifted_cholesky(S) or proves_by_integers(S))
+        for strict, truth in ((True, definite), (False, semidefinite)):
+            assert decide_lifted(M, S, *np.linalg.eigh(S.floats), strict=strict) is None or (
+                (decide_lifted(M, S, *np.linalg.eigh(S.floats), strict=strict) == {}) == truth
+            )
+    elif S is not None:
+        assert not semidefinite
+    for strict, truth in ((True, definite), (False, semidefinite)):
+        assert truth or search(M, strict=strict).vector is None
+
+
+UNDECIDED = Verdict.UNDECIDED
+
+
+@cache
+def edges() -> list[tuple[Fraction, np.ndarray]]:
+    """Smallest eigenvalue and matrix; not made where the tests are only collected."""
+    return [*edge_matrices((4, 16), seed=7, repeats=2), *edge_matrices((64,), seed=8, repeats=1)]
+
+
+def truth(small: Fraction) -> Verdict:
+    return PROVED if small > 0 else REFUTED
+
+
+def test_there_are_enough_of_them():
+    assert len(edges()) >= 240
+    assert Counter(len(matrix) for _, matrix in edges()) == {4: 120, 16: 120, 64: 60}
+    assert {small for small, _ in edges()} == {s * Fraction(1, 2**p) for p in POWERS for s in (-1, 0, 1)}
+
+
+SLOW = ("LDL' in flint", "lift")  # what the choice rests on as well
+
+
+@pytest.mark.parametrize("name", [pytest.param(name, marks=pytest.mark.slow if name in SLOW else ()) for name in PATHS])
+def test_no_path_is_wrong_at_the_edge(name: str):
+    """H diag(lambda) H / n has the eigenvalues lambda: the truth is known in closed form."""
+    verdicts = [(truth(small), PATHS[name](matrix)) for small, matrix in edges()]
+    asked = [(known, found) for known, found in verdicts if found is not None]
+    assert asked
+    assert all(found in (known, UNDECIDED) for known, found in asked)
+    if name in EXACT:
+        assert all(found is known for known, found in asked)
+    elif name != "vector":
+        # Passing on always would be no mistake either, but useless: 2^-28 is far above what doubles resolve.
+        assert sum(found is known for known, found in asked) > len(asked) // 4
+
+
+def test_the_semidefinite_twin_is_right_at_the_edge_and_witnesses_refute():
+    """A zero eigenvalue is allowed there and only there; witnesses are multiplied out in Python integers."""
+    for small, table in edges()[:240] + edges()[240::7]:  # of 64 rows, a few of each sign
+        M = IntegerSymmetric.from_floats(table)
+        strict, weak = decide_positive_definite(M), decide_positive_semidefinite(M)
+        assert (weak.verdict is PROVED) == (small >= 0)
+        whole = [[Fraction(x) for x in row] for row in table.tolist()]
+        for decision, bound in ((strict, 0), (weak, -1)):
+            if decision.witness is None:
+                continue
+            v = decision.witness
+            image = [sum(x * y for x, y in zip(row, v, strict=True)) for row in whole]
+            value = sum(x * y for x, y in zip(image, v, strict=True))
+            assert any(v)
+            assert decision.value == value <= 0
+            assert value < 0 or bound == 0
+
+
+def test_numpy_cholesky_is_wrong_on_some_of_them():
+    """Without this the tests above would have no teeth."""
+    wrong = Counter((small > 0) for small, matrix in edges() if numpy_cholesky(matrix) != (small > 0))
+    assert wrong[False] > 0
+
+
+@pytest.mark.parametrize("size", [4, 16, pytest.param(64, marks=pytest.mark.slow)])
+def test_z_matrices_at_the_edge(size: int):
+    """The small eigenvalue belongs to v = 1: M v = small v decides by its sign, both ways."""
+    for power in POWERS:
+        for sign in (-1, 0, 1):
+            small = sign * Fraction(1, 2**power)
+            matrix = z_edge_matrix(size, small)
+            assert matrix is not None
+            assert by_vector(matrix) is truth(small)
+            weak = decide_positive_semidefinite(IntegerSymmetric.from_floats(matrix))
+            assert (weak.verdict is PROVED) == (small >= 0)
+
+
+def test_z_matrices_at_the_edge_scaled_away_from_ones():
+    """D M D with D = diag(1, 2, 4, 1, ...): the vector that decides is D^-1 1, and has to be found."""
+    for power in POWERS:
+        for sign in (-1, 0, 1):
+            small = sign * Fraction(1, 2**power)
+            matrix = z_edge_matrix(16, small)
+            assert matrix is not None
+            D = 2.0 ** (np.arange(16) % 3)
+            assert by_vector(matrix * np.outer(D, D)) in (truth(small), UNDECIDED)
+            assert by_choice(matrix * np.outer(D, D)) is truth(small)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("power", [28, 37, 46])
+def test_no_path_is_wrong_at_the_edge_with_256_rows(power: int):
+    """The same for a size where an elimination over the rationals is out of reach."""
+    for sign in (-1, 0, 1):
+        small = sign * Fraction(1, 2**power)
+        matrix = edge_matrix(256, small, Random(power))
+        if matrix is None:
+            continue
+        assert by_choice(matrix) is truth(small)
+        for path in (by_quick, by_integers, by_lift, by_vector):
+            assert path(matrix) in (truth(small), UNDECIDED)

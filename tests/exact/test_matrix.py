@@ -58,13 +58,11 @@ def test_rows_of_numbers_become_fractions():
 
 @pytest.mark.parametrize("bad", [[1, 2], ["12", "34"], "12", 5, None, {1: 2}, [{1: 2}], np.array(1.0), [b"1"]])
 def test_what_is_no_list_of_rows_is_refused(bad):
-    """A text is a sequence too, but no row."""
     with pytest.raises(ShapeError, match=r"^A must"):
         matrix(bad, name="A")
 
 
 def test_a_bad_entry_is_named_by_its_place():
-    """Errors name the key."""
     with pytest.raises(SpecError, match=r"exosystem\.A\[1\]\[0\] must be a number"):
         matrix([[1, 2], ["x", 4]], name="exosystem.A")
     with pytest.raises(ShapeError, match="rows of one length"):
@@ -74,7 +72,6 @@ def test_a_bad_entry_is_named_by_its_place():
 @settings(max_examples=60, deadline=None)
 @given(matrices(3, 4), matrices(4, 2), matrices(3, 4))
 def test_products_and_sums_agree_with_sympy(M, N, other):
-    """Independent oracle."""
     assert to_sympy(multiply(M, N)) == to_sympy(M) * to_sympy(N)
     assert to_sympy(add(M, other)) == to_sympy(M) + to_sympy(other)
     assert subtract(add(M, other), other) == M
@@ -86,7 +83,6 @@ def test_products_and_sums_agree_with_sympy(M, N, other):
 @settings(max_examples=60, deadline=None)
 @given(matrices(4, 4))
 def test_inverse_times_matrix_is_the_identity_unless_singular(M):
-    """SymPy's determinant tells which."""
     if to_sympy(M).det() == 0:
         with pytest.raises(SpecError, match="must be invertible; it is singular"):
             inverse(M)
@@ -97,7 +93,6 @@ def test_inverse_times_matrix_is_the_identity_unless_singular(M):
 @settings(max_examples=60, deadline=None)
 @given(matrices(3, 5) | matrices(5, 3))
 def test_nullspace_is_annihilated_and_has_the_missing_dimension(M):
-    """Rank and nullity against SymPy."""
     basis = nullspace(M)
     assert rank(M) == to_sympy(M).rank()
     assert len(basis) == shape(M)[1] - rank(M)
@@ -121,14 +116,7 @@ def test_long_and_short_sums_give_the_same_numbers():
     assert multiply(inverse(square), square) == identity(12)
 
 
-def test_the_hilbert_matrix_inverts_to_its_known_integers():
-    """Closed form: the last entry of the inverse of the 5x5 Hilbert matrix is 44100."""
-    hilbert = tuple(tuple(Fraction(1, i + j + 1) for j in range(5)) for i in range(5))
-    assert inverse(hilbert)[4][4] == 44100
-
-
 def test_shapes_that_do_not_fit_are_refused():
-    """Every error path."""
     with pytest.raises(ShapeError, match="must have 2 rows"):
         multiply(identity(2), identity(3))
     with pytest.raises(ShapeError, match="one shape"):
@@ -137,6 +125,8 @@ def test_shapes_that_do_not_fit_are_refused():
         subtract(identity(2), zeros(2, 3))
     with pytest.raises(ShapeError, match="must be square"):
         inverse(zeros(2, 3))
+    with pytest.raises(ShapeError, match="N must have shape"):
+        solve_lyapunov(identity(1), identity(2))
 
 
 def test_symmetry_is_exact():
@@ -172,7 +162,6 @@ def test_arrays_that_are_no_real_matrices_are_refused(bad, text):
 
 
 def test_entries_beyond_the_floats_are_refused():
-    """1e400 has no nearest finite float."""
     with pytest.raises(SpecError, match=r"below 1\.8e308"):
         to_float(((Fraction(10) ** 400,),))
 
@@ -198,13 +187,9 @@ def test_two_eigenvalues_that_add_up_to_zero_have_no_unique_solution():
     assert solve_lyapunov(matrix([[Fraction(1, 10**9), 0], [0, -1]]), identity) is not None
 
 
-def test_shapes_have_to_fit():
-    with pytest.raises(ShapeError, match="N must have shape"):
-        solve_lyapunov(matrix([[1]]), matrix([[1, 0], [0, 1]]))
-
-
 def test_a_fitting_matrix_gives_its_shape():
-    """None leaves a side free; arrays and nested tuples alike."""
+    """None leaves a side free; nested sequences cannot say how many columns no rows have."""
+    assert require_shape((), (None, 5), name="T") == (0, 0)
     assert require_shape(((1, 2, 3), (4, 5, 6)), (2, None), name="C") == (2, 3)
     assert require_shape(np.zeros((4, 1)), (None, 1), name="W") == (4, 1)
     assert require_square(((1, 2), (3, 4)), name="A") == 2
@@ -231,17 +216,7 @@ def test_the_error_names_matrix_shape_and_reason():
     ],
 )
 def test_a_wrong_shape_is_refused(matrix, shape, text):
-    """Every error path is walked."""
     with pytest.raises(ShapeError, match=text):
         require_shape(matrix, shape, name="M")
-
-
-def test_a_matrix_that_is_not_square_is_refused():
-    """With its reason."""
     with pytest.raises(ShapeError, match=r"A must be square, xi' = A xi; got shape \(1, 2\)"):
         require_square(((1, 2),), name="A", because="xi' = A xi")
-
-
-def test_no_rows_fit_any_number_of_columns():
-    """Nested sequences cannot say how many columns no rows have."""
-    assert require_shape((), (None, 5), name="T") == (0, 0)

@@ -34,9 +34,7 @@ TEXTS = st.from_regex(
         (Decimal("1.10"), Fraction(11, 10)),
         (Decimal("1E+3"), Fraction(1000)),
         (Fraction(2, 6), Fraction(1, 3)),
-        (np.float64(0.1), Fraction(1, 10)),
-        (np.float32(0.1), Fraction(1, 10)),
-        (np.float16(0.1), Fraction(1, 10)),
+        *((kind(0.1), Fraction(1, 10)) for kind in (np.float64, np.float32, np.float16)),
         (np.longdouble("0.1"), Fraction(1, 10)),
         (np.int64(-7), Fraction(-7)),
         (np.uint8(200), Fraction(200)),
@@ -54,62 +52,24 @@ def test_a_float_means_its_shortest_text(x):
 
 
 @given(TEXTS)
-def test_accepted_text_means_what_fraction_reads(text):
+def test_accepted_text_means_what_fraction_reads_and_can_be_written_and_read_again(text):
     """Fraction's own parser is the oracle (it takes no sign in a denominator)."""
     if len(text) <= 200:
         p, _, q = text.partition("/")
-        assert parse_number(text, key="k") == (Fraction(int(p), int(q)) if q else Fraction(text))
-
-
-@given(TEXTS)
-def test_what_is_accepted_can_be_written_and_read_again(text):
-    """Canonical problems hold numbers as text: nothing accepted may be lost there."""
-    if len(text) <= 200:
         number = parse_number(text, key="k")
+        assert number == (Fraction(int(p), int(q)) if q else Fraction(text))
         assert parse_number(number_text(number), key="k") == number
+
+
+NO_NUMBERS = "1_000 1_0.5 0x10 1e 1. .5 --1 1/2/3 1.5/2 inf nan -Infinity ٣ １ 1e5/2 one 1e1.5"
 
 
 @pytest.mark.parametrize(
     "bad",
     [
-        "",
-        " 1",
-        "1 ",
-        "1_000",
-        "1_0.5",
-        "0x10",
-        "1e",
-        "1.",
-        ".5",
-        "--1",
-        "1/2/3",
-        "1.5/2",
-        "inf",
-        "nan",
-        "-Infinity",
-        "٣",
-        "１",
-        "1e5/2",
-        "one",
-        "1\n",
-        "1e1.5",
-        True,
-        False,
-        np.True_,
-        None,
-        [1],
-        b"1",
-        1j,
-        math.nan,
-        math.inf,
-        -math.inf,
-        np.float64("nan"),
-        np.float32("inf"),
-        np.longdouble("inf"),
-        Decimal("NaN"),
-        Decimal("Infinity"),
-        np.array(1.0),
-        object(),
+        *("", " 1", "1 ", "1\n", *NO_NUMBERS.split()),
+        *(True, False, np.True_, None, [1], b"1", 1j, math.nan, math.inf, -math.inf, np.array(1.0), object()),
+        *(np.float64("nan"), np.float32("inf"), np.longdouble("inf"), Decimal("NaN"), Decimal("Infinity")),
     ],
 )
 def test_what_is_no_number_is_refused_with_its_key(bad):
@@ -122,11 +82,8 @@ def test_what_is_no_number_is_refused_with_its_key(bad):
 @pytest.mark.parametrize(
     ("bad", "reason"),
     [
-        ("1e401", "exponent from -400 to 400"),
-        ("1e-401", "exponent from -400 to 400"),
-        ("1e99999999", "exponent from -400 to 400"),
+        *((text, "exponent from -400 to 400") for text in ("1e401", "1e-401", "1e99999999", "1e" + "9" * 190)),
         (Decimal("1e99999999"), "exponent from -400 to 400"),
-        ("1e" + "9" * 190, "exponent from -400 to 400"),
         ("1" * 201, "at most 200 characters"),
         ("1/0", "denominator other than 0"),
         ("0/-0", "denominator other than 0"),
@@ -145,7 +102,6 @@ def test_oversized_numbers_are_refused_at_once(bad, reason):
 
 
 def test_the_largest_numbers_of_the_contract_are_accepted():
-    """The twin of the refusals above, just inside."""
     assert parse_number("9" * 200, key="k") == 10**200 - 1
     assert parse_number(int("9" * 200), key="k") == 10**200 - 1
     assert parse_number("1e400", key="k") == 10**400
@@ -176,7 +132,6 @@ def test_text_of_a_long_decimal_keeps_to_the_exponents_that_can_be_read(given_te
 
 
 def test_a_long_number_that_is_no_decimal_is_written_as_quotient():
-    """Too long to be read back, but never wrong."""
     assert number_text(Fraction(1, 3**600)) == f"1/{3**600}"
     assert number_text(Fraction(1, 2**9990)) == f"1/{2**9990}"
 
@@ -206,7 +161,6 @@ def test_directed_roundings_are_the_neighbouring_floats(x):
 
 
 def test_directed_rounding_at_the_ends_of_the_range():
-    """Overflow and underflow, both signs."""
     largest, smallest = math.nextafter(math.inf, 0), 5e-324
     huge, tiny = Fraction(10) ** 400, Fraction(1, 10**400)
     assert (float_below(huge), float_above(huge)) == (largest, math.inf)

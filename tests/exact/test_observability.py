@@ -67,7 +67,6 @@ def test_oscillators_of_different_frequency_are_observable():
 
 
 def test_an_unobserved_state_that_dies_out_is_detectable():
-    """Detectable, not observable."""
     A = matrix([[0, 1], [0, -3]])
     pair = A, matrix([[0, 0]])
     assert decide_detectable(*pair).verdict is REFUTED
@@ -79,7 +78,6 @@ def test_an_unobserved_state_that_dies_out_is_detectable():
 
 
 def test_the_reduction_of_an_observable_pair_is_itself():
-    """T = I."""
     assert observable_reduction(*PAPER) == (*PAPER, identity(2))
 
 
@@ -98,7 +96,6 @@ def test_nothing_observable_reduces_to_nothing():
 
 
 def test_an_exosystem_without_states_is_observable():
-    """q = 0."""
     assert decide_observable((), ()).verdict is PROVED
     assert decide_detectable((), ()).verdict is PROVED
 
@@ -157,7 +154,6 @@ def test_a_pair_of_size_thirty_is_decided():
 
 
 def test_shapes_that_do_not_fit_are_refused():
-    """One error for every function of the room."""
     for function in (observability_matrix, decide_observable, decide_detectable, observable_reduction):
         with pytest.raises(ShapeError, match="A must be square"):
             function(zeros(2, 3), zeros(1, 3))

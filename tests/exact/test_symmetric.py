@@ -1,4 +1,6 @@
-"""Sparse symmetric matrices: the same as their dense forms."""
+"""Sparse symmetric matrices, in integer arrays and without: the same as their dense forms; vectors of doubles."""
+
+from __future__ import annotations
 
 import pickle
 from fractions import Fraction
@@ -8,11 +10,164 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from dobc_design.errors import ShapeError
-from dobc_design.exact import SparseSymmetric, add, identity, multiply, scale, to_float
+from dobc_design.errors import ShapeError, SpecError
+from dobc_design.exact import IntegerSymmetric, SparseSymmetric, add, from_float, identity, multiply, scale, to_float
+from dobc_design.exact.symmetric import Doubles, both_triangles, in_integers, least, limbs, signs_of_product
 
 PLACES = st.tuples(st.integers(0, 4), st.integers(0, 4)).map(lambda p: (min(p), max(p)))
 SPARSE = st.dictionaries(PLACES, st.fractions(max_denominator=9)).map(lambda e: SparseSymmetric(5, e))
+WIDE = st.one_of(st.integers(-9, 9), st.integers(-(2**62), 2**62), st.integers(-(2**300), 2**300))
+
+
+def arrays(size, entries, denominator=1):
+    rows, columns, values = ([e[k] for e in entries] for k in range(3))
+    return IntegerSymmetric(
+        size=size,
+        rows=np.array(rows, dtype=int),
+        columns=np.array(columns, dtype=int),
+        values=np.array(values, dtype=object),
+        denominator=denominator,
+    )
+
+
+@given(SPARSE, st.lists(st.fractions(max_denominator=9), min_size=5, max_size=5))
+def test_it_says_the_same_as_the_sparse_form(M, v):
+    whole = IntegerSymmetric.from_sparse(M)
+    assert whole.to_sparse() == M
+    assert whole.diagonal() == M.diagonal() == [M.to_dense()[i][i] for i in range(5)]
+    assert whole.quadratic_form(v) == M.quadratic_form(v)
+
+
+@given(st.lists(st.tuples(PLACES, WIDE), max_size=20))
+def test_what_is_given_twice_for_a_place_is_added_up(given_entries):
+    """Arcs between the same agents, in exact integers of any length."""
+    total: dict[tuple[int, int], int] = {}
+    for place, value in given_entries:
+        total[place] = total.get(place, 0) + value
+    M = arrays(5, [(*place, value) for place, value in given_entries])
+    assert M.to_sparse() == SparseSymmetric(5, {p: Fraction(x) for p, x in total.items()})
+    assert (M.values.dtype == np.int64) == all(abs(x) < 2**62 for x in total.values())
+
+
+@given(st.lists(WIDE, max_size=8), st.integers(1, 40))
+def test_limbs_add_up_to_the_number(values, bits):
+    """All but the last are in [0, 2^bits)."""
+    array = np.array(values, dtype=object)
+    parts = limbs(array, bits)
+    assert [sum(int(p[k]) << (bits * e) for e, p in enumerate(parts)) for k in range(len(values))] == values
+    assert all(((part >= 0) & (part < 1 << bits)).all() for part in parts[:-1])
+    assert (np.abs(parts[-1]) <= 1 << bits).all()
+
+
+@given(st.data(), st.sampled_from([3, 60, 62, 100, 2000]), st.sampled_from([3, 61, 90, 1500]))
+def test_signs_of_a_product_are_exact(data, entry_bits, vector_bits):
+    """Against Python integers; one row is made to cancel to -1, 0 or 1."""
+    n = 4
+    numbers = st.integers(-(2**entry_bits) + 1, 2**entry_bits - 1)
+    upper = {(i, j): data.draw(numbers) or 1 for i in range(n) for j in range(i, n)}
+    v = [data.draw(st.integers(1, 2**vector_bits)) for _ in range(n - 1)] + [1]
+    upper[0, n - 1] = data.draw(st.integers(-1, 1)) - sum(upper[0, j] * v[j] for j in range(n - 1))
+    M = arrays(n, [(i, j, x) for (i, j), x in upper.items()])
+    rows = both_triangles(M)
+    expected = [sum(upper.get((min(i, j), max(i, j)), 0) * v[j] for j in range(n)) for i in range(n)]
+    if rows is not None:
+        short = max(v) < 2**62
+        signs = signs_of_product(rows, np.array(v, dtype=np.int64 if short else object))
+        assert signs.tolist() == [(x > 0) - (x < 0) for x in expected]
+
+
+def test_signs_are_exact_for_numbers_of_any_length():
+    """a a - a^2 = 0 with all bits of a set, 8000 of them."""
+    a = 2**8000 - 1
+    rows = both_triangles(arrays(2, [(0, 0, a), (0, 1, 1), (1, 1, 5)]))
+    assert rows is not None
+    for excess in (-1, 0, 1):
+        assert signs_of_product(rows, np.array([a, excess - a * a], dtype=object))[0] == excess
+
+
+@given(st.lists(st.floats(allow_nan=False, allow_infinity=False), min_size=6, max_size=6))
+def test_floats_are_taken_at_their_exact_value(values):
+    """Denormal, huge and zero entries too; Fraction is the oracle."""
+    matrix = np.zeros((3, 3))
+    matrix[np.triu_indices(3)] = values
+    matrix = np.triu(matrix) + np.triu(matrix, 1).T
+    assert IntegerSymmetric.from_floats(matrix).to_sparse() == SparseSymmetric.from_dense(from_float(matrix, None))
+
+
+def test_rounding_that_weakens_never_helps():
+    """Diagonal rounded down, the others away from 0, by less than 2^-bits."""
+    M = SparseSymmetric(2, {(0, 0): Fraction(1, 3), (0, 1): Fraction(1, 3), (1, 1): Fraction(-1, 3)})
+    weak = IntegerSymmetric.weakened(M, bits=2).to_sparse()
+    assert dict(weak.entries) == {(0, 0): Fraction(1, 4), (0, 1): Fraction(1, 2), (1, 1): Fraction(-1, 2)}
+    negative = SparseSymmetric(2, {(0, 1): Fraction(-1, 3)})
+    assert dict(IntegerSymmetric.weakened(negative, bits=2).to_sparse().entries) == {(0, 1): Fraction(-1, 2)}
+
+
+def test_a_long_common_denominator_is_not_taken():
+    """The first 200 primes have a product of over 512 bits."""
+    primes = [p for p in range(2, 1230) if all(p % q for q in range(2, int(p**0.5) + 1))][:200]
+    M = SparseSymmetric(200, {(i, i): Fraction(1, p) for i, p in enumerate(primes)})
+    assert in_integers(M) is None
+    short = SparseSymmetric(200, {(i, i): Fraction(1, i % 7 + 1) for i in range(200)})
+    assert in_integers(short).denominator == 420
+
+
+def test_an_empty_row_has_no_place_in_the_row_form():
+    assert both_triangles(arrays(2, [(0, 0, 1)])) is None
+    assert both_triangles(arrays(0, [])) is None
+
+
+@pytest.mark.parametrize("place", [(1, 0), (-1, 0), (0, 2), (2, 2)])
+def test_entries_outside_the_upper_triangle_are_refused(place):
+    with pytest.raises(ShapeError, match="upper triangle"):
+        arrays(2, [(*place, 1)])
+    with pytest.raises(ShapeError, match="upper triangle"):
+        SparseSymmetric(2, {place: Fraction(1)})
+
+
+def test_what_does_not_fit_is_refused():
+    here = np.array([0])
+    with pytest.raises(ShapeError, match="one length; got 1, 1 and 2"):
+        IntegerSymmetric(size=1, rows=here, columns=here, values=np.array([1, 2]))
+    with pytest.raises(SpecError, match="denominator must be at least 1; got 0"):
+        arrays(1, [(0, 0, 1)], denominator=0)
+    for values in (np.array([1.0]), np.array([Fraction(1, 2)], dtype=object), np.array([True])):
+        with pytest.raises(SpecError, match="values must be integers"):
+            IntegerSymmetric(size=1, rows=here, columns=here, values=values)
+    with pytest.raises(ShapeError, match="upper triangle"):
+        arrays(-1, [])
+    with pytest.raises(ShapeError, match="must have 1 entries; got 2"):
+        arrays(1, [(0, 0, 1)]).quadratic_form([1, 2])
+    with pytest.raises(ShapeError, match="must be square"):
+        IntegerSymmetric.from_floats(np.zeros((1, 2)))
+    with pytest.raises(ShapeError, match="must be exactly symmetric"):
+        IntegerSymmetric.from_floats(np.array([[1.0, 2.0], [2.0 + 2**-51, 1.0]]))
+    with pytest.raises(SpecError, match="must have finite entries"):
+        IntegerSymmetric.from_floats(np.array([[np.inf]]))
+
+
+@given(SPARSE, SPARSE, st.fractions(max_denominator=9))
+def test_sums_and_shifts_are_those_of_the_sparse_form(M, N, shift):
+    """Of both forms in any order; denominators that differ."""
+    whole = IntegerSymmetric.from_sparse(M)
+    assert (whole + N).to_sparse() == (N + whole).to_sparse() == M + N
+    assert (whole + IntegerSymmetric.from_sparse(N)).to_sparse() == M + N
+    assert whole.shifted(shift).to_sparse() == M.shifted(shift)
+    assert whole.negated().to_sparse() == M.negated()
+    assert whole.entries == M.entries
+
+
+@given(SPARSE, st.lists(st.integers(0, 4), unique=True))
+def test_some_rows_and_columns_in_their_order(M, rows):
+    full, part = M.to_dense(), [[M.to_dense()[i][j] for j in rows] for i in rows]
+    assert [list(row) for row in IntegerSymmetric.from_sparse(M).restricted(rows).to_dense()] == part
+    assert [list(row) for row in M.restricted(rows).to_dense()] == part
+    assert len(full) == 5
+
+
+def test_matrices_of_different_sizes_are_not_added():
+    with pytest.raises(ShapeError, match="one size"):
+        arrays(2, [(0, 0, 1)]) + arrays(3, [(0, 0, 1)])
 
 
 @given(SPARSE, SPARSE, st.fractions(max_denominator=9))
@@ -27,14 +182,12 @@ def test_operations_agree_with_the_dense_ones(M, N, c):
 
 @given(SPARSE, st.lists(st.fractions(max_denominator=9), min_size=5, max_size=5))
 def test_the_quadratic_form_is_the_product(M, v):
-    """v' M v by dense multiplication."""
     column = tuple((x,) for x in v)
     assert M.quadratic_form(v) == multiply((tuple(v),), multiply(M.to_dense(), column))[0][0]
 
 
 @given(SPARSE)
 def test_triplets_fill_both_triangles(M):
-    """The floats of the full matrix, each place once."""
     rows, columns, values = M.triplets()
     full = np.zeros((5, 5))
     np.add.at(full, (rows, columns), values)
@@ -43,7 +196,6 @@ def test_triplets_fill_both_triangles(M):
 
 
 def test_zeros_are_dropped():
-    """Equal matrices are equal objects."""
     assert SparseSymmetric(2, {(0, 1): Fraction(0), (1, 1): Fraction(2)}) == SparseSymmetric(2, {(1, 1): Fraction(2)})
 
 
@@ -53,15 +205,7 @@ def test_it_survives_pickling():
     assert pickle.loads(pickle.dumps(M)) == M
 
 
-@pytest.mark.parametrize("place", [(1, 0), (-1, 0), (0, 2), (2, 2)])
-def test_entries_outside_the_upper_triangle_are_refused(place):
-    """Below the diagonal an entry would count twice or be lost."""
-    with pytest.raises(ShapeError, match="upper triangle"):
-        SparseSymmetric(2, {place: Fraction(1)})
-
-
 def test_sizes_that_do_not_fit_are_refused():
-    """Every error path."""
     with pytest.raises(ShapeError, match="size must be 0 or more"):
         SparseSymmetric(-1, {})
     with pytest.raises(ShapeError, match="one size; got 2 and 3"):
@@ -73,8 +217,35 @@ def test_sizes_that_do_not_fit_are_refused():
 
 
 def test_a_dense_matrix_must_be_exactly_symmetric():
-    """The error names the places that differ."""
     with pytest.raises(ShapeError, match=r"P must be exactly symmetric; entries \[0\]\[1\] and \[1\]\[0\]"):
         SparseSymmetric.from_dense(((Fraction(1), Fraction(2)), (Fraction(3), Fraction(1))), name="P")
     with pytest.raises(ShapeError, match="must be square"):
         SparseSymmetric.from_dense(((Fraction(1), Fraction(2)),))
+
+
+def test_entries_are_exact_binary_fractions():
+    v = Doubles(np.array([0.1, 2.0, -(2.0**-1074)]))
+    assert list(v) == [Fraction(0.1), 2, Fraction(-1, 2**1074)]
+    assert v[0] == v[-3] == Fraction(0.1) != Fraction(1, 10)
+    assert v[1:] == (2, Fraction(-1, 2**1074))
+    assert (len(v), least(v), least(tuple(v))) == (3, v[2], v[2])
+
+
+def test_the_array_can_neither_be_changed_nor_changes_with_its_source():
+    source = np.array([1.0, 2.0])
+    v = Doubles(source)
+    source[0] = 9.0
+    assert v[0] == 1
+    with pytest.raises(ValueError, match="read-only"):
+        v.array[0] = 3.0
+
+
+def test_equal_vectors_are_equal_and_hash_alike():
+    one, same, other = (Doubles(np.array(x)) for x in ([1.0, 2.0], [1.0, 2.0], [1.0, 3.0]))
+    assert (one == same, one == other, hash(one) == hash(same)) == (True, False, True)
+
+
+@pytest.mark.parametrize("array", [np.array([1.0, np.nan]), np.array([np.inf]), np.ones((2, 2))])
+def test_what_is_no_finite_vector_is_refused(array):
+    with pytest.raises(ValueError, match="one dimension and finite entries"):
+        Doubles(array)

@@ -48,11 +48,6 @@ def test_a_ring_held_by_nothing_has_none_and_is_refuted(ground: Fraction):
     assert decision.witness is not None and M.quadratic_form(decision.witness) <= 0
 
 
-def test_a_barely_held_ring_is_proved_one_way_or_the_other():
-    """ground = 1e-9 is positive definite; where the vector is not found, elimination decides."""
-    assert decide_positive_definite(grounded_ring(60, Fraction(1, 10**9))).verdict is Verdict.PROVED
-
-
 def test_a_positive_entry_beside_the_diagonal_counts_against_the_vector():
     """v = (1, 1) has M v > 0 for [[1, 2], [2, 1]], which is indefinite: |m_ij| is what has to be dominated."""
     M = SparseSymmetric(2, {(0, 0): Fraction(1), (0, 1): Fraction(2), (1, 1): Fraction(1)})
@@ -71,28 +66,6 @@ def test_a_vector_that_is_not_positive_or_has_the_wrong_length_proves_nothing():
     indefinite = SparseSymmetric(2, {(0, 0): Fraction(1), (0, 1): Fraction(-5), (1, 1): Fraction(1)})
     assert not proves(indefinite, (-1, -1))  # M v = (4, 4)
     assert not proves(SparseSymmetric(1, {}), (1,)) and proves(SparseSymmetric(0, {}), ())
-
-
-def test_fractions_in_the_entries_are_exact():
-    """1/3 - 1/3 is zero: M v must be > 0, not >= 0."""
-    M = SparseSymmetric(2, {(0, 0): Fraction(1, 3), (0, 1): Fraction(-1, 3), (1, 1): Fraction(1, 3)})
-    assert not proves(M, (1, 1))
-    assert search(M, strict=True).vector is None
-
-
-@pytest.mark.parametrize("seed", range(5))
-def test_random_sparse_z_matrices_agree_with_eigenvalues(seed: int):
-    """Random graphs of 80 nodes; the oracle is NumPy's eigvalsh, away from 0."""
-    random = np.random.default_rng(seed)
-    size = 80
-    entries = {(i, i): Fraction(int(random.integers(1, 6))) for i in range(size)}
-    for _ in range(120):
-        i, j = sorted(random.choice(size, 2, replace=False).tolist())
-        entries[i, j] = Fraction(-int(random.integers(1, 3)))
-    M = SparseSymmetric(size, entries)
-    smallest = float(np.linalg.eigvalsh(np.array([[float(x) for x in row] for row in M.to_dense()]))[0])
-    assert abs(smallest) > 1e-6
-    assert (decide_positive_definite(M).verdict is Verdict.PROVED) == (smallest > 0)
 
 
 def arrays(M: SparseSymmetric) -> IntegerSymmetric:

@@ -18,8 +18,7 @@ from dobc_design.conditions.observer.propose import propose_pairs
 from dobc_design.problem.exosystems import Exosystem
 from dobc_design.problem.load import builtin_text, read_problem_text
 from dobc_design.solvers import conic
-from dobc_design.solvers.conic import solve_directly
-from dobc_design.solvers.dense import solve_dense
+from dobc_design.solvers.conic import solve_dense, solve_directly
 from dobc_design.solvers.program import Program, Solution, is_solver_failure, without_values
 from dobc_design.verdict import Verdict
 
@@ -73,6 +72,18 @@ LIES = {
     "mixed": answer("Solved", [(-1.0) ** k * 10.0 ** (7 * k - 60) for k in range(30)]),
     "out of time": answer("MaxTime", [1.0] * 30),
 }
+
+
+def decided(problem: dd.Problem, verdict: Verdict = Verdict.PROVED) -> dd.Certificate:
+    """Its certificate, which has this verdict and is confirmed."""
+    certificate = dd.certify(problem)
+    assert certificate.verdict is verdict
+    assert dd.verify(certificate, problem).holds
+    return certificate
+
+
+def notes_of(certificate: dd.Certificate) -> str:
+    return "\n".join(certificate.claims.notes)
 
 
 @pytest.fixture
@@ -133,20 +144,14 @@ def test_certify_proves_without_its_solvers(monkeypatch, name, cycle):
     monkeypatch.setattr(clarabel, "DefaultSolver", Failing((OUTCOMES | LIES)[name]))
     monkeypatch.setattr(conic, "solve_dense", lambda program, **options: without_values("failed: x", solver="SCS"))
     for problem in (without_region("paper-fixed"), without_region("paper-switching"), cycle(4)):
-        certificate = dd.certify(problem)
-        assert certificate.verdict is Verdict.PROVED
-        assert dd.verify(certificate, problem).holds
+        decided(problem)
 
 
 def test_certify_proves_without_eigenvalues(monkeypatch, cycle):
     """No estimate of lambda_max and no solver: margins are lost, the verdict is not."""
     monkeypatch.setattr(clarabel, "DefaultSolver", Failing(RuntimeError("x")))
     monkeypatch.setattr(estimates, "_dense", lambda matrix: None)
-    problem = cycle(4)
-    certificate = dd.certify(problem)
-    assert certificate.verdict is Verdict.PROVED
-    assert certificate.check("lemma1").margin == 0
-    assert dd.verify(certificate, problem).holds
+    assert decided(cycle(4)).check("lemma1").margin == 0
 
 
 def test_a_problem_beyond_the_floats_is_still_decided(harmonic):
@@ -196,40 +201,30 @@ def test_without_any_solver_the_poles_are_placed_exactly(without_solvers, monkey
     assert "exact pole placement" in found.note
 
 
-@pytest.mark.parametrize("name", OUTCOMES)
+@pytest.mark.parametrize("name", ["raises", "nan", "infeasible", "too short"])
 def test_the_second_solver_steps_in_and_the_notes_say_so(monkeypatch, name, cycle):
     """Clarabel gives no point: W and P come from SCS, and are proved like any other."""
     monkeypatch.setattr(clarabel, "DefaultSolver", Failing(OUTCOMES[name]))
-    problem = cycle(4)
-    certificate = dd.certify(problem)
-    assert certificate.verdict is Verdict.PROVED
-    assert dd.verify(certificate, problem).holds
-    notes = "\n".join(certificate.claims.notes)
+    notes = notes_of(decided(cycle(4)))
     assert "W was designed (small SDP by SCS, after Clarabel gave no point (" in notes
     assert "P was found by SCS, after Clarabel gave no point (" in notes
 
 
 def test_the_usual_way_is_not_worth_a_note(cycle):
-    notes = "\n".join(dd.certify(cycle(4)).claims.notes)
+    notes = notes_of(dd.certify(cycle(4)))
     assert "W was designed (small SDP) for the decay rate" in notes
     assert "SCS" not in notes
     assert "Lyapunov" not in notes
 
 
 def test_the_exact_steps_are_told_in_the_notes(without_solvers, monkeypatch, cycle):
-    problem = cycle(4)
-    certificate = dd.certify(problem)
-    assert "W was designed (Kalman gain)" in "\n".join(certificate.claims.notes)
-    assert (
-        "P solves a Lyapunov equation exactly, because no proposal of a solver could be proved (the last said:"
-        " failed: nothing)." in certificate.claims.notes
-    )
+    notes = notes_of(dd.certify(cycle(4)))
+    assert "W was designed (Kalman gain)" in notes
+    exactly = "P solves a Lyapunov equation exactly, because no proposal of a solver could be proved"
+    assert f"{exactly} (the last said: failed: nothing)." in notes
     monkeypatch.setattr(propose, "_kalman", lambda exosystem, shift=0.0: None)
     monkeypatch.setattr("dobc_design.certification.certify.decay_rate", lambda exosystem, W: float("nan"))
-    certificate = dd.certify(problem)
-    assert certificate.verdict is Verdict.PROVED
-    assert dd.verify(certificate, problem).holds
-    notes = "\n".join(certificate.claims.notes)
+    notes = notes_of(decided(cycle(4)))
     assert "W was designed (exact pole placement)" in notes
     assert "because there was no estimate to start a solver from." in notes
 
@@ -263,14 +258,11 @@ def test_the_time_limit_reaches_the_solvers(harmonic, cycle):
 def test_when_every_rung_fails_the_answer_is_undecided_and_says_why(without_solvers, monkeypatch, cycle):
     monkeypatch.setattr(propose, "_kalman", lambda exosystem, shift=0.0: None)
     monkeypatch.setattr(propose, "placed_gains", lambda exosystem, rate: iter(()))
-    problem = cycle(4)
-    certificate = dd.certify(problem)
-    assert certificate.verdict is Verdict.UNDECIDED
-    notes = "\n".join(certificate.claims.notes)
+    certificate = decided(cycle(4), Verdict.UNDECIDED)
+    notes = notes_of(certificate)
     assert "No W was found for the decay rate" in notes
     assert "nor by exact pole placement" in notes
     assert "W" in certificate.check("hurwitz").reason
-    assert dd.verify(certificate, problem).holds
 
 
 def test_a_pair_that_nobody_finds_leaves_the_theorem_undecided(without_solvers, monkeypatch):
@@ -314,9 +306,7 @@ def test_eigenvalue_solvers_that_break_change_no_verdict(monkeypatch, name, cycl
     monkeypatch.setattr(np.linalg, "eigvalsh", broken)
     monkeypatch.setattr(estimates.linalg, "eigh", broken_pair)
     for each, verdict in ((problem, Verdict.PROVED), (free, Verdict.REFUTED)):
-        certificate = dd.certify(each)
-        assert certificate.verdict is verdict
-        assert dd.verify(certificate, each).holds
+        decided(each, verdict)
 
 
 def test_no_gain_at_all_is_said_in_words(monkeypatch, harmonic):
@@ -327,10 +317,8 @@ def test_no_gain_at_all_is_said_in_words(monkeypatch, harmonic):
 
 
 def test_a_singular_p_of_a_solver_is_passed_over(monkeypatch, harmonic):
-    broken = solve_directly(Program(pencils=(reduced(Fraction(-1), harmonic),)))
-    singular = type(broken)(
-        status="Solved", solver="x", objective=0.0, values={"P": np.zeros((2, 2)), "Q": np.ones((2, 1))}
-    )
+    values = {"P": np.zeros((2, 2)), "Q": np.ones((2, 1))}
+    singular = Solution(status="Solved", solver="x", objective=0.0, values=values)
     monkeypatch.setattr(conic, "solve_directly", lambda program, **options: singular)
     assert propose.design_gain(harmonic).W is not None
 

@@ -12,6 +12,7 @@ from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field
 from fractions import Fraction
 from random import Random
+from typing import Any
 
 import numpy as np
 from certified import certified
@@ -32,6 +33,8 @@ from dobc_design.exact.observability import decide_detectable
 from dobc_design.problem.canonical import canonical_bytes
 from dobc_design.problem.problem import Problem
 from dobc_design.verdict import Verdict
+
+Document = dict[str, Any]
 
 
 @dataclass
@@ -75,6 +78,25 @@ def lone_checker(data: bytes, problem: Problem) -> tuple[bool, str]:
     return not refusals, "; ".join(refusals)
 
 
+def judge_mutant(
+    tally: Tally, label: str, changed: Document, document: Document, problem: Problem, oracle: Oracle
+) -> None:
+    """Both checkers agree about a changed certificate; what they accept is true."""
+    data = json.dumps(changed).encode()
+    alone, said = lone_checker(data, problem)
+    try:
+        accepted = recheck(data, problem).holds
+    except CertificateError:
+        tally.counts["unreadable"] += 1
+        tally.wrong += [f"{label}: unreadable, but the lone checker accepts"] if alone else []
+        return
+    if alone is not accepted:
+        tally.wrong.append(f"{label}: the package says {accepted}, the lone checker {alone}: {said}")
+    tally.counts["same" if changed == document else "accepted" if accepted else "refused"] += 1
+    if accepted and changed != document:
+        tally.wrong += [f"{label}: accepted, not true: {what}" for what in oracle.false_claims(changed)]
+
+
 def mutant_campaign(
     seeds: Iterable[int], *, each: int, make: Callable[[int], Problem] = a_problem, know: type[Oracle] = Oracle
 ) -> Tally:
@@ -86,19 +108,7 @@ def mutant_campaign(
         for k in range(each):
             number = seed * 100_000 + k
             changed = claim(document, number) if k % 3 == 0 else mutate(document, number, other=other)
-            data = json.dumps(changed).encode()
-            alone, said = lone_checker(data, problem)
-            try:
-                accepted = recheck(data, problem).holds
-            except CertificateError:
-                tally.counts["unreadable"] += 1
-                tally.wrong += [f"{seed}, {k}: unreadable, but the lone checker accepts"] if alone else []
-                continue
-            if alone is not accepted:
-                tally.wrong.append(f"{seed}, {k}: the package says {accepted}, the lone checker {alone}: {said}")
-            tally.counts["same" if changed == document else "accepted" if accepted else "refused"] += 1
-            if accepted and changed != document:
-                tally.wrong += [f"{seed}, {k}: accepted, not true: {what}" for what in oracle.false_claims(changed)]
+            judge_mutant(tally, f"{seed}, {k}", changed, document, problem, oracle)
         other = document
     return tally
 

@@ -37,6 +37,8 @@ GONE = object()
 EACH_OTHER = [[1, 2], [2, 1]]
 NOTHING: Document = {"verdict": "undecided", "margin": None, "rate": None, "exact": GONE, "witness": GONE}
 OPEN: Document = {"verdict": "undecided", "rate": None, "covered_by": None}
+LEFT_OPEN = ("", OPEN)
+NO_PAIR, NO_GAIN = {"P": None, "Q": None}, ("observer", dict.fromkeys(("W", "source", "P", "Q")))
 
 
 @dataclass(frozen=True)
@@ -83,90 +85,52 @@ def scalar(a: Any, c: Any = 1) -> Exosystem:
 def problems() -> dict[str, Problem]:
     """One problem for every rule of the format page."""
     pair, line, chain = network(), network([[2, 1]]), [[i + 1, i] for i in range(1, 25)]
+
+    def held(coupling: Any = "y", gains: Any = 1, network: Network = pair, **more: Any) -> Problem:
+        return Problem(network=network, coupling=coupling, gains=gains, **more)
+
+    def observed(W: Any, P: Any = None, exosystem: Exosystem | None = None, **more: Any) -> Problem:
+        return held(exosystem=exosystem or scalar(0), observer=Observer(W=W, P=P), **more)
+
+    def asked(gain: Any, *states: list[int]) -> Problem:
+        return held("y", {1: gain}, line, target=[0, 0], region={"initial_states": list(states)})
+
+    half = {1: "1/2", 2: "1/2"}
     return {
         "paper": without_region("paper-fixed"),
-        "plain": Problem(network=pair, coupling="2*y", gains={1: 3}, notes=["a note"]),
-        "curved": Problem(network=pair, coupling="exp(y) - 1 + y", gains={1: 3, 2: 3}),
-        "designed": Problem(network=pair, coupling="y", gains=1, exosystem=scalar(0)),
-        "given": Problem(network=pair, coupling="y", gains=1, exosystem=scalar(0), observer=Observer(W=[[2]])),
-        "good P": Problem(
-            network=pair, coupling="y", gains=1, exosystem=scalar(0), observer=Observer(W=[[2]], P=[[1]])
+        "plain": held("2*y", {1: 3}, notes=["a note"]),
+        "curved": held("exp(y) - 1 + y", {1: 3, 2: 3}),
+        "designed": held(exosystem=scalar(0)),
+        "given": observed([[2]]),
+        "good P": observed([[2]], [[1]]),
+        "small P": observed([[2]], [["1/100"]]),
+        "negative P": observed([[2]], [[-1]]),
+        "wrong P": observed([["16/5"], ["12/5"]], [[1, 0], [0, 100]], Exosystem(A=[[0, 2], [-2, 0]], C=[[1, 0]])),
+        "bad W": observed([[-1]]),
+        "hidden": observed([[1]], exosystem=scalar(0, 0)),
+        "faint": held(exosystem=Exosystem(A=[[0, 1, 0], [0, 0, 0], [0, 0, 1]], C=[[0, 1, 0]])),
+        "calm bad W": observed(
+            [[-1]], coupling="tanh(y)", region={"initial_states": [-1, 1], "initial_disturbance": 0}
         ),
-        "small P": Problem(
-            network=pair, coupling="y", gains=1, exosystem=scalar(0), observer=Observer(W=[[2]], P=[["1/100"]])
-        ),
-        "negative P": Problem(
-            network=pair, coupling="y", gains=1, exosystem=scalar(0), observer=Observer(W=[[2]], P=[[-1]])
-        ),
-        "wrong P": Problem(
-            network=pair,
-            coupling="y",
-            gains=1,
-            exosystem=Exosystem(A=[[0, 2], [-2, 0]], C=[[1, 0]]),
-            observer=Observer(W=[["16/5"], ["12/5"]], P=[[1, 0], [0, 100]]),
-        ),
-        "bad W": Problem(network=pair, coupling="y", gains=1, exosystem=scalar(0), observer=Observer(W=[[-1]])),
-        "hidden": Problem(network=pair, coupling="y", gains=1, exosystem=scalar(0, 0), observer=Observer(W=[[1]])),
-        "faint": Problem(
-            network=pair, coupling="y", gains=1, exosystem=Exosystem(A=[[0, 1, 0], [0, 0, 0], [0, 0, 1]], C=[[0, 1, 0]])
-        ),
-        "calm bad W": Problem(
-            network=pair,
-            coupling="tanh(y)",
-            gains=1,
-            exosystem=scalar(0),
-            observer=Observer(W=[[-1]]),
-            region={"initial_states": [-1, 1], "initial_disturbance": 0},
-        ),
-        "loose": Problem(network=pair, coupling="2*y", gains=None),
-        "far": Problem(network=network([[2, 1], [3, 2]]), coupling="y", gains={2: 1}),
-        "far, two components": Problem(
-            network=line,
-            coupling="y",
-            gains={1: [[1, 0], [0, 0]]},
-            target=[0, 0],
-            region={"initial_states": [[-1, 1], [-1, 1]]},
-        ),
-        "slanted": Problem(
-            network=line,
-            coupling="y",
-            gains={1: [[1, -1], [-1, 1]]},
-            target=[0, 0],
-            region={"initial_states": [[1, 2], [-2, -1]]},
-        ),
-        "beside": Problem(
-            network=line,
-            coupling="y",
-            gains={1: [[1, 0], [0, 0]]},
-            target=[0, 0],
-            region={"initial_states": [[1, 2], [-1, 1]]},
-        ),
-        "only 0": Problem(
-            network=line,
-            coupling="y",
-            gains={1: [[1, 0], [0, 0]]},
-            target=[0, 0],
-            region={"initial_states": [[-1, 1], [0, 0]]},
-        ),
-        "empty box": Problem(
-            network=pair, coupling="y", gains=None, offsets={2: 5}, region={"initial_states": [-1, 1]}
-        ),
-        "point box": Problem(network=pair, coupling="y", gains=None, region={"initial_states": [0, 0]}),
-        "unstable": Problem(network=pair, coupling="-y", gains={1: "1/2", 2: "1/2"}),
-        "unstable, elsewhere": Problem(
-            network=pair, coupling="-y", gains={1: "1/2", 2: "1/2"}, region={"initial_states": [0, 1]}
-        ),
-        "unstable, irrational": Problem(network=pair, coupling="-exp(1)*y", gains={1: "1/2", 2: "1/2"}),
-        "unstable, large": Problem(network=network([], agents=61), coupling="y", gains={1: 1}),
-        "not normal": Problem(network=network([[2, 1], [3, 2]]), coupling="5*y", gains={1: "1/2"}),
-        "kinked": Problem(network=pair, coupling="abs(y)", gains=1),
-        "regional": Problem(network=pair, coupling="tanh(y)", gains=1, region={"initial_states": [-1, 1]}),
-        "two modes": Problem(network=network({"A": EACH_OTHER, "B": [[2, 1]]}), coupling="y", gains={1: 4}),
-        "ring": Problem(
-            network=network([[i + 1, (i + k) % 25 + 1] for i in range(25) for k in (1, 24)]), coupling="y", gains={1: 1}
-        ),
-        "large": Problem(network=network(chain), coupling="sqrt(2)*y", gains=dict.fromkeys(range(1, 26), 5)),
-        "long": Problem(network=network(chain), coupling="y", gains=dict.fromkeys(range(1, 26), 1)),
+        "loose": held("2*y", None),
+        "far": held(gains={2: 1}, network=network([[2, 1], [3, 2]])),
+        "far, two components": asked([[1, 0], [0, 0]], [-1, 1], [-1, 1]),
+        "slanted": asked([[1, -1], [-1, 1]], [1, 2], [-2, -1]),
+        "beside": asked([[1, 0], [0, 0]], [1, 2], [-1, 1]),
+        "only 0": asked([[1, 0], [0, 0]], [-1, 1], [0, 0]),
+        "empty box": held(gains=None, offsets={2: 5}, region={"initial_states": [-1, 1]}),
+        "point box": held(gains=None, region={"initial_states": [0, 0]}),
+        "unstable": held("-y", half),
+        "unstable, elsewhere": held("-y", half, region={"initial_states": [0, 1]}),
+        "unstable, irrational": held("-exp(1)*y", half),
+        "unstable, large": held(gains={1: 1}, network=network([], agents=61)),
+        "not normal": held("5*y", {1: "1/2"}, network([[2, 1], [3, 2]])),
+        "kinked": held("abs(y)"),
+        "regional": held("tanh(y)", region={"initial_states": [-1, 1]}),
+        "two modes": held(gains={1: 4}, network=network({"A": EACH_OTHER, "B": [[2, 1]]})),
+        "ring": held(gains={1: 1}, network=network([[i + 1, (i + k) % 25 + 1] for i in range(25) for k in (1, 24)])),
+        "large": held("sqrt(2)*y", dict.fromkeys(range(1, 26), 5), network(chain)),
+        "long": held("y", dict.fromkeys(range(1, 26), 1), network(chain)),
     }
 
 
@@ -227,11 +191,8 @@ def _bent_claims() -> Iterator[Case]:
     yield bent("paper", ("observability", {"rate": 1}))
     yield bent("paper", ("observability", {"domain": "consensus"}))
     yield bent("paper", ("observability", {"witness": {"kind": "vector", "values": ["1", "0"]}}))
-    yield bent("paper", ("hurwitz", {"rate": 1.7}))
-    yield bent("paper", ("hurwitz", {"rate": -1}))
-    yield bent("paper", ("hurwitz", {"rate": 0}))
-    yield bent("paper", ("hurwitz", {"exact": {"routh": ["1", "16/5"]}}))
-    yield bent("paper", ("hurwitz", {"exact": GONE}))
+    for changes in ({"rate": 1.7}, {"rate": -1}, {"rate": 0}, {"exact": {"routh": ["1", "16/5"]}}, {"exact": GONE}):
+        yield bent("paper", ("hurwitz", changes))
     yield bent("paper", ("detectability", {"exact": {"unobservable_polynomial": "1.0"}}))
     yield bent("paper", ("reachability", {"verdict": "refuted", "witness": {"kind": "agents", "labels": []}}))
     yield bent("hidden", ("observability", {"verdict": "proved"}))
@@ -240,24 +201,11 @@ def _bent_claims() -> Iterator[Case]:
     yield bent("bad W", ("hurwitz", {"rate": 1}))
     yield bent("far", ("reachability", {"verdict": "perhaps"}))
     yield bent("far", ("reachability", {"witness": {"kind": "agents", "labels": []}}))
-    yield bent("designed", ("hurwitz", NOTHING | {"rate": 1}))
-    yield bent("designed", ("hurwitz", NOTHING | {"margin": 1}))
-    yield bent("designed", ("hurwitz", NOTHING | {"exact": {}}))
-    yield bent(
-        "designed",
-        ("theorem1", NOTHING),
-        ("", OPEN),
-        ("observer", dict.fromkeys(("W", "source", "P", "Q"))),
-        what="hurwitz without W",
-    )
-    yield bent(
-        "given",
-        ("hurwitz", NOTHING),
-        ("theorem1", NOTHING),
-        ("", OPEN),
-        ("observer", dict.fromkeys(("W", "source", "P", "Q"))),
-        what="no W where the problem has one",
-    )
+    for changes in (NOTHING | {"rate": 1}, NOTHING | {"margin": 1}, NOTHING | {"exact": {}}):
+        yield bent("designed", ("hurwitz", changes))
+    open_theorem = ("theorem1", NOTHING)
+    yield bent("designed", open_theorem, LEFT_OPEN, NO_GAIN, what="hurwitz without W")
+    yield bent("given", ("hurwitz", NOTHING), open_theorem, LEFT_OPEN, NO_GAIN, what="no W where the problem has one")
     # Proofs.
     yield bent("plain", ("lemma1", {"exact": {}}))
     yield bent("plain", ("lemma1", _vector(["1"], ["1", "0"])))
@@ -280,20 +228,15 @@ def _bent_claims() -> Iterator[Case]:
     yield bent("large", ("lemma1", {"margin": 10.1}))
     yield bent("large", ("lemma1", {"margin": 100}))
     yield bent("kinked", ("lemma1", proof), ("", {"verdict": "proved", "covered_by": "lemma1"}))
-    yield bent(
-        "loose", ("lemma1", proof | {"margin": -1}), ("", {"verdict": "proved", "covered_by": "lemma1"}), what="margin"
-    )
+    covering = ("", {"verdict": "proved", "covered_by": "lemma1"})
+    yield bent("loose", ("lemma1", proof | {"margin": -1}), covering, what="margin")
     yield bent("paper", ("theorem1", {"margin": 0.6}))
     yield bent("paper", ("theorem1", {"rate": 0.3}), ("", {"rate": 0.3}))
     for key in ("P", "Q", "S", "bound", "block"):
         exact = check(document("paper"), "theorem1")["exact"]
         yield bent("paper", ("theorem1", {"exact": exact | {key: "1"}}), what=f"another {key}")
         less = {name: value for name, value in exact.items() if name != key}
-        yield (
-            bent("paper", ("theorem1", {"exact": less}), what=f"no {key}")
-            if key != "block"
-            else bent("paper", ("theorem1", {"exact": GONE}))
-        )
+        yield bent("paper", ("theorem1", {"exact": GONE if key == "block" else less}), what=f"no {key}")
     own = check(document("good P"), "theorem1-printed")["exact"]
     yield bent("good P", ("theorem1-printed", {"exact": own | {"P": "1"}}), what="P is text")
     yield bent("paper", ("theorem1", {"exact": exact | {"P": [*exact["P"], ["0", "0"]]}}), what="P has three rows")
@@ -305,14 +248,12 @@ def _bent_claims() -> Iterator[Case]:
     yield bent("designed", ("observer", {"source": "given"}))
     yield from _forged_pairs()
     # Refutations.
-    yield bent("loose", ("lemma1", {"rate": 1}))
-    yield bent("loose", ("lemma1", {"margin": 0.5}))
-    yield bent("loose", ("lemma1", {"witness": GONE}))
-    yield bent("loose", ("lemma1", {"exact": GONE}))
-    yield bent("loose", ("lemma1", {"exact": {"unstable_roots": "1"}}))
-    yield bent("loose", ("lemma1", {"exact": {"unstable_roots": "0", "value": "1/1000"}}))
-    yield bent("loose", ("lemma1", {"exact": {"unstable_roots": "-1"}}))
-    yield bent("loose", ("lemma1", {"exact": {"unstable_roots": "1/2"}}))
+    for changes in (
+        *({"rate": 1}, {"margin": 0.5}, {"witness": GONE}, {"exact": GONE}, {"exact": {"unstable_roots": "1"}}),
+        *({"exact": {"unstable_roots": "0", "value": "1/1000"}}, {"exact": {"unstable_roots": "-1"}}),
+        {"exact": {"unstable_roots": "1/2"}},
+    ):
+        yield bent("loose", ("lemma1", changes))
     yield bent("loose", ("lemma1", _vector(["1", "2"], ["1", "-1"])))
     yield bent("loose", ("lemma1", _vector([], ["0", "0"])))
     yield bent("loose", ("lemma1", _vector(["1"], ["1", "1"])))
@@ -325,15 +266,9 @@ def _bent_claims() -> Iterator[Case]:
     yield bent("not normal", ("", {"verdict": "refuted"}))
     yield bent("not normal", ("lemma1", {"exact": {"unstable_roots": "1/2"}}), ("", {"verdict": "refuted"}))
     long_w = f"1/{_decimal(10**5000 + 7)}"
-    yield bent(
-        "designed",
-        ("hurwitz", NOTHING),
-        ("theorem1", NOTHING),
-        ("", OPEN),
-        ("observer", {"P": None, "Q": None, "W": [[long_w]]}),
-        code=UNREADABLE,
-        what="W with a long denominator",
-    )
+    long = ("observer", NO_PAIR | {"W": [[long_w]]})
+    what = "W with a long denominator"
+    yield bent("designed", ("hurwitz", NOTHING), open_theorem, LEFT_OPEN, long, code=UNREADABLE, what=what)
     yield _too_large_to_count()
     yield _long_denominators()
     yield from _bent_refutations_of_theorems()
@@ -348,41 +283,18 @@ def _bent_refutations_of_theorems() -> Iterator[Case]:
     yield bent("bad W", ("theorem1", {"exact": {"block": "observable"}}))
     yield bent("bad W", ("theorem1", {"witness": GONE}))
     yield bent("bad W", ("theorem1", {"exact": GONE}))
-    detectable = {"kind": "polynomial", "values": ["1"]}
-    none: Document = {"P": None, "Q": None}
-    refuted: Document = {"verdict": "refuted", "margin": None, "rate": None}
-    yield bent(
-        "given",
-        ("theorem1", refuted | {"exact": {"block": "detectability"}, "witness": detectable}),
-        ("observer", none),
-        ("", OPEN),
-        what="detectable",
-    )
+    without, refuted = ("observer", NO_PAIR), {"verdict": "refuted", "margin": None, "rate": None}
     row = {"kind": "routh_row", "values": ["1", "-1"]}
-    bad: Document = {"verdict": "refuted", "rate": None, "exact": GONE, "witness": row}
-    yield bent(
-        "designed",
-        ("hurwitz", bad),
-        ("theorem1", refuted | {"exact": {"block": "hurwitz"}, "witness": row}),
-        ("observer", none | {"W": [["-1"]]}),
-        ("", OPEN),
-        what="a designed W refutes",
-    )
-    lambda_: Document = refuted | _vector(["1", "2"], ["1", "1"])
-    yield bent(
-        "given",
-        ("theorem1", lambda_ | {"exact": {"block": "Lambda", "mode": "G"}}),
-        ("observer", none),
-        ("", OPEN),
-        what="Lambda",
-    )
-    yield bent(
-        "given",
-        ("theorem1", lambda_ | {"exact": {"block": "Lambda", "mode": "Gx"}}),
-        ("observer", none),
-        ("", OPEN),
-        what="Lambda of no mode",
-    )
+    lambda_ = refuted | _vector(["1", "2"], ["1", "1"])
+    for what, claim in (
+        ("detectable", {"exact": {"block": "detectability"}, "witness": {"kind": "polynomial", "values": ["1"]}}),
+        ("Lambda", lambda_ | {"exact": {"block": "Lambda", "mode": "G"}}),
+        ("Lambda of no mode", lambda_ | {"exact": {"block": "Lambda", "mode": "Gx"}}),
+    ):
+        yield bent("given", ("theorem1", refuted | claim), without, LEFT_OPEN, what=what)
+    unstable = refuted | {"witness": row}
+    bad = ("hurwitz", unstable | {"exact": GONE}), ("theorem1", unstable | {"exact": {"block": "hurwitz"}})
+    yield bent("designed", *bad, ("observer", NO_PAIR | {"W": [["-1"]]}), LEFT_OPEN, what="a designed W refutes")
     printed = check(document("small P"), "theorem1-printed")
     assert printed["verdict"] == "refuted"
     labels, values = printed["witness"]["labels"], printed["witness"]["values"]
@@ -391,11 +303,7 @@ def _bent_refutations_of_theorems() -> Iterator[Case]:
     yield bent("small P", ("theorem1-printed", {"exact": printed["exact"] | {"mode": ["G"]}}))
     yield bent("small P", ("theorem1-printed", {"exact": printed["exact"] | {"S": [["26"]]}}))
     yield bent("small P", ("theorem1-printed", {"margin": -90}))
-    yield bent(
-        "good P",
-        ("theorem1-printed", refuted | {"exact": printed["exact"]} | printed),
-        ("", {"covered_by": "theorem1"}),
-    )
+    yield bent("good P", ("theorem1-printed", refuted | printed), ("", {"covered_by": "theorem1"}))
     for name, block in (("negative P", "P"), ("wrong P", "Omega0")):
         own = check(document(name), "theorem1-printed")
         assert own["exact"] == {"block": block}
@@ -405,11 +313,9 @@ def _bent_refutations_of_theorems() -> Iterator[Case]:
         yield bent(name, ("theorem1-printed", {"witness": {"kind": "vector", "values": ["0"] * len(values)}}))
         yield bent(name, ("theorem1-printed", {"exact": {"block": "Q"}}))
     yield bent("wrong P", ("theorem1-printed", {"witness": {"kind": "vector", "values": ["1", "0"]}}))
-    yield bent(
-        "good P",
-        ("theorem1-printed", refuted | {"exact": {"block": "P"}, "witness": {"kind": "vector", "values": ["1"]}}),
-        what="P > 0 is refuted",
-    )
+    witness = {"kind": "vector", "values": ["1"]}
+    claim = refuted | {"exact": {"block": "P"}, "witness": witness}
+    yield bent("good P", ("theorem1-printed", claim), what="P > 0 is refuted")
 
 
 def _forged_pairs() -> Iterator[Case]:
@@ -417,21 +323,12 @@ def _forged_pairs() -> Iterator[Case]:
     proof: Document = {"verdict": "proved", "margin": 0, "rate": None, "witness": GONE}
     for P, S in (("-1", "1/2"), ("1", "-1/2")):
         exact = {"P": [[P]], "Q": [[str(-int(P))]], "S": [[S]], "bound": str(-Fraction(S))}
-        yield bent(
-            "bad W",
-            ("theorem1", proof | {"exact": exact}),
-            ("observer", {"P": [[P]], "Q": exact["Q"]}),
-            ("", {"verdict": "proved", "covered_by": "theorem1"}),
-            what=f"P = {P}",
-        )
-    yield bent(
-        "bad W",
-        ("hurwitz", {"witness": GONE} | check(document("given"), "hurwitz")),
-        ("theorem1", {"witness": GONE} | check(document("given"), "theorem1")),
-        ("observer", document("given")["observer"]),
-        ("", {key: document("given")[key] for key in OPEN}),
-        what="a better W",
-    )
+        claim, pair = ("theorem1", proof | {"exact": exact}), ("observer", {"P": [[P]], "Q": exact["Q"]})
+        yield bent("bad W", claim, pair, ("", {"verdict": "proved", "covered_by": "theorem1"}), what=f"P = {P}")
+    given = document("given")
+    proofs = [(id, {"witness": GONE} | check(given, id)) for id in ("hurwitz", "theorem1")]
+    overall = ("", {key: given[key] for key in OPEN})
+    yield bent("bad W", *proofs, ("observer", given["observer"]), overall, what="a better W")
     yield _asymmetric_pair()
 
 
@@ -449,13 +346,8 @@ def _asymmetric_pair() -> Case:
     rows = [[str(x) for x in row] for row in P]
     Q = [[str(P[i][0] * W[0][0] + P[i][1] * W[1][0])] for i in range(2)]
     exact = {"P": rows, "Q": Q, "S": [[str(S)]], "bound": str(-S)}
-    return bent(
-        "paper",
-        ("theorem1", {"exact": exact, "margin": 0.1, "rate": None}),
-        ("observer", {"P": rows, "Q": Q}),
-        ("", {"rate": None}),
-        what="P is not symmetric",
-    )
+    claim = ("theorem1", {"exact": exact, "margin": 0.1, "rate": None})
+    return bent("paper", claim, ("observer", {"P": rows, "Q": Q}), ("", {"rate": None}), what="P is not symmetric")
 
 
 def _too_large_to_count() -> Case:
@@ -509,14 +401,12 @@ def _bent_frames() -> Iterator[Case]:
     yield bent("plain", ("", {"covered_by": "theorem1"}))
     yield bent("plain", ("observer", {"W": [], "source": "designed"}))
     yield bent("good P", ("", {"covered_by": "lemma1"}))
-    yield bent(
-        "regional",
-        ("", {"verdict": "proved", "covered_by": "lemma1", "rate": check(document("regional"), "lemma1")["rate"]}),
-    )
+    rate = check(document("regional"), "lemma1")["rate"]
+    yield bent("regional", ("", {"verdict": "proved", "covered_by": "lemma1", "rate": rate}))
     yield bent("calm bad W", ("", {"verdict": "refuted"}))
     yield bent("unstable, elsewhere", ("", {"verdict": "refuted"}))
     for name in ("beside", "only 0", "empty box", "point box"):
-        yield bent(name, ("", {"verdict": "refuted", "rate": None, "covered_by": None}))
+        yield bent(name, ("", OPEN | {"verdict": "refuted"}))
     lure = {"id": "lure", "domain": "global", "reason": "", **{k: v for k, v in NOTHING.items() if v is not GONE}}
     copied = document("paper")
     for name, checks in (
@@ -534,66 +424,26 @@ def _bent_frames() -> Iterator[Case]:
     yield bent("two modes", ("", {"checks": swapped}), what="one mode twice")
     yield bent("two modes", ("", {"rate": max(each["rate"] for each in lemmas)}), what="the larger rate")
     # What cannot be read.
-    yield bent("plain", ("", {"extra": 1}), code=UNREADABLE)
-    yield bent("plain", ("", {"reason": GONE}), code=UNREADABLE)
-    yield bent("plain", ("", {"reason": 5}), code=UNREADABLE)
+    for changes in ({"extra": 1}, {"reason": GONE}, {"reason": 5}):
+        yield bent("plain", ("", changes), code=UNREADABLE)
     yield bent("loose", ("", {"notes": "text"}), code=UNREADABLE)
-    yield bent("plain", ("", {"observer": []}), code=UNREADABLE)
-    yield bent("plain", ("", {"rate": "0.5"}), code=UNREADABLE)
-    yield bent("plain", ("", {"rate": True}), code=UNREADABLE)
-    yield bent("plain", ("", {"format": "dobc-problem"}), code=UNREADABLE)
+    for changes in ({"observer": []}, {"rate": "0.5"}, {"rate": True}, {"format": "dobc-problem"}):
+        yield bent("plain", ("", changes), code=UNREADABLE)
     for version in (True, 1.0, 2, "1"):
         yield bent("plain", ("", {"version": version}), code=UNREADABLE, what=f"version {version}")
-    yield bent("plain", ("lemma1", {"mode": None}), code=UNREADABLE)
-    yield bent("plain", ("lemma1", {"exact": "text"}), code=UNREADABLE)
-    yield bent("plain", ("lemma1", {"fix": {"kind": "x"}}), code=UNREADABLE)
+    for changes in ({"mode": None}, {"exact": "text"}, {"fix": {"kind": "x"}}):
+        yield bent("plain", ("lemma1", changes), code=UNREADABLE)
     for number in (1, "0x1", "1/0", "nan", "Infinity", "1e401", "1." + "0" * 10_000, " 2", "1_0", "\u0662"):
         yield bent("given", ("observer", {"W": [[number]]}), code=UNREADABLE, what=f"W = {str(number)[:10]}")
     yield bent("given", ("observer", {"W": [["2", "0"]]}), code=UNREADABLE)
 
 
 def _bent_problems() -> Iterator[Case]:
-    for h in (
-        "y + 1",
-        "y/(1 - 1)",
-        "foo(y)",
-        "max(y)",
-        "sin(y, y)",
-        "y # + 1",
-        "z",
-        "y**99",
-        "y**65",
-        "y**y",
-        "y**-1",
-        "((9**64)**64)**64*y",
-        "exp(16385)*y",
-        "log(0)*y",
-        "log(-1)*y",
-        "sqrt(-1)*y",
-        "sin(1e300)*y",
-        "sqrt(y)",
-        "cos(y)",
-        "y if y else y",
-        "y or y",
-        "+y",
-        "y.real",
-        "()",
-        "",
-        "y)",
-        "(" * 300 + "y" + ")" * 300,
-        "1.*y",
-        "1e401*y",
-        "...",
-        "exp(y=y)",
-        "max(*y)",
-        "y" * 2001,
-        "exp(y + 1) - exp(1)",
-        "tan(pi/2)*y",
-        "1/pi(y)",
-        "exp",
-        "E",
-        "y // 1",
-    ):
+    texts = "y + 1; y/(1 - 1); foo(y); max(y); sin(y, y); y # + 1; z; y**99; y**65; y**y; y**-1"
+    texts += "; ((9**64)**64)**64*y; exp(16385)*y; log(0)*y; log(-1)*y; sqrt(-1)*y; sin(1e300)*y; sqrt(y); cos(y)"
+    texts += "; y if y else y; y or y; +y; y.real; (); y); 1.*y; 1e401*y; ...; exp(y=y); max(*y)"
+    texts += "; exp(y + 1) - exp(1); tan(pi/2)*y; 1/pi(y); exp; E; y // 1"
+    for h in (*texts.split("; "), "", "(" * 300 + "y" + ")" * 300, "y" * 2001):
         yield _with("plain", ("coupling", "h"), h, what=f"h = {h[:20]}")
     yield _with("plain", ("coupling", "h"), ["y1", "y2"])
     yield _with("plain", ("labels",), ["1", "1"])

@@ -25,7 +25,6 @@ FILES = (
     "files",
     "consensus",
     "separable",
-    "equilibrium",
     "quadratic",
     "schedule",
     "examine",

@@ -11,7 +11,6 @@ from region_cases import region_cases
 #: The cases to try first.
 FIRST = {
     "separable": region_cases,
-    "equilibrium": region_cases,
     "quadratic": quadratic_cases,
     "schedule": quadratic_cases,
 }

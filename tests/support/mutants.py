@@ -7,43 +7,10 @@ from fractions import Fraction
 from random import Random
 from typing import Any
 
-WORDS = (
-    "proved",
-    "refuted",
-    "undecided",
-    "global",
-    "consensus",
-    "lemma1",
-    "theorem1",
-    "theorem2",
-    "theorem1-printed",
-    "theorem2-printed",
-    "hurwitz",
-    "observability",
-    "detectability",
-    "reachability",
-    "lure",
-    "max-separable",
-    "exhaustive",
-    "ball",
-    "interval",
-    "vertices",
-    "vector",
-    "agents",
-    "Lambda",
-    "P",
-    "Omega0",
-    "given",
-    "designed",
-    "G0",
-    "G1",
-    "NaN",
-    "Infinity",
-    "",
-    "0",
-    "1",
-    "-1",
-)
+NAMES = """proved refuted undecided global consensus lemma1 theorem1 theorem2 theorem1-printed theorem2-printed hurwitz
+observability detectability reachability lure max-separable exhaustive ball interval vertices vector agents Lambda P
+Omega0 given designed G0 G1 NaN Infinity"""
+WORDS = (*NAMES.split(), "", "0", "1", "-1")
 FIELDS = ("evidence", "extra", "margin", "rate", "exact", "witness", "mode", "labels", "bound")
 NUMBERS: tuple[Any, ...] = (0, -0.0, 1, -1, 1e-9, 1e9, 5e-324, 1.7e308, True, None, "0.5", [], {})
 
@@ -57,15 +24,18 @@ def mutate(document: dict[str, Any], seed: int, *, other: dict[str, Any]) -> dic
     change = r.random()
     if change < 0.08:
         del holder[name]
+    elif change < 0.14 and isinstance(holder, list):
+        holder.insert(r.randrange(len(holder) + 1), value)
     elif change < 0.14:
-        _insert(holder, name, value, r)
+        holder[r.choice(FIELDS)] = value
     elif change < 0.24:
         holder[name] = _borrowed(name, other, r)
     elif change < 0.30 and isinstance(holder, list) and len(holder) > 1:
         k = r.randrange(len(holder))
         holder[name], holder[k] = holder[k], holder[name]
     elif change < 0.45 and name == "checks":
-        _change_check(value, r)
+        check = r.choice(value)
+        check[r.choice(list(check))] = r.choice(WORDS)
     else:
         holder[name] = _changed(value, r)
     return copy
@@ -103,22 +73,10 @@ def _places(tree: Any) -> list[tuple[Any, Any]]:
     return found
 
 
-def _insert(holder: Any, name: Any, value: Any, r: Random) -> None:
-    if isinstance(holder, list):
-        holder.insert(r.randrange(len(holder) + 1), value)
-    else:
-        holder[r.choice(FIELDS)] = value
-
-
 def _borrowed(name: Any, other: dict[str, Any], r: Random) -> Any:
     same = [holder[key] for holder, key in _places(other) if key == name and isinstance(name, str)]
     anything = [holder[key] for holder, key in _places(other)]
     return r.choice(same or anything)
-
-
-def _change_check(checks: list[Any], r: Random) -> None:
-    check = r.choice(checks)
-    check[r.choice(list(check))] = r.choice(WORDS)
 
 
 def _changed(value: Any, r: Random) -> Any:

@@ -9,7 +9,7 @@ from random import Random
 from typing import Any
 
 import separable_problems
-from campaigns import Tally, lone_checker
+from campaigns import Tally, judge_mutant
 from exact_oracle import Oracle
 from known_regions import two_agents
 from random_problems import random_problem
@@ -17,8 +17,6 @@ from region_oracle import IDS
 
 from dobc_design.certificate.text import certificate_bytes
 from dobc_design.certification.certify import certify, verify
-from dobc_design.certification.recheck import recheck
-from dobc_design.errors import CertificateError
 from dobc_design.problem.canonical import canonical_document, problem_from_canonical
 from dobc_design.problem.exosystems import Exosystem
 from dobc_design.problem.groups import Observer
@@ -87,19 +85,7 @@ def region_mutant_campaign(seeds: Iterable[int], *, each: int) -> Tally:
             continue
         for k in range(each):
             changed = change_region(document, seed * 100_000 + k)
-            data = json.dumps(changed).encode()
-            alone, said = lone_checker(data, problem)
-            try:
-                accepted = recheck(data, problem).holds
-            except CertificateError:
-                tally.counts["unreadable"] += 1
-                tally.wrong += [f"{seed}, {k}: unreadable, but the lone checker accepts"] if alone else []
-                continue
-            if alone is not accepted:
-                tally.wrong.append(f"{seed}, {k}: the package says {accepted}, the lone checker {alone}: {said}")
-            tally.counts["same" if changed == document else "accepted" if accepted else "refused"] += 1
-            if accepted and changed != document:
-                tally.wrong += [f"{seed}, {k}: accepted, not true: {what}" for what in oracle.false_claims(changed)]
+            judge_mutant(tally, f"{seed}, {k}", changed, document, problem, oracle)
     return tally
 
 

@@ -102,7 +102,7 @@ def _largest_sum(deviations: Deviations, size: int) -> float:
 
 def shown_bound(matrix: Enclosed, vector: NDArray[np.float64]) -> Fraction | None:
     """A number that v > 0 (rows,) proves to be at least the largest eigenvalue of all but the blocks; None if none."""
-    middle = matrix.middle if isinstance(matrix.middle, IntegerSymmetric) else in_integers(matrix.middle)
+    middle = in_integers(matrix.middle)
     bound = math.inf if middle is None else row_bound(middle, vector)
     return Fraction(bound) + matrix.radius if math.isfinite(bound) else None
 

@@ -44,8 +44,7 @@ from dobc_design.problem.exosystems import Exosystem
 from dobc_design.problem.groups import join
 from dobc_design.problem.problem import Problem
 from dobc_design.solvers.conic import SECOND, TIME_LIMIT, climb
-from dobc_design.solvers.program import GIVEN_UP, Array, Program, Solution
-from dobc_design.solvers.rounding import round_matrix
+from dobc_design.solvers.program import GIVEN_UP, Array, Program, Solution, round_matrix
 from dobc_design.verdict import Verdict
 
 # Of W: random choices (each fails with probability zero; small integers may need a few), digits, and how much more

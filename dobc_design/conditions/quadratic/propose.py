@@ -39,8 +39,7 @@ from dobc_design.exact.symmetric import SparseSymmetric
 from dobc_design.problem.groups import agent_blocks
 from dobc_design.problem.problem import Problem
 from dobc_design.solvers.barrier import Basis, centre, make_basis, minimise
-from dobc_design.solvers.program import Array
-from dobc_design.solvers.rounding import round_matrix
+from dobc_design.solvers.program import Array, round_matrix
 
 Holds = Callable[[Lure], bool]
 

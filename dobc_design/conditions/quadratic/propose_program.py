@@ -248,11 +248,8 @@ def _decrease(loop: FloatLoop, *, shift: int | None = None) -> list[Block]:
         blocks.append(
             Block(
                 constant=np.zeros((n + k, n + k)),
-                left=left,
-                right=np.vstack([np.eye(n), np.zeros((k, n))]),
-                columns=columns,
-                signs=np.concatenate([-np.ones(k), np.ones(k)]),
-                scalars=np.concatenate([start + arcs, start + arcs]),
+                sides=(left, np.vstack([np.eye(n), np.zeros((k, n))])),
+                columns=(columns, np.repeat([-1.0, 1.0], k), np.concatenate([start + arcs, start + arcs])),
                 dense=dense,
             )
         )

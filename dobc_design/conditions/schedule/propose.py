@@ -37,8 +37,7 @@ from dobc_design.exact.matrix import Matrix, Vector, multiply, scale, to_float
 from dobc_design.exact.symmetric import SparseSymmetric
 from dobc_design.problem.problem import Problem
 from dobc_design.solvers.conic import Cone, solve_cones, svec, symmetric_basis
-from dobc_design.solvers.program import Array
-from dobc_design.solvers.rounding import round_matrix
+from dobc_design.solvers.program import Array, round_matrix
 
 # (agents, levels of the graph, levels at which v is sought, parts of the largest rate there)
 SIZES: Final = ((60, 32, 8, (1.0, 0.97, 0.9, 0.75, 0.5)), (2000, 16, 4, (1.0, 0.9, 0.75)), (100_000, 8, 2, (1.0,)))

@@ -19,8 +19,7 @@ from dobc_design.exact.matrix import Matrix, to_float
 from dobc_design.exact.number import float_above
 from dobc_design.problem.exosystems import Exosystem
 from dobc_design.solvers.conic import Cone, solve_cones, svec, symmetric_basis
-from dobc_design.solvers.program import Array
-from dobc_design.solvers.rounding import round_matrix
+from dobc_design.solvers.program import Array, round_matrix
 
 GRID = 24
 REFINEMENTS = 3

@@ -23,7 +23,14 @@ from dobc_design.conditions.observer.decide import detectability_check, error_ma
 from dobc_design.conditions.statement import Statement, proved, refuted, undecided
 from dobc_design.errors import SpecError
 from dobc_design.exact.definite import decide_positive_definite, decide_positive_semidefinite
-from dobc_design.exact.interval import Interval, exp
+from dobc_design.exact.interval import (
+    Interval,
+    IntervalMatrix,
+    discretise,
+    exp,
+    interval_characteristic_polynomial,
+    interval_routh,
+)
 from dobc_design.exact.matrix import (
     Matrix,
     add,
@@ -36,12 +43,6 @@ from dobc_design.exact.matrix import (
     subtract,
     transpose,
     zeros,
-)
-from dobc_design.exact.matrix_exponential import (
-    IntervalMatrix,
-    discretise,
-    interval_characteristic_polynomial,
-    interval_routh,
 )
 from dobc_design.exact.number import float_above, number_text
 from dobc_design.exact.observability import decide_detectable, observable_reduction

@@ -39,8 +39,7 @@ from dobc_design.exact.pencil import Pencil, Unknown
 from dobc_design.exact.symmetric import SparseSymmetric
 from dobc_design.problem.exosystems import Exosystem
 from dobc_design.solvers.conic import solve_directly
-from dobc_design.solvers.program import GIVEN_UP, Array, Program
-from dobc_design.solvers.rounding import round_matrix
+from dobc_design.solvers.program import GIVEN_UP, Array, Program, round_matrix
 from dobc_design.synthesis.observer.claim import (
     CHANNELS,
     Cone,

@@ -332,7 +332,7 @@ class _Gatherer:
         claim = check.claim
         if not isinstance(claim, Separable):
             return ""
-        reaches = largest_reach(self.problem, claim.v, modes=list(self.problem.network.modes))
+        reaches = largest_reach(self.problem, claim.v)
         for coupling, reach in zip(self.problem.couplings, reaches, strict=True):
             if claim.rho is None or not reach or not coupling.by_component:
                 continue

@@ -75,7 +75,7 @@ def certify(
     from dobc_design.certification import certify as certification
     from dobc_design.certification.search import search_certificate
     from dobc_design.conditions.kinds import KINDS
-    from dobc_design.conditions.schedule.asked import read_tolerance
+    from dobc_design.conditions.schedule.stage import read_tolerance
     from dobc_design.problem.load import load_problem
     from dobc_design.report.write import PAGE, render_report
 

@@ -60,7 +60,7 @@ def region(
     from dobc_design.certificate.files import make_folder, write_together
     from dobc_design.certification import certify as certification
     from dobc_design.certification import search as searching
-    from dobc_design.conditions.schedule.asked import read_tolerance
+    from dobc_design.conditions.schedule.stage import read_tolerance
     from dobc_design.problem.load import load_problem
     from dobc_design.report.write import plot_regions, search_sheet
 

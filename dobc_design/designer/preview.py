@@ -10,8 +10,7 @@ from typing import Any
 import numpy as np
 
 from dobc_design.conditions.consensus.propose import float_lambda, largest_eigenvalue
-from dobc_design.conditions.separable.claim import acts_by_component
-from dobc_design.conditions.separable.ordering import find_ordering
+from dobc_design.conditions.separable.claim import acts_by_component, find_ordering
 from dobc_design.conditions.separable.propose import field_of, least_above
 from dobc_design.errors import DobcError
 from dobc_design.problem.problem import Problem

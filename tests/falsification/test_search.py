@@ -20,8 +20,12 @@ from dobc_design.conditions.quadratic.claim import Lure
 from dobc_design.conditions.quadratic.propose import design_lure, raise_rate
 from dobc_design.conditions.separable.claim import Separable, separable_from_json
 from dobc_design.conditions.separable.decide import largest_rate
-from dobc_design.conditions.separable.observer import first_certificate
-from dobc_design.conditions.separable.propose import design_separable, propose_separable, rounded_vectors
+from dobc_design.conditions.separable.propose import (
+    design_separable,
+    first_certificate,
+    propose_separable,
+    rounded_vectors,
+)
 from dobc_design.errors import SpecError
 from dobc_design.exact.matrix import scale
 from dobc_design.falsification.levels import level_of
@@ -183,9 +187,7 @@ def test_example_2_with_its_observer_is_never_contradicted():
     problem = dd.load_problem("paper-switching")
     W = problem.observer.W
     plan = design_separable(problem, radius=F(4), disturbance=F(1, 2), W=W)
-    claim = first_certificate(
-        problem, W, rounded_vectors(plan.proposal), rho=plan.rho, error=plan.error, wanted=plan.proposal.rate
-    )
+    claim = first_certificate(problem, W, plan)
     found = dd.falsify(problem, runs=50, certified=claim, t_final=5.0)
     assert found.suspects == ()
     assert found.observed_rate > found.certified_rate

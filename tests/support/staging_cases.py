@@ -9,10 +9,9 @@ from functools import cache
 from lure_cases import HARMONIC, PAPER_GAIN, cycle, is_proved
 
 from dobc_design.conditions.numbers import rounded_down
-from dobc_design.conditions.schedule.asked import Asked
 from dobc_design.conditions.schedule.claim import Staging
 from dobc_design.conditions.schedule.propose import propose_quadratic_stages
-from dobc_design.conditions.schedule.settle import Goal
+from dobc_design.conditions.schedule.stage import Asked, Goal
 from dobc_design.conditions.separable.claim import Separable
 from dobc_design.conditions.separable.decide import largest_rate
 from dobc_design.conditions.separable.propose import propose_separable, rounded_vectors

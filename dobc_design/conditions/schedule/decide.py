@@ -15,7 +15,7 @@ from dobc_design.conditions.quadratic.decide import diagonal_of_inverse, differe
 from dobc_design.conditions.quadratic.sectors import relied_differences
 from dobc_design.conditions.schedule.claim import ZERO, Stage, Staging
 from dobc_design.conditions.separable.claim import Separable
-from dobc_design.conditions.separable.observer import composite_rate, verify_composite
+from dobc_design.conditions.separable.decide import composite_rate, verify_composite
 from dobc_design.exact.definite import decide_positive_semidefinite
 from dobc_design.exact.interval import Interval, exp
 from dobc_design.exact.matrix import Matrix, multiply

@@ -15,24 +15,10 @@ from itertools import pairwise
 from dobc_design.conditions.check import Check, undecided_check
 from dobc_design.conditions.coverage import Asked, Progress
 from dobc_design.conditions.numbers import claimed, rounded_down
-from dobc_design.conditions.separable.checks import (
-    delay_check,
-    max_separable_check,
-    obstacle,
-    sampling_check,
-    stuck_check,
-)
+from dobc_design.conditions.separable import checks, propose
 from dobc_design.conditions.separable.claim import Separable
-from dobc_design.conditions.separable.decide import coupling_profiles, verify_separable
-from dobc_design.conditions.separable.observer import covers as box_is_inside
-from dobc_design.conditions.separable.observer import first_certificate
-from dobc_design.conditions.separable.propose import (
-    SeparablePlan,
-    design_separable,
-    flat_separable,
-    flatter_plans,
-    rounded_vectors,
-)
+from dobc_design.conditions.separable.decide import coupling_profiles, covers, verify_separable
+from dobc_design.conditions.separable.propose import SeparablePlan
 from dobc_design.conditions.separable.timing import longest_delay
 from dobc_design.verdict import Verdict
 
@@ -56,25 +42,20 @@ TIMED_ARCS, TIMED_FALLING = 3000, 500
 
 def separable_stage(asked: Asked, report: Progress) -> list[Check]:
     """The max-separable certificate, and what it says about delays and sampling."""
-    problem, W = asked.problem, asked.W
+    problem, W, domain = asked.problem, asked.W, asked.domain
     report("deciding the region (max-separable)")
-    reason = obstacle(problem, W)
+    reason = checks.obstacle(problem, W)
     if reason is not None:
-        return [undecided_check("max-separable", asked.domain, reason, applies=False)]
-    stuck = stuck_check(problem, W, domain=asked.domain)
+        return [undecided_check("max-separable", domain, reason, applies=False)]
+    stuck = checks.stuck_check(problem, W, domain=domain)
     if stuck is not None:
         return [stuck]
     claim, radius = _largest_claim(asked)
     if claim is None:
-        return [undecided_check("max-separable", asked.domain, _nothing_found(asked))]
-    check = max_separable_check(
-        problem,
-        W,
-        claim,
-        radius=radius,
-        disturbance=asked.disturbance,
-        domain=asked.domain,
-        remark=_remark(asked, claim, radius),
+        return [undecided_check("max-separable", domain, _nothing_found(asked))]
+    told = _remark(asked, claim, radius)
+    check = checks.max_separable_check(
+        problem, W, claim, radius=radius, disturbance=asked.disturbance, domain=domain, remark=told
     )
     return [check] if check.verdict is not Verdict.PROVED else [check, *_timing(asked, claim, check, report)]
 
@@ -127,45 +108,37 @@ def _plan(asked: Asked, radius: float) -> SeparablePlan | None:
     size = Fraction(1) if asked.domain == "global" else claimed(radius)
     disturbance = Fraction(0) if asked.domain == "global" else claimed(asked.disturbance)
     try:
-        return design_separable(asked.problem, radius=size, disturbance=disturbance, W=asked.W)
+        return propose.design_separable(asked.problem, radius=size, disturbance=disturbance, W=asked.W)
     except (ArithmeticError, RuntimeError, ValueError) as error:
         logger.warning("no max-separable proposal for radius %s: %s", radius, error)
         return None
 
 
 def _claim(asked: Asked, radius: float, plan: SeparablePlan | None) -> Separable | None:
-    """The plan as a certificate that covers the box, proved; None if none is."""
+    """The plan as a certificate that covers the box, proved, with a little of its rate in hand; None if none is."""
     if plan is None:
         return None
-    rho = None if asked.domain == "global" else plan.rho
-    claim = _covering(asked, radius, plan, rho)
-    if claim is None:
+    claim = _covering(asked, radius, plan)
+    if claim is None and asked.domain != "global":
         # A steep v compares agents so far apart that a coupling may leave every range there.
-        plans = flatter_plans(asked.problem, plan) if rho is not None else ()
-        flatter = (_covering(asked, radius, each, rho) for each in plans)
+        flatter = (_covering(asked, radius, each) for each in propose.flatter_plans(asked.problem, plan))
         claim = next((each for each in flatter if each is not None), None)
-    return None if claim is None else replace(claim, alpha=rounded_down(claim.alpha * (1 - IN_HAND), digits=6))
+    return claim
 
 
-def _covering(asked: Asked, radius: float, plan: SeparablePlan, rho: Fraction | None) -> Separable | None:
+def _covering(asked: Asked, radius: float, plan: SeparablePlan) -> Separable | None:
     """A proved certificate with the v of the plan that covers the box; None if there is none."""
-    vectors, wanted = rounded_vectors(plan.proposal), plan.proposal.rate
-    claim = first_certificate(asked.problem, asked.W, vectors, rho=rho, error=plan.error, wanted=wanted)
-    if claim is None:
+    claim = propose.first_certificate(asked.problem, asked.W, plan, everywhere=asked.domain == "global")
+    if claim is None or not covers(claim, radius=claimed(radius), disturbance=claimed(asked.disturbance)):
         return None
-    inside = box_is_inside(claim, radius=claimed(radius), disturbance=claimed(asked.disturbance))
-    return claim if inside else None
-
-
-def _arcs(asked: Asked) -> int:
-    return sum(len(mode) for mode in asked.problem.network.modes.values())
+    return replace(claim, alpha=rounded_down(claim.alpha * (1 - IN_HAND), digits=6))
 
 
 def _timing(asked: Asked, claim: Separable, check: Check, report: Progress) -> list[Check]:
     """Delays and sampling beside a proved max-separable check."""
     problem = asked.problem
-    arcs, modes = _arcs(asked), tuple(problem.network.modes)
-    rising = all(kind.is_nondecreasing for kind in coupling_profiles(problem, claim.v, rho=claim.rho, modes=modes))
+    arcs = sum(map(len, problem.network.modes.values()))
+    rising = all(kind.is_nondecreasing for kind in coupling_profiles(problem, claim.v, rho=claim.rho))
     largest = TIMED_ARCS if rising else TIMED_FALLING
     if arcs > largest:
         some = "" if rising else " of couplings that fall within the box"
@@ -178,9 +151,9 @@ def _timing(asked: Asked, claim: Separable, check: Check, report: Progress) -> l
         delay = undecided_check("delay", asked.domain, "no delay is found that leaves half the rate.")
     else:
         bound = replace(bound, rate=rounded_down(bound.rate * (1 - IN_HAND), digits=6))
-        delay = delay_check(problem, claim, bound, check, domain=asked.domain)
+        delay = checks.delay_check(problem, claim, bound, check, domain=asked.domain)
     own = _flatter_claim(asked, claim, check)
-    return [delay, sampling_check(problem, claim, check, domain=asked.domain, W=asked.W, own=own)]
+    return [delay, checks.sampling_check(problem, claim, check, domain=asked.domain, W=asked.W, own=own)]
 
 
 def _flatter_claim(asked: Asked, claim: Separable, check: Check) -> Separable | None:
@@ -194,19 +167,13 @@ def _flatter_claim(asked: Asked, claim: Separable, check: Check) -> Separable | 
     if _steepness(asked, farthest) < WORTH * _steepness(asked, 2 * float(claim.rho) * float(claim.least)):
         return None
     radius, disturbance = check.domain["radius"], check.domain["disturbance"]
+    R, s, slower = claimed(radius), claimed(disturbance), float(claim.alpha) * SLOWER
     try:
-        plan = flat_separable(
-            asked.problem,
-            radius=claimed(radius),
-            disturbance=claimed(disturbance),
-            W=asked.W,
-            rate=float(claim.alpha) * SLOWER,
-        )
+        plan = propose.flat_separable(asked.problem, radius=R, disturbance=s, W=asked.W, rate=slower)
     except (ArithmeticError, RuntimeError, ValueError) as error:
         logger.warning("no flatter v for sampling: %s", error)
         return None
-    found = None if plan is None else _covering(replace(asked, disturbance=disturbance), radius, plan, plan.rho)
-    return None if found is None else replace(found, alpha=rounded_down(found.alpha * (1 - IN_HAND), digits=6))
+    return None if plan is None else _covering(replace(asked, disturbance=disturbance), radius, plan)
 
 
 def _steepness(asked: Asked, reach: float) -> float:

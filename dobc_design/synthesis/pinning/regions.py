@@ -14,10 +14,14 @@ from typing import Any
 from dobc_design.conditions.consensus.network import name_agents
 from dobc_design.conditions.coverage import asked_radius
 from dobc_design.conditions.numbers import claimed, shorten
-from dobc_design.conditions.separable.claim import ErrorBound, Separable, acts_by_component
-from dobc_design.conditions.separable.decide import coupling_profiles, verify_separable
-from dobc_design.conditions.separable.observer import composite_rate, covers, verify_composite
-from dobc_design.conditions.separable.ordering import find_ordering
+from dobc_design.conditions.separable.claim import ErrorBound, Separable, acts_by_component, find_ordering
+from dobc_design.conditions.separable.decide import (
+    composite_rate,
+    coupling_profiles,
+    covers,
+    verify_composite,
+    verify_separable,
+)
 from dobc_design.conditions.separable.propose_observer import propose_error_bound, radius_needed
 from dobc_design.conditions.statement import Statement, proved, refuted
 from dobc_design.errors import SpecError
@@ -220,7 +224,7 @@ def gains_for_box(bare: Problem, request: PinningRequest, *, rho: Fraction | Non
             " itself.",
         )
     try:  # whatever v is, |e_j - e_i| reaches 2 rho at least
-        coupling_profiles(bare, (Fraction(1),) * bare.n, rho=rho, modes=tuple(bare.network.modes))
+        coupling_profiles(bare, (Fraction(1),) * bare.n, rho=rho)
     except UndefinedError as error:
         return Statement(kind="method", verdict=Verdict.UNDECIDED, text=f"does not apply: {error}")
     labels = bare.network.labels

@@ -14,8 +14,7 @@ from equilibrium_cases import listening_pair
 import dobc_design as dd
 from dobc_design.certificate.text import certificate_bytes
 from dobc_design.conditions.check import Check, Values
-from dobc_design.conditions.schedule.asked import asked_beside
-from dobc_design.conditions.schedule.stage import settling_stage
+from dobc_design.conditions.schedule.stage import asked_beside, settling_stage
 from dobc_design.errors import CertificateError, SpecError
 from dobc_design.verdict import Verdict
 

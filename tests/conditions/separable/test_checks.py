@@ -13,8 +13,7 @@ from separable_problems import cycle, fractions, pair
 from dobc_design.conditions.check import Values, Witness
 from dobc_design.conditions.numbers import vector_from_json, vector_to_json
 from dobc_design.conditions.separable.checks import delay_check, max_separable_check, sampling_check, stuck_check
-from dobc_design.conditions.separable.claim import DelayBound, ErrorBound, Separable, separable_from_json
-from dobc_design.conditions.separable.ordering import find_ordering
+from dobc_design.conditions.separable.claim import DelayBound, ErrorBound, Separable, find_ordering, separable_from_json
 from dobc_design.problem.exosystems import Exosystem
 from dobc_design.problem.groups import Observer
 from dobc_design.problem.load import load_problem

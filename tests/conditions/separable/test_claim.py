@@ -43,8 +43,8 @@ def test_terms_hold_weights_reach_and_step():
     assert (place.agent, place.mode, place.count) == (2, "G", 1)
     ((stretched, _),) = rows(problem, fractions(2, 3, 5), agents=[2], stretch=2)
     assert stretched.terms == (Term(0, F(1, 2), F(9), F(-1)), Term(1, F(4), F(11), F(1)))
-    assert 7 <= largest_reach(problem, fractions(2, 3, 5), modes=["G"])[0] < 7 + F(1, 10**12)
-    assert 8 <= largest_reach(problem, fractions(2, 3, 5), modes=["G"])[1] < 8 + F(1, 10**12)
+    assert 7 <= largest_reach(problem, fractions(2, 3, 5))[0] < 7 + F(1, 10**12)
+    assert 8 <= largest_reach(problem, fractions(2, 3, 5))[1] < 8 + F(1, 10**12)
 
 
 def test_a_pin_is_worth_its_least_dominance():

@@ -11,10 +11,9 @@ import pytest
 from scipy.optimize import linprog
 from separable_problems import MONOTONE, TURNING, cycle, fractions, pair, random_network, random_problem, sampled_rows
 
-from dobc_design.conditions.separable.claim import FACES, Separable, rows
+from dobc_design.conditions.separable.claim import FACES, Separable, find_ordering, is_stuck, rows
 from dobc_design.conditions.separable.decide import coupling_profiles, decide_row, largest_rate, verify_separable
 from dobc_design.conditions.separable.large import arc_rows, float_kinds, gain_table, open_rows, turning
-from dobc_design.conditions.separable.ordering import find_ordering, is_stuck
 from dobc_design.conditions.separable.propose import propose_separable, rounded_vectors
 from dobc_design.coupling.enclosures import Curve, profile
 from dobc_design.errors import ShapeError, SpecError
@@ -26,9 +25,9 @@ F = Fraction
 ONES = (F(1),) * 10
 
 
-def verdict(problem: Problem, v, alpha, rho, **more) -> Verdict:
+def verdict(problem: Problem, v, alpha, rho) -> Verdict:
     rho = None if rho is None else F(rho)
-    return verify_separable(problem, Separable(v=v, alpha=F(alpha), rho=rho), **more).verdict
+    return verify_separable(problem, Separable(v=v, alpha=F(alpha), rho=rho)).verdict
 
 
 @pytest.mark.parametrize("rho", [1, 10, 250])
@@ -190,12 +189,13 @@ def test_exceptions_and_weights_enter_their_own_rows():
     assert largest_rate(problem, fractions(1, 2, "1.1"), rho=F(1)) == F("0.454545454")  # now 5 (1.1 - 1)/1.1
 
 
-def test_modes_may_be_chosen():
-    network = Network.from_arcs({"A": [[2, 1]], "B": []}, arrow="listens_to", agents=2)
-    problem = Problem(network=network, coupling="y", gains={1: 1}, target=0)
-    assert verdict(problem, fractions(1, 2), F(1, 2), 1, modes=["A"]) is Verdict.PROVED
-    whole = verify_separable(problem, Separable(v=fractions(1, 2), alpha=F(1, 2), rho=F(1)))
-    assert (whole.verdict, whole.mode, whole.agent) == (Verdict.REFUTED, "B", 1)
+def test_every_mode_counts():
+    for modes, verdict in (({"A": [[2, 1]]}, Verdict.PROVED), ({"A": [[2, 1]], "B": []}, Verdict.REFUTED)):
+        network = Network.from_arcs(modes, arrow="listens_to", agents=2)
+        problem = Problem(network=network, coupling="y", gains={1: 1}, target=0)
+        answer = verify_separable(problem, Separable(v=fractions(1, 2), alpha=F(1, 2), rho=F(1)))
+        assert answer.verdict is verdict
+    assert (answer.mode, answer.agent) == ("B", 1)
 
 
 def test_couplings_between_components_do_not_apply():
@@ -240,7 +240,7 @@ def test_the_fast_rows_prove_nothing_that_the_exact_ones_do_not(seed: int, dyadi
     unit = 2**20 if dyadic else 10**6
     v = tuple(F(round((1 + 0.1 * ((5 * i) % 7)) * unit), unit) for i in range(problem.n))
     rho = F(3, 2)
-    kinds = coupling_profiles(problem, v, rho=rho, modes=["G0"])
+    kinds = coupling_profiles(problem, v, rho=rho)
     assert all(kind.is_nondecreasing for kind in kinds)
     arrays = arc_rows(problem, v, "G0")
     tables = float_kinds(kinds, [arrays], rho=rho, cells=64)
@@ -296,7 +296,7 @@ def test_what_a_turning_coupling_gives_at_most_contains_samples(h: str):
     kind = profile(curve, F(5))
     f = problem.coupling.numpy_function()
     for face, low in ((1, s), (-1, s), (1, 0.0)):
-        found = turning(kind, gain_table(curve, F(5), cells=128), face)
+        found = turning(kind, gain_table(curve.expression, F(5), cells=128), face)
         places = np.linspace(low or 1e-9, t, 21)
         ends = [face * f((face * x * steps)[:, None])[:, 0] / x for x in places]
         right = (np.min(ends, axis=0) - 1e-6, np.max(ends, axis=0) + 1e-6)
@@ -317,7 +317,7 @@ def test_the_table_of_gains_contains_the_gain(text: str):
     from random_couplings import true_values
 
     problem = pair(text)
-    table = gain_table(Curve(problem.coupling.components[0]), F(5, 2))
+    table = gain_table(problem.coupling.components[0], F(5, 2))
     points = np.array([-2.5, -1.7, -0.3, -1e-9, 1e-9, 0.7, 1.3, 2.4999, 2.5])
     low, high = table.at(points)
     least, most, _, _ = table.over(points, np.roll(points, 3))

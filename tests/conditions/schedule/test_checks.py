@@ -12,7 +12,7 @@ from lure_cases import PAPER_GAIN
 from staging_cases import ASKED, chain, problem
 
 from dobc_design.conditions.check import Check, check_from_json
-from dobc_design.conditions.schedule.checks import delay_rates, sampling_periods, settling_check
+from dobc_design.conditions.schedule.checks import StageTiming, settling_check, stage_timings
 from dobc_design.conditions.schedule.settling import Settling
 from dobc_design.verdict import Verdict
 
@@ -118,10 +118,7 @@ def test_an_undecided_settling_claims_nothing():
 
 def test_later_stages_allow_longer_sampling_periods_and_faster_loops_with_delay():
     """The smaller the box the flatter exp(y): and none for quadratic stages."""
-    periods = sampling_periods(problem(), settling())
-    assert periods[2:] == (None, None)
-    assert periods[0].period < periods[1].period
-    rates = delay_rates(problem(), settling(), delay=F(1, 10))
-    assert rates[2:] == (None, None)
-    assert 0 < rates[0].rate < chain().stages[0].certificate.alpha
-    assert rates[0].rate < rates[1].rate
+    first, second, *others = stage_timings(problem(), settling())
+    assert others == [StageTiming(), StageTiming()]
+    assert first.sampling.period < second.sampling.period
+    assert 0 < first.delay.rate < second.delay.rate

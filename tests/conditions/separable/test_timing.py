@@ -49,7 +49,6 @@ def test_every_delay_leaves_a_positive_rate():
     claim = certified(cycle(4), F(1))
     delays = [longest_delay(cycle(4), claim, rate=claim.alpha * part).delay for part in (F("0.99"), F(1, 2), F(1, 20))]
     assert 0 < delays[0] < delays[1] < delays[2]
-    assert delays[2] > 10
     assert longest_delay(cycle(4), claim, rate=claim.alpha * F("1.01")) is None
 
 

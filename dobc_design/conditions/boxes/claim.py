@@ -91,7 +91,7 @@ class Ranges:
     """Enclosures of h and h' on intervals with float ends, each computed once.  Infinite where undefined."""
 
     curves: tuple[Curve, ...]
-    known: dict[tuple[int, float, float], tuple[float, float, float, float]] = field(default_factory=dict)
+    known: dict[tuple[int, float, float], tuple[float, ...]] = field(default_factory=dict)
 
     def look_up(self, curve: Indices, low: Array, high: Array) -> tuple[Array, Array, Array, Array]:
         """H from, h to, h' from, h' to, outwards; shapes (boxes, channels), ``curve`` (channels,)."""
@@ -101,15 +101,14 @@ class Ranges:
         found = table[places.ravel()].reshape(*low.shape, 4)
         return found[..., 0], found[..., 1], found[..., 2], found[..., 3]
 
-    def _of(self, curve: int, low: float, high: float) -> tuple[float, float, float, float]:
+    def _of(self, curve: int, low: float, high: float) -> tuple[float, ...]:
         key = (curve, low, high)
         if key not in self.known:
-            Y = Interval(Fraction(low), Fraction(high))
+            h, Y = self.curves[curve], Interval(Fraction(low), Fraction(high))
             try:
-                found = (*value_form(self.curves[curve], Y).floats(), *slope_form(self.curves[curve], Y).floats())
+                self.known[key] = (*value_form(h, Y).floats(), *slope_form(h, Y).floats())
             except UndefinedError:
-                found = (-np.inf, np.inf, -np.inf, np.inf)
-            self.known[key] = found
+                self.known[key] = (-np.inf, np.inf, -np.inf, np.inf)
         return self.known[key]
 
 

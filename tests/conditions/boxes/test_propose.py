@@ -139,7 +139,7 @@ def test_with_the_observer_and_a_rate_no_start_leaves():
 def test_random_small_networks_are_certified_and_checked(seed):
     problem = random_problem(seed, coupling="y + y**3/5")
     lure = design_lure(problem, holds=lambda each: is_proved(problem, each))
-    shell = None if lure is None else grow_shell(problem, lure, largest=Fraction(6), budget=20_000)
+    shell = None if lure is None else grow_shell(problem, lure, largest=Fraction(6), most=20_000)
     if shell is not None:
         assert verify_shell(problem, shell).verdict is Verdict.PROVED
         assert shell.outer > lure.level

@@ -51,7 +51,7 @@ _HOMES = {
     "RandomDwell": "simulation.signals",
     "Region": "problem.settings",
     "Schedule": "simulation.signals",
-    "Settling": "conditions.schedule.settling",
+    "Settling": "conditions.schedule.decide",
     "Stress": "simulation.stress",
     "Suspect": "falsification.suspect",
     "SweepResult": "sweeps.result",
@@ -174,7 +174,7 @@ if TYPE_CHECKING:
     from dobc_design.certification.certify import certify, certify_settling, verify
     from dobc_design.certification.search import search_certificate
     from dobc_design.conditions.check import Check
-    from dobc_design.conditions.schedule.settling import Settling
+    from dobc_design.conditions.schedule.decide import Settling
     from dobc_design.coupling.coupling import Coupling
     from dobc_design.export.interchange import (
         analyse,

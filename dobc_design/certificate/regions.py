@@ -23,7 +23,7 @@ from dobc_design.conditions.quadratic.claim import Lure
 from dobc_design.conditions.quadratic.decide import eigenvalue_bound
 from dobc_design.conditions.schedule.checks import settling_of
 from dobc_design.conditions.schedule.claim import Staging
-from dobc_design.conditions.schedule.settling import Settling
+from dobc_design.conditions.schedule.decide import Settling
 from dobc_design.conditions.separable.claim import Separable, largest_reach
 from dobc_design.coupling.enclosures import Curve, profile
 from dobc_design.exact.interval import UndefinedError

@@ -16,7 +16,7 @@ from matplotlib.ticker import FuncFormatter
 from numpy.typing import ArrayLike, NDArray
 
 from dobc_design.certificate.regions import RegionClaim, Regions
-from dobc_design.conditions.schedule.settling import Settling
+from dobc_design.conditions.schedule.decide import Settling
 from dobc_design.falsification.suspect import RESTS, Falsification
 from dobc_design.plotting.look import (
     BLUE,

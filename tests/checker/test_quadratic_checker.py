@@ -30,7 +30,7 @@ from dobc_design.certification.certify import certify
 from dobc_design.checker import examine as checker
 from dobc_design.checker import quadratic
 from dobc_design.conditions.schedule.checks import settling_check
-from dobc_design.conditions.schedule.settling import Settling
+from dobc_design.conditions.schedule.decide import Settling
 from dobc_design.problem.canonical import canonical_bytes
 from dobc_design.problem.groups import Observer
 from dobc_design.problem.network import Network

@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 from staging_cases import ASKED, chain, problem
 
 from dobc_design.conditions.schedule.checks import StageTiming, stage_timings
-from dobc_design.conditions.schedule.settling import Settling
+from dobc_design.conditions.schedule.decide import Settling
 from dobc_design.conditions.separable.claim import DelayBound, SamplingBound
 from dobc_design.report.figures import plot_envelope
 from dobc_design.report.pictures import envelope_pictures

@@ -16,8 +16,7 @@ from dobc_design.conditions.numbers import claimed, decimal_below, read_rational
 from dobc_design.conditions.quadratic.checks import lure_from_json, names_of
 from dobc_design.conditions.quadratic.claim import Lure
 from dobc_design.conditions.schedule.claim import NUMBERS, ONE, QUADRATIC, SEPARABLE, ZERO, Stage, Staging
-from dobc_design.conditions.schedule.decide import proved_reason, verify_staging
-from dobc_design.conditions.schedule.settling import Settling
+from dobc_design.conditions.schedule.decide import Settling, proved_reason, verify_staging
 from dobc_design.conditions.separable.checks import obstacle
 from dobc_design.conditions.separable.claim import DelayBound, SamplingBound, Separable, separable_from_json
 from dobc_design.conditions.separable.timing import largest_period, longest_delay

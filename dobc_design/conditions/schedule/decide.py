@@ -1,27 +1,38 @@
-"""A chain of certificates, decided: every stage, every hand-over, the starts and the tolerance; exact.
+"""A chain of certificates, decided exactly: every stage, every hand-over, the starts and the tolerance.
 
-The statement and its proof are in ``claim``.  Exponentials are enclosed, everything else is rational.
+The statement and its proof are in ``claim``.  Exponentials are enclosed, everything else is rational.  Also the noun
+that ``certify_settling`` returns: it evaluates what was proved, with outward rounding.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+import math
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
-from typing import Final
+from typing import Final, overload
 
+import numpy as np
+from numpy.typing import NDArray
+
+from dobc_design._show.cards import Card, Shown
+from dobc_design._show.text import significant_away_from_zero, significant_towards_zero
 from dobc_design.conditions.quadratic.claim import Lure
 from dobc_design.conditions.quadratic.decide import diagonal_of_inverse, differences, eigenvalue_bound, verify_lure
 from dobc_design.conditions.quadratic.sectors import relied_differences
-from dobc_design.conditions.schedule.claim import ZERO, Stage, Staging
+from dobc_design.conditions.schedule.claim import QUADRATIC, SEPARABLE, ZERO, Stage, Staging
 from dobc_design.conditions.separable.claim import Separable
 from dobc_design.conditions.separable.decide import composite_rate, verify_composite
+from dobc_design.errors import SpecError
 from dobc_design.exact.definite import decide_positive_semidefinite
 from dobc_design.exact.interval import Interval, exp
 from dobc_design.exact.matrix import Matrix, multiply
+from dobc_design.exact.number import float_above
 from dobc_design.exact.symmetric import SparseSymmetric
 from dobc_design.problem.problem import Problem
 from dobc_design.verdict import Verdict
+
+Array = NDArray[np.float64]
 
 #: exp(-x) of a larger x is enclosed by 0 and the value here.
 FARTHEST: Final = 40_000
@@ -84,20 +95,15 @@ def _needs(problem: Problem, W: Matrix | None, staging: Staging, k: int) -> Iter
     yield from _own(stage)
     yield from _taking_over(problem, staging.stages[k - 1], stage) if k else _starting(problem, stage, staging)
     if k == len(staging.stages) - 1:
-        yield _at_least(
-            "tolerance",
-            staging.tolerance,
-            decayed(stage, staging.time) * stage.height,
-            "the last stage does not bring |e|_inf down to the tolerance by the time claimed.",
-        )
+        words = "the last stage does not bring |e|_inf down to the tolerance by the time claimed."
+        yield _at_least("tolerance", staging.tolerance, decayed(stage, staging.time) * stage.height, words)
 
 
 def proved_reason(staging: Staging) -> str:
     """What a proved chain says, in a sentence."""
     count = len(staging.stages)
-    return f"|e(t)|_inf <= {float(staging.tolerance):.4g} for all t >= {float(staging.time):.6g} s, by " + (
-        "one certificate." if count == 1 else f"{count} certificates in turn."
-    )
+    how = "one certificate." if count == 1 else f"{count} certificates in turn."
+    return f"|e(t)|_inf <= {float(staging.tolerance):.4g} for all t >= {float(staging.time):.6g} s, by {how}"
 
 
 def stage_rate(certificate: Separable | Lure) -> Fraction:
@@ -112,10 +118,9 @@ def decayed(stage: Stage, time: Fraction) -> Interval:
 
 def noise_left(stage: Stage, time: Fraction) -> Interval:
     """Enclose the bound of max_i sqrt(eps_i'P eps_i) at ``time`` (s), not before the stage's start."""
-    certificate = stage.certificate
-    if isinstance(certificate, Lure):
-        return _shrunk(stage.noise, certificate.rate, time - stage.start)
-    return _shrunk(stage.noise, ZERO if certificate.error is None else certificate.error.beta, time - stage.start)
+    own = stage.certificate
+    rate = own.rate if isinstance(own, Lure) else ZERO if own.error is None else own.error.beta
+    return _shrunk(stage.noise, rate, time - stage.start)
 
 
 def guard_limits(problem: Problem, before: Stage, after: Stage) -> Iterator[tuple[Fraction, Fraction]]:
@@ -192,17 +197,12 @@ def _own(stage: Stage) -> Iterator[_Need]:
         yield _at_least("height", stage.height, Interval.point(max(certificate.v)), "height must be at least max v.")
         return
     P_e, D = certificate.P_e, stage.diagonal
-    tallest = max(diagonal_of_inverse(P_e))
-    yield _at_least(
-        "height", stage.height**2, Interval.point(tallest), "height^2 must be at least every diagonal entry of P_e^-1."
-    )
-    if D is None:
-        return
-    if len(D) != P_e.size:
-        yield _fact("diagonal", False, f"diagonal must have {P_e.size} entries; got {len(D)}.")
-        return
-    bound = SparseSymmetric(P_e.size, {(i, i): d for i, d in enumerate(D)})
-    yield _fact("diagonal", _is_semidefinite(bound + P_e.negated()), "diag(diagonal) - P_e is not semidefinite.")
+    tallest = Interval.point(max(diagonal_of_inverse(P_e)))
+    yield _at_least("height", stage.height**2, tallest, "height^2 must be at least every diagonal entry of P_e^-1.")
+    if D is not None:
+        yield _fact("diagonal", len(D) == P_e.size, f"diagonal must have {P_e.size} entries; got {len(D)}.")
+        bound = SparseSymmetric(P_e.size, {(i, i): d for i, d in enumerate(D)})
+        yield _fact("diagonal", _is_semidefinite(bound + P_e.negated()), "diag(diagonal) - P_e is not semidefinite.")
 
 
 def _starting(problem: Problem, stage: Stage, staging: Staging) -> Iterator[_Need]:
@@ -212,22 +212,19 @@ def _starting(problem: Problem, stage: Stage, staging: Staging) -> Iterator[_Nee
     if isinstance(certificate, Separable):
         room = stage.level - staging.radius / certificate.least
         yield _fact("start", room >= 0, outside)
-        error = certificate.error
-        size = ZERO if error is None else error.size
+        error, size = certificate.error, ZERO
         if error is not None:
-            taken = (error.kappa * s) ** 2 * size
-            yield _at_least("start", max(room, ZERO) ** 2, Interval.point(taken), outside)
-        guard = certificate.rho
-        inside = guard is None or stage.level <= guard
+            size = error.size
+            yield _at_least("start", max(room, ZERO) ** 2, Interval.point((error.kappa * s) ** 2 * size), outside)
+        inside = certificate.rho is None or stage.level <= certificate.rho
     else:
         size = ZERO if certificate.P is None else eigenvalue_bound(SparseSymmetric.from_dense(certificate.P))
         square = sum(stage.diagonal or (), ZERO) * staging.radius**2 + problem.n * size * s**2
         yield _at_least("start", stage.level**2, Interval.point(square), outside)
         inside = certificate.level is None or stage.level**2 <= certificate.level
     yield _fact("guard", inside, "its first level set reaches beyond the region that its certificate is about.")
-    yield _at_least(
-        "noise", stage.noise**2, Interval.point(size * s**2), "noise is less than the observer error at the start."
-    )
+    words = "noise is less than the observer error at the start."
+    yield _at_least("noise", stage.noise**2, Interval.point(size * s**2), words)
 
 
 def _taking_over(problem: Problem, before: Stage, after: Stage) -> Iterator[_Need]:
@@ -245,8 +242,7 @@ def _taking_over(problem: Problem, before: Stage, after: Stage) -> Iterator[_Nee
     if isinstance(old, Lure) and isinstance(new, Lure):
         gap = old.P_e.scaled(after.factor or ZERO) + new.P_e.negated()
         yield _fact("factor", _is_semidefinite(gap), "factor P_e (of the stage before) - P_e is not semidefinite.")
-    level = after.level**2 if after.is_quadratic else after.level
-    needed = next_level(problem, before, after)
+    level, needed = after.level**2 if after.is_quadratic else after.level, next_level(problem, before, after)
     yield _at_least("level", level, needed, "its level is too small for what is handed over.")
 
 
@@ -267,3 +263,97 @@ def _shrunk(value: Fraction, rate: Fraction, time: Fraction) -> Interval:
 
 def _is_semidefinite(M: SparseSymmetric) -> bool:
     return decide_positive_semidefinite(M).verdict is Verdict.PROVED
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, repr=False)
+class Settling(Shown):
+    """A settling time: |e(t)|_inf <= tolerance for all t >= time, from |e(0)|_inf <= radius, |eps_i(0)| <= disturbance.
+
+    PROVED with a ``staging``, for arbitrary switching among the modes; UNDECIDED without one.  ``single``: what one
+    certificate for the whole box gives, for comparison; None if none is proved.
+    """
+
+    verdict: Verdict
+    reason: str
+    problem_name: str
+    radius: Fraction
+    disturbance: Fraction
+    tolerance: Fraction
+    staging: Staging | None = None
+    single: Staging | None = None
+
+    @property
+    def time(self) -> float | None:
+        """The certified settling time in s, rounded up; None if nothing is proved."""
+        return None if self.staging is None else float_above(self.staging.time)
+
+    @property
+    def single_time(self) -> float | None:
+        """The same with one certificate at one rate, in s, rounded up; None if there is none."""
+        return None if self.single is None else float_above(self.single.time)
+
+    @property
+    def stages(self) -> tuple[Stage, ...]:
+        """The stages in the order in which they take over; empty if nothing is proved."""
+        return () if self.staging is None else self.staging.stages
+
+    @overload
+    def envelope(self, t: float) -> float: ...
+
+    @overload
+    def envelope(self, t: Sequence[float] | Array) -> Array: ...
+
+    def envelope(self, t: float | Sequence[float] | Array) -> float | Array:
+        """A bound of |e(t)|_inf, rounded up, at t >= 0 in s: a number or an array of times.
+
+        Every stage's bound holds from its start on, so the least of them counts; it never rises.
+        Raises: SpecError for a time that is negative or not finite, or if nothing is proved.
+        """
+        if not self.stages:
+            raise SpecError("there is no envelope, because nothing is proved.", key="t", cure=self.reason)
+        if isinstance(t, (int, float)):
+            return self._bound(float(t))
+        return np.array([self._bound(float(each)) for each in t], dtype=np.float64)
+
+    def curve(self, *, until: float | None = None, samples: int = 400) -> tuple[Array, Array]:
+        """Times (s) and bounds of |e|_inf, both (samples,), from 0 to ``until`` (the settling time), for plotting."""
+        times = np.linspace(0.0, (self.time or 0.0) if until is None else until, samples)
+        return times, self.envelope(times)
+
+    def _bound(self, t: float) -> float:
+        if not (math.isfinite(t) and t >= 0):
+            raise SpecError(f"t must be a time >= 0 in s; got {t}.", key="t")
+        when = Fraction(t)
+        bounds = (decayed(stage, when).hi * stage.height for stage in self.stages if stage.start <= when)
+        return float_above(min(bounds))
+
+    def rows(self) -> list[tuple[str, str, str, str, str]]:
+        """The stages as text: number, kind, start (s), bound of |e|_inf there, rate (1/s)."""
+        return [
+            (
+                str(k + 1),
+                QUADRATIC if stage.is_quadratic else SEPARABLE,
+                significant_away_from_zero(stage.start, 6),
+                significant_away_from_zero(stage.level * stage.height),
+                significant_towards_zero(stage_rate(stage.certificate)),
+            )
+            for k, stage in enumerate(self.stages)
+        ]
+
+    def __repr__(self) -> str:
+        lines = [f"Settling of {self.problem_name}: {self.verdict.value}. {self.reason}"]
+        if self.single_time is not None and self.time is not None:
+            lines.append(f"One certificate for the whole box gives {self.single_time:.6g} s.")
+        if self.stages:
+            lines += [f"{'stage':>5}  {'certificate':<13}  {'from (s)':>9}  {'|e| <=':>9}  {'rate (1/s)':>10}"]
+            lines += [f"{a:>5}  {b:<13}  {c:>9}  {d:>9}  {e:>10}" for a, b, c, d, e in self.rows()]
+        return "\n".join(lines)
+
+    def _card(self) -> Card:
+        return Card(
+            title=f"Settling of {self.problem_name}",
+            verdict=self.verdict.value,
+            text=self.reason,
+            heads=("stage", "certificate", "from (s)", "|e| ≤", "rate (1/s)"),
+            rows=self.rows(),
+        )

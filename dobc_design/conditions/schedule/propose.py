@@ -58,6 +58,7 @@ OBSERVER: Final = 0.7  # of the decay rate of A - WC, for the observer's pair
 ROUNDEST: Final = 1e4  # the largest t that is worth a stage
 DIGITS: Final = (6, 9)
 ROOM: Final = Fraction(1, 10**4)  # of a gain
+_Steps = dict[tuple[int, int], tuple[int, int]]  # from where each (level, vector) is reached
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -111,37 +112,27 @@ def plan_stages(
     last = _time(table.levels[:, None] * np.max(table.v, axis=1), float(tolerance), table.rates)
     penalty = PENALTY * float(np.min(last[0]))
     reached, before = _shortest(table, penalty)
-    plain = reached + last
-    plans = [_plan(table, plain, before, (), rho)]
+    plans = [_plan(table, reached + last, before, (), rho)]
     chosen = sorted(quadratics, key=lambda lure: -float(lure.radius or 0))[:MOST_QUADRATICS]
     measured = [_measured(problem, table, lure) for lure in chosen]
-    counts = range(1, len(measured) + 1)
-    for chain in itertools.chain.from_iterable(itertools.combinations(measured, count) for count in counts):
+    chains = (itertools.combinations(measured, count + 1) for count in range(len(measured)))
+    for chain in itertools.chain.from_iterable(chains):
         times = reached + _chain_times(table, chain, float(tolerance)) + penalty * len(chain)
         if float(np.min(times)) < plans[0].time:
             plans = [_plan(table, times, before, chain, rho), plans[-1]]
     return plans
 
 
-def _plan(
-    table: _Table,
-    times: Array,
-    before: dict[tuple[int, int], tuple[int, int]],
-    chain: Sequence[_Quadratic],
-    rho: Fraction,
-) -> StagePlan:
+def _plan(table: _Table, times: Array, before: _Steps, chain: Sequence[_Quadratic], rho: Fraction) -> StagePlan:
     """The way to the least of ``times`` (level, vector), which include those of ``chain``."""
-    end = int(np.argmin(times))
-    place: tuple[int, int] | None = (end // times.shape[1], end % times.shape[1])
+    place: tuple[int, int] | None = divmod(int(np.argmin(times)), times.shape[1])
     steps = []
     while place is not None:
         level, vector = place
-        exact = rho if level == 0 else _short(float(table.levels[level]))
-        steps.append((table.exact[vector], exact))
+        steps.append((table.exact[vector], rho if level == 0 else _short(float(table.levels[level]))))
         place = before.get(place)
-    return StagePlan(
-        separable=tuple(reversed(steps)), quadratic=tuple(each.lure for each in chain), time=float(np.min(times))
-    )
+    lures = tuple(each.lure for each in chain)
+    return StagePlan(separable=tuple(reversed(steps)), quadratic=lures, time=float(np.min(times)))
 
 
 def box_bound(P_e: Array, v: Array) -> tuple[float, Array]:
@@ -187,12 +178,12 @@ def _tabulate(problem: Problem, *, rho: Fraction, tolerance: float, fastest: flo
     return _Table(levels, tuple(exact), v, np.minimum(rates, fastest))
 
 
-def _shortest(table: _Table, penalty: float) -> tuple[Array, dict[tuple[int, int], tuple[int, int]]]:
+def _shortest(table: _Table, penalty: float) -> tuple[Array, _Steps]:
     """The least time to reach each level of each vector, and from where; every hand-over costs ``penalty``."""
     levels, rates = table.levels, table.rates
     reached = np.full(rates.shape, np.inf)
     reached[0] = np.where(rates[0] > 0, 0.0, np.inf)
-    before: dict[tuple[int, int], tuple[int, int]] = {}
+    before: _Steps = {}
     ratio = np.array([np.max(one / table.v, axis=1) for one in table.v])  # [from, to]
     for b in range(len(levels)):
         for later in range(b + 1, len(levels)):
@@ -234,9 +225,8 @@ def _chain_times(table: _Table, chain: Sequence[_Quadratic], tolerance: float) -
         below = np.minimum(size, _reach(old, new))
         times = times + _time(size, below, float(old.lure.rate))
         size = below * math.sqrt(float(np.max(np.linalg.eigvals(np.linalg.solve(old.P_e, new.P_e)).real)))
-    return times + _time(
-        size * chain[-1].height, np.minimum(size * chain[-1].height, tolerance), float(chain[-1].lure.rate)
-    )
+    top = size * chain[-1].height
+    return times + _time(top, np.minimum(top, tolerance), float(chain[-1].lure.rate))
 
 
 def _reach(old: _Quadratic, new: _Quadratic) -> float:
@@ -315,8 +305,7 @@ class _Loop:
 
     def certificates(self, *, slowest: float, fastest: float) -> Iterator[Lure]:
         """Certificates with rates between these two, the fastest first."""
-        modes = [self._floats(name) for name in self.sectors.modes]
-        low = slowest
+        modes, low = [self._floats(name) for name in self.sectors.modes], slowest
         high = min(fastest, *(-float(np.max(np.linalg.eigvals(mode.A).real)) for mode in modes))
         if high <= low or _solved(modes, low) is None:
             return
@@ -348,9 +337,8 @@ class _Loop:
         """Certificates with few digits first, and the observer's pair scaled so that its border is small."""
         problem, W, pair = self.problem, self.W, None
         if problem.groups and W is not None:
-            pair = scaled_pair(
-                problem, W, rate=rounded_down(_observer_rate(problem, W), digits=6), disturbance=Fraction(0)
-            )
+            slow = rounded_down(_observer_rate(problem, W), digits=6)
+            pair = scaled_pair(problem, W, rate=slow, disturbance=Fraction(0))
             if pair is None:
                 return
         for digits in DIGITS:
@@ -377,13 +365,9 @@ class _Loop:
 
     def _multipliers(self, name: str, theta: Array, digits: int) -> Vector:
         """Tau = theta / (2 d^2) of every channel with a range, 0 elsewhere."""
-        values = iter(theta.tolist())
-        return tuple(
-            rounded_down(max(next(values) / (2 * float(channel.spread) ** 2), 1e-12), digits=digits)
-            if channel.spread
-            else Fraction(0)
-            for channel in self.sectors.modes[name]
-        )
+        values, spreads = iter(theta.tolist()), [float(channel.spread) for channel in self.sectors.modes[name]]
+        taus = (max(next(values) / (2 * spread**2), 1e-12) if spread else 0.0 for spread in spreads)
+        return tuple(rounded_down(tau, digits=digits) for tau in taus)
 
 
 def _solved(modes: Sequence[_Mode], rate: float) -> tuple[Array, dict[str, Array]] | None:

@@ -22,7 +22,7 @@ from dobc_design.conditions.quadratic.decide import diagonal_of_inverse, verify_
 from dobc_design.conditions.schedule import decide, propose
 from dobc_design.conditions.schedule.checks import settling_check
 from dobc_design.conditions.schedule.claim import ONE, ZERO, Stage, Staging
-from dobc_design.conditions.schedule.settling import Settling
+from dobc_design.conditions.schedule.decide import Settling
 from dobc_design.conditions.separable.checks import obstacle
 from dobc_design.conditions.separable.claim import ErrorBound, Separable, acts_by_component
 from dobc_design.conditions.separable.decide import largest_rate

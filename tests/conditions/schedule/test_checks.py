@@ -13,7 +13,7 @@ from staging_cases import ASKED, chain, problem
 
 from dobc_design.conditions.check import Check, check_from_json
 from dobc_design.conditions.schedule.checks import StageTiming, settling_check, stage_timings
-from dobc_design.conditions.schedule.settling import Settling
+from dobc_design.conditions.schedule.decide import Settling
 from dobc_design.verdict import Verdict
 
 F = Fraction

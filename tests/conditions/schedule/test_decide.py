@@ -13,8 +13,7 @@ from staging_cases import ASKED, chain, problem
 
 from dobc_design.conditions.quadratic.decide import eigenvalue_bound
 from dobc_design.conditions.schedule.claim import Stage, Staging
-from dobc_design.conditions.schedule.decide import decayed, next_level, stage_rate, verify_staging
-from dobc_design.conditions.schedule.settling import Settling
+from dobc_design.conditions.schedule.decide import Settling, decayed, next_level, stage_rate, verify_staging
 from dobc_design.conditions.separable.claim import Separable
 from dobc_design.exact.matrix import multiply, scale, to_float
 from dobc_design.exact.symmetric import SparseSymmetric

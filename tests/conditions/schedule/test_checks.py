@@ -4,31 +4,19 @@ from __future__ import annotations
 
 import copy
 import re
+from dataclasses import replace
 from fractions import Fraction
 
 import confirming
 import pytest
 from lure_cases import PAPER_GAIN
-from staging_cases import ASKED, chain, problem
+from staging_cases import problem, settling
 
 from dobc_design.conditions.check import Check, check_from_json
 from dobc_design.conditions.schedule.checks import StageTiming, settling_check, stage_timings
-from dobc_design.conditions.schedule.decide import Settling
 from dobc_design.verdict import Verdict
 
 F = Fraction
-
-
-def settling() -> Settling:
-    return Settling(
-        verdict=Verdict.PROVED,
-        reason="",
-        problem_name="three",
-        radius=ASKED.radius,
-        disturbance=ASKED.disturbance,
-        tolerance=ASKED.tolerance,
-        staging=chain(),
-    )
 
 
 @pytest.fixture(scope="module")
@@ -50,12 +38,15 @@ def test_a_proved_chain_is_written_read_and_confirmed(check: Check):
     assert confirmed(check.to_json()) is None
 
 
-def less(text: str) -> str:
-    return str(F(text) * F(99, 100))
+def less(value: str | float) -> str | float:
+    return str(F(value) * F(99, 100))
 
 
-def more(text: str) -> str:
-    return str(F(text) * F(101, 100))
+def more(value: str | float) -> str | float:
+    return str(F(value) * F(101, 100)) if isinstance(value, str) else value * 1.01
+
+
+STAGES = ("exact", "stages")
 
 
 @pytest.mark.parametrize(
@@ -63,23 +54,23 @@ def more(text: str) -> str:
     [
         (("exact", "time"), less, "tolerance|last"),
         (("exact", "tolerance"), less, "last stage"),
-        (("domain", "radius"), lambda value: value * 1.01, "first level set"),
-        (("domain", "disturbance"), lambda value: value * 1.01, "first level set"),
-        (("exact", "stages", 1, "level"), less, "too small for what is handed over"),
-        (("exact", "stages", 2, "noise"), less, "noise is less"),
-        (("exact", "stages", 2, "stretch"), less, "not semidefinite"),
-        (("exact", "stages", 3, "factor"), less, "not semidefinite"),
-        (("exact", "stages", 3, "height"), less, "height"),
-        (("exact", "stages", 0, "certificate", "alpha"), more, "stage 1: the .* row"),
-        (("exact", "stages", 0, "certificate", "rho"), more, "stage 1: the .* row"),
-        (("exact", "stages", 2, "certificate", "rate"), more, "stage 3: the matrix inequality"),
-        (("exact", "stages", 0, "kind"), lambda kind: "quadratic", "."),
-        (("exact", "stages", 0, "kind"), lambda kind: "other", "."),
-        (("exact", "stages", 0, "stretch"), lambda value: "2", "the first stage"),
-        (("exact", "stages", 0, "factor"), lambda value: "1", "."),
-        (("exact", "stages"), lambda stages: [], "stages must be"),
-        (("exact", "stages"), lambda stages: stages[:1] * 101, "stages must be"),
-        (("exact", "stages"), lambda stages: [stages[0], stages[3]], "."),
+        (("domain", "radius"), more, "first level set"),
+        (("domain", "disturbance"), more, "first level set"),
+        ((*STAGES, 1, "level"), less, "too small for what is handed over"),
+        ((*STAGES, 2, "noise"), less, "noise is less"),
+        ((*STAGES, 2, "stretch"), less, "not semidefinite"),
+        ((*STAGES, 3, "factor"), less, "not semidefinite"),
+        ((*STAGES, 3, "height"), less, "height"),
+        ((*STAGES, 0, "certificate", "alpha"), more, "stage 1: the .* row"),
+        ((*STAGES, 0, "certificate", "rho"), more, "stage 1: the .* row"),
+        ((*STAGES, 2, "certificate", "rate"), more, "stage 3: the matrix inequality"),
+        ((*STAGES, 0, "kind"), lambda kind: "quadratic", "."),
+        ((*STAGES, 0, "kind"), lambda kind: "other", "."),
+        ((*STAGES, 0, "stretch"), lambda value: "2", "the first stage"),
+        ((*STAGES, 0, "factor"), lambda value: "1", "."),
+        (STAGES, lambda stages: [], "stages must be"),
+        (STAGES, lambda stages: stages[:1] * 101, "stages must be"),
+        (STAGES, lambda stages: [stages[0], stages[3]], "."),
         (("exact", "extra"), lambda value: "1", "."),
         (("rate",), lambda rate: 1.0, "no rate"),
         (("verdict",), lambda verdict: "refuted", "the domain must be"),
@@ -104,14 +95,7 @@ def test_the_stages_of_another_observer_gain_are_not_confirmed(check: Check):
 
 
 def test_an_undecided_settling_claims_nothing():
-    undecided = Settling(
-        verdict=Verdict.UNDECIDED,
-        reason="nothing was found.",
-        problem_name="",
-        radius=F(1),
-        disturbance=F(0),
-        tolerance=F(1, 10),
-    )
+    undecided = replace(settling(), verdict=Verdict.UNDECIDED, reason="nothing was found.", staging=None)
     check = settling_check(problem(), PAPER_GAIN, undecided, domain="consensus")
     assert (check.verdict, check.domain, check.exact) == (Verdict.UNDECIDED, "consensus", None)
 

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import base64
 from dataclasses import replace
 from fractions import Fraction
 
 import confirming
 import numpy as np
 import pytest
-from separable_problems import cycle, fractions, pair
+from separable_problems import fractions, pair
 
 from dobc_design.conditions.check import Values, Witness
 from dobc_design.conditions.numbers import vector_from_json, vector_to_json
@@ -16,7 +17,6 @@ from dobc_design.conditions.separable.checks import delay_check, max_separable_c
 from dobc_design.conditions.separable.claim import DelayBound, ErrorBound, Separable, find_ordering, separable_from_json
 from dobc_design.problem.exosystems import Exosystem
 from dobc_design.problem.groups import Observer
-from dobc_design.problem.load import load_problem
 from dobc_design.problem.network import Network
 from dobc_design.problem.problem import Problem
 from dobc_design.verdict import Verdict
@@ -46,19 +46,15 @@ def bent(check, **changes):
 def test_a_true_claim_is_proved_and_confirmed():
     check = proved()
     assert (check.verdict, check.rate) == (PROVED, 0.333333333)
-    assert check.domain == {"kind": "box", "radius": 2.0, "disturbance": 0.0}
+    assert check.domain == BOX
     assert separable_from_json(check.exact, CUBIC) == CLAIM
     assert confirmed(check) is None
 
 
-@pytest.mark.parametrize(
-    ("claim", "radius"),
-    [
-        (replace(CLAIM, alpha=F(1, 3) + F(1, 10**9)), 2.0),
-        (CLAIM, 2.0000001),
-        (replace(CLAIM, v=fractions(1, "1.4999999")), 2.0),
-    ],
-)
+MORE = [(replace(CLAIM, alpha=F(1, 3) + F(1, 10**9)), 2.0), (CLAIM, 2.0000001)]
+
+
+@pytest.mark.parametrize(("claim", "radius"), [*MORE, (replace(CLAIM, v=fractions(1, "1.4999999")), 2.0)])
 def test_a_little_more_is_undecided(claim, radius):
     """One claim that fails says nothing against the others, so it is not refuted."""
     check = proved(claim, radius)
@@ -78,23 +74,11 @@ def test_a_bent_claim_is_refused(change, why):
     assert why in confirmed(bent(proved(), **change))
 
 
-@pytest.mark.parametrize(
-    "change",
-    [
-        {"v": ["1"]},
-        {"v": ["1", "-1.5"]},
-        {"v": ["1", "0"]},
-        {"v": [1, 1.5]},
-        {"v": {"float64": "AAAA"}},
-        {"alpha": "0"},
-        {"alpha": 0.3},
-        {"rho": "0"},
-        {"rho": "-2"},
-        {"rho": 2},
-        {"beta": "1"},
-        {"extra": "1"},
-    ],
-)
+NO_VECTORS = (["1"], ["1", "-1.5"], ["1", "0"], [1, 1.5], {"float64": "AAAA"})
+NO_NUMBERS = [{"alpha": "0"}, {"alpha": 0.3}, {"rho": "0"}, {"rho": "-2"}, {"rho": 2}, {"beta": "1"}, {"extra": "1"}]
+
+
+@pytest.mark.parametrize("change", [*({"v": v} for v in NO_VECTORS), *NO_NUMBERS])
 def test_what_is_no_claim_cannot_be_evaluated(change):
     assert confirmed(bent(proved(), **change)) is not None
 
@@ -106,21 +90,12 @@ def test_the_rate_of_the_check_follows_from_the_numbers():
         assert "does not follow" in confirmed(replace(check, rate=rate))
 
 
-@pytest.mark.parametrize(
-    "domain",
-    [
-        {"kind": "box", "radius": 2.0000001, "disturbance": 0.0},
-        {"kind": "box", "radius": 2.0, "disturbance": 0.1},
-        {"kind": "box", "radius": 0.0, "disturbance": 0.0},
-        {"kind": "box", "radius": -2.0, "disturbance": 0.0},
-        {"kind": "ball", "radius": 2.0, "disturbance": 0.0},
-        {"kind": "box", "radius": 2.0},
-        {"kind": "box", "radius": None, "disturbance": 0.0},
-        {"kind": "box", "radius": 2.0, "disturbance": 0.0, "more": 1},
-        "global",
-        "consensus",
-    ],
-)
+BOX = {"kind": "box", "radius": 2.0, "disturbance": 0.0}
+OTHER_BOXES = ({"radius": 2.0000001}, {"radius": 0.0}, {"radius": -2.0}, {"radius": None}, {"disturbance": 0.1})
+NO_BOXES = [BOX | {"kind": "ball"}, BOX | {"more": 1}, {"kind": "box", "radius": 2.0}, "global", "consensus"]
+
+
+@pytest.mark.parametrize("domain", [*(BOX | change for change in OTHER_BOXES), *NO_BOXES])
 def test_a_domain_that_does_not_follow_is_refused(domain):
     try:
         assert confirmed(replace(proved(), domain=domain)) is not None
@@ -129,7 +104,7 @@ def test_a_domain_that_does_not_follow_is_refused(domain):
 
 
 def test_a_smaller_box_may_be_claimed():
-    assert confirmed(replace(proved(), domain={"kind": "box", "radius": 1.5, "disturbance": 0.0})) is None
+    assert confirmed(replace(proved(), domain=BOX | {"radius": 1.5})) is None
 
 
 def test_a_proof_has_no_margin_witness_or_mode():
@@ -142,7 +117,7 @@ def test_an_undecided_check_claims_nothing():
     nothing = replace(proved(), verdict=UNDECIDED, domain="consensus", claim=None, rate=None)
     assert confirmed(nothing) is None
     assert "claim nothing" in confirmed(replace(nothing, rate=0.1))
-    assert "domain" in confirmed(replace(nothing, domain={"kind": "box", "radius": 1.0, "disturbance": 0.0}))
+    assert "domain" in confirmed(replace(nothing, domain=BOX | {"radius": 1.0}))
 
 
 def test_linear_couplings_are_proved_for_every_start_and_only_they():
@@ -152,16 +127,15 @@ def test_linear_couplings_are_proved_for_every_start_and_only_they():
     assert (check.verdict, check.domain) == (PROVED, "global")
     assert confirmed(check, problem, domain="global") is None
     assert confirmed(bent(check, alpha="0.66667"), problem, domain="global") is not None
-    assert confirmed(replace(check, domain={"kind": "box", "radius": 1.0, "disturbance": 0.0}), problem) is not None
+    assert confirmed(replace(check, domain=BOX | {"radius": 1.0}), problem) is not None
     assert confirmed(check) is not None
     assert proved(replace(CLAIM, rho=None)).verdict is UNDECIDED
 
 
 def test_kinks_are_no_obstacle():
     """clip(y, -1, 1) on two pinned agents: v = 1, alpha = k."""
-    problem = Problem(
-        network=Network.from_arcs([[1, 2], [2, 1]], arrow="listens_to"), coupling="clip(y, -1, 1)", gains=1
-    )
+    network = Network.from_arcs([[1, 2], [2, 1]], arrow="listens_to")
+    problem = Problem(network=network, coupling="clip(y, -1, 1)", gains=1)
     check = proved(Separable(v=fractions(1, 1), alpha=F(1), rho=F(9)), 9.0, problem)
     assert check.verdict is PROVED
     assert confirmed(check, problem) is None
@@ -197,10 +171,8 @@ def test_the_composite_covers_radius_and_disturbance_exactly():
 
 def test_the_rate_of_the_composite_is_that_of_the_slower_part():
     """kappa = 3/5: 2 - 5/3 = 1/3; 0.59: 2 - 1/0.59 = 0.305."""
-    assert composite(replace(COMPOSITE, error=replace(BOUND, kappa=F(59, 100)))).rate == pytest.approx(
-        0.3050847, rel=1e-6
-    )
     check = composite(replace(COMPOSITE, error=replace(BOUND, kappa=F(59, 100))))
+    assert check.rate == pytest.approx(0.3050847, rel=1e-6)
     assert confirmed(check, OBSERVED, W=W) is None
     assert "does not follow" in confirmed(replace(check, rate=0.306), OBSERVED, W=W)
 
@@ -221,9 +193,8 @@ def test_every_number_of_the_observers_part_counts(change, why):
 
 def test_the_observers_part_cannot_be_left_out_or_made_up():
     check = composite()
-    assert "lacks" in confirmed(
-        replace(check, claim=Values({key: check.exact[key] for key in ("v", "alpha", "rho")})), OBSERVED, W=W
-    )
+    less = replace(check, claim=Values({key: check.exact[key] for key in ("v", "alpha", "rho")}))
+    assert "lacks" in confirmed(less, OBSERVED, W=W)
     assert "unknown" in confirmed(bent(proved(), P=[["1"]]))
     assert confirmed(check, OBSERVED, W=None).startswith("does not apply")
     assert confirmed(check, OBSERVED, W=((F("1.99"),),)) is not None  # beta = 2 needs W >= 2
@@ -257,14 +228,9 @@ def test_another_set_of_agents_is_no_witness(labels):
 
 def test_a_refuted_check_claims_no_more():
     check = stuck_check(CROSSED, None, domain="consensus")
-    for change in (
-        {"rate": 0.1},
-        {"claim": Values({})},
-        {"domain": "global"},
-        {"witness": None},
-        {"witness": Witness(kind="agents", labels=("2", "3"), values=("1",))},
-        {"witness": Witness(kind="start", labels=("2", "3"))},
-    ):
+    witnesses = None, replace(check.witness, values=("1",)), replace(check.witness, kind="start")
+    changes = {"rate": 0.1}, {"claim": Values({})}, {"domain": "global"}, *({"witness": each} for each in witnesses)
+    for change in changes:
         assert confirmed(replace(check, **change), CROSSED) is not None
 
 
@@ -293,12 +259,8 @@ def test_a_delay_is_proved_beside_its_proof_and_confirmed():
             assert confirmed(bent(check, delay="0.9117"), problem, beside=proof) is not None
             assert confirmed(bent(check, rate="0.2001"), problem, beside=proof) is not None
             assert "does not follow" in confirmed(replace(check, rate=0.2001), problem, beside=proof)
-            assert "needs a proved max-separable check" in confirmed(
-                check, problem, beside=replace(proof, domain="global")
-            )
-            assert "needs a proved max-separable check" in confirmed(
-                check, problem, beside=replace(proof, verdict=UNDECIDED)
-            )
+            for other in (replace(proof, domain="global"), replace(proof, verdict=UNDECIDED)):
+                assert "needs a proved max-separable check" in confirmed(check, problem, beside=other)
 
 
 def test_with_an_observer_no_delayed_rate_exceeds_beta():
@@ -319,14 +281,12 @@ def test_a_sampling_period_is_the_inverse_of_the_stiffest_row():
     assert check.exact == {"period": "999/5000", "factor": "4667/5000"}
     assert confirmed(check, problem, beside=proof) is None
     assert confirmed(bent(check, period="1/5", factor="14/15"), problem, beside=proof) is None
-    assert confirmed(bent(check, period="0.2000001", factor="14/15"), problem, beside=proof) is not None
-    assert confirmed(bent(check, factor="0.9333"), problem, beside=proof) is not None  # below 1 - T alpha
-    assert confirmed(bent(check, factor="1"), problem, beside=proof) is not None
-    assert confirmed(replace(check, rate=0.1), problem, beside=proof) is not None
+    more = {"period": "0.2000001", "factor": "14/15"}, {"factor": "0.9333"}, {"factor": "1"}  # 0.9333 < 1 - T alpha
+    for bad in (*(bent(check, **change) for change in more), replace(check, rate=0.1)):
+        assert confirmed(bad, problem, beside=proof) is not None
     assert "must be > 0" in confirmed(bent(check, period="0"), problem, beside=proof)
-    assert "expected a number" in confirmed(
-        replace(check, domain=check.domain | {"disturbance": False}), problem, beside=proof
-    )  # true equals 1
+    equal = replace(check, domain=check.domain | {"disturbance": False})  # true equals 1
+    assert "expected a number" in confirmed(equal, problem, beside=proof)
 
 
 def test_a_sampling_period_is_for_an_estimate_that_is_not_held():
@@ -359,30 +319,7 @@ def test_many_agents_travel_as_doubles_that_mean_exactly_what_they_are():
 
 
 def test_doubles_that_are_no_numbers_are_refused():
-    import base64
-
     bad = base64.b64encode(np.array([1.0, np.nan]).tobytes()).decode()
     for text in (bad, bad[:-4], "not base64!", 5, None):
         with pytest.raises((ValueError, TypeError)):
             vector_from_json({"float64": text}, 2)
-
-
-def test_the_papers_switching_example_carries_the_numbers_of_the_theory():
-    """Theory, known answers: rho = 4.41, alpha = 0.0301 and all four modes; one more digit of alpha is refused."""
-    problem = load_problem("paper-switching")
-    v = fractions(1, 1.52644, 1.50285, 1.45348, 1.33998, 1, 1.52644, 1.50285, 1.45348, 1.33998)
-    bound = ErrorBound(
-        P=((F("1.4005"), F("-0.5035")), (F("-0.5035"), F("0.6347"))), beta=F("1.58"), kappa=F("0.6333"), size=F("1.651")
-    )
-    claim = Separable(v=v, alpha=F("0.0301"), rho=F("4.41"), error=bound)
-    check = proved(claim, 4.0, problem, problem.observer.W, 0.5)
-    assert check.verdict is PROVED
-    assert "in every mode" in check.reason
-    assert confirmed(bent(check, alpha="0.0302"), problem, W=problem.observer.W) is not None
-
-
-def test_the_monotone_cycle_is_proved_for_its_box_and_not_beyond():
-    """All pinned with 5: alpha = 5 for every radius."""
-    problem, ones = cycle(gains=5), (F(1),) * 10
-    assert proved(Separable(v=ones, alpha=F(5), rho=F(4)), 4.0, problem).rate == 5.0
-    assert proved(Separable(v=ones, alpha=F(5), rho=F(4)), 4.0001, problem).verdict is UNDECIDED

@@ -4,18 +4,9 @@ from __future__ import annotations
 
 from fractions import Fraction
 
-import pytest
-from separable_problems import cycle, fractions
+from separable_problems import fractions
 
-from dobc_design.conditions.separable.claim import (
-    Separable,
-    Term,
-    acts_by_component,
-    holding_gains,
-    largest_reach,
-    rows,
-)
-from dobc_design.errors import ShapeError
+from dobc_design.conditions.separable.claim import Term, acts_by_component, holding_gains, largest_reach, rows
 from dobc_design.problem.load import load_problem
 from dobc_design.problem.network import Network
 from dobc_design.problem.problem import Problem
@@ -26,9 +17,8 @@ F = Fraction
 def test_agents_in_the_same_situation_share_a_row():
     """The undirected cycle with v = 1: one row for the pinned agent, one for the nine others."""
     arcs = [[i, (i + d) % 10 + 1] for i in range(1, 11) for d in (0, -2) if i != (i + d) % 10 + 1]
-    problem = Problem(
-        network=Network.from_arcs(arcs, arrow="listens_to", agents=10), coupling="y", gains={1: 5}, target=0
-    )
+    network = Network.from_arcs(arcs, arrow="listens_to", agents=10)
+    problem = Problem(network=network, coupling="y", gains={1: 5}, target=0)
     found = dict(rows(problem, (F(1),) * 10))
     assert sorted((row.gain, place.count) for row, place in found.items()) == [(0, 9), (5, 1)]
     assert all(row.terms == (Term(0, F(2), F(2), F(0)),) for row in found)
@@ -58,12 +48,3 @@ def test_the_certificate_is_for_couplings_by_component():
     network = Network.from_arcs([[2, 1]], arrow="listens_to", agents=2)
     assert acts_by_component(load_problem("uav-swarm"))
     assert not acts_by_component(Problem(network=network, coupling=["y1 + y2", "y2"], target=[0, 0]))
-
-
-def test_v_needs_one_entry_per_agent():
-    with pytest.raises(ShapeError, match="v must have 10 entries, one per agent; got 9"):
-        list(rows(cycle(), (F(1),) * 9))
-
-
-def test_the_least_entry_is_what_a_box_is_divided_by():
-    assert Separable(v=fractions(3, 2, 5), alpha=F(1), rho=None).least == 2

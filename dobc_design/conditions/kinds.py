@@ -1,13 +1,12 @@
-"""The register of checks: one row per id of a check, in the order in which they are tried.
+"""The register of checks: one row per id of a check, in the order in which they are tried; words and flags only.
 
-A row says which topic decides the check, what its proof is worth, how people read it, and which modules decide it.
-Words and flags only: what reads a claim and what confirms it are found by the topic, in ``certificate.claims`` and
-``certification.recheck``.
+What reads a claim and what confirms it are found by the topic, in ``certificate.claims`` and ``certification.recheck``.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import partial
 from typing import Final, Literal
 
 from dobc_design._show.cards import Card, Shown
@@ -77,11 +76,15 @@ class Kind(Shown):
         return self.name.partition(":")[0].removesuffix(" certificate").removesuffix(" proof")
 
 
+_BALL = "Every start with |e| <= R (Euclidean, all of e) and |eps_i| <= s reaches the target under arbitrary switching."
+_REGION = "Beyond the paper, as its Theorems 1 and 2 hold in a region; theory, sections 1 and 4."
+_observer = partial(Kind, topic="observer", role="part")
+_paper, _given = partial(Kind, topic="consensus", role="paper"), partial(Kind, topic="consensus", role="given")
+_timing = partial(Kind, topic="separable", role="timing")
+
 _ROWS: Final = (
-    Kind(
+    _observer(
         id="observability",
-        topic="observer",
-        role="part",
         name="Observability of (A,\xa0C)",
         decides="whether every state of the disturbance generator shows in d = C ξ; then the estimate can be made as"
         " fast as wanted",
@@ -93,10 +96,8 @@ _ROWS: Final = (
         refuted="A part of the exosystem never reaches the agents. Harmless if it decays; see detectability.",
         source="Paper, (12) and (17).",
     ),
-    Kind(
+    _observer(
         id="detectability",
-        topic="observer",
-        role="part",
         name="Detectability of (A,\xa0C)",
         decides="whether what C does not see dies out by itself; an observer gain W that works exists exactly then",
         title="Detectability of the exosystem",
@@ -107,10 +108,8 @@ _ROWS: Final = (
         refuted="No W exists for this model. The disturbance itself does not contain the hidden part: leave it out.",
         source="Theory, Decision theorem: one of the two causes of infeasibility.",
     ),
-    Kind(
+    _observer(
         id="hurwitz",
-        topic="observer",
-        role="part",
         name="A − WC is Hurwitz",
         decides="whether the estimation error (17) decays with this W, by Routh’s table",
         title="A - WC is Hurwitz",
@@ -136,10 +135,8 @@ _ROWS: Final = (
         refuted="The agents named listen to nobody who hears a pin; moved away together, they stay away in this mode.",
         source="Theory, section 2.",
     ),
-    Kind(
+    _paper(
         id="lemma1",
-        topic="consensus",
-        role="paper",
         name="Lemma 1: Λ(J) < 0",
         decides="whether V = Σ eᵢ′eᵢ decreases when there is no disturbance (10)",
         title="Lemma 1: pinning without disturbance",
@@ -151,10 +148,8 @@ _ROWS: Final = (
         refuted="V = e'e grows in some direction. This alone does not mean that consensus fails.",
         source="Paper, Lemma 1, (10), with J at the target.",
     ),
-    Kind(
+    _paper(
         id="theorem1",
-        topic="consensus",
-        role="paper",
         name="Theorem 1: Ψ < 0",
         decides="whether some P and Q satisfy (18), so that V = Σ eᵢ′eᵢ + Σ εᵢ′Pεᵢ decreases with the observer in the"
         " loop",
@@ -168,10 +163,8 @@ _ROWS: Final = (
         " estimation error decay.",
         source="Paper, Theorem 1, (18); decided by the Decision theorem.",
     ),
-    Kind(
+    _paper(
         id="theorem2",
-        topic="consensus",
-        role="paper",
         name="Theorem 2: Ψ < 0 in every mode",
         decides="whether one P and one Q satisfy (18) in all modes, so that they may switch in any way",
         title="Theorem 2: switching topology",
@@ -182,10 +175,8 @@ _ROWS: Final = (
         refuted="No common P and Q exist. Consensus may still hold for slow or special switching.",
         source="Paper, Theorem 2, (28).",
     ),
-    Kind(
+    _given(
         id="theorem1-printed",
-        topic="consensus",
-        role="given",
         name="Theorem 1 with the P given",
         decides="whether the P and W of the problem file satisfy (18) as they stand",
         title="Theorem 1 with the P given",
@@ -197,10 +188,8 @@ _ROWS: Final = (
         " when P grows.",
         source="Paper, Example 1.",
     ),
-    Kind(
+    _given(
         id="theorem2-printed",
-        topic="consensus",
-        role="given",
         name="Theorem 2 with the P given",
         decides="whether the P and W of the problem file satisfy (18) in every mode as they stand",
         title="Theorem 2 with the P given",
@@ -231,10 +220,8 @@ _ROWS: Final = (
         " their group. Consensus may still hold for signals that leave those modes.",
         source="Beyond the paper; theory, section 5. The paper claims as much from a condition at one point.",
     ),
-    Kind(
+    _timing(
         id="delay",
-        topic="separable",
-        role="timing",
         name="Delays",
         decides="whether the proof survives delayed messages",
         title="Delays that the max-separable certificate allows",
@@ -247,10 +234,8 @@ _ROWS: Final = (
         " delay leaves some positive rate.",
         refuted="Never: a delay for which these rows fail may do no harm.",
     ),
-    Kind(
+    _timing(
         id="sampling",
-        topic="separable",
-        role="timing",
         name="Sampling",
         decides="whether the proof survives couplings that are held between samples",
         title="Sampling period that the max-separable certificate allows",
@@ -277,10 +262,9 @@ _ROWS: Final = (
         meaning="Each arc has a gain h(y)/y between two bounds as long as |y| stays within a radius. V = e' P_e e +"
         " sum eps_i' P eps_i decreases for all such gains (circle criterion, multipliers T), and its level set keeps"
         " |y| within the radius.",
-        proved="Every start with |e| <= R (Euclidean, all of e) and |eps_i| <= s reaches the target under arbitrary"
-        " switching.",
+        proved=_BALL,
         refuted="Not used: that one certificate fails says nothing about the others.",
-        source="Beyond the paper, as its Theorems 1 and 2 hold in a region; theory, sections 1 and 4.",
+        source=_REGION,
     ),
     Kind(
         id="exhaustive",
@@ -294,10 +278,9 @@ _ROWS: Final = (
         plain="V' < 0 wherever c0 <= e' P_e e <= c1, box by box",
         meaning="A quadratic certificate proves {V <= c0}. Farther out the set {V <= c1} is cut into boxes, and on"
         " each of them V' is bounded from above with enclosures of the couplings, whatever their shape.",
-        proved="Every start with |e| <= R (Euclidean, all of e) and |eps_i| <= s reaches the target under arbitrary"
-        " switching.",
+        proved=_BALL,
         refuted="Not used: that one V fails says nothing about the others.",
-        source="Beyond the paper, as its Theorems 1 and 2 hold in a region; theory, sections 1 and 4.",
+        source=_REGION,
     ),
     Kind(
         id="equilibrium",

@@ -113,12 +113,9 @@ def read_rational(text: object, *, key: str = "certificate") -> Fraction:
     """
     if not isinstance(text, str) or len(text) > LONGEST:
         raise ValueError(f"{key} must be a rational as text of at most {LONGEST} characters")
-    return parse_number(text, key=key) if len(text) <= MAX_CHARACTERS else _long_rational(text, key)
-
-
-def _long_rational(text: str, key: str) -> Fraction:
-    """The same grammar for text that no problem file may hold."""
-    quotient = _QUOTIENT.fullmatch(text)
+    if len(text) <= MAX_CHARACTERS:
+        return parse_number(text, key=key)
+    quotient = _QUOTIENT.fullmatch(text)  # the same grammar for text that no problem file may hold
     if quotient is not None:
         bottom = _integer(quotient[4])
         if not bottom:

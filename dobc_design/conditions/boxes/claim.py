@@ -3,10 +3,10 @@
 A ``Lure`` settles {V <= level}.  On e'P_e e <= outer, V' <= -2 rate V follows from phi(e) < 0, where in every mode
 
     phi(e) = e'M e + sum over channels of 2 w (P_e e)_i h(e_j - e_i),
-    M = -(P_e K + K'P_e) + P_e (I (x) S) P_e + 2 rate P_e
+    M = -(P_e K + K'P_e) + P_e (I (x) S) P_e + 2 rate P_e        (theory, sections 2 and 4; S: the observer's border).
 
-(theory, sections 2 and 4; S is the observer's border).  On a box phi is at most its value in the middle plus half
-widths times bounds of its slopes.  h and h' are enclosed exactly; the rest is float64 with a bound of all rounding.
+On a box phi is at most its value in the middle plus half widths times bounds of its slopes.  h and h' are enclosed
+exactly; the rest is float64 with a bound of all rounding.
 """
 
 from __future__ import annotations
@@ -33,8 +33,7 @@ Indices = NDArray[np.intp]
 #: Rows n m up to which boxes are counted out; their number grows like a power of n m.
 LARGEST: Final = 6
 #: Numbers outside of this range are refused, so that no product of theirs is subnormal or infinite.
-SMALLEST: Final = Fraction(1, 10**100)
-LARGEST_NUMBER: Final = Fraction(10**100)
+SMALLEST, LARGEST_NUMBER = Fraction(1, 10**100), Fraction(10**100)
 LEAF: Final = "."
 UNIT_ROUNDOFF: Final = 2.0**-53
 UNDERFLOW: Final = 1e-290  # more than products too small for a double can add up to

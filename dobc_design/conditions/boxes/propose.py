@@ -59,7 +59,9 @@ def grow_shell(
         outer = top * part**2
         if outer <= max(level, float(least)) * (1 + 1e-6) or widest * math.sqrt(outer) > STRETCHED * float(largest):
             continue
-        half = _dyadic_above(widest * math.sqrt(outer) * (1 + 1e-9))
+        half = widest * math.sqrt(outer) * (1 + 1e-9)
+        unit = 2.0 ** (math.frexp(half)[1] - 12)  # 12 bits are kept, rounded up
+        half = Fraction(math.ceil(half / unit)) * Fraction(unit)
         box, last = claims.first_box(len(P_e), half), part == SHORT_OF[-1]
         found = _cut(forms, P_e, box, level, outer, most=most, last=last)
         exact = Fraction(0) if found is None else rounded_down(found[1] * (1 - 1e-9), digits=9)
@@ -153,9 +155,3 @@ def _cut(
         tree.append("".join(str(k) if split else LEAF for k, split in signs))
         boxes = boxes.chosen(opened).split(along[opened])
     return None
-
-
-def _dyadic_above(value: float) -> Fraction:
-    """A number of 12 bits that is not below."""
-    unit = 2.0 ** (math.frexp(value)[1] - 12)
-    return Fraction(math.ceil(value / unit)) * Fraction(unit)

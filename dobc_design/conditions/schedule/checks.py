@@ -1,7 +1,6 @@
-"""The check `settling`: a proved chain of stages as what a certificate holds, and back.
+"""The check `settling`: a proved chain of stages as what a certificate holds (docs/certificate-format.md), and back.
 
-The form is fixed by docs/certificate-format.md, "Regions".  Also what the stages say about sampling and delays, one by
-one.
+Also what the stages say about sampling and delays, one by one.
 """
 
 from __future__ import annotations
@@ -65,8 +64,7 @@ def confirm(check: Check, problem: Problem, W: Matrix | None, *, domain: str) ->
     Raises what a malformed claim raises.
     """
     del domain  # of Lemma 1: a settling time is always about a box
-    reason = obstacle(problem, W)
-    if reason is not None:
+    if (reason := obstacle(problem, W)) is not None:
         return reason
     if check.verdict is not Verdict.PROVED or check.witness is not None or check.rate is not None:
         return "it can only be proved or undecided, and has no rate and no witness"
@@ -86,13 +84,8 @@ def read_claim(check: Check, problem: Problem, W: Matrix | None) -> Staging:
     stages: list[Stage] = []
     for row in values["stages"]:
         stages.append(_stage_from_json(row, problem, W, stages[-1] if stages else None))
-    return Staging(
-        stages=tuple(stages),
-        radius=radius,
-        disturbance=disturbance,
-        tolerance=read_rational(values["tolerance"]),
-        time=read_rational(values["time"]),
-    )
+    tolerance, time = read_rational(values["tolerance"]), read_rational(values["time"])
+    return Staging(stages=tuple(stages), radius=radius, disturbance=disturbance, tolerance=tolerance, time=time)
 
 
 def settling_of(problem: Problem, staging: Staging, reason: str) -> Settling:
@@ -137,9 +130,6 @@ def _stage_from_json(row: object, problem: Problem, W: Matrix | None, before: St
         certificate = lure_from_json(read_object(values["certificate"], names_of(problem)), problem, W)
     else:
         certificate = separable_from_json(values["certificate"], problem)
-    return Stage(
-        certificate=certificate,
-        **numbers,
-        diagonal=tuple(vector_from_json(values["diagonal"], problem.n * problem.m)) if "diagonal" in values else None,
-        factor=read_rational(values["factor"]) if "factor" in values else None,
-    )
+    diagonal = tuple(vector_from_json(values["diagonal"], problem.n * problem.m)) if "diagonal" in values else None
+    factor = read_rational(values["factor"]) if "factor" in values else None
+    return Stage(certificate=certificate, **numbers, diagonal=diagonal, factor=factor)

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from fractions import Fraction
 from typing import Final, overload
 
@@ -52,23 +52,13 @@ class StagingAnswer:
     step: str = ""
 
 
-@dataclass(frozen=True, slots=True)
-class _Need:
-    """One condition and what it is; none of them is looked at unless all before are proved."""
-
-    step: str
-    verdict: Verdict
-    words: str
+def _at_least(step: str, claimed: Fraction, least: Interval, words: str) -> StagingAnswer:
+    refuted = Verdict.REFUTED if claimed < least.lo else Verdict.UNDECIDED
+    return StagingAnswer(verdict=Verdict.PROVED if claimed >= least.hi else refuted, reason=words, step=step)
 
 
-def _at_least(step: str, claimed: Fraction, least: Interval, words: str) -> _Need:
-    if claimed >= least.hi:
-        return _Need(step, Verdict.PROVED, words)
-    return _Need(step, Verdict.REFUTED if claimed < least.lo else Verdict.UNDECIDED, words)
-
-
-def _fact(step: str, holds: bool, words: str) -> _Need:
-    return _Need(step, Verdict.PROVED if holds else Verdict.REFUTED, words)
+def _fact(step: str, holds: bool, words: str) -> StagingAnswer:
+    return StagingAnswer(verdict=Verdict.PROVED if holds else Verdict.REFUTED, reason=words, step=step)
 
 
 def verify_staging(problem: Problem, W: Matrix | None, staging: Staging) -> StagingAnswer:
@@ -76,22 +66,34 @@ def verify_staging(problem: Problem, W: Matrix | None, staging: Staging) -> Stag
 
     PROVED: |e(t)|_inf <= tolerance for all t >= time from every start |e|_inf <= radius, |eps_i| <= disturbance, and
     every stage's bound holds from its start on, for arbitrary switching.  REFUTED says that these numbers fail.
-    Raises: ShapeError or SpecError for certificates that do not fit the problem.
     """
     for k in range(len(staging.stages)):
         for need in _needs(problem, W, staging, k):
             if need.verdict is not Verdict.PROVED:
-                reason = f"stage {k + 1}: {need.words}"
-                return StagingAnswer(verdict=need.verdict, reason=reason, stage=k, step=need.step)
+                return replace(need, stage=k, reason=f"stage {k + 1}: {need.reason}")
     return StagingAnswer(verdict=Verdict.PROVED, reason=proved_reason(staging))
 
 
-def _needs(problem: Problem, W: Matrix | None, staging: Staging, k: int) -> Iterator[_Need]:
-    """What has to hold of stage ``k``, in turn."""
-    stage = staging.stages[k]
-    yield _certificate(problem, W, stage.certificate)
-    obstacle = _observer_obstacle(problem, W, stage)
-    yield _fact("observer", obstacle is None, obstacle or "")
+def _needs(problem: Problem, W: Matrix | None, staging: Staging, k: int) -> Iterator[StagingAnswer]:
+    """What has to hold of stage ``k``, in turn; none is looked at unless all before are proved."""
+    stage, certificate = staging.stages[k], staging.stages[k].certificate
+    if isinstance(certificate, Separable):
+        answer = verify_composite(problem, W, certificate)
+        yield StagingAnswer(verdict=answer.verdict, reason=answer.reason, step="certificate")
+    else:
+        yield _fact("certificate", certificate.rate > 0, "its rate must be > 0.")
+        decision = verify_lure(problem, certificate)
+        yield StagingAnswer(verdict=decision.verdict, reason=decision.reason, step="certificate")
+    if not problem.groups:
+        yield _fact("observer", not stage.noise, "without an [exosystem] there is no observer error.")
+    elif isinstance(certificate, Lure):  # it is about the W of its own pair; a max-separable one is decided with W
+        P, Q = certificate.P, certificate.Q
+        given = P is not None and Q is not None and W is not None
+        yield _fact(
+            "observer", given, "with an [exosystem] the certificate needs the observer's pair P, Q and a gain W."
+        )
+        same = P is not None and W is not None and multiply(P, W) == Q
+        yield _fact("observer", same, "its pair (P, Q) belongs to another W: Q must equal P W.")
     yield from _own(stage)
     yield from _taking_over(problem, staging.stages[k - 1], stage) if k else _starting(problem, stage, staging)
     if k == len(staging.stages) - 1:
@@ -129,14 +131,12 @@ def guard_limits(problem: Problem, before: Stage, after: Stage) -> Iterator[tupl
     if isinstance(new, Separable):
         if isinstance(old, Separable) and new.rho is not None:
             yield handover_ratio(old, new) ** 2, new.rho
-        return
-    if new.radius is None:
-        return
-    places, m = relied_differences(problem), problem.m
-    if isinstance(old, Separable):
-        yield from (((old.v[i // m] + old.v[j // m]) ** 2, new.radius) for i, j in places)
-    else:
-        yield from ((width, new.radius) for width in differences(old.P_e, places))
+    elif new.radius is not None:
+        places, m = relied_differences(problem), problem.m
+        if isinstance(old, Separable):
+            yield from (((old.v[i // m] + old.v[j // m]) ** 2, new.radius) for i, j in places)
+        else:
+            yield from ((width, new.radius) for width in differences(old.P_e, places))
 
 
 def handover_ratio(old: Separable, new: Separable) -> Fraction:
@@ -166,31 +166,7 @@ def next_level(problem: Problem, before: Stage, after: Stage) -> Interval:
     return c**2 * (factor if observer_matrix(new) is None else max(factor, after.stretch**2))
 
 
-def _certificate(problem: Problem, W: Matrix | None, certificate: Separable | Lure) -> _Need:
-    if isinstance(certificate, Separable):
-        answer = verify_composite(problem, W, certificate)
-        return _Need("certificate", answer.verdict, answer.reason)
-    if certificate.rate <= 0:
-        return _fact("certificate", False, "its rate must be > 0.")
-    decision = verify_lure(problem, certificate)
-    return _Need("certificate", decision.verdict, decision.reason)
-
-
-def _observer_obstacle(problem: Problem, W: Matrix | None, stage: Stage) -> str | None:
-    """A quadratic certificate is about the W of its own pair; it has to be the given one."""
-    if not problem.groups:
-        return None if not stage.noise else "without an [exosystem] there is no observer error."
-    certificate = stage.certificate
-    if isinstance(certificate, Separable):
-        return None  # decided with W
-    if certificate.P is None or certificate.Q is None or W is None:
-        return "with an [exosystem] the certificate needs the observer's pair P, Q and a gain W."
-    if multiply(certificate.P, W) != certificate.Q:
-        return "its pair (P, Q) belongs to another W: Q must equal P W."
-    return None
-
-
-def _own(stage: Stage) -> Iterator[_Need]:
+def _own(stage: Stage) -> Iterator[StagingAnswer]:
     """What a stage claims about its certificate alone."""
     certificate = stage.certificate
     if isinstance(certificate, Separable):
@@ -205,7 +181,7 @@ def _own(stage: Stage) -> Iterator[_Need]:
         yield _fact("diagonal", _is_semidefinite(bound + P_e.negated()), "diag(diagonal) - P_e is not semidefinite.")
 
 
-def _starting(problem: Problem, stage: Stage, staging: Staging) -> Iterator[_Need]:
+def _starting(problem: Problem, stage: Stage, staging: Staging) -> Iterator[StagingAnswer]:
     """The starts lie in the first stage's level set, and that lies in its guard."""
     certificate, s = stage.certificate, staging.disturbance
     outside = "not all starts asked for lie in its first level set."
@@ -227,7 +203,7 @@ def _starting(problem: Problem, stage: Stage, staging: Staging) -> Iterator[_Nee
     yield _at_least("noise", stage.noise**2, Interval.point(size * s**2), words)
 
 
-def _taking_over(problem: Problem, before: Stage, after: Stage) -> Iterator[_Need]:
+def _taking_over(problem: Problem, before: Stage, after: Stage) -> Iterator[StagingAnswer]:
     """The hand-over at ``after.start``."""
     own, next_ = observer_matrix(before.certificate), observer_matrix(after.certificate)
     if own is not None and next_ is not None:
@@ -329,16 +305,12 @@ class Settling(Shown):
 
     def rows(self) -> list[tuple[str, str, str, str, str]]:
         """The stages as text: number, kind, start (s), bound of |e|_inf there, rate (1/s)."""
-        return [
-            (
-                str(k + 1),
-                QUADRATIC if stage.is_quadratic else SEPARABLE,
-                significant_away_from_zero(stage.start, 6),
-                significant_away_from_zero(stage.level * stage.height),
-                significant_towards_zero(stage_rate(stage.certificate)),
-            )
-            for k, stage in enumerate(self.stages)
-        ]
+        found = []
+        for k, stage in enumerate(self.stages):
+            kind, start = QUADRATIC if stage.is_quadratic else SEPARABLE, significant_away_from_zero(stage.start, 6)
+            bound = significant_away_from_zero(stage.level * stage.height)
+            found.append((str(k + 1), kind, start, bound, significant_towards_zero(stage_rate(stage.certificate))))
+        return found
 
     def __repr__(self) -> str:
         lines = [f"Settling of {self.problem_name}: {self.verdict.value}. {self.reason}"]

@@ -1,18 +1,15 @@
-"""Proposals for staging: quadratic certificates, and which certificates at which levels in which order.
+"""Proposals for staging: quadratic certificates, and which certificates at which levels in which order (section 5).
 
-Theory, section 5.  A table of vectors v at falling levels and the quadratic certificates there are make a graph: from
-level L of one certificate to the level at which the next can take over costs ln(ratio)/rate.  The shortest way through
-it is the plan.
+A table of vectors v at falling levels and the quadratic certificates there make a graph: from level L of one to the
+level at which the next can take over costs ln(ratio)/rate.  The shortest way through it is the plan.
 
-Quadratic stages: for a few radii, a P_e with about the largest rate there.  Unlike in ``quadratic.propose`` the level
-does not matter: the stage before keeps the couplings within the radius.  For a given rate the inequality of theory,
-section 4, is affine in P_e and theta = 2 tau d^2,
+Quadratic stages have about the largest rate for a few radii; the stage before keeps the couplings within these.  For a
+given rate the inequality of theory, section 4, is affine in P_e and theta = 2 tau d^2,
 
     [[P_e A0 + A0'P_e + 2 beta P_e + C'diag(theta) C,  P_e B diag(d)], [., -diag(theta)]] <= 0,    I <= P_e <= t I,
 
-and the solver minimises t: a round P_e costs least when it takes over.  The rate is found by bisection.
-
-Floating point; nothing here is a proof, but quadratic stages have been accepted by ``holds``, which decides exactly.
+and the solver minimises t: a round P_e costs least when it takes over.  Floating point; nothing here is a proof, but
+quadratic stages have been accepted by ``holds``, which decides exactly.
 """
 
 from __future__ import annotations
@@ -222,20 +219,15 @@ def _chain_times(table: _Table, chain: Sequence[_Quadratic], tolerance: float) -
     times = _time(levels, below, table.rates)
     size = below * first.entry
     for old, new in itertools.pairwise(chain):
-        below = np.minimum(size, _reach(old, new))
+        below = size
+        if new.lure.radius is not None:  # of ``old``, below which every |e_i - e_j| is within that radius, or less
+            Y = np.linalg.inv(old.P_e)
+            widths = np.diag(Y)[:, None] + np.diag(Y)[None, :] - 2 * Y
+            below = np.minimum(size, float(new.lure.radius) / math.sqrt(float(np.max(widths))))
         times = times + _time(size, below, float(old.lure.rate))
         size = below * math.sqrt(float(np.max(np.linalg.eigvals(np.linalg.solve(old.P_e, new.P_e)).real)))
     top = size * chain[-1].height
     return times + _time(top, np.minimum(top, tolerance), float(chain[-1].lure.rate))
-
-
-def _reach(old: _Quadratic, new: _Quadratic) -> float:
-    """The size of ``old`` below which every |e_i - e_j| is within the radius of ``new``, or somewhat less."""
-    if new.lure.radius is None:
-        return math.inf
-    Y = np.linalg.inv(old.P_e)
-    widths = np.diag(Y)[:, None] + np.diag(Y)[None, :] - 2 * Y
-    return float(new.lure.radius) / math.sqrt(float(np.max(widths)))
 
 
 def _time(high: Array | float, low: Array | float, rate: Array | float) -> Array:

@@ -182,6 +182,10 @@ class Goal:
             factor = propose.relative_bound(new.P_e, old.P_e)
         elif isinstance(old, Separable) and isinstance(new, Lure):  # D for the box {N <= 1}, row by row of e
             diagonal = propose.matching_diagonal(new.P_e, tuple(x for x in old.v for _ in range(problem.m)))
+        observer, next_, stretch = decide.observer_matrix(old), decide.observer_matrix(new), ONE
+        if observer is not None and next_ is not None and observer != next_:  # P <= stretch^2 (the old P)
+            pair = (SparseSymmetric.from_dense(next_), SparseSymmetric.from_dense(observer))
+            stretch = _root_above(propose.relative_bound(*pair))
         draft = Stage(
             certificate=new,
             start=before.start,
@@ -189,7 +193,7 @@ class Goal:
             height=height,
             diagonal=diagonal,
             factor=factor,
-            stretch=_stretch(before, new),
+            stretch=stretch,
         )
         limits = [r / sqrt(Interval.point(a)).hi for a, r in decide.guard_limits(problem, before, draft) if a]
         draft = replace(draft, start=_when(before, min(limits, default=before.level)))
@@ -200,13 +204,8 @@ class Goal:
     def proved(self, stages: Sequence[Stage]) -> Staging | None:
         """The chain with its settling time, if ``verify_staging`` proves it."""
         radius, disturbance, tolerance = self.asked.radius, self.asked.disturbance, self.asked.tolerance
-        staging = Staging(
-            stages=tuple(stages),
-            radius=radius,
-            disturbance=disturbance,
-            tolerance=tolerance,
-            time=_when(stages[-1], tolerance / stages[-1].height),
-        )
+        time = _when(stages[-1], tolerance / stages[-1].height)
+        staging = Staging(stages=tuple(stages), radius=radius, disturbance=disturbance, tolerance=tolerance, time=time)
         return staging if decide.verify_staging(self.problem, self.W, staging).verdict is Verdict.PROVED else None
 
 
@@ -266,14 +265,6 @@ def _when(stage: Stage, size: Fraction) -> Fraction:
     return Fraction(math.ceil((stage.start + wait) * TIMES) + 1, TIMES)  # one more, for wider enclosures of log
 
 
-def _stretch(before: Stage, certificate: Separable | Lure) -> Fraction:
-    """A number l with P <= l^2 (the old P)."""
-    old, new = decide.observer_matrix(before.certificate), decide.observer_matrix(certificate)
-    if old is None or new is None or old == new:
-        return ONE
-    return _root_above(propose.relative_bound(SparseSymmetric.from_dense(new), SparseSymmetric.from_dense(old)))
-
-
 def _root_above(value: Fraction) -> Fraction:
     return _up(sqrt(Interval.point(value)).hi)
 
@@ -300,8 +291,7 @@ def settling_stage(
 
     ``tolerance`` in the unit of x, None for a hundredth of the radius; ``domain``: that of Lemma 1.
     """
-    reason = obstacle(problem, W)
-    if reason is not None:
+    if (reason := obstacle(problem, W)) is not None:
         return undecided_check("settling", domain, reason)
     rows = problem.n * problem.m
     if rows > MOST_ROWS:

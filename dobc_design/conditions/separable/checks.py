@@ -1,7 +1,6 @@
-"""Checks of a region, from a claim that is decided here to what a certificate holds, and back.
+"""The checks max-separable, delay and sampling, from a claim that is decided to what a certificate holds, and back.
 
-Theory, section 5: the max-separable certificate, and what it says about delays and sampling.  The form is fixed by
-docs/certificate-format.md, "Regions".  A proved check is proved for the very numbers that it shows.
+docs/certificate-format.md, "Regions", fixes the form.  A check is proved for the very numbers that it shows.
 """
 
 from __future__ import annotations
@@ -52,8 +51,7 @@ def max_separable_check(
     is added to the reason.
     Returns: a Check, PROVED or UNDECIDED; that one claim fails says nothing against the others.
     """
-    reason = obstacle(problem, W)
-    if reason is not None:
+    if (reason := obstacle(problem, W)) is not None:
         return undecided_check("max-separable", domain, reason, applies=False)
     answer = verify_composite(problem, W, claim)
     if answer.verdict is not Verdict.PROVED:
@@ -85,10 +83,8 @@ def stuck_check(problem: Problem, W: Matrix | None, *, domain: str) -> Check | N
     if obstacle(problem, W) is not None or ordering.exists:
         return None
     labels = tuple(problem.network.labels[agent] for agent in ordering.stuck)
-    reason = (
-        f"no v does: each of {name_agents(labels)} has a mode in which it is not pinned and hears nobody outside this"
-        " group."
-    )
+    reason = f"no v does: each of {name_agents(labels)} has a mode in which it is not pinned and hears nobody outside"
+    reason += " this group."
     if len(problem.network.modes) > 1 and len(labels) <= _SHOWN:
         told = ", ".join(f"{label} in {mode}" for label, mode in zip(labels, ordering.blocking, strict=True))
         reason = f"no common v does, as these are not pinned and hear nobody but each other: {told}."
@@ -102,16 +98,11 @@ def delay_check(problem: Problem, claim: Separable, bound: DelayBound, beside: C
     rate = decimal_below(bound.rate)
     if answer.verdict is not Verdict.PROVED or not rate:
         return undecided_check("delay", domain, answer.reason)
-    return Check(
-        id="delay",
-        verdict=Verdict.PROVED,
-        domain=beside.domain,
-        rate=rate,
-        claim=bound,
-        reason=f"agents may hear each other late by up to {float(bound.delay):.4g} s, in any varying way: the error"
-        f" still decays at every rate below {shorten(rate, digits=4):.4g} 1/s. Longer delays make it slower; none"
-        " stops it.",
+    reason = (
+        f"agents may hear each other late by up to {float(bound.delay):.4g} s, in any varying way: the error still"
+        f" decays at every rate below {shorten(rate, digits=4):.4g} 1/s. Longer delays make it slower; none stops it."
     )
+    return Check(id="delay", verdict=Verdict.PROVED, domain=beside.domain, rate=rate, claim=bound, reason=reason)
 
 
 def sampling_check(
@@ -140,14 +131,9 @@ def sampling_check(
     fall = shorten(100 * (1 - sampled_factor(claim, bound)), digits=2)
     estimate = " (dhat is subtracted all the time)" if problem.groups else ""  # held, it leaves an error for ever
     what = "V still falls" if own is None else "a V of its own, with weights that differ less, falls"
-    return Check(
-        id="sampling",
-        verdict=Verdict.PROVED,
-        domain=beside.domain,
-        claim=bound,
-        reason=f"couplings and pinning may be held for {float(period):.4g} s from one sample to the next{estimate}:"
-        f" {what}, by at least {fall:.2g} % a sample.",
-    )
+    reason = f"couplings and pinning may be held for {float(period):.4g} s from one sample to the next{estimate}:"
+    reason += f" {what}, by at least {fall:.2g} % a sample."
+    return Check(id="sampling", verdict=Verdict.PROVED, domain=beside.domain, claim=bound, reason=reason)
 
 
 def confirm(check: Check, problem: Problem, W: Matrix | None, *, domain: str, proof: Check | None) -> str | None:
@@ -156,18 +142,26 @@ def confirm(check: Check, problem: Problem, W: Matrix | None, *, domain: str, pr
     ``W`` (q, m): the gain of the loop; ``domain``: that of Lemma 1; ``proof``: the max-separable check of the same
     certificate.  Rows, observer and box are decided again from the problem.  Raises what a malformed claim raises.
     """
-    reason = obstacle(problem, W)
-    if reason is not None:
+    if (reason := obstacle(problem, W)) is not None:
         return reason
     if check.id != "max-separable":
         return _confirm_timing(check, problem, W, domain=domain, proof=proof)
-    if check.verdict is Verdict.REFUTED:
-        return _not_stuck(check, problem)
+    witness = check.witness
+    if check.verdict is Verdict.REFUTED:  # some agents that no common v can hold
+        if check.rate is not None or check.exact is not None:
+            return "a refuted check must claim no rate and no exact values"
+        if witness is None or witness.kind != "agents" or witness.values is not None or not witness.labels:
+            return "it needs agents as its witness"
+        places = problem.network.index
+        agents = [places[label] for label in witness.labels if label in places]
+        if len(agents) != len(witness.labels) or len(set(agents)) != len(agents):
+            return "the witness must name different agents of the problem"
+        stuck = claims.is_stuck(problem, agents)
+        return None if stuck else "one of the agents is pinned or hears another agent in every mode"
     claim = claims.separable_from_json(check.exact, problem)
-    if check.witness is not None:
+    if witness is not None:
         return "a proof has no witness"
-    wrong = _not_proved(claim, check, problem, W, domain)
-    if wrong is not None:
+    if (wrong := _not_proved(claim, check, problem, W, domain)) is not None:
         return wrong
     return None if follows(check.rate, composite_rate(claim)) else f"the rate {check.rate} does not follow"
 
@@ -183,22 +177,6 @@ def _not_proved(claim: Separable, check: Check, problem: Problem, W: Matrix | No
             return "the box is not inside the invariant set"
     answer = verify_composite(problem, W, claim)
     return None if answer.verdict is Verdict.PROVED else answer.reason
-
-
-def _not_stuck(check: Check, problem: Problem) -> str | None:
-    """None if the witness names agents that no common v can hold, else what is wrong."""
-    witness = check.witness
-    if check.rate is not None or check.exact is not None:
-        return "a refuted check must claim no rate and no exact values"
-    if witness is None or witness.kind != "agents" or witness.values is not None or not witness.labels:
-        return "it needs agents as its witness"
-    places = problem.network.index
-    agents = [places[label] for label in witness.labels if label in places]
-    if len(agents) != len(witness.labels) or len(set(agents)) != len(agents):
-        return "the witness must name different agents of the problem"
-    if not claims.is_stuck(problem, agents):
-        return "one of the agents is pinned or hears another agent in every mode"
-    return None
 
 
 def _confirm_timing(

@@ -283,20 +283,24 @@ def find_ordering(problem: Problem) -> Ordering:
     "Pinned" means that the pin holds the agent in a row: k_cc - sum_{d != c} |k_cd| > 0 for every component c.
     """
     names = list(problem.network.modes)
-    listeners = [_listeners(problem, name) for name in names]
+    # Who listens to each agent: agent j is heard by listener[start[j]:start[j + 1]].
+    listeners = []
+    for arcs in problem.network.modes.values():
+        order = np.argsort(arcs.speakers, kind="stable")
+        start = np.searchsorted(arcs.speakers[order], np.arange(problem.n + 1))
+        listeners.append((start.tolist(), arcs.listeners[order].tolist()))
     # Modes in which nobody earlier is heard yet.
     waiting = [0 if gain > 0 else len(names) for gain in holding_gains(problem)]
     heard: list[set[int]] = [set() for _ in names]
     ranks = [-1] * problem.n
-    front = [agent for agent, count in enumerate(waiting) if not count]
-    rank = 0
+    front, rank = [agent for agent, count in enumerate(waiting) if not count], 0
     while front:
         for agent in front:
             ranks[agent] = rank
         following: list[int] = []
-        for number, (start, listener) in enumerate(listeners):
+        for number, (first, listener) in enumerate(listeners):
             for agent in front:
-                for other in listener[start[agent] : start[agent + 1]]:
+                for other in listener[first[agent] : first[agent + 1]]:
                     if ranks[other] < 0 and other not in heard[number]:
                         heard[number].add(other)
                         waiting[other] -= 1
@@ -314,11 +318,3 @@ def is_stuck(problem: Problem, agents: Sequence[int]) -> bool:
     for arcs in problem.network.modes.values():
         free |= {agent for agent in group if gains[agent] <= 0} - {i for i, j, _ in arcs if j not in group}
     return bool(group) and free == group
-
-
-def _listeners(problem: Problem, mode: str) -> tuple[list[int], list[int]]:
-    """Who listens to each agent: agent j is heard by listener[start[j]:start[j + 1]]."""
-    arcs = problem.network.modes[mode]
-    order = np.argsort(arcs.speakers, kind="stable")
-    start = np.searchsorted(arcs.speakers[order], np.arange(problem.n + 1))
-    return start.tolist(), arcs.listeners[order].tolist()

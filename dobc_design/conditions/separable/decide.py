@@ -77,8 +77,7 @@ def verify_separable(problem: Problem, claim: Separable, *, stretch: Fraction | 
     """Decide the rows of ``claim`` in every mode.
 
     REFUTED says that these numbers fail at the place shown, not that consensus fails.  ``stretch`` >= 1: the
-    v_j of those who are listened to are multiplied by it (``timing``).
-    Raises: ShapeError unless v has one entry per agent.
+    v_j of those who are listened to are multiplied by it (``timing``).  Raises: ShapeError, as ``rows``.
     """
     question = _ask(problem, claim.v, claim.rho, stretch)
     if isinstance(question, str):
@@ -101,14 +100,27 @@ def largest_rate(problem: Problem, v: Vector | Doubles, *, rho: Fraction | None)
     """The largest alpha (1/s, nine digits), about, that v is proved to have for all s in (0, rho]; None if none > 0.
 
     The certificate (v, alpha, rho) is then PROVED by ``verify_separable``.
-    Raises: ShapeError unless v has one entry per agent.
     """
     question = _ask(problem, v, rho, 1)
     if isinstance(question, str):
         return None
     large = _large(question)
     if large is not None:
-        return _large_rate(question, large)
+        radius = rho or _ONE
+        estimate = min(estimated_rate(*each, rho=radius) for each in large.values())
+
+        def holds(alpha: Fraction) -> bool:
+            claim = Separable(v=v, alpha=alpha, rho=rho)
+            for mode, each in large.items():
+                left = open_rows(*each, alpha=alpha, rho=radius)
+                if len(left) > MOST_LEFT or _first_failure(question, claim, mode, left) is not None:
+                    return False
+            return True
+
+        if not (estimate > 0 and math.isfinite(estimate)):
+            return None
+        candidates = (rounded_down(Fraction(estimate * (1 - part))) for part in _PARTS)
+        return next((alpha for alpha in candidates if holds(alpha)), None)
     rate = max(claims.holding_gains(problem))  # the agent with the least v has no more than its gain
     for mode in problem.network.modes:
         for row, _ in claims.rows(problem, v, modes=[mode]):
@@ -164,24 +176,6 @@ def _large(question: _Question) -> dict[str, tuple[ArcRows, Kinds]] | None:
     return None if kinds is None else {mode: (each, kinds) for mode, each in arrays.items()}
 
 
-def _large_rate(question: _Question, large: dict[str, tuple[ArcRows, Kinds]]) -> Fraction | None:
-    rho = question.rho or _ONE
-    estimate = min(estimated_rate(*each, rho=rho) for each in large.values())
-
-    def holds(alpha: Fraction) -> bool:
-        claim = Separable(v=question.v, alpha=alpha, rho=question.rho)
-        for mode, each in large.items():
-            left = open_rows(*each, alpha=alpha, rho=rho)
-            if len(left) > MOST_LEFT or _first_failure(question, claim, mode, left) is not None:
-                return False
-        return True
-
-    if not (estimate > 0 and math.isfinite(estimate)):
-        return None
-    candidates = (rounded_down(Fraction(estimate * (1 - part))) for part in _PARTS)
-    return next((alpha for alpha in candidates if holds(alpha)), None)
-
-
 def _first_failure(
     question: _Question, claim: Separable, mode: str, left: list[tuple[int, int]] | None
 ) -> SeparableAnswer | None:
@@ -193,52 +187,37 @@ def _first_failure(
         batches = [((face,), agents[face][k : k + MOST_LEFT]) for face, k in starts]
     for faces, chosen in batches:
         found = claims.rows(question.problem, question.v, modes=[mode], stretch=question.stretch, agents=chosen)
-        for row, place in found:
-            for face in faces:
-                answer = _decide(question, claim, row, place, face)
-                if answer is not None:
-                    return answer
+        answers = (_decide(question, claim, row, place, face) for row, place in found for face in faces)
+        if (first := next((answer for answer in answers if answer is not None), None)) is not None:
+            return first
     return None
 
 
 def _decide(question: _Question, claim: Separable, row: Row, place: Place, face: int) -> SeparableAnswer | None:
     """None if the row is proved."""
     if claim.rho is None:
-        bound = linear_bound(row, face, question.profiles)
-        if bound <= (row.gain - claim.alpha) * row.own:
+        if linear_bound(row, face, question.profiles) <= (row.gain - claim.alpha) * row.own:
             return None
-        slopes = (entry for c in question.problem.couplings for row in c.jacobian_at_zero() for entry in row)
+        slopes = (slope for c in question.problem.couplings for each in c.jacobian_at_zero() for slope in each)
         verdict, s = Verdict.REFUTED if all(slope.is_point for slope in slopes) else Verdict.UNDECIDED, None
     else:
-        answer = decide_row(row, face, question.profiles, alpha=claim.alpha, rho=claim.rho)
-        if answer.verdict is Verdict.PROVED:
+        verdict, s = decide_row(row, face, question.profiles, alpha=claim.alpha, rho=claim.rho)
+        if verdict is Verdict.PROVED:
             return None
-        verdict, s = answer.verdict, answer.s
-    label = question.problem.network.labels[place.agent]
     what = "fails" if verdict is Verdict.REFUTED else "is closer to failing than the enclosures can tell"
     at = "" if s is None else f" at s = {float(s):.6g}"
-    more = f" (and {place.count - 1} more alike)" if place.count > 1 else ""
-    return SeparableAnswer(
-        verdict=verdict,
-        reason=f"the {FACES[face]} row of agent {label}{more} in mode {place.mode} {what}{at}:"
-        " try a smaller alpha or rho, or another v.",
-        agent=place.agent,
-        mode=place.mode,
-        face=FACES[face],
-        s=s,
-    )
+    who = question.problem.network.labels[place.agent]
+    who += f" (and {place.count - 1} more alike)" if place.count > 1 else ""
+    reason = f"the {FACES[face]} row of agent {who} in mode {place.mode} {what}{at}: try a smaller alpha or rho, or"
+    reason += " another v."
+    agent, mode = place.agent, place.mode
+    return SeparableAnswer(verdict=verdict, reason=reason, agent=agent, mode=mode, face=FACES[face], s=s)
 
 
-@dataclass(frozen=True, slots=True)
-class RowAnswer:
-    """Whether a row holds; ``s`` is where it fails (refuted) or could not be decided."""
-
-    verdict: Verdict
-    s: Fraction | None = None
-
-
-def decide_row(row: Row, face: int, profiles: Sequence[Profile], *, alpha: Fraction, rho: Fraction) -> RowAnswer:
-    """Decide the row for all s in (0, rho]: proved, refuted at one s, or undecided."""
+def decide_row(
+    row: Row, face: int, profiles: Sequence[Profile], *, alpha: Fraction, rho: Fraction
+) -> tuple[Verdict, Fraction | None]:
+    """Decide the row for all s in (0, rho]: proved, refuted or undecided at one s."""
     limit = (row.gain - alpha) * row.own
     waiting, count = [Interval(_ZERO, rho)], 0
     while waiting:
@@ -248,11 +227,11 @@ def decide_row(row: Row, face: int, profiles: Sequence[Profile], *, alpha: Fract
             continue
         for s in (S.hi, S.midpoint):
             if lower_bound(row, face, profiles, s) > limit:
-                return RowAnswer(Verdict.REFUTED, s)
+                return Verdict.REFUTED, s
         if count >= MOST_PIECES:
-            return RowAnswer(Verdict.UNDECIDED, S.midpoint)
+            return Verdict.UNDECIDED, S.midpoint
         waiting += S.halves()
-    return RowAnswer(Verdict.PROVED)
+    return Verdict.PROVED, None
 
 
 def _row_rate(row: Row, face: int, profiles: Sequence[Profile], *, rho: Fraction, enough: Fraction) -> Fraction:
@@ -398,10 +377,8 @@ def verify_composite(problem: Problem, W: Matrix | None, claim: Separable) -> Se
     exosystem = problem.joint_exosystem
     if exosystem is not None:
         if W is None or claim.error is None:
-            return SeparableAnswer(
-                verdict=Verdict.UNDECIDED,
-                reason="with an [exosystem] the certificate needs an observer gain W and P, beta and kappa.",
-            )
+            reason = "with an [exosystem] the certificate needs an observer gain W and P, beta and kappa."
+            return SeparableAnswer(verdict=Verdict.UNDECIDED, reason=reason)
         obstacle = error_bound_obstacle(exosystem, W, claim.error)
         if obstacle is None and not (claim.error.beta > 0 and claim.error.kappa * claim.error.beta * claim.least > 1):
             obstacle = "kappa must exceed 1/(beta min v), or the observer error can raise V."

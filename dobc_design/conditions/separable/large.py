@@ -105,13 +105,20 @@ def gain_table(expression: Expression, radius: Fraction, *, cells: int = CELLS) 
     width = 2 * reach / cells
     cell = [_cell(curve, -reach + k * width, width, limit=radius) for k in range(cells)]
     low, high, *bounds = (np.array(column) for column in zip(*cell, strict=True))
-    ranges = tuple(_running(each, (np.minimum, np.maximum)[k % 2]) for k, each in enumerate(bounds))
+    ranges = [[each] for each in bounds]
+    span = 1
+    while 2 * span <= cells:  # near the right end over those that are left
+        for levels, choose in zip(ranges, 2 * (np.minimum, np.maximum), strict=True):
+            shifted = np.concatenate([levels[-1][span:], np.repeat(levels[-1][-1:], span)])
+            levels.append(choose(levels[-1], shifted))
+        span *= 2
+    stacks = tuple(np.stack(levels) for levels in ranges)
     bounded = np.isfinite(bounds[2]) & np.isfinite(bounds[3])
     falls, rises = (np.where(bounded, each, 0.0) for each in bounds[2:])
-    for array in (low, high, falls, rises, *ranges):
+    for array in (low, high, falls, rises, *stacks):
         array.setflags(write=False)
     return GainTable(
-        radius=float(reach), width=float(width), low=low, high=high, falls=falls, rises=rises, ranges=ranges
+        radius=float(reach), width=float(width), low=low, high=high, falls=falls, rises=rises, ranges=stacks
     )
 
 
@@ -129,16 +136,6 @@ def _cell(curve: Curve, start: Fraction, width: Fraction, *, limit: Fraction) ->
     node = secant(curve, Interval.point(start + width / 2)).value
     slack = 4 * overlap * around.slope.magnitude
     return float_below(node.lo - slack), float_above(node.hi + slack), *values, *around.slope.floats()
-
-
-def _running(values: Array, choose: Any) -> Array:
-    """Minima or maxima over 2^k cells from each place on; near the right end over those that are left."""
-    levels, span = [values], 1
-    while 2 * span <= len(values):
-        shifted = np.concatenate([levels[-1][span:], np.repeat(levels[-1][-1:], span)])
-        levels.append(choose(levels[-1], shifted))
-        span *= 2
-    return np.stack(levels)
 
 
 #: A coupling that turns more often is left to the exact rows.

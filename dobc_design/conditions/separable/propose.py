@@ -262,29 +262,22 @@ def _solve(jacobian: Any, residual: Array, active: Any, *, accuracy: float = ACC
     places = np.flatnonzero(active)
     block = sparse.csr_array(jacobian[places][:, places])
     right = -residual[places]
+    step = np.zeros(len(residual))
     with np.errstate(all="ignore"):
-        if len(places) > FACTORED_AGENTS and block.nnz > FEW_ENTRIES * len(places):
-            solution = _iterated(block, right, accuracy)
-        else:
+        if len(places) <= FACTORED_AGENTS or block.nnz <= FEW_ENTRIES * len(places):
             try:
-                solution = np.asarray(sparse.linalg.splu(sparse.csc_array(block)).solve(right))
+                step[places] = sparse.linalg.splu(sparse.csc_array(block)).solve(right)
             except RuntimeError:  # exactly singular
                 return None
-    if solution is None:
-        return None
-    step = np.zeros(len(residual))
+            return step
+        # BiCGSTAB with Jacobi scaling: factors of scale-free networks would fill in.
+        diagonal = block.diagonal()
+        if np.any(diagonal >= 0):
+            return None
+        scaled = sparse.csr_array(sparse.diags_array(1 / diagonal) @ block)
+        solution, status = sparse.linalg.bicgstab(scaled, right / diagonal, rtol=accuracy, maxiter=MOST_ITERATIONS)
     step[places] = solution
-    return step
-
-
-def _iterated(block: Any, right: Array, accuracy: float) -> Array | None:
-    """Solve by BiCGSTAB with Jacobi scaling: factors of scale-free networks would fill in."""
-    diagonal = block.diagonal()
-    if np.any(diagonal >= 0):
-        return None
-    scaled = sparse.csr_array(sparse.diags_array(1 / diagonal) @ block)
-    solution, status = sparse.linalg.bicgstab(scaled, right / diagonal, rtol=accuracy, maxiter=MOST_ITERATIONS)
-    return np.asarray(solution) if status == 0 and np.all(np.isfinite(solution)) else None
+    return step if status == 0 and np.all(np.isfinite(solution)) else None
 
 
 NEARLY = 0.997  # of a planned rate, which is enough

@@ -1,8 +1,7 @@
-"""Proposals for the observer's part of the max-separable certificate: P, beta and kappa (theory, section 5).
+"""Proposals for the observer's part of the max-separable certificate: P, beta and kappa (theory, section 5); no proofs.
 
 A box R with |eps_i| <= s needs rho = R/min v + kappa s sqrt(lambda_max(P)).  For each beta a small semidefinite program
-gives the P with the least lambda_max; beta is then searched for the least kappa sqrt(lambda_max).  Nothing here is a
-proof.
+gives the P with the least lambda_max; beta is then searched for the least kappa sqrt(lambda_max).
 """
 
 from __future__ import annotations

@@ -1,7 +1,4 @@
-"""The max-separable certificate of the region asked for, with what it says about delays and sampling.
-
-Theory, section 5.  ``propose`` proposes in floating point, ``verify`` decides exactly.
-"""
+"""The max-separable certificate of the region asked for, with what it says about delays and sampling (section 5)."""
 
 from __future__ import annotations
 
@@ -44,15 +41,18 @@ def separable_stage(asked: Asked, report: Progress) -> list[Check]:
     """The max-separable certificate, and what it says about delays and sampling."""
     problem, W, domain = asked.problem, asked.W, asked.domain
     report("deciding the region (max-separable)")
-    reason = checks.obstacle(problem, W)
-    if reason is not None:
+    if (reason := checks.obstacle(problem, W)) is not None:
         return [undecided_check("max-separable", domain, reason, applies=False)]
-    stuck = checks.stuck_check(problem, W, domain=domain)
-    if stuck is not None:
+    if (stuck := checks.stuck_check(problem, W, domain=domain)) is not None:
         return [stuck]
     claim, radius = _largest_claim(asked)
     if claim is None:
-        return [undecided_check("max-separable", domain, _nothing_found(asked))]
+        reason = "no v is found"
+        if domain != "global":
+            reason += f", not even for |e_i| <= {asked.radius / 2**HALVINGS:.2g}"
+        if domain != "global" and asked.disturbance:
+            reason += f" together with |eps_i| <= {asked.disturbance:.6g}: a smaller initial disturbance may help"
+        return [undecided_check("max-separable", domain, f"{reason}.")]
     told = _remark(asked, claim, radius)
     check = checks.max_separable_check(
         problem, W, claim, radius=radius, disturbance=asked.disturbance, domain=domain, remark=told
@@ -76,28 +76,20 @@ def _largest_claim(asked: Asked) -> tuple[Separable | None, float]:
             claim, low = found, radius
             break
         high = radius
-    for radius, plan in reversed(_plans(asked, low, high)):
-        found = _claim(asked, radius, plan)
-        if found is not None:
-            return found, radius
-    return claim, low
-
-
-def _plans(asked: Asked, low: float, high: float) -> list[tuple[float, SeparablePlan]]:
-    """Boxes between the two that floating point covers, up to about the largest; increasing."""
-    found: list[tuple[float, SeparablePlan]] = []
+    proved, plans = low, list[tuple[float, SeparablePlan]]()  # of boxes that floating point covers, increasing
     close = next(part for size, part in CLOSE if asked.problem.n <= size)
-    while high - low > close * high:
-        radius = _short((low + high) / 2)
-        if not low < radius < high:
-            break
+    while high - low > close * high and low < (radius := _short((low + high) / 2)) < high:
         plan = _plan(asked, radius)
         if plan is None:
             high = radius
         else:
-            found.append((radius, plan))
+            plans.append((radius, plan))
             low = radius
-    return found
+    for radius, plan in reversed(plans):
+        found = _claim(asked, radius, plan)
+        if found is not None:
+            return found, radius
+    return claim, proved
 
 
 def _plan(asked: Asked, radius: float) -> SeparablePlan | None:
@@ -201,15 +193,6 @@ def _remark(asked: Asked, claim: Separable, radius: float) -> str:
         where = f" in mode {answer.mode}" if len(asked.problem.network.modes) > 1 else ""
         who = f", and with this one agent {label} is no longer held{where}"
     return f" The box reaches |e_i| <= {radius:.6g}, {wish}: beyond, no v is found{who}."
-
-
-def _nothing_found(asked: Asked) -> str:
-    if asked.domain == "global":
-        return "no v is found."
-    least = f"no v is found, not even for |e_i| <= {asked.radius / 2**HALVINGS:.2g}"
-    if not asked.disturbance:
-        return f"{least}."
-    return f"{least} together with |eps_i| <= {asked.disturbance:.6g}: a smaller initial disturbance may help."
 
 
 def _short(radius: float) -> float:

@@ -40,14 +40,12 @@ def verify_delay(problem: Problem, claim: Separable, bound: DelayBound) -> Separ
     """Decide whether the rows of ``claim`` give ``bound.rate`` for every delay up to ``bound.delay``.
 
     With an observer every smaller rate holds, from the time on at which its error has become small, up to beta.
-    Raises: SpecError for a negative delay or a rate <= 0.
     """
     if bound.delay < 0 or bound.rate <= 0:
         raise SpecError("a delay must be >= 0 and its rate > 0.", key="delay" if bound.delay < 0 else "rate")
     if claim.error is not None and bound.rate > claim.error.beta:
-        return SeparableAnswer(
-            verdict=Verdict.REFUTED, reason="the rate exceeds beta, at which the observer error decays."
-        )
+        reason = "the rate exceeds beta, at which the observer error decays."
+        return SeparableAnswer(verdict=Verdict.REFUTED, reason=reason)
     slower = Separable(v=claim.v, alpha=bound.rate, rho=claim.rho, error=claim.error)
     return verify_separable(problem, slower, stretch=exp(Interval.point(bound.rate * bound.delay)).hi)
 
@@ -71,7 +69,6 @@ def largest_period(problem: Problem, claim: Separable) -> SamplingBound | None:
 
     The period is at most 1/(sum_j w L_ij + k_cc) of every agent, so that sampling cannot overshoot a face.
     None where the certificate does not apply, or the slopes are not bounded.
-    Raises: ShapeError unless v has one entry per agent.
     """
     stiffest = _stiffest(problem, claim)
     period = _ZERO if isinstance(stiffest, str) or stiffest <= 0 else rounded_down(1 / stiffest)
@@ -79,10 +76,7 @@ def largest_period(problem: Problem, claim: Separable) -> SamplingBound | None:
 
 
 def verify_sampling(problem: Problem, claim: Separable, bound: SamplingBound) -> SeparableAnswer:
-    """Decide whether ``claim`` (proved before) gives ``bound``: no face overshot, and 1 - T alpha <= factor < 1.
-
-    Raises: SpecError for a period <= 0; ShapeError unless v has one entry per agent.
-    """
+    """Decide whether ``claim`` (proved before) gives ``bound``: no face overshot, and 1 - T alpha <= factor < 1."""
     if bound.period <= 0:
         raise SpecError("a sampling period must be > 0.", key="period")
     if bound.factor >= 1 or bound.factor < 1 - bound.period * claim.alpha:

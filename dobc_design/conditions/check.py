@@ -171,10 +171,8 @@ def starts_in(kind: str, radius: float, disturbance: float) -> Domain:
 
 
 def read_domain(domain: object, problem: Problem, *, kind: str) -> tuple[Fraction, Fraction]:
-    """Radius > 0 and disturbance >= 0 of a domain, ``kind`` "box" or "ball".
-
-    Raises: ValueError or TypeError for another one, and for a disturbance without an exosystem.
-    """
+    """Radius > 0 and disturbance >= 0 of a domain, ``kind`` "box" or "ball".  Raises: ValueError or TypeError for
+    another one, and for a disturbance without an exosystem."""
     if not isinstance(domain, Mapping) or set(domain) != {"kind", "radius", "disturbance"} or domain["kind"] != kind:
         raise ValueError(f"the domain must be a {kind} with radius and disturbance")
     radius, disturbance = number_or_none(domain["radius"]), number_or_none(domain["disturbance"])
@@ -211,11 +209,8 @@ def other_cures(checks: Sequence[Check]) -> list[Check]:
 
 
 def check_from_json(data: Any) -> Check:
-    """Read a check back.
-
-    Raises: KeyError, TypeError or ValueError on anything else; a field that is not known here is refused,
-    because nobody would have checked it.
-    """
+    """Read a check back.  Raises: KeyError, TypeError or ValueError on anything else; a field that is not known here is
+    refused, because nobody would have checked it."""
     require_keys(data, "a check", needed=NEEDED, allowed=OPTIONAL)
     domain, witness, fix = data["domain"], data.get("witness"), data.get("fix")
     if "witness" in data:
@@ -288,9 +283,7 @@ def read_object(data: object, names: Collection[str]) -> Mapping[str, Any]:
 
 def number_or_none(value: Any) -> float | None:
     """Read a finite number or null; of an integer that is no float the next one further from 0, which claims more.
-
-    Raises: TypeError, ValueError or OverflowError.
-    """
+    Raises: TypeError, ValueError or OverflowError."""
     if value is None:
         return None
     if isinstance(value, bool) or not isinstance(value, (int, float)):

@@ -71,10 +71,8 @@ class Shell:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Form:
-    """Phi of one mode in floats, nearest to the exact numbers: M (N, N), P_e (N, N), and the channels.
-
-    A channel weight h(e[plus] - e[target]) acts on row ``target``.
-    """
+    """Phi of one mode in floats, nearest to the exact numbers: M (N, N), P_e (N, N), and the channels.  A channel
+    weight h(e[plus] - e[target]) acts on row ``target``."""
 
     M: Array
     P_e: Array
@@ -137,10 +135,7 @@ class Boxes:
 
 
 def build_forms(problem: Problem, lure: Lure, *, S: Matrix | None, rate: Fraction) -> Mapping[str, Form]:
-    """Phi of every mode.
-
-    Raises: SpecError for more than LARGEST rows, or couplings that do not act by component.
-    """
+    """Phi of every mode.  Raises: SpecError for more than LARGEST rows, or couplings that do not act by component."""
     size, m = problem.n * problem.m, problem.m
     if size > LARGEST:
         raise SpecError(f"boxes are counted out for at most {LARGEST} rows n m; got {size}.", key="network.agents")
@@ -163,9 +158,7 @@ def build_forms(problem: Problem, lure: Lure, *, S: Matrix | None, rate: Fractio
 
 def upper_bounds(form: Form, boxes: Boxes) -> tuple[Array, Array, Array]:
     """A number that is at least phi on each box (boxes,), the size of its terms, and the width that each side adds.
-
-    Infinite where a coupling is not defined on the whole of its interval.
-    """
+    Infinite where a coupling is not defined on the whole of its interval."""
     c, w = boxes.centres, boxes.halves
     M, P = form.M, form.P_e
     y = c[:, form.plus] - c[:, form.target]

@@ -123,10 +123,8 @@ def exhaustive_check(
 
 
 def confirm(check: Check, problem: Problem, W: Matrix | None, *, domain: str) -> str | None:
-    """None if everything a proved ``exhaustive`` claims is confirmed, else what is not.
-
-    ``domain`` is not needed: boxes are always about a ball.  Raises what a malformed claim raises.
-    """
+    """None if everything a proved ``exhaustive`` claims is confirmed, else what is not.  ``domain`` is not needed:
+    boxes are always about a ball.  Raises what a malformed claim raises."""
     del domain
     reason = quadratic.wrong_outside(check, problem, W)
     if reason is not None:

@@ -121,11 +121,8 @@ def _rises(forms: list[Form], e: Array) -> Array:
 def _cut(
     forms: list[Form], P_e: Array, boxes: Boxes, level: float, outer: float, *, most: int, last: bool
 ) -> tuple[str, float] | None:
-    """Halve boxes until V' < 0 is shown in all of the shell; (tree, outer).
-
-    None if that takes more than ``most`` boxes.  In the last try ``outer`` is lowered to what is shown with the open
-    ones.
-    """
+    """Halve boxes until V' < 0 is shown in all of the shell; (tree, outer).  None if that takes more than ``most``
+    boxes.  In the last try ``outer`` is lowered to what is shown with the open ones."""
     tree: list[str] = []
     left = 0
     for depth in range(MOST_DEPTH):

@@ -37,10 +37,8 @@ RATES: Final = (Fraction(1, 2), Fraction(1, 10))
 
 
 def exhaustive_stage(asked: Asked, report: Progress) -> list[Check]:
-    """Boxes around the quadratic certificates, for small networks.
-
-    Unless everything is wanted, only where they may cover the region asked for, and for n m <= 4.
-    """
+    """Boxes around the quadratic certificates, for small networks.  Unless everything is wanted, only where they may
+    cover the region asked for, and for n m <= 4."""
     problem = asked.problem
     largest = LARGEST if asked.everything else SMALL
     if not (asked.everything or asked.wanted) or problem.n * problem.m > largest or asked.domain == "global":
@@ -72,10 +70,8 @@ def exhaustive_stage(asked: Asked, report: Progress) -> list[Check]:
 
 
 def _shell(asked: Asked, shape: Shape, *, beyond: float) -> Shell | None:
-    """Boxes around the largest ball of a shape, at a rate > 0 where the region is covered even so.
-
-    None if they prove no larger ball than ``beyond``.
-    """
+    """Boxes around the largest ball of a shape, at a rate > 0 where the region is covered even so.  None if they prove
+    no larger ball than ``beyond``."""
     slow = _grown(asked, shape, Fraction(0), beyond=beyond)
     if slow is None or not asked.wanted or _ball(asked, slow) < asked.ball:
         return slow

@@ -30,10 +30,8 @@ KEPT: Final = Fraction(1, 2)
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class StageTiming:
-    """What a stage allows once it has begun: how long values may be held, and how late messages may be.
-
-    ``delay`` leaves half of the stage's rate.  None where nothing is shown, as for every quadratic stage.
-    """
+    """What a stage allows once it has begun: how long values may be held, and how late messages may be.  ``delay``
+    leaves half of the stage's rate.  None where nothing is shown, as for every quadratic stage."""
 
     sampling: SamplingBound | None = None
     delay: DelayBound | None = None
@@ -41,9 +39,7 @@ class StageTiming:
 
 def settling_check(problem: Problem, W: Matrix | None, settling: Settling, *, domain: str) -> Check:
     """Decide a settling time once more, for the decimals that its box domain shows; ``domain``: that of Lemma 1.
-
-    PROVED or UNDECIDED.
-    """
+    PROVED or UNDECIDED."""
     if settling.staging is None:
         return undecided_check("settling", domain, settling.reason)
     radius, disturbance = decimal_below(settling.radius), decimal_below(settling.disturbance)
@@ -59,10 +55,8 @@ def settling_check(problem: Problem, W: Matrix | None, settling: Settling, *, do
 
 
 def confirm(check: Check, problem: Problem, W: Matrix | None, *, domain: str) -> str | None:
-    """None if everything a proved ``settling`` claims is confirmed, else what is not; ``domain`` is not needed.
-
-    Raises what a malformed claim raises.
-    """
+    """None if everything a proved ``settling`` claims is confirmed, else what is not; ``domain`` is not needed.  Raises
+    what a malformed claim raises."""
     del domain  # of Lemma 1: a settling time is always about a box
     if (reason := obstacle(problem, W)) is not None:
         return reason
@@ -73,10 +67,8 @@ def confirm(check: Check, problem: Problem, W: Matrix | None, *, domain: str) ->
 
 
 def read_claim(check: Check, problem: Problem, W: Matrix | None) -> Staging:
-    """What a proved check claims, for this problem and the gain W (q, m).
-
-    Raises: KeyError, TypeError, ValueError, ShapeError or SpecError for anything that cannot be such a claim.
-    """
+    """What a proved check claims, for this problem and the gain W (q, m).  Raises: KeyError, TypeError, ValueError,
+    ShapeError or SpecError for anything that cannot be such a claim."""
     radius, disturbance = read_domain(check.domain, problem, kind="box")
     values = read_object(check.exact, ("tolerance", "time", "stages"))
     if not isinstance(values["stages"], list) or not 0 < len(values["stages"]) <= MOST_STAGES:

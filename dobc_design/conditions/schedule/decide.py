@@ -40,11 +40,8 @@ FARTHEST: Final = 40_000
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class StagingAnswer:
-    """Whether a Staging holds, and why; where it fails: the stage (from 0) and the step.
-
-    Steps: "certificate", "observer", "height", "diagonal", "start", "stretch", "noise", "guard", "factor", "level",
-    "tolerance".
-    """
+    """Whether a Staging holds, and why; where it fails: the stage (from 0) and the step.  Steps: "certificate",
+    "observer", "height", "diagonal", "start", "stretch", "noise", "guard", "factor", "level", "tolerance"."""
 
     verdict: Verdict
     reason: str
@@ -145,10 +142,8 @@ def handover_ratio(old: Separable, new: Separable) -> Fraction:
 
 
 def next_level(problem: Problem, before: Stage, after: Stage) -> Interval:
-    """Enclose the largest size that ``after`` may have when it takes over; its square where it is quadratic.
-
-    Uses the noise and stretch of ``after``, not its level.
-    """
+    """Enclose the largest size that ``after`` may have when it takes over; its square where it is quadratic.  Uses the
+    noise and stretch of ``after``, not its level."""
     old, new = before.certificate, after.certificate
     c = decayed(before, after.start)
     if isinstance(new, Separable) and isinstance(old, Separable):

@@ -61,9 +61,7 @@ _Steps = dict[tuple[int, int], tuple[int, int]]  # from where each (level, vecto
 @dataclass(frozen=True, slots=True, kw_only=True)
 class StagePlan:
     """Stages in order, max-separable then quadratic, and the settling time (s) that floating point sees.
-
-    ``separable``: v and the level rho down from which it is to hold.
-    """
+    ``separable``: v and the level rho down from which it is to hold."""
 
     separable: tuple[tuple[Vector, Fraction], ...]
     quadratic: tuple[Lure, ...]
@@ -82,10 +80,8 @@ class _Table:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Quadratic:
-    """A quadratic certificate in floats; ``reach`` (a,): sizes of N below which its guard holds, by vector.
-
-    ``entry`` (a,): its size per N when it takes over.
-    """
+    """A quadratic certificate in floats; ``reach`` (a,): sizes of N below which its guard holds, by vector.  ``entry``
+    (a,): its size per N when it takes over."""
 
     lure: Lure
     P_e: Array
@@ -244,9 +240,7 @@ def propose_quadratic_stages(
     problem: Problem, *, W: Matrix | None, holds: Callable[[Lure], bool], radii: Sequence[float], slowest: float
 ) -> list[Lure]:
     """Certificates at the given radii, one each, smallest first; those only whose rate (1/s) exceeds ``slowest``.
-
-    Linear couplings need no radius and have one.  Empty for networks beyond MOST_ROWS or MOST_BLOCK.
-    """
+    Linear couplings need no radius and have one.  Empty for networks beyond MOST_ROWS or MOST_BLOCK."""
     size, arcs = problem.n * problem.m, max(len(each) for each in problem.network.modes.values())
     if size > MOST_ROWS or size + arcs * problem.m > MOST_BLOCK:
         return []

@@ -61,10 +61,8 @@ class Asked:
 
 
 def asked_of(problem: Problem, *, tolerance: Any, radius: Any = None, disturbance: Any = None) -> Asked:
-    """Read the numbers; what is None comes from the [region].
-
-    Raises: SpecError for a number that is wrong, or missing where there is no region to take it from.
-    """
+    """Read the numbers; what is None comes from the [region].  Raises: SpecError for a number that is wrong, or missing
+    where there is no region to take it from."""
     region = problem.region
     missing = ["radius"] * (radius is None) + ["disturbance"] * (disturbance is None and bool(problem.groups))
     if missing and region is None:
@@ -123,9 +121,7 @@ def asked_beside(problem: Problem, checks: Sequence[Check], *, tolerance: Fracti
 
 def settle(problem: Problem, W: Matrix | None, asked: Asked, *, progress: Progress) -> Settling:
     """Find and prove a settling time for the starts asked for, with the gain W (q, m); None without an exosystem.
-
-    PROVED by ``verify_staging``, or UNDECIDED with the reason.
-    """
+    PROVED by ``verify_staging``, or UNDECIDED with the reason."""
     best = single = None
     starts = f"from |e|_inf <= {float(asked.radius):.6g} and |eps_i| <= {float(asked.disturbance):.6g}"
     if not acts_by_component(problem):
@@ -287,10 +283,8 @@ def settling_stage(
     domain: str,
     report: Progress,
 ) -> Check:
-    """The check `settling` beside ``checks``, which are for the gain W (q, m); PROVED or UNDECIDED.
-
-    ``tolerance`` in the unit of x, None for a hundredth of the radius; ``domain``: that of Lemma 1.
-    """
+    """The check `settling` beside ``checks``, which are for the gain W (q, m); PROVED or UNDECIDED.  ``tolerance`` in
+    the unit of x, None for a hundredth of the radius; ``domain``: that of Lemma 1."""
     if (reason := obstacle(problem, W)) is not None:
         return undecided_check("settling", domain, reason)
     rows = problem.n * problem.m

@@ -36,11 +36,8 @@ OWN: Final = "certificate"
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ErrorBound:
-    """The observer's part of V = N + kappa E, E = max_i sqrt(eps_i' P eps_i).
-
-    P (q, q) symmetric with (A-WC)'P + P(A-WC) <= -2 beta P, c'c <= P for each row c of C and P <= size I;
-    beta in 1/s, kappa > 1/(beta min v) in s.
-    """
+    """The observer's part of V = N + kappa E, E = max_i sqrt(eps_i' P eps_i).  P (q, q) symmetric with (A-WC)'P +
+    P(A-WC) <= -2 beta P, c'c <= P for each row c of C and P <= size I; beta in 1/s, kappa > 1/(beta min v) in s."""
 
     P: Matrix
     beta: Fraction
@@ -99,10 +96,8 @@ class DelayBound:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SamplingBound:
-    """A certified sampling period (s), and by how much N falls from one sample to the next at least.
-
-    ``own``: the certificate whose N that is, where it is not the one beside it.
-    """
+    """A certified sampling period (s), and by how much N falls from one sample to the next at least.  ``own``: the
+    certificate whose N that is, where it is not the one beside it."""
 
     period: Fraction
     factor: Fraction
@@ -115,10 +110,8 @@ class SamplingBound:
 
 
 def read_claim(check: Check, problem: Problem, W: Matrix | None) -> Claim:
-    """What a proved check of this topic claims, for this problem; the gain ``W`` (q, m) is not needed.
-
-    Raises: KeyError, TypeError, ValueError, ShapeError or SpecError for anything that cannot be such a claim.
-    """
+    """What a proved check of this topic claims, for this problem; the gain ``W`` (q, m) is not needed.  Raises:
+    KeyError, TypeError, ValueError, ShapeError or SpecError for anything that cannot be such a claim."""
     exact = check.exact
     if check.id == "delay":
         values = read_object(exact, ("delay", "rate"))
@@ -198,11 +191,8 @@ def acts_by_component(problem: Problem) -> bool:
 
 
 def largest_reach(problem: Problem, v: Sequence[Fraction], *, stretch: Fraction | int = 1) -> tuple[Fraction, ...]:
-    """A bound of v_i + stretch v_j over the arcs of each of problem.couplings; 0 without arcs.
-
-    It leaves room for what floats that are rounded up may add.
-    Raises: ShapeError unless v has one entry per agent.
-    """
+    """A bound of v_i + stretch v_j over the arcs of each of problem.couplings; 0 without arcs.  It leaves room for what
+    floats that are rounded up may add.  Raises: ShapeError unless v has one entry per agent."""
     require_one_per_agent(problem, v)
     above = v.array if isinstance(v, Doubles) else np.array([float_above(x) for x in v])
     factor = float_above(Fraction(stretch))
@@ -278,10 +268,8 @@ class Ordering:
 
 
 def find_ordering(problem: Problem) -> Ordering:
-    """Order the agents greedily, or find those that are stuck.
-
-    "Pinned" means that the pin holds the agent in a row: k_cc - sum_{d != c} |k_cd| > 0 for every component c.
-    """
+    """Order the agents greedily, or find those that are stuck.  "Pinned" means that the pin holds the agent in a row:
+    k_cc - sum_{d != c} |k_cd| > 0 for every component c."""
     names = list(problem.network.modes)
     # Who listens to each agent: agent j is heard by listener[start[j]:start[j + 1]].
     listeners = []

@@ -98,9 +98,7 @@ def verify_separable(problem: Problem, claim: Separable, *, stretch: Fraction | 
 
 def largest_rate(problem: Problem, v: Vector | Doubles, *, rho: Fraction | None) -> Fraction | None:
     """The largest alpha (1/s, nine digits), about, that v is proved to have for all s in (0, rho]; None if none > 0.
-
-    The certificate (v, alpha, rho) is then PROVED by ``verify_separable``.
-    """
+    The certificate (v, alpha, rho) is then PROVED by ``verify_separable``."""
     question = _ask(problem, v, rho, 1)
     if isinstance(question, str):
         return None
@@ -139,9 +137,7 @@ def coupling_profiles(
     problem: Problem, v: Vector | Doubles, *, rho: Fraction | None, stretch: Fraction | int = 1
 ) -> tuple[Profile, ...]:
     """Where each coupling rises and falls, as far out as the rows look (at 0 only for linear couplings, rho None).
-
-    Raises: UndefinedError naming the coupling and the interval where it is not defined.
-    """
+    Raises: UndefinedError naming the coupling and the interval where it is not defined."""
     reach = claims.largest_reach(problem, v, stretch=stretch)
     return tuple(
         profile(Curve(coupling.components[0]), _ZERO if rho is None else rho * most)
@@ -407,21 +403,16 @@ def error_bound_obstacle(exosystem: Exosystem, W: Matrix, error: ErrorBound) -> 
 
 
 def composite_rate(claim: Separable) -> Fraction:
-    """The rate of V = N + kappa E: min(alpha, beta - 1/(kappa min v)); alpha without an observer.
-
-    Positive whenever ``verify_composite`` is proved.
-    """
+    """The rate of V = N + kappa E: min(alpha, beta - 1/(kappa min v)); alpha without an observer.  Positive whenever
+    ``verify_composite`` is proved."""
     if claim.error is None:
         return claim.alpha
     return min(claim.alpha, claim.error.beta - 1 / (claim.error.kappa * claim.least))
 
 
 def covers(claim: Separable, *, radius: Fraction, disturbance: Fraction) -> bool:
-    """Whether every start with |e|_inf <= radius and |eps_i| <= disturbance lies in {V <= rho}; exact.
-
-    radius/min v + kappa disturbance sqrt(size) <= rho, decided by squares.
-    Raises: SpecError for a negative radius or disturbance.
-    """
+    """Whether every start with |e|_inf <= radius and |eps_i| <= disturbance lies in {V <= rho}; exact.  radius/min v +
+    kappa disturbance sqrt(size) <= rho, decided by squares.  Raises: SpecError for a negative radius or disturbance."""
     if radius < 0 or disturbance < 0:
         raise SpecError("radius and disturbance must be >= 0.", key="radius" if radius < 0 else "disturbance")
     if claim.rho is None:

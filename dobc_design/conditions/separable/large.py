@@ -158,10 +158,8 @@ class Turning:
     def largest(
         self, steps: Array, reaches: Array, right: tuple[Array, Array], s: float, t: float
     ) -> tuple[Array, Any]:
-        """An upper bound of phi on [s, t] for every arc, and whether phi is the right end on all of it.
-
-        ``right``: lower and upper bounds of what the right end gives, step g(s step), on [s, t].
-        """
+        """An upper bound of phi on [s, t] for every arc, and whether phi is the right end on all of it.  ``right``:
+        lower and upper bounds of what the right end gives, step g(s step), on [s, t]."""
         most, smooth = right[1].copy(), np.ones(len(steps), dtype=bool)
         asked = np.flatnonzero(self._may_fall(-up(t * reaches), _right_end(steps, s, t)))
         if len(asked):
@@ -469,10 +467,8 @@ class _Piece:
 
 
 def _floats(values: Sequence[Fraction], *, less: Fraction | None = None) -> tuple[Array, Array]:
-    """Floats below and above the numbers, or these ``less`` something, equal where the number is a float.
-
-    Equal objects are converted once.
-    """
+    """Floats below and above the numbers, or these ``less`` something, equal where the number is a float.  Equal
+    objects are converted once."""
     if isinstance(values, Doubles) and less is None:
         return values.array, values.array
     places = np.fromiter(map(id, values), dtype=np.int64, count=len(values))

@@ -210,9 +210,7 @@ INVERSE_STEPS = 4
 
 def linear_rate(field: Field) -> float:
     """An estimate of the largest rate that the couplings would have if they were linear, with their slopes at 0 (1/s).
-
-    No v has more for any s: next to 0 the rows are those of these slopes.  Symmetric ones are estimated from above.
-    """
+    No v has more for any s: next to 0 the rows are those of these slopes.  Symmetric ones are estimated from above."""
     v = np.ones(field.size)
     _, jacobian, _ = field.rows(v, alpha=0.0)
     everybody = np.ones(field.size, dtype=bool)
@@ -229,10 +227,8 @@ def linear_rate(field: Field) -> float:
 def least_solution(
     field: Field, *, alpha: float, start: Array, lower: Array | float = 1.0, accuracy: tuple[float, float] | None = None
 ) -> Array | None:
-    """The least v >= ``lower`` whose rows hold with rate alpha, about; None if Newton's method finds none.
-
-    ``start`` lies below it: the solution for a smaller alpha does.
-    """
+    """The least v >= ``lower`` whose rows hold with rate alpha, about; None if Newton's method finds none.  ``start``
+    lies below it: the solution for a smaller alpha does."""
     v = start.copy()
     close, drop = accuracy or (TIGHT if field.size <= FACTORED_AGENTS else LOOSE)
     for _ in range(STEPS):
@@ -364,10 +360,8 @@ def _fastest(
 
 
 def propose_vectors(problem: Problem, *, rho: float, parts: Sequence[float]) -> Iterator[Array]:
-    """Find the least v with min v = 1 for parts (<= 1) of about the largest rate: smaller parts are flatter.
-
-    Quicker and coarser than ``propose_separable``; nothing if no positive rate is found.
-    """
+    """Find the least v with min v = 1 for parts (<= 1) of about the largest rate: smaller parts are flatter.  Quicker
+    and coarser than ``propose_separable``; nothing if no positive rate is found."""
     field = field_of(problem, rho=rho)
     field = replace(field, grid=field.grid[:: max(1, len(field.grid) // COARSE)])
     best = least_solution(field, alpha=0.0, start=np.ones(problem.n))
@@ -424,9 +418,7 @@ def flat_separable(
     problem: Problem, *, radius: Fraction, disturbance: Fraction, W: Matrix | None, rate: float
 ) -> SeparablePlan | None:
     """Plan a certificate like ``design_separable``, whose v is the flattest for about ``rate`` (1/s): the least v >= 1.
-
-    None if there is no v for this rate, or the observer with the gain W (q, m) is slower.
-    """
+    None if there is no v for this rate, or the observer with the gain W (q, m) is slower."""
     exosystem, error = problem.joint_exosystem, None
     if exosystem is not None:
         error = None if W is None else propose_error_bound(exosystem, W, rate=rate)
@@ -440,9 +432,7 @@ def flat_separable(
 
 def flatter_plans(problem: Problem, plan: SeparablePlan) -> Iterator[SeparablePlan]:
     """The same plan with flatter v and smaller rates, for a v too steep to be proved; nothing for one that is flat.
-
-    The largest rate may ask for weights of which nothing is left of an enclosure: chains of agents have such.
-    """
+    The largest rate may ask for weights of which nothing is left of an enclosure: chains of agents have such."""
     if float(plan.v.max()) <= STEEP or len(plan.v) > FEW_AGENTS:
         return
     found = propose_vectors(problem, rho=float(plan.rho), parts=FLATTER)
@@ -465,9 +455,7 @@ def first_certificate(
     problem: Problem, W: Matrix | None, plan: SeparablePlan, *, everywhere: bool = False
 ) -> Separable | None:
     """The first rounding of v that is proved with nearly the planned rate, else the best one proved; None if none is.
-
-    Every answer is PROVED by ``verify_composite``.  ``everywhere``: for all radii, as linear couplings allow.
-    """
+    Every answer is PROVED by ``verify_composite``.  ``everywhere``: for all radii, as linear couplings allow."""
     best: Separable | None = None
     rho = None if everywhere else plan.rho
     for v in rounded_vectors(plan):

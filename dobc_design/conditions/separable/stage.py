@@ -93,10 +93,8 @@ def _largest_claim(asked: Asked) -> tuple[Separable | None, float]:
 
 
 def _plan(asked: Asked, radius: float) -> SeparablePlan | None:
-    """What floating point proposes for a box; None also when a numerical library breaks down.
-
-    For linear couplings all boxes are alike.
-    """
+    """What floating point proposes for a box; None also when a numerical library breaks down.  For linear couplings all
+    boxes are alike."""
     size = Fraction(1) if asked.domain == "global" else claimed(radius)
     disturbance = Fraction(0) if asked.domain == "global" else claimed(asked.disturbance)
     try:
@@ -150,9 +148,7 @@ def _timing(asked: Asked, claim: Separable, check: Check, report: Progress) -> l
 
 def _flatter_claim(asked: Asked, claim: Separable, check: Check) -> Separable | None:
     """Another certificate of the same box, slower but with a flatter v, where that allows far longer sampling periods.
-
-    Values may be held for about 2/h'(rho (v_i + v_j)): steep couplings want rho v as small as the box allows.
-    """
+    Values may be held for about 2/h'(rho (v_i + v_j)): steep couplings want rho v as small as the box allows."""
     if claim.rho is None or not isinstance(check.domain, Mapping):
         return None
     farthest = 2 * float(claim.rho) * float(max(claim.v))

@@ -37,10 +37,8 @@ _ZERO = Fraction(0)
 
 
 def verify_delay(problem: Problem, claim: Separable, bound: DelayBound) -> SeparableAnswer:
-    """Decide whether the rows of ``claim`` give ``bound.rate`` for every delay up to ``bound.delay``.
-
-    With an observer every smaller rate holds, from the time on at which its error has become small, up to beta.
-    """
+    """Decide whether the rows of ``claim`` give ``bound.rate`` for every delay up to ``bound.delay``.  With an observer
+    every smaller rate holds, from the time on at which its error has become small, up to beta."""
     if bound.delay < 0 or bound.rate <= 0:
         raise SpecError("a delay must be >= 0 and its rate > 0.", key="delay" if bound.delay < 0 else "rate")
     if claim.error is not None and bound.rate > claim.error.beta:
@@ -52,9 +50,7 @@ def verify_delay(problem: Problem, claim: Separable, bound: DelayBound) -> Separ
 
 def longest_delay(problem: Problem, claim: Separable, *, rate: Fraction) -> DelayBound | None:
     """A long delay (s, one digit) for which ``claim`` is proved to keep ``rate`` (1/s); within a factor of two or so.
-
-    None if there is none, as for rates above those of the claim.
-    """
+    None if there is none, as for rates above those of the claim."""
     delay = rounded_down(1 / rate, digits=1)
     for _ in range(_SHORTER):
         bound = DelayBound(delay=delay, rate=rate)
@@ -112,10 +108,8 @@ def _stiffest(problem: Problem, claim: Separable) -> Fraction | str:
 
 
 def sampled_factor(claim: Separable, bound: SamplingBound) -> Fraction:
-    """By how much V = N + kappa E falls from one sample to the next at least (N alone without an observer).
-
-    max(1 - T alpha, x + (1 - x)/(kappa beta min v)) with x >= exp(-beta T).
-    """
+    """By how much V = N + kappa E falls from one sample to the next at least (N alone without an observer).  max(1 - T
+    alpha, x + (1 - x)/(kappa beta min v)) with x >= exp(-beta T)."""
     if claim.error is None:
         return bound.factor
     x = exp(Interval.point(-claim.error.beta * bound.period)).hi

@@ -19,8 +19,7 @@ from dobc_design.conditions.numbers import claimed, read_rational
 from dobc_design.problem.problem import Problem
 from dobc_design.verdict import Verdict
 
-#: Exact values that are no numbers.
-NAMES = ("block", "mode", "group", "unobservable_polynomial")
+NAMES = ("block", "mode", "group", "unobservable_polynomial")  # exact values that are no numbers
 #: Fields of a check in JSON: those that are always there, and the others.
 NEEDED = ("id", "verdict", "domain", "margin", "rate", "reason")
 OPTIONAL = ("mode", "group", "exact", "witness", "fix")

@@ -30,8 +30,7 @@ from dobc_design.problem.problem import Problem
 Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
 
-#: Rows n m up to which boxes are counted out; their number grows like a power of n m.
-LARGEST: Final = 6
+LARGEST: Final = 6  # rows n m up to which boxes are counted out; their number grows like a power of n m
 #: Numbers outside of this range are refused, so that no product of theirs is subnormal or infinite.
 SMALLEST, LARGEST_NUMBER = Fraction(1, 10**100), Fraction(10**100)
 LEAF: Final = "."

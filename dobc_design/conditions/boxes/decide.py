@@ -16,7 +16,6 @@ from dobc_design.conditions.check import Check, read_object, starts_in, undecide
 from dobc_design.conditions.numbers import claimed, read_rational
 from dobc_design.conditions.quadratic import checks as quadratic
 from dobc_design.conditions.quadratic.decide import LureDecision, border_of, covers, diagonal_of_inverse, verify_lure
-from dobc_design.conditions.quadratic.sectors import Enclose, gains_on
 from dobc_design.exact.matrix import Matrix
 from dobc_design.exact.number import float_above, float_below
 from dobc_design.problem.problem import Problem
@@ -29,14 +28,13 @@ MOST_BOXES: Final = 4_000_000
 MOST_HALVINGS: Final = 30  # of one component: then all ends of boxes are exact in float64
 
 
-def verify_shell(problem: Problem, shell: Shell, *, enclose: Enclose = gains_on) -> LureDecision:
+def verify_shell(problem: Problem, shell: Shell) -> LureDecision:
     """Decide whether {V <= outer} is invariant and V' <= -2 rate V in it, for every mode.
 
-    Refuted: the inner certificate is, or the boxes do not fit.  Undecided: a box is not shown to be harmless.
-    Steps beside those of ``verify_lure``: "boxes".
-    Raises: SpecError for more than 6 rows n m or couplings of vectors, and as ``verify_lure``.
+    Refuted: the inner certificate is, or the boxes do not fit.  Undecided: a box is not shown to be harmless; the step
+    is then "boxes".  Raises: SpecError for more than 6 rows n m or couplings of vectors.
     """
-    inner = verify_lure(problem, shell.lure, enclose=enclose)
+    inner = verify_lure(problem, shell.lure)
     if inner.verdict is not Verdict.PROVED:
         return inner
     # Outer (P_e^-1)_kk <= half^2 for every k.

@@ -26,14 +26,11 @@ from dobc_design.conditions.separable.claim import acts_by_component
 
 logger = logging.getLogger("dobc_design")
 
-#: Rows n m up to which boxes are counted out without being asked for.
-SMALL: Final = 4
-#: Boxes that a certificate may hold, so that a checker in plain Python gets through them.
-MOST_BOXES: Final = 50_000
+SMALL: Final = 4  # rows n m up to which boxes are counted out without being asked for
+MOST_BOXES: Final = 50_000  # that a certificate may hold, so that a checker in plain Python gets through them
 #: Starts up to this many times the ball asked for, or that of the inner certificate, are looked at.
 BEYOND: Final = 2
-#: Where the region is covered: parts of the rate near the consensus, tried in turn.
-RATES: Final = (Fraction(1, 2), Fraction(1, 10))
+RATES: Final = (Fraction(1, 2), Fraction(1, 10))  # of that near the consensus, tried where the region is covered
 
 
 def exhaustive_stage(asked: Asked, report: Progress) -> list[Check]:

@@ -24,8 +24,7 @@ from dobc_design.problem.problem import Problem
 from dobc_design.verdict import Verdict
 
 MOST_STAGES: Final = 100
-#: The part of a stage's rate that late messages are to leave.
-KEPT: Final = Fraction(1, 2)
+KEPT: Final = Fraction(1, 2)  # of a stage's rate, which late messages are to leave
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

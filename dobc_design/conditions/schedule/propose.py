@@ -107,7 +107,16 @@ def plan_stages(
     reached, before = _shortest(table, penalty)
     plans = [_plan(table, reached + last, before, (), rho)]
     chosen = sorted(quadratics, key=lambda lure: -float(lure.radius or 0))[:MOST_QUADRATICS]
-    measured = [_measured(problem, table, lure) for lure in chosen]
+    widest = np.zeros(len(table.v))
+    for arcs in problem.network.modes.values():
+        sums = table.v[:, arcs.listeners] + table.v[:, arcs.speakers]
+        widest = np.maximum(widest, np.max(sums, axis=1, initial=0.0))
+    measured = []
+    for lure in chosen:
+        P_e, radius = to_float(lure.P_e.to_dense()), math.inf if lure.radius is None else float(lure.radius)
+        height = math.sqrt(float(np.max(np.diag(np.linalg.inv(P_e)))))
+        entry = np.array([math.sqrt(box_bound(P_e, np.repeat(v, problem.m))[0]) for v in table.v])
+        measured.append(_Quadratic(lure, P_e, height, radius / np.maximum(widest, 1e-300), entry))
     chains = (itertools.combinations(measured, count + 1) for count in range(len(measured)))
     for chain in itertools.chain.from_iterable(chains):
         times = reached + _chain_times(table, chain, float(tolerance)) + penalty * len(chain)
@@ -187,24 +196,6 @@ def _shortest(table: _Table, penalty: float) -> tuple[Array, _Steps]:
                 reached[later, a] = least[a]
                 before[later, a] = (b, int(source[a]))
     return reached, before
-
-
-def _measured(problem: Problem, table: _Table, lure: Lure) -> _Quadratic:
-    """A quadratic certificate in floats, against every vector of the table."""
-    m = problem.m
-    P_e = to_float(lure.P_e.to_dense())
-    widest = np.zeros(len(table.v))
-    for arcs in problem.network.modes.values():
-        sums = table.v[:, arcs.listeners] + table.v[:, arcs.speakers]
-        widest = np.maximum(widest, np.max(sums, axis=1, initial=0.0))
-    radius = math.inf if lure.radius is None else float(lure.radius)
-    return _Quadratic(
-        lure=lure,
-        P_e=P_e,
-        height=math.sqrt(float(np.max(np.diag(np.linalg.inv(P_e))))),
-        reach=radius / np.maximum(widest, 1e-300),
-        entry=np.array([math.sqrt(box_bound(P_e, np.repeat(v, m))[0]) for v in table.v]),
-    )
 
 
 def _chain_times(table: _Table, chain: Sequence[_Quadratic], tolerance: float) -> Array:

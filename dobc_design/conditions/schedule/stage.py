@@ -8,14 +8,14 @@ from __future__ import annotations
 
 import logging
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from fractions import Fraction
 from itertools import chain
 from typing import Any, Final
 
 from dobc_design.conditions.check import Check, undecided_check
-from dobc_design.conditions.coverage import asked_radius
+from dobc_design.conditions.coverage import Progress, asked_radius
 from dobc_design.conditions.numbers import claimed, decimal_above, rounded_down
 from dobc_design.conditions.quadratic.claim import Lure
 from dobc_design.conditions.quadratic.decide import diagonal_of_inverse, verify_lure
@@ -35,15 +35,13 @@ from dobc_design.exact.symmetric import SparseSymmetric
 from dobc_design.problem.problem import Problem
 from dobc_design.verdict import Verdict
 
-Progress = Callable[[str], None]
 logger = logging.getLogger("dobc_design")
 
 #: Agents times state components up to which stages are looked for: quadratic ones are dense.
 MOST_ROWS: Final = 100
 #: A start counts as settled, where no tolerance is named, when every |e_ic| is below this part of the radius.
 SETTLED: Final = Fraction(1, 100)
-#: Radii of quadratic stages, as parts of the first level.
-RADII: Final = (0.03, 0.08, 0.16, 0.25)
+RADII: Final = (0.03, 0.08, 0.16, 0.25)  # of quadratic stages, as parts of the first level
 ROOM: Final = Fraction(9999, 10000)  # of a rate, so that simpler enclosures confirm it too
 DIGITS: Final = 10  # of levels, noises and factors
 EXTRA: Final = Fraction(1, 10**9)  # added to them, for whoever encloses exp more widely

@@ -19,10 +19,8 @@ from dobc_design.exact.matrix import Matrix
 from dobc_design.problem.problem import Problem
 from dobc_design.verdict import Verdict
 
-#: Sampling periods below are no use to anybody (s).
-SHORTEST: Final = Fraction(1, 10**30)
-#: The part of a sampling period that is kept in hand, for a second program with wider enclosures.
-IN_HAND: Final = Fraction(1, 1000)
+SHORTEST: Final = Fraction(1, 10**30)  # sampling periods below are no use to anybody (s)
+IN_HAND: Final = Fraction(1, 1000)  # of a sampling period, for a second program with wider enclosures
 _SHOWN: Final = 6  # stuck agents that a sentence tells with the mode that blocks them
 
 
@@ -145,7 +143,7 @@ def confirm(check: Check, problem: Problem, W: Matrix | None, *, domain: str, pr
     if (reason := obstacle(problem, W)) is not None:
         return reason
     if check.id != "max-separable":
-        return _confirm_timing(check, problem, W, domain=domain, proof=proof)
+        return _not_timed(check, problem, W, domain, proof)
     witness = check.witness
     if check.verdict is Verdict.REFUTED:  # some agents that no common v can hold
         if check.rate is not None or check.exact is not None:
@@ -179,9 +177,7 @@ def _not_proved(claim: Separable, check: Check, problem: Problem, W: Matrix | No
     return None if answer.verdict is Verdict.PROVED else answer.reason
 
 
-def _confirm_timing(
-    check: Check, problem: Problem, W: Matrix | None, *, domain: str, proof: Check | None
-) -> str | None:
+def _not_timed(check: Check, problem: Problem, W: Matrix | None, domain: str, proof: Check | None) -> str | None:
     """Delays and sampling, beside the proof that they rest on."""
     if check.verdict is not Verdict.PROVED or check.witness is not None:
         return "it can only be proved or undecided, and has no witness"

@@ -30,8 +30,7 @@ from dobc_design.problem.problem import Problem
 
 UPPER, LOWER = 1, -1
 FACES = {UPPER: "upper", LOWER: "lower"}
-#: The key under which a check of sampling holds a certificate of its own, where it has one.
-OWN: Final = "certificate"
+OWN: Final = "certificate"  # the key under which a check of sampling holds one of its own, where it has one
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -3,11 +3,9 @@
 PROVED means that N(e) = max_i |e_i|/v_i obeys D+ N <= -alpha N + max_i |C eps_i|/v_i while N <= rho, for arbitrary
 switching.  Divided by s a row asks  sum_j w phi_j(s) <= (k_i - alpha) v_i,  phi(s) = sup { h(s t)/s : -reach <= t <=
 step }: where h is nondecreasing, step g(s step) with the secant gain g; else h's turning points count as well.
-Enclosures and subdivision of s decide rows.
 
-With an observer V = N + kappa E, E = max_i sqrt(eps_i' P eps_i): with (A-WC)'P + P(A-WC) <= -2 beta P and c'c <= P for
-each row c of C, |C eps_i| <= E and D+ E <= -beta E.  With kappa > 1/(beta min v) the set {V <= rho} is invariant and
-attracted.  Where agents have different exosystems, all this is about the joint one.  Theory, section 5.
+With (A-WC)'P + P(A-WC) <= -2 beta P and c'c <= P for each row c of C (of all groups), E = max_i sqrt(eps_i' P eps_i)
+has |C eps_i| <= E and D+ E <= -beta E; with kappa > 1/(beta min v), {N + kappa E <= rho} is invariant and attracted.
 """
 
 from __future__ import annotations
@@ -34,18 +32,15 @@ from dobc_design.problem.exosystems import Exosystem
 from dobc_design.problem.problem import Problem
 from dobc_design.verdict import Verdict
 
-#: How far below the largest rate ``largest_rate`` may stop, as a part of it.
-TOLERANCE: Final = Fraction(1, 10**5)
+TOLERANCE: Final = Fraction(1, 10**5)  # how far below the largest rate ``largest_rate`` may stop, as a part of it
 #: From this many arcs on, floats with outward bounds go first (fewer where a coupling falls, whose exact rows take
 #: longer); and how many rows they may leave.
 MANY_ARCS: Final = 1000
 MANY_FALLING: Final = 200
 MOST_LEFT: Final = 200
-# How far below an estimate the proof is tried.
-_PARTS: Final = (1e-8, 1e-6, 1e-5, 1e-4, 3e-4, 1e-3, 1e-2, 0.1, 0.5)
-NOT_BY_COMPONENT: Final = (
-    "does not apply: the max-separable certificate is for couplings that act on each state component by itself."
-)
+_PARTS: Final = (1e-8, 1e-6, 1e-5, 1e-4, 3e-4, 1e-3, 1e-2, 0.1, 0.5)  # below an estimate, where the proof is tried
+_FOR = "couplings that act on each state component by itself"
+NOT_BY_COMPONENT: Final = f"does not apply: the max-separable certificate is for {_FOR}."
 MOST_PIECES: Final = 3000  # of (0, rho] looked at per row before the answer is "undecided"
 _ZERO, _ONE = Fraction(0), Fraction(1)
 

@@ -1,9 +1,8 @@
 """Rows of the max-separable certificate for very many arcs: float arithmetic with outward bounds.
 
-A row that is reported as proved is proved; what is left is for the exact rows of ``decide``.  The subdivision of s and
-its bounds are the same as there, for all rows at once.  Gains come from tables whose cells hold exact enclosures
-(theory, section 1); off the middle of a cell the mean value theorem bounds g by two multiplications.  No floating-point
-function is trusted: only + - * and comparisons, whose results are rounded outwards.
+A row that is reported as proved is proved; what is left is for the exact rows of ``decide``, with the same subdivision
+of s.  Gains come from tables whose cells hold exact enclosures (theory, section 1); off the middle of a cell the mean
+value theorem bounds g.  No floating-point function is trusted: only + - * and comparisons, rounded outwards.
 """
 
 from __future__ import annotations
@@ -30,13 +29,10 @@ from dobc_design.problem.problem import Problem
 
 Array = NDArray[np.float64]
 
-CELLS: Final = 512
-_KEPT: Final = 16  # tables
-# Cells overlap by this part of their width, far more than a float position can be wrong.
-_BEYOND: Final = Fraction(1, 2**20)
+CELLS, _KEPT = 512, 16  # of a table; tables
+_BEYOND: Final = Fraction(1, 2**20)  # by which cells overlap, far more than a float position can be wrong
 # A result of one operation is within 2^-53 of itself of the truth (2^-1074 near 0).
-_RELATIVE: Final = 2.0**-51
-_TINY: Final = 2.0**-1060
+_RELATIVE, _TINY = 2.0**-51, 2.0**-1060
 
 
 def up(x: Array) -> Array:
@@ -194,14 +190,13 @@ class Turning:
             with np.errstate(divide="ignore"):
                 here = up(value / begin) if value > 0 else up(value / end)
             found = np.where(begin <= end, np.maximum(found, here), found)
-        return found if s else np.minimum(found, self._whole(steps, reaches, t))
-
-    def _whole(self, steps: Array, reaches: Array, t: float) -> Array:
-        """The largest x g(s x), -reach <= x <= step, s in [0, t], from the range of g."""
+        if s:
+            return found
+        # The largest x g(s x), -reach <= x <= step, s in [0, t], from the range of g.
         end = np.maximum(_right_end(steps, 0.0, t), 0.0)
         least, most, _, _ = self.table.over(-self.face * up(t * reaches), self.face * end)
         left, right = np.maximum(-reaches * least, -reaches * most), np.maximum(steps * least, steps * most)
-        return up(np.maximum(left, right))
+        return np.minimum(found, up(np.maximum(left, right)))
 
 
 def turning(kind: Profile, table: GainTable, face: int) -> Turning | None:
@@ -211,8 +206,8 @@ def turning(kind: Profile, table: GainTable, face: int) -> Turning | None:
     if len(tops) > MOST_TURNS or len(falls) > MOST_TURNS:
         return None
     values = [float_above(cell.values.hi if face > 0 else -cell.values.lo) for cell in tops]
-    places = ((*_outward(cell.place, face), value) for cell, value in zip(tops, values, strict=True))
-    return Turning(table=table, face=face, falls=falls, tops=tuple(places))
+    places = tuple((*_outward(cell.place, face), value) for cell, value in zip(tops, values, strict=True))
+    return Turning(table=table, face=face, falls=falls, tops=places)
 
 
 def _when(low: float, high: float, steps: Array, reaches: Array, s: float, t: float) -> tuple[Array, Array]:
@@ -248,12 +243,10 @@ def _joined(places: Iterable[tuple[float, float]]) -> list[tuple[float, float]]:
 
 
 # Pieces of (0, rho] looked at before the remaining rows are given back, and the narrowest as a part of rho.
-_MOST_PIECES: Final = 600
-_NARROWEST: Final = 2.0**-30
+_MOST_PIECES, _NARROWEST = 600, 2.0**-30
 _UNIT: Final = 2.0**-52
 _FLOAT_BITS: Final = 53  # integers up to that long are floats, and so are they over a power of two as long
-# Where an estimate of the rate looks, as parts of rho.
-_SAMPLES: Final = (0.0, 0.125, 0.25, 0.5, 0.75, 1.0)
+_SAMPLES: Final = (0.0, 0.125, 0.25, 0.5, 0.75, 1.0)  # parts of rho at which a rate is estimated
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -311,7 +304,6 @@ def float_kinds(
     """Bring the couplings into floats, as far out as these rows look; None if one of them turns too often.
 
     ``cells``: of a table; half as many where it reaches to the left ends, which seldom decide.
-
     Raises: exact.interval.UndefinedError where a gain cannot be enclosed.
     """
     tables, turns = [], {}

@@ -1,9 +1,8 @@
-"""Proposals for the max-separable certificate: v for one radius, common to all modes (theory, section 5).
+"""Proposals for the max-separable certificate: v for one radius, common to all modes (theory, section 5); no proofs.
 
 The rows bound each v_i from below by the others: whoever is listened to may only raise a row.  So for a given alpha the
-solutions with v >= 1 have a least one, and Newton's method finds it (one sparse solve per step, for any size).  The
-largest alpha follows by bisection.  The rows are taken in floating point for all agents at once: the largest over
-modes, faces and a grid of s, with its derivatives in v.  This needs no monotone coupling.  Nothing here is a proof.
+solutions with v >= 1 have a least one, and Newton's method finds it (one sparse solve per step); alpha by bisection.
+The rows are taken in floating point for all agents at once: the largest over modes, faces and a grid of s.
 """
 
 from __future__ import annotations
@@ -41,22 +40,15 @@ STEP = 1e-6  # of central differences
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Shape:
-    """One coupling: h, and where it has maxima and minima on the sampled range."""
-
-    h: Callable[[Array], Array]
-    tops: tuple[Array, Array]  # places, values
-    bottoms: tuple[Array, Array]
-
-
-@dataclass(frozen=True, slots=True, eq=False)
 class Group:
-    """The arcs of one mode with one coupling."""
+    """The arcs of one mode with one coupling h, and places and values of its maxima and minima on the sampled range."""
 
     listeners: Any
     speakers: Any
     weights: Array
-    shape: Shape
+    h: Callable[[Array], Array]
+    tops: tuple[Array, Array]
+    bottoms: tuple[Array, Array]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -100,7 +92,7 @@ class Field:
     def _sum(self, mode: int, face: int, s: float, v: Array) -> Array:
         total = np.zeros(self.size)
         for group in self.modes[mode]:
-            value, _ = _sup(group.shape, face, s, v[group.listeners], v[group.speakers])
+            value, _ = _sup(group, face, s, v[group.listeners], v[group.speakers])
             total += np.bincount(group.listeners, weights=group.weights * value, minlength=self.size)
         return total
 
@@ -113,7 +105,7 @@ class Field:
             for group in self.modes[mode]:
                 here = mine[group.listeners]
                 i, j, w = group.listeners[here], group.speakers[here], group.weights[here]
-                own, other = _derivatives(group.shape, face, float(self.grid[k]), v[i], v[j])
+                own, other = _derivatives(group, face, float(self.grid[k]), v[i], v[j])
                 parts_i += [i, i]
                 parts_j += [i, j]
                 parts_x += [w * own, w * other]
@@ -123,14 +115,13 @@ class Field:
 
 def field_of(problem: Problem, *, rho: float) -> Field:
     """Prepare the rows for s in (0, rho]; turning points of h are looked for on |y| <= 8 rho."""
-    shapes = [shape_of(numpy_function(each.components[0]), radius=8.0 * rho) for each in problem.couplings]
+    functions = [numpy_function(each.components[0]) for each in problem.couplings]
+    shapes = [(h, *_extremes(h, radius=8.0 * rho)) for h in functions]
     modes = []
     for arcs in problem.network.modes.values():
-        weights = np.array([float(w) for w in arcs.weights])
+        ends, weights = (arcs.listeners, arcs.speakers), np.array([float(w) for w in arcs.weights])
         parts = split_by(coupling_places(problem, arcs))
-        modes.append(
-            tuple(Group(arcs.listeners[own], arcs.speakers[own], weights[own], shapes[kind]) for kind, own in parts)
-        )
+        modes.append(tuple(Group(*(end[own] for end in ends), weights[own], *shapes[kind]) for kind, own in parts))
     total = 1 + sum(map(len, problem.network.modes.values()))
     count = int(np.clip(WORK // total, COARSEST, FINEST))
     return Field(
@@ -141,40 +132,36 @@ def field_of(problem: Problem, *, rho: float) -> Field:
     )
 
 
-def shape_of(h: Callable[[Array], Array], *, radius: float) -> Shape:
-    """Sample h on [-radius, radius] for its turning points.  Raises: ArithmeticError if they are too many."""
+def _extremes(h: Callable[[Array], Array], *, radius: float) -> list[tuple[Array, Array]]:
+    """Places and values of the maxima of h on [-radius, radius], then of its minima; ArithmeticError for too many."""
     y = np.linspace(-radius, radius, SAMPLES)
     values = h(y)
-    values = np.where(np.isfinite(values), values, 0.0)
-    up = np.diff(values) > 0
-    down = np.diff(values) < 0
-    tops, bottoms = np.flatnonzero(up[:-1] & down[1:]) + 1, np.flatnonzero(down[:-1] & up[1:]) + 1
-    if len(tops) + len(bottoms) > MOST_TURNS:
+    change = np.diff(np.where(np.isfinite(values), values, 0.0))
+    places = [np.flatnonzero((sign * change[:-1] > 0) & (sign * change[1:] < 0)) + 1 for sign in (1.0, -1.0)]
+    if sum(map(len, places)) > MOST_TURNS:
         raise ArithmeticError(f"the coupling has more than {MOST_TURNS} turning points within {radius:g}")
-    return Shape(h=h, tops=_refined(h, y, tops, +1.0), bottoms=_refined(h, y, bottoms, -1.0))
+    extremes = []
+    for sign, found in zip((1.0, -1.0), places, strict=True):
+        pairs = []
+        for place in found.tolist():  # by a finer sample around each
+            near = np.linspace(y[place - 1], y[place + 1], 2001)
+            heights = h(near)
+            best = int(np.argmax(sign * heights))
+            pairs.append((near[best], heights[best]))
+        both = np.array(pairs, dtype=float).reshape(-1, 2)
+        extremes.append((both[:, 0], both[:, 1]))
+    return extremes
 
 
-def _refined(h: Callable[[Array], Array], y: Array, places: Any, sign: float) -> tuple[Array, Array]:
-    """Places and values of local extremes near the samples, by a finer sample around each."""
-    found = []
-    for place in places.tolist():
-        near = np.linspace(y[place - 1], y[place + 1], 2001)
-        values = sign * h(near)
-        best = int(np.argmax(values))
-        found.append((near[best], sign * values[best]))
-    pairs = np.array(found, dtype=float).reshape(-1, 2)
-    return pairs[:, 0], pairs[:, 1]
-
-
-def _sup(shape: Shape, face: int, s: float, own: Array, other: Array) -> tuple[Array, Any]:
+def _sup(group: Group, face: int, s: float, own: Array, other: Array) -> tuple[Array, Any]:
     """phi = sup { h(s t)/s : -(own + other) <= t <= other - own }; where: 0 right end, 1 left end, 2 inside."""
     high, low = s * (other - own), -s * (other + own)
-    best = face * shape.h(face * high) / s
+    best = face * group.h(face * high) / s
     where = np.zeros(len(best), dtype=np.int64)
-    places, values = shape.tops if face > 0 else shape.bottoms
+    places, values = group.tops if face > 0 else group.bottoms
     if not len(places):
         return best, where
-    left = face * shape.h(face * low) / s
+    left = face * group.h(face * low) / s
     where[left > best] = 1
     best = np.maximum(best, left)
     for place, top in zip((face * places).tolist(), (face * values).tolist(), strict=True):
@@ -184,28 +171,26 @@ def _sup(shape: Shape, face: int, s: float, own: Array, other: Array) -> tuple[A
     return best, where
 
 
-def _derivatives(shape: Shape, face: int, s: float, own: Array, other: Array) -> tuple[Array, Array]:
+def _derivatives(group: Group, face: int, s: float, own: Array, other: Array) -> tuple[Array, Array]:
     """The derivatives of phi in own and other."""
-    where = _sup(shape, face, s, own, other)[1]
+    where = _sup(group, face, s, own, other)[1]
     at = face * s * np.where(where == 1, -(own + other), other - own)
     step = STEP * (1.0 + np.abs(at))
-    slope = (shape.h(at + step) - shape.h(at - step)) / (2 * step)
+    slope = (group.h(at + step) - group.h(at - step)) / (2 * step)
     slope = np.where(where == 2, 0.0, np.where(where == 1, -slope, slope))
     return np.where(where == 1, slope, -slope), slope
 
 
 LARGEST_V = 1e6
 STEPS = 60
-# Networks of more agents are large: less accuracy is worth the time.
-FEW_AGENTS = 2000
+FEW_AGENTS = 2000  # networks of more are large: less accuracy is worth the time
 # A factorisation is cheap for few agents, and where the network is little more than lines and rings.
 FACTORED_AGENTS, FEW_ENTRIES = 500, 4
 # Accuracy and steps of the iteration elsewhere.  It converges slowly only at rates next to one that is out of reach.
 ACCURACY, ROUGH, MOST_ITERATIONS = 1e-4, 0.03, 150
 # Newton's residual as a part of the terms, and how far a step may fall where it has to rise, by rounding.
 TIGHT, LOOSE = (1e-12, 1e-9), (1e-6, 1e-2)
-# Steps of inverse iteration for the rate of linear couplings.
-INVERSE_STEPS = 4
+INVERSE_STEPS = 4  # for the rate of linear couplings
 
 
 def linear_rate(field: Field) -> float:
@@ -235,12 +220,11 @@ def least_solution(
         residual, jacobian, scale = field.rows(v, alpha=alpha)
         if np.all(residual <= close * scale):
             return v
-        active = (residual > 0) | (v > lower)
-        step = _solve(jacobian, residual, active)
+        raised = residual > 0
+        step = _solve(jacobian, residual, raised | (v > lower))
         if step is None:
             return None
         proposed = np.maximum(lower, v + step)
-        raised = residual > 0
         # A solution lies above: where a row fails, v has to rise; a step down there means there is none.
         if np.any(proposed[raised] < v[raised] * (1 - drop)) or not np.all(np.isfinite(proposed)):
             return None

@@ -26,10 +26,8 @@ IN_HAND = Fraction(1, 10**4)
 # (agents, relative accuracy of the largest box that is still worth the time)
 CLOSE = ((60, 0.002), (2000, 0.02), (10**9, 0.25))
 HALVINGS = 12
-#: How much further out the agent is looked for that is no longer held.
-WIDER = Fraction(2)
-#: The part of the rate that delays are to leave.
-KEPT = Fraction(1, 2)
+WIDER = Fraction(2)  # how much further out the agent is looked for that is no longer held
+KEPT = Fraction(1, 2)  # of the rate, which delays are to leave
 #: How many times less steep couplings have to be for a v of its own for sampling; the part of the rate that it keeps.
 WORTH, SLOWER, SAMPLES = 2, 0.1, 50
 #: Arcs of all modes together up to which delays and sampling are examined: exact rows for each of them take long.

@@ -1,15 +1,13 @@
-"""What a proved max-separable certificate says about delays and sampling (theory, section 5, delays and sampling).
+"""What a proved max-separable certificate says about delays and sampling (theory, section 5); no coupling need rise.
 
-Delays.  Agent i uses x_j(t - tau_ij(t)) with any bounded, varying delays on the arcs, its own state undelayed, its
-observer fed the same received values.  Every start of ``covers`` then still converges, whatever the delays: while
-N + E/(beta min v) <= rho nothing leaves, by the same rows.  The rate for delays up to tau: if the rows hold with v_j
-replaced by theta v_j, theta >= exp(lambda tau), and the rate lambda, then |e_i(t)| <= M v_i exp(-lambda t) is kept
-(Razumikhin, Halanay); with an observer error that decays faster than lambda, once that has become small.
+Delays.  Agent i uses x_j(t - tau_ij(t)), its own state undelayed, its observer fed the same received values.  Every
+start of ``covers`` still converges: while N + E/(beta min v) <= rho nothing leaves, by the same rows.  If the rows hold
+with v_j replaced by theta v_j, theta >= exp(lambda tau), and the rate lambda, then |e_i(t)| <= M v_i exp(-lambda t) is
+kept for delays up to tau (Razumikhin, Halanay), once an observer error that decays faster has become small.
 
 Sampling.  Couplings and pinning held over a period T give e_i+ = e_i + T (sum w h - k e_i) + int C eps.  Let L bound
 the mean of h' on every way from e_j - s v_i to e_j - e_i, |e_j| <= s v_j, |e_i| <= s v_i.  If T (sum w L + k_cc) <= 1,
 the largest e_i+ is that of the face e_i = s v_i, so the rows give N+ <= (1 - T alpha) N + T max |C eps|/v.
-No monotone coupling is needed for either.
 """
 
 from __future__ import annotations

@@ -28,8 +28,7 @@ from dobc_design.problem.arcs import coupling_places
 from dobc_design.problem.canonical import matrix_text
 from dobc_design.problem.problem import Problem
 
-UPPER, LOWER = 1, -1
-FACES = {UPPER: "upper", LOWER: "lower"}
+FACES = {1: "upper", -1: "lower"}
 OWN: Final = "certificate"  # the key under which a check of sampling holds one of its own, where it has one
 
 

@@ -126,12 +126,6 @@ def test_couplings_that_do_not_act_by_component_leave_it_undecided():
     assert check.reason.startswith("does not apply")
 
 
-def test_linear_couplings_settle_from_the_region():
-    """e_1' = -5 e_1, e_2' = e_1 - e_2: |e_2| is 5/4 exp(-t) in the end, so nothing below ln(1250) s is true."""
-    found = dd.certify(line("y"), settling="1/1000").settling
-    assert np.log(1249) <= found.time <= 1.5 * np.log(1250)
-
-
 def test_agents_with_different_exosystems_settle_and_both_programs_accept_it():
     """e_i' = -2 e_i + eps_i, eps_i' = -b_i eps_i: the slower group's error decides; twin: one percent sooner."""
     groups = [

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from fractions import Fraction
 
-from separable_problems import fractions
+from separable_problems import fractions, listening
 
 from dobc_design.conditions.separable.claim import Term, acts_by_component, holding_gains, largest_reach, rows
 from dobc_design.problem.load import load_problem
@@ -17,8 +17,7 @@ F = Fraction
 def test_agents_in_the_same_situation_share_a_row():
     """The undirected cycle with v = 1: one row for the pinned agent, one for the nine others."""
     arcs = [[i, (i + d) % 10 + 1] for i in range(1, 11) for d in (0, -2) if i != (i + d) % 10 + 1]
-    network = Network.from_arcs(arcs, arrow="listens_to", agents=10)
-    problem = Problem(network=network, coupling="y", gains={1: 5}, target=0)
+    problem = listening(arcs, "y", n=10, gains={1: 5}, target=0)
     found = dict(rows(problem, (F(1),) * 10))
     assert sorted((row.gain, place.count) for row, place in found.items()) == [(0, 9), (5, 1)]
     assert all(row.terms == (Term(0, F(2), F(2), F(0)),) for row in found)
@@ -26,8 +25,7 @@ def test_agents_in_the_same_situation_share_a_row():
 
 def test_terms_hold_weights_reach_and_step():
     """Agent 3 (v = 5) hears 1 (v = 2) with weight 1/2 and 2 (v = 3) with weight 4; stretched by 2."""
-    network = Network.from_arcs([[3, 1, "1/2"], [3, 2, 4]], arrow="listens_to", agents=3)
-    problem = Problem(network=network, coupling="y", exceptions={(2, 1): "2*y"}, target=0)
+    problem = listening([[3, 1, "1/2"], [3, 2, 4]], "y", n=3, exceptions={(2, 1): "2*y"}, target=0)
     ((row, place),) = rows(problem, fractions(2, 3, 5), agents=[2])
     assert row.terms == (Term(0, F(1, 2), F(7), F(-3)), Term(1, F(4), F(8), F(-2)))
     assert (place.agent, place.mode, place.count) == (2, "G", 1)

@@ -10,7 +10,17 @@ import numpy as np
 import pytest
 from random_couplings import true_values
 from scipy.optimize import linprog
-from separable_problems import MONOTONE, TURNING, cycle, fractions, pair, random_network, random_problem, sampled_rows
+from separable_problems import (
+    MONOTONE,
+    TURNING,
+    cycle,
+    fractions,
+    listening,
+    pair,
+    random_network,
+    random_problem,
+    sampled_rows,
+)
 
 from dobc_design.conditions.separable.claim import FACES, Separable, find_ordering, is_stuck, rows
 from dobc_design.conditions.separable.decide import coupling_profiles, decide_row, largest_rate, verify_separable
@@ -109,8 +119,7 @@ def test_a_face_that_only_the_lower_row_sees():
 @pytest.mark.parametrize("h", ["sin(y) + y**2/200", "sin(y) - y**2/200"])
 def test_a_maximum_inside_one_interval_counts_where_another_arc_is_worst(h: str):
     """Agent 3 hears 1 (v = 1) and 2 (v = 1/5): at s = 3.75 the first has its maximum inside, at -3 pi/2."""
-    network = Network.from_arcs([[3, 1], [3, 2]], arrow="listens_to", agents=3)
-    problem = Problem(network=network, coupling=h, gains={1: 9, 2: 9, 3: 2}, target=0)
+    problem = listening([[3, 1], [3, 2]], h, n=3, gains={1: 9, 2: 9, 3: 2}, target=0)
     v, rho = fractions(1, "0.2", 1), F(4)
     alpha = float(largest_rate(problem, v, rho=rho))
     scales = np.linspace(0.01, 4, 160)
@@ -141,21 +150,28 @@ def test_a_coupling_that_turns_at_zero_is_decided_up_to_zero():
     assert verdict(problem, ONES, F(3) + F(1, 10**6), F(1, 2)) is Verdict.REFUTED
 
 
-def test_linear_couplings_are_decided_for_every_radius_exactly():
-    """h = y/2, weight 3: agent 2 has 3/2 (v_1 - v_2), the rate 1/2 with v = (1, 3/2)."""
-    problem, v = pair("y/2", weight=3), fractions(1, 1.5)
-    assert verdict(problem, v, F(1, 2), None) is Verdict.PROVED
-    assert verdict(problem, v, F(1, 2) + F(1, 10**40), None) is Verdict.REFUTED
-    assert largest_rate(problem, v, rho=None) == F(1, 2)
-    assert largest_rate(problem, v, rho=F(10**6)) == F(1, 2)
+REPELLING = listening([[2, 1]], "-y/8", n=2, gains=1, target=0)
+MATRIX = listening([], "y", n=1, gains={1: [[3, 1], [-1, 2]]}, target=[0, 0])
+MIXED = listening([[2, 1], [3, 1, 5]], "y", n=3, exceptions={(1, 0): "2*y"}, gains={1: 10}, target=0)
+HALF = pair("y/2", weight=3)
 
 
-def test_a_linear_coupling_that_repels_uses_the_other_end():
-    """h = -y/8: the worst neighbour is at the opposite face, so 1/8 (v_1 + v_2) counts against k."""
-    network = Network.from_arcs([[2, 1]], arrow="listens_to", agents=2)
-    problem = Problem(network=network, coupling="-y/8", gains=1, target=0)
-    assert largest_rate(problem, fractions(1, 1), rho=None) == F(3, 4)
-    assert largest_rate(problem, fractions(1, 1), rho=F(3)) == F(3, 4)
+@pytest.mark.parametrize(
+    ("problem", "v", "rho", "rate"),
+    [
+        (HALF, (1, 1.5), None, "1/2"),  # agent 2 has 3/2 (v_1 - v_2)
+        (HALF, (1, 1.5), F(10**6), "1/2"),
+        (REPELLING, (1, 1), None, "3/4"),  # the worst neighbour is at the opposite face: 1/8 (v_1 + v_2) against k
+        (REPELLING, (1, 1), F(3), "3/4"),
+        (MATRIX, (1,), None, "1"),  # the second component is worth 2 - 1, the first 3 - 1
+        (MIXED, (1, 2, 10), F(1), "1"),  # arc (2, 1): 2 (2 - 1)/2; arc (3, 1), weight 5: 5 (10 - 1)/10
+        (MIXED, (1, 2, "1.1"), F(1), "0.454545454"),  # now 5 (1.1 - 1)/1.1
+    ],
+)
+def test_rates_of_linear_couplings_are_those_of_closed_forms(problem, v, rho, rate):
+    assert largest_rate(problem, fractions(*v), rho=rho) == F(rate)
+    assert verdict(problem, fractions(*v), F(rate), rho) is Verdict.PROVED
+    assert verdict(problem, fractions(*v), F(rate) + F(1, 10**8), rho) is Verdict.REFUTED
 
 
 def test_an_irrational_slope_is_enclosed():
@@ -166,26 +182,9 @@ def test_an_irrational_slope_is_enclosed():
     assert verdict(problem, v, F(104719756, 10**8), 7) is Verdict.REFUTED
 
 
-def test_matrix_gains_count_by_row():
-    """k = [[3, 1], [-1, 2]]: the second component is worth 2 - 1, the first 3 - 1."""
-    network = Network.from_arcs([], arrow="listens_to", agents=1)
-    problem = Problem(network=network, coupling="y", gains={1: [[3, 1], [-1, 2]]}, target=[0, 0])
-    assert largest_rate(problem, (F(1),), rho=None) == 1
-    assert verdict(problem, (F(1),), F(101, 100), 1) is Verdict.REFUTED
-
-
-def test_exceptions_and_weights_enter_their_own_rows():
-    """Arc (2, 1) has h = 2 y, arc (3, 1) the weight 5 on h = y."""
-    network = Network.from_arcs([[2, 1], [3, 1, 5]], arrow="listens_to", agents=3)
-    problem = Problem(network=network, coupling="y", exceptions={(1, 0): "2*y"}, gains={1: 10}, target=0)
-    assert largest_rate(problem, fractions(1, 2, 10), rho=F(1)) == 1  # 2 (2 - 1)/2 against 5 (10 - 1)/10
-    assert largest_rate(problem, fractions(1, 2, "1.1"), rho=F(1)) == F("0.454545454")  # now 5 (1.1 - 1)/1.1
-
-
 def test_every_mode_counts():
     for modes, verdict in (({"A": [[2, 1]]}, Verdict.PROVED), ({"A": [[2, 1]], "B": []}, Verdict.REFUTED)):
-        network = Network.from_arcs(modes, arrow="listens_to", agents=2)
-        problem = Problem(network=network, coupling="y", gains={1: 1}, target=0)
+        problem = listening(modes, "y", n=2, gains={1: 1}, target=0)
         answer = verify_separable(problem, Separable(v=fractions(1, 2), alpha=F(1, 2), rho=F(1)))
         assert answer.verdict is verdict
     assert (answer.mode, answer.agent) == ("B", 1)
@@ -243,8 +242,7 @@ def test_the_fast_rows_prove_nothing_that_the_exact_ones_do_not(seed: int, dyadi
 def held_ring(n: int, *, h: str = "sin(y)") -> tuple[Problem, tuple[F, ...]]:
     """Every third agent pinned, both neighbours heard, v = 1 there and 5/4 elsewhere."""
     arcs = [[i + 1, (i + d) % n + 1] for i in range(n) for d in (1, -1)]
-    network = Network.from_arcs(arcs, arrow="listens_to", agents=n)
-    problem = Problem(network=network, coupling=h, gains={i + 1: 5 for i in range(0, n, 3)}, target=0)
+    problem = listening(arcs, h, n=n, gains={i + 1: 5 for i in range(0, n, 3)}, target=0)
     return problem, tuple(F(1) if i % 3 == 0 else F(5, 4) for i in range(n))
 
 
@@ -369,8 +367,7 @@ def test_in_the_order_everyone_is_pinned_or_hears_an_earlier_one_in_every_mode(s
 
 
 def of_modes(modes: dict[str, list[list[int]]]) -> Problem:
-    network = Network.from_arcs(modes, arrow="listens_to", agents=3)
-    return Problem(network=network, coupling="y", gains={1: 1}, target=0)
+    return listening(modes, "y", n=3, gains={1: 1}, target=0)
 
 
 def test_two_modes_that_alternate_have_no_common_v():
@@ -383,13 +380,10 @@ def test_two_modes_that_alternate_have_no_common_v():
     assert find_ordering(of_modes({"A": [[3, 2], [2, 1]], "B": [[2, 1], [3, 1]]})).ranks == (0, 1, 2)
 
 
-def test_a_cycle_is_ordered_away_from_its_pin():
+def test_a_cycle_is_ordered_away_from_its_pin_and_a_matrix_gain_holds_only_if_it_is_diagonally_dominant():
+    """Component c is worth k_cc - sum |k_cd|."""
     assert find_ordering(cycle(5)).ranks == (0, 4, 3, 2, 1)
     assert find_ordering(cycle(5, gains={})).stuck == (0, 1, 2, 3, 4)
-
-
-def test_a_matrix_gain_holds_only_if_it_is_diagonally_dominant():
-    """Component c is worth k_cc - sum |k_cd|."""
     network = Network.from_arcs([[2, 1]], arrow="listens_to", agents=2)
     for corner, stuck in ((1, ()), (2, (0, 1))):
         gain = [[2, corner], [-corner, 2]]

@@ -12,7 +12,7 @@ from certified import certified
 from confirming import confirmed
 from region_oracle import Regions
 from regions import without_region
-from separable_problems import cycle, pair
+from separable_problems import cycle, listening, pair
 
 from dobc_design.certificate.text import certificate_bytes, certificate_document
 from dobc_design.certification.certify import certify
@@ -28,7 +28,6 @@ from dobc_design.conditions.separable.timing import largest_period
 from dobc_design.problem.canonical import canonical_document
 from dobc_design.problem.exosystems import Exosystem
 from dobc_design.problem.load import builtin_names, load_problem
-from dobc_design.problem.network import Network
 from dobc_design.problem.problem import Problem
 from dobc_design.verdict import Verdict
 
@@ -90,8 +89,7 @@ def test_without_a_region_nothing_regional_is_examined_and_a_box_answers_no_ques
 
 def test_a_region_that_the_theorem_covers_needs_no_more():
     """Linear couplings: Lemma 1 is global."""
-    network = Network.from_arcs([[1, 2], [2, 1]], arrow="listens_to")
-    problem = Problem(network=network, coupling="2*y", gains=5, region=side(4))
+    problem = listening([[1, 2], [2, 1]], "2*y", gains=5, region=side(4))
     certificate = certify(problem)
     assert certificate.covered_by == "lemma1"
     assert {check.id for check in certificate.checks} == {"reachability", "lemma1"}
@@ -101,8 +99,7 @@ def test_a_region_that_the_theorem_covers_needs_no_more():
 
 def test_linear_couplings_are_proved_from_everywhere_where_v_is_not_quadratic():
     """A star with a far heavier arc: e'e grows, max |e_i|/v_i falls, however large the region."""
-    network = Network.from_arcs([[2, 1, 50]], arrow="listens_to", agents=2)
-    problem = Problem(network=network, coupling="y", gains={1: 1}, target=0, region=side("1e9"))
+    problem = listening([[2, 1, 50]], "y", n=2, gains={1: 1}, target=0, region=side("1e9"))
     certificate = certify(problem)
     assert certificate.check("lemma1").verdict is REFUTED
     assert (certificate.verdict, certificate.covered_by) == (PROVED, "max-separable")
@@ -138,8 +135,7 @@ def test_the_largest_box_leaves_room_for_the_disturbance_and_none_is_found_where
 
 def test_agents_that_no_v_holds_are_refuted_and_the_whole_is_not():
     """Each mode reaches everybody; 3 hears 2 in one and 2 hears 3 in the other."""
-    network = Network.from_arcs({"A": [[2, 1], [3, 2]], "B": [[3, 1], [2, 3]]}, arrow="listens_to", agents=3)
-    problem = Problem(network=network, coupling="tanh(y)", gains={1: 3}, region=side(1))
+    problem = listening({"A": [[2, 1], [3, 2]], "B": [[3, 1], [2, 3]]}, "tanh(y)", n=3, gains={1: 3}, region=side(1))
     check = stage(problem)["max-separable"]
     assert (check.verdict, check.witness.labels) == (REFUTED, ("2", "3"))
     whole = decide_overall(problem, [check], None)
@@ -205,8 +201,7 @@ def test_where_a_coupling_is_steep_sampling_has_flatter_weights_of_its_own():
 def ring(n: int, h: str, *, step: int, k: int, reach) -> Problem:
     """Both neighbours are heard, every so many agents one is pinned."""
     arcs = [[i + 1, (i + d) % n + 1] for i in range(n) for d in (1, -1)]
-    network = Network.from_arcs(arcs, arrow="listens_to", agents=n)
-    return Problem(network=network, coupling=h, gains=dict.fromkeys(range(1, n + 1, step), k), region=side(reach))
+    return listening(arcs, h, n=n, gains=dict.fromkeys(range(1, n + 1, step), k), region=side(reach))
 
 
 @pytest.mark.slow
@@ -231,8 +226,7 @@ def test_many_arcs_with_a_falling_coupling_are_certified_beyond_the_range_on_whi
 
 def test_a_chain_whose_fastest_v_is_too_steep_is_proved_with_a_flatter_one():
     """Five agents in a row, the first pinned: a common v exists for every radius (theory, section 5, existence)."""
-    network = Network.from_arcs([[i + 1, i] for i in range(1, 5)], arrow="listens_to", agents=5)
-    problem = Problem(network=network, coupling="exp(y) - 1 + y", gains={1: 2}, region=side(1))
+    problem = listening([[i + 1, i] for i in range(1, 5)], "exp(y) - 1 + y", n=5, gains={1: 2}, region=side(1))
     steep = design_separable(problem, radius=Fraction(1))
     assert steep.v.max() > 1e5
     check = stage(problem)["max-separable"]

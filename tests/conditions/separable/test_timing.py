@@ -8,14 +8,13 @@ from random import Random
 import numpy as np
 import pytest
 from scipy.optimize import brentq
-from separable_problems import MONOTONE, PAPER, TURNING, cycle, float_gains, fractions, pair, random_problem
+from separable_problems import MONOTONE, PAPER, TURNING, cycle, float_gains, fractions, listening, pair, random_problem
 
 from dobc_design.conditions.separable.claim import DelayBound, ErrorBound, SamplingBound, Separable
 from dobc_design.conditions.separable.decide import largest_rate
 from dobc_design.conditions.separable.propose import propose_separable, rounded_vectors
 from dobc_design.conditions.separable.timing import largest_period, longest_delay, sampled_factor, verify_delay
 from dobc_design.errors import SpecError
-from dobc_design.problem.network import Network
 from dobc_design.problem.problem import Problem
 from dobc_design.verdict import Verdict
 
@@ -144,8 +143,7 @@ def test_a_longer_period_overshoots():
 
 
 def test_matrix_gains_and_couplings_that_do_not_apply_have_no_period():
-    network = Network.from_arcs([[2, 1]], arrow="listens_to", agents=2)
-    vector = Problem(network=network, coupling=["y1 + y2", "y2"], gains=1, target=[0, 0])
+    vector = listening([[2, 1]], ["y1 + y2", "y2"], n=2, gains=1, target=[0, 0])
     claim = Separable(v=fractions(1, 1), alpha=F(1), rho=F(1))
     assert largest_period(vector, claim) is None
     assert largest_period(pair("tanh(y)"), Separable(v=fractions(1, 1), alpha=F(1), rho=None)) is None

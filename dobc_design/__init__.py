@@ -51,7 +51,7 @@ _HOMES = {
     "RandomDwell": "simulation.signals",
     "Region": "problem.settings",
     "Schedule": "simulation.signals",
-    "Settling": "conditions.schedule.settling",
+    "Settling": "conditions.schedule.decide",
     "Stress": "simulation.setting",
     "Suspect": "falsification.suspect",
     "SweepResult": "sweeps.result",

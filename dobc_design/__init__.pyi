@@ -10,7 +10,7 @@ from dobc_design.certification.certify import certify_settling as certify_settli
 from dobc_design.certification.certify import verify as verify
 from dobc_design.certification.search import search_certificate as search_certificate
 from dobc_design.conditions.check import Check as Check
-from dobc_design.conditions.schedule.settling import Settling as Settling
+from dobc_design.conditions.schedule.decide import Settling as Settling
 from dobc_design.coupling.coupling import Coupling as Coupling
 from dobc_design.export.interchange import analyse as analyse
 from dobc_design.export.interchange import build_model as build_model

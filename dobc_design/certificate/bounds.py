@@ -25,9 +25,9 @@ from dobc_design.conditions.consensus.claim import PairFacts
 from dobc_design.conditions.numbers import claimed
 from dobc_design.conditions.quadratic.claim import Lure
 from dobc_design.conditions.quadratic.decide import diagonal_of_inverse, eigenvalue_bound
-from dobc_design.conditions.schedule.settling import Settling
+from dobc_design.conditions.schedule.decide import Settling
 from dobc_design.conditions.separable.claim import Separable
-from dobc_design.conditions.separable.observer import composite_rate
+from dobc_design.conditions.separable.decide import composite_rate
 from dobc_design.errors import SpecError
 from dobc_design.exact.matrix import Matrix
 from dobc_design.exact.number import float_above, float_below, root_above

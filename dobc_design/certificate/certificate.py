@@ -17,7 +17,7 @@ from dobc_design.certificate.files import make_folder, write_together
 from dobc_design.certificate.regions import Regions, certified_regions, certified_settling
 from dobc_design.certificate.text import certificate_bytes
 from dobc_design.conditions.check import Check
-from dobc_design.conditions.schedule.settling import Settling
+from dobc_design.conditions.schedule.decide import Settling
 from dobc_design.problem.canonical import canonical_bytes
 from dobc_design.problem.problem import Problem
 from dobc_design.verdict import Verdict

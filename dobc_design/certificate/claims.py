@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from fractions import Fraction
 from typing import Final
 
-from dobc_design.conditions.boxes import checks as boxes
+from dobc_design.conditions.boxes import decide as boxes
 from dobc_design.conditions.check import Check, Claim, Values
 from dobc_design.conditions.consensus import claim as consensus
 from dobc_design.conditions.equilibrium import claim as equilibrium

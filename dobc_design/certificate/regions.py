@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Mapping, Sequence
-from contextlib import suppress
 from dataclasses import asdict, dataclass, replace
 from fractions import Fraction
 from typing import Any, Final
@@ -24,7 +23,7 @@ from dobc_design.conditions.quadratic.claim import Lure
 from dobc_design.conditions.quadratic.decide import eigenvalue_bound
 from dobc_design.conditions.schedule.checks import settling_of
 from dobc_design.conditions.schedule.claim import Staging
-from dobc_design.conditions.schedule.settling import Settling
+from dobc_design.conditions.schedule.decide import Settling
 from dobc_design.conditions.separable.claim import Separable, largest_reach
 from dobc_design.coupling.enclosures import Curve, profile
 from dobc_design.exact.interval import UndefinedError
@@ -311,17 +310,19 @@ class _Gatherer:
         claim = check.claim
         if not isinstance(claim, Separable) or claim.rho is None:
             return ""
-        reaches = largest_reach(self.problem, claim.v, modes=list(self.problem.network.modes))
-        used = [
-            (h, reach) for h, reach in zip(self.problem.couplings, reaches, strict=True) if reach and h.by_component
-        ]
-        with suppress(UndefinedError):
-            for h, gap in ((h, claim.rho * reach) for h, reach in used):
-                if not profile(Curve(h.components[0]), gap).is_nondecreasing:
-                    return (
-                        f"Two agents in this box may differ by {significant(float(gap))}, and on such distances"
-                        f" h = {h.texts[0]} does not rise throughout: a neighbour farther away pulls less."
-                    )
+        reaches = largest_reach(self.problem, claim.v)
+        for coupling, reach in zip(self.problem.couplings, reaches, strict=True):
+            if claim.rho is None or not reach or not coupling.by_component:
+                continue
+            try:
+                if profile(Curve(coupling.components[0]), claim.rho * reach).is_nondecreasing:
+                    continue
+            except UndefinedError:
+                return ""
+            return (
+                f"Two agents in this box may differ by {significant(float(claim.rho * reach))}, and on such distances"
+                f" h = {coupling.texts[0]} does not rise throughout: a neighbour farther away pulls less."
+            )
         return ""
 
 

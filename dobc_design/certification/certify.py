@@ -48,10 +48,8 @@ from dobc_design.conditions.numbers import is_writable
 from dobc_design.conditions.observer.decide import detectability_check, hurwitz_check, observability_check
 from dobc_design.conditions.observer.propose import GainDesign, chosen_gains, design_gains, observer_gain, propose_pairs
 from dobc_design.conditions.quadratic.stage import quadratic_stage
-from dobc_design.conditions.schedule.asked import asked_of, read_tolerance
-from dobc_design.conditions.schedule.settle import settle
-from dobc_design.conditions.schedule.settling import Settling
-from dobc_design.conditions.schedule.stage import settling_stage
+from dobc_design.conditions.schedule.decide import Settling
+from dobc_design.conditions.schedule.stage import asked_of, read_tolerance, settle, settling_stage
 from dobc_design.conditions.separable.stage import separable_stage
 from dobc_design.errors import DobcError
 from dobc_design.exact.matrix import Matrix, multiply, to_float

@@ -22,7 +22,7 @@ from dobc_design.certificate.claims import Claims, claim_of
 from dobc_design.certificate.text import certificate_bytes, read_claims
 from dobc_design.certification.overall import decide_overall
 from dobc_design.checker import examine as checker
-from dobc_design.conditions.boxes import checks as boxes
+from dobc_design.conditions.boxes import decide as boxes
 from dobc_design.conditions.check import Check, same_witness
 from dobc_design.conditions.consensus import decide as consensus
 from dobc_design.conditions.consensus.claim import Pair, Statements, state_theorems

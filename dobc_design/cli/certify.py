@@ -156,7 +156,7 @@ def region(
 
 
 def _tolerance(settling: str | None) -> Any:
-    from dobc_design.conditions.schedule.asked import read_tolerance
+    from dobc_design.conditions.schedule.stage import read_tolerance
 
     return None if settling is None else read_tolerance(settling, key="--settling")
 

@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from rich.text import Text
 
     from dobc_design.conditions.schedule.checks import StageTiming
-    from dobc_design.conditions.schedule.settling import Settling
+    from dobc_design.conditions.schedule.decide import Settling
     from dobc_design.falsification.suspect import Falsification
 
 EXIT = {"proved": 0, "refuted": 1, "undecided": 3}

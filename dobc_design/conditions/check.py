@@ -1,8 +1,7 @@
-"""One checked condition: its verdict, where it holds, with which margin, why, and the claim that is proved.
+"""One checked condition, of which a certificate consists: its verdict, where it holds, its margin, why, and its claim.
 
-A Check is what a certificate consists of; what confirms it is the problem, the gain W and the pair (P, Q).  The claim
-is the noun of its topic.  It becomes JSON when a certificate is written; a check that was read from a file holds the
-values as they stand there, until ``certificate.claims`` reads them for a trusted problem.
+The claim is the noun of its topic.  It becomes JSON when a certificate is written; a check that was read from a file
+holds the values as they stand there, until ``certificate.claims`` reads them for a trusted problem.
 """
 
 from __future__ import annotations
@@ -20,8 +19,7 @@ from dobc_design.conditions.numbers import claimed, read_rational
 from dobc_design.problem.problem import Problem
 from dobc_design.verdict import Verdict
 
-#: Exact values that are no numbers.
-NAMES = ("block", "mode", "group", "unobservable_polynomial")
+NAMES = ("block", "mode", "group", "unobservable_polynomial")  # exact values that are no numbers
 #: Fields of a check in JSON: those that are always there, and the others.
 NEEDED = ("id", "verdict", "domain", "margin", "rate", "reason")
 OPTIONAL = ("mode", "group", "exact", "witness", "fix")
@@ -61,12 +59,8 @@ class Witness(Shown):
 
     def to_json(self) -> dict[str, Any]:
         """JSON object with the keys that are there."""
-        result: dict[str, Any] = {"kind": self.kind}
-        if self.labels is not None:
-            result["labels"] = list(self.labels)
-        if self.values is not None:
-            result["values"] = list(self.values)
-        return result
+        lists = {"labels": self.labels, "values": self.values}
+        return {"kind": self.kind} | {name: list(found) for name, found in lists.items() if found is not None}
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, repr=False)
@@ -151,25 +145,18 @@ class Check(Shown):
 
     def to_json(self) -> dict[str, Any]:
         """JSON object of the contract."""
-        result: dict[str, Any] = {"id": self.id}
-        if self.mode is not None:
-            result["mode"] = self.mode
-        if self.group is not None:
-            result["group"] = self.group
-        result |= {
+        places = {name: text for name, text in (("mode", self.mode), ("group", self.group)) if text is not None}
+        parts: dict[str, Claim | None] = {"exact": self.claim, "witness": self.witness, "fix": self.fix}
+        return {
+            "id": self.id,
+            **places,
             "verdict": self.verdict.value,
             "domain": self.domain if isinstance(self.domain, str) else dict(self.domain),
             "margin": self.margin,
             "rate": self.rate,
             "reason": self.reason,
+            **{name: part.to_json() for name, part in parts.items() if part is not None},
         }
-        if self.claim is not None:
-            result["exact"] = self.claim.to_json()
-        if self.witness is not None:
-            result["witness"] = self.witness.to_json()
-        if self.fix is not None:
-            result["fix"] = self.fix.to_json()
-        return result
 
 
 def undecided_check(id: str, domain: str, reason: str, *, applies: bool = True) -> Check:
@@ -183,10 +170,8 @@ def starts_in(kind: str, radius: float, disturbance: float) -> Domain:
 
 
 def read_domain(domain: object, problem: Problem, *, kind: str) -> tuple[Fraction, Fraction]:
-    """Radius > 0 and disturbance >= 0 of a domain, ``kind`` "box" or "ball".
-
-    Raises: ValueError or TypeError for another one, and for a disturbance without an exosystem.
-    """
+    """Radius > 0 and disturbance >= 0 of a domain, ``kind`` "box" or "ball".  Raises: ValueError or TypeError for
+    another one, and for a disturbance without an exosystem."""
     if not isinstance(domain, Mapping) or set(domain) != {"kind", "radius", "disturbance"} or domain["kind"] != kind:
         raise ValueError(f"the domain must be a {kind} with radius and disturbance")
     radius, disturbance = number_or_none(domain["radius"]), number_or_none(domain["disturbance"])
@@ -199,11 +184,9 @@ def read_domain(domain: object, problem: Problem, *, kind: str) -> tuple[Fractio
 
 def main_cure(checks: Sequence[Check]) -> Check | None:
     """The failed check whose fix cures most: the condition everything rests on, else a printed P, else the model."""
-    for id in ("theorem2", "theorem1", "lemma1", "theorem2-printed", "theorem1-printed", "detectability", "hurwitz"):
-        for check in checks:
-            if check.id == id and check.fix is not None:
-                return check
-    return None
+    order = ("theorem2", "theorem1", "lemma1", "theorem2-printed", "theorem1-printed", "detectability", "hurwitz")
+    cured = [check for check in checks if check.fix is not None and check.id in order]
+    return min(cured, key=lambda check: order.index(check.id), default=None)
 
 
 def main_fix(checks: Sequence[Check]) -> Fix | None:
@@ -225,13 +208,17 @@ def other_cures(checks: Sequence[Check]) -> list[Check]:
 
 
 def check_from_json(data: Any) -> Check:
-    """Read a check back.
-
-    Raises: KeyError, TypeError or ValueError on anything else; a field that is not known here is refused,
-    because nobody would have checked it.
-    """
+    """Read a check back.  Raises: KeyError, TypeError or ValueError on anything else; a field that is not known here is
+    refused, because nobody would have checked it."""
     require_keys(data, "a check", needed=NEEDED, allowed=OPTIONAL)
-    domain = data["domain"]
+    domain, witness, fix = data["domain"], data.get("witness"), data.get("fix")
+    if "witness" in data:
+        require_keys(witness, "witness", needed=("kind",), allowed=("labels", "values"))
+        lists = {name: _texts(witness[name]) for name in ("labels", "values") if name in witness}
+        witness = Witness(kind=_text(witness["kind"]), **lists)
+    if "fix" in data:
+        require_keys(fix, "fix", needed=("kind", "set", "text"))
+        fix = Fix(kind=_text(fix["kind"]), set=_object(fix["set"], "fix.set"), text=_text(fix["text"]))
     return Check(
         id=_text(data["id"]),
         mode=_text(data["mode"]) if "mode" in data else None,
@@ -242,8 +229,8 @@ def check_from_json(data: Any) -> Check:
         rate=number_or_none(data["rate"]),
         reason=_text(data["reason"]),
         claim=Values(_object(data["exact"], "exact")) if "exact" in data else None,
-        witness=_witness(data["witness"]) if "witness" in data else None,
-        fix=_fix(data["fix"]) if "fix" in data else None,
+        witness=witness,
+        fix=fix,
     )
 
 
@@ -295,9 +282,7 @@ def read_object(data: object, names: Collection[str]) -> Mapping[str, Any]:
 
 def number_or_none(value: Any) -> float | None:
     """Read a finite number or null; of an integer that is no float the next one further from 0, which claims more.
-
-    Raises: TypeError, ValueError or OverflowError.
-    """
+    Raises: TypeError, ValueError or OverflowError."""
     if value is None:
         return None
     if isinstance(value, bool) or not isinstance(value, (int, float)):
@@ -306,17 +291,6 @@ def number_or_none(value: Any) -> float | None:
         raise ValueError(f"expected a finite number, got {value!r}")
     nearest = float(value)
     return math.nextafter(nearest, math.copysign(math.inf, value)) if abs(nearest) < abs(value) else nearest
-
-
-def _witness(data: Any) -> Witness:
-    require_keys(data, "witness", needed=("kind",), allowed=("labels", "values"))
-    labels = _texts(data["labels"]) if "labels" in data else None
-    return Witness(kind=_text(data["kind"]), labels=labels, values=_texts(data["values"]) if "values" in data else None)
-
-
-def _fix(data: Any) -> Fix:
-    require_keys(data, "fix", needed=("kind", "set", "text"))
-    return Fix(kind=_text(data["kind"]), set=_object(data["set"], "fix.set"), text=_text(data["text"]))
 
 
 def _object(data: Any, name: str) -> dict[str, Any]:
@@ -334,4 +308,4 @@ def _text(value: Any) -> str:
 def _texts(value: Any) -> tuple[str, ...]:
     if not isinstance(value, list):
         raise TypeError("expected a list of texts")
-    return tuple(_text(item) for item in value)
+    return tuple(map(_text, value))

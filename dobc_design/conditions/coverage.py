@@ -5,7 +5,7 @@ A proof covers what is asked if its set of starts holds the region; the two are 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
 
@@ -34,23 +34,17 @@ def covers(problem: Problem, check: Check, checks: Sequence[Check]) -> bool:
             return False
     if problem.region is None:
         return check.kind.role != "region"  # they are about starts, and the question is about the consensus itself
-    if check.domain == "global":
-        return True
-    return isinstance(check.domain, Mapping) and _region_inside(problem, check.domain)
-
-
-def _region_inside(problem: Problem, domain: Mapping[str, object]) -> bool:
-    radius, disturbance = domain.get("radius"), domain.get("disturbance")
-    region = problem.region
-    if region is None or not isinstance(radius, (int, float)):
+    region, domain = problem.region, check.domain
+    if isinstance(domain, str):
+        return domain == "global"
+    radius, disturbance, reach = domain.get("radius"), domain.get("disturbance"), asked_radius(problem)
+    if not isinstance(radius, (int, float)):
         return False
-    reach = asked_radius(problem)
     if domain.get("kind") == "box":
         inside = claimed(radius) >= max(reach)
-    elif domain.get("kind") == "ball":
-        inside = radius >= 0 and claimed(radius) ** 2 >= problem.n * sum((r * r for r in reach), Fraction(0))
     else:
-        return False
+        square = problem.n * sum((r * r for r in reach), Fraction(0))
+        inside = domain.get("kind") == "ball" and radius >= 0 and claimed(radius) ** 2 >= square
     if region.initial_disturbance is None:
         return inside
     return inside and isinstance(disturbance, (int, float)) and claimed(disturbance) >= region.initial_disturbance
@@ -92,7 +86,12 @@ def read_region(problem: Problem, W: Matrix | None, *, domain: str, everything: 
     """Decimals that are not below what is asked; a point counts as a small region."""
     region = problem.region
     reach = (CAP,) * problem.m if region is None else asked_radius(problem)
-    disturbance = _first_error(problem) if region is None else region.initial_disturbance or Fraction(0)
+    if region is None:  # the largest |xi_i(0)| of the simulation, about, where xihat begins at 0
+        rows = problem.simulation.xi0 or ()
+        largest = max((sum((x * x for x in row), Fraction(0)) for row in rows), default=Fraction(0))
+        disturbance = root_above(largest, unit=10**6)
+    else:
+        disturbance = region.initial_disturbance or Fraction(0)
     square = problem.n * sum((r * r for r in reach), Fraction(0))
     return Asked(
         problem=problem,
@@ -104,10 +103,3 @@ def read_region(problem: Problem, W: Matrix | None, *, domain: str, everything: 
         wanted=region is not None,
         everything=everything,
     )
-
-
-def _first_error(problem: Problem) -> Fraction:
-    """The largest |xi_i(0)| of the simulation, about, where xihat begins at 0; 0 if the file names none."""
-    rows = problem.simulation.xi0 or ()
-    square = max((sum((x * x for x in row), Fraction(0)) for row in rows), default=Fraction(0))
-    return root_above(square, unit=10**6)

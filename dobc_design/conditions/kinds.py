@@ -1,13 +1,12 @@
-"""The register of checks: one row per id of a check, in the order in which they are tried.
+"""The register of checks: one row per id of a check, in the order in which they are tried; words and flags only.
 
-A row says which topic decides the check, what its proof is worth, how people read it, and which modules decide it.
-Words and flags only: what reads a claim and what confirms it are found by the topic, in ``certificate.claims`` and
-``certification.recheck``.
+What reads a claim and what confirms it are found by the topic, in ``certificate.claims`` and ``certification.recheck``.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import partial
 from typing import Final, Literal
 
 from dobc_design._show.cards import Card, Shown
@@ -50,7 +49,7 @@ class Kind(Shown):
     meaning: str
     proved: str
     refuted: str
-    source: str
+    source: str = "Beyond the paper; theory, section 5."
 
     def _card(self) -> Card:
         facts = [("proved", self.proved), ("refuted", self.refuted), ("source", self.source)]
@@ -77,16 +76,18 @@ class Kind(Shown):
         return self.name.partition(":")[0].removesuffix(" certificate").removesuffix(" proof")
 
 
+_BALL = "Every start with |e| <= R (Euclidean, all of e) and |eps_i| <= s reaches the target under arbitrary switching."
+_REGION = "Beyond the paper, as its Theorems 1 and 2 hold in a region; theory, sections 1 and 4."
+_observer = partial(Kind, topic="observer", role="part")
+_paper, _given = partial(Kind, topic="consensus", role="paper"), partial(Kind, topic="consensus", role="given")
+_timing = partial(Kind, topic="separable", role="timing")
+
 _ROWS: Final = (
-    Kind(
+    _observer(
         id="observability",
-        topic="observer",
-        role="part",
         name="Observability of (A,\xa0C)",
-        decides=(
-            "whether every state of the disturbance generator shows in d = C ξ; then the estimate can be made as"
-            " fast as wanted"
-        ),
+        decides="whether every state of the disturbance generator shows in d = C ξ; then the estimate can be made as"
+        " fast as wanted",
         title="Observability of the exosystem",
         statement=r"\operatorname{rank}\,[C;\ CA;\ \dots;\ CA^{q-1}] = q",
         plain="rank [C; CA; ...; CA^(q-1)] = q",
@@ -95,24 +96,20 @@ _ROWS: Final = (
         refuted="A part of the exosystem never reaches the agents. Harmless if it decays; see detectability.",
         source="Paper, (12) and (17).",
     ),
-    Kind(
+    _observer(
         id="detectability",
-        topic="observer",
-        role="part",
         name="Detectability of (A,\xa0C)",
-        decides=("whether what C does not see dies out by itself; an observer gain W that works exists exactly then"),
+        decides="whether what C does not see dies out by itself; an observer gain W that works exists exactly then",
         title="Detectability of the exosystem",
         statement=r"A \text{ is Hurwitz on } \bigcap_k \ker CA^k",
         plain="A is Hurwitz on the states that C never sees",
         meaning="What C does not see dies out by itself. Exactly then some W makes A - WC Hurwitz.",
         proved="A gain W exists.",
-        refuted=("No W exists for this model. The disturbance itself does not contain the hidden part: leave it out."),
+        refuted="No W exists for this model. The disturbance itself does not contain the hidden part: leave it out.",
         source="Theory, Decision theorem: one of the two causes of infeasibility.",
     ),
-    Kind(
+    _observer(
         id="hurwitz",
-        topic="observer",
-        role="part",
         name="A − WC is Hurwitz",
         decides="whether the estimation error (17) decays with this W, by Routh’s table",
         title="A - WC is Hurwitz",
@@ -128,65 +125,46 @@ _ROWS: Final = (
         topic="consensus",
         role="part",
         name="Every agent hears a pin",
-        decides=(
-            "whether information from a pinned agent reaches everybody; agents that it does not reach are held by"
-            " nothing"
-        ),
+        decides="whether information from a pinned agent reaches everybody; agents that it does not reach are held by"
+        " nothing",
         title="Every agent hears a pinned agent",
         statement=r"\text{each agent is reached from } \{i : k_i \ne 0\}",
         plain="each agent is reached from an agent with k != 0",
         meaning="Information flows from the pinned agents to everybody, perhaps through others.",
         proved="The graph does not stand in the way.",
-        refuted=(
-            "The agents named listen to nobody who hears a pin; moved away together, they stay away in this mode."
-        ),
+        refuted="The agents named listen to nobody who hears a pin; moved away together, they stay away in this mode.",
         source="Theory, section 2.",
     ),
-    Kind(
+    _paper(
         id="lemma1",
-        topic="consensus",
-        role="paper",
         name="Lemma 1: Λ(J) < 0",
         decides="whether V = Σ eᵢ′eᵢ decreases when there is no disturbance (10)",
         title="Lemma 1: pinning without disturbance",
         statement=r"\Lambda(J) = J + J^T - (K + K^T) < 0",
         plain="Lambda(J) = J + J' - (K + K') < 0",
         meaning="V = e'e decreases. The paper's F of (10) is half of Lambda.",
-        proved=(
-            "Without disturbance the agents reach the target from close by (linear couplings: from everywhere);"
-            " V' <= -2 rate V."
-        ),
+        proved="Without disturbance the agents reach the target from close by (linear couplings: from everywhere); V'"
+        " <= -2 rate V.",
         refuted="V = e'e grows in some direction. This alone does not mean that consensus fails.",
         source="Paper, Lemma 1, (10), with J at the target.",
     ),
-    Kind(
+    _paper(
         id="theorem1",
-        topic="consensus",
-        role="paper",
         name="Theorem 1: Ψ < 0",
-        decides=(
-            "whether some P and Q satisfy (18), so that V = Σ eᵢ′eᵢ + Σ εᵢ′Pεᵢ decreases with the observer in the loop"
-        ),
+        decides="whether some P and Q satisfy (18), so that V = Σ eᵢ′eᵢ + Σ εᵢ′Pεᵢ decreases with the observer in the"
+        " loop",
         title="Theorem 1: pinning and disturbance observer, fixed topology",
-        statement=(
-            r"\Psi = \begin{pmatrix} \Lambda & I \otimes C \\ (I \otimes C)^T & I \otimes \Omega_0 \end{pmatrix}"
-            r" < 0,\quad \Omega_0 = PA + A^TP - C^TQ^T - QC,\quad P > 0"
-        ),
-        plain=(
-            "Psi = [[Lambda, I (x) C], [(I (x) C)', I (x) Omega0]] < 0 and P > 0, with Omega0 = PA + A'P - C'Q' - QC"
-        ),
+        statement=r"\Psi = \begin{pmatrix} \Lambda & I \otimes C \\ (I \otimes C)^T & I \otimes \Omega_0 \end{pmatrix}"
+        r" < 0,\quad \Omega_0 = PA + A^TP - C^TQ^T - QC,\quad P > 0",
+        plain="Psi = [[Lambda, I (x) C], [(I (x) C)', I (x) Omega0]] < 0 and P > 0, with Omega0 = PA + A'P - C'Q' - QC",
         meaning="V = e'e + sum eps_i' P eps_i decreases, with W = P^-1 Q.",
         proved="Consensus despite the disturbance, from close by (linear couplings: from everywhere).",
-        refuted=(
-            "No P and Q satisfy it: either Lambda is not negative definite, or no gain (or not this W) makes the"
-            " estimation error decay."
-        ),
+        refuted="No P and Q satisfy it: either Lambda is not negative definite, or no gain (or not this W) makes the"
+        " estimation error decay.",
         source="Paper, Theorem 1, (18); decided by the Decision theorem.",
     ),
-    Kind(
+    _paper(
         id="theorem2",
-        topic="consensus",
-        role="paper",
         name="Theorem 2: Ψ < 0 in every mode",
         decides="whether one P and one Q satisfy (18) in all modes, so that they may switch in any way",
         title="Theorem 2: switching topology",
@@ -197,10 +175,8 @@ _ROWS: Final = (
         refuted="No common P and Q exist. Consensus may still hold for slow or special switching.",
         source="Paper, Theorem 2, (28).",
     ),
-    Kind(
+    _given(
         id="theorem1-printed",
-        topic="consensus",
-        role="given",
         name="Theorem 1 with the P given",
         decides="whether the P and W of the problem file satisfy (18) as they stand",
         title="Theorem 1 with the P given",
@@ -208,16 +184,12 @@ _ROWS: Final = (
         plain="Psi < 0 with P as given and Q = PW",
         meaning="Tests the pair that was printed or typed, as it is.",
         proved="That very pair works.",
-        refuted=(
-            "That pair fails. A scaled P may work: Psi < 0 iff lambda_max(Lambda) < -lambda_max(S), and S shrinks"
-            " when P grows."
-        ),
+        refuted="That pair fails. A scaled P may work: Psi < 0 iff lambda_max(Lambda) < -lambda_max(S), and S shrinks"
+        " when P grows.",
         source="Paper, Example 1.",
     ),
-    Kind(
+    _given(
         id="theorem2-printed",
-        topic="consensus",
-        role="given",
         name="Theorem 2 with the P given",
         decides="whether the P and W of the problem file satisfy (18) in every mode as they stand",
         title="Theorem 2 with the P given",
@@ -235,73 +207,47 @@ _ROWS: Final = (
         name="Max-separable certificate",
         decides="whether boxes around the target shrink: the largest weighted error decreases",
         title="Max-separable certificate: every start in a box",
-        statement=(
-            r"\max_{|e_j| \le s v_j,\ e_i = s v_i} e_i' \le -\alpha s v_i"
-            r"\quad \text{for all } s \in (0, \rho],\ i,\ \sigma"
-        ),
-        plain=(
-            "on the face e_i = s v_i of the box |e_j| <= s v_j: e_i' <= -alpha s v_i, for all s in (0, rho],"
-            " every agent and mode, and the same on the opposite face"
-        ),
-        meaning=(
-            "One v > 0, a rate alpha and a radius rho such that the field points inwards on every face of every"
-            " smaller box. Then N = max |e_i|/v_i decays while N <= rho, and with the observer V = N + kappa E, E"
-            " = max sqrt(eps_i' P eps_i), kappa > 1/(beta min v)."
-        ),
-        proved=(
-            "Every start with |e| <= R and |eps_i| <= s reaches the target under arbitrary switching, R and s as"
-            " the domain says; V decays at the rate, and no such start leaves {V <= rho}."
-        ),
-        refuted=(
-            "No v does it: each of the agents named has a mode in which it is not pinned and hears nobody outside"
-            " their group. Consensus may still hold for signals that leave those modes."
-        ),
+        statement=r"\max_{|e_j| \le s v_j,\ e_i = s v_i} e_i' \le -\alpha s v_i\quad \text{for all } s \in (0,"
+        r" \rho],\ i,\ \sigma",
+        plain="on the face e_i = s v_i of the box |e_j| <= s v_j: e_i' <= -alpha s v_i, for all s in (0, rho], every"
+        " agent and mode, and the same on the opposite face",
+        meaning="One v > 0, a rate alpha and a radius rho such that the field points inwards on every face of every"
+        " smaller box. Then N = max |e_i|/v_i decays while N <= rho, and with the observer V = N + kappa E, E = max"
+        " sqrt(eps_i' P eps_i), kappa > 1/(beta min v).",
+        proved="Every start with |e| <= R and |eps_i| <= s reaches the target under arbitrary switching, R and s as"
+        " the domain says; V decays at the rate, and no such start leaves {V <= rho}.",
+        refuted="No v does it: each of the agents named has a mode in which it is not pinned and hears nobody outside"
+        " their group. Consensus may still hold for signals that leave those modes.",
         source="Beyond the paper; theory, section 5. The paper claims as much from a condition at one point.",
     ),
-    Kind(
+    _timing(
         id="delay",
-        topic="separable",
-        role="timing",
         name="Delays",
         decides="whether the proof survives delayed messages",
         title="Delays that the max-separable certificate allows",
         statement=r"\text{the rows with } v_j \to \theta v_j,\ \theta \ge e^{\lambda T},\ \alpha = \lambda",
-        plain=(
-            "the rows of max-separable hold with theta v_j for those who are heard, theta >= exp(lambda T), and"
-            " rate lambda"
-        ),
-        meaning=(
-            "Agent i uses x_j(t - tau), its own state as it is now; every arc has a delay of its own, which may"
-            " vary and is at most T (Razumikhin, Halanay)."
-        ),
-        proved=(
-            "For all such delays N decays at the rate lambda, with an observer at every smaller rate. Any bounded"
-            " delay leaves some positive rate."
-        ),
+        plain="the rows of max-separable hold with theta v_j for those who are heard, theta >= exp(lambda T), and rate"
+        " lambda",
+        meaning="Agent i uses x_j(t - tau), its own state as it is now; every arc has a delay of its own, which may"
+        " vary and is at most T (Razumikhin, Halanay).",
+        proved="For all such delays N decays at the rate lambda, with an observer at every smaller rate. Any bounded"
+        " delay leaves some positive rate.",
         refuted="Never: a delay for which these rows fail may do no harm.",
-        source="Beyond the paper; theory, section 5.",
     ),
-    Kind(
+    _timing(
         id="sampling",
-        topic="separable",
-        role="timing",
         name="Sampling",
         decides="whether the proof survives couplings that are held between samples",
         title="Sampling period that the max-separable certificate allows",
         statement=r"T\,\bigl(\textstyle\sum_j w_{ij} L_{ij} + k_i\bigr) \le 1 \quad \text{for every agent}",
         plain="T (sum_j w L_ij + k_i) <= 1 for every agent, L_ij a bound of the mean slope of h in the box",
-        meaning=(
-            "Couplings and pinning are computed from samples and held for T. No step is then so long that it"
-            " overshoots a face of the box. The estimate dhat of the disturbance is subtracted all the time: what"
-            " a held one leaves does not die out. The weights v are those of max-separable, or flatter ones,"
-            " proved for the same starts, where these allow far longer periods."
-        ),
-        proved=(
-            "From one sample to the next N falls at least by the factor f < 1, 1 - T alpha <= f, up to what the"
-            " observer error adds."
-        ),
+        meaning="Couplings and pinning are computed from samples and held for T. No step is then so long that it"
+        " overshoots a face of the box. The estimate dhat of the disturbance is subtracted all the time: what a held"
+        " one leaves does not die out. The weights v are those of max-separable, or flatter ones, proved for the same"
+        " starts, where these allow far longer periods.",
+        proved="From one sample to the next N falls at least by the factor f < 1, 1 - T alpha <= f, up to what the"
+        " observer error adds.",
         refuted="Never: longer periods may work too.",
-        source="Beyond the paper; theory, section 5.",
     ),
     Kind(
         id="lure",
@@ -310,45 +256,31 @@ _ROWS: Final = (
         name="Lur’e certificate",
         decides="whether a quadratic V decreases for all slopes the coupling has in a region",
         title="Quadratic certificate for a region: Theorems 1 and 2 with bounded gains",
-        statement=(
-            r"P_e A_0 + A_0^T P_e + 2\beta P_e + P_e\bigl(I \otimes S + \tfrac12 B T^{-1} B^T\bigr) P_e"
-            r" + 2\, C_E^T T D^2 C_E < 0"
-        ),
+        statement=r"P_e A_0 + A_0^T P_e + 2\beta P_e + P_e\bigl(I \otimes S + \tfrac12 B T^{-1} B^T\bigr) P_e + 2\,"
+        r" C_E^T T D^2 C_E < 0",
         plain="P_e A0 + A0' P_e + 2 beta P_e + P_e (I (x) S + B T^-1 B'/2) P_e + 2 C_E' T D^2 C_E < 0",
-        meaning=(
-            "Each arc has a gain h(y)/y between two bounds as long as |y| stays within a radius. V = e' P_e e +"
-            " sum eps_i' P eps_i decreases for all such gains (circle criterion, multipliers T), and its level set"
-            " keeps |y| within the radius."
-        ),
-        proved=(
-            "Every start with |e| <= R (Euclidean, all of e) and |eps_i| <= s reaches the target under arbitrary"
-            " switching."
-        ),
+        meaning="Each arc has a gain h(y)/y between two bounds as long as |y| stays within a radius. V = e' P_e e +"
+        " sum eps_i' P eps_i decreases for all such gains (circle criterion, multipliers T), and its level set keeps"
+        " |y| within the radius.",
+        proved=_BALL,
         refuted="Not used: that one certificate fails says nothing about the others.",
-        source="Beyond the paper, as its Theorems 1 and 2 hold in a region; theory, sections 1 and 4.",
+        source=_REGION,
     ),
     Kind(
         id="exhaustive",
         topic="boxes",
         role="region",
         name="Exhaustive proof",
-        decides=(
-            "whether a quadratic V decreases in every box of a grid between a Lur’e ball and a larger set; for"
-            " small networks"
-        ),
+        decides="whether a quadratic V decreases in every box of a grid between a Lur’e ball and a larger set; for"
+        " small networks",
         title="Boxes around a quadratic certificate, for small networks",
         statement=r"\dot V < 0 \text{ on } \{c_0 \le e^T P_e e \le c_1\}, \text{ box by box}",
         plain="V' < 0 wherever c0 <= e' P_e e <= c1, box by box",
-        meaning=(
-            "A quadratic certificate proves {V <= c0}. Farther out the set {V <= c1} is cut into boxes, and on"
-            " each of them V' is bounded from above with enclosures of the couplings, whatever their shape."
-        ),
-        proved=(
-            "Every start with |e| <= R (Euclidean, all of e) and |eps_i| <= s reaches the target under arbitrary"
-            " switching."
-        ),
+        meaning="A quadratic certificate proves {V <= c0}. Farther out the set {V <= c1} is cut into boxes, and on"
+        " each of them V' is bounded from above with enclosures of the couplings, whatever their shape.",
+        proved=_BALL,
         refuted="Not used: that one V fails says nothing about the others.",
-        source="Beyond the paper, as its Theorems 1 and 2 hold in a region; theory, sections 1 and 4.",
+        source=_REGION,
     ),
     Kind(
         id="equilibrium",
@@ -359,12 +291,10 @@ _ROWS: Final = (
         title="A second equilibrium inside the region",
         statement=r"h(e) - (K \otimes I)\, e = 0,\quad e \ne 0",
         plain="h(e) - (K (x) I) e = 0 for some e other than 0",
-        meaning=(
-            "Where couplings saturate or turn, agents can balance away from the target. A box is shown in which"
-            " exactly one such point lies (Krawczyk's interval test)."
-        ),
+        meaning="Where couplings saturate or turn, agents can balance away from the target. A box is shown in which"
+        " exactly one such point lies (Krawczyk's interval test).",
         proved="Never: that none is found does not mean that there is none.",
-        refuted=("Consensus fails in the region asked for: agents that start there, with exact estimates, stay there."),
+        refuted="Consensus fails in the region asked for: agents that start there, with exact estimates, stay there.",
         source="Theory, section 5; the contract's cause (d).",
     ),
     Kind(
@@ -372,20 +302,15 @@ _ROWS: Final = (
         topic="schedule",
         role="settling",
         name="Settling time",
-        decides=(
-            "whether |e| stays within a tolerance from a given time on, by certificates that take over from each other"
-        ),
+        decides="whether |e| stays within a tolerance from a given time on, by certificates that take over from each"
+        " other",
         title="A settling time, by stages",
         statement=r"\{V_k \le c_k\} \subset \{V_{k+1} \le \rho_{k+1}\},\quad T = \sum_k \ln(\rho_k / c_k) / r_k",
         plain="{V_k <= c_k} inside {V_k+1 <= rho_k+1}, and T = sum of ln(rho_k/c_k)/r_k",
-        meaning=(
-            "One rate for the whole region is slow. Certificates for smaller and smaller regions take over from"
-            " one another, and their times add up to a time after which |e|_inf stays below a tolerance."
-        ),
-        proved=(
-            "Every stage, every hand-over and every time is shown exactly, with the estimation error followed on"
-            " its own: from every start in the box the error is below the tolerance from that time on."
-        ),
+        meaning="One rate for the whole region is slow. Certificates for smaller and smaller regions take over from"
+        " one another, and their times add up to a time after which |e|_inf stays below a tolerance.",
+        proved="Every stage, every hand-over and every time is shown exactly, with the estimation error followed on"
+        " its own: from every start in the box the error is below the tolerance from that time on.",
         refuted="Never: a chain that is not found says nothing against a shorter time.",
         source="Theory, section 5, staging.",
     ),

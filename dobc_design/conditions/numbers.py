@@ -35,10 +35,8 @@ def claimed(value: float) -> Fraction:
 
 
 def shorten(value: float | Fraction, *, digits: int = 9) -> float:
-    """Round a positive number down to about ``digits`` decimal digits: ``claimed`` of it is at most ``value``.
-
-    0.0 for anything that is not positive and finite, or too small for a float.
-    """
+    """Round a positive number down to about ``digits`` decimal digits: ``claimed`` of it is at most ``value``.  0.0 for
+    anything that is not positive and finite, or too small for a float."""
     if isinstance(value, float) and not math.isfinite(value):
         return 0.0
     below = float_below(Fraction(value))
@@ -75,10 +73,8 @@ def decimal_below(value: Fraction) -> float:
 
 
 def decimal_above(value: Fraction) -> float:
-    """A decimal number >= ``value`` >= 0 of at most twelve digits; the same number if it has no more.
-
-    Larger ones than a float can be are cut: no box is as large.
-    """
+    """A decimal number >= ``value`` >= 0 of at most twelve digits; the same number if it has no more.  Larger ones than
+    a float can be are cut: no box is as large."""
     if value <= 0:
         return 0.0
     if value > LARGEST:
@@ -95,9 +91,7 @@ def follows(rate: float | None, proved: Fraction) -> bool:
 
 def largest_proved(estimate: float, holds: Callable[[Fraction], bool]) -> float | None:
     """The first number a little below ``estimate`` for which ``holds`` proves the claim; 0 last; None if none.
-
-    ``estimate`` is a proposal from floating point; only ``holds``, which is exact, decides.
-    """
+    ``estimate`` is a proposal from floating point; only ``holds``, which is exact, decides."""
     if estimate > 0 and math.isfinite(estimate):
         for part in SHRINK:
             candidate = shorten(estimate * (1 - part))
@@ -107,18 +101,13 @@ def largest_proved(estimate: float, holds: Callable[[Fraction], bool]) -> float 
 
 
 def read_rational(text: object, *, key: str = "certificate") -> Fraction:
-    """Read a rational of a certificate, "-9/8", "3" or "1e-300": text of at most 10000 characters.
-
-    Raises: SpecError or ValueError for anything else, JSON numbers included.
-    """
+    """Read a rational of a certificate, "-9/8", "3" or "1e-300": text of at most 10000 characters.  Raises: SpecError
+    or ValueError for anything else, JSON numbers included."""
     if not isinstance(text, str) or len(text) > LONGEST:
         raise ValueError(f"{key} must be a rational as text of at most {LONGEST} characters")
-    return parse_number(text, key=key) if len(text) <= MAX_CHARACTERS else _long_rational(text, key)
-
-
-def _long_rational(text: str, key: str) -> Fraction:
-    """The same grammar for text that no problem file may hold."""
-    quotient = _QUOTIENT.fullmatch(text)
+    if len(text) <= MAX_CHARACTERS:
+        return parse_number(text, key=key)
+    quotient = _QUOTIENT.fullmatch(text)  # the same grammar for text that no problem file may hold
     if quotient is not None:
         bottom = _integer(quotient[4])
         if not bottom:

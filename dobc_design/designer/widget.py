@@ -22,8 +22,7 @@ from dobc_design.certificate.certificate import Certificate
 from dobc_design.certificate.files import write_atomically
 from dobc_design.certification.certify import certify
 from dobc_design.conditions.consensus.propose import float_lambda, largest_eigenvalue
-from dobc_design.conditions.separable.claim import acts_by_component
-from dobc_design.conditions.separable.ordering import find_ordering
+from dobc_design.conditions.separable.claim import acts_by_component, find_ordering
 from dobc_design.conditions.separable.propose import field_of, least_above
 from dobc_design.errors import DobcError, SpecError
 from dobc_design.exact.number import parse_number

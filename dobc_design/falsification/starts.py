@@ -22,7 +22,7 @@ from dobc_design.conditions.check import Check
 from dobc_design.conditions.kinds import ids_of
 from dobc_design.conditions.quadratic.claim import Lure
 from dobc_design.conditions.separable.claim import Separable
-from dobc_design.conditions.separable.observer import composite_rate
+from dobc_design.conditions.separable.decide import composite_rate
 from dobc_design.errors import SpecError, wrong
 from dobc_design.exact.matrix import Matrix, to_float
 from dobc_design.problem.arrays import Array, Gain, arc_groups, consensus_jacobian, pinning_matrix

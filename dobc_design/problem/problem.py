@@ -18,7 +18,7 @@ from dobc_design.coupling.coupling import Coupling, make_coupling
 from dobc_design.errors import ShapeError, SpecError, about, kept, raise_all, wrong
 from dobc_design.exact import reading
 from dobc_design.exact.definite import decide_positive_semidefinite
-from dobc_design.exact.matrix import Matrix, Vector, add, transpose
+from dobc_design.exact.matrix import Matrix, Vector, add, identity, scale, transpose
 from dobc_design.exact.number import parse_number
 from dobc_design.exact.reading import counted, is_list, is_scalar_matrix, is_text, named, shown, shown_number
 from dobc_design.exact.symmetric import SparseSymmetric
@@ -125,7 +125,7 @@ def _read_gain(value: Any, *, key: str, dimension: int) -> Matrix:
                 f" got {shown_number(number)}."
             )
             raise wrong(key, what, "Use a positive gain, or leave the agent out.")
-        return reading.scalar_matrix(number, dimension)
+        return scale(number, identity(dimension))
     because = "one row and column per state component"
     gain = reading.read_matrix(value, key=key, shape=(dimension, dimension), because=because)
     _check_gain(gain, key=key)

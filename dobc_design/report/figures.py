@@ -21,7 +21,7 @@ from matplotlib.ticker import FuncFormatter
 from numpy.typing import ArrayLike, NDArray
 
 from dobc_design.certificate.regions import AgentBound, RegionClaim, Regions
-from dobc_design.conditions.schedule.settling import Settling
+from dobc_design.conditions.schedule.decide import Settling
 from dobc_design.falsification.suspect import RESTS, Falsification
 from dobc_design.plotting import look
 from dobc_design.plotting.look import BLUE, DASHED, DOTTED, INK, MUTED, PAPER, PURPLE, SERIES, VERMILLION, short

@@ -17,8 +17,7 @@ from dobc_design.conditions.check import Check
 from dobc_design.conditions.kinds import KINDS
 from dobc_design.conditions.numbers import read_rational
 from dobc_design.conditions.schedule.checks import StageTiming
-from dobc_design.conditions.schedule.decide import stage_rate
-from dobc_design.conditions.schedule.settling import Settling
+from dobc_design.conditions.schedule.decide import Settling, stage_rate
 from dobc_design.exact.number import float_above, float_below
 from dobc_design.falsification.suspect import LEAVES, RESTS, STAYS_AWAY, Falsification, Suspect
 from dobc_design.problem.problem import Problem

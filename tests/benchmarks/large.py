@@ -24,10 +24,9 @@ from dobc_design.conditions.consensus.decide import enclosed_lambda
 from dobc_design.conditions.consensus.negative import shown_bound
 from dobc_design.conditions.consensus.propose import dominating_vector, float_lambda, vector_at
 from dobc_design.conditions.coverage import read_region
-from dobc_design.conditions.separable.decide import coupling_profiles
+from dobc_design.conditions.separable.decide import coupling_profiles, verify_composite
 from dobc_design.conditions.separable.large import arc_rows, float_kinds, open_rows
-from dobc_design.conditions.separable.observer import first_certificate, verify_composite
-from dobc_design.conditions.separable.propose import design_separable, rounded_vectors
+from dobc_design.conditions.separable.propose import design_separable, first_certificate
 from dobc_design.conditions.separable.stage import separable_stage
 from dobc_design.exact.zmatrix import float_rows
 from dobc_design.problem.exosystems import Exosystem
@@ -125,13 +124,12 @@ def measured(kind: str, n: int) -> str:
     propose, plan = cpu(lambda: design_separable(problem, radius=Fraction(1), disturbance=DISTURBANCE, W=W), repeats=1)
     if plan is None:
         raise RuntimeError(f"{kind}, n = {n}: no v is found")
-    how = {"rho": plan.rho, "error": plan.error, "wanted": plan.proposal.rate}
-    decide, claim = cpu(lambda: first_certificate(problem, W, rounded_vectors(plan.proposal), **how), repeats=1)
+    decide, claim = cpu(lambda: first_certificate(problem, W, plan), repeats=1)
     if claim is None:
         raise RuntimeError(f"{kind}, n = {n}: nothing is proved")
     recheck, _ = cpu(lambda: verify_composite(problem, W, claim), repeats=3)
     arrays = arc_rows(problem, claim.v, "G")
-    profiles = coupling_profiles(problem, claim.v, rho=claim.rho, modes=["G"])
+    profiles = coupling_profiles(problem, claim.v, rho=claim.rho)
     kinds = float_kinds(profiles, [arrays], rho=claim.rho)
     rows, _ = cpu(lambda: open_rows(arrays, kinds, alpha=claim.alpha, rho=claim.rho), repeats=3)
     parts = [f"{round(20 * each / product):>9}" for each in (propose, decide, recheck, rows)]

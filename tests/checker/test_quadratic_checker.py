@@ -33,7 +33,7 @@ from dobc_design.conditions.boxes.stage import exhaustive_stage
 from dobc_design.conditions.coverage import read_region
 from dobc_design.conditions.quadratic.stage import quadratic_stage
 from dobc_design.conditions.schedule.checks import settling_check
-from dobc_design.conditions.schedule.settling import Settling
+from dobc_design.conditions.schedule.decide import Settling
 from dobc_design.errors import CertificateError
 from dobc_design.problem.canonical import canonical_bytes
 from dobc_design.problem.groups import Observer

@@ -19,7 +19,7 @@ from staging_cases import ASKED, chain
 from staging_cases import problem as three_agents
 
 from dobc_design.conditions.schedule.checks import settling_check
-from dobc_design.conditions.schedule.settling import Settling
+from dobc_design.conditions.schedule.decide import Settling
 from dobc_design.problem.canonical import canonical_document
 from dobc_design.problem.exosystems import Exosystem
 from dobc_design.problem.network import Network

@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from dobc_design.checker.reading import rational
-from dobc_design.conditions.numbers import LONGEST, claimed, largest_proved, read_rational, shorten
+from dobc_design.conditions.numbers import LONGEST, claimed, decimal_above, largest_proved, read_rational, shorten
 from dobc_design.errors import SpecError
 from dobc_design.exact.number import number_text
 
@@ -46,9 +46,15 @@ def test_the_largest_proved_number_lies_just_below_a_good_estimate():
     assert largest_proved(2.1, lambda x: x < 2) == pytest.approx(1.89)
     assert largest_proved(2.0, lambda x: x <= 0) == 0.0
     assert largest_proved(2.0, lambda x: False) is None
-    assert largest_proved(float("nan"), lambda x: x < 2) == 0.0
-    assert largest_proved(-1.0, lambda x: x < 2) == 0.0
-    assert largest_proved(math.inf, lambda x: x < 2) == 0.0
+    assert [largest_proved(x, lambda x: x < 2) for x in (math.nan, -1.0, math.inf)] == [0.0] * 3
+
+
+def test_decimals_are_never_below_what_is_asked():
+    for value in ("1/3", "4", "0.1", "1e-9", "123456789.123456789123", "2/7", "1e17", "99999999999999999999"):
+        exact = Fraction(value)
+        found = claimed(decimal_above(exact))
+        assert exact <= found <= exact * (1 + Fraction(1, 10**9)) + Fraction(1, 10**9)
+    assert [decimal_above(Fraction(x)) for x in ("4", "0.5", "0.1", "0")] == [4.0, 0.5, 0.1, 0.0]
 
 
 @given(st.fractions())
@@ -85,29 +91,11 @@ def test_values_beyond_the_floats_read_back_as_they_were_written(digits, exponen
     assert read_rational(number_text(value)) == rational(number_text(value)) == value
 
 
-@pytest.mark.parametrize(
-    "text",
-    [
-        "1/0",
-        "9" * 300 + "/0",
-        "nan",
-        "inf",
-        "1_000",
-        " 1",
-        "0x10",
-        "",
-        "1/2/3",
-        "--1",
-        "9" * 300 + "e401",
-        "9" * 300 + "e-401",
-        "9" * 300 + ".e5",
-        "٣" * 300,
-        "9_" * 150,
-        "9" * 300 + "\n",
-        "١٢",
-        "1" * (LONGEST + 1),
-    ],
-)
+SHORT = ("1/0", "nan", "inf", "1_000", " 1", "0x10", "", "1/2/3", "--1", "١٢", "9_" * 150, "٣" * 300)
+LONG = ("1" * (LONGEST + 1), *("9" * 300 + end for end in ("/0", "e401", "e-401", ".e5", "\n")))
+
+
+@pytest.mark.parametrize("text", [*SHORT, *LONG])
 def test_other_texts_are_refused(text):
     with pytest.raises((SpecError, ValueError), match="must"):
         read_rational(text)

@@ -16,8 +16,12 @@ from dobc_design.conditions.quadratic.claim import Lure
 from dobc_design.conditions.quadratic.propose import design_lure, raise_rate
 from dobc_design.conditions.separable.claim import Separable
 from dobc_design.conditions.separable.decide import largest_rate
-from dobc_design.conditions.separable.observer import first_certificate
-from dobc_design.conditions.separable.propose import design_separable, propose_separable, rounded_vectors
+from dobc_design.conditions.separable.propose import (
+    design_separable,
+    first_certificate,
+    propose_separable,
+    rounded_vectors,
+)
 from dobc_design.falsification.search import search_starts
 from dobc_design.problem.groups import Observer
 from dobc_design.problem.problem import Problem
@@ -83,10 +87,7 @@ def _observed(seed: int) -> tuple[Problem, Separable | None]:
         seed, couplings=MONOTONE, modes=2, n=4, held=True, exosystem=lure_cases.HARMONIC, observer=Observer(W=W)
     )
     plan = design_separable(problem, radius=Fraction(1), disturbance=Fraction(1, 2), W=W)
-    if plan is None:
-        return problem, None
-    vectors = rounded_vectors(plan.proposal)
-    return problem, first_certificate(problem, W, vectors, rho=plan.rho, error=plan.error, wanted=plan.proposal.rate)
+    return problem, None if plan is None else first_certificate(problem, W, plan)
 
 
 def _quadratic(seed: int) -> tuple[Problem, Lure | None]:

@@ -20,7 +20,10 @@ from dobc_design.conditions.quadratic.claim import Lure
 from dobc_design.conditions.quadratic.propose import design_lure, raise_rate
 from dobc_design.conditions.separable.claim import Separable, separable_from_json
 from dobc_design.conditions.separable.decide import largest_rate
-from dobc_design.conditions.separable.propose import propose_separable, rounded_vectors
+from dobc_design.conditions.separable.propose import (
+    propose_separable,
+    rounded_vectors,
+)
 from dobc_design.errors import SpecError
 from dobc_design.exact.matrix import scale
 from dobc_design.falsification.search import ascend, final_error, final_level

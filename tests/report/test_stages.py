@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 from staging_cases import ASKED, chain, problem
 
 from dobc_design.conditions.schedule.checks import StageTiming, stage_timings
-from dobc_design.conditions.schedule.settling import Settling
+from dobc_design.conditions.schedule.decide import Settling
 from dobc_design.conditions.separable.claim import DelayBound, SamplingBound
 from dobc_design.report.figures import plot_envelope
 from dobc_design.report.pictures import envelope_pictures
@@ -24,15 +24,8 @@ F = Fraction
 @cache
 def settling() -> Settling:
     """Two max-separable stages and two quadratic ones, R = 2, |eps_i| <= 1/2."""
-    return Settling(
-        verdict=Verdict.PROVED,
-        reason="",
-        problem_name="three",
-        radius=ASKED.radius,
-        disturbance=ASKED.disturbance,
-        tolerance=ASKED.tolerance,
-        staging=chain(),
-    )
+    asked = {name: getattr(ASKED, name) for name in ("radius", "disturbance", "tolerance")}
+    return Settling(verdict=Verdict.PROVED, reason="", problem_name="three", staging=chain(), **asked)
 
 
 def timing(period: str, delay: str) -> StageTiming:

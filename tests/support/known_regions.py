@@ -63,13 +63,9 @@ def two_agents(seed: int) -> TwoAgents:
             break
     nearest = min(max(map(abs, e)) for e in found)
     asked = round(nearest * r.choice((0.2, 0.4, 0.7, 0.95, 1.2)), 3)
-    problem = Problem(
-        network=Network.from_arcs([[2, 1], [1, 2]] if back else [[2, 1]], arrow="listens_to", agents=2),
-        coupling=text.replace("c", str(Fraction(c)) if Fraction(c).denominator == 1 else f"({Fraction(c)})"),
-        gains={1: str(k), 2: str(k)} if back else {1: str(k)},
-        target=0,
-        region={"initial_states": [str(-asked), str(asked)]},
-    )
+    network = Network.from_arcs([[2, 1], [1, 2]] if back else [[2, 1]], arrow="listens_to", agents=2)
+    h, region = text.replace("c", f"({Fraction(c)})"), {"initial_states": [str(-asked), str(asked)]}
+    problem = Problem(network=network, coupling=h, gains=str(k) if back else {1: str(k)}, target=0, region=region)
     return TwoAgents(problem=problem, equilibria=tuple(found), asked=asked)
 
 
@@ -119,14 +115,9 @@ def linear_problem(seed: int) -> tuple[Problem, np.ndarray]:
     for i, j, w in arcs:
         M[i, j] += float(w)
         M[i, i] -= float(w)
-    problem = Problem(
-        network=Network.from_arcs([[i + 1, j + 1, w] for i, j, w in arcs], arrow="listens_to", agents=n),
-        coupling="y",
-        gains={i + 1: k for i, k in gains.items()},
-        target=0,
-        region={"initial_states": [-1, 1]},
-    )
-    return problem, M
+    network = Network.from_arcs([[i + 1, j + 1, w] for i, j, w in arcs], arrow="listens_to", agents=n)
+    gains = {i + 1: k for i, k in gains.items()}
+    return Problem(network=network, coupling="y", gains=gains, target=0, region={"initial_states": [-1, 1]}), M
 
 
 def linear_campaign(seeds: Any) -> Known:

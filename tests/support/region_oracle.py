@@ -161,17 +161,12 @@ class Regions:
         found: tuple[Any, ...] = (1.0, -np.inf, "", 1, 0)
         for mode, arcs in self.modes.items():
             for face in (1, -1):
-                own = [s * float((self.held(i) - alpha) * v[i]) for i in range(self.n)]
-                total = -np.array(own)
+                total = -np.array([s * float((self.held(i) - alpha) * v[i]) for i in range(self.n)])
                 size = np.abs(total) + 1e-300
                 for i, j, w in arcs:
                     part = self._arc(i, j, v)
-                    values = part[0].highest(
-                        -s * (u[i] + theta * u[j]),
-                        s * (theta * u[j] - u[i]),
-                        face,
-                        part[0].turns(part[1] * float(rho) * theta),
-                    )
+                    low, high = -s * (u[i] + theta * u[j]), s * (theta * u[j] - u[i])
+                    values = part[0].highest(low, high, face, part[0].turns(part[1] * float(rho) * theta))
                     total[i] += float(w) * values
                     size[i] += float(w) * np.abs(values)
                 excess = np.where(np.isfinite(total), total / size, np.inf)
@@ -256,10 +251,8 @@ class Regions:
                     drive = np.zeros_like(ends)
                     for i, j, w in arcs:
                         part, scale = self._arc(i, j, v)
-                        values = part.highest(
-                            -s * u[j] - ends[i], s * u[j] - ends[i], face, part.turns(scale * float(rho))
-                        )
-                        drive[i] += float(w) * values
+                        turns = part.turns(scale * float(rho))
+                        drive[i] += float(w) * part.highest(-s * u[j] - ends[i], s * u[j] - ends[i], face, turns)
                     for c in range(self.m):
                         after = ends + period * (drive - self.K[:, c, c][:, None] * ends)
                         after += period * s * u[:, None] * np.array([row[c] for row in rest])[:, None]

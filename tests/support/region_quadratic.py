@@ -20,6 +20,10 @@ NEAR = 1e-9
 MOST_CUTS = 30
 
 
+def zeros(size: int) -> Any:
+    return flint.fmpq_mat(size, size)
+
+
 def part(M: Any, rows: Iterable[int], columns: Iterable[int]) -> Any:
     """The rows and columns of a matrix."""
     return flint.fmpq_mat([[M[i, j] for j in columns] for i in rows])
@@ -30,10 +34,9 @@ class Quadratic:
 
     def __init__(self, regions: Any, e: dict[str, Any]) -> None:
         self.r, self.e, self.size = regions, e, regions.n * regions.m
-        entries = [[flint.fmpq(0)] * self.size for _ in range(self.size)]
+        self.P_e = zeros(self.size)
         for a, b, value in e["P_e"]:
-            entries[a][b] = entries[b][a] = fmpq(exact(value))
-        self.P_e = flint.fmpq_mat(entries)
+            self.P_e[a, b] = self.P_e[b, a] = fmpq(exact(value))
         self.rate = exact(e["rate"])
         self.level, self.radius = (None if e[name] is None else exact(e[name]) for name in ("level", "radius"))
         self.P = None if regions.A is None else rational(e["P"])
@@ -42,10 +45,9 @@ class Quadratic:
         wrong = self.false_certificate(domain)
         if wrong:
             return wrong
-        rate = check["rate"]
+        rate, level = check["rate"], self.level
         if rate is not None and not 0 < Fraction(repr(rate)) <= self.rate:
             return ["rate"]
-        level = self.level
         if check["id"] == "exhaustive":
             wrong = self._false_shell()
             if wrong:
@@ -65,7 +67,7 @@ class Quadratic:
             return ["P_e or rate"]
         if (self.level is None) != (self.radius is None) or (self.level is None and domain != "global"):
             return ["level and radius"]
-        if self.level is not None and (self.level <= 0 or self.radius <= 0):
+        if self.level is not None and min(self.level, self.radius) <= 0:
             return ["level and radius"]
         if self.P is not None and not (positive(self.P) and positive(-self._omega())):
             return ["P"]
@@ -110,11 +112,8 @@ class Quadratic:
         }
 
     def _number_of(self, h: Any) -> int:
-        others: list[Any] = []
-        for each in self.r.special:
-            if each != self.r.default and each not in others:
-                others.append(each)
-        return 0 if h == self.r.default else 1 + others.index(h)
+        others = [each for k, each in enumerate(self.r.special) if each not in self.r.special[:k]]
+        return 0 if h == self.r.default else 1 + [each for each in others if each != self.r.default].index(h)
 
     def _gains_hold(self) -> bool:
         tables = self._tables()
@@ -158,10 +157,8 @@ class Quadratic:
         base = self._base()
         if method == "vertices":
             wide = [k for k, (_, _, lo, hi) in enumerate(channels) if lo < hi]
-            return len(wide) <= 12 and all(
-                positive(-self._closed(base, channels, dict(zip(wide, choice, strict=True))))
-                for choice in product((0, 1), repeat=len(wide))
-            )
+            choices = (dict(zip(wide, ends, strict=True)) for ends in product((0, 1), repeat=len(wide)))
+            return len(wide) <= 12 and all(positive(-self._closed(base, channels, choice)) for choice in choices)
         M = self._closed(base, channels, {})
         if method == "lure":
             multipliers = [exact(x) for x in self.e["multipliers"][mode]]
@@ -185,18 +182,17 @@ class Quadratic:
     def _base(self) -> Any:
         """-(P_e K + K'P_e) + 2 rate P_e + P_e (I (x) S) P_e."""
         size, m = self.size, self.r.m
-        K = [[flint.fmpq(0)] * size for _ in range(size)]
-        S = [[flint.fmpq(0)] * size for _ in range(size)]
+        K, S = zeros(size), zeros(size)
         for i, k in self.r.gains.items():
-            for c, row in enumerate(k):
-                K[i * m + c][i * m : (i + 1) * m] = [fmpq(x) for x in row]
+            for c, d in product(range(m), repeat=2):
+                K[i * m + c, i * m + d] = fmpq(k[c][d])
         if self.P is not None:
             for i, (first, states) in enumerate(self.r.own):
                 C, N = part(self.r.C, range(first, first + m), states), part(-self._omega(), states, states)
-                for c, row in enumerate((C * N.inv() * C.transpose()).tolist()):
-                    S[i * m + c][i * m : (i + 1) * m] = row
-        K_, S_ = flint.fmpq_mat(K), flint.fmpq_mat(S)
-        return -(self.P_e * K_ + K_.transpose() * self.P_e) + 2 * fmpq(self.rate) * self.P_e + self.P_e * S_ * self.P_e
+                border = C * N.inv() * C.transpose()
+                for c, d in product(range(m), repeat=2):
+                    S[i * m + c, i * m + d] = border[c, d]
+        return -(self.P_e * K + K.transpose() * self.P_e) + 2 * fmpq(self.rate) * self.P_e + self.P_e * S * self.P_e
 
     def _closed(self, base: Any, channels: Any, choice: dict[int, int]) -> Any:
         """The base with every channel at its middle gain, or at the chosen end."""
@@ -211,13 +207,13 @@ class Quadratic:
     def _grows(self, high: Fraction, low: Fraction) -> bool:
         """Whether V' > -2 rate V at a random point with low <= V <= high; eps takes part in some of them."""
         rng, r = np.random.default_rng(0), self.r
-        P_e = np.array([[float(fraction(x)) for x in row] for row in self.P_e.tolist()])
+        P_e = in_floats(self.P_e)
         e = rng.normal(size=(self.size, POINTS))
         e[:, : POINTS // 2] *= rng.integers(0, 2, size=(self.size, POINTS // 2))  # few agents away from the target
         eps = np.zeros((r.n, 0, POINTS))
         value = np.einsum("ap,ab,bp->p", e, P_e, e)
         if self.P is not None:
-            P, F, C = (np.array([[float(fraction(x)) for x in row] for row in X.tolist()]) for X in (self.P, r.F, r.C))
+            P, F, C = map(in_floats, (self.P, r.F, r.C))
             C = C.reshape(-1, r.m, len(P)).sum(axis=0)  # of every group; what is not an agent's own is 0
             eps = rng.normal(size=(r.n, len(P), POINTS)) * rng.choice([0, 0, 1e-3, 1], size=POINTS)
             for i, (_, states) in enumerate(r.own):
@@ -252,8 +248,7 @@ class Quadratic:
 
     def _shell_grows(self, middles: Any, outer: Fraction) -> bool:
         """phi >= 0 at the middle of a box that lies in the shell: eps at its worst, through S."""
-        base = np.array([[float(fraction(x)) for x in row] for row in self._base().tolist()])
-        P_e = np.array([[float(fraction(x)) for x in row] for row in self.P_e.tolist()])
+        base, P_e = in_floats(self._base()), in_floats(self.P_e)
         V = np.einsum("ap,ab,bp->p", middles, P_e, middles)
         e = middles[:, (float(self.level or 0) <= V) & (float(outer) >= V)]
         rng = np.random.default_rng(1)
@@ -316,3 +311,7 @@ def _boxes(tree: Any, n: int) -> Any:
 
 def fraction(x: Any) -> Fraction:
     return Fraction(int(x.p), int(x.q))
+
+
+def in_floats(M: Any) -> Any:
+    return np.array([[float(fraction(x)) for x in row] for row in M.tolist()])

@@ -19,9 +19,8 @@ class Stage:
 
     def __init__(self, regions: Any, stage: dict[str, Any]) -> None:
         self.kind, self.own = stage["kind"], stage["certificate"]
-        self.start, self.level, self.height, self.noise, self.stretch = (
-            exact(stage[name]) for name in ("start", "level", "height", "noise", "stretch")
-        )
+        for name in ("start", "level", "height", "noise", "stretch"):
+            setattr(self, name, exact(stage[name]))
         self.diagonal = None if "diagonal" not in stage else [exact(x) for x in stage["diagonal"]]
         self.factor = None if "factor" not in stage else exact(stage["factor"])
         self.P = None if regions.A is None else rational(self.own["P"])
@@ -94,9 +93,8 @@ def _handed_over(regions: Any, before: Stage, after: Stage) -> bool:
     d, stretch = mpmath.mpf(0), mp(after.stretch)
     if before.P is not None:
         d = mp(before.noise) * mpmath.exp(-mp(before.beta * T))
-        if not positive(fmpq(after.stretch**2) * before.P - after.P, strict=False) or (
-            mp(after.noise) * slack < stretch * d
-        ):
+        stretched = positive(fmpq(after.stretch**2) * before.P - after.P, strict=False)
+        if not stretched or mp(after.noise) * slack < stretch * d:
             return False
     if after.kind == "max-separable":
         g = max(x / y for x, y in zip(before.v, after.v, strict=True))
@@ -104,17 +102,14 @@ def _handed_over(regions: Any, before: Stage, after: Stage) -> bool:
         if after.rho is not None and wanted > mp(after.rho) * slack:
             return False
         if before.P is not None:
-            wanted += max(mpmath.mpf(0), mp(after.kappa) * stretch - mp(g * before.kappa)) * min(
-                d, c / mp(before.kappa)
-            )
+            more = max(mpmath.mpf(0), mp(after.kappa) * stretch - mp(g * before.kappa))
+            wanted += more * min(d, c / mp(before.kappa))
         return bool(wanted <= mp(after.level) * slack)
     relied, radius = after.quadratic.relied(), after.quadratic.radius
     if before.kind == "max-separable":
         m, D = regions.m, after.diagonal or []
         heights = [before.v[k // m] for k in range(regions.n * m)]
-        reach = max(
-            (sum(x * abs(fraction(z[k, 0])) for k, x in enumerate(heights)) for z in relied), default=Fraction(0)
-        )
+        reach = max([Fraction(0), *(sum(x * abs(fraction(z[k, 0])) for k, x in enumerate(heights)) for z in relied)])
         total = c**2 * sum(mp(x * h * h) for x, h in zip(D, heights, strict=True)) + regions.n * mp(after.noise) ** 2
         inside = radius is None or c * mp(reach) <= mp(radius) * slack
         return bool(inside and _above(after) and total <= mp(after.level) ** 2 * slack)

@@ -19,14 +19,17 @@ TURNING = ("sin(y)", "y*exp((1 - y**2)/2)", "y/(1 + y**2)")
 def cycle(n: int = 10, *, gains: Any = None, h: str = PAPER, **more: Any) -> Problem:
     """Agent i listens to agent i + 1, the last to the first; the first is pinned with k = 5."""
     arcs = [[i, i % n + 1] for i in range(1, n + 1)]
-    network = Network.from_arcs(arcs, arrow="listens_to", agents=n)
-    return Problem(network=network, coupling=h, gains={1: 5} if gains is None else gains, target=0, **more)
+    return listening(arcs, h, n=n, gains={1: 5} if gains is None else gains, target=0, **more)
+
+
+def listening(arcs: Any, h: Any, *, n: int | None = None, **more: Any) -> Problem:
+    """The first of each arc hears the second."""
+    return Problem(network=Network.from_arcs(arcs, arrow="listens_to", agents=n), coupling=h, **more)
 
 
 def pair(h: str, *, k: Any = 5, weight: Any = 1) -> Problem:
     """Agent 1 is pinned and hears nobody, agent 2 hears agent 1."""
-    network = Network.from_arcs([[2, 1, weight]], arrow="listens_to", agents=2)
-    return Problem(network=network, coupling=h, gains={1: k}, target=0)
+    return listening([[2, 1, weight]], h, n=2, gains={1: k}, target=0)
 
 
 def random_network(r: Random, *, n: int, modes: int, density: float = 0.4, weights: Any = (1,)) -> Network:

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from dobc_design.conditions.schedule.settling import Settling
+from dobc_design.conditions.schedule.decide import Settling
 from dobc_design.exact.matrix import to_float
 from dobc_design.problem.problem import Problem
 from dobc_design.simulation.runs import simulate

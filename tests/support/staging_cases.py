@@ -9,15 +9,16 @@ from functools import cache
 from lure_cases import HARMONIC, PAPER_GAIN, cycle, is_proved
 
 from dobc_design.conditions.numbers import rounded_down
-from dobc_design.conditions.schedule.asked import Asked
 from dobc_design.conditions.schedule.claim import Staging
+from dobc_design.conditions.schedule.decide import Settling
 from dobc_design.conditions.schedule.propose import propose_quadratic_stages
-from dobc_design.conditions.schedule.settle import Goal
+from dobc_design.conditions.schedule.stage import Asked, Goal
 from dobc_design.conditions.separable.claim import Separable
 from dobc_design.conditions.separable.decide import largest_rate
 from dobc_design.conditions.separable.propose import propose_separable, rounded_vectors
 from dobc_design.conditions.separable.propose_observer import propose_error_bound
 from dobc_design.problem.problem import Problem
+from dobc_design.verdict import Verdict
 
 F = Fraction
 ASKED = Asked(radius=F(2), disturbance=F(1, 2), tolerance=F(1, 1000))
@@ -60,3 +61,9 @@ def _least_first_level(stage) -> Fraction:
         + float(claim.error.kappa * ASKED.disturbance) * float(claim.error.size) ** 0.5
     )
     return F(f"{least * (1 + 1e-9):.12g}")
+
+
+def settling() -> Settling:
+    """The chain as what ``certify_settling`` would return."""
+    numbers = {"radius": ASKED.radius, "disturbance": ASKED.disturbance, "tolerance": ASKED.tolerance}
+    return Settling(verdict=Verdict.PROVED, reason="", problem_name="three", **numbers, staging=chain())

@@ -3,10 +3,10 @@
 A ``Lure`` settles {V <= level}.  On e'P_e e <= outer, V' <= -2 rate V follows from phi(e) < 0, where in every mode
 
     phi(e) = e'M e + sum over channels of 2 w (P_e e)_i h(e_j - e_i),
-    M = -(P_e K + K'P_e) + P_e (I (x) S) P_e + 2 rate P_e
+    M = -(P_e K + K'P_e) + P_e (I (x) S) P_e + 2 rate P_e        (theory, sections 2 and 4; S: the observer's border).
 
-(theory, sections 2 and 4; S is the observer's border).  On a box phi is at most its value in the middle plus half
-widths times bounds of its slopes.  h and h' are enclosed exactly; the rest is float64 with a bound of all rounding.
+On a box phi is at most its value in the middle plus half widths times bounds of its slopes.  h and h' are enclosed
+exactly; the rest is float64 with a bound of all rounding.
 """
 
 from __future__ import annotations
@@ -30,11 +30,9 @@ from dobc_design.problem.problem import Problem
 Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
 
-#: Rows n m up to which boxes are counted out; their number grows like a power of n m.
-LARGEST: Final = 6
+LARGEST: Final = 6  # rows n m up to which boxes are counted out; their number grows like a power of n m
 #: Numbers outside of this range are refused, so that no product of theirs is subnormal or infinite.
-SMALLEST: Final = Fraction(1, 10**100)
-LARGEST_NUMBER: Final = Fraction(10**100)
+SMALLEST, LARGEST_NUMBER = Fraction(1, 10**100), Fraction(10**100)
 LEAF: Final = "."
 UNIT_ROUNDOFF: Final = 2.0**-53
 UNDERFLOW: Final = 1e-290  # more than products too small for a double can add up to
@@ -72,10 +70,8 @@ class Shell:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Form:
-    """Phi of one mode in floats, nearest to the exact numbers: M (N, N), P_e (N, N), and the channels.
-
-    A channel weight h(e[plus] - e[target]) acts on row ``target``.
-    """
+    """Phi of one mode in floats, nearest to the exact numbers: M (N, N), P_e (N, N), and the channels.  A channel
+    weight h(e[plus] - e[target]) acts on row ``target``."""
 
     M: Array
     P_e: Array
@@ -91,7 +87,7 @@ class Ranges:
     """Enclosures of h and h' on intervals with float ends, each computed once.  Infinite where undefined."""
 
     curves: tuple[Curve, ...]
-    known: dict[tuple[int, float, float], tuple[float, float, float, float]] = field(default_factory=dict)
+    known: dict[tuple[int, float, float], tuple[float, ...]] = field(default_factory=dict)
 
     def look_up(self, curve: Indices, low: Array, high: Array) -> tuple[Array, Array, Array, Array]:
         """H from, h to, h' from, h' to, outwards; shapes (boxes, channels), ``curve`` (channels,)."""
@@ -101,15 +97,14 @@ class Ranges:
         found = table[places.ravel()].reshape(*low.shape, 4)
         return found[..., 0], found[..., 1], found[..., 2], found[..., 3]
 
-    def _of(self, curve: int, low: float, high: float) -> tuple[float, float, float, float]:
+    def _of(self, curve: int, low: float, high: float) -> tuple[float, ...]:
         key = (curve, low, high)
         if key not in self.known:
-            Y = Interval(Fraction(low), Fraction(high))
+            h, Y = self.curves[curve], Interval(Fraction(low), Fraction(high))
             try:
-                found = (*value_form(self.curves[curve], Y).floats(), *slope_form(self.curves[curve], Y).floats())
+                self.known[key] = (*value_form(h, Y).floats(), *slope_form(h, Y).floats())
             except UndefinedError:
-                found = (-np.inf, np.inf, -np.inf, np.inf)
-            self.known[key] = found
+                self.known[key] = (-np.inf, np.inf, -np.inf, np.inf)
         return self.known[key]
 
 
@@ -139,10 +134,7 @@ class Boxes:
 
 
 def build_forms(problem: Problem, lure: Lure, *, S: Matrix | None, rate: Fraction) -> Mapping[str, Form]:
-    """Phi of every mode.
-
-    Raises: SpecError for more than LARGEST rows, or couplings that do not act by component.
-    """
+    """Phi of every mode.  Raises: SpecError for more than LARGEST rows, or couplings that do not act by component."""
     size, m = problem.n * problem.m, problem.m
     if size > LARGEST:
         raise SpecError(f"boxes are counted out for at most {LARGEST} rows n m; got {size}.", key="network.agents")
@@ -165,9 +157,7 @@ def build_forms(problem: Problem, lure: Lure, *, S: Matrix | None, rate: Fractio
 
 def upper_bounds(form: Form, boxes: Boxes) -> tuple[Array, Array, Array]:
     """A number that is at least phi on each box (boxes,), the size of its terms, and the width that each side adds.
-
-    Infinite where a coupling is not defined on the whole of its interval.
-    """
+    Infinite where a coupling is not defined on the whole of its interval."""
     c, w = boxes.centres, boxes.halves
     M, P = form.M, form.P_e
     y = c[:, form.plus] - c[:, form.target]

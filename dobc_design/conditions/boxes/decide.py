@@ -1,32 +1,40 @@
-"""Decides certificates of ``claim``: the inner certificate, then every box of the shell around it."""
+"""Certificates of ``claim`` decided: the inner one, then every box of the shell; and the check ``exhaustive``.
+
+Theory, section 4.  docs/certificate-format.md, "Regions", fixes the form of the check.
+"""
 
 from __future__ import annotations
 
+from dataclasses import replace
 from fractions import Fraction
 from typing import Final
 
 import numpy as np
 
 from dobc_design.conditions.boxes.claim import LEAF, Boxes, Shell, build_forms, energy_bounds, first_box, upper_bounds
-from dobc_design.conditions.quadratic.decide import LureDecision, border_of, diagonal_of_inverse, verify_lure
-from dobc_design.conditions.quadratic.sectors import Enclose, gains_on
+from dobc_design.conditions.check import Check, read_object, starts_in, undecided_check
+from dobc_design.conditions.numbers import claimed, read_rational
+from dobc_design.conditions.quadratic import checks as quadratic
+from dobc_design.conditions.quadratic.decide import LureDecision, border_of, covers, diagonal_of_inverse, verify_lure
+from dobc_design.exact.matrix import Matrix
 from dobc_design.exact.number import float_above, float_below
 from dobc_design.problem.problem import Problem
 from dobc_design.verdict import Verdict
 
+#: The keys of ``exact`` beside those of ``lure``.
+NAMES: Final = ("outer", "half", "tree")
 CHUNK: Final = 20_000  # boxes looked at together
 MOST_BOXES: Final = 4_000_000
 MOST_HALVINGS: Final = 30  # of one component: then all ends of boxes are exact in float64
 
 
-def verify_shell(problem: Problem, shell: Shell, *, enclose: Enclose = gains_on) -> LureDecision:
+def verify_shell(problem: Problem, shell: Shell) -> LureDecision:
     """Decide whether {V <= outer} is invariant and V' <= -2 rate V in it, for every mode.
 
-    Refuted: the inner certificate is, or the boxes do not fit.  Undecided: a box is not shown to be harmless.
-    Steps beside those of ``verify_lure``: "boxes".
-    Raises: SpecError for more than 6 rows n m or couplings of vectors, and as ``verify_lure``.
+    Refuted: the inner certificate is, or the boxes do not fit.  Undecided: a box is not shown to be harmless; the step
+    is then "boxes".  Raises: SpecError for more than 6 rows n m or couplings of vectors.
     """
-    inner = verify_lure(problem, shell.lure, enclose=enclose)
+    inner = verify_lure(problem, shell.lure)
     if inner.verdict is not Verdict.PROVED:
         return inner
     # Outer (P_e^-1)_kk <= half^2 for every k.
@@ -47,12 +55,8 @@ def verify_shell(problem: Problem, shell: Shell, *, enclose: Enclose = gains_on)
         rest = boxes.chosen(~((most <= inside) | (least >= outside)))  # a bound that is no number leaves the box in
         for mode, form in forms.items():
             if len(rest) and not np.all(upper_bounds(form, rest)[0] < 0):
-                return LureDecision(
-                    verdict=Verdict.UNDECIDED,
-                    step="boxes",
-                    mode=mode,
-                    reason=f"V' < 0 is not shown in some box of the shell in mode {mode}.",
-                )
+                reason = f"V' < 0 is not shown in some box of the shell in mode {mode}."
+                return LureDecision(verdict=Verdict.UNDECIDED, step="boxes", mode=mode, reason=reason)
     return LureDecision(
         verdict=Verdict.PROVED,
         reason=f"V decreases, V' <= -2 ({float(shell.rate):.4g}) V, while V <= {float(shell.outer):.6g}:"
@@ -79,6 +83,62 @@ def _leaves(shell: Shell, size: int) -> Boxes | None:
             return None
     if start != len(codes):
         return None
-    return Boxes(
-        centres=np.concatenate([each.centres for each in kept]), halves=np.concatenate([each.halves for each in kept])
+    centres, halves = zip(*((each.centres, each.halves) for each in kept), strict=True)
+    return Boxes(centres=np.concatenate(centres), halves=np.concatenate(halves))
+
+
+def exhaustive_check(
+    problem: Problem,
+    W: Matrix | None,
+    shell: Shell,
+    *,
+    radius: float,
+    disturbance: float,
+    domain: str,
+    remark: str = "",
+) -> Check:
+    """Decide ``shell`` as a proof for every start with |e| <= radius and |eps_i| <= disturbance; see ``lure_check``."""
+    reason = quadratic.quadratic_obstacle(problem, W)
+    if reason is not None:
+        return undecided_check("exhaustive", domain, reason, applies=False)
+    decision = verify_shell(problem, shell)
+    if decision.verdict is not Verdict.PROVED:
+        return undecided_check("exhaustive", domain, decision.reason)
+    outer = replace(shell.lure, level=shell.outer)
+    if not covers(problem, outer, radius=claimed(radius), disturbance=claimed(disturbance)):
+        return undecided_check("exhaustive", domain, "the ball asked for is not inside the invariant set.")
+    starts = quadratic.starts_in_words(problem, outer, radius, disturbance)
+    return Check(
+        id="exhaustive",
+        verdict=Verdict.PROVED,
+        rate=quadratic.rate_of(shell.lure),
+        domain=starts_in("ball", radius, disturbance),
+        claim=shell,
+        reason=f"from {starts} V = {quadratic.function_in_words(outer)} decreases{quadratic.pace_in_words(shell.lure)}:"
+        f" near the target by a quadratic certificate, farther out in {shell.tree.count('.')} boxes, one by"
+        f" one{quadratic.in_every_mode(problem)}.{remark}",
     )
+
+
+def confirm(check: Check, problem: Problem, W: Matrix | None, *, domain: str) -> str | None:
+    """None if everything a proved ``exhaustive`` claims is confirmed, else what is not.  ``domain`` is not needed:
+    boxes are always about a ball.  Raises what a malformed claim raises."""
+    del domain
+    reason = quadratic.wrong_outside(check, problem, W)
+    if reason is not None:
+        return reason
+    shell = read_claim(check, problem, W)
+    if not quadratic.ball_is_inside(problem, replace(shell.lure, level=shell.outer), check.domain):
+        return "the ball is not inside the invariant set"
+    return quadratic.not_shown(check, problem, shell.lure, verify_shell(problem, shell))
+
+
+def read_claim(check: Check, problem: Problem, W: Matrix | None) -> Shell:
+    """What a proved check claims, for this problem and the gain W (q, m); raises as ``lure_from_json``."""
+    names = quadratic.names_of(problem)
+    values = read_object(check.exact, (*names, *NAMES))
+    lure = quadratic.lure_from_json({name: values[name] for name in names}, problem, W)
+    if not isinstance(values["tree"], str):
+        raise TypeError("tree must be text")
+    outer, half = read_rational(values["outer"]), read_rational(values["half"])
+    return Shell(lure=lure, outer=outer, half=half, tree=values["tree"], rate=lure.rate)

@@ -1,28 +1,19 @@
 """Finds the largest sublevel set that boxes can prove around a quadratic certificate (small networks).
 
-Branch and bound, breadth first, all boxes of a depth at once.  ``claim`` bounds V' on a box; what is found is
-handed to ``verify``, which looks at every box again.
+Branch and bound, breadth first, all boxes of a depth at once.  ``claim`` bounds V' on a box; ``decide`` looks at every
+box of what is found again.
 """
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 from fractions import Fraction
 from typing import Final
 
 import numpy as np
 
-from dobc_design.conditions.boxes.claim import (
-    LEAF,
-    Boxes,
-    Form,
-    Shell,
-    build_forms,
-    energy_bounds,
-    first_box,
-    upper_bounds,
-)
+from dobc_design.conditions.boxes import claim as claims
+from dobc_design.conditions.boxes.claim import LEAF, Boxes, Form, Shell
 from dobc_design.conditions.numbers import rounded_down
 from dobc_design.conditions.quadratic.claim import Lure
 from dobc_design.coupling.expression import numpy_function
@@ -35,8 +26,7 @@ STEPS: Final = 60
 HALVINGS: Final = 12
 WIDTHS: Final = (0.3, 0.1, 0.03, 0.01)  # of the cones of directions around the worst, in turn
 KEPT, TRIALS = 20, 25
-BUDGET: Final = 100_000  # boxes that may be open at once
-MOST_BOXES: Final = 2_000_000
+MOST_BOXES: Final = 100_000  # that may be open at once, or left in the end
 MOST_DEPTH: Final = 90
 SHORT_OF: Final = (0.998, 0.993, 0.985, 0.95, 0.8)  # of the radius at which V' >= 0 was seen, in turn
 STRETCHED: Final = 8  # how many times the largest start a coordinate may become
@@ -49,20 +39,19 @@ def grow_shell(
     *,
     S: Matrix | None = None,
     largest: Fraction = Fraction(20),
-    budget: int = BUDGET,
     most: int = MOST_BOXES,
     least: Fraction = Fraction(0),
 ) -> Shell | None:
     """The shell around a proved certificate; None if no box proof reaches beyond its level.
 
     ``S`` (m, m): the observer's border at the certificate's rate, exact; None without a pair.  ``largest``: no start
-    with |e| beyond it is looked at.  ``budget`` and ``most``: boxes that may be open at once, and that may be left in
-    the end.  ``least``: no smaller ``outer`` is worth the time.  The rate is the certificate's.
+    with |e| beyond it is looked at.  ``most``: boxes that may be open at once, and that may be left in the end.
+    ``least``: no smaller ``outer`` is worth the time.  The rate is the certificate's.
     Raises: SpecError for more than 6 rows n m or couplings of vectors.
     """
     if lure.level is None:
         return None
-    forms = list(build_forms(problem, lure, S=S, rate=lure.rate).values())
+    forms = list(claims.build_forms(problem, lure, S=S, rate=lure.rate).values())
     P_e, level = forms[0].P_e, float(lure.level) * (1 - 1e-12)
     top = _seen(forms, P_e, level, float(np.linalg.eigvalsh(P_e)[-1]) * float(largest) ** 2)
     widest = math.sqrt(float(np.max(np.diag(np.linalg.inv(P_e)))))
@@ -70,9 +59,11 @@ def grow_shell(
         outer = top * part**2
         if outer <= max(level, float(least)) * (1 + 1e-6) or widest * math.sqrt(outer) > STRETCHED * float(largest):
             continue
-        half = _dyadic_above(widest * math.sqrt(outer) * (1 + 1e-9))
-        limits = _Limits(open=budget, left=most, last=part == SHORT_OF[-1])
-        found = _cut(forms, P_e, first_box(len(P_e), half), level, outer, limits)
+        half = widest * math.sqrt(outer) * (1 + 1e-9)
+        unit = 2.0 ** (math.frexp(half)[1] - 12)  # 12 bits are kept, rounded up
+        half = Fraction(math.ceil(half / unit)) * Fraction(unit)
+        box, last = claims.first_box(len(P_e), half), part == SHORT_OF[-1]
+        found = _cut(forms, P_e, box, level, outer, most=most, last=last)
         exact = Fraction(0) if found is None else rounded_down(found[1] * (1 - 1e-9), digits=9)
         if found is not None and exact > lure.level:
             return Shell(lure=lure, outer=exact, half=half, tree=found[0], rate=lure.rate)
@@ -116,70 +107,48 @@ def _steepest(
 
 def _rises(forms: list[Form], e: Array) -> Array:
     """The largest V' of any mode at points, in floats; inf where a coupling is not defined."""
-    return np.asarray(np.max([_derivative(form, e) for form in forms], axis=0))
-
-
-def _derivative(form: Form, e: Array) -> Array:
-    """Phi at points, in floats; inf where a coupling is not defined."""
-    total = np.sum((e @ form.M) * e, axis=1)
-    y = e[:, form.plus] - e[:, form.target]
-    p = (e @ form.P_e)[:, form.target]
-    for k in range(len(form.target)):
-        h = numpy_function(form.ranges.curves[int(form.curve[k])].expression)
-        with np.errstate(all="ignore"):
-            total = total + 2 * form.weight[k] * p[:, k] * h(y[:, k])
-    return np.where(np.isfinite(total), total, np.inf)
-
-
-@dataclass(frozen=True, slots=True)
-class _Limits:
-    """How many boxes may be open at once and left in the end; whether there is no further try."""
-
-    open: int
-    left: int
-    last: bool
+    found = []
+    for form in forms:
+        total, y, p = np.sum((e @ form.M) * e, axis=1), e[:, form.plus] - e[:, form.target], (e @ form.P_e)
+        for k, target in enumerate(form.target.tolist()):
+            h = numpy_function(form.ranges.curves[int(form.curve[k])].expression)
+            with np.errstate(all="ignore"):
+                total = total + 2 * form.weight[k] * p[:, target] * h(y[:, k])
+        found.append(np.where(np.isfinite(total), total, np.inf))
+    return np.asarray(np.max(found, axis=0))
 
 
 def _cut(
-    forms: list[Form], P_e: Array, boxes: Boxes, level: float, outer: float, limits: _Limits
+    forms: list[Form], P_e: Array, boxes: Boxes, level: float, outer: float, *, most: int, last: bool
 ) -> tuple[str, float] | None:
-    """Halve boxes until V' < 0 is shown in all of the shell; (tree, outer).
-
-    None if that takes too many boxes.  In the last try ``outer`` is lowered to what is shown with the open ones.
-    """
+    """Halve boxes until V' < 0 is shown in all of the shell; (tree, outer).  None if that takes more than ``most``
+    boxes.  In the last try ``outer`` is lowered to what is shown with the open ones."""
     tree: list[str] = []
     left = 0
     for depth in range(MOST_DEPTH):
         if not len(boxes):
             return "".join(tree), outer
-        least, most = energy_bounds(P_e, boxes)
-        opened = (most > level) & (least < outer)
-        if depth == MOST_DEPTH - 1 or int(np.count_nonzero(opened)) > limits.open:
-            if not limits.last:
+        lowest, highest = claims.energy_bounds(P_e, boxes)
+        opened = (highest > level) & (lowest < outer)
+        if depth == MOST_DEPTH - 1 or int(np.count_nonzero(opened)) > most:
+            if not last:
                 return None
-            outer = float(np.min(least[opened]))  # what is still open is left outside
+            outer = float(np.min(lowest[opened]))  # what is still open is left outside
             tree.append(LEAF * len(boxes))
             return ("".join(tree), outer) if outer > level else None
         along, places = np.zeros(len(boxes), dtype=np.intp), np.flatnonzero(opened)
         rest = boxes.chosen(opened)
         open_still = np.zeros(len(rest), dtype=bool)
         for form in forms:
-            bound, size, spread = upper_bounds(form, rest)
+            bound, size, spread = claims.upper_bounds(form, rest)
             bad = ~(bound + SLACK * size < 0)
             along[places[bad]] = np.argmax(spread[bad], axis=1)
             open_still |= bad
         opened[places] = open_still
         left += len(boxes) - int(np.count_nonzero(opened))
-        if left > limits.left:
+        if left > most:
             return None
-        tree.append(
-            "".join(str(k) if split else LEAF for k, split in zip(along.tolist(), opened.tolist(), strict=True))
-        )
+        signs = zip(along.tolist(), opened.tolist(), strict=True)
+        tree.append("".join(str(k) if split else LEAF for k, split in signs))
         boxes = boxes.chosen(opened).split(along[opened])
     return None
-
-
-def _dyadic_above(value: float) -> Fraction:
-    """A number of 12 bits that is not below."""
-    unit = 2.0 ** (math.frexp(value)[1] - 12)
-    return Fraction(math.ceil(value / unit)) * Fraction(unit)

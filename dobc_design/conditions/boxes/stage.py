@@ -1,6 +1,6 @@
 """The exhaustive proof of the region asked for, for small networks: boxes around a quadratic certificate.
 
-Theory, section 4.  ``propose`` cuts up the set between two levels of V, ``verify`` looks at every box again.
+Theory, section 4.  ``propose`` cuts up the set between two levels of V, ``decide`` looks at every box again.
 """
 
 from __future__ import annotations
@@ -11,8 +11,8 @@ from dataclasses import replace
 from fractions import Fraction
 from typing import Final
 
-from dobc_design.conditions.boxes.checks import exhaustive_check
 from dobc_design.conditions.boxes.claim import LARGEST, Shell
+from dobc_design.conditions.boxes.decide import exhaustive_check
 from dobc_design.conditions.boxes.propose import grow_shell
 from dobc_design.conditions.check import Check, undecided_check
 from dobc_design.conditions.coverage import Asked, Progress
@@ -26,21 +26,16 @@ from dobc_design.conditions.separable.claim import acts_by_component
 
 logger = logging.getLogger("dobc_design")
 
-#: Rows n m up to which boxes are counted out without being asked for.
-SMALL: Final = 4
-#: Boxes that a certificate may hold, so that a checker in plain Python gets through them.
-MOST_BOXES: Final = 50_000
+SMALL: Final = 4  # rows n m up to which boxes are counted out without being asked for
+MOST_BOXES: Final = 50_000  # that a certificate may hold, so that a checker in plain Python gets through them
 #: Starts up to this many times the ball asked for, or that of the inner certificate, are looked at.
 BEYOND: Final = 2
-#: Where the region is covered: parts of the rate near the consensus, tried in turn.
-RATES: Final = (Fraction(1, 2), Fraction(1, 10))
+RATES: Final = (Fraction(1, 2), Fraction(1, 10))  # of that near the consensus, tried where the region is covered
 
 
 def exhaustive_stage(asked: Asked, report: Progress) -> list[Check]:
-    """Boxes around the quadratic certificates, for small networks.
-
-    Unless everything is wanted, only where they may cover the region asked for, and for n m <= 4.
-    """
+    """Boxes around the quadratic certificates, for small networks.  Unless everything is wanted, only where they may
+    cover the region asked for, and for n m <= 4."""
     problem = asked.problem
     largest = LARGEST if asked.everything else SMALL
     if not (asked.everything or asked.wanted) or problem.n * problem.m > largest or asked.domain == "global":
@@ -60,25 +55,20 @@ def exhaustive_stage(asked: Asked, report: Progress) -> list[Check]:
         many = f"too many would be needed (at most {MOST_BOXES})"
         reason = f"no boxes are found that {where}: V' < 0 ends before, or {many}."
         return [undecided_check("exhaustive", asked.domain, reason)]
-    radius = _ball(asked, best)
-    return [
-        exhaustive_check(
-            problem,
-            asked.W,
-            best,
-            radius=radius,
-            disturbance=asked.disturbance,
-            domain=asked.domain,
-            remark=_remark(asked, radius),
-        )
-    ]
+    radius, remark = _ball(asked, best), ""
+    if not asked.wanted or radius < asked.ball:
+        wish = f"the region asks for {asked.ball:.6g}" if asked.wanted else "no region is asked for"
+        remark = f" The ball reaches |e| <= {radius:.6g}, {wish}: beyond, this V rises somewhere, or more than"
+        remark += f" {MOST_BOXES} boxes would be needed."
+    check = exhaustive_check(
+        problem, asked.W, best, radius=radius, disturbance=asked.disturbance, domain=asked.domain, remark=remark
+    )
+    return [check]
 
 
 def _shell(asked: Asked, shape: Shape, *, beyond: float) -> Shell | None:
-    """Boxes around the largest ball of a shape, at a rate > 0 where the region is covered even so.
-
-    None if they prove no larger ball than ``beyond``.
-    """
+    """Boxes around the largest ball of a shape, at a rate > 0 where the region is covered even so.  None if they prove
+    no larger ball than ``beyond``."""
     slow = _grown(asked, shape, Fraction(0), beyond=beyond)
     if slow is None or not asked.wanted or _ball(asked, slow) < asked.ball:
         return slow
@@ -101,7 +91,6 @@ def _grown(asked: Asked, shape: Shape, rate: Fraction, *, beyond: float) -> Shel
             inner.lure,
             S=border_of(asked.problem, inner.lure, inner.lure.rate),
             largest=BEYOND * claimed(max(asked.ball, inner.radius)),
-            budget=MOST_BOXES,
             most=MOST_BOXES,
             least=eigenvalue_bound(inner.lure.P_e) * claimed(beyond) ** 2,
         )
@@ -114,13 +103,3 @@ def _grown(asked: Asked, shape: Shape, rate: Fraction, *, beyond: float) -> Shel
 def _ball(asked: Asked, shell: Shell) -> float:
     outer = replace(shell.lure, level=shell.outer)
     return certified_ball(asked.problem, outer, disturbance=asked.disturbance)
-
-
-def _remark(asked: Asked, radius: float) -> str:
-    if asked.wanted and radius >= asked.ball:
-        return ""
-    wish = f"the region asks for {asked.ball:.6g}" if asked.wanted else "no region is asked for"
-    return (
-        f" The ball reaches |e| <= {radius:.6g}, {wish}: beyond, this V rises somewhere, or more than {MOST_BOXES}"
-        " boxes would be needed."
-    )

@@ -1,7 +1,6 @@
-"""The check `settling`: a proved chain of stages as what a certificate holds, and back.
+"""The check `settling`: a proved chain of stages as what a certificate holds (docs/certificate-format.md), and back.
 
-The form is fixed by docs/certificate-format.md, "Regions".  Also what the stages say about sampling and delays, one by
-one.
+Also what the stages say about sampling and delays, one by one.
 """
 
 from __future__ import annotations
@@ -12,37 +11,26 @@ from fractions import Fraction
 from typing import Final
 
 from dobc_design.conditions.check import Check, read_domain, read_object, starts_in, undecided_check
-from dobc_design.conditions.numbers import (
-    claimed,
-    decimal_below,
-    read_rational,
-    rounded_down,
-    vector_from_json,
-)
-from dobc_design.conditions.quadratic.checks import lure_from_json
+from dobc_design.conditions.numbers import claimed, decimal_below, read_rational, rounded_down, vector_from_json
+from dobc_design.conditions.quadratic.checks import lure_from_json, names_of
 from dobc_design.conditions.quadratic.claim import Lure
-from dobc_design.conditions.schedule.claim import ONE, QUADRATIC, SEPARABLE, ZERO, Stage, Staging
-from dobc_design.conditions.schedule.decide import proved_reason, verify_staging
-from dobc_design.conditions.schedule.settling import Settling
+from dobc_design.conditions.schedule.claim import NUMBERS, ONE, QUADRATIC, SEPARABLE, ZERO, Stage, Staging
+from dobc_design.conditions.schedule.decide import Settling, proved_reason, verify_staging
 from dobc_design.conditions.separable.checks import obstacle
 from dobc_design.conditions.separable.claim import DelayBound, SamplingBound, Separable, separable_from_json
-from dobc_design.conditions.separable.timing import largest_delay_rate, largest_period, longest_delay
+from dobc_design.conditions.separable.timing import largest_period, longest_delay
 from dobc_design.exact.matrix import Matrix
 from dobc_design.problem.problem import Problem
 from dobc_design.verdict import Verdict
 
 MOST_STAGES: Final = 100
-#: The part of a stage's rate that late messages are to leave.
-KEPT: Final = Fraction(1, 2)
-LURE: Final = ("method", "P_e", "level", "radius", "ranges", "multipliers", "rate")
+KEPT: Final = Fraction(1, 2)  # of a stage's rate, which late messages are to leave
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class StageTiming:
-    """What a stage allows once it has begun: how long values may be held, and how late messages may be.
-
-    ``delay`` leaves half of the stage's rate.  None where nothing is shown, as for every quadratic stage.
-    """
+    """What a stage allows once it has begun: how long values may be held, and how late messages may be.  ``delay``
+    leaves half of the stage's rate.  None where nothing is shown, as for every quadratic stage."""
 
     sampling: SamplingBound | None = None
     delay: DelayBound | None = None
@@ -50,9 +38,7 @@ class StageTiming:
 
 def settling_check(problem: Problem, W: Matrix | None, settling: Settling, *, domain: str) -> Check:
     """Decide a settling time once more, for the decimals that its box domain shows; ``domain``: that of Lemma 1.
-
-    PROVED or UNDECIDED.
-    """
+    PROVED or UNDECIDED."""
     if settling.staging is None:
         return undecided_check("settling", domain, settling.reason)
     radius, disturbance = decimal_below(settling.radius), decimal_below(settling.disturbance)
@@ -68,13 +54,10 @@ def settling_check(problem: Problem, W: Matrix | None, settling: Settling, *, do
 
 
 def confirm(check: Check, problem: Problem, W: Matrix | None, *, domain: str) -> str | None:
-    """None if everything a proved ``settling`` claims is confirmed, else what is not; ``domain`` is not needed.
-
-    Raises what a malformed claim raises.
-    """
+    """None if everything a proved ``settling`` claims is confirmed, else what is not; ``domain`` is not needed.  Raises
+    what a malformed claim raises."""
     del domain  # of Lemma 1: a settling time is always about a box
-    reason = obstacle(problem, W)
-    if reason is not None:
+    if (reason := obstacle(problem, W)) is not None:
         return reason
     if check.verdict is not Verdict.PROVED or check.witness is not None or check.rate is not None:
         return "it can only be proved or undecided, and has no rate and no witness"
@@ -83,25 +66,17 @@ def confirm(check: Check, problem: Problem, W: Matrix | None, *, domain: str) ->
 
 
 def read_claim(check: Check, problem: Problem, W: Matrix | None) -> Staging:
-    """What a proved check claims, for this problem and the gain W (q, m).
-
-    Raises: KeyError, TypeError, ValueError, ShapeError or SpecError for anything that cannot be such a claim.
-    """
+    """What a proved check claims, for this problem and the gain W (q, m).  Raises: KeyError, TypeError, ValueError,
+    ShapeError or SpecError for anything that cannot be such a claim."""
     radius, disturbance = read_domain(check.domain, problem, kind="box")
     values = read_object(check.exact, ("tolerance", "time", "stages"))
-    rows = values["stages"]
-    if not isinstance(rows, list) or not 0 < len(rows) <= MOST_STAGES:
+    if not isinstance(values["stages"], list) or not 0 < len(values["stages"]) <= MOST_STAGES:
         raise ValueError(f"stages must be a list of 1 to {MOST_STAGES} objects")
     stages: list[Stage] = []
-    for row in rows:
+    for row in values["stages"]:
         stages.append(_stage_from_json(row, problem, W, stages[-1] if stages else None))
-    return Staging(
-        stages=tuple(stages),
-        radius=radius,
-        disturbance=disturbance,
-        tolerance=read_rational(values["tolerance"]),
-        time=read_rational(values["time"]),
-    )
+    tolerance, time = read_rational(values["tolerance"]), read_rational(values["time"])
+    return Staging(stages=tuple(stages), radius=radius, disturbance=disturbance, tolerance=tolerance, time=time)
 
 
 def settling_of(problem: Problem, staging: Staging, reason: str) -> Settling:
@@ -119,64 +94,33 @@ def settling_of(problem: Problem, staging: Staging, reason: str) -> Settling:
 
 def stage_timings(problem: Problem, settling: Settling) -> tuple[StageTiming, ...]:
     """Sampling and delays stage by stage, each proved for a loop that is in the stage's box and stays there."""
-    return tuple(
-        _timing(problem, stage.certificate) if isinstance(stage.certificate, Separable) else StageTiming()
-        for stage in settling.stages
-    )
-
-
-def _timing(problem: Problem, claim: Separable) -> StageTiming:
-    fastest = claim.alpha if claim.error is None else min(claim.alpha, claim.error.beta)
-    return StageTiming(
-        sampling=largest_period(problem, claim),
-        delay=longest_delay(problem, claim, rate=rounded_down(fastest * KEPT, digits=4)),
-    )
-
-
-def sampling_periods(problem: Problem, settling: Settling) -> tuple[SamplingBound | None, ...]:
-    """The largest sampling period, about, that each max-separable stage allows once it has begun; None for others.
-
-    Each says: while N <= rho of that stage, couplings and pinning held over the period let N fall by the factor.
-    """
-    return tuple(
-        largest_period(problem, stage.certificate) if isinstance(stage.certificate, Separable) else None
-        for stage in settling.stages
-    )
-
-
-def delay_rates(problem: Problem, settling: Settling, *, delay: Fraction) -> tuple[DelayBound | None, ...]:
-    """The rate that each max-separable stage keeps for communication delays up to ``delay`` (s); None for others.
-
-    Each is about a loop that begins and stays in that stage's box.  Raises: SpecError for a negative delay.
-    """
-    return tuple(
-        largest_delay_rate(problem, stage.certificate, delay=delay)
-        if isinstance(stage.certificate, Separable)
-        else None
-        for stage in settling.stages
-    )
+    timings = []
+    for claim in (stage.certificate for stage in settling.stages):
+        if isinstance(claim, Separable):
+            fastest = claim.alpha if claim.error is None else min(claim.alpha, claim.error.beta)
+            delay = longest_delay(problem, claim, rate=rounded_down(fastest * KEPT, digits=4))
+            timings.append(StageTiming(sampling=largest_period(problem, claim), delay=delay))
+        else:
+            timings.append(StageTiming())
+    return tuple(timings)
 
 
 def _stage_from_json(row: object, problem: Problem, W: Matrix | None, before: Stage | None) -> Stage:
     quadratic = isinstance(row, Mapping) and row.get("kind") == QUADRATIC
     last = () if not quadratic else ("factor",) if before is not None and before.is_quadratic else ("diagonal",)
-    values = read_object(row, ("kind", "start", "level", "height", "noise", "stretch", "certificate", *last))
+    values = read_object(row, ("kind", *NUMBERS, "certificate", *last))
     if values["kind"] not in {SEPARABLE, QUADRATIC}:
         raise ValueError(f"kind must be {SEPARABLE} or {QUADRATIC}")
-    numbers = {name: read_rational(values[name]) for name in ("start", "level", "height", "noise", "stretch")}
+    numbers = {name: read_rational(values[name]) for name in NUMBERS}
     if before is None and numbers["stretch"] != ONE:
         raise ValueError("the first stage has no stage before: its stretch is 1")
     if not problem.groups and (numbers["noise"] != ZERO or numbers["stretch"] != ONE):
         raise ValueError("without an exosystem noise is 0 and stretch 1")
     certificate: Separable | Lure
     if quadratic:
-        observer = ("P",) if problem.groups else ()
-        certificate = lure_from_json(read_object(values["certificate"], (*LURE, *observer)), problem, W)
+        certificate = lure_from_json(read_object(values["certificate"], names_of(problem)), problem, W)
     else:
         certificate = separable_from_json(values["certificate"], problem)
-    return Stage(
-        certificate=certificate,
-        **numbers,
-        diagonal=tuple(vector_from_json(values["diagonal"], problem.n * problem.m)) if "diagonal" in values else None,
-        factor=read_rational(values["factor"]) if "factor" in values else None,
-    )
+    diagonal = tuple(vector_from_json(values["diagonal"], problem.n * problem.m)) if "diagonal" in values else None
+    factor = read_rational(values["factor"]) if "factor" in values else None
+    return Stage(certificate=certificate, **numbers, diagonal=diagonal, factor=factor)

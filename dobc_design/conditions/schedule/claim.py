@@ -5,21 +5,18 @@ quadratic one.  W_k decays at the rate r_k wherever its guard holds: N <= rho, o
 
 Claim: W_k(t) <= a_k exp(-r_k (t - t_k)) for all t >= t_k, so |e(t)|_inf <= height_k W_k(t), for every switching signal.
 
-Proof, stage by stage.  The first one guards itself: {W_0 <= a_0} lies in its guard, so it is invariant, and it holds
-the starts.  Let the claim be true for stage k and c be its bound at t_(k+1).  If {W_k <= c} lies in the guard of stage
-k+1, that guard holds for all t >= t_(k+1), because W_k only falls; so W_(k+1) decays at r_(k+1) from then on, from the
-largest value that it can have where W_k <= c and the observer errors are as small as they are known to be.  It need
-not stay below the level up to which its own certificate guards itself.
+Proof.  {W_0 <= a_0} holds the starts and lies in the guard of the first stage, so it is invariant.  Let c be the bound
+of W_k at t_(k+1).  If {W_k <= c} lies in the guard of stage k+1, that guard holds from then on, because W_k only falls;
+so W_(k+1) decays from the largest value that it can have where W_k <= c and the observer errors are as small as known.
 
-The observer errors evolve on their own, eps_i' = (A - WC) eps_i, whatever e does.  So b_k exp(-beta_k (t - t_k)) bounds
-E_k = max_i sqrt(eps_i'P_k eps_i), and with P_(k+1) <= l^2 P_k, E_(k+1) <= l E_k.  Where W_k <= c and E_k <= d:
+These evolve on their own, eps_i' = (A - WC) eps_i: b_k exp(-beta_k (t - t_k)) bounds E_k = max_i sqrt(eps_i'P_k eps_i),
+and with P_(k+1) <= l^2 P_k, E_(k+1) <= l E_k.  Where W_k <= c and E_k <= d:
 
     N' <= g N, g = max_i v_i/v'_i:  N' + kappa' E' <= g c + max(0, kappa' l - g kappa) min(d, c/kappa)
     |e_i| <= c v_i, P_e <= diag(D): e'P_e e + sum eps_i'P' eps_i <= c^2 sum D_i v_i^2 + n (l d)^2
     P_e' <= f P_e:                  e'P_e' e + sum eps_i'P' eps_i <= max(f, l^2) c^2
 
 (the first because N <= c - kappa E, so that the sum is at most g (c - kappa x) + kappa' l x for some x <= d, c/kappa).
-Nothing is decided here.
 """
 
 from __future__ import annotations
@@ -37,8 +34,9 @@ from dobc_design.exact.matrix import Vector
 from dobc_design.exact.number import float_above, number_text
 
 SEPARABLE, QUADRATIC = "max-separable", "quadratic"
-ZERO = Fraction(0)
-ONE = Fraction(1)
+ZERO, ONE = Fraction(0), Fraction(1)
+#: What every stage claims.
+NUMBERS = ("start", "level", "height", "noise", "stretch")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, repr=False)
@@ -64,18 +62,16 @@ class Stage(Shown):
         for name in ("start", "noise"):
             if getattr(self, name) < 0:
                 raise SpecError(f"{name} of a stage must be >= 0.", key=name)
-        for name in ("level", "height", "stretch"):
-            if getattr(self, name) <= 0:
+        for name in ("level", "height", "stretch", "factor"):
+            value = getattr(self, name)
+            if value is not None and value <= 0:
                 raise SpecError(f"{name} of a stage must be > 0.", key=name)
-        if self.factor is not None and self.factor <= 0:
-            raise SpecError("factor of a stage must be > 0.", key="factor")
         if self.is_quadratic is (self.diagonal is None and self.factor is None) or (self.diagonal and self.factor):
             raise SpecError("a quadratic stage has either a diagonal or a factor, others have neither.", key="diagonal")
 
     def _card(self) -> Card:
-        names = ("start", "level", "height", "noise")
-        kind = "quadratic" if self.is_quadratic else "max-separable"
-        return Card(title="Stage", text=kind, facts=[(name, repr(float_above(getattr(self, name)))) for name in names])
+        facts = [(name, repr(float_above(getattr(self, name)))) for name in NUMBERS[:-1]]
+        return Card(title="Stage", text=QUADRATIC if self.is_quadratic else SEPARABLE, facts=facts)
 
     def __repr__(self) -> str:
         return f"<Stage {self._card().text} from {float(self.start):.6g} s>"
@@ -88,7 +84,7 @@ class Stage(Shown):
     def to_json(self) -> dict[str, Any]:
         """The exact values of a stage."""
         values: dict[str, Any] = {"kind": QUADRATIC if self.is_quadratic else SEPARABLE}
-        values |= {name: number_text(getattr(self, name)) for name in ("start", "level", "height", "noise", "stretch")}
+        values |= {name: number_text(getattr(self, name)) for name in NUMBERS}
         if self.diagonal is not None:
             values["diagonal"] = vector_to_json(self.diagonal)
         if self.factor is not None:

@@ -1,18 +1,15 @@
-"""Proposals for staging: quadratic certificates, and which certificates at which levels in which order.
+"""Proposals for staging: quadratic certificates, and which certificates at which levels in which order (section 5).
 
-Theory, section 5.  A table of vectors v at falling levels and the quadratic certificates there are make a graph: from
-level L of one certificate to the level at which the next can take over costs ln(ratio)/rate.  The shortest way through
-it is the plan.
+A table of vectors v at falling levels and the quadratic certificates there make a graph: from level L of one to the
+level at which the next can take over costs ln(ratio)/rate.  The shortest way through it is the plan.
 
-Quadratic stages: for a few radii, a P_e with about the largest rate there.  Unlike in ``quadratic.propose`` the level
-does not matter: the stage before keeps the couplings within the radius.  For a given rate the inequality of theory,
-section 4, is affine in P_e and theta = 2 tau d^2,
+Quadratic stages have about the largest rate for a few radii; the stage before keeps the couplings within these.  For a
+given rate the inequality of theory, section 4, is affine in P_e and theta = 2 tau d^2,
 
     [[P_e A0 + A0'P_e + 2 beta P_e + C'diag(theta) C,  P_e B diag(d)], [., -diag(theta)]] <= 0,    I <= P_e <= t I,
 
-and the solver minimises t: a round P_e costs least when it takes over.  The rate is found by bisection.
-
-Floating point; nothing here is a proof, but quadratic stages have been accepted by ``holds``, which decides exactly.
+and the solver minimises t: a round P_e costs least when it takes over.  Floating point; nothing here is a proof, but
+quadratic stages have been accepted by ``holds``, which decides exactly.
 """
 
 from __future__ import annotations
@@ -57,14 +54,13 @@ OBSERVER: Final = 0.7  # of the decay rate of A - WC, for the observer's pair
 ROUNDEST: Final = 1e4  # the largest t that is worth a stage
 DIGITS: Final = (6, 9)
 ROOM: Final = Fraction(1, 10**4)  # of a gain
+_Steps = dict[tuple[int, int], tuple[int, int]]  # from where each (level, vector) is reached
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class StagePlan:
     """Stages in order, max-separable then quadratic, and the settling time (s) that floating point sees.
-
-    ``separable``: v and the level rho down from which it is to hold.
-    """
+    ``separable``: v and the level rho down from which it is to hold."""
 
     separable: tuple[tuple[Vector, Fraction], ...]
     quadratic: tuple[Lure, ...]
@@ -83,10 +79,8 @@ class _Table:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Quadratic:
-    """A quadratic certificate in floats; ``reach`` (a,): sizes of N below which its guard holds, by vector.
-
-    ``entry`` (a,): its size per N when it takes over.
-    """
+    """A quadratic certificate in floats; ``reach`` (a,): sizes of N below which its guard holds, by vector.  ``entry``
+    (a,): its size per N when it takes over."""
 
     lure: Lure
     P_e: Array
@@ -110,37 +104,36 @@ def plan_stages(
     last = _time(table.levels[:, None] * np.max(table.v, axis=1), float(tolerance), table.rates)
     penalty = PENALTY * float(np.min(last[0]))
     reached, before = _shortest(table, penalty)
-    plain = reached + last
-    plans = [_plan(table, plain, before, (), rho)]
+    plans = [_plan(table, reached + last, before, (), rho)]
     chosen = sorted(quadratics, key=lambda lure: -float(lure.radius or 0))[:MOST_QUADRATICS]
-    measured = [_measured(problem, table, lure) for lure in chosen]
-    counts = range(1, len(measured) + 1)
-    for chain in itertools.chain.from_iterable(itertools.combinations(measured, count) for count in counts):
+    widest = np.zeros(len(table.v))
+    for arcs in problem.network.modes.values():
+        sums = table.v[:, arcs.listeners] + table.v[:, arcs.speakers]
+        widest = np.maximum(widest, np.max(sums, axis=1, initial=0.0))
+    measured = []
+    for lure in chosen:
+        P_e, radius = to_float(lure.P_e.to_dense()), math.inf if lure.radius is None else float(lure.radius)
+        height = math.sqrt(float(np.max(np.diag(np.linalg.inv(P_e)))))
+        entry = np.array([math.sqrt(box_bound(P_e, np.repeat(v, problem.m))[0]) for v in table.v])
+        measured.append(_Quadratic(lure, P_e, height, radius / np.maximum(widest, 1e-300), entry))
+    chains = (itertools.combinations(measured, count + 1) for count in range(len(measured)))
+    for chain in itertools.chain.from_iterable(chains):
         times = reached + _chain_times(table, chain, float(tolerance)) + penalty * len(chain)
         if float(np.min(times)) < plans[0].time:
             plans = [_plan(table, times, before, chain, rho), plans[-1]]
     return plans
 
 
-def _plan(
-    table: _Table,
-    times: Array,
-    before: dict[tuple[int, int], tuple[int, int]],
-    chain: Sequence[_Quadratic],
-    rho: Fraction,
-) -> StagePlan:
+def _plan(table: _Table, times: Array, before: _Steps, chain: Sequence[_Quadratic], rho: Fraction) -> StagePlan:
     """The way to the least of ``times`` (level, vector), which include those of ``chain``."""
-    end = int(np.argmin(times))
-    place: tuple[int, int] | None = (end // times.shape[1], end % times.shape[1])
+    place: tuple[int, int] | None = divmod(int(np.argmin(times)), times.shape[1])
     steps = []
     while place is not None:
         level, vector = place
-        exact = rho if level == 0 else _short(float(table.levels[level]))
-        steps.append((table.exact[vector], exact))
+        steps.append((table.exact[vector], rho if level == 0 else _short(float(table.levels[level]))))
         place = before.get(place)
-    return StagePlan(
-        separable=tuple(reversed(steps)), quadratic=tuple(each.lure for each in chain), time=float(np.min(times))
-    )
+    lures = tuple(each.lure for each in chain)
+    return StagePlan(separable=tuple(reversed(steps)), quadratic=lures, time=float(np.min(times)))
 
 
 def box_bound(P_e: Array, v: Array) -> tuple[float, Array]:
@@ -186,12 +179,12 @@ def _tabulate(problem: Problem, *, rho: Fraction, tolerance: float, fastest: flo
     return _Table(levels, tuple(exact), v, np.minimum(rates, fastest))
 
 
-def _shortest(table: _Table, penalty: float) -> tuple[Array, dict[tuple[int, int], tuple[int, int]]]:
+def _shortest(table: _Table, penalty: float) -> tuple[Array, _Steps]:
     """The least time to reach each level of each vector, and from where; every hand-over costs ``penalty``."""
     levels, rates = table.levels, table.rates
     reached = np.full(rates.shape, np.inf)
     reached[0] = np.where(rates[0] > 0, 0.0, np.inf)
-    before: dict[tuple[int, int], tuple[int, int]] = {}
+    before: _Steps = {}
     ratio = np.array([np.max(one / table.v, axis=1) for one in table.v])  # [from, to]
     for b in range(len(levels)):
         for later in range(b + 1, len(levels)):
@@ -204,24 +197,6 @@ def _shortest(table: _Table, penalty: float) -> tuple[Array, dict[tuple[int, int
     return reached, before
 
 
-def _measured(problem: Problem, table: _Table, lure: Lure) -> _Quadratic:
-    """A quadratic certificate in floats, against every vector of the table."""
-    m = problem.m
-    P_e = to_float(lure.P_e.to_dense())
-    widest = np.zeros(len(table.v))
-    for arcs in problem.network.modes.values():
-        sums = table.v[:, arcs.listeners] + table.v[:, arcs.speakers]
-        widest = np.maximum(widest, np.max(sums, axis=1, initial=0.0))
-    radius = math.inf if lure.radius is None else float(lure.radius)
-    return _Quadratic(
-        lure=lure,
-        P_e=P_e,
-        height=math.sqrt(float(np.max(np.diag(np.linalg.inv(P_e))))),
-        reach=radius / np.maximum(widest, 1e-300),
-        entry=np.array([math.sqrt(box_bound(P_e, np.repeat(v, m))[0]) for v in table.v]),
-    )
-
-
 def _chain_times(table: _Table, chain: Sequence[_Quadratic], tolerance: float) -> Array:
     """The time from each level of each vector to the tolerance through the quadratic certificates, (b, a)."""
     first = chain[0]
@@ -230,21 +205,15 @@ def _chain_times(table: _Table, chain: Sequence[_Quadratic], tolerance: float) -
     times = _time(levels, below, table.rates)
     size = below * first.entry
     for old, new in itertools.pairwise(chain):
-        below = np.minimum(size, _reach(old, new))
+        below = size
+        if new.lure.radius is not None:  # of ``old``, below which every |e_i - e_j| is within that radius, or less
+            Y = np.linalg.inv(old.P_e)
+            widths = np.diag(Y)[:, None] + np.diag(Y)[None, :] - 2 * Y
+            below = np.minimum(size, float(new.lure.radius) / math.sqrt(float(np.max(widths))))
         times = times + _time(size, below, float(old.lure.rate))
         size = below * math.sqrt(float(np.max(np.linalg.eigvals(np.linalg.solve(old.P_e, new.P_e)).real)))
-    return times + _time(
-        size * chain[-1].height, np.minimum(size * chain[-1].height, tolerance), float(chain[-1].lure.rate)
-    )
-
-
-def _reach(old: _Quadratic, new: _Quadratic) -> float:
-    """The size of ``old`` below which every |e_i - e_j| is within the radius of ``new``, or somewhat less."""
-    if new.lure.radius is None:
-        return math.inf
-    Y = np.linalg.inv(old.P_e)
-    widths = np.diag(Y)[:, None] + np.diag(Y)[None, :] - 2 * Y
-    return float(new.lure.radius) / math.sqrt(float(np.max(widths)))
+    top = size * chain[-1].height
+    return times + _time(top, np.minimum(top, tolerance), float(chain[-1].lure.rate))
 
 
 def _time(high: Array | float, low: Array | float, rate: Array | float) -> Array:
@@ -261,9 +230,7 @@ def propose_quadratic_stages(
     problem: Problem, *, W: Matrix | None, holds: Callable[[Lure], bool], radii: Sequence[float], slowest: float
 ) -> list[Lure]:
     """Certificates at the given radii, one each, smallest first; those only whose rate (1/s) exceeds ``slowest``.
-
-    Linear couplings need no radius and have one.  Empty for networks beyond MOST_ROWS or MOST_BLOCK.
-    """
+    Linear couplings need no radius and have one.  Empty for networks beyond MOST_ROWS or MOST_BLOCK."""
     size, arcs = problem.n * problem.m, max(len(each) for each in problem.network.modes.values())
     if size > MOST_ROWS or size + arcs * problem.m > MOST_BLOCK:
         return []
@@ -314,8 +281,7 @@ class _Loop:
 
     def certificates(self, *, slowest: float, fastest: float) -> Iterator[Lure]:
         """Certificates with rates between these two, the fastest first."""
-        modes = [self._floats(name) for name in self.sectors.modes]
-        low = slowest
+        modes, low = [self._floats(name) for name in self.sectors.modes], slowest
         high = min(fastest, *(-float(np.max(np.linalg.eigvals(mode.A).real)) for mode in modes))
         if high <= low or _solved(modes, low) is None:
             return
@@ -347,9 +313,8 @@ class _Loop:
         """Certificates with few digits first, and the observer's pair scaled so that its border is small."""
         problem, W, pair = self.problem, self.W, None
         if problem.groups and W is not None:
-            pair = scaled_pair(
-                problem, W, rate=rounded_down(_observer_rate(problem, W), digits=6), disturbance=Fraction(0)
-            )
+            slow = rounded_down(_observer_rate(problem, W), digits=6)
+            pair = scaled_pair(problem, W, rate=slow, disturbance=Fraction(0))
             if pair is None:
                 return
         for digits in DIGITS:
@@ -376,13 +341,9 @@ class _Loop:
 
     def _multipliers(self, name: str, theta: Array, digits: int) -> Vector:
         """Tau = theta / (2 d^2) of every channel with a range, 0 elsewhere."""
-        values = iter(theta.tolist())
-        return tuple(
-            rounded_down(max(next(values) / (2 * float(channel.spread) ** 2), 1e-12), digits=digits)
-            if channel.spread
-            else Fraction(0)
-            for channel in self.sectors.modes[name]
-        )
+        values, spreads = iter(theta.tolist()), [float(channel.spread) for channel in self.sectors.modes[name]]
+        taus = (max(next(values) / (2 * spread**2), 1e-12) if spread else 0.0 for spread in spreads)
+        return tuple(rounded_down(tau, digits=digits) for tau in taus)
 
 
 def _solved(modes: Sequence[_Mode], rate: float) -> tuple[Array, dict[str, Array]] | None:

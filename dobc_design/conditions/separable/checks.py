@@ -1,52 +1,33 @@
-"""Checks of a region, from a claim that is decided here to what a certificate holds, and back.
+"""The checks max-separable, delay and sampling, from a claim that is decided to what a certificate holds, and back.
 
-Theory, section 5: the max-separable certificate, and what it says about delays and sampling.  The form is fixed by
-docs/certificate-format.md, "Regions".  A proved check is proved for the very numbers that it shows.
+docs/certificate-format.md, "Regions", fixes the form.  A check is proved for the very numbers that it shows.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from fractions import Fraction
 from typing import Final
 
 from dobc_design.conditions.check import Check, Witness, read_domain, starts_in, undecided_check
 from dobc_design.conditions.consensus.network import name_agents
-from dobc_design.conditions.numbers import (
-    claimed,
-    decimal_below,
-    follows,
-    rounded_down,
-    shorten,
-)
-from dobc_design.conditions.separable.claim import (
-    DelayBound,
-    SamplingBound,
-    Separable,
-    acts_by_component,
-    read_claim,
-    separable_from_json,
-)
-from dobc_design.conditions.separable.observer import composite_rate, covers, verify_composite
-from dobc_design.conditions.separable.ordering import find_ordering, is_stuck
+from dobc_design.conditions.numbers import claimed, decimal_below, follows, rounded_down, shorten
+from dobc_design.conditions.separable import claim as claims
+from dobc_design.conditions.separable.claim import DelayBound, SamplingBound, Separable
+from dobc_design.conditions.separable.decide import NOT_BY_COMPONENT, composite_rate, covers, verify_composite
 from dobc_design.conditions.separable.timing import largest_period, sampled_factor, verify_delay, verify_sampling
 from dobc_design.exact.matrix import Matrix
 from dobc_design.problem.problem import Problem
 from dobc_design.verdict import Verdict
 
-#: Sampling periods below are no use to anybody (s).
-SHORTEST: Final = Fraction(1, 10**30)
-#: The part of a sampling period that is kept in hand, for a second program with wider enclosures.
-IN_HAND: Final = Fraction(1, 1000)
+SHORTEST: Final = Fraction(1, 10**30)  # sampling periods below are no use to anybody (s)
+IN_HAND: Final = Fraction(1, 1000)  # of a sampling period, for a second program with wider enclosures
 _SHOWN: Final = 6  # stuck agents that a sentence tells with the mode that blocks them
 
 
 def obstacle(problem: Problem, W: Matrix | None) -> str | None:
     """Why the max-separable certificate does not apply to the loop with the gain W (q, m); None if it does."""
-    if not acts_by_component(problem):
-        return (
-            "does not apply: the max-separable certificate is for couplings that act on each state component by itself."
-        )
+    if not claims.acts_by_component(problem):
+        return NOT_BY_COMPONENT
     if problem.groups and W is None:
         return "does not apply: there is no observer gain W, and without one the estimation error is not bounded."
     return None
@@ -68,8 +49,7 @@ def max_separable_check(
     is added to the reason.
     Returns: a Check, PROVED or UNDECIDED; that one claim fails says nothing against the others.
     """
-    reason = obstacle(problem, W)
-    if reason is not None:
+    if (reason := obstacle(problem, W)) is not None:
         return undecided_check("max-separable", domain, reason, applies=False)
     answer = verify_composite(problem, W, claim)
     if answer.verdict is not Verdict.PROVED:
@@ -83,6 +63,7 @@ def max_separable_check(
     if problem.groups and claim.rho is not None:
         starts += f" and |eps_i| <= {disturbance:.6g}"
     measure = "max_i |e_i|/v_i" + ("" if claim.error is None else f" + {float(claim.error.kappa):.4g} max_i |eps_i|_P")
+    everywhere = ", in every mode" if len(problem.network.modes) > 1 else ""
     return Check(
         id="max-separable",
         verdict=Verdict.PROVED,
@@ -90,30 +71,23 @@ def max_separable_check(
         rate=rate,
         claim=claim,
         reason=f"from {starts}: V = {measure} decays at least like exp(-{shorten(rate, digits=4):.4g} t), because"
-        f" on every face of every smaller box the field points inwards{_in_every_mode(problem)}.{remark}",
+        f" on every face of every smaller box the field points inwards{everywhere}.{remark}",
     )
 
 
 def stuck_check(problem: Problem, W: Matrix | None, *, domain: str) -> Check | None:
     """REFUTED, with the agents that no common v can hold, if there are such agents; else None."""
-    ordering = find_ordering(problem)
+    ordering = claims.find_ordering(problem)
     if obstacle(problem, W) is not None or ordering.exists:
         return None
     labels = tuple(problem.network.labels[agent] for agent in ordering.stuck)
-    reason = (
-        f"no v does: each of {name_agents(labels)} has a mode in which it is not pinned and hears nobody outside this"
-        " group."
-    )
+    reason = f"no v does: each of {name_agents(labels)} has a mode in which it is not pinned and hears nobody outside"
+    reason += " this group."
     if len(problem.network.modes) > 1 and len(labels) <= _SHOWN:
         told = ", ".join(f"{label} in {mode}" for label, mode in zip(labels, ordering.blocking, strict=True))
         reason = f"no common v does, as these are not pinned and hear nobody but each other: {told}."
-    return Check(
-        id="max-separable",
-        verdict=Verdict.REFUTED,
-        domain=domain,
-        reason=reason,
-        witness=Witness(kind="agents", labels=labels),
-    )
+    witness = Witness(kind="agents", labels=labels)
+    return Check(id="max-separable", verdict=Verdict.REFUTED, domain=domain, reason=reason, witness=witness)
 
 
 def delay_check(problem: Problem, claim: Separable, bound: DelayBound, beside: Check, *, domain: str) -> Check:
@@ -122,16 +96,11 @@ def delay_check(problem: Problem, claim: Separable, bound: DelayBound, beside: C
     rate = decimal_below(bound.rate)
     if answer.verdict is not Verdict.PROVED or not rate:
         return undecided_check("delay", domain, answer.reason)
-    return Check(
-        id="delay",
-        verdict=Verdict.PROVED,
-        domain=beside.domain,
-        rate=rate,
-        claim=bound,
-        reason=f"agents may hear each other late by up to {float(bound.delay):.4g} s, in any varying way: the error"
-        f" still decays at every rate below {shorten(rate, digits=4):.4g} 1/s. Longer delays make it slower; none"
-        " stops it.",
+    reason = (
+        f"agents may hear each other late by up to {float(bound.delay):.4g} s, in any varying way: the error still"
+        f" decays at every rate below {shorten(rate, digits=4):.4g} 1/s. Longer delays make it slower; none stops it."
     )
+    return Check(id="delay", verdict=Verdict.PROVED, domain=beside.domain, rate=rate, claim=bound, reason=reason)
 
 
 def sampling_check(
@@ -148,42 +117,21 @@ def sampling_check(
     ``own``: another claim, for whose v longer periods do no harm; it is decided here, for the starts of ``beside`` and
     the loop with the gain ``W`` (q, m).
     """
-    if own is not None and _holds_box(problem, W, own, beside):
-        claim = own
-    else:
+    if own is not None and _not_proved(own, beside, problem, W, domain) is not None:
         own = None
+    claim = own or claim
     longest = largest_period(problem, claim)
     if longest is None or longest.period < SHORTEST:
         reason = "the slopes of the coupling are too steep in the box for a sampling period."
         return undecided_check("sampling", domain, reason)
-    period = rounded_down(
-        longest.period * (1 - IN_HAND), digits=4
-    )  # what is proved for a period holds for shorter ones
+    period = rounded_down(longest.period * (1 - IN_HAND), digits=4)  # what is proved holds for shorter ones
     bound = SamplingBound(period=period, factor=1 - period * claim.alpha, own=own)
     fall = shorten(100 * (1 - sampled_factor(claim, bound)), digits=2)
     estimate = " (dhat is subtracted all the time)" if problem.groups else ""  # held, it leaves an error for ever
     what = "V still falls" if own is None else "a V of its own, with weights that differ less, falls"
-    return Check(
-        id="sampling",
-        verdict=Verdict.PROVED,
-        domain=beside.domain,
-        claim=bound,
-        reason=f"couplings and pinning may be held for {float(period):.4g} s from one sample to the next{estimate}:"
-        f" {what}, by at least {fall:.2g} % a sample.",
-    )
-
-
-def _holds_box(problem: Problem, W: Matrix | None, claim: Separable, beside: Check) -> bool:
-    """Whether the claim is proved for all starts of the box of a proved check."""
-    if claim.rho is None or not isinstance(beside.domain, Mapping):
-        return False
-    radius, disturbance = read_domain(beside.domain, problem, kind="box")
-    inside = covers(claim, radius=radius, disturbance=disturbance)
-    return inside and verify_composite(problem, W, claim).verdict is Verdict.PROVED
-
-
-def _in_every_mode(problem: Problem) -> str:
-    return ", in every mode" if len(problem.network.modes) > 1 else ""
+    reason = f"couplings and pinning may be held for {float(period):.4g} s from one sample to the next{estimate}:"
+    reason += f" {what}, by at least {fall:.2g} % a sample."
+    return Check(id="sampling", verdict=Verdict.PROVED, domain=beside.domain, claim=bound, reason=reason)
 
 
 def confirm(check: Check, problem: Problem, W: Matrix | None, *, domain: str, proof: Check | None) -> str | None:
@@ -192,18 +140,26 @@ def confirm(check: Check, problem: Problem, W: Matrix | None, *, domain: str, pr
     ``W`` (q, m): the gain of the loop; ``domain``: that of Lemma 1; ``proof``: the max-separable check of the same
     certificate.  Rows, observer and box are decided again from the problem.  Raises what a malformed claim raises.
     """
-    reason = obstacle(problem, W)
-    if reason is not None:
+    if (reason := obstacle(problem, W)) is not None:
         return reason
     if check.id != "max-separable":
-        return _confirm_timing(check, problem, W, domain=domain, proof=proof)
-    if check.verdict is Verdict.REFUTED:
-        return _stuck(check, problem)
-    claim = separable_from_json(check.exact, problem)
-    if check.witness is not None:
+        return _not_timed(check, problem, W, domain, proof)
+    witness = check.witness
+    if check.verdict is Verdict.REFUTED:  # some agents that no common v can hold
+        if check.rate is not None or check.exact is not None:
+            return "a refuted check must claim no rate and no exact values"
+        if witness is None or witness.kind != "agents" or witness.values is not None or not witness.labels:
+            return "it needs agents as its witness"
+        places = problem.network.index
+        agents = [places[label] for label in witness.labels if label in places]
+        if len(agents) != len(witness.labels) or len(set(agents)) != len(agents):
+            return "the witness must name different agents of the problem"
+        stuck = claims.is_stuck(problem, agents)
+        return None if stuck else "one of the agents is pinned or hears another agent in every mode"
+    claim = claims.separable_from_json(check.exact, problem)
+    if witness is not None:
         return "a proof has no witness"
-    wrong = _not_proved(claim, check, problem, W, domain)
-    if wrong is not None:
+    if (wrong := _not_proved(claim, check, problem, W, domain)) is not None:
         return wrong
     return None if follows(check.rate, composite_rate(claim)) else f"the rate {check.rate} does not follow"
 
@@ -221,25 +177,7 @@ def _not_proved(claim: Separable, check: Check, problem: Problem, W: Matrix | No
     return None if answer.verdict is Verdict.PROVED else answer.reason
 
 
-def _stuck(check: Check, problem: Problem) -> str | None:
-    """Some agents that no common v can hold."""
-    witness = check.witness
-    if check.rate is not None or check.exact is not None:
-        return "a refuted check must claim no rate and no exact values"
-    if witness is None or witness.kind != "agents" or witness.values is not None or not witness.labels:
-        return "it needs agents as its witness"
-    places = {label: agent for agent, label in enumerate(problem.network.labels)}
-    agents = [places[label] for label in witness.labels if label in places]
-    if len(agents) != len(witness.labels) or len(set(agents)) != len(agents):
-        return "the witness must name different agents of the problem"
-    if not is_stuck(problem, agents):
-        return "one of the agents is pinned or hears another agent in every mode"
-    return None
-
-
-def _confirm_timing(
-    check: Check, problem: Problem, W: Matrix | None, *, domain: str, proof: Check | None
-) -> str | None:
+def _not_timed(check: Check, problem: Problem, W: Matrix | None, domain: str, proof: Check | None) -> str | None:
     """Delays and sampling, beside the proof that they rest on."""
     if check.verdict is not Verdict.PROVED or check.witness is not None:
         return "it can only be proved or undecided, and has no witness"
@@ -247,7 +185,7 @@ def _confirm_timing(
         return "it needs a proved max-separable check with its domain"
     if check.domain != "global":
         read_domain(check.domain, problem, kind="box")  # true equals 1 and is no number
-    claim, bound = separable_from_json(proof.exact, problem), read_claim(check, problem, W)
+    claim, bound = claims.separable_from_json(proof.exact, problem), claims.read_claim(check, problem, W)
     if isinstance(bound, DelayBound):
         answer = verify_delay(problem, claim, bound)
         if answer.verdict is Verdict.PROVED and not follows(check.rate, bound.rate):

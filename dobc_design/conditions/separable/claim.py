@@ -5,7 +5,8 @@ For v > 0, a rate alpha and a radius rho the rows ask, for all s in (0, rho], ev
     upper:  sum_j w sup { h_ij(y) : -s (v_i + v_j) <= y <= s (v_j - v_i) } - k_i s v_i <= -alpha s v_i
 
 and the same for the lower face, whose couplings are -h_ij(-y).  Then N(e) = max_i |e_i|/v_i decays at the rate alpha
-while N <= rho.  No monotonicity is needed.  Arcs that look alike share a term, so rows stay short.
+while N <= rho.  No monotonicity is needed.  Arcs that look alike share a term, so rows stay short.  Also whether one v
+can serve all modes at all: for nondecreasing couplings an order of the agents decides it, in time linear in the arcs.
 """
 
 from __future__ import annotations
@@ -27,19 +28,14 @@ from dobc_design.problem.arrays import coupling_places
 from dobc_design.problem.canonical import matrix_text
 from dobc_design.problem.problem import Problem
 
-UPPER, LOWER = 1, -1
-FACES = {UPPER: "upper", LOWER: "lower"}
-#: The key under which a check of sampling holds a certificate of its own, where it has one.
-OWN: Final = "certificate"
+FACES = {1: "upper", -1: "lower"}
+OWN: Final = "certificate"  # the key under which a check of sampling holds one of its own, where it has one
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ErrorBound:
-    """The observer's part of the composite V = N + kappa E, E = max_i sqrt(eps_i' P eps_i).
-
-    P (q, q) symmetric with (A-WC)'P + P(A-WC) <= -2 beta P, c'c <= P for each row c of C and P <= size I;
-    beta in 1/s, kappa > 1/(beta min v) in s.
-    """
+    """The observer's part of V = N + kappa E, E = max_i sqrt(eps_i' P eps_i).  P (q, q) symmetric with (A-WC)'P +
+    P(A-WC) <= -2 beta P, c'c <= P for each row c of C and P <= size I; beta in 1/s, kappa > 1/(beta min v) in s."""
 
     P: Matrix
     beta: Fraction
@@ -98,10 +94,8 @@ class DelayBound:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SamplingBound:
-    """A certified sampling period (s), and by how much N falls from one sample to the next at least.
-
-    ``own``: the certificate whose N that is, where it is not the one beside it.
-    """
+    """A certified sampling period (s), and by how much N falls from one sample to the next at least.  ``own``: the
+    certificate whose N that is, where it is not the one beside it."""
 
     period: Fraction
     factor: Fraction
@@ -114,22 +108,18 @@ class SamplingBound:
 
 
 def read_claim(check: Check, problem: Problem, W: Matrix | None) -> Claim:
-    """What a proved check of this topic claims, for this problem; the gain ``W`` (q, m) is not needed.
-
-    Raises: KeyError, TypeError, ValueError, ShapeError or SpecError for anything that cannot be such a claim.
-    """
+    """What a proved check of this topic claims, for this problem; the gain ``W`` (q, m) is not needed.  Raises:
+    KeyError, TypeError, ValueError, ShapeError or SpecError for anything that cannot be such a claim."""
     exact = check.exact
     if check.id == "delay":
         values = read_object(exact, ("delay", "rate"))
         return DelayBound(delay=read_rational(values["delay"]), rate=read_rational(values["rate"]))
     if check.id == "sampling":
-        own = [OWN] if exact is not None and OWN in exact else []
-        values = read_object(exact, ("period", "factor", *own))
-        return SamplingBound(
-            period=read_rational(values["period"]),
-            factor=read_rational(values["factor"]),
-            own=separable_from_json(values[OWN], problem) if own else None,
-        )
+        own = None
+        if exact is not None and OWN in exact:
+            own = separable_from_json(exact.pop(OWN), problem)
+        values = read_object(exact, ("period", "factor"))
+        return SamplingBound(period=read_rational(values["period"]), factor=read_rational(values["factor"]), own=own)
     return separable_from_json(exact, problem)
 
 
@@ -188,13 +178,9 @@ def holding_gains(problem: Problem) -> tuple[Fraction, ...]:
     known: dict[int, Fraction] = {}  # agents often share one matrix
     for agent, k in problem.pinning.gains.items():
         if id(k) not in known:
-            known[id(k)] = min(_held(row, c) for c, row in enumerate(k))
+            known[id(k)] = min(row[c] - sum(map(abs, row[:c] + row[c + 1 :]), Fraction(0)) for c, row in enumerate(k))
         gains[agent] = known[id(k)]
     return tuple(gains)
-
-
-def _held(row: Vector, c: int) -> Fraction:
-    return row[c] - sum((abs(x) for d, x in enumerate(row) if d != c), Fraction(0))
 
 
 def acts_by_component(problem: Problem) -> bool:
@@ -202,22 +188,15 @@ def acts_by_component(problem: Problem) -> bool:
     return all(coupling.by_component for coupling in problem.couplings)
 
 
-def largest_reach(
-    problem: Problem, v: Sequence[Fraction], *, modes: Sequence[str], stretch: Fraction | int = 1
-) -> tuple[Fraction, ...]:
-    """A bound of v_i + stretch v_j over the arcs of each of problem.couplings; 0 without arcs.
-
-    It leaves room for what floats that are rounded up may add.
-    Raises: ShapeError unless v has one entry per agent.
-    """
+def largest_reach(problem: Problem, v: Sequence[Fraction], *, stretch: Fraction | int = 1) -> tuple[Fraction, ...]:
+    """A bound of v_i + stretch v_j over the arcs of each of problem.couplings; 0 without arcs.  It leaves room for what
+    floats that are rounded up may add.  Raises: ShapeError unless v has one entry per agent."""
     require_one_per_agent(problem, v)
     above = v.array if isinstance(v, Doubles) else np.array([float_above(x) for x in v])
     factor = float_above(Fraction(stretch))
     found = np.zeros(len(problem.couplings))
-    for mode in modes:
-        arcs = problem.network.modes[mode]
-        sums = above[arcs.listeners] + factor * above[arcs.speakers]
-        np.maximum.at(found, coupling_places(problem, arcs), sums)
+    for arcs in problem.network.modes.values():
+        np.maximum.at(found, coupling_places(problem, arcs), above[arcs.listeners] + factor * above[arcs.speakers])
     return tuple(Fraction(most) * (1 + Fraction(1, 2**45)) for most in found.tolist())
 
 
@@ -250,20 +229,78 @@ def rows(
         terms: dict[int, dict[tuple[int, Fraction], Fraction]] = {i: {} for i in chosen}
         arcs = problem.network.modes[mode]
         heard_by = np.arange(len(arcs)) if agents is None else np.flatnonzero(np.isin(arcs.listeners, list(agents)))
-        for i, j, arc in zip(
-            arcs.listeners[heard_by].tolist(), arcs.speakers[heard_by].tolist(), heard_by.tolist(), strict=True
-        ):
+        ends = zip(arcs.listeners[heard_by].tolist(), arcs.speakers[heard_by].tolist(), strict=True)
+        for arc, (i, j) in zip(heard_by.tolist(), ends, strict=True):
             key = (problem.coupling_place(i, j), v[j])
             terms[i][key] = terms[i].get(key, Fraction(0)) + arcs.weights[arc]
         for i, heard in terms.items():
-            row = Row(
-                tuple(
-                    Term(coupling, weight, stretch * other + v[i], stretch * other - v[i])
-                    for (coupling, other), weight in sorted(heard.items())
-                ),
-                gains[i],
-                v[i],
+            parts = (
+                Term(coupling, weight, stretch * other + v[i], stretch * other - v[i])
+                for (coupling, other), weight in sorted(heard.items())
             )
+            row = Row(tuple(parts), gains[i], v[i])
             known = found.get(row)
             found[row] = Place(i, mode, 1) if known is None else Place(known.agent, known.mode, known.count + 1)
     yield from found.items()
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Ordering:
+    """An order of all agents (indices; several may stand in one rank), or the agents that are stuck.
+
+    ``ranks``: rank of every agent from 0, empty if stuck.  ``stuck``: every agent of this set has a mode in which
+    it is not held by its pin and hears nobody outside the set; ``blocking`` names one such mode for each.
+    Then no rows with alpha > 0 hold for any v > 0, whatever the couplings: take the agent of the set with the least v.
+    For couplings that are nondecreasing, with a secant gain bounded away from 0 on bounded sets, a common v exists for
+    every radius iff there is such an order, in which every agent is pinned or hears an earlier one in every mode.
+    """
+
+    ranks: tuple[int, ...]
+    stuck: tuple[int, ...]
+    blocking: tuple[str, ...]
+
+    @property
+    def exists(self) -> bool:
+        """Whether an order was found."""
+        return not self.stuck
+
+
+def find_ordering(problem: Problem) -> Ordering:
+    """Order the agents greedily, or find those that are stuck.  "Pinned" means that the pin holds the agent in a row:
+    k_cc - sum_{d != c} |k_cd| > 0 for every component c."""
+    names = list(problem.network.modes)
+    # Who listens to each agent: agent j is heard by listener[start[j]:start[j + 1]].
+    listeners = []
+    for arcs in problem.network.modes.values():
+        order = np.argsort(arcs.speakers, kind="stable")
+        start = np.searchsorted(arcs.speakers[order], np.arange(problem.n + 1))
+        listeners.append((start.tolist(), arcs.listeners[order].tolist()))
+    # Modes in which nobody earlier is heard yet.
+    waiting = [0 if gain > 0 else len(names) for gain in holding_gains(problem)]
+    heard: list[set[int]] = [set() for _ in names]
+    ranks = [-1] * problem.n
+    front, rank = [agent for agent, count in enumerate(waiting) if not count], 0
+    while front:
+        for agent in front:
+            ranks[agent] = rank
+        following: list[int] = []
+        for number, (first, listener) in enumerate(listeners):
+            for agent in front:
+                for other in listener[first[agent] : first[agent + 1]]:
+                    if ranks[other] < 0 and other not in heard[number]:
+                        heard[number].add(other)
+                        waiting[other] -= 1
+                        if not waiting[other]:
+                            following.append(other)
+        front, rank = following, rank + 1
+    stuck = tuple(agent for agent, place in enumerate(ranks) if place < 0)
+    blocking = tuple(next(name for number, name in enumerate(names) if agent not in heard[number]) for agent in stuck)
+    return Ordering(ranks=() if stuck else tuple(ranks), stuck=stuck, blocking=blocking)
+
+
+def is_stuck(problem: Problem, agents: Sequence[int]) -> bool:
+    """Whether every one of these agents has a mode in which it is not pinned and hears nobody outside them."""
+    group, gains, free = set(agents), holding_gains(problem), set[int]()
+    for arcs in problem.network.modes.values():
+        free |= {agent for agent in group if gains[agent] <= 0} - {i for i, j, _ in arcs if j not in group}
+    return bool(group) and free == group

@@ -1,52 +1,48 @@
-"""The max-separable certificate, decided: its rows for every agent, mode and face, and all s in (0, rho].
+"""The max-separable certificate, decided: its rows for every agent, mode and face, all s in (0, rho], and the observer.
 
-PROVED means that N(e) = max_i |e_i|/v_i obeys D+ N <= -alpha N + max_i |C eps_i|/v_i while N <= rho, for every
-switching signal among the modes.  Divided by s a row asks  sum_j w phi_j(s) <= (k_i - alpha) v_i  with
-phi(s) = sup { h(s t)/s : -reach <= t <= step }.  Where h is nondecreasing that is step g(s step), g the secant gain;
-else h's turning points count as well.  Rows are decided by enclosures and subdivision of s.  Theory, section 5.
+PROVED means that N(e) = max_i |e_i|/v_i obeys D+ N <= -alpha N + max_i |C eps_i|/v_i while N <= rho, for arbitrary
+switching.  Divided by s a row asks  sum_j w phi_j(s) <= (k_i - alpha) v_i,  phi(s) = sup { h(s t)/s : -reach <= t <=
+step }: where h is nondecreasing, step g(s step) with the secant gain g; else h's turning points count as well.
+
+With (A-WC)'P + P(A-WC) <= -2 beta P and c'c <= P for each row c of C (of all groups), E = max_i sqrt(eps_i' P eps_i)
+has |C eps_i| <= E and D+ E <= -beta E; with kappa > 1/(beta min v), {N + kappa E <= rho} is invariant and attracted.
 """
 
 from __future__ import annotations
 
 import heapq
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from fractions import Fraction
 from typing import Final
 
 from dobc_design.conditions.numbers import rounded_down, shorten
-from dobc_design.conditions.separable.claim import (
-    FACES,
-    Place,
-    Row,
-    Separable,
-    Term,
-    acts_by_component,
-    holding_gains,
-    largest_reach,
-    rows,
-)
+from dobc_design.conditions.separable import claim as claims
+from dobc_design.conditions.separable.claim import FACES, ErrorBound, Place, Row, Separable, Term
 from dobc_design.conditions.separable.large import ArcRows, Kinds, arc_rows, estimated_rate, float_kinds, open_rows
 from dobc_design.coupling.enclosures import Cell, Curve, Profile, jet, profile, secant
+from dobc_design.errors import SpecError
+from dobc_design.exact import matrix as exact
+from dobc_design.exact.definite import decide_positive_definite, decide_positive_semidefinite
 from dobc_design.exact.interval import Interval, UndefinedError
-from dobc_design.exact.matrix import Vector
+from dobc_design.exact.matrix import Matrix, Vector
 from dobc_design.exact.symmetric import Doubles
+from dobc_design.problem.exosystems import Exosystem
 from dobc_design.problem.problem import Problem
 from dobc_design.verdict import Verdict
 
-#: How far below the largest rate ``largest_rate`` may stop, as a part of it.
-TOLERANCE: Final = Fraction(1, 10**5)
+TOLERANCE: Final = Fraction(1, 10**5)  # how far below the largest rate ``largest_rate`` may stop, as a part of it
 #: From this many arcs on, floats with outward bounds go first (fewer where a coupling falls, whose exact rows take
 #: longer); and how many rows they may leave.
 MANY_ARCS: Final = 1000
 MANY_FALLING: Final = 200
 MOST_LEFT: Final = 200
-# How far below an estimate the proof is tried.
-_PARTS: Final = (1e-8, 1e-6, 1e-5, 1e-4, 3e-4, 1e-3, 1e-2, 0.1, 0.5)
-_NOT_BY_COMPONENT: Final = (
-    "does not apply: the max-separable certificate is for couplings that act on each state component by itself."
-)
+_PARTS: Final = (1e-8, 1e-6, 1e-5, 1e-4, 3e-4, 1e-3, 1e-2, 0.1, 0.5)  # below an estimate, where the proof is tried
+_FOR = "couplings that act on each state component by itself"
+NOT_BY_COMPONENT: Final = f"does not apply: the max-separable certificate is for {_FOR}."
+MOST_PIECES: Final = 3000  # of (0, rho] looked at per row before the answer is "undecided"
+_ZERO, _ONE = Fraction(0), Fraction(1)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -63,34 +59,27 @@ class SeparableAnswer:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class _Question:
-    """Rows to be decided: the problem, v, rho (None: linear couplings), the modes, the stretch of v_j."""
+    """Rows to be decided: the problem, v, rho (None: linear couplings), the stretch of v_j."""
 
     problem: Problem
     v: Vector | Doubles
     rho: Fraction | None
-    modes: tuple[str, ...]
     stretch: Fraction | int
     profiles: tuple[Profile, ...]
 
-    def rows(self, *, mode: str, agents: Sequence[int] | None = None) -> Iterator[tuple[Row, Place]]:
-        return rows(self.problem, self.v, modes=[mode], stretch=self.stretch, agents=agents)
 
-
-def verify_separable(
-    problem: Problem, claim: Separable, *, modes: Sequence[str] | None = None, stretch: Fraction | int = 1
-) -> SeparableAnswer:
-    """Decide the rows of ``claim`` in the given modes (default: all).
+def verify_separable(problem: Problem, claim: Separable, *, stretch: Fraction | int = 1) -> SeparableAnswer:
+    """Decide the rows of ``claim`` in every mode.
 
     REFUTED says that these numbers fail at the place shown, not that consensus fails.  ``stretch`` >= 1: the
-    v_j of those who are listened to are multiplied by it (``timing``).
-    Raises: ShapeError unless v has one entry per agent.
+    v_j of those who are listened to are multiplied by it (``timing``).  Raises: ShapeError, as ``rows``.
     """
-    question = _ask(problem, claim.v, claim.rho, modes, stretch)
+    question = _ask(problem, claim.v, claim.rho, stretch)
     if isinstance(question, str):
         return SeparableAnswer(verdict=Verdict.UNDECIDED, reason=question)
     large = _large(question)
-    for mode in question.modes:
-        left = None if large is None else open_rows(*large[mode], alpha=claim.alpha, rho=_radius(claim.rho))
+    for mode in problem.network.modes:
+        left = None if large is None else open_rows(*large[mode], alpha=claim.alpha, rho=claim.rho or _ONE)
         answer = _first_failure(question, claim, mode, left)
         if answer is not None:
             return answer
@@ -102,33 +91,37 @@ def verify_separable(
     )
 
 
-def largest_rate(
-    problem: Problem,
-    v: Vector | Doubles,
-    *,
-    rho: Fraction | None,
-    modes: Sequence[str] | None = None,
-    stretch: Fraction | int = 1,
-) -> Fraction | None:
+def largest_rate(problem: Problem, v: Vector | Doubles, *, rho: Fraction | None) -> Fraction | None:
     """The largest alpha (1/s, nine digits), about, that v is proved to have for all s in (0, rho]; None if none > 0.
-
-    The certificate (v, alpha, rho) is then PROVED by ``verify_separable``.
-    Raises: ShapeError unless v has one entry per agent.
-    """
-    question = _ask(problem, v, rho, modes, stretch)
+    The certificate (v, alpha, rho) is then PROVED by ``verify_separable``."""
+    question = _ask(problem, v, rho, 1)
     if isinstance(question, str):
         return None
     large = _large(question)
     if large is not None:
-        return _large_rate(question, large)
-    rate = max(holding_gains(problem))  # the agent with the least v has no more than its gain
-    for mode in question.modes:
-        for row, _ in question.rows(mode=mode):
+        radius = rho or _ONE
+        estimate = min(estimated_rate(*each, rho=radius) for each in large.values())
+
+        def holds(alpha: Fraction) -> bool:
+            claim = Separable(v=v, alpha=alpha, rho=rho)
+            for mode, each in large.items():
+                left = open_rows(*each, alpha=alpha, rho=radius)
+                if len(left) > MOST_LEFT or _first_failure(question, claim, mode, left) is not None:
+                    return False
+            return True
+
+        if not (estimate > 0 and math.isfinite(estimate)):
+            return None
+        candidates = (rounded_down(Fraction(estimate * (1 - part))) for part in _PARTS)
+        return next((alpha for alpha in candidates if holds(alpha)), None)
+    rate = max(claims.holding_gains(problem))  # the agent with the least v has no more than its gain
+    for mode in problem.network.modes:
+        for row, _ in claims.rows(problem, v, modes=[mode]):
             for face in FACES:
                 if rho is None:
                     found = row.gain - linear_bound(row, face, question.profiles) / row.own
                 else:
-                    found = row_rate(row, face, question.profiles, rho=rho, enough=rate, tolerance=TOLERANCE)
+                    found = _row_rate(row, face, question.profiles, rho=rho, enough=rate)
                 rate = min(rate, found)
                 if rate <= 0:
                     return None
@@ -136,70 +129,42 @@ def largest_rate(
 
 
 def coupling_profiles(
-    problem: Problem, v: Vector | Doubles, *, rho: Fraction | None, modes: Sequence[str], stretch: Fraction | int = 1
+    problem: Problem, v: Vector | Doubles, *, rho: Fraction | None, stretch: Fraction | int = 1
 ) -> tuple[Profile, ...]:
     """Where each coupling rises and falls, as far out as the rows look (at 0 only for linear couplings, rho None).
-
-    Raises: UndefinedError naming the coupling and the interval where it is not defined.
-    """
-    reach = largest_reach(problem, v, modes=modes, stretch=stretch)
+    Raises: UndefinedError naming the coupling and the interval where it is not defined."""
+    reach = claims.largest_reach(problem, v, stretch=stretch)
     return tuple(
-        profile(Curve(coupling.components[0]), Fraction(0) if rho is None else rho * most)
+        profile(Curve(coupling.components[0]), _ZERO if rho is None else rho * most)
         for coupling, most in zip(problem.couplings, reach, strict=True)
     )
 
 
-def _ask(
-    problem: Problem, v: Vector | Doubles, rho: Fraction | None, modes: Sequence[str] | None, stretch: Fraction | int
-) -> _Question | str:
+def _ask(problem: Problem, v: Vector | Doubles, rho: Fraction | None, stretch: Fraction | int) -> _Question | str:
     """The question, or why the certificate does not apply."""
-    if not acts_by_component(problem):
-        return _NOT_BY_COMPONENT
+    if not claims.acts_by_component(problem):
+        return NOT_BY_COMPONENT
     if rho is None and not problem.is_linear:
         return "does not apply: without a radius rho the rows are decided for linear couplings only."
-    names = tuple(problem.network.modes if modes is None else modes)
     try:
-        profiles = coupling_profiles(problem, v, rho=rho, modes=names, stretch=stretch)
+        profiles = coupling_profiles(problem, v, rho=rho, stretch=stretch)
     except UndefinedError as error:
         return f"does not apply: {error}"
-    return _Question(problem=problem, v=v, rho=rho, modes=names, stretch=stretch, profiles=profiles)
-
-
-def _radius(rho: Fraction | None) -> Fraction:
-    """For linear couplings every radius says the same."""
-    return Fraction(1) if rho is None else rho
+    return _Question(problem=problem, v=v, rho=rho, stretch=stretch, profiles=profiles)
 
 
 def _large(question: _Question) -> dict[str, tuple[ArcRows, Kinds]] | None:
     """Arrays and tables of every mode where there are many arcs; None for few, and for couplings that turn often."""
-    problem, rising = question.problem, all(kind.is_nondecreasing for kind in question.profiles)
-    arcs = sum(len(problem.network.modes[mode]) for mode in question.modes)
+    modes, rising = question.problem.network.modes, all(kind.is_nondecreasing for kind in question.profiles)
+    arcs = sum(map(len, modes.values()))
     if arcs < (MANY_ARCS if rising else MANY_FALLING) or (question.rho is None and not rising):
         return None
-    arrays = {mode: arc_rows(problem, question.v, mode, stretch=question.stretch) for mode in question.modes}
-    try:
-        kinds = float_kinds(question.profiles, list(arrays.values()), rho=_radius(question.rho))
+    arrays = {mode: arc_rows(question.problem, question.v, mode, stretch=question.stretch) for mode in modes}
+    try:  # for linear couplings every radius says the same
+        kinds = float_kinds(question.profiles, list(arrays.values()), rho=question.rho or _ONE)
     except UndefinedError:  # rows one by one may do
         return None
     return None if kinds is None else {mode: (each, kinds) for mode, each in arrays.items()}
-
-
-def _large_rate(question: _Question, large: dict[str, tuple[ArcRows, Kinds]]) -> Fraction | None:
-    rho = _radius(question.rho)
-    estimate = min(estimated_rate(*each, rho=rho) for each in large.values())
-
-    def holds(alpha: Fraction) -> bool:
-        claim = Separable(v=question.v, alpha=alpha, rho=question.rho)
-        for mode in question.modes:
-            left = open_rows(*large[mode], alpha=alpha, rho=rho)
-            if len(left) > MOST_LEFT or _first_failure(question, claim, mode, left) is not None:
-                return False
-        return True
-
-    if not (estimate > 0 and math.isfinite(estimate)):
-        return None
-    candidates = (rounded_down(Fraction(estimate * (1 - part))) for part in _PARTS)
-    return next((alpha for alpha in candidates if holds(alpha)), None)
 
 
 def _first_failure(
@@ -209,69 +174,43 @@ def _first_failure(
     batches: list[tuple[tuple[int, ...], list[int] | None]] = [(tuple(FACES), None)]
     if left is not None:
         agents = {face: [agent for agent, side in left if side == face] for face in FACES}
-        batches = [
-            ((face,), chosen[k : k + MOST_LEFT])
-            for face, chosen in agents.items()
-            for k in range(0, len(chosen), MOST_LEFT)
-        ]
+        starts = [(face, k) for face, chosen in agents.items() for k in range(0, len(chosen), MOST_LEFT)]
+        batches = [((face,), agents[face][k : k + MOST_LEFT]) for face, k in starts]
     for faces, chosen in batches:
-        for row, place in question.rows(mode=mode, agents=chosen):
-            for face in faces:
-                answer = _decide(question, claim, row, place, face)
-                if answer is not None:
-                    return answer
+        found = claims.rows(question.problem, question.v, modes=[mode], stretch=question.stretch, agents=chosen)
+        answers = (_decide(question, claim, row, place, face) for row, place in found for face in faces)
+        if (first := next((answer for answer in answers if answer is not None), None)) is not None:
+            return first
     return None
 
 
 def _decide(question: _Question, claim: Separable, row: Row, place: Place, face: int) -> SeparableAnswer | None:
     """None if the row is proved."""
     if claim.rho is None:
-        bound = linear_bound(row, face, question.profiles)
-        if bound <= (row.gain - claim.alpha) * row.own:
+        if linear_bound(row, face, question.profiles) <= (row.gain - claim.alpha) * row.own:
             return None
-        verdict, s = Verdict.REFUTED if _is_exact(question.problem) else Verdict.UNDECIDED, None
+        slopes = (slope for c in question.problem.couplings for each in c.jacobian_at_zero() for slope in each)
+        verdict, s = Verdict.REFUTED if all(slope.is_point for slope in slopes) else Verdict.UNDECIDED, None
     else:
-        answer = decide_row(row, face, question.profiles, alpha=claim.alpha, rho=claim.rho)
-        if answer.verdict is Verdict.PROVED:
+        verdict, s = decide_row(row, face, question.profiles, alpha=claim.alpha, rho=claim.rho)
+        if verdict is Verdict.PROVED:
             return None
-        verdict, s = answer.verdict, answer.s
-    label = question.problem.network.labels[place.agent]
     what = "fails" if verdict is Verdict.REFUTED else "is closer to failing than the enclosures can tell"
     at = "" if s is None else f" at s = {float(s):.6g}"
-    more = f" (and {place.count - 1} more alike)" if place.count > 1 else ""
-    return SeparableAnswer(
-        verdict=verdict,
-        reason=f"the {FACES[face]} row of agent {label}{more} in mode {place.mode} {what}{at}:"
-        " try a smaller alpha or rho, or another v.",
-        agent=place.agent,
-        mode=place.mode,
-        face=FACES[face],
-        s=s,
-    )
+    who = question.problem.network.labels[place.agent]
+    who += f" (and {place.count - 1} more alike)" if place.count > 1 else ""
+    reason = f"the {FACES[face]} row of agent {who} in mode {place.mode} {what}{at}: try a smaller alpha or rho, or"
+    reason += " another v."
+    agent, mode = place.agent, place.mode
+    return SeparableAnswer(verdict=verdict, reason=reason, agent=agent, mode=mode, face=FACES[face], s=s)
 
 
-def _is_exact(problem: Problem) -> bool:
-    return all(entry.is_point for c in problem.couplings for row in c.jacobian_at_zero() for entry in row)
-
-
-# Pieces of (0, rho] looked at per row before the answer is "undecided".
-MOST_PIECES: Final = 3000
-_ZERO: Final = Fraction(0)
-
-
-@dataclass(frozen=True, slots=True)
-class RowAnswer:
-    """Whether a row holds; ``s`` is where it fails (refuted) or could not be decided."""
-
-    verdict: Verdict
-    s: Fraction | None = None
-
-
-def decide_row(row: Row, face: int, profiles: Sequence[Profile], *, alpha: Fraction, rho: Fraction) -> RowAnswer:
-    """Decide the row for all s in (0, rho]: proved, refuted at one s, or undecided."""
+def decide_row(
+    row: Row, face: int, profiles: Sequence[Profile], *, alpha: Fraction, rho: Fraction
+) -> tuple[Verdict, Fraction | None]:
+    """Decide the row for all s in (0, rho]: proved, refuted or undecided at one s."""
     limit = (row.gain - alpha) * row.own
-    waiting = [Interval(_ZERO, rho)]
-    count = 0
+    waiting, count = [Interval(_ZERO, rho)], 0
     while waiting:
         S = waiting.pop()
         count += 1
@@ -279,25 +218,22 @@ def decide_row(row: Row, face: int, profiles: Sequence[Profile], *, alpha: Fract
             continue
         for s in (S.hi, S.midpoint):
             if lower_bound(row, face, profiles, s) > limit:
-                return RowAnswer(Verdict.REFUTED, s)
+                return Verdict.REFUTED, s
         if count >= MOST_PIECES:
-            return RowAnswer(Verdict.UNDECIDED, S.midpoint)
+            return Verdict.UNDECIDED, S.midpoint
         waiting += S.halves()
-    return RowAnswer(Verdict.PROVED)
+    return Verdict.PROVED, None
 
 
-def row_rate(
-    row: Row, face: int, profiles: Sequence[Profile], *, rho: Fraction, enough: Fraction, tolerance: Fraction
-) -> Fraction:
-    """A rate alpha for which the row holds, about the part ``tolerance`` below the largest; or one above ``enough``."""
-    S = Interval(_ZERO, rho)
+def _row_rate(row: Row, face: int, profiles: Sequence[Profile], *, rho: Fraction, enough: Fraction) -> Fraction:
+    """A rate alpha for which the row holds, about the part TOLERANCE below the largest; or one above ``enough``."""
+    S, count = Interval(_ZERO, rho), 0
     heap = [(-upper_bound(row, face, profiles, S), 0, S)]
     attained = lower_bound(row, face, profiles, rho)
-    count = 0
     while True:
         top, _, S = heap[0]
         rate = row.gain + top / row.own
-        slack = tolerance * max(abs(row.gain * row.own - attained), row.own * tolerance)
+        slack = TOLERANCE * max(abs(row.gain * row.own - attained), row.own * TOLERANCE)
         if rate >= enough or -top - attained <= slack or count >= MOST_PIECES:
             return rate
         heapq.heappop(heap)
@@ -337,13 +273,9 @@ def upper_bound(row: Row, face: int, profiles: Sequence[Profile], S: Interval) -
         else:
             smooth = False
     bound = total.hi
-    if smooth and change.lo >= 0:
-        bound = min(bound, _at(rising, face, profiles, S.hi).hi)
-    elif smooth and change.hi <= 0:
-        bound = min(bound, _at(rising, face, profiles, S.lo).hi)
-    elif smooth:
-        middle = S.midpoint
-        bound = min(bound, (_at(rising, face, profiles, middle) + change * (S - middle)).hi)
+    if smooth:
+        at = S.hi if change.lo >= 0 else S.lo if change.hi <= 0 else S.midpoint
+        bound = min(bound, (_at(rising, face, profiles, at) + change * (S - at)).hi)
     return bound + others
 
 
@@ -379,7 +311,7 @@ def _rises(kind: Profile, face: int, term: Term, S: Interval) -> bool:
     """Whether h (or -h(-y)) is nondecreasing on all of -s reach <= y <= s step, s in S."""
     if kind.is_nondecreasing:
         return True
-    asked = _swept(term, S)
+    asked = Interval(-S.hi * term.reach, max(S.lo * term.step, S.hi * term.step))
     return all(cell.direction > 0 or not _overlap(_mirrored(cell, face), asked) for cell in kind.cells)
 
 
@@ -423,10 +355,68 @@ def _mirrored(cell: Cell, face: int) -> Interval:
     return cell.place if face > 0 else -cell.place
 
 
-def _swept(term: Term, S: Interval) -> Interval:
-    ends = (S.lo * term.step, S.hi * term.step)
-    return Interval(-S.hi * term.reach, max(ends))
-
-
 def _overlap(left: Interval, right: Interval) -> bool:
     return left.lo <= right.hi and right.lo <= left.hi
+
+
+def verify_composite(problem: Problem, W: Matrix | None, claim: Separable) -> SeparableAnswer:
+    """Decide a whole certificate: its rows and, with an exosystem, the observer's part for the gain W (q, m).
+
+    PROVED: V = N + kappa E (V = N without an exosystem) decays at least at ``composite_rate`` from every start with
+    V <= rho, for arbitrary switching.
+    """
+    exosystem = problem.joint_exosystem
+    if exosystem is not None:
+        if W is None or claim.error is None:
+            reason = "with an [exosystem] the certificate needs an observer gain W and P, beta and kappa."
+            return SeparableAnswer(verdict=Verdict.UNDECIDED, reason=reason)
+        obstacle = error_bound_obstacle(exosystem, W, claim.error)
+        if obstacle is None and not (claim.error.beta > 0 and claim.error.kappa * claim.error.beta * claim.least > 1):
+            obstacle = "kappa must exceed 1/(beta min v), or the observer error can raise V."
+        if obstacle is not None:
+            return SeparableAnswer(verdict=Verdict.REFUTED, reason=obstacle)
+    return verify_separable(problem, claim)
+
+
+def error_bound_obstacle(exosystem: Exosystem, W: Matrix, error: ErrorBound) -> str | None:
+    """Why ``error`` does not hold for W, in words; None if it is proved.  Exact: there is no third answer."""
+    P, q = error.P, exosystem.order
+    if exact.shape(P) != (q, q) or not exact.is_symmetric(P):
+        return f"P must be a symmetric {q}x{q} matrix."
+    if decide_positive_definite(P).verdict is not Verdict.PROVED:
+        return "P is not positive definite."
+    PE = exact.multiply(P, exact.subtract(exosystem.A, exact.multiply(W, exosystem.C)))
+    decay = exact.add(exact.add(exact.transpose(PE), PE), exact.scale(2 * error.beta, P))
+    if not _is_semidefinite(exact.scale(-1, decay)):
+        return f"the observer error does not decay at the rate beta = {float(error.beta):.6g} in the norm of P."
+    for number, c in enumerate(exosystem.C):
+        if not _is_semidefinite(exact.subtract(P, tuple(tuple(x * y for y in c) for x in c))):
+            return f"P does not bound row {number + 1} of C: c'c <= P fails."
+    if not _is_semidefinite(exact.subtract(exact.scale(error.size, exact.identity(q)), P)):
+        return f"P exceeds {float(error.size):.6g} times the identity."
+    return None
+
+
+def composite_rate(claim: Separable) -> Fraction:
+    """The rate of V = N + kappa E: min(alpha, beta - 1/(kappa min v)); alpha without an observer.  Positive whenever
+    ``verify_composite`` is proved."""
+    if claim.error is None:
+        return claim.alpha
+    return min(claim.alpha, claim.error.beta - 1 / (claim.error.kappa * claim.least))
+
+
+def covers(claim: Separable, *, radius: Fraction, disturbance: Fraction) -> bool:
+    """Whether every start with |e|_inf <= radius and |eps_i| <= disturbance lies in {V <= rho}; exact.  radius/min v +
+    kappa disturbance sqrt(size) <= rho, decided by squares.  Raises: SpecError for a negative radius or disturbance."""
+    if radius < 0 or disturbance < 0:
+        raise SpecError("radius and disturbance must be >= 0.", key="radius" if radius < 0 else "disturbance")
+    if claim.rho is None:
+        return True
+    room = claim.rho - radius / claim.least
+    if claim.error is None:
+        return room >= 0
+    return room >= 0 and (claim.error.kappa * disturbance) ** 2 * claim.error.size <= room**2
+
+
+def _is_semidefinite(M: Matrix) -> bool:
+    return decide_positive_semidefinite(M).verdict is Verdict.PROVED

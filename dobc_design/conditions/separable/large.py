@@ -1,15 +1,14 @@
 """Rows of the max-separable certificate for very many arcs: float arithmetic with outward bounds.
 
-A row that is reported as proved is proved; what is left is for the exact rows of ``decide``.  The subdivision of s and
-its bounds are the same as there, for all rows at once.  Gains come from tables whose cells hold exact enclosures
-(theory, section 1); off the middle of a cell the mean value theorem bounds g by two multiplications.  No floating-point
-function is trusted: only + - * and comparisons, whose results are rounded outwards.
+A row that is reported as proved is proved; what is left is for the exact rows of ``decide``, with the same subdivision
+of s.  Gains come from tables whose cells hold exact enclosures (theory, section 1); off the middle of a cell the mean
+value theorem bounds g.  No floating-point function is trusted: only + - * and comparisons, rounded outwards.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
 from functools import lru_cache
@@ -30,13 +29,10 @@ from dobc_design.problem.problem import Problem
 
 Array = NDArray[np.float64]
 
-CELLS: Final = 512
-_KEPT: Final = 16  # tables
-# Cells overlap by this part of their width, far more than a float position can be wrong.
-_BEYOND: Final = Fraction(1, 2**20)
+CELLS, _KEPT = 512, 16  # of a table; tables
+_BEYOND: Final = Fraction(1, 2**20)  # by which cells overlap, far more than a float position can be wrong
 # A result of one operation is within 2^-53 of itself of the truth (2^-1074 near 0).
-_RELATIVE: Final = 2.0**-51
-_TINY: Final = 2.0**-1060
+_RELATIVE, _TINY = 2.0**-51, 2.0**-1060
 
 
 def up(x: Array) -> Array:
@@ -64,7 +60,7 @@ class GainTable:
     high: Array
     falls: Array
     rises: Array
-    ranges: tuple[Array, Array, Array, Array]
+    ranges: tuple[Array, ...]
 
     def cell(self, y: Array) -> Any:
         """The cell of each y, up to the overlap."""
@@ -92,35 +88,33 @@ class GainTable:
         )
 
 
-def gain_table(curve: Curve, radius: Fraction, *, cells: int = CELLS) -> GainTable:
+@lru_cache(maxsize=_KEPT)
+def gain_table(expression: Expression, radius: Fraction, *, cells: int = CELLS) -> GainTable:
     """Enclose g on [-radius, radius]; the table reaches a little further, so that its nodes are floats.
 
     A few tables are kept, since one claim asks for the same several times; their arrays cannot be written to.
     Raises: exact.interval.UndefinedError where g cannot be enclosed.
     """
-    return _table(curve.expression, radius, cells)
-
-
-@lru_cache(maxsize=_KEPT)
-def _table(expression: Expression, radius: Fraction, cells: int) -> GainTable:
     curve = Curve(expression)
     unit = Fraction(2) ** (math.frexp(float_above(radius))[1] - 5 if radius > 0 else -20)
     reach = unit * (radius // unit + 1)
     width = 2 * reach / cells
     cell = [_cell(curve, -reach + k * width, width, limit=radius) for k in range(cells)]
-    low, high, least, most, falls, rises = (np.array(column) for column in zip(*cell, strict=True))
-    bounded = np.isfinite(falls) & np.isfinite(rises)
-    ranges = (
-        _running(least, np.minimum),
-        _running(most, np.maximum),
-        _running(falls, np.minimum),
-        _running(rises, np.maximum),
-    )
-    falls, rises = np.where(bounded, falls, 0.0), np.where(bounded, rises, 0.0)
-    for array in (low, high, falls, rises, *ranges):
+    low, high, *bounds = (np.array(column) for column in zip(*cell, strict=True))
+    ranges = [[each] for each in bounds]
+    span = 1
+    while 2 * span <= cells:  # near the right end over those that are left
+        for levels, choose in zip(ranges, 2 * (np.minimum, np.maximum), strict=True):
+            shifted = np.concatenate([levels[-1][span:], np.repeat(levels[-1][-1:], span)])
+            levels.append(choose(levels[-1], shifted))
+        span *= 2
+    stacks = tuple(np.stack(levels) for levels in ranges)
+    bounded = np.isfinite(bounds[2]) & np.isfinite(bounds[3])
+    falls, rises = (np.where(bounded, each, 0.0) for each in bounds[2:])
+    for array in (low, high, falls, rises, *stacks):
         array.setflags(write=False)
     return GainTable(
-        radius=float(reach), width=float(width), low=low, high=high, falls=falls, rises=rises, ranges=ranges
+        radius=float(reach), width=float(width), low=low, high=high, falls=falls, rises=rises, ranges=stacks
     )
 
 
@@ -138,17 +132,6 @@ def _cell(curve: Curve, start: Fraction, width: Fraction, *, limit: Fraction) ->
     node = secant(curve, Interval.point(start + width / 2)).value
     slack = 4 * overlap * around.slope.magnitude
     return float_below(node.lo - slack), float_above(node.hi + slack), *values, *around.slope.floats()
-
-
-def _running(values: Array, choose: Any) -> Array:
-    """Minima or maxima over 2^k cells from each place on; near the right end over those that are left."""
-    levels = [values]
-    span = 1
-    while 2 * span <= len(values):
-        shifted = np.concatenate([levels[-1][span:], np.repeat(levels[-1][-1:], span)])
-        levels.append(choose(levels[-1], shifted))
-        span *= 2
-    return np.stack(levels)
 
 
 #: A coupling that turns more often is left to the exact rows.
@@ -171,10 +154,8 @@ class Turning:
     def largest(
         self, steps: Array, reaches: Array, right: tuple[Array, Array], s: float, t: float
     ) -> tuple[Array, Any]:
-        """An upper bound of phi on [s, t] for every arc, and whether phi is the right end on all of it.
-
-        ``right``: lower and upper bounds of what the right end gives, step g(s step), on [s, t].
-        """
+        """An upper bound of phi on [s, t] for every arc, and whether phi is the right end on all of it.  ``right``:
+        lower and upper bounds of what the right end gives, step g(s step), on [s, t]."""
         most, smooth = right[1].copy(), np.ones(len(steps), dtype=bool)
         asked = np.flatnonzero(self._may_fall(-up(t * reaches), _right_end(steps, s, t)))
         if len(asked):
@@ -209,14 +190,13 @@ class Turning:
             with np.errstate(divide="ignore"):
                 here = up(value / begin) if value > 0 else up(value / end)
             found = np.where(begin <= end, np.maximum(found, here), found)
-        return found if s else np.minimum(found, self._whole(steps, reaches, t))
-
-    def _whole(self, steps: Array, reaches: Array, t: float) -> Array:
-        """The largest x g(s x), -reach <= x <= step, s in [0, t], from the range of g."""
+        if s:
+            return found
+        # The largest x g(s x), -reach <= x <= step, s in [0, t], from the range of g.
         end = np.maximum(_right_end(steps, 0.0, t), 0.0)
         least, most, _, _ = self.table.over(-self.face * up(t * reaches), self.face * end)
         left, right = np.maximum(-reaches * least, -reaches * most), np.maximum(steps * least, steps * most)
-        return up(np.maximum(left, right))
+        return np.minimum(found, up(np.maximum(left, right)))
 
 
 def turning(kind: Profile, table: GainTable, face: int) -> Turning | None:
@@ -226,13 +206,8 @@ def turning(kind: Profile, table: GainTable, face: int) -> Turning | None:
     if len(tops) > MOST_TURNS or len(falls) > MOST_TURNS:
         return None
     values = [float_above(cell.values.hi if face > 0 else -cell.values.lo) for cell in tops]
-    places = [_outward(cell.place, face) for cell in tops]
-    return Turning(
-        table=table,
-        face=face,
-        falls=falls,
-        tops=tuple((low, high, value) for (low, high), value in zip(places, values, strict=True)),
-    )
+    places = tuple((*_outward(cell.place, face), value) for cell, value in zip(tops, values, strict=True))
+    return Turning(table=table, face=face, falls=falls, tops=places)
 
 
 def _when(low: float, high: float, steps: Array, reaches: Array, s: float, t: float) -> tuple[Array, Array]:
@@ -256,27 +231,22 @@ def _outward(place: Interval, face: int) -> tuple[float, float]:
     return float_below(mirrored.lo), float_above(mirrored.hi)
 
 
-def _joined(places: Iterable[tuple[float, float]]) -> Iterator[tuple[float, float]]:
+def _joined(places: Iterable[tuple[float, float]]) -> list[tuple[float, float]]:
     """Neighbours that touch as one."""
-    current: tuple[float, float] | None = None
+    joined: list[tuple[float, float]] = []
     for low, high in sorted(places):
-        if current is not None and low <= current[1]:
-            current = (current[0], max(current[1], high))
+        if joined and low <= joined[-1][1]:
+            joined[-1] = (joined[-1][0], max(joined[-1][1], high))
         else:
-            if current is not None:
-                yield current
-            current = (low, high)
-    if current is not None:
-        yield current
+            joined.append((low, high))
+    return joined
 
 
 # Pieces of (0, rho] looked at before the remaining rows are given back, and the narrowest as a part of rho.
-_MOST_PIECES: Final = 600
-_NARROWEST: Final = 2.0**-30
+_MOST_PIECES, _NARROWEST = 600, 2.0**-30
 _UNIT: Final = 2.0**-52
 _FLOAT_BITS: Final = 53  # integers up to that long are floats, and so are they over a power of two as long
-# Where an estimate of the rate looks, as parts of rho.
-_SAMPLES: Final = (0.0, 0.125, 0.25, 0.5, 0.75, 1.0)
+_SAMPLES: Final = (0.0, 0.125, 0.25, 0.5, 0.75, 1.0)  # parts of rho at which a rate is estimated
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -334,17 +304,18 @@ def float_kinds(
     """Bring the couplings into floats, as far out as these rows look; None if one of them turns too often.
 
     ``cells``: of a table; half as many where it reaches to the left ends, which seldom decide.
-
     Raises: exact.interval.UndefinedError where a gain cannot be enclosed.
     """
     tables, turns = [], {}
-    steps = _largest(len(profiles), [(each.kinds, each.steps) for each in modes])
-    reaches = _largest(len(profiles), [(each.kinds, each.reaches) for each in modes])
+    steps, reaches = np.zeros(len(profiles)), np.zeros(len(profiles))
+    for each in modes:
+        np.maximum.at(steps, each.kinds, np.abs(each.steps))
+        np.maximum.at(reaches, each.kinds, np.abs(each.reaches))
     for number, kind in enumerate(profiles):
-        tables.append(_shared_table(kind, rho * steps[number], cells))
+        tables.append(_shared_table(kind, rho * Fraction(float(steps[number])), cells))
         if kind.is_nondecreasing:
             continue
-        whole = _shared_table(kind, rho * reaches[number], cells // 2)
+        whole = _shared_table(kind, rho * Fraction(float(reaches[number])), cells // 2)
         for face in FACES:
             found = turning(kind, whole, face)
             if found is None:
@@ -357,17 +328,9 @@ def _shared_table(kind: Profile, radius: Fraction, cells: int) -> GainTable:
     """A table that reaches a little further if it can, so that vectors that differ in a few digits share it."""
     unit = Fraction(2) ** (math.frexp(float_above(radius))[1] - 6) if radius else Fraction(1)
     try:
-        return gain_table(kind.curve, math.ceil(radius / unit) * unit, cells=cells)
+        return gain_table(kind.curve.expression, math.ceil(radius / unit) * unit, cells=cells)
     except UndefinedError:
-        return gain_table(kind.curve, radius, cells=cells)
-
-
-def _largest(count: int, parts: Sequence[tuple[Any, Array]]) -> list[Fraction]:
-    """The largest size of the values of each of ``count`` kinds, 0 where there are none; parts: (kinds, values)."""
-    found = np.zeros(count)
-    for kinds, values in parts:
-        np.maximum.at(found, kinds, np.abs(values))
-    return [Fraction(x) for x in found.tolist()]
+        return gain_table(kind.curve.expression, radius, cells=cells)
 
 
 def open_rows(arcs: ArcRows, kinds: Kinds, *, alpha: Fraction, rho: Fraction) -> list[tuple[int, int]]:
@@ -375,20 +338,17 @@ def open_rows(arcs: ArcRows, kinds: Kinds, *, alpha: Fraction, rho: Fraction) ->
     rates = _floats(arcs.gains, less=alpha)[0]
     limits = np.where(rates >= 0, rates * arcs.own[0], rates * arcs.own[1])
     limits = np.where(rates == 0, 0.0, down(limits))
+    above = float_above(rho)
     with np.errstate(invalid="ignore", over="ignore"):  # cells beyond the table are infinite and prove nothing
-        return [
-            (agent, face) for face in FACES for agent in _open(arcs, limits, face, kinds, float_above(rho)).tolist()
-        ]
+        return [(agent, face) for face in FACES for agent in _open(arcs, limits, face, kinds, above).tolist()]
 
 
 def estimated_rate(arcs: ArcRows, kinds: Kinds, *, rho: Fraction) -> float:
     """The least rate that a few values of s show: an estimate of the largest that can be proved."""
-    gains = np.array([float(k) for k in arcs.gains])
-    agents = np.arange(len(gains))
-    least = np.inf
+    gains, least = np.array([float(k) for k in arcs.gains]), np.inf
     with np.errstate(invalid="ignore", over="ignore"):
         for face in FACES:
-            piece = _Piece(arcs, face, kinds, agents)
+            piece = _Piece(arcs, face, kinds, np.arange(len(gains)))
             for part in _SAMPLES:
                 least = min(least, float(np.min(gains - piece.at(part * float(rho)) / arcs.own[1])))
     return least
@@ -397,8 +357,7 @@ def estimated_rate(arcs: ArcRows, kinds: Kinds, *, rho: Fraction) -> float:
 def _open(arcs: ArcRows, limits: Array, face: int, kinds: Kinds, rho: float) -> Any:
     """Rows that are not proved after the subdivision of s."""
     failed: list[Any] = []
-    waiting = [(0.0, rho, np.arange(len(limits)))]
-    count = 0
+    waiting, count = [(0.0, rho, np.arange(len(limits)))], 0
     while waiting:
         s, t, agents = waiting.pop()
         count += 1
@@ -500,10 +459,8 @@ class _Piece:
 
 
 def _floats(values: Sequence[Fraction], *, less: Fraction | None = None) -> tuple[Array, Array]:
-    """Floats below and above the numbers, or these ``less`` something, equal where the number is a float.
-
-    Equal objects are converted once.
-    """
+    """Floats below and above the numbers, or these ``less`` something, equal where the number is a float.  Equal
+    objects are converted once."""
     if isinstance(values, Doubles) and less is None:
         return values.array, values.array
     places = np.fromiter(map(id, values), dtype=np.int64, count=len(values))
@@ -511,14 +468,10 @@ def _floats(values: Sequence[Fraction], *, less: Fraction | None = None) -> tupl
     low, high = np.empty(len(first)), np.empty(len(first))
     for k, place in enumerate(first.tolist()):
         value = values[place] if less is None else values[place] - less
-        exact = _float_or_none(value)
-        low[k], high[k] = (float_below(value), float_above(value)) if exact is None else (exact, exact)
+        top, bottom = value.numerator, value.denominator
+        # The same number as a float where that is seen at once: few bits over a power of two, as v has them.
+        if not bottom & (bottom - 1) and max(top.bit_length(), bottom.bit_length()) <= _FLOAT_BITS:
+            low[k] = high[k] = top / bottom
+        else:
+            low[k], high[k] = float_below(value), float_above(value)
     return low[inverse], high[inverse]
-
-
-def _float_or_none(value: Fraction) -> float | None:
-    """The same number as a float where that is seen at once: few bits over a power of two, as v has them."""
-    top, bottom = value.numerator, value.denominator
-    if bottom & (bottom - 1) or bottom.bit_length() > _FLOAT_BITS or top.bit_length() > _FLOAT_BITS:
-        return None
-    return top / bottom

@@ -1,14 +1,14 @@
-"""Proposals for the max-separable certificate: v for one radius, common to all modes (theory, section 5).
+"""Proposals for the max-separable certificate: v for one radius, common to all modes (theory, section 5); no proofs.
 
 The rows bound each v_i from below by the others: whoever is listened to may only raise a row.  So for a given alpha the
-solutions with v >= 1 have a least one, and Newton's method finds it (one sparse solve per step, for any size).  The
-largest alpha follows by bisection.  The rows are taken in floating point for all agents at once: the largest over
-modes, faces and a grid of s, with its derivatives in v.  This needs no monotone coupling.  Nothing here is a proof.
+solutions with v >= 1 have a least one, and Newton's method finds it (one sparse solve per step); alpha by bisection.
+The rows are taken in floating point for all agents at once: the largest over modes, faces and a grid of s.
 """
 
 from __future__ import annotations
 
 import logging
+import math
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from fractions import Fraction
@@ -18,14 +18,18 @@ import numpy as np
 from scipy import sparse
 
 from dobc_design.conditions.consensus.propose import decay_rate
-from dobc_design.conditions.separable.claim import ErrorBound, holding_gains
-from dobc_design.conditions.separable.ordering import find_ordering
+from dobc_design.conditions.separable.claim import ErrorBound, Separable, find_ordering, holding_gains
+from dobc_design.conditions.separable.decide import largest_rate, verify_composite
 from dobc_design.conditions.separable.propose_observer import propose_error_bound, radius_needed
+from dobc_design.coupling.expression import numpy_function
 from dobc_design.exact.matrix import Matrix, Vector
 from dobc_design.exact.symmetric import Doubles
 from dobc_design.problem.arrays import coupling_places, split_by
 from dobc_design.problem.problem import Problem
 from dobc_design.solvers.program import Array
+from dobc_design.verdict import Verdict
+
+logger = logging.getLogger("dobc_design")
 
 SAMPLES = 4001  # points of a coupling's table
 MOST_TURNS = 200  # of a coupling in it: sine as far as 300
@@ -36,22 +40,15 @@ STEP = 1e-6  # of central differences
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Shape:
-    """One coupling: h, and where it has maxima and minima on the sampled range."""
-
-    h: Callable[[Array], Array]
-    tops: tuple[Array, Array]  # places, values
-    bottoms: tuple[Array, Array]
-
-
-@dataclass(frozen=True, slots=True, eq=False)
 class Group:
-    """The arcs of one mode with one coupling."""
+    """The arcs of one mode with one coupling h, and places and values of its maxima and minima on the sampled range."""
 
     listeners: Any
     speakers: Any
     weights: Array
-    shape: Shape
+    h: Callable[[Array], Array]
+    tops: tuple[Array, Array]
+    bottoms: tuple[Array, Array]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -79,13 +76,9 @@ class Field:
 
     def rates(self, v: Array) -> Array:
         """The rate that v has at each s of the grid, (grid,): the least over agents, modes and faces."""
-        found = np.full(len(self.grid), np.inf)
-        for k, s in enumerate(self.grid.tolist()):
-            for mode in range(len(self.modes)):
-                for face in (1, -1):
-                    rate = self.gains - self._sum(mode, face, s, v) / v
-                    found[k] = min(found[k], float(np.min(rate)))
-        return found
+        faces = [(mode, face) for mode in range(len(self.modes)) for face in (1, -1)]
+        found = ((float(np.min(self.gains - self._sum(*f, s, v) / v)) for f in faces) for s in self.grid.tolist())
+        return np.array([min(np.inf, *rates) for rates in found])  # inf first: a rate that is no number is left out
 
     def values(self, mode: int, face: int, v: Array) -> Array:
         """One face of one mode: the largest sum of every agent at each s of the grid, without its gain, (grid, n)."""
@@ -99,7 +92,7 @@ class Field:
     def _sum(self, mode: int, face: int, s: float, v: Array) -> Array:
         total = np.zeros(self.size)
         for group in self.modes[mode]:
-            value, _ = _sup(group.shape, face, s, v[group.listeners], v[group.speakers])
+            value, _ = _sup(group, face, s, v[group.listeners], v[group.speakers])
             total += np.bincount(group.listeners, weights=group.weights * value, minlength=self.size)
         return total
 
@@ -112,7 +105,7 @@ class Field:
             for group in self.modes[mode]:
                 here = mine[group.listeners]
                 i, j, w = group.listeners[here], group.speakers[here], group.weights[here]
-                own, other = _derivatives(group.shape, face, float(self.grid[k]), v[i], v[j])
+                own, other = _derivatives(group, face, float(self.grid[k]), v[i], v[j])
                 parts_i += [i, i]
                 parts_j += [i, j]
                 parts_x += [w * own, w * other]
@@ -120,65 +113,55 @@ class Field:
         return sparse.csr_array(sparse.coo_array(entries, shape=(self.size, self.size)))
 
 
-def field_of(problem: Problem, *, rho: float, modes: Sequence[str] | None = None, spread: float = 4.0) -> Field:
-    """Prepare the rows for s in (0, rho]; turning points of h are looked for on |y| <= 2 spread rho."""
-    shapes = [shape_of(_scalar(coupling), radius=2 * spread * rho) for coupling in problem.couplings]
-    names = list(problem.network.modes if modes is None else modes)
-    grouped = []
-    total = 1
-    for name in names:
-        arcs = problem.network.modes[name]
-        total += len(arcs)
-        weights = np.array([float(w) for w in arcs.weights])
-        grouped.append(
-            tuple(
-                Group(arcs.listeners[own], arcs.speakers[own], weights[own], shapes[kind])
-                for kind, own in split_by(coupling_places(problem, arcs))
-            )
-        )
+def field_of(problem: Problem, *, rho: float) -> Field:
+    """Prepare the rows for s in (0, rho]; turning points of h are looked for on |y| <= 8 rho."""
+    functions = [numpy_function(each.components[0]) for each in problem.couplings]
+    shapes = [(h, *_extremes(h, radius=8.0 * rho)) for h in functions]
+    modes = []
+    for arcs in problem.network.modes.values():
+        ends, weights = (arcs.listeners, arcs.speakers), np.array([float(w) for w in arcs.weights])
+        parts = split_by(coupling_places(problem, arcs))
+        modes.append(tuple(Group(*(end[own] for end in ends), weights[own], *shapes[kind]) for kind, own in parts))
+    total = 1 + sum(map(len, problem.network.modes.values()))
     count = int(np.clip(WORK // total, COARSEST, FINEST))
     return Field(
         size=problem.n,
         gains=np.array([float(k) for k in holding_gains(problem)]),
-        modes=tuple(grouped),
+        modes=tuple(modes),
         grid=rho * np.concatenate([[NEAREST], np.linspace(0, 1, count)[1:]]),
     )
 
 
-def shape_of(h: Callable[[Array], Array], *, radius: float) -> Shape:
-    """Sample h on [-radius, radius] for its turning points.  Raises: ArithmeticError if they are too many."""
+def _extremes(h: Callable[[Array], Array], *, radius: float) -> list[tuple[Array, Array]]:
+    """Places and values of the maxima of h on [-radius, radius], then of its minima; ArithmeticError for too many."""
     y = np.linspace(-radius, radius, SAMPLES)
     values = h(y)
-    values = np.where(np.isfinite(values), values, 0.0)
-    up = np.diff(values) > 0
-    down = np.diff(values) < 0
-    tops, bottoms = np.flatnonzero(up[:-1] & down[1:]) + 1, np.flatnonzero(down[:-1] & up[1:]) + 1
-    if len(tops) + len(bottoms) > MOST_TURNS:
+    change = np.diff(np.where(np.isfinite(values), values, 0.0))
+    places = [np.flatnonzero((sign * change[:-1] > 0) & (sign * change[1:] < 0)) + 1 for sign in (1.0, -1.0)]
+    if sum(map(len, places)) > MOST_TURNS:
         raise ArithmeticError(f"the coupling has more than {MOST_TURNS} turning points within {radius:g}")
-    return Shape(h=h, tops=_refined(h, y, tops, +1.0), bottoms=_refined(h, y, bottoms, -1.0))
+    extremes = []
+    for sign, found in zip((1.0, -1.0), places, strict=True):
+        pairs = []
+        for place in found.tolist():  # by a finer sample around each
+            near = np.linspace(y[place - 1], y[place + 1], 2001)
+            heights = h(near)
+            best = int(np.argmax(sign * heights))
+            pairs.append((near[best], heights[best]))
+        both = np.array(pairs, dtype=float).reshape(-1, 2)
+        extremes.append((both[:, 0], both[:, 1]))
+    return extremes
 
 
-def _refined(h: Callable[[Array], Array], y: Array, places: Any, sign: float) -> tuple[Array, Array]:
-    """Places and values of local extremes near the samples, by a finer sample around each."""
-    found = []
-    for place in places.tolist():
-        near = np.linspace(y[place - 1], y[place + 1], 2001)
-        values = sign * h(near)
-        best = int(np.argmax(values))
-        found.append((near[best], sign * values[best]))
-    pairs = np.array(found, dtype=float).reshape(-1, 2)
-    return pairs[:, 0], pairs[:, 1]
-
-
-def _sup(shape: Shape, face: int, s: float, own: Array, other: Array) -> tuple[Array, Any]:
+def _sup(group: Group, face: int, s: float, own: Array, other: Array) -> tuple[Array, Any]:
     """phi = sup { h(s t)/s : -(own + other) <= t <= other - own }; where: 0 right end, 1 left end, 2 inside."""
     high, low = s * (other - own), -s * (other + own)
-    best = face * shape.h(face * high) / s
+    best = face * group.h(face * high) / s
     where = np.zeros(len(best), dtype=np.int64)
-    places, values = shape.tops if face > 0 else shape.bottoms
+    places, values = group.tops if face > 0 else group.bottoms
     if not len(places):
         return best, where
-    left = face * shape.h(face * low) / s
+    left = face * group.h(face * low) / s
     where[left > best] = 1
     best = np.maximum(best, left)
     for place, top in zip((face * places).tolist(), (face * values).tolist(), strict=True):
@@ -188,41 +171,31 @@ def _sup(shape: Shape, face: int, s: float, own: Array, other: Array) -> tuple[A
     return best, where
 
 
-def _derivatives(shape: Shape, face: int, s: float, own: Array, other: Array) -> tuple[Array, Array]:
+def _derivatives(group: Group, face: int, s: float, own: Array, other: Array) -> tuple[Array, Array]:
     """The derivatives of phi in own and other."""
-    where = _sup(shape, face, s, own, other)[1]
+    where = _sup(group, face, s, own, other)[1]
     at = face * s * np.where(where == 1, -(own + other), other - own)
     step = STEP * (1.0 + np.abs(at))
-    slope = (shape.h(at + step) - shape.h(at - step)) / (2 * step)
+    slope = (group.h(at + step) - group.h(at - step)) / (2 * step)
     slope = np.where(where == 2, 0.0, np.where(where == 1, -slope, slope))
     return np.where(where == 1, slope, -slope), slope
 
 
-def _scalar(coupling: Any) -> Callable[[Array], Array]:
-    from dobc_design.coupling.expression import numpy_function
-
-    return numpy_function(coupling.components[0])
-
-
 LARGEST_V = 1e6
 STEPS = 60
-# Networks of more agents are large: less accuracy is worth the time.
-FEW_AGENTS = 2000
+FEW_AGENTS = 2000  # networks of more are large: less accuracy is worth the time
 # A factorisation is cheap for few agents, and where the network is little more than lines and rings.
 FACTORED_AGENTS, FEW_ENTRIES = 500, 4
 # Accuracy and steps of the iteration elsewhere.  It converges slowly only at rates next to one that is out of reach.
 ACCURACY, ROUGH, MOST_ITERATIONS = 1e-4, 0.03, 150
 # Newton's residual as a part of the terms, and how far a step may fall where it has to rise, by rounding.
 TIGHT, LOOSE = (1e-12, 1e-9), (1e-6, 1e-2)
-# Steps of inverse iteration for the rate of linear couplings.
-INVERSE_STEPS = 4
+INVERSE_STEPS = 4  # for the rate of linear couplings
 
 
 def linear_rate(field: Field) -> float:
     """An estimate of the largest rate that the couplings would have if they were linear, with their slopes at 0 (1/s).
-
-    No v has more for any s: next to 0 the rows are those of these slopes.  Symmetric ones are estimated from above.
-    """
+    No v has more for any s: next to 0 the rows are those of these slopes.  Symmetric ones are estimated from above."""
     v = np.ones(field.size)
     _, jacobian, _ = field.rows(v, alpha=0.0)
     everybody = np.ones(field.size, dtype=bool)
@@ -239,22 +212,19 @@ def linear_rate(field: Field) -> float:
 def least_solution(
     field: Field, *, alpha: float, start: Array, lower: Array | float = 1.0, accuracy: tuple[float, float] | None = None
 ) -> Array | None:
-    """The least v >= ``lower`` whose rows hold with rate alpha, about; None if Newton's method finds none.
-
-    ``start`` lies below it: the solution for a smaller alpha does.
-    """
+    """The least v >= ``lower`` whose rows hold with rate alpha, about; None if Newton's method finds none.  ``start``
+    lies below it: the solution for a smaller alpha does."""
     v = start.copy()
     close, drop = accuracy or (TIGHT if field.size <= FACTORED_AGENTS else LOOSE)
     for _ in range(STEPS):
         residual, jacobian, scale = field.rows(v, alpha=alpha)
         if np.all(residual <= close * scale):
             return v
-        active = (residual > 0) | (v > lower)
-        step = _solve(jacobian, residual, active)
+        raised = residual > 0
+        step = _solve(jacobian, residual, raised | (v > lower))
         if step is None:
             return None
         proposed = np.maximum(lower, v + step)
-        raised = residual > 0
         # A solution lies above: where a row fails, v has to rise; a step down there means there is none.
         if np.any(proposed[raised] < v[raised] * (1 - drop)) or not np.all(np.isfinite(proposed)):
             return None
@@ -272,41 +242,29 @@ def _solve(jacobian: Any, residual: Array, active: Any, *, accuracy: float = ACC
     places = np.flatnonzero(active)
     block = sparse.csr_array(jacobian[places][:, places])
     right = -residual[places]
-    with np.errstate(all="ignore"):
-        if len(places) > FACTORED_AGENTS and block.nnz > FEW_ENTRIES * len(places):
-            solution = _iterated(block, right, accuracy)
-        else:
-            solution = _factorised(block, right)
-    if solution is None:
-        return None
     step = np.zeros(len(residual))
+    with np.errstate(all="ignore"):
+        if len(places) <= FACTORED_AGENTS or block.nnz <= FEW_ENTRIES * len(places):
+            try:
+                step[places] = sparse.linalg.splu(sparse.csc_array(block)).solve(right)
+            except RuntimeError:  # exactly singular
+                return None
+            return step
+        # BiCGSTAB with Jacobi scaling: factors of scale-free networks would fill in.
+        diagonal = block.diagonal()
+        if np.any(diagonal >= 0):
+            return None
+        scaled = sparse.csr_array(sparse.diags_array(1 / diagonal) @ block)
+        solution, status = sparse.linalg.bicgstab(scaled, right / diagonal, rtol=accuracy, maxiter=MOST_ITERATIONS)
     step[places] = solution
-    return step
+    return step if status == 0 and np.all(np.isfinite(solution)) else None
 
 
-def _factorised(block: Any, right: Array) -> Array | None:
-    try:
-        return np.asarray(sparse.linalg.splu(sparse.csc_array(block)).solve(right))
-    except RuntimeError:  # exactly singular
-        return None
-
-
-def _iterated(block: Any, right: Array, accuracy: float) -> Array | None:
-    """Solve by BiCGSTAB with Jacobi scaling: factors of scale-free networks would fill in."""
-    diagonal = block.diagonal()
-    if np.any(diagonal >= 0):
-        return None
-    scaled = sparse.csr_array(sparse.diags_array(1 / diagonal) @ block)
-    solution, status = sparse.linalg.bicgstab(scaled, right / diagonal, rtol=accuracy, maxiter=MOST_ITERATIONS)
-    return np.asarray(solution) if status == 0 and np.all(np.isfinite(solution)) else None
-
-
-logger = logging.getLogger("dobc_design")
+NEARLY = 0.997  # of a planned rate, which is enough
 DIGITS = (3, 4, 5, 6, 8, 11)
 BITS = (12, 20, 30)  # of large networks, whose arithmetic is binary
 LARGE = 400
 LARGEST_RADIUS = 1e150
-BISECTIONS = 40
 # (agents, relative accuracy of alpha that is still worth the time); for more agents.
 CLOSE = ((300, 1e-5), (2000, 1e-3))
 CLOSE_LARGE = 0.05
@@ -323,107 +281,85 @@ ROUNDING = 1e-15  # of h, absolutely
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class SeparableProposal:
-    """v (n,), min v = 1, and the rate (1/s) that floating point sees for s in (0, rho]."""
+class SeparablePlan:
+    """v (n,), min v = 1, the rate (1/s) that floating point sees for s in (0, rho], and the observer's part."""
 
     v: Array
     rate: float
-    rho: float
-
-
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class SeparablePlan:
-    """A proposal with the radius rho it is for and the observer's part (None without an exosystem)."""
-
-    proposal: SeparableProposal
     rho: Fraction
-    error: ErrorBound | None
+    error: ErrorBound | None = None
 
 
-def propose_separable(
-    problem: Problem, *, rho: float, modes: Sequence[str] | None = None, near: float | None = None
-) -> SeparableProposal | None:
+def propose_separable(problem: Problem, *, rho: Fraction | float, near: float | None = None) -> SeparablePlan | None:
     """Find v with min v = 1 and the largest rate, about, for all s in (0, rho]; None if no positive rate is found.
 
     The box |e|_inf <= rho is then inside {N <= rho}.  ``near``: a rate (1/s) that is expected, with which the search
     for many agents begins.
     """
-    if not find_ordering(problem, modes=modes).exists or not 0 < rho <= LARGEST_RADIUS:
+    if not find_ordering(problem).exists or not 0 < rho <= LARGEST_RADIUS:
         return None
     with np.errstate(all="ignore"):  # far out couplings overflow or end; what is not finite is no proposal
-        return _propose(problem, rho, modes, near)
-
-
-def _propose(problem: Problem, rho: float, modes: Sequence[str] | None, near: float | None) -> SeparableProposal | None:
-    try:
-        field = field_of(problem, rho=rho, modes=modes)
-    except ArithmeticError as error:
-        logger.info("no proposal for rho = %g: %s", rho, error)
-        return None
-    best = least_solution(field, alpha=0.0, start=np.ones(problem.n))
-    high = float(np.max(field.gains, initial=0.0))
-    if best is None or high <= 0:
-        return None
-    if problem.n > FEW_AGENTS:
-        return _propose_large(field, rho=rho, start=best, near=near)
-    whole = least_solution(field, alpha=high, start=best)
-    if whole is not None:
-        return SeparableProposal(v=whole, rate=high, rho=rho)
-    low, close = 0.0, next(part for size, part in CLOSE if problem.n <= size)
-    # The rate may be many powers of ten below the gains: halve first, then divide evenly.
-    for _ in range(BISECTIONS):
-        middle = (low + high) / 2 if low else high / 8
-        found = least_solution(field, alpha=middle, start=best)
-        if found is None:
-            high = middle
+        try:
+            field = field_of(problem, rho=float(rho))
+        except ArithmeticError as error:
+            logger.info("no proposal for rho = %g: %s", rho, error)
+            return None
+        best = least_solution(field, alpha=0.0, start=np.ones(problem.n))
+        high = float(np.max(field.gains, initial=0.0))
+        if best is None or high <= 0:
+            return None
+        if problem.n > FEW_AGENTS:
+            # Few trials, beginning at ``near``, or at half the rate that linear couplings would have.
+            first = linear_rate(field) / 2 if near is None else near * (1 - CLOSE_LARGE)
+            growth = 1.5 if near is None else 1 + 2 * CLOSE_LARGE
+            rate, best = _fastest(field, best, close=CLOSE_LARGE, first=first, fall=4.0, growth=growth)
+        elif (whole := least_solution(field, alpha=high, start=best)) is not None:
+            rate, best = high, whole
         else:
-            low, best = middle, found
-        if (low and high - low <= close * low) or high <= SLOWEST * float(np.max(field.gains)):
-            break
-    return SeparableProposal(v=best, rate=low, rho=rho) if low else None
+            rate, best = _fastest(field, best, close=next(part for size, part in CLOSE if problem.n <= size))
+    return SeparablePlan(v=best, rate=rate, rho=Fraction(rho)) if rate else None
 
 
-def _propose_large(field: Field, *, rho: float, start: Array, near: float | None) -> SeparableProposal | None:
-    """The same with few trials, beginning at ``near``, or at half the rate that linear couplings would have."""
-    low, high, best = 0.0, float(np.max(field.gains)), start
-    slowest = SLOWEST * high
-    middle = min(linear_rate(field) / 2 if near is None else near * (1 - CLOSE_LARGE), high)
-    while high > slowest and not (low and high - low <= CLOSE_LARGE * low):
+def _fastest(
+    field: Field,
+    best: Array,
+    *,
+    close: float,
+    first: float = math.inf,
+    fall: float = 8.0,
+    growth: float = math.inf,
+) -> tuple[float, Array]:
+    """The largest rate, up to ``close``, and its v; 0 and ``best``, the v for 0, if there is none.
+
+    The rate may be many powers of ten below the gains: divide by ``fall`` first, then evenly, but no step up is more
+    than ``growth``.
+    """
+    low, high = 0.0, float(np.max(field.gains))
+    slowest, middle = SLOWEST * high, high / fall if first == math.inf else min(first, high)
+    while high > slowest and not (low and high - low <= close * low):
         found = least_solution(field, alpha=middle, start=best)
         low, high, best = (low, middle, best) if found is None else (middle, high, found)
-        further = low * (1.5 if near is None else 1 + 2 * CLOSE_LARGE)
-        middle = min((low + high) / 2, further) if low else high / 4
-    return SeparableProposal(v=best, rate=low, rho=rho) if low else None
+        middle = min((low + high) / 2, low * growth) if low else high / fall
+    return low, best
 
 
 def propose_vectors(problem: Problem, *, rho: float, parts: Sequence[float]) -> Iterator[Array]:
-    """Find the least v with min v = 1 for parts (<= 1) of about the largest rate: smaller parts are flatter.
-
-    Quicker and coarser than ``propose_separable``; nothing if no positive rate is found.
-    """
+    """Find the least v with min v = 1 for parts (<= 1) of about the largest rate: smaller parts are flatter.  Quicker
+    and coarser than ``propose_separable``; nothing if no positive rate is found."""
     field = field_of(problem, rho=rho)
     field = replace(field, grid=field.grid[:: max(1, len(field.grid) // COARSE)])
     best = least_solution(field, alpha=0.0, start=np.ones(problem.n))
-    low, high = 0.0, float(np.max(field.gains, initial=0.0))
-    if best is None or high <= 0:
+    if best is None or float(np.max(field.gains, initial=0.0)) <= 0:
         return
-    while high > SLOWEST * float(np.max(field.gains)) and not (low and high - low <= CLOSE_ENOUGH * low):
-        middle = (low + high) / 2 if low else high / 8
-        found = least_solution(field, alpha=middle, start=best)
-        low, high, best = (low, middle, best) if found is None else (middle, high, found)
-    for part in parts if low else ():
-        v = best if part == 1.0 else least_solution(field, alpha=part * low, start=np.ones(problem.n))
+    rate, best = _fastest(field, best, close=CLOSE_ENOUGH)
+    for part in parts if rate else ():
+        v = best if part == 1.0 else least_solution(field, alpha=part * rate, start=np.ones(problem.n))
         if v is not None:
             yield v
 
 
 def design_separable(
-    problem: Problem,
-    *,
-    radius: Fraction,
-    disturbance: Fraction = Fraction(0),
-    W: Matrix | None = None,
-    modes: Sequence[str] | None = None,
+    problem: Problem, *, radius: Fraction, disturbance: Fraction = Fraction(0), W: Matrix | None = None
 ) -> SeparablePlan | None:
     """Plan a certificate for every start with |e|_inf <= radius and |eps_i| <= disturbance; None if none is found.
 
@@ -432,20 +368,28 @@ def design_separable(
     """
     exosystem = problem.joint_exosystem
     if exosystem is None:
-        proposal = propose_separable(problem, rho=float(radius), modes=modes)
-        return None if proposal is None else SeparablePlan(proposal=proposal, rho=radius, error=None)
+        return propose_separable(problem, rho=radius)
     if W is None:
         return None
+
+    def planned(rate: float, near: float | None = None) -> SeparablePlan | None:
+        """A plan whose observer part decays with ``rate``; None if it is slower, or leaves no room for a v."""
+        error = propose_error_bound(exosystem, W, rate=rate)
+        if error is None:
+            return None
+        proposal = propose_separable(problem, rho=radius_needed(radius, error, disturbance), near=near)
+        return None if proposal is None else replace(proposal, error=error)
+
     # One v for many agents takes long, so that the first one is for a kappa that is seldom too small.
     first = 0.0 if problem.n <= FEW_AGENTS else SHARE * decay_rate(exosystem, W)
-    best = _planned(problem, W, first, radius, disturbance, modes)
-    if best is None or best.proposal.rate <= first:
+    best = planned(first)
+    if best is None or best.rate <= first:
         return best
-    gained, low, high = first, 0.0, 2 * best.proposal.rate * ABOVE
+    gained, low, high = first, 0.0, 2 * best.rate * ABOVE
     for _ in range(ROUNDS if problem.n <= FEW_AGENTS else 1):
         rate = (low + high) / 2
-        plan = _planned(problem, W, rate, radius, disturbance, modes, near=best.proposal.rate)
-        reached = 0.0 if plan is None else min(rate, plan.proposal.rate)
+        plan = planned(rate, near=best.rate)
+        reached = 0.0 if plan is None else min(rate, plan.rate)
         if plan is not None and reached > gained:
             best, gained = plan, reached
         if reached > rate * ENOUGH and not low:
@@ -454,32 +398,11 @@ def design_separable(
     return best
 
 
-def _planned(
-    problem: Problem,
-    W: Matrix,
-    rate: float,
-    radius: Fraction,
-    disturbance: Fraction,
-    modes: Sequence[str] | None,
-    near: float | None = None,
-) -> SeparablePlan | None:
-    """A plan whose observer part decays with ``rate``; None if the observer is slower, or leaves no room for a v."""
-    exosystem = problem.joint_exosystem
-    error = None if exosystem is None else propose_error_bound(exosystem, W, rate=rate)
-    if error is None:
-        return None
-    rho = radius_needed(radius, error, disturbance)
-    proposal = propose_separable(problem, rho=float(rho), modes=modes, near=near)
-    return None if proposal is None else SeparablePlan(proposal=proposal, rho=rho, error=error)
-
-
 def flat_separable(
     problem: Problem, *, radius: Fraction, disturbance: Fraction, W: Matrix | None, rate: float
 ) -> SeparablePlan | None:
     """Plan a certificate like ``design_separable``, whose v is the flattest for about ``rate`` (1/s): the least v >= 1.
-
-    None if there is no v for this rate, or the observer with the gain W (q, m) is slower.
-    """
+    None if there is no v for this rate, or the observer with the gain W (q, m) is slower."""
     exosystem, error = problem.joint_exosystem, None
     if exosystem is not None:
         error = None if W is None else propose_error_bound(exosystem, W, rate=rate)
@@ -488,33 +411,47 @@ def flat_separable(
     rho = radius_needed(radius, error, disturbance)
     with np.errstate(all="ignore"):  # as in propose_separable
         v = least_solution(field_of(problem, rho=float(rho)), alpha=rate, start=np.ones(problem.n))
-    if v is None:
-        return None
-    return SeparablePlan(proposal=SeparableProposal(v=v, rate=rate, rho=float(rho)), rho=rho, error=error)
+    return None if v is None else SeparablePlan(v=v, rate=rate, rho=rho, error=error)
 
 
 def flatter_plans(problem: Problem, plan: SeparablePlan) -> Iterator[SeparablePlan]:
     """The same plan with flatter v and smaller rates, for a v too steep to be proved; nothing for one that is flat.
-
-    The largest rate may ask for weights of which nothing is left of an enclosure: chains of agents have such.
-    """
-    v = plan.proposal.v
-    if float(v.max()) <= STEEP or len(v) > FEW_AGENTS:
+    The largest rate may ask for weights of which nothing is left of an enclosure: chains of agents have such."""
+    if float(plan.v.max()) <= STEEP or len(plan.v) > FEW_AGENTS:
         return
     found = propose_vectors(problem, rho=float(plan.rho), parts=FLATTER)
     for part, each in zip(FLATTER, found, strict=False):
-        yield replace(plan, proposal=replace(plan.proposal, v=each, rate=part * plan.proposal.rate))
+        yield replace(plan, v=each, rate=part * plan.rate)
 
 
-def rounded_vectors(proposal: SeparableProposal) -> Iterator[Vector | Doubles]:
+def rounded_vectors(plan: SeparablePlan) -> Iterator[Vector | Doubles]:
     """v as rationals, few digits first; binary fractions for large networks, which floats hold exactly."""
-    if len(proposal.v) > LARGE:
+    if len(plan.v) > LARGE:
         for bits in BITS:
-            yield Doubles(np.ldexp(np.rint(np.ldexp(proposal.v, bits)), -bits))
+            yield Doubles(np.ldexp(np.rint(np.ldexp(plan.v, bits)), -bits))
         return
     for digits in DIGITS:
         unit = 10**digits
-        yield tuple(Fraction(round(float(x) * unit), unit) for x in proposal.v)
+        yield tuple(Fraction(round(float(x) * unit), unit) for x in plan.v)
+
+
+def first_certificate(
+    problem: Problem, W: Matrix | None, plan: SeparablePlan, *, everywhere: bool = False
+) -> Separable | None:
+    """The first rounding of v that is proved with nearly the planned rate, else the best one proved; None if none is.
+    Every answer is PROVED by ``verify_composite``.  ``everywhere``: for all radii, as linear couplings allow."""
+    best: Separable | None = None
+    rho = None if everywhere else plan.rho
+    for v in rounded_vectors(plan):
+        alpha = largest_rate(problem, v, rho=rho)
+        if alpha is None or (best is not None and alpha <= best.alpha):
+            continue
+        claim = Separable(v=v, alpha=alpha, rho=rho, error=plan.error)
+        if verify_composite(problem, W, claim).verdict is Verdict.PROVED:
+            best = claim
+            if alpha >= plan.rate * NEARLY:
+                break
+    return best
 
 
 def least_above(field: Field, *, alpha: float, lower: Array, start: Array | None = None) -> Array | None:
@@ -526,7 +463,6 @@ def least_above(field: Field, *, alpha: float, lower: Array, start: Array | None
     close, drop = TIGHT if field.size <= FEW_AGENTS else LOOSE
     noise = ROUNDING / float(field.grid[0])
     accuracy = (max(close, noise), max(drop, 100 * noise))
+    start = lower if start is None else start
     with np.errstate(all="ignore"):
-        return least_solution(
-            field, alpha=alpha, start=lower if start is None else start, lower=lower, accuracy=accuracy
-        )
+        return least_solution(field, alpha=alpha, start=start, lower=lower, accuracy=accuracy)

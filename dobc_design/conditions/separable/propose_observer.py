@@ -1,8 +1,7 @@
-"""Proposals for the observer's part of the max-separable certificate: P, beta and kappa (theory, section 5).
+"""Proposals for the observer's part of the max-separable certificate: P, beta and kappa (theory, section 5); no proofs.
 
 A box R with |eps_i| <= s needs rho = R/min v + kappa s sqrt(lambda_max(P)).  For each beta a small semidefinite program
-gives the P with the least lambda_max; beta is then searched for the least kappa sqrt(lambda_max).  Nothing here is a
-proof.
+gives the P with the least lambda_max; beta is then searched for the least kappa sqrt(lambda_max).
 """
 
 from __future__ import annotations
@@ -24,8 +23,7 @@ from dobc_design.solvers.program import Array, round_matrix
 GRID = 24
 REFINEMENTS = 3
 # What is given away so that rounding cannot cross a constraint that is active; more where P is badly conditioned.
-SLACK = 1e-5
-SLACKS = (1, 10, 100, 1000)
+SLACKS = tuple(1e-5 * more for more in (1, 10, 100, 1000))
 INSIDE = 1e-12  # relative to the entries: eigenvalues that are told from 0
 DIGITS = 8
 UNIT = 10**6  # beta and kappa have six decimals
@@ -40,45 +38,39 @@ class _Bound:
     size: float
 
 
-def propose_error_bound(
-    exosystem: Exosystem, W: Matrix, *, rate: float = 0.0, slack: float = SLACK
-) -> ErrorBound | None:
+def propose_error_bound(exosystem: Exosystem, W: Matrix, *, rate: float = 0.0) -> ErrorBound | None:
     """Find P, beta and kappa = 1/(beta - rate) for min v = 1, with kappa sqrt(lambda_max(P)) about least.
 
     ``rate`` (1/s) is what V = N + kappa E is to decay with; below the decay rate of A - WC.
     Returns None where no such bound is found (A - WC is not Hurwitz, or slower than ``rate``).
     """
-    error = to_float(exosystem.A) - to_float(W) @ to_float(exosystem.C)
     C = to_float(exosystem.C)
+    error = to_float(exosystem.A) - to_float(W) @ C
     fastest = float(-np.max(np.linalg.eigvals(error).real))
     if not math.isfinite(fastest) or fastest <= rate:
         return None
-    low, high, best = rate, fastest, None
+    low, high, found = rate, fastest, list[_Bound]()
     for _ in range(REFINEMENTS):
         betas = np.linspace(low, high, GRID + 2)[1:-1].tolist()
-        found = [bound for beta in betas if (bound := _least_bound(error, C, beta)) is not None]
-        if best is not None:
-            found.append(best)
+        found = [bound for beta in betas if (bound := _least_bound(error, C, beta)) is not None] + found
         if not found:
             return None
-        best = min(found, key=lambda bound: math.sqrt(bound.size) / (bound.beta - rate))
+        found = [min(found, key=lambda bound: math.sqrt(bound.size) / (bound.beta - rate))]
         width = (high - low) / (GRID + 1)
-        low, high = max(rate, best.beta - width), min(fastest, best.beta + width)
-    for more in SLACKS if best is not None else ():
-        rounded = None if best is None else _rounded(best, rate=rate, slack=slack * more)
+        low, high = max(rate, found[0].beta - width), min(fastest, found[0].beta + width)
+    for slack in SLACKS:
+        rounded = _rounded(found[0], rate=rate, slack=slack)
         if rounded is None or _is_inside(error, C, rounded):
             return rounded
     return None
 
 
-def radius_needed(radius: Fraction, error: ErrorBound | None, disturbance: Fraction, *, digits: int = 4) -> Fraction:
-    """The rho that covers the box ``radius`` and |eps_i| <= ``disturbance`` with min v = 1; ``digits`` decimals, up."""
+def radius_needed(radius: Fraction, error: ErrorBound | None, disturbance: Fraction) -> Fraction:
+    """The rho that covers the box ``radius`` and |eps_i| <= ``disturbance`` with min v = 1; four decimals, up."""
     if error is None:
         return radius
     root = math.nextafter(math.sqrt(float_above(error.size)), math.inf)
-    unit = Fraction(10) ** digits
-    total = radius + error.kappa * disturbance * Fraction(root)
-    return Fraction(math.ceil(total * unit)) / unit
+    return Fraction(math.ceil((radius + error.kappa * disturbance * Fraction(root)) * 10**4), 10**4)
 
 
 def _rounded(bound: _Bound, *, rate: float, slack: float) -> ErrorBound | None:

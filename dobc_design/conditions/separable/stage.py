@@ -1,7 +1,4 @@
-"""The max-separable certificate of the region asked for, with what it says about delays and sampling.
-
-Theory, section 5.  ``propose`` proposes in floating point, ``verify`` decides exactly.
-"""
+"""The max-separable certificate of the region asked for, with what it says about delays and sampling (section 5)."""
 
 from __future__ import annotations
 
@@ -15,24 +12,10 @@ from itertools import pairwise
 from dobc_design.conditions.check import Check, undecided_check
 from dobc_design.conditions.coverage import Asked, Progress
 from dobc_design.conditions.numbers import claimed, rounded_down
-from dobc_design.conditions.separable.checks import (
-    delay_check,
-    max_separable_check,
-    obstacle,
-    sampling_check,
-    stuck_check,
-)
+from dobc_design.conditions.separable import checks, propose
 from dobc_design.conditions.separable.claim import Separable
-from dobc_design.conditions.separable.decide import coupling_profiles, verify_separable
-from dobc_design.conditions.separable.observer import covers as box_is_inside
-from dobc_design.conditions.separable.observer import first_certificate
-from dobc_design.conditions.separable.propose import (
-    SeparablePlan,
-    design_separable,
-    flat_separable,
-    flatter_plans,
-    rounded_vectors,
-)
+from dobc_design.conditions.separable.decide import coupling_profiles, covers, verify_separable
+from dobc_design.conditions.separable.propose import SeparablePlan
 from dobc_design.conditions.separable.timing import longest_delay
 from dobc_design.verdict import Verdict
 
@@ -43,10 +26,8 @@ IN_HAND = Fraction(1, 10**4)
 # (agents, relative accuracy of the largest box that is still worth the time)
 CLOSE = ((60, 0.002), (2000, 0.02), (10**9, 0.25))
 HALVINGS = 12
-#: How much further out the agent is looked for that is no longer held.
-WIDER = Fraction(2)
-#: The part of the rate that delays are to leave.
-KEPT = Fraction(1, 2)
+WIDER = Fraction(2)  # how much further out the agent is looked for that is no longer held
+KEPT = Fraction(1, 2)  # of the rate, which delays are to leave
 #: How many times less steep couplings have to be for a v of its own for sampling; the part of the rate that it keeps.
 WORTH, SLOWER, SAMPLES = 2, 0.1, 50
 #: Arcs of all modes together up to which delays and sampling are examined: exact rows for each of them take long.
@@ -56,25 +37,23 @@ TIMED_ARCS, TIMED_FALLING = 3000, 500
 
 def separable_stage(asked: Asked, report: Progress) -> list[Check]:
     """The max-separable certificate, and what it says about delays and sampling."""
-    problem, W = asked.problem, asked.W
+    problem, W, domain = asked.problem, asked.W, asked.domain
     report("deciding the region (max-separable)")
-    reason = obstacle(problem, W)
-    if reason is not None:
-        return [undecided_check("max-separable", asked.domain, reason, applies=False)]
-    stuck = stuck_check(problem, W, domain=asked.domain)
-    if stuck is not None:
+    if (reason := checks.obstacle(problem, W)) is not None:
+        return [undecided_check("max-separable", domain, reason, applies=False)]
+    if (stuck := checks.stuck_check(problem, W, domain=domain)) is not None:
         return [stuck]
     claim, radius = _largest_claim(asked)
     if claim is None:
-        return [undecided_check("max-separable", asked.domain, _nothing_found(asked))]
-    check = max_separable_check(
-        problem,
-        W,
-        claim,
-        radius=radius,
-        disturbance=asked.disturbance,
-        domain=asked.domain,
-        remark=_remark(asked, claim, radius),
+        reason = "no v is found"
+        if domain != "global":
+            reason += f", not even for |e_i| <= {asked.radius / 2**HALVINGS:.2g}"
+        if domain != "global" and asked.disturbance:
+            reason += f" together with |eps_i| <= {asked.disturbance:.6g}: a smaller initial disturbance may help"
+        return [undecided_check("max-separable", domain, f"{reason}.")]
+    told = _remark(asked, claim, radius)
+    check = checks.max_separable_check(
+        problem, W, claim, radius=radius, disturbance=asked.disturbance, domain=domain, remark=told
     )
     return [check] if check.verdict is not Verdict.PROVED else [check, *_timing(asked, claim, check, report)]
 
@@ -95,77 +74,59 @@ def _largest_claim(asked: Asked) -> tuple[Separable | None, float]:
             claim, low = found, radius
             break
         high = radius
-    for radius, plan in reversed(_plans(asked, low, high)):
-        found = _claim(asked, radius, plan)
-        if found is not None:
-            return found, radius
-    return claim, low
-
-
-def _plans(asked: Asked, low: float, high: float) -> list[tuple[float, SeparablePlan]]:
-    """Boxes between the two that floating point covers, up to about the largest; increasing."""
-    found: list[tuple[float, SeparablePlan]] = []
+    proved, plans = low, list[tuple[float, SeparablePlan]]()  # of boxes that floating point covers, increasing
     close = next(part for size, part in CLOSE if asked.problem.n <= size)
-    while high - low > close * high:
-        radius = _short((low + high) / 2)
-        if not low < radius < high:
-            break
+    while high - low > close * high and low < (radius := _short((low + high) / 2)) < high:
         plan = _plan(asked, radius)
         if plan is None:
             high = radius
         else:
-            found.append((radius, plan))
+            plans.append((radius, plan))
             low = radius
-    return found
+    for radius, plan in reversed(plans):
+        found = _claim(asked, radius, plan)
+        if found is not None:
+            return found, radius
+    return claim, proved
 
 
 def _plan(asked: Asked, radius: float) -> SeparablePlan | None:
-    """What floating point proposes for a box; None also when a numerical library breaks down.
-
-    For linear couplings all boxes are alike.
-    """
+    """What floating point proposes for a box; None also when a numerical library breaks down.  For linear couplings all
+    boxes are alike."""
     size = Fraction(1) if asked.domain == "global" else claimed(radius)
     disturbance = Fraction(0) if asked.domain == "global" else claimed(asked.disturbance)
     try:
-        return design_separable(asked.problem, radius=size, disturbance=disturbance, W=asked.W)
+        return propose.design_separable(asked.problem, radius=size, disturbance=disturbance, W=asked.W)
     except (ArithmeticError, RuntimeError, ValueError) as error:
         logger.warning("no max-separable proposal for radius %s: %s", radius, error)
         return None
 
 
 def _claim(asked: Asked, radius: float, plan: SeparablePlan | None) -> Separable | None:
-    """The plan as a certificate that covers the box, proved; None if none is."""
+    """The plan as a certificate that covers the box, proved, with a little of its rate in hand; None if none is."""
     if plan is None:
         return None
-    rho = None if asked.domain == "global" else plan.rho
-    claim = _covering(asked, radius, plan, rho)
-    if claim is None:
+    claim = _covering(asked, radius, plan)
+    if claim is None and asked.domain != "global":
         # A steep v compares agents so far apart that a coupling may leave every range there.
-        plans = flatter_plans(asked.problem, plan) if rho is not None else ()
-        flatter = (_covering(asked, radius, each, rho) for each in plans)
+        flatter = (_covering(asked, radius, each) for each in propose.flatter_plans(asked.problem, plan))
         claim = next((each for each in flatter if each is not None), None)
-    return None if claim is None else replace(claim, alpha=rounded_down(claim.alpha * (1 - IN_HAND), digits=6))
+    return claim
 
 
-def _covering(asked: Asked, radius: float, plan: SeparablePlan, rho: Fraction | None) -> Separable | None:
+def _covering(asked: Asked, radius: float, plan: SeparablePlan) -> Separable | None:
     """A proved certificate with the v of the plan that covers the box; None if there is none."""
-    vectors, wanted = rounded_vectors(plan.proposal), plan.proposal.rate
-    claim = first_certificate(asked.problem, asked.W, vectors, rho=rho, error=plan.error, wanted=wanted)
-    if claim is None:
+    claim = propose.first_certificate(asked.problem, asked.W, plan, everywhere=asked.domain == "global")
+    if claim is None or not covers(claim, radius=claimed(radius), disturbance=claimed(asked.disturbance)):
         return None
-    inside = box_is_inside(claim, radius=claimed(radius), disturbance=claimed(asked.disturbance))
-    return claim if inside else None
-
-
-def _arcs(asked: Asked) -> int:
-    return sum(len(mode) for mode in asked.problem.network.modes.values())
+    return replace(claim, alpha=rounded_down(claim.alpha * (1 - IN_HAND), digits=6))
 
 
 def _timing(asked: Asked, claim: Separable, check: Check, report: Progress) -> list[Check]:
     """Delays and sampling beside a proved max-separable check."""
     problem = asked.problem
-    arcs, modes = _arcs(asked), tuple(problem.network.modes)
-    rising = all(kind.is_nondecreasing for kind in coupling_profiles(problem, claim.v, rho=claim.rho, modes=modes))
+    arcs = sum(map(len, problem.network.modes.values()))
+    rising = all(kind.is_nondecreasing for kind in coupling_profiles(problem, claim.v, rho=claim.rho))
     largest = TIMED_ARCS if rising else TIMED_FALLING
     if arcs > largest:
         some = "" if rising else " of couplings that fall within the box"
@@ -178,35 +139,27 @@ def _timing(asked: Asked, claim: Separable, check: Check, report: Progress) -> l
         delay = undecided_check("delay", asked.domain, "no delay is found that leaves half the rate.")
     else:
         bound = replace(bound, rate=rounded_down(bound.rate * (1 - IN_HAND), digits=6))
-        delay = delay_check(problem, claim, bound, check, domain=asked.domain)
+        delay = checks.delay_check(problem, claim, bound, check, domain=asked.domain)
     own = _flatter_claim(asked, claim, check)
-    return [delay, sampling_check(problem, claim, check, domain=asked.domain, W=asked.W, own=own)]
+    return [delay, checks.sampling_check(problem, claim, check, domain=asked.domain, W=asked.W, own=own)]
 
 
 def _flatter_claim(asked: Asked, claim: Separable, check: Check) -> Separable | None:
     """Another certificate of the same box, slower but with a flatter v, where that allows far longer sampling periods.
-
-    Values may be held for about 2/h'(rho (v_i + v_j)): steep couplings want rho v as small as the box allows.
-    """
+    Values may be held for about 2/h'(rho (v_i + v_j)): steep couplings want rho v as small as the box allows."""
     if claim.rho is None or not isinstance(check.domain, Mapping):
         return None
     farthest = 2 * float(claim.rho) * float(max(claim.v))
     if _steepness(asked, farthest) < WORTH * _steepness(asked, 2 * float(claim.rho) * float(claim.least)):
         return None
     radius, disturbance = check.domain["radius"], check.domain["disturbance"]
+    R, s, slower = claimed(radius), claimed(disturbance), float(claim.alpha) * SLOWER
     try:
-        plan = flat_separable(
-            asked.problem,
-            radius=claimed(radius),
-            disturbance=claimed(disturbance),
-            W=asked.W,
-            rate=float(claim.alpha) * SLOWER,
-        )
+        plan = propose.flat_separable(asked.problem, radius=R, disturbance=s, W=asked.W, rate=slower)
     except (ArithmeticError, RuntimeError, ValueError) as error:
         logger.warning("no flatter v for sampling: %s", error)
         return None
-    found = None if plan is None else _covering(replace(asked, disturbance=disturbance), radius, plan, plan.rho)
-    return None if found is None else replace(found, alpha=rounded_down(found.alpha * (1 - IN_HAND), digits=6))
+    return None if plan is None else _covering(replace(asked, disturbance=disturbance), radius, plan)
 
 
 def _steepness(asked: Asked, reach: float) -> float:
@@ -234,15 +187,6 @@ def _remark(asked: Asked, claim: Separable, radius: float) -> str:
         where = f" in mode {answer.mode}" if len(asked.problem.network.modes) > 1 else ""
         who = f", and with this one agent {label} is no longer held{where}"
     return f" The box reaches |e_i| <= {radius:.6g}, {wish}: beyond, no v is found{who}."
-
-
-def _nothing_found(asked: Asked) -> str:
-    if asked.domain == "global":
-        return "no v is found."
-    least = f"no v is found, not even for |e_i| <= {asked.radius / 2**HALVINGS:.2g}"
-    if not asked.disturbance:
-        return f"{least}."
-    return f"{least} together with |eps_i| <= {asked.disturbance:.6g}: a smaller initial disturbance may help."
 
 
 def _short(radius: float) -> float:

@@ -1,15 +1,13 @@
-"""What a proved max-separable certificate says about delays and sampling (theory, section 5, delays and sampling).
+"""What a proved max-separable certificate says about delays and sampling (theory, section 5); no coupling need rise.
 
-Delays.  Agent i uses x_j(t - tau_ij(t)) with any bounded, varying delays on the arcs, its own state undelayed, its
-observer fed the same received values.  Every start of ``covers`` then still converges, whatever the delays: while
-N + E/(beta min v) <= rho nothing leaves, by the same rows.  The rate for delays up to tau: if the rows hold with v_j
-replaced by theta v_j, theta >= exp(lambda tau), and the rate lambda, then |e_i(t)| <= M v_i exp(-lambda t) is kept
-(Razumikhin, Halanay); with an observer error that decays faster than lambda, once that has become small.
+Delays.  Agent i uses x_j(t - tau_ij(t)), its own state undelayed, its observer fed the same received values.  Every
+start of ``covers`` still converges: while N + E/(beta min v) <= rho nothing leaves, by the same rows.  If the rows hold
+with v_j replaced by theta v_j, theta >= exp(lambda tau), and the rate lambda, then |e_i(t)| <= M v_i exp(-lambda t) is
+kept for delays up to tau (Razumikhin, Halanay), once an observer error that decays faster has become small.
 
 Sampling.  Couplings and pinning held over a period T give e_i+ = e_i + T (sum w h - k e_i) + int C eps.  Let L bound
 the mean of h' on every way from e_j - s v_i to e_j - e_i, |e_j| <= s v_j, |e_i| <= s v_i.  If T (sum w L + k_cc) <= 1,
 the largest e_i+ is that of the face e_i = s v_i, so the rows give N+ <= (1 - T alpha) N + T max |C eps|/v.
-No monotone coupling is needed for either.
 """
 
 from __future__ import annotations
@@ -19,15 +17,8 @@ from collections.abc import Sequence
 from fractions import Fraction
 
 from dobc_design.conditions.numbers import rounded_down
-from dobc_design.conditions.separable.claim import (
-    FACES,
-    DelayBound,
-    SamplingBound,
-    Separable,
-    Term,
-    acts_by_component,
-    rows,
-)
+from dobc_design.conditions.separable import claim as claims
+from dobc_design.conditions.separable.claim import FACES, DelayBound, SamplingBound, Separable, Term
 from dobc_design.conditions.separable.decide import SeparableAnswer, coupling_profiles, verify_separable
 from dobc_design.coupling.enclosures import Profile, slope_bound
 from dobc_design.errors import SpecError
@@ -35,127 +26,79 @@ from dobc_design.exact.interval import Interval, UndefinedError, exp
 from dobc_design.problem.problem import Problem
 from dobc_design.verdict import Verdict
 
-_BISECTIONS = 20
 _SLICES = 8
 _SHORTER = 60  # times that a delay is halved
 _CLOSE = Fraction(1, 1000)
 # Arcs from which on slopes are bounded on intervals that end at multiples of this part of rho, so that many share one.
-_MANY_ARCS = 100
-_GRID = Fraction(1, 64)
+_MANY_ARCS, _GRID = 100, Fraction(1, 64)
+_ZERO = Fraction(0)
 
 
-def verify_delay(
-    problem: Problem, claim: Separable, bound: DelayBound, *, modes: Sequence[str] | None = None
-) -> SeparableAnswer:
-    """Decide whether the rows of ``claim`` give ``bound.rate`` for every delay up to ``bound.delay``.
-
-    With an observer every smaller rate holds, from the time on at which its error has become small, up to beta.
-    Raises: SpecError for a negative delay or a rate <= 0.
-    """
+def verify_delay(problem: Problem, claim: Separable, bound: DelayBound) -> SeparableAnswer:
+    """Decide whether the rows of ``claim`` give ``bound.rate`` for every delay up to ``bound.delay``.  With an observer
+    every smaller rate holds, from the time on at which its error has become small, up to beta."""
     if bound.delay < 0 or bound.rate <= 0:
         raise SpecError("a delay must be >= 0 and its rate > 0.", key="delay" if bound.delay < 0 else "rate")
     if claim.error is not None and bound.rate > claim.error.beta:
-        return SeparableAnswer(
-            verdict=Verdict.REFUTED, reason="the rate exceeds beta, at which the observer error decays."
-        )
+        reason = "the rate exceeds beta, at which the observer error decays."
+        return SeparableAnswer(verdict=Verdict.REFUTED, reason=reason)
     slower = Separable(v=claim.v, alpha=bound.rate, rho=claim.rho, error=claim.error)
-    return verify_separable(problem, slower, modes=modes, stretch=_growth(bound))
+    return verify_separable(problem, slower, stretch=exp(Interval.point(bound.rate * bound.delay)).hi)
 
 
-def largest_delay_rate(
-    problem: Problem, claim: Separable, *, delay: Fraction, modes: Sequence[str] | None = None
-) -> DelayBound | None:
-    """The largest rate, about, that ``claim`` is proved to have for every delay up to ``delay`` (s).
-
-    None if no positive rate is found, which happens for undecided claims only.
-    Raises: SpecError for a negative delay.
-    """
-    if delay < 0:
-        raise SpecError("a delay must be >= 0.", key="delay")
-    low, high = Fraction(0), claim.alpha if claim.error is None else min(claim.alpha, claim.error.beta)
-    for _ in range(_BISECTIONS):
-        middle = rounded_down((low + high) / 2 if low else high / 8, digits=6)
-        if middle <= low:
-            break
-        bound = DelayBound(delay=delay, rate=middle)
-        if verify_delay(problem, claim, bound, modes=modes).verdict is Verdict.PROVED:
-            low = middle
-        else:
-            high = middle
-        if low and high - low <= low * _CLOSE:
-            break
-    return DelayBound(delay=delay, rate=low) if low else None
-
-
-def longest_delay(
-    problem: Problem, claim: Separable, *, rate: Fraction, modes: Sequence[str] | None = None
-) -> DelayBound | None:
+def longest_delay(problem: Problem, claim: Separable, *, rate: Fraction) -> DelayBound | None:
     """A long delay (s, one digit) for which ``claim`` is proved to keep ``rate`` (1/s); within a factor of two or so.
-
-    None if there is none, as for rates above those of the claim.
-    """
+    None if there is none, as for rates above those of the claim."""
     delay = rounded_down(1 / rate, digits=1)
     for _ in range(_SHORTER):
         bound = DelayBound(delay=delay, rate=rate)
-        if verify_delay(problem, claim, bound, modes=modes).verdict is Verdict.PROVED:
+        if verify_delay(problem, claim, bound).verdict is Verdict.PROVED:
             return bound
         delay = rounded_down(delay / 2, digits=1)
     return None
 
 
-def largest_period(problem: Problem, claim: Separable, *, modes: Sequence[str] | None = None) -> SamplingBound | None:
-    """The largest sampling period, about, that is certified by ``claim`` (proved before) for the given modes.
+def largest_period(problem: Problem, claim: Separable) -> SamplingBound | None:
+    """The largest sampling period, about, that is certified by ``claim`` (proved before).
 
     The period is at most 1/(sum_j w L_ij + k_cc) of every agent, so that sampling cannot overshoot a face.
     None where the certificate does not apply, or the slopes are not bounded.
-    Raises: ShapeError unless v has one entry per agent.
     """
-    stiffest = _stiffest(problem, claim, modes)
-    if isinstance(stiffest, str):
-        return None
-    period = rounded_down(1 / stiffest) if stiffest > 0 else Fraction(0)
-    if period <= 0:
-        return None
-    return SamplingBound(period=period, factor=1 - period * claim.alpha)
+    stiffest = _stiffest(problem, claim)
+    period = _ZERO if isinstance(stiffest, str) or stiffest <= 0 else rounded_down(1 / stiffest)
+    return SamplingBound(period=period, factor=1 - period * claim.alpha) if period > 0 else None
 
 
-def verify_sampling(
-    problem: Problem, claim: Separable, bound: SamplingBound, *, modes: Sequence[str] | None = None
-) -> SeparableAnswer:
-    """Decide whether ``claim`` (proved before) gives ``bound``: no face overshot, and 1 - T alpha <= factor < 1.
-
-    Raises: SpecError for a period <= 0; ShapeError unless v has one entry per agent.
-    """
+def verify_sampling(problem: Problem, claim: Separable, bound: SamplingBound) -> SeparableAnswer:
+    """Decide whether ``claim`` (proved before) gives ``bound``: no face overshot, and 1 - T alpha <= factor < 1."""
     if bound.period <= 0:
         raise SpecError("a sampling period must be > 0.", key="period")
     if bound.factor >= 1 or bound.factor < 1 - bound.period * claim.alpha:
         return SeparableAnswer(verdict=Verdict.REFUTED, reason="the factor must be < 1 and at least 1 - T alpha.")
-    stiffest = _stiffest(problem, claim, modes)
+    stiffest = _stiffest(problem, claim)
     if isinstance(stiffest, str):
         return SeparableAnswer(verdict=Verdict.UNDECIDED, reason=stiffest)
     if bound.period * stiffest > 1:
-        return SeparableAnswer(
-            verdict=Verdict.UNDECIDED, reason="one step may overshoot a face of the box: try a shorter period."
-        )
-    return SeparableAnswer(
-        verdict=Verdict.PROVED,
-        reason="no step of this length overshoots a face of the box, so that N falls from sample to sample.",
-    )
+        reason = "one step may overshoot a face of the box: try a shorter period."
+        return SeparableAnswer(verdict=Verdict.UNDECIDED, reason=reason)
+    reason = "no step of this length overshoots a face of the box, so that N falls from sample to sample."
+    return SeparableAnswer(verdict=Verdict.PROVED, reason=reason)
 
 
-def _stiffest(problem: Problem, claim: Separable, modes: Sequence[str] | None) -> Fraction | str:
+def _stiffest(problem: Problem, claim: Separable) -> Fraction | str:
     """The largest sum_j w L_ij + k_cc over agents and faces, or why there is none."""
-    if not acts_by_component(problem) or (claim.rho is None and not problem.is_linear):
+    if not claims.acts_by_component(problem) or (claim.rho is None and not problem.is_linear):
         return "does not apply: the rows of the max-separable certificate say nothing for this coupling."
-    stiffest = Fraction(0)
-    names = tuple(problem.network.modes if modes is None else modes)
+    stiffest, gains = _ZERO, [_ZERO] * problem.n
+    for agent, k in problem.pinning.gains.items():
+        gains[agent] = max(row[c] for c, row in enumerate(k))
     try:
-        arcs = sum(len(problem.network.modes[name]) for name in names)
-        profiles = coupling_profiles(problem, claim.v, rho=claim.rho, modes=names)
-        steepest = _Steepest(profiles, claim.rho, grid=_GRID if arcs > _MANY_ARCS else None)
-        for row, _ in rows(problem, claim.v, modes=names, gains=_largest_gains(problem)):
+        profiles = coupling_profiles(problem, claim.v, rho=claim.rho)
+        many = sum(map(len, problem.network.modes.values())) > _MANY_ARCS
+        steepest = _Steepest(profiles, claim.rho, grid=_GRID if many else None)
+        for row, _ in claims.rows(problem, claim.v, gains=gains):
             for face in FACES:
-                total = row.gain + sum((term.weight * steepest(term, row.own, face) for term in row.terms), Fraction(0))
+                total = sum((term.weight * steepest(term, row.own, face) for term in row.terms), row.gain)
                 stiffest = max(stiffest, total)
     except UndefinedError as error:
         return f"the slopes of the coupling are not bounded there: {error}"
@@ -163,10 +106,8 @@ def _stiffest(problem: Problem, claim: Separable, modes: Sequence[str] | None) -
 
 
 def sampled_factor(claim: Separable, bound: SamplingBound) -> Fraction:
-    """By how much V = N + kappa E falls from one sample to the next at least (N alone without an observer).
-
-    max(1 - T alpha, x + (1 - x)/(kappa beta min v)) with x >= exp(-beta T).
-    """
+    """By how much V = N + kappa E falls from one sample to the next at least (N alone without an observer).  max(1 - T
+    alpha, x + (1 - x)/(kappa beta min v)) with x >= exp(-beta T)."""
     if claim.error is None:
         return bound.factor
     x = exp(Interval.point(-claim.error.beta * bound.period)).hi
@@ -183,40 +124,23 @@ class _Steepest:
 
     def __init__(self, profiles: Sequence[Profile], rho: Fraction | None, *, grid: Fraction | None) -> None:
         self.profiles = profiles
-        self.rho = Fraction(0) if rho is None else rho  # linear couplings have one slope
+        self.rho = rho or _ZERO  # linear couplings have one slope
         self.grid = None if grid is None or rho is None else grid * rho
         self.known: dict[tuple[int, Interval], Fraction] = {}
 
     def __call__(self, term: Term, own: Fraction, face: int) -> Fraction:
         ends = (term.step + 2 * Fraction(k + 1, _SLICES) * own for k in range(_SLICES))
-        total = sum((self._largest(term, max(end, Fraction(0)), face) for end in ends), Fraction(0))
-        return total / _SLICES
+        return sum((self._largest(term, max(end, _ZERO), face) for end in ends), _ZERO) / _SLICES
 
     def _largest(self, term: Term, end: Fraction, face: int) -> Fraction:
         kind = self.profiles[term.coupling]
-        start = min(term.step, Fraction(0)) if kind.is_nondecreasing else -term.reach
-        place = self._widened(Interval(self.rho * start, self.rho * end) * face, kind.radius)
+        start = min(term.step, _ZERO) if kind.is_nondecreasing else -term.reach
+        place = Interval(self.rho * start, self.rho * end) * face
+        if self.grid is not None:  # the next multiples outwards, where the coupling is known to be defined so far out
+            low, high = math.floor(place.lo / self.grid), math.ceil(place.hi / self.grid)
+            wider = Interval(low * self.grid, high * self.grid)
+            place = wider if wider.magnitude <= kind.radius else place
         key = (term.coupling, place)
         if key not in self.known:
-            steepest = slope_bound(kind.curve, place, tolerance=_CLOSE)
-            self.known[key] = max(steepest, Fraction(0))
+            self.known[key] = max(slope_bound(kind.curve, place, tolerance=_CLOSE), _ZERO)
         return self.known[key]
-
-    def _widened(self, place: Interval, radius: Fraction) -> Interval:
-        """The next multiples of the grid outwards, where the coupling is known to be defined so far out."""
-        if self.grid is None:
-            return place
-        wider = Interval(math.floor(place.lo / self.grid) * self.grid, math.ceil(place.hi / self.grid) * self.grid)
-        return wider if wider.magnitude <= radius else place
-
-
-def _largest_gains(problem: Problem) -> tuple[Fraction, ...]:
-    gains = [Fraction(0)] * problem.n
-    for agent, k in problem.pinning.gains.items():
-        gains[agent] = max(row[c] for c, row in enumerate(k))
-    return tuple(gains)
-
-
-def _growth(bound: DelayBound) -> Fraction:
-    """A number >= exp(rate delay)."""
-    return exp(Interval.point(bound.rate * bound.delay)).hi

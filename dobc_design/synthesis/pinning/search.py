@@ -21,10 +21,14 @@ from dobc_design.conditions.consensus.negative import Enclosed
 from dobc_design.conditions.consensus.network import carriers, name_agents
 from dobc_design.conditions.coverage import asked_radius
 from dobc_design.conditions.numbers import claimed, shorten
-from dobc_design.conditions.separable.claim import ErrorBound, Separable, acts_by_component
-from dobc_design.conditions.separable.decide import coupling_profiles, verify_separable
-from dobc_design.conditions.separable.observer import composite_rate, covers, verify_composite
-from dobc_design.conditions.separable.ordering import find_ordering
+from dobc_design.conditions.separable.claim import ErrorBound, Separable, acts_by_component, find_ordering
+from dobc_design.conditions.separable.decide import (
+    composite_rate,
+    coupling_profiles,
+    covers,
+    verify_composite,
+    verify_separable,
+)
 from dobc_design.conditions.separable.propose_observer import propose_error_bound, radius_needed
 from dobc_design.conditions.statement import Statement, proved, refuted, undecided
 from dobc_design.errors import SpecError

@@ -27,13 +27,8 @@ def ring(n: int, gains: Any, side: str, *, coupling: Any = PAPER) -> Problem:
     arcs = [[i, i % n + 1] for i in range(1, n + 1)]
     m = len(coupling) if isinstance(coupling, list) else 1
     region = Region(initial_states=((-Fraction(side), Fraction(side)),) * m, initial_disturbance=None)
-    return Problem(
-        network=Network.from_arcs(arcs, arrow="listens_to", agents=n),
-        coupling=coupling,
-        gains=gains,
-        target=[0] * m,
-        region=region,
-    )
+    network = Network.from_arcs(arcs, arrow="listens_to", agents=n)
+    return Problem(network=network, coupling=coupling, gains=gains, target=[0] * m, region=region)
 
 
 def stage(problem: Problem, *, everything: bool = True) -> list[Check]:

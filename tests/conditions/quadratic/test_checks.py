@@ -12,8 +12,8 @@ import pytest
 from confirming import confirmed, through_json
 from lure_cases import HARMONIC, PAPER, PAPER_GAIN, identity
 
-from dobc_design.conditions.boxes import checks as boxes
-from dobc_design.conditions.boxes.checks import exhaustive_check
+from dobc_design.conditions.boxes import decide as boxes
+from dobc_design.conditions.boxes.decide import exhaustive_check
 from dobc_design.conditions.boxes.propose import grow_shell
 from dobc_design.conditions.check import Check, Values
 from dobc_design.conditions.coverage import covers

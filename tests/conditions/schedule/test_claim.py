@@ -13,20 +13,15 @@ from dobc_design.errors import SpecError
 F = Fraction
 
 
+NEGATIVE = [(0, {name: F(-1)}, f"{name} of a stage must be >= 0") for name in ("start", "noise")]
+ZERO = [
+    (k, {name: F(0)}, f"{name} of a stage") for k, name in ((0, "level"), (0, "height"), (1, "stretch"), (3, "factor"))
+]
+EITHER = ((3, {"factor": None}), (2, {"diagonal": None}), (2, {"factor": F(1)}), (0, {"diagonal": (F(1),) * 3}))
+
+
 @pytest.mark.parametrize(
-    ("k", "fields", "message"),
-    [
-        (0, {"start": F(-1)}, "start of a stage must be >= 0"),
-        (0, {"noise": F(-1)}, "noise of a stage must be >= 0"),
-        (0, {"level": F(0)}, "level of a stage must be > 0"),
-        (0, {"height": F(0)}, "height of a stage must be > 0"),
-        (1, {"stretch": F(0)}, "stretch of a stage must be > 0"),
-        (3, {"factor": F(0)}, "factor of a stage must be > 0"),
-        (3, {"factor": None}, "either a diagonal or a factor"),
-        (2, {"diagonal": None}, "either a diagonal or a factor"),
-        (2, {"factor": F(1)}, "either a diagonal or a factor"),
-        (0, {"diagonal": (F(1),) * 3}, "either a diagonal or a factor"),
-    ],
+    ("k", "fields", "message"), [*NEGATIVE, *ZERO, *((*each, "either a diagonal or a factor") for each in EITHER)]
 )
 def test_a_stage_that_cannot_be_is_refused(k, fields, message):
     with pytest.raises(SpecError, match=message):

@@ -10,11 +10,11 @@ import numpy as np
 import pytest
 from lure_cases import PAPER_GAIN
 from staging_cases import ASKED, chain, problem
+from staging_cases import settling as shown
 
 from dobc_design.conditions.quadratic.decide import eigenvalue_bound
 from dobc_design.conditions.schedule.claim import Stage, Staging
 from dobc_design.conditions.schedule.decide import decayed, next_level, stage_rate, verify_staging
-from dobc_design.conditions.schedule.settling import Settling
 from dobc_design.conditions.separable.claim import Separable
 from dobc_design.exact.matrix import multiply, scale, to_float
 from dobc_design.exact.symmetric import SparseSymmetric
@@ -24,7 +24,6 @@ from dobc_design.verdict import Verdict
 
 F = Fraction
 LESS, MORE = F(99, 100), F(101, 100)
-KINDS = ["max-separable", "max-separable", "quadratic", "quadratic"]
 
 
 def changed(k: int, **fields) -> Staging:
@@ -50,14 +49,10 @@ def less(value: Fraction) -> Fraction:
     return value * LESS
 
 
-def more(value: Fraction) -> Fraction:
-    return value * MORE
-
-
 def test_the_chain_with_every_kind_of_hand_over_is_proved():
     """Theory, section 5, Staging."""
     assert verify_staging(problem(), PAPER_GAIN, chain()).verdict is Verdict.PROVED
-    assert ["quadratic" if stage.is_quadratic else "max-separable" for stage in chain().stages] == KINDS
+    assert [stage.is_quadratic for stage in chain().stages] == [False, False, True, True]
     assert all(stage.stretch != 1 for stage in chain().stages[1:3])
 
 
@@ -88,13 +83,10 @@ def test_a_stage_that_takes_over_a_little_too_early_is_refuted(k):
     assert failure(cut(early, k + 1)) == (Verdict.REFUTED, k, "guard")
 
 
-def test_a_settling_time_one_per_cent_earlier_is_refuted():
+def test_an_earlier_time_wider_starts_and_larger_errors_are_refuted():
     last = chain().stages[-1]
     earlier = last.start + (chain().time - last.start) * LESS
     assert failure(replace(chain(), time=earlier)) == (Verdict.REFUTED, 3, "tolerance")
-
-
-def test_wider_starts_and_larger_errors_are_refuted():
     assert failure(replace(chain(), radius=ASKED.radius * MORE)) == (Verdict.REFUTED, 0, "start")
     assert failure(replace(chain(), disturbance=ASKED.disturbance * MORE))[2] == "start"
 
@@ -106,13 +98,10 @@ def test_a_rate_one_per_cent_larger_is_refuted(k, name):
     assert failure(changed(k, certificate=faster)) == (Verdict.REFUTED, k, "certificate")
 
 
-def test_a_quadratic_stage_without_a_rate_is_refuted():
+def test_a_rate_of_zero_and_kappa_at_its_limit_are_refuted():
+    """Kappa beta min v = 1 lets the observer error raise V."""
     stopped = replace(chain().stages[2].certificate, rate=F(0))
     assert failure(changed(2, certificate=stopped)) == (Verdict.REFUTED, 2, "certificate")
-
-
-def test_kappa_at_its_limit_is_refuted():
-    """Kappa beta min v = 1 lets the observer error raise V."""
     claim = chain().stages[0].certificate
     at = replace(claim, error=replace(claim.error, kappa=1 / (claim.error.beta * claim.least)))
     assert failure(changed(0, certificate=at)) == (Verdict.REFUTED, 0, "certificate")
@@ -148,25 +137,20 @@ def one_stage(time: Fraction, **fields) -> tuple[Problem, Staging]:
     return pair, Staging(stages=(stage,), radius=F(1), disturbance=F(0), tolerance=F(1, 100), time=time)
 
 
-def test_noise_without_an_exosystem_is_refuted():
-    pair, noisy = one_stage(F(231, 100), noise=F(1))
-    assert verify_staging(pair, None, noisy).step == "observer"
-
-
 def test_a_single_stage_settles_at_the_logarithm_of_closed_form():
     """e' = -2 e exactly for two equal agents: |e| <= tol from ln(1/tol)/2 on, and not a thousandth before."""
     for time, verdict in ((math.log(100) / 2 + 1e-9, Verdict.PROVED), (math.log(100) / 2 - 1e-9, Verdict.REFUTED)):
         pair, staging = one_stage(F(time))
         assert verify_staging(pair, None, staging).verdict is verdict
+    pair, noisy = one_stage(F(231, 100), noise=F(1))  # there is no exosystem
+    assert verify_staging(pair, None, noisy).step == "observer"
 
 
 def quadratic_first(**fields) -> Staging:
     """The last certificate of the chain alone, from starts that just fit; ``fields`` of the stage replaced."""
-    last = chain().stages[-1]
+    last, radius, s = chain().stages[-1], F(1, 100), F(1, 1000)
     lure = last.certificate
-    radius, s = F(1, 100), F(1, 1000)
-    top = eigenvalue_bound(SparseSymmetric.from_dense(lure.P))
-    even = eigenvalue_bound(lure.P_e)
+    top, even = eigenvalue_bound(SparseSymmetric.from_dense(lure.P)), eigenvalue_bound(lure.P_e)
     level = (problem().n * (even * radius**2 + top * s**2)) ** 0.5
     values = {
         "start": F(0),
@@ -185,9 +169,9 @@ def test_a_quadratic_certificate_may_begin_where_its_ellipsoid_holds_the_box():
     """Sum D_i R^2 + n lambda_max(P) s^2 <= level^2 <= the level of the certificate."""
     assert verify_staging(problem(), PAPER_GAIN, quadratic_first()).verdict is Verdict.PROVED
     stage = quadratic_first().stages[0]
-    assert failure(quadratic_first(level=stage.level * LESS)) == (Verdict.REFUTED, 0, "start")
-    assert failure(quadratic_first(noise=stage.noise * LESS)) == (Verdict.REFUTED, 0, "noise")
-    assert failure(quadratic_first(level=stage.level * MORE)) == (Verdict.REFUTED, 0, "guard")
+    twins = {"level": stage.level * LESS}, {"noise": stage.noise * LESS}, {"level": stage.level * MORE}
+    for fields, step in zip(twins, ("start", "noise", "guard"), strict=True):
+        assert failure(quadratic_first(**fields)) == (Verdict.REFUTED, 0, step)
     assert failure(replace(quadratic_first(), radius=F(102, 10000))) == (Verdict.REFUTED, 0, "start")
 
 
@@ -230,35 +214,24 @@ def test_the_error_of_the_observer_is_counted_where_two_max_separable_sizes_meet
     g = max(float(a / b) for a, b in zip(before.certificate.v, after.certificate.v, strict=True))
     old, new = float(before.certificate.error.kappa), float(after.certificate.error.kappa)
     d = float(before.noise) * math.exp(-float(before.certificate.error.beta) / 100)
-    best = max(
-        g * (c - old * x) + new * float(after.stretch) * x for x in np.linspace(0, min(d, c / old), 1001).tolist()
-    )
+    x = np.linspace(0, min(d, c / old), 1001)
+    best = np.max(g * (c - old * x) + new * float(after.stretch) * x)
     assert least == pytest.approx(best, rel=1e-9)
     assert least > g * c * 1.01
 
 
 def test_the_envelope_never_rises_and_meets_its_bounds_from_above():
-    settling = Settling(
-        verdict=Verdict.PROVED,
-        reason="",
-        problem_name="",
-        radius=ASKED.radius,
-        disturbance=ASKED.disturbance,
-        tolerance=ASKED.tolerance,
-        staging=chain(),
-    )
+    settling = shown()
     times, bounds = settling.curve(until=2 * settling.time, samples=301)
     assert np.all(np.diff(bounds) <= 0)
     assert settling.envelope(settling.time) <= float(ASKED.tolerance)
     assert settling.envelope(0.0) >= float(ASKED.radius)
-    for t, bound in zip(times.tolist(), bounds.tolist(), strict=True):
-        values = [
-            float(stage.level * stage.height)
-            * math.exp(-float(stage_rate(stage.certificate)) * (t - float(stage.start)))
-            for stage in chain().stages
-            if stage.start <= F(t)
-        ]
-        assert bound == pytest.approx(min(values), rel=1e-12)
+    truth = np.full(len(times), np.inf)
+    for stage in chain().stages:
+        t = times - float(stage.start)
+        value = float(stage.level * stage.height) * np.exp(-float(stage_rate(stage.certificate)) * t)
+        truth = np.where(t >= 0, np.minimum(truth, value), truth)
+    assert np.allclose(bounds, truth, rtol=1e-12)
 
 
 def test_the_stretch_between_two_observer_matrices_is_compared_exactly():

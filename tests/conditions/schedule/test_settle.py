@@ -18,7 +18,6 @@ from dobc_design.conditions.observer.propose import observer_gain
 from dobc_design.conditions.schedule.decide import verify_staging
 from dobc_design.conditions.separable.claim import Separable
 from dobc_design.errors import SpecError
-from dobc_design.problem.network import Network
 from dobc_design.problem.problem import Problem
 from dobc_design.verdict import Verdict
 
@@ -52,11 +51,8 @@ def test_every_stage_of_example_1_is_proved_again_and_fails_one_thousandth_earli
     for k, stage in enumerate(fixed.stages[1:], start=1):
         before = fixed.stages[k - 1]
         wait = (stage.start - before.start) * F(1, 1000)
-        moved = (
-            *fixed.stages[:k],
-            replace(stage, start=stage.start - wait, level=2 * stage.level),
-            *fixed.stages[k + 1 :],
-        )
+        sooner = replace(stage, start=stage.start - wait, level=2 * stage.level)
+        moved = (*fixed.stages[:k], sooner, *fixed.stages[k + 1 :])
         answer = verify_staging(problem, W, replace(fixed.staging, stages=moved))
         assert (answer.verdict, answer.stage) == (Verdict.REFUTED, k)
 
@@ -118,8 +114,7 @@ def test_starts_that_no_certificate_holds_leave_the_answer_undecided():
 
 
 def test_couplings_of_vectors_do_not_apply():
-    network = Network.from_arcs([[2, 1]], arrow="listens_to", agents=2)
-    problem = Problem(network=network, coupling=["y1 + y2**3", "y2"], gains={1: 5}, target=[0, 0])
+    problem = Problem(network=pair("y").network, coupling=["y1 + y2**3", "y2"], gains={1: 5}, target=[0, 0])
     assert dd.certify_settling(problem, radius=1).reason.startswith("does not apply")
 
 
@@ -146,10 +141,10 @@ def test_wrong_numbers_are_refused_by_name(numbers, message):
         dd.certify_settling(cycle(3), **numbers)
 
 
-@pytest.mark.parametrize("t", [-1.0, float("nan"), float("inf")])
-def test_the_envelope_has_no_other_times_than_those_from_zero_on(fixed, t):
-    with pytest.raises(SpecError, match="t must be a time >= 0"):
-        fixed.envelope(t)
+def test_the_envelope_has_no_other_times_than_those_from_zero_on(fixed):
+    for t in (-1.0, float("nan"), float("inf")):
+        with pytest.raises(SpecError, match="t must be a time >= 0"):
+            fixed.envelope(t)
 
 
 def test_a_settling_time_shows_itself_as_text_and_as_escaped_html(fixed):

@@ -8,13 +8,23 @@ from random import Random
 
 import numpy as np
 import pytest
+from random_couplings import true_values
 from scipy.optimize import linprog
-from separable_problems import MONOTONE, TURNING, cycle, fractions, pair, random_network, random_problem, sampled_rows
+from separable_problems import (
+    MONOTONE,
+    TURNING,
+    cycle,
+    fractions,
+    listening,
+    pair,
+    random_network,
+    random_problem,
+    sampled_rows,
+)
 
-from dobc_design.conditions.separable.claim import FACES, Separable, rows
+from dobc_design.conditions.separable.claim import FACES, Separable, find_ordering, is_stuck, rows
 from dobc_design.conditions.separable.decide import coupling_profiles, decide_row, largest_rate, verify_separable
 from dobc_design.conditions.separable.large import arc_rows, float_kinds, gain_table, open_rows, turning
-from dobc_design.conditions.separable.ordering import find_ordering, is_stuck
 from dobc_design.conditions.separable.propose import propose_separable, rounded_vectors
 from dobc_design.coupling.enclosures import Curve, profile
 from dobc_design.errors import ShapeError, SpecError
@@ -26,9 +36,9 @@ F = Fraction
 ONES = (F(1),) * 10
 
 
-def verdict(problem: Problem, v, alpha, rho, **more) -> Verdict:
+def verdict(problem: Problem, v, alpha, rho) -> Verdict:
     rho = None if rho is None else F(rho)
-    return verify_separable(problem, Separable(v=v, alpha=F(alpha), rho=rho), **more).verdict
+    return verify_separable(problem, Separable(v=v, alpha=F(alpha), rho=rho)).verdict
 
 
 @pytest.mark.parametrize("rho", [1, 10, 250])
@@ -57,11 +67,9 @@ def test_one_pin_has_the_rates_of_the_theory(rho: int, v, rate: float):
     assert verdict(problem, v, alpha, rho) is Verdict.PROVED
     assert verdict(problem, v, alpha * F(101, 100), rho) is Verdict.REFUTED
     beyond = verify_separable(problem, Separable(v=v, alpha=alpha, rho=F(rho) * F(11, 10)))
-    assert beyond.verdict is Verdict.REFUTED
-    assert beyond.face == "upper"
+    assert (beyond.verdict, beyond.face) == (Verdict.REFUTED, "upper")
     assert rho < beyond.s <= F(rho) * F(11, 10)
-    perturbed = (*v[:4], v[4] * F(98, 100), *v[5:])
-    assert verdict(problem, perturbed, alpha, rho) is Verdict.REFUTED
+    assert verdict(problem, (*v[:4], v[4] * F(98, 100), *v[5:]), alpha, rho) is Verdict.REFUTED
 
 
 @pytest.mark.parametrize("seed", [*range(4), *(pytest.param(k, marks=pytest.mark.slow) for k in range(4, 12))])
@@ -92,14 +100,8 @@ def test_the_counterexample_of_the_theory_is_refused():
     assert refused.verdict is Verdict.REFUTED
     assert (refused.agent, refused.mode) == (1, "G")
     assert "row of agent 2 in mode G fails at s = " in refused.reason
-
-
-def test_the_counterexample_is_proved_where_h_is_monotone_as_far_as_the_rows_look():
-    """The twin: rho (v_1 + v_2) = 1."""
-    problem, v = pair("y*exp((1 - y**2)/2)"), fractions(1, 1.5)
-    rho = F(2, 5)
-    # h(-s/2)/s is weakest at the largest s: e^(1/2 - 1/50)/2 = 0.808, divided by v_2.
-    assert float(largest_rate(problem, v, rho=rho)) == pytest.approx(np.exp(0.48) / 3, rel=1e-6)
+    # The twin: rho (v_1 + v_2) = 1.  h(-s/2)/s is weakest at the largest s: e^(1/2 - 1/50)/2 = 0.808, divided by v_2.
+    assert float(largest_rate(problem, v, rho=F(2, 5))) == pytest.approx(np.exp(0.48) / 3, rel=1e-6)
 
 
 def test_a_face_that_only_the_lower_row_sees():
@@ -117,8 +119,7 @@ def test_a_face_that_only_the_lower_row_sees():
 @pytest.mark.parametrize("h", ["sin(y) + y**2/200", "sin(y) - y**2/200"])
 def test_a_maximum_inside_one_interval_counts_where_another_arc_is_worst(h: str):
     """Agent 3 hears 1 (v = 1) and 2 (v = 1/5): at s = 3.75 the first has its maximum inside, at -3 pi/2."""
-    network = Network.from_arcs([[3, 1], [3, 2]], arrow="listens_to", agents=3)
-    problem = Problem(network=network, coupling=h, gains={1: 9, 2: 9, 3: 2}, target=0)
+    problem = listening([[3, 1], [3, 2]], h, n=3, gains={1: 9, 2: 9, 3: 2}, target=0)
     v, rho = fractions(1, "0.2", 1), F(4)
     alpha = float(largest_rate(problem, v, rho=rho))
     scales = np.linspace(0.01, 4, 160)
@@ -149,21 +150,28 @@ def test_a_coupling_that_turns_at_zero_is_decided_up_to_zero():
     assert verdict(problem, ONES, F(3) + F(1, 10**6), F(1, 2)) is Verdict.REFUTED
 
 
-def test_linear_couplings_are_decided_for_every_radius_exactly():
-    """h = y/2, weight 3: agent 2 has 3/2 (v_1 - v_2), the rate 1/2 with v = (1, 3/2)."""
-    problem, v = pair("y/2", weight=3), fractions(1, 1.5)
-    assert verdict(problem, v, F(1, 2), None) is Verdict.PROVED
-    assert verdict(problem, v, F(1, 2) + F(1, 10**40), None) is Verdict.REFUTED
-    assert largest_rate(problem, v, rho=None) == F(1, 2)
-    assert largest_rate(problem, v, rho=F(10**6)) == F(1, 2)
+REPELLING = listening([[2, 1]], "-y/8", n=2, gains=1, target=0)
+MATRIX = listening([], "y", n=1, gains={1: [[3, 1], [-1, 2]]}, target=[0, 0])
+MIXED = listening([[2, 1], [3, 1, 5]], "y", n=3, exceptions={(1, 0): "2*y"}, gains={1: 10}, target=0)
+HALF = pair("y/2", weight=3)
 
 
-def test_a_linear_coupling_that_repels_uses_the_other_end():
-    """h = -y/8: the worst neighbour is at the opposite face, so 1/8 (v_1 + v_2) counts against k."""
-    network = Network.from_arcs([[2, 1]], arrow="listens_to", agents=2)
-    problem = Problem(network=network, coupling="-y/8", gains=1, target=0)
-    assert largest_rate(problem, fractions(1, 1), rho=None) == F(3, 4)
-    assert largest_rate(problem, fractions(1, 1), rho=F(3)) == F(3, 4)
+@pytest.mark.parametrize(
+    ("problem", "v", "rho", "rate"),
+    [
+        (HALF, (1, 1.5), None, "1/2"),  # agent 2 has 3/2 (v_1 - v_2)
+        (HALF, (1, 1.5), F(10**6), "1/2"),
+        (REPELLING, (1, 1), None, "3/4"),  # the worst neighbour is at the opposite face: 1/8 (v_1 + v_2) against k
+        (REPELLING, (1, 1), F(3), "3/4"),
+        (MATRIX, (1,), None, "1"),  # the second component is worth 2 - 1, the first 3 - 1
+        (MIXED, (1, 2, 10), F(1), "1"),  # arc (2, 1): 2 (2 - 1)/2; arc (3, 1), weight 5: 5 (10 - 1)/10
+        (MIXED, (1, 2, "1.1"), F(1), "0.454545454"),  # now 5 (1.1 - 1)/1.1
+    ],
+)
+def test_rates_of_linear_couplings_are_those_of_closed_forms(problem, v, rho, rate):
+    assert largest_rate(problem, fractions(*v), rho=rho) == F(rate)
+    assert verdict(problem, fractions(*v), F(rate), rho) is Verdict.PROVED
+    assert verdict(problem, fractions(*v), F(rate) + F(1, 10**8), rho) is Verdict.REFUTED
 
 
 def test_an_irrational_slope_is_enclosed():
@@ -174,60 +182,38 @@ def test_an_irrational_slope_is_enclosed():
     assert verdict(problem, v, F(104719756, 10**8), 7) is Verdict.REFUTED
 
 
-def test_matrix_gains_count_by_row():
-    """k = [[3, 1], [-1, 2]]: the second component is worth 2 - 1, the first 3 - 1."""
-    network = Network.from_arcs([], arrow="listens_to", agents=1)
-    problem = Problem(network=network, coupling="y", gains={1: [[3, 1], [-1, 2]]}, target=[0, 0])
-    assert largest_rate(problem, (F(1),), rho=None) == 1
-    assert verdict(problem, (F(1),), F(101, 100), 1) is Verdict.REFUTED
+def test_every_mode_counts():
+    for modes, verdict in (({"A": [[2, 1]]}, Verdict.PROVED), ({"A": [[2, 1]], "B": []}, Verdict.REFUTED)):
+        problem = listening(modes, "y", n=2, gains={1: 1}, target=0)
+        answer = verify_separable(problem, Separable(v=fractions(1, 2), alpha=F(1, 2), rho=F(1)))
+        assert answer.verdict is verdict
+    assert (answer.mode, answer.agent) == ("B", 1)
 
 
-def test_exceptions_and_weights_enter_their_own_rows():
-    """Arc (2, 1) has h = 2 y, arc (3, 1) the weight 5 on h = y."""
-    network = Network.from_arcs([[2, 1], [3, 1, 5]], arrow="listens_to", agents=3)
-    problem = Problem(network=network, coupling="y", exceptions={(1, 0): "2*y"}, gains={1: 10}, target=0)
-    assert largest_rate(problem, fractions(1, 2, 10), rho=F(1)) == 1  # 2 (2 - 1)/2 against 5 (10 - 1)/10
-    assert largest_rate(problem, fractions(1, 2, "1.1"), rho=F(1)) == F("0.454545454")  # now 5 (1.1 - 1)/1.1
+VECTORS = Problem(network=pair("y").network, coupling=["y1 + y2", "y2"], gains=1, target=[0, 0])
 
 
-def test_modes_may_be_chosen():
-    network = Network.from_arcs({"A": [[2, 1]], "B": []}, arrow="listens_to", agents=2)
-    problem = Problem(network=network, coupling="y", gains={1: 1}, target=0)
-    assert verdict(problem, fractions(1, 2), F(1, 2), 1, modes=["A"]) is Verdict.PROVED
-    whole = verify_separable(problem, Separable(v=fractions(1, 2), alpha=F(1, 2), rho=F(1)))
-    assert (whole.verdict, whole.mode, whole.agent) == (Verdict.REFUTED, "B", 1)
-
-
-def test_couplings_between_components_do_not_apply():
-    network = Network.from_arcs([[2, 1]], arrow="listens_to", agents=2)
-    problem = Problem(network=network, coupling=["y1 + y2", "y2"], gains=1, target=[0, 0])
-    answer = verify_separable(problem, Separable(v=fractions(1, 1), alpha=F(1, 9), rho=F(1)))
+@pytest.mark.parametrize(
+    ("problem", "rho", "why"),
+    [
+        (VECTORS, F(1), "does not apply: the max-separable certificate is for couplings that act on each"),
+        (pair("log(1 + y)"), F(1), "does not apply: log"),
+        (pair("tanh(y)"), None, "does not apply: without a radius"),
+    ],
+)
+def test_where_the_rows_do_not_apply_nothing_is_decided(problem, rho, why):
+    v = fractions(1, 1.5)
+    answer = verify_separable(problem, Separable(v=v, alpha=F(1, 9), rho=rho))
     assert answer.verdict is Verdict.UNDECIDED
-    assert answer.reason.startswith("does not apply: the max-separable certificate is for couplings that act on each")
-    assert largest_rate(problem, fractions(1, 1), rho=F(1)) is None
-
-
-def test_a_coupling_that_is_not_defined_so_far_out_does_not_apply():
-    problem = pair("log(1 + y)")
-    answer = verify_separable(problem, Separable(v=fractions(1, 1.5), alpha=F(1, 9), rho=F(1)))
-    assert answer.verdict is Verdict.UNDECIDED
-    assert "log" in answer.reason
-    assert verdict(problem, fractions(1, 1.5), F(1, 9), F("0.39")) is Verdict.PROVED
-
-
-def test_a_nonlinear_coupling_without_a_radius_does_not_apply():
-    answer = verify_separable(pair("tanh(y)"), Separable(v=fractions(1, 1.5), alpha=F(1, 9), rho=None))
-    assert answer.verdict is Verdict.UNDECIDED
-    assert answer.reason.startswith("does not apply: without a radius")
+    assert answer.reason.startswith(why[:16]) and why[16:] in answer.reason
+    assert largest_rate(problem, v, rho=rho) is None
+    assert verdict(pair("log(1 + y)"), v, F(1, 9), F("0.39")) is Verdict.PROVED
 
 
 @pytest.mark.parametrize(("v", "alpha", "rho"), [((0, 1), 1, 1), ((1, 1), 0, 1), ((1, 1), 1, 0), ((), 1, 1)])
 def test_a_claim_has_to_be_positive(v, alpha, rho):
     with pytest.raises(SpecError, match="> 0"):
         Separable(v=fractions(*v), alpha=F(alpha), rho=F(rho))
-
-
-def test_v_has_one_entry_per_agent():
     with pytest.raises(ShapeError, match="v must have 2 entries, one per agent; got 3"):
         verify_separable(pair("y"), Separable(v=fractions(1, 1, 1), alpha=F(1), rho=F(1)))
 
@@ -240,29 +226,23 @@ def test_the_fast_rows_prove_nothing_that_the_exact_ones_do_not(seed: int, dyadi
     unit = 2**20 if dyadic else 10**6
     v = tuple(F(round((1 + 0.1 * ((5 * i) % 7)) * unit), unit) for i in range(problem.n))
     rho = F(3, 2)
-    kinds = coupling_profiles(problem, v, rho=rho, modes=["G0"])
+    kinds = coupling_profiles(problem, v, rho=rho)
     assert all(kind.is_nondecreasing for kind in kinds)
     arrays = arc_rows(problem, v, "G0")
     tables = float_kinds(kinds, [arrays], rho=rho, cells=64)
-    exact = {
-        (agent, face): [
-            decide_row(row, face, kinds, alpha=alpha, rho=rho).verdict is Verdict.PROVED for alpha in (F(1, 10), F(1))
-        ]
-        for agent in range(problem.n)
-        for row, _ in rows(problem, v, agents=[agent])
-        for face in FACES
-    }
-    for number, alpha in enumerate((F(1, 10), F(1))):
+    agents = [(agent, row) for agent in range(problem.n) for row, _ in rows(problem, v, agents=[agent])]
+    for alpha in (F(1, 10), F(1)):
+        answers = {(i, f): decide_row(row, f, kinds, alpha=alpha, rho=rho)[0] for i, row in agents for f in FACES}
+        failed = {place for place, answer in answers.items() if answer is not Verdict.PROVED}
         left = set(open_rows(arrays, tables, alpha=alpha, rho=rho))
-        assert all(exact[place][number] for place in exact if place not in left)
-        assert len(left) <= 1.2 * sum(not answer[number] for answer in exact.values()) + 1
+        assert failed <= left
+        assert len(left) <= 1.2 * len(failed) + 1
 
 
 def held_ring(n: int, *, h: str = "sin(y)") -> tuple[Problem, tuple[F, ...]]:
     """Every third agent pinned, both neighbours heard, v = 1 there and 5/4 elsewhere."""
     arcs = [[i + 1, (i + d) % n + 1] for i in range(n) for d in (1, -1)]
-    network = Network.from_arcs(arcs, arrow="listens_to", agents=n)
-    problem = Problem(network=network, coupling=h, gains={i + 1: 5 for i in range(0, n, 3)}, target=0)
+    problem = listening(arcs, h, n=n, gains={i + 1: 5 for i in range(0, n, 3)}, target=0)
     return problem, tuple(F(1) if i % 3 == 0 else F(5, 4) for i in range(n))
 
 
@@ -296,7 +276,7 @@ def test_what_a_turning_coupling_gives_at_most_contains_samples(h: str):
     kind = profile(curve, F(5))
     f = problem.coupling.numpy_function()
     for face, low in ((1, s), (-1, s), (1, 0.0)):
-        found = turning(kind, gain_table(curve, F(5), cells=128), face)
+        found = turning(kind, gain_table(curve.expression, F(5), cells=128), face)
         places = np.linspace(low or 1e-9, t, 21)
         ends = [face * f((face * x * steps)[:, None])[:, 0] / x for x in places]
         right = (np.min(ends, axis=0) - 1e-6, np.max(ends, axis=0) + 1e-6)
@@ -314,10 +294,8 @@ def test_what_a_turning_coupling_gives_at_most_contains_samples(h: str):
 @pytest.mark.parametrize("text", ["exp(y) - 1 + y", "tanh(y)", "y + y**3", "clip(y, -1, 1)", "y + sin(y)/2"])
 def test_the_table_of_gains_contains_the_gain(text: str):
     """At points and over ranges, against mpmath."""
-    from random_couplings import true_values
-
     problem = pair(text)
-    table = gain_table(Curve(problem.coupling.components[0]), F(5, 2))
+    table = gain_table(problem.coupling.components[0], F(5, 2))
     points = np.array([-2.5, -1.7, -0.3, -1e-9, 1e-9, 0.7, 1.3, 2.4999, 2.5])
     low, high = table.at(points)
     least, most, _, _ = table.over(points, np.roll(points, 3))
@@ -356,9 +334,8 @@ def has_common_v(problem: Problem) -> bool:
         for i, k in problem.pinning.gains.items():
             matrix[i, i] -= float(k[0][0])
         rows.append(matrix)
-    answer = linprog(
-        np.ones(problem.n), A_ub=np.vstack(rows), b_ub=-np.ones(problem.n * len(rows)), bounds=(1, None), method="highs"
-    )
+    A, b = np.vstack(rows), -np.ones(problem.n * len(rows))
+    answer = linprog(np.ones(problem.n), A_ub=A, b_ub=b, bounds=(1, None), method="highs")
     assert answer.status in (0, 2)
     return answer.status == 0
 
@@ -390,35 +367,23 @@ def test_in_the_order_everyone_is_pinned_or_hears_an_earlier_one_in_every_mode(s
 
 
 def of_modes(modes: dict[str, list[list[int]]]) -> Problem:
-    network = Network.from_arcs(modes, arrow="listens_to", agents=3)
-    return Problem(network=network, coupling="y", gains={1: 1}, target=0)
+    return listening(modes, "y", n=3, gains={1: 1}, target=0)
 
 
 def test_two_modes_that_alternate_have_no_common_v():
-    """Theory, section 5: 3 hears 2 in mode A, 2 hears the pinned 1 in mode B."""
-    modes = {"A": [[3, 2]], "B": [[2, 1]]}
-    problem = of_modes(modes)
+    """Theory, section 5: 3 hears 2 in mode A, 2 hears the pinned 1 in mode B; the twin has both arcs in each."""
+    problem = of_modes({"A": [[3, 2]], "B": [[2, 1]]})
     ordering = find_ordering(problem)
-    assert ordering.stuck == (1, 2)
-    assert ordering.blocking == ("A", "A")
+    assert (ordering.stuck, ordering.blocking) == ((1, 2), ("A", "A"))
     assert is_stuck(problem, (1, 2))
     assert not is_stuck(problem, (0, 1, 2))
+    assert find_ordering(of_modes({"A": [[3, 2], [2, 1]], "B": [[2, 1], [3, 1]]})).ranks == (0, 1, 2)
 
 
-def test_the_same_modes_with_both_arcs_in_each_have_one():
-    """The twin."""
-    modes = {"A": [[3, 2], [2, 1]], "B": [[2, 1], [3, 1]]}
-    problem = of_modes(modes)
-    assert find_ordering(problem).ranks == (0, 1, 2)
-
-
-def test_a_cycle_is_ordered_away_from_its_pin():
+def test_a_cycle_is_ordered_away_from_its_pin_and_a_matrix_gain_holds_only_if_it_is_diagonally_dominant():
+    """Component c is worth k_cc - sum |k_cd|."""
     assert find_ordering(cycle(5)).ranks == (0, 4, 3, 2, 1)
     assert find_ordering(cycle(5, gains={})).stuck == (0, 1, 2, 3, 4)
-
-
-def test_a_matrix_gain_holds_only_if_it_is_diagonally_dominant():
-    """Component c is worth k_cc - sum |k_cd|."""
     network = Network.from_arcs([[2, 1]], arrow="listens_to", agents=2)
     for corner, stuck in ((1, ()), (2, (0, 1))):
         gain = [[2, corner], [-corner, 2]]

@@ -11,9 +11,8 @@ import pytest
 from separable_problems import cycle, fractions
 
 from dobc_design.conditions.separable.claim import ErrorBound, Separable
-from dobc_design.conditions.separable.observer import (
+from dobc_design.conditions.separable.decide import (
     composite_rate,
-    covered_radius,
     covers,
     error_bound_obstacle,
     verify_composite,
@@ -44,12 +43,9 @@ def test_the_papers_own_starts_are_covered_for_arbitrary_switching():
 
 def test_a_little_more_of_anything_is_refuted():
     """The twins: alpha 1 % larger, rho 1 % larger, v changed by 1 %."""
-    for worse in (
-        replace(CLAIM, alpha=CLAIM.alpha * F(101, 100)),
-        replace(CLAIM, rho=CLAIM.rho * F(101, 100)),
-        replace(CLAIM, v=(*V[:2], V[2] * F(99, 100), *V[3:])),
-    ):
-        assert verify_composite(SWITCHING, W, worse).verdict is Verdict.REFUTED
+    changes = {"alpha": CLAIM.alpha * F(101, 100)}, {"rho": F("4.4541")}, {"v": (*V[:2], V[2] * F(99, 100), *V[3:])}
+    for change in changes:
+        assert verify_composite(SWITCHING, W, replace(CLAIM, **change)).verdict is Verdict.REFUTED
     assert not covers(CLAIM, radius=F("4.01"), disturbance=F(1, 2))
     assert not covers(CLAIM, radius=F(4), disturbance=F("0.52"))
 
@@ -101,41 +97,23 @@ def test_kappa_has_to_exceed_one_over_beta_min_v():
     assert 0 < composite_rate(replace(CLAIM, error=replace(BOUND, kappa=edge * F(1001, 1000)))) < F("0.0016")
 
 
-def test_the_covered_radius_is_the_largest_and_rounded_down():
-    radius = covered_radius(CLAIM, disturbance=F(1, 2))
-    truth = 4.41 - 0.6333 * 0.5 * np.sqrt(1.651)
-    assert float(radius) == pytest.approx(truth, abs=1e-11)
-    assert covers(CLAIM, radius=radius, disturbance=F(1, 2))
-    assert not covers(CLAIM, radius=radius + F(1, 10**11), disturbance=F(1, 2))
-    assert covered_radius(CLAIM, disturbance=F(0)) == F("4.41")
-    assert covered_radius(CLAIM, disturbance=F(6)) is None
-    scaled = replace(CLAIM, v=tuple(2 * x for x in V))
-    assert covered_radius(scaled, disturbance=F(0)) == F("8.82")
-
-
 def test_without_an_exosystem_v_is_n():
     claim = Separable(v=(F(1),) * 10, alpha=F(5), rho=F(4))
     assert verify_composite(cycle(gains=5), None, claim).verdict is Verdict.PROVED
     assert composite_rate(claim) == 5
     assert covers(claim, radius=F(4), disturbance=F(0))
     assert not covers(claim, radius=F(4) + F(1, 10**20), disturbance=F(0))
-    assert covered_radius(claim, disturbance=F(0)) == 4
 
 
 def test_without_a_radius_everything_is_covered():
     claim = Separable(v=(F(1),) * 10, alpha=F(5), rho=None)
     assert verify_composite(cycle(gains=5, h="2*y"), None, claim).verdict is Verdict.PROVED
     assert covers(claim, radius=F(10**9), disturbance=F(0))
-    with pytest.raises(SpecError, match="covers every start"):
-        covered_radius(claim, disturbance=F(0))
 
 
 def test_with_an_exosystem_the_observers_part_is_required():
     for gain, claim in ((None, CLAIM), (W, replace(CLAIM, error=None))):
         assert verify_composite(SWITCHING, gain, claim).verdict is Verdict.UNDECIDED
-
-
-def test_negative_radii_are_refused():
     with pytest.raises(SpecError, match="must be >= 0"):
         covers(CLAIM, radius=F(-1), disturbance=F(0))
 

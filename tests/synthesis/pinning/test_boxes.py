@@ -13,8 +13,7 @@ import pytest
 from separable_problems import cycle
 
 import dobc_design as dd
-from dobc_design.conditions.separable.decide import verify_separable
-from dobc_design.conditions.separable.observer import covers, verify_composite
+from dobc_design.conditions.separable.decide import covers, verify_composite, verify_separable
 from dobc_design.errors import SpecError
 from dobc_design.problem.network import Network
 from dobc_design.problem.problem import Problem

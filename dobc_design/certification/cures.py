@@ -13,10 +13,10 @@ from fractions import Fraction
 from typing import Any
 
 from dobc_design.conditions.check import Check, Fix
-from dobc_design.conditions.consensus.choice import groups_without_pin
 from dobc_design.conditions.consensus.claim import PairFacts, Statements, state_theorems
 from dobc_design.conditions.consensus.cures import (
     PinProposal,
+    groups_without_pin,
     on_present_pins,
     one_more,
     rounded_up,
@@ -24,8 +24,7 @@ from dobc_design.conditions.consensus.cures import (
     several_more,
 )
 from dobc_design.conditions.consensus.decide import enclosed_lambda
-from dobc_design.conditions.consensus.negative import is_negative
-from dobc_design.conditions.consensus.network import Directions, carriers, name_agents, unpinned_witness
+from dobc_design.conditions.consensus.network import Directions, carriers, is_negative, name_agents, unpinned_witness
 from dobc_design.conditions.numbers import shorten
 from dobc_design.conditions.observer.decide import detectability_check, hurwitz_check
 from dobc_design.conditions.observer.propose import design_gain

@@ -12,9 +12,13 @@ import cvxpy as cp
 import numpy as np
 
 import dobc_design as dd
-from dobc_design.conditions.consensus.pinning import for_rate, network_blocks, smallest_gains
-from dobc_design.conditions.consensus.pinning_program import solve_program
-from dobc_design.conditions.consensus.pinning_shared import solve_shared
+from dobc_design.conditions.consensus.pinning import (
+    for_rate,
+    network_blocks,
+    smallest_gains,
+    solve_program,
+    solve_shared,
+)
 from dobc_design.problem.network import Network
 from dobc_design.problem.problem import Problem
 

@@ -1,11 +1,9 @@
 """Floating-point proposals that the exact side then proves or not: eigenvalues, vectors, directions, rates.
 
-Lambda(J) is taken straight from the problem, with whole arrays of arcs: the statement is ``claim.lemma1``; this is the
-same matrix a hundred times faster, with the middle of the enclosure where a slope is irrational.  How far below 0 a
-large one is, a vector v > 0 shows: with M = -Lambda and a minus sign beside the diagonal, lambda_min(M) >= the least
-(M v)_i / v_i (theory, section 8), found by inverse iteration with conjugate gradients.  Directions in which Lambda is
-not negative are carried by as few agents as can be found.  An estimate that cannot be had is nan (or an infinity on the
-weak side), never an exception: what it would have proposed is then decided without it.
+Lambda(J) is the matrix of ``claim.lemma1``, a hundred times faster, with the middle of the enclosure where a slope is
+irrational.  How far below 0 a large one is, a vector v > 0 shows: with M = -Lambda and a minus sign beside the
+diagonal, lambda_min(M) >= the least (M v)_i / v_i (theory, section 8), found by inverse iteration with conjugate
+gradients.  An estimate that cannot be had is nan (or an infinity on the weak side), never an exception.
 """
 
 from __future__ import annotations
@@ -21,9 +19,8 @@ from scipy import linalg, sparse
 from scipy.sparse import csgraph
 
 from dobc_design.conditions.consensus.claim import Statements
-from dobc_design.exact.interval import Interval
 from dobc_design.exact.matrix import Matrix, to_float
-from dobc_design.problem.arcs import coupling_places
+from dobc_design.problem.arcs import arc_table
 from dobc_design.problem.exosystems import Exosystem
 from dobc_design.problem.problem import Problem
 from dobc_design.solvers.program import GIVEN_UP, Array
@@ -35,58 +32,23 @@ def float_lambda(problem: Problem, mode: str, *, pins: bool = True) -> Any:
     Shapes: (n m, n m).  Entries beyond the floats are infinite.  ``pins`` False leaves K out.
     Raises: exact.interval.UndefinedError if a coupling has no derivative at 0.
     """
-    n, m = problem.n, problem.m
-    gains, listeners, speakers = _arc_gains(problem, mode)
-    rows, columns = np.concatenate([listeners, listeners]), np.concatenate([speakers, listeners])
-    blocks = np.concatenate([gains, -gains])
-    if pins:
-        agents, held = _pin_gains(problem)
-        rows, columns = np.concatenate([rows, agents]), np.concatenate([columns, agents])
-        blocks = np.concatenate([blocks, -held])
-    if m == 1:
-        i, j, values = rows, columns, blocks.ravel()
-    else:
-        within = np.arange(m)
-        i = np.broadcast_to(rows[:, None, None] * m + within[:, None], blocks.shape).ravel()
-        j = np.broadcast_to(columns[:, None, None] * m + within, blocks.shape).ravel()
-        values = blocks.ravel()
-    places = (np.concatenate([i, j]), np.concatenate([j, i]))
+    n, m, arcs = problem.n, problem.m, arc_table(problem, mode)
+    enclosed = [coupling.jacobian_at_zero() for coupling in problem.couplings]
+    slopes = np.array([[[nearest(entry.midpoint) for entry in row] for row in rows] for rows in enclosed])
+    weights = (
+        np.array([nearest(x) for x in arcs.weights])[arcs.weight, None, None] if arcs.weights else np.zeros((0, 1, 1))
+    )
+    with np.errstate(over="ignore", invalid="ignore"):  # inf, which no estimate survives, and the exact side needs none
+        gains = weights * slopes[arcs.coupling]
+    held = [[[nearest(x) for x in row] for row in gain] for gain in problem.pinning.gains.values()] if pins else []
+    agents = np.array(list(problem.pinning.gains) if pins else [], dtype=np.int64)
+    rows = np.concatenate([arcs.listeners, arcs.listeners, agents])[:, None, None] * m
+    columns = np.concatenate([arcs.speakers, arcs.listeners, agents])[:, None, None] * m
+    blocks = np.concatenate([gains, -gains, -np.array(held, dtype=np.float64).reshape(-1, m, m)])
+    i = np.broadcast_to(rows + np.arange(m)[:, None], blocks.shape).ravel()
+    j = np.broadcast_to(columns + np.arange(m), blocks.shape).ravel()
+    values, places = blocks.ravel(), (np.concatenate([i, j]), np.concatenate([j, i]))
     return sparse.coo_array((np.concatenate([values, values]), places), shape=(n * m, n * m))
-
-
-def _arc_gains(problem: Problem, mode: str) -> tuple[Array, Any, Any]:
-    """h'(0) of every arc with its weight, (arcs, m, m), and the two ends of the arcs."""
-    arcs = problem.network.modes[mode]
-    slopes = np.array([_middles(coupling.jacobian_at_zero()) for coupling in problem.couplings])
-    weights = _float_weights(arcs.weights)[:, None, None]
-    return _weighted(weights, slopes[coupling_places(problem, arcs)]), arcs.listeners, arcs.speakers
-
-
-def _weighted(weights: Array, slopes: Array) -> Array:
-    """The products; inf beyond the floats, which no estimate survives and the exact side does not need."""
-    with np.errstate(over="ignore", invalid="ignore"):
-        gains: Array = weights * slopes
-    return gains
-
-
-def _pin_gains(problem: Problem) -> tuple[Any, Array]:
-    gains = problem.pinning.gains
-    blocks = [[[nearest(x) for x in row] for row in gain] for gain in gains.values()]
-    agents = np.fromiter(gains, dtype=np.int64, count=len(gains))
-    return agents, np.array(blocks, dtype=np.float64).reshape(len(gains), problem.m, problem.m)
-
-
-def _middles(rows: Sequence[Sequence[Interval]]) -> list[list[float]]:
-    return [[nearest((entry.lo + entry.hi) / 2) for entry in row] for row in rows]
-
-
-def _float_weights(weights: Sequence[Fraction]) -> Array:
-    """The weights as floats; arcs with the same weight mostly share one object, which is converted once."""
-    if weights and weights.count(weights[0]) == len(weights):
-        return np.full(len(weights), nearest(weights[0]))
-    places = list(map(id, weights))
-    floats = {place: nearest(weight) for place, weight in dict(zip(places, weights, strict=True)).items()}
-    return np.fromiter(map(floats.__getitem__, places), dtype=np.float64, count=len(places))
 
 
 def nearest(x: Fraction) -> float:
@@ -144,14 +106,9 @@ def dominating_vector(table: Any) -> Dominating | None:
     return Dominating(vector=vector, least=least, first=found.products, products=work.products, is_z=work.is_z)
 
 
-def vector_at(table: Any, *, shift: float) -> Dominating | None:
-    """Look for v with M v > shift v, one question: ``least`` is the shift, or -inf beside a direction."""
-    work = _work(table)
-    return None if work is None else _answer_at(work, shift)
-
-
 def _answer_at(work: _Work, shift: float) -> Dominating:
-    found = _solved(work, shift=shift, right=np.ones(len(work.diagonal)), start=None)
+    """Look for v with M v > shift v, one question: ``least`` is the shift, or -inf beside a direction."""
+    found = _solved(work, shift, np.ones(len(work.diagonal)))
     least = shift
     if found is None or not np.all(found > 0):
         direction = work.direction if found is None else np.maximum(-found, 0.0)
@@ -214,23 +171,29 @@ def _least(work: _Work, v: Array) -> float:
     return float(np.min(work.times(v) / v))
 
 
-def _solved(work: _Work, *, shift: float, right: Array, start: Array | None) -> Array | None:
+def _solved(work: _Work, shift: float, right: Array) -> Array | None:
     """(M - shift I) x = right until every row is met but for a part; None if M - shift I is not seen to be positive."""
-    found, done = _iterate(work, shift, right, start, PATIENCE)
+    found, done = _iterate(work, shift, right, None, PATIENCE)
     if done or found is None:
         return found
-    if work.matrix.nnz <= FEW_ENTRIES * len(right):
-        return _factorised(work, shift, right)
-    found, done = _iterate(work, shift, right, found, MOST_STEPS)
-    return found if done else None
+    if work.matrix.nnz > FEW_ENTRIES * len(right):
+        found, done = _iterate(work, shift, right, found, MOST_STEPS)
+        return found if done else None
+    work.products += 20  # about what the time of one sparse factorisation is worth
+    try:
+        shifted = sparse.csc_array(work.matrix - shift * sparse.eye_array(len(right)))
+        found = np.asarray(sparse.linalg.splu(shifted).solve(right))
+    except GIVEN_UP:
+        return None
+    return found if np.all(np.isfinite(found)) else None
 
 
 def _iterate(work: _Work, shift: float, right: Array, start: Array | None, most: int) -> tuple[Array | None, bool]:
-    """Conjugate gradients with Jacobi scaling: x (None where a direction of curvature <= 0 was met), and whether it is
-    done."""
+    """Conjugate gradients with Jacobi scaling: x (None where a direction of curvature <= 0 was met), whether done."""
     scale = work.diagonal - shift
     if not np.all(scale > 0):
-        work.direction = _unit(len(right), int(np.argmin(scale)))
+        work.direction = np.zeros(len(right))
+        work.direction[int(np.argmin(scale))] = 1.0
         return None, False
     x = np.zeros(len(right)) if start is None else start.copy()
     residual = right.copy() if start is None else right - (work.times(x) - shift * x)
@@ -252,23 +215,6 @@ def _iterate(work: _Work, shift: float, right: Array, start: Array | None, most:
         square, last = float(residual @ z), square
         p = z + (square / last) * p
     return x, False
-
-
-def _factorised(work: _Work, shift: float, right: Array) -> Array | None:
-    """One sparse factorisation; it counts as the products that its time is worth, about."""
-    work.products += 20
-    try:
-        shifted = sparse.csc_array(work.matrix - shift * sparse.eye_array(len(right)))
-        found = np.asarray(sparse.linalg.splu(shifted).solve(right))
-    except GIVEN_UP:
-        return None
-    return found if np.all(np.isfinite(found)) else None
-
-
-def _unit(size: int, place: int) -> Array:
-    vector = np.zeros(size)
-    vector[place] = 1.0
-    return vector
 
 
 DENSE = 400  # rows up to which a dense symmetric eigensolver is the faster one
@@ -296,38 +242,23 @@ def largest_eigenvalue(table: Any) -> Top:
     if not math.isfinite(largest):
         return Top(value=math.nan, vector=np.zeros(size))
     unit = math.ldexp(1.0, math.frexp(largest)[1] - 1)  # entries of size 1: no square over- or underflows
-    found = None
-    if size > DENSE:
-        found = _lanczos(sparse.csr_array(table / unit))
-    if found is None and size <= max(DENSE, LARGEST_DENSE):
-        found = _dense(table.toarray() / unit)
-    if found is None:
-        return Top(value=math.nan, vector=np.zeros(size))
-    return Top(value=found.value * unit, vector=found.vector)
-
-
-def _dense(matrix: Array) -> Top | None:
-    last = len(matrix) - 1
-    try:
-        values, vectors = linalg.eigh(matrix, subset_by_index=(last, last))
-        return Top(value=float(values[0]), vector=vectors[:, 0])
-    except GIVEN_UP:
-        return None
-
-
-def _lanczos(matrix: Any) -> Top | None:
     # The start is fixed, so that answers can be reproduced, and irregular: one that has a symmetry of
     # the network never sees a direction without it.
-    start = 1.0 + 0.1 * np.random.default_rng(0).standard_normal(matrix.shape[0])
-    for vectors, tolerance in LANCZOS:
+    start = 1.0 + 0.1 * np.random.default_rng(0).standard_normal(size)
+    for ncv, tol in LANCZOS if size > DENSE else ():
         try:
-            values, columns = sparse.linalg.eigsh(
-                matrix, k=1, which="LA", v0=start, tol=tolerance, ncv=vectors, maxiter=RESTARTS
-            )
-            return Top(value=float(values[0]), vector=columns[:, 0])
+            matrix = sparse.csr_array(table / unit)
+            values, vectors = sparse.linalg.eigsh(matrix, k=1, which="LA", v0=start, tol=tol, ncv=ncv, maxiter=RESTARTS)
+            return Top(value=float(values[0]) * unit, vector=vectors[:, 0])
         except GIVEN_UP:  # no convergence among them
             continue
-    return None
+    try:
+        if size <= max(DENSE, LARGEST_DENSE):
+            values, vectors = linalg.eigh(table.toarray() / unit, subset_by_index=(size - 1, size - 1))
+            return Top(value=float(values[0]) * unit, vector=vectors[:, 0])
+    except GIVEN_UP:
+        pass
+    return Top(value=math.nan, vector=np.zeros(size))
 
 
 def lambda_tops(statements: Statements) -> dict[str, Top]:
@@ -368,10 +299,8 @@ def pair_rate(tops: Mapping[str, Top], P: Array, Q: Array, exosystem: Exosystem)
     low, high = 0.0, max(0.0, -bound / 2)
     for _ in range(60):
         middle = (low + high) / 2
-        if bound + 2 * middle + _lambda_max_of_s(P, Q, exosystem, rate=middle) < 0:
-            low = middle
-        else:
-            high = middle
+        does = bound + 2 * middle + _lambda_max_of_s(P, Q, exosystem, rate=middle) < 0
+        low, high = (middle, high) if does else (low, middle)
     return low
 
 
@@ -412,9 +341,8 @@ def witness_directions(problem: Problem, mode: str) -> list[Sequence[float]]:
     free = [agent for agent in range(problem.n) if agent not in pinned]
     supports: dict[tuple[int, ...], None] = {}
     for base in (free, list(range(problem.n))):
-        if not base or search.top(base)[0] < -search.edge:
-            continue
-        supports |= dict.fromkeys(search.supports_in(base))
+        if base and not search.top(base)[0] < -search.edge:
+            supports |= dict.fromkeys(search.supports_in(base))
     ordered = sorted(supports, key=lambda s: (len(s), bool(pinned & set(s)), s))
     return [search.direction(support) for support in ordered]
 
@@ -432,7 +360,7 @@ class _Search:
         """The largest eigenvalue on these agents and its vector, by row."""
         key = tuple(sorted(agents))
         if key not in self.known:
-            rows = rows_of(np.array(key, dtype=np.int64), self.width)
+            rows = rows_of(key, self.width)
             self.left -= CALL + len(rows) ** 3
             found = largest_eigenvalue(sparse.coo_array(self.table[rows][:, rows]))
             self.known[key] = (found.value, found.vector)
@@ -445,8 +373,7 @@ class _Search:
     def direction(self, agents: Sequence[int]) -> list[float]:
         """The top vector of a support, zero elsewhere."""
         whole = np.zeros(self.table.shape[0])
-        rows = rows_of(np.array(sorted(agents), dtype=np.int64), self.width)
-        vector = self.top(agents)[1]
+        rows, vector = rows_of(sorted(agents), self.width), self.top(agents)[1]
         # Every second solver has every second sign: the heaviest entry is made positive.
         heaviest = vector[int(np.argmax(np.abs(vector)))] if len(vector) else 1.0
         whole[rows] = vector if heaviest >= 0 else -vector
@@ -456,11 +383,14 @@ class _Search:
     def supports_in(self, base: Sequence[int]) -> list[tuple[int, ...]]:
         """Small supports inside ``base``, whose submatrix fails."""
         single: list[tuple[int, ...]] = [(agent,) for agent in base if self.fails((agent,))]
-        if single:
-            return single[:5]
-        if self.needs_all(base):
-            return [tuple(base)]
-        found = [self.cut(self.heavy(base))]
+        if single or self.needs_all(base):
+            return single[:5] or [tuple(base)]
+        order = self.by_weight(base)
+        low, high = 0, len(order)
+        while high - low > 1:  # the fewest of the heaviest that still fail
+            middle = (low + high) // 2
+            low, high = (low, middle) if self.fails(order[:middle]) else (middle, high)
+        found = [self.cut(order[:high])]
         best = len(found[0])
         for seed in self.by_weight(base):
             grown = self.grown(seed, base, limit=best) if self.left > 0 else None
@@ -473,21 +403,11 @@ class _Search:
         """Whether the submatrix is singular, connected and minus a Z-matrix: then no smaller one inside it fails."""
         if abs(self.top(base)[0]) > self.edge or self.width > 1:
             return False
-        rows = np.array(sorted(base), dtype=np.int64)
+        rows = sorted(base)
         part = self.table[rows][:, rows].tocoo()
-        beside = part.row != part.col
-        if np.any(part.data[beside] < 0):
+        if np.any(part.data[part.row != part.col] < 0):
             return False
         return bool(csgraph.connected_components(part, directed=False)[0] == 1)
-
-    def heavy(self, base: Sequence[int]) -> list[int]:
-        """The fewest of the heaviest agents of the slowest direction that still fail."""
-        order = self.by_weight(base)
-        low, high = 0, len(order)
-        while high - low > 1:
-            middle = (low + high) // 2
-            low, high = (low, middle) if self.fails(order[:middle]) else (middle, high)
-        return order[:high]
 
     def by_weight(self, agents: Sequence[int]) -> list[int]:
         """The agents by what they carry of the slowest direction, heaviest first."""
@@ -511,13 +431,9 @@ class _Search:
         while not self.fails(chosen):
             if self.left <= 0:
                 return None
-            near = {agent for each in chosen for agent in self.neighbours(each)} & allowed - set(chosen)
+            entries = self.table[rows_of(chosen, self.width)].indices
+            near = set((entries // self.width).tolist()) & allowed - set(chosen)
             if len(chosen) + 1 >= limit or not near:
                 return None
             chosen.append(max(sorted(near), key=lambda agent: self.top([*chosen, agent])[0]))
         return chosen
-
-    def neighbours(self, agent: int) -> set[int]:
-        """The agents with an entry in the rows of this one."""
-        rows = rows_of(np.array([agent]), self.width)
-        return set((self.table[rows].indices // self.width).tolist())

@@ -26,6 +26,7 @@ from scipy import sparse
 
 from dobc_design.conditions.consensus.claim import ModeJacobian
 from dobc_design.conditions.consensus.pinning import (
+    FEW_ROWS,
     PROGRAM_ROWS,
     PROGRAM_SIZE,
     Blocks,
@@ -37,9 +38,9 @@ from dobc_design.conditions.consensus.pinning import (
     network_blocks,
     optimum,
     smallest_gains,
+    solve_program,
+    solve_shared,
 )
-from dobc_design.conditions.consensus.pinning_program import solve_program
-from dobc_design.conditions.consensus.pinning_shared import FEW_ROWS, solve_shared
 from dobc_design.conditions.consensus.propose import rows_of
 from dobc_design.problem.problem import Problem
 from dobc_design.solvers.program import Array

@@ -14,8 +14,7 @@ from dataclasses import dataclass, replace
 from fractions import Fraction
 
 from dobc_design.conditions.consensus.claim import state_theorems
-from dobc_design.conditions.consensus.negative import Enclosed
-from dobc_design.conditions.consensus.network import carriers, name_agents
+from dobc_design.conditions.consensus.network import Enclosed, carriers, name_agents
 from dobc_design.conditions.numbers import claimed, shorten
 from dobc_design.conditions.statement import Statement, proved, refuted
 from dobc_design.errors import SpecError

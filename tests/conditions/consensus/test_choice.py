@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from exact_oracle import Oracle
 
-from dobc_design.conditions.consensus.choice import best_single, groups_without_pin, small_set
+from dobc_design.conditions.consensus.cures import best_single, groups_without_pin, small_set
 from dobc_design.conditions.consensus.pinning import network_blocks, smallest_gains
 from dobc_design.problem.network import Network
 from dobc_design.problem.problem import Problem

@@ -7,7 +7,7 @@ from random import Random
 
 import numpy as np
 
-from dobc_design.conditions.consensus.negative import (
+from dobc_design.conditions.consensus.network import (
     Enclosed,
     find_witness,
     is_negative,

@@ -10,8 +10,13 @@ import numpy as np
 import pytest
 
 import dobc_design as dd
-from dobc_design.conditions.consensus.pinning import fastest_rate, for_rate, network_blocks, smallest_gains
-from dobc_design.conditions.consensus.pinning_shared import solve_shared
+from dobc_design.conditions.consensus.pinning import (
+    fastest_rate,
+    for_rate,
+    network_blocks,
+    smallest_gains,
+    solve_shared,
+)
 from dobc_design.problem.network import Network
 from dobc_design.problem.problem import Problem
 from dobc_design.synthesis.pinning.propose import greedy_set

@@ -18,7 +18,7 @@ from small_designs import ring, star
 
 import dobc_design as dd
 from dobc_design.conditions.consensus.claim import jacobians_at_consensus, state_theorems
-from dobc_design.conditions.consensus.negative import Enclosed
+from dobc_design.conditions.consensus.network import Enclosed
 from dobc_design.conditions.consensus.pinning import for_rate, network_blocks, optimum, smallest_gains
 from dobc_design.errors import SpecError
 from dobc_design.problem.network import Network

@@ -7,7 +7,8 @@ becomes a check of the certificate, unless a proof or a refutation stands there 
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
+from functools import partial
 from typing import Final
 
 from dobc_design._show.cards import Card, Shown
@@ -52,31 +53,19 @@ def search_certificate(
     Returns: the searches, and the certificate, which a proved equilibrium inside the region asked for refutes where
     nothing was decided.  A missing region: twice the largest certified box.  Raises: SpecError for a wrong argument.
     """
-    certificate = _with_option(certificate)
+    options = tuple(dict.fromkeys((*certificate.claims.options, "--search")))  # as `dobc certify --search` makes it
+    certificate = replace(certificate, claims=replace(certificate.claims, options=options))
     problem, W = certificate.problem, certificate.claims.W
     if runs is None:
         runs = max(LEAST_RUNS, min(RUNS, MOST_ROWS // (problem.n * problem.m)))
     if problem.groups and W is None:
         return Searched(certificate=certificate, searches=())
-    check = regional_check(certificate)
-    radius = None if problem.region is not None else _reach(certificate)
-    found = [search_starts(problem, runs=runs, seed=seed, radius=radius, gain=W, progress=progress)]
-    if check is not None:
-        found.append(search_starts(problem, runs=runs, seed=seed, certified=check, gain=W, progress=progress))
+    check, radius = regional_check(certificate), None
+    if problem.region is None:
+        radius = BEYOND * max((claim.box or 0.0 for claim in certificate.regions.claims), default=0.0) or None
+    search = partial(search_starts, problem, runs=runs, seed=seed, gain=W, progress=progress)
+    found = [search(radius=radius), *([] if check is None else [search(certified=check)])]
     return Searched(certificate=_with_check(certificate, found[0].check), searches=tuple(found))
-
-
-def _reach(certificate: Certificate) -> float | None:
-    """How far is looked without a region: beyond what is proved."""
-    largest = max((claim.box or 0.0 for claim in certificate.regions.claims), default=0.0)
-    return BEYOND * largest or None
-
-
-def _with_option(certificate: Certificate) -> Certificate:
-    """The certificate as `dobc certify --search` makes it."""
-    claims = certificate.claims
-    options = tuple(dict.fromkeys((*claims.options, "--search")))
-    return replace(certificate, claims=replace(claims, options=options))
 
 
 def _with_check(certificate: Certificate, check: Check | None) -> Certificate:
@@ -86,12 +75,5 @@ def _with_check(certificate: Certificate, check: Check | None) -> Certificate:
         return certificate
     checks = (*certificate.checks, check)
     overall = decide_overall(certificate.problem, checks, certificate.claims.W)
-    claims = replace(
-        certificate.claims,
-        checks=checks,
-        verdict=overall.verdict,
-        reason=overall.reason,
-        rate=overall.rate,
-        covered_by=overall.covered_by,
-    )
-    return replace(certificate, claims=claims)
+    said = {field.name: getattr(overall, field.name) for field in fields(overall)}
+    return replace(certificate, claims=replace(certificate.claims, checks=checks, **said))

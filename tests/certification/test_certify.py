@@ -60,7 +60,7 @@ def test_an_eigenvalue_solver_that_breaks_down_changes_no_verdict(monkeypatch):
     def broken(*args, **kwargs):
         raise np.linalg.LinAlgError("no convergence")
 
-    monkeypatch.setattr("dobc_design.certification.certify.lambda_tops", broken)
+    monkeypatch.setattr("dobc_design.conditions.consensus.propose.lambda_tops", broken)
     certificate = certify("paper-fixed")
     assert [(check.id, check.mode, check.verdict) for check in certificate.checks] == before
     assert verify(certificate, "paper-fixed").holds
@@ -76,7 +76,7 @@ def test_wrong_estimates_change_numbers_and_never_verdicts(monkeypatch):
         size = next(iter(statements.lambdas.values())).size
         return {mode: Top(value=-7.0, vector=np.full(size, np.nan)) for mode in statements.lambdas}
 
-    monkeypatch.setattr("dobc_design.certification.certify.lambda_tops", nonsense)
+    monkeypatch.setattr("dobc_design.conditions.consensus.propose.lambda_tops", nonsense)
     certificate = certify("paper-switching")
     assert [(c.id, c.mode, c.verdict) for c in certificate.checks] == true
     assert verify(certificate, "paper-switching").holds

@@ -165,10 +165,8 @@ def certify_settling(
 def region_checks(
     problem: Problem, W: Matrix | None, checks: Sequence[Check], *, domain: str, everything: bool, report: Progress
 ) -> list[Check]:
-    """Examine the region, or with ``everything`` the largest box where none is asked for; W is what ``checks`` are for.
-
-    Nothing is examined where ``checks`` cover the region already, unless ``everything`` is wanted.
-    """
+    """Examine the region, or with ``everything`` the largest box where none is asked for; W is what ``checks`` are
+    for.  Nothing is examined where ``checks`` cover the region already, unless ``everything`` is wanted."""
     if not everything and (problem.region is None or any(covers(problem, check, checks) for check in checks)):
         return []
     asked = read_region(problem, W, domain=domain, everything=everything)
@@ -244,10 +242,8 @@ def decide(problem: Problem, report: Progress) -> Decided:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class _Run:
-    """One certification: the problem, its conditions, floating-point estimates to propose from.
-
-    ``found``: directions of few agents, filled in for the modes where Lambda < 0 looks doubtful.
-    """
+    """One certification: the problem, its conditions, floating-point estimates to propose from.  ``found``:
+    directions of few agents, filled in for the modes where Lambda < 0 looks doubtful."""
 
     problem: Problem
     statements: Statements
@@ -325,7 +321,8 @@ class _Run:
         except DobcError:  # entries too large for floats: the exact side does without
             return Proposal()
         margin, rate = (f(self.tops, P, Q, exosystem) for f in (estimates.pair_margin, estimates.pair_rate))
-        return Proposal(margin=margin, rate=rate, vectors=estimates.directions(self.tops))
+        slowest_first = sorted(self.tops.values(), key=lambda top: -top.value)
+        return Proposal(margin=margin, rate=rate, vectors=[top.vector.tolist() for top in slowest_first])
 
 
 def _checks_of(group: Group, W: Matrix | None, problem: Problem | None) -> list[Check]:
@@ -341,10 +338,8 @@ def _checks_of(group: Group, W: Matrix | None, problem: Problem | None) -> list[
 def _proposed_pairs(
     groups: Sequence[Group], gains: Sequence[Matrix], *, bound: float
 ) -> Iterator[tuple[Matrix, Matrix, str]]:
-    """Pairs to be tried in turn, block diagonal where there are several groups.
-
-    Each group's proposals end with one that must do, which stands in when they are used up.
-    """
+    """Pairs to be tried in turn, block diagonal where there are several groups.  Each group's proposals end with one
+    that must do, which stands in when they are used up."""
     each = [
         propose_pairs(group.exosystem, W, bound=bound, decay=decay_rate(group.exosystem, W))
         for group, W in zip(groups, gains, strict=True)
@@ -371,20 +366,17 @@ def notes_of(problem: Problem, designs: Sequence[GainDesign | None], how: str) -
             yield f"{who}The observer gain W was given."
         else:
             yield f"{who}No W was given. {design.note[0].upper()}{design.note[1:]}"
-    if how:
-        yield how
-    if not problem.pinning.agents:
-        yield "No agent is pinned."
-    own = problem.joint_observer
-    if own.W is not None and own.rate is not None:
-        yield "observer.rate is not used, because W was given."
-    if problem.region is None and not problem.is_linear:
-        yield "No region was asked for: the verdict is about the consensus itself, from close enough starts."
-    if len(problem.network.modes) > 1:
-        yield "The modes may switch in any way, so one V has to serve them all."
-    if problem.is_linear:
-        yield "Every coupling is exactly linear: what holds near the target holds everywhere."
-    if problem.exceptions:
-        yield f"{len(problem.exceptions)} arc(s) have a coupling of their own."
-    if problem.offsets:
-        yield "Agents go to the target plus their formation offset; couplings act on x - offset."
+    own, linear = problem.joint_observer, problem.is_linear
+    local = "the verdict is about the consensus itself, from close enough starts."
+    for applies, note in (
+        (how, how),
+        (not problem.pinning.agents, "No agent is pinned."),
+        (own.W is not None and own.rate is not None, "observer.rate is not used, because W was given."),
+        (problem.region is None and not linear, f"No region was asked for: {local}"),
+        (len(problem.network.modes) > 1, "The modes may switch in any way, so one V has to serve them all."),
+        (linear, "Every coupling is exactly linear: what holds near the target holds everywhere."),
+        (problem.exceptions, f"{len(problem.exceptions)} arc(s) have a coupling of their own."),
+        (problem.offsets, "Agents go to the target plus their formation offset; couplings act on x - offset."),
+    ):
+        if applies:
+            yield note

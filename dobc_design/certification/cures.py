@@ -1,7 +1,6 @@
 """Cures: what would turn a refuted condition into a proof, cheapest first, and how that is said.
 
-Gains and pins are proposed in floating point; here every proposal is put into the problem and the very conditions that
-failed are decided again, exactly.  What is not proved then is not offered.  Nothing here changes a verdict.
+Every proposal is put into the problem and what failed is decided again, exactly; what is not proved is not offered.
 """
 
 from __future__ import annotations
@@ -68,11 +67,8 @@ class Accepted:
 def with_cures(
     problem: Problem, checks: Sequence[Check], findings: Findings, *, decide: Decide, progress: Progress
 ) -> tuple[Check, ...]:
-    """The checks, those that failed with a fix where one is found and proved.
-
-    ``decide`` decides all checks of another problem, as those given were decided for this one.
-    A numerical library that breaks down costs a cure, never a check.
-    """
+    """The checks, those that failed with a fix where one is found and proved: ``decide`` decides all checks of another
+    problem as these were.  A numerical library that breaks down costs a cure, never a check."""
     if findings.statements.inapplicable is not None:
         return tuple(checks)
     found: dict[str, Fix] = {}
@@ -134,10 +130,8 @@ def _merged(fixes: Sequence[Fix]) -> Fix | None:
 
 
 def _model_parts(problem: Problem) -> list[Fix]:
-    """What the exosystem and W need: the observable part in place of an undetectable pair, a W that decays.
-
-    A P goes with the W given, for which it was meant.
-    """
+    """What the exosystem and W need: the observable part in place of an undetectable pair, a W that decays.  A P
+    goes with the W given, for which it was meant."""
     parts: list[Fix] = []
     if problem.is_grouped or problem.exosystem is None:
         return parts
@@ -215,12 +209,8 @@ def _pin_fix(
     held_back: tuple[str, Vector] | None = None,
     groups: Sequence[tuple[int, ...]] = (),
 ) -> Fix:
-    """What to do, why that is the least, and what was considered besides.
-
-    ``faster``: the same pins for a faster decay; ``other``: one more pin, though the present ones do;
-    ``held_back``: a mode and a direction that show that no gains on the present pins can do;
-    ``groups``: sets of agents each of which needs a pin.
-    """
+    """What to do, why that is the least, and what was considered: ``faster``, the same pins; ``other``, one more pin
+    though the present ones do; a direction that ``held_back`` all gains there; ``groups`` each of which needs a pin."""
     several_modes = len(problem.network.modes) > 1
     parts = [_task(problem, accepted)]
     if held_back is not None:

@@ -1,9 +1,6 @@
-"""The overall verdict, from the decided checks, by the rules of the contract.
-
-Proved iff a consensus proof covers what is asked.  Refuted iff consensus itself is proved to fail there:
-agents out of reach of every pin in all modes together, an estimation error that reaches the agents and
-does not decay, or an unstable linearisation.  A theorem that does not apply never refutes.
-"""
+"""The overall verdict.  Proved iff a consensus proof covers what is asked.  Refuted iff consensus itself is proved
+to fail there: agents out of reach of every pin in all modes together, an estimation error that reaches the agents
+and does not decay, or an unstable linearisation.  A theorem that does not apply never refutes."""
 
 from __future__ import annotations
 
@@ -38,11 +35,8 @@ class Overall:
 
 
 def decide_overall(problem: Problem, checks: Sequence[Check], W: Matrix | None) -> Overall:
-    """Combine decided checks; ``W`` is the gain they are about.
-
-    Of the checks only verdicts, domains, rates and proved instabilities enter, never a text; the rest is
-    exact facts of ``problem``.  A designed W that fails says nothing against the problem.
-    """
+    """Combine checks decided for the gain W.  Of these only verdicts, domains, rates and proved instabilities enter,
+    never a text; the rest is exact facts of ``problem``.  A designed W that fails says nothing against the problem."""
     covering = [check for check in checks if covers(problem, check, checks)]
     if covering:
         best = max(covering, key=lambda check: check.rate or 0.0)
@@ -121,7 +115,7 @@ def _line_meets(c: Vector, ranges: Sequence[tuple[Fraction, Fraction]]) -> bool:
         return False
     ends = [sorted((lo / x, hi / x)) for x, (lo, hi) in pairs if x]
     low, high = max(end[0] for end in ends), min(end[1] for end in ends)
-    return low <= high and (low, high) != (0, 0)
+    return low <= high and bool(low or high)
 
 
 def _target_is_interior(problem: Problem) -> bool:

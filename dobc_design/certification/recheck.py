@@ -1,9 +1,7 @@
-"""Every claim of a certificate decided again, from the trusted problem and the certificate's matrices.
-
-Two programs written apart do so: ``recheck`` with the package's own exact arithmetic, and the lone checker, which
-shares no line with it; that they disagree is itself a failure.  Not checked, because no verdict depends on them: the
-sentences (``reason``), the notes beyond those of the problem, the program's version, and the advice (``fix``).
-"""
+"""Every claim of a certificate decided again, from the trusted problem, by two programs written apart: ``recheck``
+with the package's exact arithmetic, and the lone checker; that they disagree is itself a failure.  Not checked,
+because no verdict depends on them: sentences, notes beyond those of the problem, the program's version, and the
+advice."""
 
 from __future__ import annotations
 
@@ -23,7 +21,7 @@ from dobc_design.conditions.consensus.claim import Pair, Statements, state_theor
 from dobc_design.conditions.equilibrium import decide as equilibrium
 from dobc_design.conditions.numbers import MATRIX_BITS, doubles_from_json, is_short
 from dobc_design.conditions.observer import decide as observer
-from dobc_design.conditions.quadratic import checks as quadratic
+from dobc_design.conditions.quadratic import decide as quadratic
 from dobc_design.conditions.schedule import checks as schedule
 from dobc_design.conditions.separable import checks as separable
 from dobc_design.errors import DobcError
@@ -83,10 +81,8 @@ class Recheck(Shown):
 
 
 def verify_twice(certificate: Claims | bytes, problem: Problem) -> Recheck:
-    """Confirm the claims with ``recheck`` and with the lone checker; both have to accept.
-
-    Raises: CertificateError if the bytes are no certificate.
-    """
+    """Confirm the claims with ``recheck`` and with the lone checker; both have to accept.  Raises: CertificateError
+    if the bytes are no certificate."""
     own = recheck(certificate, problem)
     arcs = sum(len(mode) for mode in problem.network.modes.values())
     if arcs > LONE_ARCS or problem.n * problem.m > LONE_ROWS:
@@ -102,18 +98,15 @@ def verify_twice(certificate: Claims | bytes, problem: Problem) -> Recheck:
     said = f"it refuses: {refusals[0]}" if refusals else "it accepts every claim"
     if own.holds is not bool(refusals):
         return replace(own, lone_checker=said)
-    view = "the package refuses, the lone checker accepts"
-    if refusals:
-        view = f"the package accepts, the lone checker refuses ({refusals[0]})"
+    own_view, lone_view = ("accepts", f"refuses ({refusals[0]})") if refusals else ("refuses", "accepts")
+    view = f"the package {own_view}, the lone checker {lone_view}"
     disagreement = f"two programs that decide the same claims disagree: {view}. One of them is wrong; please report it."
     return replace(own, failures=(*own.failures, disagreement), lone_checker=said)
 
 
 def recheck(certificate: Claims | bytes, problem: Problem) -> Recheck:
-    """Confirm the claims one by one, then that the verdict follows from those confirmed.
-
-    Raises: CertificateError if the bytes are no certificate.
-    """
+    """Confirm the claims one by one, then that the verdict follows from those confirmed.  Raises: CertificateError
+    if the bytes are no certificate."""
     claims = read_claims(certificate) if isinstance(certificate, bytes) else certificate
     failures: list[str] = []
     if claims.problem_sha256 != problem_sha256(problem):
@@ -145,9 +138,7 @@ def recheck(certificate: Claims | bytes, problem: Problem) -> Recheck:
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Trusted:
     """What claims are confirmed against: the problem, its conditions, and the matrices the claims use.
-
-    ``separable``: the max-separable check of the same certificate, on which those of delays and sampling rest.
-    """
+    ``separable``: the max-separable check of the same certificate, on which those of delays and sampling rest."""
 
     problem: Problem
     statements: Statements
@@ -175,10 +166,8 @@ def trust(claims: Claims, problem: Problem) -> Trusted:
 
 
 def expected_checks(problem: Problem) -> tuple[tuple[str, str | None, str | None], ...]:
-    """The (id, mode, group) of the checks that every complete certificate of this problem holds.
-
-    It may hold regional ones besides.
-    """
+    """The (id, mode, group) of the checks that every complete certificate of this problem holds.  It may hold
+    regional ones besides."""
     modes, observer_ids = tuple(problem.network.modes), ("observability", "detectability", "hurwitz")
     theorem = "theorem1" if len(modes) == 1 else "theorem2"
     theorems = [f"{theorem}-printed", theorem] if problem.joint_observer.P is not None else [theorem]
@@ -191,11 +180,10 @@ def expected_checks(problem: Problem) -> tuple[tuple[str, str | None, str | None
 
 
 def confirm(check: Check, trusted: Trusted) -> str | None:
-    """None if everything the check claims is confirmed, else what is not.
+    """None if everything the check claims is confirmed, else what is not.  Raises what a malformed claim raises.
 
-    Nothing of the claim is believed: matrices are rebuilt from the problem, witnesses are multiplied out, margins and
-    rates are proved as they are written, and exact values have to be the very ones that follow.  A proof may claim less
-    than is true (a smaller margin or rate, "undecided"), never more.  Raises what a malformed claim raises.
+    Nothing is believed: matrices are rebuilt, witnesses multiplied out, margins and rates proved as they are written.
+    A proof may claim less than is true (a smaller margin or rate, "undecided"), never more.
     """
     problem, W, domain = trusted.problem, trusted.W, trusted.statements.domain
     expected = (check.id, check.mode, check.group) in expected_checks(problem)
@@ -257,7 +245,7 @@ def _matrix_failures(claims: Claims, problem: Problem) -> list[str]:
     for name, matrix in (("P", claims.P), ("W", claims.W if own is None else None)):
         if matrix is not None and not is_short(matrix):
             return [f"{name}: its entries need a common denominator of more than {MATRIX_BITS} bits"]
-    if own is not None and own != claims.W:
+    if own not in (None, claims.W):
         failures.append("W: not the gain of the problem")
     orders = [group.exosystem.order for group in problem.groups] if problem.is_grouped else []
     if orders and claims.P is not None and blocks_of(claims.P, [(each, each) for each in orders]) is None:

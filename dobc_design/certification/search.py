@@ -14,7 +14,6 @@ from typing import Final
 from dobc_design._show.cards import Card, Shown
 from dobc_design.certificate.certificate import Certificate
 from dobc_design.certification.overall import decide_overall
-from dobc_design.conditions.check import Check
 from dobc_design.falsification.levels import regional_check
 from dobc_design.falsification.search import RUNS, search_starts
 from dobc_design.falsification.suspect import Falsification
@@ -65,15 +64,11 @@ def search_certificate(
         radius = BEYOND * max((claim.box or 0.0 for claim in certificate.regions.claims), default=0.0) or None
     search = partial(search_starts, problem, runs=runs, seed=seed, gain=W, progress=progress)
     found = [search(radius=radius), *([] if check is None else [search(certified=check)])]
-    return Searched(certificate=_with_check(certificate, found[0].check), searches=tuple(found))
-
-
-def _with_check(certificate: Certificate, check: Check | None) -> Certificate:
-    """The certificate with a refuting check, where nothing was decided and the check refutes what is asked."""
-    ids = {each.id for each in certificate.checks}
-    if check is None or certificate.verdict is not Verdict.UNDECIDED or check.id in ids:
-        return certificate
-    checks = (*certificate.checks, check)
-    overall = decide_overall(certificate.problem, checks, certificate.claims.W)
-    said = {field.name: getattr(overall, field.name) for field in fields(overall)}
-    return replace(certificate, claims=replace(certificate.claims, checks=checks, **said))
+    refuting = found[0].check
+    is_new = refuting is not None and refuting.id not in {each.id for each in certificate.checks}
+    if refuting is not None and is_new and certificate.verdict is Verdict.UNDECIDED:
+        checks = (*certificate.checks, refuting)
+        overall = decide_overall(problem, checks, W)
+        said = {field.name: getattr(overall, field.name) for field in fields(overall)}
+        certificate = replace(certificate, claims=replace(certificate.claims, checks=checks, **said))
+    return Searched(certificate=certificate, searches=tuple(found))

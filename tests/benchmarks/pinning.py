@@ -80,9 +80,7 @@ def _shared_bar() -> dict[str, Any]:
     costs = np.ones(n)
 
     def by_program() -> float:
-        return float(
-            solve_program(blocks.tables, np.flatnonzero(chosen), costs, width=1, scale=blocks.scale).gains.sum()
-        )
+        return float(solve_program(blocks, np.flatnonzero(chosen), costs).gains.sum())
 
     def by_dual() -> float:
         return float(solve_shared(blocks.tables, chosen, costs).gains.sum())

@@ -4,10 +4,12 @@ from __future__ import annotations
 
 from dataclasses import replace
 from fractions import Fraction
+from typing import Any
 
 import pytest
 import sympy as sp
 from groups_oracle import GroupsOracle
+from linked import linked
 
 from dobc_design.certification.certify import certify, verify
 from dobc_design.certification.recheck import expected_checks
@@ -20,28 +22,25 @@ from dobc_design.exact.matrix import multiply, scale
 from dobc_design.exact.symmetric import SparseSymmetric
 from dobc_design.problem.exosystems import Exosystem
 from dobc_design.problem.groups import Group, Observer, block_diagonal
-from dobc_design.problem.network import Network
 from dobc_design.problem.problem import Problem
 from dobc_design.verdict import Verdict
 
 OSCILLATOR, CONSTANT = Exosystem(A=[[0, 2], [-2, 0]], C=[[1, 0]]), Exosystem(A=[[0]], C=[[1]])
 PRINTED = Observer(W=[["16/5"], ["12/5"]], P=[["1/2", "-1/4"], ["-1/4", "1/3"]])  # S = 9/8
 HALF = Observer(W=[[2]], P=[["1/2"]])  # Omega0 = -2 P W = -2, S = 1/2
-ALONE = Network.from_arcs([], arrow="listens_to", agents=2)
+
+
+def grouped(arcs: object, *systems: tuple[Exosystem, Observer], **given: Any) -> Problem:
+    """One exosystem and observer for each of the agents 1, 2, ..."""
+    parts = enumerate(systems, start=1)
+    groups = [Group(agents=[i], exosystem=exosystem, observer=observer) for i, (exosystem, observer) in parts]
+    return linked(arcs, len(groups), **{"gains": 1, "groups": groups} | given)
 
 
 def two(first: object, second: object, *, swapped: bool = False) -> Problem:
     """Two agents that hear nobody, Lambda = diag(-2 k1, -2 k2)."""
     pairs = [(OSCILLATOR, PRINTED), (CONSTANT, HALF)]
-    return Problem(
-        network=ALONE,
-        coupling="y",
-        gains={1: first, 2: second},
-        groups=[
-            Group(agents=[agent], exosystem=exosystem, observer=observer)
-            for agent, (exosystem, observer) in zip("12", pairs[::-1] if swapped else pairs, strict=True)
-        ],
-    )
+    return grouped([], *(pairs[::-1] if swapped else pairs), gains={1: first, 2: second})
 
 
 @pytest.mark.parametrize(
@@ -68,16 +67,8 @@ def test_s_of_all_groups_stands_in_the_certificate_side_by_side():
     assert exact is not None
     assert exact["S"] == [["9/8", "0"], ["0", "1/2"]]
     assert "bound" not in exact
-    same = Problem(
-        network=ALONE,
-        coupling="y",
-        gains=1,
-        groups=[
-            Group(agents=[i], exosystem=Exosystem(A=[[-i]], C=[[1]]), observer=Observer(W=[[1]], P=[[p]]))
-            for i, p in ((1, "1/2"), (2, "1/3"))
-        ],
-    )
-    exact = certify(same).check("theorem1-printed").exact  # S = 1/(2 (i + 1) p) = 1/2 for both
+    systems = [(Exosystem(A=[[-i]], C=[[1]]), Observer(W=[[1]], P=[[p]])) for i, p in ((1, "1/2"), (2, "1/3"))]
+    exact = certify(grouped([], *systems)).check("theorem1-printed").exact  # S = 1/(2 (i + 1) p) = 1/2 for both
     assert exact is not None
     assert exact["bound"] == "-1/2"
 
@@ -112,15 +103,9 @@ def rational(x: Fraction) -> sp.Rational:
 @pytest.mark.parametrize("rate", [Fraction(0), Fraction(1, 20)])
 def test_psi_of_groups_is_decided_as_the_whole_matrix_is(rate):
     """A directed cycle of three with two groups; the pair crosses the boundary as it is scaled up."""
-    problem = Problem(
-        network=Network.from_arcs([[1, 2], [2, 3], [3, 1]], arrow="listens_to"),
-        coupling="y",
-        gains={1: 1, 2: "1/3"},
-        groups=[
-            Group(agents=[1, 3], exosystem=OSCILLATOR, observer=Observer(W=PRINTED.W)),
-            Group(agents=[2], exosystem=CONSTANT, observer=Observer(W=HALF.W)),
-        ],
-    )
+    outer = Group(agents=[1, 3], exosystem=OSCILLATOR, observer=Observer(W=PRINTED.W))
+    inner = Group(agents=[2], exosystem=CONSTANT, observer=Observer(W=HALF.W))
+    problem = linked([[1, 2], [2, 3], [3, 1]], gains={1: 1, 2: "1/3"}, groups=[outer, inner])
     P = block_diagonal([PRINTED.P or (), HALF.P or ()])
     Q = block_diagonal([((Fraction(1),), (Fraction(0),)), ((Fraction(1),),)])
     exosystem, statements, outcomes = problem.joint_exosystem, state_theorems(problem), []
@@ -162,15 +147,7 @@ def test_each_group_has_checks_of_its_own_and_the_slowest_gives_the_rate():
 
 
 def hidden(A: object, C: object, observer: Observer) -> Problem:
-    return Problem(
-        network=ALONE,
-        coupling="y",
-        gains=1,
-        groups=[
-            Group(agents=[1], exosystem=CONSTANT, observer=Observer(W=[[2]])),
-            Group(agents=[2], exosystem=Exosystem(A=A, C=C), observer=observer),
-        ],
-    )
+    return grouped([], (CONSTANT, Observer(W=[[2]])), (Exosystem(A=A, C=C), observer))
 
 
 def test_a_group_with_an_undetectable_exosystem_refutes_the_theorem_and_leaves_the_rest_open():
@@ -223,16 +200,9 @@ def test_a_region_is_proved_with_the_observers_of_all_groups():
     """Max-separable; its twin has kappa = 1/(beta min v), with which the observer error could raise V."""
 
     def region(disturbance: object) -> Problem:
-        return Problem(
-            network=Network.from_arcs([[1, 2], [2, 1]], arrow="listens_to"),
-            coupling="exp(y) - 1 + y",
-            gains=2,
-            groups=[
-                Group(agents=[1], exosystem=CONSTANT, observer=Observer(W=[[3]])),
-                Group(agents=[2], exosystem=OSCILLATOR, observer=Observer(W=PRINTED.W)),
-            ],
-            region={"initial_states": [-1, 1], "initial_disturbance": disturbance},
-        )
+        systems = (CONSTANT, Observer(W=[[3]])), (OSCILLATOR, Observer(W=PRINTED.W))
+        region = {"initial_states": [-1, 1], "initial_disturbance": disturbance}
+        return grouped([[1, 2], [2, 1]], *systems, coupling="exp(y) - 1 + y", gains=2, region=region)
 
     problem = region("0.5")
     certificate = certify(problem)
@@ -252,16 +222,8 @@ def test_a_quadratic_certificate_takes_s_of_every_agents_own_group():
     for swapped, verdict in ((False, Verdict.PROVED), (True, Verdict.REFUTED)):
         problem = two("0.5626", "0.2501", swapped=swapped)
         own = block_diagonal([HALF.P, PRINTED.P]) if swapped else P
-        lure = Lure(
-            P_e=SparseSymmetric(2, {(0, 0): Fraction(1), (1, 1): Fraction(1)}),
-            ranges=(),
-            radius=None,
-            level=None,
-            multipliers={"G": ()},
-            rate=Fraction(0),
-            P=own,
-            Q=multiply(own, problem.joint_observer.W),
-        )
+        one, Q = SparseSymmetric(2, {(0, 0): Fraction(1), (1, 1): Fraction(1)}), multiply(own, problem.joint_observer.W)
+        lure = Lure(P_e=one, ranges=(), radius=None, level=None, multipliers={"G": ()}, P=own, Q=Q)
         assert verify_lure(problem, lure).verdict is verdict
     certificate = certify(two(1, 1), everything=True)
     assert certificate.check("lure").verdict is Verdict.PROVED

@@ -6,6 +6,7 @@ from dataclasses import replace
 from fractions import Fraction
 
 import pytest
+from linked import linked
 from regions import at_the_consensus
 
 from dobc_design.certification.certify import certify, verify
@@ -15,8 +16,6 @@ from dobc_design.conditions.consensus.claim import Unstable
 from dobc_design.conditions.coverage import asked_radius, covers
 from dobc_design.problem.exosystems import Exosystem
 from dobc_design.problem.groups import Observer
-from dobc_design.problem.network import Network
-from dobc_design.problem.problem import Problem
 from dobc_design.verdict import Verdict
 
 PROVED, REFUTED, UNDECIDED = Verdict.PROVED, Verdict.REFUTED, Verdict.UNDECIDED
@@ -25,9 +24,7 @@ CONSTANT = Exosystem(A=[[0]], C=[[1]])
 
 
 def problem(arcs=PAIR, h="y", gains=1, **more):
-    lists = arcs.values() if isinstance(arcs, dict) else [arcs]
-    agents = sorted({agent for pairs in lists for arc in pairs for agent in arc[:2]})
-    return Problem(network=Network.from_arcs(arcs, arrow="listens_to", agents=agents), coupling=h, gains=gains, **more)
+    return linked(arcs, coupling=h, gains=gains, **more)
 
 
 def verdict(*args, **more):
@@ -139,6 +136,8 @@ def test_agents_out_of_reach_in_all_modes_refute():
     assert verdict(gains=None) is REFUTED
     assert verdict([[1, 2], [2, 1], [3, 4], [4, 3]], gains={1: 1}) is REFUTED
     assert verdict([[1, 2], [2, 1], [3, 4], [4, 3]], gains={1: 1, 4: 1}) is PROVED
+    assert verdict(h="clip(y, -1, 1)", gains=None) is REFUTED  # h(0) = 0 is enough: together they stay
+    assert verdict(h="clip(y, -1, 1)", gains={1: 1}) is UNDECIDED
 
 
 def test_agents_out_of_reach_in_one_mode_only_leave_the_whole_undecided():
@@ -151,9 +150,8 @@ def test_agents_out_of_reach_in_one_mode_only_leave_the_whole_undecided():
 
 
 def test_one_agent_alone_is_held_by_its_own_pin_only():
-    network = Network.from_arcs([], arrow="listens_to", agents=1)
-    assert certify(Problem(network=network, coupling="y", gains=1)).verdict is PROVED
-    assert certify(Problem(network=network, coupling="y")).verdict is REFUTED
+    assert certify(linked([], 1, gains=1)).verdict is PROVED
+    assert certify(linked([], 1)).verdict is REFUTED
 
 
 def test_agents_out_of_reach_refute_a_region_only_if_it_lets_them_start_apart():
@@ -164,12 +162,6 @@ def test_agents_out_of_reach_refute_a_region_only_if_it_lets_them_start_apart():
     # With offsets 0 and 3 and starts in [0, 1] the agents cannot be apart by one common c.
     assert verdict(gains=None, offsets={2: 3}, region=region(0, 1)) is UNDECIDED
     assert verdict(gains=None, offsets={2: "1/2"}, region=region(0, 1)) is REFUTED
-
-
-def test_kinks_do_not_matter_for_agents_out_of_reach():
-    """h(0) = 0 is enough: together they stay where they are."""
-    assert verdict(h="clip(y, -1, 1)", gains=None) is REFUTED
-    assert verdict(h="clip(y, -1, 1)", gains={1: 1}) is UNDECIDED
 
 
 # refuted (b): the error that reaches the agents does not decay
@@ -197,14 +189,10 @@ def test_an_error_that_starts_at_zero_refutes_nothing():
 
 def test_a_designed_gain_that_fails_says_nothing_against_the_problem():
     """Only the W of the problem refutes: another one can be designed."""
-    free = problem(h="abs(y)", exosystem=CONSTANT)
     bad = ((Fraction(-1),),)
-    assert decide_overall(free, [], bad).verdict is UNDECIDED
-    assert decide_overall(replace_observer(free, [[-1]]), [], bad).verdict is REFUTED
-
-
-def replace_observer(free, W):
-    return problem(h="abs(y)", exosystem=free.exosystem, observer=Observer(W=W))
+    assert decide_overall(problem(h="abs(y)", exosystem=CONSTANT), [], bad).verdict is UNDECIDED
+    given = problem(h="abs(y)", exosystem=CONSTANT, observer=Observer(W=[[-1]]))
+    assert decide_overall(given, [], bad).verdict is REFUTED
 
 
 # refuted (c): the linearisation is unstable in one of the modes
@@ -220,10 +208,9 @@ def test_an_unstable_linearisation_refutes_and_enough_pinning_cures_it():
 
 def test_one_unstable_mode_among_several_is_enough():
     """All the time in it is allowed."""
-    network = Network.from_arcs({"good": [], "bad": PAIR, "other": [[1, 2]]}, arrow="listens_to", agents=2)
-    assert certify(Problem(network=network, coupling="-y", gains="1/2")).verdict is REFUTED
-    twin = Network.from_arcs({"good": [], "other": []}, arrow="listens_to", agents=2)
-    assert certify(Problem(network=twin, coupling="-y", gains="1/2")).verdict is PROVED
+    modes = {"good": [], "bad": PAIR, "other": [[1, 2]]}
+    assert certify(linked(modes, coupling="-y", gains="1/2")).verdict is REFUTED
+    assert certify(linked({"good": [], "other": []}, 2, coupling="-y", gains="1/2")).verdict is PROVED
 
 
 def test_instability_is_about_starts_near_the_target():
@@ -243,10 +230,8 @@ def test_rotating_couplings_are_seen_as_unstable_where_they_are():
 def test_instability_is_believed_of_a_refuted_lemma_only(kind):
     """A certificate that says "unstable_roots" anywhere else must not turn the verdict."""
     asked = problem(h="tanh(y)", region=region(-1, 1))
-    checks = [
-        replace(c, claim=Unstable(roots=1), verdict=kind) if c.id == "lemma1" else c
-        for c in at_the_consensus(certify(asked).checks)
-    ]
+    bent = {"claim": Unstable(roots=1), "verdict": kind}
+    checks = [replace(c, **bent) if c.id == "lemma1" else c for c in at_the_consensus(certify(asked).checks)]
     assert decide_overall(asked, checks, None).verdict is UNDECIDED
 
 

@@ -13,20 +13,18 @@ from dobc_design.conditions.boxes.claim import Shell
 from dobc_design.conditions.boxes.decide import verify_shell
 from dobc_design.conditions.check import Check, read_object, starts_in, undecided_check
 from dobc_design.conditions.numbers import claimed, read_rational
-from dobc_design.conditions.quadratic.checks import (
+from dobc_design.conditions.quadratic.decide import (
     ball_is_inside,
-    function_in_words,
+    covers,
+    decrease_in_words,
     in_every_mode,
     lure_from_json,
     names_of,
     not_shown,
-    pace_in_words,
     quadratic_obstacle,
     rate_of,
-    starts_in_words,
     wrong_outside,
 )
-from dobc_design.conditions.quadratic.decide import covers
 from dobc_design.exact.matrix import Matrix
 from dobc_design.problem.problem import Problem
 from dobc_design.verdict import Verdict
@@ -61,8 +59,8 @@ def exhaustive_check(
         rate=rate_of(shell.lure),
         domain=starts_in("ball", radius, disturbance),
         claim=shell,
-        reason=f"from {starts_in_words(problem, outer, radius, disturbance)} V = {function_in_words(outer)} decreases"
-        f"{pace_in_words(shell.lure)}: near the target by a quadratic certificate, farther out in"
+        reason=f"{decrease_in_words(problem, outer, radius, disturbance)}: near the target by a quadratic certificate,"
+        " farther out in"
         f" {shell.tree.count('.')} boxes, one by one{in_every_mode(problem)}.{remark}",
     )
 

@@ -55,9 +55,7 @@ LARGE_ENTRIES: Final = 20_000
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class ModeJacobian:
     """dh/de of one mode: J has +gain at block (listener, speaker) and -gain at (listener, listener).
-
-    ``gains[kind[a]]`` is the m x m gain of arc a, weight included; arcs that are alike share it.
-    """
+    ``gains[kind[a]]`` is the m x m gain of arc a, weight included; arcs that are alike share it."""
 
     name: str
     arcs: Arcs
@@ -91,11 +89,8 @@ class Jacobians:
 
 
 def jacobians_at_consensus(problem: Problem) -> Jacobians:
-    """Enclose J(0) of every mode.
-
-    For linear couplings J does not depend on e, so the domain is "global".
-    Raises: exact.interval.UndefinedError if a coupling has no derivative at 0.
-    """
+    """Enclose J(0) of every mode.  For linear couplings J does not depend on e, so the domain is "global". Raises:
+    exact.interval.UndefinedError if a coupling has no derivative at 0."""
     slopes = [coupling.jacobian_at_zero() for coupling in problem.couplings]
     modes = []
     for name, arcs in problem.network.modes.items():
@@ -133,10 +128,8 @@ class Deviations(Sequence[Deviation]):
 
 
 def lemma1_in_arrays(jacobian: ModeJacobian, pinning: Pinning, *, size: int, dimension: int) -> Pencil | None:
-    """``lemma1`` with an IntegerSymmetric; None if the gains have no common denominator of 512 bits.
-
-    Both forms enclose the same matrices; middles and deviations of inexact slopes may differ.
-    """
+    """``lemma1`` with an IntegerSymmetric; None if the gains have no common denominator of 512 bits.  Both forms
+    enclose the same matrices; middles and deviations of inexact slopes may differ."""
     # agents often share one matrix
     held = {
         id(k): [[x + k[d][c] for d, x in enumerate(row)] for c, row in enumerate(k)] for k in pinning.gains.values()
@@ -277,11 +270,8 @@ def lemma1(jacobian: ModeJacobian, pinning: Pinning, *, size: int, dimension: in
 def theorem1(
     lambda_: Pencil, systems: Mapping[str, Exosystem], numbers: Sequence[int], *, rate: Fraction = ZERO
 ) -> Pencil:
-    """Psi of eq. (18), from Lambda (a Pencil of ``lemma1``), the exosystems, and each agent's number among them.
-
-    Size: n m + the sum of the agents' orders.  Unknowns: P and Q of every exosystem, by its name: "P[1]", "Q[1]"; the
-    only one has none.  ``rate`` (1/s) adds 2 rate diag(I, I (x) P).
-    """
+    """Psi of eq. (18), n m rows and a block per agent, from Lambda, the exosystems and each agent's number among them.
+    Unknowns: P and Q of each, by its name: "P[1]", "Q[1]".  ``rate`` (1/s) adds 2 rate diag(I, I (x) P)."""
     known = list(systems.values())
     m = known[0].outputs
     entries: Entries = dict(lambda_.constant.entries)
@@ -298,12 +288,10 @@ def theorem1(
     coefficients: dict[Place, SparseSymmetric] = {}
     for (name, exosystem), own in zip(systems.items(), starts, strict=True):
         mark, q = f"[{name}]" if name else "", exosystem.order
-        pair = (
-            Unknown(name=f"P{mark}", rows=q, columns=q, symmetric=True),
-            Unknown(name=f"Q{mark}", rows=q, columns=m, symmetric=False),
-        )
-        unknowns += pair
-        for letter, unknown in zip("PQ", pair, strict=True):
+        P = Unknown(name=f"P{mark}", rows=q, columns=q, symmetric=True)
+        Q = Unknown(name=f"Q{mark}", rows=q, columns=m, symmetric=False)
+        unknowns += [P, Q]
+        for letter, unknown in (("P", P), ("Q", Q)):
             for place in unknown.places():
                 block = omega_coefficient(exosystem, (letter, place[1], place[2]), rate=rate)
                 values = {(start + i, start + j): x for start in own for (i, j), x in block.items()}
@@ -318,11 +306,8 @@ def theorem1(
 
 
 def reduced(bound: Fraction, exosystem: Exosystem, *, rate: Fraction = ZERO) -> Pencil:
-    """The same statement for one agent with Lambda = bound I: what Psi < 0 comes down to (theory, Reduction).
-
-    With bound = max lambda_max(Lambda) over the modes it is equivalent to Theorem 2 when m = 1 or
-    Lambda = Lambda_n (x) I_m, and sufficient in general.  Size: m + q.
-    """
+    """The same for one agent with Lambda = bound I (theory, Reduction), bound = max lambda_max(Lambda) over the modes:
+    equivalent to Theorem 2 when m = 1 or Lambda = Lambda_n (x) I_m, sufficient in general.  Size: m + q."""
     m = exosystem.outputs
     diagonal = SparseSymmetric(m, {(i, i): bound for i in range(m)})
     one = Pencil(name="reduced", constant=diagonal, unknowns=(), coefficients={})
@@ -333,8 +318,7 @@ def omega_coefficient(exosystem: Exosystem, place: Place, *, rate: Fraction = ZE
     """What one entry of P or Q contributes to Omega0 + 2 rate P = X + X' (upper triangle, q x q)."""
     name, k, l = place  # noqa: E741  k, l as in matrix entries
     if name == "P":  # X = E (A + rate I)
-        A = enumerate(exosystem.A)
-        shifted = [[x + rate * (i == j) for j, x in enumerate(row)] for i, row in A]
+        shifted = [[x + rate * (i == j) for j, x in enumerate(row)] for i, row in enumerate(exosystem.A)]
         terms = [(r, j, x) for r, s in {(k, l), (l, k)} for j, x in enumerate(shifted[s])]
     else:  # X = -E C
         terms = [(k, j, -x) for j, x in enumerate(exosystem.C[l])]
@@ -387,10 +371,8 @@ class Shown:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Unstable:
-    """Of a refuted Lemma 1: a lower bound of the eigenvalues of J - K with positive real part, and perhaps v'Lambda v.
-
-    ``value``: a lower bound of v'Lambda v for the vector v of the witness; None where it is not rational.
-    """
+    """Of a refuted Lemma 1: a lower bound of the eigenvalues of J - K with positive real part, and perhaps v'Lambda
+    v.  ``value``: a lower bound of v'Lambda v for the vector v of the witness; None where it is not rational."""
 
     roots: int
     value: Fraction | None = None
@@ -403,10 +385,8 @@ class Unstable:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Pair:
-    """A proposed pair (P, Q) with W = P^-1 Q.  Shapes: P (q, q) symmetric, Q (q, m).
-
-    Where agents have different exosystems, here and below: block diagonal, for the joint one (``problem.groups``).
-    """
+    """A proposed pair (P, Q) with W = P^-1 Q.  Shapes: P (q, q) symmetric, Q (q, m).  Where agents have different
+    exosystems, here and below: block diagonal, for the joint one (``problem.groups``)."""
 
     P: Matrix
     Q: Matrix
@@ -435,10 +415,8 @@ class PairFacts:
 
 
 def read_claim(check: Check, problem: Problem, W: Matrix | None) -> Claim | None:
-    """What Lemma 1 or a theorem claims; neither ``problem`` nor the gain W (q, m) is needed.
-
-    Raises: KeyError, TypeError, ValueError or SpecError for numbers that cannot be read.
-    """
+    """What Lemma 1 or a theorem claims; neither ``problem`` nor the gain W (q, m) is needed.  Raises: KeyError,
+    TypeError, ValueError or SpecError for numbers that cannot be read."""
     exact = check.exact or {}
     if "unstable_roots" in exact:
         roots = read_rational(exact["unstable_roots"])
@@ -453,12 +431,8 @@ def read_claim(check: Check, problem: Problem, W: Matrix | None) -> Claim | None
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Statements:
-    """The conditions of one problem on one domain.
-
-    ``lambdas``: mode -> Lambda(J), a Pencil without unknowns.  ``inapplicable``: why Lemma 1 and the
-    theorems say nothing here (couplings that are not C1), or None; then ``lambdas`` is empty.  ``shown``: for modes of
-    large networks, what a vector has proved about Lambda (``negative``).
-    """
+    """The conditions of one problem.  ``lambdas``: mode -> Lambda(J), without unknowns; empty where the couplings are
+    ``inapplicable``, not C1, for that reason.  ``shown``: what a vector has proved about Lambda of large networks."""
 
     problem: Problem
     domain: str
@@ -468,10 +442,8 @@ class Statements:
     shown: Mapping[str, Shown] = field(default_factory=dict)
 
     def psi(self, *, rate: Fraction = ZERO) -> tuple[Pencil, ...]:
-        """Psi of every mode, (28), with shared unknowns, in the order of the modes.
-
-        Raises: SpecError without an exosystem.
-        """
+        """Psi of every mode, (28), with shared unknowns, in the order of the modes.  Raises: SpecError without an
+        exosystem."""
         groups, labels = self.problem.groups, self.problem.network.labels
         if not groups:
             raise SpecError(

@@ -1,9 +1,7 @@
 """Cures for a network that is not held, as proposals: gains on the present pins, one more pin, several more.
 
-Gains on a set F can do iff S is positive on the other agents (theory, section 7).  Every closed group without a pin
-needs one; what is still missing is added greedily, where the slowest direction is heaviest.  Each cure is gains in
-floating point on the boundary of what is needed; ``PinProposal.rounded`` gives what a person would type, and exact
-arithmetic decides whether that cures.  Also: the factor by which a given P is too small.
+Gains on a set F can do iff S is positive on the other agents (theory, section 7).  Each cure is on the boundary of what
+is needed, in floating point; exact arithmetic decides whether the rounded one cures.
 """
 
 from __future__ import annotations
@@ -41,12 +39,8 @@ Progress = Callable[[str], None]
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PinProposal:
-    """Gains by agent index, about; which agents are new; the ``rivals`` of a single new one.
-
-    ``keeps``: the gains are for the new agents alone and the present ones stay as they are; else they replace them.
-    ``smallest``: the gains are the least that can do.  Otherwise smaller ones would do, and these are the least for
-    half of the fastest decay that pins on these agents can give.
-    """
+    """Gains by agent index, about; which agents are new; the ``rivals`` of a single new one.  ``keeps``: the present
+    gains stay.  ``smallest``: the least that can do; else the least for half of the fastest decay."""
 
     gains: Mapping[int, float]
     added: tuple[int, ...] = ()
@@ -69,9 +63,7 @@ def rounded_up(value: float | Fraction) -> Fraction:
 
 def gains_on(blocks: Blocks, agents: Sequence[int], proposal: PinProposal) -> Iterator[PinProposal]:
     """The smallest gains on these agents, then those for half of the fastest decay; nothing if no gains can do.
-
-    ``proposal`` says what the gains are for; its own gains are not looked at.
-    """
+    ``proposal`` says what the gains are for; its own gains are not looked at."""
     least = smallest_gains(blocks, agents)
     if least is None:
         return
@@ -139,12 +131,8 @@ def groups_without_pin(problem: Problem) -> list[tuple[int, ...]]:
 def best_single(
     blocks: Blocks, problem: Problem, *, pins: Sequence[int] = (), progress: Progress | None = None
 ) -> tuple[int, ...]:
-    """The agent without a pin that, beside ``pins``, needs the smallest total gain, then those that need exactly as
-    little; empty if no single one can do.
-
-    ``pins``: agents whose gains may be chosen anew; those whose gains stay are part of ``blocks``.
-    Where several need no gain at all to speak of (any gain > 0 does), the one that holds the others best.
-    """
+    """The agent without a pin that, beside ``pins`` with gains chosen anew, needs the smallest total gain, then
+    those that need as little; empty if none can do.  Where any gain > 0 does, the one that holds the others best."""
     totals: dict[int, float] = {}
     candidates = _candidates(blocks, problem)
     for place, agent in enumerate(candidates):
@@ -194,10 +182,8 @@ def _weights(blocks: Blocks, agents: Array) -> Array:
 
 
 def small_set(blocks: Blocks, problem: Problem, *, progress: Progress | None = None) -> tuple[int, ...]:
-    """Agents to add to the pins so that some gains can do: one of each closed group first, then greedily.
-
-    Never more than are needed of those found: one that can be left out again is left out.
-    """
+    """Agents to add to the pins so that some gains can do: one of each closed group first, then greedily.  Never
+    more than are needed of those found: one that can be left out again is left out."""
     pins = problem.pinning.agents
     chosen = _one_of_each(blocks, groups_without_pin(problem))
     needed = list(chosen)
@@ -223,25 +209,20 @@ def _one_of_each(blocks: Blocks, groups: Sequence[tuple[int, ...]]) -> list[int]
     chosen: list[int] = []
     while left:
         count = Counter(agent for group in left for agent in group)
-        often = sorted(agent for agent, number in count.items() if number == max(count.values()))
+        most = max(count.values())
+        often = sorted(agent for agent, number in count.items() if number == most)
         home = min((group for group in left if group & set(often)), key=lambda group: (len(group), min(group)))
+        outside = [other for other in range(blocks.agents) if other not in home]
         local = [agent for agent in often if agent in home][: _affordable(len(home))]
-        chosen.append(min(local, key=lambda agent: (_loose_inside(blocks, home, agent), agent)))
+        loose = {agent: pinning.looseness(blocks, (*outside, agent)) for agent in local}
+        chosen.append(min(local, key=lambda agent: (float(f"{loose[agent]:.9g}"), agent)))  # rounded: ties are ties
         left = [group for group in left if chosen[-1] not in group]
     return chosen
 
 
-def _loose_inside(blocks: Blocks, group: set[int], agent: int) -> float:
-    """How loosely the group is held with this agent pinned, about; rounded, so that ties are ties."""
-    outside = [other for other in range(blocks.agents) if other not in group]
-    return float(f"{pinning.looseness(blocks, (*outside, agent)):.9g}")
-
-
 def scale_needed(problem: Problem, S: Matrix) -> float | None:
-    """The factor a beyond which Lambda + I (x) S / a < 0 in every mode, about; None if Lambda < 0 fails.
-
-    With (a P, a Q) in place of (P, Q) the border term S becomes S / a (theory, section 9).
-    """
+    """The factor a beyond which Lambda + I (x) S / a < 0 in every mode, about; None if Lambda < 0 fails.  With (a P,
+    a Q) in place of (P, Q) the border term S becomes S / a (theory, section 9)."""
     block = to_float(S)
     weight = float(np.max(np.linalg.eigvalsh(block), initial=0.0))
     worst = 0.0

@@ -46,12 +46,8 @@ class Proposal:
 
 
 def unstable_roots(statements: Statements, mode: str) -> int:
-    """A proved lower bound of the eigenvalues of J - K with positive real part, with multiplicity.
-
-    0 also means "not examined": irrational slopes, more than 60 rows, or entries with so long a common denominator that
-    counting would take minutes.  With diagonal slopes >= 0 and scalar gains J - K has none (its rows are weakly
-    dominated by a diagonal <= 0).
-    """
+    """A proved lower bound of the eigenvalues of J - K with positive real part, with multiplicity; 0 if not
+    examined.  With diagonal slopes >= 0 and scalar gains there are none (rows weakly dominated by a diagonal <= 0)."""
     jacobians, pinning = statements.jacobians, statements.problem.pinning
     size = 0 if jacobians is None else jacobians.size * jacobians.dimension
     if jacobians is None or size > LARGEST_EXAMINED:
@@ -73,15 +69,10 @@ def enclosed_lambda(statements: Statements, mode: str) -> Enclosed:
 
 
 def with_vectors(statements: Statements, vectors: Mapping[str, NDArray[np.float64]]) -> Statements:
-    """The statements with what these vectors v > 0 (n m,) prove about Lambda of large networks, by mode.
-
-    Vectors that prove no bound below 0 are left out.
-    """
-    shown = {}
-    for mode, vector in vectors.items():
-        bound = network.shown_bound(enclosed_lambda(statements, mode), vector)
-        if bound is not None and bound < 0:
-            shown[mode] = Shown(vector=vector, bound=bound)
+    """The statements with what these vectors v > 0 (n m,) prove about Lambda of large networks, by mode.  Vectors
+    that prove no bound below 0 are left out."""
+    bounds = {mode: network.shown_bound(enclosed_lambda(statements, mode), v) for mode, v in vectors.items()}
+    shown = {mode: Shown(vector=vectors[mode], bound=b) for mode, b in bounds.items() if b is not None and b < 0}
     return replace(statements, shown=shown)
 
 
@@ -136,11 +127,8 @@ def theorem_check(
     obstacle: Check | None,
     printed: bool = False,
 ) -> Check:
-    """Decide Theorem 1 or 2 for the pair, or refute it for every pair.
-
-    ``lemmas`` are the decided Lemma 1 checks of all modes; ``obstacle`` is a refuted detectability or
-    Hurwitz check, which alone rules out every pair.  ``printed``: the pair is the user's own.
-    """
+    """Decide Theorem 1 or 2 for the pair (``printed``: the user's own), or refute it for every pair: by the decided
+    Lemma 1 of a mode, or by an ``obstacle``, a refuted detectability or Hurwitz check."""
     undecided = partial(Check, id=id, verdict=Verdict.UNDECIDED, domain=statements.domain)
     if statements.inapplicable is not None:
         return undecided(reason=statements.inapplicable)
@@ -152,18 +140,10 @@ def theorem_check(
         reason = "no pair (P, Q) was found, though none of the known obstacles stands in the way; give W and P."
         return undecided(reason=reason)
     refuted = partial(Check, id=id, verdict=Verdict.REFUTED, domain=statements.domain)
-    for block, matrix, what in (
-        (
-            "P",
-            SparseSymmetric.from_dense(pair.P),
-            "P is not positive definite: v'Pv <= 0 for the vector shown, so V is no Lyapunov function.",
-        ),
-        (
-            "Omega0",
-            omega(pair.P, pair.Q, exosystem).negated(),
-            "PA + A'P - QC - C'Q' is not negative definite: the estimation error alone can make V grow.",
-        ),
-    ):
+    not_p = "P is not positive definite: v'Pv <= 0 for the vector shown, so V is no Lyapunov function."
+    not_omega = "PA + A'P - QC - C'Q' is not negative definite: the estimation error alone can make V grow."
+    blocks = {"P": SparseSymmetric.from_dense(pair.P), "Omega0": omega(pair.P, pair.Q, exosystem).negated()}
+    for (block, matrix), what in zip(blocks.items(), (not_p, not_omega), strict=True):
         vector = decide_positive_definite(matrix).witness
         if vector is not None:
             reason = f"{what} Another P may do."
@@ -272,11 +252,8 @@ def _where(statements: Statements) -> str:
 
 
 def confirm(check: Check, statements: Statements, pair: Pair | None) -> str | None:
-    """None if everything that a proved or refuted check of this topic claims is confirmed, else what is not.
-
-    ``pair``: that of the certificate.  A theorem that is refuted by the observer is not for here.
-    Raises what a malformed claim raises.
-    """
+    """None if everything that a proved or refuted check of this topic claims is confirmed, with the certificate's pair,
+    else what is not; a theorem refuted by the observer is not for here.  Raises what a malformed claim raises."""
     problem = statements.problem
     if check.id == "reachability":
         if check.margin is not None or check.rate is not None:
@@ -361,9 +338,8 @@ def _confirm_printed(check: Check, statements: Statements, pair: Pair | None, ve
         matrix = Enclosed(middle=P_negated if block == "P" else omega(pair.P, pair.Q, exosystem))
         return None if refutes(matrix, vector) else f"the vector does not refute {block}"
     S, mode = schur_block(pair, exosystem), exact.get("mode")
-    if S is None or mode not in list(statements.lambdas):
-        return OTHER_VALUES
-    if not agrees(exact, PairFacts(pair=pair, S=S, mode=mode).to_json()):
+    known = S is not None and mode in list(statements.lambdas)
+    if S is None or not known or not agrees(exact, PairFacts(pair=pair, S=S, mode=mode).to_json()):
         return OTHER_VALUES
     # Omega0 < 0 is proved by now, so that Lambda + I (x) S decides (theory, the Reduction).
     return _confirm_lambda(check, statements, str(mode), vector, S=S)

@@ -1,9 +1,7 @@
 """Lambda < 0 for an enclosed matrix: proved, refuted by a vector, or undecided; and what the graph alone decides.
 
-The matrix is known up to what its irrational slopes leave open (``exact.pencil.Deviation``).  If a set S of agents
-listens to nobody outside S and holds no pin, e_S = c is an equilibrium for every c, so consensus fails; and the
-indicator of S is a vector v with v' Lambda v = 0 (theory, section 2).  Vectors v != 0 with v' Lambda v >= 0 that move
-few agents say who is not held; proposals from floating point are multiplied out exactly.
+The matrix is known up to its irrational slopes (``exact.pencil.Deviation``).  If a set S of agents listens to nobody
+outside S and holds no pin, consensus fails, and v' Lambda v = 0 for the indicator v of S (theory, section 2).
 """
 
 from __future__ import annotations
@@ -12,6 +10,7 @@ import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from fractions import Fraction
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -44,11 +43,8 @@ Directions = Sequence[Sequence[float]]
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Enclosed:
-    """middle + a block for each agent + deviations, each with any t of its own, |t| <= size.
-
-    ``blocks``: none, one for all agents, or several, and ``owners`` says for each agent which.
-    ``bound``: a number that is proved to be at least the largest eigenvalue of middle + deviations.
-    """
+    """middle + a block for each agent (one for all, or those that ``owners`` says) + deviations, each with any |t|
+    <= size. ``bound``: a number that is proved to be at least the largest eigenvalue of middle + deviations."""
 
     middle: Symmetric
     deviations: Sequence[Deviation] = ()
@@ -97,10 +93,8 @@ class Enclosed:
         return Interval(middle - spread, middle + spread)
 
     def plus_blocks(self, blocks: Sequence[Matrix], owners: Sequence[int] = ()) -> Enclosed:
-        """Add a block for each agent: the one of the number in ``owners``, or the only one for all.
-
-        Raises: ValueError if they do not fit.
-        """
+        """Add a block for each agent: the one of the number in ``owners``, or the only one for all.  Raises:
+        ValueError if they do not fit."""
         agents = len(owners) if owners else self.middle.size // len(blocks[0])
         if agents * len(blocks[0]) != self.middle.size or (len(blocks) > 1 and not owners):
             raise ValueError(f"{agents} blocks of {len(blocks[0])} rows do not make {self.middle.size} rows")
@@ -115,10 +109,8 @@ def shown_bound(matrix: Enclosed, vector: NDArray[np.float64]) -> Fraction | Non
 
 
 def is_negative(matrix: Enclosed, *, shift: Fraction = ZERO) -> bool:
-    """Whether matrix + shift I < 0 is proved for everything enclosed.
-
-    A matrix with a ``bound`` is decided by it: nothing sharper is looked for.
-    """
+    """Whether matrix + shift I < 0 is proved for everything enclosed.  A matrix with a ``bound`` is decided by it:
+    nothing sharper is looked for."""
     if matrix.bound is not None:
         room = -matrix.bound - shift
         blocks = [SparseSymmetric.from_dense(block) for block in matrix.blocks or (((ZERO,),),)]
@@ -131,11 +123,8 @@ def is_negative(matrix: Enclosed, *, shift: Fraction = ZERO) -> bool:
 
 
 def _shorter(matrix: SparseSymmetric) -> SparseSymmetric | None:
-    """A matrix below it (in the sense of <=) with short entries, where the entries are long; None where they are not.
-
-    Elimination multiplies digits: with numbers of thousands of digits, which a certificate may hold, it takes minutes.
-    Rounding every entry to a multiple of u changes the matrix by at most u/2 times its longest row.
-    """
+    """A matrix below it (in the sense of <=) with short entries, where they are long, because elimination multiplies
+    digits; else None.  Rounding to multiples of u changes the matrix by at most u/2 times its longest row."""
     sizes = [max(x.numerator.bit_length(), x.denominator.bit_length()) for x in matrix.entries.values()]
     if max(sizes, default=0) <= LONG:
         return None
@@ -179,9 +168,8 @@ def find_witness(
 ) -> Vector | None:
     """A rational v != 0 with v'Mv >= 0 proved, or None if M < 0 (or the deviations hide the answer, or M is too large).
 
-    ``candidates`` (indicators of agents, approximate eigenvectors) are tried in order of how few entries they have:
-    rounded to small integers, because they read better, then by elimination of the rows they live on.  Last comes the
-    elimination of ``rows``, all of them if that is None; candidates that leave ``rows`` are skipped.
+    ``candidates`` come first, those with few entries before others, rounded to small integers, because they read
+    better; last comes the elimination of ``rows`` (None: all), which none may leave.
     """
     allowed = set(range(matrix.middle.size) if rows is None else rows)
     supports = [([row for row, x in enumerate(each) if x], each) for each in candidates]
@@ -199,10 +187,8 @@ def find_witness(
 
 
 def _eliminated(matrix: Enclosed, rows: Sequence[int]) -> Vector | None:
-    """The elimination's own witness on these rows, zero elsewhere.
-
-    v'(middle)v >= radius v'v, so v refutes whatever the deviations are.
-    """
+    """The elimination's own witness on these rows, zero elsewhere.  v'(middle)v >= radius v'v, so v refutes whatever
+    the deviations are."""
     shifted = matrix.total.shifted(-matrix.radius).negated()
     if len(rows) == matrix.middle.size:
         return decide_positive_definite(shifted, most_work=MOST_WORK).witness
@@ -224,32 +210,22 @@ def _roundings(candidate: Sequence[float]) -> Iterable[Vector]:
 
 def reachability_check(problem: Problem, mode: str) -> Check:
     """Decide for one mode whether every agent is reached from a pinned one."""
-    missing = unreached(problem, [problem.network.modes[mode]])
-    if not missing:
-        reason = "every agent is reached from a pinned agent."
-        return Check(id="reachability", mode=mode, verdict=Verdict.PROVED, domain="global", reason=reason)
-    labels = tuple(problem.network.labels[i] for i in missing)
+    check = partial(Check, id="reachability", mode=mode, domain="global")
+    arcs = [problem.network.modes[mode]]
+    labels = tuple(problem.network.labels[i] for i in unreached(problem, arcs))
+    if not labels:
+        return check(verdict=Verdict.PROVED, reason="every agent is reached from a pinned agent.")
     whom, hear = ("it", "hears") if len(labels) == 1 else ("them", "hear")
     pins = f"no pinned agent reaches {whom}" if problem.pinning.agents else "there is no pinned agent"
-    cure = cure_in_words(problem, [problem.network.modes[mode]])
-    return Check(
-        id="reachability",
-        mode=mode,
-        verdict=Verdict.REFUTED,
-        domain="global",
-        reason=f"{name_agents(labels)} {hear} no pinned agent: {pins}. {cure}",
-        witness=Witness(kind="agents", labels=labels),
-    )
+    reason = f"{name_agents(labels)} {hear} no pinned agent: {pins}. {cure_in_words(problem, arcs)}"
+    return check(verdict=Verdict.REFUTED, reason=reason, witness=Witness(kind="agents", labels=labels))
 
 
 def unheld_groups(
     problem: Problem, arcs: Iterable[Arcs] | None = None
 ) -> Iterator[tuple[tuple[int, ...], tuple[Vector, ...]]]:
-    """Smallest sets S of agents that listen to nobody outside, with directions c != 0, k_i c = 0 on S.
-
-    ``arcs``: the modes to put together, all of them by default.  Then e_S = c, eps = 0 is an equilibrium whatever
-    the others do.  With scalar gains such a set is one without a pin, and every direction is free.
-    """
+    """Smallest sets S of agents that listen to nobody outside, in ``arcs`` (None: all modes together), with directions
+    c != 0, k_i c = 0 on S: then e_S = c, eps = 0 is an equilibrium.  With scalar gains: S has no pin, c is any."""
     for group in closed_groups(problem, problem.network.modes.values() if arcs is None else arcs):
         gains = [problem.pinning.gains[i] for i in group if i in problem.pinning.gains]
         free = nullspace(tuple(row for gain in gains for row in gain)) if gains else identity(problem.m)
@@ -279,10 +255,8 @@ def name_agents(labels: Sequence[str]) -> str:
 
 
 def group_directions(problem: Problem, arcs: Arcs) -> list[list[float]]:
-    """For every closed group of one mode whose gains leave a direction c free: the group moved along c.
-
-    The group listens to nobody outside and k_i c = 0 in it, so J e = 0 and e'K e = 0: the value is exactly 0.
-    """
+    """For every closed group of one mode whose gains leave a direction c free: the group moved along c.  The group
+    listens to nobody outside and k_i c = 0 in it, so J e = 0 and e'K e = 0: the value is exactly 0."""
     found = []
     for group, free in unheld_groups(problem, [arcs]):
         vector = np.zeros((problem.n, problem.m))
@@ -295,9 +269,7 @@ def unpinned_witness(
     problem: Problem, matrices: Mapping[str, Enclosed], directions: Mapping[str, Directions]
 ) -> tuple[str, Vector] | None:
     """A mode and a v with v' Lambda v >= 0 that moves no pinned agent: then no gains on the present pins can do.
-
-    ``matrices``: Lambda of every mode.  None: none was found (or some gains can do).
-    """
+    ``matrices``: Lambda of every mode.  None: none was found (or some gains can do)."""
     pinned = set(problem.pinning.agents)
     rows = [row for row in range(problem.n * problem.m) if row // problem.m not in pinned]
     for mode, matrix in matrices.items():

@@ -1,11 +1,9 @@
 """The smallest pinning gains: minimise sum c_i k_i over k >= 0 subject to Lambda(K) <= -2 beta I (theory, section 7).
 
-Where -(J + J') is a Z-matrix the optimum has a closed form, one sparse solve per round.  Gains that several Z-matrices
-share are a geometric program: S_r + 2 K >= 0 iff (S_r + 2 K) v_r >= 0 for some v_r = exp(u_r) > 0.  Its dual shares the
-cost of every pinned agent among the modes, sum over r of v_r,i^2 <= c_i, and maximises -1/2 sum of v_r' S_r v_r, where
-the others follow by one solve with a factor that stays; on products of spheres that is a quadratic form, for L-BFGS,
-and the gains are its prices.  Small ones, and couplings that are no Z-matrix, go to a conic program, or get gains that
-are valid and not the smallest.  Everything here is floating point and sits on the boundary: round up, then decide
+Where -(J + J') is a Z-matrix the optimum has a closed form.  Gains that several Z-matrices share are a geometric
+program, solved through its dual: the cost of every pinned agent is shared, sum over r of v_r,i^2 <= c_i, and -1/2 sum
+of v_r' S_r v_r maximised, where the others follow by one solve; the gains are its prices.  Others go to a conic
+program, or get gains that are not the smallest.  All is floating point and on the boundary: round up, then decide
 exactly.
 """
 
@@ -25,6 +23,7 @@ from dobc_design.solvers.conic import Cone, smat, solve_cones, svec, svec_diagon
 from dobc_design.solvers.program import Array
 
 DENSE = 50  # rows up to which a dense solve is the faster one, and
+CAP_EDGE = 1e-9  # a gain above its cap by less (relatively) is at it
 FULL = 0.3  # the part of the entries from which it is in any size
 PROGRAM_ROWS = 80  # rows of one block up to which the conic program is solved
 PROGRAM_SIZE = 40_000  # squared rows of all blocks together
@@ -49,12 +48,8 @@ SYMMETRIC: Any = {"permc_spec": "MMD_AT_PLUS_A", "diag_pivot_thresh": 0.0, "opti
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Blocks:
-    """S = -(J + J') - 2 beta I of every mode; they share the gains: S + 2 k_i on the rows of agent i is to be >= 0.
-
-    ``tables``: symmetric SciPy arrays (n width, n width).  With couplings by component every component is a block
-    of its own and ``width`` is 1.  ``z``: all entries off the diagonal are <= 0.  ``scale``: the largest entry.
-    ``sources``: of every table its mode and component (0 if ``width`` is m); equal tables are kept once.
-    """
+    """S = -(J + J') - 2 beta I of every mode (by component with ``width`` 1), equal ones once: S + 2 k_i on the rows of
+    agent i is to be >= 0.  ``z``: no entry off the diagonal is > 0; ``sources``: the mode and component of each."""
 
     agents: int
     width: int
@@ -63,24 +58,26 @@ class Blocks:
     z: bool
     sources: tuple[tuple[str, int], ...] = ()
 
+    @property
+    def is_small(self) -> bool:
+        """Whether the conic program is solved in time."""
+        rows = self.agents * self.width
+        return rows <= PROGRAM_ROWS and rows * rows * len(self.tables) <= PROGRAM_SIZE
+
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Optimum:
-    """Gains k (n,) of least cost for one Z-matrix, and the v (n,) >= 0 that shows it: v v'/2 is the multiplier.
-
-    v_i^2 <= c_i where k_i = 0 though a gain is allowed, v_i^2 = c_i where it is between its limits, v_i^2 >= c_i where
-    it is at its cap.
-    """
+    """Gains k (n,) of least cost, about, with the ``bound`` they reach, and ``duals``: of a program the multipliers; of
+    Z-matrices v (n,) >= 0 with v v'/2 the multiplier (of one, v_i^2 >= c_i at a cap, <= c_i at 0)."""
 
     gains: Array
-    v: Array
+    duals: tuple[Array, ...]
+    bound: float = 0.0
 
 
 def network_blocks(problem: Problem, *, pins: bool = False) -> Blocks | None:
-    """Build the blocks of a problem, beta = 0; None if an entry is beyond the floats.
-
-    ``pins``: the present gains stay and are part of S, so that further ones come on top of them.
-    """
+    """Build the blocks of a problem, beta = 0; None if an entry is beyond the floats.  ``pins``: the present gains
+    stay and are part of S, so that further ones come on top of them."""
     n, m = problem.n, problem.m
     tables: dict[bytes, Any] = {}
     sources: dict[bytes, tuple[str, int]] = {}
@@ -101,9 +98,8 @@ def network_blocks(problem: Problem, *, pins: bool = False) -> Blocks | None:
             sources.setdefault(key, (mode, component))
     scale = max((float(np.max(np.abs(t.data), initial=0.0)) for t in tables.values()), default=0.0)
     z = width == 1 and all(np.all((t.data <= 0) | (t.row == t.col)) for t in map(sparse.coo_array, tables.values()))
-    return Blocks(
-        agents=n, width=width, tables=tuple(tables.values()), scale=scale, z=z, sources=tuple(sources.values())
-    )
+    whole, places = tuple(tables.values()), tuple(sources.values())
+    return Blocks(agents=n, width=width, tables=whole, scale=scale, z=z, sources=places)
 
 
 def for_rate(blocks: Blocks, rate: float) -> Blocks:
@@ -114,80 +110,67 @@ def for_rate(blocks: Blocks, rate: float) -> Blocks:
 
 def fastest_rate(blocks: Blocks, allowed: Collection[int]) -> float:
     """The rate beta (1/s) that gains on the ``allowed`` agents approach as they grow; about; inf if all are allowed.
-
-    Half the smallest eigenvalue of S on the other agents: positive iff some gains can do.
-    """
+    Half the smallest eigenvalue of S on the other agents: positive iff some gains can do."""
     rows = rows_of(np.setdiff1d(np.arange(blocks.agents), list(allowed)), blocks.width)
     return min((lowest_on(table, rows)[0] / 2 for table in blocks.tables), default=0.0)
 
 
 def smallest_gains(blocks: Blocks, allowed: Collection[int], *, costs: Sequence[float] | None = None) -> Array | None:
-    """The gains k (n,) of least cost on the ``allowed`` agents, about; None if no gains on them can do.
-
-    One Z-matrix: the optimum.  Otherwise the optimum up to the tolerance of a solver while the blocks are not too
-    large, else gains that suffice.  ``costs`` c_i > 0 default to 1.
-    """
+    """The gains k (n,) of least ``costs`` c_i > 0 (None: 1) on the ``allowed`` agents, about; None if none can do.  The
+    optimum of one Z-matrix, or of a solver while blocks are not too large; else gains that suffice."""
     weights = np.ones(blocks.agents) if costs is None else np.asarray(costs, dtype=np.float64)
-    chosen = np.zeros(blocks.agents, dtype=bool)
-    chosen[list(allowed)] = True
-    if blocks.z:
-        found = valid_gains(blocks, chosen, weights)
-        if found is None or len(blocks.tables) == 1:
-            return found
-    elif fastest_rate(blocks, allowed) <= 1e-9 * blocks.scale:
+    chosen = np.isin(np.arange(blocks.agents), list(allowed))
+    found = valid_gains(blocks, chosen, weights) if blocks.z else None
+    if blocks.z and (found is None or len(blocks.tables) == 1):
+        return found
+    if not blocks.z and fastest_rate(blocks, allowed) <= 1e-9 * blocks.scale:
         return None
-    else:
-        found = None
-    rows = blocks.agents * blocks.width
-    shared = solve_shared(blocks.tables, chosen, weights) if blocks.z and rows > FEW_ROWS else None
-    if shared is not None and (found is None or weights @ shared.gains < weights @ found):
-        return shared.gains
-    if rows <= PROGRAM_ROWS and rows * rows * len(blocks.tables) <= PROGRAM_SIZE:
-        best = solve_program(blocks.tables, np.flatnonzero(chosen), weights, width=blocks.width, scale=blocks.scale)
-        if best is not None and (found is None or weights @ best.gains < weights @ found):
-            return best.gains
+    best = solve_shared(blocks.tables, chosen, weights) if blocks.z and blocks.agents > FEW_ROWS else None
+    if best is not None and (found is None or weights @ best.gains < weights @ found):
+        return best.gains
+    best = solve_program(blocks, np.flatnonzero(chosen), weights) if blocks.is_small else None
+    if best is not None and (found is None or weights @ best.gains < weights @ found):
+        return best.gains
     return _alike(blocks, chosen) if found is None else found
 
 
-def valid_gains(blocks: Blocks, chosen: Array, weights: Array) -> Array | None:
-    """For Z-matrices: the closed form of every block, and of several the largest gain of each agent.
-
-    Lambda only falls when a gain rises, so the largest ones serve every block.
-    """
-    gains = np.zeros(blocks.agents)
-    for table in blocks.tables:
-        own = optimum(table, chosen, weights)
-        if own is None:
-            return None
-        gains = np.maximum(gains, own.gains)
-    return gains
+def valid_gains(blocks: Blocks, chosen: Any, weights: Array) -> Array | None:
+    """For Z-matrices: the closed form of every block, and of several the largest gain of each agent.  Lambda only
+    falls when a gain rises, so the largest ones serve every block."""
+    found = [optimum(table, chosen, weights) for table in blocks.tables]
+    gains = [each.gains for each in found if each is not None]
+    return np.asarray(np.max(gains, axis=0)) if len(gains) == len(found) else None
 
 
-def optimum(table: Any, chosen: Array, weights: Array, caps: Array | None = None) -> Optimum | None:
-    """The optimal gains for one symmetric Z-matrix S (n, n), at most ``caps`` (n,); None if none can do.
+def optimum(table: Any, chosen: Any, weights: Array, caps: Array | None = None) -> Optimum | None:
+    """The optimal gains for one symmetric Z-matrix S (n, n), at most ``caps`` (n,); None if none can do.  Source:
+    theory, section 7; with caps the multiplier of a cap is v_i^2 - c_i."""
+    return _with_caps(_uncapped, [table], chosen, weights, caps)
 
-    An agent whose gain would exceed its cap is held at it, which only raises v and the gains of the others.
-    Source: theory, section 7; with caps the multiplier of a cap is v_i^2 - c_i.
-    """
-    full = np.zeros(len(weights), dtype=bool)
+
+def _with_caps(
+    solve: Callable[..., Optimum | None], tables: Sequence[Any], chosen: Any, costs: Array, caps: Array | None
+) -> Optimum | None:
+    """An agent whose gain would exceed its cap (inf: none) is held at it, which only raises the gains of the others."""
+    limits = np.full(len(costs), np.inf) if caps is None else caps
+    full = np.zeros(len(costs), dtype=bool)
     for _ in range(int(np.sum(chosen)) + 1):
-        held = table if caps is None or not np.any(full) else table + sparse.diags_array(2 * np.where(full, caps, 0.0))
-        found = _uncapped(sparse.csr_array(held), chosen & ~full, weights)
-        if caps is None or found is None:
-            return found
-        over = found.gains > caps * (1 + 1e-12)
+        extra = np.where(full, limits, 0.0)
+        held = [sparse.csr_array(table + sparse.diags_array(2 * extra)) if np.any(full) else table for table in tables]
+        found = solve(held, chosen & ~full, costs)
+        if found is None:
+            return None
+        over = found.gains > limits * (1 + CAP_EDGE)
         if not np.any(over):
-            return Optimum(gains=np.where(full, caps, found.gains), v=found.v)
+            return replace(found, gains=found.gains + extra, bound=found.bound + float(costs @ extra))
         full |= over
     return None
 
 
-def _uncapped(table: Any, chosen: Array, weights: Array) -> Optimum | None:
-    """v_i = sqrt(c_i) on the chosen agents, (S v)_i = 0 on the others, k_i = -(S v)_i / (2 v_i).
-
-    An agent whose gain would be negative is set free, and v solved again.
-    """
-    active = np.array(chosen, dtype=bool)
+def _uncapped(tables: Sequence[Any], chosen: Any, weights: Array) -> Optimum | None:
+    """v_i = sqrt(c_i) on the chosen agents, (S v)_i = 0 on the others, k_i = -(S v)_i / (2 v_i).  An agent whose
+    gain would be negative is set free, and v solved again."""
+    (table,), active = tables, np.array(chosen, dtype=bool)
     v = np.where(active, np.sqrt(weights), 0.0)
     size = float(np.max(np.abs(table.data), initial=0.0))
     for _ in range(int(active.sum()) + 1):
@@ -203,7 +186,7 @@ def _uncapped(table: Any, chosen: Array, weights: Array) -> Optimum | None:
         gains = np.where(active, -flow / (2 * np.where(active, v, 1.0)), 0.0)
         negative = active & (gains < -1e-13 * size)
         if not np.any(negative):
-            return Optimum(gains=np.maximum(gains, 0.0), v=v)
+            return Optimum(gains=np.maximum(gains, 0.0), duals=(v,))
         active &= ~negative
     return None
 
@@ -248,11 +231,8 @@ def _iterated(matrix: Any, right: Array) -> Array | None:
 
 
 def looseness(blocks: Blocks, allowed: Collection[int]) -> float:
-    """How loosely gains on the ``allowed`` agents hold the others, however large they are; inf if they cannot.
-
-    For Z-matrices 1'M^-1 1 with M = S on the others (about their number over the smallest eigenvalue, and one solve);
-    otherwise one over the smallest eigenvalue.
-    """
+    """How loosely gains on the ``allowed`` agents hold the others, however large they are; inf if they cannot:
+    1'M^-1 1 of a Z-matrix M = S on the others, which takes one solve; otherwise one over the smallest eigenvalue."""
     others = np.setdiff1d(np.arange(blocks.agents), list(allowed))
     if not blocks.z:
         rate = fastest_rate(blocks, allowed)
@@ -272,7 +252,7 @@ def lowest_on(table: Any, rows: Any) -> tuple[float, Array]:
     return -top.value, top.vector
 
 
-def _alike(blocks: Blocks, chosen: Array) -> Array | None:
+def _alike(blocks: Blocks, chosen: Any) -> Array | None:
     """One gain for all chosen agents, by bisection; None if the largest one tried does not do."""
     indicator = np.repeat(chosen.astype(np.float64), blocks.width)
 
@@ -292,67 +272,36 @@ def _alike(blocks: Blocks, chosen: Array) -> Array | None:
     return high * chosen.astype(np.float64)
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class ProgramOptimum:
-    """Gains (n,) of least cost, about, and the multiplier Z >= 0 of every block."""
-
-    gains: Array
-    multipliers: tuple[Array, ...]
-
-
-def solve_program(
-    tables: Sequence[Any],
-    allowed: Any,
-    costs: Array,
-    *,
-    width: int,
-    scale: float,
-    caps: Array | None = None,
-    time_limit: float = 20.0,
-) -> ProgramOptimum | None:
-    """Minimise c'k subject to S + 2 sum k_i E_i >= 0 for every block, 0 <= k <= ``caps`` (n,); None if none are found.
-
-    ``tables``: symmetric SciPy arrays (n width, n width), ``scale`` their largest entry, ``allowed`` agent indices.
-    E_i is the identity on the rows of agent i.
-    """
-    if not len(allowed) or not scale > 0:
+def solve_program(blocks: Blocks, allowed: Any, costs: Array, caps: Array | None = None) -> Optimum | None:
+    """Minimise c'k subject to S + 2 sum k_i E_i >= 0 for every block, 0 <= k <= ``caps`` (n,); None if none are
+    found.  E_i is the identity on the rows of agent i; ``allowed``: indices of agents."""
+    count, size, width, scale = len(allowed), len(costs) * blocks.width, blocks.width, blocks.scale
+    if not count or not scale > 0:
         return None
-    count, size = len(allowed), len(costs) * width
     # -2 svec(E_i), one column per allowed agent
     places = (svec_diagonal(size)[rows_of(allowed, width)], np.repeat(np.arange(count), width))
     columns = sparse.csc_array((np.full(count * width, -2.0), places), shape=(size * (size + 1) // 2, count))
-    cones = [Cone("semidefinite", columns, svec(table / scale)) for table in tables]
+    cones = [Cone("semidefinite", columns, svec(table / scale)) for table in blocks.tables]
     cones.append(Cone("nonnegative", -sparse.eye_array(count), np.zeros(count)))
     own = np.full(count, np.inf) if caps is None else caps[allowed]
     capped = np.flatnonzero(np.isfinite(own))
     if len(capped):
         cones.append(Cone("nonnegative", sparse.eye_array(count).tocsr()[capped], own[capped] / scale))
-    answer = solve_cones(costs[allowed], cones, time_limit=time_limit, accuracy=ACCURACY)
+    answer = solve_cones(costs[allowed], cones, time_limit=20.0, accuracy=ACCURACY)
     if not answer.found:
         return None
     gains = np.zeros(len(costs))
     gains[allowed] = np.maximum(answer.x, 0.0) * scale
     gains[gains < NOISE * np.max(gains, initial=0.0)] = 0.0
-    ends = np.cumsum([len(each.right) for each in cones[: len(tables)]])
-    parts = np.split(answer.multipliers, ends)[: len(tables)]
-    return ProgramOptimum(gains=gains, multipliers=tuple(smat(part) for part in parts))
-
-
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class SharedOptimum:
-    """Gains (n,) of least cost, about; v (n,) of every matrix, with v v'/2 its multiplier; the ``bound`` they give."""
-
-    gains: Array
-    vectors: tuple[Array, ...]
-    bound: float
+    ends = np.cumsum([len(each.right) for each in cones])
+    parts = np.split(answer.multipliers, ends)[: len(blocks.tables)]
+    return Optimum(gains=gains, duals=tuple(smat(part) for part in parts))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class _Block:
     """One matrix, split into pinned rows and others; ``factor`` is that of the others, None if there are none.
-
-    ``whole``: its Schur complement on the pins, where they are few enough for a dense one.
-    """
+    ``whole``: its Schur complement on the pins, where they are few enough for a dense one."""
 
     own: Any
     across: Any
@@ -371,28 +320,12 @@ class _Block:
         return np.asarray(flow if self.factor is None else flow + self.across @ self.follow(v))
 
 
-def solve_shared(tables: Sequence[Any], chosen: Array, costs: Array, caps: Array | None = None) -> SharedOptimum | None:
-    """Gains of least cost on the ``chosen`` agents (n,) for symmetric Z-matrices (n, n); None if none are found.
-
-    An agent whose gain would exceed its cap (inf: none) is held at it.
-    """
-    limits = np.full(len(costs), np.inf) if caps is None else caps
-    full = np.zeros(len(costs), dtype=bool)
-    for _ in range(int(np.sum(chosen)) + 1):
-        extra = np.where(full, limits, 0.0)
-        held = [sparse.csr_array(table + sparse.diags_array(2 * extra)) for table in tables]
-        found = _uncapped_shared(held, chosen & ~full, costs)
-        if found is None:
-            return None
-        over = found.gains > limits * (1 + 1e-9)
-        if not np.any(over):
-            bound = found.bound + float(costs @ extra)
-            return SharedOptimum(gains=found.gains + extra, vectors=found.vectors, bound=bound)
-        full |= over
-    return None
+def solve_shared(tables: Sequence[Any], chosen: Any, costs: Array, caps: Array | None = None) -> Optimum | None:
+    """Gains of least cost on the ``chosen`` agents (n,) for symmetric Z-matrices (n, n); None if none are found."""
+    return _with_caps(_uncapped_shared, tables, chosen, costs, caps)
 
 
-def _uncapped_shared(tables: Sequence[Any], chosen: Array, costs: Array) -> SharedOptimum | None:
+def _uncapped_shared(tables: Sequence[Any], chosen: Any, costs: Array) -> Optimum | None:
     pins, others = np.flatnonzero(chosen), np.flatnonzero(~chosen)
     if not len(pins) or len(costs) > ROWS:
         return None
@@ -442,7 +375,7 @@ def _uncapped_shared(tables: Sequence[Any], chosen: Array, costs: Array) -> Shar
         except RuntimeError:  # exactly singular
             continue
         if all(np.all(np.isfinite(w)) and np.all(w > 0) for w in held):
-            return SharedOptimum(gains=raised, vectors=tuple(vectors), bound=bound)
+            return Optimum(gains=raised, duals=tuple(vectors), bound=bound)
     return None
 
 

@@ -1,16 +1,14 @@
 """Floating-point proposals that the exact side then proves or not: eigenvalues, vectors, directions, rates.
 
-Lambda(J) is the matrix of ``claim.lemma1``, a hundred times faster, with the middle of the enclosure where a slope is
-irrational.  How far below 0 a large one is, a vector v > 0 shows: with M = -Lambda and a minus sign beside the
-diagonal, lambda_min(M) >= the least (M v)_i / v_i (theory, section 8), found by inverse iteration with conjugate
-gradients.  An estimate that cannot be had is nan (or an infinity on the weak side), never an exception.
+How far below 0 a large Lambda is, a vector v > 0 shows: with M = -Lambda and a minus sign beside the diagonal,
+lambda_min(M) >= the least (M v)_i / v_i (theory, section 8).  An estimate that cannot be had is nan or an infinity.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from fractions import Fraction
 from typing import Any, Final
 
@@ -27,17 +25,12 @@ from dobc_design.solvers.program import GIVEN_UP, Array
 
 
 def float_lambda(problem: Problem, mode: str, *, pins: bool = True) -> Any:
-    """Lambda = J + J' - (K + K') of one mode as a SciPy array in coordinate form, entries not yet summed.
-
-    Shapes: (n m, n m).  Entries beyond the floats are infinite.  ``pins`` False leaves K out.
-    Raises: exact.interval.UndefinedError if a coupling has no derivative at 0.
-    """
+    """Lambda = J + J' - (K + K') of one mode as a SciPy array (n m, n m) in coordinate form, entries not yet summed;
+    inf beyond the floats; ``pins`` False leaves K out.  Raises: UndefinedError if a coupling has no derivative at 0."""
     n, m, arcs = problem.n, problem.m, arc_table(problem, mode)
     enclosed = [coupling.jacobian_at_zero() for coupling in problem.couplings]
     slopes = np.array([[[nearest(entry.midpoint) for entry in row] for row in rows] for rows in enclosed])
-    weights = (
-        np.array([nearest(x) for x in arcs.weights])[arcs.weight, None, None] if arcs.weights else np.zeros((0, 1, 1))
-    )
+    weights = np.array([nearest(x) for x in arcs.weights])[arcs.weight, None, None]
     with np.errstate(over="ignore", invalid="ignore"):  # inf, which no estimate survives, and the exact side needs none
         gains = weights * slopes[arcs.coupling]
     held = [[[nearest(x) for x in row] for row in gain] for gain in problem.pinning.gains.values()] if pins else []
@@ -56,7 +49,7 @@ def nearest(x: Fraction) -> float:
     try:
         return float(x)
     except OverflowError:
-        return float("inf") if x > 0 else float("-inf")
+        return math.copysign(math.inf, x)
 
 
 def rows_of(agents: Any, width: int) -> Any:
@@ -83,11 +76,8 @@ _FLAT: Final = 1e-15
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Dominating:
-    """v > 0 (n m,) and about min (M v)_i / v_i; or a direction p with p'Mp about <= 0 (``least`` <= 0), or neither.
-
-    ``first``: products until M > 0 was seen; ``products``: all of them.  ``is_z``: M has minus signs beside its
-    diagonal; if it has not, that no vector is found says nothing.
-    """
+    """v > 0 (n m,) and about min (M v)_i / v_i; or a direction p with p'Mp about <= 0 (``least`` <= 0), or neither,
+    which says nothing unless M ``is_z``: minus signs beside its diagonal.  ``first``: products until M > 0 was seen."""
 
     vector: Array
     least: float
@@ -102,8 +92,21 @@ def dominating_vector(table: Any) -> Dominating | None:
     found = None if work is None else _answer_at(work, 0.0)
     if work is None or found is None or not found.least >= 0:
         return found
-    vector, least = _sharpened(work, found.vector)
-    return Dominating(vector=vector, least=least, first=found.products, products=work.products, is_z=work.is_z)
+    # Inverse iteration with a shift at the bound so far, until the bound is close or nothing is gained.
+    v, least = found.vector, work.least(found.vector)
+    for _ in range(SHARPENINGS):
+        highest = float(v @ work.times(v)) / float(v @ v)
+        if least >= (1 - CLOSE) * highest or work.products >= ENOUGH:
+            break
+        shift = least * (1 - 1e-3)
+        right = np.maximum(v / np.max(v), FLOOR)
+        start = right / max(highest - shift, 1e-3 * shift)
+        sharper, _ = _iterate(work, shift, right, start, min(PATIENCE, MOST_PRODUCTS - work.products))
+        better = math.nan if sharper is None or not np.all(sharper > 0) else work.least(sharper)
+        if sharper is None or not better > least:
+            break
+        v, least = sharper, better
+    return replace(found, vector=v, least=least, products=work.products)
 
 
 def _answer_at(work: _Work, shift: float) -> Dominating:
@@ -146,29 +149,8 @@ class _Work:
         self.products += 1
         return np.asarray(self.matrix @ x)
 
-
-def _sharpened(work: _Work, v: Array) -> tuple[Array, float]:
-    """Inverse iteration with a shift at the bound so far, until the bound is close or nothing is gained."""
-    least = _least(work, v)
-    for _ in range(SHARPENINGS):
-        highest = float(v @ work.times(v)) / float(v @ v)
-        if least >= (1 - CLOSE) * highest or work.products >= ENOUGH:
-            break
-        shift = least * (1 - 1e-3)
-        right = np.maximum(v / np.max(v), FLOOR)
-        start = right / max(highest - shift, 1e-3 * shift)
-        found, _ = _iterate(work, shift, right, start, min(PATIENCE, MOST_PRODUCTS - work.products))
-        if found is None or not np.all(found > 0):
-            break
-        better = _least(work, found)
-        if not better > least:
-            break
-        v, least = found, better
-    return v, least
-
-
-def _least(work: _Work, v: Array) -> float:
-    return float(np.min(work.times(v) / v))
+    def least(self, v: Array) -> float:
+        return float(np.min(self.times(v) / v))
 
 
 def _solved(work: _Work, shift: float, right: Array) -> Array | None:
@@ -239,8 +221,9 @@ def largest_eigenvalue(table: Any) -> Top:
     largest = float(np.max(np.abs(table.data), initial=0.0))
     if largest == 0:
         return Top(value=0.0, vector=np.ones(size))
+    none = Top(value=math.nan, vector=np.zeros(size))
     if not math.isfinite(largest):
-        return Top(value=math.nan, vector=np.zeros(size))
+        return none
     unit = math.ldexp(1.0, math.frexp(largest)[1] - 1)  # entries of size 1: no square over- or underflows
     # The start is fixed, so that answers can be reproduced, and irregular: one that has a symmetry of
     # the network never sees a direction without it.
@@ -257,24 +240,23 @@ def largest_eigenvalue(table: Any) -> Top:
             values, vectors = linalg.eigh(table.toarray() / unit, subset_by_index=(size - 1, size - 1))
             return Top(value=float(values[0]) * unit, vector=vectors[:, 0])
     except GIVEN_UP:
-        pass
-    return Top(value=math.nan, vector=np.zeros(size))
+        return none
+    return none
 
 
 def lambda_tops(statements: Statements) -> dict[str, Top]:
     """lambda_max(Lambda) and its direction, for every mode to which the theorems apply."""
-    return {mode: _top(float_lambda(statements.problem, mode)) for mode in statements.lambdas}
-
-
-def _top(table: Any) -> Top:
-    """By a vector v > 0 where the matrix is large and one shows that it is negative; else the eigenvalue."""
-    if table.shape[0] > LARGEST_DENSE:
-        found = dominating_vector(table)
-        if found is not None and found.least > 0:
-            return Top(value=-found.least, vector=found.vector, shows=found.vector)
-        if found is not None and found.is_z and np.any(found.vector):
-            return Top(value=math.nan, vector=found.vector)
-    return largest_eigenvalue(table)
+    tops = {}
+    for mode in statements.lambdas:
+        table = float_lambda(statements.problem, mode)
+        found = dominating_vector(table) if table.shape[0] > LARGEST_DENSE else None
+        if found is not None and found.least > 0:  # a vector v > 0 shows that the matrix is negative
+            tops[mode] = Top(value=-found.least, vector=found.vector, shows=found.vector)
+        elif found is not None and found.is_z and np.any(found.vector):
+            tops[mode] = Top(value=math.nan, vector=found.vector)
+        else:
+            tops[mode] = largest_eigenvalue(table)
+    return tops
 
 
 def decay_rate(exosystem: Exosystem, W: Matrix) -> float:
@@ -317,11 +299,6 @@ def _lambda_max_of_s(P: Array, Q: Array, exosystem: Exosystem, *, rate: float) -
         return math.inf
 
 
-def directions(tops: Mapping[str, Top]) -> list[Sequence[float]]:
-    """The directions, slowest mode first: candidates for witnesses."""
-    return [top.vector.tolist() for top in sorted(tops.values(), key=lambda top: -top.value)]
-
-
 LARGEST_SEARCHED = 2000  # rows up to which supports are looked for
 BUDGET = 200_000_000  # cubed rows of all eigenvalue problems of one search, about
 CALL = 200_000  # what a small one costs besides
@@ -329,10 +306,8 @@ EDGE = 1e-9  # relative: an eigenvalue above minus this may be 0
 
 
 def witness_directions(problem: Problem, mode: str) -> list[Sequence[float]]:
-    """Vectors (n m,) with v' Lambda v about >= 0 or more, those with the fewest agents first.
-
-    Agents without a pin come first among equals: what they carry, no gain on the present pins changes.
-    """
+    """Vectors (n m,) with v' Lambda v about >= 0 or more, those with the fewest agents first.  Agents without a pin
+    come first among equals: what they carry, no gain on the present pins changes."""
     table = sparse.csr_array(float_lambda(problem, mode))
     if table.shape[0] > LARGEST_SEARCHED or not np.all(np.isfinite(table.data)):
         return []

@@ -19,8 +19,8 @@ from dobc_design.conditions.numbers import (
     rounded_down,
     vector_from_json,
 )
-from dobc_design.conditions.quadratic.checks import lure_from_json
 from dobc_design.conditions.quadratic.claim import Lure
+from dobc_design.conditions.quadratic.decide import lure_from_json
 from dobc_design.conditions.schedule.claim import ONE, QUADRATIC, SEPARABLE, ZERO, Stage, Staging
 from dobc_design.conditions.schedule.decide import proved_reason, verify_staging
 from dobc_design.conditions.schedule.settling import Settling

@@ -28,7 +28,6 @@ from dobc_design.conditions.consensus.claim import ModeJacobian
 from dobc_design.conditions.consensus.pinning import (
     FEW_ROWS,
     PROGRAM_ROWS,
-    PROGRAM_SIZE,
     Blocks,
     Optimum,
     factorised,
@@ -84,7 +83,7 @@ class PinningProposer:
             if len(known) < len(single):
                 return None, self._loose(blocks, chosen)
             if len(known) == 1:
-                return known[0].gains.tolist(), self._named(blocks, [[known[0].v]])
+                return known[0].gains.tolist(), self._named(blocks, [list(known[0].duals)])
             return self._shared(blocks, chosen, known)
         loose = self._loose(blocks, chosen)
         if any(value <= NEARLY_ZERO * blocks.scale for value, _ in self._lowest(blocks, chosen)):
@@ -199,28 +198,20 @@ class PinningProposer:
         found: tuple[Array, Vectors] | None = None
         if known:
             best = max(range(len(known)), key=lambda k: self.costs @ known[k].gains)
-            columns = [[each.v] if k == best else [] for k, each in enumerate(known)]
+            columns = [list(each.duals) if k == best else [] for k, each in enumerate(known)]
             found = np.max([each.gains for each in known], axis=0), self._named(blocks, columns)
-        rows = blocks.agents * blocks.width
-        if known and rows > FEW_ROWS:
+        if known and blocks.agents > FEW_ROWS:
             shared = solve_shared(blocks.tables, chosen, self.costs, self.caps)
             if shared is not None:
                 cost = float(self.costs @ shared.gains)
                 if found is None or cost < self.costs @ found[0] * 1.000001:
-                    found = shared.gains, self._named(blocks, [[v] for v in shared.vectors])
+                    found = shared.gains, self._named(blocks, [[v] for v in shared.duals])
                 if cost - shared.bound <= CLOSE * cost:
                     return found[0].tolist(), found[1]
-        if rows <= PROGRAM_ROWS and rows * rows * len(blocks.tables) <= PROGRAM_SIZE:
-            program = solve_program(
-                blocks.tables,
-                np.flatnonzero(chosen),
-                self.costs,
-                width=blocks.width,
-                scale=blocks.scale,
-                caps=self.caps,
-            )
+        if blocks.is_small:
+            program = solve_program(blocks, np.flatnonzero(chosen), self.costs, self.caps)
             if program is not None and (found is None or self.costs @ program.gains < self.costs @ found[0] * 1.000001):
-                columns = [_factors(each, z=blocks.z) for each in program.multipliers]
+                columns = [_factors(each, z=blocks.z) for each in program.duals]
                 return program.gains.tolist(), self._named(blocks, columns)
         if found is None and not np.any(np.isfinite(self.caps)):
             gains = smallest_gains(blocks, np.flatnonzero(chosen).tolist(), costs=self.costs.tolist())

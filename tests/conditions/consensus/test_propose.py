@@ -22,7 +22,6 @@ from dobc_design.conditions.consensus.propose import (
     MOST_PRODUCTS,
     Top,
     decay_rate,
-    directions,
     dominating_vector,
     float_lambda,
     lambda_tops,
@@ -179,11 +178,6 @@ def test_the_decay_of_the_paper_gain(harmonic):
     """Theory, known answers: the eigenvalues of A - WC are -8/5 +- (2/5) sqrt(39) i."""
     assert decay_rate(harmonic, PAPER_GAIN) == pytest.approx(1.6)
     assert decay_rate(harmonic, ((Fraction(0),), (Fraction(0),))) == pytest.approx(0, abs=1e-12)
-
-
-def test_directions_come_slowest_mode_first():
-    tops = {name: Top(value=value, vector=np.array([value])) for name, value in (("a", -2.0), ("b", -1.0), ("c", -3.0))}
-    assert directions(tops) == [[-1.0], [-2.0], [-3.0]]
 
 
 def test_weights_that_differ_and_weights_that_agree_are_read_alike():

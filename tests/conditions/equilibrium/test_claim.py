@@ -10,7 +10,8 @@ import pytest
 from equilibrium_cases import listening_pair, random_folded
 from lure_cases import field
 
-from dobc_design.conditions.equilibrium.claim import Equilibrium, field_at, require_fitting, slopes_on
+from dobc_design.conditions.equilibrium.claim import Equilibrium, field_at, slopes_on
+from dobc_design.conditions.equilibrium.decide import verify_equilibrium
 from dobc_design.errors import ShapeError, SpecError
 from dobc_design.exact.interval import Interval, UndefinedError
 
@@ -64,6 +65,6 @@ def test_what_cannot_be_a_claim_is_refused():
     with pytest.raises(ShapeError, match="one interval per component"):
         Equilibrium(mode="G", box=())
     with pytest.raises(ShapeError, match="must have 2 sides"):
-        require_fitting(listening_pair(), Equilibrium(mode="G", box=(side,)))
+        verify_equilibrium(listening_pair(), Equilibrium(mode="G", box=(side,)))
     with pytest.raises(SpecError, match="mode must be one"):
-        require_fitting(listening_pair(), Equilibrium(mode="H", box=(side, side)))
+        verify_equilibrium(listening_pair(), Equilibrium(mode="H", box=(side, side)))

@@ -63,13 +63,8 @@ def test_the_reduced_inequality_is_the_schur_complement_of_the_one_in_theory(see
     second = P @ B + C_E.T @ np.diag(low + high) @ T
     border = P @ np.kron(np.eye(problem.n), np.eye(m))
     omega = -np.kron(np.eye(problem.n), np.linalg.inv(to_float(S)))  # C = I, so C (-Omega)^-1 C' = S
-    block = np.block(
-        [
-            [first, second, border],
-            [second.T, -2 * T, np.zeros((count, border.shape[1]))],
-            [border.T, np.zeros((border.shape[1], count)), omega],
-        ]
-    )
+    none = np.zeros((count, border.shape[1]))
+    block = np.block([[first, second, border], [second.T, -2 * T, none], [border.T, none.T, omega]])
     rest = block[size:, size:]
     schur = first - block[:size, size:] @ np.linalg.solve(rest, block[size:, :size])
     ours = to_float(lure_matrix(sectors, "G0", P_e, tau, rate=beta, S=S).to_dense())
@@ -96,11 +91,9 @@ def test_every_corner_is_the_derivative_for_those_gains_and_the_bounds_lie_above
     B, C_E, low, high = arrays(sectors, "G0")
     P_e = random_metric(sectors.size, "full", seed)
     P, K = to_float(P_e.to_dense()), pins(problem)
-    beta = Fraction(1, 3)
-    wanted = []
-    for corner in itertools.product((0, 1), repeat=len(low)):
-        J = B @ np.diag(np.where(corner, high, low)) @ C_E - K
-        wanted.append(P @ J + J.T @ P + 2 / 3 * P)
+    beta, corners = Fraction(1, 3), itertools.product((0, 1), repeat=len(low))
+    loops = [B @ np.diag(np.where(corner, high, low)) @ C_E - K for corner in corners]
+    wanted = [P @ J + J.T @ P + 2 / 3 * P for J in loops]
     ours = [to_float(each.to_dense()) for each in vertex_matrices(sectors, "G0", P_e, rate=beta)]
     assert np.allclose(ours, wanted)
     r = Random(seed)

@@ -8,6 +8,7 @@ from fractions import Fraction
 
 import numpy as np
 import pytest
+from linked import linked
 from lure_cases import HARMONIC, PAPER_GAIN, cycle, identity, is_proved
 
 from dobc_design.conditions.quadratic.claim import Lure
@@ -17,7 +18,6 @@ from dobc_design.errors import ShapeError
 from dobc_design.exact.interval import Interval
 from dobc_design.exact.matrix import multiply
 from dobc_design.exact.symmetric import SparseSymmetric
-from dobc_design.problem.network import Network
 from dobc_design.problem.problem import Problem
 from dobc_design.verdict import Verdict
 
@@ -27,13 +27,8 @@ MORE = Fraction(101, 100)
 def certificate(problem: Problem, radius: Fraction, **changes) -> Lure:
     """P_e = I and the level that fits the radius exactly."""
     size = problem.n * problem.m
-    given = {
-        "P_e": identity(size),
-        "ranges": enclose_ranges(problem, radius=radius),
-        "radius": radius,
-        "level": radius * radius / 2,
-    }
-    return Lure(**(given | changes))
+    ranges = enclose_ranges(problem, radius=radius)
+    return Lure(**{"P_e": identity(size), "ranges": ranges, "radius": radius, "level": radius * radius / 2} | changes)
 
 
 def with_tau(problem: Problem, radius: Fraction, tau: Fraction, **changes) -> Lure:
@@ -59,15 +54,10 @@ def test_the_interval_bound_reaches_the_radius_of_the_theory_and_not_one_per_cen
 def test_the_multipliers_reach_four_with_p_equal_to_i_and_fail_one_per_cent_further(n):
     """Theory, section 9: r = 4.0889, ball 2.891; by symmetry one tau for all arcs is the best choice."""
     problem, r = cycle(n, 3), Fraction("4.08")
-    reached = [
-        tau for tau in (Fraction(k, 1000) for k in range(20, 200, 2)) if is_proved(problem, with_tau(problem, r, tau))
-    ]
-    assert reached
-    lure = with_tau(problem, r, reached[0])
+    taus = [Fraction(k, 1000) for k in range(20, 200, 4)]
+    lure = next(each for tau in taus if is_proved(problem, each := with_tau(problem, r, tau)))
     assert covered_radius(problem, lure) == pytest.approx(4.08 / math.sqrt(2), rel=1e-6)
-    assert not any(
-        is_proved(problem, with_tau(problem, Fraction("4.135"), Fraction(k, 1000))) for k in range(20, 200, 2)
-    )
+    assert not any(is_proved(problem, with_tau(problem, Fraction("4.135"), tau)) for tau in taus)
 
 
 def test_corners_prove_what_interval_bounds_do_not():
@@ -96,7 +86,7 @@ def test_the_region_is_refuted_as_soon_as_the_level_is_too_large():
 )
 def test_a_kink_beyond_the_radius_limits_the_level_although_the_gain_is_one_number(h):
     """Two agents, k = 1: from e = (100, -100) the first one runs away at first."""
-    problem = Problem(network=Network.from_arcs([[1, 2], [2, 1]], arrow="listens_to", agents=2), coupling=h, gains=1)
+    problem = linked([[1, 2], [2, 1]], coupling=h, gains=1)
     held = with_tau(problem, Fraction(1), Fraction(0))
     if not held.ranges[0].entries[0][0].lo:
         held = certificate(problem, Fraction(1), multipliers={"G": ()})
@@ -108,7 +98,7 @@ def test_a_kink_beyond_the_radius_limits_the_level_although_the_gain_is_one_numb
 
 def test_the_region_of_a_full_p_is_decided_with_its_inverse():
     """P_e = [[2, 1], [1, 2]], two agents: c'P_e^-1 c = 2 exactly."""
-    problem = Problem(network=Network.from_arcs([[1, 2]], arrow="listens_to", agents=2), coupling="tanh(y)", gains=9)
+    problem = linked([[1, 2]], coupling="tanh(y)", gains=9)
     metric = SparseSymmetric(2, {(0, 0): Fraction(2), (0, 1): Fraction(1), (1, 1): Fraction(2)})
     exact = with_tau(problem, Fraction(1), Fraction(3), P_e=metric, level=Fraction(1, 2))
     assert is_proved(problem, exact)
@@ -168,11 +158,10 @@ def test_every_mode_has_to_hold():
     """Pinned everywhere; in mode B the agents listen to one leader, which e'e pays for."""
     ring = [[i, i % 6 + 1] for i in range(1, 7)]
     star = [[i, 1] for i in range(2, 7)]
-    network = Network.from_arcs({"A": ring, "B": star}, arrow="listens_to", agents=6)
-    problem = Problem(network=network, coupling="tanh(y)", gains="1/10")
+    problem = linked({"A": ring, "B": star}, coupling="tanh(y)", gains="1/10")
     decision = verify_lure(problem, with_tau(problem, Fraction(1, 10), Fraction(50)))
     assert (decision.verdict, decision.mode) == (Verdict.REFUTED, "B")
-    better = Problem(network=problem.network, coupling="tanh(y)", gains=2)
+    better = linked({"A": ring, "B": star}, coupling="tanh(y)", gains=2)
     assert is_proved(better, with_tau(better, Fraction(1, 10), Fraction(50)))
 
 
@@ -221,9 +210,7 @@ def test_without_a_pair_nothing_is_covered_but_eps_zero():
 @pytest.mark.parametrize("k", [Fraction(1, 10), Fraction(1), Fraction(3)])
 def test_two_agents_are_never_certified_beyond_their_other_equilibrium(k):
     """h = y - y^3 both ways, k: z = e1 - e2 obeys z' = -(k + 2) z + 2 z^3, so z^2 = (k + 2)/2 stays where it is."""
-    problem = Problem(
-        network=Network.from_arcs([[1, 2], [2, 1]], arrow="listens_to", agents=2), coupling="y - y**3", gains=str(k)
-    )
+    problem = linked([[1, 2], [2, 1]], coupling="y - y**3", gains=str(k))
     truth = math.sqrt((float(k) + 2) / 2)
     for method in ("interval", "vertices"):
         for part in (1.001, 1.5):

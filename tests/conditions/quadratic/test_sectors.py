@@ -6,6 +6,7 @@ from fractions import Fraction
 
 import numpy as np
 import pytest
+from linked import linked
 from lure_cases import PAPER, cycle, random_problem
 
 from dobc_design.conditions.quadratic.sectors import (
@@ -18,8 +19,6 @@ from dobc_design.conditions.quadratic.sectors import (
 from dobc_design.coupling.coupling import make_coupling
 from dobc_design.errors import SpecError
 from dobc_design.exact.interval import Interval, UndefinedError
-from dobc_design.problem.network import Network
-from dobc_design.problem.problem import Problem
 
 TWO = Fraction(2)
 
@@ -50,13 +49,10 @@ def test_a_coupling_of_vectors_has_mean_jacobians_in_its_range():
     entries = gains_on(coupling, TWO)
     nodes, weights = np.polynomial.legendre.leggauss(12)
     for y in np.random.default_rng(1).uniform(-2, 2, (300, 2)):
-        s = (nodes + 1) / 2
-        mean = np.array(
-            [[1.0, weights @ (3 * (s * y[1]) ** 2) / 2], [-0.5, weights @ (1 - np.tanh(s * y[1]) ** 2) / 2]]
-        )
-        for c in range(2):
-            for d in range(2):
-                assert float(entries[c][d].lo) - 1e-6 <= mean[c, d] <= float(entries[c][d].hi) + 1e-6
+        z = (nodes + 1) / 2 * y[1]
+        mean = np.array([[1.0, weights @ (3 * z**2) / 2], [-0.5, weights @ (1 - np.tanh(z) ** 2) / 2]])
+        for c, d in np.ndindex(2, 2):
+            assert float(entries[c][d].lo) - 1e-6 <= mean[c, d] <= float(entries[c][d].hi) + 1e-6
     assert entries[0][0] == Interval.point(1)
     assert entries[1][0] == Interval.point(Fraction(-1, 2))
     assert entries[0][1].contains(Interval(Fraction(0), Fraction(12)))
@@ -77,9 +73,8 @@ def test_channels_with_the_true_gains_give_h_back(seed):
     for channel in sectors.modes["G0"]:
         y = e[channel.plus] - e[channel.minus]
         other = e[channel.plus ^ 1] - e[channel.minus ^ 1]  # the other component of the same arc
-        weight = next(
-            float(w) for i, j, w in problem.network.modes["G0"] if (i, j) == (channel.target // 2, channel.plus // 2)
-        )
+        arc = (channel.target // 2, channel.plus // 2)
+        weight = next(float(w) for i, j, w in problem.network.modes["G0"] if (i, j) == arc)
         c, d = channel.target % 2, channel.plus % 2
         if not vector:
             gain = weight * np.expm1(y) / y
@@ -103,12 +98,7 @@ def test_a_linear_coupling_is_a_single_gain_for_every_radius():
 
 
 def test_exceptions_have_ranges_of_their_own():
-    problem = Problem(
-        network=Network.from_arcs([[1, 2, "1/2"], [2, 1], [2, 3]], arrow="listens_to", agents=3),
-        coupling=PAPER,
-        exceptions={(1, 0): "2*y"},
-        gains=1,
-    )
+    problem = linked([[1, 2, "1/2"], [2, 1], [2, 3]], coupling=PAPER, exceptions={(1, 0): "2*y"}, gains=1)
     ranges = enclose_ranges(problem, radius=TWO)
     assert [(each.coupling, each.radius) for each in ranges] == [(0, 2), (1, 2)]
     channels = build_sectors(problem, ranges, radius=TWO).modes["G"]
@@ -141,14 +131,10 @@ def test_ranges_have_to_fit_the_problem():
 
 def test_ranges_rely_on_the_differences_of_arcs_that_are_not_linear():
     """Both directions of an arc count once; an exception that is linear needs no radius."""
-    network = Network.from_arcs([[1, 2], [2, 1], [2, 3]], arrow="listens_to", agents=3)
-    problem = Problem(network=network, coupling=PAPER, exceptions={(1, 2): "2*y"}, gains=1)
+    problem = linked([[1, 2], [2, 1], [2, 3]], coupling=PAPER, exceptions={(1, 2): "2*y"}, gains=1)
     assert relied_differences(problem) == ((0, 1),)
 
 
 def test_a_component_that_enters_linearly_alone_needs_no_radius():
-    network = Network.from_arcs([[1, 2]], arrow="listens_to", agents=2)
-    curved = Problem(network=network, coupling=["y1 + y1**3", "y2"], gains=1, target=[0, 0])
-    assert relied_differences(curved) == ((0, 2),)
-    mixed = Problem(network=network, coupling=["y1 + y1*y2**2", "y2"], gains=1, target=[0, 0])
-    assert relied_differences(mixed) == ((0, 2), (1, 3))
+    assert relied_differences(linked([[1, 2]], coupling=["y1 + y1**3", "y2"], gains=1)) == ((0, 2),)
+    assert relied_differences(linked([[1, 2]], coupling=["y1 + y1*y2**2", "y2"], gains=1)) == ((0, 2), (1, 3))

@@ -8,6 +8,7 @@ from fractions import Fraction
 from typing import Any
 
 import pytest
+from linked import linked
 from lure_cases import HARMONIC, PAPER, PAPER_GAIN
 
 import dobc_design as dd
@@ -18,7 +19,6 @@ from dobc_design.conditions.quadratic.propose import roomy_gains
 from dobc_design.conditions.quadratic.sectors import gains_on
 from dobc_design.conditions.quadratic.stage import quadratic_stage
 from dobc_design.problem.groups import Observer
-from dobc_design.problem.network import Network
 from dobc_design.problem.problem import Problem
 from dobc_design.problem.settings import Region
 from dobc_design.verdict import Verdict
@@ -27,21 +27,13 @@ from dobc_design.verdict import Verdict
 def ring(n: int, gains: Any, *, side: str | None = "1", coupling: Any = PAPER, s: str | None = None) -> Problem:
     """Agent i listens to agent i + 1; every |e_i| <= side; with ``s`` also the paper's observer."""
     arcs = [[i, i % n + 1] for i in range(1, n + 1)]
-    m = len(coupling) if isinstance(coupling, list) else 1
-    region = None
+    given: dict[str, Any] = {"coupling": coupling, "gains": gains}
     if side is not None:
-        region = Region(
-            initial_states=((-Fraction(side), Fraction(side)),) * m,
-            initial_disturbance=None if s is None else Fraction(s),
-        )
-    return Problem(
-        network=Network.from_arcs(arcs, arrow="listens_to", agents=n),
-        coupling=coupling,
-        gains=gains,
-        target=[0] * m,
-        region=region,
-        **({} if s is None else {"exosystem": HARMONIC, "observer": Observer(W=PAPER_GAIN)}),
-    )
+        states = ((-Fraction(side), Fraction(side)),) * (len(coupling) if isinstance(coupling, list) else 1)
+        given["region"] = Region(initial_states=states, initial_disturbance=None if s is None else Fraction(s))
+    if s is not None:
+        given |= {"exosystem": HARMONIC, "observer": Observer(W=PAPER_GAIN)}
+    return linked(arcs, n, **given)
 
 
 def asked(problem: Problem, *, everything: bool = False) -> Asked:
@@ -85,12 +77,8 @@ def test_on_request_every_method_is_tried():
     check, said = stage(ring(7, 3, side="1/2"), everything=True)
     assert len(said) == 4
     methods = check.reason.partition("By method: ")[2]
-    assert [part.partition(":")[0] for part in methods.split(", ")] == [
-        "P_e = I",
-        "a diagonal P_e",
-        "a full P_e",
-        "interval bounds",
-    ]
+    named = ["P_e = I", "a diagonal P_e", "a full P_e", "interval bounds"]
+    assert [part.partition(":")[0] for part in methods.split(", ")] == named
     assert float(methods.rpartition("interval bounds: ")[2].rstrip(".")) == pytest.approx(1.4865, rel=1e-3)
 
 
@@ -121,13 +109,7 @@ def test_linear_couplings_are_certified_everywhere_with_a_rate():
 
 def test_a_coupling_that_no_arc_has_still_gives_a_ball_which_both_programs_accept():
     """e' = -k e: every level will do, and claims about all of space are for couplings that are linear as written."""
-    problem = Problem(
-        network=Network.from_arcs([], arrow="listens_to", agents=1),
-        coupling="tanh(y)",
-        gains=1,
-        target=-3,
-        region=Region(initial_states=((Fraction(-4), Fraction(0)),), initial_disturbance=None),
-    )
+    problem = linked([], 1, coupling="tanh(y)", gains=1, target=-3, region={"initial_states": [-4, 0]})
     certificate = dd.certify(problem, everything=True)
     (check,) = [check for check in certificate.checks if check.id == "lure"]
     assert check.verdict is Verdict.PROVED

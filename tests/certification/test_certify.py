@@ -34,16 +34,11 @@ def test_linear_verdicts_agree_with_eigenvalues_and_exponentials():
     assert min(tally.counts[verdict.value] for verdict in Verdict) >= 10
 
 
-def test_progress_names_the_stages():
-    stages = []
-    certify("paper-fixed", progress=stages.append)
-    assert len(stages) >= 3
-    assert all(isinstance(stage, str) for stage in stages)
-
-
 def test_a_missing_gain_is_designed_and_is_the_one_that_everything_is_about():
     problem = linked([[1, 2], [2, 1]], gains=1, exosystem=HARMONIC)
-    certificate = certify(problem)
+    stages = []
+    certificate = certify(problem, progress=stages.append)
+    assert len(stages) >= 3
     assert certificate.claims.gain_source == "designed"
     assert observer_gain(problem) == certificate.claims.W
     assert certificate.verdict is Verdict.PROVED
@@ -90,7 +85,7 @@ def lambda_max(problem, mode="G"):
     ("gains", "top", "printed"),
     [
         ({1: 3}, -0.153544, False),
-        ({1: 10**15}, 4 * (math.cos(math.pi / 10) - 1), False),  # however strong one pin is
+        ({1: 10**9}, 4 * (math.cos(math.pi / 10) - 1), False),  # however strong one pin is
         ({1: 10, 6: 10}, -0.6637, False),
         (dict.fromkeys(range(1, 11, 2), 5), -2.5969, True),
         (3, -6.0, True),
@@ -111,6 +106,8 @@ def test_the_table_of_the_directed_ten_cycle(gains, top, printed):
     assert found.exact["S"] == [["9/8"]]
     assert found.exact["Q"] == [["1"], ["0"]]
     assert verify(certificate, problem).holds
+    twice = certify(cycle(gains, factor=2)).check("theorem1-printed")  # its bound is -9/16
+    assert twice.verdict is (Verdict.PROVED if top < -9 / 16 else Verdict.REFUTED)
 
 
 def test_printed_p_is_refuted_at_the_boundary_gain_and_proved_just_above_it():
@@ -147,13 +144,6 @@ def test_a_scaled_pair_needs_less_of_the_network(factor):
     assert PairFacts(pair=pair, S=schur_block(pair, HARMONIC)).bound == Fraction(-9, 8) / factor
 
 
-def test_twice_the_printed_pair_proves_what_the_printed_pair_does_not():
-    """Two opposite pins, k = 10: -9/8 < lambda_max = -0.6637 < -9/16."""
-    gains = {1: 10, 6: 10}
-    assert certify(cycle(gains)).check("theorem1-printed").verdict is Verdict.REFUTED
-    assert certify(cycle(gains, factor=2)).check("theorem1-printed").verdict is Verdict.PROVED
-
-
 def test_stand_in_modes_have_the_stated_eigenvalues_and_theorem_2_needs_a_scaled_p():
     """Example 2 with stand-ins: -0.582300, -0.924166, -1.055728, -1.055728, all above -9/8."""
     problem = load_problem("paper-switching")
@@ -163,12 +153,7 @@ def test_stand_in_modes_have_the_stated_eigenvalues_and_theorem_2_needs_a_scaled
     assert certificate.check("theorem2-printed").verdict is Verdict.REFUTED
     assert certificate.check("theorem2").verdict is certificate.verdict is Verdict.PROVED
     assert [check.verdict for check in certificate.checks if check.id == "lemma1"] == [Verdict.PROVED] * 4
-
-
-def test_error_spectrum_of_the_paper_is_at_minus_eight_fifths():
-    """A - WC has the eigenvalues -8/5 +- (2/5) sqrt(39) i: rates below 1.6 only."""
-    rate = certified("paper-fixed").check("hurwitz").rate
-    assert 1.599 < rate < 1.6
+    assert 1.599 < certificate.check("hurwitz").rate < 1.6  # A - WC has the eigenvalues -8/5 +- (2/5) sqrt(39) i
 
 
 @pytest.mark.parametrize(

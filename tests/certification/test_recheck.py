@@ -19,6 +19,7 @@ from dobc_design.certification.certify import certify, verify
 from dobc_design.certification.recheck import Trusted, confirm, expected_checks, recheck
 from dobc_design.conditions.check import Check, Values, Witness
 from dobc_design.conditions.consensus.claim import state_theorems
+from dobc_design.exact.matrix import matrix
 from dobc_design.problem.exosystems import Exosystem
 from dobc_design.problem.groups import Observer
 from dobc_design.problem.load import load_problem
@@ -46,22 +47,16 @@ def failures(claims, problem):
 
 
 @pytest.fixture(scope="module")
-def local():
-    """Proved at the consensus, and in the region asked for: consensus holds from everywhere."""
-    problem = pair(coupling="tanh(y)", gains={1: 1}, region={"initial_states": [-1, 1]})
-    return problem, certify(problem)
-
-
-@pytest.fixture(scope="module")
 def paper():
     problem = without_region("paper-fixed")
     return problem, certify(problem)
 
 
 @pytest.mark.parametrize("verdict", [PROVED, UNDECIDED])
-def test_unstable_roots_cannot_be_slipped_into_another_check(local, verdict):
+def test_unstable_roots_cannot_be_slipped_into_another_check(verdict):
     """A proved or undecided Lemma 1 with "unstable_roots" must not make the whole refuted."""
-    problem, certificate = local
+    problem = pair(coupling="tanh(y)", gains={1: 1}, region={"initial_states": [-1, 1]})
+    certificate = certify(problem)
     numbers = {} if verdict is PROVED else {"margin": None, "rate": None}
     unstable = {"verdict": verdict, "claim": Values({"unstable_roots": "1"})} | numbers
     claims = bent(certificate, "lemma1", overall=REFUTED, **unstable)
@@ -171,10 +166,7 @@ def test_a_refuted_lemma_needs_its_vector(refuted, witness):
     problem, certificate = refuted
     assert recheck(certificate.claims, problem).holds
     assert "lemma1" in failures(bent(certificate, "lemma1", witness=witness), problem)
-
-
-def test_another_vector_that_refutes_is_as_good(refuted):
-    problem, certificate = refuted
+    # another one that refutes is as good
     witness = Witness(kind="vector", labels=("1", "2"), values=("5/7", "5/7"))
     assert failures(bent(certificate, "lemma1", witness=witness), problem) == ""
 
@@ -191,7 +183,7 @@ def test_a_margin_of_a_refutation_must_follow_from_its_vector():
         assert "exact" in failures(bent(certificate, "lemma1", claim=Values({**check.exact, name: "2"})), problem)
 
 
-def test_one_failing_pair_refutes_the_printed_check_only(paper):
+def test_one_failing_pair_refutes_the_printed_check_only_and_a_designed_gain_rules_out_none(paper):
     """Theorem 1 asks for any P: the printed vector says nothing about the others."""
     problem, certificate = paper
     printed = certificate.check("theorem1-printed")
@@ -201,9 +193,6 @@ def test_one_failing_pair_refutes_the_printed_check_only(paper):
     for block in ("hurwitz", "detectability"):
         claims = bent(certificate, "theorem1", claim=Values({"block": block}), **refuted)
         assert f"{block} is proved" in failures(claims, problem)
-
-
-def test_a_designed_gain_that_fails_does_not_rule_out_every_pair():
     problem, bad = pair(gains=1, exosystem=INTEGRATOR), ((Fraction(-1),),)
     trusted = Trusted(problem=problem, statements=state_theorems(problem), W=bad, pair=None)
     check = Check(id="theorem1", verdict=REFUTED, domain="global", reason="", claim=Values({"block": "hurwitz"}))
@@ -226,10 +215,7 @@ def test_every_check_that_a_problem_calls_for_has_to_be_there(paper):
         assert f"lacks {left_out.title}" in failures(claims, problem)
     doubled = replace(certificate.claims, checks=(*certificate.checks, certificate.checks[0]))
     assert "twice" in failures(doubled, problem)
-
-
-def test_expected_checks_follow_the_contract():
-    """Several modes: theorem2; without an exosystem Lemma 1 alone; a P given: the printed check as well."""
+    # several modes: theorem2; without an exosystem Lemma 1 alone; a P given: the printed check as well
     switching = [id for id, *_ in expected_checks(load_problem("paper-switching"))]
     assert switching.count("lemma1") == 4
     assert {"theorem2", "theorem2-printed"} <= set(switching)
@@ -240,8 +226,7 @@ def test_expected_checks_follow_the_contract():
 def test_w_p_and_q_have_to_belong_together(paper):
     problem, certificate = paper
     claims = certificate.claims
-    other = ((Fraction(1),), (Fraction(1),))
-    square = ((Fraction(1), Fraction(2)), (Fraction(3), Fraction(4)))
+    other, square = matrix([[1], [1]]), matrix([[1, 2], [3, 4]])
     assert "W: not the gain" in failures(replace(claims, W=other), problem)
     assert "W: its source" in failures(replace(claims, gain_source="designed"), problem)
     assert "W: not the gain" in failures(replace(claims, W=None, gain_source=None), problem)
@@ -251,10 +236,7 @@ def test_w_p_and_q_have_to_belong_together(paper):
     assert "expected shape" in failures(replace(claims, P=other), problem)
     assert "name" in failures(replace(claims, problem_name="another"), problem)
     assert "another problem" in failures(replace(claims, problem_sha256="0" * 64), problem)
-
-
-def test_a_pair_that_proves_nothing_may_not_stand_in_the_certificate():
-    """P and Q belong to a proof of Theorem 1 or 2."""
+    # a pair that proves nothing may not stand there
     problem = pair(coupling="abs(y)", gains=1, exosystem=INTEGRATOR, observer=Observer(W=[[1]]))
     claims = certify(problem).claims
     assert recheck(claims, problem).holds
@@ -275,10 +257,7 @@ def test_a_certificate_is_about_one_problem_only(paper):
     assert not outcome.holds
     assert "another problem" in outcome.failures[0]
     assert outcome.confirmed == ()
-
-
-def test_the_problem_inside_a_certificate_object_is_not_believed():
-    """Only the problem that is handed to ``verify`` counts."""
+    # the problem inside a certificate object is not believed: only the one that is handed to ``verify`` counts
     honest, other = a_problem(3), a_problem(4)
     forged = Certificate(problem=honest, claims=certify(other).claims)
     assert not verify(forged, honest).holds

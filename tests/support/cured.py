@@ -131,12 +131,10 @@ def undirected_campaign(seeds: Iterable[int]) -> Tally:
 
 def _detectable(problem: Problem) -> float:
     """> 0 iff every eigenvalue s of A with Re s >= 0 is seen: the least singular value of [A - s I; C]; near 0: 0."""
-    assert problem.exosystem is not None
     A, C = (np.array(M, dtype=float) for M in (problem.exosystem.A, problem.exosystem.C))
-    worst = 1.0
-    for s in np.linalg.eigvals(A):
-        if s.real > -1e-6:
-            worst = min(worst, float(np.linalg.svd(np.vstack([A - s * np.eye(len(A)), C]))[1][-1]))
+    lasting = [s for s in np.linalg.eigvals(A) if s.real > -1e-6]
+    least = [float(np.linalg.svd(np.vstack([A - s * np.eye(len(A)), C]))[1][-1]) for s in lasting]
+    worst = min(least, default=1.0)
     return worst if worst > 1e-5 else -worst if worst < 1e-9 else 0.0
 
 

@@ -227,8 +227,10 @@ def _bent_stages() -> Iterator[Case]:
     alone = timed(CURVE, stages=CURVE["exact"]["stages"][:1])
     yield _claimed("curved line", HOLDS, alone, "the first stage alone")
     yield _claimed("curved line", FAILS, ways(alone, 0, level="1.0001"), "level above rho")
-    for k, alpha in ((0, "0.3771"), (1, "0.3836")):
-        yield _claimed("curved line", FAILS, ways(CURVE, k, alpha=alpha), f"alpha {alpha}")
+    yield from (
+        *_bent("curved line", CURVE, 0, ("alpha", "0.3771")),
+        *_bent("curved line", CURVE, 1, ("alpha", "0.3836")),
+    )
     yield _claimed("cubic", FAILS, ways(BALLS, 0, level="0.6929"), "level below the starts")
     alone = timed(BALLS, stages=BALLS["exact"]["stages"][:1], time="1.6")
     yield _claimed("cubic", HOLDS, alone, "the first stage alone")
@@ -241,8 +243,7 @@ def _bent_stages() -> Iterator[Case]:
     # A coupling that no arc has counts: the problem is not linear.
     spread = timed(ONCE, time="3")
     for rho, code in (("1", HOLDS), (None, FAILS)):
-        check = ways(spread, 0, v=["1", "1"], alpha="3", rho=rho, height="1")
-        yield _claimed("unused", code, check, f"rho {rho}")
+        yield _claimed("unused", code, ways(spread, 0, v=SQUARE, alpha="3", rho=rho, height="1"), f"rho {rho}")
     linear = quadratic("1", "1", "1", None, None, ranges=[{"coupling": 1, "gains": [[["1", "1"]]]}])
     yield case("unused", FAILS, claim("lure", "global", 1, linear), what="lure everywhere")
     linear |= {"level": "2", "radius": "1"}
@@ -255,8 +256,7 @@ def _bent_handing() -> Iterator[Case]:
     yield _claimed("line", FAILS, turned, "the second stage first")
     back = timed(TWICE, stages=[*TWICE["exact"]["stages"], FIRST | {"start": "1", "level": "9"}], tolerance="99")
     yield _claimed("line", FAILS, back, "a stage before the one it follows")
-    other = ways(TWICE, 1, v=["1/2", "2"])
-    yield _claimed("line", FAILS, other, "g")
+    yield from _bent("line", TWICE, 1, ("v", ["1/2", "2"]))
     yield _claimed("curved line", FAILS, ways(CURVE, 1, start="0.946", level="0.7001"), "level above the second rho")
     near = timed(ways(MIXED, 1, level="0.708"), time="1")
     yield _claimed("cubic", HOLDS, near, "a larger level")

@@ -67,10 +67,8 @@ SHARPENINGS: Final = 6
 PATIENCE: Final = 300
 MOST_STEPS: Final = 20_000
 FEW_ENTRIES: Final = 4
-# A row is met when this part of its right side is left at most.
-LEFT: Final = 0.25
-#: The right side of inverse iteration is at least this part of its largest entry.
-FLOOR: Final = 0.1
+LEFT: Final = 0.25  # a row is met when this part of its right side is left at most
+FLOOR: Final = 0.1  # the right side of inverse iteration is at least this part of its largest entry
 _FLAT: Final = 1e-15
 
 

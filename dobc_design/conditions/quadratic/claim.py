@@ -34,8 +34,7 @@ from dobc_design.problem.problem import Problem
 Method = Literal["lure", "interval", "vertices"]
 Shape = Literal["identity", "diagonal", "full"]
 METHODS: Final[tuple[Method, ...]] = ("lure", "interval", "vertices")
-#: Channels with a range of their own up to which corners are enumerated.
-MOST_VERTICES: Final = 12
+MOST_VERTICES: Final = 12  # channels with a range of their own up to which corners are enumerated
 ZERO: Final = Fraction(0)
 
 

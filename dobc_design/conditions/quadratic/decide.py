@@ -36,10 +36,8 @@ from dobc_design.verdict import Verdict
 ZERO = Fraction(0)
 # How far above its estimate a bound on an eigenvalue is tried, relative to the largest one.
 RISE = (Fraction(1, 10**9), Fraction(1, 10**6), Fraction(1, 1000), Fraction(1))
-#: The part of a ball that is kept in hand, for a second program with its own bounds of eigenvalues.
-IN_HAND: Final = 1e-6
+IN_HAND: Final = 1e-6  # of a ball, for a second program with its own bounds of eigenvalues
 _DIGITS: Final = 6
-#: How a sentence names a certificate.
 IN_WORDS: Final = {"identity": "P_e = I", "diagonal": "a diagonal P_e", "full": "a full P_e"}
 _DEVICES: Final = {"lure": "multipliers", "interval": "an interval bound", "vertices": "the corners of all gains"}
 _LURE: Final = ("method", "P_e", "level", "radius", "ranges", "multipliers", "rate")

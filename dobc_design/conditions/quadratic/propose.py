@@ -52,8 +52,7 @@ SETTLED: Final = 3e-4
 MOST_CENTRES: Final = 60
 TRIED: Final = (1.0, 0.998, 0.9, 0.6)  # of the largest radius, before the ball is given up
 CONDITION: Final = 100.0
-#: Gains are claimed this much wider, relative to the largest, so that a second program can confirm them.
-ROOM: Final = Fraction(1, 10**5)
+ROOM: Final = Fraction(1, 10**5)  # gains are claimed this much wider, so that a second program can confirm them
 ZERO: Final = Fraction(0)
 _EDGE: Final = 1e-3
 _SHORTFALL: Final = 1e-8  # of the level, for the rounding of its estimate

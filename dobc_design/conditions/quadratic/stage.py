@@ -33,8 +33,7 @@ logger = logging.getLogger("dobc_design")
 #: Rows n m up to which quadratic certificates are looked for; a full P_e up to fewer, and somewhat more on request.
 MOST_ROWS: Final = 60
 FULL_ROWS, FULL_ROWS_ON_REQUEST = 15, 20
-#: Channels of a mode up to which the corners of all gains are tried with the P_e found.
-CORNER_CHANNELS: Final = 6
+CORNER_CHANNELS: Final = 6  # of a mode, up to which the corners of all gains are tried with the P_e found
 #: Where the region is covered: parts of the rate near the consensus that are tried, by bisection; rows n m from which
 #: on fewer are.
 FIRST_PART, RATE_STEPS, FEWER_STEPS, MANY_ROWS = 0.5, 5, 3, 11

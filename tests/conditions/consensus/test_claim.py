@@ -35,7 +35,7 @@ def applicable(count):
     return list(islice((p for p in found if p.exosystem is not None and Oracle(p).smooth), count))
 
 
-PROBLEMS = applicable(40)
+PROBLEMS = applicable(30)
 
 
 def random_pair(problem, seed):
@@ -61,16 +61,8 @@ def test_psi_is_the_matrix_of_equation_18_with_the_rate_terms(rate):
         for mode, pencil in zip(oracle.modes, pencils, strict=True):
             expected = oracle.psi(mode, rows(P), rows(Q), margin=Fraction(0), rate=rate)
             assert distance(pencil.at({"P": P, "Q": Q}).to_dense(), expected) <= tolerance(pencil)
-
-
-def test_psi_without_its_border_is_another_matrix():
-    """The twin of the test above: it can fail."""
-    problem = PROBLEMS[0]
-    P, Q = random_pair(problem, 0)
-    pencil = state_theorems(problem).psi()[0]
-    oracle = Oracle(problem)
-    oracle.C = times(2, oracle.C)
-    wrong = oracle.psi(next(iter(oracle.modes)), rows(P), rows(Q), margin=Fraction(0), rate=Fraction(0))
+    oracle.C = times(2, oracle.C)  # the twin: with another border it is another matrix
+    wrong = oracle.psi(mode, rows(P), rows(Q), margin=Fraction(0), rate=rate)
     assert distance(pencil.at({"P": P, "Q": Q}).to_dense(), wrong) > tolerance(pencil)
 
 
@@ -109,17 +101,13 @@ def test_deviations_cover_the_true_slope_everywhere():
     assert seen > 20
 
 
-def test_omega_of_the_paper_is_exact():
-    """Example 1: Omega0 = [[-1, 1/3], [1/3, -1]] and Q = P W = (1, 0)'."""
+def test_omega_with_a_rate_equals_sympy_and_that_of_the_paper_is_exact():
+    """Omega0 + 2 rate P = P A + A'P - Q C - C'Q' + 2 rate P; Example 1: [[-1, 1/3], [1/3, -1]], Q = P W = (1, 0)'."""
     exosystem = Exosystem(A=[[0, 2], [-2, 0]], C=[[1, 0]])
     P, third = matrix([["1/2", "-1/4"], ["-1/4", "1/3"]]), Fraction(1, 3)
     Q = multiply(P, matrix([["16/5"], ["12/5"]]))
     assert Q == ((1,), (0,))
     assert omega(P, Q, exosystem).to_dense() == ((-1, third), (third, -1))
-
-
-def test_omega_with_a_rate_equals_sympy():
-    """Omega0 + 2 rate P = P A + A'P - Q C - C'Q' + 2 rate P."""
     for seed, problem in enumerate(PROBLEMS):
         P, Q = random_pair(problem, seed)
         A, C, p, q = (sp.Matrix(x) for x in (problem.exosystem.A, problem.exosystem.C, P, Q))
@@ -176,23 +164,14 @@ def test_bounds_on_an_unknown_are_pencils():
     assert rows(below(unknown, ceiling=Fraction(4)).at({"P": X}).to_dense()) == plus(rows(X), times(-4, eye(2)))
 
 
-def test_a_pencil_refuses_values_of_another_shape():
+def test_a_pencil_refuses_values_of_another_shape_and_psi_needs_an_exosystem():
     pencil = state_theorems(PROBLEMS[0]).psi()[0]
     with pytest.raises(ShapeError, match="P must have shape"):
         pencil.at({"P": ((Fraction(1),) * 9,) * 9, "Q": ()})
     with pytest.raises(ShapeError, match="got nothing"):
         pencil.at({})
-
-
-def test_psi_needs_an_exosystem():
     with pytest.raises(SpecError, match=r"needs an \[exosystem\]"):
         state_theorems(linked([[1, 2]])).psi()
-
-
-def test_no_arcs_and_no_pins_give_the_zero_matrix():
-    pencil = state_theorems(linked([], 3)).lambdas["G"]
-    assert not pencil.constant.entries
-    assert pencil.deviations == ()
 
 
 def test_transposing_the_arcs_changes_psi():
@@ -239,14 +218,6 @@ def test_only_exactly_linear_couplings_are_global():
     assert state_theorems(hidden).domain == "consensus"
 
 
-def test_arcs_that_are_alike_share_a_gain_and_exceptions_have_their_own():
-    arcs = {"A": [[1, 2], [2, 3], [3, 1, 2]], "B": [[1, 2]]}
-    problem = linked(arcs, coupling="2*y", exceptions={(0, 1): "3*y"})
-    first, second = jacobians_at_consensus(problem).modes
-    assert [first.gains[kind][0][0].lo for kind in first.kind] == [3, 2, 4]
-    assert [second.gains[kind][0][0].lo for kind in second.kind] == [3]
-
-
 @pytest.mark.parametrize("h", ["abs(y)", "min(y, 2*y)", "max(y, 0)", "clip(y, -1, 1)"])
 def test_couplings_with_kinks_are_outside_the_theorems_and_one_exception_is_enough(h):
     """Lemma 1 asks for a continuously differentiable h (deviations, 9)."""
@@ -257,12 +228,10 @@ def test_couplings_with_kinks_are_outside_the_theorems_and_one_exception_is_enou
         assert statements.domain == "consensus"
 
 
-@pytest.mark.parametrize(
-    ("h", "m", "answer"),
-    [("y", 1, True), ("y**3", 1, True), ("-y", 1, False), ("sin(pi*y)", 2, True), (["y1 + y2", "y2"], 2, False)],
-)
-def test_nonnegative_diagonal_slopes_are_recognised(h, m, answer):
-    assert jacobians_at_consensus(one_arc(h, m)).modes[0].is_nonnegative_diagonal is answer
+def test_nonnegative_diagonal_slopes_are_recognised():
+    for h, m in (("y", 1), ("y**3", 1), ("-y", 1), ("sin(pi*y)", 2), (["y1 + y2", "y2"], 2)):
+        found = jacobians_at_consensus(one_arc(h, m)).modes[0].is_nonnegative_diagonal
+        assert found is (h in ("y", "y**3", "sin(pi*y)"))
 
 
 def both_forms(problem):
@@ -307,9 +276,7 @@ def test_slopes_without_a_common_denominator_become_floats_with_deviations():
         assert abs(lean.constant.entries.get(place, 0) - value) <= room.get(place, 0)
     assert lean.deviations[0].size < Fraction(1, 2**50)
     assert len(lean.deviations[:3]) == 3
-
-
-def test_gains_without_a_common_denominator_are_left_to_the_other_form():
+    # gains without one are left to the other form
     problem = cycle(200, gains={i: f"1/{2 * i + 1}" for i in range(1, 201)})
     ((plain, lean),) = both_forms(problem)
     assert lean is None
@@ -327,11 +294,11 @@ def test_networks_beyond_the_limit_are_stated_in_arrays(n):
 def test_the_memory_of_the_statement_is_linear_in_the_arcs():
     """Entry by entry it is about 1000 bytes for each."""
     peaks = []
-    for n in (5000, 10_000):
+    for n in (3000, 6000):
         problem = cycle(n)
         tracemalloc.start()
         state_theorems(problem)
         peaks.append(tracemalloc.get_traced_memory()[1])
         tracemalloc.stop()
     assert peaks[1] < 2.3 * peaks[0]
-    assert peaks[1] < 500 * 10_000
+    assert peaks[1] < 500 * 6000

@@ -16,24 +16,10 @@ from dobc_design.conditions.consensus.cures import best_single, groups_without_p
 from dobc_design.conditions.consensus.pinning import network_blocks, smallest_gains
 
 
-@pytest.mark.parametrize(
-    ("value", "typed"),
-    [
-        ("0.99", "0.99"),
-        ("1.001", "1.01"),
-        ("0.2609", "0.261"),
-        ("9.99", "10"),
-        ("1234", "1240"),
-        ("2.5e-7", "2.5e-7"),
-        ("3.01e20", "3.01e20"),
-        ("1e-300", "1e-300"),
-    ],
-)
-def test_gains_are_rounded_up_to_two_digits_or_three(value, typed):
-    assert rounded_up(Fraction(value)) == Fraction(typed)
-
-
-def test_rounding_never_asks_for_two_percent_more_and_never_for_less():
+def test_gains_are_rounded_up_to_two_digits_or_three_and_never_by_two_percent():
+    values = ("0.99", "1.001", "0.2609", "9.99", "1234", "2.5e-7", "3.01e20", "1e-300")
+    typed = ("0.99", "1.01", "0.261", "10", "1240", "2.5e-7", "3.01e20", "1e-300")
+    assert [rounded_up(Fraction(value)) for value in values] == [Fraction(value) for value in typed]
     for k in range(1, 2000):
         exact = Fraction(k, 777)
         assert exact <= rounded_up(exact) <= exact * Fraction(102, 100)
@@ -53,9 +39,7 @@ def test_the_last_proposal_pins_everybody_and_always_does():
         matrix = np.array(Oracle(problem).lambda_("G"), dtype=float)
         held = np.repeat([last.gains[i] for i in range(3)], problem.m)
         assert np.linalg.eigvalsh(matrix - 2 * np.diag(held))[-1] < 0
-
-
-def test_without_pins_there_is_nothing_on_the_present_ones():
+    # without pins there is nothing on the present ones
     problem = linked([[1, 2], [2, 1]])
     assert list(cures.on_present_pins(problem)) == []
     assert [proposal.added for proposal in cures.one_more(problem)] == [(0,)]
@@ -75,9 +59,7 @@ def test_the_factor_for_a_pair_is_where_lambda_plus_the_border_becomes_singular(
 def test_on_a_cycle_every_agent_is_as_good(cycle):
     problem = cycle(6, pins={})
     assert best_single(network_blocks(problem), problem) == (0, 1, 2, 3, 4, 5)
-
-
-def test_on_an_undirected_path_the_middle_holds_best():
+    # on an undirected path the middle holds best
     arcs = [[i, i + 1] for i in range(1, 7)] + [[i + 1, i] for i in range(1, 7)]
     problem = linked(arcs, 7)
     assert best_single(network_blocks(problem), problem) == (3,)
@@ -93,7 +75,7 @@ def test_no_single_agent_serves_two_closed_groups():
     assert added[1] in (2, 3)
 
 
-@pytest.mark.parametrize("seed", range(20))
+@pytest.mark.parametrize("seed", range(12))
 def test_the_best_single_agent_is_the_best_of_all_that_were_tried_by_hand(seed):
     r = Random(seed)
     n = r.randint(3, 7)
@@ -108,7 +90,7 @@ def test_the_best_single_agent_is_the_best_of_all_that_were_tried_by_hand(seed):
         assert able[found[0]] == pytest.approx(min(able.values()), rel=1e-5, abs=1e-8)
 
 
-@pytest.mark.parametrize("seed", range(12))
+@pytest.mark.parametrize("seed", range(8))
 def test_a_small_set_does_and_is_at_most_one_larger_than_the_smallest(seed):
     """Some gains can do iff S is positive on the others: every subset tried with NumPy."""
     r = Random(seed)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from fractions import Fraction
 from itertools import combinations
-from random import Random
 
 import numpy as np
 import pytest
@@ -40,10 +39,7 @@ PAPER_P = ((Fraction(1, 2), Fraction(-1, 4)), (Fraction(-1, 4), Fraction(1, 3)))
 
 def dense(matrix) -> np.ndarray:
     """An exact sparse matrix as a float array."""
-    rows, columns, values = matrix.triplets()
-    table = np.zeros((matrix.size, matrix.size))
-    table[rows, columns] = values
-    return table
+    return np.array(matrix.to_dense(), dtype=float)
 
 
 H = "exp(y) - 1 + y"
@@ -97,46 +93,31 @@ def test_a_direction_without_the_symmetry_of_the_start_is_found():
     assert top.value == pytest.approx(np.linalg.eigvalsh(matrix.toarray())[-1], rel=1e-7)
 
 
-@pytest.mark.parametrize("factor", [1e-320, 1e-200, 1e200, 1e307])
+@pytest.mark.parametrize("factor", [1e-320, 1e307])
 @pytest.mark.parametrize("n", [20, DENSE + 20])
 def test_huge_and_tiny_entries_neither_over_nor_underflow(n, factor):
     table = sparse.csr_array(sparse.diags_array(np.linspace(-1, -0.5, n)))
     scaled = sparse.csr_array(table * factor)
     assert largest_eigenvalue(scaled).value == pytest.approx(-0.5 * factor, rel=1e-2 if factor < 1e-300 else 1e-6)
-
-
-@pytest.mark.parametrize("entry", [np.inf, -np.inf, np.nan])
-def test_entries_that_are_no_numbers_give_no_estimate(entry):
-    top = largest_eigenvalue(sparse.csr_array(np.array([[entry, 0.0], [0.0, 1.0]])))
-    assert np.isnan(top.value)
-    assert not np.any(top.vector)
+    for entry in (np.inf, -np.inf, np.nan):  # no numbers, no estimate
+        top = largest_eigenvalue(sparse.csr_array(np.array([[entry, 0.0], [0.0, 1.0]])))
+        assert np.isnan(top.value)
+        assert not np.any(top.vector)
 
 
 def test_without_convergence_the_dense_solver_steps_in(monkeypatch):
+    calls = []
+
     def fail(*arguments, **settings):
+        calls.append((settings["ncv"], settings["tol"]))
         raise sparse.linalg.ArpackNoConvergence("no convergence", np.array([]), np.zeros((0, 0)))
 
     monkeypatch.setattr(sparse.linalg, "eigsh", fail)
     table = float_lambda(ring(DENSE + 20), "G")
     assert largest_eigenvalue(table).value == pytest.approx(np.linalg.eigvalsh(table.toarray())[-1], abs=1e-9)
+    assert calls == list(propose.LANCZOS)  # the second attempt has more vectors and less precision
     monkeypatch.setattr(propose, "LARGEST_DENSE", DENSE)  # too large for that: no estimate, no exception
     assert np.isnan(largest_eigenvalue(table).value)
-
-
-def test_the_second_attempt_has_more_vectors_and_less_precision(monkeypatch):
-    calls = []
-    real = sparse.linalg.eigsh
-
-    def once(*arguments, **settings):
-        calls.append((settings["ncv"], settings["tol"]))
-        if len(calls) == 1:
-            raise sparse.linalg.ArpackNoConvergence("no convergence", np.array([]), np.zeros((0, 0)))
-        return real(*arguments, **settings)
-
-    monkeypatch.setattr(sparse.linalg, "eigsh", once)
-    table = float_lambda(ring(DENSE + 20), "G")
-    assert largest_eigenvalue(table).value == pytest.approx(np.linalg.eigvalsh(table.toarray())[-1], abs=1e-5)
-    assert calls == list(propose.LANCZOS)
 
 
 def full_psi(problem, P, Q, rate: float) -> np.ndarray:
@@ -180,15 +161,6 @@ def test_the_decay_of_the_paper_gain(harmonic):
     assert decay_rate(harmonic, ((Fraction(0),), (Fraction(0),))) == pytest.approx(0, abs=1e-12)
 
 
-def test_weights_that_differ_and_weights_that_agree_are_read_alike():
-    r = Random(0)
-    arcs = [[i, j] for i in range(1, 6) for j in range(1, 6) if i != j]
-    heavy = [[*arc, Fraction(r.randint(1, 9), 7)] for arc in arcs]
-    for problem in (linked(arcs), linked(heavy)):
-        exact = dense(state_theorems(problem).lambdas["G"].constant)
-        assert np.allclose(float_lambda(problem, "G").toarray(), exact, rtol=1e-15)
-
-
 @pytest.mark.parametrize("special", [{}, {(1, 0): "2*y"}])
 def test_weights_beyond_the_floats_give_no_warning_and_no_estimate(special):
     """A warning in this package is an error in these tests; certify must go on without an estimate."""
@@ -201,30 +173,21 @@ def moved(vector, m):
     return {place // m for place, x in enumerate(vector) if x}
 
 
-def test_a_leader_without_a_pin_is_a_direction_of_its_own():
+def test_a_leader_without_a_pin_and_a_cycle_without_one_are_directions_and_what_is_held_has_none(cycle, monkeypatch):
     directions = witness_directions(linked([[1, 2], [2, 3]], gains={1: 5}), "G")
     assert moved(directions[0], 1) == {2}
-
-
-def test_a_cycle_without_a_pin_moves_as_a_whole(cycle):
     directions = witness_directions(cycle(8, pins={}), "G")
     assert [moved(each, 1) for each in directions] == [set(range(8))]
     assert np.ptp(directions[0]) < 1e-9
-
-
-def test_a_network_that_is_held_has_no_such_direction(cycle):
     assert witness_directions(cycle(5), "G") == []
-
-
-def test_a_network_too_large_to_look_at_has_none(cycle, monkeypatch):
-    monkeypatch.setattr(propose, "LARGEST_SEARCHED", 3)
+    monkeypatch.setattr(propose, "LARGEST_SEARCHED", 3)  # too large to look at
     assert witness_directions(cycle(5, pins={}), "G") == []
 
 
 def test_supports_are_nearly_always_the_smallest_there_are():
     """Random problems of all kinds, every support tried in order of size."""
     equal = total = 0
-    for seed in range(3000, 3060):
+    for seed in range(3000, 3050):
         problem = a_problem(seed)
         oracle = Oracle(problem)
         if not oracle.smooth:
@@ -237,7 +200,7 @@ def test_supports_are_nearly_always_the_smallest_there_are():
                 continue
             total += 1
             equal += len(moved(directions[0], problem.m)) == smallest_support(matrix, problem.n, problem.m)
-    assert total >= 30
+    assert total >= 24
     assert equal >= 0.9 * total
 
 
@@ -278,15 +241,11 @@ def test_the_bound_is_close_to_the_least_eigenvalue_and_not_beyond(step):
     assert found.first <= found.products
 
 
-def test_few_products_are_enough_where_every_tenth_agent_is_pinned():
-    """design.md: 250 for the first bound."""
+def test_few_products_are_enough_and_one_pin_is_left_to_a_factorisation():
+    """design.md: 250 for the first bound.  With one pin conjugate gradients would need half as many as agents."""
     found = dominating_vector(float_lambda(wide_ring(10_000), "G"))
     assert found.first <= 250
     assert found.products <= MOST_PRODUCTS + 5
-
-
-def test_one_pin_is_left_to_a_factorisation():
-    """Conjugate gradients would need as many steps as half of the ring has agents."""
     found = dominating_vector(float_lambda(wide_ring(20_000, step=20_000), "G"))
     assert 0 < found.least < 4 * np.pi**2 / 20_000**2 * 4
     assert found.products < 1000
@@ -300,14 +259,8 @@ def test_without_a_pin_there_is_a_direction_and_no_bound():
     v = found.vector
     assert v @ (table @ v) >= -1e-9 * (v @ v)
 
-
-def test_an_agent_that_hears_nobody_and_has_no_pin_is_a_direction():
-    arcs = [[i, i + 1] for i in range(1, 2500)]
+    arcs = [[i, i + 1] for i in range(1, 2500)]  # the last agent hears nobody
     found = dominating_vector(float_lambda(wide_ring(2501, arcs=arcs, step=2400), "G"))
     assert not found.least > 0
     assert found.vector.any()
-
-
-def test_what_floats_cannot_hold_has_no_vector():
-    table = sparse.csr_array(np.array([[-np.inf, 0.0], [0.0, -1.0]]))
-    assert dominating_vector(table) is None
+    assert dominating_vector(sparse.csr_array(np.array([[-np.inf, 0.0], [0.0, -1.0]]))) is None  # no floats

@@ -52,13 +52,11 @@ def test_the_slopes_hold_every_difference_on_the_box(seed: int, m: int):
         assert np.all(change <= most + 1e-9)
 
 
-def test_a_coupling_that_is_not_defined_on_the_box_raises():
+def test_what_cannot_be_a_claim_is_refused_and_a_coupling_that_is_not_defined_on_the_box_raises():
     problem = listening_pair("log(1 + y)")
     with pytest.raises(UndefinedError, match="log"):
         slopes_on(problem, "G", (Interval(F(1), F(2)), Interval(F(0), F(1))))
 
-
-def test_what_cannot_be_a_claim_is_refused():
     side = Interval(F(1), F(2))
     with pytest.raises(SpecError, match="longer than 0"):
         Equilibrium(mode="G", box=(side, Interval.point(1)))

@@ -89,6 +89,11 @@ def test_the_largest_ball_is_proved_and_confirmed_and_the_next_number_is_not():
     assert check_of(problem, lure, 1.41422).verdict is Verdict.UNDECIDED
     assert "not inside" in str(refusal(problem, replace(check, domain={**check.domain, "radius": 1.41422})))
     assert certified_ball(problem, lure, disturbance=0.0) == pytest.approx(math.sqrt(2), rel=1e-5)
+    # A ball covers the region iff it holds its corners: side 1/2, three agents, R^2 >= 3/4.
+    for radius, inside in ((0.8660254, False), (0.8660255, True)):
+        check = check_of(problem, by_hand(problem), radius)
+        assert check.verdict is Verdict.PROVED
+        assert covers(problem, check, [check]) is inside
 
 
 def test_with_the_observer_the_disturbance_takes_its_part_of_the_level():
@@ -104,14 +109,6 @@ def test_with_the_observer_the_disturbance_takes_its_part_of_the_level():
     assert "lacks P" in str(refusal(problem, replace(check, claim=Values(exact))))
     assert "matrix inequality fails" in str(refusal(problem, check, P=[["1/8", "-1/16"], ["-1/16", "1/12"]]))
     assert "symmetric" in str(refusal(problem, check, P=[["1", "-1/2"], ["-1/3", "2/3"]]))
-
-
-def test_without_a_gain_nothing_applies():
-    problem, lure = observed()
-    check = lure_check(problem, None, lure, radius=1.0, disturbance=0.0, domain="consensus")
-    assert (check.verdict, check.reason[:15]) == (Verdict.UNDECIDED, "does not apply:")
-    proved = check_of(problem, lure, 1.0)
-    assert "does not apply" in str(confirmed(proved, problem))
 
 
 CHANGES: tuple[tuple[str, Any, str], ...] = (
@@ -204,20 +201,14 @@ def test_a_list_of_expressions_has_one_channel_for_every_gain():
     assert "not shown" in str(refusal(problem, check, ranges=[{"coupling": 0, "gains": gains}]))
 
 
-def test_a_claim_comes_back_from_json_as_it_went_in():
+def test_a_claim_comes_back_from_json_as_it_went_in_and_without_a_gain_it_does_not_apply():
     problem, lure = observed()
+    check = lure_check(problem, None, lure, radius=1.0, disturbance=0.0, domain="consensus")
+    assert (check.verdict, check.reason[:15]) == (Verdict.UNDECIDED, "does not apply:")
+    assert "does not apply" in str(confirmed(check_of(problem, lure, 1.0), problem))
     assert lure_from_json(json.loads(json.dumps(lure.to_json())), problem, PAPER_GAIN) == lure
     full = replace(lure, P_e=SparseSymmetric(10, {**lure.P_e.entries, (0, 3): Fraction(-1, 7)}), rate=Fraction(2, 9))
     assert lure_from_json(json.loads(json.dumps(full.to_json())), problem, PAPER_GAIN) == full
-
-
-def test_a_ball_covers_the_region_iff_it_holds_its_corners():
-    """Side 1/2, three agents: R^2 >= 3/4, so 0.8660254 is too small and 0.8660255 is not."""
-    problem = ring()
-    for radius, inside in ((0.8660254, False), (0.8660255, True)):
-        check = check_of(problem, by_hand(problem), radius)
-        assert check.verdict is Verdict.PROVED
-        assert covers(problem, check, [check]) is inside
 
 
 def shell_of(problem: Problem, **options: Any):
@@ -260,12 +251,7 @@ def test_boxes_are_confirmed_and_the_next_larger_claims_are_not():
     assert "not inside" in str(refusal(problem, replace(check, domain=nearer)))
     assert refusal(problem, replace(check, rate=0.01)) is not None
     assert covers(problem, check, [check])
-
-
-def test_boxes_that_are_halved_too_often_are_refused():
-    """Thirty times across one component is the limit: beyond, ends of boxes are not exact in float64."""
-    problem = ring(2)
-    shell = shell_of(problem)
+    # Thirty halvings across one component are the limit: beyond, ends of boxes are not exact in float64.
     check = exhaustive_check(problem, None, shell, radius=1.0, disturbance=0.0, domain="consensus")
     for halvings, words in ((31, "does not describe boxes"), (30, "not shown in some box")):
         assert words in str(refusal(problem, check, tree="0" + "0." * (halvings - 1) + ".."))

@@ -77,13 +77,8 @@ def test_the_region_is_refuted_as_soon_as_the_level_is_too_large():
     assert verify_lure(problem, replace(above, level=None)).step == "region"
 
 
-@pytest.mark.parametrize(
-    "h",
-    [
-        "y - 10*max(y - 1, 0) + 10*max(-y - 1, 0)",  # gain 1 as far as |y| <= 1, negative beyond
-        "10*max(-y - 1, 0) - 10*max(y - 1, 0)",  # gain 0 there: no channel at all
-    ],
-)
+# gain 1 as far as |y| <= 1, negative beyond; gain 0 there: no channel at all
+@pytest.mark.parametrize("h", ["y - 10*max(y - 1, 0) + 10*max(-y - 1, 0)", "10*max(-y - 1, 0) - 10*max(y - 1, 0)"])
 def test_a_kink_beyond_the_radius_limits_the_level_although_the_gain_is_one_number(h):
     """Two agents, k = 1: from e = (100, -100) the first one runs away at first."""
     problem = linked([[1, 2], [2, 1]], coupling=h, gains=1)
@@ -104,9 +99,7 @@ def test_the_region_of_a_full_p_is_decided_with_its_inverse():
     assert is_proved(problem, exact)
     assert verify_lure(problem, replace(exact, level=Fraction(500001, 10**6))).step == "region"
 
-
-def test_a_faster_rate_is_refuted():
-    """All gains 3, couplings near linear: (e'e)' <= -6 e'e on balanced graphs, so beta is just below 3."""
+    # All gains 3, couplings near linear: (e'e)' <= -6 e'e on balanced graphs, so beta is just below 3.
     problem, r = cycle(4, 3, coupling="y + y**3"), Fraction(1, 100)
     assert is_proved(problem, with_tau(problem, r, Fraction(1000), rate=Fraction("2.99")))
     faster = verify_lure(problem, with_tau(problem, r, Fraction(1000), rate=Fraction("3.02")))
@@ -140,7 +133,7 @@ def test_gains_without_a_radius_are_believed_for_linear_couplings_only():
     assert (decision.verdict, "cannot be enclosed" in decision.reason) == (Verdict.UNDECIDED, True)
 
 
-def test_a_p_that_is_not_positive_definite_is_refuted_with_a_vector():
+def test_a_p_that_is_not_positive_definite_is_refuted_with_a_vector_and_one_of_another_size_refused():
     problem = cycle(2, 3)
     metric = SparseSymmetric(2, {(0, 0): Fraction(1), (0, 1): Fraction(1), (1, 1): Fraction(1)})
     decision = verify_lure(problem, with_tau(problem, Fraction(1), Fraction(1), P_e=metric))
@@ -148,8 +141,6 @@ def test_a_p_that_is_not_positive_definite_is_refuted_with_a_vector():
     assert decision.witness is not None
     assert metric.quadratic_form(decision.witness) <= 0
 
-
-def test_a_certificate_of_another_size_is_refused():
     with pytest.raises(ShapeError, match="P_e must have 3 rows, one per component of e; got 4"):
         verify_lure(cycle(3, 3), replace(with_tau(cycle(3, 3), Fraction(1), Fraction(1)), P_e=identity(4)))
 
@@ -196,9 +187,7 @@ def test_covered_starts_pay_for_the_observer_errors():
         if R:
             assert covers(problem, lure, radius=Fraction(str(R)), disturbance=s)
             assert not covers(problem, lure, radius=Fraction(str(R)) * (1 + Fraction(1, 10**6)), disturbance=s)
-
-
-def test_without_a_pair_nothing_is_covered_but_eps_zero():
+    # without a pair nothing is covered but eps = 0
     problem = cycle(10, 3, exosystem=HARMONIC)
     lure = with_tau(problem, Fraction("4.08"), Fraction("0.084"))
     assert is_proved(problem, lure)
@@ -212,10 +201,9 @@ def test_two_agents_are_never_certified_beyond_their_other_equilibrium(k):
     """h = y - y^3 both ways, k: z = e1 - e2 obeys z' = -(k + 2) z + 2 z^3, so z^2 = (k + 2)/2 stays where it is."""
     problem = linked([[1, 2], [2, 1]], coupling="y - y**3", gains=str(k))
     truth = math.sqrt((float(k) + 2) / 2)
-    for method in ("interval", "vertices"):
-        for part in (1.001, 1.5):
-            r = Fraction(truth * part).limit_denominator(10**6)
-            assert not is_proved(problem, certificate(problem, r, method=method))
+    for method, part in (("interval", 1.001), ("vertices", 1.001), ("vertices", 1.5)):
+        r = Fraction(truth * part).limit_denominator(10**6)
+        assert not is_proved(problem, certificate(problem, r, method=method))
     assert is_proved(problem, certificate(problem, Fraction(3, 10), method="vertices"))
 
 
@@ -226,9 +214,7 @@ def test_the_bound_on_the_largest_eigenvalue_lies_just_above_it(seed):
     M = SparseSymmetric.from_dense(tuple(tuple(Fraction(int(x), 7) for x in row) for row in rows + rows.T))
     truth = float(np.linalg.eigvalsh((rows + rows.T) / 7)[-1])
     assert truth - 1e-12 <= float(eigenvalue_bound(M)) <= truth + 1e-6
-
-
-def test_the_bound_of_a_diagonal_matrix_is_its_largest_entry():
+    # of a diagonal matrix it is the largest entry
     assert eigenvalue_bound(SparseSymmetric(3, {(0, 0): Fraction(1, 3), (2, 2): Fraction(2, 7)})) == Fraction(1, 3)
     assert eigenvalue_bound(SparseSymmetric(2, {(0, 0): Fraction(-1), (1, 1): Fraction(-2)})) == -1
     repeated = SparseSymmetric(2, {(0, 0): Fraction(1), (0, 1): Fraction(1), (1, 1): Fraction(1)})
